@@ -1,0 +1,86 @@
+"""Checks of concrete arguments at the edge: `ValueError` names the argument, its value, what is accepted.
+
+Values that JAX is tracing cannot be looked at; they pass here and become a `Status` later.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+
+def is_traced(value) -> bool:
+    return isinstance(value, jax.core.Tracer)
+
+
+def as_real(value):
+    """Numbers become floats and arrays floating point; anything else is left for the check to name.
+
+    Python numbers stay Python floats: they take the precision of what they are computed with.
+    """
+    if isinstance(value, bool | str | None):
+        return value
+    if isinstance(value, int | float):
+        return float(value)
+    if isinstance(value, np.generic):
+        return float(value) if np.isrealobj(value) and not isinstance(value, np.bool_) else value
+    if isinstance(value, list | tuple):
+        traced = any(is_traced(item) for item in jax.tree.leaves(value))
+        value = jnp.stack(value) if traced else np.asarray(value)
+    if getattr(value, "dtype", None) is not None and np.issubdtype(value.dtype, np.integer):
+        return value.astype(np.result_type(float)) if isinstance(value, np.ndarray) else value * 1.0
+    return value
+
+
+def check(name: str, value, holds, accepted: str) -> None:
+    """Raise unless `value` is a real number or array for which `holds(value)` is true everywhere."""
+    if is_traced(value) or type(value) is object:  # object(): a placeholder of JAX's own
+        return
+    if isinstance(value, jax.ShapeDtypeStruct):
+        return
+    array = _real_array(value)
+    if array is None or not np.all(np.isfinite(array) & holds(array)):
+        raise ValueError(f"`{name}` must be {accepted}, but is {_shown(value)}")
+
+
+def check_positive(name: str, value, what: str) -> None:
+    check(name, value, lambda a: a > 0, f"a positive {what}")
+
+
+def check_not_negative(name: str, value, what: str) -> None:
+    check(name, value, lambda a: a >= 0, f"a {what} of zero or more")
+
+
+def check_choice(name: str, value, choices: tuple[str, ...]) -> None:
+    if not (isinstance(value, str) and value in choices):
+        accepted = " or ".join(repr(choice) for choice in choices)
+        raise ValueError(f"`{name}` must be {accepted}, but is {value!r}")
+
+
+def check_type(name: str, value, kind: type, accepted: str) -> None:
+    if not isinstance(value, kind):
+        raise ValueError(f"`{name}` must be {accepted}, but is {_shown(value)}")
+
+
+def check_broadcast(named: dict[str, object]) -> tuple[int, ...]:
+    """The common shape of all values; raises naming the ones that do not fit together."""
+    shapes = {name: np.shape(value) for name, value in named.items()}
+    try:
+        return np.broadcast_shapes(*shapes.values())
+    except ValueError:
+        shown = ", ".join(f"`{name}` {shape}" for name, shape in shapes.items() if shape)
+        raise ValueError(f"shapes must broadcast against each other, but are {shown}") from None
+
+
+def _real_array(value) -> np.ndarray | None:
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError):
+        return None
+    is_number = np.issubdtype(array.dtype, np.floating) or np.issubdtype(array.dtype, np.integer)
+    # bfloat16 and its kin are no NumPy floats, and no precision this library is made for
+    return array if is_number else None
+
+
+def _shown(value) -> str:
+    text = " ".join(repr(value).split())
+    return text if len(text) <= 80 else text[:77] + "..."

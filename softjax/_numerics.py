@@ -1,0 +1,101 @@
+"""Small numerical tools that know nothing of collisions."""
+
+from collections.abc import Callable
+from functools import lru_cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+
+def implicit_root(
+    solve: Callable[..., Array], residual: Callable[..., Array]
+) -> Callable[..., Array]:
+    """A function `root(*params)` with `residual(root, *params) = 0`, differentiated implicitly.
+
+    `solve(*params)` finds the root by any means and is never differentiated. The derivative is
+    -(dF/dp)/(dF/dx) at the root, and since the rule asks for the root again it is right to any
+    order; one Newton step on a frozen root is right to first order only. Elementwise: parameters
+    broadcast, each element of the result is a root of its own.
+    """
+
+    @jax.custom_jvp
+    def root(*params: Array) -> Array:
+        return solve(*params)
+
+    @root.defjvp
+    def root_jvp(params, tangents):
+        x = root(*params)
+        return x, implicit_tangent(residual, x, params, tangents)
+
+    return root
+
+
+def implicit_fraction(solve: Callable, residual: Callable) -> Callable:
+    """As `implicit_root` for a root f in [0, 1], as the pair (f, 1 - f), each to its own precision.
+
+    Where f nears 1 the difference 1 - f would be lost to rounding; `solve` returns both.
+    """
+
+    @jax.custom_jvp
+    def root(*params: Array) -> tuple[Array, Array]:
+        return solve(*params)
+
+    @root.defjvp
+    def root_jvp(params, tangents):
+        fraction, rest = root(*params)
+        change = implicit_tangent(residual, fraction, params, tangents)
+        return (fraction, rest), (change, -change)
+
+    return root
+
+
+def implicit_tangent(residual, x, params, tangents):
+    """dx = -(dF/dp · dp)/(dF/dx), zero where F does not move with x."""
+    _, slope = jax.jvp(lambda x: residual(x, *params), (x,), (jnp.ones_like(x),))
+    _, change = jax.jvp(lambda *p: residual(x, *p), params, tangents)
+    flat = slope == 0
+    return jnp.where(flat, 0.0, -change / jnp.where(flat, 1.0, slope))
+
+
+def parabolic_step(f: Array, slope: Array, curvature: Array) -> Array:
+    """The step to the nearest zero of the parabola through f, f' >= 0 and f'' (Euler's method).
+
+    Third order, and still fast where f has nearly a double root, where Newton's method halves the
+    error at best: 7 steps from the elastic overlap where Newton took over 20.
+    """
+    discriminant = jnp.maximum(slope * slope - 2 * f * curvature, 0.0)
+    tiny = jnp.finfo(f.dtype).tiny
+    return 2 * f / jnp.maximum(slope + jnp.sqrt(discriminant), tiny)
+
+
+@lru_cache
+def gauss_legendre(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes and weights on [0, 1]."""
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    return 0.5 * (nodes + 1), 0.5 * weights
+
+
+def integrate(f: Callable[[Array], Array], lower: Array, upper: Array, count: int) -> Array:
+    """Gauss–Legendre quadrature, elementwise in `lower` and `upper`.
+
+    Summed node by node, so that nothing of the size (batch, nodes) is ever stored.
+    """
+    width = upper - lower
+    total = jnp.zeros_like(width)
+    for node, weight in zip(*gauss_legendre(count), strict=True):
+        total = total + float(weight) * f(lower + float(node) * width)
+    return total * width
+
+
+def safe_power(base: Array, exponent) -> Array:
+    """base**exponent for base >= 0, with value and derivatives 0 at base = 0."""
+    positive = base > 0
+    return jnp.where(positive, jnp.where(positive, base, 1.0) ** exponent, 0.0)
+
+
+def safe_sqrt(x: Array) -> Array:
+    """√x with value and derivatives 0 where x <= 0."""
+    positive = x > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, 1.0)), 0.0)

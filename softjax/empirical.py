@@ -1,0 +1,37 @@
+"""Eq. (17): the losses that are not plastic."""
+
+import jax.numpy as jnp
+from jaxtyping import Array
+
+
+def sound_and_heat_exponent(velocity, limit_velocity, sigma, psi) -> Array:
+    """-ln ε_17 = σ [v/(v_lim - v)]^ψ, Eq. (17) [-].
+
+    Infinite at and above the limit velocity, where it is given as infinity without a gradient;
+    0 at v = 0, where its derivative is infinite for ψ < 1 and is given as 0.
+    """
+    acts = (velocity > 0) & (velocity < limit_velocity)
+    moving = jnp.where(acts, velocity, 0.5 * limit_velocity)
+    ratio = moving / (limit_velocity - moving)
+    # a velocity of 1e-300 is no zero, but its ratio may round to one
+    ratio = jnp.maximum(ratio, jnp.finfo(ratio.dtype).tiny)
+    exponent = sigma * ratio**psi
+    return jnp.where(acts, exponent, jnp.where(velocity > 0, jnp.inf, 0.0))
+
+
+def empirical_restitution(velocity, limit_velocity, sigma, psi) -> Array:
+    """ε_17 = exp{-σ [v/(v_lim - v)]^ψ}, Eq. (17) of Zhou (2013).
+
+    The explicit fit to measurements over all velocities; the model takes from it what sound and
+    heat cost, below yield and at v_cr (Eq. 16).
+
+    Args:
+        velocity: impact velocity v [m/s], any shape.
+        limit_velocity: v_lim [m/s].
+        sigma, psi: fitted coefficients σ >= 0, ψ > 0 [-].
+
+    Returns:
+        The coefficient of restitution; 1 at v = 0, 0 at and above the limit velocity, in both
+        cases with gradient 0.
+    """
+    return jnp.exp(-sound_and_heat_exponent(velocity, limit_velocity, sigma, psi))

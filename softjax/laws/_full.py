@@ -1,0 +1,167 @@
+"""Works and roots of the full form (Zhou, Eqs. 6 and 11), arranged against rounding.
+
+With ε = 2d/3 the rim's part of the loading force is (x - ε(x² - 1))^{3/2} and
+
+    x - ε(x² - 1) = ε (x_e - x)(x + 1/x_e),   x_e = [1 + √(1 + 4ε²)]/(2ε)
+
+so that with x + 1/x_e = ℓ sin²φ, ℓ = x_e + 1/x_e, its work is (ε^{3/2} ℓ⁴/8) ∫ sin⁴2φ dφ. The
+elementary antiderivative cancels badly at small d; Gauss–Legendre quadrature in φ is exact to
+rounding over the whole range, its end included, since the integrand is a trigonometric polynomial.
+"""
+
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from softjax._numerics import (
+    implicit_fraction,
+    implicit_root,
+    integrate,
+    parabolic_step,
+    safe_power,
+    safe_sqrt,
+)
+
+# Steps and nodes that bring E/Y from 2 to 1e6 and y from 1 to y_max to rounding error.
+PEAK_STEPS = 6
+RELEASE_STEPS = 7
+NODES = 20
+
+
+def power_3_2(x: Array) -> Array:
+    """x^{3/2}, 0 for x <= 0: where cosθ is not real the rim carries nothing."""
+    positive = jnp.maximum(x, 0.0)
+    return positive * safe_sqrt(positive)
+
+
+def end(d: Array) -> Array:
+    """x_e, where the plastic region fills the contact."""
+    e = 2 / 3 * d
+    return (1 + jnp.sqrt(1 + 4 * e**2)) / (2 * e)
+
+
+def _angle(x, d):
+    """φ of x + 1/x_e = ℓ sin²φ."""
+    x_e = end(d)
+    return jnp.arctan2(safe_sqrt(x + 1 / x_e), safe_sqrt(x_e - x))
+
+
+def loading_work(x: Array, d: Array) -> Array:
+    """W_L(x), the integral of Eq. (6)."""
+    yielded = jnp.maximum(x, 1.0)
+    elastic = jnp.minimum(x, 1.0)
+    m = yielded - 1
+    plastic = d * m**2 * (1 + m / 3)  # d [(x³-1)/3 - (x-1)]
+    return 0.4 * elastic**2 * safe_sqrt(elastic) + _rim_work(yielded, d) + plastic
+
+
+def _rim_work(x, d):
+    """∫_1^x (x - ε(x² - 1))^{3/2} dx."""
+    e = 2 / 3 * d
+    span = jnp.sqrt(1 + 4 * e**2)  # ε ℓ
+    integral = integrate(lambda phi: jnp.sin(2 * phi) ** 4, _angle(1.0, d), _angle(x, d), NODES)
+    return span**4 / (8 * e**2 * jnp.sqrt(e)) * integral
+
+
+def largest_velocity(d: Array) -> Array:
+    """y_max of W_L(x_e) = (2/5) y_max²."""
+    return jnp.sqrt(2.5 * loading_work(end(d), d))
+
+
+def _force(x, d):
+    return power_3_2(x - 2 / 3 * d * (x**2 - 1)) + d * (x**2 - 1)
+
+
+def _force_slope(x, d):
+    e = 2 / 3 * d
+    return 1.5 * safe_sqrt(x - e * (x**2 - 1)) * (1 - 2 * e * x) + 2 * d * x
+
+
+def peak(y: Array, d: Array) -> Array:
+    """x_m of W_L(x_m) = (2/5) y², for 1 <= y < y_max."""
+    return jnp.square(_peak_root(y, d))
+
+
+def _peak_residual(s, y, d):
+    return 2.5 * loading_work(s**2, d) / y**2 - 1
+
+
+def _solve_peak(y, d):
+    limit = jnp.sqrt(end(d))
+    s = jnp.minimum(y**0.4, limit)
+    for _ in range(PEAK_STEPS):
+        x = s**2
+        force = _force(x, d)
+        slope = 5 * s * force / y**2
+        curvature = 5 * (force + 2 * x * _force_slope(x, d)) / y**2
+        step = parabolic_step(_peak_residual(s, y, d), slope, curvature)
+        s = jnp.clip(s - step, 1.0, limit)
+    return s
+
+
+_peak_root = implicit_root(_solve_peak, _peak_residual)
+
+
+def release(peak: Array, d: Array, X: Array) -> tuple[Array, Array, Array]:
+    """x* of p_U(x*) = 0, what is recovered x_m - x*, and the work from x* to x_m.
+
+    Without a root x* = 0.
+    """
+    released = has_root(peak, d, X)
+    steepness = jnp.where(released, X, 2.0)
+    elastic, rest, yielded = _coefficients(peak, d)
+    yielded_safe = jnp.where(released, yielded, 2 * rest**1.5 + elastic**2)
+    f, g = _release_fraction(elastic, rest, yielded_safe, steepness)
+    f, g = jnp.where(released, f, 0.0), jnp.where(released, g, 1.0)
+    return peak * f, peak * g, _work(peak, f, g, elastic, rest, yielded, X)
+
+
+def has_root(peak: Array, d: Array, X: Array) -> Array:
+    """Whether p_U(0) < 0: (x_m² - 1)(X - 1) > (2/3)^{3/2} √d."""
+    return (peak - 1) * (peak + 1) * (X - 1) > (2 / 3) ** 1.5 * jnp.sqrt(d)
+
+
+def unloading_work(peak: Array, recovered: Array, d: Array, X: Array) -> Array:
+    """∫ p_U dx from x_m - recovered to x_m."""
+    g = recovered / peak
+    return _work(peak, 1 - g, g, *_coefficients(peak, d), X)
+
+
+def _coefficients(peak, d):
+    """a, b, c of p_U = (a f + b)^{3/2} + c (1 - X (1 - f)) with f = x/x_m, Eq. (11)."""
+    e = 2 / 3 * d
+    return (1 - e * peak) * peak, e, d * (peak - 1) * (peak + 1)
+
+
+def _work(peak, f, g, a, b, c, X):
+    """∫ p_U over x_m - x = x_m g, in factors of g = 1 - f."""
+    high, low = safe_sqrt(a + b), safe_sqrt(a * f + b)
+    # ∫ (af+b)^{3/2} df = (2/5)(high⁵ - low⁵)/a, and a g = high² - low²
+    quintic = (((high + low) * high + low**2) * high + low**3) * high + low**4
+    return peak * g * (0.4 * quintic / (high + low) + c * (1 - 0.5 * X * g))
+
+
+def _release_residual(f, a, b, c, X):
+    return power_3_2(a * f + b) - c * ((X - 1) - X * f)
+
+
+def _solve_release(a, b, c, X):
+    f = _release_start(a, b, c, X)
+    for _ in range(RELEASE_STEPS):
+        low = safe_sqrt(a * f + b)
+        slope = 1.5 * a * low + c * X
+        step = parabolic_step(_release_residual(f, a, b, c, X), slope, 0.75 * a**2 / low)
+        f = jnp.clip(f - step, 0.0, 1.0)
+    g = 1 - f  # to full relative precision: one step of the same equation written in g
+    residual = power_3_2(a + b - a * g) + c * (1 - X * g)
+    slope = 1.5 * a * safe_sqrt(a * f + b) + c * X
+    return f, jnp.where(g < 0.5, g + residual / slope, g)
+
+
+def _release_start(a, b, c, X):
+    """Either term alone bounds the root from above (for a > 0; else the line does)."""
+    line = 1 - 1 / X
+    curve = (safe_power(c * (X - 1), 2 / 3) - b) / jnp.where(a > 0, a, 1.0)
+    return jnp.clip(jnp.where(a > 0, jnp.minimum(line, curve), line), 0.0, 1.0)
+
+
+_release_fraction = implicit_fraction(_solve_release, _release_residual)

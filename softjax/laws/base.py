@@ -1,0 +1,186 @@
+"""What a contact law gives, and so which route to the restitution it can take.
+
+A law speaks SI. What the routes integrate is its *reduced* form: overlap x in units of the law's
+overlap scale L, impact velocity y in units of its velocity scale V, time in L/V and force in
+(5/4) M V²/L, so that every law obeys
+
+    x'' = -(5/4) p(x),  x(0) = 0,  x'(0) = y        and        ∫ p dx = (2/5) y² up to the peak.
+
+With Hertz's law and first yield as scales (L = δ_cr, V = v_cr) this is p = x^{3/2}.
+
+    ContactLaw
+    ├── RateIndependentLaw    force depends on the overlap and its peak: energy balance or ODE
+    └── RateDependentLaw      force depends on the velocity as well: ODE only
+
+    ReducedRateIndependent    loading and unloading force
+    └── ReducedClosedForm     their works and roots too, so that nothing is left to quadrature
+    ReducedRateDependent      force(overlap, velocity)
+"""
+
+from abc import abstractmethod
+from typing import ClassVar, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from softjax.contact import Contact
+
+
+class Scales(NamedTuple):
+    """The units of a reduced collision."""
+
+    overlap: Array  # L [m]
+    velocity: Array  # V [m/s]
+
+    @property
+    def time(self) -> Array:
+        """L/V [s]."""
+        return self.overlap / self.velocity
+
+
+class Outcome(NamedTuple):
+    """A collision in reduced variables, as either route computes it."""
+
+    peak: Array  # x_m, the largest overlap
+    residual: Array  # x*, where the unloading force vanishes; 0 where it does not
+    plastic_squared: Array  # ε_p², the part of the impact energy that the force gives back
+    turns: Array  # whether the bodies ever come to rest against each other
+
+
+class ReducedRateIndependent(eqx.Module):
+    """Forces of the overlap x and, on unloading, of its largest value x_m.
+
+    Up to `elastic_limit` loading and unloading follow one power law with work (2/5) x^k,
+    k = `work_exponent`: p = x^{3/2} with Hertz's 5/2, p = (4/5) x with the linear spring's 2.
+    """
+
+    work_exponent: ClassVar[float] = 2.5
+    elastic_limit: ClassVar[float] = 1.0
+
+    @abstractmethod
+    def loading(self, x: Array) -> Array:
+        """p_L(x) >= 0 for 0 <= x <= `end()`."""
+
+    @abstractmethod
+    def unloading(self, x: Array, peak: Array) -> Array:
+        """p_U(x; x_m), equal to p_L(x_m) at x = x_m."""
+
+    def releases(self, peak: Array) -> Array:
+        """Whether the unloading force vanishes at some positive overlap."""
+        return self.unloading(jnp.zeros_like(peak), peak) < 0
+
+    def end(self) -> Array:
+        """The overlap at which the loading force vanishes or ends; infinite where it never does."""
+        return jnp.asarray(jnp.inf)
+
+    def beyond_expansion(self, peak: Array) -> Array:
+        """Whether the law was pushed beyond the range it was derived for."""
+        return jnp.zeros_like(peak, dtype=bool)
+
+
+class ReducedClosedForm(ReducedRateIndependent):
+    """A rate-independent law whose works and roots are known, beside its forces."""
+
+    @abstractmethod
+    def loading_work(self, x: Array) -> Array:
+        """W_L(x) = ∫_0^x p_L dx."""
+
+    @abstractmethod
+    def largest_velocity(self) -> Array:
+        """y_max, from which on no collision turns: W_L(end) = (2/5) y_max²."""
+
+    @abstractmethod
+    def peak(self, y: Array) -> Array:
+        """x_m with W_L(x_m) = (2/5) y², for 1 <= y < y_max."""
+
+    @abstractmethod
+    def release(self, peak: Array) -> tuple[Array, Array, Array]:
+        """Residual overlap x* (p_U(x*) = 0, or 0), what is recovered x_m - x*, and its work.
+
+        The difference is given beside its terms because it would cancel where x* nears x_m.
+        """
+
+    @abstractmethod
+    def unloading_work(self, peak: Array, recovered: Array) -> Array:
+        """∫ p_U dx from x_m - recovered to x_m."""
+
+
+class ReducedRateDependent(eqx.Module):
+    """A force of the overlap x and the velocity x'."""
+
+    @abstractmethod
+    def force(self, x: Array, velocity: Array) -> Array:
+        """p(x, x')."""
+
+
+class ContactLaw(eqx.Module):
+    """A contact law of two bodies, in SI units.
+
+    Subclass `RateIndependentLaw` or `RateDependentLaw`, not this.
+    """
+
+    contact: eqx.AbstractVar[Contact]
+
+    @abstractmethod
+    def scales(self) -> Scales:
+        """The overlap [m] and velocity [m/s] in which the reduced law is written."""
+
+    def is_valid(self) -> Array:
+        """Whether all fields are numbers the law accepts (where tracing kept them unchecked)."""
+        leaves = self.contact.leaves().values()
+        return all_of(*(positive(leaf) for leaf in leaves))
+
+    def total_restitution(self, plastic_squared, velocity, elastic) -> tuple[Array, Array]:
+        """ε² from ε_p², and whether a loss outside the force law is at its limit.
+
+        A law that knows of no losses but those of its force gives back what it was given.
+        """
+        return plastic_squared, jnp.zeros_like(elastic)
+
+
+class RateIndependentLaw(ContactLaw):
+    """A law whose force depends on the overlap and its largest value: either route."""
+
+    @abstractmethod
+    def reduced(self) -> ReducedRateIndependent:
+        """The law in the units of `scales`."""
+
+    def force_scale(self):
+        """(5/4) M V²/L [N]."""
+        scales = self.scales()
+        return 1.25 * self.contact.mass * scales.velocity * (scales.velocity / scales.overlap)
+
+    def loading_force(self, overlap) -> Array:
+        """Contact force [N] on loading at `overlap` [m]."""
+        x = jnp.asarray(overlap) / self.scales().overlap
+        return self.force_scale() * self.reduced().loading(x)
+
+    def unloading_force(self, overlap, peak_overlap) -> Array:
+        """Contact force [N] on unloading at `overlap` [m] after the largest overlap [m]."""
+        length = self.scales().overlap
+        x, peak = jnp.asarray(overlap) / length, jnp.asarray(peak_overlap) / length
+        return self.force_scale() * self.reduced().unloading(x, peak)
+
+
+class RateDependentLaw(ContactLaw):
+    """A law whose force depends on the velocity too: no energy balance, only the ODE."""
+
+    @abstractmethod
+    def reduced(self) -> ReducedRateDependent:
+        """The law in the units of `scales`."""
+
+
+def positive(leaf) -> Array:
+    return jnp.isfinite(leaf) & (jnp.asarray(leaf) > 0)
+
+
+def not_negative(leaf) -> Array:
+    return jnp.isfinite(leaf) & (jnp.asarray(leaf) >= 0)
+
+
+def all_of(*conditions: Array) -> Array:
+    result = conditions[0]
+    for condition in conditions[1:]:
+        result = result & condition
+    return result

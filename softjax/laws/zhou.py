@@ -1,0 +1,204 @@
+"""Zhou's elastic–plastic law of two soft spheres.
+
+Y. H. Zhou, Modeling of softsphere normal collisions with characteristic of coefficient of
+restitution dependent on impact velocity, Theor. Appl. Mech. Lett. 3, 021003 (2013).
+
+In the units of first yield, x = δ/δ_cr and forces in k δ_cr^{3/2}, with
+
+    d = 3 δ_cr/(2A) = 2κ/3    what the plastic region takes from the elastic pressure
+    X = χ̃ E/Y                 how steeply the plastic force unloads
+
+π a_p² Y becomes d (x² - 1) and cos²θ = 1 - a_p²/a² becomes 1 - (2d/3)(x² - 1)/x.
+"""
+
+import math
+from typing import Literal
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+from softjax._checks import (
+    as_real,
+    check_broadcast,
+    check_choice,
+    check_not_negative,
+    check_positive,
+    check_type,
+)
+from softjax.contact import Contact
+from softjax.empirical import sound_and_heat_exponent
+from softjax.laws import _first_order, _full
+from softjax.laws.base import (
+    RateIndependentLaw,
+    ReducedClosedForm,
+    Scales,
+    all_of,
+    not_negative,
+    positive,
+)
+
+Field = Float[ArrayLike, "..."]
+
+
+class Zhou(RateIndependentLaw):
+    """Elastic–plastic loading, plastic unloading and the losses of sound and heat, Zhou (2013).
+
+    Loading is Hertz's until the peak pressure reaches Y; then a central region carries Y and the
+    rim the rest of Hertz's pressure (Eqs. 6, 8). Unloading follows the elastic part and a straight
+    line for the plastic one (Eqs. 11, 12). What is not plastic enters ε and no force:
+
+        ε = ε_17(v)                           v <= v_cr  (Eq. 17)
+        ε² = ε_p² + ε_17(v_cr)² - 1           v > v_cr   (Eq. 16)
+
+    Not to be confused with `Thornton`, which lets the force grow linearly after yield and unloads
+    along Hertz's law with a larger radius.
+
+    Attributes:
+        contact: the two bodies.
+        chi: unloading factor χ̃ >= 0 [-] (Eq. 11); Eq. (18) takes χ̃ = c1 + c2 E/Y.
+        sigma, psi: σ >= 0, ψ > 0 [-], the coefficients of Eq. (17).
+        form: "first-order" in the plastic region's size (Eqs. 8 and 12, the paper's results) or
+            "full" (Eqs. 6 and 11, cos³θ kept).
+        kappa: "consistent", κ = π² b² Y²/k^{4/3} as the forces have it, or "printed",
+            κ = 36 (π/2)^{8/3} (Y/E)², with which Table 1's χ̃ were found. They differ tenfold.
+
+    Range: while the plastic radius is inside the contact radius, about d x_m < 1; beyond it the
+    status says so.
+
+    Raises:
+        ValueError: naming the field, its value and what is accepted.
+    """
+
+    contact: Contact
+    chi: Field = eqx.field(converter=as_real)
+    sigma: Field = eqx.field(converter=as_real)
+    psi: Field = eqx.field(converter=as_real)
+    form: Literal["first-order", "full"] = eqx.field(static=True, default="first-order")
+    kappa: Literal["consistent", "printed"] = eqx.field(static=True, default="consistent")
+
+    def __check_init__(self):
+        check_type("contact", self.contact, Contact, "a Contact")
+        check_not_negative("chi", self.chi, "unloading factor")
+        check_not_negative("sigma", self.sigma, "coefficient")
+        check_positive("psi", self.psi, "exponent")
+        check_choice("form", self.form, ("first-order", "full"))
+        check_choice("kappa", self.kappa, ("consistent", "printed"))
+        own = {"chi": self.chi, "sigma": self.sigma, "psi": self.psi}
+        check_broadcast(self.contact.leaves() | own)
+
+    def scales(self) -> Scales:
+        """δ_cr and v_cr, Eq. (5)."""
+        return Scales(self.contact.critical_overlap, self.contact.critical_velocity)
+
+    def plasticity(self):
+        """d = 2κ/3 [-]."""
+        if self.kappa == "printed":
+            kappa = 36 * (math.pi / 2) ** (8 / 3) / self.contact.yield_ratio**2  # below Eq. (10)
+            return 2 / 3 * kappa
+        # 3 δ_cr/(2A): κ = π² b² Y²/k^{4/3} with the b that belongs to A
+        return 1.5 * self.contact.yield_strain**2 / self.contact.area_factor
+
+    def reduced(self) -> "FirstOrder | Full":
+        steepness = self.chi * self.contact.yield_ratio  # X = χ̃ E/Y
+        law = FirstOrder if self.form == "first-order" else Full
+        return law(jnp.asarray(self.plasticity()), jnp.asarray(steepness))
+
+    def is_valid(self) -> Array:
+        own = (not_negative(self.chi), not_negative(self.sigma), positive(self.psi))
+        return all_of(super().is_valid(), *own)
+
+    def total_restitution(self, plastic_squared, velocity, elastic) -> tuple[Array, Array]:
+        """ε² by Eq. (16) above yield and Eq. (17) below, and whether v >= v_lim."""
+        limit = self.contact.limit_velocity
+        # below yield Eq. (17) acts at v, above it at v_cr: one evaluation serves both
+        at = jnp.where(elastic, velocity, self.contact.critical_velocity)
+        exponent = sound_and_heat_exponent(at, limit, self.sigma, self.psi)
+        above_yield = plastic_squared + jnp.expm1(-2 * exponent)  # Eq. (16)
+        squared = jnp.where(elastic, jnp.exp(-2 * exponent), above_yield)
+        return squared, velocity >= limit
+
+
+class FirstOrder(ReducedClosedForm):
+    """Eqs. (8) and (12), each divided by k δ_cr^{3/2}: first order in the plastic region."""
+
+    d: Array
+    X: Array
+
+    def loading(self, x: Array) -> Array:
+        root = jnp.sqrt(x)
+        yielded = self.d * (x**2 - 1) * (1 - root)  # Eq. (8)
+        return x * root + jnp.where(x > 1, yielded, 0.0)
+
+    def unloading(self, x: Array, peak: Array) -> Array:
+        root = jnp.sqrt(x)
+        elastic = (1 - self.d * peak) * x * root + self.d * root  # Eq. (12)
+        return elastic + self.d * (peak**2 - 1) * (1 - self.X * (1 - x / peak))  # Eq. (12)
+
+    def releases(self, peak: Array) -> Array:
+        return jnp.broadcast_to(self.X > 1, peak.shape)
+
+    def end(self) -> Array:
+        return _first_order.end(self.d) ** 2
+
+    def beyond_expansion(self, peak: Array) -> Array:
+        return self.d * peak > 1
+
+    def loading_work(self, x: Array) -> Array:
+        return _first_order.loading_work(x, self.d)
+
+    def largest_velocity(self) -> Array:
+        return _first_order.largest_velocity(self.d)
+
+    def peak(self, y: Array) -> Array:
+        return _first_order.peak(y, self.d)
+
+    def release(self, peak: Array) -> tuple[Array, Array, Array]:
+        return _first_order.release(peak, self.d, self.X)
+
+    def unloading_work(self, peak: Array, recovered: Array) -> Array:
+        return _first_order.unloading_work(peak, recovered, self.d, self.X)
+
+
+class Full(ReducedClosedForm):
+    """Eqs. (6) and (11), each divided by k δ_cr^{3/2}: cos³θ kept.
+
+    Ends where the plastic region fills the contact, x = (2d/3)(x² - 1): beyond, cosθ is not real.
+    """
+
+    d: Array
+    X: Array
+
+    def loading(self, x: Array) -> Array:
+        rim = jnp.where(x > 1, x - 2 / 3 * self.d * (x**2 - 1), x)  # x cos²θ, Eq. (7)
+        yielded = jnp.where(x > 1, self.d * (x**2 - 1), 0.0)
+        return _full.power_3_2(rim) + yielded  # Eq. (6)
+
+    def unloading(self, x: Array, peak: Array) -> Array:
+        rim = (1 - 2 / 3 * self.d * peak) * x + 2 / 3 * self.d  # x x_m - 1 as in Eq. (12)
+        plastic = self.d * (peak**2 - 1) * (1 - self.X * (1 - x / peak))
+        return _full.power_3_2(rim) + plastic  # Eq. (11)
+
+    def releases(self, peak: Array) -> Array:
+        return _full.has_root(peak, self.d, self.X)
+
+    def end(self) -> Array:
+        return _full.end(self.d)
+
+    def beyond_expansion(self, peak: Array) -> Array:
+        return peak >= self.end()
+
+    def loading_work(self, x: Array) -> Array:
+        return _full.loading_work(x, self.d)
+
+    def largest_velocity(self) -> Array:
+        return _full.largest_velocity(self.d)
+
+    def peak(self, y: Array) -> Array:
+        return _full.peak(y, self.d)
+
+    def release(self, peak: Array) -> tuple[Array, Array, Array]:
+        return _full.release(peak, self.d, self.X)
+
+    def unloading_work(self, peak: Array, recovered: Array) -> Array:
+        return _full.unloading_work(peak, recovered, self.d, self.X)

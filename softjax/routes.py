@@ -1,0 +1,77 @@
+"""The two routes from a contact law to its restitution. Importing them imports no solver."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from softjax._checks import check_choice
+
+SOLVERS = ("dopri8", "dopri5", "tsit5", "bosh3")
+
+
+@dataclass(frozen=True)
+class EnergyBalance:
+    """Works and roots in closed form or by quadrature, no time integration: exact, the default.
+
+    For rate-independent laws.
+    """
+
+    name = "energy balance"
+
+
+@dataclass(frozen=True)
+class ODE:
+    """The equation of motion integrated by diffrax, for any contact law.
+
+    Args:
+        rtol: relative tolerance of the adaptive steps, in [1e-14, 0.1]. The absolute one is the
+            same, since the variables are scaled to one.
+        solver: explicit Runge–Kutta method: "dopri8", "dopri5", "tsit5" or "bosh3".
+        steps: a fixed number of equal steps for loading and as many for unloading, instead of the
+            adaptive ones (then `rtol` acts no more): fastest, and without any loop over rejected
+            steps.
+        max_steps: where the adaptive steps give up, per branch.
+
+    Raises:
+        ValueError: naming the argument, its value and what is accepted.
+    """
+
+    rtol: float | None = None
+    solver: str = "dopri8"
+    steps: int | None = None
+    max_steps: int = 4096
+
+    name = "ode"
+
+    def __post_init__(self):
+        check_choice("solver", self.solver, SOLVERS)
+        if self.rtol is not None and self.steps is not None:
+            raise ValueError("`rtol` would be ignored: fixed `steps` have no tolerance")
+        if self.rtol is not None and not _is_number_in(self.rtol, 1e-14, 0.1):
+            raise ValueError(f"`rtol` must be a number in [1e-14, 0.1], but is {self.rtol!r}")
+        for name in ("steps", "max_steps"):
+            value = getattr(self, name)
+            if not (value is None and name == "steps") and not _is_count(value):
+                raise ValueError(f"`{name}` must be a whole number >= 1, but is {value!r}")
+
+    @property
+    def tolerance(self) -> float:
+        """The tolerance in force, 1e-8 unless told."""
+        return 1e-8 if self.rtol is None else float(self.rtol)
+
+
+Route = EnergyBalance | ODE
+
+
+def check_route(route) -> Route:
+    if not isinstance(route, Route):
+        raise ValueError(f"`route` must be EnergyBalance() or ODE(...), but is {route!r}")
+    return route
+
+
+def _is_number_in(value, low, high) -> bool:
+    return isinstance(value, int | float | np.number) and low <= value <= high
+
+
+def _is_count(value) -> bool:
+    return isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= 1

@@ -1,0 +1,51 @@
+"""What happened at each impact velocity, as flags that may coincide."""
+
+import enum
+
+
+class Status(enum.IntFlag):
+    """The state of one collision: a set of flags, one integer per impact velocity.
+
+    A failure is a value before it is an exception: hard cases come out as a number and a flag, never
+    as NaN, so that one bad velocity in a batch leaves its neighbours alone.
+
+    | flag | what happens | value |
+    |---|---|---|
+    | `PLAIN` | yields on loading, recovers part of the overlap | as computed |
+    | `ELASTIC` | v <= v_cr: nothing yields | eps_p = 1, eps by Eq. (17) |
+    | `NO_RESIDUAL_OVERLAP` | the unloading force stays positive down to zero overlap | residual 0 |
+    | `ENERGY_GAIN` | eps_p > 1 (just above yield, or a small unloading factor) | as computed |
+    | `NO_REBOUND` | eps_p^2 + eps_up^2 < 1: Eq. (16) has no real value | eps = 0, gradient 0 |
+    | `BEYOND_EXPANSION` | plastic radius beyond the contact radius (first-order: d x_m > 1) | as computed |
+    | `NO_TURNING_POINT` | the loading force vanishes before the bodies stop | eps = eps_p = 0 |
+    | `ABOVE_LIMIT_VELOCITY` | v >= v_lim: Eq. (17) has no real value | 0 in its place |
+    | `ZERO_VELOCITY` | v = 0: d(eps)/dv is infinite for psi < 1 | eps = 1, gradient 0 |
+    | `INVALID_INPUT` | NaN, negative or infinite input under `jit` | eps = 0, gradient 0 |
+    """
+
+    PLAIN = 0
+    ELASTIC = 1
+    NO_RESIDUAL_OVERLAP = 2
+    ENERGY_GAIN = 4
+    NO_REBOUND = 8
+    BEYOND_EXPANSION = 16
+    NO_TURNING_POINT = 32
+    ABOVE_LIMIT_VELOCITY = 64
+    ZERO_VELOCITY = 128
+    INVALID_INPUT = 256
+
+    @property
+    def remedy(self) -> str:
+        """What a user can do about it, in one sentence (empty where nothing is wrong)."""
+        return " ".join(text for flag, text in _REMEDIES.items() if flag in self)
+
+
+_REMEDIES = {
+    Status.NO_RESIDUAL_OVERLAP: "Check the unloading factor: X = chi E/Y is about 1 or below.",
+    Status.ENERGY_GAIN: "The law returns more than it took; a larger unloading factor loses more.",
+    Status.NO_REBOUND: "The losses exceed the impact energy: lower sigma or the unloading factor.",
+    Status.BEYOND_EXPANSION: "The law is used beyond its range; lower velocities are in it.",
+    Status.NO_TURNING_POINT: "The law has no collision at this velocity; lower velocities have.",
+    Status.ABOVE_LIMIT_VELOCITY: "Eq. (17) ends at the limit velocity sqrt(3 Y/rho).",
+    Status.INVALID_INPUT: "Give finite positive properties and a finite velocity >= 0.",
+}
