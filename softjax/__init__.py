@@ -2,6 +2,7 @@
 
 from softjax.contact import Contact
 from softjax.empirical import empirical_restitution
+from softjax.history import History, collide
 from softjax.laws.base import (
     ContactLaw,
     RateDependentLaw,
@@ -16,6 +17,31 @@ from softjax.materials import CHROME_STEEL, NYLON, STAINLESS_STEEL, Material
 from softjax.restitution import Restitution, restitution
 from softjax.routes import ODE, EnergyBalance
 from softjax.status import Status
+
+__all__ = [
+    "CHROME_STEEL",
+    "NYLON",
+    "ODE",
+    "STAINLESS_STEEL",
+    "Contact",
+    "ContactLaw",
+    "EnergyBalance",
+    "History",
+    "Material",
+    "RateDependentLaw",
+    "RateIndependentLaw",
+    "ReducedClosedForm",
+    "ReducedRateDependent",
+    "ReducedRateIndependent",
+    "Restitution",
+    "Scales",
+    "Status",
+    "Zhou",
+    "collide",
+    "empirical_restitution",
+    "enable_x64",
+    "restitution",
+]
 
 
 def enable_x64() -> None:

@@ -1,4 +1,4 @@
-"""Checks of concrete arguments at the edge: `ValueError` names the argument, its value, what is accepted.
+"""Checks of concrete arguments at the edge: `ValueError` names argument, value, what is accepted.
 
 Values that JAX is tracing cannot be looked at; they pass here and become a `Status` later.
 """
@@ -32,7 +32,7 @@ def as_real(value):
 
 
 def check(name: str, value, holds, accepted: str) -> None:
-    """Raise unless `value` is a real number or array for which `holds(value)` is true everywhere."""
+    """Raise unless `value` is a real number or array with `holds(value)` true everywhere."""
     if is_traced(value) or type(value) is object:  # object(): a placeholder of JAX's own
         return
     if isinstance(value, jax.ShapeDtypeStruct):

@@ -1,4 +1,4 @@
-"""The equation of motion x'' = -(5/4) p integrated by diffrax: the only bridge to it.
+"""The equation of motion x'' = -(5/4) p of a rate-independent law, integrated by diffrax.
 
 Nothing of the energy balance is used here: the law gives its forces, and where they end.
 
@@ -6,21 +6,21 @@ Neither branch is integrated over time, because the ends of both are known in ot
 (Hénon's trick), so that no event has to be searched for:
 
 * loading over what is left of the velocity, x' = y √(1 - ŝ^{2k}), where ŝ = 1 - η² is √x of the
-  elastic collision at that velocity relative to its peak. The state is n, √x over that of the
-  elastic collision (Encke's trick): n = 1 until yield, and smooth after;
+  elastic collision at that velocity relative to its peak. The state is what x^k/y² exceeds that
+  of the elastic collision by (Encke's trick): 0 until yield, and smooth after;
 * unloading over √x, from its value at the peak down to the residual overlap, with x'² as state;
 * where time matters, over the angle of x = x* + ρ cosφ, x' = -Ω ρ sinφ, with ρ and t as states.
 """
 
 from functools import partial
 
-import diffrax as dfx
 import jax
 import jax.numpy as jnp
-from jax.custom_derivatives import SymbolicZero
+import numpy as np
 from jaxtyping import Array
 
-from softjax._numerics import implicit_root, parabolic_step, safe_power, safe_sqrt
+from softjax._bridge import over_batch, solve
+from softjax._numerics import implicit_root, integrate, parabolic_step, safe_power, safe_sqrt
 from softjax.laws.base import Outcome, ReducedRateIndependent
 from softjax.routes import ODE
 
@@ -28,68 +28,17 @@ RESIDUAL_STEPS = 13  # from the peak; the worst of 400 000 cases needed them all
 HALF_PERIOD = {2.5: 1.4716375921622639, 2.0: 1.5707963267948966}  # ∫_0^1 dz/√(1 - z^k)
 # p_el/p is capped: where the loading force vanishes the overlap runs away instead of dividing by 0
 LARGEST_SOFTENING = 1e8
-FIRST_ANGLE = 1e-6  # η at which a law without an elastic stage starts, ŝ = 1 - η²
+CLOCK_NODES = 32
 
 
 def collide(law: ReducedRateIndependent, y: Array, route: ODE) -> Outcome:
     """Overlaps and ε_p² of collisions beyond the elastic limit, one ODE for each velocity."""
-    return _over_batch(_collide_one, law, y, route)
+    return over_batch(_collide_one, law, y, route)
 
 
 def duration(law: ReducedRateIndependent, y: Array, route: ODE) -> tuple[Array, Array]:
     """Contact duration [L/V] and whether the contact ends."""
-    return _over_batch(_duration_one, law, y, route)
-
-
-def _over_batch(one, law, y, route):
-    """`vmap` over all impacts, whatever the shapes in which y and the law's fields broadcast."""
-    leaves, structure = jax.tree.flatten((law, y))
-    shape = jnp.broadcast_shapes(*(jnp.shape(leaf) for leaf in leaves))
-    flat = [jnp.broadcast_to(leaf, shape).ravel() for leaf in leaves]
-
-    def single(*leaves):
-        return one(*jax.tree.unflatten(structure, leaves), route)
-
-    result = jax.vmap(_forward_differentiated(single))(*flat)
-    return jax.tree.map(lambda a: a.reshape(shape), result)
-
-
-def _forward_differentiated(f):
-    """f with its Jacobian taken forward, whichever way the caller differentiates.
-
-    A collision has few inputs (the law's numbers and the velocity) and few outputs: tangents ride
-    along one solve, and reverse mode is the transpose of the small matrix that they make. Only
-    the inputs that really are differentiated get a tangent.
-    """
-
-    @jax.custom_jvp
-    def wrapped(*leaves):
-        return f(*leaves)
-
-    def rule(primals, tangents):
-        active = [i for i, t in enumerate(tangents) if not isinstance(t, SymbolicZero)]
-
-        def of_active(*some):
-            full = list(primals)
-            for i, value in zip(active, some, strict=True):
-                full[i] = value
-            return f(*full)
-
-        chosen = [primals[i] for i in active]
-        seeds = jnp.eye(len(active), dtype=chosen[0].dtype)
-        push = partial(jax.jvp, of_active, chosen)
-        value, columns = jax.vmap(lambda seed: push(list(seed)), out_axes=(None, 0))(seeds)
-        change = [tangents[i] for i in active]
-
-        def contract(column):
-            if not jnp.issubdtype(column.dtype, jnp.inexact):
-                return column[0]
-            return sum(column[j] * change[j] for j in range(len(active)))
-
-        return value, jax.tree.map(contract, columns)
-
-    wrapped.defjvp(rule, symbolic_zeros=True)
-    return wrapped
+    return over_batch(_duration_one, law, y, route)
 
 
 def _collide_one(law, y, route: ODE) -> Outcome:
@@ -108,8 +57,8 @@ def _collide_one(law, y, route: ODE) -> Outcome:
 def _duration_one(law, y, route: ODE):
     peak, turns, loading_time = _loading(law, y, route, clock=True)
     residual = _residual(law, peak)
-    _, unloading_time = _unloading_angle(law, peak, residual, route)
-    return jnp.where(turns, loading_time + unloading_time, 0.0), turns
+    time = loading_time + _unloading_time(law, peak, residual, route)
+    return jnp.where(turns, time, 0.0), turns
 
 
 def _loading(law, y, route: ODE, clock: bool):
@@ -118,7 +67,7 @@ def _loading(law, y, route: ODE, clock: bool):
     state = (jnp.zeros_like(y), jnp.zeros_like(y)) if clock else (jnp.zeros_like(y),)
     field = partial(_loading_field, k=k, clock=clock)
     start, zero = _loading_start(law, y), jnp.zeros_like(y)
-    (gain, *lag), solved = _solve(field, start, zero, state, (law, y), route)
+    (gain, *lag), solved = solve(field, start, zero, state, (law, y), route)
     found = (y**2 * (1 + gain)) ** (1 / k)
     turns = solved & (found < law.end()) & jnp.isfinite(found)
     peak = jnp.where(turns, found, 1.5)
@@ -158,7 +107,7 @@ def _residual(law, peak):
         law = jax.tree.unflatten(structure, leaves)
         return law.unloading(peak * r**2, peak)
 
-    def solve(peak, *leaves):
+    def search(peak, *leaves):
         f = lambda r: force(r, peak, *leaves)  # noqa: E731
         slope = jax.grad(f)
         curvature = jax.grad(slope)
@@ -169,7 +118,7 @@ def _residual(law, peak):
         return r
 
     released = law.releases(peak)
-    r = implicit_root(solve, force)(peak, *leaves)
+    r = implicit_root(search, force)(peak, *leaves)
     return jnp.where(released, peak * r**2, 0.0)
 
 
@@ -185,19 +134,22 @@ def _unloading_energy(law, peak, residual, route: ODE):
     zero, one = jnp.zeros_like(peak), jnp.ones_like(peak)
     scale = peak**law.work_exponent  # of the order of y²: tolerances are relative to one
     scaled = lambda t, state, args: (field(t, state, args)[0] / scale,)  # noqa: E731
-    (energy,), _ = _solve(scaled, zero, one, (zero,), (law, peak, top, bottom), route)
+    (energy,), _ = solve(scaled, zero, one, (zero,), (law, peak, top, bottom), route)
     return energy * scale
 
 
-def _unloading_angle(law, peak, residual, route: ODE):
-    """x' at the end of the contact, and the time since the peak."""
-    amplitude = peak - residual
-    frequency = jnp.sqrt(1.25 * law.unloading(peak, peak) / amplitude)
+def _unloading_time(law, peak, residual, route: ODE):
+    """The time since the peak."""
+    frequency, (_, phase) = _solve_angle(law, peak, residual, route)
+    return phase / frequency
+
+
+def _solve_angle(law, peak, residual, route: ODE, save=None):
+    """Ω, and the states of `_angle_field` at the end of the contact or on the way there."""
+    frequency = jnp.sqrt(1.25 * law.unloading(peak, peak) / (peak - residual))
     args = (law, peak, residual, frequency)
-    zero = jnp.zeros_like(peak)
-    end = jnp.full_like(peak, 0.5 * jnp.pi)
-    (stretch, phase), _ = _solve(_angle_field, zero, end, (jnp.ones_like(peak), zero), args, route)
-    return -frequency * amplitude * stretch, phase / frequency
+    zero, end = jnp.zeros_like(peak), jnp.full_like(peak, 0.5 * jnp.pi)
+    return frequency, solve(_angle_field, zero, end, (zero + 1, zero), args, route, save)[0]
 
 
 def _angle_field(phi, state, args):
@@ -212,35 +164,93 @@ def _angle_field(phi, state, args):
     return stretch * sin * (pull - cos) / turn, 1 / turn
 
 
-def _solve(field, start, end, state, args, route: ODE, save=None):
-    """Integrate a scaled system, forward-mode differentiable; the last state and whether it got there."""
-    solver = {"dopri8": dfx.Dopri8, "dopri5": dfx.Dopri5, "tsit5": dfx.Tsit5, "bosh3": dfx.Bosh3}
-    if route.steps is None:
-        tolerance = max(route.tolerance, 4 * float(jnp.finfo(start.dtype).eps))
-        controller = dfx.PIDController(rtol=tolerance, atol=tolerance)
-        dt0, max_steps = None, route.max_steps
-    else:
-        controller, dt0, max_steps = dfx.ConstantStepSize(), 1 / route.steps, route.steps
-    span = end - start
-    solution = dfx.diffeqsolve(
-        dfx.ODETerm(
-            lambda t, state, args: jax.tree.map(
-                lambda f: span * f, field(start + span * t, state, args)
-            )
-        ),
-        solver[route.solver](),
-        t0=0.0,
-        t1=1.0,
-        dt0=dt0,
-        y0=state,
-        args=args,
-        saveat=dfx.SaveAt(t1=True) if save is None else dfx.SaveAt(ts=save),
-        stepsize_controller=controller,
-        adjoint=dfx.ForwardMode(),
-        max_steps=max_steps,
-        throw=False,
-    )
-    solved = solution.result == dfx.RESULTS.successful
-    if save is not None:
-        return solution.ys, solved
-    return jax.tree.map(lambda leaf: leaf[0], solution.ys), solved
+def history(
+    law: ReducedRateIndependent, y: Array, fractions: tuple[np.ndarray, np.ndarray], route: ODE
+) -> tuple[Array, Array, Array, Array]:
+    """Time, overlap, velocity and force at fixed fractions of loading and of unloading.
+
+    Args:
+        fractions: two increasing arrays in [0, 1]. Loading is sampled over 1 - η with x' falling
+            from y to 0, unloading over φ/(π/2) with x falling from its peak; the peak is sampled
+            once, as the end of loading.
+        y: impact velocities beyond the elastic limit.
+
+    Returns:
+        Four arrays, a last axis of samples beyond the shape of y, zero where nothing turns.
+    """
+    along, back = fractions
+
+    def one(law, y, route):
+        loading, turns = _loading_history(law, y, along, route)
+        time, overlap = loading[0][-1], jnp.where(turns, loading[1][-1], 1.5)
+        unloading = _unloading_history(law, overlap, time, back, route)
+        joined = (jnp.concatenate(parts) for parts in zip(loading, unloading, strict=True))
+        return tuple(jnp.where(turns, part, 0.0) for part in joined)
+
+    return over_batch(one, law, y, route)
+
+
+def elastic_history(
+    law: ReducedRateIndependent, y: Array, fractions: tuple[np.ndarray, np.ndarray]
+) -> tuple[Array, Array, Array, Array]:
+    """The same for a collision that stays elastic: loading, and its mirror image."""
+    along, back = fractions
+    there = _elastic_states(law, y[..., None], along)
+    mirrored = _elastic_states(law, y[..., None], 1 - back)
+    period = 2 * HALF_PERIOD[law.work_exponent] * y[..., None] ** (2 / law.work_exponent - 1)
+    returned = (period - mirrored[0], mirrored[1], -mirrored[2], mirrored[3])
+    return tuple(jnp.concatenate(parts, -1) for parts in zip(there, returned, strict=True))
+
+
+def _elastic_states(law, y, fraction):
+    """Time, overlap, velocity and force on elastic loading at 1 - η = fraction."""
+    k = law.work_exponent
+    s_hat, speed = _elastic_speed(fraction, k)
+    x = y ** (2 / k) * s_hat**2
+    time = y ** (2 / k - 1) * _elastic_clock(k, fraction)
+    return time, x, y * speed, 0.4 * k * x ** (k - 1)
+
+
+def _elastic_speed(fraction, k):
+    eta = 1 - fraction
+    return 1 - eta**2, jnp.sqrt(-jnp.expm1(2 * k * _log_safe(eta)))
+
+
+def _log_safe(eta):
+    """ln(1 - η²), finite at η = 1, where the power of it is 0 all the same."""
+    return jnp.log1p(-jnp.minimum(eta**2, 1 - jnp.finfo(eta.dtype).epsneg))
+
+
+def _elastic_clock(k: float, fraction: Array) -> Array:
+    """Time to 1 - η = fraction of an elastic collision with y = 1, by quadrature."""
+
+    def slowness(eta):
+        speed = jnp.sqrt(-jnp.expm1(2 * k * _log_safe(eta)))
+        ratio = jnp.where(eta > 0, eta / jnp.where(eta > 0, speed, 1.0), (2 * k) ** -0.5)
+        return 4 * (1 - eta**2) * ratio
+
+    return integrate(slowness, 1 - fraction, jnp.ones_like(fraction), CLOCK_NODES)
+
+
+def _loading_history(law, y, along, route: ODE):
+    k = law.work_exponent
+    start = _loading_start(law, y)
+    # before yield, η > η_0, the deviation from the elastic collision is zero
+    portion = jnp.clip(1 - (1 - along) / start, 0.0, 1.0)
+    field = partial(_loading_field, k=k, clock=True)
+    zero = jnp.zeros_like(y)
+    (gain, lag), solved = solve(field, start, zero, (zero, zero), (law, y), route, save=portion)
+    s_hat, speed = _elastic_speed(along, k)
+    x = safe_power(y**2 * (s_hat ** (2 * k) + gain), 1 / k)
+    time = y ** (2 / k - 1) * _elastic_clock(k, along) + lag
+    return (time, x, y * speed, law.loading(x)), solved & (x[-1] < law.end())
+
+
+def _unloading_history(law, peak, loading_time, back, route: ODE):
+    residual = _residual(law, peak)
+    frequency, (stretch, phase) = _solve_angle(law, peak, residual, route, save=back)
+    phi = 0.5 * jnp.pi * back
+    radius = (peak - residual) * stretch
+    x = residual + radius * jnp.cos(phi)
+    time = loading_time + phase / frequency
+    return time, x, -frequency * radius * jnp.sin(phi), law.unloading(x, peak)

@@ -5,13 +5,19 @@ from functools import partial
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
 from softjax import energy
-from softjax._checks import as_real, check, check_broadcast, is_traced
 from softjax._numerics import safe_power, safe_sqrt
-from softjax.laws.base import ContactLaw, Outcome, RateDependentLaw, RateIndependentLaw
+from softjax.impact import (
+    Impact,
+    check_law,
+    check_velocity,
+    common_precision,
+    known_regime,
+    prepare,
+)
+from softjax.laws.base import ContactLaw, Outcome, RateIndependentLaw
 from softjax.routes import ODE, EnergyBalance, Route, check_route
 from softjax.status import Status
 
@@ -42,8 +48,8 @@ class Restitution(eqx.Module):
 
         0 where there is no contact that ends: at v = 0, without a turning point, on invalid input.
         """
-        regime = _known_regime(self.law, self.velocity)
-        law, velocity = _common_precision(self.law, self.velocity)
+        regime = known_regime(self.law, self.velocity)
+        law, velocity = common_precision(self.law, self.velocity)
         return _duration(law, velocity, self.route, regime)
 
     @property
@@ -95,29 +101,10 @@ def restitution(
     route = EnergyBalance() if route is None else check_route(route)
     _check_law_takes(law, route)
     velocity = check_velocity(law, velocity)
-    regime = _known_regime(law, velocity)
-    same_law, same_velocity = _common_precision(law, velocity)
-    parts = _restitution(same_law, same_velocity, route, regime)
+    regime = known_regime(law, velocity)
+    same_law, same_velocity = common_precision(law, velocity)
+    parts = restitution_parts(same_law, same_velocity, route, regime)
     return Restitution(law, same_velocity, *parts, route)
-
-
-def check_law(law) -> None:
-    if not isinstance(law, ContactLaw):
-        raise ValueError(f"`law` must be a contact law such as Zhou(...), but is {law!r}")
-
-
-def check_velocity(law: ContactLaw, velocity):
-    """The velocity as an array or traced value that broadcasts against the law's fields."""
-    velocity = as_real(velocity)
-    check("velocity", velocity, lambda v: v >= 0, "a finite impact velocity in m/s, zero or more")
-    names = _field_names(law)
-    check_broadcast({"velocity": velocity} | names)
-    return velocity
-
-
-def _field_names(law: ContactLaw) -> dict[str, object]:
-    paths, _ = jax.tree_util.tree_flatten_with_path(law)
-    return {str(path[-1]).lstrip("."): leaf for path, leaf in paths}
 
 
 def _check_law_takes(law: ContactLaw, route: Route) -> None:
@@ -128,67 +115,7 @@ def _check_law_takes(law: ContactLaw, route: Route) -> None:
         )
 
 
-def _common_precision(law, velocity):
-    """All leaves in the precision of the widest, at least float32."""
-    leaves, structure = jax.tree.flatten((law, velocity))
-    dtype = jnp.result_type(*leaves, jnp.float32)
-    if not any(hasattr(leaf, "dtype") for leaf in leaves):
-        dtype = jnp.result_type(float)  # Python numbers alone: JAX's own precision
-    cast = [_as_dtype(leaf, dtype) for leaf in leaves]
-    return jax.tree.unflatten(structure, cast)
-
-
-def _as_dtype(leaf, dtype):
-    if isinstance(leaf, jax.Array):
-        return leaf if leaf.dtype == dtype and not leaf.weak_type else jnp.asarray(leaf, dtype)
-    return np.asarray(leaf, dtype)
-
-
-def _known_regime(law: ContactLaw, velocity) -> str:
-    """Whether all impacts are known beforehand to stay elastic, or to yield."""
-    if not isinstance(law, RateIndependentLaw) or np.size(velocity) == 0:
-        return "mixed"
-    if any(is_traced(leaf) for leaf in jax.tree.leaves((law, velocity))):
-        return "mixed"
-    ratio = np.asarray(velocity) / np.asarray(law.scales().velocity)
-    limit = _elastic_velocity(law.reduced())
-    # a margin of float32's rounding: compiled code decides what is on the edge
-    if np.max(ratio) < limit * (1 - 1e-5):
-        return "elastic"
-    return "yielding" if np.min(ratio) > limit * (1 + 1e-5) else "mixed"
-
-
-def _elastic_velocity(reduced) -> float:
-    return reduced.elastic_limit ** (reduced.work_exponent / 2)
-
-
-class _Impact(eqx.Module):
-    """One batch of impacts in reduced variables, with all invalid ones replaced by harmless."""
-
-    law: ContactLaw
-    velocity: Array
-    y: Array
-    valid: Array
-    elastic: Array
-
-
-def _prepare(law: ContactLaw, velocity: Array, regime: str) -> _Impact:
-    law_valid = law.is_valid()
-    law = jax.tree.map(lambda leaf: jnp.where(law_valid, leaf, 1.0).astype(leaf.dtype), law)
-    scale = law.scales().velocity
-    valid = law_valid & jnp.isfinite(velocity) & (velocity >= 0)
-    velocity = jnp.where(valid, velocity, 0.5 * scale)
-    y = velocity / scale
-    if not isinstance(law, RateIndependentLaw):
-        elastic = jnp.zeros(y.shape, bool)
-    elif regime == "mixed":
-        elastic = y <= _elastic_velocity(law.reduced())
-    else:
-        elastic = jnp.full(y.shape, regime == "elastic")
-    return _Impact(law, velocity, y, valid, elastic)
-
-
-def _outcome(impact: _Impact, route: Route, regime: str) -> Outcome:
+def _outcome(impact: Impact, route: Route, regime: str) -> Outcome:
     if not isinstance(impact.law, RateIndependentLaw):
         from softjax import collision
 
@@ -223,8 +150,8 @@ def _elastic_outcome(reduced, y) -> Outcome:
 
 
 @partial(jax.jit, static_argnames=("route", "regime"))
-def _restitution(law, velocity, route, regime):
-    impact = _prepare(law, velocity, regime)
+def restitution_parts(law, velocity, route, regime):
+    impact = prepare(law, velocity, regime)
     outcome = _outcome(impact, route, regime)
     squared, at_limit = impact.law.total_restitution(
         outcome.plastic_squared, impact.velocity, impact.elastic
@@ -245,7 +172,7 @@ def _restitution(law, velocity, route, regime):
     )
 
 
-def _status(impact: _Impact, outcome: Outcome, squared, at_limit) -> Array:
+def _status(impact: Impact, outcome: Outcome, squared, at_limit) -> Array:
     yields = ~impact.elastic
     answered = yields & outcome.turns
     conditions = {
@@ -270,13 +197,13 @@ def _status(impact: _Impact, outcome: Outcome, squared, at_limit) -> Array:
 
 @partial(jax.jit, static_argnames=("route", "regime"))
 def _duration(law, velocity, route, regime):
-    impact = _prepare(law, velocity, regime)
+    impact = prepare(law, velocity, regime)
     tau, ends = _reduced_duration(impact, route, regime)
     ends = ends & impact.valid & (impact.velocity > 0)
     return jnp.where(ends, tau * impact.law.scales().time, 0.0)
 
 
-def _reduced_duration(impact: _Impact, route: Route, regime: str):
+def _reduced_duration(impact: Impact, route: Route, regime: str):
     moving = jnp.where(impact.y > 0, impact.y, 1.0)
     if not isinstance(impact.law, RateIndependentLaw):
         from softjax import collision

@@ -6,8 +6,8 @@ import enum
 class Status(enum.IntFlag):
     """The state of one collision: a set of flags, one integer per impact velocity.
 
-    A failure is a value before it is an exception: hard cases come out as a number and a flag, never
-    as NaN, so that one bad velocity in a batch leaves its neighbours alone.
+    A failure is a value before it is an exception: hard cases come out as a number and a flag,
+    never as NaN, so that one bad velocity in a batch leaves its neighbours alone.
 
     | flag | what happens | value |
     |---|---|---|
@@ -16,7 +16,7 @@ class Status(enum.IntFlag):
     | `NO_RESIDUAL_OVERLAP` | the unloading force stays positive down to zero overlap | residual 0 |
     | `ENERGY_GAIN` | eps_p > 1 (just above yield, or a small unloading factor) | as computed |
     | `NO_REBOUND` | eps_p^2 + eps_up^2 < 1: Eq. (16) has no real value | eps = 0, gradient 0 |
-    | `BEYOND_EXPANSION` | plastic radius beyond the contact radius (first-order: d x_m > 1) | as computed |
+    | `BEYOND_EXPANSION` | d x_m > 1, or plastic radius beyond the contact radius | as computed |
     | `NO_TURNING_POINT` | the loading force vanishes before the bodies stop | eps = eps_p = 0 |
     | `ABOVE_LIMIT_VELOCITY` | v >= v_lim: Eq. (17) has no real value | 0 in its place |
     | `ZERO_VELOCITY` | v = 0: d(eps)/dv is infinite for psi < 1 | eps = 1, gradient 0 |

@@ -26,6 +26,7 @@ from softjax._checks import (
     check_positive,
     check_type,
 )
+from softjax._numerics import safe_sqrt
 from softjax.contact import Contact
 from softjax.empirical import sound_and_heat_exponent
 from softjax.laws import _first_order, _full
@@ -126,12 +127,12 @@ class FirstOrder(ReducedClosedForm):
     X: Array
 
     def loading(self, x: Array) -> Array:
-        root = jnp.sqrt(x)
+        root = safe_sqrt(x)
         yielded = self.d * (x**2 - 1) * (1 - root)  # Eq. (8)
         return x * root + jnp.where(x > 1, yielded, 0.0)
 
     def unloading(self, x: Array, peak: Array) -> Array:
-        root = jnp.sqrt(x)
+        root = safe_sqrt(x)
         elastic = (1 - self.d * peak) * x * root + self.d * root  # Eq. (12)
         return elastic + self.d * (peak**2 - 1) * (1 - self.X * (1 - x / peak))  # Eq. (12)
 

@@ -1,0 +1,106 @@
+"""The only bridge to diffrax: solver, steps, adjoint, and how a batch is differentiated."""
+
+from functools import partial
+
+import diffrax as dfx
+import jax
+import jax.numpy as jnp
+from jax.custom_derivatives import SymbolicZero
+
+from softjax.routes import ODE
+
+SOLVER_CLASSES = {
+    "dopri8": dfx.Dopri8,
+    "dopri5": dfx.Dopri5,
+    "tsit5": dfx.Tsit5,
+    "bosh3": dfx.Bosh3,
+}
+
+
+def over_batch(one, law, y, route):
+    """`vmap` over all impacts, whatever the shapes in which y and the law's fields broadcast."""
+    leaves, structure = jax.tree.flatten((law, y))
+    shape = jnp.broadcast_shapes(*(jnp.shape(leaf) for leaf in leaves))
+    flat = [jnp.broadcast_to(leaf, shape).ravel() for leaf in leaves]
+
+    def single(*leaves):
+        return one(*jax.tree.unflatten(structure, leaves), route)
+
+    result = jax.vmap(forward_differentiated(single))(*flat)
+    return jax.tree.map(lambda a: a.reshape(shape + a.shape[1:]), result)
+
+
+def forward_differentiated(f):
+    """f with its Jacobian taken forward, whichever way the caller differentiates.
+
+    A collision has few inputs (the law's numbers and the velocity) and few outputs: tangents ride
+    along one solve, and reverse mode is the transpose of the small matrix that they make. Only
+    the inputs that really are differentiated get a tangent.
+    """
+
+    @jax.custom_jvp
+    def wrapped(*leaves):
+        return f(*leaves)
+
+    def rule(primals, tangents):
+        active = [i for i, t in enumerate(tangents) if not isinstance(t, SymbolicZero)]
+
+        def of_active(*some):
+            full = list(primals)
+            for i, value in zip(active, some, strict=True):
+                full[i] = value
+            return f(*full)
+
+        chosen = [primals[i] for i in active]
+        seeds = jnp.eye(len(active), dtype=chosen[0].dtype)
+        push = partial(jax.jvp, of_active, chosen)
+        value, columns = jax.vmap(lambda seed: push(list(seed)), out_axes=(None, 0))(seeds)
+        change = [tangents[i] for i in active]
+
+        def contract(column):
+            if not jnp.issubdtype(column.dtype, jnp.inexact):
+                return column[0]
+            return sum(column[j] * change[j] for j in range(len(active)))
+
+        return value, jax.tree.map(contract, columns)
+
+    wrapped.defjvp(rule, symbolic_zeros=True)
+    return wrapped
+
+
+def solve(field, start, end, state, args, route: ODE, save=None):
+    """Integrate dstate/ds = field(s, state, args) from s = start to end, all scaled to one.
+
+    Returns the last state, or the states at the fractions `save` of the way (increasing, in
+    [0, 1]), and whether the solver got there. Differentiable forward only: see
+    `forward_differentiated`.
+    """
+    if route.steps is None:
+        tolerance = max(route.tolerance, 4 * float(jnp.finfo(start.dtype).eps))
+        controller = dfx.PIDController(rtol=tolerance, atol=tolerance)
+        dt0, max_steps = None, route.max_steps
+    else:
+        controller, dt0, max_steps = dfx.ConstantStepSize(), 1 / route.steps, route.steps
+    span = end - start
+
+    def scaled(t, state, args):
+        return jax.tree.map(lambda rate: span * rate, field(start + span * t, state, args))
+
+    solution = dfx.diffeqsolve(
+        dfx.ODETerm(scaled),
+        SOLVER_CLASSES[route.solver](),
+        t0=0.0,
+        t1=1.0,
+        dt0=dt0,
+        y0=state,
+        args=args,
+        saveat=dfx.SaveAt(t1=True) if save is None else dfx.SaveAt(ts=save),
+        stepsize_controller=controller,
+        adjoint=dfx.ForwardMode(),
+        max_steps=max_steps,
+        throw=False,
+    )
+    solved = solution.result == dfx.RESULTS.successful
+    if save is None:
+        return jax.tree.map(lambda leaf: leaf[0], solution.ys), solved
+    return solution.ys, solved

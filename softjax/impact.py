@@ -1,0 +1,89 @@
+"""A batch of impacts made ready for either route: checked, in one precision, reduced."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from softjax._checks import as_real, check, check_broadcast, is_traced
+from softjax.laws.base import ContactLaw, RateIndependentLaw
+
+
+def check_law(law) -> None:
+    if not isinstance(law, ContactLaw):
+        raise ValueError(f"`law` must be a contact law such as Zhou(...), but is {law!r}")
+
+
+def check_velocity(law: ContactLaw, velocity):
+    """The velocity as an array or traced value that broadcasts against the law's fields."""
+    velocity = as_real(velocity)
+    check("velocity", velocity, lambda v: v >= 0, "a finite impact velocity in m/s, zero or more")
+    names = _field_names(law)
+    check_broadcast({"velocity": velocity} | names)
+    return velocity
+
+
+def _field_names(law: ContactLaw) -> dict[str, object]:
+    paths, _ = jax.tree_util.tree_flatten_with_path(law)
+    return {str(path[-1]).lstrip("."): leaf for path, leaf in paths}
+
+
+def common_precision(law, velocity):
+    """All leaves in the precision of the widest, at least float32."""
+    leaves, structure = jax.tree.flatten((law, velocity))
+    dtype = jnp.result_type(*leaves, jnp.float32)
+    if not any(hasattr(leaf, "dtype") for leaf in leaves):
+        dtype = jnp.result_type(float)  # Python numbers alone: JAX's own precision
+    cast = [_as_dtype(leaf, dtype) for leaf in leaves]
+    return jax.tree.unflatten(structure, cast)
+
+
+def _as_dtype(leaf, dtype):
+    if isinstance(leaf, jax.Array):
+        return leaf if leaf.dtype == dtype and not leaf.weak_type else jnp.asarray(leaf, dtype)
+    return np.asarray(leaf, dtype)
+
+
+def known_regime(law: ContactLaw, velocity) -> str:
+    """Whether all impacts are known beforehand to stay elastic, or to yield."""
+    if not isinstance(law, RateIndependentLaw) or np.size(velocity) == 0:
+        return "mixed"
+    if any(is_traced(leaf) for leaf in jax.tree.leaves((law, velocity))):
+        return "mixed"
+    ratio = np.asarray(velocity) / np.asarray(law.scales().velocity)
+    limit = _elastic_velocity(law.reduced())
+    # a margin of float32's rounding: compiled code decides what is on the edge
+    if np.max(ratio) < limit * (1 - 1e-5):
+        return "elastic"
+    return "yielding" if np.min(ratio) > limit * (1 + 1e-5) else "mixed"
+
+
+def _elastic_velocity(reduced) -> float:
+    return reduced.elastic_limit ** (reduced.work_exponent / 2)
+
+
+class Impact(eqx.Module):
+    """One batch of impacts in reduced variables, with all invalid ones replaced by harmless."""
+
+    law: ContactLaw
+    velocity: Array
+    y: Array
+    valid: Array
+    elastic: Array
+
+
+def prepare(law: ContactLaw, velocity: Array, regime: str) -> Impact:
+    law_valid = law.is_valid()
+    law = jax.tree.map(lambda leaf: jnp.where(law_valid, leaf, 1.0).astype(leaf.dtype), law)
+    scale = law.scales().velocity
+    valid = law_valid & jnp.isfinite(velocity) & (velocity >= 0)
+    velocity = jnp.where(valid, velocity, 0.5 * scale)
+    y = velocity / scale
+    if not isinstance(law, RateIndependentLaw):
+        elastic = jnp.zeros(y.shape, bool)
+    elif regime == "mixed":
+        elastic = y <= _elastic_velocity(law.reduced())
+    else:
+        elastic = jnp.full(y.shape, regime == "elastic")
+    return Impact(law, velocity, y, valid, elastic)
