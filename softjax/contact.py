@@ -124,7 +124,7 @@ class Contact(eqx.Module):
     @property
     def yield_strain(self):
         """√(δ_cr/R) = π (A/R) Y/(2E) [-]: peak pressure 3kδ^{1/2}/(2πA) equal to Y (Eq. 5a)."""
-        return 0.5 * math.pi * self.area_factor / self.yield_ratio
+        return 0.5 * math.pi * self.area_factor * self.yield_strength / self.youngs_modulus
 
     @property
     def critical_overlap(self):

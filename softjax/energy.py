@@ -15,12 +15,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from softjax._numerics import implicit_root, integrate, safe_sqrt
+from softjax._numerics import implicit_root, integrate, integrate_in_a_loop, safe_sqrt
 from softjax.laws.base import Outcome, ReducedClosedForm, ReducedRateIndependent
 
 DURATION_NODES = 32
 WORK_NODES = 32
 NEWTON_STEPS = 5
+JUST_YIELDS = 0.05  # relative: the overlap at yield and the peak this close count as close
 
 
 def collide(law: ReducedRateIndependent, y: Array) -> Outcome:
@@ -82,7 +83,7 @@ def _elastic_stage(law, y):
         s = top * (1 - eta**2)
         return 4 * top * eta * s / (y * _sqrt_one_minus_power(eta, k))
 
-    return integrate(slowness, start, jnp.ones_like(start), DURATION_NODES)
+    return integrate_in_a_loop(slowness, start, jnp.ones_like(start), DURATION_NODES)
 
 
 def _sqrt_one_minus_power(eta, k):
@@ -95,14 +96,28 @@ def _yielding_stage(law, y, peak):
     top = jnp.sqrt(peak)
     start = safe_sqrt(1 - law.elastic_limit**0.5 / top)
     at_peak = work_to(law, peak)
+    just_yields = peak < (1 + JUST_YIELDS) * law.elastic_limit
 
     def slowness(eta):
         s = top * (1 - eta**2)
-        left = 2.5 * jnp.maximum(at_peak - work_to(law, s**2), 0.0)
+        # just above yield the works would cancel
+        near = _work_near_peak(law, top, top * eta**2)
+        left = jnp.where(just_yields, near, at_peak - work_to(law, s**2))
+        left = 2.5 * jnp.maximum(left, 0.0)
         tiny = jnp.finfo(left.dtype).tiny
         return 4 * top * eta * s / jnp.sqrt(jnp.maximum(left, tiny))
 
-    return integrate(slowness, jnp.zeros_like(start), start, DURATION_NODES)
+    return integrate_in_a_loop(slowness, jnp.zeros_like(start), start, DURATION_NODES)
+
+
+def _work_near_peak(law, top, drop):
+    """∫ p_L dx from √x = top - drop to √x = top, a branch so short that five nodes are exact."""
+
+    def force(t):
+        s = top - drop * t
+        return 2 * drop * s * law.loading(s**2)
+
+    return integrate(force, jnp.zeros_like(top), jnp.ones_like(top), 5)
 
 
 def _unloading_stage(law, peak, residual):
@@ -117,7 +132,7 @@ def _unloading_stage(law, peak, residual):
         moves = speed > 0
         return jnp.where(moves, 4 * drop * eta * s / jnp.where(moves, speed, 1.0), 0.0)
 
-    return integrate(slowness, jnp.zeros_like(drop), jnp.ones_like(drop), DURATION_NODES)
+    return integrate_in_a_loop(slowness, jnp.zeros_like(drop), jnp.ones_like(drop), DURATION_NODES)
 
 
 def work_to(law: ReducedRateIndependent, x: Array) -> Array:

@@ -83,7 +83,8 @@ def prepare(law: ContactLaw, velocity: Array, regime: str) -> Impact:
     if not isinstance(law, RateIndependentLaw):
         elastic = jnp.zeros(y.shape, bool)
     elif regime == "mixed":
-        elastic = y <= _elastic_velocity(law.reduced())
+        # not y <= 1: a quotient may be compiled into a product that rounds otherwise
+        elastic = velocity <= scale * _elastic_velocity(law.reduced())
     else:
         elastic = jnp.full(y.shape, regime == "elastic")
     return Impact(law, velocity, y, valid, elastic)

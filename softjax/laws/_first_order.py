@@ -1,23 +1,31 @@
 """Works and roots of the first-order form (Zhou, Eqs. 9, 10, 13–15), arranged against rounding.
 
-With s = √x everything is a polynomial. Relative to the elastic collision of the same velocity,
-s = n s_e with s_e = y^{2/5}, i = 1/s_e, m = n - i and a = d s_e², the loading branch reads
+With s = √x everything is a polynomial. Relative to any scale e of s, with n = s/e, i = 1/e,
+m = n - i and a = d e², the loading branch reads
 
-    W_L/(2/5 y²) = n⁵ - (5/2) a m³ (8/3 i⁴ + 5 i³m + 4 i²m² + 5/3 i m³ + 2/7 m⁴)
-    p_L/s_e³     = n³ - a m² (m + 2i)(m² + 2im + 2i²)
+    W_L/(2/5 e⁵) = n⁵ - (5/2) a m³ (8/3 i⁴ + 5 i³m + 4 i²m² + 5/3 i m³ + 2/7 m⁴)
+    p_L/e³       = n³ - a m² (m + 2i)(m² + 2im + 2i²)
 
-which is Eq. (9) with its five differences multiplied out: they cancel to third order in x - 1.
-All terms stay near one, so that float32 neither cancels nor overflows.
+which is Eq. (9) with its five differences multiplied out: they cancel to third order in x - 1. The
+scale is √x of the elastic collision of the same velocity, e = y^{2/5}, so that all terms stay near
+one and float32 neither cancels nor overflows.
 """
 
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import Array
 
-from softjax._numerics import implicit_fraction, implicit_root, parabolic_step, safe_sqrt
+from softjax._numerics import (
+    implicit_fraction,
+    implicit_root,
+    parabolic_step,
+    rough_power,
+    safe_sqrt,
+)
 
 # Steps that bring the worst case of E/Y from 1.5 to 1e6 and y from 1 to y_max(1 - 1e-14) to
 # rounding error, found by trying 400 000 of them.
-PEAK_STEPS = 7
+PEAK_STEPS = 3
 END_STEPS = 7
 RELEASE_STEPS = 5
 
@@ -50,21 +58,34 @@ def force_slope(n, i, a):
 
 def peak(y: Array, d: Array) -> Array:
     """x_m of W_L(x_m) = (2/5) y², Eq. (10), for 1 <= y < y_max."""
-    elastic = y**0.4
-    n = _peak_ratio(1 / elastic, d * elastic**2)
-    return jnp.square(n * elastic)
+    # any scale will do, so this one needs neither a derivative nor the last digits of y^{2/5}
+    scale = lax.stop_gradient(rough_power(y, 0.4))
+    work = (y / scale**2) * (y / scale**2) / scale
+    start = lax.stop_gradient(_peak_start(y, d, scale))
+    return jnp.square(scale * _peak_ratio(1 / scale, d * scale**2, work, start))
 
 
-def _solve_peak_ratio(i, a):
-    n = jnp.ones_like(i + a)  # the elastic overlap: left of the root, and every step stays there
+def _peak_start(y, d, scale):
+    """n between 1 and the one of y_max, as large contacts (i -> 0) have it: error below 0.04."""
+    s_end = end(d)
+    y_end = largest_velocity(d)
+    # (y/y_max)^{4/5}, from which on the way to the last turning point is a square root
+    h = jnp.sqrt(jnp.maximum(1 - (scale * y_end**-0.4) ** 2, 0.0))
+    return 1 + (s_end * y_end**-0.4 - 1) * (1 - h) * (1 - 0.52 * h)
+
+
+def _solve_peak_ratio(i, a, work, start):
+    n = start
     for _ in range(PEAK_STEPS):
         force = force_ratio(n, i, a)
         curvature = 5 * (force + n * force_slope(n, i, a))
-        n = n - parabolic_step(work_ratio(n, i, a) - 1, 5 * n * force, curvature)
+        n = n - parabolic_step(work_ratio(n, i, a) - work, 5 * n * force, curvature)
     return n
 
 
-_peak_ratio = implicit_root(_solve_peak_ratio, lambda n, i, a: work_ratio(n, i, a) - 1)
+_peak_ratio = implicit_root(
+    _solve_peak_ratio, lambda n, i, a, work, start: work_ratio(n, i, a) - work
+)
 
 
 def end(d: Array) -> Array:
@@ -153,7 +174,7 @@ def _solve_release(c3, c1, yielded, X):
 
 def _release_start(c3, c2, c1, c0):
     """Each term alone bounds the root from above (for c3 > 0; else 1 does)."""
-    cubic = jnp.where(c3 > 0, jnp.cbrt(c0 / jnp.where(c3 > 0, c3, 1.0)), 1.0)
+    cubic = jnp.where(c3 > 0, rough_power(c0 / jnp.where(c3 > 0, c3, 1.0), 1 / 3), 1.0)
     square = jnp.sqrt(c0 / jnp.where(c2 > 0, c2, 1.0))
     return jnp.minimum(jnp.minimum(cubic, square), jnp.minimum(c0 / c1, 1.0))
 

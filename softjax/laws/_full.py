@@ -22,7 +22,7 @@ from softjax._numerics import (
 )
 
 # Steps and nodes that bring E/Y from 2 to 1e6 and y from 1 to y_max to rounding error.
-PEAK_STEPS = 6
+PEAK_STEPS = 8
 RELEASE_STEPS = 7
 NODES = 20
 

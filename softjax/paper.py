@@ -1,0 +1,131 @@
+"""What the paper prints: Table 1, Eq. (18), and where its constants do not follow from them.
+
+Y. H. Zhou, Theor. Appl. Mech. Lett. 3, 021003 (2013), as far as a scan of it can be read.
+"""
+
+from typing import NamedTuple
+
+from softjax.materials import CHROME_STEEL, NYLON, STAINLESS_STEEL, Material
+
+# Eq. (18), χ̃ = c1 + c2 E/Y, with the exponent of c1 as Table 1's χ̃ need it (printed: 10³)
+UNLOADING_LINE = (3.518e-3, 3.757e-4)
+
+
+class TableEntry(NamedTuple):
+    """One column of Table 1, as printed. Both bodies are alike."""
+
+    name: str
+    material: Material
+    radii: tuple[float, ...]  # [m]
+    critical_velocity: float  # [m/s]
+    limit_velocity: float  # [m/s]
+    sigma: float  # of Eq. (17) [-]
+    psi: float  # of Eq. (17) [-]
+    yield_ratio: float  # E/Y [-]
+    chi: float  # unloading factor [-]
+    largest_ratio: float  # the end of Fig. 2's axis, y = v/v_cr [-]
+
+
+TABLE_1 = (
+    TableEntry(
+        name="stainless steel",
+        material=STAINLESS_STEEL,
+        radii=(0.0127,),
+        critical_velocity=0.0082,
+        limit_velocity=340.0,
+        sigma=3.0432,
+        psi=0.5400,
+        yield_ratio=354.75,
+        chi=0.1368,
+        largest_ratio=250.0,
+    ),
+    TableEntry(
+        name="chrome steel",
+        material=CHROME_STEEL,
+        radii=(0.0127,),
+        critical_velocity=0.9090,
+        limit_velocity=882.0,
+        sigma=0.1418,
+        psi=0.3114,
+        yield_ratio=54.25,
+        chi=0.0239,
+        largest_ratio=25.0,
+    ),
+    TableEntry(
+        name="nylon",
+        material=NYLON,
+        radii=(0.00635, 0.0127, 0.0254),
+        critical_velocity=0.8352,
+        limit_velocity=324.0,
+        sigma=0.4355,
+        psi=0.5414,
+        yield_ratio=34.34,
+        chi=0.0160,
+        largest_ratio=80.0,
+    ),
+)
+
+
+class Misprint(NamedTuple):
+    """A printed constant beside the one that follows from the paper's own equations."""
+
+    place: str
+    printed: str
+    follows: str
+    printed_value: float | None  # the number that differs, where it is one
+    derived_value: float | None
+    consequence: str
+
+
+MISPRINTS = (
+    Misprint(
+        place="Eq. (2), b³ E/R",
+        printed="b = (3πR/4E)^{1/3}",
+        follows="Hertz: b = (3R/4E)^{1/3}",
+        printed_value=2.356194490192345,
+        derived_value=0.75,
+        consequence="δ_cr is π^{4/3} = 4.60 and v_cr π^{5/3} = 6.74 times Hertz's "
+        "(`area='zhou'` and `area='hertz'`)",
+    ),
+    Misprint(
+        place="Eq. (5b)",
+        printed="160 ρ with M = 4πρR³/3",
+        follows="160 ρ holds for two equal spheres of density ρ",
+        printed_value=None,
+        derived_value=None,
+        consequence="M itself is used",
+    ),
+    Misprint(
+        place="below Eq. (10), κ (E/Y)²",
+        printed="36 (π/2)^{8/3} = 120",
+        follows="π² b² Y²/k^{4/3}: (9/16) π^{8/3} = 11.9",
+        printed_value=120.02973286,
+        derived_value=11.90845776,
+        consequence="Table 1's χ̃ go with 120, the forces with 11.9 "
+        "(`kappa='printed'` and `kappa='consistent'`)",
+    ),
+    Misprint("Eq. (10), c1/κ", "2/21", "4/21", 2 / 21, 4 / 21, "largest overlap"),
+    Misprint("Eq. (10), last coefficient/κ", "not legible", "4/9", None, 4 / 9, "largest overlap"),
+    Misprint(
+        place="Eqs. (11), (12), elastic part of unloading",
+        printed="Eq. (11) with a_p,max as written: x^{3/2} - d (x_m² - 1) √x",
+        follows="Eq. (12) has x x_m - 1 in place of x_m² - 1; followed here",
+        printed_value=None,
+        derived_value=None,
+        consequence="ε_p 0.842 against 0.782 (nylon), 0.973 against 0.962 (chrome steel)",
+    ),
+    Misprint("Eq. (15), h2/κ", "4/3", "2/3", 4 / 3, 2 / 3, "unloading work"),
+    Misprint("Eq. (15), h3/κ", "4/3", "4/9", 4 / 3, 4 / 9, "unloading work"),
+    Misprint(
+        place="Eq. (18), c1",
+        printed="3.518 × 10³",
+        follows="3.518 × 10⁻³",
+        printed_value=3.518e3,
+        derived_value=3.518e-3,
+        consequence="gives Table 1's 0.1368 and 0.0239 for the steels",
+    ),
+    Misprint("Table 1, nylon χ̃", "0.0160", "0.0164 by Eq. (18)", 0.0160, 0.0164, "χ̃ of nylon"),
+    Misprint(
+        "Table 1, chrome steel v_cr [m/s]", "0.9090", "0.9096 by Eq. (5)", 0.9090, 0.9096, "v_cr"
+    ),
+)
