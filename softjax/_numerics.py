@@ -6,6 +6,7 @@ from functools import lru_cache
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jaxtyping import Array
 
 
@@ -121,6 +122,20 @@ def rough_power(base: Array, exponent: float) -> Array:
     tiny, huge = 1e-37, 1e37
     short = jnp.clip(base, tiny, huge).astype(jnp.float32)
     return jnp.exp2(jnp.float32(exponent) * jnp.log2(short)).astype(base.dtype)
+
+
+def near_one_root(x: Array, degree: int) -> Array:
+    """The `degree`-th root of x by one step of Halley's method from six digits: 13 of them right.
+
+    A third of the cost of a full power; value and derivative converge together. 0 for x <= 0.
+    """
+    positive = x > 0
+    safe = jnp.where(positive, x, 1.0)
+    start = lax.stop_gradient(rough_power(safe, 1 / degree))
+    power = start**degree
+    up, down = degree + 1, degree - 1
+    root = start * (down * power + up * safe) / (up * power + down * safe)
+    return jnp.where(positive, root, 0.0)
 
 
 def safe_sqrt(x: Array) -> Array:

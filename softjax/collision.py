@@ -20,11 +20,12 @@ import numpy as np
 from jaxtyping import Array
 
 from softjax._bridge import over_batch, solve
-from softjax._numerics import implicit_root, integrate, parabolic_step, safe_power, safe_sqrt
+from softjax._numerics import implicit_root, integrate, near_one_root, parabolic_step, safe_sqrt
 from softjax.laws.base import Outcome, ReducedRateIndependent
 from softjax.routes import ODE
 
-RESIDUAL_STEPS = 13  # from the peak; the worst of 400 000 cases needed them all
+RESIDUAL_STEPS = 16  # from the peak; the worst of 400 000 cases needed 13
+ROUNDING = 8.0  # a step this many times the rounding error was the last
 HALF_PERIOD = {2.5: 1.4716375921622639, 2.0: 1.5707963267948966}  # ∫_0^1 dz/√(1 - z^k)
 # p_el/p is capped: where the loading force vanishes the overlap runs away instead of dividing by 0
 LARGEST_SOFTENING = 1e8
@@ -63,40 +64,53 @@ def _duration_one(law, y, route: ODE):
 
 def _loading(law, y, route: ODE, clock: bool):
     """Largest overlap, whether there is one, and the time it takes."""
-    k = law.work_exponent
-    state = (jnp.zeros_like(y), jnp.zeros_like(y)) if clock else (jnp.zeros_like(y),)
-    field = partial(_loading_field, k=k, clock=clock)
-    start, zero = _loading_start(law, y), jnp.zeros_like(y)
-    (gain, *lag), solved = solve(field, start, zero, state, (law, y), route)
-    found = (y**2 * (1 + gain)) ** (1 / k)
+    reach, start = _elastic_reach(law, y)
+    zero = jnp.zeros_like(y)
+    state = (zero, zero) if clock else (zero,)
+    field = partial(_loading_field, clock=clock)
+    (gain, *lag), solved = solve(field, start, zero, state, (law, reach), route)
+    found = jnp.square(reach * near_one_root(1 + gain, _roots(law)))
     turns = solved & (found < law.end()) & jnp.isfinite(found)
     peak = jnp.where(turns, found, 1.5)
     if not clock:
         return peak, turns
-    return peak, turns, HALF_PERIOD[k] * y ** (2 / k - 1) + lag[0]
+    return peak, turns, (HALF_PERIOD[law.work_exponent] + lag[0]) * reach**2 / y
 
 
-def _loading_start(law, y):
-    """η at the elastic limit, from which the ODE starts."""
-    return safe_sqrt(1 - law.elastic_limit**0.5 * y ** (-1 / law.work_exponent))
+def _roots(law) -> int:
+    """m = 2k, in which the elastic work is s^m with s = √x."""
+    return round(2 * law.work_exponent)
 
 
-def _loading_field(eta, state, args, *, k, clock):
-    """dζ/dη and, with a clock, the lag behind the elastic collision d(t - t_el)/dη."""
-    law, y = args
+def _elastic_reach(law, y):
+    """√x at the peak of the elastic collision, and the η at which the law stops being elastic."""
+    reach = y ** (2 / _roots(law))
+    return reach, safe_sqrt(1 - law.elastic_limit**0.5 / reach)
+
+
+def _loading_field(eta, state, args, *, clock):
+    """dζ/dη and, with a clock, the lag behind the elastic collision d(t - t_el)/dη [reach²/y]."""
+    law, reach = args
+    m = _roots(law)
     s_hat = 1 - eta**2
-    lost = s_hat ** (2 * k)
-    x = (y**2 * (lost + state[0])) ** (1 / k)
-    elastic_force = 0.4 * k * x ** (k - 1)
+    stretch = near_one_root(1 + state[0] / s_hat**m, m)  # √x over that of the elastic collision
+    s = reach * s_hat * stretch
+    elastic_force = 0.2 * m * s ** (m - 2)
     floor = elastic_force / LARGEST_SOFTENING
-    softening = elastic_force / jnp.maximum(law.loading(x), floor)
-    change = -4 * k * eta * s_hat ** (2 * k - 1) * (softening - 1)
+    softening = elastic_force / jnp.maximum(law.loading(s**2), floor)
+    change = -2 * m * eta * s_hat ** (m - 1) * (softening - 1)
     if not clock:
         return (change,)
-    speed = jnp.sqrt(-jnp.expm1(2 * k * jnp.log1p(-(eta**2))))  # x'/y
-    ratio = jnp.where(eta > 0, eta / jnp.where(eta > 0, speed, 1.0), (2 * k) ** -0.5)
-    weaker = softening * (y ** (2 / k) * s_hat**2 / x) ** (k - 1)  # elastic force at x' over p
-    return change, -4 * y ** (2 / k - 1) * s_hat * (weaker - 1) * ratio
+    weaker = softening / stretch ** (m - 2)  # the elastic collision's force at this x' over p
+    return change, -4 * s_hat * (weaker - 1) * _slowness(s_hat, m)
+
+
+def _slowness(s_hat, m: int):
+    """η y/x' = 1/√[(1 - ŝ^m)/(1 - ŝ)], the geometric sum of ŝ."""
+    total = jnp.ones_like(s_hat)
+    for _ in range(m - 1):
+        total = 1 + s_hat * total
+    return total**-0.5
 
 
 def _residual(law, peak):
@@ -111,11 +125,19 @@ def _residual(law, peak):
         f = lambda r: force(r, peak, *leaves)  # noqa: E731
         slope = jax.grad(f)
         curvature = jax.grad(slope)
-        r = jnp.ones_like(peak)
-        for _ in range(RESIDUAL_STEPS):
-            step = parabolic_step(f(r), jnp.maximum(slope(r), 0.0), curvature(r))
-            r = jnp.clip(r - step, 1e-12, 1.0)
-        return r
+
+        def step(carry):
+            r, _, count = carry
+            lower = r - parabolic_step(f(r), jnp.maximum(slope(r), 0.0), curvature(r))
+            lower = jnp.clip(lower, 1e-12, 1.0)
+            return lower, jnp.abs(lower - r), count + 1
+
+        def unfinished(carry):
+            r, change, count = carry
+            return (count < RESIDUAL_STEPS) & (change > ROUNDING * jnp.finfo(r.dtype).eps)
+
+        one = jnp.ones_like(peak)
+        return jax.lax.while_loop(unfinished, step, (one, one, 0))[0]
 
     released = law.releases(peak)
     r = implicit_root(search, force)(peak, *leaves)
@@ -197,53 +219,51 @@ def elastic_history(
     along, back = fractions
     there = _elastic_states(law, y[..., None], along)
     mirrored = _elastic_states(law, y[..., None], 1 - back)
-    period = 2 * HALF_PERIOD[law.work_exponent] * y[..., None] ** (2 / law.work_exponent - 1)
+    period = 2 * HALF_PERIOD[law.work_exponent] * y[..., None] ** (4 / _roots(law) - 1)
     returned = (period - mirrored[0], mirrored[1], -mirrored[2], mirrored[3])
     return tuple(jnp.concatenate(parts, -1) for parts in zip(there, returned, strict=True))
 
 
 def _elastic_states(law, y, fraction):
     """Time, overlap, velocity and force on elastic loading at 1 - η = fraction."""
-    k = law.work_exponent
-    s_hat, speed = _elastic_speed(fraction, k)
-    x = y ** (2 / k) * s_hat**2
-    time = y ** (2 / k - 1) * _elastic_clock(k, fraction)
-    return time, x, y * speed, 0.4 * k * x ** (k - 1)
+    m = _roots(law)
+    s_hat, speed = _elastic_speed(fraction, m)
+    reach = y ** (2 / m)
+    s = reach * s_hat
+    time = reach**2 / y * _elastic_clock(m, fraction)
+    return time, s**2, y * speed, 0.2 * m * s ** (m - 2)
 
 
-def _elastic_speed(fraction, k):
+def _elastic_speed(fraction, m: int):
+    """ŝ and x'/y where 1 - η = fraction."""
     eta = 1 - fraction
-    return 1 - eta**2, jnp.sqrt(-jnp.expm1(2 * k * _log_safe(eta)))
+    s_hat = 1 - eta**2
+    return s_hat, eta / _slowness(s_hat, m)
 
 
-def _log_safe(eta):
-    """ln(1 - η²), finite at η = 1, where the power of it is 0 all the same."""
-    return jnp.log1p(-jnp.minimum(eta**2, 1 - jnp.finfo(eta.dtype).epsneg))
-
-
-def _elastic_clock(k: float, fraction: Array) -> Array:
-    """Time to 1 - η = fraction of an elastic collision with y = 1, by quadrature."""
+def _elastic_clock(m: int, fraction: np.ndarray) -> Array:
+    """Time [reach²/y] to 1 - η = fraction of an elastic collision, by quadrature."""
 
     def slowness(eta):
-        speed = jnp.sqrt(-jnp.expm1(2 * k * _log_safe(eta)))
-        ratio = jnp.where(eta > 0, eta / jnp.where(eta > 0, speed, 1.0), (2 * k) ** -0.5)
-        return 4 * (1 - eta**2) * ratio
+        s_hat = 1 - eta**2
+        return 4 * s_hat * _slowness(s_hat, m)
 
-    return integrate(slowness, 1 - fraction, jnp.ones_like(fraction), CLOCK_NODES)
+    start = jnp.asarray(1 - fraction)
+    return integrate(slowness, start, jnp.ones_like(start), CLOCK_NODES)
 
 
 def _loading_history(law, y, along, route: ODE):
-    k = law.work_exponent
-    start = _loading_start(law, y)
+    m = _roots(law)
+    reach, start = _elastic_reach(law, y)
     # before yield, η > η_0, the deviation from the elastic collision is zero
     portion = jnp.clip(1 - (1 - along) / start, 0.0, 1.0)
-    field = partial(_loading_field, k=k, clock=True)
+    field = partial(_loading_field, clock=True)
     zero = jnp.zeros_like(y)
-    (gain, lag), solved = solve(field, start, zero, (zero, zero), (law, y), route, save=portion)
-    s_hat, speed = _elastic_speed(along, k)
-    x = safe_power(y**2 * (s_hat ** (2 * k) + gain), 1 / k)
-    time = y ** (2 / k - 1) * _elastic_clock(k, along) + lag
-    return (time, x, y * speed, law.loading(x)), solved & (x[-1] < law.end())
+    (gain, lag), solved = solve(field, start, zero, (zero, zero), (law, reach), route, save=portion)
+    s_hat, speed = _elastic_speed(along, m)
+    s = reach * s_hat * near_one_root(1 + gain / jnp.where(s_hat > 0, s_hat, 1.0) ** m, m)
+    time = reach**2 / y * (_elastic_clock(m, along) + lag)
+    return (time, s**2, y * speed, law.loading(s**2)), solved & (s[-1] ** 2 < law.end())
 
 
 def _unloading_history(law, peak, loading_time, back, route: ODE):
