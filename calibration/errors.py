@@ -1,0 +1,108 @@
+"""Refusals of input: what is wrong, what is accepted, and where it stands."""
+
+import difflib
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+
+class InputError(ValueError):
+    """A file, or a whole set of data, that cannot be used.
+
+    Attributes:
+        file: the file's path as the user gave it; None for data that came from no file.
+        line: the line of the file, from 1; None where no line is to blame.
+        problem, accepted: what is wrong and what is accepted.
+
+    `str(error)` is the one line `file:line: problem; accepted`.
+    """
+
+    def __init__(self, file: str | Path | None, line: int | None, problem: str, accepted: str):
+        super().__init__(file, line, problem, accepted)
+        self.file = None if file is None else str(file)
+        self.line = line
+        self.problem = problem
+        self.accepted = accepted
+
+    def __str__(self) -> str:
+        place = [str(part) for part in (self.file, self.line) if part is not None]
+        text = f"{self.problem}; {self.accepted}"
+        return " ".join(f"{':'.join(place)}: {text}".split()) if place else text
+
+
+class DataError(ValueError):
+    """An argument that makes no sense.
+
+    Attributes:
+        argument: its name.
+        value: what it is, as text.
+        accepted: what it must be.
+        index: which point or row, from 0; None where the whole argument is to blame.
+    """
+
+    def __init__(self, argument: str, value: Any, accepted: str, index: int | None = None):
+        super().__init__(argument, value, accepted, index)
+        self.argument = argument
+        self.value = shown(value)
+        self.accepted = accepted
+        self.index = index
+
+    def __str__(self) -> str:
+        place = "" if self.index is None else f"[{self.index}]"
+        return f"`{self.argument}{place}` must be {self.accepted}, but is {self.value}"
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where data came from: the file, the line of its header and the line of each row."""
+
+    file: str
+    line: int | None = None
+    lines: tuple[int, ...] = ()
+
+    def select(self, rows: Iterable[int]) -> "Origin":
+        """The same origin for some of its rows, in the order asked for."""
+        return Origin(self.file, self.line, tuple(self.lines[row] for row in rows))
+
+    def line_of(self, index: int | None) -> int | None:
+        """The line of one row, or of the header."""
+        return self.line if index is None else self.lines[index]
+
+    def error(self, error: DataError) -> InputError:
+        """The same refusal, told by file and line."""
+        problem = f"{error.argument} is {error.value}"
+        line = self.line_of(error.index)
+        return InputError(self.file, line, problem, f"it must be {error.accepted}")
+
+
+def shown(value: Any) -> str:
+    """A value as one short line."""
+    text = value if isinstance(value, str) else _plain(value)
+    text = " ".join(text.split())
+    return text if len(text) <= 80 else text[:77] + "..."
+
+
+def is_finite_number(value: Any) -> bool:
+    """Whether a value is a finite real number (no truth value, no whole number beyond floats)."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:
+        return False
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """` (did you mean 'x'?)`, or nothing where no known name is near."""
+    near = difflib.get_close_matches(name.lower(), list(known), n=1)
+    return f" (did you mean {near[0]!r}?)" if near else ""
+
+
+def listed(names: Iterable[str]) -> str:
+    return ", ".join(names)
+
+
+def _plain(value: Any) -> str:
+    return f"{value:.10g}" if isinstance(value, float) else repr(value)
