@@ -5,13 +5,22 @@ from softjax.empirical import empirical_restitution
 from softjax.history import History, collide
 from softjax.laws.base import (
     ContactLaw,
+    HardSphereLaw,
     RateDependentLaw,
     RateIndependentLaw,
     ReducedClosedForm,
+    ReducedHardSphere,
     ReducedRateDependent,
     ReducedRateIndependent,
     Scales,
 )
+from softjax.laws.constant import ConstantRestitution
+from softjax.laws.hertz import Hertz
+from softjax.laws.hertz_dashpot import HertzDashpot
+from softjax.laws.linear_dashpot import LinearSpringDashpot
+from softjax.laws.thornton import Thornton, thornton_restitution
+from softjax.laws.viscoelastic import ViscoelasticHertz
+from softjax.laws.walton_braun import WaltonBraun
 from softjax.laws.zhou import Zhou
 from softjax.materials import CHROME_STEEL, NYLON, STAINLESS_STEEL, Material
 from softjax.restitution import Restitution, restitution
@@ -23,24 +32,34 @@ __all__ = [
     "NYLON",
     "ODE",
     "STAINLESS_STEEL",
+    "ConstantRestitution",
     "Contact",
     "ContactLaw",
     "EnergyBalance",
+    "HardSphereLaw",
+    "Hertz",
+    "HertzDashpot",
     "History",
+    "LinearSpringDashpot",
     "Material",
     "RateDependentLaw",
     "RateIndependentLaw",
     "ReducedClosedForm",
+    "ReducedHardSphere",
     "ReducedRateDependent",
     "ReducedRateIndependent",
     "Restitution",
     "Scales",
     "Status",
+    "Thornton",
+    "ViscoelasticHertz",
+    "WaltonBraun",
     "Zhou",
     "collide",
     "empirical_restitution",
     "enable_x64",
     "restitution",
+    "thornton_restitution",
 ]
 
 

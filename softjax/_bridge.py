@@ -75,12 +75,16 @@ def solve(field, start, end, state, args, route: ODE, save=None):
     [0, 1]), and whether the solver got there. Differentiable forward only: see
     `forward_differentiated`.
     """
+    controller: dfx.AbstractStepSizeController
+    dt0: float | None
     if route.steps is None:
         tolerance = max(route.tolerance, 4 * float(jnp.finfo(start.dtype).eps))
         controller = dfx.PIDController(rtol=tolerance, atol=tolerance)
         dt0, max_steps = None, route.max_steps
     else:
-        controller, dt0, max_steps = dfx.ConstantStepSize(), 1 / route.steps, route.steps
+        # one more: in float32 their sum may end short of the whole
+        controller, max_steps = dfx.ConstantStepSize(), route.steps + 1
+        dt0 = jnp.asarray(1 / route.steps, start.dtype)
     span = end - start
 
     def scaled(t, state, args):
@@ -89,8 +93,8 @@ def solve(field, start, end, state, args, route: ODE, save=None):
     solution = dfx.diffeqsolve(
         dfx.ODETerm(scaled),
         SOLVER_CLASSES[route.solver](),
-        t0=0.0,
-        t1=1.0,
+        t0=jnp.zeros((), start.dtype),  # a Python number would make float64 of all of it
+        t1=jnp.ones((), start.dtype),
         dt0=dt0,
         y0=state,
         args=args,

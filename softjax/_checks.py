@@ -3,6 +3,8 @@
 Values that JAX is tracing cannot be looked at; they pass here and become a `Status` later.
 """
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -25,7 +27,10 @@ def as_real(value):
         return float(value) if np.isrealobj(value) and not isinstance(value, np.bool_) else value
     if isinstance(value, list | tuple):
         traced = any(is_traced(item) for item in jax.tree.leaves(value))
-        value = jnp.stack(value) if traced else np.asarray(value)
+        try:
+            value = jnp.stack(value) if traced else np.asarray(value)
+        except ValueError:  # no rectangular array of anything
+            return value
     if getattr(value, "dtype", None) is not None and np.issubdtype(value.dtype, np.integer):
         return value.astype(np.result_type(float)) if isinstance(value, np.ndarray) else value * 1.0
     return value
@@ -61,7 +66,7 @@ def check_type(name: str, value, kind: type, accepted: str) -> None:
         raise ValueError(f"`{name}` must be {accepted}, but is {_shown(value)}")
 
 
-def check_broadcast(named: dict[str, object]) -> tuple[int, ...]:
+def check_broadcast(named: dict[str, Any]) -> tuple[int, ...]:
     """The common shape of all values; raises naming the ones that do not fit together."""
     shapes = {name: np.shape(value) for name, value in named.items()}
     try:

@@ -65,14 +65,15 @@ def parabolic_step(f: Array, slope: Array, curvature: Array) -> Array:
 
     Third order, and still fast where f has nearly a double root, where Newton's method halves the
     error at best: 7 steps from the elastic overlap where Newton took over 20. Where the
-    parabola has no zero, or its vertex was passed, the step goes to the vertex.
+    parabola has no zero, or lies on its falling side away from one, the step goes to the vertex.
     """
     discriminant = slope * slope - 2 * f * curvature
-    none = (discriminant < 0) | (slope < 0)
-    tiny = jnp.finfo(f.dtype).tiny
     root = jnp.sqrt(jnp.maximum(discriminant, 0.0))
+    # beyond the top of a concave parabola (slope < 0 < f) this is its zero on the rising side
+    reach = slope + root
+    none = (discriminant < 0) | (reach <= 0) | ((slope < 0) & (curvature > 0))
     to_vertex = slope / jnp.where(none & (curvature != 0), curvature, 1.0)
-    return jnp.where(none, to_vertex, 2 * f / jnp.maximum(slope + root, tiny))
+    return jnp.where(none, to_vertex, 2 * f / jnp.where(none, 1.0, reach))
 
 
 @lru_cache

@@ -30,6 +30,7 @@ HALF_PERIOD = {2.5: 1.4716375921622639, 2.0: 1.5707963267948966}  # ∫_0^1 dz/�
 # p_el/p is capped: where the loading force vanishes the overlap runs away instead of dividing by 0
 LARGEST_SOFTENING = 1e8
 CLOCK_NODES = 32
+FIRST_REACH = 1e-5  # ŝ at which a law without an elastic stage starts: 1e-10 of the overlap
 
 
 def collide(law: ReducedRateIndependent, y: Array, route: ODE) -> Outcome:
@@ -45,12 +46,12 @@ def duration(law: ReducedRateIndependent, y: Array, route: ODE) -> tuple[Array, 
 def _collide_one(law, y, route: ODE) -> Outcome:
     peak, turns = _loading(law, y, route, clock=False)[:2]
     residual = _residual(law, peak)
-    energy = _unloading_energy(law, peak, residual, route)
+    energy = _unloading_energy(law, peak, residual, y, route)
     end = jax.lax.stop_gradient(law.end())
     return Outcome(
         peak=jnp.where(turns, peak, end),
         residual=jnp.where(turns, residual, end),
-        plastic_squared=jnp.where(turns, energy / y**2, 0.0),
+        plastic_squared=jnp.where(turns, energy, 0.0),
         turns=turns,
     )
 
@@ -85,6 +86,8 @@ def _roots(law) -> int:
 def _elastic_reach(law, y):
     """√x at the peak of the elastic collision, and the η at which the law stops being elastic."""
     reach = y ** (2 / _roots(law))
+    if law.elastic_limit == 0:
+        return reach, jnp.full_like(y, (1 - FIRST_REACH) ** 0.5)
     return reach, safe_sqrt(1 - law.elastic_limit**0.5 / reach)
 
 
@@ -114,7 +117,10 @@ def _slowness(s_hat, m: int):
 
 
 def _residual(law, peak):
-    """x* of p_U(x*) = 0, or 0, from the unloading force alone."""
+    """x* of p_U(x*) = 0, or 0, from the unloading force alone where it is not written about x*."""
+    known = law.residual(peak)
+    if known is not None:
+        return known
     leaves, structure = jax.tree.flatten(law)
 
     def force(r, peak, *leaves):
@@ -144,20 +150,19 @@ def _residual(law, peak):
     return jnp.where(released, peak * r**2, 0.0)
 
 
-def _unloading_energy(law, peak, residual, route: ODE):
-    """x'² at the end of the contact."""
-    top, bottom = jnp.sqrt(peak), safe_sqrt(residual)
+def _unloading_energy(law, peak, residual, y, route: ODE):
+    """x'²/y² at the end of the contact."""
+    # divided by y twice, not by y²: the derivative of that quotient overflows float32 at y = 1e13
+    args = (law, peak, jnp.sqrt(peak), safe_sqrt(residual), 1 / y)
 
     def field(t, state, args):
-        law, peak, top, bottom = args
+        law, peak, top, bottom, per_velocity = args
         s = top - (top - bottom) * t
-        return (5 * s * (top - bottom) * law.unloading(s**2, peak),)
+        force = law.unloading(s**2, peak) * per_velocity
+        return (5 * (s * per_velocity) * (top - bottom) * force,)
 
     zero, one = jnp.zeros_like(peak), jnp.ones_like(peak)
-    scale = peak**law.work_exponent  # of the order of y²: tolerances are relative to one
-    scaled = lambda t, state, args: (field(t, state, args)[0] / scale,)  # noqa: E731
-    (energy,), _ = solve(scaled, zero, one, (zero,), (law, peak, top, bottom), route)
-    return energy * scale
+    return solve(field, zero, one, (zero,), args, route)[0][0]
 
 
 def _unloading_time(law, peak, residual, route: ODE):

@@ -3,6 +3,7 @@
 import math
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import ArrayLike, Float
 
@@ -69,6 +70,8 @@ class Contact(eqx.Module):
         radius_1, radius_2 = as_real(radius_1), as_real(radius_2)
         check_positive("radius_1", radius_1, "length in metres")
         check_positive("radius_2", radius_2, "length in metres")
+        radii = {"radius_1": radius_1, "radius_2": radius_2}
+        check_broadcast(radii | _named(material_1=material_1, material_2=material_2))
         mass_1 = _sphere_mass(material_1, radius_1)
         mass_2 = _sphere_mass(material_2, radius_2)
         return cls(
@@ -93,6 +96,7 @@ class Contact(eqx.Module):
         check_type("wall", wall, Material, "a Material")
         radius = as_real(radius)
         check_positive("radius", radius, "length in metres")
+        check_broadcast({"radius": radius} | _named(material=material, wall=wall))
         return cls(
             youngs_modulus=_effective_modulus(material, wall),
             radius=radius,
@@ -140,8 +144,34 @@ class Contact(eqx.Module):
         # impact at exactly `critical_velocity` is elastic by all three.
         strain = self.yield_strain
         volume = self.radius * self.radius * self.radius
-        speed_squared = 16 / 15 * self.youngs_modulus * (volume / self.mass) * strain
+        speed_squared = 16 / 15 * self.youngs_modulus * _quotient(volume, self.mass) * strain
         return _sqrt(speed_squared) * (strain * strain)
+
+
+def _named(**materials: Material) -> dict[str, Field]:
+    """The properties of several materials, each by `material.property`."""
+    return {
+        f"{which}.{name}": leaf
+        for which, material in materials.items()
+        for name, leaf in material.leaves().items()
+    }
+
+
+def _quotient(a, b):
+    return a / b if isinstance(a, float) and isinstance(b, float) else _array_quotient(a, b)
+
+
+@jax.custom_jvp
+def _array_quotient(a, b):
+    """a/b, whose own derivative takes b^-2, which leaves float32's range at M = 1e-20 kg."""
+    return jnp.asarray(a) / b
+
+
+@_array_quotient.defjvp
+def _quotient_jvp(values, tangents):
+    (a, b), (change_a, change_b) = values, tangents
+    quotient = _array_quotient(a, b)
+    return quotient, (change_a - quotient * change_b) / b
 
 
 def _sphere_mass(material: Material, radius):

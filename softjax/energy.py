@@ -37,7 +37,9 @@ def collide(law: ReducedRateIndependent, y: Array) -> Outcome:
     y_safe = jnp.where(turns, y, _some_velocity_below(largest))
     peak = law.peak(y_safe) if closed else _peak(law, y_safe)
     residual, _, work = law.release(peak) if closed else _release(law, peak)
-    squared = 2.5 * (work / y_safe) / y_safe
+    # not work/y²: at y = 1e13 float32 would overflow in the derivative of the quotient
+    per_velocity = 1 / y_safe
+    squared = 2.5 * (work * per_velocity) * per_velocity
     end = jax.lax.stop_gradient(law.end())
     return Outcome(
         peak=jnp.where(turns, peak, end),

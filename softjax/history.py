@@ -8,16 +8,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
+from softjax._numerics import safe_power
 from softjax.impact import (
     Impact,
     check_law,
     check_velocity,
     common_precision,
     known_regime,
+    lifted,
     prepare,
 )
-from softjax.laws.base import ContactLaw
-from softjax.restitution import restitution_parts
+from softjax.laws.base import ContactLaw, HardSphereLaw, ReducedRateIndependent
+from softjax.restitution import bridge, restitution_parts
 from softjax.routes import ODE
 
 
@@ -73,6 +75,9 @@ def collide(
         ValueError: where concrete arguments make no sense.
     """
     check_law(law)
+    if isinstance(law, HardSphereLaw):
+        name = type(law).__name__
+        raise ValueError(f"`law` must be a law with a force, but {name} is one of hard spheres")
     route = ODE() if route is None else route
     if not isinstance(route, ODE):
         raise ValueError(f"`route` must be ODE(...), which alone has histories, but is {route!r}")
@@ -106,18 +111,31 @@ def _collide(law, velocity, samples, route, regime):
 
 
 def _reduced_history(impact: Impact, samples: int, route: ODE, regime: str):
-    from softjax import collision  # diffrax is imported when the ODE is asked for
-
     moving = jnp.where(impact.y > 0, impact.y, 1.0)
     fractions = _fractions(samples, moving.dtype)
     reduced = impact.law.reduced()
+    if not isinstance(reduced, ReducedRateIndependent):
+        return _moving_history(reduced, moving, fractions, route)  # elastic at rest alone
+    from softjax import collision  # diffrax is imported when the ODE is asked for
+
     elastic = collision.elastic_history(reduced, moving, fractions)
     if regime == "elastic":
         return elastic
     yielding = jnp.where(impact.elastic, 2.0, impact.y)
-    plastic = collision.history(reduced, yielding, fractions, route)
+    plastic = _moving_history(reduced, yielding, fractions, route)
     stays_elastic = impact.elastic[..., None]
     return [jnp.where(stays_elastic, e, p) for e, p in zip(elastic, plastic, strict=True)]
+
+
+def _moving_history(reduced, y, fractions, route: ODE):
+    k = reduced.work_exponent
+    y, below = lifted(reduced, y)
+    parts = bridge(reduced).history(reduced, y, fractions, route)
+    if below is None:
+        return parts
+    powers = (2 / k - 1, 2 / k, 1.0, 2 - 2 / k)  # of time, overlap, velocity, force
+    below = below[..., None]
+    return [part * safe_power(below, power) for part, power in zip(parts, powers, strict=True)]
 
 
 def _fractions(samples: int, dtype) -> tuple[np.ndarray, np.ndarray]:

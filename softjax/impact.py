@@ -1,5 +1,7 @@
 """A batch of impacts made ready for either route: checked, in one precision, reduced."""
 
+import math
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -7,7 +9,7 @@ import numpy as np
 from jaxtyping import Array
 
 from softjax._checks import as_real, check, check_broadcast, is_traced
-from softjax.laws.base import ContactLaw, RateIndependentLaw
+from softjax.laws.base import ContactLaw, RateIndependentLaw, ReducedRateIndependent
 
 
 def check_law(law) -> None:
@@ -32,11 +34,15 @@ def _field_names(law: ContactLaw) -> dict[str, object]:
 def common_precision(law, velocity):
     """All leaves in the precision of the widest, at least float32."""
     leaves, structure = jax.tree.flatten((law, velocity))
-    dtype = jnp.result_type(*leaves, jnp.float32)
-    if not any(hasattr(leaf, "dtype") for leaf in leaves):
-        dtype = jnp.result_type(float)  # Python numbers alone: JAX's own precision
+    # a Python number, traced or not, has no precision of its own; alone they take JAX's
+    typed = [leaf for leaf in leaves if hasattr(leaf, "dtype") and not _is_weak(leaf)]
+    dtype = jnp.result_type(*typed, jnp.float32) if typed else jnp.result_type(float)
     cast = [_as_dtype(leaf, dtype) for leaf in leaves]
     return jax.tree.unflatten(structure, cast)
+
+
+def _is_weak(leaf) -> bool:
+    return getattr(leaf, "weak_type", False)
 
 
 def _as_dtype(leaf, dtype):
@@ -47,7 +53,11 @@ def _as_dtype(leaf, dtype):
 
 def known_regime(law: ContactLaw, velocity) -> str:
     """Whether all impacts are known beforehand to stay elastic, or to yield."""
-    if not isinstance(law, RateIndependentLaw) or np.size(velocity) == 0:
+    if not isinstance(law, RateIndependentLaw):
+        return "mixed"
+    if math.isinf(law.reduced().elastic_limit):
+        return "elastic"
+    if np.size(velocity) == 0:
         return "mixed"
     if any(is_traced(leaf) for leaf in jax.tree.leaves((law, velocity))):
         return "mixed"
@@ -61,6 +71,22 @@ def known_regime(law: ContactLaw, velocity) -> str:
 
 def _elastic_velocity(reduced) -> float:
     return reduced.elastic_limit ** (reduced.work_exponent / 2)
+
+
+def lifted(reduced, y: Array) -> tuple[Array, Array | None]:
+    """Velocities whose squares do not underflow, and y over them (None: nothing was lifted).
+
+    Laws without an elastic stage act down to rest; near it they follow their elastic power law, by
+    which overlaps and times of the lifted collision are scaled back.
+    """
+    if getattr(reduced, "elastic_limit", 0.0) > 0:
+        return y, None
+    tiny = float(jnp.finfo(y.dtype).tiny)
+    # derivatives of works over y² meet y³; those of a damped collision y²
+    works = isinstance(reduced, ReducedRateIndependent)
+    least = tiny ** (0.25 if works else 0.4)
+    high = jnp.maximum(y, least)
+    return high, y / high
 
 
 class Impact(eqx.Module):
@@ -81,10 +107,12 @@ def prepare(law: ContactLaw, velocity: Array, regime: str) -> Impact:
     velocity = jnp.where(valid, velocity, 0.5 * scale)
     y = velocity / scale
     if not isinstance(law, RateIndependentLaw):
-        elastic = jnp.zeros(y.shape, bool)
+        elastic = velocity == 0  # at rest nothing is lost
     elif regime == "mixed":
         # not y <= 1: a quotient may be compiled into a product that rounds otherwise
-        elastic = velocity <= scale * _elastic_velocity(law.reduced())
+        limit = _elastic_velocity(law.reduced())
+        elastic = velocity <= scale * limit
+        y = y + jax.lax.stop_gradient(jnp.where(elastic, 0.0, jnp.maximum(limit - y, 0.0)))
     else:
         elastic = jnp.full(y.shape, regime == "elastic")
     return Impact(law, velocity, y, valid, elastic)

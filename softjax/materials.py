@@ -3,7 +3,9 @@
 import equinox as eqx
 from jaxtyping import ArrayLike, Float
 
-from softjax._checks import as_real, check, check_positive
+from softjax._checks import as_real, check, check_broadcast, check_positive
+
+Field = Float[ArrayLike, "..."]
 
 
 class Material(eqx.Module):
@@ -19,10 +21,10 @@ class Material(eqx.Module):
         ValueError: naming the property, its value and what is accepted.
     """
 
-    youngs_modulus: Float[ArrayLike, "..."] = eqx.field(converter=as_real)
-    poisson_ratio: Float[ArrayLike, "..."] = eqx.field(converter=as_real)
-    density: Float[ArrayLike, "..."] = eqx.field(converter=as_real)
-    yield_strength: Float[ArrayLike, "..."] = eqx.field(converter=as_real)
+    youngs_modulus: Field = eqx.field(converter=as_real)
+    poisson_ratio: Field = eqx.field(converter=as_real)
+    density: Field = eqx.field(converter=as_real)
+    yield_strength: Field = eqx.field(converter=as_real)
 
     def __check_init__(self):
         check_positive("youngs_modulus", self.youngs_modulus, "modulus in pascals")
@@ -34,6 +36,12 @@ class Material(eqx.Module):
         )
         check_positive("density", self.density, "density in kg/m³")
         check_positive("yield_strength", self.yield_strength, "strength in pascals")
+        check_broadcast(self.leaves())
+
+    def leaves(self) -> dict[str, Field]:
+        """The four properties by name."""
+        names = ("youngs_modulus", "poisson_ratio", "density", "yield_strength")
+        return {name: getattr(self, name) for name in names}
 
 
 # Zhou, Theor. Appl. Mech. Lett. 3, 021003 (2013), Table 1. The nylon's modulus is the bulk value;

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float, Int
 
 from softjax import energy
+from softjax._large import in_chunks
 from softjax._numerics import safe_power, safe_sqrt
 from softjax.impact import (
     Impact,
@@ -15,9 +16,19 @@ from softjax.impact import (
     check_velocity,
     common_precision,
     known_regime,
+    lifted,
     prepare,
 )
-from softjax.laws.base import ContactLaw, Outcome, RateIndependentLaw
+from softjax.laws.base import (
+    ContactLaw,
+    HardSphereLaw,
+    Outcome,
+    RateDependentLaw,
+    RateIndependentLaw,
+    ReducedHardSphere,
+    ReducedRateDependent,
+    ReducedRateIndependent,
+)
 from softjax.routes import ODE, EnergyBalance, Route, check_route
 from softjax.status import Status
 
@@ -50,7 +61,7 @@ class Restitution(eqx.Module):
         """
         regime = known_regime(self.law, self.velocity)
         law, velocity = common_precision(self.law, self.velocity)
-        return _duration(law, velocity, self.route, regime)
+        return in_chunks(_duration, law, velocity, self.route, regime)
 
     @property
     def ok(self) -> Array:
@@ -72,7 +83,8 @@ def restitution(
             for each impact.
         velocity: relative impact velocity v >= 0 [m/s], a number or an array of any shape.
         route: `EnergyBalance()` (default; rate-independent laws, exact, by far the cheapest) or
-            `ODE(...)` (any law; the equation of motion integrated by diffrax).
+            `ODE(...)` (any law with a force; the equation of motion integrated by diffrax; default
+            where the force depends on the velocity).
 
     Returns:
         A `Restitution`: `coefficient`, `plastic_coefficient`, `peak_overlap`,
@@ -98,17 +110,26 @@ def restitution(
             `jit` nothing is raised; the status says `INVALID_INPUT`.
     """
     check_law(law)
-    route = EnergyBalance() if route is None else check_route(route)
+    route = _default_route(law) if route is None else check_route(route)
     _check_law_takes(law, route)
     velocity = check_velocity(law, velocity)
     regime = known_regime(law, velocity)
     same_law, same_velocity = common_precision(law, velocity)
-    parts = restitution_parts(same_law, same_velocity, route, regime)
+    parts = in_chunks(restitution_parts, same_law, same_velocity, route, regime)
     return Restitution(law, same_velocity, *parts, route)
 
 
+def _default_route(law: ContactLaw) -> Route:
+    return ODE() if isinstance(law, RateDependentLaw) else EnergyBalance()
+
+
 def _check_law_takes(law: ContactLaw, route: Route) -> None:
-    if isinstance(route, EnergyBalance) and not isinstance(law, RateIndependentLaw):
+    if isinstance(route, ODE) and isinstance(law, HardSphereLaw):
+        raise ValueError(
+            f"`route` must be EnergyBalance() for {type(law).__name__}, which has no force to "
+            f"integrate, but is {route!r}"
+        )
+    if isinstance(route, EnergyBalance) and isinstance(law, RateDependentLaw):
         raise ValueError(
             f"`route` must be ODE(...) for {type(law).__name__}, whose force depends on the "
             "velocity, but is EnergyBalance()"
@@ -116,28 +137,34 @@ def _check_law_takes(law: ContactLaw, route: Route) -> None:
 
 
 def _outcome(impact: Impact, route: Route, regime: str) -> Outcome:
-    if not isinstance(impact.law, RateIndependentLaw):
-        from softjax import collision
-
-        moving = jnp.where(impact.y > 0, impact.y, 1.0)
-        return collision.collide_rate_dependent(impact.law.reduced(), moving, route)
     reduced = impact.law.reduced()
     elastic = _elastic_outcome(reduced, impact.y)
     if regime == "elastic":
         return elastic
     yielding = jnp.where(impact.elastic, 2.0, impact.y)
-    plastic = _collide(route)(reduced, yielding)
+    plastic = _collide(reduced, yielding, route)
     if regime == "yielding":
         return plastic
     return jax.tree.map(lambda e, p: jnp.where(impact.elastic, e, p), elastic, plastic)
 
 
-def _collide(route: Route):
-    if isinstance(route, ODE):
-        from softjax import collision  # diffrax is imported when the ODE is asked for
+def _collide(reduced, y, route: Route) -> Outcome:
+    if isinstance(reduced, ReducedHardSphere):
+        return reduced.collide(y)
+    y, below = lifted(reduced, y)
+    ode = isinstance(route, ODE)
+    outcome = bridge(reduced).collide(reduced, y, route) if ode else energy.collide(reduced, y)
+    if below is None:
+        return outcome
+    shrunk = safe_power(below, 2 / reduced.work_exponent)
+    return outcome._replace(peak=outcome.peak * shrunk, residual=outcome.residual * shrunk)
 
-        return partial(collision.collide, route=route)
-    return energy.collide
+
+def bridge(reduced):
+    """The module that integrates the law; diffrax is imported when the ODE is asked for."""
+    from softjax import collision, rate_dependent
+
+    return rate_dependent if isinstance(reduced, ReducedRateDependent) else collision
 
 
 def _elastic_outcome(reduced, y) -> Outcome:
@@ -177,7 +204,6 @@ def _status(impact: Impact, outcome: Outcome, squared, at_limit) -> Array:
     answered = yields & outcome.turns
     conditions = {
         Status.ELASTIC: impact.elastic,
-        Status.ENERGY_GAIN: answered & (outcome.plastic_squared > 1),
         Status.NO_REBOUND: answered & (squared < 0),
         Status.NO_TURNING_POINT: yields & ~outcome.turns,
         Status.ABOVE_LIMIT_VELOCITY: at_limit,
@@ -188,6 +214,8 @@ def _status(impact: Impact, outcome: Outcome, squared, at_limit) -> Array:
         conditions |= {
             Status.NO_RESIDUAL_OVERLAP: answered & ~reduced.releases(outcome.peak),
             Status.BEYOND_EXPANSION: yields & reduced.beyond_expansion(outcome.peak),
+            # a dashpot gives no energy back; above 1 it can only be by rounding
+            Status.ENERGY_GAIN: answered & (outcome.plastic_squared > 1),
         }
     flags = jnp.zeros(impact.y.shape, jnp.int32)
     for flag, holds in conditions.items():
@@ -204,21 +232,27 @@ def _duration(law, velocity, route, regime):
 
 
 def _reduced_duration(impact: Impact, route: Route, regime: str):
-    moving = jnp.where(impact.y > 0, impact.y, 1.0)
-    if not isinstance(impact.law, RateIndependentLaw):
-        from softjax import collision
-
-        return collision.rate_dependent_duration(impact.law.reduced(), moving, route)
     reduced = impact.law.reduced()
+    moving = jnp.where(impact.y > 0, impact.y, 1.0)
+    if not isinstance(reduced, ReducedRateIndependent):
+        return _plastic_duration(reduced, moving, route)  # elastic at rest alone
     elastic = energy.elastic_duration(reduced, moving)
     if regime == "elastic":
         return elastic, jnp.ones_like(impact.elastic)
     yielding = jnp.where(impact.elastic, 2.0, impact.y)
-    if isinstance(route, ODE):
-        from softjax import collision
-
-        plastic, turns = collision.duration(reduced, yielding, route)
-    else:
-        outcome = energy.collide(reduced, yielding)
-        plastic, turns = energy.duration(reduced, yielding, outcome), outcome.turns
+    plastic, turns = _plastic_duration(reduced, yielding, route)
     return jnp.where(impact.elastic, elastic, plastic), impact.elastic | turns
+
+
+def _plastic_duration(reduced, y, route: Route):
+    if isinstance(reduced, ReducedHardSphere):
+        return jnp.zeros_like(y), jnp.ones_like(y, dtype=bool)
+    y, below = lifted(reduced, y)
+    if isinstance(route, ODE):
+        time, turns = bridge(reduced).duration(reduced, y, route)
+    else:
+        outcome = energy.collide(reduced, y)
+        time, turns = energy.duration(reduced, y, outcome), outcome.turns
+    if below is None:
+        return time, turns
+    return time * safe_power(below, 2 / reduced.work_exponent - 1), turns

@@ -70,7 +70,7 @@ def check_route(route) -> Route:
 
 
 def _is_number_in(value, low, high) -> bool:
-    return isinstance(value, int | float | np.number) and low <= value <= high
+    return isinstance(value, int | float | np.number) and bool(low <= value <= high)
 
 
 def _is_count(value) -> bool:

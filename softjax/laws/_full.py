@@ -4,12 +4,13 @@ With ε = 2d/3 the rim's part of the loading force is (x - ε(x² - 1))^{3/2} an
 
     x - ε(x² - 1) = ε (x_e - x)(x + 1/x_e),   x_e = [1 + √(1 + 4ε²)]/(2ε)
 
-so that with x + 1/x_e = ℓ sin²φ, ℓ = x_e + 1/x_e, its work is (ε^{3/2} ℓ⁴/8) ∫ sin⁴2φ dφ. The
-elementary antiderivative cancels badly at small d; Gauss–Legendre quadrature in φ is exact to
+so that with x + 1/x_e = ℓ sin²φ, ℓ = x_e + 1/x_e, its work is 2 (ε ℓ)^{3/2} ℓ^{5/2} ∫ (cosφ sinφ)⁴ dφ.
+The elementary antiderivative cancels badly at small d; Gauss–Legendre quadrature in φ is exact to
 rounding over the whole range, its end included, since the integrand is a trigonometric polynomial.
 """
 
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import Array
 
 from softjax._numerics import (
@@ -22,7 +23,7 @@ from softjax._numerics import (
 )
 
 # Steps and nodes that bring E/Y from 2 to 1e6 and y from 1 to y_max to rounding error.
-PEAK_STEPS = 8
+PEAK_STEPS = 9
 RELEASE_STEPS = 7
 NODES = 20
 
@@ -55,11 +56,15 @@ def loading_work(x: Array, d: Array) -> Array:
 
 
 def _rim_work(x, d):
-    """∫_1^x (x - ε(x² - 1))^{3/2} dx."""
-    e = 2 / 3 * d
-    span = jnp.sqrt(1 + 4 * e**2)  # ε ℓ
-    integral = integrate(lambda phi: jnp.sin(2 * phi) ** 4, _angle(1.0, d), _angle(x, d), NODES)
-    return span**4 / (8 * e**2 * jnp.sqrt(e)) * integral
+    """∫_1^x (x - ε(x² - 1))^{3/2} dx, scaled by the power of x that it is for small ε."""
+    first, last = _angle(1.0, d), _angle(x, d)
+    sine = jnp.sin(last)
+    start = first / last
+    power = lambda t: (jnp.sin(2 * last * t) / (2 * sine)) ** 4  # noqa: E731
+    integral = integrate(power, start, jnp.ones_like(start), NODES)
+    span = jnp.sqrt(1 + 4 * (2 / 3 * d) ** 2)  # ε ℓ
+    width = safe_sqrt(x + 1 / end(d))  # √ℓ sinφ
+    return 2 * span * jnp.sqrt(span) * width**5 * (last / sine) * integral
 
 
 def largest_velocity(d: Array) -> Array:
@@ -82,20 +87,22 @@ def peak(y: Array, d: Array) -> Array:
 
 
 def _peak_residual(s, y, d):
-    return 2.5 * loading_work(s**2, d) / y**2 - 1
+    per_velocity = 1 / y  # the derivative of a quotient by y² would overflow float32 at y = 1e13
+    return 2.5 * (loading_work(s**2, d) * per_velocity) * per_velocity - 1
 
 
 def _solve_peak(y, d):
     limit = jnp.sqrt(end(d))
-    s = jnp.minimum(y**0.4, limit)
-    for _ in range(PEAK_STEPS):
+
+    def step(_, s):
         x = s**2
         force = _force(x, d)
         slope = 5 * s * force / y**2
         curvature = 5 * (force + 2 * x * _force_slope(x, d)) / y**2
-        step = parabolic_step(_peak_residual(s, y, d), slope, curvature)
-        s = jnp.clip(s - step, 1.0, limit)
-    return s
+        return jnp.clip(s - parabolic_step(_peak_residual(s, y, d), slope, curvature), 1.0, limit)
+
+    # a loop in the compiled code, since each step is a quadrature; it is never differentiated
+    return lax.fori_loop(0, PEAK_STEPS, step, jnp.minimum(y**0.4, limit))
 
 
 _peak_root = implicit_root(_solve_peak, _peak_residual)
@@ -137,7 +144,8 @@ def _work(peak, f, g, a, b, c, X):
     high, low = safe_sqrt(a + b), safe_sqrt(a * f + b)
     # ∫ (af+b)^{3/2} df = (2/5)(high⁵ - low⁵)/a, and a g = high² - low²
     quintic = (((high + low) * high + low**2) * high + low**3) * high + low**4
-    return peak * g * (0.4 * quintic / (high + low) + c * (1 - 0.5 * X * g))
+    both = jnp.maximum(high + low, jnp.finfo(g.dtype).tiny)
+    return peak * g * (0.4 * quintic / both + c * (1 - 0.5 * X * g))
 
 
 def _release_residual(f, a, b, c, X):
@@ -149,7 +157,8 @@ def _solve_release(a, b, c, X):
     for _ in range(RELEASE_STEPS):
         low = safe_sqrt(a * f + b)
         slope = 1.5 * a * low + c * X
-        step = parabolic_step(_release_residual(f, a, b, c, X), slope, 0.75 * a**2 / low)
+        curvature = 0.75 * a**2 / jnp.where(low > 0, low, jnp.inf)
+        step = parabolic_step(_release_residual(f, a, b, c, X), slope, curvature)
         f = jnp.clip(f - step, 0.0, 1.0)
     g = 1 - f  # to full relative precision: one step of the same equation written in g
     residual = power_3_2(a + b - a * g) + c * (1 - X * g)

@@ -10,21 +10,27 @@ With Hertz's law and first yield as scales (L = δ_cr, V = v_cr) this is p = x^{
 
     ContactLaw
     ├── RateIndependentLaw    force depends on the overlap and its peak: energy balance or ODE
-    └── RateDependentLaw      force depends on the velocity as well: ODE only
+    ├── RateDependentLaw      force depends on the velocity as well: ODE only
+    └── HardSphereLaw         no force, only ε: nothing to integrate, no history
 
     ReducedRateIndependent    loading and unloading force
     └── ReducedClosedForm     their works and roots too, so that nothing is left to quadrature
-    ReducedRateDependent      force(overlap, velocity)
+    ReducedRateDependent      elastic and dissipative(overlap, velocity) force, and where they end
+    ReducedHardSphere         ε²
 """
 
 from abc import abstractmethod
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from softjax._numerics import safe_power
 from softjax.contact import Contact
+
+End = Literal["zero-overlap", "zero-force"]  # where a contact with damping ends
+ENDS = ("zero-overlap", "zero-force")
 
 
 class Scales(NamedTuple):
@@ -53,6 +59,7 @@ class ReducedRateIndependent(eqx.Module):
 
     Up to `elastic_limit` loading and unloading follow one power law with work (2/5) x^k,
     k = `work_exponent`: p = x^{3/2} with Hertz's 5/2, p = (4/5) x with the linear spring's 2.
+    A law that never leaves this stage has the limit infinity, one without it 0.
     """
 
     work_exponent: ClassVar[float] = 2.5
@@ -69,6 +76,10 @@ class ReducedRateIndependent(eqx.Module):
     def releases(self, peak: Array) -> Array:
         """Whether the unloading force vanishes at some positive overlap."""
         return self.unloading(jnp.zeros_like(peak), peak) < 0
+
+    def residual(self, peak: Array) -> Array | None:
+        """x* where the law writes its unloading force about it; None leaves its root to search."""
+        return None
 
     def end(self) -> Array:
         """The overlap at which the loading force vanishes or ends; infinite where it never does."""
@@ -107,17 +118,45 @@ class ReducedClosedForm(ReducedRateIndependent):
 
 
 class ReducedRateDependent(eqx.Module):
-    """A force of the overlap x and the velocity x'."""
+    """An elastic force with work (2/5) x^k, k = `work_exponent`, and one that takes energy.
+
+    `ends_at` says where the contact ends: where the overlap vanishes again, or where the damping
+    force cancels the elastic one. For the latter their ratio must grow throughout unloading; it
+    does where |p_D|/(|x'| x^{k-1}) falls with x.
+    """
+
+    work_exponent: ClassVar[float] = 2.5
+    ends_at: eqx.AbstractVar[str]
 
     @abstractmethod
+    def dissipative(self, x: Array, velocity: Array) -> Array:
+        """p_D(x, x'), of the sign of x' and zero with it."""
+
+    def elastic(self, x: Array) -> Array:
+        """p_E(x)."""
+        return 0.4 * self.work_exponent * safe_power(x, self.work_exponent - 1)
+
     def force(self, x: Array, velocity: Array) -> Array:
-        """p(x, x')."""
+        """p(x, x') = p_E + p_D."""
+        return self.elastic(x) + self.dissipative(x, velocity)
+
+
+class ReducedHardSphere(eqx.Module):
+    """ε² and nothing else: no force, no overlap, no duration."""
+
+    work_exponent: ClassVar[float] = 2.5  # of no force: at rest the overlap is zero all the same
+    restitution_squared: Array
+
+    def collide(self, y: Array) -> Outcome:
+        squared = self.restitution_squared + jnp.zeros_like(y)
+        zero = jnp.zeros_like(squared)
+        return Outcome(zero, zero, squared, jnp.ones_like(squared, dtype=bool))
 
 
 class ContactLaw(eqx.Module):
     """A contact law of two bodies, in SI units.
 
-    Subclass `RateIndependentLaw` or `RateDependentLaw`, not this.
+    Subclass `RateIndependentLaw`, `RateDependentLaw` or `HardSphereLaw`, not this.
     """
 
     contact: eqx.AbstractVar[Contact]
@@ -125,6 +164,11 @@ class ContactLaw(eqx.Module):
     @abstractmethod
     def scales(self) -> Scales:
         """The overlap [m] and velocity [m/s] in which the reduced law is written."""
+
+    def force_scale(self):
+        """(5/4) M V²/L [N]."""
+        scales = self.scales()
+        return 1.25 * self.contact.mass * scales.velocity * (scales.velocity / scales.overlap)
 
     def is_valid(self) -> Array:
         """Whether all fields are numbers the law accepts (where tracing kept them unchecked)."""
@@ -146,11 +190,6 @@ class RateIndependentLaw(ContactLaw):
     def reduced(self) -> ReducedRateIndependent:
         """The law in the units of `scales`."""
 
-    def force_scale(self):
-        """(5/4) M V²/L [N]."""
-        scales = self.scales()
-        return 1.25 * self.contact.mass * scales.velocity * (scales.velocity / scales.overlap)
-
     def loading_force(self, overlap) -> Array:
         """Contact force [N] on loading at `overlap` [m]."""
         x = jnp.asarray(overlap) / self.scales().overlap
@@ -169,6 +208,24 @@ class RateDependentLaw(ContactLaw):
     @abstractmethod
     def reduced(self) -> ReducedRateDependent:
         """The law in the units of `scales`."""
+
+    def force(self, overlap, velocity) -> Array:
+        """Contact force [N] at `overlap` [m] and its rate `velocity` [m/s]."""
+        scales = self.scales()
+        x, u = jnp.asarray(overlap) / scales.overlap, jnp.asarray(velocity) / scales.velocity
+        return self.force_scale() * self.reduced().force(x, u)
+
+
+class HardSphereLaw(ContactLaw):
+    """A law that gives ε without a force: instantaneous, without overlap, without a history."""
+
+    @abstractmethod
+    def reduced(self) -> ReducedHardSphere:
+        """ε²."""
+
+    def scales(self) -> Scales:
+        """No scale enters; any will do."""
+        return Scales(jnp.asarray(self.contact.radius), jnp.asarray(self.contact.limit_velocity))
 
 
 def positive(leaf) -> Array:

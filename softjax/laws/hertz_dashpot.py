@@ -1,0 +1,99 @@
+"""Hertz's spring with the dashpot that makes ε the same at all velocities.
+
+Y. Tsuji, T. Tanaka and T. Ishida, Lagrangian numerical simulation of plug flow of cohesionless
+particles in a horizontal pipe, Powder Technol. 71, 239 (1992); the relation of damping and ε:
+D. Antypov and J. A. Elliott, On an analytical solution for the damped Hertzian spring,
+Europhys. Lett. 94, 50004 (2011).
+"""
+
+import math
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+from softjax._checks import as_real, check, check_broadcast, check_choice, check_type
+from softjax._numerics import safe_power
+from softjax.contact import Contact
+from softjax.laws.base import ENDS, End, RateDependentLaw, ReducedRateDependent, Scales
+from softjax.laws.hertz import hertz_scales
+from softjax.laws.linear_dashpot import check_restitution, damping_fraction, is_restitution
+
+Field = Float[ArrayLike, "..."]
+
+
+class HertzDashpot(RateDependentLaw):
+    """Hertz's force beside a dashpot ∝ δ^{1/4}, set to a wanted ε: ε is an input.
+
+        P = k δ^{3/2} + α √(M k) δ^{1/4} δ',    α = √5 (-ln ε)/√(π² + ln²ε)
+
+    The substitution δ^{5/4} turns it into the linear dashpot with ξ = α/√5 over another time, so
+    that ε depends on no velocity and is that of `LinearSpringDashpot` for either end:
+
+        "zero-overlap"  δ = 0: the ε that goes in comes out; just before, the force pulls.
+        "zero-force"    P = 0, no attraction: with w = √(1 - ξ²)
+                        exp[-(ξ/w) atan2(2ξw, 2ξ² - 1)], more than the ε that goes in.
+
+    Symbols: P force [N]; δ overlap [m], δ' its rate [m/s]; k, M: `contact.stiffness` [N/m^1.5],
+    `.mass` [kg]; α, ξ [-]; ε = `restitution` [-].
+
+    Not to be confused with `ViscoelasticHertz`, whose damping ∝ √δ follows from the material's
+    viscosity and makes ε fall with velocity.
+
+    Attributes:
+        contact: the two bodies; their yield strength and limit velocity do not enter.
+        restitution: ε in (0, 1] [-] of the "zero-overlap" end; for the other end a measure of
+            damping.
+        end: "zero-overlap" (default) or "zero-force".
+
+    Source: Tsuji, Tanaka and Ishida, Powder Technol. 71, 239 (1992); α(ε): Antypov and Elliott,
+    Europhys. Lett. 94, 50004 (2011).
+    Range: an effective law for granular simulations; the dashpot is no property of the material.
+
+    Raises:
+        ValueError: naming the field, its value and what is accepted.
+    """
+
+    contact: Contact
+    restitution: Field = eqx.field(converter=as_real)
+    end: End = eqx.field(static=True, default="zero-overlap")
+
+    def __check_init__(self):
+        check_type("contact", self.contact, Contact, "a Contact")
+        check_restitution(self.restitution)
+        check_choice("end", self.end, ENDS)
+        check_broadcast(self.contact.leaves() | {"restitution": self.restitution})
+
+    @classmethod
+    def from_damping(
+        cls, contact: Contact, alpha: Field, end: End = "zero-overlap"
+    ) -> "HertzDashpot":
+        """The law of a given dashpot coefficient α in [0, √5) [-], as other programs take it.
+
+        Raises:
+            ValueError: naming the argument, its value and what is accepted.
+        """
+        alpha = as_real(alpha)
+        accepted = "a dashpot coefficient in [0, √5)"
+        check("alpha", alpha, lambda a: (a >= 0) & (a < math.sqrt(5)), accepted)
+        fraction = jnp.asarray(alpha) / math.sqrt(5)
+        return cls(contact, jnp.exp(-math.pi * fraction / jnp.sqrt(1 - fraction**2)), end)
+
+    def scales(self) -> Scales:
+        return hertz_scales(self.contact)
+
+    def reduced(self) -> "ReducedHertzDashpot":
+        return ReducedHertzDashpot(damping_fraction(self.restitution), self.end)
+
+    def is_valid(self) -> Array:
+        return super().is_valid() & is_restitution(self.restitution)
+
+
+class ReducedHertzDashpot(ReducedRateDependent):
+    """x'' = -(5/4) (x^{3/2} + 2ξ x^{1/4} x')."""
+
+    damping: Array
+    ends_at: End = eqx.field(static=True)
+
+    def dissipative(self, x: Array, velocity: Array) -> Array:
+        return 2 * self.damping * safe_power(x, 0.25) * velocity

@@ -1,0 +1,123 @@
+"""The linear spring with a linear dashpot.
+
+P. A. Cundall and O. D. L. Strack, A discrete numerical model for granular assemblies,
+Géotechnique 29, 47 (1979); for the two ends of the contact T. Schwager and T. Pöschel, Coefficient
+of restitution and linear-dashpot model revisited, Granular Matter 9, 465 (2007).
+"""
+
+import math
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+from softjax._checks import (
+    as_real,
+    check,
+    check_broadcast,
+    check_choice,
+    check_positive,
+    check_type,
+)
+from softjax.contact import Contact
+from softjax.laws.base import (
+    ENDS,
+    End,
+    RateDependentLaw,
+    ReducedRateDependent,
+    Scales,
+    all_of,
+    positive,
+)
+
+Field = Float[ArrayLike, "..."]
+
+
+class LinearSpringDashpot(RateDependentLaw):
+    """A linear spring beside a linear dashpot, set to a wanted ε: ε is an input.
+
+        P = K δ + 2 ξ √(K M) δ',    ξ = -ln ε/√(π² + ln²ε),    ω0 = √(K/M)
+
+    Where the contact ends, which no textbook agrees on:
+
+        "zero-overlap"  δ = 0: the ε that goes in comes out and T = π/(ω0 √(1 - ξ²)) grows without
+                        bound as ε → 0; just before, the force pulls.
+        "zero-force"    P = 0, no attraction: with w = √(1 - ξ²) the contact takes
+                        T = atan2(2ξw, 2ξ² - 1)/(ω0 w), which tends to 2/ω0 as ε → 0, and gives
+                        exp[-(ξ/w) atan2(2ξw, 2ξ² - 1)], more than the ε that goes in.
+
+    Symbols: P force [N]; δ overlap [m], δ' its rate [m/s]; K = `stiffness` [N/m];
+    M = `contact.mass` [kg]; ξ fraction of critical damping [-]; ε = `restitution` [-];
+    T duration [s].
+
+    Not to be confused with `HertzDashpot`, the same ε with Hertz's spring, whose duration falls
+    with the impact velocity; here ε and T are the same at all velocities.
+
+    Attributes:
+        contact: the two bodies; only their mass enters (the radius is the unit of length).
+        stiffness: K > 0 [N/m].
+        restitution: ε in (0, 1] [-] of the "zero-overlap" end; for the other end a measure of
+            damping.
+        end: "zero-overlap" (default) or "zero-force".
+
+    Source: Cundall and Strack, Géotechnique 29, 47 (1979); Schwager and Pöschel, Granular Matter
+    9, 465 (2007).
+    Range: an effective law for granular simulations; K is no property of the material.
+
+    Raises:
+        ValueError: naming the field, its value and what is accepted.
+    """
+
+    contact: Contact
+    stiffness: Field = eqx.field(converter=as_real)
+    restitution: Field = eqx.field(converter=as_real)
+    end: End = eqx.field(static=True, default="zero-overlap")
+
+    def __check_init__(self):
+        check_type("contact", self.contact, Contact, "a Contact")
+        check_positive("stiffness", self.stiffness, "stiffness in N/m")
+        check_restitution(self.restitution)
+        check_choice("end", self.end, ENDS)
+        own = {"stiffness": self.stiffness, "restitution": self.restitution}
+        check_broadcast(self.contact.leaves() | own)
+
+    def scales(self) -> Scales:
+        """R, and R ω0."""
+        radius = jnp.asarray(self.contact.radius)
+        frequency = jnp.sqrt(self.stiffness) / jnp.sqrt(self.contact.mass)
+        return Scales(radius, radius * frequency)
+
+    def reduced(self) -> "ReducedLinearDashpot":
+        return ReducedLinearDashpot(damping_fraction(self.restitution), self.end)
+
+    def is_valid(self) -> Array:
+        own = positive(self.stiffness), is_restitution(self.restitution)
+        return all_of(super().is_valid(), *own)
+
+
+class ReducedLinearDashpot(ReducedRateDependent):
+    """x'' = -x - 2ξ x'."""
+
+    work_exponent = 2.0
+
+    damping: Array
+    ends_at: End = eqx.field(static=True)
+
+    def dissipative(self, x: Array, velocity: Array) -> Array:
+        return 1.6 * self.damping * velocity
+
+
+def check_restitution(value) -> None:
+    """Raise unless `restitution` is a number that a finite damping can give."""
+    accepted = "a coefficient of restitution in (0, 1]"
+    check("restitution", value, lambda e: (e > 0) & (e <= 1), accepted)
+
+
+def is_restitution(value) -> Array:
+    return positive(value) & (jnp.asarray(value) <= 1)
+
+
+def damping_fraction(restitution) -> Array:
+    """ξ = -ln ε/√(π² + ln²ε), the fraction of critical damping that gives ε [-]."""
+    loss = -jnp.log(restitution)
+    return loss / jnp.sqrt(math.pi**2 + loss**2)

@@ -1,0 +1,184 @@
+"""Thornton's elastic–perfectly plastic law of two spheres.
+
+C. Thornton, Coefficient of restitution for collinear collisions of elastic–perfectly plastic
+spheres, J. Appl. Mech. 64, 383 (1997).
+
+In the units of first yield, x = δ/δ_y and forces in k δ_y^{3/2}, nothing is left but y = v/V_y.
+"""
+
+from dataclasses import replace
+from typing import Literal
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+from softjax._checks import (
+    as_real,
+    check,
+    check_broadcast,
+    check_choice,
+    check_positive,
+    check_type,
+)
+from softjax._numerics import safe_power
+from softjax.contact import Contact
+from softjax.laws.base import RateIndependentLaw, ReducedClosedForm, Scales, positive
+
+Field = Float[ArrayLike, "..."]
+Area = Literal["hertz", "contact"]
+AREAS = ("hertz", "contact")
+
+
+class Thornton(RateIndependentLaw):
+    """Hertz's force up to yield, a straight line beyond, Hertz's with a larger radius back.
+
+        loading, δ <= δ_y:  P = k δ^{3/2}
+        loading, δ > δ_y:   P = P_y + π p_y R (δ - δ_y)
+        unloading:          P = 4/3 E √R_p (δ - δ*)^{3/2},  R_p = R k δ_max^{3/2}/P_max
+        with                δ_y = R (π p_y/2E)²,  V_y = √(4k/5M) δ_y^{5/4}
+
+    which gives, with r = V_y/v < 1,
+
+        ε = √(6√3/5) √(1 - r²/6) [r/(r + 2√(6/5 - r²/5))]^{1/4}      (`thornton_restitution`)
+
+    Symbols: P force [N]; δ overlap, δ* what remains of it [m]; k, E, R, M:
+    `contact.stiffness` [N/m^1.5], `.youngs_modulus` [Pa], `.radius` [m], `.mass` [kg];
+    p_y = `yield_factor` · `contact.yield_strength`, the limiting contact pressure [Pa].
+
+    Not to be confused with `WaltonBraun`, which is linear from the first touch on, or with `Zhou`,
+    where loading after yield is no straight line and unloading steepens with the factor χ̃.
+
+    Attributes:
+        contact: the two bodies.
+        yield_factor: p_y/Y [-], > 0; 1 by default, 1.6 (first yield below the surface) to 2.8
+            (indentation hardness) in the literature. V_y grows with its power 5/2.
+        area: "hertz" (default), V_y of Hertz's contact area whatever `contact.area` is: what the
+            formula's author means; or "contact", V_y the critical velocity of the contact as it
+            is, for comparison with laws that yield there.
+
+    Source: Thornton, J. Appl. Mech. 64, 383 (1997).
+    Range: no hardening, and plastic deformation confined to the contact: V_y up to some hundred
+    V_y; far beyond, measured ε falls faster or slower than v^{-1/4}.
+
+    Raises:
+        ValueError: naming the field, its value and what is accepted.
+    """
+
+    contact: Contact
+    yield_factor: Field = eqx.field(converter=as_real, default=1.0)
+    area: Area = eqx.field(static=True, default="hertz")
+
+    def __check_init__(self):
+        _check_fields(self.contact, self.yield_factor, self.area)
+
+    def scales(self) -> Scales:
+        """δ_y and V_y."""
+        yielding = _yielding_contact(self.contact, self.yield_factor, self.area)
+        return Scales(yielding.critical_overlap, yielding.critical_velocity)
+
+    def reduced(self) -> "ReducedThornton":
+        return ReducedThornton()
+
+    def is_valid(self) -> Array:
+        return super().is_valid() & positive(self.yield_factor)
+
+
+def thornton_restitution(
+    contact: Contact,
+    velocity: Float[ArrayLike, "..."],
+    yield_factor: Field = 1.0,
+    area: Area = "hertz",
+) -> Array:
+    """ε = √(6√3/5) √(1 - r²/6) [r/(r + 2√(6/5 - r²/5))]^{1/4}, r = V_y/v; 1 for v <= V_y.
+
+    The closed form of Thornton, J. Appl. Mech. 64, 383 (1997); `Thornton` is its force law.
+
+    Args:
+        contact: the two bodies.
+        velocity: relative impact velocity v >= 0 [m/s], a number or an array of any shape.
+        yield_factor: contact yield pressure p_y as a factor of the contact's yield strength [-].
+        area: "hertz": V_y is the critical velocity of Hertz's contact area; "contact": that of
+            `contact` as it is.
+
+    Returns:
+        The coefficient of restitution [-], of the broadcast shape; gradient 0 for v <= V_y.
+
+    Raises:
+        ValueError: naming the argument, its value and what is accepted.
+    """
+    velocity, yield_factor = as_real(velocity), as_real(yield_factor)
+    check("velocity", velocity, lambda v: v >= 0, "a finite impact velocity in m/s, zero or more")
+    _check_fields(contact, yield_factor, area, velocity=velocity)
+    scale = _yielding_contact(contact, yield_factor, area).critical_velocity
+    velocity = jnp.asarray(velocity)
+    yields = velocity > scale
+    r = jnp.where(yields, scale / jnp.where(yields, velocity, 2.0 * scale), 1.0)
+    root = jnp.sqrt(1.2 - 0.2 * r * r)
+    # √(6√3/5) √(1 - r²/6) = 3^{1/4} √(6/5 - r²/5)
+    return jnp.where(yields, root * (3 * r / (r + 2 * root)) ** 0.25, 1.0)
+
+
+def _check_fields(contact, yield_factor, area, **others) -> None:
+    check_type("contact", contact, Contact, "a Contact")
+    check_positive("yield_factor", yield_factor, "factor of the yield strength")
+    check_choice("area", area, AREAS)
+    check_broadcast(contact.leaves() | {"yield_factor": yield_factor} | others)
+
+
+def _yielding_contact(contact: Contact, yield_factor, area: Area) -> Contact:
+    """The contact whose first yield is δ_y and V_y: at the pressure p_y, of the area asked for."""
+    pressure = yield_factor * contact.yield_strength
+    return replace(
+        contact,
+        yield_strength=pressure,
+        area="hertz" if area == "hertz" else contact.area,
+    )
+
+
+class ReducedThornton(ReducedClosedForm):
+    """p_L = x^{3/2}, then 1 + (3/2)(x - 1); p_U = p_m [(x - x*)/(x_m - x*)]^{3/2}.
+
+    x_m - x* = p_m/√x_m: the contact radius at the peak is that of both loading and unloading.
+    """
+
+    def loading(self, x: Array) -> Array:
+        return jnp.where(x > 1, 1 + 1.5 * (x - 1), x * jnp.sqrt(x))
+
+    def unloading(self, x: Array, peak: Array) -> Array:
+        recovered = self._recovered(peak)
+        part = 1 - (peak - x) / recovered
+        return self.loading(peak) * safe_power(jnp.maximum(part, 0.0), 1.5)
+
+    def releases(self, peak: Array) -> Array:
+        return peak > 1
+
+    def residual(self, peak: Array) -> Array:
+        excess = jnp.maximum(peak - 1, 0.0) / (jnp.sqrt(peak) + 1)  # √x_m - 1
+        # x_m^{3/2} - p_m, its cancelling terms multiplied out
+        return excess * excess * (excess + 1.5) / jnp.sqrt(peak)
+
+    def loading_work(self, x: Array) -> Array:
+        beyond = x - 1
+        return jnp.where(x > 1, 0.4 + beyond + 0.75 * beyond**2, 0.4 * x * x * jnp.sqrt(x))
+
+    def largest_velocity(self) -> Array:
+        return jnp.asarray(jnp.inf)
+
+    def peak(self, y: Array) -> Array:
+        force = jnp.sqrt(1.2 * y * y - 0.2)  # p_m
+        return 1 + 0.8 * (y - 1) * (y + 1) / (force + 1)
+
+    def release(self, peak: Array) -> tuple[Array, Array, Array]:
+        recovered = self._recovered(peak)
+        return self.residual(peak), recovered, 0.4 * self.loading(peak) * recovered
+
+    def unloading_work(self, peak: Array, recovered: Array) -> Array:
+        whole = self._recovered(peak)
+        most = 1 - jnp.finfo(whole.dtype).epsneg  # log1p(-1) has no derivative
+        lost = jnp.log1p(-jnp.minimum(recovered / whole, most))
+        return -0.4 * self.loading(peak) * whole * jnp.expm1(2.5 * lost)
+
+    def _recovered(self, peak: Array) -> Array:
+        """x_m - x*."""
+        return self.loading(peak) / jnp.sqrt(peak)

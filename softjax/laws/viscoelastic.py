@@ -1,0 +1,75 @@
+"""Viscoelastic spheres: Hertz's contact of a material with viscosity.
+
+G. Kuwabara and K. Kono, Restitution coefficient in a collision between two spheres, Jpn. J. Appl.
+Phys. 26, 1230 (1987); N. V. Brilliantov, F. Spahn, J.-M. Hertzsch and T. Pöschel, Model for
+collisions in granular gases, Phys. Rev. E 53, 5382 (1996).
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+from softjax._checks import as_real, check_broadcast, check_not_negative, check_type
+from softjax._numerics import safe_sqrt
+from softjax.contact import Contact
+from softjax.laws.base import End, RateDependentLaw, ReducedRateDependent, Scales, not_negative
+from softjax.laws.hertz import hertz_scales
+
+Field = Float[ArrayLike, "..."]
+
+
+class ViscoelasticHertz(RateDependentLaw):
+    """Hertz's force of a material with viscosity: ε falls slowly with velocity from 1.
+
+        P = k (δ^{3/2} + 3/2 A √δ δ')        until P = 0: viscous bodies do not attract
+
+    The one number that matters is w² = β v^{1/5}, β = 3/2 A (k/M)^{2/5}; for slow impacts
+    ε = 1 - 1.15345 w² + …
+
+    Symbols: P force [N]; δ overlap [m], δ' its rate [m/s]; k, M: `contact.stiffness` [N/m^1.5]
+    (ρ in the sources), `.mass` [kg]; A = `dissipation_time` [s]; v impact velocity [m/s].
+
+    Not to be confused with `HertzDashpot`, whose damping ∝ δ^{1/4} is chosen so that ε is the same
+    at all velocities; here the loss follows from the material.
+
+    Attributes:
+        contact: the two bodies; their yield strength and limit velocity do not enter.
+        dissipation_time: A >= 0 [s], the ratio of the material's viscosities to its moduli.
+
+    Source: Kuwabara and Kono, Jpn. J. Appl. Phys. 26, 1230 (1987); Brilliantov, Spahn, Hertzsch
+    and Pöschel, Phys. Rev. E 53, 5382 (1996).
+    Range: nothing yields, A far shorter than the contact's duration (w² well below 1), velocities
+    far below the speed of sound in the bodies.
+
+    Raises:
+        ValueError: naming the field, its value and what is accepted.
+    """
+
+    contact: Contact
+    dissipation_time: Field = eqx.field(converter=as_real)
+
+    def __check_init__(self):
+        check_type("contact", self.contact, Contact, "a Contact")
+        check_not_negative("dissipation_time", self.dissipation_time, "time in seconds")
+        own = {"dissipation_time": self.dissipation_time}
+        check_broadcast(self.contact.leaves() | own)
+
+    def scales(self) -> Scales:
+        return hertz_scales(self.contact)
+
+    def reduced(self) -> "ReducedViscoelastic":
+        return ReducedViscoelastic(jnp.asarray(self.dissipation_time) / self.scales().time)
+
+    def is_valid(self) -> Array:
+        return super().is_valid() & not_negative(self.dissipation_time)
+
+
+class ReducedViscoelastic(ReducedRateDependent):
+    """x'' = -(5/4) (x^{3/2} + 3/2 A √x x'), A in units of time."""
+
+    ends_at: End = eqx.field(static=True, init=False, default="zero-force")
+
+    dissipation: Array
+
+    def dissipative(self, x: Array, velocity: Array) -> Array:
+        return 1.5 * self.dissipation * safe_sqrt(x) * velocity

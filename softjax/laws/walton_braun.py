@@ -1,0 +1,154 @@
+"""Walton and Braun's bilinear hysteretic spring.
+
+O. R. Walton and R. L. Braun, Viscosity, granular-temperature, and stress calculations for
+shearing assemblies of inelastic, frictional disks, J. Rheol. 30, 949 (1986).
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from softjax._checks import (
+    as_real,
+    check_broadcast,
+    check_not_negative,
+    check_positive,
+    check_type,
+    is_traced,
+)
+from softjax.contact import Contact
+from softjax.laws.base import (
+    RateIndependentLaw,
+    ReducedClosedForm,
+    Scales,
+    all_of,
+    not_negative,
+    positive,
+)
+
+Field = Float[ArrayLike, "..."]
+
+
+class WaltonBraun(RateIndependentLaw):
+    """A linear spring on loading, a stiffer one on unloading.
+
+        loading:    P = k1 δ
+        unloading:  P = k2 (δ - δ*),  k2 = k20 + s P_max
+
+    which gives
+
+        ε = √(k1/k2),  P_max = v √(k1 M)    and so    ε = [k1/(k20 + s v √(k1 M))]^{1/2}
+
+    Symbols: P force [N]; δ overlap, δ* = δ_max - P_max/k2 what remains of it [m];
+    k1 = `loading_stiffness`, k20 = `unloading_stiffness` [N/m]; s = `growth` [1/m];
+    M = `contact.mass` [kg]; v impact velocity [m/s].
+
+    Not to be confused with `Thornton`, whose loading is Hertz's up to yield and which is elastic
+    below a critical velocity; this law loses energy at every velocity.
+
+    Attributes:
+        contact: the two bodies; only their mass enters (the radius is the unit of length).
+        loading_stiffness: k1 > 0 [N/m].
+        unloading_stiffness: k20 >= k1 [N/m], k2 of the softest impact. Where tracing hides the
+            values, k2 < k1 is computed as it stands and the status says `ENERGY_GAIN`.
+        growth: s >= 0 [1/m]; 0 (default) keeps k2, and with it ε, constant.
+
+    Source: Walton and Braun, J. Rheol. 30, 949 (1986), where s is a pure number S because forces
+    and overlaps are scaled.
+    Range: an effective law for granular simulations; k1 is no property of the material.
+
+    Raises:
+        ValueError: naming the field, its value and what is accepted.
+    """
+
+    contact: Contact
+    loading_stiffness: Field = eqx.field(converter=as_real)
+    unloading_stiffness: Field = eqx.field(converter=as_real)
+    growth: Field = eqx.field(converter=as_real, default=0.0)
+
+    def __check_init__(self):
+        check_type("contact", self.contact, Contact, "a Contact")
+        check_positive("loading_stiffness", self.loading_stiffness, "stiffness in N/m")
+        check_positive("unloading_stiffness", self.unloading_stiffness, "stiffness in N/m")
+        check_not_negative("growth", self.growth, "growth in 1/m")
+        own = {name: getattr(self, name) for name in _FIELDS}
+        check_broadcast(self.contact.leaves() | own)
+        _check_stiffer(self.loading_stiffness, self.unloading_stiffness)
+
+    def scales(self) -> Scales:
+        """R, and R √(k1/M)."""
+        radius = jnp.asarray(self.contact.radius)
+        frequency = jnp.sqrt(self.loading_stiffness) / jnp.sqrt(self.contact.mass)
+        return Scales(radius, radius * frequency)
+
+    def reduced(self) -> "ReducedWaltonBraun":
+        ratio = jnp.asarray(self.unloading_stiffness) / self.loading_stiffness
+        return ReducedWaltonBraun(ratio, jnp.asarray(self.growth) * self.contact.radius)
+
+    def is_valid(self) -> Array:
+        stiff = positive(self.loading_stiffness) & positive(self.unloading_stiffness)
+        return all_of(super().is_valid(), stiff, not_negative(self.growth))
+
+
+_FIELDS = ("loading_stiffness", "unloading_stiffness", "growth")
+
+
+def _check_stiffer(loading, unloading) -> None:
+    # anything that is no array yet is a placeholder of JAX's own, which no check can look at
+    known = all(
+        isinstance(a, float | np.ndarray) or hasattr(a, "dtype") for a in (loading, unloading)
+    )
+    if not known or is_traced(loading) or is_traced(unloading):
+        return
+    if np.any(np.asarray(unloading) < np.asarray(loading)):
+        raise ValueError(
+            "`unloading_stiffness` must be at least `loading_stiffness` "
+            f"({loading!r} N/m), but is {unloading!r}"
+        )
+
+
+class ReducedWaltonBraun(ReducedClosedForm):
+    """p_L = (4/5) x and p_U = (4/5) [x_m - K (x_m - x)] with K = k2/k1 = ratio + growth x_m."""
+
+    work_exponent = 2.0
+    elastic_limit = 0.0  # unloading differs from the first touch on
+
+    ratio: Array
+    growth: Array
+
+    def loading(self, x: Array) -> Array:
+        return 0.8 * x
+
+    def unloading(self, x: Array, peak: Array) -> Array:
+        return 0.8 * (peak - self._stiffening(peak) * (peak - x))
+
+    def releases(self, peak: Array) -> Array:
+        return self._stiffening(peak) >= 1
+
+    def residual(self, peak: Array) -> Array:
+        return jnp.maximum(peak - self._recovered(peak), 0.0)
+
+    def loading_work(self, x: Array) -> Array:
+        return 0.4 * x * x
+
+    def largest_velocity(self) -> Array:
+        return jnp.asarray(jnp.inf)
+
+    def peak(self, y: Array) -> Array:
+        return y * jnp.ones_like(self.ratio)
+
+    def release(self, peak: Array) -> tuple[Array, Array, Array]:
+        recovered = self._recovered(peak)
+        return self.residual(peak), recovered, self.unloading_work(peak, recovered)
+
+    def unloading_work(self, peak: Array, recovered: Array) -> Array:
+        return 0.8 * recovered * (peak - 0.5 * self._stiffening(peak) * recovered)
+
+    def _stiffening(self, peak: Array) -> Array:
+        """K = k2/k1."""
+        return self.ratio + self.growth * peak
+
+    def _recovered(self, peak: Array) -> Array:
+        """x_m - x*: all of x_m where the unloading spring is the softer one."""
+        return peak / jnp.maximum(self._stiffening(peak), 1.0)
