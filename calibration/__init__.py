@@ -1,0 +1,55 @@
+"""Calibration of contact laws from measured restitutions.
+
+    import calibration as cal
+
+    data = cal.RestitutionData(velocity, restitution, contact=pair)
+    result = cal.fit(data)
+    print(result)
+
+Importing this imports no solver and no optimiser; each name is loaded when it is asked for.
+"""
+
+import importlib
+
+_WHERE = {
+    "RestitutionData": "data",
+    "InputError": "errors",
+    "DataError": "errors",
+    "ParameterSpec": "parameters_spec",
+    "read_toml": "toml_file",
+    "read_problem": "toml_file",
+    "fit": "fit",
+    "FitResult": "result",
+    "MaterialFit": "result",
+    "Estimate": "result",
+    "Band": "result",
+    "Line": "result",
+    "Stage": "stages",
+    "Profile": "profiles",
+    "Doubt": "doubt",
+    "paper_materials": "embedded",
+    "PAPER_NOTE": "embedded",
+    "coverage_study": "coverage",
+    "Inputs": "sensitivities.inputs",
+    "of_law": "sensitivities.inputs",
+    "of_spheres": "sensitivities.inputs",
+    "sensitivity": "sensitivities.local",
+    "fisher_information": "sensitivities.information",
+    "optimal_velocities": "sensitivities.design",
+    "sobol_indices": "sensitivities.sobol",
+    "model_indices": "sensitivities.sobol",
+}
+
+__all__ = sorted(_WHERE)
+
+
+def __getattr__(name: str):
+    if name not in _WHERE:
+        raise AttributeError(f"module 'calibration' has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"calibration.{_WHERE[name]}"), name)
+    globals()[name] = value  # also where a submodule has the same name, as `fit`
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -1,0 +1,18 @@
+"""The subcommands of `softjax`, one file each.
+
+To add one: put its name and what it does into `COMMANDS`, and write `commands/<name>.py` with
+
+    def add_arguments(parser: argparse.ArgumentParser) -> None: ...
+    def run(arguments: argparse.Namespace) -> int: ...         # the exit code, 0 or 1
+
+The file is imported when its command is asked for; what is heavy belongs inside `run`. `arguments`
+has the common `out` (a Path) and `quiet` beside the command's own. Input that cannot be used is
+told by raising an `InputError` or a `DataError` before anything is written: exit code 2.
+"""
+
+COMMANDS = {
+    "curve": "restitution over velocity: numbers, look-up tables, pictures",
+    "sensitivity": "what moves the restitution, what data can tell, where to measure next",
+    "fit": "fit χ̃, σ, ψ to measured rebounds (without a file: the paper's three materials)",
+    "speed": "measure speed against error on this machine",
+}

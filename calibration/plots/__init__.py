@@ -1,0 +1,21 @@
+"""Pictures of fits. matplotlib is imported here and nowhere above; no pyplot, no global state."""
+
+from calibration.plots.correlation import plot_correlations
+from calibration.plots.curves import plot_curve, plot_residuals
+from calibration.plots.figures import correlation_figure, curves_figure, profiles_figure
+from calibration.plots.lines import Line, lines_of
+from calibration.plots.profiles import plot_profile
+from calibration.plots.style import save
+
+__all__ = [
+    "Line",
+    "correlation_figure",
+    "curves_figure",
+    "lines_of",
+    "plot_correlations",
+    "plot_curve",
+    "plot_profile",
+    "plot_residuals",
+    "profiles_figure",
+    "save",
+]

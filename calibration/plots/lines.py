@@ -1,0 +1,117 @@
+"""Curves to draw beside a fit: which they are, and where they have a value."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+import softjax as sj
+from calibration.plots import style
+from calibration.result import Band
+from softjax import paper
+from softjax.laws.thornton import thornton_restitution
+
+# where a law has no rebound to show; its other flags qualify a value, these say there is none
+NO_VALUE = (
+    sj.Status.NO_REBOUND
+    | sj.Status.NO_TURNING_POINT
+    | sj.Status.ABOVE_LIMIT_VELOCITY
+    | sj.Status.INVALID_INPUT
+)
+
+
+PADDING = 256
+
+
+@dataclass(frozen=True)
+class Line:
+    """One curve ε(v); `value` gives NaN where there is none."""
+
+    label: str
+    value: Callable[[np.ndarray], np.ndarray]
+    color: str
+    linestyle: str | tuple = "-"
+    residuals: bool = False  # whether its residuals are of interest too
+
+
+def lines_of(result: Any, with_paper: bool = False) -> dict[str, tuple[Line, ...]]:
+    """What to draw beside each material's fit: Eq. (18)'s line, and the paper's other curves.
+
+    A line through two materials goes through both their χ̃ and is not drawn.
+
+    Args:
+        result: a `FitResult`.
+        with_paper: for the materials of Table 1, also the model as printed and Thornton's formula.
+    """
+    shared = result.unloading_line
+    entries = {entry.name: entry for entry in paper.TABLE_1} if with_paper else {}
+    lines: dict[str, tuple[Line, ...]] = {}
+    for fit in result.materials:
+        own: tuple[Line, ...] = ()
+        if fit.name in entries:
+            own += paper_lines(fit.contact, entries[fit.name])
+        if shared is not None and len(shared.chi) > 2 and fit.name in shared.chi:
+            own += (on_line(result, fit, shared.chi[fit.name].value),)
+        lines[fit.name] = own
+    return lines
+
+
+def padded(velocity: np.ndarray) -> np.ndarray:
+    """Velocities followed by some zeros: a curve and its residuals are compiled once for all."""
+    count = PADDING * (len(velocity) // PADDING + 1)
+    return np.concatenate([velocity, np.zeros(count - len(velocity))])
+
+
+def band_of(result: Any, name: str, velocity: np.ndarray) -> Band:
+    """The fitted curve of a data set with its band."""
+    band = result.band(padded(velocity), name)
+    return Band(*(values[: len(velocity)] for values in vars(band).values()))
+
+
+def law_values(law: sj.ContactLaw, velocity: np.ndarray) -> np.ndarray:
+    """ε of a law, NaN where its status says that it has none."""
+    curve = sj.restitution(law, padded(velocity))
+    none = np.asarray(curve.status) & int(NO_VALUE) != 0
+    return np.where(none, np.nan, np.asarray(curve.coefficient))[: len(velocity)]
+
+
+def on_line(result: Any, fit: Any, chi: float) -> Line:
+    """The fitted law with χ̃ = c1 + c2 E/Y of Eq. (18) in place of its own."""
+    moved = replace(fit, columns={**fit.columns, "chi": chi})
+    others = tuple(moved if one is fit else one for one in result.materials)
+    on_it = replace(result, materials=others)
+
+    def value(velocity: np.ndarray) -> np.ndarray:
+        # through the band: compiled already, for the fit itself; 0 stands for no value
+        coefficient = band_of(on_it, fit.name, velocity).coefficient
+        return np.where(coefficient > 0, coefficient, np.nan)
+
+    label = r"this model, $\tilde\chi$ by Eq. (18) fitted to all"
+    return Line(label, value, style.SKY, "-.", residuals=True)
+
+
+def paper_lines(contact: sj.Contact, entry: paper.TableEntry) -> tuple[Line, ...]:
+    """What Fig. 2 compares with: the model as printed, and Thornton's formula."""
+    printed = sj.Zhou(contact, entry.chi, entry.sigma, entry.psi, kappa="printed")
+    as_printed = replace(contact, area="zhou")
+    return (
+        Line(
+            r"this model, printed $\kappa$ and Table 1's $\tilde\chi$",
+            lambda v: law_values(printed, v),
+            style.VERMILION,
+            (0, (6, 2)),
+        ),
+        Line(
+            r"Thornton, yield at the paper's $v_\mathrm{cr}$",
+            lambda v: np.asarray(thornton_restitution(as_printed, v, area="contact")),
+            style.GREEN,
+            (0, (3, 1, 1, 1)),
+        ),
+        Line(
+            r"Thornton, yield at Hertz's $V_y$",
+            lambda v: np.asarray(thornton_restitution(contact, v, area="hertz")),
+            style.PURPLE,
+            (0, (1, 1)),
+        ),
+    )

@@ -1,0 +1,59 @@
+"""Profiles of the cost: how much worse the best fit gets when one parameter is held elsewhere."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from calibration.plots import style
+from calibration.report import symbols
+
+
+def plot_profile(profile, estimate=None, ax: Axes | None = None) -> Axes:
+    """Δχ² over one parameter, the interval's threshold, and where the profile crosses it.
+
+    Args:
+        profile: a `Profile` of a fit.
+        estimate: the parameter's `Estimate`; its standard error's parabola is drawn beside.
+        ax: where to draw; a new figure's where None.
+    """
+    ax = style.axes_or_new(ax)
+    values, rise = _finite(profile)
+    top = 2.2 * profile.threshold
+    ax.plot(values, rise, color=style.BLUE, marker="o", markersize=3, label="profile")
+    if style.spans_decades(values):
+        style.logarithmic_x(ax, room=0.0)
+    _parabola(ax, values, estimate)
+    look: dict[str, Any] = {"color": style.VERMILION, "linestyle": "--", "linewidth": 1}
+    ax.axhline(profile.threshold, label="threshold of the interval", **look)
+    _ends(ax, profile)
+    ax.set(xlabel=symbols.math(profile.parameter), ylabel=r"$\Delta\chi^2$", ylim=(0, top))
+    return ax
+
+
+def _finite(profile) -> tuple[np.ndarray, np.ndarray]:
+    values = np.asarray(profile.values, float)
+    rise = np.asarray(profile.delta_chi_squared, float)
+    order = np.argsort(values)
+    seen = order[np.isfinite(values[order]) & np.isfinite(rise[order])]
+    return values[seen], rise[seen]
+
+
+def _parabola(ax: Axes, values: np.ndarray, estimate) -> None:
+    if estimate is None or not estimate.standard_error:
+        return
+    logarithmic = ax.get_xscale() == "log"
+    space = np.geomspace if logarithmic else np.linspace
+    fine = space(values[0], values[-1], 200)
+    rise = ((fine - estimate.value) / estimate.standard_error) ** 2
+    ax.plot(fine, rise, color=style.ORANGE, linestyle=":", label="from the standard error")
+
+
+def _ends(ax: Axes, profile) -> None:
+    for end in (profile.low, profile.high):
+        if end is not None and np.isfinite(end):
+            ax.axvline(end, color=style.GREY, linestyle="-.", linewidth=1, label="interval")
+    for end, place, side in ((profile.low, 0.02, "left"), (profile.high, 0.98, "right")):
+        if end is None:
+            look: dict[str, Any] = {"ha": side, "va": "top", "color": style.GREY}
+            ax.text(place, 0.96, "open end", transform=ax.transAxes, **look)

@@ -1,0 +1,82 @@
+"""Colours that colour-blind readers tell apart, and figures without pyplot."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
+# M. Okabe and K. Ito, Color Universal Design (2008)
+BLACK = "#000000"
+ORANGE = "#E69F00"
+SKY = "#56B4E9"
+GREEN = "#009E73"
+YELLOW = "#F0E442"
+BLUE = "#0072B2"
+VERMILION = "#D55E00"
+PURPLE = "#CC79A7"
+GREY = "#777777"
+
+DPI = 150
+LOG_DECADES = 1.5  # data that span more are drawn over a logarithmic axis
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """A figure of this size in inches that draws itself with Agg."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def axes_or_new(ax: Axes | None, width: float = 5.0, height: float = 4.0) -> Axes:
+    return new_figure(width, height).add_subplot() if ax is None else ax
+
+
+def save(figure: Figure, path: str | Path) -> None:
+    """Write a PNG; nothing in it tells when, so that equal figures are equal files."""
+    figure.savefig(path, dpi=DPI, metadata={"Software": None})
+
+
+def grid_shape(count: int, most_columns: int = 3) -> tuple[int, int]:
+    """Rows and columns for `count` panels: as square as `most_columns` allows."""
+    columns = min(most_columns, math.ceil(math.sqrt(count))) if count != 3 else 3
+    return math.ceil(count / columns), columns
+
+
+def logarithmic_x(ax: Axes, room: float = 3.2) -> None:
+    """A logarithmic axis with plain numbers, at 1, 2 and 5 too where it spans < `room` decades."""
+    ax.set_xscale("log")
+    low, high = ax.get_xlim()
+    if np.log10(high / low) < room:
+        ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    if low >= 1e-4 and high < 1e5:
+        ax.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    ax.xaxis.set_minor_formatter(NullFormatter())
+
+
+def spans_decades(values: np.ndarray) -> bool:
+    """Whether positive values span more than a linear axis shows."""
+    low, high = np.min(values), np.max(values)
+    return bool(low > 0 and np.log10(high / low) > LOG_DECADES)
+
+
+def legend_below(figure: Figure, axes: list[Axes], columns: int, first: Sequence[str] = ()) -> None:
+    """One legend for all axes, each label once, those of `first` first."""
+    found: dict[str, Any] = {}
+    for ax in axes:
+        handles, labels = ax.get_legend_handles_labels()
+        for handle, label in zip(handles, labels, strict=True):
+            found.setdefault(label, handle)
+    labels = [*(name for name in first if name in found), *(n for n in found if n not in first)]
+    figure.legend(
+        [found[label] for label in labels],
+        labels,
+        loc="outside lower center",
+        ncols=min(columns, len(found)),
+        frameon=False,
+    )

@@ -1,0 +1,142 @@
+"""`report.md`: what was fitted to what, how well it is known, and what to doubt."""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from calibration.report import rows
+from calibration.report.rounding import ABSENT, number
+from calibration.report.tables import markdown
+
+METHODS = {
+    "sandwich": (
+        "from the stacked estimating equations of both steps of `two-step` (a sandwich): the same "
+        "noise enters both"
+    ),
+    "profile": "where the profile likelihood crosses its threshold; *open* where it never does",
+    "wald": "from the Jacobian at the best fit",
+    "derived": "carried over from the covariance of what was fitted",
+}
+OBJECTIVES = {
+    "two-step": (
+        "σ and ψ from Eq. (17) against all points, then χ̃ from the collision model with them "
+        "held (`two-step`)"
+    ),
+    "model": (
+        "all parameters at once: Eq. (17) below the critical velocity, the collision model above "
+        "(`model`)"
+    ),
+    "empirical": "Eq. (17) alone (`empirical`)",
+    "constant": "one constant restitution (`constant`)",
+}
+
+
+def markdown_report(
+    result: Any,
+    pictures: Mapping[str, str] | None = None,
+    command: str = "",
+    printed: rows.Printed | None = None,
+) -> str:
+    """The report as Markdown text.
+
+    Args:
+        result: a `FitResult`.
+        pictures: {caption: file beside the report}.
+        command: how the fit was asked for.
+        printed: published values to stand beside the fitted ones.
+    """
+    blocks = [
+        ["# Coefficients of restitution, fitted"],
+        _verdict(result),
+        _what(result),
+        ["## Parameters"],
+        markdown(*rows.parameter_table(result, printed)[:2]),
+        _intervals(result),
+        ["## How closely the curves follow"],
+        markdown(*rows.quality_table(result)[:2]),
+        *([line] for line in _pictures(pictures)),
+        *_unloading_line(result),
+        ["## Doubts"],
+        _doubts(result),
+        ["## How it was computed"],
+        _settings(result, command),
+        markdown(*rows.optimiser_table(result)[:2]),
+    ]
+    return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
+
+
+def _verdict(result: Any) -> list[str]:
+    if not result.converged:
+        return ["**The fit did not converge. Its values are not to be used.**"]
+    count = len(result.warnings)
+    if not count:
+        return ["The fit converged, and no doubts were raised."]
+    return [f"The fit converged; {count} doubt{'s' * (count > 1)} below qualify it."]
+
+
+def _what(result: Any) -> list[str]:
+    lines = []
+    for fit in result.materials:
+        low, high = min(fit.data.velocity), max(fit.data.velocity)
+        text = f"- **{fit.name}**: {fit.n} impacts at {low:.4g} to {high:.4g} m/s, "
+        lines.append(text + _uncertainty(fit.data) + f"; {OBJECTIVES[fit.plan]}.")
+    return lines + [f"- {note}" for note in rows.notes(result)]
+
+
+def _uncertainty(data: Any) -> str:
+    if data.uncertainty is None:
+        return "no uncertainty stated (it is taken from the scatter)"
+    low, high = min(data.uncertainty), max(data.uncertainty)
+    shown = number(low, 2) if low == high else f"{number(low, 2)} to {number(high, 2)}"
+    return f"uncertainty of the restitution {shown}"
+
+
+def _intervals(result: Any) -> list[str]:
+    estimates = [e for m in result.materials for e in {**m.parameters, **m.derived}.values()]
+    used = {e.method for e in estimates if rows.interval_text(e) != ABSENT}
+    lines = [f"- {name}: {METHODS[name]}." for name in METHODS if name in used]
+    return [f"Intervals hold {100 * result.confidence:g} %:", "", *lines] if lines else []
+
+
+def _pictures(pictures: Mapping[str, str] | None) -> Iterable[str]:
+    return [f"![{caption}]({file})" for caption, file in (pictures or {}).items()]
+
+
+def _unloading_line(result: Any) -> list[list[str]]:
+    line = result.unloading_line
+    if line is None:
+        return []
+    how = "fitted to all curves at once" if line.method == "curves" else "through the fitted χ̃"
+    text = (
+        f"One line for all materials, {how}. Its χ̃ follow the data less closely than a χ̃ for each "
+        "material: the rms of both is in the table above."
+    )
+    mark = [] if line.converged else [["**The line's fit did not converge.**"]]
+    return [
+        ["## One line for all materials, Eq. (18)"],
+        [text],
+        markdown(*rows.line_table(result)[:2]),
+        *mark,
+    ]
+
+
+def _doubts(result: Any) -> list[str]:
+    if not result.warnings:
+        return ["None."]
+    return [
+        f"- **{doubt.code}**{f' ({doubt.material})' if doubt.material else ''}: {doubt.cause}. "
+        f"*{doubt.remedy}*"
+        for doubt in result.warnings
+    ]
+
+
+def _settings(result: Any, command: str) -> list[str]:
+    versions = ", ".join(f"{name} {version}" for name, version in result.versions.items())
+    first = [f"`{command}`, with"] if command else []
+    condition = result.condition_number
+    condition = "infinite" if condition is None else number(condition, 2)
+    return [
+        *first,
+        f"{rows.settings_line(result.settings)}.",
+        f"Rank {result.rank} of {len(result.covariance_names)} free parameters, condition number "
+        f"{condition}. {versions}.",
+    ]

@@ -1,0 +1,76 @@
+"""Numbers as a reader wants them: rounded to their errors, never more digits than they hold."""
+
+import math
+from typing import TypeGuard
+
+ABSENT = "–"
+MOST_DIGITS = 7  # more say nothing: printed constants have four
+NO_ERROR = 1e-9  # of the value: below, a standard error is rounding
+ERROR_DIGITS = 2
+
+
+def number(value: float | None, digits: int = 4) -> str:
+    """`digits` significant digits, or a dash."""
+    if not _finite(value):
+        return ABSENT
+    return f"{value:.{digits}g}"
+
+
+def with_error(value: float | None, error: float | None) -> str:
+    """`1.794 ± 0.052`: the error to two digits, the value to the same place."""
+    if not _finite(value):
+        return ABSENT
+    if not _finite(error):
+        return number(value, 5)
+    if error <= NO_ERROR * abs(value):
+        return f"{number(value, MOST_DIGITS)} ± 0"
+    exponent, places = _scale(value, error)
+    if places is None:
+        return f"{number(value, MOST_DIGITS)} ± {error:.0e}"
+    factor = 10.0**exponent
+    shown = f"{_fixed(value / factor, places)} ± {_fixed(error / factor, places)}"
+    return f"({shown})e{exponent}" if exponent else shown
+
+
+def interval(low: float | None, high: float | None, error: float | None = None) -> str:
+    """`1.69 … 1.90`, an open end as a dash; rounded to `error`, the standard error, where given."""
+    if not _finite(low) and not _finite(high):
+        return ABSENT
+    if _finite(low) and _finite(high) and high - low <= 4 * NO_ERROR * abs(high):
+        return ABSENT
+    return f"{_end(low, error)} … {_end(high, error)}"
+
+
+def _end(value: float | None, error: float | None) -> str:
+    if not _finite(value):
+        return "open"
+    if not _finite(error) or error <= 0:
+        return number(value)
+    exponent, places = _scale(value, error)
+    if places is None:
+        return number(value, MOST_DIGITS)
+    return _fixed(value / 10.0**exponent, places) + (f"e{exponent}" if exponent else "")
+
+
+def _scale(value: float, error: float) -> tuple[int, int | None]:
+    """Power of ten to take out, and the last decimal; None: more digits than can be meant."""
+    size = math.floor(math.log10(max(abs(value), error)))
+    last = _leading_place(error) - ERROR_DIGITS + 1
+    if size - last + 1 > MOST_DIGITS:
+        return 0, None
+    exponent = 0 if -4 <= size < 6 else size
+    return exponent, exponent - last
+
+
+def _fixed(value: float, places: int) -> str:
+    """Rounded to `places` decimals; to tens for -1."""
+    return f"{round(value, places):.{max(places, 0)}f}"
+
+
+def _leading_place(error: float) -> int:
+    """Decimal place of the first digit once rounded: 0.0996 is 0.10."""
+    return int(f"{error:.{ERROR_DIGITS - 1}e}".partition("e")[2])
+
+
+def _finite(value: float | None) -> TypeGuard[float]:
+    return value is not None and math.isfinite(value)

@@ -1,0 +1,76 @@
+"""A fit on a terminal of 100 columns."""
+
+import textwrap
+from collections.abc import Iterable
+from typing import Any
+
+from calibration.report import rows
+from calibration.report.rounding import number
+from calibration.report.tables import aligned
+
+WIDTH = 100
+
+
+def terminal_report(result: Any, printed: rows.Printed | None = None, intro: str = "") -> str:
+    """Tables of a fit: parameters, how closely it follows, Eq. (18), times, doubts.
+
+    Args:
+        result: a `FitResult`.
+        printed: published values to stand beside the fitted ones, {material: {parameter: value}}.
+        intro: what the reader must know of the data before anything else.
+    """
+    blocks = [
+        _wrapped(intro.splitlines() or rows.notes(result)),
+        _wrapped([rows.settings_line(result.settings)]),
+        _laid_out(rows.parameter_table(result, printed, methods=False)),
+        _laid_out(rows.quality_table(result)),
+        _line(result),
+        _laid_out(rows.optimiser_table(result)),
+        _beside(result),
+        doubts(result),
+    ]
+    return "\n\n".join("\n".join(block) for block in blocks if block)
+
+
+def doubts(result: Any) -> list[str]:
+    """The warnings, each with its cause and remedy; whether the fit converged."""
+    lines = [] if result.converged else ["NOT CONVERGED: do not use these values."]
+    if not result.warnings:
+        return [*lines, "No doubts were raised."]
+    lines.append("Doubts:")
+    for doubt in result.warnings:
+        lines += textwrap.wrap(str(doubt), WIDTH, initial_indent="  ! ", subsequent_indent="    ")
+    return lines
+
+
+def _wrapped(paragraphs: Iterable[str]) -> list[str]:
+    return [line for text in paragraphs for line in textwrap.wrap(text, WIDTH)]
+
+
+def _laid_out(table: rows.Table) -> list[str]:
+    return aligned(table.header, table.rows, table.right) if table.rows else []
+
+
+def _line(result: Any) -> list[str]:
+    line = result.unloading_line
+    if line is None:
+        return []
+    return _laid_out(rows.line_table(result)) + ["NOT CONVERGED"] * (not line.converged)
+
+
+def _beside(result: Any) -> list[str]:
+    other = result.beside
+    if other is None:
+        return []
+    text = (
+        f"LM: the same fit by {other['optimiser']} through the {other['route']}"
+        f"{_times(result)}. Its values differ by {number(other['largest_difference'], 2)} of each "
+        "at most."
+    )
+    return _wrapped([text])
+
+
+def _times(result: Any) -> str:
+    own = sum(result.times.get(stage.stage, 0.0) for stage in result.optimiser_report)
+    other = result.times.get("beside")
+    return "" if other is None else f", {number(other, 2)} s against {number(own, 2)} s"

@@ -1,0 +1,122 @@
+"""Time, error and memory of one way."""
+
+import math
+import statistics
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import jax
+import numpy as np
+
+from calibration.speed.scene import Scene
+from calibration.speed.ways import Way
+
+REPEATS = 7
+LONGEST = 2.0  # [s] after which no further repeat is started
+MIB = 2**20
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table. Times are medians after a warm-up; `None` is what was not measured."""
+
+    family: str
+    setting: str
+    precision: str
+    batch: int
+    microseconds: float  # a collision
+    largest_error: float  # of ε_p against the exact answer
+    compile_seconds: float  # the first call beyond a later one
+    memory_mib: float | None  # peak above what was there before the call, where the system tells
+    gradient_microseconds: float | None = None  # value and gradient, a collision
+    gradient_error: float | None = None  # largest, of θ ∂ε_p/∂θ
+
+
+def measure(way: Way, scene: Scene) -> Row:
+    velocity = scene.repeated(way.batch).astype(way.precision)
+    first, compiling = _timed(way.value, velocity)
+    with _PeakMemory() as memory:
+        way_seconds = _median_seconds(way.value, velocity)
+    row = {
+        "family": way.family,
+        "setting": way.setting,
+        "precision": way.precision,
+        "batch": way.batch,
+        "microseconds": 1e6 * way_seconds / way.batch,
+        "largest_error": _largest_error(first, scene),
+        "compile_seconds": max(compiling - way_seconds, 0.0),
+        "memory_mib": memory.mib,
+    }
+    if way.gradient is not None:
+        row |= _measure_gradient(way, scene, velocity)
+    return Row(**row)
+
+
+def _measure_gradient(way: Way, scene: Scene, velocity: np.ndarray) -> dict:
+    (_, slopes), _ = _timed(way.gradient, velocity)
+    seconds = _median_seconds(way.gradient, velocity)
+    times_used = np.bincount(np.arange(way.batch) % scene.velocity.size)
+    exact = scene.slopes[:, : times_used.size] @ times_used
+    # of sums over the batch: divided by it, this is the mean error of one collision
+    error = np.max(np.abs(np.asarray(slopes, float) - exact)) / way.batch
+    return {"gradient_microseconds": 1e6 * seconds / way.batch, "gradient_error": float(error)}
+
+
+def _largest_error(value, scene: Scene) -> float:
+    value = np.asarray(value, float)
+    exact = np.resize(scene.exact, value.size)
+    return float(np.max(np.abs(value - exact)))
+
+
+def _timed(function, velocity):
+    start = time.perf_counter()
+    result = jax.block_until_ready(function(velocity))
+    return result, time.perf_counter() - start
+
+
+def _median_seconds(function, velocity) -> float:
+    seconds = []
+    while len(seconds) < REPEATS and sum(seconds) < LONGEST:
+        seconds.append(_timed(function, velocity)[1])
+    return statistics.median(seconds)
+
+
+class _PeakMemory:
+    """Growth of the process's resident memory at its peak, where Linux tells it."""
+
+    mib: float | None = None
+
+    def __enter__(self):
+        try:
+            Path("/proc/self/clear_refs").write_text("5")
+            self.before = _status_mib("VmRSS")
+        except (OSError, KeyError):
+            self.before = None
+        return self
+
+    def __exit__(self, *_):
+        if self.before is not None:
+            self.mib = max(_status_mib("VmHWM") - self.before, 0.0)
+
+
+def _status_mib(key: str) -> float:
+    lines = Path("/proc/self/status").read_text().splitlines()
+    fields = dict(line.split(":", 1) for line in lines if ":" in line)
+    return int(fields[key].split()[0]) / 1024
+
+
+def at_error(rows: list[Row], family: str, error: float) -> float | None:
+    """Microseconds a collision that `family` needs for `error`, interpolated in logarithms."""
+    points = sorted((r.largest_error, r.microseconds) for r in rows if r.family == family)
+    below = [p for p in points if p[0] <= error]
+    above = [p for p in points if p[0] > error]
+    if not below:
+        return None
+    if not above:
+        return min(p[1] for p in below)
+    (e1, t1), (e2, t2) = below[-1], above[0]
+    weight = (math.log(error) - math.log(e1)) / (math.log(e2) - math.log(e1))
+    between = math.exp((1 - weight) * math.log(t1) + weight * math.log(t2))
+    # a dearer setting may be less accurate: never claim more than the cheapest that is good enough
+    return min(min(p[1] for p in below), between) if t2 <= t1 else min(p[1] for p in below)

@@ -1,0 +1,73 @@
+"""Which ways are measured, in which order."""
+
+from collections.abc import Callable, Iterator
+from importlib.util import find_spec
+
+import softjax as sj
+from calibration.speed.scene import Scene
+from calibration.speed.ways import Way, energy_balance, ode
+
+BATCH = 4096
+LARGE = 1_000_000
+FEW = 16  # of the slow loops in Python
+
+
+def plan(scene: Scene, quick: bool) -> list[Callable[[], Way]]:
+    """Ways as functions that build them, so that what is not reached is never imported."""
+    ways = [*_own(scene, quick), *_rivals(scene, quick)]
+    if find_spec("numba") is not None:
+        ways += _numba(scene, quick)
+    return ways
+
+
+def _own(scene: Scene, quick: bool) -> Iterator[Callable[[], Way]]:
+    batches = (BATCH, LARGE) if quick else (1, 100, BATCH, 100_000, LARGE, 10 * LARGE)
+    for batch in batches:
+        yield lambda batch=batch: energy_balance(scene, batch)
+    yield lambda: energy_balance(scene, BATCH, "float32")
+    for route, gradient in _ode_routes(quick):
+        yield lambda route=route, gradient=gradient: ode(scene, BATCH, route, gradient)
+    if not quick:
+        yield lambda: ode(scene, BATCH, sj.ODE(solver="dopri5", steps=2), precision="float32")
+        yield lambda: ode(scene, 100_000, sj.ODE(solver="dopri5", steps=2))
+
+
+def _ode_routes(quick: bool) -> list[tuple[sj.ODE, bool]]:
+    routes = [
+        (sj.ODE(solver="dopri5", steps=1), False),
+        (sj.ODE(solver="dopri5", steps=2), True),
+        (sj.ODE(rtol=1e-8), False),
+    ]
+    if quick:
+        return routes
+    return [
+        *routes,
+        (sj.ODE(solver="bosh3", steps=1), False),
+        (sj.ODE(solver="bosh3", steps=4), False),
+        (sj.ODE(solver="dopri8", steps=1), False),
+        (sj.ODE(solver="dopri8", steps=2), True),
+        (sj.ODE(solver="tsit5", rtol=1e-5), False),
+        (sj.ODE(rtol=1e-12), True),
+    ]
+
+
+def _rivals(scene: Scene, quick: bool) -> Iterator[Callable[[], Way]]:
+    from calibration.speed import plain_diffrax, scipy_loop, verlet
+
+    for method in ("DOP853", "LSODA"):
+        for rtol in (1e-6,) if quick else (1e-4, 1e-6, 1e-8, 1e-11):
+            yield lambda m=method, r=rtol: scipy_loop.scipy_loop(scene, FEW, m, r)
+    for rtol in (1e-6,) if quick else (1e-4, 1e-6, 1e-8):
+        gradient = rtol == 1e-6 and not quick
+        yield lambda r=rtol, g=gradient: plain_diffrax.plain_diffrax(scene, BATCH, r, g)
+    for steps in (100,) if quick else (30, 100, 1000):
+        yield lambda s=steps: verlet.verlet_jax(scene, BATCH, s)
+
+
+def _numba(scene: Scene, quick: bool) -> Iterator[Callable[[], Way]]:
+    from calibration.speed import energy_numba, verlet
+
+    for steps in (100, 1000) if quick else (30, 100, 300, 1000, 3000, 10_000):
+        yield lambda s=steps: verlet.verlet_numba(scene, BATCH, s)
+    for batch in (LARGE,) if quick else (BATCH, LARGE):
+        yield lambda b=batch: energy_numba.energy_numba(scene, b)

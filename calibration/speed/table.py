@@ -1,0 +1,93 @@
+"""The table on the terminal and in speed.csv."""
+
+import csv
+import io
+import os
+from dataclasses import astuple, fields
+
+from calibration.speed.measure import Row, at_error
+
+HEADINGS = ("way", "setting", "precision", "batch", "µs", "error", "compile s", "MiB", "µs+grad")
+
+
+def as_csv(rows: list[Row]) -> str:
+    """All columns, undefined ones empty."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([field.name for field in fields(Row)])
+    writer.writerows(["" if x is None else x for x in astuple(row)] for row in rows)
+    return text.getvalue()
+
+
+def as_text(rows: list[Row]) -> str:
+    cells = [HEADINGS, *(_cells(row) for row in rows)]
+    widths = [max(len(line[i]) for line in cells) for i in range(len(HEADINGS))]
+    lines = [_line(line, widths) for line in cells]
+    rule = "-" * len(lines[0])
+    return "\n".join([_machine(), "", lines[0], rule, *lines[1:], "", *ratios(rows)])
+
+
+def _line(cells, widths) -> str:
+    left = [c.ljust(w) for c, w in zip(cells[:3], widths[:3], strict=True)]
+    right = [c.rjust(w) for c, w in zip(cells[3:], widths[3:], strict=True)]
+    return "  ".join(left + right)
+
+
+def _cells(row: Row) -> tuple[str, ...]:
+    def number(x, form):
+        return "" if x is None else format(x, form)
+
+    return (
+        row.family,
+        row.setting,
+        row.precision,
+        f"{row.batch:,}",
+        number(row.microseconds, ".3g"),
+        number(row.largest_error, ".0e"),
+        number(row.compile_seconds, ".1f"),
+        number(row.memory_mib, ".0f"),
+        number(row.gradient_microseconds, ".3g"),
+    )
+
+
+def _machine() -> str:
+    return f"{os.cpu_count()} cores; time a collision, largest error of ε_p against exact answers"
+
+
+def ratios(rows: list[Row]) -> list[str]:
+    """What the times mean, as ratios within this run."""
+    lines = []
+    for error in (1e-3, 1e-6):
+        own = at_error([r for r in rows if r.batch == 4096], "ODE", error)
+        for rival in ("SciPy loop", "diffrax, two events", "Verlet, JAX", "Verlet, numba"):
+            theirs = at_error(rows, rival, error)
+            if own is not None and theirs is not None:
+                lines.append(
+                    f"ODE at error {error:.0e}: {theirs / own:.3g} times faster than {rival}"
+                )
+    lines += _gradient_ratios(rows)
+    return lines + _energy_ratio(rows)
+
+
+def _gradient_ratios(rows: list[Row]) -> list[str]:
+    return [
+        f"{row.family}, {row.setting}, batch {row.batch:,}: value and gradient (3 parameters) "
+        f"{row.gradient_microseconds / row.microseconds:.2g} times the value, "
+        f"mean error of the gradient {row.gradient_error:.0e}"
+        for row in rows
+        if row.gradient_microseconds is not None
+    ]
+
+
+def _energy_ratio(rows: list[Row]) -> list[str]:
+    def time_of(family):
+        found = [r.microseconds for r in rows if r.family == family and r.batch == 1_000_000]
+        return found[0] if found else None
+
+    own, theirs = time_of("energy balance"), time_of("energy balance, numba")
+    if own is None or theirs is None:
+        return []
+    return [
+        f"energy balance at 1,000,000 velocities: {1e3 * own:.3g} ns, "
+        f"{theirs / own:.2g} times faster than the same formulas in numba on all cores"
+    ]
