@@ -37,7 +37,7 @@ class Layout(NamedTuple):
     """
 
     fixed: Float[np.ndarray, "sets columns"]
-    index: np.ndarray
+    index: np.ndarray  # type: ignore[assignment]  # a column, not tuple.index
     kind: np.ndarray
     lower: np.ndarray
     upper: np.ndarray

@@ -30,13 +30,12 @@ def collide(law: ReducedRateIndependent, y: Array) -> Outcome:
     Elementwise over y and the law's fields, which broadcast. Where no turning point exists the
     overlaps are `law.end()` and ε_p is zero, without a gradient.
     """
-    closed = isinstance(law, ReducedClosedForm)
-    largest = law.largest_velocity() if closed else _largest_velocity(law)
+    largest = _largest_velocity(law)
     turns = y < largest
     # collisions without an answer compute another one, whose gradient is not used
     y_safe = jnp.where(turns, y, _some_velocity_below(largest))
-    peak = law.peak(y_safe) if closed else _peak(law, y_safe)
-    residual, _, work = law.release(peak) if closed else _release(law, peak)
+    peak = _peak(law, y_safe)
+    residual, _, work = _release(law, peak)
     # not work/y²: at y = 1e13 float32 would overflow in the derivative of the quotient
     per_velocity = 1 / y_safe
     squared = 2.5 * (work * per_velocity) * per_velocity
@@ -156,6 +155,8 @@ def _unloading_work(law, peak, recovered):
 
 
 def _largest_velocity(law):
+    if isinstance(law, ReducedClosedForm):
+        return law.largest_velocity()
     end = law.end()
     ends = jnp.isfinite(end)
     reach = safe_sqrt(2.5 * work_to(law, jnp.where(ends, end, 1.0)))
@@ -169,6 +170,8 @@ def _some_velocity_below(largest):
 
 def _peak(law, y):
     """x_m of any law that works monotonically: bracketed by optimistix, then Newton."""
+    if isinstance(law, ReducedClosedForm):
+        return law.peak(y)
     elastic = y ** (2 / law.work_exponent)
     top = jnp.where(jnp.isfinite(law.end()), law.end(), 1e6 * elastic)
     residual = lambda x, law, y: 2.5 * work_to(law, x) / y**2 - 1  # noqa: E731
@@ -177,6 +180,8 @@ def _peak(law, y):
 
 def _release(law, peak):
     """x* where the unloading force vanishes (0 where it never does), recovery and work."""
+    if isinstance(law, ReducedClosedForm):
+        return law.release(peak)
     at_zero = law.unloading(jnp.zeros_like(peak), peak)
     has_root = at_zero < 0
     scale = jnp.abs(law.unloading(peak, peak))

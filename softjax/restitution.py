@@ -103,7 +103,7 @@ def restitution(
         >>> pair = sj.Contact.between_spheres(steel, steel, 0.0127, 0.0127)
         >>> law = sj.Zhou(pair, chi=1.7944, sigma=3.0432, psi=0.54)
         >>> print(sj.restitution(law, [0.1, 1.0]).coefficient)
-        [0.8951942  0.78862421]
+        [0.93654476 0.8738557 ]
 
     Raises:
         ValueError: where concrete arguments make no sense, or the law cannot take the route. Under

@@ -69,9 +69,9 @@ def check_route(route) -> Route:
     return route
 
 
-def _is_number_in(value, low, high) -> bool:
-    return isinstance(value, int | float | np.number) and bool(low <= value <= high)
+def _is_number_in(value, low: float, high: float) -> bool:
+    return isinstance(value, int | float | np.number) and bool(low <= float(value) <= high)
 
 
 def _is_count(value) -> bool:
-    return isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= 1
+    return isinstance(value, int | np.integer) and not isinstance(value, bool) and bool(value >= 1)

@@ -76,7 +76,7 @@ def _timed(function, velocity):
 
 
 def _median_seconds(function, velocity) -> float:
-    seconds = []
+    seconds: list[float] = []
     while len(seconds) < REPEATS and sum(seconds) < LONGEST:
         seconds.append(_timed(function, velocity)[1])
     return statistics.median(seconds)
@@ -107,16 +107,18 @@ def _status_mib(key: str) -> float:
 
 
 def at_error(rows: list[Row], family: str, error: float) -> float | None:
-    """Microseconds a collision that `family` needs for `error`, interpolated in logarithms."""
+    """Microseconds a collision of the cheapest setting of `family` that errs by `error` at most."""
+    good = [r.microseconds for r in rows if r.family == family and r.largest_error <= error]
+    return min(good) if good else None
+
+
+def along_power_law(rows: list[Row], family: str, error: float) -> float | None:
+    """The same for a rival, interpolated between its settings: none loses by where they lie."""
     points = sorted((r.largest_error, r.microseconds) for r in rows if r.family == family)
-    below = [p for p in points if p[0] <= error]
     above = [p for p in points if p[0] > error]
-    if not below:
-        return None
-    if not above:
-        return min(p[1] for p in below)
+    below = [p for p in points if p[0] <= error]
+    if not below or not above:
+        return at_error(rows, family, error)
     (e1, t1), (e2, t2) = below[-1], above[0]
-    weight = (math.log(error) - math.log(e1)) / (math.log(e2) - math.log(e1))
-    between = math.exp((1 - weight) * math.log(t1) + weight * math.log(t2))
-    # a dearer setting may be less accurate: never claim more than the cheapest that is good enough
-    return min(min(p[1] for p in below), between) if t2 <= t1 else min(p[1] for p in below)
+    weight = math.log(error / e1) / math.log(e2 / e1)
+    return min(t1, t1 ** (1 - weight) * t2**weight)

@@ -1,6 +1,7 @@
 """Which ways are measured, in which order."""
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from importlib.util import find_spec
 
 import softjax as sj
@@ -23,13 +24,14 @@ def plan(scene: Scene, quick: bool) -> list[Callable[[], Way]]:
 def _own(scene: Scene, quick: bool) -> Iterator[Callable[[], Way]]:
     batches = (BATCH, LARGE) if quick else (1, 100, BATCH, 100_000, LARGE, 10 * LARGE)
     for batch in batches:
-        yield lambda batch=batch: energy_balance(scene, batch)
-    yield lambda: energy_balance(scene, BATCH, "float32")
+        yield partial(energy_balance, scene, batch)
+    yield partial(energy_balance, scene, BATCH, "float32")
     for route, gradient in _ode_routes(quick):
-        yield lambda route=route, gradient=gradient: ode(scene, BATCH, route, gradient)
+        yield partial(ode, scene, BATCH, route, gradient)
     if not quick:
-        yield lambda: ode(scene, BATCH, sj.ODE(solver="dopri5", steps=2), precision="float32")
-        yield lambda: ode(scene, 100_000, sj.ODE(solver="dopri5", steps=2))
+        fixed = sj.ODE(solver="dopri5", steps=2)
+        yield partial(ode, scene, BATCH, fixed, precision="float32")
+        yield partial(ode, scene, 100_000, fixed)
 
 
 def _ode_routes(quick: bool) -> list[tuple[sj.ODE, bool]]:
@@ -56,18 +58,18 @@ def _rivals(scene: Scene, quick: bool) -> Iterator[Callable[[], Way]]:
 
     for method in ("DOP853", "LSODA"):
         for rtol in (1e-6,) if quick else (1e-4, 1e-6, 1e-8, 1e-11):
-            yield lambda m=method, r=rtol: scipy_loop.scipy_loop(scene, FEW, m, r)
+            yield partial(scipy_loop.scipy_loop, scene, FEW, method, rtol)
     for rtol in (1e-6,) if quick else (1e-4, 1e-6, 1e-8):
         gradient = rtol == 1e-6 and not quick
-        yield lambda r=rtol, g=gradient: plain_diffrax.plain_diffrax(scene, BATCH, r, g)
+        yield partial(plain_diffrax.plain_diffrax, scene, BATCH, rtol, gradient)
     for steps in (100,) if quick else (30, 100, 1000):
-        yield lambda s=steps: verlet.verlet_jax(scene, BATCH, s)
+        yield partial(verlet.verlet_jax, scene, BATCH, steps)
 
 
 def _numba(scene: Scene, quick: bool) -> Iterator[Callable[[], Way]]:
     from calibration.speed import energy_numba, verlet
 
     for steps in (100, 1000) if quick else (30, 100, 300, 1000, 3000, 10_000):
-        yield lambda s=steps: verlet.verlet_numba(scene, BATCH, s)
+        yield partial(verlet.verlet_numba, scene, BATCH, steps)
     for batch in (LARGE,) if quick else (BATCH, LARGE):
-        yield lambda b=batch: energy_numba.energy_numba(scene, b)
+        yield partial(energy_numba.energy_numba, scene, batch)

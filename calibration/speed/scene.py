@@ -43,7 +43,7 @@ class Scene:
         return sj.Zhou(contact, chi, x["sigma"], x["psi"], form=x["form"], kappa=x["kappa"])
 
     @property
-    def theta(self) -> tuple[float, float, float]:
+    def theta(self) -> tuple[float, ...]:
         return tuple(float(self.inputs[name]) for name in GRADIENT_OF)
 
     def reduced(self) -> tuple[float, float, np.ndarray]:

@@ -5,7 +5,7 @@ import io
 import os
 from dataclasses import astuple, fields
 
-from calibration.speed.measure import Row, at_error
+from calibration.speed.measure import Row, along_power_law, at_error
 
 HEADINGS = ("way", "setting", "precision", "batch", "µs", "error", "compile s", "MiB", "µs+grad")
 
@@ -60,7 +60,7 @@ def ratios(rows: list[Row]) -> list[str]:
     for error in (1e-3, 1e-6):
         own = at_error([r for r in rows if r.batch == 4096], "ODE", error)
         for rival in ("SciPy loop", "diffrax, two events", "Verlet, JAX", "Verlet, numba"):
-            theirs = at_error(rows, rival, error)
+            theirs = along_power_law(rows, rival, error)
             if own is not None and theirs is not None:
                 lines.append(
                     f"ODE at error {error:.0e}: {theirs / own:.3g} times faster than {rival}"

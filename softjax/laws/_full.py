@@ -4,7 +4,8 @@ With ε = 2d/3 the rim's part of the loading force is (x - ε(x² - 1))^{3/2} an
 
     x - ε(x² - 1) = ε (x_e - x)(x + 1/x_e),   x_e = [1 + √(1 + 4ε²)]/(2ε)
 
-so that with x + 1/x_e = ℓ sin²φ, ℓ = x_e + 1/x_e, its work is 2 (ε ℓ)^{3/2} ℓ^{5/2} ∫ (cosφ sinφ)⁴ dφ.
+so that with x + 1/x_e = ℓ sin²φ, ℓ = x_e + 1/x_e, its work is
+2 (ε ℓ)^{3/2} ℓ^{5/2} ∫ (cosφ sinφ)⁴ dφ.
 The elementary antiderivative cancels badly at small d; Gauss–Legendre quadrature in φ is exact to
 rounding over the whole range, its end included, since the integrand is a trigonometric polynomial.
 """
@@ -130,7 +131,8 @@ def has_root(peak: Array, d: Array, X: Array) -> Array:
 def unloading_work(peak: Array, recovered: Array, d: Array, X: Array) -> Array:
     """∫ p_U dx from x_m - recovered to x_m."""
     g = recovered / peak
-    return _work(peak, 1 - g, g, *_coefficients(peak, d), X)
+    elastic, rest, yielded = _coefficients(peak, d)
+    return _work(peak, 1 - g, g, elastic, rest, yielded, X)
 
 
 def _coefficients(peak, d):

@@ -20,7 +20,7 @@ With Hertz's law and first yield as scales (L = δ_cr, V = v_cr) this is p = x^{
 """
 
 from abc import abstractmethod
-from typing import ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -164,6 +164,10 @@ class ContactLaw(eqx.Module):
     @abstractmethod
     def scales(self) -> Scales:
         """The overlap [m] and velocity [m/s] in which the reduced law is written."""
+
+    @abstractmethod
+    def reduced(self) -> Any:
+        """The law in the units of `scales`."""
 
     def force_scale(self):
         """(5/4) M V²/L [N]."""

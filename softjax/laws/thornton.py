@@ -58,8 +58,8 @@ class Thornton(RateIndependentLaw):
             is, for comparison with laws that yield there.
 
     Source: Thornton, J. Appl. Mech. 64, 383 (1997).
-    Range: no hardening, and plastic deformation confined to the contact: V_y up to some hundred
-    V_y; far beyond, measured ε falls faster or slower than v^{-1/4}.
+    Range: no hardening, and plastic deformation confined to the contact region. For v far above
+    V_y it gives ε ∝ v^{-1/4}.
 
     Raises:
         ValueError: naming the field, its value and what is accepted.

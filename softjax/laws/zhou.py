@@ -12,7 +12,6 @@ In the units of first yield, x = δ/δ_cr and forces in k δ_cr^{3/2}, with
 """
 
 import math
-from typing import Literal
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -75,8 +74,8 @@ class Zhou(RateIndependentLaw):
     chi: Field = eqx.field(converter=as_real)
     sigma: Field = eqx.field(converter=as_real)
     psi: Field = eqx.field(converter=as_real)
-    form: Literal["first-order", "full"] = eqx.field(static=True, default="first-order")
-    kappa: Literal["consistent", "printed"] = eqx.field(static=True, default="consistent")
+    form: str = eqx.field(static=True, default="first-order")
+    kappa: str = eqx.field(static=True, default="consistent")
 
     def __check_init__(self):
         check_type("contact", self.contact, Contact, "a Contact")
