@@ -1,0 +1,49 @@
+"""Options that say which collision, and by which route. Nothing heavy is imported for `--help`."""
+
+import argparse
+from pathlib import Path
+
+COEFFICIENTS = ("chi", "sigma", "psi")
+LAWS = {
+    "zhou": "Zhou",
+    "constant": "ConstantRestitution",
+    "hertz": "Hertz",
+    "linear": "LinearSpringDashpot",
+    "hertz-dashpot": "HertzDashpot",
+    "viscoelastic": "ViscoelasticHertz",
+    "walton-braun": "WaltonBraun",
+    "thornton": "Thornton",
+}
+
+
+def add_source_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options that `read_source` reads."""
+    group = parser.add_argument_group("which collision")
+    group.add_argument(
+        "source",
+        nargs="?",
+        metavar="MATERIAL",
+        help="stainless-steel (default), chrome-steel, nylon, or a material file FILE.toml",
+    )
+    group.add_argument("--fit", metavar="FIT.json", type=Path, help="a result of softjax fit")
+    group.add_argument("--material", metavar="NAME", help="which one of a file's or a fit's")
+    for name in COEFFICIENTS:
+        group.add_argument(f"--{name}", type=float, metavar="X", help=f"{name} of Zhou's law")
+    group.add_argument("--area", choices=("zhou", "hertz"), help="contact area (default: zhou)")
+    group.add_argument("--form", choices=("first-order", "full"), help="default: first-order")
+    group.add_argument("--kappa", choices=("consistent", "printed"), help="default: consistent")
+    group.add_argument("--law", choices=tuple(LAWS), default="zhou", help="default: zhou")
+    group.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="a field of another law, such as restitution=0.9; may be repeated",
+    )
+
+
+def add_route_arguments(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("route")
+    routes = ("energy-balance", "ode")
+    group.add_argument("--route", choices=routes, help="default: the energy balance if possible")
+    group.add_argument("--rtol", type=float, metavar="X", help="tolerance of the ode (1e-8)")

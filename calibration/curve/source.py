@@ -1,0 +1,229 @@
+"""Whose law is asked for: a material of the paper, one of a file, or a fit."""
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import softjax as sj
+from calibration.curve.laws import make_law, parse_fields
+from calibration.curve.options import COEFFICIENTS
+from calibration.embedded import CURVES, RADIUS, PaperCurve
+from calibration.errors import DataError, InputError, listed
+from softjax.paper import TABLE_1
+
+# What `softjax fit` finds for the paper's materials with its default settings. They go with
+# `area="zhou"` and `kappa="consistent"`.
+FITTED_CHI = {"stainless steel": 1.7944, "chrome steel": 0.09867, "nylon": 0.21998}
+DECADES_BELOW_YIELD = 0.1  # where a grid starts unless told, in critical velocities
+FAR_ABOVE_YIELD = 100.0  # and where it ends if nothing else says so
+
+
+@dataclass(frozen=True)
+class Source:
+    """A law with what is known of where it came from.
+
+    Attributes:
+        name: of the material.
+        law: the contact law; None where a fit has none (Eq. 17 alone, a constant).
+        span: (lowest, highest) velocity [m/s] of a curve unless told otherwise.
+        properties: those of the bodies by the names of `sensitivities.inputs`; None where only
+            the contact is known.
+        bodies: "spheres", "unlike spheres" or "wall": how `properties` are to be read.
+        result: the fit; None without one.
+        remark: a line on where its numbers come from.
+    """
+
+    name: str
+    law: sj.ContactLaw | None
+    span: tuple[float, float]
+    properties: dict[str, float] | None = None
+    bodies: str = "spheres"
+    result: Any = None
+    remark: str = ""
+
+
+def read_source(arguments: argparse.Namespace) -> Source:
+    """The law that the options ask for.
+
+    Raises:
+        InputError, DataError: what is wrong and what is accepted.
+    """
+    if arguments.set and arguments.law == "zhou":
+        accepted = "left out for zhou, which takes --chi, --sigma and --psi"
+        raise DataError("--set", arguments.set[0], accepted)
+    if arguments.fit is not None:
+        return _of_fit(arguments)
+    if arguments.source is not None and arguments.source.endswith(".toml"):
+        return _of_file(arguments)
+    return _of_paper(arguments)
+
+
+def route_of(arguments: argparse.Namespace) -> sj.EnergyBalance | sj.ODE | None:
+    """The route asked for, None where none was.
+
+    Raises:
+        DataError: for a tolerance without the route that takes it.
+    """
+    if arguments.rtol is not None and arguments.route != "ode":
+        raise DataError("--rtol", arguments.rtol, "given with --route ode only")
+    if arguments.route is None:
+        return None
+    return sj.EnergyBalance() if arguments.route == "energy-balance" else sj.ODE(arguments.rtol)
+
+
+def _of_paper(arguments) -> Source:
+    if arguments.material is not None:
+        raise DataError("--material", arguments.material, "left out without a file or a fit")
+    curve = _paper_curve(arguments.source or "stainless-steel")
+    material, area = curve.material, arguments.area or "zhou"
+    contact = sj.Contact.between_spheres(material, material, RADIUS, RADIUS, area=area)
+    chi, origin = _paper_chi(curve, arguments, area)
+    values = {"chi": chi, "sigma": curve.sigma, "psi": curve.psi}
+    critical = float(contact.critical_velocity)
+    properties = {
+        name: float(getattr(material, name))
+        for name in ("youngs_modulus", "poisson_ratio", "density", "yield_strength")
+    }
+    return Source(
+        curve.name,
+        _law(arguments, contact, values),
+        (DECADES_BELOW_YIELD * critical, curve.y_end * critical),
+        properties | {"radius": RADIUS},
+        remark=f"{curve.name}: two spheres of Table 1" + (f", {origin}" if origin else ""),
+    )
+
+
+def _paper_curve(text: str) -> PaperCurve:
+    name = text.lower().replace("-", " ").replace("_", " ")
+    for curve in CURVES:
+        if curve.name == name:
+            return curve
+    known = listed(curve.name.replace(" ", "-") for curve in CURVES)
+    raise DataError("MATERIAL", text, f"{known}, or a material file FILE.toml")
+
+
+def _paper_chi(curve: PaperCurve, arguments, area: str) -> tuple[float | None, str]:
+    """χ̃ that goes with the law's variant, and a word on it."""
+    if arguments.law != "zhou" or arguments.chi is not None:
+        return None, ""
+    if arguments.kappa == "printed":
+        printed = next(entry.chi for entry in TABLE_1 if entry.name == curve.name)
+        return printed, f"Table 1's χ̃ = {printed:g}"
+    if area != "zhou":
+        return None, ""
+    chi = FITTED_CHI[curve.name]
+    return chi, f"χ̃ = {chi:g} as softjax fit finds it"
+
+
+def _of_file(arguments) -> Source:
+    from calibration.toml_file import read_problem
+
+    file = read_problem(arguments.source, needs_data=False)
+    names = [entry.name for entry in file.materials]
+    index = _chosen(arguments, names, arguments.source)
+    entry, table = file.materials[index], file.file.tables("material")[index]
+    if entry.contact is None:
+        problem = f"{entry.name!r} has no elastic properties"
+        raise table.refusal(None, problem, "a law needs youngs_modulus and the others")
+    contact = entry.contact
+    if arguments.area is not None:
+        contact = sj.Contact(**contact.leaves(), area=arguments.area)
+    specs = {name: entry.parameters.get(name) for name in COEFFICIENTS}
+    values = {name: None if s is None else s.value for name, s in specs.items()}
+    critical = float(np.asarray(contact.critical_velocity))
+    last = FAR_ABOVE_YIELD * critical
+    if entry.data is not None:
+        last = max(float(np.max(entry.data.velocity)), 2 * critical)
+    bodies, properties = _bodies(table)
+    return Source(
+        entry.name,
+        _law(arguments, contact, values),
+        (DECADES_BELOW_YIELD * critical, min(last, 0.99 * float(contact.limit_velocity))),
+        None if "limit_velocity" in table else properties,
+        bodies,
+        remark=f"{entry.name}: {arguments.source}",
+    )
+
+
+def _bodies(table) -> tuple[str, dict[str, float]]:
+    """Names and numbers of a `[[material]]`'s bodies; the reader has checked them."""
+    names = ("youngs_modulus", "poisson_ratio", "density", "yield_strength")
+    own = {name: float(table.values[name]) for name in names}
+    radii = {k: float(table.values[k]) for k in ("radius", "radius_1", "radius_2") if k in table}
+    if "wall" in table:
+        wall = {f"{name}_wall": float(table.values["wall"][name]) for name in names}
+        return "wall", own | radii | wall
+    if "second" not in table:
+        return "spheres", own | radii
+    one = {f"{name}_1": value for name, value in own.items()}
+    two = {f"{name}_2": float(table.values["second"][name]) for name in names}
+    radius = radii.get("radius")
+    radii = {name: radii.get(name, radius) for name in ("radius_1", "radius_2")}
+    return "unlike spheres", one | two | radii
+
+
+def _of_fit(arguments) -> Source:
+    from calibration.result import FitResult
+
+    name = arguments.material or arguments.source
+    result = load_fit(arguments.fit, FitResult)
+    names = [material.name for material in result.materials]
+    if name is None and len(names) > 1:
+        raise DataError("--material", "missing", f"one of the fit's: {listed(names)}")
+    matches = [n for n in names if name is None or n == name or n == name.replace("-", " ")]
+    if not matches:
+        raise DataError("--material", name, f"one of the fit's: {listed(names)}")
+    given = [f"--{n}" for n in (*COEFFICIENTS, "area", "form", "kappa") if getattr(arguments, n)]
+    if given or arguments.law != "zhou":
+        problem = (given or ["--law"])[0]
+        raise DataError(problem, "given", "left out with --fit, whose law is the fitted one")
+    fit = result.material(matches[0])
+    velocity = fit.data.velocity
+    span = (float(np.min(velocity)), float(np.max(velocity)))
+    if span[0] == span[1]:
+        span = (0.5 * span[0], 2 * span[0])
+    remark = f"{fit.name}: {arguments.fit}" + ("" if fit.converged else " (NOT CONVERGED)")
+    return Source(fit.name, fit.law, span, result=result, remark=remark)
+
+
+def load_fit(path: Path, result_type) -> Any:
+    """A fit's result, or the refusal that names its file."""
+    if not path.is_file():
+        raise InputError(path, None, "no such file", "a fit.json that softjax fit wrote")
+    try:
+        return result_type.load(path)
+    except InputError:
+        raise
+    except (ValueError, KeyError, TypeError):
+        accepted = "a fit.json that softjax fit wrote"
+        raise InputError(path, None, "is no result of a fit", accepted) from None
+
+
+def _chosen(arguments, names: list[str], where: str) -> int:
+    if arguments.material is None and len(names) == 1:
+        return 0
+    if arguments.material in names:
+        return names.index(arguments.material)
+    value = "missing" if arguments.material is None else arguments.material
+    raise DataError("--material", value, f"one of {where}'s: {listed(names)}")
+
+
+def _law(arguments, contact: sj.Contact, values: dict[str, float | None]) -> sj.ContactLaw:
+    """Zhou's law with the options' coefficients before the source's, or another law."""
+    if arguments.law != "zhou":
+        given = [n for n in (*COEFFICIENTS, "form", "kappa") if getattr(arguments, n) is not None]
+        if given:
+            raise DataError(f"--{given[0]}", "given", f"left out with --law {arguments.law}")
+        return make_law(arguments.law, contact, parse_fields(arguments.set))
+    values = dict(values)
+    for name in COEFFICIENTS:
+        if getattr(arguments, name) is not None:
+            values[name] = getattr(arguments, name)
+    for name, value in values.items():
+        if value is None:
+            raise DataError(f"--{name}", "missing", "given, or fitted first and read by --fit")
+    variant = {"form": arguments.form or "first-order", "kappa": arguments.kappa or "consistent"}
+    return sj.Zhou(contact, **values, **variant)

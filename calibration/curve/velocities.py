@@ -1,0 +1,202 @@
+"""Impact velocities, block by block: a grid that is never held whole, or a column of a file."""
+
+import io
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import TextIO
+
+import numpy as np
+from jaxtyping import Float
+
+from calibration.errors import DataError, InputError
+from calibration.table import parse_header
+
+BLOCK = 1 << 16  # rows; larger blocks are not faster, and 2^20 of them take 10 times the memory
+SPACINGS = ("lin", "log")
+
+Block = Float[np.ndarray, " n"]
+
+
+@dataclass(frozen=True)
+class Grid:
+    """`points` velocities from `first` to `last` [m/s], evenly spaced, or evenly in the logarithm.
+
+    Raises:
+        ValueError: naming what is wrong and what is accepted.
+    """
+
+    first: float
+    last: float
+    points: int
+    spacing: str = "lin"
+
+    def __post_init__(self):
+        if self.points < 1:
+            raise DataError("--points", self.points, "a whole number of 1 or more")
+        if self.spacing not in SPACINGS:
+            raise DataError("--spacing", self.spacing, " or ".join(SPACINGS))
+        if not 0 <= self.first < np.inf:
+            raise DataError("--from", self.first, "a velocity of 0 m/s or more")
+        if not self.first <= self.last < np.inf:
+            raise DataError("--to", self.last, f"a velocity of {self.first:g} m/s (--from) or more")
+        if self.spacing == "log" and self.first == 0:
+            raise DataError("--from", self.first, "a velocity above 0 m/s with --spacing log")
+
+    @property
+    def total(self) -> int:
+        return self.points
+
+    def blocks(self, size: int = BLOCK) -> Iterator[Block]:
+        """The velocities in ascending order."""
+        for start in range(0, self.points, size):
+            yield self._at(np.arange(start, min(start + size, self.points)))
+
+    def _at(self, index: np.ndarray) -> Block:
+        part = index / max(self.points - 1, 1)
+        if self.spacing == "log":
+            values = self.first * (self.last / self.first) ** part
+        else:
+            values = self.first + part * (self.last - self.first)
+        # both ends exactly as asked for
+        return np.where(index == 0, self.first, np.where(part == 1, self.last, values))
+
+
+@dataclass(frozen=True)
+class Column:
+    """The velocities of a CSV file, or of standard input ("-"), read as they are needed.
+
+    One number a line, or a table whose header names a column `velocity`, its unit in brackets
+    (m/s, cm/s, mm/s). Blank lines and lines that begin with # are passed over.
+
+    Raises:
+        InputError: while reading, with file and line.
+    """
+
+    path: str
+
+    @property
+    def total(self) -> None:
+        """Unknown before all is read."""
+        return None
+
+    @property
+    def name(self) -> str:
+        return "standard input" if self.path == "-" else self.path
+
+    def blocks(self, size: int = BLOCK) -> Iterator[Block]:
+        with self._open() as file:
+            lines = _numbered(file, self.name)
+            first = next(lines, None)
+            if first is None:
+                raise InputError(self.name, None, "no velocities", "one number a line is needed")
+            column, divisor = self._header(*first)
+            if column is None:
+                column, lines = 0, _chained(first, lines)
+            mark = _delimiter(first[1])
+            rows = 0
+            while block := list(islice(lines, size)):
+                rows += len(block)
+                yield self._numbers(block, column, mark) / divisor
+            if not rows:
+                accepted = "one number a line is needed below the header"
+                raise InputError(self.name, first[0], "no velocities", accepted)
+
+    def _open(self) -> TextIO:
+        if self.path == "-":
+            # not closed with the block: standard input is not ours
+            return io.TextIOWrapper(_Kept(sys.stdin.buffer), encoding="utf-8-sig")  # type: ignore[type-var]
+        try:
+            return Path(self.path).open(encoding="utf-8-sig")
+        except FileNotFoundError:
+            accepted = "a file that exists, or - for standard input"
+            raise InputError(self.path, None, "no such file", accepted) from None
+        except OSError as error:
+            problem = f"cannot be read ({error.strerror})"
+            raise InputError(self.path, None, problem, "a readable file is needed") from None
+
+    def _header(self, line: int, text: str) -> tuple[int | None, float]:
+        """Position of the velocity and divisor to SI; None where the line is already a number."""
+        cells = [cell.strip() for cell in text.split(_delimiter(text))]
+        if _is_number(cells[0]) and len(cells) == 1:
+            return None, 1.0
+        for position, cell in enumerate(cells):
+            if cell.lower().split("[")[0].strip() == "velocity":
+                try:
+                    return position, parse_header(cell)[1]
+                except DataError as error:
+                    raise InputError(
+                        self.name, line, f"{error.argument} is {error.value}", error.accepted
+                    ) from None
+        problem = f"no column named velocity in {text!r}"
+        raise InputError(self.name, line, problem, "one number a line, or a header with velocity")
+
+    def _numbers(self, block: list[tuple[int, str]], column: int, mark: str) -> Block:
+        try:
+            values = np.array([text.split(mark)[column] for _, text in block]).astype(float)
+        except (ValueError, IndexError):
+            raise self._refusal(block, column, mark) from None
+        wrong = ~(np.isfinite(values) & (values >= 0))
+        if np.any(wrong):
+            raise self._refused(*block[int(np.argmax(wrong))])
+        return values
+
+    def _refusal(self, block, column: int, mark: str) -> InputError:
+        """The first line that is no number."""
+        for line, text in block:
+            cells = text.split(mark)
+            if len(cells) <= column or not _is_number(cells[column]):
+                return self._refused(line, text)
+        raise AssertionError("every line is a number")
+
+    def _refused(self, line: int, text: str) -> InputError:
+        return InputError(
+            self.name, line, f"{text!r} holds no velocity", "a finite number of 0 m/s or more"
+        )
+
+
+class _Kept(io.BufferedIOBase):
+    """A stream that stays open when its reader is closed."""
+
+    def __init__(self, stream):
+        self._stream = stream
+
+    def readable(self) -> bool:
+        return True
+
+    def read(self, size: int = -1) -> bytes:
+        return self._stream.read(size)
+
+    def read1(self, size: int = -1) -> bytes:
+        return self._stream.read1(size)
+
+
+def _numbered(file: TextIO, name: str) -> Iterator[tuple[int, str]]:
+    """Line number and text of all lines but blank ones and comments."""
+    line = 0
+    try:
+        for line, text in enumerate(file, start=1):
+            stripped = text.strip()
+            if stripped and stripped[0] != "#":
+                yield line, stripped
+    except UnicodeDecodeError:
+        raise InputError(name, line + 1, "is not UTF-8 text", "save it as UTF-8") from None
+
+
+def _chained(first, rest):
+    yield first
+    yield from rest
+
+
+def _delimiter(text: str) -> str:
+    return next((mark for mark in ";\t" if mark in text), ",")
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,175 @@
+"""Local sensitivities against high-precision differences, and what dimensions say of them."""
+
+import numpy as np
+import pytest
+
+import calibration as cal
+import softjax as sj
+from calibration.sensitivities.inputs import Inputs, SphereAndWall, UnlikeSpheres, dimension
+from tests.cases import FITTED, FORMS, MATERIALS, RADIUS, column, fitted, law_of, reference
+
+PROPERTIES = {  # the oracle's names
+    "youngs_modulus": "E",
+    "poisson_ratio": "nu",
+    "density": "rho",
+    "yield_strength": "Y",
+    "radius": "R",
+    "chi": "chi",
+    "sigma": "sigma",
+    "psi": "psi",
+    "velocity": "v",
+}
+LEAVES = {
+    "youngs_modulus": "E",
+    "radius": "R",
+    "mass": "M",
+    "yield_strength": "Y",
+    "limit_velocity": "v_lim",
+    "chi": "chi",
+    "sigma": "sigma",
+    "psi": "psi",
+    "velocity": "v",
+}
+# unlike bodies, the second with the larger yield strength: only one of them yields
+UNLIKE = dict(
+    zip(
+        ("youngs_modulus", "poisson_ratio", "density", "yield_strength"),
+        ((1.9e11, 2.1e11), (0.3, -0.2), (7800.0, 8100.0), (3e8, 9e8)),
+        strict=True,
+    )
+)
+VELOCITY = np.array([0.002, 0.05, 0.7, 2.0])
+
+
+def spheres(name: str, form: str = "first-order") -> Inputs:
+    return cal.of_spheres(MATERIALS[name], RADIUS, form=form, **FITTED[name])
+
+
+def records(section: str, name: str, form: str) -> list[dict]:
+    every = reference()[section]
+    return [r for r in every if (r["material"], r["inputs"]["form"]) == (name, form)]
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("name", MATERIALS)
+def test_properties_of_materials_agree_with_differences_in_40_digits(name, form):
+    """Through the function that builds the contact of the material."""
+    expected = records("materials", name, form)
+    found = cal.sensitivity(spheres(name, form), column(expected, "inputs", "v"))
+    assert set(found.names) == set(PROPERTIES)
+    for ours, theirs in PROPERTIES.items():
+        slope = column(expected, "log_sensitivities", theirs, "eps")
+        np.testing.assert_allclose(found.of(ours), slope, rtol=0, atol=1e-8)
+    # a test of zeros would pass without derivatives
+    assert np.max(np.abs(found.of("chi"))) > 1e-3
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_fields_of_a_law_agree_with_differences_in_40_digits(name):
+    """Stored leaves held independent, v below, near and far above yield."""
+    expected = records("curves", name, "first-order")
+    law = law_of(expected[0]["inputs"])
+    found = cal.sensitivity(law, column(expected, "inputs", "v"))
+    assert set(found.names) == set(LEAVES)
+    for ours, theirs in LEAVES.items():
+        slope = column(expected, "log_sensitivities", theirs, "eps")
+        np.testing.assert_allclose(found.of(ours), slope, rtol=0, atol=1e-8)
+
+
+def test_the_ode_gives_the_same_sensitivities():
+    expected = records("materials", "nylon", "first-order")
+    v = column(expected, "inputs", "v")
+    found = cal.sensitivity(spheres("nylon"), v, sj.ODE(rtol=1e-11))
+    for ours, theirs in PROPERTIES.items():
+        slope = column(expected, "log_sensitivities", theirs, "eps")
+        np.testing.assert_allclose(found.of(ours), slope, rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_restitution_of_two_spheres_depends_on_dimensionless_groups_alone(name):
+    """kg, m and s: three identities between nine sensitivities, and two that follow from them."""
+    found = cal.sensitivity(spheres(name), VELOCITY)
+    E, rho, Y, R, v = (
+        found.of(n) for n in ("youngs_modulus", "density", "yield_strength", "radius", "velocity")
+    )
+    sums = np.stack([E + Y + rho, R + v - E - Y - 3 * rho, -2 * E - 2 * Y - v], axis=-1)
+    np.testing.assert_allclose(sums, 0, atol=1e-13)
+    np.testing.assert_allclose(found.dimensional_sums(), sums, atol=1e-15)
+    np.testing.assert_allclose(R, 0, atol=1e-13)
+    np.testing.assert_allclose(v, 2 * rho, atol=1e-13)
+    assert np.max(np.abs(v)) > 1e-3
+
+
+def test_modulus_and_poissons_ratio_act_through_one_number():
+    """E/(1 - ν²) of like bodies: S_ν = 2ν²/(1 - ν²) S_E."""
+    found = cal.sensitivity(spheres("nylon"), VELOCITY)
+    nu = MATERIALS["nylon"].poisson_ratio
+    expected = 2 * nu**2 / (1 - nu**2) * found.of("youngs_modulus")
+    np.testing.assert_allclose(found.of("poisson_ratio"), expected, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("build", "bodies", "radii"),
+    [
+        (UnlikeSpheres(), ("_1", "_2"), {"radius_1": 0.01, "radius_2": 0.03}),
+        (SphereAndWall(), ("", "_wall"), {"radius": 0.01}),
+    ],
+)
+def test_identities_hold_for_unlike_bodies_and_a_wall(build, bodies, radii):
+    properties = {
+        name + body: value
+        for name, values in UNLIKE.items()
+        for body, value in zip(bodies, values, strict=True)
+    }
+    inputs = Inputs(properties | radii | {"chi": 0.5, "sigma": 0.4, "psi": 0.5}, build)
+    found = cal.sensitivity(inputs, VELOCITY)
+    np.testing.assert_allclose(found.dimensional_sums(), 0, atol=1e-13)
+    # the stronger body's yield strength plays no part, its modulus does
+    np.testing.assert_array_equal(found.of("yield_strength" + bodies[1]), 0)
+    assert np.max(np.abs(found.of("youngs_modulus" + bodies[1]))) > 1e-4
+    if bodies[1] == "_2":
+        scaled = found.of("radius_1") + found.of("radius_2")
+        np.testing.assert_allclose(scaled, 0, atol=1e-13)
+
+
+def test_logarithmic_sensitivity_is_undefined_without_rebound():
+    law = fitted("stainless steel", chi=1e3, sigma=50.0)
+    found = cal.sensitivity(law, [1e-3, 2.0])
+    assert found.coefficient[1] == 0
+    np.testing.assert_array_equal(found.absolute[1], 0)
+    assert np.all(np.isnan(found.logarithmic[1]))
+    expected = found.absolute[0] / found.coefficient[0]
+    np.testing.assert_array_equal(found.logarithmic[0], expected)
+
+
+def test_an_input_of_zero_moves_nothing_and_gives_no_nan():
+    found = cal.sensitivity(fitted("nylon", sigma=0.0), [0.5, 5.0])
+    np.testing.assert_array_equal(found.of("sigma"), 0)
+    assert np.all(np.isfinite(found.absolute))
+
+
+def test_ranking_names_the_strongest_first():
+    found = cal.sensitivity(spheres("nylon"), VELOCITY)
+    ranked = found.ranked(2.1)
+    sizes = [abs(value) for _, value in ranked]
+    assert sizes == sorted(sizes, reverse=True)
+    assert dict(ranked)["chi"] == found.of("chi")[-1]
+
+
+def test_names_without_a_unit_are_known_as_such():
+    assert dimension("chi") == dimension("poisson_ratio_wall") == (0, 0, 0)
+    assert dimension("density_2") == (1, -3, 0)
+
+
+@pytest.mark.parametrize(
+    ("inputs", "velocity", "named"),
+    [
+        ("steel", 1.0, "inputs"),
+        (fitted("nylon", chi=np.array([1.0, 2.0])), 1.0, "chi"),
+        (fitted("nylon"), -1.0, "velocity"),
+        (fitted("nylon"), np.nan, "velocity"),
+    ],
+)
+def test_what_makes_no_sense_is_named(inputs, velocity, named):
+    with pytest.raises(ValueError, match=f"`{named}`"):
+        cal.sensitivity(inputs, velocity)
