@@ -14,5 +14,6 @@ COMMANDS = {
     "curve": "restitution over velocity: numbers, look-up tables, pictures",
     "sensitivity": "what moves the restitution, what data can tell, where to measure next",
     "fit": "fit χ̃, σ, ψ to measured rebounds (without a file: the paper's three materials)",
+    "compare": "fit every contact law and see which one a data set prefers",
     "speed": "measure speed against error on this machine",
 }
