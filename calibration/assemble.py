@@ -173,7 +173,9 @@ def _spec(name: str, value) -> ParameterSpec:
             raise ValueError(f"the spec of {name!r} must have that name, but has {value.name!r}")
         return value
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ValueError(f"parameter {name!r} must be a ParameterSpec or a number, but is {value!r}")
+        raise ValueError(
+            f"parameter {name!r} must be a ParameterSpec or a number, but is {value!r}"
+        )
     return ParameterSpec(name, free=False, value=float(value))
 
 

@@ -83,7 +83,7 @@ def _linearised(z, layout, obs, noise, expansion, kind, model):
     return jax.vmap(one, in_axes=(0, _OBS_AXES, 0))(z, obs, expansion)
 
 
-def minimise(batch: Batch, z, active, kind: str):
+def minimise(batch: Batch, z, active, kind: str, limit: int = MAX_STEPS):
     """Levenberg–Marquardt for every set with a damping of its own, until each is done.
 
     Returns z, the sums of squares, and which sets converged.
@@ -93,7 +93,7 @@ def minimise(batch: Batch, z, active, kind: str):
     rows, here, damping = np.arange(batch.sets), np.array(z), np.full(batch.sets, 1e-3)
     value, jacobian = batch.linearise(here, active, kind, rows)
     cost = np.sum(value**2, axis=1)
-    for _ in range(MAX_STEPS):
+    for _ in range(limit):
         step, promised = _step(value, jacobian, damping)
         trial = np.array(here)
         trial[:, active] += step
@@ -114,7 +114,7 @@ def minimise(batch: Batch, z, active, kind: str):
         left = ~done
         rows, here, damping, cost = rows[left], here[left], damping[left], cost[left]
         value, jacobian = value[left], jacobian[left]
-    z[rows] = here
+    z[rows], costs[rows] = here, cost
     return z, costs, converged
 
 

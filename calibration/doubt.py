@@ -78,7 +78,7 @@ def misfit_against_scatter(rms, scatter, rms_degrees, scatter_degrees, material)
     """
     from scipy import stats
 
-    ratio = (rms / max(scatter, 1e-300)) ** 2
+    ratio = (rms / max(scatter, 1e-16)) ** 2
     if ratio <= stats.f.ppf(CONFIDENCE, rms_degrees, scatter_degrees) or rms < 1e-9:
         return None
     cause = f"rms {rms:.3g} where the scatter about Eq. (17) is {scatter:.3g}"
@@ -144,10 +144,12 @@ def statuses(status, velocity, material) -> list[Doubt]:
     for flag in sj.Status:
         if flag in (sj.Status.PLAIN, sj.Status.ELASTIC):
             continue
-        raised = (np.asarray(status) & int(flag)) != 0
+        raised = (np.asarray(status, int) & int(flag)) != 0
         if np.any(raised):
             at = velocity[raised]
-            span = f"{np.min(at):.3g} to {np.max(at):.3g} m/s" if len(at) > 1 else f"{at[0]:.3g} m/s"
+            span = (
+                f"{np.min(at):.3g} to {np.max(at):.3g} m/s" if len(at) > 1 else f"{at[0]:.3g} m/s"
+            )
             count = int(np.sum(raised))
             cause = f"{flag.name} at {count} of {len(status)} points ({span})"
             doubts.append(Doubt("status", cause, material))

@@ -53,4 +53,3 @@ def paper_data(curve: PaperCurve, points: int = 40, area: str = "zhou") -> Resti
         name=curve.name,
         remarks=(PAPER_NOTE,),
     )
-

@@ -18,7 +18,7 @@ from calibration.result import FitResult
 from calibration.search import OPTIMISERS
 from calibration.stages import Options, StageFit, run_stage
 from calibration.summary import summarise
-from calibration.uncertainty import Uncertainty, noise_of, stacked
+from calibration.uncertainty import Uncertainty, noise_of, stacked, winsorised
 
 DEFAULT_ROUTE = sj.ODE(steps=16, solver="dopri5")  # ε to 1e-11, compiled in half of dopri8's time
 LOSSES = ("squared", "huber", "soft-l1")
@@ -81,7 +81,8 @@ def fit(
             `ParameterSpec` or a number that fixes it; or a list of such mappings, one a data set.
             With "c1" or "c2" every χ̃ lies on c1 + c2 E/Y (Eq. 18).
         loss: "squared", "huber" or "soft-l1"; the robust ones are scaled by the median absolute
-            deviation of the residuals times `loss_scale`.
+            deviation of the residuals times `loss_scale`. Under "two-step" outliers are told by
+            Eq. (17), and drawn in to it for the second step.
         starts: how many starts are screened (1: only the given one); the best few are refined.
         seed: of the starts. The same seed gives the same result.
         max_steps: iterations of one search.
@@ -135,7 +136,11 @@ def run(setup: Setup, model: Model, options: Options) -> Fitted:
         active = setup.positions(columns, plans)
         if np.any(np.isin(setup.plans, plans)):
             problem = _problem(setup, model, kind, plans, z, active)
-            stages.append(run_stage(_stage_name(kind), setup, problem, options))
+            own = options
+            if plans == ("two-step",) and options.loss != "squared":
+                obs = winsorised(stages[0].problem, z, problem.obs)
+                problem, own = replace(problem, obs=obs), replace(options, loss="squared")
+            stages.append(run_stage(_stage_name(kind), setup, problem, own))
             z = stages[-1].z
     stages = [replace(s, problem=replace(s.problem, base=z)) for s in stages]
     return Fitted(setup, tuple(stages), z, covariance_of(setup, stages))
@@ -219,7 +224,11 @@ def _check(optimiser, loss, line, starts, seed, max_steps, confidence, loss_scal
     _check_choice("optimiser", optimiser, tuple(OPTIMISERS))
     _check_choice("loss", loss, LOSSES)
     _check_choice("unloading_line", line, ("curves", "weighted", None))
-    for name, value, least in (("starts", starts, 1), ("seed", seed, 0), ("max_steps", max_steps, 1)):
+    for name, value, least in (
+        ("starts", starts, 1),
+        ("seed", seed, 0),
+        ("max_steps", max_steps, 1),
+    ):
         if not isinstance(value, int) or isinstance(value, bool) or value < least:
             raise ValueError(f"`{name}` must be a whole number >= {least}, but is {value!r}")
     if not 0 < confidence < 1:

@@ -52,7 +52,10 @@ def _directly(fitted, options: Options, start) -> tuple[StageFit, Uncertainty]:
     kept = np.array([p for p in old.active if p not in chi], int)
     active = np.concatenate([positions, kept]).astype(int)
     problem = replace(old, layout=layout, base=base, active=active, loss="squared")
-    stage = run_stage("Eq. (18)", setup, problem, replace(options, starts=1))
+    own = replace(options, starts=1)
+    if "two-step" in setup.plans:
+        own = replace(own, loss="squared")  # the data are winsorised already
+    stage = run_stage("Eq. (18)", setup, problem, own)
     problems = [s.problem for s in fitted.stages if s.problem.kind == "empirical"]
     problems = [replace(p, layout=layout, base=stage.z) for p in problems] + [stage.problem]
     exact = "two-step" in setup.plans
@@ -79,7 +82,9 @@ def _through_chi(fitted, own, confidence) -> dict[str, Estimate]:
     for i, name in enumerate(LINE_COLUMNS):
         error = float(np.sqrt(normal[i, i])) if usable else None
         value = float(c[i])
-        low, high = (None, None) if error is None else (value - reach * error, value + reach * error)
+        low, high = (
+            (None, None) if error is None else (value - reach * error, value + reach * error)
+        )
         table[name] = Estimate(value, error, low, high, "wald", True)
     return table
 
@@ -140,7 +145,7 @@ def _chi_on_line(setup, stage, known: Uncertainty, confidence) -> dict[str, Esti
 
 def _rms(fitted, problem, z) -> dict[str, float]:
     """Of each material's curve with χ̃ from the line."""
-    residual = problem.prediction(z) - problem.obs.restitution
+    residual = problem.prediction(z) - fitted.setup.obs.restitution
     setup = fitted.setup
     return {
         setup.datasets[g].name: float(np.sqrt(np.mean(residual[setup.rows(g)] ** 2)))

@@ -1,7 +1,8 @@
 """Residuals of Eq. (17) and of the collision model against data, and their derivatives.
 
 The collision enters only through ε_p², which each impact has for itself. It is therefore expanded
-impact by impact (`expand`: value and slopes in χ̃, Y, E, through either route), and the rest, Eqs. (16) to (18), transforms, weights, loss and priors, is differentiated around it. So one
+impact by impact (`expand`: value and slopes in χ̃, Y, E, through either route), and the rest, Eqs.
+(16) to (18), transforms, weights, loss and priors, is differentiated around it. So one
 compiled collision serves every objective, any number of data sets and any parameters.
 """
 

@@ -10,6 +10,7 @@ import numpy as np
 import softjax as sj
 from calibration.data import RestitutionData
 from calibration.doubt import Doubt
+from calibration.parameters import LINE_COLUMNS
 from calibration.profiles import Profile
 from calibration.stages import Stage
 
@@ -194,7 +195,8 @@ class FitResult:
         return table
 
     def _label(self, name: str, material: MaterialFit) -> str:
-        return name if len(self.materials) == 1 else f"{name}[{material.name}]"
+        alone = len(self.materials) == 1 or name in LINE_COLUMNS
+        return name if alone else f"{name}[{material.name}]"
 
     @property
     def converged(self) -> bool:
@@ -348,7 +350,7 @@ def rounded(value: float | None, error: float | None) -> str:
     if error is None or not math.isfinite(error) or error <= abs(value) * 1e-9:
         return f"{value:.6g}"
     digits = 1 - math.floor(math.log10(error))
-    if -4 <= digits - 1 and digits <= 8:
+    if digits - 1 >= -4 and digits <= 8:
         places = max(digits, 0)
         return f"{value:.{places}f} ± {error:.{places}f}"
     significant = max(digits + math.floor(math.log10(abs(value) or 1.0)), 1)

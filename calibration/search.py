@@ -45,7 +45,11 @@ class Search:
 
 
 def search(
-    problem: Problem, z, optimiser: str = "l-bfgs", step: Callable | None = None, limit: int = MAX_ITERATIONS
+    problem: Problem,
+    z,
+    optimiser: str = "l-bfgs",
+    step: Callable | None = None,
+    limit: int = MAX_ITERATIONS,
 ) -> Search:
     """Minimise from z; `step(cost)` is called after every iteration."""
     problem.counter.evaluations = 0

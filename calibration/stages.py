@@ -13,7 +13,7 @@ from calibration.starts import best_starts, candidates
 
 REFINED = 3  # of the screened starts
 SCALE_ROUNDS = 20
-SCALE_TOLERANCE = 1e-7
+SCALE_TOLERANCE = 1e-6
 MAD = 1.4826  # median absolute deviation of Gaussian noise to its standard deviation
 Progress = Callable[[str, int, int], None]
 

@@ -9,8 +9,8 @@ import numpy as np
 import softjax as sj
 from calibration import objective
 from calibration.assemble import Setup
-from calibration.parameters import LOGIT, NONE
 from calibration.objective import KINDS
+from calibration.parameters import LOGIT, NONE
 from calibration.problem import Problem
 
 # how far around the start to look, in z: a factor of 30 below and 300 above for χ̃

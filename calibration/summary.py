@@ -13,7 +13,7 @@ from calibration.parameters import COLUMNS, CONTACT_COLUMNS, NONE
 from calibration.profiles import Profile, profile
 from calibration.result import Estimate, FitResult, MaterialFit
 from calibration.search import OPTIMISERS
-from calibration.uncertainty import parameters_of, quantile
+from calibration.uncertainty import quantile
 
 PACKAGES = ("softjax-contact", "jax", "diffrax", "optax", "optimistix", "numpy", "scipy")
 BOUND_MARGIN = 1e-6  # of the bounds' distance, or of the value
@@ -31,7 +31,9 @@ def summarise(fitted, model, options, line, beside, confidence, with_profiles) -
         _material(fitted, model, g, estimates, confidence, shared) for g in range(len(setup.counts))
     )
     names, covariance = _covariance(fitted)
-    reports = [s.report for s in fitted.stages] + ([line.stage.report] if line and line.stage else [])
+    reports = [s.report for s in fitted.stages] + (
+        [line.stage.report] if line and line.stage else []
+    )
     known = fitted.uncertainty
     return FitResult(
         materials=materials,
@@ -179,7 +181,9 @@ def _variance(fitted, problem, element) -> float | None:
     """The weighted residuals' variance: 1 where u is stated, else the noise's; None where sets
     of one shared parameter differ in it."""
     weighted = {
-        round(float((fitted.uncertainty.noise * problem.obs.weight)[fitted.setup.rows(g).start]), 14)
+        round(
+            float((fitted.uncertainty.noise * problem.obs.weight)[fitted.setup.rows(g).start]), 14
+        )
         for g in element.sets
     }
     variance = weighted.pop() ** 2
@@ -193,7 +197,7 @@ def _material(fitted, model, g, estimates, confidence, shared) -> MaterialFit:
     stages = [s for s in fitted.stages if np.any(s.problem.obs.weight[setup.rows(g)] > 0)]
     final = stages[-1]
     rows = setup.rows(g)
-    residual = (final.problem.prediction(fitted.z) - final.problem.obs.restitution)[rows]
+    residual = (final.problem.prediction(fitted.z) - setup.obs.restitution)[rows]
     rms = float(np.sqrt(np.mean(residual**2)))
     table = {k: float(v[g]) for k, v in setup.layout.numpy_table(fitted.z).items()}
     parameters = _parameters(setup, g, estimates, table)
@@ -422,11 +426,11 @@ def _material_doubts(fitted, part: MaterialFit, g, residual, left) -> list[Doubt
             )
         )
     found.append(doubts.runs(data.velocity, residual, name))
-    found.append(
-        doubts.no_velocity_dependence(data.velocity, data.restitution, uncertainty, name)
-    )
+    found.append(doubts.no_velocity_dependence(data.velocity, data.restitution, uncertainty, name))
     found += doubts.statuses(part.status, data.velocity, name)
-    if part.plan in ("two-step", "model") and np.all(fitted.setup.obs.elastic[fitted.setup.rows(g)]):
+    if part.plan in ("two-step", "model") and np.all(
+        fitted.setup.obs.elastic[fitted.setup.rows(g)]
+    ):
         cause = "all velocities are below the critical velocity"
         found.append(Doubt("all-below-yield", cause, name))
     return [one for one in found if one is not None]

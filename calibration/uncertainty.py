@@ -65,12 +65,12 @@ def stacked(setup: Setup, problems: list[Problem], exact: bool, noise, degrees) 
         plain = replace(problem, loss="squared")
         _, jacobian = plain.linearise_all(problem.base)
         own = jacobian[:, problem.active]
-        differenced = problem.loss != "squared" or (exact and k > 0)
-        if differenced:
-            bread[rows] = _gradient_slope(problem, positions)
+        follows = problems[0] if k > 0 and problems[0].loss != "squared" else None
+        if problem.loss != "squared" or (exact and k > 0):
+            bread[rows] = _gradient_slope(problem, positions, follows)
         else:
             bread[rows, rows] = own.T @ own
-        spread = _score_spread(problem, noise, degrees)
+        spread = _score_spread(problem if follows is None else follows, noise, degrees)
         scores[:, rows] = own[:points] * spread[:, None]
         prior[rows] = np.sum(own[points:] ** 2, axis=0)
         own_rank, own_condition, own_nulls = _diagnose(own)
@@ -101,6 +101,19 @@ def _score_spread(problem: Problem, noise, degrees) -> np.ndarray:
     return weighted
 
 
+def winsorised(first: Problem, z, obs):
+    """`obs` with every ε as far from Eq. (17)'s robust curve as its influence reaches, no farther.
+
+    So the model's step sees the same bounded noise as Eq. (17)'s, and its own misfit is not taken
+    for outliers.
+    """
+    curve = first.prediction(z)
+    weight = np.where(first.obs.weight > 0, first.obs.weight, 1.0)
+    residual = (curve - first.obs.restitution) * weight
+    bounded = _influence(residual, first.noise.scale, first.loss) / weight
+    return obs._replace(restitution=curve - bounded)
+
+
 def _influence(residual, scale, loss) -> np.ndarray:
     """ψ(r), the derivative of the loss."""
     if loss == "huber":
@@ -108,8 +121,10 @@ def _influence(residual, scale, loss) -> np.ndarray:
     return residual / np.sqrt(1 + (residual / scale) ** 2)
 
 
-def _gradient_slope(problem: Problem, positions) -> np.ndarray:
+def _gradient_slope(problem: Problem, positions, follows: Problem | None) -> np.ndarray:
     """∂(Jᵀr)/∂z of a stage's own elements, along all `positions`.
+
+    `follows` is the robust stage that winsorised the data of this one.
 
     Fourth-order differences of the exact gradient: no second derivative of a time integration is
     compiled, and the error stays near 1e-11.
@@ -118,7 +133,10 @@ def _gradient_slope(problem: Problem, positions) -> np.ndarray:
     def gradient(position, step):
         z = np.array(problem.base)
         z[position] += step
-        value, jacobian = problem.linearise_all(z)
+        own = problem
+        if follows is not None:
+            own = replace(problem, obs=winsorised(follows, z, problem.obs))
+        value, jacobian = own.linearise_all(z)
         return jacobian[:, problem.active].T @ value
 
     columns = []

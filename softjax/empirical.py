@@ -12,11 +12,13 @@ def sound_and_heat_exponent(velocity, limit_velocity, sigma, psi) -> Array:
     """
     acts = (velocity > 0) & (velocity < limit_velocity)
     moving = jnp.where(acts, velocity, 0.5 * limit_velocity)
-    ratio = moving / (limit_velocity - moving)
+    # not a quotient, whose derivative overflows float32 where both velocities are tiny
+    ratio = moving * (1 / (limit_velocity - moving))
     # a velocity of 1e-300 is no zero, but its ratio may round to one
     ratio = jnp.maximum(ratio, jnp.finfo(ratio.dtype).tiny)
     exponent = sigma * ratio**psi
-    return jnp.where(acts, exponent, jnp.where(velocity > 0, jnp.inf, 0.0))
+    without = jnp.where(velocity > 0, jnp.inf, jnp.zeros_like(exponent))
+    return jnp.where(acts, exponent, without)
 
 
 def empirical_restitution(velocity, limit_velocity, sigma, psi) -> Array:

@@ -143,7 +143,8 @@ def work_to(law: ReducedRateIndependent, x: Array) -> Array:
     limit = law.elastic_limit
     elastic = 0.4 * jnp.minimum(x, limit) ** law.work_exponent
     bottom, top = jnp.sqrt(limit), jnp.sqrt(jnp.maximum(x, limit))
-    yielded = integrate(lambda s: 2 * s * law.loading(s**2), bottom + 0 * top, top, WORK_NODES)
+    force = lambda s: 2 * s * law.loading(s**2)  # noqa: E731
+    yielded = integrate_in_a_loop(force, bottom + 0 * top, top, WORK_NODES)
     return elastic + yielded
 
 
@@ -151,7 +152,8 @@ def _unloading_work(law, peak, recovered):
     if isinstance(law, ReducedClosedForm):
         return law.unloading_work(peak, recovered)
     top, bottom = jnp.sqrt(peak), safe_sqrt(peak - recovered)
-    return integrate(lambda s: 2 * s * law.unloading(s**2, peak), bottom, top, WORK_NODES)
+    force = lambda s: 2 * s * law.unloading(s**2, peak)  # noqa: E731
+    return integrate_in_a_loop(force, bottom, top, WORK_NODES)
 
 
 def _largest_velocity(law):
@@ -198,10 +200,13 @@ def _bracketed_root(residual, lower, upper, *params):
     def flat(x, *leaves):
         return residual(x, *jax.tree.unflatten(structure, leaves))
 
-    def solve(*leaves):
+    def solve(lower, upper, *leaves):
         return _newton(flat, _bisect(flat, lower, upper, leaves), lower, upper, leaves)
 
-    return implicit_root(solve, flat)(*leaves)
+    # the bounds are arguments too, though the root does not depend on them: what is traced must
+    # not come in by the back door
+    bounds = jax.lax.stop_gradient((lower, upper))
+    return implicit_root(solve, lambda x, lower, upper, *leaves: flat(x, *leaves))(*bounds, *leaves)
 
 
 def _bisect(f, lower, upper, leaves):
@@ -226,8 +231,9 @@ def _bisect(f, lower, upper, leaves):
 
 
 def _newton(f, x, lower, upper, leaves):
-    for _ in range(NEWTON_STEPS):
+    def step(_, x):
         value, slope = jax.jvp(lambda x: f(x, *leaves), (x,), (jnp.ones_like(x),))
-        step = jnp.where(slope != 0, value / jnp.where(slope != 0, slope, 1.0), 0.0)
-        x = jnp.clip(x - step, lower, upper)
-    return x
+        change = jnp.where(slope != 0, value / jnp.where(slope != 0, slope, 1.0), 0.0)
+        return jnp.clip(x - change, lower, upper)
+
+    return jax.lax.fori_loop(0, NEWTON_STEPS, step, x)

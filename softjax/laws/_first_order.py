@@ -32,7 +32,7 @@ RELEASE_STEPS = 5
 
 def loading_work(x: Array, d: Array) -> Array:
     """W_L(x), Eq. (9)."""
-    s = jnp.sqrt(x)
+    s = safe_sqrt(x)
     plastic = jnp.where(x > 1, s, 1.0)
     return 0.4 * s**5 - 0.4 * plastic**5 * (1 - work_ratio(1.0, 1 / plastic, d * plastic**2))
 
