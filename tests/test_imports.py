@@ -1,0 +1,163 @@
+"""What imports what: one direction, no cycles, and nothing heavy before it is asked for."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+HEAVY = ("diffrax", "optimistix", "optax", "lineax", "scipy", "matplotlib", "tqdm")
+
+# softjax in layers: a module imports from earlier layers, or from its own where that says so
+LAYERS = [
+    {"_checks", "_numerics", "status"},
+    {"materials"},
+    {"contact", "empirical", "routes"},
+    {"laws"},
+    {"energy", "collision", "_bridge", "rate_dependent", "impact", "_large"},
+    {"restitution"},
+    {"history", "plot", "paper"},
+]
+LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
+ROUTES = {"energy": {"energy"}, "ode": {"collision", "_bridge", "rate_dependent"}}
+
+
+def modules(package):
+    """Files of a package by dotted name without the package's own."""
+    folder = ROOT / package
+    found = {}
+    for path in sorted(folder.rglob("*.py")):
+        parts = path.relative_to(folder).with_suffix("").parts
+        found[".".join(p for p in parts if p != "__init__")] = path
+    return found
+
+
+def imported(path, package):
+    """Dotted names that a file imports from the package, wherever in the file."""
+    names = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: a relative import, which this test cannot follow"
+            names.add(node.module)
+            names |= {f"{node.module}.{alias.name}" for alias in node.names}
+    own = {name for name in names if name.split(".")[0] == package}
+    return {name.removeprefix(package).removeprefix(".") for name in own}
+
+
+def part(name):
+    """The top-level module of softjax that a dotted name belongs to."""
+    return name.split(".")[0]
+
+
+SOFTJAX = modules("softjax")
+
+
+def edges():
+    """Pairs (module, imported module) within softjax, the package's own __init__ left out."""
+    known = {part(name) for name in SOFTJAX if name}
+    for name, path in SOFTJAX.items():
+        for target in imported(path, "softjax"):
+            if name and part(target) in known:
+                yield part(name), part(target)
+
+
+def test_every_module_has_a_layer():
+    assert {part(name) for name in SOFTJAX if name} <= set(LEVEL)
+
+
+def test_softjax_imports_downwards():
+    assert len(list(edges())) > 20
+    for name, target in edges():
+        assert LEVEL[target] <= LEVEL[name], f"{name} imports {target}"
+
+
+def test_softjax_has_no_cycle():
+    graph = {}
+    for name, target in edges():
+        if name != target:
+            graph.setdefault(name, set()).add(target)
+    seen, path = set(), []
+
+    def visit(name):
+        assert name not in path, f"cycle: {[*path, name]}"
+        if name not in seen:
+            path.append(name)
+            for target in graph.get(name, ()):
+                visit(target)
+            path.pop()
+            seen.add(name)
+
+    for name in graph:
+        visit(name)
+
+
+def test_the_two_routes_share_the_law_and_nothing_else():
+    for name, target in edges():
+        for route, names in ROUTES.items():
+            others = set().union(*(v for k, v in ROUTES.items() if k != route))
+            assert not (name in names and target in others), f"{name} imports {target}"
+
+
+def test_one_file_talks_to_diffrax():
+    users = [
+        name
+        for name, path in SOFTJAX.items()
+        if any(
+            (isinstance(node, ast.Import) and any(a.name.startswith("diffrax") for a in node.names))
+            or (isinstance(node, ast.ImportFrom) and (node.module or "").startswith("diffrax"))
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        )
+    ]
+    assert users == ["_bridge"]
+
+
+def test_softjax_knows_nothing_of_calibration():
+    for name, path in SOFTJAX.items():
+        assert not imported(path, "calibration"), name
+
+
+def test_calibration_uses_public_names_alone():
+    for name, path in modules("calibration").items():
+        public = {"", "paper", "plot", "laws"}  # the last for formulas beside the laws
+        used = {part(target) for target in imported(path, "softjax")}
+        private = {t for t in used - public if f"{t}" in LEVEL}
+        assert not private, f"calibration.{name} imports softjax.{private}"
+
+
+def loaded_after(code):
+    """Which heavy packages a fresh Python has after this code."""
+    check = f"import sys; print(*[m for m in {HEAVY!r} if m in sys.modules])"
+    done = subprocess.run(
+        [sys.executable, "-c", f"{code}\n{check}"], capture_output=True, text=True, cwd=ROOT
+    )
+    assert done.returncode == 0, done.stderr
+    return set(done.stdout.split())
+
+
+CURVE = """
+import softjax as sj
+steel = sj.STAINLESS_STEEL
+law = sj.Zhou(sj.Contact.between_spheres(steel, steel, 0.0127, 0.0127), 1.8, 3.0, 0.54)
+result = sj.restitution(law, [0.001, 0.1, 1.0])
+assert result.coefficient.shape == (3,)
+"""
+
+
+@pytest.mark.parametrize("code", ["import softjax", CURVE], ids=["import", "curve"])
+def test_nothing_heavy_is_imported(code):
+    assert loaded_after(code) == set()
+
+
+def test_the_ode_imports_diffrax():
+    assert "diffrax" in loaded_after("import softjax, softjax.collision")
+
+
+def test_importing_changes_no_setting():
+    code = "import jax\nbefore = dict(jax.config.values)\nimport softjax\n"
+    code += "assert dict(jax.config.values) == before"
+    loaded_after(code)
+    loaded_after("import softjax as sj, jax\nsj.enable_x64()\nassert jax.config.jax_enable_x64")
