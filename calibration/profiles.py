@@ -1,6 +1,6 @@
 """Profile likelihood: how far one parameter can go while the others make up for it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -43,12 +43,16 @@ class _Walk:
         value, _ = problem.linearise(problem.start)
         self.lowest = float(value @ value)
         self.last = self.base
+        self.known: dict[float, float] = {}  # a refit from elsewhere may end elsewhere
 
     def __call__(self, z: float) -> float:
+        if z not in self.known:
+            self.known[z] = self._refit(z)
+        return self.known[z]
+
+    def _refit(self, z: float) -> float:
         base = np.array(self.last)
         base[self.position] = z
-        from dataclasses import replace
-
         problem = replace(self.problem, base=base, active=self.others)
         if len(self.others):
             found = search(problem, problem.start, limit=STEPS)
@@ -56,7 +60,8 @@ class _Walk:
         else:
             value, _ = problem.linearise(problem.start)
             self.last, cost = base, float(value @ value)
-        return float(np.sqrt(max(cost - self.lowest, 0.0) / self.variance))
+        rise = float(np.sqrt(max(cost - self.lowest, 0.0) / self.variance))
+        return rise if np.isfinite(rise) else 1e6
 
     def restart(self) -> None:
         self.last = self.base

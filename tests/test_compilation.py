@@ -1,0 +1,89 @@
+"""Repeated calls with the same shapes compile once; nothing computes a NaN on the way."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import softjax as sj
+from tests.cases import fitted, pair
+
+
+@pytest.fixture
+def compiled():
+    """The compilations since the test began, by name."""
+    names = []
+
+    def listen(event, duration, **details):
+        if event == "/jax/core/compile/backend_compile_duration":
+            names.append(details.get("fun_name", "?"))
+
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    yield names
+    jax.monitoring.unregister_event_duration_listener(listen)
+
+
+def everything(law, velocity, route):
+    result = sj.restitution(law, velocity, route=route)
+    return result.coefficient, result.duration, result.ok
+
+
+@pytest.mark.parametrize("route", [None, sj.ODE()], ids=["energy", "ode"])
+def test_the_same_shapes_compile_once(compiled, route):
+    velocity = np.linspace(1.0, 20.0, 7)
+    everything(fitted("nylon"), velocity, route)
+    assert compiled
+    compiled.clear()
+    for chi in (0.3, 0.4, 0.5):
+        # other numbers, other velocities, another material: the same shapes
+        everything(fitted("nylon", chi=chi), velocity + chi, route)
+        everything(sj.Zhou(pair("nylon", "zhou"), chi, 0.1, 0.6), velocity[::-1], route)
+        everything(fitted("stainless steel", chi=chi), velocity, route)
+    assert compiled == []
+    everything(fitted("nylon"), velocity[:5], route)
+    assert compiled  # so that the count is one that can count
+
+
+def test_histories_compile_once(compiled):
+    velocity = np.array([1.0, 4.0])
+    sj.collide(fitted("nylon"), velocity, samples=11).time.block_until_ready()
+    compiled.clear()
+    sj.collide(fitted("nylon", chi=0.4), 2 * velocity, samples=11).time.block_until_ready()
+    assert compiled == []
+
+
+def test_derivatives_under_the_callers_jit_compile_once(compiled):
+    slope = jax.jit(jax.grad(lambda law, v: sj.restitution(law, v).coefficient.sum()))
+    velocity = jnp.linspace(0.0, 20.0, 7)
+    faster = velocity + 1
+    slope(fitted("nylon"), velocity)
+    compiled.clear()
+    slope(fitted("nylon", chi=0.4), faster)
+    assert compiled == []
+
+
+@pytest.mark.parametrize(
+    ("form", "route"),
+    [("first-order", None), ("full", None), ("first-order", sj.ODE())],
+    ids=["first-order", "full", "ode"],
+)
+def test_no_nan_is_made_and_hidden(form, route):
+    """A core of everything once more while JAX looks into what each compiled function gives."""
+    law = fitted("nylon", form)
+    ratios = jnp.array([0.0, 1e-30, 0.5, 1.0, 1.0 + 1e-15, 1.001, 3.0, 40.0, 300.0, 2e3])
+    velocity = ratios * law.contact.critical_velocity
+
+    def total(law, velocity):
+        return sj.restitution(law, velocity, route=route).coefficient.sum()
+
+    with jax.debug_nans(True):
+        result = sj.restitution(law, velocity, route=route)
+        assert np.all(np.isfinite(result.coefficient))
+        assert np.all(np.isfinite(result.duration))
+        slopes = jax.grad(total, (0, 1))(law, velocity)
+        assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(slopes))
+
+
+def test_debugging_for_nans_would_find_one():
+    with jax.debug_nans(True), pytest.raises(FloatingPointError):
+        jnp.log(jnp.array(-1.0)).block_until_ready()

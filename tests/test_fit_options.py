@@ -1,0 +1,239 @@
+"""Fixed and bounded parameters, priors, shared values, losses, and what is refused."""
+
+import numpy as np
+import pytest
+
+import calibration as cal
+import softjax as sj
+from tests import fit_oracle
+from tests.fit_data import TRUTH, eq_17_data, pair, twin
+
+QUICK = {"route": sj.EnergyBalance(), "profiles": False, "starts": 8}
+Spec = cal.ParameterSpec
+
+
+def test_a_number_fixes_and_a_bound_is_kept():
+    data = twin("nylon", noise=0.003)
+    fixed = cal.fit(data, "model", parameters={"psi": 0.5}, **QUICK)
+    assert fixed.values["psi"] == 0.5
+    assert not fixed.materials[0].parameters["psi"].free
+    assert "psi" not in fixed.covariance_names
+    bounded = cal.fit(data, parameters={"chi": Spec("chi", bounds=(0.5, 2.0))}, **QUICK)
+    assert bounded.values["chi"] == pytest.approx(0.5, abs=1e-5)
+    assert bounded.materials[0].parameters["chi"].at_bound
+    assert "at-bound" in {doubt.code for doubt in bounded.warnings}
+    free = cal.fit(data, parameters={"chi": Spec("chi", bounds=(0.01, 2.0))}, **QUICK)
+    plain = cal.fit(data, **QUICK)
+    assert free.values["chi"] == pytest.approx(plain.values["chi"], rel=1e-7)
+    assert free.standard_errors["chi"] == pytest.approx(plain.standard_errors["chi"], rel=1e-6)
+
+
+def test_a_prior_is_one_more_measurement():
+    """Against SciPy: the prior as one more residual."""
+    name = "nylon"
+    data = twin(name, noise=0.004, uncertainty=0.004)
+    numbers = fit_oracle.numbers(data.contact)
+    prior = (0.30, 0.01)
+    result = cal.fit(data, "model", parameters={"chi": Spec("chi", prior=prior)}, **QUICK)
+
+    def model(chi, sigma, psi):
+        return np.append(fit_oracle.curve(data.velocity, numbers, chi, sigma, psi), chi)
+
+    target = np.append(data.restitution, prior[0])
+    told = np.append(data.uncertainty, prior[1])
+    values, covariance, _ = fit_oracle.fit(model, TRUTH[name][1:4], target, told)
+    for i, parameter in enumerate(("chi", "sigma", "psi")):
+        assert result.values[parameter] == pytest.approx(values[i], rel=1e-5)
+        error = np.sqrt(covariance[i, i])
+        assert result.standard_errors[parameter] == pytest.approx(error, rel=1e-5)
+
+
+def test_yield_strength_is_recovered_and_points_that_cross_are_told():
+    name = "nylon"
+    data = twin(name, y=np.linspace(0.2, 30, 40))
+    wrong = sj.Contact(
+        **{**data.contact.leaves(), "yield_strength": 1.25 * float(data.contact.yield_strength)}
+    )
+    misled = cal.RestitutionData(data.velocity, data.restitution, wrong, name=name)
+    specs = {
+        "yield_strength": Spec("yield_strength"),
+        "sigma": TRUTH[name][2],
+        "psi": TRUTH[name][3],
+    }
+    result = cal.fit(misled, "model", parameters=specs, **QUICK)
+    assert result.values["yield_strength"] == pytest.approx(
+        float(data.contact.yield_strength), rel=1e-4
+    )
+    assert result.values["chi"] == pytest.approx(TRUTH[name][1], rel=1e-3)
+    assert "branch-change" in {doubt.code for doubt in result.warnings}
+    right = cal.fit(data, "model", parameters=specs, **QUICK)
+    assert "branch-change" not in {doubt.code for doubt in right.warnings}
+
+
+def test_a_value_shared_by_two_sets_is_one_parameter():
+    """The joint fit against SciPy."""
+    one, two = (twin("nylon", noise=0.004, seed=s, uncertainty=0.004) for s in (1, 2))
+    two = cal.RestitutionData(
+        two.velocity[::2], two.restitution[::2], two.contact, 0.004, name="second"
+    )
+    spec = Spec("chi", shared="both")
+    result = cal.fit([one, two], "model", parameters={"chi": spec}, **QUICK)
+    assert result.values["chi[nylon]"] == result.values["chi[second]"]
+    assert "chi[both]" in result.covariance_names
+    assert result.unloading_line is None
+    numbers = fit_oracle.numbers(one.contact)
+
+    def model(chi, s1, p1, s2, p2):
+        first = fit_oracle.curve(one.velocity, numbers, chi, s1, p1)
+        return np.append(first, fit_oracle.curve(two.velocity, numbers, chi, s2, p2))
+
+    _, chi, sigma, psi, _ = TRUTH["nylon"]
+    target = np.append(one.restitution, two.restitution)
+    values, covariance, _ = fit_oracle.fit(
+        model, [chi, sigma, psi, sigma, psi], target, np.full(len(target), 0.004)
+    )
+    assert result.values["chi[nylon]"] == pytest.approx(values[0], rel=1e-5)
+    assert result.standard_errors["chi[second]"] == pytest.approx(
+        np.sqrt(covariance[0, 0]), rel=1e-5
+    )
+    assert result.band([10.0], "second").standard_error[0] > 0
+
+
+def test_c1_and_c2_as_parameters_are_the_line_through_all_curves():
+    data = cal.paper_materials()
+    result = cal.fit(data, parameters={"c1": Spec("c1"), "c2": Spec("c2")}, **QUICK)
+    assert result.values["c1"] == pytest.approx(0.03184, abs=6e-6)
+    assert result.values["c2"] == pytest.approx(0.004554, abs=6e-7)
+    ratio = float(data[2].contact.yield_ratio)
+    chi = result.values["c1"] + result.values["c2"] * ratio
+    assert result.values["chi[nylon]"] == pytest.approx(chi, rel=1e-9)
+    assert float(np.asarray(result.law["nylon"].chi)) == pytest.approx(chi, rel=1e-9)
+
+
+def test_velocity_uncertainty_is_carried_into_that_of_restitution():
+    name = "stainless steel"
+    u_v = 0.02
+    plain = eq_17_data(name, noise=0.004, uncertainty=0.004)
+    data = eq_17_data(name, noise=0.004, uncertainty=0.004, velocity_uncertainty=u_v)
+    result = cal.fit(data, "empirical", **QUICK)
+    limit = float(data.limit_velocity)
+    weights = np.full(len(data), 0.004)
+    values = TRUTH[name][2:4]
+    for _ in range(6):
+        h = 1e-6
+        slope = (
+            fit_oracle.eq_17(data.velocity * (1 + h), limit, *values)
+            - fit_oracle.eq_17(data.velocity * (1 - h), limit, *values)
+        ) / (2 * h * data.velocity)
+        weights = np.hypot(0.004, slope * u_v)
+        values, covariance, _ = fit_oracle.fit(
+            lambda s, p: fit_oracle.eq_17(data.velocity, limit, s, p),
+            values,
+            data.restitution,
+            weights,
+        )
+    assert np.max(weights) > 0.006
+    assert result.values["sigma"] == pytest.approx(values[0], rel=1e-5)
+    error = np.sqrt(covariance[0, 0])
+    assert result.standard_errors["sigma"] == pytest.approx(error, rel=1e-5)
+    assert (
+        result.standard_errors["sigma"]
+        > cal.fit(plain, "empirical", **QUICK).standard_errors["sigma"]
+    )
+
+
+@pytest.mark.parametrize("loss", ["huber", "soft-l1"])
+def test_robust_loss_is_least_squares_without_outliers_and_better_with(loss):
+    clean = eq_17_data("nylon", points=40, noise=0.005)
+    spoilt = np.array(clean.restitution)
+    spoilt[[5, 17, 30]] -= 0.05
+    dirty = cal.RestitutionData(clean.velocity, spoilt, clean.contact)
+    truth = cal.fit(clean, **QUICK)
+    robust = cal.fit(dirty, loss=loss, **QUICK)
+    squared = cal.fit(dirty, **QUICK)
+    error = truth.standard_errors["chi"]
+    assert abs(robust.values["chi"] - truth.values["chi"]) < error
+    assert abs(robust.values["chi"] - truth.values["chi"]) < abs(
+        squared.values["chi"] - truth.values["chi"]
+    )
+    same = cal.fit(clean, loss=loss, **QUICK)
+    assert abs(same.values["chi"] - truth.values["chi"]) < 0.5 * error
+    assert same.standard_errors["chi"] == pytest.approx(error, rel=0.35)
+    assert robust.converged
+    assert robust.settings["loss"] == loss
+
+
+def test_without_elastic_properties_eq_17_or_a_constant_is_fitted():
+    data = eq_17_data("nylon", noise=0.002)
+    told = cal.RestitutionData(data.velocity, data.restitution, limit_velocity=data.limit_velocity)
+    result = cal.fit(told)
+    assert result.settings["objective"] == "empirical"
+    assert result.values["sigma"] == pytest.approx(TRUTH["nylon"][2], rel=0.05)
+    assert result.law is None
+    flat = cal.RestitutionData(np.linspace(1, 3, 12), 0.9 + 0.01 * (-1.0) ** np.arange(12))
+    constant = cal.fit(flat)
+    assert constant.settings["objective"] == "constant"
+    assert constant.values["restitution"] == pytest.approx(0.9, abs=1e-9)
+    expected = np.std(flat.restitution, ddof=1) / np.sqrt(12)
+    assert constant.standard_errors["restitution"] == pytest.approx(expected, rel=1e-6)
+
+
+def test_sphere_on_wall_and_many_radii_in_one_set():
+    material, chi, sigma, psi, _ = TRUTH["nylon"]
+    radius = np.repeat([0.005, 0.01], 12)
+    wall = sj.Contact.with_wall(material, material, radius)
+    velocity = np.tile(np.geomspace(0.3, 30, 12), 2)
+    law = sj.Zhou(wall, chi, sigma, psi)
+    data = cal.RestitutionData(velocity, sj.restitution(law, velocity).coefficient, wall)
+    result = cal.fit(data, "model", **QUICK)
+    assert result.values["chi"] == pytest.approx(chi, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"optimiser": "bfgs"}, "`optimiser` must be 'l-bfgs'"),
+        ({"loss": "cauchy"}, "`loss` must be 'squared'"),
+        ({"objective": "both"}, "`objective` must be one of"),
+        ({"starts": 0}, "`starts` must be a whole number >= 1"),
+        ({"seed": -1}, "`seed` must be a whole number >= 0"),
+        ({"confidence": 95}, "`confidence` must be between 0 and 1"),
+        ({"form": "second"}, "`form` must be"),
+        ({"kappa": "exact"}, "`kappa` must be"),
+        ({"unloading_line": "both"}, "`unloading_line` must be"),
+        ({"parameters": {"chi": "free"}}, "must be a ParameterSpec or a number"),
+        ({"parameters": {"chi[steel]": 1.0}}, "must name one of the data sets"),
+        ({"parameters": {"mass": 1.0}}, "name"),
+        ({"parameters": {"restitution": 0.5}}, "does not act under"),
+        ({"route": "ode"}, "route"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(changed, message):
+    data = eq_17_data("nylon")
+    with pytest.raises(ValueError, match=message):
+        cal.fit(data, **changed)
+
+
+def test_data_that_do_not_fit_together_are_refused():
+    data = eq_17_data("nylon")
+    with pytest.raises(ValueError, match="different names"):
+        cal.fit([data, data])
+    hertz = twin("chrome steel", area="hertz")
+    with pytest.raises(ValueError, match="same `area`"):
+        cal.fit([data, hertz])
+    with pytest.raises(ValueError, match="`data` must be"):
+        cal.fit("nylon.csv")
+    few = cal.RestitutionData(data.velocity[:3], data.restitution[:3], pair("nylon"))
+    with pytest.raises(ValueError, match="more points than free parameters"):
+        cal.fit(few)
+
+
+def test_progress_is_told_from_start_to_end():
+    told = []
+    cal.fit(eq_17_data("nylon", noise=0.003), progress=lambda *args: told.append(args), starts=8)
+    stages = [stage for stage, _, _ in told]
+    assert set(stages) == {"Eq. (17)", "model", "profiles"}
+    for stage in set(stages):
+        own = [(done, total) for name, done, total in told if name == stage]
+        assert own[0][0] == 0
+        assert own[-1][0] == own[-1][1]

@@ -1,0 +1,106 @@
+"""What float32 holds: ε of the three materials within 1e-6, its error over the boxes bounded.
+
+`python -m tests.float32_errors` prints the errors of value and gradient over more impacts.
+"""
+
+import json
+import re
+import subprocess
+import sys
+
+import jax
+import numpy as np
+import pytest
+
+import softjax as sj
+from tests import boxes, cases
+from tests.float32_errors import EPS, errors, of_material
+
+ROUTES = {"energy balance": sj.EnergyBalance(), "ode": sj.ODE(rtol=1e-6)}
+CHOICES = (boxes.Choice(), boxes.Choice("full", "hertz", "printed"))
+over_curves = pytest.mark.parametrize("material", cases.MATERIALS)
+over_forms = pytest.mark.parametrize("form", cases.FORMS)
+over_routes = pytest.mark.parametrize("route", ROUTES.values(), ids=ROUTES)
+
+
+@over_curves
+@over_forms
+@over_routes
+def test_materials(material, form, route):
+    """SI inputs in, 1e-6 of 40-digit arithmetic out, with float64 switched on and not used."""
+    assert of_material(material, form, route) <= 1e-6
+
+
+def law_in_float32(material: str, form: str) -> sj.Zhou:
+    """The fitted law from properties that are float32 from the start."""
+    given = jax.tree.leaves(cases.MATERIALS[material])
+    own = sj.Material(*(np.asarray(value, np.float32) for value in given))
+    radius = np.asarray(cases.RADIUS, np.float32)
+    pair = sj.Contact.between_spheres(own, own, radius, radius)
+    fitted = {name: np.asarray(x, np.float32) for name, x in cases.FITTED[material].items()}
+    return sj.Zhou(pair, **fitted, form=form)
+
+
+@over_curves
+@over_forms
+def test_materials_in_float32_from_the_start(material, form):
+    records = [r for r in cases.of_form("curves", form) if r["material"] == material]
+    velocity = cases.column(records, "inputs", "v").astype(np.float32)
+    result = sj.restitution(law_in_float32(material, form), velocity)
+    error = np.float64(result.coefficient) - cases.column(records, "eps")
+    assert np.all(np.abs(error) <= 1e-6)
+    assert result.coefficient.dtype == np.float32
+    assert np.array_equal(result.status, cases.flags_of(records))
+
+
+WITHOUT_X64 = """
+import json, sys
+import jax, numpy as np
+import softjax as sj
+from tests import cases
+from tests.float32_errors import of_material
+assert not jax.config.jax_enable_x64
+alone = sj.restitution(cases.fitted("nylon"), 2.0).coefficient
+assert alone.dtype == np.float32
+print(json.dumps({name: of_material(name, sys.argv[1], None) for name in cases.MATERIALS}))
+"""
+
+
+@over_forms
+def test_materials_without_x64(form):
+    """A process that never asks for float64."""
+    command = [sys.executable, "-W", "error", "-c", WITHOUT_X64, form]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert set(found) == set(cases.MATERIALS)
+    assert max(found.values()) <= 1e-6
+
+
+@over_forms
+@over_routes
+def test_no_hidden_float64(form, route):
+    """Nothing in the traced computation is wider than what went in, gradient included."""
+    law = law_in_float32("nylon", form)
+
+    def total(law, v):
+        return sj.restitution(law, v, route).coefficient.sum()
+
+    velocity = np.linspace(0, 20, 7, dtype=np.float32)
+    traced = str(jax.make_jaxpr(jax.value_and_grad(total, argnums=(0, 1)))(law, velocity))
+    assert "f32[7]" in traced
+    assert re.findall(r"f64\[\d[^]]*\]", traced) == []
+
+
+@pytest.mark.parametrize("choice", CHOICES, ids=lambda choice: choice.form)
+def test_over_the_boxes(choice):
+    """|Δε²| within 32 eps (1 + Σ|∂ε²/∂ln θ|), slopes of mild impacts mostly within 100 eps."""
+    found = [errors(seed, 500, choice) for seed in range(8)]
+    sensitivity, value, slope = (
+        np.concatenate(part) for part in list(zip(*found, strict=True))[:3]
+    )
+    assert np.all(value <= 32 * EPS * (1 + sensitivity))
+    assert np.quantile(slope[sensitivity < 1], 0.99) <= 100 * EPS
+    assert sum(batch.not_finite for batch in found) == 0
+    assert sum(batch.wrong for batch in found) == 0
+    assert len(value) > 3500

@@ -1,0 +1,229 @@
+"""Standard errors, intervals and bands, against SciPy, iminuit and lmfit on SciPy's own model."""
+
+import iminuit
+import lmfit
+import numpy as np
+import pytest
+
+import calibration as cal
+import softjax as sj
+from calibration import uncertainty
+from tests import fit_oracle
+from tests.fit_data import TRUTH, eq_17_data, twin
+
+NAMES = ("chi", "sigma", "psi")
+QUICK = {"route": sj.EnergyBalance(), "starts": 8}
+SETS = {  # name of a material, and how its data are made
+    "stainless, u stated": ("stainless steel", {"noise": 0.0005, "uncertainty": 0.0005}),
+    "stainless, u not stated": ("stainless steel", {"noise": 0.0005, "seed": 1}),
+    "chrome, u stated": ("chrome steel", {"noise": 0.001, "uncertainty": 0.002, "seed": 2}),
+    "nylon, Hertz's area": ("nylon", {"noise": 0.001, "seed": 3, "area": "hertz"}),
+    "nylon, u of each point": (
+        "nylon",
+        {"noise": 0.002, "seed": 4, "uncertainty": np.linspace(0.001, 0.004, 30)},
+    ),
+}
+
+
+def own_model(data):
+    numbers = fit_oracle.numbers(data.contact)
+    return lambda chi, sigma, psi: fit_oracle.curve(data.velocity, numbers, chi, sigma, psi)
+
+
+def own_eq_17(data):
+    limit = float(data.limit_velocity)
+    return lambda sigma, psi: fit_oracle.eq_17(data.velocity, limit, sigma, psi)
+
+
+@pytest.mark.parametrize("case", SETS)
+def test_model_s_errors_are_scipy_s(case):
+    name, made = SETS[case]
+    data = twin(name, **made)
+    result = cal.fit(data, "model", profiles=False, **QUICK)
+    values, covariance, _ = fit_oracle.fit(
+        own_model(data), TRUTH[name][1:4], data.restitution, data.uncertainty
+    )
+    for i, parameter in enumerate(NAMES):
+        assert result.values[parameter] == pytest.approx(values[i], rel=1e-5)
+        error = np.sqrt(covariance[i, i])
+        assert result.standard_errors[parameter] == pytest.approx(error, rel=1e-5)
+    assert result.covariance_names == NAMES
+    size = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose(result.correlations, covariance / np.outer(size, size), atol=1e-5)
+    assert result.rank == 3
+
+
+@pytest.mark.parametrize("case", SETS)
+def test_eq_17_s_errors_are_scipy_s(case):
+    name, made = SETS[case]
+    made = {k: v for k, v in made.items() if k != "area"}
+    data = eq_17_data(name, **made)
+    result = cal.fit(data, "empirical", profiles=False)
+    values, covariance, residual = fit_oracle.fit(
+        own_eq_17(data), TRUTH[name][2:4], data.restitution, data.uncertainty
+    )
+    for i, parameter in enumerate(("sigma", "psi")):
+        assert result.values[parameter] == pytest.approx(values[i], rel=1e-5)
+        error = np.sqrt(covariance[i, i])
+        assert result.standard_errors[parameter] == pytest.approx(error, rel=1e-5)
+    if data.uncertainty is not None:
+        reduced = np.sum(residual**2) / (len(data) - 2)
+        assert result.materials[0].reduced_chi_squared == pytest.approx(reduced, rel=1e-6)
+    else:
+        assert result.materials[0].reduced_chi_squared is None
+
+
+@pytest.mark.parametrize("told", [None, 0.006])
+def test_two_step_s_error_of_chi_is_what_noise_in_each_point_does(told):
+    """Both steps refitted by SciPy with every point moved: dχ̃/dε_i, and so its variance."""
+    name = "nylon"
+    data = eq_17_data(name, points=12, noise=0.006, seed=2, uncertainty=told)
+    model, eq_17 = own_model(data), own_eq_17(data)
+    _, chi, sigma, psi, _ = TRUTH[name]
+
+    losses, covariance, residual = fit_oracle.fit(eq_17, [sigma, psi], data.restitution)
+    variance = np.sum(residual**2) / (len(data) - 2)
+    moves = 1e-6 * np.diag(losses)
+    slope = [(eq_17(*(losses + m)) - eq_17(*(losses - m))) / (2 * np.max(m)) for m in moves]
+    influence = covariance / variance @ np.stack(slope)  # (JᵀJ)⁻¹ Jᵀ: what ε_i does to σ and ψ
+
+    def chi_with(i, step, linear):
+        moved = data.restitution + step * np.eye(len(data))[i]
+        own = losses + step * influence[:, i]
+        if not linear:
+            own = fit_oracle.fit(eq_17, losses, moved)[0]
+        return fit_oracle.fit(lambda c: model(c, *own), [chi], moved)[0][0]
+
+    def error(linear):
+        slopes = []
+        for i in range(len(data)):
+            at = {k: chi_with(i, k * 2e-3, linear) for k in (-2, -1, 1, 2)}
+            slopes.append((8 * (at[1] - at[-1]) - (at[2] - at[-2])) / (12 * 2e-3))
+        return np.sqrt(np.sum(np.square(slopes)) * (variance if told is None else told**2))
+
+    value, expected = chi_with(0, 0.0, True), error(linear=True)
+    result = cal.fit(data, "two-step", profiles=False, **QUICK)
+    assert result.values["chi"] == pytest.approx(value, rel=1e-6)
+    assert result.standard_errors["chi"] == pytest.approx(expected, rel=1e-4)
+    # Eq. (17)'s own curvature is left out, as in every covariance (JᵀJ)⁻¹
+    assert result.standard_errors["chi"] == pytest.approx(error(linear=False), rel=0.02)
+    estimate = result.materials[0].parameters["chi"]
+    assert estimate.method == "sandwich"
+    reach = uncertainty.quantile(0.95, 10 if told is None else None)
+    assert np.log(estimate.high / value) == pytest.approx(reach * expected / value, rel=1e-3)
+
+
+def test_profiles_are_minos_s_where_u_is_stated():
+    name = "chrome steel"
+    data = twin(name, noise=0.001, uncertainty=0.001, seed=5)
+    result = cal.fit(data, "model", **QUICK)
+    model = own_model(data)
+
+    def cost(chi, sigma, psi):
+        return float(np.sum(((model(chi, sigma, psi) - data.restitution) / data.uncertainty) ** 2))
+
+    minuit = iminuit.Minuit(cost, *[result.values[k] for k in NAMES], name=NAMES)
+    minuit.errordef = 1.0
+    minuit.tol = 1e-4
+    minuit.strategy = 2
+    minuit.migrad()
+    minuit.minos(cl=0.95)
+    for parameter in NAMES:
+        low, high = result.intervals[parameter]
+        expected = minuit.merrors[parameter]
+        value = minuit.values[parameter]
+        width = expected.upper - expected.lower
+        assert low == pytest.approx(value + expected.lower, abs=1e-3 * width)
+        assert high == pytest.approx(value + expected.upper, abs=1e-3 * width)
+        assert result.materials[0].parameters[parameter].method == "profile"
+
+
+def test_profiles_are_lmfit_s_where_it_is_not():
+    data = eq_17_data("stainless steel", noise=0.02, seed=6)
+    result = cal.fit(data, "two-step", **QUICK)
+    eq_17 = own_eq_17(data)
+    start = lmfit.Parameters()
+    start.add_many(("sigma", result.values["sigma"]), ("psi", result.values["psi"]))
+    mini = lmfit.Minimizer(lambda p: eq_17(p["sigma"], p["psi"]) - data.restitution, start)
+    found = mini.minimize(method="least_squares", xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    limits = lmfit.conf_interval(mini, found, sigmas=[0.95])
+    for parameter in ("sigma", "psi"):
+        (_, low), (_, _), (_, high) = limits[parameter]
+        own = result.intervals[parameter]
+        assert own[0] == pytest.approx(low, rel=1e-3)
+        assert own[1] == pytest.approx(high, rel=1e-3)
+    assert result.materials[0].parameters["chi"].method == "sandwich"
+    assert set(result.profiles) == {"sigma", "psi"}
+    curve = result.profiles["sigma"]
+    assert min(curve.delta_chi_squared) == pytest.approx(0.0, abs=1e-6)
+    assert max(curve.delta_chi_squared) > curve.threshold
+
+
+def test_an_interval_that_the_data_leave_open_is_open():
+    data = twin("stainless steel", noise=0.01, seed=1)
+    result = cal.fit(data, "model", **QUICK)
+    low, high = result.intervals["sigma"]
+    assert low is None or high is None
+    assert all(end is not None for end in result.intervals["chi"])
+    exact = cal.fit(twin("stainless steel", noise=0.0003, seed=1), "model", **QUICK)
+    assert all(end is not None for end in exact.intervals["sigma"])
+
+
+@pytest.mark.parametrize("objective", ["model", "two-step"])
+def test_band_is_the_covariance_carried_through_the_curve(objective):
+    name = "nylon"
+    data = twin(name, noise=0.002, seed=3)
+    result = cal.fit(data, objective, profiles=False, **QUICK)
+    velocity = data.velocity[::5]
+    numbers = fit_oracle.numbers(data.contact)
+    centre = [result.values[k] for k in NAMES]
+    curve = lambda p: fit_oracle.curve(velocity, numbers, *p)  # noqa: E731
+    slope = []
+    for i in range(3):
+        step = 1e-5 * centre[i] * np.eye(3)[i]
+        slope.append((curve(centre + step) - curve(centre - step)) / (2e-5 * centre[i]))
+    order = [result.covariance_names.index(k) for k in NAMES]
+    covariance = result.covariance[np.ix_(order, order)]
+    expected = np.sqrt(np.einsum("iv,ij,jv->v", slope, covariance, slope))
+    band = result.band(velocity)
+    np.testing.assert_allclose(band.coefficient, curve(centre), atol=1e-9)
+    np.testing.assert_allclose(band.standard_error, expected, rtol=1e-5)
+    reach = uncertainty.quantile(0.95, result.degrees[0])
+    np.testing.assert_allclose(band.high - band.low, 2 * reach * expected, rtol=1e-5)
+    assert np.all(result.band(velocity, confidence=0.5).high < band.high)
+
+
+def test_eps_up_has_the_error_of_its_losses():
+    data = eq_17_data("nylon", noise=0.004, seed=7)
+    result = cal.fit(data, profiles=False, **QUICK)
+    ratio = float(data.contact.critical_velocity)
+    ratio /= float(data.contact.limit_velocity) - ratio
+    values, covariance, _ = fit_oracle.fit(own_eq_17(data), TRUTH["nylon"][2:4], data.restitution)
+    loss = values[0] * ratio ** values[1]
+    slope = -np.exp(-loss) * loss * np.array([1 / values[0], np.log(ratio)])
+    expected = np.sqrt(slope @ covariance @ slope)
+    derived = result.materials[0].derived["eps_up"]
+    assert derived.value == pytest.approx(np.exp(-loss), rel=1e-6)
+    assert derived.standard_error == pytest.approx(expected, rel=1e-4)
+
+
+def test_the_line_s_errors_carry_all_data_sets():
+    """c1 and c2 by SciPy with the same noise in both steps, through the sets' own influence."""
+    sets = [
+        eq_17_data(n, points=10, noise=0.004, seed=i)
+        for i, n in enumerate(("nylon", "chrome steel"))
+    ]
+    result = cal.fit(sets, profiles=False, **QUICK)
+    line = result.unloading_line
+    # two materials lie on the line exactly: its errors are those of the two χ̃ carried through
+    ratios = np.array([float(d.contact.yield_ratio) for d in sets])
+    chi = np.array([result.values[f"chi[{d.name}]"] for d in sets])
+    errors = np.array([result.standard_errors[f"chi[{d.name}]"] for d in sets])
+    inverse = np.linalg.inv(np.stack([np.ones(2), ratios], axis=1))
+    c = inverse @ chi
+    expected = np.sqrt(np.diag(inverse @ np.diag(errors**2) @ inverse.T))
+    assert line.c1.value == pytest.approx(c[0], rel=1e-5)
+    assert line.c2.value == pytest.approx(c[1], rel=1e-5)
+    assert line.c1.standard_error == pytest.approx(expected[0], rel=1e-4)
+    assert line.c2.standard_error == pytest.approx(expected[1], rel=1e-4)
+    assert line.through_chi["c1"].standard_error == pytest.approx(expected[0], rel=1e-4)
