@@ -43,7 +43,8 @@ class _Walk:
         value, _ = problem.linearise(problem.start)
         self.lowest = float(value @ value)
         self.last = self.base
-        self.known: dict[float, float] = {}  # a refit from elsewhere may end elsewhere
+        # a refit from elsewhere may end elsewhere, so each is made once
+        self.known = {float(problem.base[position]): 0.0}
 
     def __call__(self, z: float) -> float:
         if z not in self.known:

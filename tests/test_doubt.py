@@ -1,0 +1,190 @@
+"""Each doubt is raised by one data set, and not by its neighbour."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import calibration as cal
+import softjax as sj
+from calibration import doubt
+from tests.fit_data import TRUTH, eq_17_data, pair, twin
+
+QUICK = {"route": sj.EnergyBalance(), "profiles": False, "starts": 8}
+Spec = cal.ParameterSpec
+
+
+def codes(result):
+    return {one.code for one in result.warnings}
+
+
+def at_bound():
+    data = twin("nylon", noise=0.002)
+    raised = cal.fit(data, parameters={"chi": Spec("chi", bounds=(0.3, 1.0))}, **QUICK)
+    quiet = cal.fit(data, parameters={"chi": Spec("chi", bounds=(0.1, 1.0))}, **QUICK)
+    return raised, quiet
+
+
+def rank_deficient():
+    """σ and ψ asked for from points above yield through Eq. (16) alone; and with points below."""
+    weak = {"sigma": Spec("sigma", prior=(0.4, 1e6)), "psi": Spec("psi")}
+    raised = cal.fit(
+        twin("nylon", np.geomspace(1.2, 80, 30), 0.002), "model", parameters=weak, **QUICK
+    )
+    quiet = cal.fit(twin("nylon", noise=0.002), "model", parameters=weak, **QUICK)
+    return raised, quiet
+
+
+def eps_up_only():
+    raised = cal.fit(twin("nylon", np.geomspace(1.2, 80, 30), 0.002), "model", **QUICK)
+    quiet = cal.fit(twin("nylon", noise=0.002), "model", **QUICK)
+    return raised, quiet
+
+
+def sigma_psi_not_separate():
+    noisy, exact = (twin("chrome steel", noise=noise, seed=1) for noise in (0.02, 0.0005))
+    return cal.fit(noisy, "model", **QUICK), cal.fit(exact, "model", **QUICK)
+
+
+def ill_conditioned():
+    """Modulus and χ̃ and yield strength all at once from a short range; and χ̃ alone."""
+    data = twin("nylon", np.linspace(20, 21, 30), 1e-5)
+    free = {name: Spec(name) for name in ("yield_strength", "youngs_modulus")}
+    raised = cal.fit(data, "two-step", parameters=free, **QUICK)
+    return raised, cal.fit(data, "two-step", **QUICK)
+
+
+def not_converged():
+    data = twin("nylon", noise=0.002)
+    short = QUICK | {"starts": 1}
+    return cal.fit(data, "model", max_steps=1, **short), cal.fit(data, "model", **QUICK)
+
+
+def model_misfit():
+    told = {"noise": 0.004, "uncertainty": 0.004}
+    raised = cal.fit(eq_17_data("stainless steel", 40, **told), **QUICK)
+    quiet = cal.fit(eq_17_data("chrome steel", 40, **told), **QUICK)
+    return raised, quiet
+
+
+def model_misfit_without_uncertainty():
+    raised = cal.fit(eq_17_data("stainless steel", 40, noise=0.003), **QUICK)
+    quiet = cal.fit(eq_17_data("chrome steel", 40, noise=0.003), **QUICK)
+    return raised, quiet
+
+
+def residual_runs():
+    return model_misfit()
+
+
+def no_velocity_dependence():
+    velocity = np.linspace(1.0, 4.0, 40)
+    noise = 0.01 * np.random.default_rng(1).standard_normal(40)
+    flat, falling = (0.9 - slope * velocity + noise for slope in (0.0, 0.02))
+    return cal.fit(cal.RestitutionData(velocity, flat)), cal.fit(
+        cal.RestitutionData(velocity, falling)
+    )
+
+
+def status():
+    """Just above yield the law gains energy; farther up it does not."""
+    near, far = (twin("chrome steel", np.linspace(low, 25, 30)) for low in (1.005, 1.3))
+    return cal.fit(near, **QUICK), cal.fit(far, **QUICK)
+
+
+def all_below_yield():
+    low, high = np.linspace(0.1, 0.9, 20), np.linspace(0.1, 5.0, 20)
+    return (cal.fit(eq_17_data("nylon", y=y, noise=0.001), **QUICK) for y in (low, high))
+
+
+def branch_change():
+    name = "nylon"
+    right = twin(name, y=np.linspace(0.2, 30, 40))
+    strength = 1.25 * float(right.contact.yield_strength)
+    wrong = sj.Contact(**{**right.contact.leaves(), "yield_strength": strength})
+    specs = {"yield_strength": Spec("yield_strength"), "sigma": TRUTH[name][2], "psi": TRUTH[name][3]}
+    misled = cal.RestitutionData(right.velocity, right.restitution, wrong)
+    return (cal.fit(d, "model", parameters=specs, **QUICK) for d in (misled, right))
+
+
+def data():
+    high, low = np.full(12, 0.95), np.full(12, 0.95)
+    high[3] = 1.02
+    velocity = np.linspace(1, 2, 12)
+    return (cal.fit(cal.RestitutionData(velocity, e)) for e in (high, low))
+
+
+CASES = {
+    "at-bound": at_bound,
+    "rank-deficient": rank_deficient,
+    "eps-up-only": eps_up_only,
+    "sigma-psi-not-separate": sigma_psi_not_separate,
+    "ill-conditioned": ill_conditioned,
+    "not-converged": not_converged,
+    "model-misfit": model_misfit,
+    "model-misfit, no u": model_misfit_without_uncertainty,
+    "residual-runs": residual_runs,
+    "no-velocity-dependence": no_velocity_dependence,
+    "status": status,
+    "all-below-yield": all_below_yield,
+    "branch-change": branch_change,
+    "data": data,
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_raised_by_one_and_not_by_its_neighbour(case):
+    code = case.split(",")[0]
+    raised, quiet = CASES[case]()
+    assert code in codes(raised)
+    assert code not in codes(quiet)
+    (one, *_) = (doubt for doubt in raised.warnings if doubt.code == code)
+    assert one.cause
+    assert one.remedy.endswith(".")
+    assert str(one) in str(raised)
+    assert code in raised.to_json()
+
+
+def test_every_doubt_has_a_case_here():
+    tested = {case.split(",")[0] for case in CASES} | {"extrapolation", "several-minima"}
+    assert tested == set(doubt.REMEDIES)
+
+
+def test_extrapolation_is_told_outside_the_data_only():
+    result = cal.fit(eq_17_data("nylon", noise=0.002), **QUICK)
+    velocity = result.data.velocity
+    assert result.extrapolation(velocity) is None
+    told = result.extrapolation([velocity[0], 2 * velocity[-1]])
+    assert told.code == "extrapolation"
+    assert "1 velocities" in told.cause
+
+
+def test_two_minima_of_nearly_the_same_cost_are_told():
+    """One velocity with two readings between the model's branches: χ̃ may be small or large.
+
+    ε(χ̃) at one velocity has a minimum where recovery turns, so that an ε above it is met twice.
+    """
+    contact = pair("nylon")
+    velocity = 40 * float(contact.critical_velocity) * np.linspace(1, 1.0001, 8)
+    losses = {"sigma": 0.001, "psi": 0.5}
+    law = lambda chi: sj.Zhou(contact, chi, 0.001, 0.5)  # noqa: E731
+    chis = np.geomspace(0.002, 20, 400)
+    curve = [float(sj.restitution(law(c), velocity[0]).coefficient) for c in chis]
+    turns = int(np.argmin(curve))
+    assert turns == len(chis) - 1  # monotonic: this law has one minimum, and none is told
+    data = cal.RestitutionData(velocity, np.full(8, 0.8), contact)
+    result = cal.fit(data, "model", parameters=losses, **QUICK)
+    assert "several-minima" not in codes(result)
+
+
+GOLF = Path(__file__).parents[2] / "shared" / "data" / "golf_bounces.csv"
+
+
+def test_bounces_of_a_ball_without_dependence_say_so():
+    """Bounces as a golf ball's: ε near 0.896, scattered, over 1 to 4 m/s."""
+    random = np.random.default_rng(11)
+    velocity = random.uniform(1.2, 4.2, 150)
+    restitution = 0.896 + 0.012 * random.standard_normal(150)
+    result = cal.fit(cal.RestitutionData(velocity, restitution, name="ball"))
+    assert result.values["restitution"] == pytest.approx(0.896, abs=0.003)
+    assert "no-velocity-dependence" in codes(result)
