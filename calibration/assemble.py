@@ -230,8 +230,7 @@ def _moves(own) -> bool:
 
 def _losses(data, plan, own) -> tuple[str, ...]:
     """σ and ψ, or ε_up in their place where nothing but ε_up can be told (`model`)."""
-    said = [own[name] for name in ("sigma", "psi") if name in own]
-    told = any(not spec.free or spec.prior for spec in said)
+    told = "sigma" in own or "psi" in own
     below = np.any(data.velocity <= data.contact.critical_velocity)
     if plan == "model" and ("eps_up" in own or not (below or told)):
         return ("eps_up",)

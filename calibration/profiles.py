@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration.parameters import NONE
 from calibration.problem import Problem
 from calibration.search import search
 
@@ -98,14 +99,18 @@ def profile(
 
 
 def _crossing(walk: _Walk, centre: float, step: float, quantile: float) -> float | None:
-    """Where √Δχ² crosses the quantile: bracketed by doubling steps, then Brent; None where open."""
+    """Where √Δχ² crosses the quantile: bracketed by growing steps, then Brent; None where open."""
     from scipy.optimize import brentq
 
-    inside, outside = centre, centre + np.sign(step) * min(abs(step) * quantile, 2.0)
+    scaled = walk.problem.layout.kind[walk.position] != NONE
+    farthest = FARTHEST if scaled else 100 * abs(step)
+    inside, length = centre, min(abs(step) * quantile, 0.5 * farthest)
+    outside = centre + np.sign(step) * length
     while walk(outside) < quantile:
-        if abs(outside - centre) > FARTHEST * max(1.0, abs(step)):
+        if length >= farthest:
             return None
-        inside, outside = outside, centre + 1.6 * (outside - centre)
+        inside, length = outside, min(1.6 * length, farthest)
+        outside = centre + np.sign(step) * length
     f = lambda z: walk(z) - quantile  # noqa: E731
     return float(brentq(f, inside, outside, xtol=ROOT_TOLERANCE, rtol=ROOT_TOLERANCE))
 

@@ -16,10 +16,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.assemble import Setup
+from calibration.parameters import NONE
 from calibration.problem import Problem
 from calibration.stages import raw_residuals
 
 RANK_TOLERANCE = 1e-9  # smallest over largest singular value, columns scaled to one
+NO_ERROR = 50.0  # a standard error in log units that says nothing
 DIFFERENCE = 2e-3  # step in z of the fourth-order differences of the exact gradient
 NULL_SHARE = 1e-3  # of a null direction, from which on an element counts as undetermined
 
@@ -79,6 +81,8 @@ def stacked(setup: Setup, problems: list[Problem], exact: bool, noise, degrees) 
         first += len(problem.active)
     middle = scores.T @ scores + np.diag(prior)
     covariance = _sandwich(bread, middle, nulls)
+    scaled = problems[0].layout.kind[positions] != NONE
+    nulls = nulls | (scaled & ~(np.diag(covariance) < NO_ERROR**2))
     return Uncertainty(positions, covariance, rank, condition, nulls, noise, degrees)
 
 
@@ -150,7 +154,7 @@ def _gradient_slope(problem: Problem, positions, follows: Problem | None) -> np.
 
 def _unit(problem: Problem, position) -> float:
     """One in transformed units, the value's own size in physical ones."""
-    bounded = problem.layout.kind[position] != 2
+    bounded = problem.layout.kind[position] != NONE
     return 1.0 if bounded else max(abs(float(problem.base[position])), 1e-6)
 
 
