@@ -23,6 +23,7 @@ SPREAD = {
     "limit_velocity": (-1.0, 1.0),
 }
 LOGIT_SPREAD = (-4.0, 4.0)
+APART = 1.0  # in z: starts nearer than that would be one search made twice
 
 
 def candidates(setup: Setup, problem: Problem, count: int, seed: int) -> np.ndarray:
@@ -50,22 +51,31 @@ def _range(setup: Setup, problem: Problem, i: int) -> tuple[float, float]:
 
 
 def best_starts(setup: Setup, problem: Problem, points: np.ndarray, keep: int) -> list[np.ndarray]:
-    """The `keep` best of them, best first; each data set's own elements are ranked by its cost."""
+    """The `keep` best that are not neighbours, best first; each data set ranks its own elements."""
     if len(points) == 1:
         return [points[0]]
     costs = screen(problem, points)
-    orders = np.argsort(costs, axis=0, kind="stable")
-    total = np.argsort(costs.sum(axis=1), kind="stable")
-    owner = {e.position: e.sets for e in setup.elements}
-    starts: list[np.ndarray] = []
-    for rank in range(min(keep, len(points))):
-        chosen = []
-        for i, position in enumerate(problem.active):
-            sets = owner.get(position, ())
-            order = orders[:, sets[0]] if len(sets) == 1 else total
-            chosen.append(points[order[rank], i])
-        starts.append(np.array(chosen))
+    owners = {e.position: e.sets for e in setup.elements}
+    sets = [owners.get(int(position), ()) for position in problem.active]
+    keep = min(keep, len(points))
+    starts = [np.array(points[0]) for _ in range(keep)]
+    for group in set(sets):
+        own = np.array([i for i, one in enumerate(sets) if one == group])
+        ranked = costs[:, group[0]] if len(group) == 1 else costs.sum(axis=1)
+        order = np.argsort(ranked, kind="stable")
+        for start, chosen in zip(starts, _apart(order, points[:, own], keep), strict=True):
+            start[own] = points[chosen, own]
     return starts
+
+
+def _apart(order, points, keep: int) -> list[int]:
+    """The first `keep` of an order that are `APART` from each other, filled up by those that are not."""
+    chosen: list[int] = []
+    for i in order:
+        if all(np.max(np.abs(points[i] - points[j])) > APART for j in chosen):
+            chosen.append(int(i))
+    chosen += [int(i) for i in order if int(i) not in chosen]
+    return chosen[:keep]
 
 
 def screen(problem: Problem, points: np.ndarray) -> np.ndarray:
