@@ -19,15 +19,15 @@ from softjax._numerics import (
     implicit_fraction,
     implicit_root,
     parabolic_step,
+    refine,
     rough_power,
     safe_sqrt,
 )
 
-# Steps that bring the worst case of E/Y from 1.5 to 1e6 and y from 1 to y_max(1 - 1e-14) to
-# rounding error, found by trying 400 000 of them.
-PEAK_STEPS = 3
+# No case of 400 000, of E/Y from 1.5 to 1e6 and y from 1 to y_max(1 - 1e-14), takes as many steps;
+# most take two or three.
+MOST_STEPS = 12
 END_STEPS = 7
-RELEASE_STEPS = 5
 
 
 def loading_work(x: Array, d: Array) -> Array:
@@ -75,12 +75,12 @@ def _peak_start(y, d, scale):
 
 
 def _solve_peak_ratio(i, a, work, start):
-    n = start
-    for _ in range(PEAK_STEPS):
+    def step(n):
         force = force_ratio(n, i, a)
         curvature = 5 * (force + n * force_slope(n, i, a))
-        n = n - parabolic_step(work_ratio(n, i, a) - work, 5 * n * force, curvature)
-    return n
+        return n - parabolic_step(work_ratio(n, i, a) - work, 5 * n * force, curvature)
+
+    return refine(step, start, MOST_STEPS)
 
 
 _peak_ratio = implicit_root(
@@ -160,11 +160,13 @@ def _release_residual(r, c3, c1, yielded, X):
 
 def _solve_release(c3, c1, yielded, X):
     c2 = yielded * X
-    r = _release_start(c3, c2, c1, yielded * (X - 1))
-    for _ in range(RELEASE_STEPS):
-        slope = (3 * c3 * r + 2 * c2) * r + c1
+
+    def step(r):
         residual = _release_residual(r, c3, c1, yielded, X)
-        r = jnp.clip(r - parabolic_step(residual, slope, 6 * c3 * r + 2 * c2), 0.0, 1.0)
+        slope = (3 * c3 * r + 2 * c2) * r + c1
+        return jnp.clip(r - parabolic_step(residual, slope, 6 * c3 * r + 2 * c2), 0.0, 1.0)
+
+    r = refine(step, _release_start(c3, c2, c1, yielded * (X - 1)), MOST_STEPS)
     # q = 1 - r to full relative precision: one step of the same cubic written in q
     q = 1 - r
     residual = (c3 + c1 + yielded) - q * ((3 * c3 + 2 * c2 + c1) - q * ((3 * c3 + c2) - q * c3))
@@ -173,10 +175,14 @@ def _solve_release(c3, c1, yielded, X):
 
 
 def _release_start(c3, c2, c1, c0):
-    """Each term alone bounds the root from above (for c3 > 0; else 1 does)."""
-    cubic = jnp.where(c3 > 0, rough_power(c0 / jnp.where(c3 > 0, c3, 1.0), 1 / 3), 1.0)
-    square = jnp.sqrt(c0 / jnp.where(c2 > 0, c2, 1.0))
-    return jnp.minimum(jnp.minimum(cubic, square), jnp.minimum(c0 / c1, 1.0))
+    """The root without the cubic term, and the cube root, joined as 1/r² = Σ 1/r_i².
+
+    7 % off at most where c3 > 0; where it is not, 0.42 of r, and the steps are more.
+    """
+    quadratic = 2 * c0 / (c1 + jnp.sqrt(c1**2 + 4 * c2 * c0))
+    safe = jnp.where(quadratic > 0, quadratic, 1.0)
+    cubic = rough_power(jnp.maximum(c3, 0.0) * safe**3 / jnp.where(c0 > 0, c0, 1.0), 2 / 3)
+    return jnp.minimum(quadratic / jnp.sqrt(1 + cubic), 1.0)
 
 
 _release_ratio = implicit_fraction(_solve_release, _release_residual)

@@ -11,7 +11,6 @@ rounding over the whole range, its end included, since the integrand is a trigon
 """
 
 import jax.numpy as jnp
-from jax import lax
 from jaxtyping import Array
 
 from softjax._numerics import (
@@ -19,13 +18,14 @@ from softjax._numerics import (
     implicit_root,
     integrate,
     parabolic_step,
+    refine,
     safe_power,
     safe_sqrt,
 )
 
-# Steps and nodes that bring E/Y from 2 to 1e6 and y from 1 to y_max to rounding error.
-PEAK_STEPS = 9
-RELEASE_STEPS = 7
+# More steps than any case takes of E/Y from 2 to 1e6 and y from 1 to y_max, and nodes that bring
+# them to rounding error.
+MOST_STEPS = 20
 NODES = 20
 
 
@@ -95,15 +95,14 @@ def _peak_residual(s, y, d):
 def _solve_peak(y, d):
     limit = jnp.sqrt(end(d))
 
-    def step(_, s):
+    def step(s):
         x = s**2
         force = _force(x, d)
         slope = 5 * s * force / y**2
         curvature = 5 * (force + 2 * x * _force_slope(x, d)) / y**2
         return jnp.clip(s - parabolic_step(_peak_residual(s, y, d), slope, curvature), 1.0, limit)
 
-    # a loop in the compiled code, since each step is a quadrature; it is never differentiated
-    return lax.fori_loop(0, PEAK_STEPS, step, jnp.minimum(y**0.4, limit))
+    return refine(step, jnp.minimum(y**0.4, limit), MOST_STEPS)
 
 
 _peak_root = implicit_root(_solve_peak, _peak_residual)
@@ -155,13 +154,14 @@ def _release_residual(f, a, b, c, X):
 
 
 def _solve_release(a, b, c, X):
-    f = _release_start(a, b, c, X)
-    for _ in range(RELEASE_STEPS):
+    def step(f):
         low = safe_sqrt(a * f + b)
         slope = 1.5 * a * low + c * X
         curvature = 0.75 * a**2 / jnp.where(low > 0, low, jnp.inf)
-        step = parabolic_step(_release_residual(f, a, b, c, X), slope, curvature)
-        f = jnp.clip(f - step, 0.0, 1.0)
+        change = parabolic_step(_release_residual(f, a, b, c, X), slope, curvature)
+        return jnp.clip(f - change, 0.0, 1.0)
+
+    f = refine(step, _release_start(a, b, c, X), MOST_STEPS)
     g = 1 - f  # to full relative precision: one step of the same equation written in g
     residual = power_3_2(a + b - a * g) + c * (1 - X * g)
     slope = 1.5 * a * safe_sqrt(a * f + b) + c * X
