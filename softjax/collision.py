@@ -96,7 +96,8 @@ def _loading_field(eta, state, args, *, clock):
     law, reach = args
     m = _roots(law)
     s_hat = 1 - eta**2
-    stretch = near_one_root(1 + state[0] / s_hat**m, m)  # √x over that of the elastic collision
+    # √x over that of the elastic collision; ŝ^m is a denominator whose square underflows float32
+    stretch = near_one_root(1 + state[0] * (1 / s_hat) ** m, m)
     s = reach * s_hat * stretch
     elastic_force = 0.2 * m * s ** (m - 2)
     floor = elastic_force / LARGEST_SOFTENING

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from softjax._numerics import implicit_root, integrate, integrate_in_a_loop, safe_sqrt
+from softjax._numerics import implicit_root, integrate, safe_sqrt
 from softjax.laws.base import Outcome, ReducedClosedForm, ReducedRateIndependent
 
 DURATION_NODES = 32
@@ -84,7 +84,7 @@ def _elastic_stage(law, y):
         s = top * (1 - eta**2)
         return 4 * top * eta * s / (y * _sqrt_one_minus_power(eta, k))
 
-    return integrate_in_a_loop(slowness, start, jnp.ones_like(start), DURATION_NODES)
+    return integrate(slowness, start, jnp.ones_like(start), DURATION_NODES)
 
 
 def _sqrt_one_minus_power(eta, k):
@@ -108,7 +108,7 @@ def _yielding_stage(law, y, peak):
         tiny = jnp.finfo(left.dtype).tiny
         return 4 * top * eta * s / jnp.sqrt(jnp.maximum(left, tiny))
 
-    return integrate_in_a_loop(slowness, jnp.zeros_like(start), start, DURATION_NODES)
+    return integrate(slowness, jnp.zeros_like(start), start, DURATION_NODES)
 
 
 def _work_near_peak(law, top, drop):
@@ -133,7 +133,7 @@ def _unloading_stage(law, peak, residual):
         moves = speed > 0
         return jnp.where(moves, 4 * drop * eta * s / jnp.where(moves, speed, 1.0), 0.0)
 
-    return integrate_in_a_loop(slowness, jnp.zeros_like(drop), jnp.ones_like(drop), DURATION_NODES)
+    return integrate(slowness, jnp.zeros_like(drop), jnp.ones_like(drop), DURATION_NODES)
 
 
 def work_to(law: ReducedRateIndependent, x: Array) -> Array:
@@ -144,7 +144,7 @@ def work_to(law: ReducedRateIndependent, x: Array) -> Array:
     elastic = 0.4 * jnp.minimum(x, limit) ** law.work_exponent
     bottom, top = jnp.sqrt(limit), jnp.sqrt(jnp.maximum(x, limit))
     force = lambda s: 2 * s * law.loading(s**2)  # noqa: E731
-    yielded = integrate_in_a_loop(force, bottom + 0 * top, top, WORK_NODES)
+    yielded = integrate(force, bottom + 0 * top, top, WORK_NODES)
     return elastic + yielded
 
 
@@ -153,7 +153,7 @@ def _unloading_work(law, peak, recovered):
         return law.unloading_work(peak, recovered)
     top, bottom = jnp.sqrt(peak), safe_sqrt(peak - recovered)
     force = lambda s: 2 * s * law.unloading(s**2, peak)  # noqa: E731
-    return integrate_in_a_loop(force, bottom, top, WORK_NODES)
+    return integrate(force, bottom, top, WORK_NODES)
 
 
 def _largest_velocity(law):

@@ -55,14 +55,15 @@ def known_regime(law: ContactLaw, velocity) -> str:
     """Whether all impacts are known beforehand to stay elastic, or to yield."""
     if not isinstance(law, RateIndependentLaw):
         return "mixed"
-    if math.isinf(law.reduced().elastic_limit):
+    reduced = law.reduced()
+    if math.isinf(reduced.elastic_limit):
         return "elastic"
     if np.size(velocity) == 0:
         return "mixed"
     if any(is_traced(leaf) for leaf in jax.tree.leaves((law, velocity))):
         return "mixed"
     ratio = np.asarray(velocity) / np.asarray(law.scales().velocity)
-    limit = _elastic_velocity(law.reduced())
+    limit = _elastic_velocity(reduced)
     # a margin of float32's rounding: compiled code decides what is on the edge
     if np.max(ratio) < limit * (1 - 1e-5):
         return "elastic"

@@ -41,7 +41,7 @@ ROWS = [
 ]
 # the first-order form alone: its unloading turns around, and then loading has no end
 FIRST_ORDER = [
-    ("beyond the expansion", "nylon", 300.0, {"sigma": 0.01}, "BEYOND_EXPANSION"),
+    ("beyond the expansion", "nylon", 310.0, {"sigma": 0.01}, "BEYOND_EXPANSION"),
 ]
 INVALID = [
     ({"v": np.nan}, "velocity not a number"),
