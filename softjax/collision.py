@@ -101,7 +101,8 @@ def _loading_field(eta, state, args, *, clock):
     s = reach * s_hat * stretch
     elastic_force = 0.2 * m * s ** (m - 2)
     floor = elastic_force / LARGEST_SOFTENING
-    softening = elastic_force / jnp.maximum(law.loading(s**2), floor)
+    # not as a quotient: its derivative with d, elastic force times x^{5/2}, overflows float32
+    softening = elastic_force * (1 / jnp.maximum(law.loading(s**2), floor))
     change = -2 * m * eta * s_hat ** (m - 1) * (softening - 1)
     if not clock:
         return (change,)
