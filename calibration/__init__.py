@@ -16,14 +16,15 @@ _WHERE = {
     "InputError": "errors",
     "DataError": "errors",
     "ParameterSpec": "parameters_spec",
+    "read_csv": "csv_file",
     "read_toml": "toml_file",
     "read_problem": "toml_file",
-    "fit": "fit",
+    "fit": "fitting",
     "FitResult": "result",
-    "MaterialFit": "result",
-    "Estimate": "result",
-    "Band": "result",
-    "Line": "result",
+    "MaterialFit": "material_fit",
+    "Estimate": "estimate",
+    "Band": "estimate",
+    "Line": "estimate",
     "Stage": "stages",
     "Profile": "profiles",
     "Doubt": "doubt",
@@ -47,7 +48,7 @@ def __getattr__(name: str):
     if name not in _WHERE:
         raise AttributeError(f"module 'calibration' has no attribute {name!r}")
     value = getattr(importlib.import_module(f"calibration.{_WHERE[name]}"), name)
-    globals()[name] = value  # also where a submodule has the same name, as `fit`
+    globals()[name] = value
     return value
 
 

@@ -1,14 +1,19 @@
 """Confidence bands of fitted curves: the covariance carried through exact derivatives."""
 
-from functools import partial
+from dataclasses import replace
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
-import softjax as sj
-from calibration.objective import extended_root
-from calibration.result import Band, FitResult, MaterialFit
+from calibration.assemble import LEAVES, Z_PADDING
+from calibration.estimate import Band
+from calibration.impacts import Model
+from calibration.material_fit import MaterialFit
+from calibration.objective import NO_REBOUND_BELOW, PADDING, Noise, Observations
+from calibration.parameters import COLUMNS, NONE, Layout, column
+from calibration.problem import Problem
+from calibration.result import FitResult
+from calibration.table import require
 from calibration.uncertainty import quantile
 
 ACTING = {
@@ -22,17 +27,19 @@ def band(
 ) -> Band:
     """ε(v) with its band; directions that the data do not determine are left out of it."""
     velocity = np.asarray(velocity, float)
+    flat = velocity.ravel()
+    require("velocity", flat, lambda v: v >= 0, "a speed of 0 m/s or more")
     kind = "empirical" if empirical else material.plan
-    columns = dict(material.columns)
     if kind in ("two-step", "model"):
         kind = "model"
     labels = _labels(result, material, kind)
     with jax.enable_x64(True):
-        value, slope = _curve_and_slope(material, columns, tuple(labels), velocity, kind)
+        value, slope = _curve_and_slope(material, tuple(labels), flat, kind)
     error = _propagated(result, list(labels.values()), slope)
     g = result.materials.index(material)
     reach = quantile(confidence, result.degrees[g]) * error
-    return Band(velocity, value, value - reach, value + reach, error)
+    parts = (value, value - reach, value + reach, error)
+    return Band(velocity, *(part.reshape(velocity.shape) for part in parts))
 
 
 def _labels(result: FitResult, material: MaterialFit, kind: str) -> dict[str, str]:
@@ -58,52 +65,74 @@ def label_of(result: FitResult, material: MaterialFit, name: str) -> str:
     return name
 
 
-def _curve_and_slope(material, columns, names, velocity, kind):
-    theta = np.array([columns[name] for name in names], float)
-    leaves = {}
-    if material.contact is not None:
-        leaves = {k: np.asarray(v, float) for k, v in material.contact.leaves().items()}
-    area = "zhou" if material.data.contact is None else material.data.contact.area
-    value, slope = _expanded(
-        theta,
-        {k: float(v) for k, v in columns.items()},
-        leaves,
-        velocity,
-        names=names,
-        static=(kind, "eps_up" in material.parameters, material.form, material.kappa, area),
+def _curve_and_slope(material, names, velocity, kind):
+    """ε and its slopes in the named parameters, (n,) and (n, p), by the fit's own functions."""
+    layout, theta = _layout(material, names)
+    obs = _observations(material, velocity)
+    noise = Noise(np.ones(PADDING), np.zeros_like(theta), np.zeros_like(theta))
+    problem = Problem(layout, obs, noise, _model(material), kind, "squared", theta, np.arange(0))
+    problem = replace(problem, active=np.arange(len(names)))
+    values, slopes = [], []
+    for first in range(0, len(velocity), PADDING):
+        part = replace(problem, obs=_part(obs, first))
+        _, jacobian, curve = part.linearised(theta, part.expansion(theta))
+        values.append(curve)
+        slopes.append(jacobian[:PADDING, : len(names)])
+    value, slope = (np.concatenate(p)[: len(velocity)] for p in (values, slopes))
+    rebounds = value > NO_REBOUND_BELOW
+    return np.where(rebounds, value, 0.0), np.where(rebounds[:, None], slope, 0.0)
+
+
+def _layout(material: MaterialFit, names) -> tuple[Layout, np.ndarray]:
+    """The material's parameters as they are, no transform: slopes are those in physical units."""
+    size = Z_PADDING * -(-max(len(names), 1) // Z_PADDING)
+    columns = material.columns
+    index = np.full((1, len(COLUMNS)), -1)
+    for position, name in enumerate(names):
+        index[0, column(name)] = position
+    theta = np.ones(size)
+    theta[: len(names)] = [columns[name] for name in names]
+    open_ends = np.full(size, np.inf)
+    on_line, up_given = "c1" in columns, "eps_up" in columns
+    layout = Layout(
+        fixed=np.array([[columns.get(name, 1.0) for name in COLUMNS]]),
+        index=index,
+        kind=np.full(size, NONE),
+        lower=-open_ends,
+        upper=open_ends,
+        on_line=np.array([on_line]),
+        up_given=np.array([up_given]),
     )
-    return np.asarray(value), np.asarray(slope)
+    return layout, theta
 
 
-@partial(jax.jit, static_argnames=("names", "static"))
-def _expanded(theta, columns, leaves, velocity, names, static):
-    def curve(theta):
-        value = _curve(columns | dict(zip(names, theta, strict=True)), leaves, velocity, static)
-        return value, value
+def _observations(material: MaterialFit, velocity) -> Observations:
+    """Impacts at these velocities on the fitted contact; below its yield they are elastic."""
+    count = len(velocity)
+    own = dict.fromkeys(LEAVES, np.ones(count))
+    elastic = np.zeros(count, bool)
+    if material.contact is not None:
+        leaves = material.contact.leaves()
+        own = {name: np.broadcast_to(leaf, count) for name, leaf in leaves.items()}
+        elastic = velocity <= np.asarray(material.contact.critical_velocity)
+    elif material.data.limit_velocity is not None:
+        own["limit_velocity"] = np.broadcast_to(material.data.limit_velocity, count)
+    zero = np.zeros(count)
+    group = np.zeros(count, int)
+    return Observations(
+        velocity=velocity, restitution=zero, weight=zero + 1, group=group, elastic=elastic, **own
+    )
 
-    slope, value = jax.jacfwd(curve, has_aux=True)(theta)
-    return value, slope
+
+def _part(obs: Observations, first: int) -> Observations:
+    """`PADDING` points from the first on, the last ones filled up by copies."""
+    own = np.resize(np.arange(first, min(first + PADDING, len(obs.velocity))), PADDING)
+    return Observations(*(a[own] for a in obs))
 
 
-def _curve(columns, leaves, velocity, static):
-    kind, up_given, form, kappa, area = static
-    if kind == "constant":
-        return columns["restitution"] + 0 * velocity
-    limit = columns["limit_velocity"]
-    if kind == "empirical":
-        return sj.empirical_restitution(velocity, limit, columns["sigma"], columns["psi"])
-    fitted = {k: columns[k] for k in ("yield_strength", "youngs_modulus", "limit_velocity")}
-    leaves = {k: fitted.get(k, v) if np.ndim(v) == 0 else v for k, v in leaves.items()}
-    contact = sj.Contact(**leaves, area=area)
-    chi = columns["chi"]
-    if "c1" in columns:
-        chi = columns["c1"] + columns["c2"] * contact.yield_ratio  # Eq. (18)
-    law = sj.Zhou(contact, chi, columns["sigma"], columns["psi"], form, kappa)
-    curve = sj.restitution(law, velocity)
-    if not up_given:
-        return curve.coefficient
-    above = extended_root(curve.plastic_coefficient**2 + columns["eps_up"] ** 2 - 1)
-    return jnp.where(velocity <= contact.critical_velocity, columns["eps_up"], above)
+def _model(material: MaterialFit) -> Model:
+    area = "zhou" if material.data.contact is None else material.data.contact.area
+    return Model(material.form, material.kappa, area)
 
 
 def _propagated(result: FitResult, labels: list[str], slope) -> np.ndarray:

@@ -3,11 +3,13 @@
 from functools import partial
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from calibration import objective
 from calibration.assemble import Setup
-from calibration.objective import KINDS, Expansion, Model, Observations
+from calibration.impacts import PLASTIC_COLUMNS, Expansion, Impacts, Model, expand
+from calibration.objective import KINDS, Observations
 
 CHUNK = 250  # sets that are computed at once
 MAX_STEPS = 300
@@ -48,9 +50,9 @@ class Batch:
 
     def _chunk(self, z, obs: Observations, kind: str):
         layout = self.setup.layout
-        columns = _columns(z, layout, obs)
+        columns = np.asarray(_columns(z, layout, obs))
         if kind == "model":
-            expansion = _expand(columns, obs, model=self.model)
+            expansion = self._expanded(columns)
         else:
             zero = np.zeros(columns.shape)
             flags = np.zeros((len(columns), self.points), np.int32)
@@ -59,20 +61,26 @@ class Batch:
         parts = _linearised(z, layout, obs, self.noise, expansion, index, model=self.model)
         return tuple(np.asarray(part) for part in parts)
 
+    def _expanded(self, columns) -> Expansion:
+        """The collisions of all sets of a chunk, columns (sets, 3, points), as one row of points."""
+        sets = len(columns)
+        impacts = Impacts(*(np.tile(a, sets) for a in Impacts.of(self.obs)))
+        flat = np.concatenate(list(columns), axis=1)
+        found = expand(flat, impacts, ("chi",), self.model)
+        apart = lambda a: np.moveaxis(a.reshape(*a.shape[:-1], sets, self.points), -2, 0)  # noqa: E731
+        return Expansion(*map(apart, found))
+
 
 _OBS_AXES = Observations(*(0 if name == "restitution" else None for name in Observations._fields))
 
 
 @jax.jit
 def _columns(z, layout, obs):
-    one = lambda z: objective.point_columns(z, layout, obs)  # noqa: E731
+    def one(z):
+        points = objective.point_values(layout.table(z), layout, obs)
+        return jnp.stack([points[name] for name in PLASTIC_COLUMNS])
+
     return jax.vmap(one)(z)
-
-
-@partial(jax.jit, static_argnames="model")
-def _expand(columns, obs, model):
-    one = lambda columns: objective.expand(columns, obs, ("chi",), model)  # noqa: E731
-    return jax.vmap(one)(columns)
 
 
 @partial(jax.jit, static_argnames="model")

@@ -9,7 +9,7 @@ that the same objective finds on the noise-free curve. The noise's size is not t
 curve is Eq. (17) for `two-step`; for `model` it is the model itself with the χ̃ that follows Eq. (17)
 best, because the misfit of the two would be counted as noise.
 
-Estimates, standard errors and profiles are those of `calibration.fit` through the energy balance,
+Estimates, standard errors and profiles are those of `calibration.fitting` through the energy balance,
 for all sets of a case at once (`calibration.batch`); a test compares them set by set.
 """
 

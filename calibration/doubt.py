@@ -11,7 +11,7 @@ SEPARATE = 2.0  # standard error of ln σ from which on σ and ψ count as one n
 SEVERAL_DELTA = 4.0  # Δχ² below which another minimum is nearly as good
 CONFIDENCE = 0.99  # of the tests on residuals
 REMEDIES = {
-    "at-bound": "Widen the bound or fix the parameter there; its interval is one-sided.",
+    "at-bound": "Widen the bound if it was given, or fix the parameter there; its interval is one-sided.",
     "rank-deficient": "Fix one of the parameters, give it a prior, or measure where it acts.",
     "sigma-psi-not-separate": (
         "Use eps_up, which is determined; or measure below the critical velocity, or more precisely."
@@ -55,8 +55,13 @@ def is_wide(profile) -> bool:
     return bool(np.log(profile.high / profile.low) > 4 * SEPARATE)
 
 
-def at_bound(label: str, value: float, bound: float, material=None) -> Doubt:
-    return Doubt("at-bound", f"{label} = {value:.4g} is at its bound {bound:.4g}", material)
+def at_bound(label: str, bound: float, material=None) -> Doubt:
+    return Doubt("at-bound", f"{label} is at its bound {bound:.4g}", material)
+
+
+def without_bound(label: str, material=None) -> Doubt:
+    """The cost falls, ever less, however large the parameter gets."""
+    return Doubt("at-bound", f"{label} grows without bound: any large value is as good", material)
 
 
 def misfit(rms: float, noise: float, reduced: float, degrees: int, material) -> Doubt | None:

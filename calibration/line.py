@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration.estimate import Estimate, Line
 from calibration.parameters import LINE_COLUMNS
-from calibration.result import Estimate, Line
 from calibration.stages import Options, StageFit, run_stage
 from calibration.uncertainty import Uncertainty, noise_of, quantile, stacked
 

@@ -60,6 +60,15 @@ class Layout(NamedTuple):
         plain = xp.clip(z, self.lower, self.upper)
         return xp.where(is_log, log, xp.where(is_logit, logit, plain))
 
+    def slope(self, z) -> np.ndarray:
+        """∂θ/∂z, element by element, by NumPy."""
+        theta = self.physical(z, np)
+        with np.errstate(invalid="ignore"):
+            logit = (theta - self.lower) * (self.upper - theta) / (self.upper - self.lower)
+        inside = (self.lower <= z) & (z <= self.upper)
+        bounded = np.where(self.kind == LOG, theta - self.lower, logit)
+        return np.where(self.kind == NONE, np.where(inside, 1.0, 0.0), bounded)
+
     def unconstrained(self, theta) -> np.ndarray:
         """z(θ), the inverse; values at a bound or beyond are moved just inside."""
         theta = np.asarray(theta, float)

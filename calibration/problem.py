@@ -8,14 +8,8 @@ import numpy as np
 
 import softjax as sj
 from calibration import objective
-from calibration.objective import (
-    PLASTIC_COLUMNS,
-    Expansion,
-    Kind,
-    Model,
-    Noise,
-    Observations,
-)
+from calibration.impacts import PLASTIC_COLUMNS, Expansion, Impacts, Model, expand
+from calibration.objective import Kind, Noise, Observations
 from calibration.parameters import COLUMNS, Layout
 
 
@@ -56,6 +50,15 @@ class Problem:
         return tuple(name for name in PLASTIC_COLUMNS if name in moves)
 
     @property
+    def names(self) -> list[str]:
+        """The column of each searched element."""
+        index = self.layout.index
+        return [
+            next((name for i, name in enumerate(COLUMNS) if position in index[:, i]), "")
+            for position in self.active
+        ]
+
+    @property
     def start(self) -> np.ndarray:
         return self.base[self.active]
 
@@ -71,11 +74,19 @@ class Problem:
 
     def expansion(self, z) -> Expansion:
         """The collisions around z."""
-        columns = objective.point_columns(z, self.layout, self.obs)
+        return self.expansions([z])[0]
+
+    def expansions(self, zs) -> list[Expansion]:
+        """The collisions around each of several z, computed as one batch."""
+        count = len(self.obs.velocity)
         if self.kind != "model":
-            zero = np.zeros(columns.shape)
-            return Expansion(columns, zero[0], zero, zero[0].astype(np.int32))
-        return objective.expand(columns, self.obs, free=self.free, model=self.model)
+            zero = np.zeros((len(PLASTIC_COLUMNS), count))
+            return [Expansion(zero, zero[0], zero, zero[0].astype(np.int32))] * len(zs)
+        columns = [objective.point_columns(z, self.layout, self.obs) for z in zs]
+        impacts = Impacts(*(np.tile(a, len(zs)) for a in Impacts.of(self.obs)))
+        found = expand(np.concatenate(columns, axis=1), impacts, self.free, self.model)
+        rows = [slice(first, first + count) for first in range(0, len(zs) * count, count)]
+        return [Expansion(*(a[..., own] for a in found)) for own in rows]
 
     def linearise(self, x) -> tuple[np.ndarray, np.ndarray]:
         """Residuals, and their Jacobian in x."""
@@ -85,10 +96,11 @@ class Problem:
     def linearise_all(self, z) -> tuple[np.ndarray, np.ndarray]:
         """Residuals, and their Jacobian in all of z; of the collision only in what is searched."""
         self.counter.evaluations += 1
-        value, jacobian, _ = self._linearised(z, self.expansion(z))
+        value, jacobian, _ = self.linearised(z, self.expansion(z))
         return value, jacobian
 
-    def _linearised(self, z, expansion):
+    def linearised(self, z, expansion):
+        """Residuals, their Jacobian in z, and ε at every point, with the collisions given."""
         model = replace(self.model, route=sj.EnergyBalance())  # no route acts: compile once
         parts = objective.linearised(
             z,
@@ -104,12 +116,12 @@ class Problem:
 
     def prediction(self, z) -> np.ndarray:
         """ε at every point, padding included."""
-        return self._linearised(z, self.expansion(z))[2]
+        return self.linearised(z, self.expansion(z))[2]
 
     def status(self, z) -> np.ndarray:
         """`softjax.Status` at every point."""
         expansion = self.expansion(z)
-        no_rebound = self._linearised(z, expansion)[2] < objective.NO_REBOUND_BELOW
+        no_rebound = self.linearised(z, expansion)[2] < objective.NO_REBOUND_BELOW
         status = np.asarray(expansion.status) | np.where(no_rebound, int(sj.Status.NO_REBOUND), 0)
         return np.where(self.obs.elastic, int(sj.Status.ELASTIC), status)
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration.ending import whitening
 from calibration.parameters import NONE
 from calibration.problem import Problem
 from calibration.search import search
@@ -11,7 +12,8 @@ from calibration.search import search
 FARTHEST = 12.0  # in z from the estimate (factors of e): beyond, an interval is open
 ROOT_TOLERANCE = 1e-9
 POINTS = 9  # on each side, for the picture
-STEPS = 60
+STEPS = 100
+LARGEST_ANSWER = 10.0  # of the others to one stride, in log units
 
 
 @dataclass(frozen=True)
@@ -35,38 +37,61 @@ class Profile:
 
 
 class _Walk:
-    """√Δχ² of the refit at a value of one element, warm-started from the last one."""
+    """√Δχ² of the refit at values of one element, each started from its nearest neighbour.
 
-    def __init__(self, problem: Problem, position: int, variance: float):
+    Long ways are gone in strides: where parameters make up for each other, a refit that starts far
+    off may end in another minimum, and the profile would jump.
+    """
+
+    def __init__(self, problem: Problem, position: int, variance: float, stride: float):
         self.problem, self.position, self.variance = problem, position, variance
+        self.stride = stride
         self.others = problem.active[problem.active != position]
-        self.base = np.array(problem.base)
         value, _ = problem.linearise(problem.start)
         self.lowest = float(value @ value)
-        self.last = self.base
         # a refit from elsewhere may end elsewhere, so each is made once
-        self.known = {float(problem.base[position]): 0.0}
+        self.known = {float(problem.base[position]): (0.0, np.array(problem.base))}
 
     def __call__(self, z: float) -> float:
-        if z not in self.known:
-            self.known[z] = self._refit(z)
-        return self.known[z]
+        near = min(self.known, key=lambda one: abs(one - z))
+        strides = max(int(np.ceil(abs(z - near) / self.stride)), 1)
+        base = self.known[near][1]
+        for at in np.linspace(near, z, strides + 1)[1:]:
+            if at not in self.known:
+                self.known[at] = self._refit(base, float(at))
+            base = self.known[at][1]
+        return self.known[z][0]
 
-    def _refit(self, z: float) -> float:
-        base = np.array(self.last)
-        base[self.position] = z
+    def _refit(self, near, z: float) -> tuple[float, np.ndarray]:
+        """√Δχ² at z, and the whole vector there; the start is a neighbour's, moved on."""
+        base = self._foreseen(near, z)
         problem = replace(self.problem, base=base, active=self.others)
-        if len(self.others):
-            found = search(problem, problem.start, limit=STEPS)
-            self.last, cost = problem.full(found.z), 2 * found.cost
-        else:
-            value, _ = problem.linearise(problem.start)
-            self.last, cost = base, float(value @ value)
-        rise = float(np.sqrt(max(cost - self.lowest, 0.0) / self.variance))
-        return rise if np.isfinite(rise) else 1e6
+        found = search(problem, problem.start, limit=STEPS)
+        if not found.converged:
+            problem = self.problem_at(near, z)
+            found = min(found, search(problem, problem.start, limit=STEPS), key=lambda s: s.cost)
+        rise = float(np.sqrt(max(2 * found.cost - self.lowest, 0.0) / self.variance))
+        return (rise, problem.full(found.z)) if np.isfinite(rise) else (1e6, near)
 
-    def restart(self) -> None:
-        self.last = self.base
+    def problem_at(self, near, z: float) -> Problem:
+        """The others' problem with the element at z, started from where they are."""
+        base = np.array(near)
+        base[self.position] = z
+        return replace(self.problem, base=base, active=self.others)
+
+    def _foreseen(self, near, z: float) -> np.ndarray:
+        """What the others do to first order when the element goes to z."""
+        base = np.array(near)
+        move = z - base[self.position]
+        _, jacobian = self.problem.linearise_all(base)
+        base[self.position] = z
+        if np.all(np.isfinite(jacobian)):
+            basis = whitening(jacobian[:, self.others])
+            answer = -basis @ (basis.T @ (jacobian[:, self.others].T @ jacobian[:, self.position]))
+            scaled = self.problem.layout.kind[self.others] != NONE
+            limit = np.where(scaled, LARGEST_ANSWER, np.inf)
+            base[self.others] += np.clip(answer * move, -limit, limit)
+        return base
 
 
 def profile(
@@ -74,15 +99,14 @@ def profile(
 ) -> Profile:
     """The profile of one element of z, `step` being about one standard error in z."""
     centre = float(problem.base[position])
-    walk = _Walk(problem, position, variance)
+    scaled = problem.layout.kind[position] != NONE
+    walk = _Walk(problem, position, variance, min(2 * step, 1.0) if scaled else 2 * step)
     physical = lambda z: _physical(problem, position, z)  # noqa: E731
     ends, zs, deltas = [], [centre], [0.0]
     for sign in (-1, 1):
-        walk.restart()
         end = _crossing(walk, centre, sign * step, quantile)
         ends.append(end)
         reach = end if end is not None else centre + sign * min(6 * step, FARTHEST)
-        walk.restart()
         for part in np.linspace(0, 1.15, POINTS + 1)[1:]:
             z = centre + part * (reach - centre)
             zs.append(z)

@@ -1,140 +1,19 @@
 """What a fit found, how well it is known, and what to doubt about it."""
 
-import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-import softjax as sj
-from calibration.data import RestitutionData
 from calibration.doubt import Doubt
+from calibration.estimate import Band, Estimate, Line
+from calibration.material_fit import MaterialFit
 from calibration.parameters import LINE_COLUMNS
 from calibration.profiles import Profile
 from calibration.stages import Stage
 
 WITHOUT_NAME = "`name` must be one of {names}, but is {name!r}"
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """One number with its uncertainty; what is undefined, or an open end, is None.
-
-    `method` says where the interval comes from: "profile" (profile likelihood), "sandwich" (stacked
-    estimating equations), "wald" (least squares), or "fixed".
-    """
-
-    value: float | None
-    standard_error: float | None = None
-    low: float | None = None
-    high: float | None = None
-    method: str = "fixed"
-    free: bool = False
-    at_bound: bool = False
-
-    def __str__(self) -> str:
-        return rounded(self.value, self.standard_error)
-
-
-@dataclass(frozen=True)
-class MaterialFit:
-    """The fit of one data set.
-
-    Attributes:
-        data: the measurements.
-        plan: its objective.
-        parameters: estimates by name, the fixed ones too.
-        derived: eps_up, critical_velocity [m/s] and the like.
-        columns: the physical values that make the curve.
-        rms, rms_empirical: of the fitted curve, and of Eq. (17), against the data.
-        reduced_chi_squared: with the stated uncertainties; None without.
-        status: `softjax.Status` at each point.
-        warnings: the doubts about this data set.
-    """
-
-    data: RestitutionData
-    plan: str
-    parameters: dict[str, Estimate]
-    derived: dict[str, Estimate]
-    columns: dict[str, float]
-    rms: float
-    rms_empirical: float | None
-    reduced_chi_squared: float | None
-    converged: bool
-    status: tuple[int, ...]
-    warnings: tuple[Doubt, ...]
-    form: str
-    kappa: str
-
-    @property
-    def name(self) -> str:
-        return self.data.name
-
-    @property
-    def n(self) -> int:
-        return len(self.data)
-
-    @property
-    def contact(self) -> sj.Contact | None:
-        """The two bodies with what was fitted of them."""
-        if self.data.contact is None:
-            return None
-        leaves = dict(self.data.contact.leaves())
-        for name in ("yield_strength", "youngs_modulus", "limit_velocity"):
-            if name in self.parameters:
-                leaves[name] = self.columns[name]
-        return sj.Contact(**leaves, area=self.data.contact.area)
-
-    @property
-    def law(self) -> sj.ContactLaw | None:
-        """The fitted law; None without elastic properties.
-
-        Where ε_up was fitted in place of σ and ψ, ψ is a guess from the data and σ such that
-        Eq. (17) gives ε_up at v_cr: above yield the law is the fitted one, below it is not known.
-        """
-        contact = self.contact
-        if contact is None or self.plan not in ("two-step", "model"):
-            return None
-        sigma, psi = self.columns["sigma"], self.columns["psi"]
-        if "eps_up" in self.parameters:
-            critical = np.mean(np.asarray(contact.critical_velocity))
-            ratio = critical / (np.mean(np.asarray(contact.limit_velocity)) - critical)
-            sigma = -math.log(self.columns["eps_up"]) / float(ratio) ** psi
-        return sj.Zhou(contact, self.columns["chi"], sigma, psi, self.form, self.kappa)
-
-
-@dataclass(frozen=True)
-class Line:
-    """Eq. (18), χ̃ = c1 + c2 E/Y, through all materials.
-
-    Attributes:
-        c1, c2: fitted directly to all curves at once (None where that was not asked for, then
-            through the fitted χ̃).
-        rms: of each material's curve with χ̃ from the line.
-        chi: what the line gives for each material.
-        through_chi: c1 and c2 through the fitted χ̃ with their weights instead.
-        method: "curves" or "weighted".
-    """
-
-    c1: Estimate
-    c2: Estimate
-    rms: dict[str, float]
-    chi: dict[str, Estimate]
-    through_chi: dict[str, Estimate] | None
-    converged: bool
-    method: str = "curves"
-
-
-@dataclass(frozen=True)
-class Band:
-    """A fitted curve and the confidence band of its mean."""
-
-    velocity: np.ndarray
-    coefficient: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-    standard_error: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -307,51 +186,8 @@ class FitResult:
     __hash__ = None  # type: ignore[assignment]
 
     def __str__(self) -> str:
-        lines = []
-        for material in self.materials:
-            lines.append(f"{material.name}: {material.n} points, {material.plan}")
-            estimates = {**material.parameters, **material.derived}
-            width = max(map(len, estimates), default=0)
-            for name, e in estimates.items():
-                lines.append(f"  {name:{width}}  {e}  {interval_text(e, self.confidence)}".rstrip())
-            lines.append(f"  rms {material.rms:.4g}" + _empirical_text(material))
-        if self.unloading_line is not None:
-            line = self.unloading_line
-            lines.append(f"Eq. (18): c1 = {line.c1}, c2 = {line.c2}")
-            lines += [f"  rms {name}: {rms:.4g}" for name, rms in line.rms.items()]
-        lines.append("converged" if self.converged else "NOT CONVERGED")
-        lines += [f"warning: {doubt}" for doubt in self.warnings]
-        return "\n".join(lines)
+        from calibration.result_text import fit_text
+
+        return fit_text(self)
 
     __repr__ = __str__
-
-
-def _empirical_text(material: MaterialFit) -> str:
-    if material.rms_empirical is None or material.plan in ("empirical", "constant"):
-        return ""
-    return f" (Eq. 17: {material.rms_empirical:.4g})"
-
-
-def interval_text(e: Estimate, confidence: float) -> str:
-    """The interval in brackets; an open end is told as such."""
-    if not e.free and e.standard_error is None:
-        return "(fixed)" if e.method == "fixed" and e.value is not None else ""
-    if e.standard_error is None and e.low is None and e.high is None:
-        return "(undetermined)"
-    low = "open" if e.low is None else f"{e.low:.4g}"
-    high = "open" if e.high is None else f"{e.high:.4g}"
-    return f"[{low}, {high}] {100 * confidence:g} % {e.method}"
-
-
-def rounded(value: float | None, error: float | None) -> str:
-    """A value to the second digit of its error: 1.794 ± 0.052."""
-    if value is None:
-        return "—"
-    if error is None or not math.isfinite(error) or error <= abs(value) * 1e-9:
-        return f"{value:.6g}"
-    digits = 1 - math.floor(math.log10(error))
-    if digits - 1 >= -4 and digits <= 8:
-        places = max(digits, 0)
-        return f"{value:.{places}f} ± {error:.{places}f}"
-    significant = max(digits + math.floor(math.log10(abs(value) or 1.0)), 1)
-    return f"{value:.{significant}e} ± {error:.1e}"

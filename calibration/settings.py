@@ -6,14 +6,15 @@ from typing import Any
 from calibration.toml_table import TomlTable
 
 CHOICES: dict[str, tuple[str, ...]] = {
-    "objective": ("two-step", "model"),
-    "optimiser": ("lbfgs", "adam", "levenberg-marquardt"),
+    "objective": ("two-step", "model", "empirical", "constant"),
+    "optimiser": ("l-bfgs", "adam", "levenberg-marquardt"),
     "loss": ("squared", "huber", "soft-l1"),
     "route": ("ode", "energy balance"),
     "form": ("first-order", "full"),
     "kappa": ("consistent", "printed"),
     "area": ("zhou", "hertz"),
-    "unloading_line": ("curves", "weighted"),  # Eq. (18) through all curves, or the fitted χ̃
+    # Eq. (18) through all curves, through the fitted χ̃, or not at all
+    "unloading_line": ("curves", "weighted", "none"),
 }
 COUNTS = {"seed": 0, "starts": 1, "max_steps": 1}  # and the smallest that is accepted
 NUMBERS: dict[str, tuple[Callable[[float], bool], str]] = {

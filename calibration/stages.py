@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.assemble import Setup
+from calibration.ending import Search
 from calibration.problem import Problem
-from calibration.search import OPTIMISERS, Search, search_with_branches
+from calibration.search import OPTIMISERS, search_with_branches
 from calibration.starts import best_starts, candidates
 
 REFINED = 3  # of the screened starts

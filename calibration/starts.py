@@ -1,15 +1,9 @@
 """Where searches start: a seeded Sobol sequence, screened as one batch."""
 
-from functools import partial
-
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 import softjax as sj
-from calibration import objective
 from calibration.assemble import Setup
-from calibration.objective import KINDS
 from calibration.parameters import LOGIT, NONE
 from calibration.problem import Problem
 
@@ -79,32 +73,22 @@ def _apart(order, points, keep: int) -> list[int]:
 
 
 def screen(problem: Problem, points: np.ndarray) -> np.ndarray:
-    """Cost of each start and data set, (starts, sets), by the energy balance."""
-    model = objective.Model(
-        problem.model.form, problem.model.kappa, problem.model.area, sj.EnergyBalance()
-    )
-    z = np.stack([problem.full(x) for x in points])
-    costs = _screen(
-        z,
-        problem.layout,
-        problem.obs,
-        problem.noise,
-        KINDS.index(problem.kind),
-        model=model,
-        loss=problem.loss,
-    )
-    return np.nan_to_num(np.asarray(costs), nan=np.inf)
+    """Cost of each start and data set, (starts, sets): the collisions of all starts in one batch.
+
+    By the energy balance, whatever the search's route.
+    """
+    problem = problem.by(sj.EnergyBalance())
+    zs = [problem.full(x) for x in points]
+    costs = [
+        _cost(problem, z, expansion)
+        for z, expansion in zip(zs, problem.expansions(zs), strict=True)
+    ]
+    return np.nan_to_num(np.array(costs), nan=np.inf)
 
 
-@partial(jax.jit, static_argnames=("model", "loss"))
-def _screen(z, layout, obs, noise, kind, model, loss):
-    def one(z):
-        plastic = lambda columns: objective.plastic_squared(columns, obs, model)  # noqa: E731
-        value = objective.residuals(z, layout, obs, noise, plastic, model, kind, loss)[0]
-        by_point = value[: len(obs.velocity)] ** 2
-        sets = layout.fixed.shape[0]
-        return jax.ops.segment_sum(by_point, obs.group, sets) + jnp.sum(
-            value[len(obs.velocity) :] ** 2
-        )
-
-    return jax.vmap(one)(z)
+def _cost(problem: Problem, z, expansion) -> np.ndarray:
+    """Sum of squares of each data set, priors added to all."""
+    value = problem.linearised(z, expansion)[0]
+    count, sets = len(problem.obs.velocity), len(problem.layout.fixed)
+    by_set = np.bincount(problem.obs.group, value[:count] ** 2, sets)
+    return by_set + np.sum(value[count:] ** 2)

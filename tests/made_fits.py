@@ -5,8 +5,10 @@ import numpy as np
 import calibration.embedded as embedded
 from calibration.data import RestitutionData
 from calibration.doubt import Doubt
+from calibration.estimate import Estimate, Line
+from calibration.material_fit import MaterialFit
 from calibration.profiles import Profile
-from calibration.result import Estimate, FitResult, Line, MaterialFit
+from calibration.result import FitResult
 from calibration.stages import Stage
 from tests.cases import pair
 

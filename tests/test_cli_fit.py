@@ -10,7 +10,7 @@ import pytest
 
 import softjax as sj
 from calibration import cli
-from calibration.fit import fit
+from calibration.fitting import fit
 from calibration.result import FitResult
 from tests.made_fits import noisy_data
 

@@ -6,10 +6,10 @@ import pytest
 
 from calibration.commands.fit import INTRO
 from calibration.doubt import Doubt
+from calibration.estimate import Estimate
 from calibration.report import markdown_report, rows, symbols, terminal_report
 from calibration.report.rounding import interval, number, with_error
 from calibration.report.tables import aligned, markdown, width
-from calibration.result import Estimate
 from tests.made_fits import material_fit, noisy_data, own_fit, paper_fit, result_of
 
 PRINTED = {"stainless steel": {"chi": 0.1368, "limit_velocity": 340.0, "yield_ratio": 354.75}}

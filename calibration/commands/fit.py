@@ -117,12 +117,14 @@ def _job(arguments: argparse.Namespace) -> Job:
 
 def _fitted(job: Job, progress: Progress):
     import softjax as sj
-    from calibration.fit import fit
+    from calibration.fitting import fit
 
     sj.enable_x64()
     settings = dict(job.settings)
     settings.pop("area", None)  # the contacts have it
     route = _route(settings.pop("route", None), settings.pop("rtol", None))
+    if settings.get("unloading_line") == "none":
+        settings["unloading_line"] = None
     data = job.datasets[0] if len(job.datasets) == 1 else list(job.datasets)
     try:
         return fit(

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 import softjax as sj
+from calibration.estimate import Band
 from calibration.plots import style
-from calibration.result import Band
 from softjax import paper
 from softjax.laws.thornton import thornton_restitution
 
@@ -65,8 +65,7 @@ def padded(velocity: np.ndarray) -> np.ndarray:
 
 def band_of(result: Any, name: str, velocity: np.ndarray) -> Band:
     """The fitted curve of a data set with its band."""
-    band = result.band(padded(velocity), name)
-    return Band(*(values[: len(velocity)] for values in vars(band).values()))
+    return result.band(velocity, name)
 
 
 def law_values(law: sj.ContactLaw, velocity: np.ndarray) -> np.ndarray:
