@@ -190,11 +190,16 @@ def restitution_parts(law, velocity, route, regime):
     def where_answered(x):
         return jnp.where(answered, x, 0.0)
 
+    def in_metres(x):
+        # without a turning point the overlap is where the law ends: a number, but no answer
+        moving = jnp.where(outcome.turns, x * length, jax.lax.stop_gradient(x * length))
+        return jnp.where(impact.valid, moving, 0.0)
+
     return (
         where_answered(safe_sqrt(squared)),
         where_answered(safe_sqrt(outcome.plastic_squared)),
-        jnp.where(impact.valid, outcome.peak * length, 0.0),
-        jnp.where(impact.valid, outcome.residual * length, 0.0),
+        in_metres(outcome.peak),
+        in_metres(outcome.residual),
         status,
     )
 

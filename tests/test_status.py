@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import softjax as sj
-from tests.cases import FITTED, FORMS, law_of, pair, status
+from tests.cases import FITTED, FORMS, fitted, law_of, pair, status
 from tests.oracles import zhou_mp
 
 NAMES = ("E", "R", "M", "Y", "v_lim", "chi", "sigma", "psi", "v")
@@ -89,7 +89,7 @@ def solve(numbers, choices, route):
 
 @lru_cache
 def compiled(form: str, route: str):
-    """Value, gradient of Σε + Σδ*/R in reverse, and along all inputs at once forward."""
+    """Value, gradient of Σε in reverse, and along all inputs at once forward."""
     choices = {"area": "zhou", "kappa": "consistent", "form": form}
 
     def total(numbers):
@@ -157,6 +157,21 @@ def test_derivatives_are_finite_and_zero_where_the_value_stands_for_nothing(form
     loose = 1e-9 if dtype == "float64" else 1e-3
     assert np.allclose(total, forward, rtol=loose, atol=loose)
     assert np.count_nonzero(np.asarray(result.coefficient)) > 10
+
+
+def test_overlaps_do_not_move_without_a_turning_point(form, route):
+    """δ_max is where the law ends then: a number to look at, and no answer."""
+    law = fitted("nylon", form)
+    slopes = jax.grad(
+        lambda law, v: sum(
+            getattr(sj.restitution(law, v, ROUTES[route]), name).sum()
+            for name in ("peak_overlap", "residual_overlap")
+        ),
+        (0, 1),
+    )
+    far, near = (slopes(law, y * law.contact.critical_velocity) for y in (2e3, 20.0))
+    assert all(leaf == 0 for leaf in jax.tree.leaves(far))
+    assert sum(leaf != 0 for leaf in jax.tree.leaves(near)) >= 5
 
 
 def neighbours(form, dtype):
