@@ -6,8 +6,10 @@ import re
 from pathlib import Path
 
 import softjax as sj
+from calibration import cli
 
-README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 def test_python_example():
@@ -28,3 +30,16 @@ def test_first_lines_say_what_the_data_are():
     head = README[: README.index("```bash")]
     assert "published fit of measurements, not measurements" in " ".join(head.split())
     assert "never `pip install softjax`" in head
+
+
+def test_commands_are_accepted_as_they_stand():
+    blocks = "\n".join(re.findall(r"```bash\n(.*?)```", README, re.S))
+    lines = [line.split() for line in blocks.splitlines() if line.startswith("softjax ")]
+    told = {cli._parse(words[1:])[0] for words in lines}
+    assert told >= {"fit", "curve", "sensitivity", "compare"}
+
+
+def test_pictures_and_notebooks_are_there():
+    links = re.findall(r"\]\(([^)#]+)\)", README)
+    assert len(links) > 12
+    assert [link for link in links if not (ROOT / link).is_file()] == []
