@@ -1,0 +1,89 @@
+"""Large batches: in pieces over cores and devices, they are what small batches are."""
+
+import subprocess
+import sys
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import softjax as sj
+from softjax._large import PIECE
+from tests.cases import fitted
+
+COUNT = 2 * PIECE + 12_345  # with a last piece that is not full
+FIELDS = ("coefficient", "plastic_coefficient", "peak_overlap", "residual_overlap", "status")
+PARTS = (slice(0, 1000), slice(PIECE - 500, PIECE + 500), slice(COUNT - 1000, COUNT))
+
+
+def impacts():
+    """Velocities from rest to beyond the last turning point, in no order, and χ̃ of each impact."""
+    draw = np.random.default_rng(1)
+    return np.append(0.0, draw.uniform(0, 400, COUNT - 1)), draw.uniform(0.1, 0.5, COUNT)
+
+
+@pytest.mark.parametrize("each", [False, True], ids=["one law", "a law each"])
+def test_pieces_are_as_small_batches(each):
+    velocity, chi = impacts()
+    whole = sj.restitution(fitted("nylon", chi=chi if each else 0.22), velocity)
+    for part in PARTS:
+        law = fitted("nylon", chi=chi[part] if each else 0.22)
+        alone = sj.restitution(law, velocity[part])
+        for name in FIELDS:
+            assert np.array_equal(getattr(whole, name)[part], getattr(alone, name)), name
+    assert whole.duration.shape == (COUNT,)
+    assert np.array_equal(whole.duration[PARTS[2]], alone.duration)
+
+
+def test_shape_and_precision_stay():
+    velocity = np.float32(impacts()[0][: 4 * (COUNT // 4)].reshape(4, -1))
+    law = jax.tree.map(np.float32, fitted("nylon"))
+    whole = sj.restitution(law, velocity)
+    assert whole.coefficient.shape == velocity.shape
+    assert whole.coefficient.dtype == np.float32
+    assert np.array_equal(whole.status[3, -9:], sj.restitution(law, velocity[3, -9:]).status)
+
+
+def test_derivatives_of_a_traced_batch():
+    """In chunks, the last filled up: the fill must not count."""
+    velocity, chi = impacts()
+
+    def total(chi, velocity):
+        return sj.restitution(fitted("nylon", chi=chi), velocity).coefficient.sum()
+
+    slope = jax.jit(jax.grad(total, (0, 1)))
+    one, each = slope(0.22, jnp.asarray(velocity))
+    parts = [slope(0.22, jnp.asarray(part)) for part in np.array_split(velocity, 4)]
+    assert one == pytest.approx(float(sum(part[0] for part in parts)), rel=1e-12)
+    assert np.allclose(each, np.concatenate([part[1] for part in parts]), rtol=1e-12, atol=1e-15)
+    by_impact = jax.jit(jax.grad(total))(jnp.asarray(chi), velocity)
+    assert by_impact.shape == chi.shape
+    alone = jax.grad(total)(jnp.asarray(chi[PARTS[2]]), velocity[PARTS[2]])
+    assert np.allclose(by_impact[PARTS[2]], alone, rtol=1e-12, atol=1e-15)
+
+
+ON_TWO = """
+import jax, numpy as np, softjax as sj
+from softjax import _large
+sj.enable_x64()
+assert len(jax.local_devices()) == 2
+pair = sj.Contact.between_spheres(sj.NYLON, sj.NYLON, 0.0127, 0.0127)
+law = sj.Zhou(pair, 0.22, 0.4355, 0.5414)
+velocity = np.linspace(0, 200, 2 * _large.PIECE + 777)
+whole = sj.restitution(law, velocity).coefficient
+for start in range(0, len(velocity), 100_000):
+    part = slice(start, start + 100_000)
+    alone = sj.restitution(law, velocity[part]).coefficient
+    assert np.allclose(whole[part], alone, rtol=0, atol=1e-13)
+(program,) = _large._programs.values()
+leaves = [np.asarray(leaf) for leaf in jax.tree.leaves((law, velocity[: 2 * _large.PIECE]))]
+assert all(len(part.sharding.device_set) == 2 for part in program(*leaves))
+"""
+
+
+def test_two_devices_share_the_work():
+    command = [sys.executable, "-W", "error", "-c", ON_TWO]
+    flags = {"XLA_FLAGS": "--xla_force_host_platform_device_count=2", "JAX_PLATFORMS": "cpu"}
+    done = subprocess.run(command, env=flags, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
