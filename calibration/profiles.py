@@ -13,7 +13,8 @@ FARTHEST = 12.0  # in z from the estimate (factors of e): beyond, an interval is
 ROOT_TOLERANCE = 1e-9
 POINTS = 9  # on each side, for the picture
 STEPS = 100
-LARGEST_ANSWER = 10.0  # of the others to one stride, in log units
+STRIDE = 0.25  # in log units: ψ to σ is a curved way
+LARGEST_ANSWER = 30.0  # of the others to one stride, in log units
 
 
 @dataclass(frozen=True)
@@ -100,7 +101,7 @@ def profile(
     """The profile of one element of z, `step` being about one standard error in z."""
     centre = float(problem.base[position])
     scaled = problem.layout.kind[position] != NONE
-    walk = _Walk(problem, position, variance, min(2 * step, 1.0) if scaled else 2 * step)
+    walk = _Walk(problem, position, variance, min(2 * step, STRIDE) if scaled else 2 * step)
     physical = lambda z: _physical(problem, position, z)  # noqa: E731
     ends, zs, deltas = [], [centre], [0.0]
     for sign in (-1, 1):

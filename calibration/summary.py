@@ -80,6 +80,7 @@ def _settings(setup, model, options) -> dict:
         "loss": options.loss,
         "starts": options.starts,
         "seed": options.seed,
+        "max_steps": options.max_steps,
     }
     if options.loss != "squared":
         table["loss_scale"] = options.loss_scale

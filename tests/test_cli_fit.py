@@ -152,6 +152,43 @@ def test_an_own_file_gives_the_same_as_its_data_in_python(alloy, tmp_path):
     assert "--seed 3" in (tmp_path / "results" / "report.md").read_text(encoding="utf-8")
 
 
+def test_the_settings_of_a_file_act_and_the_same_seed_gives_the_same_bytes(alloy, tmp_path):
+    settings = ['route = "energy balance"', "starts = 2", 'loss = "huber"', "loss_scale = 2.0"]
+    file = alloy("\n".join([*settings, "confidence = 0.9", "max_steps = 150"]))
+    tables = []
+    for name in ("one", "two"):
+        assert run("fit", file, "--quiet", "--out", tmp_path / name)[0] == 0
+        tables.append((tmp_path / name / "fit.json").read_text(encoding="utf-8"))
+    one, two = (text[: text.index('"times"')] for text in tables)  # the last entry
+    assert one == two
+    table = json.loads(tables[0])
+    assert table["confidence"] == 0.9
+    assert (table["settings"]["loss_scale"], table["settings"]["max_steps"]) == (2.0, 150)
+    narrow = table["fits"][0]["parameters"]["chi"]["interval"]
+    wide = fit(noisy_data(), route=sj.EnergyBalance(), starts=2, loss="huber", loss_scale=2.0)
+    assert wide.intervals["chi"][0] < narrow[0] < narrow[1] < wide.intervals["chi"][1]
+
+
+@pytest.mark.parametrize(("asked", "method"), [("weighted", "weighted"), ("none", None)])
+def test_the_file_says_how_eq_18_is_fitted(asked, method, alloy, tmp_path):
+    file = alloy(f'route = "energy balance"\nstarts = 1\nunloading_line = "{asked}"')
+    second = ALLOY.format(settings="").replace("[fit]", "").replace("my alloy", "another")
+    file.write_text(file.read_text(encoding="utf-8") + second.replace("4.0e7", "6.0e7"), "utf-8")
+    assert run("fit", file, "--quiet", "--out", tmp_path)[0] == 0
+    line = json.loads((tmp_path / "fit.json").read_text(encoding="utf-8"))["unloading_line"]
+    assert (line and line["method"]) == method
+
+
+def test_what_the_fit_refuses_is_one_line_and_exit_code_2(alloy, tmp_path):
+    file = alloy("")
+    file.write_text(file.read_text(encoding="utf-8") + "[material.parameters]\nrestitution = 0.5\n")
+    code, out, err = run("fit", file, "--out", tmp_path / "results")
+    assert (code, out) == (2, "")
+    assert len(err.splitlines()) == 1
+    assert err.startswith(f"{file}: 'restitution' does not act under 'two-step'")
+    assert not (tmp_path / "results").exists()
+
+
 def test_a_fit_that_does_not_converge_is_written_marked_and_ends_with_1(alloy, tmp_path):
     file = alloy('route = "energy balance"\nstarts = 1\nmax_steps = 1')
     out = tmp_path / "results"

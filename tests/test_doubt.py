@@ -1,11 +1,14 @@
 """Each doubt is raised by one data set, and not by its neighbour."""
 
+import re
+
 import numpy as np
 import pytest
 
 import calibration as cal
 import softjax as sj
 from calibration import doubt
+from calibration.report import rows
 from tests.fit_data import TRUTH, eq_17_data, twin
 
 QUICK = {"route": sj.EnergyBalance(), "profiles": False, "starts": 8}
@@ -20,6 +23,33 @@ def at_bound():
     data = twin("nylon", noise=0.002)
     raised = cal.fit(data, parameters={"chi": Spec("chi", bounds=(0.3, 1.0))}, **QUICK)
     quiet = cal.fit(data, parameters={"chi": Spec("chi", bounds=(0.1, 1.0))}, **QUICK)
+    return raised, quiet
+
+
+def told(result):
+    """The table of parameters, with no number that nobody can read."""
+    table = rows.parameter_table(result).rows
+    assert not any(re.search(r"e[-+]?\d", cell) for row in table for cell in row)
+    return table
+
+
+def runs_to_zero():
+    """With noise as large as this the losses below yield say nothing of ψ."""
+    noisy, exact = (twin("nylon", noise=u, seed=2, uncertainty=u) for u in (0.03, 0.0005))
+    raised, quiet = (cal.fit(d, "model", **QUICK) for d in (noisy, exact))
+    assert raised.values["psi"] == 0.0
+    assert raised.materials[0].parameters["psi"].at_bound
+    assert ["", "ψ", "0 (at its bound)"] in [row[:3] for row in told(raised)]
+    return raised, quiet
+
+
+def grows_without_bound():
+    noisy, exact = (twin("stainless steel", noise=u, uncertainty=u) for u in (0.01, 0.0003))
+    raised, quiet = (cal.fit(d, "model", **QUICK) for d in (noisy, exact))
+    assert raised.values["sigma"] is None
+    assert "grows without bound" in str(raised)
+    assert ["", "σ", "not determined"] in [row[:3] for row in told(raised)]
+    assert np.all(np.isfinite(raised.band(noisy.velocity).high))
     return raised, quiet
 
 
@@ -147,6 +177,8 @@ def balanced_spread(data, losses):
 
 CASES = {
     "at-bound": at_bound,
+    "at-bound, at zero": runs_to_zero,
+    "at-bound, at infinity": grows_without_bound,
     "rank-deficient": rank_deficient,
     "eps-up-only": eps_up_only,
     "sigma-psi-not-separate": sigma_psi_not_separate,

@@ -4,6 +4,8 @@ import iminuit
 import lmfit
 import numpy as np
 import pytest
+from scipy import stats
+from scipy.optimize import least_squares
 
 import calibration as cal
 import softjax as sj
@@ -113,16 +115,23 @@ def test_two_step_s_error_of_chi_is_what_noise_in_each_point_does(told):
     assert np.log(estimate.high / value) == pytest.approx(reach * expected / value, rel=1e-3)
 
 
-def test_profiles_are_minos_s_where_u_is_stated():
-    name = "chrome steel"
-    data = twin(name, noise=0.001, uncertainty=0.001, seed=5)
+@pytest.mark.parametrize("case", SETS)
+def test_profiles_are_minos_s(case):
+    """Where u is not stated its estimate, and Student's quantile in place of the normal one."""
+    name, made = SETS[case]
+    data = twin(name, **made)
     result = cal.fit(data, "model", **QUICK)
-    model = own_model(data)
+    model, values = own_model(data), [result.values[k] for k in NAMES]
+    u = data.uncertainty
+    if u is None:
+        left = len(data) - 3
+        u = np.sqrt(np.sum((model(*values) - data.restitution) ** 2) / left)
+        u *= stats.t.ppf(0.975, left) / stats.norm.ppf(0.975)
 
-    def cost(chi, sigma, psi):
-        return float(np.sum(((model(chi, sigma, psi) - data.restitution) / data.uncertainty) ** 2))
+    def cost(*logarithms):  # profiles do not mind, and the steps stay at positive numbers
+        return float(np.sum(((model(*np.exp(logarithms)) - data.restitution) / u) ** 2))
 
-    minuit = iminuit.Minuit(cost, *[result.values[k] for k in NAMES], name=NAMES)
+    minuit = iminuit.Minuit(cost, *np.log(values), name=NAMES)
     minuit.errordef = 1.0
     minuit.tol = 1e-4
     minuit.strategy = 2
@@ -131,11 +140,32 @@ def test_profiles_are_minos_s_where_u_is_stated():
     for parameter in NAMES:
         low, high = result.intervals[parameter]
         expected = minuit.merrors[parameter]
+        assert expected.is_valid
         value = minuit.values[parameter]
-        width = expected.upper - expected.lower
-        assert low == pytest.approx(value + expected.lower, abs=1e-3 * width)
-        assert high == pytest.approx(value + expected.upper, abs=1e-3 * width)
+        assert low == pytest.approx(np.exp(value + expected.lower), rel=1e-3)
+        assert high == pytest.approx(np.exp(value + expected.upper), rel=1e-3)
         assert result.materials[0].parameters[parameter].method == "profile"
+
+
+def test_a_profile_follows_a_valley_to_its_end():
+    """σ and ψ that make up for each other over decades, against SciPy in ln(σ r^ψ) in place of σ."""
+    data = twin("chrome steel", noise=0.01, seed=0, uncertainty=0.01)
+    result = cal.fit(data, "model", **QUICK)
+    assert result.intervals["sigma"][1] is None
+    model, contact = own_model(data), data.contact
+    critical = float(contact.critical_velocity)
+    ratio = critical / (float(contact.limit_velocity) - critical)
+
+    def lowest(psi):
+        def residual(q):
+            chi, loss = np.exp(q)
+            return (model(chi, loss / ratio**psi, psi) - data.restitution) / 0.01
+
+        starts = ([np.log(0.06), at] for at in (-3.5, -3.0))
+        return min(2 * least_squares(residual, start).cost for start in starts)
+
+    rise = [lowest(end) - lowest(result.values["psi"]) for end in result.intervals["psi"]]
+    assert rise == pytest.approx([stats.chi2.ppf(0.95, 1)] * 2, rel=1e-3)
 
 
 def test_profiles_are_lmfit_s_where_it_is_not():
