@@ -7,7 +7,7 @@ import numpy as np
 import softjax as sj
 
 CONDITION_LIMIT = 1e5  # of the Jacobian with unit columns: half of float64's digits are gone
-SEPARATE = 2.0  # standard error of ln σ from which on σ and ψ count as one number
+SEPARATE = 1.0  # standard error of ln σ from which on σ and ψ count as one number
 SEVERAL_DELTA = 4.0  # Δχ² below which another minimum is nearly as good
 CONFIDENCE = 0.99  # of the tests on residuals
 REMEDIES = {

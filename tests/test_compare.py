@@ -123,6 +123,7 @@ def test_thornton_gives_back_the_yield_factor_it_was_made_with():
     assert fixed.rms == fixed.rms_leave_one_out
 
 
+@pytest.mark.long
 def test_viscoelastic_spheres_give_back_their_dissipation_time():
     made = viscoelastic(CONTACT, 1e-7)
     assert 0.8 < np.min(made) < np.max(made) < 1
@@ -189,6 +190,7 @@ def test_the_law_that_made_the_data_comes_first(winner, made):
     assert left_out == sorted(left_out)
 
 
+@pytest.mark.long
 def test_the_losses_of_zhou_are_as_many_as_the_data_tell():
     critical = float(CONTACT.critical_velocity)
     law = sj.Zhou(CONTACT, 0.3, 0.4355, 0.5414)

@@ -104,6 +104,7 @@ def equations(jaxpr):
                 yield from equations(getattr(inner, "jaxpr", inner))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("choice", CHOICES, ids=lambda choice: choice.form)
 def test_over_the_boxes(choice):
     """|Δε²| within 32 eps (1 + Σ|∂ε²/∂ln θ|), slopes of mild impacts mostly within 100 eps."""

@@ -97,7 +97,11 @@ NUMBERS = ("coefficient", "peak_overlap", "residual_overlap")
 
 @pytest.mark.parametrize(
     ("form", "route"),
-    [("first-order", None), ("full", None), ("first-order", sj.ODE(rtol=1e-11))],
+    [
+        ("first-order", None),
+        pytest.param("full", None, marks=pytest.mark.long),
+        ("first-order", sj.ODE(rtol=1e-11)),
+    ],
     ids=["first-order", "full", "ode"],
 )
 def test_a_law_of_forces_alone_agrees_with_the_closed_forms(form, route):
@@ -115,7 +119,11 @@ def test_a_law_of_forces_alone_agrees_with_the_closed_forms(form, route):
     assert np.array_equal(found.status & plain, expected.status & plain)
 
 
-@pytest.mark.parametrize("route", [None, sj.ODE(rtol=1e-11)], ids=["energy", "ode"])
+@pytest.mark.parametrize(
+    "route",
+    [None, pytest.param(sj.ODE(rtol=1e-11), marks=pytest.mark.long)],
+    ids=["energy", "ode"],
+)
 def test_its_derivatives_agree_too(route):
     form, contact = "first-order", pair("nylon")
     velocity = jnp.asarray(RATIOS * contact.critical_velocity)

@@ -23,13 +23,11 @@ def impacts():
     return np.append(0.0, draw.uniform(0, 400, COUNT - 1)), draw.uniform(0.1, 0.5, COUNT)
 
 
-@pytest.mark.parametrize("each", [False, True], ids=["one law", "a law each"])
-def test_pieces_are_as_small_batches(each):
+def test_pieces_are_as_small_batches():
     velocity, chi = impacts()
-    whole = sj.restitution(fitted("nylon", chi=chi if each else 0.22), velocity)
+    whole = sj.restitution(fitted("nylon", chi=chi), velocity)
     for part in PARTS:
-        law = fitted("nylon", chi=chi[part] if each else 0.22)
-        alone = sj.restitution(law, velocity[part])
+        alone = sj.restitution(fitted("nylon", chi=chi[part]), velocity[part])
         for name in FIELDS:
             assert np.array_equal(getattr(whole, name)[part], getattr(alone, name)), name
     assert whole.duration.shape == (COUNT,)
@@ -47,7 +45,7 @@ def test_shape_and_precision_stay():
 
 def test_derivatives_of_a_traced_batch():
     """In chunks, the last filled up: the fill must not count."""
-    velocity, chi = impacts()
+    velocity, _ = impacts()
 
     def total(chi, velocity):
         return sj.restitution(fitted("nylon", chi=chi), velocity).coefficient.sum()
@@ -57,10 +55,6 @@ def test_derivatives_of_a_traced_batch():
     parts = [slope(0.22, jnp.asarray(part)) for part in np.array_split(velocity, 4)]
     assert one == pytest.approx(float(sum(part[0] for part in parts)), rel=1e-12)
     assert np.allclose(each, np.concatenate([part[1] for part in parts]), rtol=1e-12, atol=1e-15)
-    by_impact = jax.jit(jax.grad(total))(jnp.asarray(chi), velocity)
-    assert by_impact.shape == chi.shape
-    alone = jax.grad(total)(jnp.asarray(chi[PARTS[2]]), velocity[PARTS[2]])
-    assert np.allclose(by_impact[PARTS[2]], alone, rtol=1e-12, atol=1e-15)
 
 
 ON_TWO = """

@@ -78,7 +78,7 @@ def test_only_w_matters():
     assert np.allclose(result.coefficient, integrated(0.1), rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize("dtype", [np.float64, pytest.param(np.float32, marks=pytest.mark.long)])
 def test_gradients_and_hard_velocities(dtype):
     law = sj.ViscoelasticHertz(lc.PAIR, dissipation_time(0.3))
     least = 1e-300 if dtype is np.float64 else 1e-30

@@ -67,19 +67,19 @@ def largest_error(route):
 
 @pytest.mark.parametrize("solver", ORDERS)
 def test_error_falls_as_the_order_of_the_solver(solver):
-    """With n equal steps the error goes as n^-order, by regression over n.
+    """With n equal steps the error goes as n^-order.
 
     The leading error of the methods of fifth order is small here, so that the next one shows.
     """
     order = ORDERS[solver]
-    counts = {3: (16, 32, 64), 5: (16, 32, 64), 8: (6, 8, 12)}[order]
+    counts = {3: (16, 64), 5: (16, 64), 8: (6, 12)}[order]
     errors = [largest_error(sj.ODE(steps=n, solver=solver)) for n in counts]
-    slope = np.polyfit(np.log(counts), np.log(errors), 1)[0]
+    slope = np.diff(np.log(errors))[0] / np.diff(np.log(counts))[0]
     assert -order - 1.0 < slope < -order + 0.5
 
 
 def test_error_falls_throughout_with_the_tolerance():
-    errors = [largest_error(sj.ODE(rtol=rtol)) for rtol in (1e-3, 1e-5, 1e-7, 1e-9, 1e-11)]
+    errors = [largest_error(sj.ODE(rtol=rtol)) for rtol in (1e-3, 1e-6, 1e-9, 1e-11)]
     assert np.all(np.diff(errors) < 0)
     assert errors[0] < 1e-4
     assert errors[-1] < 1e-12

@@ -75,7 +75,7 @@ def test_eq_17_s_errors_are_scipy_s(case):
         assert result.materials[0].reduced_chi_squared is None
 
 
-@pytest.mark.parametrize("told", [None, 0.006])
+@pytest.mark.parametrize("told", [None, pytest.param(0.006, marks=pytest.mark.long)])
 def test_two_step_s_error_of_chi_is_what_noise_in_each_point_does(told):
     """Both steps refitted by SciPy with every point moved: dχ̃/dε_i, and so its variance."""
     name = "nylon"

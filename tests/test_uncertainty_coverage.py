@@ -67,6 +67,7 @@ def test_the_command_prints_its_table(capsys, monkeypatch):
     assert "stainless steel" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_a_robust_loss_keeps_outliers_from_moving_chi():
     """10 % outliers of 10 standard deviations: the shift against the fit without them."""
     case = coverage.Case("stainless steel", "two-step", 0.004, 40)

@@ -49,7 +49,10 @@ def _end(value: float | None, error: float | None) -> str:
     exponent, places = _scale(value, error)
     if places is None:
         return number(value, MOST_DIGITS)
-    return _fixed(value / 10.0**exponent, places) + (f"e{exponent}" if exponent else "")
+    scaled = value / 10.0**exponent
+    # an end far below the error is no zero: it keeps two digits of its own
+    own = ERROR_DIGITS - 1 - _leading_place(abs(scaled)) if scaled else places
+    return _fixed(scaled, max(places, own)) + (f"e{exponent}" if exponent else "")
 
 
 def _scale(value: float, error: float) -> tuple[int, int | None]:
