@@ -15,6 +15,8 @@ from calibration.speed.ways import Way
 REPEATS = 7
 LONGEST = 2.0  # [s] after which no further repeat is started
 MIB = 2**20
+SLIGHTLY = 1.1  # a rival may err by so much more
+NEARLY = 3.0  # errors within this factor count as the one that was asked for
 
 
 @dataclass(frozen=True)
@@ -113,12 +115,17 @@ def at_error(rows: list[Row], family: str, error: float) -> float | None:
 
 
 def along_power_law(rows: list[Row], family: str, error: float) -> float | None:
-    """The same for a rival, interpolated between its settings: none loses by where they lie."""
+    """The same for a rival, interpolated between its settings: none loses by where they lie.
+
+    None where it was not measured near that error: much tighter settings would be unfair.
+    """
     points = sorted((r.largest_error, r.microseconds) for r in rows if r.family == family)
-    above = [p for p in points if p[0] > error]
-    below = [p for p in points if p[0] <= error]
-    if not below or not above:
-        return at_error(rows, family, error)
+    above = [p for p in points if p[0] > SLIGHTLY * error]
+    below = [p for p in points if p[0] <= SLIGHTLY * error]
+    if not below:
+        return None
+    if not above:
+        return min(t for _, t in below) if below[-1][0] > error / NEARLY else None
     (e1, t1), (e2, t2) = below[-1], above[0]
     weight = math.log(error / e1) / math.log(e2 / e1)
     return min(t1, t1 ** (1 - weight) * t2**weight)

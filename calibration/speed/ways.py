@@ -27,15 +27,17 @@ class Way:
     precision: str = "float64"
 
 
-def energy_balance(scene: Scene, batch: int, precision: str = "float64") -> Way:
+def energy_balance(
+    scene: Scene, batch: int, precision: str = "float64", gradient: bool = True
+) -> Way:
     """As a user calls it outside of any `jit`: all fields of the result, not ε_p alone."""
     law = scene.law
 
     def value(velocity):
         return sj.restitution(law, velocity).plastic_coefficient
 
-    gradient = _gradient(scene, sj.EnergyBalance())
-    return Way("energy balance", "exact", batch, value, gradient, precision)
+    slopes = _gradient(scene, sj.EnergyBalance()) if gradient else None
+    return Way("energy balance", "exact", batch, value, slopes, precision)
 
 
 def ode(scene: Scene, batch: int, route: sj.ODE, gradient: bool = False, **kwargs) -> Way:

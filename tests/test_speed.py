@@ -1,0 +1,57 @@
+"""Speed against error: errors are true, ratios are fair. No time decides anything here."""
+
+import csv
+from functools import partial
+
+import numpy as np
+import pytest
+
+from calibration import cli
+from calibration.speed import scipy_loop
+from calibration.speed.measure import Row, along_power_law, measure
+from calibration.speed.scene import stainless
+from calibration.speed.ways import energy_balance
+
+
+def row(error, microseconds, family="rival"):
+    return Row(family, "", "float64", 4096, microseconds, error, 0.0, None)
+
+
+def test_a_rival_is_taken_between_its_settings():
+    rows = [row(1e-4, 1.0), row(1e-8, 100.0), row(1e-6, 0.1, "another")]
+    assert along_power_law(rows, "rival", 1e-6) == pytest.approx(10.0)
+    assert along_power_law(rows, "rival", 1e-8) == pytest.approx(100.0)
+
+
+def test_a_rival_that_was_not_measured_there_gives_no_ratio():
+    rows = [row(1e-8, 100.0), row(1e-6, 10.0)]
+    assert along_power_law(rows, "rival", 1e-3) is None
+    assert along_power_law(rows, "rival", 2e-6) == 10.0
+    assert along_power_law(rows, "rival", 1e-9) is None
+
+
+def test_exact_answers_tell_errors():
+    """The energy balance meets them; half of ε_p missing is seen; SciPy errs as its tolerance says."""
+    scene = stainless()
+    own = measure(energy_balance(scene, 64), scene)
+    assert own.largest_error < 1e-14
+    assert own.gradient_error < 1e-12
+    wrong = energy_balance(scene, 64, gradient=False)
+    halved = type(wrong)("half", "", 64, lambda v: 0.5 * np.asarray(wrong.value(v)))
+    assert measure(halved, scene).largest_error > 0.3
+    loop = measure(scipy_loop.scipy_loop(scene, 4, "DOP853", 1e-6), scene)
+    assert 1e-12 < loop.largest_error < 1e-4
+
+
+def test_the_command_writes_its_table_and_picture(tmp_path, monkeypatch, capsys):
+    few = lambda scene, quick: [  # noqa: E731
+        partial(energy_balance, scene, 64, gradient=False),
+        partial(scipy_loop.scipy_loop, scene, 2, "LSODA", 1e-6),
+    ]
+    monkeypatch.setattr("calibration.speed.plan.plan", few)
+    assert cli.main(["speed", "--quick", "--out", str(tmp_path)]) == 0
+    text = (tmp_path / "speed.csv").read_text(encoding="utf-8")
+    rows = list(csv.DictReader(text.splitlines()))
+    assert [r["family"] for r in rows] == ["energy balance", "SciPy loop"]
+    assert (tmp_path / "speed.png").read_bytes().startswith(b"\x89PNG")
+    assert "LSODA" in capsys.readouterr().out
