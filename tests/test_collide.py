@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import softjax as sj
-from tests.cases import FORMS, fitted
+from tests.cases import fitted
 
 ROUTE = sj.ODE(rtol=1e-10)
 HISTORY = ("time", "overlap", "velocity", "force")
@@ -31,7 +31,7 @@ def histories(form):
     return law, velocity, jax.tree.map(np.asarray, hit), sj.restitution(law, velocity)
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", ["first-order", pytest.param("full", marks=pytest.mark.long)])
 def test_ends_and_energy(form):
     law, velocity, hit, curve = histories(form)
     for part in (hit.time, hit.overlap, hit.velocity, hit.force):
@@ -57,7 +57,7 @@ def tenfold(form):
     return law, velocity[1, 1], {name: getattr(hit, name)[1, 1] for name in HISTORY}
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", ["first-order", pytest.param("full", marks=pytest.mark.long)])
 def test_the_states_are_those_of_an_ode_solver(form):
     """SciPy integrates the law's force in time, one velocity at a time."""
     law, velocity, hit = tenfold(form)
@@ -90,7 +90,7 @@ def test_force_is_the_laws():
     assert abs(hit["force"][-1]) <= 1e-10 * exact.max()
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", ["first-order", pytest.param("full", marks=pytest.mark.long)])
 def test_time_runs_forward_and_everything_is_finite(form):
     hit = histories(form)[2]
     assert np.all(np.diff(hit.time[MOVING]) > 0)

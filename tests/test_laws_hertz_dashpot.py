@@ -87,6 +87,7 @@ def test_gradients_and_hard_velocities():
     assert all(np.allclose(slope, 0, atol=1e-12) for slope in slopes.values())
 
 
+@pytest.mark.long
 def test_history():
     law = sj.HertzDashpot(lc.PAIR, 0.5, "zero-force")
     hit = sj.collide(law, 0.7, samples=2001, route=lc.ODE)

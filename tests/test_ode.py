@@ -65,7 +65,10 @@ def largest_error(route):
     return float(np.max(np.abs(found - column(records, "eps_p_squared"))))
 
 
-@pytest.mark.parametrize("solver", ORDERS)
+@pytest.mark.parametrize(
+    "solver",
+    ["dopri5", "dopri8", *(pytest.param(s, marks=pytest.mark.long) for s in ("bosh3", "tsit5"))],
+)
 def test_error_falls_as_the_order_of_the_solver(solver):
     """With n equal steps the error goes as n^-order.
 

@@ -202,7 +202,8 @@ def loop(chi, y, form):
     return hit.overlap, hit.force, hit.plastic_coefficient, energy
 
 
-@pytest.mark.parametrize("form", ["first-order", pytest.param("full", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("form", cases.FORMS)
 @given(seed=seeds)
 @drawn(2)
 def test_work_round_the_loop(form, seed):

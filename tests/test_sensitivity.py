@@ -76,6 +76,7 @@ def test_fields_of_a_law_agree_with_differences_in_40_digits(name):
         np.testing.assert_allclose(found.of(ours), slope, rtol=0, atol=1e-8)
 
 
+@pytest.mark.long
 def test_the_ode_gives_the_same_sensitivities():
     expected = records("materials", "nylon", "first-order")
     v = column(expected, "inputs", "v")

@@ -107,7 +107,7 @@ def compiled(form: str, route: str):
 @pytest.fixture(
     params=[
         pytest.param(("first-order", "ode", "float32"), marks=pytest.mark.long),
-        ("first-order", "energy", "float32"),
+        pytest.param(("first-order", "energy", "float32"), marks=pytest.mark.long),
         ("full", "energy", "float64"),
     ],
     ids="-".join,

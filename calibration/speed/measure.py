@@ -13,7 +13,7 @@ from calibration.speed.scene import Scene
 from calibration.speed.ways import Way
 
 REPEATS = 7
-LONGEST = 2.0  # [s] after which no further repeat is started
+LONGEST = 1.0  # [s] after which no further repeat is started
 MIB = 2**20
 SLIGHTLY = 1.1  # a rival may err by so much more
 NEARLY = 3.0  # errors within this factor count as the one that was asked for
