@@ -28,7 +28,14 @@ def everything(law, velocity, route):
     return result.coefficient, result.duration, result.ok
 
 
-@pytest.mark.parametrize("route", [None, sj.ODE(steps=2)], ids=["energy", "ode"])
+@pytest.mark.parametrize(
+    "route",
+    [
+        pytest.param(None, id="energy"),
+        pytest.param(sj.ODE(steps=2), id="ode"),
+        pytest.param(sj.ODE(), id="default ode", marks=pytest.mark.long),
+    ],
+)
 def test_the_same_shapes_compile_once(compiled, route):
     velocity = np.linspace(1.0, 20.0, 7)
     everything(fitted("nylon"), velocity, route)
@@ -65,8 +72,11 @@ def test_derivatives_under_the_callers_jit_compile_once(compiled):
 
 @pytest.mark.parametrize(
     ("form", "route"),
-    [("full", None), ("first-order", sj.ODE())],
-    ids=["full", "ode"],
+    [
+        pytest.param("first-order", None, id="first-order", marks=pytest.mark.long),
+        pytest.param("full", None, id="full"),
+        pytest.param("first-order", sj.ODE(), id="ode"),
+    ],
 )
 def test_no_nan_is_made_and_hidden(form, route):
     """A core of everything once more while JAX looks into what each compiled function gives."""

@@ -23,11 +23,19 @@ def impacts():
     return np.append(0.0, draw.uniform(0, 400, COUNT - 1)), draw.uniform(0.1, 0.5, COUNT)
 
 
-def test_pieces_are_as_small_batches():
+@pytest.mark.parametrize(
+    "each",
+    [
+        pytest.param(False, id="one law", marks=pytest.mark.long),
+        pytest.param(True, id="a law each"),
+    ],
+)
+def test_pieces_are_as_small_batches(each):
     velocity, chi = impacts()
-    whole = sj.restitution(fitted("nylon", chi=chi), velocity)
+    whole = sj.restitution(fitted("nylon", chi=chi if each else 0.22), velocity)
     for part in PARTS:
-        alone = sj.restitution(fitted("nylon", chi=chi[part]), velocity[part])
+        law = fitted("nylon", chi=chi[part] if each else 0.22)
+        alone = sj.restitution(law, velocity[part])
         for name in FIELDS:
             assert np.array_equal(getattr(whole, name)[part], getattr(alone, name)), name
     assert whole.duration.shape == (COUNT,)
@@ -43,18 +51,29 @@ def test_shape_and_precision_stay():
     assert np.array_equal(whole.status[3, -9:], sj.restitution(law, velocity[3, -9:]).status)
 
 
+def total(chi, velocity):
+    return sj.restitution(fitted("nylon", chi=chi), velocity).coefficient.sum()
+
+
 def test_derivatives_of_a_traced_batch():
     """In chunks, the last filled up: the fill must not count."""
     velocity, _ = impacts()
-
-    def total(chi, velocity):
-        return sj.restitution(fitted("nylon", chi=chi), velocity).coefficient.sum()
-
     slope = jax.jit(jax.grad(total, (0, 1)))
     one, each = slope(0.22, jnp.asarray(velocity))
     parts = [slope(0.22, jnp.asarray(part)) for part in np.array_split(velocity, 4)]
     assert one == pytest.approx(float(sum(part[0] for part in parts)), rel=1e-12)
     assert np.allclose(each, np.concatenate([part[1] for part in parts]), rtol=1e-12, atol=1e-15)
+
+
+@pytest.mark.long
+def test_derivatives_by_a_law_of_each_impact():
+    velocity, chi = impacts()
+    slope = jax.jit(jax.grad(total))(jnp.asarray(chi), velocity)
+    assert slope.shape == chi.shape
+    for part in PARTS:
+        alone = jax.grad(total)(jnp.asarray(chi[part]), velocity[part])
+        assert np.allclose(slope[part], alone, rtol=1e-12, atol=1e-15)
+        assert np.any(alone != 0)
 
 
 ON_TWO = """

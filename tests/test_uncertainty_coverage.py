@@ -67,11 +67,11 @@ def test_the_command_prints_its_table(capsys, monkeypatch):
     assert "stainless steel" in capsys.readouterr().out
 
 
-@pytest.mark.long
-def test_a_robust_loss_keeps_outliers_from_moving_chi():
+@pytest.mark.parametrize("sets", [30, pytest.param(200, marks=pytest.mark.long)])
+def test_a_robust_loss_keeps_outliers_from_moving_chi(sets):
     """10 % outliers of 10 standard deviations: the shift against the fit without them."""
     case = coverage.Case("stainless steel", "two-step", 0.004, 40)
-    data, noisy = coverage.simulated(case, 200, 3)
+    data, noisy = coverage.simulated(case, sets, 3)
     options = {"route": sj.EnergyBalance(), "profiles": False, "starts": 1}
     shifts = {"squared": [], "huber": []}
     errors = []
