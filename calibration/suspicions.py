@@ -4,8 +4,10 @@ import numpy as np
 
 from calibration import doubt as doubts
 from calibration.doubt import Doubt
-from calibration.intervals import variance_of
 from calibration.material_fit import MaterialFit
+from calibration.minima import MOVED, rises_between
+
+ROUNDING = 1e-10  # of ε: less is no noise
 
 
 def shared_doubts(fitted, estimates, curves) -> list[Doubt]:
@@ -42,31 +44,65 @@ def _names(setup, stage) -> list[str]:
 
 
 def _several_minima(fitted, stage) -> list[Doubt]:
-    """Other converged ends of nearly the same cost at other values, data set by data set."""
-    setup, problem = fitted.setup, stage.problem
+    """Minima of nearly the same cost at other values, among the ends of the other starts."""
+    if stage.problem.loss != "squared":
+        return []
     found = []
     for other in stage.others:
-        held = stage.search.limits or other.limits  # a valley without an end has no second minimum
-        if held or not other.converged or problem.loss != "squared":
-            continue
-        moved = np.abs(other.z - problem.start) > 1e-2
-        names = {e.position: e for e in setup.elements}
-        for i in np.flatnonzero(moved):
-            e = names.get(int(problem.active[i]))
-            if e is None or fitted.uncertainty.undetermined[fitted.uncertainty.of(e.position)]:
-                continue
-            variance = variance_of(fitted, problem, e) or np.inf
-            rise = 2 * (other.cost - 0.5 * _cost(problem)) / variance
-            if abs(rise) < doubts.SEVERAL_DELTA:
-                cause = f"another minimum for {e.column} has a chi squared only {rise:.2g} higher"
-                material = setup.datasets[e.sets[0]].name if len(e.sets) == 1 else None
-                found.append(Doubt("several-minima", cause, material))
+        if other.converged:
+            for elements in _together(fitted.setup, stage.problem):
+                found += _other_minimum(fitted, stage, other, elements)
     return list(dict.fromkeys(found))
 
 
-def _cost(problem) -> float:
-    value, _ = problem.linearise(problem.start)
-    return float(value @ value)
+def _together(setup, problem) -> list[list]:
+    """The searched elements, those together that share a data set: each group has its own minima."""
+    groups: list[list] = []
+    for e in setup.elements:
+        if e.position in problem.active:
+            near = [g for g in groups if any({*e.sets} & {*other.sets} for other in g)]
+            joined = [other for g in near for other in g]
+            groups = [*(g for g in groups if g not in near), [*joined, e]]
+    return groups
+
+
+def _other_minimum(fitted, stage, other, elements) -> list[Doubt]:
+    """The same for one group, the other elements where the best search found them."""
+    problem, known = stage.problem, fitted.uncertainty
+    positions = [e.position for e in elements]
+    there = np.where(np.isin(problem.active, positions), other.z, problem.start)
+    way = dict(zip(problem.active, np.abs(there - problem.start), strict=True))
+    moved = [e for e in elements if way[e.position] > MOVED]
+    moved = [e for e in moved if not known.undetermined[known.of(e.position)]]
+    held = {*stage.search.limits, *other.limits} & {*positions}
+    if held or not moved:  # a valley without an end has no second minimum
+        return []
+    rise = _rise(fitted, problem, there, {g for e in elements for g in e.sets})
+    cost = lambda x: float(np.sum(_residual(problem, x) ** 2))  # noqa: E731
+    if rise >= doubts.SEVERAL_DELTA or not rises_between(cost, problem.start, there):
+        return []
+    told = f"only {rise:.2g} higher" if rise >= 0 else f"{-rise:.2g} lower"
+    return [_another(fitted.setup, e, told) for e in moved]
+
+
+def _another(setup, e, told: str) -> Doubt:
+    name = setup.datasets[e.sets[0]].name if len(e.sets) == 1 else None
+    return Doubt("several-minima", f"another minimum for {e.column} has a chi squared {told}", name)
+
+
+def _residual(problem, x) -> np.ndarray:
+    """Weighted residuals and priors, each point on the branch that it has at x."""
+    return problem.with_elastic(problem.elastic_at(problem.full(x))).linearise(x)[0]
+
+
+def _rise(fitted, problem, there, sets) -> float:
+    """χ² there less χ² at the best: squares over the variance that noise gives them."""
+    own = np.isin(problem.obs.group, list(sets)) & (problem.obs.weight > 0)
+    variance = np.maximum(fitted.uncertainty.noise, ROUNDING) ** 2 * problem.obs.weight**2
+    gain = _residual(problem, there) ** 2 - _residual(problem, problem.start) ** 2
+    points, priors = gain[: len(own)], gain[len(own) :]
+    spread = np.mean(variance[own])  # a prior weighs as a point
+    return float(np.sum(points[own] / variance[own]) + np.sum(priors) / spread)
 
 
 def _separation(fitted, curves) -> list[Doubt]:

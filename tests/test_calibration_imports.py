@@ -4,7 +4,7 @@ import ast
 
 import pytest
 
-from tests.test_imports import loaded_after, modules
+from tests.test_imports import has_no_cycle, loaded_after, modules
 
 # data, parameters → objective → search → uncertainty → result → fit → report, plots → commands
 LAYERS = [
@@ -16,7 +16,7 @@ LAYERS = [
     {"impacts", "objective", "specs", "assemble", "problem"},
     {"ending", "lbfgs", "adam", "marquardt", "search", "starts", "stages", "batch"},
     {"uncertainty", "profiles", "derived"},
-    {"doubt", "estimate", "material_fit", "result", "result_text", "result_json"},
+    {"doubt", "minima", "estimate", "material_fit", "result", "result_text", "result_json"},
     {"intervals", "suspicions", "material_summary", "summary", "bands", "line"},
     {"fitting", "coverage"},
     {"report", "plots", "curve", "sensitivities", "compare", "speed"},
@@ -64,22 +64,7 @@ def test_imports_go_downwards():
 
 
 def test_there_is_no_cycle():
-    graph = {}
-    for name, target in edges():
-        graph.setdefault(name, set()).add(target)
-    seen, path = set(), []
-
-    def visit(name):
-        assert name not in path, f"cycle: {[*path, name]}"
-        if name not in seen:
-            path.append(name)
-            for target in graph.get(name, set()) - {name}:
-                visit(target)
-            path.pop()
-            seen.add(name)
-
-    for name in list(graph):
-        visit(name)
+    assert has_no_cycle(edges())
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from calibration.compare import figure_2
 from calibration.compare.pictures import comparison_figure
 from calibration.compare.ranking import rank
 from calibration.compare.telling import comparison_json, comparison_text
+from calibration.plots import style
 from tests.made_fits import CHI, material_fit, result_of
 
 TOML = """
@@ -117,6 +118,27 @@ def test_the_picture_has_each_different_curve_once(ranking):
     low, high = lower.get_ylim()
     assert low < np.min(data) < np.max(data) < high < upper.get_ylim()[1] + 0.2
     assert figure.legends
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_the_legend_is_whole_and_below_all_axes(ranking, count):
+    figure = comparison_figure([ranking] * count)
+    figure.draw_without_rendering()
+    (legend,) = figure.legends
+    inside = legend.get_window_extent()
+    assert figure.bbox.x0 <= inside.x0 < inside.x1 <= figure.bbox.x1
+    assert figure.bbox.y0 <= inside.y0
+    assert all(inside.y1 <= ax.get_tightbbox().y0 for ax in figure.axes)
+
+
+@pytest.mark.parametrize(("length", "columns"), [(3, 3), (40, 2), (200, 1)])
+def test_a_legend_has_as_many_columns_as_fit(length, columns):
+    figure = style.new_figure(9.0, 4.0)
+    ax = figure.add_subplot()
+    for letter in "abc":
+        ax.plot([0, 1], [0, 1], label=letter * length)
+    style.legend_below(figure, [ax], 3)
+    assert [legend._ncols for legend in figure.legends] == [columns]
 
 
 def test_a_fit_that_did_not_converge_is_told_by_the_exit_code(

@@ -1,6 +1,7 @@
 """Each doubt is raised by one data set, and not by its neighbour."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +9,14 @@ import pytest
 import calibration as cal
 import softjax as sj
 from calibration import doubt
+from calibration.assemble import assemble
+from calibration.fitting import run
+from calibration.impacts import Model
+from calibration.intervals import estimate_of
+from calibration.minima import MOVED
 from calibration.report import rows
+from calibration.stages import Options
+from calibration.suspicions import shared_doubts
 from tests.fit_data import TRUTH, eq_17_data, twin
 
 QUICK = {"route": sj.EnergyBalance(), "profiles": False, "starts": 8}
@@ -148,20 +156,23 @@ def data():
 
 
 def two_minima():
-    """Imprecise data for a small χ̃ and a prior for a large one, of equal weight; and of unequal.
+    """Imprecise data for a small χ̃ and a prior for a large one, of equal weight; and of unequal."""
+    return torn(1.04), torn(2.08)
 
-    Far above, ε no longer falls with χ̃, so that the data's cost levels off and the prior's wins.
+
+def torn(*shares):
+    """Data sets that each are torn between their points and a prior, with `balanced_spread`'s share.
+
+    Far above, ε no longer falls with χ̃, so that the data's cost levels off and the prior's wins;
+    the data draw the far minimum nearer.
     """
     data = twin("nylon", np.linspace(5, 60, 12), uncertainty=0.25)
     losses = {"sigma": TRUTH["nylon"][2], "psi": TRUTH["nylon"][3]}
-    found = []
-    balanced = 1.04 * balanced_spread(data, losses)  # the data draw the far minimum nearer
-    for spread in (balanced, 2.0 * balanced):
-        chi = Spec("chi", value=2.0, prior=(PRIOR, spread))
-        found.append(
-            cal.fit(data, "model", parameters=losses | {"chi": chi}, **QUICK | {"starts": 32})
-        )
-    return found
+    spreads = [share * balanced_spread(data, losses) for share in shares]
+    chis = [Spec("chi", value=2.0, prior=(PRIOR, spread)) for spread in spreads]
+    sets = [replace(data, name=f"set {i}") for i in range(len(shares))]
+    own = [losses | {"chi": chi} for chi in chis]
+    return cal.fit(sets, "model", parameters=own, **QUICK | {"starts": 32})
 
 
 PRIOR = 20.0
@@ -207,6 +218,32 @@ def test_raised_by_one_and_not_by_its_neighbour(case):
     assert one.remedy.endswith(".")
     assert str(one) in str(raised)
     assert code in raised.to_json()
+
+
+@pytest.mark.long
+def test_each_data_set_has_minima_of_its_own():
+    """What another set's minima cost does not enter, and each is told once."""
+    alone, both, one = torn(1.04), torn(1.04, 1.04), torn(2.08, 1.04)
+    (cause,) = (w.cause for w in alone.warnings if w.code == "several-minima")
+    for result, names in ((both, ["set 0", "set 1"]), (one, ["set 1"])):
+        told = [w for w in result.warnings if w.code == "several-minima"]
+        assert sorted(w.material for w in told) == names
+        assert {w.cause for w in told} == {cause}
+
+
+@pytest.mark.parametrize("share", [0.2, 1.0])
+def test_a_place_along_the_valley_is_no_other_minimum(share):
+    """Where a search has said that it converged, as far off as a standard error allows."""
+    setup = assemble([eq_17_data("stainless steel", noise=0.004)], "empirical", None)
+    fitted = run(setup, Model(), Options(starts=1))
+    (stage,) = fitted.stages
+    step = np.linalg.cholesky(fitted.uncertainty.covariance)[:, 0]
+    place = replace(stage.search, z=stage.search.z + share * step)
+    place = replace(place, cost=0.5 * np.sum(stage.problem.linearise(place.z)[0] ** 2))
+    assert np.max(np.abs(share * step)) > MOVED
+    others = replace(fitted, stages=(replace(stage, others=(place,)),))
+    estimates = {e.position: estimate_of(fitted, e, None, 0.95) for e in setup.elements}
+    assert not [one for one in shared_doubts(others, estimates, {}) if one.code == "several-minima"]
 
 
 def test_every_doubt_has_a_case_here():

@@ -7,14 +7,14 @@ import numpy as np
 from calibration import doubt
 from calibration.compare.candidates import REACH
 from calibration.compare.curves import Observed
+from calibration.compare.refits import Problem
 from calibration.compare.scores import ROUNDING, Certainty
 from calibration.data import RestitutionData
 from calibration.doubt import Doubt
+from calibration.minima import MOVED, rises_between
 
 if TYPE_CHECKING:
     from calibration.compare.entries import End, Entry
-
-MOVED = 1e-2  # in z, from which on another minimum is another
 
 
 def search_doubts(
@@ -27,6 +27,7 @@ def search_doubts(
     if not known.full_rank:
         cause = f"{known.rank} of {len(known.errors)} parameters show in these data"
         doubts.append(Doubt("rank-deficient", cause))
+        return tuple(doubts)  # a valley without an end has no second minimum
     return (*doubts, *_other_minima(entry, end, observed))
 
 
@@ -58,8 +59,6 @@ def _ends(end: "End", known: Certainty) -> list[Doubt]:
     if failed:
         cause = f"{failed} of {len(end.refitted.converged)} fits without a point"
         doubts.append(Doubt("not-converged", cause))
-    if known.at_minimum and not failed and not end.converged:
-        doubts.append(Doubt("not-converged", "the iterations were used up near a minimum"))
     return doubts
 
 
@@ -70,22 +69,26 @@ def _silent(entry: "Entry", known: Certainty) -> list[Doubt]:
 
 
 def _other_minima(entry: "Entry", end: "End", observed: Observed) -> list[Doubt]:
-    """Ends of other starts that are nearly as low at other parameters."""
-    weighted = observed.weight * entry.residual
-    lowest = float(weighted @ weighted)
+    """Minima that other starts led to, nearly as low at other parameters."""
+    problem, best = Problem(entry.candidate, observed, end.units), _within(end.z)
+    lowest = problem.cost(best)
     if lowest < observed.count * ROUNDING**2:
         return []
     left = max(observed.count - entry.fitted, 1)
     rise = (end.found.cost - lowest) / (observed.variance or lowest / left)
-    moved = np.max(np.abs(_within(end.found.z) - _within(end.z)), axis=1) > MOVED
+    moved = np.max(np.abs(_within(end.found.z) - best), axis=1) > MOVED
     near = end.found.converged & moved & (np.abs(rise) < doubt.SEVERAL_DELTA)
-    if not np.any(near):
-        return []
-    place = int(np.flatnonzero(near)[0])
-    theta = entry.candidate.physical(end.found.z[place], end.units)
+    for place in np.flatnonzero(near):
+        other = _within(end.found.z[place])
+        if rises_between(problem.cost, best, other):
+            return [_other_minimum(entry, entry.candidate.physical(other, end.units), rise[place])]
+    return []
+
+
+def _other_minimum(entry: "Entry", theta, rise: float) -> Doubt:
     pairs = zip(entry.parameters, theta, strict=True)
     values = ", ".join(f"{name} = {float(one):.3g}" for name, one in pairs)
-    return [Doubt("several-minima", f"also at {values}, chi squared {rise[place]:.2g} higher")]
+    return Doubt("several-minima", f"also at {values}, chi squared {rise:.2g} higher")
 
 
 def _within(z):

@@ -35,14 +35,12 @@ class End:
     Attributes:
         z: the best.
         units: of its parameters.
-        converged: whether it, and every fit without a point, says so.
         found: where all starts ended.
         refitted: the fits without each point.
     """
 
     z: np.ndarray
     units: np.ndarray
-    converged: bool = True
     found: Refits | None = None
     refitted: Refits | None = None
 
@@ -129,10 +127,7 @@ def fitted_entry(candidate: Candidate, data: RestitutionData, observed: Observed
     found = from_starts(problem, starts_of(candidate, data))
     place = best_of(found.cost, found.converged)
     z = found.z[place]
-    refitted = without_each(problem, z)
-    converged = bool(found.converged[place] and np.all(refitted.converged))
-    end = End(z, units, converged, found, refitted)
-    return _entry(candidate, data, observed, end)
+    return _entry(candidate, data, observed, End(z, units, found, without_each(problem, z)))
 
 
 def best_of(costs: np.ndarray, converged: np.ndarray) -> int:
@@ -155,7 +150,7 @@ def _entry(candidate: Candidate, data, observed: Observed, end: End) -> Entry:
         residual,
         residual if end.refitted is None else _predicted(candidate, observed, end) - measured,
         scores.aicc(weight * residual, len(candidate.parameters)),
-        end.converged and known.at_minimum,
+        known.at_minimum and (end.refitted is None or bool(np.all(end.refitted.converged))),
         z_errors=tuple(known.errors),
     )
     own = search_doubts(entry, end, known, observed)

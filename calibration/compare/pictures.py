@@ -24,7 +24,7 @@ LINES = {
     "constant": (style.GREY, (0, (8, 3))),
     "hertz": (style.BLACK, ":"),
 }
-LABELS = {"constant": "constant ε: hard spheres, both dashpots, Walton–Braun with constant k2"}
+LABELS = {"constant": "constant ε: hard spheres, both\ndashpots, Walton–Braun with constant k2"}
 
 
 def comparison_figure(rankings: Sequence[Ranking]) -> Figure:

@@ -11,11 +11,16 @@ import numpy as np
 
 from calibration.compare.candidates import Candidate
 from calibration.compare.curves import Expanded, Observed, expand
+from calibration.compare.scores import promised
 from calibration.data import RestitutionData
+from calibration.minima import LEFT_UNDONE
 
 STARTS = 16
 MOST_EVALUATIONS = 100
 TOLERANCE = 1e-10
+FIRST_REACH = 1.0  # of a search in z: a factor of e
+MINPACK_FACTOR = 100  # its first reach over the scale of the variables, for a start at 0
+ROUNDS = 4  # searches in a row, each from where the last one stopped
 SEED = 0
 
 
@@ -47,9 +52,14 @@ class Problem:
         """Their slopes in z, (points, p)."""
         return weight[:, None] * self.at(z).slope
 
+    def cost(self, z: np.ndarray) -> float:
+        """Sum of squares of all weighted residuals."""
+        residual = self.residual(z, self.observed.weight)
+        return float(residual @ residual)
+
 
 class Refits(NamedTuple):
-    """Where each search ended: z (fits, p), sum of squares, and whether it says it converged."""
+    """Where each search ended: z (fits, p), sum of squares, and whether that is a minimum."""
 
     z: np.ndarray
     cost: np.ndarray
@@ -86,22 +96,41 @@ def without_each(problem: Problem, z: np.ndarray) -> Refits:
 
 
 def search(problem: Problem, start: np.ndarray, weight: np.ndarray):
-    """One search: z, sum of squares, converged."""
+    """One search: z, sum of squares, and whether that is a minimum.
+
+    MINPACK stops where a step lowers the sum of squares by next to nothing, be it because the step
+    had to be short. So what it says of its end does not count: that is a minimum where the gradient
+    says so, and else the search goes on from there.
+    """
+    z = start
+    for _ in range(ROUNDS):
+        found = _marquardt(problem, z, weight)
+        z = z + found.x
+        at_minimum = promised(found.fun, found.jac) <= LEFT_UNDONE
+        if at_minimum or found.status <= 0:
+            break
+    return z, 2 * float(found.cost), at_minimum
+
+
+def _marquardt(problem: Problem, start: np.ndarray, weight: np.ndarray):
+    """MINPACK's search from a start, in the distance from it.
+
+    Its steps may first be as long as the start is far from 0, times 100. In z, where 0 is no more
+    than the unit that the data suggest, that would be no step at all from a start at 1e-16.
+    """
     from scipy.optimize import least_squares
 
-    found = least_squares(
-        problem.residual,
-        start,
-        problem.jacobian,
+    return least_squares(
+        lambda distance: problem.residual(start + distance, weight),
+        np.zeros_like(start),
+        lambda distance: problem.jacobian(start + distance, weight),
         method="lm",
-        x_scale="jac",
+        x_scale=FIRST_REACH / MINPACK_FACTOR,
         ftol=TOLERANCE,
         xtol=TOLERANCE,
         gtol=TOLERANCE,
         max_nfev=MOST_EVALUATIONS,
-        args=(weight,),
     )
-    return found.x, 2 * float(found.cost), found.status > 0
 
 
 def _joined(found) -> Refits:

@@ -6,10 +6,11 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from calibration.minima import LEFT_UNDONE
+
 Column = Float[np.ndarray, "..."]
 RANK_CUT = 1e-10  # singular values of the Jacobian with unit columns
 SILENT = 1e-4  # a column of the Jacobian so small against the residuals acts on nothing
-STEEP = 1e-8  # share of the cost that a step may still promise at a minimum
 ROUNDING = 1e-10  # residuals that are zero
 
 
@@ -55,7 +56,7 @@ class Certainty(NamedTuple):
 
     @property
     def at_minimum(self) -> bool:
-        return self.promised <= STEEP
+        return self.promised <= LEFT_UNDONE
 
 
 def certainty(weighted: Column, jacobian: Float[np.ndarray, "points p"], variance) -> Certainty:
@@ -64,22 +65,52 @@ def certainty(weighted: Column, jacobian: Float[np.ndarray, "points p"], varianc
     Args:
         variance: of a weighted residual; None: estimated from them with n - p degrees of freedom.
     """
-    size = np.linalg.norm(jacobian, axis=0)
-    squares = float(weighted @ weighted)
-    silent = size <= max(SILENT * math.sqrt(squares), 1e-14)
-    acting = jacobian[:, ~silent] / size[~silent]
-    left, singular, right = np.linalg.svd(acting, full_matrices=False)
-    seen = singular > RANK_CUT * max(singular, default=1.0)
-    # less than rounding of each residual is nothing
-    promised = float(np.sum((left[:, seen].T @ weighted) ** 2))
-    promised /= squares + len(weighted) * (ROUNDING**2 / STEEP)
+    seen = _seen(weighted, jacobian)
     known = _variance(weighted, jacobian.shape[1], variance)
-    errors: list[float | None] = [None] * len(silent)
-    if known is not None and np.all(seen):
-        spread = np.sqrt(np.sum((right.T / singular) ** 2, axis=1) * known) / size[~silent]
-        for place, error in zip(np.flatnonzero(~silent), spread, strict=True):
+    errors: list[float | None] = [None] * len(seen.silent)
+    if known is not None and seen.rank == len(seen.size):
+        spread = np.sqrt(np.sum((seen.right.T / seen.singular) ** 2, axis=1) * known) / seen.size
+        for place, error in zip(np.flatnonzero(~seen.silent), spread, strict=True):
             errors[place] = float(error)
-    return Certainty(errors, list(silent), int(np.sum(seen)), promised)
+    return Certainty(errors, list(seen.silent), seen.rank, seen.promised(weighted))
+
+
+def promised(weighted: Column, jacobian: Float[np.ndarray, "points p"]) -> float:
+    """Share of the cost that the next Gauss–Newton step would remove; 0 at a minimum."""
+    if not np.all(np.isfinite(jacobian)):
+        return math.inf
+    return _seen(weighted, jacobian).promised(weighted)
+
+
+class _Seen(NamedTuple):
+    """A Jacobian without silent columns, their length `size` taken out, as left · singular · right.
+
+    Of its singular values only those above rounding.
+    """
+
+    silent: np.ndarray
+    size: np.ndarray
+    left: np.ndarray
+    singular: np.ndarray
+    right: np.ndarray
+
+    @property
+    def rank(self) -> int:
+        return len(self.singular)
+
+    def promised(self, weighted: Column) -> float:
+        # less than rounding of each residual is nothing
+        nothing = len(weighted) * (ROUNDING**2 / LEFT_UNDONE)
+        return float(np.sum((self.left.T @ weighted) ** 2) / (weighted @ weighted + nothing))
+
+
+def _seen(weighted: Column, jacobian) -> _Seen:
+    size = np.linalg.norm(jacobian, axis=0)
+    silent = size <= max(SILENT * float(np.linalg.norm(weighted)), 1e-14)
+    size = size[~silent]
+    left, singular, right = np.linalg.svd(jacobian[:, ~silent] / size, full_matrices=False)
+    kept = singular > RANK_CUT * max(singular, default=1.0)
+    return _Seen(silent, size, left[:, kept], singular[kept], right[kept])
 
 
 def _variance(weighted: Column, fitted: int, stated: float | None) -> float | None:

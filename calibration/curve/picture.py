@@ -69,7 +69,7 @@ def plot_restitution(
         )
     ax.set(xlabel="impact velocity $v$ [m/s]", ylabel=r"restitution $\varepsilon$")
     if style.spans_decades(rows.velocity):
-        ax.set_xscale("log")
+        style.logarithmic_x(ax)
     ax.legend(frameon=False)
     return ax
 

@@ -66,17 +66,20 @@ def spans_decades(values: np.ndarray) -> bool:
 
 
 def legend_below(figure: Figure, axes: list[Axes], columns: int, first: Sequence[str] = ()) -> None:
-    """One legend for all axes, each label once, those of `first` first."""
+    """One legend for all axes, each label once, those of `first` first.
+
+    In as many columns as asked for, or in as many fewer as the figure's width takes.
+    """
     found: dict[str, Any] = {}
     for ax in axes:
         handles, labels = ax.get_legend_handles_labels()
         for handle, label in zip(handles, labels, strict=True):
             found.setdefault(label, handle)
     labels = [*(name for name in first if name in found), *(n for n in found if n not in first)]
-    figure.legend(
-        [found[label] for label in labels],
-        labels,
-        loc="outside lower center",
-        ncols=min(columns, len(found)),
-        frameon=False,
-    )
+    handles = [found[label] for label in labels]
+    place = {"loc": "outside lower center", "frameon": False}
+    for count in range(max(min(columns, len(found)), 1), 0, -1):
+        legend = figure.legend(handles, labels, ncols=count, **place)
+        if count == 1 or legend.get_window_extent().width <= figure.bbox.width:
+            return
+        legend.remove()

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import ArrayLike, Float
 
 import softjax as sj
+from calibration.curve.options import COEFFICIENTS
 from calibration.sensitivities import estimating
 from calibration.sensitivities.inputs import symbol
 
@@ -123,7 +124,7 @@ def check_law(law: Any) -> None:
     """What this and the search for velocities can use."""
     if not isinstance(law, sj.Zhou):
         raise ValueError(f"`law` must be a Zhou law, but is {type(law).__name__}")
-    for name in ("chi", "sigma", "psi"):
+    for name in COEFFICIENTS:
         value = getattr(law, name)
         if np.ndim(value) or not float(value) > 0:
             raise ValueError(f"`{name}` must be one positive number, but is {value!r}")

@@ -13,10 +13,10 @@ import jax
 import numpy as np
 
 import softjax as sj
+from calibration.curve.options import COEFFICIENTS
 
 PROPERTIES = ("youngs_modulus", "poisson_ratio", "density", "yield_strength")
 PADDING = 64
-COEFFICIENTS = ("chi", "sigma", "psi")
 SYMBOLS = {
     "youngs_modulus": "E",
     "poisson_ratio": "ν",

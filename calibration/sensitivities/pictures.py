@@ -46,16 +46,20 @@ def math(name: str) -> str:
 def plot_sensitivities(
     found: Sensitivities, ax: Axes | None = None, critical_velocity: float | None = None
 ) -> Axes:
-    """θ ∂ε/∂θ of every input over velocity; inputs that move nothing are named in the legend."""
+    """θ ∂ε/∂θ of every input over velocity; inputs that move nothing are named in the legend.
+
+    With a critical velocity the curves end there and begin anew: at yield they jump.
+    """
     ax = style.axes_or_new(ax, 7.0, 4.2)
     marks = cycle(zip(COLORS, cycle(STYLES), strict=False))
+    velocity, slopes = _parted(found.velocity, found.absolute, critical_velocity)
     silent = []
     for i, name in enumerate(found.names):
         if np.max(np.abs(found.absolute[:, i])) < NOTHING:
             silent.append(math(name))
             continue
         color, line = next(marks)
-        ax.plot(found.velocity, found.absolute[:, i], color=color, linestyle=line, label=math(name))
+        ax.plot(velocity, slopes[:, i], color=color, linestyle=line, label=math(name))
     if silent:
         ax.plot([], [], linestyle="", label=f"none: {', '.join(silent)}")
     _mark_yield(ax, critical_velocity, found.velocity)
@@ -95,9 +99,9 @@ def plot_design(design: Design, law: sj.Zhou, ax: Axes | None = None) -> Axes:
         ax.plot(velocity, slopes[:, i], label=label, **line)
     _shots(ax, design, slopes)
     _velocity_axis(ax, velocity)
-    part = f"{100 / design.gain:.0f} % of equally spaced shots'"
-    gain = f"standard error of {math(design.target)} is {part}"
-    ax.set_title(f"{design.criterion}-optimal, {design.objective}: {gain}", fontsize="medium")
+    gain = f"standard error of {math(design.target)} is {100 / design.gain:.0f} %"
+    title = f"{design.criterion}-optimal, {design.objective}:\n{gain} of that with equal spacing"
+    ax.set_title(title, fontsize="medium")
     ax.set_ylabel(WITHOUT_EFFECT)
     ax.legend(
         frameon=False, fontsize="small", loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2
@@ -118,15 +122,24 @@ def plot_sobol(found: SobolIndices, output: int = 0, ax: Axes | None = None) -> 
         reach = np.maximum([middle - low[output], high[output] - middle], 0)
         bar = {"color": color, "width": 0.36, "label": label, "capsize": 2, "ecolor": style.BLACK}
         ax.bar(place + aside, middle, yerr=reach, **bar)
-    ends = place + 0.2
-    ax.plot(ends, found.bound[output], "v", color=style.BLACK, label="bound of total")
+    bound = np.where(found.bound[output] <= 1, found.bound[output], np.nan)  # more says nothing
+    ax.plot(place + 0.2, bound, "v", color=style.BLACK, label="bound of total")
     ax.set_xticks(place, [math(name) for name in found.names])
     ax.set_ylabel(r"share of the variance of $\varepsilon$")
-    ax.set_ylim(0, 1.1 * max(1.0, np.nanmax(found.total_high[output])))
+    highest = np.nanmax([1.0, *found.total_high[output], *found.first_high[output]])
+    ax.set_ylim(0, 1.2 * highest)  # the legend has the rest for itself
     if found.velocity is not None:
         ax.set_title(f"$v$ = {found.velocity[output]:.3g} m/s")
-    ax.legend(frameon=False)
+    ax.legend(frameon=False, loc="upper center", ncols=3, fontsize="small", columnspacing=1.0)
     return ax
+
+
+def _parted(velocity: np.ndarray, slopes: np.ndarray, at: float | None):
+    """Rows over velocity with one of no value between those on either side of a velocity."""
+    place = 0 if at is None else int(np.searchsorted(velocity, at))
+    if not 0 < place < len(velocity):
+        return velocity, slopes
+    return np.insert(velocity, place, at), np.insert(slopes, place, np.nan, axis=0)
 
 
 def _shots(ax: Axes, design: Design, slopes: np.ndarray) -> None:
@@ -153,5 +166,5 @@ def _mark_yield(ax: Axes, critical_velocity: float | None, velocity: np.ndarray)
 
 def _velocity_axis(ax: Axes, velocity: np.ndarray) -> None:
     if style.spans_decades(velocity):
-        ax.set_xscale("log")
+        style.logarithmic_x(ax)
     ax.set_xlabel("impact velocity $v$ [m/s]")
