@@ -16,6 +16,8 @@ SOLVER_CLASSES = {
     "bosh3": dfx.Bosh3,
 }
 
+IN_CACHE = 2048  # impacts, each with its tangents counting as one more
+
 
 def over_batch(one, law, y, route):
     """`vmap` over all impacts, whatever the shapes in which y and the law's fields broadcast."""
@@ -26,12 +28,12 @@ def over_batch(one, law, y, route):
     def single(*leaves):
         return one(*jax.tree.unflatten(structure, leaves), route)
 
-    result = jax.vmap(forward_differentiated(single))(*flat)
+    result = forward_differentiated(jax.vmap(single))(*flat)
     return jax.tree.map(lambda a: a.reshape(shape + a.shape[1:]), result)
 
 
 def forward_differentiated(f):
-    """f with its Jacobian taken forward, whichever way the caller differentiates.
+    """f, of impacts one by one, with its derivatives taken forward whichever way the caller does.
 
     A collision has few inputs (the law's numbers and the velocity) and few outputs: tangents ride
     along one solve, and reverse mode is the transpose of the small matrix that they make. Only
@@ -40,32 +42,53 @@ def forward_differentiated(f):
 
     @jax.custom_jvp
     def wrapped(*leaves):
-        return f(*leaves)
+        return _in_rows(f, leaves, IN_CACHE)
 
     def rule(primals, tangents):
         active = [i for i, t in enumerate(tangents) if not isinstance(t, SymbolicZero)]
+        value_and_slopes = partial(_value_and_slopes, f, active)
+        value, slopes = _in_rows(value_and_slopes, primals, IN_CACHE // (1 + len(active)))
+        change = jnp.stack([tangents[i] for i in active], -1)
 
-        def of_active(*some):
-            full = list(primals)
-            for i, value in zip(active, some, strict=True):
-                full[i] = value
-            return f(*full)
+        def contract(slope):
+            if not jnp.issubdtype(slope.dtype, jnp.inexact):
+                return slope[..., 0]
+            between = (1,) * (slope.ndim - change.ndim)
+            return jnp.sum(slope * change.reshape(len(change), *between, len(active)), -1)
 
-        chosen = [primals[i] for i in active]
-        seeds = jnp.eye(len(active), dtype=chosen[0].dtype)
-        push = partial(jax.jvp, of_active, chosen)
-        value, columns = jax.vmap(lambda seed: push(list(seed)), out_axes=(None, 0))(seeds)
-        change = [tangents[i] for i in active]
-
-        def contract(column):
-            if not jnp.issubdtype(column.dtype, jnp.inexact):
-                return column[0]
-            return sum(column[j] * change[j] for j in range(len(active)))
-
-        return value, jax.tree.map(contract, columns)
+        return value, jax.tree.map(contract, slopes)
 
     wrapped.defjvp(rule, symbolic_zeros=True)
     return wrapped
+
+
+def _value_and_slopes(f, active, *primals):
+    """f and its derivatives by the active inputs, which are a last axis; each impact by its own."""
+    chosen = [primals[i] for i in active]
+
+    def of_active(*some):
+        full = list(primals)
+        for i, value in zip(active, some, strict=True):
+            full[i] = value
+        return f(*full)
+
+    def push(seed):
+        along = [jnp.broadcast_to(s, x.shape) for s, x in zip(seed, chosen, strict=True)]
+        return jax.jvp(of_active, chosen, along)
+
+    return jax.vmap(push, out_axes=(None, -1))(jnp.eye(len(active), dtype=chosen[0].dtype))
+
+
+def _in_rows(f, leaves, size: int):
+    """`f(*leaves)`, so many impacts at a time: what a solver stores of them stays in the cache."""
+    count = len(leaves[0])
+    rows = -(-count // size)
+    if rows <= 1:
+        return f(*leaves)
+    missing = -count % rows
+    filled = [jnp.pad(leaf, (0, missing), mode="edge").reshape(rows, -1) for leaf in leaves]
+    results = jax.lax.map(lambda row: f(*row), filled)
+    return jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:])[:count], results)
 
 
 def solve(field, start, end, state, args, route: ODE, save=None):

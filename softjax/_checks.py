@@ -36,15 +36,22 @@ def as_real(value):
     return value
 
 
-def check(name: str, value, holds, accepted: str) -> None:
-    """Raise unless `value` is a real number or array with `holds(value)` true everywhere."""
+def check(name: str, value, holds, accepted: str) -> np.ndarray | None:
+    """Raise unless `value` is a real number or array with `holds(value)` true everywhere.
+
+    Returns its extremes, if any could be looked at. What is accepted is an interval each time, so
+    they tell all, NaN included.
+    """
     if is_traced(value) or type(value) is object:  # object(): a placeholder of JAX's own
-        return
+        return None
     if isinstance(value, jax.ShapeDtypeStruct):
-        return
+        return None
     array = _real_array(value)
-    if array is None or not np.all(np.isfinite(array) & holds(array)):
-        raise ValueError(f"`{name}` must be {accepted}, but is {_shown(value)}")
+    if array is not None:
+        extremes = np.array([array.min(), array.max()]) if array.size else array
+        if np.all(np.isfinite(extremes) & holds(extremes)):
+            return extremes
+    raise ValueError(f"`{name}` must be {accepted}, but is {_shown(value)}")
 
 
 def check_positive(name: str, value, what: str) -> None:

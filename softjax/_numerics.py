@@ -60,7 +60,60 @@ def implicit_tangent(residual, x, params, tangents):
     return jnp.where(flat, 0.0, -change / jnp.where(flat, 1.0, slope))
 
 
-def refine(step: Callable[[Array], Array], start: Array, most: int) -> Array:
+def third_order_root(
+    expand: Callable,
+    finish: Callable,
+    rough: Array,
+    params: tuple[Array, ...],
+    most: int,
+    short_steps: int,
+    within: tuple[float, float] = (0.0, float("inf")),
+):
+    """A root of f by steps of third order from a value that is right to some percent.
+
+    `expand(x, *params)` gives f, f' and f''. The first `short_steps` are taken in float32, where
+    they cost half; one more in full precision leaves rounding error where it was small itself. Only
+    if it was not for some element, those go on by `refine`, from the rough value again. Nothing is
+    differentiated here.
+
+    Returns:
+        `finish(x, change)`, where the root is x - change and 1 - x without rounding error.
+    """
+    dtype = params[0].dtype
+    short = tuple(param.astype(jnp.float32) for param in params)
+    near = rough
+    for _ in range(short_steps):
+        near = near - nearest_zero(*expand(near, *short))
+    start = near.astype(dtype)
+    change = _last_step(start, *expand(start, *params))
+    done = jnp.abs(change) <= _small(start) * jnp.abs(start)
+
+    def mended(near, change, done, rough, params):
+        step = lambda x: jnp.clip(x - parabolic_step(*expand(x, *params)), *within)  # noqa: E731
+        x = refine(step, jnp.where(done, near, rough).astype(dtype), ~done, most)
+        last = _last_step(x, *expand(x, *params), limit=jnp.inf)
+        # what is done stays as it is to the last digit, whatever its neighbours need
+        return finish(x, jnp.where(done, change, last))
+
+    # a branch, since even a loop of no steps has what it needs prepared
+    as_it_is = lambda near, change, *_: finish(near.astype(dtype), change)  # noqa: E731
+    return lax.cond(jnp.all(done), as_it_is, mended, near, change, done, rough, params)
+
+
+def _last_step(x, f, slope, curvature, limit=None):
+    """Halley's step, without a square root; infinite where f is too far from straight for it."""
+    below = 2 * slope * slope - f * curvature
+    limit = 4 * _small(x) if limit is None else limit
+    usable = (below > 0) & (jnp.abs(f * curvature) <= limit * slope * slope)
+    return jnp.where(usable, 2 * f * slope / jnp.where(usable, below, 1.0), jnp.inf)
+
+
+def _small(x: Array) -> float:
+    """The relative step by a method of third order that leaves nothing but rounding error."""
+    return 0.5 * float(jnp.finfo(x.dtype).eps) ** (1 / 3)
+
+
+def refine(step: Callable[[Array], Array], start: Array, moving: Array, most: int) -> Array:
     """A root by `step` from x to a better x, of third order, until no element moves any more.
 
     An element stops when its own step was so small that a third-order method has nothing left to
@@ -68,7 +121,6 @@ def refine(step: Callable[[Array], Array], start: Array, most: int) -> Array:
     is differentiated here. Stored after each step: unrolled, XLA computes all earlier steps again
     for every later one (seven times the time, measured).
     """
-    settled = 0.5 * float(jnp.finfo(start.dtype).eps) ** (1 / 3)
 
     def unfinished(state):
         _, moving, count = state
@@ -77,16 +129,23 @@ def refine(step: Callable[[Array], Array], start: Array, most: int) -> Array:
     def one(state):
         x, moving, count = state
         new = step(x)
-        still = moving & (jnp.abs(new - x) > settled * jnp.abs(new))
+        still = moving & (jnp.abs(new - x) > _small(x) * jnp.abs(new))
         return jnp.where(moving, new, x), still, count + 1
 
-    # zero of the kind that start is: under `shard_map` and `vmap` the loop's values must match
-    moving = start == start
     return lax.while_loop(unfinished, one, (start, moving, 0))[0]
 
 
+def nearest_zero(f: Array, slope: Array, curvature: Array) -> Array:
+    """The step to the nearest zero of the parabola through f, f' > 0 and f'' (Euler's method).
+
+    Where the parabola has none, twice Newton's step.
+    """
+    discriminant = jnp.maximum(slope * slope - 2 * f * curvature, 0.0)
+    return 2 * f / (slope + jnp.sqrt(discriminant))
+
+
 def parabolic_step(f: Array, slope: Array, curvature: Array) -> Array:
-    """The step to the nearest zero of the parabola through f, f' >= 0 and f'' (Euler's method).
+    """`nearest_zero` for any f' and f''.
 
     Third order, and still fast where f has nearly a double root, where Newton's method halves the
     error at best: 7 steps from the elastic overlap where Newton took over 20. Where the
@@ -139,6 +198,14 @@ def rough_power(base: Array, exponent: float) -> Array:
     tiny, huge = 1e-37, 1e37
     short = jnp.clip(base, tiny, huge).astype(jnp.float32)
     return jnp.exp2(jnp.float32(exponent) * jnp.log2(short)).astype(base.dtype)
+
+
+def guessed_power(base: Array, exponent: float) -> Array:
+    """base**exponent of base >= 0 in float32, 6 % off at most: its bits are nearly a logarithm."""
+    one = 127 * 2**23 - 486_411.0  # the bits of one, less what makes the largest error least
+    bits = lax.bitcast_convert_type(base.astype(jnp.float32), jnp.int32).astype(jnp.float32)
+    bits = exponent * (bits - one) + one
+    return lax.bitcast_convert_type(bits.astype(jnp.int32), jnp.float32)
 
 
 def near_one_root(x: Array, degree: int) -> Array:

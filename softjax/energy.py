@@ -37,8 +37,7 @@ def collide(law: ReducedRateIndependent, y: Array) -> Outcome:
     peak = _peak(law, y_safe)
     residual, _, work = _release(law, peak)
     # not work/y²: at y = 1e13 float32 would overflow in the derivative of the quotient
-    per_velocity = 1 / y_safe
-    squared = 2.5 * (work * per_velocity) * per_velocity
+    squared = 2.5 * (work * (1 / y_safe)) / y_safe
     end = jax.lax.stop_gradient(law.end())
     return Outcome(
         peak=jnp.where(turns, peak, end),

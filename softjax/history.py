@@ -12,9 +12,8 @@ from softjax._numerics import safe_power
 from softjax.impact import (
     Impact,
     check_law,
-    check_velocity,
+    checked,
     common_precision,
-    known_regime,
     lifted,
     prepare,
 )
@@ -83,8 +82,7 @@ def collide(
         raise ValueError(f"`route` must be ODE(...), which alone has histories, but is {route!r}")
     if isinstance(samples, bool) or not isinstance(samples, int) or samples < 3:
         raise ValueError(f"`samples` must be a whole number >= 3, but is {samples!r}")
-    velocity = check_velocity(law, velocity)
-    regime = known_regime(law, velocity)
+    velocity, regime = checked(law, velocity)
     return _collide(*common_precision(law, velocity), samples, route, regime)
 
 

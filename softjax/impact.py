@@ -17,13 +17,14 @@ def check_law(law) -> None:
         raise ValueError(f"`law` must be a contact law such as Zhou(...), but is {law!r}")
 
 
-def check_velocity(law: ContactLaw, velocity):
-    """The velocity as an array or traced value that broadcasts against the law's fields."""
+def checked(law: ContactLaw, velocity) -> tuple[Array, str]:
+    """The velocity as an array or traced value, made sure of, and what is known of the impacts."""
     velocity = as_real(velocity)
-    check("velocity", velocity, lambda v: v >= 0, "a finite impact velocity in m/s, zero or more")
+    accepted = "a finite impact velocity in m/s, zero or more"
+    extremes = check("velocity", velocity, lambda v: v >= 0, accepted)
     names = _field_names(law)
     check_broadcast({"velocity": velocity} | names)
-    return velocity
+    return velocity, known_regime(law, velocity, extremes)
 
 
 def _field_names(law: ContactLaw) -> dict[str, object]:
@@ -51,8 +52,11 @@ def _as_dtype(leaf, dtype):
     return np.asarray(leaf, dtype)
 
 
-def known_regime(law: ContactLaw, velocity) -> str:
-    """Whether all impacts are known beforehand to stay elastic, or to yield."""
+def known_regime(law: ContactLaw, velocity, extremes: np.ndarray | None = None) -> str:
+    """Whether all impacts are known beforehand to stay elastic, or to yield.
+
+    `extremes` of the velocities, where they are known already, save a pass over them.
+    """
     if not isinstance(law, RateIndependentLaw):
         return "mixed"
     reduced = law.reduced()
@@ -62,12 +66,14 @@ def known_regime(law: ContactLaw, velocity) -> str:
         return "mixed"
     if any(is_traced(leaf) for leaf in jax.tree.leaves((law, velocity))):
         return "mixed"
-    ratio = np.asarray(velocity) / np.asarray(law.scales().velocity)
+    scale = np.asarray(law.scales().velocity)
+    use_extremes = extremes is not None and scale.size == 1
+    ratio = np.asarray(extremes if use_extremes else velocity) / scale
     limit = _elastic_velocity(reduced)
     # a margin of float32's rounding: compiled code decides what is on the edge
-    if np.max(ratio) < limit * (1 - 1e-5):
+    if ratio.max() < limit * (1 - 1e-5):
         return "elastic"
-    return "yielding" if np.min(ratio) > limit * (1 + 1e-5) else "mixed"
+    return "yielding" if ratio.min() > limit * (1 + 1e-5) else "mixed"
 
 
 def _elastic_velocity(reduced) -> float:
@@ -104,8 +110,11 @@ def prepare(law: ContactLaw, velocity: Array, regime: str) -> Impact:
     law_valid = law.is_valid()
     law = jax.tree.map(lambda leaf: jnp.where(law_valid, leaf, 1.0).astype(leaf.dtype), law)
     scale = law.scales().velocity
-    valid = law_valid & jnp.isfinite(velocity) & (velocity >= 0)
-    velocity = jnp.where(valid, velocity, 0.5 * scale)
+    if regime == "mixed":
+        valid = law_valid & jnp.isfinite(velocity) & (velocity >= 0)
+        velocity = jnp.where(valid, velocity, 0.5 * scale)
+    else:  # the velocities were seen
+        valid = jnp.broadcast_to(law_valid, jnp.broadcast_shapes(law_valid.shape, velocity.shape))
     y = velocity / scale
     if not isinstance(law, RateIndependentLaw):
         elastic = velocity == 0  # at rest nothing is lost

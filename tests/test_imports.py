@@ -16,7 +16,7 @@ LAYERS = [
     {"materials"},
     {"contact", "empirical", "routes"},
     {"laws"},
-    {"energy", "collision", "_bridge", "rate_dependent", "impact", "_large"},
+    {"energy", "collision", "_bridge", "rate_dependent", "impact", "_large", "_pieces"},
     {"restitution"},
     {"history", "plot", "paper"},
 ]

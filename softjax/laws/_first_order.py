@@ -16,12 +16,12 @@ from jax import lax
 from jaxtyping import Array
 
 from softjax._numerics import (
+    guessed_power,
     implicit_fraction,
     implicit_root,
-    parabolic_step,
-    refine,
     rough_power,
     safe_sqrt,
+    third_order_root,
 )
 
 # No case of 400 000, of E/Y from 1.5 to 1e6 and y from 1 to y_max(1 - 1e-14), takes as many steps;
@@ -60,32 +60,37 @@ def peak(y: Array, d: Array) -> Array:
     """x_m of W_L(x_m) = (2/5) y², Eq. (10), for 1 <= y < y_max."""
     # any scale will do, so this one needs neither a derivative nor the last digits of y^{2/5}
     scale = lax.stop_gradient(rough_power(y, 0.4))
-    work = (y / scale**2) * (y / scale**2) / scale
-    start = lax.stop_gradient(_peak_start(y, d, scale))
-    return jnp.square(scale * _peak_ratio(1 / scale, d * scale**2, work, start))
+    start = lax.stop_gradient(_peak_start(scale, d))
+    per_scale = 1 / scale
+    return jnp.square(scale * _peak_ratio(y, per_scale, d * scale**2, start))
 
 
-def _peak_start(y, d, scale):
+def _peak_start(scale, d):
     """n between 1 and the one of y_max, as large contacts (i -> 0) have it: error below 0.04."""
-    s_end = end(d)
-    y_end = largest_velocity(d)
+    per_largest = largest_velocity(d) ** -0.4
+    top = end(d) * per_largest - 1
+    scale, per_largest, top = (x.astype(jnp.float32) for x in (scale, per_largest, top))
     # (y/y_max)^{4/5}, from which on the way to the last turning point is a square root
-    h = jnp.sqrt(jnp.maximum(1 - (scale * y_end**-0.4) ** 2, 0.0))
-    return 1 + (s_end * y_end**-0.4 - 1) * (1 - h) * (1 - 0.52 * h)
+    h = jnp.sqrt(jnp.maximum(1 - (scale * per_largest) ** 2, 0.0))
+    return 1 + top * (1 - h) * (1 - 0.52 * h)
 
 
-def _solve_peak_ratio(i, a, work, start):
-    def step(n):
-        force = force_ratio(n, i, a)
-        curvature = 5 * (force + n * force_slope(n, i, a))
-        return n - parabolic_step(work_ratio(n, i, a) - work, 5 * n * force, curvature)
-
-    return refine(step, start, MOST_STEPS)
+def _work_residual(n, y, i, a):
+    root = y * i * i
+    return work_ratio(n, i, a) - root * root * i
 
 
-_peak_ratio = implicit_root(
-    _solve_peak_ratio, lambda n, i, a, work, start: work_ratio(n, i, a) - work
-)
+def _expand_work(n, y, i, a):
+    force = force_ratio(n, i, a)
+    return _work_residual(n, y, i, a), 5 * n * force, 5 * (force + n * force_slope(n, i, a))
+
+
+def _solve_peak_ratio(y, i, a, start):
+    finish = lambda n, change: n - change  # noqa: E731
+    return third_order_root(_expand_work, finish, start, (y, i, a), MOST_STEPS, 1)
+
+
+_peak_ratio = implicit_root(_solve_peak_ratio, lambda n, y, i, a, start: _work_residual(n, y, i, a))
 
 
 def end(d: Array) -> Array:
@@ -124,7 +129,8 @@ def release(peak: Array, d: Array, X: Array) -> tuple[Array, Array, Array]:
     has_root = X > 1
     s = jnp.sqrt(peak)
     steepness = jnp.where(has_root, X, 2.0)
-    c3, c1, yielded = 1 - d * peak, d / peak, _yielded(peak, s, d)
+    per_force = d / (peak * s)
+    c3, c1, yielded = 1 - d * peak, per_force * s, per_force * _plastic_area(peak, s)
     r, q = _release_ratio(c3, c1, yielded, steepness)
     r, q = jnp.where(has_root, r, 0.0), jnp.where(has_root, q, 1.0)
     work = s**5 * _work_ratio(r, q, c3, c1, yielded, X)
@@ -136,21 +142,26 @@ def unloading_work(peak: Array, recovered: Array, d: Array, X: Array) -> Array:
     s = jnp.sqrt(peak)
     part = recovered / peak
     r = safe_sqrt(1 - part)
-    yielded = _yielded(peak, s, d)
+    yielded = d * _plastic_area(peak, s) / (peak * s)
     return s**5 * _work_ratio(r, part / (1 + r), 1 - d * peak, d / peak, yielded, X)
 
 
 def _work_ratio(r, q, c3, c1, yielded, X):
-    """The bracket of Eq. (15) over x_m^{5/2} with r = √(x/x_m), each difference in q = 1 - r."""
-    fifth = q * (1 + r * (1 + r * (1 + r * (1 + r))))  # 1 - r⁵
-    third = q * (1 + r * (1 + r))  # 1 - r³
-    part = q * (1 + r)  # 1 - r²
+    """The bracket of Eq. (15) over x_m^{5/2} with r = √(x/x_m).
+
+    The differences are written in q = 1 - r where r nears one. Where it does not, that would make
+    the derivative a difference of large ones: just above yield r moves 2X times as fast as x_m.
+    """
+    near = q < 0.5
+    fifth = jnp.where(near, q * (1 + r * (1 + r * (1 + r * (1 + r)))), 1 - r**5)
+    third = jnp.where(near, q * (1 + r * (1 + r)), 1 - r**3)
+    part = jnp.where(near, q * (1 + r), 1 - r**2)
     return 0.4 * c3 * fifth + 2 / 3 * c1 * third + yielded * part * (1 - 0.5 * X * part)
 
 
-def _yielded(peak, s, d):
-    """d (x_m² - 1)/x_m^{3/2}."""
-    return d * (peak + 1) * ((s - 1) * (s + 1)) / (peak * s)
+def _plastic_area(peak, s):
+    """x_m² - 1."""
+    return (peak + 1) * ((s - 1) * (s + 1))
 
 
 def _release_residual(r, c3, c1, yielded, X):
@@ -158,31 +169,30 @@ def _release_residual(r, c3, c1, yielded, X):
     return ((c3 * r + yielded * X) * r + c1) * r - yielded * (X - 1)
 
 
-def _solve_release(c3, c1, yielded, X):
-    c2 = yielded * X
-
-    def step(r):
-        residual = _release_residual(r, c3, c1, yielded, X)
-        slope = (3 * c3 * r + 2 * c2) * r + c1
-        return jnp.clip(r - parabolic_step(residual, slope, 6 * c3 * r + 2 * c2), 0.0, 1.0)
-
-    r = refine(step, _release_start(c3, c2, c1, yielded * (X - 1)), MOST_STEPS)
-    # q = 1 - r to full relative precision: one step of the same cubic written in q
-    q = 1 - r
-    residual = (c3 + c1 + yielded) - q * ((3 * c3 + 2 * c2 + c1) - q * ((3 * c3 + c2) - q * c3))
-    slope = (3 * c3 * r + 2 * c2) * r + c1
-    return r, jnp.where(q < 0.5, q + residual / slope, q)
+def _expand_force(r, c3, c1, yielded, X):
+    """The cubic and its derivatives; near r = 1 in q = 1 - r, to the full relative precision of q."""
+    q, c2 = 1 - r, yielded * X
+    in_q = (c3 + c1 + yielded) - q * ((3 * c3 + 2 * c2 + c1) - q * ((3 * c3 + c2) - q * c3))
+    in_r = ((c3 * r + c2) * r + c1) * r - yielded * (X - 1)
+    return jnp.where(q < 0.5, in_q, in_r), (3 * c3 * r + 2 * c2) * r + c1, 6 * c3 * r + 2 * c2
 
 
-def _release_start(c3, c2, c1, c0):
+def _solve_release(*params):
+    finish = lambda r, change: (r - change, (1 - r) + change)  # noqa: E731
+    start = _release_start(*(param.astype(jnp.float32) for param in params))
+    return third_order_root(_expand_force, finish, start, params, MOST_STEPS, 2, within=(0.0, 1.0))
+
+
+def _release_start(c3, c1, yielded, X):
     """The root without the cubic term, and the cube root, joined as 1/r² = Σ 1/r_i².
 
-    7 % off at most where c3 > 0; where it is not, 0.42 of r, and the steps are more.
+    10 % off at most where c3 > 0; where it is not, 0.42 of r, and the steps are more.
     """
+    c2, c0 = yielded * X, yielded * (X - 1)
     quadratic = 2 * c0 / (c1 + jnp.sqrt(c1**2 + 4 * c2 * c0))
     safe = jnp.where(quadratic > 0, quadratic, 1.0)
-    cubic = rough_power(jnp.maximum(c3, 0.0) * safe**3 / jnp.where(c0 > 0, c0, 1.0), 2 / 3)
-    return jnp.minimum(quadratic / jnp.sqrt(1 + cubic), 1.0)
+    cubic = guessed_power(jnp.maximum(c3, 0.0) * safe**3 / jnp.where(c0 > 0, c0, 1.0), 2 / 3)
+    return jnp.minimum(quadratic * lax.rsqrt(1 + cubic), 1.0)
 
 
 _release_ratio = implicit_fraction(_solve_release, _release_residual)

@@ -102,7 +102,8 @@ def _solve_peak(y, d):
         curvature = 5 * (force + 2 * x * _force_slope(x, d)) / y**2
         return jnp.clip(s - parabolic_step(_peak_residual(s, y, d), slope, curvature), 1.0, limit)
 
-    return refine(step, jnp.minimum(y**0.4, limit), MOST_STEPS)
+    start = jnp.minimum(y**0.4, limit)
+    return refine(step, start, start == start, MOST_STEPS)
 
 
 _peak_root = implicit_root(_solve_peak, _peak_residual)
@@ -161,7 +162,8 @@ def _solve_release(a, b, c, X):
         change = parabolic_step(_release_residual(f, a, b, c, X), slope, curvature)
         return jnp.clip(f - change, 0.0, 1.0)
 
-    f = refine(step, _release_start(a, b, c, X), MOST_STEPS)
+    start = _release_start(a, b, c, X)
+    f = refine(step, start, start == start, MOST_STEPS)
     g = 1 - f  # to full relative precision: one step of the same equation written in g
     residual = power_3_2(a + b - a * g) + c * (1 - X * g)
     slope = 1.5 * a * safe_sqrt(a * f + b) + c * X
