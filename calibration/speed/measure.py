@@ -12,7 +12,7 @@ import numpy as np
 from calibration.speed.scene import Scene
 from calibration.speed.ways import Way
 
-REPEATS = 7
+REPEATS = 9
 LONGEST = 1.0  # [s] after which no further repeat is started
 MIB = 2**20
 SLIGHTLY = 1.1  # a rival may err by so much more

@@ -25,6 +25,7 @@ def _own(scene: Scene, quick: bool) -> Iterator[Callable[[], Way]]:
     batches = (LARGE,) if quick else (1, 100, BATCH, 100_000, LARGE, 10 * LARGE)
     for batch in batches:
         yield partial(energy_balance, scene, batch, gradient=not quick)
+    yield partial(energy_balance, scene, LARGE, gradient=False, overlaps=False)
     for route, gradient in _ode_routes(quick):
         yield partial(ode, scene, BATCH, route, gradient)
     if not quick:
@@ -35,7 +36,7 @@ def _own(scene: Scene, quick: bool) -> Iterator[Callable[[], Way]]:
 
 
 def _ode_routes(quick: bool) -> list[tuple[sj.ODE, bool]]:
-    routes = [(sj.ODE(solver="dopri5", steps=2), True), (sj.ODE(rtol=1e-8), False)]
+    routes = [(sj.ODE(solver="dopri5", steps=2), True), (sj.ODE(rtol=1e-8), not quick)]
     if quick:
         return routes
     return [

@@ -10,6 +10,8 @@ import numpy as np
 import softjax as sj
 from calibration.speed.scene import Scene
 
+NO_OVERLAPS = "exact, no overlaps"  # ε, ε_p and status alone
+
 
 @dataclass(frozen=True)
 class Way:
@@ -28,16 +30,21 @@ class Way:
 
 
 def energy_balance(
-    scene: Scene, batch: int, precision: str = "float64", gradient: bool = True
+    scene: Scene,
+    batch: int,
+    precision: str = "float64",
+    gradient: bool = True,
+    overlaps: bool = True,
 ) -> Way:
     """As a user calls it outside of any `jit`: all fields of the result, not ε_p alone."""
     law = scene.law
 
     def value(velocity):
-        return sj.restitution(law, velocity).plastic_coefficient
+        return sj.restitution(law, velocity, overlaps=overlaps).plastic_coefficient
 
     slopes = _gradient(scene, sj.EnergyBalance()) if gradient else None
-    return Way("energy balance", "exact", batch, value, slopes, precision)
+    setting = "exact" if overlaps else NO_OVERLAPS
+    return Way("energy balance", setting, batch, value, slopes, precision)
 
 
 def ode(scene: Scene, batch: int, route: sj.ODE, gradient: bool = False, **kwargs) -> Way:
