@@ -85,13 +85,16 @@ def third_order_root(
     for _ in range(short_steps):
         near = near - nearest_zero(*expand(near, *short))
     start = near.astype(dtype)
-    change = _last_step(start, *expand(start, *params))
+    f, slope, curvature = expand(start, *params)
+    # where f is far from straight a small step may be at no root: no step at all settles it
+    straight = jnp.abs(f * curvature) <= 4 * _small(start) * slope * slope
+    change = _halley(f, slope, curvature, straight, otherwise=jnp.inf)
     done = jnp.abs(change) <= _small(start) * jnp.abs(start)
 
     def mended(near, change, done, rough, params):
         step = lambda x: jnp.clip(x - parabolic_step(*expand(x, *params)), *within)  # noqa: E731
         x = refine(step, jnp.where(done, near, rough).astype(dtype), ~done, most)
-        last = _last_step(x, *expand(x, *params), limit=jnp.inf)
+        last = _halley(*expand(x, *params), usable=True, otherwise=0.0)
         # what is done stays as it is to the last digit, whatever its neighbours need
         return finish(x, jnp.where(done, change, last))
 
@@ -100,12 +103,11 @@ def third_order_root(
     return lax.cond(jnp.all(done), as_it_is, mended, near, change, done, rough, params)
 
 
-def _last_step(x, f, slope, curvature, limit=None):
-    """Halley's step, without a square root; infinite where f is too far from straight for it."""
+def _halley(f, slope, curvature, usable, otherwise) -> Array:
+    """Halley's step, of third order without a square root, where it can be used."""
     below = 2 * slope * slope - f * curvature
-    limit = 4 * _small(x) if limit is None else limit
-    usable = (below > 0) & (jnp.abs(f * curvature) <= limit * slope * slope)
-    return jnp.where(usable, 2 * f * slope / jnp.where(usable, below, 1.0), jnp.inf)
+    usable = usable & (below > 0)
+    return jnp.where(usable, 2 * f * slope / jnp.where(usable, below, 1.0), otherwise)
 
 
 def _small(x: Array) -> float:

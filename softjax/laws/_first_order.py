@@ -177,7 +177,9 @@ def _expand_force(r, c3, c1, yielded, X):
     return jnp.where(q < 0.5, in_q, in_r), (3 * c3 * r + 2 * c2) * r + c1, 6 * c3 * r + 2 * c2
 
 
-def _solve_release(*params):
+def _solve_release(c3, c1, yielded, X):
+    # the peak of a collision that just yields may round to below one
+    params = c3, c1, jnp.maximum(yielded, 0.0), X
     finish = lambda r, change: (r - change, (1 - r) + change)  # noqa: E731
     start = _release_start(*(param.astype(jnp.float32) for param in params))
     return third_order_root(_expand_force, finish, start, params, MOST_STEPS, 2, within=(0.0, 1.0))
