@@ -13,6 +13,7 @@ from calibration.speed.scene import Scene
 from calibration.speed.ways import Way
 
 REPEATS = 9
+SHORTEST = 0.3  # [s] until which repeats go on
 LONGEST = 1.0  # [s] after which no further repeat is started
 MIB = 2**20
 SLIGHTLY = 1.1  # a rival may err by so much more
@@ -79,7 +80,7 @@ def _timed(function, velocity):
 
 def _median_seconds(function, velocity) -> float:
     seconds: list[float] = []
-    while len(seconds) < REPEATS and sum(seconds) < LONGEST:
+    while sum(seconds) < (LONGEST if len(seconds) < REPEATS else SHORTEST):
         seconds.append(_timed(function, velocity)[1])
     return statistics.median(seconds)
 

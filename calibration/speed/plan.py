@@ -14,22 +14,34 @@ FEW = 16  # of the slow loops in Python
 
 
 def plan(scene: Scene, quick: bool) -> list[Callable[[], Way]]:
-    """Ways as functions that build them, so that what is not reached is never imported."""
-    ways = [*_own(scene, quick), *_rivals(scene, quick)]
-    if find_spec("numba") is not None:
-        ways += _numba(scene, quick)
+    """Ways as functions that build them, so that what is not reached is never imported.
+
+    The energy balance and its rival come last, next to each other: some machines lend all their
+    cores in full only after seconds of work.
+    """
+    numba = find_spec("numba") is not None
+    ways = [*_odes(scene, quick), *_rivals(scene, quick)]
+    if numba:
+        ways += _verlet_numba(scene, quick)
+    ways += _energy_balances(scene, quick)
+    if numba:
+        ways += _energy_numba(scene, quick)
     return ways
 
 
-def _own(scene: Scene, quick: bool) -> Iterator[Callable[[], Way]]:
-    batches = (LARGE,) if quick else (1, 100, BATCH, 100_000, LARGE, 10 * LARGE)
+def _energy_balances(scene: Scene, quick: bool) -> Iterator[Callable[[], Way]]:
+    if not quick:
+        yield partial(energy_balance, scene, BATCH, "float32")
+    batches = (LARGE,) if quick else (1, 100, BATCH, 100_000, 10 * LARGE, LARGE)
     for batch in batches:
         yield partial(energy_balance, scene, batch, gradient=not quick)
     yield partial(energy_balance, scene, LARGE, gradient=False, overlaps=False)
+
+
+def _odes(scene: Scene, quick: bool) -> Iterator[Callable[[], Way]]:
     for route, gradient in _ode_routes(quick):
         yield partial(ode, scene, BATCH, route, gradient)
     if not quick:
-        yield partial(energy_balance, scene, BATCH, "float32")
         fixed = sj.ODE(solver="dopri5", steps=2)
         yield partial(ode, scene, BATCH, fixed, precision="float32")
         yield partial(ode, scene, 100_000, fixed)
@@ -64,10 +76,15 @@ def _rivals(scene: Scene, quick: bool) -> Iterator[Callable[[], Way]]:
         yield partial(verlet.verlet_jax, scene, BATCH, steps)
 
 
-def _numba(scene: Scene, quick: bool) -> Iterator[Callable[[], Way]]:
-    from calibration.speed import energy_numba, verlet
+def _verlet_numba(scene: Scene, quick: bool) -> Iterator[Callable[[], Way]]:
+    from calibration.speed import verlet
 
     for steps in (100, 1000) if quick else (30, 100, 300, 1000, 3000, 10_000):
         yield partial(verlet.verlet_numba, scene, BATCH, steps)
-    for batch in (LARGE,) if quick else (BATCH, LARGE):
+
+
+def _energy_numba(scene: Scene, quick: bool) -> Iterator[Callable[[], Way]]:
+    from calibration.speed import energy_numba
+
+    for batch in (LARGE,) if quick else (LARGE, BATCH):
         yield partial(energy_numba.energy_numba, scene, batch)
