@@ -86,15 +86,15 @@ def third_order_root(
         near = near - nearest_zero(*expand(near, *short))
     start = near.astype(dtype)
     f, slope, curvature = expand(start, *params)
-    # where f is far from straight a small step may be at no root: no step at all settles it
-    straight = jnp.abs(f * curvature) <= 4 * _small(start) * slope * slope
-    change = _halley(f, slope, curvature, straight, otherwise=jnp.inf)
+    change = _halley(f, slope, curvature, otherwise=jnp.inf)  # no step at all: not done
     done = jnp.abs(change) <= _small(start) * jnp.abs(start)
 
     def mended(near, change, done, rough, params):
         step = lambda x: jnp.clip(x - parabolic_step(*expand(x, *params)), *within)  # noqa: E731
-        x = refine(step, jnp.where(done, near, rough).astype(dtype), ~done, most)
-        last = _halley(*expand(x, *params), usable=True, otherwise=0.0)
+        begin = jnp.where(done, near, rough).astype(dtype)
+        # to the end: beside a double root a step may be small and the root as near on either side
+        x = refine(step, begin, ~done, most, settled=8 * float(jnp.finfo(dtype).eps))
+        last = _halley(*expand(x, *params), otherwise=0.0)
         # what is done stays as it is to the last digit, whatever its neighbours need
         return finish(x, jnp.where(done, change, last))
 
@@ -103,11 +103,15 @@ def third_order_root(
     return lax.cond(jnp.all(done), as_it_is, mended, near, change, done, rough, params)
 
 
-def _halley(f, slope, curvature, usable, otherwise) -> Array:
-    """Halley's step, of third order without a square root, where it can be used."""
-    below = 2 * slope * slope - f * curvature
-    usable = usable & (below > 0)
-    return jnp.where(usable, 2 * f * slope / jnp.where(usable, below, 1.0), otherwise)
+def _halley(f, slope, curvature, otherwise) -> Array:
+    """Halley's step, of third order without a square root, where f rises and is nearly straight.
+
+    Elsewhere a small step may be at no root, or at the one on the falling side.
+    """
+    straight = jnp.abs(f * curvature) <= 4 * _small(f) * slope * slope
+    usable = straight & (slope > 0)
+    below = jnp.where(usable, 2 * slope * slope - f * curvature, 1.0)
+    return jnp.where(usable, 2 * f * slope / below, otherwise)
 
 
 def _small(x: Array) -> float:
@@ -115,14 +119,22 @@ def _small(x: Array) -> float:
     return 0.5 * float(jnp.finfo(x.dtype).eps) ** (1 / 3)
 
 
-def refine(step: Callable[[Array], Array], start: Array, moving: Array, most: int) -> Array:
+def refine(
+    step: Callable[[Array], Array],
+    start: Array,
+    moving: Array,
+    most: int,
+    settled: float | None = None,
+) -> Array:
     """A root by `step` from x to a better x, of third order, until no element moves any more.
 
-    An element stops when its own step was so small that a third-order method has nothing left to
-    do; it does not move while others still do, so that no impact depends on its neighbours. Nothing
-    is differentiated here. Stored after each step: unrolled, XLA computes all earlier steps again
+    An element stops when its own relative step was within `settled`, else so small that a
+    third-order method has nothing left to do; it does not move while others still do, so that no
+    impact depends on its neighbours. Nothing is differentiated here. Stored after each step: unrolled, XLA computes all earlier steps again
     for every later one (seven times the time, measured).
     """
+
+    settled = _small(start) if settled is None else settled
 
     def unfinished(state):
         _, moving, count = state
@@ -131,7 +143,7 @@ def refine(step: Callable[[Array], Array], start: Array, moving: Array, most: in
     def one(state):
         x, moving, count = state
         new = step(x)
-        still = moving & (jnp.abs(new - x) > _small(x) * jnp.abs(new))
+        still = moving & (jnp.abs(new - x) > settled * jnp.abs(new))
         return jnp.where(moving, new, x), still, count + 1
 
     return lax.while_loop(unfinished, one, (start, moving, 0))[0]

@@ -38,7 +38,10 @@ def in_pieces(of_chunk: Callable, key, flat: list[np.ndarray], count: int):
     single = jax.device_put(single)
 
     def some(_):
-        space = program.spare.pop() if program.spare else program.space(flat)
+        try:
+            space = program.spare.pop()
+        except IndexError:
+            space = program.space(flat)
         for start in starts:
             stop = min(start + program.size, count)
             # the last piece is filled up by the impacts before it, so that all have one shape

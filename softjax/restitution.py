@@ -41,7 +41,7 @@ class Restitution(eqx.Module):
         plastic_coefficient: ε_p [-], what the contact force alone gives back.
         peak_overlap, residual_overlap: δ_max and δ* [m]; None where they were not asked for.
         status: `Status` flags, one integer per velocity.
-        law, velocity, route: what was asked for.
+        law, velocity, route: what was asked for, arrays as they were given and not copied.
     """
 
     law: ContactLaw

@@ -180,7 +180,10 @@ def _expand_force(r, c3, c1, yielded, X):
 def _solve_release(c3, c1, yielded, X):
     # the peak of a collision that just yields may round to below one
     params = c3, c1, jnp.maximum(yielded, 0.0), X
-    finish = lambda r, change: (r - change, (1 - r) + change)  # noqa: E731
+    finish = lambda r, change: (  # noqa: E731
+        jnp.clip(r - change, 0.0, 1.0),
+        jnp.clip((1 - r) + change, 0.0, 1.0),
+    )
     start = _release_start(*(param.astype(jnp.float32) for param in params))
     return third_order_root(_expand_force, finish, start, params, MOST_STEPS, 2, within=(0.0, 1.0))
 
