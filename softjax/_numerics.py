@@ -84,6 +84,7 @@ def third_order_root(
     near = rough
     for _ in range(short_steps):
         near = near - nearest_zero(*expand(near, *short))
+    near = jnp.where(jnp.isfinite(near), near, rough)
     start = near.astype(dtype)
     f, slope, curvature = expand(start, *params)
     change = _halley(f, slope, curvature, otherwise=jnp.inf)  # no step at all: not done

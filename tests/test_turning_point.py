@@ -27,10 +27,10 @@ def test_on_the_rising_side_to_rounding_error(precision):
     turns = np.asarray(found.turns)
     assert np.all(turns | (distance < 32 * eps))  # else within rounding of the last one
     error = np.abs(np.asarray(found.plastic_squared, float) - squared)
-    assert np.flatnonzero(turns & (error > allowed)).tolist() == []
+    assert np.flatnonzero(turns & ~(error <= allowed)).tolist() == []
     # the root moves with the square root of the distance
     near = 8 * eps / np.sqrt(np.maximum(distance, 8 * eps))
     off = np.abs(np.asarray(found.peak, float) / peak - 1)
-    assert np.flatnonzero(turns & (off > near)).tolist() == []
-    assert np.all(found.residual <= found.peak)
+    assert np.flatnonzero(turns & ~(off <= near)).tolist() == []
+    assert np.all(found.residual <= found.peak * (1 + 4 * eps))
     assert turns.sum() > 120

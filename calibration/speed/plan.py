@@ -34,7 +34,7 @@ def _energy_balances(scene: Scene, quick: bool) -> Iterator[Callable[[], Way]]:
         yield partial(energy_balance, scene, BATCH, "float32")
     batches = (LARGE,) if quick else (1, 100, BATCH, 100_000, 10 * LARGE, LARGE)
     for batch in batches:
-        yield partial(energy_balance, scene, batch, gradient=not quick)
+        yield partial(energy_balance, scene, batch, gradient=not quick and batch >= BATCH)
     yield partial(energy_balance, scene, LARGE, gradient=False, overlaps=False)
 
 
