@@ -14,7 +14,7 @@ from calibration.speed.ways import Way
 
 REPEATS = 9
 SHORTEST = 0.2  # [s] until which repeats go on
-LONGEST = 0.8  # [s] after which no further repeat is started
+LONGEST = 0.5  # [s] after which no further repeat is started
 MIB = 2**20
 SLIGHTLY = 1.1  # a rival may err by so much more
 NEARLY = 3.0  # errors within this factor count as the one that was asked for
