@@ -90,7 +90,7 @@ def restitution(
             `ODE(...)` (any law with a force; the equation of motion integrated by diffrax; default
             where the force depends on the velocity).
         overlaps: False leaves the overlaps out, where ε of millions of impacts is all that counts:
-            a tenth of the time and almost half of the memory.
+            a tenth to a third of the time and almost half of the memory.
 
     Returns:
         A `Restitution`: `coefficient`, `plastic_coefficient`, `peak_overlap`,
