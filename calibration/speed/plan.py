@@ -56,10 +56,9 @@ def _ode_routes(quick: bool) -> list[tuple[sj.ODE, bool]]:
         *routes,
         (sj.ODE(solver="dopri5", steps=1), False),
         (sj.ODE(solver="bosh3", steps=4), False),
-        (sj.ODE(solver="dopri8", steps=1), False),
         (sj.ODE(solver="dopri8", steps=2), True),
         (sj.ODE(solver="tsit5", rtol=1e-5), False),
-        (sj.ODE(rtol=1e-12), True),
+        (sj.ODE(rtol=1e-12), False),
     ]
 
 
