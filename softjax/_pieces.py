@@ -34,8 +34,7 @@ def in_pieces(of_chunk: Callable, key, flat: list[np.ndarray], count: int):
     program = _program(of_chunk, key, flat)
     results = [_aligned(count, kind.dtype) for kind in program.kinds]
     starts = iter(range(0, count, program.size))
-    single = [leaf for leaf in flat if not leaf.ndim]
-    single = jax.device_put(single)
+    single = jax.device_put([leaf for leaf in flat if not leaf.ndim])
 
     def some(_):
         try:

@@ -110,11 +110,8 @@ def prepare(law: ContactLaw, velocity: Array, regime: str) -> Impact:
     law_valid = law.is_valid()
     law = jax.tree.map(lambda leaf: jnp.where(law_valid, leaf, 1.0).astype(leaf.dtype), law)
     scale = law.scales().velocity
-    if regime == "mixed":
-        valid = law_valid & jnp.isfinite(velocity) & (velocity >= 0)
-        velocity = jnp.where(valid, velocity, 0.5 * scale)
-    else:  # the velocities were seen
-        valid = jnp.broadcast_to(law_valid, jnp.broadcast_shapes(law_valid.shape, velocity.shape))
+    valid = law_valid & jnp.isfinite(velocity) & (velocity >= 0)
+    velocity = jnp.where(valid, velocity, 0.5 * scale)
     y = velocity / scale
     if not isinstance(law, RateIndependentLaw):
         elastic = velocity == 0  # at rest nothing is lost

@@ -219,6 +219,25 @@ def test_bad_impacts_leave_their_neighbours_alone(form, dtype, route):
         assert np.all(bad_reverse[name][hurt] == 0), name
 
 
+PAIR = sj.Contact.between_spheres(sj.NYLON, sj.NYLON, 0.0127, 0.0127)
+WITHOUT_TIME_STEPS = (
+    sj.Hertz(PAIR),
+    sj.ConstantRestitution(PAIR, 0.9),
+    sj.WaltonBraun(PAIR, 1e6, 2e6),
+    sj.Thornton(PAIR),
+)
+
+
+@pytest.mark.parametrize("law", WITHOUT_TIME_STEPS, ids=lambda law: type(law).__name__)
+def test_velocities_that_no_law_takes_are_told_under_jit(law):
+    """Even where nothing of the law depends on the velocity."""
+    result = jax.jit(lambda v: sj.restitution(law, v))(jnp.array([np.nan, -1.0, np.inf]))
+    assert np.all(result.status == int(sj.Status.INVALID_INPUT))
+    assert np.all(result.coefficient == 0)
+    assert np.all(result.peak_overlap == 0)
+    assert np.all(result.duration == 0)
+
+
 def test_ok_is_plain_or_elastic_alone():
     numbers, choices, flags, *_ = table("first-order", "float64")
     ok = solve(numbers, choices, None).ok
