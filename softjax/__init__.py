@@ -1,7 +1,7 @@
 """softjax: differentiable soft-sphere collisions after Zhou (2013)."""
 
 from softjax.contact import Contact
-from softjax.empirical import empirical_restitution
+from softjax.fields import array_field, choice_field, number_field
 from softjax.history import History, collide
 from softjax.laws.base import (
     ContactLaw,
@@ -9,12 +9,12 @@ from softjax.laws.base import (
     RateDependentLaw,
     RateIndependentLaw,
     ReducedClosedForm,
-    ReducedHardSphere,
     ReducedRateDependent,
     ReducedRateIndependent,
     Scales,
 )
 from softjax.laws.constant import ConstantRestitution
+from softjax.laws.empirical import EmpiricalRestitution, empirical_restitution
 from softjax.laws.hertz import Hertz
 from softjax.laws.hertz_dashpot import HertzDashpot
 from softjax.laws.linear_dashpot import LinearSpringDashpot
@@ -23,7 +23,12 @@ from softjax.laws.viscoelastic import ViscoelasticHertz
 from softjax.laws.walton_braun import WaltonBraun
 from softjax.laws.zhou import Zhou
 from softjax.materials import CHROME_STEEL, NYLON, STAINLESS_STEEL, Material
-from softjax.restitution import Restitution, restitution
+from softjax.restitution import (
+    Restitution,
+    SignedRestitution,
+    restitution,
+    signed_restitution,
+)
 from softjax.routes import ODE, EnergyBalance
 from softjax.status import Status
 
@@ -35,6 +40,7 @@ __all__ = [
     "ConstantRestitution",
     "Contact",
     "ContactLaw",
+    "EmpiricalRestitution",
     "EnergyBalance",
     "HardSphereLaw",
     "Hertz",
@@ -45,20 +51,24 @@ __all__ = [
     "RateDependentLaw",
     "RateIndependentLaw",
     "ReducedClosedForm",
-    "ReducedHardSphere",
     "ReducedRateDependent",
     "ReducedRateIndependent",
     "Restitution",
     "Scales",
+    "SignedRestitution",
     "Status",
     "Thornton",
     "ViscoelasticHertz",
     "WaltonBraun",
     "Zhou",
+    "array_field",
+    "choice_field",
     "collide",
     "empirical_restitution",
     "enable_x64",
+    "number_field",
     "restitution",
+    "signed_restitution",
     "thornton_restitution",
 ]
 

@@ -5,16 +5,14 @@ import math
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import ArrayLike, Float
 
-from softjax._checks import as_real, check_broadcast, check_choice, check_positive, check_type
+from softjax._checks import as_real, check_broadcast, check_positive, check_type
+from softjax.fields import Number, check_fields, choice_field, number_field
 from softjax.materials import Material
 
 # Contact radius a² = A δ with A = factor · R. The paper's printed b = (3πR/4E)^{1/3} of Eq. (2)
 # gives π^{2/3} R, Hertz's own b gives R; Table 1's critical velocities need the printed one.
 AREA_FACTORS = {"zhou": math.pi ** (2 / 3), "hertz": 1.0}
-
-Field = Float[ArrayLike, "..."]
 
 
 class Contact(eqx.Module):
@@ -35,29 +33,23 @@ class Contact(eqx.Module):
     no numbers of meaning: only its stored leaves are derivatives.
     """
 
-    youngs_modulus: Field = eqx.field(converter=as_real)
-    radius: Field = eqx.field(converter=as_real)
-    mass: Field = eqx.field(converter=as_real)
-    yield_strength: Field = eqx.field(converter=as_real)
-    limit_velocity: Field = eqx.field(converter=as_real)
-    area: str = eqx.field(static=True, default="zhou")
+    youngs_modulus: Number = number_field("E", "Pa", "modulus", within="(0, inf)")
+    radius: Number = number_field("R", "m", "length", within="(0, inf)")
+    mass: Number = number_field("M", "kg", "mass", within="(0, inf)")
+    yield_strength: Number = number_field("Y", "Pa", "strength", within="(0, inf)")
+    limit_velocity: Number = number_field("v_lim", "m/s", "velocity", within="(0, inf)")
+    area: str = choice_field(*AREA_FACTORS)
 
     def __check_init__(self):
-        check_positive("youngs_modulus", self.youngs_modulus, "modulus in pascals")
-        check_positive("radius", self.radius, "length in metres")
-        check_positive("mass", self.mass, "mass in kilograms")
-        check_positive("yield_strength", self.yield_strength, "strength in pascals")
-        check_positive("limit_velocity", self.limit_velocity, "velocity in m/s")
-        check_choice("area", self.area, tuple(AREA_FACTORS))
-        check_broadcast(self.leaves())
+        check_fields(self)
 
     @classmethod
     def between_spheres(
         cls,
         material_1: Material,
         material_2: Material,
-        radius_1: Field,
-        radius_2: Field,
+        radius_1: Number,
+        radius_2: Number,
         area: str = "zhou",
     ) -> "Contact":
         """Two spheres of any materials and radii [m].
@@ -68,8 +60,8 @@ class Contact(eqx.Module):
         check_type("material_1", material_1, Material, "a Material")
         check_type("material_2", material_2, Material, "a Material")
         radius_1, radius_2 = as_real(radius_1), as_real(radius_2)
-        check_positive("radius_1", radius_1, "length in metres")
-        check_positive("radius_2", radius_2, "length in metres")
+        check_positive("radius_1", radius_1, "length in m")
+        check_positive("radius_2", radius_2, "length in m")
         radii = {"radius_1": radius_1, "radius_2": radius_2}
         check_broadcast(radii | _named(material_1=material_1, material_2=material_2))
         mass_1 = _sphere_mass(material_1, radius_1)
@@ -85,7 +77,7 @@ class Contact(eqx.Module):
 
     @classmethod
     def with_wall(
-        cls, material: Material, wall: Material, radius: Field, area: str = "zhou"
+        cls, material: Material, wall: Material, radius: Number, area: str = "zhou"
     ) -> "Contact":
         """A sphere of `material` and `radius` [m] against a flat, heavy wall.
 
@@ -95,7 +87,7 @@ class Contact(eqx.Module):
         check_type("material", material, Material, "a Material")
         check_type("wall", wall, Material, "a Material")
         radius = as_real(radius)
-        check_positive("radius", radius, "length in metres")
+        check_positive("radius", radius, "length in m")
         check_broadcast({"radius": radius} | _named(material=material, wall=wall))
         return cls(
             youngs_modulus=_effective_modulus(material, wall),
@@ -105,7 +97,7 @@ class Contact(eqx.Module):
             area=area,
         )
 
-    def leaves(self) -> dict[str, Field]:
+    def leaves(self) -> dict[str, Number]:
         """The five stored quantities by name."""
         names = ("youngs_modulus", "radius", "mass", "yield_strength", "limit_velocity")
         return {name: getattr(self, name) for name in names}
@@ -148,7 +140,7 @@ class Contact(eqx.Module):
         return _sqrt(speed_squared) * (strain * strain)
 
 
-def _named(**materials: Material) -> dict[str, Field]:
+def _named(**materials: Material) -> dict[str, Number]:
     """The properties of several materials, each by `material.property`."""
     return {
         f"{which}.{name}": leaf

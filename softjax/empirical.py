@@ -3,6 +3,10 @@
 import jax.numpy as jnp
 from jaxtyping import Array
 
+# what laws that contain Eq. (17) declare of its coefficients
+SIGMA = ("σ", "-", "coefficient", "[0, inf)")
+PSI = ("ψ", "-", "exponent", "(0, inf)")
+
 
 def sound_and_heat_exponent(velocity, limit_velocity, sigma, psi) -> Array:
     """-ln ε_17 = σ [v/(v_lim - v)]^ψ, Eq. (17) [-].
@@ -19,21 +23,3 @@ def sound_and_heat_exponent(velocity, limit_velocity, sigma, psi) -> Array:
     exponent = sigma * ratio**psi
     without = jnp.where(velocity > 0, jnp.inf, jnp.zeros_like(exponent))
     return jnp.where(acts, exponent, without)
-
-
-def empirical_restitution(velocity, limit_velocity, sigma, psi) -> Array:
-    """ε_17 = exp{-σ [v/(v_lim - v)]^ψ}, Eq. (17) of Zhou (2013).
-
-    The explicit fit to measurements over all velocities; the model takes from it what sound and
-    heat cost, below yield and at v_cr (Eq. 16).
-
-    Args:
-        velocity: impact velocity v [m/s], any shape.
-        limit_velocity: v_lim [m/s].
-        sigma, psi: fitted coefficients σ >= 0, ψ > 0 [-].
-
-    Returns:
-        The coefficient of restitution; 1 at v = 0, 0 at and above the limit velocity, in both
-        cases with gradient 0.
-    """
-    return jnp.exp(-sound_and_heat_exponent(velocity, limit_velocity, sigma, psi))

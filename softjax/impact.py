@@ -106,7 +106,13 @@ class Impact(eqx.Module):
     elastic: Array
 
 
-def prepare(law: ContactLaw, velocity: Array, regime: str) -> Impact:
+def prepare(law: ContactLaw, velocity: Array, regime: str, branch: Array | None = None) -> Impact:
+    """The impacts in reduced variables.
+
+    Args:
+        branch: True where an impact is to be taken for elastic, False where for yielding, wherever
+            its velocity is; None: as the law has it.
+    """
     law_valid = law.is_valid()
     law = jax.tree.map(lambda leaf: jnp.where(law_valid, leaf, 1.0).astype(leaf.dtype), law)
     scale = law.scales().velocity
@@ -118,7 +124,7 @@ def prepare(law: ContactLaw, velocity: Array, regime: str) -> Impact:
     elif regime == "mixed":
         # not y <= 1: a quotient may be compiled into a product that rounds otherwise
         limit = _elastic_velocity(law.reduced())
-        elastic = velocity <= scale * limit
+        elastic = velocity <= scale * limit if branch is None else jnp.broadcast_to(branch, y.shape)
         y = y + jax.lax.stop_gradient(jnp.where(elastic, 0.0, jnp.maximum(limit - y, 0.0)))
     else:
         elastic = jnp.full(y.shape, regime == "elastic")

@@ -1,11 +1,8 @@
 """Materials: what a body is made of, and the three of Zhou's Table 1."""
 
 import equinox as eqx
-from jaxtyping import ArrayLike, Float
 
-from softjax._checks import as_real, check, check_broadcast, check_positive
-
-Field = Float[ArrayLike, "..."]
+from softjax.fields import Number, check_fields, number_field
 
 
 class Material(eqx.Module):
@@ -21,24 +18,15 @@ class Material(eqx.Module):
         ValueError: naming the property, its value and what is accepted.
     """
 
-    youngs_modulus: Field = eqx.field(converter=as_real)
-    poisson_ratio: Field = eqx.field(converter=as_real)
-    density: Field = eqx.field(converter=as_real)
-    yield_strength: Field = eqx.field(converter=as_real)
+    youngs_modulus: Number = number_field("E", "Pa", "modulus", within="(0, inf)")
+    poisson_ratio: Number = number_field("μ", "-", "ratio", within="(-1, 0.5]")
+    density: Number = number_field("ρ", "kg/m³", "density", within="(0, inf)")
+    yield_strength: Number = number_field("Y", "Pa", "strength", within="(0, inf)")
 
     def __check_init__(self):
-        check_positive("youngs_modulus", self.youngs_modulus, "modulus in pascals")
-        check(
-            "poisson_ratio",
-            self.poisson_ratio,
-            lambda nu: (nu > -1) & (nu <= 0.5),
-            "a number in (-1, 0.5]",
-        )
-        check_positive("density", self.density, "density in kg/m³")
-        check_positive("yield_strength", self.yield_strength, "strength in pascals")
-        check_broadcast(self.leaves())
+        check_fields(self)
 
-    def leaves(self) -> dict[str, Field]:
+    def leaves(self) -> dict[str, Number]:
         """The four properties by name."""
         names = ("youngs_modulus", "poisson_ratio", "density", "yield_strength")
         return {name: getattr(self, name) for name in names}

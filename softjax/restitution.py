@@ -1,11 +1,12 @@
 """The coefficient of restitution over impact velocities, by either route."""
 
 from functools import partial
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float, Int
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from softjax import energy
 from softjax._large import in_chunks
@@ -25,7 +26,6 @@ from softjax.laws.base import (
     Outcome,
     RateDependentLaw,
     RateIndependentLaw,
-    ReducedHardSphere,
     ReducedRateDependent,
     ReducedRateIndependent,
 )
@@ -124,6 +124,53 @@ def restitution(
     return Restitution(law, same_velocity, *parts, route)
 
 
+class SignedRestitution(NamedTuple):
+    """ε² with its sign, for searches; arrays of the broadcast shape.
+
+    Attributes:
+        squared: rebound energy over impact energy [-]; below 0 where the losses exceed the impact
+            energy (`NO_REBOUND`), and differentiable there; 0 where there is no answer.
+        status: `Status` flags, one integer per velocity.
+    """
+
+    squared: Float[Array, "..."]
+    status: Int[Array, "..."]
+
+
+def signed_restitution(
+    law: ContactLaw,
+    velocity: Float[ArrayLike, "..."],
+    route: Route | None = None,
+    *,
+    elastic: Bool[ArrayLike, "..."] | None = None,
+) -> SignedRestitution:
+    """ε² of head-on impacts, signed where nothing rebounds, so that a search finds its way back.
+
+    Args:
+        law, velocity, route: as for `restitution`.
+        elastic: the branch on which each impact is held, True the elastic one, whatever its
+            velocity; impacts held on the yielding branch below yield are taken at yield. None: as
+            the law has it. For laws whose ε jumps at yield (`jumps_at_yield`), while a search moves
+            what yield depends on. Laws without an elastic stage take no notice.
+
+    Raises:
+        ValueError: as `restitution`.
+    """
+    check_law(law)
+    route = _default_route(law) if route is None else check_route(route)
+    _check_law_takes(law, route)
+    velocity, regime = checked(law, velocity)
+    regime = regime if elastic is None else "mixed"
+    return _signed(*common_precision(law, velocity), route, regime, elastic)
+
+
+@partial(jax.jit, static_argnames=("route", "regime"))
+def _signed(law, velocity, route, regime, elastic):
+    impact, outcome, squared, status = _solved(law, velocity, route, regime, elastic)
+    answered = impact.valid & outcome.turns
+    return SignedRestitution(jnp.where(answered, squared, 0.0), status)
+
+
 def _default_route(law: ContactLaw) -> Route:
     return ODE() if isinstance(law, RateDependentLaw) else EnergyBalance()
 
@@ -142,6 +189,8 @@ def _check_law_takes(law: ContactLaw, route: Route) -> None:
 
 
 def _outcome(impact: Impact, route: Route, regime: str) -> Outcome:
+    if isinstance(impact.law, HardSphereLaw):
+        return _rebound_of_hard_spheres(impact)
     reduced = impact.law.reduced()
     elastic = _elastic_outcome(reduced, impact.y)
     if regime == "elastic":
@@ -153,9 +202,14 @@ def _outcome(impact: Impact, route: Route, regime: str) -> Outcome:
     return jax.tree.map(lambda e, p: jnp.where(impact.elastic, e, p), elastic, plastic)
 
 
+def _rebound_of_hard_spheres(impact: Impact) -> Outcome:
+    squared = impact.law.restitution_squared(impact.velocity)
+    squared = jnp.where(impact.elastic, 1.0, squared)  # at rest
+    zero = jnp.zeros_like(squared)
+    return Outcome(zero, zero, squared, jnp.ones_like(squared, dtype=bool))
+
+
 def _collide(reduced, y, route: Route) -> Outcome:
-    if isinstance(reduced, ReducedHardSphere):
-        return reduced.collide(y)
     y, below = lifted(reduced, y)
     ode = isinstance(route, ODE)
     outcome = bridge(reduced).collide(reduced, y, route) if ode else energy.collide(reduced, y)
@@ -183,13 +237,8 @@ def _elastic_outcome(reduced, y) -> Outcome:
 
 @partial(jax.jit, static_argnames=("route", "regime", "overlaps"))
 def restitution_parts(law, velocity, route, regime, overlaps=True):
-    impact = prepare(law, velocity, regime)
-    outcome = _outcome(impact, route, regime)
-    squared, at_limit = impact.law.total_restitution(
-        outcome.plastic_squared, impact.velocity, impact.elastic
-    )
+    impact, outcome, squared, status = _solved(law, velocity, route, regime)
     answered = impact.valid & outcome.turns
-    status = _status(impact, outcome, squared, at_limit)
     length = impact.law.scales().overlap
 
     def where_answered(x):
@@ -207,6 +256,16 @@ def restitution_parts(law, velocity, route, regime, overlaps=True):
         in_metres(outcome.residual) if overlaps else None,
         status,
     )
+
+
+def _solved(law, velocity, route, regime, branch=None):
+    """The impacts, their collisions, ε² of them and the status."""
+    impact = prepare(law, velocity, regime, branch)
+    outcome = _outcome(impact, route, regime)
+    squared, at_limit = impact.law.total_restitution(
+        outcome.plastic_squared, impact.velocity, impact.elastic
+    )
+    return impact, outcome, squared, _status(impact, outcome, squared, at_limit)
 
 
 def _status(impact: Impact, outcome: Outcome, squared, at_limit) -> Array:
@@ -242,6 +301,8 @@ def _duration(law, velocity, route, regime):
 
 
 def _reduced_duration(impact: Impact, route: Route, regime: str):
+    if isinstance(impact.law, HardSphereLaw):
+        return jnp.zeros_like(impact.y), jnp.ones_like(impact.elastic)
     reduced = impact.law.reduced()
     moving = jnp.where(impact.y > 0, impact.y, 1.0)
     if not isinstance(reduced, ReducedRateIndependent):
@@ -255,8 +316,6 @@ def _reduced_duration(impact: Impact, route: Route, regime: str):
 
 
 def _plastic_duration(reduced, y, route: Route):
-    if isinstance(reduced, ReducedHardSphere):
-        return jnp.zeros_like(y), jnp.ones_like(y, dtype=bool)
     y, below = lifted(reduced, y)
     if isinstance(route, ODE):
         time, turns = bridge(reduced).duration(reduced, y, route)

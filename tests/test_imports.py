@@ -13,6 +13,7 @@ HEAVY = ("diffrax", "optimistix", "optax", "lineax", "scipy", "matplotlib", "tqd
 # softjax in layers: a module imports from earlier layers, or from its own where that says so
 LAYERS = [
     {"_checks", "_numerics", "status"},
+    {"fields"},
     {"materials"},
     {"contact", "empirical", "routes"},
     {"laws"},

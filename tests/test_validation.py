@@ -65,17 +65,17 @@ def refuses(build, name, value, accepted):
 
 
 POSITIVE = [
-    (material, "youngs_modulus", "a positive modulus in pascals"),
+    (material, "youngs_modulus", "a positive modulus in Pa"),
     (material, "density", "a positive density in kg/m³"),
-    (material, "yield_strength", "a positive strength in pascals"),
-    (contact, "youngs_modulus", "a positive modulus in pascals"),
-    (contact, "radius", "a positive length in metres"),
-    (contact, "mass", "a positive mass in kilograms"),
-    (contact, "yield_strength", "a positive strength in pascals"),
+    (material, "yield_strength", "a positive strength in Pa"),
+    (contact, "youngs_modulus", "a positive modulus in Pa"),
+    (contact, "radius", "a positive length in m"),
+    (contact, "mass", "a positive mass in kg"),
+    (contact, "yield_strength", "a positive strength in Pa"),
     (contact, "limit_velocity", "a positive velocity in m/s"),
-    (spheres, "radius_1", "a positive length in metres"),
-    (spheres, "radius_2", "a positive length in metres"),
-    (wall, "radius", "a positive length in metres"),
+    (spheres, "radius_1", "a positive length in m"),
+    (spheres, "radius_2", "a positive length in m"),
+    (wall, "radius", "a positive length in m"),
     (zhou, "psi", "a positive exponent"),
 ]
 
@@ -110,7 +110,7 @@ def test_zero_where_it_is_allowed():
     "value", [*NO_NUMBERS, -1.0, -1.5, 0.500001, np.array([0.3, 0.6])], ids=repr
 )
 def test_poisson_ratio(value):
-    refuses(material, "poisson_ratio", value, "a number in (-1, 0.5]")
+    refuses(material, "poisson_ratio", value, "a ratio in (-1, 0.5]")
 
 
 @pytest.mark.parametrize("value", [0.5, 0.0, -0.99])

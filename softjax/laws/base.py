@@ -11,12 +11,14 @@ With Hertz's law and first yield as scales (L = δ_cr, V = v_cr) this is p = x^{
     ContactLaw
     ├── RateIndependentLaw    force depends on the overlap and its peak: energy balance or ODE
     ├── RateDependentLaw      force depends on the velocity as well: ODE only
-    └── HardSphereLaw         no force, only ε: nothing to integrate, no history
+    └── HardSphereLaw         no force, only ε(v): nothing to integrate, no history, no contact
 
     ReducedRateIndependent    loading and unloading force
     └── ReducedClosedForm     their works and roots too, so that nothing is left to quadrature
     ReducedRateDependent      elastic and dissipative(overlap, velocity) force, and where they end
-    ReducedHardSphere         ε²
+
+Numbers, options and whole fields of a law are declared (`softjax.fields`): their checks, validity
+under tracing, and what a fit knows of them follow from that.
 """
 
 from abc import abstractmethod
@@ -26,8 +28,10 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from softjax._checks import check_type
 from softjax._numerics import safe_power
 from softjax.contact import Contact
+from softjax.fields import are_valid, check_fields
 
 End = Literal["zero-overlap", "zero-force"]  # where a contact with damping ends
 ENDS = ("zero-overlap", "zero-force")
@@ -141,29 +145,42 @@ class ReducedRateDependent(eqx.Module):
         return self.elastic(x) + self.dissipative(x, velocity)
 
 
-class ReducedHardSphere(eqx.Module):
-    """ε² and nothing else: no force, no overlap, no duration."""
-
-    work_exponent: ClassVar[float] = 2.5  # of no force: at rest the overlap is zero all the same
-    restitution_squared: Array
-
-    def collide(self, y: Array) -> Outcome:
-        squared = self.restitution_squared + jnp.zeros_like(y)
-        zero = jnp.zeros_like(squared)
-        return Outcome(zero, zero, squared, jnp.ones_like(squared, dtype=bool))
-
-
 class ContactLaw(eqx.Module):
     """A contact law of two bodies, in SI units.
 
-    Subclass `RateIndependentLaw`, `RateDependentLaw` or `HardSphereLaw`, not this.
+    Subclass `RateIndependentLaw`, `RateDependentLaw` or `HardSphereLaw`, not this. Whatever numbers
+    and options a law has are dataclass fields, best declared (`softjax.fields`).
+
+    Raises:
+        ValueError: naming the field, its value and what is accepted.
     """
 
-    contact: eqx.AbstractVar[Contact]
+    def __check_init__(self):
+        check_fields(self)
 
     @abstractmethod
     def scales(self) -> Scales:
         """The overlap [m] and velocity [m/s] in which the reduced law is written."""
+
+    def is_valid(self) -> Array:
+        """Whether all fields are numbers the law accepts (where tracing kept them unchecked)."""
+        return are_valid(self)
+
+    def total_restitution(self, plastic_squared, velocity, elastic) -> tuple[Array, Array]:
+        """ε² from ε_p², and whether a loss outside the force law is at its limit.
+
+        A law that knows of no losses but those of its force gives back what it was given.
+        """
+        return plastic_squared, jnp.zeros_like(elastic)
+
+
+class ForceLaw(ContactLaw):
+    """A law with a force: what both kinds of it have."""
+
+    contact: eqx.AbstractVar[Contact]
+
+    def __check_init__(self):
+        check_type("contact", self.contact, Contact, "a Contact")
 
     @abstractmethod
     def reduced(self) -> Any:
@@ -174,25 +191,25 @@ class ContactLaw(eqx.Module):
         scales = self.scales()
         return 1.25 * self.contact.mass * scales.velocity * (scales.velocity / scales.overlap)
 
-    def is_valid(self) -> Array:
-        """Whether all fields are numbers the law accepts (where tracing kept them unchecked)."""
-        leaves = self.contact.leaves().values()
-        return all_of(*(positive(leaf) for leaf in leaves))
 
-    def total_restitution(self, plastic_squared, velocity, elastic) -> tuple[Array, Array]:
-        """ε² from ε_p², and whether a loss outside the force law is at its limit.
+class RateIndependentLaw(ForceLaw):
+    """A law whose force depends on the overlap and its largest value: either route.
 
-        A law that knows of no losses but those of its force gives back what it was given.
-        """
-        return plastic_squared, jnp.zeros_like(elastic)
+    `jumps_at_yield` says whether ε jumps where an impact leaves the elastic stage. A search that
+    moves what yield depends on then holds every impact on its branch during a step.
+    """
 
-
-class RateIndependentLaw(ContactLaw):
-    """A law whose force depends on the overlap and its largest value: either route."""
+    jumps_at_yield: ClassVar[bool] = False
 
     @abstractmethod
     def reduced(self) -> ReducedRateIndependent:
         """The law in the units of `scales`."""
+
+    def elastic_velocity(self) -> Array:
+        """The impact velocity [m/s] up to which nothing yields; infinite or 0 for laws without."""
+        reduced = self.reduced()
+        limit = reduced.elastic_limit ** (reduced.work_exponent / 2)
+        return jnp.asarray(self.scales().velocity) * limit
 
     def loading_force(self, overlap) -> Array:
         """Contact force [N] on loading at `overlap` [m]."""
@@ -206,7 +223,7 @@ class RateIndependentLaw(ContactLaw):
         return self.force_scale() * self.reduced().unloading(x, peak)
 
 
-class RateDependentLaw(ContactLaw):
+class RateDependentLaw(ForceLaw):
     """A law whose force depends on the velocity too: no energy balance, only the ODE."""
 
     @abstractmethod
@@ -224,24 +241,16 @@ class HardSphereLaw(ContactLaw):
     """A law that gives ε without a force: instantaneous, without overlap, without a history."""
 
     @abstractmethod
-    def reduced(self) -> ReducedHardSphere:
-        """ε²."""
+    def restitution_squared(self, velocity: Array) -> Array:
+        """ε² at the impact velocity v > 0 [m/s]."""
+
+    def limit(self) -> Array:
+        """The velocity [m/s] from which on the law has no value but 0; infinite without one."""
+        return jnp.asarray(jnp.inf)
+
+    def total_restitution(self, plastic_squared, velocity, elastic) -> tuple[Array, Array]:
+        return plastic_squared, velocity >= self.limit()
 
     def scales(self) -> Scales:
-        """No scale enters; any will do."""
-        return Scales(jnp.asarray(self.contact.radius), jnp.asarray(self.contact.limit_velocity))
-
-
-def positive(leaf) -> Array:
-    return jnp.isfinite(leaf) & (jnp.asarray(leaf) > 0)
-
-
-def not_negative(leaf) -> Array:
-    return jnp.isfinite(leaf) & (jnp.asarray(leaf) >= 0)
-
-
-def all_of(*conditions: Array) -> Array:
-    result = conditions[0]
-    for condition in conditions[1:]:
-        result = result & condition
-    return result
+        """No scale enters."""
+        return Scales(jnp.asarray(1.0), jnp.asarray(1.0))

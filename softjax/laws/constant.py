@@ -1,14 +1,12 @@
 """Hard spheres that rebound with one coefficient of restitution at every velocity."""
 
-import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array
 
-from softjax._checks import as_real, check, check_broadcast, check_type
+from softjax._checks import check_type
 from softjax.contact import Contact
-from softjax.laws.base import HardSphereLaw, ReducedHardSphere, all_of, not_negative
-
-Field = Float[ArrayLike, "..."]
+from softjax.fields import Number, number_field
+from softjax.laws.base import HardSphereLaw
 
 
 class ConstantRestitution(HardSphereLaw):
@@ -23,7 +21,7 @@ class ConstantRestitution(HardSphereLaw):
     ε by a damped contact that takes time.
 
     Attributes:
-        contact: the two bodies; nothing of them enters.
+        contact: the two bodies, of which nothing enters; or None.
         restitution: ε in [0, 1] [-].
 
     Source: I. Newton, Philosophiae naturalis principia mathematica (1687), scholium to the laws of
@@ -34,18 +32,12 @@ class ConstantRestitution(HardSphereLaw):
         ValueError: naming the field, its value and what is accepted.
     """
 
-    contact: Contact
-    restitution: Field = eqx.field(converter=as_real)
+    contact: Contact | None
+    restitution: Number = number_field("ε", "-", "coefficient of restitution", within="[0, 1]")
 
     def __check_init__(self):
-        check_type("contact", self.contact, Contact, "a Contact")
-        accepted = "a coefficient of restitution in [0, 1]"
-        check("restitution", self.restitution, lambda e: (e >= 0) & (e <= 1), accepted)
-        check_broadcast(self.contact.leaves() | {"restitution": self.restitution})
+        if self.contact is not None:
+            check_type("contact", self.contact, Contact, "a Contact or None")
 
-    def reduced(self) -> ReducedHardSphere:
-        return ReducedHardSphere(jnp.square(self.restitution))
-
-    def is_valid(self) -> Array:
-        at_most_one = jnp.asarray(self.restitution) <= 1
-        return all_of(super().is_valid(), not_negative(self.restitution), at_most_one)
+    def restitution_squared(self, velocity: Array) -> Array:
+        return jnp.square(self.restitution) + jnp.zeros_like(velocity)

@@ -8,7 +8,6 @@ import math
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from softjax._checks import check_type
 from softjax.contact import Contact
 from softjax.laws.base import RateIndependentLaw, ReducedClosedForm, Scales
 
@@ -36,9 +35,6 @@ class Hertz(RateIndependentLaw):
     """
 
     contact: Contact
-
-    def __check_init__(self):
-        check_type("contact", self.contact, Contact, "a Contact")
 
     def scales(self) -> Scales:
         return hertz_scales(self.contact)

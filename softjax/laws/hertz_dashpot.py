@@ -10,16 +10,15 @@ import math
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array
 
-from softjax._checks import as_real, check, check_broadcast, check_choice, check_type
+from softjax._checks import as_real, check
 from softjax._numerics import safe_power
 from softjax.contact import Contact
+from softjax.fields import Number, choice_field, number_field
 from softjax.laws.base import ENDS, End, RateDependentLaw, ReducedRateDependent, Scales
 from softjax.laws.hertz import hertz_scales
-from softjax.laws.linear_dashpot import check_restitution, damping_fraction, is_restitution
-
-Field = Float[ArrayLike, "..."]
+from softjax.laws.linear_dashpot import SET_RESTITUTION, damping_fraction
 
 
 class HertzDashpot(RateDependentLaw):
@@ -55,18 +54,12 @@ class HertzDashpot(RateDependentLaw):
     """
 
     contact: Contact
-    restitution: Field = eqx.field(converter=as_real)
-    end: End = eqx.field(static=True, default="zero-overlap")
-
-    def __check_init__(self):
-        check_type("contact", self.contact, Contact, "a Contact")
-        check_restitution(self.restitution)
-        check_choice("end", self.end, ENDS)
-        check_broadcast(self.contact.leaves() | {"restitution": self.restitution})
+    restitution: Number = number_field(*SET_RESTITUTION)
+    end: End = choice_field(*ENDS)
 
     @classmethod
     def from_damping(
-        cls, contact: Contact, alpha: Field, end: End = "zero-overlap"
+        cls, contact: Contact, alpha: Number, end: End = "zero-overlap"
     ) -> "HertzDashpot":
         """The law of a given dashpot coefficient α in [0, √5) [-], as other programs take it.
 
@@ -84,9 +77,6 @@ class HertzDashpot(RateDependentLaw):
 
     def reduced(self) -> "ReducedHertzDashpot":
         return ReducedHertzDashpot(damping_fraction(self.restitution), self.end)
-
-    def is_valid(self) -> Array:
-        return super().is_valid() & is_restitution(self.restitution)
 
 
 class ReducedHertzDashpot(ReducedRateDependent):

@@ -9,28 +9,14 @@ import math
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array
 
-from softjax._checks import (
-    as_real,
-    check,
-    check_broadcast,
-    check_choice,
-    check_positive,
-    check_type,
-)
 from softjax.contact import Contact
-from softjax.laws.base import (
-    ENDS,
-    End,
-    RateDependentLaw,
-    ReducedRateDependent,
-    Scales,
-    all_of,
-    positive,
-)
+from softjax.fields import Number, choice_field, number_field
+from softjax.laws.base import ENDS, End, RateDependentLaw, ReducedRateDependent, Scales
 
-Field = Float[ArrayLike, "..."]
+# what a dashpot law is set to: no finite damping gives ε = 0
+SET_RESTITUTION = ("ε", "-", "coefficient of restitution", "(0, 1]")
 
 
 class LinearSpringDashpot(RateDependentLaw):
@@ -69,17 +55,9 @@ class LinearSpringDashpot(RateDependentLaw):
     """
 
     contact: Contact
-    stiffness: Field = eqx.field(converter=as_real)
-    restitution: Field = eqx.field(converter=as_real)
-    end: End = eqx.field(static=True, default="zero-overlap")
-
-    def __check_init__(self):
-        check_type("contact", self.contact, Contact, "a Contact")
-        check_positive("stiffness", self.stiffness, "stiffness in N/m")
-        check_restitution(self.restitution)
-        check_choice("end", self.end, ENDS)
-        own = {"stiffness": self.stiffness, "restitution": self.restitution}
-        check_broadcast(self.contact.leaves() | own)
+    stiffness: Number = number_field("K", "N/m", "stiffness", within="(0, inf)")
+    restitution: Number = number_field(*SET_RESTITUTION)
+    end: End = choice_field(*ENDS)
 
     def scales(self) -> Scales:
         """R, and R ω0."""
@@ -89,10 +67,6 @@ class LinearSpringDashpot(RateDependentLaw):
 
     def reduced(self) -> "ReducedLinearDashpot":
         return ReducedLinearDashpot(damping_fraction(self.restitution), self.end)
-
-    def is_valid(self) -> Array:
-        own = positive(self.stiffness), is_restitution(self.restitution)
-        return all_of(super().is_valid(), *own)
 
 
 class ReducedLinearDashpot(ReducedRateDependent):
@@ -105,16 +79,6 @@ class ReducedLinearDashpot(ReducedRateDependent):
 
     def dissipative(self, x: Array, velocity: Array) -> Array:
         return 1.6 * self.damping * velocity
-
-
-def check_restitution(value) -> None:
-    """Raise unless `restitution` is a number that a finite damping can give."""
-    accepted = "a coefficient of restitution in (0, 1]"
-    check("restitution", value, lambda e: (e > 0) & (e <= 1), accepted)
-
-
-def is_restitution(value) -> Array:
-    return positive(value) & (jnp.asarray(value) <= 1)
 
 
 def damping_fraction(restitution) -> Array:

@@ -9,23 +9,15 @@ In the units of first yield, x = δ/δ_y and forces in k δ_y^{3/2}, nothing is 
 from dataclasses import replace
 from typing import Literal
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from softjax._checks import (
-    as_real,
-    check,
-    check_broadcast,
-    check_choice,
-    check_positive,
-    check_type,
-)
+from softjax._checks import as_real, check, check_broadcast
 from softjax._numerics import safe_power
 from softjax.contact import Contact
-from softjax.laws.base import RateIndependentLaw, ReducedClosedForm, Scales, positive
+from softjax.fields import Number, choice_field, number_field, numbers_of
+from softjax.laws.base import RateIndependentLaw, ReducedClosedForm, Scales
 
-Field = Float[ArrayLike, "..."]
 Area = Literal["hertz", "contact"]
 AREAS = ("hertz", "contact")
 
@@ -66,11 +58,10 @@ class Thornton(RateIndependentLaw):
     """
 
     contact: Contact
-    yield_factor: Field = eqx.field(converter=as_real, default=1.0)
-    area: Area = eqx.field(static=True, default="hertz")
-
-    def __check_init__(self):
-        _check_fields(self.contact, self.yield_factor, self.area)
+    yield_factor: Number = number_field(
+        "p_y/Y", "-", "factor of the yield strength", within="(0, inf)", default=1.0
+    )
+    area: Area = choice_field(*AREAS)
 
     def scales(self) -> Scales:
         """δ_y and V_y."""
@@ -80,14 +71,11 @@ class Thornton(RateIndependentLaw):
     def reduced(self) -> "ReducedThornton":
         return ReducedThornton()
 
-    def is_valid(self) -> Array:
-        return super().is_valid() & positive(self.yield_factor)
-
 
 def thornton_restitution(
     contact: Contact,
     velocity: Float[ArrayLike, "..."],
-    yield_factor: Field = 1.0,
+    yield_factor: Number = 1.0,
     area: Area = "hertz",
 ) -> Array:
     """ε = √(6√3/5) √(1 - r²/6) [r/(r + 2√(6/5 - r²/5))]^{1/4}, r = V_y/v; 1 for v <= V_y.
@@ -107,23 +95,17 @@ def thornton_restitution(
     Raises:
         ValueError: naming the argument, its value and what is accepted.
     """
-    velocity, yield_factor = as_real(velocity), as_real(yield_factor)
+    law = Thornton(contact, yield_factor, area)  # its checks are those of the arguments
+    velocity = as_real(velocity)
     check("velocity", velocity, lambda v: v >= 0, "a finite impact velocity in m/s, zero or more")
-    _check_fields(contact, yield_factor, area, velocity=velocity)
-    scale = _yielding_contact(contact, yield_factor, area).critical_velocity
+    check_broadcast(numbers_of(law) | {"velocity": velocity})
+    scale = law.scales().velocity
     velocity = jnp.asarray(velocity)
     yields = velocity > scale
     r = jnp.where(yields, scale / jnp.where(yields, velocity, 2.0 * scale), 1.0)
     root = jnp.sqrt(1.2 - 0.2 * r * r)
     # √(6√3/5) √(1 - r²/6) = 3^{1/4} √(6/5 - r²/5)
     return jnp.where(yields, root * (3 * r / (r + 2 * root)) ** 0.25, 1.0)
-
-
-def _check_fields(contact, yield_factor, area, **others) -> None:
-    check_type("contact", contact, Contact, "a Contact")
-    check_positive("yield_factor", yield_factor, "factor of the yield strength")
-    check_choice("area", area, AREAS)
-    check_broadcast(contact.leaves() | {"yield_factor": yield_factor} | others)
 
 
 def _yielding_contact(contact: Contact, yield_factor, area: Area) -> Contact:

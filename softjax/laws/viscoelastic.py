@@ -7,15 +7,13 @@ collisions in granular gases, Phys. Rev. E 53, 5382 (1996).
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array
 
-from softjax._checks import as_real, check_broadcast, check_not_negative, check_type
 from softjax._numerics import safe_sqrt
 from softjax.contact import Contact
-from softjax.laws.base import End, RateDependentLaw, ReducedRateDependent, Scales, not_negative
+from softjax.fields import Number, number_field
+from softjax.laws.base import End, RateDependentLaw, ReducedRateDependent, Scales
 from softjax.laws.hertz import hertz_scales
-
-Field = Float[ArrayLike, "..."]
 
 
 class ViscoelasticHertz(RateDependentLaw):
@@ -46,22 +44,13 @@ class ViscoelasticHertz(RateDependentLaw):
     """
 
     contact: Contact
-    dissipation_time: Field = eqx.field(converter=as_real)
-
-    def __check_init__(self):
-        check_type("contact", self.contact, Contact, "a Contact")
-        check_not_negative("dissipation_time", self.dissipation_time, "time in seconds")
-        own = {"dissipation_time": self.dissipation_time}
-        check_broadcast(self.contact.leaves() | own)
+    dissipation_time: Number = number_field("A", "s", "time", within="[0, inf)")
 
     def scales(self) -> Scales:
         return hertz_scales(self.contact)
 
     def reduced(self) -> "ReducedViscoelastic":
         return ReducedViscoelastic(jnp.asarray(self.dissipation_time) / self.scales().time)
-
-    def is_valid(self) -> Array:
-        return super().is_valid() & not_negative(self.dissipation_time)
 
 
 class ReducedViscoelastic(ReducedRateDependent):

@@ -13,32 +13,15 @@ In the units of first yield, x = δ/δ_cr and forces in k δ_cr^{3/2}, with
 
 import math
 
-import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array
 
-from softjax._checks import (
-    as_real,
-    check_broadcast,
-    check_choice,
-    check_not_negative,
-    check_positive,
-    check_type,
-)
 from softjax._numerics import safe_sqrt
 from softjax.contact import Contact
-from softjax.empirical import sound_and_heat_exponent
+from softjax.empirical import PSI, SIGMA, sound_and_heat_exponent
+from softjax.fields import Number, choice_field, number_field
 from softjax.laws import _first_order, _full
-from softjax.laws.base import (
-    RateIndependentLaw,
-    ReducedClosedForm,
-    Scales,
-    all_of,
-    not_negative,
-    positive,
-)
-
-Field = Float[ArrayLike, "..."]
+from softjax.laws.base import RateIndependentLaw, ReducedClosedForm, Scales
 
 
 class Zhou(RateIndependentLaw):
@@ -70,22 +53,14 @@ class Zhou(RateIndependentLaw):
         ValueError: naming the field, its value and what is accepted.
     """
 
-    contact: Contact
-    chi: Field = eqx.field(converter=as_real)
-    sigma: Field = eqx.field(converter=as_real)
-    psi: Field = eqx.field(converter=as_real)
-    form: str = eqx.field(static=True, default="first-order")
-    kappa: str = eqx.field(static=True, default="consistent")
+    jumps_at_yield = True  # ε_p² = 1 + 2d/3 just above
 
-    def __check_init__(self):
-        check_type("contact", self.contact, Contact, "a Contact")
-        check_not_negative("chi", self.chi, "unloading factor")
-        check_not_negative("sigma", self.sigma, "coefficient")
-        check_positive("psi", self.psi, "exponent")
-        check_choice("form", self.form, ("first-order", "full"))
-        check_choice("kappa", self.kappa, ("consistent", "printed"))
-        own = {"chi": self.chi, "sigma": self.sigma, "psi": self.psi}
-        check_broadcast(self.contact.leaves() | own)
+    contact: Contact
+    chi: Number = number_field("χ̃", "-", "unloading factor", within="[0, inf)")
+    sigma: Number = number_field(*SIGMA)
+    psi: Number = number_field(*PSI)
+    form: str = choice_field("first-order", "full")
+    kappa: str = choice_field("consistent", "printed")
 
     def scales(self) -> Scales:
         """δ_cr and v_cr, Eq. (5)."""
@@ -103,10 +78,6 @@ class Zhou(RateIndependentLaw):
         steepness = self.chi * self.contact.yield_ratio  # X = χ̃ E/Y
         law = FirstOrder if self.form == "first-order" else Full
         return law(jnp.asarray(self.plasticity()), jnp.asarray(steepness))
-
-    def is_valid(self) -> Array:
-        own = (not_negative(self.chi), not_negative(self.sigma), positive(self.psi))
-        return all_of(super().is_valid(), *own)
 
     def total_restitution(self, plastic_squared, velocity, elastic) -> tuple[Array, Array]:
         """ε² by Eq. (16) above yield and Eq. (17) below, and whether v >= v_lim."""

@@ -1,0 +1,181 @@
+"""What the fields of a law declare of themselves: range, unit, symbol; and what is held whole.
+
+    chi: Number = number_field("χ̃", "-", "unloading factor", within="[0, inf)")
+    form: str = choice_field("first-order", "full")
+    weights: Any = array_field()
+
+Checks of arguments, validity under `jit`, bounds of a fit and labels of its report follow from it.
+"""
+
+import dataclasses
+import re
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+from softjax._checks import as_real, check, check_broadcast, check_choice
+
+Number = Float[ArrayLike, "..."]
+
+_WITHIN = re.compile(r"([\[(])\s*(\S+)\s*,\s*(\S+?)\s*([\])])")
+
+
+class Declared(NamedTuple):
+    """The declaration of a numeric field.
+
+    Attributes:
+        symbol, unit: as a report writes them; unit "-" for a pure number.
+        what: the quantity in words.
+        lower, upper: ends of its range.
+        with_lower, with_upper: whether the ends themselves are accepted.
+    """
+
+    symbol: str = ""
+    unit: str = "-"
+    what: str = "number"
+    lower: float = -float("inf")
+    upper: float = float("inf")
+    with_lower: bool = False
+    with_upper: bool = False
+
+    def holds(self, value) -> Array:
+        """Whether `value` is finite and in the range, elementwise."""
+        above = value >= self.lower if self.with_lower else value > self.lower
+        below = value <= self.upper if self.with_upper else value < self.upper
+        return above & below
+
+    @property
+    def accepted(self) -> str:
+        """The range in words: "a positive modulus in Pa"."""
+        what = self.what if self.unit == "-" else f"{self.what} in {self.unit}"
+        if (self.lower, self.upper) == (0, float("inf")):
+            return f"{_a(what)} of zero or more" if self.with_lower else f"a positive {what}"
+        if (self.lower, self.upper) == (-float("inf"), float("inf")):
+            return f"a finite {what}"
+        left, right = "[" if self.with_lower else "(", "]" if self.with_upper else ")"
+        return f"{_a(what)} in {left}{self.lower:g}, {self.upper:g}{right}"
+
+
+def _a(noun: str) -> str:
+    return f"an {noun}" if noun[0] in "aeiou" else f"a {noun}"
+
+
+def number_field(
+    symbol: str, unit: str = "-", what: str = "number", within: str = "(-inf, inf)", **options: Any
+) -> Any:
+    """A numeric field: a number or an array, one value an impact.
+
+    Args:
+        symbol: as equations write it, "σ".
+        unit: SI, "N/m"; "-" for a pure number.
+        what: the quantity in words, for messages.
+        within: its range, "(0, inf)" or "[0, 1]": round brackets leave the end out.
+        options: of `dataclasses.field`, such as `default`.
+    """
+    left, low, high, right = _WITHIN.fullmatch(within).groups()  # type: ignore[union-attr]
+    declared = Declared(symbol, unit, what, float(low), float(high), left == "[", right == "]")
+    return eqx.field(converter=as_real, metadata={"declared": declared}, **options)
+
+
+def choice_field(*choices: str) -> Any:
+    """An option in words, fixed when a program is compiled; the first choice is the default."""
+    return eqx.field(static=True, default=choices[0], metadata={"choices": choices})
+
+
+def array_field(**options: Any) -> Any:
+    """A field that is whole: one array, or any pytree, for all impacts.
+
+    A network's weights or a table's knots, where numeric fields hold one value an impact. Its
+    leaves need not broadcast against the velocity, and are differentiated like any other.
+
+    Args:
+        options: of `dataclasses.field`, such as `default`.
+    """
+    return eqx.field(metadata={"whole": True}, **options)
+
+
+def declarations(kind: type) -> dict[str, Declared]:
+    """The numeric fields of a class by name, in their order; undeclared ones count as any number.
+
+    Options, whole fields and nested modules are none.
+    """
+    return {field.name: _declared(field) for field in _numeric(kind)}
+
+
+def options_of(kind: type) -> dict[str, tuple[str, ...]]:
+    """The options of a class and their choices."""
+    every = dataclasses.fields(kind)
+    return {f.name: f.metadata["choices"] for f in every if "choices" in f.metadata}
+
+
+def whole_fields(kind: type) -> tuple[str, ...]:
+    """The names of the fields that are held whole."""
+    return tuple(f.name for f in dataclasses.fields(kind) if f.metadata.get("whole"))
+
+
+def check_fields(module: eqx.Module) -> None:
+    """Raise unless all options and numbers are accepted and the numbers broadcast.
+
+    Raises:
+        ValueError: naming the field, its value and what is accepted.
+    """
+    for name, choices in options_of(type(module)).items():
+        check_choice(name, getattr(module, name), choices)
+    for name, declared, value in _values(module):
+        check(name, value, declared.holds, declared.accepted)
+    check_broadcast(numbers_of(module))
+
+
+def numbers_of(module: eqx.Module) -> dict[str, Any]:
+    """All numbers of a module and of those nested in it, by name; what is whole left out."""
+    found = {name: value for name, _, value in _values(module)}
+    for nested in _nested(module):
+        found = numbers_of(nested) | found
+    return found
+
+
+def are_valid(module: eqx.Module) -> Array:
+    """Whether all numbers are in their ranges, one truth value an impact.
+
+    Where tracing kept them unchecked. A whole field is valid where all of its numbers are finite.
+    """
+    valid = jnp.asarray(True)
+    for _, declared, value in _values(module):
+        valid = valid & jnp.isfinite(value) & declared.holds(jnp.asarray(value))
+    for nested in _nested(module):
+        valid = valid & are_valid(nested)
+    for name in whole_fields(type(module)):
+        for leaf in jax.tree.leaves(getattr(module, name)):
+            if eqx.is_inexact_array_like(leaf):
+                valid = valid & jnp.all(jnp.isfinite(leaf))
+    return valid
+
+
+def _numeric(kind: type) -> Iterator[dataclasses.Field]:
+    for field in dataclasses.fields(kind):
+        unmoved = field.metadata.get("static") or field.metadata.get("whole")
+        if not unmoved and field.name != "contact":
+            yield field
+
+
+def _declared(field: dataclasses.Field) -> Declared:
+    return field.metadata.get("declared") or Declared(field.name)
+
+
+def _values(module: eqx.Module) -> Iterator[tuple[str, Declared, Any]]:
+    for field in _numeric(type(module)):
+        value = getattr(module, field.name)
+        if not isinstance(value, eqx.Module):
+            yield field.name, _declared(field), value
+
+
+def _nested(module: eqx.Module) -> Iterator[eqx.Module]:
+    whole = whole_fields(type(module))
+    for field in dataclasses.fields(type(module)):
+        value = getattr(module, field.name)
+        if isinstance(value, eqx.Module) and field.name not in whole:
+            yield value

@@ -1,0 +1,85 @@
+"""Eq. (17) by itself: an explicit ε(v), without a force.
+
+Y. H. Zhou, Modeling of softsphere normal collisions with characteristic of coefficient of
+restitution dependent on impact velocity, Theor. Appl. Mech. Lett. 3, 021003 (2013), Eq. (17).
+"""
+
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+from softjax._checks import as_real, check, check_broadcast
+from softjax.empirical import PSI, SIGMA, sound_and_heat_exponent
+from softjax.fields import Number, number_field, numbers_of
+from softjax.laws.base import HardSphereLaw
+
+
+class EmpiricalRestitution(HardSphereLaw):
+    """ε = exp{-σ [v/(v_lim - v)]^ψ}: a curve through measurements, no law of a force.
+
+    From 1 at rest to 0 at the limit velocity; no overlap, no duration, no history, no contact.
+
+    Symbols: v impact velocity, v_lim = `limit_velocity` [m/s]; σ = `sigma`, ψ = `psi` [-].
+
+    Not to be confused with `Zhou`, which takes from this curve only what sound and heat cost, below
+    yield and at it.
+
+    Attributes:
+        limit_velocity: v_lim > 0 [m/s], where the curve ends; about √(3Y/ρ).
+        sigma, psi: σ >= 0, ψ > 0 [-].
+
+    Source: Zhou, Theor. Appl. Mech. Lett. 3, 021003 (2013), Eq. (17).
+    Range: v < v_lim; beyond, ε is 0 and the status says so.
+
+    Raises:
+        ValueError: naming the field, its value and what is accepted.
+    """
+
+    limit_velocity: Number = number_field("v_lim", "m/s", "velocity", within="(0, inf)")
+    sigma: Number = number_field(*SIGMA)
+    psi: Number = number_field(*PSI)
+
+    def restitution_squared(self, velocity: Array) -> Array:
+        limit = jnp.asarray(self.limit_velocity)
+        return jnp.exp(-2 * sound_and_heat_exponent(velocity, limit, self.sigma, self.psi))
+
+    def limit(self) -> Array:
+        return jnp.asarray(self.limit_velocity)
+
+
+def empirical_restitution(
+    velocity: Float[ArrayLike, "..."], limit_velocity: Number, sigma: Number, psi: Number
+) -> Array:
+    """ε_17 = exp{-σ [v/(v_lim - v)]^ψ}, Eq. (17) of Zhou (2013).
+
+    The explicit fit to measurements over all velocities; the model takes from it what sound and
+    heat cost, below yield and at v_cr (Eq. 16).
+
+    Args:
+        velocity: impact velocity v >= 0 [m/s], a number or an array of any shape.
+        limit_velocity: v_lim > 0 [m/s].
+        sigma, psi: fitted coefficients σ >= 0, ψ > 0 [-].
+
+    Returns:
+        The coefficient of restitution; 1 at v = 0, 0 at and above the limit velocity, in both
+        cases with gradient 0. Under `jit`, where nothing can be raised, invalid arguments give 0;
+        `restitution` of an `EmpiricalRestitution` has a status beside it.
+
+    Raises:
+        ValueError: naming the argument, its value and what is accepted.
+    """
+    law = EmpiricalRestitution(limit_velocity, sigma, psi)
+    velocity = as_real(velocity)
+    check("velocity", velocity, lambda v: v >= 0, "a finite impact velocity in m/s, zero or more")
+    check_broadcast(numbers_of(law) | {"velocity": velocity})
+    velocity = jnp.asarray(velocity)
+    valid = law.is_valid() & jnp.isfinite(velocity) & (velocity >= 0)
+    limit = jnp.where(
+        valid, law.limit_velocity, 1.0
+    )  # harmless numbers where the answer is not used
+    exponent = sound_and_heat_exponent(
+        jnp.where(valid, velocity, 0.5),
+        limit,
+        jnp.where(valid, law.sigma, 1.0),
+        jnp.where(valid, law.psi, 1.0),
+    )
+    return jnp.where(valid, jnp.exp(-exponent), 0.0)
