@@ -10,7 +10,7 @@ import numpy as np
 import softjax as sj
 from calibration.curve.laws import make_law, parse_fields
 from calibration.curve.options import COEFFICIENTS
-from calibration.embedded import CURVES, RADIUS, PaperCurve
+from calibration.data.paper import CURVES, RADIUS, PaperCurve
 from calibration.errors import DataError, InputError, listed
 from softjax.paper import TABLE_1
 
@@ -27,7 +27,7 @@ class Source:
 
     Attributes:
         name: of the material.
-        law: the contact law; None where a fit has none (Eq. 17 alone, a constant).
+        law: the contact law.
         span: (lowest, highest) velocity [m/s] of a curve unless told otherwise.
         properties: those of the bodies by the names of `sensitivities.inputs`; None where only
             the contact is known.
@@ -37,7 +37,7 @@ class Source:
     """
 
     name: str
-    law: sj.ContactLaw | None
+    law: sj.ContactLaw
     span: tuple[float, float]
     properties: dict[str, float] | None = None
     bodies: str = "spheres"
@@ -166,7 +166,7 @@ def _bodies(table) -> tuple[str, dict[str, float]]:
 
 
 def _of_fit(arguments) -> Source:
-    from calibration.result import FitResult
+    from calibration.fitting.result import FitResult
 
     name = arguments.material or arguments.source
     result = load_fit(arguments.fit, FitResult)

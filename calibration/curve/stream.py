@@ -93,8 +93,5 @@ def _of_fit(source: Source, velocity: np.ndarray) -> Rows:
 
 
 def _status(source: Source, velocity: np.ndarray) -> np.ndarray:
-    """The fitted law's flags; Eq. (17) alone only knows its limit velocity."""
-    if source.law is not None:
-        return np.asarray(_restitution(source.law, velocity, None)[1])
-    limit = source.result.material(source.name).columns.get("limit_velocity") or np.inf
-    return np.where(velocity >= limit, int(sj.Status.ABOVE_LIMIT_VELOCITY), 0)
+    """The fitted law's flags."""
+    return np.asarray(_restitution(source.law, velocity, None)[1])

@@ -11,19 +11,20 @@ from calibration.report import symbols
 MOST_NUMBERS = 12  # with more parameters the numbers in the cells would overlap
 
 
-def plot_correlations(correlations, names, ax: Axes | None = None) -> Axes:
+def plot_correlations(correlations, names, ax: Axes | None = None, model: Any = None) -> Axes:
     """The matrix of correlations as colours, and as numbers while there is room.
 
     Args:
         correlations: (p, p), from -1 to 1; NaN where undefined.
         names: the p parameters.
         ax: where to draw; a new figure's where None.
+        model: of the law that they are parameters of, which knows their symbols.
     """
     matrix = np.asarray(correlations, float)
     ax = style.axes_or_new(ax)
     # red–blue stays readable with every common colour blindness
     image = ax.imshow(matrix, cmap="RdBu", vmin=-1, vmax=1)
-    labels = [symbols.math(name, unit=False) for name in names]
+    labels = [symbols.math(name, model, unit=False) for name in names]
     turned: dict[str, Any] = {"rotation": 90} if max(map(len, names)) > 12 else {}
     ax.set_xticks(range(len(names)), labels, **turned)
     ax.set_yticks(range(len(names)), labels)

@@ -7,18 +7,14 @@ import numpy as np
 from matplotlib.axes import Axes
 
 import softjax as sj
-from calibration.empirical import effective_uncertainty, eq_17, reference_losses
+from calibration.fitting.assembly import label_of_law
+from calibration.fitting.curves import as_empirical, curve_and_slopes
 from calibration.plots import style
 from calibration.plots.lines import Line, band_of
 
 FINE = 240  # points of a curve
 EQ_17 = "Eq. (17)"
-LABELS = {
-    "two-step": "this model, fitted",
-    "model": "this model, fitted",
-    "empirical": "Eq. (17), fitted",
-    "constant": "constant, fitted",
-}
+ZHOU = "this model, fitted"
 ORDER = ("data", "this model, fitted", EQ_17)  # in a legend
 INVISIBLE = 1e-6  # width of a band that nobody sees: data without scatter
 FLAGGED = ~(int(sj.Status.ELASTIC) | int(sj.Status.PLAIN))
@@ -107,23 +103,18 @@ def _beside(ax: Axes, line: Line, velocity, scale) -> None:
 def _fitted(ax: Axes, result, fit, velocity, scale) -> None:
     band = band_of(result, fit.name, velocity)
     x = velocity / scale
-    if fit.plan in ("two-step", "model") and fit.rms_empirical is not None:
-        empirical = _eq_17(result, fit, velocity)
+    if fit.empirical is not None and fit.model.key != "eq-17":
+        empirical = curve_and_slopes(as_empirical(fit), velocity)[0]
         ax.plot(x, empirical, color=style.ORANGE, linestyle="--", label=EQ_17, zorder=4)
-    ax.plot(x, band.coefficient, color=style.BLUE, label=LABELS[fit.plan], linewidth=1.8)
-    if np.max(band.high - band.low) < INVISIBLE:
+    label = ZHOU if fit.model.key == "zhou" else f"{label_of_law(fit.model)}, fitted"
+    ax.plot(x, band.coefficient, color=style.BLUE, label=label, linewidth=1.8)
+    if not np.nanmax(band.high - band.low, initial=0.0) > INVISIBLE:
         return
-    share = f"{100 * result.confidence:g} % band"
-    ax.fill_between(x, band.low, band.high, color=style.BLUE, alpha=0.25, linewidth=0, label=share)
-
-
-def _eq_17(result, fit, velocity) -> np.ndarray:
-    """Eq. (17) fitted to all points; under `model` σ and ψ mean something else."""
-    if fit.plan == "two-step":
-        sigma, psi = fit.columns["sigma"], fit.columns["psi"]
-        return eq_17(velocity, fit.columns["limit_velocity"], sigma, psi)
-    losses = reference_losses(fit.data, effective_uncertainty(fit.data))
-    return eq_17(velocity, float(fit.data.limit_velocity), *losses)
+    share = f"{100 * result.confidence:g} %"
+    wide = result.band(velocity, fit.name, kind="prediction")
+    look: dict[str, Any] = {"color": style.BLUE, "linewidth": 0}
+    ax.fill_between(x, wide.low, wide.high, alpha=0.1, label=f"{share}, one more measurement", **look)
+    ax.fill_between(x, band.low, band.high, alpha=0.3, label=f"{share}, of the mean", **look)
 
 
 def _data(ax: Axes, fit, scale) -> None:

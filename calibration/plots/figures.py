@@ -60,7 +60,7 @@ def profiles_figure(result: Any) -> Figure | None:
     figure = style.new_figure(max(3.4 * columns, 5.5), 2.8 * rows + 2 * LEGEND_ROW)
     grid = figure.subplots(rows, columns, squeeze=False)
     for ax, (label, profile) in zip(grid.flat, result.profiles.items(), strict=False):
-        plot_profile(profile, _estimate(result, label), ax)
+        plot_profile(profile, _estimate(result, label), ax, _model(result, label))
     _remove_empty(grid)
     style.legend_below(figure, list(figure.axes), columns=4 if columns > 2 else 2)
     return figure
@@ -68,14 +68,16 @@ def profiles_figure(result: Any) -> Figure | None:
 
 def correlation_figure(result: Any) -> Figure | None:
     """The correlations of the fitted parameters; None where fewer than two are fitted."""
+    whole = {tree.name for fit in result.materials for tree in fit.trees}
     names = result.covariance_names
-    if len(names) < 2:
+    order = [i for i in _by_material(result, names) if names[i].partition("[")[0] not in whole]
+    if len(order) < 2:
         return None
-    order = _by_material(result, names)
     matrix = result.correlations[np.ix_(order, order)]
-    size = 3.0 + 0.45 * len(names)
+    size = 3.0 + 0.45 * len(order)
     figure = style.new_figure(size + 0.8, size)
-    plot_correlations(matrix, [names[i] for i in order], figure.add_subplot())
+    names = tuple(names[i] for i in order)
+    plot_correlations(matrix, names, figure.add_subplot(), _model(result, names[0]))
     return figure
 
 
@@ -108,8 +110,10 @@ def _remove_empty(grid: Any) -> None:
 
 def _estimate(result: Any, label: str) -> Any:
     """The `Estimate` of a label such as "sigma[nylon]"."""
-    name, _, owner = label.partition("[")
-    for fit in result.materials:
-        if owner.rstrip("]") in ("", fit.name) and name in fit.parameters:
-            return fit.parameters[name]
-    return None
+    return result.estimates.get(label)
+
+
+def _model(result: Any, label: str) -> Any:
+    """What is known of the law that a label belongs to."""
+    owners = [fit for fit in result.materials if label in fit.labels.values()]
+    return (owners or result.materials)[0].model

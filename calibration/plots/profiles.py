@@ -9,13 +9,14 @@ from calibration.plots import style
 from calibration.report import symbols
 
 
-def plot_profile(profile, estimate=None, ax: Axes | None = None) -> Axes:
+def plot_profile(profile, estimate=None, ax: Axes | None = None, model: Any = None) -> Axes:
     """Δχ² over one parameter, the interval's threshold, and where the profile crosses it.
 
     Args:
         profile: a `Profile` of a fit.
         estimate: the parameter's `Estimate`; its standard error's parabola is drawn beside.
         ax: where to draw; a new figure's where None.
+        model: of the law that it is a parameter of, which knows its symbol.
     """
     ax = style.axes_or_new(ax)
     values, rise = _finite(profile)
@@ -27,7 +28,7 @@ def plot_profile(profile, estimate=None, ax: Axes | None = None) -> Axes:
     look: dict[str, Any] = {"color": style.VERMILION, "linestyle": "--", "linewidth": 1}
     ax.axhline(profile.threshold, label="threshold of the interval", **look)
     _ends(ax, profile)
-    ax.set(xlabel=symbols.math(profile.parameter), ylabel=r"$\Delta\chi^2$", ylim=(0, top))
+    ax.set(xlabel=symbols.math(profile.parameter, model), ylabel=r"$\Delta\chi^2$", ylim=(0, top))
     return ax
 
 

@@ -1,11 +1,13 @@
 """`report.md`: what was fitted to what, how well it is known, and what to doubt."""
 
+import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from calibration.fitting.assembly import label_of_law
 from calibration.report import rows
-from calibration.report.rounding import ABSENT, number
 from calibration.report.tables import markdown
+from calibration.rounding import ABSENT, number
 
 METHODS = {
     "sandwich": (
@@ -18,15 +20,9 @@ METHODS = {
 }
 OBJECTIVES = {
     "two-step": (
-        "σ and ψ from Eq. (17) against all points, then χ̃ from the collision model with them "
-        "held (`two-step`)"
+        "σ and ψ from Eq. (17) against all points, then χ̃ from the law with them held (`two-step`)"
     ),
-    "model": (
-        "all parameters at once: Eq. (17) below the critical velocity, the collision model above "
-        "(`model`)"
-    ),
-    "empirical": "Eq. (17) alone (`empirical`)",
-    "constant": "one constant restitution (`constant`)",
+    "model": "the law against all points, all parameters at once (`model`)",
 }
 
 
@@ -78,8 +74,18 @@ def _what(result: Any) -> list[str]:
     for fit in result.materials:
         low, high = min(fit.data.velocity), max(fit.data.velocity)
         text = f"- **{fit.name}**: {fit.n} impacts at {low:.4g} to {high:.4g} m/s, "
-        lines.append(text + _uncertainty(fit.data) + f"; {OBJECTIVES[fit.plan]}.")
+        law = f"; {label_of_law(fit.model)}: {OBJECTIVES[fit.objective]}."
+        lines.append(text + _uncertainty(fit.data) + law)
+        if not (fit.known_from == 0 and fit.known_to == math.inf):
+            lines.append(f"  Nothing is known of the curve {_unknown(fit)}.")
     return lines + [f"- {note}" for note in rows.notes(result)]
+
+
+def _unknown(fit: Any) -> str:
+    """Where no points tell of the curve."""
+    if fit.known_from > 0:
+        return f"below the critical velocity, {fit.known_from:.4g} m/s: no points are there"
+    return f"above the critical velocity, {fit.known_to:.4g} m/s: no points are there"
 
 
 def _uncertainty(data: Any) -> str:

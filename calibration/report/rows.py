@@ -3,8 +3,9 @@
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
+from calibration.fitting.assembly import label_of_law
 from calibration.report import symbols
-from calibration.report.rounding import ABSENT, interval, number, with_error
+from calibration.rounding import ABSENT, interval, number, with_error
 
 Printed = Mapping[str, Mapping[str, float]]  # {material: {parameter: printed value}}
 
@@ -38,14 +39,17 @@ def parameter_table(result: Any, printed: Printed | None = None, methods: bool =
         estimates = {**fit.parameters, **fit.derived, **_computed(fit, own)}
         for name, estimate in estimates.items():
             first = fit.name if name == next(iter(estimates)) else ""
-            row = [first, symbols.text(name), estimate_text(estimate)]
+            row = [first, symbols.text(name, fit.model), estimate_text(estimate)]
             row.append(interval_text(estimate, methods))
             if printed is not None:
                 row.append(printed_text(own.get(name)))
             if result.beside is not None:
-                label = name if len(result.materials) == 1 else f"{name}[{fit.name}]"
+                label = fit.labels.get(name, name)
                 row.append(difference_text(result, label, estimate))
             table.rows.append(row)
+        for tree in fit.trees:
+            told = f"{tree.count} numbers, told by the band of the curve"
+            table.rows.append(["", tree.name, told, *[""] * (len(header) - 3)])
     return table
 
 
@@ -70,16 +74,19 @@ class Computed(NamedTuple):
 def quality_table(result: Any) -> Table:
     """How closely each curve follows its data."""
     line = result.unloading_line
-    header = ["material", "objective", "points", "rms", "rms of Eq. (17)"]
+    with_17 = any(fit.rms_empirical is not None for fit in result.materials)
+    header = ["material", "law", "objective", "points", "rms"]
+    header += ["rms of Eq. (17)"] * with_17
     header += ["rms on Eq. (18)"] * (line is not None) + ["reduced χ²", "converged"]
     rows = []
     for fit in result.materials:
-        row = [fit.name, fit.plan, str(fit.n), number(fit.rms), number(fit.rms_empirical, 3)]
+        row = [fit.name, label_of_law(fit.model), fit.objective, str(fit.n), number(fit.rms)]
+        row += [number(fit.rms_empirical, 3)] * with_17
         if line is not None:
             row.append(number(line.rms.get(fit.name)))
         row += [number(fit.reduced_chi_squared, 3), "yes" if fit.converged else "NO"]
         rows.append(row)
-    return Table(header, rows, right=tuple(range(2, len(header) - 1)))
+    return Table(header, rows, right=tuple(range(3, len(header) - 1)))
 
 
 def optimiser_table(result: Any) -> Table:
@@ -149,7 +156,7 @@ def difference_text(result: Any, label: str, estimate: Any) -> str:
 
 def settings_line(settings: Mapping[str, Any]) -> str:
     """The settings of a fit in one line."""
-    known = ("objective", "optimiser", "route", "loss", "form", "kappa", "starts", "seed")
+    known = ("law", "objective", "optimiser", "route", "loss", "form", "kappa", "starts", "seed")
     return ", ".join(f"{name} {settings[name]}" for name in known if settings.get(name) is not None)
 
 

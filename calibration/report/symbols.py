@@ -1,6 +1,8 @@
 """How parameters are written: in text, and in pictures; their units."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+from calibration.fitting.law_model import CONTACT_LEAVES, OF_CONTACT
 
 
 class Symbol(NamedTuple):
@@ -9,35 +11,47 @@ class Symbol(NamedTuple):
     unit: str = ""
 
 
-SYMBOLS = {
-    "chi": Symbol("χ̃", r"$\tilde\chi$"),
-    "sigma": Symbol("σ", r"$\sigma$"),
-    "psi": Symbol("ψ", r"$\psi$"),
-    "eps_up": Symbol("ε_up", r"$\varepsilon_\mathrm{up}$"),
-    "c1": Symbol("c1", "$c_1$"),
-    "c2": Symbol("c2", "$c_2$"),
-    "yield_strength": Symbol("Y", "$Y$", "Pa"),
-    "youngs_modulus": Symbol("E", "$E$", "Pa"),
-    "yield_ratio": Symbol("E/Y", "$E/Y$"),
-    "limit_velocity": Symbol("v_lim", r"$v_\mathrm{lim}$", "m/s"),
-    "critical_velocity": Symbol("v_cr", r"$v_\mathrm{cr}$", "m/s"),
-    "restitution": Symbol("ε", r"$\varepsilon$"),
+MATH = {
+    "χ̃": r"$\tilde\chi$",
+    "σ": r"$\sigma$",
+    "ψ": r"$\psi$",
+    "ε": r"$\varepsilon$",
+    "ε_up": r"$\varepsilon_\mathrm{up}$",
+    "v_lim": r"$v_\mathrm{lim}$",
+    "v_cr": r"$v_\mathrm{cr}$",
+    "p_y/Y": r"$p_y/Y$",
+    "k1": "$k_1$",
+    "k20": "$k_{20}$",
+    "c1": "$c_1$",
+    "c2": "$c_2$",
 }
+DERIVED = {"critical_velocity": ("v_cr", "m/s"), "eps_up": ("ε_up", ""), "yield_ratio": ("E/Y", "")}
+DERIVED |= {"chi": ("χ̃", ""), "sigma": ("σ", ""), "psi": ("ψ", "")}
 
 
-def text(label: str) -> str:
-    """`χ̃` for chi, `χ̃[nylon]` for chi[nylon], with the unit where there is one."""
-    symbol, owner = _split(label)
-    return symbol.text + owner + (f" [{symbol.unit}]" if symbol.unit else "")
+def symbol(name: str, model: Any = None) -> Symbol:
+    """How a parameter of a law is written: as the law's field of that name declares."""
+    leaf = name.removeprefix(OF_CONTACT)
+    declared = None if model is None else model.parameters.get(name)
+    if declared is None and leaf in CONTACT_LEAVES:
+        declared = CONTACT_LEAVES[leaf]
+    if declared is not None and declared.symbol:
+        letter, unit = declared.symbol, declared.unit
+    else:
+        letter, unit = DERIVED.get(name, (name, ""))
+    plain = f"${letter}$" if len(letter) == 1 and letter.isascii() else letter.replace("_", " ")
+    return Symbol(letter, MATH.get(letter, plain), "" if unit == "-" else unit)
 
 
-def math(label: str, unit: bool = True) -> str:
-    """The same for matplotlib, the data set's name behind a comma."""
-    symbol, owner = _split(label)
-    name = f"{symbol.math}, {owner[1:-1]}" if owner else symbol.math
-    return name + (f" [{symbol.unit}]" if unit and symbol.unit else "")
+def text(name: str, model: Any = None) -> str:
+    """`χ̃` for chi, with the unit where there is one: `A [s]`."""
+    one = symbol(name, model)
+    return one.text + (f" [{one.unit}]" if one.unit else "")
 
 
-def _split(label: str) -> tuple[Symbol, str]:
-    name, bracket, owner = label.partition("[")
-    return SYMBOLS.get(name, Symbol(name, name.replace("_", " "))), bracket + owner
+def math(label: str, model: Any = None, unit: bool = True) -> str:
+    """The same for matplotlib; of `chi[nylon]` the data set's name behind a comma."""
+    name, _, owner = label.partition("[")
+    one = symbol(name, model)
+    name = f"{one.math}, {owner[:-1]}" if owner else one.math
+    return name + (f" [{one.unit}]" if unit and one.unit else "")

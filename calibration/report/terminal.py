@@ -5,8 +5,8 @@ from collections.abc import Iterable
 from typing import Any
 
 from calibration.report import rows
-from calibration.report.rounding import number
 from calibration.report.tables import aligned
+from calibration.rounding import number
 
 WIDTH = 100
 

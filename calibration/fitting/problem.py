@@ -1,0 +1,253 @@
+"""One least-squares problem: weighted residuals of some laws, and their exact Jacobian.
+
+Several fits of one problem stand side by side along a leading axis: starts, refits without a point,
+simulated data sets. Each has its own z, and may have its own restitutions and weights (`Lanes`).
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+import softjax as sj
+from calibration.data import RestitutionData
+from calibration.fitting.collisions import Route, expand
+from calibration.fitting.losses import transformed
+from calibration.fitting.root import extended_root, root_slope
+from calibration.fitting.rows import Laws
+from calibration.fitting.transform import Transform
+from calibration.parameters import Parameter
+from softjax.fields import Declared
+
+Z = Float[np.ndarray, "fits elements"]
+AT_ONCE = 2_000_000  # impacts that are computed at once: what bounds the memory
+
+
+@dataclass(frozen=True)
+class Element:
+    """One number that a fit searches.
+
+    Attributes:
+        label: what results call it: "chi", or "chi[name]" where there are several data sets.
+        name: the parameter it is, or is an entry of.
+        sets: the data sets that it belongs to.
+        parameter, declared: what was said of it, and what its law says.
+        start: in physical units.
+        range: (lowest, highest).
+    """
+
+    label: str
+    name: str
+    sets: tuple[int, ...]
+    parameter: Parameter
+    declared: Declared
+    start: float
+    range: tuple[float, float]
+
+
+class Points(NamedTuple):
+    """All points of a problem in a row, each (points,)."""
+
+    velocity: Float[np.ndarray, "points"]
+    restitution: Float[np.ndarray, "points"]
+    weight: Float[np.ndarray, "points"]  # 1/uncertainty, or what stands for it
+    set: Int[np.ndarray, "points"]
+
+
+class Lanes(NamedTuple):
+    """What differs between fits side by side; None: nothing."""
+
+    restitution: Float[np.ndarray, "fits points"] | None = None
+    weight: Float[np.ndarray, "fits points"] | None = None
+
+    def some(self, which) -> "Lanes":
+        return Lanes(*(None if a is None else a[which] for a in self))
+
+
+class Linear(NamedTuple):
+    """Residuals around z.
+
+    Attributes:
+        residual: weighted, through the loss, then those of the priors, (fits, m).
+        jacobian: along the active elements, (fits, m, p).
+        prediction: ε at each point, (fits, points).
+        status: `softjax.Status` there.
+    """
+
+    residual: Float[np.ndarray, "fits m"]
+    jacobian: Float[np.ndarray, "fits m p"]
+    prediction: Float[np.ndarray, "fits points"]
+    status: Int[np.ndarray, "fits points"]
+
+
+@dataclass
+class Counter:
+    """How many sets of residuals with their Jacobian were asked for."""
+
+    evaluations: int = 0
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Residuals of one stage as functions of its active elements.
+
+    Attributes:
+        datasets: the measurements.
+        elements: of all stages; `z` has one number for each.
+        transform: of all elements.
+        laws: parameters -> laws of all points.
+        points: what is measured.
+        active: which elements are searched.
+        loss, scale: see `losses`; the scale at each point.
+        elastic: points that are held below yield, (points,), while a search moves what yield
+            depends on; None: no law asks for it.
+        reweighed: whether the weights depend on where the fit is.
+        joint: whether data sets without stated uncertainties are weighed against each other.
+    """
+
+    datasets: tuple[RestitutionData, ...]
+    elements: tuple[Element, ...]
+    transform: Transform
+    laws: Laws
+    points: Points
+    active: Int[np.ndarray, "p"]
+    route: Route = None
+    loss: str = "squared"
+    scale: np.ndarray | None = None
+    elastic: Bool[np.ndarray, "points"] | None = None
+    reweighed: bool = False
+    joint: bool = True
+    counter: Counter = field(default_factory=Counter, compare=False)
+
+    @property
+    def with_prior(self) -> list[int]:
+        """Active elements with a prior."""
+        return [k for k in self.active if self.elements[k].parameter.prior is not None]
+
+    @property
+    def count(self) -> int:
+        return len(self.points.velocity)
+
+    def linearise(self, z: Z, lanes: Lanes | None = None) -> Linear:
+        """Residuals and Jacobian of each fit."""
+        most = max(1, AT_ONCE // max(self.count, 1))
+        if len(z) > most:
+            return self._in_parts(z, lanes or Lanes(), most)
+        self.counter.evaluations += len(z)
+        lanes = lanes or Lanes()
+        theta, per_z = self.transform.physical(z), self.transform.slope(z)
+        prediction, slopes, status = self._predicted(theta, per_z)
+        measured = self.points.restitution if lanes.restitution is None else lanes.restitution
+        weight = self.points.weight if lanes.weight is None else lanes.weight
+        weight = np.broadcast_to(weight, prediction.shape)
+        residual, per_raw = transformed((prediction - measured) * weight, self.scale, self.loss)
+        slopes *= (weight * per_raw)[:, :, None]
+        priors, their_slopes = self._priors(theta, per_z)
+        if not priors.shape[1]:
+            return Linear(residual, slopes, prediction, status)
+        return Linear(
+            np.concatenate([residual, priors], axis=1),
+            np.concatenate([slopes, their_slopes], axis=1),
+            prediction,
+            status,
+        )
+
+    def predict(self, z: Z) -> Float[np.ndarray, "fits points"]:
+        """ε at each point."""
+        return self._predicted(self.transform.physical(z), self.transform.slope(z))[0]
+
+    def raw_residuals(self, z: Z, lanes: Lanes | None = None) -> Float[np.ndarray, "fits points"]:
+        """Weighted residuals before the loss."""
+        own = None if lanes is None else lanes.restitution
+        measured = self.points.restitution if own is None else own
+        return (self.predict(z) - measured) * self.points.weight
+
+    def elastic_at(self, z) -> Bool[np.ndarray, "points"] | None:
+        """Which points are below yield at z, where the law asks to be held; else None."""
+        if self.elastic is None:
+            return None
+        theta = self.transform.physical(np.asarray(z))
+        rows = self.laws.rows
+        limits = [_yields_at(rows.law(theta, row)) for row in range(rows.count)]
+        return self.points.velocity <= np.array(limits)[rows.row]
+
+    def held(self, elastic) -> "Problem":
+        """The same with these points held below yield."""
+        return self if self.elastic is None else replace(self, elastic=elastic)
+
+    def weighed(self, weight: Float[np.ndarray, "points"]) -> "Problem":
+        """The same with other weights."""
+        return replace(self, points=self.points._replace(weight=weight))
+
+    def at_velocity(self, velocity: Float[np.ndarray, "points"]) -> "Problem":
+        """The same impacts at other velocities."""
+        return replace(self, points=self.points._replace(velocity=velocity), counter=Counter())
+
+    def by(self, route: Route) -> "Problem":
+        """The same through another route, with a count of its own."""
+        return replace(self, route=route, counter=Counter())
+
+    def _in_parts(self, z, lanes: Lanes, most: int) -> Linear:
+        starts = range(0, len(z), most)
+        parts = [self.linearise(z[k : k + most], lanes.some(slice(k, k + most))) for k in starts]
+        return Linear(*(np.concatenate(every) for every in zip(*parts, strict=True)))
+
+    def _predicted(self, theta, per_z):
+        """ε of each fit and point, its slopes in the active elements of z, and the status."""
+        fits = len(theta)
+        rows, leaves = self.laws.rows, self.laws.leaves(theta)
+        flat = []
+        for k, leaf in enumerate(leaves.values):
+            fixed = self.laws.shape.whole[k] and k not in self.laws.moving
+            at_points = leaf[:, rows.row]
+            whole = leaf[0, 0] if fixed else at_points.reshape(-1, *leaf.shape[2:])
+            flat.append(np.asarray(whole, float))
+        velocity = np.tile(self.points.velocity, fits)
+        elastic = None if self.elastic is None else np.tile(self.elastic, fits)
+        found = expand(
+            self.laws.shape, flat, velocity, self.laws.moving, self.route, elastic
+        )
+        squared, slopes, status = (a.reshape(*a.shape[:-1], fits, self.count) for a in found)
+        local = self._local_slopes(slopes * root_slope(squared), leaves.slopes)
+        prediction = extended_root(squared)
+        return prediction, self._by_element(local, per_z), status
+
+    def _local_slopes(self, slopes, of_leaves) -> Float[np.ndarray, "free fits points"]:
+        """dε/d(local parameter), from the slopes in the leaves."""
+        if of_leaves is None:
+            return slopes
+        at_points = of_leaves[:, self.laws.rows.row]
+        return np.einsum("afn,fnaq->qfn", slopes, at_points)
+
+    def _by_element(self, local, per_z) -> Float[np.ndarray, "fits points p"]:
+        """dε/dz along the active elements."""
+        rows = self.laws.rows
+        fits, count = per_z.shape[0], self.count
+        place = np.full(len(self.elements) + 1, -1)
+        place[self.active] = np.arange(len(self.active))
+        jacobian = np.zeros((fits, count, len(self.active)))
+        for k, slope in zip(self.laws.free, local, strict=True):
+            element = rows.element[k][rows.row]
+            at = place[element]
+            for one in np.unique(element[at >= 0]):
+                points = slice(None) if np.all(element == one) else element == one
+                jacobian[:, points, place[one]] += slope[:, points] * per_z[:, one, None]
+        return jacobian
+
+    def _priors(self, theta, per_z):
+        """(θ - mean)/sd of the active elements with a prior, and their slopes."""
+        elements = self.with_prior
+        value = np.zeros((len(theta), len(elements)))
+        slope = np.zeros((len(theta), len(elements), len(self.active)))
+        for row, k in enumerate(elements):
+            mean, deviation = self.elements[k].parameter.prior  # type: ignore[misc]
+            value[:, row] = (theta[:, k] - mean) / deviation
+            column = int(np.flatnonzero(self.active == k)[0])
+            slope[:, row, column] = per_z[:, k] / deviation
+        return value, slope
+
+
+def _yields_at(law: sj.ContactLaw) -> float:
+    return float(np.asarray(law.elastic_velocity()))  # type: ignore[attr-defined]
+

@@ -1,0 +1,270 @@
+"""What a fit found, how well it is known, and what to doubt about it."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from calibration.atomic import replacing
+from calibration.errors import DataError
+from calibration.fitting.bands import band
+from calibration.fitting.component_fit import ComponentFit
+from calibration.fitting.curves import as_empirical
+from calibration.fitting.doubt import Doubt, extrapolation
+from calibration.fitting.estimate import Band, Estimate, Line
+from calibration.fitting.likelihood import Likelihood
+from calibration.fitting.material import MaterialFit
+from calibration.fitting.profiles import Profile
+from calibration.fitting.refits import Bootstrap, LeaveOneOut, bootstrap, leave_one_out
+from calibration.fitting.request import Request
+from calibration.fitting.result_json import dumps, read_result, result_to_dict
+from calibration.fitting.result_text import fit_text
+from calibration.fitting.stages import Stage
+from calibration.fitting.uncertainty import quantile
+from calibration.fitting.zhou import LINE
+
+KINDS = ("mean", "prediction")
+
+
+@dataclass(frozen=True, eq=False)
+class FitResult:
+    """A fit; prints itself as a table. See `MaterialFit` for one data set of it.
+
+    Attributes:
+        request: what was asked for.
+        materials: one `MaterialFit` a data set.
+        unloading_line: Eq. (18) through several materials of Zhou's law, or None.
+        covariance_names, covariance: of the free parameters, in physical units.
+        of_predictions: the covariance with 0 along what is undetermined: of what follows from the
+            parameters together.
+        rank, condition_number: of the weighted Jacobian with columns scaled to one.
+        likelihood: None where what was minimised is none, or the data have no noise.
+        warnings: all doubts.
+        optimiser_report: what each stage took.
+        beside: the same fit by Levenberg–Marquardt through the energy balance, if asked for.
+        profiles: by parameter label.
+        degrees: degrees of freedom of each data set's noise, None where it was stated.
+        settings, versions, times: how, with what, how long [s].
+        fits: the searches themselves; None in a result that was loaded.
+    """
+
+    request: Request
+    materials: tuple[MaterialFit, ...]
+    unloading_line: Line | None
+    covariance_names: tuple[str, ...]
+    covariance: np.ndarray
+    of_predictions: np.ndarray
+    rank: int
+    condition_number: float | None
+    likelihood: Likelihood | None
+    warnings: tuple[Doubt, ...]
+    optimiser_report: tuple[Stage, ...]
+    beside: dict[str, Any] | None
+    profiles: dict[str, Profile]
+    degrees: tuple[float | None, ...]
+    settings: dict[str, Any]
+    versions: dict[str, str]
+    times: dict[str, float] = field(default_factory=dict)
+    fits: tuple[ComponentFit, ...] | None = field(default=None, repr=False)
+
+    @property
+    def confidence(self) -> float:
+        """Of all intervals."""
+        return self.request.confidence
+
+    @property
+    def values(self) -> dict[str, float | None]:
+        """Values by name, "chi" or "chi[name]"; the numbers of whole parameters too."""
+        table = {label: e.value for label, e in self.estimates.items()}
+        for material in self.materials:
+            for name, label in material.labels.items():
+                if "[" in name:
+                    table[label] = float(material.values[name])
+        return table
+
+    @property
+    def standard_errors(self) -> dict[str, float | None]:
+        return {label: e.standard_error for label, e in self.estimates.items()}
+
+    @property
+    def intervals(self) -> dict[str, tuple[float | None, float | None]]:
+        """Confidence limits; None is an open end."""
+        return {label: (e.low, e.high) for label, e in self.estimates.items()}
+
+    @property
+    def estimates(self) -> dict[str, Estimate]:
+        """All parameters, then the derived numbers that are not parameters."""
+        table: dict[str, Estimate] = {}
+        for material in self.materials:
+            for name, estimate in {**material.derived, **material.parameters}.items():
+                table[self._label(name, material)] = estimate
+        return table
+
+    def _label(self, name: str, material: MaterialFit) -> str:
+        if name in material.labels:
+            return material.labels[name]
+        alone = len(self.materials) == 1 or name in LINE
+        return name if alone else f"{name}[{material.name}]"
+
+    @property
+    def converged(self) -> bool:
+        line = self.unloading_line is None or self.unloading_line.converged
+        return line and all(material.converged for material in self.materials)
+
+    @property
+    def log_likelihood(self) -> float | None:
+        """ln L; None under `two-step`, with robust losses, and for data without noise."""
+        return None if self.likelihood is None else self.likelihood.log
+
+    @property
+    def aic(self) -> float | None:
+        """Akaike's criterion, 2k - 2 ln L."""
+        return None if self.likelihood is None else self.likelihood.aic
+
+    @property
+    def bic(self) -> float | None:
+        """Schwarz's criterion, k ln n - 2 ln L."""
+        return None if self.likelihood is None else self.likelihood.bic
+
+    @property
+    def rms(self):
+        """Root mean square of curve minus data; for several data sets by name."""
+        return self._each(lambda material: material.rms)
+
+    @property
+    def rms_empirical(self):
+        """The same of Eq. (17); None for other laws than Zhou's."""
+        return self._each(lambda material: material.rms_empirical)
+
+    @property
+    def law(self):
+        """The fitted law; for several data sets by name."""
+        return self._each(lambda material: material.law)
+
+    @property
+    def data(self):
+        return self._each(lambda material: material.data)
+
+    def _each(self, of):
+        if len(self.materials) == 1:
+            return of(self.materials[0])
+        return {material.name: of(material) for material in self.materials}
+
+    @property
+    def correlations(self) -> np.ndarray:
+        """Of the free parameters; NaN where undetermined."""
+        size = np.sqrt(np.diag(self.covariance))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return self.covariance / np.outer(size, size)
+
+    def material(self, name: str | None = None) -> MaterialFit:
+        """The fit of one data set; the name may be left out where there is one.
+
+        Raises:
+            ValueError: naming the accepted names.
+        """
+        if name is None and len(self.materials) == 1:
+            return self.materials[0]
+        for material in self.materials:
+            if material.name == name:
+                return material
+        names = ", ".join(repr(material.name) for material in self.materials)
+        raise DataError("name", repr(name), f"one of {names}")
+
+    def known(self, velocity, name: str | None = None) -> np.ndarray:
+        """Whether the fit knows anything of ε at these velocities [m/s].
+
+        Zhou's law by `model`, without points below the critical velocity, knows nothing below it;
+        without points above, nothing above.
+        """
+        return self.material(name).known(velocity)
+
+    def band(
+        self,
+        velocity,
+        name: str | None = None,
+        confidence: float | None = None,
+        *,
+        kind: str = "mean",
+    ) -> Band:
+        """ε(v) of the fitted curve with a confidence band; NaN where `known` is False.
+
+        Args:
+            velocity: [m/s], any shape.
+            name: of the data set, where there are several.
+            confidence: that of the fit where left out.
+            kind: "mean", of the curve itself, or "prediction", of one more measurement.
+
+        Raises:
+            ValueError: naming the argument, its value and what is accepted.
+        """
+        if kind not in KINDS:
+            raise DataError("kind", kind, " or ".join(map(repr, KINDS)))
+        return self._band(self.material(name), velocity, confidence, kind)
+
+    def empirical_band(self, velocity, name=None, confidence: float | None = None) -> Band:
+        """The same for Eq. (17), under `two-step`."""
+        return self._band(as_empirical(self.material(name)), velocity, confidence, "mean")
+
+    def _band(self, material: MaterialFit, velocity, confidence, kind: str) -> Band:
+        g = [one.name for one in self.materials].index(material.name)
+        reach = quantile(confidence or self.confidence, self.degrees[g])
+        names, covariance = self.covariance_names, self.of_predictions
+        return band(material, velocity, names, covariance, reach, kind)
+
+    def extrapolation(self, velocity, name: str | None = None) -> Doubt | None:
+        """A doubt where velocities lie outside the data."""
+        return extrapolation(velocity, self.material(name).data)
+
+    def leave_one_out(self) -> LeaveOneOut:
+        """Each point predicted by the fit without it; see `LeaveOneOut`."""
+        with jax.enable_x64(True):
+            return leave_one_out(self._refitted())
+
+    def bootstrap(self, count: int = 1000, seed: int = 0) -> Bootstrap:
+        """Fits of data simulated with the fitted curve and noise; see `Bootstrap`."""
+        with jax.enable_x64(True):
+            return bootstrap(self._refitted(), count, seed, self.confidence)
+
+    def _refitted(self) -> list[ComponentFit]:
+        """The searches; a result that was loaded makes them again."""
+        return list(self.fits) if self.fits is not None else self.request.fitted()
+
+    def to_dict(self, times: bool = True) -> dict[str, Any]:
+        """What `fit.json` holds; without `times` equal for equal fits."""
+        return result_to_dict(self, times)
+
+    def to_json(self, times: bool = True) -> str:
+        return dumps(self.to_dict(times))
+
+    def save(self, path: str | Path) -> None:
+        """Write `fit.json`; it appears whole or not at all."""
+        with replacing(path) as staged:
+            staged.write_text(self.to_json(), encoding="utf-8")
+
+    @classmethod
+    def load(cls, path: str | Path, law: Any = None) -> "FitResult":
+        """The result that `save` wrote.
+
+        Args:
+            law: the class or function of a law of one's own: a file names it, and nothing is
+                imported or run because a file says so.
+
+        Raises:
+            ValueError: where the file is no result, or names a law that was not given.
+        """
+        return cls(**read_result(path, law))
+
+    def __eq__(self, other) -> bool:
+        if not isinstance(other, FitResult):
+            return NotImplemented
+        return self.to_dict() == other.to_dict()
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __str__(self) -> str:
+        return fit_text(self)
+
+    __repr__ = __str__

@@ -1,0 +1,157 @@
+"""One data set's part of a result: its parameters, what follows from them, how closely it fits."""
+
+from dataclasses import replace
+
+import numpy as np
+
+import softjax as sj
+from calibration.fitting.beside import (
+    disagreements,
+    eq_17_alone,
+    eq_17_of,
+    two_step_beside,
+)
+from calibration.fitting.component_fit import ComponentFit
+from calibration.fitting.derived import derived_of
+from calibration.fitting.doubt import Doubt
+from calibration.fitting.estimate import Estimate
+from calibration.fitting.material import MaterialFit
+from calibration.fitting.noise import is_stated
+from calibration.fitting.problem import Problem
+from calibration.fitting.specs import SetSpec
+from calibration.fitting.suspicions import material_doubts
+
+
+def summarise_material(
+    fit: ComponentFit,
+    g: int,
+    estimates: dict[int, Estimate],
+    confidence: float,
+    shared: list[Doubt],
+) -> MaterialFit:
+    """One data set's part of the result."""
+    place = fit.component.sets.index(g)
+    spec, problem = fit.component.specs[place], fit.final.problem
+    points = problem.points.set == place
+    found = problem.linearise(fit.z[None])
+    residual = (found.prediction[0][points]) - spec.data.restitution
+    deviation = fit.uncertainty.noise.deviation[0, points]
+    left = len(residual) - sum(g in e.sets for e in fit.component.elements)
+    reduced = None
+    if is_stated(spec.data) and left > 0:
+        reduced = float(np.sum((residual / deviation) ** 2) / left)
+    known_from, known_to = _known(fit, spec, g)
+    values, labels = _values(fit, spec, g)
+    part = MaterialFit(
+        data=spec.data,
+        objective=spec.objective,
+        model=spec.model,
+        parameters=_parameters(fit, spec, g, estimates, known_to),
+        derived=derived_of(fit, spec, g, confidence),
+        values=values,
+        labels=labels,
+        trees=spec.trees,
+        rms=float(np.sqrt(np.mean(residual**2))),
+        rms_empirical=None,
+        empirical=None,
+        reduced_chi_squared=reduced,
+        converged=fit.converged,
+        status=tuple(int(flag) for flag in found.status[0][points]),
+        known_from=known_from,
+        known_to=known_to,
+        noise=None if is_stated(spec.data) else float(np.mean(deviation)),
+    )
+    rms_empirical, empirical, apart = _eq_17(fit, spec, part, g)
+    part = replace(part, rms_empirical=rms_empirical, empirical=empirical)
+    own = [d for d in shared if d.material == spec.data.name] + apart
+    own += material_doubts(part, residual, left, deviation)
+    return replace(part, warnings=tuple(own))
+
+
+def _parameters(fit: ComponentFit, spec: SetSpec, g: int, estimates, known_to) -> dict[str, Estimate]:
+    """Those that were free, and those that were held; numbers of a whole parameter left out."""
+    found = {}
+    for local in spec.local:
+        if "[" in local.name:
+            continue
+        place = _element(fit, local.name, g)
+        if place is not None:
+            found[local.name] = estimates[place]
+        elif not _stands_in(local.name, spec):
+            acts = np.isinf(known_to) or local.name not in ("chi", "c1", "c2")
+            value = float(np.mean(np.asarray(local.start))) if acts else None
+            found[local.name] = Estimate(value, method="fixed")
+    return found
+
+
+def _stands_in(name: str, spec: SetSpec) -> bool:
+    """ψ where ε_up was fitted in its place: a guess that acts nowhere in the data."""
+    return name == "psi" and "eps_up" in spec.model.parameters
+
+
+def _element(fit: ComponentFit, name: str, g: int) -> int | None:
+    for k, e in enumerate(fit.component.elements):
+        if e.name == name and g in e.sets:
+            return k
+    return None
+
+
+def _values(fit: ComponentFit, spec: SetSpec, g: int):
+    """All that makes the law, and what the covariance calls what was free."""
+    values, labels = {}, {}
+    for local in spec.local:
+        place = _element(fit, local.name, g)
+        if place is None:
+            values[local.name] = local.start
+        else:
+            values[local.name] = float(fit.theta[place])
+            labels[local.name] = fit.component.elements[place].label
+    return values, labels
+
+
+def _known(fit: ComponentFit, spec: SetSpec, g: int) -> tuple[float, float]:
+    """Between which velocities the fit knows anything of the curve.
+
+    By `model` σ and ψ are known from points below yield alone, χ̃ from points above: else only where
+    they were given.
+    """
+    if spec.model.law_type is not sj.Zhou or spec.objective != "model":
+        return 0.0, np.inf
+    below = _below(fit.final.problem, fit, g)
+    free = {e.name for e in fit.component.elements if g in e.sets}
+    told = {e.name for e in fit.component.elements if e.parameter.prior is not None}
+    critical = _critical(fit, g)
+    needs_below = {"eps_up"} & set(spec.model.parameters) or ({"sigma", "psi"} & free) - told
+    above_is_open = "chi" in {local.name for local in spec.local if local.parameter.value is None}
+    knows_below = bool(np.any(below)) or not needs_below
+    chi_told = not np.all(below) or not ({"chi", "c1", "c2"} & free or above_is_open)
+    return (0.0 if knows_below else critical), (np.inf if chi_told else critical)
+
+
+def _below(problem: Problem, fit: ComponentFit, g: int) -> np.ndarray:
+    points = problem.points.set == fit.component.sets.index(g)
+    return problem.points.velocity[points] <= _critical(fit, g)
+
+
+def _critical(fit: ComponentFit, g: int) -> float:
+    problem = fit.final.problem
+    points = problem.points.set == fit.component.sets.index(g)
+    rows = problem.laws.rows
+    theta = problem.transform.physical(fit.z)
+    law = rows.law(theta, int(rows.row[np.flatnonzero(points)[0]]))
+    return float(np.asarray(law.elastic_velocity()))  # type: ignore[attr-defined]
+
+
+def _eq_17(fit: ComponentFit, spec: SetSpec, part: MaterialFit, g: int):
+    """Eq. (17) beside Zhou's law: its rms and coefficients, and doubts where objectives disagree."""
+    if spec.model.law_type is sj.EmpiricalRestitution:
+        return part.rms, part.values, []
+    if spec.model.law_type is not sj.Zhou:
+        return None, None, []
+    if spec.objective == "two-step":
+        return *eq_17_of(fit, g), []
+    two = two_step_beside(fit, spec)
+    if two is not None:
+        return *eq_17_of(two, 0), disagreements(two, part.parameters, part.derived)
+    alone = eq_17_alone(spec.data)
+    return (None, None, []) if alone is None else (*eq_17_of(alone, 0), [])
