@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.data import RestitutionData
+from calibration.data.measurements import RestitutionData
 from calibration.empirical import effective_uncertainty, guess_losses
 from calibration.objective import PADDING, Noise, Observations
 from calibration.parameters import (

@@ -6,6 +6,7 @@ import jax
 import numpy as np
 
 from calibration.assemble import LEAVES, Z_PADDING
+from calibration.data.checks import require
 from calibration.estimate import Band
 from calibration.impacts import Model
 from calibration.material_fit import MaterialFit
@@ -13,7 +14,6 @@ from calibration.objective import NO_REBOUND_BELOW, PADDING, Noise, Observations
 from calibration.parameters import COLUMNS, NONE, Layout, column
 from calibration.problem import Problem
 from calibration.result import FitResult
-from calibration.table import require
 from calibration.uncertainty import quantile
 
 ACTING = {

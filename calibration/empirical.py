@@ -1,15 +1,11 @@
-"""Eq. (17) by itself: its curve in NumPy, and what the uncertainty of velocities does to ε."""
+"""Eq. (17) by itself, and what the uncertainty of velocities does to ε."""
 
 import numpy as np
 
-from calibration.data import RestitutionData
+from calibration.data.measurements import RestitutionData
+from calibration.data.paper import eq_17
 
 ROUNDS = 4  # weights move the curve, and its slope the weights
-
-
-def eq_17(velocity, limit_velocity, sigma: float, psi: float) -> np.ndarray:
-    """ε_17 = exp{-σ [v/(v_lim - v)]^ψ} in double precision, whatever JAX is set to."""
-    return np.exp(-sigma * (velocity / (limit_velocity - velocity)) ** psi)
 
 
 def guess_losses(data: RestitutionData) -> tuple[float, float]:

@@ -9,7 +9,7 @@ import numpy as np
 
 import softjax as sj
 from calibration.assemble import Setup, assemble
-from calibration.data import RestitutionData
+from calibration.data.measurements import RestitutionData
 from calibration.impacts import Model
 from calibration.line import fit_line
 from calibration.parameters import COLUMNS

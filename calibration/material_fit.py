@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import softjax as sj
-from calibration.data import RestitutionData
+from calibration.data.measurements import RestitutionData
 from calibration.doubt import Doubt
 from calibration.estimate import Estimate
 from calibration.parameters import CONTACT_COLUMNS

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from calibration.data.toml_table import TomlTable
 from calibration.errors import DataError, Origin
 from calibration.parameters_spec import (
     ALL,
@@ -10,7 +11,6 @@ from calibration.parameters_spec import (
     SHARED_ONLY,
     ParameterSpec,
 )
-from calibration.toml_table import TomlTable
 
 KEYS = ("free", "value", "bounds", "prior", "transform", "shared")
 

@@ -10,7 +10,7 @@ import numpy as np
 
 import softjax as sj
 from calibration.atomic import replacing
-from calibration.data import RestitutionData
+from calibration.data.measurements import RestitutionData
 from calibration.doubt import Doubt
 from calibration.estimate import Estimate, Line
 from calibration.material_fit import MaterialFit

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from calibration.toml_table import TomlTable
+from calibration.data.toml_table import TomlTable
 
 CHOICES: dict[str, tuple[str, ...]] = {
     "objective": ("two-step", "model", "empirical", "constant"),

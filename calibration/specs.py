@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration.data import RestitutionData
+from calibration.data.measurements import RestitutionData
 from calibration.parameters import CONTACT_COLUMNS, LINE_COLUMNS
 from calibration.parameters_spec import ParameterSpec
 

@@ -5,11 +5,11 @@ from decimal import Decimal
 
 import numpy as np
 import pytest
+from calibration.table import parse_header
 
 import softjax as sj
-from calibration.data import RestitutionData
+from calibration.data.measurements import RestitutionData
 from calibration.errors import DataError, InputError, Origin
-from calibration.table import parse_header
 
 PAIR = sj.Contact.between_spheres(sj.STAINLESS_STEEL, sj.STAINLESS_STEEL, 0.0127, 0.0127)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from calibration.errors import InputError
-from calibration.toml_file import read_problem, read_toml
+from calibration.problem_file import read_problem, read_toml
 from tests.malformed_csv import CSV_CASES, Case
 from tests.malformed_toml import PARAMETERS, TOML_CASES
 

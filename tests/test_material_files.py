@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
 from calibration.csv_file import read_csv
+
 from calibration.errors import InputError
 from calibration.parameters_spec import ParameterSpec
-from calibration.toml_file import read_problem, read_toml
+from calibration.problem_file import read_problem, read_toml
 
 STEEL = """\
 youngs_modulus = 1.93e11     # Pa

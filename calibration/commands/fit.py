@@ -100,10 +100,10 @@ def _job(arguments: argparse.Namespace) -> Job:
     if "route" in given:
         given["route"] = given["route"].replace("-", " ")
     if arguments.file is None:
-        from calibration.embedded import paper_materials
+        from calibration.data.paper import paper_materials
 
         return Job(paper_materials(), settings=given, beside=True, given=given)
-    from calibration.toml_file import read_problem
+    from calibration.problem_file import read_problem
 
     problem = read_problem(arguments.file)
     settings = {**problem.settings, **given}

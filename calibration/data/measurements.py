@@ -1,24 +1,28 @@
 """Measured restitutions of one pair of bodies, checked once when they are taken in."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from jaxtyping import Int
 
 import softjax as sj
-from calibration.errors import DataError, InputError, Origin
-from calibration.repeats import average
-from calibration.table import (
+from calibration.data.above_one import check_above_one
+from calibration.data.checks import (
     Column,
-    allowance,
+    as_labels,
     as_number,
     as_numbers,
     check_lengths,
-    points_of,
+    codes_of,
     require,
-    si_columns,
 )
+from calibration.data.covariance import Covariance
+from calibration.data.errors_of_points import PointErrors, same
+from calibration.data.repeats import average
+from calibration.data.tables import read_points
+from calibration.errors import DataError, InputError, Origin
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -26,20 +30,31 @@ class RestitutionData:
     """n impacts: at which velocity, with which coefficient of restitution, how well known.
 
     Arrays may be anything that `np.asarray` takes (a frame's columns too); they are held as
-    read-only float64 arrays. Two sets are equal when all that is below but `origin` is.
+    read-only float64 arrays. Two sets are equal when all that is below is but `bodies` and
+    `origin`.
 
     Attributes:
         velocity: v [m/s], shape (n,), relative impact speed, positive and below the limit velocity.
-        restitution: ε [-], shape (n,), as measured, zero or more. Above 1 by at most 3 of its
-            uncertainties (by 0.05 where none is given) it is noise, used as it is and noted.
+        restitution: ε [-], shape (n,), as measured, zero or more. As far above 1 as noise brings it
+            (`calibration.data.above_one`) it is used as it is and noted.
         contact: the two bodies; None where their elastic properties are not known. Then Eq. (17)
             (with a limit velocity) or a constant ε can be fitted.
         uncertainty: standard uncertainty of ε [-], one number or (n,), positive; None: unknown.
+            That of all that `errors` has, where these are given.
         name: what results and pictures call this set.
-        velocity_uncertainty: standard uncertainty of v [m/s], one number or (n,), 0 or more.
+        velocity_uncertainty: standard uncertainty of v [m/s], one number or (n,), 0 or more; as
+            `uncertainty`.
         limit_velocity: v_lim [m/s] of Eq. (17); the contact's where left out, put into the contact
             where both are given, so that the two never differ.
         remarks: what a reader noticed about the source.
+        group: a label for each point, (n,) texts; points of one label (a specimen, a launch, a day)
+            have an error in common whose size is not known. None: no groups.
+        errors: how the errors of what was measured enter ε and v, and what points share of them;
+            made of the two uncertainties where left out.
+        bodies: the bodies of the contact (`calibration.data.bodies.Body`) where a file told of them;
+            for `plausibility`, and not compared.
+        degrees: degrees of freedom behind `uncertainty`: a number where one scatter is behind all,
+            (n,) where each point has its own; None where they are stated, or unknown.
         origin: file and lines the points came from, for messages.
 
     Raises:
@@ -55,13 +70,17 @@ class RestitutionData:
     velocity_uncertainty: Column | None = None
     limit_velocity: Any = None
     remarks: tuple[str, ...] = ()
+    group: Any = field(default=None, kw_only=True)
+    errors: PointErrors = field(default=None, kw_only=True)  # type: ignore[assignment]  # filled in
+    degrees: Any = field(default=None, kw_only=True)
+    bodies: tuple[Any, ...] = field(default=(), kw_only=True)
     origin: Origin | None = field(default=None, kw_only=True)
 
     def __post_init__(self):
         try:
             self._take_in()
         except DataError as error:
-            raise self._placed(error) from None
+            raise error if self.origin is None else self.origin.error(error) from None
 
     @classmethod
     def from_table(
@@ -69,21 +88,26 @@ class RestitutionData:
         table: Mapping[str, Any],
         contact: sj.Contact | None = None,
         *,
-        uncertainty: Any = None,
         name: str = "data",
-        velocity_uncertainty: Any = None,
         limit_velocity: Any = None,
         gravity: float | None = None,
+        group: Sequence[Any] | None = None,
+        remarks: Sequence[str] = (),
+        bodies: Sequence[Any] = (),
         origin: Origin | None = None,
+        **uncertainties: Any,
     ) -> "RestitutionData":
         """Data from named columns: a mapping or a frame, headers as in a file, `"velocity [cm/s]"`.
 
         Args:
-            table: accepted together are velocity and restitution; drop_height and rebound_height;
-                interval, and launch; each with uncertainty and velocity_uncertainty
-                (see `calibration.table`). Units in brackets, SI without.
-            gravity: g [m/s²] for heights and intervals, 9.80665 where left out.
+            table: the sets of columns and the names that `calibration.data.columns` tells of. SI
+                without a unit; NaN for what was not measured.
+            gravity: g [m/s²] for heights, intervals and times, 9.80665 where left out.
+            group: a label for each row, in place of a column.
             origin: file and line of each row of the table.
+            uncertainties: `uncertainty`, `velocity_uncertainty`, `interval_uncertainty` and so on,
+                for all rows, in place of a column: a number in SI, or text with its unit, "0.5 mm"
+                or "2 %".
 
         The other arguments are those of `RestitutionData`.
 
@@ -91,54 +115,67 @@ class RestitutionData:
             ValueError: naming the column or argument, its value and what is accepted.
         """
         try:
-            if gravity is not None:
-                as_number("gravity", gravity, lambda g: g > 0, "a positive acceleration in m/s²")
-            points = points_of(si_columns(table), gravity)
-            u_eps = _given_once("uncertainty", points.uncertainty, uncertainty)
-            u_v = _given_once(
-                "velocity_uncertainty", points.velocity_uncertainty, velocity_uncertainty
-            )
+            points = read_points(table, gravity, group, uncertainties)
         except DataError as error:
-            raise (error if origin is None else origin.error(error)) from None
+            raise error if origin is None else origin.error(error) from None
         return cls(
             points.velocity,
             points.restitution,
             contact,
-            u_eps,
-            name,
-            u_v,
-            limit_velocity,
-            points.remarks,
+            name=name,
+            limit_velocity=limit_velocity,
+            remarks=(*remarks, *points.remarks),
+            group=points.group,
+            errors=points.errors,
+            bodies=tuple(bodies),
             origin=None if origin is None else origin.select(points.rows),
         )
 
-    def averaged(self, pooled: bool = False) -> "RestitutionData":
+    def averaged(self, pooled: bool = True) -> "RestitutionData":
         """One point for each velocity, the mean of its repeats; in the order of velocity.
 
-        Repeats are those at exactly equal velocities.
+        Repeats are those at exactly equal velocities, of one group where there are groups.
 
-        Without uncertainties the mean's is its standard error, s/√n with s the scatter of that
-        velocity's own repeats. A velocity measured once, or whose readings are all alike, takes
-        the scatter of all repeats pooled; with `pooled` every velocity does, which is the better
-        estimate when there are fewer than about five repeats each. With stated uncertainties
-        points are weighted by 1/u², and the mean's is 1/√Σ(1/u²).
+        Without uncertainties the mean's is s/√n, with s the scatter of all repeats about their
+        means, pooled; `degrees` is then the number of readings less that of velocities. Not
+        `pooled`, each velocity takes the scatter of its own repeats (the pooled one where it has
+        none), with `degrees` of its own: for scatter that depends on the velocity, and more than
+        about five repeats each. With stated uncertainties points are weighted by 1/u², and the
+        mean's is 1/√Σ(1/u²).
 
         Raises:
-            ValueError: where the contact has other properties at each impact.
+            ValueError: where the contact has other properties at each impact, or points share
+                intervals.
         """
         if self.contact is not None and any(map(np.ndim, self.contact.leaves().values())):
             raise ValueError("`contact` must be of single numbers for repeats to be averaged")
-        mean = average(
-            self.velocity, self.restitution, self.uncertainty, self.velocity_uncertainty, pooled
-        )
+        with np.errstate(all="ignore"):
+            mean = average(self.velocity, self.restitution, self.errors, self.group, pooled)
         return replace(
             self,
             velocity=mean.velocity,
             restitution=mean.restitution,
-            uncertainty=mean.uncertainty,
-            velocity_uncertainty=mean.velocity_uncertainty,
+            uncertainty=None,
+            velocity_uncertainty=None,
+            group=None if self.group is None else self.group[mean.rows],
+            errors=mean.errors,
+            degrees=mean.degrees,
             origin=None if self.origin is None else self.origin.select(mean.rows),
         )
+
+    def covariance_of(self, slope: Column | float = 0.0, **options: Any) -> Covariance:
+        """Covariance of δε - slope δv, with slope = dε/dv [s/m] (see `PointErrors.covariance`)."""
+        return self.errors.covariance(slope, **options)
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """The labels of `group`, each once, in the order in which they appear."""
+        return () if self.group is None else tuple(dict.fromkeys(self.group))
+
+    @property
+    def group_index(self) -> Int[np.ndarray, " n"] | None:
+        """The place of each point's label in `groups`."""
+        return None if self.group is None else codes_of(self.group)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -165,11 +202,11 @@ class RestitutionData:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, RestitutionData):
             return NotImplemented
-        arrays = ("velocity", "restitution", "uncertainty", "velocity_uncertainty")
+        arrays = ("velocity", "restitution", "group", "degrees", "limit_velocity")
         return (
             (self.name, self.remarks) == (other.name, other.remarks)
-            and all(_same(getattr(self, one), getattr(other, one)) for one in arrays)
-            and _same(self.limit_velocity, other.limit_velocity)
+            and all(same(getattr(self, one), getattr(other, one)) for one in arrays)
+            and self.errors.same_as(other.errors)
             and bool(self.contact == other.contact)
         )
 
@@ -178,9 +215,10 @@ class RestitutionData:
     def __repr__(self) -> str:
         known = "stated" if self.uncertainty is not None else "not stated"
         low, high = np.min(self.velocity), np.max(self.velocity)
+        groups = f"{len(self.groups)} groups, " if self.group is not None else ""
         return (
             f"RestitutionData({self.name!r}: {len(self)} points, v {low:.4g} to {high:.4g} m/s, "
-            f"ε {np.min(self.restitution):.4g} to {np.max(self.restitution):.4g}, "
+            f"ε {np.min(self.restitution):.4g} to {np.max(self.restitution):.4g}, {groups}"
             f"uncertainty {known}, {'no contact' if self.contact is None else 'with contact'})"
         )
 
@@ -188,20 +226,42 @@ class RestitutionData:
         """Convert and check every field."""
         if not (isinstance(self.name, str) and self.name.strip()):
             raise DataError("name", repr(self.name), "a text that is not empty")
-        columns = {
-            "velocity": as_numbers("velocity", self.velocity),
-            "restitution": as_numbers("restitution", self.restitution),
-        }
-        for name in ("uncertainty", "velocity_uncertainty"):
-            if getattr(self, name) is not None:
-                columns[name] = _per_point(name, getattr(self, name), len(columns["velocity"]))
+        self._set("velocity", as_numbers("velocity", self.velocity))
+        self._set("restitution", as_numbers("restitution", self.restitution))
+        self._take_in_errors()
+        columns = {"velocity": self.velocity, "restitution": self.restitution}
+        if self.group is not None:
+            self._set("group", as_labels("group", self.group))
+            columns["group"] = self.group
+        if np.ndim(self.degrees):
+            self._set("degrees", as_numbers("degrees", self.degrees))
+            columns["degrees"] = self.degrees
         check_lengths(columns)
-        for name, column in columns.items():
-            column.setflags(write=False)
-            object.__setattr__(self, name, column)
-        object.__setattr__(self, "remarks", tuple(self.remarks))
+        self._set("remarks", tuple(self.remarks))
         self._take_in_contact()
         self._check_points()
+
+    def _set(self, name: str, value: Any) -> None:
+        if isinstance(value, np.ndarray):
+            value.setflags(write=False)
+        object.__setattr__(self, name, value)
+
+    def _take_in_errors(self) -> None:
+        """The errors of the two uncertainties, or the two uncertainties of the errors."""
+        names = ("uncertainty", "velocity_uncertainty")
+        told = {n: _per_point(n, getattr(self, n), len(self.velocity)) for n in names}
+        if self.errors is None:
+            stated = {n: u for n, u in told.items() if u is not None}
+            check_lengths({"velocity": self.velocity} | stated)
+            self._set("errors", PointErrors.alone(len(self.velocity), *told.values()))
+        elif len(self.errors) != len(self.velocity):
+            accepted = f"of as many points as `velocity`, {len(self.velocity)}"
+            raise DataError("errors", f"of {len(self.errors)}", accepted)
+        for name in names:
+            value = getattr(self.errors, name)
+            if told[name] is not None and not same(told[name], value):
+                raise DataError(name, "told beside other `errors`", "left out, or errors=None")
+            self._set(name, value)
 
     def _take_in_contact(self) -> None:
         """One limit velocity, in the contact and beside it."""
@@ -209,13 +269,12 @@ class RestitutionData:
             raise DataError("contact", self.contact, "a softjax.Contact or None")
         if self.limit_velocity is not None:
             limit = _per_impact("limit_velocity", self.limit_velocity, len(self))
-            object.__setattr__(self, "limit_velocity", limit)
+            self._set("limit_velocity", limit)
             if self.contact is not None:
-                contact = replace(self.contact, limit_velocity=limit)
-                object.__setattr__(self, "contact", contact)
+                self._set("contact", replace(self.contact, limit_velocity=limit))
         elif self.contact is not None:
             limit = _per_impact("contact", self.contact.limit_velocity, len(self))
-            object.__setattr__(self, "limit_velocity", limit)
+            self._set("limit_velocity", limit)
         if self.contact is not None:
             for leaf in self.contact.leaves().values():
                 _per_impact("contact", leaf, len(self))
@@ -233,23 +292,13 @@ class RestitutionData:
         if self.velocity_uncertainty is not None:
             u_v = self.velocity_uncertainty
             require("velocity_uncertainty", u_v, lambda u: u >= 0, "a speed of 0 m/s or more")
-        noise = allowance(self.uncertainty)
-        known = "0.05" if self.uncertainty is None else "3 of its uncertainties"
-        accepted = f"at most 1, or above it by no more than {known}"
-        require("restitution", self.restitution, lambda e: e - 1 <= noise, accepted)
-
-    def _placed(self, error: DataError) -> ValueError:
-        return error if self.origin is None else self.origin.error(error)
+        check_above_one(self.velocity, self.restitution, self.uncertainty)
 
 
-def _given_once(name: str, column: Any, value: Any) -> Any:
-    if column is not None and value is not None:
-        raise DataError(name, "both a column and a number for the set", "given once")
-    return value if column is None else column
-
-
-def _per_point(name: str, value: Any, count: int) -> Column:
+def _per_point(name: str, value: Any, count: int) -> Column | None:
     """One number for all points, or one for each, as (count,)."""
+    if value is None:
+        return None
     if np.ndim(value) == 0:
         number = as_number(name, value, lambda _: True, "a number, or one for each point")
         return np.repeat(number, count)
@@ -266,9 +315,3 @@ def _per_impact(name: str, value: Any, count: int) -> float | Column:
         raise DataError(name, f"{len(numbers)} long", accepted)
     require(name, numbers, lambda x: x > 0, "a positive number")
     return numbers
-
-
-def _same(one: Any, other: Any) -> bool:
-    if one is None or other is None:
-        return one is other
-    return np.array_equal(one, other)
