@@ -10,7 +10,7 @@ TIMES_STATED = 4.0  # standard uncertainties that noise reaches
 # Scatters that noise reaches, of p triples: where every true ε is 1, 3 of 1000 sets go beyond
 TIMES_SCATTER = (4.5, 60.0)  # 4.5 + 60/p
 FEWEST = 3  # triples that tell a scatter at all
-FEW = 8  # triples that tell it well
+FEW = 20  # triples that tell it well
 ROUNDED = 0.02  # of readings with two digits, which may all be alike
 MOST_OF_FEW = 0.2  # where the scatter is not known, or not well
 MOST = 0.5
@@ -28,7 +28,8 @@ def check_above_one(velocity: Column, restitution: Column, uncertainty: Column |
     Raises:
         DataError: naming the point, and how far above 1 it might be.
     """
-    stated = TIMES_STATED * (0.0 if uncertainty is None else uncertainty)
+    known = np.zeros(len(velocity)) if uncertainty is None else uncertainty
+    stated = TIMES_STATED * known
     excess = restitution - 1 - stated
     if np.max(excess) <= 0:
         return
@@ -36,7 +37,7 @@ def check_above_one(velocity: Column, restitution: Column, uncertainty: Column |
     for point in np.argsort(-excess, kind="stable")[:CANDIDATES]:
         scatter = _allowance(velocity, restitution, order, point, uncertainty is not None)
         if excess[point] > 0 and restitution[point] - 1 > scatter:
-            _refuse(point, restitution[point], max(scatter, float(np.ravel(stated)[0])))
+            _refuse(point, restitution[point], max(scatter, stated[point]))
 
 
 def _allowance(velocity, restitution, order, point: int, is_stated: bool) -> float:

@@ -86,7 +86,7 @@ def layout_of(headers: Sequence[str], units: Sequence[str] | None = None) -> Lay
     if units is not None:
         read = [_with_unit(header, unit) for header, unit in zip(read, units, strict=True)]
     names = _resolved(read)
-    kind = _kind_of(names)
+    kind = _kind_of(names, read)
     used = _used(kind, names)
     position = {name: place for place, name in enumerate(names) if name in used}
     percent = {name for name in position if read[position[name]].unit == "%"}
@@ -141,14 +141,16 @@ def _rename(names: list, old: Sequence[str], new: str) -> None:
     names[:] = [new if name in old else name for name in names]
 
 
-def _kind_of(names: Sequence[str | None]) -> Kind:
+def _kind_of(names: Sequence[str | None], read: Sequence[Header]) -> Kind:
     for kind in KINDS:
         if set(kind.needs) <= set(names):
             return kind
     found = [name for name in names if name in DIMENSIONS]
     asked = [_question(name) for name in names if name in AMBIGUOUS]
     accepted = ACCEPTED_SETS + "".join(f"; {question}" for question in asked[:TOLD])
-    raise DataError("set of columns", listed(sorted(found)) or "empty", accepted)
+    unknown = f"{listed(repr(header.text) for header in read[:TOLD])}, of which none is known"
+    told = listed(sorted(found)) or (unknown if read else "empty")
+    raise DataError("set of columns", told, accepted)
 
 
 def _used(kind: Kind, names: Sequence[str | None]) -> set[str]:

@@ -7,7 +7,7 @@
 Commas, semicolons or tabs separate cells, whichever the header uses (or `sep=;` in a line above
 it). A decimal is a point; where semicolons or tabs separate cells it may be a comma in the whole
 file. Units stand in the header or in a row of their own below it. Thousands are not separated.
-UTF-8, or UTF-16 with its mark, of at most 128 MiB, 2 million rows, 1000 columns and 65536
+UTF-8, or UTF-16 with its mark, of at most 64 MiB, 1.5 million rows, 1000 columns and 65536
 characters a line. What columns there may be tells `calibration.data.columns`.
 """
 
@@ -28,8 +28,8 @@ from calibration.data.text_file import MIB, text_lines
 from calibration.data.units import NUMBER, in_si
 from calibration.errors import DataError, InputError, Origin
 
-LARGEST = 128 * MIB
-ROWS, COLUMNS, CHARACTERS = 2_000_000, 1000, 65536
+LARGEST = 64 * MIB
+ROWS, COLUMNS, CHARACTERS = 1_500_000, 1000, 65536
 BLOCK = 1 << 14  # rows that are held as text at a time
 PLAIN = {",": re.compile(r"[-+.0-9eE \t]*"), ";": re.compile(r"[-+.,0-9eE \t]*")}
 PLAIN["\t"] = PLAIN[";"]

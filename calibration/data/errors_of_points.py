@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from calibration.data.checks import Column
+from calibration.data.checks import Column, require
 from calibration.data.covariance import Covariance, band_order
 from calibration.errors import DataError
 
@@ -36,7 +36,8 @@ class PointErrors:
         velocity_alone: (n,) [m/s], the same of each v.
 
     Raises:
-        DataError: for an elementary error that enters points which do not follow each other.
+        DataError: for an uncertainty that is none, or an elementary error that enters points which
+            do not follow each other.
     """
 
     index: Index
@@ -52,6 +53,15 @@ class PointErrors:
             if isinstance(array, np.ndarray):
                 array.setflags(write=False)
         band_order(self.index)  # refuses what has no narrow band
+        if self.restitution_alone is not None:
+            positive = "a positive number"
+            require("uncertainty", self.restitution_alone, lambda u: u > 0, positive)
+        if self.velocity_alone is not None:
+            speed = "a speed of 0 m/s or more"
+            require("velocity_uncertainty", self.velocity_alone, lambda u: u >= 0, speed)
+        if self.size is not None:
+            size = f"uncertainty of the {self.kind}"
+            require(size, self.size, lambda u: u >= 0, "a number of 0 or more")
 
     @classmethod
     def alone(cls, count: int, restitution=None, velocity=None) -> "PointErrors":

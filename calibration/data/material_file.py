@@ -117,7 +117,8 @@ def _data_file(table: TomlTable) -> tuple[Path, tuple[str, ...], bool]:
         path = next((one for one in places if one.exists()), None)
         inside = path is not None and path.resolve().is_relative_to(home)
     except (OSError, ValueError, RuntimeError) as error:  # a name too long, a NUL, a ring of links
-        problem = f"data file {name[:80]!r} cannot be looked for ({error})"
+        told = getattr(error, "strerror", None) or "no name of a file"
+        problem = f"data file {name[:80]!r} cannot be looked for ({told})"
         raise table.refusal("data", problem, "needed is the name of a CSV file") from None
     if path is None:
         told = " or ".join(repr(str(one)) for one in places)

@@ -20,6 +20,7 @@ from calibration.data.checks import (
 )
 from calibration.data.covariance import Covariance
 from calibration.data.errors_of_points import PointErrors, same
+from calibration.data.points import of_row
 from calibration.data.repeats import average
 from calibration.data.tables import read_points
 from calibration.errors import DataError, InputError, Origin
@@ -118,18 +119,21 @@ class RestitutionData:
             points = read_points(table, gravity, group, uncertainties)
         except DataError as error:
             raise error if origin is None else origin.error(error) from None
-        return cls(
-            points.velocity,
-            points.restitution,
-            contact,
-            name=name,
-            limit_velocity=limit_velocity,
-            remarks=(*remarks, *points.remarks),
-            group=points.group,
-            errors=points.errors,
-            bodies=tuple(bodies),
-            origin=None if origin is None else origin.select(points.rows),
-        )
+        try:
+            return cls(
+                points.velocity,
+                points.restitution,
+                contact,
+                name=name,
+                limit_velocity=limit_velocity,
+                remarks=(*remarks, *points.remarks),
+                group=points.group,
+                errors=points.errors,
+                bodies=tuple(bodies),
+                origin=None if origin is None else origin.select(points.rows),
+            )
+        except DataError as error:
+            raise of_row(error, points.rows) from None
 
     def averaged(self, pooled: bool = True) -> "RestitutionData":
         """One point for each velocity, the mean of its repeats; in the order of velocity.
@@ -233,9 +237,8 @@ class RestitutionData:
         if self.group is not None:
             self._set("group", as_labels("group", self.group))
             columns["group"] = self.group
-        if np.ndim(self.degrees):
-            self._set("degrees", as_numbers("degrees", self.degrees))
-            columns["degrees"] = self.degrees
+        if self.degrees is not None:
+            self._set("degrees", _per_impact("degrees", self.degrees, len(self)))
         check_lengths(columns)
         self._set("remarks", tuple(self.remarks))
         self._take_in_contact()

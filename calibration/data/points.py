@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Int
 
-from calibration.data.checks import Column, require
+from calibration.data.checks import Column
 from calibration.data.columns import Kind
 from calibration.data.errors_of_points import PointErrors
 from calibration.errors import DataError
@@ -57,21 +57,16 @@ def with_own(errors: PointErrors, table: Measured, velocity: Column, restitution
     Raises:
         DataError: for an uncertainty that is none.
     """
-    of_restitution = table.uncertainty("uncertainty", restitution)
+    alone = table.uncertainty("uncertainty", restitution)
     of_velocity = table.uncertainty("velocity_uncertainty", velocity)
     told: tuple[str, ...] = ()
-    if of_restitution is not None:
-        require("uncertainty", of_restitution, lambda u: u > 0, "a positive number")
-        if errors.size_is_unknown:  # told of each ε: nothing is left to be estimated
-            errors = PointErrors.alone(len(errors))
-        elif errors.kind:
-            told = (f"uncertainty is taken to come on top of that of the {errors.kind}",)
+    if alone is not None and errors.size_is_unknown:  # told of each ε: nothing is left to estimate
+        errors = PointErrors.alone(len(errors))
+    elif alone is not None and errors.kind:
+        told = (f"uncertainty is taken to come on top of that of the {errors.kind}",)
     if errors.kind == "velocities":  # of which v is one: see `singles`
         of_velocity = None
-    elif of_velocity is not None:
-        speed = "a speed of 0 m/s or more"
-        require("velocity_uncertainty", of_velocity, lambda u: u >= 0, speed)
-    return replace(errors, restitution_alone=of_restitution, velocity_alone=of_velocity), told
+    return replace(errors, restitution_alone=alone, velocity_alone=of_velocity), told
 
 
 def of_row(error: DataError, rows: np.ndarray) -> DataError:

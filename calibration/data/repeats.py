@@ -54,7 +54,9 @@ def average(
     if errors.uncertainty is None:
         weight = 1 / repeats.counts[repeats.of]
     else:
-        weight = (np.min(errors.uncertainty) / errors.uncertainty) ** 2
+        least = np.full(len(repeats.counts), np.inf)
+        np.minimum.at(least, repeats.of, errors.uncertainty)
+        weight = (least[repeats.of] / errors.uncertainty) ** 2  # no smaller number is squared
         weight = weight / repeats.sum(weight)[repeats.of]
     mean = repeats.sum(weight * restitution)
     moments = [repeats.sum(weight**2 * one) for one in np.broadcast_arrays(of_eps, of_v, joint)]

@@ -123,7 +123,7 @@ def _paired(to_restitution, to_velocity, sizes, kind: str) -> PointErrors:
     count = len(to_restitution)
     if sizes is None:
         return PointErrors.alone(count)
-    for size in sizes:
+    for size in sizes:  # here, where the row is known
         require(f"uncertainty of the {kind}", size, lambda u: u >= 0, "a number of 0 or more")
     size = np.stack(sizes, axis=1).ravel()
     return PointErrors(paired(count), to_restitution, to_velocity, size, kind)

@@ -107,7 +107,7 @@ def quantity(text: str, dimension: str) -> float:
     Raises:
         DataError: for anything else.
     """
-    match = re.fullmatch(rf"({NUMBER})\s*([^\d\s.eE+-].*)", text.strip()[:LONGEST])
+    match = re.fullmatch(rf"({NUMBER})\s*([^\d\s.,eE+-].*)", text.strip()[:LONGEST])
     if match is None:
         example = next(iter(UNITS[dimension]))
         raise DataError("quantity", repr(text), f"a number, or one with its unit, `1.5 {example}`")
