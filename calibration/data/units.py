@@ -112,8 +112,15 @@ def quantity(text: str, dimension: str) -> float:
         example = next(iter(UNITS[dimension]))
         raise DataError("quantity", repr(text), f"a number, or one with its unit, `1.5 {example}`")
     if _plain(match[2]) == "%":
-        return Relative(in_si(float(match[1]), PERCENT))
-    return float(in_si(float(match[1]), unit_of(match[2], dimension)))
+        return Relative(_exactly(match[1], PERCENT))
+    return _exactly(match[1], unit_of(match[2], dimension))
+
+
+def _exactly(text: str, unit: Fraction) -> float:
+    """The double nearest to a decimal number of units."""
+    if 1e-200 < abs(float(text)) < 1e200:  # else as a fraction it may have any number of digits
+        return float(Fraction(text) * unit)
+    return float(in_si(float(text), unit))
 
 
 def _find(text: str, dimension: str) -> Fraction | None:
