@@ -17,7 +17,10 @@ BAD_TABLES = [
     ({"colour": [1.0]}, "`set of columns` must be .*, but is 'colour', of which none is known"),
     ({"t": [1.0]}, r"`set of columns` must be .*; is 't' interval or time\?, but is 't'"),
     ({"v1": [1.0], "v2": [1.0]}, "is 'v1' impact_velocity or rebound_velocity?"),
-    ({"velocty": [1.0], "restitution": [0.9]}, r"`column` must be one of .*mean 'velocity'\?"),
+    (
+        {"velocty": [1.0], "restitution": [0.9]},
+        r"`column` must be a known name .*mean 'velocity'\?",
+    ),
     ({"velocity [kg]": [1.0], "e": [0.9]}, r"`unit of velocity` must be in m/s, cm/s.*\[kg\]"),
     ({"interval": [1.0, 0.9], "launch [s]": [1, 1]}, "`unit of launch` must be without a unit"),
     ({"velocity": [1.0], "v [cm/s]": [1.0], "e": [0.9]}, "`column` must be there once, but is vel"),
@@ -33,6 +36,11 @@ BAD_TABLES = [
     ({"interval": [1.0, math.nan, 0.8]}, r"`interval\[1\]` must be .*leaves no gap, but is empty"),
     ({"time": [1.0, 1.5, 1.4]}, r"`time\[2\]` must be later than the one above it \(a launch"),
     ({"time": [1.0, math.nan, 1.4]}, r"`time\[1\]` must be a time in s.*, but is empty"),
+    (
+        {"interval": [1.0, 0.9, 1.5]},
+        r"`interval\[2\]` must be shorter than the one above \(a launch",
+    ),
+    ({"time": [0.0, 1.0, 1.9, 3.4]}, r"`time\[3\]` must be sooner \(a launch column"),
     ({"interval": [1.0]}, "`launch` must be of 2 rows or more"),
     ({"interval": [1.0, 2.0], "launch": [1, 2]}, "`launch` must be of 2 rows or more"),
     ({"time": [1.0, 2.0]}, "`launch` must be of 3 rows or more"),

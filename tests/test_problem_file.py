@@ -8,17 +8,7 @@ import pytest
 
 from calibration.parameters_spec import ParameterSpec
 from calibration.problem_file import read_problem
-
-ALLOY = """\
-[[material]]
-name = "my alloy"
-youngs_modulus = 1.93e11
-poisson_ratio = 0.35
-density = 8030
-yield_strength = 3.10e8
-radius = 0.01
-data = "m.csv"
-"""
+from tests.refused import TOML, Case, check_refused
 
 
 @pytest.fixture
@@ -47,7 +37,7 @@ value = 3
 
 
 def test_parameters_of_a_material(read):
-    problem = read(ALLOY + PARAMETERS)
+    problem = read(TOML + PARAMETERS)
     (specs,) = problem.parameters
     assert specs == {
         "psi": ParameterSpec("psi", free=False, value=0.5),
@@ -90,7 +80,7 @@ def test_parameters_that_make_no_sense(fields, message):
 
 
 def test_the_line_through_all_materials(read):
-    toml = "[parameters]\nc1 = 0.03\nc2 = { value = 0.005 }\n" + ALLOY
+    toml = "[parameters]\nc1 = 0.03\nc2 = { value = 0.005 }\n" + TOML
     shared = read(toml).shared_parameters
     assert shared == {
         "c1": ParameterSpec("c1", free=False, value=0.03),
@@ -112,18 +102,120 @@ def test_settings(read):
     kappa = "printed"
     confidence = 0.9
     """
-    problem = read(fit + ALLOY)
+    problem = read(fit + TOML)
     assert problem.settings == tomllib.loads(fit)["fit"]
-    assert read(ALLOY).settings == {}
+    assert read(TOML).settings == {}
     error = problem.refusal("starts", "32 starts", "fewer")
     assert str(error) == f"{problem.source.file.file}:9: 32 starts; fewer"
 
 
 def test_parameters_belong_to_the_materials_that_have_data(read):
-    bare = ALLOY.replace('data = "m.csv"\n', "[material.parameters]\npsi = 0.5\n")
-    other = ALLOY.replace("my alloy", "other") + "[material.parameters]\npsi = 0.7\n"
+    bare = TOML.replace('data = "m.csv"\n', "[material.parameters]\npsi = 0.5\n")
+    other = TOML.replace("my alloy", "other") + "[material.parameters]\npsi = 0.7\n"
     problem = read(bare + other, needs_data=False)
     assert [specs["psi"].value for specs in problem.specs] == [0.5, 0.7]
     assert [specs["psi"].value for specs in problem.parameters] == [0.7]
     assert [entry.name for entry in problem.materials] == ["my alloy", "other"]
     assert len(problem.datasets) == 1
+
+
+PARAMETERS_OF = TOML + "[material.parameters]\n"
+BARE = '[[material]]\nname = "bare"\ndata = "m.csv"\n'
+REFUSED = {
+    "unknown parameter": Case(
+        "m.toml:10: unknown key 'xi'",
+        "known here are chi, sigma, psi",
+        PARAMETERS_OF + "xi = 1.0\n",
+    ),
+    "unknown field of a parameter": Case(
+        "m.toml:10: unknown key 'start'", "free, value", PARAMETERS_OF + "chi = { start = 1.0 }\n"
+    ),
+    "value out of range": Case(
+        "m.toml:10: psi is 0", "it must be a positive number", PARAMETERS_OF + "psi = 0\n"
+    ),
+    "value out of its bounds": Case(
+        "m.toml:11: value of chi is 3",
+        "within its bounds, [1, 2]",
+        PARAMETERS_OF + "[material.parameters.chi]\nvalue = 3.0\nbounds = [1.0, 2.0]\n",
+    ),
+    "bounds the wrong way round": Case(
+        "m.toml:10: bounds of sigma is [2.0, 1.0]",
+        "lowest below highest",
+        PARAMETERS_OF + "sigma = { bounds = [2.0, 1.0] }\n",
+    ),
+    "bounds out of range": Case(
+        "m.toml:10: bounds of sigma is [-1.0, 1.0]",
+        "within [0, inf]",
+        PARAMETERS_OF + "sigma = { bounds = [-1.0, 1.0] }\n",
+    ),
+    "prior without a width": Case(
+        "m.toml:10: prior of sigma is [2.0, 0.0]",
+        "positive standard deviation",
+        PARAMETERS_OF + "sigma = { prior = [2.0, 0.0] }\n",
+    ),
+    "prior of one number": Case(
+        "m.toml:10: prior of sigma is 2",
+        "two numbers, [mean, standard deviation]",
+        PARAMETERS_OF + "sigma = { prior = 2.0 }\n",
+    ),
+    "unknown transform": Case(
+        "m.toml:10: transform of sigma is sqrt",
+        "one of log, logit, none",
+        PARAMETERS_OF + 'sigma = { transform = "sqrt" }\n',
+    ),
+    "logit without bounds": Case(
+        "m.toml:10: transform of sigma is logit",
+        "both bounds given",
+        PARAMETERS_OF + 'sigma = { transform = "logit" }\n',
+    ),
+    "bounds of what is fixed": Case(
+        "m.toml:10: bounds of psi is given",
+        "left out where free is false",
+        PARAMETERS_OF + "psi = { free = false, value = 0.5, bounds = [0.1, 1.0] }\n",
+    ),
+    "fixed without a value": Case(
+        "m.toml:10: value of psi is missing",
+        "given where",
+        PARAMETERS_OF + "psi = { free = false }\n",
+    ),
+    "free as a word": Case(
+        "m.toml:10: free of psi is no", "true or false", PARAMETERS_OF + 'psi = { free = "no" }\n'
+    ),
+    "text for a parameter": Case(
+        'm.toml:10: psi is "half"', "a number, or a table", PARAMETERS_OF + 'psi = "half"\n'
+    ),
+    "chi without elastic properties": Case(
+        "m.toml:5: chi without elastic properties",
+        "give youngs_modulus",
+        BARE + "[material.parameters]\nchi = 1.0\n",
+    ),
+    "chi beside its line": Case(
+        "m.toml:10: chi beside c1 and c2",
+        "only one is possible",
+        PARAMETERS_OF + "chi = 1.0\n[parameters]\nc1 = { value = 0.0 }\n",
+    ),
+    "unknown objective": Case(
+        'm.toml:10: objective is "twostep"',
+        "did you mean 'two-step'?",
+        TOML + '[fit]\nobjective = "twostep"\n',
+    ),
+    "unknown setting": Case(
+        "m.toml:11: unknown key 'seeds'",
+        "did you mean 'seed'?",
+        TOML + "[fit]\nstarts = 8\nseeds = 1\n",
+    ),
+    "half a seed": Case(
+        "m.toml:10: seed is 1.5", "a whole number of 0 or more", TOML + "[fit]\nseed = 1.5\n"
+    ),
+    "no starts": Case("m.toml:10: starts is 0", "of 1 or more", TOML + "[fit]\nstarts = 0\n"),
+    "tolerance of the energy balance": Case(
+        "m.toml:11: rtol beside the energy balance",
+        'route = "ode" only',
+        TOML + '[fit]\nroute = "energy balance"\nrtol = 1e-6\n',
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_malformed_parameters_and_settings_are_told_in_one_line(name, tmp_path):
+    check_refused(REFUSED[name], tmp_path, read_problem)

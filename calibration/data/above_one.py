@@ -12,7 +12,8 @@ TIMES_SCATTER = (4.5, 60.0)  # 4.5 + 60/p
 FEWEST = 3  # triples that tell a scatter at all
 FEW = 20  # triples that tell it well
 ROUNDED = 0.02  # of readings with two digits, which may all be alike
-MOST_OF_FEW = 0.2  # where the scatter is not known, or not well
+MOST_UNKNOWN = 0.15  # where it is not known
+MOST_OF_FEW = 0.2
 MOST = 0.5
 CANDIDATES = 20  # the points furthest above 1 are looked at
 PERCENT = 1.5  # from here on 85 for 0.85 is the likeliest slip
@@ -23,7 +24,7 @@ def check_above_one(velocity: Column, restitution: Column, uncertainty: Column |
 
     Noise is 4 stated uncertainties, or a multiple of the robust scatter of the other points about
     their neighbours, whichever is more; where nothing is stated and there are too few points to
-    tell, 0.2.
+    tell, 0.15.
 
     Raises:
         DataError: naming the point, and how far above 1 it might be.
@@ -47,7 +48,7 @@ def _allowance(velocity, restitution, order, point: int, is_stated: bool) -> flo
     start = np.clip(place - NEIGHBOURS // 2, 0, max(len(others) - NEIGHBOURS, 0))
     near = others[start : start + NEIGHBOURS]
     if len(near) < FEWEST + 2:
-        return 0.0 if is_stated else MOST_OF_FEW
+        return 0.0 if is_stated else MOST_UNKNOWN
     triples = len(near) - 2
     least, few = TIMES_SCATTER
     reach = (least + few / triples) * scatter_of(velocity[near], restitution[near])

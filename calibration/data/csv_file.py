@@ -93,7 +93,8 @@ class _Reader:
             if len(line) > CHARACTERS:
                 accepted = f"{CHARACTERS} are accepted"
                 raise InputError(self.path, number, f"{len(line)} characters in a line", accepted)
-            if line.strip(" \t,;") and line.lstrip()[0] != "#":
+            text = line.strip()
+            if text.strip(" \t,;") and text[0] != "#":
                 yield number, line
 
     def _header(self, body: Lines) -> tuple[int, list[str], Lines]:

@@ -9,7 +9,7 @@ from difflib import get_close_matches
 from typing import NamedTuple
 
 from calibration.data.units import is_unit
-from calibration.errors import DataError, listed
+from calibration.errors import DataError
 
 MEASURED = {
     "velocity": "speed",
@@ -95,16 +95,18 @@ def read_header(text: str) -> Header:
         DataError: for a name near to a known one, or brackets that are no unit's.
     """
     text = str(text).strip()
+    if len(text) > LONGEST:
+        return Header(text, None, "", None)
     for words, unit, is_sure in _readings(text):
         name = canonical(words) or (plain(words) if plain(words) in AMBIGUOUS else None)
         if name is not None and (is_sure or is_unit(unit, dimension_of(name)) or unit == "%"):
             return Header(text, name, plain(words), unit)
-    base = re.split(r"[\[(]", text[:LONGEST], maxsplit=1)[0]
+    base = re.split(r"[\[(]", text, maxsplit=1)[0]
     if canonical(base) is not None:
         raise DataError("column", repr(text), "a name and one unit, as in `velocity [m/s]`")
     near = get_close_matches(plain(base), [n for n in KNOWN if len(n) > 3], n=1, cutoff=NEAR)
     if near:
-        accepted = f"one of {listed(DIMENSIONS)} (did you mean {near[0]!r}?), or quite another name"
+        accepted = f"a known name (did you mean {near[0]!r}?), or quite another one"
         raise DataError("column", repr(text), accepted)
     return Header(text, None, plain(text), None)
 
@@ -130,15 +132,13 @@ def canonical(words: str) -> str | None:
 
 def plain(words: str) -> str:
     """Small letters, one underscore for all that separates, subscripts on the line."""
-    text = unicodedata.normalize("NFKC", words[:LONGEST]).casefold().replace("′", "'")
+    text = unicodedata.normalize("NFKC", words).casefold().replace("′", "'")
     return re.sub(r"[\s_.\-(){}$\\]+", "_", text).strip("_")
 
 
 def _readings(text: str):
     """(name, unit, whether the unit is surely one) in the ways that a header may be meant."""
     yield text, None, True
-    if len(text) > LONGEST:
-        return
     bracket = re.fullmatch(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(((?:[^()]|\([^()]*\))*)\))", text)
     if bracket:
         yield bracket[1], (bracket[2] or bracket[3] or "").strip() or None, True

@@ -13,6 +13,7 @@ from calibration.data.units import Relative, quantity
 from calibration.errors import DataError, InputError, did_you_mean, is_finite_number, listed, shown
 
 LARGEST = 2 * MIB
+MOST = 16  # keys that a refusal names
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,9 @@ class TomlTable:
         known = tuple(known)
         for key in self.values:
             if key not in known:
-                accepted = f"known here are {listed(known)}{did_you_mean(key, known)}"
+                near = did_you_mean(key, known).strip(" ()")
+                more = f" and {len(known) - MOST} more" if len(known) > MOST else ""
+                accepted = near or f"known here are {listed(known[:MOST])}{more}"
                 raise self.refusal(key, f"unknown key {shown(repr(key))}", accepted)
 
     def number(self, key: str, holds: Callable[[float], bool], accepted: str) -> float | None:

@@ -14,6 +14,8 @@ from calibration.data.errors_of_points import TOUCHED, PointErrors, three
 from calibration.data.points import Measured, Points, of_row, with_own
 from calibration.errors import DataError
 
+HIGHER = 1.3  # times the interval before: no noise
+
 
 def train_points(table: Measured) -> Points:
     """The impacts of a table of intervals or times.
@@ -25,7 +27,7 @@ def train_points(table: Measured) -> Points:
     span = 1 + (name == "time")  # rows from the first to the last that a point needs
     try:
         train = _trains(table)
-        interval = _intervals(table.columns[name], name, train)
+        interval = _intervals(table, name, train)
         sizes = _sizes(table, name)
     except DataError as error:
         raise of_row(error, np.arange(len(table.columns[name]))) from None
@@ -68,19 +70,33 @@ def _trains(table: Measured) -> np.ndarray:
     return np.cumsum(breaks)
 
 
-def _intervals(values: Column, name: str, train: np.ndarray) -> Column:
+def _intervals(table: Measured, name: str, train: np.ndarray) -> Column:
     """Times from each bounce to the next; those from one launch to another mean nothing."""
+    values = table.columns[name]
     if name == "interval":
         require(name, values, lambda t: t > 0, "a positive time in s: a launch leaves no gap")
-        return values
-    require(name, values, np.isfinite, "a time in s: a launch leaves no gap")
-    steps = np.diff(values)
-    back = (steps <= 0) & (train[1:] == train[:-1])
-    if np.any(back):
-        row = int(np.argmax(back)) + 1
-        accepted = "later than the one above it (a launch column tells launches apart)"
-        raise DataError(name, f"{values[row]:.6g}", accepted, row)
+        steps = values
+    else:
+        require(name, values, np.isfinite, "a time in s: a launch leaves no gap")
+        steps = np.diff(values)
+        back = (steps <= 0) & (train[1:] == train[:-1])
+        if np.any(back):
+            row = int(np.argmax(back)) + 1
+            accepted = "later than the one above it (a launch column tells launches apart)"
+            raise DataError(name, float(values[row]), accepted, row)
+    if "launch" not in table.columns and "group" not in table.columns:
+        _check_one_launch(values, steps, name)
     return steps
+
+
+def _check_one_launch(values: Column, steps: Column, name: str) -> None:
+    """A bounce much higher than the last is the next launch, in a table that names none."""
+    higher = steps[1:] > HIGHER * steps[:-1]
+    if np.any(higher):
+        row = int(np.argmax(higher)) + 1 + len(values) - len(steps)
+        what = "shorter than the one above" if name == "interval" else "sooner"
+        accepted = f"{what} (a launch column tells launches apart)"
+        raise DataError(name, float(values[row]), accepted, row)
 
 
 def _sizes(table: Measured, name: str) -> Column | None:

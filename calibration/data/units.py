@@ -83,7 +83,9 @@ def unit_of(text: str, dimension: str) -> Fraction:
     size = _find(text, dimension)
     if size is None:
         accepted = f"in {listed(list(UNITS[dimension])[:TOLD])}" if UNITS[dimension] else "left out"
-        near = did_you_mean(_plain(text), UNITS[dimension])
+        name = _plain(text)
+        alike = next((unit for unit in UNITS[dimension] if unit.lower() == name.lower()), None)
+        near = f" (did you mean {alike!r}?)" if alike else did_you_mean(name, UNITS[dimension])
         raise DataError("unit", f"[{shown(text)}]", accepted + near)
     return size
 
