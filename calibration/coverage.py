@@ -22,9 +22,9 @@ import numpy as np
 
 from calibration.assemble import Setup, assemble
 from calibration.batch import Batch, minimise
-from calibration.data import RestitutionData
+from calibration.data.measurements import RestitutionData
+from calibration.data.paper import CURVES, RADIUS, PaperCurve
 from calibration.doubt import SEPARATE
-from calibration.embedded import CURVES, RADIUS, PaperCurve
 from calibration.empirical import eq_17
 from calibration.uncertainty import DIFFERENCE, quantile
 

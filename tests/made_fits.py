@@ -2,8 +2,8 @@
 
 import numpy as np
 
-import calibration.embedded as embedded
-from calibration.data import RestitutionData
+import calibration.data.paper as embedded
+from calibration.data.measurements import RestitutionData
 from calibration.doubt import Doubt
 from calibration.estimate import Estimate, Line
 from calibration.material_fit import MaterialFit

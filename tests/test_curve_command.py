@@ -7,7 +7,7 @@ import pytest
 
 import softjax as sj
 from calibration.cli import main
-from calibration.embedded import CURVES, paper_data
+from calibration.data.paper import CURVES, paper_data
 from tests.cases import fitted
 from tests.made_fits import material_fit, result_of
 

@@ -83,10 +83,10 @@ def _read(arguments: argparse.Namespace):
     laws = {"form": "first-order", "kappa": "consistent"}
     given = {name: getattr(arguments, name) for name in laws if getattr(arguments, name)}
     if arguments.file is None:
-        from calibration.embedded import paper_materials
+        from calibration.data.paper import paper_materials
 
         return paper_materials(), laws | given, []
-    from calibration.toml_file import read_problem
+    from calibration.problem_file import read_problem
 
     problem = read_problem(arguments.file)
     told = {name: problem.settings[name] for name in laws if name in problem.settings}

@@ -1,9 +1,9 @@
-"""Fit χ̃, σ and ψ of contact pairs to measured coefficients of restitution.
+"""Fit a contact law to measured coefficients of restitution.
 
-Without a file it fits the three materials of Zhou, Theor. Appl. Mech. Lett. 3, 021003 (2013), from
-a published fit of measurements that comes with the program. With one it fits your own. Written
-are fit.json, curves.png, report.md and, where there is something to show, profiles.png and
-correlation.png.
+Without a file it fits χ̃, σ and ψ of the three materials of Zhou, Theor. Appl. Mech. Lett. 3, 021003
+(2013), by the paper's own procedure, to a published fit of measurements that comes with the program.
+With one it fits your own: Zhou's law, or another (`--law`). Written are fit.json, curves.png,
+report.md and, where there is something to show, profiles.png and correlation.png.
 """
 
 import argparse
@@ -17,9 +17,9 @@ from typing import Any
 from calibration.atomic import check_writable, files_into
 from calibration.errors import InputError
 from calibration.progress import Progress
-from calibration.settings import CHOICES
+from calibration.problem_file import CHOICES, NUMBERS, OPTIONS
 
-OPTIONS = ("objective", "optimiser", "route", "loss", "form", "kappa")
+WORDS = ("law", "objective", "optimiser", "route", "loss", *OPTIONS)
 PICTURES = {
     "curves.png": "Data, fitted curves with their bands, and residuals below",
     "profiles.png": "Profiles of the cost: its rise when one parameter is held elsewhere",
@@ -57,11 +57,19 @@ class Job:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of `softjax fit`; those given win over the file's `[fit]` table."""
     parser.add_argument("file", nargs="?", metavar="FILE.toml", help="the materials and their data")
-    for name in OPTIONS:
+    for name in WORDS:
         accepted = [choice.replace(" ", "-") for choice in CHOICES[name]]
         parser.add_argument(f"--{name}", choices=accepted, help=HELP[name])
     parser.add_argument("--starts", type=_whole(1), metavar="N", help="starts that are screened")
     parser.add_argument("--seed", type=_whole(0), metavar="N", help="of the starts")
+    parser.add_argument("--confidence", type=_number("confidence"), metavar="X", help="default: 0.95")
+    parser.add_argument(
+        "--no-profiles",
+        dest="profiles",
+        action="store_const",
+        const=False,
+        help="no profile likelihoods: intervals from standard errors, in less time",
+    )
     parser.add_argument(
         "--beside",
         action="store_true",
@@ -70,12 +78,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 HELP = {
-    "objective": "what is minimised (default: two-step)",
+    "law": "which contact law is fitted (default: zhou)",
+    "objective": "the law's own likelihood (model, the default), or the paper's two steps",
     "optimiser": "default: l-bfgs",
     "route": "from a law to ε: time integration (default) or energy balance",
     "loss": "squared, or one that resists outliers (default: squared)",
     "form": "of Zhou's law (default: first-order)",
     "kappa": "consistent with the forces (default), or as the paper prints it",
+    "end": "of a dashpot law's contact (default: zero-overlap)",
 }
 
 
@@ -95,32 +105,33 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _job(arguments: argparse.Namespace) -> Job:
-    given = {name: getattr(arguments, name) for name in (*OPTIONS, "starts", "seed")}
+    names = (*WORDS, "starts", "seed", "confidence", "profiles")
+    given = {name: getattr(arguments, name) for name in names}
     given = {name: value for name, value in given.items() if value is not None}
     if "route" in given:
         given["route"] = given["route"].replace("-", " ")
     if arguments.file is None:
-        from calibration.embedded import paper_materials
+        from calibration.data.paper import paper_materials
 
-        return Job(paper_materials(), settings=given, beside=True, given=given)
-    from calibration.toml_file import read_problem
+        settings = {"objective": "two-step", **given}
+        return Job(paper_materials(), settings=settings, beside=True, given=given)
+    from calibration.problem_file import read_problem
 
     problem = read_problem(arguments.file)
     settings = {**problem.settings, **given}
     if given.get("route") == "energy balance":  # the file's tolerance was for its own route
         settings.pop("rtol", None)
-    parameters: list[Mapping[str, Any]] = [
-        {**problem.shared_parameters, **own} for own in problem.parameters
-    ]
-    return Job(problem.datasets, parameters, settings, arguments.file, arguments.beside, given)
+    return Job(problem.datasets, problem.parameters, settings, arguments.file, arguments.beside, given)
 
 
 def _fitted(job: Job, progress: Progress):
     import softjax as sj
-    from calibration.fitting import fit
+    from calibration.fitting.door import fit
 
     sj.enable_x64()
     settings = dict(job.settings)
+    options = {name: settings.pop(name) for name in OPTIONS if name in settings}
+    said = job.parameters or [{} for _ in job.datasets]
     settings.pop("area", None)  # the contacts have it
     route = _route(settings.pop("route", None), settings.pop("rtol", None))
     if settings.get("unloading_line") == "none":
@@ -129,7 +140,8 @@ def _fitted(job: Job, progress: Progress):
     try:
         return fit(
             data,
-            parameters=job.parameters,
+            settings.pop("law", None),
+            [{**own, **options} for own in said],
             route=route,
             beside=job.beside,
             progress=progress,
@@ -210,9 +222,24 @@ def _command(job: Job, out: Path) -> str:
     """The command that makes the same results again."""
     parts = ["softjax", "fit", *([job.file] if job.file else [])]
     for name, value in job.given.items():
-        parts += [f"--{name}", str(value).replace(" ", "-")]
+        parts += ["--no-profiles"] if name == "profiles" else [f"--{name}", str(value).replace(" ", "-")]
     parts += ["--beside"] * (job.beside and not job.embedded)
     return shlex.join([*parts, "--out", str(out)])
+
+
+def _number(name: str):
+    holds, accepted = NUMBERS[name]
+
+    def number(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = float("nan")
+        if not holds(value):
+            raise argparse.ArgumentTypeError(f"{text!r} is not {accepted}")
+        return value
+
+    return number
 
 
 def _whole(least: int):

@@ -14,7 +14,7 @@ import numpy as np
 
 import softjax as sj
 from calibration.compare.linear import restitution_that_gives
-from calibration.data import RestitutionData
+from calibration.data.measurements import RestitutionData
 from calibration.empirical import guess_losses
 
 Box = list[tuple[float, float]]  # lowest and highest start of each parameter

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 import softjax as sj
 from calibration.compare.candidates import Candidate
-from calibration.data import RestitutionData
+from calibration.data.measurements import RestitutionData
 from calibration.empirical import effective_uncertainty
 
 Column = Float[np.ndarray, "..."]

@@ -9,7 +9,7 @@ from calibration.compare.candidates import REACH
 from calibration.compare.curves import Observed
 from calibration.compare.refits import Problem
 from calibration.compare.scores import ROUNDING, Certainty
-from calibration.data import RestitutionData
+from calibration.data.measurements import RestitutionData
 from calibration.doubt import Doubt
 from calibration.minima import MOVED, rises_between
 

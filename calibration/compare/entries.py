@@ -15,7 +15,7 @@ from calibration.compare.refits import (
     starts_of,
     without_each,
 )
-from calibration.data import RestitutionData
+from calibration.data.measurements import RestitutionData
 from calibration.doubt import Doubt
 
 

@@ -16,7 +16,7 @@ TITLE = "Fig. 2 of Zhou (2013) again; data: Eq. (17) with Table 1's σ, ψ, a pu
 
 def fit_materials(progress: Any = None):
     """χ̃ of the three materials by `two-step`: σ and ψ of Eq. (17), then χ̃ of the model."""
-    from calibration.embedded import paper_materials
+    from calibration.data.paper import paper_materials
     from calibration.fitting import fit
 
     return fit(

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from calibration.compare.entries import Entry
 from calibration.compare.ranking import Ranking
-from calibration.data import RestitutionData
+from calibration.data.measurements import RestitutionData
 from calibration.plots import style
 
 FINE = 256

@@ -10,7 +10,7 @@ from calibration.compare.curves import Observed, observe
 from calibration.compare.doubts import separation
 from calibration.compare.entries import Entry, alike, constant_entry, fitted_entry
 from calibration.compare.zhou import losses_to_try, zhou_candidate
-from calibration.data import RestitutionData
+from calibration.data.measurements import RestitutionData
 from calibration.doubt import Doubt
 
 FEWEST = 6  # points: three parameters, one point left out, and something to judge by
@@ -118,7 +118,7 @@ def _sorted(entries: list[Entry]) -> tuple[Entry, ...]:
 
 
 def _notes(data: RestitutionData) -> tuple[str, ...]:
-    from calibration.embedded import PAPER_NOTE
+    from calibration.data.paper import PAPER_NOTE
 
     if PAPER_NOTE not in data.remarks:
         return tuple(data.notes)

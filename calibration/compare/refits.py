@@ -12,7 +12,7 @@ import numpy as np
 from calibration.compare.candidates import Candidate
 from calibration.compare.curves import Expanded, Observed, expand
 from calibration.compare.scores import promised
-from calibration.data import RestitutionData
+from calibration.data.measurements import RestitutionData
 from calibration.minima import LEFT_UNDONE
 
 STARTS = 16

@@ -13,7 +13,7 @@ import numpy as np
 
 import softjax as sj
 from calibration.compare.candidates import LOGIT, Box, Candidate, Free
-from calibration.data import RestitutionData
+from calibration.data.measurements import RestitutionData
 from calibration.empirical import guess_losses
 
 Losses = Literal["sigma-psi", "eps-up", "no-chi"]

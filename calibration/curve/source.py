@@ -119,50 +119,49 @@ def _paper_chi(curve: PaperCurve, arguments, area: str) -> tuple[float | None, s
 
 
 def _of_file(arguments) -> Source:
-    from calibration.toml_file import read_problem
+    from calibration.problem_file import read_problem
 
     file = read_problem(arguments.source, needs_data=False)
     names = [entry.name for entry in file.materials]
     index = _chosen(arguments, names, arguments.source)
-    entry, table = file.materials[index], file.file.tables("material")[index]
+    entry = file.materials[index]
     if entry.contact is None:
         problem = f"{entry.name!r} has no elastic properties"
-        raise table.refusal(None, problem, "a law needs youngs_modulus and the others")
+        raise entry.table.refusal(None, problem, "a law needs youngs_modulus and the others")
     contact = entry.contact
     if arguments.area is not None:
         contact = sj.Contact(**contact.leaves(), area=arguments.area)
-    specs = {name: entry.parameters.get(name) for name in COEFFICIENTS}
+    specs = {name: file.specs[index].get(name) for name in COEFFICIENTS}
     values = {name: None if s is None else s.value for name, s in specs.items()}
     critical = float(np.asarray(contact.critical_velocity))
     last = FAR_ABOVE_YIELD * critical
     if entry.data is not None:
         last = max(float(np.max(entry.data.velocity)), 2 * critical)
-    bodies, properties = _bodies(table)
+    bodies, properties = _bodies(entry)
     return Source(
         entry.name,
         _law(arguments, contact, values),
         (DECADES_BELOW_YIELD * critical, min(last, 0.99 * float(contact.limit_velocity))),
-        None if "limit_velocity" in table else properties,
+        None if "limit_velocity" in entry.table else properties,
         bodies,
         remark=f"{entry.name}: {arguments.source}",
     )
 
 
-def _bodies(table) -> tuple[str, dict[str, float]]:
-    """Names and numbers of a `[[material]]`'s bodies; the reader has checked them."""
-    names = ("youngs_modulus", "poisson_ratio", "density", "yield_strength")
-    own = {name: float(table.values[name]) for name in names}
-    radii = {k: float(table.values[k]) for k in ("radius", "radius_1", "radius_2") if k in table}
-    if "wall" in table:
-        wall = {f"{name}_wall": float(table.values["wall"][name]) for name in names}
-        return "wall", own | radii | wall
-    if "second" not in table:
-        return "spheres", own | radii
-    one = {f"{name}_1": value for name, value in own.items()}
-    two = {f"{name}_2": float(table.values["second"][name]) for name in names}
-    radius = radii.get("radius")
-    radii = {name: radii.get(name, radius) for name in ("radius_1", "radius_2")}
-    return "unlike spheres", one | two | radii
+def _bodies(entry) -> tuple[str, dict[str, float]]:
+    """Names and numbers of a `[[material]]`'s bodies."""
+    one, two = entry.bodies
+    if two.radius is None:
+        return "wall", _numbers(one, "") | {"radius": one.radius} | _numbers(two, "_wall")
+    radii = {"radius_1": one.radius, "radius_2": two.radius}
+    if "second" in entry.table:
+        return "unlike spheres", _numbers(one, "_1") | _numbers(two, "_2") | radii
+    is_one = not {"radius_1", "diameter_1"} & entry.table.values.keys()
+    return "spheres", _numbers(one, "") | ({"radius": one.radius} if is_one else radii)
+
+
+def _numbers(body, suffix: str) -> dict[str, float]:
+    return {f"{name}{suffix}": float(leaf) for name, leaf in body.material.leaves().items()}
 
 
 def _of_fit(arguments) -> Source:

@@ -4,6 +4,7 @@ import io
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
+from fractions import Fraction
 from itertools import islice
 from pathlib import Path
 from typing import TextIO
@@ -11,8 +12,9 @@ from typing import TextIO
 import numpy as np
 from jaxtyping import Float
 
-from calibration.errors import DataError, InputError
-from calibration.table import parse_header
+from calibration.data.names import read_header
+from calibration.data.units import in_si, unit_of
+from calibration.errors import DataError, InputError, Origin
 
 BLOCK = 1 << 16  # rows; larger blocks are not faster, and 2^20 of them take 10 times the memory
 SPACINGS = ("lin", "log")
@@ -68,8 +70,8 @@ class Grid:
 class Column:
     """The velocities of a CSV file, or of standard input ("-"), read as they are needed.
 
-    One number a line, or a table whose header names a column `velocity`, its unit in brackets
-    (m/s, cm/s, mm/s). Blank lines and lines that begin with # are passed over.
+    One number a line, or a table whose header names a column `velocity` and its unit, as in a file
+    of measurements (`velocity [cm/s]`, `v (km/h)`). Blank lines and lines that begin with # are passed over.
 
     Raises:
         InputError: while reading, with file and line.
@@ -92,14 +94,14 @@ class Column:
             first = next(lines, None)
             if first is None:
                 raise InputError(self.name, None, "no velocities", "one number a line is needed")
-            column, divisor = self._header(*first)
+            column, unit = self._header(*first)
             if column is None:
                 column, lines = 0, _chained(first, lines)
             mark = _delimiter(first[1])
             rows = 0
             while block := list(islice(lines, size)):
                 rows += len(block)
-                yield self._numbers(block, column, mark) / divisor
+                yield in_si(self._numbers(block, column, mark), unit)
             if not rows:
                 accepted = "one number a line is needed below the header"
                 raise InputError(self.name, first[0], "no velocities", accepted)
@@ -117,19 +119,18 @@ class Column:
             problem = f"cannot be read ({error.strerror})"
             raise InputError(self.path, None, problem, "a readable file is needed") from None
 
-    def _header(self, line: int, text: str) -> tuple[int | None, float]:
-        """Position of the velocity and divisor to SI; None where the line is already a number."""
+    def _header(self, line: int, text: str) -> tuple[int | None, Fraction]:
+        """Position of the velocity and its unit; None where the line is already a number."""
         cells = [cell.strip() for cell in text.split(_delimiter(text))]
         if _is_number(cells[0]) and len(cells) == 1:
-            return None, 1.0
+            return None, Fraction(1)
         for position, cell in enumerate(cells):
-            if cell.lower().split("[")[0].strip() == "velocity":
-                try:
-                    return position, parse_header(cell)[1]
-                except DataError as error:
-                    raise InputError(
-                        self.name, line, f"{error.argument} is {error.value}", error.accepted
-                    ) from None
+            try:
+                header = read_header(cell)
+                if header.name == "velocity":
+                    return position, unit_of(header.unit or "m/s", "speed")
+            except DataError as error:
+                raise Origin(self.name, line).error(error) from None
         problem = f"no column named velocity in {text!r}"
         raise InputError(self.name, line, problem, "one number a line, or a header with velocity")
 

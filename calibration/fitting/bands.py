@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from calibration.data.points import require
+from calibration.data.checks import require
 from calibration.fitting.curves import curve_and_slopes, of_labels, propagated
 from calibration.fitting.estimate import Band
 from calibration.fitting.material import MaterialFit

@@ -49,8 +49,7 @@ def weights(problem: Problem, z: np.ndarray) -> Float[np.ndarray, "points"]:
 def need_weights(problem: Problem) -> bool:
     """Whether weights depend on where the fit is."""
     alone = all(_stands_alone(problem, data) for data in problem.datasets)
-    moves = any(d.velocity_uncertainty is not None for d in problem.datasets)
-    return moves or not (alone or all(is_stated(d) for d in problem.datasets))
+    return _move(problem) or not (alone or all(is_stated(d) for d in problem.datasets))
 
 
 def _stands_alone(problem: Problem, data: RestitutionData) -> bool:
@@ -67,13 +66,14 @@ def noise_of(problem: Problem, z: np.ndarray, lanes: Lanes | None = None) -> Noi
     measured = problem.points.restitution if lanes.restitution is None else lanes.restitution
     residual = found.prediction - measured
     leverage = leverages(found.jacobian)[:, : problem.count]
-    carried = _carried(problem, z)
+    slope = velocity_slope(problem, z) if _move(problem) else np.zeros(residual.shape)
+    carried = _carried(problem, slope)
     deviation = np.ones(residual.shape)
     degrees: list[float | None] = []
     for g, data in enumerate(problem.datasets):
         own = problem.points.set == g
-        if data.uncertainty is not None:
-            deviation[:, own] = np.sqrt(data.uncertainty**2 + carried[:, own])
+        if is_stated(data):
+            deviation[:, own] = _stated(data, slope[:, own])
             degrees.append(None)
             continue
         left = np.maximum(np.sum(own) - np.sum(leverage[:, own], axis=1), 1.0)
@@ -113,12 +113,21 @@ def leverages(jacobian: Float[np.ndarray, "fits m p"]) -> Float[np.ndarray, "fit
     return np.einsum("fmp,fp->fm", left**2, seen.astype(float))
 
 
-def _carried(problem: Problem, z) -> Float[np.ndarray, "fits points"]:
+def _move(problem: Problem) -> bool:
+    """Whether velocities have an uncertainty."""
+    return any(data.velocity_uncertainty is not None for data in problem.datasets)
+
+
+def _stated(data: RestitutionData, slope) -> Float[np.ndarray, "fits points"]:
+    """√var(δε - slope δv): what ε and v share of their errors counts."""
+    if data.velocity_uncertainty is None:
+        return np.broadcast_to(data.uncertainty, slope.shape)
+    return np.sqrt([data.covariance_of(one).diagonal for one in slope])
+
+
+def _carried(problem: Problem, slope) -> Float[np.ndarray, "fits points"]:
     """(dε/dv u_v)² of each point."""
-    carried = np.zeros((len(z), problem.count))
-    if all(data.velocity_uncertainty is None for data in problem.datasets):
-        return carried
-    slope = velocity_slope(problem, z)
+    carried = np.zeros(slope.shape)
     for g, data in enumerate(problem.datasets):
         if data.velocity_uncertainty is not None:
             own = problem.points.set == g

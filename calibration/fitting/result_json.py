@@ -10,6 +10,7 @@ import numpy as np
 
 import softjax as sj
 from calibration.data import RestitutionData
+from calibration.data.as_json import data_from_dict, data_to_dict
 from calibration.errors import DataError
 from calibration.fitting.doubt import Doubt
 from calibration.fitting.estimate import Estimate, Line
@@ -88,7 +89,7 @@ def _parts(table: dict[str, Any], law: Any) -> dict[str, Any]:
     covariance = table["covariance"]
     size = len(covariance["names"])
     likelihood = table["likelihood"]
-    datasets = tuple(_data_from_dict(one["material"], one["data"]) for one in table["fits"])
+    datasets = tuple(data_from_dict(one["material"], one["data"]) for one in table["fits"])
     pairs = zip(table["fits"], datasets, strict=True)
     return {
         "request": request_from_dict(table["request"], datasets, _law(table["request"], law)),
@@ -154,7 +155,7 @@ def _material_to_dict(material: MaterialFit) -> dict[str, Any]:
         "status": material.status,
         "known": [material.known_from, material.known_to],
         "noise": material.noise,
-        "data": _data_to_dict(material.data),
+        "data": data_to_dict(material.data),
     }
 
 
@@ -250,27 +251,3 @@ def _line_from_dict(table) -> Line | None:
         converged=table["converged"],
         method=table["method"],
     )
-
-
-def _data_to_dict(data: RestitutionData) -> dict[str, Any]:
-    contact = data.contact
-    return {
-        "velocity": data.velocity,
-        "restitution": data.restitution,
-        "uncertainty": data.uncertainty,
-        "velocity_uncertainty": data.velocity_uncertainty,
-        "limit_velocity": data.limit_velocity,
-        "contact": contact and {**contact.leaves(), "area": contact.area},
-        "remarks": data.remarks,
-    }
-
-
-def _data_from_dict(name: str, table) -> RestitutionData:
-    arrays = {k: np.array(v) if isinstance(v, list) else v for k, v in table.items()}
-    contact = table["contact"]
-    if contact is not None:
-        leaves = {k: np.array(v) if isinstance(v, list) else v for k, v in contact.items()}
-        arrays["contact"] = sj.Contact(**leaves)
-    arrays["remarks"] = tuple(table["remarks"])
-    return RestitutionData(name=name, **arrays)
-

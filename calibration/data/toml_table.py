@@ -7,9 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from calibration.errors import DataError, InputError, did_you_mean, is_finite_number, listed
-from calibration.text_file import read_text
-from calibration.toml_lines import lines_of
+from calibration.data.text_file import MIB, read_text
+from calibration.data.toml_lines import DEEPEST, lines_of, too_deep
+from calibration.data.units import Relative, quantity
+from calibration.errors import DataError, InputError, did_you_mean, is_finite_number, listed, shown
+
+LARGEST = 2 * MIB
+MOST = 16  # keys that a refusal names
 
 
 @dataclass(frozen=True)
@@ -57,8 +61,10 @@ class TomlTable:
         known = tuple(known)
         for key in self.values:
             if key not in known:
-                accepted = f"known here are {listed(known)}{did_you_mean(key, known)}"
-                raise self.refusal(key, f"unknown key {key!r}", accepted)
+                near = did_you_mean(key, known).strip(" ()")
+                more = f" and {len(known) - MOST} more" if len(known) > MOST else ""
+                accepted = near or f"known here are {listed(known[:MOST])}{more}"
+                raise self.refusal(key, f"unknown key {shown(repr(key))}", accepted)
 
     def number(self, key: str, holds: Callable[[float], bool], accepted: str) -> float | None:
         """A finite number for which `holds`, or None where the key is missing."""
@@ -68,6 +74,26 @@ class TomlTable:
         if not is_finite_number(value) or not holds(value):
             raise self.wrong(key, accepted)
         return float(value)
+
+    def quantity(
+        self, key: str, dimension: str, holds: Callable[[float], bool], accepted: str
+    ) -> float | None:
+        """The same of a number in SI, or of text with its unit: "69 GPa".
+
+        Of an uncertainty a percentage is a `Relative`; no other quantity is one.
+        """
+        value = self.values.get(key)
+        if not isinstance(value, str):
+            return self.number(key, holds, accepted)
+        try:
+            number = quantity(value, dimension)
+        except DataError as error:
+            known = accepted if error.argument == "quantity" else f"{accepted}, {error.accepted}"
+            raise self.wrong(key, known) from None
+        is_part = isinstance(number, Relative) and not key.endswith("uncertainty")
+        if is_part or not is_finite_number(number) or not holds(number):
+            raise self.wrong(key, accepted)
+        return number
 
     def text(self, key: str) -> str | None:
         if key not in self.values:
@@ -82,7 +108,7 @@ class TomlTable:
         choices = tuple(choices)
         # 1 == True in Python, but not in a file
         if key in self.values and not any(_alike(self.values[key], one) for one in choices):
-            near = did_you_mean(str(self.values[key]), [str(one) for one in choices])
+            near = did_you_mean(shown(self.values[key]), [str(one) for one in choices])
             raise self.wrong(key, " or ".join(map(_as_toml, choices)) + near)
         return self.values.get(key)
 
@@ -114,12 +140,16 @@ class TomlTable:
 
 
 def read_toml_table(path: str | Path) -> TomlTable:
-    """The whole file as a table.
+    """The whole file, of at most 2 MiB, as a table.
 
     Raises:
         InputError: where it cannot be read or is no TOML, with the line where the parser stopped.
     """
-    text = read_text(path)
+    text = read_text(path, LARGEST)
+    deep = too_deep(text)
+    if deep is not None:
+        accepted = f"{DEEPEST} brackets in each other, or parts of a key, are accepted"
+        raise InputError(path, deep, "nested too deeply", accepted)
     try:
         values = tomllib.loads(text)
     except ValueError as error:  # the parser's own, or Python's for a number of 5000 digits
@@ -133,7 +163,8 @@ def _syntax_error(path: str | Path, text: str, message: str) -> InputError:
     problem, line = (match[1], match[2]) if match else (message, None)
     at_end = text.rstrip("\n").count("\n") + 1
     accepted = "a TOML file is needed, `key = value` a line, text in quotation marks"
-    return InputError(path, int(line) if line else at_end, f"no valid TOML: {problem}", accepted)
+    told = f"no valid TOML: {shown(problem)}"
+    return InputError(path, int(line) if line else at_end, told, accepted)
 
 
 def _alike(one: Any, other: Any) -> bool:

@@ -9,8 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 import softjax as sj
-from calibration.data import RestitutionData
-from calibration.empirical import eq_17
+from calibration.data.measurements import RestitutionData
 
 PAPER_NOTE = (
     "Eq. (17) with Table 1's coefficients of Zhou, Theor. Appl. Mech. Lett. 3, 021003 (2013): "
@@ -34,6 +33,11 @@ CURVES = (
     PaperCurve("chrome steel", sj.CHROME_STEEL, 0.1418, 0.3114, 25.0),
     PaperCurve("nylon", sj.NYLON, 0.4355, 0.5414, 80.0),
 )
+
+
+def eq_17(velocity, limit_velocity, sigma: float, psi: float) -> np.ndarray:
+    """ε_17 = exp{-σ [v/(v_lim - v)]^ψ} in double precision, whatever JAX is set to."""
+    return np.exp(-sigma * (velocity / (limit_velocity - velocity)) ** psi)
 
 
 def paper_materials(points: int = 40, area: str = "zhou") -> list[RestitutionData]:

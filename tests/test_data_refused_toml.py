@@ -1,9 +1,10 @@
-"""Malformed material files, each with what is to be told of it (see `malformed_csv`)."""
+"""Malformed material files as far as data and bodies go (see `refused`)."""
 
-from tests.malformed_csv import TOML, Case
+import pytest
 
-BARE = '[[material]]\nname = "bare"\ndata = "m.csv"\n'
-PARAMETERS = TOML + "[material.parameters]\n"
+from calibration.data import read_toml
+from calibration.errors import InputError
+from tests.refused import TOML, Case, check_refused, written
 
 
 def _toml(line: int, text: str) -> str:
@@ -13,7 +14,7 @@ def _toml(line: int, text: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-TOML_CASES = {
+CASES = {
     "no TOML": Case("m.toml:5: no valid TOML", "key = value", _toml(5, "density == 8030")),
     "text without quotation marks": Case(
         "m.toml:2: no valid TOML", "text in quotation marks", _toml(2, "name = my alloy")
@@ -94,101 +95,103 @@ TOML_CASES = {
         'true or false or "pooled"',
         TOML + 'average_repeats = "yes"\n',
     ),
-    "unknown parameter": Case(
-        "m.toml:10: unknown key 'xi'", "known here are chi, sigma, psi", PARAMETERS + "xi = 1.0\n"
-    ),
-    "unknown field of a parameter": Case(
-        "m.toml:10: unknown key 'start'", "free, value", PARAMETERS + "chi = { start = 1.0 }\n"
-    ),
-    "value out of range": Case(
-        "m.toml:10: psi is 0", "it must be a positive number", PARAMETERS + "psi = 0\n"
-    ),
-    "value out of its bounds": Case(
-        "m.toml:11: value of chi is 3",
-        "within its bounds, [1, 2]",
-        PARAMETERS + "[material.parameters.chi]\nvalue = 3.0\nbounds = [1.0, 2.0]\n",
-    ),
-    "bounds the wrong way round": Case(
-        "m.toml:10: bounds of sigma is [2.0, 1.0]",
-        "lowest below highest",
-        PARAMETERS + "sigma = { bounds = [2.0, 1.0] }\n",
-    ),
-    "bounds out of range": Case(
-        "m.toml:10: bounds of sigma is [-1.0, 1.0]",
-        "within [0, inf]",
-        PARAMETERS + "sigma = { bounds = [-1.0, 1.0] }\n",
-    ),
-    "prior without a width": Case(
-        "m.toml:10: prior of sigma is [2.0, 0.0]",
-        "positive standard deviation",
-        PARAMETERS + "sigma = { prior = [2.0, 0.0] }\n",
-    ),
-    "prior of one number": Case(
-        "m.toml:10: prior of sigma is 2",
-        "two numbers, [mean, standard deviation]",
-        PARAMETERS + "sigma = { prior = 2.0 }\n",
-    ),
-    "unknown transform": Case(
-        "m.toml:10: transform of sigma is sqrt",
-        "one of log, logit, none",
-        PARAMETERS + 'sigma = { transform = "sqrt" }\n',
-    ),
-    "logit without bounds": Case(
-        "m.toml:10: transform of sigma is logit",
-        "both bounds given",
-        PARAMETERS + 'sigma = { transform = "logit" }\n',
-    ),
-    "bounds of what is fixed": Case(
-        "m.toml:10: bounds of psi is given",
-        "left out where free is false",
-        PARAMETERS + "psi = { free = false, value = 0.5, bounds = [0.1, 1.0] }\n",
-    ),
-    "fixed without a value": Case(
-        "m.toml:10: value of psi is missing", "given where", PARAMETERS + "psi = { free = false }\n"
-    ),
-    "free as a word": Case(
-        "m.toml:10: free of psi is no", "true or false", PARAMETERS + 'psi = { free = "no" }\n'
-    ),
-    "text for a parameter": Case(
-        'm.toml:10: psi is "half"', "a number, or a table", PARAMETERS + 'psi = "half"\n'
-    ),
-    "chi without elastic properties": Case(
-        "m.toml:5: chi without elastic properties",
-        "give youngs_modulus",
-        BARE + "[material.parameters]\nchi = 1.0\n",
-    ),
-    "chi beside its line": Case(
-        "m.toml:10: chi beside c1 and c2",
-        "only one is possible",
-        PARAMETERS + "chi = 1.0\n[parameters]\nc1 = { value = 0.0 }\n",
-    ),
-    "unknown objective": Case(
-        'm.toml:10: objective is "twostep"',
-        "did you mean 'two-step'?",
-        TOML + '[fit]\nobjective = "twostep"\n',
-    ),
-    "unknown setting": Case(
-        "m.toml:11: unknown key 'seeds'",
-        "did you mean 'seed'?",
-        TOML + "[fit]\nstarts = 8\nseeds = 1\n",
-    ),
-    "half a seed": Case(
-        "m.toml:10: seed is 1.5", "a whole number of 0 or more", TOML + "[fit]\nseed = 1.5\n"
-    ),
-    "no starts": Case("m.toml:10: starts is 0", "of 1 or more", TOML + "[fit]\nstarts = 0\n"),
-    "tolerance of the energy balance": Case(
-        "m.toml:11: rtol beside the energy balance",
-        'route = "ode" only',
-        TOML + '[fit]\nroute = "energy balance"\nrtol = 1e-6\n',
-    ),
     "fit as a value": Case("m.toml:1: fit is 3", "a table: [fit]", "fit = 3\n" + TOML),
     "a number of 5000 digits": Case(
         "m.toml:8: no valid TOML", "key = value", _toml(5, "density = " + "9" * 5000)
     ),
     "a whole number beyond floats": Case(
-        "m.toml:5: density is 9999", "a positive number", _toml(5, "density = " + "9" * 400)
+        "m.toml:5: density is a whole number of more",
+        "a positive number",
+        _toml(5, "density = " + "9" * 400),
     ),
     "no contact of these sizes": Case(
         "m.toml:1: no contact of these bodies", "other sizes", _toml(7, "radius = 1e-200")
     ),
+    "unknown unit of a property": Case(
+        'm.toml:3: youngs_modulus is "193 gpa"',
+        "a positive number [Pa], in Pa, kPa, MPa, GPa, TPa, psi (did you mean",
+        _toml(3, 'youngs_modulus = "193 gpa"'),
+    ),
+    "another dimension": Case(
+        'm.toml:7: radius is "12.7 ms"', "in m, cm, mm", _toml(7, 'radius = "12.7 ms"')
+    ),
+    "decimal comma in a quantity": Case(
+        'm.toml:7: radius is "12,7 mm"', "a positive number [m]", _toml(7, 'radius = "12,7 mm"')
+    ),
+    "percent of nothing": Case(
+        'm.toml:7: radius is "5 %"', "a positive number [m]", _toml(7, 'radius = "5 %"')
+    ),
+    "a quantity beyond floats": Case(
+        'm.toml:7: radius is "1e999 mm"', "a positive number [m]", _toml(7, 'radius = "1e999 mm"')
+    ),
+    "radius and diameter": Case(
+        "m.toml:7: radii given are radius, diameter",
+        "or the diameters in their place",
+        _toml(7, "radius = 0.01\ndiameter = 0.02"),
+    ),
+    "one radius, one diameter": Case(
+        "m.toml:7: radii given are radius_1, diameter_2",
+        "needed is radius, or radius_1 and radius_2",
+        _toml(7, "radius_1 = 0.01\ndiameter_2 = 0.02"),
+    ),
+    "a wall and two radii": Case(
+        "m.toml:1: a wall without radius alone",
+        "radius or diameter, of the sphere",
+        _toml(7, "radius_1 = 0.01\nradius_2 = 0.02") + '[material.wall]\nmaterial = "nylon"\n',
+    ),
+    "a material without a source": Case(
+        'm.toml:2: material is "AISI 304"',
+        '"stainless steel", "chrome steel", "nylon" (Table 1 of Zhou (2013)); of any other give',
+        '[[material]]\nmaterial = "AISI 304"\nradius = 0.01\ndata = "m.csv"\n',
+    ),
+    "a known material and a property": Case(
+        "m.toml:3: density beside material",
+        "either a known material, or its properties",
+        '[[material]]\nmaterial = "nylon"\ndensity = 8000\nradius = 0.01\ndata = "m.csv"\n',
+    ),
+    "an uncertainty of what was not measured": Case(
+        "m.csv:1: interval_uncertainty is given",
+        "left out beside velocity and restitution",
+        TOML + 'interval_uncertainty = "1 ms"\n',
+    ),
+    "repeats of a train": Case(
+        "m.toml:9: average of repeats is asked for",
+        "left out for bounce trains",
+        TOML + "average_repeats = true\n",
+        "interval\n0.5\n0.45\n0.4\n",
+    ),
+    "a data file beyond names": Case(
+        "m.toml:8: data file 'aaa", "name of a CSV file", _toml(8, f'data = "{"a" * 5000}"')
+    ),
+    "a data file that is none": Case("m.toml:8: data file", "CSV", _toml(8, 'data = "a\\u0000b"')),
+    "a directory for a data file": Case(
+        ": is a directory", "a file of text", _toml(8, 'data = "."')
+    ),
+    "escape sequences": Case(
+        "m.toml:3: unknown key '\\x1b[31m\\nred\\u202e'",
+        "known here are",
+        _toml(3, '"\\u001b[31m\\nred\\u202E" = 1'),
+    ),
+    "a key without end": Case(
+        "m.toml:3: unknown key 'kkkkkkkk", "known here are", _toml(3, "k" * 20000 + " = 1")
+    ),
 }
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_malformed_material_files_are_told_in_one_line(name, tmp_path):
+    check_refused(CASES[name], tmp_path, read_toml)
+
+
+def test_the_files_that_the_cases_spoil_are_good(tmp_path):
+    (data,) = read_toml(written(Case("", ""), tmp_path))
+    assert len(data) == 3
+
+
+def test_a_missing_material_file_is_told_without_a_line(tmp_path):
+    with pytest.raises(InputError) as caught:
+        read_toml(tmp_path / "n.toml")
+    assert str(caught.value).startswith(f"{tmp_path}/n.toml: no such file; ")
+    assert caught.value.line is None
+    with pytest.raises(InputError, match="is a directory; a file of text is needed"):
+        read_toml(tmp_path)
