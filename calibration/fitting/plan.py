@@ -15,6 +15,7 @@ class ErrorPlan:
         unknown: variances to be estimated, names of `set_errors.KINDS`.
         shares: whether points share errors: those of a group, or of a bounce train.
         moves: whether the true velocities are estimated: where they have errors of their own.
+        bare: whether no uncertainty is stated at all.
         separate: whether each stated uncertainty comes from a few repeats of its own, and is no
             measure of how much its point should weigh.
     """
@@ -22,6 +23,7 @@ class ErrorPlan:
     unknown: tuple[str, ...]
     shares: bool
     moves: bool
+    bare: bool
     separate: bool
 
     @property
@@ -32,7 +34,7 @@ class ErrorPlan:
     @property
     def plain(self) -> bool:
         """Whether the scatter of single points is all that there is."""
-        return self.unknown == ("scatter",) and not (self.shares or self.moves)
+        return self.bare and self.unknown == ("scatter",) and not (self.shares or self.moves)
 
 
 def plan_of(data: RestitutionData, extra_scatter: bool, scale: bool) -> ErrorPlan:
@@ -55,7 +57,8 @@ def plan_of(data: RestitutionData, extra_scatter: bool, scale: bool) -> ErrorPla
         unknown.append("group")
     shares = grouped or data.errors.shares
     moves = data.velocity_uncertainty is not None and not data.errors.shares
-    return ErrorPlan(tuple(unknown), shares, moves, stated and np.ndim(data.degrees) > 0)
+    separate = stated and np.ndim(data.degrees) > 0
+    return ErrorPlan(tuple(unknown), shares, moves, not stated, separate)
 
 
 def has_groups(data: RestitutionData) -> bool:
