@@ -13,8 +13,8 @@ from calibration.fitting.search import Found, search
 from calibration.fitting.uncertainty import winsorised
 
 STEPS = 100  # of one refit
-EXACT = 3_000_000  # impacts up to which every point is left out by a refit
-EXACT_BY_TIME = 60_000  # the same where every impact is integrated over time
+EXACT = 1_000_000  # impacts up to which every point is left out by a refit
+EXACT_BY_TIME = 20_000  # the same where every impact is integrated over time
 SEEN = 1e-9  # singular values below that of the largest are none
 LEAST_SQUARES = 1e-30  # of the residuals of data without noise
 
