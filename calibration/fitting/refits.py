@@ -151,7 +151,7 @@ def _measured(problem: Problem) -> Float[np.ndarray, "n"]:
 
 
 def _search(fit: ComponentFit, problem: Problem, z: np.ndarray, lanes: Lanes) -> Found:
-    return search(problem, z, origin=fit.component.start, lanes=lanes, limit=STEPS)
+    return search(problem, z, begun=fit.begun, lanes=lanes, limit=STEPS)
 
 
 def _scored(fit: ComponentFit, z: np.ndarray, converged: np.ndarray, fold) -> LeaveOneOut:

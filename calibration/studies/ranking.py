@@ -17,11 +17,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-import softjax as sj
 from calibration.data import RestitutionData
 from calibration.errors import DataError
 from calibration.fitting.door import fit
-from calibration.fitting.specs import law_model
 from calibration.studies.candidates import Candidate, chosen, missing_laws
 from calibration.studies.comparison import Comparison, Difference, Entry
 
@@ -99,20 +97,7 @@ def compare(
 
 
 def _entry(data: RestitutionData, candidate: Candidate, seed: int) -> Entry:
-    said = {k: v for k, v in candidate.said.items() if not isinstance(v, str)}
-    options = {k: v for k, v in candidate.said.items() if k not in said}
-    law_type = law_model(data, candidate.law, options, said).law_type
-    # exact, and compiled in a fraction of the time that a fit's own route takes
-    route = sj.EnergyBalance() if issubclass(law_type, sj.RateIndependentLaw) else None
-    result = fit(
-        data,
-        candidate.law,
-        candidate.said,
-        route=route,
-        profiles=False,
-        seed=seed,
-        unloading_line=None,
-    )
+    result = fit(data, candidate.law, candidate.said, profiles=False, seed=seed, unloading_line=None)
     return Entry(candidate, result, result.leave_one_out())
 
 
