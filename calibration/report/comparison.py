@@ -13,6 +13,7 @@ from calibration.report.tables import aligned
 from calibration.rounding import ABSENT, number
 
 WIDTH = 100
+WHOLE = 1000  # scores from here on are told in whole numbers
 HEADER = ("law", "elpd", "behind", "weight", "left out", "rms", "AIC", "BIC", "k")
 EXPLAINED = (
     "Sorted by elpd, the expected log predictive density: each point predicted by the fit without "
@@ -67,14 +68,22 @@ def _row(entry: Any) -> list[str]:
     left_out, result = entry.leave_one_out, entry.result
     return [
         entry.label + ("" if entry.converged else " (NOT CONVERGED)"),
-        ABSENT if entry.is_exact else f"{left_out.elpd:.1f}",
+        _score(None if entry.is_exact else left_out.elpd),
         _behind(entry.behind),
         ABSENT if entry.weight is None else f"{entry.weight:.2f}",
         number(left_out.rms, 3),
         number(result.rms, 3),
-        *(ABSENT if one is None else f"{one:.1f}" for one in (result.aic, result.bic)),
+        _score(result.aic),
+        _score(result.bic),
         str(entry.fitted),
     ]
+
+
+def _score(value: float | None) -> str:
+    """Tenths, as far as anybody reads them."""
+    if value is None:
+        return ABSENT
+    return f"{round(value, 1) + 0.0:.1f}" if abs(value) < WHOLE else f"{value:.0f}"
 
 
 def _behind(behind: Any) -> str:
@@ -82,9 +91,7 @@ def _behind(behind: Any) -> str:
         return ABSENT
     if behind == (0.0, 0.0):
         return "best"
-    return (
-        f"{round(behind.value, 1) + 0.0:.1f} ± {behind.standard_error:.1f}" + " tie" * behind.is_tie
-    )
+    return f"{_score(behind.value)} ± {_score(behind.standard_error)}" + " tie" * behind.is_tie
 
 
 def _parameters(one: Any) -> list[str]:

@@ -97,36 +97,41 @@ def compare(
 
 
 def _entry(data: RestitutionData, candidate: Candidate, seed: int) -> Entry:
-    result = fit(data, candidate.law, candidate.said, profiles=False, seed=seed, unloading_line=None)
+    result = fit(
+        data, candidate.law, candidate.said, profiles=False, seed=seed, unloading_line=None
+    )
     return Entry(candidate, result, result.leave_one_out())
 
 
 def _ranked(entries: list[Entry]) -> tuple[Entry, ...]:
-    """By falling elpd, each with its distance to the best and its weight."""
+    """By falling elpd, each with its distance to the best and its weight; exact ones before them."""
     exact = [one for one in entries if one.is_exact]
+    others = _with_same_curves([one for one in entries if not one.is_exact])
+    if not others:
+        return tuple(exact)
+    scores = {one.label: one.leave_one_out.elpd for one in others}
     # laws of one curve differ by rounding, and stay in the order in which they were asked for
-    order = sorted(
-        (one for one in entries if not one.is_exact),
-        key=lambda one: -round(one.leave_one_out.elpd, 6),
-    )
-    return (*exact, *_scored(order)) if order else tuple(exact)
-
-
-def _scored(order: list[Entry]) -> list[Entry]:
+    order = sorted(others, key=lambda one: -scores[one.same_as or one.label])
     densities = np.stack([one.leave_one_out.log_density for one in order])
-    weights = stacking_weights(densities)
-    ranked: list[Entry] = []
-    for one, density, weight in zip(order, densities, weights, strict=True):
-        apart = density - densities[0]
-        error = one.leave_one_out.error_of_sum(apart)
-        behind = Difference(float(np.sum(apart)), error)
-        alike = next((other.label for other in ranked if _same_curve(one, other)), None)
-        ranked.append(replace(one, behind=behind, weight=float(weight), same_as=alike))
-    return ranked
+    ranked = []
+    for one, weight in zip(order, stacking_weights(densities), strict=True):
+        apart = one.leave_one_out.log_density - densities[0]
+        behind = Difference(float(np.sum(apart)), one.leave_one_out.error_of_sum(apart))
+        ranked.append(replace(one, behind=behind, weight=float(weight)))
+    return (*exact, *ranked)
 
 
-def _same_curve(one: Entry, other: Entry) -> bool:
-    """Whether two laws agree on every point, also on those that they were not fitted to."""
+def _with_same_curves(entries: list[Entry]) -> list[Entry]:
+    """The same, each with the label of the first that has its curve."""
+    found: list[Entry] = []
+    for one in entries:
+        alike = (other.label for other in found if other.same_as is None and _agree(one, other))
+        found.append(replace(one, same_as=next(alike, None)))
+    return found
+
+
+def _agree(one: Entry, other: Entry) -> bool:
+    """Whether two laws predict every point alike."""
     apart = one.leave_one_out.predicted - other.leave_one_out.predicted
     return bool(np.max(np.abs(apart)) < SAME_CURVE)
 
