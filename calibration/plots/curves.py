@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 import softjax as sj
 from calibration.data import RestitutionData
 from calibration.fitting.assembly import label_of_law
-from calibration.fitting.curves import as_empirical, curve_and_slopes
+from calibration.fitting.curves import as_empirical, curve_and_slopes, yield_velocity
 from calibration.plots import style
 from calibration.plots.lines import Line, band_of
 
@@ -163,7 +163,7 @@ def _marks(color: str, marker: str) -> dict[str, Any]:
 
 def _mark_yield(ax: Axes, fit, scale) -> None:
     """A line where the law's impacts begin to yield, if that is inside the data."""
-    critical = yields_at(fit.law)
+    critical = yield_velocity(fit.law)
     low, high = np.min(fit.data.velocity), np.max(fit.data.velocity)
     if critical is not None and low < critical < high:
         ax.axvline(
@@ -173,14 +173,6 @@ def _mark_yield(ax: Axes, fit, scale) -> None:
             linewidth=1,
             label="first yield",
         )
-
-
-def yields_at(law: sj.ContactLaw) -> float | None:
-    """v [m/s] from which on a law's impacts yield; None without, or with one for each impact."""
-    if not isinstance(law, sj.RateIndependentLaw):
-        return None
-    velocity = np.asarray(law.elastic_velocity())
-    return float(velocity) if velocity.ndim == 0 and 0 < velocity < np.inf else None
 
 
 def _critical_velocity(fit) -> float | None:
