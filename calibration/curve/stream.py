@@ -13,6 +13,7 @@ import softjax as sj
 from calibration.curve.source import Source
 
 Route = sj.EnergyBalance | sj.ODE | None
+FILLED = 256  # rows
 
 
 class Rows(NamedTuple):
@@ -72,15 +73,16 @@ def curve_rows(
 
 
 def in_one_size(evaluate: Callable[[np.ndarray], Any]) -> Callable[[np.ndarray], Any]:
-    """The same function, of blocks filled up to the longest yet, for which it is compiled once.
+    """The same function, of blocks filled up to the longest yet, for which it is compiled.
 
-    What it gives has an array, or None, in each of its fields.
+    To a multiple of `FILLED`, so that a few rows more or less are no other program. What it gives
+    has an array, or None, in each of its fields.
     """
     longest = 0
 
     def filled(block: np.ndarray) -> Any:
         nonlocal longest
-        longest = max(longest, len(block))
+        longest = max(longest, len(block) + -len(block) % FILLED)
         found = evaluate(np.pad(block, (0, longest - len(block)), mode="edge"))
         return type(found)(*(None if one is None else one[: len(block)] for one in found))
 
