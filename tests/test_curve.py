@@ -1,6 +1,7 @@
 """Curves as text and numbers: digits, velocities in, rows out."""
 
 import io
+import itertools
 import sys
 from contextlib import closing
 
@@ -191,7 +192,7 @@ def test_a_table_tells_how_far_interpolation_is_from_the_law(tmp_path):
     (told,) = [float(line.split(" by ")[1].split()[0]) for line in header if "errs by" in line]
     velocity = found[:, 0]
     between = np.concatenate(
-        [np.linspace(*ends, 52)[1:-1] for ends in zip(velocity[:-1], velocity[1:], strict=True)]
+        [np.linspace(*ends, 52)[1:-1] for ends in itertools.pairwise(velocity)]
     )
     at = float(NYLON.law.contact.critical_velocity)
     between = between[np.abs(between / at - 1) > 1e-9]
