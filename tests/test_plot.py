@@ -344,20 +344,21 @@ def test_equal_figures_are_equal_files(own, tmp_path):
     assert (tmp_path / "one.png").read_bytes() == (tmp_path / "two.png").read_bytes()
 
 
-def test_a_curve_has_gaps_where_there_is_nothing_to_show():
+def test_a_curve_has_gaps_where_there_is_nothing_to_show(own):
     velocity = np.geomspace(0.1, 10.0, 40)
     status = np.where(velocity > 5, int(sj.Status.NO_REBOUND), 0)
     value = np.where(velocity < 0.2, np.nan, 0.9)
     rows = Rows(velocity, value, status, value - 0.1, value + 0.1)
-    data = noisy_data()
-    ax = plot_restitution(rows, "_my $law$", yields_at=1.0, data=data)
-    line = ax.get_lines()[0]
+    ax = plot_restitution(rows, "_my $law$", yields_at=1.0, result=(own.material(), 0.9))
+    (line,) = [line for line in ax.get_lines() if "law" in str(line.get_label())]
     drawn = np.isfinite(line.get_ydata())
     np.testing.assert_array_equal(drawn, (velocity >= 0.2) & (velocity <= 5))
     assert curve_of(ax, "first yield")[0][0] == 1.0
-    assert {"confidence band", "data"} <= labels_of(ax)
+    assert {"90 %, of the mean", "data", "not known"} <= labels_of(ax)
     assert any("my \\$law\\$" in label for label in labels_of(ax))
-    _, low, high = band_of(ax, "confidence band")
+    (grey,) = ax.patches
+    assert (grey.get_x(), grey.get_x() + grey.get_width()) == pytest.approx((0.1, velocity[6]))
+    _, low, high = band_of(ax, "90 %, of the mean")
     assert np.allclose(high - low, 0.2)
 
 

@@ -138,9 +138,11 @@ def _draw(path: Path, rows: Any, source: Any) -> None:
     from calibration.plots import style
     from calibration.plots.restitution import plot_restitution
 
-    data = None if source.result is None else source.result.material(source.name).data
+    kind = type(source.law).__name__
+    label = source.name if kind == "Zhou" else f"{source.name}: {kind}"
+    result = source.result and (source.result.material(source.name), source.result.confidence)
     figure = style.new_figure(6.0, 4.0)
-    plot_restitution(rows, source.name, figure.add_subplot(), yield_velocity(source.law), data)
+    plot_restitution(rows, label, figure.add_subplot(), yield_velocity(source.law), result)
     style.save(figure, path)
 
 

@@ -123,7 +123,7 @@ def _head(source: Source) -> Iterator[str]:
     yield f"# restitution of {printable(source.name)}\n"
     at = yield_velocity(source.law)
     if at is not None:
-        yield f"# first yield at {at:.6g} m/s: two rows there, as restitution may jump\n"
+        yield f"# first yield at {at:.6g} m/s, where restitution may jump\n"
     if source.result is not None:
         fit = source.result.material(source.name)
         for word, end in (("below", fit.known_from), ("above", fit.known_to)):
