@@ -31,7 +31,6 @@ REMEDIES = {
         "Eq. (17) does not hold over the whole curve, or the law does not: look at both curves; "
         "`model` is the law's own likelihood."
     ),
-    "unknown-below-yield": "Measure below the critical velocity before relying on the curve there.",
     "branch-change": "Check the data near the critical velocity; fix the strength or the modulus.",
     "data": "Check the data.",
 }
