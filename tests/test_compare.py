@@ -105,6 +105,42 @@ def test_the_density_of_a_linear_law_is_that_of_the_regression(
     assert any("first order" in note for note in comparison.notes) != refitted
 
 
+@pytest.mark.parametrize("refitted", [True, False])
+def test_a_prior_predicts_as_one_more_measurement(refitted, monkeypatch):
+    """In closed form: a row of the regression that is left out with no point."""
+    if not refitted:
+        monkeypatch.setattr(refits, "EXACT", 0)
+    data = growing(UNEQUAL)
+    said = {"line": LINE | {"slope": cal.Parameter(0.002, prior=(0.004, 0.0002))}}
+    found = cal.compare(data, {"line": Line}, parameters=said).entries[0].leave_one_out
+    design = np.stack([np.ones(30), -VELOCITY], axis=1) / UNEQUAL[:, None]
+    design = np.concatenate([design, [[0, 1 / 0.0002]]])
+    target = np.append(data.restitution / UNEQUAL, 0.004 / 0.0002)
+    for k in (0, 12, 29):
+        kept = np.arange(31) != k
+        solution = np.linalg.lstsq(design[kept], target[kept])[0]
+        inverse = np.linalg.inv(design[kept].T @ design[kept])
+        spread = UNEQUAL[k] * np.sqrt(1 + design[k] @ inverse @ design[k])
+        expected = stats.norm(design[k] @ solution * UNEQUAL[k], spread)
+        assert found.log_density[k] == pytest.approx(expected.logpdf(data.restitution[k]), abs=1e-6)
+
+
+@pytest.mark.parametrize("refitted", [True, False])
+def test_a_parameter_at_its_bound_counts_for_none(refitted, monkeypatch):
+    """A line that may not rise, on data that do: the mean of the others, and Student's t."""
+    if not refitted:
+        monkeypatch.setattr(refits, "EXACT", 0)
+    data = data_of(0.7 + 0.003 * VELOCITY + 0.01 * NOISE)
+    said = {"line": LINE | {"slope": cal.Parameter(0.002, bounds=(0, 1))}}
+    entry = cal.compare(data, {"line": Line}, parameters=said).entries[0]
+    assert entry.result.values["slope"] == 0
+    for k in (0, 29):
+        others = np.delete(data.restitution, k)
+        scale = np.std(others, ddof=1) * np.sqrt(1 + 1 / 29)
+        expected = stats.t(28, np.mean(others), scale).logpdf(data.restitution[k])
+        assert entry.leave_one_out.log_density[k] == pytest.approx(expected, abs=1e-4)
+
+
 @pytest.mark.parametrize("stated", [False, True])
 @pytest.mark.parametrize(
     ("law", "formula", "start"),

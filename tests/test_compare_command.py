@@ -60,6 +60,10 @@ def comparison():
     return cal.compare(data(), CHEAP.split(","))
 
 
+def test_the_names_of_laws_are_those_of_the_library():
+    assert set(command.NAMES) == {*cal.LAWS, "thornton-fixed"}
+
+
 def test_a_file_is_compared_and_told(tmp_path, capsys):
     code, found = run(tmp_path, "--laws", CHEAP)
     assert code == 0

@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from calibration.atomic import check_writable, files_into
+from calibration.choices import CHOICES, LAWS
 from calibration.errors import DataError, did_you_mean, listed
-from calibration.problem_file import CHOICES, LAWS
 
 OF_ZHOU, OF_DASHPOTS = ("form", "kappa"), ("end",)
 FILES = {"figure2": "figure2.png", "linear_spring": "linear_spring.png"}

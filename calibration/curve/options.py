@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from calibration.problem_file import CHOICES, LAWS
+from calibration.choices import CHOICES, LAWS
 
 COEFFICIENTS = ("chi", "sigma", "psi")
 VARIANTS = ("form", "kappa")

@@ -116,7 +116,8 @@ def _paper_chi(curve: PaperCurve, arguments, area: str) -> tuple[float | None, s
 
 
 def _of_file(arguments: argparse.Namespace) -> Source:
-    from calibration.problem_file import OPTIONS, read_problem
+    from calibration.choices import OPTIONS
+    from calibration.problem_file import read_problem
 
     file = read_problem(arguments.source, needs_data=False)
     names = [entry.name for entry in file.materials]

@@ -90,6 +90,8 @@ def compare(
                     f"{candidate.label}: {error}", "another law is needed"
                 ) from error
             left_out.append(f"{candidate.label}: {error}")
+    if not entries:
+        raise data.refusal("no law can be fitted", "; ".join(left_out))
     ranked = _ranked(entries)
     return Comparison(
         data, ranked, tuple(left_out), _notes(data, ranked), time.perf_counter() - begun
