@@ -189,6 +189,14 @@ def test_laws_are_told_apart_by_colour_and_dashes(comparison):
     assert len({str(line._unscaled_dash_pattern) for line in lines}) == len(lines)
 
 
+def test_a_law_that_stands_twice_has_two_looks():
+    laws = {"free": "thornton", "soft": "thornton"}
+    both = cal.compare(data(), laws, parameters={"soft": {"yield_factor": 1.5}})
+    free, soft = (line_of(plot_comparison(both), label) for label in ("free", "soft"))
+    assert to_hex(free.get_color()) != to_hex(soft.get_color())
+    assert free._unscaled_dash_pattern != soft._unscaled_dash_pattern
+
+
 def test_laws_with_one_curve_share_a_line():
     def hard(restitution):
         return cal.LAWS["constant"](None, restitution)

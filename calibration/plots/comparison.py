@@ -1,6 +1,7 @@
 """All laws of a comparison over the data, one column a data set."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -67,10 +68,9 @@ def plot_comparison(
     ax = style.axes_or_new(ax)
     alike = _alike([comparison]) if alike is None else alike
     data = comparison.data
-    unknown = iter(OTHERS * (1 + len(comparison.entries) // len(OTHERS)))
-    for entry in comparison.entries:
+    looks = _looks([entry.key for entry in comparison.entries])
+    for entry, (color, linestyle) in zip(comparison.entries, looks, strict=True):
         if entry.label not in alike:
-            color, linestyle = LOOKS.get(entry.key) or next(unknown)
             label = _label(entry.label, alike)
             ax.plot(*_curve(entry), color=color, linestyle=linestyle, label=label, lw=1.6)
     plot_data(ax, data)
@@ -88,6 +88,13 @@ def close_up(comparison: Any, ax: Axes) -> Axes:
     room = ROOM * max(high - low, 0.02)
     ax.set_ylim(low - room, high + room)
     return ax
+
+
+def _looks(keys: Sequence[str]) -> Iterator[tuple[str, Any]]:
+    """Colour and dashes of each law: its own, or one of `OTHERS` for a second of that name."""
+    others = cycle(OTHERS)
+    for place, key in enumerate(keys):
+        yield LOOKS[key] if key in LOOKS and key not in keys[:place] else next(others)
 
 
 def _alike(comparisons: Sequence[Any]) -> dict[str, str]:

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from calibration.data import RestitutionData
-from calibration.errors import DataError
+from calibration.errors import DataError, printable
 from calibration.fitting.door import fit
 from calibration.studies.candidates import Candidate, chosen, missing_laws
 from calibration.studies.comparison import Comparison, Difference, Entry
@@ -81,7 +81,7 @@ def compare(
         without, reasons = missing_laws(data)
         candidates, left_out = [c for c in candidates if c.key not in without], list(reasons)
     entries = []
-    for candidate in watch(candidates, data.name):
+    for candidate in watch(candidates, printable(data.name)):
         try:
             entries.append(_entry(data, candidate, seed))
         except ValueError as error:
