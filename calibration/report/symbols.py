@@ -2,6 +2,7 @@
 
 from typing import Any, NamedTuple
 
+from calibration.errors import printable
 from calibration.fitting.law_model import CONTACT_LEAVES, OF_CONTACT
 
 
@@ -53,5 +54,7 @@ def math(label: str, model: Any = None, unit: bool = True) -> str:
     """The same for matplotlib; of `chi[nylon]` the data set's name behind a comma."""
     name, _, owner = label.partition("[")
     one = symbol(name, model)
-    name = f"{one.math}, {owner[:-1]}" if owner else one.math
+    # between dollars are formulas
+    shown = printable(owner.removesuffix("]")).replace("$", r"\$")
+    name = f"{one.math}, {shown}" if owner else one.math
     return name + (f" [{one.unit}]" if unit and one.unit else "")
