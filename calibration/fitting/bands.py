@@ -29,14 +29,14 @@ def band(
     value, slope = curve_and_slopes(material, flat)
     error = propagated(slope, of_labels(material, names, covariance))
     if kind == "prediction":
-        error = np.hypot(error, _noise(material))
+        error = np.hypot(error, typical_noise(material))
     known = material.known(flat)
     parts = (value, value - quantile * error, value + quantile * error, error)
     shaped = (np.where(known, part, np.nan).reshape(velocity.shape) for part in parts)
     return Band(velocity, *shaped, kind)
 
 
-def _noise(material: MaterialFit) -> float:
+def typical_noise(material: MaterialFit) -> float:
     """Standard deviation of one more measurement: as estimated, or as stated on the average."""
     if material.noise is not None:
         return material.noise
