@@ -11,10 +11,11 @@ from jaxtyping import ArrayLike, Float
 
 import softjax as sj
 from calibration.errors import DataError
-from calibration.fitting.component_fit import ComponentFit
 from calibration.fitting.problem import Element
 from calibration.fitting.result import FitResult
+from calibration.fitting.result_json import plain
 from calibration.studies.planned import (
+    Column,
     Plan,
     checked_impacts,
     equations,
@@ -41,8 +42,6 @@ class Information:
             measured first.
         matrix: information on ln θ, (p, p): Fisher's for `model`; for `two-step` the inverse of
             the stacked equations' covariance, Aᵀ (middle)⁻¹ A.
-        eigenvalues: of it, (p,), the best known direction first.
-        directions: columns are its eigenvectors, (p, p): exponents of products of powers of θ.
         covariance: of ln θ, (p, p), as the fit's own; NaN for what the impacts do not determine.
     """
 
@@ -54,8 +53,6 @@ class Information:
     velocity: Float[np.ndarray, "n"]
     uncertainty: Float[np.ndarray, "n"]
     matrix: Float[np.ndarray, "p p"]
-    eigenvalues: Float[np.ndarray, "p"]
-    directions: Float[np.ndarray, "p p"]
     covariance: Float[np.ndarray, "p p"]
 
     @property
@@ -72,10 +69,21 @@ class Information:
         return {name: None if e is None else abs(value or 1.0) * e for name, value, e in pairs}
 
     @property
+    def directions(self) -> tuple[Float[np.ndarray, "p"], Float[np.ndarray, "p p"]]:
+        """Eigenvalues of the information, the best known direction first, and eigenvectors.
+
+        A column has the exponents of a product of powers of θ; its largest one is positive.
+        """
+        values, vectors = np.linalg.eigh(0.5 * (self.matrix + self.matrix.T))
+        largest = np.argmax(np.abs(vectors), axis=0)
+        vectors = vectors * np.sign(vectors[largest, np.arange(len(values))])
+        return np.maximum(values[::-1], 0), vectors[:, ::-1]
+
+    @property
     def words(self) -> tuple[str, ...]:
         """Each direction in a sentence, the best known first."""
-        pairs = zip(self.eigenvalues, self.directions.T, strict=True)
-        return tuple(_sentence(self.symbols, *pair) for pair in pairs)
+        values, vectors = self.directions
+        return tuple(_sentence(self.symbols, *pair) for pair in zip(values, vectors.T, strict=True))
 
     @property
     def remark(self) -> str:
@@ -91,17 +99,20 @@ class Information:
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON: undefined numbers are None."""
-        return {
-            "objective": self.objective,
-            "parameters": dict(zip(self.names, self.truth.tolist(), strict=True)),
-            "found": dict(zip(self.names, self.found.tolist(), strict=True)),
-            "standard_errors": self.standard_errors,
-            "relative_standard_errors": self.relative_errors,
-            "information": self.matrix.tolist(),
-            "eigenvalues": self.eigenvalues.tolist(),
-            "directions": self.directions.T.tolist(),
-            "words": list(self.words),
-        }
+        values, vectors = self.directions
+        return plain(
+            {
+                "objective": self.objective,
+                "parameters": dict(zip(self.names, self.truth, strict=True)),
+                "found": dict(zip(self.names, self.found, strict=True)),
+                "standard_errors": self.standard_errors,
+                "relative_standard_errors": self.relative_errors,
+                "information": self.matrix,
+                "eigenvalues": values,
+                "directions": vectors.T,
+                "words": self.words,
+            }
+        )
 
     def __str__(self) -> str:
         lines = [f"{len(self.velocity)} impacts, {self.objective}", *self.words]
@@ -140,48 +151,37 @@ def fisher_information(
         law, velocity, parameters=parameters, objective=objective, route=route, material=material
     )
     error = plan.noise if uncertainty is None else uncertainty
-    impacts = checked_impacts(velocity, error, "velocity")
-    if not (len(impacts.velocity) or len(plan.measured[plan.place].velocity)):
+    v, u = checked_impacts(velocity, error, "velocity")
+    if not v.size + plan.measured[plan.place][0].size:
         raise DataError("velocity", "empty", "one velocity [m/s] or more")
-    return information_of(plan, *impacts)
+    return information_of(plan, v, u)
 
 
-def information_of(plan: Plan, velocity, uncertainty) -> Information:
+def information_of(plan: Plan, velocity: Column, uncertainty: Column) -> Information:
     """What a plan's fit makes of these impacts beside the measured ones."""
     with jax.enable_x64(True):
-        fit = plan.fitted(velocity, uncertainty)
-        told = equations(fit)
+        component, z, known = plan.fitted(velocity, uncertainty)
+        told = equations(component, z)
     slope = told.prior_slope + np.sum(told.slope, axis=0)
     middle = told.prior_middle + told.score.T @ told.score
-    two = len(fit.stages) > 1
-    matrix = slope.T @ np.linalg.pinv(middle) @ slope if two else slope
-    eigenvalues, directions = np.linalg.eigh(0.5 * (matrix + matrix.T))
-    unit, component = relative_unit(fit), fit.component
-    problem = fit.final.problem
+    problem = component.stages[-1][1]
+    unit = relative_unit(problem, z)
     return Information(
         objective=plan.objective,
         names=tuple(e.label for e in component.elements),
         symbols=tuple(map(symbol_of, component.elements)),
         truth=np.array([e.start for e in component.elements]),
-        found=fit.theta,
+        found=problem.transform.physical(z),
         velocity=problem.points.velocity,
-        uncertainty=1 / problem.points.weight,
-        matrix=matrix,
-        eigenvalues=np.maximum(eigenvalues[::-1], 0),
-        directions=_with_sign(directions[:, ::-1]),
-        covariance=fit.uncertainty.covariance[0] * np.outer(unit, unit),
+        uncertainty=known.noise.deviation[0],
+        matrix=slope if plan.is_likelihood else slope.T @ np.linalg.pinv(middle) @ slope,
+        covariance=known.covariance[0] * np.outer(unit, unit),
     )
 
 
 def symbol_of(element: Element) -> str:
     """χ̃, or χ̃[name] where there are several data sets."""
     return (element.declared.symbol or element.name) + element.label.removeprefix(element.name)
-
-
-def _with_sign(directions: np.ndarray) -> np.ndarray:
-    """The largest exponent of each direction made positive, so that equal runs read alike."""
-    largest = np.argmax(np.abs(directions), axis=0)
-    return directions * np.sign(directions[largest, np.arange(directions.shape[1])])
 
 
 def _finite(error: float) -> float | None:

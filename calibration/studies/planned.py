@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import ArrayLike, Float
+from jaxtyping import ArrayLike, Bool, Float
 
 import softjax as sj
 from calibration.data import RestitutionData
@@ -20,37 +20,26 @@ from calibration.errors import DataError
 from calibration.fitting.assembly import EMPIRICAL, Component, assemble
 from calibration.fitting.bands import typical_noise
 from calibration.fitting.collisions import Route
-from calibration.fitting.component_fit import ComponentFit, fit_component
 from calibration.fitting.law_model import OF_CONTACT
 from calibration.fitting.noise import noise_of
+from calibration.fitting.problem import Problem
 from calibration.fitting.request import Request
 from calibration.fitting.result import FitResult
 from calibration.fitting.root import NO_REBOUND_BELOW
 from calibration.fitting.rows import numbers_in
+from calibration.fitting.search import search
 from calibration.fitting.specs import Local, SetSpec
-from calibration.fitting.stages import Options
-from calibration.fitting.uncertainty import gradient_slopes
+from calibration.fitting.uncertainty import Settled, Uncertainty, gradient_slopes, stacked
 from calibration.fitting.zhou import eps_up_of
 from calibration.parameters import Parameter, as_parameter
 from softjax.fields import numbers_of, options_of, whole_fields
 
-SEARCH = Options(optimiser="levenberg-marquardt", starts=1)
 USUAL_NOISE = 0.01  # standard uncertainty of ε unless told
-TELLS_NOTHING = 1e3  # that of an impact that does not rebound
 PLACEHOLDER = 0.5  # ε of data that have none yet
 WIDE = (-np.inf, np.inf)
 
 Column = Float[np.ndarray, "n"]
-
-
-class Measured(NamedTuple):
-    """Impacts of a data set: v [m/s], and standard uncertainty of ε."""
-
-    velocity: Column
-    uncertainty: Column
-
-    def joined(self, other: "Measured") -> "Measured":
-        return Measured(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
+Impacts = tuple[Column, Column]  # v [m/s], and standard uncertainty of ε
 
 
 @dataclass(frozen=True)
@@ -65,48 +54,57 @@ class Plan:
         by_first: whether the first stage's curve is what is measured, as a fit in two steps takes
             it; else the law's own.
         noise: standard uncertainty of one more ε.
-        known: velocities between which the law is known [m/s].
+        yields: the velocity at which an impact yields [m/s]; 0 for laws without.
     """
 
     specs: tuple[SetSpec, ...]
-    measured: tuple[Measured, ...]
+    measured: tuple[Impacts, ...]
     place: int
     route: Route
     by_first: bool = False
     noise: float = USUAL_NOISE
-    known: tuple[float, float] = (0.0, np.inf)
+    yields: float = 0.0
 
     @property
     def objective(self) -> str:
         return self.specs[0].objective
 
-    def fitted(self, velocity: Column, uncertainty: Column) -> ComponentFit:
-        """The fit of what was measured and of planned impacts, to the curve itself."""
-        points = list(self.measured)
-        points[self.place] = points[self.place].joined(Measured(velocity, uncertainty))
-        component, curve = self._without_noise(points)
-        if np.any(curve <= NO_REBOUND_BELOW):
-            errors = np.concatenate([one.uncertainty for one in points])
-            errors = np.where(curve > NO_REBOUND_BELOW, errors, TELLS_NOTHING)
-            ends = np.cumsum([len(one.velocity) for one in points])[:-1]
-            parts = zip(points, np.split(errors, ends), strict=True)
-            component, curve = self._without_noise([Measured(p.velocity, u) for p, u in parts])
-        return fit_component(component, SEARCH)
+    @property
+    def is_likelihood(self) -> bool:
+        """Whether the fit is one step, whose information is Fisher's."""
+        return self.objective == "model"
 
-    def _without_noise(self, points: list[Measured]) -> tuple[Component, Column]:
-        """The component of these impacts, and the curve that they are on."""
-        specs = [
-            replace(spec, data=_data(spec.data, *own))
-            for spec, own in zip(self.specs, points, strict=True)
-        ]
+    def component(
+        self, velocity: Column, uncertainty: Column
+    ) -> tuple[Component, Bool[np.ndarray, "points"]]:
+        """The fit's problems on the curve itself, and which of the points are the planned ones."""
+        every = [(v, u, np.zeros(len(v), bool)) for v, u in self.measured]
+        planned = (velocity, uncertainty, np.ones(len(velocity), bool))
+        every[self.place] = tuple(map(np.append, every[self.place], planned))  # type: ignore[call-overload]
+        pairs = zip(self.specs, every, strict=True)
+        specs = [replace(spec, data=_data(spec.data, v, u)) for spec, (v, u, _) in pairs]
         component = assemble(specs, self.route, EMPIRICAL)[0]
         source = component.stages[0 if self.by_first else -1][1]
         curve = source.predict(component.start[None])[0]
+        # an impact that does not rebound tells nothing
+        weight = (curve > NO_REBOUND_BELOW) / np.concatenate([u for _, u, _ in every])
         stages = tuple(
-            (name, replace(problem, points=problem.points._replace(restitution=curve)))
-            for name, problem in component.stages
+            (name, replace(p, points=p.points._replace(restitution=curve, weight=weight)))
+            for name, p in component.stages
         )
-        return replace(component, stages=stages), curve
+        return replace(component, stages=stages), np.concatenate([new for *_, new in every])
+
+    def fitted(
+        self, velocity: Column, uncertainty: Column
+    ) -> tuple[Component, Column, Uncertainty]:
+        """The fit's problems, what it finds, z, and how well."""
+        component, _ = self.component(velocity, uncertainty)
+        z, stages = component.start[None], []
+        for _, problem in component.stages:
+            found = search(problem, z)
+            z = found.z
+            stages.append(Settled(problem, found.limits))
+        return component, z[0], stacked(stages, z)
 
 
 class Equations(NamedTuple):
@@ -126,31 +124,31 @@ class Equations(NamedTuple):
     curve: Float[np.ndarray, "points p"]
 
 
-def relative_unit(fit: ComponentFit) -> Column:
+def relative_unit(problem: Problem, z: Column) -> Column:
     """dθ/dz over the size of θ: covariances in z times these are of ln θ."""
-    theta = fit.theta
-    return fit.final.problem.transform.slope(fit.z) / np.where(theta == 0, 1.0, np.abs(theta))
+    theta = problem.transform.physical(z)
+    return problem.transform.slope(z) / np.where(theta == 0, 1.0, np.abs(theta))
 
 
-def equations(fit: ComponentFit) -> Equations:
-    """Of a fit in one stage or two."""
-    problems = [stage.problem for stage in fit.stages]
-    p, count, z = len(fit.z), problems[0].count, fit.z[None]
+def equations(component: Component, z: Column) -> Equations:
+    """Of a component in one stage or two, around z."""
+    problems = [problem for _, problem in component.stages]
+    p, count = len(z), problems[0].count
     slope, score = np.zeros((count, p, p)), np.zeros((count, p))
     prior_slope, prior_middle = np.zeros((p, p)), np.zeros((p, p))
     for k, problem in enumerate(problems):
-        own, jacobian = problem.active, problem.linearise(z).jacobian[0]
+        own, jacobian = problem.active, problem.linearise(z[None]).jacobian[0]
         added = np.zeros((len(jacobian), len(own), p))
         if k:
-            added[:] = gradient_slopes(problem, z, np.arange(p))[0]
+            added[:] = gradient_slopes(problem, z[None], np.arange(p))[0]
         else:
             added[:, :, own] = jacobian[:, :, None] * jacobian[:, None, :]
         slope[:, own], score[:, own] = added[:count], jacobian[:count]
         prior_slope[own] += np.sum(added[count:], axis=0)
         prior_middle[own, own] += np.sum(jacobian[count:] ** 2, axis=0)
     final = replace(problems[-1], active=np.arange(p))
-    curve = final.linearise(z).jacobian[0, :count] / final.points.weight[:, None]
-    unit = 1 / relative_unit(fit)
+    curve = final.weighed(np.ones(count)).linearise(z[None]).jacobian[0, :count]
+    unit = 1 / relative_unit(final, z)
     both = np.outer(unit, unit)
     return Equations(
         slope * both, score * unit, prior_slope * both, prior_middle * both, curve * unit
@@ -195,19 +193,19 @@ def plan_of(
             raise DataError("law", law, "a contact law or a FitResult")
         if material is not None:
             raise DataError("material", material, "left out with a law")
-        there = checked_impacts(*(measured or ((), ())), "measured")
-        every = np.concatenate([there.velocity, reach])
+        there = checked_impacts(*((), 1.0) if measured is None else measured, "measured")
+        every = np.concatenate([there[0], reach])
         return _of_law(law, every, parameters or {}, objective, route, there)
 
 
-def checked_impacts(velocity: ArrayLike, uncertainty: ArrayLike, name: str) -> Measured:
+def checked_impacts(velocity: ArrayLike, uncertainty: ArrayLike, name: str) -> Impacts:
     """Velocities and uncertainties of one length."""
     v, u = np.asarray(velocity, float).ravel(), np.asarray(uncertainty, float)
     if not (np.all(np.isfinite(u)) and np.all(u > 0)):
         raise DataError("uncertainty", uncertainty, "positive")
     if u.ndim and u.shape != v.shape:
         raise DataError(name, f"{u.size} uncertainties", f"one for all, or {v.size}")
-    return Measured(v, np.broadcast_to(u, v.shape) if v.size else v)
+    return v, np.broadcast_to(u, v.shape) if v.size else v
 
 
 def _data(like: RestitutionData, velocity: Column, uncertainty: Column) -> RestitutionData:
@@ -219,22 +217,21 @@ def _data(like: RestitutionData, velocity: Column, uncertainty: Column) -> Resti
     )
 
 
-def _of_law(law, every: Column, parameters, objective, route: Route, there: Measured) -> Plan:
+def _of_law(law, every: Column, parameters, objective, route: Route, there: Impacts) -> Plan:
     for name, value in numbers_of(law).items():
         if np.ndim(value):
             raise DataError(name, f"of shape {np.shape(value)}", "a single number")
     limit = getattr(law, "limit_velocity", None)
     contact = getattr(law, "contact", None)
-    data = RestitutionData(
-        every, np.full(len(every), PLACEHOLDER), contact, limit_velocity=None if contact else limit
-    )
+    level, limit = np.full(len(every), PLACEHOLDER), None if contact else limit
+    data = RestitutionData(every, level, contact, name="the plan", limit_velocity=limit)
     said = _said(law, parameters)
     request = Request((data,), type(law), said, objective, route)
     spec = request.specs()[0]
     spec = replace(spec, local=tuple(_at(one, _truth(law, one.name)) for one in spec.local))
     by_time = isinstance(law, sj.RateDependentLaw)
     route = request.chosen_route([spec]) if by_time else route
-    return _checked(Plan((spec,), (there,), 0, route))
+    return _checked(Plan((spec,), (there,), 0, route, yields=_yields_at(law)))
 
 
 def _said(law: sj.ContactLaw, parameters: Mapping[str, Any]) -> dict[str, Any]:
@@ -260,23 +257,24 @@ def _truth(law: sj.ContactLaw, name: str) -> Any:
     return getattr(law, name, None)
 
 
-def _at(local: Local, value: Any) -> Local:
-    """A parameter that is known to be somewhere, as free as before; a prior's mean is there too."""
+def _at(local: Local, value: Any, is_determined: bool = True) -> Local:
+    """A parameter that is known to be somewhere, free if it was; a prior's mean is there too."""
+    parameter, ends = local.parameter, local.range
     if value is None:
         value = local.start
-    if not local.parameter.free:
-        if local.parameter.value not in (None, value):
-            accepted = f"the law's own, {value:g}, to be held at"
-            raise DataError(f"parameters[{local.name!r}]", local.parameter.value, accepted)
-        return replace(local, start=value)
+    if not parameter.free and parameter.value not in (None, value):
+        accepted = f"the law's own, {value:g}, to be held at"
+        raise DataError(f"parameters[{local.name!r}]", parameter.value, accepted)
+    if not (parameter.free and is_determined):
+        return replace(local, start=value, parameter=Parameter(free=False))
     if not local.declared.lower < value < local.declared.upper:
         raise DataError(local.name, value, f"{local.declared.accepted}, inside its range, or fixed")
-    parameter, ends = local.parameter, local.range
     if not ends[0] < value < ends[1]:  # an end that was guessed from data
         parameter, ends = replace(parameter, bounds=None, transform="none"), WIDE
-    if parameter.prior is not None:
-        parameter = replace(parameter, prior=(float(value), parameter.prior[1]))
-    return replace(local, start=value, parameter=replace(parameter, value=None), range=ends)
+    prior = None if parameter.prior is None else (float(value), parameter.prior[1])
+    return replace(
+        local, start=value, parameter=replace(parameter, value=None, prior=prior), range=ends
+    )
 
 
 def _of_fit(result: FitResult, material: str | None, reach: Column, route: Route) -> Plan:
@@ -295,33 +293,35 @@ def _of_fit(result: FitResult, material: str | None, reach: Column, route: Route
     placed = []
     for k, spec in zip(component.sets, component.specs, strict=True):
         values, labels = result.materials[k].values, result.materials[k].labels
-        local = [
-            _held_or_free(l, values[l.name], determined.get(labels.get(l.name, ""), False))
-            for l in spec.local
-        ]
-        placed.append(replace(spec, local=tuple(local)))
+        local = tuple(
+            _at(one, values[one.name], determined.get(labels.get(one.name), False))
+            for one in spec.local
+        )
+        placed.append(replace(spec, local=local))
     there = _there(result, component)
     by_first = one.objective == "two-step"
     place = component.sets.index(g)
-    plan = Plan(tuple(placed), there, place, route, by_first, typical_noise(one), (low, high))
+    plan = Plan(
+        tuple(placed), there, place, route, by_first, typical_noise(one), _yields_at(one.law)
+    )
     return _checked(plan)
 
 
-def _held_or_free(local: Local, value: Any, is_determined: bool) -> Local:
-    if local.parameter.free and not is_determined:
-        local = replace(local, parameter=Parameter(free=False))
-    return _at(local, value)
-
-
-def _there(result: FitResult, component: Component) -> tuple[Measured, ...]:
+def _there(result: FitResult, component: Component) -> tuple[Impacts, ...]:
     """What the component's data sets have measured, with the errors that the fit gave them."""
     problem = component.stages[0][1]
     theta = [float(result.materials[e.sets[0]].values[e.name]) for e in component.elements]
     z = problem.transform.unconstrained(np.array(theta))
     deviation = noise_of(problem, z[None]).deviation[0]
-    sets = range(len(component.specs))
-    own = [problem.points.set == k for k in sets]
-    return tuple(Measured(problem.points.velocity[which], deviation[which]) for which in own)
+    own = [problem.points.set == k for k in range(len(component.specs))]
+    return tuple((problem.points.velocity[which], deviation[which]) for which in own)
+
+
+def _yields_at(law: sj.ContactLaw) -> float:
+    if not isinstance(law, sj.RateIndependentLaw):
+        return 0.0
+    velocity = float(np.asarray(law.elastic_velocity()))
+    return velocity if np.isfinite(velocity) else 0.0
 
 
 def _checked(plan: Plan) -> Plan:

@@ -176,9 +176,7 @@ def compare(
         result = fit(data, law, own, profiles=False, seed=seed, unloading_line=None)
         key = label if label == FIXED_YIELD else law_name(law) or label
         entries.append(Entry(key, label, result, result.leave_one_out()))
-    return Comparison(
-        data, _ranked(entries), missing, _notes(data), time.perf_counter() - begun
-    )
+    return Comparison(data, _ranked(entries), missing, _notes(data), time.perf_counter() - begun)
 
 
 def _chosen(data: RestitutionData, laws) -> tuple[dict[str, Any], tuple[str, ...]]:
@@ -189,7 +187,9 @@ def _chosen(data: RestitutionData, laws) -> tuple[dict[str, Any], tuple[str, ...
         return {_label(law): law for law in laws}, ()
     if data.contact is None:
         why = ["without elastic properties no law of the contact of two bodies can be fitted"]
-        names = [name for name in WITHOUT_CONTACT if name != "eq-17" or data.limit_velocity is not None]
+        names = [
+            name for name in WITHOUT_CONTACT if name != "eq-17" or data.limit_velocity is not None
+        ]
         if len(names) < len(WITHOUT_CONTACT):
             why.append("without a limit velocity Eq. (17) cannot be fitted either")
         return {KNOWN[name].label: name for name in names}, tuple(why)
