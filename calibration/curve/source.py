@@ -29,7 +29,7 @@ class Source:
         name: of the material.
         law: the contact law.
         span: (lowest, highest) velocity [m/s] of a curve unless told otherwise.
-        properties: those of the bodies by the names of `sensitivities.inputs`; None where only
+        properties: those of the bodies by the names of `studies.inputs`; None where only
             the contact is known.
         bodies: "spheres", "unlike spheres" or "wall": how `properties` are to be read.
         result: the fit; None without one.
@@ -131,7 +131,7 @@ def _of_file(arguments) -> Source:
     contact = entry.contact
     if arguments.area is not None:
         contact = sj.Contact(**contact.leaves(), area=arguments.area)
-    specs = {name: file.specs[index].get(name) for name in COEFFICIENTS}
+    specs = {name: file.said[index].get(name) for name in COEFFICIENTS}
     values = {name: None if s is None else s.value for name, s in specs.items()}
     critical = float(np.asarray(contact.critical_velocity))
     last = FAR_ABOVE_YIELD * critical

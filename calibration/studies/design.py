@@ -12,8 +12,9 @@ from jaxtyping import ArrayLike, Float
 import softjax as sj
 from calibration.errors import DataError
 from calibration.fitting.result import FitResult
+from calibration.fitting.result_json import plain
 from calibration.studies.exchange import CRITERIA, Criterion, Table, exchanged
-from calibration.studies.information import information_of
+from calibration.studies.information import information_of, symbol_of
 from calibration.studies.planned import (
     USUAL_NOISE,
     Column,
@@ -55,6 +56,9 @@ class Design:
         efficiency: what the design reaches at least of the best possible one of as many shots, by
             the equivalence theorem; None for `two-step`, for which there is none.
         starts: log criterion at which each start ended, ascending.
+        symbols: of the parameters.
+        grid, slopes: velocities [m/s], (k,), and θ ∂ε/∂θ there, (k, p), of the first law.
+        remark: what two steps find instead of the law's own parameters, if anything.
     """
 
     objective: str
@@ -70,6 +74,9 @@ class Design:
     gain: float
     efficiency: float | None
     starts: Float[np.ndarray, "starts"]
+    symbols: tuple[str, ...]
+    grid: Float[np.ndarray, "k"]
+    slopes: Float[np.ndarray, "k p"]
     remark: str = ""
 
     @property
@@ -85,21 +92,23 @@ class Design:
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON."""
-        return {
-            "objective": self.objective,
-            "criterion": self.criterion,
-            "target": self.target,
-            "velocity": self.velocity.tolist(),
-            "support": [{"velocity": v, "shots": n} for v, n in self.support],
-            "uncertainty": self.uncertainty,
-            "bounds": list(self.bounds),
-            "relative_standard_errors": self.relative_errors,
-            "relative_standard_errors_equally_spaced": self.equally_spaced,
-            "relative_standard_errors_before": self.before,
-            "gain": self.gain,
-            "efficiency": self.efficiency,
-            "log_criterion_of_starts": self.starts.tolist(),
-        }
+        return plain(
+            {
+                "objective": self.objective,
+                "criterion": self.criterion,
+                "target": self.target,
+                "velocity": self.velocity,
+                "support": [{"velocity": v, "shots": n} for v, n in self.support],
+                "uncertainty": self.uncertainty,
+                "bounds": self.bounds,
+                "relative_standard_errors": self.relative_errors,
+                "relative_standard_errors_equally_spaced": self.equally_spaced,
+                "relative_standard_errors_before": self.before,
+                "gain": self.gain,
+                "efficiency": self.efficiency,
+                "log_criterion_of_starts": self.starts,
+            }
+        )
 
     def __str__(self) -> str:
         shots = ", ".join(f"{n} at {v:.4g} m/s" for v, n in self.support)
@@ -198,6 +207,7 @@ class _Wanted:
         self.even = np.linspace(*bounds, len(errors))
         component, _ = plans[0].component(self.even, errors)
         self.names = tuple(e.label for e in component.elements)
+        self.symbols = tuple(map(symbol_of, component.elements))
         self.target = _target(target, self.names, plans[0].specs[plans[0].place].data.name)
         p = len(self.names)
         weight = np.zeros((len(plans), p, p)) + np.eye(p) / p
@@ -288,6 +298,9 @@ def _designed(wanted: _Wanted, starts: int, seed: int, progress) -> Design:
         gain=math.exp(0.5 * (wanted.level(even) - level)),
         efficiency=efficiency,
         starts=ends,
+        symbols=wanted.symbols,
+        grid=grid,
+        slopes=wanted.table(grid, wanted.found(shots)).curve[0],
         remark=remark,
     )
 

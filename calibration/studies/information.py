@@ -95,7 +95,7 @@ class Information:
         ]
         if not moved:
             return ""
-        return f"of impacts of this law {self.objective} finds {', '.join(moved)}"
+        return f"without noise {self.objective} finds {', '.join(moved)} from these impacts"
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON: undefined numbers are None."""

@@ -24,6 +24,7 @@ from jaxtyping import Array, ArrayLike, Float
 import softjax as sj
 from calibration.errors import DataError
 from calibration.fitting.result import FitResult
+from calibration.fitting.result_json import plain
 from calibration.studies.inputs import Inputs, as_inputs, check_velocity
 
 SCALES = ("uniform", "log")
@@ -51,6 +52,7 @@ class SobolIndices:
         samples: n; the model was evaluated n (p + 2) times, n of them with derivatives.
         confidence: of the limits.
         velocity: v [m/s] that the outputs belong to, (q,); None for another model.
+        symbols: of the inputs; their names for another model.
     """
 
     names: tuple[str, ...]
@@ -68,20 +70,14 @@ class SobolIndices:
     samples: int
     confidence: float
     velocity: Float[np.ndarray, "q"] | None = None
+    symbols: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON; what is undefined (no variance) is None."""
-        tables = ("first", "first_low", "first_high", "total", "total_low", "total_high", "bound")
-        return {
-            "inputs": list(self.names),
-            "ranges": {name: list(self.ranges[name]) for name in self.names},
-            "scale": self.scale,
-            "samples": self.samples,
-            "confidence": self.confidence,
-            "velocity": None if self.velocity is None else self.velocity.tolist(),
-            "mean": self.mean.tolist(),
-            "variance": self.variance.tolist(),
-        } | {name: _without_nan(getattr(self, name)) for name in tables}
+        table = {"inputs": self.names, **vars(self)}
+        return plain(
+            {name: value for name, value in table.items() if name not in ("names", "symbols")}
+        )
 
 
 def sobol_indices(
@@ -115,7 +111,8 @@ def sobol_indices(
     inputs.law()  # refuses values that make no law
     held = {name: np.asarray(value, float) for name, value in inputs.values.items()}
     found = model_indices(Restitution(held, inputs.build, velocity, route), ranges, **options)
-    return replace(found, velocity=velocity)
+    symbols = tuple(inputs.declared(name).symbol for name in ranges)
+    return replace(found, velocity=velocity, symbols=symbols)
 
 
 class Restitution(eqx.Module):
@@ -186,7 +183,9 @@ def model_indices(
     with np.errstate(divide="ignore", invalid="ignore"):
         tables.append(width**2 * squares / (np.pi**2 * variance[:, None]))
     told = [np.where(varies[:, None], table, np.nan) for table in tables]
-    return SobolIndices(names, dict(ranges), scale, *told, mean, variance, samples, confidence)
+    return SobolIndices(
+        names, dict(ranges), scale, *told, mean, variance, samples, confidence, None, names
+    )
 
 
 @dataclass
@@ -297,7 +296,3 @@ def _check(ranges, samples, scale) -> None:
         if not (np.isfinite([low, high]).all() and low < high and (scale != "log" or low > 0)):
             accepted = "(low, high), finite and ascending" + (", positive" * (scale == "log"))
             raise DataError(f"ranges[{name!r}]", (low, high), accepted)
-
-
-def _without_nan(table: np.ndarray) -> list:
-    return [[x if np.isfinite(x) else None for x in row] for row in table.tolist()]
