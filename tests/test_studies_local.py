@@ -1,12 +1,15 @@
 """Local sensitivities against high-precision differences, and what dimensions say of them."""
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import calibration as cal
 import softjax as sj
-from calibration.sensitivities.inputs import Inputs, SphereAndWall, UnlikeSpheres, dimension
+from calibration.studies.inputs import Inputs, OfBodies
+from softjax.fields import array_field
 from tests.cases import FITTED, FORMS, MATERIALS, RADIUS, column, fitted, law_of, reference
+from tests.decay import Decay
 
 PROPERTIES = {  # the oracle's names
     "youngs_modulus": "E",
@@ -110,19 +113,19 @@ def test_modulus_and_poissons_ratio_act_through_one_number():
 
 
 @pytest.mark.parametrize(
-    ("build", "bodies", "radii"),
+    ("kind", "bodies", "radii"),
     [
-        (UnlikeSpheres(), ("_1", "_2"), {"radius_1": 0.01, "radius_2": 0.03}),
-        (SphereAndWall(), ("", "_wall"), {"radius": 0.01}),
+        ("unlike spheres", ("_1", "_2"), {"radius_1": 0.01, "radius_2": 0.03}),
+        ("wall", ("", "_wall"), {"radius": 0.01}),
     ],
 )
-def test_identities_hold_for_unlike_bodies_and_a_wall(build, bodies, radii):
+def test_identities_hold_for_unlike_bodies_and_a_wall(kind, bodies, radii):
     properties = {
         name + body: value
         for name, values in UNLIKE.items()
         for body, value in zip(bodies, values, strict=True)
     }
-    inputs = Inputs(properties | radii | {"chi": 0.5, "sigma": 0.4, "psi": 0.5}, build)
+    inputs = Inputs(properties | radii | {"chi": 0.5, "sigma": 0.4, "psi": 0.5}, OfBodies(kind))
     found = cal.sensitivity(inputs, VELOCITY)
     np.testing.assert_allclose(found.dimensional_sums(), 0, atol=1e-13)
     # the stronger body's yield strength plays no part, its modulus does
@@ -157,9 +160,68 @@ def test_ranking_names_the_strongest_first():
     assert dict(ranked)["chi"] == found.of("chi")[-1]
 
 
-def test_names_without_a_unit_are_known_as_such():
-    assert dimension("chi") == dimension("poisson_ratio_wall") == (0, 0, 0)
-    assert dimension("density_2") == (1, -3, 0)
+def test_symbols_and_units_are_those_that_the_fields_declare():
+    inputs = Inputs({}, lambda values: fitted("nylon"))
+    assert inputs.declared("density_2")[:2] == ("ρ 2", "kg/m³")
+    assert inputs.declared("poisson_ratio_wall")[:2] == ("μ wall", "-")
+    assert inputs.declared("chi")[:2] == ("χ̃", "-")
+    assert inputs.declared("velocity")[:2] == ("v", "m/s")
+
+
+def test_another_laws_sensitivities_follow_from_its_closed_form():
+    """Thornton far above yield: ε² = (6√3/5) (1 - q/6) √(q/(q + 2 √(6/5 - q/5))), q = (V_y/v)².
+
+    So ε depends on v/V_y alone, and V_y ∝ p_y^{5/2} E*^{-2} ρ^{-1/2}.
+    """
+    nylon = MATERIALS["nylon"]
+    inputs = cal.of_spheres(nylon, RADIUS, sj.Thornton, area="hertz", yield_factor=1.6)
+    yields = float(inputs.law().elastic_velocity())
+    found = cal.sensitivity(inputs, [5.0, 50.0])
+
+    def restitution(v):
+        q = (yields / v) ** 2
+        inner = q / (q + 2 * np.sqrt(1.2 - 0.2 * q))
+        return np.sqrt(6 * np.sqrt(3) / 5) * np.sqrt(1 - q / 6) * inner**0.25
+
+    h = 1e-5
+    v = found.velocity
+    in_v = (restitution(v * (1 + h)) - restitution(v * (1 - h))) / (2 * h)
+    np.testing.assert_allclose(found.coefficient, restitution(v), rtol=1e-10)
+    np.testing.assert_allclose(found.of("velocity"), in_v, atol=1e-8)
+    np.testing.assert_allclose(found.of("yield_factor"), -2.5 * in_v, atol=1e-7)
+    np.testing.assert_allclose(found.of("yield_strength"), -2.5 * in_v, atol=1e-7)
+    np.testing.assert_allclose(found.of("density"), 0.5 * in_v, atol=1e-7)
+    np.testing.assert_allclose(found.of("radius"), 0, atol=1e-12)
+    np.testing.assert_allclose(found.dimensional_sums(), 0, atol=1e-12)
+
+
+class Table(sj.HardSphereLaw):
+    """ε = level · exp(-v · mean of some weights): one number, and some that are whole."""
+
+    level: float
+    weights: np.ndarray = array_field()
+
+    def restitution_squared(self, velocity):
+        return (self.level * jnp.exp(-velocity * jnp.mean(self.weights))) ** 2
+
+
+def test_what_is_whole_is_held_and_no_input():
+    law = Table(0.9, np.array([0.1, 0.2, 0.3]))
+    found = cal.sensitivity(law, [1.0, 2.0])
+    assert found.names == ("level", "velocity")
+    curve = 0.9 * np.exp(-0.2 * found.velocity)
+    np.testing.assert_allclose(found.of("level"), curve, rtol=1e-12)
+    np.testing.assert_allclose(found.of("velocity"), -0.2 * found.velocity * curve, rtol=1e-12)
+    with pytest.raises(ValueError, match="unit of level"):
+        found.dimensional_sums()  # it declares none
+
+
+def test_a_fits_inputs_are_those_of_its_law():
+    v = np.linspace(1.0, 9.0, 9)
+    data = cal.RestitutionData(v, 0.9 * np.exp(-0.05 * v), name="balls")
+    result = cal.fit(data, Decay, profiles=False)
+    found = cal.sensitivity(result, [2.0], material="balls")
+    np.testing.assert_allclose(found.of("rate"), -0.1 * 0.9 * np.exp(-0.1), rtol=1e-6)
 
 
 @pytest.mark.parametrize(
