@@ -14,11 +14,12 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from calibration.cache import keep_compilations
 from calibration.commands import COMMANDS
 from calibration.errors import DataError, InputError, did_you_mean, listed
 
 DONE, NOT_CONVERGED, UNUSABLE, INTERRUPTED = 0, 1, 2, 130
-COMMON = {"out": Path("results"), "quiet": False}
+COMMON = {"out": Path("results"), "quiet": False, "cache": True}
 
 
 class Parser(argparse.ArgumentParser):
@@ -34,6 +35,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     _never_fail_to_print()
     name, arguments = _parse(sys.argv[1:] if argv is None else argv)
     try:
+        if arguments.cache:
+            keep_compilations()
         return _command(name).run(arguments)
     except (InputError, DataError) as error:
         return _refuse(str(error))
@@ -60,6 +63,13 @@ def common_options(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         default=argparse.SUPPRESS,
         help="no progress bar, no table: errors only",
+    )
+    group.add_argument(
+        "--no-cache",
+        dest="cache",
+        action="store_false",
+        default=argparse.SUPPRESS,
+        help="compile everything anew, and keep nothing of it for the next command",
     )
 
 

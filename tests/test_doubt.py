@@ -8,19 +8,20 @@ import pytest
 
 import calibration as cal
 import softjax as sj
-from calibration import doubt
-from calibration.assemble import assemble
-from calibration.fitting import run
-from calibration.impacts import Model
-from calibration.intervals import estimate_of
-from calibration.minima import MOVED
+from calibration.fitting import doubt
+from calibration.fitting.assembly import assemble
+from calibration.fitting.component_fit import fit_component
+from calibration.fitting.intervals import estimates
+from calibration.fitting.minima import MOVED
+from calibration.fitting.specs import specs_of
+from calibration.fitting.stages import Options
+from calibration.fitting.suspicions import shared_doubts
 from calibration.report import rows
-from calibration.stages import Options
-from calibration.suspicions import shared_doubts
 from tests.fit_data import TRUTH, eq_17_data, twin
 
 QUICK = {"route": sj.EnergyBalance(), "profiles": False, "starts": 8}
-Spec = cal.ParameterSpec
+Free = cal.Parameter
+TWO_STEP = QUICK | {"objective": "two-step"}
 
 
 def codes(result):
@@ -29,8 +30,8 @@ def codes(result):
 
 def at_bound():
     data = twin("nylon", noise=0.002)
-    raised = cal.fit(data, parameters={"chi": Spec("chi", bounds=(0.3, 1.0))}, **QUICK)
-    quiet = cal.fit(data, parameters={"chi": Spec("chi", bounds=(0.1, 1.0))}, **QUICK)
+    raised = cal.fit(data, None, {"chi": Free(bounds=(0.3, 1.0))}, **QUICK)
+    quiet = cal.fit(data, None, {"chi": Free(bounds=(0.1, 1.0))}, **QUICK)
     return raised, quiet
 
 
@@ -44,7 +45,7 @@ def told(result):
 def runs_to_zero():
     """With noise as large as this the losses below yield say nothing of ψ."""
     noisy, exact = (twin("nylon", noise=u, seed=2, uncertainty=u) for u in (0.03, 0.0005))
-    raised, quiet = (cal.fit(d, "model", **QUICK) for d in (noisy, exact))
+    raised, quiet = (cal.fit(d, **QUICK) for d in (noisy, exact))
     assert raised.values["psi"] == 0.0
     assert raised.materials[0].parameters["psi"].at_bound
     assert ["", "ψ", "0 (at its bound)"] in [row[:3] for row in told(raised)]
@@ -53,7 +54,7 @@ def runs_to_zero():
 
 def grows_without_bound():
     noisy, exact = (twin("stainless steel", noise=u, uncertainty=u) for u in (0.01, 0.0003))
-    raised, quiet = (cal.fit(d, "model", **QUICK) for d in (noisy, exact))
+    raised, quiet = (cal.fit(d, **QUICK) for d in (noisy, exact))
     assert raised.values["sigma"] is None
     assert "grows without bound" in str(raised)
     assert ["", "σ", "not determined"] in [row[:3] for row in told(raised)]
@@ -63,50 +64,50 @@ def grows_without_bound():
 
 def rank_deficient():
     """σ and ψ asked for from points above yield through Eq. (16) alone; and with points below."""
-    asked = {"sigma": Spec("sigma"), "psi": Spec("psi")}
+    asked = {"sigma": Free(), "psi": Free()}
     above = twin("nylon", np.geomspace(1.2, 80, 30), 0.002)
-    raised = cal.fit(above, "model", parameters=asked, **QUICK)
-    quiet = cal.fit(twin("nylon", noise=0.002), "model", parameters=asked, **QUICK)
+    raised = cal.fit(above, None, asked, **QUICK)
+    quiet = cal.fit(twin("nylon", noise=0.002), None, asked, **QUICK)
     assert raised.standard_errors["sigma"] is None
     assert raised.standard_errors["eps_up"] is None or raised.rank == 2
     return raised, quiet
 
 
 def eps_up_only():
-    raised = cal.fit(twin("nylon", np.geomspace(1.2, 80, 30), 0.002), "model", **QUICK)
-    quiet = cal.fit(twin("nylon", noise=0.002), "model", **QUICK)
+    raised = cal.fit(twin("nylon", np.geomspace(1.2, 80, 30), 0.002), **QUICK)
+    quiet = cal.fit(twin("nylon", noise=0.002), **QUICK)
     return raised, quiet
 
 
 def sigma_psi_not_separate():
     noisy, exact = (twin("chrome steel", noise=noise, seed=1) for noise in (0.02, 0.0005))
-    return cal.fit(noisy, "model", **QUICK), cal.fit(exact, "model", **QUICK)
+    return cal.fit(noisy, **QUICK), cal.fit(exact, **QUICK)
 
 
 def ill_conditioned():
     """Modulus and χ̃ and yield strength all at once from a short range; and χ̃ alone."""
     data = twin("nylon", np.linspace(20, 21, 30), 1e-5)
-    free = {name: Spec(name) for name in ("yield_strength", "youngs_modulus")}
-    raised = cal.fit(data, "two-step", parameters=free, **QUICK)
-    return raised, cal.fit(data, "two-step", **QUICK)
+    free = {name: Free() for name in ("yield_strength", "youngs_modulus")}
+    raised = cal.fit(data, None, free, **TWO_STEP)
+    return raised, cal.fit(data, **TWO_STEP)
 
 
 def not_converged():
     data = twin("nylon", noise=0.002)
     short = QUICK | {"starts": 1}
-    return cal.fit(data, "model", max_steps=1, **short), cal.fit(data, "model", **QUICK)
+    return cal.fit(data, max_steps=1, **short), cal.fit(data, **QUICK)
 
 
 def model_misfit():
     told = {"noise": 0.004, "uncertainty": 0.004}
-    raised = cal.fit(eq_17_data("stainless steel", 40, **told), **QUICK)
-    quiet = cal.fit(eq_17_data("chrome steel", 40, **told), **QUICK)
+    raised = cal.fit(eq_17_data("stainless steel", 40, **told), **TWO_STEP)
+    quiet = cal.fit(eq_17_data("chrome steel", 40, **told), **TWO_STEP)
     return raised, quiet
 
 
 def model_misfit_without_uncertainty():
-    raised = cal.fit(eq_17_data("stainless steel", 40, noise=0.003), **QUICK)
-    quiet = cal.fit(eq_17_data("chrome steel", 40, noise=0.003), **QUICK)
+    raised = cal.fit(eq_17_data("stainless steel", 40, noise=0.003), **TWO_STEP)
+    quiet = cal.fit(eq_17_data("chrome steel", 40, noise=0.003), **TWO_STEP)
     return raised, quiet
 
 
@@ -140,12 +141,12 @@ def branch_change():
     strength = 1.25 * float(right.contact.yield_strength)
     wrong = sj.Contact(**{**right.contact.leaves(), "yield_strength": strength})
     specs = {
-        "yield_strength": Spec("yield_strength"),
+        "yield_strength": Free(),
         "sigma": TRUTH[name][2],
         "psi": TRUTH[name][3],
     }
     misled = cal.RestitutionData(right.velocity, right.restitution, wrong)
-    return (cal.fit(d, "model", parameters=specs, **QUICK) for d in (misled, right))
+    return (cal.fit(d, None, specs, **QUICK) for d in (misled, right))
 
 
 def data():
@@ -169,10 +170,10 @@ def torn(*shares):
     data = twin("nylon", np.linspace(5, 60, 12), uncertainty=0.25)
     losses = {"sigma": TRUTH["nylon"][2], "psi": TRUTH["nylon"][3]}
     spreads = [share * balanced_spread(data, losses) for share in shares]
-    chis = [Spec("chi", value=2.0, prior=(PRIOR, spread)) for spread in spreads]
+    chis = [Free(value=2.0, prior=(PRIOR, spread)) for spread in spreads]
     sets = [replace(data, name=f"set {i}") for i in range(len(shares))]
     own = [losses | {"chi": chi} for chi in chis]
-    return cal.fit(sets, "model", parameters=own, **QUICK | {"starts": 32})
+    return cal.fit(sets, None, own, **QUICK | {"starts": 32})
 
 
 PRIOR = 20.0
@@ -234,16 +235,16 @@ def test_each_data_set_has_minima_of_its_own():
 @pytest.mark.parametrize("share", [0.2, 1.0])
 def test_a_place_along_the_valley_is_no_other_minimum(share):
     """Where a search has said that it converged, as far off as a standard error allows."""
-    setup = assemble([eq_17_data("stainless steel", noise=0.004)], "empirical", None)
-    fitted = run(setup, Model(), Options(starts=1))
+    data = eq_17_data("stainless steel", noise=0.004)
+    (component,) = assemble(specs_of([data], "eq-17", None, None), None)
+    fitted = fit_component(component, Options(starts=1))
     (stage,) = fitted.stages
-    step = np.linalg.cholesky(fitted.uncertainty.covariance)[:, 0]
-    place = replace(stage.search, z=stage.search.z + share * step)
-    place = replace(place, cost=0.5 * np.sum(stage.problem.linearise(place.z)[0] ** 2))
+    step = np.linalg.cholesky(fitted.uncertainty.covariance[0])[:, 0]
     assert np.max(np.abs(share * step)) > MOVED
+    place = replace(stage.found, z=stage.found.z + share * step)
     others = replace(fitted, stages=(replace(stage, others=(place,)),))
-    estimates = {e.position: estimate_of(fitted, e, None, 0.95) for e in setup.elements}
-    assert not [one for one in shared_doubts(others, estimates, {}) if one.code == "several-minima"]
+    found = shared_doubts(others, estimates(fitted, {}, 0.95), {})
+    assert not [one for one in found if one.code == "several-minima"]
 
 
 def test_every_doubt_has_a_case_here():

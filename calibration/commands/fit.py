@@ -81,7 +81,7 @@ HELP = {
     "law": "which contact law is fitted (default: zhou)",
     "objective": "the law's own likelihood (model, the default), or the paper's two steps",
     "optimiser": "default: l-bfgs",
-    "route": "from a law to ε: time integration (default) or energy balance",
+    "route": "from a law to ε: time integration (default of two-step) or energy balance",
     "loss": "squared, or one that resists outliers (default: squared)",
     "form": "of Zhou's law (default: first-order)",
     "kappa": "consistent with the forces (default), or as the paper prints it",

@@ -6,7 +6,7 @@ stage, which searches some of them.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -20,6 +20,8 @@ from calibration.fitting.problem import Element, Points, Problem
 from calibration.fitting.rows import Rows
 from calibration.fitting.specs import Local, SetSpec
 from calibration.fitting.transform import Transform
+from calibration.fitting.zhou import NOT_GIVEN, zhou_model
+from calibration.parameters import Parameter
 
 EMPIRICAL = ("sigma", "psi", OF_CONTACT + "limit_velocity")  # searched by Eq. (17)'s stage
 LIMIT = OF_CONTACT + "limit_velocity"
@@ -107,6 +109,7 @@ def _of_sets(drafted: Iterable[_Drafted], sets) -> list[_Drafted]:
 
 
 def _component(sets, specs, drafted, many: int, route: Route, bound) -> Component:
+    specs = _of_one_kind(specs)
     kinds = {(spec.model.key, spec.objective) for spec in specs}
     if len(kinds) > 1:
         told = ", ".join(f"{spec.data.name}: {spec.model.key}" for spec in specs)
@@ -116,6 +119,30 @@ def _component(sets, specs, drafted, many: int, route: Route, bound) -> Componen
     _check_counts(component)
     stages = _stages(component, route, bound)
     return Component(tuple(sets), tuple(specs), elements, tuple(stages))
+
+
+def _of_one_kind(specs: Sequence[SetSpec]) -> Sequence[SetSpec]:
+    """Zhou's law by ε_up for some data sets and by σ for others, told as one law of both."""
+    names = [tuple(spec.model.parameters) for spec in specs]
+    if len(set(names)) == 1 or {spec.model.key for spec in specs} != {"zhou"}:
+        return specs
+    model = zhou_model({"sigma", *(name for own in names for name in own)}, specs[0].model.options)
+    dummies = {"sigma": 0.0, "eps_up": NOT_GIVEN}
+    unified = []
+    for spec in specs:
+        local = {one.name: one for one in spec.local}
+        missing = [name for name in model.parameters if name not in local]
+        held = Parameter(free=False)
+        more = [
+            Local(name, held, model.declared(name), dummies[name], (-np.inf, np.inf), True)
+            for name in missing
+            if name in dummies
+        ]
+        every = {**local, **{one.name: one for one in more}}
+        order = [*model.parameters, *(name for name in every if name not in model.parameters)]
+        told = tuple(every[name] for name in order)
+        unified.append(replace(spec, model=model, local=told))
+    return unified
 
 
 def _element(one: _Drafted, specs, sets, many: int) -> Element:
@@ -158,7 +185,9 @@ def _stages(component: Component, route: Route, bound: Sequence[str]):
     first = [k for k in every if names[k] in EMPIRICAL]
     yield "Eq. (17)", _problem(component, _empirical_rows(component), first, None)
     rest = [k for k in every if k not in first]
-    more = [k for k in every if names[k] in bound]
+    # by the energy balance more slopes cost next to nothing: then curve and band share the program
+    cheap = not isinstance(route, sj.ODE)
+    more = [k for k in every if names[k] in bound or cheap]
     yield "model", _problem(component, _law_rows(component), rest, route, more)
 
 

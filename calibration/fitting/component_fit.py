@@ -39,6 +39,14 @@ class ComponentFit:
         return np.where((limits != 0) & np.isfinite(bound), bound, theta)
 
     @property
+    def begun(self) -> np.ndarray:
+        """Where elements that are held at an end of their range came from; NaN for the others.
+
+        A search from here then knows them for what they are.
+        """
+        return np.where(self.uncertainty.limits[0] != 0, self.component.start, np.nan)
+
+    @property
     def is_likelihood(self) -> bool:
         """Whether what was minimised is a likelihood: one stage, squared residuals."""
         return len(self.stages) == 1 and self.final.problem.loss == "squared"

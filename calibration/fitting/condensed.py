@@ -35,7 +35,7 @@ class Condensed(NamedTuple):
     @property
     def seen(self) -> Bool[np.ndarray, "fits p"]:
         """Directions that the residuals move with."""
-        return self.singular > SEEN * np.maximum(self.singular[:, :1], 1e-300)
+        return self.singular > SEEN * np.maximum(self.singular[:, :1], TINY)
 
     def whitening(self, damping: Float[np.ndarray, "fits"]) -> Float[np.ndarray, "fits p p"]:
         """T with Tᵀ (JᵀJ + damping) T = 1; columns of directions that are not seen are zero."""
@@ -73,8 +73,10 @@ def condense(
     p = jacobian.shape[2]
     length = np.sqrt(np.einsum("fmp,fmp->fp", jacobian, jacobian))
     norm = np.sqrt(np.einsum("fm,fm->f", residual, residual))
-    size = np.where(length > TINY, length, 1.0)
-    joined = np.concatenate([jacobian / size[:, None, :], residual[:, :, None]], axis=2)
+    acts = length > TINY
+    size = np.where(acts, length, 1.0)
+    scaled = np.where(acts[:, None, :], jacobian / size[:, None, :], 0.0)
+    joined = np.concatenate([scaled, residual[:, :, None]], axis=2)
     missing = max(p + 1 - joined.shape[1], 0)  # fewer residuals than parameters
     joined = np.pad(joined, ((0, 0), (0, missing), (0, 0)))
     triangle = np.linalg.qr(joined, mode="r")

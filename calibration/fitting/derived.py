@@ -41,7 +41,7 @@ def derived_of(fit: ComponentFit, spec: SetSpec, g: int, confidence: float) -> d
     law = _law(fit, fit.z, row)
     found = {"critical_velocity": Estimate(critical_velocity_of(law), method="derived")}
     names = spec.model.parameters
-    if "eps_up" not in names:
+    if not spec.by_eps_up:
         found["eps_up"] = _carried(fit, g, row, eps_up_of, confidence, (0.0, 1.0))
     if "chi" not in names:
         found["chi"] = _carried(fit, g, row, chi_of, confidence, (0.0, np.inf))

@@ -63,8 +63,8 @@ def fit(
         objective: "model" (default): the law against all points, all parameters at once: the
             likelihood. "two-step": the paper's procedure for Zhou's law, σ and ψ from Eq. (17)
             against all points, then χ̃ from the law with ε_up as Eq. (17) gave it.
-        route: `sj.ODE(...)` or `sj.EnergyBalance()`; for Zhou's law time integration in fixed
-            steps by default, else what suits the law.
+        route: `sj.ODE(...)` or `sj.EnergyBalance()`; by default what suits the law (the energy
+            balance where it has one), under "two-step" time integration in fixed steps.
         optimiser: "l-bfgs" or "adam" (then L-BFGS) by optax, "levenberg-marquardt" by optimistix.
         loss: "squared", "huber" or "soft-l1"; the robust ones are scaled by the median absolute
             deviation of the residuals times `loss_scale`. Under "two-step" outliers are told by

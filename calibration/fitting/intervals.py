@@ -32,9 +32,8 @@ def profiles_of(fit: ComponentFit, confidence: float) -> dict[str, Profile]:
     wanted = (errors > LEAST_ERROR) & ~known.undetermined[0, problem.active] & ~entry
     columns = np.flatnonzero(wanted)
     reach = quantile(confidence, degrees_of(fit, None))
-    origin = fit.component.start
     return profiles(
-        problem, fit.z, origin, columns, errors[columns], limits[columns], variance, reach
+        problem, fit.z, fit.begun, columns, errors[columns], limits[columns], variance, reach
     )
 
 

@@ -51,6 +51,11 @@ class LawModel:
     takes_contact: bool = True
     direct: bool = True
 
+    @property
+    def needs_contact(self) -> bool:
+        """Whether it cannot do without: laws without a force can."""
+        return self.takes_contact and not issubclass(self.law_type, sj.HardSphereLaw)
+
     def law(self, contact: sj.Contact | None, values: Mapping[str, Any]) -> sj.ContactLaw:
         """The law with these parameters, those of the contact ("contact.radius") among them."""
         of_contact = {k: v for k, v in values.items() if k.startswith(OF_CONTACT)}

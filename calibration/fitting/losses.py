@@ -32,15 +32,6 @@ def influence(residual: np.ndarray, scale: np.ndarray, loss: str) -> np.ndarray:
     return residual / np.sqrt(1 + (residual / scale) ** 2)
 
 
-def curvature(residual: np.ndarray, scale: np.ndarray, loss: str) -> np.ndarray:
-    """ψ'(r)."""
-    if loss == "squared":
-        return np.ones_like(residual)
-    if loss == "huber":
-        return (np.abs(residual) <= scale).astype(float)
-    return (1 + (residual / scale) ** 2) ** -1.5
-
-
 def scale_of(residual: np.ndarray, sets: np.ndarray) -> np.ndarray:
     """1.4826 times the median absolute residual of each data set, at each point."""
     scale = np.ones(len(residual))

@@ -184,10 +184,6 @@ class Problem:
         """The same impacts at other velocities."""
         return replace(self, points=self.points._replace(velocity=velocity), counter=Counter())
 
-    def by(self, route: Route) -> "Problem":
-        """The same through another route, with a count of its own."""
-        return replace(self, route=route, counter=Counter())
-
     def _in_parts(self, z, lanes: Lanes, most: int) -> Linear:
         starts = range(0, len(z), most)
         parts = [self.linearise(z[k : k + most], lanes.some(slice(k, k + most))) for k in starts]

@@ -66,8 +66,8 @@ class Walk:
 class _Walks:
     """√Δχ² of refits along several walks, in lockstep."""
 
-    def __init__(self, problem: Problem, z, origin, walks: list[Walk], variance, quantile):
-        self.problem, self.origin, self.walks = problem, origin, walks
+    def __init__(self, problem: Problem, z, begun, walks: list[Walk], variance, quantile):
+        self.problem, self.begun, self.walks = problem, begun, walks
         self.variance, self.quantile = variance, quantile
         self.columns = np.array([walk.column for walk in walks])
         self.signs = np.array([walk.sign for walk in walks])
@@ -105,7 +105,7 @@ class _Walks:
     def _search(self, start, which):
         """The others searched, from some start."""
         held = self.held[which]
-        return search(self.problem, start, origin=self.origin, held=held, limit=STEPS)
+        return search(self.problem, start, begun=self.begun, held=held, limit=STEPS)
 
     def _foreseen(self, at, which) -> np.ndarray:
         """What the others do to first order when the parameters go there."""
@@ -115,7 +115,8 @@ class _Walks:
         found = self.problem.linearise(z)
         # the column that moves stands in for the residual: its answer is the others' least squares
         moving = found.jacobian[rows, :, self.columns[which]]
-        at_an_end = np.abs(z - self.origin)[:, self.problem.active] > 0.9 * FURTHEST
+        begun = np.where(np.isnan(self.begun), z, self.begun)
+        at_an_end = np.abs(z - begun)[:, self.problem.active] > 0.9 * FURTHEST
         answer = condense(moving, found.jacobian, self.held[which] | at_an_end).newton
         scaled = self.problem.transform.kind[self.problem.active] != NONE
         answer = answer * move[:, None]
@@ -192,7 +193,7 @@ class _Walks:
 def profiles(
     problem: Problem,
     z: Float[np.ndarray, "elements"],
-    origin: Float[np.ndarray, "elements"],
+    begun: Float[np.ndarray, "elements"],
     columns: Int[np.ndarray, "some"],
     errors: Float[np.ndarray, "some"],
     limits: Int[np.ndarray, "some"],
@@ -202,7 +203,7 @@ def profiles(
     """Profiles of some active elements, by their labels.
 
     Args:
-        origin: where the fit started, which tells what is at an end of its range.
+        begun: as `search` takes it.
         columns: which of the active elements.
         errors: their standard errors in z.
         limits: +1 or -1 for those held at an end of their range: only the other way is gone.
@@ -217,7 +218,7 @@ def profiles(
     ]
     if not walks:
         return {}
-    state = _Walks(problem, z, origin, walks, variance, quantile)
+    state = _Walks(problem, z, begun, walks, variance, quantile)
     crossing = state.run()
     found = {}
     for column, limit in zip(columns, limits, strict=True):

@@ -124,7 +124,7 @@ def _refitted_without(fit: ComponentFit):
 
 
 def _search(fit: ComponentFit, problem: Problem, z, lanes: Lanes) -> Found:
-    return search(problem, z, origin=fit.component.start, lanes=lanes, limit=STEPS)
+    return search(problem, z, begun=fit.begun, lanes=lanes, limit=STEPS)
 
 
 def _scored(fit: ComponentFit, z, converged) -> LeaveOneOut:

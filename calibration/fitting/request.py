@@ -18,6 +18,7 @@ from calibration.fitting.stages import Options
 
 # ε to 1e-11, compiled in half of dopri8's time
 DEFAULT_ODE = sj.ODE(steps=16, solver="dopri5")
+BUILT_IN_DAMPED = (sj.ViscoelasticHertz, sj.HertzDashpot, sj.LinearSpringDashpot)
 LINES = ("curves", "weighted", None)
 
 
@@ -57,12 +58,12 @@ class Request:
         return assemble(specs, self.chosen_route(specs))
 
     def chosen_route(self, specs: list[SetSpec]) -> sj.EnergyBalance | sj.ODE | None:
-        """The route asked for; else time integration for Zhou's law, and what suits any other."""
+        """The route asked for; else time integration for the paper's procedure, or what suits the law."""
         if self.route is not None:
             return self.route
-        kinds = {spec.model.law_type for spec in specs}
-        built_in = kinds <= {sj.Zhou, sj.ViscoelasticHertz, sj.HertzDashpot, sj.LinearSpringDashpot}
-        return DEFAULT_ODE if built_in else None
+        damped = all(issubclass(spec.model.law_type, BUILT_IN_DAMPED) for spec in specs)
+        by_time = damped or any(spec.objective == "two-step" for spec in specs)
+        return DEFAULT_ODE if by_time else None
 
     def fitted(self, starts: int | None = None) -> list[ComponentFit]:
         """All components, one after the other."""

@@ -95,18 +95,18 @@ class FitResult:
 
     @property
     def estimates(self) -> dict[str, Estimate]:
-        """All parameters, then the derived numbers that are not parameters."""
+        """All parameters, then the derived numbers that are not parameters.
+
+        What several data sets share has the name of each of them, and that of what they share.
+        """
         table: dict[str, Estimate] = {}
         for material in self.materials:
             for name, estimate in {**material.derived, **material.parameters}.items():
-                table[self._label(name, material)] = estimate
+                alone = len(self.materials) == 1 or name in LINE
+                table[name if alone else f"{name}[{material.name}]"] = estimate
+                if name in material.labels:
+                    table[material.labels[name]] = estimate
         return table
-
-    def _label(self, name: str, material: MaterialFit) -> str:
-        if name in material.labels:
-            return material.labels[name]
-        alone = len(self.materials) == 1 or name in LINE
-        return name if alone else f"{name}[{material.name}]"
 
     @property
     def converged(self) -> bool:

@@ -57,11 +57,11 @@ class Found:
 class _Search:
     """The state of one call of `search`."""
 
-    def __init__(self, problem: Problem, z, origin, held, lanes: Lanes, limit: int):
+    def __init__(self, problem: Problem, z, begun, held, lanes: Lanes, limit: int):
         self.problem, self.lanes, self.limit = problem, lanes, limit
         self.z = np.array(z)
         fits, p = len(z), len(problem.active)
-        self.start = np.broadcast_to(origin, z.shape)[:, problem.active]
+        self.start = np.where(np.isnan(begun), z, begun)[:, problem.active]
         self.held = np.zeros((fits, p), bool) if held is None else np.broadcast_to(held, (fits, p))
         self.limits = np.zeros((fits, p), int)
         self.released = np.zeros(fits, int)
@@ -240,7 +240,7 @@ def search(
     z: Float[np.ndarray, "fits elements"],
     optimiser: str = "levenberg-marquardt",
     *,
-    origin: Float[np.ndarray, "elements"] | None = None,
+    begun: Float[np.ndarray, "elements"] | None = None,
     held: Bool[np.ndarray, "fits p"] | None = None,
     lanes: Lanes | None = None,
     limit: int = MOST,
@@ -249,8 +249,8 @@ def search(
 
     Args:
         optimiser: "levenberg-marquardt", "l-bfgs" or "adam" (then L-BFGS).
-        origin: from where it is measured whether an element runs to an end of its range; z itself
-            where left out. What is there already when the search starts is held there.
+        begun: from where it is measured whether an element runs to an end of its range, NaN: from
+            its z. What is there already when the search starts is held there.
         held: active elements that stay as they are, fit by fit.
         lanes: restitutions and weights that differ between fits.
         limit: of the steps.
@@ -260,7 +260,7 @@ def search(
     lanes = lanes or Lanes()
     if optimiser == "adam":
         z = _by_adam(problem, z, lanes)
-    state = _Search(problem, z, z if origin is None else origin, held, lanes, limit)
+    state = _Search(problem, z, np.nan if begun is None else begun, held, lanes, limit)
     if len(problem.active):
         fits, p = state.start.shape
         state.run(Marquardt(fits, p) if optimiser == "levenberg-marquardt" else Lbfgs(fits, p))

@@ -36,6 +36,8 @@ class Local:
         parameter, declared: what was said of it, and what its law says.
         start: where it starts, or what it is held at; one number, or one an impact.
         range: (lowest, highest).
+        stands_in: whether it is held at a number that nobody asked for and that acts nowhere in the
+            data: ψ where ε_up is fitted in its place.
     """
 
     name: str
@@ -43,6 +45,7 @@ class Local:
     declared: Declared
     start: Any
     range: tuple[float, float]
+    stands_in: bool = False
 
     @property
     def group(self) -> str | None:
@@ -68,6 +71,11 @@ class SetSpec:
     local: tuple[Local, ...]
     trees: tuple[Tree, ...] = ()
 
+    @property
+    def by_eps_up(self) -> bool:
+        """Whether ε_up is what it has in place of σ and ψ."""
+        return any(one.name == "eps_up" and not one.stands_in for one in self.local)
+
 
 def specs_of(datasets, law, parameters: Specs, objective: str | None) -> list[SetSpec]:
     """The law and parameters of each data set.
@@ -92,7 +100,7 @@ def _spec(data: RestitutionData, law, said: dict[str, Any], objective) -> SetSpe
     options = {name: value for name, value in said.items() if isinstance(value, str)}
     named = {name: value for name, value in said.items() if name not in options}
     model = law_model(data, law, options, named)
-    if model.takes_contact and data.contact is None and "contact" not in model.parameters:
+    if model.needs_contact and data.contact is None:
         remedy = f"laws that need none are {listed(WITHOUT_CONTACT)}"
         raise data.refusal(f"no elastic properties, which {model.key} needs", remedy)
     objective = objective or "model"
@@ -181,7 +189,9 @@ def _located(data, objective: str, model: LawModel, given: dict[str, Parameter])
             local, trees = [*local, *entries], [*trees, tree]
             continue
         parameter = given.get(name) or _unsaid(name, held, model)
-        local.append(_local(data, model, name, parameter, guess | held, ranges))
+        one = _local(data, model, name, parameter, guess | held, ranges)
+        by_eps_up = name == "psi" and "eps_up" in model.parameters
+        local.append(replace(one, stands_in=by_eps_up and name not in given))
     return SetSpec(data, objective, model, tuple(local), tuple(trees))
 
 

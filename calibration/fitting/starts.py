@@ -3,7 +3,6 @@
 import numpy as np
 from jaxtyping import Float
 
-import softjax as sj
 from calibration.fitting.law_model import OF_CONTACT
 from calibration.fitting.problem import Element, Problem
 from calibration.fitting.transform import LOGIT, NONE
@@ -85,12 +84,7 @@ def _apart(order, places, keep: int) -> list[int]:
 
 
 def screen(problem: Problem, places: Places) -> Float[np.ndarray, "starts sets"]:
-    """Cost of each start and data set, priors added to all, in one batch.
-
-    By the energy balance where the law has one, whatever the search's route.
-    """
-    if issubclass(problem.laws.rows.model.law_type, sj.RateIndependentLaw):
-        problem = problem.by(sj.EnergyBalance())
+    """Cost of each start and data set, priors added to all, in one batch."""
     found = problem.linearise(places)
     squares = np.nan_to_num(found.residual, nan=np.inf) ** 2
     points, sets = problem.points.set, len(problem.datasets)

@@ -77,16 +77,11 @@ def _parameters(fit: ComponentFit, spec: SetSpec, g: int, estimates, known_to) -
         place = _element(fit, local.name, g)
         if place is not None:
             found[local.name] = estimates[place]
-        elif not _stands_in(local.name, spec):
+        elif not local.stands_in:
             acts = np.isinf(known_to) or local.name not in ("chi", "c1", "c2")
             value = float(np.mean(np.asarray(local.start))) if acts else None
             found[local.name] = Estimate(value, method="fixed")
     return found
-
-
-def _stands_in(name: str, spec: SetSpec) -> bool:
-    """ψ where ε_up was fitted in its place: a guess that acts nowhere in the data."""
-    return name == "psi" and "eps_up" in spec.model.parameters
 
 
 def _element(fit: ComponentFit, name: str, g: int) -> int | None:
@@ -121,7 +116,7 @@ def _known(fit: ComponentFit, spec: SetSpec, g: int) -> tuple[float, float]:
     free = {e.name for e in fit.component.elements if g in e.sets}
     told = {e.name for e in fit.component.elements if e.parameter.prior is not None}
     critical = _critical(fit, g)
-    needs_below = {"eps_up"} & set(spec.model.parameters) or ({"sigma", "psi"} & free) - told
+    needs_below = spec.by_eps_up or ({"sigma", "psi"} & free) - told
     above_is_open = "chi" in {local.name for local in spec.local if local.parameter.value is None}
     knows_below = bool(np.any(below)) or not needs_below
     chi_told = not np.all(below) or not ({"chi", "c1", "c2"} & free or above_is_open)

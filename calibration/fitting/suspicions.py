@@ -70,7 +70,7 @@ def _separation(fit: ComponentFit, curves: dict[str, Profile]) -> list[Doubt]:
     for g, spec in zip(fit.component.sets, fit.component.specs, strict=True):
         if spec.model.law_type is not sj.Zhou or spec.objective != "model":
             continue
-        if "eps_up" in spec.model.parameters:
+        if spec.by_eps_up:
             cause = "no points below the critical velocity: sigma and psi act through eps_up alone"
             found.append(Doubt("eps-up-only", cause, spec.data.name))
         pair = [

@@ -21,7 +21,7 @@ EXTRA = {
     "c2": Declared("c2"),
     "eps_up": Declared("ε_up", "-", "coefficient of restitution", 0.0, 1.0, True, True),
 }
-DIRECT = ("chi", "sigma", "psi")
+NOT_GIVEN = -1.0  # ε_up of data sets that have σ, beside others that have ε_up
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,11 @@ class ByOthers:
     def __call__(self, contact: sj.Contact, **values: Any) -> sj.ContactLaw:
         chi = values["chi"] if "chi" in values else chi_on_line(contact, values)
         psi = values["psi"]
-        sigma = values["sigma"] if "sigma" in values else sigma_of(contact, values["eps_up"], psi)
+        sigma = values.get("sigma")
+        if "eps_up" in values:
+            given = jnp.asarray(values["eps_up"]) != NOT_GIVEN
+            of_eps_up = sigma_of(contact, jnp.where(given, values["eps_up"], 0.5), psi)
+            sigma = of_eps_up if sigma is None else jnp.where(given, of_eps_up, sigma)
         return sj.Zhou(contact, chi=chi, sigma=sigma, psi=psi, **dict(self.options))
 
 
@@ -44,7 +48,8 @@ def zhou_model(names: Iterable[str], options: Mapping[str, str]) -> LawModel:
     by_line, by_eps_up = any(name in LINE for name in names), "eps_up" in names
     if not (by_line or by_eps_up):
         return plain
-    chosen = [*(LINE if by_line else ("chi",)), "eps_up" if by_eps_up else "sigma", "psi"]
+    losses = [name for name in ("eps_up", "sigma") if name in names] or ["sigma"]
+    chosen = [*(LINE if by_line else ("chi",)), *losses, "psi"]
     known = declarations(sj.Zhou) | EXTRA
     return LawModel(
         "zhou",
