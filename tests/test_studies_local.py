@@ -1,13 +1,15 @@
 """Local sensitivities against high-precision differences, and what dimensions say of them."""
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import calibration as cal
 import softjax as sj
-from calibration.studies.inputs import Inputs, OfBodies
-from softjax.fields import array_field
+from calibration.studies.inputs import Inputs, OfBodies, of_law
+from softjax.fields import Declared, array_field
 from tests.cases import FITTED, FORMS, MATERIALS, RADIUS, column, fitted, law_of, reference
 from tests.decay import Decay
 
@@ -169,7 +171,7 @@ def test_symbols_and_units_are_those_that_the_fields_declare():
 
 
 def test_another_laws_sensitivities_follow_from_its_closed_form():
-    """Thornton far above yield: ε² = (6√3/5) (1 - q/6) √(q/(q + 2 √(6/5 - q/5))), q = (V_y/v)².
+    """Thornton: ε = √(6√3/5) √(1 - r²/6) [r/(r + 2 √(6/5 - r²/5))]^{1/4}, r = V_y/v.
 
     So ε depends on v/V_y alone, and V_y ∝ p_y^{5/2} E*^{-2} ρ^{-1/2}.
     """
@@ -179,9 +181,9 @@ def test_another_laws_sensitivities_follow_from_its_closed_form():
     found = cal.sensitivity(inputs, [5.0, 50.0])
 
     def restitution(v):
-        q = (yields / v) ** 2
-        inner = q / (q + 2 * np.sqrt(1.2 - 0.2 * q))
-        return np.sqrt(6 * np.sqrt(3) / 5) * np.sqrt(1 - q / 6) * inner**0.25
+        r = yields / v
+        inner = r / (r + 2 * np.sqrt(1.2 - 0.2 * r**2))
+        return np.sqrt(6 * np.sqrt(3) / 5) * np.sqrt(1 - r**2 / 6) * inner**0.25
 
     h = 1e-5
     v = found.velocity
@@ -196,24 +198,41 @@ def test_another_laws_sensitivities_follow_from_its_closed_form():
 
 
 class Table(sj.HardSphereLaw):
-    """ε = level · exp(-v · mean of some weights): one number, and some that are whole."""
+    """One number, and some that are whole."""
 
     level: float
     weights: np.ndarray = array_field()
 
     def restitution_squared(self, velocity):
-        return (self.level * jnp.exp(-velocity * jnp.mean(self.weights))) ** 2
+        return self.level**2 * jnp.exp(-velocity * jnp.mean(self.weights))
 
 
 def test_what_is_whole_is_held_and_no_input():
-    law = Table(0.9, np.array([0.1, 0.2, 0.3]))
-    found = cal.sensitivity(law, [1.0, 2.0])
-    assert found.names == ("level", "velocity")
-    curve = 0.9 * np.exp(-0.2 * found.velocity)
-    np.testing.assert_allclose(found.of("level"), curve, rtol=1e-12)
-    np.testing.assert_allclose(found.of("velocity"), -0.2 * found.velocity * curve, rtol=1e-12)
-    with pytest.raises(ValueError, match="unit of level"):
-        found.dimensional_sums()  # it declares none
+    inputs = of_law(Table(0.9, np.array([0.1, 0.2, 0.3])))
+    assert dict(inputs.values) == {"level": 0.9}
+    moved = inputs.build({"level": 0.5})
+    assert moved.level == 0.5
+    np.testing.assert_array_equal(moved.weights, [0.1, 0.2, 0.3])
+
+
+def test_names_that_two_of_a_laws_parts_share_are_told_apart():
+    class Sized(sj.HardSphereLaw):
+        contact: sj.Contact
+        radius: float
+
+        def restitution_squared(self, velocity):
+            return self.radius * jnp.exp(-velocity)
+
+    names = of_law(Sized(fitted("nylon").contact, 0.5)).values
+    assert {"radius", "contact.radius"} <= set(names)
+    assert names["radius"] == 0.5
+    assert names["contact.radius"] == pytest.approx(RADIUS / 2)
+
+
+def test_a_unit_that_nobody_knows_is_told():
+    found = replace(cal.sensitivity(fitted("nylon"), 2.0), declared={"x": Declared("x", "mile")})
+    with pytest.raises(ValueError, match="unit of x"):
+        found.dimensional_sums()
 
 
 def test_a_fits_inputs_are_those_of_its_law():

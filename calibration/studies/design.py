@@ -30,6 +30,7 @@ NEAR_YIELD = 10.0 ** np.arange(-4, -0.9, 0.25)  # relative distances from yield 
 CURVE = 128  # velocities over which a predicted curve is averaged
 FINER = 9  # velocities around each shot when it is placed more finely
 REFINEMENTS = 5
+MOVES = 40  # of its places, at the end
 ROUNDS = 3  # of a design in two steps, where what is found depends on the design
 
 Errors = dict[str, float | None]
@@ -277,6 +278,7 @@ def _designed(wanted: _Wanted, starts: int, seed: int, progress) -> Design:
         tried, values = _sought(wanted, grid, wanted.found(shots), starts, seed, progress)
         if wanted.level(tried) < wanted.level(shots):
             shots, ends = tried, values
+    shots = shots if is_likelihood else _moved(wanted, shots)
     level, count = wanted.level(shots), len(shots)
     efficiency = None
     if is_likelihood:
@@ -303,6 +305,27 @@ def _designed(wanted: _Wanted, starts: int, seed: int, progress) -> Design:
         slopes=wanted.table(grid, wanted.found(shots)).curve[0],
         remark=remark,
     )
+
+
+def _moved(wanted: _Wanted, shots: Column) -> Column:
+    """The places moved until the level itself, with what is found there, falls no more."""
+    from scipy import optimize
+
+    places, count = np.unique(shots, return_counts=True)
+
+    def there(z: Column) -> Column:
+        return np.sort(np.repeat(np.clip(np.exp(z), *wanted.bounds), count))
+
+    first, ends = np.log(places), tuple(np.log(wanted.bounds))
+    simplex = np.clip(first + 0.1 * np.vstack([0 * first, -np.eye(len(first))]), *ends)
+    found = optimize.minimize(
+        lambda z: wanted.level(there(z)),
+        first,
+        method="Nelder-Mead",
+        bounds=[ends] * len(first),
+        options={"maxfev": MOVES, "initial_simplex": simplex, "xatol": 1e-4},
+    )
+    return there(found.x) if found.fun < wanted.level(shots) else shots
 
 
 def _sought(wanted: _Wanted, grid: Column, found, starts: int, seed: int, progress):

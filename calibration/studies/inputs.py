@@ -47,7 +47,7 @@ class Inputs:
     def declared(self, name: str) -> Declared:
         """Symbol and unit of one of them, or of the velocity."""
         stem, body = _split(name.rpartition(".")[2])
-        known = (OF_BODIES | declarations(type(self.law()))).get(stem, Declared(stem, "?"))
+        known = (OF_BODIES | declarations(type(self.law()))).get(stem, Declared(stem))
         return known._replace(symbol=f"{known.symbol or stem} {body}".strip())
 
 
@@ -136,7 +136,7 @@ def of_law(law: sj.ContactLaw) -> Inputs:
         if np.ndim(leaf) and not held:
             raise DataError(str(name), f"of shape {np.shape(leaf)}", "a single number")
         full = jax.tree_util.keystr(path).lstrip(".")
-        names.append(None if held else full if name in twice else name)
+        names.append(None if held else (full if name in twice else name))
     leaves = [np.asarray(leaf, float) for _, leaf in paths]
     values = {n: float(leaf) for n, leaf in zip(names, leaves, strict=True) if n is not None}
     return Inputs(values, OfLaw(jax.tree.unflatten(structure, leaves), tuple(names)))

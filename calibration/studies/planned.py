@@ -228,6 +228,8 @@ def _of_law(law, every: Column, parameters, objective, route: Route, there: Impa
     said = _said(law, parameters)
     request = Request((data,), type(law), said, objective, route)
     spec = request.specs()[0]
+    if objective is not None and spec.objective != objective:
+        raise DataError("objective", objective, "model for a law without a contact")
     spec = replace(spec, local=tuple(_at(one, _truth(law, one.name)) for one in spec.local))
     by_time = isinstance(law, sj.RateDependentLaw)
     route = request.chosen_route([spec]) if by_time else route
@@ -237,6 +239,10 @@ def _of_law(law, every: Column, parameters, objective, route: Route, there: Impa
 def _said(law: sj.ContactLaw, parameters: Mapping[str, Any]) -> dict[str, Any]:
     """What is said of the parameters, with the law's options and what of it is whole."""
     said = dict(parameters)
+    for name, value in parameters.items():
+        is_held = isinstance(value, Parameter) and not value.free and value.value is None
+        if is_held and hasattr(law, name):
+            said[name] = Parameter(getattr(law, name), free=False)
     for name in options_of(type(law)):
         said[name] = getattr(law, name)
     for name in whole_fields(type(law)):
