@@ -174,7 +174,9 @@ def test_the_optimum_is_better_than_its_neighbours(objective):
             there = np.isclose(found.velocity, place, rtol=0.01)
             moved = np.clip(np.where(there, factor, 1.0) * found.velocity, *ABOVE)
             told = cal.fisher_information(LAW, moved, NOISE, objective)
-            assert told.relative_errors["chi"] > best * (1 - 1e-3)
+            assert told.relative_errors["chi"] > best * (
+                1 - (1e-4 if objective == "model" else 0.01)
+            )
     assert all(ABOVE[0] <= v <= ABOVE[1] for v in found.velocity)
     assert sum(count for _, count in found.support) == 12
     assert ("χ̃ = " in found.remark) == (objective == "two-step")
@@ -221,7 +223,6 @@ def test_the_same_seed_gives_the_same_design_and_progress_is_told():
     two = cal.optimal_velocities(DECAY, 5, BOUNDS, seed=7, starts=3)
     np.testing.assert_array_equal(one.velocity, two.velocity)
     assert calls == [("velocities", k, 3) for k in (1, 2, 3)]
-    assert len(one.starts) == 3
 
 
 def test_a_design_tells_itself():
@@ -232,7 +233,7 @@ def test_a_design_tells_itself():
     table = found.to_dict()
     assert table["support"][0] == {"velocity": 1.0, "shots": 4}
     assert table["efficiency"] == found.efficiency
-    assert table["relative_standard_errors"] == found.relative_errors
+    assert table["relative_errors"] == found.relative_errors
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,8 @@ import calibration as cal
 import softjax as sj
 from calibration.fitting.problem import Lanes
 from calibration.fitting.search import search
-from calibration.studies.planned import equations, plan_of
+from calibration.studies.planned import equations
+from calibration.studies.planning import plan_of
 from tests.cases import fitted
 from tests.decay import Decay
 from tests.fit_data import eq_17_data, twin
@@ -260,10 +261,10 @@ def test_impacts_add_up_to_the_engines_covariance(objective):
     plan = plan_of(LAW, v, objective=objective, parameters=prior)
     found = cal.fisher_information(LAW, v, 0.001, objective, parameters=prior)
     with jax.enable_x64(True):
-        component, z, _ = plan.fitted(v, np.full(15, 0.001))
-        told = equations(component, z)
-    slope = told.prior_slope + told.slope.sum(0)
-    middle = told.prior_middle + told.score.T @ told.score
+        u = np.full(15, 0.001)
+        told = equations(plan, v, u, plan.fitted(v, u)[1])
+    slope = told.slope_before + told.slope.sum(0)
+    middle = told.middle_before + told.score.T @ told.score
     expected = np.linalg.inv(slope) @ middle @ np.linalg.inv(slope).T
     np.testing.assert_allclose(found.covariance, expected, rtol=1e-4)
 

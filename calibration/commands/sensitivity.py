@@ -20,8 +20,10 @@ from calibration.curve.options import add_route_arguments, add_source_arguments
 from calibration.errors import DataError, InputError, listed
 
 STUDIES = ("local", "information", "design", "global")
-FILES = ("sensitivity.json", "sensitivity.csv", "sensitivity.png", "tornado.png")
-FILES += ("design.png", "sobol.png")
+FILES = (
+    *("sensitivity.json", "sensitivity.csv", "sensitivity.png", "tornado.png"),
+    *("design.png", "sobol.png"),
+)
 PLANS = ("information", "design")
 # which studies an option acts on
 ACTS_ON = {

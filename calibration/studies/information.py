@@ -14,14 +14,8 @@ from calibration.errors import DataError
 from calibration.fitting.problem import Element
 from calibration.fitting.result import FitResult
 from calibration.fitting.result_json import plain
-from calibration.studies.planned import (
-    Column,
-    Plan,
-    checked_impacts,
-    equations,
-    plan_of,
-    relative_unit,
-)
+from calibration.studies.planned import Column, Plan, equations, relative_unit
+from calibration.studies.planning import checked_impacts, plan_of
 
 NOT_KNOWN = 1.0  # relative standard error from which a combination counts as left open
 NO_BOUND = 100.0  # and from which no number is given for it
@@ -161,9 +155,9 @@ def information_of(plan: Plan, velocity: Column, uncertainty: Column) -> Informa
     """What a plan's fit makes of these impacts beside the measured ones."""
     with jax.enable_x64(True):
         component, z, known = plan.fitted(velocity, uncertainty)
-        told = equations(component, z)
-    slope = told.prior_slope + np.sum(told.slope, axis=0)
-    middle = told.prior_middle + told.score.T @ told.score
+        told = equations(plan, velocity, uncertainty, z)
+    slope = told.slope_before + np.sum(told.slope, axis=0)
+    middle = told.middle_before + told.score.T @ told.score
     problem = component.stages[-1][1]
     unit = relative_unit(problem, z)
     return Information(

@@ -21,6 +21,7 @@ from softjax.fields import Declared, declarations, whole_fields
 VELOCITY = "velocity"
 # which endings the names of the two bodies' properties have
 BODIES = {"spheres": ("", ""), "unlike spheres": ("_1", "_2"), "wall": ("", "_wall")}
+RADII = ("radius_1", "radius_2")
 OF_BODIES = declarations(sj.Material) | declarations(sj.Contact)
 OF_BODIES |= {VELOCITY: Declared("v", "m/s", "velocity")}
 
@@ -74,8 +75,8 @@ class OfBodies:
         if self.bodies == "wall":
             contact = sj.Contact.with_wall(one, two, values["radius"], area=self.area)
         else:
-            radii = (values.get(name, values.get("radius")) for name in ("radius_1", "radius_2"))
-            contact = sj.Contact.between_spheres(one, two, *radii, area=self.area)
+            radius_1, radius_2 = (values.get(n, values.get("radius")) for n in RADII)
+            contact = sj.Contact.between_spheres(one, two, radius_1, radius_2, area=self.area)
         fields = {name: values[name] for name in declarations(self.law)}  # type: ignore[arg-type]
         return self.law(contact=contact, **fields, **dict(self.options))
 

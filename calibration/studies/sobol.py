@@ -11,13 +11,12 @@ same with ln θ_i in place of θ_i. ε jumps by about d/3 where the impact veloc
 that jump contributes is in the indices and not in the bound.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
@@ -26,15 +25,10 @@ from calibration.errors import DataError
 from calibration.fitting.result import FitResult
 from calibration.fitting.result_json import plain
 from calibration.studies.inputs import Inputs, as_inputs, check_velocity
+from calibration.studies.sampling import Model, Progress, Sampled, indices, percentiles
 
 SCALES = ("uniform", "log")
-LARGEST_BLOCK = 1 << 13  # samples evaluated at once
-RESAMPLED = 32  # bootstrap samples drawn at once
 NO_VARIANCE = 1e-24  # of the squared mean: rounding
-
-Model = Callable[[Mapping[str, Array]], Any]
-Progress = Callable[[str, int, int], None]
-Outputs = Float[np.ndarray, "q n"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,21 +148,16 @@ def model_indices(
         ValueError: naming the argument, its value and what is accepted; for a model that varies
             nowhere.
     """
-    from scipy.stats import qmc
-
     _check(ranges, samples, scale)
-    names, (low, high) = tuple(ranges), np.array(list(ranges.values()), float).T
+    names, ends = tuple(ranges), np.array(list(ranges.values()), float)
+    ends = np.log(ends) if scale == "log" else ends
     random = np.random.default_rng(seed)
-    unit = qmc.Sobol(2 * len(names), rng=random).random(samples).T
-    if scale == "log":
-        points = low[:, None] * (high / low)[:, None] ** unit.reshape(2, len(names), -1)
-    else:
-        points = low[:, None] + (high - low)[:, None] * unit.reshape(2, len(names), -1)
-    sampled = _Sampled(model, names, scale, samples * (len(names) + 2), progress)
+    a, b = _drawn(ends, scale, samples, random)
+    sampled = Sampled(model, names, scale, samples * (len(names) + 2), progress)
     with jax.enable_x64(True):
-        f_a, squares = sampled.with_slopes(points[0])
-        f_b = sampled.values(points[1])
-        f_ab = np.stack([sampled.values(_mixed(*points, i)) for i in range(len(names))])
+        f_a, squares = sampled.with_slopes(a)
+        f_b = sampled.values(b)
+        f_ab = np.stack([sampled.values(_mixed(a, b, i)) for i in range(len(names))])
     variance = np.var([f_a, f_b], axis=(0, 2))
     mean = np.mean([f_a, f_b], axis=(0, 2))
     varies = variance > NO_VARIANCE * mean**2
@@ -176,110 +165,34 @@ def model_indices(
         accepted = "wide enough for the output to vary"
         raise DataError("ranges", f"such that it is {mean[0]:.6g} everywhere", accepted)
     all_once = np.full((1, samples), 1 / samples)
-    both = _indices(all_once, f_a, f_b, f_ab)[:, 0]
+    both = indices(all_once, f_a, f_b, f_ab)[:, 0]
     tables = np.split(both, 2, axis=1)
-    tables += _percentiles(f_a, f_b, f_ab, confidence, resamples, random)
-    width = np.log(high / low) if scale == "log" else high - low
+    tables += percentiles(f_a, f_b, f_ab, confidence, resamples, random)
+    width = ends[:, 1] - ends[:, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
         tables.append(width**2 * squares / (np.pi**2 * variance[:, None]))
+    keys = ("first", "total", "first_low", "first_high", "total_low", "total_high", "bound")
     told = [np.where(varies[:, None], table, np.nan) for table in tables]
     return SobolIndices(
-        names, dict(ranges), scale, *told, mean, variance, samples, confidence, None, names
+        names=names,
+        ranges=dict(ranges),
+        scale=scale,
+        **dict(zip(keys, told, strict=True)),
+        mean=mean,
+        variance=variance,
+        samples=samples,
+        confidence=confidence,
+        symbols=names,
     )
 
 
-@dataclass
-class _Sampled:
-    """A model over many samples, in blocks of one shape."""
+def _drawn(ends: np.ndarray, scale: str, samples: int, random) -> np.ndarray:
+    """Two independent sets of samples, (2, p, n)."""
+    from scipy.stats import qmc
 
-    model: Model
-    names: tuple[str, ...]
-    scale: str
-    total: int
-    progress: Progress | None
-    done: int = 0
-
-    def values(self, points: Float[np.ndarray, "p n"]) -> Outputs:
-        return np.concatenate([np.asarray(_outputs(*a)) for a in self._blocks(points)], axis=1)
-
-    def with_slopes(self, points: Float[np.ndarray, "p n"]) -> tuple[Outputs, np.ndarray]:
-        """Outputs, and E[(∂f/∂θ)²] (q, p), or with ln θ on a logarithmic scale."""
-        outputs, squares = [], 0.0
-        for block in self._blocks(points):
-            output, slopes = _slopes(*block, self.scale)
-            outputs.append(np.asarray(output))
-            squares = squares + np.sum(np.asarray(slopes) ** 2, axis=1)
-        return np.concatenate(outputs, axis=1), squares / points.shape[1]
-
-    def _blocks(self, points) -> Iterator[tuple[Any, ...]]:
-        for first in range(0, points.shape[1], LARGEST_BLOCK):
-            block = points[:, first : first + LARGEST_BLOCK]
-            yield self.model, self.names, block
-            self.done += block.shape[1]
-            if self.progress is not None:
-                self.progress("Sobol indices", self.done, self.total)
-
-
-def _mixed(a: np.ndarray, b: np.ndarray, i: int) -> np.ndarray:
-    """A with one input of B."""
-    mixed = np.array(a)
-    mixed[i] = b[i]
-    return mixed
-
-
-@eqx.filter_jit
-def _outputs(model: Model, names: tuple[str, ...], points):
-    """(q, n)."""
-    one = lambda x: jnp.atleast_1d(model(dict(zip(names, x, strict=True))))  # noqa: E731
-    return jax.vmap(one, in_axes=1, out_axes=1)(points)
-
-
-@eqx.filter_jit
-def _slopes(model: Model, names: tuple[str, ...], points, scale: str):
-    """Outputs (q, n) and derivatives (q, n, p)."""
-
-    def one(x):
-        def outputs(x):
-            y = jnp.atleast_1d(model(dict(zip(names, x, strict=True))))
-            return y, y
-
-        slope, y = jax.jacfwd(outputs, has_aux=True)(x)
-        return y, slope * x if scale == "log" else slope
-
-    return jax.vmap(one, in_axes=1, out_axes=1)(points)
-
-
-def _percentiles(f_a, f_b, f_ab, confidence: float, resamples: int, random) -> list[np.ndarray]:
-    """Bootstrap limits of both indices, (q, p) each: low and high of the first, then of the total.
-
-    Both are ratios of means over the samples, so that a resample is no more than how often each
-    sample is drawn.
-    """
-    n, p = f_a.shape[1], len(f_ab)
-    drawn = []
-    for first in range(0, resamples, RESAMPLED):
-        rows = min(RESAMPLED, resamples - first)
-        counts = [np.bincount(random.integers(0, n, n), minlength=n) for _ in range(rows)]
-        drawn.append(_indices(np.array(counts, float) / n, f_a, f_b, f_ab))
-    part = [0.5 * (1 - confidence), 0.5 * (1 + confidence)]
-    low, high = np.quantile(np.concatenate(drawn, axis=1), part, axis=1)
-    return [low[:, :p], high[:, :p], low[:, p:], high[:, p:]]
-
-
-def _indices(share: np.ndarray, f_a, f_b, f_ab) -> Float[np.ndarray, "q resamples both"]:
-    """Saltelli's estimates of first-order and total indices by the weight of each sample."""
-    return np.stack(
-        [_of_output(share, *one) for one in zip(f_a, f_b, np.swapaxes(f_ab, 0, 1), strict=True)]
-    )
-
-
-def _of_output(share: np.ndarray, a: np.ndarray, b: np.ndarray, ab: np.ndarray) -> np.ndarray:
-    centre = 0.5 * (np.mean(a) + np.mean(b))
-    a, b, ab = a - centre, b - centre, ab - centre
-    variance = 0.5 * share @ (a**2 + b**2) - (0.5 * share @ (a + b)) ** 2
-    both = np.concatenate([b * (ab - a), 0.5 * (a - ab) ** 2])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return share @ both.T / variance[:, None]
+    unit = qmc.Sobol(2 * len(ends), rng=random).random(samples).T.reshape(2, len(ends), samples)
+    points = ends[:, :1] + (ends[:, 1:] - ends[:, :1]) * unit
+    return np.exp(points) if scale == "log" else points
 
 
 def _check(ranges, samples, scale) -> None:
@@ -296,3 +209,10 @@ def _check(ranges, samples, scale) -> None:
         if not (np.isfinite([low, high]).all() and low < high and (scale != "log" or low > 0)):
             accepted = "(low, high), finite and ascending" + (", positive" * (scale == "log"))
             raise DataError(f"ranges[{name!r}]", (low, high), accepted)
+
+
+def _mixed(a: np.ndarray, b: np.ndarray, i: int) -> np.ndarray:
+    """A with one input of B."""
+    mixed = np.array(a)
+    mixed[i] = b[i]
+    return mixed
