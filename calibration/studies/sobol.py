@@ -190,7 +190,8 @@ def _drawn(ends: np.ndarray, scale: str, samples: int, random) -> np.ndarray:
     """Two independent sets of samples, (2, p, n)."""
     from scipy.stats import qmc
 
-    unit = qmc.Sobol(2 * len(ends), rng=random).random(samples).T.reshape(2, len(ends), samples)
+    sequence = qmc.Sobol(2 * len(ends), rng=random, bits=64).random(samples)
+    unit = sequence.T.reshape(2, len(ends), samples)
     points = ends[:, :1] + (ends[:, 1:] - ends[:, :1]) * unit
     return np.exp(points) if scale == "log" else points
 
