@@ -37,7 +37,7 @@ _WHERE = {
     "LeaveOneOut": "fitting.refits",
     "Bootstrap": "fitting.refits",
     "compare": "studies.ranking",
-    "Comparison": "studies.ranking",
+    "Comparison": "studies.comparison",
     "coverage_study": "coverage",
     "Inputs": "studies.inputs",
     "of_law": "studies.inputs",

@@ -1,30 +1,35 @@
 """Many fits of one problem side by side: without each point, and to simulated data."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from calibration.fitting.component_fit import ComponentFit
-from calibration.fitting.noise import is_stated, leverages
-from calibration.fitting.problem import Lanes, Problem
+from calibration.fitting.noise import is_stated
+from calibration.fitting.problem import AT_ONCE, Lanes, Problem
 from calibration.fitting.search import Found, search
 from calibration.fitting.uncertainty import winsorised
 
 STEPS = 100  # of one refit
-EXACT = 3_000_000  # impacts up to which every point is left out by a refit
-EXACT_BY_TIME = 60_000  # the same where every impact is integrated over time
+EXACT = 1_000_000  # impacts up to which every point is left out by a refit
+EXACT_BY_TIME = 20_000  # the same where every impact is integrated over time
+SEEN = 1e-9  # singular values below that of the largest are none
+LEAST_SQUARES = 1e-30  # of the residuals of data without noise
 
 
 @dataclass(frozen=True)
 class LeaveOneOut:
     """Each point predicted by the fit without it.
 
+    Where data have groups all of a group is left out together.
+
     Attributes:
         predicted: ε, (n,), in the order of the data sets' points.
         residual: predicted less measured.
         log_density: of each point under the prediction without it.
+        fold: points of equal number were left out together, 0, 1, 2, ...
         exact: whether refits were made; else the fit was continued to first order.
         converged: whether every refit arrived.
     """
@@ -32,6 +37,7 @@ class LeaveOneOut:
     predicted: Float[np.ndarray, "n"]
     residual: Float[np.ndarray, "n"]
     log_density: Float[np.ndarray, "n"]
+    fold: Int[np.ndarray, "n"]
     exact: bool
     converged: bool
 
@@ -47,8 +53,13 @@ class LeaveOneOut:
 
     @property
     def elpd_se(self) -> float:
-        """Its standard error, √n times the scatter over the points."""
-        return float(np.sqrt(len(self.log_density) * np.var(self.log_density)))
+        """Its standard error."""
+        return self.error_of_sum(self.log_density)
+
+    def error_of_sum(self, values: Float[np.ndarray, "n"]) -> float:
+        """Standard error of the sum of one number a point: √m times the scatter over m folds."""
+        sums = np.bincount(self.fold, values)
+        return float(np.sqrt(len(sums) * np.var(sums, ddof=1)))
 
 
 @dataclass(frozen=True)
@@ -69,19 +80,28 @@ class Bootstrap:
 
 
 def leave_one_out(fits: list[ComponentFit]) -> LeaveOneOut:
-    """Of all components, in the order of the data sets."""
+    """Of all components, in the order of the data sets.
+
+    Raises:
+        ValueError: for data of one group alone, without which nothing is left.
+    """
     parts = [(fit, _left_out(fit)) for fit in fits]
-    rows = [(g, fit, part, k) for fit, part in parts for k, g in enumerate(fit.component.sets)]
+    folds = np.cumsum([0, *(np.max(part.fold) + 1 for _, part in parts)])
+    rows = [
+        (g, replace(part, fold=part.fold + first), fit.final.problem.points.set == k)
+        for (fit, part), first in zip(parts, folds[:-1], strict=True)
+        for k, g in enumerate(fit.component.sets)
+    ]
     ordered = sorted(rows, key=lambda row: row[0])
 
     def joined(name: str) -> np.ndarray:
-        every = [getattr(p, name)[f.final.problem.points.set == k] for _, f, p, k in ordered]
-        return np.concatenate(every)
+        return np.concatenate([getattr(part, name)[own] for _, part, own in ordered])
 
     return LeaveOneOut(
         joined("predicted"),
         joined("residual"),
         joined("log_density"),
+        joined("fold"),
         all(part.exact for _, part in parts),
         all(part.converged for _, part in parts),
     )
@@ -89,112 +109,137 @@ def leave_one_out(fits: list[ComponentFit]) -> LeaveOneOut:
 
 def _left_out(fit: ComponentFit) -> LeaveOneOut:
     problem = fit.final.problem
-    by_time = fit.final.report.route == "ode"
-    if problem.count**2 <= (EXACT_BY_TIME if by_time else EXACT):
-        z, converged = _refitted_without(fit)
-        return _scored(fit, z, converged)
-    return _continued(fit)
+    fold = folds_of(problem)
+    most = EXACT_BY_TIME if fit.final.report.route == "ode" else EXACT
+    if problem.count * (1 + np.max(fold)) > most:
+        return _continued(fit, fold)
+    z, converged = _refitted_without(fit, fold)
+    return _scored(fit, z, converged, fold)
 
 
-def _groups(problem: Problem) -> list[np.ndarray]:
-    """What is left out together: a point, or all of a group where the data have groups."""
-    found: list[np.ndarray] = []
+def folds_of(problem: Problem) -> Int[np.ndarray, "n"]:
+    """What is left out together: each point alone, or all of a group where the data have groups."""
+    fold = np.empty(problem.count, int)
+    first = 0
     for g, data in enumerate(problem.datasets):
         rows = np.flatnonzero(problem.points.set == g)
-        labels = getattr(data, "group", None)
-        if labels is None:
-            found += [rows[k : k + 1] for k in range(len(rows))]
-        else:
-            found += [rows[np.asarray(labels) == label] for label in dict.fromkeys(labels)]
-    return found
+        index = data.group_index
+        own = np.arange(len(rows)) if index is None else index
+        fold[rows] = first + own
+        first += int(np.max(own)) + 1
+    if first == 1:
+        raise problem.datasets[0].refusal("one group", "two or more, as each is left out in turn")
+    return fold
 
 
-def _refitted_without(fit: ComponentFit):
-    """z of the fit without each group, through all stages; and which of them arrived."""
-    groups = _groups(fit.final.problem)
-    z = np.repeat(fit.z[None], len(groups), axis=0)
-    converged = np.ones(len(groups), bool)
+def _refitted_without(fit: ComponentFit, fold: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """z of the fit without each fold, through all stages; and which of them arrived."""
+    folds = int(np.max(fold)) + 1
+    z = np.repeat(fit.z[None], folds, axis=0)
+    converged = np.ones(folds, bool)
+    kept = fold != np.arange(folds)[:, None]
     for stage in fit.stages:
-        weight = np.repeat(stage.problem.points.weight[None], len(groups), axis=0)
-        for lane, rows in enumerate(groups):
-            weight[lane, rows] = 0.0
-        found = _search(fit, stage.problem, z, Lanes(weight=weight))
+        lanes = Lanes(weight=np.where(kept, stage.problem.points.weight, 0.0))
+        found = _search(fit, stage.problem, z, lanes)
         z, converged = found.z, converged & found.converged
     return z, converged
 
 
-def _search(fit: ComponentFit, problem: Problem, z, lanes: Lanes) -> Found:
+def _measured(problem: Problem) -> Float[np.ndarray, "n"]:
+    """ε as it was measured, outliers not drawn in."""
+    return np.concatenate([data.restitution for data in problem.datasets])
+
+
+def _search(fit: ComponentFit, problem: Problem, z: np.ndarray, lanes: Lanes) -> Found:
     return search(problem, z, begun=fit.begun, lanes=lanes, limit=STEPS)
 
 
-def _scored(fit: ComponentFit, z, converged) -> LeaveOneOut:
+def _scored(fit: ComponentFit, z: np.ndarray, converged: np.ndarray, fold) -> LeaveOneOut:
     """Predictions and densities of what each refit left out."""
-    problem, groups = fit.final.problem, _groups(fit.final.problem)
+    problem = fit.final.problem
     predicted, density = np.empty(problem.count), np.empty(problem.count)
-    measured = np.concatenate([data.restitution for data in problem.datasets])
-    most = max(1, EXACT // problem.count)
-    for first in range(0, len(groups), most):
-        lanes = range(first, min(first + most, len(groups)))
-        found = problem.linearise(z[lanes.start : lanes.stop])
-        for k, lane in enumerate(lanes):
-            rows = groups[lane]
-            predicted[rows] = found.prediction[k, rows]
-            density[rows] = _densities(fit, found.prediction[k], found.jacobian[k], rows)
-    residual = predicted - measured
-    return LeaveOneOut(predicted, residual, density, True, bool(np.all(converged)))
+    most = max(1, AT_ONCE // problem.count)
+    for first in range(0, len(z), most):
+        found = problem.linearise(z[first : first + most])
+        searched = _searched(fit, found.jacobian)
+        for k, (prediction, jacobian) in enumerate(zip(found.prediction, searched, strict=True)):
+            rows = fold == first + k
+            predicted[rows] = prediction[rows]
+            density[rows] = _densities(fit, prediction, jacobian, rows)
+    residual = predicted - _measured(problem)
+    return LeaveOneOut(predicted, residual, density, fold, True, bool(np.all(converged)))
+
+
+def _searched(fit: ComponentFit, jacobian: Float[np.ndarray, "fits m p"]) -> np.ndarray:
+    """Its columns of unit length, and 0 for what is held at an end of its range."""
+    held = fit.uncertainty.limits[0, fit.final.problem.active] != 0
+    size = np.linalg.norm(jacobian, axis=1, keepdims=True)
+    return np.where(held, 0.0, jacobian / np.where(size > 0, size, 1.0))
 
 
 def _densities(fit: ComponentFit, prediction, jacobian, rows) -> np.ndarray:
     """ln of the predictive density of the points `rows` by a fit to all others."""
     problem = fit.final.problem
     weight = problem.points.weight
-    weighted = (prediction - problem.points.restitution) * weight
-    others = np.ones(problem.count, bool)
-    others[rows] = False
-    used = jacobian[: problem.count][others]
-    scale, degrees = _scale(fit, weighted, others)
-    size = np.linalg.norm(used, axis=0)
-    size = np.where(size > 0, size, 1.0)
-    inverse = np.linalg.pinv(used / size, rcond=1e-9)
-    known = np.sum((jacobian[rows] / size @ inverse) ** 2, axis=1)  # variance of the mean over scale²
-    deviation = scale * np.sqrt(1 + known)
-    return log_density(weighted[rows] / deviation, degrees) - np.log(deviation / weight[rows])
+    weighted = (prediction - _measured(problem)) * weight
+    kept = np.ones(len(jacobian), bool)
+    kept[: len(rows)] = ~rows
+    left, singular, right = np.linalg.svd(jacobian[kept], full_matrices=False)
+    seen = singular > SEEN * max(np.max(singular, initial=0.0), SEEN)
+    used = float(np.sum(left[: np.sum(~rows), seen] ** 2))  # parameters that the points pay for
+    scale, degrees = _scale(fit, float(np.sum(weighted[~rows] ** 2)), np.sum(~rows) - used)
+    along = jacobian[: len(rows)][rows] @ right[seen].T / singular[seen]
+    deviation = scale * np.sqrt(1 + np.sum(along**2, axis=1))
+    density = log_density(weighted[rows] / deviation, degrees)
+    return density - np.log(deviation / weight[rows])
 
 
-def _scale(fit: ComponentFit, weighted, others) -> tuple[float, float | None]:
-    """Standard deviation of a weighted residual, from the other points where it is not stated."""
-    problem = fit.final.problem
-    if all(is_stated(data) for data in problem.datasets):
+def _scale(fit: ComponentFit, squares, degrees):
+    """Standard deviation of a weighted residual: one, or from the squares where it is not stated."""
+    if all(is_stated(data) for data in fit.final.problem.datasets):
         return 1.0, None
-    degrees = max(float(np.sum(others)) - len(fit.z), 1.0)
-    return max(float(np.sqrt(np.sum(weighted[others] ** 2) / degrees)), 1e-15), degrees
+    degrees = np.maximum(degrees, 1.0)
+    return np.sqrt(np.maximum(squares, LEAST_SQUARES) / degrees), degrees
 
 
-def _continued(fit: ComponentFit) -> LeaveOneOut:
-    """The fit without each point to first order: exact for a linear model, r/(1 - h)."""
+def _continued(fit: ComponentFit, fold: Int[np.ndarray, "n"]) -> LeaveOneOut:
+    """The fit without each fold to first order: exact for a linear model.
+
+    With U an orthonormal basis of the Jacobian's columns and B_g = (1 - U_gᵀ U_g)⁻¹, leaving the
+    fold g out takes its residuals from r_g to s_g = r_g + U_g B_g U_gᵀ r_g. It predicts them with
+    the variance 1 + u B_g uᵀ, in units of the noise, and lowers the sum of squares by r_gᵀ s_g. For
+    single points these are r/(1 - h) and 1/(1 - h).
+    """
     problem = fit.final.problem
+    measured, weight = _measured(problem), problem.points.weight
     found = problem.linearise(fit.z[None])
-    leverage = leverages(found.jacobian)[0, : problem.count]
-    weighted = (found.prediction[0] - problem.points.restitution) * problem.points.weight
-    without = weighted / np.maximum(1 - leverage, 1e-12)
-    stated = all(is_stated(data) for data in problem.datasets)
-    degrees = max(problem.count - 1 - float(np.sum(leverage)), 1.0)
-    squares = max(float(np.sum(weighted**2)), 1e-300) - weighted * without
-    scale = np.ones(problem.count) if stated else np.sqrt(np.maximum(squares, 1e-300) / degrees)
-    deviation = scale / np.sqrt(np.maximum(1 - leverage, 1e-12))
-    own = log_density(without / deviation, None if stated else degrees)
-    density = own - np.log(deviation / problem.points.weight)
-    residual = without / problem.points.weight
-    predicted = residual + problem.points.restitution
-    return LeaveOneOut(predicted, residual, density, False, True)
+    left, singular, _ = np.linalg.svd(_searched(fit, found.jacobian)[0], full_matrices=False)
+    basis = left[: problem.count, singular > SEEN * max(np.max(singular, initial=0.0), SEEN)]
+    weighted = (found.prediction[0] - measured) * weight
+    folds, p = int(np.max(fold)) + 1, basis.shape[1]
+    taken, pull = np.zeros((folds, p, p)), np.zeros((folds, p))
+    np.add.at(taken, fold, basis[:, :, None] * basis[:, None, :])
+    np.add.at(pull, fold, basis * weighted[:, None])
+    inverse = np.linalg.pinv(np.eye(p) - taken, rcond=SEEN, hermitian=True)[fold]
+    without = weighted + np.einsum("np,npq,nq->n", basis, inverse, pull[fold])
+    spread = 1 + np.einsum("np,npq,nq->n", basis, inverse, basis)
+    squares = np.sum(weighted**2) - np.bincount(fold, weighted * without)[fold]
+    used = float(np.sum(basis**2))
+    scale, degrees = _scale(fit, squares, problem.count - np.bincount(fold)[fold] - used)
+    deviation = scale * np.sqrt(spread)
+    density = log_density(without / deviation, degrees) - np.log(deviation / weight)
+    residual = without / weight
+    return LeaveOneOut(residual + measured, residual, density, fold, False, True)
 
 
-def log_density(x: np.ndarray, degrees: float | None) -> np.ndarray:
+def log_density(x: np.ndarray, degrees: float | np.ndarray | None) -> np.ndarray:
     """ln of Student's density, or of the normal one where the noise is known."""
     if degrees is None:
         return -0.5 * (x**2 + math.log(2 * math.pi))
-    level = math.lgamma(0.5 * (degrees + 1)) - math.lgamma(0.5 * degrees)
-    level -= 0.5 * math.log(math.pi * degrees)
+    from scipy import special
+
+    level = special.gammaln(0.5 * (degrees + 1)) - special.gammaln(0.5 * degrees)
+    level = level - 0.5 * np.log(math.pi * degrees)
     return level - 0.5 * (degrees + 1) * np.log1p(x**2 / degrees)
 
 
@@ -209,7 +254,11 @@ def bootstrap(fits: list[ComponentFit], count: int, seed: int, confidence: float
         converged &= arrived
     joined = np.concatenate(values, axis=1)
     part = 100 * np.array([0.5 * (1 - confidence), 0.5 * (1 + confidence)])
-    ends = np.percentile(joined[converged], part, axis=0) if np.any(converged) else np.full((2, len(names)), np.nan)
+    ends = (
+        np.percentile(joined[converged], part, axis=0)
+        if np.any(converged)
+        else np.full((2, len(names)), np.nan)
+    )
     intervals = {n: (float(a), float(b)) for n, a, b in zip(names, *ends, strict=True)}
     return Bootstrap(tuple(names), joined, converged, intervals)
 

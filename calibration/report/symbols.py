@@ -61,5 +61,6 @@ def math(label: str, model: Any = None, unit: bool = True) -> str:
     """The same for matplotlib; of `chi[nylon]` the data set's name behind a comma."""
     name, _, owner = label.partition("[")
     one = symbol(name, model)
-    name = f"{one.math}, {owner[:-1]}" if owner else one.math
+    shown = owner.removesuffix("]").replace("$", r"\$")  # between dollars are formulas
+    name = f"{one.math}, {shown}" if owner else one.math
     return name + (f" [{one.unit}]" if unit and one.unit else "")
