@@ -36,9 +36,10 @@ class Sampled:
         """Outputs, and E[(∂f/∂θ)²] (q, p), or with ln θ on a logarithmic scale."""
         outputs, squares = [], 0.0
         for block in self._blocks(points):
-            output, slopes = _slopes(*block, self.scale)
-            outputs.append(np.asarray(output))
-            squares = squares + np.sum(np.asarray(slopes) ** 2, axis=1)
+            output, slopes = map(np.asarray, _slopes(*block))
+            per = block[-1].T if self.scale == "log" else 1.0
+            outputs.append(output)
+            squares = squares + np.sum((slopes * per) ** 2, axis=1)
         return np.concatenate(outputs, axis=1), squares / points.shape[1]
 
     def _blocks(self, points) -> Iterator[tuple[Any, ...]]:
@@ -58,7 +59,7 @@ def _outputs(model: Model, names: tuple[str, ...], points):
 
 
 @eqx.filter_jit
-def _slopes(model: Model, names: tuple[str, ...], points, scale: str):
+def _slopes(model: Model, names: tuple[str, ...], points):
     """Outputs (q, n) and derivatives (q, n, p)."""
 
     def one(x):
@@ -67,7 +68,7 @@ def _slopes(model: Model, names: tuple[str, ...], points, scale: str):
             return y, y
 
         slope, y = jax.jacfwd(outputs, has_aux=True)(x)
-        return y, slope * x if scale == "log" else slope
+        return y, slope
 
     return jax.vmap(one, in_axes=1, out_axes=1)(points)
 
