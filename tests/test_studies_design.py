@@ -228,7 +228,7 @@ def test_the_same_seed_gives_the_same_design_and_progress_is_told():
 def test_a_design_tells_itself():
     found = cal.optimal_velocities(DECAY, 8, BOUNDS, criterion="D")
     assert str(found).startswith(
-        "D-optimal for model: 4 at 1 m/s, 4 at 21 m/s; standard error of ln level"
+        "D-optimal for model: 4 at 1 m/s, 4 at 21 m/s; standard error of ln a"
     )
     table = found.to_dict()
     assert table["support"][0] == {"velocity": 1.0, "shots": 4}

@@ -99,7 +99,9 @@ def plot_sobol(found: SobolIndices, output: int = 0, ax: Axes | None = None) -> 
         ax.bar(place + aside, middle, yerr=reach, **bar)
     bound = np.where(found.bound[output] <= 1, found.bound[output], np.nan)  # more says nothing
     ax.plot(place + 0.2, bound, "v", color=style.BLACK, label="bound of total")
-    ax.set_xticks(place, [in_math(letter) for letter in found.symbols])
+    # the body of "E wall" below its letter, so that many inputs find room
+    ax.set_xticks(place, [in_math(letter).replace(" ", "\n") for letter in found.symbols])
+    ax.set_ylim(bottom=0)
     ax.set_ylabel(r"share of the variance of $\varepsilon$")
     if found.velocity is not None:
         ax.set_title(f"$v$ = {found.velocity[output]:.3g} m/s")
@@ -117,13 +119,13 @@ def tornado_figure(found: Sensitivities) -> Figure:
 
 def sobol_figure(found: SobolIndices) -> Figure:
     """`plot_sobol` of every output, with one legend."""
-    count = len(found.first)
-    figure = style.new_figure(max(4.2 * count, 5.0), 3.8)
+    count, width = len(found.first), max(4.2, 0.4 * len(found.names))
+    figure = style.new_figure(max(width * count, 5.0), 3.8)
     axes = list(figure.subplots(1, count, squeeze=False, sharey=True)[0])
     for output, ax in enumerate(axes):
         plot_sobol(found, output, ax)
         ax.label_outer()
-    style.legend_below(figure, axes, 3)
+    style.legend_below(figure, axes, 3, ("first order", "total"))
     return figure
 
 

@@ -89,7 +89,8 @@ class Design:
             for error in (e[self.target] for e in (self.relative_errors, self.equally_spaced))
         )
         text = f"{self.criterion}-optimal for {self.objective}: {shots}; standard error of "
-        text += f"ln {self.target} {here}, equally spaced {even}"
+        symbol = self.symbols[self.names.index(self.target)]
+        text += f"ln {symbol} {here}, equally spaced {even}"
         if self.efficiency is not None:
             percent = math.floor(1000 * self.efficiency) / 10
             text += f"; at least {percent:.1f} % of the best"
