@@ -156,6 +156,15 @@ def test_above_yield_the_model_knows_the_losses_only_as_one_number():
     assert found.symbols == ("χ̃", "ε_up")
 
 
+def test_an_error_is_the_same_however_the_losses_are_written():
+    """Above yield χ̃ is as well known beside σ and ψ, which are not, as beside ε_up."""
+    v = above(LAW, 80.0, 20)
+    by_eps_up = cal.fisher_information(LAW, v, 0.003).relative_errors
+    by_both = cal.fisher_information(LAW, v, 0.003, parameters={"sigma": cal.Parameter()})
+    assert by_both.relative_errors["sigma"] is by_both.relative_errors["psi"] is None
+    assert by_both.relative_errors["chi"] == pytest.approx(by_eps_up["chi"], rel=1e-6)
+
+
 def test_directions_are_told_in_words():
     """With ten points below yield at noise 0.01, σ and ψ are still not separate."""
     v = np.concatenate([np.linspace(0.1, 0.9, 10), np.linspace(2, 80, 20)]) * CRITICAL

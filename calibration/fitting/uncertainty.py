@@ -119,7 +119,10 @@ def stacked(
     scaled = stages[0].problem.transform.kind[order] != NONE
     error = np.diagonal(covariance, axis1=1, axis2=2)
     nulls |= scaled & (limits == 0) & ~(error < NO_ERROR**2)
-    seen = np.nan_to_num(covariance) if seen is None else seen
+    if seen is None:
+        seen = np.nan_to_num(covariance)
+    else:  # what is known for sure is known whatever lies along the null directions
+        covariance = np.where(np.isnan(covariance), np.nan, seen)
     back = np.argsort(order)
     turned = (a[:, back][:, :, back] for a in (covariance, seen))
     return Uncertainty(*turned, rank, condition, nulls[:, back], limits[:, back], noise)
