@@ -190,6 +190,10 @@ def test_the_losses_are_best_measured_just_below_yield():
     assert np.min(found.velocity) <= CRITICAL
     assert last == ABOVE[1]
     assert found.relative_errors["sigma"] is None  # only together with ψ
+    even, best = (e["chi"] for e in (found.equally_spaced, found.relative_errors))
+    assert found.gain == pytest.approx(even / best, rel=1e-6)
+    reached = simulated(LAW, found.velocity, NOISE, "model", seed=5)["chi"]
+    assert best == pytest.approx(reached, rel=0.1)
     assert found.efficiency > 0.99
 
 
