@@ -161,17 +161,15 @@ class _Job:
             name, sign, deviation = text.partition("=")
             prior = (0.0, _number("--free", text, deviation, "NAME=SD")) if sign else None
             parameters[name] = cal.Parameter(prior=prior)
-        return {
-            "objective": self.arguments.objective,
-            "parameters": parameters,
-            "route": self.route,
-        }
+        told = {"objective": self.arguments.objective, "parameters": parameters}
+        return {**told, "route": self.route}
 
     def _local(self, folder: Path, progress: Any) -> tuple[str, Any]:
         import numpy as np
 
         from calibration.plots import studies as pictures
         from calibration.plots import style
+        from calibration.report.studies import local_table, sensitivities_csv
         from calibration.studies.local import sensitivity
 
         velocity = np.geomspace(self.low, self.high, self.points)
@@ -180,7 +178,7 @@ class _Job:
             raise DataError("--from, --to", "such that ε = 0 everywhere", "where the law rebounds")
         count = len(self.bars)
         curve, bars = both.rows(slice(None, -count)), both.rows(slice(-count, None))
-        _write_csv(folder / "sensitivity.csv", curve)
+        (folder / "sensitivity.csv").write_text(sensitivities_csv(curve), encoding="utf-8")
         figure = style.new_figure(7.2, 4.2)
         critical = getattr(getattr(self.source.law, "contact", None), "critical_velocity", None)
         at_yield = None if critical is None else float(critical)
@@ -188,22 +186,19 @@ class _Job:
         style.save(figure, folder / "sensitivity.png")
         style.save(pictures.tornado_figure(bars), folder / "tornado.png")
         table = {name: bars.of(name) for name in bars.names}
-        return _local_table(bars), {"velocity": self.bars, "theta_d_epsilon_d_theta": table}
+        return local_table(bars), {"velocity": self.bars, "theta_d_epsilon_d_theta": table}
 
     def _information(self, folder: Path, progress: Any) -> tuple[str, Any]:
         import numpy as np
 
+        from calibration.report.studies import information_text
         from calibration.studies.information import fisher_information
 
         planned = self.arguments.shots or (0 if self.source.result is not None else SHOTS)
         velocity = np.linspace(self.low, self.high, planned)
         u = self.arguments.uncertainty
         found = fisher_information(self.subject, velocity, u, **self.options)
-        lines = [str(found)]
-        for symbol, error in zip(found.symbols, found.standard_errors.values(), strict=True):
-            told = "not determined" if error is None else f"{error:.3g}"
-            lines.append(f"expected standard error of {symbol}: {told}")
-        return "\n".join(lines), found.to_dict()
+        return information_text(found), found.to_dict()
 
     def _design(self, folder: Path, progress: Any) -> tuple[str, Any]:
         from calibration.plots import studies as pictures
@@ -234,6 +229,7 @@ class _Job:
     def _global(self, folder: Path, progress: Any) -> tuple[str, Any]:
         from calibration.plots import studies as pictures
         from calibration.plots import style
+        from calibration.report.studies import sobol_table
         from calibration.studies.sobol import sobol_indices
 
         arguments = self.arguments
@@ -248,7 +244,7 @@ class _Job:
             progress=progress,
         )
         style.save(pictures.sobol_figure(found), folder / "sobol.png")
-        return _sobol_table(found), found.to_dict()
+        return sobol_table(found), found.to_dict()
 
 
 def _inputs_of(source: Any) -> Any:
@@ -290,40 +286,3 @@ def _number(option: str, text: str, number: str, accepted: str) -> float:
         return float(number)
     except ValueError:
         raise DataError(option, text, accepted) from None
-
-
-def _local_table(found: Any) -> str:
-    head = "θ ∂ε/∂θ at v [m/s]" + "".join(f"{v:>11.4g}" for v in found.velocity)
-    lines = [
-        f"{one.symbol:<18}" + "".join(f"{round(x, 5) + 0.0:>11.5f}" for x in found.of(name))
-        for name, one in found.declared.items()
-    ]
-    return "\n".join([head, *lines])
-
-
-def _sobol_table(found: Any) -> str:
-    head = "Sobol indices, first (total) at v [m/s]"
-    lines = [head + "".join(f"{v:>18.4g}" for v in found.velocity)]
-    for i, symbol in enumerate(found.symbols):
-        pairs = zip(found.first[:, i], found.total[:, i], strict=True)
-        cells = [f"{round(s, 3) + 0.0:.3f} ({round(t, 3) + 0.0:.3f})" for s, t in pairs]
-        lines.append(f"{symbol:<{len(head)}}" + "".join(f"{cell:>18}" for cell in cells))
-    return "\n".join(lines)
-
-
-def _write_csv(path: Path, found: Any) -> None:
-    """θ ∂ε/∂θ and ∂ln ε/∂ln θ of every input; an empty cell where ε = 0."""
-    kinds = [f"{n} d(eps)/d({n})" for n in found.names], [f"dln(eps)/dln({n})" for n in found.names]
-    header = ["velocity [m/s]", "restitution", *kinds[0], *kinds[1], "status"]
-    columns = [found.velocity, found.coefficient, *found.absolute.T, *found.logarithmic.T]
-    rows = zip(*(column.tolist() for column in columns), found.status.tolist(), strict=True)
-    lines = [",".join(_cell(x) for x in row) for row in rows]
-    path.write_text("\n".join([",".join(header), *lines]) + "\n", encoding="utf-8")
-
-
-def _cell(value: float | int) -> str:
-    from calibration.curve.writers import status_names
-
-    if isinstance(value, int):
-        return status_names(value)
-    return "" if value != value else f"{value:.17g}"

@@ -41,15 +41,10 @@ def plan_of(
     """The plan for a law, or for one of a fit's materials.
 
     Args:
-        law: as far as it is known; or a fit, whose objective, priors and points are its own, and of
-            whose parameters those count that it determined.
         reach: velocities that are planned, or the ends of what can be [m/s].
-        parameters: as `fit` takes them: which are free, their priors; those not free are held at
-            the law's own value. All of them as there, if left out.
-        objective: "model" unless told.
-        route: from the law to ε: the energy balance where it can.
-        material: which one of a fit's.
         measured: velocities and uncertainties of ε of what is there already, for a law.
+
+    The others are those of `fisher_information`.
 
     Raises:
         ValueError: naming the argument, its value and what is accepted.
