@@ -15,6 +15,7 @@ from tests.fit_data import twin
 
 DESIGN = ("nylon", "--study", "design", "--from", "2", "--to", "60", "--shots", "6")
 GLOBAL = ("nylon", "--study", "global", "--at", "20", "--samples", "64")
+DEAD = ["--range", "chi=1000:1100", "--range", "density=1100:1200", "--at", "60"]
 ALLOY = """[[material]]
 name = "alloy"
 youngs_modulus = 2.5e9
@@ -180,7 +181,7 @@ def test_a_fit_is_planned_with_its_own_points_and_objective(at):
         (["--study", "global", "--range", "colour=1:2"], "--range"),
         (["--study", "global", "--range", "chi=1"], "--range"),
         (["--study", "global", "--samples", "1000"], "samples"),
-        (["--study", "global", "--range", "chi=1000:1100", "--at", "60"], "0 everywhere"),
+        (["--study", "global", "--samples", "64", *DEAD], "0 everywhere"),
         (["--study", "global", "--criterion", "D"], "--criterion"),
         (["--from", "0"], "--from"),
         (["--at", "-1"], "--at"),

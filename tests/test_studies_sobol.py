@@ -13,7 +13,7 @@ from scipy import stats
 import calibration as cal
 import softjax as sj
 from calibration.studies.sampling import percentiles
-from tests.cases import FITTED, MATERIALS, RADIUS, fitted
+from tests.cases import FITTED, MATERIALS, RADIUS
 from tests.decay import Decay
 
 A, B = 7.0, 0.1
@@ -161,9 +161,8 @@ def test_an_output_that_does_not_vary_has_no_indices():
 
 
 def test_where_nothing_rebounds_there_is_nothing_to_share_out():
-    law = fitted("stainless steel", chi=1e3, sigma=50.0)
     with pytest.raises(ValueError, match="0 everywhere") as caught:
-        cal.sobol_indices(law, {"chi": (900.0, 1100.0)}, [2.0], samples=64)
+        cal.sobol_indices(Decay(0.9, 500.0), {"rate": (400.0, 600.0)}, [5.0], samples=256)
     assert "\n" not in str(caught.value)
 
 
