@@ -39,14 +39,14 @@ _WHERE = {
     "compare": "studies.ranking",
     "Comparison": "studies.comparison",
     "coverage_study": "coverage",
-    "Inputs": "sensitivities.inputs",
-    "of_law": "sensitivities.inputs",
-    "of_spheres": "sensitivities.inputs",
-    "sensitivity": "sensitivities.local",
-    "fisher_information": "sensitivities.information",
-    "optimal_velocities": "sensitivities.design",
-    "sobol_indices": "sensitivities.sobol",
-    "model_indices": "sensitivities.sobol",
+    "Inputs": "studies.inputs",
+    "of_law": "studies.inputs",
+    "of_spheres": "studies.inputs",
+    "sensitivity": "studies.local",
+    "fisher_information": "studies.information",
+    "optimal_velocities": "studies.design",
+    "sobol_indices": "studies.sobol",
+    "model_indices": "studies.sobol",
 }
 
 __all__ = sorted(_WHERE)

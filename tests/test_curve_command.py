@@ -1,6 +1,5 @@
-"""`softjax curve` and `softjax sensitivity` from the command line to their files."""
+"""`softjax curve` from the command line to its files."""
 
-import json
 
 import numpy as np
 import pytest
@@ -261,58 +260,3 @@ def test_a_bad_line_far_down_leaves_no_file(at, capsys):
     assert curve("nylon", "--velocities", "v.csv", "--format", "csv", "npy") == 2
     assert "v.csv:70002: 'slow' holds no velocity" in capsys.readouterr().err
     assert [path.name for path in at.iterdir()] == ["v.csv"]
-
-
-def test_local_sensitivities_are_written_and_drawn(at, capsys):
-    options = ["nylon", "--points", "9", "--at", "1", "10"]
-    assert main(["sensitivity", *options]) == 0
-    assert "θ ∂ε/∂θ at v [m/s]" in capsys.readouterr().out
-    out = at / "results"
-    names = {"sensitivity.csv", "sensitivity.json", "sensitivity.png", "tornado.png"}
-    assert {path.name for path in out.iterdir()} == names
-    header, *rows = (out / "sensitivity.csv").read_text(encoding="utf-8").splitlines()
-    table = dict(
-        zip(header.split(","), np.transpose([row.split(",") for row in rows]), strict=True)
-    )
-    v = table["velocity [m/s]"].astype(float)
-    h = 1e-6
-    up, down = (
-        np.asarray(sj.restitution(fitted("nylon", chi=0.21998 * (1 + s)), v).coefficient)
-        for s in (h, -h)
-    )
-    slopes = table["chi d(eps)/d(chi)"].astype(float)
-    np.testing.assert_allclose(slopes, (up - down) / (2 * h), atol=1e-8)
-    result = json.loads((out / "sensitivity.json").read_text(encoding="utf-8"))
-    assert result["local"]["velocity"] == [1.0, 10.0]
-
-
-def test_information_and_design_are_written(at, capsys):
-    options = ["nylon", "--from", "2", "--to", "60", "--shots", "6"]
-    assert main(["sensitivity", *options, "--study", "information"]) == 0
-    assert "expected standard error of χ̃" in capsys.readouterr().out
-    assert main(["sensitivity", *options, "--study", "design"]) == 0
-    out = at / "results"
-    design = json.loads((out / "sensitivity.json").read_text(encoding="utf-8"))["design"]
-    assert sum(place["shots"] for place in design["support"]) == 6
-    assert design["gain"] > 1
-    assert (out / "design.png").exists()
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (["--range", "colour=1:2"], "--range"),
-        (["--range", "chi=1"], "--range"),
-        (["--study", "global", "--samples", "1000"], "samples"),
-        (["--from", "0"], "--from"),
-        (["--at", "-1"], "--at"),
-        (["--study", "design", "--target", "colour"], "target"),
-        (["--study", "information", "--uncertainty", "0"], "uncertainty"),
-    ],
-)
-def test_unusable_studies_are_told_in_one_line_and_write_nothing(at, capsys, options, said):
-    assert main(["sensitivity", "nylon", *options]) == 2
-    told = capsys.readouterr()
-    assert said in told.err
-    assert told.err.count("\n") == 1
-    assert list(at.iterdir()) == []

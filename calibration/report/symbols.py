@@ -14,6 +14,8 @@ class Symbol(NamedTuple):
 
 MATH = {
     "χ̃": r"$\tilde\chi$",
+    "μ": r"$\mu$",
+    "ρ": r"$\rho$",
     "σ": r"$\sigma$",
     "ψ": r"$\psi$",
     "ε": r"$\varepsilon$",
@@ -40,8 +42,14 @@ def symbol(name: str, model: Any = None) -> Symbol:
         letter, unit = declared.symbol, declared.unit
     else:
         letter, unit = DERIVED.get(name, (name, ""))
+    return Symbol(letter, in_math(letter), "" if unit == "-" else unit)
+
+
+def in_math(written: str) -> str:
+    """A symbol for matplotlib; what stands behind it ("E wall", "χ̃[nylon]") is kept."""
+    letter = written.partition(" ")[0].partition("[")[0]
     plain = f"${letter}$" if len(letter) == 1 and letter.isascii() else letter.replace("_", " ")
-    return Symbol(letter, MATH.get(letter, plain), "" if unit == "-" else unit)
+    return MATH.get(letter, plain) + written.removeprefix(letter)
 
 
 def text(name: str, model: Any = None) -> str:
