@@ -160,7 +160,9 @@ def _profiled(exact: ComponentFit, stage: Settled, z, lanes: Lanes, known: Uncer
     lowest = np.sum(problem.linearise(z, lanes).residual ** 2, axis=1)
     variance = (known.noise.deviation[:, 0] * problem.points.weight[0]) ** 2
     for column, k in enumerate(problem.active):
-        risen = np.min([found.cost for found in _at_truth(exact, problem, z, lanes, column)], axis=0)
+        risen = np.min(
+            [found.cost for found in _at_truth(exact, problem, z, lanes, column)], axis=0
+        )
         held[:, k] = (2 * risen - lowest) / variance <= reach[:, k] ** 2
     return held
 

@@ -138,9 +138,7 @@ def test_branches_are_held_while_yield_strength_moves():
     component = component_of(data, said={"yield_strength": cal.Parameter()})
     problem = component.stages[0][1]
     elastic = problem.elastic
-    np.testing.assert_array_equal(
-        elastic, data.velocity <= float(data.contact.critical_velocity)
-    )
+    np.testing.assert_array_equal(elastic, data.velocity <= float(data.contact.critical_velocity))
     stronger = np.array(component.start)
     stronger[3] += 0.3
     assert np.sum(problem.elastic_at(stronger)) > np.sum(elastic)
@@ -209,4 +207,3 @@ def test_priors_are_residuals_of_their_own():
     assert found.residual.shape[1] == problem.count + 1
     assert found.residual[0, -1] == pytest.approx(2.0)
     np.testing.assert_allclose(found.jacobian[0, -1], [0.34 / 0.02, 0.0])
-

@@ -12,7 +12,6 @@ import softjax as sj
 from calibration.data import RestitutionData
 from calibration.errors import DataError
 from calibration.fitting.assembly import Component, assemble
-from calibration.fitting.bands import typical_noise
 from calibration.fitting.collisions import Route
 from calibration.fitting.law_model import OF_CONTACT
 from calibration.fitting.noise import noise_of
@@ -167,7 +166,13 @@ def _of_fit(result: FitResult, material: str | None, reach: Column, route: Route
     by_first = one.objective == "two-step"
     place = component.sets.index(g)
     plan = Plan(
-        tuple(placed), there, place, route, by_first, typical_noise(one), _yields_at(one.law)
+        tuple(placed),
+        there,
+        place,
+        route,
+        by_first,
+        float(np.sqrt(sum(one.variances.values()))),
+        _yields_at(one.law),
     )
     return _checked(plan)
 
