@@ -61,7 +61,7 @@ class Case:
         velocity = np.asarray(self.velocity, float)
         if restitution is None:
             restitution = np.asarray(sj.restitution(self.truth, velocity).coefficient)
-        told = self.noise if self.stated else None
+        told = np.asarray(self.noise) if self.stated else None
         contact = self.contact or getattr(self.truth, "contact", None)
         limit = getattr(self.truth, "limit_velocity", None)
         return RestitutionData(
@@ -194,7 +194,6 @@ def standard_cases(points: Sequence[int] = (8, 30)) -> list[Case]:
 def _laws(n: int) -> list[Case]:
     from calibration.data.paper import CURVES, RADIUS
 
-    steel, chrome, nylon = (curve.material for curve in CURVES)
     pair = sj.Contact.between_spheres(nylon, nylon, RADIUS, RADIUS)
     critical = float(pair.critical_velocity)
     above = np.geomspace(1.3, 80, n) * critical
