@@ -1,5 +1,5 @@
 # What type checkers and editors see of the names that are loaded when asked for.
-from calibration.coverage import coverage_study as coverage_study
+from calibration.coverage.batched import coverage_study as coverage_study
 from calibration.data.csv_file import read_csv as read_csv
 from calibration.data.errors_of_points import PointErrors as PointErrors
 from calibration.data.measurements import RestitutionData as RestitutionData
