@@ -34,7 +34,7 @@ _WHERE = {
     "Stage": "fitting.stages",
     "Profile": "fitting.profiles",
     "Doubt": "fitting.doubt",
-    "LeaveOneOut": "fitting.refits",
+    "LeaveOneOut": "fitting.left_out",
     "Bootstrap": "fitting.refits",
     "compare": "studies.ranking",
     "Comparison": "studies.comparison",

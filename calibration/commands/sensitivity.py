@@ -169,7 +169,7 @@ class _Job:
 
         from calibration.plots import studies as pictures
         from calibration.plots import style
-        from calibration.report.studies import local_table, sensitivities_csv
+        from calibration.studies.text import local_table, sensitivities_csv
         from calibration.studies.local import sensitivity
 
         velocity = np.geomspace(self.low, self.high, self.points)
@@ -191,7 +191,7 @@ class _Job:
     def _information(self, folder: Path, progress: Any) -> tuple[str, Any]:
         import numpy as np
 
-        from calibration.report.studies import information_text
+        from calibration.studies.text import information_text
         from calibration.studies.information import fisher_information
 
         planned = self.arguments.shots or (0 if self.source.result is not None else SHOTS)
@@ -229,7 +229,7 @@ class _Job:
     def _global(self, folder: Path, progress: Any) -> tuple[str, Any]:
         from calibration.plots import studies as pictures
         from calibration.plots import style
-        from calibration.report.studies import sobol_table
+        from calibration.studies.text import sobol_table
         from calibration.studies.sobol import sobol_indices
 
         arguments = self.arguments
