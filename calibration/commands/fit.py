@@ -50,6 +50,7 @@ class Job:
     file: str | None = None  # None: the embedded data
     beside: bool = False
     given: Mapping[str, Any] = field(default_factory=dict)  # on the command line
+    problem: Any = None  # the file, as it was read
 
     @property
     def embedded(self) -> bool:
@@ -133,9 +134,8 @@ def _job(arguments: argparse.Namespace) -> Job:
 
     problem = read_problem(arguments.file)
     settings = _heeded(problem.settings, given)
-    return Job(
-        problem.datasets, problem.parameters, settings, arguments.file, arguments.beside, given
-    )
+    own = (problem.datasets, problem.parameters, settings, arguments.file)
+    return Job(*own, beside=arguments.beside, given=given, problem=problem)
 
 
 def _heeded(of_file: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
@@ -175,7 +175,17 @@ def _fitted(job: Job, progress: Progress):
     except InputError:
         raise
     except ValueError as error:
-        raise InputError(job.file, None, str(error), "nothing was fitted") from error
+        raise _refusal(job, error) from error
+
+
+def _refusal(job: Job, error: ValueError) -> InputError:
+    """What the fit refuses, with the line of the file that says it."""
+    if isinstance(error, DataError) and job.problem is not None:
+        name = error.argument
+        if name in job.problem.settings and name not in job.given:
+            problem, accepted = f"{name} is {error.value}", f"it must be {error.accepted}"
+            return job.problem.refusal(name, problem, accepted)
+    return InputError(job.file, None, str(error), "nothing was fitted")
 
 
 def _route(name: str | None, rtol: float | None):
