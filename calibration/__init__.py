@@ -38,7 +38,7 @@ _WHERE = {
     "Bootstrap": "fitting.refits",
     "compare": "studies.ranking",
     "Comparison": "studies.comparison",
-    "coverage_study": "coverage",
+    "coverage_study": "coverage.batched",
     "Inputs": "studies.inputs",
     "of_law": "studies.inputs",
     "of_spheres": "studies.inputs",

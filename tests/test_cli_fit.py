@@ -79,7 +79,8 @@ def test_the_table_stands_against_table_1_and_the_second_route(fits, main_job):
     told = main_job[1]
     for printed in ("0.1368", "0.0239", "3.0432", "0.3114", "0.8352", "54.25", "χ̃: unloading"):
         assert printed in told
-    assert max(map(len, told.splitlines())) <= 110
+    tables = told.partition("\nWritten to")[0]  # a folder of any length
+    assert max(map(len, tables.splitlines())) <= 100
     assert "Levenberg–Marquardt through the energy balance" in told
     assert fits["beside"]["largest_difference"] < 1e-6
     assert fits["beside"]["values"]["chi[nylon]"] == pytest.approx(CHI["nylon"], rel=1e-4)

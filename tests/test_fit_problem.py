@@ -82,7 +82,9 @@ def test_a_function_that_builds_a_law_has_exact_slopes_too():
     jacobian = problem.linearise(z[None]).jacobian[0]
     residual = lambda z: problem.linearise(z[None]).residual[0]  # noqa: E731
     np.testing.assert_allclose(jacobian, approx_fprime(z, residual, 1e-6), rtol=1e-4, atol=2e-5)
-    theta = dict(zip([e.label for e in component.elements], problem.transform.physical(z)))
+    theta = dict(
+        zip([e.label for e in component.elements], problem.transform.physical(z), strict=True)
+    )
     for g, data in enumerate(sets):
         chi = theta["c1"] + theta["c2"] * float(data.contact.yield_ratio)
         losses = (theta[f"{name}[{data.name}]"] for name in ("sigma", "psi"))

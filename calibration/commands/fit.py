@@ -45,7 +45,7 @@ class Job:
     """What is to be fitted, and how it is told."""
 
     datasets: Sequence[Any]
-    parameters: list[Mapping[str, Any]] | None = None
+    parameters: Sequence[Mapping[str, Any]] | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
     file: str | None = None  # None: the embedded data
     beside: bool = False

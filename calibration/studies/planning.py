@@ -158,7 +158,7 @@ def _of_fit(result: FitResult, material: str | None, reach: Column, route: Route
     for k, spec in zip(component.sets, component.specs, strict=True):
         values, labels = result.materials[k].values, result.materials[k].labels
         local = tuple(
-            _at(one, values[one.name], determined.get(labels.get(one.name), False))
+            _at(one, values[one.name], determined.get(labels.get(one.name, ""), False))
             for one in spec.local
         )
         placed.append(replace(spec, local=local))
