@@ -50,8 +50,8 @@ def _wrapped(paragraphs: Iterable[str]) -> list[str]:
 
 
 def _explained(lines: Iterable[str]) -> list[str]:
-    look = {"initial_indent": "  ", "subsequent_indent": "    "}
-    return [one for line in lines for one in textwrap.wrap(line, WIDTH, **look)]
+    wrapped = textwrap.TextWrapper(WIDTH, initial_indent="  ", subsequent_indent="    ")
+    return [one for line in lines for one in wrapped.wrap(line)]
 
 
 def _intervals(result: Any) -> list[str]:
