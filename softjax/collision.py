@@ -139,8 +139,8 @@ def _passed(pull, kinks, y, route: ODE):
         width = jnp.maximum(end - start, 0.0)
 
         def field(t, _, args):
-            # any power of the overlap above the last kink is smooth over the fourth root of it
-            return (-2 * pull(start + width * t**4) * 4 * width * t**3,)
+            # half powers of the overlap above the last kink are smooth over the root of it
+            return (-2 * pull(start + width * t * t) * 2 * width * t,)
 
         (lost,), solved = solve(field, zero, one, (zero,), None, route)
         passes = going & (energy + lost > 0) & (jnp.isfinite(lost))
@@ -157,7 +157,7 @@ def _passed(pull, kinks, y, route: ODE):
 def _rise(law, peak) -> Fall:
     """Loading with time turned around."""
     force = lambda x, _: law.loading(x)  # noqa: E731
-    return Fall(force, peak, jnp.zeros_like(peak), peak, loading_kinks(law, peak), 4)
+    return Fall(force, peak, jnp.zeros_like(peak), peak, loading_kinks(law, peak))
 
 
 def _unloading(law, peak: Peak, release: Release) -> Fall:
@@ -173,7 +173,6 @@ def _unloading(law, peak: Peak, release: Release) -> Fall:
         bottom=release.residual,
         span=release.recovered,
         kinks=unloading_kinks(law, top),
-        power=2 if closed else 4,
         about_zero=closed and law.powers_about == "zero-overlap",
     )
 

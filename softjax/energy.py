@@ -195,7 +195,7 @@ def _overlap_of_work(law, energy, found: Reach):
 
 def _solve(law, energy, found: Reach):
     """By Newton's method in logarithms, in which a power law is a straight line, within bounds."""
-    settled = 4 * float(jnp.finfo(energy.dtype).eps)
+    settled = float(jnp.finfo(energy.dtype).eps) ** 0.75  # the step after it would be rounding
 
     def unfinished(state):
         _, _, _, change, count = state
@@ -206,7 +206,7 @@ def _solve(law, energy, found: Reach):
         work, force = work_to(law, x).value, law.loading(x)
         low, high = jnp.where(work < energy, x, low), jnp.where(work < energy, high, x)
         to = x * jnp.exp(jnp.log(energy / work) * work / (x * force))
-        new = jnp.where((to > low) & (to < high), to, 0.5 * (low + high))
+        new = jnp.where((to >= low) & (to <= high), to, 0.5 * (low + high))
         return new, low, high, jnp.abs(new - x) / new, count + 1
 
     # no step at all where there is nothing to be found

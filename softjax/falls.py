@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Array, Bool
 
 from softjax._bridge import solve
-from softjax._numerics import safe_power, safe_sqrt
+from softjax._numerics import safe_sqrt
 from softjax.routes import ODE
 
 
@@ -29,8 +29,7 @@ class Fall(NamedTuple):
         force: of the overlap x and of x_m - x.
         top, bottom, span: x_m, x* and x_m - x*, each to its own precision.
         kinks: overlaps where the force has some, a vector.
-        power: the root of x - x* in which the force is integrated; 2 serves half powers, 4 any.
-        about_zero: whether it is the root of x instead.
+        about_zero: whether the energy is integrated over the root of x instead of that of x - x*.
     """
 
     force: Callable[[Array, Array], Array]
@@ -38,7 +37,6 @@ class Fall(NamedTuple):
     bottom: Array
     span: Array
     kinks: Array
-    power: int
     about_zero: bool = False
 
 
@@ -100,14 +98,13 @@ def _about_zero(fall: Fall, high, low):
 
 
 def _about_end(fall: Fall, high, low):
-    """The same on a way that is even in a root of x - x*, x* the lower end of the stage."""
-    width, m = low - high, fall.power
+    """The same on a way that is even in the root of x - x*, x* the lower end of the stage."""
+    width = low - high
 
     def place(t):
         left = 1 - t
-        passed = 1 - left**m
-        x = fall.bottom + (fall.span - low) + width * left**m
-        return x, high + width * passed, m * width * left ** (m - 1)
+        x = fall.bottom + (fall.span - low) + width * left * left
+        return x, high + width * t * (1 + left), 2 * width * left
 
     return place
 
@@ -130,8 +127,8 @@ def times(fall: Fall, reached: Energies, y: Array, route: ODE, save=None):
 
     def stage(state, ends):
         start, end = ends
-        portion = None if at is None else _share(start, end, at, fall.power)
-        states, solved = _over_angle(field, start, end, state, fall.power, route, portion)
+        portion = None if at is None else _share(start, end, at)
+        states, solved = _over_angle(field, start, end, state, route, portion)
         last = states if at is None else jax.tree.map(lambda s: s[-1], states)
         return last, (states, solved)
 
@@ -158,24 +155,24 @@ def _sine_cosine(half):
     return 2 * half / below, (1 - half) * (1 + half) / below
 
 
-def _over_angle(field, start, end, state, m: int, route: ODE, save):
-    """Over the m-th root of what is left of the way, in which powers of x - x* are smooth."""
+def _over_angle(field, start, end, state, route: ODE, save):
+    """Over the root of what is left of the way, in which half powers of x - x* are smooth."""
 
     def eased(t, state, args):
         left = 1 - t
-        rates = field(start + (end - start) * (1 - left**m), state)
-        pace = (end - start) * m * left ** (m - 1)
+        rates = field(start + (end - start) * t * (1 + left), state)
+        pace = 2 * (end - start) * left
         return tuple(pace * rate for rate in rates)
 
     zero, one = jnp.zeros_like(end), jnp.ones_like(end)
     return solve(eased, zero, one, state, None, route, save)
 
 
-def _share(start, end, at, m: int):
+def _share(start, end, at):
     """The way t of `_over_angle` at given places, those outside of the stage at its ends."""
     width = jnp.where(end > start, end - start, 1.0)
     left = jnp.clip((end - at) / width, 0.0, 1.0)
-    share = 1 - safe_power(left, 1 / m)
+    share = 1 - safe_sqrt(left)
     # to the very end, whatever rounding made of it: the next stage begins with the last sample
     return jnp.append(share, 1.0)
 
