@@ -38,6 +38,7 @@ def in_batches(parts, law, velocity, *settings):
     if not (shape and count) or any(_is_spread(leaf) for leaf in leaves):
         return parts(law, velocity, *settings)
     many = [np.size(leaf) > 1 and not held for leaf, held in zip(leaves, whole, strict=True)]
+    many = many if any(many) else [np.shape(leaf) == shape for leaf in leaves]
     home = next((leaf.device for leaf in leaves if getattr(leaf, "committed", False)), None)
     flat = [
         _flat(leaf, shape) if m else _single(leaf, h)

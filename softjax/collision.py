@@ -27,7 +27,7 @@ __all__ = ["forward_differentiated", "history", "pieces"]
 
 RESIDUAL_STEPS = 16  # from the peak; the worst of 400 000 cases needed 13
 ROUNDING = 8.0  # a step this many times the rounding error was the last
-GAIN = 10.0  # tolerances that ε_p² of an elastic collision may be off
+GAIN = 3.0  # tolerances that ε_p² of an elastic collision may be off
 UNKNOWN = 1e-8  # the tolerance that fixed steps are taken to have
 
 

@@ -107,7 +107,7 @@ def prepare(law: ContactLaw, velocity: Array, regime: str, branch: Array | None 
     law_valid = law.is_valid()
     law = _harmless(law, law_valid)
     valid = law_valid & jnp.isfinite(velocity) & (velocity >= 0)
-    some = _some_velocity(law)
+    some = _some_velocity(jax.tree.map(jax.lax.stop_gradient, law))
     velocity = jnp.where(valid, velocity, 0.25 * some)
     if not isinstance(law, RateIndependentLaw):
         elastic = velocity == 0  # at rest nothing is lost
