@@ -89,7 +89,7 @@ def _single(leaf, held: bool):
 
 
 def _placed(values: np.ndarray, home) -> jax.Array:
-    return jnp.asarray(values) if home is None else jax.device_put(values, home)
+    return jax.device_put(values, home)
 
 
 def _filled(values: np.ndarray, size: int) -> np.ndarray:

@@ -30,7 +30,7 @@ IN_CACHE = 64  # impacts, each with all nodes of a quadrature
 
 MOST_STEPS = 60  # of Newton's method; a handful, but for halving beside a force that vanishes
 ELASTIC_NODES = 32
-ROUNDING = 16.0  # in eps: ε_p² of an elastic collision
+ROUNDING = 4.0  # in eps: ε_p² of an elastic collision
 
 
 def closed_forms(dtype) -> Pieces:

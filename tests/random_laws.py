@@ -11,7 +11,7 @@ with every difference in brackets, s too unless the law is `open`, not below zer
 
 import jax.numpy as jnp
 import numpy as np
-from scipy.integrate import quad
+from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 
 import softjax as sj
@@ -111,7 +111,8 @@ class Answer:
     """One impact by SciPy: closed works, bracketed roots, adaptive quadrature."""
 
     def __init__(self, fields: dict[str, float], velocity: float):
-        self.f = f = fields
+        self.f, self.velocity = fields, velocity
+        f = fields
         energy = 0.4 * velocity**2
         top = brentq(lambda x: self._work(x) - energy, 0.0, self._beyond(energy), xtol=1e-300, rtol=1e-14)
         self.peak = top
@@ -151,6 +152,21 @@ class Answer:
         shape = s if f["open"] else max(s, 0.0) ** f["back"]
         shape += (1 - shape) * f["floor"]
         return self.force * (shape - f["jolt"] * max(min(f["kink"], self.peak) - x, 0.0) / self.peak)
+
+    def duration(self) -> float:
+        """The time of x'' = -(5/4) p up to the peak and back from it [LENGTH per m/s]."""
+        up = self._until(self.loading, (0.0, self.velocity), lambda x, v: v)
+        down = self._until(self.unloading, (self.peak, 0.0), lambda x, v: x - self.residual)
+        return up + down
+
+    def _until(self, force, state, vanishes) -> float:
+        def end(_, state):
+            return vanishes(*state)
+
+        end.terminal, end.direction = True, -1
+        motion = lambda _, state: (state[1], -1.25 * force(max(state[0], 0.0)))  # noqa: E731
+        found = solve_ivp(motion, (0, 1e3), state, "DOP853", events=end, rtol=1e-12, atol=1e-13)
+        return float(found.t_events[0][0])
 
 
 def answers(fields: dict[str, np.ndarray], velocity: np.ndarray) -> list[Answer]:
