@@ -40,7 +40,7 @@ def pieces(law: ReducedRateIndependent, route: ODE, dtype) -> Pieces:
         release=partial(release, search=search),
         energy=partial(_energy, route=route),
         time=partial(_time, route=route),
-        gain=GAIN * max(tolerance, float(jnp.finfo(dtype).eps)),
+        gain=GAIN * max(tolerance, 4 * float(jnp.finfo(dtype).eps)),
     )
 
 
