@@ -4,6 +4,7 @@ A route gives pieces (`pieces.Pieces`), the law its hooks: where loading ends, w
 the unloading force vanishes, kinks, the range it was derived for. Here, and nowhere else, they meet.
 """
 
+from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -12,7 +13,7 @@ from jax import lax
 from jaxtyping import Array, Bool
 
 from softjax import energy
-from softjax._impacts import over_impacts, recomputed_in_rows
+from softjax._impacts import Mapped, over_impacts, recomputed_in_rows
 from softjax._numerics import safe_power
 from softjax.laws.reduced import Reduced, ReducedClosedForm, ReducedRateIndependent
 from softjax.pieces import Pieces
@@ -64,6 +65,7 @@ def duration(impacts: Reduced, route: Route) -> tuple[Array, Bool[Array, "..."]]
 def _each(what, impacts: Reduced, route: Route):
     """`what(pieces, law, y, below)` for all impacts."""
     law, y, below = impacts.law, impacts.y, impacts.below
+    around: Callable[[Mapped, list[bool]], Mapped]
     if isinstance(route, ODE):
         from softjax import collision  # diffrax is imported when the ODE is asked for
 

@@ -53,14 +53,15 @@ def durations(impact: Impact, route: Route, regime: str) -> tuple[Array, Bool[Ar
     law, moving = impact.law, jnp.where(impact.velocity > 0, impact.velocity, impact.acting)
     if isinstance(law, HardSphereLaw):
         return jnp.zeros_like(moving), jnp.ones_like(impact.elastic)
-    reduced = None if regime == "elastic" else law.reduced_at(impact.acting)
     if isinstance(law, RateDependentLaw):
+        reduced = law.reduced_at(impact.acting)
         time, ends = _rate_dependent().duration(reduced, route)
         return time * reduced.scales.time, ends
     scales, exponent = law.elastic_scales()
     elastic = scales.time * energy.elastic_duration(exponent, moving / scales.velocity)
-    if reduced is None:
+    if regime == "elastic":
         return elastic, jnp.ones_like(impact.elastic)
+    reduced = law.reduced_at(impact.acting)
     time, ends = assembly.duration(reduced, route)
     time = time * reduced.scales.time
     return jnp.where(impact.elastic, elastic, time), impact.elastic | ends

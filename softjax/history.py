@@ -105,16 +105,17 @@ def _history(impact: Impact, samples: int, route: ODE, regime: str):
 
     law = impact.law
     fractions = _fractions(samples, impact.velocity.dtype)
-    reduced = None if regime == "elastic" else law.reduced_at(impact.acting)
     if not isinstance(law, RateIndependentLaw):
+        reduced = law.reduced_at(impact.acting)
         parts, ends = rate_dependent.history(reduced, fractions, route)
         return _in_si(law, reduced.scales, parts), ends | impact.elastic
     scales, exponent = law.elastic_scales()
     moving = jnp.where(impact.velocity > 0, impact.velocity, scales.velocity)
     elastic = encke.elastic_history(exponent, moving / scales.velocity, fractions)
     elastic = _in_si(law, scales, elastic)
-    if reduced is None:
+    if regime == "elastic":
         return elastic, jnp.ones_like(impact.elastic)
+    reduced = law.reduced_at(impact.acting)
     parts, ends = collision.history(reduced, fractions, route)
     stays_elastic = impact.elastic[..., None]
     both = zip(elastic, _in_si(law, reduced.scales, parts), strict=True)

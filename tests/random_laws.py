@@ -114,7 +114,9 @@ class Answer:
         self.f, self.velocity = fields, velocity
         f = fields
         energy = 0.4 * velocity**2
-        top = brentq(lambda x: self._work(x) - energy, 0.0, self._beyond(energy), xtol=1e-300, rtol=1e-14)
+        top = brentq(
+            lambda x: self._work(x) - energy, 0.0, self._beyond(energy), xtol=1e-300, rtol=1e-14
+        )
         self.peak = top
         self.force = self.loading(top)
         end = lambda x: self.unloading(x)  # noqa: E731
@@ -151,7 +153,9 @@ class Answer:
         s = (x - rest) / (self.peak - rest)
         shape = s if f["open"] else max(s, 0.0) ** f["back"]
         shape += (1 - shape) * f["floor"]
-        return self.force * (shape - f["jolt"] * max(min(f["kink"], self.peak) - x, 0.0) / self.peak)
+        return self.force * (
+            shape - f["jolt"] * max(min(f["kink"], self.peak) - x, 0.0) / self.peak
+        )
 
     def duration(self) -> float:
         """The time of x'' = -(5/4) p up to the peak and back from it [LENGTH per m/s]."""

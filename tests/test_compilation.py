@@ -51,7 +51,9 @@ def test_the_same_shapes_compile_once(compiled, route):
     assert set(compiled) <= {"jit(equal)", "jit(bitwise_or)"}
     compiled.clear()
     everything(fitted("nylon"), np.linspace(1.0, 20.0, 9), route)
-    assert {"jit(restitution_parts)", "jit(_duration)"} <= set(compiled)  # so that the count is one that can count
+    assert {"jit(restitution_parts)", "jit(_duration)"} <= set(
+        compiled
+    )  # so that the count is one that can count
 
 
 @pytest.mark.long

@@ -1,7 +1,6 @@
 """The two laws that need no integration: Hertz's, and hard spheres."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 

@@ -1,6 +1,5 @@
 """Walton and Braun's bilinear law against its closed forms, by both routes."""
 
-import jax
 import jax.numpy as jnp
 import mpmath as mp
 import numpy as np

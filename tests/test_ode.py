@@ -1,6 +1,5 @@
 """The equation of motion, integrated: against 40-digit arithmetic, and in its order of accuracy."""
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest

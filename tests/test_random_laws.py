@@ -79,7 +79,9 @@ def test_against_scipy_without_a_word_of_kinks():
     assert np.max(worst[yields]) < 1e-2
     kinked = yields & (FIELDS["elastic"] > 0)
     assert np.sum(told[kinked]) > 0.5 * np.sum(kinked)
-    assert not np.any(told[(FIELDS["elastic"] == 0) & (FIELDS["more"] == 0) & (FIELDS["jolt"] == 0)])
+    assert not np.any(
+        told[(FIELDS["elastic"] == 0) & (FIELDS["more"] == 0) & (FIELDS["jolt"] == 0)]
+    )
 
 
 @pytest.mark.parametrize("route", ROUTES)
@@ -114,7 +116,9 @@ def test_a_thousand_more_are_numbers_with_good_neighbours():
         assert np.all(np.isfinite(leaf))
     calm = {name: value[~wild] for name, value in fields.items()}
     (_, alone), slopes_alone = value_and_slopes(
-        {k: np.repeat(v, 2) for k, v in calm.items()}, np.repeat(velocity[~wild], 2), sj.EnergyBalance()
+        {k: np.repeat(v, 2) for k, v in calm.items()},
+        np.repeat(velocity[~wild], 2),
+        sj.EnergyBalance(),
     )
     assert np.array_equal(alone.status[::2], result.status[~wild])
     assert np.allclose(alone.coefficient[::2], result.coefficient[~wild], rtol=0, atol=1e-13)
@@ -133,9 +137,7 @@ def test_slopes_against_differences():
         return np.array([a.squared for a in random_laws.answers(fields, velocity)])
 
     for name in (*names, "velocity"):
-        up, down = (
-            squares(*_moved(fields, velocity, name, s * step)) ** 0.5 for s in (1, -1)
-        )
+        up, down = (squares(*_moved(fields, velocity, name, s * step)) ** 0.5 for s in (1, -1))
         exact = np.where(yields, (up - down) / (2 * step), 0.0)
         at = velocity if name == "velocity" else fields[name]
         for route, bound in (("energy", 2e-7), ("ode", 2e-6)):

@@ -17,7 +17,9 @@ CASES = [(name, None) for name in RATE_INDEPENDENT] + [(name, PRECISE) for name 
 
 
 def fields_of(law):
-    return [name for name in ("yield_factor", "chi", "growth", "dissipation_time") if hasattr(law, name)]
+    return [
+        name for name in ("yield_factor", "chi", "growth", "dissipation_time") if hasattr(law, name)
+    ]
 
 
 @partial(jax.jit, static_argnames="route")

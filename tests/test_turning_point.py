@@ -19,9 +19,7 @@ def test_on_the_rising_side_to_rounding_error(precision):
     """All in one batch: those who need more steps beside those who do not."""
     kind = PRECISIONS[precision]
     d, X, y, distance, squared, peak, sensitivity = np.array(ROWS[precision]).T
-    found = collide(
-        FirstOrder(jnp.asarray(d, kind), jnp.asarray(X, kind)), jnp.asarray(y, kind)
-    )
+    found = collide(FirstOrder(jnp.asarray(d, kind), jnp.asarray(X, kind)), jnp.asarray(y, kind))
     eps = float(np.finfo(kind).eps)
     allowed = max(1e-12, 8 * eps) + 8 * eps * sensitivity
     turns = np.asarray(found.turns)
