@@ -16,4 +16,5 @@ COMMANDS = {
     "fit": "fit χ̃, σ, ψ to measured rebounds (without a file: the paper's three materials)",
     "compare": "fit every contact law and see which one a data set prefers",
     "speed": "measure speed against error on this machine",
+    "doctor": "versions, devices and a self-check, for reports of faults",
 }
