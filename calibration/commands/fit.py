@@ -3,7 +3,8 @@
 Without a file it fits χ̃, σ and ψ of the three materials of Zhou, Theor. Appl. Mech. Lett. 3, 021003
 (2013), by the paper's own procedure, to a published fit of measurements that comes with the program.
 With one it fits your own: Zhou's law, or another (`--law`). Written are fit.json, curves.png,
-report.md and, where there is something to show, profiles.png and correlation.png.
+report.md, report.html (the same as one page, pictures inside) and, where there is something to show,
+profiles.png and correlation.png.
 """
 
 import argparse
@@ -27,7 +28,7 @@ PICTURES = {
     "profiles.png": "Profiles of the cost: its rise when one parameter is held elsewhere",
     "correlation.png": "Correlations of the fitted parameters",
 }
-FILES = ("fit.json", "report.md", *PICTURES)
+FILES = ("fit.json", "report.md", "report.html", *PICTURES)
 INTRO = (
     "These data are a published fit of measurements, not measurements: Eq. (17) with Table 1's σ "
     "and ψ (Zhou, Theor. Appl. Mech. Lett. 3, 021003, 2013) at 40 velocities a material. "
@@ -198,13 +199,14 @@ def _route(name: str | None, rtol: float | None):
 
 def _write(result, job: Job, out: Path, progress: Progress) -> None:
     """All files of a fit, or none."""
-    from calibration.report import markdown_report
+    from calibration.report import html_report, markdown_report
 
     with files_into(out, owned=FILES) as staged:
         result.save(staged / "fit.json")
         pictures = _draw(result, job, staged, progress)
         report = markdown_report(result, pictures, _command(job, out), _printed(job))
         (staged / "report.md").write_text(report, encoding="utf-8")
+        (staged / "report.html").write_text(html_report(report, staged), encoding="utf-8")
 
 
 def _draw(result, job: Job, directory: Path, progress: Progress) -> dict[str, str]:
