@@ -105,6 +105,9 @@ def test_the_report_names_the_pictures_that_are_there(main_job):
         assert (f"]({picture})" in report) == (directory / picture).exists()
     assert "published fit of measurements" in report
     assert "- σ: size of the losses to sound and heat" in report
+    page = (directory / "report.html").read_text(encoding="utf-8")
+    assert page.count("data:image/png;base64,") == report.count(".png)")
+    assert "published fit of measurements" in page
 
 
 def test_an_own_file_gives_the_same_as_its_data_in_python(tmp_path):

@@ -6,18 +6,34 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
-import markdown2
+import mistune
 import nbformat
+from latex2mathml.converter import convert
+from pygments import highlight
+from pygments.formatters import HtmlFormatter
+from pygments.lexers import get_lexer_by_name
 
-EXTRAS = {
-    "fenced-code-blocks": {"cssclass": "code"},
-    "header-ids": None,
-    "latex": None,
-    "tables": None,
-    "cuddled-lists": None,
-    "code-friendly": None,  # names keep their underscores
-}
+COLOURED = ("python", "toml", "bash")
 TEMPLATE = Path(__file__).with_name("page.html")
+
+
+class Renderer(mistune.HTMLRenderer):
+    """HTML with anchors at headings, coloured code, and formulas."""
+
+    def heading(self, text: str, level: int, **attrs) -> str:
+        words = re.sub(r"<[^>]+>|[^\w\s-]", "", html.unescape(text)).strip()
+        anchor = words.lower().replace(" ", "-")
+        return f'<h{level} id="{anchor}">{text}</h{level}>\n'
+
+    def block_code(self, code: str, info: str | None = None) -> str:
+        lexer = get_lexer_by_name(info if info in COLOURED else "text")
+        return highlight(code, lexer, HtmlFormatter(cssclass="code"))
+
+    def inline_math(self, text: str) -> str:
+        return convert(text)
+
+    def block_math(self, text: str) -> str:
+        return convert(text, display="block")
 
 
 def page(source: Path, targets: Mapping[Path, str]) -> tuple[str, list[Path]]:
@@ -30,23 +46,21 @@ def page(source: Path, targets: Mapping[Path, str]) -> tuple[str, list[Path]]:
     pictures: list[Path] = []
 
     def led(match: re.Match) -> str:
-        attribute, link, anchor = match.groups()
+        attribute, link, anchor = match.groups(default="")
         path = Path(os.path.normpath(source.parent / link))
         if path.suffix == ".png":
             pictures.append(path)
             return f'{attribute}="figures/{path.name}"'
-        return f'{attribute}="{targets.get(path, link)}{anchor or ""}"'
+        return f'{attribute}="{targets.get(path, link)}{anchor}"'
 
     text = re.sub(r'(href|src)="(?![a-z]+:|#)([^"#]+)(#[^"]*)?"', led, text)
     title = re.search(r"<h1[^>]*>(.*?)</h1>", text)
-    frame = TEMPLATE.read_text("utf-8")
-    return frame.replace("{title}", title[1] if title else source.stem).replace(
-        "{body}", text
-    ), pictures
+    frame = TEMPLATE.read_text("utf-8").replace("{title}", title[1] if title else source.stem)
+    return frame.replace("{body}", text), pictures
 
 
 def _marked(text: str) -> str:
-    return str(markdown2.markdown(text, extras=EXTRAS))
+    return str(mistune.create_markdown(renderer=Renderer(), plugins=["table", "math"])(text))
 
 
 def _cells(source: Path) -> str:
