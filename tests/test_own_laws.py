@@ -1,5 +1,7 @@
 """Laws of one's own by both routes: what unloads to zero overlap, plateaus, kinks and hooks."""
 
+from itertools import pairwise
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -148,7 +150,7 @@ def test_kinks_elastic_limits_and_ends(route):
         assert abs(float(law.unloading(jnp.asarray(low), jnp.asarray(peak)))) < 1e-7 * peak
         edges = [low, 1.9, peak] if low < 1.9 else [low, peak]
         work = 0.0
-        for left, right in zip(edges, edges[1:], strict=False):
+        for left, right in pairwise(edges):
             x = left + 0.5 * (right - left) * (nodes + 1)
             work += 0.5 * (right - left) * np.sum(weights * law.unloading(x, peak))
         assert np.isclose(result.coefficient[k] ** 2, work / (0.4 * y[k] ** 2), rtol=1e-8, atol=0)
@@ -188,7 +190,9 @@ def test_laws_say_what_they_lack():
         Endless(STEEL)
 
 
-@pytest.mark.parametrize("law", [sj.Hertz(STEEL), sj.Thornton(STEEL), sj.Zhou(STEEL, 1.8, 3.0, 0.5)])
+@pytest.mark.parametrize(
+    "law", [sj.Hertz(STEEL), sj.Thornton(STEEL), sj.Zhou(STEEL, 1.8, 3.0, 0.5)]
+)
 def test_slopes_of_forces_at_zero_overlap(law):
     """0, where `x √x` gave NaN."""
     for mode in (jax.grad, jax.jacfwd):
