@@ -1,0 +1,174 @@
+"""The cheapest law that a code has and that keeps the tolerance, with its time step."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+import softjax as sj
+from calibration.errors import DataError, InputError, did_you_mean, listed
+from calibration.fitting.known_laws import LAWS
+from calibration.handover import substitutes
+from calibration.handover.impacts import Impacts, impacts_of
+from calibration.handover.steps import Steps, steps_of, steps_within
+from calibration.handover.wanted import Wanted
+
+ITSELF = "itself"
+ROOM = 0.1  # of the tolerance, that a law leaves at least for the time step
+LABELS = {
+    "linear": "constant ε, linear spring and dashpot",
+    "hertz-dashpot": "constant ε, Hertz's spring and a dashpot",
+    "viscoelastic": "viscoelastic spheres",
+    "walton-braun": "Walton and Braun's spring, k2 growing with the force",
+}
+
+
+@dataclass(frozen=True)
+class Carrier:
+    """How a code takes a law: "input", by what the code has, or "header", by generated source."""
+
+    name: str
+    from_loading: bool = False  # k2 of Walton and Braun's spring can only grow from k1
+
+
+@dataclass(frozen=True)
+class Order:
+    """What is asked for beside the law: see `calibration.handover.door.export`."""
+
+    tolerance: float
+    law: str
+    steps: int | None
+    overlap: float | None
+    losses: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """A law for a code.
+
+    Attributes:
+        key, label: which one.
+        law: with the contact's own stiffness.
+        carrier: "input" or "header".
+        stretch: overlaps and durations in the code are this many times those of the law.
+        impacts: on the law, over the wanted velocities.
+        error: the largest difference of its ε from the wanted one, without steps.
+        steps: the time step of the law; None where none keeps the tolerance.
+    """
+
+    key: str
+    label: str
+    law: Any
+    carrier: str
+    stretch: float
+    impacts: Impacts
+    error: float
+    steps: Steps | None
+
+    @property
+    def total(self) -> float:
+        """The largest error of ε, steps included."""
+        return self.error + (np.inf if self.steps is None else self.steps.error)
+
+    @property
+    def step(self) -> float:
+        """Time step in the code [s]."""
+        assert self.steps is not None
+        return self.steps.step * self.stretch
+
+
+def choose(wanted: Wanted, carriers: dict[str, Carrier], order: Order) -> tuple[Choice, list[Choice]]:
+    """The first law of the ladder that keeps the tolerance, and all that were tried.
+
+    Raises:
+        ValueError: where none does, naming the best, or where the law asked for is none of these.
+    """
+    keys = _keys(wanted, carriers, order.law)
+    tried = []
+    for key in keys:
+        tried.append(_tried(key, wanted, carriers[key], order))
+        if tried[-1].total <= order.tolerance:
+            return tried[-1], tried
+    best = min(tried, key=lambda one: (one.total, one.error))
+    raise _refusal(best, order)
+
+
+def _refusal(best: Choice, order: Order) -> InputError:
+    problem = f"no law tried keeps the tolerance {order.tolerance:g}"
+    if best.error > (1 - ROOM) * order.tolerance or order.steps is None:
+        least = best.error / (1 - ROOM)
+        told = f"{best.error:.3g} off without steps"
+    else:
+        least = best.total
+        told = f"{best.total:.3g} off at {order.steps} steps"
+    accepted = f"--tolerance {_upwards(least)} writes it"
+    return InputError(None, None, f"{problem}: the best, {best.label}, is {told}", accepted)
+
+
+def _upwards(value: float) -> str:
+    """Two digits, rounded up."""
+    place = 10.0 ** (np.floor(np.log10(value)) - 1)
+    return f"{np.ceil(value / place) * place:.3g}"
+
+
+def _keys(wanted: Wanted, carriers: dict[str, Carrier], asked: str) -> list[str]:
+    """Which laws to try, in the order of their cost."""
+    has_force = not isinstance(wanted.law, sj.HardSphereLaw)
+    keys = [key for key in carriers if key != ITSELF or has_force]
+    if asked == "auto":
+        return keys
+    own = {name for name, law in LAWS.items() if law is type(wanted.law)}
+    key = ITSELF if asked in own and asked not in carriers else asked
+    if key not in keys:
+        accepted = f"auto, {listed([*keys, *own])}{did_you_mean(asked, keys)}"
+        raise DataError("law", asked, accepted)
+    return [key]
+
+
+def _tried(key: str, wanted: Wanted, carrier: Carrier, order: Order) -> Choice:
+    law = _law(key, wanted, carrier)
+    impacts = impacts_of(law, wanted.velocity, order.losses)
+    target = impacts.coefficient if not order.losses and key == ITSELF else wanted.restitution
+    error = float(np.max(np.abs(impacts.coefficient - target)))
+    label = LABELS.get(key, f"{type(wanted.law).__name__}'s law itself")
+    steps = _steps(law, impacts, error, order)
+    return Choice(key, label, law, carrier.name, _stretch(impacts, wanted, order), impacts, error, steps)
+
+
+def _law(key: str, wanted: Wanted, carrier: Carrier) -> Any:
+    if key == "linear":
+        return substitutes.linear(wanted, _own_overlap(wanted))
+    if key == "hertz-dashpot":
+        return substitutes.hertz_dashpot(wanted)
+    if key == "viscoelastic":
+        return substitutes.viscoelastic(wanted)
+    if key == "walton-braun":
+        return substitutes.walton_braun(wanted, _own_overlap(wanted), carrier.from_loading)
+    return wanted.law
+
+
+def _own_overlap(wanted: Wanted) -> float:
+    """The largest overlap of the wanted law, or of Hertz's where it has none [m]."""
+    if isinstance(wanted.law, sj.HardSphereLaw):
+        hertz = sj.Hertz(wanted.contact)
+        return float(sj.restitution(hertz, wanted.range[1]).peak_overlap)
+    return float(impacts_of(wanted.law, wanted.velocity).peak[-1])
+
+
+def _stretch(impacts: Impacts, wanted: Wanted, order: Order) -> float:
+    """The overlap asked for over that of the fastest impact."""
+    own = float(impacts.peak[-1]) / wanted.radius
+    if order.overlap is None:
+        return 1.0
+    if order.overlap < own:
+        accepted = f"above {own:.3g}, the largest overlap over the {wanted.radius_of} radius as it is"
+        raise DataError("overlap", order.overlap, accepted)
+    return order.overlap / own
+
+
+def _steps(law: Any, impacts: Impacts, error: float, order: Order) -> Steps | None:
+    if order.steps is not None:
+        return steps_of(law, impacts, order.steps)
+    if error > (1 - ROOM) * order.tolerance:
+        return None
+    return steps_within(law, impacts, order.tolerance - error)

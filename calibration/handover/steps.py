@@ -1,0 +1,78 @@
+"""Time steps: what they cost in ε, and how many a tolerance needs.
+
+How far into a step an impact begins is chance; the largest error over several beginnings counts.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from calibration.handover.impacts import Impacts
+from calibration.handover.stepping import stepped
+
+PHASES = np.array([0.05, 0.3, 0.55, 0.8])  # parts of a step between the last free one and touch
+TRIED = (32, 64, 128, 256)  # steps in the shortest contact, for the order
+FEWEST, MOST = 10, 20_000
+LONGEST = 3  # times the longest contact that is stepped at most
+MORE = 1.1  # errors go up and down with the beginning; the order is an average
+
+
+@dataclass(frozen=True)
+class Steps:
+    """A time step and what it costs.
+
+    Attributes:
+        count: steps in the shortest contact of the range.
+        step: [s].
+        error: the largest error of ε over the range, against the law without steps.
+        order: measured, error ∝ step^order; None where there was no error to measure.
+    """
+
+    count: int
+    step: float
+    error: float
+    order: float | None
+
+
+def rebounds(law: Any, impacts: Impacts, count: int) -> Float[np.ndarray, "phases n"]:
+    """ε as a code gives it with `count` steps in the shortest contact, for several beginnings."""
+    step = float(np.min(impacts.duration)) / count
+    steps = int(np.ceil(LONGEST * np.max(impacts.duration) / step)) + 2
+    arrays = (jnp.asarray(impacts.velocity), jnp.asarray(impacts.factor), jnp.asarray(step))
+    return np.asarray(stepped(law, *arrays, steps, jnp.asarray(PHASES[:, None])).coefficient)
+
+
+def steps_of(law: Any, impacts: Impacts, count: int, order: float | None = None) -> Steps:
+    """What a number of steps in the shortest contact costs."""
+    error = np.max(np.abs(rebounds(law, impacts, count) - impacts.coefficient))
+    step = float(np.min(impacts.duration)) / count
+    return Steps(count, step, float(error), order_of(law, impacts) if order is None else order)
+
+
+def order_of(law: Any, impacts: Impacts) -> float | None:
+    """The slope of ln error over ln step."""
+    errors = [
+        float(np.max(np.abs(rebounds(law, impacts, count) - impacts.coefficient)))
+        for count in TRIED
+    ]
+    if min(errors) < 1e-12:
+        return None
+    return float(-np.polyfit(np.log(TRIED), np.log(errors), 1)[0])
+
+
+def steps_within(law: Any, impacts: Impacts, tolerance: float) -> Steps | None:
+    """The fewest steps whose error stays within, by the order measured; None: more than `MOST`."""
+    order = order_of(law, impacts)
+    last = steps_of(law, impacts, TRIED[-1], order)
+    if order is None or not tolerance > 0:
+        return last if order is None else None
+    count = max(TRIED[-1] * (last.error / tolerance) ** (1 / order), FEWEST)
+    while count <= MOST:
+        found = steps_of(law, impacts, int(np.ceil(count)), order)
+        if found.error <= tolerance:
+            return found
+        count *= MORE
+    return None
