@@ -38,6 +38,8 @@ _WHERE = {
     "Bootstrap": "fitting.refits",
     "compare": "studies.ranking",
     "Comparison": "studies.ranking",
+    "export": "handover.door",
+    "Export": "handover.exported",
     "coverage_study": "coverage",
     "Inputs": "sensitivities.inputs",
     "of_law": "sensitivities.inputs",

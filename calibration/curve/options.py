@@ -16,8 +16,8 @@ LAWS = {
 }
 
 
-def add_source_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options that `read_source` reads."""
+def add_source_arguments(parser: argparse.ArgumentParser, law_option: str = "--law") -> None:
+    """The options that `read_source` reads; a command may call the one of the law otherwise."""
     group = parser.add_argument_group("which collision")
     group.add_argument(
         "source",
@@ -32,7 +32,9 @@ def add_source_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--area", choices=("zhou", "hertz"), help="contact area (default: zhou)")
     group.add_argument("--form", choices=("first-order", "full"), help="default: first-order")
     group.add_argument("--kappa", choices=("consistent", "printed"), help="default: consistent")
-    group.add_argument("--law", choices=tuple(LAWS), default="zhou", help="default: zhou")
+    group.add_argument(
+        law_option, dest="law", choices=tuple(LAWS), default="zhou", help="default: zhou"
+    )
     group.add_argument(
         "--set",
         action="append",

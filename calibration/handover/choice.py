@@ -14,6 +14,7 @@ from calibration.handover.steps import Steps, steps_of, steps_within
 from calibration.handover.wanted import Wanted
 
 ITSELF = "itself"
+INPUT, HEADER = "input", "header"  # how a code takes a law: by what it has, or by generated source
 ROOM = 0.1  # of the tolerance, that a law leaves at least for the time step
 LABELS = {
     "linear": "constant ε, linear spring and dashpot",
@@ -25,10 +26,17 @@ LABELS = {
 
 @dataclass(frozen=True)
 class Carrier:
-    """How a code takes a law: "input", by what the code has, or "header", by generated source."""
+    """How a code takes a law.
+
+    Attributes:
+        name: `INPUT` or `HEADER`.
+        from_loading: whether k2 of Walton and Braun's spring can only grow from k1.
+        of_mass: whether what the code is told of the damping holds for one effective mass alone.
+    """
 
     name: str
-    from_loading: bool = False  # k2 of Walton and Braun's spring can only grow from k1
+    from_loading: bool = False
+    of_mass: bool = False
 
 
 @dataclass(frozen=True)
@@ -49,7 +57,7 @@ class Choice:
     Attributes:
         key, label: which one.
         law: with the contact's own stiffness.
-        carrier: "input" or "header".
+        carrier: how the code takes it.
         stretch: overlaps and durations in the code are this many times those of the law.
         impacts: on the law, over the wanted velocities.
         error: the largest difference of its ε from the wanted one, without steps.
@@ -59,7 +67,7 @@ class Choice:
     key: str
     label: str
     law: Any
-    carrier: str
+    carrier: Carrier
     stretch: float
     impacts: Impacts
     error: float
@@ -73,20 +81,23 @@ class Choice:
     @property
     def step(self) -> float:
         """Time step in the code [s]."""
-        assert self.steps is not None
         return self.steps.step * self.stretch
 
 
-def choose(wanted: Wanted, carriers: dict[str, Carrier], order: Order) -> tuple[Choice, list[Choice]]:
+def choose(wanted: Wanted, code: Any, order: Order) -> tuple[Choice, list[Choice]]:
     """The first law of the ladder that keeps the tolerance, and all that were tried.
+
+    Args:
+        code: a module with `CARRIERS`, the laws it takes in the order of their cost, and `REFUSED`,
+            the reasons why not of others.
 
     Raises:
         ValueError: where none does, naming the best, or where the law asked for is none of these.
     """
-    keys = _keys(wanted, carriers, order.law)
+    keys = _keys(wanted, code, order.law)
     tried = []
     for key in keys:
-        tried.append(_tried(key, wanted, carriers[key], order))
+        tried.append(_tried(key, wanted, code.CARRIERS[key], order))
         if tried[-1].total <= order.tolerance:
             return tried[-1], tried
     best = min(tried, key=lambda one: (one.total, one.error))
@@ -111,28 +122,45 @@ def _upwards(value: float) -> str:
     return f"{np.ceil(value / place) * place:.3g}"
 
 
-def _keys(wanted: Wanted, carriers: dict[str, Carrier], asked: str) -> list[str]:
+def _keys(wanted: Wanted, code: Any, asked: str) -> list[str]:
     """Which laws to try, in the order of their cost."""
     has_force = not isinstance(wanted.law, sj.HardSphereLaw)
-    keys = [key for key in carriers if key != ITSELF or has_force]
+    keys = [key for key in code.CARRIERS if key != ITSELF or has_force]
     if asked == "auto":
         return keys
-    own = {name for name, law in LAWS.items() if law is type(wanted.law)}
-    key = ITSELF if asked in own and asked not in carriers else asked
+    own = [name for name, law in LAWS.items() if law is type(wanted.law)]
+    _refuse_unsayable(wanted, code, asked, own)
+    key = ITSELF if asked in own and asked not in keys else asked
     if key not in keys:
-        accepted = f"auto, {listed([*keys, *own])}{did_you_mean(asked, keys)}"
+        accepted = f"auto, {listed(keys)}{did_you_mean(asked, keys)}"
         raise DataError("law", asked, accepted)
     return [key]
+
+
+def _refuse_unsayable(wanted: Wanted, code: Any, asked: str, own: list[str]) -> None:
+    """What cannot be said in a code, in one line with the reason."""
+    carrier = code.CARRIERS.get(asked)
+    name = own[0] if asked == ITSELF and own else asked
+    if asked not in code.CARRIERS and name in code.REFUSED:
+        problem, accepted = code.REFUSED[name]
+        raise InputError(None, None, problem, accepted)
+    if carrier is not None and carrier.from_loading and type(wanted.law) is sj.WaltonBraun:
+        k1, k20 = (float(getattr(wanted.law, f"{n}_stiffness")) for n in ("loading", "unloading"))
+        if k20 > k1:
+            problem = f"a constant k2 > k1 (here {k20 / k1:.4g} k1) cannot be said there"
+            accepted = "k2 starts at k1 and grows with the overlap; --law auto takes the nearest"
+            raise InputError(None, None, problem, accepted)
 
 
 def _tried(key: str, wanted: Wanted, carrier: Carrier, order: Order) -> Choice:
     law = _law(key, wanted, carrier)
     impacts = impacts_of(law, wanted.velocity, order.losses)
-    target = impacts.coefficient if not order.losses and key == ITSELF else wanted.restitution
-    error = float(np.max(np.abs(impacts.coefficient - target)))
+    error = float(np.max(np.abs(impacts.coefficient - wanted.restitution)))
     label = LABELS.get(key, f"{type(wanted.law).__name__}'s law itself")
     steps = _steps(law, impacts, error, order)
-    return Choice(key, label, law, carrier.name, _stretch(impacts, wanted, order), impacts, error, steps)
+    return Choice(
+        key, label, law, carrier, _stretch(impacts, wanted, order), impacts, error, steps
+    )
 
 
 def _law(key: str, wanted: Wanted, carrier: Carrier) -> Any:
@@ -161,7 +189,9 @@ def _stretch(impacts: Impacts, wanted: Wanted, order: Order) -> float:
     if order.overlap is None:
         return 1.0
     if order.overlap < own:
-        accepted = f"above {own:.3g}, the largest overlap over the {wanted.radius_of} radius as it is"
+        accepted = (
+            f"above {own:.3g}, the largest overlap over the {wanted.radius_of} radius as it is"
+        )
         raise DataError("overlap", order.overlap, accepted)
     return order.overlap / own
 

@@ -55,7 +55,9 @@ def impacts_of(law: Any, velocity: Curve, losses: bool = True) -> Impacts:
     hit = sj.restitution(law, velocity)
     plastic = np.asarray(hit.plastic_coefficient)
     coefficient = np.minimum(np.asarray(hit.coefficient), 1.0) if losses else plastic
-    return Impacts(velocity, coefficient, plastic, np.asarray(hit.peak_overlap), np.asarray(hit.duration))
+    return Impacts(
+        velocity, coefficient, plastic, np.asarray(hit.peak_overlap), np.asarray(hit.duration)
+    )
 
 
 def _with_times(law: Any, velocity: Curve, coefficient: Curve) -> Impacts:
@@ -73,5 +75,3 @@ def _elastic_duration(law: Any, velocity: Curve) -> Curve:
         return np.full_like(velocity, np.pi * np.sqrt(mass / number_of(law.stiffness)))
     stiffness = number_of(law.contact.stiffness)
     return HERTZ_TIME * (1.25 * mass * velocity**2 / stiffness) ** 0.4 / velocity
-
-

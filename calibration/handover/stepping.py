@@ -59,10 +59,18 @@ def _advance(law, factor, step, state):
     overlap = overlap + step * velocity
     touching = overlap > 0
     peak = jnp.where(touching, jnp.maximum(peak, overlap), 0.0)
-    force = _force(law, factor, jnp.maximum(overlap, NO_OVERLAP), velocity, jnp.maximum(peak, NO_OVERLAP))
+    force = _force(
+        law, factor, jnp.maximum(overlap, NO_OVERLAP), velocity, jnp.maximum(peak, NO_OVERLAP)
+    )
     force = jnp.where(touching, force, 0.0)
     time = time + jnp.where(force != 0, step, 0.0)
-    return overlap, velocity - step * force / law.contact.mass, peak, jnp.maximum(largest, peak), time
+    return (
+        overlap,
+        velocity - step * force / law.contact.mass,
+        peak,
+        jnp.maximum(largest, peak),
+        time,
+    )
 
 
 def _force(law, factor, overlap, velocity, peak):

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from calibration.handover.impacts import Impacts
 from calibration.handover.stepping import stepped
 
-PHASES = np.array([0.05, 0.3, 0.55, 0.8])  # parts of a step between the last free one and touch
+PHASES = np.arange(8) / 8  # parts of a step between the last free one and touch
 TRIED = (32, 64, 128, 256)  # steps in the shortest contact, for the order
 FEWEST, MOST = 10, 20_000
 LONGEST = 3  # times the longest contact that is stepped at most

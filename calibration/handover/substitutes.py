@@ -51,7 +51,9 @@ def viscoelastic(wanted: Wanted) -> sj.ViscoelasticHertz:
     if type(wanted.law) is sj.ViscoelasticHertz:
         return wanted.law
     contact = wanted.contact
-    unit = 1 / (1.5 * (number_of(contact.stiffness) / number_of(contact.mass)) ** 0.4)  # w² = 1 at 1 m/s
+    unit = 1 / (
+        1.5 * (number_of(contact.stiffness) / number_of(contact.mass)) ** 0.4
+    )  # w² = 1 at 1 m/s
     loss = np.geomspace(LEAST_LOSS, MOST_LOSS, len(wanted.velocity))
     hit = sj.restitution(sj.ViscoelasticHertz(contact, unit), loss**5)
     curve = CubicSpline(np.log(loss), np.asarray(hit.coefficient))
@@ -81,7 +83,9 @@ def walton_braun(wanted: Wanted, overlap: float, starts_at_loading: bool) -> sj.
     slope, level = np.polyfit(velocity, inverse, 1)
     start = np.sqrt(np.maximum([level - 1, slope], 1e-6))[int(starts_at_loading) :]
     options = {"xatol": 1e-10, "fatol": 1e-10, "maxiter": 4000, "maxfev": 4000}
-    best = minimize(lambda x: _largest(curve(x), wanted), start, method="Nelder-Mead", options=options)
+    best = minimize(
+        lambda x: _largest(curve(x), wanted), start, method="Nelder-Mead", options=options
+    )
     a, b = (0.0, best.x[0]) if starts_at_loading else best.x
     stiffness = _spring(wanted, overlap)
     growth = b**2 * np.sqrt(stiffness / number_of(wanted.contact.mass))

@@ -19,3 +19,8 @@ def filled(name: str, values: Mapping[str, object]) -> str:
 
 def _text(value: object) -> str:
     return repr(value) if isinstance(value, float) else str(value)
+
+
+def commented(notes: tuple[str, ...]) -> str:
+    """Lines behind #."""
+    return "\n".join(f"# {line}".rstrip() for line in notes)
