@@ -120,7 +120,7 @@ def _study(case: Case, sets: int, seed, confidence: float) -> Coverage:
     lanes = Lanes(restitution=simulated(case, sets, seed))
     z, stages, arrived = _fitted(exact, component, lanes)
     known = stacked(stages, z, lanes)
-    reach = quantile(confidence, known.noise.degrees[0])
+    reach = quantile(confidence, known.degrees)
     off = np.abs(z - exact.z) <= reach * known.errors
     held = off if len(stages) > 1 else _profiled(exact, stages[0], z, lanes, known, reach)
     labels = [e.label for e in component.elements]
@@ -161,7 +161,7 @@ def _profiled(exact: ComponentFit, stage: Settled, z, lanes: Lanes, known: Uncer
     variance = (known.noise.deviation[:, 0] * problem.points.weight[0]) ** 2
     for column, k in enumerate(problem.active):
         risen = np.min([found.cost for found in _at_truth(exact, problem, z, lanes, column)], axis=0)
-        held[:, k] = (2 * risen - lowest) / variance <= reach**2
+        held[:, k] = (2 * risen - lowest) / variance <= reach[:, k] ** 2
     return held
 
 

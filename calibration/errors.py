@@ -29,7 +29,8 @@ class InputError(ValueError):
     def __str__(self) -> str:
         place = [str(part) for part in (self.file, self.line) if part is not None]
         text = f"{self.problem}; {self.accepted}"
-        return printable(f"{':'.join(place)}: {text}" if place else text)
+        text = f"{':'.join(place)}: {text}" if place else text
+        return printable(" ".join(text.split()))
 
 
 class DataError(ValueError):

@@ -37,7 +37,7 @@ def share_refused(truth, noise, sets, seed, **told):
 @pytest.mark.parametrize("truth", TRUTHS)
 @pytest.mark.parametrize("noise", [0.01, 0.03, 0.05])
 def test_honest_sets_pass(truth, noise):
-    """At most 1 of 100; a fixed 0.05 refused 70 of 300 at a noise of 0.03."""
+    """At most 1 of 100; a fixed 0.05 refuses 118 of the 300 near one at a noise of 0.03."""
     assert share_refused(truth, noise, 300, seed=1) <= 0.01
 
 
@@ -83,6 +83,22 @@ def test_the_point_that_is_refused_is_the_gross_one():
     restitution = 0.95 + 0.01 * np.sin(7 * velocity)
     restitution[[2, 8]] = 1.01, 1.4
     with pytest.raises(DataError, match=r"`restitution\[8\]` must be at most 1, or above it by no"):
+        RestitutionData(velocity, restitution)
+
+
+def test_a_point_is_judged_by_the_others_alone():
+    restitution = np.array([0.951, 0.950, 0.949, 1.15, 0.950, 0.951, 0.949])
+    with pytest.raises(DataError, match=r"`restitution\[3\]` .* brings it, 0\.02"):
+        RestitutionData(np.arange(1.0, 8.0), restitution)
+
+
+def test_however_wild_the_others_are_half_above_one_is_too_far():
+    velocity = np.arange(1.0, 41.0)
+    restitution = 0.5 + 0.4 * np.sin(5.0 * velocity)
+    restitution[20] = 1.499
+    assert len(RestitutionData(velocity, restitution)) == 40
+    restitution[20] = 1.501
+    with pytest.raises(DataError, match=r"brings it, 0\.5 here"):
         RestitutionData(velocity, restitution)
 
 

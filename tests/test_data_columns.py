@@ -97,6 +97,8 @@ def test_what_names_were_taken_for_is_one_line_and_what_is_not_used_another():
         "columns not used: 'operator', 'room temperature', 't [s]' (is 't' interval or time?)",
     )
     assert taken("Velocity", "restitution [-]", "group")[1].remarks == ()
+    (left,) = taken("velocity", "restitution", "drop_height", "group", "launch")[1].remarks
+    assert left == "columns not used: 'drop_height', 'launch'"
     many = taken("v", "e", *(f"x{i}" for i in range(30)))[1].remarks
     assert many[1].endswith(", 'x9' and 20 more")
 
@@ -125,6 +127,7 @@ def test_columns_that_are_told_apart_by_each_other(headers, names):
         (("time", "interval"), ("interval",)),
         (("drop_height", "rebound_height", "time"), ("drop_height", "rebound_height")),
         (("drop_height", "interval"), ("interval",)),
+        (("v", "e", "time", "impact time"), ("velocity", "restitution")),  # twice, but not used
     ],
 )
 def test_of_several_sets_the_first_is_used(headers, needs):

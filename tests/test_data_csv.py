@@ -81,6 +81,11 @@ def test_rows_that_were_not_measured_keep_the_lines_of_the_others(read):
         read("v,e,specimen\n1,0.9,a\n2,,a\n# pause\n3,0.7,b\n-3,0.7,b\n")
 
 
+def test_a_first_row_without_a_measurement_is_no_row_of_units(read):
+    data = read("v,e,specimen\n,,A\n1,0.9,B\n")
+    assert (len(data), data.groups) == (1, ("B",))
+
+
 def test_uncertainties_in_percent_are_parts_of_the_quantity(read):
     data = read("v,e,uncertainty [%],u_v [%]\n2.0,0.5,2,5\n4.0,0.25,2,5\n")
     np.testing.assert_allclose(data.uncertainty, [0.01, 0.005], rtol=1e-14)

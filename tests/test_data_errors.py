@@ -1,5 +1,7 @@
 """How errors of measurement reach ε and v: against finite differences, formulas and drawn noise."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -127,6 +129,16 @@ def test_timing_that_is_not_told_is_one_unknown_size():
         known.covariance_of(size=0.1)
 
 
+def test_timing_errors_stay_with_their_rows_where_some_are_not_used():
+    """A launch of one interval comes first: its timing is nobody's."""
+    sizes = [0.1, 0.001, 0.002, 0.003]
+    table = {"interval": [0.9, 0.5, 0.4, 0.3], "launch": [1, 2, 2, 2], "u_t": sizes}
+    data = RestitutionData.from_table(table)
+    alone = data_of("intervals", table["interval"][1:], sizes[1:])
+    assert data.errors.same_as(alone.errors)
+    np.testing.assert_array_equal(data.errors.size, sizes[1:])
+
+
 def test_uncertainties_of_points_come_on_top_of_what_is_shared():
     table = {"interval": [0.5, 0.4, 0.3], "velocity_uncertainty": [0.1, 0.2, np.nan]}
     alone = RestitutionData.from_table(table, interval_uncertainty=0.001)
@@ -171,8 +183,22 @@ def test_points_in_any_order_have_the_same_covariances():
     data = data_of("times", *CASES["times"][1:])
     order = np.array([2, 0, 3, 1])
     e = data.errors
+    alone = np.array([0.01, 0.02, 0.03, 0.04])
+    data = replace(
+        data,
+        uncertainty=None,
+        velocity_uncertainty=None,
+        errors=replace(e, restitution_alone=alone, velocity_alone=alone[::-1].copy()),
+    )
+    e = data.errors
     moved = PointErrors(
-        e.index[order], e.to_restitution[order], e.to_velocity[order], e.size, e.kind
+        e.index[order],
+        e.to_restitution[order],
+        e.to_velocity[order],
+        e.size,
+        e.kind,
+        alone[order],
+        alone[::-1][order],
     )
     expected = data.covariance_of(SLOPE).dense()[np.ix_(order, order)]
     np.testing.assert_allclose(moved.covariance(SLOPE).dense(), expected, rtol=1e-14)

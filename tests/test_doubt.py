@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from jaxtyping import Array
 
 import calibration as cal
 import softjax as sj
@@ -84,12 +85,26 @@ def sigma_psi_not_separate():
     return cal.fit(noisy, **QUICK), cal.fit(exact, **QUICK)
 
 
+class Falling(sj.HardSphereLaw):
+    """ε falls linearly, by two parameters that act almost alike."""
+
+    one: Array = sj.number_field("a", "s/m", "one slope")
+    other: Array = sj.number_field("b", "s/m", "other slope")
+    curve: float = 1e-3
+
+    def restitution_squared(self, velocity):
+        bent = 1 + self.curve * (velocity - 1)
+        return (1 - (self.one + self.other * bent) * velocity) ** 2
+
+
 def ill_conditioned():
-    """Modulus and χ̃ and yield strength all at once from a short range; and χ̃ alone."""
-    data = twin("nylon", np.linspace(20, 21, 30), 1e-5)
-    free = {name: Free() for name in ("yield_strength", "youngs_modulus")}
-    raised = cal.fit(data, None, free, **TWO_STEP)
-    return raised, cal.fit(data, **TWO_STEP)
+    """Two slopes that differ by a millionth of a bend; and by one that shows."""
+    velocity = np.linspace(0.1, 1.9, 30)
+    noise = 1e-9 * np.random.default_rng(3).standard_normal(30)
+    data = cal.RestitutionData(velocity, 1 - 0.1 * velocity + noise)
+    start = {"one": Free(0.03), "other": Free(0.03)}
+    build = lambda curve: lambda contact, one, other: Falling(one, other, curve)  # noqa: E731
+    return (cal.fit(data, build(curve), start, **QUICK) for curve in (1e-6, 1e-1))
 
 
 def not_converged():
@@ -151,8 +166,10 @@ def branch_change():
 
 def data():
     high, low = np.full(12, 0.95), np.full(12, 0.95)
-    high[3] = 1.02
+    high[3] = 1.05
     velocity = np.linspace(1, 2, 12)
+    low = low + 0.03 * (-1.0) ** np.arange(12)
+    high = high + 0.03 * (-1.0) ** np.arange(12)
     return (cal.fit(cal.RestitutionData(velocity, e)) for e in (high, low))
 
 
@@ -187,6 +204,12 @@ def balanced_spread(data, losses):
     return (PRIOR - TRUTH["nylon"][1]) / np.sqrt(misfit)
 
 
+def objectives_disagree():
+    """Eq. (17) is no law of all of stainless steel's curve, and as good as one of chrome steel's."""
+    told = {"noise": 0.003, "uncertainty": 0.003}
+    return (cal.fit(twin(name, **told), **QUICK) for name in ("stainless steel", "chrome steel"))
+
+
 CASES = {
     "at-bound": at_bound,
     "at-bound, at zero": runs_to_zero,
@@ -205,6 +228,7 @@ CASES = {
     "branch-change": branch_change,
     "data": data,
     "several-minima": two_minima,
+    "objectives-disagree": objectives_disagree,
 }
 
 

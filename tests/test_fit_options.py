@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import optimize
 
 import calibration as cal
 import softjax as sj
@@ -111,36 +112,43 @@ def test_c1_and_c2_as_parameters_are_the_line_through_all_curves():
     assert float(np.asarray(result.law["nylon"].chi)) == pytest.approx(chi, rel=1e-9)
 
 
-def test_velocity_uncertainty_is_carried_into_that_of_restitution():
-    name = "stainless steel"
-    u_v = 0.02
-    plain = eq_17_data(name, noise=0.004, uncertainty=0.004)
-    data = eq_17_data(name, noise=0.004, uncertainty=0.004, velocity_uncertainty=u_v)
+def latent_fit(data, u, u_v, values):
+    """SciPy's fit of Eq. (17) and of every true velocity, its bend over their errors taken out."""
+    limit, n = float(data.limit_velocity), len(data)
+    curve = lambda v, values: fit_oracle.eq_17(v, limit, *values)  # noqa: E731
+    bend = np.zeros(n)
+
+    def residual(x):
+        off = curve(x[2:], np.exp(x[:2])) - data.restitution - bend
+        return np.concatenate([off / u, (x[2:] - data.velocity) / u_v])
+
+    x = np.concatenate([np.log(values), data.velocity])
+    for _ in range(12):
+        x = optimize.least_squares(residual, x, method="lm", xtol=1e-14, ftol=1e-14).x
+        h = 1e-3 * x[2:]
+        down, at, up = (curve(x[2:] + k * h, np.exp(x[:2])) for k in (-1, 0, 1))
+        slope, curved = (up - down) / (2 * h), (up - 2 * at + down) / h**2
+        bend = 0.5 * curved * u_v**2 * u**2 / (u**2 + (slope * u_v) ** 2)
+    return np.exp(x[:2])
+
+
+def test_velocities_with_errors_are_fitted_with_the_curve():
+    name, u, u_v = "stainless steel", 0.004, 0.02
+    plain = eq_17_data(name, noise=u, uncertainty=u)
+    data = eq_17_data(name, noise=u, uncertainty=u, velocity_uncertainty=u_v)
     result = cal.fit(data, "eq-17", **QUICK)
-    limit = float(data.limit_velocity)
-    weights = np.full(len(data), 0.004)
-    values = TRUTH[name][2:4]
-    for _ in range(6):
-        h = 1e-6
-        slope = (
-            fit_oracle.eq_17(data.velocity * (1 + h), limit, *values)
-            - fit_oracle.eq_17(data.velocity * (1 - h), limit, *values)
-        ) / (2 * h * data.velocity)
-        weights = np.hypot(0.004, slope * u_v)
-        values, covariance, _ = fit_oracle.fit(
-            lambda s, p: fit_oracle.eq_17(data.velocity, limit, s, p),
-            values,
-            data.restitution,
-            weights,
-        )
-    assert np.max(weights) > 0.006
-    assert result.values["sigma"] == pytest.approx(values[0], rel=1e-5)
-    error = np.sqrt(covariance[0, 0])
-    assert result.standard_errors["sigma"] == pytest.approx(error, rel=1e-5)
-    assert (
-        result.standard_errors["sigma"]
-        > cal.fit(plain, "eq-17", **QUICK).standard_errors["sigma"]
-    )
+    expected = latent_fit(data, u, u_v, TRUTH[name][2:4])
+    found = [result.values["sigma"], result.values["psi"]]
+    np.testing.assert_allclose(found, expected, rtol=1e-5)
+    error = result.standard_errors["sigma"]
+    assert error > 1.02 * cal.fit(plain, "eq-17", **QUICK).standard_errors["sigma"]
+    without = optimize.least_squares(  # as if the velocities were exact
+        lambda x: (
+            fit_oracle.eq_17(data.velocity, float(data.limit_velocity), *x) - data.restitution
+        ),
+        TRUTH[name][2:4],
+    ).x
+    assert abs(without[0] - expected[0]) > 1e-4
 
 
 @pytest.mark.parametrize("loss", ["huber", "soft-l1"])

@@ -1,24 +1,31 @@
-"""Measurements as laboratories have them: read, checked, and with the errors that they share."""
+"""Measurements as laboratories have them: read, checked, and with the errors that they share.
 
-from calibration.data.covariance import Covariance
-from calibration.data.csv_file import read_csv
-from calibration.data.errors_of_points import PointErrors
-from calibration.data.measurements import RestitutionData
-from calibration.data.paper import PAPER_NOTE, paper_materials
-from calibration.data.plausible import Implausible, plausibility, side_of_yield
-from calibration.data.toml_file import MaterialFile, read_materials, read_toml
+Each name is loaded when it is asked for: who reads a header or a table waits for no array library.
+"""
 
-__all__ = [
-    "PAPER_NOTE",
-    "Covariance",
-    "Implausible",
-    "MaterialFile",
-    "PointErrors",
-    "RestitutionData",
-    "paper_materials",
-    "plausibility",
-    "read_csv",
-    "read_materials",
-    "read_toml",
-    "side_of_yield",
-]
+import importlib
+
+_WHERE = {
+    "Covariance": "covariance",
+    "Implausible": "plausible",
+    "MaterialFile": "toml_file",
+    "PAPER_NOTE": "paper",
+    "PointErrors": "errors_of_points",
+    "RestitutionData": "measurements",
+    "paper_materials": "paper",
+    "plausibility": "plausible",
+    "read_csv": "csv_file",
+    "read_materials": "toml_file",
+    "read_toml": "toml_file",
+    "side_of_yield": "plausible",
+}
+
+__all__ = sorted(_WHERE)
+
+
+def __getattr__(name: str):
+    if name not in _WHERE:
+        raise AttributeError(f"module 'calibration.data' has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"calibration.data.{_WHERE[name]}"), name)
+    globals()[name] = value
+    return value

@@ -88,6 +88,7 @@ def layout_of(headers: Sequence[str], units: Sequence[str] | None = None) -> Lay
     names = _resolved(read)
     kind = _kind_of(names, read)
     used = _used(kind, names)
+    _check_once(read, names, used)
     position = {name: place for place, name in enumerate(names) if name in used}
     percent = {name for name in position if read[position[name]].unit == "%"}
     points = {"uncertainty"} if "restitution" in percent else set()  # percentage points
@@ -115,7 +116,7 @@ def _with_unit(header: Header, unit: str) -> Header:
 
 
 def _resolved(read: Sequence[Header]) -> list[str | None]:
-    """The name of each column, pairs told apart by each other; raises DataError for one twice."""
+    """The name of each column, pairs told apart by each other."""
     names = [header.name for header in read]
     if "rebound_height" not in names:
         first, second = ("h1", "h_1"), ("h2", "h_2")
@@ -128,17 +129,21 @@ def _resolved(read: Sequence[Header]) -> list[str | None]:
             _rename(names, (f"impact_velocity{end}",), f"velocity{end}")
         elif not end:
             _rename(names, ("velocity",), "impact_velocity")
-    for name in set(names) & set(DIMENSIONS):
-        told = [header.text for header, one in zip(read, names, strict=True) if one == name]
-        if len(told) > 1:
-            both = " and ".join(map(repr, told[:2]))
-            raise DataError("column", f"{name} twice, {both}", "there once")
     return names
 
 
 def _rename(names: list, old: Sequence[str], new: str) -> None:
     """Give the columns named `old` another name in place."""
     names[:] = [new if name in old else name for name in names]
+
+
+def _check_once(read: Sequence[Header], names: Sequence[str | None], used: set[str]) -> None:
+    """Refuse a name that two columns have, where it is used."""
+    for name in used:
+        told = [header.text for header, one in zip(read, names, strict=True) if one == name]
+        if len(told) > 1:
+            both = " and ".join(map(repr, told[:2]))
+            raise DataError("column", f"{name} twice, {both}", "there once")
 
 
 def _kind_of(names: Sequence[str | None], read: Sequence[Header]) -> Kind:

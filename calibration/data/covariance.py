@@ -81,13 +81,27 @@ class Covariance:
         Raises:
             DataError: where C is not positive definite.
         """
+        columns = np.asarray(values, float)[self.order].reshape(len(self.order), -1)
+        return self._triangular(columns, "N").reshape(np.shape(values))
+
+    def _triangular(self, columns: np.ndarray, which: str) -> np.ndarray:
         from scipy.linalg import lapack
 
-        columns = np.asarray(values, float)[self.order].reshape(len(self.order), -1)
-        solved, info = lapack.dtbtrs(self._cholesky, columns, uplo="L")
+        solved, info = lapack.dtbtrs(self._cholesky, columns, uplo="L", trans=which)
         if info:
             raise _not_definite()
-        return solved.reshape(np.shape(values))
+        return solved
+
+    def unwhiten(self, white: np.ndarray) -> np.ndarray:
+        """L⁻ᵀ x, for x of shape (n, p) with rows in the order of the band; of the result's in the
+        order of the points. Σ whiten(r) whiten(s) = r C⁻¹ s, so this of `whiten` is C⁻¹ r.
+
+        Raises:
+            DataError: where C is not positive definite.
+        """
+        solved = np.empty(np.shape(white))
+        solved[self.order] = self._triangular(white, "T")
+        return solved
 
     @property
     def log_determinant(self) -> float:

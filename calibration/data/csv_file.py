@@ -79,8 +79,9 @@ class _Reader:
         if not self.numbers:
             accepted = "one row a point is needed below the header"
             raise InputError(self.path, line, "no rows of data", accepted)
-        for name in columns.keys() - {*LABELS, *layout.relative}:
-            columns[name] = in_si(columns[name], layout.units[name])
+        with np.errstate(over="ignore"):
+            for name in columns.keys() - {*LABELS, *layout.relative}:
+                columns[name] = in_si(columns[name], layout.units[name])
         table = {f"{n} [%]" if n in layout.relative else n: one for n, one in columns.items()}
         remarks = layout.remarks
         if self.mark == ",":

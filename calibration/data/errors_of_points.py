@@ -49,9 +49,11 @@ class PointErrors:
     velocity_alone: Column | None = None
 
     def __post_init__(self):
-        for array in vars(self).values():
+        for name, array in list(vars(self).items()):
             if isinstance(array, np.ndarray):
-                array.setflags(write=False)
+                held = array.view()  # the caller's own stays as it is
+                held.setflags(write=False)
+                object.__setattr__(self, name, held)
         band_order(self.index)  # refuses what has no narrow band
         if self.restitution_alone is not None:
             positive = "a positive number"

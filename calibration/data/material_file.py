@@ -74,6 +74,7 @@ def read_material(table: TomlTable, area: str | None, needs_data: bool) -> Mater
     if needs_data and "data" not in table:
         raise table.refusal(None, "data is missing", "needed is the name of a CSV file")
     options: dict[str, Any] = {"name": name, "limit_velocity": limit}
+    options |= {key: table.quantity(key, *check) for key, check in MEASURED.items()}
     if told is not None:
         options |= {"bodies": told.bodies, "remarks": told.remarks}
     return MaterialEntry(
@@ -89,10 +90,9 @@ def read_material(table: TomlTable, area: str | None, needs_data: bool) -> Mater
 
 def _data(table: TomlTable, contact: sj.Contact | None, options: dict) -> RestitutionData:
     path, found, inside = _data_file(table)
-    numbers = {key: table.quantity(key, *check) for key, check in MEASURED.items()}
     repeats = table.choice("average_repeats", (True, False, "pooled", "separate"))
     options["remarks"] = (*options.get("remarks", ()), *found)
-    data = read_csv(path, contact, quoted=inside, **numbers, **options)
+    data = read_csv(path, contact, quoted=inside, **options)
     if not repeats:
         return data
     try:
@@ -110,12 +110,10 @@ def _data_file(table: TomlTable) -> tuple[Path, tuple[str, ...], bool]:
     name = table.text("data") or ""
     here = Path(table.file).parent
     try:
-        home = Path(table.file).resolve().parent
-        places = [home / name] if home == here.resolve() else [home / name, here / name]
-        if len(places) == 1:
-            places = [here / name]
+        homes = list(dict.fromkeys([Path(table.file).resolve().parent, here.resolve()]))
+        places = [here / name] if len(homes) == 1 else [homes[0] / name, here / name]
         path = next((one for one in places if one.exists()), None)
-        inside = path is not None and path.resolve().is_relative_to(home)
+        inside = path is not None and any(map(path.resolve().is_relative_to, homes))
     except (OSError, ValueError, RuntimeError) as error:  # a name too long, a NUL, a ring of links
         told = getattr(error, "strerror", None) or "no name of a file"
         problem = f"data file {name[:80]!r} cannot be looked for ({told})"

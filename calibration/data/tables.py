@@ -55,7 +55,8 @@ def read_points(
 def _column(name: str, values: Any, layout: Layout) -> np.ndarray:
     if name in LABELS:
         return as_labels(name, values)
-    return in_si(as_numbers(name, values), layout.units[name])
+    with np.errstate(over="ignore"):  # what is not finite is refused as the quantity that it is
+        return in_si(as_numbers(name, values), layout.units[name])
 
 
 def _stated(name: str, value: Any, columns: Mapping[str, np.ndarray], kind: Kind) -> float:

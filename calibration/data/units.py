@@ -11,8 +11,7 @@ Only of lengths, times and speeds may the case of letters be another (`KM/H`, bu
 import re
 from fractions import Fraction
 from itertools import product
-
-import numpy as np
+from typing import Any
 
 from calibration.errors import DataError, did_you_mean, listed, shown
 
@@ -94,13 +93,13 @@ def is_unit(text: str, dimension: str) -> bool:
     return _find(text, dimension) is not None
 
 
-def in_si(values: np.ndarray | float, unit: Fraction) -> np.ndarray:
-    """Values in SI: one product and one quotient of whole numbers round as well as can be.
+def in_si(values: Any, unit: Fraction) -> Any:
+    """Values, a number or an array, in SI: one product and one quotient of whole numbers.
 
-    12 cm/s is the double nearest to 0.12 m/s, so that repeats in other units meet.
+    They round as well as can be: 12 cm/s is the double nearest to 0.12 m/s, so that repeats in
+    other units meet.
     """
-    with np.errstate(over="ignore"):
-        return np.asarray(values, float) * unit.numerator / unit.denominator
+    return values * unit.numerator / unit.denominator
 
 
 def quantity(text: str, dimension: str) -> float:
@@ -122,7 +121,7 @@ def _exactly(text: str, unit: Fraction) -> float:
     """The double nearest to a decimal number of units."""
     if 1e-200 < abs(float(text)) < 1e200:  # else as a fraction it may have any number of digits
         return float(Fraction(text) * unit)
-    return float(in_si(float(text), unit))
+    return in_si(float(text), unit)
 
 
 def _find(text: str, dimension: str) -> Fraction | None:

@@ -60,9 +60,7 @@ class _Drafted:
     sets: list[int] = field(default_factory=list)
 
 
-def assemble(
-    specs: Sequence[SetSpec], route: Route, bound: Sequence[str] = ()
-) -> list[Component]:
+def assemble(specs: Sequence[SetSpec], route: Route, bound: Sequence[str] = ()) -> list[Component]:
     """The components of a fit.
 
     Args:
@@ -77,7 +75,9 @@ def assemble(
         raise DataError("data", names, "sets of different names")
     drafted = _gathered(specs)
     return [
-        _component(sets, [specs[g] for g in sets], _of_sets(drafted, sets), len(specs), route, bound)
+        _component(
+            sets, [specs[g] for g in sets], _of_sets(drafted, sets), len(specs), route, bound
+        )
         for sets in _together(len(specs), drafted)
     ]
 
@@ -206,6 +206,7 @@ def _problem(
         rows.bind(theta, [*active, *more]),
         points,
         np.array(active, int),
+        tuple(spec.plan for spec in component.specs),
         route,
         joint=component.specs[0].objective == "model",
     )

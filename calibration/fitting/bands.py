@@ -6,7 +6,9 @@ from jaxtyping import Float
 from calibration.data.checks import require
 from calibration.fitting.curves import curve_and_slopes, of_labels, propagated
 from calibration.fitting.estimate import Band
+from calibration.fitting.freedom import Freedom
 from calibration.fitting.material import MaterialFit
+from calibration.fitting.uncertainty import quantile
 
 
 def band(
@@ -14,30 +16,28 @@ def band(
     velocity,
     names: tuple[str, ...],
     covariance: Float[np.ndarray, "p p"],
-    quantile: float,
+    freedom: Freedom,
+    confidence: float,
     kind: str = "mean",
 ) -> Band:
-    """ε(v) with a band of `quantile` standard errors; NaN where the fit knows nothing.
+    """ε(v) with a confidence band; NaN where the fit knows nothing.
 
     Args:
         names, covariance: of the free parameters, in physical units.
+        freedom: how well the covariance is known.
         kind: "mean", of the curve itself, or "prediction", of one more measurement.
     """
     velocity = np.asarray(velocity, float)
     flat = velocity.ravel()
     require("velocity", flat, lambda v: v >= 0, "a speed of 0 m/s or more")
     value, slope = curve_and_slopes(material, flat)
-    error = propagated(slope, of_labels(material, names, covariance))
-    if kind == "prediction":
-        error = np.hypot(error, _noise(material))
+    added = dict(material.variances) if kind == "prediction" else {}
+    variance = propagated(slope, of_labels(material, names, covariance)) ** 2 + sum(added.values())
+    labels = tuple(material.labels[name] for name in material.values if name in material.labels)
+    degrees = freedom.degrees(labels, slope, variance, material.name, added)
+    error = np.sqrt(variance)
+    reach = quantile(confidence, degrees) * error
     known = material.known(flat)
-    parts = (value, value - quantile * error, value + quantile * error, error)
+    parts = (value, value - reach, value + reach, error)
     shaped = (np.where(known, part, np.nan).reshape(velocity.shape) for part in parts)
     return Band(velocity, *shaped, kind)
-
-
-def _noise(material: MaterialFit) -> float:
-    """Standard deviation of one more measurement: as estimated, or as stated on the average."""
-    if material.noise is not None:
-        return material.noise
-    return float(np.sqrt(np.mean(np.square(material.data.uncertainty))))

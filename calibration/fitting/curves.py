@@ -12,6 +12,7 @@ from calibration.errors import DataError
 from calibration.fitting.collisions import Route
 from calibration.fitting.law_model import CONTACT_LEAVES, OF_CONTACT, model_of_class
 from calibration.fitting.material import MaterialFit
+from calibration.fitting.plan import plan_of
 from calibration.fitting.problem import Element, Points, Problem
 from calibration.fitting.root import NO_REBOUND_BELOW
 from calibration.fitting.rows import Rows
@@ -70,8 +71,11 @@ def curve_problem(
         elements,
         Transform.of([WIDE] * len(free), [None] * len(free)),
         rows.bind(theta, every),
-        Points(velocity, np.zeros_like(velocity), np.ones_like(velocity), np.zeros(len(velocity), int)),
+        Points(
+            velocity, np.zeros_like(velocity), np.ones_like(velocity), np.zeros(len(velocity), int)
+        ),
         every,
+        (plan_of(data, False, False),),
         route,
     )
 
@@ -109,7 +113,6 @@ def propagated(slope: Float[np.ndarray, "n p"], covariance: Float[np.ndarray, "p
     """√(J C Jᵀ) at each velocity."""
     variance = np.einsum("ni,ij,nj->n", slope, covariance, slope)
     return np.sqrt(np.maximum(variance, 0.0))
-
 
 
 def as_empirical(material: MaterialFit) -> MaterialFit:

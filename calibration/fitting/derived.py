@@ -8,7 +8,6 @@ import softjax as sj
 from calibration.fitting.component_fit import ComponentFit
 from calibration.fitting.estimate import Estimate
 from calibration.fitting.formulas import eq_17
-from calibration.fitting.intervals import degrees_of
 from calibration.fitting.specs import SetSpec
 from calibration.fitting.transform import NONE
 from calibration.fitting.uncertainty import quantile
@@ -70,7 +69,9 @@ def _carried(fit: ComponentFit, g: int, row: int, what: Callable, confidence, en
     if not (np.isfinite(variance) and variance >= 0):
         return Estimate(value, method="derived")
     error = variance**0.5
-    reach = quantile(confidence, degrees_of(fit, (g,))) * error
+    direction = np.where(acting, gradient, 0.0)
+    degrees = fit.uncertainty.parts.along(direction[None])[0, 0]
+    reach = quantile(confidence, degrees) * error
     low, high = max(value - reach, ends[0]), min(value + reach, ends[1])
     return Estimate(value, error, low, high, "derived")
 

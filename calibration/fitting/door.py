@@ -14,7 +14,8 @@ import softjax as sj
 from calibration.data import RestitutionData
 from calibration.fitting.component_fit import ComponentFit, fit_component
 from calibration.fitting.doubt import Doubt
-from calibration.fitting.intervals import degrees_of, estimates, profiles_of
+from calibration.fitting.freedom import Freedom
+from calibration.fitting.intervals import estimates, profiles_of
 from calibration.fitting.likelihood import likelihood_of
 from calibration.fitting.line import fit_line
 from calibration.fitting.material import MaterialFit
@@ -47,6 +48,8 @@ def fit(
     confidence: float = 0.95,
     profiles: bool = True,
     beside: bool = False,
+    extra_scatter: bool = False,
+    scale_uncertainty: bool = False,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> FitResult:
     """Fit a contact law to one data set or several.
@@ -77,6 +80,9 @@ def fit(
         confidence: of the intervals.
         profiles: whether to profile the likelihood where there is one.
         beside: whether to repeat the fit by Levenberg–Marquardt through the energy balance.
+        extra_scatter: whether scatter beside the stated uncertainties is estimated.
+        scale_uncertainty: whether the stated uncertainties are right up to a factor only, which
+            the residuals tell: errors are scaled by √(reduced χ²).
         progress: called as progress(stage, done, total).
 
     Returns:
@@ -106,6 +112,8 @@ def fit(
         confidence,
         profiles,
         unloading_line,
+        extra_scatter,
+        scale_uncertainty,
     )
     begun = time.perf_counter()
     with jax.enable_x64(True):
@@ -154,7 +162,7 @@ def _fitted(request: Request, beside: bool) -> FitResult:
         optimiser_report=tuple(s.report for s in _stages(fits, stage)),
         beside=again,
         profiles={label: curve for own in curves for label, curve in own.items()},
-        degrees=_degrees(fits),
+        freedoms=tuple(_freedom(one) for one in fits),
         settings=_settings(request, fits),
         versions=dict(_versions()),
         times=_times(_stages(fits, stage)),
@@ -175,7 +183,11 @@ def _profiles(request: Request, fits: list[ComponentFit]) -> list[dict[str, Prof
 
 def _stages(fits: list[ComponentFit], line: StageFit | None) -> list[StageFit]:
     every = [stage for one in fits for stage in one.stages]
-    return every if line is None else [*every, replace(line, report=replace(line.report, stage="Eq. (18)"))]
+    return (
+        every
+        if line is None
+        else [*every, replace(line, report=replace(line.report, stage="Eq. (18)"))]
+    )
 
 
 def _covariances(fits: list[ComponentFit]):
@@ -195,9 +207,11 @@ def _covariances(fits: list[ComponentFit]):
     return names, covariance, of_predictions
 
 
-def _degrees(fits: list[ComponentFit]) -> tuple[float | None, ...]:
-    every = {g: degrees_of(one, (g,)) for one in fits for g in one.component.sets}
-    return tuple(every[g] for g in sorted(every))
+def _freedom(fit: ComponentFit) -> Freedom:
+    labels = tuple(e.label for e in fit.component.elements)
+    names = tuple(spec.data.name for spec in fit.component.specs)
+    slope = fit.final.problem.transform.slope(fit.z)
+    return Freedom.of(fit.uncertainty.parts, slope, labels, names)
 
 
 def _beside(request: Request, fits: list[ComponentFit]) -> dict[str, Any]:
@@ -208,7 +222,9 @@ def _beside(request: Request, fits: list[ComponentFit]) -> dict[str, Any]:
     again = other.fitted()
     values, differences = {}, {}
     for one, two in zip(fits, again, strict=True):
-        for element, first, second in zip(one.component.elements, one.theta, two.theta, strict=True):
+        for element, first, second in zip(
+            one.component.elements, one.theta, two.theta, strict=True
+        ):
             values[element.label] = float(second)
             differences[element.label] = float(abs(second - first) / max(abs(first), 1e-300))
     line = fit_line(other, again)

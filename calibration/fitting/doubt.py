@@ -21,7 +21,13 @@ REMEDIES = {
     "not-converged": "Use more starts or steps, or another optimiser; do not use the values.",
     "several-minima": "Give bounds or a prior that decide, or measure where the curves differ.",
     "model-misfit": "The law does not follow these data within their noise; intervals omit that.",
-    "residual-runs": "The residuals have a trend; intervals are too narrow.",
+    "residual-runs": (
+        "The law misses a trend, or points belong together (a `group` column tells which); "
+        "intervals are too narrow."
+    ),
+    "unequal-scatter": "State an uncertainty for each point; intervals take all to be as uncertain.",
+    "groups": "Say which points belong together (specimen, launch, day) in a `group` column.",
+    "plausibility": "Check the unit.",
     "no-velocity-dependence": "Use a constant restitution, or measure over more velocities.",
     "status": "Look at the velocities named and at the law's range; leave them out if need be.",
     "extrapolation": "Measure there before relying on it.",
@@ -31,7 +37,6 @@ REMEDIES = {
         "Eq. (17) does not hold over the whole curve, or the law does not: look at both curves; "
         "`model` is the law's own likelihood."
     ),
-    "unknown-below-yield": "Measure below the critical velocity before relying on the curve there.",
     "branch-change": "Check the data near the critical velocity; fix the strength or the modulus.",
     "data": "Check the data.",
 }
@@ -39,15 +44,19 @@ REMEDIES = {
 
 @dataclass(frozen=True)
 class Doubt:
-    """A warning: `code` is its name, `material` the data set it is about (None: all)."""
+    """A warning: `code` is its name, `material` the data set it is about (None: all).
+
+    `advice` takes the place of the remedy that all of one code have.
+    """
 
     code: str
     cause: str
     material: str | None = None
+    advice: str | None = None
 
     @property
     def remedy(self) -> str:
-        return REMEDIES[self.code]
+        return self.advice or REMEDIES[self.code]
 
     def __str__(self) -> str:
         where = "" if self.material is None else f" ({self.material})"
@@ -70,13 +79,20 @@ def without_bound(label: str, material=None) -> Doubt:
     return Doubt("at-bound", f"{label} grows without bound: any large value is as good", material)
 
 
-def misfit(rms: float, noise: float, reduced: float, degrees: int, material) -> Doubt | None:
-    """χ² of the residuals larger than noise makes it once in a hundred."""
+def misfit(rms: float, noise: float, reduced: float, degrees, of_noise, material) -> Doubt | None:
+    """χ² of the residuals larger than noise makes it once in a hundred.
+
+    Args:
+        of_noise: degrees of freedom of the noise itself, None where it is stated.
+    """
     from scipy import special
 
     if degrees < 1 or not np.isfinite(reduced):
         return None
-    if reduced <= special.chdtri(degrees, 1 - CONFIDENCE) / degrees:
+    limit = special.chdtri(degrees, 1 - CONFIDENCE) / degrees
+    if of_noise is not None:
+        limit = special.fdtri(degrees, of_noise, CONFIDENCE)
+    if reduced <= limit:
         return None
     cause = f"rms {rms:.3g} against a noise of {noise:.3g} (reduced chi squared {reduced:.3g})"
     return Doubt("model-misfit", cause, material)
@@ -102,7 +118,9 @@ def disagreement(what: str, model, two_step, material) -> Doubt | None:
     apart, error = abs(one - other), np.hypot(error_1, error_2)
     if not apart > APART * error:
         return None
-    cause = f"{what} is {one:.4g} ± {error_1:.2g} by `model`, {other:.4g} ± {error_2:.2g} by `two-step`"
+    cause = (
+        f"{what} is {one:.4g} ± {error_1:.2g} by `model`, {other:.4g} ± {error_2:.2g} by `two-step`"
+    )
     return Doubt("objectives-disagree", cause, material)
 
 
@@ -127,6 +145,40 @@ def runs(velocity, residual, material) -> Doubt | None:
         return None
     cause = f"{count} runs of one sign in {n} residuals where {mean:.0f} are expected"
     return Doubt("residual-runs", cause, material)
+
+
+def unequal_scatter(velocity, restitution, standardised, material) -> Doubt | None:
+    """The size of the residuals goes with the velocity, or with ε: Spearman's rank correlation."""
+    from scipy import stats
+
+    size = np.abs(standardised)
+    if len(size) < 10 or np.max(size) < 1e-9:
+        return None
+    for name, values in (("velocity", velocity), ("restitution", restitution)):
+        if np.ptp(values) == 0:
+            continue
+        told = stats.spearmanr(values, size)
+        if told.pvalue < 0.5 * (1 - CONFIDENCE):  # of two that are looked at
+            way = "grow" if told.statistic > 0 else "shrink"
+            cause = f"the residuals {way} with the {name} (rank correlation {told.statistic:.2f})"
+            return Doubt("unequal-scatter", cause, material)
+    return None
+
+
+def alike_neighbours(velocity, standardised, material) -> Doubt | None:
+    """Residuals of neighbouring rows go together, in a file that is not in the order of velocity."""
+    from scipy import special
+
+    n = len(standardised)
+    ordered = np.all(np.diff(velocity) >= 0) or np.all(np.diff(velocity) <= 0)
+    squares = float(np.sum(standardised**2))
+    if n < 10 or ordered or squares < 1e-18:
+        return None
+    correlation = float(np.sum(standardised[1:] * standardised[:-1])) / squares
+    if correlation * np.sqrt(n) < special.ndtri(CONFIDENCE):
+        return None
+    cause = f"residuals of neighbouring rows are alike (correlation {correlation:.2f})"
+    return Doubt("groups", cause, material)
 
 
 def slope_of(velocity, restitution, uncertainty) -> tuple[float, float, float]:

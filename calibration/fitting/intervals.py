@@ -31,7 +31,8 @@ def profiles_of(fit: ComponentFit, confidence: float) -> dict[str, Profile]:
     entry = np.array(["[" in problem.elements[k].name for k in problem.active])
     wanted = (errors > LEAST_ERROR) & ~known.undetermined[0, problem.active] & ~entry
     columns = np.flatnonzero(wanted)
-    reach = quantile(confidence, degrees_of(fit, None))
+    degrees = known.degrees[0, problem.active[columns]]
+    reach = np.atleast_1d(quantile(confidence, degrees))
     return profiles(
         problem, fit.z, fit.begun, columns, errors[columns], limits[columns], variance, reach
     )
@@ -39,18 +40,18 @@ def profiles_of(fit: ComponentFit, confidence: float) -> dict[str, Profile]:
 
 def _variance(fit: ComponentFit) -> float | None:
     """Of a weighted residual; None where data sets differ in it, or have no noise."""
-    weighted = fit.uncertainty.noise.deviation[0] * fit.stages[0].problem.points.weight
+    weighted = weighted_deviation(fit)
     if np.ptp(weighted) > 1e-9 * np.max(weighted) or not np.max(weighted) > 0:
         return None
     return float(np.max(weighted)) ** 2
 
 
-def degrees_of(fit: ComponentFit, sets: tuple[int, ...] | None) -> float | None:
-    """Degrees of freedom behind the noise of some of the component's data sets, all for None."""
-    members = fit.component.sets if sets is None else sets
-    every = [fit.uncertainty.noise.degrees[fit.component.sets.index(g)] for g in members]
-    known = [degrees for degrees in every if degrees is not None]
-    return sum(known) if len(known) == len(every) else None
+def weighted_deviation(fit: ComponentFit) -> np.ndarray:
+    """Standard deviation of each weighted residual of the first stage."""
+    problem = fit.stages[0].problem
+    if problem.shared is not None:
+        return np.ones(problem.count)
+    return fit.uncertainty.noise.deviation[0] * problem.points.weight
 
 
 def estimates(
@@ -75,7 +76,7 @@ def estimate_of(fit: ComponentFit, k: int, curve: Profile | None, confidence: fl
     slope = float(abs(transform.slope(fit.z[k : k + 1])[0]))
     if curve is not None:
         return Estimate(value, slope * z_error, curve.low, curve.high, "profile", True)
-    reach = quantile(confidence, degrees_of(fit, fit.component.elements[k].sets)) * z_error
+    reach = quantile(confidence, known.degrees[0, k]) * z_error
     ends: list[float | None] = []
     for sign in (-1, 1):
         told = transform.kind[0] == NONE or reach < FARTHEST

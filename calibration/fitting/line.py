@@ -9,7 +9,7 @@ from calibration.fitting.assembly import assemble
 from calibration.fitting.component_fit import ComponentFit, fit_component
 from calibration.fitting.derived import derived_of
 from calibration.fitting.estimate import Estimate, Line
-from calibration.fitting.intervals import degrees_of, estimate_of
+from calibration.fitting.intervals import estimate_of
 from calibration.fitting.request import Request
 from calibration.fitting.specs import SetSpec
 from calibration.fitting.stages import StageFit
@@ -18,9 +18,7 @@ from calibration.fitting.zhou import LINE
 from calibration.parameters import Parameter
 
 
-def fit_line(
-    request: Request, fits: list[ComponentFit]
-) -> tuple[Line, StageFit | None] | None:
+def fit_line(request: Request, fits: list[ComponentFit]) -> tuple[Line, StageFit | None] | None:
     """The line through all materials with a χ̃ of their own; None where there are fewer than two.
 
     Fitted to all curves at once, with what else was free; or through the fitted χ̃ with their
@@ -64,7 +62,9 @@ def _joint(request: Request, specs: list[SetSpec], through: dict[str, Estimate])
         parameters=said,
         options=replace(request.options, starts=1),
     )
-    return fit_component(assemble(asked.specs(), asked.chosen_route(asked.specs()))[0], asked.options)
+    return fit_component(
+        assemble(asked.specs(), asked.chosen_route(asked.specs()))[0], asked.options
+    )
 
 
 def _said(spec: SetSpec, through: dict[str, Estimate]) -> dict:
@@ -88,9 +88,8 @@ def _through_chi(own, confidence: float) -> dict[str, Estimate]:
     design = np.stack([np.ones_like(ratio), ratio], axis=1)
     normal = np.linalg.pinv(design.T @ (design * weight[:, None]))
     c = normal @ (design.T @ (weight * chi))
-    known = [degrees_of(fit, None) for fit, _, _ in own]
-    degrees = [one for one in known if one is not None]
-    reach = quantile(confidence, min(degrees) if degrees else None)
+    degrees = min(float(fit.uncertainty.degrees[0, k]) for fit, _, k in own)
+    reach = quantile(confidence, degrees)
     table = {}
     for i, name in enumerate(LINE):
         error = float(np.sqrt(normal[i, i])) if usable else None

@@ -34,7 +34,12 @@ class MaterialFit:
         converged: whether the searches arrived.
         status: `softjax.Status` at each point.
         known_from, known_to: velocities between which the fit knows anything of the curve [m/s].
-        noise: the scatter of ε that was estimated; None where it was stated.
+        variances: mean variance of ε by where it comes from, of one more measurement: "stated",
+            "scatter", "group" (of another specimen, launch or day), "timing", "scale", "repeats".
+        timing: standard deviation of times that was found [s].
+        standardised, leverage: of each point: residuals over their standard deviations, and how many
+            parameters it pays for.
+        residual_degrees: degrees of freedom of the residuals.
         warnings: the doubts about this data set.
     """
 
@@ -54,7 +59,11 @@ class MaterialFit:
     status: tuple[int, ...]
     known_from: float = 0.0
     known_to: float = np.inf
-    noise: float | None = None
+    variances: Mapping[str, float] = field(default_factory=dict)
+    timing: float | None = None
+    standardised: tuple[float, ...] = field(default=(), repr=False)
+    leverage: tuple[float, ...] = field(default=(), repr=False)
+    residual_degrees: float = 0.0
     warnings: tuple[Doubt, ...] = field(default=())
 
     @property
@@ -64,6 +73,27 @@ class MaterialFit:
     @property
     def n(self) -> int:
         return len(self.data)
+
+    @property
+    def noise(self) -> float | None:
+        """The standard deviation of a single ε that was estimated; None where it was stated."""
+        found = [v for kind, v in self.variances.items() if kind not in ("stated", "group")]
+        return float(np.sqrt(sum(found))) if found else None
+
+    @property
+    def group_deviation(self) -> float | None:
+        """The standard deviation of the groups' offsets in ε; None without groups."""
+        return float(np.sqrt(self.variances["group"])) if "group" in self.variances else None
+
+    @property
+    def probability(self) -> float | None:
+        """Of a χ² at least as large where the law and the stated uncertainties hold."""
+        if self.reduced_chi_squared is None:
+            return None
+        from scipy import special
+
+        left = self.residual_degrees
+        return float(special.chdtrc(left, left * self.reduced_chi_squared))
 
     @property
     def law(self) -> sj.ContactLaw:

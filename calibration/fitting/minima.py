@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from calibration.fitting.component_fit import ComponentFit
+from calibration.fitting.intervals import weighted_deviation
 from calibration.fitting.problem import Problem
 from calibration.fitting.search import Found
 from calibration.fitting.stages import StageFit
@@ -61,7 +62,7 @@ def _moved(fit: ComponentFit, stage: StageFit, other: Found) -> list[int]:
 def _rise(fit: ComponentFit, stage: StageFit, z) -> float:
     """χ² there less χ² at the best: squares over the variance that noise gives them."""
     problem = stage.problem
-    deviation = np.maximum(fit.uncertainty.noise.deviation[0], ROUNDING) * problem.points.weight
+    deviation = np.maximum(weighted_deviation(fit), ROUNDING * problem.points.weight)
     gain = _squares(problem, z) - _squares(problem, stage.z)
     points, priors = gain[: problem.count], gain[problem.count :]
     spread = np.mean(deviation**2)  # a prior weighs as a point

@@ -13,9 +13,12 @@ from jaxtyping import Bool, Float, Int
 import softjax as sj
 from calibration.data import RestitutionData
 from calibration.fitting.collisions import Route, expand
+from calibration.fitting.latent import Latent
 from calibration.fitting.losses import transformed
+from calibration.fitting.plan import ErrorPlan
 from calibration.fitting.root import extended_root, root_slope
 from calibration.fitting.rows import Laws
+from calibration.fitting.set_errors import SetErrors
 from calibration.fitting.transform import Transform
 from calibration.parameters import Parameter
 from softjax.fields import Declared
@@ -99,11 +102,14 @@ class Problem:
         laws: parameters -> laws of all points.
         points: what is measured.
         active: which elements are searched.
+        plans: what of the errors of each data set is stated.
         loss, scale: see `losses`; the scale at each point.
         elastic: points that are held below yield, (points,), while a search moves what yield
             depends on; None: no law asks for it.
         reweighed: whether the weights depend on where the fit is.
         joint: whether data sets without stated uncertainties are weighed against each other.
+        shared: the errors of each data set, where points share some: residuals are whitened then.
+        latent: where points are taken to be, where velocities have errors.
     """
 
     datasets: tuple[RestitutionData, ...]
@@ -112,12 +118,15 @@ class Problem:
     laws: Laws
     points: Points
     active: Int[np.ndarray, "p"]
+    plans: tuple[ErrorPlan, ...]
     route: Route = None
     loss: str = "squared"
     scale: np.ndarray | None = None
     elastic: Bool[np.ndarray, "points"] | None = None
     reweighed: bool = False
     joint: bool = True
+    shared: tuple[SetErrors, ...] | None = None
+    latent: tuple[Latent, ...] | None = None
     counter: Counter = field(default_factory=Counter, compare=False)
 
     @property
@@ -141,7 +150,10 @@ class Problem:
         measured = self.points.restitution if lanes.restitution is None else lanes.restitution
         weight = self.points.weight if lanes.weight is None else lanes.weight
         weight = np.broadcast_to(weight, prediction.shape)
-        residual, per_raw = transformed((prediction - measured) * weight, self.scale, self.loss)
+        residual = prediction - measured
+        if self.shared is not None:
+            residual, slopes = self.whitened(residual), self.whitened(slopes)
+        residual, per_raw = transformed(residual * weight, self.scale, self.loss)
         slopes *= (weight * per_raw)[:, :, None]
         priors, their_slopes = self._priors(theta, per_z)
         if not priors.shape[1]:
@@ -163,14 +175,28 @@ class Problem:
         measured = self.points.restitution if own is None else own
         return (self.predict(z) - measured) * self.points.weight
 
-    def elastic_at(self, z) -> Bool[np.ndarray, "points"] | None:
-        """Which points are below yield at z, where the law asks to be held; else None."""
-        if self.elastic is None:
+    def whitened(self, values: np.ndarray) -> np.ndarray:
+        """(fits, points, ...) in units of the errors, without what points share of these."""
+        assert self.shared is not None
+        rows = np.moveaxis(values, 1, 0)
+        flat = rows.reshape(len(rows), -1)
+        ends = np.cumsum([len(data) for data in self.datasets])[:-1]
+        parts = zip(self.shared, np.split(flat, ends), strict=True)
+        white = np.concatenate([errors.whiten(part) for errors, part in parts])
+        return np.moveaxis(white.reshape(rows.shape), 0, 1)
+
+    def yields_at(self, z) -> Float[np.ndarray, "points"] | None:
+        """The velocity below which each impact is elastic at z [m/s]; None for a law without one."""
+        rows = self.laws.rows
+        if not hasattr(rows.model.law_type, "elastic_velocity"):
             return None
         theta = self.transform.physical(np.asarray(z))
-        rows = self.laws.rows
         limits = [_yields_at(rows.law(theta, row)) for row in range(rows.count)]
-        return self.points.velocity <= np.array(limits)[rows.row]
+        return np.array(limits)[rows.row]
+
+    def elastic_at(self, z) -> Bool[np.ndarray, "points"] | None:
+        """Which points are below yield at z, where the law asks to be held; else None."""
+        return None if self.elastic is None else self.points.velocity <= self.yields_at(z)
 
     def held(self, elastic) -> "Problem":
         """The same with these points held below yield."""
@@ -179,6 +205,15 @@ class Problem:
     def weighed(self, weight: Float[np.ndarray, "points"]) -> "Problem":
         """The same with other weights."""
         return replace(self, points=self.points._replace(weight=weight))
+
+    def as_measured(self) -> "Problem":
+        """The same impacts at the velocities that were measured."""
+        if self.latent is None:
+            return self
+        velocity = np.concatenate([data.velocity for data in self.datasets])
+        restitution = np.concatenate([data.restitution for data in self.datasets])
+        points = self.points._replace(velocity=velocity, restitution=restitution)
+        return replace(self, points=points)
 
     def at_velocity(self, velocity: Float[np.ndarray, "points"]) -> "Problem":
         """The same impacts at other velocities."""
@@ -201,9 +236,7 @@ class Problem:
             flat.append(np.asarray(whole, float))
         velocity = np.tile(self.points.velocity, fits)
         elastic = None if self.elastic is None else np.tile(self.elastic, fits)
-        found = expand(
-            self.laws.shape, flat, velocity, self.laws.moving, self.route, elastic
-        )
+        found = expand(self.laws.shape, flat, velocity, self.laws.moving, self.route, elastic)
         squared, slopes, status = (a.reshape(*a.shape[:-1], fits, self.count) for a in found)
         local = self._local_slopes(slopes * root_slope(squared), leaves.slopes)
         prediction = extended_root(squared)
@@ -246,4 +279,3 @@ class Problem:
 
 def _yields_at(law: sj.ContactLaw) -> float:
     return float(np.asarray(law.elastic_velocity()))  # type: ignore[attr-defined]
-

@@ -54,21 +54,24 @@ class Walk:
         column: which of the active elements.
         sign: +1 upwards, -1 downwards, in z.
         step: about one standard error, in z.
+        quantile: √Δχ² at the limit.
         from_end: whether it begins at an end of the parameter's range, where all is level.
     """
 
     column: int
     sign: int
     step: float
+    quantile: float
     from_end: bool = False
 
 
 class _Walks:
     """√Δχ² of refits along several walks, in lockstep."""
 
-    def __init__(self, problem: Problem, z, begun, walks: list[Walk], variance, quantile):
+    def __init__(self, problem: Problem, z, begun, walks: list[Walk], variance):
         self.problem, self.begun, self.walks = problem, begun, walks
-        self.variance, self.quantile = variance, quantile
+        self.variance = variance
+        self.quantile = np.array([walk.quantile for walk in walks])
         self.columns = np.array([walk.column for walk in walks])
         self.signs = np.array([walk.sign for walk in walks])
         self.positions = problem.active[self.columns]
@@ -140,11 +143,11 @@ class _Walks:
             z, new = self.refit(at, which)
             for k, place, value in zip(which, at, new, strict=True):
                 self.way[k].append((float(place), float(value)))
-            over = new >= self.quantile
+            over = new >= self.quantile[which]
             crossing[which[over]] = self._cross(which[over], inside[which[over]], at[over])
             self.z[which[~over]] = z[~over]
             grown = np.maximum(new - rise[which], 1e-3)
-            better = stride[which] * np.clip(self.quantile / POINTS / grown, 0.5, 2.0)
+            better = stride[which] * np.clip(self.quantile[which] / POINTS / grown, 0.5, 2.0)
             level = self.from_end[which] & (new < LEVEL)
             limit = np.where(level, LEVEL_STRIDE, STRIDE)
             better = np.where(level, LEVEL_STRIDE, better)
@@ -179,7 +182,7 @@ class _Walks:
         return middle
 
     def _excess(self, at, which) -> np.ndarray:
-        return self.refit(at, which)[1] - self.quantile
+        return self.refit(at, which)[1] - self.quantile[which]
 
     def _beyond(self, crossing) -> None:
         """One look beyond each limit, for the picture."""
@@ -198,7 +201,7 @@ def profiles(
     errors: Float[np.ndarray, "some"],
     limits: Int[np.ndarray, "some"],
     variance: float,
-    quantile: float,
+    quantiles: Float[np.ndarray, "some"],
 ) -> dict[str, Profile]:
     """Profiles of some active elements, by their labels.
 
@@ -208,17 +211,17 @@ def profiles(
         errors: their standard errors in z.
         limits: +1 or -1 for those held at an end of their range: only the other way is gone.
         variance: of a weighted residual.
-        quantile: √Δχ² at the limits.
+        quantiles: √Δχ² at the limits of each.
     """
     walks = [
-        Walk(int(column), sign, float(error), bool(limit))
-        for column, error, limit in zip(columns, errors, limits, strict=True)
+        Walk(int(column), sign, float(error), float(reach), bool(limit))
+        for column, error, reach, limit in zip(columns, errors, quantiles, limits, strict=True)
         for sign in (-1, 1)
         if sign != limit
     ]
     if not walks:
         return {}
-    state = _Walks(problem, z, begun, walks, variance, quantile)
+    state = _Walks(problem, z, begun, walks, variance)
     crossing = state.run()
     found = {}
     for column, limit in zip(columns, limits, strict=True):
@@ -248,6 +251,5 @@ def _profile(state: _Walks, label: str, members, crossing, limit: int) -> Profil
         tuple(rise**2 for _, rise in way),
         ends[-1],
         ends[1],
-        state.quantile**2,
+        float(state.quantile[members[0]]) ** 2,
     )
-

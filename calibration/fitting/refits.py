@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from calibration.fitting.component_fit import ComponentFit
-from calibration.fitting.noise import is_stated, leverages
+from calibration.fitting.noise import leverages
 from calibration.fitting.problem import Lanes, Problem
 from calibration.fitting.search import Found, search
 from calibration.fitting.uncertainty import winsorised
@@ -89,6 +89,8 @@ def leave_one_out(fits: list[ComponentFit]) -> LeaveOneOut:
 
 def _left_out(fit: ComponentFit) -> LeaveOneOut:
     problem = fit.final.problem
+    if problem.shared is not None:
+        return left_out_together(fit)
     by_time = fit.final.report.route == "ode"
     if problem.count**2 <= (EXACT_BY_TIME if by_time else EXACT):
         z, converged = _refitted_without(fit)
@@ -96,28 +98,12 @@ def _left_out(fit: ComponentFit) -> LeaveOneOut:
     return _continued(fit)
 
 
-def _groups(problem: Problem) -> list[np.ndarray]:
-    """What is left out together: a point, or all of a group where the data have groups."""
-    found: list[np.ndarray] = []
-    for g, data in enumerate(problem.datasets):
-        rows = np.flatnonzero(problem.points.set == g)
-        labels = getattr(data, "group", None)
-        if labels is None:
-            found += [rows[k : k + 1] for k in range(len(rows))]
-        else:
-            found += [rows[np.asarray(labels) == label] for label in dict.fromkeys(labels)]
-    return found
-
-
 def _refitted_without(fit: ComponentFit):
-    """z of the fit without each group, through all stages; and which of them arrived."""
-    groups = _groups(fit.final.problem)
-    z = np.repeat(fit.z[None], len(groups), axis=0)
-    converged = np.ones(len(groups), bool)
+    """z of the fit without each point, through all stages; and which of them arrived."""
+    count = fit.final.problem.count
+    z, converged = np.repeat(fit.z[None], count, axis=0), np.ones(count, bool)
     for stage in fit.stages:
-        weight = np.repeat(stage.problem.points.weight[None], len(groups), axis=0)
-        for lane, rows in enumerate(groups):
-            weight[lane, rows] = 0.0
+        weight = stage.problem.points.weight * (1 - np.eye(count))
         found = _search(fit, stage.problem, z, Lanes(weight=weight))
         z, converged = found.z, converged & found.converged
     return z, converged
@@ -129,42 +115,41 @@ def _search(fit: ComponentFit, problem: Problem, z, lanes: Lanes) -> Found:
 
 def _scored(fit: ComponentFit, z, converged) -> LeaveOneOut:
     """Predictions and densities of what each refit left out."""
-    problem, groups = fit.final.problem, _groups(fit.final.problem)
+    problem = fit.final.problem
     predicted, density = np.empty(problem.count), np.empty(problem.count)
     measured = np.concatenate([data.restitution for data in problem.datasets])
     most = max(1, EXACT // problem.count)
-    for first in range(0, len(groups), most):
-        lanes = range(first, min(first + most, len(groups)))
-        found = problem.linearise(z[lanes.start : lanes.stop])
-        for k, lane in enumerate(lanes):
-            rows = groups[lane]
-            predicted[rows] = found.prediction[k, rows]
-            density[rows] = _densities(fit, found.prediction[k], found.jacobian[k], rows)
+    for first in range(0, problem.count, most):
+        found = problem.linearise(z[first : first + most])
+        for k, point in enumerate(range(first, min(first + most, problem.count))):
+            predicted[point] = found.prediction[k, point]
+            density[point] = _density(fit, found.prediction[k], found.jacobian[k], point)
     residual = predicted - measured
     return LeaveOneOut(predicted, residual, density, True, bool(np.all(converged)))
 
 
-def _densities(fit: ComponentFit, prediction, jacobian, rows) -> np.ndarray:
-    """ln of the predictive density of the points `rows` by a fit to all others."""
+def _density(fit: ComponentFit, prediction, jacobian, point: int) -> float:
+    """ln of the predictive density of a point by a fit to all others."""
     problem = fit.final.problem
     weight = problem.points.weight
     weighted = (prediction - problem.points.restitution) * weight
     others = np.ones(problem.count, bool)
-    others[rows] = False
+    others[point] = False
     used = jacobian[: problem.count][others]
     scale, degrees = _scale(fit, weighted, others)
     size = np.linalg.norm(used, axis=0)
     size = np.where(size > 0, size, 1.0)
     inverse = np.linalg.pinv(used / size, rcond=1e-9)
-    known = np.sum((jacobian[rows] / size @ inverse) ** 2, axis=1)  # variance of the mean over scale²
-    deviation = scale * np.sqrt(1 + known)
-    return log_density(weighted[rows] / deviation, degrees) - np.log(deviation / weight[rows])
+    of_mean = float(np.sum((jacobian[point] / size @ inverse) ** 2))  # its variance over scale²
+    deviation = scale * math.sqrt(1 + of_mean)
+    told = float(log_density(weighted[point] / deviation, degrees))
+    return told - math.log(deviation / weight[point])
 
 
 def _scale(fit: ComponentFit, weighted, others) -> tuple[float, float | None]:
     """Standard deviation of a weighted residual, from the other points where it is not stated."""
     problem = fit.final.problem
-    if all(is_stated(data) for data in problem.datasets):
+    if all(plan.stated for plan in problem.plans):
         return 1.0, None
     degrees = max(float(np.sum(others)) - len(fit.z), 1.0)
     return max(float(np.sqrt(np.sum(weighted[others] ** 2) / degrees)), 1e-15), degrees
@@ -177,7 +162,7 @@ def _continued(fit: ComponentFit) -> LeaveOneOut:
     leverage = leverages(found.jacobian)[0, : problem.count]
     weighted = (found.prediction[0] - problem.points.restitution) * problem.points.weight
     without = weighted / np.maximum(1 - leverage, 1e-12)
-    stated = all(is_stated(data) for data in problem.datasets)
+    stated = all(plan.stated for plan in problem.plans)
     degrees = max(problem.count - 1 - float(np.sum(leverage)), 1.0)
     squares = max(float(np.sum(weighted**2)), 1e-300) - weighted * without
     scale = np.ones(problem.count) if stated else np.sqrt(np.maximum(squares, 1e-300) / degrees)
@@ -189,7 +174,44 @@ def _continued(fit: ComponentFit) -> LeaveOneOut:
     return LeaveOneOut(predicted, residual, density, False, True)
 
 
-def log_density(x: np.ndarray, degrees: float | None) -> np.ndarray:
+def left_out_together(fit: ComponentFit) -> LeaveOneOut:
+    """Without each group of points that share errors, to first order; point by point where there is
+    one group alone.
+
+    With P = V⁻¹ - V⁻¹J (A₀ + JᵀV⁻¹J)⁻¹ JᵀV⁻¹ the residuals of a group b by the fit to all others are
+    P_bb⁻¹ (P r)_b, of covariance P_bb⁻¹: exact for a linear model.
+    """
+    problem = fit.final.problem
+    found = problem.linearise(fit.z[None])
+    white, count = found.jacobian[0], problem.count
+    inverse = np.linalg.pinv(white.T @ white, hermitian=True)
+    gradient = white[:count].T @ found.residual[0, :count]
+    residual, density = np.empty(count), np.empty(count)
+    off = found.prediction[0] - problem.points.restitution
+    for rows, precision, solved, slopes in _blocks(problem, off, white[:count]):
+        covariance = np.linalg.inv(precision - slopes @ inverse @ slopes.T)
+        without = covariance @ (solved - slopes @ (inverse @ gradient))
+        lower = np.linalg.cholesky(0.5 * (covariance + covariance.T))
+        told = log_density(np.linalg.solve(lower, without), None)
+        residual[rows] = without
+        density[rows] = told - np.log(np.diag(lower))
+    return LeaveOneOut(residual + problem.points.restitution, residual, density, False, True)
+
+
+def _blocks(problem: Problem, off, white):
+    """What is left out together: its rows, (V⁻¹)_bb, V⁻¹ r and V⁻¹ J there."""
+    assert problem.shared is not None
+    first = 0
+    for errors in problem.shared:
+        rows = slice(first, first + len(errors.slope))
+        solved = errors.unwhiten(errors.whiten(off[rows][:, None]))[:, 0]
+        slopes = errors.unwhiten(white[rows])
+        for members in errors.units():
+            yield first + members, errors.precision(members), solved[members], slopes[members]
+        first = rows.stop
+
+
+def log_density(x, degrees: float | None) -> np.ndarray:
     """ln of Student's density, or of the normal one where the noise is known."""
     if degrees is None:
         return -0.5 * (x**2 + math.log(2 * math.pi))
@@ -209,7 +231,11 @@ def bootstrap(fits: list[ComponentFit], count: int, seed: int, confidence: float
         converged &= arrived
     joined = np.concatenate(values, axis=1)
     part = 100 * np.array([0.5 * (1 - confidence), 0.5 * (1 + confidence)])
-    ends = np.percentile(joined[converged], part, axis=0) if np.any(converged) else np.full((2, len(names)), np.nan)
+    ends = (
+        np.percentile(joined[converged], part, axis=0)
+        if np.any(converged)
+        else np.full((2, len(names)), np.nan)
+    )
     intervals = {n: (float(a), float(b)) for n, a, b in zip(names, *ends, strict=True)}
     return Bootstrap(tuple(names), joined, converged, intervals)
 
@@ -218,7 +244,10 @@ def _simulated(fit: ComponentFit, count: int, random) -> tuple[np.ndarray, np.nd
     """Physical values of fits to data around the curve of the first stage."""
     first = fit.stages[0].problem
     curve = first.predict(fit.z[None])[0]
-    noise = random.standard_normal((count, first.count)) * fit.uncertainty.noise.deviation[0]
+    if first.shared is not None:
+        noise = np.concatenate([one.simulate(random, count) for one in first.shared], axis=1)
+    else:
+        noise = random.standard_normal((count, first.count)) * fit.uncertainty.noise.deviation[0]
     drawn = np.maximum(curve + noise, 0.0)
     z, converged = np.repeat(fit.z[None], count, axis=0), np.ones(count, bool)
     for k, stage in enumerate(fit.stages):

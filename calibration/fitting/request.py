@@ -13,6 +13,7 @@ from calibration.fitting.assembly import Component, assemble
 from calibration.fitting.component_fit import ComponentFit, fit_component
 from calibration.fitting.losses import LOSSES
 from calibration.fitting.methods import OPTIMISERS
+from calibration.fitting.plan import plan_of
 from calibration.fitting.specs import SetSpec, specs_of
 from calibration.fitting.stages import Options
 
@@ -36,6 +37,7 @@ class Request:
         confidence: of all intervals.
         profiles: whether likelihoods are profiled.
         unloading_line: how Eq. (18) is fitted, or None.
+        extra_scatter, scale_uncertainty: what stated uncertainties leave open.
     """
 
     datasets: tuple[RestitutionData, ...]
@@ -47,10 +49,14 @@ class Request:
     confidence: float = 0.95
     profiles: bool = True
     unloading_line: str | None = "curves"
+    extra_scatter: bool = False
+    scale_uncertainty: bool = False
 
     def specs(self) -> list[SetSpec]:
         """The law and parameters of each data set."""
-        return specs_of(self.datasets, self.law, self.parameters, self.objective)
+        specs = specs_of(self.datasets, self.law, self.parameters, self.objective)
+        open_ = (self.extra_scatter, self.scale_uncertainty)
+        return [replace(s, extra_scatter=open_[0], scale_uncertainty=open_[1]) for s in specs]
 
     def components(self) -> list[Component]:
         """The problems behind it."""
@@ -91,6 +97,13 @@ def checked(request: Request) -> Request:
         raise DataError("confidence", request.confidence, "between 0 and 1")
     if not options.loss_scale > 0:
         raise DataError("loss_scale", options.loss_scale, "positive")
+    if request.extra_scatter and request.scale_uncertainty:
+        raise DataError("scale_uncertainty", True, "left out beside extra_scatter")
+    if options.loss != "squared":
+        for data in request.datasets:
+            if plan_of(data, False, False).shares:
+                accepted = "'squared' where points share errors (groups, bounce trains)"
+                raise DataError("loss", options.loss, accepted)
     return request
 
 

@@ -28,6 +28,8 @@ def request_to_dict(request: Request) -> dict[str, Any]:
         "confidence": request.confidence,
         "profiles": request.profiles,
         "unloading_line": request.unloading_line,
+        "extra_scatter": request.extra_scatter,
+        "scale_uncertainty": request.scale_uncertainty,
     }
 
 
@@ -43,6 +45,8 @@ def request_from_dict(table: dict[str, Any], datasets: tuple[RestitutionData, ..
         table["confidence"],
         table["profiles"],
         table["unloading_line"],
+        table["extra_scatter"],
+        table["scale_uncertainty"],
     )
 
 
@@ -78,4 +82,3 @@ def _route_from_dict(table) -> sj.EnergyBalance | sj.ODE | None:
         return None
     fields = {key: value for key, value in table.items() if key != "name"}
     return sj.ODE(**fields) if table["name"] == sj.ODE.name else sj.EnergyBalance()
-

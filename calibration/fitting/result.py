@@ -14,6 +14,7 @@ from calibration.fitting.component_fit import ComponentFit
 from calibration.fitting.curves import as_empirical
 from calibration.fitting.doubt import Doubt, extrapolation
 from calibration.fitting.estimate import Band, Estimate, Line
+from calibration.fitting.freedom import Freedom
 from calibration.fitting.likelihood import Likelihood
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.profiles import Profile
@@ -22,7 +23,6 @@ from calibration.fitting.request import Request
 from calibration.fitting.result_json import dumps, read_result, result_to_dict
 from calibration.fitting.result_text import fit_text
 from calibration.fitting.stages import Stage
-from calibration.fitting.uncertainty import quantile
 from calibration.fitting.zhou import LINE
 
 KINDS = ("mean", "prediction")
@@ -45,7 +45,7 @@ class FitResult:
         optimiser_report: what each stage took.
         beside: the same fit by Levenberg–Marquardt through the energy balance, if asked for.
         profiles: by parameter label.
-        degrees: degrees of freedom of each data set's noise, None where it was stated.
+        freedoms: how well the noise is known that the covariance comes from, of each component.
         settings, versions, times: how, with what, how long [s].
         fits: the searches themselves; None in a result that was loaded.
     """
@@ -63,7 +63,7 @@ class FitResult:
     optimiser_report: tuple[Stage, ...]
     beside: dict[str, Any] | None
     profiles: dict[str, Profile]
-    degrees: tuple[float | None, ...]
+    freedoms: tuple[Freedom, ...]
     settings: dict[str, Any]
     versions: dict[str, str]
     times: dict[str, float] = field(default_factory=dict)
@@ -209,10 +209,16 @@ class FitResult:
         return self._band(as_empirical(self.material(name)), velocity, confidence, "mean")
 
     def _band(self, material: MaterialFit, velocity, confidence, kind: str) -> Band:
-        g = [one.name for one in self.materials].index(material.name)
-        reach = quantile(confidence or self.confidence, self.degrees[g])
         names, covariance = self.covariance_names, self.of_predictions
-        return band(material, velocity, names, covariance, reach, kind)
+        freedom = self._freedom(material)
+        return band(
+            material, velocity, names, covariance, freedom, confidence or self.confidence, kind
+        )
+
+    def _freedom(self, material: MaterialFit) -> Freedom:
+        """That of the component which a data set belongs to."""
+        own = set(material.labels.values())
+        return next((f for f in self.freedoms if own & set(f.labels)), self.freedoms[0])
 
     def extrapolation(self, velocity, name: str | None = None) -> Doubt | None:
         """A doubt where velocities lie outside the data."""

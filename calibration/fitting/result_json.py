@@ -14,6 +14,7 @@ from calibration.data.as_json import data_from_dict, data_to_dict
 from calibration.errors import DataError
 from calibration.fitting.doubt import Doubt
 from calibration.fitting.estimate import Estimate, Line
+from calibration.fitting.freedom import Freedom
 from calibration.fitting.known_laws import LAWS
 from calibration.fitting.likelihood import Likelihood
 from calibration.fitting.material import MaterialFit
@@ -39,7 +40,7 @@ def result_to_dict(result: Any, times: bool = True) -> dict[str, Any]:
         "condition_number": result.condition_number,
         "likelihood": None if result.likelihood is None else _likelihood(result.likelihood),
         "confidence": result.confidence,
-        "degrees_of_freedom": result.degrees,
+        "freedom": [one.to_dict() for one in result.freedoms],
         "profiles": {label: asdict(profile) for label, profile in result.profiles.items()},
         "optimiser_report": [asdict(stage) for stage in result.optimiser_report],
         "beside": result.beside,
@@ -105,7 +106,7 @@ def _parts(table: dict[str, Any], law: Any) -> dict[str, Any]:
         "optimiser_report": tuple(Stage(**one) for one in table["optimiser_report"]),
         "beside": table["beside"],
         "profiles": {k: _profile_from_dict(one) for k, one in table["profiles"].items()},
-        "degrees": tuple(table["degrees_of_freedom"]),
+        "freedoms": tuple(Freedom.from_dict(one) for one in table["freedom"]),
         "settings": table["settings"],
         "versions": table["versions"],
         "times": table.get("times", {}),
@@ -131,7 +132,9 @@ def _law(table, law: Any) -> Any:
     if name is None or name in LAWS:
         return name
     if law is None:
-        raise DataError("law", f"{name}, which is none of {', '.join(LAWS)}", "given: load(path, law=…)")
+        raise DataError(
+            "law", f"{name}, which is none of {', '.join(LAWS)}", "given: load(path, law=…)"
+        )
     return type(law) if isinstance(law, sj.ContactLaw) else law
 
 
@@ -154,7 +157,12 @@ def _material_to_dict(material: MaterialFit) -> dict[str, Any]:
         "labels": dict(material.labels),
         "status": material.status,
         "known": [material.known_from, material.known_to],
-        "noise": material.noise,
+        "variances": dict(material.variances),
+        "timing": material.timing,
+        "standardised": material.standardised,
+        "leverage": material.leverage,
+        "residual_degrees": material.residual_degrees,
+        "chi_squared_probability": material.probability,
         "data": data_to_dict(material.data),
     }
 
@@ -180,7 +188,11 @@ def _material_from_dict(table, data: RestitutionData, law: Any) -> MaterialFit:
         status=tuple(table["status"]),
         known_from=known_from,
         known_to=math.inf if known_to is None else known_to,
-        noise=table["noise"],
+        variances=table["variances"],
+        timing=table["timing"],
+        standardised=tuple(table["standardised"]),
+        leverage=tuple(table["leverage"]),
+        residual_degrees=table["residual_degrees"],
         warnings=tuple(_doubt_from_dict(one) for one in table["warnings"]),
     )
 
@@ -215,7 +227,7 @@ def _doubt_to_dict(doubt: Doubt) -> dict[str, Any]:
 
 
 def _doubt_from_dict(table) -> Doubt:
-    return Doubt(table["code"], table["cause"], table["material"])
+    return Doubt(table["code"], table["cause"], table["material"], table["advice"])
 
 
 def _profile_from_dict(table) -> Profile:

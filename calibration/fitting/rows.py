@@ -213,20 +213,23 @@ def _padded(values: np.ndarray) -> np.ndarray:
     return np.concatenate([values, np.repeat(values[-1:], size - len(values))])
 
 
-@partial(
-    jax.jit, static_argnames=("build", "takes_contact", "area", "free", "trees")
-)
+def _contact(leaves, moved, area: str) -> sj.Contact | None:
+    """The contact of a row, its moved leaves in their place; None where the data have none."""
+    if leaves is None:
+        return None
+    moved = {name.removeprefix(OF_CONTACT): value for name, value in moved.items()}
+    return sj.Contact(**{name: (leaves | moved)[name] for name in CONTACT_LEAVES}, area=area)
+
+
+@partial(jax.jit, static_argnames=("build", "takes_contact", "area", "free", "trees"))
 def _build(contact, values, build, takes_contact: bool, area: str, free, trees):
     """The leaves of the laws of many rows, and their slopes in the free local parameters."""
 
     def leaves_of(some, contact, values):
         every = with_trees(values | some, trees)
         of_contact = {n: every.pop(n) for n in list(every) if n.startswith(OF_CONTACT)}
-        if not takes_contact:
-            return jax.tree.leaves(build(**every))
-        moved = {name.removeprefix(OF_CONTACT): value for name, value in of_contact.items()}
-        leaves = {name: (contact | moved)[name] for name in CONTACT_LEAVES}
-        law = build(sj.Contact(**leaves, area=area), **every)
+        before = [_contact(contact, of_contact, area)] if takes_contact else []
+        law = build(*before, **every)
         return [jnp.asarray(leaf, float) for leaf in jax.tree.leaves(law)]
 
     def one(contact, values):

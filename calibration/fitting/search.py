@@ -97,7 +97,9 @@ class _Search:
             direction = method.propose(need & self.going, self.x, self.at)
             direction = np.where(self._frozen, 0.0, direction)
             longest = np.max(np.abs(direction) / self.unit, axis=1, initial=0.0)
-            length = np.where(need, np.minimum(1.0, LARGEST_STEP / np.maximum(longest, 1e-300)), length)
+            length = np.where(
+                need, np.minimum(1.0, LARGEST_STEP / np.maximum(longest, 1e-300)), length
+            )
             moved = self._try(length[:, None] * direction, length)
             refused = self.going & ~moved
             need = method.refused(refused) | moved

@@ -16,6 +16,7 @@ from calibration.fitting.law_model import (
     model_of_class,
     model_of_function,
 )
+from calibration.fitting.plan import ErrorPlan, plan_of
 from calibration.fitting.rows import Tree, numbers_in
 from calibration.fitting.zhou import EXTRA, LINE, zhou_model
 from calibration.parameters import Parameter, as_parameter
@@ -63,6 +64,7 @@ class SetSpec:
         model: its law.
         local: the law's parameters, free and held.
         trees: how the numbers of whole parameters make up pytrees.
+        extra_scatter, scale_uncertainty: as `fit` takes them.
     """
 
     data: RestitutionData
@@ -70,6 +72,13 @@ class SetSpec:
     model: LawModel
     local: tuple[Local, ...]
     trees: tuple[Tree, ...] = ()
+    extra_scatter: bool = False
+    scale_uncertainty: bool = False
+
+    @property
+    def plan(self) -> ErrorPlan:
+        """What of the errors is stated."""
+        return plan_of(self.data, self.extra_scatter, self.scale_uncertainty)
 
     @property
     def by_eps_up(self) -> bool:

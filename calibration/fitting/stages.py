@@ -9,14 +9,16 @@ import numpy as np
 import softjax as sj
 from calibration.fitting.losses import scale_of
 from calibration.fitting.methods import OPTIMISERS
-from calibration.fitting.noise import need_weights, weights
+from calibration.fitting.noise import first_weights, needs_weights, reweighed
 from calibration.fitting.problem import Problem
 from calibration.fitting.search import Found, search
+from calibration.fitting.set_errors import SetErrors
 from calibration.fitting.starts import best_starts, candidates
 
 REFINED = 3  # of the screened starts
 ROUNDS = 30
 SETTLED = 1e-7  # relative change of weights and scales
+ALIKE = 1e-5  # the same of variances, which are known far less well
 Progress = Callable[[str, int, int], None]
 CROSSING = "points keep crossing the critical velocity"
 
@@ -92,8 +94,8 @@ def run_stage(
     """
     begun = time.perf_counter()
     first = problem.elastic
-    problem = replace(problem, reweighed=weigh and need_weights(problem))
-    problem = problem.weighed(weights(problem, z)) if weigh else problem
+    problem = replace(problem, reweighed=weigh and needs_weights(problem))
+    problem = first_weights(problem, z) if weigh else problem
     places = candidates(problem, z, options.starts, options.seed)
     starts = best_starts(problem, places, REFINED)
     ends = _from_starts(problem, starts, options)
@@ -155,7 +157,9 @@ def _settle(problem: Problem, found: Found, options: Options) -> tuple[Found, Pr
         again = search(problem, found.z, options.optimiser, limit=options.max_steps)
         evaluations += again.evaluations
         found = replace(again, iterations=found.iterations + again.iterations)
-    if problem.elastic is not None and not np.array_equal(problem.elastic_at(found.z[0]), problem.elastic):
+    if problem.elastic is not None and not np.array_equal(
+        problem.elastic_at(found.z[0]), problem.elastic
+    ):
         found = replace(found, converged=np.array([False]), reason=(CROSSING,))
     return found, problem, evaluations
 
@@ -164,7 +168,7 @@ def _adapted(problem: Problem, z, options: Options) -> Problem:
     """The problem with what depends on z at its value there."""
     problem = problem.held(problem.elastic_at(z))
     if problem.reweighed:
-        problem = problem.weighed(weights(problem, z))
+        problem = reweighed(problem, z)
     if problem.loss != "squared":
         scale = scale_of(problem.raw_residuals(z[None])[0], problem.points.set) * options.loss_scale
         problem = replace(problem, scale=scale)
@@ -174,11 +178,31 @@ def _adapted(problem: Problem, z, options: Options) -> Problem:
 def _same(one: Problem, other: Problem) -> bool:
     if one.elastic is not None and not np.array_equal(one.elastic, other.elastic):
         return False
-    if not np.allclose(one.points.weight, other.points.weight, rtol=SETTLED, atol=0):
+    if not all(
+        np.allclose(a, b, rtol=SETTLED, atol=0)
+        for a, b in zip(one.points, other.points, strict=True)
+    ):
+        return False
+    if not _same_variances(one, other):
         return False
     if one.loss == "squared":
         return True
     return other.scale is not None and np.allclose(one.scale, other.scale, rtol=SETTLED, atol=0)
+
+
+def _same_variances(one: Problem, other: Problem) -> bool:
+    if one.shared is None or other.shared is None:
+        return one.shared is other.shared
+    return all(_alike(a, b) for a, b in zip(one.shared, other.shared, strict=True))
+
+
+def _alike(one: SetErrors, other: SetErrors) -> bool:
+    """Equal in what each variance adds to that of ε."""
+    scale = float(np.mean(one.diagonal))
+    parts = [(one.variance.get(k, 0.0), other.variance.get(k, 0.0)) for k in ("scatter", "group")]
+    return np.allclose(one.diagonal, other.diagonal, rtol=ALIKE) and all(
+        abs(a - b) <= ALIKE * scale for a, b in parts
+    )
 
 
 def _report(name, problem: Problem, found: Found, options, starts, evaluations) -> Stage:

@@ -46,7 +46,9 @@ def _range(problem: Problem, k: int, start: float) -> tuple[float, float]:
         low, high = problem.transform.lower[k], problem.transform.upper[k]
         size = abs(start) + 1e-3
         return max(start - size, low), min(start + size, high)
-    below, above = SPREAD.get(name, OF_A_CONTACT if name.startswith(OF_CONTACT) else (-DECADES, DECADES))
+    below, above = SPREAD.get(
+        name, OF_A_CONTACT if name.startswith(OF_CONTACT) else (-DECADES, DECADES)
+    )
     return start + below, start + above
 
 

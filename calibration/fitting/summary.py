@@ -15,8 +15,8 @@ from calibration.fitting.component_fit import ComponentFit
 from calibration.fitting.derived import derived_of
 from calibration.fitting.doubt import Doubt
 from calibration.fitting.estimate import Estimate
+from calibration.fitting.goodness import goodness_of
 from calibration.fitting.material import MaterialFit
-from calibration.fitting.noise import is_stated
 from calibration.fitting.problem import Problem
 from calibration.fitting.specs import SetSpec
 from calibration.fitting.suspicions import material_doubts
@@ -33,13 +33,8 @@ def summarise_material(
     place = fit.component.sets.index(g)
     spec, problem = fit.component.specs[place], fit.final.problem
     points = problem.points.set == place
-    found = problem.linearise(fit.z[None])
-    residual = (found.prediction[0][points]) - spec.data.restitution
-    deviation = fit.uncertainty.noise.deviation[0, points]
-    left = len(residual) - sum(g in e.sets for e in fit.component.elements)
-    reduced = None
-    if is_stated(spec.data) and left > 0:
-        reduced = float(np.sum((residual / deviation) ** 2) / left)
+    status = problem.as_measured().linearise(fit.z[None]).status[0][points]
+    good = goodness_of(fit, place)
     known_from, known_to = _known(fit, spec, g)
     values, labels = _values(fit, spec, g)
     part = MaterialFit(
@@ -51,24 +46,30 @@ def summarise_material(
         values=values,
         labels=labels,
         trees=spec.trees,
-        rms=float(np.sqrt(np.mean(residual**2))),
+        rms=float(np.sqrt(np.mean(good.residual**2))),
         rms_empirical=None,
         empirical=None,
-        reduced_chi_squared=reduced,
+        reduced_chi_squared=good.reduced_chi_squared,
         converged=fit.converged,
-        status=tuple(int(flag) for flag in found.status[0][points]),
+        status=tuple(int(flag) for flag in status),
         known_from=known_from,
         known_to=known_to,
-        noise=None if is_stated(spec.data) else float(np.mean(deviation)),
+        variances=good.variances,
+        timing=good.timing,
+        standardised=tuple(map(float, good.standardised)),
+        leverage=tuple(map(float, good.leverage)),
+        residual_degrees=good.left,
     )
     rms_empirical, empirical, apart = _eq_17(fit, spec, part, g)
     part = replace(part, rms_empirical=rms_empirical, empirical=empirical)
     own = [d for d in shared if d.material == spec.data.name] + apart
-    own += material_doubts(part, residual, left, deviation)
+    own += material_doubts(part, good.residual, fit.final.problem.plans[place])
     return replace(part, warnings=tuple(own))
 
 
-def _parameters(fit: ComponentFit, spec: SetSpec, g: int, estimates, known_to) -> dict[str, Estimate]:
+def _parameters(
+    fit: ComponentFit, spec: SetSpec, g: int, estimates, known_to
+) -> dict[str, Estimate]:
     """Those that were free, and those that were held; numbers of a whole parameter left out."""
     found = {}
     for local in spec.local:

@@ -3,14 +3,17 @@
 import numpy as np
 
 import softjax as sj
+from calibration.data import plausibility
 from calibration.fitting import doubt as doubts
 from calibration.fitting.component_fit import ComponentFit
 from calibration.fitting.doubt import Doubt
 from calibration.fitting.estimate import Estimate
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.minima import other_minima
-from calibration.fitting.noise import is_stated
+from calibration.fitting.plan import ErrorPlan
 from calibration.fitting.profiles import Profile
+
+ROUNDING = 1e-12  # of ε
 
 
 def shared_doubts(
@@ -88,26 +91,49 @@ def _separation(fit: ComponentFit, curves: dict[str, Profile]) -> list[Doubt]:
     return found
 
 
-def material_doubts(part: MaterialFit, residual, left: int, deviation) -> list[Doubt]:
+def _implausible(part: MaterialFit) -> list[Doubt | None]:
+    """What looks like a slip in the data."""
+    return [
+        Doubt(
+            "groups" if one.code == "groups" else "plausibility", one.cause, part.name, one.remedy
+        )
+        for one in plausibility(part.data)
+    ]
+
+
+def material_doubts(part: MaterialFit, residual, plan: ErrorPlan) -> list[Doubt]:
     """Doubts about one data set's curve.
 
     Args:
         residual: fitted less measured ε.
-        left: degrees of freedom.
-        deviation: standard deviation of ε at each point, where it was stated.
+        plan: what of the errors is stated.
     """
-    data, name = part.data, part.name
-    found = [Doubt("data", note, name) for note in data.notes if "above 1" in note]
-    if is_stated(data) and part.reduced_chi_squared is not None:
-        noise = float(np.sqrt(np.mean(deviation**2)))
-        found.append(doubts.misfit(part.rms, noise, part.reduced_chi_squared, left, name))
+    data, name, left = part.data, part.name, part.residual_degrees
+    found: list[Doubt | None] = [
+        Doubt("data", note, name) for note in data.notes if "above 1" in note
+    ]
+    found += _implausible(part)
+    if plan.stated and part.reduced_chi_squared is not None:
+        noise = float(np.sqrt(sum(part.variances.values())))
+        of_noise = None if data.degrees is None else float(np.mean(data.degrees))
+        reduced = part.reduced_chi_squared
+        found.append(doubts.misfit(part.rms, noise, reduced, left, of_noise, name))
     elif part.objective == "two-step" and part.rms_empirical is not None:
         n = part.n
         scatter = part.rms_empirical * np.sqrt(n / max(n - 2, 1))
         rms = part.rms * np.sqrt(n / max(left, 1))
         found.append(doubts.misfit_against_scatter(rms, scatter, max(left, 1), max(n - 2, 1), name))
-    found.append(doubts.runs(data.velocity, residual, name))
-    stated = deviation if is_stated(data) else None
+    standardised = np.array(part.standardised)
+    found.append(
+        doubts.runs(data.velocity, np.where(np.abs(residual) < ROUNDING, 0.0, standardised), name)
+    )
+    if np.max(np.abs(residual)) > ROUNDING:
+        found.append(
+            doubts.unequal_scatter(data.velocity, data.restitution + residual, standardised, name)
+        )
+        if not plan.shares:
+            found.append(doubts.alike_neighbours(data.velocity, standardised, name))
+    stated = data.uncertainty
     found.append(doubts.no_velocity_dependence(data.velocity, data.restitution, stated, name))
     found += doubts.statuses(part.status, data.velocity, name)
     if part.known_to < np.inf:

@@ -19,7 +19,7 @@ import softjax as sj
 from calibration.data import RestitutionData
 from calibration.errors import DataError
 from calibration.fitting.assembly import Component
-from calibration.fitting.noise import is_stated
+from calibration.fitting.plan import is_stated
 from calibration.fitting.problem import Element
 from calibration.fitting.request import Request, datasets_of
 from calibration.fitting.root import extended_root
@@ -74,7 +74,9 @@ class Traceable:
             left = self._curve(theta, component, k) - spec.data.restitution
             best = jnp.sqrt(jnp.mean(left**2))  # the noise of the largest likelihood
             deviation = self._deviation(theta, spec.data, best)
-            parts.append(-0.5 * (left / deviation) ** 2 - jnp.log(deviation) - 0.5 * math.log(2 * math.pi))
+            parts.append(
+                -0.5 * (left / deviation) ** 2 - jnp.log(deviation) - 0.5 * math.log(2 * math.pi)
+            )
         return jnp.concatenate(parts)
 
     def log_prior(self, theta: Mapping[str, Any]) -> Array:
@@ -109,7 +111,9 @@ class Traceable:
         spec, g = component.specs[k], component.sets[k]
         labels = {e.name: e.label for e in component.elements if g in e.sets}
         numbers = {
-            local.name: jnp.asarray(theta[labels[local.name]]) if local.name in labels else local.start
+            local.name: jnp.asarray(theta[labels[local.name]])
+            if local.name in labels
+            else local.start
             for local in spec.local
         }
         law = spec.model.law(spec.data.contact, with_trees(numbers, spec.trees))
@@ -161,4 +165,3 @@ def problem(
     elements = [e for component in components for e in component.elements]
     start = {e.label: e.start for e in elements}
     return Traceable(tuple(start), start, tuple(noises), tuple(components), route)
-

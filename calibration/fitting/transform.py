@@ -1,8 +1,8 @@
 """The one map between the search and physics: θ(z), element by element.
 
-    log      θ = lower + eᶻ, or upper - e^{-z} where only the upper end is finite
-    logit    θ = lower + (upper - lower)/(1 + e⁻ᶻ)
-    none     θ = z, kept within its bounds
+log      θ = lower + eᶻ, or upper - e^{-z} where only the upper end is finite
+logit    θ = lower + (upper - lower)/(1 + e⁻ᶻ)
+none     θ = z, kept within its bounds
 """
 
 import math

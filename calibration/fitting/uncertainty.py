@@ -10,9 +10,13 @@ stage's equations contain what the first gave, and the same noise enters both: t
 There A is the exact derivative of the gradient, curvature of the residuals included, because the
 model's misfit is no noise and does not average out.
 
+Where the noise is itself an estimate, C is a sum of parts, one for each variance, and a quantile is
+Student's with the degrees of freedom that these have together (Satterthwaite).
+
 All of it for many fits side by side; one fit is one of one.
 
-Source: Newey and McFadden, Handbook of Econometrics 4, 2111 (1994), section 6.
+Source: Newey and McFadden, Handbook of Econometrics 4, 2111 (1994), section 6; Satterthwaite,
+Biometrics Bulletin 2, 110 (1946).
 """
 
 from collections.abc import Sequence
@@ -21,6 +25,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from calibration.fitting.degrees import Parts, noise_parts
 from calibration.fitting.losses import influence
 from calibration.fitting.noise import Noise, noise_of
 from calibration.fitting.problem import Lanes, Problem
@@ -49,6 +54,7 @@ class Uncertainty:
         undetermined: elements that lie in a null direction.
         limits: elements held at an end of their range, +1 or -1, else 0.
         noise: the errors of ε that were used.
+        parts: of `covariance`, by the variances that are estimates.
     """
 
     covariance: Matrices
@@ -58,6 +64,7 @@ class Uncertainty:
     undetermined: Fits
     limits: Int[np.ndarray, "fits p"]
     noise: Noise
+    parts: Parts
 
     @property
     def known(self) -> Fits:
@@ -68,6 +75,11 @@ class Uncertainty:
     def errors(self) -> Float[np.ndarray, "fits p"]:
         """Standard errors in z."""
         return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
+
+    @property
+    def degrees(self) -> Float[np.ndarray, "fits p"]:
+        """Degrees of freedom of each standard error; infinite where the noise is known."""
+        return self.parts.along(np.eye(self.covariance.shape[1]))
 
 
 @dataclass(frozen=True)
@@ -87,9 +99,10 @@ def stacked(
         lanes: the restitutions that each fit is one to, where they differ.
     """
     lanes = lanes or Lanes()
-    noise = noise_of(stages[0].problem, z, lanes)
+    first_problem = stages[0].problem
+    noise = noise_of(first_problem, z, lanes)
     order = np.concatenate([stage.problem.active for stage in stages]).astype(int)
-    fits, size, points = len(z), len(order), stages[0].problem.count
+    fits, size, points = len(z), len(order), first_problem.count
     bread, prior = np.zeros((fits, size, size)), np.zeros((fits, size))
     scores = np.zeros((fits, points, size))
     nulls, limits = np.zeros((fits, size), bool), np.zeros((fits, size), int)
@@ -102,7 +115,7 @@ def stacked(
         held = stage.limits != 0
         plain = replace(problem, loss="squared").linearise(z, lanes).jacobian
         jacobian = np.where(held[:, None, :], 0.0, plain)
-        drawn = stages[0].problem if k and stages[0].problem.loss != "squared" else None
+        drawn = first_problem if k and first_problem.loss != "squared" else None
         if k or problem.loss != "squared":
             bread[:, columns] = _gradient_slope(problem, z, order, drawn, lanes)
         else:
@@ -113,16 +126,22 @@ def stacked(
         told = diagnose(jacobian, held)
         rank, condition = rank + told[0], np.maximum(condition, told[1])
         nulls[:, columns], limits[:, columns] = told[2], stage.limits
-        seen = _along_seen(jacobian, spread) if len(stages) == 1 and problem.loss == "squared" else None
+        seen = (
+            _along_seen(jacobian, spread)
+            if len(stages) == 1 and problem.loss == "squared"
+            else None
+        )
     middle = np.swapaxes(scores, 1, 2) @ scores + prior[:, :, None] * np.eye(size)
-    covariance = _sandwich(bread, middle, nulls | (limits != 0))
-    scaled = stages[0].problem.transform.kind[order] != NONE
+    inverse = _inverse(bread, nulls | (limits != 0))
+    covariance = _sandwich(inverse, middle, nulls | (limits != 0))
+    scaled = first_problem.transform.kind[order] != NONE
     error = np.diagonal(covariance, axis1=1, axis2=2)
     nulls |= scaled & (limits == 0) & ~(error < NO_ERROR**2)
     seen = np.nan_to_num(covariance) if seen is None else seen
     back = np.argsort(order)
-    turned = (a[:, back][:, :, back] for a in (covariance, seen))
-    return Uncertainty(*turned, rank, condition, nulls[:, back], limits[:, back], noise)
+    turned = [a[:, back][:, :, back] for a in (covariance, seen)]
+    parts = noise_parts(first_problem, z, noise, scores, inverse).turned(back)
+    return Uncertainty(*turned, rank, condition, nulls[:, back], limits[:, back], noise, parts)
 
 
 def _along_seen(jacobian, spread) -> Matrices:
@@ -138,8 +157,11 @@ def _along_seen(jacobian, spread) -> Matrices:
 def _score_spread(problem: Problem, z, noise: Noise, lanes: Lanes) -> Float[np.ndarray, "fits n"]:
     """Standard deviation of what noise adds to each point's equation, over its Jacobian's row.
 
-    Least squares: w u. A robust loss lets an outlier add no more than its ψ: the mean of ψ².
+    Least squares: w u; one where points are whitened. A robust loss lets an outlier add no more than
+    its ψ: the mean of ψ².
     """
+    if problem.shared is not None:
+        return np.ones(noise.deviation.shape)
     weighted = problem.points.weight * noise.deviation
     if problem.loss == "squared":
         return weighted
@@ -207,22 +229,28 @@ def diagnose(jacobian: Float[np.ndarray, "fits m p"], held: Fits):
     return np.sum(seen, axis=1), condition, ~held & (silent | (share > NULL_SHARE))
 
 
-def _sandwich(bread: Matrices, middle: Matrices, left_out: Fits) -> Matrices:
-    """A⁻¹ M A⁻ᵀ on what is determined; NaN on the rest."""
+def _inverse(bread: Matrices, left_out: Fits) -> Matrices:
+    """A⁻¹ on what is determined, 0 on the rest."""
     both = left_out[:, :, None] | left_out[:, None, :]
-    eye = np.eye(bread.shape[1])
-    a = np.where(both, eye, bread)
+    a = np.where(both, np.eye(bread.shape[1]), bread)
     size = np.sqrt(np.abs(np.diagonal(a, axis1=1, axis2=2)))
     size = np.where(size > 0, size, 1.0)
     outer = size[:, :, None] * size[:, None, :]
-    inverse = np.linalg.pinv(a / outer, rcond=1e-16) / outer
-    covariance = inverse @ np.where(both, 0.0, middle) @ np.swapaxes(inverse, 1, 2)
-    return np.where(both, np.nan, covariance)
+    return np.where(both, 0.0, np.linalg.pinv(a / outer, rcond=1e-16) / outer)
 
 
-def quantile(confidence: float, degrees: float | None) -> float:
-    """Two-sided: Student's t, or the normal one where the noise is known."""
+def _sandwich(inverse: Matrices, middle: Matrices, left_out: Fits) -> Matrices:
+    """A⁻¹ M A⁻ᵀ; NaN on what is not determined."""
+    both = left_out[:, :, None] | left_out[:, None, :]
+    return np.where(both, np.nan, inverse @ middle @ np.swapaxes(inverse, 1, 2))
+
+
+def quantile(confidence: float, degrees: float | np.ndarray | None):
+    """Two-sided: Student's t, or the normal one where the noise is known (None, or infinite)."""
     from scipy import special
 
     at = 0.5 * (1 + confidence)
-    return float(special.ndtri(at) if degrees is None else special.stdtrit(degrees, at))
+    if degrees is None:
+        return float(special.ndtri(at))
+    found = np.where(np.isinf(degrees), special.ndtri(at), special.stdtrit(degrees, at))
+    return float(found) if found.ndim == 0 else found
