@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any
 
 from calibration.atomic import check_writable, files_into
+from calibration.choices import CHOICES, NUMBERS, OPTIONS
 from calibration.errors import InputError
 from calibration.progress import Progress
-from calibration.problem_file import CHOICES, NUMBERS, OPTIONS
 
 WORDS = ("law", "objective", "optimiser", "route", "loss", *OPTIONS)
 PICTURES = {

@@ -1,11 +1,13 @@
 """Impact velocities, block by block: a grid that is never held whole, or a column of a file."""
 
 import io
+import math
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import TextIO
 
@@ -95,21 +97,30 @@ class Column:
             if first is None:
                 raise InputError(self.name, None, "no velocities", "one number a line is needed")
             column, unit = self._header(*first)
-            if column is None:
-                column, lines = 0, _chained(first, lines)
             mark = _delimiter(first[1])
-            rows = 0
-            while block := list(islice(lines, size)):
-                rows += len(block)
-                yield in_si(self._numbers(block, column, mark), unit)
-            if not rows:
+            below = lines if column is not None else chain([first], lines)
+            values = (self._velocity(line, text, column or 0, mark) for line, text in below)
+            block = np.fromiter(islice(values, size), float)
+            if not len(block):
                 accepted = "one number a line is needed below the header"
                 raise InputError(self.name, first[0], "no velocities", accepted)
+            while len(block):
+                yield in_si(block, unit)
+                block = np.fromiter(islice(values, size), float)
 
-    def _open(self) -> TextIO:
+    @contextmanager
+    def _open(self) -> Iterator[TextIO]:
         if self.path == "-":
-            # not closed with the block: standard input is not ours
-            return io.TextIOWrapper(_Kept(sys.stdin.buffer), encoding="utf-8-sig")  # type: ignore[type-var]
+            text = io.TextIOWrapper(sys.stdin.buffer, encoding="utf-8-sig")
+            try:
+                yield text
+            finally:
+                text.detach()  # standard input is not ours to close
+        else:
+            with self._opened() as file:
+                yield file
+
+    def _opened(self) -> TextIO:
         try:
             return Path(self.path).open(encoding="utf-8-sig")
         except FileNotFoundError:
@@ -122,7 +133,7 @@ class Column:
     def _header(self, line: int, text: str) -> tuple[int | None, Fraction]:
         """Position of the velocity and its unit; None where the line is already a number."""
         cells = [cell.strip() for cell in text.split(_delimiter(text))]
-        if _is_number(cells[0]) and len(cells) == 1:
+        if len(cells) == 1 and _is_number(cells[0]):
             return None, Fraction(1)
         for position, cell in enumerate(cells):
             try:
@@ -134,44 +145,15 @@ class Column:
         problem = f"no column named velocity in {text!r}"
         raise InputError(self.name, line, problem, "one number a line, or a header with velocity")
 
-    def _numbers(self, block: list[tuple[int, str]], column: int, mark: str) -> Block:
+    def _velocity(self, line: int, text: str, column: int, mark: str) -> float:
         try:
-            values = np.array([text.split(mark)[column] for _, text in block]).astype(float)
+            value = float(text.split(mark)[column])
         except (ValueError, IndexError):
-            raise self._refusal(block, column, mark) from None
-        wrong = ~(np.isfinite(values) & (values >= 0))
-        if np.any(wrong):
-            raise self._refused(*block[int(np.argmax(wrong))])
-        return values
-
-    def _refusal(self, block, column: int, mark: str) -> InputError:
-        """The first line that is no number."""
-        for line, text in block:
-            cells = text.split(mark)
-            if len(cells) <= column or not _is_number(cells[column]):
-                return self._refused(line, text)
-        raise AssertionError("every line is a number")
-
-    def _refused(self, line: int, text: str) -> InputError:
-        return InputError(
-            self.name, line, f"{text!r} holds no velocity", "a finite number of 0 m/s or more"
-        )
-
-
-class _Kept(io.BufferedIOBase):
-    """A stream that stays open when its reader is closed."""
-
-    def __init__(self, stream):
-        self._stream = stream
-
-    def readable(self) -> bool:
-        return True
-
-    def read(self, size: int = -1) -> bytes:
-        return self._stream.read(size)
-
-    def read1(self, size: int = -1) -> bytes:
-        return self._stream.read1(size)
+            value = math.nan
+        if not 0 <= value < math.inf:
+            problem = f"{text!r} holds no velocity"
+            raise InputError(self.name, line, problem, "a finite number of 0 m/s or more")
+        return value
 
 
 def _numbered(file: TextIO, name: str) -> Iterator[tuple[int, str]]:
@@ -184,11 +166,6 @@ def _numbered(file: TextIO, name: str) -> Iterator[tuple[int, str]]:
                 yield line, stripped
     except UnicodeDecodeError:
         raise InputError(name, line + 1, "is not UTF-8 text", "save it as UTF-8") from None
-
-
-def _chained(first, rest):
-    yield first
-    yield from rest
 
 
 def _delimiter(text: str) -> str:

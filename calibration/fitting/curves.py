@@ -115,6 +115,14 @@ def propagated(slope: Float[np.ndarray, "n p"], covariance: Float[np.ndarray, "p
     return np.sqrt(np.maximum(variance, 0.0))
 
 
+def yield_velocity(law: sj.ContactLaw) -> float | None:
+    """v [m/s] from which on a law's impacts yield; None without, or with one for each impact."""
+    if not isinstance(law, sj.RateIndependentLaw):
+        return None
+    velocity = np.asarray(law.elastic_velocity())
+    return float(velocity) if velocity.ndim == 0 and 0 < velocity < np.inf else None
+
+
 def as_empirical(material: MaterialFit) -> MaterialFit:
     """Eq. (17) against the same points, as a fit of its own.
 

@@ -18,7 +18,8 @@ from calibration.fitting.freedom import Freedom
 from calibration.fitting.likelihood import Likelihood
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.profiles import Profile
-from calibration.fitting.refits import Bootstrap, LeaveOneOut, bootstrap, leave_one_out
+from calibration.fitting.left_out import LeaveOneOut, leave_one_out
+from calibration.fitting.refits import Bootstrap, bootstrap
 from calibration.fitting.request import Request
 from calibration.fitting.result_json import dumps, read_result, result_to_dict
 from calibration.fitting.result_text import fit_text

@@ -137,7 +137,10 @@ def stacked(
     scaled = first_problem.transform.kind[order] != NONE
     error = np.diagonal(covariance, axis1=1, axis2=2)
     nulls |= scaled & (limits == 0) & ~(error < NO_ERROR**2)
-    seen = np.nan_to_num(covariance) if seen is None else seen
+    if seen is None:
+        seen = np.nan_to_num(covariance)
+    else:  # what is known for sure is known whatever lies along the null directions
+        covariance = np.where(np.isnan(covariance), np.nan, seen)
     back = np.argsort(order)
     turned = [a[:, back][:, :, back] for a in (covariance, seen)]
     parts = noise_parts(first_problem, z, noise, scores, inverse).turned(back)
@@ -185,7 +188,14 @@ def winsorised(first: Problem, z, lanes: Lanes | None = None) -> Float[np.ndarra
 
 
 def _gradient_slope(problem: Problem, z, order, drawn: Problem | None, lanes: Lanes) -> Matrices:
-    """∂(Jᵀr)/∂z of a stage's own elements, along all of `order`.
+    """∂(Jᵀr)/∂z of a stage's own elements, along all of `order`."""
+    return np.sum(gradient_slopes(problem, z, order, drawn, lanes), axis=1)
+
+
+def gradient_slopes(
+    problem: Problem, z, order, drawn: Problem | None = None, lanes: Lanes | None = None
+) -> Float[np.ndarray, "fits m own p"]:
+    """∂(J_i r_i)/∂z of each residual: what it adds to the slope of a stage's own equations.
 
     `drawn` is the robust stage that winsorised the data of this one.
 
@@ -199,14 +209,15 @@ def _gradient_slope(problem: Problem, z, order, drawn: Problem | None, lanes: La
     for k, position in enumerate(order):
         places[:, k, :, position] += steps[:, k, None] * SIDES
     flat = places.reshape(fits * size * 4, -1)
-    repeated = lanes.some(np.repeat(np.arange(fits), size * 4))
+    repeated = (lanes or Lanes()).some(np.repeat(np.arange(fits), size * 4))
     if drawn is not None:
         repeated = Lanes(restitution=winsorised(drawn, flat, repeated))
     found = problem.linearise(flat, repeated)
-    gradient = np.einsum("fmp,fm->fp", found.jacobian, found.residual)
-    far_down, down, up, far_up = np.moveaxis(gradient.reshape(fits, size, 4, -1), 2, 0)
-    slope = (8 * (up - down) - (far_up - far_down)) / (12 * steps)[:, :, None]
-    return np.swapaxes(slope, 1, 2)
+    gradient = found.jacobian * found.residual[:, :, None]
+    shaped = gradient.reshape(fits, size, 4, *gradient.shape[1:])
+    far_down, down, up, far_up = np.moveaxis(shaped, 2, 0)
+    slope = (8 * (up - down) - (far_up - far_down)) / (12 * steps)[:, :, None, None]
+    return np.moveaxis(slope, 1, 3)
 
 
 def diagnose(jacobian: Float[np.ndarray, "fits m p"], held: Fits):

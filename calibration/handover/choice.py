@@ -158,9 +158,7 @@ def _tried(key: str, wanted: Wanted, carrier: Carrier, order: Order) -> Choice:
     error = float(np.max(np.abs(impacts.coefficient - wanted.restitution)))
     label = LABELS.get(key, f"{type(wanted.law).__name__}'s law itself")
     steps = _steps(law, impacts, error, order)
-    return Choice(
-        key, label, law, carrier, _stretch(impacts, wanted, order), impacts, error, steps
-    )
+    return Choice(key, label, law, carrier, _stretch(impacts, wanted, order), impacts, error, steps)
 
 
 def _law(key: str, wanted: Wanted, carrier: Carrier) -> Any:

@@ -6,7 +6,6 @@ gives the largest overlap asked for at the fastest impact.
 """
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline

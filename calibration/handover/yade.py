@@ -14,8 +14,8 @@ from typing import Any
 
 import softjax as sj
 from calibration.handover.choice import HEADER, INPUT, ITSELF, Carrier
-from calibration.handover.exported import Draft
 from calibration.handover.damping import fraction_of, set_restitution
+from calibration.handover.exported import Draft
 from calibration.handover.softer import softened
 from calibration.handover.templates import filled, template
 from calibration.handover.wanted import number_of

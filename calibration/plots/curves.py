@@ -7,8 +7,9 @@ import numpy as np
 from matplotlib.axes import Axes
 
 import softjax as sj
+from calibration.data import RestitutionData
 from calibration.fitting.assembly import label_of_law
-from calibration.fitting.curves import as_empirical, curve_and_slopes
+from calibration.fitting.curves import as_empirical, curve_and_slopes, yield_velocity
 from calibration.plots import style
 from calibration.plots.lines import Line, band_of
 
@@ -46,7 +47,8 @@ def plot_curve(
     _fitted(ax, result, fit, velocity, scale)
     for line in lines:
         _beside(ax, line, velocity, scale)
-    _data(ax, fit, scale)
+    plot_data(ax, fit.data, scale)
+    _flagged(ax, fit, scale)
     _mark_yield(ax, fit, scale)
     if logarithmic:
         style.logarithmic_x(ax)
@@ -113,27 +115,33 @@ def _fitted(ax: Axes, result, fit, velocity, scale) -> None:
     share = f"{100 * result.confidence:g} %"
     wide = result.band(velocity, fit.name, kind="prediction")
     look: dict[str, Any] = {"color": style.BLUE, "linewidth": 0}
-    ax.fill_between(x, wide.low, wide.high, alpha=0.1, label=f"{share}, one more measurement", **look)
+    ax.fill_between(
+        x, wide.low, wide.high, alpha=0.1, label=f"{share}, one more measurement", **look
+    )
     ax.fill_between(x, band.low, band.high, alpha=0.3, label=f"{share}, of the mean", **look)
 
 
-def _data(ax: Axes, fit, scale) -> None:
-    data = fit.data
-    x = data.velocity / scale
+def plot_data(ax: Axes, data: RestitutionData, scale: float = 1.0) -> None:
+    """Measured ε with its error bars over v/scale."""
     ax.errorbar(
-        x,
+        data.velocity / scale,
         data.restitution,
         yerr=data.uncertainty,
         xerr=None if data.velocity_uncertainty is None else data.velocity_uncertainty / scale,
         label="data",
         **_marks(style.BLACK, "o"),
     )
+
+
+def _flagged(ax: Axes, fit, scale) -> None:
+    """Crosses over the points at which the law's status is not plain."""
+    x = fit.data.velocity / scale
     status = np.asarray(fit.status, int)  # empty for a curve that no law is behind
     flagged = np.flatnonzero(status & FLAGGED)
     if len(flagged):
         ax.plot(
             x[flagged],
-            data.restitution[flagged],
+            fit.data.restitution[flagged],
             linestyle="none",
             marker="x",
             color=style.VERMILION,
@@ -154,8 +162,8 @@ def _marks(color: str, marker: str) -> dict[str, Any]:
 
 
 def _mark_yield(ax: Axes, fit, scale) -> None:
-    """A line at v_cr where it lies inside the data."""
-    critical = _critical_velocity(fit)
+    """A line where the law's impacts begin to yield, if that is inside the data."""
+    critical = yield_velocity(fit.law)
     low, high = np.min(fit.data.velocity), np.max(fit.data.velocity)
     if critical is not None and low < critical < high:
         ax.axvline(
@@ -163,7 +171,7 @@ def _mark_yield(ax: Axes, fit, scale) -> None:
             color=style.GREY,
             linestyle=":",
             linewidth=1,
-            label=r"$v_\mathrm{cr}$, first yield",
+            label="first yield",
         )
 
 

@@ -12,9 +12,11 @@ from calibration.plots.correlation import plot_correlations
 from calibration.plots.curves import ORDER, plot_curve, plot_residuals
 from calibration.plots.lines import Line
 from calibration.plots.profiles import plot_profile
+from calibration.report import symbols
 
 PANEL = (4.2, 4.4)  # inches, residuals included
 LEGEND_ROW = 0.25  # inches
+CELL = 0.95  # inches, of two parameters' ellipse
 
 
 def curves_figure(
@@ -67,25 +69,48 @@ def profiles_figure(result: Any) -> Figure | None:
 
 
 def correlation_figure(result: Any) -> Figure | None:
-    """The correlations of the fitted parameters; None where fewer than two are fitted."""
-    whole = {tree.name for fit in result.materials for tree in fit.trees}
-    names = result.covariance_names
-    order = [i for i in _by_material(result, names) if names[i].partition("[")[0] not in whole]
-    if len(order) < 2:
+    """How the fitted parameters depend on each other; None where no data set has two of them.
+
+    A panel a data set; data sets that share parameters have one together.
+    """
+    blocks = [block for block in _blocks(result) if len(block[1]) > 1]
+    if not blocks:
         return None
-    matrix = result.correlations[np.ix_(order, order)]
-    size = 3.0 + 0.45 * len(order)
-    figure = style.new_figure(size + 0.8, size)
-    names = tuple(names[i] for i in order)
-    plot_correlations(matrix, names, figure.add_subplot(), _model(result, names[0]))
+    rows, columns = style.grid_shape(len(blocks))
+    size = 0.8 + CELL * max(len(labels) for _, labels in blocks)
+    figure = style.new_figure(size * columns, (size + LEGEND_ROW) * rows)
+    grid = figure.subplots(rows, columns, squeeze=False)
+    place = {label: k for k, label in enumerate(result.covariance_names)}
+    for ax, (owner, labels) in zip(grid.flat, blocks, strict=False):
+        order = [place[label] for label in labels]
+        names = [_symbol(result, label, not owner) for label in labels]
+        told = [str(_estimate(result, label)) for label in labels]
+        plot_correlations(result.correlations[np.ix_(order, order)], names, ax, told)
+        ax.set_title(style.plain(owner))
+    _remove_empty(grid)
     return figure
 
 
-def _by_material(result: Any, names: Sequence[str]) -> list[int]:
-    """Positions of the parameters, those of each material together."""
-    place = {fit.name: i for i, fit in enumerate(result.materials)}
-    owners = [name.partition("[")[2].rstrip("]") for name in names]
-    return sorted(range(len(names)), key=lambda i: place.get(owners[i], len(place)))
+def _blocks(result: Any) -> list[tuple[str, list[str]]]:
+    """(data set, labels) of parameters that belong together; "" for several data sets, or the only one.
+
+    The numbers of a network are no parameters that anybody reads.
+    """
+    blocks: list[tuple[list[str], list[str]]] = []
+    for fit in result.materials:
+        owners = [fit.name]
+        labels = [label for name, label in fit.labels.items() if "[" not in name]
+        for block in [block for block in blocks if set(block[1]) & set(labels)]:
+            blocks.remove(block)
+            owners, labels = block[0] + owners, list(dict.fromkeys(block[1] + labels))
+        blocks.append((owners, labels))
+    alone = len(result.materials) == 1
+    return [(names[0] if len(names) == 1 and not alone else "", of) for names, of in blocks]
+
+
+def _symbol(result: Any, label: str, with_owner: bool) -> str:
+    name = label if with_owner else label.partition("[")[0]
+    return symbols.math(name, _model(result, label), unit=False)
 
 
 def _join(upper: Axes, lower: Axes, fit: Any, column: int) -> None:
@@ -96,7 +121,7 @@ def _join(upper: Axes, lower: Axes, fit: Any, column: int) -> None:
     upper.tick_params(labelbottom=False)
     upper.set_xlabel("")
     mark = "" if fit.converged else " (NOT CONVERGED)"
-    upper.set_title(f"{fit.name}{mark}")
+    upper.set_title(f"{style.plain(fit.name)}{mark}")
     if column:
         upper.set_ylabel("")
         lower.set_ylabel("")

@@ -11,6 +11,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
+from calibration.errors import printable
+
 # M. Okabe and K. Ito, Color Universal Design (2008)
 BLACK = "#000000"
 ORANGE = "#E69F00"
@@ -40,6 +42,12 @@ def axes_or_new(ax: Axes | None, width: float = 5.0, height: float = 4.0) -> Axe
 def save(figure: Figure, path: str | Path) -> None:
     """Write a PNG; nothing in it tells when, so that equal figures are equal files."""
     figure.savefig(path, dpi=DPI, metadata={"Software": None})
+
+
+def plain(text: str) -> str:
+    """A name as it is: Matplotlib reads formulas between dollars, and no label that begins with _."""
+    text = printable(text).replace("$", r"\$")
+    return f"\N{ZERO WIDTH SPACE}{text}" if text.startswith("_") else text
 
 
 def grid_shape(count: int, most_columns: int = 3) -> tuple[int, int]:

@@ -2,6 +2,7 @@
 
 from typing import Any, NamedTuple
 
+from calibration.errors import printable
 from calibration.fitting.law_model import CONTACT_LEAVES, OF_CONTACT
 
 
@@ -13,6 +14,8 @@ class Symbol(NamedTuple):
 
 MATH = {
     "χ̃": r"$\tilde\chi$",
+    "μ": r"$\mu$",
+    "ρ": r"$\rho$",
     "σ": r"$\sigma$",
     "ψ": r"$\psi$",
     "ε": r"$\varepsilon$",
@@ -39,8 +42,14 @@ def symbol(name: str, model: Any = None) -> Symbol:
         letter, unit = declared.symbol, declared.unit
     else:
         letter, unit = DERIVED.get(name, (name, ""))
+    return Symbol(letter, in_math(letter), "" if unit == "-" else unit)
+
+
+def in_math(written: str) -> str:
+    """A symbol for matplotlib; what stands behind it ("E wall", "χ̃[nylon]") is kept."""
+    letter = written.partition(" ")[0].partition("[")[0]
     plain = f"${letter}$" if len(letter) == 1 and letter.isascii() else letter.replace("_", " ")
-    return Symbol(letter, MATH.get(letter, plain), "" if unit == "-" else unit)
+    return MATH.get(letter, plain) + written.removeprefix(letter)
 
 
 def text(name: str, model: Any = None) -> str:
@@ -53,5 +62,7 @@ def math(label: str, model: Any = None, unit: bool = True) -> str:
     """The same for matplotlib; of `chi[nylon]` the data set's name behind a comma."""
     name, _, owner = label.partition("[")
     one = symbol(name, model)
-    name = f"{one.math}, {owner[:-1]}" if owner else one.math
+    # between dollars are formulas
+    shown = printable(owner.removesuffix("]")).replace("$", r"\$")
+    name = f"{one.math}, {shown}" if owner else one.math
     return name + (f" [{one.unit}]" if unit and one.unit else "")

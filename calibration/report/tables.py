@@ -3,12 +3,14 @@
 import unicodedata
 from collections.abc import Iterable, Sequence
 
+from calibration.errors import printable
+
 Row = Sequence[str]
 
 
 def aligned(header: Row, rows: Iterable[Row], right: Sequence[int] = ()) -> list[str]:
     """Lines of columns two spaces apart; columns named in `right` end on a common edge."""
-    table = [list(header), *map(list, rows)]
+    table = [[printable(cell) for cell in row] for row in (header, *rows)]
     widths = [max(map(width, column)) for column in zip(*table, strict=True)]
     lines = ["  ".join(map(_padded, row, widths, _ends(right, widths))) for row in table]
     rule = "  ".join("─" * w for w in widths)
@@ -22,7 +24,11 @@ def _ends(right: Sequence[int], widths: Sequence[int]) -> list[bool]:
 def markdown(header: Row, rows: Iterable[Row]) -> list[str]:
     """The same as a Markdown table."""
     lines = [header, ["---"] * len(header), *rows]
-    return ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in lines]
+    return ["| " + " | ".join(map(_cell, row)) + " |" for row in lines]
+
+
+def _cell(text: str) -> str:
+    return printable(text).replace("|", "\\|")
 
 
 def width(text: str) -> int:

@@ -10,139 +10,39 @@ and Gelman, Bayesian Anal. 13, 917 (2018).
 """
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from calibration.data import PAPER_NOTE, RestitutionData
-from calibration.errors import DataError
+from calibration.data import RestitutionData
+from calibration.errors import DataError, printable
 from calibration.fitting.door import fit
-from calibration.fitting.known_laws import KNOWN, LAWS, WITHOUT_CONTACT
-from calibration.fitting.refits import LeaveOneOut
-from calibration.fitting.request import datasets_of
-from calibration.fitting.request_json import law_name
-from calibration.fitting.result import FitResult
+from calibration.studies.candidates import Candidate, chosen, missing_laws
+from calibration.studies.comparison import Comparison, Difference, Entry
 
 FEWEST = 6  # points: three parameters, one point left out, and something to judge by
-TIE = 2.0  # standard errors of a difference
-STACKING_ROUNDS = 2000
-MADE_BY_EQ_17 = (
-    "These data are Eq. (17) itself: its residuals are rounding and say nothing for it. The others "
-    "show how near a law comes to that formula."
+SAME_CURVE = 1e-6  # of ε at every point
+STACKING_ROUNDS = 5000
+SETTLED = 1e-10  # of a weight, between two rounds
+EXACT = (
+    "{} follows the data exactly: they have no noise, and its score says nothing. The others show "
+    "how near a law comes to it."
 )
-FIXED_YIELD = "thornton, p_y = Y"  # Thornton's law without a free parameter
+TO_FIRST_ORDER = (
+    "So many points were left out to first order, not by fitting again: exact for a law that is "
+    "linear in its parameters."
+)
 Watch = Callable[[Iterable, str], Iterable]
-
-
-@dataclass(frozen=True, eq=False)
-class Entry:
-    """What became of one law.
-
-    Attributes:
-        key: its name in files.
-        label: what tables and pictures call it.
-        result: its fit.
-        left_out: each point predicted by the fit without it.
-        behind: elpd less that of the best law, and the standard error of that difference.
-        weight: in the mixture that predicts best.
-    """
-
-    key: str
-    label: str
-    result: FitResult
-    left_out: LeaveOneOut
-    behind: tuple[float, float] = (0.0, 0.0)
-    weight: float = 0.0
-
-    @property
-    def tie(self) -> bool:
-        """Whether it predicts as well as the best, within the error of the difference."""
-        difference, error = self.behind
-        return difference > -TIE * error or difference == 0
-
-    @property
-    def converged(self) -> bool:
-        return self.result.converged and self.left_out.converged
-
-    @property
-    def fitted(self) -> int:
-        """How many parameters."""
-        return len(self.result.covariance_names)
-
-    @property
-    def remark(self) -> str:
-        """What a reader should know of the law."""
-        known = KNOWN.get(self.key)
-        if self.key == FIXED_YIELD:
-            return "Nothing to fit: contact yield pressure p_y = Y, Hertz's contact area."
-        return "" if known is None else known.remark
-
-
-@dataclass(frozen=True, eq=False)
-class Comparison:
-    """Laws fitted to one data set, the best first; prints itself.
-
-    Attributes:
-        data: what was fitted.
-        entries: one a law, by falling elpd.
-        left_out: why some laws are missing.
-        notes: what a reader of the ranking should know.
-        seconds: how long it took.
-    """
-
-    data: RestitutionData
-    entries: tuple[Entry, ...]
-    left_out: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
-    seconds: float = 0.0
-
-    @property
-    def ranking(self) -> list[str]:
-        """Labels, the best first."""
-        return [entry.label for entry in self.entries]
-
-    @property
-    def converged(self) -> bool:
-        return all(entry.converged for entry in self.entries)
-
-    def entry(self, label: str) -> Entry:
-        """The entry of a law, by its label or key.
-
-        Raises:
-            ValueError: naming the accepted labels.
-        """
-        for entry in self.entries:
-            if label in (entry.label, entry.key):
-                return entry
-        raise DataError("label", repr(label), f"one of {', '.join(map(repr, self.ranking))}")
-
-    def __getitem__(self, label: str) -> FitResult:
-        return self.entry(label).result
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.ranking)
-
-    def __str__(self) -> str:
-        width = max(map(len, self.ranking))
-        head = f"{'':{width}}  {'elpd':>9}  {'behind':>16}  {'left out':>9}  {'rms':>9}  weight"
-        lines = [f"{self.data.name}: {len(self.data)} points", head]
-        for e in self.entries:
-            behind = "best" if e is self.entries[0] else f"{e.behind[0]:.1f} ± {e.behind[1]:.1f}"
-            lines.append(
-                f"{e.label:{width}}  {e.left_out.elpd:9.1f}  {behind + ' tie' * (e.tie and e is not self.entries[0]):>16}"
-                f"  {e.left_out.rms:9.3g}  {e.result.rms:9.3g}  {e.weight:6.2f}"
-            )
-        return "\n".join([*lines, *self.notes])
 
 
 def compare(
     data: RestitutionData,
     laws: Sequence[Any] | Mapping[str, Any] | None = None,
     *,
-    parameters: Mapping[str, Any] | None = None,
+    parameters: Mapping[str, Mapping[str, Any]] | None = None,
     seed: int = 0,
     watch: Watch = lambda items, stage: items,
 ) -> Comparison:
@@ -150,8 +50,8 @@ def compare(
 
     Args:
         data: six points or more.
-        laws: names of `LAWS`, classes or functions that build a law, or {label: law}; all built-in
-            ones that the data allow where left out, Thornton's with and without its free factor.
+        laws: names of `LAWS` (and "thornton-fixed", p_y = Y), classes or functions that build a
+            law, or {label: law}; all built-in ones that the data allow where left out.
         parameters: {label or name: what is said of that law's parameters}, as `fit` takes it.
         seed: of the starts.
         watch: passes items on while it shows how many were gone through.
@@ -159,80 +59,103 @@ def compare(
     Returns:
         A `Comparison`, every entry a `FitResult` by `model`. Fits that did not converge are marked
         so, not raised. Points weigh as in the fits. Where the data have groups, all of a group is
-        left out together.
+        left out together, and standard errors are over groups. Of built-in laws that cannot be
+        fitted to these data `left_out` says why.
 
     Raises:
-        ValueError: for fewer points, or naming the law that cannot be used.
+        ValueError: for fewer points, or naming the law that was asked for and cannot be used.
+
+    Example:
+        >>> import calibration as cal
+        >>> comparison = cal.compare(cal.paper_materials()[2], ["zhou", "constant", "hertz"])
+        >>> comparison.ranking
+        ['Zhou', 'constant ε (hard spheres)', 'Hertz']
     """
     begun = time.perf_counter()
-    datasets_of(data)
+    if not isinstance(data, RestitutionData):
+        raise DataError("data", data, "one RestitutionData")
     if len(data) < FEWEST:
         raise data.refusal(f"{len(data)} points", f"a comparison needs {FEWEST} or more")
-    chosen, missing = _chosen(data, laws)
-    said = parameters or {}
+    candidates, left_out = chosen(laws, parameters), []
+    if laws is None:
+        without, reasons = missing_laws(data)
+        candidates, left_out = [c for c in candidates if c.key not in without], list(reasons)
     entries = []
-    for label, law in watch(list(chosen.items()), data.name):
-        own = {**_standing(label), **said.get(label, said.get(law_name(law) or "", {}))}
-        result = fit(data, law, own, profiles=False, seed=seed, unloading_line=None)
-        key = label if label == FIXED_YIELD else law_name(law) or label
-        entries.append(Entry(key, label, result, result.leave_one_out()))
+    for candidate in watch(candidates, printable(data.name)):
+        try:
+            entries.append(_entry(data, candidate, seed))
+        except ValueError as error:
+            if laws is not None:
+                raise data.refusal(
+                    f"{candidate.label}: {error}", "another law is needed"
+                ) from error
+            left_out.append(f"{candidate.label}: {error}")
+    if not entries:
+        raise data.refusal("no law can be fitted", "; ".join(left_out))
+    ranked = _ranked(entries)
     return Comparison(
-        data, _ranked(entries), missing, _notes(data), time.perf_counter() - begun
+        data, ranked, tuple(left_out), _notes(data, ranked), time.perf_counter() - begun
     )
 
 
-def _chosen(data: RestitutionData, laws) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """The laws by their labels, and why others are missing."""
-    if isinstance(laws, Mapping):
-        return dict(laws), ()
-    if laws is not None:
-        return {_label(law): law for law in laws}, ()
-    if data.contact is None:
-        why = ["without elastic properties no law of the contact of two bodies can be fitted"]
-        names = [name for name in WITHOUT_CONTACT if name != "eq-17" or data.limit_velocity is not None]
-        if len(names) < len(WITHOUT_CONTACT):
-            why.append("without a limit velocity Eq. (17) cannot be fitted either")
-        return {KNOWN[name].label: name for name in names}, tuple(why)
-    chosen = {known.label: name for name, known in KNOWN.items()}
-    return chosen | {FIXED_YIELD: "thornton"}, ()
-
-
-def _label(law: Any) -> str:
-    name = law_name(law)
-    return KNOWN[name].label if name in LAWS else str(name)
-
-
-def _standing(label: str) -> dict[str, Any]:
-    return {"yield_factor": 1.0} if label == FIXED_YIELD else {}
+def _entry(data: RestitutionData, candidate: Candidate, seed: int) -> Entry:
+    result = fit(
+        data, candidate.law, candidate.said, profiles=False, seed=seed, unloading_line=None
+    )
+    return Entry(candidate, result, result.leave_one_out())
 
 
 def _ranked(entries: list[Entry]) -> tuple[Entry, ...]:
-    """By falling elpd, each with its distance to the best and its weight."""
-    order = sorted(entries, key=lambda one: -np.nan_to_num(one.left_out.elpd, nan=-np.inf))
-    best = order[0].left_out.log_density
-    weights = stacking_weights(np.stack([one.left_out.log_density for one in order]))
+    """By falling elpd, each with its distance to the best and its weight; exact ones before them."""
+    exact = [one for one in entries if one.is_exact]
+    others = _with_same_curves([one for one in entries if not one.is_exact])
+    if not others:
+        return tuple(exact)
+    scores = {one.label: one.leave_one_out.elpd for one in others}
+    # laws of one curve differ by rounding, and stay in the order in which they were asked for
+    order = sorted(others, key=lambda one: -scores[one.same_as or one.label])
+    densities = np.stack([one.leave_one_out.log_density for one in order])
     ranked = []
-    for one, weight in zip(order, weights, strict=True):
-        apart = one.left_out.log_density - best
-        error = float(np.sqrt(len(apart) * np.var(apart)))
-        behind = (float(np.sum(apart)), error)
-        ranked.append(Entry(one.key, one.label, one.result, one.left_out, behind, float(weight)))
-    return tuple(ranked)
+    for one, weight in zip(order, stacking_weights(densities), strict=True):
+        apart = one.leave_one_out.log_density - densities[0]
+        behind = Difference(float(np.sum(apart)), one.leave_one_out.error_of_sum(apart))
+        ranked.append(replace(one, behind=behind, weight=float(weight)))
+    return (*exact, *ranked)
 
 
-def stacking_weights(density: Float[np.ndarray, "laws n"]) -> Float[np.ndarray, "laws"]:
-    """w >= 0, Σw = 1, that make Σ_i ln Σ_k w_k p_k(ε_i) largest, by expectation–maximisation."""
-    ratio = np.exp(density - np.max(density, axis=0))
-    weights = np.full(len(density), 1 / len(density))
+def _with_same_curves(entries: list[Entry]) -> list[Entry]:
+    """The same, each with the label of the first that has its curve."""
+    found: list[Entry] = []
+    for one in entries:
+        alike = (other.label for other in found if other.same_as is None and _agree(one, other))
+        found.append(replace(one, same_as=next(alike, None)))
+    return found
+
+
+def _agree(one: Entry, other: Entry) -> bool:
+    """Whether two laws predict every point alike."""
+    apart = one.leave_one_out.predicted - other.leave_one_out.predicted
+    return bool(np.max(np.abs(apart)) < SAME_CURVE)
+
+
+def stacking_weights(log_density: Float[np.ndarray, "laws n"]) -> Float[np.ndarray, "laws"]:
+    """w >= 0, Σw = 1, that make Σ_i ln Σ_k w_k p_k(ε_i) largest, by expectation–maximisation.
+
+    Laws with the same curve share its weight equally.
+    """
+    ratio = np.exp(log_density - np.max(log_density, axis=0))
+    weights = np.full(len(log_density), 1 / len(log_density))
     for _ in range(STACKING_ROUNDS):
         shares = weights[:, None] * ratio
         moved = np.mean(shares / np.sum(shares, axis=0), axis=1)
-        if np.max(np.abs(moved - weights)) < 1e-9:
+        if np.max(np.abs(moved - weights)) < SETTLED:
             return moved
         weights = moved
     return weights
 
 
-def _notes(data: RestitutionData) -> tuple[str, ...]:
-    made = (MADE_BY_EQ_17,) if PAPER_NOTE in data.remarks else ()
-    return (*data.notes, *made)
+def _notes(data: RestitutionData, entries: tuple[Entry, ...]) -> tuple[str, ...]:
+    exact = [entry.label for entry in entries if entry.is_exact]
+    made = (EXACT.format(" and ".join(exact)),) if exact else ()
+    continued = () if all(e.leave_one_out.exact for e in entries) else (TO_FIRST_ORDER,)
+    return (*data.notes, *made, *continued)

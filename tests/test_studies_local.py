@@ -1,12 +1,17 @@
 """Local sensitivities against high-precision differences, and what dimensions say of them."""
 
+from dataclasses import replace
+
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import calibration as cal
 import softjax as sj
-from calibration.sensitivities.inputs import Inputs, SphereAndWall, UnlikeSpheres, dimension
+from calibration.studies.inputs import Inputs, OfBodies, of_law
+from softjax.fields import Declared, array_field
 from tests.cases import FITTED, FORMS, MATERIALS, RADIUS, column, fitted, law_of, reference
+from tests.decay import Decay
 
 PROPERTIES = {  # the oracle's names
     "youngs_modulus": "E",
@@ -110,19 +115,19 @@ def test_modulus_and_poissons_ratio_act_through_one_number():
 
 
 @pytest.mark.parametrize(
-    ("build", "bodies", "radii"),
+    ("kind", "bodies", "radii"),
     [
-        (UnlikeSpheres(), ("_1", "_2"), {"radius_1": 0.01, "radius_2": 0.03}),
-        (SphereAndWall(), ("", "_wall"), {"radius": 0.01}),
+        ("unlike spheres", ("_1", "_2"), {"radius_1": 0.01, "radius_2": 0.03}),
+        ("wall", ("", "_wall"), {"radius": 0.01}),
     ],
 )
-def test_identities_hold_for_unlike_bodies_and_a_wall(build, bodies, radii):
+def test_identities_hold_for_unlike_bodies_and_a_wall(kind, bodies, radii):
     properties = {
         name + body: value
         for name, values in UNLIKE.items()
         for body, value in zip(bodies, values, strict=True)
     }
-    inputs = Inputs(properties | radii | {"chi": 0.5, "sigma": 0.4, "psi": 0.5}, build)
+    inputs = Inputs(properties | radii | {"chi": 0.5, "sigma": 0.4, "psi": 0.5}, OfBodies(kind))
     found = cal.sensitivity(inputs, VELOCITY)
     np.testing.assert_allclose(found.dimensional_sums(), 0, atol=1e-13)
     # the stronger body's yield strength plays no part, its modulus does
@@ -157,9 +162,85 @@ def test_ranking_names_the_strongest_first():
     assert dict(ranked)["chi"] == found.of("chi")[-1]
 
 
-def test_names_without_a_unit_are_known_as_such():
-    assert dimension("chi") == dimension("poisson_ratio_wall") == (0, 0, 0)
-    assert dimension("density_2") == (1, -3, 0)
+def test_symbols_and_units_are_those_that_the_fields_declare():
+    inputs = Inputs({}, lambda values: fitted("nylon"))
+    assert inputs.declared("density_2")[:2] == ("ρ 2", "kg/m³")
+    assert inputs.declared("poisson_ratio_wall")[:2] == ("μ wall", "-")
+    assert inputs.declared("chi")[:2] == ("χ̃", "-")
+    assert inputs.declared("velocity")[:2] == ("v", "m/s")
+
+
+def test_another_laws_sensitivities_follow_from_its_closed_form():
+    """Thornton: ε = √(6√3/5) √(1 - r²/6) [r/(r + 2 √(6/5 - r²/5))]^{1/4}, r = V_y/v.
+
+    So ε depends on v/V_y alone, and V_y ∝ p_y^{5/2} E*^{-2} ρ^{-1/2}.
+    """
+    nylon = MATERIALS["nylon"]
+    inputs = cal.of_spheres(nylon, RADIUS, sj.Thornton, area="hertz", yield_factor=1.6)
+    yields = float(inputs.law().elastic_velocity())
+    found = cal.sensitivity(inputs, [5.0, 50.0])
+
+    def restitution(v):
+        r = yields / v
+        inner = r / (r + 2 * np.sqrt(1.2 - 0.2 * r**2))
+        return np.sqrt(6 * np.sqrt(3) / 5) * np.sqrt(1 - r**2 / 6) * inner**0.25
+
+    h = 1e-5
+    v = found.velocity
+    in_v = (restitution(v * (1 + h)) - restitution(v * (1 - h))) / (2 * h)
+    np.testing.assert_allclose(found.coefficient, restitution(v), rtol=1e-10)
+    np.testing.assert_allclose(found.of("velocity"), in_v, atol=1e-8)
+    np.testing.assert_allclose(found.of("yield_factor"), -2.5 * in_v, atol=1e-7)
+    np.testing.assert_allclose(found.of("yield_strength"), -2.5 * in_v, atol=1e-7)
+    np.testing.assert_allclose(found.of("density"), 0.5 * in_v, atol=1e-7)
+    np.testing.assert_allclose(found.of("radius"), 0, atol=1e-12)
+    np.testing.assert_allclose(found.dimensional_sums(), 0, atol=1e-12)
+
+
+class Table(sj.HardSphereLaw):
+    """One number, and some that are whole."""
+
+    level: float
+    weights: np.ndarray = array_field()
+
+    def restitution_squared(self, velocity):
+        return self.level**2 * jnp.exp(-velocity * jnp.mean(self.weights))
+
+
+def test_what_is_whole_is_held_and_no_input():
+    inputs = of_law(Table(0.9, np.array([0.1, 0.2, 0.3])))
+    assert dict(inputs.values) == {"level": 0.9}
+    moved = inputs.build({"level": 0.5})
+    assert moved.level == 0.5
+    np.testing.assert_array_equal(moved.weights, [0.1, 0.2, 0.3])
+
+
+def test_names_that_two_of_a_laws_parts_share_are_told_apart():
+    class Sized(sj.HardSphereLaw):
+        contact: sj.Contact
+        radius: float
+
+        def restitution_squared(self, velocity):
+            return self.radius * jnp.exp(-velocity)
+
+    names = of_law(Sized(fitted("nylon").contact, 0.5)).values
+    assert {"radius", "contact.radius"} <= set(names)
+    assert names["radius"] == 0.5
+    assert names["contact.radius"] == pytest.approx(RADIUS / 2)
+
+
+def test_a_unit_that_nobody_knows_is_told():
+    found = replace(cal.sensitivity(fitted("nylon"), 2.0), declared={"x": Declared("x", "mile")})
+    with pytest.raises(ValueError, match="unit of x"):
+        found.dimensional_sums()
+
+
+def test_a_fits_inputs_are_those_of_its_law():
+    v = np.linspace(1.0, 9.0, 9)
+    data = cal.RestitutionData(v, 0.9 * np.exp(-0.05 * v), name="balls")
+    result = cal.fit(data, Decay, profiles=False)
+    found = cal.sensitivity(result, [2.0], material="balls")
+    np.testing.assert_allclose(found.of("rate"), -0.1 * 0.9 * np.exp(-0.1), rtol=1e-6)
 
 
 @pytest.mark.parametrize(

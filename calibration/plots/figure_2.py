@@ -17,10 +17,11 @@ TITLE = "Fig. 2 of Zhou (2013) again; data: Eq. (17) with Table 1's σ, ψ, a pu
 def fit_materials(progress: Any = None):
     """χ̃ of the three materials by `two-step`: σ and ψ of Eq. (17), then χ̃ of the model."""
     from calibration.data.paper import paper_materials
-    from calibration.fitting import fit
+    from calibration.fitting.door import fit
 
     return fit(
         paper_materials(),
+        objective="two-step",
         route=sj.EnergyBalance(),
         unloading_line=None,
         profiles=False,
