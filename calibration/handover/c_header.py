@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import softjax as sj
-from calibration.handover.c_table import table_of
+from calibration.handover.c_table import force_error, source_of, table_of
+from calibration.handover.ends import end_of
 from calibration.handover.templates import filled, template
 from calibration.handover.wanted import number_of
 from softjax.laws.linear_dashpot import damping_fraction
@@ -61,11 +62,12 @@ def header_of(
 def _body(law: Any, losses: bool, fastest: float) -> tuple[str, float]:
     if type(law) is sj.Hertz:  # the dashpot that takes nothing
         law = sj.HertzDashpot(law.contact, 1.0)
-    if type(law) in FORMULAS:  # a class derived from one of them may have other forces
+    if is_tabulated(law):
+        table = table_of(law, fastest, losses)
+        source, error = source_of(table), force_error(law, table)
+    else:
         name, values = FORMULAS[type(law)]
         source, error = filled(name, values(law, losses)), 0.0
-    else:
-        source, error = table_of(law, fastest, losses)
     if isinstance(law, sj.RateIndependentLaw):
         return filled("rate_independent.h.in", {"body": source}), error
     end = end_of(law)
@@ -73,9 +75,9 @@ def _body(law: Any, losses: bool, fastest: float) -> tuple[str, float]:
     return filled("rate_dependent.h.in", ends), error
 
 
-def end_of(law: Any) -> str:
-    """Where a contact with damping ends: "zero-overlap" or "zero-force"."""
-    return getattr(law, "end", None) or law.reduced().ends_at
+def is_tabulated(law: Any) -> bool:
+    """Whether a law goes by a table: one derived from a formula's may have other forces."""
+    return type(law) not in FORMULAS and type(law) is not sj.Hertz
 
 
 def _scales(law: Any, losses: bool) -> dict[str, Any]:

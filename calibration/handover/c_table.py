@@ -1,58 +1,126 @@
 """A law of one's own as a table of forces, with what interpolating it costs.
 
 Rows go evenly over the square root of the overlap, in which power laws of contacts are smooth;
-columns of the unloading force over the square root of what is left to recover.
+columns of the unloading force over the square root of what is left to recover, columns of a damped
+force over the rate.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 import softjax as sj
+from calibration.handover.ends import end_of
+from calibration.handover.interpolation import interpolated, interpolated_over_both
 from calibration.handover.templates import filled
 from calibration.handover.wanted import number_of
 
 ROWS, COLUMNS = 129, 33
 BEYOND = 1.1  # the largest overlap wanted times this is where the table ends
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)
+PARTS = np.array([0.25, 0.5, 0.75])  # of the way between knots, where interpolation is looked at
 
 
-class Table(NamedTuple):
-    """C source, and the largest error of its forces over the largest force."""
+class Table(eqx.Module):
+    """What tables have in common; forces between the knots are those of the header."""
 
-    source: str
-    error: float
+    contact: sj.Contact
+    top: float  # largest overlap [m]
+
+    def row(self, overlap: Any) -> Array:
+        return jnp.sqrt(jnp.asarray(overlap) / self.top) * (ROWS - 1)
 
 
-def table_of(law: Any, fastest: float, losses: bool) -> Table:
+class TableWithMemory(Table):
+    """Of a force that does not depend on the rate."""
+
+    loading: Array
+    residual: Array
+    factor: Array
+    unloading: Array
+
+    def loading_force(self, overlap: Any) -> Array:
+        """[N]"""
+        return interpolated(self.loading, self.row(overlap))
+
+    def unloading_force(self, overlap: Any, peak_overlap: Any) -> Array:
+        """[N], without the factor."""
+        row = self.row(peak_overlap)
+        rest = peak_overlap * interpolated(self.residual, row)
+        part = jnp.maximum((overlap - rest) / (peak_overlap - rest), 0.0)
+        shape = interpolated_over_both(self.unloading, row, jnp.sqrt(part) * (COLUMNS - 1))
+        return self.loading_force(peak_overlap) * jnp.where(part > 0, shape, 0.0)
+
+
+class DampedTable(Table):
+    """Of a force that depends on the rate."""
+
+    fastest: float  # largest rate [m/s]
+    values: Array
+    end: str = eqx.field(static=True)
+
+    def force(self, overlap: Any, velocity: Any) -> Array:
+        """[N]"""
+        column = (velocity / self.fastest + 1) * (COLUMNS - 1) / 2
+        return interpolated_over_both(self.values, self.row(overlap), column)
+
+
+def table_of(law: Any, fastest: float, losses: bool = True) -> Table:
     """The forces of a law up to the overlaps of impacts at `fastest` [m/s] and a bit beyond."""
     top = BEYOND * float(sj.restitution(law, fastest).peak_overlap)
-    damped = isinstance(law, sj.RateDependentLaw)
-    arrays = _damped(law, top, fastest) if damped else _with_memory(law, top, losses)
-    values: dict[str, Any] = {name: _text(array) for name, array in arrays.items()}
-    values |= {name: number_of(getattr(law.contact, name)) for name in ("radius", "mass")}
-    values |= {"top": top, "rows": ROWS, "columns": COLUMNS, "fastest": BEYOND * fastest}
-    name = "table_damped.h.in" if damped else "table_with_memory.h.in"
-    error = _error_damped(law, top, fastest, arrays) if damped else _error(law, top, arrays)
-    return Table(filled("table.h.in", values) + filled(name, values), error)
+    make = _damped if isinstance(law, sj.RateDependentLaw) else _with_memory
+    return make(law, top, BEYOND * fastest if make is _damped else losses)
+
+
+def source_of(table: Table) -> str:
+    """A table in C."""
+    values: dict[str, Any] = {"rows": ROWS, "columns": COLUMNS}
+    values |= {name: number_of(getattr(table.contact, name)) for name in ("radius", "mass")}
+    for name, value in vars(table).items():
+        if name not in ("contact", "end"):
+            values[name] = _text(value) if np.ndim(value) else float(value)
+    name = "table_damped.h.in" if isinstance(table, DampedTable) else "table_with_memory.h.in"
+    return filled("table.h.in", values) + filled(name, values)
+
+
+def force_error(law: Any, table: Table) -> float:
+    """The largest error of interpolated forces over the largest force."""
+    row = (np.arange(ROWS - 1)[:, None] + PARTS).ravel()
+    column = (np.arange(COLUMNS - 1)[:, None] + PARTS).ravel()
+    overlap = _overlaps(table.top, row)
+    if isinstance(table, DampedTable):
+        rate = table.fastest * (2 * column / (COLUMNS - 1) - 1)
+        wanted, found = (one.force(overlap[:, None], rate) for one in (law, table))
+        return float(jnp.max(jnp.abs(found - wanted)) / jnp.max(jnp.abs(table.values)))
+    rest = np.asarray(overlap * interpolated(table.residual, row))[:, None]
+    back = rest + (overlap[:, None] - rest) * (column / (COLUMNS - 1)) ** 2
+    wanted = jnp.maximum(law.unloading_force(back, overlap[:, None]), 0)
+    unloading = jnp.abs(table.unloading_force(back, overlap[:, None]) - wanted)
+    loading = jnp.abs(table.loading_force(overlap) - law.loading_force(overlap))
+    return float(jnp.maximum(jnp.max(unloading), jnp.max(loading)) / jnp.max(table.loading))
 
 
 def _overlaps(top: float, at: np.ndarray) -> np.ndarray:
     return top * (at / (ROWS - 1)) ** 2
 
 
-def _with_memory(law: Any, top: float, losses: bool) -> dict[str, np.ndarray]:
+def _with_memory(law: Any, top: float, losses: bool) -> TableWithMemory:
     peaks = _overlaps(top, np.arange(ROWS))
     hit = sj.restitution(law, _velocities(law, peaks)[1:])
     plastic, total = np.asarray(hit.plastic_coefficient), np.asarray(hit.coefficient)
     lost = np.where(plastic > 0, np.minimum(total, 1) / np.where(plastic > 0, plastic, 1), 0) ** 2
     residual = np.asarray(hit.residual_overlap)
-    return {
-        "loading": _loading(law, peaks),
-        "residual": np.append(0.0, residual / peaks[1:]),
-        "factor": np.append(lost[0], lost) if losses else np.ones(ROWS),
-        "unloading": _first_twice(_shape(law, peaks[1:], residual, np.arange(COLUMNS))),
-    }
+    return TableWithMemory(
+        law.contact,
+        top,
+        loading=_loading(law, peaks),
+        residual=np.append(0.0, residual / peaks[1:]),
+        factor=np.append(lost[0], lost) if losses else np.ones(ROWS),
+        unloading=_first_twice(_shape(law, peaks[1:], residual)),
+    )
 
 
 def _first_twice(rows: np.ndarray) -> np.ndarray:
@@ -65,9 +133,9 @@ def _loading(law: Any, overlap: np.ndarray) -> np.ndarray:
     return np.where(overlap > 0, force, 0.0)
 
 
-def _shape(law: Any, peaks, residual, at: np.ndarray) -> np.ndarray:
+def _shape(law: Any, peaks: np.ndarray, residual: np.ndarray) -> np.ndarray:
     """Unloading force over that at the peak, rows over peaks and columns over what is left."""
-    part = (at / (COLUMNS - 1)) ** 2
+    part = np.linspace(0, 1, COLUMNS) ** 2
     peak, rest = peaks[:, None], residual[:, None]
     force = np.asarray(law.unloading_force(rest + (peak - rest) * part, peak))
     return np.maximum(force / _loading(law, peak), 0.0)
@@ -82,38 +150,10 @@ def _velocities(law: Any, peaks: np.ndarray) -> np.ndarray:
     return np.sqrt(2 * np.append(0.0, np.cumsum(work)) / number_of(law.contact.mass))
 
 
-def _damped(law: Any, top: float, fastest: float) -> dict[str, np.ndarray]:
-    return {"force": _forces(law, top, fastest, np.arange(ROWS), np.arange(COLUMNS))}
-
-
-def _forces(law: Any, top: float, fastest: float, rows, columns) -> np.ndarray:
-    overlap = _overlaps(top, np.maximum(rows, 1e-9))[:, None]
-    rate = BEYOND * fastest * (2 * columns / (COLUMNS - 1) - 1)
-    return np.asarray(law.force(overlap, rate))
-
-
-def _error(law: Any, top: float, arrays: dict[str, np.ndarray]) -> float:
-    """Of the interpolated forces halfway between knots, where it is largest."""
-    rows = np.arange(1, ROWS - 2) + 0.5
-    peaks = _overlaps(top, rows)
-    loading = _loading(law, peaks)
-    residual = peaks * _halfway(arrays["residual"])
-    columns = np.arange(1, COLUMNS - 2) + 0.5
-    shape = _halfway(_halfway(arrays["unloading"]).T).T
-    wrong = (shape - _shape(law, peaks, residual, columns)) * loading[:, None]
-    largest = max(np.max(np.abs(wrong)), np.max(np.abs(_halfway(arrays["loading"]) - loading)))
-    return float(largest / np.max(arrays["loading"]))
-
-
-def _error_damped(law: Any, top: float, fastest: float, arrays: dict[str, np.ndarray]) -> float:
-    rows, columns = (np.arange(1, n - 2) + 0.5 for n in (ROWS, COLUMNS))
-    wrong = _halfway(_halfway(arrays["force"]).T).T - _forces(law, top, fastest, rows, columns)
-    return float(np.max(np.abs(wrong)) / np.max(np.abs(arrays["force"])))
-
-
-def _halfway(y: np.ndarray) -> np.ndarray:
-    """The header's cubic halfway between knots, along the first axis."""
-    return (9 * (y[1:-2] + y[2:-1]) - (y[:-3] + y[3:])) / 16
+def _damped(law: Any, top: float, fastest: float) -> DampedTable:
+    overlap = _overlaps(top, np.maximum(np.arange(ROWS), 1e-9))[:, None]
+    values = np.asarray(law.force(overlap, fastest * np.linspace(-1, 1, COLUMNS)))
+    return DampedTable(law.contact, top, fastest=fastest, values=values, end=end_of(law))
 
 
 def _text(array: np.ndarray) -> str:

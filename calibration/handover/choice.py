@@ -9,8 +9,10 @@ import softjax as sj
 from calibration.errors import DataError, InputError, did_you_mean, listed
 from calibration.fitting.known_laws import LAWS
 from calibration.handover import substitutes
+from calibration.handover.c_header import is_tabulated
+from calibration.handover.c_table import table_of
 from calibration.handover.impacts import Impacts, impacts_of
-from calibration.handover.steps import Steps, steps_of, steps_within
+from calibration.handover.steps import Steps, steps_of, steps_within, table_error
 from calibration.handover.wanted import Wanted
 
 ITSELF = "itself"
@@ -156,6 +158,8 @@ def _tried(key: str, wanted: Wanted, carrier: Carrier, order: Order) -> Choice:
     law = _law(key, wanted, carrier)
     impacts = impacts_of(law, wanted.velocity, order.losses)
     error = float(np.max(np.abs(impacts.coefficient - wanted.restitution)))
+    if carrier.name == HEADER and is_tabulated(law):
+        error += table_error(law, table_of(law, wanted.range[1]), impacts)
     label = LABELS.get(key, f"{type(wanted.law).__name__}'s law itself")
     steps = _steps(law, impacts, error, order)
     return Choice(key, label, law, carrier, _stretch(impacts, wanted, order), impacts, error, steps)

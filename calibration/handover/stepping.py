@@ -16,8 +16,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-import softjax as sj
-from calibration.handover.c_header import end_of
+from calibration.handover.ends import end_of
 
 NO_OVERLAP = 1e-30  # in place of none [m]: laws are asked for forces at positive overlaps alone
 
@@ -74,7 +73,7 @@ def _advance(law, factor, step, state):
 
 
 def _force(law, factor, overlap, velocity, peak):
-    if isinstance(law, sj.RateDependentLaw):
+    if not hasattr(law, "loading_force"):
         force = law.force(overlap, velocity)
         return force if end_of(law) == "zero-overlap" else jnp.maximum(force, 0.0)
     unloading = factor * jnp.maximum(law.unloading_force(overlap, peak), 0.0)
