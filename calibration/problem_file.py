@@ -131,4 +131,6 @@ def _check_line(source: MaterialFile, shared: Mapping[str, Parameter]) -> None:
     for entry in source.materials:
         own = entry.parameters
         if own is not None and "chi" in own:
-            raise own.refusal("chi", "chi beside c1 and c2", "only one is possible, as chi = c1 + c2 E/Y")
+            raise own.refusal(
+                "chi", "chi beside c1 and c2", "only one is possible, as chi = c1 + c2 E/Y"
+            )

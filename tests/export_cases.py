@@ -95,10 +95,10 @@ def compiled_law(law, flags: tuple[str, ...] = (), **options) -> Compiled:
     return compiled(header(law, **options), flags=flags)
 
 
-def largest_error(law, velocity, wanted, step, **options) -> float:
-    """Of ε over four beginnings of an impact within a step."""
+def largest_error(law, velocity, wanted, step, phases=(0.0, 0.3, 0.6, 0.9), **options) -> float:
+    """Of ε over several beginnings of an impact within a step."""
     one = compiled_law(law, **options)
-    found = [one.rebounds(velocity, step, phase) for phase in (0.0, 0.3, 0.6, 0.9)]
+    found = [one.rebounds(velocity, step, phase) for phase in phases]
     return float(np.max(np.abs(np.array(found) - wanted)))
 
 

@@ -1,15 +1,15 @@
 """Results put together by hand, for what is told and drawn of them; nothing was searched."""
 
 import numpy as np
-
-import calibration.data.paper as embedded
-from calibration.data.measurements import RestitutionData
 from calibration.doubt import Doubt
 from calibration.estimate import Estimate, Line
 from calibration.material_fit import MaterialFit
 from calibration.profiles import Profile
 from calibration.result import FitResult
 from calibration.stages import Stage
+
+import calibration.data.paper as embedded
+from calibration.data.measurements import RestitutionData
 from tests.cases import pair
 
 CHI = {"stainless steel": 1.7944, "chrome steel": 0.09867, "nylon": 0.21998}

@@ -7,7 +7,6 @@ from scipy import optimize, stats
 
 import calibration as cal
 import softjax as sj
-from calibration.fitting import left_out
 from calibration.studies.comparison import Difference
 from calibration.studies.ranking import stacking_weights
 from tests.cases import pair

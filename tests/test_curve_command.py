@@ -1,6 +1,5 @@
 """`softjax curve` from the command line to its files."""
 
-
 import numpy as np
 import pytest
 

@@ -82,7 +82,9 @@ def test_a_function_that_builds_a_law_has_exact_slopes_too():
     jacobian = problem.linearise(z[None]).jacobian[0]
     residual = lambda z: problem.linearise(z[None]).residual[0]  # noqa: E731
     np.testing.assert_allclose(jacobian, approx_fprime(z, residual, 1e-6), rtol=1e-4, atol=2e-5)
-    theta = dict(zip([e.label for e in component.elements], problem.transform.physical(z)))
+    theta = dict(
+        zip([e.label for e in component.elements], problem.transform.physical(z), strict=True)
+    )
     for g, data in enumerate(sets):
         chi = theta["c1"] + theta["c2"] * float(data.contact.yield_ratio)
         losses = (theta[f"{name}[{data.name}]"] for name in ("sigma", "psi"))
@@ -138,9 +140,7 @@ def test_branches_are_held_while_yield_strength_moves():
     component = component_of(data, said={"yield_strength": cal.Parameter()})
     problem = component.stages[0][1]
     elastic = problem.elastic
-    np.testing.assert_array_equal(
-        elastic, data.velocity <= float(data.contact.critical_velocity)
-    )
+    np.testing.assert_array_equal(elastic, data.velocity <= float(data.contact.critical_velocity))
     stronger = np.array(component.start)
     stronger[3] += 0.3
     assert np.sum(problem.elastic_at(stronger)) > np.sum(elastic)
@@ -209,4 +209,3 @@ def test_priors_are_residuals_of_their_own():
     assert found.residual.shape[1] == problem.count + 1
     assert found.residual[0, -1] == pytest.approx(2.0)
     np.testing.assert_allclose(found.jacobian[0, -1], [0.34 / 0.02, 0.0])
-

@@ -135,7 +135,7 @@ def test_softjax_knows_nothing_of_calibration():
 
 def test_calibration_uses_public_names_alone():
     for name, path in modules("calibration").items():
-        public = {"", "paper", "plot", "laws"}  # the last for formulas beside the laws
+        public = {"", "paper", "plot", "laws", "fields"}  # the last two for what laws declare
         used = {part(target) for target in imported(path, "softjax")}
         private = {t for t in used - public if f"{t}" in LEVEL}
         assert not private, f"calibration.{name} imports softjax.{private}"

@@ -5,8 +5,8 @@ import tomllib
 from pathlib import Path
 
 import pytest
-
 from calibration.parameters_spec import ParameterSpec
+
 from calibration.problem_file import read_problem
 from tests.refused import TOML, Case, check_refused
 

@@ -43,7 +43,7 @@ class Job:
     """What is to be fitted, and how it is told."""
 
     datasets: Sequence[Any]
-    parameters: list[Mapping[str, Any]] | None = None
+    parameters: Sequence[Mapping[str, Any]] | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
     file: str | None = None  # None: the embedded data
     beside: bool = False
@@ -62,7 +62,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument(f"--{name}", choices=accepted, help=HELP[name])
     parser.add_argument("--starts", type=_whole(1), metavar="N", help="starts that are screened")
     parser.add_argument("--seed", type=_whole(0), metavar="N", help="of the starts")
-    parser.add_argument("--confidence", type=_number("confidence"), metavar="X", help="default: 0.95")
+    parser.add_argument(
+        "--confidence", type=_number("confidence"), metavar="X", help="default: 0.95"
+    )
     parser.add_argument(
         "--no-profiles",
         dest="profiles",
@@ -121,7 +123,9 @@ def _job(arguments: argparse.Namespace) -> Job:
     settings = {**problem.settings, **given}
     if given.get("route") == "energy balance":  # the file's tolerance was for its own route
         settings.pop("rtol", None)
-    return Job(problem.datasets, problem.parameters, settings, arguments.file, arguments.beside, given)
+    return Job(
+        problem.datasets, problem.parameters, settings, arguments.file, arguments.beside, given
+    )
 
 
 def _fitted(job: Job, progress: Progress):
@@ -222,7 +226,9 @@ def _command(job: Job, out: Path) -> str:
     """The command that makes the same results again."""
     parts = ["softjax", "fit", *([job.file] if job.file else [])]
     for name, value in job.given.items():
-        parts += ["--no-profiles"] if name == "profiles" else [f"--{name}", str(value).replace(" ", "-")]
+        parts += (
+            ["--no-profiles"] if name == "profiles" else [f"--{name}", str(value).replace(" ", "-")]
+        )
     parts += ["--beside"] * (job.beside and not job.embedded)
     return shlex.join([*parts, "--out", str(out)])
 

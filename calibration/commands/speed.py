@@ -28,7 +28,9 @@ def run(arguments: argparse.Namespace) -> int:
 
     with files_into(arguments.out) as folder:
         (folder / "speed.csv").write_text(as_csv(rows), encoding="utf-8")
-        save(draw_speed(rows).figure, folder / "speed.png")
+        figure = draw_speed(rows).get_figure(root=True)
+        assert figure is not None
+        save(figure, folder / "speed.png")
     if not arguments.quiet:
         print(as_text(rows))
         print(f"\nwrote {arguments.out / 'speed.csv'} and {arguments.out / 'speed.png'}")

@@ -29,7 +29,7 @@ class Rows(NamedTuple):
     high: Float[np.ndarray, " n"] | None = None
 
     def some(self, which: Any) -> "Rows":
-        return Rows(*(None if column is None else column[which] for column in self))
+        return Rows._make(None if column is None else column[which] for column in self)
 
 
 @dataclass

@@ -69,7 +69,7 @@ class NpyWriter(Writer):
     def write(self, rows: Rows) -> None:
         names = ["velocity", "restitution", "status"]
         columns = [rows.velocity, rows.coefficient, rows.status]
-        if rows.low is not None:
+        if rows.low is not None and rows.high is not None:
             names, columns = [*names, "low", "high"], [*columns, rows.low, rows.high]
         if self._type is None:
             self._type = np.dtype([(n, "<i4" if n == "status" else "<f8") for n in names])
@@ -88,7 +88,7 @@ class NpyWriter(Writer):
 
     def _header(self) -> None:
         kind = {
-            "descr": np.lib.format.dtype_to_descr(self._type),
+            "descr": np.lib.format.dtype_to_descr(np.dtype(self._type)),
             "fortran_order": False,
             "shape": (self._rows,),
         }

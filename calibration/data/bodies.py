@@ -65,7 +65,8 @@ def read_bodies(table: TomlTable, area: str | None) -> Bodies | None:
     area = table.choice("area", ("zhou", "hertz")) or area or "zhou"
     if wall is not None and second is not None:
         raise table.refusal("second", "both a wall and a second body", "only one is possible")
-    other = first if wall is None and second is None else _material(wall or second, True)
+    told = wall or second
+    other = first if told is None else _material(told, True)
     if wall is not None:
         if len(radii) != 1:
             accepted = "needed is radius or diameter, of the sphere"
@@ -76,8 +77,8 @@ def read_bodies(table: TomlTable, area: str | None) -> Bodies | None:
         one, two = radii[0], radii[-1]
         contact = _build(table, sj.Contact.between_spheres, first, other, one, two, area)
         bodies = (Body("sphere", first, one), Body("second sphere", other, two))
-    named = {part.text("material") for part in (table, wall, second) if part is not None} - {None}
-    remarks = tuple(f"properties of {name} from {NAMED_SOURCE}" for name in sorted(named))
+    named = {part.text("material") or "" for part in (table, wall, second) if part is not None}
+    remarks = tuple(f"properties of {name} from {NAMED_SOURCE}" for name in sorted(named - {""}))
     return Bodies(contact, bodies, remarks)
 
 
@@ -87,7 +88,7 @@ def _radii(table: TomlTable) -> list[float]:
     told = {key: table.quantity(key, *check) for key in (*RADII, *DIAMETERS) if key in table}
     for names, part in ((RADII, 1.0), (DIAMETERS, 0.5)):
         if set(told) in ({names[0]}, {*names[1:]}):
-            return [part * told[name] for name in names if name in told]
+            return [part * (told[name] or 0.0) for name in names if name in told]
     accepted = "needed is radius, or radius_1 and radius_2, or the diameters in their place"
     key = next(iter(told), None)
     raise table.refusal(key, f"radii given are {listed(told) or 'none'}", accepted)

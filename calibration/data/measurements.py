@@ -108,15 +108,16 @@ class RestitutionData:
             origin: file and line of each row of the table.
             uncertainties: `uncertainty`, `velocity_uncertainty`, `interval_uncertainty` and so on,
                 for all rows, in place of a column: a number in SI, or text with its unit, "0.5 mm"
-                or "2 %".
+                or "2 %"; None is not told.
 
         The other arguments are those of `RestitutionData`.
 
         Raises:
             ValueError: naming the column or argument, its value and what is accepted.
         """
+        told = {key: value for key, value in uncertainties.items() if value is not None}
         try:
-            points = read_points(table, gravity, group, uncertainties)
+            points = read_points(table, gravity, group, told)
         except DataError as error:
             raise error if origin is None else origin.error(error) from None
         try:

@@ -37,7 +37,8 @@ class _Properties(NamedTuple):
 def plausibility(data: RestitutionData) -> tuple[Implausible, ...]:
     """What looks like a slip, each with the question to ask; nothing where all is well."""
     with np.errstate(all="ignore"):
-        found = [doubt for body in _bodies(data) for doubt in _of_body(body)]
+        found: list[Implausible | None] = []
+        found += [doubt for body in _bodies(data) for doubt in _of_body(body)]
         found += [_yield_beyond_limit(data), _too_fast(data), _divided(data), _above_one(data)]
         found.append(_runs(data))
     return tuple(dict.fromkeys(doubt for doubt in found if doubt is not None))

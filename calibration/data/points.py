@@ -47,7 +47,7 @@ class Points(NamedTuple):
     restitution: Column
     errors: PointErrors
     rows: Int[np.ndarray, " n"]
-    group: Sequence[str] | None
+    group: Sequence[str] | np.ndarray | None
     remarks: tuple[str, ...] = ()
 
 

@@ -109,6 +109,7 @@ def _sizes(table: Measured, name: str) -> Column | None:
     if name == "time" and told[0] in table.relative:
         raise DataError(told[0], "in percent", "in s, ms or us, as times have no zero")
     sizes = table.uncertainty(told[0], table.columns[name])
+    assert sizes is not None  # its column is there
     require(told[0], sizes, lambda u: u > 0, "a positive time in s")
     return sizes
 

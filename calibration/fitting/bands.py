@@ -38,6 +38,9 @@ def band(
     error = np.sqrt(variance)
     reach = quantile(confidence, degrees) * error
     known = material.known(flat)
-    parts = (value, value - reach, value + reach, error)
-    shaped = (np.where(known, part, np.nan).reshape(velocity.shape) for part in parts)
-    return Band(velocity, *shaped, kind)
+
+    def shaped(part: np.ndarray) -> np.ndarray:
+        return np.where(known, part, np.nan).reshape(velocity.shape)
+
+    low, high = shaped(value - reach), shaped(value + reach)
+    return Band(velocity, shaped(value), low, high, shaped(error), kind)

@@ -80,7 +80,7 @@ def disagreements(
         one, other = own.get(name), others.get(name)
         if one is None or other is None:
             continue
-        pair = [(e.value, e.standard_error) for e in (one, other)]
-        if all(None not in one for one in pair):
-            found.append(doubts.disagreement(name, *pair, spec.data.name))
+        first, second = ((e.value, e.standard_error) for e in (one, other))
+        if None not in first and None not in second:
+            found.append(doubts.disagreement(name, first, second, spec.data.name))
     return [one for one in found if one is not None]

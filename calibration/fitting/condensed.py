@@ -79,7 +79,7 @@ def condense(
     joined = np.concatenate([scaled, residual[:, :, None]], axis=2)
     missing = max(p + 1 - joined.shape[1], 0)  # fewer residuals than parameters
     joined = np.pad(joined, ((0, 0), (0, missing), (0, 0)))
-    triangle = np.linalg.qr(joined, mode="r")
+    triangle: np.ndarray = np.asarray(np.linalg.qr(joined, mode="r"))
     left, singular, right = np.linalg.svd(triangle[:, :p, :p])
     along = np.einsum("fji,fj->fi", left, triangle[:, :p, p])
     directions = np.swapaxes(right, 1, 2)

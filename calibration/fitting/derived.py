@@ -72,7 +72,7 @@ def _carried(fit: ComponentFit, g: int, row: int, what: Callable, confidence, en
     direction = np.where(acting, gradient, 0.0)
     degrees = fit.uncertainty.parts.along(direction[None])[0, 0]
     reach = quantile(confidence, degrees) * error
-    low, high = max(value - reach, ends[0]), min(value + reach, ends[1])
+    low, high = float(max(value - reach, ends[0])), float(min(value + reach, ends[1]))
     return Estimate(value, error, low, high, "derived")
 
 
@@ -83,5 +83,5 @@ def _slope(fit: ComponentFit, k: int, row: int, what: Callable) -> float:
         return what(_law(fit, z, row))
 
     scaled = fit.final.problem.transform.kind[k] != NONE
-    h = STEP * (1.0 if scaled else max(abs(fit.z[k]), 1e-6))
+    h = STEP * (1.0 if scaled else max(abs(float(fit.z[k])), 1e-6))
     return (8 * (at(h) - at(-h)) - (at(2 * h) - at(-2 * h))) / (12 * h)

@@ -220,7 +220,8 @@ def _beside(request: Request, fits: list[ComponentFit]) -> dict[str, Any]:
     options = replace(request.options, optimiser="levenberg-marquardt", starts=1, progress=None)
     other = replace(request, route=sj.EnergyBalance(), options=options)
     again = other.fitted()
-    values, differences = {}, {}
+    values: dict[str, float | None] = {}
+    differences: dict[str, float] = {}
     for one, two in zip(fits, again, strict=True):
         for element, first, second in zip(
             one.component.elements, one.theta, two.theta, strict=True

@@ -25,7 +25,7 @@ REMEDIES = {
         "The law misses a trend, or points belong together (a `group` column tells which); "
         "intervals are too narrow."
     ),
-    "unequal-scatter": "State an uncertainty for each point; intervals take all to be as uncertain.",
+    "unequal-scatter": "State each point's own uncertainty; intervals take errors to be as stated, else equal.",
     "groups": "Say which points belong together (specimen, launch, day) in a `group` column.",
     "plausibility": "Check the unit.",
     "no-velocity-dependence": "Use a constant restitution, or measure over more velocities.",

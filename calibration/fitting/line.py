@@ -112,6 +112,8 @@ def _weighted(joint: ComponentFit, own, through: dict[str, Estimate]) -> Line:
         if e.name in LINE:
             z[k] = through[e.name].value
     c1, c2 = (through[name] for name in LINE)
+    assert c1.value is not None
+    assert c2.value is not None
     on_line = {s.data.name: Estimate(c1.value + c2.value * _ratio(s)) for _, s, _ in own}
     return Line(c1, c2, _rms(joint, z), on_line, through, True, "weighted")
 

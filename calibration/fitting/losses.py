@@ -6,10 +6,11 @@ LOSSES = ("squared", "huber", "soft-l1")
 MAD = 1.4826  # median absolute deviation of Gaussian noise to its standard deviation
 
 
-def transformed(residual: np.ndarray, scale: np.ndarray, loss: str):
+def transformed(residual: np.ndarray, scale: np.ndarray | None, loss: str):
     """τ(r) and dτ/dr; r itself for the squared loss. Beyond `scale` residuals weigh less."""
     if loss == "squared":
         return residual, np.ones_like(residual)
+    assert scale is not None
     if loss == "soft-l1":
         root = np.sqrt(1 + (residual / scale) ** 2)
         factor = np.sqrt(2 / (1 + root))
@@ -23,10 +24,11 @@ def transformed(residual: np.ndarray, scale: np.ndarray, loss: str):
     return value, np.where(value == 0, 1.0, influence(residual, scale, loss) / safe)
 
 
-def influence(residual: np.ndarray, scale: np.ndarray, loss: str) -> np.ndarray:
+def influence(residual: np.ndarray, scale: np.ndarray | None, loss: str) -> np.ndarray:
     """ψ(r), the derivative of the loss."""
     if loss == "squared":
         return residual
+    assert scale is not None
     if loss == "huber":
         return np.clip(residual, -scale, scale)
     return residual / np.sqrt(1 + (residual / scale) ** 2)

@@ -191,7 +191,7 @@ class Problem:
         if not hasattr(rows.model.law_type, "elastic_velocity"):
             return None
         theta = self.transform.physical(np.asarray(z))
-        limits = [_yields_at(rows.law(theta, row)) for row in range(rows.count)]
+        limits = [_yields_at(rows.law(theta, row)) for row in range(rows.size)]
         return np.array(limits)[rows.row]
 
     def elastic_at(self, z) -> Bool[np.ndarray, "points"] | None:

@@ -69,7 +69,7 @@ def _told(value: Any) -> Any:
 def _heard(value: Any) -> Any:
     if not isinstance(value, dict):
         return value
-    pairs = {k: tuple(v) if isinstance(v, list) else v for k, v in value.items()}
+    pairs: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in value.items()}
     return Parameter(pairs.pop("value"), **pairs)
 
 

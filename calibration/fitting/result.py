@@ -15,10 +15,10 @@ from calibration.fitting.curves import as_empirical
 from calibration.fitting.doubt import Doubt, extrapolation
 from calibration.fitting.estimate import Band, Estimate, Line
 from calibration.fitting.freedom import Freedom
+from calibration.fitting.left_out import LeaveOneOut, leave_one_out
 from calibration.fitting.likelihood import Likelihood
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.profiles import Profile
-from calibration.fitting.left_out import LeaveOneOut, leave_one_out
 from calibration.fitting.refits import Bootstrap, bootstrap
 from calibration.fitting.request import Request
 from calibration.fitting.result_json import dumps, read_result, result_to_dict

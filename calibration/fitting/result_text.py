@@ -24,7 +24,7 @@ def _material_lines(material: MaterialFit, confidence: float) -> list[str]:
     estimates = {**material.parameters, **material.derived}
     width = max(map(len, estimates), default=0)
     told = f"{material.name}: {material.n} points, {label_of_law(material.model)}"
-    numbers = sum(tree.count for tree in material.trees)
+    numbers = sum(tree.size for tree in material.trees)
     return [
         f"{told}, {material.objective}",
         *(

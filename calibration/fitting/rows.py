@@ -36,12 +36,12 @@ class Tree(NamedTuple):
         return cls(name, structure, tuple(np.shape(leaf) for leaf in leaves))
 
     @property
-    def count(self) -> int:
+    def size(self) -> int:
         return sum(int(np.prod(shape, dtype=int)) for shape in self.shapes)
 
     @property
     def entries(self) -> list[str]:
-        return [f"{self.name}[{k}]" for k in range(self.count)]
+        return [f"{self.name}[{k}]" for k in range(self.size)]
 
     def assembled(self, numbers: Sequence[Any]) -> Any:
         """The pytree of its numbers in a row."""
@@ -83,7 +83,7 @@ class Rows:
     row: Int[np.ndarray, "points"]
 
     @property
-    def count(self) -> int:
+    def size(self) -> int:
         return self.element.shape[1]
 
     def local(self, theta: Float[np.ndarray, "fits p"]) -> Float[np.ndarray, "q fits rows"]:
@@ -102,7 +102,7 @@ class Rows:
         numbers = {name: float(value) for name, value in zip(self.names, values, strict=True)}
         return self.model.law(contact, with_trees(numbers, self.trees))
 
-    def bind(self, theta: Float[np.ndarray, "p"], active: Sequence[int]) -> "Laws":
+    def bind(self, theta: Float[np.ndarray, "p"], active: Sequence[int] | np.ndarray) -> "Laws":
         """The structure of the laws, and which of their leaves move with the active elements."""
         law = self.law(theta, 0)
         shape = LawShape.of(law)

@@ -43,7 +43,7 @@ def _range(problem: Problem, k: int, start: float) -> tuple[float, float]:
     if kind == LOGIT:
         return LOGIT_SPREAD
     if kind == NONE:
-        low, high = problem.transform.lower[k], problem.transform.upper[k]
+        low, high = float(problem.transform.lower[k]), float(problem.transform.upper[k])
         size = abs(start) + 1e-3
         return max(start - size, low), min(start + size, high)
     below, above = SPREAD.get(

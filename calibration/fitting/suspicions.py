@@ -127,7 +127,8 @@ def material_doubts(part: MaterialFit, residual, plan: ErrorPlan) -> list[Doubt]
     found.append(
         doubts.runs(data.velocity, np.where(np.abs(residual) < ROUNDING, 0.0, standardised), name)
     )
-    if np.max(np.abs(residual)) > ROUNDING:
+    if np.max(np.abs(residual)) > ROUNDING and not any(found):
+        # where the curve misses the points neither says anything of the errors
         found.append(
             doubts.unequal_scatter(data.velocity, data.restitution + residual, standardised, name)
         )

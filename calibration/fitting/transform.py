@@ -28,7 +28,7 @@ class Transform(NamedTuple):
     @classmethod
     def of(cls, ranges, asked) -> "Transform":
         """For (lowest, highest) of each element and the transform asked for, or None."""
-        kinds = [_kind(*ends, name) for ends, name in zip(ranges, asked, strict=True)]
+        kinds = [_kind(low, high, name) for (low, high), name in zip(ranges, asked, strict=True)]
         low, high = np.array(ranges, float).reshape(-1, 2).T
         return cls(np.array(kinds, int), low, high)
 

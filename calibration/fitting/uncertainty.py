@@ -142,9 +142,10 @@ def stacked(
     else:  # what is known for sure is known whatever lies along the null directions
         covariance = np.where(np.isnan(covariance), np.nan, seen)
     back = np.argsort(order)
-    turned = [a[:, back][:, :, back] for a in (covariance, seen)]
+    covariance, seen = (a[:, back][:, :, back] for a in (covariance, seen))
     parts = noise_parts(first_problem, z, noise, scores, inverse).turned(back)
-    return Uncertainty(*turned, rank, condition, nulls[:, back], limits[:, back], noise, parts)
+    nulls, limits = nulls[:, back], limits[:, back]
+    return Uncertainty(covariance, seen, rank, condition, nulls, limits, noise, parts)
 
 
 def _along_seen(jacobian, spread) -> Matrices:

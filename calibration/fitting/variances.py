@@ -22,7 +22,7 @@ NONE = 1e-7  # the same, below which it counts as none
 STEP = 1e-4  # of a variance, of central differences
 CURVED = 3e-2  # in the logarithm of a variance, of second differences
 RIDGE = 1e-12  # of the information, where parameters are not told apart
-TOLERANCES = {"ftol": 1e-15, "gtol": 1e-9}
+TOLERANCES = {"ftol": 1e-9, "gtol": 1e-5}  # Newton steps follow
 
 
 @dataclass(frozen=True)

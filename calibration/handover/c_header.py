@@ -11,7 +11,7 @@ import numpy as np
 
 import softjax as sj
 from calibration.handover.c_table import force_error, source_of, table_of
-from calibration.handover.ends import end_of
+from calibration.handover.forces import end_of
 from calibration.handover.templates import filled, template
 from calibration.handover.wanted import number_of
 from softjax.laws.linear_dashpot import damping_fraction

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array
 
 import softjax as sj
-from calibration.handover.ends import end_of
+from calibration.handover.forces import end_of, unloading_force
 from calibration.handover.interpolation import interpolated, interpolated_over_both
 from calibration.handover.templates import filled
 from calibration.handover.wanted import number_of
@@ -97,7 +97,7 @@ def force_error(law: Any, table: Table) -> float:
         return float(jnp.max(jnp.abs(found - wanted)) / jnp.max(jnp.abs(table.values)))
     rest = np.asarray(overlap * interpolated(table.residual, row))[:, None]
     back = rest + (overlap[:, None] - rest) * (column / (COLUMNS - 1)) ** 2
-    wanted = jnp.maximum(law.unloading_force(back, overlap[:, None]), 0)
+    wanted = jnp.maximum(unloading_force(law, back, overlap[:, None]), 0)
     unloading = jnp.abs(table.unloading_force(back, overlap[:, None]) - wanted)
     loading = jnp.abs(table.loading_force(overlap) - law.loading_force(overlap))
     return float(jnp.maximum(jnp.max(unloading), jnp.max(loading)) / jnp.max(table.loading))
@@ -137,7 +137,7 @@ def _shape(law: Any, peaks: np.ndarray, residual: np.ndarray) -> np.ndarray:
     """Unloading force over that at the peak, rows over peaks and columns over what is left."""
     part = np.linspace(0, 1, COLUMNS) ** 2
     peak, rest = peaks[:, None], residual[:, None]
-    force = np.asarray(law.unloading_force(rest + (peak - rest) * part, peak))
+    force = np.asarray(unloading_force(law, rest + (peak - rest) * part, peak))
     return np.maximum(force / _loading(law, peak), 0.0)
 
 

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from calibration.handover.ends import end_of
+from calibration.handover.forces import end_of, unloading_force
 
 NO_OVERLAP = 1e-30  # in place of none [m]: laws are asked for forces at positive overlaps alone
 
@@ -36,7 +36,7 @@ def stepped(
     factor: Float[Array, " n"],
     step: Array,
     steps: int,
-    phases: Array,
+    phases: Float[Array, "p _"],
 ) -> Stepped:
     """Impacts on a law with a force.
 
@@ -44,7 +44,7 @@ def stepped(
         velocity: [m/s].
         factor: of the unloading force, one an impact.
         step, steps: their length [s], one or one an impact, and how many are taken.
-        phases: the parts of a step between the last free one and touch, shape (p, 1).
+        phases: the parts of a step between the last free one and touch, shape (p, n) or (p, 1).
     """
     start = -phases * velocity * step
     state = (start, velocity + 0 * start, 0 * start, 0 * start, 0 * start)
@@ -76,5 +76,5 @@ def _force(law, factor, overlap, velocity, peak):
     if not hasattr(law, "loading_force"):
         force = law.force(overlap, velocity)
         return force if end_of(law) == "zero-overlap" else jnp.maximum(force, 0.0)
-    unloading = factor * jnp.maximum(law.unloading_force(overlap, peak), 0.0)
+    unloading = factor * jnp.maximum(unloading_force(law, overlap, peak), 0.0)
     return jnp.where(overlap >= peak, law.loading_force(overlap), unloading)

@@ -8,12 +8,13 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from calibration.handover.impacts import Impacts
 from calibration.handover.stepping import stepped
 
-PHASES = np.arange(8) / 8  # parts of a step between the last free one and touch
+PHASES = 8  # beginnings of each impact, as parts of a step between the last free one and touch
+GOLDEN = (5**0.5 - 1) / 2  # spreads them: impacts on a linear spring differ in nothing else
 TRIED = (32, 64, 128, 256)  # steps in the shortest contact, for the order
 FEWEST, MOST = 10, 20_000
 LONGEST = 3  # times the longest contact that is stepped at most
@@ -42,7 +43,11 @@ def rebounds(law: Any, impacts: Impacts, count: int) -> Float[np.ndarray, "phase
     step = float(np.min(impacts.duration)) / count
     steps = int(np.ceil(LONGEST * np.max(impacts.duration) / step)) + 2
     arrays = (jnp.asarray(impacts.velocity), jnp.asarray(impacts.factor), jnp.asarray(step))
-    return np.asarray(stepped(law, *arrays, steps, jnp.asarray(PHASES[:, None])).coefficient)
+    return np.asarray(stepped(law, *arrays, steps, _phases(len(impacts.velocity))).coefficient)
+
+
+def _phases(count: int) -> Float[Array, "phases n"]:
+    return (jnp.arange(PHASES)[:, None] + jnp.arange(count) * GOLDEN % 1) / PHASES
 
 
 def steps_of(law: Any, impacts: Impacts, count: int, order: float | None = None) -> Steps:

@@ -37,7 +37,7 @@ def curves_figure(
     lines = lines or {}
     rows, columns = style.grid_shape(len(result.materials))
     figure = style.new_figure(max(PANEL[0] * columns, 5.5), PANEL[1] * rows + 3 * LEGEND_ROW)
-    grid = figure.subplots(2 * rows, columns, squeeze=False, height_ratios=[2.6, 1] * rows)
+    grid: Any = figure.subplots(2 * rows, columns, squeeze=False, height_ratios=[2.6, 1] * rows)
     drawn = []
     for i, fit in enumerate(result.materials):
         row, column = divmod(i, columns)

@@ -79,7 +79,7 @@ def plot_forces(ax: Axes | None = None) -> Axes:
     """Hertz's force and the spring that stores as much energy at the same largest overlap."""
     ax = style.axes_or_new(ax)
     pair = _pair()
-    deepest = float(sj.restitution(sj.Hertz(pair), 1.0).peak_overlap)
+    deepest = float(np.asarray(sj.restitution(sj.Hertz(pair), 1.0).peak_overlap))
     overlap = np.linspace(0.0, deepest, 200)
     hertz = np.asarray(sj.Hertz(pair).loading_force(overlap))
     spring = equal_work_stiffness(pair, deepest) * overlap

@@ -1,6 +1,7 @@
 """Sensitivities, designs and Sobol indices drawn."""
 
 from itertools import cycle
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -95,7 +96,13 @@ def plot_sobol(found: SobolIndices, output: int = 0, ax: Axes | None = None) -> 
     for label, color, value, low, high, aside in tables:
         middle = value[output]
         reach = np.maximum([middle - low[output], high[output] - middle], 0)
-        bar = {"color": color, "width": 0.36, "label": label, "capsize": 2, "ecolor": style.BLACK}
+        bar: dict[str, Any] = {
+            "color": color,
+            "width": 0.36,
+            "label": label,
+            "capsize": 2,
+            "ecolor": style.BLACK,
+        }
         ax.bar(place + aside, middle, yerr=reach, **bar)
     bound = np.where(found.bound[output] <= 1, found.bound[output], np.nan)  # more says nothing
     ax.plot(place + 0.2, bound, "v", color=style.BLACK, label="bound of total")

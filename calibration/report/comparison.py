@@ -108,7 +108,7 @@ def _fitted(fit: Any) -> str:
             told.append(
                 f"{one.text} {estimate_text(estimate)}" + (f" {one.unit}" if one.unit else "")
             )
-    told += [f"{tree.count} numbers of {tree.name}" for tree in fit.trees]
+    told += [f"{tree.size} numbers of {tree.name}" for tree in fit.trees]
     return ", ".join(told)
 
 

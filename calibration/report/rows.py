@@ -48,7 +48,7 @@ def parameter_table(result: Any, printed: Printed | None = None, methods: bool =
                 row.append(difference_text(result, label, estimate))
             table.rows.append(row)
         for tree in fit.trees:
-            told = f"{tree.count} numbers, told by the band of the curve"
+            told = f"{tree.size} numbers, told by the band of the curve"
             table.rows.append(["", tree.name, told, *[""] * (len(header) - 3)])
     return table
 

@@ -1,6 +1,8 @@
 """Studies told: tables for the terminal, and sensitivities over velocity as CSV."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
+
+import numpy as np
 
 from calibration.curve.writers import status_names
 from calibration.studies.information import Information
@@ -24,7 +26,7 @@ def sobol_table(found: SobolIndices) -> str:
         (symbol, [f"{a + 0.0:.3f} ({b + 0.0:.3f})" for a, b in zip(*both, strict=True)])
         for symbol, *both in ((s, first.round(3), total.round(3)) for s, first, total in pairs)
     )
-    return _table("Sobol indices, first (total) at v [m/s]", found.velocity, lines, 18)
+    return _table("Sobol indices, first (total) at v [m/s]", np.ravel(found.velocity), lines, 18)
 
 
 def information_text(found: Information) -> str:
@@ -49,7 +51,7 @@ def sensitivities_csv(found: Sensitivities) -> str:
 
 
 def _table(
-    head: str, velocity: Sequence[float], lines: Iterable[tuple[str, list[str]]], width: int
+    head: str, velocity: Iterable[float], lines: Iterable[tuple[str, list[str]]], width: int
 ) -> str:
     first = head + "".join(f"{v:>{width}.4g}" for v in velocity)
     rest = (

@@ -185,7 +185,7 @@ def _finite(error: float) -> float | None:
 def _sentence(symbols: Sequence[str], eigenvalue: float, direction: np.ndarray) -> str:
     error = math.inf if eigenvalue <= 0 else eigenvalue**-0.5
     taking_part = [i for i, share in enumerate(direction) if abs(share) > TAKES_PART]
-    product = " · ".join(_power(symbols[i], direction[i]) for i in taking_part)
+    product = " · ".join(_power(symbols[i], float(direction[i])) for i in taking_part)
     letters = " and ".join(symbols[i] for i in taking_part)
     if error < NOT_KNOWN:
         return f"{product} will be known to {100 * error:.2g} %"

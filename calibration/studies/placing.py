@@ -93,7 +93,7 @@ def sought(wanted: Wanted, grid: Column, found, starts: int, seed: int, progress
     shots, velocity = min(ends, key=lambda end: end[1])[0], grid
     for _ in range(REFINEMENTS):
         chosen, velocity = velocity[shots], _finer(velocity, np.unique(shots))
-        places = np.searchsorted(velocity, chosen)
+        places = np.asarray(np.searchsorted(velocity, chosen))
         shots, _ = exchanged(wanted.table(velocity, found), criterion, places)
     return velocity[shots]
 

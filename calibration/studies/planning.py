@@ -12,7 +12,6 @@ import softjax as sj
 from calibration.data import RestitutionData
 from calibration.errors import DataError
 from calibration.fitting.assembly import Component, assemble
-from calibration.fitting.bands import typical_noise
 from calibration.fitting.collisions import Route
 from calibration.fitting.law_model import OF_CONTACT
 from calibration.fitting.noise import noise_of
@@ -159,7 +158,7 @@ def _of_fit(result: FitResult, material: str | None, reach: Column, route: Route
     for k, spec in zip(component.sets, component.specs, strict=True):
         values, labels = result.materials[k].values, result.materials[k].labels
         local = tuple(
-            _at(one, values[one.name], determined.get(labels.get(one.name), False))
+            _at(one, values[one.name], determined.get(labels.get(one.name, ""), False))
             for one in spec.local
         )
         placed.append(replace(spec, local=local))
@@ -167,7 +166,13 @@ def _of_fit(result: FitResult, material: str | None, reach: Column, route: Route
     by_first = one.objective == "two-step"
     place = component.sets.index(g)
     plan = Plan(
-        tuple(placed), there, place, route, by_first, typical_noise(one), _yields_at(one.law)
+        tuple(placed),
+        there,
+        place,
+        route,
+        by_first,
+        float(np.sqrt(sum(one.variances.values()))),
+        _yields_at(one.law),
     )
     return _checked(plan)
 
