@@ -70,9 +70,10 @@ class DampedTable(Table):
 
 def table_of(law: Any, fastest: float, losses: bool = True) -> Table:
     """The forces of a law up to the overlaps of impacts at `fastest` [m/s] and a bit beyond."""
-    top = BEYOND * float(sj.restitution(law, fastest).peak_overlap)
-    make = _damped if isinstance(law, sj.RateDependentLaw) else _with_memory
-    return make(law, top, BEYOND * fastest if make is _damped else losses)
+    top = BEYOND * number_of(sj.restitution(law, fastest).peak_overlap)
+    if isinstance(law, sj.RateDependentLaw):
+        return _damped(law, top, BEYOND * fastest)
+    return _with_memory(law, top, losses)
 
 
 def source_of(table: Table) -> str:

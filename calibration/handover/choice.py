@@ -12,8 +12,8 @@ from calibration.handover import substitutes
 from calibration.handover.c_header import is_tabulated
 from calibration.handover.c_table import table_of
 from calibration.handover.impacts import Impacts, impacts_of
-from calibration.handover.steps import Steps, steps_of, steps_within, table_error
-from calibration.handover.wanted import Wanted
+from calibration.handover.steps import NONE, Steps, steps_of, steps_within, table_error
+from calibration.handover.wanted import Wanted, number_of
 
 ITSELF = "itself"
 INPUT, HEADER = "input", "header"  # how a code takes a law: by what it has, or by generated source
@@ -63,7 +63,7 @@ class Choice:
         stretch: overlaps and durations in the code are this many times those of the law.
         impacts: on the law, over the wanted velocities.
         error: the largest difference of its ε from the wanted one, without steps.
-        steps: the time step of the law; None where none keeps the tolerance.
+        steps: the time step of the law; `NONE` where there is no room for its error.
     """
 
     key: str
@@ -73,12 +73,12 @@ class Choice:
     stretch: float
     impacts: Impacts
     error: float
-    steps: Steps | None
+    steps: Steps
 
     @property
     def total(self) -> float:
         """The largest error of ε, steps included."""
-        return self.error + (np.inf if self.steps is None else self.steps.error)
+        return self.error + self.steps.error
 
     @property
     def step(self) -> float:
@@ -108,12 +108,10 @@ def choose(wanted: Wanted, code: Any, order: Order) -> tuple[Choice, list[Choice
 
 def _refusal(best: Choice, order: Order) -> InputError:
     problem = f"no law tried keeps the tolerance {order.tolerance:g}"
-    if best.error > (1 - ROOM) * order.tolerance or order.steps is None:
-        least = best.error / (1 - ROOM)
-        told = f"{best.error:.3g} off without steps"
+    if best.steps is NONE:
+        least, told = best.error / (1 - ROOM), f"{best.error:.3g} off without steps"
     else:
-        least = best.total
-        told = f"{best.total:.3g} off at {order.steps} steps"
+        least, told = best.total, f"{best.total:.3g} off at {best.steps.count} steps"
     accepted = f"--tolerance {_upwards(least)} writes it"
     return InputError(None, None, f"{problem}: the best, {best.label}, is {told}", accepted)
 
@@ -181,7 +179,7 @@ def _own_overlap(wanted: Wanted) -> float:
     """The largest overlap of the wanted law, or of Hertz's where it has none [m]."""
     if isinstance(wanted.law, sj.HardSphereLaw):
         hertz = sj.Hertz(wanted.contact)
-        return float(sj.restitution(hertz, wanted.range[1]).peak_overlap)
+        return number_of(sj.restitution(hertz, wanted.range[1]).peak_overlap)
     return float(impacts_of(wanted.law, wanted.velocity).peak[-1])
 
 
@@ -198,9 +196,9 @@ def _stretch(impacts: Impacts, wanted: Wanted, order: Order) -> float:
     return order.overlap / own
 
 
-def _steps(law: Any, impacts: Impacts, error: float, order: Order) -> Steps | None:
+def _steps(law: Any, impacts: Impacts, error: float, order: Order) -> Steps:
     if order.steps is not None:
         return steps_of(law, impacts, order.steps)
     if error > (1 - ROOM) * order.tolerance:
-        return None
+        return NONE
     return steps_within(law, impacts, order.tolerance - error)

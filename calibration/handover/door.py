@@ -83,8 +83,15 @@ def export(
         notes = notes_of(wanted, choice, order)
         header = Header("", 0.0)
         if choice.carrier.name == HEADER:
-            options = {"stretch": choice.stretch, "losses": losses, "prefix": prefix}
-            header = header_of(choice.law, notes[0], notes[1:], **options, fastest=wanted.range[1])
+            header = header_of(
+                choice.law,
+                notes[0],
+                notes[1:],
+                stretch=choice.stretch,
+                losses=losses,
+                prefix=prefix,
+                fastest=wanted.range[1],
+            )
     files = CODES[to].files(Draft(wanted, choice, notes, header.source, version))
     made = Export(
         to, wanted, choice, tried, order, header.interpolation_error, (*files, REPORT, PICTURE)
