@@ -5,6 +5,7 @@ import math
 import subprocess
 from functools import lru_cache
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -13,6 +14,7 @@ from calibration.handover.c_header import header_of
 from calibration.handover.c_table import table_of
 from calibration.handover.impacts import impacts_of
 from calibration.handover.steps import table_error
+from softjax._numerics import power_3_2
 from tests.cases import MATERIALS, fitted, pair
 from tests.export_cases import (
     DAMPED,
@@ -36,12 +38,22 @@ SOME = slice(1280, 4096, 128)  # from 0.03 m/s
 GAINING = sj.Zhou(pair("nylon"), 0.0160, 0.4355, 0.5414)
 
 
-class Plastic(sj.Thornton):
+class Plastic(sj.RateIndependentLaw):
     """A law that no formula is known of: a class of one's own."""
+
+    contact: sj.Contact
+    hardness: float  # [N/m²]
+
+    def loading_force(self, overlap):
+        return self.hardness * overlap**2
+
+    def unloading_force(self, overlap, peak_overlap):
+        part = jnp.maximum(1 - (peak_overlap - overlap) / (0.3 * peak_overlap), 0)
+        return self.hardness * peak_overlap**2 * power_3_2(part)
 
 
 class Viscous(sj.ViscoelasticHertz):
-    """The same, with damping."""
+    """The same with damping, derived from a law that has a formula."""
 
 
 @lru_cache
@@ -53,7 +65,7 @@ def wide(law):
 
 ENDS = ("zero-overlap", "zero-force")
 OWN = {
-    "plastic": Plastic(pair("stainless steel", "hertz"), 2.8),
+    "plastic": Plastic(PAIR, 1e14),
     "viscous": Viscous(PAIR, 2e-6),
 }
 

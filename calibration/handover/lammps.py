@@ -9,10 +9,10 @@ is asked), by the version (Tsuji's damping lacks a √2) and by the unit (dampin
 """
 
 import math
-from typing import Any
+from typing import Any, ClassVar
 
-import equinox as eqx
 import numpy as np
+from jaxtyping import Array
 from scipy.optimize import brentq
 
 import softjax as sj
@@ -23,9 +23,7 @@ from calibration.handover.exported import Draft
 from calibration.handover.softer import softened
 from calibration.handover.templates import commented, filled, template
 from calibration.handover.wanted import number_of
-from softjax.laws.base import End, ReducedRateDependent
 from softjax.laws.linear_dashpot import damping_fraction
-from softjax.laws.viscoelastic import ReducedViscoelastic
 
 CARRIERS = {
     "linear": Carrier(INPUT),
@@ -170,12 +168,12 @@ def viscoelastic(
     return (sj.ViscoelasticHertz if limit_damping else PullingViscoelastic)(contact, time)
 
 
-class _PullingViscoelastic(ReducedViscoelastic):
-    ends_at: End = eqx.field(static=True, init=False, default="zero-overlap")
-
-
-class PullingViscoelastic(sj.ViscoelasticHertz):
+class PullingViscoelastic(sj.RateDependentLaw):
     """Viscoelastic spheres that pull before they part, as without `limit_damping`."""
 
-    def reduced(self) -> ReducedRateDependent:
-        return _PullingViscoelastic(super().reduced().dissipation)
+    contact: sj.Contact
+    dissipation_time: float
+    end: ClassVar[str] = "zero-overlap"
+
+    def force(self, overlap: Any, velocity: Any) -> Array:
+        return sj.ViscoelasticHertz(self.contact, self.dissipation_time).force(overlap, velocity)
