@@ -1,5 +1,6 @@
 """One precision for all tests, and the array types in signatures checked while they run."""
 
+import pytest
 from jaxtyping import install_import_hook
 
 # The physics behind the public names, where every annotation is meant literally. The names that
@@ -27,3 +28,11 @@ with install_import_hook(CHECKED, "beartype.beartype"):
     import softjax.rate_dependent
 
 sj.enable_x64()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def no_compilations_are_kept():
+    """Commands that are run in a test leave nothing in the user's home."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("calibration.cli.keep_compilations", lambda: None)
+        yield
