@@ -14,7 +14,7 @@ FLOORS = [
     {"report", "coverage"},
     {"curve", "studies"},
     {"plots"},
-    {"commands", "speed"},
+    {"commands", "speed", "handover"},
     {"cli", "__main__"},
 ]
 FLOOR = {name: floor for floor, names in enumerate(FLOORS) for name in names}
