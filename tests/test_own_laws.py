@@ -188,7 +188,9 @@ def test_laws_say_what_they_lack():
         Endless(STEEL)
 
 
-@pytest.mark.parametrize("law", [sj.Hertz(STEEL), sj.Thornton(STEEL), sj.Zhou(STEEL, 1.8, 3.0, 0.5)])
+@pytest.mark.parametrize(
+    "law", [sj.Hertz(STEEL), sj.Thornton(STEEL), sj.Zhou(STEEL, 1.8, 3.0, 0.5)]
+)
 def test_slopes_of_forces_at_zero_overlap(law):
     """0, where `x √x` gave NaN."""
     for mode in (jax.grad, jax.jacfwd):
