@@ -72,8 +72,8 @@ def read(path):
     return nbformat.read(path, as_version=4)
 
 
-def test_there_are_six():
-    assert [path.stem[0] for path in NOTEBOOKS] == list("123456")
+def test_there_are_seven():
+    assert [path.stem[0] for path in NOTEBOOKS] == list("1234567")
 
 
 def test_the_kernel_is_this_interpreter(tmp_path, monkeypatch):
