@@ -7,7 +7,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from calibration.atomic import replacing
+from calibration.atomic import replacing, write_text
 from calibration.errors import DataError
 from calibration.fitting.bands import band
 from calibration.fitting.component_fit import ComponentFit
@@ -259,7 +259,7 @@ class FitResult:
     def save(self, path: str | Path) -> None:
         """Write `fit.json`; it appears whole or not at all."""
         with replacing(path) as staged:
-            staged.write_text(self.to_json(), encoding="utf-8")
+            write_text(staged, self.to_json())
 
     @classmethod
     def load(cls, path: str | Path, law: Any = None) -> "FitResult":
