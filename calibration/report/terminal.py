@@ -1,4 +1,4 @@
-"""A fit on a terminal of 100 columns."""
+"""A fit on a terminal, of 100 columns or what there are."""
 
 import textwrap
 from collections.abc import Iterable
@@ -7,8 +7,7 @@ from typing import Any
 from calibration.report import rows
 from calibration.report.tables import aligned
 from calibration.rounding import number
-
-WIDTH = 100
+from calibration.terminal import width
 
 
 def terminal_report(result: Any, printed: rows.Printed | None = None, intro: str = "") -> str:
@@ -41,17 +40,17 @@ def doubts(result: Any) -> list[str]:
         return [*lines, "No doubts were raised."]
     lines.append("Doubts:")
     for doubt in result.warnings:
-        lines += textwrap.wrap(str(doubt), WIDTH, initial_indent="  ! ", subsequent_indent="    ")
+        lines += textwrap.wrap(str(doubt), width(), initial_indent="  ! ", subsequent_indent="    ")
     return lines
 
 
 def _wrapped(paragraphs: Iterable[str]) -> list[str]:
-    return [line for text in paragraphs for line in textwrap.wrap(text, WIDTH)]
+    return [line for text in paragraphs for line in textwrap.wrap(text, width())]
 
 
 def _explained(lines: Iterable[str]) -> list[str]:
-    look = {"initial_indent": "  ", "subsequent_indent": "    "}
-    return [one for line in lines for one in textwrap.wrap(line, WIDTH, **look)]
+    wrapper = textwrap.TextWrapper(width(), initial_indent="  ", subsequent_indent="    ")
+    return [one for line in lines for one in wrapper.wrap(line)]
 
 
 def _intervals(result: Any) -> list[str]:
