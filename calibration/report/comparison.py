@@ -10,8 +10,8 @@ from calibration.errors import printable
 from calibration.report import symbols
 from calibration.report.rows import estimate_text
 from calibration.report.tables import aligned
-from calibration.terminal import width
 from calibration.rounding import ABSENT, number
+from calibration.terminal import width
 
 WHOLE = 1000  # scores from here on are told in whole numbers
 HEADER = ("law", "elpd", "behind", "weight", "left out", "rms", "AIC", "BIC", "k")
