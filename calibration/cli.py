@@ -19,7 +19,7 @@ from pathlib import Path
 from calibration import atomic, progress, signals, terminal
 from calibration.cache import keep_compilations
 from calibration.commands import COMMANDS
-from calibration.errors import DataError, InputError, did_you_mean, listed, printable
+from calibration.errors import DataError, InputError, NotWritten, did_you_mean, listed, printable
 
 DONE, NOT_CONVERGED, UNUSABLE, NOT_WRITTEN, INTERRUPTED = 0, 1, 2, 3, 130
 COMMON = {"out": Path("results"), "quiet": False, "cache": True}
@@ -36,6 +36,9 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str):
         line = " ".join(message.split())
         self.exit(UNUSABLE, f"{self.prog}: {line}; {self.prog} --help lists what is accepted\n")
+
+    def print_help(self, file=None) -> None:
+        print(self.format_help(), end="", file=file or sys.stdout)  # argparse's own hides failures
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -54,9 +57,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         return DONE
     except OSError as error:
         terminal.silence(sys.stdout)
-        if not isinstance(error, atomic.NotWritten):
-            error = atomic.NotWritten(error.filename or "standard output", error)
-        return _tell(f"softjax: {error}", NOT_WRITTEN)
+        told = str(error)
+        if not isinstance(error, NotWritten):
+            where = "standard output" if error.filename is None else repr(error.filename)
+            told = f"{where} could not be written to ({error.strerror or error})"
+        return _tell(f"softjax: {told}", NOT_WRITTEN)
     finally:
         progress.erase_sign()
 

@@ -27,7 +27,7 @@ def prepare() -> None:
     """Make the three standard streams such that nothing fails for want of a letter, or of a stream.
 
     A stream that was closed (`2>&-`) is the null device from here on: else a file of results would
-    become it.
+    become it. To write to a closed standard output stays an error, as something was asked for.
     """
     codecs.register_error(NAME, _plain_letters)
     for number in range(3):
@@ -81,7 +81,7 @@ def silence(stream: TextIO | None) -> None:
 def _fill(number: int) -> None:
     """Open the null device where a standard stream was closed."""
     name = ("stdin", "stdout", "stderr")[number]
-    opened = os.open(os.devnull, os.O_WRONLY if number else os.O_RDONLY)
+    opened = os.open(os.devnull, os.O_WRONLY if number == 2 else os.O_RDONLY)
     if opened != number:
         os.dup2(opened, number)
         os.close(opened)

@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 from calibration.data.text_file import MIB, read_text
 from calibration.errors import DataError, InputError, is_finite_number, listed, shown
 
-LARGEST = 32 * MIB  # which take less than a GiB of memory as Python's objects
+LARGEST = 24 * MIB  # which take less than a GiB of memory as Python's objects
 
 Kind = Callable[[Any, str], None]
 

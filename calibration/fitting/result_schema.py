@@ -85,7 +85,7 @@ FIT = table(
     {
         "material": text,
         "n": whole(1),
-        "rms": MAYBE,
+        "rms": NUMBER,
         "rms_empirical": MAYBE,
         "empirical": or_null(every(MAYBE)),
         "converged": flag,
