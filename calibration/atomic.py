@@ -18,6 +18,7 @@ Names are text: control characters are told by their codes, and signs of Markdow
 cache of compiled programs is the exception to mind: who can write into it can run code as you.
 """
 
+import errno
 import os
 import shutil
 import tempfile
@@ -83,8 +84,6 @@ def files_into(directory: str | Path, owned: Iterable[str] = ()) -> Iterator[Pat
             yield staged
             with held():  # old files or new ones, not some of both
                 _move(staged, directory, owned)
-    except NotWritten:
-        raise
     except OSError as error:
         raise NotWritten(directory, error) from error
 
@@ -110,10 +109,9 @@ def check_writable(directory: str | Path) -> None:
     directory = Path(directory)
     try:
         os.lstat(directory)
-    except (FileNotFoundError, NotADirectoryError):
-        pass
     except OSError as error:
-        raise NotWritten(directory, error) from None
+        if error.errno == errno.ENAMETOOLONG:
+            raise NotWritten(directory, error) from None
     there = _nearest_existing(directory)
     accepted = "results need a directory to go to"
     if there.is_symlink() and not there.exists():
@@ -183,12 +181,24 @@ def _lock(folder: Path, wait: bool) -> int | None:
 def _move(staged: Path, directory: Path, owned: Iterable[str]) -> None:
     names = sorted(path.name for path in staged.iterdir())
     _check_targets(directory, names)
-    directory.mkdir(parents=True, exist_ok=True)
+    _make(directory)
     for name in names:
         os.replace(staged / name, directory / name)
     for name in set(owned) - set(names):
         (directory / name).unlink(missing_ok=True)
     written.add(directory)
+
+
+def _make(directory: Path) -> None:
+    """The directory with those above it, or none of them."""
+    missing = [path for path in (directory, *directory.parents) if not os.path.lexists(path)]
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        for path in missing:
+            with suppress(OSError):
+                path.rmdir()
+        raise
 
 
 def _nearest_existing(directory: Path) -> Path:

@@ -65,7 +65,8 @@ class NotWritten(OSError):
         self.path = path
         if isinstance(reason, OSError):
             super().__init__(reason.errno, reason.strerror)
-        self.reason = getattr(reason, "strerror", None) or str(reason)
+        told = getattr(reason, "reason", None) or getattr(reason, "strerror", None)
+        self.reason: str = told or str(reason)
 
     def __str__(self) -> str:
         reason = printable(" ".join(self.reason.split()))

@@ -59,6 +59,8 @@ def _check_fit(fit: Mapping[str, Any], place: str, names: list[str]) -> None:
     for name in ("status", "standardised", "leverage"):
         _same(f"{place}.{name}", len(fit[name]), f"{place}.n", n)
     _same(f"{place}.known", len(fit["known"]), "a pair", 2)
+    if fit["known"][0] is None:
+        raise DataError(f"{place}.known[0]", None, "a number of 0 or more")
     for name, label in fit["labels"].items():
         if name not in fit["values"] or label not in names:
             raise DataError(f"{place}.labels", f"{name}: {label}", "of values and covariance.names")

@@ -87,7 +87,10 @@ def read_result(path: str | Path, law: Any = None) -> dict[str, Any]:
     accepted = "only a fit's own fit.json is accepted"
     try:
         check_result(table)
-        return _parts(table, law)
+        parts = _parts(table, law)
+        for material in parts["materials"]:
+            material.law  # noqa: B018  # that there can be one
+        return parts
     except DataError as error:
         if error.argument == "law":
             raise

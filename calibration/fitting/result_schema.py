@@ -104,7 +104,7 @@ FIT = table(
         "timing": or_null(NOT_NEGATIVE),
         "standardised": each(MAYBE),
         "leverage": each(MAYBE),
-        "residual_degrees": or_null(NOT_NEGATIVE),
+        "residual_degrees": NOT_NEGATIVE,
         "chi_squared_probability": MAYBE,
         "data": DATA,
     },

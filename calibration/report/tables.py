@@ -23,7 +23,7 @@ def aligned(header: Row, rows: Iterable[Row], right: Sequence[int] = ()) -> list
     lines = ["  ".join(map(_padded, row, widths, _ends(right, widths))) for row in table]
     if (terminal.columns() or math.inf) < max(map(width, lines)):
         return _one_below_the_other(table)
-    rule = "  ".join("─" * w for w in widths)
+    rule = "  ".join(terminal.letters("─") * w for w in widths)
     return [lines[0].rstrip(), rule, *(line.rstrip() for line in lines[1:])]
 
 
