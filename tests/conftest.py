@@ -6,9 +6,17 @@ from jaxtyping import install_import_hook
 # users call say what they accept themselves, with a ValueError (test_validation).
 CHECKED = (
     "softjax._numerics",
-    "softjax.empirical",
-    "softjax.energy",
+    "softjax._quadrature",
+    "softjax._search",
+    "softjax.assembly",
     "softjax.collision",
+    "softjax.empirical",
+    "softjax.encke",
+    "softjax.energy",
+    "softjax.falls",
+    "softjax.phase",
+    "softjax.rate_dependent",
+    "softjax.release",
     "softjax.laws._first_order",
     "softjax.laws._full",
 )
@@ -16,5 +24,6 @@ CHECKED = (
 with install_import_hook(CHECKED, "beartype.beartype"):
     import softjax as sj
     import softjax.collision
+    import softjax.rate_dependent
 
 sj.enable_x64()

@@ -49,8 +49,8 @@ def _wrapped(paragraphs: Iterable[str]) -> list[str]:
 
 
 def _explained(lines: Iterable[str]) -> list[str]:
-    wrapper = textwrap.TextWrapper(width(), initial_indent="  ", subsequent_indent="    ")
-    return [one for line in lines for one in wrapper.wrap(line)]
+    wrapped = textwrap.TextWrapper(width(), initial_indent="  ", subsequent_indent="    ")
+    return [one for line in lines for one in wrapped.wrap(line)]
 
 
 def _intervals(result: Any) -> list[str]:
