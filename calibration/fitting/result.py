@@ -212,9 +212,10 @@ class FitResult:
     def _band(self, material: MaterialFit, velocity, confidence, kind: str) -> Band:
         names, covariance = self.covariance_names, self.of_predictions
         freedom = self._freedom(material)
-        return band(
-            material, velocity, names, covariance, freedom, confidence or self.confidence, kind
-        )
+        with np.errstate(over="ignore", invalid="ignore"):  # of numbers near the end of floats
+            return band(
+                material, velocity, names, covariance, freedom, confidence or self.confidence, kind
+            )
 
     def _freedom(self, material: MaterialFit) -> Freedom:
         """That of the component which a data set belongs to."""

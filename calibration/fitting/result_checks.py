@@ -64,6 +64,10 @@ def _check_fit(fit: Mapping[str, Any], place: str, names: list[str]) -> None:
     for name, label in fit["labels"].items():
         if name not in fit["values"] or label not in names:
             raise DataError(f"{place}.labels", f"{name}: {label}", "of values and covariance.names")
+    for name, value in fit["values"].items():
+        if isinstance(value, list) and (name in fit["labels"] or len(value) != n):
+            accepted = f"a number, or {n} of one that is held"
+            raise DataError(f"{place}.values.{name}", value, accepted)
     if data["errors"] is not None:
         _check_errors(data["errors"], f"{place}.data.errors", n)
 
