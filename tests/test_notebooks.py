@@ -75,13 +75,8 @@ def read(path):
     return nbformat.read(path, as_version=4)
 
 
-<<<<<<< HEAD
 def test_all_are_there():
-    assert [path.stem[0] for path in NOTEBOOKS] == list("1234568")
-=======
-def test_there_are_seven():
-    assert [path.stem[0] for path in NOTEBOOKS] == list("1234567")
->>>>>>> laws
+    assert [path.stem[0] for path in NOTEBOOKS] == list("12345678")
 
 
 def test_the_kernel_is_this_interpreter(tmp_path, monkeypatch):

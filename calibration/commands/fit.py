@@ -7,17 +7,17 @@ report.md and, where there is something to show, profiles.png and correlation.pn
 """
 
 import argparse
-import shlex
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from calibration.atomic import check_writable, files_into
+from calibration.atomic import check_writable, files_into, or_told, write_text
 from calibration.choices import CHOICES, COUNTS, NUMBERS, OPTIONS, idle
 from calibration.errors import DataError, InputError
 from calibration.progress import Progress
+from calibration.terminal import shell_line
 
 WORDS = ("law", "objective", "optimiser", "route", "loss", *OPTIONS, "unloading_line")
 FLAGS = {"profiles": "--no-profiles"}  # what a flag sets, where it is not its own name
@@ -109,9 +109,12 @@ def run(arguments: argparse.Namespace) -> int:
     job = _job(arguments)
     with Progress(arguments.quiet) as progress:
         result = _fitted(job, progress)
-        _write(result, job, arguments.out, progress)
-    if not arguments.quiet:
-        _print(result, job, arguments.out)
+        told = [] if arguments.quiet else [_told(result, job)]
+        with or_told(told):
+            _write(result, job, arguments.out, progress)
+    if told:
+        written = ", ".join(name for name in FILES if (arguments.out / name).exists())
+        print(f"{told[0]}\n\nWritten to {arguments.out}: {written}")
     if result.converged:
         return 0
     print("softjax fit: did not converge; the results are written and marked so", file=sys.stderr)
@@ -204,7 +207,7 @@ def _write(result, job: Job, out: Path, progress: Progress) -> None:
         result.save(staged / "fit.json")
         pictures = _draw(result, job, staged, progress)
         report = markdown_report(result, pictures, _command(job, out), _printed(job))
-        (staged / "report.md").write_text(report, encoding="utf-8")
+        write_text(staged / "report.md", report)
 
 
 def _draw(result, job: Job, directory: Path, progress: Progress) -> dict[str, str]:
@@ -235,12 +238,10 @@ def _curves(result, job: Job):
     return plots.curves_figure(result, lines)
 
 
-def _print(result, job: Job, out: Path) -> None:
+def _told(result, job: Job) -> str:
     from calibration.report import terminal_report
 
-    print(terminal_report(result, _printed(job), INTRO if job.embedded else ""))
-    written = ", ".join(name for name in FILES if (out / name).exists())
-    print(f"\nWritten to {out}: {written}")
+    return terminal_report(result, _printed(job), INTRO if job.embedded else "")
 
 
 def _printed(job: Job) -> dict[str, dict[str, float]] | None:
@@ -259,7 +260,7 @@ def _command(job: Job, out: Path) -> str:
     for name, value in job.given.items():
         parts += [_option(name), *([] if name in FLAGS else [str(value).replace(" ", "-")])]
     parts += ["--beside"] * (job.beside and not job.embedded)
-    return shlex.join([*parts, "--out", str(out)])
+    return shell_line([*parts, "--out", str(out)])
 
 
 def _number(name: str):
