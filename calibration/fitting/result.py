@@ -1,5 +1,6 @@
 """What a fit found, how well it is known, and what to doubt about it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -234,6 +235,38 @@ class FitResult:
         """Fits of data simulated with the fitted curve and noise; see `Bootstrap`."""
         with jax.enable_x64(True):
             return bootstrap(self._refitted(), count, seed, self.confidence)
+
+    def posterior(
+        self,
+        draws: int = 1000,
+        chains: int = 4,
+        seed: int = 0,
+        *,
+        warmup: int = 1000,
+        progress: Callable[[str, int, int], None] | None = None,
+    ) -> Any:
+        """Draws from the posterior of all parameters and of what is unknown of the noise, by NUTS.
+
+        Needs `pip install "softjax-contact[bayes]"`. Priors are those stated with `Parameter`, and
+        weak ones of `calibration.posterior.priors` elsewhere: the attribute "prior" of each variable.
+
+        Args:
+            draws, warmup: of each chain.
+            seed: equal draws for equal seeds.
+            progress: called as progress(stage, done, total).
+
+        Returns:
+            ArviZ data (`InferenceData`, from ArviZ 1 on `DataTree`): posterior, log_likelihood of
+            each point, posterior_predictive, sample_stats, observed_data.
+
+        Raises:
+            ImportError: without the extra.
+            ValueError: naming the argument, its value and what is accepted; for fits that were no
+                likelihood (`two-step`, robust losses).
+        """
+        from calibration.posterior.door import sampled
+
+        return sampled(self.request, self._refitted(), draws, chains, seed, warmup, progress)
 
     def _refitted(self) -> list[ComponentFit]:
         """The searches; a result that was loaded makes them again."""

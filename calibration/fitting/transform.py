@@ -8,6 +8,8 @@ none     θ = z, kept within its bounds
 import math
 from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -58,6 +60,14 @@ class Transform(NamedTuple):
         logit = (high - low) * size / (1 + size) ** 2
         by_kind = [np.where(inside, 1.0, 0.0), log, logit, above]
         return np.choose(np.broadcast_to(self.kind, theta.shape), by_kind)
+
+    def log_slope(self, z: Any) -> Any:
+        """ln |dθ/dz| of (..., p), in JAX: what a density of θ is multiplied by in z."""
+        low, high = self._finite()
+        at = jnp.clip(z, -LARGEST_EXPONENT, LARGEST_EXPONENT)
+        logit = np.log(np.where(self.kind == LOGIT, high - low, 1.0)) - jax.nn.softplus(at)
+        by_kind = [jnp.zeros_like(at), at, logit - jax.nn.softplus(-at), -at]
+        return jnp.choose(np.broadcast_to(self.kind, at.shape), by_kind, mode="clip")
 
     def unconstrained(self, theta: Vector) -> Vector:
         """z(θ), the inverse; values at a bound or beyond are moved just inside."""
