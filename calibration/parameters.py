@@ -42,6 +42,8 @@ class Parameter:
         if not isinstance(self.free, bool):
             raise DataError("free", self.free, "true or false")
         _check_value(self.value)
+        if is_finite_number(self.value):
+            object.__setattr__(self, "value", self.value + 0)  # -0.0 is 0
         if self.bounds is not None:
             object.__setattr__(self, "bounds", _bounds(self.bounds, self.value))
         if self.prior is not None:

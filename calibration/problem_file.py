@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from calibration.choices import CHOICES, COUNTS, FORMER, NUMBERS
+from calibration.choices import CHOICES, COUNTS, FORMER, NUMBERS, idle
 from calibration.data import RestitutionData
 from calibration.data.material_file import MaterialEntry
 from calibration.data.toml_file import MaterialFile, read_materials
@@ -78,9 +78,8 @@ def read_settings(table: TomlTable | None) -> dict[str, Any]:
         return {}
     table.allow([*CHOICES, *COUNTS, *NUMBERS])
     values = {key: _setting(table, key) for key in table.values}
-    if values.get("route") == "energy balance" and "rtol" in values:
-        problem, accepted = "rtol beside the energy balance", 'it acts with route = "ode" only'
-        raise table.refusal("rtol", problem, accepted)
+    for key, accepted in idle(values).items():
+        raise table.refusal(key, f"{key} would do nothing", accepted)
     return values
 
 

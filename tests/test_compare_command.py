@@ -9,6 +9,7 @@ from matplotlib.colors import to_hex
 import calibration as cal
 from calibration import cli
 from calibration.commands import compare as command
+from calibration.fitting import refits
 from calibration.plots import linear_spring, style
 from calibration.plots.comparison import comparison_figure, plot_comparison
 from calibration.report.comparison import comparison_json, comparison_text

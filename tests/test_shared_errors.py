@@ -6,6 +6,7 @@ from scipy import optimize, stats
 
 import calibration as cal
 from calibration.fitting.set_errors import SetErrors, Structure
+from calibration.fitting.small_sample import missing
 from calibration.fitting.variances import Seen, criterion, estimated
 
 RANDOM = np.random.default_rng(7)
@@ -76,6 +77,31 @@ def test_each_variance_has_its_part(errors):
         white = np.linalg.inv(larger.whiten(np.eye(len(matrix))))
         rise = values.T @ (white @ white.T - matrix) @ values
         np.testing.assert_allclose(part, 2 * rise, rtol=1e-6)
+
+
+def test_errors_are_wider_by_what_estimated_variances_add(errors):
+    """Kenward and Roger's formula with dense matrices."""
+    own, matrix = errors
+    names, n = list(own.variance), len(matrix)
+    data, slope = bounces(not own.points.size_is_unknown), own.slope
+    none = dict.fromkeys(names, 0.0)
+    whole = {name: dense(data, slope, none | {name: own.variance[name]}) for name in names}
+    stated = dense(data, slope, none)
+    jacobian = RANDOM.normal(0, 1, (n, 2))
+    relative = np.array([[0.5, 0.1, 0.05], [0.1, 0.3, 0.02], [0.05, 0.02, 0.4]])
+    relative = relative[: len(names), : len(names)]
+    inverse = np.linalg.inv(matrix)
+    known = np.linalg.inv(jacobian.T @ inverse @ jacobian)
+    expected = np.zeros((2, 2))
+    for c, one in enumerate(names):
+        for d, two in enumerate(names):
+            first, second = whole[one] - stated, whole[two] - stated
+            pull = jacobian.T @ inverse
+            bent = pull @ first @ inverse @ second @ pull.T
+            within = pull @ first @ pull.T @ known @ pull @ second @ pull.T
+            expected += relative[c, d] * (bent - within)
+    found = missing(own, jacobian, relative, known)
+    np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-8 * np.max(np.abs(expected)))
 
 
 def test_what_is_simulated_has_this_covariance(errors):
@@ -288,7 +314,7 @@ def test_leaving_out_a_group_is_a_fit_without_it():
         told = stats.multivariate_normal.logpdf(
             data.restitution[out], [np.mean(others)] * 5, spread + of_mean
         )
-        assert np.sum(left.log_density[out]) == pytest.approx(told, rel=1e-9)
+        assert np.sum(left.log_density[out]) == pytest.approx(told, rel=1e-7)
 
 
 def test_bootstrapped_fits_of_groups_scatter_as_their_error_says():

@@ -15,11 +15,13 @@ from pathlib import Path
 from typing import Any
 
 from calibration.atomic import check_writable, files_into
-from calibration.choices import CHOICES, NUMBERS, OPTIONS
-from calibration.errors import InputError
+from calibration.choices import CHOICES, COUNTS, NUMBERS, OPTIONS, idle
+from calibration.errors import DataError, InputError
 from calibration.progress import Progress
 
-WORDS = ("law", "objective", "optimiser", "route", "loss", *OPTIONS)
+WORDS = ("law", "objective", "optimiser", "route", "loss", *OPTIONS, "unloading_line")
+FLAGS = {"profiles": "--no-profiles"}  # what a flag sets, where it is not its own name
+FLAGS |= {name: f"--{name.replace('_', '-')}" for name in ("extra_scatter", "scale_uncertainty")}
 PICTURES = {
     "curves.png": "Data, fitted curves with their bands, and residuals below",
     "profiles.png": "Profiles of the cost: its rise when one parameter is held elsewhere",
@@ -48,6 +50,7 @@ class Job:
     file: str | None = None  # None: the embedded data
     beside: bool = False
     given: Mapping[str, Any] = field(default_factory=dict)  # on the command line
+    problem: Any = None  # the file, as it was read
 
     @property
     def embedded(self) -> bool:
@@ -59,24 +62,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", nargs="?", metavar="FILE.toml", help="the materials and their data")
     for name in WORDS:
         accepted = [choice.replace(" ", "-") for choice in CHOICES[name]]
-        parser.add_argument(f"--{name}", choices=accepted, help=HELP[name])
-    parser.add_argument("--starts", type=_whole(1), metavar="N", help="starts that are screened")
-    parser.add_argument("--seed", type=_whole(0), metavar="N", help="of the starts")
-    parser.add_argument(
-        "--confidence", type=_number("confidence"), metavar="X", help="default: 0.95"
-    )
-    parser.add_argument(
-        "--no-profiles",
-        dest="profiles",
-        action="store_const",
-        const=False,
-        help="no profile likelihoods: intervals from standard errors, in less time",
-    )
+        parser.add_argument(_option(name), choices=accepted, help=HELP[name])
+    for name, least in COUNTS.items():
+        parser.add_argument(_option(name), type=_whole(least), metavar="N", help=HELP[name])
+    for name in NUMBERS:
+        parser.add_argument(_option(name), type=_number(name), metavar="X", help=HELP[name])
+    for name, flag in FLAGS.items():
+        look: dict[str, Any] = {"action": "store_const", "const": not flag.startswith("--no-")}
+        parser.add_argument(flag, dest=name, help=HELP[name], **look)
     parser.add_argument(
         "--beside",
         action="store_true",
         help="fit again by Levenberg–Marquardt through the energy balance (always without a file)",
     )
+
+
+def _option(name: str) -> str:
+    return FLAGS.get(name, f"--{name.replace('_', '-')}")
 
 
 HELP = {
@@ -88,6 +90,16 @@ HELP = {
     "form": "of Zhou's law (default: first-order)",
     "kappa": "consistent with the forces (default), or as the paper prints it",
     "end": "of a dashpot law's contact (default: zero-overlap)",
+    "unloading_line": "Eq. (18) through all curves (default), through the fitted χ̃, or none",
+    "starts": "starts that are screened (default: 32)",
+    "seed": "of the starts (default: 0)",
+    "max_steps": "iterations of one search (default: 200)",
+    "rtol": "relative tolerance of the time integration",
+    "confidence": "of all intervals (default: 0.95)",
+    "loss_scale": "of a robust loss, in standard errors of the residuals (default: 1.345)",
+    "profiles": "no profile likelihoods: intervals from standard errors, in less time",
+    "extra_scatter": "estimate scatter beside the stated uncertainties",
+    "scale_uncertainty": "stated uncertainties are right up to a factor: scale errors by √(χ²/ν)",
 }
 
 
@@ -107,7 +119,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _job(arguments: argparse.Namespace) -> Job:
-    names = (*WORDS, "starts", "seed", "confidence", "profiles")
+    names = (*WORDS, *COUNTS, *NUMBERS, *FLAGS)
     given = {name: getattr(arguments, name) for name in names}
     given = {name: value for name, value in given.items() if value is not None}
     if "route" in given:
@@ -115,17 +127,26 @@ def _job(arguments: argparse.Namespace) -> Job:
     if arguments.file is None:
         from calibration.data.paper import paper_materials
 
-        settings = {"objective": "two-step", **given}
+        by_paper = given.get("law", "zhou") == "zhou"
+        settings = _heeded({"objective": "two-step"} if by_paper else {}, given)
         return Job(paper_materials(), settings=settings, beside=True, given=given)
     from calibration.problem_file import read_problem
 
     problem = read_problem(arguments.file)
-    settings = {**problem.settings, **given}
-    if given.get("route") == "energy balance":  # the file's tolerance was for its own route
-        settings.pop("rtol", None)
-    return Job(
-        problem.datasets, problem.parameters, settings, arguments.file, arguments.beside, given
-    )
+    settings = _heeded(problem.settings, given)
+    own = (problem.datasets, problem.parameters, settings, arguments.file)
+    return Job(*own, beside=arguments.beside, given=given, problem=problem)
+
+
+def _heeded(of_file: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """The settings of both; of the file's not what was for another law, or would do nothing now."""
+    others = OPTIONS if given.get("law", of_file.get("law")) != of_file.get("law") else ()
+    settings = {name: value for name, value in of_file.items() if name not in others} | {**given}
+    for name, accepted in idle(settings).items():
+        if name in given:
+            raise DataError(_option(name), "given", f"left out: {accepted}")
+        del settings[name]
+    return settings
 
 
 def _fitted(job: Job, progress: Progress):
@@ -154,7 +175,17 @@ def _fitted(job: Job, progress: Progress):
     except InputError:
         raise
     except ValueError as error:
-        raise InputError(job.file, None, str(error), "nothing was fitted") from error
+        raise _refusal(job, error) from error
+
+
+def _refusal(job: Job, error: ValueError) -> InputError:
+    """What the fit refuses, with the line of the file that says it."""
+    if isinstance(error, DataError) and job.problem is not None:
+        name = error.argument
+        if name in job.problem.settings and name not in job.given:
+            problem, accepted = f"{name} is {error.value}", f"it must be {error.accepted}"
+            return job.problem.refusal(name, problem, accepted)
+    return InputError(job.file, None, str(error), "nothing was fitted")
 
 
 def _route(name: str | None, rtol: float | None):
@@ -226,9 +257,7 @@ def _command(job: Job, out: Path) -> str:
     """The command that makes the same results again."""
     parts = ["softjax", "fit", *([job.file] if job.file else [])]
     for name, value in job.given.items():
-        parts += (
-            ["--no-profiles"] if name == "profiles" else [f"--{name}", str(value).replace(" ", "-")]
-        )
+        parts += [_option(name), *([] if name in FLAGS else [str(value).replace(" ", "-")])]
     parts += ["--beside"] * (job.beside and not job.embedded)
     return shlex.join([*parts, "--out", str(out)])
 

@@ -169,8 +169,8 @@ class _Job:
 
         from calibration.plots import studies as pictures
         from calibration.plots import style
-        from calibration.report.studies import local_table, sensitivities_csv
         from calibration.studies.local import sensitivity
+        from calibration.studies.text import local_table, sensitivities_csv
 
         velocity = np.geomspace(self.low, self.high, self.points)
         both = sensitivity(self.inputs, np.concatenate([velocity, self.bars]), self.route)
@@ -191,8 +191,8 @@ class _Job:
     def _information(self, folder: Path, progress: Any) -> tuple[str, Any]:
         import numpy as np
 
-        from calibration.report.studies import information_text
         from calibration.studies.information import fisher_information
+        from calibration.studies.text import information_text
 
         planned = self.arguments.shots or (0 if self.source.result is not None else SHOTS)
         velocity = np.linspace(self.low, self.high, planned)
@@ -229,8 +229,8 @@ class _Job:
     def _global(self, folder: Path, progress: Any) -> tuple[str, Any]:
         from calibration.plots import studies as pictures
         from calibration.plots import style
-        from calibration.report.studies import sobol_table
         from calibration.studies.sobol import sobol_indices
+        from calibration.studies.text import sobol_table
 
         arguments = self.arguments
         found = sobol_indices(

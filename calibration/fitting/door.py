@@ -249,10 +249,7 @@ def _versions() -> dict[str, str]:
 
 
 def _times(stages: list[StageFit]) -> dict[str, float]:
-    times: dict[str, float] = {}
-    for stage in stages:
-        times[stage.report.stage] = times.get(stage.report.stage, 0.0) + stage.seconds
-    return times
+    return {stage.report.label: stage.seconds for stage in stages}
 
 
 def _settings(request: Request, fits: list[ComponentFit]) -> dict[str, Any]:

@@ -32,7 +32,7 @@ def profiles_of(fit: ComponentFit, confidence: float) -> dict[str, Profile]:
     wanted = (errors > LEAST_ERROR) & ~known.undetermined[0, problem.active] & ~entry
     columns = np.flatnonzero(wanted)
     degrees = known.degrees[0, problem.active[columns]]
-    reach = np.atleast_1d(quantile(confidence, degrees))
+    reach = np.atleast_1d(quantile(confidence, degrees)) * known.widened[0, problem.active[columns]]
     return profiles(
         problem, fit.z, fit.begun, columns, errors[columns], limits[columns], variance, reach
     )

@@ -67,6 +67,19 @@ class LawModel:
             contact = dataclasses.replace(contact, **leaves)
         return self.build(contact, **others)
 
+    def inside(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """The same numbers; for an end that its range leaves out, where a fit may end, the number beside it."""
+        return {name: self._inside(name, value) for name, value in values.items()}
+
+    def _inside(self, name: str, value: Any) -> Any:
+        if "[" in name or np.ndim(value):
+            return value
+        declared = self.declared(name)
+        if value == declared.lower and not declared.with_lower:
+            return np.nextafter(value, np.inf) if value else float(np.finfo(float).tiny)
+        at_top = value == declared.upper and not declared.with_upper
+        return np.nextafter(value, -np.inf) if at_top else value
+
     def declared(self, name: str) -> Declared:
         """What is known of a parameter."""
         if name.startswith(OF_CONTACT):

@@ -212,8 +212,41 @@ def _continued(fit: ComponentFit, fold: Int[np.ndarray, "n"]) -> LeaveOneOut:
 
 
 def _left_out_together(fit: ComponentFit) -> LeaveOneOut:
-    """Without each group of points that share errors, to first order; point by point where there is
-    one group alone.
+    """Without each group of points that share errors, by refits under the covariance of the fit."""
+    problem = fit.final.problem
+    assert problem.shared is not None
+    fold = np.empty(problem.count, int)
+    for number, (rows, *_) in enumerate(_members(problem)):
+        fold[rows] = number
+    apart = all(len(errors.units()) > 1 and errors.group is not None for errors in problem.shared)
+    if not apart or problem.count * (1 + np.max(fold)) > EXACT:
+        return _continued_together(fit, fold)
+    z, converged = _refitted_without(fit, fold)
+    bare = replace(problem, shared=None, loss="squared").weighed(np.ones(problem.count))
+    white, raw = problem.linearise(z), bare.linearise(z)
+    measured, residual, density = _measured(problem), *np.empty((2, problem.count))
+    for number, (rows, errors, members) in enumerate(_members(problem)):
+        kept = np.ones(white.jacobian.shape[1], bool)
+        kept[rows] = False
+        slopes = _searched(fit, white.jacobian[number : number + 1])[0][kept]
+        own = _searched(fit, raw.jacobian[number : number + 1])[0][rows]
+        size = [np.linalg.norm(j[number], axis=0) for j in (white.jacobian, raw.jacobian)]
+        own = own * size[1] / np.where(size[0] > 0, size[0], 1.0)
+        inverse = np.linalg.pinv(slopes.T @ slopes, rcond=SEEN, hermitian=True)
+        covariance = np.linalg.inv(errors.precision(members)) + own @ inverse @ own.T
+        residual[rows] = raw.prediction[number, rows] - measured[rows]
+        density[rows] = _joint_density(residual[rows], covariance)
+    return LeaveOneOut(residual + measured, residual, density, fold, True, bool(np.all(converged)))
+
+
+def _joint_density(residual: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """ln of the normal density of points together: of each, those before it given."""
+    lower = np.linalg.cholesky(0.5 * (covariance + covariance.T))
+    return log_density(np.linalg.solve(lower, residual), None) - np.log(np.diag(lower))
+
+
+def _continued_together(fit: ComponentFit, fold: Int[np.ndarray, "n"]) -> LeaveOneOut:
+    """The same to first order; point by point where there is one group alone.
 
     With P = V⁻¹ - V⁻¹J (A₀ + JᵀV⁻¹J)⁻¹ JᵀV⁻¹ the residuals of a group b by the fit to all others are
     P_bb⁻¹ (P r)_b, of covariance P_bb⁻¹: exact for a linear model.
@@ -223,17 +256,23 @@ def _left_out_together(fit: ComponentFit) -> LeaveOneOut:
     white, count = found.jacobian[0], problem.count
     inverse = np.linalg.pinv(white.T @ white, hermitian=True)
     gradient = white[:count].T @ found.residual[0, :count]
-    residual, density, fold = np.empty(count), np.empty(count), np.empty(count, int)
+    residual, density = np.empty(count), np.empty(count)
     off = found.prediction[0] - problem.points.restitution
-    for number, block in enumerate(_blocks(problem, off, white[:count])):
-        rows, precision, solved, slopes = block
+    for rows, precision, solved, slopes in _blocks(problem, off, white[:count]):
         covariance = np.linalg.inv(precision - slopes @ inverse @ slopes.T)
         without = covariance @ (solved - slopes @ (inverse @ gradient))
-        lower = np.linalg.cholesky(0.5 * (covariance + covariance.T))
-        told = log_density(np.linalg.solve(lower, without), None)
-        residual[rows], fold[rows] = without, number
-        density[rows] = told - np.log(np.diag(lower))
+        residual[rows], density[rows] = without, _joint_density(without, covariance)
     return LeaveOneOut(residual + measured, residual, density, fold, False, True)
+
+
+def _members(problem: Problem) -> Iterator[tuple]:
+    """What is left out together: its rows, the errors of its data set, its points among these."""
+    assert problem.shared is not None
+    first = 0
+    for errors in problem.shared:
+        for members in errors.units():
+            yield first + members, errors, members
+        first += len(errors.slope)
 
 
 def _blocks(problem: Problem, off: np.ndarray, white: np.ndarray) -> Iterator[tuple]:

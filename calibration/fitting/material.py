@@ -102,8 +102,9 @@ class MaterialFit:
         Where ε_up was fitted in place of σ and ψ, ψ is a guess from the data and σ such that
         Eq. (17) gives ε_up at v_cr: above yield the law is the fitted one, below it is not known.
         """
+        values = self.model.inside(self.values)
         with jax.enable_x64(True):
-            law = self.model.law(self.data.contact, with_trees(self.values, self.trees))
+            law = self.model.law(self.data.contact, with_trees(values, self.trees))
             return jax.tree.map(_plain, law)
 
     @property

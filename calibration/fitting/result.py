@@ -222,6 +222,16 @@ class FitResult:
         own = set(material.labels.values())
         return next((f for f in self.freedoms if own & set(f.labels)), self.freedoms[0])
 
+    def degrees_of_freedom(self, label: str) -> float | None:
+        """Of the noise behind a free parameter's standard error; None where the noise is stated."""
+        if label not in self.covariance_names:
+            return None
+        k = self.covariance_names.index(label)
+        freedom = next(one for one in self.freedoms if label in one.labels)
+        variance = self.covariance[k, k]
+        degrees = freedom.degrees((label,), np.ones((1, 1)), np.array([variance]), "")[0]
+        return float(degrees) if np.isfinite(degrees * variance) else None
+
     def extrapolation(self, velocity, name: str | None = None) -> Doubt | None:
         """A doubt where velocities lie outside the data."""
         return extrapolation(velocity, self.material(name).data)
@@ -300,7 +310,7 @@ class FitResult:
     def __eq__(self, other) -> bool:
         if not isinstance(other, FitResult):
             return NotImplemented
-        return self.to_dict() == other.to_dict()
+        return self.to_dict(times=False) == other.to_dict(times=False)
 
     __hash__ = None  # type: ignore[assignment]
 

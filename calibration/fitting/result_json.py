@@ -103,7 +103,7 @@ def _parts(table: dict[str, Any], law: Any) -> dict[str, Any]:
         "condition_number": table["condition_number"],
         "likelihood": None if likelihood is None else Likelihood(*_counts(likelihood)),
         "warnings": tuple(_doubt_from_dict(one) for one in table["warnings"]),
-        "optimiser_report": tuple(Stage(**one) for one in table["optimiser_report"]),
+        "optimiser_report": tuple(_stage_from_dict(one) for one in table["optimiser_report"]),
         "beside": table["beside"],
         "profiles": {k: _profile_from_dict(one) for k, one in table["profiles"].items()},
         "freedoms": tuple(Freedom.from_dict(one) for one in table["freedom"]),
@@ -228,6 +228,10 @@ def _doubt_to_dict(doubt: Doubt) -> dict[str, Any]:
 
 def _doubt_from_dict(table) -> Doubt:
     return Doubt(table["code"], table["cause"], table["material"], table["advice"])
+
+
+def _stage_from_dict(table) -> Stage:
+    return Stage(**table | {"materials": tuple(table["materials"])})
 
 
 def _profile_from_dict(table) -> Profile:

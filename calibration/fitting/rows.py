@@ -100,7 +100,7 @@ class Rows:
             leaves = {name: float(leaf[row]) for name, leaf in self.contact.items()}
             contact = sj.Contact(**leaves, area=self.area)
         numbers = {name: float(value) for name, value in zip(self.names, values, strict=True)}
-        return self.model.law(contact, with_trees(numbers, self.trees))
+        return self.model.law(contact, with_trees(self.model.inside(numbers), self.trees))
 
     def bind(self, theta: Float[np.ndarray, "p"], active: Sequence[int] | np.ndarray) -> "Laws":
         """The structure of the laws, and which of their leaves move with the active elements."""

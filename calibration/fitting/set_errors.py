@@ -137,6 +137,19 @@ class SetErrors:
             found[kind] = variance * joined.T @ joined
         return found
 
+    def applied(self, solved: Columns, values: Columns) -> list[Columns]:
+        """θ_c V_c x of each unknown variance, with x = V⁻¹ y; `values` are y."""
+        parts = {"scatter": self.variance.get("scatter", 0.0) * solved}
+        if self._grouped:
+            joined = self._offset * (self.structure.groups @ solved[self.alone.order])
+            parts["group"] = np.empty_like(solved)
+            parts["group"][self.alone.order] = self.structure.members @ joined
+        others = values - sum(parts.values())  # of V as it is stated, or timed
+        return [
+            parts.get(kind, np.zeros_like(solved) if kind == "group" else others)
+            for kind in self.variance
+        ]
+
     def simulate(self, random: np.random.Generator, count: int) -> Float[np.ndarray, "count n"]:
         """Errors of ε drawn from V."""
         size = self._sizes * np.sqrt(self.variance.get("timing", 1.0))

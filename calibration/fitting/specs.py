@@ -119,12 +119,31 @@ def _spec(data: RestitutionData, law, said: dict[str, Any], objective) -> SetSpe
         raise DataError("objective", f"two-step with {model.key}", 'Zhou\'s law, or "model"')
     given = {}
     for name, value in named.items():
-        full = model.canonical(name)
+        full = _full_name(model, name, value)
         is_whole = full in model.whole and not isinstance(value, Parameter)
         given[full] = Parameter(value, free=False) if is_whole else as_parameter(name, value)
+        _check_fixed(model, data, full, given[full])
     if model.key == "zhou" and objective == "model":
         given, model = _identified(data, given, model, options)
     return _located(data, objective, model, given)
+
+
+def _full_name(model: LawModel, name: str, value: Any) -> str:
+    try:
+        return model.canonical(name)
+    except DataError as error:
+        origin = getattr(value, "origin", None)
+        raise error if origin is None else origin.error(error) from None
+
+
+def _check_fixed(model: LawModel, data: RestitutionData, name: str, parameter: Parameter) -> None:
+    """What is fixed has a value: its own, the data's or the law's, and no guess from the data."""
+    known = KNOWN.get(model.key)
+    told = name.startswith(OF_CONTACT) or name in model.defaults
+    if parameter.free or parameter.value is not None or told:
+        return
+    if known is None or name not in known.held(data):
+        raise _placed(parameter, name, DataError("value", "missing", "given where it is fixed"))
 
 
 def law_model(data: RestitutionData | None, law, options, named) -> LawModel:
@@ -246,11 +265,7 @@ def _start(data, model: LawModel, name: str, parameter: Parameter, guess, ends) 
         return _inside(parameter.prior[0], ends)
     default = model.defaults.get(name)
     value = guess.get(name, default if is_finite_number(default) else None)
-    if not parameter.free:
-        if value is None:
-            raise _placed(parameter, name, DataError("value", "missing", "given where it is fixed"))
-        return value
-    return _inside(value, ends)
+    return _inside(value, ends) if parameter.free else value
 
 
 def _inside(value: float | None, ends: tuple[float, float]) -> float:

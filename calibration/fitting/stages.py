@@ -42,9 +42,10 @@ class Options:
 
 @dataclass(frozen=True)
 class Stage:
-    """What a stage did; a line of the report."""
+    """What a stage did; a line of the report. `materials` are the data sets that it was of."""
 
     stage: str
+    materials: tuple[str, ...]
     optimiser: str
     route: str
     evaluations: int
@@ -54,6 +55,11 @@ class Stage:
     converged: bool
     reason: str
     starts: int
+
+    @property
+    def label(self) -> str:
+        """By which its time is kept: "model[nylon]"."""
+        return f"{self.stage}[{', '.join(self.materials)}]"
 
 
 @dataclass(frozen=True)
@@ -209,6 +215,7 @@ def _report(name, problem: Problem, found: Found, options, starts, evaluations) 
     norm = float(found.gradient_norm[0])
     return Stage(
         stage=name,
+        materials=tuple(data.name for data in problem.datasets),
         optimiser=OPTIMISERS[options.optimiser],
         route=route_name(problem),
         evaluations=evaluations,

@@ -29,6 +29,7 @@ from calibration.fitting.degrees import Parts, noise_parts
 from calibration.fitting.losses import influence
 from calibration.fitting.noise import Noise, noise_of
 from calibration.fitting.problem import Lanes, Problem
+from calibration.fitting.small_sample import inflation
 from calibration.fitting.transform import NONE
 
 RANK_TOLERANCE = 1e-9  # smallest over largest singular value, columns scaled to one
@@ -55,6 +56,7 @@ class Uncertainty:
         limits: elements held at an end of their range, +1 or -1, else 0.
         noise: the errors of ε that were used.
         parts: of `covariance`, by the variances that are estimates.
+        widened: the errors over those of known variances, 1 where points share none.
     """
 
     covariance: Matrices
@@ -65,6 +67,7 @@ class Uncertainty:
     limits: Int[np.ndarray, "fits p"]
     noise: Noise
     parts: Parts
+    widened: Float[np.ndarray, "fits p"]
 
     @property
     def known(self) -> Fits:
@@ -141,11 +144,18 @@ def stacked(
         seen = np.nan_to_num(covariance)
     else:  # what is known for sure is known whatever lies along the null directions
         covariance = np.where(np.isnan(covariance), np.nan, seen)
+    widened = np.ones((fits, size))
+    if first_problem.shared is not None and len(stages) == 1:
+        added = inflation(first_problem, z, inverse)
+        before = np.diagonal(seen, axis1=1, axis2=2)
+        covariance, seen = covariance + added, seen + added
+        ratio = np.diagonal(seen, axis1=1, axis2=2) / np.where(before > 0, before, 1.0)
+        widened = np.sqrt(np.where(before > 0, ratio, 1.0))
     back = np.argsort(order)
     covariance, seen = (a[:, back][:, :, back] for a in (covariance, seen))
     parts = noise_parts(first_problem, z, noise, scores, inverse).turned(back)
-    nulls, limits = nulls[:, back], limits[:, back]
-    return Uncertainty(covariance, seen, rank, condition, nulls, limits, noise, parts)
+    nulls, limits, widened = nulls[:, back], limits[:, back], widened[:, back]
+    return Uncertainty(covariance, seen, rank, condition, nulls, limits, noise, parts, widened)
 
 
 def _along_seen(jacobian, spread) -> Matrices:

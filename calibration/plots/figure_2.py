@@ -10,6 +10,8 @@ from typing import Any
 from matplotlib.figure import Figure
 
 import softjax as sj
+from calibration.plots.figures import curves_figure
+from calibration.plots.lines import lines_of
 
 TITLE = "Fig. 2 of Zhou (2013) again; data: Eq. (17) with Table 1's σ, ψ, a published fit"
 
@@ -31,7 +33,5 @@ def fit_materials(progress: Any = None):
 
 def figure_2(result: Any) -> Figure:
     """The picture of a fit of the three materials."""
-    from calibration.plots import curves_figure, lines_of
-
     lines = lines_of(result, with_paper=True)
     return curves_figure(result, lines, ratio=True, from_rest=True, title=TITLE)

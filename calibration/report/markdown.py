@@ -7,17 +7,8 @@ from typing import Any
 from calibration.fitting.assembly import label_of_law
 from calibration.report import rows
 from calibration.report.tables import markdown
-from calibration.rounding import ABSENT, number
+from calibration.rounding import number
 
-METHODS = {
-    "sandwich": (
-        "from the stacked estimating equations of both steps of `two-step` (a sandwich): the same "
-        "noise enters both"
-    ),
-    "profile": "where the profile likelihood crosses its threshold; *open* where it never does",
-    "wald": "from the Jacobian at the best fit",
-    "derived": "carried over from the covariance of what was fitted",
-}
 OBJECTIVES = {
     "two-step": (
         "σ and ψ from Eq. (17) against all points, then χ̃ from the law with them held (`two-step`)"
@@ -46,9 +37,12 @@ def markdown_report(
         _what(result),
         ["## Parameters"],
         markdown(*rows.parameter_table(result, printed)[:2]),
+        _listed("", rows.meanings(result)),
+        _listed("Said before the fit:", rows.told(result)),
         _intervals(result),
         ["## How closely the curves follow"],
         markdown(*rows.quality_table(result)[:2]),
+        _listed("", rows.quality_words(result)),
         *([line] for line in _pictures(pictures)),
         *_unloading_line(result),
         ["## Doubts"],
@@ -75,7 +69,8 @@ def _what(result: Any) -> list[str]:
         low, high = min(fit.data.velocity), max(fit.data.velocity)
         text = f"- **{fit.name}**: {fit.n} impacts at {low:.4g} to {high:.4g} m/s, "
         law = f"; {label_of_law(fit.model)}: {OBJECTIVES[fit.objective]}."
-        lines.append(text + _uncertainty(fit.data) + law)
+        groups = f" in {len(fit.data.groups)} groups" * bool(fit.data.groups)
+        lines.append(text + _uncertainty(fit.data) + groups + law)
         if not (fit.known_from == 0 and fit.known_to == math.inf):
             lines.append(f"  Nothing is known of the curve {_unknown(fit)}.")
     return lines + [f"- {note}" for note in rows.notes(result)]
@@ -97,10 +92,17 @@ def _uncertainty(data: Any) -> str:
 
 
 def _intervals(result: Any) -> list[str]:
-    estimates = [e for m in result.materials for e in {**m.parameters, **m.derived}.values()]
-    used = {e.method for e in estimates if rows.interval_text(e) != ABSENT}
-    lines = [f"- {name}: {METHODS[name]}." for name in METHODS if name in used]
-    return [f"Intervals hold {100 * result.confidence:g} %:", "", *lines] if lines else []
+    used = rows.used_methods(result)
+    head = (
+        f"Intervals hold {100 * result.confidence:g} % of true values where the law is right; "
+        "ν are the degrees of freedom of Student's t where the noise was found from the residuals:"
+    )
+    return _listed(head, [f"{name}: {text}." for name, text in used.items()])
+
+
+def _listed(head: str, lines: Iterable[str]) -> list[str]:
+    items = [f"- {line}" for line in lines]
+    return [head, "", *items] if items and head else items
 
 
 def _pictures(pictures: Mapping[str, str] | None) -> Iterable[str]:
@@ -142,7 +144,7 @@ def _settings(result: Any, command: str) -> list[str]:
     condition = "infinite" if condition is None else number(condition, 2)
     return [
         *first,
-        f"{rows.settings_line(result.settings)}.",
+        f"{rows.settings_line(result)}.",
         f"Rank {result.rank} of {len(result.covariance_names)} free parameters, condition number "
         f"{condition}. {versions}.",
     ]

@@ -3,6 +3,7 @@
 from typing import Any, NamedTuple
 
 from calibration.errors import printable
+from calibration.fitting.known_laws import LAWS
 from calibration.fitting.law_model import CONTACT_LEAVES, OF_CONTACT
 
 
@@ -28,6 +29,26 @@ MATH = {
     "c1": "$c_1$",
     "c2": "$c_2$",
 }
+WORDS = {  # what a parameter is, where the law's field says less
+    "chi": "unloading factor, how steeply the plastic part of the force unloads (Eq. 11)",
+    "sigma": "size of the losses to sound and heat (Eq. 17)",
+    "psi": "exponent of these losses, how fast they grow with the velocity (Eq. 17)",
+    "eps_up": "restitution at first yield, Eq. (17) at v_cr: all that σ and ψ do above it",
+    "critical_velocity": "velocity of first yield, from the bodies",
+    "yield_ratio": "effective modulus over yield strength",
+    "c1": "χ̃ at E/Y = 0 (Eq. 18)",
+    "c2": "slope of χ̃ over E/Y (Eq. 18)",
+    "limit_velocity": "velocity at which nothing rebounds, √(3 Y/ρ) if not given",
+    "yield_factor": "pressure at yield over yield strength",
+    "loading_stiffness": "stiffness of loading",
+    "unloading_stiffness": "stiffness of unloading after the slowest impacts",
+    "growth": "growth of the unloading stiffness with the largest force",
+    "dissipation_time": "relaxation time of the viscous part of the force",
+    "youngs_modulus": "effective modulus of the pair",
+    "radius": "effective radius of the pair",
+    "mass": "effective mass of the pair",
+    "yield_strength": "yield strength",
+}
 DERIVED = {"critical_velocity": ("v_cr", "m/s"), "eps_up": ("ε_up", ""), "yield_ratio": ("E/Y", "")}
 DERIVED |= {"chi": ("χ̃", ""), "sigma": ("σ", ""), "psi": ("ψ", "")}
 
@@ -50,6 +71,15 @@ def in_math(written: str) -> str:
     letter = written.partition(" ")[0].partition("[")[0]
     plain = f"${letter}$" if len(letter) == 1 and letter.isascii() else letter.replace("_", " ")
     return MATH.get(letter, plain) + written.removeprefix(letter)
+
+
+def words(name: str, model: Any = None) -> str:
+    """What a parameter is; nothing where its law says nothing of it."""
+    leaf = name.removeprefix(OF_CONTACT)
+    declared = None if model is None else model.parameters.get(name)
+    said = "" if declared is None or declared.what == "number" else declared.what
+    built_in = model is None or model.key in LAWS or leaf in CONTACT_LEAVES
+    return WORDS.get(leaf, said) if built_in else said
 
 
 def text(name: str, model: Any = None) -> str:
