@@ -33,9 +33,8 @@ def sampled(
     progress: Progress = None,
 ) -> Any:
     """Draws from the posterior of a fit's parameters; see `FitResult.posterior`."""
-    _check(request, draws, chains, seed, warmup)
-    for package in ("blackjax", "arviz"):
-        needed(package)
+    _check(draws, chains, seed, warmup)
+    check_possible(request.objective, request.options.loss)
     with jax.enable_x64(True):
         density = density_of(traceable(request))
         scaling = scaling_of(fits, density.problem, density.priors, density.valleys)
@@ -47,16 +46,27 @@ def sampled(
         return inference_data(density, scaling, found, seed, _told(density, seed, warmup))
 
 
-def _check(request: Request, draws: int, chains: int, seed: int, warmup: int) -> None:
+def check_possible(objective: str | None, loss: str) -> None:
+    """Refuse what has no posterior, or cannot be sampled here.
+
+    Raises:
+        ImportError: without the extra.
+        ValueError: for what was no likelihood.
+    """
+    for package in ("blackjax", "arviz"):
+        needed(package)
+    if objective == "two-step":
+        raise DataError("objective", "two-step", "model for a posterior: it has a likelihood")
+    if loss != "squared":
+        raise DataError("loss", loss, "squared for a posterior")
+
+
+def _check(draws: int, chains: int, seed: int, warmup: int) -> None:
     least = {"draws": 4, "chains": 1, "seed": 0, "warmup": LEAST_WARMUP}
     given = {"draws": draws, "chains": chains, "seed": seed, "warmup": warmup}
     for name, value in given.items():
         if not isinstance(value, int) or isinstance(value, bool) or value < least[name]:
             raise DataError(name, value, f"a whole number >= {least[name]}")
-    if request.objective == "two-step":
-        raise DataError("objective", "two-step", "model for a posterior: it has a likelihood")
-    if request.options.loss != "squared":
-        raise DataError("loss", request.options.loss, "squared for a posterior")
 
 
 def _starts(count: int, chains: int, seed: int) -> np.ndarray:

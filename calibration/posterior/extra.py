@@ -1,12 +1,15 @@
 """The packages that only a posterior needs."""
 
 import importlib
+import warnings
 from typing import Any
+
+from calibration.errors import InputError
 
 INSTALL = 'pip install "softjax-contact[bayes]"'
 
 
-class MissingExtra(ImportError):
+class MissingExtra(InputError, ImportError):
     """A package of the extra `bayes` is not installed; one line says what to do."""
 
 
@@ -17,10 +20,12 @@ def needed(name: str) -> Any:
         MissingExtra: where it is not installed.
     """
     try:
-        return importlib.import_module(name)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", FutureWarning)  # ArviZ 0.23 announces 1.0
+            return importlib.import_module(name)
     except ModuleNotFoundError as error:
         package = name.partition(".")[0]
         if error.name is None or error.name.partition(".")[0] != package:
             raise
-        told = f"a posterior needs {package}, which is not installed: {INSTALL}"
-        raise MissingExtra(told, name=package) from None
+        problem = f"a posterior needs {package}, which is not installed"
+        raise MissingExtra(None, None, problem, f"install it with {INSTALL}") from None

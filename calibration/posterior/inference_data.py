@@ -1,6 +1,7 @@
 """Draws as ArviZ data: `InferenceData` of ArviZ 0.x, a `DataTree` of 1.x."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -8,6 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 
 import softjax as sj
+from calibration.atomic import replacing
+from calibration.errors import InputError
 from calibration.fitting.traceable import Traceable
 from calibration.fitting.zhou import eps_up_of
 from calibration.posterior.coordinates import Scaling
@@ -61,6 +64,32 @@ def dataset_of(data: Any, group: str) -> Any:
     """A group of ArviZ data as an xarray data set."""
     found = data[group]
     return found.to_dataset() if hasattr(found, "to_dataset") else found
+
+
+def write(data: Any, path: str | Path) -> None:
+    """A netCDF file; what is there already is replaced whole."""
+    with replacing(path) as staged:
+        data.to_netcdf(str(staged), engine="h5netcdf")
+
+
+def read(path: str | Path) -> Any:
+    """The data of such a file.
+
+    Raises:
+        InputError: where it is none.
+    """
+    arviz = needed("arviz")
+    try:
+        if hasattr(arviz, "InferenceData"):
+            data = arviz.InferenceData.from_netcdf(str(path), engine="h5netcdf")
+        else:
+            data = needed("xarray").load_datatree(str(path), engine="h5netcdf")
+        dataset_of(data, "posterior")
+        return data
+    except (OSError, KeyError, ValueError, AttributeError) as error:
+        problem = f"no draws can be read: {error}"
+        accepted = "a posterior.nc that `softjax fit --posterior` wrote"
+        raise InputError(path, None, problem, accepted) from error
 
 
 def variable(label: str) -> str:
