@@ -14,8 +14,8 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
 from jax.scipy.linalg import cho_solve, solve_triangular
+from jaxtyping import Array
 
 from calibration.data import RestitutionData
 from calibration.errors import DataError
@@ -150,4 +150,5 @@ class SetLikelihood:
     def _together(self) -> np.ndarray:
         """Z Zᵀ: 1 where two points are of one group."""
         group = self.data.group_index
+        assert group is not None
         return (group[:, None] == group[None, :]).astype(float)

@@ -85,9 +85,14 @@ def valleys_of(problem: Traceable, transform: Transform) -> Valleys:
             sigma, psi = (problem.names.index(labels[name]) for name in ("sigma", "psi"))
             if level is not None and transform.kind[sigma] == LOG and transform.lower[sigma] == 0:
                 found.setdefault(sigma, (psi, level, g))
-    psi, level, sets = zip(*found.values(), strict=True) if found else ((), (), ())
-    places = np.array(list(found), int), np.array(psi, int)
-    return Valleys(*places, np.array(level, float), tuple(sets), transform)
+    every = list(found.values())
+    return Valleys(
+        np.array(list(found), int),
+        np.array([psi for psi, _, _ in every], int),
+        np.array([level for _, level, _ in every]),
+        tuple(g for _, _, g in every),
+        transform,
+    )
 
 
 def _level(law: sj.ContactLaw, velocity: np.ndarray) -> float | None:

@@ -85,7 +85,9 @@ def doubts_of(data: Any) -> list[Doubt]:
         *_of_statistics(dataset_of(data, "sample_stats")),
         *_at_bounds(dataset_of(data, "posterior")),
     ]
-    shares = {n: s.prior_share for n, s in told.items() if s.prior_share and s.prior_share > FOLLOWS}
+    shares = {
+        n: s.prior_share for n, s in told.items() if s.prior_share and s.prior_share > FOLLOWS
+    }
     if shares:
         names = ", ".join(f"{n} ({told[n].prior})" for n in shares)
         found.append(_doubt("follows-prior", f"as wide as the prior, or nearly: {names}"))

@@ -161,7 +161,7 @@ def _points(problem: Traceable) -> dict[str, Any]:
     }
 
 
-def _dataset(variables: Mapping[str, Any], told: Mapping[str, Any] = {}, points=None) -> Any:  # noqa: B006
+def _dataset(variables: Mapping[str, Any], told: Mapping[str, Any] = {}, points=None) -> Any:
     coordinates: dict[str, Any] = dict(points or {})
     for dims, values, *_ in variables.values():
         coordinates |= {d: np.arange(n) for d, n in zip(dims, np.shape(values), strict=True)}
