@@ -143,6 +143,11 @@ class Traceable:
         """The free parameters, in the order of `names`."""
         return [e for component in self.components for e in component.elements]
 
+    @property
+    def specs(self) -> list[SetSpec]:
+        """What is asked of each data set, in their order."""
+        return [spec for _, _, spec in self._members()]
+
     def law(self, theta: Mapping[str, Any], g: int) -> sj.ContactLaw:
         """The law of a data set."""
         component, g, spec = self._members()[g]

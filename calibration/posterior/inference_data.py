@@ -55,9 +55,13 @@ def inference_data(
 def as_arviz(groups: Mapping[str, Any]) -> Any:
     """xarray data sets as what this ArviZ works on."""
     arviz = needed("arviz")
-    if hasattr(arviz, "InferenceData"):
+    if _is_old(arviz):
         return arviz.InferenceData(**groups)
     return needed("xarray").DataTree.from_dict(dict(groups))
+
+
+def _is_old(arviz: Any) -> bool:
+    return int(arviz.__version__.partition(".")[0]) < 1
 
 
 def dataset_of(data: Any, group: str) -> Any:
@@ -80,7 +84,7 @@ def read(path: str | Path) -> Any:
     """
     arviz = needed("arviz")
     try:
-        if hasattr(arviz, "InferenceData"):
+        if _is_old(arviz):
             data = arviz.InferenceData.from_netcdf(str(path), engine="h5netcdf")
         else:
             data = needed("xarray").load_datatree(str(path), engine="h5netcdf")
@@ -138,17 +142,12 @@ def _variables(density: Density, found) -> dict[str, Any]:
             "upper": float(transform.upper[k]),
         }
         variables[variable(one.label)] = (DIMS, found["theta"][one.label], about)
-    for g, (component, spec) in enumerate(_specs(problem)):
+    for g, spec in enumerate(problem.specs):
         if spec.model.law_type is sj.Zhou and not spec.by_eps_up:
             owner = f"[{spec.data.name}]" if len(problem.sets) > 1 else ""
             values = found["eps_up"][g]
             variables[variable(f"eps_up{owner}")] = (DIMS, values, {"unit": "-", "derived": 1})
     return variables
-
-
-def _specs(problem: Traceable):
-    rows = [(g, c, s) for c in problem.components for g, s in zip(c.sets, c.specs, strict=True)]
-    return [(c, s) for _, c, s in sorted(rows, key=lambda row: row[0])]
 
 
 def _points(problem: Traceable) -> dict[str, Any]:
