@@ -48,6 +48,8 @@ class FitResult:
         beside: the same fit by Levenberg–Marquardt through the energy balance, if asked for.
         profiles: by parameter label.
         freedoms: how well the noise is known that the covariance comes from, of each component.
+        pooled: mean and spread of parameters that are pooled, "chi" and "chi_spread"; the spread on
+            the scale that is searched, ln θ where θ is positive.
         settings, versions, times: how, with what, how long [s].
         fits: the searches themselves; None in a result that was loaded.
     """
@@ -69,6 +71,7 @@ class FitResult:
     settings: dict[str, Any]
     versions: dict[str, str]
     times: dict[str, float] = field(default_factory=dict)
+    pooled: dict[str, Estimate] = field(default_factory=dict)
     fits: tuple[ComponentFit, ...] | None = field(default=None, repr=False)
 
     @property
@@ -108,7 +111,7 @@ class FitResult:
                 table[name if alone else f"{name}[{material.name}]"] = estimate
                 if name in material.labels:
                     table[material.labels[name]] = estimate
-        return table
+        return table | self.pooled
 
     @property
     def converged(self) -> bool:
