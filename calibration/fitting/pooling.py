@@ -40,6 +40,16 @@ class Seen:
         logs = float(np.linalg.slogdet(total)[1]) + float(np.log(information))
         return logs + float(off @ inverse @ off)
 
+    @property
+    def spread(self) -> float:
+        """Where L_R is largest."""
+        return _largest(self)
+
+    @property
+    def error(self) -> float:
+        """Of a member by its data alone, the median of all."""
+        return float(np.sqrt(np.median(np.diagonal(self.covariance))))
+
     def mean(self, spread: float) -> tuple[float, float]:
         """μ and its standard error."""
         inverse = np.linalg.inv(self.covariance + spread**2 * np.eye(len(self.place)))
@@ -51,7 +61,7 @@ def respread(problem: Problem, z: np.ndarray) -> Problem:
     """The problem with the spread of each pool as the data tell it at z."""
     pools = []
     for pool in problem.pools:
-        pools.append(pool._replace(spread=_largest(seen_by_pool(problem, z, pool))))
+        pools.append(pool._replace(spread=seen_by_pool(problem, z, pool).spread))
     return replace(problem, pools=tuple(pools)) if pools else problem
 
 
@@ -65,11 +75,11 @@ def pooled_estimates(problem: Problem, z: np.ndarray, confidence: float) -> dict
         transform = problem.transform.part(np.array(pool.members[:1]))
         mean, error = seen.mean(pool.spread)
         reach = float(special.stdtrit(len(pool.members) - 1, 0.5 * (1 + confidence))) * error
-        ends = [_physical(transform, mean + sign * reach) for sign in (-1, 1)]
+        low, high = (_physical(transform, mean + sign * reach) for sign in (-1, 1))
         slope = abs(float(transform.slope(np.array([mean]))[0]))
         value = _physical(transform, mean)
-        found[pool.name] = Estimate(value, slope * error, *ends, "wald", True)
-        found[f"{pool.name}_spread"] = _spread_estimate(seen, pool, confidence)
+        found[pool.name] = Estimate(value, slope * error, low, high, "wald", True)
+        found[pool.spread_name] = _spread_estimate(seen, pool, confidence)
     return found
 
 

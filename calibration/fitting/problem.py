@@ -64,6 +64,11 @@ class Pool(NamedTuple):
     members: tuple[int, ...]
     spread: float
 
+    @property
+    def spread_name(self) -> str:
+        """What results call the spread; the mean has the name of the parameter."""
+        return f"{self.name}_spread"
+
 
 def pools_of(elements: Sequence[Element]) -> tuple[Pool, ...]:
     """The pools among some elements, to begin with hardly held together."""
@@ -302,7 +307,6 @@ class Problem:
             column = int(np.flatnonzero(self.active == k)[0])
             slope[:, row, column] = per_z[:, k] / deviation
         return value, slope
-
 
     def _held_together(self, z, value, slope):
         """The same with (z - mean of z)/spread of each pool's members, and their slopes."""

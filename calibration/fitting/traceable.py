@@ -48,13 +48,15 @@ import softjax as sj
 from calibration.data import RestitutionData
 from calibration.errors import DataError
 from calibration.fitting.assembly import Component
-from calibration.fitting.problem import Element
+from calibration.fitting.problem import Element, Pool, pools_of
 from calibration.fitting.request import Request, datasets_of
 from calibration.fitting.root import extended_root
 from calibration.fitting.rows import with_trees
-from calibration.fitting.set_likelihood import CALLED, SetLikelihood
+from calibration.fitting.set_likelihood import CALLED, LN_2PI, SetLikelihood
 from calibration.fitting.specs import SetSpec
 from calibration.fitting.transform import Transform
+
+START_SPREAD = 0.3  # of a pool
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,8 @@ class Traceable:
     """A law against data, as functions of {name: value}.
 
     Attributes:
-        names: of the free parameters, as `FitResult.values` has them.
+        names: of the free parameters, as `FitResult.values` has them; of pooled ones those of each
+            data set, and behind all the mean and the spread of each pool, "chi" and "chi_spread".
         start: where a search would begin, by name.
         noises: names of what is not stated of the errors: "noise", the standard deviation of ε;
             "group", that of the groups' offsets in ε; "timing" [s], that of times of bounces;
@@ -70,6 +73,7 @@ class Traceable:
             Plain noise that θ does not have is profiled: put where the likelihood is largest.
         sets: data sets and the likelihoods of their residuals, in their order.
         components: parameters and laws.
+        pools: which of the parameters lie around a common mean.
         route: from a law to ε.
     """
 
@@ -78,6 +82,7 @@ class Traceable:
     noises: tuple[str, ...]
     sets: tuple[SetLikelihood, ...]
     components: tuple[Component, ...]
+    pools: tuple[Pool, ...]
     route: Any
 
     def predict(self, theta: Mapping[str, Any]) -> list[Array]:
@@ -118,22 +123,27 @@ class Traceable:
         return jnp.concatenate(parts)
 
     def log_prior(self, theta: Mapping[str, Any]) -> Array:
-        """ln p(θ) of the priors that were stated; 0 without, -∞ outside the ranges."""
+        """ln p(θ) of the priors that were stated and of pools; 0 without, -∞ outside the ranges."""
         total = -0.5 * jnp.sum(self._prior_residuals(theta) ** 2)
         for element in self.elements:
             value = jnp.asarray(theta[element.label])
             if element.parameter.prior is not None:
-                total -= math.log(element.parameter.prior[1]) + 0.5 * math.log(2 * math.pi)
+                total -= math.log(element.parameter.prior[1]) + 0.5 * LN_2PI
             low, high = element.range
             total = jnp.where((value < low) | (value > high), -jnp.inf, total)
-        for name in self.noises:
+        for pool in self.pools:
+            members = jnp.stack([jnp.asarray(theta[self.names[k]]) for k in pool.members])
+            transform = self.transform.part(np.array(pool.members))
+            slopes = transform.log_slope(transform.unconstrained(members, jnp))
+            total -= jnp.sum(slopes + jnp.log(theta[pool.spread_name]) + 0.5 * LN_2PI)
+        for name in (*self.noises, *(pool.spread_name for pool in self.pools)):
             if name in theta:
                 total = jnp.where(jnp.asarray(theta[name]) > 0, total, -jnp.inf)
         return total
 
     @property
     def transform(self) -> Transform:
-        """The map from an unconstrained vector, in the order of `names`, to values."""
+        """The map from an unconstrained vector, in the order of `elements`, to values."""
         return Transform.of(
             [e.range for e in self.elements], [e.parameter.transform for e in self.elements]
         )
@@ -198,6 +208,12 @@ class Traceable:
             if e.parameter.prior is not None:
                 mean, deviation = e.parameter.prior
                 rows.append((jnp.asarray(theta[e.label]) - mean) / deviation)
+        for pool in self.pools:
+            places = np.array([*pool.members, pool.members[0]])
+            labels = [*(self.names[k] for k in pool.members), pool.name]
+            values = jnp.stack([jnp.asarray(theta[label]) for label in labels])
+            z = self.transform.part(places).unconstrained(values, jnp)
+            rows.extend((z[:-1] - z[-1]) / theta[pool.spread_name])
         return jnp.stack(rows) if rows else jnp.zeros(0)
 
 
@@ -245,7 +261,12 @@ def traceable(request: Request) -> Traceable:
     noises = tuple(label for one in sets for label in one.labels.values())
     start = {e.label: e.start for component in components for e in component.elements}
     route = request.chosen_route(specs)
-    return Traceable(tuple(start), start, noises, sets, tuple(components), route)
+    elements = [e for component in components for e in component.elements]
+    pools = pools_of(elements)
+    for pool in pools:
+        start[pool.name] = elements[pool.members[0]].start
+        start[pool.spread_name] = START_SPREAD
+    return Traceable(tuple(start), start, noises, sets, tuple(components), pools, route)
 
 
 def _likelihoods(specs: Sequence[SetSpec]) -> tuple[SetLikelihood, ...]:

@@ -24,11 +24,14 @@ from jaxtyping import Float, Int
 
 import softjax as sj
 from calibration.fitting.component_fit import ComponentFit
+from calibration.fitting.pooling import Seen, seen_by_pool
+from calibration.fitting.problem import Pool
 from calibration.fitting.traceable import Traceable
 from calibration.fitting.transform import LOG, Transform
-from calibration.posterior.priors import Priors
+from calibration.posterior.priors import Around, Priors
 
 MOST = 3.0  # standard deviations of the prior that a chain starts from its centre at most
+CENTRED = 2.0  # spread over the error of a member, from which on members are sampled themselves
 UNSEEN = -30.0  # q below which ln(1 + e^q) is e^q
 
 
@@ -38,6 +41,36 @@ class Scaling(NamedTuple):
     centre: Float[np.ndarray, "p"]
     root: Float[np.ndarray, "p p"]
     loss: Float[np.ndarray, "k"]
+
+
+@dataclass(frozen=True)
+class Straight:
+    """The map from what is sampled to z: of the valleys, then of pools without a centre.
+
+    A member of a pool that its data tell less than the pool does is sampled as (z_g - μ)/τ.
+    """
+
+    valleys: "Valleys"
+    pools: tuple[Around, ...] = ()
+
+    def z(self, q: Any, loss: Any) -> tuple[Any, Any]:
+        """With ln |∂z/∂q|; in JAX."""
+        log_slope = 0.0
+        for pool in self.pools:
+            of_spread = q[pool.spread]
+            members = q[pool.mean] + jnp.exp(of_spread) * q[pool.members]
+            q = q.at[pool.members].set(members)
+            log_slope += len(pool.members) * of_spread
+        z, of_valleys = self.valleys.z(q, loss)
+        return z, log_slope + of_valleys
+
+    def q(self, z: Any, loss: Any) -> Any:
+        """The inverse."""
+        q = self.valleys.q(z, loss)
+        for pool in self.pools:
+            members = (q[pool.members] - q[pool.mean]) * jnp.exp(-q[pool.spread])
+            q = q.at[pool.members].set(members)
+        return q
 
 
 @dataclass(frozen=True)
@@ -78,7 +111,8 @@ def valleys_of(problem: Traceable, transform: Transform) -> Valleys:
     found: dict[int, tuple[int, float, int]] = {}
     for component in problem.components:
         for g, spec in zip(component.sets, component.specs, strict=True):
-            labels = {e.name: e.label for e in component.elements if g in e.sets}
+            own = [e for e in component.elements if g in e.sets and not e.parameter.pooled]
+            labels = {e.name: e.label for e in own}
             if not {"sigma", "psi"} <= set(labels):
                 continue
             level = _level(problem.law(problem.start, g), spec.data.velocity)
@@ -107,15 +141,25 @@ def _level(law: sj.ContactLaw, velocity: np.ndarray) -> float | None:
     return float(np.log(at / (limit - at))) if 0 < at < limit else None
 
 
+def straight_of(fits: Sequence[ComponentFit], problem: Traceable, priors: Priors) -> Straight:
+    """With the pools whose members are better sampled as how far they are from the mean."""
+    found = [
+        around
+        for around, (_, seen) in zip(priors.pools, _pools(fits, problem), strict=True)
+        if _spread(seen) < CENTRED * seen.error
+    ]
+    return Straight(valleys_of(problem, priors.transform), tuple(found))
+
+
 def scaling_of(
-    fits: Sequence[ComponentFit], problem: Traceable, priors: Priors, valleys: Valleys
+    fits: Sequence[ComponentFit], problem: Traceable, priors: Priors, straight: Straight
 ) -> Scaling:
     """Where the fit ended, and the covariance that its Jacobian and the priors give."""
     z, precision = _of_fits(fits, problem, priors)
-    loss = np.array([_error_of_loss(fits, g) for g in valleys.sets])
+    loss = np.array([_error_of_loss(fits, g) for g in straight.valleys.sets])
     with jax.enable_x64(True):
-        centre = np.asarray(valleys.q(jnp.asarray(z), loss))
-        slopes = np.asarray(jax.jacfwd(lambda q: valleys.z(q, loss)[0])(jnp.asarray(centre)))
+        centre = np.asarray(straight.q(jnp.asarray(z), loss))
+        slopes = np.asarray(jax.jacfwd(lambda q: straight.z(q, loss)[0])(jnp.asarray(centre)))
     covariance = np.linalg.inv(slopes.T @ precision @ slopes)
     root = np.linalg.cholesky(0.5 * (covariance + covariance.T))
     return Scaling(centre, root, loss)
@@ -142,8 +186,15 @@ def _of_fits(fits, problem: Traceable, priors: Priors):
         every.append((own, fit))
     for label, value, _ in _noises(fits, problem):
         theta[places[label]] = value
-    z = _within(priors, priors.transform.unconstrained(theta))
+    z = priors.transform.unconstrained(theta)
+    pools = list(zip(priors.pools, _pools(fits, problem), strict=True))
+    for around, (_, seen) in pools:
+        spread = _spread(seen)
+        z[around.mean], z[around.spread] = seen.mean(spread)[0], np.log(spread)
+    z = _within(priors, z)
     precision = np.diag(priors.spread_in_z(z) ** -2.0)
+    for around, _ in pools:
+        _add_pool(precision, around, np.exp(z[around.spread]))
     slope = priors.transform.slope(z)
     for own, fit in every:
         jacobian = _of_theta(fit) * slope[own]
@@ -151,6 +202,31 @@ def _of_fits(fits, problem: Traceable, priors: Priors):
     for label, _, count in _noises(fits, problem):
         precision[places[label], places[label]] += 2.0 * count
     return z, precision
+
+
+def _add_pool(precision: np.ndarray, around: Around, spread: float) -> None:
+    """What a pool tells of its members, their mean and its spread."""
+    members, count = around.members, len(around.members)
+    precision[members, members] += spread**-2.0
+    precision[members, around.mean] -= spread**-2.0
+    precision[around.mean, members] -= spread**-2.0
+    precision[around.mean, around.mean] += count * spread**-2.0
+    precision[around.spread, around.spread] += count
+
+
+def _pools(fits: Sequence[ComponentFit], problem: Traceable) -> list[tuple[Pool, Seen]]:
+    """What the data tell of each pool of the fit, in the problem's order."""
+    found = {
+        pool.name: (pool, seen_by_pool(fit.final.problem, fit.z, pool))
+        for fit in fits
+        for pool in fit.final.problem.pools
+    }
+    return [found[pool.name] for pool in problem.pools]
+
+
+def _spread(seen: Seen) -> float:
+    """That of the restricted likelihood, or where that is none what would hardly show."""
+    return max(seen.spread, 0.3 * seen.error)
 
 
 def _centre(prior, transform: Transform, k: int) -> float:
@@ -166,7 +242,8 @@ def _within(priors: Priors, z: np.ndarray) -> np.ndarray:
         np.array([_centre(one, priors.transform, k) for k, one in enumerate(priors.each)])
     )
     reach = MOST * priors.spread_in_z(centre)
-    held = np.array([one.in_z for one in priors.each])
+    held = np.array([one.in_z and np.isfinite(one.spread) for one in priors.each])
+    reach = np.where(np.isfinite(reach), reach, np.inf)
     reach = np.where(held, reach, np.maximum(reach, 20.0))
     return np.clip(z, centre - reach, centre + reach)
 

@@ -1,13 +1,15 @@
 """The density that is sampled: likelihood and priors, with the Jacobian of the map to parameters."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from calibration.fitting.component_fit import ComponentFit
 from calibration.fitting.traceable import Traceable
-from calibration.posterior.coordinates import Scaling, Valleys, valleys_of
+from calibration.posterior.coordinates import Scaling, Straight, scaling_of, straight_of
 from calibration.posterior.priors import Priors, priors_of
 
 
@@ -17,7 +19,7 @@ class Density:
 
     problem: Traceable
     priors: Priors
-    valleys: Valleys
+    straight: Straight
 
     @property
     def labels(self) -> list[str]:
@@ -26,7 +28,7 @@ class Density:
 
     def z(self, u: Array, scaling: Scaling) -> tuple[Array, Array]:
         """Unconstrained unknowns of what is sampled, and ln |dz/du| up to a constant."""
-        return self.valleys.z(scaling.centre + scaling.root @ u, scaling.loss)
+        return self.straight.z(scaling.centre + scaling.root @ u, scaling.loss)
 
     def theta(self, z: Array) -> dict[str, Array]:
         """By name, in physical units."""
@@ -39,6 +41,10 @@ class Density:
         return self.priors.log_density(z) + log_slope + log_likelihood
 
 
-def density_of(problem: Traceable) -> Density:
-    priors = priors_of(problem)
-    return Density(problem, priors, valleys_of(problem, priors.transform))
+def density_of(
+    problem: Traceable, fits: Sequence[ComponentFit], priors: Priors | None = None
+) -> tuple[Density, Scaling]:
+    """The density, and how it is scaled by where a fit ended."""
+    priors = priors_of(problem) if priors is None else priors
+    straight = straight_of(fits, problem, priors)
+    return Density(problem, priors, straight), scaling_of(fits, problem, priors, straight)

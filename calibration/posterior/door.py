@@ -13,7 +13,7 @@ from calibration.errors import DataError
 from calibration.fitting.component_fit import ComponentFit
 from calibration.fitting.request import Request
 from calibration.fitting.traceable import traceable
-from calibration.posterior.coordinates import Scaling, scaling_of
+from calibration.posterior.coordinates import Scaling
 from calibration.posterior.density import Density, density_of
 from calibration.posterior.extra import needed
 from calibration.posterior.inference_data import inference_data
@@ -36,8 +36,7 @@ def sampled(
     _check(draws, chains, seed, warmup)
     check_possible(request.objective, request.options.loss)
     with jax.enable_x64(True):
-        density = density_of(traceable(request))
-        scaling = scaling_of(fits, density.problem, density.priors, density.valleys)
+        density, scaling = density_of(traceable(request), fits)
         measured = np.concatenate([one.data.restitution for one in density.problem.sets])
         arrays = (Scaling(*map(jnp.asarray, scaling)), jnp.asarray(measured))
         sampler = Sampler(density.log_density)

@@ -137,10 +137,11 @@ def _variables(density: Density, found) -> dict[str, Any]:
         about = {
             "unit": units.get(one.label, UNITS.get(one.label.partition("[")[0], "-")),
             "prior": f"{one.told}, stated" if one.stated else one.told,
-            "prior_share": float(np.std(centres[..., k]) / spreads[k]),
             "lower": float(transform.lower[k]),
             "upper": float(transform.upper[k]),
         }
+        if np.isfinite(spreads[k]):
+            about["prior_share"] = float(np.std(centres[..., k]) / spreads[k])
         variables[variable(one.label)] = (DIMS, found["theta"][one.label], about)
     for g, spec in enumerate(problem.specs):
         if spec.model.law_type is sj.Zhou and not spec.by_eps_up:

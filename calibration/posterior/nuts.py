@@ -20,7 +20,7 @@ from jaxtyping import Float, Int
 from calibration.posterior.extra import needed
 
 BLOCK = 100  # steps of one call: what the progress bar counts
-ACCEPTANCE = 0.9  # that the step size is adapted to
+ACCEPTANCE = 0.95  # that the step size is adapted to
 STEP = 0.5  # where it starts: what is sampled is nearly standard normal
 KEEP, FAST, SLOW, WINDOW_END, LAST = range(5)  # what is adapted after a step
 STATISTICS = ("lp", "diverging", "energy", "acceptance_rate", "n_steps", "tree_depth", "step_size")

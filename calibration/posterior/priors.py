@@ -8,20 +8,21 @@
     the whole line       N(start, (10 max(|start|, 1))²)
     noise, group         half-normal of 0.1 in ε; timing: of as much time as makes 0.1 in ε
     scale                ln κ^½ ~ N(0, 1)
+    pooled               ln θ_g ~ N(ln θ, τ²), θ as above; its spread τ half-normal of 0.5
 
 A start is the `Parameter`'s value, or what the library guesses for its laws.
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
 from calibration.fitting.law_model import OF_CONTACT
-from calibration.fitting.problem import Element
+from calibration.fitting.problem import Element, Pool
 from calibration.fitting.set_likelihood import SetLikelihood
 from calibration.fitting.traceable import Traceable
 from calibration.fitting.transform import FROM_ABOVE, LOG, LOGIT, NONE, Transform
@@ -37,6 +38,7 @@ PUBLISHED: dict[str, tuple[float | None, float]] = {
 OF_BODIES = 1.0
 WIDE = 10.0
 NOISE = 0.1  # of ε
+SPREAD = 0.5  # of pooled parameters, in z
 LOGISTIC = math.pi / math.sqrt(3)  # standard deviation of the logit of what is uniform
 
 
@@ -61,11 +63,25 @@ class Prior:
 
 
 @dataclass(frozen=True, eq=False)
+class Around:
+    """z of some members ~ N(z of their mean, τ²), τ = e^z of the spread: places in z."""
+
+    members: np.ndarray
+    mean: int
+    spread: int
+
+    def log_density(self, z: Any) -> Any:
+        off = (z[self.members] - z[self.mean]) * jnp.exp(-z[self.spread])
+        return -0.5 * jnp.sum(off**2) - len(self.members) * z[self.spread]
+
+
+@dataclass(frozen=True, eq=False)
 class Priors:
     """Of all unknowns, with the map from z to them."""
 
     each: tuple[Prior, ...]
     transform: Transform
+    pools: tuple[Around, ...] = ()
 
     def log_density(self, z: Any) -> Any:
         """ln p(z) up to a constant: ln p(θ) + ln |dθ/dz| where the prior is one of θ."""
@@ -74,7 +90,8 @@ class Priors:
         spread = np.array([one.spread for one in self.each])
         at = jnp.where(in_z, z, self.transform.physical(z, jnp))
         slope = jnp.where(in_z, 0.0, self.transform.log_slope(z))
-        return jnp.sum(slope - 0.5 * ((at - centre) / spread) ** 2)
+        alone = jnp.sum(slope - 0.5 * ((at - centre) / spread) ** 2)
+        return alone + sum(pool.log_density(z) for pool in self.pools)
 
     def spread_in_z(self, z: np.ndarray) -> np.ndarray:
         """Standard deviations in z, about, where z is."""
@@ -88,13 +105,30 @@ class Priors:
 
 def priors_of(problem: Traceable) -> Priors:
     """Of a problem's parameters, then of its noises."""
+    every = [*problem.elements, *(problem.elements[p.members[0]] for p in problem.pools)]
     noises = [one for errors in problem.sets for one in _of_errors(errors)]
-    ranges = [e.range for e in problem.elements] + [(0.0, math.inf)] * len(noises)
+    spreads = [_of_spread(pool) for pool in problem.pools]
+    ranges = [e.range for e in every] + [(0.0, math.inf)] * len([*noises, *spreads])
     transform = Transform.of(ranges, [None] * len(ranges))  # bounded where the range is
-    of_law = [
-        _of_element(e, int(k)) for e, k in zip(problem.elements, transform.kind, strict=False)
-    ]
-    return Priors((*of_law, *noises), transform)
+    of_law = [_of_element(e, int(k)) for e, k in zip(every, transform.kind, strict=False)]
+    for pool, k in zip(problem.pools, range(len(problem.elements), len(every)), strict=True):
+        of_law[k] = replace(of_law[k], label=pool.name)
+        for member in pool.members:
+            of_law[member] = _of_member(problem.elements[member], pool)
+    pools = tuple(
+        Around(np.array(pool.members), len(problem.elements) + i, len(every) + len(noises) + i)
+        for i, pool in enumerate(problem.pools)
+    )
+    return Priors((*of_law, *noises, *spreads), transform, pools)
+
+
+def _of_member(element: Element, pool: Pool) -> Prior:
+    told = f"around {pool.name}, with {pool.spread_name}"
+    return Prior(element.label, told, True, 0.0, math.inf)
+
+
+def _of_spread(pool: Pool) -> Prior:
+    return Prior(pool.spread_name, f"half-normal, {number(SPREAD)}", False, 0.0, SPREAD)
 
 
 def _of_element(element: Element, kind: int) -> Prior:
