@@ -121,7 +121,19 @@ def test_an_own_file_gives_the_same_as_its_data_in_python(tmp_path):
     assert f"`softjax fit {file} --seed 3 --out {out}`" in report
 
 
-def test_a_law_without_a_force_has_its_parameters_by_name_and_no_eq_17(tmp_path):
+def test_a_fit_that_ends_where_the_range_leaves_its_end_out_has_a_law_and_a_curve():
+    """ψ = 0, which no law accepts: a constant ε below yield."""
+    result = cal.fit(noisy(), starts=2, profiles=False)
+    assert result.values["psi"] == 0
+    velocity = np.array([0.2, 0.5, 5.0, 20.0])
+    curve = result.band(velocity).coefficient
+    assert curve[:2] == pytest.approx(np.exp(-result.values["sigma"]), rel=1e-12)
+    law = sj.Zhou(noisy().contact, result.values["chi"], result.values["sigma"], 1e-300)
+    assert curve == pytest.approx(np.asarray(sj.restitution(law, velocity).coefficient), rel=1e-9)
+    assert result.law.psi > 0
+
+
+def test_another_law_has_its_parameters_by_name_and_no_eq_17(tmp_path):
     """The same files and tables as Zhou's law."""
     file = write_alloy(tmp_path)
     code, told, _ = run("fit", file, "--law", "viscoelastic", "--out", tmp_path / "out")

@@ -13,16 +13,24 @@ HEAVY = ("diffrax", "optimistix", "optax", "lineax", "scipy", "matplotlib", "tqd
 # softjax in layers: a module imports from earlier layers, or from its own where that says so
 LAYERS = [
     {"_checks", "_numerics", "status"},
-    {"fields"},
+    {"fields", "_quadrature", "_search"},
     {"materials"},
     {"contact", "empirical", "routes"},
-    {"laws"},
-    {"energy", "collision", "_bridge", "rate_dependent", "impact", "_large", "_pieces"},
+    {"laws", "_impacts", "_pieces"},
+    {"impact", "_batches", "_bridge", "release"},
+    {"pieces", "phase", "falls"},
+    {"encke"},
+    {"energy", "collision", "rate_dependent"},
+    {"assembly"},
+    {"collisions"},
     {"restitution"},
     {"history", "plot", "paper"},
 ]
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
-ROUTES = {"energy": {"energy"}, "ode": {"collision", "_bridge", "rate_dependent"}}
+ROUTES = {
+    "energy": {"energy", "_quadrature"},
+    "ode": {"collision", "_bridge", "encke", "falls", "phase", "rate_dependent"},
+}
 
 
 def modules(package):

@@ -214,10 +214,15 @@ class FitResult:
         return self._band(as_empirical(self.material(name)), velocity, confidence, "mean")
 
     def _band(self, material: MaterialFit, velocity, confidence, kind: str) -> Band:
-        names, covariance = self.covariance_names, self.of_predictions
-        freedom = self._freedom(material)
         return band(
-            material, velocity, names, covariance, freedom, confidence or self.confidence, kind
+            material,
+            velocity,
+            self.covariance_names,
+            self.of_predictions,
+            self._freedom(material),
+            confidence or self.confidence,
+            kind,
+            self.request.route_of_curve(material.model.law_type),
         )
 
     def _freedom(self, material: MaterialFit) -> Freedom:

@@ -35,6 +35,7 @@ from calibration.fitting.transform import NONE
 RANK_TOLERANCE = 1e-9  # smallest over largest singular value, columns scaled to one
 NO_ERROR = 50.0  # a standard error in log units that says nothing
 DIFFERENCE = 2e-3  # step in z of the fourth-order differences of the exact gradient
+NEAR_KINKS = 1e-6  # the same where a robust loss bends between points
 NULL_SHARE = 1e-3  # of a null direction, from which on an element counts as undetermined
 SIDES = np.array([-2, -1, 1, 2])
 
@@ -216,7 +217,9 @@ def gradient_slopes(
     """
     fits, size = len(z), len(order)
     scaled = problem.transform.kind[order] != NONE
-    steps = DIFFERENCE * np.where(scaled, 1.0, np.maximum(np.abs(z[:, order]), 1e-6))
+    bent = problem.loss != "squared" or drawn is not None
+    step = NEAR_KINKS if bent else DIFFERENCE
+    steps = step * np.where(scaled, 1.0, np.maximum(np.abs(z[:, order]), 1e-6))
     places = np.repeat(z[:, None, None], size, axis=1).repeat(4, axis=2)
     for k, position in enumerate(order):
         places[:, k, :, position] += steps[:, k, None] * SIDES

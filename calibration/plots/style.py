@@ -41,6 +41,10 @@ def axes_or_new(ax: Axes | None, width: float = 5.0, height: float = 4.0) -> Axe
 
 def save(figure: Figure, path: str | Path) -> None:
     """Write a PNG; nothing in it tells when, so that equal figures are equal files."""
+    engine = figure.get_layout_engine()
+    if engine is not None:  # once: saving would do it twice
+        engine.execute(figure)
+        figure.set_layout_engine("none")
     figure.savefig(path, dpi=DPI, metadata={"Software": None})
 
 
