@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 
 import numpy as np
 import pytest
@@ -79,12 +80,12 @@ def test_what_lammps_makes_of_its_input_is_predicted(row, tmp_path):
     np.testing.assert_allclose(found, told, atol=5e-4)
 
 
-def measured(folder, velocities, wall=False):
-    """ε of impacts with in.softjax as it was written."""
+def measured(folder, velocities, wall=None):
+    """ε of impacts with in.softjax as it was written, onto a wall that a line tells."""
     report = json.loads((folder / "export.json").read_text(encoding="utf-8"))
     steps = 2 * math.ceil(report["contact_duration"]["longest"] / report["time_step"]) + 10
-    of = onto_a_wall if wall else impact
-    return rebounds((of(v, ["include in.softjax"], steps) for v in velocities), folder)
+    settings, of = ["include in.softjax", wall or ""], onto_a_wall if wall else impact
+    return rebounds((of(v, settings, 2 * steps) for v in velocities), folder)
 
 
 @pytest.mark.parametrize(
@@ -121,6 +122,17 @@ def test_the_sizes_that_input_is_written_for_do_not_matter_where_it_says_so(tmp_
         assert (abs(one - other) < 1e-3) == same
         text = (tmp_path / "in.softjax").read_text(encoding="utf-8")
         assert ("told for that mass" in text) != same
+
+
+@pytest.mark.parametrize("law", ["hertz-dashpot", "linear"])
+def test_the_line_that_is_written_for_a_wall(law, tmp_path):
+    made = cal.export(
+        STEEL, "lammps", tmp_path, velocity_range=(0.1, 5), law=law, tolerance=0.1, steps=400
+    )
+    text = (tmp_path / "in.softjax").read_text(encoding="utf-8")
+    (line,) = re.findall(r"^# (fix ID .*)$", text, re.M)
+    found = measured(tmp_path, VELOCITIES, line.replace("fix ID group", "fix wall all"))
+    np.testing.assert_allclose(found, made.choice.impacts.coefficient[0], atol=1e-3)
 
 
 @pytest.fixture(scope="module")

@@ -222,7 +222,7 @@ def test_it_costs_about_as_much_as_a_law_of_the_code(folder, capsys):
             f"pair_coeff * * {OTHERS.get(name)}",
         ]
         (folder / "in.cost").write_text(
-            "\n".join(gas(LOAD if name == "softjax" else settings, "on", 2000))
+            "\n".join(gas(LOAD if name == "softjax" else settings, "off", 2000))
         )
         command = [NEEDED[2], "-in", "in.cost", "-log", "none"]
         ended = subprocess.run(command, cwd=folder, env=ENVIRONMENT, capture_output=True, text=True)
