@@ -1,4 +1,4 @@
-"""A fit on a terminal of 100 columns."""
+"""A fit on a terminal, of 100 columns or what there are."""
 
 import textwrap
 from collections.abc import Iterable
@@ -7,8 +7,8 @@ from typing import Any
 from calibration.report import rows
 from calibration.report.tables import aligned
 from calibration.rounding import number
+from calibration.terminal import width
 
-WIDTH = 100
 MOST_SEARCHES = 12  # that are told one by one
 
 
@@ -42,16 +42,16 @@ def doubts(result: Any) -> list[str]:
         return [*lines, "No doubts were raised."]
     lines.append("Doubts:")
     for doubt in result.warnings:
-        lines += textwrap.wrap(str(doubt), WIDTH, initial_indent="  ! ", subsequent_indent="    ")
+        lines += textwrap.wrap(str(doubt), width(), initial_indent="  ! ", subsequent_indent="    ")
     return lines
 
 
 def _wrapped(paragraphs: Iterable[str]) -> list[str]:
-    return [line for text in paragraphs for line in textwrap.wrap(text, WIDTH)]
+    return [line for text in paragraphs for line in textwrap.wrap(text, width())]
 
 
 def _explained(lines: Iterable[str]) -> list[str]:
-    wrapped = textwrap.TextWrapper(WIDTH, initial_indent="  ", subsequent_indent="    ")
+    wrapped = textwrap.TextWrapper(width(), initial_indent="  ", subsequent_indent="    ")
     return [one for line in lines for one in wrapped.wrap(line)]
 
 
