@@ -98,7 +98,7 @@ def test_symbols_units_and_words_are_those_of_the_law(own):
     assert symbols.text("chi") == "χ̃"
     assert symbols.text("contact.yield_strength") == "Y [Pa]"
     assert symbols.text("growth", model) == "s [1/m]"
-    assert symbols.math("chi[my alloy]") == r"$\tilde\chi$, my alloy"
+    assert symbols.math("contact.yield_strength") == "$Y$ [Pa]"
     assert symbols.text("not known") == "not known"
     assert symbols.words("not known") == ""
     assert rows.meanings(own)[-1].startswith("s: growth of the unloading stiffness")

@@ -208,10 +208,13 @@ def _refusal(job: Job, error: ValueError) -> InputError:
 
 def _route(name: str | None, rtol: float | None):
     import softjax as sj
+    from calibration.fitting.request import DEFAULT_ODE
 
     if name == "energy balance":
         return sj.EnergyBalance()
-    return None if rtol is None else sj.ODE(rtol=rtol)
+    if rtol is not None:
+        return sj.ODE(rtol=rtol)
+    return None if name is None else DEFAULT_ODE
 
 
 def _sampled(result, job: Job, progress: Progress) -> Any:
