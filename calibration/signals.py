@@ -1,9 +1,13 @@
 """Signals that end a command, heard as Ctrl-C is: what is half done is put away, and one line told."""
 
 import signal
-from collections.abc import Iterator
+import sys
+import threading
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
+SOON = 0.01  # s
 HEARD = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 
@@ -12,7 +16,7 @@ class Stopped(KeyboardInterrupt):
 
     def __init__(self, number: int):
         super().__init__(number)
-        self.code = 128 + number
+        self.number, self.code = number, 128 + number
 
 
 class _Ear:
@@ -46,11 +50,29 @@ def heard() -> Iterator[None]:
                 before[number] = signal.signal(number, _ear)
     except ValueError:  # not in the main thread, which alone may listen
         pass
+    hook = sys.unraisablehook
+    sys.unraisablehook = lambda lost: _lost(lost, hook)
     try:
         yield
     finally:
+        sys.unraisablehook = hook
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def _lost(lost: "sys.UnraisableHookArgs", otherwise: Callable[[Any], object]) -> None:
+    """What was raised in a callback (of the garbage collector) goes no further: once more, soon."""
+    if not isinstance(lost.exc_value, Stopped):
+        otherwise(lost)
+        return
+    timer = threading.Timer(SOON, _again, (lost.exc_value.number,))
+    timer.daemon = True
+    timer.start()
+
+
+def _again(number: int) -> None:
+    if signal.getsignal(number) is _ear:
+        signal.raise_signal(number)
 
 
 @contextmanager

@@ -4,11 +4,13 @@ import os
 import random
 import signal
 import subprocess
+import sys
 import time
 
 import pytest
 
 from calibration import atomic, signals
+from tests.command import write_alloy
 from tests.slow_command import COMMAND, LINES
 
 SECONDS = 0.005 * LINES + 0.15  # that it takes from its first line on, at least
@@ -76,6 +78,40 @@ def test_ten_moments_drawn_at_random(tmp_path):
     assert any(code == CODES[number] for _, number, code, _ in seen)
 
 
+@pytest.mark.long
+def test_ten_moments_of_a_fit(tmp_path):
+    """While modules load, programs compile, pictures are drawn: whatever is left is whole."""
+    file = write_alloy(tmp_path, 'law = "walton-braun"')
+    out = tmp_path / "results"
+    command = [sys.executable, "-m", "calibration", "fit", str(file), "--out", str(out)]
+    begun_at = time.monotonic()
+    subprocess.run(command, check=True, capture_output=True)
+    whole = time.monotonic() - begun_at
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    codes = []
+    for number in [*CODES] * 3 + [signal.SIGTERM]:
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+        time.sleep(random.uniform(0.1, whole))
+        process.send_signal(number)
+        error = process.communicate(timeout=120)[1].decode()
+        codes.append(process.returncode)
+        assert sorted(path.name for path in tmp_path.iterdir()) == [
+            "alloy.toml",
+            "my_alloy.csv",
+            "results",
+        ]
+        after = {path.name: path.read_bytes() for path in out.iterdir()}
+        assert after.keys() == before.keys()
+        if process.returncode == CODES[number]:
+            assert len(error.splitlines()) == 1, error
+            assert ("nothing written" in error) == (after == before)
+        else:  # before Python listened, or after all was done
+            assert process.returncode in (0, -number)
+            assert error == ""
+        before = after
+    assert any(code in CODES.values() for code in codes), codes
+
+
 def test_what_a_killed_command_left_goes_at_the_next_start_and_a_living_ones_stays(tmp_path):
     out = tmp_path / "results"
     living, killed = begun(out, "--lines", "400"), begun(out)
@@ -121,6 +157,25 @@ def test_an_ignored_hangup_stays_ignored(tmp_path):
     process.send_signal(signal.SIGHUP)
     assert process.communicate(timeout=30)[0] == "χ̃ is new\n"
     assert process.returncode == 0
+
+
+class Fickle:
+    """Raises what comes while it goes, as callbacks of the garbage collector do."""
+
+    def __del__(self):
+        signal.raise_signal(signal.SIGTERM)
+
+
+def test_a_signal_that_a_callback_swallows_comes_again(capsys):
+    def work() -> None:
+        fickle = Fickle()
+        del fickle
+        for _ in range(1000):
+            time.sleep(0.01)
+
+    with signals.heard(), pytest.raises(signals.Stopped):
+        work()
+    assert capsys.readouterr().err == ""
 
 
 def test_a_signal_waits_until_what_is_begun_is_done():

@@ -160,7 +160,9 @@ def test_the_exit_codes_are_told(command, capsys):
 def test_an_umlaut_where_there_is_only_ascii_and_a_path_that_is_no_text(tmp_path):
     """Both lost the fit while the report was written."""
     file = write_alloy(tmp_path, 'law = "constant"\nprofiles = false')
-    file.rename(tmp_path / "härte.toml")
+    (tmp_path / "my_alloy.csv").rename(tmp_path / "prüfung.csv")
+    text = file.read_text(encoding="utf-8").replace("my_alloy.csv", "prüfung.csv")
+    file.rename(tmp_path / "härte.toml").write_text(text, encoding="utf-8")
     plain = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
     out = b"st\xfc/ergebnis_\xc3\xbc"
     done = subprocess.run(
