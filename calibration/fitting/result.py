@@ -266,7 +266,7 @@ class FitResult:
         """Draws from the posterior of all parameters and of what is unknown of the noise, by NUTS.
 
         Needs `pip install "softjax-contact[bayes]"`. Priors are those stated with `Parameter`, and
-        weak ones of `calibration.posterior.priors` elsewhere: the attribute "prior" of each variable.
+        weak ones of `calibration.fitting.posterior.priors` elsewhere: the attribute "prior" of each variable.
 
         Args:
             draws, warmup: of each chain.
@@ -282,7 +282,7 @@ class FitResult:
             ValueError: naming the argument, its value and what is accepted; for fits that were no
                 likelihood (`two-step`, robust losses).
         """
-        from calibration.posterior.door import sampled
+        from calibration.fitting.posterior.door import sampled
 
         return sampled(self.request, self._refitted(), draws, chains, seed, warmup, progress)
 
