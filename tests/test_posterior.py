@@ -8,7 +8,7 @@ from scipy import stats
 
 import calibration as cal
 import softjax as sj
-from calibration.posterior.inference_data import dataset_of, read, write
+from calibration.fitting.posterior.inference_data import dataset_of, read, write
 from tests.posterior_cases import V, az, level, moments, on_grid
 
 SURE = 5.0  # Monte Carlo standard errors

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import calibration as cal
+from calibration.fitting.posterior.diagnostics import doubts_of, summaries
+from calibration.fitting.posterior.inference_data import as_arviz, dataset_of, read
 from calibration.plots.posterior import posterior_figure
-from calibration.posterior.diagnostics import doubts_of, summaries
-from calibration.posterior.inference_data import as_arviz, dataset_of, read
 from calibration.report.posterior import known, posterior_section
 from tests.command import run
 from tests.posterior_cases import az

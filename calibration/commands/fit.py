@@ -118,7 +118,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_writable(arguments.out)
     job = replace(_job(arguments), draws=arguments.posterior)
     if job.draws is not None:
-        from calibration.posterior.door import check_possible
+        from calibration.fitting.posterior.door import check_possible
 
         check_possible(job.settings.get("objective"), job.settings.get("loss", "squared"))
     with Progress(arguments.quiet) as progress:
@@ -234,7 +234,7 @@ def _write(result, job: Job, out: Path, progress: Progress, draws: Any) -> None:
         pictures = _draw(result, job, staged, progress, draws)
         more: Sequence[Sequence[str]] = ()
         if draws is not None:
-            from calibration.posterior.inference_data import write
+            from calibration.fitting.posterior.inference_data import write
             from calibration.report.posterior import posterior_section
 
             write(draws, staged / "posterior.nc")
@@ -284,8 +284,8 @@ def _told(result, job: Job, draws: Any) -> str:
 
 
 def _posterior(result, draws):
+    from calibration.fitting.posterior.inference_data import dataset_of
     from calibration.plots.posterior import posterior_figure
-    from calibration.posterior.inference_data import dataset_of
 
     variables = dataset_of(draws, "posterior").data_vars.items()
     diverging = dataset_of(draws, "sample_stats")["diverging"].values

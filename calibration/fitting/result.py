@@ -193,6 +193,7 @@ class FitResult:
         confidence: float | None = None,
         *,
         kind: str = "mean",
+        draws: Any = None,
     ) -> Band:
         """ε(v) of the fitted curve with a confidence band; NaN where `known` is False.
 
@@ -201,12 +202,18 @@ class FitResult:
             name: of the data set, where there are several.
             confidence: that of the fit where left out.
             kind: "mean", of the curve itself, or "prediction", of one more measurement.
+            draws: a posterior, whose mean, standard deviation and central limits are then told.
 
         Raises:
             ValueError: naming the argument, its value and what is accepted.
         """
         if kind not in KINDS:
             raise DataError("kind", kind, " or ".join(map(repr, KINDS)))
+        if draws is not None:
+            from calibration.fitting.posterior.draws import band_of_draws
+
+            level = confidence or self.confidence
+            return band_of_draws(draws, self.material(name), velocity, level, kind)
         return self._band(self.material(name), velocity, confidence, kind)
 
     def empirical_band(self, velocity, name=None, confidence: float | None = None) -> Band:
@@ -261,7 +268,7 @@ class FitResult:
         """Draws from the posterior of all parameters and of what is unknown of the noise, by NUTS.
 
         Needs `pip install "softjax-contact[bayes]"`. Priors are those stated with `Parameter`, and
-        weak ones of `calibration.posterior.priors` elsewhere: the attribute "prior" of each variable.
+        weak ones of `calibration.fitting.posterior.priors` elsewhere: the attribute "prior" of each variable.
 
         Args:
             draws, warmup: of each chain.
@@ -277,9 +284,20 @@ class FitResult:
             ValueError: naming the argument, its value and what is accepted; for fits that were no
                 likelihood (`two-step`, robust losses).
         """
-        from calibration.posterior.door import sampled
+        from calibration.fitting.posterior.door import sampled
 
         return sampled(self.request, self._refitted(), draws, chains, seed, warmup, progress)
+
+    def at_draws(self, posterior: Any, count: int = 16) -> list["FitResult"]:
+        """This fit at some draws of its posterior, evenly taken: its laws, and what a study asks of it.
+
+            cal.optimal_velocities(result.at_draws(posterior), 10, (0.1, 5.0))
+
+        places shots by the information expected over these draws.
+        """
+        from calibration.fitting.posterior.draws import at_draws
+
+        return at_draws(self, posterior, count)
 
     def _refitted(self) -> list[ComponentFit]:
         """The searches; a result that was loaded makes them again."""

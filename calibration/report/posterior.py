@@ -4,8 +4,8 @@ import textwrap
 from collections.abc import Mapping
 from typing import Any
 
-from calibration.posterior.diagnostics import FOLLOWS, Summary, doubts_of, summaries
-from calibration.posterior.inference_data import dataset_of
+from calibration.fitting.posterior.diagnostics import FOLLOWS, Summary, doubts_of, summaries
+from calibration.fitting.posterior.inference_data import dataset_of
 from calibration.report import symbols
 from calibration.report.rows import Table
 from calibration.report.tables import aligned, markdown

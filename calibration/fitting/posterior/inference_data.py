@@ -11,12 +11,12 @@ import numpy as np
 import softjax as sj
 from calibration.atomic import replacing
 from calibration.errors import InputError
+from calibration.fitting.posterior.coordinates import Scaling
+from calibration.fitting.posterior.density import Density
+from calibration.fitting.posterior.extra import needed
+from calibration.fitting.posterior.nuts import Chain
 from calibration.fitting.traceable import Traceable
 from calibration.fitting.zhou import eps_up_of
-from calibration.posterior.coordinates import Scaling
-from calibration.posterior.density import Density
-from calibration.posterior.extra import needed
-from calibration.posterior.nuts import Chain
 
 AT_ONCE = 256  # draws that are carried over to measurements side by side
 UNITS = {"timing": "s"}

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from calibration.posterior.extra import needed
+from calibration.fitting.posterior.extra import needed
 
 BLOCK = 100  # steps of one call: what the progress bar counts
 ACCEPTANCE = 0.95  # that the step size is adapted to

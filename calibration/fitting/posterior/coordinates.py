@@ -25,10 +25,10 @@ from jaxtyping import Float, Int
 import softjax as sj
 from calibration.fitting.component_fit import ComponentFit
 from calibration.fitting.pooling import Seen, seen_by_pool
+from calibration.fitting.posterior.priors import Around, Priors
 from calibration.fitting.problem import Pool
 from calibration.fitting.traceable import Traceable
 from calibration.fitting.transform import LOG, Transform
-from calibration.posterior.priors import Around, Priors
 
 MOST = 3.0  # standard deviations of the prior that a chain starts from its centre at most
 CENTRED = 2.0  # spread over the error of a member, from which on members are sampled themselves

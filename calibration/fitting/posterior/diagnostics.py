@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from calibration.fitting.doubt import Doubt
-from calibration.posterior.extra import needed
-from calibration.posterior.inference_data import dataset_of
+from calibration.fitting.posterior.extra import needed
+from calibration.fitting.posterior.inference_data import dataset_of
 
 R_HAT = 1.01
 EFFECTIVE = 400.0

@@ -11,13 +11,13 @@ import numpy as np
 
 from calibration.errors import DataError
 from calibration.fitting.component_fit import ComponentFit
+from calibration.fitting.posterior.coordinates import Scaling
+from calibration.fitting.posterior.density import Density, density_of
+from calibration.fitting.posterior.extra import needed
+from calibration.fitting.posterior.inference_data import inference_data
+from calibration.fitting.posterior.nuts import Progress, Sampler
 from calibration.fitting.request import Request
 from calibration.fitting.traceable import traceable
-from calibration.posterior.coordinates import Scaling
-from calibration.posterior.density import Density, density_of
-from calibration.posterior.extra import needed
-from calibration.posterior.inference_data import inference_data
-from calibration.posterior.nuts import Progress, Sampler
 
 APART = 1.5  # standard deviations that chains start apart from where the fit ended
 LEAST_WARMUP = 50

@@ -8,9 +8,9 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from calibration.fitting.component_fit import ComponentFit
+from calibration.fitting.posterior.coordinates import Scaling, Straight, scaling_of, straight_of
+from calibration.fitting.posterior.priors import Priors, priors_of
 from calibration.fitting.traceable import Traceable
-from calibration.posterior.coordinates import Scaling, Straight, scaling_of, straight_of
-from calibration.posterior.priors import Priors, priors_of
 
 
 @dataclass(frozen=True, eq=False)
