@@ -28,6 +28,10 @@ def keep_compilations() -> Path | None:
     if not os.access(folder, os.W_OK):
         return None
     _make_room(folder.parent)
+    # diffrax's checks call back from compiled code, and JAX keeps no program that does. They are of
+    # arguments that no route here has; told by NaN they need no call.
+    if "equinox" not in sys.modules:
+        os.environ.setdefault("EQX_ON_ERROR", "nan")
     import jax
 
     jax.config.update("jax_compilation_cache_dir", str(folder))

@@ -8,17 +8,17 @@ profiles.png and correlation.png.
 """
 
 import argparse
-import shlex
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from calibration.atomic import check_writable, files_into
+from calibration.atomic import check_writable, files_into, or_told, write_text
 from calibration.choices import CHOICES, COUNTS, NUMBERS, OPTIONS, idle
 from calibration.errors import DataError, InputError
 from calibration.progress import Progress
+from calibration.terminal import shell_line
 
 WORDS = ("law", "objective", "optimiser", "route", "loss", *OPTIONS, "unloading_line")
 FLAGS = {"profiles": "--no-profiles"}  # what a flag sets, where it is not its own name
@@ -27,8 +27,9 @@ PICTURES = {
     "curves.png": "Data, fitted curves with their bands, and residuals below",
     "profiles.png": "Profiles of the cost: its rise when one parameter is held elsewhere",
     "correlation.png": "Correlations of the fitted parameters",
+    "posterior.png": "Draws from the posterior, and the fit with its intervals",
 }
-FILES = ("fit.json", "report.md", "report.html", *PICTURES)
+FILES = ("fit.json", "report.md", "report.html", *PICTURES, "posterior.nc")
 INTRO = (
     "These data are a published fit of measurements, not measurements: Eq. (17) with Table 1's σ "
     "and ψ (Zhou, Theor. Appl. Mech. Lett. 3, 021003, 2013) at 40 velocities a material. "
@@ -52,6 +53,7 @@ class Job:
     beside: bool = False
     given: Mapping[str, Any] = field(default_factory=dict)  # on the command line
     problem: Any = None  # the file, as it was read
+    draws: int | None = None  # of the posterior, a chain
 
     @property
     def embedded(self) -> bool:
@@ -75,6 +77,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--beside",
         action="store_true",
         help="fit again by Levenberg–Marquardt through the energy balance (always without a file)",
+    )
+    parser.add_argument(
+        "--posterior",
+        nargs="?",
+        type=_whole(100),
+        const=1000,
+        metavar="DRAWS",
+        help="sample the posterior: 4 chains of 1000 draws, or of as many as told; needs the extra bayes",
     )
 
 
@@ -107,12 +117,20 @@ HELP = {
 def run(arguments: argparse.Namespace) -> int:
     """Fit, write, print; 0, or 1 where the fit did not converge."""
     check_writable(arguments.out)
-    job = _job(arguments)
+    job = replace(_job(arguments), draws=arguments.posterior)
+    if job.draws is not None:
+        from calibration.fitting.posterior.door import check_possible
+
+        check_possible(job.settings.get("objective"), job.settings.get("loss", "squared"))
     with Progress(arguments.quiet) as progress:
         result = _fitted(job, progress)
-        _write(result, job, arguments.out, progress)
-    if not arguments.quiet:
-        _print(result, job, arguments.out)
+        draws = _sampled(result, job, progress)
+        told = [] if arguments.quiet else [_told(result, job, draws)]
+        with or_told(told):
+            _write(result, job, arguments.out, progress, draws)
+    if told:
+        written = ", ".join(name for name in FILES if (arguments.out / name).exists())
+        print(f"{told[0]}\n\nWritten to {arguments.out}: {written}")
     if result.converged:
         return 0
     print("softjax fit: did not converge; the results are written and marked so", file=sys.stderr)
@@ -191,25 +209,43 @@ def _refusal(job: Job, error: ValueError) -> InputError:
 
 def _route(name: str | None, rtol: float | None):
     import softjax as sj
+    from calibration.fitting.request import DEFAULT_ODE
 
     if name == "energy balance":
         return sj.EnergyBalance()
-    return None if rtol is None else sj.ODE(rtol=rtol)
+    if rtol is not None:
+        return sj.ODE(rtol=rtol)
+    return None if name is None else DEFAULT_ODE
 
 
-def _write(result, job: Job, out: Path, progress: Progress) -> None:
+def _sampled(result, job: Job, progress: Progress) -> Any:
+    """Draws from the posterior, where they were asked for."""
+    if job.draws is None:
+        return None
+    seed = job.settings.get("seed", 0)
+    return result.posterior(job.draws, seed=seed, warmup=job.draws, progress=progress)
+
+
+def _write(result, job: Job, out: Path, progress: Progress, draws: Any) -> None:
     """All files of a fit, or none."""
     from calibration.report import html_report, markdown_report
 
     with files_into(out, owned=FILES) as staged:
         result.save(staged / "fit.json")
-        pictures = _draw(result, job, staged, progress)
-        report = markdown_report(result, pictures, _command(job, out), _printed(job))
-        (staged / "report.md").write_text(report, encoding="utf-8")
-        (staged / "report.html").write_text(html_report(report, staged), encoding="utf-8")
+        pictures = _draw(result, job, staged, progress, draws)
+        more: Sequence[Sequence[str]] = ()
+        if draws is not None:
+            from calibration.fitting.posterior.inference_data import write
+            from calibration.report.posterior import posterior_section
+
+            write(draws, staged / "posterior.nc")
+            more = posterior_section(draws, result.confidence)
+        report = markdown_report(result, pictures, _command(job, out), _printed(job), more)
+        write_text(staged / "report.md", report)
+        write_text(staged / "report.html", html_report(report, staged))
 
 
-def _draw(result, job: Job, directory: Path, progress: Progress) -> dict[str, str]:
+def _draw(result, job: Job, directory: Path, progress: Progress, draws: Any) -> dict[str, str]:
     """The pictures there are, as {caption: file}."""
     from calibration import plots
 
@@ -218,6 +254,7 @@ def _draw(result, job: Job, directory: Path, progress: Progress) -> dict[str, st
         "curves.png": lambda: _curves(result, job),
         "profiles.png": lambda: plots.profiles_figure(result),
         "correlation.png": lambda: plots.correlation_figure(result),
+        "posterior.png": lambda: None if draws is None else _posterior(result, draws),
     }
     for i, (name, make) in enumerate(makers.items()):
         progress("pictures", i, len(makers))
@@ -237,12 +274,24 @@ def _curves(result, job: Job):
     return plots.curves_figure(result, lines)
 
 
-def _print(result, job: Job, out: Path) -> None:
+def _told(result, job: Job, draws: Any) -> str:
     from calibration.report import terminal_report
 
-    print(terminal_report(result, _printed(job), INTRO if job.embedded else ""))
-    written = ", ".join(name for name in FILES if (out / name).exists())
-    print(f"\nWritten to {out}: {written}")
+    told = terminal_report(result, _printed(job), INTRO if job.embedded else "")
+    if draws is None:
+        return told
+    from calibration.report.posterior import posterior_text
+
+    return f"{told}\n{posterior_text(draws, result.confidence)}"
+
+
+def _posterior(result, draws):
+    from calibration.fitting.posterior.inference_data import dataset_of
+    from calibration.plots.posterior import posterior_figure
+
+    variables = dataset_of(draws, "posterior").data_vars.items()
+    diverging = dataset_of(draws, "sample_stats")["diverging"].values
+    return posterior_figure({str(k): v.values for k, v in variables}, diverging, result)
 
 
 def _printed(job: Job) -> dict[str, dict[str, float]] | None:
@@ -261,7 +310,8 @@ def _command(job: Job, out: Path) -> str:
     for name, value in job.given.items():
         parts += [_option(name), *([] if name in FLAGS else [str(value).replace(" ", "-")])]
     parts += ["--beside"] * (job.beside and not job.embedded)
-    return shlex.join([*parts, "--out", str(out)])
+    parts += ["--posterior", str(job.draws)] * (job.draws is not None)
+    return shell_line([*parts, "--out", str(out)])
 
 
 def _number(name: str):
