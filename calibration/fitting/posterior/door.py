@@ -15,7 +15,7 @@ from calibration.fitting.posterior.coordinates import Scaling
 from calibration.fitting.posterior.density import Density, density_of
 from calibration.fitting.posterior.extra import needed
 from calibration.fitting.posterior.inference_data import inference_data
-from calibration.fitting.posterior.nuts import Progress, Sampler
+from calibration.fitting.posterior.nuts import SHARP, SMOOTH, Progress, Sampler
 from calibration.fitting.request import Request
 from calibration.fitting.traceable import traceable
 
@@ -39,7 +39,8 @@ def sampled(
         density, scaling = density_of(traceable(request), fits)
         measured = np.concatenate([one.data.restitution for one in density.problem.sets])
         arrays = (Scaling(*map(jnp.asarray, scaling)), jnp.asarray(measured))
-        sampler = Sampler(density.log_density)
+        sharp = density.straight.has_corners(scaling.centre)
+        sampler = Sampler(density.log_density, SHARP if sharp else SMOOTH)
         starts = _starts(len(density.labels), chains, seed)
         found = sampler.run(starts, arrays, draws, warmup, seed, progress)
         return inference_data(density, scaling, found, seed, _told(density, seed, warmup))
