@@ -57,6 +57,7 @@ def check(draws, expected):
         assert np.std(log) == pytest.approx(deviation, rel=0.3)
 
 
+@pytest.mark.long
 def test_numpyro_samples_it(problem, expected):
     numpyro = pytest.importorskip("numpyro")
     names = {
