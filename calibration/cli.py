@@ -3,23 +3,31 @@
     0   done
     1   a fit did not converge; its results are written, and marked
     2   unusable input: one line on standard error, nothing written
+    3   results could not be written, or not told; what could be is
 
+An interrupt gives 130, SIGTERM 143, SIGHUP 129.
 Nothing heavy is imported before a subcommand runs, so that `softjax --help` answers at once.
 """
 
 import argparse
 import importlib
-import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
+from calibration import atomic, progress, signals, terminal
 from calibration.cache import keep_compilations
 from calibration.commands import COMMANDS
-from calibration.errors import DataError, InputError, did_you_mean, listed
+from calibration.errors import DataError, InputError, NotWritten, did_you_mean, listed, printable
 
-DONE, NOT_CONVERGED, UNUSABLE, INTERRUPTED = 0, 1, 2, 130
+DONE, NOT_CONVERGED, UNUSABLE, NOT_WRITTEN, INTERRUPTED = 0, 1, 2, 3, 130
 COMMON = {"out": Path("results"), "quiet": False, "cache": True}
+CODES = """exit codes:
+  0  done
+  1  a fit did not converge; its results are written, and marked
+  2  input that cannot be used; nothing is written
+  3  results could not be written: no space, no permission, no such place"""
 
 
 class Parser(argparse.ArgumentParser):
@@ -29,23 +37,54 @@ class Parser(argparse.ArgumentParser):
         line = " ".join(message.split())
         self.exit(UNUSABLE, f"{self.prog}: {line}; {self.prog} --help lists what is accepted\n")
 
+    def print_help(self, file=None) -> None:
+        print(self.format_help(), end="", file=file or sys.stdout)  # argparse's own hides failures
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command line; returns the exit code."""
-    _never_fail_to_print()
-    name, arguments = _parse(sys.argv[1:] if argv is None else argv)
+    terminal.prepare()
+    atomic.written.clear()
     try:
+        with signals.heard():
+            return _run(sys.argv[1:] if argv is None else argv)
+    except (InputError, DataError) as error:
+        return _tell(str(error), UNUSABLE)
+    except KeyboardInterrupt as stop:
+        return _tell(f"softjax: {_left_behind()}", getattr(stop, "code", INTERRUPTED))
+    except BrokenPipeError:  # `softjax fit | head`
+        terminal.silence(sys.stdout)
+        return DONE
+    except OSError as error:
+        terminal.silence(sys.stdout)
+        told = str(error)
+        if not isinstance(error, NotWritten):
+            where = "standard output" if error.filename is None else repr(error.filename)
+            told = f"{where} could not be written to ({error.strerror or error})"
+        return _tell(f"softjax: {told}", NOT_WRITTEN)
+    finally:
+        progress.erase_sign()
+
+
+def _run(argv: Sequence[str]) -> int:
+    try:
+        name, arguments = _parse(argv)
+        progress.first_sign(f"softjax {name}: loading", arguments.quiet)
+        atomic.sweep(arguments.out)
         if arguments.cache:
             keep_compilations()
         return _command(name).run(arguments)
-    except (InputError, DataError) as error:
-        return _refuse(str(error))
-    except KeyboardInterrupt:
-        print(f"softjax {name}: interrupted, nothing written", file=sys.stderr)
-        return INTERRUPTED
-    except BrokenPipeError:  # `softjax fit | head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return DONE
+    finally:
+        if sys.stdout is not None:  # what a buffer holds is not told yet
+            sys.stdout.flush()
+
+
+def _left_behind() -> str:
+    """What a command that was stopped has done."""
+    places = sorted(printable(str(place)) for place in atomic.written if place.exists())
+    if not places:
+        return "interrupted, nothing written"
+    return f"interrupted after its results were written to {listed(places)}"
 
 
 def common_options(parser: argparse.ArgumentParser) -> None:
@@ -84,6 +123,7 @@ def _parse(argv: Sequence[str]) -> tuple[str, argparse.Namespace]:
     command = _command(before.command)
     parser.description = command.__doc__
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = CODES
     command.add_arguments(parser)
     common_options(parser)
     own = vars(parser.parse_args(before.rest))
@@ -99,7 +139,9 @@ def _top_parser() -> Parser:
         allow_abbrev=False,
         usage="softjax COMMAND [options]",
         description="Soft-sphere collisions after Zhou (2013), calibrated from rebounds.",
-        epilog="\n".join(["commands:", *lines, "", "softjax COMMAND --help tells the options."]),
+        epilog="\n".join(
+            ["commands:", *lines, "", CODES, "", "softjax COMMAND --help tells the options."]
+        ),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("command", metavar="COMMAND", help=argparse.SUPPRESS)
@@ -112,13 +154,9 @@ def _command(name: str):
     return importlib.import_module(f"calibration.commands.{name}")
 
 
-def _refuse(line: str) -> int:
-    print(" ".join(line.split()), file=sys.stderr)
-    return UNUSABLE
-
-
-def _never_fail_to_print() -> None:
-    """A terminal that has no χ shows a question mark instead of a traceback."""
-    for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):
-            stream.reconfigure(errors="replace")
+def _tell(line: str, code: int) -> int:
+    """One line on standard error, where there is one."""
+    progress.erase_sign()
+    with suppress(OSError):
+        print(printable(" ".join(line.split())), file=sys.stderr, flush=True)
+    return code

@@ -55,6 +55,24 @@ class DataError(ValueError):
         return f"`{self.argument}{place}` must be {self.accepted}, but is {self.value}"
 
 
+class NotWritten(OSError):
+    """Results that could not be written: no space, no permission, no such name.
+
+    `str(error)` is one line with the path and the system's words.
+    """
+
+    def __init__(self, path: str | Path, reason: OSError | str):
+        self.path = path
+        if isinstance(reason, OSError):
+            super().__init__(reason.errno, reason.strerror)
+        told = getattr(reason, "reason", None) or getattr(reason, "strerror", None)
+        self.reason: str = told or str(reason)
+
+    def __str__(self) -> str:
+        reason = printable(" ".join(self.reason.split()))
+        return f"{printable(repr(str(self.path)))} could not be written to ({reason})"
+
+
 @dataclass(frozen=True)
 class Origin:
     """Where data came from: the file, the line of its header and the line of each row."""

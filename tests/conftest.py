@@ -1,7 +1,19 @@
 """One precision for all tests, and the array types in signatures checked while they run."""
 
+import atexit
+import os
+import shutil
+import tempfile
+
 import pytest
 from jaxtyping import install_import_hook
+
+if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+    # one worker's compilations serve the other, and whatever the tests start
+    shared = tempfile.mkdtemp(prefix="softjax-tests-")
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = shared
+    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.1"
+    atexit.register(shutil.rmtree, shared, ignore_errors=True)
 
 # The physics behind the public names, where every annotation is meant literally. The names that
 # users call say what they accept themselves, with a ValueError (test_validation).

@@ -8,13 +8,13 @@ import pytest
 from tests.test_imports import has_no_cycle, imported, loaded_after, modules, part
 
 FLOORS = [
-    {"errors", "rounding", "choices", "progress", "atomic", "cache"},
+    {"errors", "rounding", "choices", "progress", "atomic", "cache", "signals", "terminal"},
     {"parameters", "data"},
     {"problem_file", "fitting"},
     {"report", "coverage"},
     {"curve", "studies"},
     {"plots"},
-    {"commands", "speed"},
+    {"commands", "speed", "handover"},
     {"cli", "__main__"},
 ]
 FLOOR = {name: floor for floor, names in enumerate(FLOORS) for name in names}

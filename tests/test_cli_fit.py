@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 import calibration as cal
 import softjax as sj
@@ -148,6 +149,27 @@ def test_another_law_has_its_parameters_by_name_and_no_eq_17(tmp_path):
     assert "Eq. (17)" not in told
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert names == {"fit.json", "curves.png", "report.md", "profiles.png"}
+
+
+@pytest.mark.parametrize("uncertainty", [0.01, None])
+def test_residuals_and_what_each_point_pays_for_are_written(uncertainty, tmp_path):
+    """Of a mean of n points each pays for 1/n of a parameter."""
+    file = write_alloy(tmp_path, 'law = "constant"', uncertainty=uncertainty)
+    run("fit", file, "--quiet", "--out", tmp_path)
+    (fit,) = json.loads((tmp_path / "fit.json").read_text(encoding="utf-8"))["fits"]
+    off = np.mean(noisy().restitution) - noisy().restitution
+    deviation = np.std(off, ddof=1) if uncertainty is None else uncertainty
+    assert fit["leverage"] == pytest.approx(np.full(24, 1 / 24), rel=1e-6)
+    assert fit["residual_degrees"] == 23
+    np.testing.assert_allclose(
+        fit["standardised"], off / deviation / np.sqrt(1 - 1 / 24), rtol=1e-5
+    )
+    goodness = fit["reduced_chi_squared"], fit["chi_squared_probability"]
+    if uncertainty is None:
+        assert goodness == (None, None)
+        return
+    chi_squared = float(np.sum(off**2)) / uncertainty**2
+    assert goodness == pytest.approx((chi_squared / 23, stats.chi2.sf(chi_squared, 23)), rel=1e-6)
 
 
 def test_the_same_seed_gives_the_same_bytes(tmp_path):

@@ -12,7 +12,7 @@ import calibration as cal
 import softjax as sj
 from calibration.choices import CHOICES, COUNTS, NUMBERS
 from calibration.commands import fit as command
-from calibration.fitting.request import Request
+from calibration.fitting.request import DEFAULT_ODE, Request
 from tests.command import noisy, run, write_alloy
 
 WB = {"law": "walton-braun"}
@@ -148,10 +148,6 @@ def scatter_beside(base, changed):
     assert found["scatter"] == pytest.approx(whole - 0.004**2, rel=1e-4)
 
 
-def by_the_energy_balance(base, changed):
-    assert changed.optimiser_report[-1].route == "energy balance"
-
-
 def ends_at_zero_force(base, changed):
     """exp(-2a cot a) at zero force for an input of exp(-π cot a), a ∈ (0, π/2)."""
     value = changed.values["restitution"]
@@ -214,7 +210,6 @@ CASES = {
     "optimiser": Case({"optimiser": "levenberg-marquardt"}, by_another_optimiser),
     "loss": Case({"loss": "huber"}, weighs_outliers_less),
     "loss_scale": Case({"loss_scale": 50.0}, hardly_robust, WB | {"loss": "huber"}),
-    "route": Case({"route": "energy balance"}, by_the_energy_balance, {"law": "zhou", "starts": 2}),
     "form": Case({"form": "full"}, of_variant, ZHOU),
     "kappa": Case({"kappa": "printed"}, of_variant, ZHOU),
     "starts": Case({"starts": 3}, of_more_starts),
@@ -226,17 +221,13 @@ CASES = {
     "unloading_line": Case({"unloading_line": "weighted"}, line_through_chi, TWO_STEP, second=True),
     "no line": Case({"unloading_line": "none"}, without_line, TWO_STEP, second=True),
 }
-BY_THEMSELVES = {
-    "seed",
-    "end",
-    "rtol",
-    "area",
-}  # below; `area` is of the bodies, and read with them
+# further below, and `area`, which is of the bodies and read with them
+BY_THEMSELVES = {"route", "seed", "end", "rtol", "area"}
 
 
 def test_every_setting_has_a_case_here():
-    settings = {*CHOICES, *COUNTS, *NUMBERS} - BY_THEMSELVES
-    assert settings == {name for case in CASES.values() for name in case.setting}
+    told = {name for case in CASES.values() for name in case.setting}
+    assert told | BY_THEMSELVES == {*CHOICES, *COUNTS, *NUMBERS}
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -271,7 +262,7 @@ def test_the_end_of_a_dashpots_contact_acts(tmp_path):
     ends_at_zero_force(*ends)
 
 
-def asked(folder, options, settings=None) -> Request:
+def asked(folder, options, settings=None) -> dict[str, Any]:
     """What is asked of a fit that is not made."""
     seen: list[Any] = []
 
@@ -283,6 +274,18 @@ def asked(folder, options, settings=None) -> Request:
         patch.setattr("calibration.fitting.door.fit", stop)
         run("fit", write_alloy(folder, toml(settings or {})), *options, "--out", folder / "out")
     return seen[0]
+
+
+def test_the_route_is_the_one_that_is_asked_for(tmp_path):
+    """In the file and on the command line; by default as the objective has it."""
+    for settings, route in (({"route": "ode"}, DEFAULT_ODE), ({"route": "energy balance"}, EB)):
+        assert asked(tmp_path, [], settings)["route"] == route
+        assert asked(tmp_path, words(settings))["route"] == route
+    assert asked(tmp_path, [])["route"] is None
+    by_time = Request((noisy(),), "zhou", None, "two-step")
+    assert by_time.chosen_route(by_time.specs()) == DEFAULT_ODE
+    result = fitted(tmp_path, ["--route", "energy-balance"], ZHOU | {"objective": "two-step"})
+    assert result.optimiser_report[-1].route == "energy balance"
 
 
 def test_the_tolerance_is_that_of_the_time_integration(tmp_path):

@@ -208,7 +208,7 @@ def test_curve_band_and_table_agree_on_what_is_not_known(at, capsys, above_yield
 def test_a_file_that_is_no_fit_is_refused(at, capsys):
     (at / "fit.json").write_text("{}", encoding="utf-8")
     assert curve("--fit", "fit.json") == 2
-    assert capsys.readouterr().err.startswith("fit.json: is no result of a fit; ")
+    assert capsys.readouterr().err.startswith("fit.json: is no result of a fit: ")
 
 
 def test_a_fit_of_a_law_of_ones_own_is_refused_with_the_reason(at, capsys):

@@ -9,6 +9,7 @@ import time
 import numpy as np
 import pytest
 
+from calibration.curve.velocities import Column
 from calibration.data import csv_file, read_csv, read_toml
 from calibration.errors import InputError
 
@@ -92,6 +93,12 @@ def test_what_is_no_regular_file_is_not_opened(read, tmp_path):
     assert "File name too long" in told(read, "x" * 300)
     (tmp_path / "ring").symlink_to(tmp_path / "ring")
     assert "cannot be read (Too many levels of symbolic links)" in told(read, tmp_path / "ring")
+
+
+def test_velocities_from_a_device_that_has_no_lines():
+    """A pipe is welcome there, and what comes without end is not held."""
+    with pytest.raises(InputError, match="/dev/zero:1: more than 65536 characters in a line"):
+        next(Column("/dev/zero").blocks())
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root reads everything")

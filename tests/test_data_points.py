@@ -97,8 +97,11 @@ BAD_ARGUMENTS = [
     ({"uncertainty": [0.1]}, "`uncertainty` must be as long as `velocity`, 2, but is 1 long"),
     ({"uncertainty": "small"}, "`uncertainty` must be a number, or one for each point, but"),
     ({"velocity_uncertainty": -1.0}, r"`velocity_uncertainty\[0\]` must be a speed of 0 m/s"),
-    ({"name": " "}, "`name` must be a text that is not empty, but is ' '"),
-    ({"name": 3}, "`name` must be a text that is not empty, but is 3"),
+    (
+        {"name": " "},
+        "`name` must be a text that is not empty, of 200 characters at most, but is ' '",
+    ),
+    ({"name": 3}, "`name` must be a text that is not empty, of 200 characters at most, but is 3"),
     ({"group": ["a"]}, "`group` must be as long as `velocity`, 2, but is 1 long"),
     ({"group": "ab"}, "`group` must be one label for each point, but is ab"),
     ({"group": ["a", " "]}, r"`group\[1\]` must be a label, .*, but is empty"),

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from calibration.atomic import check_writable, files_into
+from calibration.atomic import check_writable, files_into, or_told, write_text
 from calibration.choices import CHOICES, LAWS
 from calibration.errors import DataError, did_you_mean, listed
 
@@ -141,14 +141,14 @@ def _compare(job: Job, arguments: argparse.Namespace, progress: Any) -> int:
     ]
     extra = tuple(FILES) if arguments.file is None else ()
     settings = {"file": arguments.file, "laws": job.laws, "options": job.options}
-    with files_into(arguments.out) as folder:
-        text = comparison_json(comparisons, settings)
-        (folder / "compare.json").write_text(text, encoding="utf-8")
+    told = [] if arguments.quiet else [comparison_text(comparisons, job.remarks)]
+    with or_told(told), files_into(arguments.out) as folder:
+        write_text(folder / "compare.json", comparison_json(comparisons, settings))
         save(_figure(comparisons), folder / "compare.png")
         ended = _draw(folder, extra, progress)
     progress.close()
-    if not arguments.quiet:
-        print(comparison_text(comparisons, job.remarks))
+    if told:
+        print(told[0])
         _told(arguments.out, ["compare.json", "compare.png", *(FILES[name] for name in extra)])
     return _code(ended and all(one.converged for one in comparisons))
 

@@ -7,17 +7,17 @@ report.md and, where there is something to show, profiles.png and correlation.pn
 """
 
 import argparse
-import shlex
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from calibration.atomic import check_writable, files_into
+from calibration.atomic import check_writable, files_into, or_told, write_text
 from calibration.choices import CHOICES, COUNTS, NUMBERS, OPTIONS, idle
 from calibration.errors import DataError, InputError
 from calibration.progress import Progress
+from calibration.terminal import shell_line
 
 WORDS = ("law", "objective", "optimiser", "route", "loss", *OPTIONS, "unloading_line")
 FLAGS = {"profiles": "--no-profiles"}  # what a flag sets, where it is not its own name
@@ -124,9 +124,12 @@ def run(arguments: argparse.Namespace) -> int:
     with Progress(arguments.quiet) as progress:
         result = _fitted(job, progress)
         draws = _sampled(result, job, progress)
-        _write(result, job, arguments.out, progress, draws)
-    if not arguments.quiet:
-        _print(result, job, arguments.out, draws)
+        told = [] if arguments.quiet else [_told(result, job, draws)]
+        with or_told(told):
+            _write(result, job, arguments.out, progress, draws)
+    if told:
+        written = ", ".join(name for name in FILES if (arguments.out / name).exists())
+        print(f"{told[0]}\n\nWritten to {arguments.out}: {written}")
     if result.converged:
         return 0
     print("softjax fit: did not converge; the results are written and marked so", file=sys.stderr)
@@ -205,10 +208,13 @@ def _refusal(job: Job, error: ValueError) -> InputError:
 
 def _route(name: str | None, rtol: float | None):
     import softjax as sj
+    from calibration.fitting.request import DEFAULT_ODE
 
     if name == "energy balance":
         return sj.EnergyBalance()
-    return None if rtol is None else sj.ODE(rtol=rtol)
+    if rtol is not None:
+        return sj.ODE(rtol=rtol)
+    return None if name is None else DEFAULT_ODE
 
 
 def _sampled(result, job: Job, progress: Progress) -> Any:
@@ -234,7 +240,7 @@ def _write(result, job: Job, out: Path, progress: Progress, draws: Any) -> None:
             write(draws, staged / "posterior.nc")
             more = posterior_section(draws, result.confidence)
         report = markdown_report(result, pictures, _command(job, out), _printed(job), more)
-        (staged / "report.md").write_text(report, encoding="utf-8")
+        write_text(staged / "report.md", report)
 
 
 def _draw(result, job: Job, directory: Path, progress: Progress, draws: Any) -> dict[str, str]:
@@ -266,6 +272,17 @@ def _curves(result, job: Job):
     return plots.curves_figure(result, lines)
 
 
+def _told(result, job: Job, draws: Any) -> str:
+    from calibration.report import terminal_report
+
+    told = terminal_report(result, _printed(job), INTRO if job.embedded else "")
+    if draws is None:
+        return told
+    from calibration.report.posterior import posterior_text
+
+    return f"{told}\n{posterior_text(draws, result.confidence)}"
+
+
 def _posterior(result, draws):
     from calibration.fitting.posterior.inference_data import dataset_of
     from calibration.plots.posterior import posterior_figure
@@ -273,18 +290,6 @@ def _posterior(result, draws):
     variables = dataset_of(draws, "posterior").data_vars.items()
     diverging = dataset_of(draws, "sample_stats")["diverging"].values
     return posterior_figure({str(k): v.values for k, v in variables}, diverging, result)
-
-
-def _print(result, job: Job, out: Path, draws: Any) -> None:
-    from calibration.report import terminal_report
-
-    print(terminal_report(result, _printed(job), INTRO if job.embedded else ""))
-    if draws is not None:
-        from calibration.report.posterior import posterior_text
-
-        print(posterior_text(draws, result.confidence))
-    written = ", ".join(name for name in FILES if (out / name).exists())
-    print(f"\nWritten to {out}: {written}")
 
 
 def _printed(job: Job) -> dict[str, dict[str, float]] | None:
@@ -304,7 +309,7 @@ def _command(job: Job, out: Path) -> str:
         parts += [_option(name), *([] if name in FLAGS else [str(value).replace(" ", "-")])]
     parts += ["--beside"] * (job.beside and not job.embedded)
     parts += ["--posterior", str(job.draws)] * (job.draws is not None)
-    return shlex.join([*parts, "--out", str(out)])
+    return shell_line([*parts, "--out", str(out)])
 
 
 def _number(name: str):

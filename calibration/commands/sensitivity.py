@@ -135,22 +135,26 @@ class _Job:
         self.subject = source.law if source.result is None else source.result
         self.draws = [] if source.draws is None else source.result.at_draws(source.draws)
         self.options = self._options()
+        self.told = [source.remark]  # and what each study found, as soon as it has
 
     def run(self, studies: tuple[str, ...]) -> str:
         """Run them, write all files at once, and return what to print."""
-        from calibration.atomic import files_into
+        from calibration.atomic import files_into, or_told, write_text
         from calibration.fitting.result_json import plain
         from calibration.progress import Progress
 
         arguments, source = self.arguments, self.source
-        told, results = [source.remark], {"material": source.name, "source": source.remark}
-        with files_into(arguments.out, FILES) as folder, Progress(arguments.quiet) as progress:
+        results = {"material": source.name, "source": source.remark}
+        with (
+            or_told([] if arguments.quiet else self.told),
+            files_into(arguments.out, FILES) as folder,
+            Progress(arguments.quiet) as progress,
+        ):
             for study in studies:
-                text, results[study] = getattr(self, f"_{study}")(Path(folder), progress)
-                told.append(text)
+                results[study] = getattr(self, f"_{study}")(Path(folder), progress)
             text = json.dumps(plain(results), indent=1, ensure_ascii=False, allow_nan=False)
-            (folder / "sensitivity.json").write_text(text + "\n", encoding="utf-8")
-        return "\n\n".join([*told, f"written to {arguments.out}"])
+            write_text(folder / "sensitivity.json", text + "\n")
+        return "\n\n".join([*self.told, f"written to {arguments.out}"])
 
     def _options(self) -> dict[str, Any]:
         """What information and design are told of the fit."""
@@ -170,7 +174,7 @@ class _Job:
         told = {"objective": self.arguments.objective, "parameters": parameters}
         return {**told, "route": self.route}
 
-    def _local(self, folder: Path, progress: Any) -> tuple[str, Any]:
+    def _local(self, folder: Path, progress: Any) -> Any:
         import numpy as np
 
         from calibration.plots import studies as pictures
@@ -184,6 +188,7 @@ class _Job:
             raise DataError("--from, --to", "such that ε = 0 everywhere", "where the law rebounds")
         count = len(self.bars)
         curve, bars = both.rows(slice(None, -count)), both.rows(slice(-count, None))
+        self.told.append(local_table(bars))
         (folder / "sensitivity.csv").write_text(sensitivities_csv(curve), encoding="utf-8")
         figure = style.new_figure(7.2, 4.2)
         critical = getattr(getattr(self.source.law, "contact", None), "critical_velocity", None)
@@ -194,10 +199,10 @@ class _Job:
         table = {name: bars.of(name) for name in bars.names}
         told = {"velocity": self.bars, "theta_d_epsilon_d_theta": table}
         if not self.draws:
-            return local_table(bars), told
+            return told
         limits = self._limits()
-        texts = [local_table(bars), limits_table(bars, limits, self.source.result.confidence)]
-        return "\n\n".join(texts), told | {"limits": limits}
+        self.told.append(limits_table(bars, limits, self.source.result.confidence))
+        return told | {"limits": limits}
 
     def _limits(self) -> dict[str, Any]:
         """Central limits of θ ∂ε/∂θ over draws, {name: (low, high)}, each at the bars' velocities."""
@@ -214,7 +219,7 @@ class _Job:
         low, high = np.quantile(stacked, [0.5 - half, 0.5 + half], axis=0)
         return {n: (low[:, k], high[:, k]) for k, n in enumerate(every[0].names)}
 
-    def _information(self, folder: Path, progress: Any) -> tuple[str, Any]:
+    def _information(self, folder: Path, progress: Any) -> Any:
         import numpy as np
 
         from calibration.studies.information import fisher_information
@@ -224,9 +229,10 @@ class _Job:
         velocity = np.linspace(self.low, self.high, planned)
         u = self.arguments.uncertainty
         found = fisher_information(self.subject, velocity, u, **self.options)
-        return information_text(found), found.to_dict()
+        self.told.append(information_text(found))
+        return found.to_dict()
 
-    def _design(self, folder: Path, progress: Any) -> tuple[str, Any]:
+    def _design(self, folder: Path, progress: Any) -> Any:
         from calibration.plots import studies as pictures
         from calibration.plots import style
         from calibration.studies.design import optimal_velocities
@@ -251,11 +257,12 @@ class _Job:
         pictures.plot_design(found, figure.add_subplot())
         style.save(figure, folder / "design.png")
         if not self.draws:
-            return str(found), found.to_dict()
-        told = f"on average over {len(self.draws)} draws of the posterior: {found}"
-        return told, found.to_dict() | {"draws": len(self.draws)}
+            self.told.append(str(found))
+            return found.to_dict()
+        self.told.append(f"on average over {len(self.draws)} draws of the posterior: {found}")
+        return found.to_dict() | {"draws": len(self.draws)}
 
-    def _global(self, folder: Path, progress: Any) -> tuple[str, Any]:
+    def _global(self, folder: Path, progress: Any) -> Any:
         from calibration.plots import studies as pictures
         from calibration.plots import style
         from calibration.studies.sobol import sobol_indices
@@ -272,8 +279,9 @@ class _Job:
             seed=arguments.seed or 0,
             progress=progress,
         )
+        self.told.append(sobol_table(found))
         style.save(pictures.sobol_figure(found), folder / "sobol.png")
-        return sobol_table(found), found.to_dict()
+        return found.to_dict()
 
 
 def _inputs_of(source: Any) -> Any:

@@ -200,17 +200,11 @@ def _draws(arguments: argparse.Namespace) -> Any:
 
 def load_fit(path: Path, result_type) -> Any:
     """A fit's result, or the refusal that names its file."""
-    accepted = "a fit.json that softjax fit wrote"
-    if not path.is_file():
-        raise InputError(path, None, "no such file", accepted)
     try:
         return result_type.load(path)
-    except InputError:
-        raise
     except DataError as error:  # a law of one's own, which no file brings along
-        raise InputError(path, None, str(error), f"{accepted} for a built-in law") from None
-    except (ValueError, KeyError, TypeError):
-        raise InputError(path, None, "is no result of a fit", accepted) from None
+        accepted = "a fit.json of a built-in law is needed"
+        raise InputError(path, None, str(error), accepted) from None
 
 
 def _chosen(arguments, names: list[str], where: str) -> int:

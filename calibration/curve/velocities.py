@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from itertools import chain, islice
 from pathlib import Path
 from typing import TextIO
@@ -16,10 +17,11 @@ from jaxtyping import Float
 
 from calibration.data.names import read_header
 from calibration.data.units import in_si, unit_of
-from calibration.errors import DataError, InputError, Origin
+from calibration.errors import DataError, InputError, Origin, shown
 
 BLOCK = 1 << 16  # rows; larger blocks are not faster, and 2^20 of them take 10 times the memory
 SPACINGS = ("lin", "log")
+LONGEST = 65536  # characters of a line: a device may have no end of them
 
 Block = Float[np.ndarray, " n"]
 
@@ -142,7 +144,7 @@ class Column:
                     return position, unit_of(header.unit or "m/s", "speed")
             except DataError as error:
                 raise Origin(self.name, line).error(error) from None
-        problem = f"no column named velocity in {text!r}"
+        problem = f"no column named velocity in {shown(text)!r}"
         raise InputError(self.name, line, problem, "one number a line, or a header with velocity")
 
     def _velocity(self, line: int, text: str, column: int, mark: str) -> float:
@@ -151,7 +153,7 @@ class Column:
         except (ValueError, IndexError):
             value = math.nan
         if not 0 <= value < math.inf:
-            problem = f"{text!r} holds no velocity"
+            problem = f"{shown(text)!r} holds no velocity"
             raise InputError(self.name, line, problem, "a finite number of 0 m/s or more")
         return value
 
@@ -160,12 +162,18 @@ def _numbered(file: TextIO, name: str) -> Iterator[tuple[int, str]]:
     """Line number and text of all lines but blank ones and comments."""
     line = 0
     try:
-        for line, text in enumerate(file, start=1):
+        for line, text in enumerate(iter(partial(file.readline, LONGEST + 1), ""), start=1):
+            if len(text) > LONGEST:
+                problem = f"more than {LONGEST} characters in a line"
+                raise InputError(name, line, problem, "one number a line is needed")
             stripped = text.strip()
             if stripped and stripped[0] != "#":
                 yield line, stripped
     except UnicodeDecodeError:
         raise InputError(name, line + 1, "is not UTF-8 text", "save it as UTF-8") from None
+    except OSError as error:
+        problem = f"cannot be read ({error.strerror})"
+        raise InputError(name, line + 1, problem, "a readable file is needed") from None
 
 
 def _delimiter(text: str) -> str:

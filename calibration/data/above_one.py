@@ -30,7 +30,8 @@ def check_above_one(velocity: Column, restitution: Column, uncertainty: Column |
         DataError: naming the point, and how far above 1 it might be.
     """
     known = np.zeros(len(velocity)) if uncertainty is None else uncertainty
-    stated = TIMES_STATED * known
+    with np.errstate(over="ignore"):
+        stated = TIMES_STATED * known
     excess = restitution - 1 - stated
     if np.max(excess) <= 0:
         return

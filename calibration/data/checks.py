@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from calibration.errors import DataError
+from calibration.errors import DataError, printable
 
 Column = Float[np.ndarray, " n"]
 
@@ -55,7 +55,7 @@ def _label(name: str, value: Any, row: int) -> str:
     text = f"{value:g}" if is_number else str(value).strip()
     if not text or value is None or (is_number and math.isnan(value)):
         raise DataError(name, "empty", "a label, of a specimen, a launch, a day", row)
-    return text
+    return printable(text)
 
 
 def codes_of(labels: Iterable[str]) -> Int[np.ndarray, " n"]:

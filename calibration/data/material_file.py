@@ -1,5 +1,6 @@
 """One `[[material]]` of a file: its bodies, and how its measurements are to be read."""
 
+import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -107,7 +108,8 @@ def _data_file(table: TomlTable) -> tuple[Path, tuple[str, ...], bool]:
     A material file that is reached by a link means what lies beside itself, not beside the link;
     where that is not there, what lies beside the link serves.
     """
-    name = table.text("data") or ""
+    # TOML is UTF-8, whatever this system takes the names of its files for
+    name = os.fsdecode((table.text("data") or "").encode())
     here = Path(table.file).parent
     try:
         homes = list(dict.fromkeys([Path(table.file).resolve().parent, here.resolve()]))

@@ -23,7 +23,9 @@ from calibration.data.errors_of_points import PointErrors, same
 from calibration.data.points import of_row
 from calibration.data.repeats import average
 from calibration.data.tables import read_points
-from calibration.errors import DataError, InputError, Origin
+from calibration.errors import DataError, InputError, Origin, printable
+
+LONGEST_NAME = 200  # which pictures and tables can show
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -42,7 +44,7 @@ class RestitutionData:
             (with a limit velocity) or a constant ε can be fitted.
         uncertainty: standard uncertainty of ε [-], one number or (n,), positive; None: unknown.
             That of all that `errors` has, where these are given.
-        name: what results and pictures call this set.
+        name: what results and pictures call this set; control characters by their codes.
         velocity_uncertainty: standard uncertainty of v [m/s], one number or (n,), 0 or more; as
             `uncertainty`.
         limit_velocity: v_lim [m/s] of Eq. (17); the contact's where left out, put into the contact
@@ -229,8 +231,10 @@ class RestitutionData:
 
     def _take_in(self) -> None:
         """Convert and check every field."""
-        if not (isinstance(self.name, str) and self.name.strip()):
-            raise DataError("name", repr(self.name), "a text that is not empty")
+        if not (isinstance(self.name, str) and 0 < len(self.name.strip()) <= LONGEST_NAME):
+            accepted = f"a text that is not empty, of {LONGEST_NAME} characters at most"
+            raise DataError("name", repr(self.name), accepted)
+        self._set("name", printable(self.name))
         self._set("velocity", as_numbers("velocity", self.velocity))
         self._set("restitution", as_numbers("restitution", self.restitution))
         self._take_in_errors()
@@ -241,7 +245,7 @@ class RestitutionData:
         if self.degrees is not None:
             self._set("degrees", _per_impact("degrees", self.degrees, len(self)))
         check_lengths(columns)
-        self._set("remarks", tuple(self.remarks))
+        self._set("remarks", tuple(map(printable, self.remarks)))
         self._take_in_contact()
         self._check_points()
 

@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from calibration.atomic import replacing
+from calibration.atomic import replacing, write_text
 from calibration.errors import DataError
 from calibration.fitting.bands import band
 from calibration.fitting.component_fit import ComponentFit
@@ -221,16 +221,11 @@ class FitResult:
         return self._band(as_empirical(self.material(name)), velocity, confidence, "mean")
 
     def _band(self, material: MaterialFit, velocity, confidence, kind: str) -> Band:
-        return band(
-            material,
-            velocity,
-            self.covariance_names,
-            self.of_predictions,
-            self._freedom(material),
-            confidence or self.confidence,
-            kind,
-            self.request.route_of_curve(material.model.law_type),
-        )
+        names, covariance = self.covariance_names, self.of_predictions
+        freedom, level = self._freedom(material), confidence or self.confidence
+        route = self.request.route_of_curve(material.model.law_type)
+        with np.errstate(over="ignore", invalid="ignore"):  # of numbers near the end of floats
+            return band(material, velocity, names, covariance, freedom, level, kind, route)
 
     def _freedom(self, material: MaterialFit) -> Freedom:
         """That of the component which a data set belongs to."""
@@ -318,7 +313,7 @@ class FitResult:
     def save(self, path: str | Path) -> None:
         """Write `fit.json`; it appears whole or not at all."""
         with replacing(path) as staged:
-            staged.write_text(self.to_json(), encoding="utf-8")
+            write_text(staged, self.to_json())
 
     @classmethod
     def load(cls, path: str | Path, law: Any = None) -> "FitResult":

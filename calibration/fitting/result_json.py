@@ -11,7 +11,8 @@ import numpy as np
 import softjax as sj
 from calibration.data import RestitutionData
 from calibration.data.as_json import data_from_dict, data_to_dict
-from calibration.errors import DataError
+from calibration.data.json_file import read_json
+from calibration.errors import DataError, InputError, shown
 from calibration.fitting.doubt import Doubt
 from calibration.fitting.estimate import Estimate, Line
 from calibration.fitting.freedom import Freedom
@@ -19,7 +20,9 @@ from calibration.fitting.known_laws import LAWS
 from calibration.fitting.likelihood import Likelihood
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.profiles import Profile
+from calibration.fitting.request import checked
 from calibration.fitting.request_json import request_from_dict, request_to_dict
+from calibration.fitting.result_checks import check_result
 from calibration.fitting.rows import Tree
 from calibration.fitting.specs import law_model
 from calibration.fitting.stages import Stage
@@ -78,13 +81,25 @@ def read_result(path: str | Path, law: Any = None) -> dict[str, Any]:
     """What a `FitResult` is made of, as `save` wrote it.
 
     Raises:
-        ValueError: where the file is no result of a fit, or of a law that was not given.
+        InputError: a ValueError, where the file is no result of a fit.
+        DataError: a ValueError, where it is of a law that was not given.
     """
+    table = read_json(path)
+    accepted = "only a fit's own fit.json is accepted"
     try:
-        table = json.loads(Path(path).read_text(encoding="utf-8"))
-        return _parts(table, law)
-    except (KeyError, TypeError, AttributeError, json.JSONDecodeError) as error:
-        raise ValueError(f"{path}: no result of a fit ({error!r}); fit.json is accepted") from None
+        check_result(table)
+        parts = _parts(table, law)
+        for material in parts["materials"]:
+            material.law  # noqa: B018  # that there can be one
+        return parts
+    except DataError as error:
+        if error.argument == "law":
+            raise
+        problem = f"is no result of a fit: {error.argument} is {error.value}"
+        raise InputError(path, None, problem, f"it must be {error.accepted}; {accepted}") from None
+    except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+        problem = f"is no result of a fit ({shown(str(error))})"
+        raise InputError(path, None, problem, accepted) from None
 
 
 def _parts(table: dict[str, Any], law: Any) -> dict[str, Any]:
@@ -94,7 +109,9 @@ def _parts(table: dict[str, Any], law: Any) -> dict[str, Any]:
     datasets = tuple(data_from_dict(one["material"], one["data"]) for one in table["fits"])
     pairs = zip(table["fits"], datasets, strict=True)
     return {
-        "request": request_from_dict(table["request"], datasets, _law(table["request"], law)),
+        "request": checked(
+            request_from_dict(table["request"], datasets, _law(table["request"], law))
+        ),
         "materials": tuple(_material_from_dict(one, data, law) for one, data in pairs),
         "unloading_line": _line_from_dict(table["unloading_line"]),
         "covariance_names": tuple(covariance["names"]),

@@ -11,8 +11,8 @@ from calibration.report import symbols
 from calibration.report.rows import estimate_text
 from calibration.report.tables import aligned
 from calibration.rounding import ABSENT, number
+from calibration.terminal import width
 
-WIDTH = 100
 WHOLE = 1000  # scores from here on are told in whole numbers
 HEADER = ("law", "elpd", "behind", "weight", "left out", "rms", "AIC", "BIC", "k")
 EXPLAINED = (
@@ -134,12 +134,12 @@ def _doubts(one: Any) -> list[str]:
     lines = ["Doubts (their causes are in compare.json):"]
     for code, labels in by_code.items():
         text = f"{code}: {'; '.join(labels)}. {remedies[code]}"
-        lines += textwrap.wrap(text, WIDTH, initial_indent="  ! ", subsequent_indent="    ")
+        lines += textwrap.wrap(text, width(), initial_indent="  ! ", subsequent_indent="    ")
     return lines
 
 
 def _wrapped(paragraphs: Iterable[str]) -> list[str]:
-    return [line for text in paragraphs for line in textwrap.wrap(printable(text), WIDTH)]
+    return [line for text in paragraphs for line in textwrap.wrap(printable(text), width())]
 
 
 def _as_dict(one: Any) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from typing import Any
 
 from calibration.fitting.assembly import label_of_law
 from calibration.report import rows
-from calibration.report.tables import markdown
+from calibration.report.tables import code, escaped, markdown
 from calibration.rounding import number
 
 OBJECTIVES = {
@@ -39,8 +39,8 @@ def markdown_report(
         _what(result),
         ["## Parameters"],
         markdown(*rows.parameter_table(result, printed)[:2]),
-        _listed("", rows.meanings(result)),
-        _listed("Said before the fit:", rows.told(result)),
+        _listed("", map(escaped, rows.meanings(result))),
+        _listed("Said before the fit:", map(escaped, rows.told(result))),
         _intervals(result),
         ["## How closely the curves follow"],
         markdown(*rows.quality_table(result)[:2]),
@@ -70,13 +70,13 @@ def _what(result: Any) -> list[str]:
     lines = []
     for fit in result.materials:
         low, high = min(fit.data.velocity), max(fit.data.velocity)
-        text = f"- **{fit.name}**: {fit.n} impacts at {low:.4g} to {high:.4g} m/s, "
+        text = f"- **{escaped(fit.name)}**: {fit.n} impacts at {low:.4g} to {high:.4g} m/s, "
         law = f"; {label_of_law(fit.model)}: {OBJECTIVES[fit.objective]}."
         groups = f" in {len(fit.data.groups)} groups" * bool(fit.data.groups)
         lines.append(text + _uncertainty(fit.data) + groups + law)
         if not (fit.known_from == 0 and fit.known_to == math.inf):
             lines.append(f"  Nothing is known of the curve {_unknown(fit)}.")
-    return lines + [f"- {note}" for note in rows.notes(result)]
+    return lines + [f"- {escaped(note)}" for note in rows.notes(result)]
 
 
 def _unknown(fit: Any) -> str:
@@ -134,7 +134,8 @@ def _doubts(result: Any) -> list[str]:
     if not result.warnings:
         return ["None."]
     return [
-        f"- **{doubt.code}**{f' ({doubt.material})' if doubt.material else ''}: {doubt.cause}. "
+        f"- **{doubt.code}**{f' ({escaped(doubt.material)})' if doubt.material else ''}: "
+        f"{escaped(doubt.cause)}. "
         f"*{doubt.remedy}*"
         for doubt in result.warnings
     ]
@@ -142,7 +143,7 @@ def _doubts(result: Any) -> list[str]:
 
 def _settings(result: Any, command: str) -> list[str]:
     versions = ", ".join(f"{name} {version}" for name, version in result.versions.items())
-    first = [f"`{command}`, with"] if command else []
+    first = [f"{code(command)}, with"] if command else []
     condition = result.condition_number
     condition = "infinite" if condition is None else number(condition, 2)
     return [

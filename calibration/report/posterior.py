@@ -9,8 +9,8 @@ from calibration.fitting.posterior.inference_data import dataset_of
 from calibration.report import symbols
 from calibration.report.rows import Table
 from calibration.report.tables import aligned, markdown
-from calibration.report.terminal import WIDTH
 from calibration.rounding import interval, number, with_error
+from calibration.terminal import width
 
 TOLD = 0.3  # of the prior's width, up to which the data tell a parameter
 
@@ -74,7 +74,7 @@ def posterior_text(data: Any, confidence: float) -> str:
     told = summaries(data, confidence)
     table = posterior_table(told, confidence)
     rows = [row[:-1] for row in table.rows]
-    wrap = textwrap.TextWrapper(WIDTH, initial_indent="  ", subsequent_indent="    ")
+    wrap = textwrap.TextWrapper(width(), initial_indent="  ", subsequent_indent="    ")
     lines = aligned(table.header[:-1], rows, table.right)
     for line in [*known(told), *(f"! {doubt}" for doubt in doubts_of(data))]:
         lines += wrap.wrap(line)

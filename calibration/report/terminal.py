@@ -1,4 +1,4 @@
-"""A fit on a terminal of 100 columns."""
+"""A fit on a terminal, of 100 columns or what there are."""
 
 import textwrap
 from collections.abc import Iterable
@@ -7,8 +7,9 @@ from typing import Any
 from calibration.report import rows
 from calibration.report.tables import aligned
 from calibration.rounding import number
+from calibration.terminal import width
 
-WIDTH = 100
+MOST_SEARCHES = 12  # that are told one by one
 
 
 def terminal_report(result: Any, printed: rows.Printed | None = None, intro: str = "") -> str:
@@ -27,7 +28,7 @@ def terminal_report(result: Any, printed: rows.Printed | None = None, intro: str
         _laid_out(rows.quality_table(result)),
         _explained(rows.quality_words(result)),
         _line(result),
-        _laid_out(rows.optimiser_table(result)),
+        _searches(result),
         _beside(result),
         doubts(result),
     ]
@@ -41,16 +42,16 @@ def doubts(result: Any) -> list[str]:
         return [*lines, "No doubts were raised."]
     lines.append("Doubts:")
     for doubt in result.warnings:
-        lines += textwrap.wrap(str(doubt), WIDTH, initial_indent="  ! ", subsequent_indent="    ")
+        lines += textwrap.wrap(str(doubt), width(), initial_indent="  ! ", subsequent_indent="    ")
     return lines
 
 
 def _wrapped(paragraphs: Iterable[str]) -> list[str]:
-    return [line for text in paragraphs for line in textwrap.wrap(text, WIDTH)]
+    return [line for text in paragraphs for line in textwrap.wrap(text, width())]
 
 
 def _explained(lines: Iterable[str]) -> list[str]:
-    wrapped = textwrap.TextWrapper(WIDTH, initial_indent="  ", subsequent_indent="    ")
+    wrapped = textwrap.TextWrapper(width(), initial_indent="  ", subsequent_indent="    ")
     return [one for line in lines for one in wrapped.wrap(line)]
 
 
@@ -60,6 +61,16 @@ def _intervals(result: Any) -> list[str]:
 
 def _laid_out(table: rows.Table) -> list[str]:
     return aligned(table.header, table.rows, table.right) if table.rows else []
+
+
+def _searches(result: Any) -> list[str]:
+    """What each search took; of very many the sums."""
+    stages = result.optimiser_report
+    if len(stages) <= MOST_SEARCHES:
+        return _laid_out(rows.optimiser_table(result))
+    seconds = sum(result.times.get(stage.label, 0.0) for stage in stages)
+    evaluations = sum(stage.evaluations for stage in stages)
+    return [f"{len(stages)} searches, {evaluations} evaluations, {number(seconds, 2)} s"]
 
 
 def _line(result: Any) -> list[str]:
