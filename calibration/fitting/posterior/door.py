@@ -36,7 +36,11 @@ def sampled(
     _check(draws, chains, seed, warmup)
     check_possible(request.objective, request.options.loss)
     with jax.enable_x64(True):
-        density, scaling = density_of(traceable(request), fits)
+        problem = traceable(request)
+        if not (problem.names or problem.noises):
+            accepted = "one that is free, or noise that is not stated, for a posterior"
+            raise DataError("parameters", "none free", accepted)
+        density, scaling = density_of(problem, fits)
         measured = np.concatenate([one.data.restitution for one in density.problem.sets])
         arrays = (Scaling(*map(jnp.asarray, scaling)), jnp.asarray(measured))
         sharp = density.straight.has_corners(scaling.centre)

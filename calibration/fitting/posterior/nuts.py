@@ -10,6 +10,7 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from threading import Lock
 from typing import Any, NamedTuple
 
 import jax
@@ -67,12 +68,13 @@ class Sampler:
         stages = _stages(warmup, draws)
         keys = jax.random.split(jax.random.key(seed), len(starts))
         self._prepare(starts[0], arrays)
-        total, done = len(starts) * len(stages) // BLOCK, []
+        total, done, lock = len(starts) * len(stages) // BLOCK, [], Lock()
 
         def told() -> None:
-            done.append(1)
-            if progress is not None:
-                progress("draws", len(done), total)
+            with lock:
+                done.append(1)
+                if progress is not None:
+                    progress("draws", len(done), total)
 
         def chain(k: int) -> Chain:
             with jax.enable_x64(True):  # a thread has settings of its own
