@@ -7,11 +7,12 @@ import os
 import resource
 import subprocess
 import sys
+import time
 
 import pytest
 
 import calibration as cal
-from calibration import cli
+from calibration import cache, cli
 from calibration.atomic import check_writable
 from calibration.errors import InputError, NotWritten
 from tests.command import run, write_alloy
@@ -89,6 +90,16 @@ def test_an_impossible_place(name, tmp_path, monkeypatch, capsys):
     assert (code, told) == (3, "")
     assert error.endswith(f"could not be written to ({reason})\n")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_compilations_that_may_be_cut_short_are_not_kept(tmp_path, monkeypatch):
+    """JAX takes up no cut entry, and writes none that is there: it would be compiled for ever."""
+    monkeypatch.setattr(cache, "_kept", tmp_path)
+    for name, age in (("old", 60.0), ("new", 0.0)):
+        (tmp_path / name).write_text("")
+        os.utime(tmp_path / name, times=(time.time() - age,) * 2)
+    cache.forget_since(time.time() - 2.0)
+    assert [path.name for path in tmp_path.iterdir()] == ["old"]
 
 
 def test_a_link_to_nothing_is_called_one(tmp_path):
