@@ -38,6 +38,8 @@ _WHERE = {
     "Bootstrap": "fitting.refits",
     "compare": "studies.ranking",
     "Comparison": "studies.comparison",
+    "export": "handover.door",
+    "Export": "handover.exported",
     "coverage_study": "coverage.batched",
     "Inputs": "studies.inputs",
     "of_law": "studies.inputs",

@@ -22,6 +22,8 @@ from calibration.fitting.refits import Bootstrap as Bootstrap
 from calibration.fitting.result import FitResult as FitResult
 from calibration.fitting.stages import Stage as Stage
 from calibration.fitting.traceable import problem as problem
+from calibration.handover.door import export as export
+from calibration.handover.exported import Export as Export
 from calibration.parameters import Parameter as Parameter
 from calibration.problem_file import read_problem as read_problem
 from calibration.studies.comparison import Comparison as Comparison

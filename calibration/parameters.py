@@ -11,6 +11,7 @@ from softjax.fields import Declared
 
 TRANSFORMS = ("log", "logit", "none")
 ANY = Declared()
+POOLED = "pooled"
 
 
 @dataclass(frozen=True)
@@ -24,7 +25,8 @@ class Parameter:
         bounds: (lowest, highest), infinite where open.
         prior: (mean, standard deviation) of a Gaussian prior.
         transform: "log", "logit" or "none": the scale it is searched on.
-        shared: whether all data sets have one value of it, or the name of a group of those that do.
+        shared: whether all data sets have one value of it, or the name of a group of those that do;
+            "pooled": each has its own, around a common mean with a spread that is fitted.
 
     Raises:
         ValueError: naming what is wrong, its value and what is accepted.
@@ -51,6 +53,8 @@ class Parameter:
         if self.transform is not None and self.transform not in TRANSFORMS:
             raise DataError("transform", self.transform, f"one of {listed(TRANSFORMS)}")
         _check_shared(self.shared)
+        if self.pooled and self.prior is not None:
+            raise DataError("prior", "given", "left out where shared is pooled")
         if not self.free:
             self._check_fixed()
 
@@ -60,6 +64,10 @@ class Parameter:
                 raise DataError(name, "given", "left out where free is false")
         if self.shared:
             raise DataError("shared", "given", "left out where free is false")
+
+    @property
+    def pooled(self) -> bool:
+        return self.shared == POOLED
 
     @property
     def is_number(self) -> bool:

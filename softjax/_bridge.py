@@ -32,6 +32,7 @@ def forward_differentiated(f: Mapped, whole: list[bool], size: int = IN_CACHE) -
 
     @jax.custom_jvp
     def wrapped(*leaves):
+        _check_not_told_apart(leaves)
         return in_rows(f, leaves, whole, size)
 
     def rule(primals, tangents):
@@ -51,6 +52,15 @@ def forward_differentiated(f: Mapped, whole: list[bool], size: int = IN_CACHE) -
 
     wrapped.defjvp(rule, symbolic_zeros=True)
     return wrapped
+
+
+def _check_not_told_apart(leaves) -> None:
+    """Raise where `shard_map` follows what differs between devices: diffrax's loops do not."""
+    for leaf in leaves:
+        kind = jax.typeof(leaf)
+        varying = getattr(kind, "vma", None) or getattr(getattr(kind, "mat", None), "varying", None)
+        if varying:
+            raise ValueError("`jax.shard_map` must have check_vma=False for the route ODE(...)")
 
 
 def _directions(tangents, whole):

@@ -53,8 +53,8 @@ def integral(force: Force, length: Array, kinks: Array) -> Integral:
     """∫_0^L force(r, L - r) dr, in stages between the kinks, a vector of any order and place."""
     start, width, behind = _stages(length, kinks)
     before, after, weights = (jnp.asarray(part, length.dtype) for part in _tanh_sinh())
-    r = start[:, None] + width[:, None] * before
-    rest = behind[:, None] + width[:, None] * after
+    r = _above_zero(start[:, None] + width[:, None] * before, length)
+    rest = _above_zero(behind[:, None] + width[:, None] * after, length)
     values = width[:, None] * weights * jax.vmap(jax.vmap(force))(r, rest)
     values = jnp.where(width[:, None] > 0, values, 0.0)  # a force may be infinite at no width
     shares = values.reshape(len(width), -1, SHARES).sum(1)
@@ -67,6 +67,11 @@ def _stages(length, kinks):
     inside = jnp.sort(jnp.clip(kinks, 0.0, length))
     edges = jnp.concatenate([jnp.zeros(1, length.dtype), inside, length[None]])
     return edges[:-1], jnp.diff(edges), length - edges[1:]
+
+
+def _above_zero(way, length):
+    """Where rounding, or a stage of no width, takes it to zero a root of it has no slope."""
+    return jnp.maximum(way, float(jnp.finfo(way.dtype).eps) ** 2 * length)
 
 
 def _error(shares, scale):
@@ -93,7 +98,7 @@ def falling_time(force: Force, length: Array, kinks: Array) -> Array:
     to each node is the sum of those from node to node, so that it is as precise as the way.
     """
     top = jnp.sqrt(length)
-    start, width, behind = _stages(top, jnp.sqrt(jnp.clip(kinks, 0.0, length)))
+    start, width, behind = _stages(top, safe_sqrt(jnp.clip(kinks, 0.0, length)))
     before, after, weights = (jnp.asarray(part, length.dtype) for part in _tanh_sinh())
     s = (start[:, None] + width[:, None] * before).ravel()
     rest = (behind[:, None] + width[:, None] * after).ravel()
@@ -109,7 +114,7 @@ def _between(force, below, above, gap):
     """∫ force 2s ds from each node to the next; `above` is what is left of the way from it."""
     nodes, weights = (jnp.asarray(part, gap.dtype) for part in gauss_legendre(BETWEEN))
     s = below[:, None] + gap[:, None] * nodes
-    rest = above[:, None] - gap[:, None] * nodes
+    rest = _above_zero(above[:, None] - gap[:, None] * nodes, above[0])
     left = rest * (2 * s + rest)  # L - s², of L = (s + rest)²
     return gap * jnp.sum(weights * 2 * s * jax.vmap(jax.vmap(force))(s * s, left), -1)
 

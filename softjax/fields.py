@@ -110,7 +110,7 @@ def _as_whole(value):
 
 
 def _is_function(leaf) -> bool:
-    return callable(leaf) and not eqx.is_array_like(leaf)
+    return callable(leaf) and not hasattr(leaf, "dtype")
 
 
 def _static(function) -> jax.tree_util.Partial:
@@ -212,7 +212,7 @@ def are_valid(module: eqx.Module) -> Array:
         valid = valid & are_valid(nested)
     for name in whole_fields(type(module)):
         for leaf in jax.tree.leaves(getattr(module, name)):
-            if eqx.is_inexact_array_like(leaf):
+            if hasattr(leaf, "dtype") and jnp.issubdtype(leaf.dtype, jnp.inexact):
                 valid = valid & jnp.all(jnp.isfinite(leaf))
     return valid
 

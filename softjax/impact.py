@@ -66,6 +66,8 @@ def known_regime(law: ContactLaw, velocity, extremes: np.ndarray | None = None) 
     """
     if not isinstance(law, RateIndependentLaw) or np.size(velocity) == 0:
         return "mixed"
+    if law.never_yields:
+        return "elastic"
     if any(is_traced(leaf) for leaf in jax.tree.leaves((law, velocity))):
         return "mixed"
     limit = np.asarray(law.elastic_velocity())

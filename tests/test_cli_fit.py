@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 import calibration as cal
 import softjax as sj
@@ -121,7 +122,19 @@ def test_an_own_file_gives_the_same_as_its_data_in_python(tmp_path):
     assert f"`softjax fit {file} --seed 3 --out {out}`" in report
 
 
-def test_a_law_without_a_force_has_its_parameters_by_name_and_no_eq_17(tmp_path):
+def test_a_fit_that_ends_where_the_range_leaves_its_end_out_has_a_law_and_a_curve():
+    """ψ = 0, which no law accepts: a constant ε below yield."""
+    result = cal.fit(noisy(), starts=2, profiles=False)
+    assert result.values["psi"] == 0
+    velocity = np.array([0.2, 0.5, 5.0, 20.0])
+    curve = result.band(velocity).coefficient
+    assert curve[:2] == pytest.approx(np.exp(-result.values["sigma"]), rel=1e-12)
+    law = sj.Zhou(noisy().contact, result.values["chi"], result.values["sigma"], 1e-300)
+    assert curve == pytest.approx(np.asarray(sj.restitution(law, velocity).coefficient), rel=1e-9)
+    assert result.law.psi > 0
+
+
+def test_another_law_has_its_parameters_by_name_and_no_eq_17(tmp_path):
     """The same files and tables as Zhou's law."""
     file = write_alloy(tmp_path)
     code, told, _ = run("fit", file, "--law", "viscoelastic", "--out", tmp_path / "out")
@@ -136,6 +149,27 @@ def test_a_law_without_a_force_has_its_parameters_by_name_and_no_eq_17(tmp_path)
     assert "Eq. (17)" not in told
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert names == {"fit.json", "curves.png", "report.md", "profiles.png"}
+
+
+@pytest.mark.parametrize("uncertainty", [0.01, None])
+def test_residuals_and_what_each_point_pays_for_are_written(uncertainty, tmp_path):
+    """Of a mean of n points each pays for 1/n of a parameter."""
+    file = write_alloy(tmp_path, 'law = "constant"', uncertainty=uncertainty)
+    run("fit", file, "--quiet", "--out", tmp_path)
+    (fit,) = json.loads((tmp_path / "fit.json").read_text(encoding="utf-8"))["fits"]
+    off = np.mean(noisy().restitution) - noisy().restitution
+    deviation = np.std(off, ddof=1) if uncertainty is None else uncertainty
+    assert fit["leverage"] == pytest.approx(np.full(24, 1 / 24), rel=1e-6)
+    assert fit["residual_degrees"] == 23
+    np.testing.assert_allclose(
+        fit["standardised"], off / deviation / np.sqrt(1 - 1 / 24), rtol=1e-5
+    )
+    goodness = fit["reduced_chi_squared"], fit["chi_squared_probability"]
+    if uncertainty is None:
+        assert goodness == (None, None)
+        return
+    chi_squared = float(np.sum(off**2)) / uncertainty**2
+    assert goodness == pytest.approx((chi_squared / 23, stats.chi2.sf(chi_squared, 23)), rel=1e-6)
 
 
 def test_the_same_seed_gives_the_same_bytes(tmp_path):

@@ -76,6 +76,42 @@ def test_the_main_picture_has_three_panels_with_all_curves(paper_figure):
     assert shown[0] == "data"
 
 
+def test_each_curve_is_the_one_that_its_label_says(paper_figure, paper):
+    """Over y = v/v_cr; Eq. (17) and Table 1 by the paper's numbers."""
+    ax = paper_figure.axes[2]
+    contact = pair("nylon")
+    critical, limit = float(contact.critical_velocity), float(contact.limit_velocity)
+    x, eq_17 = curve_of(ax, "Eq. (17)")
+    v = x * critical
+    assert np.allclose(eq_17, np.exp(-0.4355 * (v / (limit - v)) ** 0.5414), rtol=1e-9)
+    _, model = curve_of(ax, "this model, fitted")
+    law = sj.Zhou(contact, paper.values["chi[nylon]"], 0.4355, 0.5414)
+    expected = np.asarray(sj.restitution(law, v).coefficient)
+    assert np.allclose(model, expected, rtol=0, atol=1e-9)
+    label = next(name for name in labels_of(ax) if "printed" in name)
+    printed = sj.restitution(sj.Zhou(contact, 0.016, 0.4355, 0.5414, kappa="printed"), v)
+    shown = np.isfinite(curve_of(ax, label)[1])
+    assert np.allclose(curve_of(ax, label)[1][shown], np.asarray(printed.coefficient)[shown])
+    (points,) = ax.containers
+    assert np.allclose(points[0].get_xdata() * critical, paper.data["nylon"].velocity)
+    assert np.allclose(points[0].get_ydata(), paper.data["nylon"].restitution)
+    left = paper_figure.axes[5].containers[0][0].get_ydata()  # below: measured less fitted
+    at_points = np.asarray(sj.restitution(law, paper.data["nylon"].velocity).coefficient)
+    assert np.allclose(left, paper.data["nylon"].restitution - at_points, rtol=0, atol=1e-9)
+
+
+def test_errors_of_velocities_are_bars_too():
+    data = noisy_data()
+    told = cal.RestitutionData(
+        data.velocity, data.restitution, data.contact, 0.01, "v", velocity_uncertainty=0.05
+    )
+    ax = Figure().add_subplot()
+    plots.curves.plot_data(ax, told, scale=2.0)
+    across = ax.containers[0][2][0].get_segments()
+    widths = [segment[1, 0] - segment[0, 0] for segment in across]
+    assert np.allclose(widths, 2 * 0.05 / 2.0)
+
+
 def test_every_axis_is_labelled(paper_figure):
     bottom = [ax for ax in paper_figure.axes if not ax.get_title()]
     assert all("v_\\mathrm{cr}" in ax.get_xlabel() for ax in bottom)
@@ -323,6 +359,19 @@ def test_data_sets_that_share_a_parameter_have_one_panel():
     (ax,) = plots.correlation_figure(together).axes
     labels = [label.get_text() for label in ax.get_xticklabels()]
     assert sorted(labels) == ["$k_{20}$", "$s$, one", "$s$, two"]
+
+
+def test_long_names_leave_room_for_what_they_name():
+    shared = {"unloading_stiffness": cal.Parameter(shared=True)}
+    data = [noisy_data("one"), noisy_data("an alloy with a very long name indeed", 0.04)]
+    together = cal.fit(data, "walton-braun", shared)
+    figure = plots.correlation_figure(together)
+    figure.draw_without_rendering()
+    (ax,) = figure.axes
+    assert ax.get_window_extent().width / figure.dpi > 0.9 * 3
+    assert "$s$, an alloy with a ver…" in [label.get_text() for label in ax.get_xticklabels()]
+    titles = {ax.get_title(): ax.get_xlabel() for ax in plots.profiles_figure(together).axes}
+    assert titles == {"": "$k_{20}$ [N/m]", "one": "$s$ [1/m]", data[1].name: "$s$ [1/m]"}
 
 
 def test_one_parameter_has_no_correlations():

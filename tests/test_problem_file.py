@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from calibration.fitting.specs import specs_of
-from calibration.parameters import Parameter
+from calibration.parameters import Parameter, as_parameter
 from calibration.problem_file import read_problem
 from tests.refused import TOML, Case, check_refused
 
@@ -52,6 +52,12 @@ def test_parameters_of_a_material(read):
     written = Path(problem.source.file.file).read_text(encoding="utf-8").split("\n")
     assert written[lines["chi"] - 1].startswith("chi =")
     assert written[lines["sigma"] - 1] == "[material.parameters.sigma]"
+
+
+def test_minus_zero_is_zero(read):
+    (said,) = read(TOML + "[material.parameters]\nsigma = -0.0\n").parameters
+    for parameter in (said["sigma"], Parameter(-0.0), as_parameter("sigma", -0.0)):
+        assert math.copysign(1, parameter.value) == 1
 
 
 def test_what_is_said_of_all_materials_gives_way_to_what_is_said_of_one(read):

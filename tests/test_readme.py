@@ -12,13 +12,16 @@ ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def test_python_example():
-    block = next(b for b in re.findall(r"```python\n(.*?)```", README, re.S) if "enable_x64" in b)
-    *code, promised = block.strip().splitlines()
-    printed = io.StringIO()
-    with contextlib.redirect_stdout(printed):
-        exec("\n".join(code), {})
-    assert printed.getvalue().strip() == promised.removeprefix("# ")
+def test_python_examples():
+    """The second goes on from the first."""
+    blocks = re.findall(r"```python\n(.*?)```", README, re.S)
+    names = {"__name__": "readme"}
+    for block in (next(b for b in blocks if word in b) for word in ("enable_x64", "class ")):
+        *code, promised = block.strip().splitlines()
+        printed = io.StringIO()
+        with contextlib.redirect_stdout(printed):
+            exec("\n".join(code), names)
+        assert printed.getvalue().strip() == promised.removeprefix("# ")
 
 
 def test_docstring_example_is_the_readme_s():

@@ -98,7 +98,7 @@ def test_symbols_units_and_words_are_those_of_the_law(own):
     assert symbols.text("chi") == "χ̃"
     assert symbols.text("contact.yield_strength") == "Y [Pa]"
     assert symbols.text("growth", model) == "s [1/m]"
-    assert symbols.math("chi[my alloy]") == r"$\tilde\chi$, my alloy"
+    assert symbols.math("contact.yield_strength") == "$Y$ [Pa]"
     assert symbols.text("not known") == "not known"
     assert symbols.words("not known") == ""
     assert rows.meanings(own)[-1].startswith("s: growth of the unloading stiffness")
@@ -209,6 +209,23 @@ def test_each_stage_names_its_material_and_its_time(zhou):
     )
     assert cells(rows.optimiser_table(both), "material") == ["a", "b"]
     assert set(both.times) == {"model[a]", "model[b]", "total"}
+
+
+def test_very_many_searches_are_summed_up_on_a_terminal(own):
+    stage = own.optimiser_report[0]
+    many = tuple(replace(stage, materials=(f"alloy {k}",)) for k in range(13))
+    times = {one.label: 0.5 for one in many}
+    result = replace(own, optimiser_report=many, times=times)
+    total = f"13 searches, {13 * stage.evaluations} evaluations, 6.5 s"
+    assert total in terminal_report(result).splitlines()
+    assert len(rows.optimiser_table(result).rows) == 13
+
+
+def test_where_nothing_is_known_of_the_curve_is_told(own):
+    part = replace(own.material(), known_from=0.8352)
+    report = markdown_report(replace(own, materials=(part,)))
+    assert "Nothing is known of the curve below the critical velocity, 0.8352 m/s" in report
+    assert "Nothing is known" not in markdown_report(own)
 
 
 def test_everything_stays_within_the_width_of_a_terminal(zhou):

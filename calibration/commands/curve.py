@@ -6,6 +6,7 @@ For a material of the paper (stainless-steel, chrome-steel, nylon: σ and ψ of 
     softjax curve nylon --from 0.1 --to 50 --points 500 --spacing log --format csv png
     softjax curve my_alloy.toml --chi 0.2 --sigma 0.4 --psi 0.5 --table
     softjax curve --fit results/fit.json --material nylon
+    softjax curve --fit results/fit.json --posterior results/posterior.nc
     cut -d, -f1 shots.csv | softjax curve nylon --velocities -
     softjax curve nylon --law hertz-dashpot --set restitution=0.9
 
@@ -40,6 +41,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--spacing", choices=("lin", "log"), help="default: log from above 0")
     group.add_argument(
         "--velocities", metavar="FILE.csv", help="take them from a file, or from - (standard input)"
+    )
+    parser.add_argument(
+        "--posterior", metavar="FILE.nc", type=Path, help="draws of --fit: the band is theirs"
     )
     group = parser.add_argument_group("output")
     group.add_argument(

@@ -9,7 +9,7 @@ report.md and, where there is something to show, profiles.png and correlation.pn
 import argparse
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +26,9 @@ PICTURES = {
     "curves.png": "Data, fitted curves with their bands, and residuals below",
     "profiles.png": "Profiles of the cost: its rise when one parameter is held elsewhere",
     "correlation.png": "Correlations of the fitted parameters",
+    "posterior.png": "Draws from the posterior, and the fit with its intervals",
 }
-FILES = ("fit.json", "report.md", *PICTURES)
+FILES = ("fit.json", "report.md", *PICTURES, "posterior.nc")
 INTRO = (
     "These data are a published fit of measurements, not measurements: Eq. (17) with Table 1's σ "
     "and ψ (Zhou, Theor. Appl. Mech. Lett. 3, 021003, 2013) at 40 velocities a material. "
@@ -51,6 +52,7 @@ class Job:
     beside: bool = False
     given: Mapping[str, Any] = field(default_factory=dict)  # on the command line
     problem: Any = None  # the file, as it was read
+    draws: int | None = None  # of the posterior, a chain
 
     @property
     def embedded(self) -> bool:
@@ -74,6 +76,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--beside",
         action="store_true",
         help="fit again by Levenberg–Marquardt through the energy balance (always without a file)",
+    )
+    parser.add_argument(
+        "--posterior",
+        nargs="?",
+        type=_whole(100),
+        const=1000,
+        metavar="DRAWS",
+        help="sample the posterior: 4 chains of 1000 draws, or of as many as told; needs the extra bayes",
     )
 
 
@@ -106,12 +116,17 @@ HELP = {
 def run(arguments: argparse.Namespace) -> int:
     """Fit, write, print; 0, or 1 where the fit did not converge."""
     check_writable(arguments.out)
-    job = _job(arguments)
+    job = replace(_job(arguments), draws=arguments.posterior)
+    if job.draws is not None:
+        from calibration.fitting.posterior.door import check_possible
+
+        check_possible(job.settings.get("objective"), job.settings.get("loss", "squared"))
     with Progress(arguments.quiet) as progress:
         result = _fitted(job, progress)
-        told = [] if arguments.quiet else [_told(result, job)]
+        draws = _sampled(result, job, progress)
+        told = [] if arguments.quiet else [_told(result, job, draws)]
         with or_told(told):
-            _write(result, job, arguments.out, progress)
+            _write(result, job, arguments.out, progress, draws)
     if told:
         written = ", ".join(name for name in FILES if (arguments.out / name).exists())
         print(f"{told[0]}\n\nWritten to {arguments.out}: {written}")
@@ -193,24 +208,42 @@ def _refusal(job: Job, error: ValueError) -> InputError:
 
 def _route(name: str | None, rtol: float | None):
     import softjax as sj
+    from calibration.fitting.request import DEFAULT_ODE
 
     if name == "energy balance":
         return sj.EnergyBalance()
-    return None if rtol is None else sj.ODE(rtol=rtol)
+    if rtol is not None:
+        return sj.ODE(rtol=rtol)
+    return None if name is None else DEFAULT_ODE
 
 
-def _write(result, job: Job, out: Path, progress: Progress) -> None:
+def _sampled(result, job: Job, progress: Progress) -> Any:
+    """Draws from the posterior, where they were asked for."""
+    if job.draws is None:
+        return None
+    seed = job.settings.get("seed", 0)
+    return result.posterior(job.draws, seed=seed, warmup=job.draws, progress=progress)
+
+
+def _write(result, job: Job, out: Path, progress: Progress, draws: Any) -> None:
     """All files of a fit, or none."""
     from calibration.report import markdown_report
 
     with files_into(out, owned=FILES) as staged:
         result.save(staged / "fit.json")
-        pictures = _draw(result, job, staged, progress)
-        report = markdown_report(result, pictures, _command(job, out), _printed(job))
+        pictures = _draw(result, job, staged, progress, draws)
+        more: Sequence[Sequence[str]] = ()
+        if draws is not None:
+            from calibration.fitting.posterior.inference_data import write
+            from calibration.report.posterior import posterior_section
+
+            write(draws, staged / "posterior.nc")
+            more = posterior_section(draws, result.confidence)
+        report = markdown_report(result, pictures, _command(job, out), _printed(job), more)
         write_text(staged / "report.md", report)
 
 
-def _draw(result, job: Job, directory: Path, progress: Progress) -> dict[str, str]:
+def _draw(result, job: Job, directory: Path, progress: Progress, draws: Any) -> dict[str, str]:
     """The pictures there are, as {caption: file}."""
     from calibration import plots
 
@@ -219,6 +252,7 @@ def _draw(result, job: Job, directory: Path, progress: Progress) -> dict[str, st
         "curves.png": lambda: _curves(result, job),
         "profiles.png": lambda: plots.profiles_figure(result),
         "correlation.png": lambda: plots.correlation_figure(result),
+        "posterior.png": lambda: None if draws is None else _posterior(result, draws),
     }
     for i, (name, make) in enumerate(makers.items()):
         progress("pictures", i, len(makers))
@@ -238,10 +272,24 @@ def _curves(result, job: Job):
     return plots.curves_figure(result, lines)
 
 
-def _told(result, job: Job) -> str:
+def _told(result, job: Job, draws: Any) -> str:
     from calibration.report import terminal_report
 
-    return terminal_report(result, _printed(job), INTRO if job.embedded else "")
+    told = terminal_report(result, _printed(job), INTRO if job.embedded else "")
+    if draws is None:
+        return told
+    from calibration.report.posterior import posterior_text
+
+    return f"{told}\n{posterior_text(draws, result.confidence)}"
+
+
+def _posterior(result, draws):
+    from calibration.fitting.posterior.inference_data import dataset_of
+    from calibration.plots.posterior import posterior_figure
+
+    variables = dataset_of(draws, "posterior").data_vars.items()
+    diverging = dataset_of(draws, "sample_stats")["diverging"].values
+    return posterior_figure({str(k): v.values for k, v in variables}, diverging, result)
 
 
 def _printed(job: Job) -> dict[str, dict[str, float]] | None:
@@ -260,6 +308,7 @@ def _command(job: Job, out: Path) -> str:
     for name, value in job.given.items():
         parts += [_option(name), *([] if name in FLAGS else [str(value).replace(" ", "-")])]
     parts += ["--beside"] * (job.beside and not job.embedded)
+    parts += ["--posterior", str(job.draws)] * (job.draws is not None)
     return shell_line([*parts, "--out", str(out)])
 
 

@@ -6,8 +6,11 @@
     softjax sensitivity nylon --study global --range chi=0.1:0.4 --range density=1100:1200
     softjax sensitivity --fit results/fit.json --material nylon --study design
 
+    softjax sensitivity --fit results/fit.json --posterior results/posterior.nc --study design
+
 With --fit, information and design count what was measured already, and plan for the fit's own
-objective, parameters and priors.
+objective, parameters and priors. With draws of its posterior a design is the best on average over
+some of them, and sensitivities have limits.
 """
 
 import argparse
@@ -36,6 +39,7 @@ ACTS_ON = {
 }
 BARS = (0.02, 0.2, 1.0)  # where bars are drawn unless told, in parts of the highest velocity
 SHOTS = 30
+LAWS_OF_LIMITS = 200  # draws that sensitivities are computed at
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -48,6 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--points", type=int, metavar="N", help="of a curve (200)")
     group.add_argument("--at", type=float, nargs="+", metavar="V", help="velocities of bars [m/s]")
     group.add_argument("--seed", type=int, metavar="N", help="default: 0")
+    group.add_argument("--posterior", metavar="FILE.nc", type=Path, help="draws of --fit")
     group = parser.add_argument_group("information and design")
     group.add_argument("--objective", choices=("model", "two-step"), help="the fit's, else model")
     group.add_argument("--uncertainty", type=float, metavar="U", help="of ε (the fit's, or 0.01)")
@@ -128,6 +133,7 @@ class _Job:
         self.inputs = _inputs_of(source)
         self.ranges = _ranges(arguments.range, self.inputs)
         self.subject = source.law if source.result is None else source.result
+        self.draws = [] if source.draws is None else source.result.at_draws(source.draws)
         self.options = self._options()
         self.told = [source.remark]  # and what each study found, as soon as it has
 
@@ -174,7 +180,7 @@ class _Job:
         from calibration.plots import studies as pictures
         from calibration.plots import style
         from calibration.studies.local import sensitivity
-        from calibration.studies.text import local_table, sensitivities_csv
+        from calibration.studies.text import limits_table, local_table, sensitivities_csv
 
         velocity = np.geomspace(self.low, self.high, self.points)
         both = sensitivity(self.inputs, np.concatenate([velocity, self.bars]), self.route)
@@ -191,7 +197,27 @@ class _Job:
         style.save(figure, folder / "sensitivity.png")
         style.save(pictures.tornado_figure(bars), folder / "tornado.png")
         table = {name: bars.of(name) for name in bars.names}
-        return {"velocity": self.bars, "theta_d_epsilon_d_theta": table}
+        told = {"velocity": self.bars, "theta_d_epsilon_d_theta": table}
+        if not self.draws:
+            return told
+        limits = self._limits()
+        self.told.append(limits_table(bars, limits, self.source.result.confidence))
+        return told | {"limits": limits}
+
+    def _limits(self) -> dict[str, Any]:
+        """Central limits of θ ∂ε/∂θ over draws, {name: (low, high)}, each at the bars' velocities."""
+        import numpy as np
+
+        from calibration.studies.inputs import of_law
+        from calibration.studies.local import sensitivity
+
+        source, half = self.source, 0.5 * self.source.result.confidence
+        fits = source.result.at_draws(source.draws, LAWS_OF_LIMITS)
+        laws = [one.material(source.name).law for one in fits]
+        every = [sensitivity(of_law(law), self.bars, self.route) for law in laws]
+        stacked = np.stack([one.absolute for one in every])
+        low, high = np.quantile(stacked, [0.5 - half, 0.5 + half], axis=0)
+        return {n: (low[:, k], high[:, k]) for k, n in enumerate(every[0].names)}
 
     def _information(self, folder: Path, progress: Any) -> Any:
         import numpy as np
@@ -214,7 +240,7 @@ class _Job:
         arguments = self.arguments
         limit = getattr(getattr(self.source.law, "contact", None), "limit_velocity", float("inf"))
         found = optimal_velocities(
-            self.subject,
+            self.draws or self.subject,
             SHOTS if arguments.shots is None else arguments.shots,
             (self.low, min(self.high, 0.999 * float(limit))),
             criterion=arguments.criterion or "c",
@@ -227,11 +253,14 @@ class _Job:
             progress=progress,
             **self.options,
         )
-        self.told.append(str(found))
         figure = style.new_figure(6.8, 4.8)
         pictures.plot_design(found, figure.add_subplot())
         style.save(figure, folder / "design.png")
-        return found.to_dict()
+        if not self.draws:
+            self.told.append(str(found))
+            return found.to_dict()
+        self.told.append(f"on average over {len(self.draws)} draws of the posterior: {found}")
+        return found.to_dict() | {"draws": len(self.draws)}
 
     def _global(self, folder: Path, progress: Any) -> Any:
         from calibration.plots import studies as pictures

@@ -9,8 +9,8 @@ COEFFICIENTS = ("chi", "sigma", "psi")
 VARIANTS = ("form", "kappa")
 
 
-def add_source_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options that `read_source` reads."""
+def add_source_arguments(parser: argparse.ArgumentParser, law_option: str = "--law") -> None:
+    """The options that `read_source` reads; a command may call the one of the law otherwise."""
     group = parser.add_argument_group("which collision")
     group.add_argument(
         "source",
@@ -26,7 +26,8 @@ def add_source_arguments(parser: argparse.ArgumentParser) -> None:
     for name in VARIANTS:
         default = CHOICES[name][0]
         group.add_argument(f"--{name}", choices=CHOICES[name], help=f"default: {default}")
-    group.add_argument("--law", choices=LAWS, help="default: that of the file, else zhou")
+    default = "default: that of the file, else zhou"
+    group.add_argument(law_option, dest="law", choices=LAWS, help=default)
     group.add_argument(
         "--set",
         action="append",

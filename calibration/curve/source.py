@@ -35,6 +35,7 @@ class Source:
         properties: those of the bodies by name; None where only the contact is known.
         bodies: "spheres", "unlike spheres" or "wall": how `properties` are to be read.
         result: the fit; None without one.
+        draws: of the fit's posterior; None without.
         remark: a line on where its numbers come from.
     """
 
@@ -44,6 +45,7 @@ class Source:
     properties: dict[str, float] | None = None
     bodies: str = "spheres"
     result: Any = None
+    draws: Any = None
     remark: str = ""
 
 
@@ -55,6 +57,10 @@ def read_source(arguments: argparse.Namespace) -> Source:
     """
     if arguments.fit is not None:
         return _of_fit(arguments)
+    if getattr(arguments, "posterior", None) is not None:
+        raise DataError(
+            "--posterior", arguments.posterior, "given with --fit, whose draws they are"
+        )
     if arguments.source is not None and arguments.source.endswith(".toml"):
         return _of_file(arguments)
     return _of_paper(arguments)
@@ -181,7 +187,15 @@ def _of_fit(arguments: argparse.Namespace) -> Source:
     if span[0] == span[1]:
         span = (0.5 * span[0], 2 * span[0])
     remark = f"{printable(fit.name)}: {arguments.fit}" + " (NOT CONVERGED)" * (not fit.converged)
-    return Source(fit.name, fit.law, span, result=result, remark=remark)
+    return Source(fit.name, fit.law, span, result=result, draws=_draws(arguments), remark=remark)
+
+
+def _draws(arguments: argparse.Namespace) -> Any:
+    if getattr(arguments, "posterior", None) is None:
+        return None
+    from calibration.fitting.posterior.inference_data import read
+
+    return read(arguments.posterior)
 
 
 def load_fit(path: Path, result_type) -> Any:

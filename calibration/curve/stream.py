@@ -109,7 +109,7 @@ def _restitution(law, velocity, route):
 
 
 def _of_fit(source: Source, velocity: np.ndarray) -> Rows:
-    band = source.result.band(velocity, source.name)
+    band = source.result.band(velocity, source.name, draws=source.draws)
     status = np.asarray(_restitution(source.law, velocity, None)[1])
     return Rows(velocity, band.coefficient, status, band.low, band.high)
 

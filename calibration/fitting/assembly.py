@@ -16,7 +16,7 @@ from calibration.errors import DataError
 from calibration.fitting.collisions import Route
 from calibration.fitting.known_laws import KNOWN
 from calibration.fitting.law_model import CONTACT_LEAVES, OF_CONTACT, LawModel, model_of_class
-from calibration.fitting.problem import Element, Points, Problem
+from calibration.fitting.problem import Element, Points, Problem, pools_of
 from calibration.fitting.rows import Rows
 from calibration.fitting.specs import Local, SetSpec
 from calibration.fitting.transform import Transform
@@ -74,6 +74,7 @@ def assemble(specs: Sequence[SetSpec], route: Route, bound: Sequence[str] = ()) 
     if len(set(names)) < len(names):
         raise DataError("data", names, "sets of different names")
     drafted = _gathered(specs)
+    _check_pooled(specs, drafted)
     return [
         _component(
             sets, [specs[g] for g in sets], _of_sets(drafted, sets), len(specs), route, bound
@@ -94,11 +95,28 @@ def _gathered(specs) -> list[_Drafted]:
     return list(found.values())
 
 
-def _together(count: int, drafted: Iterable[_Drafted]) -> list[tuple[int, ...]]:
-    """Data sets that share a parameter, directly or through others, in their order."""
-    group = list(range(count))
+def _check_pooled(specs, drafted: Iterable[_Drafted]) -> None:
+    for name, sets in _pooled(drafted).items():
+        if len(sets) < 2:
+            raise DataError(f"shared of {name}", "pooled", "left out for one data set alone")
+        if any(specs[g].objective != "model" for g in sets):
+            raise DataError(f"shared of {name}", "pooled", 'left out, or objective="model"')
+
+
+def _pooled(drafted: Iterable[_Drafted]) -> dict[str, list[int]]:
+    """The data sets of each parameter that is pooled."""
+    found: dict[str, list[int]] = {}
     for one in drafted:
-        joined = {group[g] for g in one.sets}
+        if one.local.parameter.pooled:
+            found.setdefault(one.local.name, []).extend(one.sets)
+    return found
+
+
+def _together(count: int, drafted: Sequence[_Drafted]) -> list[tuple[int, ...]]:
+    """Data sets that share or pool a parameter, directly or through others, in their order."""
+    group = list(range(count))
+    for sets in [*(one.sets for one in drafted), *_pooled(drafted).values()]:
+        joined = {group[g] for g in sets}
         lowest = min(joined)
         group = [lowest if own in joined else own for own in group]
     return [tuple(g for g in range(count) if group[g] == first) for first in sorted(set(group))]
@@ -166,13 +184,18 @@ def _check_counts(component: Component) -> None:
     """More points than free parameters in every data set (a prior counts as a point)."""
     whole = {tree.name for spec in component.specs for tree in spec.trees}
     for g, spec in zip(component.sets, component.specs, strict=True):
-        own = [e for e in component.elements if e.sets == (g,) and e.parameter.prior is None]
+        own = [e for e in component.elements if e.sets == (g,) and not _is_told(e)]
         # a network may have as many weights as it likes: it is told by its predictions
         own = [e for e in own if e.name.partition("[")[0] not in whole]
         if len(spec.data) <= len(own):
             names = ", ".join(e.name for e in own)
             problem = f"{len(spec.data)} points for {len(own)} free parameters ({names})"
             raise spec.data.refusal(problem, "more points than free parameters")
+
+
+def _is_told(element: Element) -> bool:
+    """By more than the points: a prior, or the other data sets of a pool."""
+    return element.parameter.prior is not None or element.parameter.pooled
 
 
 def _stages(component: Component, route: Route, bound: Sequence[str]):
@@ -209,6 +232,7 @@ def _problem(
         tuple(spec.plan for spec in component.specs),
         route,
         joint=component.specs[0].objective == "model",
+        pools=pools_of(elements),
     )
     if not _asks_to_be_held(rows.model, elements):
         return problem

@@ -4,6 +4,7 @@ import numpy as np
 from jaxtyping import Float
 
 from calibration.data.checks import require
+from calibration.fitting.collisions import Route
 from calibration.fitting.curves import curve_and_slopes, of_labels, propagated
 from calibration.fitting.estimate import Band
 from calibration.fitting.freedom import Freedom
@@ -19,6 +20,7 @@ def band(
     freedom: Freedom,
     confidence: float,
     kind: str = "mean",
+    route: Route = None,
 ) -> Band:
     """ε(v) with a confidence band; NaN where the fit knows nothing.
 
@@ -26,11 +28,12 @@ def band(
         names, covariance: of the free parameters, in physical units.
         freedom: how well the covariance is known.
         kind: "mean", of the curve itself, or "prediction", of one more measurement.
+        route: from the law to ε; None: what suits the law.
     """
     velocity = np.asarray(velocity, float)
     flat = velocity.ravel()
     require("velocity", flat, lambda v: v >= 0, "a speed of 0 m/s or more")
-    value, slope = curve_and_slopes(material, flat)
+    value, slope = curve_and_slopes(material, flat, route)
     added = dict(material.variances) if kind == "prediction" else {}
     variance = propagated(slope, of_labels(material, names, covariance)) ** 2 + sum(added.values())
     labels = tuple(material.labels[name] for name in material.values if name in material.labels)

@@ -82,8 +82,8 @@ def curve_problem(
 
 def _element(material: MaterialFit, name: str) -> Element:
     declared = material.model.declared(name) if "[" not in name else None
-    start = float(material.values[name])
-    return Element(name, name, (0,), Parameter(), declared, start, WIDE)  # type: ignore[arg-type]
+    start = material.model.inside({name: material.values[name]})[name]
+    return Element(name, name, (0,), Parameter(), declared, float(start), WIDE)  # type: ignore[arg-type]
 
 
 def _rows_of(material: MaterialFit, count: int) -> int:

@@ -20,6 +20,7 @@ from calibration.fitting.likelihood import likelihood_of
 from calibration.fitting.line import fit_line
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.methods import OPTIMISERS
+from calibration.fitting.pooling import of_all as pooled_of
 from calibration.fitting.profiles import Profile
 from calibration.fitting.request import Request, checked, datasets_of
 from calibration.fitting.request_json import law_name
@@ -166,6 +167,7 @@ def _fitted(request: Request, beside: bool) -> FitResult:
         settings=_settings(request, fits),
         versions=dict(_versions()),
         times=_times(_stages(fits, stage)),
+        pooled=pooled_of(fits, request.confidence),
         fits=tuple(fits),
     )
 

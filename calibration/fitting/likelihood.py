@@ -37,10 +37,13 @@ class Likelihood:
 
 
 def likelihood_of(fits: list[ComponentFit]) -> Likelihood | None:
-    """Of all components; None where what was minimised is none, or the data have no noise."""
+    """Of all components; None where what was minimised is none, or the data have no noise.
+
+    None where parameters are pooled, too: how many numbers were fitted is then no whole number.
+    """
     log, fitted, points = 0.0, 0, 0
     for fit in fits:
-        if not fit.is_likelihood:
+        if not fit.is_likelihood or fit.final.problem.pools:
             return None
         part = _of_component(fit)
         if part is None:

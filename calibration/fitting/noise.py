@@ -17,6 +17,7 @@ from jaxtyping import Float
 from calibration.data import RestitutionData
 from calibration.fitting.latent import STEP, Curve, Latent, moved, not_moved, residual
 from calibration.fitting.losses import MAD
+from calibration.fitting.pooling import respread
 from calibration.fitting.problem import Lanes, Problem
 from calibration.fitting.set_errors import SetErrors, Structure
 from calibration.fitting.variances import Seen, estimated
@@ -50,11 +51,16 @@ def needs_weights(problem: Problem) -> bool:
     """Whether weights depend on where the fit is."""
     alone = all(_stands_alone(problem, g) for g in range(len(problem.plans)))
     stated = all(plan.stated for plan in problem.plans)
-    return not (alone or stated) or any(p.shares or _has_errors(d) for p, d in _sets(problem))
+    moving = any(p.shares or _has_errors(d) for p, d in _sets(problem)) or bool(problem.pools)
+    return not (alone or stated) or moving
 
 
 def reweighed(problem: Problem, z: np.ndarray) -> Problem:
-    """The problem with weights, shared errors and true velocities as of z."""
+    """The problem with weights, shared errors, true velocities and spreads of pools as of z."""
+    return respread(_reweighed(problem, z), z)
+
+
+def _reweighed(problem: Problem, z: np.ndarray) -> Problem:
     if any(_has_errors(data) for data in problem.datasets):
         problem = _with_velocities(problem, z)
     if any(plan.shares for plan in problem.plans):
@@ -127,7 +133,7 @@ def _has_errors(data: RestitutionData) -> bool:
 
 def _stands_alone(problem: Problem, g: int) -> bool:
     """No stated uncertainties, and nothing that is weighed against the points."""
-    priors = any(e.parameter.prior is not None for e in problem.elements)
+    priors = bool(problem.pools) or any(e.parameter.prior is not None for e in problem.elements)
     several = problem.joint and len(problem.datasets) > 1
     return problem.plans[g].plain and not (priors or several)
 

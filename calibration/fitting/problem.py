@@ -4,6 +4,7 @@ Several fits of one problem stand side by side along a leading axis: starts, ref
 simulated data sets. Each has its own z, and may have its own restitutions and weights (`Lanes`).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -24,6 +25,7 @@ from calibration.parameters import Parameter
 from softjax.fields import Declared
 
 Z = Float[np.ndarray, "fits elements"]
+FIRST_SPREAD = 3.0  # of a pool, in z: factors of 20
 AT_ONCE = 2_000_000  # impacts that are computed at once: what bounds the memory
 
 
@@ -47,6 +49,34 @@ class Element:
     declared: Declared
     start: float
     range: tuple[float, float]
+
+
+class Pool(NamedTuple):
+    """Elements of several data sets that lie around a common mean, on the scale that is searched.
+
+    Attributes:
+        name: of the parameter.
+        members: places of the elements.
+        spread: standard deviation of the members in z.
+    """
+
+    name: str
+    members: tuple[int, ...]
+    spread: float
+
+    @property
+    def spread_name(self) -> str:
+        """What results call the spread; the mean has the name of the parameter."""
+        return f"{self.name}_spread"
+
+
+def pools_of(elements: Sequence[Element]) -> tuple[Pool, ...]:
+    """The pools among some elements, to begin with hardly held together."""
+    members: dict[str, list[int]] = {}
+    for k, element in enumerate(elements):
+        if element.parameter.pooled:
+            members.setdefault(element.name, []).append(k)
+    return tuple(Pool(name, tuple(places), FIRST_SPREAD) for name, places in members.items())
 
 
 class Points(NamedTuple):
@@ -110,6 +140,7 @@ class Problem:
         joint: whether data sets without stated uncertainties are weighed against each other.
         shared: the errors of each data set, where points share some: residuals are whitened then.
         latent: where points are taken to be, where velocities have errors.
+        pools: which elements lie around a common mean.
     """
 
     datasets: tuple[RestitutionData, ...]
@@ -127,6 +158,7 @@ class Problem:
     joint: bool = True
     shared: tuple[SetErrors, ...] | None = None
     latent: tuple[Latent, ...] | None = None
+    pools: tuple[Pool, ...] = ()
     counter: Counter = field(default_factory=Counter, compare=False)
 
     @property
@@ -155,7 +187,7 @@ class Problem:
             residual, slopes = self.whitened(residual), self.whitened(slopes)
         residual, per_raw = transformed(residual * weight, self.scale, self.loss)
         slopes *= (weight * per_raw)[:, :, None]
-        priors, their_slopes = self._priors(theta, per_z)
+        priors, their_slopes = self._held_together(z, *self._priors(theta, per_z))
         if not priors.shape[1]:
             return Linear(residual, slopes, prediction, status)
         return Linear(
@@ -274,6 +306,18 @@ class Problem:
             value[:, row] = (theta[:, k] - mean) / deviation
             column = int(np.flatnonzero(self.active == k)[0])
             slope[:, row, column] = per_z[:, k] / deviation
+        return value, slope
+
+    def _held_together(self, z, value, slope):
+        """The same with (z - mean of z)/spread of each pool's members, and their slopes."""
+        for pool in self.pools:
+            members, count = list(pool.members), len(pool.members)
+            off = z[:, members] - np.mean(z[:, members], axis=1, keepdims=True)
+            rows = np.zeros((count, len(self.elements)))
+            rows[:, members] = (np.eye(count) - 1 / count) / pool.spread
+            per = np.broadcast_to(rows[:, self.active], (len(z), count, len(self.active)))
+            value = np.concatenate([value, off / pool.spread], axis=1)
+            slope = np.concatenate([slope, per], axis=1)
         return value, slope
 
 

@@ -71,6 +71,13 @@ class Request:
         by_time = damped or any(spec.objective == "two-step" for spec in specs)
         return DEFAULT_ODE if by_time else None
 
+    def route_of_curve(self, law: type) -> sj.EnergyBalance | sj.ODE | None:
+        """From a fitted law to its curve: the energy balance, or the route that its fit went."""
+        if not issubclass(law, sj.RateDependentLaw):
+            return None
+        own = DEFAULT_ODE if issubclass(law, BUILT_IN_DAMPED) else None
+        return own if self.route is None else self.route
+
     def fitted(self, starts: int | None = None) -> list[ComponentFit]:
         """All components, one after the other."""
         options = self.options if starts is None else replace(self.options, starts=starts)

@@ -1,5 +1,6 @@
 """What a fit found, how well it is known, and what to doubt about it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -47,6 +48,8 @@ class FitResult:
         beside: the same fit by Levenberg–Marquardt through the energy balance, if asked for.
         profiles: by parameter label.
         freedoms: how well the noise is known that the covariance comes from, of each component.
+        pooled: mean and spread of parameters that are pooled, "chi" and "chi_spread"; the spread on
+            the scale that is searched, ln θ where θ is positive.
         settings, versions, times: how, with what, how long [s].
         fits: the searches themselves; None in a result that was loaded.
     """
@@ -68,6 +71,7 @@ class FitResult:
     settings: dict[str, Any]
     versions: dict[str, str]
     times: dict[str, float] = field(default_factory=dict)
+    pooled: dict[str, Estimate] = field(default_factory=dict)
     fits: tuple[ComponentFit, ...] | None = field(default=None, repr=False)
 
     @property
@@ -107,7 +111,7 @@ class FitResult:
                 table[name if alone else f"{name}[{material.name}]"] = estimate
                 if name in material.labels:
                     table[material.labels[name]] = estimate
-        return table
+        return table | self.pooled
 
     @property
     def converged(self) -> bool:
@@ -189,6 +193,7 @@ class FitResult:
         confidence: float | None = None,
         *,
         kind: str = "mean",
+        draws: Any = None,
     ) -> Band:
         """ε(v) of the fitted curve with a confidence band; NaN where `known` is False.
 
@@ -197,12 +202,18 @@ class FitResult:
             name: of the data set, where there are several.
             confidence: that of the fit where left out.
             kind: "mean", of the curve itself, or "prediction", of one more measurement.
+            draws: a posterior, whose mean, standard deviation and central limits are then told.
 
         Raises:
             ValueError: naming the argument, its value and what is accepted.
         """
         if kind not in KINDS:
             raise DataError("kind", kind, " or ".join(map(repr, KINDS)))
+        if draws is not None:
+            from calibration.fitting.posterior.draws import band_of_draws
+
+            level = confidence or self.confidence
+            return band_of_draws(draws, self.material(name), velocity, level, kind)
         return self._band(self.material(name), velocity, confidence, kind)
 
     def empirical_band(self, velocity, name=None, confidence: float | None = None) -> Band:
@@ -211,11 +222,10 @@ class FitResult:
 
     def _band(self, material: MaterialFit, velocity, confidence, kind: str) -> Band:
         names, covariance = self.covariance_names, self.of_predictions
-        freedom = self._freedom(material)
+        freedom, level = self._freedom(material), confidence or self.confidence
+        route = self.request.route_of_curve(material.model.law_type)
         with np.errstate(over="ignore", invalid="ignore"):  # of numbers near the end of floats
-            return band(
-                material, velocity, names, covariance, freedom, confidence or self.confidence, kind
-            )
+            return band(material, velocity, names, covariance, freedom, level, kind, route)
 
     def _freedom(self, material: MaterialFit) -> Freedom:
         """That of the component which a data set belongs to."""
@@ -245,6 +255,49 @@ class FitResult:
         """Fits of data simulated with the fitted curve and noise; see `Bootstrap`."""
         with jax.enable_x64(True):
             return bootstrap(self._refitted(), count, seed, self.confidence)
+
+    def posterior(
+        self,
+        draws: int = 1000,
+        chains: int = 4,
+        seed: int = 0,
+        *,
+        warmup: int = 1000,
+        progress: Callable[[str, int, int], None] | None = None,
+    ) -> Any:
+        """Draws from the posterior of all parameters and of what is unknown of the noise, by NUTS.
+
+        Needs `pip install "softjax-contact[bayes]"`. Priors are those stated with `Parameter`, and
+        weak ones of `calibration.fitting.posterior.priors` elsewhere: the attribute "prior" of each variable.
+
+        Args:
+            draws, warmup: of each chain.
+            seed: equal draws for equal seeds.
+            progress: called as progress(stage, done, total).
+
+        Returns:
+            ArviZ data (`InferenceData`, from ArviZ 1 on `DataTree`): posterior, log_likelihood of
+            each point, posterior_predictive, sample_stats, observed_data.
+
+        Raises:
+            ImportError: without the extra.
+            ValueError: naming the argument, its value and what is accepted; for fits that were no
+                likelihood (`two-step`, robust losses).
+        """
+        from calibration.fitting.posterior.door import sampled
+
+        return sampled(self.request, self._refitted(), draws, chains, seed, warmup, progress)
+
+    def at_draws(self, posterior: Any, count: int = 16) -> list["FitResult"]:
+        """This fit at some draws of its posterior, evenly taken: its laws, and what a study asks of it.
+
+            cal.optimal_velocities(result.at_draws(posterior), 10, (0.1, 5.0))
+
+        places shots by the information expected over these draws.
+        """
+        from calibration.fitting.posterior.draws import at_draws
+
+        return at_draws(self, posterior, count)
 
     def _refitted(self) -> list[ComponentFit]:
         """The searches; a result that was loaded makes them again."""

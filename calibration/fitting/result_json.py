@@ -47,6 +47,7 @@ def result_to_dict(result: Any, times: bool = True) -> dict[str, Any]:
         "profiles": {label: asdict(profile) for label, profile in result.profiles.items()},
         "optimiser_report": [asdict(stage) for stage in result.optimiser_report],
         "beside": result.beside,
+        "pooled": {name: _estimate_to_dict(one) for name, one in result.pooled.items()},
         "request": request_to_dict(result.request),
     }
     if times:
@@ -123,6 +124,7 @@ def _parts(table: dict[str, Any], law: Any) -> dict[str, Any]:
         "optimiser_report": tuple(_stage_from_dict(one) for one in table["optimiser_report"]),
         "beside": table["beside"],
         "profiles": {k: _profile_from_dict(one) for k, one in table["profiles"].items()},
+        "pooled": {k: _estimate_from_dict(one) for k, one in table["pooled"].items()},
         "freedoms": tuple(Freedom.from_dict(one) for one in table["freedom"]),
         "settings": table["settings"],
         "versions": table["versions"],

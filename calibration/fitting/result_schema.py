@@ -216,7 +216,7 @@ RESULT: Kind = table(
     {
         "fits": each(FIT),
         "unloading_line": or_null(LINE),
-        "settings": every(SCALAR),
+        "settings": every(either(SCALAR, every(each(text)))),  # of "shared" the data sets
         "versions": every(text),
         "converged": flag,
         "warnings": each(DOUBT),

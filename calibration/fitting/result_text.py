@@ -12,6 +12,9 @@ def fit_text(result: Any) -> str:
     lines: list[str] = []
     for material in result.materials:
         lines += _material_lines(material, result.confidence)
+    for name, e in result.pooled.items():
+        told = f"all together: {name} {e} {interval_text(e, result.confidence)}"
+        lines.append(told.rstrip())
     line = result.unloading_line
     if line is not None:
         lines.append(f"Eq. (18): c1 = {line.c1}, c2 = {line.c2}")

@@ -52,6 +52,8 @@ class Local:
     def group(self) -> str | None:
         """The group of data sets that it is shared in: "" for all of them, None for none."""
         shared = self.parameter.shared
+        if self.parameter.pooled:
+            return None
         return ("" if shared else None) if isinstance(shared, bool) else shared
 
 

@@ -191,9 +191,15 @@ def _same(one: Problem, other: Problem) -> bool:
         return False
     if not _same_variances(one, other):
         return False
+    if not np.allclose(_spreads(one), _spreads(other), rtol=ALIKE, atol=0):
+        return False
     if one.loss == "squared":
         return True
     return other.scale is not None and np.allclose(one.scale, other.scale, rtol=SETTLED, atol=0)
+
+
+def _spreads(problem: Problem) -> list[float]:
+    return [pool.spread for pool in problem.pools]
 
 
 def _same_variances(one: Problem, other: Problem) -> bool:

@@ -8,6 +8,8 @@ none     θ = z, kept within its bounds
 import math
 from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -59,16 +61,25 @@ class Transform(NamedTuple):
         by_kind = [np.where(inside, 1.0, 0.0), log, logit, above]
         return np.choose(np.broadcast_to(self.kind, theta.shape), by_kind)
 
-    def unconstrained(self, theta: Vector) -> Vector:
-        """z(θ), the inverse; values at a bound or beyond are moved just inside."""
-        theta = np.asarray(theta, float)
+    def log_slope(self, z: Any) -> Any:
+        """ln |dθ/dz| of (..., p), in JAX: what a density of θ is multiplied by in z."""
         low, high = self._finite()
-        log = np.log(np.maximum(theta - low, 1e-290))
-        above = -np.log(np.maximum(high - theta, 1e-290))
+        at = jnp.clip(z, -LARGEST_EXPONENT, LARGEST_EXPONENT)
+        logit = np.log(np.where(self.kind == LOGIT, high - low, 1.0)) - jax.nn.softplus(at)
+        by_kind = [jnp.zeros_like(at), at, logit - jax.nn.softplus(-at), -at]
+        return jnp.choose(np.broadcast_to(self.kind, at.shape), by_kind, mode="clip")
+
+    def unconstrained(self, theta: Any, xp: Any = np) -> Any:
+        """z(θ), the inverse; values at a bound or beyond are moved just inside."""
+        theta = xp.asarray(theta, float)
+        low, high = self._finite()
+        log = xp.log(xp.maximum(theta - low, 1e-290))
+        above = -xp.log(xp.maximum(high - theta, 1e-290))
         span = np.where(self.kind == LOGIT, high - low, 1.0)
-        part = np.clip((theta - low) / span, INSIDE, 1 - INSIDE)
-        logit = np.log(part) - np.log1p(-part)
-        return np.choose(np.broadcast_to(self.kind, theta.shape), [theta, log, logit, above])
+        part = xp.clip((theta - low) / span, INSIDE, 1 - INSIDE)
+        logit = xp.log(part) - xp.log1p(-part)
+        kinds = np.broadcast_to(self.kind, theta.shape)
+        return xp.choose(kinds, [theta, log, logit, above], mode="clip")
 
     def bound_beyond(self, direction: Vector) -> Vector:
         """The bound that z nears when it goes up (+1) or down (-1); infinite where there is none."""

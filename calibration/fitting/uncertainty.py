@@ -107,7 +107,7 @@ def stacked(
     noise = noise_of(first_problem, z, lanes)
     order = np.concatenate([stage.problem.active for stage in stages]).astype(int)
     fits, size, points = len(z), len(order), first_problem.count
-    bread, prior = np.zeros((fits, size, size)), np.zeros((fits, size))
+    bread, prior = np.zeros((2, fits, size, size))
     scores = np.zeros((fits, points, size))
     nulls, limits = np.zeros((fits, size), bool), np.zeros((fits, size), int)
     rank, condition = np.zeros(fits, int), np.ones(fits)
@@ -126,7 +126,8 @@ def stacked(
             bread[:, columns, columns] = np.swapaxes(jacobian, 1, 2) @ jacobian
         spread = _score_spread(problem if drawn is None else drawn, z, noise, lanes)
         scores[:, :, columns] = jacobian[:, :points] * spread[:, :, None]
-        prior[:, columns] = np.sum(jacobian[:, points:] ** 2, axis=1)
+        of_priors = jacobian[:, points:]
+        prior[:, columns, columns] = np.swapaxes(of_priors, 1, 2) @ of_priors
         told = diagnose(jacobian, held)
         rank, condition = rank + told[0], np.maximum(condition, told[1])
         nulls[:, columns], limits[:, columns] = told[2], stage.limits
@@ -135,7 +136,7 @@ def stacked(
             if len(stages) == 1 and problem.loss == "squared"
             else None
         )
-    middle = np.swapaxes(scores, 1, 2) @ scores + prior[:, :, None] * np.eye(size)
+    middle = np.swapaxes(scores, 1, 2) @ scores + prior
     inverse = _inverse(bread, nulls | (limits != 0))
     covariance = _sandwich(inverse, middle, nulls | (limits != 0))
     scaled = first_problem.transform.kind[order] != NONE

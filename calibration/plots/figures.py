@@ -17,6 +17,7 @@ from calibration.report import symbols
 PANEL = (4.2, 4.4)  # inches, residuals included
 LEGEND_ROW = 0.25  # inches
 CELL = 0.95  # inches, of two parameters' ellipse
+LETTER = 0.09  # inches, of a name beside it
 
 
 def curves_figure(
@@ -77,7 +78,8 @@ def correlation_figure(result: Any) -> Figure | None:
     if not blocks:
         return None
     rows, columns = style.grid_shape(len(blocks))
-    size = 0.8 + CELL * max(len(labels) for _, labels in blocks)
+    room = max(len(_symbol(result, label, not owner)) for owner, own in blocks for label in own)
+    size = max(0.8, LETTER * room) + CELL * max(len(labels) for _, labels in blocks)
     figure = style.new_figure(size * columns, (size + LEGEND_ROW) * rows)
     grid = figure.subplots(rows, columns, squeeze=False)
     place = {label: k for k, label in enumerate(result.covariance_names)}
@@ -109,8 +111,10 @@ def _blocks(result: Any) -> list[tuple[str, list[str]]]:
 
 
 def _symbol(result: Any, label: str, with_owner: bool) -> str:
-    name = label if with_owner else label.partition("[")[0]
-    return symbols.math(name, _model(result, label), unit=False)
+    name, _, owner = label.partition("[")
+    symbol = symbols.math(name, _model(result, label), unit=False)
+    own = style.shortened(owner.removesuffix("]"))
+    return f"{symbol}, {style.plain(own)}" if with_owner and owner else symbol
 
 
 def _join(upper: Axes, lower: Axes, fit: Any, column: int) -> None:

@@ -35,8 +35,10 @@ def plot_profile(profile, estimate=None, ax: Axes | None = None, model: Any = No
     look: dict[str, Any] = {"color": style.VERMILION, "linestyle": "--", "linewidth": 1}
     ax.axhline(profile.threshold, label="threshold of the interval", **look)
     _ends(ax, profile)
+    name, _, owner = profile.parameter.partition("[")
+    ax.set_title(style.plain(owner.removesuffix("]")), fontsize="medium")
     ax.set(
-        xlabel=symbols.math(profile.parameter, model),
+        xlabel=symbols.math(name, model),
         ylabel=r"$\Delta\chi^2$",
         ylim=(0, TOP * profile.threshold),
     )

@@ -1,7 +1,7 @@
 """`report.md`: what was fitted to what, how well it is known, and what to doubt."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from calibration.fitting.assembly import label_of_law
@@ -22,6 +22,7 @@ def markdown_report(
     pictures: Mapping[str, str] | None = None,
     command: str = "",
     printed: rows.Printed | None = None,
+    more: Sequence[Sequence[str]] = (),
 ) -> str:
     """The report as Markdown text.
 
@@ -30,6 +31,7 @@ def markdown_report(
         pictures: {caption: file beside the report}.
         command: how the fit was asked for.
         printed: published values to stand beside the fitted ones.
+        more: further blocks of lines, before the doubts.
     """
     blocks = [
         ["# Coefficients of restitution, fitted"],
@@ -45,6 +47,7 @@ def markdown_report(
         _listed("", rows.quality_words(result)),
         *([line] for line in _pictures(pictures)),
         *_unloading_line(result),
+        *more,
         ["## Doubts"],
         _doubts(result),
         ["## How it was computed"],

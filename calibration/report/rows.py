@@ -64,6 +64,13 @@ def parameter_table(result: Any, printed: Printed | None = None) -> Table:
         for tree in fit.trees:
             told = f"{tree.size} numbers, told by the band of the curve"
             table.rows.append(["", tree.name, told, *[""] * (len(header) - 3)])
+    for name, estimate in result.pooled.items():
+        base = name.removesuffix("_spread")
+        symbol = symbols.text(base, result.materials[0].model)
+        row = ["all together", f"spread of {symbol}" if base != name else symbol]
+        row += [estimate_text(estimate)]
+        row += [interval_text(estimate), estimate.method] * with_intervals
+        table.rows.append([*row, *[""] * (len(header) - len(row))])
     return table
 
 
@@ -115,7 +122,9 @@ def _of_parameter(parameter: Parameter) -> str:
         parts.append("prior {:.4g} ± {:.4g}".format(*parameter.prior))
     if parameter.bounds is not None:
         parts.append("between {:.4g} and {:.4g}".format(*parameter.bounds))
-    if parameter.shared:
+    if parameter.pooled:
+        parts.append("around a common mean, with a spread (of ln θ where θ is positive)")
+    elif parameter.shared:
         group = "all" if parameter.shared is True else f"the group {parameter.shared}"
         parts.append(f"one value for {group}")
     return ", ".join(parts)

@@ -2,7 +2,6 @@
 
 from typing import Any, NamedTuple
 
-from calibration.errors import printable
 from calibration.fitting.known_laws import LAWS
 from calibration.fitting.law_model import CONTACT_LEAVES, OF_CONTACT
 
@@ -88,11 +87,7 @@ def text(name: str, model: Any = None) -> str:
     return one.text + (f" [{one.unit}]" if one.unit else "")
 
 
-def math(label: str, model: Any = None, unit: bool = True) -> str:
-    """The same for matplotlib; of `chi[nylon]` the data set's name behind a comma."""
-    name, _, owner = label.partition("[")
+def math(name: str, model: Any = None, unit: bool = True) -> str:
+    """The same for matplotlib."""
     one = symbol(name, model)
-    # between dollars are formulas
-    shown = printable(owner.removesuffix("]")).replace("$", r"\$")
-    name = f"{one.math}, {shown}" if owner else one.math
-    return name + (f" [{one.unit}]" if unit and one.unit else "")
+    return one.math + (f" [{one.unit}]" if unit and one.unit else "")

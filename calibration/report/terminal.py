@@ -9,6 +9,8 @@ from calibration.report.tables import aligned
 from calibration.rounding import number
 from calibration.terminal import width
 
+MOST_SEARCHES = 12  # that are told one by one
+
 
 def terminal_report(result: Any, printed: rows.Printed | None = None, intro: str = "") -> str:
     """Tables of a fit: parameters, how closely it follows, Eq. (18), times, doubts.
@@ -26,7 +28,7 @@ def terminal_report(result: Any, printed: rows.Printed | None = None, intro: str
         _laid_out(rows.quality_table(result)),
         _explained(rows.quality_words(result)),
         _line(result),
-        _laid_out(rows.optimiser_table(result)),
+        _searches(result),
         _beside(result),
         doubts(result),
     ]
@@ -59,6 +61,16 @@ def _intervals(result: Any) -> list[str]:
 
 def _laid_out(table: rows.Table) -> list[str]:
     return aligned(table.header, table.rows, table.right) if table.rows else []
+
+
+def _searches(result: Any) -> list[str]:
+    """What each search took; of very many the sums."""
+    stages = result.optimiser_report
+    if len(stages) <= MOST_SEARCHES:
+        return _laid_out(rows.optimiser_table(result))
+    seconds = sum(result.times.get(stage.label, 0.0) for stage in stages)
+    evaluations = sum(stage.evaluations for stage in stages)
+    return [f"{len(stages)} searches, {evaluations} evaluations, {number(seconds, 2)} s"]
 
 
 def _line(result: Any) -> list[str]:

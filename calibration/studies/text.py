@@ -1,6 +1,6 @@
 """Studies told: tables for the terminal, and sensitivities over velocity as CSV."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
@@ -17,6 +17,16 @@ def local_table(found: Sensitivities) -> str:
         for name, one in found.declared.items()
     )
     return _table("θ ∂ε/∂θ at v [m/s]", found.velocity, lines, 11)
+
+
+def limits_table(found: Sensitivities, limits: Mapping[str, tuple], confidence: float) -> str:
+    """Central limits of θ ∂ε/∂θ over draws of a posterior, an input a line."""
+    lines = (
+        (one.symbol, [f"{a + 0.0:.4f} … {b + 0.0:.4f}" for a, b in zip(*limits[name], strict=True)])
+        for name, one in found.declared.items()
+    )
+    head = f"{100 * confidence:g} % of draws at v [m/s]"
+    return _table(head, found.velocity, lines, 20)
 
 
 def sobol_table(found: SobolIndices) -> str:

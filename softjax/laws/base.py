@@ -124,10 +124,12 @@ class RateIndependentLaw(ForceLaw):
     Optional, and honoured by both routes: `breakpoints`, `elastic_overlap`, `residual_overlap`.
 
     `jumps_at_yield` says whether ε jumps where an impact leaves the elastic stage. A search that
-    moves what yield depends on then holds every impact on its branch during a step.
+    moves what yield depends on then holds every impact on its branch during a step. `never_yields`
+    says that every impact is elastic.
     """
 
     jumps_at_yield: ClassVar[bool] = False
+    never_yields: ClassVar[bool] = False
 
     def __check_init__(self):
         forces = ("loading_force", "unloading_force")

@@ -35,6 +35,8 @@ class Hertz(RateIndependentLaw):
         ValueError: naming the field, its value and what is accepted.
     """
 
+    never_yields = True
+
     contact: Contact
 
     def reduced(self) -> "ReducedHertz":

@@ -9,6 +9,7 @@ In the units of first yield, x = δ/δ_y and forces in k δ_y^{3/2}, nothing is 
 from dataclasses import replace
 from typing import Literal
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
@@ -97,19 +98,24 @@ def thornton_restitution(
         The coefficient of restitution [-], of the broadcast shape; gradient 0 for v <= V_y.
 
     Raises:
-        ValueError: naming the argument, its value and what is accepted.
+        ValueError: naming the argument, its value and what is accepted. Under `jit` nothing is
+            raised: there 0 with gradient 0 tells of arguments that are none.
     """
     law = Thornton(contact, yield_factor, area)  # its checks are those of the arguments
     velocity = as_real(velocity)
     check("velocity", velocity, lambda v: v >= 0, "a finite impact velocity in m/s, zero or more")
     check_broadcast(numbers_of(law) | {"velocity": velocity})
-    scale = law.scales().velocity
     velocity = jnp.asarray(velocity)
-    yields = velocity > scale
+    sound = law.is_valid()
+    valid = sound & jnp.isfinite(velocity) & (velocity >= 0)
+    # harmless numbers where the answer is not used
+    scale = jax.tree.map(lambda leaf: jnp.where(sound, leaf, 1.0), law).scales().velocity
+    yields = valid & (velocity > scale)
     r = jnp.where(yields, scale / jnp.where(yields, velocity, 2.0 * scale), 1.0)
     root = jnp.sqrt(1.2 - 0.2 * r * r)
     # √(6√3/5) √(1 - r²/6) = 3^{1/4} √(6/5 - r²/5)
-    return jnp.where(yields, root * (3 * r / (r + 2 * root)) ** 0.25, 1.0)
+    yielded = root * (3 * r / (r + 2 * root)) ** 0.25
+    return jnp.where(valid, jnp.where(yields, yielded, 1.0), 0.0)
 
 
 def _yielding_contact(contact: Contact, yield_factor, area: Area) -> Contact:
