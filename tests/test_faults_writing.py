@@ -177,7 +177,7 @@ def test_an_umlaut_where_there_is_only_ascii_and_a_path_that_is_no_text(tmp_path
     plain = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
     out = b"st\xfc/ergebnis_\xc3\xbc"
     done = subprocess.run(
-        [sys.executable, "-m", "calibration", "fit", b"h\xc3\xa4rte.toml", "--out", out],
+        [sys.executable, "-m", "calibration", "--no-cache", "fit", b"h\xc3\xa4rte.toml", "--out", out],
         capture_output=True,
         env=os.environ | plain | {"PYTHONPATH": os.getcwd()},
         cwd=tmp_path,
