@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 
+import jax
 import pytest
 
 import calibration as cal
@@ -21,13 +22,16 @@ from tests.slow_command import COMMAND
 
 @contextlib.contextmanager
 def files_of_at_most(size):
-    """No file grows beyond so many bytes, as on a full disk."""
+    """No file grows beyond so many bytes, as on a full disk; JAX's cache is left alone."""
+    before = jax.config.jax_persistent_cache_min_compile_time_secs
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 1e9)
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
     try:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", before)
 
 
 @pytest.fixture(scope="module")
@@ -177,7 +181,16 @@ def test_an_umlaut_where_there_is_only_ascii_and_a_path_that_is_no_text(tmp_path
     plain = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
     out = b"st\xfc/ergebnis_\xc3\xbc"
     done = subprocess.run(
-        [sys.executable, "-m", "calibration", "--no-cache", "fit", b"h\xc3\xa4rte.toml", "--out", out],
+        [
+            sys.executable,
+            "-m",
+            "calibration",
+            "--no-cache",
+            "fit",
+            b"h\xc3\xa4rte.toml",
+            "--out",
+            out,
+        ],
         capture_output=True,
         env=os.environ | plain | {"PYTHONPATH": os.getcwd()},
         cwd=tmp_path,
