@@ -10,7 +10,7 @@ from tests.test_imports import has_no_cycle, imported, loaded_after, modules, pa
 FLOORS = [
     {"errors", "rounding", "choices", "progress", "atomic", "cache", "signals", "terminal"},
     {"parameters", "data"},
-    {"problem_file", "fitting", "posterior"},
+    {"problem_file", "fitting"},
     {"report", "coverage"},
     {"curve", "studies"},
     {"plots"},
@@ -43,10 +43,8 @@ def test_imports_go_downwards():
 
 
 def test_no_import_goes_in_a_circle():
-    """Of packages `posterior` is one with `fitting`: a result samples, from parts of a fit."""
     assert has_no_cycle(edges())
-    package = lambda name: part(name).replace("posterior", "fitting")  # noqa: E731
-    assert has_no_cycle((package(name), package(target)) for name, target in edges())
+    assert has_no_cycle((part(name), part(target)) for name, target in edges())
 
 
 def test_no_module_takes_a_name_from_the_package_it_is_in():
