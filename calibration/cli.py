@@ -43,6 +43,16 @@ class Parser(argparse.ArgumentParser):
         print(self.format_help(), end="", file=file or sys.stdout)  # argparse's own hides failures
 
 
+class Version(argparse.Action):
+    """Looks the version up when it is asked for: it is in a file of the installed distribution."""
+
+    def __call__(self, parser, *_):
+        from importlib.metadata import version
+
+        print(f"softjax-contact {version('softjax-contact')}")
+        parser.exit(DONE)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command line; returns the exit code."""
     begun = time.time() - 1.0  # a file system's clock may be coarse
@@ -156,6 +166,7 @@ def _top_parser() -> Parser:
     )
     parser.add_argument("command", metavar="COMMAND", help=argparse.SUPPRESS)
     parser.add_argument("rest", nargs=argparse.REMAINDER, help=argparse.SUPPRESS)
+    parser.add_argument("--version", action=Version, nargs=0, help="print the version")
     common_options(parser)
     return parser
 
