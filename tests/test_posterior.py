@@ -119,3 +119,10 @@ def test_what_was_no_likelihood_has_no_posterior():
     robust = cal.fit(level(), sj.ConstantRestitution, loss="huber", profiles=False)
     with pytest.raises(ValueError, match="`loss` must be squared for a posterior, but is huber"):
         robust.posterior()
+
+
+def test_nothing_unknown_has_no_posterior():
+    fixed = {"restitution": 0.9}
+    stated = cal.fit(level(uncertainty=0.05), sj.ConstantRestitution, fixed, profiles=False)
+    with pytest.raises(ValueError, match="`parameters` must be one that is free, or noise"):
+        stated.posterior()

@@ -56,6 +56,7 @@ def test_slopes_are_those_of_differences():
     problem = cal.problem(decaying(), Decay, prior)
     names = (*problem.names, "noise")
 
+    @jax.jit
     def density(x):
         theta = dict(zip(names, x, strict=True))
         return problem.log_likelihood(theta) + problem.log_prior(theta)
@@ -170,6 +171,7 @@ def test_simulated_measurements_take_the_place_of_the_measured_ones():
     assert float(problem.log_likelihood(ABOUT, other)) == pytest.approx(expected, rel=1e-12)
 
 
+@pytest.mark.long
 def test_several_laws_side_by_side_and_time_integration():
     """Reverse mode through the ODE of a viscoelastic contact; two data sets that share A."""
     sets = []

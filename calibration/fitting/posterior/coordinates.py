@@ -32,6 +32,7 @@ from calibration.fitting.transform import LOG, Transform
 
 MOST = 3.0  # standard deviations of the prior that a chain starts from its centre at most
 CENTRED = 2.0  # spread over the error of a member, from which on members are sampled themselves
+SHOWS = 5.0  # errors of a loss, from which on it is no question whether there is one
 UNSEEN = -30.0  # q below which ln(1 + e^q) is e^q
 
 
@@ -52,6 +53,10 @@ class Straight:
 
     valleys: "Valleys"
     pools: tuple[Around, ...] = ()
+
+    def has_corners(self, centre: Float[np.ndarray, "p"]) -> bool:
+        """Whether a loss may be none, or a spread: there the density turns from steep to level."""
+        return bool(self.pools) or bool(np.any(centre[self.valleys.sigma] < SHOWS))
 
     def z(self, q: Any, loss: Any) -> tuple[Any, Any]:
         """With ln |∂z/∂q|; in JAX."""

@@ -15,7 +15,7 @@ from calibration.fitting.posterior.coordinates import Scaling
 from calibration.fitting.posterior.density import Density, density_of
 from calibration.fitting.posterior.extra import needed
 from calibration.fitting.posterior.inference_data import inference_data
-from calibration.fitting.posterior.nuts import Progress, Sampler
+from calibration.fitting.posterior.nuts import SHARP, SMOOTH, Progress, Sampler
 from calibration.fitting.request import Request
 from calibration.fitting.traceable import traceable
 
@@ -36,10 +36,15 @@ def sampled(
     _check(draws, chains, seed, warmup)
     check_possible(request.objective, request.options.loss)
     with jax.enable_x64(True):
-        density, scaling = density_of(traceable(request), fits)
+        problem = traceable(request)
+        if not (problem.names or problem.noises):
+            accepted = "one that is free, or noise that is not stated, for a posterior"
+            raise DataError("parameters", "none free", accepted)
+        density, scaling = density_of(problem, fits)
         measured = np.concatenate([one.data.restitution for one in density.problem.sets])
         arrays = (Scaling(*map(jnp.asarray, scaling)), jnp.asarray(measured))
-        sampler = Sampler(density.log_density)
+        sharp = density.straight.has_corners(scaling.centre)
+        sampler = Sampler(density.log_density, SHARP if sharp else SMOOTH)
         starts = _starts(len(density.labels), chains, seed)
         found = sampler.run(starts, arrays, draws, warmup, seed, progress)
         return inference_data(density, scaling, found, seed, _told(density, seed, warmup))

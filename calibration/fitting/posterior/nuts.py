@@ -10,6 +10,7 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from threading import Lock
 from typing import Any, NamedTuple
 
 import jax
@@ -20,7 +21,7 @@ from jaxtyping import Float, Int
 from calibration.fitting.posterior.extra import needed
 
 BLOCK = 100  # steps of one call: what the progress bar counts
-ACCEPTANCE = 0.95  # that the step size is adapted to
+SMOOTH, SHARP = 0.8, 0.95  # acceptance that step sizes are adapted to, of a density with corners
 STEP = 0.5  # where it starts: what is sampled is nearly standard normal
 KEEP, FAST, SLOW, WINDOW_END, LAST = range(5)  # what is adapted after a step
 STATISTICS = ("lp", "diverging", "energy", "acceptance_rate", "n_steps", "tree_depth", "step_size")
@@ -47,9 +48,11 @@ class Sampler:
 
     Attributes:
         log_density: (u, *arrays) -> ln p.
+        acceptance: that step sizes are adapted to.
     """
 
     log_density: Callable[..., Any]
+    acceptance: float = SHARP
     _compiled: Any = field(default=None, repr=False)
 
     def run(
@@ -65,12 +68,13 @@ class Sampler:
         stages = _stages(warmup, draws)
         keys = jax.random.split(jax.random.key(seed), len(starts))
         self._prepare(starts[0], arrays)
-        total, done = len(starts) * len(stages) // BLOCK, []
+        total, done, lock = len(starts) * len(stages) // BLOCK, [], Lock()
 
         def told() -> None:
-            done.append(1)
-            if progress is not None:
-                progress("draws", len(done), total)
+            with lock:
+                done.append(1)
+                if progress is not None:
+                    progress("draws", len(done), total)
 
         def chain(k: int) -> Chain:
             with jax.enable_x64(True):  # a thread has settings of its own
@@ -85,7 +89,7 @@ class Sampler:
             first = jax.jit(jax.value_and_grad(self.log_density))
             carry = _begun(first, start, arrays)
             stages = np.zeros(BLOCK, int)
-            step = jax.jit(lambda *some: _block(self.log_density, *some))
+            step = jax.jit(lambda *some: _block(self.log_density, self.acceptance, *some))
             lowered = step.lower(carry, jax.random.key(0), stages, tuple(arrays))
             self._compiled = first, lowered.compile()
 
@@ -118,11 +122,11 @@ def _stages(warmup: int, draws: int) -> Int[np.ndarray, "steps"]:
     return np.concatenate([np.full(filled, FAST), adapted, np.full(draws, KEEP)])
 
 
-def _adaptation():
+def _adaptation(acceptance: float = SHARP):
     """blackjax's dual averaging of the step size and Welford's dense covariance."""
     step_size = needed("blackjax.adaptation.step_size")
     metric = needed("blackjax.adaptation.mass_matrix")
-    return step_size.dual_averaging_adaptation(ACCEPTANCE), metric.mass_matrix_adaptation(False)
+    return step_size.dual_averaging_adaptation(acceptance), metric.mass_matrix_adaptation(False)
 
 
 def _begun(first, start, arrays) -> _Carry:
@@ -133,7 +137,7 @@ def _begun(first, start, arrays) -> _Carry:
     return _Carry(state, begin_step(STEP), begin_metric(len(start)), jnp.asarray(STEP))
 
 
-def _block(log_density, carry: _Carry, key, stages, arrays):
+def _block(log_density, target: float, carry: _Carry, key, stages, arrays):
     """Some steps of a chain."""
     kernel = needed("blackjax.mcmc.nuts").build_kernel()
     density = lambda u: log_density(u, *arrays)  # noqa: E731
@@ -151,14 +155,15 @@ def _block(log_density, carry: _Carry, key, stages, arrays):
             info.num_trajectory_expansions,
             carry.step_size,
         )
-        adapted = _adapted(carry._replace(state=state), info.acceptance_rate, stage)
+        moved = carry._replace(state=state)
+        adapted = _adapted(moved, target, info.acceptance_rate, stage)
         return adapted, (state.position, *statistics)
 
     return jax.lax.scan(one, carry, (jax.random.split(key, len(stages)), stages))
 
 
-def _adapted(carry: _Carry, acceptance, stage) -> _Carry:
-    (begin, average, averaged), (_, seen, covariance) = _adaptation()
+def _adapted(carry: _Carry, target: float, acceptance, stage) -> _Carry:
+    (begin, average, averaged), (_, seen, covariance) = _adaptation(target)
 
     def keep() -> _Carry:
         return carry
