@@ -7,6 +7,7 @@ from html.parser import HTMLParser
 import pytest
 
 from calibration.report import html_report
+from calibration.report.tables import escaped, markdown
 
 PNG = base64.b64decode(
     "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJRU5ErkJggg=="
@@ -44,6 +45,25 @@ class Tags(HTMLParser):
 
     def named(self, name):
         return [attrs for tag, attrs in self.tags if tag == name]
+
+
+NAMES = (
+    "<script>alert(1)</script>",
+    "![x](http://example.org/x.png)",
+    "a|b",
+    "`x` *y* _z_ \\ &amp;",
+)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_names_are_shown_as_they_are(name, folder):
+    """As the report writes them into its text and into its tables."""
+    text = "\n".join(
+        ["# A", f"## {escaped(name)}", "", f"- **{escaped(name)}**", "", *markdown(["a"], [[name]])]
+    )
+    page = Tags(html_report(text + "\n", folder))
+    assert page.words.count(name) == 3
+    assert page.named("script") == page.named("img") == page.named("code") == []
 
 
 @pytest.fixture

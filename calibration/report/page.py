@@ -1,6 +1,7 @@
 """`report.html`: the words of `report.md` as one file that any browser opens and prints."""
 
 import base64
+import html
 from pathlib import Path
 
 FRAME = """<!doctype html>
@@ -49,6 +50,9 @@ def html_report(text: str, folder: Path) -> str:
 
     class Renderer(mistune.HTMLRenderer):
         """A picture with its caption stands by itself; a table may be wider than the page."""
+
+        def text(self, text: str) -> str:
+            return html.escape(html.unescape(text))  # names come as entities
 
         def image(self, text: str, url: str, title: str | None = None) -> str:
             if url not in pictures:
