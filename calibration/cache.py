@@ -9,15 +9,20 @@ import importlib.metadata
 import os
 import platform
 import sys
+import warnings
+from contextlib import suppress
 from pathlib import Path
 
 NAME = "softjax"
 LARGEST = 256 * 1024**2  # bytes; beyond, what was used longest ago goes
 PACKAGES = ("softjax-contact", "jax", "jaxlib", "diffrax", "equinox")
 
+_kept: Path | None = None  # the folder, while compilations are kept
+
 
 def keep_compilations() -> Path | None:
     """Let JAX keep what it compiles; where, or None where the user has said so already or nothing can be written."""
+    global _kept
     if os.environ.get("JAX_COMPILATION_CACHE_DIR"):
         return None
     folder = cache_folder()
@@ -28,6 +33,7 @@ def keep_compilations() -> Path | None:
     if not os.access(folder, os.W_OK):
         return None
     _make_room(folder.parent)
+    warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache")
     # diffrax's checks call back from compiled code, and JAX keeps no program that does. They are of
     # arguments that no route here has; told by NaN they need no call.
     if "equinox" not in sys.modules:
@@ -37,7 +43,16 @@ def keep_compilations() -> Path | None:
     jax.config.update("jax_compilation_cache_dir", str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+    _kept = folder
     return folder
+
+
+def forget_since(moment: float) -> None:
+    """Remove what was kept since then [s]: it may be cut short, and JAX would not write it again."""
+    with suppress(OSError):
+        for file in () if _kept is None else _kept.iterdir():
+            if file.stat().st_mtime >= moment:
+                file.unlink(missing_ok=True)
 
 
 def cache_folder() -> Path:

@@ -11,13 +11,15 @@ Nothing heavy is imported before a subcommand runs, so that `softjax --help` ans
 
 import argparse
 import importlib
+import logging
 import sys
+import time
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
 from calibration import atomic, progress, signals, terminal
-from calibration.cache import keep_compilations
+from calibration.cache import forget_since, keep_compilations
 from calibration.commands import COMMANDS
 from calibration.errors import DataError, InputError, NotWritten, did_you_mean, listed, printable
 
@@ -41,8 +43,19 @@ class Parser(argparse.ArgumentParser):
         print(self.format_help(), end="", file=file or sys.stdout)  # argparse's own hides failures
 
 
+class Version(argparse.Action):
+    """Looks the version up when it is asked for: it is in a file of the installed distribution."""
+
+    def __call__(self, parser, *_):
+        from importlib.metadata import version
+
+        print(f"softjax-contact {version('softjax-contact')}")
+        parser.exit(DONE)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command line; returns the exit code."""
+    begun = time.time() - 1.0  # a file system's clock may be coarse
     terminal.prepare()
     atomic.written.clear()
     try:
@@ -51,17 +64,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (InputError, DataError) as error:
         return _tell(str(error), UNUSABLE)
     except KeyboardInterrupt as stop:
+        forget_since(time.time() - 2.0)  # what was just being kept
         return _tell(f"softjax: {_left_behind()}", getattr(stop, "code", INTERRUPTED))
     except BrokenPipeError:  # `softjax fit | head`
         terminal.silence(sys.stdout)
         return DONE
     except OSError as error:
         terminal.silence(sys.stdout)
-        told = str(error)
-        if not isinstance(error, NotWritten):
-            where = "standard output" if error.filename is None else repr(error.filename)
-            told = f"{where} could not be written to ({error.strerror or error})"
-        return _tell(f"softjax: {told}", NOT_WRITTEN)
+        if isinstance(error, NotWritten):
+            forget_since(begun)
+        return _tell(f"softjax: {_not_written(error)}", NOT_WRITTEN)
     finally:
         progress.erase_sign()
 
@@ -71,12 +83,20 @@ def _run(argv: Sequence[str]) -> int:
         name, arguments = _parse(argv)
         progress.first_sign(f"softjax {name}: loading", arguments.quiet)
         atomic.sweep(arguments.out)
+        logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)  # of its own cache
         if arguments.cache:
             keep_compilations()
         return _command(name).run(arguments)
     finally:
         if sys.stdout is not None:  # what a buffer holds is not told yet
             sys.stdout.flush()
+
+
+def _not_written(error: OSError) -> str:
+    if isinstance(error, NotWritten):
+        return str(error)
+    where = "standard output" if error.filename is None else repr(error.filename)
+    return f"{where} could not be written to ({error.strerror or error})"
 
 
 def _left_behind() -> str:
@@ -146,6 +166,7 @@ def _top_parser() -> Parser:
     )
     parser.add_argument("command", metavar="COMMAND", help=argparse.SUPPRESS)
     parser.add_argument("rest", nargs=argparse.REMAINDER, help=argparse.SUPPRESS)
+    parser.add_argument("--version", action=Version, nargs=0, help="print the version")
     common_options(parser)
     return parser
 

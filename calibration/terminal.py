@@ -15,7 +15,7 @@ LETTERS = """
 α alpha β beta γ gamma δ delta ε eps ζ zeta η eta θ theta ϑ theta κ kappa λ lambda µ u μ mu ν nu
 ξ xi π pi ρ rho σ sigma τ tau φ phi χ chi ψ psi ω omega Γ Gamma Δ Delta Σ Sum Ω Omega ℓ l
 ⁰ ^0 ¹ ^1 ² ^2 ³ ^3 ⁴ ^4 ⁵ ^5 ⁶ ^6 ⁷ ^7 ⁸ ^8 ⁹ ^9 ⁺ ^+ ⁻ ^- ᵀ ^T ± +/- √ sqrt ∂ d ∫ int ∞ inf
-∝ ~ ≈ ~ ≤ <= ≥ >= → -> ← <- × x · * ⋅ * − - – - — - … ... ′ ' ° deg ½ 1/2 ─ - │ | ├ | └ |
+∕ / ∝ ~ ≈ ~ ≤ <= ≥ >= → -> ← <- × x · * ⋅ * − - – - — - … ... ′ ' ° deg ½ 1/2 ─ - │ | ├ | └ |
 """
 PLAIN = dict(zip(LETTERS.split()[::2], LETTERS.split()[1::2], strict=True))
 PLAIN["\N{COMBINING TILDE}"] = ""  # of χ̃: there is no other chi

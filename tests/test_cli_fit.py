@@ -49,7 +49,7 @@ def test_the_main_job_is_done_without_a_bar_in_a_pipe(main_job):
     assert code == 0
     assert err == ""
     assert out.startswith("These data are a published fit of measurements, not measurements")
-    files = {"fit.json", "report.md", "curves.png", "correlation.png"}
+    files = {"fit.json", "report.md", "report.html", "curves.png", "correlation.png"}
     assert {path.name for path in directory.iterdir()} == files
     assert size_of(directory / "curves.png")[0] > 1500
 
@@ -106,6 +106,9 @@ def test_the_report_names_the_pictures_that_are_there(main_job):
         assert (f"]({picture})" in report) == (directory / picture).exists()
     assert "published fit of measurements" in report
     assert "- σ: size of the losses to sound and heat" in report
+    page = (directory / "report.html").read_text(encoding="utf-8")
+    assert page.count("data:image/png;base64,") == report.count(".png)")
+    assert "published fit of measurements" in page
 
 
 def test_an_own_file_gives_the_same_as_its_data_in_python(tmp_path):
@@ -117,7 +120,14 @@ def test_an_own_file_gives_the_same_as_its_data_in_python(tmp_path):
     assert (result.settings["objective"], result.settings["seed"]) == ("model", 3)
     assert result == cal.fit(noisy(), starts=2, seed=3)
     names = {path.name for path in out.iterdir()}
-    assert names == {"fit.json", "curves.png", "report.md", "profiles.png", "correlation.png"}
+    assert names == {
+        "fit.json",
+        "curves.png",
+        "report.md",
+        "report.html",
+        "profiles.png",
+        "correlation.png",
+    }
     report = (out / "report.md").read_text(encoding="utf-8")
     assert f"`softjax fit {file} --seed 3 --out {out}`" in report
 
@@ -148,7 +158,7 @@ def test_another_law_has_its_parameters_by_name_and_no_eq_17(tmp_path):
     assert "A [s]" in told
     assert "Eq. (17)" not in told
     names = {path.name for path in (tmp_path / "out").iterdir()}
-    assert names == {"fit.json", "curves.png", "report.md", "profiles.png"}
+    assert names == {"fit.json", "curves.png", "report.md", "report.html", "profiles.png"}
 
 
 @pytest.mark.parametrize("uncertainty", [0.01, None])

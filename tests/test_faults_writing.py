@@ -7,11 +7,13 @@ import os
 import resource
 import subprocess
 import sys
+import time
 
+import jax
 import pytest
 
 import calibration as cal
-from calibration import cli
+from calibration import cache, cli
 from calibration.atomic import check_writable
 from calibration.errors import InputError, NotWritten
 from tests.command import run, write_alloy
@@ -20,13 +22,16 @@ from tests.slow_command import COMMAND
 
 @contextlib.contextmanager
 def files_of_at_most(size):
-    """No file grows beyond so many bytes, as on a full disk."""
+    """No file grows beyond so many bytes, as on a full disk; JAX's cache is left alone."""
+    before = jax.config.jax_persistent_cache_min_compile_time_secs
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 1e9)
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
     try:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", before)
 
 
 @pytest.fixture(scope="module")
@@ -89,6 +94,16 @@ def test_an_impossible_place(name, tmp_path, monkeypatch, capsys):
     assert (code, told) == (3, "")
     assert error.endswith(f"could not be written to ({reason})\n")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_compilations_that_may_be_cut_short_are_not_kept(tmp_path, monkeypatch):
+    """JAX takes up no cut entry, and writes none that is there: it would be compiled for ever."""
+    monkeypatch.setattr(cache, "_kept", tmp_path)
+    for name, age in (("old", 60.0), ("new", 0.0)):
+        (tmp_path / name).write_text("")
+        os.utime(tmp_path / name, times=(time.time() - age,) * 2)
+    cache.forget_since(time.time() - 2.0)
+    assert [path.name for path in tmp_path.iterdir()] == ["old"]
 
 
 def test_a_link_to_nothing_is_called_one(tmp_path):
@@ -166,7 +181,16 @@ def test_an_umlaut_where_there_is_only_ascii_and_a_path_that_is_no_text(tmp_path
     plain = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
     out = b"st\xfc/ergebnis_\xc3\xbc"
     done = subprocess.run(
-        [sys.executable, "-m", "calibration", "fit", b"h\xc3\xa4rte.toml", "--out", out],
+        [
+            sys.executable,
+            "-m",
+            "calibration",
+            "--no-cache",
+            "fit",
+            b"h\xc3\xa4rte.toml",
+            "--out",
+            out,
+        ],
         capture_output=True,
         env=os.environ | plain | {"PYTHONPATH": os.getcwd()},
         cwd=tmp_path,

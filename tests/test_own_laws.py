@@ -85,7 +85,8 @@ def test_a_plateau_up_to_a_million(route):
     peak = 1 + 0.4 * (RATIOS[1:] ** 2 - 1)
     assert np.allclose(result.peak_overlap[1:], 1e-6 * peak, rtol=1e-9, atol=0)
     assert np.allclose(result.residual_overlap[1:], 1e-6 * (peak - 0.5), rtol=1e-9, atol=0)
-    assert np.allclose(result.coefficient[1:] ** 2, 0.625 / RATIOS[1:] ** 2, rtol=1e-8, atol=0)
+    # a law of overlaps alone knows x_m - x of a nearly plastic impact to the rounding of x_m
+    assert np.allclose(result.coefficient[1:] ** 2, 0.625 / RATIOS[1:] ** 2, rtol=1e-8, atol=1e-15)
     assert list(result.status) == [1, 0, 0, 0, 0]
     assert result.coefficient[0] == 1
 
@@ -104,7 +105,7 @@ class Stages(sj.ReducedRateIndependent):
         return jnp.where(x > 1.9, line, jnp.where(x > 0, x, 1.0) ** 1.5 * (x > 0))
 
     def unloading(self, x, peak):
-        steep = 5.0 + 4.0 * jnp.maximum(1.9 - x, 0)
+        steep = 30.0 + 4.0 * jnp.maximum(1.9 - x, 0)
         return self.loading(peak) - steep * (peak - x)
 
     def breakpoints(self):
@@ -201,7 +202,9 @@ def test_slopes_of_forces_at_zero_overlap(law):
 
 def test_slope_of_a_force_in_a_history():
     """Against differences; it was NaN."""
-    force = jax.jit(lambda q: sj.collide(sj.Thornton(STEEL, q), 1.0, samples=9).force[5] ** 2)
+    route = sj.ODE(rtol=1e-12)
+    squared = lambda q: sj.collide(sj.Thornton(STEEL, q), 1.0, 9, route).force[5] ** 2  # noqa: E731
+    force = jax.jit(squared)
     step = 1e-5
     exact = (force(1.3 + step) - force(1.3 - step)) / (2 * step)
     assert np.isclose(jax.grad(force)(1.3), exact, rtol=1e-6)

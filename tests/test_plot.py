@@ -303,6 +303,17 @@ def test_an_open_end_of_a_profile_is_told_and_decades_are_logarithmic():
     assert ax.get_xscale() == "log"
 
 
+def test_a_profile_that_never_leaves_a_bound_has_no_panel(own):
+    """ε_up at 1, say: σ runs on, and ε_up stays."""
+    (label, moves), *_ = own.profiles.items()
+    stays = replace(moves, parameter="k", values=(1.0,) * len(moves.values))
+    assert plots.profiles_figure(replace(own, profiles={"k": stays})) is None
+    figure = plots.profiles_figure(replace(own, profiles={"k": stays, label: moves}))
+    assert len(figure.axes) == 1
+    twice = replace(moves, values=moves.values[:1] + moves.values[:-1])
+    assert plots.profiles_figure(replace(own, profiles={label: twice})) is not None
+
+
 def test_no_profiles_no_picture(paper):
     assert plots.profiles_figure(paper) is None
 

@@ -110,8 +110,8 @@ def test_slopes_in_the_heights_of_a_table():
     slopes = jax.grad(lambda law: (sj.restitution(law, VELOCITY).coefficient ** 2).sum())(TABLE)
     width = np.diff(KNOTS)
     exact = 2 * len(VELOCITY) * 0.5 * (np.append(0.0, width) + np.append(width, 0.0))
-    # the end stands for the peak force as well, which both branches share
-    assert np.allclose(slopes.heights[1:3], exact[1:3], rtol=0, atol=1e-3)
+    # the kinks are not declared: what a quadrature across them leaves over
+    assert np.allclose(slopes.heights, exact, rtol=0, atol=1e-2)
     assert slopes.stiffness == pytest.approx(0.0, abs=1e-12)
 
 

@@ -17,4 +17,5 @@ COMMANDS = {
     "compare": "fit every contact law and see which one a data set prefers",
     "export": "hand a law over to LAMMPS, LIGGGHTS, YADE or one's own code, with its error told",
     "speed": "measure speed against error on this machine",
+    "doctor": "versions, devices and a self-check, for reports of faults",
 }

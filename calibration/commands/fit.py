@@ -3,7 +3,8 @@
 Without a file it fits χ̃, σ and ψ of the three materials of Zhou, Theor. Appl. Mech. Lett. 3, 021003
 (2013), by the paper's own procedure, to a published fit of measurements that comes with the program.
 With one it fits your own: Zhou's law, or another (`--law`). Written are fit.json, curves.png,
-report.md and, where there is something to show, profiles.png and correlation.png.
+report.md, report.html (the same as one page, pictures inside) and, where there is something to show,
+profiles.png and correlation.png.
 """
 
 import argparse
@@ -28,7 +29,7 @@ PICTURES = {
     "correlation.png": "Correlations of the fitted parameters",
     "posterior.png": "Draws from the posterior, and the fit with its intervals",
 }
-FILES = ("fit.json", "report.md", *PICTURES, "posterior.nc")
+FILES = ("fit.json", "report.md", "report.html", *PICTURES, "posterior.nc")
 INTRO = (
     "These data are a published fit of measurements, not measurements: Eq. (17) with Table 1's σ "
     "and ψ (Zhou, Theor. Appl. Mech. Lett. 3, 021003, 2013) at 40 velocities a material. "
@@ -227,7 +228,7 @@ def _sampled(result, job: Job, progress: Progress) -> Any:
 
 def _write(result, job: Job, out: Path, progress: Progress, draws: Any) -> None:
     """All files of a fit, or none."""
-    from calibration.report import markdown_report
+    from calibration.report import html_report, markdown_report
 
     with files_into(out, owned=FILES) as staged:
         result.save(staged / "fit.json")
@@ -241,6 +242,7 @@ def _write(result, job: Job, out: Path, progress: Progress, draws: Any) -> None:
             more = posterior_section(draws, result.confidence)
         report = markdown_report(result, pictures, _command(job, out), _printed(job), more)
         write_text(staged / "report.md", report)
+        write_text(staged / "report.html", html_report(report, staged))
 
 
 def _draw(result, job: Job, directory: Path, progress: Progress, draws: Any) -> dict[str, str]:

@@ -15,6 +15,7 @@ PAPER_NOTE = (
     "Eq. (17) with Table 1's coefficients of Zhou, Theor. Appl. Mech. Lett. 3, 021003 (2013): "
     "a published fit of measurements, not the measurements"
 )
+"""What the embedded data are, as every result fitted to them says."""
 RADIUS = 0.0127  # m, of both spheres; the critical velocity of equal spheres does not depend on it
 
 

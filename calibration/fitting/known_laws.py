@@ -162,4 +162,5 @@ KNOWN: dict[str, Known] = {
     ),
 }
 LAWS: dict[str, type] = {key: known.law for key, known in KNOWN.items()}
+"""The built-in contact laws by the names that `fit`, `compare` and the commands take."""
 WITHOUT_CONTACT = ("constant", "eq-17")  # laws that need no elastic properties

@@ -308,6 +308,7 @@ class FitResult:
         return result_to_dict(self, times)
 
     def to_json(self, times: bool = True) -> str:
+        """The text of `fit.json`; without `times` equal fits are equal texts."""
         return dumps(self.to_dict(times))
 
     def save(self, path: str | Path) -> None:

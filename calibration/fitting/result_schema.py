@@ -228,6 +228,7 @@ RESULT: Kind = table(
         "confidence": PART,
         "freedom": each(FREEDOM),
         "profiles": every(PROFILE),
+        "pooled": every(ESTIMATE),
         "optimiser_report": each(STAGE),
         "beside": or_null(BESIDE),
         "request": REQUEST,

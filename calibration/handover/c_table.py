@@ -70,7 +70,8 @@ class DampedTable(Table):
 
 def table_of(law: Any, fastest: float, losses: bool = True) -> Table:
     """The forces of a law up to the overlaps of impacts at `fastest` [m/s] and a bit beyond."""
-    top = BEYOND * number_of(sj.restitution(law, fastest).peak_overlap)
+    many = np.full(ROWS - 1, fastest)  # as many as the rows' impacts: one compilation
+    top = BEYOND * float(np.asarray(sj.restitution(law, many).peak_overlap)[0])
     if isinstance(law, sj.RateDependentLaw):
         return _damped(law, top, BEYOND * fastest)
     return _with_memory(law, top, losses)

@@ -8,7 +8,7 @@ from typing import Any
 import jax
 
 import softjax as sj
-from calibration.atomic import check_writable, files_into
+from calibration.atomic import check_writable, files_into, write_text
 from calibration.errors import DataError, listed
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.result import FitResult
@@ -120,7 +120,7 @@ def _write(out: Path, files: dict[str, str], made: Export) -> None:
     owned = {name for code in CODES.values() for name in code.FILES} | {REPORT, PICTURE}
     with files_into(out, owned) as folder:
         for name, text in files.items():
-            (folder / name).write_text(text, encoding="utf-8", newline="\n")
+            write_text(folder / name, text)
         report = json.dumps(made.to_dict(), indent=2, ensure_ascii=False)
-        (folder / REPORT).write_text(f"{report}\n", encoding="utf-8")
+        write_text(folder / REPORT, f"{report}\n")
         style.save(draw_export(made), folder / PICTURE)

@@ -56,13 +56,14 @@ def curves_figure(
 
 
 def profiles_figure(result: Any) -> Figure | None:
-    """A panel a profile; None where the fit has none."""
-    if not result.profiles:
+    """A panel a profile; None where the fit has none that leaves its parameter's bound."""
+    profiles = {label: one for label, one in result.profiles.items() if len(set(one.values)) > 1}
+    if not profiles:
         return None
-    rows, columns = style.grid_shape(len(result.profiles))
+    rows, columns = style.grid_shape(len(profiles))
     figure = style.new_figure(max(3.4 * columns, 5.5), 2.8 * rows + 2 * LEGEND_ROW)
     grid = figure.subplots(rows, columns, squeeze=False)
-    for ax, (label, profile) in zip(grid.flat, result.profiles.items(), strict=False):
+    for ax, (label, profile) in zip(grid.flat, profiles.items(), strict=False):
         plot_profile(profile, _estimate(result, label), ax, _model(result, label))
     _remove_empty(grid)
     style.legend_below(figure, list(figure.axes), columns=4 if columns > 2 else 2)

@@ -62,9 +62,9 @@ def _smooth(values: np.ndarray, rise: np.ndarray, logarithmic: bool):
 def _finite(profile) -> tuple[np.ndarray, np.ndarray]:
     values = np.asarray(profile.values, float)
     rise = np.asarray(profile.delta_chi_squared, float)
-    order = np.argsort(values)
-    seen = order[np.isfinite(values[order]) & np.isfinite(rise[order])]
-    return values[seen], rise[seen]
+    seen = np.isfinite(values) & np.isfinite(rise)
+    values, first = np.unique(values[seen], return_index=True)
+    return values, rise[seen][first]
 
 
 def _parabola(ax: Axes, values: np.ndarray, estimate) -> None:

@@ -135,7 +135,7 @@ class RateIndependentLaw(ForceLaw):
         forces = ("loading_force", "unloading_force")
         missing = [n for n in forces if getattr(type(self), n) is getattr(RateIndependentLaw, n)]
         if self._speaks_si() and missing:
-            raise ValueError(f"`{type(self).__name__}` must define {' and '.join(forces)}")
+            raise ValueError(f"`{type(self).__name__}` must define {' and '.join(missing)}")
 
     def loading_force(self, overlap) -> Array:
         """Contact force [N] on loading at `overlap` [m]."""
