@@ -258,3 +258,23 @@ def test_the_line_s_errors_carry_all_data_sets():
     assert line.c1.standard_error == pytest.approx(expected[0], rel=1e-4)
     assert line.c2.standard_error == pytest.approx(expected[1], rel=1e-4)
     assert line.through_chi["c1"].standard_error == pytest.approx(expected[0], rel=1e-4)
+
+
+def test_a_refit_that_is_sent_astray_ends_no_profile():
+    """Where σ and ψ hardly show, their first guess at the next χ̃ is far off: SciPy finds the way."""
+    data = twin("stainless steel", noise=0.01, seed=2)
+    result = cal.fit(data, starts=8)
+    low, high = result.intervals["chi"]
+    numbers = fit_oracle.numbers(data.contact)
+
+    def cost(chi):
+        def residual(x):
+            return fit_oracle.curve(data.velocity, numbers, chi, *np.exp(x)) - data.restitution
+
+        return min(2 * least_squares(residual, x).cost for x in ([-5.0, -5.0], [0, -0.6]))
+
+    best = result.values["chi"]
+    variance = cost(best) / (len(data) - 3)
+    inside = best - 0.8 * (best - low)
+    assert cost(inside) - cost(best) < stats.t.ppf(0.975, len(data) - 3) ** 2 * variance
+    assert best - low == pytest.approx(high - best, rel=0.35)

@@ -152,7 +152,7 @@ def unequal_scatter(velocity, restitution, standardised, material) -> Doubt | No
     from scipy import stats
 
     size = np.abs(standardised)
-    if len(size) < 10 or np.max(size) < 1e-9:
+    if len(size) < 10 or np.ptp(size) < 1e-9:
         return None
     for name, values in (("velocity", velocity), ("restitution", restitution)):
         if np.ptp(values) == 0:

@@ -93,17 +93,20 @@ class _Walks:
         found = self._search(start, which)
         plain = np.array(self.z[which])
         plain[np.arange(len(which)), self.positions[which]] = at
-        poor = ~found.converged
         z, cost = found.z, found.cost
+        # a far limit may be a search that was sent astray: looked at again from where the walk is
+        poor = ~found.converged | (self._rise(cost) > self.quantile[which])
         if np.any(poor):
             again = self._search(plain[poor], which[poor])
             lower = again.cost < cost[poor]
-            z[np.flatnonzero(poor)[lower]], cost[np.flatnonzero(poor)[lower]] = (
-                again.z[lower],
-                again.cost[lower],
-            )
+            z[np.flatnonzero(poor)[lower]] = again.z[lower]
+            cost[np.flatnonzero(poor)[lower]] = again.cost[lower]
+        return z, self._rise(cost)
+
+    def _rise(self, cost: Float[np.ndarray, "some"]) -> Float[np.ndarray, "some"]:
+        """√Δχ²."""
         rise = np.sqrt(np.maximum(2 * cost - self.lowest, 0.0) / self.variance)
-        return z, np.where(np.isfinite(rise), rise, 1e6)
+        return np.where(np.isfinite(rise), rise, 1e6)
 
     def _search(self, start, which):
         """The others searched, from some start."""
