@@ -79,7 +79,7 @@ def test_derivatives_under_the_callers_jit_compile_once(compiled):
     ("form", "route"),
     [
         pytest.param("first-order", None, id="first-order", marks=pytest.mark.long),
-        pytest.param("full", None, id="full"),
+        pytest.param("full", None, id="full", marks=pytest.mark.long),
         pytest.param("first-order", sj.ODE(), id="ode"),
     ],
 )

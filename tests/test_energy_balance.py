@@ -146,7 +146,7 @@ def test_duration_just_above_yield(form):
     assert np.allclose(found[1:], expected[1:], rtol=1e-10, atol=0)
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", ["first-order", pytest.param("full", marks=pytest.mark.long)])
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_critical_velocity_is_elastic_and_the_next_number_is_not(form, dtype):
     """Whether the law's numbers are arguments of the compiled function or constants in it."""

@@ -92,7 +92,15 @@ def test_viscoelastic_spheres_are_the_best_of_their_kind():
     assert choice.error < np.min(errors) + 1e-6
 
 
-@pytest.mark.parametrize("key", ["linear", "hertz-dashpot", "viscoelastic", "walton-braun"])
+@pytest.mark.parametrize(
+    "key",
+    [
+        pytest.param("linear", marks=pytest.mark.long),
+        pytest.param("hertz-dashpot", marks=pytest.mark.long),
+        "viscoelastic",
+        "walton-braun",
+    ],
+)
 def test_what_is_said_of_a_law_is_what_the_library_finds(key):
     """ε, durations and overlaps by energy balance or ODE."""
     wanted = wanted_of(STEEL, velocity_range=RANGE)

@@ -129,6 +129,7 @@ def test_compiler_options_that_are_refused(monkeypatch):
     assert _pieces._for_one_thread() == _pieces.FOR_ONE_THREAD
 
 
+@pytest.mark.long
 def test_reverse_over_reverse_by_the_ode():
     law = sj.Zhou(pair("stainless steel"), 1.7944, 3.0432, 0.54)
     twice = jax.grad(jax.grad(lambda v: sj.restitution(law, v, sj.ODE(steps=2)).coefficient))

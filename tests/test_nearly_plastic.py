@@ -64,6 +64,7 @@ def test_slow_impacts_in_float32(route):
     assert np.allclose(by_law.growth * 1e12, slope, rtol=1e-5, atol=1e-7)
 
 
+@pytest.mark.long
 def test_durations_in_float32_and_just_above_yield():
     """The energy balance erred by 3e-5 to 2e-4, and in float64 by 6e-9 one number above yield."""
     law = sj.Zhou(STEEL, 1.7944, 3.0432, 0.54)

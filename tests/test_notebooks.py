@@ -27,6 +27,8 @@ CELL_SECONDS = 300  # for a machine that is busy with much else
 NUMBER = r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
 SOMEBODYS_PATH = r"/(home|root|tmp|Users|work)/|:\\+Users"
 
+SLOW = ("7_your_own_law",)  # its laws have tests of their own
+
 each = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 
 

@@ -200,6 +200,7 @@ def test_slopes_of_forces_at_zero_overlap(law):
         assert np.isfinite(mode(law.unloading_force)(0.0, 1e-5))
 
 
+@pytest.mark.long
 def test_slope_of_a_force_in_a_history():
     """Against differences; it was NaN."""
     route = sj.ODE(rtol=1e-12)

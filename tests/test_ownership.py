@@ -35,7 +35,7 @@ CHI = np.array([0.5, 1.0, 2.0])
 VELOCITY = np.array([0.1, 0.5, 2.0])
 
 
-@pytest.mark.parametrize("count", [3, 2])
+@pytest.mark.parametrize("count", [3, pytest.param(2, marks=pytest.mark.long)])
 def test_durations_across_vmap(count):
     """Of as many laws as velocities the law went along the wrong axis; of fewer it raised."""
     velocity = VELOCITY[:count]

@@ -125,6 +125,7 @@ def test_a_thousand_more_are_numbers_with_good_neighbours():
     assert np.allclose(slopes_alone[1][::2], slopes[1][~wild], rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.long
 def test_slopes_against_differences():
     """θ ∂ε/∂θ by both routes, where no kink is beside the peak."""
     fields, velocity = {k: v[:64] for k, v in FIELDS.items()}, VELOCITY[:64]

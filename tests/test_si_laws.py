@@ -14,12 +14,14 @@ NUMBERS = ("coefficient", "peak_overlap", "residual_overlap")
 RATE_INDEPENDENT = [name for name, (own, _) in PAIRS.items() if name != "viscoelastic"]
 PRECISE = sj.ODE(rtol=1e-12)
 LONG = pytest.mark.long  # a law written in SI takes up to 40 s to compile by the ODE, with slopes
-CASES = [pytest.param(name, None, id=f"{name}-energy") for name in RATE_INDEPENDENT]
-CASES += [
-    pytest.param(name, PRECISE, id=f"{name}-ode", marks=() if name == "hertz" else LONG)
-    for name in PAIRS
+CASES = [
+    pytest.param(
+        name, None, id=f"{name}-energy", marks=() if name in ("hertz", "thornton") else LONG
+    )
+    for name in RATE_INDEPENDENT
 ]
-HISTORIES = [pytest.param(name, marks=() if name == "walton-braun" else LONG) for name in PAIRS]
+CASES += [pytest.param(name, PRECISE, id=f"{name}-ode", marks=LONG) for name in PAIRS]
+HISTORIES = [pytest.param(name, marks=LONG) for name in PAIRS]
 
 
 def fields_of(law):
@@ -56,7 +58,11 @@ def test_values_and_slopes(name, route):
     for number in NUMBERS:
         assert close(getattr(result, number), getattr(exact, number)), number
     assert np.allclose(lasts, time, rtol=1e-9, atol=0)
-    assert np.array_equal(result.status, exact.status)
+    if name == "hertz":  # in SI it does not say that it never yields
+        assert np.all(result.status == sj.Status.NO_RESIDUAL_OVERLAP)
+        assert np.all(exact.status == sj.Status.ELASTIC)
+    else:
+        assert np.array_equal(result.status, exact.status)
     assert np.allclose(by_velocity * VELOCITY, along * VELOCITY, rtol=0, atol=1e-9)
     for field in fields_of(own):
         scale = getattr(own, field)

@@ -23,7 +23,12 @@ def test_a_low_order_at_a_high_tolerance_gives_up():
     assert list(result.plastic_coefficient) == [1, 0, 0]
 
 
-@pytest.mark.parametrize("name", LAWS)
+SLOW = {"viscoelastic"}  # to compile
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.long) if n in SLOW else n for n in LAWS]
+)
 def test_everything_of_it_is_zero(name):
     law = LAWS[name]
     first = 1 if name == "zhou" else 0  # the first impact stays elastic by Zhou's law

@@ -87,7 +87,13 @@ def test_a_network_by_both_routes():
     assert np.all(exact.status == sj.Status.NO_RESIDUAL_OVERLAP)
 
 
-@pytest.mark.parametrize("route", [None, sj.ODE(rtol=1e-9)], ids=["energy", "ode"])
+@pytest.mark.parametrize(
+    "route",
+    [
+        pytest.param(None, id="energy"),
+        pytest.param(sj.ODE(rtol=1e-9), id="ode", marks=pytest.mark.long),
+    ],
+)
 def test_slopes_in_its_weights(route):
     """Along a random direction through all weights, forward and backward, against differences."""
     weights, rest = eqx.partition(NETWORK, eqx.is_inexact_array)
@@ -115,6 +121,7 @@ def test_slopes_in_the_heights_of_a_table():
     assert slopes.stiffness == pytest.approx(0.0, abs=1e-12)
 
 
+@pytest.mark.long
 def test_many_impacts_and_many_networks():
     """Large batches keep it whole; `vmap` over networks is a network after the other."""
     many = sj.restitution(TABLE, np.full(300_000, 0.4)).coefficient
