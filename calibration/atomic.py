@@ -1,23 +1,57 @@
-"""Files that appear whole or not at all: written beside their place, then renamed into it."""
+"""Files that appear whole or not at all: written beside their place, then renamed into it.
 
+SECURITY
+
+What is read: the files that are named, and the data files that a material file names. A data file
+may lie anywhere, so a material file from somebody else can have any CSV of yours read; where it lies
+outside its folder nothing of its text is repeated. Each must be a regular file (velocities may come
+from a pipe) of a size that is bounded before it is read: 2 MiB of TOML, nested 50 deep; 64 MiB of
+CSV; 24 MiB of fit.json, whose layout is checked value by value (`calibration.fitting.result_schema`).
+
+What is written: the files of a command, into `--out`, and what JAX compiled, into the user's cache
+folder. Files are made in a folder `.softjax-unfinished-*` beside `--out` and moved when all are
+there; one that a killed command left is removed by the next. Nothing is sent anywhere.
+
+What is never executed: anything from a file. TOML, CSV and JSON hold numbers and text; no pickle, no
+`eval`, no import by name (a law of one's own is handed to `FitResult.load`, which a file cannot do).
+Names are text: control characters are told by their codes, and signs of Markdown as entities. The
+cache of compiled programs is the exception to mind: who can write into it can run code as you.
+"""
+
+import errno
 import os
 import shutil
 import tempfile
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from calibration.errors import InputError
+from calibration.errors import InputError, NotWritten
+from calibration.signals import held
+
+try:
+    import fcntl
+except ImportError:  # Windows: what a killed command left stays there
+    fcntl = None  # type: ignore[assignment]
+
+UNFINISHED = ".softjax-unfinished-"
+written: set[Path] = set()  # directories that files were moved into
 
 
 def write_atomically(path: str | Path, text: str) -> None:
     """Write a text file (UTF-8) whole or not at all.
 
     Raises:
-        InputError: where its directory cannot be written to.
+        InputError: where its directory cannot be one.
+        NotWritten: an OSError, where it could not be written.
     """
     with replacing(path) as staged:
-        staged.write_text(text, encoding="utf-8", newline="\n")
+        write_text(staged, text)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write text as UTF-8; bytes of a path that are not UTF-8 are told by their codes."""
+    path.write_text(text, encoding="utf-8", errors="backslashreplace", newline="\n")
 
 
 @contextmanager
@@ -40,44 +74,131 @@ def files_into(directory: str | Path, owned: Iterable[str] = ()) -> Iterator[Pat
             removed from `directory`, so that no picture of an older run stays beside a newer one.
 
     Raises:
-        InputError: where `directory` cannot be written to.
+        InputError: where `directory` cannot be one.
+        NotWritten: an OSError, where the system does not let files be written.
     """
     directory = Path(directory)
     check_writable(directory)
-    with _staging(directory) as staged:
-        yield staged
-        written = sorted(path.name for path in staged.iterdir())
-        _check_targets(directory, written)
-        directory.mkdir(parents=True, exist_ok=True)
-        for name in written:
-            os.replace(staged / name, directory / name)
-        for name in set(owned) - set(written):
-            (directory / name).unlink(missing_ok=True)
+    try:
+        with _staging(directory) as staged:
+            yield staged
+            with held():  # old files or new ones, not some of both
+                _move(staged, directory, owned)
+    except OSError as error:
+        raise NotWritten(directory, error) from error
+
+
+@contextmanager
+def or_told(paragraphs: Sequence[str]) -> Iterator[None]:
+    """Where results cannot be written they are at least told: what was computed is not lost."""
+    try:
+        yield
+    except NotWritten:
+        if paragraphs:
+            print("\n\n".join(paragraphs))
+        raise
 
 
 def check_writable(directory: str | Path) -> None:
     """Refuse early what could not be written in the end.
 
     Raises:
-        InputError: where `directory` is a file, below one, or not to be written to.
+        InputError: where `directory` is a file, below one, or a link to nothing.
+        NotWritten: an OSError, where it is no name of a directory or not to be written to.
     """
-    there = _nearest_existing(Path(directory))
+    directory = Path(directory)
+    try:
+        os.lstat(directory)
+    except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:
+            raise NotWritten(directory, error) from None
+    there = _nearest_existing(directory)
+    accepted = "results need a directory to go to"
+    if there.is_symlink() and not there.exists():
+        problem = f"{str(there)!r} is a link to {str(there.readlink())!r}, which is not there"
+        raise InputError(None, None, problem, accepted)
     if not there.is_dir():
-        accepted = "results need a directory to go to"
         raise InputError(None, None, f"{str(there)!r} is a file", accepted)
     if not os.access(there, os.W_OK | os.X_OK):
-        problem = f"directory {str(there)!r} cannot be written to"
-        raise InputError(None, None, problem, "results need one that can")
+        raise NotWritten(there, "no permission")
+
+
+def sweep(directory: str | Path) -> None:
+    """Remove what commands that were killed left, in `directory` or beside it.
+
+    A command that still runs holds a lock on its folder; where there are no locks nothing is removed.
+    """
+    directory = Path(directory).absolute()
+    with suppress(OSError):
+        for place in {directory, directory.parent, _nearest_existing(directory)}:
+            for folder in place.glob(f"{UNFINISHED}*"):
+                lock = _lock(folder, wait=False)
+                if lock is not None:
+                    shutil.rmtree(folder, ignore_errors=True)
+                    os.close(lock)
 
 
 @contextmanager
 def _staging(directory: Path) -> Iterator[Path]:
     # on the same file system as the target, or renaming would be copying
-    staged = Path(tempfile.mkdtemp(prefix=".softjax-", dir=_nearest_existing(directory)))
+    staged, lock = None, None
     try:
+        with held():
+            staged, lock = _locked_folder(_nearest_existing(directory))
         yield staged
     finally:
-        shutil.rmtree(staged, ignore_errors=True)
+        with held():
+            if staged is not None:
+                shutil.rmtree(staged, ignore_errors=True)
+            if lock is not None:
+                os.close(lock)
+
+
+def _locked_folder(parent: Path) -> tuple[Path, int | None]:
+    while True:
+        staged = Path(tempfile.mkdtemp(prefix=UNFINISHED, dir=parent))
+        lock = _lock(staged, wait=True)
+        if staged.exists():  # else another's sweep came before the lock
+            return staged, lock
+
+
+def _lock(folder: Path, wait: bool) -> int | None:
+    """A lock on a folder, which the system lifts when the process ends; None where none is had."""
+    if fcntl is None:
+        return None
+    try:
+        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+    except OSError:
+        return None
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+    except OSError:
+        os.close(handle)
+        return None
+    return handle
+
+
+def _move(staged: Path, directory: Path, owned: Iterable[str]) -> None:
+    names = sorted(path.name for path in staged.iterdir())
+    _check_targets(directory, names)
+    _make(directory)
+    for name in names:
+        os.replace(staged / name, directory / name)
+    for name in set(owned) - set(names):
+        (directory / name).unlink(missing_ok=True)
+    written.add(directory)
+
+
+def _make(directory: Path) -> None:
+    """The directory with those above it, or none of them."""
+    missing = [path for path in (directory, *directory.parents) if not os.path.lexists(path)]
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        for path in missing:
+            with suppress(OSError):
+                path.rmdir()
+        raise
 
 
 def _nearest_existing(directory: Path) -> Path:

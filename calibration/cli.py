@@ -3,22 +3,33 @@
     0   done
     1   a fit did not converge; its results are written, and marked
     2   unusable input: one line on standard error, nothing written
+    3   results could not be written, or not told; what could be is
 
+An interrupt gives 130, SIGTERM 143, SIGHUP 129.
 Nothing heavy is imported before a subcommand runs, so that `softjax --help` answers at once.
 """
 
 import argparse
 import importlib
-import os
+import logging
 import sys
+import time
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
+from calibration import atomic, progress, signals, terminal
+from calibration.cache import forget_since, keep_compilations
 from calibration.commands import COMMANDS
-from calibration.errors import DataError, InputError, did_you_mean, listed
+from calibration.errors import DataError, InputError, NotWritten, did_you_mean, listed, printable
 
-DONE, NOT_CONVERGED, UNUSABLE, INTERRUPTED = 0, 1, 2, 130
-COMMON = {"out": Path("results"), "quiet": False}
+DONE, NOT_CONVERGED, UNUSABLE, NOT_WRITTEN, INTERRUPTED = 0, 1, 2, 3, 130
+COMMON = {"out": Path("results"), "quiet": False, "cache": True}
+CODES = """exit codes:
+  0  done
+  1  a fit did not converge; its results are written, and marked
+  2  input that cannot be used; nothing is written
+  3  results could not be written: no space, no permission, no such place"""
 
 
 class Parser(argparse.ArgumentParser):
@@ -28,21 +39,72 @@ class Parser(argparse.ArgumentParser):
         line = " ".join(message.split())
         self.exit(UNUSABLE, f"{self.prog}: {line}; {self.prog} --help lists what is accepted\n")
 
+    def print_help(self, file=None) -> None:
+        print(self.format_help(), end="", file=file or sys.stdout)  # argparse's own hides failures
+
+
+class Version(argparse.Action):
+    """Looks the version up when it is asked for: it is in a file of the installed distribution."""
+
+    def __call__(self, parser, *_):
+        from importlib.metadata import version
+
+        print(f"softjax-contact {version('softjax-contact')}")
+        parser.exit(DONE)
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command line; returns the exit code."""
-    _never_fail_to_print()
-    name, arguments = _parse(sys.argv[1:] if argv is None else argv)
+    begun = time.time() - 1.0  # a file system's clock may be coarse
+    terminal.prepare()
+    atomic.written.clear()
     try:
-        return _command(name).run(arguments)
+        with signals.heard():
+            return _run(sys.argv[1:] if argv is None else argv)
     except (InputError, DataError) as error:
-        return _refuse(str(error))
-    except KeyboardInterrupt:
-        print(f"softjax {name}: interrupted, nothing written", file=sys.stderr)
-        return INTERRUPTED
+        return _tell(str(error), UNUSABLE)
+    except KeyboardInterrupt as stop:
+        forget_since(time.time() - 2.0)  # what was just being kept
+        return _tell(f"softjax: {_left_behind()}", getattr(stop, "code", INTERRUPTED))
     except BrokenPipeError:  # `softjax fit | head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        terminal.silence(sys.stdout)
         return DONE
+    except OSError as error:
+        terminal.silence(sys.stdout)
+        if isinstance(error, NotWritten):
+            forget_since(begun)
+        return _tell(f"softjax: {_not_written(error)}", NOT_WRITTEN)
+    finally:
+        progress.erase_sign()
+
+
+def _run(argv: Sequence[str]) -> int:
+    try:
+        name, arguments = _parse(argv)
+        progress.first_sign(f"softjax {name}: loading", arguments.quiet)
+        atomic.sweep(arguments.out)
+        logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)  # of its own cache
+        if arguments.cache:
+            keep_compilations()
+        return _command(name).run(arguments)
+    finally:
+        if sys.stdout is not None:  # what a buffer holds is not told yet
+            sys.stdout.flush()
+
+
+def _not_written(error: OSError) -> str:
+    if isinstance(error, NotWritten):
+        return str(error)
+    where = "standard output" if error.filename is None else repr(error.filename)
+    return f"{where} could not be written to ({error.strerror or error})"
+
+
+def _left_behind() -> str:
+    """What a command that was stopped has done."""
+    places = sorted(printable(str(place)) for place in atomic.written if place.exists())
+    if not places:
+        return "interrupted, nothing written"
+    return f"interrupted after its results were written to {listed(places)}"
 
 
 def common_options(parser: argparse.ArgumentParser) -> None:
@@ -61,6 +123,13 @@ def common_options(parser: argparse.ArgumentParser) -> None:
         default=argparse.SUPPRESS,
         help="no progress bar, no table: errors only",
     )
+    group.add_argument(
+        "--no-cache",
+        dest="cache",
+        action="store_false",
+        default=argparse.SUPPRESS,
+        help="compile everything anew, and keep nothing of it for the next command",
+    )
 
 
 def _parse(argv: Sequence[str]) -> tuple[str, argparse.Namespace]:
@@ -74,6 +143,7 @@ def _parse(argv: Sequence[str]) -> tuple[str, argparse.Namespace]:
     command = _command(before.command)
     parser.description = command.__doc__
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = CODES
     command.add_arguments(parser)
     common_options(parser)
     own = vars(parser.parse_args(before.rest))
@@ -89,11 +159,14 @@ def _top_parser() -> Parser:
         allow_abbrev=False,
         usage="softjax COMMAND [options]",
         description="Soft-sphere collisions after Zhou (2013), calibrated from rebounds.",
-        epilog="\n".join(["commands:", *lines, "", "softjax COMMAND --help tells the options."]),
+        epilog="\n".join(
+            ["commands:", *lines, "", CODES, "", "softjax COMMAND --help tells the options."]
+        ),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("command", metavar="COMMAND", help=argparse.SUPPRESS)
     parser.add_argument("rest", nargs=argparse.REMAINDER, help=argparse.SUPPRESS)
+    parser.add_argument("--version", action=Version, nargs=0, help="print the version")
     common_options(parser)
     return parser
 
@@ -102,13 +175,9 @@ def _command(name: str):
     return importlib.import_module(f"calibration.commands.{name}")
 
 
-def _refuse(line: str) -> int:
-    print(" ".join(line.split()), file=sys.stderr)
-    return UNUSABLE
-
-
-def _never_fail_to_print() -> None:
-    """A terminal that has no χ shows a question mark instead of a traceback."""
-    for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):
-            stream.reconfigure(errors="replace")
+def _tell(line: str, code: int) -> int:
+    """One line on standard error, where there is one."""
+    progress.erase_sign()
+    with suppress(OSError):
+        print(printable(" ".join(line.split())), file=sys.stderr, flush=True)
+    return code

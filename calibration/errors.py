@@ -29,7 +29,8 @@ class InputError(ValueError):
     def __str__(self) -> str:
         place = [str(part) for part in (self.file, self.line) if part is not None]
         text = f"{self.problem}; {self.accepted}"
-        return " ".join(f"{':'.join(place)}: {text}".split()) if place else text
+        text = f"{':'.join(place)}: {text}" if place else text
+        return printable(" ".join(text.split()))
 
 
 class DataError(ValueError):
@@ -52,6 +53,24 @@ class DataError(ValueError):
     def __str__(self) -> str:
         place = "" if self.index is None else f"[{self.index}]"
         return f"`{self.argument}{place}` must be {self.accepted}, but is {self.value}"
+
+
+class NotWritten(OSError):
+    """Results that could not be written: no space, no permission, no such name.
+
+    `str(error)` is one line with the path and the system's words.
+    """
+
+    def __init__(self, path: str | Path, reason: OSError | str):
+        self.path = path
+        if isinstance(reason, OSError):
+            super().__init__(reason.errno, reason.strerror)
+        told = getattr(reason, "reason", None) or getattr(reason, "strerror", None)
+        self.reason: str = told or str(reason)
+
+    def __str__(self) -> str:
+        reason = printable(" ".join(self.reason.split()))
+        return f"{printable(repr(str(self.path)))} could not be written to ({reason})"
 
 
 @dataclass(frozen=True)
@@ -80,8 +99,19 @@ class Origin:
 def shown(value: Any) -> str:
     """A value as one short line."""
     text = value if isinstance(value, str) else _plain(value)
-    text = " ".join(text.split())
+    text = printable(" ".join(text[:1000].split()))
     return text if len(text) <= 80 else text[:77] + "..."
+
+
+def printable(text: str) -> str:
+    """Text from a file as it may be shown: what would move a cursor or a line is told by its code.
+
+    Control and format characters (escape sequences, changes of direction, line breaks) and halves
+    of characters (bytes of a path that are not UTF-8) become such as `\\x1b`.
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def is_finite_number(value: Any) -> bool:
@@ -96,7 +126,7 @@ def is_finite_number(value: Any) -> bool:
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """` (did you mean 'x'?)`, or nothing where no known name is near."""
-    near = difflib.get_close_matches(name.lower(), list(known), n=1)
+    near = difflib.get_close_matches(name[:100].lower(), list(known), n=1)
     return f" (did you mean {near[0]!r}?)" if near else ""
 
 
@@ -105,4 +135,9 @@ def listed(names: Iterable[str]) -> str:
 
 
 def _plain(value: Any) -> str:
-    return f"{value:.10g}" if isinstance(value, float) else repr(value)
+    if isinstance(value, int) and abs(value) >= 10**100:  # Python tells no more than 4300 digits
+        return "a whole number of more than 100 digits"
+    try:
+        return f"{value:.10g}" if isinstance(value, float) else repr(value)
+    except ValueError:  # the same, inside an array
+        return f"a {type(value).__name__} of too large numbers"

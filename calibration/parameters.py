@@ -1,115 +1,148 @@
-"""The one map between the search and physics.
-
-The search runs over an unconstrained vector z; everything else sees physical values. `Layout.table`
-is that map, z -> a table of one row per data set and one column per name in `COLUMNS`. Its
-Jacobian is taken by autodiff wherever it is needed.
-"""
+"""What is said of a parameter: fixed or free, where it starts, its bounds, its prior, who shares it."""
 
 import math
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
-from calibration.parameters_spec import RANGES, TRANSFORMS, ParameterSpec
+from calibration.errors import DataError, Origin, is_finite_number, listed
+from softjax.fields import Declared
 
-# χ̃, σ, ψ, what sound and heat leave at v_cr, a constant ε, Y, E, v_lim, Eq. (18)'s c1 and c2
-COLUMNS = tuple(RANGES)
-CONTACT_COLUMNS = ("yield_strength", "youngs_modulus", "limit_velocity")
-LINE_COLUMNS = ("c1", "c2")
-LOG, LOGIT, NONE = range(3)
-LARGEST_EXPONENT = 690.0
+TRANSFORMS = ("log", "logit", "none")
+ANY = Declared()
+POOLED = "pooled"
 
 
-class Layout(NamedTuple):
-    """Where each entry of the table comes from; arrays only, so that equal shapes compile once.
-
-    z is padded by elements that nothing uses, for the same reason.
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of a law; what is None is left to the fit.
 
     Attributes:
-        fixed: the table's values where nothing is free, (sets, columns).
-        index: position in z of each entry, -1 where it is fixed.
-        kind: LOG, LOGIT or NONE for each element of z.
-        lower, upper: its bounds.
-        on_line: sets whose χ̃ is c1 + c2 E/Y (Eq. 18).
-        up_given: sets whose ε_up is a parameter of its own, not Eq. (17) at v_cr.
+        value: its start where free, its value where not; SI. For a field that is whole, an array
+            or any pytree of arrays.
+        free: whether it is fitted.
+        bounds: (lowest, highest), infinite where open.
+        prior: (mean, standard deviation) of a Gaussian prior.
+        transform: "log", "logit" or "none": the scale it is searched on.
+        shared: whether all data sets have one value of it, or the name of a group of those that do;
+            "pooled": each has its own, around a common mean with a spread that is fitted.
+
+    Raises:
+        ValueError: naming what is wrong, its value and what is accepted.
     """
 
-    fixed: Float[np.ndarray, "sets columns"]
-    index: np.ndarray  # type: ignore[assignment]  # a column, not tuple.index
-    kind: np.ndarray
-    lower: np.ndarray
-    upper: np.ndarray
-    on_line: np.ndarray
-    up_given: np.ndarray
+    value: Any = None
+    free: bool = field(default=True, kw_only=True)
+    bounds: tuple[float, float] | None = field(default=None, kw_only=True)
+    prior: tuple[float, float] | None = field(default=None, kw_only=True)
+    transform: str | None = field(default=None, kw_only=True)
+    shared: bool | str = field(default=False, kw_only=True)
+    origin: Origin | None = field(default=None, compare=False, kw_only=True, repr=False)
 
-    def physical(self, z, xp=jnp) -> Array:
-        """θ(z), element by element: lower + eᶻ, lower + (upper - lower)/(1 + e⁻ᶻ), or z itself.
+    def __post_init__(self):
+        if not isinstance(self.free, bool):
+            raise DataError("free", self.free, "true or false")
+        _check_value(self.value)
+        if is_finite_number(self.value):
+            object.__setattr__(self, "value", self.value + 0)  # -0.0 is 0
+        if self.bounds is not None:
+            object.__setattr__(self, "bounds", _bounds(self.bounds, self.value))
+        if self.prior is not None:
+            object.__setattr__(self, "prior", _prior(self.prior))
+        if self.transform is not None and self.transform not in TRANSFORMS:
+            raise DataError("transform", self.transform, f"one of {listed(TRANSFORMS)}")
+        _check_shared(self.shared)
+        if self.pooled and self.prior is not None:
+            raise DataError("prior", "given", "left out where shared is pooled")
+        if not self.free:
+            self._check_fixed()
 
-        `xp` is jax.numpy, or numpy where nothing is differentiated.
+    def _check_fixed(self) -> None:
+        for name in ("bounds", "prior", "transform"):
+            if getattr(self, name) is not None:
+                raise DataError(name, "given", "left out where free is false")
+        if self.shared:
+            raise DataError("shared", "given", "left out where free is false")
+
+    @property
+    def pooled(self) -> bool:
+        return self.shared == POOLED
+
+    @property
+    def is_number(self) -> bool:
+        return self.value is None or is_finite_number(self.value)
+
+    def range_within(self, declared: Declared) -> tuple[float, float]:
+        """Its bounds, drawn in to what the law's field declares.
+
+        Raises:
+            ValueError: where bounds or value lie outside.
         """
-        is_log, is_logit = self.kind == LOG, self.kind == LOGIT
-        lower = xp.where(self.kind == NONE, 0.0, self.lower)
-        span = xp.where(is_logit, self.upper, 1.0) - xp.where(is_logit, self.lower, 0.0)
-        # each branch sees z only where it is used: no overflow, no NaN in a gradient
-        limit = LARGEST_EXPONENT
-        log = lower + xp.exp(xp.clip(xp.where(is_log, z, 0.0), -limit, limit))
-        logit = xp.clip(xp.where(is_logit, z, 0.0), -limit, limit)
-        logit = lower + span / (1 + xp.exp(-logit))
-        plain = xp.clip(z, self.lower, self.upper)
-        return xp.where(is_log, log, xp.where(is_logit, logit, plain))
-
-    def slope(self, z) -> np.ndarray:
-        """∂θ/∂z, element by element, by NumPy."""
-        theta = self.physical(z, np)
-        with np.errstate(invalid="ignore"):
-            logit = (theta - self.lower) * (self.upper - theta) / (self.upper - self.lower)
-        inside = (self.lower <= z) & (z <= self.upper)
-        bounded = np.where(self.kind == LOG, theta - self.lower, logit)
-        return np.where(self.kind == NONE, np.where(inside, 1.0, 0.0), bounded)
-
-    def unconstrained(self, theta) -> np.ndarray:
-        """z(θ), the inverse; values at a bound or beyond are moved just inside."""
-        theta = np.asarray(theta, float)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            log = np.log(np.maximum(theta - self.lower, 1e-290))
-            part = np.clip((theta - self.lower) / (self.upper - self.lower), 1e-12, 1 - 1e-12)
-            logit = np.log(part) - np.log1p(-part)
-        return np.where(self.kind == LOG, log, np.where(self.kind == LOGIT, logit, theta))
-
-    def table(self, z, xp=jnp) -> dict[str, Array]:
-        """Every physical quantity of every data set: {column: (sets,)}."""
-        theta = xp.concatenate([self.physical(z, xp), xp.zeros(1)])
-        values = xp.where(self.index >= 0, theta[self.index], self.fixed)
-        return {name: values[:, i] for i, name in enumerate(COLUMNS)}
-
-    def numpy_table(self, z) -> dict[str, np.ndarray]:
-        """The same by NumPy."""
-        return self.table(np.asarray(z), np)
-
-    def start(self) -> np.ndarray:
-        """z of the table's own values."""
-        theta = np.ones(len(self.kind))
-        used = self.index >= 0
-        theta[self.index[used]] = np.asarray(self.fixed)[used]
-        return self.unconstrained(theta)
+        low, high = self.bounds or (-math.inf, math.inf)
+        least, most = max(low, declared.lower), min(high, declared.upper)
+        for given, drawn in ((low, least), (high, most)):
+            if given != drawn and math.isfinite(given):
+                raise DataError("bounds", f"[{low:g}, {high:g}]", f"within {_interval(declared)}")
+        if self.value is not None and self.is_number and not declared.holds(float(self.value)):
+            raise DataError("value", self.value, declared.accepted)
+        if self.transform == "log" and not (math.isfinite(least) or math.isfinite(most)):
+            raise DataError("transform", "log", "none, or a bound given")
+        if self.transform == "logit" and not (math.isfinite(least) and math.isfinite(most)):
+            raise DataError("transform", "logit", "log or none, or both bounds given")
+        return least, most
 
 
-def column(name: str) -> int:
-    return COLUMNS.index(name)
+def as_parameter(name: str, value: Any) -> Parameter:
+    """A `Parameter` as it is; a number fixes."""
+    if isinstance(value, Parameter):
+        return value
+    if not is_finite_number(value) and not isinstance(value, np.number):
+        accepted = "a calibration.Parameter, or a number that fixes it"
+        raise DataError(f"parameters[{name!r}]", value, accepted)
+    return Parameter(float(value), free=False)
 
 
-def kind_and_bounds(spec: ParameterSpec) -> tuple[int, float, float]:
-    """The transform in force: the one asked for, or the one that the bounds ask for.
+def _check_value(value: Any) -> None:
+    is_tree = isinstance(value, np.ndarray | dict | list | tuple) or hasattr(value, "dtype")
+    is_module = hasattr(type(value), "__dataclass_fields__")
+    if value is not None and not is_finite_number(value) and not (is_tree or is_module):
+        raise DataError("value", value, "a finite number")
 
-    A logarithm with an upper bound is the logit, which nears it at small values.
-    """
-    lower, upper = spec.bounds or spec.range
-    natural = "logit" if math.isfinite(upper) else "log"
-    if not math.isfinite(lower):
-        natural = "none"
-    kind = TRANSFORMS.index(spec.transform or natural)
-    if kind == LOG and math.isfinite(upper):
-        kind = LOGIT
-    return kind, lower, upper
+
+def _bounds(given: Any, value: Any) -> tuple[float, float]:
+    low, high = _pair("bounds", given, "[lowest, highest]")
+    if not low < high:
+        raise DataError("bounds", f"[{low}, {high}]", "[lowest, highest], lowest below highest")
+    if is_finite_number(value) and not low <= value <= high:
+        raise DataError("value", value, f"within its bounds, [{low:g}, {high:g}]")
+    return low, high
+
+
+def _prior(given: Any) -> tuple[float, float]:
+    prior = _pair("prior", given, "[mean, standard deviation]")
+    if not (all(map(math.isfinite, prior)) and prior[1] > 0):
+        raise DataError("prior", f"{list(prior)}", "[mean, positive standard deviation]")
+    return prior
+
+
+def _check_shared(shared: Any) -> None:
+    if isinstance(shared, bool):
+        return
+    if not (isinstance(shared, str) and shared.strip()):
+        raise DataError("shared", shared, "true, false or the name of a group of data sets")
+
+
+def _pair(name: str, value: Any, accepted: str) -> tuple[float, float]:
+    is_pair = isinstance(value, list | tuple) and len(value) == 2
+    numbers = is_pair and all(
+        is_finite_number(one) or one in (math.inf, -math.inf) for one in value
+    )
+    if not numbers:
+        raise DataError(name, value, f"two numbers, {accepted}")
+    return float(value[0]), float(value[1])
+
+
+def _interval(declared: Declared) -> str:
+    left, right = "[" if declared.with_lower else "(", "]" if declared.with_upper else ")"
+    return f"{left}{declared.lower:g}, {declared.upper:g}{right}"

@@ -5,8 +5,10 @@ from functools import partial
 import diffrax as dfx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.custom_derivatives import SymbolicZero
 
+from softjax._impacts import Mapped, in_rows
 from softjax.routes import ODE
 
 SOLVER_CLASSES = {
@@ -19,42 +21,32 @@ SOLVER_CLASSES = {
 IN_CACHE = 2048  # impacts, each with its tangents counting as one more
 
 
-def over_batch(one, law, y, route):
-    """`vmap` over all impacts, whatever the shapes in which y and the law's fields broadcast."""
-    leaves, structure = jax.tree.flatten((law, y))
-    shape = jnp.broadcast_shapes(*(jnp.shape(leaf) for leaf in leaves))
-    flat = [jnp.broadcast_to(leaf, shape).ravel() for leaf in leaves]
-
-    def single(*leaves):
-        return one(*jax.tree.unflatten(structure, leaves), route)
-
-    result = forward_differentiated(jax.vmap(single))(*flat)
-    return jax.tree.map(lambda a: a.reshape(shape + a.shape[1:]), result)
-
-
-def forward_differentiated(f):
+def forward_differentiated(f: Mapped, whole: list[bool], size: int = IN_CACHE) -> Mapped:
     """f, of impacts one by one, with its derivatives taken forward whichever way the caller does.
 
     A collision has few inputs (the law's numbers and the velocity) and few outputs: tangents ride
     along one solve, and reverse mode is the transpose of the small matrix that they make. Only
-    the inputs that really are differentiated get a tangent.
+    the inputs that really are differentiated get a tangent, of what is whole every number one. The
+    matrix is differentiated in the same way again.
     """
 
     @jax.custom_jvp
     def wrapped(*leaves):
-        return _in_rows(f, leaves, IN_CACHE)
+        _check_not_told_apart(leaves)
+        return in_rows(f, leaves, whole, size)
 
     def rule(primals, tangents):
         active = [i for i, t in enumerate(tangents) if not isinstance(t, SymbolicZero)]
-        value_and_slopes = partial(_value_and_slopes, f, active)
-        value, slopes = _in_rows(value_and_slopes, primals, IN_CACHE // (1 + len(active)))
-        change = jnp.stack([tangents[i] for i in active], -1)
+        change = _directions([tangents[i] for i in active], [whole[i] for i in active])
+        with_slopes = partial(_value_and_slopes, f, active, whole)
+        fewer = max(size // (1 + change.shape[-1]), 1)
+        value, slopes = forward_differentiated(with_slopes, whole, fewer)(*primals)
 
         def contract(slope):
             if not jnp.issubdtype(slope.dtype, jnp.inexact):
                 return slope[..., 0]
             between = (1,) * (slope.ndim - change.ndim)
-            return jnp.sum(slope * change.reshape(len(change), *between, len(active)), -1)
+            return jnp.sum(slope * change.reshape(len(change), *between, -1), -1)
 
         return value, jax.tree.map(contract, slopes)
 
@@ -62,7 +54,26 @@ def forward_differentiated(f):
     return wrapped
 
 
-def _value_and_slopes(f, active, *primals):
+def _check_not_told_apart(leaves) -> None:
+    """Raise where `shard_map` follows what differs between devices: diffrax's loops do not."""
+    for leaf in leaves:
+        kind = jax.typeof(leaf)
+        varying = getattr(kind, "vma", None) or getattr(getattr(kind, "mat", None), "varying", None)
+        if varying:
+            raise ValueError("`jax.shard_map` must have check_vma=False for the route ODE(...)")
+
+
+def _directions(tangents, whole):
+    """One column for each direction that `_value_and_slopes` takes, one row for each impact."""
+    count = next((len(t) for t, held in zip(tangents, whole, strict=True) if not held), 1)
+    columns = [
+        jnp.broadcast_to(t.ravel(), (count, t.size)) if held else t[:, None]
+        for t, held in zip(tangents, whole, strict=True)
+    ]
+    return jnp.concatenate(columns, -1)
+
+
+def _value_and_slopes(f, active, whole, *primals):
     """f and its derivatives by the active inputs, which are a last axis; each impact by its own."""
     chosen = [primals[i] for i in active]
 
@@ -72,23 +83,15 @@ def _value_and_slopes(f, active, *primals):
             full[i] = value
         return f(*full)
 
-    def push(seed):
-        along = [jnp.broadcast_to(s, x.shape) for s, x in zip(seed, chosen, strict=True)]
+    def push(seeds):
+        along = [jnp.broadcast_to(s, x.shape) for s, x in zip(seeds, chosen, strict=True)]
         return jax.jvp(of_active, chosen, along)
 
-    return jax.vmap(push, out_axes=(None, -1))(jnp.eye(len(active), dtype=chosen[0].dtype))
-
-
-def _in_rows(f, leaves, size: int):
-    """`f(*leaves)`, so many impacts at a time: what a solver stores of them stays in the cache."""
-    count = len(leaves[0])
-    rows = -(-count // size)
-    if rows <= 1:
-        return f(*leaves)
-    missing = -count % rows
-    filled = [jnp.pad(leaf, (0, missing), mode="edge").reshape(rows, -1) for leaf in leaves]
-    results = jax.lax.map(lambda row: f(*row), filled)
-    return jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:])[:count], results)
+    sizes = [x.size if whole[i] else 1 for i, x in zip(active, chosen, strict=True)]
+    every = jnp.split(jnp.eye(sum(sizes), dtype=chosen[0].dtype), np.cumsum(sizes)[:-1], axis=1)
+    shapes = [x.shape if whole[i] else (1,) for i, x in zip(active, chosen, strict=True)]
+    seeds = [part.reshape(-1, *shape) for part, shape in zip(every, shapes, strict=True)]
+    return jax.vmap(push, out_axes=(None, -1))(seeds)
 
 
 def solve(field, start, end, state, args, route: ODE, save=None):

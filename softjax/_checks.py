@@ -18,6 +18,7 @@ def as_real(value):
     """Numbers become floats and arrays floating point; anything else is left for the check to name.
 
     Python numbers stay Python floats: they take the precision of what they are computed with.
+    NumPy arrays are copied, since a computation may still read them when its caller writes again.
     """
     if isinstance(value, bool | str | None):
         return value
@@ -31,9 +32,15 @@ def as_real(value):
             value = jnp.stack(value) if traced else np.asarray(value)
         except ValueError:  # no rectangular array of anything
             return value
+    if isinstance(value, np.ndarray):
+        return value if _real_array(value) is None else np.array(value, _float_of(value.dtype))
     if getattr(value, "dtype", None) is not None and np.issubdtype(value.dtype, np.integer):
-        return value.astype(np.result_type(float)) if isinstance(value, np.ndarray) else value * 1.0
+        return value * 1.0
     return value
+
+
+def _float_of(dtype):
+    return np.result_type(float) if np.issubdtype(dtype, np.integer) else dtype
 
 
 def check(name: str, value, holds, accepted: str) -> np.ndarray | None:
@@ -84,13 +91,15 @@ def check_broadcast(named: dict[str, Any]) -> tuple[int, ...]:
 
 
 def _real_array(value) -> np.ndarray | None:
+    if isinstance(value, np.ma.MaskedArray) and np.any(np.ma.getmaskarray(value)):
+        return None  # what its owner takes for no value is none
     try:
         array = np.asarray(value)
     except (TypeError, ValueError):
         return None
-    is_number = np.issubdtype(array.dtype, np.floating) or np.issubdtype(array.dtype, np.integer)
-    # bfloat16 and its kin are no NumPy floats, and no precision this library is made for
-    return array if is_number else None
+    # bfloat16 and its kin are no NumPy floats, and longer ones than float64 none of JAX's
+    is_float = np.issubdtype(array.dtype, np.floating) and array.dtype.itemsize <= 8
+    return array if is_float or np.issubdtype(array.dtype, np.integer) else None
 
 
 def _shown(value) -> str:

@@ -241,3 +241,22 @@ def safe_sqrt(x: Array) -> Array:
     """√x with value and derivatives 0 where x <= 0."""
     positive = x > 0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, 1.0)), 0.0)
+
+
+def power_3_2(x: Array) -> Array:
+    """x^{3/2}, 0 for x <= 0, with derivatives 0 there."""
+    positive = jnp.maximum(x, 0.0)
+    return positive * safe_sqrt(positive)
+
+
+@jax.custom_jvp
+def quotient(a, b) -> Array:
+    """a/b, whose derivative takes no b^-2, which leaves float32's range at a mass of 1e-20 kg."""
+    return jnp.asarray(a) / b
+
+
+@quotient.defjvp
+def _quotient_jvp(values, tangents):
+    (a, b), (change_a, change_b) = values, tangents
+    result = quotient(a, b)
+    return result, quotient(change_a - result * change_b, b)

@@ -7,6 +7,7 @@ memory that the call before it has used: fresh memory costs as much as a third o
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from typing import Any, NamedTuple
 
 import jax
@@ -26,26 +27,29 @@ FOR_ONE_THREAD = {
 }
 
 
-def in_pieces(of_chunk: Callable, key, flat: list[np.ndarray], count: int):
-    """`of_chunk(*flat)` as NumPy arrays, for arrays of `count` impacts and single values.
+def in_pieces(of_chunk: Callable, key, flat: list, many: list[bool], count: int):
+    """`of_chunk(*flat)` as NumPy arrays, of `count` impacts.
 
-    `key` tells one function from another: what is compiled is kept.
+    Args:
+        key: tells one function from another: what is compiled is kept.
+        flat: arrays of impacts where `many` is true, else what is the same for all.
     """
-    program = _program(of_chunk, key, flat)
+    program = _program(of_chunk, key, flat, many)
     results = [_aligned(count, kind.dtype) for kind in program.kinds]
     starts = iter(range(0, count, program.size))
-    single = jax.device_put([leaf for leaf in flat if not leaf.ndim])
+    each = [leaf for leaf, m in zip(flat, many, strict=True) if m]
+    single = jax.device_put([leaf for leaf, m in zip(flat, many, strict=True) if not m])
 
     def some(_):
         try:
             space = program.spare.pop()
         except IndexError:
-            space = program.space(flat)
+            space = program.space(each)
         for start in starts:
             stop = min(start + program.size, count)
             # the last piece is filled up by the impacts before it, so that all have one shape
             start = max(stop - program.size, 0)
-            values = program.run(space, flat, single, start)
+            values = program.run(space, each, single, start)
             for result, value in zip(results, values, strict=True):
                 result[start:stop] = value
         program.spare.append(space)
@@ -84,15 +88,14 @@ class _Program(NamedTuple):
     threads: int
     spare: list[_Space]
 
-    def space(self, flat) -> _Space:
-        impacts = [_aligned(self.size, leaf.dtype) for leaf in flat if leaf.ndim]
+    def space(self, each) -> _Space:
+        impacts = [_aligned(self.size, leaf.dtype) for leaf in each]
         results = [np.empty(self.size, kind.dtype) for kind in self.kinds]
         return _Space(impacts, jax.device_put(results, self.sharding))
 
-    def run(self, space: _Space, flat, single, start):
+    def run(self, space: _Space, each, single, start):
         """Results of a piece, which are valid until the next one."""
-        many = (leaf for leaf in flat if leaf.ndim)
-        for here, leaf in zip(space.impacts, many, strict=True):
+        for here, leaf in zip(space.impacts, each, strict=True):
             here[:] = leaf[start : start + self.size]
         impacts = jax.device_put(space.impacts, self.sharding)
         space.results[:] = jax.block_until_ready(self.compiled(space.results, impacts, single))
@@ -102,19 +105,19 @@ class _Program(NamedTuple):
 _programs: dict = {}
 
 
-def _program(of_chunk, key, flat) -> _Program:
+def _program(of_chunk, key, flat, many) -> _Program:
     """The compiled loop over the chunks of a piece, one for each function and static settings."""
     devices = jax.local_devices()
-    key = (key, tuple((leaf.dtype, leaf.ndim) for leaf in flat), len(devices))
+    kinds = tuple((leaf.dtype, m or np.shape(leaf)) for leaf, m in zip(flat, many, strict=True))
+    key = (key, kinds, len(devices))
     if key not in _programs:
-        _programs[key] = _compile(of_chunk, flat, devices)
+        _programs[key] = _compile(of_chunk, flat, many, devices)
     return _programs[key]
 
 
-def _compile(of_chunk, flat, devices) -> _Program:
+def _compile(of_chunk, flat, many, devices) -> _Program:
     each, all_same = PartitionSpec("impacts"), PartitionSpec()
     mesh = Mesh(np.array(devices), ("impacts",))
-    many = [bool(leaf.ndim) for leaf in flat]
 
     def of_piece(results, impacts, single):
         return _over_chunks(of_chunk, results, impacts, single, many)
@@ -128,11 +131,11 @@ def _compile(of_chunk, flat, devices) -> _Program:
             check_vma=False,
         )
     on_cpu = devices[0].platform == "cpu"
-    one = [leaf[:1] if leaf.ndim else leaf for leaf in flat]
+    one = [leaf[:1] if m else leaf for leaf, m in zip(flat, many, strict=True)]
     kinds, structure = jax.tree.flatten(jax.eval_shape(of_chunk, *one))
     return _Program(
         compiled=jax.jit(
-            of_piece, donate_argnums=0, compiler_options=FOR_ONE_THREAD if on_cpu else {}
+            of_piece, donate_argnums=0, compiler_options=_for_one_thread() if on_cpu else {}
         ),
         size=PIECE * len(devices),
         kinds=kinds,
@@ -142,6 +145,16 @@ def _compile(of_chunk, flat, devices) -> _Program:
         threads=_cores() if on_cpu and len(devices) == 1 else 1,
         spare=[],
     )
+
+
+@cache
+def _for_one_thread() -> dict:
+    """The compiler's options where it takes them: they are XLA's own, and no promise."""
+    try:
+        jax.jit(lambda x: x + 1, compiler_options=FOR_ONE_THREAD)(np.zeros(1, np.float32))
+    except Exception:  # whatever kind of error a compiler refuses by: it works without, slower
+        return {}
+    return FOR_ONE_THREAD
 
 
 def _over_chunks(of_chunk, results, impacts, single, many):

@@ -1,15 +1,8 @@
-"""The equation of motion x'' = -(5/4) p of a rate-independent law, integrated by diffrax.
+"""A rate-independent collision by its equation of motion x'' = -(5/4) p, integrated by diffrax.
 
-Nothing of the energy balance is used here: the law gives its forces, and where they end.
-
-Neither branch is integrated over time, because the ends of both are known in other variables
-(Hénon's trick), so that no event has to be searched for:
-
-* loading over what is left of the velocity, x' = y √(1 - ŝ^{2k}), where ŝ = 1 - η² is √x of the
-  elastic collision at that velocity relative to its peak. The state is what x^k/y² exceeds that
-  of the elastic collision by (Encke's trick): 0 until yield, and smooth after;
-* unloading over √x, from its value at the peak down to the residual overlap, with x'² as state;
-* where time matters, over the angle of x = x* + ρ cosφ, x' = -Ω ρ sinφ, with ρ and t as states.
+Nothing of the energy balance is used here: the law gives its forces, and where they end. Loading is
+integrated as what it differs from an elastic collision by, where the law begins as one (`encke`),
+else in the phase plane (`phase`), stage by stage between its kinks; unloading as a fall (`falls`).
 """
 
 from functools import partial
@@ -19,110 +12,44 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from softjax._bridge import over_batch, solve
-from softjax._numerics import implicit_root, integrate, near_one_root, parabolic_step, safe_sqrt
-from softjax.laws.base import Outcome, ReducedRateIndependent
+from softjax import encke, falls, phase
+from softjax._bridge import forward_differentiated, solve
+from softjax._impacts import over_impacts
+from softjax._numerics import implicit_root, parabolic_step
+from softjax._search import reach
+from softjax.falls import Fall
+from softjax.laws.reduced import Reduced, ReducedClosedForm, ReducedRateIndependent
+from softjax.pieces import Peak, Pieces, Rebound, loading_kinks, unloading_kinks
+from softjax.release import Release, release, searched
 from softjax.routes import ODE
+
+__all__ = ["forward_differentiated", "history", "pieces"]
 
 RESIDUAL_STEPS = 16  # from the peak; the worst of 400 000 cases needed 13
 ROUNDING = 8.0  # a step this many times the rounding error was the last
-HALF_PERIOD = {2.5: 1.4716375921622639, 2.0: 1.5707963267948966}  # ∫_0^1 dz/√(1 - z^k)
-# p_el/p is capped: where the loading force vanishes the overlap runs away instead of dividing by 0
-LARGEST_SOFTENING = 1e8
-CLOCK_NODES = 32
-FIRST_REACH = 1e-5  # ŝ at which a law without an elastic stage starts: 1e-10 of the overlap
+GAIN = 3.0  # tolerances that ε_p² of an elastic collision may be off
+UNKNOWN = 1e-8  # the tolerance that fixed steps are taken to have
 
 
-def collide(law: ReducedRateIndependent, y: Array, route: ODE) -> Outcome:
-    """Overlaps and ε_p² of collisions beyond the elastic limit, one ODE for each velocity."""
-    return over_batch(_collide_one, law, y, route)
-
-
-def duration(law: ReducedRateIndependent, y: Array, route: ODE) -> tuple[Array, Array]:
-    """Contact duration [L/V] and whether the contact ends."""
-    return over_batch(_duration_one, law, y, route)
-
-
-def _collide_one(law, y, route: ODE) -> Outcome:
-    peak, turns = _loading(law, y, route, clock=False)[:2]
-    residual = _residual(law, peak)
-    energy = _unloading_energy(law, peak, residual, y, route)
-    end = jax.lax.stop_gradient(law.end())
-    return Outcome(
-        peak=jnp.where(turns, peak, end),
-        residual=jnp.where(turns, residual, end),
-        plastic_squared=jnp.where(turns, energy, 0.0),
-        turns=turns,
+def pieces(law: ReducedRateIndependent, route: ODE, dtype) -> Pieces:
+    """The pieces of one impact."""
+    tolerance = UNKNOWN if route.steps is not None else route.tolerance
+    search = _followed if isinstance(law, ReducedClosedForm) else searched
+    return Pieces(
+        loading=partial(encke.loading if _begins_elastic(law) else _staged, route=route),
+        release=partial(release, search=search),
+        energy=partial(_energy, route=route),
+        time=partial(_time, route=route),
+        gain=GAIN * max(tolerance, 4 * float(jnp.finfo(dtype).eps)),
     )
 
 
-def _duration_one(law, y, route: ODE):
-    peak, turns, loading_time = _loading(law, y, route, clock=True)
-    residual = _residual(law, peak)
-    time = loading_time + _unloading_time(law, peak, residual, route)
-    return jnp.where(turns, time, 0.0), turns
+def _begins_elastic(law) -> bool:
+    return isinstance(law, ReducedClosedForm) and not len(law.breakpoints())
 
 
-def _loading(law, y, route: ODE, clock: bool):
-    """Largest overlap, whether there is one, and the time it takes."""
-    reach, start = _elastic_reach(law, y)
-    zero = jnp.zeros_like(y)
-    state = (zero, zero) if clock else (zero,)
-    field = partial(_loading_field, clock=clock)
-    (gain, *lag), solved = solve(field, start, zero, state, (law, reach), route)
-    found = jnp.square(reach * near_one_root(1 + gain, _roots(law)))
-    turns = solved & (found < law.end()) & jnp.isfinite(found)
-    peak = jnp.where(turns, found, 1.5)
-    if not clock:
-        return peak, turns
-    return peak, turns, (HALF_PERIOD[law.work_exponent] + lag[0]) * reach**2 / y
-
-
-def _roots(law) -> int:
-    """m = 2k, in which the elastic work is s^m with s = √x."""
-    return round(2 * law.work_exponent)
-
-
-def _elastic_reach(law, y):
-    """√x at the peak of the elastic collision, and the η at which the law stops being elastic."""
-    reach = y ** (2 / _roots(law))
-    if law.elastic_limit == 0:
-        return reach, jnp.full_like(y, (1 - FIRST_REACH) ** 0.5)
-    return reach, safe_sqrt(1 - law.elastic_limit**0.5 / reach)
-
-
-def _loading_field(eta, state, args, *, clock):
-    """dζ/dη and, with a clock, the lag behind the elastic collision d(t - t_el)/dη [reach²/y]."""
-    law, reach = args
-    m = _roots(law)
-    s_hat = 1 - eta**2
-    # √x over that of the elastic collision; ŝ^m is a denominator whose square underflows float32
-    stretch = near_one_root(1 + state[0] * (1 / s_hat) ** m, m)
-    s = reach * s_hat * stretch
-    elastic_force = 0.2 * m * s ** (m - 2)
-    floor = elastic_force / LARGEST_SOFTENING
-    # not as a quotient: its derivative with d, elastic force times x^{5/2}, overflows float32
-    softening = elastic_force * (1 / jnp.maximum(law.loading(s**2), floor))
-    change = -2 * m * eta * s_hat ** (m - 1) * (softening - 1)
-    if not clock:
-        return (change,)
-    weaker = softening / stretch ** (m - 2)  # the elastic collision's force at this x' over p
-    return change, -4 * s_hat * (weaker - 1) * _slowness(s_hat, m)
-
-
-def _slowness(s_hat, m: int):
-    """η y/x' = 1/√[(1 - ŝ^m)/(1 - ŝ)], the geometric sum of ŝ."""
-    total = jnp.ones_like(s_hat)
-    for _ in range(m - 1):
-        total = 1 + s_hat * total
-    return total**-0.5
-
-
-def _residual(law, peak):
-    """x* of p_U(x*) = 0, or 0, from the unloading force alone where it is not written about x*."""
-    known = law.residual(peak)
-    if known is not None:
-        return known
+def _followed(law: ReducedClosedForm, peak: Array) -> Release:
+    """x* of a smooth unloading force, by third-order steps down from the peak."""
     leaves, structure = jax.tree.flatten(law)
 
     def force(r, peak, *leaves):
@@ -147,137 +74,182 @@ def _residual(law, peak):
         one = jnp.ones_like(peak)
         return jax.lax.while_loop(unfinished, step, (one, one, 0))[0]
 
-    released = law.releases(peak)
     r = implicit_root(search, force)(peak, *leaves)
-    return jnp.where(released, peak * r**2, 0.0)
+    sure = jnp.ones_like(peak, dtype=bool)
+    return Release(peak * r**2, peak * (1 - r) * (1 + r), sure, sure)
 
 
-def _unloading_energy(law, peak, residual, y, route: ODE):
-    """x'²/y² at the end of the contact."""
-    # divided by y twice, not by y²: the derivative of that quotient overflows float32 at y = 1e13
-    args = (law, peak, jnp.sqrt(peak), safe_sqrt(residual), 1 / y)
+def _staged(law: ReducedRateIndependent, y: Array, route: ODE, clock: bool = False) -> Peak:
+    """Loading by any force: stages that are passed over the overlap, the last one by its angle."""
+    found = _reach(*jax.tree.map(jax.lax.stop_gradient, (law, y)))
+    length, m = found.rough, round(2 * law.work_exponent)
+    unit = 1.25 * (length / y) / y
 
-    def field(t, state, args):
-        law, peak, top, bottom, per_velocity = args
-        s = top - (top - bottom) * t
-        force = law.unloading(s**2, peak) * per_velocity
-        return (5 * (s * per_velocity) * (top - bottom) * force,)
+    def pull(X):
+        """The force over M V²/L, no farther than the law goes."""
+        return unit * law.loading(jnp.minimum(X * length, found.end))
 
-    zero, one = jnp.zeros_like(peak), jnp.ones_like(peak)
-    return solve(field, zero, one, (zero,), args, route)[0][0]
+    kinks = jnp.sort(loading_kinks(law, y)) / length
+    X, U, passed = _passed(pull, kinks, y, route)
+    plane = phase.Plane(lambda X, _: pull(X) - phase.circle_force(m, X), m, bounded=True)
+    states = phase.at_touch(y, clock=False)
+    if len(kinks):
+        inside = X > 0
+        on_the_way = phase.placed(m, jnp.where(inside, X, 1.0), U)
+        states = jax.tree.map(lambda a, b: jnp.where(inside, a, b), on_the_way, states)
+    end, solved = phase.over_angle(plane, states, phase.PEAK, route)
+    overlap = length * phase.position(m, end)[0]
+    ends = jnp.isfinite(found.end)
+    arrived = solved & passed & jnp.isfinite(overlap)
+    turns = jnp.where(ends & arrived, overlap < found.end, found.turns)
+    solved = arrived | ~turns
+    peak = Peak(
+        overlap=jnp.where(turns & solved, overlap, 0.5 * length),
+        velocity=y,
+        end=jnp.where(ends, found.end, 0.0),
+        turns=turns,
+        solved=solved,
+        error=jnp.zeros_like(y),
+    )
+    if not clock:
+        return peak
+    rise = _rise(law, peak.overlap)
+    reached = falls.energies(rise, y, route)
+    time, timed = falls.times(rise, reached, y, route)
+    return peak._replace(time=time, solved=peak.solved & ((reached.solved & timed) | ~turns))
 
 
-def _unloading_time(law, peak, residual, route: ODE):
-    """The time since the peak."""
-    frequency, (_, phase) = _solve_angle(law, peak, residual, route)
-    return phase / frequency
+def _reach(law, y):
+    end = jnp.asarray(law.end(), y.dtype)
+
+    def force(x):
+        return jnp.where(x <= end, law.loading(x), jnp.nan)
+
+    return reach(force, 0.4 * y * y, y ** (2 / law.work_exponent))
 
 
-def _solve_angle(law, peak, residual, route: ODE, save=None):
-    """Ω, and the states of `_angle_field` at the end of the contact or on the way there."""
-    frequency = jnp.sqrt(1.25 * law.unloading(peak, peak) / (peak - residual))
-    args = (law, peak, residual, frequency)
-    zero, end = jnp.zeros_like(peak), jnp.full_like(peak, 0.5 * jnp.pi)
-    return frequency, solve(_angle_field, zero, end, (zero + 1, zero), args, route, save)[0]
+def _passed(pull, kinks, y, route: ODE):
+    """X and U at the last kink before the peak, and whether the solver got there."""
+    zero, one = jnp.zeros_like(y), jnp.ones_like(y)
+    if not len(kinks):
+        return zero, one, jnp.ones_like(y, dtype=bool)
+
+    def stage(state, end):
+        start, energy, going, sure = state
+        width = jnp.maximum(end - start, 0.0)
+
+        def field(t, _, args):
+            # half powers of the overlap above the last kink are smooth over the root of it
+            return (-2 * pull(start + width * t * t) * 2 * width * t,)
+
+        (lost,), solved = solve(field, zero, one, (zero,), None, route)
+        passes = going & (energy + lost > 0) & (jnp.isfinite(lost))
+        state = jnp.where(passes, start + width, start), jnp.where(passes, energy + lost, energy)
+        return (*state, passes, sure & (solved | ~going)), None
+
+    begin = (zero, one, one > 0, one > 0)
+    last = jnp.max(jnp.where(jnp.isfinite(kinks), kinks, 0.0))
+    ends = jnp.where(jnp.isfinite(kinks), kinks, 2 * last + 1)
+    (X, energy, _, sure), _ = jax.lax.scan(stage, begin, ends)
+    return X, jnp.sqrt(energy), sure
 
 
-def _angle_field(phi, state, args):
-    """d/dφ of ρ/(x_m - x*) and of Ω t, for x = x* + ρ cosφ and x' = -Ω ρ sinφ."""
-    law, peak, residual, frequency = args
-    stretch, _ = state
-    sin, cos = jnp.sin(phi), jnp.cos(phi)
-    radius = (peak - residual) * stretch
-    x = jnp.clip(residual + radius * cos, residual, peak)
-    pull = 1.25 * law.unloading(x, peak) / (frequency**2 * radius)
-    turn = sin**2 + pull * cos  # dφ/d(Ω t)
-    return stretch * sin * (pull - cos) / turn, 1 / turn
+def _rise(law, peak) -> Fall:
+    """Loading with time turned around."""
+    force = lambda x, _: law.loading(x)  # noqa: E731
+    return Fall(force, peak, jnp.zeros_like(peak), peak, loading_kinks(law, peak))
+
+
+def _unloading(law, peak: Peak, release: Release) -> Fall:
+    top = peak.overlap
+
+    def force(x, recovered):
+        return law.unloading_at(x, recovered, top)
+
+    closed = isinstance(law, ReducedClosedForm)
+    return Fall(
+        force=force,
+        top=top,
+        bottom=release.residual,
+        span=release.recovered,
+        kinks=unloading_kinks(law, top),
+        about_zero=closed and law.powers_about == "zero-overlap",
+    )
+
+
+def _energy(law, peak: Peak, release: Release, route: ODE) -> Rebound:
+    reached = falls.energies(_unloading(law, peak, release), peak.velocity, route)
+    return Rebound(reached.value, reached.solved, jnp.zeros_like(reached.value))
+
+
+def _time(law, peak: Peak, release: Release, route: ODE) -> Rebound:
+    fall = _unloading(law, peak, release)
+    reached = _energies_at_kinks(fall, peak.velocity, route)
+    time, solved = falls.times(fall, reached, peak.velocity, route)
+    return Rebound(time, solved & reached.solved, jnp.zeros_like(time))
+
+
+def _energies_at_kinks(fall: Fall, y, route: ODE) -> falls.Energies:
+    """Only where there are kinks does the time ask for them."""
+    if len(fall.kinks):
+        return falls.energies(fall, y, route)
+    return falls.Energies(jnp.zeros(1, y.dtype), jnp.ones_like(y, dtype=bool))
 
 
 def history(
-    law: ReducedRateIndependent, y: Array, fractions: tuple[np.ndarray, np.ndarray], route: ODE
-) -> tuple[Array, Array, Array, Array]:
+    impacts: Reduced, fractions: tuple[np.ndarray, np.ndarray], route: ODE
+) -> tuple[tuple[Array, ...], Array]:
     """Time, overlap, velocity and force at fixed fractions of loading and of unloading.
 
     Args:
-        fractions: two increasing arrays in [0, 1]. Loading is sampled over 1 - η with x' falling
-            from y to 0, unloading over φ/(π/2) with x falling from its peak; the peak is sampled
-            once, as the end of loading.
-        y: impact velocities beyond the elastic limit.
+        fractions: two increasing arrays in [0, 1]: of the way from touch to the peak, which is
+            sampled once, as the end of loading, and of the way back.
 
     Returns:
-        Four arrays, a last axis of samples beyond the shape of y, zero where nothing turns.
+        Four arrays, a last axis of samples beyond the shape of y, and whether there is a history.
     """
+    one = partial(_history, fractions=fractions, route=route)
+    return over_impacts(one, (impacts.law, impacts.y, impacts.below), forward_differentiated)
+
+
+def _history(law, y, below, fractions, route: ODE):
     along, back = fractions
-
-    def one(law, y, route):
-        loading, turns = _loading_history(law, y, along, route)
-        time, overlap = loading[0][-1], jnp.where(turns, loading[1][-1], 1.5)
-        unloading = _unloading_history(law, overlap, time, back, route)
-        joined = (jnp.concatenate(parts) for parts in zip(loading, unloading, strict=True))
-        return tuple(jnp.where(turns, part, 0.0) for part in joined)
-
-    return over_batch(one, law, y, route)
-
-
-def elastic_history(
-    law: ReducedRateIndependent, y: Array, fractions: tuple[np.ndarray, np.ndarray]
-) -> tuple[Array, Array, Array, Array]:
-    """The same for a collision that stays elastic: loading, and its mirror image."""
-    along, back = fractions
-    there = _elastic_states(law, y[..., None], along)
-    mirrored = _elastic_states(law, y[..., None], 1 - back)
-    period = 2 * HALF_PERIOD[law.work_exponent] * y[..., None] ** (4 / _roots(law) - 1)
-    returned = (period - mirrored[0], mirrored[1], -mirrored[2], mirrored[3])
-    return tuple(jnp.concatenate(parts, -1) for parts in zip(there, returned, strict=True))
+    if _begins_elastic(law):
+        peak, loading = encke.history(law, y, along, route)
+        peak = peak._replace(overlap=jnp.where(peak.turns & peak.solved, loading[1][-1], 1.5))
+        rose = peak.solved
+    else:
+        peak = _staged(law, y, route)
+        loading, rose = _risen(law, peak, along, route)
+    ending = release(
+        law, peak.overlap, _followed if isinstance(law, ReducedClosedForm) else searched
+    )
+    fall = _unloading(law, peak, ending)
+    reached = _energies_at_kinks(fall, y, route)
+    (time, x, recovered, speed), fell = falls.times(fall, reached, y, route, back)
+    force = jax.vmap(fall.force)(x, recovered)
+    unloading = (loading[0][-1] + time, x, speed, force)
+    joined = [jnp.concatenate(parts) for parts in zip(loading, unloading, strict=True)]
+    ends = peak.turns & peak.solved & rose & reached.solved & fell
+    return tuple(_slowed(law, peak.overlap, below, joined)), ends
 
 
-def _elastic_states(law, y, fraction):
-    """Time, overlap, velocity and force on elastic loading at 1 - η = fraction."""
-    m = _roots(law)
-    s_hat, speed = _elastic_speed(fraction, m)
-    reach = y ** (2 / m)
-    s = reach * s_hat
-    time = reach**2 / y * _elastic_clock(m, fraction)
-    return time, s**2, y * speed, 0.2 * m * s ** (m - 2)
+def _risen(law, peak: Peak, along, route: ODE):
+    """Samples of loading: of the fall from the peak, the other way round."""
+    rise = _rise(law, peak.overlap)
+    reached = falls.energies(rise, peak.velocity, route)
+    (time, x, recovered, speed), solved = falls.times(
+        rise, reached, peak.velocity, route, 1 - along[::-1]
+    )
+    force = jax.vmap(rise.force)(x, recovered)
+    samples = (time[-1] - time[::-1], x[::-1], -speed[::-1], force[::-1])
+    return samples, solved & reached.solved
 
 
-def _elastic_speed(fraction, m: int):
-    """ŝ and x'/y where 1 - η = fraction."""
-    eta = 1 - fraction
-    s_hat = 1 - eta**2
-    return s_hat, eta / _slowness(s_hat, m)
-
-
-def _elastic_clock(m: int, fraction: np.ndarray) -> Array:
-    """Time [reach²/y] to 1 - η = fraction of an elastic collision, by quadrature."""
-
-    def slowness(eta):
-        s_hat = 1 - eta**2
-        return 4 * s_hat * _slowness(s_hat, m)
-
-    start = jnp.asarray(1 - fraction)
-    return integrate(slowness, start, jnp.ones_like(start), CLOCK_NODES)
-
-
-def _loading_history(law, y, along, route: ODE):
-    m = _roots(law)
-    reach, start = _elastic_reach(law, y)
-    # before yield, η > η_0, the deviation from the elastic collision is zero
-    portion = jnp.clip(1 - (1 - along) / start, 0.0, 1.0)
-    field = partial(_loading_field, clock=True)
-    zero = jnp.zeros_like(y)
-    (gain, lag), solved = solve(field, start, zero, (zero, zero), (law, reach), route, save=portion)
-    s_hat, speed = _elastic_speed(along, m)
-    s = reach * s_hat * near_one_root(1 + gain / jnp.where(s_hat > 0, s_hat, 1.0) ** m, m)
-    time = reach**2 / y * (_elastic_clock(m, along) + lag)
-    return (time, s**2, y * speed, law.loading(s**2)), solved & (s[-1] ** 2 < law.end())
-
-
-def _unloading_history(law, peak, loading_time, back, route: ODE):
-    residual = _residual(law, peak)
-    frequency, (stretch, phase) = _solve_angle(law, peak, residual, route, save=back)
-    phi = 0.5 * jnp.pi * back
-    radius = (peak - residual) * stretch
-    x = residual + radius * jnp.cos(phi)
-    time = loading_time + phase / frequency
-    return time, x, -frequency * radius * jnp.sin(phi), law.unloading(x, peak)
+def _slowed(law, peak, below, samples):
+    """Of slow impacts, from those of the lifted ones, by the power law near rest."""
+    if below is None:
+        return samples
+    far = below ** (2 / law.exponent_at(peak))
+    time, x, speed, force = samples
+    return time * far / below, x * far, speed * below, force * below * below / far

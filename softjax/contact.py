@@ -3,10 +3,10 @@
 import math
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 
 from softjax._checks import as_real, check_broadcast, check_positive, check_type
+from softjax._numerics import quotient
 from softjax.fields import Number, check_fields, choice_field, number_field
 from softjax.materials import Material
 
@@ -150,20 +150,7 @@ def _named(**materials: Material) -> dict[str, Number]:
 
 
 def _quotient(a, b):
-    return a / b if isinstance(a, float) and isinstance(b, float) else _array_quotient(a, b)
-
-
-@jax.custom_jvp
-def _array_quotient(a, b):
-    """a/b, whose own derivative takes b^-2, which leaves float32's range at M = 1e-20 kg."""
-    return jnp.asarray(a) / b
-
-
-@_array_quotient.defjvp
-def _quotient_jvp(values, tangents):
-    (a, b), (change_a, change_b) = values, tangents
-    quotient = _array_quotient(a, b)
-    return quotient, (change_a - quotient * change_b) / b
+    return a / b if isinstance(a, float) and isinstance(b, float) else quotient(a, b)
 
 
 def _sphere_mass(material: Material, radius):

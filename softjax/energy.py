@@ -1,238 +1,246 @@
-"""The energy balance: restitution of a rate-independent law without time integration.
+"""The energy balance: a rate-independent collision without time integration.
 
 The impact energy is the work of loading up to the largest overlap x_m; what the unloading force
-gives back down to the residual overlap x* is the rebound energy (all reduced, see `laws.base`):
+gives back down to the residual overlap x* is the rebound energy (all reduced, see `laws.reduced`):
 
     W_L(x_m) = (2/5) y²,    p_U(x*; x_m) = 0 or x* = 0,    ε_p² = W_U(x*, x_m)/((2/5) y²)
 
 A law's closed forms are used where it has them (`ReducedClosedForm`); else works are quadratures
-and roots are found by optimistix. The contact's duration is ∫ dx/|x'| over both branches.
+between the law's kinks, and roots are found by halving and by Newton's method. The contact's
+duration is ∫ dx/|x'| over both branches, of the forces alone.
 """
 
 import math
+from functools import partial
 
 import jax
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import Array
 
-from softjax._numerics import implicit_root, integrate, safe_sqrt
-from softjax.laws.base import Outcome, ReducedClosedForm, ReducedRateIndependent
+from softjax._impacts import over_impacts, recomputed_in_rows
+from softjax._numerics import integrate, safe_sqrt
+from softjax._quadrature import Integral, falling_time, integral, smooth_falling_time
+from softjax._search import Reach, reach
+from softjax.laws.reduced import ReducedClosedForm, ReducedRateIndependent
+from softjax.pieces import Peak, Pieces, Rebound, loading_kinks, unloading_kinks
+from softjax.release import Release, as_told, release, searched
 
-DURATION_NODES = 32
-WORK_NODES = 32
-NEWTON_STEPS = 5
-JUST_YIELDS = 0.05  # relative: the overlap at yield and the peak this close count as close
+IN_CACHE = 64  # impacts, each with all nodes of a quadrature
+
+MOST_STEPS = 60  # of Newton's method; a handful, but for halving beside a force that vanishes
+ELASTIC_NODES = 32
+ROUNDING = 4.0  # in eps: ε_p² of an elastic collision
 
 
-def collide(law: ReducedRateIndependent, y: Array) -> Outcome:
-    """Overlaps and ε_p² of collisions beyond the elastic limit, at impact velocities y >= 1.
+def closed_forms(dtype) -> Pieces:
+    """The pieces of a law that has them in closed form, for arrays of impacts."""
+    gain = ROUNDING * float(jnp.finfo(dtype).eps)
+    return Pieces(_closed_loading, _closed_release, _closed_energy, _closed_time, gain)
 
-    Elementwise over y and the law's fields, which broadcast. Where no turning point exists the
-    overlaps are `law.end()` and ε_p is zero, without a gradient.
-    """
-    largest = _largest_velocity(law)
+
+def quadratures(dtype) -> Pieces:
+    """The pieces of any law's forces, for one impact."""
+    gain = ROUNDING * float(jnp.finfo(dtype).eps)
+    return Pieces(_loading, partial(release, search=searched), _energy, _time, gain)
+
+
+def elastic_duration(exponent: float, y: Array) -> Array:
+    """Duration [L/V] of a collision that stays within one power law: 2.943… x_m/y for Hertz's."""
+    half = math.sqrt(math.pi) * math.gamma(1 + 1 / exponent) / math.gamma(0.5 + 1 / exponent)
+    return 2 * half * y ** (2 / exponent - 1)
+
+
+def _closed_loading(law: ReducedClosedForm, y: Array, clock: bool = False) -> Peak:
+    largest = law.largest_velocity()
     turns = y < largest
     # collisions without an answer compute another one, whose gradient is not used
-    y_safe = jnp.where(turns, y, _some_velocity_below(largest))
-    peak = _peak(law, y_safe)
-    residual, _, work = _release(law, peak)
+    some = jnp.where(jnp.isfinite(largest), 0.5 * (1 + largest), 2.0)
+    velocity = jnp.where(turns, y, lax.stop_gradient(some))
+    overlap, sure = law.peak(velocity), jnp.ones_like(turns)
+    peak = Peak(overlap, velocity, _finite(law.end()), turns, sure, jnp.zeros_like(velocity))
+    if not clock:
+        return peak
+    return peak._replace(time=_closed_rise(law, peak))
+
+
+def _closed_release(law: ReducedClosedForm, peak: Array) -> Release:
+    residual, recovered, work = law.release(peak)
+    sure = jnp.ones_like(peak, dtype=bool)
+    return as_told(law, peak, Release(residual, recovered, residual > 0, sure, work))
+
+
+def _closed_energy(law: ReducedClosedForm, peak: Peak, release: Release) -> Rebound:
     # not work/y²: at y = 1e13 float32 would overflow in the derivative of the quotient
-    squared = 2.5 * (work * (1 / y_safe)) / y_safe
-    end = jax.lax.stop_gradient(law.end())
-    return Outcome(
-        peak=jnp.where(turns, peak, end),
-        residual=jnp.where(turns, residual, end),
-        plastic_squared=jnp.where(turns, squared, 0.0),
-        turns=turns,
-    )
+    squared = 2.5 * (release.work * (1 / peak.velocity)) / peak.velocity
+    return Rebound(squared, jnp.ones_like(peak.turns), jnp.zeros_like(squared))
 
 
-def duration(law: ReducedRateIndependent, y: Array, outcome: Outcome) -> Array:
-    """Contact duration [L/V] of collisions beyond the elastic limit; 0 where none turns.
-
-    In s = √x both branches are regular: s = s_m(1 - η²) on loading, s = s_m - (s_m - s*) η² on
-    unloading, which is the square root that x' has at the peak taken out.
-    """
-    turns = outcome.turns
-    y_safe = jnp.where(turns, y, 1.5)
-    peak = jnp.where(turns, outcome.peak, 1.5)
-    residual = jnp.where(turns, outcome.residual, 0.0)
-    total = _elastic_stage(law, y_safe) + _yielding_stage(law, y_safe, peak)
-    return jnp.where(turns, total + _unloading_stage(law, peak, residual), 0.0)
+def _closed_time(law: ReducedClosedForm, peak: Peak, release: Release) -> Rebound:
+    if len(law.breakpoints()):
+        batch = (law, peak.overlap, release.residual, release.recovered)
+        time = over_impacts(_fall, batch, recomputed_in_rows(IN_CACHE))
+    else:
+        time = _smooth_fall(law, peak.overlap, release)
+    return Rebound(time, jnp.ones_like(peak.turns), jnp.zeros_like(time))
 
 
-def elastic_duration(law: ReducedRateIndependent, y: Array) -> Array:
-    """Duration [L/V] of a collision that stays within one power law: 2.943… x_m/y for Hertz's."""
-    return 2 * elastic_half_duration(law.work_exponent) * y ** (2 / law.work_exponent - 1)
+def _closed_rise(law: ReducedClosedForm, peak: Peak) -> Array:
+    if len(law.breakpoints()):
+        return over_impacts(_rise, (law, peak.overlap), recomputed_in_rows(IN_CACHE))
+    top = jnp.sqrt(peak.overlap)
+    drop = _beyond_limit(law, peak) / (top + law.elastic_limit**0.5)
+
+    def place(eta):
+        root = top - drop * eta**2
+        return root, 1.25 * law.loading(root * root)
+
+    return _elastic_stage(law, peak.velocity) + smooth_falling_time(place, drop)
 
 
-def elastic_half_duration(exponent: float) -> float:
-    """∫_0^1 dz/√(1 - z^k) = √π Γ(1 + 1/k)/Γ(1/2 + 1/k)."""
-    return math.sqrt(math.pi) * math.gamma(1 + 1 / exponent) / math.gamma(0.5 + 1 / exponent)
+def _beyond_limit(law: ReducedClosedForm, peak: Peak) -> Array:
+    """x_m less the elastic limit; just above yield, where that cancels, from the energy left there."""
+    limit, y = law.elastic_limit, peak.velocity
+    at_limit = limit ** (law.work_exponent / 2)
+    energy = 0.4 * jnp.maximum(y - at_limit, 0.0) * (y + at_limit)
+    first = energy / jnp.where(limit > 0, law.loading(jnp.full_like(y, limit)), 1.0)
+    middle = energy / law.loading(limit + 0.5 * first)
+    near = first < float(jnp.finfo(y.dtype).eps) ** (1 / 3) * limit
+    return jnp.where(near, middle, jnp.maximum(peak.overlap - limit, 0.0))
 
 
-def _elastic_stage(law, y):
-    """∫_0^{x_y} dx/√(y² - x^k) up to the elastic limit x_y."""
-    if law.elastic_limit == 0:
+def _smooth_fall(law: ReducedClosedForm, peak: Array, release: Release) -> Array:
+    about_zero = law.powers_about == "zero-overlap"
+    top = jnp.sqrt(peak) if about_zero else jnp.sqrt(release.recovered)
+    bottom = safe_sqrt(release.residual) if about_zero else jnp.zeros_like(top)
+    drop = release.recovered / (top + bottom)
+
+    def place(eta):
+        root = top - drop * eta**2
+        x = root * root + (0.0 if about_zero else release.residual)
+        return root, 1.25 * law.unloading_at(x, drop * eta**2 * (top + root), peak)
+
+    return smooth_falling_time(place, drop)
+
+
+def _elastic_stage(law: ReducedClosedForm, y: Array) -> Array:
+    """∫_0^{x_y} dx/√(y² - x^k) up to the elastic limit x_y, in √x and from its turning point."""
+    k, limit = law.work_exponent, law.elastic_limit
+    if limit == 0:
         return jnp.zeros_like(y)
-    k = law.work_exponent
-    top = y ** (1 / k)  # √x of the elastic turning point
-    start = safe_sqrt(1 - law.elastic_limit**0.5 / top)
+    top = y ** (1 / k)
+    # 1 - √x_y over top, without the cancellation just above yield
+    start = safe_sqrt(-jnp.expm1(jnp.log1p(-jnp.maximum(y - limit ** (k / 2), 0.0) / y) / k))
 
     def slowness(eta):
         s = top * (1 - eta**2)
-        return 4 * top * eta * s / (y * _sqrt_one_minus_power(eta, k))
+        # √(1 - (1 - η²)^{2k}) without the cancellation at small η
+        return 4 * top * eta * s / (y * jnp.sqrt(-jnp.expm1(2 * k * jnp.log1p(-(eta**2)))))
 
-    return integrate(slowness, start, jnp.ones_like(start), DURATION_NODES)
-
-
-def _sqrt_one_minus_power(eta, k):
-    """√(1 - (1 - η²)^{2k}), without the cancellation at small η."""
-    return jnp.sqrt(-jnp.expm1(2 * k * jnp.log1p(-(eta**2))))
+    return integrate(slowness, start, jnp.ones_like(start), ELASTIC_NODES)
 
 
-def _yielding_stage(law, y, peak):
-    """∫ dx/√(y² - (5/2) W_L) from the elastic limit to the peak."""
-    top = jnp.sqrt(peak)
-    start = safe_sqrt(1 - law.elastic_limit**0.5 / top)
-    at_peak = work_to(law, peak)
-    just_yields = peak < (1 + JUST_YIELDS) * law.elastic_limit
-
-    def slowness(eta):
-        s = top * (1 - eta**2)
-        # just above yield the works would cancel
-        near = _work_near_peak(law, top, top * eta**2)
-        left = jnp.where(just_yields, near, at_peak - work_to(law, s**2))
-        left = 2.5 * jnp.maximum(left, 0.0)
-        tiny = jnp.finfo(left.dtype).tiny
-        return 4 * top * eta * s / jnp.sqrt(jnp.maximum(left, tiny))
-
-    return integrate(slowness, jnp.zeros_like(start), start, DURATION_NODES)
+def _finite(end) -> Array:
+    end = jnp.asarray(end)
+    return jnp.where(jnp.isfinite(end), end, 0.0)
 
 
-def _work_near_peak(law, top, drop):
-    """∫ p_L dx from √x = top - drop to √x = top, a branch so short that five nodes are exact."""
-
-    def force(t):
-        s = top - drop * t
-        return 2 * drop * s * law.loading(s**2)
-
-    return integrate(force, jnp.zeros_like(top), jnp.ones_like(top), 5)
-
-
-def _unloading_stage(law, peak, residual):
-    """∫ dx/√((5/2) W_U) from the residual overlap to the peak."""
-    top, bottom = jnp.sqrt(peak), safe_sqrt(residual)
-    drop = top - bottom
-
-    def slowness(eta):
-        s = top - drop * eta**2
-        recovered = drop * eta**2 * (top + s)
-        speed = jnp.sqrt(2.5 * jnp.maximum(_unloading_work(law, peak, recovered), 0.0))
-        moves = speed > 0
-        return jnp.where(moves, 4 * drop * eta * s / jnp.where(moves, speed, 1.0), 0.0)
-
-    return integrate(slowness, jnp.zeros_like(drop), jnp.ones_like(drop), DURATION_NODES)
+def _loading(law: ReducedRateIndependent, y: Array, clock: bool = False) -> Peak:
+    energy = 0.4 * y * y
+    found = _reach(*jax.tree.map(lax.stop_gradient, (law, y)))
+    enough = work_to(law, found.top).value >= energy
+    turns = jnp.where(jnp.isfinite(found.end), enough, found.turns)
+    overlap = _overlap_of_work(law, energy, found._replace(turns=turns))
+    # those without an answer take another one, which comes half as far
+    overlap = jnp.where(turns, overlap, 0.5 * found.rough)
+    error = work_to(law, lax.stop_gradient(overlap)).error / energy
+    peak = Peak(overlap, y, _finite(found.end), turns, jnp.ones_like(turns), error)
+    return peak._replace(time=_rise(law, overlap)) if clock else peak
 
 
-def work_to(law: ReducedRateIndependent, x: Array) -> Array:
-    """W_L(x): the law's own, or the loading force integrated in √x."""
-    if isinstance(law, ReducedClosedForm):
-        return law.loading_work(x)
-    limit = law.elastic_limit
-    elastic = 0.4 * jnp.minimum(x, limit) ** law.work_exponent
-    bottom, top = jnp.sqrt(limit), jnp.sqrt(jnp.maximum(x, limit))
-    force = lambda s: 2 * s * law.loading(s**2)  # noqa: E731
-    yielded = integrate(force, bottom + 0 * top, top, WORK_NODES)
-    return elastic + yielded
+def _reach(law, y) -> Reach:
+    end = jnp.asarray(law.end(), y.dtype)
+
+    def force(x):
+        return jnp.where(x <= end, law.loading(x), jnp.nan)
+
+    return reach(force, 0.4 * y * y, y ** (2 / law.work_exponent))
 
 
-def _unloading_work(law, peak, recovered):
-    if isinstance(law, ReducedClosedForm):
-        return law.unloading_work(peak, recovered)
-    top, bottom = jnp.sqrt(peak), safe_sqrt(peak - recovered)
-    force = lambda s: 2 * s * law.unloading(s**2, peak)  # noqa: E731
-    return integrate(force, bottom, top, WORK_NODES)
+def work_to(law: ReducedRateIndependent, x: Array) -> Integral:
+    """W_L(x) of one impact."""
+    return integral(lambda _, x: law.loading(x), x, x - loading_kinks(law, x))
 
 
-def _largest_velocity(law):
-    if isinstance(law, ReducedClosedForm):
-        return law.largest_velocity()
-    end = law.end()
-    ends = jnp.isfinite(end)
-    reach = safe_sqrt(2.5 * work_to(law, jnp.where(ends, end, 1.0)))
-    return jnp.where(ends, reach, jnp.inf)
+def _overlap_of_work(law, energy, found: Reach):
+    """x_m with W_L(x_m) = energy."""
+    leaves, structure = jax.tree.flatten(law)
+
+    # what was found is an argument too: what is traced must not come in by the back door
+    @jax.custom_jvp
+    def root(energy, found, *leaves):
+        return _solve(jax.tree.unflatten(structure, leaves), energy, found)
+
+    @root.defjvp
+    def rule(params, tangents):
+        x = root(*params)
+        leaves, changes = params[2:], tangents[2:]
+        force = jax.tree.unflatten(structure, leaves).loading(x)
+        work = lambda *leaves: work_to(jax.tree.unflatten(structure, leaves), x).value  # noqa: E731
+        _, change = jax.jvp(work, leaves, changes)
+        return x, (tangents[0] - change) / jnp.where(force > 0, force, jnp.inf)
+
+    return root(energy, found, *leaves)
 
 
-def _some_velocity_below(largest):
-    """A velocity with a turning point, where there is one."""
-    return jax.lax.stop_gradient(jnp.where(jnp.isfinite(largest), 0.5 * (1 + largest), 2.0))
+def _solve(law, energy, found: Reach):
+    """By Newton's method in logarithms, in which a power law is a straight line, within bounds."""
+    settled = float(jnp.finfo(energy.dtype).eps) ** 0.75  # the step after it would be rounding
+
+    def unfinished(state):
+        _, _, _, change, count = state
+        return (count < MOST_STEPS) & (change > settled)
+
+    def step(state):
+        x, low, high, _, count = state
+        work, force = work_to(law, x).value, law.loading(x)
+        low, high = jnp.where(work < energy, x, low), jnp.where(work < energy, high, x)
+        to = x * jnp.exp(jnp.log(energy / work) * work / (x * force))
+        new = jnp.where((to >= low) & (to <= high), to, 0.5 * (low + high))
+        return new, low, high, jnp.abs(new - x) / new, count + 1
+
+    # no step at all where there is nothing to be found
+    change = jnp.where(found.turns, jnp.ones_like(energy), 0.0)
+    start = (jnp.minimum(found.rough, found.top), jnp.zeros_like(energy), found.top, change, 0)
+    return lax.while_loop(unfinished, step, start)[0]
 
 
-def _peak(law, y):
-    """x_m of any law that works monotonically: bracketed by optimistix, then Newton."""
-    if isinstance(law, ReducedClosedForm):
-        return law.peak(y)
-    elastic = y ** (2 / law.work_exponent)
-    top = jnp.where(jnp.isfinite(law.end()), law.end(), 1e6 * elastic)
-    residual = lambda x, law, y: 2.5 * work_to(law, x) / y**2 - 1  # noqa: E731
-    return _bracketed_root(residual, jnp.zeros_like(y), top, law, y)
+def _energy(law: ReducedRateIndependent, peak: Peak, release: Release) -> Rebound:
+    x_m = peak.overlap
+
+    def force(r, rest):
+        return law.unloading_at(release.residual + rest, r, x_m)
+
+    work = integral(force, release.recovered, x_m - unloading_kinks(law, x_m))
+    part = 2.5 / (peak.velocity * peak.velocity)
+    return Rebound(part * work.value, jnp.ones_like(peak.turns), part * work.error)
 
 
-def _release(law, peak):
-    """x* where the unloading force vanishes (0 where it never does), recovery and work."""
-    if isinstance(law, ReducedClosedForm):
-        return law.release(peak)
-    at_zero = law.unloading(jnp.zeros_like(peak), peak)
-    has_root = at_zero < 0
-    scale = jnp.abs(law.unloading(peak, peak))
-    residual = lambda x, law, peak, scale: law.unloading(x, peak) / scale  # noqa: E731
-    root = _bracketed_root(residual, jnp.zeros_like(peak), peak, law, peak, scale)
-    root = jnp.where(has_root, root, 0.0)
-    return root, peak - root, _unloading_work(law, peak, peak - root)
+def _time(law: ReducedRateIndependent, peak: Peak, release: Release) -> Rebound:
+    time = _fall(law, peak.overlap, release.residual, release.recovered)
+    return Rebound(time, jnp.ones_like(peak.turns), jnp.zeros_like(time))
 
 
-def _bracketed_root(residual, lower, upper, *params):
-    """A root between two arrays of bounds; the law is a pytree, its leaves are what moves it."""
-    leaves, structure = jax.tree.flatten(params)
-
-    def flat(x, *leaves):
-        return residual(x, *jax.tree.unflatten(structure, leaves))
-
-    def solve(lower, upper, *leaves):
-        return _newton(flat, _bisect(flat, lower, upper, leaves), lower, upper, leaves)
-
-    # the bounds are arguments too, though the root does not depend on them: what is traced must
-    # not come in by the back door
-    bounds = jax.lax.stop_gradient((lower, upper))
-    return implicit_root(solve, lambda x, lower, upper, *leaves: flat(x, *leaves))(*bounds, *leaves)
+def _rise(law: ReducedRateIndependent, peak: Array) -> Array:
+    """The time from touch to the peak [L/V]: that of a fall from there by the loading force."""
+    force = lambda _, x: 1.25 * law.loading(x)  # noqa: E731
+    return falling_time(force, peak, peak - loading_kinks(law, peak))
 
 
-def _bisect(f, lower, upper, leaves):
-    import optimistix as optx  # here: no law with closed forms pays for the import
+def _fall(law: ReducedRateIndependent, peak: Array, residual: Array, recovered: Array) -> Array:
+    """The time from the peak to the end of the contact [L/V]."""
 
-    shape = jnp.broadcast_shapes(jnp.shape(lower), *(jnp.shape(leaf) for leaf in leaves))
-    lower, upper, *leaves = (jnp.broadcast_to(a, shape).ravel() for a in (lower, upper, *leaves))
+    def force(r, rest):
+        return 1.25 * law.unloading_at(residual + rest, r, peak)
 
-    def one(lower, upper, leaves):
-        result = optx.root_find(
-            lambda x, leaves: f(x, *leaves),
-            optx.Bisection(rtol=1e-6, atol=0.0, flip="detect"),
-            0.5 * (lower + upper),
-            args=leaves,
-            options={"lower": lower, "upper": upper},
-            max_steps=128,
-            throw=False,
-        )
-        return result.value
-
-    return jax.vmap(one)(lower, upper, leaves).reshape(shape)
-
-
-def _newton(f, x, lower, upper, leaves):
-    def step(_, x):
-        value, slope = jax.jvp(lambda x: f(x, *leaves), (x,), (jnp.ones_like(x),))
-        change = jnp.where(slope != 0, value / jnp.where(slope != 0, slope, 1.0), 0.0)
-        return jnp.clip(x - change, lower, upper)
-
-    return jax.lax.fori_loop(0, NEWTON_STEPS, step, x)
+    return falling_time(force, recovered, peak - unloading_kinks(law, peak))

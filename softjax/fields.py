@@ -10,11 +10,13 @@ Checks of arguments, validity under `jit`, bounds of a fit and labels of its rep
 import dataclasses
 import re
 from collections.abc import Iterator
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from softjax._checks import as_real, check, check_broadcast, check_choice
@@ -90,12 +92,29 @@ def array_field(**options: Any) -> Any:
     """A field that is whole: one array, or any pytree, for all impacts.
 
     A network's weights or a table's knots, where numeric fields hold one value an impact. Its
-    leaves need not broadcast against the velocity, and are differentiated like any other.
+    leaves need not broadcast against the velocity, and are differentiated like any other. Functions
+    in it, such as a network's activation, become `jax.tree_util.Partial`, which is no leaf, so that
+    the law goes through `jax.jit` as it is.
 
     Args:
         options: of `dataclasses.field`, such as `default`.
     """
-    return eqx.field(metadata={"whole": True}, **options)
+    return eqx.field(converter=_as_whole, metadata={"whole": True}, **options)
+
+
+def _as_whole(value):
+    """Arrays of this library's own, and functions that JAX need not look at."""
+    if isinstance(value, list | tuple) and all(np.isscalar(item) for item in value):
+        return as_real(value)
+    return jax.tree.map(lambda leaf: _static(leaf) if _is_function(leaf) else as_real(leaf), value)
+
+
+def _is_function(leaf) -> bool:
+    return callable(leaf) and not hasattr(leaf, "dtype")
+
+
+def _static(function) -> jax.tree_util.Partial:
+    return jax.tree_util.Partial(function)
 
 
 def declarations(kind: type) -> dict[str, Declared]:
@@ -115,6 +134,49 @@ def options_of(kind: type) -> dict[str, tuple[str, ...]]:
 def whole_fields(kind: type) -> tuple[str, ...]:
     """The names of the fields that are held whole."""
     return tuple(f.name for f in dataclasses.fields(kind) if f.metadata.get("whole"))
+
+
+def whole_leaves(tree: Any) -> list[bool]:
+    """For every leaf of a pytree, in order, whether it is part of a whole field of some module."""
+    return _whole_leaves(jax.tree.structure(tree))
+
+
+@lru_cache(maxsize=256)
+def _whole_leaves(structure) -> list[bool]:
+    return _flags(jax.tree.unflatten(structure, [0.0] * structure.num_leaves))
+
+
+def _flags(tree) -> list[bool]:
+    if isinstance(tree, eqx.Module):
+        held = whole_fields(type(tree))
+        flags = []
+        for field in dataclasses.fields(tree):
+            if not field.metadata.get("static"):
+                value = getattr(tree, field.name)
+                inside = _flags(value)
+                flags += [True] * len(inside) if field.name in held else inside
+        return flags
+    children = jax.tree.leaves(tree, is_leaf=lambda node: node is not tree)
+    if len(children) == 1 and children[0] is tree:
+        return [False]
+    return [flag for child in children for flag in _flags(child)]
+
+
+class Held(eqx.Module):
+    """Something that is no number, kept beside a compiled function instead of within."""
+
+    value: Any = eqx.field(static=True)
+
+
+def held(law) -> Any:
+    """The same with all that is no number held: whole fields may hold options of any kind."""
+    return jax.tree.map(lambda leaf: leaf if hasattr(leaf, "dtype") else Held(leaf), law)
+
+
+def released(law) -> Any:
+    """What `held` was made from."""
+    is_held = lambda node: isinstance(node, Held)  # noqa: E731
+    return jax.tree.map(lambda leaf: leaf.value if is_held(leaf) else leaf, law, is_leaf=is_held)
 
 
 def check_fields(module: eqx.Module) -> None:
@@ -150,7 +212,7 @@ def are_valid(module: eqx.Module) -> Array:
         valid = valid & are_valid(nested)
     for name in whole_fields(type(module)):
         for leaf in jax.tree.leaves(getattr(module, name)):
-            if eqx.is_inexact_array_like(leaf):
+            if hasattr(leaf, "dtype") and jnp.issubdtype(leaf.dtype, jnp.inexact):
                 valid = valid & jnp.all(jnp.isfinite(leaf))
     return valid
 

@@ -8,18 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
-from softjax._numerics import safe_power
-from softjax.impact import (
-    Impact,
-    check_law,
-    checked,
-    common_precision,
-    lifted,
-    prepare,
-)
-from softjax.laws.base import ContactLaw, HardSphereLaw, ReducedRateIndependent
-from softjax.restitution import bridge, restitution_parts
+from softjax.impact import Impact, check_law, checked, common_precision, prepare
+from softjax.laws.base import ContactLaw, HardSphereLaw, RateIndependentLaw
+from softjax.restitution import restitution_parts
 from softjax.routes import ODE
+from softjax.status import Status
 
 
 class History(eqx.Module):
@@ -89,51 +82,49 @@ def collide(
 @partial(jax.jit, static_argnames=("samples", "route", "regime"))
 def _collide(law, velocity, samples, route, regime):
     impact = prepare(law, velocity, regime)
-    time, overlap, speed, force = _reduced_history(impact, samples, route, regime)
+    parts, ends = _history(impact, samples, route, regime)
     coefficient, plastic, _, _, status = restitution_parts(law, velocity, route, regime)
-    scales = impact.law.scales()
-    ends = (impact.valid & (impact.velocity > 0))[..., None]
-
-    def in_si(part, scale):
-        return jnp.where(ends, part * jnp.expand_dims(jnp.asarray(scale), -1), 0.0)
-
+    moves = impact.valid & (impact.velocity > 0)
+    lost = moves & ~ends & ((status & int(Status.NO_TURNING_POINT)) == 0)
+    shown = (moves & ends)[..., None]
+    time, overlap, speed, force = (jnp.where(shown, part, 0.0) for part in parts)
     return History(
-        time=in_si(time, scales.time),
-        overlap=in_si(overlap, scales.overlap),
-        velocity=in_si(speed, scales.velocity),
-        force=in_si(force, impact.law.force_scale()),
-        coefficient=coefficient,
-        plastic_coefficient=plastic,
-        status=status,
+        time=time,
+        overlap=overlap,
+        velocity=speed,
+        force=force,
+        coefficient=jnp.where(lost, 0.0, coefficient),
+        plastic_coefficient=jnp.where(lost, 0.0, plastic),
+        status=jnp.where(lost, jnp.int32(int(Status.SOLVER_FAILED)), status),
     )
 
 
-def _reduced_history(impact: Impact, samples: int, route: ODE, regime: str):
-    moving = jnp.where(impact.y > 0, impact.y, 1.0)
-    fractions = _fractions(samples, moving.dtype)
-    reduced = impact.law.reduced()
-    if not isinstance(reduced, ReducedRateIndependent):
-        return _moving_history(reduced, moving, fractions, route)  # elastic at rest alone
-    from softjax import collision  # diffrax is imported when the ODE is asked for
+def _history(impact: Impact, samples: int, route: ODE, regime: str):
+    """Histories in SI, and whether there is one."""
+    from softjax import collision, encke, rate_dependent  # diffrax is imported when asked for
 
-    elastic = collision.elastic_history(reduced, moving, fractions)
+    law = impact.law
+    fractions = _fractions(samples, impact.velocity.dtype)
+    if not isinstance(law, RateIndependentLaw):
+        reduced = law.reduced_at(impact.acting)
+        parts, ends = rate_dependent.history(reduced, fractions, route)
+        return _in_si(law, reduced.scales, parts), ends | impact.elastic
+    scales, exponent = law.elastic_scales()
+    moving = jnp.where(impact.velocity > 0, impact.velocity, scales.velocity)
+    elastic = encke.elastic_history(exponent, moving / scales.velocity, fractions)
+    elastic = _in_si(law, scales, elastic)
     if regime == "elastic":
-        return elastic
-    yielding = jnp.where(impact.elastic, 2.0, impact.y)
-    plastic = _moving_history(reduced, yielding, fractions, route)
+        return elastic, jnp.ones_like(impact.elastic)
+    reduced = law.reduced_at(impact.acting)
+    parts, ends = collision.history(reduced, fractions, route)
     stays_elastic = impact.elastic[..., None]
-    return [jnp.where(stays_elastic, e, p) for e, p in zip(elastic, plastic, strict=True)]
+    both = zip(elastic, _in_si(law, reduced.scales, parts), strict=True)
+    return [jnp.where(stays_elastic, e, p) for e, p in both], ends | impact.elastic
 
 
-def _moving_history(reduced, y, fractions, route: ODE):
-    k = reduced.work_exponent
-    y, below = lifted(reduced, y)
-    parts = bridge(reduced).history(reduced, y, fractions, route)
-    if below is None:
-        return parts
-    powers = (2 / k - 1, 2 / k, 1.0, 2 - 2 / k)  # of time, overlap, velocity, force
-    below = below[..., None]
-    return [part * safe_power(below, power) for part, power in zip(parts, powers, strict=True)]
+def _in_si(law, scales, parts):
+    units = scales.time, scales.overlap, scales.velocity, law.force_scale(scales)
+    return [part * jnp.expand_dims(unit, -1) for part, unit in zip(parts, units, strict=True)]
 
 
 def _fractions(samples: int, dtype) -> tuple[np.ndarray, np.ndarray]:

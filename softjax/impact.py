@@ -1,6 +1,4 @@
-"""A batch of impacts made ready for either route: checked, in one precision, reduced."""
-
-import math
+"""A batch of impacts made ready for either route: checked, owned, in one precision, reduced."""
 
 import equinox as eqx
 import jax
@@ -9,7 +7,8 @@ import numpy as np
 from jaxtyping import Array
 
 from softjax._checks import as_real, check, check_broadcast, is_traced
-from softjax.laws.base import ContactLaw, RateIndependentLaw, ReducedRateIndependent
+from softjax.fields import check_fields, held, numbers_of, released, whole_leaves
+from softjax.laws.base import ContactLaw, ForceLaw, RateIndependentLaw
 
 
 def check_law(law) -> None:
@@ -22,34 +21,42 @@ def checked(law: ContactLaw, velocity) -> tuple[Array, str]:
     velocity = as_real(velocity)
     accepted = "a finite impact velocity in m/s, zero or more"
     extremes = check("velocity", velocity, lambda v: v >= 0, accepted)
-    names = _field_names(law)
-    check_broadcast({"velocity": velocity} | names)
+    numbers = numbers_of(law)
+    if not all(type(value) is float or hasattr(value, "dtype") for value in numbers.values()):
+        check_fields(law)  # raises, naming what has been put into a law that was made whole
+    check_broadcast({"velocity": velocity} | numbers)
     return velocity, known_regime(law, velocity, extremes)
 
 
-def _field_names(law: ContactLaw) -> dict[str, object]:
-    paths, _ = jax.tree_util.tree_flatten_with_path(law)
-    return {str(path[-1]).lstrip("."): leaf for path, leaf in paths}
-
-
 def common_precision(law, velocity):
-    """All leaves in the precision of the widest, at least float32."""
+    """All numbers in the precision of the widest, at least float32; what is none is held.
+
+    They are copies where they were NumPy's: JAX computes on while its caller may write there again.
+    """
     leaves, structure = jax.tree.flatten((law, velocity))
     # a Python number, traced or not, has no precision of its own; alone they take JAX's
-    typed = [leaf for leaf in leaves if hasattr(leaf, "dtype") and not _is_weak(leaf)]
+    typed = [leaf for leaf in leaves if _is_float(leaf) and not _is_weak(leaf)]
     dtype = jnp.result_type(*typed, jnp.float32) if typed else jnp.result_type(float)
-    cast = [_as_dtype(leaf, dtype) for leaf in leaves]
-    return jax.tree.unflatten(structure, cast)
+    whole = whole_leaves((law, velocity))
+    cast = [_as_dtype(leaf, dtype, held) for leaf, held in zip(leaves, whole, strict=True)]
+    law, velocity = jax.tree.unflatten(structure, cast)
+    return held(law), velocity
+
+
+def _is_float(leaf) -> bool:
+    return hasattr(leaf, "dtype") and jnp.issubdtype(leaf.dtype, jnp.floating)
 
 
 def _is_weak(leaf) -> bool:
     return getattr(leaf, "weak_type", False)
 
 
-def _as_dtype(leaf, dtype):
+def _as_dtype(leaf, dtype, whole: bool):
     if isinstance(leaf, jax.Array):
-        return leaf if leaf.dtype == dtype and not leaf.weak_type else jnp.asarray(leaf, dtype)
-    return np.asarray(leaf, dtype)
+        as_it_is = not _is_float(leaf) or (leaf.dtype == dtype and not leaf.weak_type)
+        return leaf if as_it_is else jnp.asarray(leaf, dtype)
+    # what is whole may hold other things than numbers with a point, which keep their kind
+    return np.array(leaf, dtype) if _is_float(leaf) or type(leaf) is float or not whole else leaf
 
 
 def known_regime(law: ContactLaw, velocity, extremes: np.ndarray | None = None) -> str:
@@ -57,75 +64,91 @@ def known_regime(law: ContactLaw, velocity, extremes: np.ndarray | None = None) 
 
     `extremes` of the velocities, where they are known already, save a pass over them.
     """
-    if not isinstance(law, RateIndependentLaw):
+    if not isinstance(law, RateIndependentLaw) or np.size(velocity) == 0:
         return "mixed"
-    reduced = law.reduced()
-    if math.isinf(reduced.elastic_limit):
+    if law.never_yields:
         return "elastic"
-    if np.size(velocity) == 0:
-        return "mixed"
     if any(is_traced(leaf) for leaf in jax.tree.leaves((law, velocity))):
         return "mixed"
-    scale = np.asarray(law.scales().velocity)
-    use_extremes = extremes is not None and scale.size == 1
-    ratio = np.asarray(extremes if use_extremes else velocity) / scale
-    limit = _elastic_velocity(reduced)
-    # a margin of float32's rounding: compiled code decides what is on the edge
-    if ratio.max() < limit * (1 - 1e-5):
+    limit = np.asarray(law.elastic_velocity())
+    if limit.size == 1 and np.isinf(limit):
         return "elastic"
-    return "yielding" if ratio.min() > limit * (1 + 1e-5) else "mixed"
-
-
-def _elastic_velocity(reduced) -> float:
-    return reduced.elastic_limit ** (reduced.work_exponent / 2)
-
-
-def lifted(reduced, y: Array) -> tuple[Array, Array | None]:
-    """Velocities whose squares do not underflow, and y over them (None: nothing was lifted).
-
-    Laws without an elastic stage act down to rest; near it they follow their elastic power law, by
-    which overlaps and times of the lifted collision are scaled back.
-    """
-    if getattr(reduced, "elastic_limit", 0.0) > 0:
-        return y, None
-    tiny = float(jnp.finfo(y.dtype).tiny)
-    # derivatives of works over y² meet y³; those of a damped collision y²
-    works = isinstance(reduced, ReducedRateIndependent)
-    least = tiny ** (0.25 if works else 0.4)
-    high = jnp.maximum(y, least)
-    return high, y / high
+    use_extremes = extremes is not None and limit.size == 1
+    speed = np.asarray(extremes if use_extremes else velocity)
+    # a margin of float32's rounding: compiled code decides what is on the edge
+    if np.all(speed < limit * (1 - 1e-5)):
+        return "elastic"
+    return "yielding" if np.all(speed > limit * (1 + 1e-5)) else "mixed"
 
 
 class Impact(eqx.Module):
-    """One batch of impacts in reduced variables, with all invalid ones replaced by harmless."""
+    """One batch of impacts, with all invalid ones replaced by harmless.
+
+    Attributes:
+        law, velocity: as asked for.
+        acting: the velocity [m/s] at which the law beyond its elastic stage is computed, which is
+            another one where that is not asked for.
+        valid, elastic: truth values.
+    """
 
     law: ContactLaw
     velocity: Array
-    y: Array
+    acting: Array
     valid: Array
     elastic: Array
 
 
 def prepare(law: ContactLaw, velocity: Array, regime: str, branch: Array | None = None) -> Impact:
-    """The impacts in reduced variables.
+    """The impacts, each on its branch.
 
     Args:
         branch: True where an impact is to be taken for elastic, False where for yielding, wherever
             its velocity is; None: as the law has it.
     """
+    law = released(law)
     law_valid = law.is_valid()
-    law = jax.tree.map(lambda leaf: jnp.where(law_valid, leaf, 1.0).astype(leaf.dtype), law)
-    scale = law.scales().velocity
+    law = _harmless(law, law_valid)
     valid = law_valid & jnp.isfinite(velocity) & (velocity >= 0)
-    velocity = jnp.where(valid, velocity, 0.5 * scale)
-    y = velocity / scale
+    some = _some_velocity(jax.tree.map(jax.lax.stop_gradient, law))
+    velocity = jnp.where(valid, velocity, 0.25 * some)
     if not isinstance(law, RateIndependentLaw):
         elastic = velocity == 0  # at rest nothing is lost
-    elif regime == "mixed":
-        # not y <= 1: a quotient may be compiled into a product that rounds otherwise
-        limit = _elastic_velocity(law.reduced())
-        elastic = velocity <= scale * limit if branch is None else jnp.broadcast_to(branch, y.shape)
-        y = y + jax.lax.stop_gradient(jnp.where(elastic, 0.0, jnp.maximum(limit - y, 0.0)))
-    else:
-        elastic = jnp.full(y.shape, regime == "elastic")
-    return Impact(law, velocity, y, valid, elastic)
+        return Impact(law, velocity, jnp.where(elastic, some, velocity), valid, elastic)
+    if regime != "mixed":
+        elastic = jnp.full(velocity.shape, regime == "elastic")
+        return Impact(law, velocity, velocity, valid, elastic)
+    # not y <= 1: a quotient may be compiled into a product that rounds otherwise
+    limit = law.elastic_velocity()
+    elastic = velocity <= limit
+    if branch is not None:
+        elastic = jnp.broadcast_to(branch, elastic.shape)
+    # an impact that is held on the yielding branch below yield is taken at yield
+    least = jnp.where(elastic, 0.0, jnp.maximum(limit - velocity, 0.0))
+    acting = jnp.where(elastic, some, velocity + jax.lax.stop_gradient(least))
+    return Impact(law, velocity, acting, valid, elastic)
+
+
+def _harmless(law: ContactLaw, valid) -> ContactLaw:
+    """The law with ones where its numbers are none."""
+    leaves, structure = jax.tree.flatten(law)
+    every = jnp.all(valid)
+
+    def other(leaf, whole):
+        if not _is_float(leaf):
+            return leaf
+        return jnp.where(every if whole else valid, leaf, 1.0).astype(leaf.dtype)
+
+    mended = [other(leaf, whole) for leaf, whole in zip(leaves, whole_leaves(law), strict=True)]
+    return jax.tree.unflatten(structure, mended)
+
+
+def _some_velocity(law: ContactLaw):
+    """A velocity [m/s] at which the law is beyond its elastic stage, if it has one beyond."""
+    if not isinstance(law, ForceLaw):
+        return 1.0
+    scale = law.scales().velocity
+    if not isinstance(law, RateIndependentLaw):
+        return scale
+    limit = jnp.asarray(law.elastic_velocity())
+    yields = (limit > 0) & jnp.isfinite(limit)
+    return jnp.where(yields, 2 * jnp.where(yields, limit, scale), scale)

@@ -35,5 +35,8 @@ class Material(eqx.Module):
 # Zhou, Theor. Appl. Mech. Lett. 3, 021003 (2013), Table 1. The nylon's modulus is the bulk value;
 # the paper notes that it is about ten times the one of the measurements' own source.
 STAINLESS_STEEL = Material(1.93e11, 0.35, 8030.0, 3.10e8)
+"""Stainless steel of Zhou (2013), Table 1."""
 CHROME_STEEL = Material(2.03e11, 0.28, 7830.0, 2.03e9)
+"""Chrome steel of Zhou (2013), Table 1."""
 NYLON = Material(2.5e9, 0.30, 1140.0, 4.0e7)
+"""Nylon of Zhou (2013), Table 1, with the bulk modulus."""

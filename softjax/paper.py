@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 from softjax.materials import CHROME_STEEL, NYLON, STAINLESS_STEEL, Material
 
-# Eq. (18), χ̃ = c1 + c2 E/Y, with the exponent of c1 as Table 1's χ̃ need it (printed: 10³)
 UNLOADING_LINE = (3.518e-3, 3.757e-4)
+"""c1, c2 of Eq. (18), χ̃ = c1 + c2 E/Y; the exponent of c1 as Table 1's χ̃ need it (printed: 10³)."""
 
 
 class TableEntry(NamedTuple):
@@ -64,6 +64,7 @@ TABLE_1 = (
         largest_ratio=80.0,
     ),
 )
+"""Table 1, a `TableEntry` a material."""
 
 
 class Misprint(NamedTuple):
@@ -129,3 +130,4 @@ MISPRINTS = (
         "Table 1, chrome steel v_cr [m/s]", "0.9090", "0.9096 by Eq. (5)", 0.9090, 0.9096, "v_cr"
     ),
 )
+"""Where the paper contradicts itself, a `Misprint` a place."""

@@ -6,29 +6,16 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-from softjax import energy
-from softjax._large import in_chunks
-from softjax._numerics import safe_power, safe_sqrt
-from softjax.impact import (
-    Impact,
-    check_law,
-    checked,
-    common_precision,
-    known_regime,
-    lifted,
-    prepare,
-)
-from softjax.laws.base import (
-    ContactLaw,
-    HardSphereLaw,
-    Outcome,
-    RateDependentLaw,
-    RateIndependentLaw,
-    ReducedRateDependent,
-    ReducedRateIndependent,
-)
+from softjax._batches import in_batches
+from softjax._checks import is_traced
+from softjax._numerics import safe_sqrt
+from softjax.collisions import Collisions, collisions, durations
+from softjax.fields import released, whole_leaves
+from softjax.impact import Impact, check_law, checked, common_precision, known_regime, prepare
+from softjax.laws.base import ContactLaw, HardSphereLaw, RateDependentLaw
 from softjax.routes import ODE, EnergyBalance, Route, check_route
 from softjax.status import Status
 
@@ -41,7 +28,9 @@ class Restitution(eqx.Module):
         plastic_coefficient: ε_p [-], what the contact force alone gives back.
         peak_overlap, residual_overlap: δ_max and δ* [m]; None where they were not asked for.
         status: `Status` flags, one integer per velocity.
-        law, velocity, route: what was asked for, arrays as they were given and not copied.
+        law, velocity, route: what was asked for, the result's own: nobody else writes there. Under
+            `jit`, `vmap` or `grad` the numbers of the law have the shape of `velocity` too.
+        each: whether what is whole in the law is there for each impact, as under `vmap`.
     """
 
     law: ContactLaw
@@ -52,16 +41,20 @@ class Restitution(eqx.Module):
     residual_overlap: Float[Array, "..."] | None
     status: Int[Array, "..."]
     route: Route = eqx.field(static=True)
+    each: bool = eqx.field(static=True, default=False)
 
     @property
     def duration(self) -> Array:
         """Contact duration [s], computed when asked for.
 
-        0 where there is no contact that ends: at v = 0, without a turning point, on invalid input.
+        0 where there is no contact that ends: at v = 0, without a turning point, on invalid input,
+        and where the solver gave up.
         """
         regime = known_regime(self.law, self.velocity)
         law, velocity = common_precision(self.law, self.velocity)
-        return in_chunks(_duration, law, velocity, self.route, regime)
+        if self.each and any(whole_leaves(law)):
+            return _durations_of_each(law, velocity, self.route, regime)
+        return in_batches(_duration, law, velocity, self.route, regime)
 
     @property
     def ok(self) -> Array:
@@ -120,8 +113,31 @@ def restitution(
     _check_law_takes(law, route)
     velocity, regime = checked(law, velocity)
     same_law, same_velocity = common_precision(law, velocity)
-    parts = in_chunks(restitution_parts, same_law, same_velocity, route, regime, overlaps)
-    return Restitution(law, same_velocity, *parts, route)
+    parts = in_batches(restitution_parts, same_law, same_velocity, route, regime, overlaps)
+    kept, each = _kept((released(same_law), same_velocity))
+    return Restitution(*kept, *parts, route, each)
+
+
+def _kept(impacts):
+    """Law and velocity as a result keeps them, and whether what is whole is repeated.
+
+    Where they are traced, `vmap` may stack them along an axis that a result of another shape would
+    take for another one: there every number is repeated for each impact.
+    """
+    leaves, structure = jax.tree.flatten(impacts)
+    if not any(is_traced(leaf) for leaf in leaves):
+        return impacts, False
+    whole = whole_leaves(impacts)
+    shapes = [np.shape(leaf) for leaf, held in zip(leaves, whole, strict=True) if not held]
+    shape = np.broadcast_shapes(*shapes)
+
+    def spread(leaf, held):
+        if held and not hasattr(leaf, "dtype"):
+            return leaf
+        return jnp.broadcast_to(leaf, shape + (np.shape(leaf) if held else ()))
+
+    kept = [spread(leaf, held) for leaf, held in zip(leaves, whole, strict=True)]
+    return jax.tree.unflatten(structure, kept), True
 
 
 class SignedRestitution(NamedTuple):
@@ -166,8 +182,8 @@ def signed_restitution(
 
 @partial(jax.jit, static_argnames=("route", "regime"))
 def _signed(law, velocity, route, regime, elastic):
-    impact, outcome, squared, status = _solved(law, velocity, route, regime, elastic)
-    answered = impact.valid & outcome.turns
+    impact, found, squared, status = _solved(law, velocity, route, regime, elastic)
+    answered = impact.valid & found.turns & found.solved
     return SignedRestitution(jnp.where(answered, squared, 0.0), status)
 
 
@@ -188,72 +204,24 @@ def _check_law_takes(law: ContactLaw, route: Route) -> None:
         )
 
 
-def _outcome(impact: Impact, route: Route, regime: str) -> Outcome:
-    if isinstance(impact.law, HardSphereLaw):
-        return _rebound_of_hard_spheres(impact)
-    reduced = impact.law.reduced()
-    elastic = _elastic_outcome(reduced, impact.y)
-    if regime == "elastic":
-        return elastic
-    yielding = jnp.where(impact.elastic, 2.0, impact.y)
-    plastic = _collide(reduced, yielding, route)
-    if regime == "yielding":
-        return plastic
-    return jax.tree.map(lambda e, p: jnp.where(impact.elastic, e, p), elastic, plastic)
-
-
-def _rebound_of_hard_spheres(impact: Impact) -> Outcome:
-    squared = impact.law.restitution_squared(impact.velocity)
-    squared = jnp.where(impact.elastic, 1.0, squared)  # at rest
-    zero = jnp.zeros_like(squared)
-    return Outcome(zero, zero, squared, jnp.ones_like(squared, dtype=bool))
-
-
-def _collide(reduced, y, route: Route) -> Outcome:
-    y, below = lifted(reduced, y)
-    ode = isinstance(route, ODE)
-    outcome = bridge(reduced).collide(reduced, y, route) if ode else energy.collide(reduced, y)
-    if below is None:
-        return outcome
-    shrunk = safe_power(below, 2 / reduced.work_exponent)
-    return outcome._replace(peak=outcome.peak * shrunk, residual=outcome.residual * shrunk)
-
-
-def bridge(reduced):
-    """The module that integrates the law; diffrax is imported when the ODE is asked for."""
-    from softjax import collision, rate_dependent
-
-    return rate_dependent if isinstance(reduced, ReducedRateDependent) else collision
-
-
-def _elastic_outcome(reduced, y) -> Outcome:
-    return Outcome(
-        peak=safe_power(y, 2 / reduced.work_exponent),
-        residual=jnp.zeros_like(y),
-        plastic_squared=jnp.ones_like(y),
-        turns=jnp.ones_like(y, dtype=bool),
-    )
-
-
 @partial(jax.jit, static_argnames=("route", "regime", "overlaps"))
 def restitution_parts(law, velocity, route, regime, overlaps=True):
-    impact, outcome, squared, status = _solved(law, velocity, route, regime)
-    answered = impact.valid & outcome.turns
-    length = impact.law.scales().overlap
+    impact, found, squared, status = _solved(law, velocity, route, regime)
+    answered = impact.valid & found.turns & found.solved
 
     def where_answered(x):
         return jnp.where(answered, x, 0.0)
 
     def in_metres(x):
         # without a turning point the overlap is where the law ends: a number, but no answer
-        moving = jnp.where(outcome.turns, x * length, jax.lax.stop_gradient(x * length))
+        moving = jnp.where(found.turns, x, jax.lax.stop_gradient(x))
         return jnp.where(impact.valid, moving, 0.0)
 
     return (
         where_answered(safe_sqrt(squared)),
-        where_answered(safe_sqrt(outcome.plastic_squared)),
-        in_metres(outcome.peak) if overlaps else None,
-        in_metres(outcome.residual) if overlaps else None,
+        where_answered(safe_sqrt(found.plastic_squared)),
+        in_metres(found.peak) if overlaps else None,
+        in_metres(found.residual) if overlaps else None,
         status,
     )
 
@@ -261,32 +229,29 @@ def restitution_parts(law, velocity, route, regime, overlaps=True):
 def _solved(law, velocity, route, regime, branch=None):
     """The impacts, their collisions, ε² of them and the status."""
     impact = prepare(law, velocity, regime, branch)
-    outcome = _outcome(impact, route, regime)
+    found = collisions(impact, route, regime)
     squared, at_limit = impact.law.total_restitution(
-        outcome.plastic_squared, impact.velocity, impact.elastic
+        found.plastic_squared, impact.velocity, impact.elastic
     )
-    return impact, outcome, squared, _status(impact, outcome, squared, at_limit)
+    return impact, found, squared, _status(impact, found, squared, at_limit)
 
 
-def _status(impact: Impact, outcome: Outcome, squared, at_limit) -> Array:
+def _status(impact: Impact, found: Collisions, squared, at_limit) -> Array:
     yields = ~impact.elastic
-    answered = yields & outcome.turns
+    answered = yields & found.turns & found.solved
     conditions = {
         Status.ELASTIC: impact.elastic,
+        Status.NO_RESIDUAL_OVERLAP: answered & ~found.released,
+        Status.ENERGY_GAIN: answered & found.gains,
         Status.NO_REBOUND: answered & (squared < 0),
-        Status.NO_TURNING_POINT: yields & ~outcome.turns,
+        Status.BEYOND_EXPANSION: yields & found.solved & found.beyond,
+        Status.NO_TURNING_POINT: yields & ~found.turns,
         Status.ABOVE_LIMIT_VELOCITY: at_limit,
         Status.ZERO_VELOCITY: impact.velocity == 0,
+        Status.SOLVER_FAILED: yields & ~found.solved,
+        Status.INEXACT: answered & ~found.exact,
     }
-    if isinstance(impact.law, RateIndependentLaw):
-        reduced = impact.law.reduced()
-        conditions |= {
-            Status.NO_RESIDUAL_OVERLAP: answered & ~reduced.releases(outcome.peak),
-            Status.BEYOND_EXPANSION: yields & reduced.beyond_expansion(outcome.peak),
-            # a dashpot gives no energy back; above 1 it can only be by rounding
-            Status.ENERGY_GAIN: answered & (outcome.plastic_squared > 1),
-        }
-    flags = jnp.zeros(impact.y.shape, jnp.int32)
+    flags = jnp.zeros(impact.velocity.shape, jnp.int32)
     for flag, holds in conditions.items():
         flags = flags | jnp.where(holds, jnp.int32(int(flag)), 0)
     return jnp.where(impact.valid, flags, jnp.int32(int(Status.INVALID_INPUT)))
@@ -295,33 +260,16 @@ def _status(impact: Impact, outcome: Outcome, squared, at_limit) -> Array:
 @partial(jax.jit, static_argnames=("route", "regime"))
 def _duration(law, velocity, route, regime):
     impact = prepare(law, velocity, regime)
-    tau, ends = _reduced_duration(impact, route, regime)
-    ends = ends & impact.valid & (impact.velocity > 0)
-    return jnp.where(ends, tau * impact.law.scales().time, 0.0)
+    time, ends = durations(impact, route, regime)
+    return jnp.where(ends & impact.valid & (impact.velocity > 0), time, 0.0)
 
 
-def _reduced_duration(impact: Impact, route: Route, regime: str):
-    if isinstance(impact.law, HardSphereLaw):
-        return jnp.zeros_like(impact.y), jnp.ones_like(impact.elastic)
-    reduced = impact.law.reduced()
-    moving = jnp.where(impact.y > 0, impact.y, 1.0)
-    if not isinstance(reduced, ReducedRateIndependent):
-        return _plastic_duration(reduced, moving, route)  # elastic at rest alone
-    elastic = energy.elastic_duration(reduced, moving)
-    if regime == "elastic":
-        return elastic, jnp.ones_like(impact.elastic)
-    yielding = jnp.where(impact.elastic, 2.0, impact.y)
-    plastic, turns = _plastic_duration(reduced, yielding, route)
-    return jnp.where(impact.elastic, elastic, plastic), impact.elastic | turns
+def _durations_of_each(law, velocity, route, regime):
+    """Of impacts that each have a law of their own, what is whole included."""
+    leaves, structure = jax.tree.flatten((law, velocity))
+    flat = [jnp.reshape(leaf, (velocity.size, *leaf.shape[velocity.ndim :])) for leaf in leaves]
 
+    def one(*leaves):
+        return _duration(*jax.tree.unflatten(structure, leaves), route, regime)
 
-def _plastic_duration(reduced, y, route: Route):
-    y, below = lifted(reduced, y)
-    if isinstance(route, ODE):
-        time, turns = bridge(reduced).duration(reduced, y, route)
-    else:
-        outcome = energy.collide(reduced, y)
-        time, turns = energy.duration(reduced, y, outcome), outcome.turns
-    if below is None:
-        return time, turns
-    return time * safe_power(below, 2 / reduced.work_exponent - 1), turns
+    return jax.vmap(one)(*flat).reshape(velocity.shape)

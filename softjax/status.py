@@ -21,6 +21,8 @@ class Status(enum.IntFlag):
     | `ABOVE_LIMIT_VELOCITY` | v >= v_lim: Eq. (17) has no real value | 0 in its place |
     | `ZERO_VELOCITY` | v = 0: d(eps)/dv is infinite for psi < 1 | eps = 1, gradient 0 |
     | `INVALID_INPUT` | NaN, negative or infinite input under `jit` | eps = 0, gradient 0 |
+    | `SOLVER_FAILED` | the integration used up its steps | everything 0, gradient 0 |
+    | `INEXACT` | quadratures differ by 1e-10 (float32: 1e-5), or a force jumps | as computed |
     """
 
     PLAIN = 0
@@ -33,6 +35,8 @@ class Status(enum.IntFlag):
     ABOVE_LIMIT_VELOCITY = 64
     ZERO_VELOCITY = 128
     INVALID_INPUT = 256
+    SOLVER_FAILED = 512
+    INEXACT = 1024
 
     @property
     def remedy(self) -> str:
@@ -47,5 +51,7 @@ _REMEDIES = {
     Status.BEYOND_EXPANSION: "The law is used beyond its range; lower velocities are in it.",
     Status.NO_TURNING_POINT: "The law has no collision at this velocity; lower velocities have.",
     Status.ABOVE_LIMIT_VELOCITY: "Eq. (17) ends at the limit velocity sqrt(3 Y/rho).",
+    Status.SOLVER_FAILED: "Raise `max_steps`, loosen `rtol` or take a method of higher order.",
+    Status.INEXACT: "Declare the law's `breakpoints`, and its `residual_overlap` where a force jumps.",
     Status.INVALID_INPUT: "Give finite positive properties and a finite velocity >= 0.",
 }

@@ -2,12 +2,14 @@
 
 import json
 import math
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 
+import jax
 import numpy as np
 
 import softjax as sj
+from softjax import assembly
 
 FORMS = ("first-order", "full")
 EPS = float(np.finfo(np.float64).eps)
@@ -54,6 +56,13 @@ def law_of(inputs: dict) -> sj.Zhou:
     contact = sj.Contact(*(inputs[name] for name in names), area=inputs["area"])
     own = {name: inputs[name] for name in ("chi", "sigma", "psi", "form", "kappa")}
     return sj.Zhou(contact, **own)
+
+
+@partial(jax.jit, static_argnames="route")
+def collide(law, y, route=None):
+    """Collisions of a reduced law at reduced velocities, by the energy balance or the given route."""
+    route = sj.EnergyBalance() if route is None else route
+    return assembly.collide(sj.Reduced(law, None, y), route)
 
 
 @lru_cache

@@ -1,14 +1,35 @@
 """One precision for all tests, and the array types in signatures checked while they run."""
 
+import atexit
+import os
+import shutil
+import tempfile
+
+import pytest
 from jaxtyping import install_import_hook
+
+if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+    # one worker's compilations serve the other, and whatever the tests start
+    shared = tempfile.mkdtemp(prefix="softjax-tests-")
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = shared
+    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.1"
+    atexit.register(shutil.rmtree, shared, ignore_errors=True)
 
 # The physics behind the public names, where every annotation is meant literally. The names that
 # users call say what they accept themselves, with a ValueError (test_validation).
 CHECKED = (
     "softjax._numerics",
-    "softjax.empirical",
-    "softjax.energy",
+    "softjax._quadrature",
+    "softjax._search",
+    "softjax.assembly",
     "softjax.collision",
+    "softjax.empirical",
+    "softjax.encke",
+    "softjax.energy",
+    "softjax.falls",
+    "softjax.phase",
+    "softjax.rate_dependent",
+    "softjax.release",
     "softjax.laws._first_order",
     "softjax.laws._full",
 )
@@ -16,5 +37,14 @@ CHECKED = (
 with install_import_hook(CHECKED, "beartype.beartype"):
     import softjax as sj
     import softjax.collision
+    import softjax.rate_dependent
 
 sj.enable_x64()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def no_compilations_are_kept():
+    """Commands that are run in a test leave nothing in the user's home."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("calibration.cli.keep_compilations", lambda: None)
+        yield

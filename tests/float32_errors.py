@@ -43,7 +43,8 @@ def errors(seed: int, size: int, choice: boxes.Choice) -> Errors:
     short, exact = (_squares(inputs, choice, dtype) for dtype in (np.float32, np.float64))
     same = short[2] == exact[2]
     sensitivity = np.abs(exact[1]).sum(0)
-    rounding = 8 * EPS * (1 + sensitivity)
+    # a gain is told from 4 eps on, and computed to the 8 eps of `_print_boxes`
+    rounding = np.maximum(8 * EPS * (1 + sensitivity), 16 * EPS)
     _, clear = boxes.expected_status(inputs, choice, exact[3], NEAR, rounding)
     return Errors(
         sensitivity[same],

@@ -136,3 +136,19 @@ def work_between(force, lower, upper, count=200):
 def loop_area(history):
     """Trapezoidal ∮ P dδ over the last axis."""
     return np.trapezoid(history.force, history.overlap, axis=-1)
+
+
+def assert_works_are_those_of_the_forces(law, y, rtol=1e-12) -> None:
+    """Closed forms of a reduced law against its forces: dW_L = p_L dx, and W_U by quadrature."""
+    y = jnp.asarray(y)
+    peak, pace = jax.vmap(lambda y: jax.jvp(law.peak, (y,), (jnp.ones_like(y),)))(y)
+    assert np.allclose(jax.vmap(law.loading)(peak) * pace, 0.8 * y, rtol=rtol, atol=0)
+    residual, recovered, work = jax.vmap(law.release)(peak)
+    nodes, weights = np.polynomial.legendre.leggauss(200)
+    nodes, weights = 0.5 * (nodes + 1), 0.5 * weights
+    # in the root of what is left of the way, in which half powers of x - x* are smooth
+    left = np.asarray(recovered)[:, None] * nodes**2
+    x, top = np.asarray(residual)[:, None] + left, np.broadcast_to(peak[:, None], left.shape)
+    force = jax.vmap(jax.vmap(law.unloading))(x, top)
+    total = 2 * recovered * np.sum(weights * nodes * force, -1)
+    assert np.allclose(work, total, rtol=rtol, atol=0)

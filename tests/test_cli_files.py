@@ -6,7 +6,7 @@ import os
 import pytest
 
 from calibration.atomic import check_writable, files_into, replacing, write_atomically
-from calibration.errors import InputError
+from calibration.errors import InputError, NotWritten
 from calibration.progress import Progress
 
 
@@ -98,7 +98,7 @@ def test_a_place_that_cannot_be_written_to_is_refused(tmp_path):
 
 def test_a_directory_without_permission_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(os, "access", lambda path, mode: False)  # root may write anywhere
-    with pytest.raises(InputError, match="cannot be written"):
+    with pytest.raises(NotWritten, match="no permission"):
         check_writable(tmp_path / "results")
 
 

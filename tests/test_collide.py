@@ -108,7 +108,7 @@ def test_where_there_is_no_collision_there_is_no_history():
 
 
 @pytest.mark.parametrize(
-    "derivative", [jax.jacrev, pytest.param(jax.jacfwd, marks=pytest.mark.long)]
+    "derivative", [jax.jacfwd, pytest.param(jax.jacrev, marks=pytest.mark.long)]
 )
 def test_a_history_has_derivatives(derivative):
     """The end of the velocity is -ε_p v; its derivative is that of the energy balance."""

@@ -1,20 +1,22 @@
 """Curves as text and numbers: digits, velocities in, rows out."""
 
 import io
+import itertools
 import sys
+from contextlib import closing
 
 import numpy as np
 import pytest
 
 import softjax as sj
 from calibration.curve.digits import text_of
-from calibration.curve.picture import Thinned
 from calibration.curve.source import Source
-from calibration.curve.stream import Rows, Span, curve_rows
+from calibration.curve.stream import Rows, Span, Thinned, curve_rows, evaluator, in_one_size
+from calibration.curve.table import TableWriter, with_yield
 from calibration.curve.velocities import Column, Grid
-from calibration.curve.writers import CsvWriter, NpyWriter, TableWriter, status_names
+from calibration.curve.writers import CsvWriter, NpyWriter, status_names
 from calibration.errors import InputError
-from tests.cases import fitted
+from tests.cases import fitted, law_with, pair
 
 NYLON = Source("nylon", fitted("nylon"), (0.1, 60.0))
 HARD_NUMBERS = [
@@ -106,8 +108,8 @@ def test_velocities_are_read_from_files_and_standard_input(text, tmp_path, monke
         ("0.5\n\n-1\n", 3, "'-1' holds no velocity"),
         ("velocity\n1\nnan\n", 3, "'nan' holds no velocity"),
         ("restitution,velocity\n0.5,1\n0.5\n", 3, "'0.5' holds no velocity"),
-        ("speed\n1\n", 1, "no column named velocity"),
-        ("velocity [km/h]\n1\n", 1, "unit of velocity"),
+        ("colour\n1\n", 1, "no column named velocity"),
+        ("velocity [kg]\n1\n", 1, "unit is [kg]; it must be in m/s"),
         ("velocity\n", 1, "no velocities"),
         ("", None, "no velocities"),
     ],
@@ -173,16 +175,156 @@ def test_npy_reads_back_by_numpy_whatever_its_length(tmp_path):
         np.testing.assert_array_equal(found[name], expected)
 
 
-def test_a_look_up_table_is_two_ascending_columns(tmp_path):
-    path = tmp_path / "c.txt"
-    writer = TableWriter(path, "nylon")
-    rows = rows_of(6)
-    writer.write(rows)
-    with pytest.raises(InputError, match="ascend"):
+def table_of(source, blocks, path):
+    """The table's header and numbers, through the stream as the command makes it."""
+    with closing(TableWriter(path, source)) as writer:
+        for rows in curve_rows(source, blocks):
+            writer.write(rows)
+    header = [line for line in path.read_text("utf-8").splitlines() if line.startswith("#")]
+    return header, np.loadtxt(path, ndmin=2)
+
+
+def test_a_table_tells_how_far_interpolation_is_from_the_law(tmp_path):
+    """Its header against exact values between its rows, 50 between every two of them."""
+    grid = Grid(0.1, 60.0, 80, "log")
+    blocks = with_yield(NYLON, grid.blocks(32), (0.1, 60.0))
+    header, found = table_of(NYLON, blocks, tmp_path / "c.txt")
+    (told,) = [float(line.split(" by ")[1].split()[0]) for line in header if "errs by" in line]
+    velocity = found[:, 0]
+    between = np.concatenate(
+        [np.linspace(*ends, 52)[1:-1] for ends in itertools.pairwise(velocity)]
+    )
+    at = float(NYLON.law.contact.critical_velocity)
+    between = between[np.abs(between / at - 1) > 1e-9]
+    exact = np.asarray(sj.restitution(NYLON.law, between).coefficient)
+    error = np.max(np.abs(np.interp(between, *found[:, :2].T) - exact))
+    assert 0.9 * told < error <= told < 2e-4
+
+
+def test_a_table_has_two_rows_where_restitution_jumps(tmp_path):
+    """At first yield ε² rises by 2d/3: below it is Eq. (17)'s, above there is a gain of energy."""
+    law, at = NYLON.law, float(NYLON.law.contact.critical_velocity)
+    blocks = with_yield(NYLON, Grid(0.5, 2.0, 10).blocks(4), (0.5, 2.0))
+    _, found = table_of(NYLON, blocks, tmp_path / "c.txt")
+    assert len(found) == 12
+    assert np.all(np.diff(found[:, 0]) > 0)
+    below, above = found[np.abs(found[:, 0] / at - 1) < 1e-9]
+    assert below[0] < at < above[0]
+    up = float(sj.empirical_restitution(at, law.contact.limit_velocity, law.sigma, law.psi))
+    d = 1.5 * float(law.contact.critical_overlap) / (np.pi ** (2 / 3) * float(law.contact.radius))
+    assert below[1] == pytest.approx(up, rel=1e-9)
+    assert above[1] ** 2 - below[1] ** 2 == pytest.approx(2 * d / 3, rel=1e-4)
+    assert above[2] ** 2 == pytest.approx(1 + 2 * d / 3, rel=1e-9)
+    outside = np.concatenate(list(with_yield(NYLON, Grid(1.0, 2.0, 5).blocks(), (1.0, 2.0))))
+    assert len(outside) == 5
+
+
+def test_a_table_tells_what_happens_in_a_collision(tmp_path):
+    """An elastic impact (Hertz's duration and force), and one computed in 40 digits."""
+    d, X = 2.7e-3, 5.36
+    law = law_with(d, X)
+    contact = law.contact
+    critical, depth = float(contact.critical_velocity), float(contact.critical_overlap)
+    velocity = np.array([0.5, 25.0]) * critical
+    _, found = table_of(Source("x", law, (0.1, 1.0)), [velocity], tmp_path / "c.txt")
+    elastic, plastic = found
+    force = float(contact.stiffness) * depth**1.5
+    assert elastic[2] == 1
+    assert elastic[4] == pytest.approx(0.5**0.8 * depth, rel=1e-12)
+    assert elastic[3] == pytest.approx(2.9432751843 * elastic[4] / velocity[0], rel=1e-9)
+    assert elastic[5] == pytest.approx(force * 0.5**1.2, rel=1e-12)
+    x = 13.2236523303197
+    assert plastic[2] == pytest.approx(0.973077876160826, rel=1e-12)
+    assert plastic[4] == pytest.approx(x * depth, rel=1e-12)
+    assert plastic[5] == pytest.approx(force * (x**1.5 + d * (x**2 - 1) * (1 - x**0.5)), rel=1e-12)
+
+
+@pytest.mark.long
+def test_the_peak_force_of_a_damped_law_is_that_of_its_motion(tmp_path):
+    from scipy.integrate import solve_ivp
+
+    law = sj.LinearSpringDashpot(pair("nylon"), 1e6, 0.3)
+    _, found = table_of(Source("x", law, (0.1, 1.0)), [np.array([0.5, 2.0])], tmp_path / "c.txt")
+    mass = float(law.contact.mass)
+    loss = -np.log(0.3)
+    damping = 2 * loss / np.hypot(np.pi, loss) * np.sqrt(1e6 * mass)
+
+    def force(x, v):
+        return 1e6 * x + damping * v
+
+    for v, row in zip((0.5, 2.0), found, strict=True):
+        path = solve_ivp(
+            lambda t, y: [y[1], -force(*y) / mass], (0, row[3]), [0, v], rtol=1e-9, max_step=1e-6
+        )
+        assert row[5] == pytest.approx(np.max(force(*path.y)), rel=1e-3)
+
+
+def test_a_law_without_a_force_has_two_columns(tmp_path):
+    law = sj.ConstantRestitution(None, 0.75)
+    header, found = table_of(Source("x", law, (1, 2)), [np.array([1.0, 2.0])], tmp_path / "c.txt")
+    assert header[-1] == "# velocity[m/s] restitution"
+    np.testing.assert_array_equal(found, [[1.0, 0.75], [2.0, 0.75]])
+
+
+@pytest.mark.parametrize("name", ["ny\nlon 1 2", "ny\rlon", "ny\u2028lon", "ny\x85lon", "0.5 0.9"])
+def test_what_a_material_is_called_makes_no_row_of_a_table(name, tmp_path):
+    source = Source(name, sj.ConstantRestitution(None, 0.75), (1, 2))
+    header, found = table_of(source, [np.array([1.0, 2.0])], tmp_path / "c.txt")
+    lines = (tmp_path / "c.txt").read_text("utf-8").splitlines()
+    assert len(lines) == len(header) + 2
+    assert found.shape == (2, 2)
+
+
+def test_a_table_takes_each_velocity_once_ascending(tmp_path):
+    source = Source("x", sj.ConstantRestitution(None, 0.75), (1, 2))
+    for blocks in ([[1.0, 1.0]], [[2.0, 1.0]], [[1.0, 2.0], [2.0, 3.0]]):
+        with pytest.raises(InputError, match="ascend"):
+            table_of(source, map(np.array, blocks), tmp_path / "c.txt")
+
+
+def test_what_is_not_known_is_left_empty_and_out(tmp_path):
+    rows = rows_of(4)._replace(coefficient=np.array([np.nan, np.nan, 0.9, 0.8]))
+    rows = rows._replace(low=rows.coefficient - 0.1, high=rows.coefficient + 0.1)
+    for name, kind in (("c.csv", CsvWriter), ("c.npy", NpyWriter)):
+        writer = kind(tmp_path / name)
         writer.write(rows)
+        writer.close()
+    cells = [line.split(",") for line in (tmp_path / "c.csv").read_text("utf-8").splitlines()]
+    assert [row[1:] for row in cells[1:3]] == [["", "", "", "NOT_KNOWN"]] * 2
+    assert [float(row[1]) for row in cells[3:]] == [0.9, 0.8]
+    assert [row[4] for row in cells[3:]] == ["NO_RESIDUAL_OVERLAP|ENERGY_GAIN", "PLAIN"]
+    found = np.load(tmp_path / "c.npy")
+    np.testing.assert_array_equal(np.isnan(found["restitution"]), [True, True, False, False])
+    writer = TableWriter(tmp_path / "c.txt", Source("x", sj.ConstantRestitution(None, 0.9), (1, 2)))
+    writer.write(rows)
     writer.close()
-    found = np.loadtxt(path)
-    np.testing.assert_array_equal(found, np.stack(rows[:2], axis=1))
+    np.testing.assert_array_equal(np.loadtxt(tmp_path / "c.txt")[:, 0], rows.velocity[2:])
+    seen = Span()
+    seen.add(rows)
+    assert (seen.rows, seen.known) == (4, 2)
+
+
+def test_the_route_asked_for_is_taken():
+    """One step of dopri5 a branch errs in the fifth digit, the energy balance in none."""
+    velocity = np.array([2.0, 20.0])
+    exact = evaluator(NYLON)(velocity).coefficient
+    rough = evaluator(NYLON, sj.ODE(steps=1, solver="dopri5"))(velocity).coefficient
+    assert 1e-9 < np.max(np.abs(rough - exact)) < 1e-3
+
+
+def test_shorter_blocks_are_filled_up_to_the_longest():
+    seen = []
+
+    def evaluate(block):
+        seen.append(len(block))
+        return Rows(block, 2 * block, np.zeros(len(block), int))
+
+    filled = in_one_size(evaluate)
+    for count in (5, 256, 257, 3):
+        rows = filled(np.arange(float(count)))
+        np.testing.assert_array_equal(rows.coefficient, 2 * np.arange(count))
+        assert rows.low is None
+    assert seen == [256, 256, 512, 512]
 
 
 def test_every_flag_has_its_name():

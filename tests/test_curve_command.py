@@ -1,15 +1,12 @@
-"""`softjax curve` and `softjax sensitivity` from the command line to their files."""
-
-import json
+"""`softjax curve` from the command line to its files."""
 
 import numpy as np
 import pytest
 
+import calibration as cal
 import softjax as sj
 from calibration.cli import main
-from calibration.embedded import CURVES, paper_data
-from tests.cases import fitted
-from tests.made_fits import material_fit, result_of
+from tests.cases import FITTED, fitted, pair
 
 ALLOY = """[[material]]
 name = "alloy"
@@ -28,18 +25,32 @@ def at(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.fixture(scope="module")
+def above_yield(tmp_path_factory):
+    """A fit that knows nothing below first yield, in a file."""
+    law = fitted("nylon")
+    velocity = np.geomspace(1.5, 60.0, 24)
+    noise = 0.003 * np.random.default_rng(4).normal(size=24)
+    measured = np.asarray(sj.restitution(law, velocity).coefficient) + noise
+    data = cal.RestitutionData(velocity, measured, law.contact, 0.003, name="my\nnylon")
+    result = cal.fit(data, profiles=False)
+    path = tmp_path_factory.mktemp("fit") / "fit.json"
+    result.save(path)
+    return result, str(path)
+
+
 def curve(*options: str) -> int:
     return main(["curve", *options])
 
 
 def column(path, position: int) -> np.ndarray:
     rows = path.read_text(encoding="utf-8").splitlines()[1:]
-    return np.array([float(row.split(",")[position]) for row in rows])
+    return np.array([float(row.split(",")[position] or "nan") for row in rows])
 
 
 def test_a_named_material_gives_its_curve_in_every_format(at, capsys):
     options = ["nylon", "--from", "0.5", "--to", "20", "--points", "30", "--spacing", "log"]
-    assert curve(*options, "--format", "csv", "npy", "png", "table") == 0
+    assert curve(*options, "--format", "csv", "npy", "png") == 0
     told = capsys.readouterr()
     assert "χ̃ = 0.21998" in told.out
     assert told.err == ""
@@ -49,8 +60,75 @@ def test_a_named_material_gives_its_curve_in_every_format(at, capsys):
     expected = np.asarray(sj.restitution(fitted("nylon"), velocity).coefficient)
     np.testing.assert_allclose(column(out / "curve.csv", 1), expected, rtol=1e-14)
     np.testing.assert_array_equal(np.load(out / "curve.npy")["velocity"], velocity)
-    np.testing.assert_array_equal(np.loadtxt(out / "curve.txt")[:, 0], velocity)
     assert (out / "curve.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_a_table_has_the_same_curve_and_two_rows_more(at):
+    options = ["nylon", "--from", "0.5", "--to", "20", "--points", "30", "--spacing", "lin"]
+    assert curve(*options, "--table") == 0
+    assert [path.name for path in (at / "results").iterdir()] == ["curve.txt"]
+    found = np.loadtxt(at / "results" / "curve.txt")
+    assert found.shape == (32, 6)
+    critical = float(pair("nylon").critical_velocity)
+    at_yield = np.isclose(found[:, 0], critical, rtol=1e-11, atol=0)
+    assert np.sum(at_yield) == 2
+    np.testing.assert_allclose(found[~at_yield, 0], np.linspace(0.5, 20, 30), rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("options", "law"),
+    [
+        (["--chi", "0.3"], {"chi": 0.3}),
+        (["--set", "chi=0.3"], {"chi": 0.3}),
+        (["--sigma", "0.1"], {"sigma": 0.1}),
+        (["--psi", "0.9"], {"psi": 0.9}),
+        (["--form", "full"], {"form": "full"}),
+        (["--kappa", "printed"], {"kappa": "printed", "chi": 0.016}),
+        (["--kappa", "printed", "--chi", "0.21998"], {"kappa": "printed"}),
+    ],
+)
+def test_each_option_of_zhous_law_acts(at, options, law):
+    range_ = ["--from", "3", "--to", "10", "--points", "4", "--format", "csv"]
+    assert curve("nylon", *options, *range_) == 0
+    found = column(at / "results" / "curve.csv", 1)
+    velocity = column(at / "results" / "curve.csv", 0)
+    plain = sj.Zhou(pair("nylon"), **FITTED["nylon"])
+    asked = sj.Zhou(pair("nylon"), **(FITTED["nylon"] | law))
+    expected = np.asarray(sj.restitution(asked, velocity).coefficient)
+    np.testing.assert_allclose(found, expected, rtol=1e-13)
+    assert np.max(np.abs(found - sj.restitution(plain, velocity).coefficient)) > 1e-5
+
+
+def test_the_contact_area_acts(at):
+    options = ["--chi", "0.3", "--from", "3", "--to", "9", "--points", "3", "--format", "csv"]
+    assert curve("nylon", "--area", "hertz", *options) == 0
+    velocity = column(at / "results" / "curve.csv", 0)
+    law = sj.Zhou(pair("nylon", area="hertz"), 0.3, 0.4355, 0.5414)
+    expected = np.asarray(sj.restitution(law, velocity).coefficient)
+    np.testing.assert_allclose(column(at / "results" / "curve.csv", 1), expected, rtol=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("options", "law"),
+    [
+        ("constant restitution=0.75", lambda c: sj.ConstantRestitution(c, 0.75)),
+        ("hertz", sj.Hertz),
+        ("thornton yield_factor=2.5 area=contact", lambda c: sj.Thornton(c, 2.5, "contact")),
+        (
+            "walton-braun loading_stiffness=1e6 unloading-stiffness=2e6 growth=3",
+            lambda c: sj.WaltonBraun(c, 1e6, 2e6, 3.0),
+        ),
+        ("eq-17 sigma=0.3", lambda c: sj.EmpiricalRestitution(c.limit_velocity, 0.3, 0.5414)),
+    ],
+)
+def test_any_law_is_asked_for_by_name(at, options, law):
+    name, *fields = options.split()
+    told = [word for field in fields for word in ("--set", field)]
+    told += [] if name != "eq-17" else ["--psi", "0.5414"]
+    assert curve("nylon", "--law", name, *told, "--points", "5", "--format", "csv") == 0
+    velocity = column(at / "results" / "curve.csv", 0)
+    expected = np.asarray(sj.restitution(law(pair("nylon")), velocity).coefficient)
+    np.testing.assert_allclose(column(at / "results" / "curve.csv", 1), expected, rtol=1e-13)
 
 
 def test_a_material_file_needs_the_coefficients_it_does_not_hold(at, capsys):
@@ -59,46 +137,91 @@ def test_a_material_file_needs_the_coefficients_it_does_not_hold(at, capsys):
     assert "--chi" in capsys.readouterr().err
     assert not (at / "results").exists()
     given = ["--chi", "0.21998", "--sigma", "0.4355", "--psi", "0.5414"]
-    assert curve("alloy.toml", *given, "--points", "30", "--from", "0.5", "--table") == 0
-    found = np.loadtxt(at / "results" / "curve.txt")
-    expected = sj.restitution(fitted("nylon"), found[:, 0]).coefficient
-    np.testing.assert_allclose(found[:, 1], np.asarray(expected), rtol=1e-14)
+    assert curve("alloy.toml", *given, "--points", "30", "--from", "0.5", "--format", "csv") == 0
+    velocity = column(at / "results" / "curve.csv", 0)
+    expected = sj.restitution(fitted("nylon"), velocity).coefficient
+    np.testing.assert_allclose(column(at / "results" / "curve.csv", 1), expected, rtol=1e-14)
 
 
-def test_a_fit_gives_its_band_and_says_where_its_data_end(at, capsys):
-    data = paper_data(CURVES[2])
-    variant = {"form": "first-order", "kappa": "consistent"}
-    result = result_of([material_fit(data, 0.21998, 0.4355, 0.5414)], settings=variant)
-    result.save(at / "fit.json")
-    velocity = data.velocity
-    inside = ["--from", str(velocity[0]), "--to", str(velocity[-1]), "--points", "20"]
-    assert curve("--fit", "fit.json", *inside, "--format", "csv", "png") == 0
-    assert capsys.readouterr().err == ""
-    path = at / "results" / "curve.csv"
-    assert path.read_text(encoding="utf-8").startswith(
+def test_what_a_file_says_of_its_law_acts_and_options_win(at):
+    text = ALLOY + "[material.parameters]\nyield_factor = 2.5\n[fit]\nlaw = 'thornton'\n"
+    (at / "alloy.toml").write_text(text, encoding="utf-8")
+    contact = pair("nylon")
+    for options, law in (
+        ([], sj.Thornton(contact, 2.5)),
+        (["--set", "yield_factor=2"], sj.Thornton(contact, 2.0)),
+        (["--law", "hertz"], sj.Hertz(contact)),
+    ):
+        assert curve("alloy.toml", *options, "--points", "5", "--format", "csv") == 0
+        velocity = column(at / "results" / "curve.csv", 0)
+        expected = np.asarray(sj.restitution(law, velocity).coefficient)
+        np.testing.assert_allclose(column(at / "results" / "curve.csv", 1), expected, rtol=1e-13)
+
+
+def test_a_fit_gives_its_band_and_says_where_its_data_end(at, capsys, above_yield):
+    result, path = above_yield
+    inside = ["--from", "1.5", "--to", "60", "--points", "20", "--format", "csv", "png"]
+    assert curve("--fit", path, *inside) == 0
+    told = capsys.readouterr()
+    assert told.err == ""
+    assert r"my\nnylon" in told.out
+    found = at / "results" / "curve.csv"
+    assert found.read_text(encoding="utf-8").startswith(
         "velocity [m/s],restitution,restitution_low,restitution_high,status\n"
     )
-    value, low, high = (column(path, i) for i in (1, 2, 3))
-    assert np.all((low < value) & (value < high))
-    law = fitted("nylon")
-    expected = np.asarray(sj.restitution(law, column(path, 0)).coefficient)
+    velocity, value, low, high = (column(found, i) for i in range(4))
+    band = result.band(velocity)
+    np.testing.assert_allclose(value, band.coefficient, rtol=1e-12)
+    np.testing.assert_allclose(low, band.low, rtol=1e-12)
+    np.testing.assert_allclose(high, band.high, rtol=1e-12)
+    expected = np.asarray(sj.restitution(result.law, velocity).coefficient)
     np.testing.assert_allclose(value, expected, rtol=1e-12)
-    assert curve("--fit", "fit.json", "--from", "0.1", "--to", "200", "--quiet") == 0
+    assert curve("--fit", path, "--from", "1", "--to", "200", "--quiet") == 0
     told = capsys.readouterr()
     assert told.out == ""
-    assert "extrapolation: the curve goes from 0.1 to 200 m/s" in told.err
+    assert "extrapolation: the curve goes from 1 to 200 m/s" in told.err
+    assert told.err.count("\n") == 1
+
+
+def test_curve_band_and_table_agree_on_what_is_not_known(at, capsys, above_yield):
+    result, path = above_yield
+    grid = ["--from", "0.2", "--to", "20", "--points", "12"]
+    assert curve("--fit", path, *grid, "--format", "csv", "npy", "table", "png") == 0
+    assert "not-known: of 14 velocities" in capsys.readouterr().err
+    out = at / "results"
+    velocity = column(out / "curve.csv", 0)
+    known = result.known(velocity)
+    assert 0 < np.sum(known) < 14
+    np.testing.assert_array_equal(np.isfinite(column(out / "curve.csv", 1)), known)
+    np.testing.assert_array_equal(np.isfinite(result.band(velocity).low), known)
+    np.testing.assert_array_equal(np.isfinite(np.load(out / "curve.npy")["low"]), known)
+    lines = (out / "curve.csv").read_text(encoding="utf-8").splitlines()[1:]
+    np.testing.assert_array_equal([line.endswith(",NOT_KNOWN") for line in lines], ~known)
+    np.testing.assert_array_equal(np.loadtxt(out / "curve.txt")[:, 0], velocity[known])
+    header = (out / "curve.txt").read_text(encoding="utf-8")
+    assert f"nothing is known below {result.material().known_from:.6g} m/s" in header
+    assert curve("--fit", path, "--from", "0.1", "--to", "0.2", "--out", "none") == 2
+    assert "nothing is known" in capsys.readouterr().err
+    assert not (at / "none").exists()
 
 
 def test_a_file_that_is_no_fit_is_refused(at, capsys):
     (at / "fit.json").write_text("{}", encoding="utf-8")
     assert curve("--fit", "fit.json") == 2
-    assert capsys.readouterr().err.startswith("fit.json: is no result of a fit; ")
+    assert capsys.readouterr().err.startswith("fit.json: is no result of a fit: ")
 
 
-def test_another_law_is_asked_for_by_name(at):
-    options = ["--law", "constant", "--set", "restitution=0.75", "--points", "5", "--format", "csv"]
-    assert curve("nylon", *options) == 0
-    np.testing.assert_allclose(column(at / "results" / "curve.csv", 1), 0.75, rtol=1e-15)
+def test_a_fit_of_a_law_of_ones_own_is_refused_with_the_reason(at, capsys):
+    def mine(restitution):
+        return sj.ConstantRestitution(None, restitution)
+
+    data = cal.RestitutionData(np.arange(1.0, 9), 0.8 + 0.01 * np.sin(np.arange(8.0)))
+    start = {"restitution": cal.Parameter(0.8, bounds=(0.01, 1))}
+    cal.fit(data, mine, start, profiles=False).save(at / "fit.json")
+    assert curve("--fit", "fit.json") == 2
+    told = capsys.readouterr().err
+    assert "mine, which is none of" in told
+    assert told.count("\n") == 1
 
 
 @pytest.mark.parametrize(
@@ -111,11 +234,14 @@ def test_another_law_is_asked_for_by_name(at):
         (["nylon", "--area", "hertz"], "--chi"),
         (["nylon", "--rtol", "1e-9"], "--rtol"),
         (["nylon", "--chi", "-1"], "chi"),
-        (["nylon", "--set", "restitution=1"], "--set"),
+        (["nylon", "--set", "chii=1"], "did you mean 'chi'"),
+        (["nylon", "--set", "contact=1"], "--set"),
         (["nylon", "--law", "hertz", "--chi", "1"], "--chi"),
         (["nylon", "--law", "hertz", "--set", "sigma=1"], "--set"),
         (["nylon", "--law", "constant"], "restitution=…"),
+        (["nylon", "--law", "constant", "--set", "restitution"], "name=value"),
         (["--fit", "none.json"], "none.json: no such file"),
+        (["--fit", "none.json", "--law", "zhou"], "--law"),
         (["nylon", "--material", "x"], "--material"),
     ],
 )
@@ -133,58 +259,3 @@ def test_a_bad_line_far_down_leaves_no_file(at, capsys):
     assert curve("nylon", "--velocities", "v.csv", "--format", "csv", "npy") == 2
     assert "v.csv:70002: 'slow' holds no velocity" in capsys.readouterr().err
     assert [path.name for path in at.iterdir()] == ["v.csv"]
-
-
-def test_local_sensitivities_are_written_and_drawn(at, capsys):
-    options = ["nylon", "--points", "9", "--at", "1", "10"]
-    assert main(["sensitivity", *options]) == 0
-    assert "θ ∂ε/∂θ at v [m/s]" in capsys.readouterr().out
-    out = at / "results"
-    names = {"sensitivity.csv", "sensitivity.json", "sensitivity.png", "tornado.png"}
-    assert {path.name for path in out.iterdir()} == names
-    header, *rows = (out / "sensitivity.csv").read_text(encoding="utf-8").splitlines()
-    table = dict(
-        zip(header.split(","), np.transpose([row.split(",") for row in rows]), strict=True)
-    )
-    v = table["velocity [m/s]"].astype(float)
-    h = 1e-6
-    up, down = (
-        np.asarray(sj.restitution(fitted("nylon", chi=0.21998 * (1 + s)), v).coefficient)
-        for s in (h, -h)
-    )
-    slopes = table["chi d(eps)/d(chi)"].astype(float)
-    np.testing.assert_allclose(slopes, (up - down) / (2 * h), atol=1e-8)
-    result = json.loads((out / "sensitivity.json").read_text(encoding="utf-8"))
-    assert result["local"]["velocity"] == [1.0, 10.0]
-
-
-def test_information_and_design_are_written(at, capsys):
-    options = ["nylon", "--from", "2", "--to", "60", "--shots", "6"]
-    assert main(["sensitivity", *options, "--study", "information"]) == 0
-    assert "expected standard error of χ̃" in capsys.readouterr().out
-    assert main(["sensitivity", *options, "--study", "design"]) == 0
-    out = at / "results"
-    design = json.loads((out / "sensitivity.json").read_text(encoding="utf-8"))["design"]
-    assert sum(place["shots"] for place in design["support"]) == 6
-    assert design["gain"] > 1
-    assert (out / "design.png").exists()
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (["--range", "colour=1:2"], "--range"),
-        (["--range", "chi=1"], "--range"),
-        (["--study", "global", "--samples", "1000"], "samples"),
-        (["--from", "0"], "--from"),
-        (["--at", "-1"], "--at"),
-        (["--study", "design", "--target", "colour"], "target"),
-        (["--study", "information", "--uncertainty", "0"], "uncertainty"),
-    ],
-)
-def test_unusable_studies_are_told_in_one_line_and_write_nothing(at, capsys, options, said):
-    assert main(["sensitivity", "nylon", *options]) == 2
-    told = capsys.readouterr()
-    assert said in told.err
-    assert told.err.count("\n") == 1
-    assert list(at.iterdir()) == []

@@ -22,7 +22,7 @@ TABLE_1 = {  # printed σ and ψ
 
 @pytest.fixture(scope="module")
 def result():
-    return cal.fit(cal.paper_materials(), beside=True)
+    return cal.fit(cal.paper_materials(), objective="two-step", beside=True)
 
 
 @pytest.mark.parametrize("name", CHI)
@@ -89,9 +89,11 @@ def test_it_loads_back_equal_and_the_same_seed_gives_the_same_bytes(result, tmp_
     law = again.law["chrome steel"]
     fitted = np.asarray(sj.restitution(law, velocity).coefficient) - data.restitution
     assert np.sqrt(np.mean(fitted**2)) == pytest.approx(result.rms["chrome steel"], rel=1e-6)
-    one, two = (cal.fit(data).to_json(times=False) for _ in range(2))
+    one, two = (cal.fit(data, objective="two-step").to_json(times=False) for _ in range(2))
     assert one == two
-    assert cal.fit(data, seed=3).values["chi"] == pytest.approx(CHI["chrome steel"], rel=1e-3)
+    assert cal.fit(data, objective="two-step", seed=3).values["chi"] == pytest.approx(
+        CHI["chrome steel"], rel=1e-3
+    )
 
 
 def test_a_file_that_is_no_result_is_refused(tmp_path):
@@ -124,7 +126,7 @@ def test_a_second_fit_of_the_same_shapes_compiles_nothing(result):
 
 def test_x64_is_used_whatever_jax_is_set_to_and_left_as_it_was():
     with jax.enable_x64(False):
-        result = cal.fit(cal.paper_materials()[2], route=sj.EnergyBalance())
+        result = cal.fit(cal.paper_materials()[2], objective="two-step", route=sj.EnergyBalance())
         assert not jax.config.jax_enable_x64
     assert result.values["chi"] == pytest.approx(CHI["nylon"], rel=1e-3)
     assert result.rms_empirical < 1e-12

@@ -7,7 +7,7 @@ import calibration as cal
 import softjax as sj
 from tests.fit_data import TRUTH, eq_17_data, twin
 
-ROUTES = [sj.EnergyBalance(), None]  # None: the default, the ODE
+ROUTES = [sj.EnergyBalance(), sj.ODE(steps=16, solver="dopri5")]
 NAMES = ("chi", "sigma", "psi")
 OFF = [(10.0, 10.0, 2.0), (0.1, 0.1, 0.5), (10.0, 0.1, 2.0)]
 
@@ -18,7 +18,7 @@ def truth_of(name):
 
 def starts_at(truth, factors):
     return {
-        name: cal.ParameterSpec(name, value=value * factor)
+        name: cal.Parameter(value * factor)
         for (name, value), factor in zip(truth.items(), factors, strict=True)
     }
 
@@ -35,7 +35,7 @@ def test_model_recovers_all_three(name, route):
     for factors in OFF:
         specs = starts_at(truth, factors)
         assert_was_elsewhere(specs, truth)
-        result = cal.fit(twin(name), "model", parameters=specs, route=route, profiles=False, seed=1)
+        result = cal.fit(twin(name), None, specs, route=route, profiles=False, seed=1)
         assert result.converged
         for parameter, value in truth.items():
             assert result.values[parameter] == pytest.approx(value, rel=1e-6)
@@ -48,14 +48,14 @@ def test_two_step_recovers_each_step(name, route):
     truth = truth_of(name)
     losses = {k: truth[k] for k in ("sigma", "psi")}
     specs = starts_at(losses, (10.0, 2.0))
-    first = cal.fit(eq_17_data(name), "empirical", parameters=specs)
+    first = cal.fit(eq_17_data(name), "eq-17", specs)
     assert_was_elsewhere(specs, losses)
     for parameter, value in losses.items():
         assert first.values[parameter] == pytest.approx(value, rel=1e-6)
     for factor in (10.0, 0.1):
         chi = starts_at({"chi": truth["chi"]}, (factor,))
         result = cal.fit(
-            twin(name), "two-step", parameters=chi | losses, route=route, profiles=False
+            twin(name), None, chi | losses, objective="two-step", route=route, profiles=False
         )
         assert result.converged
         assert result.values["chi"] == pytest.approx(truth["chi"], rel=1e-6)
@@ -71,8 +71,8 @@ def test_ten_times_off_in_all_three_gets_there_or_says_so(optimiser):
         for factors in ((10.0, 10.0, 10.0), (0.1, 0.1, 0.1)):
             result = cal.fit(
                 twin(name),
-                "model",
-                parameters=starts_at(truth, factors),
+                None,
+                starts_at(truth, factors),
                 route=sj.EnergyBalance(),
                 optimiser=optimiser,
                 profiles=False,
@@ -84,7 +84,7 @@ def test_ten_times_off_in_all_three_gets_there_or_says_so(optimiser):
 
 
 def test_a_search_cut_short_says_so():
-    result = cal.fit(twin("nylon"), "model", max_steps=2, starts=1, route=sj.EnergyBalance())
+    result = cal.fit(twin("nylon"), max_steps=2, starts=1, route=sj.EnergyBalance())
     assert not result.converged
     assert "not-converged" in {doubt.code for doubt in result.warnings}
     assert "NOT CONVERGED" in str(result)
@@ -97,7 +97,7 @@ def test_full_form_and_other_area_are_fitted_too():
     velocity = np.geomspace(0.03, 4.0, 24)
     assert np.any(velocity < contact.critical_velocity)
     data = cal.RestitutionData(velocity, sj.restitution(law, velocity).coefficient, contact)
-    result = cal.fit(data, "model", form="full", route=sj.EnergyBalance(), profiles=False)
+    result = cal.fit(data, None, {"form": "full"}, route=sj.EnergyBalance(), profiles=False)
     assert result.values["chi"] == pytest.approx(0.3, rel=1e-6)
     assert result.settings["area"] == "hertz"
     assert result.law.form == "full"

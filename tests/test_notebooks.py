@@ -15,14 +15,19 @@ from jupyter_client import AsyncKernelManager
 from jupyter_client.kernelspec import KernelSpec, KernelSpecManager
 from nbclient import NotebookClient
 
+from tests.export_lammps import needs_lammps
+
 FOLDER = Path(__file__).parents[1] / "notebooks"
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 SECTIONS = ["Question", "Model", "Figure", "Reading"]
+BY_LAMMPS = "8_into_a_particle_code"
 OF_THE_MACHINE = "4_speed_against_error"  # its times are another's on another machine
 LARGEST = 300_000  # bytes
 CELL_SECONDS = 300  # for a machine that is busy with much else
 NUMBER = r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
 SOMEBODYS_PATH = r"/(home|root|tmp|Users|work)/|:\\+Users"
+
+SLOW = ("7_your_own_law",)  # its laws have tests of their own
 
 each = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 
@@ -72,8 +77,8 @@ def read(path):
     return nbformat.read(path, as_version=4)
 
 
-def test_there_are_six():
-    assert [path.stem[0] for path in NOTEBOOKS] == list("123456")
+def test_all_are_there():
+    assert [path.stem[0] for path in NOTEBOOKS] == list("12345678")
 
 
 def test_the_kernel_is_this_interpreter(tmp_path, monkeypatch):
@@ -88,7 +93,13 @@ def test_a_failing_cell_fails(tmp_path, monkeypatch):
         execute(notebook, tmp_path, monkeypatch)
 
 
-@each
+@pytest.mark.parametrize(
+    "path",
+    [
+        pytest.param(path, marks=needs_lammps if path.stem == BY_LAMMPS else (), id=path.stem)
+        for path in NOTEBOOKS
+    ],
+)
 def test_runs_and_gives_what_is_stored(path, tmp_path, monkeypatch):
     stored, fresh = read(path), execute(read(path), tmp_path, monkeypatch)
     assert not outputs(fresh, "error")

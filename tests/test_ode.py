@@ -1,14 +1,12 @@
 """The equation of motion, integrated: against 40-digit arithmetic, and in its order of accuracy."""
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import softjax as sj
-from softjax import collision
 from softjax.laws.zhou import FirstOrder
-from tests.cases import FORMS, column, flags_of, law_with, of_form
+from tests.cases import FORMS, collide, column, flags_of, law_with, of_form
 
 ORDERS = {"bosh3": 3, "tsit5": 5, "dopri5": 5, "dopri8": 8}
 COUNTS = {3: (16, 32, 64), 5: (16, 32, 64), 8: (6, 8, 12)}  # of steps, by order
@@ -47,9 +45,6 @@ def test_duration_over_the_box(form):
     assert np.all(result.duration[~ends] == 0)
 
 
-compiled = jax.jit(collision.collide, static_argnums=2)
-
-
 def largest_error(route):
     """Of ε_p² over collisions that lose a good part of their energy, the answer from the table."""
     records = [
@@ -61,7 +56,7 @@ def largest_error(route):
     ]
     assert len(records) > 20
     d, X, y = (jnp.asarray(column(records, name)) for name in ("d", "X", "y"))
-    found = compiled(FirstOrder(d, X), y, route).plastic_squared
+    found = collide(FirstOrder(d, X), y, route).plastic_squared
     return float(np.max(np.abs(found - column(records, "eps_p_squared"))))
 
 
@@ -109,7 +104,7 @@ def test_too_few_steps_are_told_and_no_neighbour_suffers():
     velocity = law.contact.critical_velocity * np.array([0.5, 3.0])
     result = sj.restitution(law, velocity, route=sj.ODE(rtol=1e-12, max_steps=2))
     assert result.status[0] == sj.Status.ELASTIC
-    assert result.status[1] & sj.Status.NO_TURNING_POINT
+    assert result.status[1] == sj.Status.SOLVER_FAILED
     assert result.coefficient[1] == 0
 
 
@@ -117,7 +112,7 @@ def test_float32():
     d, X, y, records = boxes("first-order")
     calm = (y > 1.5) & (y < 200) & (column(records, "log_sensitivity_sum") < 1)
     d32, X32, y32 = (jnp.asarray(a[calm], jnp.float32) for a in (d, X, y))
-    outcome = compiled(FirstOrder(d32, X32), y32, sj.ODE())
+    outcome = collide(FirstOrder(d32, X32), y32, sj.ODE())
     assert outcome.plastic_squared.dtype == jnp.float32
     error = np.abs(outcome.plastic_squared - column(records, "eps_p_squared")[calm])
     assert np.max(error) < 1e-5

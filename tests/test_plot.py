@@ -7,30 +7,49 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse
 
+import calibration as cal
 import softjax as sj
-from calibration import plots
-from calibration.plots import style
+from calibration import cli, plots
+from calibration.curve.stream import Rows
+from calibration.fitting.profiles import Profile
+from calibration.plots import figure_2, linear_spring, style
 from calibration.plots.lines import NO_VALUE, PADDING, law_values
+from calibration.plots.restitution import plot_restitution
 from tests.cases import fitted, pair
-from tests.made_fits import (
-    material_fit,
-    noisy_data,
-    own_fit,
-    paper_fit,
-    result_of,
-)
+
+NAMES = ["stainless steel", "chrome steel", "nylon"]
 
 
 @pytest.fixture(scope="module")
 def paper():
-    return paper_fit()
+    route = sj.EnergyBalance()
+    return cal.fit(cal.paper_materials(), objective="two-step", route=route, profiles=False)
 
 
 @pytest.fixture(scope="module")
 def paper_figure(paper):
     lines = plots.lines_of(paper, with_paper=True)
     return plots.curves_figure(paper, lines, ratio=True, from_rest=True, title="title")
+
+
+def noisy_data(name="my alloy", growth=0.02, last=30.0):
+    """24 impacts over two decades with error bars: Walton and Braun's 1/ε² = 1.1 + growth v."""
+    velocity = np.geomspace(0.2, 30.0, 24)
+    noise = 0.01 * np.random.default_rng(5).standard_normal(24)
+    measured = 1 / np.sqrt(1.1 + growth * velocity) + noise
+    kept = velocity <= last
+    return cal.RestitutionData(velocity[kept], measured[kept], pair("nylon"), 0.01, name)
+
+
+def own_fit(data, **options):
+    return cal.fit(data, "walton-braun", **{"profiles": False} | options)
+
+
+@pytest.fixture(scope="module")
+def own():
+    return own_fit(noisy_data(), profiles=True)
 
 
 def labels_of(ax) -> set[str]:
@@ -55,6 +74,42 @@ def test_the_main_picture_has_three_panels_with_all_curves(paper_figure):
     shown = [text.get_text() for text in legend.get_texts()]
     assert len(shown) == len(set(shown))
     assert shown[0] == "data"
+
+
+def test_each_curve_is_the_one_that_its_label_says(paper_figure, paper):
+    """Over y = v/v_cr; Eq. (17) and Table 1 by the paper's numbers."""
+    ax = paper_figure.axes[2]
+    contact = pair("nylon")
+    critical, limit = float(contact.critical_velocity), float(contact.limit_velocity)
+    x, eq_17 = curve_of(ax, "Eq. (17)")
+    v = x * critical
+    assert np.allclose(eq_17, np.exp(-0.4355 * (v / (limit - v)) ** 0.5414), rtol=1e-9)
+    _, model = curve_of(ax, "this model, fitted")
+    law = sj.Zhou(contact, paper.values["chi[nylon]"], 0.4355, 0.5414)
+    expected = np.asarray(sj.restitution(law, v).coefficient)
+    assert np.allclose(model, expected, rtol=0, atol=1e-9)
+    label = next(name for name in labels_of(ax) if "printed" in name)
+    printed = sj.restitution(sj.Zhou(contact, 0.016, 0.4355, 0.5414, kappa="printed"), v)
+    shown = np.isfinite(curve_of(ax, label)[1])
+    assert np.allclose(curve_of(ax, label)[1][shown], np.asarray(printed.coefficient)[shown])
+    (points,) = ax.containers
+    assert np.allclose(points[0].get_xdata() * critical, paper.data["nylon"].velocity)
+    assert np.allclose(points[0].get_ydata(), paper.data["nylon"].restitution)
+    left = paper_figure.axes[5].containers[0][0].get_ydata()  # below: measured less fitted
+    at_points = np.asarray(sj.restitution(law, paper.data["nylon"].velocity).coefficient)
+    assert np.allclose(left, paper.data["nylon"].restitution - at_points, rtol=0, atol=1e-9)
+
+
+def test_errors_of_velocities_are_bars_too():
+    data = noisy_data()
+    told = cal.RestitutionData(
+        data.velocity, data.restitution, data.contact, 0.01, "v", velocity_uncertainty=0.05
+    )
+    ax = Figure().add_subplot()
+    plots.curves.plot_data(ax, told, scale=2.0)
+    across = ax.containers[0][2][0].get_segments()
+    widths = [segment[1, 0] - segment[0, 0] for segment in across]
+    assert np.allclose(widths, 2 * 0.05 / 2.0)
 
 
 def test_every_axis_is_labelled(paper_figure):
@@ -108,113 +163,314 @@ def test_the_fitted_curve_is_the_law(paper):
 def test_the_line_of_eq_18_is_the_same_law_with_its_chi(paper):
     (line,) = [one for one in plots.lines_of(paper)["nylon"] if "Eq. (18)" in one.label]
     law = paper.material("nylon").law
-    chi = 0.03184 + 0.004554 * float(law.contact.yield_ratio)
+    both = paper.unloading_line
+    chi = both.c1.value + both.c2.value * float(law.contact.yield_ratio)
     velocity = np.linspace(0.1, 80.0, 7) * float(law.contact.critical_velocity)
     expected = law_values(replace(law, chi=chi), velocity)
     assert np.allclose(line.value(velocity), expected, rtol=0, atol=1e-12)
     assert line.residuals
 
 
-def test_own_data_have_error_bars_a_band_and_residuals():
-    figure = plots.curves_figure(own_fit())
+def band_of(ax, label):
+    """Velocities and both edges of a filled band."""
+    (area,) = [one for one in ax.collections if one.get_label() == label]
+    x, y = area.get_paths()[0].vertices.T
+    fine = np.unique(x)
+    edges = [np.sort(y[x == one])[[0, -1]] for one in fine]
+    return fine, *np.transpose(edges)
+
+
+def test_own_data_have_error_bars_two_bands_and_residuals(own):
+    figure = plots.curves_figure(own)
     upper, lower = figure.axes
-    assert {"data", "95 % band", "$v_\\mathrm{cr}$, first yield"} <= labels_of(upper)
+    assert {"data", "Walton–Braun, fitted"} <= labels_of(upper)
     assert len(upper.containers) == len(lower.containers) == 1
     assert "[m/s]" in lower.get_xlabel()
     assert upper.get_xlim() == lower.get_xlim()
     data = noisy_data()
     points = np.asarray(lower.containers[0][0].get_ydata())
-    expected = data.restitution - law_values(own_fit().law, data.velocity)
+    expected = data.restitution - law_values(own.law, data.velocity)
     assert np.allclose(points, expected, rtol=0, atol=1e-12)
+    curve, low, high = band_of(upper, "95 %, of the mean")
+    found = own.band(curve)
+    assert np.allclose([low, high], [found.low, found.high], rtol=0, atol=1e-12)
+    curve, low, high = band_of(upper, "95 %, one more measurement")
+    half = 1.959964 * np.hypot(own.band(curve).standard_error, 0.01)
+    assert np.allclose(high - low, 2 * half, rtol=1e-6)
+
+
+def test_the_bars_of_the_data_are_their_uncertainties(own):
+    (bars,) = plots.plot_curve(own).containers
+    ends = np.array([segment[:, 1] for segment in bars[2][0].get_segments()])
+    data = noisy_data()
+    expected = data.restitution[:, None] + np.array([-0.01, 0.01])
+    assert np.allclose(np.sort(ends), expected, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize(("last", "scale"), [(30.0, "log"), (5.0, "linear")])
 def test_a_logarithmic_axis_only_for_data_that_span_decades(last, scale):
-    data = noisy_data()
-    cut = data.velocity <= last
-    short = type(data)(data.velocity[cut], data.restitution[cut], data.contact, name="short")
-    result = result_of([material_fit(short, 0.22, 0.43, 0.54)])
-    assert plots.plot_curve(result).get_xscale() == scale
+    assert plots.plot_curve(own_fit(noisy_data(last=last))).get_xscale() == scale
 
 
 @pytest.mark.parametrize(("count", "shape"), [(1, (1, 1)), (2, (1, 2)), (3, (1, 3)), (4, (2, 2))])
 def test_any_number_of_materials_has_its_panels(count, shape):
-    fits = [material_fit(noisy_data(f"alloy {i}"), 0.22, 0.43, 0.54) for i in range(count)]
-    figure = plots.curves_figure(result_of(fits))
+    figure = plots.curves_figure(own_fit([noisy_data(f"alloy {i}") for i in range(count)]))
     assert len(figure.axes) == 2 * count
     assert style.grid_shape(count) == shape
 
 
 def test_seven_materials_leave_no_empty_panel():
     assert style.grid_shape(7) == (3, 3)
-    fits = [material_fit(noisy_data(f"alloy {i}"), 0.22, 0.43, 0.54) for i in range(5)]
-    assert len(plots.curves_figure(result_of(fits)).axes) == 10
+    figure = plots.curves_figure(own_fit([noisy_data(f"alloy {i}") for i in range(5)]))
+    assert len(figure.axes) == 10
 
 
-def test_points_with_a_flag_are_marked():
-    data = noisy_data()
-    status = [int(sj.Status.ENERGY_GAIN)] + [int(sj.Status.ELASTIC)] * 3 + [0] * (len(data) - 4)
-    fit = material_fit(data, 0.22, 0.43, 0.54, status=tuple(status))
-    x, y = curve_of(plots.plot_curve(result_of([fit])), "data where the law's status is not plain")
+def test_first_yield_is_marked_where_the_law_yields():
+    """Thornton's V_y, not the critical velocity of the contact; Walton and Braun's law has none."""
+    contact = pair("nylon")
+    velocity = np.geomspace(0.2, 30.0, 24)
+    made = sj.restitution(sj.Thornton(contact, 2.5), velocity).coefficient
+    data = cal.RestitutionData(velocity, np.asarray(made), contact, 0.01, "made")
+    ax = plots.plot_curve(cal.fit(data, "thornton", profiles=False))
+    x, _ = curve_of(ax, "first yield")
+    critical = 2.5**2.5 * float(pair("nylon", area="hertz").critical_velocity)
+    assert x[0] == pytest.approx(critical, rel=1e-6)
+    assert "first yield" not in labels_of(plots.plot_curve(own_fit(noisy_data())))
+
+
+def changed(result, **fields):
+    """A result with another look at its only material."""
+    return replace(result, materials=(replace(result.material(), **fields),))
+
+
+def test_points_with_a_flag_are_marked(own):
+    data = own.material().data
+    status = (int(sj.Status.ENERGY_GAIN), *[int(sj.Status.ELASTIC)] * 3, *[0] * (len(data) - 4))
+    ax = plots.plot_curve(changed(own, status=status))
+    x, y = curve_of(ax, "data where the law's status is not plain")
     assert x.tolist() == data.velocity[:1].tolist()
     assert y.tolist() == data.restitution[:1].tolist()
 
 
-def test_a_fit_that_did_not_converge_is_marked_in_its_picture():
-    fit = material_fit(noisy_data(), 0.22, 0.43, 0.54, converged=False)
-    assert "NOT CONVERGED" in plots.curves_figure(result_of([fit])).axes[0].get_title()
+def test_a_fit_that_did_not_converge_is_marked_in_its_picture(own):
+    figure = plots.curves_figure(changed(own, converged=False))
+    assert "NOT CONVERGED" in figure.axes[0].get_title()
 
 
-def test_profiles_show_threshold_limits_and_open_ends():
-    figure = plots.profiles_figure(own_fit())
-    sigma, psi = figure.axes
-    assert {"profile", "interval", "threshold of the interval"} <= labels_of(sigma)
-    assert [text.get_text() for text in psi.texts] == ["open end"]
-    assert not sigma.texts
-    assert (sigma.get_xscale(), psi.get_xscale()) == ("linear", "log")
+@pytest.mark.parametrize("name", ["$5 alloy$", r"a\b^", "_alloy", "al\nloy"])
+def test_what_data_are_called_breaks_no_picture(name, tmp_path):
+    result = own_fit([noisy_data(name), noisy_data("other")])
+    shared = {"unloading_stiffness": cal.Parameter(shared=True)}
+    together = cal.fit([noisy_data(name), noisy_data("other")], "walton-braun", shared)
+    for figure in (
+        plots.curves_figure(result),
+        plots.correlation_figure(result),
+        plots.correlation_figure(together),
+        plots.profiles_figure(together),
+    ):
+        style.save(figure, tmp_path / "a.png")
+        assert not any("\n" in ax.get_title() + ax.get_xlabel() for ax in figure.axes)
 
 
-def test_no_profiles_no_picture():
-    assert plots.profiles_figure(paper_fit()) is None
+def test_a_profile_is_drawn_through_its_points_with_its_limits(own):
+    figure = plots.profiles_figure(own)
+    assert [ax.get_xlabel() for ax in figure.axes] == ["$k_{20}$ [N/m]", "$s$ [1/m]"]
+    profile = own.profiles["growth"]
+    ax = figure.axes[1]
+    smooth, points = ax.get_lines()[:2]
+    x, rise = points.get_data()
+    assert np.allclose(x, profile.values, rtol=1e-12)
+    assert np.allclose(np.interp(x, *smooth.get_data()), rise, rtol=0, atol=1e-9)
+    between = 0.5 * (x[3] + x[4])
+    value, error = own.values["growth"], own.standard_errors["growth"]
+    drawn = np.interp(between, *smooth.get_data())
+    assert drawn == pytest.approx(((between - value) / error) ** 2, rel=0.2, abs=0.05)
+    ends = [line.get_xdata()[0] for line in ax.get_lines() if line.get_label() == "interval"]
+    assert ends == [profile.low, profile.high]
+    level = curve_of(ax, "threshold of the interval")[1][0]
+    assert level == profile.threshold
+    x, y = curve_of(ax, "from the standard error")
+    assert np.allclose(y, ((x - value) / error) ** 2, rtol=1e-9, atol=1e-12)
 
 
-def test_correlations_stand_by_material_with_their_numbers(paper):
-    swapped = result_of(paper.materials)
-    order = [0, 3, 6, 1, 4, 7, 2, 5, 8]
-    names = tuple(swapped.covariance_names[i] for i in order)
-    mixed = result_of(
-        paper.materials,
-        covariance_names=names,
-        covariance=swapped.covariance[np.ix_(order, order)],
-    )
-    ax = plots.correlation_figure(mixed).axes[0]
-    owners = [label.get_text().rpartition(", ")[2] for label in ax.get_yticklabels()]
-    assert owners == [fit.name for fit in paper.materials for _ in range(3)]
-    shown = {(t.get_position()): t.get_text() for t in ax.texts}
-    assert shown[(0, 0)] == "1.00"
-    assert shown[(1, 0)] == "−0.60"
-    assert shown[(8, 0)] == "0.00"
+def test_an_open_end_of_a_profile_is_told_and_decades_are_logarithmic():
+    z = np.linspace(-1.3, 1.3, 19)
+    rise = np.where(z > 0, 1.7 * (1 - np.exp(-2 * z)), 4 * z**2)
+    profile = Profile("psi", tuple(0.54 * np.exp(2 * z)), tuple(rise), 0.075, None, 3.84)
+    ax = plots.plot_profile(profile)
+    assert [text.get_text() for text in ax.texts] == ["open end"]
+    assert ax.texts[0].get_position()[0] > 0.5
+    assert ax.get_xscale() == "log"
+
+
+def test_a_profile_that_never_leaves_a_bound_has_no_panel(own):
+    """ε_up at 1, say: σ runs on, and ε_up stays."""
+    (label, moves), *_ = own.profiles.items()
+    stays = replace(moves, parameter="k", values=(1.0,) * len(moves.values))
+    assert plots.profiles_figure(replace(own, profiles={"k": stays})) is None
+    figure = plots.profiles_figure(replace(own, profiles={"k": stays, label: moves}))
+    assert len(figure.axes) == 1
+    twice = replace(moves, values=moves.values[:1] + moves.values[:-1])
+    assert plots.profiles_figure(replace(own, profiles={label: twice})) is not None
+
+
+def test_no_profiles_no_picture(paper):
+    assert plots.profiles_figure(paper) is None
+
+
+def ellipses_of(ax):
+    """Correlation that each ellipse shows, by its (column, row from above)."""
+    count = len(ax.get_xticks())
+    found = {}
+    for patch in ax.patches:
+        assert isinstance(patch, Ellipse)
+        column, place = patch.center
+        a, b = patch.width**2, patch.height**2
+        found[(column, count - 1 - place)] = (a - b) / (a + b) * np.sign(patch.angle)
+    return found
+
+
+def test_correlations_are_ellipses_with_their_numbers():
+    matrix = np.array([[1.0, -0.6, 0.2], [-0.6, 1.0, 0.0], [0.2, 0.0, 1.0]])
+    ax = plots.plot_correlations(matrix, ["a", "b", "c"], told=["1 ± 2", "3 ± 4", "5 ± 6"])
+    found = ellipses_of(ax)
+    assert found == pytest.approx({(0, 1): -0.6, (0, 2): 0.2, (1, 2): 0.0}, abs=1e-9)
+    assert {patch.angle for patch in ax.patches} == {45, -45}
+    # leaning right for a positive one as it is seen: up is up
+    assert not ax.yaxis_inverted()
+    assert [label.get_text() for label in ax.get_yticklabels()] == ["c", "b", "a"]
+    shown = {text.get_position(): text.get_text() for text in ax.texts}
+    assert shown[(1, 2)] == "−0.60"
+    assert shown[(2, 1)] == "0.00"
+    assert shown[(0, 2)] == "1\n± 2"
 
 
 def test_undefined_correlations_are_a_dash():
     ax = plots.plot_correlations([[1.0, np.nan], [np.nan, 1.0]], ["chi", "psi"])
-    assert [text.get_text() for text in ax.texts] == ["1.00", "–", "–", "1.00"]
+    assert [text.get_text() for text in ax.texts] == ["–", "–"]
+    assert not ax.patches
 
 
-def test_axes_given_are_the_axes_drawn_on():
+def test_each_material_has_its_correlations_in_a_panel(paper):
+    figure = plots.correlation_figure(paper)
+    assert [ax.get_title() for ax in figure.axes] == NAMES
+    for ax, fit in zip(figure.axes, paper.materials, strict=True):
+        names = list(paper.covariance_names)
+        rows = [names.index(f"{name}[{fit.name}]") for name in ("chi", "sigma")]
+        expected = paper.correlations[rows[0], rows[1]]
+        order = [label.get_text() for label in ax.get_xticklabels()]
+        assert sorted(order) == sorted([r"$\tilde\chi$", r"$\sigma$", r"$\psi$"])
+        at = sorted(order.index(name) for name in (r"$\tilde\chi$", r"$\sigma$"))
+        assert ellipses_of(ax)[tuple(at)] == pytest.approx(expected, abs=0.01)
+
+
+def test_data_sets_that_share_a_parameter_have_one_panel():
+    shared = {"unloading_stiffness": cal.Parameter(shared=True)}
+    together = cal.fit([noisy_data("one"), noisy_data("two", 0.04)], "walton-braun", shared)
+    (ax,) = plots.correlation_figure(together).axes
+    labels = [label.get_text() for label in ax.get_xticklabels()]
+    assert sorted(labels) == ["$k_{20}$", "$s$, one", "$s$, two"]
+
+
+def test_long_names_leave_room_for_what_they_name():
+    shared = {"unloading_stiffness": cal.Parameter(shared=True)}
+    data = [noisy_data("one"), noisy_data("an alloy with a very long name indeed", 0.04)]
+    together = cal.fit(data, "walton-braun", shared)
+    figure = plots.correlation_figure(together)
+    figure.draw_without_rendering()
+    (ax,) = figure.axes
+    assert ax.get_window_extent().width / figure.dpi > 0.9 * 3
+    assert "$s$, an alloy with a ver…" in [label.get_text() for label in ax.get_xticklabels()]
+    titles = {ax.get_title(): ax.get_xlabel() for ax in plots.profiles_figure(together).axes}
+    assert titles == {"": "$k_{20}$ [N/m]", "one": "$s$ [1/m]", data[1].name: "$s$ [1/m]"}
+
+
+def test_one_parameter_has_no_correlations():
+    assert plots.correlation_figure(cal.fit(noisy_data(), "constant", profiles=False)) is None
+
+
+def test_axes_given_are_the_axes_drawn_on(own):
     ax = Figure().add_subplot()
-    profile = own_fit().profiles["sigma"]
-    assert plots.plot_curve(own_fit(), ax=ax) is ax
-    assert plots.plot_residuals(own_fit(), ax=Figure().add_subplot()).get_ylabel() == "data − fit"
-    assert plots.plot_profile(profile, ax=ax) is ax
+    assert plots.plot_curve(own, ax=ax) is ax
+    assert plots.plot_residuals(own, ax=Figure().add_subplot()).get_ylabel() == "data − fit"
+    assert plots.plot_profile(own.profiles["growth"], ax=ax) is ax
     other = Figure().add_subplot()
     assert plots.plot_correlations(np.eye(2), ["chi", "psi"], ax=other) is other
 
 
-def test_equal_figures_are_equal_files(tmp_path):
+def test_equal_figures_are_equal_files(own, tmp_path):
     for name in ("one.png", "two.png"):
-        plots.save(plots.correlation_figure(own_fit()), tmp_path / name)
+        plots.save(plots.correlation_figure(own), tmp_path / name)
     assert (tmp_path / "one.png").read_bytes() == (tmp_path / "two.png").read_bytes()
+
+
+def test_a_curve_has_gaps_where_there_is_nothing_to_show(own):
+    velocity = np.geomspace(0.1, 10.0, 40)
+    status = np.where(velocity > 5, int(sj.Status.NO_REBOUND), 0)
+    value = np.where(velocity < 0.2, np.nan, 0.9)
+    rows = Rows(velocity, value, status, value - 0.1, value + 0.1)
+    ax = plot_restitution(rows, "_my $law$", yields_at=1.0, result=(own.material(), 0.9))
+    (line,) = [line for line in ax.get_lines() if "law" in str(line.get_label())]
+    drawn = np.isfinite(line.get_ydata())
+    np.testing.assert_array_equal(drawn, (velocity >= 0.2) & (velocity <= 5))
+    assert curve_of(ax, "first yield")[0][0] == 1.0
+    assert {"90 %, of the mean", "data", "not known"} <= labels_of(ax)
+    assert any("my \\$law\\$" in label for label in labels_of(ax))
+    (grey,) = ax.patches
+    assert (grey.get_x(), grey.get_x() + grey.get_width()) == pytest.approx((0.1, velocity[6]))
+    _, low, high = band_of(ax, "90 %, of the mean")
+    assert np.allclose(high - low, 0.2)
+
+
+def oracle_duration(restitution, end):
+    """ω0 T by the textbook's formula."""
+    loss = np.abs(np.log(restitution))
+    xi = loss / np.hypot(np.pi, loss)
+    w = np.sqrt(1 - xi**2)
+    return (np.pi if end == "zero-overlap" else np.arctan2(2 * xi * w, 2 * xi**2 - 1)) / w
+
+
+def test_both_ends_of_the_linear_springs_contact_are_drawn(monkeypatch):
+    monkeypatch.setattr(linear_spring, "integrated_duration", oracle_duration)
+    ax = linear_spring.plot_duration()
+    for end, word in (("zero-overlap", r"\delta = 0"), ("zero-force", "zero force")):
+        (line,) = [one for one in ax.get_lines() if word in one.get_label()]
+        x, y = line.get_data()
+        assert np.allclose(y, oracle_duration(x, end) / np.pi, rtol=1e-12, atol=0)
+    assert "T" in ax.get_ylabel()
+    hertz, spring = (line.get_xydata() for line in linear_spring.plot_forces().get_lines())
+    assert np.allclose(hertz[:, 1], hertz[:, 0] ** 1.5, rtol=1e-12, atol=1e-15)
+    # ½ K δ² = (2/5) k δ^{5/2}
+    assert np.allclose(spring[:, 1], 0.8 * spring[:, 0], rtol=1e-12, atol=1e-15)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("end", linear_spring.LOOKS)
+def test_the_linear_spring_integrated_lasts_as_long(end):
+    x = linear_spring.INTEGRATED
+    found = linear_spring.integrated_duration(x, end)
+    assert np.allclose(found, oracle_duration(x, end), rtol=1e-8, atol=0)
+
+
+def test_figure_2_has_the_curves_that_the_paper_compares(paper, tmp_path, monkeypatch):
+    alone = replace(paper, unloading_line=None)
+    panels = [ax for ax in figure_2.figure_2(alone).axes if ax.get_title()]
+    assert [ax.get_title() for ax in panels] == NAMES
+    for ax in panels:
+        labels = labels_of(ax)
+        for wanted in ("this model, fitted", "Eq. (17)", "printed", "paper's", "Hertz's", "data"):
+            assert any(wanted in label for label in labels), wanted
+        assert ("no solution beyond" in labels) == (ax.get_title() == "nylon")
+    monkeypatch.setattr(figure_2, "fit_materials", lambda progress: alone)
+    assert cli.main(["compare", "--figure2", "--quiet", "--out", str(tmp_path)]) == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["figure2.png"]
+
+
+def test_figure_2_is_of_the_papers_own_procedure(paper):
+    found = figure_2.fit_materials()
+    assert {fit.objective for fit in found.materials} == {"two-step"}
+    assert found.values["chi[nylon]"] == pytest.approx(paper.values["chi[nylon]"], rel=1e-8)
+    assert found.values["chi[nylon]"] == pytest.approx(0.21998, abs=1e-5)
 
 
 def test_no_pyplot_is_imported():

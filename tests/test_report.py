@@ -1,18 +1,42 @@
 """What is told of a fit: numbers rounded to their errors, tables that line up, nothing hidden."""
 
 import math
+from dataclasses import replace
 
+import numpy as np
 import pytest
+from scipy import stats
 
-from calibration.commands.fit import INTRO
-from calibration.doubt import Doubt
-from calibration.estimate import Estimate
+import calibration as cal
+import softjax as sj
+from calibration.fitting.doubt import Doubt
+from calibration.fitting.estimate import Estimate
 from calibration.report import markdown_report, rows, symbols, terminal_report
-from calibration.report.rounding import interval, number, with_error
 from calibration.report.tables import aligned, markdown, width
-from tests.made_fits import material_fit, noisy_data, own_fit, paper_fit, result_of
+from calibration.rounding import interval, number, with_error
+from tests.cases import pair
 
-PRINTED = {"stainless steel": {"chi": 0.1368, "limit_velocity": 340.0, "yield_ratio": 354.75}}
+VELOCITY = np.geomspace(0.5, 20.0, 24)
+EXACT = 1 / np.sqrt(1.1 + 0.02 * VELOCITY)  # Walton and Braun's law
+NOISE = np.random.default_rng(5).standard_normal(24)
+
+
+def made(name="my alloy", noise=0.01, **told):
+    return cal.RestitutionData(VELOCITY, EXACT + noise * NOISE, pair("nylon"), name=name, **told)
+
+
+@pytest.fixture(scope="module")
+def own():
+    return cal.fit(made(uncertainty=0.01), "walton-braun")
+
+
+@pytest.fixture(scope="module")
+def zhou():
+    return cal.fit(made(), objective="two-step", route=sj.EnergyBalance(), starts=4)
+
+
+def cells(table, column):
+    return [row[table.header.index(column)] for row in table.rows]
 
 
 @pytest.mark.parametrize(
@@ -69,11 +93,15 @@ def test_markdown_cells_do_not_break_the_table():
     assert markdown(["a|b"], [["c"]]) == ["| a\\|b |", "| --- |", "| c |"]
 
 
-def test_symbols_have_units_and_owners():
+def test_symbols_units_and_words_are_those_of_the_law(own):
+    model = own.material().model
     assert symbols.text("chi") == "χ̃"
-    assert symbols.text("yield_strength[nylon]") == "Y[nylon] [Pa]"
-    assert symbols.math("chi[my alloy]") == r"$\tilde\chi$, my alloy"
+    assert symbols.text("contact.yield_strength") == "Y [Pa]"
+    assert symbols.text("growth", model) == "s [1/m]"
+    assert symbols.math("contact.yield_strength") == "$Y$ [Pa]"
     assert symbols.text("not known") == "not known"
+    assert symbols.words("not known") == ""
+    assert rows.meanings(own)[-1].startswith("s: growth of the unloading stiffness")
 
 
 @pytest.mark.parametrize(
@@ -91,64 +119,162 @@ def test_an_estimate_says_why_it_has_no_error(estimate, shown):
     assert rows.estimate_text(estimate) == shown
 
 
-def test_the_terminal_tells_everything_within_its_width():
-    text = terminal_report(paper_fit(), PRINTED, INTRO)
-    first = text.splitlines()[0]
-    assert first.startswith("These data are a published fit of measurements, not measurements")
-    for wanted in ("1.794 ± 0.090", "0.1368", "340.32", "354.75", "0.0167", "0.0345", "0.0318"):
-        assert wanted in text
-    assert max(map(width, text.splitlines())) <= 110
-    assert "No doubts were raised." in text
+def test_every_parameter_has_its_value_error_and_kind_of_interval(own, zhou):
+    table = rows.parameter_table(own)
+    assert cells(table, "parameter") == ["k1 [N/m]", "k20 [N/m]", "s [1/m]"]
+    value, error = own.values["growth"], own.standard_errors["growth"]
+    assert cells(table, "value ± std. error")[2] == with_error(value, error)
+    assert cells(table, "95 % interval")[2] == interval(*own.intervals["growth"], error)
+    assert cells(table, "kind") == ["", "profile", "profile"]
+    table = rows.parameter_table(zhou)
+    kinds = dict(zip(cells(table, "parameter"), cells(table, "kind"), strict=True))
+    # σ and ψ of 24 points: t of 22; χ̃ hangs on the same noise
+    assert kinds == {
+        **{"χ̃": "sandwich, ν = 22", "σ": "profile, ν = 22", "ψ": "profile, ν = 22"},
+        **{"v_cr [m/s]": "", "ε_up": "derived"},
+    }
+    for text in (terminal_report(zhou), markdown_report(zhou)):
+        for words in ("χ̃: unloading factor", "ε_up: restitution at first yield", "sandwich"):
+            assert words in text
 
 
-def test_a_second_fit_stands_beside_with_its_time_and_difference():
+def test_an_interval_of_another_confidence_says_so(own):
+    request = replace(own.request, confidence=0.8)
+    assert "80 % interval" in rows.parameter_table(replace(own, request=request)).header
+
+
+def test_the_goodness_of_fit_comes_with_its_probability(own):
+    table = rows.quality_table(own)
+    law = own.law
+    k1, k20 = law.loading_stiffness, law.unloading_stiffness
+    growth = law.growth * np.sqrt(float(law.contact.mass) / k1)
+    chi_squared = np.sum(
+        ((1 / np.sqrt(k20 / k1 + growth * VELOCITY) - own.data.restitution) / 0.01) ** 2
+    )
+    assert cells(table, "ν") == ["22"]
+    assert cells(table, "χ²/ν") == [f"{chi_squared / 22:.3g}"]
+    assert cells(table, "P") == [f"{stats.chi2.sf(chi_squared, 22):.3g}"]
+    assert "scatter" not in table.header  # it is stated
+    assert any(line.startswith("P: probability of a χ²") for line in rows.quality_words(own))
+
+
+def test_scatter_that_was_found_is_told_and_that_of_groups():
+    group = np.repeat(list("abcd"), 6)
+    offsets = np.repeat([0.02, -0.01, -0.03, 0.02], 6)
+    data = cal.RestitutionData(
+        VELOCITY, EXACT + offsets + 0.002 * NOISE, pair("nylon"), name="groups", group=group
+    )
+    result = cal.fit(data, "constant", profiles=False)
+    table = rows.quality_table(result)
+    assert cells(table, "scatter") == [f"{result.material().noise:.3g}"]
+    assert cells(table, "between groups") == [f"{result.material().group_deviation:.3g}"]
+    assert "χ²/ν" not in table.header
+    assert "in 4 groups" in markdown_report(result)
+
+
+def test_the_scatter_of_times_is_told_in_milliseconds(tmp_path):
+    rng = np.random.default_rng(2)
+    trains = [0.5 * (1 + 0.1 * k) * 0.9 ** np.arange(6) for k in range(5)]
+    lines = [
+        f"{t + 2e-4 * rng.standard_normal():.9f},{k}" for k, own in enumerate(trains) for t in own
+    ]
+    file = tmp_path / "bounces.csv"
+    file.write_text("\n".join(["interval [s],launch", *lines]) + "\n", encoding="utf-8")
+    result = cal.fit(cal.read_csv(file), "constant", profiles=False)
+    (told,) = cells(rows.quality_table(result), "of times [ms]")
+    assert float(told) == pytest.approx(0.2, rel=0.4)  # as the intervals were made
+
+
+def test_priors_bounds_and_what_is_shared_are_told(own):
+    said = {
+        "growth": cal.Parameter(prior=(0.5, 0.1), bounds=(0, 2)),
+        "unloading_stiffness": cal.Parameter(shared="both"),
+        "yield_strength": 4e7,
+    }
+    assert rows.told(own) == []
+    request = replace(own.request, parameters=[said])
+    assert rows.told(replace(own, request=request)) == [
+        "s [1/m]: prior 0.5 ± 0.1, between 0 and 2",
+        "k20 [N/m]: one value for the group both",
+    ]
+
+
+def test_each_stage_names_its_material_and_its_time(zhou):
+    table = rows.optimiser_table(zhou)
+    assert cells(table, "material") == ["my alloy"] * 2
+    assert cells(table, "stage") == ["Eq. (17)", "model"]
+    assert cells(table, "seconds")[0] == number(zhou.times["Eq. (17)[my alloy]"], 2)
+    both = cal.fit(
+        [made("a", uncertainty=0.01), made("b", uncertainty=0.01)], "walton-braun", profiles=False
+    )
+    assert cells(rows.optimiser_table(both), "material") == ["a", "b"]
+    assert set(both.times) == {"model[a]", "model[b]", "total"}
+
+
+def test_very_many_searches_are_summed_up_on_a_terminal(own):
+    stage = own.optimiser_report[0]
+    many = tuple(replace(stage, materials=(f"alloy {k}",)) for k in range(13))
+    times = {one.label: 0.5 for one in many}
+    result = replace(own, optimiser_report=many, times=times)
+    total = f"13 searches, {13 * stage.evaluations} evaluations, 6.5 s"
+    assert total in terminal_report(result).splitlines()
+    assert len(rows.optimiser_table(result).rows) == 13
+
+
+def test_where_nothing_is_known_of_the_curve_is_told(own):
+    part = replace(own.material(), known_from=0.8352)
+    report = markdown_report(replace(own, materials=(part,)))
+    assert "Nothing is known of the curve below the critical velocity, 0.8352 m/s" in report
+    assert "Nothing is known" not in markdown_report(own)
+
+
+def test_everything_stays_within_the_width_of_a_terminal(zhou):
     other = {
         "optimiser": "optimistix Levenberg–Marquardt",
         "route": "energy balance",
-        "values": {"chi": 0.21998 * (1 + 3e-8), "sigma": 0.4355, "psi": 0.5414},
+        "values": {"chi": zhou.values["chi"] * (1 + 3e-8)},
         "largest_difference": 3e-8,
+        "seconds": 1.5,
     }
-    text = terminal_report(own_fit(beside=other, times={"model": 2.25, "beside": 1.5}))
-    assert "3e-08" in text
-    assert "1.5 s against 2.2 s" in text
-    assert "Levenberg–Marquardt through the energy balance" in text
+    text = terminal_report(replace(zhou, beside=other), {"my alloy": {"chi": 0.0161234}})
+    assert max(map(width, text.splitlines())) <= 110
+    for wanted in ("0.016123", "3e-08", "1.5 s against", "Levenberg–Marquardt through the energy"):
+        assert wanted in text
 
 
-def test_what_did_not_converge_is_marked():
+def test_what_did_not_converge_is_marked(own):
     lost = Doubt("not-converged", "iterations used up", "my alloy")
-    fit = material_fit(noisy_data(), 0.2, 0.4, 0.5, converged=False, warnings=(lost,))
-    result = result_of([fit])
+    material = replace(own.material(), converged=False, warnings=(lost,))
+    result = replace(own, materials=(material,), warnings=(lost,))
     assert "NOT CONVERGED" in terminal_report(result)
-    assert "  NO" in terminal_report(result)
-    assert "**The fit did not converge. Its values are not to be used.**" in markdown_report(result)
+    assert cells(rows.quality_table(result), "converged") == ["NO"]
+    report = markdown_report(result)
+    assert "**The fit did not converge. Its values are not to be used.**" in report
+    assert "iterations used up" in report
+    assert lost.remedy in report
 
 
-def test_doubts_come_with_cause_and_remedy():
-    for text in (terminal_report(own_fit()), markdown_report(own_fit())):
-        joined = " ".join(text.split())
-        assert "rms 0.02 against a noise of 0.01" in joined
-        assert "The law does not follow these data within their noise" in joined
-
-
-def test_the_report_reads_by_itself():
-    pictures = {"Curves": "curves.png"}
-    text = markdown_report(own_fit(), pictures, "softjax fit my.toml")
+def test_the_report_reads_by_itself(own):
+    doubt = Doubt("model-misfit", "rms 0.02 against a noise of 0.01", "my alloy")
+    one = replace(own, warnings=(doubt,))
+    text = markdown_report(one, {"Curves": "curves.png"}, "softjax fit my.toml")
     for wanted in (
-        "24 impacts at 0.2 to 30 m/s",
+        "24 impacts at 0.5 to 20 m/s",
         "uncertainty of the restitution 0.01",
         "![Curves](curves.png)",
         "`softjax fit my.toml`",
         "softjax-contact 0.1.0",
-        "0.220 ± 0.011",
-        "(sandwich)",
         "1 doubt below",
+        "- **model-misfit** (my alloy): rms 0.02 against a noise of 0.01.",
     ):
         assert wanted in text
     tables = [line for line in text.splitlines() if line.startswith("|")]
     assert all(line.endswith("|") for line in tables)
+    assert " ".join(terminal_report(one).split()).count("rms 0.02 against a noise of 0.01") == 1
 
 
-def test_notes_are_told_once():
-    told = rows.notes(paper_fit())
-    assert len(told) == 1
-    assert "published fit" in told[0]
+def test_notes_are_told_once(own):
+    note = "column x is not used"
+    noted, plain = (replace(own.material(), data=made(remarks=said)) for said in ([note], []))
+    assert rows.notes(replace(own, materials=(noted, noted))) == [note]
+    assert rows.notes(replace(own, materials=(noted, plain))) == [f"my alloy: {note}"]

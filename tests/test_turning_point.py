@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softjax import energy
 from softjax.laws.zhou import FirstOrder
+from tests.cases import collide
 from tests.hard_inputs import PRECISIONS
 
 ROWS = json.loads(Path(__file__).with_name("oracles").joinpath("turning_point.json").read_text())
@@ -19,9 +19,7 @@ def test_on_the_rising_side_to_rounding_error(precision):
     """All in one batch: those who need more steps beside those who do not."""
     kind = PRECISIONS[precision]
     d, X, y, distance, squared, peak, sensitivity = np.array(ROWS[precision]).T
-    found = energy.collide(
-        FirstOrder(jnp.asarray(d, kind), jnp.asarray(X, kind)), jnp.asarray(y, kind)
-    )
+    found = collide(FirstOrder(jnp.asarray(d, kind), jnp.asarray(X, kind)), jnp.asarray(y, kind))
     eps = float(np.finfo(kind).eps)
     allowed = max(1e-12, 8 * eps) + 8 * eps * sensitivity
     turns = np.asarray(found.turns)

@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 
 import calibration as cal
 import softjax as sj
-from calibration import uncertainty
+from calibration.fitting import uncertainty
 from tests import fit_oracle
 from tests.fit_data import TRUTH, eq_17_data, twin
 
@@ -41,7 +41,7 @@ def own_eq_17(data):
 def test_model_s_errors_are_scipy_s(case):
     name, made = SETS[case]
     data = twin(name, **made)
-    result = cal.fit(data, "model", profiles=False, **QUICK)
+    result = cal.fit(data, profiles=False, **QUICK)
     values, covariance, _ = fit_oracle.fit(
         own_model(data), TRUTH[name][1:4], data.restitution, data.uncertainty
     )
@@ -60,7 +60,7 @@ def test_eq_17_s_errors_are_scipy_s(case):
     name, made = SETS[case]
     made = {k: v for k, v in made.items() if k != "area"}
     data = eq_17_data(name, **made)
-    result = cal.fit(data, "empirical", profiles=False)
+    result = cal.fit(data, "eq-17", profiles=False)
     values, covariance, residual = fit_oracle.fit(
         own_eq_17(data), TRUTH[name][2:4], data.restitution, data.uncertainty
     )
@@ -104,7 +104,7 @@ def test_two_step_s_error_of_chi_is_what_noise_in_each_point_does(told):
         return np.sqrt(np.sum(np.square(slopes)) * (variance if told is None else told**2))
 
     value, expected = chi_with(0, 0.0, True), error(linear=True)
-    result = cal.fit(data, "two-step", profiles=False, **QUICK)
+    result = cal.fit(data, objective="two-step", profiles=False, **QUICK)
     assert result.values["chi"] == pytest.approx(value, rel=1e-6)
     assert result.standard_errors["chi"] == pytest.approx(expected, rel=1e-4)
     # Eq. (17)'s own curvature is left out, as in every covariance (JᵀJ)⁻¹
@@ -120,7 +120,7 @@ def test_profiles_are_minos_s(case):
     """Where u is not stated its estimate, and Student's quantile in place of the normal one."""
     name, made = SETS[case]
     data = twin(name, **made)
-    result = cal.fit(data, "model", **QUICK)
+    result = cal.fit(data, **QUICK)
     model, values = own_model(data), [result.values[k] for k in NAMES]
     u = data.uncertainty
     if u is None:
@@ -150,7 +150,7 @@ def test_profiles_are_minos_s(case):
 def test_a_profile_follows_a_valley_to_its_end():
     """σ and ψ that make up for each other over decades, against SciPy in ln(σ r^ψ) in place of σ."""
     data = twin("chrome steel", noise=0.01, seed=0, uncertainty=0.01)
-    result = cal.fit(data, "model", **QUICK)
+    result = cal.fit(data, **QUICK)
     assert result.intervals["sigma"][1] is None
     model, contact = own_model(data), data.contact
     critical = float(contact.critical_velocity)
@@ -170,7 +170,7 @@ def test_a_profile_follows_a_valley_to_its_end():
 
 def test_profiles_are_lmfit_s_where_it_is_not():
     data = eq_17_data("stainless steel", noise=0.02, seed=6)
-    result = cal.fit(data, "two-step", **QUICK)
+    result = cal.fit(data, objective="two-step", **QUICK)
     eq_17 = own_eq_17(data)
     start = lmfit.Parameters()
     start.add_many(("sigma", result.values["sigma"]), ("psi", result.values["psi"]))
@@ -191,11 +191,11 @@ def test_profiles_are_lmfit_s_where_it_is_not():
 
 def test_an_interval_that_the_data_leave_open_is_open():
     data = twin("stainless steel", noise=0.01, seed=1)
-    result = cal.fit(data, "model", **QUICK)
+    result = cal.fit(data, **QUICK)
     low, high = result.intervals["sigma"]
     assert low is None or high is None
     assert all(end is not None for end in result.intervals["chi"])
-    exact = cal.fit(twin("stainless steel", noise=0.0003, seed=1), "model", **QUICK)
+    exact = cal.fit(twin("stainless steel", noise=0.0003, seed=1), **QUICK)
     assert all(end is not None for end in exact.intervals["sigma"])
 
 
@@ -203,7 +203,7 @@ def test_an_interval_that_the_data_leave_open_is_open():
 def test_band_is_the_covariance_carried_through_the_curve(objective):
     name = "nylon"
     data = twin(name, noise=0.002, seed=3)
-    result = cal.fit(data, objective, profiles=False, **QUICK)
+    result = cal.fit(data, objective=objective, profiles=False, **QUICK)
     velocity = data.velocity[::5]
     numbers = fit_oracle.numbers(data.contact)
     centre = [result.values[k] for k in NAMES]
@@ -218,14 +218,15 @@ def test_band_is_the_covariance_carried_through_the_curve(objective):
     band = result.band(velocity)
     np.testing.assert_allclose(band.coefficient, curve(centre), atol=1e-9)
     np.testing.assert_allclose(band.standard_error, expected, rtol=1e-5)
-    reach = uncertainty.quantile(0.95, result.degrees[0])
+    left = len(data) - (2 if objective == "two-step" else 3)
+    reach = stats.t.ppf(0.975, left)
     np.testing.assert_allclose(band.high - band.low, 2 * reach * expected, rtol=1e-5)
     assert np.all(result.band(velocity, confidence=0.5).high < band.high)
 
 
 def test_eps_up_has_the_error_of_its_losses():
     data = eq_17_data("nylon", noise=0.004, seed=7)
-    result = cal.fit(data, profiles=False, **QUICK)
+    result = cal.fit(data, objective="two-step", profiles=False, **QUICK)
     ratio = float(data.contact.critical_velocity)
     ratio /= float(data.contact.limit_velocity) - ratio
     values, covariance, _ = fit_oracle.fit(own_eq_17(data), TRUTH["nylon"][2:4], data.restitution)
@@ -243,7 +244,7 @@ def test_the_line_s_errors_carry_all_data_sets():
         eq_17_data(n, points=10, noise=0.004, seed=i)
         for i, n in enumerate(("nylon", "chrome steel"))
     ]
-    result = cal.fit(sets, profiles=False, **QUICK)
+    result = cal.fit(sets, objective="two-step", profiles=False, **QUICK)
     line = result.unloading_line
     # two materials lie on the line exactly: its errors are those of the two χ̃ carried through
     ratios = np.array([float(d.contact.yield_ratio) for d in sets])
@@ -257,3 +258,23 @@ def test_the_line_s_errors_carry_all_data_sets():
     assert line.c1.standard_error == pytest.approx(expected[0], rel=1e-4)
     assert line.c2.standard_error == pytest.approx(expected[1], rel=1e-4)
     assert line.through_chi["c1"].standard_error == pytest.approx(expected[0], rel=1e-4)
+
+
+def test_a_refit_that_is_sent_astray_ends_no_profile():
+    """Where σ and ψ hardly show, their first guess at the next χ̃ is far off: SciPy finds the way."""
+    data = twin("stainless steel", noise=0.01, seed=2)
+    result = cal.fit(data, starts=8)
+    low, high = result.intervals["chi"]
+    numbers = fit_oracle.numbers(data.contact)
+
+    def cost(chi):
+        def residual(x):
+            return fit_oracle.curve(data.velocity, numbers, chi, *np.exp(x)) - data.restitution
+
+        return min(2 * least_squares(residual, x).cost for x in ([-5.0, -5.0], [0, -0.6]))
+
+    best = result.values["chi"]
+    variance = cost(best) / (len(data) - 3)
+    inside = best - 0.8 * (best - low)
+    assert cost(inside) - cost(best) < stats.t.ppf(0.975, len(data) - 3) ** 2 * variance
+    assert best - low == pytest.approx(high - best, rel=0.35)

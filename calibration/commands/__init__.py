@@ -15,5 +15,7 @@ COMMANDS = {
     "sensitivity": "what moves the restitution, what data can tell, where to measure next",
     "fit": "fit χ̃, σ, ψ to measured rebounds (without a file: the paper's three materials)",
     "compare": "fit every contact law and see which one a data set prefers",
+    "export": "hand a law over to LAMMPS, LIGGGHTS, YADE or one's own code, with its error told",
     "speed": "measure speed against error on this machine",
+    "doctor": "versions, devices and a self-check, for reports of faults",
 }

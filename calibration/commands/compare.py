@@ -1,37 +1,51 @@
-"""Which contact law a data set prefers: every law fitted, and sorted by leave-one-out rms.
+"""Which contact law a data set prefers: every law fitted, and ranked by how well it predicts.
 
     softjax compare my_alloy.toml
-    softjax compare my_alloy.toml --free yield_factor
+    softjax compare my_alloy.toml --laws zhou,thornton,walton-braun
     softjax compare                 # the three materials of Zhou (2013)
 
-Written are compare.json and compare.png. Without a file also figure2.png, Fig. 2 of the paper
-again, and linear_spring.png, the paper's argument against the linear model; `--figure2` and
-`--linear-spring` make these alone.
+Ranked by the expected log predictive density: each point (each group, where the data have groups)
+predicted by the fit without it. Written are compare.json and compare.png. Without a file also
+figure2.png, Fig. 2 of the paper again, and linear_spring.png, the paper's argument against the
+linear model; `--figure2` and `--linear-spring` make these alone.
 """
 
 import argparse
 import sys
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from calibration.atomic import check_writable, files_into
-from calibration.errors import DataError
+from calibration.atomic import check_writable, files_into, or_told, write_text
+from calibration.choices import CHOICES, LAWS
+from calibration.errors import DataError, did_you_mean, listed
 
-FREE = ("yield_factor",)
+OF_ZHOU, OF_DASHPOTS = ("form", "kappa"), ("end",)
 FILES = {"figure2": "figure2.png", "linear_spring": "linear_spring.png"}
-HEEDED = ("form", "kappa", "area")  # of a file's settings; the rest is for `softjax fit`
+NAMES = (*LAWS, "thornton-fixed")
+HEEDED = (*OF_ZHOU, *OF_DASHPOTS, "area")  # of a file's settings; the rest is for `softjax fit`
+
+
+@dataclass(frozen=True)
+class Job:
+    """What is compared: data sets, laws by name (None: all), their options, and what is told."""
+
+    datasets: list[Any]
+    laws: list[str] | None
+    options: dict[str, str]
+    remarks: list[str]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", nargs="?", metavar="FILE.toml", help="the materials and their data")
+    names = f"which ones, by commas: {', '.join(NAMES)} (default: all)"
+    parser.add_argument("--laws", metavar="A,B,C", help=names)
     parser.add_argument(
-        "--free",
-        action="append",
-        choices=FREE,
-        default=[],
-        help="fit Thornton's contact yield pressure too, as a factor of the yield strength",
+        "--law", action="append", default=[], metavar="A", help="one of them; may be repeated"
     )
-    parser.add_argument("--form", choices=("first-order", "full"), help="of Zhou's law")
-    parser.add_argument("--kappa", choices=("consistent", "printed"), help="of Zhou's law")
+    for name in (*OF_ZHOU, *OF_DASHPOTS):
+        whose = "Zhou's law" if name in OF_ZHOU else "the dashpot laws' contact"
+        parser.add_argument(f"--{name}", choices=CHOICES[name], help=f"of {whose}")
     parser.add_argument("--figure2", action="store_true", help="only Fig. 2 of the paper again")
     parser.add_argument(
         "--linear-spring", action="store_true", help="only the case against the linear spring"
@@ -43,106 +57,136 @@ def run(arguments: argparse.Namespace) -> int:
     import softjax as sj
     from calibration.progress import Progress
 
-    _check(arguments)
+    laws = _laws(arguments)
+    wanted = [name for name in FILES if getattr(arguments, name)]
+    _check(arguments, wanted)
     check_writable(arguments.out)
     sj.enable_x64()
-    wanted = [name for name in FILES if getattr(arguments, name)]
     with Progress(arguments.quiet) as progress:
         if wanted:
             return _pictures(wanted, arguments, progress)
-        return _compare(arguments, progress)
+        return _compare(_job(arguments, laws), arguments, progress)
 
 
-def _check(arguments: argparse.Namespace) -> None:
-    if arguments.file is None:
-        return
-    for name in FILES:
-        if getattr(arguments, name):
-            option = f"--{name.replace('_', '-')}"
+def _laws(arguments: argparse.Namespace) -> list[str] | None:
+    """Names in the order they were given, each once."""
+    every = [] if arguments.laws is None else arguments.laws.split(",")
+    names = list(dict.fromkeys(name.strip() for name in [*every, *arguments.law]))
+    for name in names:
+        if name not in NAMES:
+            accepted = f"one of {listed(NAMES)}{did_you_mean(name, NAMES)}"
+            raise DataError("--law" if name in arguments.law else "--laws", repr(name), accepted)
+    return names or None
+
+
+def _check(arguments: argparse.Namespace, wanted: list[str]) -> None:
+    """Options that would be ignored are refused."""
+    for name in wanted:
+        option = f"--{name.replace('_', '-')}"
+        if arguments.file is not None:
             raise DataError(option, "given with a file", "left out with one: it needs no data")
+        for other in ("laws", "law", *OF_ZHOU, *OF_DASHPOTS):
+            if getattr(arguments, other):
+                raise DataError(f"--{other}", f"given with {option}", "left out with it")
 
 
-def _compare(arguments: argparse.Namespace, progress) -> int:
-    from calibration.compare.ranking import rank
-
-    datasets, laws, remarks = _read(arguments)
-    free = tuple(dict.fromkeys(arguments.free))
-    rankings = [rank(data, free, **laws, watch=progress.over) for data in datasets]
-    extra = tuple(FILES) if arguments.file is None else ()
-    with files_into(arguments.out) as folder:
-        _write(folder, rankings, {"file": arguments.file, "free": list(free), **laws})
-        ended = _draw(folder, extra, progress)
-    progress.close()
-    if not arguments.quiet:
-        _print(rankings, remarks, arguments.out, extra)
-    return _code(ended and all(ranking.converged for ranking in rankings))
-
-
-def _read(arguments: argparse.Namespace):
-    """Data sets, the variant of Zhou's law, and what the file says that does not act here."""
-    laws = {"form": "first-order", "kappa": "consistent"}
-    given = {name: getattr(arguments, name) for name in laws if getattr(arguments, name)}
+def _job(arguments: argparse.Namespace, laws: list[str] | None) -> Job:
+    names = (*OF_ZHOU, *OF_DASHPOTS)
+    options = {name: getattr(arguments, name) for name in names if getattr(arguments, name)}
+    _check_options(options, laws)
     if arguments.file is None:
-        from calibration.embedded import paper_materials
+        from calibration.data.paper import paper_materials
 
-        return paper_materials(), laws | given, []
-    from calibration.toml_file import read_problem
+        return Job(paper_materials(), laws, options, [])
+    from calibration.problem_file import read_problem
 
     problem = read_problem(arguments.file)
-    told = {name: problem.settings[name] for name in laws if name in problem.settings}
-    return problem.datasets, laws | told | given, _unused(problem)
+    told = {name: problem.settings[name] for name in names if name in problem.settings}
+    return Job(problem.datasets, laws, told | options, _unused(problem))
 
 
-def _unused(problem) -> list[str]:
-    """One line that names what is for `softjax fit` alone."""
+def _check_options(options: dict[str, str], laws: list[str] | None) -> None:
+    for name in options:
+        if laws is not None and not set(_owners(name)) & set(laws):
+            accepted = f"left out without {' or '.join(_owners(name))} among the laws"
+            raise DataError(f"--{name}", "given", accepted)
+
+
+def _owners(option: str) -> tuple[str, ...]:
+    """The laws that have an option."""
+    return ("zhou",) if option in OF_ZHOU else ("hertz-dashpot", "linear")
+
+
+def _unused(problem: Any) -> list[str]:
+    """One line that names what of a file is for `softjax fit` alone."""
     names = [name for name in problem.settings if name not in HEEDED]
-    names += sorted({n for own in (*problem.parameters, problem.shared_parameters) for n in own})
+    names += sorted({name for said in problem.said for name in said})
     if not names:
         return []
     return [f"Of the file, this acts in `softjax fit` only: {', '.join(names)}."]
 
 
-def _write(folder: Path, rankings, settings) -> None:
-    from calibration.compare.pictures import comparison_figure
-    from calibration.compare.telling import comparison_json
+def _compare(job: Job, arguments: argparse.Namespace, progress: Any) -> int:
     from calibration.plots.style import save
+    from calibration.report.comparison import comparison_json, comparison_text
+    from calibration.studies.ranking import compare
 
-    (folder / "compare.json").write_text(comparison_json(rankings, settings), encoding="utf-8")
-    save(comparison_figure(rankings), folder / "compare.png")
+    said: dict[str, dict[str, str]] = {}
+    for option, value in job.options.items():
+        for law in _owners(option):
+            if job.laws is None or law in job.laws:
+                said.setdefault(law, {})[option] = value
+    comparisons = [
+        compare(data, job.laws, parameters=said, watch=progress.over) for data in job.datasets
+    ]
+    extra = tuple(FILES) if arguments.file is None else ()
+    settings = {"file": arguments.file, "laws": job.laws, "options": job.options}
+    told = [] if arguments.quiet else [comparison_text(comparisons, job.remarks)]
+    with or_told(told), files_into(arguments.out) as folder:
+        write_text(folder / "compare.json", comparison_json(comparisons, settings))
+        save(_figure(comparisons), folder / "compare.png")
+        ended = _draw(folder, extra, progress)
+    progress.close()
+    if told:
+        print(told[0])
+        _told(arguments.out, ["compare.json", "compare.png", *(FILES[name] for name in extra)])
+    return _code(ended and all(one.converged for one in comparisons))
 
 
-def _draw(folder: Path, wanted, progress) -> bool:
+def _figure(comparisons: list[Any]):
+    from calibration.plots.comparison import comparison_figure
+
+    return comparison_figure(comparisons)
+
+
+def _pictures(wanted: list[str], arguments: argparse.Namespace, progress: Any) -> int:
+    with files_into(arguments.out) as folder:
+        converged = _draw(folder, wanted, progress)
+    progress.close()
+    if not arguments.quiet:
+        _told(arguments.out, [FILES[name] for name in wanted])
+    return _code(converged)
+
+
+def _draw(folder: Path, wanted, progress: Any) -> bool:
     """The pictures that need no file; whether the fits behind them converged."""
     from calibration.plots.style import save
 
     converged = True
     if "figure2" in wanted:
-        from calibration.compare.figure_2 import figure_2, fit_materials
+        from calibration.plots.figure_2 import figure_2, fit_materials
 
         result = fit_materials(progress)
         converged = result.converged
         save(figure_2(result), folder / FILES["figure2"])
     if "linear_spring" in wanted:
-        from calibration.compare.linear_picture import linear_figure
+        from calibration.plots.linear_spring import linear_figure
 
         save(linear_figure(), folder / FILES["linear_spring"])
     return converged
 
 
-def _pictures(wanted, arguments: argparse.Namespace, progress) -> int:
-    with files_into(arguments.out) as folder:
-        converged = _draw(folder, wanted, progress)
-    progress.close()
-    if not arguments.quiet:
-        print(f"Written to {arguments.out}: {', '.join(FILES[name] for name in wanted)}")
-    return _code(converged)
-
-
-def _print(rankings, remarks, out: Path, extra) -> None:
-    from calibration.compare.telling import comparison_text
-
-    print(comparison_text(rankings, remarks))
-    names = ["compare.json", "compare.png", *(FILES[name] for name in extra)]
+def _told(out: Path, names: list[str]) -> None:
     print(f"\nWritten to {out}: {', '.join(names)}")
 
 

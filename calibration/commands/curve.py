@@ -6,15 +6,25 @@ For a material of the paper (stainless-steel, chrome-steel, nylon: σ and ψ of 
     softjax curve nylon --from 0.1 --to 50 --points 500 --spacing log --format csv png
     softjax curve my_alloy.toml --chi 0.2 --sigma 0.4 --psi 0.5 --table
     softjax curve --fit results/fit.json --material nylon
+    softjax curve --fit results/fit.json --posterior results/posterior.nc
     cut -d, -f1 shots.csv | softjax curve nylon --velocities -
     softjax curve nylon --law hertz-dashpot --set restitution=0.9
+
+A table (--table) has more columns: ε_p, duration, largest overlap and peak force; two rows at first
+yield, where ε may jump; and in its header how far linear interpolation is from the law. Where a fit
+knows nothing, cells are empty and rows of a table are left out.
 """
 
 import argparse
 import sys
+from collections.abc import Iterator
 from contextlib import ExitStack, closing
+from pathlib import Path
+from typing import Any
 
+from calibration.atomic import files_into
 from calibration.curve.options import add_route_arguments, add_source_arguments
+from calibration.errors import DataError, InputError, printable
 
 FORMATS = ("csv", "npy", "png", "table")
 FILES = {"csv": "curve.csv", "npy": "curve.npy", "png": "curve.png", "table": "curve.txt"}
@@ -32,6 +42,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--velocities", metavar="FILE.csv", help="take them from a file, or from - (standard input)"
     )
+    parser.add_argument(
+        "--posterior", metavar="FILE.nc", type=Path, help="draws of --fit: the band is theirs"
+    )
     group = parser.add_argument_group("output")
     group.add_argument(
         "--format", nargs="+", choices=FORMATS, help="one or more of them (default: csv png)"
@@ -44,7 +57,6 @@ def run(arguments: argparse.Namespace) -> int:
 
     sj.enable_x64()
     from calibration.curve.source import read_source, route_of
-    from calibration.errors import DataError, InputError
 
     try:
         source, route = read_source(arguments), route_of(arguments)
@@ -60,14 +72,12 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _velocities(arguments, source):
+def _velocities(arguments: argparse.Namespace, source: Any) -> Any:
     from calibration.curve.velocities import Column, Grid
-    from calibration.errors import DataError
 
     grid = {n: getattr(arguments, n) for n in ("first", "last", "points", "spacing")}
     if arguments.velocities is not None:
-        given = [name for name, value in grid.items() if value is not None]
-        if given:
+        if any(value is not None for value in grid.values()):
             accepted = "left out with --from, --to, --points or --spacing"
             raise DataError("--velocities", arguments.velocities, accepted)
         return Column(arguments.velocities)
@@ -77,65 +87,87 @@ def _velocities(arguments, source):
     return Grid(first, last, points, grid["spacing"] or ("log" if first > 0 else "lin"))
 
 
-def _write(arguments, source, velocities, route):
+def _write(arguments: argparse.Namespace, source: Any, velocities: Any, route: Any) -> Any:
     """All files at once, none of them where anything goes wrong."""
-    from calibration.atomic import files_into
-    from calibration.curve.stream import Span, curve_rows
+    from calibration.curve.stream import Span, Thinned, curve_rows
     from calibration.progress import Progress
 
     formats = set(arguments.format or ([] if arguments.table else ["csv", "png"]))
     formats |= {"table"} if arguments.table else set()
-    seen = Span()
+    seen, picture = Span(), Thinned()
+    blocks = _blocks(velocities, source, "table" in formats)
     with files_into(arguments.out) as folder, Progress(arguments.quiet) as progress:
         with ExitStack() as stack:
-            writers = [stack.enter_context(closing(w)) for w in _writers(formats, folder, source)]
-            picture = _thinned() if "png" in formats else None
-            for rows in curve_rows(source, velocities.blocks(), route, seen):
+            writers = [
+                stack.enter_context(closing(one))
+                for one in _writers(formats, folder, source, route)
+            ]
+            for rows in curve_rows(source, blocks, route, seen):
                 for writer in writers:
                     writer.write(rows)
-                if picture is not None:
-                    picture.add(rows)
+                picture.add(rows)
                 progress("rows", seen.rows, velocities.total)
-        if picture is not None:
+        if not seen.known:
+            problem = f"nothing is known of {source.name} at these velocities"
+            raise InputError(None, None, problem, f"a fit knows {_known(source)}")
+        if "png" in formats:
             _draw(folder / FILES["png"], picture.rows(), source)
     return seen
 
 
-def _writers(formats, folder, source):
-    from calibration.curve.writers import CsvWriter, NpyWriter, TableWriter
+def _blocks(velocities: Any, source: Any, for_a_table: bool) -> Any:
+    """The velocities asked for; for a table of a grid those at first yield too."""
+    from calibration.curve.table import with_yield
+    from calibration.curve.velocities import Grid
 
-    make = {
-        "csv": CsvWriter,
-        "npy": NpyWriter,
-        "table": lambda path: TableWriter(path, source.name),
-    }
-    return [make[name](folder / FILES[name]) for name in FORMATS if name in formats & set(make)]
-
-
-def _thinned():
-    from calibration.curve.picture import Thinned
-
-    return Thinned()
+    if not for_a_table or not isinstance(velocities, Grid):
+        return velocities.blocks()
+    return with_yield(source, velocities.blocks(), (velocities.first, velocities.last))
 
 
-def _draw(path, rows, source) -> None:
-    from calibration.curve.picture import plot_restitution
+def _writers(formats: set[str], folder: Path, source: Any, route: Any) -> Iterator[Any]:
+    from calibration.curve.table import TableWriter
+    from calibration.curve.writers import CsvWriter, NpyWriter
+
+    if "csv" in formats:
+        yield CsvWriter(folder / FILES["csv"])
+    if "npy" in formats:
+        yield NpyWriter(folder / FILES["npy"])
+    if "table" in formats:
+        yield TableWriter(folder / FILES["table"], source, route)
+
+
+def _draw(path: Path, rows: Any, source: Any) -> None:
+    from calibration.fitting.curves import yield_velocity
     from calibration.plots import style
+    from calibration.plots.restitution import plot_restitution
 
-    critical = None if source.law is None else float(source.law.contact.critical_velocity)
-    data = None if source.result is None else source.result.material(source.name).data
+    kind = type(source.law).__name__
+    label = source.name if kind == "Zhou" else f"{source.name}: {kind}"
+    result = source.result and (source.result.material(source.name), source.result.confidence)
     figure = style.new_figure(6.0, 4.0)
-    plot_restitution(rows, source.name, figure.add_subplot(), critical, data)
+    plot_restitution(rows, label, figure.add_subplot(), yield_velocity(source.law), result)
     style.save(figure, path)
 
 
-def _tell(arguments, source, seen) -> None:
+def _known(source: Any) -> str:
+    """Where a fit knows anything of its curve."""
+    fit = source.result.material(source.name)
+    if fit.known_from > 0:
+        return f"the curve from {fit.known_from:.4g} m/s on"
+    return f"the curve up to {fit.known_to:.4g} m/s"
+
+
+def _tell(arguments: argparse.Namespace, source: Any, seen: Any) -> None:
+    if seen.known < seen.rows:
+        text = f"of {seen.rows} velocities {seen.rows - seen.known} are left empty"
+        print(f"warning: not-known: {text}; the fit knows {_known(source)}", file=sys.stderr)
     if source.result is not None:
         doubt = source.result.extrapolation(seen.ends, source.name)
         if doubt is not None:
             velocity = source.result.material(source.name).data.velocity
             curve, data = (f"{min(v):.4g} to {max(v):.4g} m/s" for v in (seen.ends, velocity))
-            text = f"the curve goes from {curve}, the data of {source.name} from {data}"
+            text = f"the curve goes from {curve}, the data of {printable(source.name)} from {data}"
             print(f"warning: {doubt.code}: {text}", file=sys.stderr)
     if not arguments.quiet:
         print(source.remark)

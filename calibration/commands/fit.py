@@ -1,31 +1,35 @@
-"""Fit χ̃, σ and ψ of contact pairs to measured coefficients of restitution.
+"""Fit a contact law to measured coefficients of restitution.
 
-Without a file it fits the three materials of Zhou, Theor. Appl. Mech. Lett. 3, 021003 (2013), from
-a published fit of measurements that comes with the program. With one it fits your own. Written
-are fit.json, curves.png, report.md and, where there is something to show, profiles.png and
-correlation.png.
+Without a file it fits χ̃, σ and ψ of the three materials of Zhou, Theor. Appl. Mech. Lett. 3, 021003
+(2013), by the paper's own procedure, to a published fit of measurements that comes with the program.
+With one it fits your own: Zhou's law, or another (`--law`). Written are fit.json, curves.png,
+report.md, report.html (the same as one page, pictures inside) and, where there is something to show,
+profiles.png and correlation.png.
 """
 
 import argparse
-import shlex
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from calibration.atomic import check_writable, files_into
-from calibration.errors import InputError
+from calibration.atomic import check_writable, files_into, or_told, write_text
+from calibration.choices import CHOICES, COUNTS, NUMBERS, OPTIONS, idle
+from calibration.errors import DataError, InputError
 from calibration.progress import Progress
-from calibration.settings import CHOICES
+from calibration.terminal import shell_line
 
-OPTIONS = ("objective", "optimiser", "route", "loss", "form", "kappa")
+WORDS = ("law", "objective", "optimiser", "route", "loss", *OPTIONS, "unloading_line")
+FLAGS = {"profiles": "--no-profiles"}  # what a flag sets, where it is not its own name
+FLAGS |= {name: f"--{name.replace('_', '-')}" for name in ("extra_scatter", "scale_uncertainty")}
 PICTURES = {
     "curves.png": "Data, fitted curves with their bands, and residuals below",
     "profiles.png": "Profiles of the cost: its rise when one parameter is held elsewhere",
     "correlation.png": "Correlations of the fitted parameters",
+    "posterior.png": "Draws from the posterior, and the fit with its intervals",
 }
-FILES = ("fit.json", "report.md", *PICTURES)
+FILES = ("fit.json", "report.md", "report.html", *PICTURES, "posterior.nc")
 INTRO = (
     "These data are a published fit of measurements, not measurements: Eq. (17) with Table 1's σ "
     "and ψ (Zhou, Theor. Appl. Mech. Lett. 3, 021003, 2013) at 40 velocities a material. "
@@ -43,11 +47,13 @@ class Job:
     """What is to be fitted, and how it is told."""
 
     datasets: Sequence[Any]
-    parameters: list[Mapping[str, Any]] | None = None
+    parameters: Sequence[Mapping[str, Any]] | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
     file: str | None = None  # None: the embedded data
     beside: bool = False
     given: Mapping[str, Any] = field(default_factory=dict)  # on the command line
+    problem: Any = None  # the file, as it was read
+    draws: int | None = None  # of the posterior, a chain
 
     @property
     def embedded(self) -> bool:
@@ -57,37 +63,74 @@ class Job:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of `softjax fit`; those given win over the file's `[fit]` table."""
     parser.add_argument("file", nargs="?", metavar="FILE.toml", help="the materials and their data")
-    for name in OPTIONS:
+    for name in WORDS:
         accepted = [choice.replace(" ", "-") for choice in CHOICES[name]]
-        parser.add_argument(f"--{name}", choices=accepted, help=HELP[name])
-    parser.add_argument("--starts", type=_whole(1), metavar="N", help="starts that are screened")
-    parser.add_argument("--seed", type=_whole(0), metavar="N", help="of the starts")
+        parser.add_argument(_option(name), choices=accepted, help=HELP[name])
+    for name, least in COUNTS.items():
+        parser.add_argument(_option(name), type=_whole(least), metavar="N", help=HELP[name])
+    for name in NUMBERS:
+        parser.add_argument(_option(name), type=_number(name), metavar="X", help=HELP[name])
+    for name, flag in FLAGS.items():
+        look: dict[str, Any] = {"action": "store_const", "const": not flag.startswith("--no-")}
+        parser.add_argument(flag, dest=name, help=HELP[name], **look)
     parser.add_argument(
         "--beside",
         action="store_true",
         help="fit again by Levenberg–Marquardt through the energy balance (always without a file)",
     )
+    parser.add_argument(
+        "--posterior",
+        nargs="?",
+        type=_whole(100),
+        const=1000,
+        metavar="DRAWS",
+        help="sample the posterior: 4 chains of 1000 draws, or of as many as told; needs the extra bayes",
+    )
+
+
+def _option(name: str) -> str:
+    return FLAGS.get(name, f"--{name.replace('_', '-')}")
 
 
 HELP = {
-    "objective": "what is minimised (default: two-step)",
+    "law": "which contact law is fitted (default: zhou)",
+    "objective": "the law's own likelihood (model, the default), or the paper's two steps",
     "optimiser": "default: l-bfgs",
-    "route": "from a law to ε: time integration (default) or energy balance",
+    "route": "from a law to ε: time integration (default of two-step) or energy balance",
     "loss": "squared, or one that resists outliers (default: squared)",
     "form": "of Zhou's law (default: first-order)",
     "kappa": "consistent with the forces (default), or as the paper prints it",
+    "end": "of a dashpot law's contact (default: zero-overlap)",
+    "unloading_line": "Eq. (18) through all curves (default), through the fitted χ̃, or none",
+    "starts": "starts that are screened (default: 32)",
+    "seed": "of the starts (default: 0)",
+    "max_steps": "iterations of one search (default: 200)",
+    "rtol": "relative tolerance of the time integration",
+    "confidence": "of all intervals (default: 0.95)",
+    "loss_scale": "of a robust loss, in standard errors of the residuals (default: 1.345)",
+    "profiles": "no profile likelihoods: intervals from standard errors, in less time",
+    "extra_scatter": "estimate scatter beside the stated uncertainties",
+    "scale_uncertainty": "stated uncertainties are right up to a factor: scale errors by √(χ²/ν)",
 }
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Fit, write, print; 0, or 1 where the fit did not converge."""
     check_writable(arguments.out)
-    job = _job(arguments)
+    job = replace(_job(arguments), draws=arguments.posterior)
+    if job.draws is not None:
+        from calibration.fitting.posterior.door import check_possible
+
+        check_possible(job.settings.get("objective"), job.settings.get("loss", "squared"))
     with Progress(arguments.quiet) as progress:
         result = _fitted(job, progress)
-        _write(result, job, arguments.out, progress)
-    if not arguments.quiet:
-        _print(result, job, arguments.out)
+        draws = _sampled(result, job, progress)
+        told = [] if arguments.quiet else [_told(result, job, draws)]
+        with or_told(told):
+            _write(result, job, arguments.out, progress, draws)
+    if told:
+        written = ", ".join(name for name in FILES if (arguments.out / name).exists())
+        print(f"{told[0]}\n\nWritten to {arguments.out}: {written}")
     if result.converged:
         return 0
     print("softjax fit: did not converge; the results are written and marked so", file=sys.stderr)
@@ -95,32 +138,44 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _job(arguments: argparse.Namespace) -> Job:
-    given = {name: getattr(arguments, name) for name in (*OPTIONS, "starts", "seed")}
+    names = (*WORDS, *COUNTS, *NUMBERS, *FLAGS)
+    given = {name: getattr(arguments, name) for name in names}
     given = {name: value for name, value in given.items() if value is not None}
     if "route" in given:
         given["route"] = given["route"].replace("-", " ")
     if arguments.file is None:
-        from calibration.embedded import paper_materials
+        from calibration.data.paper import paper_materials
 
-        return Job(paper_materials(), settings=given, beside=True, given=given)
-    from calibration.toml_file import read_problem
+        by_paper = given.get("law", "zhou") == "zhou"
+        settings = _heeded({"objective": "two-step"} if by_paper else {}, given)
+        return Job(paper_materials(), settings=settings, beside=True, given=given)
+    from calibration.problem_file import read_problem
 
     problem = read_problem(arguments.file)
-    settings = {**problem.settings, **given}
-    if given.get("route") == "energy balance":  # the file's tolerance was for its own route
-        settings.pop("rtol", None)
-    parameters: list[Mapping[str, Any]] = [
-        {**problem.shared_parameters, **own} for own in problem.parameters
-    ]
-    return Job(problem.datasets, parameters, settings, arguments.file, arguments.beside, given)
+    settings = _heeded(problem.settings, given)
+    own = (problem.datasets, problem.parameters, settings, arguments.file)
+    return Job(*own, beside=arguments.beside, given=given, problem=problem)
+
+
+def _heeded(of_file: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """The settings of both; of the file's not what was for another law, or would do nothing now."""
+    others = OPTIONS if given.get("law", of_file.get("law")) != of_file.get("law") else ()
+    settings = {name: value for name, value in of_file.items() if name not in others} | {**given}
+    for name, accepted in idle(settings).items():
+        if name in given:
+            raise DataError(_option(name), "given", f"left out: {accepted}")
+        del settings[name]
+    return settings
 
 
 def _fitted(job: Job, progress: Progress):
     import softjax as sj
-    from calibration.fitting import fit
+    from calibration.fitting.door import fit
 
     sj.enable_x64()
     settings = dict(job.settings)
+    options = {name: settings.pop(name) for name in OPTIONS if name in settings}
+    said = job.parameters or [{} for _ in job.datasets]
     settings.pop("area", None)  # the contacts have it
     route = _route(settings.pop("route", None), settings.pop("rtol", None))
     if settings.get("unloading_line") == "none":
@@ -129,7 +184,8 @@ def _fitted(job: Job, progress: Progress):
     try:
         return fit(
             data,
-            parameters=job.parameters,
+            settings.pop("law", None),
+            [{**own, **options} for own in said],
             route=route,
             beside=job.beside,
             progress=progress,
@@ -138,29 +194,58 @@ def _fitted(job: Job, progress: Progress):
     except InputError:
         raise
     except ValueError as error:
-        raise InputError(job.file, None, str(error), "nothing was fitted") from error
+        raise _refusal(job, error) from error
+
+
+def _refusal(job: Job, error: ValueError) -> InputError:
+    """What the fit refuses, with the line of the file that says it."""
+    if isinstance(error, DataError) and job.problem is not None:
+        name = error.argument
+        if name in job.problem.settings and name not in job.given:
+            problem, accepted = f"{name} is {error.value}", f"it must be {error.accepted}"
+            return job.problem.refusal(name, problem, accepted)
+    return InputError(job.file, None, str(error), "nothing was fitted")
 
 
 def _route(name: str | None, rtol: float | None):
     import softjax as sj
+    from calibration.fitting.request import DEFAULT_ODE
 
     if name == "energy balance":
         return sj.EnergyBalance()
-    return None if rtol is None else sj.ODE(rtol=rtol)
+    if rtol is not None:
+        return sj.ODE(rtol=rtol)
+    return None if name is None else DEFAULT_ODE
 
 
-def _write(result, job: Job, out: Path, progress: Progress) -> None:
+def _sampled(result, job: Job, progress: Progress) -> Any:
+    """Draws from the posterior, where they were asked for."""
+    if job.draws is None:
+        return None
+    seed = job.settings.get("seed", 0)
+    return result.posterior(job.draws, seed=seed, warmup=job.draws, progress=progress)
+
+
+def _write(result, job: Job, out: Path, progress: Progress, draws: Any) -> None:
     """All files of a fit, or none."""
-    from calibration.report import markdown_report
+    from calibration.report import html_report, markdown_report
 
     with files_into(out, owned=FILES) as staged:
         result.save(staged / "fit.json")
-        pictures = _draw(result, job, staged, progress)
-        report = markdown_report(result, pictures, _command(job, out), _printed(job))
-        (staged / "report.md").write_text(report, encoding="utf-8")
+        pictures = _draw(result, job, staged, progress, draws)
+        more: Sequence[Sequence[str]] = ()
+        if draws is not None:
+            from calibration.fitting.posterior.inference_data import write
+            from calibration.report.posterior import posterior_section
+
+            write(draws, staged / "posterior.nc")
+            more = posterior_section(draws, result.confidence)
+        report = markdown_report(result, pictures, _command(job, out), _printed(job), more)
+        write_text(staged / "report.md", report)
+        write_text(staged / "report.html", html_report(report, staged))
 
 
-def _draw(result, job: Job, directory: Path, progress: Progress) -> dict[str, str]:
+def _draw(result, job: Job, directory: Path, progress: Progress, draws: Any) -> dict[str, str]:
     """The pictures there are, as {caption: file}."""
     from calibration import plots
 
@@ -169,6 +254,7 @@ def _draw(result, job: Job, directory: Path, progress: Progress) -> dict[str, st
         "curves.png": lambda: _curves(result, job),
         "profiles.png": lambda: plots.profiles_figure(result),
         "correlation.png": lambda: plots.correlation_figure(result),
+        "posterior.png": lambda: None if draws is None else _posterior(result, draws),
     }
     for i, (name, make) in enumerate(makers.items()):
         progress("pictures", i, len(makers))
@@ -188,12 +274,24 @@ def _curves(result, job: Job):
     return plots.curves_figure(result, lines)
 
 
-def _print(result, job: Job, out: Path) -> None:
+def _told(result, job: Job, draws: Any) -> str:
     from calibration.report import terminal_report
 
-    print(terminal_report(result, _printed(job), INTRO if job.embedded else ""))
-    written = ", ".join(name for name in FILES if (out / name).exists())
-    print(f"\nWritten to {out}: {written}")
+    told = terminal_report(result, _printed(job), INTRO if job.embedded else "")
+    if draws is None:
+        return told
+    from calibration.report.posterior import posterior_text
+
+    return f"{told}\n{posterior_text(draws, result.confidence)}"
+
+
+def _posterior(result, draws):
+    from calibration.fitting.posterior.inference_data import dataset_of
+    from calibration.plots.posterior import posterior_figure
+
+    variables = dataset_of(draws, "posterior").data_vars.items()
+    diverging = dataset_of(draws, "sample_stats")["diverging"].values
+    return posterior_figure({str(k): v.values for k, v in variables}, diverging, result)
 
 
 def _printed(job: Job) -> dict[str, dict[str, float]] | None:
@@ -210,9 +308,25 @@ def _command(job: Job, out: Path) -> str:
     """The command that makes the same results again."""
     parts = ["softjax", "fit", *([job.file] if job.file else [])]
     for name, value in job.given.items():
-        parts += [f"--{name}", str(value).replace(" ", "-")]
+        parts += [_option(name), *([] if name in FLAGS else [str(value).replace(" ", "-")])]
     parts += ["--beside"] * (job.beside and not job.embedded)
-    return shlex.join([*parts, "--out", str(out)])
+    parts += ["--posterior", str(job.draws)] * (job.draws is not None)
+    return shell_line([*parts, "--out", str(out)])
+
+
+def _number(name: str):
+    holds, accepted = NUMBERS[name]
+
+    def number(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = float("nan")
+        if not holds(value):
+            raise argparse.ArgumentTypeError(f"{text!r} is not {accepted}")
+        return value
+
+    return number
 
 
 def _whole(least: int):

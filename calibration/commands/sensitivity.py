@@ -2,18 +2,44 @@
 
     softjax sensitivity nylon                        # θ ∂ε/∂θ over velocity: table, CSV, pictures
     softjax sensitivity nylon --study information    # what 30 shots would tell of χ̃, σ, ψ
-    softjax sensitivity nylon --study design --shots 10 --criterion c
+    softjax sensitivity nylon --study design --shots 10 --criterion D --free yield_strength=2e6
     softjax sensitivity nylon --study global --range chi=0.1:0.4 --range density=1100:1200
     softjax sensitivity --fit results/fit.json --material nylon --study design
 
-With --fit, information and design count what was measured already.
+    softjax sensitivity --fit results/fit.json --posterior results/posterior.nc --study design
+
+With --fit, information and design count what was measured already, and plan for the fit's own
+objective, parameters and priors. With draws of its posterior a design is the best on average over
+some of them, and sensitivities have limits.
 """
 
 import argparse
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
 
 from calibration.curve.options import add_route_arguments, add_source_arguments
+from calibration.errors import DataError, InputError, listed
 
 STUDIES = ("local", "information", "design", "global")
+FILES = (
+    *("sensitivity.json", "sensitivity.csv", "sensitivity.png", "tornado.png"),
+    *("design.png", "sobol.png"),
+)
+PLANS = ("information", "design")
+# which studies an option acts on
+ACTS_ON = {
+    "points": ("local",),
+    "at": ("local", "global"),
+    **dict.fromkeys(("objective", "uncertainty", "shots", "free", "fix"), PLANS),
+    **dict.fromkeys(("criterion", "target", "over"), ("design",)),
+    **dict.fromkeys(("range", "samples", "scale"), ("global",)),
+    "seed": ("design", "global"),
+}
+BARS = (0.02, 0.2, 1.0)  # where bars are drawn unless told, in parts of the highest velocity
+SHOTS = 30
+LAWS_OF_LIMITS = 200  # draws that sensitivities are computed at
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,29 +47,35 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_route_arguments(parser)
     group = parser.add_argument_group("study")
     group.add_argument("--study", choices=(*STUDIES, "all"), default="local", help="default: local")
-    group.add_argument(
-        "--from", dest="first", type=float, metavar="V", help="lowest velocity [m/s]"
-    )
-    group.add_argument("--to", dest="last", type=float, metavar="V", help="highest velocity [m/s]")
-    group.add_argument("--points", type=int, default=200, metavar="N", help="of a curve (200)")
+    group.add_argument("--from", dest="first", type=float, metavar="V", help="lowest v [m/s]")
+    group.add_argument("--to", dest="last", type=float, metavar="V", help="highest v [m/s]")
+    group.add_argument("--points", type=int, metavar="N", help="of a curve (200)")
     group.add_argument("--at", type=float, nargs="+", metavar="V", help="velocities of bars [m/s]")
+    group.add_argument("--seed", type=int, metavar="N", help="default: 0")
+    group.add_argument("--posterior", metavar="FILE.nc", type=Path, help="draws of --fit")
     group = parser.add_argument_group("information and design")
-    group.add_argument("--objective", choices=("two-step", "model"), default="two-step")
-    group.add_argument("--uncertainty", type=float, default=0.01, metavar="U", help="of ε (0.01)")
-    group.add_argument("--shots", type=int, default=30, metavar="N", help="planned ones (30)")
-    group.add_argument("--criterion", choices=("c", "D"), default="c", help="of the design")
-    group.add_argument("--target", default="chi", help="of criterion c (chi)")
+    group.add_argument("--objective", choices=("model", "two-step"), help="the fit's, else model")
+    group.add_argument("--uncertainty", type=float, metavar="U", help="of ε (the fit's, or 0.01)")
+    group.add_argument("--shots", type=int, metavar="N", help="planned ones (30)")
+    group.add_argument(
+        "--free",
+        action="append",
+        metavar="NAME[=SD]",
+        help="a parameter to be fitted as well, such as yield_strength, known to SD beforehand",
+    )
+    group.add_argument("--fix", action="append", metavar="NAME", help="one that is not fitted")
+    group.add_argument("--criterion", choices=tuple("cDAEI"), help="of the design (c)")
+    group.add_argument("--target", metavar="NAME", help="of criterion c (chi, or the first)")
+    group.add_argument("--over", metavar="LOW:HIGH", help="where criterion I predicts [m/s]")
     group = parser.add_argument_group("global")
     group.add_argument(
         "--range",
         action="append",
-        default=[],
         metavar="NAME=LOW:HIGH",
         help="of an input; may be repeated (default: 10 %% about every input)",
     )
-    group.add_argument("--samples", type=int, default=4096, metavar="N", help="a power of two")
-    group.add_argument("--scale", choices=("uniform", "log"), default="uniform")
-    group.add_argument("--seed", type=int, default=0, metavar="N", help="default: 0")
+    group.add_argument("--samples", type=int, metavar="N", help="a power of two (4096)")
+    group.add_argument("--scale", choices=("uniform", "log"), help="default: uniform")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -51,19 +83,243 @@ def run(arguments: argparse.Namespace) -> int:
 
     sj.enable_x64()
     from calibration.curve.source import read_source, route_of
-    from calibration.errors import DataError, InputError
-    from calibration.sensitivities.studies import check, run_studies
 
+    studies = STUDIES if arguments.study == "all" else (arguments.study,)
+    _check_options(arguments, studies)
     try:
-        source, route = read_source(arguments), route_of(arguments)
-        studies = STUDIES if arguments.study == "all" else (arguments.study,)
-        check(arguments, source, studies)
-        text = run_studies(arguments, source, route, studies)
+        job = _Job(arguments, read_source(arguments), route_of(arguments))
+        text = job.run(studies)
     except (InputError, DataError):
         raise
-    except ValueError as error:  # a study's own refusal, in one line
+    except ValueError as error:  # a law's own refusal, in one line
         accepted = "softjax sensitivity --help lists the options"
         raise InputError(None, None, str(error), accepted) from None
     if not arguments.quiet:
         print(text)
     return 0
+
+
+def _check_options(arguments: argparse.Namespace, studies: tuple[str, ...]) -> None:
+    """Refuse options that would not act."""
+    for name, where in ACTS_ON.items():
+        if getattr(arguments, name) is not None and not set(where) & set(studies):
+            raise DataError(f"--{name}", "given", f"left out, or --study {' or '.join(where)}")
+    if arguments.over is not None and arguments.criterion != "I":
+        raise DataError("--over", arguments.over, "given with --criterion I only")
+    if arguments.target is not None and arguments.criterion not in (None, "c"):
+        raise DataError("--target", arguments.target, "given with --criterion c only")
+
+
+class _Job:
+    """The studies of one law, into one folder."""
+
+    def __init__(self, arguments: argparse.Namespace, source: Any, route: Any):
+        self.arguments, self.source, self.route = arguments, source, route
+        told = (arguments.first, arguments.last)
+        self.low, self.high = (
+            float(s if t is None else t) for t, s in zip(told, source.span, strict=True)
+        )
+        if not 0 < self.low < self.high:
+            raise DataError(
+                "--from", self.low, f"a velocity between 0 and {self.high:g} m/s (--to)"
+            )
+        self.points = 200 if arguments.points is None else arguments.points
+        if self.points < 2:
+            raise DataError("--points", self.points, "a whole number of 2 or more")
+        for v in arguments.at or ():
+            if not 0 < v < float("inf"):
+                raise DataError("--at", v, "velocities above 0 m/s")
+        self.bars = arguments.at or [max(self.low, part * self.high) for part in BARS]
+        self.inputs = _inputs_of(source)
+        self.ranges = _ranges(arguments.range, self.inputs)
+        self.subject = source.law if source.result is None else source.result
+        self.draws = [] if source.draws is None else source.result.at_draws(source.draws)
+        self.options = self._options()
+        self.told = [source.remark]  # and what each study found, as soon as it has
+
+    def run(self, studies: tuple[str, ...]) -> str:
+        """Run them, write all files at once, and return what to print."""
+        from calibration.atomic import files_into, or_told, write_text
+        from calibration.fitting.result_json import plain
+        from calibration.progress import Progress
+
+        arguments, source = self.arguments, self.source
+        results = {"material": source.name, "source": source.remark}
+        with (
+            or_told([] if arguments.quiet else self.told),
+            files_into(arguments.out, FILES) as folder,
+            Progress(arguments.quiet) as progress,
+        ):
+            for study in studies:
+                results[study] = getattr(self, f"_{study}")(Path(folder), progress)
+            text = json.dumps(plain(results), indent=1, ensure_ascii=False, allow_nan=False)
+            write_text(folder / "sensitivity.json", text + "\n")
+        return "\n\n".join([*self.told, f"written to {arguments.out}"])
+
+    def _options(self) -> dict[str, Any]:
+        """What information and design are told of the fit."""
+        import calibration as cal
+
+        names = {"free": self.arguments.free or [], "fix": self.arguments.fix or []}
+        if self.source.result is not None:
+            for name, told in {**names, "objective": self.arguments.objective}.items():
+                if told:
+                    raise DataError(f"--{name}", "given", "left out with --fit, which has its own")
+            return {"material": self.source.name, "route": self.route}
+        parameters = {name: cal.Parameter(free=False) for name in names["fix"]}
+        for text in names["free"]:
+            name, sign, deviation = text.partition("=")
+            prior = (0.0, _number("--free", text, deviation, "NAME=SD")) if sign else None
+            parameters[name] = cal.Parameter(prior=prior)
+        told = {"objective": self.arguments.objective, "parameters": parameters}
+        return {**told, "route": self.route}
+
+    def _local(self, folder: Path, progress: Any) -> Any:
+        import numpy as np
+
+        from calibration.plots import studies as pictures
+        from calibration.plots import style
+        from calibration.studies.local import sensitivity
+        from calibration.studies.text import limits_table, local_table, sensitivities_csv
+
+        velocity = np.geomspace(self.low, self.high, self.points)
+        both = sensitivity(self.inputs, np.concatenate([velocity, self.bars]), self.route)
+        if not np.any(both.coefficient > 0):
+            raise DataError("--from, --to", "such that ε = 0 everywhere", "where the law rebounds")
+        count = len(self.bars)
+        curve, bars = both.rows(slice(None, -count)), both.rows(slice(-count, None))
+        self.told.append(local_table(bars))
+        (folder / "sensitivity.csv").write_text(sensitivities_csv(curve), encoding="utf-8")
+        figure = style.new_figure(7.2, 4.2)
+        critical = getattr(getattr(self.source.law, "contact", None), "critical_velocity", None)
+        at_yield = None if critical is None else float(critical)
+        pictures.plot_sensitivities(curve, figure.add_subplot(), at_yield)
+        style.save(figure, folder / "sensitivity.png")
+        style.save(pictures.tornado_figure(bars), folder / "tornado.png")
+        table = {name: bars.of(name) for name in bars.names}
+        told = {"velocity": self.bars, "theta_d_epsilon_d_theta": table}
+        if not self.draws:
+            return told
+        limits = self._limits()
+        self.told.append(limits_table(bars, limits, self.source.result.confidence))
+        return told | {"limits": limits}
+
+    def _limits(self) -> dict[str, Any]:
+        """Central limits of θ ∂ε/∂θ over draws, {name: (low, high)}, each at the bars' velocities."""
+        import numpy as np
+
+        from calibration.studies.inputs import of_law
+        from calibration.studies.local import sensitivity
+
+        source, half = self.source, 0.5 * self.source.result.confidence
+        fits = source.result.at_draws(source.draws, LAWS_OF_LIMITS)
+        laws = [one.material(source.name).law for one in fits]
+        every = [sensitivity(of_law(law), self.bars, self.route) for law in laws]
+        stacked = np.stack([one.absolute for one in every])
+        low, high = np.quantile(stacked, [0.5 - half, 0.5 + half], axis=0)
+        return {n: (low[:, k], high[:, k]) for k, n in enumerate(every[0].names)}
+
+    def _information(self, folder: Path, progress: Any) -> Any:
+        import numpy as np
+
+        from calibration.studies.information import fisher_information
+        from calibration.studies.text import information_text
+
+        planned = self.arguments.shots or (0 if self.source.result is not None else SHOTS)
+        velocity = np.linspace(self.low, self.high, planned)
+        u = self.arguments.uncertainty
+        found = fisher_information(self.subject, velocity, u, **self.options)
+        self.told.append(information_text(found))
+        return found.to_dict()
+
+    def _design(self, folder: Path, progress: Any) -> Any:
+        from calibration.plots import studies as pictures
+        from calibration.plots import style
+        from calibration.studies.design import optimal_velocities
+
+        arguments = self.arguments
+        limit = getattr(getattr(self.source.law, "contact", None), "limit_velocity", float("inf"))
+        found = optimal_velocities(
+            self.draws or self.subject,
+            SHOTS if arguments.shots is None else arguments.shots,
+            (self.low, min(self.high, 0.999 * float(limit))),
+            criterion=arguments.criterion or "c",
+            target=arguments.target,
+            over=None
+            if arguments.over is None
+            else _pair("--over", arguments.over, arguments.over),
+            uncertainty=arguments.uncertainty,
+            seed=arguments.seed or 0,
+            progress=progress,
+            **self.options,
+        )
+        figure = style.new_figure(6.8, 4.8)
+        pictures.plot_design(found, figure.add_subplot())
+        style.save(figure, folder / "design.png")
+        if not self.draws:
+            self.told.append(str(found))
+            return found.to_dict()
+        self.told.append(f"on average over {len(self.draws)} draws of the posterior: {found}")
+        return found.to_dict() | {"draws": len(self.draws)}
+
+    def _global(self, folder: Path, progress: Any) -> Any:
+        from calibration.plots import studies as pictures
+        from calibration.plots import style
+        from calibration.studies.sobol import sobol_indices
+        from calibration.studies.text import sobol_table
+
+        arguments = self.arguments
+        found = sobol_indices(
+            self.inputs,
+            self.ranges,
+            self.bars,
+            route=self.route,
+            samples=4096 if arguments.samples is None else arguments.samples,
+            scale=arguments.scale or "uniform",
+            seed=arguments.seed or 0,
+            progress=progress,
+        )
+        self.told.append(sobol_table(found))
+        style.save(pictures.sobol_figure(found), folder / "sobol.png")
+        return found.to_dict()
+
+
+def _inputs_of(source: Any) -> Any:
+    """The bodies' properties where they are known, else the law's own fields."""
+    from calibration.studies.inputs import Inputs, OfBodies, of_law
+    from softjax.fields import declarations, options_of
+
+    law = source.law
+    if source.properties is None or getattr(law, "contact", None) is None:
+        return of_law(law)
+    options = tuple((name, getattr(law, name)) for name in options_of(type(law)))
+    fields = {name: float(getattr(law, name)) for name in declarations(type(law))}
+    build = OfBodies(source.bodies, type(law), law.contact.area, options)
+    return Inputs(source.properties | fields, build)
+
+
+def _ranges(texts: list[str] | None, inputs: Any) -> Mapping[str, tuple[float, float]]:
+    """`name=low:high`, or a tenth to either side of every input."""
+    if not texts:
+        return {n: (x - 0.1 * abs(x), x + 0.1 * abs(x)) for n, x in inputs.values.items() if x}
+    ranges = {}
+    for text in texts:
+        name, _, ends = text.partition("=")
+        name = name.strip().replace("-", "_")
+        if name not in inputs.values:
+            accepted = f"NAME=LOW:HIGH, NAME one of {listed(inputs.values)}"
+            raise DataError("--range", text, accepted)
+        ranges[name] = _pair("--range", text, ends)
+    return ranges
+
+
+def _pair(option: str, text: str, ends: str) -> tuple[float, float]:
+    low, _, high = ends.partition(":")
+    return _number(option, text, low, "LOW:HIGH"), _number(option, text, high, "LOW:HIGH")
+
+
+def _number(option: str, text: str, number: str, accepted: str) -> float:
+    try:
+        return float(number)
+    except ValueError:
+        raise DataError(option, text, accepted) from None

@@ -17,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     import softjax as sj
-    from calibration.atomic import check_writable, files_into
+    from calibration.atomic import check_writable, files_into, or_told
 
     check_writable(arguments.out)
     sj.enable_x64()
@@ -26,11 +26,14 @@ def run(arguments: argparse.Namespace) -> int:
     from calibration.speed.picture import draw_speed
     from calibration.speed.table import as_csv, as_text
 
-    with files_into(arguments.out) as folder:
+    told = [] if arguments.quiet else [as_text(rows)]
+    with or_told(told), files_into(arguments.out) as folder:
         (folder / "speed.csv").write_text(as_csv(rows), encoding="utf-8")
-        save(draw_speed(rows).figure, folder / "speed.png")
-    if not arguments.quiet:
-        print(as_text(rows))
+        figure = draw_speed(rows).get_figure(root=True)
+        assert figure is not None
+        save(figure, folder / "speed.png")
+    if told:
+        print(told[0])
         print(f"\nwrote {arguments.out / 'speed.csv'} and {arguments.out / 'speed.png'}")
     return 0
 

@@ -3,21 +3,14 @@
 import argparse
 from pathlib import Path
 
+from calibration.choices import CHOICES, LAWS
+
 COEFFICIENTS = ("chi", "sigma", "psi")
-LAWS = {
-    "zhou": "Zhou",
-    "constant": "ConstantRestitution",
-    "hertz": "Hertz",
-    "linear": "LinearSpringDashpot",
-    "hertz-dashpot": "HertzDashpot",
-    "viscoelastic": "ViscoelasticHertz",
-    "walton-braun": "WaltonBraun",
-    "thornton": "Thornton",
-}
+VARIANTS = ("form", "kappa")
 
 
-def add_source_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options that `read_source` reads."""
+def add_source_arguments(parser: argparse.ArgumentParser, law_option: str = "--law") -> None:
+    """The options that `read_source` reads; a command may call the one of the law otherwise."""
     group = parser.add_argument_group("which collision")
     group.add_argument(
         "source",
@@ -29,16 +22,18 @@ def add_source_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--material", metavar="NAME", help="which one of a file's or a fit's")
     for name in COEFFICIENTS:
         group.add_argument(f"--{name}", type=float, metavar="X", help=f"{name} of Zhou's law")
-    group.add_argument("--area", choices=("zhou", "hertz"), help="contact area (default: zhou)")
-    group.add_argument("--form", choices=("first-order", "full"), help="default: first-order")
-    group.add_argument("--kappa", choices=("consistent", "printed"), help="default: consistent")
-    group.add_argument("--law", choices=tuple(LAWS), default="zhou", help="default: zhou")
+    group.add_argument("--area", choices=CHOICES["area"], help="contact area (default: zhou)")
+    for name in VARIANTS:
+        default = CHOICES[name][0]
+        group.add_argument(f"--{name}", choices=CHOICES[name], help=f"default: {default}")
+    default = "default: that of the file, else zhou"
+    group.add_argument(law_option, dest="law", choices=LAWS, help=default)
     group.add_argument(
         "--set",
         action="append",
         default=[],
         metavar="NAME=VALUE",
-        help="a field of another law, such as restitution=0.9; may be repeated",
+        help="a field of the law, such as restitution=0.9; may be repeated",
     )
 
 

@@ -1,6 +1,8 @@
 """Whose law is asked for: a material of the paper, one of a file, or a fit."""
 
 import argparse
+import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -8,10 +10,10 @@ from typing import Any
 import numpy as np
 
 import softjax as sj
-from calibration.curve.laws import make_law, parse_fields
-from calibration.curve.options import COEFFICIENTS
-from calibration.embedded import CURVES, RADIUS, PaperCurve
-from calibration.errors import DataError, InputError, listed
+from calibration.curve.options import COEFFICIENTS, VARIANTS
+from calibration.data.paper import CURVES, RADIUS, PaperCurve
+from calibration.errors import DataError, InputError, did_you_mean, listed, printable
+from calibration.fitting.known_laws import LAWS
 from softjax.paper import TABLE_1
 
 # What `softjax fit` finds for the paper's materials with its default settings. They go with
@@ -19,6 +21,7 @@ from softjax.paper import TABLE_1
 FITTED_CHI = {"stainless steel": 1.7944, "chrome steel": 0.09867, "nylon": 0.21998}
 DECADES_BELOW_YIELD = 0.1  # where a grid starts unless told, in critical velocities
 FAR_ABOVE_YIELD = 100.0  # and where it ends if nothing else says so
+PROPERTIES = ("youngs_modulus", "poisson_ratio", "density", "yield_strength")
 
 
 @dataclass(frozen=True)
@@ -27,21 +30,22 @@ class Source:
 
     Attributes:
         name: of the material.
-        law: the contact law; None where a fit has none (Eq. 17 alone, a constant).
+        law: the contact law.
         span: (lowest, highest) velocity [m/s] of a curve unless told otherwise.
-        properties: those of the bodies by the names of `sensitivities.inputs`; None where only
-            the contact is known.
+        properties: those of the bodies by name; None where only the contact is known.
         bodies: "spheres", "unlike spheres" or "wall": how `properties` are to be read.
         result: the fit; None without one.
+        draws: of the fit's posterior; None without.
         remark: a line on where its numbers come from.
     """
 
     name: str
-    law: sj.ContactLaw | None
+    law: sj.ContactLaw
     span: tuple[float, float]
     properties: dict[str, float] | None = None
     bodies: str = "spheres"
     result: Any = None
+    draws: Any = None
     remark: str = ""
 
 
@@ -51,11 +55,12 @@ def read_source(arguments: argparse.Namespace) -> Source:
     Raises:
         InputError, DataError: what is wrong and what is accepted.
     """
-    if arguments.set and arguments.law == "zhou":
-        accepted = "left out for zhou, which takes --chi, --sigma and --psi"
-        raise DataError("--set", arguments.set[0], accepted)
     if arguments.fit is not None:
         return _of_fit(arguments)
+    if getattr(arguments, "posterior", None) is not None:
+        raise DataError(
+            "--posterior", arguments.posterior, "given with --fit, whose draws they are"
+        )
     if arguments.source is not None and arguments.source.endswith(".toml"):
         return _of_file(arguments)
     return _of_paper(arguments)
@@ -74,22 +79,22 @@ def route_of(arguments: argparse.Namespace) -> sj.EnergyBalance | sj.ODE | None:
     return sj.EnergyBalance() if arguments.route == "energy-balance" else sj.ODE(arguments.rtol)
 
 
-def _of_paper(arguments) -> Source:
+def _of_paper(arguments: argparse.Namespace) -> Source:
     if arguments.material is not None:
         raise DataError("--material", arguments.material, "left out without a file or a fit")
     curve = _paper_curve(arguments.source or "stainless-steel")
     material, area = curve.material, arguments.area or "zhou"
     contact = sj.Contact.between_spheres(material, material, RADIUS, RADIUS, area=area)
-    chi, origin = _paper_chi(curve, arguments, area)
-    values = {"chi": chi, "sigma": curve.sigma, "psi": curve.psi}
+    known = {"sigma": curve.sigma, "psi": curve.psi}
+    name, origin = arguments.law or "zhou", ""
+    if name == "zhou" and arguments.chi is None:
+        chi, origin = _paper_chi(curve, arguments, area)
+        known |= {} if chi is None else {"chi": chi}
     critical = float(contact.critical_velocity)
-    properties = {
-        name: float(getattr(material, name))
-        for name in ("youngs_modulus", "poisson_ratio", "density", "yield_strength")
-    }
+    properties = {name: float(getattr(material, name)) for name in PROPERTIES}
     return Source(
         curve.name,
-        _law(arguments, contact, values),
+        _law(arguments, name, contact, known),
         (DECADES_BELOW_YIELD * critical, curve.y_end * critical),
         properties | {"radius": RADIUS},
         remark=f"{curve.name}: two spheres of Table 1" + (f", {origin}" if origin else ""),
@@ -107,8 +112,6 @@ def _paper_curve(text: str) -> PaperCurve:
 
 def _paper_chi(curve: PaperCurve, arguments, area: str) -> tuple[float | None, str]:
     """χ̃ that goes with the law's variant, and a word on it."""
-    if arguments.law != "zhou" or arguments.chi is not None:
-        return None, ""
     if arguments.kappa == "printed":
         printed = next(entry.chi for entry in TABLE_1 if entry.name == curve.name)
         return printed, f"Table 1's χ̃ = {printed:g}"
@@ -118,88 +121,90 @@ def _paper_chi(curve: PaperCurve, arguments, area: str) -> tuple[float | None, s
     return chi, f"χ̃ = {chi:g} as softjax fit finds it"
 
 
-def _of_file(arguments) -> Source:
-    from calibration.toml_file import read_problem
+def _of_file(arguments: argparse.Namespace) -> Source:
+    from calibration.choices import OPTIONS
+    from calibration.problem_file import read_problem
 
     file = read_problem(arguments.source, needs_data=False)
     names = [entry.name for entry in file.materials]
     index = _chosen(arguments, names, arguments.source)
-    entry, table = file.materials[index], file.file.tables("material")[index]
+    entry = file.materials[index]
     if entry.contact is None:
         problem = f"{entry.name!r} has no elastic properties"
-        raise table.refusal(None, problem, "a law needs youngs_modulus and the others")
+        raise entry.table.refusal(None, problem, "a law needs youngs_modulus and the others")
     contact = entry.contact
     if arguments.area is not None:
         contact = sj.Contact(**contact.leaves(), area=arguments.area)
-    specs = {name: entry.parameters.get(name) for name in COEFFICIENTS}
-    values = {name: None if s is None else s.value for name, s in specs.items()}
+    said = {n: p.value for n, p in file.said[index].items() if p.value is not None}
+    said |= {name: file.settings[name] for name in OPTIONS if name in file.settings}
     critical = float(np.asarray(contact.critical_velocity))
     last = FAR_ABOVE_YIELD * critical
     if entry.data is not None:
         last = max(float(np.max(entry.data.velocity)), 2 * critical)
-    bodies, properties = _bodies(table)
+    bodies, properties = _bodies(entry)
     return Source(
         entry.name,
-        _law(arguments, contact, values),
+        _law(arguments, arguments.law or file.settings.get("law", "zhou"), contact, said),
         (DECADES_BELOW_YIELD * critical, min(last, 0.99 * float(contact.limit_velocity))),
-        None if "limit_velocity" in table else properties,
+        None if "limit_velocity" in entry.table else properties,
         bodies,
-        remark=f"{entry.name}: {arguments.source}",
+        remark=f"{printable(entry.name)}: {arguments.source}",
     )
 
 
-def _bodies(table) -> tuple[str, dict[str, float]]:
-    """Names and numbers of a `[[material]]`'s bodies; the reader has checked them."""
-    names = ("youngs_modulus", "poisson_ratio", "density", "yield_strength")
-    own = {name: float(table.values[name]) for name in names}
-    radii = {k: float(table.values[k]) for k in ("radius", "radius_1", "radius_2") if k in table}
-    if "wall" in table:
-        wall = {f"{name}_wall": float(table.values["wall"][name]) for name in names}
-        return "wall", own | radii | wall
-    if "second" not in table:
-        return "spheres", own | radii
-    one = {f"{name}_1": value for name, value in own.items()}
-    two = {f"{name}_2": float(table.values["second"][name]) for name in names}
-    radius = radii.get("radius")
-    radii = {name: radii.get(name, radius) for name in ("radius_1", "radius_2")}
-    return "unlike spheres", one | two | radii
+def _bodies(entry) -> tuple[str, dict[str, float]]:
+    """Names and numbers of a `[[material]]`'s bodies."""
+    one, two = entry.bodies
+    if two.radius is None:
+        return "wall", _numbers(one, "") | {"radius": one.radius} | _numbers(two, "_wall")
+    radii = {"radius_1": one.radius, "radius_2": two.radius}
+    if "second" in entry.table:
+        return "unlike spheres", _numbers(one, "_1") | _numbers(two, "_2") | radii
+    is_one = not {"radius_1", "diameter_1"} & entry.table.values.keys()
+    return "spheres", _numbers(one, "") | ({"radius": one.radius} if is_one else radii)
 
 
-def _of_fit(arguments) -> Source:
-    from calibration.result import FitResult
+def _numbers(body, suffix: str) -> dict[str, float]:
+    return {f"{name}{suffix}": float(leaf) for name, leaf in body.material.leaves().items()}
 
-    name = arguments.material or arguments.source
+
+def _of_fit(arguments: argparse.Namespace) -> Source:
+    from calibration.fitting.result import FitResult
+
+    for option in (*COEFFICIENTS, *VARIANTS, "area", "law", "set"):
+        if getattr(arguments, option):
+            accepted = "left out with --fit, whose law is the fitted one"
+            raise DataError(f"--{option}", "given", accepted)
     result = load_fit(arguments.fit, FitResult)
     names = [material.name for material in result.materials]
-    if name is None and len(names) > 1:
-        raise DataError("--material", "missing", f"one of the fit's: {listed(names)}")
+    name = arguments.material or arguments.source
     matches = [n for n in names if name is None or n == name or n == name.replace("-", " ")]
-    if not matches:
-        raise DataError("--material", name, f"one of the fit's: {listed(names)}")
-    given = [f"--{n}" for n in (*COEFFICIENTS, "area", "form", "kappa") if getattr(arguments, n)]
-    if given or arguments.law != "zhou":
-        problem = (given or ["--law"])[0]
-        raise DataError(problem, "given", "left out with --fit, whose law is the fitted one")
+    if not matches or (name is None and len(names) > 1):
+        raise DataError("--material", name or "missing", f"one of the fit's: {listed(names)}")
     fit = result.material(matches[0])
     velocity = fit.data.velocity
     span = (float(np.min(velocity)), float(np.max(velocity)))
     if span[0] == span[1]:
         span = (0.5 * span[0], 2 * span[0])
-    remark = f"{fit.name}: {arguments.fit}" + ("" if fit.converged else " (NOT CONVERGED)")
-    return Source(fit.name, fit.law, span, result=result, remark=remark)
+    remark = f"{printable(fit.name)}: {arguments.fit}" + " (NOT CONVERGED)" * (not fit.converged)
+    return Source(fit.name, fit.law, span, result=result, draws=_draws(arguments), remark=remark)
+
+
+def _draws(arguments: argparse.Namespace) -> Any:
+    if getattr(arguments, "posterior", None) is None:
+        return None
+    from calibration.fitting.posterior.inference_data import read
+
+    return read(arguments.posterior)
 
 
 def load_fit(path: Path, result_type) -> Any:
     """A fit's result, or the refusal that names its file."""
-    if not path.is_file():
-        raise InputError(path, None, "no such file", "a fit.json that softjax fit wrote")
     try:
         return result_type.load(path)
-    except InputError:
-        raise
-    except (ValueError, KeyError, TypeError):
-        accepted = "a fit.json that softjax fit wrote"
-        raise InputError(path, None, "is no result of a fit", accepted) from None
+    except DataError as error:  # a law of one's own, which no file brings along
+        accepted = "a fit.json of a built-in law is needed"
+        raise InputError(path, None, str(error), accepted) from None
 
 
 def _chosen(arguments, names: list[str], where: str) -> int:
@@ -211,19 +216,45 @@ def _chosen(arguments, names: list[str], where: str) -> int:
     raise DataError("--material", value, f"one of {where}'s: {listed(names)}")
 
 
-def _law(arguments, contact: sj.Contact, values: dict[str, float | None]) -> sj.ContactLaw:
-    """Zhou's law with the options' coefficients before the source's, or another law."""
-    if arguments.law != "zhou":
-        given = [n for n in (*COEFFICIENTS, "form", "kappa") if getattr(arguments, n) is not None]
-        if given:
-            raise DataError(f"--{given[0]}", "given", f"left out with --law {arguments.law}")
-        return make_law(arguments.law, contact, parse_fields(arguments.set))
-    values = dict(values)
-    for name in COEFFICIENTS:
-        if getattr(arguments, name) is not None:
-            values[name] = getattr(arguments, name)
-    for name, value in values.items():
-        if value is None:
-            raise DataError(f"--{name}", "missing", "given, or fitted first and read by --fit")
-    variant = {"form": arguments.form or "first-order", "kappa": arguments.kappa or "consistent"}
-    return sj.Zhou(contact, **values, **variant)
+def _law(arguments, name: str, contact: sj.Contact, known: Mapping[str, Any]) -> sj.ContactLaw:
+    """A law of a contact: its fields as the options tell, else as is `known` of the material.
+
+    Raises:
+        DataError: naming the option, its value and what is accepted.
+    """
+    fields = {f.name: f for f in dataclasses.fields(LAWS[name])}
+    own = {"contact": contact, "limit_velocity": contact.limit_velocity} | dict(known)
+    values = {field: value for field, value in own.items() if field in fields}
+    for field, (option, value) in _told(arguments).items():
+        if field not in fields or field == "contact":
+            names = [one for one in fields if one != "contact"]
+            accepted = f"a field of {name}: {listed(names) or 'none'}{did_you_mean(field, names)}"
+            raise DataError(option, field, accepted)
+        values[field] = value
+    needed = [n for n, f in fields.items() if f.default is dataclasses.MISSING and n not in values]
+    if needed and name == "zhou":
+        accepted = "given, or fitted first and read by --fit"
+        raise DataError(f"--{needed[0]}", "missing", accepted)
+    if needed:
+        raise DataError("--law", name, f"given with --set {needed[0]}=…")
+    return LAWS[name](**values)
+
+
+def _told(arguments: argparse.Namespace) -> dict[str, tuple[str, float | str]]:
+    """Fields of the law that the options give: {field: (option, value)}."""
+    names = (*COEFFICIENTS, *VARIANTS)
+    told = {name: (f"--{name}", getattr(arguments, name)) for name in names}
+    told = {name: pair for name, pair in told.items() if pair[1] is not None}
+    for assignment in arguments.set:
+        name, mark, value = assignment.partition("=")
+        if not mark or not name:
+            raise DataError("--set", assignment, "name=value")
+        told[name.strip().replace("-", "_")] = ("--set", _number_or_text(value.strip()))
+    return told
+
+
+def _number_or_text(value: str) -> float | str:
+    try:
+        return float(value)
+    except ValueError:
+        return value

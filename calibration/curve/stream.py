@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -12,9 +12,15 @@ from jaxtyping import Float, Int
 import softjax as sj
 from calibration.curve.source import Source
 
+Route = sj.EnergyBalance | sj.ODE | None
+FILLED = 256  # rows
+
 
 class Rows(NamedTuple):
-    """One block of a curve: v [m/s], ε, status, and the confidence limits of a fit's ε."""
+    """One block of a curve: v [m/s], ε, status, and the confidence limits of a fit's ε.
+
+    ε and its limits are NaN where a fit knows nothing.
+    """
 
     velocity: Float[np.ndarray, " n"]
     coefficient: Float[np.ndarray, " n"]
@@ -22,60 +28,75 @@ class Rows(NamedTuple):
     low: Float[np.ndarray, " n"] | None = None
     high: Float[np.ndarray, " n"] | None = None
 
+    def some(self, which: Any) -> "Rows":
+        return Rows._make(None if column is None else column[which] for column in self)
+
 
 @dataclass
 class Span:
-    """The velocities seen so far."""
+    """The velocities seen so far, and of how many of them the source knows something."""
 
     low: float = np.inf
     high: float = -np.inf
     rows: int = 0
+    known: int = 0
 
     @property
     def ends(self) -> tuple[float, float]:
         """The lowest and the highest."""
         return self.low, self.high
 
-    def add(self, velocity: np.ndarray) -> None:
-        self.low = min(self.low, float(np.min(velocity)))
-        self.high = max(self.high, float(np.max(velocity)))
-        self.rows += len(velocity)
+    def add(self, rows: Rows) -> None:
+        self.low = min(self.low, float(np.min(rows.velocity)))
+        self.high = max(self.high, float(np.max(rows.velocity)))
+        self.rows += len(rows.velocity)
+        self.known += int(np.sum(np.isfinite(rows.coefficient)))
 
 
 def curve_rows(
-    source: Source,
-    blocks: Iterable[np.ndarray],
-    route: sj.EnergyBalance | sj.ODE | None = None,
-    seen: Span | None = None,
+    source: Source, blocks: Iterable[np.ndarray], route: Route = None, seen: Span | None = None
 ) -> Iterator[Rows]:
     """ε of each block of velocities, in order.
 
     Args:
         source: whose curve.
-        blocks: velocities [m/s], all blocks but the last equally long.
+        blocks: velocities [m/s].
         route: the energy balance, or the ODE for a law that needs it, unless told.
         seen: kept up to date with the velocities gone through.
     """
-    evaluate = evaluator(source, route)
-    size = 0
+    evaluate = in_one_size(evaluator(source, route))
     for block in blocks:
+        rows = evaluate(block)
         if seen is not None:
-            seen.add(block)
-        size = max(size, len(block))
-        # a shorter last block is filled up, or all would be compiled again for it
-        filled = np.pad(block, (0, size - len(block)), mode="edge")
-        rows = evaluate(filled)
-        yield Rows(*(None if column is None else column[: len(block)] for column in rows))
+            seen.add(rows)
+        yield rows
 
 
-def evaluator(source: Source, route=None) -> Callable[[np.ndarray], Rows]:
+def in_one_size(evaluate: Callable[[np.ndarray], Any]) -> Callable[[np.ndarray], Any]:
+    """The same function, of blocks filled up to the longest yet, for which it is compiled.
+
+    To a multiple of `FILLED`, so that a few rows more or less are no other program. What it gives
+    has an array, or None, in each of its fields.
+    """
+    longest = 0
+
+    def filled(block: np.ndarray) -> Any:
+        nonlocal longest
+        longest = max(longest, len(block) + -len(block) % FILLED)
+        found = evaluate(np.pad(block, (0, longest - len(block)), mode="edge"))
+        return type(found)(*(None if one is None else one[: len(block)] for one in found))
+
+    return filled
+
+
+def evaluator(source: Source, route: Route = None) -> Callable[[np.ndarray], Rows]:
     """The function from velocities to rows."""
     if source.result is not None:
         return partial(_of_fit, source)
     return partial(_of_law, source.law, route)
 
 
-def _of_law(law, route, velocity: np.ndarray) -> Rows:
+def _of_law(law: sj.ContactLaw, route: Route, velocity: np.ndarray) -> Rows:
     coefficient, status = _restitution(law, velocity, route)
     return Rows(velocity, np.asarray(coefficient), np.asarray(status))
 
@@ -88,13 +109,29 @@ def _restitution(law, velocity, route):
 
 
 def _of_fit(source: Source, velocity: np.ndarray) -> Rows:
-    band = source.result.band(velocity, source.name)
-    return Rows(velocity, band.coefficient, _status(source, velocity), band.low, band.high)
+    band = source.result.band(velocity, source.name, draws=source.draws)
+    status = np.asarray(_restitution(source.law, velocity, None)[1])
+    return Rows(velocity, band.coefficient, status, band.low, band.high)
 
 
-def _status(source: Source, velocity: np.ndarray) -> np.ndarray:
-    """The fitted law's flags; Eq. (17) alone only knows its limit velocity."""
-    if source.law is not None:
-        return np.asarray(_restitution(source.law, velocity, None)[1])
-    limit = source.result.material(source.name).columns.get("limit_velocity") or np.inf
-    return np.where(velocity >= limit, int(sj.Status.ABOVE_LIMIT_VELOCITY), 0)
+class Thinned:
+    """At most `most` rows of any number, evenly taken from those seen so far."""
+
+    def __init__(self, most: int = 4096):
+        self._most, self._stride, self._seen = most, 1, 0
+        self._kept: list[np.ndarray] = []
+
+    def add(self, rows: Rows) -> None:
+        count = len(rows.velocity)
+        first = -self._seen % self._stride
+        columns = [np.asarray(c, float)[first :: self._stride] for c in rows if c is not None]
+        self._kept.append(np.stack(columns))
+        self._seen += count
+        while sum(block.shape[1] for block in self._kept) > self._most:
+            self._kept = [np.concatenate(self._kept, axis=1)[:, ::2]]
+            self._stride *= 2
+
+    def rows(self) -> Rows:
+        """What was kept, by ascending velocity."""
+        columns = np.concatenate(self._kept, axis=1)
+        return Rows(*columns[:, np.argsort(columns[0], kind="stable")])

@@ -1,21 +1,27 @@
 """Impact velocities, block by block: a grid that is never held whole, or a column of a file."""
 
 import io
+import math
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import islice
+from fractions import Fraction
+from functools import partial
+from itertools import chain, islice
 from pathlib import Path
 from typing import TextIO
 
 import numpy as np
 from jaxtyping import Float
 
-from calibration.errors import DataError, InputError
-from calibration.table import parse_header
+from calibration.data.names import read_header
+from calibration.data.units import in_si, unit_of
+from calibration.errors import DataError, InputError, Origin, shown
 
 BLOCK = 1 << 16  # rows; larger blocks are not faster, and 2^20 of them take 10 times the memory
 SPACINGS = ("lin", "log")
+LONGEST = 65536  # characters of a line: a device may have no end of them
 
 Block = Float[np.ndarray, " n"]
 
@@ -68,8 +74,8 @@ class Grid:
 class Column:
     """The velocities of a CSV file, or of standard input ("-"), read as they are needed.
 
-    One number a line, or a table whose header names a column `velocity`, its unit in brackets
-    (m/s, cm/s, mm/s). Blank lines and lines that begin with # are passed over.
+    One number a line, or a table whose header names a column `velocity` and its unit, as in a file
+    of measurements (`velocity [cm/s]`, `v (km/h)`). Blank lines and lines that begin with # are passed over.
 
     Raises:
         InputError: while reading, with file and line.
@@ -92,22 +98,31 @@ class Column:
             first = next(lines, None)
             if first is None:
                 raise InputError(self.name, None, "no velocities", "one number a line is needed")
-            column, divisor = self._header(*first)
-            if column is None:
-                column, lines = 0, _chained(first, lines)
+            column, unit = self._header(*first)
             mark = _delimiter(first[1])
-            rows = 0
-            while block := list(islice(lines, size)):
-                rows += len(block)
-                yield self._numbers(block, column, mark) / divisor
-            if not rows:
+            below = lines if column is not None else chain([first], lines)
+            values = (self._velocity(line, text, column or 0, mark) for line, text in below)
+            block = np.fromiter(islice(values, size), float)
+            if not len(block):
                 accepted = "one number a line is needed below the header"
                 raise InputError(self.name, first[0], "no velocities", accepted)
+            while len(block):
+                yield in_si(block, unit)
+                block = np.fromiter(islice(values, size), float)
 
-    def _open(self) -> TextIO:
+    @contextmanager
+    def _open(self) -> Iterator[TextIO]:
         if self.path == "-":
-            # not closed with the block: standard input is not ours
-            return io.TextIOWrapper(_Kept(sys.stdin.buffer), encoding="utf-8-sig")  # type: ignore[type-var]
+            text = io.TextIOWrapper(sys.stdin.buffer, encoding="utf-8-sig")
+            try:
+                yield text
+            finally:
+                text.detach()  # standard input is not ours to close
+        else:
+            with self._opened() as file:
+                yield file
+
+    def _opened(self) -> TextIO:
         try:
             return Path(self.path).open(encoding="utf-8-sig")
         except FileNotFoundError:
@@ -117,77 +132,48 @@ class Column:
             problem = f"cannot be read ({error.strerror})"
             raise InputError(self.path, None, problem, "a readable file is needed") from None
 
-    def _header(self, line: int, text: str) -> tuple[int | None, float]:
-        """Position of the velocity and divisor to SI; None where the line is already a number."""
+    def _header(self, line: int, text: str) -> tuple[int | None, Fraction]:
+        """Position of the velocity and its unit; None where the line is already a number."""
         cells = [cell.strip() for cell in text.split(_delimiter(text))]
-        if _is_number(cells[0]) and len(cells) == 1:
-            return None, 1.0
+        if len(cells) == 1 and _is_number(cells[0]):
+            return None, Fraction(1)
         for position, cell in enumerate(cells):
-            if cell.lower().split("[")[0].strip() == "velocity":
-                try:
-                    return position, parse_header(cell)[1]
-                except DataError as error:
-                    raise InputError(
-                        self.name, line, f"{error.argument} is {error.value}", error.accepted
-                    ) from None
-        problem = f"no column named velocity in {text!r}"
+            try:
+                header = read_header(cell)
+                if header.name == "velocity":
+                    return position, unit_of(header.unit or "m/s", "speed")
+            except DataError as error:
+                raise Origin(self.name, line).error(error) from None
+        problem = f"no column named velocity in {shown(text)!r}"
         raise InputError(self.name, line, problem, "one number a line, or a header with velocity")
 
-    def _numbers(self, block: list[tuple[int, str]], column: int, mark: str) -> Block:
+    def _velocity(self, line: int, text: str, column: int, mark: str) -> float:
         try:
-            values = np.array([text.split(mark)[column] for _, text in block]).astype(float)
+            value = float(text.split(mark)[column])
         except (ValueError, IndexError):
-            raise self._refusal(block, column, mark) from None
-        wrong = ~(np.isfinite(values) & (values >= 0))
-        if np.any(wrong):
-            raise self._refused(*block[int(np.argmax(wrong))])
-        return values
-
-    def _refusal(self, block, column: int, mark: str) -> InputError:
-        """The first line that is no number."""
-        for line, text in block:
-            cells = text.split(mark)
-            if len(cells) <= column or not _is_number(cells[column]):
-                return self._refused(line, text)
-        raise AssertionError("every line is a number")
-
-    def _refused(self, line: int, text: str) -> InputError:
-        return InputError(
-            self.name, line, f"{text!r} holds no velocity", "a finite number of 0 m/s or more"
-        )
-
-
-class _Kept(io.BufferedIOBase):
-    """A stream that stays open when its reader is closed."""
-
-    def __init__(self, stream):
-        self._stream = stream
-
-    def readable(self) -> bool:
-        return True
-
-    def read(self, size: int = -1) -> bytes:
-        return self._stream.read(size)
-
-    def read1(self, size: int = -1) -> bytes:
-        return self._stream.read1(size)
+            value = math.nan
+        if not 0 <= value < math.inf:
+            problem = f"{shown(text)!r} holds no velocity"
+            raise InputError(self.name, line, problem, "a finite number of 0 m/s or more")
+        return value
 
 
 def _numbered(file: TextIO, name: str) -> Iterator[tuple[int, str]]:
     """Line number and text of all lines but blank ones and comments."""
     line = 0
     try:
-        for line, text in enumerate(file, start=1):
+        for line, text in enumerate(iter(partial(file.readline, LONGEST + 1), ""), start=1):
+            if len(text) > LONGEST:
+                problem = f"more than {LONGEST} characters in a line"
+                raise InputError(name, line, problem, "one number a line is needed")
             stripped = text.strip()
             if stripped and stripped[0] != "#":
                 yield line, stripped
     except UnicodeDecodeError:
         raise InputError(name, line + 1, "is not UTF-8 text", "save it as UTF-8") from None
-
-
-def _chained(first, rest):
-    yield first
-    yield from rest
+    except OSError as error:
+        problem = f"cannot be read ({error.strerror})"
+        raise InputError(name, line + 1, problem, "a readable file is needed") from None
 
 
 def _delimiter(text: str) -> str:

@@ -1,16 +1,18 @@
-"""Where rows go: CSV, NumPy's .npy, and look-up tables for particle codes, as they come."""
+"""Where rows go: CSV and NumPy's .npy, as they come."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import UInt8
 
 import softjax as sj
 from calibration.curve.digits import text_of
 from calibration.curve.stream import Rows
-from calibration.errors import InputError
 
 TEXT_BLOCK = 1 << 14  # rows formatted at once: what fits the processor's cache
+NOT_KNOWN = "NOT_KNOWN"
 
 
 class Writer(ABC):
@@ -31,7 +33,8 @@ class CsvWriter(Writer):
     """`velocity [m/s],restitution,status`, and the limits of a band before the status.
 
     Numbers have 17 digits, which a reader turns into the same float64. The status is the names
-    of its flags joined by |, or PLAIN.
+    of its flags joined by |, or PLAIN. Where a fit knows nothing cells are empty, and the status is
+    NOT_KNOWN.
     """
 
     def __init__(self, path: Path):
@@ -39,43 +42,20 @@ class CsvWriter(Writer):
         self._begun = False
 
     def write(self, rows: Rows) -> None:
-        columns = [rows.velocity, rows.coefficient]
-        header = "velocity [m/s],restitution,"
-        if rows.low is not None:
-            columns += [rows.low, rows.high]
-            header += "restitution_low,restitution_high,"
         if not self._begun:
-            self._file.write(f"{header}status\n".encode())
+            limits = "" if rows.low is None else "restitution_low,restitution_high,"
+            self._file.write(f"velocity [m/s],restitution,{limits}status\n".encode())
             self._begun = True
-        for part in _parts(len(rows.velocity)):
-            text = [text_of(column[part]) for column in columns]
-            text.append(_status_text(rows.status[part]))
-            self._file.write(_lines(text, b","))
-
-
-class TableWriter(Writer):
-    """Two columns, v [m/s] ascending and ε, blanks between, comments behind #.
-
-    What codes that look a restitution up by its impact velocity take in.
-    """
-
-    def __init__(self, path: Path, name: str):
-        super().__init__(path)
-        self._last: float = -np.inf
-        self._file.write(f"# restitution of {name}\n# velocity[m/s] restitution\n".encode())
-
-    def write(self, rows: Rows) -> None:
-        if rows.velocity[0] <= self._last or np.any(np.diff(rows.velocity) <= 0):
-            problem = "the velocities do not ascend"
-            raise InputError(None, None, problem, "--table takes each velocity once, ascending")
-        self._last = float(rows.velocity[-1])
-        for part in _parts(len(rows.velocity)):
-            columns = (rows.velocity, rows.coefficient)
-            self._file.write(_lines([text_of(column[part]) for column in columns], b" "))
+        for part in parts(len(rows.velocity)):
+            some = rows.some(part)
+            columns = [some.velocity, some.coefficient, some.low, some.high]
+            shown = [column for column in columns if column is not None]
+            self._file.write(lines(shown, b",", _status_text(some)))
 
 
 class NpyWriter(Writer):
-    """A structured array with fields velocity, restitution, status (and low, high).
+    """A structured array with fields velocity, restitution, status (and low, high), NaN where a
+    fit knows nothing.
 
     The header is written again at the end, when the number of rows is known; NumPy leaves room
     in it for the length to grow.
@@ -89,7 +69,7 @@ class NpyWriter(Writer):
     def write(self, rows: Rows) -> None:
         names = ["velocity", "restitution", "status"]
         columns = [rows.velocity, rows.coefficient, rows.status]
-        if rows.low is not None:
+        if rows.low is not None and rows.high is not None:
             names, columns = [*names, "low", "high"], [*columns, rows.low, rows.high]
         if self._type is None:
             self._type = np.dtype([(n, "<i4" if n == "status" else "<f8") for n in names])
@@ -108,7 +88,7 @@ class NpyWriter(Writer):
 
     def _header(self) -> None:
         kind = {
-            "descr": np.lib.format.dtype_to_descr(self._type),
+            "descr": np.lib.format.dtype_to_descr(np.dtype(self._type)),
             "fortran_order": False,
             "shape": (self._rows,),
         }
@@ -122,23 +102,31 @@ def status_names(status: int) -> str:
     return "|".join(flag.name for flag in sj.Status(status) if flag.name)
 
 
-def _status_text(status: np.ndarray) -> np.ndarray:
+def _status_text(rows: Rows) -> UInt8[np.ndarray, "n width"]:
     """The names as rows of bytes, zeros behind them."""
-    codes, index = np.unique(status, return_inverse=True)
-    words = np.array([status_names(int(code)).encode() for code in codes])
+    known = np.isfinite(rows.coefficient)
+    codes, index = np.unique(np.where(known, rows.status, -1), return_inverse=True)
+    names = [NOT_KNOWN if code < 0 else status_names(int(code)) for code in codes]
+    words = np.array([name.encode() for name in names])
     return words.view(np.uint8).reshape(len(words), -1)[index]
 
 
-def _parts(count: int):
-    return (slice(start, start + TEXT_BLOCK) for start in range(0, count, TEXT_BLOCK))
+def parts(count: int, size: int = TEXT_BLOCK) -> Iterator[slice]:
+    """Rows that are taken at once."""
+    return (slice(start, start + size) for start in range(0, count, size))
 
 
-def _lines(columns: list[np.ndarray], mark: bytes) -> bytes:
-    """Columns of text side by side, without the zeros that fill them up."""
-    count = len(columns[0])
-    pieces = []
-    for i, column in enumerate(columns):
-        end = b"\n" if i == len(columns) - 1 else mark
-        pieces += [column, np.full((count, 1), ord(end), np.uint8)]
+def lines(
+    columns: Sequence[np.ndarray], mark: bytes, last: UInt8[np.ndarray, "n width"] | None = None
+) -> bytes:
+    """Columns of numbers side by side as text, a column of bytes behind them; NaN is left empty."""
+    text = [np.where(np.isnan(c)[:, None], 0, text_of(c)).astype(np.uint8) for c in columns]
+    text += [] if last is None else [last]
+    ends = [*[mark] * (len(text) - 1), b"\n"]
+    pieces = [
+        piece
+        for column, end in zip(text, ends, strict=True)
+        for piece in (column, np.full((len(column), 1), ord(end), np.uint8))
+    ]
     line = np.concatenate(pieces, axis=1)
     return line[line != 0].tobytes()

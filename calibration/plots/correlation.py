@@ -1,41 +1,70 @@
-"""Correlations of the fitted parameters."""
+"""How estimates depend on each other: ellipses of equal probability, with their correlations.
 
-from typing import Any
+A cell's ellipse is where two estimates lie together, in their standard errors: a circle for none,
+a line leaning right (left) for a correlation of 1 (-1).
+"""
+
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.patches import Ellipse
 
 from calibration.plots import style
-from calibration.report import symbols
 
 MOST_NUMBERS = 12  # with more parameters the numbers in the cells would overlap
+SIZE = 0.3  # of a cell: the radius of uncorrelated estimates
+THIN = 0.02  # of a cell: the least half width of an ellipse
 
 
-def plot_correlations(correlations, names, ax: Axes | None = None) -> Axes:
-    """The matrix of correlations as colours, and as numbers while there is room.
+def plot_correlations(
+    correlations, labels: Sequence[str], ax: Axes | None = None, told: Sequence[str] = ()
+) -> Axes:
+    """Ellipses below the diagonal, correlations above it.
 
     Args:
         correlations: (p, p), from -1 to 1; NaN where undefined.
-        names: the p parameters.
+        labels: of the p parameters.
         ax: where to draw; a new figure's where None.
+        told: what stands on the diagonal, such as "1.79 ± 0.05".
     """
     matrix = np.asarray(correlations, float)
+    count = len(labels)
     ax = style.axes_or_new(ax)
-    # red–blue stays readable with every common colour blindness
-    image = ax.imshow(matrix, cmap="RdBu", vmin=-1, vmax=1)
-    labels = [symbols.math(name, unit=False) for name in names]
-    turned: dict[str, Any] = {"rotation": 90} if max(map(len, names)) > 12 else {}
-    ax.set_xticks(range(len(names)), labels, **turned)
-    ax.set_yticks(range(len(names)), labels)
-    if len(names) <= MOST_NUMBERS:
-        _write_numbers(ax, matrix)
-    ax.figure.colorbar(image, ax=ax, label="correlation", shrink=0.8)
+    for (row, column), value in np.ndenumerate(matrix):
+        place = column, count - 1 - row
+        if row > column or (row < column and count > MOST_NUMBERS):
+            _ellipse(ax, place, value)
+        elif row < column:
+            _write(ax, place, _number(value))
+        elif told:
+            _write(ax, place, told[row].replace(" ± ", "\n± "))
+    turned = 90 if any(", " in label for label in labels) else 0  # data sets are named
+    ax.set_xticks(range(count), labels, rotation=turned)
+    ax.set_yticks(range(count), labels[::-1])
+    ax.set(xlim=(-0.5, count - 0.5), ylim=(-0.5, count - 0.5), aspect="equal")
+    ax.tick_params(length=0)
+    for edge in np.arange(count - 1) + 0.5:
+        ax.axhline(edge, color=style.GREY, linewidth=0.3)
+        ax.axvline(edge, color=style.GREY, linewidth=0.3)
     return ax
 
 
-def _write_numbers(ax: Axes, matrix: np.ndarray) -> None:
-    for (row, column), value in np.ndenumerate(matrix):
-        rounded = np.round(value, 2) + 0.0  # -0.00 would be a sign without a number
-        text = f"{rounded:.2f}".replace("-", "−") if np.isfinite(value) else "–"
-        color = "white" if abs(value) > 0.6 else "black"
-        ax.text(column, row, text, ha="center", va="center", color=color, fontsize=8)
+def _ellipse(ax: Axes, place: tuple[int, int], value: float) -> None:
+    if not np.isfinite(value):
+        _write(ax, place, _number(value))
+        return
+    long, short = (2 * max(SIZE * np.sqrt(1 + s * abs(value)), THIN) for s in (1, -1))
+    color = style.BLUE if value >= 0 else style.VERMILION
+    angle = 45 if value >= 0 else -45
+    look = {"facecolor": color, "edgecolor": color, "alpha": 0.6}
+    ax.add_patch(Ellipse(place, long, short, angle=angle, **look))
+
+
+def _write(ax: Axes, place: tuple[int, int], text: str) -> None:
+    ax.text(*place, text, ha="center", va="center", fontsize=7.5)
+
+
+def _number(value: float) -> str:
+    rounded = np.round(value, 2) + 0.0  # -0.00 would be a sign without a number
+    return f"{rounded:.2f}".replace("-", "−") if np.isfinite(value) else "–"

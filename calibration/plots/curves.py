@@ -7,18 +7,15 @@ import numpy as np
 from matplotlib.axes import Axes
 
 import softjax as sj
-from calibration.empirical import effective_uncertainty, eq_17, reference_losses
+from calibration.data import RestitutionData
+from calibration.fitting.assembly import label_of_law
+from calibration.fitting.curves import as_empirical, curve_and_slopes, yield_velocity
 from calibration.plots import style
 from calibration.plots.lines import Line, band_of
 
 FINE = 240  # points of a curve
 EQ_17 = "Eq. (17)"
-LABELS = {
-    "two-step": "this model, fitted",
-    "model": "this model, fitted",
-    "empirical": "Eq. (17), fitted",
-    "constant": "constant, fitted",
-}
+ZHOU = "this model, fitted"
 ORDER = ("data", "this model, fitted", EQ_17)  # in a legend
 INVISIBLE = 1e-6  # width of a band that nobody sees: data without scatter
 FLAGGED = ~(int(sj.Status.ELASTIC) | int(sj.Status.PLAIN))
@@ -50,7 +47,8 @@ def plot_curve(
     _fitted(ax, result, fit, velocity, scale)
     for line in lines:
         _beside(ax, line, velocity, scale)
-    _data(ax, fit, scale)
+    plot_data(ax, fit.data, scale)
+    _flagged(ax, fit, scale)
     _mark_yield(ax, fit, scale)
     if logarithmic:
         style.logarithmic_x(ax)
@@ -107,42 +105,43 @@ def _beside(ax: Axes, line: Line, velocity, scale) -> None:
 def _fitted(ax: Axes, result, fit, velocity, scale) -> None:
     band = band_of(result, fit.name, velocity)
     x = velocity / scale
-    if fit.plan in ("two-step", "model") and fit.rms_empirical is not None:
-        empirical = _eq_17(result, fit, velocity)
+    if fit.empirical is not None and fit.model.key != "eq-17":
+        empirical = curve_and_slopes(as_empirical(fit), velocity)[0]
         ax.plot(x, empirical, color=style.ORANGE, linestyle="--", label=EQ_17, zorder=4)
-    ax.plot(x, band.coefficient, color=style.BLUE, label=LABELS[fit.plan], linewidth=1.8)
-    if np.max(band.high - band.low) < INVISIBLE:
+    label = ZHOU if fit.model.key == "zhou" else f"{label_of_law(fit.model)}, fitted"
+    ax.plot(x, band.coefficient, color=style.BLUE, label=label, linewidth=1.8)
+    if not np.nanmax(band.high - band.low, initial=0.0) > INVISIBLE:
         return
-    share = f"{100 * result.confidence:g} % band"
-    ax.fill_between(x, band.low, band.high, color=style.BLUE, alpha=0.25, linewidth=0, label=share)
+    share = f"{100 * result.confidence:g} %"
+    wide = result.band(velocity, fit.name, kind="prediction")
+    look: dict[str, Any] = {"color": style.BLUE, "linewidth": 0}
+    ax.fill_between(
+        x, wide.low, wide.high, alpha=0.1, label=f"{share}, one more measurement", **look
+    )
+    ax.fill_between(x, band.low, band.high, alpha=0.3, label=f"{share}, of the mean", **look)
 
 
-def _eq_17(result, fit, velocity) -> np.ndarray:
-    """Eq. (17) fitted to all points; under `model` σ and ψ mean something else."""
-    if fit.plan == "two-step":
-        sigma, psi = fit.columns["sigma"], fit.columns["psi"]
-        return eq_17(velocity, fit.columns["limit_velocity"], sigma, psi)
-    losses = reference_losses(fit.data, effective_uncertainty(fit.data))
-    return eq_17(velocity, float(fit.data.limit_velocity), *losses)
-
-
-def _data(ax: Axes, fit, scale) -> None:
-    data = fit.data
-    x = data.velocity / scale
+def plot_data(ax: Axes, data: RestitutionData, scale: float = 1.0) -> None:
+    """Measured ε with its error bars over v/scale."""
     ax.errorbar(
-        x,
+        data.velocity / scale,
         data.restitution,
         yerr=data.uncertainty,
         xerr=None if data.velocity_uncertainty is None else data.velocity_uncertainty / scale,
         label="data",
         **_marks(style.BLACK, "o"),
     )
+
+
+def _flagged(ax: Axes, fit, scale) -> None:
+    """Crosses over the points at which the law's status is not plain."""
+    x = fit.data.velocity / scale
     status = np.asarray(fit.status, int)  # empty for a curve that no law is behind
     flagged = np.flatnonzero(status & FLAGGED)
     if len(flagged):
         ax.plot(
             x[flagged],
-            data.restitution[flagged],
+            fit.data.restitution[flagged],
             linestyle="none",
             marker="x",
             color=style.VERMILION,
@@ -163,8 +162,8 @@ def _marks(color: str, marker: str) -> dict[str, Any]:
 
 
 def _mark_yield(ax: Axes, fit, scale) -> None:
-    """A line at v_cr where it lies inside the data."""
-    critical = _critical_velocity(fit)
+    """A line where the law's impacts begin to yield, if that is inside the data."""
+    critical = yield_velocity(fit.law)
     low, high = np.min(fit.data.velocity), np.max(fit.data.velocity)
     if critical is not None and low < critical < high:
         ax.axvline(
@@ -172,7 +171,7 @@ def _mark_yield(ax: Axes, fit, scale) -> None:
             color=style.GREY,
             linestyle=":",
             linewidth=1,
-            label=r"$v_\mathrm{cr}$, first yield",
+            label="first yield",
         )
 
 

@@ -12,9 +12,12 @@ from calibration.plots.correlation import plot_correlations
 from calibration.plots.curves import ORDER, plot_curve, plot_residuals
 from calibration.plots.lines import Line
 from calibration.plots.profiles import plot_profile
+from calibration.report import symbols
 
 PANEL = (4.2, 4.4)  # inches, residuals included
 LEGEND_ROW = 0.25  # inches
+CELL = 0.95  # inches, of two parameters' ellipse
+LETTER = 0.09  # inches, of a name beside it
 
 
 def curves_figure(
@@ -35,7 +38,7 @@ def curves_figure(
     lines = lines or {}
     rows, columns = style.grid_shape(len(result.materials))
     figure = style.new_figure(max(PANEL[0] * columns, 5.5), PANEL[1] * rows + 3 * LEGEND_ROW)
-    grid = figure.subplots(2 * rows, columns, squeeze=False, height_ratios=[2.6, 1] * rows)
+    grid: Any = figure.subplots(2 * rows, columns, squeeze=False, height_ratios=[2.6, 1] * rows)
     drawn = []
     for i, fit in enumerate(result.materials):
         row, column = divmod(i, columns)
@@ -53,37 +56,66 @@ def curves_figure(
 
 
 def profiles_figure(result: Any) -> Figure | None:
-    """A panel a profile; None where the fit has none."""
-    if not result.profiles:
+    """A panel a profile; None where the fit has none that leaves its parameter's bound."""
+    profiles = {label: one for label, one in result.profiles.items() if len(set(one.values)) > 1}
+    if not profiles:
         return None
-    rows, columns = style.grid_shape(len(result.profiles))
+    rows, columns = style.grid_shape(len(profiles))
     figure = style.new_figure(max(3.4 * columns, 5.5), 2.8 * rows + 2 * LEGEND_ROW)
     grid = figure.subplots(rows, columns, squeeze=False)
-    for ax, (label, profile) in zip(grid.flat, result.profiles.items(), strict=False):
-        plot_profile(profile, _estimate(result, label), ax)
+    for ax, (label, profile) in zip(grid.flat, profiles.items(), strict=False):
+        plot_profile(profile, _estimate(result, label), ax, _model(result, label))
     _remove_empty(grid)
     style.legend_below(figure, list(figure.axes), columns=4 if columns > 2 else 2)
     return figure
 
 
 def correlation_figure(result: Any) -> Figure | None:
-    """The correlations of the fitted parameters; None where fewer than two are fitted."""
-    names = result.covariance_names
-    if len(names) < 2:
+    """How the fitted parameters depend on each other; None where no data set has two of them.
+
+    A panel a data set; data sets that share parameters have one together.
+    """
+    blocks = [block for block in _blocks(result) if len(block[1]) > 1]
+    if not blocks:
         return None
-    order = _by_material(result, names)
-    matrix = result.correlations[np.ix_(order, order)]
-    size = 3.0 + 0.45 * len(names)
-    figure = style.new_figure(size + 0.8, size)
-    plot_correlations(matrix, [names[i] for i in order], figure.add_subplot())
+    rows, columns = style.grid_shape(len(blocks))
+    room = max(len(_symbol(result, label, not owner)) for owner, own in blocks for label in own)
+    size = max(0.8, LETTER * room) + CELL * max(len(labels) for _, labels in blocks)
+    figure = style.new_figure(size * columns, (size + LEGEND_ROW) * rows)
+    grid = figure.subplots(rows, columns, squeeze=False)
+    place = {label: k for k, label in enumerate(result.covariance_names)}
+    for ax, (owner, labels) in zip(grid.flat, blocks, strict=False):
+        order = [place[label] for label in labels]
+        names = [_symbol(result, label, not owner) for label in labels]
+        told = [str(_estimate(result, label)) for label in labels]
+        plot_correlations(result.correlations[np.ix_(order, order)], names, ax, told)
+        ax.set_title(style.plain(owner))
+    _remove_empty(grid)
     return figure
 
 
-def _by_material(result: Any, names: Sequence[str]) -> list[int]:
-    """Positions of the parameters, those of each material together."""
-    place = {fit.name: i for i, fit in enumerate(result.materials)}
-    owners = [name.partition("[")[2].rstrip("]") for name in names]
-    return sorted(range(len(names)), key=lambda i: place.get(owners[i], len(place)))
+def _blocks(result: Any) -> list[tuple[str, list[str]]]:
+    """(data set, labels) of parameters that belong together; "" for several data sets, or the only one.
+
+    The numbers of a network are no parameters that anybody reads.
+    """
+    blocks: list[tuple[list[str], list[str]]] = []
+    for fit in result.materials:
+        owners = [fit.name]
+        labels = [label for name, label in fit.labels.items() if "[" not in name]
+        for block in [block for block in blocks if set(block[1]) & set(labels)]:
+            blocks.remove(block)
+            owners, labels = block[0] + owners, list(dict.fromkeys(block[1] + labels))
+        blocks.append((owners, labels))
+    alone = len(result.materials) == 1
+    return [(names[0] if len(names) == 1 and not alone else "", of) for names, of in blocks]
+
+
+def _symbol(result: Any, label: str, with_owner: bool) -> str:
+    name, _, owner = label.partition("[")
+    symbol = symbols.math(name, _model(result, label), unit=False)
+    own = style.shortened(owner.removesuffix("]"))
+    return f"{symbol}, {style.plain(own)}" if with_owner and owner else symbol
 
 
 def _join(upper: Axes, lower: Axes, fit: Any, column: int) -> None:
@@ -94,7 +126,7 @@ def _join(upper: Axes, lower: Axes, fit: Any, column: int) -> None:
     upper.tick_params(labelbottom=False)
     upper.set_xlabel("")
     mark = "" if fit.converged else " (NOT CONVERGED)"
-    upper.set_title(f"{fit.name}{mark}")
+    upper.set_title(f"{style.plain(fit.name)}{mark}")
     if column:
         upper.set_ylabel("")
         lower.set_ylabel("")
@@ -108,8 +140,10 @@ def _remove_empty(grid: Any) -> None:
 
 def _estimate(result: Any, label: str) -> Any:
     """The `Estimate` of a label such as "sigma[nylon]"."""
-    name, _, owner = label.partition("[")
-    for fit in result.materials:
-        if owner.rstrip("]") in ("", fit.name) and name in fit.parameters:
-            return fit.parameters[name]
-    return None
+    return result.estimates.get(label)
+
+
+def _model(result: Any, label: str) -> Any:
+    """What is known of the law that a label belongs to."""
+    owners = [fit for fit in result.materials if label in fit.labels.values()]
+    return (owners or result.materials)[0].model

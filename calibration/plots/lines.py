@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 import softjax as sj
-from calibration.estimate import Band
+from calibration.fitting.curves import curve_and_slopes
+from calibration.fitting.estimate import Band
 from calibration.plots import style
 from softjax import paper
 from softjax.laws.thornton import thornton_restitution
@@ -77,14 +78,12 @@ def law_values(law: sj.ContactLaw, velocity: np.ndarray) -> np.ndarray:
 
 def on_line(result: Any, fit: Any, chi: float) -> Line:
     """The fitted law with χ̃ = c1 + c2 E/Y of Eq. (18) in place of its own."""
-    moved = replace(fit, columns={**fit.columns, "chi": chi})
-    others = tuple(moved if one is fit else one for one in result.materials)
-    on_it = replace(result, materials=others)
+    moved = replace(fit, values={**fit.values, "chi": chi})
 
     def value(velocity: np.ndarray) -> np.ndarray:
-        # through the band: compiled already, for the fit itself; 0 stands for no value
-        coefficient = band_of(on_it, fit.name, velocity).coefficient
-        return np.where(coefficient > 0, coefficient, np.nan)
+        # as the fit's own band: compiled already; 0 stands for no value
+        coefficient = curve_and_slopes(moved, velocity)[0]
+        return np.where((coefficient > 0) & moved.known(velocity), coefficient, np.nan)
 
     label = r"this model, $\tilde\chi$ by Eq. (18) fitted to all"
     return Line(label, value, style.SKY, "-.", residuals=True)

@@ -4,39 +4,67 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
 
 from calibration.plots import style
 from calibration.report import symbols
 
+TOP = 1.6  # of the picture, in thresholds
 
-def plot_profile(profile, estimate=None, ax: Axes | None = None) -> Axes:
+
+def plot_profile(profile, estimate=None, ax: Axes | None = None, model: Any = None) -> Axes:
     """Δχ² over one parameter, the interval's threshold, and where the profile crosses it.
 
     Args:
         profile: a `Profile` of a fit.
         estimate: the parameter's `Estimate`; its standard error's parabola is drawn beside.
         ax: where to draw; a new figure's where None.
+        model: of the law that it is a parameter of, which knows its symbol.
     """
     ax = style.axes_or_new(ax)
     values, rise = _finite(profile)
-    top = 2.2 * profile.threshold
-    ax.plot(values, rise, color=style.BLUE, marker="o", markersize=3, label="profile")
-    if style.spans_decades(values):
+    logarithmic = style.spans_decades(values)
+    ax.plot(*_smooth(values, rise, logarithmic), color=style.BLUE)
+    ax.plot(values, rise, color=style.BLUE, marker="o", linestyle="none", markersize=3)
+    ax.plot([], [], color=style.BLUE, marker="o", markersize=3, label="profile")
+    if logarithmic:
         style.logarithmic_x(ax, room=0.0)
+    else:
+        ax.xaxis.set_major_locator(MaxNLocator(5))
     _parabola(ax, values, estimate)
     look: dict[str, Any] = {"color": style.VERMILION, "linestyle": "--", "linewidth": 1}
     ax.axhline(profile.threshold, label="threshold of the interval", **look)
     _ends(ax, profile)
-    ax.set(xlabel=symbols.math(profile.parameter), ylabel=r"$\Delta\chi^2$", ylim=(0, top))
+    name, _, owner = profile.parameter.partition("[")
+    ax.set_title(style.plain(owner.removesuffix("]")), fontsize="medium")
+    ax.set(
+        xlabel=symbols.math(name, model),
+        ylabel=r"$\Delta\chi^2$",
+        ylim=(0, TOP * profile.threshold),
+    )
     return ax
+
+
+def _smooth(values: np.ndarray, rise: np.ndarray, logarithmic: bool):
+    """A curve through the points: ±√Δχ² is nearly a straight line, and is what is interpolated."""
+    if len(values) < 3:
+        return values, rise
+    from scipy.interpolate import PchipInterpolator
+
+    scale = np.log if logarithmic else np.array
+    side = np.where(np.arange(len(values)) < np.argmin(rise), -1.0, 1.0)
+    root = PchipInterpolator(scale(values), side * np.sqrt(np.maximum(rise, 0.0)))
+    space = np.geomspace if logarithmic else np.linspace
+    fine = np.union1d(values, space(values[0], values[-1], 200))
+    return fine, root(scale(fine)) ** 2
 
 
 def _finite(profile) -> tuple[np.ndarray, np.ndarray]:
     values = np.asarray(profile.values, float)
     rise = np.asarray(profile.delta_chi_squared, float)
-    order = np.argsort(values)
-    seen = order[np.isfinite(values[order]) & np.isfinite(rise[order])]
-    return values[seen], rise[seen]
+    seen = np.isfinite(values) & np.isfinite(rise)
+    values, first = np.unique(values[seen], return_index=True)
+    return values, rise[seen][first]
 
 
 def _parabola(ax: Axes, values: np.ndarray, estimate) -> None:

@@ -11,6 +11,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
+from calibration.errors import printable
+
 # M. Okabe and K. Ito, Color Universal Design (2008)
 BLACK = "#000000"
 ORANGE = "#E69F00"
@@ -23,6 +25,7 @@ PURPLE = "#CC79A7"
 GREY = "#777777"
 
 DPI = 150
+LONGEST = 20  # letters of a name beside a small panel
 LOG_DECADES = 1.5  # data that span more are drawn over a logarithmic axis
 
 
@@ -39,7 +42,22 @@ def axes_or_new(ax: Axes | None, width: float = 5.0, height: float = 4.0) -> Axe
 
 def save(figure: Figure, path: str | Path) -> None:
     """Write a PNG; nothing in it tells when, so that equal figures are equal files."""
+    engine = figure.get_layout_engine()
+    if engine is not None:  # once: saving would do it twice
+        engine.execute(figure)
+        figure.set_layout_engine("none")
     figure.savefig(path, dpi=DPI, metadata={"Software": None})
+
+
+def plain(text: str) -> str:
+    """A name as it is: Matplotlib reads formulas between dollars, and no label that begins with _."""
+    text = printable(text).replace("$", r"\$")
+    return f"\N{ZERO WIDTH SPACE}{text}" if text.startswith("_") else text
+
+
+def shortened(text: str, most: int = LONGEST) -> str:
+    """A name that leaves room for what it names."""
+    return text if len(text) <= most else text[: most - 1] + "…"
 
 
 def grid_shape(count: int, most_columns: int = 3) -> tuple[int, int]:

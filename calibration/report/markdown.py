@@ -1,32 +1,19 @@
 """`report.md`: what was fitted to what, how well it is known, and what to doubt."""
 
-from collections.abc import Iterable, Mapping
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from calibration.fitting.assembly import label_of_law
 from calibration.report import rows
-from calibration.report.rounding import ABSENT, number
-from calibration.report.tables import markdown
+from calibration.report.tables import code, escaped, markdown
+from calibration.rounding import number
 
-METHODS = {
-    "sandwich": (
-        "from the stacked estimating equations of both steps of `two-step` (a sandwich): the same "
-        "noise enters both"
-    ),
-    "profile": "where the profile likelihood crosses its threshold; *open* where it never does",
-    "wald": "from the Jacobian at the best fit",
-    "derived": "carried over from the covariance of what was fitted",
-}
 OBJECTIVES = {
     "two-step": (
-        "σ and ψ from Eq. (17) against all points, then χ̃ from the collision model with them "
-        "held (`two-step`)"
+        "σ and ψ from Eq. (17) against all points, then χ̃ from the law with them held (`two-step`)"
     ),
-    "model": (
-        "all parameters at once: Eq. (17) below the critical velocity, the collision model above "
-        "(`model`)"
-    ),
-    "empirical": "Eq. (17) alone (`empirical`)",
-    "constant": "one constant restitution (`constant`)",
+    "model": "the law against all points, all parameters at once (`model`)",
 }
 
 
@@ -35,6 +22,7 @@ def markdown_report(
     pictures: Mapping[str, str] | None = None,
     command: str = "",
     printed: rows.Printed | None = None,
+    more: Sequence[Sequence[str]] = (),
 ) -> str:
     """The report as Markdown text.
 
@@ -43,6 +31,7 @@ def markdown_report(
         pictures: {caption: file beside the report}.
         command: how the fit was asked for.
         printed: published values to stand beside the fitted ones.
+        more: further blocks of lines, before the doubts.
     """
     blocks = [
         ["# Coefficients of restitution, fitted"],
@@ -50,11 +39,15 @@ def markdown_report(
         _what(result),
         ["## Parameters"],
         markdown(*rows.parameter_table(result, printed)[:2]),
+        _listed("", map(escaped, rows.meanings(result))),
+        _listed("Said before the fit:", map(escaped, rows.told(result))),
         _intervals(result),
         ["## How closely the curves follow"],
         markdown(*rows.quality_table(result)[:2]),
+        _listed("", rows.quality_words(result)),
         *([line] for line in _pictures(pictures)),
         *_unloading_line(result),
+        *more,
         ["## Doubts"],
         _doubts(result),
         ["## How it was computed"],
@@ -77,9 +70,20 @@ def _what(result: Any) -> list[str]:
     lines = []
     for fit in result.materials:
         low, high = min(fit.data.velocity), max(fit.data.velocity)
-        text = f"- **{fit.name}**: {fit.n} impacts at {low:.4g} to {high:.4g} m/s, "
-        lines.append(text + _uncertainty(fit.data) + f"; {OBJECTIVES[fit.plan]}.")
-    return lines + [f"- {note}" for note in rows.notes(result)]
+        text = f"- **{escaped(fit.name)}**: {fit.n} impacts at {low:.4g} to {high:.4g} m/s, "
+        law = f"; {label_of_law(fit.model)}: {OBJECTIVES[fit.objective]}."
+        groups = f" in {len(fit.data.groups)} groups" * bool(fit.data.groups)
+        lines.append(text + _uncertainty(fit.data) + groups + law)
+        if not (fit.known_from == 0 and fit.known_to == math.inf):
+            lines.append(f"  Nothing is known of the curve {_unknown(fit)}.")
+    return lines + [f"- {escaped(note)}" for note in rows.notes(result)]
+
+
+def _unknown(fit: Any) -> str:
+    """Where no points tell of the curve."""
+    if fit.known_from > 0:
+        return f"below the critical velocity, {fit.known_from:.4g} m/s: no points are there"
+    return f"above the critical velocity, {fit.known_to:.4g} m/s: no points are there"
 
 
 def _uncertainty(data: Any) -> str:
@@ -91,10 +95,17 @@ def _uncertainty(data: Any) -> str:
 
 
 def _intervals(result: Any) -> list[str]:
-    estimates = [e for m in result.materials for e in {**m.parameters, **m.derived}.values()]
-    used = {e.method for e in estimates if rows.interval_text(e) != ABSENT}
-    lines = [f"- {name}: {METHODS[name]}." for name in METHODS if name in used]
-    return [f"Intervals hold {100 * result.confidence:g} %:", "", *lines] if lines else []
+    used = rows.used_methods(result)
+    head = (
+        f"Intervals hold {100 * result.confidence:g} % of true values where the law is right; "
+        "ν are the degrees of freedom of Student's t where the noise was found from the residuals:"
+    )
+    return _listed(head, [f"{name}: {text}." for name, text in used.items()])
+
+
+def _listed(head: str, lines: Iterable[str]) -> list[str]:
+    items = [f"- {line}" for line in lines]
+    return [head, "", *items] if items and head else items
 
 
 def _pictures(pictures: Mapping[str, str] | None) -> Iterable[str]:
@@ -123,7 +134,8 @@ def _doubts(result: Any) -> list[str]:
     if not result.warnings:
         return ["None."]
     return [
-        f"- **{doubt.code}**{f' ({doubt.material})' if doubt.material else ''}: {doubt.cause}. "
+        f"- **{doubt.code}**{f' ({escaped(doubt.material)})' if doubt.material else ''}: "
+        f"{escaped(doubt.cause)}. "
         f"*{doubt.remedy}*"
         for doubt in result.warnings
     ]
@@ -131,12 +143,12 @@ def _doubts(result: Any) -> list[str]:
 
 def _settings(result: Any, command: str) -> list[str]:
     versions = ", ".join(f"{name} {version}" for name, version in result.versions.items())
-    first = [f"`{command}`, with"] if command else []
+    first = [f"{code(command)}, with"] if command else []
     condition = result.condition_number
     condition = "infinite" if condition is None else number(condition, 2)
     return [
         *first,
-        f"{rows.settings_line(result.settings)}.",
+        f"{rows.settings_line(result)}.",
         f"Rank {result.rank} of {len(result.covariance_names)} free parameters, condition number "
         f"{condition}. {versions}.",
     ]

@@ -1,6 +1,9 @@
 """How parameters are written: in text, and in pictures; their units."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+from calibration.fitting.known_laws import LAWS
+from calibration.fitting.law_model import CONTACT_LEAVES, OF_CONTACT
 
 
 class Symbol(NamedTuple):
@@ -9,35 +12,82 @@ class Symbol(NamedTuple):
     unit: str = ""
 
 
-SYMBOLS = {
-    "chi": Symbol("χ̃", r"$\tilde\chi$"),
-    "sigma": Symbol("σ", r"$\sigma$"),
-    "psi": Symbol("ψ", r"$\psi$"),
-    "eps_up": Symbol("ε_up", r"$\varepsilon_\mathrm{up}$"),
-    "c1": Symbol("c1", "$c_1$"),
-    "c2": Symbol("c2", "$c_2$"),
-    "yield_strength": Symbol("Y", "$Y$", "Pa"),
-    "youngs_modulus": Symbol("E", "$E$", "Pa"),
-    "yield_ratio": Symbol("E/Y", "$E/Y$"),
-    "limit_velocity": Symbol("v_lim", r"$v_\mathrm{lim}$", "m/s"),
-    "critical_velocity": Symbol("v_cr", r"$v_\mathrm{cr}$", "m/s"),
-    "restitution": Symbol("ε", r"$\varepsilon$"),
+MATH = {
+    "χ̃": r"$\tilde\chi$",
+    "μ": r"$\mu$",
+    "ρ": r"$\rho$",
+    "σ": r"$\sigma$",
+    "ψ": r"$\psi$",
+    "ε": r"$\varepsilon$",
+    "ε_up": r"$\varepsilon_\mathrm{up}$",
+    "v_lim": r"$v_\mathrm{lim}$",
+    "v_cr": r"$v_\mathrm{cr}$",
+    "p_y/Y": r"$p_y/Y$",
+    "k1": "$k_1$",
+    "k20": "$k_{20}$",
+    "c1": "$c_1$",
+    "c2": "$c_2$",
 }
+WORDS = {  # what a parameter is, where the law's field says less
+    "chi": "unloading factor, how steeply the plastic part of the force unloads (Eq. 11)",
+    "sigma": "size of the losses to sound and heat (Eq. 17)",
+    "psi": "exponent of these losses, how fast they grow with the velocity (Eq. 17)",
+    "eps_up": "restitution at first yield, Eq. (17) at v_cr: all that σ and ψ do above it",
+    "critical_velocity": "velocity of first yield, from the bodies",
+    "yield_ratio": "effective modulus over yield strength",
+    "c1": "χ̃ at E/Y = 0 (Eq. 18)",
+    "c2": "slope of χ̃ over E/Y (Eq. 18)",
+    "limit_velocity": "velocity at which nothing rebounds, √(3 Y/ρ) if not given",
+    "yield_factor": "pressure at yield over yield strength",
+    "loading_stiffness": "stiffness of loading",
+    "unloading_stiffness": "stiffness of unloading after the slowest impacts",
+    "growth": "growth of the unloading stiffness with the largest force",
+    "dissipation_time": "relaxation time of the viscous part of the force",
+    "youngs_modulus": "effective modulus of the pair",
+    "radius": "effective radius of the pair",
+    "mass": "effective mass of the pair",
+    "yield_strength": "yield strength",
+}
+DERIVED = {"critical_velocity": ("v_cr", "m/s"), "eps_up": ("ε_up", ""), "yield_ratio": ("E/Y", "")}
+DERIVED |= {"chi": ("χ̃", ""), "sigma": ("σ", ""), "psi": ("ψ", "")}
 
 
-def text(label: str) -> str:
-    """`χ̃` for chi, `χ̃[nylon]` for chi[nylon], with the unit where there is one."""
-    symbol, owner = _split(label)
-    return symbol.text + owner + (f" [{symbol.unit}]" if symbol.unit else "")
+def symbol(name: str, model: Any = None) -> Symbol:
+    """How a parameter of a law is written: as the law's field of that name declares."""
+    leaf = name.removeprefix(OF_CONTACT)
+    declared = None if model is None else model.parameters.get(name)
+    if declared is None and leaf in CONTACT_LEAVES:
+        declared = CONTACT_LEAVES[leaf]
+    if declared is not None and declared.symbol:
+        letter, unit = declared.symbol, declared.unit
+    else:
+        letter, unit = DERIVED.get(name, (name, ""))
+    return Symbol(letter, in_math(letter), "" if unit == "-" else unit)
 
 
-def math(label: str, unit: bool = True) -> str:
-    """The same for matplotlib, the data set's name behind a comma."""
-    symbol, owner = _split(label)
-    name = f"{symbol.math}, {owner[1:-1]}" if owner else symbol.math
-    return name + (f" [{symbol.unit}]" if unit and symbol.unit else "")
+def in_math(written: str) -> str:
+    """A symbol for matplotlib; what stands behind it ("E wall", "χ̃[nylon]") is kept."""
+    letter = written.partition(" ")[0].partition("[")[0]
+    plain = f"${letter}$" if len(letter) == 1 and letter.isascii() else letter.replace("_", " ")
+    return MATH.get(letter, plain) + written.removeprefix(letter)
 
 
-def _split(label: str) -> tuple[Symbol, str]:
-    name, bracket, owner = label.partition("[")
-    return SYMBOLS.get(name, Symbol(name, name.replace("_", " "))), bracket + owner
+def words(name: str, model: Any = None) -> str:
+    """What a parameter is; nothing where its law says nothing of it."""
+    leaf = name.removeprefix(OF_CONTACT)
+    declared = None if model is None else model.parameters.get(name)
+    said = "" if declared is None or declared.what == "number" else declared.what
+    built_in = model is None or model.key in LAWS or leaf in CONTACT_LEAVES
+    return WORDS.get(leaf, said) if built_in else said
+
+
+def text(name: str, model: Any = None) -> str:
+    """`χ̃` for chi, with the unit where there is one: `A [s]`."""
+    one = symbol(name, model)
+    return one.text + (f" [{one.unit}]" if one.unit else "")
+
+
+def math(name: str, model: Any = None, unit: bool = True) -> str:
+    """The same for matplotlib."""
+    one = symbol(name, model)
+    return one.math + (f" [{one.unit}]" if unit and one.unit else "")

@@ -1,14 +1,15 @@
-"""A fit on a terminal of 100 columns."""
+"""A fit on a terminal, of 100 columns or what there are."""
 
 import textwrap
 from collections.abc import Iterable
 from typing import Any
 
 from calibration.report import rows
-from calibration.report.rounding import number
 from calibration.report.tables import aligned
+from calibration.rounding import number
+from calibration.terminal import width
 
-WIDTH = 100
+MOST_SEARCHES = 12  # that are told one by one
 
 
 def terminal_report(result: Any, printed: rows.Printed | None = None, intro: str = "") -> str:
@@ -21,11 +22,13 @@ def terminal_report(result: Any, printed: rows.Printed | None = None, intro: str
     """
     blocks = [
         _wrapped(intro.splitlines() or rows.notes(result)),
-        _wrapped([rows.settings_line(result.settings)]),
-        _laid_out(rows.parameter_table(result, printed, methods=False)),
+        _wrapped([rows.settings_line(result)]),
+        _laid_out(rows.parameter_table(result, printed)),
+        _explained([*rows.meanings(result), *rows.told(result), *_intervals(result)]),
         _laid_out(rows.quality_table(result)),
+        _explained(rows.quality_words(result)),
         _line(result),
-        _laid_out(rows.optimiser_table(result)),
+        _searches(result),
         _beside(result),
         doubts(result),
     ]
@@ -39,16 +42,35 @@ def doubts(result: Any) -> list[str]:
         return [*lines, "No doubts were raised."]
     lines.append("Doubts:")
     for doubt in result.warnings:
-        lines += textwrap.wrap(str(doubt), WIDTH, initial_indent="  ! ", subsequent_indent="    ")
+        lines += textwrap.wrap(str(doubt), width(), initial_indent="  ! ", subsequent_indent="    ")
     return lines
 
 
 def _wrapped(paragraphs: Iterable[str]) -> list[str]:
-    return [line for text in paragraphs for line in textwrap.wrap(text, WIDTH)]
+    return [line for text in paragraphs for line in textwrap.wrap(text, width())]
+
+
+def _explained(lines: Iterable[str]) -> list[str]:
+    wrapped = textwrap.TextWrapper(width(), initial_indent="  ", subsequent_indent="    ")
+    return [one for line in lines for one in wrapped.wrap(line)]
+
+
+def _intervals(result: Any) -> list[str]:
+    return [f"{name} interval: {text}" for name, text in rows.used_methods(result).items()]
 
 
 def _laid_out(table: rows.Table) -> list[str]:
     return aligned(table.header, table.rows, table.right) if table.rows else []
+
+
+def _searches(result: Any) -> list[str]:
+    """What each search took; of very many the sums."""
+    stages = result.optimiser_report
+    if len(stages) <= MOST_SEARCHES:
+        return _laid_out(rows.optimiser_table(result))
+    seconds = sum(result.times.get(stage.label, 0.0) for stage in stages)
+    evaluations = sum(stage.evaluations for stage in stages)
+    return [f"{len(stages)} searches, {evaluations} evaluations, {number(seconds, 2)} s"]
 
 
 def _line(result: Any) -> list[str]:
@@ -62,15 +84,10 @@ def _beside(result: Any) -> list[str]:
     other = result.beside
     if other is None:
         return []
+    own = sum(result.times.get(stage.label, 0.0) for stage in result.optimiser_report)
     text = (
-        f"LM: the same fit by {other['optimiser']} through the {other['route']}"
-        f"{_times(result)}. Its values differ by {number(other['largest_difference'], 2)} of each "
-        "at most."
+        f"LM: the same fit by {other['optimiser']} through the {other['route']}, "
+        f"{number(other['seconds'], 2)} s against {number(own, 2)} s. Its values differ by "
+        f"{number(other['largest_difference'], 2)} of each at most."
     )
     return _wrapped([text])
-
-
-def _times(result: Any) -> str:
-    own = sum(result.times.get(stage.stage, 0.0) for stage in result.optimiser_report)
-    other = result.times.get("beside")
-    return "" if other is None else f", {number(other, 2)} s against {number(own, 2)} s"

@@ -20,20 +20,12 @@ from softjax._numerics import (
     implicit_fraction,
     implicit_root,
     rough_power,
-    safe_sqrt,
     third_order_root,
 )
 
 # Enough for 200 000 impacts at 1 - y/y_max from 1e-16 to 1e-1, the hardest: rounding error is left.
 MOST_STEPS = 12
 END_STEPS = 7
-
-
-def loading_work(x: Array, d: Array) -> Array:
-    """W_L(x), Eq. (9)."""
-    s = safe_sqrt(x)
-    plastic = jnp.where(x > 1, s, 1.0)
-    return 0.4 * s**5 - 0.4 * plastic**5 * (1 - work_ratio(1.0, 1 / plastic, d * plastic**2))
 
 
 def work_ratio(n, i, a):
@@ -134,15 +126,6 @@ def release(peak: Array, d: Array, X: Array) -> tuple[Array, Array, Array]:
     r, q = jnp.where(has_root, r, 0.0), jnp.where(has_root, q, 1.0)
     work = s**5 * _work_ratio(r, q, c3, c1, yielded, X)
     return peak * r**2, peak * q * (1 + r), work
-
-
-def unloading_work(peak: Array, recovered: Array, d: Array, X: Array) -> Array:
-    """∫ p_U dx from x_m - recovered to x_m."""
-    s = jnp.sqrt(peak)
-    part = recovered / peak
-    r = safe_sqrt(1 - part)
-    yielded = d * _plastic_area(peak, s) / (peak * s)
-    return s**5 * _work_ratio(r, part / (1 + r), 1 - d * peak, d / peak, yielded, X)
 
 
 def _work_ratio(r, q, c3, c1, yielded, X):

@@ -18,6 +18,7 @@ from softjax._numerics import (
     implicit_root,
     integrate,
     parabolic_step,
+    power_3_2,
     refine,
     safe_power,
     safe_sqrt,
@@ -27,12 +28,6 @@ from softjax._numerics import (
 # them to rounding error.
 MOST_STEPS = 20
 NODES = 20
-
-
-def power_3_2(x: Array) -> Array:
-    """x^{3/2}, 0 for x <= 0: where cosθ is not real the rim carries nothing."""
-    positive = jnp.maximum(x, 0.0)
-    return positive * safe_sqrt(positive)
 
 
 def end(d: Array) -> Array:
@@ -126,13 +121,6 @@ def release(peak: Array, d: Array, X: Array) -> tuple[Array, Array, Array]:
 def has_root(peak: Array, d: Array, X: Array) -> Array:
     """Whether p_U(0) < 0: (x_m² - 1)(X - 1) > (2/3)^{3/2} √d."""
     return (peak - 1) * (peak + 1) * (X - 1) > (2 / 3) ** 1.5 * jnp.sqrt(d)
-
-
-def unloading_work(peak: Array, recovered: Array, d: Array, X: Array) -> Array:
-    """∫ p_U dx from x_m - recovered to x_m."""
-    g = recovered / peak
-    elastic, rest, yielded = _coefficients(peak, d)
-    return _work(peak, 1 - g, g, elastic, rest, yielded, X)
 
 
 def _coefficients(peak, d):

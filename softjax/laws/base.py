@@ -1,148 +1,52 @@
 """What a contact law gives, and so which route to the restitution it can take.
 
-A law speaks SI. What the routes integrate is its *reduced* form: overlap x in units of the law's
-overlap scale L, impact velocity y in units of its velocity scale V, time in L/V and force in
-(5/4) M V²/L, so that every law obeys
-
-    x'' = -(5/4) p(x),  x(0) = 0,  x'(0) = y        and        ∫ p dx = (2/5) y² up to the peak.
-
-With Hertz's law and first yield as scales (L = δ_cr, V = v_cr) this is p = x^{3/2}.
-
     ContactLaw
     ├── RateIndependentLaw    force depends on the overlap and its peak: energy balance or ODE
     ├── RateDependentLaw      force depends on the velocity as well: ODE only
     └── HardSphereLaw         no force, only ε(v): nothing to integrate, no history, no contact
 
-    ReducedRateIndependent    loading and unloading force
-    └── ReducedClosedForm     their works and roots too, so that nothing is left to quadrature
-    ReducedRateDependent      elastic and dissipative(overlap, velocity) force, and where they end
+A law of one's own gives its forces in newtons over overlaps in metres and needs no more. Those of
+this library give a reduced form (`laws.reduced`) instead, which is faster and loses fewer digits.
 
 Numbers, options and whole fields of a law are declared (`softjax.fields`): their checks, validity
 under tracing, and what a fit knows of them follow from that.
 """
 
 from abc import abstractmethod
-from typing import Any, ClassVar, Literal, NamedTuple
+from collections.abc import Iterable
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from softjax._checks import check_type
-from softjax._numerics import safe_power
+from softjax._checks import check_choice, check_type
+from softjax._numerics import quotient
 from softjax.contact import Contact
 from softjax.fields import are_valid, check_fields
+from softjax.laws.forces import reduced_by_forces
+from softjax.laws.reduced import (
+    ENDS,
+    Reduced,
+    ReducedClosedForm,
+    ReducedRateDependent,
+    ReducedRateIndependent,
+    lifted,
+)
+from softjax.laws.units import Scales, hertz_scales
 
-End = Literal["zero-overlap", "zero-force"]  # where a contact with damping ends
-ENDS = ("zero-overlap", "zero-force")
-
-
-class Scales(NamedTuple):
-    """The units of a reduced collision."""
-
-    overlap: Array  # L [m]
-    velocity: Array  # V [m/s]
-
-    @property
-    def time(self) -> Array:
-        """L/V [s]."""
-        return self.overlap / self.velocity
-
-
-class Outcome(NamedTuple):
-    """A collision in reduced variables, as either route computes it."""
-
-    peak: Array  # x_m, the largest overlap
-    residual: Array  # x*, where the unloading force vanishes; 0 where it does not
-    plastic_squared: Array  # ε_p², the part of the impact energy that the force gives back
-    turns: Array  # whether the bodies ever come to rest against each other
-
-
-class ReducedRateIndependent(eqx.Module):
-    """Forces of the overlap x and, on unloading, of its largest value x_m.
-
-    Up to `elastic_limit` loading and unloading follow one power law with work (2/5) x^k,
-    k = `work_exponent`: p = x^{3/2} with Hertz's 5/2, p = (4/5) x with the linear spring's 2.
-    A law that never leaves this stage has the limit infinity, one without it 0.
-    """
-
-    work_exponent: ClassVar[float] = 2.5
-    elastic_limit: ClassVar[float] = 1.0
-
-    @abstractmethod
-    def loading(self, x: Array) -> Array:
-        """p_L(x) >= 0 for 0 <= x <= `end()`."""
-
-    @abstractmethod
-    def unloading(self, x: Array, peak: Array) -> Array:
-        """p_U(x; x_m), equal to p_L(x_m) at x = x_m."""
-
-    def releases(self, peak: Array) -> Array:
-        """Whether the unloading force vanishes at some positive overlap."""
-        return self.unloading(jnp.zeros_like(peak), peak) < 0
-
-    def residual(self, peak: Array) -> Array | None:
-        """x* where the law writes its unloading force about it; None leaves its root to search."""
-        return None
-
-    def end(self) -> Array:
-        """The overlap at which the loading force vanishes or ends; infinite where it never does."""
-        return jnp.asarray(jnp.inf)
-
-    def beyond_expansion(self, peak: Array) -> Array:
-        """Whether the law was pushed beyond the range it was derived for."""
-        return jnp.zeros_like(peak, dtype=bool)
-
-
-class ReducedClosedForm(ReducedRateIndependent):
-    """A rate-independent law whose works and roots are known, beside its forces."""
-
-    @abstractmethod
-    def loading_work(self, x: Array) -> Array:
-        """W_L(x) = ∫_0^x p_L dx."""
-
-    @abstractmethod
-    def largest_velocity(self) -> Array:
-        """y_max, from which on no collision turns: W_L(end) = (2/5) y_max²."""
-
-    @abstractmethod
-    def peak(self, y: Array) -> Array:
-        """x_m with W_L(x_m) = (2/5) y², for 1 <= y < y_max."""
-
-    @abstractmethod
-    def release(self, peak: Array) -> tuple[Array, Array, Array]:
-        """Residual overlap x* (p_U(x*) = 0, or 0), what is recovered x_m - x*, and its work.
-
-        The difference is given beside its terms because it would cancel where x* nears x_m.
-        """
-
-    @abstractmethod
-    def unloading_work(self, peak: Array, recovered: Array) -> Array:
-        """∫ p_U dx from x_m - recovered to x_m."""
-
-
-class ReducedRateDependent(eqx.Module):
-    """An elastic force with work (2/5) x^k, k = `work_exponent`, and one that takes energy.
-
-    `ends_at` says where the contact ends: where the overlap vanishes again, or where the damping
-    force cancels the elastic one. For the latter their ratio must grow throughout unloading; it
-    does where |p_D|/(|x'| x^{k-1}) falls with x.
-    """
-
-    work_exponent: ClassVar[float] = 2.5
-    ends_at: eqx.AbstractVar[str]
-
-    @abstractmethod
-    def dissipative(self, x: Array, velocity: Array) -> Array:
-        """p_D(x, x'), of the sign of x' and zero with it."""
-
-    def elastic(self, x: Array) -> Array:
-        """p_E(x)."""
-        return 0.4 * self.work_exponent * safe_power(x, self.work_exponent - 1)
-
-    def force(self, x: Array, velocity: Array) -> Array:
-        """p(x, x') = p_E + p_D."""
-        return self.elastic(x) + self.dissipative(x, velocity)
+__all__ = [
+    "ContactLaw",
+    "ForceLaw",
+    "HardSphereLaw",
+    "RateDependentLaw",
+    "RateIndependentLaw",
+    "Reduced",
+    "ReducedClosedForm",
+    "ReducedRateDependent",
+    "ReducedRateIndependent",
+    "Scales",
+]
 
 
 class ContactLaw(eqx.Module):
@@ -157,10 +61,6 @@ class ContactLaw(eqx.Module):
 
     def __check_init__(self):
         check_fields(self)
-
-    @abstractmethod
-    def scales(self) -> Scales:
-        """The overlap [m] and velocity [m/s] in which the reduced law is written."""
 
     def is_valid(self) -> Array:
         """Whether all fields are numbers the law accepts (where tracing kept them unchecked)."""
@@ -182,34 +82,60 @@ class ForceLaw(ContactLaw):
     def __check_init__(self):
         check_type("contact", self.contact, Contact, "a Contact")
 
+    def scales(self) -> Scales:
+        """The overlap [m] and velocity [m/s] in which the reduced law is written: Hertz's."""
+        return hertz_scales(self.contact)
+
     @abstractmethod
     def reduced(self) -> Any:
         """The law in the units of `scales`."""
 
-    def force_scale(self):
+    @abstractmethod
+    def reduced_at(self, velocity: Array) -> Reduced:
+        """Impacts at v > 0 [m/s] as the routes take them."""
+
+    def force_scale(self, scales: Scales | None = None):
         """(5/4) M V²/L [N]."""
-        scales = self.scales()
-        return 1.25 * self.contact.mass * scales.velocity * (scales.velocity / scales.overlap)
+        scales = self.scales() if scales is None else scales
+        return 1.25 * self.contact.mass * scales.velocity * quotient(*reversed(scales))
+
+    @classmethod
+    def _speaks_si(cls) -> bool:
+        """Whether the law is given by its forces in newtons, and not reduced."""
+        return not any("reduced" in vars(kind) for kind in cls.__mro__ if kind not in _ABSTRACT)
 
 
 class RateIndependentLaw(ForceLaw):
     """A law whose force depends on the overlap and its largest value: either route.
 
+    To bring one's own, give both forces [N]; they are asked for one overlap [m] at a time.
+
+        class Cone(sj.RateIndependentLaw):
+            contact: sj.Contact
+            hardness: float  # [N/m²]
+
+            def loading_force(self, overlap):
+                return self.hardness * overlap**2
+
+            def unloading_force(self, overlap, peak_overlap):
+                return self.hardness * peak_overlap * jnp.maximum(2 * overlap - peak_overlap, 0)
+
+    The contact ends at the last zero of the unloading force below its peak, or at zero overlap.
+    Optional, and honoured by both routes: `breakpoints`, `elastic_overlap`, `residual_overlap`.
+
     `jumps_at_yield` says whether ε jumps where an impact leaves the elastic stage. A search that
-    moves what yield depends on then holds every impact on its branch during a step.
+    moves what yield depends on then holds every impact on its branch during a step. `never_yields`
+    says that every impact is elastic.
     """
 
     jumps_at_yield: ClassVar[bool] = False
+    never_yields: ClassVar[bool] = False
 
-    @abstractmethod
-    def reduced(self) -> ReducedRateIndependent:
-        """The law in the units of `scales`."""
-
-    def elastic_velocity(self) -> Array:
-        """The impact velocity [m/s] up to which nothing yields; infinite or 0 for laws without."""
-        reduced = self.reduced()
-        limit = reduced.elastic_limit ** (reduced.work_exponent / 2)
-        return jnp.asarray(self.scales().velocity) * limit
+    def __check_init__(self):
+        forces = ("loading_force", "unloading_force")
+        missing = [n for n in forces if getattr(type(self), n) is getattr(RateIndependentLaw, n)]
+        if self._speaks_si() and missing:
+            raise ValueError(f"`{type(self).__name__}` must define {' and '.join(missing)}")
 
     def loading_force(self, overlap) -> Array:
         """Contact force [N] on loading at `overlap` [m]."""
@@ -222,19 +148,89 @@ class RateIndependentLaw(ForceLaw):
         x, peak = jnp.asarray(overlap) / length, jnp.asarray(peak_overlap) / length
         return self.force_scale() * self.reduced().unloading(x, peak)
 
+    def breakpoints(self) -> Iterable:
+        """Overlaps [m] at which a force has a kink; each is one value, or one an impact."""
+        return ()
+
+    def elastic_overlap(self) -> Array | float:
+        """The overlap [m] up to which loading and unloading are Hertz's; infinite: always."""
+        return 0.0
+
+    def residual_overlap(self, peak_overlap) -> Array | None:
+        """The last zero [m] of the unloading force below its peak, where it is known.
+
+        None leaves it to a search, which finds it to rounding, and its derivative to 1e-9.
+        """
+        return None
+
+    def reduced(self) -> ReducedRateIndependent:
+        """The law in the units of `scales`; a law in SI is reduced impact by impact."""
+        name = type(self).__name__
+        raise ValueError(f"`{name}` is given by its forces: it has no reduced form of its own")
+
+    def reduced_at(self, velocity: Array) -> Reduced:
+        if self._speaks_si():
+            return reduced_by_forces(self, velocity)
+        return lifted(self.reduced(), self.scales(), velocity)
+
+    def elastic_velocity(self):
+        """The impact velocity [m/s] up to which nothing yields; infinite or 0 for laws without."""
+        scales, exponent = self.elastic_scales()
+        limit = self.reduced().elastic_limit if not self._speaks_si() else self._elastic_strain()
+        return scales.velocity * limit ** (exponent / 2)
+
+    def elastic_scales(self) -> tuple[Scales, float]:
+        """Units in which elastic impacts follow a power law with work (2/5) x^k, and k."""
+        return self.scales(), 2.5 if self._speaks_si() else self.reduced().work_exponent
+
+    def _elastic_strain(self):
+        return jnp.asarray(self.elastic_overlap()) / self.scales().overlap
+
 
 class RateDependentLaw(ForceLaw):
-    """A law whose force depends on the velocity too: no energy balance, only the ODE."""
+    """A law whose force depends on the velocity too: no energy balance, only the ODE.
 
-    @abstractmethod
-    def reduced(self) -> ReducedRateDependent:
-        """The law in the units of `scales`."""
+    To bring one's own, give the force [N] and say where the contact ends; it is asked for one
+    overlap [m] and its rate [m/s] at a time.
+
+        class HuntCrossley(sj.RateDependentLaw):
+            contact: sj.Contact
+            dissipation: float  # [s/m]
+            end = "zero-force"
+
+            def force(self, overlap, velocity):
+                elastic = self.contact.stiffness * overlap**1.5
+                return elastic * (1 + self.dissipation * velocity)
+
+    `end`: "zero-overlap", or "zero-force", where damping cancels the elastic force (or the overlap
+    vanishes first). The force at rest is what the bodies store, the rest is what they lose.
+    """
+
+    def __check_init__(self):
+        if self._speaks_si():
+            name = type(self).__name__
+            if type(self).force is RateDependentLaw.force:
+                raise ValueError(f"`{name}` must define force")
+            check_choice("end", getattr(self, "end", None), ENDS)
 
     def force(self, overlap, velocity) -> Array:
         """Contact force [N] at `overlap` [m] and its rate `velocity` [m/s]."""
         scales = self.scales()
         x, u = jnp.asarray(overlap) / scales.overlap, jnp.asarray(velocity) / scales.velocity
         return self.force_scale() * self.reduced().force(x, u)
+
+    def reduced(self) -> ReducedRateDependent:
+        """The law in the units of `scales`; a law in SI is reduced impact by impact."""
+        name = type(self).__name__
+        raise ValueError(f"`{name}` is given by its force: it has no reduced form of its own")
+
+    def reduced_at(self, velocity: Array) -> Reduced:
+        if self._speaks_si():
+            return reduced_by_forces(self, velocity)
+        return lifted(self.reduced(), self.scales(), velocity)
+
+
+_ABSTRACT = (ContactLaw, ForceLaw, RateIndependentLaw, RateDependentLaw)
 
 
 class HardSphereLaw(ContactLaw):
@@ -250,7 +246,3 @@ class HardSphereLaw(ContactLaw):
 
     def total_restitution(self, plastic_squared, velocity, elastic) -> tuple[Array, Array]:
         return plastic_squared, velocity >= self.limit()
-
-    def scales(self) -> Scales:
-        """No scale enters."""
-        return Scales(jnp.asarray(1.0), jnp.asarray(1.0))

@@ -73,13 +73,8 @@ def empirical_restitution(
     check_broadcast(numbers_of(law) | {"velocity": velocity})
     velocity = jnp.asarray(velocity)
     valid = law.is_valid() & jnp.isfinite(velocity) & (velocity >= 0)
-    limit = jnp.where(
-        valid, law.limit_velocity, 1.0
-    )  # harmless numbers where the answer is not used
-    exponent = sound_and_heat_exponent(
-        jnp.where(valid, velocity, 0.5),
-        limit,
-        jnp.where(valid, law.sigma, 1.0),
-        jnp.where(valid, law.psi, 1.0),
-    )
+    # harmless numbers where the answer is not used
+    numbers = (velocity, law.limit_velocity, law.sigma, law.psi)
+    some = (jnp.where(valid, number, 1.0) for number in numbers)
+    exponent = sound_and_heat_exponent(*some)
     return jnp.where(valid, jnp.exp(-exponent), 0.0)

@@ -1,4 +1,4 @@
-"""Hertz's elastic contact of two spheres, and the scales of every law built upon it.
+"""Hertz's elastic contact of two spheres.
 
 H. Hertz, Über die Berührung fester elastischer Körper, J. reine angew. Math. 92, 156 (1882).
 """
@@ -8,8 +8,9 @@ import math
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from softjax._numerics import power_3_2, safe_sqrt
 from softjax.contact import Contact
-from softjax.laws.base import RateIndependentLaw, ReducedClosedForm, Scales
+from softjax.laws.base import RateIndependentLaw, ReducedClosedForm
 
 
 class Hertz(RateIndependentLaw):
@@ -34,24 +35,12 @@ class Hertz(RateIndependentLaw):
         ValueError: naming the field, its value and what is accepted.
     """
 
-    contact: Contact
+    never_yields = True
 
-    def scales(self) -> Scales:
-        return hertz_scales(self.contact)
+    contact: Contact
 
     def reduced(self) -> "ReducedHertz":
         return ReducedHertz()
-
-
-def hertz_scales(contact: Contact) -> Scales:
-    """L = R and V = √(4k/5M) R^{5/4}: units in which Hertz's law is x'' = -(5/4) x^{3/2}.
-
-    First yield is no part of these laws, so that their units cannot be those of yield.
-    """
-    radius = jnp.asarray(contact.radius)
-    # a quotient of roots: the derivative of one by M leaves float32's range at M = 1e-20 kg
-    root = radius * jnp.sqrt(radius) / jnp.sqrt(contact.mass)
-    return Scales(radius, jnp.sqrt(16 / 15 * contact.youngs_modulus) * root)
 
 
 class ReducedHertz(ReducedClosedForm):
@@ -60,13 +49,10 @@ class ReducedHertz(ReducedClosedForm):
     elastic_limit = math.inf
 
     def loading(self, x: Array) -> Array:
-        return x * jnp.sqrt(x)
+        return power_3_2(x)
 
     def unloading(self, x: Array, peak: Array) -> Array:
-        return x * jnp.sqrt(x)
-
-    def loading_work(self, x: Array) -> Array:
-        return 0.4 * x * x * jnp.sqrt(x)
+        return power_3_2(x)
 
     def largest_velocity(self) -> Array:
         return jnp.asarray(jnp.inf)
@@ -75,7 +61,4 @@ class ReducedHertz(ReducedClosedForm):
         return y**0.8
 
     def release(self, peak: Array) -> tuple[Array, Array, Array]:
-        return jnp.zeros_like(peak), peak, self.loading_work(peak)
-
-    def unloading_work(self, peak: Array, recovered: Array) -> Array:
-        return self.loading_work(peak) - self.loading_work(peak - recovered)
+        return jnp.zeros_like(peak), peak, 0.4 * peak * peak * safe_sqrt(peak)

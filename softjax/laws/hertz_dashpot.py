@@ -16,9 +16,10 @@ from softjax._checks import as_real, check
 from softjax._numerics import safe_power
 from softjax.contact import Contact
 from softjax.fields import Number, choice_field, number_field
-from softjax.laws.base import ENDS, End, RateDependentLaw, ReducedRateDependent, Scales
-from softjax.laws.hertz import hertz_scales
+from softjax.laws.base import RateDependentLaw
 from softjax.laws.linear_dashpot import SET_RESTITUTION, damping_fraction
+from softjax.laws.reduced import ENDS, End, Reduced, ReducedRateDependent
+from softjax.laws.units import hertz_scales_at
 
 
 class HertzDashpot(RateDependentLaw):
@@ -72,11 +73,12 @@ class HertzDashpot(RateDependentLaw):
         fraction = jnp.asarray(alpha) / math.sqrt(5)
         return cls(contact, jnp.exp(-math.pi * fraction / jnp.sqrt(1 - fraction**2)), end)
 
-    def scales(self) -> Scales:
-        return hertz_scales(self.contact)
-
     def reduced(self) -> "ReducedHertzDashpot":
         return ReducedHertzDashpot(damping_fraction(self.restitution), self.end)
+
+    def reduced_at(self, velocity: Array) -> Reduced:
+        scales = hertz_scales_at(self.contact, velocity)
+        return Reduced(self.reduced(), scales, jnp.ones_like(scales.overlap))
 
 
 class ReducedHertzDashpot(ReducedRateDependent):

@@ -13,7 +13,9 @@ from jaxtyping import Array
 
 from softjax.contact import Contact
 from softjax.fields import Number, choice_field, number_field
-from softjax.laws.base import ENDS, End, RateDependentLaw, ReducedRateDependent, Scales
+from softjax.laws.base import RateDependentLaw
+from softjax.laws.reduced import ENDS, End, Reduced, ReducedRateDependent
+from softjax.laws.units import Scales
 
 # what a dashpot law is set to: no finite damping gives ε = 0
 SET_RESTITUTION = ("ε", "-", "coefficient of restitution", "(0, 1]")
@@ -67,6 +69,12 @@ class LinearSpringDashpot(RateDependentLaw):
 
     def reduced(self) -> "ReducedLinearDashpot":
         return ReducedLinearDashpot(damping_fraction(self.restitution), self.end)
+
+    def reduced_at(self, velocity: Array) -> Reduced:
+        """In units of each impact: v/ω0 and v."""
+        radius, pace = self.scales()
+        scales = Scales(radius * (velocity / pace), jnp.asarray(velocity))
+        return Reduced(self.reduced(), scales, jnp.ones_like(scales.overlap))
 
 
 class ReducedLinearDashpot(ReducedRateDependent):

@@ -9,11 +9,12 @@ In the units of first yield, x = δ/δ_y and forces in k δ_y^{3/2}, nothing is 
 from dataclasses import replace
 from typing import Literal
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from softjax._checks import as_real, check, check_broadcast
-from softjax._numerics import safe_power
+from softjax._numerics import power_3_2
 from softjax.contact import Contact
 from softjax.fields import Number, choice_field, number_field, numbers_of
 from softjax.laws.base import RateIndependentLaw, ReducedClosedForm, Scales
@@ -68,6 +69,10 @@ class Thornton(RateIndependentLaw):
         yielding = _yielding_contact(self.contact, self.yield_factor, self.area)
         return Scales(yielding.critical_overlap, yielding.critical_velocity)
 
+    def elastic_velocity(self):
+        """V_y [m/s]."""
+        return self.scales().velocity
+
     def reduced(self) -> "ReducedThornton":
         return ReducedThornton()
 
@@ -93,19 +98,24 @@ def thornton_restitution(
         The coefficient of restitution [-], of the broadcast shape; gradient 0 for v <= V_y.
 
     Raises:
-        ValueError: naming the argument, its value and what is accepted.
+        ValueError: naming the argument, its value and what is accepted. Under `jit` nothing is
+            raised: there 0 with gradient 0 tells of arguments that are none.
     """
     law = Thornton(contact, yield_factor, area)  # its checks are those of the arguments
     velocity = as_real(velocity)
     check("velocity", velocity, lambda v: v >= 0, "a finite impact velocity in m/s, zero or more")
     check_broadcast(numbers_of(law) | {"velocity": velocity})
-    scale = law.scales().velocity
     velocity = jnp.asarray(velocity)
-    yields = velocity > scale
+    sound = law.is_valid()
+    valid = sound & jnp.isfinite(velocity) & (velocity >= 0)
+    # harmless numbers where the answer is not used
+    scale = jax.tree.map(lambda leaf: jnp.where(sound, leaf, 1.0), law).scales().velocity
+    yields = valid & (velocity > scale)
     r = jnp.where(yields, scale / jnp.where(yields, velocity, 2.0 * scale), 1.0)
     root = jnp.sqrt(1.2 - 0.2 * r * r)
     # √(6√3/5) √(1 - r²/6) = 3^{1/4} √(6/5 - r²/5)
-    return jnp.where(yields, root * (3 * r / (r + 2 * root)) ** 0.25, 1.0)
+    yielded = root * (3 * r / (r + 2 * root)) ** 0.25
+    return jnp.where(valid, jnp.where(yields, yielded, 1.0), 0.0)
 
 
 def _yielding_contact(contact: Contact, yield_factor, area: Area) -> Contact:
@@ -124,25 +134,24 @@ class ReducedThornton(ReducedClosedForm):
     x_m - x* = p_m/√x_m: the contact radius at the peak is that of both loading and unloading.
     """
 
+    powers_about = "residual-overlap"
+
     def loading(self, x: Array) -> Array:
-        return jnp.where(x > 1, 1 + 1.5 * (x - 1), x * jnp.sqrt(x))
+        return jnp.where(x > 1, 1 + 1.5 * (x - 1), power_3_2(jnp.minimum(x, 1.0)))
 
     def unloading(self, x: Array, peak: Array) -> Array:
-        recovered = self._recovered(peak)
-        part = 1 - (peak - x) / recovered
-        return self.loading(peak) * safe_power(jnp.maximum(part, 0.0), 1.5)
+        return self.unloading_at(x, peak - x, peak)
+
+    def unloading_at(self, x: Array, recovered: Array, peak: Array) -> Array:
+        return self.loading(peak) * power_3_2(1 - recovered / self.recovered(peak))
 
     def releases(self, peak: Array) -> Array:
-        return peak > 1
+        return jnp.ones_like(peak, dtype=bool)  # at yield too, where x* rounds to zero
 
     def residual(self, peak: Array) -> Array:
         excess = jnp.maximum(peak - 1, 0.0) / (jnp.sqrt(peak) + 1)  # √x_m - 1
         # x_m^{3/2} - p_m, its cancelling terms multiplied out
         return excess * excess * (excess + 1.5) / jnp.sqrt(peak)
-
-    def loading_work(self, x: Array) -> Array:
-        beyond = x - 1
-        return jnp.where(x > 1, 0.4 + beyond + 0.75 * beyond**2, 0.4 * x * x * jnp.sqrt(x))
 
     def largest_velocity(self) -> Array:
         return jnp.asarray(jnp.inf)
@@ -152,15 +161,9 @@ class ReducedThornton(ReducedClosedForm):
         return 1 + 0.8 * (y - 1) * (y + 1) / (force + 1)
 
     def release(self, peak: Array) -> tuple[Array, Array, Array]:
-        recovered = self._recovered(peak)
+        recovered = self.recovered(peak)
         return self.residual(peak), recovered, 0.4 * self.loading(peak) * recovered
 
-    def unloading_work(self, peak: Array, recovered: Array) -> Array:
-        whole = self._recovered(peak)
-        most = 1 - jnp.finfo(whole.dtype).epsneg  # log1p(-1) has no derivative
-        lost = jnp.log1p(-jnp.minimum(recovered / whole, most))
-        return -0.4 * self.loading(peak) * whole * jnp.expm1(2.5 * lost)
-
-    def _recovered(self, peak: Array) -> Array:
+    def recovered(self, peak: Array) -> Array:
         """x_m - x*."""
         return self.loading(peak) / jnp.sqrt(peak)

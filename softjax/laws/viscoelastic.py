@@ -9,11 +9,12 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from softjax._numerics import safe_sqrt
+from softjax._numerics import quotient, safe_sqrt
 from softjax.contact import Contact
 from softjax.fields import Number, number_field
-from softjax.laws.base import End, RateDependentLaw, ReducedRateDependent, Scales
-from softjax.laws.hertz import hertz_scales
+from softjax.laws.base import RateDependentLaw
+from softjax.laws.reduced import End, Reduced, ReducedRateDependent
+from softjax.laws.units import Scales, hertz_scales_at
 
 
 class ViscoelasticHertz(RateDependentLaw):
@@ -46,11 +47,15 @@ class ViscoelasticHertz(RateDependentLaw):
     contact: Contact
     dissipation_time: Number = number_field("A", "s", "time", within="[0, inf)")
 
-    def scales(self) -> Scales:
-        return hertz_scales(self.contact)
-
     def reduced(self) -> "ReducedViscoelastic":
-        return ReducedViscoelastic(jnp.asarray(self.dissipation_time) / self.scales().time)
+        return self._over(self.scales())
+
+    def reduced_at(self, velocity: Array) -> Reduced:
+        scales = hertz_scales_at(self.contact, velocity)
+        return Reduced(self._over(scales), scales, jnp.ones_like(scales.overlap))
+
+    def _over(self, scales: Scales) -> "ReducedViscoelastic":
+        return ReducedViscoelastic(quotient(self.dissipation_time, scales.time))
 
 
 class ReducedViscoelastic(ReducedRateDependent):

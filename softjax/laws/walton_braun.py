@@ -11,7 +11,7 @@ from jaxtyping import Array
 from softjax._checks import is_traced
 from softjax.contact import Contact
 from softjax.fields import Number, number_field
-from softjax.laws.base import RateIndependentLaw, ReducedClosedForm, Scales
+from softjax.laws.base import RateIndependentLaw, Reduced, ReducedClosedForm, Scales
 
 
 class WaltonBraun(RateIndependentLaw):
@@ -61,8 +61,17 @@ class WaltonBraun(RateIndependentLaw):
         return Scales(radius, radius * frequency)
 
     def reduced(self) -> "ReducedWaltonBraun":
+        return self._over(self.scales().overlap)
+
+    def reduced_at(self, velocity: Array) -> Reduced:
+        """In units of each impact: v √(M/k1), the largest overlap, and v."""
+        radius, pace = self.scales()
+        scales = Scales(radius * (velocity / pace), jnp.asarray(velocity))
+        return Reduced(self._over(scales.overlap), scales, jnp.ones_like(scales.overlap))
+
+    def _over(self, length) -> "ReducedWaltonBraun":
         ratio = jnp.asarray(self.unloading_stiffness) / self.loading_stiffness
-        return ReducedWaltonBraun(ratio, jnp.asarray(self.growth) * self.contact.radius)
+        return ReducedWaltonBraun(ratio, jnp.asarray(self.growth) * length)
 
 
 def _check_stiffer(loading, unloading) -> None:
@@ -85,6 +94,7 @@ class ReducedWaltonBraun(ReducedClosedForm):
 
     work_exponent = 2.0
     elastic_limit = 0.0  # unloading differs from the first touch on
+    powers_about = "residual-overlap"
 
     ratio: Array
     growth: Array
@@ -93,16 +103,16 @@ class ReducedWaltonBraun(ReducedClosedForm):
         return 0.8 * x
 
     def unloading(self, x: Array, peak: Array) -> Array:
-        return 0.8 * (peak - self._stiffening(peak) * (peak - x))
+        return self.unloading_at(x, peak - x, peak)
+
+    def unloading_at(self, x: Array, recovered: Array, peak: Array) -> Array:
+        return 0.8 * (peak - self._stiffening(peak) * recovered)
 
     def releases(self, peak: Array) -> Array:
         return self._stiffening(peak) >= 1
 
     def residual(self, peak: Array) -> Array:
-        return jnp.maximum(peak - self._recovered(peak), 0.0)
-
-    def loading_work(self, x: Array) -> Array:
-        return 0.4 * x * x
+        return jnp.maximum(peak - self.recovered(peak), 0.0)
 
     def largest_velocity(self) -> Array:
         return jnp.asarray(jnp.inf)
@@ -111,16 +121,14 @@ class ReducedWaltonBraun(ReducedClosedForm):
         return y * jnp.ones_like(self.ratio)
 
     def release(self, peak: Array) -> tuple[Array, Array, Array]:
-        recovered = self._recovered(peak)
-        return self.residual(peak), recovered, self.unloading_work(peak, recovered)
-
-    def unloading_work(self, peak: Array, recovered: Array) -> Array:
-        return 0.8 * recovered * (peak - 0.5 * self._stiffening(peak) * recovered)
+        recovered = self.recovered(peak)
+        work = 0.8 * recovered * (peak - 0.5 * self._stiffening(peak) * recovered)
+        return self.residual(peak), recovered, work
 
     def _stiffening(self, peak: Array) -> Array:
         """K = k2/k1."""
         return self.ratio + self.growth * peak
 
-    def _recovered(self, peak: Array) -> Array:
+    def recovered(self, peak: Array) -> Array:
         """x_m - x*: all of x_m where the unloading spring is the softer one."""
         return peak / jnp.maximum(self._stiffening(peak), 1.0)

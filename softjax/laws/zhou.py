@@ -16,7 +16,7 @@ import math
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from softjax._numerics import safe_sqrt
+from softjax._numerics import power_3_2, safe_sqrt
 from softjax.contact import Contact
 from softjax.empirical import PSI, SIGMA, sound_and_heat_exponent
 from softjax.fields import Number, choice_field, number_field
@@ -66,6 +66,10 @@ class Zhou(RateIndependentLaw):
         """δ_cr and v_cr, Eq. (5)."""
         return Scales(self.contact.critical_overlap, self.contact.critical_velocity)
 
+    def elastic_velocity(self):
+        """v_cr [m/s], Eq. (5b)."""
+        return self.contact.critical_velocity
+
     def plasticity(self):
         """d = 2κ/3 [-]."""
         if self.kappa == "printed":
@@ -102,9 +106,13 @@ class FirstOrder(ReducedClosedForm):
         return x * root + jnp.where(x > 1, yielded, 0.0)
 
     def unloading(self, x: Array, peak: Array) -> Array:
+        return self.unloading_at(x, peak - x, peak)
+
+    def unloading_at(self, x: Array, recovered: Array, peak: Array) -> Array:
         root = safe_sqrt(x)
         elastic = (1 - self.d * peak) * x * root + self.d * root  # Eq. (12)
-        return elastic + self.d * (peak**2 - 1) * (1 - self.X * (1 - x / peak))  # Eq. (12)
+        yielded = self.d * ((peak - 1) * (peak + 1))
+        return elastic + yielded * (1 - self.X * (recovered / peak))  # Eq. (12)
 
     def releases(self, peak: Array) -> Array:
         return jnp.broadcast_to(self.X > 1, peak.shape)
@@ -115,9 +123,6 @@ class FirstOrder(ReducedClosedForm):
     def beyond_expansion(self, peak: Array) -> Array:
         return self.d * peak > 1
 
-    def loading_work(self, x: Array) -> Array:
-        return _first_order.loading_work(x, self.d)
-
     def largest_velocity(self) -> Array:
         return _first_order.largest_velocity(self.d)
 
@@ -126,9 +131,6 @@ class FirstOrder(ReducedClosedForm):
 
     def release(self, peak: Array) -> tuple[Array, Array, Array]:
         return _first_order.release(peak, self.d, self.X)
-
-    def unloading_work(self, peak: Array, recovered: Array) -> Array:
-        return _first_order.unloading_work(peak, recovered, self.d, self.X)
 
 
 class Full(ReducedClosedForm):
@@ -143,12 +145,15 @@ class Full(ReducedClosedForm):
     def loading(self, x: Array) -> Array:
         rim = jnp.where(x > 1, x - 2 / 3 * self.d * (x**2 - 1), x)  # x cos²θ, Eq. (7)
         yielded = jnp.where(x > 1, self.d * (x**2 - 1), 0.0)
-        return _full.power_3_2(rim) + yielded  # Eq. (6)
+        return power_3_2(rim) + yielded  # Eq. (6)
 
     def unloading(self, x: Array, peak: Array) -> Array:
+        return self.unloading_at(x, peak - x, peak)
+
+    def unloading_at(self, x: Array, recovered: Array, peak: Array) -> Array:
         rim = (1 - 2 / 3 * self.d * peak) * x + 2 / 3 * self.d  # x x_m - 1 as in Eq. (12)
-        plastic = self.d * (peak**2 - 1) * (1 - self.X * (1 - x / peak))
-        return _full.power_3_2(rim) + plastic  # Eq. (11)
+        yielded = self.d * ((peak - 1) * (peak + 1))
+        return power_3_2(rim) + yielded * (1 - self.X * (recovered / peak))  # Eq. (11)
 
     def releases(self, peak: Array) -> Array:
         return _full.has_root(peak, self.d, self.X)
@@ -159,9 +164,6 @@ class Full(ReducedClosedForm):
     def beyond_expansion(self, peak: Array) -> Array:
         return peak >= self.end()
 
-    def loading_work(self, x: Array) -> Array:
-        return _full.loading_work(x, self.d)
-
     def largest_velocity(self) -> Array:
         return _full.largest_velocity(self.d)
 
@@ -170,6 +172,3 @@ class Full(ReducedClosedForm):
 
     def release(self, peak: Array) -> tuple[Array, Array, Array]:
         return _full.release(peak, self.d, self.X)
-
-    def unloading_work(self, peak: Array, recovered: Array) -> Array:
-        return _full.unloading_work(peak, recovered, self.d, self.X)

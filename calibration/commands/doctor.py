@@ -1,0 +1,86 @@
+"""What a report of a fault should bring: versions, devices, settings, and a self-check.
+
+    softjax doctor
+
+The self-check compares one impact on steel with 40-digit arithmetic: by the energy balance, its
+slopes, and by time integration. Exit code 1 where it fails. Nothing is written.
+"""
+
+import argparse
+import platform
+import sys
+import time
+from functools import partial
+from importlib import metadata
+
+from calibration.cache import PACKAGES, cache_folder
+
+BESIDE = ("optax", "optimistix", "numpy", "scipy", "matplotlib")
+LARGEST = {"energy balance": 1e-13, "its slopes": 1e-9, "time integration": 1e-8}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """None but the common ones."""
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print, and check; 0, or 1 where a check failed."""
+    start = time.perf_counter()
+    errors = self_check()
+    held = all(errors[name] <= most for name, most in LARGEST.items())
+    if not arguments.quiet:
+        for name, value in {**surroundings(arguments.cache), **told(errors)}.items():
+            print(f"{name + ':':<18} {value}")
+        verdict = "passed" if held else "FAILED"
+        print(f"self-check {verdict} in {time.perf_counter() - start:.1f} s")
+    elif not held:
+        print("softjax doctor: the self-check failed", file=sys.stderr)
+    return 0 if held else 1
+
+
+def surroundings(with_cache: bool = True) -> dict[str, str]:
+    """Versions, machine and settings, as text."""
+    import jax
+
+    versions = {name: metadata.version(name) for name in (*PACKAGES, *BESIDE)}
+    devices = ", ".join(f"{one.platform}:{one.id} {one.device_kind}" for one in jax.devices())
+    kept = jax.config.jax_compilation_cache_dir if with_cache else None
+    return versions | {
+        "Python": f"{platform.python_version()} ({sys.executable})",
+        "system": f"{platform.system()} {platform.release()}, {platform.machine()}",
+        "devices": devices,
+        "float64": "on" if jax.config.jax_enable_x64 else "off",
+        "compiled programs": f"kept in {kept}" if kept else f"not kept ({cache_folder()})",
+    }
+
+
+def self_check() -> dict[str, float]:
+    """Largest relative errors of ε_p and of its slopes against 40-digit arithmetic."""
+    import jax
+    import numpy as np
+
+    import softjax as sj
+    from calibration.speed.scene import stainless
+
+    sj.enable_x64()
+    scene = stainless()
+    few = slice(None, None, max(1, len(scene.exact) // 4))
+    velocity, exact = scene.velocity[few], scene.exact[few]
+
+    def coefficient(theta, route):
+        return sj.restitution(scene.law_of(*theta), velocity, route=route).plastic_coefficient
+
+    theta, balance = np.array(scene.theta), sj.EnergyBalance()
+    slopes = jax.jit(jax.jacfwd(partial(coefficient, route=balance)))(theta).T
+    steepness = theta[:, None] * slopes  # θ ∂ε_p/∂θ
+    by_time = coefficient(theta, sj.ODE(rtol=1e-10))
+    return {
+        "energy balance": float(np.max(np.abs(coefficient(theta, balance) / exact - 1))),
+        "its slopes": float(np.max(np.abs(steepness / scene.slopes[:, few] - 1))),
+        "time integration": float(np.max(np.abs(by_time / exact - 1))),
+    }
+
+
+def told(errors: dict[str, float]) -> dict[str, str]:
+    """Each error beside what it may be at most."""
+    return {name: f"error {errors[name]:.0e}, at most {most:.0e}" for name, most in LARGEST.items()}

@@ -1,0 +1,100 @@
+"""A law for a particle code: the cheapest that keeps a tolerance of ε over a range of velocities.
+
+    softjax export --fit results/fit.json --material nylon --to lammps --range 0.1:5
+    softjax export stainless-steel --to c --range 0.1:5 --tolerance 0.001
+    softjax export my_alloy.toml --chi 0.2 --sigma 0.4 --psi 0.5 --to yade --range 0.5:2
+    softjax export nylon --to liggghts --range 1:2 --law hertz-dashpot --overlap 0.02
+
+Written are input lines, or C source with what a code needs around it, and beside them export.json
+and export.png: ε wanted and given, their largest difference, the error in dissipated energy, the
+largest overlap, contact durations, and the time step that the tolerance needs. Where nothing that
+the code has keeps the tolerance, the best law is named and its error, and nothing is written.
+"""
+
+import argparse
+
+from calibration.curve.options import add_source_arguments
+
+CODES = ("c", "lammps", "liggghts", "yade")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_source_arguments(parser, law_option="--wanted-law")
+    group = parser.add_argument_group("what the scene needs")
+    group.add_argument(
+        "--range", metavar="V:V", help="impact velocities [m/s] (default: those of the data)"
+    )
+    group.add_argument(
+        "--tolerance", type=float, default=0.01, metavar="X", help="largest error of ε (0.01)"
+    )
+    group.add_argument(
+        "--overlap", type=float, metavar="X", help="largest overlap over radius: softer springs"
+    )
+    group.add_argument("--steps", type=int, metavar="N", help="time steps in the shortest contact")
+    group = parser.add_argument_group("for which code")
+    group.add_argument("--to", choices=CODES, required=True, help="c: a header for one's own")
+    group.add_argument(
+        "--law",
+        dest="handed",
+        default="auto",
+        metavar="NAME",
+        help="auto (default), linear, hertz-dashpot, viscoelastic, walton-braun, or itself",
+    )
+    group.add_argument(
+        "--contact-force",
+        dest="losses",
+        action="store_false",
+        help="the contact force alone, without what Eq. (17) takes: rebounds of ε_p",
+    )
+    group.add_argument("--lammps-version", type=int, metavar="DATE", help="default: 20250722")
+    group.add_argument("--prefix", default="softjax", help="of all names in a C header")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    import softjax as sj
+
+    sj.enable_x64()
+    from calibration.curve.source import read_source
+    from calibration.handover.door import export
+
+    source = read_source(arguments)
+    of_fit = source.result is not None
+    made = export(
+        source.result if of_fit else source.law,
+        arguments.to,
+        arguments.out,
+        material=source.name,
+        velocity_range=_range(arguments.range, None if of_fit else source.span),
+        tolerance=arguments.tolerance,
+        law=arguments.handed,
+        steps=arguments.steps,
+        overlap=arguments.overlap,
+        radius=None if of_fit else _radius(source.properties),
+        losses=arguments.losses,
+        version=arguments.lammps_version,
+        prefix=arguments.prefix,
+    )
+    if not arguments.quiet:
+        print(source.remark)
+        print(made)
+        print(f"{', '.join(made.files)}: {arguments.out}")
+    return 0
+
+
+def _range(text: str | None, otherwise: tuple[float, float] | None) -> tuple[float, float] | None:
+    from calibration.errors import DataError
+
+    if text is None:
+        return otherwise
+    try:
+        low, high = map(float, text.split(":"))
+    except ValueError:
+        raise DataError("--range", text, "lowest:highest in m/s, such as 0.1:5") from None
+    return low, high
+
+
+def _radius(properties: dict[str, float] | None) -> float | None:
+    """That of the smaller sphere [m], where it is known."""
+    known = properties or {}
+    radii = [known[name] for name in ("radius", "radius_1", "radius_2") if name in known]
+    return min(radii, default=None)

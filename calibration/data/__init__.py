@@ -1,0 +1,31 @@
+"""Measurements as laboratories have them: read, checked, and with the errors that they share.
+
+Each name is loaded when it is asked for: who reads a header or a table waits for no array library.
+"""
+
+import importlib
+
+_WHERE = {
+    "Covariance": "covariance",
+    "Implausible": "plausible",
+    "MaterialFile": "toml_file",
+    "PAPER_NOTE": "paper",
+    "PointErrors": "errors_of_points",
+    "RestitutionData": "measurements",
+    "paper_materials": "paper",
+    "plausibility": "plausible",
+    "read_csv": "csv_file",
+    "read_materials": "toml_file",
+    "read_toml": "toml_file",
+    "side_of_yield": "plausible",
+}
+
+__all__ = sorted(_WHERE)
+
+
+def __getattr__(name: str):
+    if name not in _WHERE:
+        raise AttributeError(f"module 'calibration.data' has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"calibration.data.{_WHERE[name]}"), name)
+    globals()[name] = value
+    return value

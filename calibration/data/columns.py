@@ -1,0 +1,202 @@
+"""Which columns of a table are used, what they mean together, and what is told of the others.
+
+Accepted together are
+
+    velocity, restitution               and the two heights beside them, to check against
+    impact_velocity, rebound_velocity   ε = v_out/v_in; a restitution beside is checked and used
+    drop_height, rebound_height         v = √(2 g h₁), ε = √(h₂/h₁); the same
+    interval                            v = g tₙ/2, ε = tₙ₊₁/tₙ of bounces that follow each other
+    time                                of the bounces themselves: the intervals between them
+
+where several are complete the first of these. Beside each: `uncertainty` (of ε),
+`velocity_uncertainty`, `<column>_uncertainty` of what is measured (`height_uncertainty`: of both
+heights, `timing_uncertainty`: of intervals or times), `group` (also `specimen`): rows with a
+common error, and `launch`: rows of one bounce train, which are a group too.
+"""
+
+from collections.abc import Sequence
+from fractions import Fraction
+from typing import NamedTuple
+
+from calibration.data.names import AMBIGUOUS, DIMENSIONS, Header, read_header
+from calibration.data.units import PERCENT, unit_of
+from calibration.errors import DataError, listed, shown
+
+TOLD = 10  # names of columns in a remark
+
+
+class Kind(NamedTuple):
+    """Columns that make a set of data together."""
+
+    needs: tuple[str, ...]
+    uncertainties: tuple[str, ...]  # beside those of ε and of v
+    beside: tuple[str, ...] = ()  # used where all of them are there
+
+    @property
+    def is_train(self) -> bool:
+        return self.needs in (("interval",), ("time",))
+
+
+VELOCITIES = ("impact_velocity", "rebound_velocity")
+HEIGHTS = ("drop_height", "rebound_height")
+KINDS = (
+    Kind(("velocity", "restitution"), (), HEIGHTS),
+    Kind(VELOCITIES, tuple(f"{name}_uncertainty" for name in VELOCITIES), ("restitution",)),
+    Kind(
+        HEIGHTS,
+        (*(f"{name}_uncertainty" for name in HEIGHTS), "height_uncertainty"),
+        ("restitution",),
+    ),
+    Kind(("interval",), ("interval_uncertainty", "timing_uncertainty")),
+    Kind(("time",), ("time_uncertainty", "timing_uncertainty")),
+)
+ACCEPTED_SETS = (
+    "velocity with restitution, impact_velocity with rebound_velocity, drop_height with "
+    "rebound_height, interval (with launch), or time (with launch)"
+)
+OF_EACH_POINT = ("uncertainty", "velocity_uncertainty")
+
+
+class Layout(NamedTuple):
+    """The columns that are used.
+
+    Attributes:
+        kind: what they are together.
+        position: the place of each among the headers, by name.
+        units: the size of each one's unit in SI, by name.
+        relative: the uncertainties among them that are parts of the quantity itself, in percent.
+        remarks: what names were taken for, and which columns are not used.
+    """
+
+    kind: Kind
+    position: dict[str, int]
+    units: dict[str, Fraction]
+    relative: frozenset[str]
+    remarks: tuple[str, ...]
+
+
+def layout_of(headers: Sequence[str], units: Sequence[str] | None = None) -> Layout:
+    """What a table's headers say, with units that stand in a row of their own.
+
+    Raises:
+        DataError: for columns that make no set together, a name twice or near to a known one, an
+            unknown unit.
+    """
+    read = [read_header(text) for text in headers]
+    if units is not None:
+        read = [_with_unit(header, unit) for header, unit in zip(read, units, strict=True)]
+    names = _resolved(read)
+    kind = _kind_of(names, read)
+    used = _used(kind, names)
+    _check_once(read, names, used)
+    position = {name: place for place, name in enumerate(names) if name in used}
+    percent = {name for name in position if read[position[name]].unit == "%"}
+    points = {"uncertainty"} if "restitution" in percent else set()  # percentage points
+    relative = frozenset(name for name in percent - points if name.endswith("uncertainty"))
+    sizes = {
+        name: PERCENT if name in relative else _unit(read[place], name)
+        for name, place in position.items()
+    }
+    return Layout(kind, position, sizes, relative, _remarks(read, names, used))
+
+
+def accepts(kind: Kind, uncertainty: str) -> bool:
+    """Whether an uncertainty of this name acts for data of this kind."""
+    return uncertainty in (*OF_EACH_POINT, *kind.uncertainties)
+
+
+def _with_unit(header: Header, unit: str) -> Header:
+    unit = unit.strip().strip("[]()").strip()
+    if not unit or header.name is None:
+        return header
+    if header.unit is not None and header.unit != unit:
+        problem = f"[{header.unit}] in its name and [{shown(unit)}] below"
+        raise DataError(f"unit of {header.name}", problem, "told once")
+    return header._replace(unit=unit)
+
+
+def _resolved(read: Sequence[Header]) -> list[str | None]:
+    """The name of each column, pairs told apart by each other."""
+    names = [header.name for header in read]
+    if "rebound_height" not in names:
+        first, second = ("h1", "h_1"), ("h2", "h_2")
+        if "drop_height" not in names and {*second} & {*names}:
+            _rename(names, first, "drop_height")
+        if "drop_height" in names:
+            _rename(names, second if {*second} & {*names} else first, "rebound_height")
+    for end in ("", "_uncertainty"):
+        if "rebound_velocity" not in names:
+            _rename(names, (f"impact_velocity{end}",), f"velocity{end}")
+        elif not end:
+            _rename(names, ("velocity",), "impact_velocity")
+    return names
+
+
+def _rename(names: list, old: Sequence[str], new: str) -> None:
+    """Give the columns named `old` another name in place."""
+    names[:] = [new if name in old else name for name in names]
+
+
+def _check_once(read: Sequence[Header], names: Sequence[str | None], used: set[str]) -> None:
+    """Refuse a name that two columns have, where it is used."""
+    for name in used:
+        told = [header.text for header, one in zip(read, names, strict=True) if one == name]
+        if len(told) > 1:
+            both = " and ".join(map(repr, told[:2]))
+            raise DataError("column", f"{name} twice, {both}", "there once")
+
+
+def _kind_of(names: Sequence[str | None], read: Sequence[Header]) -> Kind:
+    for kind in KINDS:
+        if set(kind.needs) <= set(names):
+            return kind
+    found = [name for name in names if name in DIMENSIONS]
+    asked = [_question(name) for name in names if name in AMBIGUOUS]
+    accepted = ACCEPTED_SETS + "".join(f"; {question}" for question in asked[:TOLD])
+    unknown = f"{listed(repr(header.text) for header in read[:TOLD])}, of which none is known"
+    told = listed(sorted(found)) or (unknown if read else "empty")
+    raise DataError("set of columns", told, accepted)
+
+
+def _used(kind: Kind, names: Sequence[str | None]) -> set[str]:
+    used = {*kind.needs, *(name for name in names if name and accepts(kind, name))}
+    if set(kind.beside) <= set(names):
+        used |= set(kind.beside)
+    if kind.is_train or "group" not in names:
+        used.add("launch")
+    return used | {"group"}
+
+
+def _unit(header: Header, name: str) -> Fraction:
+    if header.unit is None:
+        return Fraction(1)
+    try:
+        return unit_of(header.unit, DIMENSIONS[name])
+    except DataError as error:
+        accepted = error.accepted.replace("left out", "without a unit")
+        raise DataError(f"unit of {name}", error.value, accepted) from None
+
+
+def _question(name: str) -> str:
+    return f"is {name!r} {' or '.join(AMBIGUOUS[name])}?"
+
+
+def _remarks(read, names, used) -> tuple[str, ...]:
+    """One line on names that were taken for others, one on columns that are not used."""
+    as_written = ("velocity", "impact_velocity")
+    pairs = list(zip(read, names, strict=True))
+    taken = [
+        f"{header.text!r} for {name}"
+        for header, name in pairs
+        if name in used and header.words != name and header.words not in as_written
+    ]
+    left = [
+        repr(header.text[:40]) + (f" ({_question(name)})" if name in AMBIGUOUS else "")
+        for header, name in pairs
+        if name not in used and header.text
+    ]
+    remarks = [f"columns taken: {listed(taken)}"] if taken else []
+    if left:
+        more = f" and {len(left) - TOLD} more" if len(left) > TOLD else ""
+        remarks.append(f"columns not used: {listed(left[:TOLD])}{more}")
+    return tuple(remarks)

@@ -1,0 +1,149 @@
+"""A covariance of points that share errors with their neighbours: a narrow band, O(n) of all."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from calibration.errors import DataError
+
+WIDTH = 2  # how far apart points are that share an error: T_n+2 is a time of points n, n+1 and n+2
+
+Order = Int[np.ndarray, " n"]
+Factors = Float[np.ndarray, "n k"]
+
+
+@dataclass(frozen=True, eq=False)
+class Covariance:
+    """A symmetric n × n matrix C that is banded once its points are put in order.
+
+    Attributes:
+        order: (n,), the points in the order of the band (by their first elementary error).
+        bands: (3, n), `bands[d, i]` = C[order[i], order[i + d]], 0 at the end of rows 1 and 2
+            (SciPy's lower form).
+        first: (n,), whether a point in that order begins a connected component (a bounce train;
+            one point where nothing is shared).
+    """
+
+    order: Order
+    bands: Float[np.ndarray, "3 n"]
+    first: np.ndarray
+
+    @classmethod
+    def of(cls, index: Int[np.ndarray, "n k"], factors: Factors, variance) -> "Covariance":
+        """C_ij = Σ_k f_ik f_jk over the errors of `index` that both have, + variance_i on the diagonal."""
+        order = band_order(index)
+        index, factors = index[order], factors[order]
+        bands = np.zeros((1 + WIDTH, len(order)))
+        bands[0] = np.sum(factors**2, axis=1) + variance[order]
+        linked = np.zeros(len(order), bool)  # with the point before
+        for distance in range(1, 1 + WIDTH):
+            both = _shared(index, distance)
+            products = factors[:-distance, :, None] * factors[distance:, None, :]
+            count = max(len(order) - distance, 0)
+            bands[distance, :count] = np.sum(np.where(both, products, 0.0), axis=(1, 2))
+            joined = np.any(both, axis=(1, 2))
+            for step in range(1, distance + 1):  # and with all in between
+                linked[step : step + count] |= joined
+        return cls(order, bands, ~linked)
+
+    @property
+    def diagonal(self) -> Float[np.ndarray, " n"]:
+        """The variances, in the order of the points."""
+        diagonal = np.empty(len(self.order))
+        diagonal[self.order] = self.bands[0]
+        return diagonal
+
+    def blocks(self) -> Iterator[tuple[Order, Float[np.ndarray, "b b"]]]:
+        """Each connected component: its points, and their covariance in that order."""
+        starts = np.flatnonzero(self.first)
+        for start, stop in zip(starts, [*starts[1:], len(self.order)], strict=True):
+            block = np.diag(self.bands[0, start:stop])
+            for distance in range(1, min(1 + WIDTH, stop - start)):
+                side = np.diag(self.bands[distance, start : stop - distance], -distance)
+                block += side + side.T
+            yield self.order[start:stop], block
+
+    def dense(self) -> Float[np.ndarray, "n n"]:
+        """The whole matrix, in the order of the points: for few of them."""
+        matrix = np.zeros((len(self.order),) * 2)
+        for points, block in self.blocks():
+            matrix[np.ix_(points, points)] = block
+        return matrix
+
+    def whiten(self, values: np.ndarray) -> np.ndarray:
+        """L⁻¹ x with C = L Lᵀ, for x of shape (n,) or (n, p): independent, of variance 1.
+
+        Rows of the result are in the order of the band. Σ whiten(r)² = rᵀ C⁻¹ r.
+
+        Raises:
+            DataError: where C is not positive definite.
+        """
+        columns = np.asarray(values, float)[self.order].reshape(len(self.order), -1)
+        return self._triangular(columns, "N").reshape(np.shape(values))
+
+    def _triangular(self, columns: np.ndarray, which: str) -> np.ndarray:
+        from scipy.linalg import lapack
+
+        solved, info = lapack.dtbtrs(self._cholesky, columns, uplo="L", trans=which)
+        if info:
+            raise _not_definite()
+        return solved
+
+    def unwhiten(self, white: np.ndarray) -> np.ndarray:
+        """L⁻ᵀ x, for x of shape (n, p) with rows in the order of the band; of the result's in the
+        order of the points. Σ whiten(r) whiten(s) = r C⁻¹ s, so this of `whiten` is C⁻¹ r.
+
+        Raises:
+            DataError: where C is not positive definite.
+        """
+        solved = np.empty(np.shape(white))
+        solved[self.order] = self._triangular(white, "T")
+        return solved
+
+    @property
+    def log_determinant(self) -> float:
+        """ln det C."""
+        return float(2 * np.sum(np.log(self._cholesky[0])))
+
+    @cached_property
+    def _cholesky(self) -> Float[np.ndarray, "3 n"]:
+        from scipy.linalg import LinAlgError, cholesky_banded
+
+        try:
+            return cholesky_banded(self.bands, lower=True)
+        except (LinAlgError, ValueError):  # ValueError: what is not finite
+            raise _not_definite() from None
+
+
+def band_order(index: Int[np.ndarray, "n k"]) -> Order:
+    """The points sorted by their first elementary error; those without any stand last.
+
+    Raises:
+        DataError: for an error that enters points further apart than `WIDTH` in that order.
+    """
+    count = int(np.max(index, initial=-1)) + 1
+    order = np.argsort(np.min(np.where(index < 0, count, index), axis=1), kind="stable")
+    place = np.broadcast_to(np.arange(len(order))[:, None], index.shape)
+    used = index[order] >= 0
+    errors, places = index[order][used], place[used]
+    low, high = np.full(count, len(order)), np.full(count, -1)
+    np.minimum.at(low, errors, places)
+    np.maximum.at(high, errors, places)
+    if np.any(high - low > WIDTH):
+        accepted = f"of {1 + WIDTH} points that follow each other at most"
+        raise DataError("index", f"an error of points {np.max(high - low)} apart", accepted)
+    return order
+
+
+def _shared(index: Int[np.ndarray, "n k"], distance: int) -> np.ndarray:
+    """Which errors of each point are which errors of the one `distance` further, (n - d, k, k)."""
+    one, other = index[:-distance, :, None], index[distance:, None, :]
+    return (one == other) & (one >= 0)
+
+
+def _not_definite() -> DataError:
+    value = "singular: a point has no error of its own, nor one that it does not share"
+    return DataError("covariance", value, "positive definite")

@@ -1,0 +1,325 @@
+"""Measured restitutions of one pair of bodies, checked once when they are taken in."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Int
+
+import softjax as sj
+from calibration.data.above_one import check_above_one
+from calibration.data.checks import (
+    Column,
+    as_labels,
+    as_number,
+    as_numbers,
+    check_lengths,
+    codes_of,
+    require,
+)
+from calibration.data.covariance import Covariance
+from calibration.data.errors_of_points import PointErrors, same
+from calibration.data.points import of_row
+from calibration.data.repeats import average
+from calibration.data.tables import read_points
+from calibration.errors import DataError, InputError, Origin, printable
+
+LONGEST_NAME = 200  # which pictures and tables can show
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RestitutionData:
+    """n impacts: at which velocity, with which coefficient of restitution, how well known.
+
+    Arrays may be anything that `np.asarray` takes (a frame's columns too); they are held as
+    read-only float64 arrays. Two sets are equal when all that is below is but `bodies` and
+    `origin`.
+
+    Attributes:
+        velocity: v [m/s], shape (n,), relative impact speed, positive and below the limit velocity.
+        restitution: ε [-], shape (n,), as measured, zero or more. As far above 1 as noise brings it
+            (`calibration.data.above_one`) it is used as it is and noted.
+        contact: the two bodies; None where their elastic properties are not known. Then Eq. (17)
+            (with a limit velocity) or a constant ε can be fitted.
+        uncertainty: standard uncertainty of ε [-], one number or (n,), positive; None: unknown.
+            That of all that `errors` has, where these are given.
+        name: what results and pictures call this set; control characters by their codes.
+        velocity_uncertainty: standard uncertainty of v [m/s], one number or (n,), 0 or more; as
+            `uncertainty`.
+        limit_velocity: v_lim [m/s] of Eq. (17); the contact's where left out, put into the contact
+            where both are given, so that the two never differ.
+        remarks: what a reader noticed about the source.
+        group: a label for each point, (n,) texts; points of one label (a specimen, a launch, a day)
+            have an error in common whose size is not known. None: no groups.
+        errors: how the errors of what was measured enter ε and v, and what points share of them;
+            made of the two uncertainties where left out.
+        bodies: the bodies of the contact (`calibration.data.bodies.Body`) where a file told of them;
+            for `plausibility`, and not compared.
+        degrees: degrees of freedom behind `uncertainty`: a number where one scatter is behind all,
+            (n,) where each point has its own; None where they are stated, or unknown.
+        origin: file and lines the points came from, for messages.
+
+    Raises:
+        ValueError: naming the argument, its value and what is accepted; an `InputError` with file
+            and line where the data has an `origin`.
+    """
+
+    velocity: Column
+    restitution: Column
+    contact: sj.Contact | None = None
+    uncertainty: Column | None = None
+    name: str = "data"
+    velocity_uncertainty: Column | None = None
+    limit_velocity: Any = None
+    remarks: tuple[str, ...] = ()
+    group: Any = field(default=None, kw_only=True)
+    errors: PointErrors = field(default=None, kw_only=True)  # type: ignore[assignment]  # filled in
+    degrees: Any = field(default=None, kw_only=True)
+    bodies: tuple[Any, ...] = field(default=(), kw_only=True)
+    origin: Origin | None = field(default=None, kw_only=True)
+
+    def __post_init__(self):
+        try:
+            self._take_in()
+        except DataError as error:
+            raise error if self.origin is None else self.origin.error(error) from None
+
+    @classmethod
+    def from_table(
+        cls,
+        table: Mapping[str, Any],
+        contact: sj.Contact | None = None,
+        *,
+        name: str = "data",
+        limit_velocity: Any = None,
+        gravity: float | None = None,
+        group: Sequence[Any] | None = None,
+        remarks: Sequence[str] = (),
+        bodies: Sequence[Any] = (),
+        origin: Origin | None = None,
+        **uncertainties: Any,
+    ) -> "RestitutionData":
+        """Data from named columns: a mapping or a frame, headers as in a file, `"velocity [cm/s]"`.
+
+        Args:
+            table: the sets of columns and the names that `calibration.data.columns` tells of. SI
+                without a unit; NaN for what was not measured.
+            gravity: g [m/s²] for heights, intervals and times, 9.80665 where left out.
+            group: a label for each row, in place of a column.
+            origin: file and line of each row of the table.
+            uncertainties: `uncertainty`, `velocity_uncertainty`, `interval_uncertainty` and so on,
+                for all rows, in place of a column: a number in SI, or text with its unit, "0.5 mm"
+                or "2 %"; None is not told.
+
+        The other arguments are those of `RestitutionData`.
+
+        Raises:
+            ValueError: naming the column or argument, its value and what is accepted.
+        """
+        told = {key: value for key, value in uncertainties.items() if value is not None}
+        try:
+            points = read_points(table, gravity, group, told)
+        except DataError as error:
+            raise error if origin is None else origin.error(error) from None
+        try:
+            return cls(
+                points.velocity,
+                points.restitution,
+                contact,
+                name=name,
+                limit_velocity=limit_velocity,
+                remarks=(*remarks, *points.remarks),
+                group=points.group,
+                errors=points.errors,
+                bodies=tuple(bodies),
+                origin=None if origin is None else origin.select(points.rows),
+            )
+        except DataError as error:
+            raise of_row(error, points.rows) from None
+
+    def averaged(self, pooled: bool = True) -> "RestitutionData":
+        """One point for each velocity, the mean of its repeats; in the order of velocity.
+
+        Repeats are those at exactly equal velocities, of one group where there are groups.
+
+        Without uncertainties the mean's is s/√n, with s the scatter of all repeats about their
+        means, pooled; `degrees` is then the number of readings less that of velocities. Not
+        `pooled`, each velocity takes the scatter of its own repeats (the pooled one where it has
+        none), with `degrees` of its own: for scatter that depends on the velocity, and more than
+        about five repeats each. With stated uncertainties points are weighted by 1/u², and the
+        mean's is 1/√Σ(1/u²).
+
+        Raises:
+            ValueError: where the contact has other properties at each impact, or points share
+                intervals.
+        """
+        if self.contact is not None and any(map(np.ndim, self.contact.leaves().values())):
+            raise ValueError("`contact` must be of single numbers for repeats to be averaged")
+        with np.errstate(all="ignore"):
+            mean = average(self.velocity, self.restitution, self.errors, self.group, pooled)
+        return replace(
+            self,
+            velocity=mean.velocity,
+            restitution=mean.restitution,
+            uncertainty=None,
+            velocity_uncertainty=None,
+            group=None if self.group is None else self.group[mean.rows],
+            errors=mean.errors,
+            degrees=mean.degrees,
+            origin=None if self.origin is None else self.origin.select(mean.rows),
+        )
+
+    def covariance_of(self, slope: Column | float = 0.0, **options: Any) -> Covariance:
+        """Covariance of δε - slope δv, with slope = dε/dv [s/m] (see `PointErrors.covariance`)."""
+        return self.errors.covariance(slope, **options)
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """The labels of `group`, each once, in the order in which they appear."""
+        return () if self.group is None else tuple(dict.fromkeys(self.group))
+
+    @property
+    def group_index(self) -> Int[np.ndarray, " n"] | None:
+        """The place of each point's label in `groups`."""
+        return None if self.group is None else codes_of(self.group)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a reader of the fit should know: the remarks, and how many ε are above 1."""
+        above = self.restitution > 1
+        if not np.any(above):
+            return self.remarks
+        most = float(np.max(self.restitution)) - 1
+        note = (
+            f"{np.sum(above)} of {len(self)} restitutions are above 1, by {most:.2g} at most: "
+            "taken for noise and used as measured"
+        )
+        return (*self.remarks, note)
+
+    def refusal(self, problem: str, accepted: str, index: int | None = None) -> InputError:
+        """The error to raise for these data, with file and line (of point `index`) if known."""
+        if self.origin is None:
+            return InputError(None, None, f"{self.name}: {problem}", accepted)
+        return InputError(self.origin.file, self.origin.line_of(index), problem, accepted)
+
+    def __len__(self) -> int:
+        return len(self.velocity)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, RestitutionData):
+            return NotImplemented
+        arrays = ("velocity", "restitution", "group", "degrees", "limit_velocity")
+        return (
+            (self.name, self.remarks) == (other.name, other.remarks)
+            and all(same(getattr(self, one), getattr(other, one)) for one in arrays)
+            and self.errors.same_as(other.errors)
+            and bool(self.contact == other.contact)
+        )
+
+    __hash__ = None  # type: ignore[assignment]  # arrays inside
+
+    def __repr__(self) -> str:
+        known = "stated" if self.uncertainty is not None else "not stated"
+        low, high = np.min(self.velocity), np.max(self.velocity)
+        groups = f"{len(self.groups)} groups, " if self.group is not None else ""
+        return (
+            f"RestitutionData({self.name!r}: {len(self)} points, v {low:.4g} to {high:.4g} m/s, "
+            f"ε {np.min(self.restitution):.4g} to {np.max(self.restitution):.4g}, {groups}"
+            f"uncertainty {known}, {'no contact' if self.contact is None else 'with contact'})"
+        )
+
+    def _take_in(self) -> None:
+        """Convert and check every field."""
+        if not (isinstance(self.name, str) and 0 < len(self.name.strip()) <= LONGEST_NAME):
+            accepted = f"a text that is not empty, of {LONGEST_NAME} characters at most"
+            raise DataError("name", repr(self.name), accepted)
+        self._set("name", printable(self.name))
+        self._set("velocity", as_numbers("velocity", self.velocity))
+        self._set("restitution", as_numbers("restitution", self.restitution))
+        self._take_in_errors()
+        columns = {"velocity": self.velocity, "restitution": self.restitution}
+        if self.group is not None:
+            self._set("group", as_labels("group", self.group))
+            columns["group"] = self.group
+        if self.degrees is not None:
+            self._set("degrees", _per_impact("degrees", self.degrees, len(self)))
+        check_lengths(columns)
+        self._set("remarks", tuple(map(printable, self.remarks)))
+        self._take_in_contact()
+        self._check_points()
+
+    def _set(self, name: str, value: Any) -> None:
+        if isinstance(value, np.ndarray):
+            value.setflags(write=False)
+        object.__setattr__(self, name, value)
+
+    def _take_in_errors(self) -> None:
+        """The errors of the two uncertainties, or the two uncertainties of the errors."""
+        names = ("uncertainty", "velocity_uncertainty")
+        told = {n: _per_point(n, getattr(self, n), len(self.velocity)) for n in names}
+        if self.errors is None:
+            stated = {n: u for n, u in told.items() if u is not None}
+            check_lengths({"velocity": self.velocity} | stated)
+            self._set("errors", PointErrors.alone(len(self.velocity), *told.values()))
+        elif len(self.errors) != len(self.velocity):
+            accepted = f"of as many points as `velocity`, {len(self.velocity)}"
+            raise DataError("errors", f"of {len(self.errors)}", accepted)
+        for name in names:
+            value = getattr(self.errors, name)
+            if told[name] is not None and not same(told[name], value):
+                raise DataError(name, "told beside other `errors`", "left out, or errors=None")
+            self._set(name, value)
+
+    def _take_in_contact(self) -> None:
+        """One limit velocity, in the contact and beside it."""
+        if self.contact is not None and not isinstance(self.contact, sj.Contact):
+            raise DataError("contact", self.contact, "a softjax.Contact or None")
+        if self.limit_velocity is not None:
+            limit = _per_impact("limit_velocity", self.limit_velocity, len(self))
+            self._set("limit_velocity", limit)
+            if self.contact is not None:
+                self._set("contact", replace(self.contact, limit_velocity=limit))
+        elif self.contact is not None:
+            limit = _per_impact("contact", self.contact.limit_velocity, len(self))
+            self._set("limit_velocity", limit)
+        if self.contact is not None:
+            for leaf in self.contact.leaves().values():
+                _per_impact("contact", leaf, len(self))
+
+    def _check_points(self) -> None:
+        """The rules that a measured point obeys."""
+        require("velocity", self.velocity, lambda v: v > 0, "a positive speed in m/s")
+        limit = self.limit_velocity
+        if limit is not None:
+            accepted = f"below the limit velocity, {np.min(limit):.6g} m/s"
+            require("velocity", self.velocity, lambda v: v < limit, accepted)
+        require("restitution", self.restitution, lambda e: e >= 0, "a number of 0 or more")
+        if self.uncertainty is not None:
+            require("uncertainty", self.uncertainty, lambda u: u > 0, "a positive number")
+        if self.velocity_uncertainty is not None:
+            u_v = self.velocity_uncertainty
+            require("velocity_uncertainty", u_v, lambda u: u >= 0, "a speed of 0 m/s or more")
+        check_above_one(self.velocity, self.restitution, self.uncertainty)
+
+
+def _per_point(name: str, value: Any, count: int) -> Column | None:
+    """One number for all points, or one for each, as (count,)."""
+    if value is None:
+        return None
+    if np.ndim(value) == 0:
+        number = as_number(name, value, lambda _: True, "a number, or one for each point")
+        return np.repeat(number, count)
+    return as_numbers(name, value)
+
+
+def _per_impact(name: str, value: Any, count: int) -> float | Column:
+    """A positive number, or one for each of `count` impacts."""
+    if np.ndim(value) == 0:
+        return as_number(name, value, lambda x: x > 0, "a positive number")
+    numbers = as_numbers(name, value)
+    if numbers.shape != (count,):
+        accepted = f"of single numbers or {count} long like `velocity`"
+        raise DataError(name, f"{len(numbers)} long", accepted)
+    require(name, numbers, lambda x: x > 0, "a positive number")
+    return numbers

@@ -1,0 +1,149 @@
+"""Names of columns: those of the format, what people call them, and how a header is read.
+
+A header is a name and a unit: `velocity [m/s]`, `v (cm/s)`, `t / ms`, `drop height, mm`, `h_mm`.
+"""
+
+import re
+import unicodedata
+from difflib import get_close_matches
+from typing import NamedTuple
+
+from calibration.data.units import is_unit
+from calibration.errors import DataError
+
+MEASURED = {
+    "velocity": "speed",
+    "restitution": "ratio",
+    "impact_velocity": "speed",
+    "rebound_velocity": "speed",
+    "drop_height": "length",
+    "rebound_height": "length",
+    "interval": "time",
+    "time": "time",
+}
+LABELS = ("launch", "group")
+UNCERTAINTIES = {
+    "uncertainty": "ratio",
+    **{f"{n}_uncertainty": d for n, d in MEASURED.items() if n != "restitution"},
+    "height_uncertainty": "length",  # of both heights
+    "timing_uncertainty": "time",  # of intervals, or of times
+}
+# name: the dimension of its unit
+DIMENSIONS = {**MEASURED, **UNCERTAINTIES, **dict.fromkeys(LABELS, "label")}
+
+SYNONYMS = {
+    "restitution": "e ε eps epsilon cor e_n restitution_coefficient coefficient_of_restitution "
+    "coeff_of_restitution coef_of_restitution normal_restitution",
+    "velocity": "v speed",
+    "impact_velocity": "impact_speed v_impact v_imp v_in vin v_i vi v_inc v_0 v0 v_before "
+    "v_initial incident_velocity incident_speed incoming_velocity incoming_speed velocity_in "
+    "velocity_before initial_velocity approach_velocity collision_velocity",
+    "rebound_velocity": "rebound_speed v_rebound v_reb v_out vout v_r vr v_f vf v_after v_final v' "
+    "outgoing_velocity outgoing_speed velocity_out velocity_after final_velocity "
+    "separation_velocity",
+    "drop_height": "h_drop h_0 h0 h_i hi h_initial initial_height release_height fall_height "
+    "falling_height height_before",
+    "rebound_height": "h_rebound h_reb h_bounce h_f hf h_r hr h_final h' bounce_height "
+    "final_height height_after",
+    "interval": "dt δt delta_t flight_time time_of_flight tof time_interval bounce_interval "
+    "interval_time time_between_bounces",
+    "time": "bounce_time impact_time event_time time_of_bounce",
+    "launch": "train",
+    "group": "specimen",
+}
+KNOWN = {word: name for name, words in SYNONYMS.items() for word in words.split()}
+KNOWN |= {name: name for name in DIMENSIONS}
+# what only the person who wrote it can tell, with the names that it may stand for
+AMBIGUOUS: dict[str, tuple[str, ...]] = {
+    **dict.fromkeys(("t", "t_n", "times"), ("interval", "time")),
+    **dict.fromkeys(("h", "height", "h_1", "h1", "h_2", "h2"), ("drop_height", "rebound_height")),
+    **dict.fromkeys(("v_1", "v1", "v_2", "v2"), ("impact_velocity", "rebound_velocity")),
+    **dict.fromkeys(("rebound", "bounce"), ("rebound_height", "rebound_velocity")),
+    **dict.fromkeys(("drop", "fall"), ("drop_height", "launch")),
+    "u": ("impact_velocity", "uncertainty"),
+    **dict.fromkeys(("dv", "δv", "delta_v"), ("velocity_uncertainty",)),
+    **dict.fromkeys(("de", "δe", "delta_e", "δε"), ("uncertainty",)),
+    **dict.fromkeys(("dh", "δh", "delta_h"), ("height_uncertainty",)),
+}
+UNCERTAIN = "uncertainty|unc|u|error|err|stdev|std|sd|sigma|σ|±"
+ALONE = "unc error err stdev std sd ± standard_deviation standard_uncertainty standard_error"
+KNOWN |= dict.fromkeys(ALONE.split(), "uncertainty")
+NEAR = 0.82  # of difflib: velocty is near to velocity, interval_index is not to interval
+LONGEST = 200  # characters of a header that may be a name
+
+
+class Header(NamedTuple):
+    """One column's header.
+
+    Attributes:
+        text: as written.
+        name: one of `DIMENSIONS`, or a key of `AMBIGUOUS`, or None for a column that is not known.
+        words: `text` without its unit, as `plain` writes it.
+        unit: as written, or None.
+    """
+
+    text: str
+    name: str | None
+    words: str
+    unit: str | None
+
+
+def read_header(text: str) -> Header:
+    """Name and unit of one header.
+
+    Raises:
+        DataError: for a name near to a known one, or brackets that are no unit's.
+    """
+    text = str(text).strip()
+    if len(text) > LONGEST:
+        return Header(text, None, "", None)
+    for words, unit, is_sure in _readings(text):
+        name = canonical(words) or (plain(words) if plain(words) in AMBIGUOUS else None)
+        if name is not None and (is_sure or is_unit(unit, dimension_of(name)) or unit == "%"):
+            return Header(text, name, plain(words), unit)
+    base = re.split(r"[\[(]", text, maxsplit=1)[0]
+    if canonical(base) is not None:
+        raise DataError("column", repr(text), "a name and one unit, as in `velocity [m/s]`")
+    near = get_close_matches(plain(base), [n for n in KNOWN if len(n) > 3], n=1, cutoff=NEAR)
+    if near:
+        accepted = f"a known name (did you mean {near[0]!r}?), or quite another one"
+        raise DataError("column", repr(text), accepted)
+    return Header(text, None, plain(text), None)
+
+
+def dimension_of(name: str) -> str:
+    return DIMENSIONS[AMBIGUOUS[name][0] if name in AMBIGUOUS else name]
+
+
+def canonical(words: str) -> str | None:
+    """The format's name for what a person calls a column; None where there is none."""
+    name = plain(words)
+    if name in KNOWN:
+        return KNOWN[name]
+    match = re.fullmatch(rf"(?:{UNCERTAIN})_?(?:of_|in_)?(.+)|(.+?)_?(?:{UNCERTAIN})", name)
+    if match is None:
+        return None
+    of = (match[1] or match[2]).strip("_")
+    of = {"h": "height", "t": "timing"}.get(of, KNOWN.get(of, of))
+    if of == "restitution":
+        return "uncertainty"
+    return f"{of}_uncertainty" if f"{of}_uncertainty" in UNCERTAINTIES else None
+
+
+def plain(words: str) -> str:
+    """Small letters, one underscore for all that separates, subscripts on the line."""
+    text = unicodedata.normalize("NFKC", words).casefold().replace("′", "'")
+    return re.sub(r"[\s_.\-(){}$\\]+", "_", text).strip("_")
+
+
+def _readings(text: str):
+    """(name, unit, whether the unit is surely one) in the ways that a header may be meant."""
+    yield text, None, True
+    bracket = re.fullmatch(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(((?:[^()]|\([^()]*\))*)\))", text)
+    if bracket:
+        yield bracket[1], (bracket[2] or bracket[3] or "").strip() or None, True
+    for mark in ("/", ",", " in ", "_"):
+        for match in re.finditer(re.escape(mark), text):
+            unit = re.sub(r"^\((.*)\)$", r"\1", text[match.end() :].strip())
+            if mark == "/" or unit not in ("1", "-"):  # e_1 is the first of several
+                yield text[: match.start()], unit, False

@@ -1,0 +1,167 @@
+"""What looks like a slip in measurements that are accepted: units, columns, groups without a label."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from calibration.data.above_one import scatter_of
+from calibration.data.measurements import RestitutionData
+
+LARGEST_RADIUS = 1.0  # m
+MODULI = (1e5, 2e12)  # Pa: softer than gel, stiffer than diamond
+DENSITIES = (10.0, 25_000.0)  # kg/m³: lighter than foam, heavier than osmium
+FASTEST = 5000.0  # m/s
+LOWEST_RESTITUTION = 0.02  # all of them below this: a percentage taken of a fraction
+SURE = 4.0  # standard errors by which a median lies above 1
+FEWEST = 8  # points in which an order may show
+SHORTEST = 3  # points of a run
+
+
+class Implausible(NamedTuple):
+    """A doubt about what was read: a name for it, the numbers it rests on, and what to look at."""
+
+    code: str
+    cause: str
+    remedy: str
+
+
+class _Properties(NamedTuple):
+    """Largest and smallest values of a body's properties."""
+
+    name: str
+    radius: float | None
+    modulus: tuple[float, float]
+    density: tuple[float, float]
+
+
+def plausibility(data: RestitutionData) -> tuple[Implausible, ...]:
+    """What looks like a slip, each with the question to ask; nothing where all is well."""
+    with np.errstate(all="ignore"):
+        found: list[Implausible | None] = []
+        found += [doubt for body in _bodies(data) for doubt in _of_body(body)]
+        found += [_yield_beyond_limit(data), _too_fast(data), _divided(data), _above_one(data)]
+        found.append(_runs(data))
+    return tuple(dict.fromkeys(doubt for doubt in found if doubt is not None))
+
+
+def side_of_yield(data: RestitutionData) -> str | None:
+    """ "below" or "above" where all points lie on that side of the critical velocity, else None."""
+    if data.contact is None:
+        return None
+    below = data.velocity <= np.asarray(data.contact.critical_velocity)
+    return "below" if np.all(below) else None if np.any(below) else "above"
+
+
+def _bodies(data: RestitutionData) -> list[_Properties]:
+    """The bodies as they were told, or the two equal spheres (of ν = 0.3) that the contact could be."""
+    if data.bodies:
+        return [
+            _Properties(
+                body.name,
+                body.radius,
+                _ends(body.material.youngs_modulus),
+                _ends(body.material.density),
+            )
+            for body in data.bodies
+        ]
+    if data.contact is None:
+        return []
+    leaves = {name: np.asarray(leaf, float) for name, leaf in data.contact.leaves().items()}
+    radius = 2 * leaves["radius"]
+    density = 2 * leaves["mass"] / (4 / 3 * np.pi * radius**3)
+    modulus = 2 * (1 - 0.3**2) * leaves["youngs_modulus"]
+    name = "spheres, if they are equal,"
+    return [_Properties(name, float(np.max(radius)), _ends(modulus), _ends(density))]
+
+
+def _ends(values) -> tuple[float, float]:
+    return float(np.min(np.asarray(values))), float(np.max(np.asarray(values)))
+
+
+def _of_body(body: _Properties) -> list[Implausible]:
+    found = []
+    of = f"of the {body.name}"
+    if body.radius is not None and body.radius > LARGEST_RADIUS:
+        cause = f"the radius {of} is {body.radius:.3g} m"
+        found.append(Implausible("radius", cause, "Is the radius in millimetres?"))
+    if body.modulus[0] < MODULI[0]:
+        cause = f"Young's modulus {of} is {body.modulus[0]:.3g} Pa"
+        found.append(Implausible("modulus", cause, "Is the modulus in MPa or GPa?"))
+    if body.modulus[1] > MODULI[1]:
+        cause = f"Young's modulus {of} is {body.modulus[1]:.3g} Pa, more than diamond's"
+        found.append(Implausible("modulus", cause, "Is the power of ten right?"))
+    if body.density[1] > DENSITIES[1]:
+        cause = f"the density {of} is {body.density[1]:.3g} kg/m³, more than osmium's"
+        found.append(Implausible("density", cause, "Is the density in kg/m³?"))
+    if body.density[0] < DENSITIES[0]:
+        cause = f"the density {of} is {body.density[0]:.3g} kg/m³"
+        found.append(Implausible("density", cause, "Is the density in g/cm³?"))
+    return found
+
+
+def _yield_beyond_limit(data: RestitutionData) -> Implausible | None:
+    if data.contact is None:
+        return None
+    critical = np.asarray(data.contact.critical_velocity, float)
+    limit = np.asarray(data.limit_velocity, float)
+    if not np.any(critical > limit):
+        return None
+    cause = f"first yield at {np.max(critical):.3g} m/s is beyond v_lim = {np.min(limit):.3g} m/s"
+    remedy = "Are the yield strength and Young's modulus in the same unit?"
+    return Implausible("yield-beyond-limit", cause, remedy)
+
+
+def _too_fast(data: RestitutionData) -> Implausible | None:
+    fastest = float(np.max(data.velocity))
+    if fastest <= FASTEST:
+        return None
+    cause = f"the largest velocity is {fastest:.3g} m/s"
+    return Implausible(
+        "velocity", cause, "Which unit has it? The header says it: `velocity [mm/s]`"
+    )
+
+
+def _divided(data: RestitutionData) -> Implausible | None:
+    largest = float(np.max(data.restitution))
+    if largest >= LOWEST_RESTITUTION:
+        return None
+    cause = f"all restitutions are below {LOWEST_RESTITUTION}, {largest:.3g} at most"
+    return Implausible("percent", cause, "Are they fractions whose unit says percent?")
+
+
+def _above_one(data: RestitutionData) -> Implausible | None:
+    """A median above 1 by more than its standard error explains: no noise, but a slip in all."""
+    n, excess = len(data), float(np.median(data.restitution)) - 1
+    if n < FEWEST or excess <= 0:
+        return None
+    order = np.argsort(data.velocity, kind="stable")
+    error = np.sqrt(np.pi / 2 / n) * scatter_of(data.velocity[order], data.restitution[order])
+    if data.uncertainty is not None:
+        error = max(error, np.sqrt(np.pi / 2 / n) * float(np.median(data.uncertainty)))
+    if excess <= SURE * error:
+        return None
+    cause = f"half of the restitutions are above {1 + excess:.4g}, which noise would not do"
+    remedy = "Are impact and rebound exchanged, or is a scale off?"
+    return Implausible("above-one", cause, remedy)
+
+
+def _runs(data: RestitutionData) -> Implausible | None:
+    """Velocities that go all through their range several times over, and no `group`."""
+    if data.group is not None or data.errors.shares or len(data) < FEWEST:
+        return None
+    for sign, word in ((1, "ascend"), (-1, "descend")):
+        velocity = sign * data.velocity
+        starts = np.concatenate([[0], np.flatnonzero(np.diff(velocity) < 0) + 1, [len(data)]])
+        if (
+            len(starts) > 2
+            and np.min(np.diff(starts)) >= SHORTEST
+            and np.all(_spans(velocity, starts))
+        ):
+            cause = f"velocities {word} {len(starts) - 1} times over, as if of so many specimens or launches"
+            return Implausible("groups", cause, "Add a column `group` if rows belong together.")
+    return None
+
+
+def _spans(velocity, starts) -> np.ndarray:
+    """Whether each run rises within itself: repeats at one velocity are no run."""
+    return velocity[starts[1:] - 1] > velocity[starts[:-1]]

@@ -1,0 +1,76 @@
+"""The rows of a table in SI, and the points that become of them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Int
+
+from calibration.data.checks import Column
+from calibration.data.columns import Kind
+from calibration.data.errors_of_points import PointErrors
+from calibration.errors import DataError
+
+STANDARD_GRAVITY = 9.80665  # m/s²
+
+
+class Measured(NamedTuple):
+    """The rows of a table.
+
+    Attributes:
+        kind: what the columns are together.
+        columns: by name, in SI; NaN where a cell is empty; those of labels are text.
+        relative: names of uncertainties that are parts of the quantity itself.
+        gravity: g [m/s²].
+    """
+
+    kind: Kind
+    columns: Mapping[str, np.ndarray]
+    relative: frozenset[str] = frozenset()
+    gravity: float = STANDARD_GRAVITY
+
+    def uncertainty(self, name: str, of: Column) -> Column | None:
+        """The uncertainty of `of` in the column of that name, None where there is none."""
+        if name not in self.columns:
+            return None
+        return self.columns[name] * np.abs(of) if name in self.relative else self.columns[name]
+
+    def take(self, rows) -> "Measured":
+        return self._replace(columns={name: one[rows] for name, one in self.columns.items()})
+
+
+class Points(NamedTuple):
+    """n impacts: v [m/s], ε, their errors, the row each came from, its group, what to tell."""
+
+    velocity: Column
+    restitution: Column
+    errors: PointErrors
+    rows: Int[np.ndarray, " n"]
+    group: Sequence[str] | np.ndarray | None
+    remarks: tuple[str, ...] = ()
+
+
+def with_own(errors: PointErrors, table: Measured, velocity: Column, restitution: Column):
+    """The errors with what is stated of each ε and each v, and what to tell of it.
+
+    Raises:
+        DataError: for an uncertainty that is none.
+    """
+    alone = table.uncertainty("uncertainty", restitution)
+    of_velocity = table.uncertainty("velocity_uncertainty", velocity)
+    told: tuple[str, ...] = ()
+    if alone is not None and errors.size_is_unknown:  # told of each ε: nothing is left to estimate
+        errors = PointErrors.alone(len(errors))
+    elif alone is not None and errors.kind:
+        told = (f"uncertainty is taken to come on top of that of the {errors.kind}",)
+    if errors.kind == "velocities":  # of which v is one: see `singles`
+        of_velocity = None
+    return replace(errors, restitution_alone=alone, velocity_alone=of_velocity), told
+
+
+def of_row(error: DataError, rows: np.ndarray) -> DataError:
+    """The refusal of a point as that of its row in the table, where NaN is an empty cell."""
+    index = None if error.index is None else int(rows[error.index])
+    value = "empty" if error.value == "nan" else error.value
+    return DataError(error.argument, value, error.accepted, index)

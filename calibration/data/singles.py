@@ -1,0 +1,158 @@
+"""Points that stand for themselves, one a row.
+
+    velocity, restitution
+    two velocities    v = v_in,         ε = v_out/v_in     δε = (δv_out - ε δv_in)/v_in
+    two heights       v = √(2 g h₁),    ε = √(h₂/h₁)       δε = ε (δh₂/h₂ - δh₁/h₁)/2
+
+Rows of which something needed was not measured (NaN) are left out, and told.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from calibration.data.checks import Column, require
+from calibration.data.columns import HEIGHTS, VELOCITIES
+from calibration.data.errors_of_points import PointErrors, paired, three
+from calibration.data.points import Measured, Points, of_row, with_own
+from calibration.data.trains import runs
+from calibration.errors import DataError, listed
+
+OFF = 4.0  # standard uncertainties by which ε may differ from what stands beside it
+OFF_UNKNOWN = 0.05  # the same where none is stated
+HEIGHT = "a height of 0 m or more"
+
+
+def single_points(table: Measured) -> Points:
+    """The impacts of a table of single rows.
+
+    Raises:
+        DataError: naming the column, and the row where one is to blame.
+    """
+    rows, left_out = _complete(table)
+    table = table.take(rows)
+    columns = table.columns
+    try:
+        velocity, restitution, errors, told = _MAKERS[table.kind.needs](table)
+        if set(HEIGHTS) <= set(columns):
+            _check_heights(table)
+        elif table.kind.needs == VELOCITIES and "restitution" in columns:
+            _check(table, restitution, f"{VELOCITIES[1]}/{VELOCITIES[0]}")
+        restitution = columns.get("restitution", restitution)
+        errors, added = with_own(errors, table, velocity, restitution)
+    except DataError as error:
+        raise of_row(error, rows) from None
+    group = columns.get("group")
+    if group is None and "launch" in columns:
+        group = runs(columns["launch"])
+    return Points(velocity, restitution, errors, rows, group, (*left_out, *told, *added))
+
+
+def _complete(table: Measured) -> tuple[np.ndarray, tuple[str, ...]]:
+    """The rows where all that is needed was measured."""
+    missing = np.any([np.isnan(table.columns[name]) for name in table.kind.needs], axis=0)
+    if not np.any(missing):
+        return np.arange(len(missing)), ()
+    if np.all(missing):
+        raise DataError("set of rows", "empty", f"one with {listed(table.kind.needs)}, or more")
+    count, first = int(np.sum(missing)), int(np.argmax(missing)) + 1
+    told = f"{count} row(s) without a measurement are left out, the first of them row {first}"
+    return np.flatnonzero(~missing), (told,)
+
+
+def _as_they_are(table: Measured):
+    velocity, restitution = table.columns["velocity"], table.columns["restitution"]
+    return velocity, restitution, PointErrors.alone(len(velocity)), ()
+
+
+def _two_velocities(table: Measured):
+    before, after = (table.columns[name] for name in VELOCITIES)
+    told: tuple[str, ...] = ()
+    if np.all(before * after <= 0) and (np.all(before > 0) or np.all(before < 0)):
+        before, after = np.abs(before), np.abs(after)
+        told = ("velocities of opposite sign are taken without it",)
+    require(VELOCITIES[0], before, lambda v: v > 0, "a positive speed in m/s")
+    require(VELOCITIES[1], after, lambda v: v >= 0, "a speed of 0 m/s or more")
+    restitution = after / before
+    sizes, more = _sizes(table, VELOCITIES, "velocity_uncertainty", (before, after))
+    to_restitution = three(-restitution / before, 1 / before)
+    errors = _paired(to_restitution, three(np.ones(len(before))), sizes, "velocities")
+    return before, restitution, errors, told + more
+
+
+def _two_heights(table: Measured):
+    drop, rebound = (table.columns[name] for name in HEIGHTS)
+    require(HEIGHTS[0], drop, lambda h: h > 0, "a positive height in m")
+    require(HEIGHTS[1], rebound, lambda h: h >= 0, HEIGHT)
+    restitution, velocity = np.sqrt(rebound / drop), np.sqrt(2 * table.gravity * drop)
+    sizes, told = _sizes(table, HEIGHTS, "height_uncertainty", (drop, rebound))
+    # the slope of √h is infinite at h = 0: there u(ε) is to be the ε that a height of u gives
+    least = rebound if sizes is None else np.maximum(rebound, sizes[1] / 4)
+    to_rebound = np.where(least > 0, 0.5 / np.sqrt(drop * np.where(least > 0, least, 1)), 0.0)
+    to_restitution = three(-restitution / (2 * drop), to_rebound)
+    errors = _paired(to_restitution, three(velocity / (2 * drop)), sizes, "heights")
+    return velocity, restitution, errors, told
+
+
+_MAKERS: dict[tuple[str, ...], Callable[[Measured], Any]] = {
+    ("velocity", "restitution"): _as_they_are,
+    VELOCITIES: _two_velocities,
+    HEIGHTS: _two_heights,
+}
+
+
+def _sizes(table: Measured, names, of_both: str, values):
+    """Standard uncertainties of two measured columns; None where neither is told."""
+    each = [table.uncertainty(f"{n}_uncertainty", x) for n, x in zip(names, values, strict=True)]
+    if of_both in table.columns:
+        twice = [name for name, one in zip(names, each, strict=True) if one is not None]
+        if twice:
+            raise DataError(f"{twice[0]}_uncertainty", f"given beside {of_both}", "given once")
+        told = (f"{of_both} is taken for that of both {names[0]} and {names[1]}",)
+        return [table.uncertainty(of_both, x) for x in values], told
+    exact = [name for name, one in zip(names, each, strict=True) if one is None]
+    if len(exact) == len(names):
+        return None, ()
+    guessed = tuple(f"{name} is taken for exact: no uncertainty of it is told" for name in exact)
+    return [np.zeros(len(values[0])) if one is None else one for one in each], guessed
+
+
+def _paired(to_restitution, to_velocity, sizes, kind: str) -> PointErrors:
+    """Two elementary errors a point, which no other point has."""
+    count = len(to_restitution)
+    if sizes is None:
+        return PointErrors.alone(count)
+    for size in sizes:  # here, where the row is known
+        require(f"uncertainty of the {kind}", size, lambda u: u >= 0, "a number of 0 or more")
+    size = np.stack(sizes, axis=1).ravel()
+    return PointErrors(paired(count), to_restitution, to_velocity, size, kind)
+
+
+def _check_heights(table: Measured) -> None:
+    """A restitution beside both heights must be the root of their ratio, not the ratio (ε²)."""
+    drop, rebound = (table.columns[name] for name in HEIGHTS)
+    if "restitution" in table.columns:
+        require(HEIGHTS[0], drop, lambda h: h > 0, "a positive height in m")
+        require(HEIGHTS[1], rebound, lambda h: h >= 0, HEIGHT)
+        ratio = rebound / drop
+        _check(table, np.sqrt(ratio), f"√({HEIGHTS[1]}/{HEIGHTS[0]})", ratio)
+
+
+def _check(table: Measured, expected: Column, told: str, slip: Column | None = None) -> None:
+    """The restitutions beside what was measured must be as expected, and not the likely slip."""
+    given = table.columns["restitution"]
+    require("restitution", given, lambda e: e >= 0, "a number of 0 or more")
+    stated = table.uncertainty("uncertainty", given)
+    noise = OFF_UNKNOWN if stated is None else OFF * stated
+    off = np.abs(given - expected)
+    wrong, is_slip = off > noise, np.zeros(len(given), bool)
+    if slip is not None:
+        is_slip = (np.abs(given - slip) < off) & (np.abs(given - slip) <= noise)
+        if 2 * np.sum(is_slip) > len(given):  # noise hides it in a point near ε = 1, not in most
+            wrong = is_slip
+    if np.any(wrong):
+        row = int(np.argmax(wrong))
+        blame = "the ratio of the heights" if is_slip[row] else "not what stands beside it"
+        accepted = f"{told}, {expected[row]:.6g}, or left out"
+        raise DataError("restitution", f"{given[row]:.6g}, {blame}", accepted, row)

@@ -1,0 +1,81 @@
+"""A mapping or a frame of named columns, as points."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from calibration.data.checks import as_labels, as_number, as_numbers, check_lengths
+from calibration.data.columns import Kind, Layout, accepts, layout_of
+from calibration.data.names import DIMENSIONS, LABELS, UNCERTAINTIES
+from calibration.data.points import STANDARD_GRAVITY, Measured, Points
+from calibration.data.singles import single_points
+from calibration.data.trains import train_points
+from calibration.data.units import Relative, in_si, quantity
+from calibration.errors import DataError, did_you_mean
+
+
+def read_points(
+    table: Mapping[str, Any],
+    gravity: float | None,
+    group: Sequence[Any] | None,
+    uncertainties: Mapping[str, Any],
+) -> Points:
+    """The points of a table (see `RestitutionData.from_table`).
+
+    Raises:
+        DataError: naming the column, and the row where one is to blame.
+        TypeError: for an uncertainty that has no such name.
+    """
+    headers = getattr(table, "columns", None)  # a frame's
+    headers = list(getattr(table, "keys", tuple)() if headers is None else headers)
+    layout = layout_of([str(header) for header in headers])
+    columns = {
+        name: _column(name, table[headers[at]], layout) for name, at in layout.position.items()
+    }
+    relative = set(layout.relative)
+    count = len(columns[layout.kind.needs[0]])
+    for name, value in uncertainties.items():
+        if value is not None:
+            stated = _stated(name, value, columns, layout.kind)
+            columns[name] = np.full(count, float(stated))
+            relative |= {name} if isinstance(stated, Relative) else set()
+    if group is not None:
+        if "group" in columns:
+            raise DataError("group", "both a column and an argument", "given once")
+        columns["group"] = as_labels("group", group)
+    check_lengths(columns)
+    g = _gravity(gravity, layout.kind)
+    measured = Measured(layout.kind, columns, frozenset(relative), g)
+    with np.errstate(all="ignore"):  # what is not finite in the end is refused
+        points = train_points(measured) if layout.kind.is_train else single_points(measured)
+    return points._replace(remarks=(*layout.remarks, *points.remarks))
+
+
+def _column(name: str, values: Any, layout: Layout) -> np.ndarray:
+    if name in LABELS:
+        return as_labels(name, values)
+    with np.errstate(over="ignore"):  # what is not finite is refused as the quantity that it is
+        return in_si(as_numbers(name, values), layout.units[name])
+
+
+def _stated(name: str, value: Any, columns: Mapping[str, np.ndarray], kind: Kind) -> float:
+    """An uncertainty that is told for all rows, in SI or `Relative`."""
+    if name not in UNCERTAINTIES:
+        raise TypeError(f"unexpected keyword argument {name!r}{did_you_mean(name, UNCERTAINTIES)}")
+    if name in columns:
+        raise DataError(name, "both a column and a number for the set", "given once")
+    if not accepts(kind, name):
+        raise DataError(name, "given", f"left out beside {' and '.join(kind.needs)}")
+    if isinstance(value, str):
+        value = quantity(value, DIMENSIONS[name])
+    number = as_number(name, value, lambda u: u >= 0, "a number of 0 or more")
+    return Relative(number) if isinstance(value, Relative) else number
+
+
+def _gravity(gravity: float | None, kind: Kind) -> float:
+    if gravity is None:
+        return STANDARD_GRAVITY
+    if kind.needs[0] in ("velocity", "impact_velocity"):
+        raise DataError("gravity", "given", "left out where velocities are given")
+    return as_number("gravity", gravity, lambda g: g > 0, "a positive acceleration in m/s²")

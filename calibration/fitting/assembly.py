@@ -1,0 +1,350 @@
+"""From what is asked of each data set to problems that can be searched.
+
+Data sets that share no parameter are fits of their own, whatever else is fitted beside them: they
+are taken apart into components. A component has one vector z of all its elements, and one problem a
+stage, which searches some of them.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+import softjax as sj
+from calibration.data import RestitutionData
+from calibration.errors import DataError
+from calibration.fitting.collisions import Route
+from calibration.fitting.known_laws import KNOWN
+from calibration.fitting.law_model import CONTACT_LEAVES, OF_CONTACT, LawModel, model_of_class
+from calibration.fitting.problem import Element, Points, Problem, pools_of
+from calibration.fitting.rows import Rows
+from calibration.fitting.specs import Local, SetSpec
+from calibration.fitting.transform import Transform
+from calibration.fitting.zhou import NOT_GIVEN, zhou_model
+from calibration.parameters import Parameter
+
+EMPIRICAL = ("sigma", "psi", OF_CONTACT + "limit_velocity")  # searched by Eq. (17)'s stage
+LIMIT = OF_CONTACT + "limit_velocity"
+MOVE_YIELD = ("yield_strength", "youngs_modulus", "radius", "mass")
+
+
+@dataclass(frozen=True)
+class Component:
+    """Data sets that share parameters, and the stages of their fit.
+
+    Attributes:
+        sets: which of the fit's data sets these are.
+        specs: what is asked of each.
+        elements: the free parameters.
+        stages: names and problems, in their order.
+    """
+
+    sets: tuple[int, ...]
+    specs: tuple[SetSpec, ...]
+    elements: tuple[Element, ...]
+    stages: tuple[tuple[str, Problem], ...]
+
+    @property
+    def start(self) -> np.ndarray:
+        """z where everything starts."""
+        transform = self.stages[0][1].transform
+        return transform.unconstrained(np.array([e.start for e in self.elements]))
+
+
+@dataclass
+class _Drafted:
+    """An element while its data sets are being gathered."""
+
+    local: Local
+    group: str | None
+    sets: list[int] = field(default_factory=list)
+
+
+def assemble(specs: Sequence[SetSpec], route: Route, bound: Sequence[str] = ()) -> list[Component]:
+    """The components of a fit.
+
+    Args:
+        bound: parameters along which slopes are computed though the law's stage does not search
+            them: what is compiled for another fit then serves this one.
+
+    Raises:
+        ValueError: naming what does not fit together and what is accepted.
+    """
+    names = [spec.data.name for spec in specs]
+    if len(set(names)) < len(names):
+        raise DataError("data", names, "sets of different names")
+    drafted = _gathered(specs)
+    _check_pooled(specs, drafted)
+    return [
+        _component(
+            sets, [specs[g] for g in sets], _of_sets(drafted, sets), len(specs), route, bound
+        )
+        for sets in _together(len(specs), drafted)
+    ]
+
+
+def _gathered(specs) -> list[_Drafted]:
+    """The free parameters of all data sets, those that are shared only once."""
+    found: dict[tuple[str, str], _Drafted] = {}
+    for g, spec in enumerate(specs):
+        for local in spec.local:
+            if local.parameter.free:
+                where = f"set {g}" if local.group is None else f"group {local.group}"
+                one = found.setdefault((local.name, where), _Drafted(local, local.group))
+                one.sets.append(g)
+    return list(found.values())
+
+
+def _check_pooled(specs, drafted: Iterable[_Drafted]) -> None:
+    for name, sets in _pooled(drafted).items():
+        if len(sets) < 2:
+            raise DataError(f"shared of {name}", "pooled", "left out for one data set alone")
+        if any(specs[g].objective != "model" for g in sets):
+            raise DataError(f"shared of {name}", "pooled", 'left out, or objective="model"')
+
+
+def _pooled(drafted: Iterable[_Drafted]) -> dict[str, list[int]]:
+    """The data sets of each parameter that is pooled."""
+    found: dict[str, list[int]] = {}
+    for one in drafted:
+        if one.local.parameter.pooled:
+            found.setdefault(one.local.name, []).extend(one.sets)
+    return found
+
+
+def _together(count: int, drafted: Sequence[_Drafted]) -> list[tuple[int, ...]]:
+    """Data sets that share or pool a parameter, directly or through others, in their order."""
+    group = list(range(count))
+    for sets in [*(one.sets for one in drafted), *_pooled(drafted).values()]:
+        joined = {group[g] for g in sets}
+        lowest = min(joined)
+        group = [lowest if own in joined else own for own in group]
+    return [tuple(g for g in range(count) if group[g] == first) for first in sorted(set(group))]
+
+
+def _of_sets(drafted: Iterable[_Drafted], sets) -> list[_Drafted]:
+    return [one for one in drafted if one.sets[0] in sets]
+
+
+def _component(sets, specs, drafted, many: int, route: Route, bound) -> Component:
+    specs = _of_one_kind(specs)
+    kinds = {(spec.model.key, spec.objective) for spec in specs}
+    if len(kinds) > 1:
+        told = ", ".join(f"{spec.data.name}: {spec.model.key}" for spec in specs)
+        raise DataError("parameters", f"shared between {told}", "shared within one law")
+    elements = tuple(_element(one, specs, sets, many) for one in drafted)
+    component = Component(tuple(sets), tuple(specs), elements, ())
+    _check_counts(component)
+    stages = _stages(component, route, bound)
+    return Component(tuple(sets), tuple(specs), elements, tuple(stages))
+
+
+def _of_one_kind(specs: Sequence[SetSpec]) -> Sequence[SetSpec]:
+    """Zhou's law by ε_up for some data sets and by σ for others, told as one law of both."""
+    names = [tuple(spec.model.parameters) for spec in specs]
+    if len(set(names)) == 1 or {spec.model.key for spec in specs} != {"zhou"}:
+        return specs
+    model = zhou_model({"sigma", *(name for own in names for name in own)}, specs[0].model.options)
+    dummies = {"sigma": 0.0, "eps_up": NOT_GIVEN}
+    unified = []
+    for spec in specs:
+        local = {one.name: one for one in spec.local}
+        missing = [name for name in model.parameters if name not in local]
+        held = Parameter(free=False)
+        more = [
+            Local(name, held, model.declared(name), dummies[name], (-np.inf, np.inf), True)
+            for name in missing
+            if name in dummies
+        ]
+        every = {**local, **{one.name: one for one in more}}
+        order = [*model.parameters, *(name for name in every if name not in model.parameters)]
+        told = tuple(every[name] for name in order)
+        unified.append(replace(spec, model=model, local=told))
+    return unified
+
+
+def _element(one: _Drafted, specs, sets, many: int) -> Element:
+    local = one.local
+    name, _, entry = local.name.partition("[")
+    entry = f"[{entry}" if entry else ""
+    owner = specs[sets.index(one.sets[0])].data.name if one.group is None else one.group
+    label = f"{name}{entry}[{owner}]" if many > 1 and owner else f"{name}{entry}"
+    return Element(
+        label,
+        local.name,
+        tuple(one.sets),
+        local.parameter,
+        local.declared,
+        float(local.start),
+        local.range,
+    )
+
+
+def _check_counts(component: Component) -> None:
+    """More points than free parameters in every data set (a prior counts as a point)."""
+    whole = {tree.name for spec in component.specs for tree in spec.trees}
+    for g, spec in zip(component.sets, component.specs, strict=True):
+        own = [e for e in component.elements if e.sets == (g,) and not _is_told(e)]
+        # a network may have as many weights as it likes: it is told by its predictions
+        own = [e for e in own if e.name.partition("[")[0] not in whole]
+        if len(spec.data) <= len(own):
+            names = ", ".join(e.name for e in own)
+            problem = f"{len(spec.data)} points for {len(own)} free parameters ({names})"
+            raise spec.data.refusal(problem, "more points than free parameters")
+
+
+def _is_told(element: Element) -> bool:
+    """By more than the points: a prior, or the other data sets of a pool."""
+    return element.parameter.prior is not None or element.parameter.pooled
+
+
+def _stages(component: Component, route: Route, bound: Sequence[str]):
+    """One stage by `model`; by `two-step` Eq. (17)'s, then the law's with what that gave."""
+    names = [e.name for e in component.elements]
+    every = range(len(names))
+    if component.specs[0].objective == "model":
+        yield "model", _problem(component, _law_rows(component), list(every), route)
+        return
+    first = [k for k in every if names[k] in EMPIRICAL]
+    yield "Eq. (17)", _problem(component, _empirical_rows(component), first, None)
+    rest = [k for k in every if k not in first]
+    # by the energy balance more slopes cost next to nothing: then curve and band share the program
+    cheap = not isinstance(route, sj.ODE)
+    more = [k for k in every if names[k] in bound or cheap]
+    yield "model", _problem(component, _law_rows(component), rest, route, more)
+
+
+def _problem(
+    component: Component, rows: Rows, active: list[int], route: Route, more: Sequence[int] = ()
+) -> Problem:
+    elements = component.elements
+    transform = Transform.of([e.range for e in elements], [e.parameter.transform for e in elements])
+    data = [spec.data for spec in component.specs]
+    points = points_of(data)
+    theta = np.array([e.start for e in elements])
+    problem = Problem(
+        tuple(data),
+        elements,
+        transform,
+        rows.bind(theta, [*active, *more]),
+        points,
+        np.array(active, int),
+        tuple(spec.plan for spec in component.specs),
+        route,
+        joint=component.specs[0].objective == "model",
+        pools=pools_of(elements),
+    )
+    if not _asks_to_be_held(rows.model, elements):
+        return problem
+    z = transform.unconstrained(theta)
+    holding = Problem(**{**vars(problem), "elastic": np.zeros(len(points.velocity), bool)})
+    return holding.held(holding.elastic_at(z))
+
+
+def _asks_to_be_held(model: LawModel, elements) -> bool:
+    """Whether ε jumps at yield, and the search moves yield."""
+    jumps = getattr(model.law_type, "jumps_at_yield", False)
+    return jumps and any(e.name.removeprefix(OF_CONTACT) in MOVE_YIELD for e in elements)
+
+
+def points_of(data: Sequence[RestitutionData]) -> Points:
+    """All points in a row, each weighing one."""
+    sets = np.repeat(np.arange(len(data)), [len(one) for one in data])
+    velocity = np.concatenate([one.velocity for one in data])
+    restitution = np.concatenate([one.restitution for one in data])
+    return Points(velocity, restitution, np.ones(len(velocity)), sets)
+
+
+def _law_rows(component: Component) -> Rows:
+    return _rows(component, component.specs[0].model, [_locals(spec) for spec in component.specs])
+
+
+def _empirical_rows(component: Component) -> Rows:
+    """The rows of Eq. (17) with the σ, ψ and limit velocity of each data set's own law."""
+    model = model_of_class(sj.EmpiricalRestitution, "eq-17", {})
+    every = []
+    for spec in component.specs:
+        told = _locals(spec)
+        limit = told.get(LIMIT)
+        held = spec.data.limit_velocity
+        every.append(
+            {
+                "limit_velocity": (LIMIT, held if limit is None else limit[1]),
+                "sigma": told["sigma"],
+                "psi": told["psi"],
+            }
+        )
+    return _rows(component, model, every)
+
+
+def _locals(spec: SetSpec) -> dict[str, tuple[str, object]]:
+    """The local parameters of a data set: by name, the element's name and what it is held at."""
+    return {local.name: (local.name, local.start) for local in spec.local}
+
+
+def _rows(component: Component, model: LawModel, every) -> Rows:
+    """Rows of one law for all data sets of a component."""
+    names = tuple(every[0])
+    element, held, contacts, counts = [], [], [], []
+    for g, spec, told in zip(component.sets, component.specs, every, strict=True):
+        count = _rows_needed(model, spec, told)
+        which = np.array([_element_of(component, told[name][0], g) for name in names], int)
+        element.append(np.repeat(which[:, None], count, axis=1))
+        values = [np.broadcast_to(np.asarray(told[name][1], float), count) for name in names]
+        held.append(np.array(values).reshape(len(names), count))
+        if model.takes_contact and spec.data.contact is not None:
+            leaves = spec.data.contact.leaves()
+            contacts.append({k: np.broadcast_to(v, count) for k, v in leaves.items()})
+        counts.append(count)
+    contact = None
+    if contacts:
+        joined = {name: [one[name] for one in contacts] for name in CONTACT_LEAVES}
+        contact = {name: np.concatenate(parts).astype(float) for name, parts in joined.items()}
+    return Rows(
+        model,
+        contact,
+        _area(component.specs),
+        names,
+        np.concatenate(element, axis=1),
+        np.concatenate(held, axis=1),
+        component.specs[0].trees if model is component.specs[0].model else (),
+        _row_of_points(component.specs, counts),
+    )
+
+
+def _element_of(component: Component, name: str, g: int) -> int:
+    """Which element a parameter of one data set is, -1 where it is held."""
+    for k, e in enumerate(component.elements):
+        if e.name == name and g in e.sets:
+            return k
+    return -1
+
+
+def _rows_needed(model: LawModel, spec: SetSpec, told) -> int:
+    """One, or one a point where contact or parameters differ from impact to impact."""
+    values = [held for _, held in told.values()]
+    if model.takes_contact and spec.data.contact is not None:
+        values += list(spec.data.contact.leaves().values())
+    return len(spec.data) if any(np.ndim(value) for value in values) else 1
+
+
+def _row_of_points(specs, counts) -> np.ndarray:
+    rows, first = [], 0
+    for spec, count in zip(specs, counts, strict=True):
+        each = np.arange(len(spec.data)) if count > 1 else np.zeros(len(spec.data), int)
+        rows.append(first + each)
+        first += count
+    return np.concatenate(rows)
+
+
+def _area(specs) -> str:
+    areas = {spec.data.contact.area for spec in specs if spec.data.contact is not None}
+    if len(areas) > 1:
+        raise DataError("area", sorted(areas), "the same for contacts that share a parameter")
+    return areas.pop() if areas else "zhou"
+
+
+def label_of_law(model: LawModel) -> str:
+    """A law's name in tables and pictures."""
+    known = KNOWN.get(model.key)
+    return model.key if known is None else known.label

@@ -1,0 +1,148 @@
+"""Curves of fitted laws, and their bands: the covariance carried through exact derivatives."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import jax
+import numpy as np
+from jaxtyping import Float
+
+import softjax as sj
+from calibration.errors import DataError
+from calibration.fitting.collisions import Route
+from calibration.fitting.law_model import CONTACT_LEAVES, OF_CONTACT, model_of_class
+from calibration.fitting.material import MaterialFit
+from calibration.fitting.plan import plan_of
+from calibration.fitting.problem import Element, Points, Problem
+from calibration.fitting.root import NO_REBOUND_BELOW
+from calibration.fitting.rows import Rows
+from calibration.fitting.transform import Transform
+from calibration.parameters import Parameter
+
+WIDE = (-np.inf, np.inf)
+
+
+def curve_and_slopes(
+    material: MaterialFit, velocity: Float[np.ndarray, "n"], route: Route = None
+) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n free"]]:
+    """ε of the fitted law and its slopes in the free parameters, physical units; 0 without rebound."""
+    with jax.enable_x64(True):
+        problem = curve_problem(material, velocity, route)
+        theta = np.array([e.start for e in problem.elements])
+        found = problem.linearise(theta[None])
+    value, slope = found.prediction[0], found.jacobian[0]
+    rebounds = value > NO_REBOUND_BELOW
+    return np.where(rebounds, value, 0.0), np.where(rebounds[:, None], slope, 0.0)
+
+
+def curve_problem(
+    material: MaterialFit, velocity: Float[np.ndarray, "n"], route: Route = None
+) -> Problem:
+    """The fitted law at other velocities, its free parameters searched as they are.
+
+    Raises:
+        ValueError: where the bodies differ from impact to impact, and are as many no more.
+    """
+    data, model = material.data, material.model
+    count = _rows_of(material, len(velocity))
+    names = tuple(material.values)
+    free = [name for name in names if name in material.labels]
+    elements = tuple(_element(material, name) for name in free)
+    index = [[free.index(name) if name in free else -1] for name in names]
+    held = [np.broadcast_to(np.asarray(v, float), count) for v in material.values.values()]
+    contact = None
+    if model.takes_contact and data.contact is not None:
+        leaves = data.contact.leaves()
+        contact = {k: np.broadcast_to(leaves[k], count).astype(float) for k in CONTACT_LEAVES}
+    rows = Rows(
+        model,
+        contact,
+        "zhou" if data.contact is None else data.contact.area,
+        names,
+        np.repeat(np.array(index, int).reshape(-1, 1), count, axis=1),
+        np.array(held, float).reshape(len(names), count),
+        material.trees,
+        np.arange(count) if count > 1 else np.zeros(len(velocity), int),
+    )
+    theta = np.array([e.start for e in elements])
+    every = np.arange(len(free))
+    return Problem(
+        (data,),
+        elements,
+        Transform.of([WIDE] * len(free), [None] * len(free)),
+        rows.bind(theta, every),
+        Points(
+            velocity, np.zeros_like(velocity), np.ones_like(velocity), np.zeros(len(velocity), int)
+        ),
+        every,
+        (plan_of(data, False, False),),
+        route,
+    )
+
+
+def _element(material: MaterialFit, name: str) -> Element:
+    declared = material.model.declared(name) if "[" not in name else None
+    start = material.model.inside({name: material.values[name]})[name]
+    return Element(name, name, (0,), Parameter(), declared, float(start), WIDE)  # type: ignore[arg-type]
+
+
+def _rows_of(material: MaterialFit, count: int) -> int:
+    """One, or one an impact where bodies or parameters differ from impact to impact."""
+    values = list(material.values.values())
+    if material.data.contact is not None:
+        values += list(material.data.contact.leaves().values())
+    sizes = {np.size(value) for value in values if np.ndim(value)}
+    if not sizes:
+        return 1
+    if sizes != {count}:
+        accepted = f"{sizes.pop()} velocities, as the bodies differ from impact to impact"
+        raise DataError("velocity", f"{count} long", accepted)
+    return count
+
+
+def of_labels(
+    material: MaterialFit, names: tuple[str, ...], covariance: Float[np.ndarray, "p p"]
+) -> Float[np.ndarray, "free free"]:
+    """The part of a covariance that belongs to a material's free parameters, in their order."""
+    place: Mapping[str, int] = {label: k for k, label in enumerate(names)}
+    rows = [place[material.labels[name]] for name in material.values if name in material.labels]
+    return covariance[np.ix_(rows, rows)]
+
+
+def propagated(slope: Float[np.ndarray, "n p"], covariance: Float[np.ndarray, "p p"]) -> np.ndarray:
+    """√(J C Jᵀ) at each velocity."""
+    variance = np.einsum("ni,ij,nj->n", slope, covariance, slope)
+    return np.sqrt(np.maximum(variance, 0.0))
+
+
+def yield_velocity(law: sj.ContactLaw) -> float | None:
+    """v [m/s] from which on a law's impacts yield; None without, or with one for each impact."""
+    if not isinstance(law, sj.RateIndependentLaw):
+        return None
+    velocity = np.asarray(law.elastic_velocity())
+    return float(velocity) if velocity.ndim == 0 and 0 < velocity < np.inf else None
+
+
+def as_empirical(material: MaterialFit) -> MaterialFit:
+    """Eq. (17) against the same points, as a fit of its own.
+
+    Under `two-step` its σ and ψ are those of the fit, with their errors.
+
+    Raises:
+        ValueError: where there is none: for other laws than Zhou's.
+    """
+    if material.model.key == "eq-17":
+        return material
+    if material.empirical is None:
+        accepted = "Zhou's law, beside which Eq. (17) is fitted"
+        raise DataError("law", material.model.key, accepted)
+    names = {"sigma": "sigma", "psi": "psi", "limit_velocity": OF_CONTACT + "limit_velocity"}
+    own = material.labels if material.objective == "two-step" else {}
+    return replace(
+        material,
+        model=model_of_class(sj.EmpiricalRestitution, "eq-17", {}),
+        values=material.empirical,
+        labels={new: own[old] for new, old in names.items() if old in own},
+        known_from=0.0,
+        known_to=np.inf,
+    )

@@ -1,0 +1,87 @@
+"""Numbers that follow from the parameters of Zhou's law, with their errors: ε_up, v_cr, χ̃ on a line."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+import softjax as sj
+from calibration.fitting.component_fit import ComponentFit
+from calibration.fitting.estimate import Estimate
+from calibration.fitting.formulas import eq_17
+from calibration.fitting.specs import SetSpec
+from calibration.fitting.transform import NONE
+from calibration.fitting.uncertainty import quantile
+
+STEP = 1e-3  # in z, of fourth-order differences: their error is near 1e-12
+
+
+def critical_velocity_of(law: sj.Zhou) -> float:
+    return float(np.mean(np.asarray(law.contact.critical_velocity)))
+
+
+def eps_up_of(law: sj.Zhou) -> float:
+    """ε_17(v_cr), Eq. (16)."""
+    limit = float(np.mean(np.asarray(law.contact.limit_velocity)))
+    critical = critical_velocity_of(law)
+    if critical >= limit:
+        return 0.0
+    return float(eq_17(critical, limit, float(law.sigma), float(law.psi)))
+
+
+def chi_of(law: sj.Zhou) -> float:
+    return float(law.chi)
+
+
+def derived_of(fit: ComponentFit, spec: SetSpec, g: int, confidence: float) -> dict[str, Estimate]:
+    """What follows from Zhou's law of one data set; nothing for others."""
+    if spec.model.law_type is not sj.Zhou:
+        return {}
+    row = _row(fit, g)
+    law = _law(fit, fit.z, row)
+    found = {"critical_velocity": Estimate(critical_velocity_of(law), method="derived")}
+    names = spec.model.parameters
+    if not spec.by_eps_up:
+        found["eps_up"] = _carried(fit, g, row, eps_up_of, confidence, (0.0, 1.0))
+    if "chi" not in names:
+        found["chi"] = _carried(fit, g, row, chi_of, confidence, (0.0, np.inf))
+    return found
+
+
+def _row(fit: ComponentFit, g: int) -> int:
+    """The first row of a data set."""
+    problem = fit.final.problem
+    points = problem.points.set == fit.component.sets.index(g)
+    return int(problem.laws.rows.row[np.flatnonzero(points)[0]])
+
+
+def _law(fit: ComponentFit, z: np.ndarray, row: int) -> sj.Zhou:
+    problem = fit.final.problem
+    return problem.laws.rows.law(problem.transform.physical(z), row)  # type: ignore[return-value]
+
+
+def _carried(fit: ComponentFit, g: int, row: int, what: Callable, confidence, ends) -> Estimate:
+    """A number with the error that the covariance gives it."""
+    value = what(_law(fit, fit.z, row))
+    gradient = np.array([_slope(fit, k, row, what) for k in range(len(fit.z))])
+    acting = (gradient != 0) & (fit.uncertainty.limits[0] == 0)
+    covariance = fit.uncertainty.covariance[0][np.ix_(acting, acting)]
+    variance = float(gradient[acting] @ covariance @ gradient[acting]) if np.any(acting) else np.nan
+    if not (np.isfinite(variance) and variance >= 0):
+        return Estimate(value, method="derived")
+    error = variance**0.5
+    direction = np.where(acting, gradient, 0.0)
+    degrees = fit.uncertainty.parts.along(direction[None])[0, 0]
+    reach = quantile(confidence, degrees) * error
+    low, high = float(max(value - reach, ends[0])), float(min(value + reach, ends[1]))
+    return Estimate(value, error, low, high, "derived")
+
+
+def _slope(fit: ComponentFit, k: int, row: int, what: Callable) -> float:
+    def at(step: float) -> float:
+        z = np.array(fit.z)
+        z[k] += step
+        return what(_law(fit, z, row))
+
+    scaled = fit.final.problem.transform.kind[k] != NONE
+    h = STEP * (1.0 if scaled else max(abs(float(fit.z[k])), 1e-6))
+    return (8 * (at(h) - at(-h)) - (at(2 * h) - at(-2 * h))) / (12 * h)

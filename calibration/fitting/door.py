@@ -1,0 +1,290 @@
+"""Fit a law's parameters to measured restitutions: `fit` is the door to everything here."""
+
+import importlib.metadata
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import jax
+import numpy as np
+
+import softjax as sj
+from calibration.data import RestitutionData
+from calibration.fitting.component_fit import ComponentFit, fit_component
+from calibration.fitting.doubt import Doubt
+from calibration.fitting.freedom import Freedom
+from calibration.fitting.intervals import estimates, profiles_of
+from calibration.fitting.likelihood import likelihood_of
+from calibration.fitting.line import fit_line
+from calibration.fitting.material import MaterialFit
+from calibration.fitting.methods import OPTIMISERS
+from calibration.fitting.pooling import of_all as pooled_of
+from calibration.fitting.profiles import Profile
+from calibration.fitting.request import Request, checked, datasets_of
+from calibration.fitting.request_json import law_name
+from calibration.fitting.result import FitResult
+from calibration.fitting.stages import Options, StageFit
+from calibration.fitting.summary import summarise_material
+from calibration.fitting.suspicions import shared_doubts
+
+PACKAGES = ("softjax-contact", "jax", "diffrax", "optax", "optimistix", "numpy", "scipy")
+
+
+def fit(
+    data: RestitutionData | Sequence[RestitutionData],
+    law: str | type | Callable[..., sj.ContactLaw] | None = None,
+    parameters: Mapping[str, Any] | Sequence[Mapping[str, Any]] | None = None,
+    *,
+    objective: str | None = None,
+    route: sj.EnergyBalance | sj.ODE | None = None,
+    optimiser: str = "l-bfgs",
+    loss: str = "squared",
+    loss_scale: float = 1.345,
+    starts: int = 32,
+    seed: int = 0,
+    max_steps: int = 200,
+    unloading_line: str | None = "curves",
+    confidence: float = 0.95,
+    profiles: bool = True,
+    beside: bool = False,
+    extra_scatter: bool = False,
+    scale_uncertainty: bool = False,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> FitResult:
+    """Fit a contact law to one data set or several.
+
+    Args:
+        data: one `RestitutionData`, or a list of them with different names.
+        law: Zhou's where left out (for data without a contact Eq. (17), or a constant); a name of
+            `LAWS`, a class of contact laws, or any function that builds one: law(contact, c1, c2).
+        parameters: what is said of the law's parameters: {"chi": ...} for all data sets,
+            {"chi[name]": ...} for one; a `Parameter`, a number that fixes it, or a text for an
+            option such as {"form": "full"}; or a list of such mappings, one a data set. Those of
+            the contact are "contact.yield_strength" and so on. All of a law's own are free, except
+            what ε does not tell.
+        objective: "model" (default): the law against all points, all parameters at once: the
+            likelihood. "two-step": the paper's procedure for Zhou's law, σ and ψ from Eq. (17)
+            against all points, then χ̃ from the law with ε_up as Eq. (17) gave it.
+        route: `sj.ODE(...)` or `sj.EnergyBalance()`; by default what suits the law (the energy
+            balance where it has one), under "two-step" time integration in fixed steps.
+        optimiser: "l-bfgs" or "adam" (then L-BFGS) by optax, "levenberg-marquardt" by optimistix.
+        loss: "squared", "huber" or "soft-l1"; the robust ones are scaled by the median absolute
+            deviation of the residuals times `loss_scale`. Under "two-step" outliers are told by
+            Eq. (17), and drawn in to it for the second step.
+        starts: how many starts are screened (1: only the given one); the best few are refined.
+        seed: of the starts. The same seed gives the same result.
+        max_steps: iterations of one search.
+        unloading_line: for several materials of Zhou's law, Eq. (18) fitted to all curves at once
+            ("curves") or through the fitted χ̃ with their weights ("weighted"); None: not at all.
+        confidence: of the intervals.
+        profiles: whether to profile the likelihood where there is one.
+        beside: whether to repeat the fit by Levenberg–Marquardt through the energy balance.
+        extra_scatter: whether scatter beside the stated uncertainties is estimated.
+        scale_uncertainty: whether the stated uncertainties are right up to a factor only, which
+            the residuals tell: errors are scaled by √(reduced χ²).
+        progress: called as progress(stage, done, total).
+
+    Returns:
+        A `FitResult`. A fit that did not converge is marked so, not raised.
+
+    Data sets that share no parameter are fitted each by itself. All is computed in float64, whatever
+    JAX is set to.
+
+    Raises:
+        ValueError: naming the argument, its value and what is accepted.
+
+    Example:
+        >>> import calibration as cal
+        >>> steel = cal.paper_materials()[0]
+        >>> result = cal.fit(steel, objective="two-step")
+        >>> round(result.values["chi"], 4)
+        1.7944
+    """
+    options = Options(optimiser, starts, seed, loss, loss_scale, max_steps, progress)
+    request = Request(
+        datasets_of(data),
+        law,
+        parameters,
+        objective,
+        route,
+        options,
+        confidence,
+        profiles,
+        unloading_line,
+        extra_scatter,
+        scale_uncertainty,
+    )
+    begun = time.perf_counter()
+    with jax.enable_x64(True):
+        result = _fitted(checked(request), beside)
+    result.times["total"] = time.perf_counter() - begun
+    return replace(result, request=replace(request, options=replace(options, progress=None)))
+
+
+def _fitted(request: Request, beside: bool) -> FitResult:
+    fits = []
+    components = request.components()
+    for k, component in enumerate(components):
+        request.options.tell("fit", k, len(components))
+        fits.append(fit_component(component, request.options))
+    request.options.tell("fit", len(components), len(components))
+    line = fit_line(request, fits)
+    again = _beside(request, fits) if beside else None
+    curves = _profiles(request, fits)
+    doubts: list[Doubt] = []
+    materials: dict[int, MaterialFit] = {}
+    for fit_, own in zip(fits, curves, strict=True):
+        found = estimates(fit_, own, request.confidence)
+        shared = shared_doubts(fit_, found, own)
+        doubts += [d for d in shared if d.material is None]
+        for g in fit_.component.sets:
+            materials[g] = summarise_material(fit_, g, found, request.confidence, shared)
+    ordered = tuple(materials[g] for g in sorted(materials))
+    stage = None if line is None else line[1]
+    for material in ordered:
+        doubts += material.warnings
+    if stage is not None and not stage.found.converged[0]:
+        doubts.append(Doubt("not-converged", f"Eq. (18): {stage.report.reason}"))
+    names, covariance, of_predictions = _covariances(fits)
+    condition = max(float(f.uncertainty.condition_number[0]) for f in fits)
+    return FitResult(
+        request=request,
+        materials=ordered,
+        unloading_line=None if line is None else line[0],
+        covariance_names=names,
+        covariance=covariance,
+        of_predictions=of_predictions,
+        rank=sum(int(f.uncertainty.rank[0]) for f in fits),
+        condition_number=condition if np.isfinite(condition) else None,
+        likelihood=likelihood_of(fits),
+        warnings=tuple(dict.fromkeys(doubts)),
+        optimiser_report=tuple(s.report for s in _stages(fits, stage)),
+        beside=again,
+        profiles={label: curve for own in curves for label, curve in own.items()},
+        freedoms=tuple(_freedom(one) for one in fits),
+        settings=_settings(request, fits),
+        versions=dict(_versions()),
+        times=_times(_stages(fits, stage)),
+        pooled=pooled_of(fits, request.confidence),
+        fits=tuple(fits),
+    )
+
+
+def _profiles(request: Request, fits: list[ComponentFit]) -> list[dict[str, Profile]]:
+    if not request.profiles:
+        return [{} for _ in fits]
+    curves = []
+    for k, one in enumerate(fits):
+        request.options.tell("profiles", k, len(fits))
+        curves.append(profiles_of(one, request.confidence))
+    request.options.tell("profiles", len(fits), len(fits))
+    return curves
+
+
+def _stages(fits: list[ComponentFit], line: StageFit | None) -> list[StageFit]:
+    every = [stage for one in fits for stage in one.stages]
+    return (
+        every
+        if line is None
+        else [*every, replace(line, report=replace(line.report, stage="Eq. (18)"))]
+    )
+
+
+def _covariances(fits: list[ComponentFit]):
+    """Of all free parameters in physical units: D C D with D = ∂θ/∂z; components share none."""
+    names = tuple(e.label for one in fits for e in one.component.elements)
+    covariance, of_predictions = (np.zeros((len(names), len(names))) for _ in range(2))
+    first = 0
+    for one in fits:
+        rows = slice(first, first + len(one.z))
+        slope = one.final.problem.transform.slope(one.z)
+        both = np.outer(slope, slope)
+        covariance[rows, rows] = one.uncertainty.covariance[0] * both
+        of_predictions[rows, rows] = one.uncertainty.of_predictions[0] * both
+        unknown = ~one.uncertainty.known[0]
+        covariance[rows][unknown], covariance[:, rows][:, unknown] = np.nan, np.nan
+        first = rows.stop
+    return names, covariance, of_predictions
+
+
+def _freedom(fit: ComponentFit) -> Freedom:
+    labels = tuple(e.label for e in fit.component.elements)
+    names = tuple(spec.data.name for spec in fit.component.specs)
+    slope = fit.final.problem.transform.slope(fit.z)
+    return Freedom.of(fit.uncertainty.parts, slope, labels, names)
+
+
+def _beside(request: Request, fits: list[ComponentFit]) -> dict[str, Any]:
+    """The same fit by Levenberg–Marquardt through the energy balance, with what differs."""
+    begun = time.perf_counter()
+    options = replace(request.options, optimiser="levenberg-marquardt", starts=1, progress=None)
+    other = replace(request, route=sj.EnergyBalance(), options=options)
+    again = other.fitted()
+    values: dict[str, float | None] = {}
+    differences: dict[str, float] = {}
+    for one, two in zip(fits, again, strict=True):
+        for element, first, second in zip(
+            one.component.elements, one.theta, two.theta, strict=True
+        ):
+            values[element.label] = float(second)
+            differences[element.label] = float(abs(second - first) / max(abs(first), 1e-300))
+    line = fit_line(other, again)
+    if line is not None:
+        values |= {"c1": line[0].c1.value, "c2": line[0].c2.value}
+    return {
+        "optimiser": OPTIMISERS["levenberg-marquardt"],
+        "route": "energy balance",
+        "values": values,
+        "relative_difference": differences,
+        "largest_difference": max(differences.values(), default=0.0),
+        "converged": all(one.converged for one in again),
+        "evaluations": sum(stage.report.evaluations for one in again for stage in one.stages),
+        "seconds": time.perf_counter() - begun,
+    }
+
+
+@cache
+def _versions() -> dict[str, str]:
+    return {name: importlib.metadata.version(name) for name in PACKAGES}
+
+
+def _times(stages: list[StageFit]) -> dict[str, float]:
+    return {stage.report.label: stage.seconds for stage in stages}
+
+
+def _settings(request: Request, fits: list[ComponentFit]) -> dict[str, Any]:
+    specs = [spec for one in fits for spec in one.component.specs]
+    contacts = [spec.data.contact for spec in specs if spec.data.contact is not None]
+    objectives = sorted({spec.objective for spec in specs})
+    laws = list(dict.fromkeys(spec.model.key for spec in specs))
+    route = fits[0].final.report.route
+    table: dict[str, Any] = {
+        "objective": ", ".join(objectives),
+        "law": ", ".join(laws),
+        "route": route,
+        "optimiser": OPTIMISERS[request.options.optimiser],
+        "area": contacts[0].area if contacts else None,
+    }
+    for spec in specs:
+        table |= spec.model.options
+    table |= {
+        "x64": True,
+        "loss": request.options.loss,
+        "starts": request.options.starts,
+        "seed": request.options.seed,
+        "max_steps": request.options.max_steps,
+        "given_law": law_name(request.law),
+    }
+    if request.options.loss != "squared":
+        table["loss_scale"] = request.options.loss_scale
+    integrated = fits[0].final.problem.route
+    if isinstance(integrated, sj.ODE):
+        steps = integrated.steps
+        how = {"rtol": integrated.tolerance} if steps is None else {"steps": steps}
+        table |= {"solver": integrated.solver, **how}
+    elements = [e for one in fits for e in one.component.elements if len(e.sets) > 1]
+    names = [data.name for data in request.datasets]
+    groups = {e.label: [names[g] for g in e.sets] for e in elements}
+    return table | ({"shared": groups} if groups else {})

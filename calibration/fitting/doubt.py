@@ -1,0 +1,240 @@
+"""Named reasons not to trust a fit, each with its cause and its remedy."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+import softjax as sj
+
+CONDITION_LIMIT = 1e5  # of the Jacobian with unit columns: half of float64's digits are gone
+SEPARATE = 1.0  # standard error of ln σ from which on σ and ψ count as one number
+SEVERAL_DELTA = 4.0  # Δχ² below which another minimum is nearly as good
+CONFIDENCE = 0.99  # of the tests on residuals
+APART = 2.0  # standard errors between the two objectives
+REMEDIES = {
+    "at-bound": "Widen the bound if it was given, or fix the parameter there; its interval is one-sided.",
+    "rank-deficient": "Fix one of the parameters, give it a prior, or measure where it acts.",
+    "sigma-psi-not-separate": (
+        "Use eps_up, which is determined; or measure below the critical velocity, or more precisely."
+    ),
+    "ill-conditioned": "Fix a parameter or give it a prior; intervals of single parameters mislead.",
+    "not-converged": "Use more starts or steps, or another optimiser; do not use the values.",
+    "several-minima": "Give bounds or a prior that decide, or measure where the curves differ.",
+    "model-misfit": "The law does not follow these data within their noise; intervals omit that.",
+    "residual-runs": (
+        "The law misses a trend, or points belong together (a `group` column tells which); "
+        "intervals are too narrow."
+    ),
+    "unequal-scatter": "State each point's own uncertainty; intervals take errors to be as stated, else equal.",
+    "groups": "Say which points belong together (specimen, launch, day) in a `group` column.",
+    "plausibility": "Check the unit.",
+    "no-velocity-dependence": "Use a constant restitution, or measure over more velocities.",
+    "status": "Look at the velocities named and at the law's range; leave them out if need be.",
+    "extrapolation": "Measure there before relying on it.",
+    "all-below-yield": "Measure above the critical velocity; the unloading factor acts only there.",
+    "eps-up-only": "Measure below the critical velocity to tell sigma from psi.",
+    "objectives-disagree": (
+        "Eq. (17) does not hold over the whole curve, or the law does not: look at both curves; "
+        "`model` is the law's own likelihood."
+    ),
+    "branch-change": "Check the data near the critical velocity; fix the strength or the modulus.",
+    "data": "Check the data.",
+}
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """A warning: `code` is its name, `material` the data set it is about (None: all).
+
+    `advice` takes the place of the remedy that all of one code have.
+    """
+
+    code: str
+    cause: str
+    material: str | None = None
+    advice: str | None = None
+
+    @property
+    def remedy(self) -> str:
+        return self.advice or REMEDIES[self.code]
+
+    def __str__(self) -> str:
+        where = "" if self.material is None else f" ({self.material})"
+        return f"{self.code}{where}: {self.cause}. {self.remedy}"
+
+
+def is_wide(profile) -> bool:
+    """An interval open on a side, or as wide as 4 standard errors of `SEPARATE` log units."""
+    if profile.low is None or profile.high is None or profile.low <= 0:
+        return True
+    return bool(np.log(profile.high / profile.low) > 4 * SEPARATE)
+
+
+def at_bound(label: str, bound: float, material=None) -> Doubt:
+    return Doubt("at-bound", f"{label} is at its bound {bound:.4g}", material)
+
+
+def without_bound(label: str, material=None) -> Doubt:
+    """The cost falls, ever less, however large the parameter gets."""
+    return Doubt("at-bound", f"{label} grows without bound: any large value is as good", material)
+
+
+def misfit(rms: float, noise: float, reduced: float, degrees, of_noise, material) -> Doubt | None:
+    """χ² of the residuals larger than noise makes it once in a hundred.
+
+    Args:
+        of_noise: degrees of freedom of the noise itself, None where it is stated.
+    """
+    from scipy import special
+
+    if degrees < 1 or not np.isfinite(reduced):
+        return None
+    limit = special.chdtri(degrees, 1 - CONFIDENCE) / degrees
+    if of_noise is not None:
+        limit = special.fdtri(degrees, of_noise, CONFIDENCE)
+    if reduced <= limit:
+        return None
+    cause = f"rms {rms:.3g} against a noise of {noise:.3g} (reduced chi squared {reduced:.3g})"
+    return Doubt("model-misfit", cause, material)
+
+
+def misfit_against_scatter(rms, scatter, rms_degrees, scatter_degrees, material) -> Doubt | None:
+    """The same where the noise is itself an estimate: the scatter about Eq. (17), an F test.
+
+    Scatter at rounding level is no noise estimate, but then a larger rms is a misfit all the same.
+    """
+    from scipy import special
+
+    ratio = (rms / max(scatter, 1e-16)) ** 2
+    if ratio <= special.fdtri(rms_degrees, scatter_degrees, CONFIDENCE) or rms < 1e-9:
+        return None
+    cause = f"rms {rms:.3g} where the scatter about Eq. (17) is {scatter:.3g}"
+    return Doubt("model-misfit", cause, material)
+
+
+def disagreement(what: str, model, two_step, material) -> Doubt | None:
+    """Two estimates (value, standard error) of one number apart by more than their errors."""
+    (one, error_1), (other, error_2) = model, two_step
+    apart, error = abs(one - other), np.hypot(error_1, error_2)
+    if not apart > APART * error:
+        return None
+    cause = (
+        f"{what} is {one:.4g} ± {error_1:.2g} by `model`, {other:.4g} ± {error_2:.2g} by `two-step`"
+    )
+    return Doubt("objectives-disagree", cause, material)
+
+
+def runs(velocity, residual, material) -> Doubt | None:
+    """Wald and Wolfowitz: fewer changes of sign along the velocity than chance makes."""
+    from scipy import special
+
+    order = np.argsort(velocity, kind="stable")
+    size = np.max(np.abs(residual), initial=0.0)
+    if size < 1e-12:
+        return None  # rounding
+    sign = residual[order] > 0
+    n, plus = len(sign), int(np.sum(sign))
+    minus = n - plus
+    if n < 10 or min(plus, minus) == 0:
+        return None
+    count = 1 + int(np.sum(sign[1:] != sign[:-1]))
+    mean = 1 + 2 * plus * minus / n
+    variance = (mean - 1) * (mean - 2) / (n - 1)
+    score = (count - mean) / np.sqrt(max(variance, 1e-12))
+    if score >= special.ndtri(1 - CONFIDENCE):
+        return None
+    cause = f"{count} runs of one sign in {n} residuals where {mean:.0f} are expected"
+    return Doubt("residual-runs", cause, material)
+
+
+def unequal_scatter(velocity, restitution, standardised, material) -> Doubt | None:
+    """The size of the residuals goes with the velocity, or with ε: Spearman's rank correlation."""
+    from scipy import stats
+
+    size = np.abs(standardised)
+    if len(size) < 10 or np.ptp(size) < 1e-9:
+        return None
+    for name, values in (("velocity", velocity), ("restitution", restitution)):
+        if np.ptp(values) == 0:
+            continue
+        told = stats.spearmanr(values, size)
+        if told.pvalue < 0.5 * (1 - CONFIDENCE):  # of two that are looked at
+            way = "grow" if told.statistic > 0 else "shrink"
+            cause = f"the residuals {way} with the {name} (rank correlation {told.statistic:.2f})"
+            return Doubt("unequal-scatter", cause, material)
+    return None
+
+
+def alike_neighbours(velocity, standardised, material) -> Doubt | None:
+    """Residuals of neighbouring rows go together, in a file that is not in the order of velocity."""
+    from scipy import special
+
+    n = len(standardised)
+    ordered = np.all(np.diff(velocity) >= 0) or np.all(np.diff(velocity) <= 0)
+    squares = float(np.sum(standardised**2))
+    if n < 10 or ordered or squares < 1e-18:
+        return None
+    correlation = float(np.sum(standardised[1:] * standardised[:-1])) / squares
+    if correlation * np.sqrt(n) < special.ndtri(CONFIDENCE):
+        return None
+    cause = f"residuals of neighbouring rows are alike (correlation {correlation:.2f})"
+    return Doubt("groups", cause, material)
+
+
+def slope_of(velocity, restitution, uncertainty) -> tuple[float, float, float]:
+    """Slope dε/dv of a straight line, its standard error, and the t quantile for 95 %."""
+    from scipy import special
+
+    n = len(velocity)
+    weight = np.ones(n) if uncertainty is None else 1 / uncertainty
+    design = np.stack([np.ones(n), velocity - np.mean(velocity)], axis=1) * weight[:, None]
+    target = restitution * weight
+    covariance = np.linalg.pinv(design.T @ design)
+    fit = covariance @ design.T @ target
+    if uncertainty is not None:
+        return float(fit[1]), float(np.sqrt(covariance[1, 1])), float(special.ndtri(0.975))
+    left = n - 2
+    if left < 1:
+        return float(fit[1]), np.inf, np.inf
+    variance = np.sum((target - design @ fit) ** 2) / left
+    error = float(np.sqrt(variance * covariance[1, 1]))
+    return float(fit[1]), error, float(special.stdtrit(left, 0.975))
+
+
+def no_velocity_dependence(velocity, restitution, uncertainty, material) -> Doubt | None:
+    """A straight line's slope is zero within its 95 % interval."""
+    slope, error, t = slope_of(velocity, restitution, uncertainty)
+    scale = np.ptp(velocity)
+    if abs(slope) > t * error or (np.isfinite(error) and abs(slope) * scale > 1e-9 and error == 0):
+        return None
+    cause = f"the slope of restitution is {slope:.2g} ± {error:.2g} per m/s, 0 within its error"
+    return Doubt("no-velocity-dependence", cause, material)
+
+
+def statuses(status, velocity, material) -> list[Doubt]:
+    """One doubt for each flag that is raised at data points, other than elastic."""
+    doubts = []
+    for flag in sj.Status:
+        if flag in (sj.Status.PLAIN, sj.Status.ELASTIC):
+            continue
+        raised = (np.asarray(status, int) & int(flag)) != 0
+        if np.any(raised):
+            at = velocity[raised]
+            span = (
+                f"{np.min(at):.3g} to {np.max(at):.3g} m/s" if len(at) > 1 else f"{at[0]:.3g} m/s"
+            )
+            count = int(np.sum(raised))
+            cause = f"{flag.name} at {count} of {len(status)} points ({span})"
+            doubts.append(Doubt("status", cause, material))
+    return doubts
+
+
+def extrapolation(velocity, data) -> Doubt | None:
+    """Velocities outside the data's."""
+    low, high = float(np.min(data.velocity)), float(np.max(data.velocity))
+    outside = (np.asarray(velocity) < low) | (np.asarray(velocity) > high)
+    if not np.any(outside):
+        return None
+    count = int(np.sum(outside))
+    cause = f"{count} velocities lie outside the data's {low:.3g} to {high:.3g} m/s"
+    return Doubt("extrapolation", cause, data.name)

@@ -1,0 +1,66 @@
+"""Numbers with their uncertainty: one of them, Eq. (18)'s line, a band around a curve."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.rounding import with_error
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One number with its uncertainty; what is undefined, or an open end, is None.
+
+    `method` says where the interval comes from: "profile" (profile likelihood), "sandwich" (stacked
+    estimating equations), "wald" (least squares), "derived" (carried over), "undetermined", or
+    "fixed".
+    """
+
+    value: float | None
+    standard_error: float | None = None
+    low: float | None = None
+    high: float | None = None
+    method: str = "fixed"
+    free: bool = False
+    at_bound: bool = False
+
+    def __str__(self) -> str:
+        return with_error(self.value, self.standard_error)
+
+
+@dataclass(frozen=True)
+class Line:
+    """Eq. (18), χ̃ = c1 + c2 E/Y, through all materials.
+
+    Attributes:
+        c1, c2: fitted directly to all curves at once (None where that was not asked for, then
+            through the fitted χ̃).
+        rms: of each material's curve with χ̃ from the line.
+        chi: what the line gives for each material.
+        through_chi: c1 and c2 through the fitted χ̃ with their weights instead.
+        method: "curves" or "weighted".
+    """
+
+    c1: Estimate
+    c2: Estimate
+    rms: dict[str, float]
+    chi: dict[str, Estimate]
+    through_chi: dict[str, Estimate] | None
+    converged: bool
+    method: str = "curves"
+
+
+@dataclass(frozen=True)
+class Band:
+    """A fitted curve and its confidence band; all as long as `velocity` [m/s], NaN where the fit
+    knows nothing.
+
+    `kind` says of what: "mean", the curve itself, or "prediction", one more measurement.
+    """
+
+    velocity: np.ndarray
+    coefficient: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    standard_error: np.ndarray
+    kind: str = "mean"

@@ -1,0 +1,84 @@
+"""How well a fit's covariance is known, as a result keeps it: for quantiles of what follows from it."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from calibration.fitting.degrees import Parts, satterthwaite
+
+MOST = 50_000  # numbers that a result keeps of one component; beyond, its least degrees of freedom
+
+
+@dataclass(frozen=True, eq=False)
+class Freedom:
+    """The parts of a component's covariance, in physical units.
+
+    Attributes:
+        labels: of its parameters.
+        parts: (c, p, p), one for each variance that is an estimate.
+        relative: covariance of the logarithms of these variances, (c, c).
+        sets: names of the data sets that they belong to.
+        names: what each is of: "scatter", "group", "timing", "scale" or "repeats".
+    """
+
+    labels: tuple[str, ...]
+    parts: Float[np.ndarray, "c p p"]
+    relative: Float[np.ndarray, "c c"]
+    sets: tuple[str, ...]
+    names: tuple[str, ...]
+
+    @classmethod
+    def of(
+        cls, parts: Parts, slope, labels: tuple[str, ...], datasets: tuple[str, ...]
+    ) -> "Freedom":
+        """Of a fit's parts in z, with dθ/dz."""
+        both = np.outer(slope, slope)
+        sets = tuple(datasets[g] for g in parts.sets)
+        if parts.parts[0].size <= MOST:
+            return cls(labels, parts.parts[0] * both, parts.relative[0], sets, parts.names)
+        least = np.min(parts.along(np.eye(len(labels))))
+        whole = (parts.whole[0] * both)[None]
+        return cls(labels, whole, np.array([[2 / least]]), sets[:1], parts.names[:1])
+
+    def degrees(
+        self,
+        labels: tuple[str, ...],
+        slopes: Float[np.ndarray, "n p"],
+        variance: Float[np.ndarray, "n"],
+        material: str,
+        added: dict[str, float] | None = None,
+    ) -> Float[np.ndarray, "n"]:
+        """Degrees of freedom of a variance, infinite where the noise is known.
+
+        Args:
+            labels, slopes: of the parameters that it follows from, and in these.
+            variance: itself.
+            material, added: the data set, and what its errors add to the variance, by their names.
+        """
+        if not len(self.names):
+            return np.full(len(variance), np.inf)
+        place = [self.labels.index(label) for label in labels]
+        parts = np.einsum("np,cpq,nq->nc", slopes, self.parts[:, place][:, :, place], slopes)
+        for name, value in (added or {}).items():
+            own = [m == material and k == name for m, k in zip(self.sets, self.names, strict=True)]
+            if any(own):
+                parts[:, own] += value / sum(own)
+        return satterthwaite(variance[None], parts[None], self.relative[None])[0]
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            name: getattr(self, name) for name in ("labels", "parts", "relative", "sets", "names")
+        }
+
+    @classmethod
+    def from_dict(cls, table: dict[str, Any]) -> "Freedom":
+        size, count = len(table["labels"]), len(table["names"])
+        return cls(
+            tuple(table["labels"]),
+            np.array(table["parts"], float).reshape(count, size, size),
+            np.array(table["relative"], float).reshape(count, count),
+            tuple(table["sets"]),
+            tuple(table["names"]),
+        )

@@ -1,0 +1,97 @@
+"""Values, standard errors and intervals of what was searched, in physical units."""
+
+import numpy as np
+
+from calibration.fitting.component_fit import ComponentFit
+from calibration.fitting.estimate import Estimate
+from calibration.fitting.profiles import FARTHEST, Profile, profiles
+from calibration.fitting.transform import NONE
+from calibration.fitting.uncertainty import quantile
+
+LEAST_ERROR = 1e-12  # of data without noise: the interval is a point
+FROM_END = 0.5  # first stride of a walk that begins at an end of the range, in z
+
+
+def profiles_of(fit: ComponentFit, confidence: float) -> dict[str, Profile]:
+    """Of each single-number parameter, where there is a likelihood: of `model`, and of Eq. (17)'s step.
+
+    χ̃ of `two-step` has none.
+    """
+    stage = fit.stages[0]
+    likelihood = stage.problem.loss == "squared" and bool(stage.found.converged[0])
+    if not likelihood or not len(stage.problem.active):
+        return {}
+    problem, known = stage.problem, fit.uncertainty
+    variance = _variance(fit)
+    if variance is None:
+        return {}
+    errors = known.errors[0, problem.active]
+    limits = known.limits[0, problem.active]
+    errors = np.where(limits != 0, FROM_END, errors)
+    entry = np.array(["[" in problem.elements[k].name for k in problem.active])
+    wanted = (errors > LEAST_ERROR) & ~known.undetermined[0, problem.active] & ~entry
+    columns = np.flatnonzero(wanted)
+    degrees = known.degrees[0, problem.active[columns]]
+    reach = np.atleast_1d(quantile(confidence, degrees)) * known.widened[0, problem.active[columns]]
+    return profiles(
+        problem, fit.z, fit.begun, columns, errors[columns], limits[columns], variance, reach
+    )
+
+
+def _variance(fit: ComponentFit) -> float | None:
+    """Of a weighted residual; None where data sets differ in it, or have no noise."""
+    weighted = weighted_deviation(fit)
+    if np.ptp(weighted) > 1e-9 * np.max(weighted) or not np.max(weighted) > 0:
+        return None
+    return float(np.max(weighted)) ** 2
+
+
+def weighted_deviation(fit: ComponentFit) -> np.ndarray:
+    """Standard deviation of each weighted residual of the first stage."""
+    problem = fit.stages[0].problem
+    if problem.shared is not None:
+        return np.ones(problem.count)
+    return fit.uncertainty.noise.deviation[0] * problem.points.weight
+
+
+def estimates(
+    fit: ComponentFit, curves: dict[str, Profile], confidence: float
+) -> dict[int, Estimate]:
+    """Of each element of the component."""
+    return {
+        k: estimate_of(fit, k, curves.get(e.label), confidence)
+        for k, e in enumerate(fit.component.elements)
+    }
+
+
+def estimate_of(fit: ComponentFit, k: int, curve: Profile | None, confidence: float) -> Estimate:
+    """Value, standard error and interval: the profile's where there is one."""
+    known, value = fit.uncertainty, float(fit.theta[k])
+    if known.limits[0, k]:
+        return _at_an_end(fit, k, curve)
+    if known.undetermined[0, k]:
+        return Estimate(value, method="undetermined", free=True)
+    transform = fit.final.problem.transform.part(np.array([k]))
+    z_error = float(known.errors[0, k])
+    slope = float(abs(transform.slope(fit.z[k : k + 1])[0]))
+    if curve is not None:
+        return Estimate(value, slope * z_error, curve.low, curve.high, "profile", True)
+    reach = quantile(confidence, known.degrees[0, k]) * z_error
+    ends: list[float | None] = []
+    for sign in (-1, 1):
+        told = transform.kind[0] == NONE or reach < FARTHEST
+        end = transform.physical(fit.z[k : k + 1] + sign * reach)[0]
+        ends.append(float(end) if told else None)
+    method = "wald" if fit.is_likelihood else "sandwich"
+    return Estimate(value, slope * z_error, ends[0], ends[1], method, True)
+
+
+def _at_an_end(fit: ComponentFit, k: int, curve: Profile | None) -> Estimate:
+    """At a bound, with a one-sided interval where there is a profile; or grown without bound."""
+    limit = fit.uncertainty.limits[0, k]
+    bound = float(fit.final.problem.transform.bound_beyond(limit)[k])
+    low, high = (None, None) if curve is None else (curve.low, curve.high)
+    method = "undetermined" if curve is None else "profile"
+    if not np.isfinite(bound):
+        return Estimate(None, None, low, high, method, True)
+    return Estimate(bound, None, low, high, method, True, True)

@@ -1,0 +1,166 @@
+"""The built-in laws as a fit knows them: what of each ε tells, where a search starts, what is held.
+
+What ε does not tell is held at a value of the right size: Walton and Braun's loading stiffness and
+that of a linear spring at k √R. Eq. (17) takes its limit velocity from the data.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+import softjax as sj
+from calibration.data import RestitutionData
+from calibration.fitting.formulas import guess_losses
+
+Numbers = Mapping[str, Any]
+Ranges = Mapping[str, tuple[float, float]]
+
+
+def _nothing(_: RestitutionData) -> dict[str, Any]:
+    return {}
+
+
+@dataclass(frozen=True)
+class Known:
+    """What is known of a built-in law.
+
+    Attributes:
+        law, label: its class, and its name in tables and pictures.
+        guess: where a search starts, from the data.
+        held: what ε does not tell, with the value it is held at.
+        ranges: ends of a parameter's range that depend on the data.
+        remark: what a reader of a comparison should know.
+    """
+
+    law: type
+    label: str
+    guess: Callable[[RestitutionData], Numbers] = _nothing
+    held: Callable[[RestitutionData], Numbers] = _nothing
+    ranges: Callable[[RestitutionData], Ranges] = _nothing
+    remark: str = ""
+
+
+def _mean(data: RestitutionData) -> float:
+    return float(np.clip(np.mean(data.restitution), 1e-3, 0.999))
+
+
+def _one(values: Any) -> float:
+    """A single number for what may differ from impact to impact."""
+    return float(np.mean(np.asarray(values)))
+
+
+def _spring(data: RestitutionData) -> float:
+    """k √R [N/m], the size of a linear spring that is as stiff as Hertz's contact."""
+    assert data.contact is not None
+    return _one(data.contact.stiffness) * _one(data.contact.radius) ** 0.5
+
+
+def _losses(data: RestitutionData) -> Numbers:
+    sigma, psi = guess_losses(data)
+    return {"sigma": sigma, "psi": psi}
+
+
+def guess_zhou(data: RestitutionData) -> Numbers:
+    """χ̃ of X = 10, in the middle of what materials have, and Eq. (17)'s coefficients."""
+    assert data.contact is not None
+    ratio = _one(data.contact.yield_ratio)
+    up = float(np.clip(np.max(data.restitution), 0.1, 0.999))
+    line = {"c1": 0.0, "c2": 10 / ratio**2}
+    return {"chi": 10 / ratio, "eps_up": up, **line, **_losses(data)}
+
+
+def _guess_thornton(data: RestitutionData) -> Numbers:
+    """ε ≈ 1.185 (V_y/v)^{1/4} far above yield, and V_y ∝ p_y^{5/2}."""
+    assert data.contact is not None
+    at_one = _one(sj.Thornton(data.contact).elastic_velocity())
+    yields = np.median(data.velocity * (np.clip(data.restitution, 0.05, 0.99) / 1.185) ** 4)
+    return {"yield_factor": float(np.clip((yields / at_one) ** 0.4, 1e-3, 1e3))}
+
+
+def _guess_walton_braun(data: RestitutionData) -> Numbers:
+    """1/ε² = k20/k1 + s v √(M/k1), a straight line."""
+    assert data.contact is not None
+    inverse = np.clip(data.restitution, 0.05, 1.0) ** -2
+    slope, level = np.polyfit(data.velocity, inverse, 1) if np.ptp(data.velocity) else (0, 1.5)
+    stiffness = _spring(data)
+    growth = max(slope, 0.01 * float(np.mean(inverse)) / float(np.max(data.velocity)))
+    per_velocity = (stiffness / _one(data.contact.mass)) ** 0.5
+    return {"unloading_stiffness": max(level, 1.01) * stiffness, "growth": growth * per_velocity}
+
+
+def _guess_viscoelastic(data: RestitutionData) -> Numbers:
+    """1 - ε ≈ 1.15345 · 3/2 A (k/M)^{2/5} v^{1/5} of slow impacts."""
+    assert data.contact is not None
+    rate = np.asarray(data.contact.stiffness / data.contact.mass) ** 0.4 * data.velocity**0.2
+    lost = np.clip(1 - data.restitution, 1e-3, 0.9)
+    return {"dissipation_time": float(np.median(lost / (1.5 * 1.15345 * rate)))}
+
+
+def _limit(data: RestitutionData) -> Numbers:
+    return {} if data.limit_velocity is None else {"limit_velocity": data.limit_velocity}
+
+
+def _beyond_fastest(data: RestitutionData) -> Ranges:
+    return {"limit_velocity": (float(np.max(data.velocity)), np.inf)}
+
+
+def _set_restitution(data: RestitutionData) -> Numbers:
+    return {"restitution": _mean(data)}
+
+
+KNOWN: dict[str, Known] = {
+    "zhou": Known(
+        sj.Zhou,
+        "Zhou",
+        guess_zhou,
+        ranges=lambda data: {"contact." + k: v for k, v in _beyond_fastest(data).items()},
+    ),
+    "thornton": Known(
+        sj.Thornton,
+        "Thornton, p_y/Y free",
+        _guess_thornton,
+        remark="Hertz's contact area; the literature's p_y/Y are 1.6 to 2.8.",
+    ),
+    "walton-braun": Known(
+        sj.WaltonBraun,
+        "Walton–Braun",
+        _guess_walton_braun,
+        held=lambda data: {"loading_stiffness": _spring(data)},
+        ranges=lambda data: {"unloading_stiffness": (_spring(data), np.inf)},
+        remark="ε does not tell k1, which is held at k √R; k20 and s are in proportion to it.",
+    ),
+    "viscoelastic": Known(sj.ViscoelasticHertz, "viscoelastic Hertz", _guess_viscoelastic),
+    "hertz": Known(sj.Hertz, "Hertz", remark="Nothing to fit: ε = 1."),
+    "hertz-dashpot": Known(
+        sj.HertzDashpot,
+        "Hertz with dashpot",
+        _set_restitution,
+        remark="ε is an input of the law, the same at all velocities.",
+    ),
+    "linear": Known(
+        sj.LinearSpringDashpot,
+        "linear spring–dashpot",
+        _set_restitution,
+        held=lambda data: {"stiffness": _spring(data)},
+        remark="ε is an input of the law, the same at all velocities; it does not tell K.",
+    ),
+    "constant": Known(
+        sj.ConstantRestitution,
+        "constant ε (hard spheres)",
+        _set_restitution,
+        remark="ε is an input of the law; fitted is its mean.",
+    ),
+    "eq-17": Known(
+        sj.EmpiricalRestitution,
+        "Eq. (17), empirical",
+        _losses,
+        held=_limit,
+        ranges=_beyond_fastest,
+        remark="A formula without a collision, as a baseline.",
+    ),
+}
+LAWS: dict[str, type] = {key: known.law for key, known in KNOWN.items()}
+"""The built-in contact laws by the names that `fit`, `compare` and the commands take."""
+WITHOUT_CONTACT = ("constant", "eq-17")  # laws that need no elastic properties

@@ -1,0 +1,128 @@
+"""Eq. (18), χ̃ = c1 + c2 E/Y: one line for several materials of Zhou's law."""
+
+from dataclasses import replace
+
+import numpy as np
+
+import softjax as sj
+from calibration.fitting.assembly import assemble
+from calibration.fitting.component_fit import ComponentFit, fit_component
+from calibration.fitting.derived import derived_of
+from calibration.fitting.estimate import Estimate, Line
+from calibration.fitting.intervals import estimate_of
+from calibration.fitting.request import Request
+from calibration.fitting.specs import SetSpec
+from calibration.fitting.stages import StageFit
+from calibration.fitting.uncertainty import quantile
+from calibration.fitting.zhou import LINE
+from calibration.parameters import Parameter
+
+
+def fit_line(request: Request, fits: list[ComponentFit]) -> tuple[Line, StageFit | None] | None:
+    """The line through all materials with a χ̃ of their own; None where there are fewer than two.
+
+    Fitted to all curves at once, with what else was free; or through the fitted χ̃ with their
+    weights.
+    """
+    own = _with_chi(fits)
+    if request.unloading_line is None or len(own) < 2:
+        return None
+    through = _through_chi(own, request.confidence)
+    joint = _joint(request, [spec for _, spec, _ in own], through)
+    if request.unloading_line == "weighted":
+        return _weighted(joint, own, through), None
+    names = [e.name for e in joint.component.elements]
+    c1, c2 = (estimate_of(joint, names.index(name), None, request.confidence) for name in LINE)
+    sets = zip(joint.component.sets, joint.component.specs, strict=True)
+    chi = {s.data.name: derived_of(joint, s, g, request.confidence)["chi"] for g, s in sets}
+    line = Line(c1, c2, _rms(joint, joint.z), chi, through, bool(joint.final.found.converged[0]))
+    return line, joint.final
+
+
+def _with_chi(fits: list[ComponentFit]) -> list[tuple[ComponentFit, SetSpec, int]]:
+    """Data sets of Zhou's law with a χ̃ of their own: the fit, what was asked, its element."""
+    found = []
+    for fit in fits:
+        for g, spec in zip(fit.component.sets, fit.component.specs, strict=True):
+            for k, e in enumerate(fit.component.elements):
+                if e.name == "chi" and e.sets == (g,) and spec.model.law_type is sj.Zhou:
+                    found.append((fit, spec, k))
+    return found
+
+
+def _joint(request: Request, specs: list[SetSpec], through: dict[str, Estimate]) -> ComponentFit:
+    """All curves with every χ̃ on one line; everything else as it was asked for."""
+    names = {spec.data.name for spec in specs}
+    datasets = tuple(data for data in request.datasets if data.name in names)
+    said = [_said(spec, through) for spec in specs]
+    asked = replace(
+        request,
+        datasets=datasets,
+        law="zhou",
+        parameters=said,
+        options=replace(request.options, starts=1),
+    )
+    return fit_component(
+        assemble(asked.specs(), asked.chosen_route(asked.specs()))[0], asked.options
+    )
+
+
+def _said(spec: SetSpec, through: dict[str, Estimate]) -> dict:
+    """What was said of a data set's parameters, with the line in place of χ̃."""
+    kept = {
+        local.name: local.parameter
+        for local in spec.local
+        if local.name != "chi" and (local.parameter.free or local.parameter.value is not None)
+    }
+    values = {name: Parameter(through[name].value) for name in LINE}
+    return kept | values | dict(spec.model.options)
+
+
+def _through_chi(own, confidence: float) -> dict[str, Estimate]:
+    """Weighted least squares through the fitted χ̃; equal weights where they have no errors."""
+    ratio = np.array([_ratio(spec) for _, spec, _ in own])
+    chi = np.array([fit.theta[k] for fit, _, k in own])
+    variance = np.array([fit.uncertainty.covariance[0, k, k] for fit, _, k in own]) * chi**2
+    usable = np.all(np.isfinite(variance)) and np.all(variance > 0)
+    weight = 1 / variance if usable else np.ones(len(chi))
+    design = np.stack([np.ones_like(ratio), ratio], axis=1)
+    normal = np.linalg.pinv(design.T @ (design * weight[:, None]))
+    c = normal @ (design.T @ (weight * chi))
+    degrees = min(float(fit.uncertainty.degrees[0, k]) for fit, _, k in own)
+    reach = quantile(confidence, degrees)
+    table = {}
+    for i, name in enumerate(LINE):
+        error = float(np.sqrt(normal[i, i])) if usable else None
+        ends = (None, None) if error is None else (c[i] - reach * error, c[i] + reach * error)
+        low, high = (None if end is None else float(end) for end in ends)
+        table[name] = Estimate(float(c[i]), error, low, high, "wald", True)
+    return table
+
+
+def _ratio(spec: SetSpec) -> float:
+    """E/Y of a data set."""
+    assert spec.data.contact is not None
+    return float(np.mean(np.asarray(spec.data.contact.yield_ratio)))
+
+
+def _weighted(joint: ComponentFit, own, through: dict[str, Estimate]) -> Line:
+    """The line through the fitted χ̃, and how the curves follow it."""
+    z, elements = np.array(joint.z), joint.component.elements
+    for k, e in enumerate(elements):
+        if e.name in LINE:
+            z[k] = through[e.name].value
+    c1, c2 = (through[name] for name in LINE)
+    assert c1.value is not None
+    assert c2.value is not None
+    on_line = {s.data.name: Estimate(c1.value + c2.value * _ratio(s)) for _, s, _ in own}
+    return Line(c1, c2, _rms(joint, z), on_line, through, True, "weighted")
+
+
+def _rms(joint: ComponentFit, z: np.ndarray) -> dict[str, float]:
+    """Of each material's curve with χ̃ from the line."""
+    problem = joint.final.problem
+    residual = problem.predict(z[None])[0] - problem.points.restitution
+    return {
+        data.name: float(np.sqrt(np.mean(residual[problem.points.set == g] ** 2)))
+        for g, data in enumerate(problem.datasets)
+    }

@@ -1,0 +1,126 @@
+"""The fit of one data set: its parameters, its law, how closely the law follows."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import jax
+import numpy as np
+
+import softjax as sj
+from calibration.data import RestitutionData
+from calibration.fitting.doubt import Doubt
+from calibration.fitting.estimate import Estimate
+from calibration.fitting.law_model import LawModel
+from calibration.fitting.rows import Tree, with_trees
+
+
+@dataclass(frozen=True)
+class MaterialFit:
+    """The fit of one data set.
+
+    Attributes:
+        data: the measurements.
+        objective: "model" or "two-step".
+        model: its law, as a fit sees it.
+        parameters: estimates by name, the fixed ones too; a whole parameter is told by none.
+        derived: numbers that follow from them, of Zhou's law eps_up and critical_velocity [m/s].
+        values: all parameters that make the law, physical, the numbers of whole ones too.
+        labels: what the covariance calls those that were free.
+        trees: how the numbers of whole parameters make up pytrees.
+        rms, rms_empirical: of the fitted curve, and of Eq. (17) (None for other laws than Zhou's).
+        empirical: limit_velocity, sigma and psi of Eq. (17) against all points; None as well.
+        reduced_chi_squared: with the stated uncertainties; None without.
+        converged: whether the searches arrived.
+        status: `softjax.Status` at each point.
+        known_from, known_to: velocities between which the fit knows anything of the curve [m/s].
+        variances: mean variance of ε by where it comes from, of one more measurement: "stated",
+            "scatter", "group" (of another specimen, launch or day), "timing", "scale", "repeats".
+        timing: standard deviation of times that was found [s].
+        standardised, leverage: of each point: residuals over their standard deviations, and how many
+            parameters it pays for.
+        residual_degrees: degrees of freedom of the residuals.
+        warnings: the doubts about this data set.
+    """
+
+    data: RestitutionData
+    objective: str
+    model: LawModel
+    parameters: dict[str, Estimate]
+    derived: dict[str, Estimate]
+    values: Mapping[str, Any]
+    labels: Mapping[str, str]
+    trees: tuple[Tree, ...]
+    rms: float
+    rms_empirical: float | None
+    empirical: Mapping[str, float] | None
+    reduced_chi_squared: float | None
+    converged: bool
+    status: tuple[int, ...]
+    known_from: float = 0.0
+    known_to: float = np.inf
+    variances: Mapping[str, float] = field(default_factory=dict)
+    timing: float | None = None
+    standardised: tuple[float, ...] = field(default=(), repr=False)
+    leverage: tuple[float, ...] = field(default=(), repr=False)
+    residual_degrees: float = 0.0
+    warnings: tuple[Doubt, ...] = field(default=())
+
+    @property
+    def name(self) -> str:
+        return self.data.name
+
+    @property
+    def n(self) -> int:
+        return len(self.data)
+
+    @property
+    def noise(self) -> float | None:
+        """The standard deviation of a single ε that was estimated; None where it was stated."""
+        found = [v for kind, v in self.variances.items() if kind not in ("stated", "group")]
+        return float(np.sqrt(sum(found))) if found else None
+
+    @property
+    def group_deviation(self) -> float | None:
+        """The standard deviation of the groups' offsets in ε; None without groups."""
+        return float(np.sqrt(self.variances["group"])) if "group" in self.variances else None
+
+    @property
+    def probability(self) -> float | None:
+        """Of a χ² at least as large where the law and the stated uncertainties hold."""
+        if self.reduced_chi_squared is None:
+            return None
+        from scipy import special
+
+        left = self.residual_degrees
+        return float(special.chdtrc(left, left * self.reduced_chi_squared))
+
+    @property
+    def law(self) -> sj.ContactLaw:
+        """The fitted law.
+
+        Where ε_up was fitted in place of σ and ψ, ψ is a guess from the data and σ such that
+        Eq. (17) gives ε_up at v_cr: above yield the law is the fitted one, below it is not known.
+        """
+        values = self.model.inside(self.values)
+        with jax.enable_x64(True):
+            law = self.model.law(self.data.contact, with_trees(values, self.trees))
+            return jax.tree.map(_plain, law)
+
+    @property
+    def contact(self) -> sj.Contact | None:
+        """The two bodies with what was fitted of them; None for a law without them."""
+        return getattr(self.law, "contact", None)
+
+    def known(self, velocity: Any) -> np.ndarray:
+        """Whether the fit knows anything of ε at these velocities [m/s]."""
+        velocity = np.asarray(velocity, float)
+        return (velocity >= self.known_from) & (velocity <= self.known_to)
+
+
+def _plain(leaf: Any) -> Any:
+    """Single numbers as Python floats, arrays as NumPy's."""
+    if not hasattr(leaf, "dtype"):
+        return leaf
+    array = np.asarray(leaf)
+    return float(array) if array.ndim == 0 and array.dtype.kind == "f" else array

@@ -1,0 +1,222 @@
+"""How a search steps: optimistix's damped Newton descent, optax's L-BFGS and Adam, for many fits.
+
+Each method proposes a direction for the fits that need one, and learns which steps were taken. The
+loop that tries them, `search`, is the same for all; collisions are none of a method's affair.
+"""
+
+from functools import lru_cache
+from typing import Protocol
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+
+from calibration.fitting.condensed import Condensed
+
+Fits = Bool[np.ndarray, "fits"]
+Steps = Float[np.ndarray, "fits p"]
+OPTIMISERS = {
+    "l-bfgs": "optax L-BFGS",
+    "adam": "optax Adam, then L-BFGS",
+    "levenberg-marquardt": "optimistix Levenberg–Marquardt",
+}
+
+
+class Method(Protocol):
+    """What a search asks of it."""
+
+    def propose(self, need: Fits, z: Steps, at: Condensed) -> Steps:
+        """A direction for the fits in need of one; the others keep theirs."""
+
+    def taken(self, fits: Fits, whole: Fits) -> None:
+        """These fits have moved, by a whole step or a shortened one; they need a direction."""
+
+    def refused(self, fits: Fits) -> Fits:
+        """Their step raised the cost: which of them want another direction, not a shorter step."""
+
+    def stuck(self) -> Fits:
+        """Fits that no direction helps any more."""
+
+
+class Marquardt:
+    """Levenberg and Marquardt: (JᵀJ + λ) step = -Jᵀr in columns scaled to one."""
+
+    GROWTH, SHRINKAGE = 5.0, 0.2
+    SMALLEST, LARGEST = 1e-12, 1e14  # of 1/λ
+
+    def __init__(self, fits: int, p: int):
+        self.size = np.full(fits, 1e3)
+        self.direction = np.zeros((fits, p))
+
+    def propose(self, need: Fits, z: Steps, at: Condensed) -> Steps:
+        scaled = at.directions * at.singular[:, None, :]
+        normal = scaled @ np.swapaxes(scaled, 1, 2)
+        step = _damped_newton(normal, at.gradient / at.size, self.size) / at.size
+        self.direction = np.where(need[:, None], step, self.direction)
+        return self.direction
+
+    def taken(self, fits: Fits, whole: Fits) -> None:
+        grown = np.minimum(self.size * self.GROWTH, self.LARGEST)
+        self.size = np.where(fits, grown, self.size)
+
+    def refused(self, fits: Fits) -> Fits:
+        self.size = np.where(fits, self.size * self.SHRINKAGE, self.size)
+        return fits
+
+    def stuck(self) -> Fits:
+        return self.size < self.SMALLEST
+
+
+class Lbfgs:
+    """optax's L-BFGS in variables in which the damped Gauss–Newton matrix is one, renewed at times.
+
+    That makes its first step Levenberg's and leaves what the curvature of the residuals changes to
+    L-BFGS's memory. Far from a minimum the damping grows with every step that had to be shortened.
+    """
+
+    PERIOD = 6  # steps between two renewals
+    FIRST_DAMPING, LARGEST_DAMPING = 1e-2, 1e6  # of the matrix with unit diagonal
+    SHORTER = 8  # how often a step is shortened before another direction is taken
+
+    def __init__(self, fits: int, p: int):
+        self.damping = np.full(fits, self.FIRST_DAMPING)
+        self.age = np.zeros(fits, int)
+        self.shortened = np.zeros(fits, int)
+        self.exhausted = np.zeros(fits, bool)
+        self.direction = np.zeros((fits, p))
+        self.basis = self.inverse = np.zeros((fits, p, p))
+        self.memory = _empty_memory(_sized(fits, 4), _sized(p, 8))
+
+    def propose(self, need: Fits, z: Steps, at: Condensed) -> Steps:
+        renewed = need & (self.age % self.PERIOD == 0)
+        if np.any(renewed):
+            basis = at.whitening(self.damping)
+            self.basis = np.where(renewed[:, None, None], basis, self.basis)
+            self.inverse = np.linalg.pinv(self.basis)
+        white = np.einsum("fij,fi->fj", self.basis, at.gradient)
+        place = np.einsum("fij,fj->fi", self.inverse, z)
+        update, self.memory = _lbfgs(self.memory, white, place, need, renewed)
+        direction = -np.einsum("fij,fj->fi", self.basis, update)
+        uphill = np.einsum("fi,fi->f", direction, at.gradient) >= 0
+        steepest = -np.einsum("fij,fj->fi", self.basis, white)
+        direction = np.where(uphill[:, None], steepest, direction)
+        self.direction = np.where(need[:, None], direction, self.direction)
+        self.age += need
+        self.shortened[need] = 0
+        return self.direction
+
+    def taken(self, fits: Fits, whole: Fits) -> None:
+        self.damping = np.where(fits & whole, self.damping * 0.2, self.damping)
+        self._damp(fits & ~whole)
+
+    def refused(self, fits: Fits) -> Fits:
+        self.shortened += fits
+        over = fits & (self.shortened >= self.SHORTER)
+        self.exhausted |= over & (self.damping >= self.LARGEST_DAMPING)
+        self._damp(over)
+        return over
+
+    def stuck(self) -> Fits:
+        return self.exhausted
+
+    def _damp(self, fits: Fits) -> None:
+        raised = np.minimum(self.damping * 10, self.LARGEST_DAMPING)
+        self.damping = np.where(fits, raised, self.damping)
+        self.age = np.where(fits, 0, self.age)
+
+
+class Adam:
+    """optax's Adam with a cosine schedule, in units of each element's own size."""
+
+    STEPS = 200
+
+    def __init__(self, z: Steps, unit: Steps):
+        self.unit = unit
+        self.start, self.update = _adam_tools()
+        self.state = self.start(_filled(z, _sized(len(z), 4), _sized(z.shape[1], 8)))
+
+    def step(self, gradient: Steps) -> Steps:
+        fits, p = gradient.shape
+        scaled = _filled(self.unit * gradient, _sized(fits, 4), _sized(p, 8))
+        change, self.state = self.update(scaled, self.state)
+        return self.unit * np.asarray(change)[:fits, :p]
+
+
+def _sized(count: int, least: int) -> int:
+    """Sizes are rounded up to powers of two, so that few of them are compiled."""
+    return max(least, 1 << (count - 1).bit_length())
+
+
+def _filled(array: np.ndarray, *sizes: int) -> np.ndarray:
+    widths = [(0, size - n) for size, n in zip(sizes, array.shape, strict=False)]
+    return np.pad(array, widths + [(0, 0)] * (array.ndim - len(widths)))
+
+
+def _damped_newton(normal, gradient, size) -> np.ndarray:
+    fits, p = gradient.shape
+    many, wide = _sized(fits, 4), _sized(p, 4)
+    filled = _filled(normal, many, wide, wide)
+    extra = np.arange(p, wide)
+    filled[:, extra, extra] = 1.0
+    step = _marquardt_tool()(filled, _filled(gradient, many, wide), _filled(size, many))
+    return np.asarray(step)[:fits, :p]
+
+
+@lru_cache
+def _marquardt_tool():
+    import lineax
+    import optimistix as optx
+
+    descent = optx.DampedNewtonDescent()
+
+    def one(normal, gradient, size):
+        matrix = lineax.MatrixLinearOperator(normal, lineax.positive_semidefinite_tag)
+        info = optx.FunctionInfo.EvalGradHessian(jnp.zeros(()), gradient, matrix)
+        state = descent.query(gradient, info, descent.init(gradient, info))
+        return descent.step(size, state)[0]
+
+    return jax.jit(jax.vmap(one))
+
+
+@lru_cache
+def _lbfgs_tools():
+    import optax
+
+    tool = optax.scale_by_lbfgs(memory_size=10, scale_init_precond=False)
+
+    @jax.jit
+    def update(memory, gradient, place, need, renewed):
+        empty = jax.vmap(tool.init)(jnp.zeros_like(gradient))
+        chosen = _where(renewed, empty, memory)
+        step, after = jax.vmap(tool.update)(gradient, chosen, place)
+        return step, _where(need, after, chosen)
+
+    return jax.jit(jax.vmap(tool.init)), update
+
+
+def _where(fits, yes, no):
+    """One tree or the other, fit by fit."""
+    pick = lambda a, b: jnp.where(fits.reshape(-1, *(1,) * (a.ndim - 1)), a, b)  # noqa: E731
+    return jax.tree.map(pick, yes, no)
+
+
+def _empty_memory(fits: int, p: int):
+    return _lbfgs_tools()[0](np.zeros((fits, p)))
+
+
+def _lbfgs(memory, gradient, place, need, renewed):
+    fits, p = gradient.shape
+    sizes = _sized(fits, 4), _sized(p, 8)
+    flags = (_filled(a, sizes[0]) for a in (need, renewed))
+    arrays = (_filled(a, *sizes) for a in (gradient, place))
+    step, memory = _lbfgs_tools()[1](memory, *arrays, *flags)
+    return np.asarray(step)[:fits, :p], memory
+
+
+@lru_cache
+def _adam_tools():
+    import optax
+
+    tool = optax.adam(optax.cosine_decay_schedule(0.1, Adam.STEPS))
+    return jax.jit(tool.init), jax.jit(tool.update)

@@ -1,0 +1,84 @@
+"""What was asked of a fit, as JSON and back."""
+
+from dataclasses import asdict
+from typing import Any
+
+import softjax as sj
+from calibration.data import RestitutionData
+from calibration.fitting.known_laws import LAWS
+from calibration.fitting.request import Request
+from calibration.fitting.specs import said_of
+from calibration.fitting.stages import Options
+from calibration.parameters import Parameter
+
+SAID = ("free", "bounds", "prior", "transform", "shared")
+
+
+def request_to_dict(request: Request) -> dict[str, Any]:
+    """Data and progress left out; a law of one's own by its name."""
+    options = asdict(request.options)
+    options.pop("progress")
+    said = said_of(request.parameters, request.datasets)
+    return {
+        "law": law_name(request.law),
+        "parameters": [{name: _told(value) for name, value in one.items()} for one in said],
+        "objective": request.objective,
+        "route": _route_to_dict(request.route),
+        "options": options,
+        "confidence": request.confidence,
+        "profiles": request.profiles,
+        "unloading_line": request.unloading_line,
+        "extra_scatter": request.extra_scatter,
+        "scale_uncertainty": request.scale_uncertainty,
+    }
+
+
+def request_from_dict(table: dict[str, Any], datasets: tuple[RestitutionData, ...], law) -> Request:
+    said = [{name: _heard(value) for name, value in one.items()} for one in table["parameters"]]
+    return Request(
+        datasets,
+        law,
+        said,
+        table["objective"],
+        _route_from_dict(table["route"]),
+        Options(**table["options"]),
+        table["confidence"],
+        table["profiles"],
+        table["unloading_line"],
+        table["extra_scatter"],
+        table["scale_uncertainty"],
+    )
+
+
+def law_name(law: Any) -> str | None:
+    """The name by which a file tells a law."""
+    if law is None or isinstance(law, str):
+        return law
+    built_in = next((key for key, one in LAWS.items() if one is law), None)
+    return built_in or getattr(law, "__name__", type(law).__name__)
+
+
+def _told(value: Any) -> Any:
+    if not isinstance(value, Parameter):
+        return value
+    table = {name: getattr(value, name) for name in SAID}
+    number = value.value if value.is_number else None  # of a network only what was found is kept
+    return {"value": number, **table}
+
+
+def _heard(value: Any) -> Any:
+    if not isinstance(value, dict):
+        return value
+    pairs: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in value.items()}
+    return Parameter(pairs.pop("value"), **pairs)
+
+
+def _route_to_dict(route) -> dict[str, Any] | None:
+    return None if route is None else {"name": route.name, **asdict(route)}
+
+
+def _route_from_dict(table) -> sj.EnergyBalance | sj.ODE | None:
+    if table is None:
+        return None
+    fields = {key: value for key, value in table.items() if key != "name"}
+    return sj.ODE(**fields) if table["name"] == sj.ODE.name else sj.EnergyBalance()

@@ -1,0 +1,342 @@
+"""What a fit found, how well it is known, and what to doubt about it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from calibration.atomic import replacing, write_text
+from calibration.errors import DataError
+from calibration.fitting.bands import band
+from calibration.fitting.component_fit import ComponentFit
+from calibration.fitting.curves import as_empirical
+from calibration.fitting.doubt import Doubt, extrapolation
+from calibration.fitting.estimate import Band, Estimate, Line
+from calibration.fitting.freedom import Freedom
+from calibration.fitting.left_out import LeaveOneOut, leave_one_out
+from calibration.fitting.likelihood import Likelihood
+from calibration.fitting.material import MaterialFit
+from calibration.fitting.profiles import Profile
+from calibration.fitting.refits import Bootstrap, bootstrap
+from calibration.fitting.request import Request
+from calibration.fitting.result_json import dumps, read_result, result_to_dict
+from calibration.fitting.result_text import fit_text
+from calibration.fitting.stages import Stage
+from calibration.fitting.zhou import LINE
+
+KINDS = ("mean", "prediction")
+
+
+@dataclass(frozen=True, eq=False)
+class FitResult:
+    """A fit; prints itself as a table. See `MaterialFit` for one data set of it.
+
+    Attributes:
+        request: what was asked for.
+        materials: one `MaterialFit` a data set.
+        unloading_line: Eq. (18) through several materials of Zhou's law, or None.
+        covariance_names, covariance: of the free parameters, in physical units.
+        of_predictions: the covariance with 0 along what is undetermined: of what follows from the
+            parameters together.
+        rank, condition_number: of the weighted Jacobian with columns scaled to one.
+        likelihood: None where what was minimised is none, or the data have no noise.
+        warnings: all doubts.
+        optimiser_report: what each stage took.
+        beside: the same fit by Levenberg–Marquardt through the energy balance, if asked for.
+        profiles: by parameter label.
+        freedoms: how well the noise is known that the covariance comes from, of each component.
+        pooled: mean and spread of parameters that are pooled, "chi" and "chi_spread"; the spread on
+            the scale that is searched, ln θ where θ is positive.
+        settings, versions, times: how, with what, how long [s].
+        fits: the searches themselves; None in a result that was loaded.
+    """
+
+    request: Request
+    materials: tuple[MaterialFit, ...]
+    unloading_line: Line | None
+    covariance_names: tuple[str, ...]
+    covariance: np.ndarray
+    of_predictions: np.ndarray
+    rank: int
+    condition_number: float | None
+    likelihood: Likelihood | None
+    warnings: tuple[Doubt, ...]
+    optimiser_report: tuple[Stage, ...]
+    beside: dict[str, Any] | None
+    profiles: dict[str, Profile]
+    freedoms: tuple[Freedom, ...]
+    settings: dict[str, Any]
+    versions: dict[str, str]
+    times: dict[str, float] = field(default_factory=dict)
+    pooled: dict[str, Estimate] = field(default_factory=dict)
+    fits: tuple[ComponentFit, ...] | None = field(default=None, repr=False)
+
+    @property
+    def confidence(self) -> float:
+        """Of all intervals."""
+        return self.request.confidence
+
+    @property
+    def values(self) -> dict[str, float | None]:
+        """Values by name, "chi" or "chi[name]"; the numbers of whole parameters too."""
+        table = {label: e.value for label, e in self.estimates.items()}
+        for material in self.materials:
+            for name, label in material.labels.items():
+                if "[" in name:
+                    table[label] = float(material.values[name])
+        return table
+
+    @property
+    def standard_errors(self) -> dict[str, float | None]:
+        return {label: e.standard_error for label, e in self.estimates.items()}
+
+    @property
+    def intervals(self) -> dict[str, tuple[float | None, float | None]]:
+        """Confidence limits; None is an open end."""
+        return {label: (e.low, e.high) for label, e in self.estimates.items()}
+
+    @property
+    def estimates(self) -> dict[str, Estimate]:
+        """All parameters, then the derived numbers that are not parameters.
+
+        What several data sets share has the name of each of them, and that of what they share.
+        """
+        table: dict[str, Estimate] = {}
+        for material in self.materials:
+            for name, estimate in {**material.derived, **material.parameters}.items():
+                alone = len(self.materials) == 1 or name in LINE
+                table[name if alone else f"{name}[{material.name}]"] = estimate
+                if name in material.labels:
+                    table[material.labels[name]] = estimate
+        return table | self.pooled
+
+    @property
+    def converged(self) -> bool:
+        line = self.unloading_line is None or self.unloading_line.converged
+        return line and all(material.converged for material in self.materials)
+
+    @property
+    def log_likelihood(self) -> float | None:
+        """ln L; None under `two-step`, with robust losses, and for data without noise."""
+        return None if self.likelihood is None else self.likelihood.log
+
+    @property
+    def aic(self) -> float | None:
+        """Akaike's criterion, 2k - 2 ln L."""
+        return None if self.likelihood is None else self.likelihood.aic
+
+    @property
+    def bic(self) -> float | None:
+        """Schwarz's criterion, k ln n - 2 ln L."""
+        return None if self.likelihood is None else self.likelihood.bic
+
+    @property
+    def rms(self):
+        """Root mean square of curve minus data; for several data sets by name."""
+        return self._each(lambda material: material.rms)
+
+    @property
+    def rms_empirical(self):
+        """The same of Eq. (17); None for other laws than Zhou's."""
+        return self._each(lambda material: material.rms_empirical)
+
+    @property
+    def law(self):
+        """The fitted law; for several data sets by name."""
+        return self._each(lambda material: material.law)
+
+    @property
+    def data(self):
+        return self._each(lambda material: material.data)
+
+    def _each(self, of):
+        if len(self.materials) == 1:
+            return of(self.materials[0])
+        return {material.name: of(material) for material in self.materials}
+
+    @property
+    def correlations(self) -> np.ndarray:
+        """Of the free parameters; NaN where undetermined."""
+        size = np.sqrt(np.diag(self.covariance))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return self.covariance / np.outer(size, size)
+
+    def material(self, name: str | None = None) -> MaterialFit:
+        """The fit of one data set; the name may be left out where there is one.
+
+        Raises:
+            ValueError: naming the accepted names.
+        """
+        if name is None and len(self.materials) == 1:
+            return self.materials[0]
+        for material in self.materials:
+            if material.name == name:
+                return material
+        names = ", ".join(repr(material.name) for material in self.materials)
+        raise DataError("name", repr(name), f"one of {names}")
+
+    def known(self, velocity, name: str | None = None) -> np.ndarray:
+        """Whether the fit knows anything of ε at these velocities [m/s].
+
+        Zhou's law by `model`, without points below the critical velocity, knows nothing below it;
+        without points above, nothing above.
+        """
+        return self.material(name).known(velocity)
+
+    def band(
+        self,
+        velocity,
+        name: str | None = None,
+        confidence: float | None = None,
+        *,
+        kind: str = "mean",
+        draws: Any = None,
+    ) -> Band:
+        """ε(v) of the fitted curve with a confidence band; NaN where `known` is False.
+
+        Args:
+            velocity: [m/s], any shape.
+            name: of the data set, where there are several.
+            confidence: that of the fit where left out.
+            kind: "mean", of the curve itself, or "prediction", of one more measurement.
+            draws: a posterior, whose mean, standard deviation and central limits are then told.
+
+        Raises:
+            ValueError: naming the argument, its value and what is accepted.
+        """
+        if kind not in KINDS:
+            raise DataError("kind", kind, " or ".join(map(repr, KINDS)))
+        if draws is not None:
+            from calibration.fitting.posterior.draws import band_of_draws
+
+            level = confidence or self.confidence
+            return band_of_draws(draws, self.material(name), velocity, level, kind)
+        return self._band(self.material(name), velocity, confidence, kind)
+
+    def empirical_band(self, velocity, name=None, confidence: float | None = None) -> Band:
+        """The same for Eq. (17), under `two-step`."""
+        return self._band(as_empirical(self.material(name)), velocity, confidence, "mean")
+
+    def _band(self, material: MaterialFit, velocity, confidence, kind: str) -> Band:
+        names, covariance = self.covariance_names, self.of_predictions
+        freedom, level = self._freedom(material), confidence or self.confidence
+        route = self.request.route_of_curve(material.model.law_type)
+        with np.errstate(over="ignore", invalid="ignore"):  # of numbers near the end of floats
+            return band(material, velocity, names, covariance, freedom, level, kind, route)
+
+    def _freedom(self, material: MaterialFit) -> Freedom:
+        """That of the component which a data set belongs to."""
+        own = set(material.labels.values())
+        return next((f for f in self.freedoms if own & set(f.labels)), self.freedoms[0])
+
+    def degrees_of_freedom(self, label: str) -> float | None:
+        """Of the noise behind a free parameter's standard error; None where the noise is stated."""
+        if label not in self.covariance_names:
+            return None
+        k = self.covariance_names.index(label)
+        freedom = next(one for one in self.freedoms if label in one.labels)
+        variance = self.covariance[k, k]
+        degrees = freedom.degrees((label,), np.ones((1, 1)), np.array([variance]), "")[0]
+        return float(degrees) if np.isfinite(degrees * variance) else None
+
+    def extrapolation(self, velocity, name: str | None = None) -> Doubt | None:
+        """A doubt where velocities lie outside the data."""
+        return extrapolation(velocity, self.material(name).data)
+
+    def leave_one_out(self) -> LeaveOneOut:
+        """Each point predicted by the fit without it; see `LeaveOneOut`."""
+        with jax.enable_x64(True):
+            return leave_one_out(self._refitted())
+
+    def bootstrap(self, count: int = 1000, seed: int = 0) -> Bootstrap:
+        """Fits of data simulated with the fitted curve and noise; see `Bootstrap`."""
+        with jax.enable_x64(True):
+            return bootstrap(self._refitted(), count, seed, self.confidence)
+
+    def posterior(
+        self,
+        draws: int = 1000,
+        chains: int = 4,
+        seed: int = 0,
+        *,
+        warmup: int = 1000,
+        progress: Callable[[str, int, int], None] | None = None,
+    ) -> Any:
+        """Draws from the posterior of all parameters and of what is unknown of the noise, by NUTS.
+
+        Needs `pip install "softjax-contact[bayes]"`. Priors are those stated with `Parameter`, and
+        weak ones of `calibration.fitting.posterior.priors` elsewhere: the attribute "prior" of each variable.
+
+        Args:
+            draws, warmup: of each chain.
+            seed: equal draws for equal seeds.
+            progress: called as progress(stage, done, total).
+
+        Returns:
+            ArviZ data (`InferenceData`, from ArviZ 1 on `DataTree`): posterior, log_likelihood of
+            each point, posterior_predictive, sample_stats, observed_data.
+
+        Raises:
+            ImportError: without the extra.
+            ValueError: naming the argument, its value and what is accepted; for fits that were no
+                likelihood (`two-step`, robust losses).
+        """
+        from calibration.fitting.posterior.door import sampled
+
+        return sampled(self.request, self._refitted(), draws, chains, seed, warmup, progress)
+
+    def at_draws(self, posterior: Any, count: int = 16) -> list["FitResult"]:
+        """This fit at some draws of its posterior, evenly taken: its laws, and what a study asks of it.
+
+            cal.optimal_velocities(result.at_draws(posterior), 10, (0.1, 5.0))
+
+        places shots by the information expected over these draws.
+        """
+        from calibration.fitting.posterior.draws import at_draws
+
+        return at_draws(self, posterior, count)
+
+    def _refitted(self) -> list[ComponentFit]:
+        """The searches; a result that was loaded makes them again."""
+        return list(self.fits) if self.fits is not None else self.request.fitted()
+
+    def to_dict(self, times: bool = True) -> dict[str, Any]:
+        """What `fit.json` holds; without `times` equal for equal fits."""
+        return result_to_dict(self, times)
+
+    def to_json(self, times: bool = True) -> str:
+        """The text of `fit.json`; without `times` equal fits are equal texts."""
+        return dumps(self.to_dict(times))
+
+    def save(self, path: str | Path) -> None:
+        """Write `fit.json`; it appears whole or not at all."""
+        with replacing(path) as staged:
+            write_text(staged, self.to_json())
+
+    @classmethod
+    def load(cls, path: str | Path, law: Any = None) -> "FitResult":
+        """The result that `save` wrote.
+
+        Args:
+            law: the class or function of a law of one's own: a file names it, and nothing is
+                imported or run because a file says so.
+
+        Raises:
+            ValueError: where the file is no result, or names a law that was not given.
+        """
+        return cls(**read_result(path, law))
+
+    def __eq__(self, other) -> bool:
+        if not isinstance(other, FitResult):
+            return NotImplemented
+        return self.to_dict(times=False) == other.to_dict(times=False)
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __str__(self) -> str:
+        return fit_text(self)
+
+    __repr__ = __str__

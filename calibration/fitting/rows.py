@@ -1,0 +1,243 @@
+"""From parameters to the laws of all points, and how the laws' leaves move with the parameters.
+
+Points with the same contact and the same parameters have one law: a row. Usually a data set is one
+row; where its contact differs from impact to impact each point is one. A row's parameters are
+*local*: which element of the fit each of them is, or at what it is held, is the row's affair.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Int
+
+import softjax as sj
+from calibration.fitting.collisions import LawShape
+from calibration.fitting.law_model import CONTACT_LEAVES, OF_CONTACT, LawModel
+
+PROBES = 3  # places at which it is looked which leaves move
+LEAST_ROWS = 16
+
+
+class Tree(NamedTuple):
+    """How the numbers of a whole parameter make up its pytree; hashable."""
+
+    name: str
+    structure: Any
+    shapes: tuple[tuple[int, ...], ...]
+
+    @classmethod
+    def of(cls, name: str, value: Any) -> "Tree":
+        leaves, structure = jax.tree.flatten(value)
+        return cls(name, structure, tuple(np.shape(leaf) for leaf in leaves))
+
+    @property
+    def size(self) -> int:
+        return sum(int(np.prod(shape, dtype=int)) for shape in self.shapes)
+
+    @property
+    def entries(self) -> list[str]:
+        return [f"{self.name}[{k}]" for k in range(self.size)]
+
+    def assembled(self, numbers: Sequence[Any]) -> Any:
+        """The pytree of its numbers in a row."""
+        leaves, first = [], 0
+        for shape in self.shapes:
+            size = int(np.prod(shape, dtype=int))
+            leaves.append(jnp.stack(list(numbers[first : first + size])).reshape(shape))
+            first += size
+        return jax.tree.unflatten(self.structure, leaves)
+
+
+def numbers_in(value: Any) -> np.ndarray:
+    """All numbers of a pytree in a row."""
+    return np.concatenate([np.ravel(np.asarray(leaf, float)) for leaf in jax.tree.leaves(value)])
+
+
+@dataclass(frozen=True)
+class Rows:
+    """The laws of one problem's rows.
+
+    Attributes:
+        model: what builds a law.
+        contact: leaves of the contact by name, each (rows,); None without.
+        area: of all contacts.
+        names: the local parameters, those of the contact among them; q of them.
+        element: which element of the fit each is, (q, rows), -1 where it is held.
+        held: at what, (q, rows).
+        trees: how the numbers of whole parameters make up pytrees.
+        row: of each point, (points,).
+    """
+
+    model: LawModel
+    contact: Mapping[str, np.ndarray] | None
+    area: str
+    names: tuple[str, ...]
+    element: Int[np.ndarray, "q rows"]
+    held: Float[np.ndarray, "q rows"]
+    trees: tuple[Tree, ...]
+    row: Int[np.ndarray, "points"]
+
+    @property
+    def size(self) -> int:
+        return self.element.shape[1]
+
+    def local(self, theta: Float[np.ndarray, "fits p"]) -> Float[np.ndarray, "q fits rows"]:
+        """The local parameters of each fit and row."""
+        padded = np.concatenate([theta, np.zeros((len(theta), 1))], axis=1)
+        found = np.moveaxis(padded[:, self.element], 1, 0)
+        return np.where(self.element[:, None] >= 0, found, self.held[:, None])
+
+    def law(self, theta: Float[np.ndarray, "p"], row: int) -> sj.ContactLaw:
+        """The law of one row, of single numbers."""
+        values = self.local(np.asarray(theta, float)[None])[:, 0, row]
+        contact = None
+        if self.contact is not None:
+            leaves = {name: float(leaf[row]) for name, leaf in self.contact.items()}
+            contact = sj.Contact(**leaves, area=self.area)
+        numbers = {name: float(value) for name, value in zip(self.names, values, strict=True)}
+        return self.model.law(contact, with_trees(self.model.inside(numbers), self.trees))
+
+    def bind(self, theta: Float[np.ndarray, "p"], active: Sequence[int] | np.ndarray) -> "Laws":
+        """The structure of the laws, and which of their leaves move with the active elements."""
+        law = self.law(theta, 0)
+        shape = LawShape.of(law)
+        sizes = tuple(int(np.size(leaf)) for leaf in jax.tree.leaves(law))
+        searched = np.any(np.isin(self.element, list(active)), axis=1)
+        free = tuple(int(k) for k in np.flatnonzero(searched))
+        if self.model.direct and not self.trees:
+            moving = tuple(shape.names.index(self.names[k]) for k in free)
+            return Laws(self, shape, sizes, free, moving, False)
+        if not free:
+            return Laws(self, shape, sizes, free, (), True)
+        return Laws(self, shape, sizes, free, tuple(range(len(sizes))), True).trimmed(theta)
+
+
+class Leaves(NamedTuple):
+    """The laws' leaves for some fits, and their slopes in the local parameters.
+
+    Attributes:
+        values: a leaf each, (fits, rows, ...).
+        slopes: of the moving numbers, (fits, rows, a, free); None where a moving leaf is a parameter.
+    """
+
+    values: list[np.ndarray]
+    slopes: Float[np.ndarray, "fits rows a free"] | None
+
+
+@dataclass(frozen=True)
+class Laws:
+    """Rows with the structure of their laws.
+
+    Attributes:
+        shape, sizes: the structure, and how many numbers each leaf has.
+        free: which local parameters are differentiated.
+        moving: which leaves of the law move with them.
+        built: whether leaves have to be built, or are the parameters themselves.
+    """
+
+    rows: Rows
+    shape: LawShape
+    sizes: tuple[int, ...]
+    free: tuple[int, ...]
+    moving: tuple[int, ...]
+    built: bool
+
+    def leaves(self, theta: Float[np.ndarray, "fits p"]) -> Leaves:
+        """Of each fit and row."""
+        local = self.rows.local(theta)
+        return self._built(local) if self.built else Leaves(self._direct(local), None)
+
+    def trimmed(self, theta) -> "Laws":
+        """The same, without the leaves that do not move with any parameter."""
+        random = np.random.default_rng(0)
+        near = np.asarray(theta) * (1 + 0.1 * random.random((PROBES, len(theta))))
+        slopes = self.leaves(near).slopes
+        assert slopes is not None
+        acts = np.split(np.any(slopes != 0, axis=(0, 1, 3)), np.cumsum(self.sizes)[:-1])
+        return replace(self, moving=tuple(k for k, part in enumerate(acts) if np.any(part)))
+
+    def _direct(self, local) -> list[np.ndarray]:
+        rows = self.rows
+        where = {name: k for k, name in enumerate(rows.names)}
+        values = []
+        for name in self.shape.names:
+            if name in where:
+                values.append(local[where[name]])
+            else:
+                leaf = rows.contact[name.removeprefix(OF_CONTACT)]  # type: ignore[index]
+                values.append(np.broadcast_to(leaf, local.shape[1:]))
+        return values
+
+    def _built(self, local) -> Leaves:
+        rows = self.rows
+        fits, count = local.shape[1:]
+        flat = {name: np.ravel(values) for name, values in zip(rows.names, local, strict=True)}
+        contact = None
+        if rows.contact is not None:
+            tiled = {name: np.tile(leaf, fits) for name, leaf in rows.contact.items()}
+            contact = {name: _padded(values) for name, values in tiled.items()}
+        values, slopes = _build(
+            contact,
+            {name: _padded(values) for name, values in flat.items()},
+            rows.model.build,
+            rows.model.takes_contact,
+            rows.area,
+            tuple(rows.names[k] for k in self.free),
+            rows.trees,
+        )
+        apart = lambda a: np.asarray(a)[: fits * count].reshape(fits, count, *a.shape[1:])  # noqa: E731
+        leaves = [apart(leaf) for leaf in values]
+        if not self.moving:
+            return Leaves(leaves, None)
+        parts = [apart(slopes[k]) for k in self.moving]
+        joined = [part.reshape(fits, count, -1, part.shape[-1]) for part in parts]
+        return Leaves(leaves, np.concatenate(joined, axis=2))
+
+
+def with_trees(numbers: Mapping[str, Any], trees: Sequence[Tree]) -> dict[str, Any]:
+    """Parameters by name, those that are whole put together."""
+    values = dict(numbers)
+    for tree in trees:
+        values[tree.name] = tree.assembled([values.pop(entry) for entry in tree.entries])
+    return values
+
+
+def _padded(values: np.ndarray) -> np.ndarray:
+    """Filled up to a power of two by the last, so that few sizes are compiled."""
+    size = max(LEAST_ROWS, 1 << (len(values) - 1).bit_length())
+    return np.concatenate([values, np.repeat(values[-1:], size - len(values))])
+
+
+def _contact(leaves, moved, area: str) -> sj.Contact | None:
+    """The contact of a row, its moved leaves in their place; None where the data have none."""
+    if leaves is None:
+        return None
+    moved = {name.removeprefix(OF_CONTACT): value for name, value in moved.items()}
+    return sj.Contact(**{name: (leaves | moved)[name] for name in CONTACT_LEAVES}, area=area)
+
+
+@partial(jax.jit, static_argnames=("build", "takes_contact", "area", "free", "trees"))
+def _build(contact, values, build, takes_contact: bool, area: str, free, trees):
+    """The leaves of the laws of many rows, and their slopes in the free local parameters."""
+
+    def leaves_of(some, contact, values):
+        every = with_trees(values | some, trees)
+        of_contact = {n: every.pop(n) for n in list(every) if n.startswith(OF_CONTACT)}
+        before = [_contact(contact, of_contact, area)] if takes_contact else []
+        law = build(*before, **every)
+        return [jnp.asarray(leaf, float) for leaf in jax.tree.leaves(law)]
+
+    def one(contact, values):
+        some = {name: values[name] for name in free}
+        if not free:
+            return leaves_of(some, contact, values), []
+        slopes = jax.jacfwd(leaves_of)(some, contact, values)
+        stacked = [jnp.stack([leaf[name] for name in free], -1) for leaf in slopes]
+        return leaves_of(some, contact, values), stacked
+
+    return jax.vmap(one)(contact, values)

@@ -1,0 +1,296 @@
+"""One least-squares search for one fit or a thousand, side by side.
+
+The loop stays on the host; what it asks for of all fits at once are residuals and Jacobians.
+
+An element that runs to an end of its range (a bound, or beyond every sensible value) is held there
+and the others are searched on: an end at a bound with the others at their minimum is a fit.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from calibration.fitting.condensed import Condensed, condense
+from calibration.fitting.methods import Adam, Lbfgs, Marquardt, Method
+from calibration.fitting.problem import Lanes, Problem
+from calibration.fitting.transform import LOGIT, NONE
+
+STEP_TOLERANCE = 1e-9  # of the Gauss–Newton step left, in log units for most elements
+COST_TOLERANCE = 1e-15  # of the decrease it promises, relative to the cost
+ROUNDING = 1e-13  # of a cost: near its minimum steps are judged by the gradient alone
+LARGEST_STEP = 1.5  # in log units
+FARTHEST = 25.0  # from the start, in log units: beyond, nothing changes any more
+NEARLY = 6.0  # from where on an element that acts on nothing counts as at the end of its range
+RELEASES = 2  # how often an element is taken back from the end of its range
+MOST = 200
+ARRIVED = ("step below tolerance", "cost at its minimum")
+USED_UP = "iterations used up"
+STUCK = "no lower cost found"
+NO_NUMBERS = "residuals are not finite"
+
+
+@dataclass(frozen=True)
+class Found:
+    """Where searches ended, each array with a leading axis of fits.
+
+    Attributes:
+        z: all elements.
+        cost: half the sum of squares.
+        gradient_norm: of the cost, along the active elements.
+        converged, reason: whether and why it stopped.
+        limits: for the active elements, +1 or -1 where one is held at an end of its range, else 0.
+        iterations: steps taken.
+        evaluations: sets of residuals with their Jacobian, of all fits together.
+    """
+
+    z: Float[np.ndarray, "fits elements"]
+    cost: Float[np.ndarray, "fits"]
+    gradient_norm: Float[np.ndarray, "fits"]
+    converged: Bool[np.ndarray, "fits"]
+    reason: tuple[str, ...]
+    limits: Int[np.ndarray, "fits p"]
+    iterations: Int[np.ndarray, "fits"]
+    evaluations: int
+
+
+class _Search:
+    """The state of one call of `search`."""
+
+    def __init__(self, problem: Problem, z, begun, held, lanes: Lanes, limit: int):
+        self.problem, self.lanes, self.limit = problem, lanes, limit
+        self.z = np.array(z)
+        fits, p = len(z), len(problem.active)
+        self.start = np.where(np.isnan(begun), z, begun)[:, problem.active]
+        self.held = np.zeros((fits, p), bool) if held is None else np.broadcast_to(held, (fits, p))
+        self.limits = np.zeros((fits, p), int)
+        self.released = np.zeros(fits, int)
+        self.reason = np.full(fits, "", dtype=object)
+        self.iterations = np.zeros(fits, int)
+        self.scaled = problem.transform.kind[problem.active] != NONE
+        self.value, self.jacobian = self._at(self.z, np.ones(fits, bool))
+        self._condense()
+
+    @property
+    def x(self) -> np.ndarray:
+        """The active elements."""
+        return self.z[:, self.problem.active]
+
+    @property
+    def unit(self) -> np.ndarray:
+        """What a step of one means: a factor of e, or the element's own size."""
+        size = np.maximum(np.abs(self.x), np.abs(self.start))
+        return np.where(self.scaled, 1.0, np.where(size > 0, size, 1.0))
+
+    @property
+    def going(self) -> np.ndarray:
+        return self.reason == ""
+
+    def run(self, method: Method) -> None:
+        """Step until every fit has arrived, or cannot."""
+        fits = len(self.z)
+        length = np.ones(fits)
+        need = np.ones(fits, bool)
+        direction = np.zeros_like(self.start)
+        self._judge(np.ones(fits, bool))
+        while np.any(self.going):
+            direction = method.propose(need & self.going, self.x, self.at)
+            direction = np.where(self._frozen, 0.0, direction)
+            longest = np.max(np.abs(direction) / self.unit, axis=1, initial=0.0)
+            length = np.where(
+                need, np.minimum(1.0, LARGEST_STEP / np.maximum(longest, 1e-300)), length
+            )
+            moved = self._try(length[:, None] * direction, length)
+            refused = self.going & ~moved
+            need = method.refused(refused) | moved
+            length = np.where(refused, 0.25 * length, length)
+            method.taken(moved, length == 1.0)
+            self._judge(moved)
+            self._stop(method.stuck() & refused, STUCK)
+            self._stop(self.iterations >= self.limit, USED_UP)
+
+    @property
+    def _frozen(self) -> np.ndarray:
+        return self.held | (self.limits != 0)
+
+    def _at(self, z, fits):
+        found = self.problem.linearise(z[fits], self.lanes.some(fits))
+        return found.residual, found.jacobian
+
+    def _condense(self) -> None:
+        self.at: Condensed = condense(self.value, self.jacobian, self._frozen)
+
+    def _try(self, step, length) -> np.ndarray:
+        """Which fits have moved: those whose cost falls enough (Armijo)."""
+        fits = self.going
+        trial = np.array(self.z)
+        trial[:, self.problem.active] += step
+        self._keep_plain_inside(trial)
+        value, jacobian = self._at(trial, fits)
+        cost = np.full(len(fits), np.inf)
+        with np.errstate(over="ignore", invalid="ignore"):
+            cost[fits] = 0.5 * np.einsum("fm,fm->f", value, value)
+        slope = np.einsum("fp,fp->f", self.at.gradient, step)
+        allowed = self.at.cost * (1 + ROUNDING) + 1e-4 * np.minimum(slope, 0.0)
+        moved = fits & (cost <= allowed)
+        self.z[moved] = trial[moved]
+        self.value[moved], self.jacobian[moved] = value[moved[fits]], jacobian[moved[fits]]
+        self.iterations += moved
+        self._condense()
+        return moved
+
+    def _keep_plain_inside(self, z) -> None:
+        """Elements searched as they are stay within their bounds."""
+        transform = self.problem.transform
+        for k in self.problem.active[~self.scaled]:
+            z[:, k] = np.clip(z[:, k], transform.lower[k], transform.upper[k])
+
+    def _judge(self, moved) -> None:
+        """Hold what is at an end of its range, and see which fits have arrived."""
+        held = self._at_an_end() & moved[:, None] & ~self._frozen
+        if np.any(held):
+            self._hold(held)
+        self._stop(moved & ~self.at.finite, NO_NUMBERS)
+        arrived = self._arrived() & moved & self.going
+        silent = arrived & np.any(self.at.silent & ~self._frozen, axis=1)
+        far = silent[:, None] & self.at.silent & (self._way > NEARLY) & ~self._frozen
+        if np.any(far):
+            self._hold(far)
+            arrived &= ~np.any(far, axis=1)
+            self._judge(np.any(far, axis=1))
+        back = arrived & (self.released < RELEASES) & self._release(arrived)
+        arrived &= ~back
+        small = np.max(np.abs(self.at.newton) / self.unit, axis=1, initial=0.0) <= STEP_TOLERANCE
+        self._stop(arrived & small, ARRIVED[0])
+        self._stop(arrived, ARRIVED[1])
+
+    def _arrived(self) -> np.ndarray:
+        left = np.max(np.abs(self.at.newton) / self.unit, axis=1, initial=0.0)
+        return (left <= STEP_TOLERANCE) | (self.at.promised <= COST_TOLERANCE * 2 * self.at.cost)
+
+    @property
+    def _way(self) -> np.ndarray:
+        """How far each element on a logarithmic scale is from its start."""
+        return np.where(self.scaled, np.abs(self.x - self.start), 0.0)
+
+    def _at_an_end(self) -> np.ndarray:
+        transform = self.problem.transform.part(self.problem.active)
+        outward = -self.at.gradient  # a step goes down the gradient
+        at_lower = (self.x <= transform.lower) & (outward < 0)
+        at_upper = (self.x >= transform.upper) & (outward > 0)
+        plain = ~self.scaled & (at_lower | at_upper)
+        return plain | (self._way > FARTHEST - 1e-9)
+
+    def _hold(self, which) -> None:
+        sign = np.where(self.scaled, np.sign(self.x - self.start), -np.sign(self.at.gradient))
+        self.limits = np.where(which, sign.astype(int), self.limits)
+        inside = np.clip(self.x, self.start - FARTHEST, self.start + FARTHEST)
+        self.z[:, self.problem.active] = np.where(which & self.scaled, inside, self.x)
+        fits = np.any(which, axis=1) & self.going
+        if np.any(fits):
+            self.value[fits], self.jacobian[fits] = self._at(self.z, fits)
+        self._condense()
+
+    def _release(self, arrived) -> np.ndarray:
+        """Take back elements whose cost falls inwards now that the others have moved."""
+        fits = arrived & np.any(self.limits != 0, axis=1)
+        back = np.zeros(len(fits), bool)
+        for f in np.flatnonzero(fits):
+            inner = self._lower_inside(int(f))
+            if inner is not None:
+                self.z[f], back[f] = inner, True
+                self.limits[f], self.released[f] = 0, self.released[f] + 1
+        if np.any(back):
+            self.value[back], self.jacobian[back] = self._at(self.z, back)
+            self._condense()
+        return back
+
+    def _lower_inside(self, f: int) -> np.ndarray | None:
+        """z of one fit with an element back inside where that lowers the cost, else None."""
+        places = []
+        for k in np.flatnonzero(self.limits[f]):
+            for part in (0.0, 0.5, 0.8):
+                z = np.array(self.z[f])
+                position = self.problem.active[k]
+                z[position] = self.start[f, k] + part * (z[position] - self.start[f, k])
+                places.append(z)
+        one = np.full(len(places), f)
+        found = self.problem.linearise(np.array(places), self.lanes.some(one))
+        cost = 0.5 * np.sum(found.residual**2, axis=1)
+        best = int(np.argmin(cost))
+        return places[best] if cost[best] < self.at.cost[f] * (1 - 1e-9) else None
+
+    def _stop(self, fits, reason: str) -> None:
+        self.reason[fits & self.going] = reason
+
+    def result(self) -> Found:
+        reason = tuple(self.reason)
+        return Found(
+            z=self.z,
+            cost=self.at.cost,
+            gradient_norm=np.linalg.norm(self.at.gradient, axis=1),
+            converged=np.isin(self.reason, ARRIVED),
+            reason=reason,
+            limits=self.limits,
+            iterations=self.iterations,
+            evaluations=self.problem.counter.evaluations,
+        )
+
+
+def search(
+    problem: Problem,
+    z: Float[np.ndarray, "fits elements"],
+    optimiser: str = "levenberg-marquardt",
+    *,
+    begun: Float[np.ndarray, "elements"] | None = None,
+    held: Bool[np.ndarray, "fits p"] | None = None,
+    lanes: Lanes | None = None,
+    limit: int = MOST,
+) -> Found:
+    """Minimise from each z.
+
+    Args:
+        optimiser: "levenberg-marquardt", "l-bfgs" or "adam" (then L-BFGS).
+        begun: from where it is measured whether an element runs to an end of its range, NaN: from
+            its z. What is there already when the search starts is held there.
+        held: active elements that stay as they are, fit by fit.
+        lanes: restitutions and weights that differ between fits.
+        limit: of the steps.
+    """
+    problem.counter.evaluations = 0
+    z = np.array(np.atleast_2d(z), float)
+    lanes = lanes or Lanes()
+    if optimiser == "adam":
+        z = _by_adam(problem, z, lanes)
+    state = _Search(problem, z, np.nan if begun is None else begun, held, lanes, limit)
+    if len(problem.active):
+        fits, p = state.start.shape
+        state.run(Marquardt(fits, p) if optimiser == "levenberg-marquardt" else Lbfgs(fits, p))
+    else:
+        state._stop(np.ones(len(z), bool), ARRIVED[0])
+    return state.result()
+
+
+def _by_adam(problem: Problem, z, lanes: Lanes) -> np.ndarray:
+    """The best that Adam meets."""
+    x = z[:, problem.active]
+    plain = problem.transform.kind[problem.active] == NONE
+    method = Adam(x, np.where(plain, np.abs(x) + 1e-3, 1.0))
+    best, lowest = np.array(z), np.full(len(z), np.inf)
+    for _ in range(Adam.STEPS):
+        found = problem.linearise(z, lanes)
+        cost = np.sum(found.residual**2, axis=1)
+        better = cost < lowest
+        best[better], lowest[better] = z[better], cost[better]
+        gradient = np.einsum("fmp,fm->fp", found.jacobian, found.residual)
+        z = np.array(z)
+        z[:, problem.active] += method.step(gradient)
+    return best
+
+
+def at_bound(problem: Problem, limits: Int[np.ndarray, "p"]) -> Float[np.ndarray, "p"]:
+    """The bound each active element is held at: infinite where there is none, NaN where not held."""
+    transform = problem.transform.part(problem.active)
+    bound = transform.bound_beyond(limits)
+    is_end = (transform.kind == LOGIT) | np.isfinite(bound)
+    return np.where(limits == 0, np.nan, np.where(is_end, bound, np.inf * limits))

@@ -1,0 +1,325 @@
+"""What is asked of each data set: its law, and which of the law's parameters are free."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+import softjax as sj
+from calibration.data import RestitutionData
+from calibration.errors import DataError, did_you_mean, is_finite_number, listed
+from calibration.fitting.known_laws import KNOWN, LAWS, WITHOUT_CONTACT, Known
+from calibration.fitting.law_model import (
+    OF_CONTACT,
+    LawModel,
+    model_of_class,
+    model_of_function,
+)
+from calibration.fitting.plan import ErrorPlan, plan_of
+from calibration.fitting.rows import Tree, numbers_in
+from calibration.fitting.zhou import EXTRA, LINE, zhou_model
+from calibration.parameters import Parameter, as_parameter
+from softjax.fields import Declared
+
+OBJECTIVES = ("model", "two-step")
+FORMER = {"empirical": "eq-17", "constant": "constant"}  # objectives that are laws now
+
+Specs = Mapping[str, Any] | Sequence[Any] | None
+
+
+@dataclass(frozen=True)
+class Local:
+    """One parameter of one data set's law.
+
+    Attributes:
+        name: in full, an entry of a whole parameter as "weights[3]".
+        parameter, declared: what was said of it, and what its law says.
+        start: where it starts, or what it is held at; one number, or one an impact.
+        range: (lowest, highest).
+        stands_in: whether it is held at a number that nobody asked for and that acts nowhere in the
+            data: ψ where ε_up is fitted in its place.
+    """
+
+    name: str
+    parameter: Parameter
+    declared: Declared
+    start: Any
+    range: tuple[float, float]
+    stands_in: bool = False
+
+    @property
+    def group(self) -> str | None:
+        """The group of data sets that it is shared in: "" for all of them, None for none."""
+        shared = self.parameter.shared
+        if self.parameter.pooled:
+            return None
+        return ("" if shared else None) if isinstance(shared, bool) else shared
+
+
+@dataclass(frozen=True)
+class SetSpec:
+    """What is asked of one data set.
+
+    Attributes:
+        data, objective: the measurements, "model" or "two-step".
+        model: its law.
+        local: the law's parameters, free and held.
+        trees: how the numbers of whole parameters make up pytrees.
+        extra_scatter, scale_uncertainty: as `fit` takes them.
+    """
+
+    data: RestitutionData
+    objective: str
+    model: LawModel
+    local: tuple[Local, ...]
+    trees: tuple[Tree, ...] = ()
+    extra_scatter: bool = False
+    scale_uncertainty: bool = False
+
+    @property
+    def plan(self) -> ErrorPlan:
+        """What of the errors is stated."""
+        return plan_of(self.data, self.extra_scatter, self.scale_uncertainty)
+
+    @property
+    def by_eps_up(self) -> bool:
+        """Whether ε_up is what it has in place of σ and ψ."""
+        return any(one.name == "eps_up" and not one.stands_in for one in self.local)
+
+
+def specs_of(datasets, law, parameters: Specs, objective: str | None) -> list[SetSpec]:
+    """The law and parameters of each data set.
+
+    Raises:
+        ValueError: naming what does not fit together and what is accepted.
+    """
+    _check_objective(objective)
+    said = said_of(parameters, datasets)
+    return [_spec(data, law, own, objective) for data, own in zip(datasets, said, strict=True)]
+
+
+def _check_objective(objective: str | None) -> None:
+    if objective in FORMER:
+        raise DataError("objective", objective, f'"model" with law = "{FORMER[objective]}"')
+    if objective is not None and objective not in OBJECTIVES:
+        accepted = f"{listed(OBJECTIVES)}{did_you_mean(str(objective), OBJECTIVES)}"
+        raise DataError("objective", objective, accepted)
+
+
+def _spec(data: RestitutionData, law, said: dict[str, Any], objective) -> SetSpec:
+    options = {name: value for name, value in said.items() if isinstance(value, str)}
+    named = {name: value for name, value in said.items() if name not in options}
+    model = law_model(data, law, options, named)
+    if model.needs_contact and data.contact is None:
+        remedy = f"laws that need none are {listed(WITHOUT_CONTACT)}"
+        raise data.refusal(f"no elastic properties, which {model.key} needs", remedy)
+    objective = objective or "model"
+    if objective == "two-step" and data.contact is None:
+        objective = "model"  # Eq. (17), or a constant, by itself
+    if objective == "two-step" and model.law_type is not sj.Zhou:
+        raise DataError("objective", f"two-step with {model.key}", 'Zhou\'s law, or "model"')
+    given = {}
+    for name, value in named.items():
+        full = _full_name(model, name, value)
+        is_whole = full in model.whole and not isinstance(value, Parameter)
+        given[full] = Parameter(value, free=False) if is_whole else as_parameter(name, value)
+        _check_fixed(model, data, full, given[full])
+    if model.key == "zhou" and objective == "model":
+        given, model = _identified(data, given, model, options)
+    return _located(data, objective, model, given)
+
+
+def _full_name(model: LawModel, name: str, value: Any) -> str:
+    try:
+        return model.canonical(name)
+    except DataError as error:
+        origin = getattr(value, "origin", None)
+        raise error if origin is None else origin.error(error) from None
+
+
+def _check_fixed(model: LawModel, data: RestitutionData, name: str, parameter: Parameter) -> None:
+    """What is fixed has a value: its own, the data's or the law's, and no guess from the data."""
+    known = KNOWN.get(model.key)
+    told = name.startswith(OF_CONTACT) or name in model.defaults
+    if parameter.free or parameter.value is not None or told:
+        return
+    if known is None or name not in known.held(data):
+        raise _placed(parameter, name, DataError("value", "missing", "given where it is fixed"))
+
+
+def law_model(data: RestitutionData | None, law, options, named) -> LawModel:
+    """The law that was asked for: a name, a class, a function; None: what suits the data."""
+    law = _default_law(data) if law is None else law
+    if isinstance(law, str):
+        law = _named_law(law)
+    if isinstance(law, type) and issubclass(law, sj.ContactLaw):
+        key = next((key for key, one in LAWS.items() if one is law), law.__name__)
+        if law is sj.Zhou:
+            names = [name for name in named if name in EXTRA]
+            return zhou_model(names, options)
+        return model_of_class(law, key, options)
+    if callable(law) and not isinstance(law, type):
+        return model_of_function(law, None if data is None else data.contact, options)
+    accepted = f"a name ({listed(LAWS)}), a class of contact laws, or a function that builds one"
+    raise DataError("law", law, accepted)
+
+
+def _default_law(data: RestitutionData | None) -> str:
+    if data is None or data.contact is not None:
+        return "zhou"
+    return "constant" if data.limit_velocity is None else "eq-17"
+
+
+def _named_law(name: str) -> type:
+    if name in OBJECTIVES:
+        raise DataError("law", name, f"left out: that is an objective, objective={name!r}")
+    if name not in LAWS:
+        raise DataError("law", name, f"one of {listed(LAWS)}{did_you_mean(name, LAWS)}")
+    return LAWS[name]
+
+
+def _identified(data, given: dict[str, Parameter], model: LawModel, options):
+    """What of Zhou's law these data can tell: ε_up without points below yield, no χ̃ without any above.
+
+    Only where nothing was said of σ, ψ or ε_up, and where yield stays where it is.
+    """
+    moves = any(n in given and given[n].free for n in _MOVE_YIELD)
+    below = data.velocity <= np.asarray(data.contact.critical_velocity)
+    told = {"sigma", "psi", "eps_up"} & set(given)
+    if not moves and np.all(below):
+        held = {"c1", "c2"} if set(LINE) & set(given) else {"chi"}
+        fixed = {name: Parameter(free=False) for name in held}
+        return given | fixed, model
+    if told or moves or np.any(below):
+        return given, model
+    names = [*(name for name in LINE if name in given), "eps_up"]
+    return given, zhou_model(names, options)
+
+
+_MOVE_YIELD = tuple(OF_CONTACT + name for name in ("yield_strength", "youngs_modulus"))
+
+
+def _located(data, objective: str, model: LawModel, given: dict[str, Parameter]) -> SetSpec:
+    """Start and range of every parameter."""
+    known = KNOWN.get(model.key)
+    guess = dict(known.guess(data)) if known and _guessable(known, data) else {}
+    held = dict(known.held(data)) if known and _guessable(known, data) else {}
+    ranges = dict(known.ranges(data)) if known and _guessable(known, data) else {}
+    local: list[Local] = []
+    trees: list[Tree] = []
+    for name in model.whole:
+        if name not in given and name not in model.defaults:
+            raise DataError(f"parameters[{name!r}]", "missing", "given, as the law has no default")
+    names = [name for name in model.parameters if name not in model.whole or name in given]
+    names += [name for name in given if name not in names]
+    for name in names:
+        if name in model.whole:
+            entries, tree = _whole(name, given[name])
+            local, trees = [*local, *entries], [*trees, tree]
+            continue
+        parameter = given.get(name) or _unsaid(name, held, model)
+        one = _local(data, model, name, parameter, guess | held, ranges)
+        by_eps_up = name == "psi" and "eps_up" in model.parameters
+        local.append(replace(one, stands_in=by_eps_up and name not in given))
+    return SetSpec(data, objective, model, tuple(local), tuple(trees))
+
+
+def _guessable(known: Known, data: RestitutionData) -> bool:
+    return data.contact is not None or known.law in (LAWS[name] for name in WITHOUT_CONTACT)
+
+
+def _unsaid(name: str, held, model: LawModel) -> Parameter:
+    """A parameter of which nothing was said: free, unless ε does not tell it."""
+    if name in held or (name == "psi" and "eps_up" in model.parameters):
+        return Parameter(free=False)
+    return Parameter(shared=name in LINE)
+
+
+def _local(data, model: LawModel, name: str, parameter: Parameter, guess, ranges) -> Local:
+    declared = model.declared(name)
+    try:
+        low, high = parameter.range_within(declared)
+    except DataError as error:
+        raise _placed(parameter, name, error) from None
+    if name in ranges:
+        own = ranges[name]
+        low, high = max(low, own[0]), min(high, own[1])
+    start = _start(data, model, name, parameter, guess, (low, high))
+    if name in LINE and not parameter.shared and parameter.free:
+        parameter = replace(parameter, shared=True)  # Eq. (18)'s line belongs to all materials
+    return Local(name, parameter, declared, start, (low, high))
+
+
+def _placed(parameter: Parameter, name: str, error: DataError) -> Exception:
+    told = DataError(f"{error.argument} of {name}", error.value, error.accepted)
+    return told if parameter.origin is None else parameter.origin.error(told)
+
+
+def _start(data, model: LawModel, name: str, parameter: Parameter, guess, ends) -> Any:
+    """Where a parameter starts, or what it is held at."""
+    if parameter.value is not None:
+        return float(parameter.value)
+    if name.startswith(OF_CONTACT):
+        values = getattr(data.contact, name.removeprefix(OF_CONTACT))
+        return float(np.mean(values)) if parameter.free else values
+    if parameter.prior is not None:
+        return _inside(parameter.prior[0], ends)
+    default = model.defaults.get(name)
+    value = guess.get(name, default if is_finite_number(default) else None)
+    return _inside(value, ends) if parameter.free else value
+
+
+def _inside(value: float | None, ends: tuple[float, float]) -> float:
+    """A guess that respects the bounds; their middle, or 1, where there is none."""
+    low, high = ends
+    if value is not None and low < float(np.mean(value)) < high:
+        return float(np.mean(value))
+    if np.isfinite(low) and np.isfinite(high):
+        return 0.5 * (low + high)
+    if np.isfinite(low):
+        return low + max(abs(low), 1.0)
+    return high - max(abs(high), 1.0) if np.isfinite(high) else 1.0
+
+
+def _whole(name: str, parameter: Parameter) -> tuple[list[Local], Tree]:
+    """The numbers of a whole parameter, each a parameter of its own."""
+    if parameter.value is None:
+        told = DataError("value", "missing", "an array or a pytree of them, where a search starts")
+        raise _placed(parameter, name, told)
+    tree, numbers = Tree.of(name, parameter.value), numbers_in(parameter.value)
+    one = Parameter(free=parameter.free, shared=parameter.shared)
+    wide = (-np.inf, np.inf)
+    pairs = zip(tree.entries, numbers, strict=True)
+    return [Local(entry, one, Declared(entry), float(x), wide) for entry, x in pairs], tree
+
+
+def said_of(parameters: Specs, datasets) -> list[dict[str, Any]]:
+    """What is said of each data set's parameters: {name: what}, one dict a set.
+
+    `parameters` is a mapping ("chi" for all sets, "chi[name]" for one; a number fixes, a text is an
+    option), or one such mapping per data set.
+    """
+    if parameters is None:
+        return [{} for _ in datasets]
+    if isinstance(parameters, Mapping):
+        return _from_mapping(parameters, datasets)
+    parameters = list(parameters)
+    if len(parameters) != len(datasets) or not all(isinstance(p, Mapping) for p in parameters):
+        raise DataError("parameters", parameters, "a mapping, or one mapping per data set")
+    return [_from_mapping(own, [d])[0] for own, d in zip(parameters, datasets, strict=True)]
+
+
+def _from_mapping(parameters: Mapping[str, Any], datasets) -> list[dict[str, Any]]:
+    said: list[dict[str, Any]] = [{} for _ in datasets]
+    # names for one set come last, so that they win over those for all
+    for key in sorted(parameters, key=lambda key: "[" in key):
+        name, _, owner = key.partition("[")
+        owner = owner.removesuffix("]")
+        owners = [g for g, data in enumerate(datasets) if owner in ("", data.name)]
+        if not owners:
+            known = listed(data.name for data in datasets)
+            raise DataError(f"parameters[{key!r}]", owner, f"named after one of: {known}")
+        for g in owners:
+            said[g][name] = parameters[key]
+    return said

@@ -1,0 +1,244 @@
+"""One stage of a fit: starts, searches, and what settles only together with where they end."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+import softjax as sj
+from calibration.fitting.losses import scale_of
+from calibration.fitting.methods import OPTIMISERS
+from calibration.fitting.noise import first_weights, needs_weights, reweighed
+from calibration.fitting.problem import Problem
+from calibration.fitting.search import Found, search
+from calibration.fitting.set_errors import SetErrors
+from calibration.fitting.starts import best_starts, candidates
+
+REFINED = 3  # of the screened starts
+ROUNDS = 30
+SETTLED = 1e-7  # relative change of weights and scales
+ALIKE = 1e-5  # the same of variances, which are known far less well
+Progress = Callable[[str, int, int], None]
+CROSSING = "points keep crossing the critical velocity"
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to search."""
+
+    optimiser: str = "l-bfgs"
+    starts: int = 32
+    seed: int = 0
+    loss: str = "squared"
+    loss_scale: float = 1.345
+    max_steps: int = 200
+    progress: Progress | None = None
+
+    def tell(self, stage: str, done: int, total: int) -> None:
+        if self.progress is not None:
+            self.progress(stage, done, total)
+
+
+@dataclass(frozen=True)
+class Stage:
+    """What a stage did; a line of the report. `materials` are the data sets that it was of."""
+
+    stage: str
+    materials: tuple[str, ...]
+    optimiser: str
+    route: str
+    evaluations: int
+    iterations: int
+    gradient_norm: float | None
+    cost: float
+    converged: bool
+    reason: str
+    starts: int
+
+    @property
+    def label(self) -> str:
+        """By which its time is kept: "model[nylon]"."""
+        return f"{self.stage}[{', '.join(self.materials)}]"
+
+
+@dataclass(frozen=True)
+class StageFit:
+    """Where a stage ended.
+
+    Attributes:
+        problem: with the weights, scales and branches that it settled on.
+        z: of the whole component.
+        found: the search that ended there, of one fit.
+        others: where the other starts ended.
+        report: what it took.
+        crossings: how many points changed branch on the way.
+        seconds: how long.
+    """
+
+    problem: Problem
+    z: np.ndarray
+    found: Found
+    others: tuple[Found, ...]
+    report: Stage
+    crossings: int
+    seconds: float
+
+    @property
+    def limits(self) -> np.ndarray:
+        """Of the active elements: +1 or -1 where one is held at an end of its range."""
+        return self.found.limits[0]
+
+
+def run_stage(
+    name: str, problem: Problem, z: np.ndarray, options: Options, weigh: bool = True
+) -> StageFit:
+    """Minimise from the best starts, and settle what depends on where that is.
+
+    Args:
+        weigh: whether weights are found here; else they are the problem's.
+    """
+    begun = time.perf_counter()
+    first = problem.elastic
+    problem = replace(problem, reweighed=weigh and needs_weights(problem))
+    problem = first_weights(problem, z) if weigh else problem
+    places = candidates(problem, z, options.starts, options.seed)
+    starts = best_starts(problem, places, REFINED)
+    ends = _from_starts(problem, starts, options)
+    evaluations = sum(end.evaluations for end, _ in ends)
+    order = sorted(range(len(ends)), key=lambda k: _rank(ends[k][0]))
+    found, problem = ends[order[0]]
+    robust = replace(problem, loss=options.loss)
+    found, problem, more = _settle(robust, found, options)
+    crossings = 0 if first is None else int(np.sum(first != problem.elastic))
+    report = _report(name, problem, found, options, len(places), evaluations + more)
+    others = tuple(ends[k][0] for k in order[1:])
+    seconds = time.perf_counter() - begun
+    return StageFit(problem, found.z[0], found, others, report, crossings, seconds)
+
+
+def _from_starts(problem: Problem, starts, options: Options) -> list[tuple[Found, Problem]]:
+    """A search from each start, side by side; where impacts are held on branches, one by one."""
+    if problem.elastic is None:
+        found = search(problem, starts, options.optimiser, limit=options.max_steps)
+        return [(_one(found, k), problem) for k in range(len(starts))]
+    ends = []
+    for start in starts:
+        held = problem.held(problem.elastic_at(start))
+        found = search(held, start, options.optimiser, limit=options.max_steps)
+        found, held, _ = _settle(held, found, replace(options, loss="squared"))
+        ends.append((found, held))
+    return ends
+
+
+def _one(found: Found, k: int) -> Found:
+    """One of several searches side by side."""
+    part = slice(k, k + 1)
+    return Found(
+        found.z[part],
+        found.cost[part],
+        found.gradient_norm[part],
+        found.converged[part],
+        found.reason[part],
+        found.limits[part],
+        found.iterations[part],
+        found.evaluations if k == 0 else 0,
+    )
+
+
+def _rank(found: Found) -> tuple[float, bool]:
+    """The lowest cost first; of those as low, one that converged."""
+    cost = float(found.cost[0])
+    return (float(f"{cost:.6g}"), not found.converged[0])
+
+
+def _settle(problem: Problem, found: Found, options: Options) -> tuple[Found, Problem, int]:
+    """Search again until weights, robust scales and branches are those of where the search ends."""
+    evaluations = 0
+    for _ in range(ROUNDS):
+        adapted = _adapted(problem, found.z[0], options)
+        if _same(adapted, problem):
+            return found, problem, evaluations
+        problem = adapted
+        again = search(problem, found.z, options.optimiser, limit=options.max_steps)
+        evaluations += again.evaluations
+        found = replace(again, iterations=found.iterations + again.iterations)
+    if problem.elastic is not None and not np.array_equal(
+        problem.elastic_at(found.z[0]), problem.elastic
+    ):
+        found = replace(found, converged=np.array([False]), reason=(CROSSING,))
+    return found, problem, evaluations
+
+
+def _adapted(problem: Problem, z, options: Options) -> Problem:
+    """The problem with what depends on z at its value there."""
+    problem = problem.held(problem.elastic_at(z))
+    if problem.reweighed:
+        problem = reweighed(problem, z)
+    if problem.loss != "squared":
+        scale = scale_of(problem.raw_residuals(z[None])[0], problem.points.set) * options.loss_scale
+        problem = replace(problem, scale=scale)
+    return problem
+
+
+def _same(one: Problem, other: Problem) -> bool:
+    if one.elastic is not None and not np.array_equal(one.elastic, other.elastic):
+        return False
+    if not all(
+        np.allclose(a, b, rtol=SETTLED, atol=0)
+        for a, b in zip(one.points, other.points, strict=True)
+    ):
+        return False
+    if not _same_variances(one, other):
+        return False
+    if not np.allclose(_spreads(one), _spreads(other), rtol=ALIKE, atol=0):
+        return False
+    if one.loss == "squared":
+        return True
+    return other.scale is not None and np.allclose(one.scale, other.scale, rtol=SETTLED, atol=0)
+
+
+def _spreads(problem: Problem) -> list[float]:
+    return [pool.spread for pool in problem.pools]
+
+
+def _same_variances(one: Problem, other: Problem) -> bool:
+    if one.shared is None or other.shared is None:
+        return one.shared is other.shared
+    return all(_alike(a, b) for a, b in zip(one.shared, other.shared, strict=True))
+
+
+def _alike(one: SetErrors, other: SetErrors) -> bool:
+    """Equal in what each variance adds to that of ε."""
+    scale = float(np.mean(one.diagonal))
+    parts = [(one.variance.get(k, 0.0), other.variance.get(k, 0.0)) for k in ("scatter", "group")]
+    return np.allclose(one.diagonal, other.diagonal, rtol=ALIKE) and all(
+        abs(a - b) <= ALIKE * scale for a, b in parts
+    )
+
+
+def _report(name, problem: Problem, found: Found, options, starts, evaluations) -> Stage:
+    norm = float(found.gradient_norm[0])
+    return Stage(
+        stage=name,
+        materials=tuple(data.name for data in problem.datasets),
+        optimiser=OPTIMISERS[options.optimiser],
+        route=route_name(problem),
+        evaluations=evaluations,
+        iterations=int(found.iterations[0]),
+        gradient_norm=norm if np.isfinite(norm) else None,
+        cost=float(found.cost[0]),
+        converged=bool(found.converged[0]),
+        reason=found.reason[0],
+        starts=starts,
+    )
+
+
+def route_name(problem: Problem) -> str:
+    """What leads from the problem's laws to ε."""
+    law = problem.laws.rows.model.law_type
+    if issubclass(law, sj.HardSphereLaw):
+        return "closed form"
+    if problem.route is not None:
+        return problem.route.name
+    return "ode" if issubclass(law, sj.RateDependentLaw) else "energy balance"

@@ -1,0 +1,153 @@
+"""One data set's part of a result: its parameters, what follows from them, how closely it fits."""
+
+from dataclasses import replace
+
+import numpy as np
+
+import softjax as sj
+from calibration.fitting.beside import (
+    disagreements,
+    eq_17_alone,
+    eq_17_of,
+    two_step_beside,
+)
+from calibration.fitting.component_fit import ComponentFit
+from calibration.fitting.derived import derived_of
+from calibration.fitting.doubt import Doubt
+from calibration.fitting.estimate import Estimate
+from calibration.fitting.goodness import goodness_of
+from calibration.fitting.material import MaterialFit
+from calibration.fitting.problem import Problem
+from calibration.fitting.specs import SetSpec
+from calibration.fitting.suspicions import material_doubts
+
+
+def summarise_material(
+    fit: ComponentFit,
+    g: int,
+    estimates: dict[int, Estimate],
+    confidence: float,
+    shared: list[Doubt],
+) -> MaterialFit:
+    """One data set's part of the result."""
+    place = fit.component.sets.index(g)
+    spec, problem = fit.component.specs[place], fit.final.problem
+    points = problem.points.set == place
+    status = problem.as_measured().linearise(fit.z[None]).status[0][points]
+    good = goodness_of(fit, place)
+    known_from, known_to = _known(fit, spec, g)
+    values, labels = _values(fit, spec, g)
+    part = MaterialFit(
+        data=spec.data,
+        objective=spec.objective,
+        model=spec.model,
+        parameters=_parameters(fit, spec, g, estimates, known_to),
+        derived=derived_of(fit, spec, g, confidence),
+        values=values,
+        labels=labels,
+        trees=spec.trees,
+        rms=float(np.sqrt(np.mean(good.residual**2))),
+        rms_empirical=None,
+        empirical=None,
+        reduced_chi_squared=good.reduced_chi_squared,
+        converged=fit.converged,
+        status=tuple(int(flag) for flag in status),
+        known_from=known_from,
+        known_to=known_to,
+        variances=good.variances,
+        timing=good.timing,
+        standardised=tuple(map(float, good.standardised)),
+        leverage=tuple(map(float, good.leverage)),
+        residual_degrees=good.left,
+    )
+    rms_empirical, empirical, apart = _eq_17(fit, spec, part, g)
+    part = replace(part, rms_empirical=rms_empirical, empirical=empirical)
+    own = [d for d in shared if d.material == spec.data.name] + apart
+    own += material_doubts(part, good.residual, fit.final.problem.plans[place])
+    return replace(part, warnings=tuple(own))
+
+
+def _parameters(
+    fit: ComponentFit, spec: SetSpec, g: int, estimates, known_to
+) -> dict[str, Estimate]:
+    """Those that were free, and those that were held; numbers of a whole parameter left out."""
+    found = {}
+    for local in spec.local:
+        if "[" in local.name:
+            continue
+        place = _element(fit, local.name, g)
+        if place is not None:
+            found[local.name] = estimates[place]
+        elif not local.stands_in:
+            acts = np.isinf(known_to) or local.name not in ("chi", "c1", "c2")
+            value = float(np.mean(np.asarray(local.start))) if acts else None
+            found[local.name] = Estimate(value, method="fixed")
+    return found
+
+
+def _element(fit: ComponentFit, name: str, g: int) -> int | None:
+    for k, e in enumerate(fit.component.elements):
+        if e.name == name and g in e.sets:
+            return k
+    return None
+
+
+def _values(fit: ComponentFit, spec: SetSpec, g: int):
+    """All that makes the law, and what the covariance calls what was free."""
+    values, labels = {}, {}
+    for local in spec.local:
+        place = _element(fit, local.name, g)
+        if place is None:
+            values[local.name] = local.start
+        else:
+            values[local.name] = float(fit.theta[place])
+            labels[local.name] = fit.component.elements[place].label
+    return values, labels
+
+
+def _known(fit: ComponentFit, spec: SetSpec, g: int) -> tuple[float, float]:
+    """Between which velocities the fit knows anything of the curve.
+
+    By `model` σ and ψ are known from points below yield alone, χ̃ from points above: else only where
+    they were given.
+    """
+    if spec.model.law_type is not sj.Zhou or spec.objective != "model":
+        return 0.0, np.inf
+    below = _below(fit.final.problem, fit, g)
+    free = {e.name for e in fit.component.elements if g in e.sets}
+    told = {e.name for e in fit.component.elements if e.parameter.prior is not None}
+    critical = _critical(fit, g)
+    needs_below = spec.by_eps_up or ({"sigma", "psi"} & free) - told
+    above_is_open = "chi" in {local.name for local in spec.local if local.parameter.value is None}
+    knows_below = bool(np.any(below)) or not needs_below
+    chi_told = not np.all(below) or not ({"chi", "c1", "c2"} & free or above_is_open)
+    return (0.0 if knows_below else critical), (np.inf if chi_told else critical)
+
+
+def _below(problem: Problem, fit: ComponentFit, g: int) -> np.ndarray:
+    points = problem.points.set == fit.component.sets.index(g)
+    return problem.points.velocity[points] <= _critical(fit, g)
+
+
+def _critical(fit: ComponentFit, g: int) -> float:
+    problem = fit.final.problem
+    points = problem.points.set == fit.component.sets.index(g)
+    rows = problem.laws.rows
+    theta = problem.transform.physical(fit.z)
+    law = rows.law(theta, int(rows.row[np.flatnonzero(points)[0]]))
+    return float(np.asarray(law.elastic_velocity()))  # type: ignore[attr-defined]
+
+
+def _eq_17(fit: ComponentFit, spec: SetSpec, part: MaterialFit, g: int):
+    """Eq. (17) beside Zhou's law: its rms and coefficients, and doubts where objectives disagree."""
+    if spec.model.law_type is sj.EmpiricalRestitution:
+        return part.rms, part.values, []
+    if spec.model.law_type is not sj.Zhou:
+        return None, None, []
+    if spec.objective == "two-step":
+        return *eq_17_of(fit, g), []
+    two = two_step_beside(fit, spec)
+    if two is not None:
+        return *eq_17_of(two, 0), disagreements(two, part.parameters, part.derived)
+    alone = eq_17_alone(spec.data)
+    return (None, None, []) if alone is None else (*eq_17_of(alone, 0), [])

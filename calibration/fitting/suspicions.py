@@ -1,0 +1,143 @@
+"""Which doubts a fit raises: about its parameters, its searches, and each data set's curve."""
+
+import numpy as np
+
+import softjax as sj
+from calibration.data import plausibility
+from calibration.fitting import doubt as doubts
+from calibration.fitting.component_fit import ComponentFit
+from calibration.fitting.doubt import Doubt
+from calibration.fitting.estimate import Estimate
+from calibration.fitting.material import MaterialFit
+from calibration.fitting.minima import other_minima
+from calibration.fitting.plan import ErrorPlan
+from calibration.fitting.profiles import Profile
+
+ROUNDING = 1e-12  # of ε
+
+
+def shared_doubts(
+    fit: ComponentFit, estimates: dict[int, Estimate], curves: dict[str, Profile]
+) -> list[Doubt]:
+    """Doubts about a component's parameters and searches."""
+    found: list[Doubt] = []
+    for k, element in enumerate(fit.component.elements):
+        found += _of_estimate(element.name, estimates[k], _owner(fit, element.sets))
+    for stage in fit.stages:
+        names = [data.name for data in stage.problem.datasets]
+        if not stage.found.converged[0]:
+            cause = f"{stage.report.stage}: {stage.report.reason}"
+            found += [Doubt("not-converged", cause, name) for name in names]
+        if stage.crossings:
+            cause = f"{stage.crossings} points changed between elastic and plastic on the way"
+            found += [Doubt("branch-change", cause, name) for name in names]
+        for k, rise in other_minima(fit, stage, doubts.SEVERAL_DELTA):
+            element = fit.component.elements[k]
+            told = f"only {rise:.2g} higher" if rise >= 0 else f"{-rise:.2g} lower"
+            cause = f"another minimum for {element.name} has a chi squared {told}"
+            found.append(Doubt("several-minima", cause, _owner(fit, element.sets)))
+    condition = float(fit.uncertainty.condition_number[0])
+    if condition > doubts.CONDITION_LIMIT and not _has_whole(fit):
+        cause = f"the Jacobian's condition number is {condition:.2g}"
+        found.append(Doubt("ill-conditioned", cause, _owner(fit, fit.component.sets)))
+    return found + _separation(fit, curves)
+
+
+def _of_estimate(name: str, estimate: Estimate, owner: str | None) -> list[Doubt]:
+    if "[" in name:  # a number of a network is no parameter that anybody reads
+        return []
+    if estimate.at_bound and estimate.value is not None:
+        return [doubts.at_bound(name, estimate.value, owner)]
+    if estimate.value is None:
+        return [doubts.without_bound(name, owner)]
+    if estimate.method == "undetermined":
+        cause = f"{name} does not show in these data, or only together with another"
+        return [Doubt("rank-deficient", cause, owner)]
+    return []
+
+
+def _has_whole(fit: ComponentFit) -> bool:
+    return any(spec.trees for spec in fit.component.specs)
+
+
+def _owner(fit: ComponentFit, sets: tuple[int, ...]) -> str | None:
+    """The data set that something is about; None for several."""
+    if len(sets) != 1:
+        return None
+    return fit.component.specs[fit.component.sets.index(sets[0])].data.name
+
+
+def _separation(fit: ComponentFit, curves: dict[str, Profile]) -> list[Doubt]:
+    """σ and ψ of Zhou's law that only their combination ε_up is known of; ε_up in their place."""
+    found = []
+    for g, spec in zip(fit.component.sets, fit.component.specs, strict=True):
+        if spec.model.law_type is not sj.Zhou or spec.objective != "model":
+            continue
+        if spec.by_eps_up:
+            cause = "no points below the critical velocity: sigma and psi act through eps_up alone"
+            found.append(Doubt("eps-up-only", cause, spec.data.name))
+        pair = [
+            k
+            for k, e in enumerate(fit.component.elements)
+            if g in e.sets and e.name in ("sigma", "psi")
+        ]
+        if len(pair) == 2:
+            errors = fit.uncertainty.errors[0, pair]
+            labels = [fit.component.elements[k].label for k in pair]
+            wide = [doubts.is_wide(curves[label]) for label in labels if label in curves]
+            if not np.max(errors) <= doubts.SEPARATE or any(wide):
+                cause = f"the standard error of ln sigma is {errors[0]:.2g}"
+                found.append(Doubt("sigma-psi-not-separate", cause, spec.data.name))
+    return found
+
+
+def _implausible(part: MaterialFit) -> list[Doubt | None]:
+    """What looks like a slip in the data."""
+    return [
+        Doubt(
+            "groups" if one.code == "groups" else "plausibility", one.cause, part.name, one.remedy
+        )
+        for one in plausibility(part.data)
+    ]
+
+
+def material_doubts(part: MaterialFit, residual, plan: ErrorPlan) -> list[Doubt]:
+    """Doubts about one data set's curve.
+
+    Args:
+        residual: fitted less measured ε.
+        plan: what of the errors is stated.
+    """
+    data, name, left = part.data, part.name, part.residual_degrees
+    found: list[Doubt | None] = [
+        Doubt("data", note, name) for note in data.notes if "above 1" in note
+    ]
+    found += _implausible(part)
+    if plan.stated and part.reduced_chi_squared is not None:
+        noise = float(np.sqrt(sum(part.variances.values())))
+        of_noise = None if data.degrees is None else float(np.mean(data.degrees))
+        reduced = part.reduced_chi_squared
+        found.append(doubts.misfit(part.rms, noise, reduced, left, of_noise, name))
+    elif part.objective == "two-step" and part.rms_empirical is not None:
+        n = part.n
+        scatter = part.rms_empirical * np.sqrt(n / max(n - 2, 1))
+        rms = part.rms * np.sqrt(n / max(left, 1))
+        found.append(doubts.misfit_against_scatter(rms, scatter, max(left, 1), max(n - 2, 1), name))
+    standardised = np.array(part.standardised)
+    found.append(
+        doubts.runs(data.velocity, np.where(np.abs(residual) < ROUNDING, 0.0, standardised), name)
+    )
+    if np.max(np.abs(residual)) > ROUNDING and not any(found):
+        # where the curve misses the points neither says anything of the errors
+        found.append(
+            doubts.unequal_scatter(data.velocity, data.restitution + residual, standardised, name)
+        )
+        if not plan.shares:
+            found.append(doubts.alike_neighbours(data.velocity, standardised, name))
+    stated = data.uncertainty
+    found.append(doubts.no_velocity_dependence(data.velocity, data.restitution, stated, name))
+    found += doubts.statuses(part.status, data.velocity, name)
+    if part.known_to < np.inf:
+        cause = "all velocities are below the critical velocity"
+        found.append(Doubt("all-below-yield", cause, name))
+    return [one for one in found if one is not None]

@@ -1,0 +1,282 @@
+"""The likelihood of a law's parameters as pure JAX functions, for whoever samples or searches.
+
+    problem = cal.problem(data, sj.Thornton)
+    problem.log_likelihood({"yield_factor": 1.6, "noise": 0.01})
+
+Everything here is traceable: `jax.jit`, `vmap`, `grad` and `hessian` work through it.
+
+With NumPyro (in float64, `sj.enable_x64()`):
+
+    def model():
+        chi = numpyro.sample("chi", dist.LogNormal(0.0, 1.0))
+        eps_up = numpyro.sample("eps_up", dist.Uniform(0.0, 1.0))
+        noise = numpyro.sample("noise", dist.HalfNormal(0.1))
+        theta = {"chi": chi, "eps_up": eps_up, "noise": noise}
+        numpyro.factor("likelihood", problem.log_likelihood(theta))
+
+    mcmc = MCMC(NUTS(model), num_warmup=500, num_samples=500)
+    mcmc.run(jax.random.key(0))
+
+With BlackJAX, in the logarithms of the parameters (their sum is that of ln |dθ/dz|):
+
+    def log_density(z):
+        theta = {name: jnp.exp(value) for name, value in z.items()}
+        prior = sum(-0.5 * value**2 / 4 for value in z.values())
+        return problem.log_likelihood(theta) + prior
+
+    z = {name: jnp.log(value) for name, value in {**problem.start, "noise": 0.01}.items()}
+    warmup = blackjax.window_adaptation(blackjax.nuts, log_density)
+    (state, tuned), _ = warmup.run(jax.random.key(0), z, 500)
+    step = jax.jit(blackjax.nuts(log_density, **tuned).step)
+    for key in jax.random.split(jax.random.key(1), 500):
+        state, info = step(key, state)
+
+`FitResult.posterior` does the latter with priors, transforms and diagnostics of its own.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+import softjax as sj
+from calibration.data import RestitutionData
+from calibration.errors import DataError
+from calibration.fitting.assembly import Component
+from calibration.fitting.problem import Element, Pool, pools_of
+from calibration.fitting.request import Request, datasets_of
+from calibration.fitting.root import extended_root
+from calibration.fitting.rows import with_trees
+from calibration.fitting.set_likelihood import CALLED, LN_2PI, SetLikelihood
+from calibration.fitting.specs import SetSpec
+from calibration.fitting.transform import Transform
+
+START_SPREAD = 0.3  # of a pool
+
+
+@dataclass(frozen=True)
+class Traceable:
+    """A law against data, as functions of {name: value}.
+
+    Attributes:
+        names: of the free parameters, as `FitResult.values` has them; of pooled ones those of each
+            data set, and behind all the mean and the spread of each pool, "chi" and "chi_spread".
+        start: where a search would begin, by name.
+        noises: names of what is not stated of the errors: "noise", the standard deviation of ε;
+            "group", that of the groups' offsets in ε; "timing" [s], that of times of bounces;
+            "scale", the factor on stated uncertainties. "noise[name]" where there are several.
+            Plain noise that θ does not have is profiled: put where the likelihood is largest.
+        sets: data sets and the likelihoods of their residuals, in their order.
+        components: parameters and laws.
+        pools: which of the parameters lie around a common mean.
+        route: from a law to ε.
+    """
+
+    names: tuple[str, ...]
+    start: Mapping[str, float]
+    noises: tuple[str, ...]
+    sets: tuple[SetLikelihood, ...]
+    components: tuple[Component, ...]
+    pools: tuple[Pool, ...]
+    route: Any
+
+    def predict(self, theta: Mapping[str, Any]) -> list[Array]:
+        """ε at the points of each data set."""
+        return [self._curve(theta, *one)(one[2].data.velocity) for one in self._members()]
+
+    def residuals(self, theta: Mapping[str, Any]) -> Array:
+        """Predicted less measured ε over the standard deviation of each, then those of the priors.
+
+        Where points share errors, without what they share. Over 1 where θ tells no noise.
+        """
+        parts = [errors.whitened(theta, *rest) for errors, *rest in self._off(theta)]
+        return jnp.concatenate([*parts, self._prior_residuals(theta)])
+
+    def log_likelihood(self, theta: Mapping[str, Any], measured: Array | None = None) -> Array:
+        """ln p(data | θ).
+
+        Args:
+            measured: restitutions in place of the measured ones, all data sets in a row.
+        """
+        off = self._off(theta, measured)
+        return jnp.sum(jnp.stack([e.log_likelihood(theta, *rest) for e, *rest in off]))
+
+    def point_log_likelihood(self, theta: Mapping[str, Any]) -> Array:
+        """ln p(ε_i | θ) of every point, in the order of the data sets.
+
+        Where points share errors, of each where the others are known; see `SetLikelihood.by_point`.
+        """
+        return jnp.concatenate([e.by_point(theta, *rest) for e, *rest in self._off(theta)])
+
+    def simulated(self, theta: Mapping[str, Any], normal: Array) -> Array:
+        """Measurements as the law and its errors make them, from standard normal numbers, one a point."""
+        parts = []
+        for (errors, off, slope), some in zip(self._off(theta), self._split(normal), strict=True):
+            root = errors.root(theta, off, slope)
+            error = root @ some if errors.plan.shares else root * some
+            parts.append(off + errors.data.restitution + error)
+        return jnp.concatenate(parts)
+
+    def log_prior(self, theta: Mapping[str, Any]) -> Array:
+        """ln p(θ) of the priors that were stated and of pools; 0 without, -∞ outside the ranges."""
+        total = -0.5 * jnp.sum(self._prior_residuals(theta) ** 2)
+        for element in self.elements:
+            value = jnp.asarray(theta[element.label])
+            if element.parameter.prior is not None:
+                total -= math.log(element.parameter.prior[1]) + 0.5 * LN_2PI
+            low, high = element.range
+            total = jnp.where((value < low) | (value > high), -jnp.inf, total)
+        for pool in self.pools:
+            members = jnp.stack([jnp.asarray(theta[self.names[k]]) for k in pool.members])
+            transform = self.transform.part(np.array(pool.members))
+            slopes = transform.log_slope(transform.unconstrained(members, jnp))
+            total -= jnp.sum(slopes + jnp.log(theta[pool.spread_name]) + 0.5 * LN_2PI)
+        for name in (*self.noises, *(pool.spread_name for pool in self.pools)):
+            if name in theta:
+                total = jnp.where(jnp.asarray(theta[name]) > 0, total, -jnp.inf)
+        return total
+
+    @property
+    def transform(self) -> Transform:
+        """The map from an unconstrained vector, in the order of `elements`, to values."""
+        return Transform.of(
+            [e.range for e in self.elements], [e.parameter.transform for e in self.elements]
+        )
+
+    @property
+    def elements(self) -> list[Element]:
+        """The free parameters, in the order of `names`."""
+        return [e for component in self.components for e in component.elements]
+
+    @property
+    def specs(self) -> list[SetSpec]:
+        """What is asked of each data set, in their order."""
+        return [spec for _, _, spec in self._members()]
+
+    def law(self, theta: Mapping[str, Any], g: int) -> sj.ContactLaw:
+        """The law of a data set."""
+        component, g, spec = self._members()[g]
+        labels = {e.name: e.label for e in component.elements if g in e.sets}
+        numbers = {
+            local.name: jnp.asarray(theta[labels[local.name]])
+            if local.name in labels
+            else local.start
+            for local in spec.local
+        }
+        return spec.model.law(spec.data.contact, with_trees(numbers, spec.trees))
+
+    def _split(self, values: Array) -> list[Array]:
+        """Values of all points by data set."""
+        ends = np.cumsum([len(one.data) for one in self.sets])
+        return jnp.split(values, ends[:-1])
+
+    def _members(self) -> list[tuple[Component, int, SetSpec]]:
+        """Every data set, in the order in which they were given."""
+        rows = [
+            (c, g, spec) for c in self.components for g, spec in zip(c.sets, c.specs, strict=True)
+        ]
+        return sorted(rows, key=lambda row: row[1])
+
+    def _curve(self, theta, _: Component, g: int, spec: SetSpec) -> Callable[[Any], Array]:
+        law = self.law(theta, g)
+        return lambda v: extended_root(sj.signed_restitution(law, v, self.route).squared, jnp)
+
+    def _off(self, theta, measured=None) -> list[tuple[SetLikelihood, Array, Any]]:
+        """Of each data set its errors, predicted less measured ε, and the curve's slope."""
+        found = []
+        if measured is None:
+            measured = jnp.concatenate([jnp.asarray(one.data.restitution) for one in self.sets])
+        every = zip(self.sets, self._members(), self._split(measured), strict=True)
+        for errors, member, restitution in every:
+            curve, velocity = self._curve(theta, *member), jnp.asarray(errors.data.velocity)
+            slope: Any = 0.0
+            if errors.needs_slope:
+                value, slope = jax.jvp(curve, (velocity,), (jnp.ones_like(velocity),))
+            else:
+                value = curve(velocity)
+            found.append((errors, value - restitution, slope))
+        return found
+
+    def _prior_residuals(self, theta) -> Array:
+        rows = []
+        for e in self.elements:
+            if e.parameter.prior is not None:
+                mean, deviation = e.parameter.prior
+                rows.append((jnp.asarray(theta[e.label]) - mean) / deviation)
+        for pool in self.pools:
+            places = np.array([*pool.members, pool.members[0]])
+            labels = [*(self.names[k] for k in pool.members), pool.name]
+            values = jnp.stack([jnp.asarray(theta[label]) for label in labels])
+            z = self.transform.part(places).unconstrained(values, jnp)
+            rows.extend((z[:-1] - z[-1]) / theta[pool.spread_name])
+        return jnp.stack(rows) if rows else jnp.zeros(0)
+
+
+def problem(
+    data: RestitutionData | Sequence[RestitutionData],
+    law: str | type | Callable[..., sj.ContactLaw] | None = None,
+    parameters: Mapping[str, Any] | Sequence[Mapping[str, Any]] | None = None,
+    *,
+    route: sj.EnergyBalance | sj.ODE | None = None,
+    extra_scatter: bool = False,
+    scale_uncertainty: bool = False,
+) -> Traceable:
+    """A law against data as JAX-traceable functions: residuals, likelihood, prior.
+
+    Args:
+        data, law, parameters, extra_scatter, scale_uncertainty: as `fit` takes them.
+        route: what suits the law where left out.
+
+    Returns:
+        A `Traceable`, whose θ are mappings {name: value} in physical units.
+
+    Raises:
+        ValueError: naming the argument, its value and what is accepted.
+    """
+    return traceable(
+        Request(
+            datasets_of(data),
+            law,
+            parameters,
+            route=route,
+            extra_scatter=extra_scatter,
+            scale_uncertainty=scale_uncertainty,
+        )
+    )
+
+
+def traceable(request: Request) -> Traceable:
+    """The same of what was asked of a fit."""
+    with jax.enable_x64(True):
+        specs = request.specs()
+        if any(spec.objective != "model" for spec in specs):
+            raise DataError("objective", "two-step", "model, which has a likelihood")
+        components = request.components()
+    sets = _likelihoods(specs)
+    noises = tuple(label for one in sets for label in one.labels.values())
+    start = {e.label: e.start for component in components for e in component.elements}
+    route = request.chosen_route(specs)
+    elements = [e for component in components for e in component.elements]
+    pools = pools_of(elements)
+    for pool in pools:
+        start[pool.name] = elements[pool.members[0]].start
+        start[pool.spread_name] = START_SPREAD
+    return Traceable(tuple(start), start, noises, sets, tuple(components), pools, route)
+
+
+def _likelihoods(specs: Sequence[SetSpec]) -> tuple[SetLikelihood, ...]:
+    """What is unknown of the errors has a name, with that of the data set where several have it."""
+    counts = {kind: sum(kind in spec.plan.unknown for spec in specs) for kind in CALLED}
+    found = []
+    for spec in specs:
+        labels = {
+            kind: CALLED[kind] if counts[kind] == 1 else f"{CALLED[kind]}[{spec.data.name}]"
+            for kind in spec.plan.unknown
+        }
+        found.append(SetLikelihood(spec.data, spec.plan, labels))
+    return tuple(found)

@@ -1,0 +1,179 @@
+"""LAMMPS: input lines for what it has, a plugin for the rest, and what it makes of its input.
+
+    linear, hertz-dashpot, viscoelastic    pair_style granular
+    any other law                          pair_style softjax, a plugin around the C header
+
+"Restitution in, restitution out" fails by the end of the contact (`limit_damping` gives more than
+is asked), by the version (Tsuji's damping lacks a √2) and by the unit (damping over mass, 1/s and
+1/(s m)). Measured with the release of 22 July 2025; see tests.
+"""
+
+import math
+from typing import Any, ClassVar
+
+import numpy as np
+from jaxtyping import Array
+from scipy.optimize import brentq
+
+import softjax as sj
+from calibration.errors import DataError, InputError
+from calibration.handover.choice import HEADER, INPUT, ITSELF, Carrier
+from calibration.handover.damping import set_restitution
+from calibration.handover.exported import Draft
+from calibration.handover.softer import softened
+from calibration.handover.templates import commented, filled, template
+from calibration.handover.wanted import number_of
+from softjax.laws.linear_dashpot import damping_fraction
+
+CARRIERS = {
+    "linear": Carrier(INPUT),
+    "hertz-dashpot": Carrier(INPUT),
+    "viscoelastic": Carrier(INPUT, of_mass=True),
+    "walton-braun": Carrier(HEADER),
+    ITSELF: Carrier(HEADER),
+}
+REFUSED: dict[str, tuple[str, str]] = {}
+FILES = ("in.softjax", "softjax_law.h", "softjax_lammps.cpp", "softjax_memory.h", "build.sh")
+OLDEST = 20220623  # the oldest version looked at: it has limit_damping
+LATEST = 20250722  # taken where none is told
+COEFF_RESTITUTION = 20240627  # the first release that has it
+TSUJI_MENDED = 20260730  # the √2 is in the source since the day before
+# α of Tsuji's damping over ε, by the polynomial that LAMMPS takes
+TSUJI = (1.2728, -4.2783, 11.087, -22.348, 27.467, -18.022, 4.8218)
+FRICTIONLESS = "tangential linear_nohistory 0.0 0.0"
+
+
+def files(draft: Draft) -> dict[str, str]:
+    """The files of an export by name."""
+    choice, version = draft.choice, _checked(draft.version)
+    values = {"comment": commented(draft.notes), "step": choice.step}
+    if choice.carrier.name == HEADER:
+        values |= {
+            "needs": "plugin load ./softjaxplugin.so  # made by: sh build.sh",
+            "style": "softjax",
+            "coefficients": "",
+            "wall": "fix ID group softjax/wall zplane 0.0 NULL",
+        }
+        written = {"softjax_law.h": draft.header, "build.sh": template("build.sh.in")}
+        written |= {"softjax_lammps.cpp": template("lammps.cpp.in")}
+        written |= {"softjax_memory.h": template("lammps_memory.h.in")}
+        return written | {"in.softjax": filled("in.lammps.in", values)}
+    coefficients = coefficients_of(softened(choice.law, choice.stretch), version)
+    values |= {
+        "needs": "comm_modify vel yes",
+        "style": "granular",
+        "coefficients": f" {coefficients}",
+        "wall": f"fix ID group wall/gran granular {coefficients} zplane 0.0 NULL",
+    }
+    return {"in.softjax": filled("in.lammps.in", values)}
+
+
+def _checked(version: int | None) -> int:
+    if version is None:
+        return LATEST
+    if not OLDEST <= version <= 99991231:
+        raise DataError("version", version, f"the date of a LAMMPS release, {OLDEST} or later")
+    return version
+
+
+def coefficients_of(law: Any, version: int = LATEST) -> str:
+    """A damped law as the arguments of `pair_coeff * *` of pair style granular."""
+    contact = law.contact
+    clamp = " limit_damping" if _end(law) == "zero-force" else ""
+    if isinstance(law, sj.ViscoelasticHertz):
+        # P_d = eta0 M a delta', a = sqrt(R delta)
+        eta = 2 * number_of(contact.youngs_modulus) * number_of(law.dissipation_time)
+        model, damping = (
+            f"hertz {_hertz(contact)!r} {eta / number_of(contact.mass)!r}",
+            "viscoelastic",
+        )
+    else:
+        linear = isinstance(law, sj.LinearSpringDashpot)
+        spring = f"hooke {number_of(law.stiffness)!r}" if linear else f"hertz {_hertz(contact)!r}"
+        value, damping = _damping(law, version)
+        model = f"{spring} {value!r}"
+    return f"{model} {FRICTIONLESS} damping {damping}{clamp}"
+
+
+def _hertz(contact: sj.Contact) -> float:
+    """k/√R [Pa], of the normal model hertz."""
+    return 4 / 3 * number_of(contact.youngs_modulus)
+
+
+def _damping(law: Any, version: int) -> tuple[float, str]:
+    """The coefficient of a dashpot whose ε is one at all velocities, and its damping model."""
+    if version >= COEFF_RESTITUTION:
+        return number_of(law.restitution), "coeff_restitution"
+    fraction = number_of(damping_fraction(law.restitution))
+    if isinstance(law, sj.LinearSpringDashpot):
+        frequency = math.sqrt(number_of(law.stiffness) / number_of(law.contact.mass))
+        return 2 * fraction * frequency, "mass_velocity"
+    return _into_tsuji(math.sqrt(5) * fraction / _tsuji_factor(version)), "tsuji"
+
+
+def _into_tsuji(alpha: float) -> float:
+    """The ε to ask for, so that the polynomial gives α."""
+    if alpha > TSUJI[0]:
+        problem = f"LAMMPS' Tsuji damping ends at α = {TSUJI[0]}, but {alpha:.4g} is needed"
+        raise InputError(None, None, problem, f"a LAMMPS of {COEFF_RESTITUTION} or later has more")
+    return brentq(lambda e: _polynomial(e) - alpha, 0.0, 1.0) if alpha > _polynomial(1.0) else 1.0
+
+
+def _polynomial(restitution: float) -> float:
+    return float(np.polynomial.polynomial.polyval(restitution, TSUJI))
+
+
+def _tsuji_factor(version: int) -> float:
+    return math.sqrt(2) if version >= TSUJI_MENDED else 1.0
+
+
+def _end(law: Any) -> str:
+    return getattr(law, "end", "zero-force")
+
+
+# What LAMMPS makes of its input: the law that it follows.
+
+
+def end_with(limit_damping: bool) -> str:
+    return "zero-force" if limit_damping else "zero-overlap"
+
+
+def coeff_restitution(contact: sj.Contact, restitution: float, limit_damping: bool = False):
+    """`hertz … damping coeff_restitution`."""
+    return sj.HertzDashpot(contact, restitution, end=end_with(limit_damping))
+
+
+def tsuji(
+    contact: sj.Contact, restitution: float, limit_damping: bool = False, version: int = LATEST
+) -> sj.HertzDashpot:
+    """`hertz … damping tsuji`."""
+    fraction = max(_tsuji_factor(version) * _polynomial(restitution), 0.0) / math.sqrt(5)
+    return sj.HertzDashpot(contact, set_restitution(fraction), end=end_with(limit_damping))
+
+
+def mass_velocity(
+    contact: sj.Contact, stiffness: float, damping: float, limit_damping: bool = False
+) -> sj.LinearSpringDashpot:
+    """`hooke k η … damping mass_velocity`, η [1/s] over the effective mass."""
+    fraction = damping / (2 * math.sqrt(stiffness / number_of(contact.mass)))
+    asked = set_restitution(fraction)
+    return sj.LinearSpringDashpot(contact, stiffness, asked, end=end_with(limit_damping))
+
+
+def viscoelastic(
+    contact: sj.Contact, damping: float, limit_damping: bool = False
+) -> sj.ViscoelasticHertz:
+    """`hertz … η0 … damping viscoelastic`, η0 [1/(s m)] over the effective mass."""
+    time = damping * number_of(contact.mass) / (2 * number_of(contact.youngs_modulus))
+    return (sj.ViscoelasticHertz if limit_damping else PullingViscoelastic)(contact, time)
+
+
+class PullingViscoelastic(sj.RateDependentLaw):
+    """Viscoelastic spheres that pull before they part, as without `limit_damping`."""
+
+    contact: sj.Contact
+    dissipation_time: float
+    end: ClassVar[str] = "zero-overlap"
+
+    def force(self, overlap: Any, velocity: Any) -> Array:
+        return sj.ViscoelasticHertz(self.contact, self.dissipation_time).force(overlap, velocity)

@@ -1,0 +1,131 @@
+"""LIGGGHTS: input lines for what it has, and what it makes of its input.
+
+    linear          model hooke/stiffness
+    hertz-dashpot   model hertz
+    walton-braun    model hooke/hysteresis, where k2 grows from k1
+
+`limitForce on` ends a contact where its force vanishes and gives more than is asked. A modulus
+above 1 GPa needs `hard_particles yes`. Measured with 3.8.0; see tests.
+"""
+
+import math
+from typing import Any
+
+import softjax as sj
+from calibration.errors import InputError
+from calibration.handover.choice import INPUT, Carrier
+from calibration.handover.exported import Draft
+from calibration.handover.softer import softened
+from calibration.handover.templates import commented, filled
+from calibration.handover.wanted import number_of
+from softjax.laws.linear_dashpot import damping_fraction
+
+CARRIERS = {
+    "linear": Carrier(INPUT, of_mass=True),
+    "hertz-dashpot": Carrier(INPUT),
+    "walton-braun": Carrier(INPUT, from_loading=True),
+}
+REFUSED = {
+    "thornton": (
+        "Thornton (1997) cannot be said by thornton_ning, which unloads with the old radius: "
+        "0.701 for 0.735, 0.259 for 0.282",
+        "--law auto, or --to c",
+    ),
+    "zhou": ("LIGGGHTS has no law like Zhou's, and loads no plugin", "--law auto, or --to lammps"),
+    "viscoelastic": ("LIGGGHTS has no viscoelastic spheres", "--law auto, or --to lammps"),
+}
+FILES = ("in.softjax",)
+LEAST_RESTITUTION = 0.05  # that the code takes
+POISSON_RATIO = 0.3  # where only the contact is known: the modulus goes with it
+BEYOND = 2.0  # the overlap up to which k2 grows, over the largest wanted
+
+Properties = dict[str, tuple[str, float]]
+
+
+def files(draft: Draft) -> dict[str, str]:
+    """The files of an export by name."""
+    choice, ratio = draft.choice, draft.wanted.poisson_ratio
+    law = softened(choice.law, choice.stretch)
+    peak = float(choice.impacts.peak[-1]) * choice.stretch
+    model, properties = model_of(law, POISSON_RATIO if ratio is None else ratio, peak)
+    lines = [
+        f"fix softjax{i} all property/global {name} {kind} {value!r}"
+        for i, (name, (kind, value)) in enumerate(properties.items(), 1)
+    ]
+    values = {
+        "comment": commented(draft.notes),
+        "properties": "\n".join(lines),
+        "model": model,
+        "step": choice.step,
+    }
+    return {"in.softjax": filled("in.liggghts.in", values)}
+
+
+def model_of(law: Any, poisson_ratio: float, peak: float) -> tuple[str, Properties]:
+    """A law as a model of `pair_style gran` and the properties of one type of atoms."""
+    modulus = 2 * (1 - poisson_ratio**2) * number_of(law.contact.youngs_modulus)
+    elastic = {
+        "youngsModulus": ("peratomtype", modulus),
+        "poissonsRatio": ("peratomtype", poisson_ratio),
+        "coefficientFriction": _pair(0.0),
+    }
+    if isinstance(law, sj.LinearSpringDashpot):
+        return "hooke/stiffness limitForce on", elastic | _spring(law)
+    if isinstance(law, sj.WaltonBraun):
+        return "hooke/hysteresis", elastic | _hysteresis(law, peak)
+    asked = number_of(law.restitution)
+    if asked <= LEAST_RESTITUTION:
+        problem = f"LIGGGHTS takes no coefficientRestitution of {asked:.3g}"
+        raise InputError(None, None, problem, f"above {LEAST_RESTITUTION}, or --law linear")
+    return "hertz limitForce on", elastic | {"coefficientRestitution": _pair(asked)}
+
+
+def _pair(value: float) -> tuple[str, float]:
+    return "peratomtypepair 1", value
+
+
+def _spring(law: sj.LinearSpringDashpot) -> Properties:
+    stiffness = number_of(law.stiffness)
+    frequency = math.sqrt(stiffness / number_of(law.contact.mass))
+    damping = 2 * number_of(damping_fraction(law.restitution)) * frequency
+    return {
+        "kn": _pair(stiffness),
+        "kt": _pair(0.0),
+        "gamman": _pair(damping),
+        "gammat": _pair(0.0),
+    }
+
+
+def _hysteresis(law: sj.WaltonBraun, peak: float) -> Properties:
+    """k1 by the characteristic velocity, and k2 = k1 (1 + s δ) up to `BEYOND` times the peak."""
+    stiffness, growth = number_of(law.loading_stiffness), number_of(law.growth)
+    most = 1 + growth * BEYOND * peak  # k_p/k1
+    depth = BEYOND * peak * (most - 1) / most / (2 * number_of(law.contact.radius))
+    return {
+        "coefficientRestitution": _pair(1.0),
+        "characteristicVelocity": ("scalar", _characteristic_velocity(law.contact, stiffness)),
+        "coefficientMaxElasticStiffness": _pair(most),
+        "coefficientAdhesionStiffness": _pair(0.0),
+        "coefficientPlasticityDepth": _pair(depth),
+    }
+
+
+def _characteristic_velocity(contact: sj.Contact, stiffness: float) -> float:
+    """V of k = 16/15 √R E [15 M V²/(16 √R E)]^{1/5}."""
+    scale = 16 / 15 * math.sqrt(number_of(contact.radius)) * number_of(contact.youngs_modulus)
+    return math.sqrt((stiffness / scale) ** 5 * scale / number_of(contact.mass))
+
+
+# What LIGGGHTS makes of its input: the law that it follows.
+
+
+def hertz(contact: sj.Contact, restitution: float, limit_force: bool = False) -> sj.HertzDashpot:
+    """`model hertz` with coefficientRestitution."""
+    end = "zero-force" if limit_force else "zero-overlap"
+    return sj.HertzDashpot(contact, restitution, end=end)
+
+
+def hysteresis(contact: sj.Contact, stiffness: float, most: float, depth: float) -> sj.WaltonBraun:
+    """`model hooke/hysteresis` with k_p/k1 = `most`, a plasticity depth and no adhesion."""
+    growth = (most - 1) ** 2 / (most * depth * 2 * number_of(contact.radius))
+    return sj.WaltonBraun(contact, stiffness, stiffness, growth)

@@ -1,0 +1,36 @@
+"""Softer springs at the same ε: overlaps and durations grow by a factor, forces fall by it.
+
+With P'(δ, δ') = P(δ/μ, δ')/μ every impact is the old one with lengths and times μ times as large,
+so that ε(v) is untouched. What it costs: overlaps, and whatever a larger overlap means for a scene.
+"""
+
+import dataclasses
+from typing import Any
+
+import softjax as sj
+
+
+def softened(law: Any, stretch: float) -> Any:
+    """A law whose fields can say it, softer by `stretch`.
+
+    Raises:
+        TypeError: for laws that are handed over by a header, which stretches by itself.
+    """
+    if stretch == 1:
+        return law
+    if isinstance(law, sj.LinearSpringDashpot):
+        return dataclasses.replace(law, stiffness=law.stiffness / stretch**2)
+    if isinstance(law, sj.WaltonBraun):
+        return dataclasses.replace(
+            law,
+            loading_stiffness=law.loading_stiffness / stretch**2,
+            unloading_stiffness=law.unloading_stiffness / stretch**2,
+            growth=law.growth / stretch,
+        )
+    if not isinstance(law, sj.HertzDashpot | sj.ViscoelasticHertz):
+        raise TypeError(f"no fields of {type(law).__name__} say how soft it is")
+    modulus = law.contact.youngs_modulus / stretch**2.5
+    law = dataclasses.replace(law, contact=dataclasses.replace(law.contact, youngs_modulus=modulus))
+    if isinstance(law, sj.HertzDashpot):
+        return law
+    return dataclasses.replace(law, dissipation_time=law.dissipation_time * stretch)

@@ -1,0 +1,95 @@
+"""Cheaper laws in place of the one wanted, each with the smallest largest error of ε.
+
+In the order of what they cost a code: constant ε by a linear spring, by Hertz's spring,
+viscoelastic spheres, Walton and Braun's spring. Springs that ε says nothing of are as stiff as
+gives the largest overlap asked for at the fastest impact.
+"""
+
+import dataclasses
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.optimize import minimize, minimize_scalar
+
+import softjax as sj
+from calibration.handover.damping import LEAST, fraction_of, set_restitution
+from calibration.handover.wanted import Wanted, number_of
+
+END = "zero-force"  # of damped contacts: nothing pulls
+# w² = 3/2 A (k/M)^{2/5} v^{1/5}, the one number of viscoelastic spheres
+LEAST_LOSS, MOST_LOSS = 1e-3, 3.0
+
+
+def constant_restitution(wanted: Wanted) -> float:
+    """The ε in the middle of those wanted."""
+    return float(max(np.max(wanted.restitution) + np.min(wanted.restitution), 2.001 * LEAST) / 2)
+
+
+def linear(wanted: Wanted, overlap: float) -> sj.LinearSpringDashpot:
+    """Constant ε; its stiffness gives `overlap` [m] to the fastest impact."""
+    law = sj.LinearSpringDashpot(wanted.contact, 1.0, _set(wanted), end=END)
+    return dataclasses.replace(law, stiffness=_spring(wanted, overlap))
+
+
+def hertz_dashpot(wanted: Wanted) -> sj.HertzDashpot:
+    """Constant ε, with the contact's own modulus."""
+    return sj.HertzDashpot(wanted.contact, _set(wanted), end=END)
+
+
+def _set(wanted: Wanted) -> float:
+    return set_restitution(fraction_of(min(constant_restitution(wanted), 1.0), END))
+
+
+def _spring(wanted: Wanted, overlap: float) -> float:
+    """½ K δ² = ½ M v² [N/m]."""
+    return number_of(wanted.contact.mass) * (wanted.range[1] / overlap) ** 2
+
+
+def viscoelastic(wanted: Wanted) -> sj.ViscoelasticHertz:
+    """A [s] from ε(w²), which is one curve for all viscoelastic spheres."""
+    if type(wanted.law) is sj.ViscoelasticHertz:
+        return wanted.law
+    contact = wanted.contact
+    unit = 1 / (
+        1.5 * (number_of(contact.stiffness) / number_of(contact.mass)) ** 0.4
+    )  # w² = 1 at 1 m/s
+    loss = np.geomspace(LEAST_LOSS, MOST_LOSS, len(wanted.velocity))
+    hit = sj.restitution(sj.ViscoelasticHertz(contact, unit), loss**5)
+    curve = CubicSpline(np.log(loss), np.asarray(hit.coefficient))
+
+    def largest(log_time: float) -> float:
+        at = log_time + 0.2 * np.log(wanted.velocity)
+        return _largest(curve(at), wanted)
+
+    best = minimize_scalar(largest, bounds=np.log((LEAST_LOSS, MOST_LOSS)), method="bounded")
+    return sj.ViscoelasticHertz(contact, unit * float(np.exp(best.x)))
+
+
+def walton_braun(wanted: Wanted, overlap: float, starts_at_loading: bool) -> sj.WaltonBraun:
+    """ε = (a + b v)^{-1/2}, a = k20/k1 and b = s √(M/k1).
+
+    Args:
+        starts_at_loading: whether k20 is k1, as where k2 grows from the loading stiffness.
+    """
+    if type(wanted.law) is sj.WaltonBraun and not starts_at_loading:
+        return wanted.law
+    velocity, inverse = wanted.velocity, np.clip(wanted.restitution, 0.01, 1.0) ** -2
+
+    def curve(x: np.ndarray) -> np.ndarray:
+        a, b = (0.0, x[0]) if starts_at_loading else x
+        return (1 + a**2 + b**2 * velocity) ** -0.5
+
+    slope, level = np.polyfit(velocity, inverse, 1)
+    start = np.sqrt(np.maximum([level - 1, slope], 1e-6))[int(starts_at_loading) :]
+    options = {"xatol": 1e-10, "fatol": 1e-10, "maxiter": 4000, "maxfev": 4000}
+    best = minimize(
+        lambda x: _largest(curve(x), wanted), start, method="Nelder-Mead", options=options
+    )
+    a, b = (0.0, best.x[0]) if starts_at_loading else best.x
+    stiffness = _spring(wanted, overlap)
+    growth = b**2 * np.sqrt(stiffness / number_of(wanted.contact.mass))
+    return sj.WaltonBraun(wanted.contact, stiffness, (1 + a**2) * stiffness, float(growth))
+
+
+def _largest(found: np.ndarray, wanted: Wanted) -> float:
+    return float(np.max(np.abs(found - wanted.restitution)))

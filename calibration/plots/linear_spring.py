@@ -1,0 +1,120 @@
+"""The case against the linear spring: how long its contact lasts, and how its force grows.
+
+The paper argues that T → ∞ as ε → 0. That belongs to a contact that ends at δ = 0; one that ends
+where the force vanishes lasts 2/ω0 there. Neither has Hertz's force or duration.
+
+With the angle a of the damping, ξ = cos a and √(1 - ξ²) = sin a, the motion is
+δ ∝ e^{-ω0 t cos a} sin(ω0 t sin a), and the two ends are at ω0 T sin a = π and = 2a.
+
+Source: T. Schwager and T. Pöschel, Granular Matter 9, 465 (2007).
+"""
+
+import math
+
+import numpy as np
+from jaxtyping import ArrayLike, Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+import softjax as sj
+from calibration.plots import style
+
+STIFFNESS = 1e6  # N/m; scaled out
+INTEGRATED = np.array([0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 0.95])
+LOOKS = {
+    "zero-overlap": (style.VERMILION, "-", "o", r"contact ends at $\delta = 0$"),
+    "zero-force": (style.BLUE, "--", "s", "contact ends at zero force"),
+}
+
+
+def linear_figure() -> Figure:
+    """Both panels."""
+    figure = style.new_figure(9.0, 4.0)
+    left, right = figure.subplots(1, 2)
+    plot_duration(left)
+    plot_forces(right)
+    return figure
+
+
+def plot_duration(ax: Axes | None = None) -> Axes:
+    """T ω0/π over the ε that goes in, for both ends: closed form, and the force law integrated."""
+    ax = style.axes_or_new(ax)
+    restitution = np.geomspace(1e-3, 1.0, 400)
+    for end, (color, linestyle, marker, label) in LOOKS.items():
+        ax.plot(
+            restitution,
+            duration(restitution, end) / np.pi,
+            color=color,
+            linestyle=linestyle,
+            label=label,
+        )
+        ax.plot(
+            INTEGRATED,
+            integrated_duration(INTEGRATED, end) / np.pi,
+            marker,
+            color=color,
+            markerfacecolor="white",
+            markersize=5,
+            label="the same, integrated",
+        )
+    ax.axhline(2 / np.pi, color=style.GREY, linestyle=":", label=r"$2/\omega_0$")
+    ax.set(
+        xlabel=r"restitution $\varepsilon$ that goes in",
+        ylabel=r"contact duration $T \omega_0/\pi$",
+        title="Linear spring with dashpot",
+        ylim=(0.5, 2.6),
+    )
+    style.logarithmic_x(ax, room=2.0)
+    ax.legend(frameon=False)
+    return ax
+
+
+def duration(restitution: Float[ArrayLike, "..."], end: str) -> np.ndarray:
+    """ω0 T [-] of the law that ε in (0, 1] goes into, in closed form; `end` as the law's."""
+    angle = np.arctan2(math.pi, -np.log(restitution))
+    return (np.pi if end == "zero-overlap" else 2 * angle) / np.sin(angle)
+
+
+def plot_forces(ax: Axes | None = None) -> Axes:
+    """Hertz's force and the spring that stores as much energy at the same largest overlap."""
+    ax = style.axes_or_new(ax)
+    pair = _pair()
+    deepest = float(np.asarray(sj.restitution(sj.Hertz(pair), 1.0).peak_overlap))
+    overlap = np.linspace(0.0, deepest, 200)
+    hertz = np.asarray(sj.Hertz(pair).loading_force(overlap))
+    spring = equal_work_stiffness(pair, deepest) * overlap
+    ax.plot(
+        overlap / deepest, hertz / hertz[-1], color=style.BLACK, label=r"Hertz, $k\delta^{3/2}$"
+    )
+    ax.plot(
+        overlap / deepest,
+        spring / hertz[-1],
+        color=style.VERMILION,
+        linestyle="--",
+        label="linear spring of the same work",
+    )
+    ax.set(
+        xlabel=r"overlap $\delta/\delta_\mathrm{max}$",
+        ylabel=r"force $P/(k\delta_\mathrm{max}^{3/2})$",
+        title="Without a dashpot",
+    )
+    ax.legend(frameon=False)
+    return ax
+
+
+def equal_work_stiffness(contact: sj.Contact, overlap: float) -> float:
+    """K [N/m] with ½ K δ² = (2/5) k δ^{5/2}: (4/5) k √δ, another for every impact velocity."""
+    return 0.8 * float(contact.stiffness) * overlap**0.5
+
+
+def integrated_duration(restitution, end: str) -> np.ndarray:
+    """ω0 T [-] of the law's equation of motion."""
+    pair = _pair()
+    law = sj.LinearSpringDashpot(pair, STIFFNESS, restitution, end)
+    time = sj.restitution(law, np.ones_like(restitution), sj.ODE(rtol=1e-10)).duration
+    return np.asarray(time) * np.sqrt(STIFFNESS / float(pair.mass))
+
+
+def _pair() -> sj.Contact:
+    steel = sj.STAINLESS_STEEL
+    return sj.Contact.between_spheres(steel, steel, 0.0127, 0.0127)

@@ -1,0 +1,166 @@
+"""Sensitivities, designs and Sobol indices drawn."""
+
+from itertools import cycle
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from calibration.plots import style
+from calibration.report.symbols import in_math
+from calibration.studies.design import Design
+from calibration.studies.local import Sensitivities
+from calibration.studies.sobol import SobolIndices
+
+COLORS = (
+    style.BLUE,
+    style.ORANGE,
+    style.GREEN,
+    style.VERMILION,
+    style.SKY,
+    style.PURPLE,
+    style.BLACK,
+    style.GREY,
+)
+STYLES = ("-", "--", "-.", (0, (1, 1)), (0, (5, 1, 1, 1, 1, 1)))
+NOTHING = 1e-12  # a sensitivity smaller than this is none
+EFFECT = r"$\theta\,\partial\varepsilon/\partial\theta$"
+
+
+def plot_sensitivities(
+    found: Sensitivities, ax: Axes | None = None, critical_velocity: float | None = None
+) -> Axes:
+    """θ ∂ε/∂θ of every input over velocity; inputs that move nothing are named in the legend.
+
+    With a critical velocity the curves end there and begin anew: at yield they jump.
+    """
+    ax = style.axes_or_new(ax, 7.0, 4.2)
+    letters = [in_math(one.symbol) for one in found.declared.values()]
+    acts = np.max(np.abs(found.absolute), axis=0) >= NOTHING
+    moving = [letter for letter, one in zip(letters, acts, strict=True) if one]
+    _curves(ax, found.velocity, found.absolute[:, acts], moving, critical_velocity)
+    if not np.all(acts):
+        silent = ", ".join(letter for letter in letters if letter not in moving)
+        ax.plot([], [], linestyle="", label=f"none: {silent}")
+    low, high = found.velocity.min(), found.velocity.max()
+    if critical_velocity is not None and low < critical_velocity < high:
+        label = r"yield, $v_\mathrm{cr}$"
+        ax.axvline(critical_velocity, color=style.GREY, linestyle=":", label=label)
+    ax.axhline(0, color=style.GREY, linewidth=0.6)
+    ax.legend(frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return ax
+
+
+def plot_tornado(found: Sensitivities, velocity: float, ax: Axes | None = None) -> Axes:
+    """The inputs at one velocity, the strongest on top: change of ε for one percent of each."""
+    ax = style.axes_or_new(ax, 4.0, 3.5)
+    ranked = found.ranked(velocity)[::-1]
+    percents = np.array([value for _, value in ranked]) / 100
+    colors = [style.BLUE if value >= 0 else style.VERMILION for value in percents]
+    ax.barh(range(len(ranked)), percents, color=colors, height=0.7)
+    ax.set_yticks(range(len(ranked)), [in_math(found.declared[name].symbol) for name, _ in ranked])
+    ax.axvline(0, color=style.BLACK, linewidth=0.8)
+    nearest = found.velocity[np.argmin(np.abs(found.velocity - velocity))]
+    ax.set(xlabel=r"change of $\varepsilon$ for +1 %", title=f"$v$ = {nearest:.3g} m/s")
+    ax.ticklabel_format(axis="x", scilimits=(-2, 3))
+    return ax
+
+
+def plot_design(design: Design, ax: Axes | None = None) -> Axes:
+    """θ ∂ε/∂θ of every parameter, where the shots are, and where equally spaced ones would be."""
+    ax = style.axes_or_new(ax, 6.5, 4.0)
+    letters = [in_math(symbol) for symbol in design.symbols]
+    _curves(ax, design.grid, design.slopes, [rf"{EFFECT}, $\theta$ = {one}" for one in letters])
+    _shots(ax, design)
+    told = {
+        "c": f"standard error of {letters[design.names.index(design.target)]}",
+        "I": "mean standard error of the curve",
+    }
+    what = told.get(design.criterion, "criterion as a standard error")
+    title = f"{design.criterion}-optimal, {design.objective}:\n{what} is {100 / design.gain:.0f} %"
+    ax.set_title(f"{title} of that with equal spacing", fontsize="medium")
+    place = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.16), "ncols": 2}
+    ax.legend(frameon=False, fontsize="small", **place)
+    return ax
+
+
+def plot_sobol(found: SobolIndices, output: int = 0, ax: Axes | None = None) -> Axes:
+    """First-order and total indices with bootstrap limits, and the bound from derivatives."""
+    ax = style.axes_or_new(ax, 5.0, 3.5)
+    place = np.arange(len(found.names))
+    tables = (
+        ("first order", style.BLUE, found.first, found.first_low, found.first_high, -0.2),
+        ("total", style.ORANGE, found.total, found.total_low, found.total_high, 0.2),
+    )
+    for label, color, value, low, high, aside in tables:
+        middle = value[output]
+        reach = np.maximum([middle - low[output], high[output] - middle], 0)
+        bar: dict[str, Any] = {
+            "color": color,
+            "width": 0.36,
+            "label": label,
+            "capsize": 2,
+            "ecolor": style.BLACK,
+        }
+        ax.bar(place + aside, middle, yerr=reach, **bar)
+    bound = np.where(found.bound[output] <= 1, found.bound[output], np.nan)  # more says nothing
+    ax.plot(place + 0.2, bound, "v", color=style.BLACK, label="bound of total")
+    # the body of "E wall" below its letter, so that many inputs find room
+    ax.set_xticks(place, [in_math(letter).replace(" ", "\n") for letter in found.symbols])
+    ax.set_ylim(bottom=0)
+    ax.set_ylabel(r"share of the variance of $\varepsilon$")
+    if found.velocity is not None:
+        ax.set_title(f"$v$ = {found.velocity[output]:.3g} m/s")
+    return ax
+
+
+def tornado_figure(found: Sensitivities) -> Figure:
+    """`plot_tornado` at every velocity."""
+    count = len(found.velocity)
+    figure = style.new_figure(max(3.4 * count, 4.5), 3.6)
+    for ax, v in zip(figure.subplots(1, count, squeeze=False)[0], found.velocity, strict=True):
+        plot_tornado(found, v, ax)
+    return figure
+
+
+def sobol_figure(found: SobolIndices) -> Figure:
+    """`plot_sobol` of every output, with one legend."""
+    count, width = len(found.first), max(4.2, 0.4 * len(found.names))
+    figure = style.new_figure(max(width * count, 5.0), 3.8)
+    axes = list(figure.subplots(1, count, squeeze=False, sharey=True)[0])
+    for output, ax in enumerate(axes):
+        plot_sobol(found, output, ax)
+        ax.label_outer()
+    style.legend_below(figure, axes, 3, ("first order", "total"))
+    return figure
+
+
+def _curves(ax: Axes, velocity, slopes, labels, jump: float | None = None) -> None:
+    """One curve a column over velocity, parted where they jump."""
+    place = 0 if jump is None else int(np.searchsorted(velocity, jump))
+    if 0 < place < len(velocity):
+        velocity, slopes = (
+            np.insert(velocity, place, jump),
+            np.insert(slopes, place, np.nan, axis=0),
+        )
+    marks = zip(cycle(COLORS), cycle(STYLES), labels, slopes.T, strict=False)
+    for color, line, label, values in marks:
+        ax.plot(velocity, values, color=color, linestyle=line, label=label)
+    if style.spans_decades(velocity):
+        style.logarithmic_x(ax)
+    ax.set(xlabel="impact velocity $v$ [m/s]", ylabel=EFFECT)
+
+
+def _shots(ax: Axes, design: Design) -> None:
+    """Shots as marks below the curves, with their number; equally spaced ones beside them."""
+    bottom, top = float(np.min(design.slopes)), float(np.max(design.slopes))
+    height = (top - bottom) or 1.0
+    ax.set_ylim(bottom - 0.3 * height, top + 0.08 * height)
+    velocity, at = [v for v, _ in design.support], bottom - 0.12 * height
+    ax.plot(velocity, [at] * len(velocity), "^", color=style.BLACK, markersize=9, label="shots")
+    for v, n in design.support:
+        ax.annotate(f"{n}", (v, at), (0, -15), textcoords="offset points", ha="center")
+    even = np.linspace(*design.bounds, len(design.velocity))
+    level = [bottom - 0.26 * height] * len(even)
+    ax.plot(even, level, "|", color=style.GREY, markersize=7, label="equally spaced")

@@ -1,0 +1,135 @@
+"""A material file with what it says of the fit: its parameters and its settings."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from calibration.choices import CHOICES, COUNTS, FORMER, NUMBERS, idle
+from calibration.data import RestitutionData
+from calibration.data.material_file import MaterialEntry
+from calibration.data.toml_file import MaterialFile, read_materials
+from calibration.data.toml_table import TomlTable
+from calibration.errors import DataError, InputError, Origin
+from calibration.parameters import Parameter
+
+KEYS = ("free", "value", "bounds", "prior", "transform", "shared")
+
+
+@dataclass(frozen=True)
+class ProblemFile:
+    """All that a material file says.
+
+    Attributes:
+        source: the file as it was read.
+        settings: what its `[fit]` table gives.
+        said: what it says of each material's parameters, by name; one mapping an entry. What
+            stands in `[parameters]` is said of all of them.
+    """
+
+    source: MaterialFile
+    settings: Mapping[str, Any]
+    said: list[dict[str, Parameter]]
+
+    @property
+    def materials(self) -> list[MaterialEntry]:
+        return self.source.materials
+
+    @property
+    def datasets(self) -> list[RestitutionData]:
+        """The measurements, a set a material that has any."""
+        return self.source.datasets
+
+    @property
+    def parameters(self) -> list[dict[str, Parameter]]:
+        """What is said of the parameters of each of `datasets`."""
+        pairs = zip(self.materials, self.said, strict=True)
+        return [own for entry, own in pairs if entry.data is not None]
+
+    def refusal(self, setting: str | None, problem: str, accepted: str) -> InputError:
+        """The error to raise for a setting that cannot be used, with the line it stands on."""
+        return (self.source.fit or self.source.file).refusal(setting, problem, accepted)
+
+
+def read_problem(path: str | Path, needs_data: bool = True) -> ProblemFile:
+    """A material file's data sets, parameters and settings.
+
+    Args:
+        path: the file; data files are sought beside it.
+        needs_data: whether every material must name its measurements.
+
+    Raises:
+        InputError: a ValueError with file and line, what is wrong and what is accepted.
+    """
+    source = read_materials(path, needs_data)
+    shared = _read(source.parameters)
+    own = [_read(entry.parameters) for entry in source.materials]
+    _check_line(source, shared)
+    return ProblemFile(source, read_settings(source.fit), [shared | one for one in own])
+
+
+def read_settings(table: TomlTable | None) -> dict[str, Any]:
+    """The settings that a file gives in its `[fit]`, each checked; none of the others.
+
+    Raises:
+        InputError: with file and line.
+    """
+    if table is None:
+        return {}
+    table.allow([*CHOICES, *COUNTS, *NUMBERS])
+    values = {key: _setting(table, key) for key in table.values}
+    for key, accepted in idle(values).items():
+        raise table.refusal(key, f"{key} would do nothing", accepted)
+    return values
+
+
+def _setting(table: TomlTable, key: str) -> Any:
+    value = table.values[key]
+    if key == "objective" and isinstance(value, str) and value in FORMER:
+        problem = f'objective is "{value}", which is a law'
+        raise table.refusal(key, problem, f'write law = "{FORMER[value]}"')
+    if key in CHOICES:
+        return table.choice(key, CHOICES[key])
+    if key in NUMBERS:
+        return table.number(key, *NUMBERS[key])
+    if not isinstance(value, int) or isinstance(value, bool) or value < COUNTS[key]:
+        raise table.wrong(key, f"a whole number of {COUNTS[key]} or more")
+    return value
+
+
+def _read(table: TomlTable | None) -> dict[str, Parameter]:
+    """What a `[parameters]` or `[material.parameters]` says, by name: a number fixes."""
+    return {} if table is None else {name: _parameter(table, name) for name in table.values}
+
+
+def _parameter(table: TomlTable, name: str) -> Parameter:
+    fields, below = _fields(table, name)
+    try:
+        parameter = Parameter(fields.pop("value", None), **fields)
+    except DataError as error:
+        told = DataError(f"{error.argument} of {name}", error.value, error.accepted)
+        raise below.placed(told, error.argument) from None
+    return replace(parameter, origin=Origin(table.file, table.line(name)))
+
+
+def _fields(table: TomlTable, name: str) -> tuple[dict[str, Any], TomlTable]:
+    """The fields of a `Parameter`, and the table that they stand in (empty for a number)."""
+    given = table.values[name]
+    if not isinstance(given, dict):
+        number = table.number(name, lambda _: True, "a number, or a table such as { value = 1.0 }")
+        return {"free": False, "value": number}, table.below(name, {})
+    below = table.below(name, given)
+    below.allow(KEYS)
+    return dict(given), below
+
+
+def _check_line(source: MaterialFile, shared: Mapping[str, Parameter]) -> None:
+    """χ̃ of a material beside c1 and c2 of all: only one is possible."""
+    if not {"c1", "c2"} & set(shared):
+        return
+    for entry in source.materials:
+        own = entry.parameters
+        if own is not None and "chi" in own:
+            raise own.refusal(
+                "chi", "chi beside c1 and c2", "only one is possible, as chi = c1 + c2 E/Y"
+            )

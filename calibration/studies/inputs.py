@@ -1,0 +1,182 @@
+"""The numbers that ε depends on, by name, and the law they make.
+
+A property of a material acts through the contact that is built of it, so derivatives are taken
+through what builds it.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+
+import softjax as sj
+from calibration.errors import DataError
+from calibration.fitting.result import FitResult
+from softjax.fields import Declared, declarations, whole_fields
+
+VELOCITY = "velocity"
+# which endings the names of the two bodies' properties have
+BODIES = {"spheres": ("", ""), "unlike spheres": ("_1", "_2"), "wall": ("", "_wall")}
+RADII = ("radius_1", "radius_2")
+OF_BODIES = declarations(sj.Material) | declarations(sj.Contact)
+OF_BODIES |= {VELOCITY: Declared("v", "m/s", "velocity")}
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """Named numbers, and how a law is made of them.
+
+    Attributes:
+        values: name -> value, SI. A name may end in `_1`, `_2`, `_wall`: of which body.
+        build: makes the law of such a mapping; traceable by JAX.
+    """
+
+    values: Mapping[str, float]
+    build: Callable[[Mapping[str, Any]], sj.ContactLaw]
+
+    def law(self) -> sj.ContactLaw:
+        """The law of the values themselves."""
+        return self.build(self.values)
+
+    def __getitem__(self, name: str) -> float:
+        return self.values[name]
+
+    def declared(self, name: str) -> Declared:
+        """Symbol and unit of one of them, or of the velocity."""
+        stem, body = _split(name.rpartition(".")[2])
+        known = (OF_BODIES | declarations(type(self.law()))).get(stem, Declared(stem))
+        return known._replace(symbol=f"{known.symbol or stem} {body}".strip())
+
+
+@dataclass(frozen=True)
+class OfBodies:
+    """Builds a law of two bodies.
+
+    Attributes:
+        bodies: "spheres" of one material, of one radius or two; "unlike spheres", each of its own;
+            "wall": a sphere and a flat wall.
+        law: its class.
+        area: of the contact.
+        options: of the law, in words.
+    """
+
+    bodies: str = "spheres"
+    law: Callable[..., sj.ContactLaw] = sj.Zhou
+    area: str = "zhou"
+    options: tuple[tuple[str, str], ...] = ()
+
+    def __call__(self, values: Mapping[str, Any]) -> sj.ContactLaw:
+        ends, names = BODIES[self.bodies], declarations(sj.Material)
+        one, two = (sj.Material(*(values[name + end] for name in names)) for end in ends)
+        if self.bodies == "wall":
+            contact = sj.Contact.with_wall(one, two, values["radius"], area=self.area)
+        else:
+            radius_1, radius_2 = (values.get(n, values.get("radius")) for n in RADII)
+            contact = sj.Contact.between_spheres(one, two, radius_1, radius_2, area=self.area)
+        fields = {name: values[name] for name in declarations(self.law)}  # type: ignore[arg-type]
+        return self.law(contact=contact, **fields, **dict(self.options))
+
+
+class OfLaw(eqx.Module):
+    """Builds a law of its own fields and its contact's, each held independent.
+
+    Attributes:
+        law: a law of that structure; what of it is whole stays as it is.
+        names: of its leaves, None where a leaf is whole.
+    """
+
+    law: sj.ContactLaw
+    names: tuple[str | None, ...] = eqx.field(static=True)
+
+    def __call__(self, values: Mapping[str, Any]) -> sj.ContactLaw:
+        leaves, structure = jax.tree.flatten(self.law)
+        pairs = zip(self.names, leaves, strict=True)
+        chosen = [leaf if name is None else values[name] for name, leaf in pairs]
+        return jax.tree.unflatten(structure, chosen)
+
+
+def of_spheres(
+    material: sj.Material,
+    radius: float,
+    law: type[sj.ContactLaw] = sj.Zhou,
+    *,
+    area: str = "zhou",
+    **fields: Any,
+) -> Inputs:
+    """Two equal spheres: E, μ, ρ, Y and R of both moved together, and the fields of a law.
+
+    Args:
+        material, radius: of both; R [m].
+        law: its class.
+        area: of the contact.
+        fields: of the law: chi=…, sigma=…, psi=… of Zhou's; texts are options, form="full".
+    """
+    bodies = {name: float(leaf) for name, leaf in material.leaves().items()}  # type: ignore[arg-type]
+    options = {name: value for name, value in fields.items() if isinstance(value, str)}
+    numbers = {name: value for name, value in fields.items() if name not in options}
+    build = OfBodies("spheres", law, area, tuple(options.items()))
+    return Inputs(bodies | {"radius": float(radius)} | numbers, build)
+
+
+def of_law(law: sj.ContactLaw) -> Inputs:
+    """Any law: its own fields and the contact's stored leaves, single numbers; whole fields held.
+
+    Raises:
+        ValueError: where another field is an array.
+    """
+    paths, structure = jax.tree_util.tree_flatten_with_path(law)
+    short = [path[-1].name if hasattr(path[-1], "name") else None for path, _ in paths]
+    twice = {name for name, count in Counter(short).items() if count > 1}
+    whole = [_is_whole(law, path) for path, _ in paths]
+    names: list[str | None] = []
+    for name, held, (path, leaf) in zip(short, whole, paths, strict=True):
+        if np.ndim(leaf) and not held:
+            raise DataError(str(name), f"of shape {np.shape(leaf)}", "a single number")
+        full = jax.tree_util.keystr(path).lstrip(".")
+        names.append(None if held else (full if name in twice else name))
+    leaves = [np.asarray(leaf, float) for _, leaf in paths]
+    values = {n: float(leaf) for n, leaf in zip(names, leaves, strict=True) if n is not None}
+    return Inputs(values, OfLaw(jax.tree.unflatten(structure, leaves), tuple(names)))
+
+
+def as_inputs(inputs: Inputs | sj.ContactLaw | FitResult, material: str | None = None) -> Inputs:
+    """Inputs as they are, or those of a law, or of the law of one of a fit's materials.
+
+    Raises:
+        ValueError: for anything else.
+    """
+    if isinstance(inputs, FitResult):
+        inputs = inputs.material(material).law
+    if isinstance(inputs, sj.ContactLaw):
+        return of_law(inputs)
+    if isinstance(inputs, Inputs):
+        return inputs
+    raise DataError("inputs", inputs, "Inputs, a contact law or a FitResult")
+
+
+def check_velocity(velocity: Any) -> np.ndarray:
+    """Velocities as a flat array.
+
+    Raises:
+        ValueError: for what is no finite velocity of 0 or more.
+    """
+    values = np.asarray(velocity, float).ravel()
+    if not (values.size and np.all(np.isfinite(values) & (values >= 0))):
+        raise DataError("velocity", velocity, "one finite velocity [m/s] or more, each 0 or above")
+    return values
+
+
+def _is_whole(law: sj.ContactLaw, path: tuple[Any, ...]) -> bool:
+    return getattr(path[0], "name", None) in whole_fields(type(law))
+
+
+def _split(name: str) -> tuple[str, str]:
+    """`youngs_modulus_wall` is youngs_modulus of the wall."""
+    for body in ("1", "2", "wall"):
+        if name.endswith(f"_{body}"):
+            return name.removesuffix(f"_{body}"), body
+    return name, ""

@@ -1,0 +1,156 @@
+"""A fit of impacts that are only planned: the fit's own problem, on data without noise.
+
+What such a fit would find and how well is what the engine says of it: its searches, and its stacked
+covariance at where they end. Under `model` they end at the law itself. Under `two-step` they need
+not: Eq. (17) fitted to a law's curve is another curve than Eq. (17) with that law's σ and ψ, and the
+errors are those of what is found.
+"""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from calibration.data import RestitutionData
+from calibration.fitting.assembly import EMPIRICAL, Component, assemble
+from calibration.fitting.collisions import Route
+from calibration.fitting.problem import Problem
+from calibration.fitting.root import NO_REBOUND_BELOW
+from calibration.fitting.search import search
+from calibration.fitting.specs import SetSpec
+from calibration.fitting.uncertainty import Settled, Uncertainty, gradient_slopes, stacked
+
+USUAL_NOISE = 0.01  # standard uncertainty of ε unless told
+PLACEHOLDER = 0.5  # ε of data that have none yet
+
+Column = Float[np.ndarray, "n"]
+Impacts = tuple[Column, Column]  # v [m/s], and standard uncertainty of ε
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a fit of planned impacts rests on.
+
+    Attributes:
+        specs: of the data sets that are fitted together, every parameter where the law has it.
+        measured: what each of them has already.
+        place: which of them the planned impacts belong to.
+        route: from a law to ε.
+        by_first: whether the first stage's curve is what is measured, as a fit in two steps takes
+            it; else the law's own.
+        noise: standard uncertainty of one more ε.
+        yields: the velocity at which an impact yields [m/s]; 0 for laws without.
+    """
+
+    specs: tuple[SetSpec, ...]
+    measured: tuple[Impacts, ...]
+    place: int
+    route: Route
+    by_first: bool = False
+    noise: float = USUAL_NOISE
+    yields: float = 0.0
+
+    @property
+    def objective(self) -> str:
+        return self.specs[0].objective
+
+    @property
+    def is_likelihood(self) -> bool:
+        """Whether the fit is one step, whose information is Fisher's."""
+        return self.objective == "model"
+
+    def component(
+        self, velocity: Column, uncertainty: Column
+    ) -> tuple[Component, Bool[np.ndarray, "points"]]:
+        """The fit's problems on the curve itself, and which of the points are the planned ones."""
+        points, new = list(self.measured), [np.zeros(len(v), bool) for v, _ in self.measured]
+        v, u = points[self.place]
+        points[self.place] = np.append(v, velocity), np.append(u, uncertainty)
+        new[self.place] = np.arange(len(v) + len(velocity)) >= len(v)
+        pairs = zip(self.specs, points, strict=True)
+        specs = [replace(spec, data=unmeasured(spec.data, *own)) for spec, own in pairs]
+        component = assemble(specs, self.route, EMPIRICAL)[0]
+        source = component.stages[0 if self.by_first else -1][1]
+        curve = source.predict(component.start[None])[0]
+        # an impact that does not rebound tells nothing
+        weight = (curve > NO_REBOUND_BELOW) / np.concatenate([u for _, u in points])
+        stages = tuple(
+            (name, replace(p, points=p.points._replace(restitution=curve, weight=weight)))
+            for name, p in component.stages
+        )
+        return replace(component, stages=stages), np.concatenate(new)
+
+    def fitted(
+        self, velocity: Column, uncertainty: Column
+    ) -> tuple[Component, Column, Uncertainty]:
+        """The fit's problems, what it finds, z, and how well."""
+        component, _ = self.component(velocity, uncertainty)
+        z, stages = component.start[None], []
+        for _, problem in component.stages:
+            found = search(problem, z)
+            z = found.z
+            stages.append(Settled(problem, found.limits))
+        return component, z[0], stacked(stages, z)
+
+
+class Equations(NamedTuple):
+    """What planned impacts add to the estimating equations of a fit, in relative changes of θ.
+
+    Attributes:
+        slope, score: of each to A, (n, p, p), and G u, so that the middle matrix is Σ G Gᵀ u², (n, p).
+        slope_before, middle_before: what measured impacts and priors make of A and of the middle.
+        curve: slopes of ε itself, (n, p).
+    """
+
+    slope: Float[np.ndarray, "n p p"]
+    score: Float[np.ndarray, "n p"]
+    slope_before: Float[np.ndarray, "p p"]
+    middle_before: Float[np.ndarray, "p p"]
+    curve: Float[np.ndarray, "n p"]
+
+
+def relative_unit(problem: Problem, z: Column) -> Column:
+    """dθ/dz over the size of θ: covariances in z times these are of ln θ."""
+    theta = problem.transform.physical(z)
+    return problem.transform.slope(z) / np.where(theta == 0, 1.0, np.abs(theta))
+
+
+def equations(plan: Plan, velocity: Column, uncertainty: Column, z: Column) -> Equations:
+    """Of a plan's fit, in one stage or two, around z."""
+    component, new = plan.component(velocity, uncertainty)
+    problems, p = [problem for _, problem in component.stages], len(z)
+    slope, score = np.zeros((len(new), p, p)), np.zeros((len(new), p))
+    slope_before, middle_before = np.zeros((p, p)), np.zeros((p, p))
+    for k, problem in enumerate(problems):
+        own, jacobian = problem.active, problem.linearise(z[None]).jacobian[0]
+        added = np.zeros((len(jacobian), len(own), p))
+        if k:
+            added[:] = gradient_slopes(problem, z[None], np.arange(p))[0]
+        else:
+            added[:, :, own] = jacobian[:, :, None] * jacobian[:, None, :]
+        slope[:, own], score[:, own] = added[: len(new)], jacobian[: len(new)]
+        slope_before[own] += np.sum(added[len(new) :], axis=0)  # of the priors
+        middle_before[own, own] += np.sum(jacobian[len(new) :] ** 2, axis=0)
+    slope_before += np.sum(slope[~new], axis=0)
+    middle_before += score[~new].T @ score[~new]
+    final = replace(problems[-1].weighed(np.ones(len(new))), active=np.arange(p))
+    curve = final.linearise(z[None]).jacobian[0, : len(new)]
+    unit = 1 / relative_unit(final, z)
+    both = np.outer(unit, unit)
+    return Equations(
+        slope[new] * both,
+        score[new] * unit,
+        slope_before * both,
+        middle_before * both,
+        curve[new] * unit,
+    )
+
+
+def unmeasured(like: RestitutionData, velocity: Column, uncertainty: Column) -> RestitutionData:
+    """Impacts of the same bodies, without a restitution yet."""
+    limit = like.limit_velocity if like.contact is None else None
+    level = np.full(len(velocity), PLACEHOLDER)
+    return RestitutionData(
+        velocity, level, like.contact, uncertainty, like.name, limit_velocity=limit
+    )

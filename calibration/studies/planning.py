@@ -1,0 +1,204 @@
+"""Plans for a law that is known, and for a fit: what is free, what is true, what is there already."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import ArrayLike
+
+import softjax as sj
+from calibration.data import RestitutionData
+from calibration.errors import DataError
+from calibration.fitting.assembly import Component, assemble
+from calibration.fitting.collisions import Route
+from calibration.fitting.law_model import OF_CONTACT
+from calibration.fitting.noise import noise_of
+from calibration.fitting.request import Request
+from calibration.fitting.result import FitResult
+from calibration.fitting.rows import numbers_in
+from calibration.fitting.specs import Local
+from calibration.fitting.zhou import eps_up_of
+from calibration.parameters import Parameter, as_parameter
+from calibration.studies.planned import PLACEHOLDER, Column, Impacts, Plan
+from softjax.fields import numbers_of, options_of, whole_fields
+
+WIDE = (-np.inf, np.inf)
+
+
+def plan_of(
+    law: sj.ContactLaw | FitResult,
+    reach: ArrayLike,
+    *,
+    parameters: Mapping[str, Any] | None = None,
+    objective: str | None = None,
+    route: Route = None,
+    material: str | None = None,
+    measured: tuple[ArrayLike, ArrayLike] | None = None,
+) -> Plan:
+    """The plan for a law, or for one of a fit's materials.
+
+    Args:
+        reach: velocities that are planned, or the ends of what can be [m/s].
+        measured: velocities and uncertainties of ε of what is there already, for a law.
+
+    The others are those of `fisher_information`.
+
+    Raises:
+        ValueError: naming the argument, its value and what is accepted.
+    """
+    reach = np.asarray(reach, float).ravel()
+    with jax.enable_x64(True):
+        if isinstance(law, FitResult):
+            told = {"parameters": parameters, "objective": objective, "measured": measured}
+            for name, value in told.items():
+                if value is not None:
+                    raise DataError(name, value, "left out with a fit, which has its own")
+            return _of_fit(law, material, reach, route)
+        if not isinstance(law, sj.ContactLaw):
+            raise DataError("law", law, "a contact law or a FitResult")
+        if material is not None:
+            raise DataError("material", material, "left out with a law")
+        v, u = ((), 1.0) if measured is None else measured
+        there = checked_impacts(v, u, "measured")
+        every = np.concatenate([there[0], reach])
+        return _of_law(law, every, parameters or {}, objective, route, there)
+
+
+def checked_impacts(velocity: ArrayLike, uncertainty: ArrayLike, name: str) -> Impacts:
+    """Velocities and uncertainties of one length."""
+    v, u = np.asarray(velocity, float).ravel(), np.asarray(uncertainty, float)
+    if not (np.all(np.isfinite(u)) and np.all(u > 0)):
+        raise DataError("uncertainty", uncertainty, "positive")
+    if u.ndim and u.shape != v.shape:
+        raise DataError(name, f"{u.size} uncertainties", f"one for all, or {v.size}")
+    return v, np.broadcast_to(u, v.shape) if v.size else v
+
+
+def _of_law(law, every: Column, parameters, objective, route: Route, there: Impacts) -> Plan:
+    for name, value in numbers_of(law).items():
+        if np.ndim(value):
+            raise DataError(name, f"of shape {np.shape(value)}", "a single number")
+    limit, contact = getattr(law, "limit_velocity", None), getattr(law, "contact", None)
+    level, limit = np.full(len(every), PLACEHOLDER), None if contact else limit
+    data = RestitutionData(every, level, contact, name="the plan", limit_velocity=limit)
+    said = _said(law, parameters)
+    request = Request((data,), type(law), said, objective, route)
+    spec = request.specs()[0]
+    if objective is not None and spec.objective != objective:
+        raise DataError("objective", objective, "model for a law without a contact")
+    spec = replace(spec, local=tuple(_at(one, _truth(law, one.name)) for one in spec.local))
+    by_time = isinstance(law, sj.RateDependentLaw)
+    route = request.chosen_route([spec]) if by_time else route
+    return _checked(Plan((spec,), (there,), 0, route, yields=_yields_at(law)))
+
+
+def _said(law: sj.ContactLaw, parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """What is said of the parameters, with the law's options and what of it is whole."""
+    said = dict(parameters)
+    for name, value in parameters.items():
+        is_held = isinstance(value, Parameter) and not value.free and value.value is None
+        if is_held and hasattr(law, name):
+            said[name] = Parameter(getattr(law, name), free=False)
+    for name in options_of(type(law)):
+        said[name] = getattr(law, name)
+    for name in whole_fields(type(law)):
+        free = name in said and as_parameter(name, said[name]).free
+        said[name] = Parameter(getattr(law, name), free=free)
+    return said
+
+
+def _truth(law: sj.ContactLaw, name: str) -> Any:
+    """The law's own value of a parameter; None where it has none."""
+    stem, _, entry = name.partition("[")
+    if entry:
+        return numbers_in(getattr(law, stem))[int(entry[:-1])]
+    if name.startswith(OF_CONTACT):
+        return getattr(law.contact, name.removeprefix(OF_CONTACT))  # type: ignore[attr-defined]
+    if name == "eps_up":
+        return float(eps_up_of(law))  # type: ignore[arg-type]
+    return getattr(law, name, None)
+
+
+def _at(local: Local, value: Any, is_determined: bool = True) -> Local:
+    """A parameter that is known to be somewhere, free if it was; a prior's mean is there too."""
+    parameter, ends = local.parameter, local.range
+    if value is None:  # such as c1
+        raise DataError("parameters", local.name, "of those whose value the law tells")
+    if not parameter.free and parameter.value not in (None, value):
+        accepted = f"the law's own, {value:g}, to be held at"
+        raise DataError(f"parameters[{local.name!r}]", parameter.value, accepted)
+    if not (parameter.free and is_determined):
+        return replace(local, start=value, parameter=Parameter(free=False))
+    if not local.declared.lower < value < local.declared.upper:
+        raise DataError(local.name, value, f"{local.declared.accepted}, inside its range, or fixed")
+    if not ends[0] < value < ends[1]:  # an end that was guessed from data
+        parameter, ends = replace(parameter, bounds=None, transform="none"), WIDE
+    prior = None if parameter.prior is None else (float(value), parameter.prior[1])
+    return replace(
+        local, start=value, parameter=replace(parameter, value=None, prior=prior), range=ends
+    )
+
+
+def _of_fit(result: FitResult, material: str | None, reach: Column, route: Route) -> Plan:
+    one = result.material(material)
+    g = result.materials.index(one)
+    low, high = one.known_from, one.known_to
+    if np.any((reach < low) | (reach > high)):
+        accepted = f"from {low:.4g} to {high:.4g} m/s, where this fit knows the law"
+        raise DataError("velocity", float(np.min(reach)), accepted)
+    specs = result.request.specs()
+    by_time = issubclass(one.model.law_type, sj.RateDependentLaw)
+    route = result.request.chosen_route(specs) if route is None and by_time else route
+    component = next(c for c in assemble(specs, route) if g in c.sets)
+    names = result.covariance_names
+    determined = dict(zip(names, np.isfinite(np.diag(result.covariance)), strict=True))
+    placed = []
+    for k, spec in zip(component.sets, component.specs, strict=True):
+        values, labels = result.materials[k].values, result.materials[k].labels
+        local = tuple(
+            _at(one, values[one.name], determined.get(labels.get(one.name, ""), False))
+            for one in spec.local
+        )
+        placed.append(replace(spec, local=local))
+    there = _there(result, component)
+    by_first = one.objective == "two-step"
+    place = component.sets.index(g)
+    plan = Plan(
+        tuple(placed),
+        there,
+        place,
+        route,
+        by_first,
+        float(np.sqrt(sum(one.variances.values()))),
+        _yields_at(one.law),
+    )
+    return _checked(plan)
+
+
+def _there(result: FitResult, component: Component) -> tuple[Impacts, ...]:
+    """What the component's data sets have measured, with the errors that the fit gave them."""
+    problem = component.stages[0][1]
+    theta = [float(result.materials[e.sets[0]].values[e.name]) for e in component.elements]
+    z = problem.transform.unconstrained(np.array(theta))
+    deviation = noise_of(problem, z[None]).deviation[0]
+    own = [problem.points.set == k for k in range(len(component.specs))]
+    return tuple((problem.points.velocity[which], deviation[which]) for which in own)
+
+
+def _yields_at(law: sj.ContactLaw) -> float:
+    if not isinstance(law, sj.RateIndependentLaw):
+        return 0.0
+    velocity = float(np.asarray(law.elastic_velocity()))
+    return velocity if np.isfinite(velocity) else 0.0
+
+
+def _checked(plan: Plan) -> Plan:
+    for spec in plan.specs:
+        contact = spec.data.contact
+        if contact is not None and any(map(np.ndim, contact.leaves().values())):
+            raise DataError("contact", "other for each impact", "one for all impacts")
+    if not any(one.parameter.free for spec in plan.specs for one in spec.local):
+        raise DataError("parameters", "none free", "at least one that is free and determined")
+    return plan

@@ -1,0 +1,71 @@
+"""Studies told: tables for the terminal, and sensitivities over velocity as CSV."""
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from calibration.curve.writers import status_names
+from calibration.studies.information import Information
+from calibration.studies.local import Sensitivities
+from calibration.studies.sobol import SobolIndices
+
+
+def local_table(found: Sensitivities) -> str:
+    """θ ∂ε/∂θ, an input a line, a velocity a column."""
+    lines = (
+        (one.symbol, [f"{round(x, 5) + 0.0:.5f}" for x in found.of(name)])
+        for name, one in found.declared.items()
+    )
+    return _table("θ ∂ε/∂θ at v [m/s]", found.velocity, lines, 11)
+
+
+def limits_table(found: Sensitivities, limits: Mapping[str, tuple], confidence: float) -> str:
+    """Central limits of θ ∂ε/∂θ over draws of a posterior, an input a line."""
+    lines = (
+        (one.symbol, [f"{a + 0.0:.4f} … {b + 0.0:.4f}" for a, b in zip(*limits[name], strict=True)])
+        for name, one in found.declared.items()
+    )
+    head = f"{100 * confidence:g} % of draws at v [m/s]"
+    return _table(head, found.velocity, lines, 20)
+
+
+def sobol_table(found: SobolIndices) -> str:
+    """First-order and total indices, an input a line, a velocity a column."""
+    pairs = zip(found.symbols, found.first.T, found.total.T, strict=True)
+    lines = (
+        (symbol, [f"{a + 0.0:.3f} ({b + 0.0:.3f})" for a, b in zip(*both, strict=True)])
+        for symbol, *both in ((s, first.round(3), total.round(3)) for s, first, total in pairs)
+    )
+    return _table("Sobol indices, first (total) at v [m/s]", np.ravel(found.velocity), lines, 18)
+
+
+def information_text(found: Information) -> str:
+    """Directions in words, then the standard errors."""
+    lines = [str(found)]
+    for symbol, error in zip(found.symbols, found.standard_errors.values(), strict=True):
+        told = "not determined" if error is None else f"{error:.3g}"
+        lines.append(f"expected standard error of {symbol}: {told}")
+    return "\n".join(lines)
+
+
+def sensitivities_csv(found: Sensitivities) -> str:
+    """θ ∂ε/∂θ and ∂ln ε/∂ln θ of every input; an empty cell where ε = 0."""
+    kinds = [f"{n} d(eps)/d({n})" for n in found.names], [f"dln(eps)/dln({n})" for n in found.names]
+    header = ["velocity [m/s]", "restitution", *kinds[0], *kinds[1], "status"]
+    columns = [found.velocity, found.coefficient, *found.absolute.T, *found.logarithmic.T]
+    lines = [",".join(header)]
+    for *numbers, status in zip(*columns, found.status, strict=True):
+        cells = ["" if x != x else f"{x:.17g}" for x in numbers]
+        lines.append(",".join([*cells, status_names(int(status))]))
+    return "\n".join(lines) + "\n"
+
+
+def _table(
+    head: str, velocity: Iterable[float], lines: Iterable[tuple[str, list[str]]], width: int
+) -> str:
+    first = head + "".join(f"{v:>{width}.4g}" for v in velocity)
+    rest = (
+        f"{name:<{len(head)}}" + "".join(f"{cell:>{width}}" for cell in cells)
+        for name, cells in lines
+    )
+    return "\n".join([first, *rest])

@@ -1,0 +1,99 @@
+"""A batch of impacts through its law, whatever kind it is, in SI units."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool
+
+from softjax import assembly, energy
+from softjax._numerics import safe_power
+from softjax.impact import Impact
+from softjax.laws.base import HardSphereLaw, RateDependentLaw, RateIndependentLaw
+from softjax.routes import Route
+
+
+class Collisions(NamedTuple):
+    """What the forces do, impact by impact.
+
+    Attributes:
+        peak, residual: overlaps [m].
+        plastic_squared: ε_p² [-].
+        turns, solved, exact, released, beyond, gains: as in `assembly.Outcome`.
+    """
+
+    peak: Array
+    residual: Array
+    plastic_squared: Array
+    turns: Bool[Array, "..."]
+    solved: Bool[Array, "..."]
+    exact: Bool[Array, "..."]
+    released: Bool[Array, "..."]
+    beyond: Bool[Array, "..."]
+    gains: Bool[Array, "..."]
+
+
+def collisions(impact: Impact, route: Route, regime: str) -> Collisions:
+    """Elastic impacts by Hertz's or the law's own power law, the others by the route."""
+    law = impact.law
+    if isinstance(law, HardSphereLaw):
+        squared = law.restitution_squared(impact.velocity)
+        return _plain(0.0, 0.0, jnp.where(impact.elastic, 1.0, squared))
+    elastic = _plain(_elastic_peak(impact), 0.0, jnp.ones_like(impact.velocity))
+    if regime == "elastic":
+        return elastic
+    by_route = _beyond_elastic(impact, route)
+    if regime == "yielding":
+        return by_route
+    return jax.tree.map(lambda e, p: jnp.where(impact.elastic, e, p), elastic, by_route)
+
+
+def durations(impact: Impact, route: Route, regime: str) -> tuple[Array, Bool[Array, "..."]]:
+    """Contact durations [s], and whether there is a contact that ends."""
+    law, moving = impact.law, jnp.where(impact.velocity > 0, impact.velocity, impact.acting)
+    if isinstance(law, HardSphereLaw):
+        return jnp.zeros_like(moving), jnp.ones_like(impact.elastic)
+    if isinstance(law, RateDependentLaw):
+        reduced = law.reduced_at(impact.acting)
+        time, ends = _rate_dependent().duration(reduced, route)
+        return time * reduced.scales.time, ends
+    scales, exponent = law.elastic_scales()
+    elastic = scales.time * energy.elastic_duration(exponent, moving / scales.velocity)
+    if regime == "elastic":
+        return elastic, jnp.ones_like(impact.elastic)
+    reduced = law.reduced_at(impact.acting)
+    time, ends = assembly.duration(reduced, route)
+    time = time * reduced.scales.time
+    return jnp.where(impact.elastic, elastic, time), impact.elastic | ends
+
+
+def _plain(peak, residual, squared) -> Collisions:
+    peak, residual = (
+        jnp.broadcast_to(x, squared.shape).astype(squared.dtype) for x in (peak, residual)
+    )
+    yes = jnp.ones_like(squared, dtype=bool)
+    return Collisions(peak, residual, squared, yes, yes, yes, yes, ~yes, ~yes)
+
+
+def _elastic_peak(impact: Impact) -> Array | float:
+    if not isinstance(impact.law, RateIndependentLaw):
+        return 0.0  # elastic at rest alone
+    scales, exponent = impact.law.elastic_scales()
+    return scales.overlap * safe_power(impact.velocity / scales.velocity, 2 / exponent)
+
+
+def _beyond_elastic(impact: Impact, route: Route) -> Collisions:
+    reduced = impact.law.reduced_at(impact.acting)
+    length = reduced.scales.overlap
+    if isinstance(impact.law, RateDependentLaw):
+        rebound = _rate_dependent().collide(reduced, route)
+        found = _plain(rebound.peak * length, rebound.residual * length, rebound.plastic_squared)
+        return found._replace(turns=rebound.turns, solved=rebound.solved)
+    outcome = assembly.collide(reduced, route)
+    return Collisions(outcome.peak * length, outcome.residual * length, *outcome[2:])
+
+
+def _rate_dependent():
+    from softjax import rate_dependent  # diffrax is imported when the ODE is asked for
+
+    return rate_dependent

@@ -1,0 +1,199 @@
+"""The fall from the peak by one force, integrated by diffrax: x'' = -(5/4) p, x(0) = x_m, x'(0) = 0.
+
+Unloading is one, and so is loading with time turned around. Nothing is integrated over time, because
+the end is known in other variables (Hénon's trick), so that no event has to be searched for:
+
+* the energy over the overlap, in a root of it that makes the force's own powers smooth;
+* where time matters, over tan(φ/2) of x = x* + ρ cosφ, x' = -Ω ρ sinφ, with ρ and t as states.
+
+Between two kinks of the force is a stage, solved by itself.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool
+
+from softjax._bridge import solve
+from softjax._numerics import safe_sqrt
+from softjax.routes import ODE
+
+
+class Fall(NamedTuple):
+    """A force that drives the bodies apart.
+
+    Attributes:
+        force: of the overlap x and of x_m - x.
+        top, bottom, span: x_m, x* and x_m - x*, each to its own precision.
+        kinks: overlaps where the force has some, a vector.
+        about_zero: whether the energy is integrated over the root of x instead of that of x - x*.
+    """
+
+    force: Callable[[Array, Array], Array]
+    top: Array
+    bottom: Array
+    span: Array
+    kinks: Array
+    about_zero: bool = False
+
+
+class Energies(NamedTuple):
+    """x'²/y² at the lower ends of all stages, the last of which is the whole fall."""
+
+    at: Array
+    solved: Bool[Array, ""]
+
+    @property
+    def value(self) -> Array:
+        return self.at[-1]
+
+
+def energies(fall: Fall, y: Array, route: ODE) -> Energies:
+    """Kinetic energy over that of an impact at y, stage by stage."""
+    per_velocity = 1 / y  # twice: the derivative of a quotient by y² overflows float32 at y = 1e13
+
+    def stage(high, low):
+        """From x_m - high to x_m - low."""
+        place = _about_zero(fall, high, low) if fall.about_zero else _about_end(fall, high, low)
+
+        def field(t, _, args):
+            x, recovered, pace = place(t)
+            return (2.5 * (pace * per_velocity) * (fall.force(x, recovered) * per_velocity),)
+
+        zero, one = jnp.zeros_like(y), jnp.ones_like(y)
+        (gained,), solved = solve(field, zero, one, (zero,), None, route)
+        return gained, solved
+
+    gained, solved = _stages(stage, fall)
+    return Energies(jnp.cumsum(gained), jnp.all(solved))
+
+
+def _stages(stage, fall: Fall):
+    """`stage` between each two of the kinks, of which one program serves all."""
+    depth = _depths(fall)
+    if len(depth) == 2:
+        return jax.tree.map(lambda a: a[None], stage(depth[0], depth[1]))
+    return jax.lax.map(lambda ends: stage(*ends), (depth[:-1], depth[1:]))
+
+
+def _depths(fall: Fall) -> Array:
+    """x_m - x at the ends of all stages, from the top."""
+    inside = jnp.sort(jnp.clip(fall.top - fall.kinks, 0.0, fall.span))
+    return jnp.concatenate([jnp.zeros(1, inside.dtype), inside, fall.span[None]])
+
+
+def _about_zero(fall: Fall, high, low):
+    """x, x_m - x and its pace on a way that is even in √x."""
+    start, end = safe_sqrt(fall.top - high), safe_sqrt(fall.top - low)
+    width = (low - high) / (start + end)
+
+    def place(t):
+        root = start - width * t
+        return root * root, high + width * t * (start + root), 2 * root * width
+
+    return place
+
+
+def _about_end(fall: Fall, high, low):
+    """The same on a way that is even in the root of x - x*, x* the lower end of the stage."""
+    width = low - high
+
+    def place(t):
+        left = 1 - t
+        x = fall.bottom + (fall.span - low) + width * left * left
+        return x, high + width * t * (1 + left), 2 * width * left
+
+    return place
+
+
+def times(fall: Fall, reached: Energies, y: Array, route: ODE, save=None):
+    """The time of the whole fall, or of the states at shares `save` of the angle; and its verdict.
+
+    Returns:
+        time [L/V], or (time, overlap, x_m - x, x') at all samples; whether the solver got there.
+    """
+    pull = 1.25 * fall.force(fall.top, jnp.zeros_like(fall.top))
+    frequency = jnp.sqrt(pull / fall.span)
+    depth = _depths(fall)
+    # the angle at which the fall meets a kink follows from its speed there
+    speed, left = y * safe_sqrt(reached.at[:-1]) / frequency, fall.span - depth[1:-1]
+    inner = speed / (left + jnp.sqrt(speed * speed + left * left))
+    halves = jnp.concatenate([jnp.zeros(1, y.dtype), inner, jnp.ones(1, y.dtype)])
+    at = None if save is None else np.tan(0.25 * np.pi * save)
+    field = _angle_field(fall, frequency)
+
+    def stage(state, ends):
+        start, end = ends
+        portion = None if at is None else _share(start, end, at)
+        states, solved = _over_angle(field, start, end, state, route, portion)
+        last = states if at is None else jax.tree.map(lambda s: s[-1], states)
+        return last, (states, solved)
+
+    begin = (jnp.ones_like(y), jnp.zeros_like(y))
+    if len(depth) == 2:
+        _, (states, solved) = stage(begin, (halves[0], halves[1]))
+        states = states if at is None else jax.tree.map(lambda s: s[:-1], states)
+    else:
+        last, (states, solved) = jax.lax.scan(stage, begin, (halves[:-1], halves[1:]))
+        states = last if at is None else _joined(states, halves, at)
+    if at is None:
+        return states[1] / frequency, jnp.all(solved)
+    stretch, phase = states
+    sin, cos = _sine_cosine(at)
+    radius = fall.span * stretch
+    left = jnp.minimum(radius * cos, fall.span)
+    x, speed = fall.bottom + left, -frequency * radius * sin
+    return (phase / frequency, x, fall.span - left, speed), jnp.all(solved)
+
+
+def _sine_cosine(half):
+    """Of φ, from tan(φ/2)."""
+    below = 1 + half * half
+    return 2 * half / below, (1 - half) * (1 + half) / below
+
+
+def _over_angle(field, start, end, state, route: ODE, save):
+    """Over the root of what is left of the way, in which half powers of x - x* are smooth."""
+
+    def eased(t, state, args):
+        left = 1 - t
+        rates = field(start + (end - start) * t * (1 + left), state)
+        pace = 2 * (end - start) * left
+        return tuple(pace * rate for rate in rates)
+
+    zero, one = jnp.zeros_like(end), jnp.ones_like(end)
+    return solve(eased, zero, one, state, None, route, save)
+
+
+def _share(start, end, at):
+    """The way t of `_over_angle` at given places, those outside of the stage at its ends."""
+    width = jnp.where(end > start, end - start, 1.0)
+    left = jnp.clip((end - at) / width, 0.0, 1.0)
+    share = 1 - safe_sqrt(left)
+    # to the very end, whatever rounding made of it: the next stage begins with the last sample
+    return jnp.append(share, 1.0)
+
+
+def _joined(states, halves, at):
+    """The samples of each stage that are inside of it."""
+    stage = jnp.clip(jnp.searchsorted(halves, at, side="right") - 1, 0, len(halves) - 2)
+    return jax.tree.map(lambda s: s[stage, jnp.arange(len(at))], states)
+
+
+def _angle_field(fall: Fall, frequency):
+    """d/dh of ρ/(x_m - x*) and of Ω t, h = tan(φ/2)."""
+
+    def field(half, state):
+        stretch, _ = state
+        sin, cos = _sine_cosine(half)
+        radius = fall.span * stretch
+        left = jnp.clip(radius * cos, 0.0, fall.span)
+        pull = 1.25 * fall.force(fall.bottom + left, fall.span - left)
+        pull = pull / (frequency * frequency * radius)
+        turn = 2 / (1 + half * half) / (sin**2 + pull * cos)  # dφ/dh over dφ/d(Ω t)
+        return stretch * sin * (pull - cos) * turn, turn
+
+    return field

@@ -1,0 +1,105 @@
+"""A law given by its forces in newtons, in the units of one impact.
+
+With Hertz's largest overlap as L and the impact velocity itself as V every impact has y = 1, and
+forces and overlaps of the order of one, whatever the size of the bodies and however slow they are.
+"""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from softjax._numerics import quotient
+from softjax.contact import Contact
+from softjax.laws.reduced import Reduced, ReducedRateDependent, ReducedRateIndependent
+from softjax.laws.units import Scales, hertz_scales, hertz_scales_at
+
+# forces are kept above this power of the smallest number, so that a small part of one is still one
+LEAST = 0.75
+
+
+class ForcesOfImpact(ReducedRateIndependent):
+    """The forces of a rate-independent law over L and (5/4) M V²/L."""
+
+    law: "RateIndependentLaw"  # type: ignore[name-defined]
+    length: Array
+    force: Array
+
+    def loading(self, x: Array) -> Array:
+        return quotient(self.law.loading_force(x * self.length), self.force)
+
+    def unloading(self, x: Array, peak: Array) -> Array:
+        force = self.law.unloading_force(x * self.length, peak * self.length)
+        return quotient(force, self.force)
+
+    @property
+    def elastic_limit(self) -> Array:  # type: ignore[override]
+        return jnp.asarray(self.law.elastic_overlap()) / self.length
+
+    def breakpoints(self) -> tuple:
+        return tuple(jnp.asarray(overlap) / self.length for overlap in self.law.breakpoints())
+
+    def exponent_at(self, peak: Array) -> Array:
+        return jax.lax.stop_gradient(_exponent(self.loading, peak))
+
+    def residual(self, peak: Array) -> Array | None:
+        overlap = self.law.residual_overlap(peak * self.length)
+        return None if overlap is None else jnp.asarray(overlap) / self.length
+
+
+class ForceOfImpact(ReducedRateDependent):
+    """The force of a rate-dependent law over L, V and (5/4) M V²/L."""
+
+    law: "RateDependentLaw"  # type: ignore[name-defined]
+    length: Array
+    velocity: Array
+    unit: Array
+
+    @property
+    def ends_at(self) -> str:  # type: ignore[override]
+        return self.law.end
+
+    def force(self, x: Array, velocity: Array) -> Array:
+        force = self.law.force(x * self.length, velocity * self.velocity)
+        return quotient(force, self.unit)
+
+    def elastic(self, x: Array) -> Array:
+        return self.force(x, jnp.zeros_like(x))
+
+    def dissipative(self, x: Array, velocity: Array) -> Array:
+        return self.force(x, velocity) - self.elastic(x)
+
+    def exponent_at(self, peak: Array) -> Array:
+        return jax.lax.stop_gradient(_exponent(self.elastic, peak))
+
+
+def _exponent(force, x: Array) -> Array:
+    """k of a work ∝ x^k, from the slope of the force there."""
+    pull, slope = jax.jvp(force, (x,), (jnp.ones_like(x),))
+    return 1 + jnp.clip(x * slope / pull, 0.0, 10.0)
+
+
+def reduced_by_forces(law, velocity: Array) -> Reduced:
+    """Impacts of a law in SI.
+
+    The scales are units and no more: nothing depends on the overlap's, which is not differentiated,
+    while the velocity's carries what the impact's own velocity moves.
+    """
+    slowest = _slowest(law.contact, velocity)
+    moving = jnp.maximum(velocity, slowest)
+    overlap, _ = hertz_scales_at(law.contact, moving)
+    scales = Scales(jax.lax.stop_gradient(overlap), moving)
+    unit = law.force_scale(scales)
+    if hasattr(law, "loading_force"):
+        reduced = ForcesOfImpact(law, scales.overlap, unit)
+    else:
+        reduced = ForceOfImpact(law, scales.overlap, moving, unit)
+    return Reduced(reduced, scales, jnp.ones_like(unit), jnp.minimum(velocity / slowest, 1.0))
+
+
+def _slowest(contact: Contact, velocity: Array) -> Array:
+    """The velocity [m/s] below which forces of Hertz's order leave the range of numbers."""
+    scales = hertz_scales(contact)
+    force = contact.stiffness * scales.overlap * jnp.sqrt(scales.overlap)
+    least = float(jnp.finfo(velocity.dtype).tiny) ** LEAST
+    # P_max ∝ v^{6/5}
+    return jax.lax.stop_gradient(scales.velocity * (least / force) ** (5 / 6))

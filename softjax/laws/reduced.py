@@ -1,0 +1,166 @@
+"""The reduced form of a law: what the routes integrate.
+
+Overlap x in units of an overlap scale L, impact velocity y in units of a velocity scale V, time in
+L/V and force in (5/4) M V²/L, so that every law obeys
+
+    x'' = -(5/4) p(x),  x(0) = 0,  x'(0) = y        and        ∫ p dx = (2/5) y² up to the peak.
+
+With Hertz's law and first yield as scales (L = δ_cr, V = v_cr) this is p = x^{3/2}.
+
+    ReducedRateIndependent    loading and unloading force
+    └── ReducedClosedForm     peak, release and work too, so that nothing is left to quadrature
+    ReducedRateDependent      force of overlap and velocity, and where the contact ends
+"""
+
+from abc import abstractmethod
+from typing import Any, ClassVar, Literal, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from softjax._numerics import safe_power
+from softjax.laws.units import Scales
+
+End = Literal["zero-overlap", "zero-force"]  # where a contact with damping ends
+ENDS = ("zero-overlap", "zero-force")
+Origin = Literal["zero-overlap", "residual-overlap"]
+
+
+class Reduced(NamedTuple):
+    """Impacts in the units of a law, ready for either route.
+
+    Attributes:
+        law: reduced.
+        scales: its units.
+        y: impact velocity over the velocity scale.
+        below: velocity over the one that y stands for, where squares of it would underflow; overlaps
+            and times are scaled back by it. None: nowhere.
+    """
+
+    law: Any
+    scales: Scales
+    y: Array
+    below: Array | None = None
+
+
+class ReducedRateIndependent(eqx.Module):
+    """Forces of the overlap x and, on unloading, of its largest value x_m.
+
+    Up to `elastic_limit` loading and unloading follow one power law with work (2/5) x^k,
+    k = `work_exponent`: p = x^{3/2} with Hertz's 5/2, p = (4/5) x with the linear spring's 2.
+    A law that never leaves this stage has the limit infinity, one without it 0.
+
+    `powers_about` says at which overlap the unloading force is a series of half powers: √x, as
+    Hertz's, or √(x - x*). By the ODE a law whose forces are given with their works is integrated
+    in that root; all others in a variable that suits any power at either place.
+    """
+
+    work_exponent: ClassVar[float] = 2.5
+    elastic_limit: ClassVar[float] = 1.0
+    powers_about: ClassVar[Origin] = "zero-overlap"
+
+    @abstractmethod
+    def loading(self, x: Array) -> Array:
+        """p_L(x) >= 0 for 0 <= x <= `end()`."""
+
+    @abstractmethod
+    def unloading(self, x: Array, peak: Array) -> Array:
+        """p_U(x; x_m), equal to p_L(x_m) at x = x_m."""
+
+    def unloading_at(self, x: Array, recovered: Array, peak: Array) -> Array:
+        """p_U(x; x_m) with x_m - x known to its own precision, which nearly plastic impacts need."""
+        return self.unloading(x, peak)
+
+    def breakpoints(self) -> tuple:
+        """Overlaps at which a force has a kink, beside the elastic limit; each broadcasts."""
+        return ()
+
+    def residual(self, peak: Array) -> Array | None:
+        """x*, the last zero of the unloading force below the peak; None leaves it to search."""
+        return None
+
+    def recovered(self, peak: Array) -> Array | None:
+        """x_m - x* where the law knows it to better precision than the difference."""
+        return None
+
+    def releases(self, peak: Array) -> Array | None:
+        """Whether the unloading force vanishes at some positive overlap; None: as is found."""
+        return None
+
+    def exponent_at(self, peak: Array) -> Array | float:
+        """The exponent k of the law's work, with which slow impacts are told from lifted ones."""
+        return self.work_exponent
+
+    def end(self) -> Array | float:
+        """The overlap at which the loading force vanishes or ends; infinite where it never does."""
+        return jnp.inf
+
+    def beyond_expansion(self, peak: Array) -> Array:
+        """Whether the law was pushed beyond the range it was derived for."""
+        return jnp.zeros_like(peak, dtype=bool)
+
+
+class ReducedClosedForm(ReducedRateIndependent):
+    """A rate-independent law whose collisions are known in closed form, beside its forces.
+
+    Both forces are smooth beyond the elastic limit, or `breakpoints` says where they are not.
+    """
+
+    @abstractmethod
+    def largest_velocity(self) -> Array:
+        """y_max, from which on no collision turns: W_L(end) = (2/5) y_max²."""
+
+    @abstractmethod
+    def peak(self, y: Array) -> Array:
+        """x_m with W_L(x_m) = (2/5) y², for 1 <= y < y_max."""
+
+    @abstractmethod
+    def release(self, peak: Array) -> tuple[Array, Array, Array]:
+        """Residual overlap x* (p_U(x*) = 0, or 0), what is recovered x_m - x*, and its work.
+
+        The difference is given beside its terms because it would cancel where x* nears x_m.
+        """
+
+
+class ReducedRateDependent(eqx.Module):
+    """An elastic force with work (2/5) x^k, k = `work_exponent`, and one that takes energy.
+
+    `ends_at` says where the contact ends: where the overlap vanishes again, or where the damping
+    force cancels the elastic one, whichever comes first. For the latter their ratio should grow
+    throughout unloading, or fall slowly; it grows where |p_D|/(|x'| x^{k-1}) falls with x.
+    """
+
+    work_exponent: ClassVar[float] = 2.5
+    ends_at: eqx.AbstractVar[str]
+
+    @abstractmethod
+    def dissipative(self, x: Array, velocity: Array) -> Array:
+        """p_D(x, x'), of the sign of x' and zero with it."""
+
+    def elastic(self, x: Array) -> Array:
+        """p_E(x)."""
+        return 0.4 * self.work_exponent * safe_power(x, self.work_exponent - 1)
+
+    def force(self, x: Array, velocity: Array) -> Array:
+        """p(x, x') = p_E + p_D."""
+        return self.elastic(x) + self.dissipative(x, velocity)
+
+    def exponent_at(self, peak: Array) -> Array | float:
+        """The exponent k of the elastic work, with which slow impacts are told from lifted ones."""
+        return self.work_exponent
+
+
+def lifted(law, scales: Scales, velocity: Array) -> Reduced:
+    """Impacts of a law in units that are the same for all, those lifted whose squares underflow.
+
+    Laws without an elastic stage act down to rest; near it they follow their elastic power law, by
+    which overlaps and times of the lifted collision are scaled back.
+    """
+    y = velocity / scales.velocity
+    if getattr(law, "elastic_limit", 0.0) > 0:
+        return Reduced(law, scales, y)
+    tiny = float(jnp.finfo(y.dtype).tiny)
+    # derivatives of works over y² meet y³; those of a damped collision y²
+    least = tiny ** (0.25 if isinstance(law, ReducedRateIndependent) else 0.4)
+    return Reduced(law, scales, jnp.maximum(y, least), jnp.minimum(y / least, 1.0))

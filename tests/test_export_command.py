@@ -1,0 +1,181 @@
+"""`softjax export` from the command line to its files: each option by what it does."""
+
+import json
+
+import numpy as np
+import pytest
+
+import calibration as cal
+import softjax as sj
+from calibration.cli import main
+from tests.cases import fitted
+from tests.export_cases import compiled, needs_compiler
+
+ALLOY = """[[material]]
+name = "alloy"
+youngs_modulus = 2.5e9
+poisson_ratio = 0.3
+density = 1140
+yield_strength = 4.0e7
+radius = 0.0127
+"""
+STEEL = ("stainless-steel", "--range", "0.1:5")
+
+
+@pytest.fixture
+def export(tmp_path, monkeypatch):
+    """Run the command in a directory of its own; gives its exit code."""
+    monkeypatch.chdir(tmp_path)
+    return lambda *options: main(["export", *options])
+
+
+@pytest.fixture(scope="module")
+def fit_file(tmp_path_factory):
+    """Fits of two materials, of which the second knows nothing below first yield."""
+    steel, nylon = fitted("stainless steel"), fitted("nylon")
+    sets = []
+    for name, law, velocity in (
+        ("steel", steel, np.geomspace(0.1, 3, 24)),
+        ("nylon", nylon, np.geomspace(1.5, 20, 24)),
+    ):
+        exact = np.asarray(sj.restitution(law, velocity).coefficient)
+        sets.append(cal.RestitutionData(velocity, exact, law.contact, 0.003, name=name))
+    path = tmp_path_factory.mktemp("fit") / "fit.json"
+    cal.fit(sets, profiles=False).save(path)
+    return path
+
+
+def report(folder="results"):
+    with open(f"{folder}/export.json", encoding="utf-8") as file:
+        return json.load(file)
+
+
+def text(name, folder="results"):
+    with open(f"{folder}/{name}", encoding="utf-8") as file:
+        return file.read()
+
+
+def test_a_named_material_becomes_a_header(export, capsys, tmp_path):
+    assert export(*STEEL, "--to", "c", "--tolerance", "0.005") == 0
+    told = capsys.readouterr()
+    assert told.err == ""
+    assert "χ̃ = 1.7944" in told.out
+    assert "Zhou's law itself (by header)" in told.out
+    assert {p.name for p in (tmp_path / "results").iterdir()} == {
+        "softjax_law.h",
+        "export.json",
+        "export.png",
+    }
+    made = report()
+    assert made["velocity_range"] == [0.1, 5.0]
+    assert made["largest_error"] <= made["tolerance"] == 0.005
+    assert made["radius"] == {"value": 0.0127, "of": "sphere's"}
+
+
+def test_a_fit_is_handed_over_material_by_material(export, fit_file):
+    options = ("--fit", str(fit_file), "--to", "c", "--tolerance", "0.02")
+    assert export(*options, "--material", "steel", "--out", "steel") == 0
+    assert export(*options, "--material", "nylon", "--out", "nylon", "--quiet") == 0
+    steel, nylon = report("steel"), report("nylon")
+    assert (steel["material"], nylon["material"]) == ("steel", "nylon")
+    assert steel["velocity_range"] == pytest.approx([0.1, 3.0])  # those of the data
+    assert nylon["velocity_range"] == pytest.approx([1.5, 20.0])
+    exact = sj.restitution(fitted("nylon"), np.array(nylon["curve"]["velocity"])).coefficient
+    np.testing.assert_allclose(nylon["curve"]["wanted"], exact, atol=1e-6)
+
+
+def test_a_file_of_materials_with_given_parameters(export, tmp_path):
+    (tmp_path / "alloy.toml").write_text(ALLOY, encoding="utf-8")
+    options = ("--chi", "0.2", "--sigma", "0.4", "--psi", "0.5", "--to", "lammps", "--range", "2:9")
+    assert export("alloy.toml", *options, "--law", "viscoelastic", "--tolerance", "0.05") == 0
+    made = report()
+    assert (made["material"], made["law"]) == ("alloy", "viscoelastic")
+    assert [made["wanted"][name] for name in ("chi", "sigma", "psi")] == [0.2, 0.4, 0.5]
+
+
+def test_another_wanted_law(export):
+    options = ("--wanted-law", "hertz-dashpot", "--set", "restitution=0.8")
+    assert export(*STEEL, *options, "--to", "c", "--tolerance", "1e-2", "--quiet") == 0
+    made = report()
+    assert made["wanted"]["law"] == "HertzDashpot"
+    assert made["error_of_law"] < 1e-6
+    np.testing.assert_allclose(made["curve"]["wanted"], 0.8)
+
+
+@needs_compiler
+def test_the_contact_force_alone_gives_the_plastic_restitution(export):
+    common = (*STEEL, "--to", "c", "--law", "itself", "--steps", "400", "--quiet")
+    assert export(*common) == 0
+    assert export(*common, "--contact-force", "--out", "force") == 0
+    velocity = np.array([0.2, 1.0, 4.0])
+    hit = sj.restitution(fitted("stainless steel"), velocity)
+    for folder, wanted in (("results", hit.coefficient), ("force", hit.plastic_coefficient)):
+        made = report(folder)
+        found = compiled(text("softjax_law.h", folder)).rebounds(velocity, made["time_step"])
+        np.testing.assert_allclose(found, wanted, atol=2 * made["error_of_time_step"] + 1e-6)
+        assert made["steps_in_shortest_contact"] == 400
+
+
+def test_names_of_a_header(export):
+    assert export(*STEEL, "--to", "c", "--prefix", "steel", "--quiet") == 0
+    assert "steel_force(" in text("softjax_law.h")
+    assert "softjax" not in text("softjax_law.h").lower()
+
+
+def test_a_softer_spring(export):
+    assert export(*STEEL, "--to", "c", "--overlap", "0.03", "--quiet") == 0
+    made = report()
+    assert made["largest_overlap_over_radius"] == pytest.approx(0.03)
+    assert made["softer"]["forces"] == pytest.approx(1 / made["softer"]["overlaps"])
+    assert made["softer"]["overlaps"] > 3
+
+
+@pytest.mark.parametrize(
+    ("version", "damping"),
+    [("20250722", "damping coeff_restitution"), ("20230802", "damping tsuji")],
+)
+def test_what_a_version_of_lammps_can_be_told(version, damping, export):
+    options = ("--to", "lammps", "--law", "hertz-dashpot", "--tolerance", "0.1")
+    assert export(*STEEL, *options, "--lammps-version", version, "--quiet") == 0
+    assert f"{damping} limit_damping" in text("in.softjax")
+
+
+@pytest.mark.parametrize("code", ["lammps", "liggghts", "yade"])
+def test_each_code_has_its_files_and_an_older_export_leaves_none(code, export, tmp_path):
+    assert export(*STEEL, "--to", "lammps", "--tolerance", "0.005", "--quiet") == 0  # a plugin
+    options = ("--to", code, "--law", "linear", "--tolerance", "0.1")
+    assert export(*STEEL, *options, "--quiet") == 0
+    made = report()
+    assert made["carrier"] == "input"
+    assert {p.name for p in (tmp_path / "results").iterdir()} == set(made["files"])
+    script = text(next(name for name in made["files"] if not name.startswith("export")))
+    assert repr(made["time_step"]) in script
+    assert script.isascii()
+
+
+@pytest.mark.parametrize(
+    ("options", "blamed"),
+    [
+        (("--to", "fortran"), "fortran"),
+        ((), "--to"),
+        (("--to", "c", "--range", "5"), "lowest:highest"),
+        (("--to", "c", "--tolerance", "2"), "tolerance"),
+        (("--to", "c", "--law", "viscoelastc"), "did you mean 'viscoelastic'"),
+        (("--to", "liggghts", "--law", "zhou"), "no law like Zhou's"),
+        (("--to", "liggghts", "--range", "0.1:5", "--tolerance", "0.001"), "--tolerance 0.072"),
+        (("--to", "c", "--prefix", "A"), "a name in C"),
+        (("--to", "c", "--lammps-version", "20250722"), "left out with c"),
+        (("--to", "c", "--overlap", "1e-9"), "the largest overlap"),
+    ],
+)
+def test_what_cannot_be_done_is_told_in_one_line(options, blamed, export, capsys, tmp_path):
+    try:
+        code = export("stainless-steel", *options)
+    except SystemExit as stop:
+        code = stop.code
+    told = capsys.readouterr()
+    assert code == 2
+    assert told.out == ""
+    assert len(told.err.splitlines()) == 1
+    assert blamed in told.err
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,234 @@
+"""The LAMMPS plugin among many spheres: momentum, processors, restarts, what it refuses."""
+
+import re
+import subprocess
+
+import numpy as np
+import pytest
+
+import calibration as cal
+import softjax as sj
+from tests.cases import RADIUS
+from tests.export_cases import DENSITY, PAIR, STEEL
+from tests.export_lammps import (
+    ENVIRONMENT,
+    MOVES,
+    NEEDED,
+    SPHERES,
+    build,
+    impact,
+    lammps,
+    needs_lammps,
+)
+
+pytestmark = needs_lammps
+LOAD = ["plugin load ./softjaxplugin.so", "pair_style softjax", "pair_coeff * *"]
+GRANULAR = "tangential linear_nohistory 0.0 0.0 damping"
+OTHERS = {
+    "hertz": f"hertz/material 1.93e11 0.8 0.35 {GRANULAR} coeff_restitution limit_damping",
+    "mdr": f"mdr 1.93e11 0.35 3.1e8 0.0 0.5 0.0 {GRANULAR} mdr 1",
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """With the plugin of steel, built."""
+    folder = tmp_path_factory.mktemp("plugin")
+    cal.export(STEEL, "lammps", folder, velocity_range=(0.1, 5), law="itself", steps=100)
+    build(folder)
+    return folder
+
+
+def gas(settings, newton: str, steps: int = 800) -> list[str]:
+    """4096 spheres at a volume fraction of 0.43 with relative velocities of metres a second."""
+    momentum = "".join(f" $(vcm(all,{axis})*mass(all):%.17g)" for axis in "xyz")
+    return [
+        *SPHERES,
+        "boundary p p p",
+        f"newton {newton}",
+        "lattice sc 0.0270",
+        "region box block 0 16 0 16 0 16",
+        "create_box 1 box",
+        "create_atoms 1 box",
+        f"set group all diameter {2 * RADIUS} density {DENSITY}",
+        "velocity all create 1.0 12345 dist uniform rot no",
+        "velocity all scale 5.0e21",
+        *settings,
+        *MOVES,
+        "timestep 1e-6",
+        "neighbor 2e-3 bin",
+        "run 0",
+        f'print "RESULT{momentum}"',
+        f"run {steps}",
+        f'print "RESULT{momentum}"',
+        "compute touching all contact/atom",
+        "compute contacts all reduce sum c_touching",
+        "run 0",
+        'print "RESULT $(c_contacts)"',
+        "write_dump all custom gas.dump id x y z vx vy vz modify sort id format float %20.15g",
+    ]
+
+
+def states(folder) -> np.ndarray:
+    """Positions and velocities in the order of their IDs."""
+    return np.loadtxt(folder / "gas.dump", skiprows=9)[:, 1:]
+
+
+@pytest.fixture(scope="module")
+def alone(folder):
+    """The gas by one process."""
+    before, after, contacts = lammps(gas(LOAD, "on"), folder)
+    return before, after, contacts, states(folder)
+
+
+def test_a_gas_conserves_its_momentum(alone):
+    before, after, contacts, state = alone
+    assert contacts[0] > 100
+    speed = np.sqrt(np.mean(np.sum(state[:, 3:] ** 2, axis=1)))
+    assert 0.1 < speed < 5
+    mass = DENSITY * 4 / 3 * np.pi * RADIUS**3
+    assert np.max(np.abs(after - before)) < 1e-10 * 4096 * mass * speed
+
+
+@pytest.mark.parametrize(
+    ("ranks", "newton"), [(2, "on"), (1, "off"), pytest.param(2, "off", marks=pytest.mark.long)]
+)
+def test_a_gas_is_the_same_by_two_processes(ranks, newton, alone, folder):
+    _, _, contacts = lammps(gas(LOAD, newton), folder, ranks)
+    assert contacts == alone[2]
+    np.testing.assert_allclose(states(folder), alone[3], atol=1e-9)
+
+
+def crossing(drift: float, newton: str) -> list[str]:
+    """Two spheres meet where processors do, at x = 0, and drift across meanwhile."""
+    duration = float(sj.restitution(STEEL, 1.0).duration)
+    start = -drift * duration / 2  # so that half of the contact is on each side
+    gap = RADIUS * (1 + 1e-9)
+    return [
+        *SPHERES,
+        "processors * 1 1",
+        "boundary p p p",
+        f"newton {newton}",
+        "region box block -.1 .1 -.1 .1 -.1 .1",
+        "create_box 1 box",
+        f"create_atoms 1 single {start - gap!r} 0 0",
+        f"create_atoms 1 single {start + gap!r} 0 0",
+        f"set group all diameter {2 * RADIUS} density {DENSITY}",
+        f"set atom 1 vx {drift + 0.5!r}",
+        f"set atom 2 vx {drift - 0.5!r}",
+        *LOAD,
+        *MOVES,
+        f"timestep {duration / 400!r}",
+        "neighbor 1e-4 bin",
+        "neigh_modify every 1 delay 0 check yes",
+        "run 600",
+        "variable e equal vx[2]-vx[1]",
+        'print "RESULT $(v_e:%.15g)"',
+    ]
+
+
+@pytest.mark.parametrize("newton", ["on", "off"])
+@pytest.mark.parametrize(
+    "drift", [0.0, 300.0, pytest.param(-300.0, marks=pytest.mark.long)]
+)  # at 300 both change their processor
+def test_a_contact_that_crosses_the_boundary_of_two_processes(drift, newton, folder):
+    wanted = float(sj.restitution(STEEL, 1.0).coefficient)
+    (found,) = lammps(crossing(drift, newton), folder, ranks=2)
+    assert found[0] == pytest.approx(wanted, abs=1e-5)
+
+
+def in_periodic_box(velocity: float, newton: str) -> list[str]:
+    """Two spheres before their impact, near a boundary that they drift across during it."""
+    gap, drift = RADIUS * (1 + 1e-9), 20.0
+    return [
+        *SPHERES,
+        "boundary p p p",
+        f"newton {newton}",
+        "region box block -.1 .1 -.1 .1 -.1 .1",
+        "create_box 1 box",
+        f"create_atoms 1 single {-gap!r} 0.0995 0",
+        f"create_atoms 1 single {gap!r} 0.0995 0",
+        f"set group all diameter {2 * RADIUS} density {DENSITY}",
+        f"set group all vy {drift}",
+        f"set atom 1 vx {velocity / 2 + drift!r}",
+        f"set atom 2 vx {-velocity / 2 + drift!r}",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("at", "newton"),
+    [(20, "on"), (45, "off"), (75, "on")],  # loading, at the peak, unloading
+)
+def test_a_restart_in_mid_contact_changes_nothing(at, newton, folder):
+    velocity, told = 5.0, 'print "RESULT $(vx[1]:%.17g) $(vx[2]:%.17g) $(x[1]:%.17g)"'
+    duration = float(sj.restitution(STEEL, velocity).duration)
+    law = [*LOAD, *MOVES, f"timestep {duration / 100!r}", "neighbor 1e-4 bin"]
+    law += ["neigh_modify every 1 delay 0 check yes"]
+    start = [*in_periodic_box(velocity, newton), *law]
+    (whole,) = lammps([*start, "run 150", told], folder)
+    lammps([*start, f"run {at}", "write_restart mid.restart"], folder)  # between runs
+    lammps([*start, f"restart {at} during.*", f"run {at + 3}"], folder)  # and during one
+    for name in ("mid.restart", f"during.{at}"):
+        again = ["atom_modify map array", f"newton {newton}", f"read_restart {name}", *law]
+        (found,) = lammps([*again, f"run {150 - at}", told], folder)
+        np.testing.assert_allclose(found, whole, rtol=0, atol=1e-13)
+
+
+def error_of(lines, folder) -> str:
+    """What LAMMPS says where it stops."""
+    (folder / "in.error").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    command = [NEEDED[2], "-in", "in.error", "-log", "none"]
+    ended = subprocess.run(command, cwd=folder, env=ENVIRONMENT, capture_output=True, text=True)
+    assert ended.returncode != 0
+    return ended.stdout + ended.stderr
+
+
+def test_it_will_not_load_into_another_version(folder, tmp_path):
+    cal.export(STEEL, "lammps", tmp_path, velocity_range=(0.1, 5), law="itself", steps=100)
+    build(tmp_path, LAMMPS_VERSION="20220101")
+    said = error_of(impact(1.0, LOAD, 1), tmp_path)
+    assert "softjax plugin was built for LAMMPS 20220101" in said
+
+
+def test_a_periodic_box_of_less_than_two_diameters_is_refused(folder):
+    lines = impact(1.0, [*LOAD, "timestep 1e-6"], 1, at=1.0)
+    small = [line.replace("block -1 1 -1 1", f"block -1 1 -0.02 {RADIUS}") for line in lines]
+    assert "longer than two diameters" in error_of(small, folder)
+
+
+def test_a_table_is_of_one_pair_of_sizes(tmp_path):
+    class Own(sj.Thornton):
+        pass
+
+    options = {"velocity_range": (0.1, 5), "law": "itself", "steps": 100}
+    cal.export(Own(PAIR, 2.8), "lammps", tmp_path, **options)
+    build(tmp_path)
+    settings = [*LOAD, "timestep 1e-6"]
+    (found,) = lammps(impact(1.0, settings, 300), tmp_path)
+    wanted = float(sj.restitution(Own(PAIR, 2.8), 1.0).coefficient)
+    assert found[0] == pytest.approx(wanted, abs=1e-3)
+    said = error_of(impact(1.0, [*settings, "set group all diameter 0.026"], 300), tmp_path)
+    assert "a table for one pair of sizes" in said
+
+
+@pytest.mark.long
+def test_it_costs_about_as_much_as_a_law_of_the_code(folder, capsys):
+    """Nanoseconds an atom and step in the gas, beside two styles of LAMMPS itself."""
+    cost = {}
+    for name in ("softjax", *OTHERS):
+        settings = [
+            "comm_modify vel yes",
+            "pair_style granular",
+            f"pair_coeff * * {OTHERS.get(name)}",
+        ]
+        (folder / "in.cost").write_text(
+            "\n".join(gas(LOAD if name == "softjax" else settings, "off", 2000))
+        )
+        command = [NEEDED[2], "-in", "in.cost", "-log", "none"]
+        ended = subprocess.run(command, cwd=folder, env=ENVIRONMENT, capture_output=True, text=True)
+        times = re.findall(r"Loop time of (\S+) on 1 procs for 2000 steps", ended.stdout)
+        cost[name] = 1e9 * float(times[0]) / 2000 / 4096
+    with capsys.disabled():
+        print("\n", {name: round(time, 1) for name, time in cost.items()}, "ns an atom and step")
+    assert cost["softjax"] < 2 * cost["hertz"]
+    assert cost["softjax"] < cost["mdr"]

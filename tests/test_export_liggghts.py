@@ -1,0 +1,146 @@
+"""LIGGGHTS: what it makes of its own input, and of the input that is written for it."""
+
+import math
+import os
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+import calibration as cal
+import softjax as sj
+from calibration.handover import liggghts as code
+from tests.cases import RADIUS
+from tests.export_cases import DENSITY, MASS, PAIR, STEEL, VELOCITIES
+
+pytestmark = [
+    pytest.mark.codes,
+    pytest.mark.skipif(shutil.which("liggghts") is None, reason="no LIGGGHTS"),
+]
+STEPS = 2000  # a contact
+SCALE = 16 / 15 * math.sqrt(float(PAIR.radius)) * float(PAIR.youngs_modulus)
+SPRING = SCALE * (MASS / SCALE) ** 0.2  # N/m, of the characteristic velocity 1 m/s
+
+
+def impact(velocity: float, settings: list[str], steps: int) -> str:
+    """Two equal spheres head-on, whose ε is printed; `settings` tell force and time step."""
+    velocity, gap = float(velocity), RADIUS * (1 + 1e-9)
+    lines = [
+        "atom_style granular",
+        "atom_modify map array",
+        "boundary f f f",
+        "newton off",
+        "communicate single vel yes",
+        "units si",
+        "hard_particles yes",
+        "region box block -0.2 0.2 -0.2 0.2 -0.2 0.2 units box",
+        "create_box 1 box",
+        "neighbor 0.001 bin",
+        "neigh_modify delay 0",
+        *settings,
+        f"create_atoms 1 single {-gap!r} 0 0 units box",
+        f"create_atoms 1 single {gap!r} 0 0 units box",
+        f"set group all density {DENSITY} diameter {2 * RADIUS}",
+        "group a id 1",
+        "group b id 2",
+        f"velocity a set {velocity / 2} 0 0 units box",
+        f"velocity b set {-velocity / 2} 0 0 units box",
+        "fix move all nve/sphere",
+        f"run {steps}",
+        "variable one equal vx[1]",
+        "variable two equal vx[2]",
+        f"variable e equal (v_two-v_one)/{velocity}",
+        'print "RESULT ${e}"',
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def rebounds(folder, velocities, settings, steps) -> np.ndarray:
+    """ε of impacts; `settings` and `steps` of each."""
+    environment = {k: v for k, v in os.environ.items() if k != "LD_LIBRARY_PATH"}
+    found = []
+    for velocity, own, count in zip(velocities, settings, steps, strict=True):
+        (folder / "in.test").write_text(impact(velocity, own, count), encoding="utf-8")
+        command = ["liggghts", "-in", "in.test", "-log", "none"]
+        ended = subprocess.run(command, cwd=folder, env=environment, capture_output=True)
+        said = ended.stdout.decode(errors="replace")
+        printed = re.findall(r"^RESULT (\S+)", said, re.M)
+        assert printed, said[-1000:]
+        found.append(float(printed[0]))
+    return np.array(found)
+
+
+def properties(**numbers) -> list[str]:
+    kinds = {"youngsModulus": "peratomtype", "poissonsRatio": "peratomtype"}
+    kinds["characteristicVelocity"] = "scalar"
+    pair = "peratomtypepair 1"
+    return [
+        f"fix p{i} all property/global {name} {kinds.get(name, pair)} {value!r}"
+        for i, (name, value) in enumerate(numbers.items())
+    ]
+
+
+STEEL_S = {"youngsModulus": 1.93e11, "poissonsRatio": 0.35, "coefficientFriction": 0.0}
+# model, what stands in its properties, the law that it makes, and ε as another script found it
+ROWS = {
+    "hertz": ("hertz", {"coefficientRestitution": 0.8}, code.hertz(PAIR, 0.8), 0.80001),
+    "hertz limitForce": (
+        "hertz limitForce on",
+        {"coefficientRestitution": 0.8},
+        code.hertz(PAIR, 0.8, limit_force=True),
+        0.80811,
+    ),
+    "hysteresis": (
+        "hooke/hysteresis",
+        {
+            "coefficientRestitution": 1 - 1e-12,
+            "characteristicVelocity": 1.0,
+            "coefficientMaxElasticStiffness": 1 / 0.64,
+            "coefficientAdhesionStiffness": 0.0,
+            "coefficientPlasticityDepth": 0.05,
+        },
+        code.hysteresis(PAIR, SPRING, 1 / 0.64, 0.05),
+        None,
+    ),
+}
+
+
+@pytest.mark.parametrize("row", ROWS)
+def test_what_liggghts_makes_of_its_input_is_predicted(row, tmp_path):
+    model, numbers, law, told = ROWS[row]
+    peaks = [(1.25 * MASS * v**2 / float(PAIR.stiffness)) ** 0.4 for v in VELOCITIES]
+    times = [2.943 * peak / v for peak, v in zip(peaks, VELOCITIES, strict=True)]
+    if row == "hysteresis":
+        times = [math.pi * math.sqrt(MASS / SPRING)] * 3
+    common = [*properties(**STEEL_S | numbers), f"pair_style gran model {model}", "pair_coeff * *"]
+    settings = [[*common, f"timestep {time / STEPS!r}"] for time in times]
+    found = rebounds(tmp_path, VELOCITIES, settings, [2 * STEPS] * 3)
+    wanted = sj.restitution(law, np.array(VELOCITIES)).coefficient
+    np.testing.assert_allclose(found, wanted, atol=3e-4)
+    if told is not None:
+        np.testing.assert_allclose(found, told, atol=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("law", "tolerance"), [("linear", 0.08), ("hertz-dashpot", 0.08), ("walton-braun", 0.08)]
+)
+def test_input_that_is_written_keeps_its_tolerance(law, tolerance, tmp_path):
+    made = cal.export(
+        STEEL, "liggghts", tmp_path, velocity_range=(0.1, 5), law=law, tolerance=tolerance
+    )
+    velocity = made.wanted.velocity[::16]
+    steps = 2 * math.ceil(max(made.duration) / made.time_step) + 10
+    found = rebounds(tmp_path, velocity, [["include in.softjax"]] * 5, [steps] * 5)
+    assert np.max(np.abs(found - made.wanted.restitution[::16])) <= tolerance
+    given = made.choice.impacts.coefficient[::16]
+    assert np.max(np.abs(found - given)) <= made.choice.steps.error + 1e-4
+
+
+def test_auto_keeps_its_tolerance(tmp_path):
+    made = cal.export(STEEL, "liggghts", tmp_path, velocity_range=(0.9, 1.1), tolerance=0.01)
+    steps = 2 * math.ceil(max(made.duration) / made.time_step) + 10
+    velocity = made.wanted.velocity[::32]
+    found = rebounds(tmp_path, velocity, [["include in.softjax"]] * 3, [steps] * 3)
+    assert np.max(np.abs(found - made.wanted.restitution[::32])) <= 0.01

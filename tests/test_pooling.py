@@ -1,0 +1,165 @@
+"""Partial pooling: against the normal model's closed form, statsmodels' way of writing it, and limits."""
+
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.optimize import minimize
+
+import calibration as cal
+import softjax as sj
+from tests.decay import Decay
+
+V = np.linspace(1.0, 5.0, 6)
+NAMES = ("a", "b", "c", "d", "e")
+POOLED = {"restitution": cal.Parameter(shared="pooled", transform="none")}
+
+
+def constants(spread=0.03, noise=0.02, seed=0):
+    """Five specimens of constant ε, each with a level of its own and stated uncertainties."""
+    random = np.random.default_rng(seed)
+    sets = []
+    for name in NAMES:
+        level = 0.8 + spread * random.standard_normal()
+        measured = level + noise * random.standard_normal(len(V))
+        sets.append(cal.RestitutionData(V, measured, name=name, uncertainty=noise))
+    return sets
+
+
+def random_effects(sets, noise=0.02):
+    """μ, τ and the members' best predictions of y_gi ~ N(μ + b_g, s²), b_g ~ N(0, τ²), by REML over all points.
+
+    The restricted likelihood of the whole covariance, without the means of the groups.
+    """
+    values = np.concatenate([one.restitution for one in sets])
+    group = np.repeat(np.arange(len(sets)), len(V))
+    together = (group[:, None] == group).astype(float)
+    ones = np.ones(len(values))
+
+    def covariance(tau):
+        return noise**2 * np.eye(len(values)) + tau**2 * together
+
+    def mean(tau):
+        weights = np.linalg.solve(covariance(tau), ones)
+        return weights @ values / np.sum(weights)
+
+    def criterion(log):
+        v = covariance(np.exp(log[0]))
+        off = values - mean(np.exp(log[0]))
+        restricted = np.log(ones @ np.linalg.solve(v, ones))
+        return np.linalg.slogdet(v)[1] + restricted + off @ np.linalg.solve(v, off)
+
+    found = minimize(criterion, [np.log(0.02)], method="Nelder-Mead", options={"xatol": 1e-9})
+    tau = float(np.exp(found.x[0]))
+    weight = tau**2 / (tau**2 + noise**2 / len(V))
+    means = np.array([np.mean(one.restitution) for one in sets])
+    return mean(tau), tau, mean(tau) + weight * (means - mean(tau))
+
+
+def test_the_normal_model_in_closed_form():
+    sets = constants()
+    result = cal.fit(sets, sj.ConstantRestitution, POOLED, profiles=False)
+    mean, tau, members = random_effects(sets)
+    assert tau > 0.01
+    assert result.values["restitution_spread"] == pytest.approx(tau, rel=1e-4)
+    assert result.values["restitution"] == pytest.approx(mean, rel=1e-6)
+    found = [result.values[f"restitution[{name}]"] for name in NAMES]
+    np.testing.assert_allclose(found, members, rtol=1e-5)
+    error = np.sqrt((tau**2 + 0.02**2 / len(V)) / len(NAMES))  # of the mean of equal specimens
+    one = result.pooled["restitution"]
+    assert one.standard_error == pytest.approx(error, rel=1e-4)
+    reach = stats.t.ppf(0.975, len(NAMES) - 1) * error
+    assert (one.low, one.high) == pytest.approx((mean - reach, mean + reach), rel=1e-4)
+    assert result.converged
+    assert result.log_likelihood is None
+    alone = [np.mean(one.restitution) for one in sets]
+    assert np.ptp(found) < np.ptp(alone)
+
+
+def test_errors_of_members_are_those_of_the_best_predictions():
+    """Given τ: (1/τ² + n/s²)⁻¹ about the mean, and the mean's own share."""
+    sets = constants()
+    result = cal.fit(sets, sj.ConstantRestitution, POOLED, profiles=False)
+    tau, count = result.values["restitution_spread"], len(NAMES)
+    precision = (len(V) / 0.02**2) * np.eye(count)
+    precision += (np.eye(count) - 1 / count) / tau**2  # the mean integrated over
+    expected = np.sqrt(np.diag(np.linalg.inv(precision)))
+    found = [result.standard_errors[f"restitution[{name}]"] for name in NAMES]
+    np.testing.assert_allclose(found, expected, rtol=1e-4)
+
+
+def test_specimens_that_are_alike_have_no_spread():
+    """Fewer differences than the noise makes: τ = 0, as if the parameter were shared."""
+    sets = [
+        cal.RestitutionData(V, 0.8 + 0.02 * np.cos(3 * V + k), name=n, uncertainty=0.05)
+        for k, n in enumerate(NAMES)
+    ]
+    pooled = cal.fit(sets, sj.ConstantRestitution, POOLED, profiles=False)
+    shared = {"restitution": cal.Parameter(shared=True)}
+    together = cal.fit(sets, sj.ConstantRestitution, shared, profiles=False)
+    assert pooled.values["restitution_spread"] == 0.0
+    assert pooled.pooled["restitution_spread"].low == 0.0
+    assert 0 < pooled.pooled["restitution_spread"].high < 0.1
+    for name in NAMES:
+        value = pooled.values[f"restitution[{name}]"]
+        assert value == pytest.approx(together.values["restitution"], abs=1e-6)
+
+
+def test_a_specimen_with_few_points_borrows_from_the_others():
+    """Noise not stated; rates on the logarithm's scale, where the spread is a relative one."""
+    random = np.random.default_rng(1)
+    rates = 0.1 * np.exp(0.1 * random.standard_normal(5))
+    sets = []
+    for name, rate, count in zip(NAMES, rates, (12, 12, 12, 12, 3), strict=True):
+        v = np.linspace(0.5, 4.0, count)
+        errors = 0.01 * random.standard_normal(count)
+        sets.append(cal.RestitutionData(v, 0.95 * np.exp(-rate * v) + errors, name=name))
+    said = {"rate": cal.Parameter(shared="pooled")}
+    pooled = cal.fit(sets, Decay, said, profiles=False)
+    alone = cal.fit(sets, Decay, profiles=False)
+    assert pooled.converged
+    center = np.log(pooled.values["rate"])
+    few, with_it = (np.log(fit.values["rate[e]"]) for fit in (alone, pooled))
+    assert abs(with_it - center) < abs(few - center)
+    assert pooled.standard_errors["rate[e]"] < alone.standard_errors["rate[e]"]
+    much = [np.log(fit.values["rate[a]"]) for fit in (alone, pooled)]
+    assert abs(much[0] - much[1]) < 0.3 * abs(few - with_it)
+    low, high = pooled.intervals["rate_spread"]
+    assert low < 0.1 < high
+
+
+def test_a_saved_fit_still_knows_its_pool(tmp_path):
+    sets = constants()
+    result = cal.fit(sets, sj.ConstantRestitution, POOLED, profiles=False)
+    result.save(tmp_path / "fit.json")
+    again = cal.FitResult.load(tmp_path / "fit.json")
+    assert again == result
+    assert again.pooled["restitution_spread"].high == result.pooled["restitution_spread"].high
+
+
+def test_likelihood_functions_know_the_pool():
+    """Members' density about the mean, on the scale that is searched: a log-normal one."""
+    sets = [cal.RestitutionData(V, 0.9 * np.exp(-0.1 * V), name=n, uncertainty=0.01) for n in "ab"]
+    problem = cal.problem(sets, Decay, {"rate": cal.Parameter(shared="pooled")})
+    expected = ("level[a]", "rate[a]", "level[b]", "rate[b]", "rate", "rate_spread")
+    assert problem.names == expected
+    theta = dict(zip(problem.names, (0.9, 0.12, 0.9, 0.08, 0.1, 0.3), strict=True))
+    density = sum(stats.lognorm.logpdf(rate, 0.3, scale=0.1) for rate in (0.12, 0.08))
+    assert float(problem.log_prior(theta)) == pytest.approx(density, rel=1e-10)
+    rows = np.asarray(problem.residuals(theta))[-2:]
+    np.testing.assert_allclose(rows, np.log([1.2, 0.8]) / 0.3, rtol=1e-10)
+    assert float(problem.log_prior(theta | {"rate_spread": -1.0})) == -np.inf
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (lambda: cal.Parameter(shared="pooled", prior=(1, 1)), "`prior` must be left out"),
+        (
+            lambda: cal.fit(constants()[0], sj.ConstantRestitution, POOLED),
+            "left out for one data set alone",
+        ),
+    ],
+)
+def test_what_cannot_be_pooled_is_refused(build, message):
+    with pytest.raises(ValueError, match=message):
+        build()

@@ -1,0 +1,57 @@
+"""The reference is built whole: every public name told, no link that leads nowhere."""
+
+import re
+
+import pytest
+
+import calibration as cal
+import softjax as sj
+from notebooks.reference import links, names, site
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    """The site, in the quietest way: warnings are errors in the tests."""
+    out = tmp_path_factory.mktemp("reference")
+    assert site.build(out) == []
+    return out
+
+
+@pytest.mark.parametrize("package", [sj, cal], ids=["softjax", "calibration"])
+def test_every_public_name_has_its_place_with_its_docstring(built, package):
+    text = (built / f"{package.__name__}.html").read_text(encoding="utf-8")
+    for name in package.__all__:
+        place = text.partition(f'<section id="{name}">')[2].partition("</section>")[0]
+        assert 'class="docstring"' in place, name
+
+
+def test_chapters_and_notebooks_are_pages(built):
+    pages = {path.stem for path in built.glob("*.html")}
+    assert {"index", "readme", "changelog", "how_it_works", "6_sensitivity"} <= pages
+    text = (built / "6_sensitivity.html").read_text(encoding="utf-8")
+    assert text.count("data:image/png;base64,") == 3
+    assert "<math" in text  # formulas need nothing of the web
+
+
+def test_links_between_chapters_become_links_between_pages(built):
+    text = (built / "readme.html").read_text(encoding="utf-8")
+    assert 'href="measurements.html"' in text
+    assert 'src="figures/curves.png"' in text
+    assert (built / "figures" / "curves.png").is_file()
+    assert not re.search(r'href="[^"]*\.(md|ipynb)', text)
+
+
+def test_a_dead_link_is_found(tmp_path):
+    (tmp_path / "a.html").write_text('<a href="b.html#x">b</a><a href="#y">y</a>')
+    (tmp_path / "b.html").write_text('<p id="z"><a href="c.html"><img src="data:,">')
+    assert links.dead(tmp_path) == [
+        "a.html: b.html#x leads nowhere",
+        "a.html: #y leads nowhere",
+        "b.html: c.html leads nowhere",
+    ]
+
+
+def test_a_silent_name_is_found(monkeypatch):
+    (module,) = [one for one in names.modules().values() if one.modulename == "softjax"]
+    monkeypatch.setattr(module.members["restitution"], "docstring", "")
+    assert "softjax.restitution" in list(names.undocumented())

@@ -1,0 +1,333 @@
+"""Points that share errors: against dense matrices, closed forms and SciPy."""
+
+import numpy as np
+import pytest
+from scipy import optimize, stats
+
+import calibration as cal
+from calibration.fitting.set_errors import SetErrors, Structure
+from calibration.fitting.small_sample import missing
+from calibration.fitting.variances import Seen, criterion, estimated
+
+RANDOM = np.random.default_rng(7)
+TIMING = 3e-4
+VARIANCE = {"scatter": 1e-5, "group": 4e-6}
+QUICK = {"starts": 1}
+
+
+def bounces(stated=True, launches=3, count=5, seed=1):
+    """Trains of one ball whose ε is 0.9, with timing noise."""
+    random = np.random.default_rng(seed)
+    times, labels = [], []
+    for k in range(launches):
+        first = random.uniform(0.5, 0.7)
+        times += [first * 0.9**n + TIMING * random.standard_normal() for n in range(count + 1)]
+        labels += [f"l{k}"] * (count + 1)
+    told = {"timing_uncertainty": TIMING} if stated else {}
+    return cal.RestitutionData.from_table({"launch": labels, "interval": times}, **told)
+
+
+def dense(data, slope, variance):
+    """V written down from δε = (δtₙ₊₁ - ε δtₙ)/tₙ and δv = g δtₙ/2, one matrix for each cause."""
+    n = len(data)
+    before = 2 * data.velocity / 9.80665
+    launch = data.group_index
+    of_times = np.zeros((n, 2 * n))
+    place = np.arange(n) + launch  # each launch has one interval more than points
+    of_times[np.arange(n), place] = -data.restitution / before - slope * 9.80665 / 2
+    of_times[np.arange(n), place + 1] = 1 / before
+    size2 = variance.get("timing", TIMING**2)
+    together = launch[:, None] == launch[None, :]
+    timed = size2 * of_times @ of_times.T
+    return timed + variance["scatter"] * np.eye(n) + variance["group"] * together
+
+
+@pytest.fixture(params=[True, False], ids=["timing stated", "timing unknown"])
+def errors(request):
+    data = bounces(request.param)
+    slope = RANDOM.normal(0, 0.01, len(data))
+    variance = VARIANCE if request.param else VARIANCE | {"timing": 2 * TIMING**2}
+    own = SetErrors(Structure(data.errors, slope, data.group_index), variance)
+    return own, dense(data, slope, variance)
+
+
+def test_whitening_is_that_of_the_dense_matrix(errors):
+    own, matrix = errors
+    white = own.whiten(np.eye(len(matrix)))
+    np.testing.assert_allclose(white @ matrix @ white.T, np.eye(len(matrix)), atol=1e-9)
+    np.testing.assert_allclose(own.unwhiten(white), np.linalg.inv(matrix), rtol=1e-7, atol=1e-3)
+    assert own.log_determinant == pytest.approx(np.linalg.slogdet(matrix)[1], rel=1e-10)
+    np.testing.assert_allclose(own.diagonal, np.diag(matrix), rtol=1e-12)
+
+
+def test_whitening_mixes_points_of_one_group_only(errors):
+    own, _ = errors
+    white = own.whiten(np.eye(len(own.slope)))
+    other = own.group[:, None] != own.group[None, :]
+    assert np.all(white[other] == 0)
+
+
+def test_each_variance_has_its_part(errors):
+    own, matrix = errors
+    values = RANDOM.standard_normal((len(matrix), 2))
+    parts = own.contributions(values)
+    for name, part in parts.items():
+        more = own.variance | {name: 1.5 * own.variance[name]}
+        larger = SetErrors(own.structure, more)
+        white = np.linalg.inv(larger.whiten(np.eye(len(matrix))))
+        rise = values.T @ (white @ white.T - matrix) @ values
+        np.testing.assert_allclose(part, 2 * rise, rtol=1e-6)
+
+
+def test_errors_are_wider_by_what_estimated_variances_add(errors):
+    """Kenward and Roger's formula with dense matrices."""
+    own, matrix = errors
+    names, n = list(own.variance), len(matrix)
+    data, slope = bounces(not own.points.size_is_unknown), own.slope
+    none = dict.fromkeys(names, 0.0)
+    whole = {name: dense(data, slope, none | {name: own.variance[name]}) for name in names}
+    stated = dense(data, slope, none)
+    jacobian = RANDOM.normal(0, 1, (n, 2))
+    relative = np.array([[0.5, 0.1, 0.05], [0.1, 0.3, 0.02], [0.05, 0.02, 0.4]])
+    relative = relative[: len(names), : len(names)]
+    inverse = np.linalg.inv(matrix)
+    known = np.linalg.inv(jacobian.T @ inverse @ jacobian)
+    expected = np.zeros((2, 2))
+    for c, one in enumerate(names):
+        for d, two in enumerate(names):
+            first, second = whole[one] - stated, whole[two] - stated
+            pull = jacobian.T @ inverse
+            bent = pull @ first @ inverse @ second @ pull.T
+            within = pull @ first @ pull.T @ known @ pull @ second @ pull.T
+            expected += relative[c, d] * (bent - within)
+    found = missing(own, jacobian, relative, known)
+    np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-8 * np.max(np.abs(expected)))
+
+
+def test_what_is_simulated_has_this_covariance(errors):
+    own, matrix = errors
+    drawn = own.simulate(np.random.default_rng(3), 40_000)
+    spread = np.sqrt(np.outer(np.diag(matrix), np.diag(matrix)))
+    assert np.max(np.abs(np.cov(drawn.T) - matrix) / spread) < 0.03
+
+
+def specimens(groups=6, each=5, offset=0.003, scatter=0.0015, seed=2, u=None):
+    """Equally many impacts of each specimen, all of one ε but for the specimens' offsets."""
+    random = np.random.default_rng(seed)
+    label = np.repeat(np.arange(groups), each)
+    off = offset * random.standard_normal(groups)[label]
+    e = 0.8 + off + scatter * random.standard_normal(len(label))
+    velocity = random.uniform(1, 5, len(label))
+    return cal.RestitutionData(velocity, e, uncertainty=u, group=[f"s{k}" for k in label])
+
+
+def test_a_mean_of_groups_is_that_of_their_means():
+    """One-way analysis of variance: closed forms for groups of equal size."""
+    data = specimens()
+    means = data.restitution.reshape(6, 5).mean(1)
+    within = np.sum((data.restitution.reshape(6, 5) - means[:, None]) ** 2) / 24
+    result = cal.fit(data, "constant", **QUICK)
+    material, error = result.materials[0], np.std(means, ddof=1) / np.sqrt(6)
+    assert result.values["restitution"] == pytest.approx(np.mean(means), rel=1e-9)
+    assert result.standard_errors["restitution"] == pytest.approx(error, rel=1e-6)
+    assert material.noise == pytest.approx(np.sqrt(within), rel=1e-6)
+    between = np.sqrt(np.var(means, ddof=1) - within / 5)
+    assert material.group_deviation == pytest.approx(between, rel=1e-6)
+    low, high = result.intervals["restitution"]
+    reach = stats.t.ppf(0.975, 5) * error
+    assert low == pytest.approx(np.mean(means) - reach, rel=1e-4)
+    assert high == pytest.approx(np.mean(means) + reach, rel=1e-4)
+
+
+def test_another_specimen_s_band_has_the_specimens_spread():
+    result = cal.fit(specimens(), "constant", **QUICK)
+    material = result.materials[0]
+    mean, one = (result.band(2.0, kind=kind) for kind in ("mean", "prediction"))
+    expected = np.sqrt(mean.standard_error**2 + material.noise**2 + material.group_deviation**2)
+    assert one.standard_error == pytest.approx(expected, rel=1e-9)
+    degrees = 25  # not those of 6 specimens alone, not of 30 points
+    reach = float((one.high - one.low) / 2 / one.standard_error)
+    assert stats.t.ppf(0.975, degrees) < reach < stats.t.ppf(0.975, 5)
+
+
+def test_without_groups_that_differ_nothing_changes():
+    data = specimens(offset=0.0, seed=4)
+    grouped = cal.fit(data, "constant", **QUICK)
+    plain = cal.fit(cal.RestitutionData(data.velocity, data.restitution), "constant", **QUICK)
+    assert grouped.materials[0].group_deviation == 0
+    assert grouped.values["restitution"] == pytest.approx(plain.values["restitution"], rel=1e-12)
+    assert grouped.intervals["restitution"] == pytest.approx(
+        plain.intervals["restitution"], rel=1e-5
+    )
+
+
+def restricted(matrix, off, ones):
+    """-2 ln L_R by dense matrices."""
+    inverse = np.linalg.inv(matrix)
+    information = ones.T @ inverse @ ones
+    mean = np.linalg.solve(information, ones.T @ inverse @ off)
+    left = off - ones @ mean
+    dets = np.linalg.slogdet(matrix)[1] + np.linalg.slogdet(information)[1]
+    return dets + left @ inverse @ left
+
+
+def test_variances_are_those_of_the_largest_restricted_likelihood():
+    """Three at once, of trains of unknown timing, by SciPy on dense matrices."""
+    data = bounces(stated=False, launches=6, count=6, seed=5)
+    offsets = 0.002 * np.random.default_rng(5).standard_normal(6)[data.group_index]
+    off, n = data.restitution + offsets - 0.9, len(data)
+    ones, zero = np.ones((n, 1)), np.zeros(n)
+    errors = SetErrors(Structure(data.errors, zero, data.group_index), {})
+    seen = Seen(off, ones, np.zeros((1, 1)), np.zeros(1))
+    names = ("timing", "scatter", "group")
+    found = estimated(errors, seen, names)
+
+    def cost(x):
+        return restricted(dense(data, zero, dict(zip(names, np.exp(x), strict=True))), off, ones)
+
+    best = min(
+        (
+            optimize.minimize(
+                cost,
+                np.log(start),
+                method="Nelder-Mead",
+                options={"maxiter": 4000, "xatol": 1e-9, "fatol": 1e-12},
+            )
+            for start in ([1e-7, 1e-7, 4e-6], [1e-7, 1e-6, 1e-6])
+        ),
+        key=lambda end: end.fun,
+    )
+    own = restricted(dense(data, zero, found), off, ones)
+    assert own <= best.fun + 1e-6
+    least = criterion(errors.with_variance(found), seen) - criterion(
+        errors.with_variance(found | {"group": 9e-6}), seen
+    )
+    matrix = dense(data, zero, found | {"group": 9e-6})
+    assert least == pytest.approx(own - restricted(matrix, off, ones), rel=1e-9)
+
+
+def test_a_train_is_fitted_by_generalised_least_squares():
+    """ε of a ball by trains whose times have a stated error: written down with dense matrices."""
+    data = bounces(launches=4, seed=8)
+    result = cal.fit(data, "constant", **QUICK)
+    variance = {"scatter": 0.0, "group": result.materials[0].group_deviation ** 2}
+    matrix = dense(data, np.zeros(len(data)), variance)
+    weight = np.linalg.solve(matrix, np.ones(len(data)))
+    expected = weight @ data.restitution / np.sum(weight)
+    assert result.values["restitution"] == pytest.approx(expected, rel=1e-9)
+    error = 1 / np.sqrt(np.sum(weight))
+    assert result.standard_errors["restitution"] == pytest.approx(error, rel=1e-6)
+    apart = 1 / np.sqrt(np.sum(1 / np.diag(matrix)))  # as if consecutive ε shared nothing
+    assert apart > 1.3 * error
+
+
+def test_timing_that_is_not_stated_is_found():
+    data = bounces(stated=False, launches=12, count=8, seed=9)
+    material = cal.fit(data, "constant", **QUICK).materials[0]
+    assert material.timing == pytest.approx(TIMING, rel=0.2)
+    assert "timing" in material.variances
+
+
+def test_scatter_beside_stated_uncertainties_is_paule_s_and_mandel_s():
+    random = np.random.default_rng(11)
+    u = random.uniform(0.001, 0.004, 25)
+    e = 0.7 + np.hypot(u, 0.004) * random.standard_normal(25)
+    data = cal.RestitutionData(np.linspace(1, 3, 25), e, uncertainty=u)
+
+    def excess(s):
+        w = 1 / (u**2 + s)
+        return np.sum(w * (e - np.sum(w * e) / np.sum(w)) ** 2) - 24
+
+    s = optimize.brentq(excess, 1e-9, 1e-3, xtol=1e-16)
+    w = 1 / (u**2 + s)
+    result = cal.fit(data, "constant", extra_scatter=True, **QUICK)
+    assert result.values["restitution"] == pytest.approx(np.sum(w * e) / np.sum(w), rel=1e-8)
+    assert result.materials[0].variances["scatter"] == pytest.approx(s, rel=1e-4)
+    assert result.standard_errors["restitution"] == pytest.approx(np.sum(w) ** -0.5, rel=1e-4)
+    assert "model-misfit" in {one.code for one in cal.fit(data, "constant", **QUICK).warnings}
+    assert "model-misfit" not in {one.code for one in result.warnings}
+
+
+def test_scaled_uncertainties_are_scipy_s_relative_ones():
+    random = np.random.default_rng(12)
+    velocity, u = np.linspace(0.5, 5, 20), random.uniform(0.001, 0.003, 20)
+    curve = lambda v, sigma, psi: np.exp(-sigma * (v / (20 - v)) ** psi)  # noqa: E731
+    e = curve(velocity, 0.6, 0.5) + 2.5 * u * random.standard_normal(20)
+    data = cal.RestitutionData(velocity, e, uncertainty=u, limit_velocity=20.0)
+    result = cal.fit(data, "eq-17", scale_uncertainty=True)
+    values, covariance = optimize.curve_fit(curve, velocity, e, [0.6, 0.5], u, absolute_sigma=False)
+    assert result.values["psi"] == pytest.approx(values[1], rel=1e-6)
+    assert result.standard_errors["psi"] == pytest.approx(covariance[1, 1] ** 0.5, rel=1e-5)
+    plain = cal.fit(data, "eq-17")
+    ratio = result.standard_errors["psi"] / plain.standard_errors["psi"]
+    assert ratio == pytest.approx(plain.materials[0].reduced_chi_squared ** 0.5, rel=1e-6)
+
+
+def test_means_of_repeats_carry_their_degrees_of_freedom():
+    """Pooled: the scatter of all repeats, Student's t of all of them."""
+    random = np.random.default_rng(13)
+    velocity = np.repeat([1.0, 2.0, 3.0], 3)
+    data = cal.RestitutionData(velocity, 0.8 + 0.01 * random.standard_normal(9))
+    sets = data.restitution.reshape(3, 3)
+    s = np.sqrt(np.sum((sets - sets.mean(1)[:, None]) ** 2) / 6)
+    result = cal.fit(data.averaged(), "constant", **QUICK)
+    assert result.standard_errors["restitution"] == pytest.approx(s / 3, rel=1e-9)
+    low, high = result.intervals["restitution"]
+    assert high - low == pytest.approx(2 * stats.t.ppf(0.975, 6) * s / 3, rel=1e-6)
+
+
+def test_means_with_a_scatter_of_their_own_are_weighted_by_their_counts():
+    """Unpooled: equal weights, Welch's and Satterthwaite's degrees of freedom."""
+    random = np.random.default_rng(14)
+    velocity = np.repeat([1.0, 2.0, 3.0], 4)
+    spread = np.repeat([0.001, 0.01, 0.02], 4)
+    data = cal.RestitutionData(velocity, 0.8 + spread * random.standard_normal(12))
+    sets = data.restitution.reshape(3, 4)
+    variance = np.var(sets, axis=1, ddof=1) / 4
+    result = cal.fit(data.averaged(pooled=False), "constant", **QUICK)
+    assert result.values["restitution"] == pytest.approx(np.mean(sets), rel=1e-9)
+    error = np.sqrt(np.sum(variance)) / 3
+    assert result.standard_errors["restitution"] == pytest.approx(error, rel=1e-9)
+    degrees = np.sum(variance) ** 2 / np.sum(variance**2 / 3)
+    low, high = result.intervals["restitution"]
+    assert high - low == pytest.approx(2 * stats.t.ppf(0.975, degrees) * error, rel=1e-3)
+
+
+@pytest.mark.parametrize("loss", ["huber", "soft-l1"])
+def test_robust_losses_are_for_points_that_share_nothing(loss):
+    with pytest.raises(ValueError, match=r"loss.*'squared' where points share errors"):
+        cal.fit(specimens(), "constant", loss=loss)
+
+
+def test_leaving_out_a_group_is_a_fit_without_it():
+    """Exactly, for a law that is linear in what is fitted."""
+    data = specimens()
+    result = cal.fit(data, "constant", **QUICK)
+    left = result.leave_one_out()
+    variances = result.materials[0].variances
+    for k in range(6):
+        out = data.group_index == k
+        others = data.restitution[~out].reshape(5, 5).mean(1)
+        np.testing.assert_allclose(left.predicted[out], np.mean(others), rtol=1e-9)
+        spread = variances["scatter"] * np.eye(5) + variances["group"]
+        of_mean = (variances["group"] + variances["scatter"] / 5) / 5
+        told = stats.multivariate_normal.logpdf(
+            data.restitution[out], [np.mean(others)] * 5, spread + of_mean
+        )
+        assert np.sum(left.log_density[out]) == pytest.approx(told, rel=1e-7)
+
+
+def test_bootstrapped_fits_of_groups_scatter_as_their_error_says():
+    result = cal.fit(specimens(), "constant", **QUICK)
+    spread = np.std(result.bootstrap(400, seed=1).values[:, 0])
+    assert spread == pytest.approx(result.standard_errors["restitution"], rel=0.12)
+
+
+def test_groups_go_into_the_file_and_back(tmp_path):
+    result = cal.fit(bounces(stated=False, launches=6), "constant", **QUICK)
+    result.save(tmp_path / "fit.json")
+    again = cal.FitResult.load(tmp_path / "fit.json")
+    assert again == result
+    one, other = (r.band([2.0, 2.5], kind="prediction") for r in (result, again))
+    np.testing.assert_allclose(one.high, other.high, rtol=1e-12)
+    assert again.materials[0].timing == result.materials[0].timing

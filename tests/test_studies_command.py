@@ -1,0 +1,208 @@
+"""`softjax sensitivity` from the command line to its files: every option acts, or is refused."""
+
+import json
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import calibration as cal
+import softjax as sj
+from calibration.cli import main
+from tests.cases import fitted
+from tests.fit_data import twin
+
+DESIGN = ("nylon", "--study", "design", "--from", "2", "--to", "60", "--shots", "6")
+GLOBAL = ("nylon", "--study", "global", "--at", "20", "--samples", "64")
+DEAD = ["--range", "chi=1000:1100", "--range", "density=1100:1200", "--at", "60"]
+ALLOY = """[[material]]
+name = "alloy"
+youngs_modulus = 2.5e9
+poisson_ratio = 0.3
+density = 1140
+yield_strength = 4.0e7
+radius = 0.0127
+"""
+
+
+@pytest.fixture
+def at(tmp_path, monkeypatch):
+    """A directory to work in."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def told_by(*options: str) -> dict:
+    """What sensitivity.json says after the command."""
+    assert main(["sensitivity", *options]) == 0
+    return json.loads(Path("results/sensitivity.json").read_text(encoding="utf-8"))
+
+
+def files() -> set[str]:
+    return {path.name for path in Path("results").iterdir()}
+
+
+def test_local_sensitivities_are_written_and_drawn(at, capsys):
+    result = told_by("nylon", "--points", "9", "--at", "1", "10")
+    assert "θ ∂ε/∂θ at v [m/s]" in capsys.readouterr().out
+    assert files() == {"sensitivity.csv", "sensitivity.json", "sensitivity.png", "tornado.png"}
+    text = Path("results/sensitivity.csv").read_text(encoding="utf-8")
+    header, *rows = text.splitlines()
+    columns = np.transpose([row.split(",") for row in rows])
+    table = dict(zip(header.split(","), columns, strict=True))
+    v = table["velocity [m/s]"].astype(float)
+    assert len(v) == 9
+    h = 1e-6
+    up, down = (
+        np.asarray(sj.restitution(fitted("nylon", chi=0.21998 * (1 + s)), v).coefficient)
+        for s in (h, -h)
+    )
+    slopes = table["chi d(eps)/d(chi)"].astype(float)
+    np.testing.assert_allclose(slopes, (up - down) / (2 * h), atol=1e-8)
+    assert result["local"]["velocity"] == [1.0, 10.0]
+    assert len(result["local"]["theta_d_epsilon_d_theta"]["radius"]) == 2
+
+
+def test_another_laws_sensitivities_are_those_of_its_fields(at):
+    result = told_by("nylon", "--law", "thornton", "--set", "yield_factor=1.6", "--at", "5")
+    table = result["local"]["theta_d_epsilon_d_theta"]
+    assert set(table) == {
+        *("youngs_modulus", "poisson_ratio", "density", "yield_strength", "radius"),
+        *("yield_factor", "velocity"),
+    }
+    assert table["yield_factor"][0] == pytest.approx(table["yield_strength"][0])
+
+
+def test_information_is_that_of_equally_spaced_shots(at, capsys):
+    options = ("--from", "2", "--to", "60", "--shots", "6", "--uncertainty", "0.003")
+    result = told_by("nylon", "--study", "information", *options)["information"]
+    expected = cal.fisher_information(fitted("nylon"), np.linspace(2, 60, 6), 0.003)
+    assert result["relative_standard_errors"] == pytest.approx(expected.relative_errors)
+    assert result["objective"] == "model"
+    assert "expected standard error of χ̃" in capsys.readouterr().out
+    two = told_by("nylon", "--study", "information", *options, "--objective", "two-step")
+    assert set(two["information"]["standard_errors"]) == {"chi", "sigma", "psi"}
+
+
+def test_parameters_are_freed_and_fixed_as_asked(at):
+    options = ("nylon", "--study", "information", "--from", "0.2")
+    known = told_by(*options, "--free", "yield_strength=4e5", "--fix", "psi")["information"]
+    assert set(known["standard_errors"]) == {"chi", "sigma", "contact.yield_strength"}
+    assert known["standard_errors"]["contact.yield_strength"] < 4e5
+    open_ = told_by(*options, "--free", "yield_strength", "--fix", "psi")["information"]
+    assert open_["standard_errors"]["contact.yield_strength"] > 4e5
+
+
+def test_the_design_follows_its_options(at, capsys):
+    plain = told_by(*DESIGN)["design"]
+    assert files() == {"sensitivity.json", "design.png"}
+    assert "c-optimal for model" in capsys.readouterr().out
+    assert sum(place["shots"] for place in plain["support"]) == 6
+    assert plain["gain"] > 1
+    assert plain["bounds"] == [2.0, 60.0]
+    assert plain["uncertainty"] == 0.01
+    assert (plain["criterion"], plain["target"]) == ("c", "chi")
+    changed = {
+        ("--criterion", "D"): lambda one: one["criterion"] == "D",
+        ("--target", "eps_up"): lambda one: (
+            one["relative_errors"]["eps_up"] < plain["relative_errors"]["eps_up"]
+        ),
+        ("--uncertainty", "0.001"): lambda one: (
+            one["relative_errors"]["chi"] == pytest.approx(0.1 * plain["relative_errors"]["chi"])
+        ),
+        ("--objective", "two-step"): lambda one: one["efficiency"] is None,
+        ("--law", "thornton", "--set", "yield_factor=1.6"): lambda one: (
+            one["target"] == "yield_factor"
+        ),
+    }
+    for options, holds in changed.items():
+        assert holds(told_by(*DESIGN, *options)["design"]), options
+    slow = told_by(*DESIGN, "--criterion", "I", "--over", "2:4")["design"]
+    fast = told_by(*DESIGN, "--criterion", "I", "--over", "40:60")["design"]
+    assert np.mean(slow["velocity"]) < np.mean(fast["velocity"])
+
+
+def test_global_indices_follow_their_options(at, capsys):
+    ranges = ("--range", "chi=0.1:0.4", "--range", "density=1100:1200")
+    wide = told_by(*GLOBAL, *ranges)["global"]
+    assert files() == {"sensitivity.json", "sobol.png"}
+    assert "Sobol indices, first (total) at v [m/s]" in capsys.readouterr().out
+    assert wide["inputs"] == ["chi", "density"]
+    assert (wide["samples"], wide["velocity"]) == (64, [20.0])
+    assert wide["total"][0][0] > 0.9  # of a range so wide
+    assert told_by(*GLOBAL, *ranges)["global"] == wide
+    other = told_by(*GLOBAL, *ranges, "--seed", "5")["global"]
+    assert other["mean"] != wide["mean"]
+    log = told_by(*GLOBAL, *ranges, "--scale", "log")["global"]
+    assert log["mean"][0] > wide["mean"][0] + 0.005  # more of the small χ̃
+
+
+def test_all_studies_of_a_material_file(at):
+    Path("alloy.toml").write_text(ALLOY, encoding="utf-8")
+    options = ("--chi", "0.22", "--sigma", "0.4", "--psi", "0.5", "--shots", "6", "--samples", "16")
+    result = told_by("alloy.toml", *options, "--study", "all", "--points", "5")
+    assert {"local", "information", "design", "global"} < set(result)
+    assert result["global"]["ranges"]["chi"] == pytest.approx([0.198, 0.242])
+    assert result["global"]["ranges"]["radius"] == pytest.approx([0.01143, 0.01397])
+    assert len(files()) == 6
+    told_by("alloy.toml", *options[:6], "--study", "local", "--points", "5")
+    assert "design.png" not in files()  # of the run before
+
+
+@lru_cache
+def fit_file(folder: str) -> cal.FitResult:
+    """A fit with points on both sides of yield, written there."""
+    data = twin("nylon", noise=0.003, seed=1, uncertainty=0.003)
+    result = cal.fit(data, route=sj.EnergyBalance(), profiles=False)
+    result.save(Path(folder) / "fit.json")
+    return result
+
+
+def test_a_fit_is_planned_with_its_own_points_and_objective(at):
+    result = fit_file(str(at))
+    measured = told_by("--fit", "fit.json", "--study", "information")["information"]
+    for name, error in measured["standard_errors"].items():
+        assert error == pytest.approx(result.standard_errors[name], rel=1e-4)
+    more = told_by("--fit", "fit.json", "--study", "information", "--shots", "50")["information"]
+    assert more["standard_errors"]["chi"] < 0.8 * measured["standard_errors"]["chi"]
+    design = told_by("--fit", "fit.json", "--study", "design", "--shots", "5")["design"]
+    assert design["before"] == pytest.approx(measured["relative_standard_errors"])
+    assert design["uncertainty"] == pytest.approx(0.003)
+    for option in (["--objective", "model"], ["--free", "radius"], ["--fix", "psi"]):
+        command = ["sensitivity", "--fit", "fit.json", "--study", "design", *option]
+        assert main(command) == 2
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--range", "chi=0.1:0.4"], "--range"),
+        (["--study", "global", "--range", "colour=1:2"], "--range"),
+        (["--study", "global", "--range", "chi=1"], "--range"),
+        (["--study", "global", "--samples", "1000"], "samples"),
+        (["--study", "global", "--samples", "64", *DEAD], "0 everywhere"),
+        (["--study", "global", "--criterion", "D"], "--criterion"),
+        (["--from", "0"], "--from"),
+        (["--at", "-1"], "--at"),
+        (["--points", "1"], "--points"),
+        (["--shots", "4"], "--shots"),
+        (["--chi", "1000", "--sigma", "50", "--from", "2"], "ε = 0 everywhere"),
+        (["--study", "design", "--points", "9"], "--points"),
+        (["--study", "design", "--target", "colour"], "target"),
+        (["--study", "design", "--shots", "0"], "count"),
+        (["--study", "design", "--over", "1:2"], "--over"),
+        (["--study", "design", "--criterion", "I", "--over", "fast"], "--over"),
+        (["--study", "design", "--criterion", "D", "--target", "chi"], "--target"),
+        (["--study", "information", "--uncertainty", "0"], "uncertainty"),
+        (["--study", "information", "--free", "yield_strength=much"], "--free"),
+        (["--study", "information", "--free", "colour"], "colour"),
+        (["--study", "information", "--law", "hertz"], "none free"),
+    ],
+)
+def test_unusable_studies_are_told_in_one_line_and_write_nothing(at, capsys, options, said):
+    assert main(["sensitivity", "nylon", *options]) == 2
+    told = capsys.readouterr()
+    assert said in told.err
+    assert told.err.count("\n") == 1
+    assert list(at.iterdir()) == []

@@ -1,0 +1,199 @@
+"""Global indices: a model with known answers, SciPy's own, and ε against a brute-force run."""
+
+import math
+import subprocess
+import sys
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy import stats
+
+import calibration as cal
+import softjax as sj
+from calibration.studies.sampling import percentiles
+from tests.cases import FITTED, MATERIALS, RADIUS
+from tests.decay import Decay
+
+A, B = 7.0, 0.1
+RANGES = {
+    "yield_strength": (3.2e7, 4.8e7),
+    "chi": (0.1, 0.4),
+    "sigma": (0.3, 0.6),
+}
+VELOCITY = 3.0
+
+
+def ishigami(sample):
+    """sin a + 7 sin² b + 0.1 c⁴ sin a, each uniform on [-π, π]."""
+    a, b, c = sample["a"], sample["b"], sample["c"]
+    return jnp.sin(a) + A * jnp.sin(b) ** 2 + B * c**4 * jnp.sin(a)
+
+
+def nylon() -> cal.Inputs:
+    return cal.of_spheres(MATERIALS["nylon"], RADIUS, **FITTED["nylon"])
+
+
+def test_ishigamis_function_has_its_known_indices():
+    pi4 = math.pi**4
+    variance = A**2 / 8 + B * pi4 / 5 + B**2 * pi4**2 / 18 + 0.5
+    alone = np.array([0.5 * (1 + B * pi4 / 5) ** 2, A**2 / 8, 0.0]) / variance
+    together = B**2 * pi4**2 * (1 / 18 - 1 / 50) / variance
+    total = alone + np.array([together, 0.0, together])
+    calls = []
+    found = cal.model_indices(
+        ishigami,
+        dict.fromkeys("abc", (-math.pi, math.pi)),
+        samples=4096,
+        resamples=100,
+        progress=lambda *call: calls.append(call),
+    )
+    np.testing.assert_allclose(found.mean, A / 2, rtol=0.01)
+    np.testing.assert_allclose(found.variance, variance, rtol=0.02)
+    np.testing.assert_allclose(found.first[0], alone, atol=0.02)
+    np.testing.assert_allclose(found.total[0], total, atol=0.02)
+    assert np.all((found.first_low < found.first) & (found.first < found.first_high))
+    assert np.all((found.total_low[0] < total) & (total < found.total_high[0]))
+    # E[(∂f/∂x)²]: of b is a²/2; of a is (1 + 2Bπ⁴/5 + B²π⁸/9)/2; of c is B² 8 π⁶/7
+    squares = [0.5 * (1 + 2 * B * pi4 / 5 + B**2 * pi4**2 / 9), A**2 / 2, 8 * B**2 * math.pi**6 / 7]
+    bound = 4 * np.array(squares) / variance
+    np.testing.assert_allclose(found.bound[0], bound, rtol=0.03)
+    assert np.all(found.total[0] < found.bound[0])
+    assert calls[-1] == ("Sobol indices", 4096 * 5, 4096 * 5)
+
+
+@pytest.mark.parametrize("scale", ["uniform", "log"])
+def test_indices_are_those_that_scipy_finds_on_the_same_samples(scale):
+    """Saltelli's estimates of SciPy, which draws its samples from the same Sobol sequence."""
+    ranges = {"a": (0.5, 2.0), "b": (0.1, 3.0)}
+    model = lambda x: x["a"] ** 2 * jnp.stack([x["b"], jnp.exp(-x["b"])])  # noqa: E731
+    found = cal.model_indices(model, ranges, samples=512, scale=scale, seed=3, resamples=10)
+    spread = stats.uniform if scale == "uniform" else stats.loguniform
+    dists = [
+        spread(low, high - low) if scale == "uniform" else spread(low, high)
+        for low, high in ranges.values()
+    ]
+    expected = stats.sobol_indices(
+        func=lambda x: np.array(model(dict(zip("ab", x, strict=True)))),
+        n=512,
+        dists=dists,
+        rng=np.random.default_rng(3),
+    )
+    np.testing.assert_allclose(found.first, expected.first_order, rtol=1e-9)
+    np.testing.assert_allclose(found.total, expected.total_order, rtol=1e-9)
+
+
+def test_limits_are_percentiles_of_resampled_indices():
+    """By SciPy's bootstrap of the same estimates, up to the scatter of 2000 resamples."""
+    random = np.random.default_rng(0)
+    a, b = random.standard_normal((2, 1, 400))
+    ab = np.stack([0.6 * b + 0.8 * a, 0.3 * b + random.standard_normal((1, 400))])
+
+    def indices(place):
+        f_a, f_b, f_ab = a[0, place], b[0, place], ab[0, 0, place]
+        variance = np.var(np.concatenate([f_a, f_b]))
+        return np.mean(f_b * (f_ab - f_a)) / variance, 0.5 * np.mean((f_a - f_ab) ** 2) / variance
+
+    told = {"n_resamples": 2000, "method": "percentile", "vectorized": False}
+    expected = stats.bootstrap([np.arange(400)], indices, **told, rng=1).confidence_interval
+    found = percentiles(a, b, ab, 0.95, 2000, np.random.default_rng(2))
+    width = expected.high - expected.low
+    ours = np.array([[found[0][0, 0], found[2][0, 0]], [found[1][0, 0], found[3][0, 0]]])
+    np.testing.assert_allclose(ours, [expected.low, expected.high], atol=0.1 * np.max(width))
+    narrow = percentiles(a, b, ab, 0.5, 2000, np.random.default_rng(2))
+    assert narrow[1][0, 0] - narrow[0][0, 0] == pytest.approx(0.344 * width[0], rel=0.15)
+
+
+def brute_force(outer: int = 256, inner: int = 512):
+    """Var E[f | θ_i]/Var f and E Var[f | all but θ_i]/Var f by two nested loops."""
+    contact_of = nylon().build
+    rng = np.random.default_rng(7)
+    low, high = np.array(list(RANGES.values())).T
+
+    def drawn(*shape):
+        return low + (high - low) * rng.random((*shape, len(low)))
+
+    @jax.jit
+    def restitution(theta):
+        values = nylon().values | dict(zip(RANGES, jnp.moveaxis(theta, -1, 0), strict=True))
+        values = {k: jnp.broadcast_to(v, theta.shape[:-1]) for k, v in values.items()}
+        return sj.restitution(contact_of(values), VELOCITY).coefficient
+
+    variance = np.var(restitution(drawn(outer, inner)))
+    first, total = [], []
+    for i in range(len(low)):
+        theta = drawn(outer, inner)
+        theta[..., i] = theta[:, :1, i]
+        value = np.asarray(restitution(theta))
+        within = np.mean(np.var(value, axis=1, ddof=1))
+        first.append(np.var(np.mean(value, axis=1), ddof=1) - within / inner)
+        others = np.repeat(drawn(outer, 1), inner, axis=1)
+        others[..., i] = drawn(outer, inner)[..., i]
+        total.append(np.mean(np.var(np.asarray(restitution(others)), axis=1, ddof=1)))
+    return np.array(first) / variance, np.array(total) / variance
+
+
+def test_restitutions_indices_agree_with_a_brute_force_run():
+    found = cal.sobol_indices(nylon(), RANGES, [VELOCITY], samples=2048, resamples=50)
+    first, total = brute_force()
+    np.testing.assert_allclose(found.first[0], first, atol=0.06)
+    np.testing.assert_allclose(found.total[0], total, atol=0.06)
+    assert np.all(found.total[0] < found.bound[0] + 0.01)
+    assert found.names == tuple(RANGES)
+    assert found.symbols == ("Y", "χ̃", "σ")
+    assert np.max(found.total) > 0.3
+
+
+def test_a_single_range_explains_everything():
+    found = cal.sobol_indices(Decay(0.9, 0.05), {"rate": (0.02, 0.08)}, [5.0], samples=256)
+    assert found.first.shape == found.total_high.shape == (1, 1)
+    np.testing.assert_allclose([found.first, found.total], 1.0, atol=0.02)
+
+
+def test_an_output_that_does_not_vary_has_no_indices():
+    law = Decay(0.9, 0.05)
+    found = cal.sobol_indices(law, {"rate": (0.02, 0.08)}, [0.0, 5.0], samples=256)
+    assert np.all(np.isnan(found.first[0]))
+    assert found.to_dict()["first"][0] == [None]
+    assert found.to_dict()["first"][1] == [pytest.approx(1.0, abs=0.02)]
+    assert found.to_dict()["velocity"] == [0.0, 5.0]
+
+
+def test_where_nothing_rebounds_there_is_nothing_to_share_out():
+    with pytest.raises(ValueError, match="0 everywhere") as caught:
+        cal.sobol_indices(Decay(0.9, 500.0), {"rate": (400.0, 600.0)}, [5.0], samples=256)
+    assert "\n" not in str(caught.value)
+
+
+MEMORY = """
+import resource
+import calibration as cal, softjax as sj
+law = sj.Zhou(sj.Contact(1.4e9, 0.00635, 0.0049, 4e7, 320.0), 0.22, 0.44, 0.54)
+ranges = {name: (0.9 * x, 1.1 * x) for name, x in cal.of_law(law).values.items()}
+found = cal.sobol_indices(law, ranges, [0.5, 2.0, 20.0], samples=1 << 17)
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20)
+"""
+
+
+@pytest.mark.long
+def test_a_hundred_thousand_samples_stay_within_a_gibibyte():
+    run = [sys.executable, "-c", MEMORY]
+    done = subprocess.run(run, capture_output=True, text=True, check=True)
+    assert float(done.stdout) < 1.0
+
+
+@pytest.mark.parametrize(
+    ("ranges", "options", "named"),
+    [
+        ({"colour": (0, 1)}, {}, "ranges"),
+        ({"chi": (2.0, 1.0)}, {}, "ranges"),
+        ({}, {}, "ranges"),
+        ({"chi": (0.0, 1.0)}, {"scale": "log"}, "ranges"),
+        ({"chi": (0.1, 1.0)}, {"samples": 1000}, "samples"),
+        ({"chi": (0.1, 1.0)}, {"scale": "cubic"}, "scale"),
+    ],
+)
+def test_what_makes_no_sense_is_named(ranges, options, named):
+    with pytest.raises(ValueError, match=f"`{named}"):
+        cal.sobol_indices(nylon(), ranges, [1.0], **options)

@@ -1,0 +1,143 @@
+"""Fields that are whole: a network's weights and a table's knots beside numbers of each impact."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import softjax as sj
+from tests.cases import pair
+
+STEEL = pair("stainless steel", area="hertz")
+VELOCITY = np.array([0.05, 0.4, 3.0])
+KNOTS = np.array([0.0, 0.2, 0.5, 1.0])
+HEIGHTS = np.array([0.0, 0.05, 0.3, 1.0])
+
+
+class Tabled(sj.RateIndependentLaw):
+    """Back along a table of force over overlap, both relative to the peak."""
+
+    contact: sj.Contact
+    stiffness: float
+    knots: jax.Array = sj.array_field()
+    heights: jax.Array = sj.array_field()
+
+    def loading_force(self, overlap):
+        return self.stiffness * overlap
+
+    def unloading_force(self, overlap, peak_overlap):
+        share = jnp.interp(overlap / peak_overlap, self.knots, self.heights)
+        return self.loading_force(peak_overlap) * share
+
+
+class Networked(sj.RateIndependentLaw):
+    """Back along s^2 times what a network makes of s and the peak."""
+
+    contact: sj.Contact
+    stiffness: float
+    network: eqx.nn.MLP = sj.array_field()
+
+    def loading_force(self, overlap):
+        return self.stiffness * overlap
+
+    def unloading_force(self, overlap, peak_overlap):
+        s = overlap / peak_overlap
+        bend = jnp.tanh(self.network(jnp.stack([s, peak_overlap / 1e-4])))
+        return self.loading_force(peak_overlap) * s**2 * (1 + 0.5 * (1 - s) * bend)
+
+
+TABLE = Tabled(STEEL, 1e6, KNOTS, HEIGHTS)
+NETWORK = Networked(
+    STEEL, 1e6, eqx.nn.MLP(2, "scalar", 8, 1, jax.nn.softplus, key=jax.random.key(0))
+)
+
+
+def squared_by_trapezoids(heights):
+    """∫ of the table over its width: ε² = 2 × that."""
+    return 2 * np.sum(0.5 * np.diff(KNOTS) * (heights[1:] + heights[:-1]))
+
+
+def squared_by_gauss(law, peak):
+    nodes, weights = np.polynomial.legendre.leggauss(60)
+    x = 0.5 * peak * (nodes + 1)
+    force = jax.vmap(lambda x: law.unloading_force(x, peak))(x)
+    return 0.5 * peak * np.sum(weights * force) / (0.5 * 1e6 * peak**2)
+
+
+def test_a_table_is_whole_whatever_the_batch():
+    """Its kinks move with the peak and are not declared: 1e-9, or told."""
+    exact = squared_by_trapezoids(HEIGHTS)
+    for velocity in (0.4, VELOCITY, VELOCITY[:2, None] * np.ones(3)):
+        result = sj.restitution(TABLE, velocity)
+        assert result.coefficient.shape == np.shape(velocity)
+        off = np.abs(np.asarray(result.coefficient) ** 2 - exact)
+        assert np.all((off < 1e-9) | (np.asarray(result.status) & sj.Status.INEXACT > 0))
+        assert np.all(off < 1e-3)
+
+
+def test_a_network_by_both_routes():
+    exact = sj.restitution(NETWORK, VELOCITY)
+    peak = np.asarray(exact.peak_overlap)
+    expected = [squared_by_gauss(NETWORK, x) for x in peak]
+    assert np.allclose(exact.coefficient**2, expected, rtol=1e-10, atol=0)
+    by_time = sj.restitution(NETWORK, VELOCITY, route=sj.ODE(rtol=1e-10))
+    assert np.allclose(by_time.coefficient, exact.coefficient, rtol=1e-8, atol=0)
+    assert np.allclose(by_time.duration, exact.duration, rtol=1e-7, atol=0)
+    assert np.all(exact.status == sj.Status.NO_RESIDUAL_OVERLAP)
+
+
+@pytest.mark.parametrize(
+    "route",
+    [
+        pytest.param(None, id="energy"),
+        pytest.param(sj.ODE(rtol=1e-9), id="ode", marks=pytest.mark.long),
+    ],
+)
+def test_slopes_in_its_weights(route):
+    """Along a random direction through all weights, forward and backward, against differences."""
+    weights, rest = eqx.partition(NETWORK, eqx.is_inexact_array)
+    keys = iter(jax.random.split(jax.random.key(1), len(jax.tree.leaves(weights))))
+    along = jax.tree.map(lambda w: jax.random.normal(next(keys), jnp.shape(w)), weights)
+
+    @jax.jit
+    def total(t):
+        moved = jax.tree.map(lambda w, d: w + t * d, weights, along)
+        return sj.restitution(eqx.combine(moved, rest), VELOCITY, route).coefficient.sum()
+
+    step = 1e-4
+    exact = (total(step) - total(-step)) / (2 * step)
+    assert abs(exact) > 1e-3
+    assert np.isclose(jax.grad(total)(0.0), exact, rtol=1e-6)
+    assert np.isclose(jax.jvp(total, (0.0,), (1.0,))[1], exact, rtol=1e-6)
+
+
+def test_slopes_in_the_heights_of_a_table():
+    slopes = jax.grad(lambda law: (sj.restitution(law, VELOCITY).coefficient ** 2).sum())(TABLE)
+    width = np.diff(KNOTS)
+    exact = 2 * len(VELOCITY) * 0.5 * (np.append(0.0, width) + np.append(width, 0.0))
+    # the kinks are not declared: what a quadrature across them leaves over
+    assert np.allclose(slopes.heights, exact, rtol=0, atol=1e-2)
+    assert slopes.stiffness == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.long
+def test_many_impacts_and_many_networks():
+    """Large batches keep it whole; `vmap` over networks is a network after the other."""
+    many = sj.restitution(TABLE, np.full(300_000, 0.4)).coefficient
+    assert np.all(many == many[0])
+    heights = np.array([HEIGHTS, HEIGHTS**2])
+    each = jax.vmap(lambda h: sj.restitution(Tabled(STEEL, 1e6, KNOTS, h), VELOCITY))(heights)
+    for k in range(2):
+        alone = sj.restitution(Tabled(STEEL, 1e6, KNOTS, heights[k]), VELOCITY)
+        assert np.allclose(each.coefficient[k], alone.coefficient, rtol=1e-13)
+        assert np.allclose(each.duration[k], alone.duration, rtol=1e-12)
+
+
+def test_a_law_with_a_network_goes_through_jit_as_it_is():
+    compiled = jax.jit(lambda law, v: sj.restitution(law, v).coefficient)
+    assert np.allclose(compiled(NETWORK, VELOCITY), sj.restitution(NETWORK, VELOCITY).coefficient)
+    assert bool(NETWORK.is_valid())
+    broken = eqx.tree_at(lambda law: law.network.layers[0].bias, NETWORK, np.full(8, np.nan))
+    result = jax.jit(sj.restitution)(broken, VELOCITY)
+    assert np.all(result.status == sj.Status.INVALID_INPUT)
