@@ -39,6 +39,8 @@ with install_import_hook(CHECKED, "beartype.beartype"):
     import softjax.collision
     import softjax.rate_dependent
 
+from tests.slow import SLOW  # noqa: E402
+
 sj.enable_x64()
 
 
@@ -48,3 +50,11 @@ def no_compilations_are_kept():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("calibration.cli.keep_compilations", lambda: None)
         yield
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """What takes long to compile is `long`, so that the suite stays short."""
+    for item in items:
+        if item.nodeid.removeprefix("tests/") in SLOW:
+            item.add_marker(pytest.mark.long)

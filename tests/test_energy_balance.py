@@ -147,7 +147,7 @@ def test_duration_just_above_yield(form):
 
 
 @pytest.mark.parametrize("form", ["first-order", pytest.param("full", marks=pytest.mark.long)])
-@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize("dtype", [np.float64, pytest.param(np.float32, marks=pytest.mark.long)])
 def test_critical_velocity_is_elastic_and_the_next_number_is_not(form, dtype):
     """Whether the law's numbers are arguments of the compiled function or constants in it."""
     ratio, radius = np.meshgrid(np.geomspace(2, 1e6, 20), np.geomspace(1e-9, 1e3, 20))

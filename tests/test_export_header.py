@@ -201,7 +201,10 @@ def test_single_precision(name):
 
 
 @pytest.mark.parametrize("language", ["c", "c++"])
-@pytest.mark.parametrize("name", [*INDEPENDENT, *DAMPED, *OWN])
+@pytest.mark.parametrize(
+    "name",
+    [*INDEPENDENT, *DAMPED, *(pytest.param(name, marks=pytest.mark.long) for name in OWN)],
+)
 def test_it_compiles_by_itself_without_a_warning(name, language, tmp_path):
     text = header((INDEPENDENT | DAMPED | OWN)[name])
     for real in ("double", "float") if name not in OWN else ("double",):  # numbers in a table

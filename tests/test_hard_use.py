@@ -66,6 +66,7 @@ def test_two_devices():
     """)
 
 
+@pytest.mark.long
 def test_threads_and_a_thousand_calls():
     """The same from eight threads at once; and memory does not grow with calls of many sizes."""
     run("""

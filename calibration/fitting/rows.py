@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -24,20 +25,28 @@ LEAST_ROWS = 16
 
 
 class Tree(NamedTuple):
-    """How the numbers of a whole parameter make up its pytree; hashable."""
+    """How the numbers of a whole parameter make up its pytree; hashable.
+
+    Attributes:
+        name: of the parameter.
+        structure: of its pytree.
+        leaves: the shape of each leaf of numbers; what is none, an activation function, itself.
+    """
 
     name: str
     structure: Any
-    shapes: tuple[tuple[int, ...], ...]
+    leaves: tuple[Any, ...]
 
     @classmethod
     def of(cls, name: str, value: Any) -> "Tree":
         leaves, structure = jax.tree.flatten(value)
-        return cls(name, structure, tuple(np.shape(leaf) for leaf in leaves))
+        told = (np.shape(leaf) if eqx.is_array_like(leaf) else leaf for leaf in leaves)
+        return cls(name, structure, tuple(told))
 
     @property
     def size(self) -> int:
-        return sum(int(np.prod(shape, dtype=int)) for shape in self.shapes)
+        shapes = (leaf for leaf in self.leaves if isinstance(leaf, tuple))
+        return sum(int(np.prod(shape, dtype=int)) for shape in shapes)
 
     @property
     def entries(self) -> list[str]:
@@ -46,16 +55,22 @@ class Tree(NamedTuple):
     def assembled(self, numbers: Sequence[Any]) -> Any:
         """The pytree of its numbers in a row."""
         leaves, first = [], 0
-        for shape in self.shapes:
-            size = int(np.prod(shape, dtype=int))
-            leaves.append(jnp.stack(list(numbers[first : first + size])).reshape(shape))
-            first += size
+        for leaf in self.leaves:
+            if isinstance(leaf, tuple):
+                size = int(np.prod(leaf, dtype=int))
+                leaf, first = _block(numbers[first : first + size], leaf), first + size
+            leaves.append(leaf)
         return jax.tree.unflatten(self.structure, leaves)
+
+
+def _block(numbers: Sequence[Any], shape: tuple[int, ...]) -> jax.Array:
+    return jnp.stack(list(numbers)).reshape(shape)
 
 
 def numbers_in(value: Any) -> np.ndarray:
     """All numbers of a pytree in a row."""
-    return np.concatenate([np.ravel(np.asarray(leaf, float)) for leaf in jax.tree.leaves(value)])
+    leaves = filter(eqx.is_array_like, jax.tree.leaves(value))
+    return np.concatenate([np.ravel(np.asarray(leaf, float)) for leaf in leaves])
 
 
 @dataclass(frozen=True)
