@@ -1,6 +1,6 @@
 """Where a rate-independent collision is put together: the same way by either route.
 
-A route gives pieces (`pieces.Pieces`), the law its hooks: where loading ends, what remains, whether
+A route gives pieces (`parts.Pieces`), the law its hooks: where loading ends, what remains, whether
 the unloading force vanishes, kinks, the range it was derived for. Here, and nowhere else, they meet.
 """
 
@@ -16,14 +16,14 @@ from softjax import energy
 from softjax._impacts import Mapped, over_impacts, recomputed_in_rows
 from softjax._numerics import safe_power
 from softjax.laws.reduced import Reduced, ReducedClosedForm, ReducedRateIndependent
-from softjax.pieces import Pieces
+from softjax.parts import Pieces
 from softjax.routes import ODE, Route
 
 SETTLED = {"float64": 1e-10, "float32": 1e-5}  # of the impact's energy
 
 
 class Outcome(NamedTuple):
-    """A collision in reduced variables, as either route computes it; arrays over impacts.
+    """A collision as either route computes it, in reduced variables or in metres; over impacts.
 
     Attributes:
         peak: x_m, the largest overlap.

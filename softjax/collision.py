@@ -19,7 +19,7 @@ from softjax._numerics import implicit_root, parabolic_step
 from softjax._search import reach
 from softjax.falls import Fall
 from softjax.laws.reduced import Reduced, ReducedClosedForm, ReducedRateIndependent
-from softjax.pieces import Peak, Pieces, Rebound, loading_kinks, unloading_kinks
+from softjax.parts import Peak, Pieces, Rebound, loading_kinks, unloading_kinks
 from softjax.release import Release, release, searched
 from softjax.routes import ODE
 

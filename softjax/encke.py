@@ -15,7 +15,7 @@ from jaxtyping import Array
 from softjax._bridge import solve
 from softjax._numerics import integrate, near_one_root, safe_sqrt
 from softjax.laws.reduced import ReducedRateIndependent
-from softjax.pieces import Peak
+from softjax.parts import Peak
 from softjax.routes import ODE
 
 HALF_PERIOD = {2.5: 1.4716375921622639, 2.0: 1.5707963267948966}  # ∫_0^1 dz/√(1 - z^k)

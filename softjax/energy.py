@@ -23,7 +23,7 @@ from softjax._numerics import integrate, safe_sqrt
 from softjax._quadrature import Integral, falling_time, integral, smooth_falling_time
 from softjax._search import Reach, reach
 from softjax.laws.reduced import ReducedClosedForm, ReducedRateIndependent
-from softjax.pieces import Peak, Pieces, Rebound, loading_kinks, unloading_kinks
+from softjax.parts import Peak, Pieces, Rebound, loading_kinks, unloading_kinks
 from softjax.release import Release, as_told, release, searched
 
 IN_CACHE = 64  # impacts, each with all nodes of a quadrature

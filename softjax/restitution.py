@@ -12,7 +12,8 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 from softjax._batches import in_batches
 from softjax._checks import is_traced
 from softjax._numerics import safe_sqrt
-from softjax.collisions import Collisions, collisions, durations
+from softjax.assembly import Outcome
+from softjax.batch import collisions, durations
 from softjax.fields import released, whole_leaves
 from softjax.impact import Impact, check_law, checked, common_precision, known_regime, prepare
 from softjax.laws.base import ContactLaw, HardSphereLaw, RateDependentLaw
@@ -236,7 +237,7 @@ def _solved(law, velocity, route, regime, branch=None):
     return impact, found, squared, _status(impact, found, squared, at_limit)
 
 
-def _status(impact: Impact, found: Collisions, squared, at_limit) -> Array:
+def _status(impact: Impact, found: Outcome, squared, at_limit) -> Array:
     yields = ~impact.elastic
     answered = yields & found.turns & found.solved
     conditions = {

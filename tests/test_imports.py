@@ -18,11 +18,11 @@ LAYERS = [
     {"contact", "empirical", "routes"},
     {"laws", "_impacts", "_pieces"},
     {"impact", "_batches", "_bridge", "release"},
-    {"pieces", "phase", "falls"},
+    {"parts", "phase", "falls"},
     {"encke"},
     {"energy", "collision", "rate_dependent"},
     {"assembly"},
-    {"collisions"},
+    {"batch"},
     {"restitution"},
     {"history", "plot", "paper"},
 ]

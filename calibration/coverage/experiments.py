@@ -88,7 +88,7 @@ class _Bench:
         self._curve = np.asarray(sj.restitution(law, self._table).coefficient)
 
     def at(self, velocity: Column) -> Column:
-        """ε; of a dense table where there are many (1e-9)."""
+        """ε without errors."""
         return np.asarray(sj.restitution(self._law, velocity).coefficient)
 
     def plain(self, random: np.random.Generator) -> RestitutionData:

@@ -1,40 +1,19 @@
 """A batch of impacts through its law, whatever kind it is, in SI units."""
 
-from typing import NamedTuple
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
 from softjax import assembly, energy
 from softjax._numerics import safe_power
+from softjax.assembly import Outcome
 from softjax.impact import Impact
 from softjax.laws.base import HardSphereLaw, RateDependentLaw, RateIndependentLaw
 from softjax.routes import Route
 
 
-class Collisions(NamedTuple):
-    """What the forces do, impact by impact.
-
-    Attributes:
-        peak, residual: overlaps [m].
-        plastic_squared: ε_p² [-].
-        turns, solved, exact, released, beyond, gains: as in `assembly.Outcome`.
-    """
-
-    peak: Array
-    residual: Array
-    plastic_squared: Array
-    turns: Bool[Array, "..."]
-    solved: Bool[Array, "..."]
-    exact: Bool[Array, "..."]
-    released: Bool[Array, "..."]
-    beyond: Bool[Array, "..."]
-    gains: Bool[Array, "..."]
-
-
-def collisions(impact: Impact, route: Route, regime: str) -> Collisions:
-    """Elastic impacts by Hertz's or the law's own power law, the others by the route."""
+def collisions(impact: Impact, route: Route, regime: str) -> Outcome:
+    """Elastic impacts by Hertz's or the law's own power law, the others by the route; in metres."""
     law = impact.law
     if isinstance(law, HardSphereLaw):
         squared = law.restitution_squared(impact.velocity)
@@ -67,12 +46,12 @@ def durations(impact: Impact, route: Route, regime: str) -> tuple[Array, Bool[Ar
     return jnp.where(impact.elastic, elastic, time), impact.elastic | ends
 
 
-def _plain(peak, residual, squared) -> Collisions:
+def _plain(peak, residual, squared) -> Outcome:
     peak, residual = (
         jnp.broadcast_to(x, squared.shape).astype(squared.dtype) for x in (peak, residual)
     )
     yes = jnp.ones_like(squared, dtype=bool)
-    return Collisions(peak, residual, squared, yes, yes, yes, yes, ~yes, ~yes)
+    return Outcome(peak, residual, squared, yes, yes, yes, yes, ~yes, ~yes)
 
 
 def _elastic_peak(impact: Impact) -> Array | float:
@@ -82,7 +61,7 @@ def _elastic_peak(impact: Impact) -> Array | float:
     return scales.overlap * safe_power(impact.velocity / scales.velocity, 2 / exponent)
 
 
-def _beyond_elastic(impact: Impact, route: Route) -> Collisions:
+def _beyond_elastic(impact: Impact, route: Route) -> Outcome:
     reduced = impact.law.reduced_at(impact.acting)
     length = reduced.scales.overlap
     if isinstance(impact.law, RateDependentLaw):
@@ -90,7 +69,7 @@ def _beyond_elastic(impact: Impact, route: Route) -> Collisions:
         found = _plain(rebound.peak * length, rebound.residual * length, rebound.plastic_squared)
         return found._replace(turns=rebound.turns, solved=rebound.solved)
     outcome = assembly.collide(reduced, route)
-    return Collisions(outcome.peak * length, outcome.residual * length, *outcome[2:])
+    return outcome._replace(peak=outcome.peak * length, residual=outcome.residual * length)
 
 
 def _rate_dependent():
