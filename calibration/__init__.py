@@ -9,7 +9,7 @@
 Importing this imports no solver and no optimiser; each name is loaded when it is asked for.
 """
 
-import importlib
+from calibration.lazily import loaded
 
 _WHERE = {
     "RestitutionData": "data.measurements",
@@ -55,11 +55,7 @@ __all__ = sorted(_WHERE)
 
 
 def __getattr__(name: str):
-    if name not in _WHERE:
-        raise AttributeError(f"module 'calibration' has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"calibration.{_WHERE[name]}"), name)
-    globals()[name] = value
-    return value
+    return loaded(__name__, _WHERE, name)
 
 
 def __dir__() -> list[str]:

@@ -11,6 +11,14 @@ import softjax as sj
 from calibration import cli
 from tests.cases import RADIUS, pair
 
+BODIES = """[[material]]
+name = "alloy"
+youngs_modulus = 2.5e9
+poisson_ratio = 0.3
+density = 1140
+yield_strength = 4.0e7
+radius = 0.0127
+"""
 ALLOY = """
 [fit]
 {settings}

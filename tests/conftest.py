@@ -52,6 +52,13 @@ def no_compilations_are_kept():
         yield
 
 
+@pytest.fixture
+def at(tmp_path, monkeypatch):
+    """A directory to work in."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
     """What takes long to compile is `long`, so that the suite stays short."""

@@ -9,11 +9,17 @@ import pytest
 
 import calibration as cal
 
-if "SOFTJAX_TEST_EXTRAS" not in os.environ:  # where the extra has to be there its absence fails
-    pytest.importorskip("blackjax", reason="no sampler: pip install softjax-contact[bayes]")
+
+def needed(name):
+    """A package of the extra; where it has to be there its absence fails, else it skips."""
+    if "SOFTJAX_TEST_EXTRAS" in os.environ:
+        return importlib.import_module(name)
+    return pytest.importorskip(name, reason="pip install softjax-contact[test-bayes]")
+
+
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", FutureWarning)  # ArviZ 0.23 announces 1.0
-    az = importlib.import_module("arviz")
+    blackjax, az, xarray = needed("blackjax"), needed("arviz"), needed("xarray")
 
 V = np.linspace(0.5, 4.0, 16)
 

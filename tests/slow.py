@@ -1,7 +1,6 @@
 """Tests that take long to compile what others compile too, or a neighbour of theirs checks: `long`."""
 
 SLOW = [
-    "",
     "test_notebooks.py::test_runs_and_gives_what_is_stored[2_restitution_curves]",
     "test_notebooks.py::test_runs_and_gives_what_is_stored[4_speed_against_error]",
     "test_notebooks.py::test_runs_and_gives_what_is_stored[6_sensitivity]",
@@ -27,5 +26,4 @@ SLOW = [
     "test_broadcasting.py::test_vmap_over_laws_is_broadcasting",
     "test_gradients.py::test_second_derivatives[full-forward over reverse]",
     "test_cli_options.py::test_a_setting_acts_in_the_file_and_on_the_command_line[form]",
-    "",
 ]

@@ -8,7 +8,8 @@ import pytest
 from tests.test_imports import has_no_cycle, imported, loaded_after, modules, part
 
 FLOORS = [
-    {"errors", "rounding", "choices", "progress", "atomic", "cache", "signals", "terminal"},
+    {"lazily", "errors", "rounding", "choices", "progress", "atomic"}
+    | {"cache", "signals", "terminal"},
     {"parameters", "data"},
     {"problem_file", "fitting"},
     {"report", "coverage"},

@@ -7,22 +7,7 @@ import calibration as cal
 import softjax as sj
 from calibration.cli import main
 from tests.cases import FITTED, fitted, pair
-
-ALLOY = """[[material]]
-name = "alloy"
-youngs_modulus = 2.5e9
-poisson_ratio = 0.3
-density = 1140
-yield_strength = 4.0e7
-radius = 0.0127
-"""
-
-
-@pytest.fixture
-def at(tmp_path, monkeypatch):
-    """A directory to work in."""
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
+from tests.command import BODIES
 
 
 @pytest.fixture(scope="module")
@@ -132,7 +117,7 @@ def test_any_law_is_asked_for_by_name(at, options, law):
 
 
 def test_a_material_file_needs_the_coefficients_it_does_not_hold(at, capsys):
-    (at / "alloy.toml").write_text(ALLOY, encoding="utf-8")
+    (at / "alloy.toml").write_text(BODIES, encoding="utf-8")
     assert curve("alloy.toml") == 2
     assert "--chi" in capsys.readouterr().err
     assert not (at / "results").exists()
@@ -144,7 +129,7 @@ def test_a_material_file_needs_the_coefficients_it_does_not_hold(at, capsys):
 
 
 def test_what_a_file_says_of_its_law_acts_and_options_win(at):
-    text = ALLOY + "[material.parameters]\nyield_factor = 2.5\n[fit]\nlaw = 'thornton'\n"
+    text = BODIES + "[material.parameters]\nyield_factor = 2.5\n[fit]\nlaw = 'thornton'\n"
     (at / "alloy.toml").write_text(text, encoding="utf-8")
     contact = pair("nylon")
     for options, law in (

@@ -9,16 +9,9 @@ import calibration as cal
 import softjax as sj
 from calibration.cli import main
 from tests.cases import fitted
+from tests.command import BODIES
 from tests.export_cases import compiled, needs_compiler
 
-ALLOY = """[[material]]
-name = "alloy"
-youngs_modulus = 2.5e9
-poisson_ratio = 0.3
-density = 1140
-yield_strength = 4.0e7
-radius = 0.0127
-"""
 STEEL = ("stainless-steel", "--range", "0.1:5")
 
 
@@ -85,7 +78,7 @@ def test_a_fit_is_handed_over_material_by_material(export, fit_file):
 
 
 def test_a_file_of_materials_with_given_parameters(export, tmp_path):
-    (tmp_path / "alloy.toml").write_text(ALLOY, encoding="utf-8")
+    (tmp_path / "alloy.toml").write_text(BODIES, encoding="utf-8")
     options = ("--chi", "0.2", "--sigma", "0.4", "--psi", "0.5", "--to", "lammps", "--range", "2:9")
     assert export("alloy.toml", *options, "--law", "viscoelastic", "--tolerance", "0.05") == 0
     made = report()

@@ -10,9 +10,8 @@ import softjax as sj
 from calibration.fitting.posterior.inference_data import as_arviz, write
 from tests.command import run
 from tests.decay import Decay
-from tests.posterior_cases import level
+from tests.posterior_cases import level, xarray
 
-xarray = pytest.importorskip("xarray")
 VELOCITY = np.array([0.7, 1.5, 3.9])
 MEASURED = np.linspace(0.5, 4.0, 12)
 

@@ -12,7 +12,7 @@ import pytest
 import calibration as cal
 from calibration.fitting import traceable
 from tests.fit_data import twin
-from tests.posterior_cases import az
+from tests.posterior_cases import az, blackjax, needed
 
 
 def example(which):
@@ -59,7 +59,7 @@ def check(draws, expected):
 
 @pytest.mark.long
 def test_numpyro_samples_it(problem, expected):
-    numpyro = pytest.importorskip("numpyro")
+    numpyro = needed("numpyro")
     names = {
         "numpyro": numpyro,
         "dist": numpyro.distributions,
@@ -77,7 +77,7 @@ def test_blackjax_samples_it(problem, expected):
     names = {
         "jax": jax,
         "jnp": jnp,
-        "blackjax": pytest.importorskip("blackjax"),
+        "blackjax": blackjax,
         "problem": problem,
     }
     code = example(1)

@@ -11,9 +11,8 @@ from calibration.fitting.posterior.inference_data import as_arviz, dataset_of, r
 from calibration.plots.posterior import posterior_figure
 from calibration.report.posterior import known, posterior_section
 from tests.command import run
-from tests.posterior_cases import az
+from tests.posterior_cases import az, xarray
 
-xarray = pytest.importorskip("xarray")
 DIMS = ("chain", "draw")
 ABOUT = {"unit": "-", "prior": "made up", "prior_share": 0.1, "lower": -np.inf, "upper": np.inf}
 

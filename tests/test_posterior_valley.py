@@ -16,7 +16,7 @@ from calibration.fitting.posterior.nuts import Sampler
 from calibration.fitting.traceable import traceable
 from calibration.report.posterior import known
 from tests.fit_data import twin
-from tests.posterior_cases import az
+from tests.posterior_cases import az, needed
 
 SURE = 5.0  # Monte Carlo standard errors
 WALKERS, STEPS = 32, 8000
@@ -54,7 +54,7 @@ def physical(density, arrays, u):
 @pytest.mark.long
 def test_emcee_finds_the_same_and_takes_longer(density):
     """Both on one compiled density; effective samples a second of processor time, warm-up aside."""
-    emcee = pytest.importorskip("emcee")
+    emcee = needed("emcee")
     density, arrays = density
     count, random = len(density.labels), np.random.default_rng(0)
     sampler = Sampler(density.log_density, 0.8)

@@ -11,26 +11,12 @@ import calibration as cal
 import softjax as sj
 from calibration.cli import main
 from tests.cases import fitted
+from tests.command import BODIES
 from tests.fit_data import twin
 
 DESIGN = ("nylon", "--study", "design", "--from", "2", "--to", "60", "--shots", "6")
 GLOBAL = ("nylon", "--study", "global", "--at", "20", "--samples", "64")
 DEAD = ["--range", "chi=1000:1100", "--range", "density=1100:1200", "--at", "60"]
-ALLOY = """[[material]]
-name = "alloy"
-youngs_modulus = 2.5e9
-poisson_ratio = 0.3
-density = 1140
-yield_strength = 4.0e7
-radius = 0.0127
-"""
-
-
-@pytest.fixture
-def at(tmp_path, monkeypatch):
-    """A directory to work in."""
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
 
 
 def told_by(*options: str) -> dict:
@@ -139,7 +125,7 @@ def test_global_indices_follow_their_options(at, capsys):
 
 
 def test_all_studies_of_a_material_file(at):
-    Path("alloy.toml").write_text(ALLOY, encoding="utf-8")
+    Path("alloy.toml").write_text(BODIES, encoding="utf-8")
     options = ("--chi", "0.22", "--sigma", "0.4", "--psi", "0.5", "--shots", "6", "--samples", "16")
     result = told_by("alloy.toml", *options, "--study", "all", "--points", "5")
     assert {"local", "information", "design", "global"} < set(result)

@@ -3,7 +3,7 @@
 Each name is loaded when it is asked for: who reads a header or a table waits for no array library.
 """
 
-import importlib
+from calibration.lazily import loaded
 
 _WHERE = {
     "Covariance": "covariance",
@@ -24,8 +24,4 @@ __all__ = sorted(_WHERE)
 
 
 def __getattr__(name: str):
-    if name not in _WHERE:
-        raise AttributeError(f"module 'calibration.data' has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"calibration.data.{_WHERE[name]}"), name)
-    globals()[name] = value
-    return value
+    return loaded(__name__, _WHERE, name)
