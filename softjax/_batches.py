@@ -14,11 +14,13 @@ import numpy as np
 
 from softjax._checks import is_traced
 from softjax._pieces import PIECE, in_pieces
+from softjax.compiler import quick_to_compile
 from softjax.fields import whole_leaves
 
 # Inside a traced program there is one call, which uses two cores where chunks are large: 21 ns for
 # the value, 67 for value and gradient.
 TRACED_CHUNK = 65_536
+SOON = 4096  # impacts that are computed sooner than a program that runs faster is compiled
 FINE = 256  # from here on four sizes an octave, else one
 
 
@@ -48,7 +50,10 @@ def in_batches(parts, law, velocity, *settings):
         size = program_size(count)
         filled = [_filled(leaf, size) if m else leaf for leaf, m in zip(flat, many, strict=True)]
         filled = filled if home is None else jax.device_put(filled, home)
-        results = parts(*jax.tree.unflatten(structure, filled), *settings)
+        compiled = parts
+        if size <= SOON:
+            compiled = quick_to_compile(parts.__wrapped__, tuple(range(2, 2 + len(settings))))
+        results = compiled(*jax.tree.unflatten(structure, filled), *settings)
         if shape == (size,):
             return results
         return jax.tree.map(lambda r: _placed(np.asarray(r)[:count].reshape(shape), home), results)

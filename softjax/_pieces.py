@@ -7,12 +7,13 @@ memory that the call before it has used: fresh memory costs as much as a third o
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
+
+from softjax.compiler import accepted
 
 # Measured on two cores at 10^6 impacts: chunks of 2048 to 8192 stay in the cache and are as fast
 # as each other; 16 384 and more are slower.
@@ -21,10 +22,10 @@ CHUNKS = 16
 PIECE = CHUNK * CHUNKS
 # One thread works on a piece, so no kernel of it need be shared out among threads, which costs
 # half as much again; vectors twice as wide as XLA prefers take 0.8 of the time.
-FOR_ONE_THREAD = {
-    "xla_cpu_prefer_vector_width": 512,
-    "xla_disable_hlo_passes": "cpu-parallel-task-assigner",
-}
+FOR_ONE_THREAD = (
+    ("xla_cpu_prefer_vector_width", 512),
+    ("xla_disable_hlo_passes", "cpu-parallel-task-assigner"),
+)
 
 
 def in_pieces(of_chunk: Callable, key, flat: list, many: list[bool], count: int):
@@ -135,7 +136,7 @@ def _compile(of_chunk, flat, many, devices) -> _Program:
     kinds, structure = jax.tree.flatten(jax.eval_shape(of_chunk, *one))
     return _Program(
         compiled=jax.jit(
-            of_piece, donate_argnums=0, compiler_options=_for_one_thread() if on_cpu else {}
+            of_piece, donate_argnums=0, compiler_options=accepted(FOR_ONE_THREAD) if on_cpu else {}
         ),
         size=PIECE * len(devices),
         kinds=kinds,
@@ -145,16 +146,6 @@ def _compile(of_chunk, flat, many, devices) -> _Program:
         threads=_cores() if on_cpu and len(devices) == 1 else 1,
         spare=[],
     )
-
-
-@cache
-def _for_one_thread() -> dict:
-    """The compiler's options where it takes them: they are XLA's own, and no promise."""
-    try:
-        jax.jit(lambda x: x + 1, compiler_options=FOR_ONE_THREAD)(np.zeros(1, np.float32))
-    except Exception:  # whatever kind of error a compiler refuses by: it works without, slower
-        return {}
-    return FOR_ONE_THREAD
 
 
 def _over_chunks(of_chunk, results, impacts, single, many):

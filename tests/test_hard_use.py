@@ -11,7 +11,8 @@ import jax
 import pytest
 
 import softjax as sj
-from softjax import _pieces
+from softjax._pieces import FOR_ONE_THREAD
+from softjax.compiler import QUICK, accepted
 from tests.cases import pair
 
 ROOT = Path(__file__).parents[1]
@@ -118,16 +119,11 @@ def test_spawned_processes(tmp_path):
     assert done.returncode == 0, done.stderr[-2000:]
 
 
-def test_compiler_options_that_are_refused(monkeypatch):
+def test_compiler_options_that_are_refused():
     """They are XLA's own: a compiler that knows them no more is asked without."""
-    _pieces._for_one_thread.cache_clear()
-    monkeypatch.setattr(_pieces, "FOR_ONE_THREAD", {"xla_no_such_option": "1"})
-    try:
-        assert _pieces._for_one_thread() == {}
-    finally:
-        monkeypatch.undo()
-        _pieces._for_one_thread.cache_clear()
-    assert _pieces._for_one_thread() == _pieces.FOR_ONE_THREAD
+    assert accepted((("xla_no_such_option", "1"),)) == {}
+    for options in (FOR_ONE_THREAD, QUICK):
+        assert accepted(options) == dict(options)
 
 
 @pytest.mark.long

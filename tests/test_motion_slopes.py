@@ -22,7 +22,7 @@ LAWS = {
 ODE = sj.ODE(rtol=1e-12)
 CASES = [
     ("zhou", None, False),
-    ("zhou", ODE, True),
+    pytest.param("zhou", ODE, True, marks=pytest.mark.long),
     pytest.param("thornton", None, False, marks=pytest.mark.long),
     pytest.param("thornton", ODE, True, marks=pytest.mark.long),
     pytest.param("walton-braun", None, False, marks=pytest.mark.long),

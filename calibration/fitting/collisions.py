@@ -6,7 +6,6 @@ impacts, of fits side by side, of data sets and of parameters behind the leaves.
 """
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -15,6 +14,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 import softjax as sj
+from softjax.compiler import quick_to_compile
 from softjax.fields import whole_fields
 
 # A block costs what it costs, filled or not, and each size is compiled for itself: small ones for
@@ -90,7 +90,8 @@ def expand(
             for k, leaf in enumerate(leaves)
         ]
         held = None if elastic is None else _filled(elastic[rows], size)
-        part = _block(some, _filled(velocity[rows], size), held, shape, moving, route)
+        block = quick_to_compile(_block, (3, 4, 5)) if size == SMALL else _large_block
+        part = block(some, _filled(velocity[rows], size), held, shape, moving, route)
         parts.append([np.asarray(a)[..., : rows.stop - rows.start] for a in part])
     if len(parts) == 1:
         return Expansion(*parts[0])
@@ -119,7 +120,6 @@ def _filled(values: np.ndarray, size: int) -> np.ndarray:
     return np.concatenate([values, np.repeat(values[-1:], missing, 0)]) if missing else values
 
 
-@partial(jax.jit, static_argnames=("shape", "moving", "route"))
 def _block(leaves, velocity, elastic, shape: LawShape, moving: tuple[int, ...], route: Route):
     """Values, slopes and statuses of one block, by one forward pass."""
     each = [k for k in range(len(leaves)) if not shape.whole[k] or k in moving]
@@ -155,6 +155,9 @@ def _block(leaves, velocity, elastic, shape: LawShape, moving: tuple[int, ...], 
 
     squared, slopes, status = jax.vmap(along, out_axes=(None, 0, None))(_seeds(chosen))
     return squared, slopes, status
+
+
+_large_block = jax.jit(_block, static_argnums=(3, 4, 5))
 
 
 def _seeds(chosen):

@@ -1,0 +1,31 @@
+"""Options of XLA's compiler. They are its own and no promise: what it refuses is left out."""
+
+from collections.abc import Callable
+from functools import cache
+
+import jax
+import numpy as np
+
+# Code is made an older way, kernel by kernel: two thirds of the time to compile, and for large
+# batches of the energy balance twice the time to run. Where few impacts are computed it pays.
+QUICK = (("xla_cpu_use_fusion_emitters", False),)
+
+
+@cache
+def accepted(options: tuple[tuple[str, bool | int | str], ...]) -> dict[str, bool | int | str]:
+    """The options if the compiler takes them: it works without, slower."""
+    try:
+        jax.jit(lambda x: x + 1, compiler_options=dict(options))(np.zeros(1, np.float32))
+    except Exception:  # whatever kind of error a compiler refuses by
+        return {}
+    return dict(options)
+
+
+@cache
+def quick_to_compile(function: Callable, static: tuple[int, ...]) -> Callable:
+    """The function compiled sooner, to run slower; not to be called in a traced one.
+
+    Args:
+        static: positions of what is no array.
+    """
+    return jax.jit(function, static_argnums=static, compiler_options=accepted(QUICK))
