@@ -9,7 +9,7 @@ from softjax._numerics import safe_power
 from softjax.assembly import Outcome
 from softjax.impact import Impact
 from softjax.laws.base import HardSphereLaw, RateDependentLaw, RateIndependentLaw
-from softjax.routes import Route
+from softjax.routes import ClosedForm, Route
 
 
 def collisions(impact: Impact, route: Route, regime: str) -> Outcome:
@@ -32,6 +32,9 @@ def durations(impact: Impact, route: Route, regime: str) -> tuple[Array, Bool[Ar
     law, moving = impact.law, jnp.where(impact.velocity > 0, impact.velocity, impact.acting)
     if isinstance(law, HardSphereLaw):
         return jnp.zeros_like(moving), jnp.ones_like(impact.elastic)
+    if isinstance(route, ClosedForm):
+        duration = law.closed_form(impact.acting).duration
+        return jnp.broadcast_to(duration, moving.shape), jnp.ones_like(impact.elastic)
     if isinstance(law, RateDependentLaw):
         reduced = law.reduced_at(impact.acting)
         time, ends = _rate_dependent().duration(reduced, route)
@@ -62,6 +65,10 @@ def _elastic_peak(impact: Impact) -> Array | float:
 
 
 def _beyond_elastic(impact: Impact, route: Route) -> Outcome:
+    if isinstance(route, ClosedForm):
+        known = impact.law.closed_form(impact.acting)
+        squared = jnp.broadcast_to(jnp.square(known.coefficient), impact.velocity.shape)
+        return _plain(known.peak_overlap, known.residual_overlap, squared)
     reduced = impact.law.reduced_at(impact.acting)
     length = reduced.scales.overlap
     if isinstance(impact.law, RateDependentLaw):

@@ -17,8 +17,10 @@ from softjax.batch import collisions, durations
 from softjax.fields import released, whole_leaves
 from softjax.impact import Impact, check_law, checked, common_precision, known_regime, prepare
 from softjax.laws.base import ContactLaw, HardSphereLaw, RateDependentLaw
-from softjax.routes import ODE, EnergyBalance, Route, check_route
+from softjax.routes import ODE, ClosedForm, EnergyBalance, Route, check_route
 from softjax.status import Status
+
+KNOWN = "LinearSpringDashpot, HertzDashpot and ViscoelasticHertz"
 
 
 class Restitution(eqx.Module):
@@ -80,9 +82,10 @@ def restitution(
             arrays that broadcast against `velocity`: another material, radius or unloading factor
             for each impact.
         velocity: relative impact velocity v >= 0 [m/s], a number or an array of any shape.
-        route: `EnergyBalance()` (default; rate-independent laws, exact, by far the cheapest) or
-            `ODE(...)` (any law with a force; the equation of motion integrated by diffrax; default
-            where the force depends on the velocity).
+        route: `EnergyBalance()` (rate-independent laws; exact), `ClosedForm()` (laws that know
+            their collisions, such as `ViscoelasticHertz`; exact) or `ODE(...)` (any law with a
+            force; the equation of motion integrated by diffrax). The default is the first that
+            the law can take.
         overlaps: False leaves the overlaps out, where ε of millions of impacts is all that counts:
             a tenth to a third of the time and almost half of the memory.
 
@@ -92,7 +95,7 @@ def restitution(
 
     Everything is differentiable, forward and reverse, in the law's fields and the velocity, and
     works under `jax.jit` and `jax.vmap`. Second derivatives: by the energy balance, forward and
-    reverse; by the ODE, forward over either.
+    reverse, and by the closed forms; by the ODE, forward over either.
 
     Precision is that of the arguments (float64 only after `softjax.enable_x64()`).
 
@@ -110,8 +113,7 @@ def restitution(
             `jit` nothing is raised; the status says `INVALID_INPUT`.
     """
     check_law(law)
-    route = _default_route(law) if route is None else check_route(route)
-    _check_law_takes(law, route)
+    route = _chosen(law, route)
     velocity, regime = checked(law, velocity)
     same_law, same_velocity = common_precision(law, velocity)
     parts = in_batches(restitution_parts, same_law, same_velocity, route, regime, overlaps)
@@ -174,8 +176,7 @@ def signed_restitution(
         ValueError: as `restitution`.
     """
     check_law(law)
-    route = _default_route(law) if route is None else check_route(route)
-    _check_law_takes(law, route)
+    route = _chosen(law, route)
     velocity, regime = checked(law, velocity)
     regime = regime if elastic is None else "mixed"
     return _signed(*common_precision(law, velocity), route, regime, elastic)
@@ -188,21 +189,36 @@ def _signed(law, velocity, route, regime, elastic):
     return SignedRestitution(jnp.where(answered, squared, 0.0), status)
 
 
-def _default_route(law: ContactLaw) -> Route:
-    return ODE() if isinstance(law, RateDependentLaw) else EnergyBalance()
+def _chosen(law: ContactLaw, route: Route | None) -> Route:
+    """The route asked for, or the law's default.
 
-
-def _check_law_takes(law: ContactLaw, route: Route) -> None:
+    Raises:
+        ValueError: where the law cannot take it.
+    """
+    route = law.default_route() if route is None else check_route(route)
+    name = type(law).__name__
     if isinstance(route, ODE) and isinstance(law, HardSphereLaw):
         raise ValueError(
-            f"`route` must be EnergyBalance() for {type(law).__name__}, which has no force to "
-            f"integrate, but is {route!r}"
+            f"`route` must be EnergyBalance() for {name}, which has no force to integrate, "
+            f"but is {route!r}"
         )
     if isinstance(route, EnergyBalance) and isinstance(law, RateDependentLaw):
+        either = "ClosedForm() or ODE(...)" if law.has_closed_form() else "ODE(...)"
         raise ValueError(
-            f"`route` must be ODE(...) for {type(law).__name__}, whose force depends on the "
-            "velocity, but is EnergyBalance()"
+            f"`route` must be {either} for {name}, whose force depends on the velocity, "
+            "but is EnergyBalance()"
         )
+    if isinstance(route, ClosedForm) and not _is_known(law):
+        raise ValueError(
+            f"`route` must be another than ClosedForm() for {name}: it is for laws with a "
+            f"`closed_form`, such as {KNOWN}"
+        )
+    return route
+
+
+def _is_known(law: ContactLaw) -> bool:
+    hard = isinstance(law, HardSphereLaw)
+    return hard or (isinstance(law, RateDependentLaw) and law.has_closed_form())
 
 
 @partial(jax.jit, static_argnames=("route", "regime", "overlaps"))

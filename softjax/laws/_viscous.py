@@ -46,8 +46,9 @@ def damping(*factors: Array) -> Damping:
     is_strong = math.prod(still[1:], start=still[0]) > 1
     first, *others = factors
     weak = math.prod(others, start=jnp.where(is_strong, 0.0, first))
-    log = sum(jnp.log(jnp.where(is_strong, factor, 1.0)) for factor in factors)
-    return Damping(weak, log, is_strong)
+    # each by itself: of what is the same for all impacts there is one logarithm for all
+    log = sum(jnp.log(jnp.where(factor > 0, factor, 1.0)) for factor in factors)
+    return Damping(weak, jnp.where(is_strong, log, 0.0), is_strong)
 
 
 def collision(of: Damping) -> Viscous:

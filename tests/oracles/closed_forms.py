@@ -1,4 +1,4 @@
-"""Series of the closed forms: `python -m tests.oracles.closed_forms` writes them, in a minute.
+"""Series of the closed forms: `python -m tests.oracles.closed_forms` writes them, in two minutes.
 
 Chebyshev coefficients of what is a function of one number: the collision of viscoelastic spheres of
 w², and the duration of Hertz's dashpot of the restitution it is set to. Viscoelastic spheres are
@@ -131,12 +131,21 @@ def _zero(series, h):
         x = new
 
 
+def of_squared(w_squared) -> Collision:
+    """The collision of any w² >= 0: where damping is strong in units in which it is one."""
+    b = mp.mpf(w_squared)
+    if b <= 1:
+        return viscoelastic(1, b)
+    found = viscoelastic(b ** (-mp.mpf(5) / 3), 1)
+    unit = b ** (-mp.mpf(2) / 3)
+    return Collision(found.restitution, unit * found.peak, unit * found.duration)
+
+
 @cache
 def strongly_damped(log) -> tuple:
     """ln ε, ln of the peak and the duration times w^{4/3}, of ln w²."""
-    b = mp.exp(log)
-    found = viscoelastic(b ** (-mp.mpf(5) / 3), 1)
-    return mp.log(found.restitution), mp.log(found.peak) - 2 * log / 3, found.duration
+    found = of_squared(mp.exp(log))
+    return mp.log(found.restitution), mp.log(found.peak), found.duration * mp.exp(2 * log / 3)
 
 
 def integral(a):
