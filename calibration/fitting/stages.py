@@ -239,6 +239,5 @@ def route_name(problem: Problem) -> str:
     law = problem.laws.rows.model.law_type
     if issubclass(law, sj.HardSphereLaw):
         return "closed form"
-    if problem.route is not None:
-        return problem.route.name
-    return "ode" if issubclass(law, sj.RateDependentLaw) else "energy balance"
+    route = law.default_route() if problem.route is None else problem.route
+    return route.name

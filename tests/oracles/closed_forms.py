@@ -272,6 +272,10 @@ def taylor(part: str) -> list[float]:
         return [float(found[k]) for k in (0, 2, 4)]
 
 
+def stored() -> dict:
+    return json.loads(TARGET.read_text(encoding="utf-8"))
+
+
 def main() -> None:
     series = {
         name: {"low": low, "high": high, "coefficients": coefficients(name)}
