@@ -36,14 +36,14 @@ def durations(impact: Impact, route: Route, regime: str) -> tuple[Array, Bool[Ar
         duration = law.closed_form(impact.acting).duration
         return jnp.broadcast_to(duration, moving.shape), jnp.ones_like(impact.elastic)
     if isinstance(law, RateDependentLaw):
-        reduced = law.reduced_at(impact.acting)
+        reduced = law.impacts(impact.acting)
         time, ends = _rate_dependent().duration(reduced, route)
         return time * reduced.scales.time, ends
     scales, exponent = law.elastic_scales()
     elastic = scales.time * energy.elastic_duration(exponent, moving / scales.velocity)
     if regime == "elastic":
         return elastic, jnp.ones_like(impact.elastic)
-    reduced = law.reduced_at(impact.acting)
+    reduced = law.impacts(impact.acting)
     time, ends = assembly.duration(reduced, route)
     time = time * reduced.scales.time
     return jnp.where(impact.elastic, elastic, time), impact.elastic | ends
@@ -69,7 +69,7 @@ def _beyond_elastic(impact: Impact, route: Route) -> Outcome:
         known = impact.law.closed_form(impact.acting)
         squared = jnp.broadcast_to(jnp.square(known.coefficient), impact.velocity.shape)
         return _plain(known.peak_overlap, known.residual_overlap, squared)
-    reduced = impact.law.reduced_at(impact.acting)
+    reduced = impact.law.impacts(impact.acting)
     length = reduced.scales.overlap
     if isinstance(impact.law, RateDependentLaw):
         rebound = _rate_dependent().collide(reduced, route)

@@ -106,7 +106,7 @@ def _history(impact: Impact, samples: int, route: ODE, regime: str):
     law = impact.law
     fractions = _fractions(samples, impact.velocity.dtype)
     if not isinstance(law, RateIndependentLaw):
-        reduced = law.reduced_at(impact.acting)
+        reduced = law.impacts(impact.acting)
         parts, ends = rate_dependent.history(reduced, fractions, route)
         return _in_si(law, reduced.scales, parts), ends | impact.elastic
     scales, exponent = law.elastic_scales()
@@ -115,7 +115,7 @@ def _history(impact: Impact, samples: int, route: ODE, regime: str):
     elastic = _in_si(law, scales, elastic)
     if regime == "elastic":
         return elastic, jnp.ones_like(impact.elastic)
-    reduced = law.reduced_at(impact.acting)
+    reduced = law.impacts(impact.acting)
     parts, ends = collision.history(reduced, fractions, route)
     stays_elastic = impact.elastic[..., None]
     both = zip(elastic, _in_si(law, reduced.scales, parts), strict=True)

@@ -74,7 +74,10 @@ def test_duration_of_hertz_dashpot_against_quadratures(end):
     for i, x in enumerate(loss):
         with mp.workdps(30):
             exact = float(hertz_duration(mp.mpf(float(x)), end)[0])
-            up, down = (hertz_duration(mp.mpf(float(x)) * (1 + h), end)[0] for h in (1e-10, -1e-10))
+            up, down = (
+                hertz_duration(mp.mpf(float(x)) * (1 + h), end)[0]
+                for h in (mp.mpf("1e-10"), -mp.mpf("1e-10"))
+            )
             change = float((up - down) / mp.mpf("2e-10"))
         # what goes through ε itself rounds as it does
         rounding = 1e-13 + 4e-16 / x
@@ -248,7 +251,7 @@ def test_a_subclass_with_another_force_is_integrated():
         law = kind(lc.PAIR, 0.5)
         assert law.default_route() == sj.ODE()
         with pytest.raises(
-            ValueError, match="`route` must be another than ClosedForm.*LinearSpring"
+            ValueError, match=r"`route` must be another than ClosedForm.*LinearSpring"
         ) as e:
             sj.restitution(law, 1.0, sj.ClosedForm())
         assert "\n" not in str(e.value)

@@ -46,14 +46,21 @@ def damping(*factors: Array) -> Damping:
     is_strong = math.prod(still[1:], start=still[0]) > 1
     first, *others = factors
     weak = math.prod(others, start=jnp.where(is_strong, 0.0, first))
-    # each by itself: of what is the same for all impacts there is one logarithm for all
-    log = sum(jnp.log(jnp.where(factor > 0, factor, 1.0)) for factor in factors)
+    # each by itself: of what is the same for all impacts there is one logarithm for all; factors
+    # whose squares underflow make no strong damping
+    log = sum(jnp.log(jnp.where(f > _least(f) ** 0.49, f, 1.0)) for f in map(jnp.asarray, factors))
     return Damping(weak, jnp.where(is_strong, log, 0.0), is_strong)
 
 
+def _least(x: Array) -> float:
+    return float(jnp.finfo(x.dtype).tiny)
+
+
 def collision(of: Damping) -> Viscous:
-    w_squared, w = of.weak, safe_sqrt(of.weak)
-    log = of.log
+    w_squared, log = of.weak, of.log
+    # where its series tells nothing its derivatives might leave the range of numbers
+    tells = w_squared > float(jnp.finfo(w_squared.dtype).eps) ** 2
+    w = safe_sqrt(jnp.where(tells, w_squared, 0.0))
     restitution = _logarithm("restitution", log, -5 / 3)
     pick = lambda strong, weak: jnp.where(of.is_strong, strong, weak)  # noqa: E731
     found = pick(jnp.exp(restitution), _weak("restitution", w_squared, w))

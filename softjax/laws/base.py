@@ -114,7 +114,12 @@ class ForceLaw(ContactLaw):
 
     @abstractmethod
     def reduced_at(self, velocity: Array) -> Reduced:
+        """Impacts at v > 0 [m/s] of a law that is given reduced."""
+
+    def impacts(self, velocity: Array) -> Reduced:
         """Impacts at v > 0 [m/s] as the routes take them."""
+        si = self._speaks_si()
+        return reduced_by_forces(self, velocity) if si else self.reduced_at(velocity)
 
     def force_scale(self, scales: Scales | None = None):
         """(5/4) M V²/L [N]."""
@@ -191,8 +196,6 @@ class RateIndependentLaw(ForceLaw):
         raise ValueError(f"`{name}` is given by its forces: it has no reduced form of its own")
 
     def reduced_at(self, velocity: Array) -> Reduced:
-        if self._speaks_si():
-            return reduced_by_forces(self, velocity)
         return lifted(self.reduced(), self.scales(), velocity)
 
     def elastic_velocity(self):
@@ -251,8 +254,6 @@ class RateDependentLaw(ForceLaw):
         raise ValueError(f"`{name}` is given by its force: it has no reduced form of its own")
 
     def reduced_at(self, velocity: Array) -> Reduced:
-        if self._speaks_si():
-            return reduced_by_forces(self, velocity)
         return lifted(self.reduced(), self.scales(), velocity)
 
     def closed_form(self, velocity: Array) -> KnownCollision:

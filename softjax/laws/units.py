@@ -61,7 +61,7 @@ def hertz_motion(contact: Contact, velocity: Array) -> HertzMotion:
 
 @jax.custom_jvp
 def _fifth_root(x: Array) -> Array:
-    """x^{1/5} of x >= 0; at 0 it and its derivatives are 0."""
+    """x^{1/5} of x >= 0; where its derivatives would leave the range of numbers they are 0."""
     return safe_power(x, 0.2)
 
 
@@ -69,11 +69,10 @@ def _fifth_root(x: Array) -> Array:
 def _fifth_root_jvp(values, tangents):
     (x,), (change,) = values, tangents
     root = _fifth_root(x)
-    # no curvature where it would leave the range of numbers
-    bends = x > float(jnp.finfo(x.dtype).tiny) ** 0.4
-    numerator, below = (jnp.where(bends, a, jax.lax.stop_gradient(a)) for a in (root, x))
-    slope = quotient(0.2 * numerator, jnp.where(x > 0, below, 1.0))
-    return root, slope * change
+    # second derivatives of times meet x^{-2.2}
+    moves = x > float(jnp.finfo(x.dtype).tiny) ** 0.4
+    slope = quotient(0.2 * jnp.where(moves, root, 1.0), jnp.where(moves, x, 1.0))
+    return root, slope * jnp.where(moves, change, 0.0)
 
 
 def hertz_scales_at(contact: Contact, velocity) -> Scales:

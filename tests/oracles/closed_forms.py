@@ -104,7 +104,10 @@ def _product(a, b, n):
 
 
 def _at(series, h):
-    return mp.polyval(series[::-1], h)
+    total = mp.mpf(0)
+    for c in reversed(series):
+        total = total * h + c
+    return total
 
 
 def _reach(*series):
