@@ -9,10 +9,12 @@ from softjax._numerics import safe_power
 from softjax.assembly import Outcome
 from softjax.impact import Impact
 from softjax.laws.base import HardSphereLaw, RateDependentLaw, RateIndependentLaw
-from softjax.routes import ClosedForm, Route
+from softjax.routes import ClosedForm, EnergyBalance, Stepping
+
+Taken = EnergyBalance | ClosedForm | Stepping
 
 
-def collisions(impact: Impact, route: Route, regime: str) -> Outcome:
+def collisions(impact: Impact, route: Taken, regime: str) -> Outcome:
     """Elastic impacts by Hertz's or the law's own power law, the others by the route; in metres."""
     law = impact.law
     if isinstance(law, HardSphereLaw):
@@ -27,7 +29,7 @@ def collisions(impact: Impact, route: Route, regime: str) -> Outcome:
     return jax.tree.map(lambda e, p: jnp.where(impact.elastic, e, p), elastic, by_route)
 
 
-def durations(impact: Impact, route: Route, regime: str) -> tuple[Array, Bool[Array, "..."]]:
+def durations(impact: Impact, route: Taken, regime: str) -> tuple[Array, Bool[Array, "..."]]:
     """Contact durations [s], and whether there is a contact that ends."""
     law, moving = impact.law, jnp.where(impact.velocity > 0, impact.velocity, impact.acting)
     if isinstance(law, HardSphereLaw):
@@ -64,7 +66,7 @@ def _elastic_peak(impact: Impact) -> Array | float:
     return scales.overlap * safe_power(impact.velocity / scales.velocity, 2 / exponent)
 
 
-def _beyond_elastic(impact: Impact, route: Route) -> Outcome:
+def _beyond_elastic(impact: Impact, route: Taken) -> Outcome:
     if isinstance(route, ClosedForm):
         known = impact.law.closed_form(impact.acting)
         squared = jnp.broadcast_to(jnp.square(known.coefficient), impact.velocity.shape)

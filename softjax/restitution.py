@@ -17,7 +17,7 @@ from softjax.batch import collisions, durations
 from softjax.fields import released, whole_leaves
 from softjax.impact import Impact, check_law, checked, common_precision, known_regime, prepare
 from softjax.laws.base import ContactLaw, HardSphereLaw, RateDependentLaw
-from softjax.routes import ODE, ClosedForm, EnergyBalance, Route, check_route
+from softjax.routes import ODE, ClosedForm, EnergyBalance, Route, check_route, program_of, taken
 from softjax.status import Status
 
 KNOWN = "LinearSpringDashpot, HertzDashpot and ViscoelasticHertz"
@@ -57,7 +57,8 @@ class Restitution(eqx.Module):
         law, velocity = common_precision(self.law, self.velocity)
         if self.each and any(whole_leaves(law)):
             return _durations_of_each(law, velocity, self.route, regime)
-        return in_batches(_duration, law, velocity, self.route, regime)
+        route, tolerance = program_of(self.route)
+        return in_batches(_duration, (law, tolerance), velocity, route, regime)
 
     @property
     def ok(self) -> Array:
@@ -116,7 +117,9 @@ def restitution(
     route = _chosen(law, route)
     velocity, regime = checked(law, velocity)
     same_law, same_velocity = common_precision(law, velocity)
-    parts = in_batches(restitution_parts, same_law, same_velocity, route, regime, overlaps)
+    asked, tolerance = program_of(route)
+    several = (same_law, tolerance), same_velocity, asked, regime, overlaps
+    parts = in_batches(restitution_parts, *several)
     kept, each = _kept((released(same_law), same_velocity))
     return Restitution(*kept, *parts, route, each)
 
@@ -179,11 +182,15 @@ def signed_restitution(
     route = _chosen(law, route)
     velocity, regime = checked(law, velocity)
     regime = regime if elastic is None else "mixed"
-    return _signed(*common_precision(law, velocity), route, regime, elastic)
+    law, velocity = common_precision(law, velocity)
+    route, tolerance = program_of(route)
+    return _signed((law, tolerance), velocity, route, regime, elastic)
 
 
 @partial(jax.jit, static_argnames=("route", "regime"))
-def _signed(law, velocity, route, regime, elastic):
+def _signed(law_and_tolerance, velocity, route, regime, elastic):
+    law, tolerance = law_and_tolerance
+    route = taken(route, tolerance)
     impact, found, squared, status = _solved(law, velocity, route, regime, elastic)
     answered = impact.valid & found.turns & found.solved
     return SignedRestitution(jnp.where(answered, squared, 0.0), status)
@@ -222,7 +229,9 @@ def _is_known(law: ContactLaw) -> bool:
 
 
 @partial(jax.jit, static_argnames=("route", "regime", "overlaps"))
-def restitution_parts(law, velocity, route, regime, overlaps=True):
+def restitution_parts(law_and_tolerance, velocity, route, regime, overlaps=True):
+    law, tolerance = law_and_tolerance
+    route = taken(route, tolerance)
     impact, found, squared, status = _solved(law, velocity, route, regime)
     answered = impact.valid & found.turns & found.solved
 
@@ -275,9 +284,10 @@ def _status(impact: Impact, found: Outcome, squared, at_limit) -> Array:
 
 
 @partial(jax.jit, static_argnames=("route", "regime"))
-def _duration(law, velocity, route, regime):
+def _duration(law_and_tolerance, velocity, route, regime):
+    law, tolerance = law_and_tolerance
     impact = prepare(law, velocity, regime)
-    time, ends = durations(impact, route, regime)
+    time, ends = durations(impact, taken(route, tolerance), regime)
     return jnp.where(ends & impact.valid & (impact.velocity > 0), time, 0.0)
 
 
@@ -286,7 +296,10 @@ def _durations_of_each(law, velocity, route, regime):
     leaves, structure = jax.tree.flatten((law, velocity))
     flat = [jnp.reshape(leaf, (velocity.size, *leaf.shape[velocity.ndim :])) for leaf in leaves]
 
+    asked, tolerance = program_of(route)
+
     def one(*leaves):
-        return _duration(*jax.tree.unflatten(structure, leaves), route, regime)
+        law, velocity = jax.tree.unflatten(structure, leaves)
+        return _duration((law, tolerance), velocity, asked, regime)
 
     return jax.vmap(one)(*flat).reshape(velocity.shape)
