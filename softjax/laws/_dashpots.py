@@ -8,6 +8,7 @@ former. Hertz's spring moves so in x^{5/4}, over a time τ of dτ = x^{1/4} dt.
 import math
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
@@ -30,7 +31,7 @@ class Damped(NamedTuple):
 
 def damped(restitution: Array, end: str) -> Damped:
     """The linear spring's collision, set to ε of the zero-overlap end."""
-    loss = -jnp.log(restitution)
+    loss = _loss(restitution)
     to_peak = jnp.arctan2(math.pi, loss)
     lost = loss / math.pi  # ξ/w
     peak = jnp.exp(-lost * to_peak)
@@ -40,6 +41,20 @@ def damped(restitution: Array, end: str) -> Damped:
     found = peak * peak
     residual = 2 * loss * found / root(loss)
     return Damped(loss, found, peak, residual, to_peak, 2 * to_peak)
+
+
+@jax.custom_jvp
+def _loss(restitution: Array) -> Array:
+    """Λ = -ln ε; where squares of its derivative would leave the range of numbers it has none."""
+    return -jnp.log(restitution)
+
+
+@_loss.defjvp
+def _loss_jvp(values, tangents):
+    (restitution,), (change,) = values, tangents
+    moves = restitution > float(jnp.finfo(restitution.dtype).tiny) ** 0.45
+    slope = -1 / jnp.where(moves, restitution, 1.0)
+    return _loss(restitution), slope * jnp.where(moves, change, 0.0)
 
 
 def root(loss: Array) -> Array:
