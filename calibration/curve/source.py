@@ -76,7 +76,10 @@ def route_of(arguments: argparse.Namespace) -> sj.EnergyBalance | sj.ClosedForm 
         raise DataError("--rtol", arguments.rtol, "given with --route ode only")
     if arguments.route == "ode":
         return sj.ODE(arguments.rtol)
-    exact = {"energy-balance": sj.EnergyBalance(), "closed-form": sj.ClosedForm()}
+    exact: dict[str | None, Any] = {
+        "energy-balance": sj.EnergyBalance(),
+        "closed-form": sj.ClosedForm(),
+    }
     return exact.get(arguments.route)
 
 

@@ -239,5 +239,6 @@ def route_name(problem: Problem) -> str:
     law = problem.laws.rows.model.law_type
     if issubclass(law, sj.HardSphereLaw):
         return "closed form"
-    route = law.default_route() if problem.route is None else problem.route
-    return route.name
+    if problem.route is not None:
+        return problem.route.name
+    return law.default_route().name if issubclass(law, sj.ContactLaw) else sj.EnergyBalance.name

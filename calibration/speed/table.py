@@ -30,7 +30,7 @@ def as_text(rows: list[Row]) -> str:
 
 def _place(row: Row):
     """Each family together, this library's first; the settings as they were measured."""
-    energy = row.family == "energy balance"
+    energy = row.family in ("energy balance", "closed form")
     return not energy, row.family != "ODE", energy and (row.precision != "float64", row.batch)
 
 
@@ -73,6 +73,8 @@ def ratios(rows: list[Row]) -> list[str]:
                     f"ODE at error {error:.0e}: {theirs / own:.3g} times faster than {rival}"
                 )
     lines += _gradient_ratios(rows)
+    if not any(row.family == "closed form" for row in rows):
+        lines.append("laws with damping: softjax speed --law viscoelastic, hertz-dashpot or linear")
     return lines + _energy_ratio(rows)
 
 
