@@ -66,7 +66,7 @@ def plain_diffrax(scene, motion: Callable[[Any], Motion], batch: int, rtol: floa
     def value(velocity):
         return by_time(jnp.asarray(scene.damping(velocity)))
 
-    return Way("diffrax, two events", f"tsit5, rtol {rtol:.0e}", batch, value)
+    return Way("diffrax, an event", f"tsit5, rtol {rtol:.0e}", batch, value)
 
 
 def _by_diffrax(motion: Motion, rtol: float):

@@ -11,6 +11,7 @@ STYLES = {
     "closed form": (style.GREEN, "*"),
     "ODE": (style.BLUE, "o"),
     "diffrax, two events": (style.SKY, "s"),
+    "diffrax, an event": (style.SKY, "s"),
     "SciPy loop": (style.VERMILION, "^"),
     "Verlet, JAX": (style.PURPLE, "v"),
     "Verlet, numba": (style.ORANGE, "D"),

@@ -8,6 +8,13 @@ from dataclasses import astuple, fields
 from calibration.speed.measure import Row, along_power_law, at_error
 from calibration.speed.ways import NO_OVERLAPS
 
+RIVALS = (
+    "SciPy loop",
+    "diffrax, two events",
+    "diffrax, an event",
+    "Verlet, JAX",
+    "Verlet, numba",
+)
 HEADINGS = ("way", "setting", "precision", "batch", "µs", "error", "compile s", "MiB", "µs+grad")
 
 
@@ -66,7 +73,7 @@ def ratios(rows: list[Row]) -> list[str]:
     lines = []
     for error in (1e-3, 1e-6):
         own = at_error([r for r in rows if r.batch == 4096], "ODE", error)
-        for rival in ("SciPy loop", "diffrax, two events", "Verlet, JAX", "Verlet, numba"):
+        for rival in RIVALS:
             theirs = along_power_law(rows, rival, error)
             if own is not None and theirs is not None:
                 lines.append(
