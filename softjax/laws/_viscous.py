@@ -10,6 +10,7 @@ at (3/(2w²))^{2/3}, creep back at x' = -x/w², and are free after a time that g
 """
 
 import math
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -84,7 +85,11 @@ def _weak(part: str, w_squared: Array, w: Array) -> Array:
 
 
 def _logarithm(part: str, log: Array, slope: float) -> Array:
-    """Of ln w² > 0; beyond the series a straight line."""
+    """Of ln w² > 0; beyond the series a straight line. Computed only where some impact needs it."""
+    return jax.lax.cond(jnp.any(log > 0), partial(_beyond, part, slope), jnp.zeros_like, log)
+
+
+def _beyond(part: str, slope: float, log: Array) -> Array:
     medium, far = log <= MEDIUM, log > STRONG
     first = series(f"medium {part}", jnp.where(medium, log, MEDIUM))
     second = series(f"strong {part}", jnp.where(medium | far, STRONG, log))
