@@ -19,7 +19,7 @@ CHOICES: dict[str, tuple[Any, ...]] = {
     "objective": ("model", "two-step"),
     "optimiser": ("l-bfgs", "adam", "levenberg-marquardt"),
     "loss": ("squared", "huber", "soft-l1"),
-    "route": ("ode", "energy balance"),
+    "route": ("ode", "energy balance", "closed form"),
     "form": ("first-order", "full"),
     "kappa": ("consistent", "printed"),
     "end": ("zero-overlap", "zero-force"),

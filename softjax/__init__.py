@@ -6,6 +6,7 @@ from softjax.history import History, collide
 from softjax.laws.base import (
     ContactLaw,
     HardSphereLaw,
+    KnownCollision,
     RateDependentLaw,
     RateIndependentLaw,
     Reduced,
@@ -30,7 +31,7 @@ from softjax.restitution import (
     restitution,
     signed_restitution,
 )
-from softjax.routes import ODE, EnergyBalance
+from softjax.routes import ODE, ClosedForm, EnergyBalance
 from softjax.status import Status
 
 __all__ = [
@@ -38,6 +39,7 @@ __all__ = [
     "NYLON",
     "ODE",
     "STAINLESS_STEEL",
+    "ClosedForm",
     "ConstantRestitution",
     "Contact",
     "ContactLaw",
@@ -47,6 +49,7 @@ __all__ = [
     "Hertz",
     "HertzDashpot",
     "History",
+    "KnownCollision",
     "LinearSpringDashpot",
     "Material",
     "RateDependentLaw",

@@ -9,7 +9,7 @@ import numpy as np
 from jax.custom_derivatives import SymbolicZero
 
 from softjax._impacts import Mapped, in_rows
-from softjax.routes import ODE
+from softjax.routes import Stepping
 
 SOLVER_CLASSES = {
     "dopri8": dfx.Dopri8,
@@ -94,7 +94,7 @@ def _value_and_slopes(f, active, whole, *primals):
     return jax.vmap(push, out_axes=(None, -1))(seeds)
 
 
-def solve(field, start, end, state, args, route: ODE, save=None):
+def solve(field, start, end, state, args, route: Stepping, save=None):
     """Integrate dstate/ds = field(s, state, args) from s = start to end, all scaled to one.
 
     Returns the last state, or the states at the fractions `save` of the way (increasing, in
@@ -104,7 +104,8 @@ def solve(field, start, end, state, args, route: ODE, save=None):
     controller: dfx.AbstractStepSizeController
     dt0: float | None
     if route.steps is None:
-        tolerance = max(route.tolerance, 4 * float(jnp.finfo(start.dtype).eps))
+        least = 4 * float(jnp.finfo(start.dtype).eps)
+        tolerance = jnp.maximum(jnp.asarray(route.tolerance, start.dtype), least)
         controller = dfx.PIDController(rtol=tolerance, atol=tolerance)
         dt0, max_steps = None, route.max_steps
     else:

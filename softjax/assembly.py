@@ -4,7 +4,6 @@ A route gives pieces (`parts.Pieces`), the law its hooks: where loading ends, wh
 the unloading force vanishes, kinks, the range it was derived for. Here, and nowhere else, they meet.
 """
 
-from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -13,11 +12,11 @@ from jax import lax
 from jaxtyping import Array, Bool
 
 from softjax import energy
-from softjax._impacts import Mapped, over_impacts, recomputed_in_rows
+from softjax._impacts import over_impacts, recomputed_in_rows
 from softjax._numerics import safe_power
 from softjax.laws.reduced import Reduced, ReducedClosedForm, ReducedRateIndependent
 from softjax.parts import Pieces
-from softjax.routes import ODE, Route
+from softjax.routes import EnergyBalance, Stepping
 
 SETTLED = {"float64": 1e-10, "float32": 1e-5}  # of the impact's energy
 
@@ -48,7 +47,7 @@ class Outcome(NamedTuple):
     gains: Bool[Array, "..."]
 
 
-def collide(impacts: Reduced, route: Route) -> Outcome:
+def collide(impacts: Reduced, route: EnergyBalance | Stepping) -> Outcome:
     """Collisions beyond the elastic stage.
 
     Where there is no turning point the overlaps are where the loading force vanishes, or zero, and
@@ -57,23 +56,26 @@ def collide(impacts: Reduced, route: Route) -> Outcome:
     return _each(_collide, impacts, route)
 
 
-def duration(impacts: Reduced, route: Route) -> tuple[Array, Bool[Array, "..."]]:
+def duration(impacts: Reduced, route: EnergyBalance | Stepping) -> tuple[Array, Bool[Array, "..."]]:
     """Contact duration [L/V] of collisions beyond the elastic stage, and whether there is one."""
     return _each(_duration, impacts, route)
 
 
-def _each(what, impacts: Reduced, route: Route):
+def _each(what, impacts: Reduced, route: EnergyBalance | Stepping):
     """`what(pieces, law, y, below)` for all impacts."""
     law, y, below = impacts.law, impacts.y, impacts.below
-    around: Callable[[Mapped, list[bool]], Mapped]
-    if isinstance(route, ODE):
+    if isinstance(route, Stepping):
         from softjax import collision  # diffrax is imported when the ODE is asked for
 
-        pieces, around = collision.pieces(law, route, y.dtype), collision.forward_differentiated
-    elif isinstance(law, ReducedClosedForm):
+        def by_time(law, y, below, route):
+            return what(collision.pieces(law, route, y.dtype), law, y, below)
+
+        batch = law, y, below, route
+        return over_impacts(by_time, batch, collision.forward_differentiated)
+    if isinstance(law, ReducedClosedForm):
         return what(energy.closed_forms(y.dtype), law, y, below)
-    else:
-        pieces, around = energy.quadratures(y.dtype), recomputed_in_rows(energy.IN_CACHE)
+    pieces = energy.quadratures(y.dtype)
+    around = recomputed_in_rows(energy.IN_CACHE)
     return over_impacts(partial(what, pieces), (law, y, below), around)
 
 

@@ -9,10 +9,12 @@ from softjax._numerics import safe_power
 from softjax.assembly import Outcome
 from softjax.impact import Impact
 from softjax.laws.base import HardSphereLaw, RateDependentLaw, RateIndependentLaw
-from softjax.routes import Route
+from softjax.routes import ClosedForm, EnergyBalance, Stepping
+
+Taken = EnergyBalance | ClosedForm | Stepping
 
 
-def collisions(impact: Impact, route: Route, regime: str) -> Outcome:
+def collisions(impact: Impact, route: Taken, regime: str) -> Outcome:
     """Elastic impacts by Hertz's or the law's own power law, the others by the route; in metres."""
     law = impact.law
     if isinstance(law, HardSphereLaw):
@@ -27,20 +29,23 @@ def collisions(impact: Impact, route: Route, regime: str) -> Outcome:
     return jax.tree.map(lambda e, p: jnp.where(impact.elastic, e, p), elastic, by_route)
 
 
-def durations(impact: Impact, route: Route, regime: str) -> tuple[Array, Bool[Array, "..."]]:
+def durations(impact: Impact, route: Taken, regime: str) -> tuple[Array, Bool[Array, "..."]]:
     """Contact durations [s], and whether there is a contact that ends."""
     law, moving = impact.law, jnp.where(impact.velocity > 0, impact.velocity, impact.acting)
     if isinstance(law, HardSphereLaw):
         return jnp.zeros_like(moving), jnp.ones_like(impact.elastic)
+    if isinstance(route, ClosedForm):
+        duration = law.closed_form(impact.acting).duration
+        return jnp.broadcast_to(duration, moving.shape), jnp.ones_like(impact.elastic)
     if isinstance(law, RateDependentLaw):
-        reduced = law.reduced_at(impact.acting)
+        reduced = law.impacts(impact.acting)
         time, ends = _rate_dependent().duration(reduced, route)
         return time * reduced.scales.time, ends
     scales, exponent = law.elastic_scales()
     elastic = scales.time * energy.elastic_duration(exponent, moving / scales.velocity)
     if regime == "elastic":
         return elastic, jnp.ones_like(impact.elastic)
-    reduced = law.reduced_at(impact.acting)
+    reduced = law.impacts(impact.acting)
     time, ends = assembly.duration(reduced, route)
     time = time * reduced.scales.time
     return jnp.where(impact.elastic, elastic, time), impact.elastic | ends
@@ -61,8 +66,12 @@ def _elastic_peak(impact: Impact) -> Array | float:
     return scales.overlap * safe_power(impact.velocity / scales.velocity, 2 / exponent)
 
 
-def _beyond_elastic(impact: Impact, route: Route) -> Outcome:
-    reduced = impact.law.reduced_at(impact.acting)
+def _beyond_elastic(impact: Impact, route: Taken) -> Outcome:
+    if isinstance(route, ClosedForm):
+        known = impact.law.closed_form(impact.acting)
+        squared = jnp.broadcast_to(jnp.square(known.coefficient), impact.velocity.shape)
+        return _plain(known.peak_overlap, known.residual_overlap, squared)
+    reduced = impact.law.impacts(impact.acting)
     length = reduced.scales.overlap
     if isinstance(impact.law, RateDependentLaw):
         rebound = _rate_dependent().collide(reduced, route)

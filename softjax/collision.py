@@ -21,7 +21,7 @@ from softjax.falls import Fall
 from softjax.laws.reduced import Reduced, ReducedClosedForm, ReducedRateIndependent
 from softjax.parts import Peak, Pieces, Rebound, loading_kinks, unloading_kinks
 from softjax.release import Release, release, searched
-from softjax.routes import ODE
+from softjax.routes import Stepping
 
 __all__ = ["forward_differentiated", "history", "pieces"]
 
@@ -31,16 +31,17 @@ GAIN = 3.0  # tolerances that ε_p² of an elastic collision may be off
 UNKNOWN = 1e-8  # the tolerance that fixed steps are taken to have
 
 
-def pieces(law: ReducedRateIndependent, route: ODE, dtype) -> Pieces:
+def pieces(law: ReducedRateIndependent, route: Stepping, dtype) -> Pieces:
     """The pieces of one impact."""
     tolerance = UNKNOWN if route.steps is not None else route.tolerance
+    least = 4 * float(jnp.finfo(dtype).eps)
     search = _followed if isinstance(law, ReducedClosedForm) else searched
     return Pieces(
         loading=partial(encke.loading if _begins_elastic(law) else _staged, route=route),
         release=partial(release, search=search),
         energy=partial(_energy, route=route),
         time=partial(_time, route=route),
-        gain=GAIN * max(tolerance, 4 * float(jnp.finfo(dtype).eps)),
+        gain=GAIN * jnp.maximum(jnp.asarray(tolerance, dtype), least),
     )
 
 
@@ -79,7 +80,7 @@ def _followed(law: ReducedClosedForm, peak: Array) -> Release:
     return Release(peak * r**2, peak * (1 - r) * (1 + r), sure, sure)
 
 
-def _staged(law: ReducedRateIndependent, y: Array, route: ODE, clock: bool = False) -> Peak:
+def _staged(law: ReducedRateIndependent, y: Array, route: Stepping, clock: bool = False) -> Peak:
     """Loading by any force: stages that are passed over the overlap, the last one by its angle."""
     found = _reach(*jax.tree.map(jax.lax.stop_gradient, (law, y)))
     length, m = found.rough, round(2 * law.work_exponent)
@@ -128,7 +129,7 @@ def _reach(law, y):
     return reach(force, 0.4 * y * y, y ** (2 / law.work_exponent))
 
 
-def _passed(pull, kinks, y, route: ODE):
+def _passed(pull, kinks, y, route: Stepping):
     """X and U at the last kink before the peak, and whether the solver got there."""
     zero, one = jnp.zeros_like(y), jnp.ones_like(y)
     if not len(kinks):
@@ -177,19 +178,19 @@ def _unloading(law, peak: Peak, release: Release) -> Fall:
     )
 
 
-def _energy(law, peak: Peak, release: Release, route: ODE) -> Rebound:
+def _energy(law, peak: Peak, release: Release, route: Stepping) -> Rebound:
     reached = falls.energies(_unloading(law, peak, release), peak.velocity, route)
     return Rebound(reached.value, reached.solved, jnp.zeros_like(reached.value))
 
 
-def _time(law, peak: Peak, release: Release, route: ODE) -> Rebound:
+def _time(law, peak: Peak, release: Release, route: Stepping) -> Rebound:
     fall = _unloading(law, peak, release)
     reached = _energies_at_kinks(fall, peak.velocity, route)
     time, solved = falls.times(fall, reached, peak.velocity, route)
     return Rebound(time, solved & reached.solved, jnp.zeros_like(time))
 
 
-def _energies_at_kinks(fall: Fall, y, route: ODE) -> falls.Energies:
+def _energies_at_kinks(fall: Fall, y, route: Stepping) -> falls.Energies:
     """Only where there are kinks does the time ask for them."""
     if len(fall.kinks):
         return falls.energies(fall, y, route)
@@ -197,7 +198,7 @@ def _energies_at_kinks(fall: Fall, y, route: ODE) -> falls.Energies:
 
 
 def history(
-    impacts: Reduced, fractions: tuple[np.ndarray, np.ndarray], route: ODE
+    impacts: Reduced, fractions: tuple[np.ndarray, np.ndarray], route: Stepping
 ) -> tuple[tuple[Array, ...], Array]:
     """Time, overlap, velocity and force at fixed fractions of loading and of unloading.
 
@@ -208,11 +209,11 @@ def history(
     Returns:
         Four arrays, a last axis of samples beyond the shape of y, and whether there is a history.
     """
-    one = partial(_history, fractions=fractions, route=route)
-    return over_impacts(one, (impacts.law, impacts.y, impacts.below), forward_differentiated)
+    one = partial(_history, fractions=fractions)
+    return over_impacts(one, (impacts.law, impacts.y, impacts.below, route), forward_differentiated)
 
 
-def _history(law, y, below, fractions, route: ODE):
+def _history(law, y, below, route: Stepping, fractions):
     along, back = fractions
     if _begins_elastic(law):
         peak, loading = encke.history(law, y, along, route)
@@ -234,7 +235,7 @@ def _history(law, y, below, fractions, route: ODE):
     return tuple(_slowed(law, peak.overlap, below, joined)), ends
 
 
-def _risen(law, peak: Peak, along, route: ODE):
+def _risen(law, peak: Peak, along, route: Stepping):
     """Samples of loading: of the fall from the peak, the other way round."""
     rise = _rise(law, peak.overlap)
     reached = falls.energies(rise, peak.velocity, route)

@@ -19,7 +19,7 @@ from jaxtyping import Array, Bool
 
 from softjax._bridge import solve
 from softjax._numerics import safe_sqrt
-from softjax.routes import ODE
+from softjax.routes import Stepping
 
 
 class Fall(NamedTuple):
@@ -51,7 +51,7 @@ class Energies(NamedTuple):
         return self.at[-1]
 
 
-def energies(fall: Fall, y: Array, route: ODE) -> Energies:
+def energies(fall: Fall, y: Array, route: Stepping) -> Energies:
     """Kinetic energy over that of an impact at y, stage by stage."""
     per_velocity = 1 / y  # twice: the derivative of a quotient by y² overflows float32 at y = 1e13
 
@@ -109,7 +109,7 @@ def _about_end(fall: Fall, high, low):
     return place
 
 
-def times(fall: Fall, reached: Energies, y: Array, route: ODE, save=None):
+def times(fall: Fall, reached: Energies, y: Array, route: Stepping, save=None):
     """The time of the whole fall, or of the states at shares `save` of the angle; and its verdict.
 
     Returns:
@@ -155,7 +155,7 @@ def _sine_cosine(half):
     return 2 * half / below, (1 - half) * (1 + half) / below
 
 
-def _over_angle(field, start, end, state, route: ODE, save):
+def _over_angle(field, start, end, state, route: Stepping, save):
     """Over the root of what is left of the way, in which half powers of x - x* are smooth."""
 
     def eased(t, state, args):

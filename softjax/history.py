@@ -11,7 +11,7 @@ from jaxtyping import Array, ArrayLike, Float, Int
 from softjax.impact import Impact, check_law, checked, common_precision, prepare
 from softjax.laws.base import ContactLaw, HardSphereLaw, RateIndependentLaw
 from softjax.restitution import restitution_parts
-from softjax.routes import ODE
+from softjax.routes import ODE, Stepping, program_of
 from softjax.status import Status
 
 
@@ -76,14 +76,18 @@ def collide(
     if isinstance(samples, bool) or not isinstance(samples, int) or samples < 3:
         raise ValueError(f"`samples` must be a whole number >= 3, but is {samples!r}")
     velocity, regime = checked(law, velocity)
-    return _collide(*common_precision(law, velocity), samples, route, regime)
+    law, velocity = common_precision(law, velocity)
+    asked, tolerance = program_of(route)
+    return _collide((law, tolerance), velocity, samples, asked, regime)
 
 
 @partial(jax.jit, static_argnames=("samples", "route", "regime"))
-def _collide(law, velocity, samples, route, regime):
+def _collide(law_and_tolerance, velocity, samples, route, regime):
+    law, tolerance = law_and_tolerance
     impact = prepare(law, velocity, regime)
-    parts, ends = _history(impact, samples, route, regime)
-    coefficient, plastic, _, _, status = restitution_parts(law, velocity, route, regime)
+    parts, ends = _history(impact, samples, Stepping.of(route, tolerance), regime)
+    found = restitution_parts(law_and_tolerance, velocity, route, regime)
+    coefficient, plastic, _, _, status = found
     moves = impact.valid & (impact.velocity > 0)
     lost = moves & ~ends & ((status & int(Status.NO_TURNING_POINT)) == 0)
     shown = (moves & ends)[..., None]
@@ -99,14 +103,14 @@ def _collide(law, velocity, samples, route, regime):
     )
 
 
-def _history(impact: Impact, samples: int, route: ODE, regime: str):
+def _history(impact: Impact, samples: int, route: Stepping, regime: str):
     """Histories in SI, and whether there is one."""
     from softjax import collision, encke, rate_dependent  # diffrax is imported when asked for
 
     law = impact.law
     fractions = _fractions(samples, impact.velocity.dtype)
     if not isinstance(law, RateIndependentLaw):
-        reduced = law.reduced_at(impact.acting)
+        reduced = law.impacts(impact.acting)
         parts, ends = rate_dependent.history(reduced, fractions, route)
         return _in_si(law, reduced.scales, parts), ends | impact.elastic
     scales, exponent = law.elastic_scales()
@@ -115,7 +119,7 @@ def _history(impact: Impact, samples: int, route: ODE, regime: str):
     elastic = _in_si(law, scales, elastic)
     if regime == "elastic":
         return elastic, jnp.ones_like(impact.elastic)
-    reduced = law.reduced_at(impact.acting)
+    reduced = law.impacts(impact.acting)
     parts, ends = collision.history(reduced, fractions, route)
     stays_elastic = impact.elastic[..., None]
     both = zip(elastic, _in_si(law, reduced.scales, parts), strict=True)

@@ -57,7 +57,7 @@ class Pieces(NamedTuple):
     release: Callable[[ReducedRateIndependent, Array], Release]
     energy: Callable[[ReducedRateIndependent, Peak, Release], Rebound]
     time: Callable[[ReducedRateIndependent, Peak, Release], Rebound]
-    gain: float
+    gain: Array | float
 
 
 def loading_kinks(law: ReducedRateIndependent, like: Array) -> Array:

@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Array, Bool
 
 from softjax._bridge import solve
-from softjax.routes import ODE
+from softjax.routes import Stepping
 
 # how near to touch, and to zero overlap, the integration begins and ends: X is 1e-16 of its peak
 # there, and any power of it still a number. What happens before is less than rounding.
@@ -96,7 +96,7 @@ def samples(start: float, end: float, fractions: np.ndarray) -> np.ndarray:
 
 
 def over_angle(
-    plane: Plane, states: States, end: float, route: ODE, save=None
+    plane: Plane, states: States, end: float, route: Stepping, save=None
 ) -> tuple[States, Bool[Array, ""]]:
     """From there to another u, or at shares `save` of the way; and the solver's verdict."""
     start = states.way
@@ -129,7 +129,7 @@ def rates(plane: Plane, u: Array, radius: Array) -> tuple[Array, Array]:
 
 
 def to_zero_force(
-    plane: Plane, ratio: Callable[[Array, Array], Array], states: States, route: ODE, save=None
+    plane: Plane, ratio: Callable[[Array, Array], Array], states: States, route: Stepping, save=None
 ) -> tuple[States, Bool[Array, ""]]:
     """From the peak to where the force vanishes, or the overlap if that comes first.
 

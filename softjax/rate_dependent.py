@@ -19,7 +19,7 @@ from softjax._numerics import safe_power
 from softjax._search import reach
 from softjax.laws.reduced import Reduced, ReducedRateDependent
 from softjax.phase import PARTING, PEAK, TOUCH, Plane, States
-from softjax.routes import ODE
+from softjax.routes import Stepping
 
 
 class Rebound(NamedTuple):
@@ -32,18 +32,18 @@ class Rebound(NamedTuple):
     solved: Bool[Array, "..."]
 
 
-def collide(impacts: Reduced, route: ODE) -> Rebound:
+def collide(impacts: Reduced, route: Stepping) -> Rebound:
     """Overlaps and the part of the impact energy given back, one ODE for each velocity y > 0."""
     return _each(_collide, impacts, route)
 
 
-def duration(impacts: Reduced, route: ODE) -> tuple[Array, Bool[Array, "..."]]:
+def duration(impacts: Reduced, route: Stepping) -> tuple[Array, Bool[Array, "..."]]:
     """Contact duration [L/V] and whether the contact ends."""
     return _each(_duration, impacts, route)
 
 
 def history(
-    impacts: Reduced, fractions: tuple[np.ndarray, np.ndarray], route: ODE
+    impacts: Reduced, fractions: tuple[np.ndarray, np.ndarray], route: Stepping
 ) -> tuple[tuple[Array, ...], Bool[Array, "..."]]:
     """Time, overlap, velocity and force at fixed fractions of loading and of unloading.
 
@@ -54,9 +54,9 @@ def history(
     return _each(partial(_history, fractions=fractions), impacts, route)
 
 
-def _each(what, impacts: Reduced, route: ODE):
-    batch = impacts.law, impacts.y, impacts.below
-    return over_impacts(partial(what, route=route), batch, forward_differentiated)
+def _each(what, impacts: Reduced, route: Stepping):
+    batch = impacts.law, impacts.y, impacts.below, route
+    return over_impacts(what, batch, forward_differentiated)
 
 
 class _Scene(NamedTuple):
@@ -76,7 +76,7 @@ class _Scene(NamedTuple):
     def position(self, states: States):
         return phase.position(self.plane.m, states)
 
-    def ends(self, peak: States, route: ODE, save=None):
+    def ends(self, peak: States, route: Stepping, save=None):
         """The end of the contact, or samples on the way there."""
         if self.law.ends_at == "zero-overlap":
             return phase.over_angle(self.plane, peak, PARTING, route, save)
@@ -104,7 +104,7 @@ def _scene(law: ReducedRateDependent, y: Array) -> _Scene:
     return _Scene(law, y, length, turns, Plane(excess, m))
 
 
-def _collide(law, y, below, route: ODE) -> Rebound:
+def _collide(law, y, below, route: Stepping) -> Rebound:
     scene = _scene(law, y)
     touch = phase.at_touch(y, clock=False)
     peak, reached = phase.over_angle(scene.plane, touch, PEAK, route)
@@ -122,7 +122,7 @@ def _collide(law, y, below, route: ODE) -> Rebound:
     )
 
 
-def _duration(law, y, below, route: ODE):
+def _duration(law, y, below, route: Stepping):
     scene = _scene(law, y)
     peak, reached = phase.over_angle(scene.plane, phase.at_touch(y, clock=True), PEAK, route)
     end, ended = scene.ends(peak, route)
@@ -130,7 +130,7 @@ def _duration(law, y, below, route: ODE):
     return jnp.where(ends, end.clock * _pace(scene, peak, below), 0.0), ends
 
 
-def _history(law, y, below, route: ODE, fractions):
+def _history(law, y, below, route: Stepping, fractions):
     along, back = fractions
     scene = _scene(law, y)
     touch = phase.at_touch(y, clock=True)

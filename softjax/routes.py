@@ -1,10 +1,13 @@
-"""The two routes from a contact law to its restitution. Importing them imports no solver."""
+"""The routes from a contact law to its restitution. Importing them imports no solver."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
+import equinox as eqx
 import numpy as np
 
 from softjax._checks import check_choice
+from softjax.fields import array_field
 
 SOLVERS = ("dopri8", "dopri5", "tsit5", "bosh3")
 
@@ -17,6 +20,17 @@ class EnergyBalance:
     """
 
     name = "energy balance"
+
+
+@dataclass(frozen=True)
+class ClosedForm:
+    """What a law knows of its own collisions: formulas, and series of functions of one number.
+
+    The default for `LinearSpringDashpot`, `HertzDashpot`, `ViscoelasticHertz`, and for any law of
+    one's own that tells its `closed_form`; error <= 1e-12. Hard spheres are formulas anyway.
+    """
+
+    name = "closed form"
 
 
 @dataclass(frozen=True)
@@ -60,12 +74,39 @@ class ODE:
         return 1e-8 if self.rtol is None else float(self.rtol)
 
 
-Route = EnergyBalance | ODE
+class Stepping(eqx.Module):
+    """`ODE` as compiled programs take it: of a tolerance they need the place, not the number."""
+
+    tolerance: Any = array_field()  # None where the steps are fixed
+    solver: str = eqx.field(static=True)
+    steps: int | None = eqx.field(static=True)
+    max_steps: int = eqx.field(static=True)
+
+    @classmethod
+    def of(cls, route: ODE, tolerance: Any) -> "Stepping":
+        return cls(tolerance, route.solver, route.steps, route.max_steps)
+
+
+Route = EnergyBalance | ClosedForm | ODE
+
+
+def program_of(route: Route) -> tuple[Route, float | None]:
+    """What a program is compiled for, and the tolerance, which it takes as a number."""
+    if not isinstance(route, ODE) or route.steps is not None:
+        return route, None
+    return replace(route, rtol=None), route.tolerance
+
+
+def taken(route: Route, tolerance: Any) -> EnergyBalance | ClosedForm | Stepping:
+    """The route within a program."""
+    return Stepping.of(route, tolerance) if isinstance(route, ODE) else route
 
 
 def check_route(route) -> Route:
     if not isinstance(route, Route):
-        raise ValueError(f"`route` must be EnergyBalance() or ODE(...), but is {route!r}")
+        raise ValueError(
+            f"`route` must be EnergyBalance(), ClosedForm() or ODE(...), but is {route!r}"
+        )
     return route
 
 

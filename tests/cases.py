@@ -10,6 +10,7 @@ import numpy as np
 
 import softjax as sj
 from softjax import assembly
+from softjax.routes import program_of, taken
 
 FORMS = ("first-order", "full")
 EPS = float(np.finfo(np.float64).eps)
@@ -62,7 +63,7 @@ def law_of(inputs: dict) -> sj.Zhou:
 def collide(law, y, route=None):
     """Collisions of a reduced law at reduced velocities, by the energy balance or the given route."""
     route = sj.EnergyBalance() if route is None else route
-    return assembly.collide(sj.Reduced(law, None, y), route)
+    return assembly.collide(sj.Reduced(law, None, y), taken(route, program_of(route)[1]))
 
 
 @lru_cache

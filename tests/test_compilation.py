@@ -56,6 +56,21 @@ def test_the_same_shapes_compile_once(compiled, route):
     )  # so that the count is one that can count
 
 
+def test_another_tolerance_is_no_other_program(compiled):
+    """It acts all the same: the looser one errs more."""
+    velocity = np.linspace(1.0, 20.0, 3)
+    law = sj.ViscoelasticHertz(pair("nylon", "zhou"), 1e-5)
+    found = {}
+    for rtol in (1e-11, 1e-3, 1e-5):
+        found[rtol] = everything(law, velocity, sj.ODE(rtol=rtol))
+        before = len(compiled)
+        compiled.clear()
+        assert before > 0 if len(found) == 1 else before == 0
+    exact = sj.restitution(law, velocity).coefficient
+    errors = [np.max(np.abs(found[rtol][0] - exact)) for rtol in (1e-11, 1e-5, 1e-3)]
+    assert errors[0] < 1e-10 < errors[1] < errors[2] < 1e-2
+
+
 @pytest.mark.long
 def test_histories_compile_once(compiled):
     velocity = np.array([1.0, 4.0])

@@ -115,7 +115,9 @@ def test_history():
 
 def test_energy_balance_is_refused():
     law = sj.LinearSpringDashpot(lc.PAIR, STIFFNESS, 0.5)
-    with pytest.raises(ValueError, match=r"`route` must be ODE\(\.\.\.\) for LinearSpringDashpot"):
+    with pytest.raises(
+        ValueError, match=r"`route` must be ClosedForm\(\) or ODE\(\.\.\.\) for Linear"
+    ):
         sj.restitution(law, 1.0, sj.EnergyBalance())
 
 

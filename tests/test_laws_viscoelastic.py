@@ -145,5 +145,7 @@ def test_wrong_input_is_named():
     lc.assert_contact_refused(law)
     wrong = (-1.0, np.nan, np.inf, "1", None, [1e-6, -1e-6])
     lc.assert_refused(lambda a: sj.ViscoelasticHertz(lc.PAIR, a), "dissipation_time", *wrong)
-    with pytest.raises(ValueError, match=r"`route` must be ODE\(\.\.\.\) for ViscoelasticHertz"):
+    with pytest.raises(
+        ValueError, match=r"`route` must be ClosedForm\(\) or ODE\(\.\.\.\) for Visc"
+    ):
         sj.restitution(law, 1.0, sj.EnergyBalance())

@@ -1,6 +1,7 @@
 """Speed against error: errors are true, ratios are fair. No time decides anything here."""
 
 import csv
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from calibration import cli
 from calibration.speed import scipy_loop
+from calibration.speed.damped import damped_plan, damped_scene
 from calibration.speed.measure import Row, along_power_law, measure
 from calibration.speed.scene import stainless
 from calibration.speed.ways import energy_balance
@@ -41,6 +43,19 @@ def test_exact_answers_tell_errors():
     assert measure(halved, scene).largest_error > 0.3
     loop = measure(scipy_loop.scipy_loop(scene, 4, "DOP853", 1e-6), scene)
     assert 1e-12 < loop.largest_error < 1e-4
+
+
+@pytest.mark.parametrize("name", ["viscoelastic", "hertz-dashpot", "linear"])
+def test_laws_with_damping_err_as_told(name):
+    """The closed form meets 60 digits, in its gradient too; SciPy and diffrax err as their tolerance says."""
+    scene = damped_scene(name)
+    ways = [build() for build in damped_plan(scene, quick=True)]
+    known = next(way for way in ways if way.family == "closed form")
+    own = measure(replace(known, batch=32), scene)
+    assert own.largest_error < 1e-14
+    assert own.gradient_error < 1e-14
+    loop = next(way for way in ways if way.family == "SciPy loop")
+    assert 1e-12 < measure(replace(loop, batch=4), scene).largest_error < 1e-4
 
 
 def test_the_command_writes_its_table_and_picture(tmp_path, monkeypatch, capsys):

@@ -140,7 +140,7 @@ OBJECTS = [
     (wall, "material", "a Material"),
     (wall, "wall", "a Material"),
     (restitution, "law", "a contact law"),
-    (restitution, "route", "EnergyBalance() or ODE(...)"),
+    (restitution, "route", "EnergyBalance(), ClosedForm() or ODE(...)"),
 ]
 
 

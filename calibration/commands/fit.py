@@ -96,7 +96,7 @@ HELP = {
     "law": "which contact law is fitted (default: zhou)",
     "objective": "the law's own likelihood (model, the default), or the paper's two steps",
     "optimiser": "default: l-bfgs",
-    "route": "from a law to ε: time integration (default of two-step) or energy balance",
+    "route": "from a law to ε: time integration (default of two-step), energy balance or closed form",
     "loss": "squared, or one that resists outliers (default: squared)",
     "form": "of Zhou's law (default: first-order)",
     "kappa": "consistent with the forces (default), or as the paper prints it",
@@ -211,8 +211,9 @@ def _route(name: str | None, rtol: float | None):
     import softjax as sj
     from calibration.fitting.request import DEFAULT_ODE
 
-    if name == "energy balance":
-        return sj.EnergyBalance()
+    exact = {"energy balance": sj.EnergyBalance(), "closed form": sj.ClosedForm()}
+    if name in exact:
+        return exact[name]
     if rtol is not None:
         return sj.ODE(rtol=rtol)
     return None if name is None else DEFAULT_ODE

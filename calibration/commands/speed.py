@@ -2,17 +2,21 @@
 
 Every way computes ε_p of the same collisions: the two routes of this library, and what one would
 write instead (SciPy in a loop, diffrax with two events, velocity Verlet). Errors are against
-40-digit arithmetic. Written are speed.csv and speed.png.
+40-digit arithmetic. Written are speed.csv and speed.png. `--law` does the same for a law with
+damping, by its closed form and by the ODE.
 """
 
 import argparse
 import warnings
+from typing import Any
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--quick", action="store_true", help="fewer settings: about 20 s, not 2 min"
     )
+    damped = ("viscoelastic", "hertz-dashpot", "linear")
+    parser.add_argument("--law", choices=damped, help="a law with damping (default: zhou)")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -29,7 +33,7 @@ def run(arguments: argparse.Namespace) -> int:
     told = [] if arguments.quiet else [as_text(rows)]
     with or_told(told), files_into(arguments.out) as folder:
         (folder / "speed.csv").write_text(as_csv(rows), encoding="utf-8")
-        figure = draw_speed(rows).get_figure(root=True)
+        figure = draw_speed(rows, law=arguments.law).get_figure(root=True)
         assert figure is not None
         save(figure, folder / "speed.png")
     if told:
@@ -44,8 +48,13 @@ def _measure_all(arguments):
     from calibration.speed.plan import plan
     from calibration.speed.scene import stainless
 
-    scene = stainless()
+    scene: Any = stainless()
     ways = plan(scene, arguments.quick)
+    if arguments.law is not None:
+        from calibration.speed.damped import damped_plan, damped_scene
+
+        scene = damped_scene(arguments.law)
+        ways = list(damped_plan(scene, arguments.quick))
     with warnings.catch_warnings(), Progress(arguments.quiet) as progress:
         warnings.simplefilter("ignore")  # of rivals, about what they were asked to do
         return [measure(build(), scene) for build in progress.over(ways, "measuring")]

@@ -39,6 +39,6 @@ def add_source_arguments(parser: argparse.ArgumentParser, law_option: str = "--l
 
 def add_route_arguments(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("route")
-    routes = ("energy-balance", "ode")
-    group.add_argument("--route", choices=routes, help="default: the energy balance if possible")
+    routes = ("energy-balance", "closed-form", "ode")
+    group.add_argument("--route", choices=routes, help="default: ode where the law has no other")
     group.add_argument("--rtol", type=float, metavar="X", help="tolerance of the ode (1e-8)")

@@ -66,7 +66,7 @@ def read_source(arguments: argparse.Namespace) -> Source:
     return _of_paper(arguments)
 
 
-def route_of(arguments: argparse.Namespace) -> sj.EnergyBalance | sj.ODE | None:
+def route_of(arguments: argparse.Namespace) -> sj.EnergyBalance | sj.ClosedForm | sj.ODE | None:
     """The route asked for, None where none was.
 
     Raises:
@@ -74,9 +74,13 @@ def route_of(arguments: argparse.Namespace) -> sj.EnergyBalance | sj.ODE | None:
     """
     if arguments.rtol is not None and arguments.route != "ode":
         raise DataError("--rtol", arguments.rtol, "given with --route ode only")
-    if arguments.route is None:
-        return None
-    return sj.EnergyBalance() if arguments.route == "energy-balance" else sj.ODE(arguments.rtol)
+    if arguments.route == "ode":
+        return sj.ODE(arguments.rtol)
+    exact: dict[str | None, Any] = {
+        "energy-balance": sj.EnergyBalance(),
+        "closed-form": sj.ClosedForm(),
+    }
+    return exact.get(arguments.route)
 
 
 def _of_paper(arguments: argparse.Namespace) -> Source:

@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 import softjax as sj
 from calibration.curve.source import Source
 
-Route = sj.EnergyBalance | sj.ODE | None
+Route = sj.EnergyBalance | sj.ClosedForm | sj.ODE | None
 FILLED = 256  # rows
 
 

@@ -24,7 +24,7 @@ SMALL = 256
 LARGE = 8192
 MANY = 32_768  # from which on large blocks are worth compiling
 
-Route = sj.EnergyBalance | sj.ODE | None
+Route = sj.EnergyBalance | sj.ClosedForm | sj.ODE | None
 
 
 class LawShape(NamedTuple):
@@ -34,13 +34,13 @@ class LawShape(NamedTuple):
         tree: its structure.
         names: of its leaves, "contact.radius", "chi".
         whole: which leaves are whole for all impacts.
-        depends_on_rate: whether the law's force does.
+        route: what suits the law.
     """
 
     tree: Any
     names: tuple[str, ...]
     whole: tuple[bool, ...]
-    depends_on_rate: bool
+    route: Route
 
     @classmethod
     def of(cls, law: sj.ContactLaw) -> "LawShape":
@@ -48,7 +48,7 @@ class LawShape(NamedTuple):
         names = tuple(jax.tree_util.keystr(path).lstrip(".") for path, _ in paths)
         held = whole_fields(type(law))
         whole = tuple(getattr(path[0], "name", "") in held for path, _ in paths)
-        return cls(tree, names, whole, isinstance(law, sj.RateDependentLaw))
+        return cls(tree, names, whole, law.default_route())
 
 
 class Expansion(NamedTuple):
@@ -83,7 +83,7 @@ def expand(
         elastic: the branch that each impact is held on, None: as the law has it.
     """
     parts = []
-    route = default_route(shape) if route is None else route  # one name for one program
+    route = shape.route if route is None else route  # one name for one program
     for rows, size in _blocks(len(velocity), route):
         some = [
             leaf if shape.whole[k] and k not in moving else _filled(leaf[rows], size)
@@ -96,11 +96,6 @@ def expand(
     if len(parts) == 1:
         return Expansion(*parts[0])
     return Expansion(*(np.concatenate(every, -1) for every in zip(*parts, strict=True)))
-
-
-def default_route(shape: LawShape) -> sj.EnergyBalance | sj.ODE:
-    """What suits the law."""
-    return sj.ODE() if shape.depends_on_rate else sj.EnergyBalance()
 
 
 def _blocks(count: int, route: Route) -> Iterator[tuple[slice, int]]:

@@ -38,7 +38,7 @@ def fit(
     parameters: Mapping[str, Any] | Sequence[Mapping[str, Any]] | None = None,
     *,
     objective: str | None = None,
-    route: sj.EnergyBalance | sj.ODE | None = None,
+    route: sj.EnergyBalance | sj.ClosedForm | sj.ODE | None = None,
     optimiser: str = "l-bfgs",
     loss: str = "squared",
     loss_scale: float = 1.345,

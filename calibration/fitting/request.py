@@ -19,7 +19,6 @@ from calibration.fitting.stages import Options
 
 # ε to 1e-11, compiled in half of dopri8's time
 DEFAULT_ODE = sj.ODE(steps=16, solver="dopri5")
-BUILT_IN_DAMPED = (sj.ViscoelasticHertz, sj.HertzDashpot, sj.LinearSpringDashpot)
 LINES = ("curves", "weighted", None)
 
 
@@ -44,7 +43,7 @@ class Request:
     law: Any = None
     parameters: Any = None
     objective: str | None = None
-    route: sj.EnergyBalance | sj.ODE | None = None
+    route: sj.EnergyBalance | sj.ClosedForm | sj.ODE | None = None
     options: Options = Options()
     confidence: float = 0.95
     profiles: bool = True
@@ -63,20 +62,17 @@ class Request:
         specs = self.specs()
         return assemble(specs, self.chosen_route(specs))
 
-    def chosen_route(self, specs: list[SetSpec]) -> sj.EnergyBalance | sj.ODE | None:
+    def chosen_route(
+        self, specs: list[SetSpec]
+    ) -> sj.EnergyBalance | sj.ClosedForm | sj.ODE | None:
         """The route asked for; else time integration for the paper's procedure, or what suits the law."""
         if self.route is not None:
             return self.route
-        damped = all(issubclass(spec.model.law_type, BUILT_IN_DAMPED) for spec in specs)
-        by_time = damped or any(spec.objective == "two-step" for spec in specs)
-        return DEFAULT_ODE if by_time else None
+        return DEFAULT_ODE if any(spec.objective == "two-step" for spec in specs) else None
 
-    def route_of_curve(self, law: type) -> sj.EnergyBalance | sj.ODE | None:
+    def route_of_curve(self, law: type) -> sj.EnergyBalance | sj.ClosedForm | sj.ODE | None:
         """From a fitted law to its curve: the energy balance, or the route that its fit went."""
-        if not issubclass(law, sj.RateDependentLaw):
-            return None
-        own = DEFAULT_ODE if issubclass(law, BUILT_IN_DAMPED) else None
-        return own if self.route is None else self.route
+        return self.route if issubclass(law, sj.RateDependentLaw) else None
 
     def fitted(self, starts: int | None = None) -> list[ComponentFit]:
         """All components, one after the other."""
@@ -91,8 +87,10 @@ def checked(request: Request) -> Request:
         ValueError: naming the argument, its value and what is accepted.
     """
     options, route = request.options, request.route
-    if route is not None and not isinstance(route, sj.EnergyBalance | sj.ODE):
-        raise DataError("route", route, "softjax.EnergyBalance() or softjax.ODE(...)")
+    if route is not None and not isinstance(route, sj.EnergyBalance | sj.ClosedForm | sj.ODE):
+        raise DataError(
+            "route", route, "softjax.EnergyBalance(), softjax.ClosedForm() or softjax.ODE(...)"
+        )
     _check_choice("optimiser", options.optimiser, tuple(OPTIMISERS))
     _check_choice("loss", options.loss, LOSSES)
     _check_choice("unloading_line", request.unloading_line, LINES)

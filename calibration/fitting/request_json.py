@@ -77,8 +77,10 @@ def _route_to_dict(route) -> dict[str, Any] | None:
     return None if route is None else {"name": route.name, **asdict(route)}
 
 
-def _route_from_dict(table) -> sj.EnergyBalance | sj.ODE | None:
+def _route_from_dict(table) -> sj.EnergyBalance | sj.ClosedForm | sj.ODE | None:
     if table is None:
         return None
     fields = {key: value for key, value in table.items() if key != "name"}
-    return sj.ODE(**fields) if table["name"] == sj.ODE.name else sj.EnergyBalance()
+    if table["name"] == sj.ODE.name:
+        return sj.ODE(**fields)
+    return sj.ClosedForm() if table["name"] == sj.ClosedForm.name else sj.EnergyBalance()

@@ -241,4 +241,4 @@ def route_name(problem: Problem) -> str:
         return "closed form"
     if problem.route is not None:
         return problem.route.name
-    return "ode" if issubclass(law, sj.RateDependentLaw) else "energy balance"
+    return law.default_route().name if issubclass(law, sj.ContactLaw) else sj.EnergyBalance.name

@@ -222,7 +222,7 @@ def problem(
     law: str | type | Callable[..., sj.ContactLaw] | None = None,
     parameters: Mapping[str, Any] | Sequence[Mapping[str, Any]] | None = None,
     *,
-    route: sj.EnergyBalance | sj.ODE | None = None,
+    route: sj.EnergyBalance | sj.ClosedForm | sj.ODE | None = None,
     extra_scatter: bool = False,
     scale_uncertainty: bool = False,
 ) -> Traceable:

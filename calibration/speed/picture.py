@@ -8,8 +8,10 @@ from calibration.speed.measure import Row
 # a colour and a marker each: told apart without colour too
 STYLES = {
     "energy balance": (style.GREEN, "*"),
+    "closed form": (style.GREEN, "*"),
     "ODE": (style.BLUE, "o"),
     "diffrax, two events": (style.SKY, "s"),
+    "diffrax, an event": (style.SKY, "s"),
     "SciPy loop": (style.VERMILION, "^"),
     "Verlet, JAX": (style.PURPLE, "v"),
     "Verlet, numba": (style.ORANGE, "D"),
@@ -17,15 +19,16 @@ STYLES = {
 }
 
 
-def draw_speed(rows: list[Row], ax: Axes | None = None) -> Axes:
-    """One marker a setting; filled for float64, hollow for float32."""
+def draw_speed(rows: list[Row], ax: Axes | None = None, law: str | None = None) -> Axes:
+    """One marker a setting; filled for float64, hollow for float32. `law`: None is Zhou's."""
     ax = style.axes_or_new(ax, 9.0, 5.5)
     for family, (colour, marker) in STYLES.items():
         _draw_family(ax, [r for r in rows if r.family == family], family, colour, marker)
     ax.set(xscale="log", yscale="log")
     ax.set_xlabel("largest error of the plastic coefficient of restitution [-]")
     ax.set_ylabel("time a collision [µs]")
-    ax.set_title("Speed against error: stainless steel, v from 1.5 to 250 critical velocities")
+    of_zhou = "stainless steel, v from 1.5 to 250 critical velocities"
+    ax.set_title(f"Speed against error: {of_zhou if law is None else law}")
     ax.grid(which="major", alpha=0.3)
     ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
     return ax

@@ -8,6 +8,13 @@ from dataclasses import astuple, fields
 from calibration.speed.measure import Row, along_power_law, at_error
 from calibration.speed.ways import NO_OVERLAPS
 
+RIVALS = (
+    "SciPy loop",
+    "diffrax, two events",
+    "diffrax, an event",
+    "Verlet, JAX",
+    "Verlet, numba",
+)
 HEADINGS = ("way", "setting", "precision", "batch", "µs", "error", "compile s", "MiB", "µs+grad")
 
 
@@ -30,7 +37,7 @@ def as_text(rows: list[Row]) -> str:
 
 def _place(row: Row):
     """Each family together, this library's first; the settings as they were measured."""
-    energy = row.family == "energy balance"
+    energy = row.family in ("energy balance", "closed form")
     return not energy, row.family != "ODE", energy and (row.precision != "float64", row.batch)
 
 
@@ -66,13 +73,15 @@ def ratios(rows: list[Row]) -> list[str]:
     lines = []
     for error in (1e-3, 1e-6):
         own = at_error([r for r in rows if r.batch == 4096], "ODE", error)
-        for rival in ("SciPy loop", "diffrax, two events", "Verlet, JAX", "Verlet, numba"):
+        for rival in RIVALS:
             theirs = along_power_law(rows, rival, error)
             if own is not None and theirs is not None:
                 lines.append(
                     f"ODE at error {error:.0e}: {theirs / own:.3g} times faster than {rival}"
                 )
     lines += _gradient_ratios(rows)
+    if not any(row.family == "closed form" for row in rows):
+        lines.append("laws with damping: softjax speed --law viscoelastic, hertz-dashpot or linear")
     return lines + _energy_ratio(rows)
 
 

@@ -118,7 +118,7 @@ def fisher_information(
     velocity: ArrayLike = (),
     uncertainty: ArrayLike | None = None,
     objective: str | None = None,
-    route: sj.EnergyBalance | sj.ODE | None = None,
+    route: sj.EnergyBalance | sj.ClosedForm | sj.ODE | None = None,
     *,
     parameters: Mapping[str, Any] | None = None,
     material: str | None = None,

@@ -107,7 +107,7 @@ class Sensitivities:
 def sensitivity(
     inputs: Inputs | sj.ContactLaw | FitResult,
     velocity: Float[ArrayLike, "..."],
-    route: sj.EnergyBalance | sj.ODE | None = None,
+    route: sj.EnergyBalance | sj.ClosedForm | sj.ODE | None = None,
     *,
     material: str | None = None,
 ) -> Sensitivities:

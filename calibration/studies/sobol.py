@@ -79,7 +79,7 @@ def sobol_indices(
     ranges: Mapping[str, tuple[float, float]],
     velocity: ArrayLike,
     *,
-    route: sj.EnergyBalance | sj.ODE | None = None,
+    route: sj.EnergyBalance | sj.ClosedForm | sj.ODE | None = None,
     material: str | None = None,
     **options: Any,
 ) -> SobolIndices:

@@ -2,7 +2,7 @@
 
     ContactLaw
     ├── RateIndependentLaw    force depends on the overlap and its peak: energy balance or ODE
-    ├── RateDependentLaw      force depends on the velocity as well: ODE only
+    ├── RateDependentLaw      force depends on the velocity as well: ODE, or the law's closed form
     └── HardSphereLaw         no force, only ε(v): nothing to integrate, no history, no contact
 
 A law of one's own gives its forces in newtons over overlaps in metres and needs no more. Those of
@@ -14,7 +14,7 @@ under tracing, and what a fit knows of them follow from that.
 
 from abc import abstractmethod
 from collections.abc import Iterable
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -34,11 +34,13 @@ from softjax.laws.reduced import (
     lifted,
 )
 from softjax.laws.units import Scales, hertz_scales
+from softjax.routes import ODE, ClosedForm, EnergyBalance, Route
 
 __all__ = [
     "ContactLaw",
     "ForceLaw",
     "HardSphereLaw",
+    "KnownCollision",
     "RateDependentLaw",
     "RateIndependentLaw",
     "Reduced",
@@ -73,6 +75,26 @@ class ContactLaw(eqx.Module):
         """
         return plastic_squared, jnp.zeros_like(elastic)
 
+    @classmethod
+    def default_route(cls) -> Route:
+        """The route that suits the law: the cheapest that it can take."""
+        return EnergyBalance()
+
+
+class KnownCollision(NamedTuple):
+    """What a law knows of its collisions; arrays that broadcast against the velocity.
+
+    Attributes:
+        coefficient: ε_p of the contact's force, >= 0 [-].
+        peak_overlap, residual_overlap: δ_max and δ* [m].
+        duration: of the contact [s].
+    """
+
+    coefficient: Array
+    peak_overlap: Array
+    residual_overlap: Array
+    duration: Array
+
 
 class ForceLaw(ContactLaw):
     """A law with a force: what both kinds of it have."""
@@ -92,7 +114,12 @@ class ForceLaw(ContactLaw):
 
     @abstractmethod
     def reduced_at(self, velocity: Array) -> Reduced:
+        """Impacts at v > 0 [m/s] of a law that is given reduced."""
+
+    def impacts(self, velocity: Array) -> Reduced:
         """Impacts at v > 0 [m/s] as the routes take them."""
+        si = self._speaks_si()
+        return reduced_by_forces(self, velocity) if si else self.reduced_at(velocity)
 
     def force_scale(self, scales: Scales | None = None):
         """(5/4) M V²/L [N]."""
@@ -169,8 +196,6 @@ class RateIndependentLaw(ForceLaw):
         raise ValueError(f"`{name}` is given by its forces: it has no reduced form of its own")
 
     def reduced_at(self, velocity: Array) -> Reduced:
-        if self._speaks_si():
-            return reduced_by_forces(self, velocity)
         return lifted(self.reduced(), self.scales(), velocity)
 
     def elastic_velocity(self):
@@ -188,7 +213,7 @@ class RateIndependentLaw(ForceLaw):
 
 
 class RateDependentLaw(ForceLaw):
-    """A law whose force depends on the velocity too: no energy balance, only the ODE.
+    """A law whose force depends on the velocity too: no energy balance, but the ODE.
 
     To bring one's own, give the force [N] and say where the contact ends; it is asked for one
     overlap [m] and its rate [m/s] at a time.
@@ -204,6 +229,10 @@ class RateDependentLaw(ForceLaw):
 
     `end`: "zero-overlap", or "zero-force", where damping cancels the elastic force (or the overlap
     vanishes first). The force at rest is what the bodies store, the rest is what they lose.
+
+    Where all of a collision is known, `closed_form` tells it, and is the default then. It belongs to
+    the force beside which it is defined: a subclass with another force is integrated, unless it
+    tells another closed form too.
     """
 
     def __check_init__(self):
@@ -225,9 +254,27 @@ class RateDependentLaw(ForceLaw):
         raise ValueError(f"`{name}` is given by its force: it has no reduced form of its own")
 
     def reduced_at(self, velocity: Array) -> Reduced:
-        if self._speaks_si():
-            return reduced_by_forces(self, velocity)
         return lifted(self.reduced(), self.scales(), velocity)
+
+    def closed_form(self, velocity: Array) -> KnownCollision:
+        """The collisions at v > 0 [m/s], where the law knows them."""
+        raise NotImplementedError
+
+    @classmethod
+    def has_closed_form(cls) -> bool:
+        """Whether the law knows its collisions, and none of its subclasses has changed the force."""
+        defined = {"closed_form", "force", "reduced", "reduced_at"}
+        latest = next(kind for kind in cls.__mro__ if defined & vars(kind).keys())
+        return latest not in _ABSTRACT and "closed_form" in vars(latest)
+
+    @classmethod
+    def _speaks_si(cls) -> bool:
+        latest = next(kind for kind in cls.__mro__ if {"force", "reduced"} & vars(kind).keys())
+        return latest in _ABSTRACT or "force" in vars(latest)
+
+    @classmethod
+    def default_route(cls) -> Route:
+        return ClosedForm() if cls.has_closed_form() else ODE()
 
 
 _ABSTRACT = (ContactLaw, ForceLaw, RateIndependentLaw, RateDependentLaw)

@@ -16,10 +16,11 @@ from softjax._checks import as_real, check
 from softjax._numerics import safe_power
 from softjax.contact import Contact
 from softjax.fields import Number, choice_field, number_field
-from softjax.laws.base import RateDependentLaw
+from softjax.laws._dashpots import damped, hertz_duration
+from softjax.laws.base import KnownCollision, RateDependentLaw
 from softjax.laws.linear_dashpot import SET_RESTITUTION, damping_fraction
 from softjax.laws.reduced import ENDS, End, Reduced, ReducedRateDependent
-from softjax.laws.units import hertz_scales_at
+from softjax.laws.units import hertz_motion, hertz_scales_at
 
 
 class HertzDashpot(RateDependentLaw):
@@ -79,6 +80,16 @@ class HertzDashpot(RateDependentLaw):
     def reduced_at(self, velocity: Array) -> Reduced:
         scales = hertz_scales_at(self.contact, velocity)
         return Reduced(self.reduced(), scales, jnp.ones_like(scales.overlap))
+
+    def closed_form(self, velocity: Array) -> KnownCollision:
+        motion = hertz_motion(self.contact, velocity)
+        found = damped(self.restitution, self.end)
+        return KnownCollision(
+            coefficient=found.restitution,
+            peak_overlap=motion.overlap * found.peak**0.8,
+            residual_overlap=motion.overlap * safe_power(found.residual, 0.8),
+            duration=motion.time * hertz_duration(found, self.end),
+        )
 
 
 class ReducedHertzDashpot(ReducedRateDependent):

@@ -11,9 +11,11 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from softjax._numerics import quotient
 from softjax.contact import Contact
 from softjax.fields import Number, choice_field, number_field
-from softjax.laws.base import RateDependentLaw
+from softjax.laws._dashpots import damped, root
+from softjax.laws.base import KnownCollision, RateDependentLaw
 from softjax.laws.reduced import ENDS, End, Reduced, ReducedRateDependent
 from softjax.laws.units import Scales
 
@@ -75,6 +77,16 @@ class LinearSpringDashpot(RateDependentLaw):
         radius, pace = self.scales()
         scales = Scales(radius * (velocity / pace), jnp.asarray(velocity))
         return Reduced(self.reduced(), scales, jnp.ones_like(scales.overlap))
+
+    def closed_form(self, velocity: Array) -> KnownCollision:
+        found = damped(self.restitution, self.end)
+        radian = quotient(*self.scales())  # 1/ω0 [s]
+        return KnownCollision(
+            coefficient=found.restitution,
+            peak_overlap=velocity * radian * found.peak,
+            residual_overlap=velocity * radian * found.residual,
+            duration=radian * found.end * root(found.loss) / math.pi,
+        )
 
 
 class ReducedLinearDashpot(ReducedRateDependent):

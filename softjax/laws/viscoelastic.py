@@ -5,6 +5,8 @@ Phys. 26, 1230 (1987); N. V. Brilliantov, F. Spahn, J.-M. Hertzsch and T. Pösch
 collisions in granular gases, Phys. Rev. E 53, 5382 (1996).
 """
 
+from typing import ClassVar
+
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
@@ -12,9 +14,10 @@ from jaxtyping import Array
 from softjax._numerics import quotient, safe_sqrt
 from softjax.contact import Contact
 from softjax.fields import Number, number_field
-from softjax.laws.base import RateDependentLaw
+from softjax.laws import _viscous
+from softjax.laws.base import KnownCollision, RateDependentLaw
 from softjax.laws.reduced import End, Reduced, ReducedRateDependent
-from softjax.laws.units import Scales, hertz_scales_at
+from softjax.laws.units import Scales, hertz_motion, hertz_scales_at
 
 
 class ViscoelasticHertz(RateDependentLaw):
@@ -47,15 +50,35 @@ class ViscoelasticHertz(RateDependentLaw):
     contact: Contact
     dissipation_time: Number = number_field("A", "s", "time", within="[0, inf)")
 
+    end: ClassVar[End] = "zero-force"
+
     def reduced(self) -> "ReducedViscoelastic":
-        return self._over(self.scales())
+        return _over(self, self.scales())
 
     def reduced_at(self, velocity: Array) -> Reduced:
         scales = hertz_scales_at(self.contact, velocity)
-        return Reduced(self._over(scales), scales, jnp.ones_like(scales.overlap))
+        return Reduced(_over(self, scales), scales, jnp.ones_like(scales.overlap))
 
-    def _over(self, scales: Scales) -> "ReducedViscoelastic":
-        return ReducedViscoelastic(quotient(self.dissipation_time, scales.time))
+    def closed_form(self, velocity: Array) -> KnownCollision:
+        motion = hertz_motion(self.contact, velocity)
+        # (k/M)^{2/5} v^{1/5} is (5/4)^{2/5} over the time of Hertz's collision
+        rate = quotient(motion.whole.velocity, motion.whole.overlap)
+        found = _viscous.collision(
+            _viscous.damping(1.5 * UNIT * self.dissipation_time, motion.pace, rate)
+        )
+        return KnownCollision(
+            coefficient=found.restitution,
+            peak_overlap=motion.overlap / UNIT * found.peak,
+            residual_overlap=motion.overlap / UNIT * found.residual,
+            duration=motion.time / UNIT * found.duration,
+        )
+
+
+UNIT = 1.25**0.4  # Hertz's largest overlap over (M v²/k)^{2/5}
+
+
+def _over(law: ViscoelasticHertz, scales: Scales) -> "ReducedViscoelastic":
+    return ReducedViscoelastic(quotient(law.dissipation_time, scales.time))
 
 
 class ReducedViscoelastic(ReducedRateDependent):
