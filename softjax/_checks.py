@@ -53,7 +53,7 @@ def check(name: str, value, holds, accepted: str) -> np.ndarray | None:
         return None
     if isinstance(value, jax.ShapeDtypeStruct):
         return None
-    array = _real_array(value)
+    array = _extremes_here(value) if isinstance(value, jax.Array) else _real_array(value)
     if array is not None:
         extremes = np.array([array.min(), array.max()]) if array.size else array
         if np.all(np.isfinite(extremes) & holds(extremes)):
@@ -100,6 +100,24 @@ def _real_array(value) -> np.ndarray | None:
     # bfloat16 and its kin are no NumPy floats, and longer ones than float64 none of JAX's
     is_float = np.issubdtype(array.dtype, np.floating) and array.dtype.itemsize <= 8
     return array if is_float or np.issubdtype(array.dtype, np.integer) else None
+
+
+def is_elsewhere(value) -> bool:
+    """Whether other processes hold parts of an array, which cannot be looked at here."""
+    return isinstance(value, jax.Array) and not is_traced(value) and not value.is_fully_addressable
+
+
+def _extremes_here(value: jax.Array) -> np.ndarray | None:
+    """Of what this process holds, device by device: nothing is fetched together."""
+    parts = [_real_array(shard.data) for shard in value.addressable_shards]
+    extremes = [end for part in parts if part is not None and part.size for end in _ends(part)]
+    if any(part is None for part in parts):
+        return None
+    return np.array(extremes, parts[0].dtype if parts else float)
+
+
+def _ends(array: np.ndarray) -> tuple:
+    return array.min(), array.max()
 
 
 def _shown(value) -> str:

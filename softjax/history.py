@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
+from softjax._batches import in_batches
 from softjax.impact import Impact, check_law, checked, common_precision, prepare
 from softjax.laws.base import ContactLaw, HardSphereLaw, RateIndependentLaw
 from softjax.restitution import restitution_parts
@@ -76,7 +77,8 @@ def collide(
     if isinstance(samples, bool) or not isinstance(samples, int) or samples < 3:
         raise ValueError(f"`samples` must be a whole number >= 3, but is {samples!r}")
     velocity, regime = checked(law, velocity)
-    return _collide(*common_precision(law, velocity), samples, route, regime)
+    same = common_precision(law, velocity)
+    return in_batches(_collide, *same, samples, route, regime, cut=False)
 
 
 @partial(jax.jit, static_argnames=("samples", "route", "regime"))

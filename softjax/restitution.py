@@ -11,6 +11,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from softjax._batches import in_batches
 from softjax._checks import is_traced
+from softjax._spread import alike
 from softjax._numerics import safe_sqrt
 from softjax.assembly import Outcome
 from softjax.batch import collisions, durations
@@ -131,11 +132,14 @@ def _kept(impacts):
     whole = whole_leaves(impacts)
     shapes = [np.shape(leaf) for leaf, held in zip(leaves, whole, strict=True) if not held]
     shape = np.broadcast_shapes(*shapes)
+    velocity = leaves[-1]
 
     def spread(leaf, held):
         if held and not hasattr(leaf, "dtype"):
             return leaf
-        return jnp.broadcast_to(leaf, shape + (np.shape(leaf) if held else ()))
+        if held:
+            return jnp.broadcast_to(leaf, shape + np.shape(leaf))
+        return alike(jnp.broadcast_to(leaf, shape), velocity)
 
     kept = [spread(leaf, held) for leaf, held in zip(leaves, whole, strict=True)]
     return jax.tree.unflatten(structure, kept), True
@@ -267,10 +271,7 @@ def _duration(law, velocity, route, regime):
 
 def _durations_of_each(law, velocity, route, regime):
     """Of impacts that each have a law of their own, what is whole included."""
-    leaves, structure = jax.tree.flatten((law, velocity))
-    flat = [jnp.reshape(leaf, (velocity.size, *leaf.shape[velocity.ndim :])) for leaf in leaves]
-
-    def one(*leaves):
-        return _duration(*jax.tree.unflatten(structure, leaves), route, regime)
-
-    return jax.vmap(one)(*flat).reshape(velocity.shape)
+    one = partial(_duration, route=route, regime=regime)
+    for _ in velocity.shape:
+        one = jax.vmap(one)
+    return one(law, velocity)
