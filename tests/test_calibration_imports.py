@@ -9,6 +9,7 @@ from tests.test_imports import has_no_cycle, imported, loaded_after, modules, pa
 
 FLOORS = [
     {"errors", "rounding", "choices", "progress", "atomic", "cache", "signals", "terminal"},
+    {"parts", "processes"},
     {"parameters", "data"},
     {"problem_file", "fitting"},
     {"report", "coverage"},
