@@ -73,7 +73,7 @@ class Parts:
 
         def write(k: int, path: Path) -> None:
             with path.open("wb") as file:
-                np.savez(file, **make(k))
+                np.savez(file, **make(k))  # type: ignore[arg-type]
 
         return map(_read, self.files(settings, count, write))
 
@@ -185,13 +185,18 @@ def fingerprint(*settings: Any) -> str:
     """A name for settings: numbers, text, bytes, arrays, and laws or other pytrees of them."""
     packages = [f"{name} {version(name)}" for name in ("softjax-contact", "jax", "diffrax")]
     leaves, structure = jax.tree.flatten((packages, settings))
-    digest = hashlib.sha256(re.sub(r" at 0x[0-9a-f]+", "", str(structure)).encode())
+    digest = hashlib.sha256(_lasting(structure))
     for leaf in leaves:
         array = np.asarray(leaf)
         whole = leaf if isinstance(leaf, bytes) else array.tobytes()
-        told = repr(leaf).encode() if array.dtype == object else whole
+        told = _lasting(leaf) if array.dtype == object else whole
         digest.update(f"|{array.dtype} {array.shape} {len(told)}|".encode() + told)
     return digest.hexdigest()[:16]
+
+
+def _lasting(thing: Any) -> bytes:
+    """What it is in words, without its place in memory, which is another one each time."""
+    return re.sub(r" at 0x[0-9a-f]+", "", repr(thing)).encode()
 
 
 def _read(path: Path) -> Arrays:

@@ -109,15 +109,11 @@ def is_elsewhere(value) -> bool:
 
 def _extremes_here(value: jax.Array) -> np.ndarray | None:
     """Of what this process holds, device by device: nothing is fetched together."""
-    parts = [_real_array(shard.data) for shard in value.addressable_shards]
-    extremes = [end for part in parts if part is not None and part.size for end in _ends(part)]
-    if any(part is None for part in parts):
+    parts = [array for s in value.addressable_shards if (array := _real_array(s.data)) is not None]
+    if len(parts) < len(value.addressable_shards):
         return None
-    return np.array(extremes, parts[0].dtype if parts else float)
-
-
-def _ends(array: np.ndarray) -> tuple:
-    return array.min(), array.max()
+    ends = [end for part in parts if part.size for end in (part.min(), part.max())]
+    return np.array(ends, parts[0].dtype if parts else float)
 
 
 def _shown(value) -> str:

@@ -36,14 +36,14 @@ def is_spread(leaf) -> bool:
 
 def layout(leaves: Sequence, shape: tuple[int, ...]) -> Layout | None:
     """How the arrays among `leaves` lie that are spread, all of them alike; None where unknown."""
-    known = [_sharding(leaf) for leaf in leaves if is_spread(leaf) or _is_typed(leaf)]
-    meshes = {one.mesh for one in known if one is not None}
-    if len(meshes) != 1 or None in known:
+    spread = [leaf for leaf in leaves if is_spread(leaf) or _is_typed(leaf)]
+    known = [one for one in map(_sharding, spread) if one is not None]
+    meshes = {one.mesh for one in known}
+    if len(meshes) != 1 or len(known) < len(spread):
         return None
     axes: list = [None] * len(shape)
-    for one, leaf in zip(known, (x for x in leaves if is_spread(x) or _is_typed(x)), strict=True):
-        spec = tuple(one.spec) + (None,) * (np.ndim(leaf) - len(one.spec))
-        for k, axis in enumerate(spec, start=len(shape) - np.ndim(leaf)):
+    for one, leaf in zip(known, spread, strict=True):
+        for k, axis in enumerate(one.spec, start=len(shape) - np.ndim(leaf)):
             if axis is not None and axes[k] not in (None, axis):
                 return None
             axes[k] = axes[k] if axis is None else axis

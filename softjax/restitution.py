@@ -11,8 +11,8 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from softjax._batches import in_batches
 from softjax._checks import is_traced
-from softjax._spread import alike
 from softjax._numerics import safe_sqrt
+from softjax._spread import alike
 from softjax.assembly import Outcome
 from softjax.batch import collisions, durations
 from softjax.fields import released, whole_leaves

@@ -47,7 +47,9 @@ class CurveInParts:
         found = list(curve_rows(self.source, velocities, self.route))
         every = [[c for c in column if c is not None] for column in zip(*found, strict=True)]
         names = [name for name, column in zip(Rows._fields, every, strict=True) if column]
-        part = {n: np.concatenate(c) for n, c in zip(Rows._fields, every, strict=True) if n in names}
+        part = {
+            n: np.concatenate(c) for n, c in zip(Rows._fields, every, strict=True) if n in names
+        }
         if self.text:
             part["text"] = np.frombuffer(b"".join(map(csv_text, found)), np.uint8)
         return part
@@ -77,4 +79,3 @@ def join(made: Iterator[Arrays], folder: Path, files: dict[str, str]) -> tuple[S
         for writer in writers.values():
             writer.close()
     return seen, picture
-
