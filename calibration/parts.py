@@ -23,6 +23,7 @@ import jax
 import numpy as np
 
 from calibration.atomic import check_writable, lock_of, replacing
+from calibration.errors import InputError
 from calibration.progress import erase_sign
 
 LOOK = 0.2  # s from one look at the others to the next
@@ -55,7 +56,7 @@ class Parts:
         self.folder = Path(folder)
         self.index = jax.process_index() if index is None else index
         self.count = jax.process_count() if count is None else count
-        self._meet = _meet if meet is None else meet
+        self._meet = meet
         self._lock: int | None = None
         self._over = threading.Event()
 
@@ -80,12 +81,13 @@ class Parts:
     def files(self, settings: Any, count: int, write: Callable[[int, Path], None]) -> list[Path]:
         """The files that `write(k, path)` made, once all are there."""
         place = self.folder / fingerprint(settings, count)
+        self._say(place.name)
         paths = [place / f"{k:06d}" for k in range(count)]
         for k in range(self.index, count, self.count):
             if not paths[k].exists():
                 with replacing(paths[k]) as staged:
                     write(k, staged)
-        self._wait(lambda: all(path.exists() for path in paths))
+        self._wait(lambda: self._agree() and all(path.exists() for path in paths))
         return paths
 
     def clear(self) -> None:
@@ -95,11 +97,14 @@ class Parts:
 
     def __enter__(self) -> "Parts":
         check_writable(self.folder)
+        if self._meet is None:
+            _meet()  # nobody is still at what was made here before
         self.folder.mkdir(parents=True, exist_ok=True)
         self._done(self.index).unlink(missing_ok=True)
+        self._asked(self.index).unlink(missing_ok=True)
         self._sign().touch()
         self._lock = lock_of(self._sign(), wait=True)
-        self._meet()
+        (self._meet or _meet)()
         if self._lock is not None and self.count > 1:
             threading.Thread(target=self._watch, daemon=True).start()
         return self
@@ -114,6 +119,21 @@ class Parts:
             self._sign().unlink(missing_ok=True)
         if self._lock is not None:
             os.close(self._lock)
+
+    def _say(self, name: str) -> None:
+        with self._asked(self.index).open("a") as file:
+            file.write(f"{name}\n")
+
+    def _agree(self) -> bool:
+        """True; other settings of another process would leave both waiting."""
+        mine = self._asked(self.index).read_text().split()
+        for k in range(self.count):
+            asked = self._asked(k).read_text().split() if self._asked(k).exists() else []
+            if asked[: len(mine)] != mine[: len(asked)]:
+                problem = f"process {k} of {self.count} makes something else"
+                accepted = "all need the same command, of the same version"
+                raise InputError(None, None, problem, accepted)
+        return True
 
     def _is_over(self) -> bool:
         """Whether all have done what they had to do."""
@@ -150,6 +170,9 @@ class Parts:
 
     def _done(self, index: int) -> Path:
         return self.folder / f"done-{index}"
+
+    def _asked(self, index: int) -> Path:
+        return self.folder / f"asked-{index}"
 
 
 class Whole:

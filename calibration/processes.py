@@ -7,11 +7,9 @@ one process. Which process this is, of how many, MPICH too tells beside --coordi
 """
 
 import argparse
-import atexit
 import os
-import sys
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -51,12 +49,8 @@ def shared_parts(arguments: argparse.Namespace) -> Iterator["Parts | None"]:
     from calibration.parts import Parts
 
     folder = Path(arguments.out) / FOLDER
-    with Parts(folder, *place, meet=lambda: _join(arguments.coordinator, *place)) as parts:
-        try:
-            yield parts
-        except BaseException as error:
-            atexit.register(_leave, _code(error))
-            raise
+    with Parts(folder, *place, meet=lambda: _meet(arguments.coordinator, *place)) as parts:
+        yield parts
 
 
 def place_of(arguments: argparse.Namespace) -> tuple[int, int] | None:
@@ -83,8 +77,12 @@ def _launched(coordinator: str | None) -> tuple[int, int] | None:
     return None
 
 
-def _join(coordinator: str | None, index: int, count: int) -> None:
-    """Wait for the others; where JAX is told no coordinator it looks for one itself."""
+def _meet(coordinator: str | None, index: int, count: int) -> None:
+    """Wait for the others; where JAX is told no coordinator it looks for one itself.
+
+    Then each goes its own way: from here on files tell them of each other, and JAX's own runtime
+    would end all that are left by a trace of its C++ where one of them ends.
+    """
     import jax
 
     if count == 1:
@@ -97,22 +95,8 @@ def _join(coordinator: str | None, index: int, count: int) -> None:
             initialization_timeout=WAIT,
             cluster_detection_method="deactivate" if coordinator else None,
         )
+        jax.distributed.shutdown()
     except (RuntimeError, ValueError) as error:
         problem = f"the {count} processes did not meet ({str(error).splitlines()[0]})"
         accepted = "each needs --coordinator HOST:PORT, a free port of the first one's machine"
         raise InputError(None, None, problem, accepted) from None
-
-
-def _code(error: BaseException) -> int:
-    """The exit code that the command gives such an end."""
-    if isinstance(error, KeyboardInterrupt):
-        return getattr(error, "code", 130)
-    return 2 if isinstance(error, ValueError) else 3
-
-
-def _leave(code: int) -> None:
-    """End at once: JAX would wait for the other processes, which end too, for minutes."""
-    for stream in (sys.stdout, sys.stderr):
-        with suppress(OSError, AttributeError):
-            stream.flush()
-    os._exit(code)

@@ -1,7 +1,7 @@
 """What a study of coverage found, and its table."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -54,12 +54,12 @@ def as_arrays(one: Coverage) -> Arrays:
 
 def from_arrays(arrays: Arrays) -> Coverage:
     """What `as_arrays` was made of."""
-    values: dict[str, Any] = {f.name: {} for f in fields(Coverage) if f.type.startswith("dict")}
+    values: dict[str, Any] = {"by_error": {}}  # an empty table leaves nothing
     for key, array in arrays.items():
         name, _, label = key.partition(" ")
         value = array.item() if array.ndim == 0 else array
         if label:
-            values[name][label] = value
+            values.setdefault(name, {})[label] = value
         else:
             values[name] = value
     return Coverage(**values)
