@@ -16,7 +16,7 @@ import numpy as np
 from softjax._checks import is_traced
 from softjax._pieces import PIECE, in_pieces
 from softjax._rows import across_devices, in_chunks, shares
-from softjax._spread import Layout, by_device, is_spread, layout
+from softjax._spread import Layout, by_device, is_spread, layout, shard_by_shard
 from softjax.fields import whole_leaves
 
 # Inside a traced program there is one call, which uses two cores where chunks are large: 21 ns for
@@ -24,6 +24,7 @@ from softjax.fields import whole_leaves
 TRACED_CHUNK = 65_536
 # Where devices share it they agree after every step of a search on whether to take another one.
 SHARED_CHUNK = 262_144  # on each device
+LEAST = 16  # where a program takes seconds to compile and an impact microseconds
 FINE = 256  # from here on four sizes an octave, else one
 
 
@@ -32,7 +33,8 @@ def in_batches(parts, law, velocity, *settings, cut=True):
 
     Args:
         cut: whether large batches are gone through in chunks: not where what comes out, with
-            further axes of its own, is much more than what goes in.
+            further axes of its own, is much more than what goes in; there one program serves all
+            small ones.
     """
     leaves, structure = jax.tree.flatten((law, velocity))
     whole = whole_leaves((law, velocity))
@@ -41,10 +43,19 @@ def in_batches(parts, law, velocity, *settings, cut=True):
     count = math.prod(shape)
     if any(is_traced(leaf) for leaf in leaves):
         return _traced(leaves, parts, structure, settings, cut, whole, each, shape)
+    if not cut and not shape:
+        results = in_batches(parts, law, np.reshape(velocity, 1), *settings, cut=cut)
+        return jax.tree.map(lambda result: result[0], results)
     if not (shape and count):
         return parts(law, velocity, *settings)
     if any(is_spread(leaf) for leaf in leaves):
-        return _spread(leaves, parts, structure, settings, cut, layout(each, shape))
+        where = layout(each, shape)
+        large = cut and _on_cpu() and count >= 2 * PIECE * jax.device_count()
+        if large and where is not None:
+            results = _by_shard(leaves, parts, structure, settings, where, shape)
+            if results is not None:
+                return results
+        return _spread(leaves, parts, structure, settings, cut, where)
     many = [np.size(leaf) > 1 and not held for leaf, held in zip(leaves, whole, strict=True)]
     many = many if any(many) else [np.shape(leaf) == shape for leaf in leaves]
     home = next((leaf.device for leaf in leaves if getattr(leaf, "committed", False)), None)
@@ -54,7 +65,7 @@ def in_batches(parts, law, velocity, *settings, cut=True):
     ]
     at_once = not cut or (home is None and not _on_cpu() and _devices() == 1)
     if count < 2 * PIECE or at_once:
-        size = program_size(count)
+        size = program_size(count if cut else max(count, LEAST))
         filled = [_filled(leaf, size) if m else leaf for leaf, m in zip(flat, many, strict=True)]
         filled = filled if home is None else jax.device_put(filled, home)
         results = parts(*jax.tree.unflatten(structure, filled), *settings)
@@ -103,6 +114,16 @@ def _filled(values: np.ndarray, size: int) -> np.ndarray:
     """The same, filled up by its last."""
     missing = size - len(values)
     return np.concatenate([values, np.repeat(values[-1:], missing)]) if missing else values
+
+
+def _by_shard(leaves, parts, structure, settings, where: Layout, shape):
+    """Large parts of a batch go piece by piece, as a batch of one's own."""
+
+    def here(*leaves):
+        return in_batches(parts, *jax.tree.unflatten(structure, leaves), *settings)
+
+    whole = whole_leaves(jax.tree.unflatten(structure, leaves))
+    return shard_by_shard(here, leaves, whole, where, shape)
 
 
 @partial(jax.jit, static_argnames=("parts", "structure", "settings", "cut", "where"))

@@ -63,6 +63,45 @@ def by_device(f: Callable, leaves: Sequence, whole: Sequence[bool], where: Layou
     )(*leaves)
 
 
+def shard_by_shard(f: Callable, leaves: Sequence, whole: Sequence[bool], where: Layout, shape):
+    """`f(*leaves)`, of arrays over impacts, called for each part that this process holds.
+
+    None where some array lies otherwise than the batch.
+    """
+    each = NamedSharding(where.mesh, PartitionSpec(*where.axes))
+    places = each.addressable_devices_indices_map(shape)
+    parts = [
+        dict.fromkeys(places, leaf) if held else _parts(leaf, where, places)
+        for leaf, held in zip(leaves, whole, strict=True)
+    ]
+    if None in parts:
+        return None
+    found = [jax.device_put(f(*(part[d] for part in parts)), d) for d in places]
+
+    def joined(*results):
+        return jax.make_array_from_single_device_arrays(shape, each, results)
+
+    return jax.tree.map(joined, *found)
+
+
+def _parts(leaf, where: Layout, places) -> dict | None:
+    """The part of each device, as NumPy sees it."""
+    if isinstance(leaf, jax.Array):
+        alike = NamedSharding(where.mesh, where.of(leaf))
+        if not leaf.sharding.is_equivalent_to(alike, leaf.ndim):
+            return None
+        return {shard.device: np.asarray(shard.data) for shard in leaf.addressable_shards}
+    array = np.asarray(leaf)
+
+    def part(place):
+        last = place[len(place) - array.ndim :]
+        return array[
+            tuple(p if n > 1 else slice(None) for p, n in zip(last, array.shape, strict=True))
+        ]
+
+    return {device: part(place) for device, place in places.items()}
+
+
 def alike(leaf, like):
     """A traced array that lies as another does, of which every device has what it needs."""
     if not is_traced(like) or np.shape(leaf) != np.shape(like):

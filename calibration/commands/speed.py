@@ -13,12 +13,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--quick", action="store_true", help="fewer settings: about 20 s, not 2 min"
     )
+    parser.add_argument(
+        "--processes",
+        action="store_true",
+        help="instead: two processes against one, on a core each",
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
     import softjax as sj
     from calibration.atomic import check_writable, files_into, or_told
 
+    if arguments.processes:
+        from calibration.speed.by_processes import report
+
+        print(report())
+        return 0
     check_writable(arguments.out)
     sj.enable_x64()
     rows = _measure_all(arguments)
