@@ -17,7 +17,8 @@ from softjax._checks import is_traced
 from softjax._pieces import PIECE, in_pieces
 from softjax._rows import across_devices, in_chunks, shares
 from softjax._spread import Layout, by_device, is_spread, layout, shard_by_shard
-from softjax.fields import whole_leaves
+from softjax.fields import released, whole_leaves
+from softjax.impact import known_regime
 
 # Inside a traced program there is one call, which uses two cores where chunks are large: 21 ns for
 # the value, 67 for value and gradient.
@@ -118,9 +119,13 @@ def _filled(values: np.ndarray, size: int) -> np.ndarray:
 
 def _by_shard(leaves, parts, structure, settings, where: Layout, shape):
     """Large parts of a batch go piece by piece, as a batch of one's own."""
+    route, regime, *rest = settings
 
     def here(*leaves):
-        return in_batches(parts, *jax.tree.unflatten(structure, leaves), *settings)
+        law, velocity = jax.tree.unflatten(structure, leaves)
+        # of all impacts no process may know what each knows of its own
+        known = known_regime(released(law), velocity) if regime == "mixed" else regime
+        return in_batches(parts, law, velocity, route, known, *rest)
 
     whole = whole_leaves(jax.tree.unflatten(structure, leaves))
     return shard_by_shard(here, leaves, whole, where, shape)

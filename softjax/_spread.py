@@ -76,7 +76,7 @@ def shard_by_shard(f: Callable, leaves: Sequence, whole: Sequence[bool], where: 
     ]
     if None in parts:
         return None
-    found = [jax.device_put(f(*(part[d] for part in parts)), d) for d in places]
+    found = [jax.device_put(f(*(part[d] for part in parts if part)), d) for d in places]
 
     def joined(*results):
         return jax.make_array_from_single_device_arrays(shape, each, results)

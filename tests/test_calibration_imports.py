@@ -9,8 +9,7 @@ from tests.test_imports import has_no_cycle, imported, loaded_after, modules, pa
 
 FLOORS = [
     {"errors", "rounding", "choices", "progress", "atomic", "cache", "signals", "terminal"},
-    {"parts", "processes"},
-    {"parameters", "data"},
+    {"parameters", "data", "parts", "processes"},
     {"problem_file", "fitting"},
     {"report", "coverage"},
     {"curve", "studies"},
