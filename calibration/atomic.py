@@ -132,7 +132,7 @@ def sweep(directory: str | Path) -> None:
     with suppress(OSError):
         for place in {directory, directory.parent, _nearest_existing(directory)}:
             for folder in place.glob(f"{UNFINISHED}*"):
-                lock = _lock(folder, wait=False)
+                lock = lock_of(folder, wait=False)
                 if lock is not None:
                     shutil.rmtree(folder, ignore_errors=True)
                     os.close(lock)
@@ -157,17 +157,17 @@ def _staging(directory: Path) -> Iterator[Path]:
 def _locked_folder(parent: Path) -> tuple[Path, int | None]:
     while True:
         staged = Path(tempfile.mkdtemp(prefix=UNFINISHED, dir=parent))
-        lock = _lock(staged, wait=True)
+        lock = lock_of(staged, wait=True)
         if staged.exists():  # else another's sweep came before the lock
             return staged, lock
 
 
-def _lock(folder: Path, wait: bool) -> int | None:
-    """A lock on a folder, which the system lifts when the process ends; None where none is had."""
+def lock_of(place: Path, wait: bool) -> int | None:
+    """A lock on a file or folder, which the system lifts when the process ends; None where none is had."""
     if fcntl is None:
         return None
     try:
-        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+        handle = os.open(place, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
     except OSError:
         return None
     try:

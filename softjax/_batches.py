@@ -7,6 +7,7 @@ program, which loops over chunks.
 """
 
 import math
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -14,31 +15,51 @@ import numpy as np
 
 from softjax._checks import is_traced
 from softjax._pieces import PIECE, in_pieces
+from softjax._rows import across_devices, in_chunks, shares
+from softjax._spread import Layout, by_device, is_spread, layout, shard_by_shard
 from softjax.compiler import quick_to_compile
-from softjax.fields import whole_leaves
+from softjax.fields import released, whole_leaves
+from softjax.impact import known_regime
 
 # Inside a traced program there is one call, which uses two cores where chunks are large: 21 ns for
 # the value, 67 for value and gradient.
 TRACED_CHUNK = 65_536
 SOON = 4096  # impacts that are computed sooner than a program that runs faster is compiled
+# Where devices share it they agree after every step of a search on whether to take another one.
+SHARED_CHUNK = 262_144  # on each device
+LEAST = 16  # where a program takes seconds to compile and an impact microseconds
 FINE = 256  # from here on four sizes an octave, else one
 
 
-def in_batches(parts, law, velocity, *settings):
-    """`parts(law, velocity, *settings)`, a compiled function that takes impacts one by one."""
-    leaves, structure = jax.tree.flatten((law, velocity))
-    whole = whole_leaves((law, velocity))
+def in_batches(parts, asked, velocity, *settings, cut=True):
+    """`parts(asked, velocity, *settings)`, a compiled function that takes impacts one by one.
+
+    Args:
+        asked: the law, and the tolerance of its integration.
+        cut: whether large batches are gone through in chunks: not where what comes out, with
+            further axes of its own, is much more than what goes in; there one program serves all
+            small ones.
+    """
+    leaves, structure = jax.tree.flatten((asked, velocity))
+    whole = whole_leaves((asked, velocity))
     each = [leaf for leaf, held in zip(leaves, whole, strict=True) if not held]
     shape = np.broadcast_shapes(*(np.shape(leaf) for leaf in each))
     count = math.prod(shape)
     if any(is_traced(leaf) for leaf in leaves):
-        if count < 2 * PIECE or _devices() > 1 or not _on_cpu() or any(whole):
-            return parts(law, velocity, *settings)
-        results = _traced(parts, structure, settings, leaves, shape)
-        return jax.tree.map(lambda result: result[:count].reshape(shape), results)
-    # a batch that its owner has spread over devices stays there
-    if not (shape and count) or any(_is_spread(leaf) for leaf in leaves):
-        return parts(law, velocity, *settings)
+        return _traced(leaves, parts, structure, settings, cut, whole, each, shape)
+    if not cut and not shape:
+        results = in_batches(parts, asked, np.reshape(velocity, 1), *settings, cut=cut)
+        return jax.tree.map(lambda result: result[0], results)
+    if not (shape and count):
+        return parts(asked, velocity, *settings)
+    if any(is_spread(leaf) for leaf in leaves):
+        where = layout(each, shape)
+        large = cut and _on_cpu() and count >= 2 * PIECE * jax.device_count()
+        if large and where is not None:
+            results = _by_shard(leaves, parts, structure, settings, where, shape)
+            if results is not None:
+                return results
+        return _spread(leaves, parts, structure, settings, cut, where)
     many = [np.size(leaf) > 1 and not held for leaf, held in zip(leaves, whole, strict=True)]
     many = many if any(many) else [np.shape(leaf) == shape for leaf in leaves]
     home = next((leaf.device for leaf in leaves if getattr(leaf, "committed", False)), None)
@@ -46,8 +67,9 @@ def in_batches(parts, law, velocity, *settings):
         _flat(leaf, shape) if m else _single(leaf, h)
         for leaf, m, h in zip(leaves, many, whole, strict=True)
     ]
-    if count < 2 * PIECE or (home is None and not _on_cpu() and _devices() == 1):
-        size = program_size(count)
+    at_once = not cut or (home is None and not _on_cpu() and _devices() == 1)
+    if count < 2 * PIECE or at_once:
+        size = program_size(count if cut else max(count, LEAST))
         filled = [_filled(leaf, size) if m else leaf for leaf, m in zip(flat, many, strict=True)]
         filled = filled if home is None else jax.device_put(filled, home)
         compiled = parts
@@ -56,7 +78,7 @@ def in_batches(parts, law, velocity, *settings):
         results = compiled(*jax.tree.unflatten(structure, filled), *settings)
         if shape == (size,):
             return results
-        return jax.tree.map(lambda r: _placed(np.asarray(r)[:count].reshape(shape), home), results)
+        return jax.tree.map(lambda r: _shaped(r, count, shape, home), results)
 
     def of_chunk(*leaves):
         return parts(*jax.tree.unflatten(structure, leaves), *settings)
@@ -80,10 +102,6 @@ def _on_cpu() -> bool:
     return jax.local_devices()[0].platform == "cpu"
 
 
-def _is_spread(leaf) -> bool:
-    return isinstance(leaf, jax.Array) and len(leaf.sharding.device_set) > 1
-
-
 def _flat(leaf, shape) -> np.ndarray:
     """A value for each impact in a row."""
     return np.broadcast_to(np.asarray(leaf), shape).reshape(-1)
@@ -93,8 +111,10 @@ def _single(leaf, held: bool):
     return leaf if held else np.asarray(leaf).reshape(())
 
 
-def _placed(values: np.ndarray, home) -> jax.Array:
-    return jax.device_put(values, home)
+def _shaped(result, count, shape, home) -> jax.Array:
+    """What is not of the fill, in the batch's shape; further axes stay behind it."""
+    values = np.asarray(result)[:count]
+    return jax.device_put(values.reshape(shape + values.shape[1:]), home)
 
 
 def _filled(values: np.ndarray, size: int) -> np.ndarray:
@@ -103,24 +123,63 @@ def _filled(values: np.ndarray, size: int) -> np.ndarray:
     return np.concatenate([values, np.repeat(values[-1:], missing)]) if missing else values
 
 
-def _traced(parts, structure, settings, leaves, shape):
+def _by_shard(leaves, parts, structure, settings, where: Layout, shape):
+    """Large parts of a batch go piece by piece, as a batch of one's own."""
+    route, regime, *rest = settings
+
+    def here(*leaves):
+        asked, velocity = jax.tree.unflatten(structure, leaves)
+        # of all impacts no process may know what each knows of its own
+        known = known_regime(released(asked[0]), velocity) if regime == "mixed" else regime
+        return in_batches(parts, asked, velocity, route, known, *rest)
+
+    whole = whole_leaves(jax.tree.unflatten(structure, leaves))
+    return shard_by_shard(here, leaves, whole, where, shape)
+
+
+@partial(jax.jit, static_argnames=("parts", "structure", "settings", "cut", "where"))
+def _spread(leaves, parts, structure, settings, cut, where: Layout | None):
+    """A batch that its owner has spread over devices, which stays there."""
+
+    def here(*leaves):
+        return in_batches(parts, *jax.tree.unflatten(structure, leaves), *settings, cut=cut)
+
+    if where is None:
+        return here(*leaves)
+    return by_device(here, leaves, whole_leaves(jax.tree.unflatten(structure, leaves)), where)
+
+
+def _traced(leaves, parts, structure, settings, cut, whole, each, shape):
+    """One call for all, or for chunk after chunk, on whichever devices the caller has them."""
+    where = layout(each, shape)
+    if where is not None:
+        return _spread(leaves, parts, structure, settings, cut, where)
     count = math.prod(shape)
-    least = math.ceil(count / TRACED_CHUNK)
+    parted = len(shape) > 1 and across_devices()  # by whichever of their axes
+    few = count < 2 * PIECE * shares(count)
+    if few or not cut or parted or not _on_cpu() or any(whole):
+        return parts(*jax.tree.unflatten(structure, leaves), *settings)
+    results = _in_chunks(leaves, parts, structure, settings, shape)
+    return jax.tree.map(lambda result: result.reshape(shape), results)
+
+
+@partial(jax.jit, static_argnames=("parts", "structure", "settings", "shape"))
+def _in_chunks(leaves, parts, structure, settings, shape):
+    count = math.prod(shape)
+    share = count // shares(count)
+    least = math.ceil(share / (TRACED_CHUNK if share == count else SHARED_CHUNK))
     # if some number of chunks divides the impacts, nothing has to be copied to fill up the last
-    chunks = next((k for k in range(least, 2 * least) if count % k == 0), least)
-    missing = -count % chunks
+    chunks = next((k for k in range(least, 2 * least) if share % k == 0), least)
     flat = [
         jnp.broadcast_to(leaf, shape).reshape(-1) if np.size(leaf) > 1 else jnp.reshape(leaf, ())
         for leaf in leaves
     ]
-    filled = [jnp.pad(leaf, (0, missing), mode="edge") if leaf.ndim else leaf for leaf in flat]
     # the reverse pass computes a chunk again: faster than to fetch what it would have to store
     recomputed = jax.checkpoint(lambda law, velocity: parts(law, velocity, *settings))
 
-    def one(rows):
+    def one(*rows):
         rows = iter(rows)
-        chunk = [next(rows) if leaf.ndim else leaf for leaf in filled]
+        chunk = [next(rows) if leaf.ndim else leaf for leaf in flat]
         return recomputed(*jax.tree.unflatten(structure, chunk))
 
-    results = jax.lax.map(one, [leaf.reshape(chunks, -1) for leaf in filled if leaf.ndim])
-    return jax.tree.map(lambda result: result.reshape(-1), results)
+    return in_chunks(one, [leaf for leaf in flat if leaf.ndim], chunks)

@@ -53,7 +53,7 @@ def check(name: str, value, holds, accepted: str) -> np.ndarray | None:
         return None
     if isinstance(value, jax.ShapeDtypeStruct):
         return None
-    array = _real_array(value)
+    array = _extremes_here(value) if isinstance(value, jax.Array) else _real_array(value)
     if array is not None:
         extremes = np.array([array.min(), array.max()]) if array.size else array
         if np.all(np.isfinite(extremes) & holds(extremes)):
@@ -100,6 +100,20 @@ def _real_array(value) -> np.ndarray | None:
     # bfloat16 and its kin are no NumPy floats, and longer ones than float64 none of JAX's
     is_float = np.issubdtype(array.dtype, np.floating) and array.dtype.itemsize <= 8
     return array if is_float or np.issubdtype(array.dtype, np.integer) else None
+
+
+def is_elsewhere(value) -> bool:
+    """Whether other processes hold parts of an array, which cannot be looked at here."""
+    return isinstance(value, jax.Array) and not is_traced(value) and not value.is_fully_addressable
+
+
+def _extremes_here(value: jax.Array) -> np.ndarray | None:
+    """Of what this process holds, device by device: nothing is fetched together."""
+    parts = [array for s in value.addressable_shards if (array := _real_array(s.data)) is not None]
+    if len(parts) < len(value.addressable_shards):
+        return None
+    ends = [end for part in parts if part.size for end in (part.min(), part.max())]
+    return np.array(ends, parts[0].dtype if parts else float)
 
 
 def _shown(value) -> str:

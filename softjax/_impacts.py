@@ -6,6 +6,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from softjax._rows import across_devices, in_chunks, shares
 from softjax.fields import whole_leaves
 
 Mapped = Callable[..., Any]
@@ -24,38 +25,37 @@ def over_impacts(one: Callable, batch: tuple, around: Callable[[Mapped, list[boo
     whole = whole_leaves(batch)
     parts = [leaf for leaf, held in zip(leaves, whole, strict=True) if not held]
     shape = jnp.broadcast_shapes(*(jnp.shape(leaf) for leaf in parts))
-    flat = [
-        jnp.asarray(leaf) if held else jnp.broadcast_to(leaf, shape).ravel()
+    full = [
+        jnp.asarray(leaf) if held else jnp.broadcast_to(leaf, shape)
         for leaf, held in zip(leaves, whole, strict=True)
     ]
 
     def single(*leaves):
         return one(*jax.tree.unflatten(structure, leaves))
 
-    mapped = jax.vmap(single, in_axes=[None if held else 0 for held in whole])
-    result = around(mapped, whole)(*flat)
-    return jax.tree.map(lambda a: a.reshape(shape + a.shape[1:]), result)
+    axes = [None if held else 0 for held in whole]
+    run = around(jax.vmap(single, in_axes=axes), whole)
+    if len(shape) > 1 and across_devices():
+        for _ in shape[1:]:  # in a row, what lies on one device would have to go to another
+            run = jax.vmap(run, in_axes=axes)
+        return run(*full)
+    flat = [leaf if held else leaf.ravel() for leaf, held in zip(full, whole, strict=True)]
+    return jax.tree.map(lambda a: a.reshape(shape + a.shape[1:]), run(*flat))
 
 
 def in_rows(f: Mapped, leaves: tuple, whole: list[bool], size: int):
     """`f(*leaves)`, so many impacts at a time: what is stored of them stays in the cache."""
-    count = next(len(leaf) for leaf, held in zip(leaves, whole, strict=True) if not held)
-    rows = -(-count // size)
+    each = [leaf for leaf, held in zip(leaves, whole, strict=True) if not held]
+    count = len(each[0])
+    rows = -(-(count // shares(count)) // size)
     if rows <= 1:
         return f(*leaves)
-    missing = -count % rows
 
-    def row(leaf):
-        return jnp.pad(leaf, (0, missing), mode="edge").reshape(rows, -1)
-
-    filled = [row(leaf) for leaf, held in zip(leaves, whole, strict=True) if not held]
-
-    def of_row(some):
+    def of_row(*some):
         parts = iter(some)
         return f(*(leaf if held else next(parts) for leaf, held in zip(leaves, whole, strict=True)))
 
-    results = jax.lax.map(of_row, filled)
-    return jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:])[:count], results)
+    return in_chunks(of_row, each, rows)
 
 
 def recomputed_in_rows(size: int) -> Callable[[Mapped, list[bool]], Mapped]:

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from softjax._checks import as_real, check, check_broadcast, is_traced
+from softjax._checks import as_real, check, check_broadcast, is_elsewhere, is_traced
 from softjax.fields import check_fields, held, numbers_of, released, whole_leaves
 from softjax.laws.base import ContactLaw, ForceLaw, RateIndependentLaw
 
@@ -68,7 +68,8 @@ def known_regime(law: ContactLaw, velocity, extremes: np.ndarray | None = None) 
         return "mixed"
     if law.never_yields:
         return "elastic"
-    if any(is_traced(leaf) for leaf in jax.tree.leaves((law, velocity))):
+    # what other processes hold this one does not know, and all must compile the same
+    if any(is_traced(leaf) or is_elsewhere(leaf) for leaf in jax.tree.leaves((law, velocity))):
         return "mixed"
     limit = np.asarray(law.elastic_velocity())
     if limit.size == 1 and np.isinf(limit):

@@ -12,6 +12,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 from softjax._batches import in_batches
 from softjax._checks import is_traced
 from softjax._numerics import safe_sqrt
+from softjax._spread import alike
 from softjax.assembly import Outcome
 from softjax.batch import collisions, durations
 from softjax.fields import released, whole_leaves
@@ -136,11 +137,14 @@ def _kept(impacts):
     whole = whole_leaves(impacts)
     shapes = [np.shape(leaf) for leaf, held in zip(leaves, whole, strict=True) if not held]
     shape = np.broadcast_shapes(*shapes)
+    velocity = leaves[-1]
 
     def spread(leaf, held):
         if held and not hasattr(leaf, "dtype"):
             return leaf
-        return jnp.broadcast_to(leaf, shape + (np.shape(leaf) if held else ()))
+        if held:
+            return jnp.broadcast_to(leaf, shape + np.shape(leaf))
+        return alike(jnp.broadcast_to(leaf, shape), velocity)
 
     kept = [spread(leaf, held) for leaf, held in zip(leaves, whole, strict=True)]
     return jax.tree.unflatten(structure, kept), True
@@ -293,13 +297,11 @@ def _duration(law_and_tolerance, velocity, route, regime):
 
 def _durations_of_each(law, velocity, route, regime):
     """Of impacts that each have a law of their own, what is whole included."""
-    leaves, structure = jax.tree.flatten((law, velocity))
-    flat = [jnp.reshape(leaf, (velocity.size, *leaf.shape[velocity.ndim :])) for leaf in leaves]
-
     asked, tolerance = program_of(route)
 
-    def one(*leaves):
-        law, velocity = jax.tree.unflatten(structure, leaves)
+    def one(law, velocity):
         return _duration((law, tolerance), velocity, asked, regime)
 
-    return jax.vmap(one)(*flat).reshape(velocity.shape)
+    for _ in velocity.shape:
+        one = jax.vmap(one)
+    return one(law, velocity)

@@ -10,6 +10,11 @@ For a material of the paper (stainless-steel, chrome-steel, nylon: σ and ψ of 
     cut -d, -f1 shots.csv | softjax curve nylon --velocities -
     softjax curve nylon --law hertz-dashpot --set restitution=0.9
 
+Processes that are started together share the rows of --from, --to and --points:
+
+    mpirun -n 2 softjax curve nylon --points 1000000000 --format npy
+    softjax curve nylon --points 1000000 --coordinator localhost:1234 --process 0 --processes 2
+
 A table (--table) has more columns: ε_p, duration, largest overlap and peak force; two rows at first
 yield, where ε may jump; and in its header how far linear interpolation is from the law. Where a fit
 knows nothing, cells are empty and rows of a table are left out.
@@ -25,6 +30,7 @@ from typing import Any
 from calibration.atomic import files_into
 from calibration.curve.options import add_route_arguments, add_source_arguments
 from calibration.errors import DataError, InputError, printable
+from calibration.processes import add_process_arguments, shared_parts
 
 FORMATS = ("csv", "npy", "png", "table")
 FILES = {"csv": "curve.csv", "npy": "curve.npy", "png": "curve.png", "table": "curve.txt"}
@@ -50,12 +56,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--format", nargs="+", choices=FORMATS, help="one or more of them (default: csv png)"
     )
     group.add_argument("--table", action="store_true", help="the same as --format table")
+    add_process_arguments(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     import softjax as sj
 
     sj.enable_x64()
+    with shared_parts(arguments) as parts:
+        return _run(arguments, parts)
+
+
+def _run(arguments: argparse.Namespace, parts: Any) -> int:
     from calibration.curve.source import read_source, route_of
 
     try:
@@ -63,12 +75,16 @@ def run(arguments: argparse.Namespace) -> int:
         velocities = _velocities(arguments, source)
         if source.result is not None and route is not None:
             raise DataError("--route", arguments.route, "left out with --fit")
-        seen = _write(arguments, source, velocities, route)
+        if parts is None:
+            seen = _write(arguments, source, velocities, route)
+        else:
+            seen = _write_in_parts(arguments, source, velocities, route, parts)
     except (InputError, DataError):
         raise
     except ValueError as error:  # a law's own refusal, in one line
         raise InputError(None, None, str(error), "softjax curve --help lists the options") from None
-    _tell(arguments, source, seen)
+    if seen is not None:
+        _tell(arguments, source, seen)
     return 0
 
 
@@ -92,8 +108,7 @@ def _write(arguments: argparse.Namespace, source: Any, velocities: Any, route: A
     from calibration.curve.stream import Span, Thinned, curve_rows
     from calibration.progress import Progress
 
-    formats = set(arguments.format or ([] if arguments.table else ["csv", "png"]))
-    formats |= {"table"} if arguments.table else set()
+    formats = _formats(arguments)
     seen, picture = Span(), Thinned()
     blocks = _blocks(velocities, source, "table" in formats)
     with files_into(arguments.out) as folder, Progress(arguments.quiet) as progress:
@@ -107,11 +122,44 @@ def _write(arguments: argparse.Namespace, source: Any, velocities: Any, route: A
                     writer.write(rows)
                 picture.add(rows)
                 progress("rows", seen.rows, velocities.total)
-        if not seen.known:
-            problem = f"nothing is known of {source.name} at these velocities"
-            raise InputError(None, None, problem, f"a fit knows {_known(source)}")
-        if "png" in formats:
-            _draw(folder / FILES["png"], picture.rows(), source)
+        _finish(folder, formats, source, seen, picture)
+    return seen
+
+
+def _formats(arguments: argparse.Namespace) -> set[str]:
+    formats = set(arguments.format or ([] if arguments.table else ["csv", "png"]))
+    return formats | ({"table"} if arguments.table else set())
+
+
+def _finish(folder: Path, formats: set[str], source: Any, seen: Any, picture: Any) -> None:
+    """The picture, of curves of which anything is known."""
+    if not seen.known:
+        problem = f"nothing is known of {source.name} at these velocities"
+        raise InputError(None, None, problem, f"a fit knows {_known(source)}")
+    if "png" in formats:
+        _draw(folder / FILES["png"], picture.rows(), source)
+
+
+def _write_in_parts(
+    arguments: argparse.Namespace, source: Any, velocities: Any, route: Any, parts: Any
+) -> Any:
+    """The same files by several processes; what was seen, to the first of them."""
+    from calibration.curve.in_parts import CurveInParts, join
+    from calibration.curve.velocities import Grid
+
+    formats = _formats(arguments)
+    if "table" in formats:
+        raise DataError("--table", "given", "left to one process")
+    if not isinstance(velocities, Grid):
+        raise DataError("--velocities", arguments.velocities, "left to one process")
+    curve = CurveInParts(source, velocities, route, "csv" in formats, arguments.posterior)
+    made = curve.made(parts)
+    if not parts.first:
+        return None
+    with files_into(arguments.out) as folder:
+        seen, picture = join(made, folder, {k: FILES[k] for k in ("csv", "npy") if k in formats})
+        _finish(folder, formats, source, seen, picture)
+    parts.clear()
     return seen
 
 

@@ -8,6 +8,8 @@
 
     softjax sensitivity --fit results/fit.json --posterior results/posterior.nc --study design
 
+    mpirun -n 4 softjax sensitivity nylon --study global     # its samples shared by processes
+
 With --fit, information and design count what was measured already, and plan for the fit's own
 objective, parameters and priors. With draws of its posterior a design is the best on average over
 some of them, and sensitivities have limits.
@@ -21,6 +23,7 @@ from typing import Any
 
 from calibration.curve.options import add_route_arguments, add_source_arguments
 from calibration.errors import DataError, InputError, listed
+from calibration.processes import add_process_arguments, shared_parts
 
 STUDIES = ("local", "information", "design", "global")
 FILES = (
@@ -76,19 +79,32 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument("--samples", type=int, metavar="N", help="a power of two (4096)")
     group.add_argument("--scale", choices=("uniform", "log"), help="default: uniform")
+    add_process_arguments(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     import softjax as sj
 
     sj.enable_x64()
-    from calibration.curve.source import read_source, route_of
-
     studies = STUDIES if arguments.study == "all" else (arguments.study,)
     _check_options(arguments, studies)
+    with shared_parts(arguments) as parts:
+        if parts is not None and studies != ("global",):
+            raise DataError("--study", arguments.study, "global where processes share it")
+        return _run(arguments, studies, parts)
+
+
+def _run(arguments: argparse.Namespace, studies: tuple[str, ...], parts: Any) -> int:
+    from calibration.curve.source import read_source, route_of
+
     try:
-        job = _Job(arguments, read_source(arguments), route_of(arguments))
+        job = _Job(arguments, read_source(arguments), route_of(arguments), parts)
+        if parts is not None and not parts.first:
+            job.indices(None)
+            return 0
         text = job.run(studies)
+        if parts is not None:
+            parts.clear()
     except (InputError, DataError):
         raise
     except ValueError as error:  # a law's own refusal, in one line
@@ -113,8 +129,9 @@ def _check_options(arguments: argparse.Namespace, studies: tuple[str, ...]) -> N
 class _Job:
     """The studies of one law, into one folder."""
 
-    def __init__(self, arguments: argparse.Namespace, source: Any, route: Any):
+    def __init__(self, arguments: argparse.Namespace, source: Any, route: Any, parts: Any = None):
         self.arguments, self.source, self.route = arguments, source, route
+        self.parts = parts
         told = (arguments.first, arguments.last)
         self.low, self.high = (
             float(s if t is None else t) for t, s in zip(told, source.span, strict=True)
@@ -265,11 +282,19 @@ class _Job:
     def _global(self, folder: Path, progress: Any) -> Any:
         from calibration.plots import studies as pictures
         from calibration.plots import style
-        from calibration.studies.sobol import sobol_indices
         from calibration.studies.text import sobol_table
 
+        found = self.indices(progress)
+        self.told.append(sobol_table(found))
+        style.save(pictures.sobol_figure(found), folder / "sobol.png")
+        return found.to_dict()
+
+    def indices(self, progress: Any) -> Any:
+        """Those of the global study, by all processes."""
+        from calibration.studies.sobol import sobol_indices
+
         arguments = self.arguments
-        found = sobol_indices(
+        return sobol_indices(
             self.inputs,
             self.ranges,
             self.bars,
@@ -278,10 +303,8 @@ class _Job:
             scale=arguments.scale or "uniform",
             seed=arguments.seed or 0,
             progress=progress,
+            parts=self.parts,
         )
-        self.told.append(sobol_table(found))
-        style.save(pictures.sobol_figure(found), folder / "sobol.png")
-        return found.to_dict()
 
 
 def _inputs_of(source: Any) -> Any:

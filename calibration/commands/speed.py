@@ -17,12 +17,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     damped = ("viscoelastic", "hertz-dashpot", "linear")
     parser.add_argument("--law", choices=damped, help="a law with damping (default: zhou)")
+    parser.add_argument(
+        "--processes",
+        action="store_true",
+        help="instead: two processes against one, on a core each",
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
     import softjax as sj
     from calibration.atomic import check_writable, files_into, or_told
 
+    if arguments.processes:
+        from calibration.speed.by_processes import report
+
+        print(report())
+        return 0
     check_writable(arguments.out)
     sj.enable_x64()
     rows = _measure_all(arguments)

@@ -3,16 +3,21 @@
 python -m calibration.coverage            # 500 data sets a case
 python -m calibration.coverage --sets 200 --seed 1 --case viscoelastic
 python -m calibration.coverage --errors --sets 300      # errors that are shared, or unequal
+mpirun -n 4 python -m calibration.coverage              # cases shared by processes
 """
 
 import argparse
 from collections.abc import Sequence
+from pathlib import Path
 
 from calibration.coverage.batched import coverage_study
 from calibration.coverage.cases import standard_cases
 from calibration.coverage.experiments import experiments
 from calibration.coverage.one_by_one import experiments_study
-from calibration.coverage.table import report
+from calibration.coverage.table import Coverage, report
+from calibration.errors import DataError, InputError
+from calibration.parts import Parts
+from calibration.processes import add_process_arguments, shared_parts
 from calibration.progress import Progress
 
 
@@ -25,17 +30,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--case", default="", help="only those whose name begins so")
     parser.add_argument("--errors", action="store_true", help="errors as laboratories have them")
+    parser.add_argument("--out", type=Path, default=Path("results"), help="of parts, while shared")
+    add_process_arguments(parser)
     chosen = parser.parse_args(arguments)
-    begins = lambda case: case.name.startswith(chosen.case)  # noqa: E731
-    if chosen.errors:
-        every = list(filter(begins, experiments()))
-        with Progress() as progress:
-            study = experiments_study(every, chosen.sets, chosen.seed, progress=progress)
-        print(report(study))
-    else:
-        cases = list(filter(begins, standard_cases()))
-        print(report(coverage_study(cases, chosen.sets, chosen.seed)))
+    try:
+        with shared_parts(chosen) as parts:
+            text = report(_studied(chosen, parts))
+            if parts is None or parts.first:
+                print(text)
+            if parts is not None and parts.first:
+                parts.clear()
+    except (DataError, InputError) as error:
+        parser.error(str(error))
     return 0
+
+
+def _studied(chosen: argparse.Namespace, parts: Parts | None) -> list[Coverage]:
+    begins = lambda case: case.name.startswith(chosen.case)  # noqa: E731
+    if not chosen.errors:
+        cases = list(filter(begins, standard_cases()))
+        return coverage_study(cases, chosen.sets, chosen.seed, parts=parts)
+    every = list(filter(begins, experiments()))
+    with Progress() as progress:
+        return experiments_study(every, chosen.sets, chosen.seed, progress=progress, parts=parts)
 
 
 if __name__ == "__main__":

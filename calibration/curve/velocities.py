@@ -55,10 +55,11 @@ class Grid:
     def total(self) -> int:
         return self.points
 
-    def blocks(self, size: int = BLOCK) -> Iterator[Block]:
-        """The velocities in ascending order."""
-        for start in range(0, self.points, size):
-            yield self._at(np.arange(start, min(start + size, self.points)))
+    def blocks(self, size: int = BLOCK, rows: slice = slice(None)) -> Iterator[Block]:
+        """The velocities in ascending order, or those of some rows."""
+        first, last, _ = rows.indices(self.points)
+        for start in range(first, last, size):
+            yield self._at(np.arange(start, min(start + size, last)))
 
     def _at(self, index: np.ndarray) -> Block:
         part = index / max(self.points - 1, 1)

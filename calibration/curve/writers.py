@@ -41,16 +41,13 @@ class CsvWriter(Writer):
         super().__init__(path)
         self._begun = False
 
-    def write(self, rows: Rows) -> None:
+    def write(self, rows: Rows, text: bytes | None = None) -> None:
+        """Add rows, or the text of them that `csv_text` made elsewhere."""
         if not self._begun:
             limits = "" if rows.low is None else "restitution_low,restitution_high,"
             self._file.write(f"velocity [m/s],restitution,{limits}status\n".encode())
             self._begun = True
-        for part in parts(len(rows.velocity)):
-            some = rows.some(part)
-            columns = [some.velocity, some.coefficient, some.low, some.high]
-            shown = [column for column in columns if column is not None]
-            self._file.write(lines(shown, b",", _status_text(some)))
+        self._file.write(csv_text(rows) if text is None else text)
 
 
 class NpyWriter(Writer):
@@ -93,6 +90,17 @@ class NpyWriter(Writer):
             "shape": (self._rows,),
         }
         np.lib.format.write_array_header_1_0(self._file, kind)
+
+
+def csv_text(rows: Rows) -> bytes:
+    """The lines of a CSV file, without its header."""
+    return b"".join(_csv_lines(rows.some(part)) for part in parts(len(rows.velocity)))
+
+
+def _csv_lines(rows: Rows) -> bytes:
+    columns = [rows.velocity, rows.coefficient, rows.low, rows.high]
+    shown = [column for column in columns if column is not None]
+    return lines(shown, b",", _status_text(rows))
 
 
 def status_names(status: int) -> str:

@@ -1,6 +1,7 @@
 """Many fits of one problem side by side: from changed weights, and to simulated data."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -9,8 +10,10 @@ from calibration.fitting.component_fit import ComponentFit
 from calibration.fitting.problem import Lanes, Problem
 from calibration.fitting.search import Found, search
 from calibration.fitting.uncertainty import winsorised
+from calibration.parts import Arrays, Parts, Whole, blocks, joined
 
 STEPS = 100  # of one refit
+AT_ONCE = 128  # refits that are one part
 
 
 @dataclass(frozen=True)
@@ -35,35 +38,56 @@ def refit(fit: ComponentFit, problem: Problem, z: np.ndarray, lanes: Lanes) -> F
     return search(problem, z, begun=fit.begun, lanes=lanes, limit=STEPS)
 
 
-def bootstrap(fits: list[ComponentFit], count: int, seed: int, confidence: float) -> Bootstrap:
-    """Simulate each point with the fitted curve and its noise, and fit that again."""
+def bootstrap(
+    fits: list[ComponentFit],
+    count: int,
+    seed: int,
+    confidence: float,
+    parts: Parts | Whole,
+    settings: Any,
+) -> Bootstrap:
+    """Simulate each point with the fitted curve and its noise, and fit that again.
+
+    Args:
+        parts: where the fits are made: all at once, or some at a time.
+        settings: what tells these fits from others.
+    """
     random = np.random.default_rng(seed)
-    names, values, converged = [], [], np.ones(count, bool)
-    for fit in fits:
-        found, arrived = _simulated(fit, count, random)
-        names += [e.label for e in fit.component.elements]
-        values.append(found)
-        converged &= arrived
-    joined = np.concatenate(values, axis=1)
+    drawn = [_simulated(fit, count, random) for fit in fits]
+    rows = blocks(count, count if isinstance(parts, Whole) else AT_ONCE)
+
+    def make(k: int) -> Arrays:
+        found = [_refitted(fit, data[rows[k]]) for fit, data in zip(fits, drawn, strict=True)]
+        values, arrived = zip(*found, strict=True)
+        return {"values": np.concatenate(values, axis=1), "converged": np.all(arrived, axis=0)}
+
+    made = parts.arrays((settings, count, seed), len(rows), make)
+    values, converged = joined(made, "values"), joined(made, "converged")
+    names = [e.label for fit in fits for e in fit.component.elements]
     part = 100 * np.array([0.5 * (1 - confidence), 0.5 * (1 + confidence)])
     ends = (
-        np.percentile(joined[converged], part, axis=0)
+        np.percentile(values[converged], part, axis=0)
         if np.any(converged)
         else np.full((2, len(names)), np.nan)
     )
     intervals = {n: (float(a), float(b)) for n, a, b in zip(names, *ends, strict=True)}
-    return Bootstrap(tuple(names), joined, converged, intervals)
+    return Bootstrap(tuple(names), values, converged, intervals)
 
 
-def _simulated(fit: ComponentFit, count: int, random) -> tuple[np.ndarray, np.ndarray]:
-    """Physical values of fits to data around the curve of the first stage."""
+def _simulated(fit: ComponentFit, count: int, random) -> Float[np.ndarray, "count n"]:
+    """Data around the curve of the first stage."""
     first = fit.stages[0].problem
     curve = first.predict(fit.z[None])[0]
     if first.shared is not None:
         noise = np.concatenate([one.simulate(random, count) for one in first.shared], axis=1)
     else:
         noise = random.standard_normal((count, first.count)) * fit.uncertainty.noise.deviation[0]
-    drawn = np.maximum(curve + noise, 0.0)
+    return np.maximum(curve + noise, 0.0)
+
+
+def _refitted(fit: ComponentFit, drawn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Physical values of fits to such data, and which of them arrived."""
+    first, count = fit.stages[0].problem, len(drawn)
     z, converged = np.repeat(fit.z[None], count, axis=0), np.ones(count, bool)
     for k, stage in enumerate(fit.stages):
         if k and first.loss != "squared":

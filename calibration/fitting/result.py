@@ -26,6 +26,7 @@ from calibration.fitting.result_json import dumps, read_result, result_to_dict
 from calibration.fitting.result_text import fit_text
 from calibration.fitting.stages import Stage
 from calibration.fitting.zhou import LINE
+from calibration.parts import in_parts
 
 KINDS = ("mean", "prediction")
 
@@ -251,10 +252,17 @@ class FitResult:
         with jax.enable_x64(True):
             return leave_one_out(self._refitted())
 
-    def bootstrap(self, count: int = 1000, seed: int = 0) -> Bootstrap:
-        """Fits of data simulated with the fitted curve and noise; see `Bootstrap`."""
-        with jax.enable_x64(True):
-            return bootstrap(self._refitted(), count, seed, self.confidence)
+    def bootstrap(
+        self, count: int = 1000, seed: int = 0, *, parts: str | Path | None = None
+    ) -> Bootstrap:
+        """Fits of data simulated with the fitted curve and noise; see `Bootstrap`.
+
+        Args:
+            parts: a folder for what is fitted: processes of `jax.distributed` share it, and go on.
+        """
+        told = self.to_json(times=False) if parts else ""
+        with jax.enable_x64(True), in_parts(parts) as opened:
+            return bootstrap(self._refitted(), count, seed, self.confidence, opened, told)
 
     def posterior(
         self,

@@ -1,6 +1,6 @@
 """A model at many samples, in memory that their number hardly changes; Saltelli's estimates of it."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,6 +9,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+
+from calibration.parts import Arrays, Parts, Whole, blocks, joined
 
 LARGEST_BLOCK = 1 << 13  # samples evaluated at once
 RESAMPLED = 32  # bootstrap samples drawn at once
@@ -20,35 +22,46 @@ Outputs = Float[np.ndarray, "q n"]
 
 @dataclass
 class Sampled:
-    """A model over many samples, in blocks of one shape."""
+    """A model over many samples, in blocks of one shape, which several processes may share.
+
+    Attributes:
+        settings: what tells this model, and how it is sampled, from others.
+    """
 
     model: Model
     names: tuple[str, ...]
     scale: str
-    total: int
+    settings: Any
+    parts: Parts | Whole
     progress: Progress | None
-    done: int = 0
 
-    def values(self, points: Float[np.ndarray, "p n"]) -> Outputs:
-        return np.concatenate([np.asarray(_outputs(*a)) for a in self._blocks(points)], axis=1)
+    def all(self, points: Sequence[Float[np.ndarray, "p n"]]) -> tuple[list[Outputs], np.ndarray]:
+        """Outputs at each set of points, and E[(∂f/∂θ)²] (q, p) over the first of them.
 
-    def with_slopes(self, points: Float[np.ndarray, "p n"]) -> tuple[Outputs, np.ndarray]:
-        """Outputs, and E[(∂f/∂θ)²] (q, p), or with ln θ on a logarithmic scale."""
-        outputs, squares = [], 0.0
-        for block in self._blocks(points):
-            output, slopes = map(np.asarray, _slopes(*block))
-            per = block[-1].T if self.scale == "log" else 1.0
-            outputs.append(output)
-            squares = squares + np.sum((slopes * per) ** 2, axis=1)
-        return np.concatenate(outputs, axis=1), squares / points.shape[1]
+        On a logarithmic scale with ln θ in place of θ.
+        """
+        count = points[0].shape[1]
+        rows = blocks(count, LARGEST_BLOCK)
+        total = count * len(points)
 
-    def _blocks(self, points) -> Iterator[tuple[Any, ...]]:
-        for first in range(0, points.shape[1], LARGEST_BLOCK):
-            block = points[:, first : first + LARGEST_BLOCK]
-            yield self.model, self.names, block
-            self.done += block.shape[1]
+        def make(k: int) -> Arrays:
+            which, block = divmod(k, len(rows))
+            part = self._part(points[which][:, rows[block]], slopes=which == 0)
             if self.progress is not None:
-                self.progress("Sobol indices", self.done, self.total)
+                self.progress("Sobol indices", which * count + rows[block].stop, total)
+            return part
+
+        made = self.parts.arrays(self.settings, len(rows) * len(points), make)
+        sets = [made[k : k + len(rows)] for k in range(0, len(made), len(rows))]
+        squares = sum(part["squares"] for part in sets[0])
+        return [joined(one, "outputs", axis=1) for one in sets], squares / count
+
+    def _part(self, block: Float[np.ndarray, "p n"], slopes: bool) -> Arrays:
+        if not slopes:
+            return {"outputs": np.asarray(_outputs(self.model, self.names, block))}
+        outputs, slope = map(np.asarray, _slopes(self.model, self.names, block))
+        per = block.T if self.scale == "log" else 1.0
+        return {"outputs": outputs, "squares": np.sum((slope * per) ** 2, axis=1)}
 
 
 @eqx.filter_jit

@@ -13,6 +13,7 @@ that jump contributes is in the indices and not in the bound.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import equinox as eqx
@@ -24,6 +25,7 @@ import softjax as sj
 from calibration.errors import DataError
 from calibration.fitting.result import FitResult
 from calibration.fitting.result_json import plain
+from calibration.parts import Parts, in_parts
 from calibration.studies.inputs import Inputs, as_inputs, check_velocity
 from calibration.studies.sampling import Model, Progress, Sampled, indices, percentiles
 
@@ -91,8 +93,8 @@ def sobol_indices(
         velocity: v [m/s], (q,).
         route: the energy balance, or the ODE for a law that needs it, unless told.
         material: which one of a fit's.
-        options: `samples`, `scale`, `seed`, `confidence`, `resamples`, `progress` of
-            `model_indices`.
+        options: `samples`, `scale`, `seed`, `confidence`, `resamples`, `progress`,
+            `parts` of `model_indices`.
 
     Raises:
         ValueError: naming the argument, its value and what is accepted; where ε varies nowhere.
@@ -132,6 +134,7 @@ def model_indices(
     confidence: float = 0.95,
     resamples: int = 999,
     progress: Progress | None = None,
+    parts: Parts | str | Path | None = None,
 ) -> SobolIndices:
     """Sobol indices of any model that JAX can trace, in memory that the samples hardly change.
 
@@ -143,6 +146,9 @@ def model_indices(
         seed: of samples and bootstrap.
         confidence, resamples: of the bootstrap.
         progress: called as progress(stage, done, total).
+        parts: a folder that keeps what is evaluated: processes of `jax.distributed` share it, and
+            a study that was stopped goes on. A model of one's own is told by its name and leaves:
+            one folder for each.
 
     Raises:
         ValueError: naming the argument, its value and what is accepted; for a model that varies
@@ -153,11 +159,12 @@ def model_indices(
     ends = np.log(ends) if scale == "log" else ends
     random = np.random.default_rng(seed)
     a, b = _drawn(ends, scale, samples, random)
-    sampled = Sampled(model, names, scale, samples * (len(names) + 2), progress)
-    with jax.enable_x64(True):
-        f_a, squares = sampled.with_slopes(a)
-        f_b = sampled.values(b)
-        f_ab = np.stack([sampled.values(_mixed(a, b, i)) for i in range(len(names))])
+    points = [a, b, *(_mixed(a, b, i) for i in range(len(names)))]
+    settings = (model, dict(ranges), samples, scale, seed)
+    with jax.enable_x64(True), in_parts(parts) as opened:
+        sampled = Sampled(model, names, scale, settings, opened, progress)
+        (f_a, f_b, *mixed), squares = sampled.all(points)
+    f_ab = np.stack(mixed)
     variance = np.var([f_a, f_b], axis=(0, 2))
     mean = np.mean([f_a, f_b], axis=(0, 2))
     varies = variance > NO_VARIANCE * mean**2
