@@ -60,8 +60,11 @@ def in_batches(parts, asked, velocity, *settings, cut=True):
             if results is not None:
                 return results
         return _spread(leaves, parts, structure, settings, cut, where)
-    many = [np.size(leaf) > 1 and not held for leaf, held in zip(leaves, whole, strict=True)]
-    many = many if any(many) else [np.shape(leaf) == shape for leaf in leaves]
+    alone = shape if count == 1 else None  # one impact in a row is many, of which there is one
+    many = [
+        not held and (np.size(leaf) > 1 or np.shape(leaf) == alone)
+        for leaf, held in zip(leaves, whole, strict=True)
+    ]
     home = next((leaf.device for leaf in leaves if getattr(leaf, "committed", False)), None)
     flat = [
         _flat(leaf, shape) if m else _single(leaf, h)

@@ -1,6 +1,7 @@
 """One precision for all tests, and the array types in signatures checked while they run."""
 
 import atexit
+import gc
 import os
 import shutil
 import tempfile
@@ -12,7 +13,7 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     # one worker's compilations serve the other, and whatever the tests start
     shared = tempfile.mkdtemp(prefix="softjax-tests-")
     os.environ["JAX_COMPILATION_CACHE_DIR"] = shared
-    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.1"
+    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
     atexit.register(shutil.rmtree, shared, ignore_errors=True)
 
 # The physics behind the public names, where every annotation is meant literally. The names that
@@ -42,6 +43,7 @@ with install_import_hook(CHECKED, "beartype.beartype"):
 from tests.slow import SLOW  # noqa: E402
 
 sj.enable_x64()
+gc.set_threshold(50_000, 20, 100)  # traces are many objects, and live: looked through less often
 
 
 @pytest.fixture(scope="session", autouse=True)

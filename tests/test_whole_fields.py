@@ -85,6 +85,8 @@ def test_a_network_by_both_routes():
     assert np.allclose(by_time.coefficient, exact.coefficient, rtol=1e-8, atol=0)
     assert np.allclose(by_time.duration, exact.duration, rtol=1e-7, atol=0)
     assert np.all(exact.status == sj.Status.NO_RESIDUAL_OVERLAP)
+    hit = sj.collide(NETWORK, VELOCITY[1], samples=5)  # one impact, beside a bias of one number
+    assert np.allclose(hit.overlap[2], exact.peak_overlap[1], rtol=1e-7, atol=0)
 
 
 @pytest.mark.parametrize(
