@@ -17,20 +17,28 @@ CHANGES: dict[str, list[tuple[str, str, str]]] = {
         ("stopped = (velocity >= limit_velocity)", "stopped = velocity < 0", "laws_empirical"),
     ],
     "softjax/laws/zhou.py": [
-        ("jnp.expm1(-2 * exponent)", "jnp.expm1(-exponent)", "paper"),
+        ("jnp.expm1(-2 * exponent)", "jnp.expm1(-exponent)", "hard_cases fit_materials"),
         ("return self.d * peak > 1", "return self.d * peak > 2", "status"),
-        ("return squared, velocity >= limit", "return squared, velocity > limit", "status"),
+        ("return squared, velocity >= limit", "return squared, velocity > limit", "hard_cases"),
         ("(1 - root)  # Eq. (8)", "(1 + root)  # Eq. (8)", "collide"),
         ("36 * (math.pi / 2) ** (8 / 3)", "36 * (math.pi / 2) ** (2 / 3)", "paper"),
         ("* x + 2 / 3 * self.d  # x x_m", "* x - 2 / 3 * self.d  # x x_m", "energy_balance"),
     ],
     "softjax/laws/_first_order.py": [
-        ("yielded * part * (1 - 0.5 * X * part)", "yielded * part * (1 - X * part)", "paper"),
-        ("r, q = jnp.where(has_root, r, 0.0)", "r, q = jnp.where(has_root, r, 0.1)", "status"),
+        (
+            "yielded * part * (1 - 0.5 * X * part)",
+            "yielded * part * (1 - X * part)",
+            "energy_balance",
+        ),
+        (
+            "r, q = jnp.where(has_root, r, 0.0)",
+            "r, q = jnp.where(has_root, r, 0.1)",
+            "energy_balance hard_cases",
+        ),
         ("MOST_STEPS = 12", "MOST_STEPS = 1", "turning_point"),
     ],
     "softjax/laws/_full.py": [
-        ("(2 / 3) ** 1.5 * jnp.sqrt(d)", "(2 / 3) ** 1.5 * d", "status"),
+        ("(2 / 3) ** 1.5 * jnp.sqrt(d)", "(2 / 3) ** 1.5 * d", "energy_balance hard_cases"),
         ("d * m**2 * (1 + m / 3)", "d * m**2 * (1 + m / 2)", "energy_balance"),
     ],
     "softjax/laws/thornton.py": [
@@ -39,7 +47,11 @@ CHANGES: dict[str, list[tuple[str, str, str]]] = {
     ],
     "softjax/laws/walton_braun.py": [
         ("return self.ratio + self.growth * peak", "return self.ratio", "laws_walton_braun"),
-        ("self._stiffening(peak) >= 1", "self._stiffening(peak) > 1", "laws_walton_braun"),
+        (
+            "self._stiffening(peak) >= 1",
+            "self._stiffening(peak) > 1",
+            "nearly_plastic status laws_walton_braun",
+        ),
     ],
     "softjax/laws/viscoelastic.py": [
         ("return 1.5 * self.dissipation", "return self.dissipation", "laws_viscoelastic"),

@@ -139,6 +139,50 @@ def test_a_mean_of_groups_is_that_of_their_means():
     assert high == pytest.approx(np.mean(means) + reach, rel=1e-4)
 
 
+def test_the_error_of_unequal_groups_has_what_their_variances_add():
+    """Kenward and Roger's of a mean, written down: V = s² 1 + g² (same group)."""
+    random, counts = np.random.default_rng(1), np.array([1, 1, 1, 2, 2, 2, 14])
+    label = np.repeat(np.arange(7), counts)
+    e = 0.8 + 0.003 * random.standard_normal(7)[label] + 0.004 * random.standard_normal(23)
+    data = cal.RestitutionData(np.linspace(1, 5, 23), e, group=[f"s{k}" for k in label])
+    result = cal.fit(data, "constant", **QUICK)
+    material = result.materials[0]
+    parts = [np.eye(23), 1.0 * (label[:, None] == label[None, :])]
+    at = np.log([material.noise**2, material.group_deviation**2])
+
+    def minus_twice_log(logs):
+        v = sum(np.exp(x) * part for x, part in zip(logs, parts, strict=True))
+        x = np.linalg.solve(v, np.ones(23))
+        mean = x @ e / np.sum(x)
+        left = e - mean
+        return np.linalg.slogdet(v)[1] + np.log(np.sum(x)) + left @ np.linalg.solve(v, left)
+
+    h, both = 0.03, (-1, 1)
+    moved = lambda p, i, q, j: at + h * (p * np.eye(2)[i] + q * np.eye(2)[j])  # noqa: E731
+    curved = np.array(
+        [
+            [
+                sum(p * q * minus_twice_log(moved(p, i, q, j)) for p in both for q in both)
+                for j in range(2)
+            ]
+            for i in range(2)
+        ]
+    ) / (4 * h**2)
+    relative = np.linalg.inv(0.5 * curved)
+    v = [np.exp(x) * part for x, part in zip(at, parts, strict=True)]
+    inverse = np.linalg.inv(sum(v))
+    x = inverse @ np.ones(23)
+    known = 1 / np.sum(x)
+    added = sum(
+        relative[c, d] * (x @ v[c] @ inverse @ v[d] @ x - (x @ v[c] @ x) * known * (x @ v[d] @ x))
+        for c in (0, 1)
+        for d in (0, 1)
+    )
+    expected = np.sqrt(known + 2 * known * added * known)
+    assert expected > 1.05 * np.sqrt(known)
+    assert result.standard_errors["restitution"] == pytest.approx(expected, rel=2e-3)
+
+
 def test_another_specimen_s_band_has_the_specimens_spread():
     result = cal.fit(specimens(), "constant", **QUICK)
     material = result.materials[0]
@@ -277,18 +321,18 @@ def test_means_of_repeats_carry_their_degrees_of_freedom():
 
 
 def test_means_with_a_scatter_of_their_own_are_weighted_by_their_counts():
-    """Unpooled: equal weights, Welch's and Satterthwaite's degrees of freedom."""
-    random = np.random.default_rng(14)
-    velocity = np.repeat([1.0, 2.0, 3.0], 4)
-    spread = np.repeat([0.001, 0.01, 0.02], 4)
-    data = cal.RestitutionData(velocity, 0.8 + spread * random.standard_normal(12))
-    sets = data.restitution.reshape(3, 4)
-    variance = np.var(sets, axis=1, ddof=1) / 4
+    """Unpooled: Welch's and Satterthwaite's degrees of freedom."""
+    random, counts = np.random.default_rng(14), np.array([3, 4, 8])
+    velocity = np.repeat([1.0, 2.0, 3.0], counts)
+    spread = np.repeat([0.001, 0.01, 0.02], counts)
+    data = cal.RestitutionData(velocity, 0.8 + spread * random.standard_normal(15))
+    sets = np.split(data.restitution, np.cumsum(counts)[:-1])
+    variance = (counts / 15) ** 2 * [np.var(one, ddof=1) for one in sets] / counts
     result = cal.fit(data.averaged(pooled=False), "constant", **QUICK)
-    assert result.values["restitution"] == pytest.approx(np.mean(sets), rel=1e-9)
-    error = np.sqrt(np.sum(variance)) / 3
+    assert result.values["restitution"] == pytest.approx(np.mean(data.restitution), rel=1e-9)
+    error = np.sqrt(np.sum(variance))
     assert result.standard_errors["restitution"] == pytest.approx(error, rel=1e-9)
-    degrees = np.sum(variance) ** 2 / np.sum(variance**2 / 3)
+    degrees = np.sum(variance) ** 2 / np.sum(variance**2 / (counts - 1))
     low, high = result.intervals["restitution"]
     assert high - low == pytest.approx(2 * stats.t.ppf(0.975, degrees) * error, rel=1e-3)
 
