@@ -22,7 +22,6 @@ SLOW = [
     "test_signed.py::test_impacts_are_held_on_their_branch[ode]",
     "test_whole_fields.py::test_slopes_in_its_weights[energy]",
     "test_curve.py::test_blocks_give_the_curve_of_the_whole",
-    "test_fit_problem.py::test_branches_are_held_while_yield_strength_moves",
     "test_broadcasting.py::test_vmap_over_laws_is_broadcasting",
     "test_gradients.py::test_second_derivatives[full-forward over reverse]",
     "test_cli_options.py::test_a_setting_acts_in_the_file_and_on_the_command_line[form]",

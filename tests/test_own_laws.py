@@ -53,6 +53,33 @@ def test_unloading_down_to_zero_or_clipped(route):
     assert list(result.status) == [no_residual, no_residual, 0, no_residual]
 
 
+class Dropping(Recoil):
+    """The same, but nothing at all below ρ δ_m."""
+
+    def unloading_force(self, overlap, peak_overlap):
+        held = overlap > self.rest * peak_overlap
+        return jnp.where(held, super().unloading_force(overlap, peak_overlap), 0.0)
+
+
+def test_where_a_force_ends_moves_with_the_law_unless_it_drops():
+    """δ* = ρ δ_m, of a force that is flat there too; a drop is told as INEXACT."""
+    law = Dropping(STEEL, np.array([0.0, 0.2]), 2.0, np.array([0.5, 0.5]))
+
+    @jax.jit
+    @jax.value_and_grad
+    def residual(rest):
+        moved = Dropping(STEEL, law.floor, law.power, rest)
+        return sj.restitution(moved, 0.7).residual_overlap[0]
+
+    peak = 0.7 * np.sqrt(STEEL.mass / STIFFNESS)
+    value, slope = residual(law.rest)
+    assert value == pytest.approx(0.5 * peak, rel=1e-9)
+    assert slope[0] == pytest.approx(peak, rel=1e-4)
+    assert slope[1] == 0
+    status = sj.restitution(law, 0.7).status
+    assert list(status & int(sj.Status.INEXACT) > 0) == [False, True]
+
+
 class Plateau(sj.RateIndependentLaw):
     """Hertz's up to δ_y, the same force from there on, and back along a steep straight line."""
 

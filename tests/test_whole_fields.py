@@ -124,10 +124,14 @@ def test_slopes_in_the_heights_of_a_table():
 
 
 @pytest.mark.long
-def test_many_impacts_and_many_networks():
-    """Large batches keep it whole; `vmap` over networks is a network after the other."""
+def test_many_impacts_of_one_table():
+    """Large batches keep it whole."""
     many = sj.restitution(TABLE, np.full(300_000, 0.4)).coefficient
     assert np.all(many == many[0])
+
+
+def test_many_tables():
+    """`vmap` over tables is a table after the other."""
     heights = np.array([HEIGHTS, HEIGHTS**2])
     each = jax.vmap(lambda h: sj.restitution(Tabled(STEEL, 1e6, KNOTS, h), VELOCITY))(heights)
     for k in range(2):

@@ -41,11 +41,8 @@ def _decimal(x) -> tuple[np.ndarray, np.ndarray]:
     too_small, too_large = mantissa < 10**16, mantissa >= 10**17
     if np.any(too_small | too_large):
         exponent = exponent - too_small + too_large
+        # no double is so near below a power of ten that 17 digits would round it up to that
         mantissa = _scaled(x, 16 - exponent)
-        # 9.99…95 rounds up to the next power of ten
-        rounded_up = mantissa >= 10**17
-        mantissa = np.where(rounded_up, 10**16, mantissa)
-        exponent = exponent + rounded_up
     return mantissa, exponent
 
 
