@@ -108,7 +108,7 @@ CHANGES: dict[str, list[tuple[str, str, str]]] = {
         (
             "values = np.asarray(result)[:count]",
             "values = np.asarray(result)[-count:]",
-            "ownership",
+            "broadcasting",
         ),
     ],
     "softjax/_pieces.py": [
@@ -131,7 +131,7 @@ CHANGES: dict[str, list[tuple[str, str, str]]] = {
     "calibration/fitting/noise.py": [
         ("LEAST = 1e-4", "LEAST = 0.9", "shared_errors"),
         ("np.sqrt(counts / scatter)", "np.sqrt(1 / scatter)", "shared_errors data_repeats"),
-        ("slope = (up - down) / (2 * STEP", "slope = (up - down) / (STEP", "uncertainty_coverage"),
+        ("slope = (up - down) / (2 * STEP", "slope = (up - down) / (STEP", "fit_problem"),
     ],
     "calibration/fitting/variances.py": [
         ("if not restricted or not jacobian", "if True or not jacobian", "shared_errors"),
@@ -148,7 +148,7 @@ CHANGES: dict[str, list[tuple[str, str, str]]] = {
         (
             'return Estimate(value, method="undetermined", free=True)',
             "pass",
-            "uncertainty fit_any_law cli_fit",
+            "doubt",
         ),
         (
             "slope * z_error, ends[0], ends[1]",

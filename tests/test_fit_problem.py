@@ -1,5 +1,7 @@
 """Residuals and their derivatives, against SciPy's version of the model and against differences."""
 
+from dataclasses import replace
+
 import jax
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ import calibration as cal
 import softjax as sj
 from calibration.fitting.assembly import assemble
 from calibration.fitting.losses import influence, transformed
+from calibration.fitting.noise import _curves
 from calibration.fitting.problem import Lanes
 from calibration.fitting.root import NO_REBOUND_BELOW, TINY_SQUARED, extended_root, root_slope
 from calibration.fitting.specs import specs_of
@@ -147,7 +150,28 @@ def test_branches_are_held_while_yield_strength_moves():
     below, above = problem.predict(np.stack([component.start, stronger]))
     np.testing.assert_array_equal(below[elastic], above[elastic])
     assert np.all(np.isfinite(above))
+    # what would be elastic now is kept beyond yield, where ε is higher by the jump there
+    crossed = problem.elastic_at(stronger) & ~elastic
+    free = replace(problem, elastic=None).predict(stronger[None])[0]
+    assert np.any(crossed)
+    assert np.all(np.abs(above[crossed] - free[crossed]) > 1e-4)
+    np.testing.assert_array_equal(above[~crossed], free[~crossed])
     assert component_of(data).stages[0][1].elastic is None  # nothing moves yield
+
+
+def test_slopes_along_the_velocity_are_the_laws():
+    data = twin("nylon")
+    component = component_of(data)
+    z = z_of(component)
+    (curve,) = _curves(component.stages[0][1], z)
+    law = sj.Zhou(pair("nylon"), *(e.start for e in component.elements))
+
+    def total(velocity):
+        return sj.restitution(law, velocity).coefficient.sum()
+
+    slope = jax.grad(total)(jax.numpy.asarray(data.velocity))
+    np.testing.assert_allclose(curve.slope, slope, rtol=1e-4)
+    np.testing.assert_allclose(curve.value, sj.restitution(law, data.velocity).coefficient)
 
 
 def test_transforms_go_there_and_back():

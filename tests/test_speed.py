@@ -1,14 +1,17 @@
 """Speed against error: errors are true, ratios are fair. No time decides anything here."""
 
 import csv
+import sys
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+import softjax as sj
 from calibration import cli
-from calibration.speed import scipy_loop
+from calibration.speed import fits, scipy_loop
 from calibration.speed.damped import damped_plan, damped_scene
 from calibration.speed.measure import Row, along_power_law, measure
 from calibration.speed.scene import stainless
@@ -70,3 +73,17 @@ def test_the_command_writes_its_table_and_picture(tmp_path, monkeypatch, capsys)
     assert [r["family"] for r in rows] == ["energy balance", "SciPy loop"]
     assert (tmp_path / "speed.png").read_bytes().startswith(b"\x89PNG")
     assert "LSODA" in capsys.readouterr().out
+
+
+def test_scipy_s_loop_fits_the_same_curve(monkeypatch):
+    """Its formulas, as Python runs them, and their derivatives; and it finds the same minima."""
+    monkeypatch.setitem(sys.modules, "numba", SimpleNamespace(njit=lambda function: function))
+    law, data = fits._measured()
+    loop, z = fits._Loop(data, law), np.log([law.chi, law.sigma, law.psi])
+    value, jacobian = loop._at(z)
+    exact = np.asarray(sj.restitution(law, data.velocity).coefficient)
+    np.testing.assert_allclose(value, exact, rtol=1e-12)
+    for k, step in enumerate(1e-5 * np.eye(3)):
+        slope = (loop._at(z + step)[0] - loop._at(z - step)[0]) / 2e-5
+        np.testing.assert_allclose(jacobian[:, k], slope, atol=1e-9)
+    assert "the same minimum        100.0%" in fits.report(6)

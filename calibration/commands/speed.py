@@ -22,6 +22,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="instead: two processes against one, on a core each",
     )
+    parser.add_argument(
+        "--fits", action="store_true", help="instead: a thousand fits against SciPy's loop in numba"
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -33,8 +36,13 @@ def run(arguments: argparse.Namespace) -> int:
 
         print(report())
         return 0
-    check_writable(arguments.out)
     sj.enable_x64()
+    if arguments.fits:
+        from calibration.speed.fits import report as of_fits
+
+        print(of_fits())
+        return 0
+    check_writable(arguments.out)
     rows = _measure_all(arguments)
     from calibration.plots.style import save
     from calibration.speed.picture import draw_speed

@@ -22,7 +22,7 @@ from softjax.fields import whole_fields
 # balance and 1.4 ms by the ODE; in blocks of 8192 0.23 µs an impact, where time steps gain nothing.
 SMALL = 256
 LARGE = 8192
-MANY = 32_768  # from which on large blocks are worth compiling
+SIZES = {LARGE: 32_768, 2048: 8192}  # of a block: from so many impacts on it is worth compiling
 
 Route = sj.EnergyBalance | sj.ClosedForm | sj.ODE | None
 
@@ -90,7 +90,7 @@ def expand(
             for k, leaf in enumerate(leaves)
         ]
         held = None if elastic is None else _filled(elastic[rows], size)
-        block = quick_to_compile(_block, (3, 4, 5)) if size == SMALL else _large_block
+        block = _large_block if size == LARGE else quick_to_compile(_block, (3, 4, 5))
         part = block(some, _filled(velocity[rows], size), held, shape, moving, route)
         parts.append([np.asarray(a)[..., : rows.stop - rows.start] for a in part])
     if len(parts) == 1:
@@ -100,11 +100,11 @@ def expand(
 
 def _blocks(count: int, route: Route) -> Iterator[tuple[slice, int]]:
     """Rows and size of each block: large ones as long as they are filled well, then small ones."""
-    by_time = isinstance(route, sj.ODE)
+    sizes = {} if isinstance(route, sj.ODE) else SIZES
     first = 0
     while first < count:
-        many = count >= MANY and count - first >= LARGE and not by_time
-        size = LARGE if many else SMALL
+        filled = (s for s, least in sizes.items() if count >= least and count - first >= s)
+        size = next(filled, SMALL)
         yield slice(first, min(first + size, count)), size
         first += size
 

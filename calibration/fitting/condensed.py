@@ -55,8 +55,12 @@ class Condensed(NamedTuple):
         """By how much that step would lower the sum of squares."""
         return np.sum(np.where(self.seen, self.along, 0.0) ** 2, axis=1)
 
-    def some(self, which) -> "Condensed":
-        return Condensed(*(a[which] for a in self))
+    def replaced(self, fits: Bool[np.ndarray, "fits"], by: "Condensed") -> "Condensed":
+        """The same with some fits' as `by` has them."""
+        parts = [np.array(a) for a in self]
+        for part, new in zip(parts, by, strict=True):
+            part[fits] = new
+        return Condensed(*parts)
 
 
 def condense(

@@ -68,8 +68,9 @@ class _Search:
         self.reason = np.full(fits, "", dtype=object)
         self.iterations = np.zeros(fits, int)
         self.scaled = problem.transform.kind[problem.active] != NONE
+        self.at: Condensed
         self.value, self.jacobian = self._at(self.z, np.ones(fits, bool))
-        self._condense()
+        self._condense(np.ones(fits, bool))
 
     @property
     def x(self) -> np.ndarray:
@@ -117,8 +118,10 @@ class _Search:
         found = self.problem.linearise(z[fits], self.lanes.some(fits))
         return found.residual, found.jacobian
 
-    def _condense(self) -> None:
-        self.at: Condensed = condense(self.value, self.jacobian, self._frozen)
+    def _condense(self, fits: np.ndarray) -> None:
+        """Anew, where something has changed."""
+        found = condense(self.value[fits], self.jacobian[fits], self._frozen[fits])
+        self.at = found if np.all(fits) else self.at.replaced(fits, found)
 
     def _try(self, step, length) -> np.ndarray:
         """Which fits have moved: those whose cost falls enough (Armijo)."""
@@ -136,7 +139,7 @@ class _Search:
         self.z[moved] = trial[moved]
         self.value[moved], self.jacobian[moved] = value[moved[fits]], jacobian[moved[fits]]
         self.iterations += moved
-        self._condense()
+        self._condense(moved)
         return moved
 
     def _keep_plain_inside(self, z) -> None:
@@ -189,7 +192,7 @@ class _Search:
         fits = np.any(which, axis=1) & self.going
         if np.any(fits):
             self.value[fits], self.jacobian[fits] = self._at(self.z, fits)
-        self._condense()
+        self._condense(np.any(which, axis=1))
 
     def _release(self, arrived) -> np.ndarray:
         """Take back elements whose cost falls inwards now that the others have moved."""
@@ -202,7 +205,7 @@ class _Search:
                 self.limits[f], self.released[f] = 0, self.released[f] + 1
         if np.any(back):
             self.value[back], self.jacobian[back] = self._at(self.z, back)
-            self._condense()
+            self._condense(back)
         return back
 
     def _lower_inside(self, f: int) -> np.ndarray | None:

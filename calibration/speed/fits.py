@@ -1,0 +1,173 @@
+"""Many fits side by side against a loop of SciPy's over the same formulas in numba: `softjax speed --fits`.
+
+The refits of a bootstrap: 30 points of Zhou's law on both sides of first yield, three parameters in
+logarithms, exact derivatives, each from the fit that the data were drawn from. Both ways run once
+before, so that compilation is left out.
+"""
+
+import time
+
+import numpy as np
+from jaxtyping import Float
+
+import softjax as sj
+from calibration.data import RestitutionData
+from calibration.errors import InputError
+from calibration.fitting.door import fit
+from calibration.parameters import Parameter
+from calibration.speed.energy_numba import PEAK_STEPS, RELEASE_STEPS
+from calibration.speed.scene import stainless
+
+FITS, POINTS, NOISE = 1000, 30, 0.005
+SEED = 0
+
+
+def report(fits: int = FITS) -> str:
+    """What both took, and how far their minima are apart, as lines.
+
+    Raises:
+        InputError: where numba is not installed.
+    """
+    law, data = _measured()
+    said = {"chi": Parameter(law.chi), "sigma": Parameter(law.sigma), "psi": Parameter(law.psi)}
+    result = fit(data, None, said, starts=1)
+    loop = _Loop(data, law)
+    batched, many = _timed(lambda count: result.bootstrap(count, seed=SEED).values, fits)
+    drawn = _drawn(result, fits)
+    single, each = _timed(lambda count: loop.fitted(drawn[:count], _at(result)), fits)
+    apart = np.max(np.abs(np.log(many / each)), axis=1)
+    lines = [
+        f"{fits} fits of {POINTS} points, three parameters",
+        f"  side by side            {batched:.2f} s",
+        f"  SciPy's loop, numba     {single:.2f} s: {single / batched:.1f} times as long",
+        f"  the same minimum        {np.mean(apart < 1e-4):.1%}, of them {_most(apart):.0e} apart at most",
+    ]
+    return "\n".join(lines)
+
+
+def _most(apart: np.ndarray) -> float:
+    return float(np.max(apart[apart < 1e-4], initial=0.0))
+
+
+def _measured() -> tuple[sj.Zhou, RestitutionData]:
+    """Points drawn around the law, half of them below first yield."""
+    contact = stainless().contact
+    law = sj.Zhou(contact, chi=1.7944, sigma=3.0432, psi=0.54)
+    velocity = float(contact.critical_velocity) * np.geomspace(0.02, 200.0, POINTS)
+    noise = NOISE * np.random.default_rng(1).standard_normal(POINTS)
+    measured = np.asarray(sj.restitution(law, velocity).coefficient) + noise
+    return law, RestitutionData(velocity, np.minimum(measured, 1.0), contact)
+
+
+def _timed(run, fits: int):
+    """Wall seconds of all fits, and what they gave."""
+    run(2)
+    run(fits)
+    start = time.perf_counter()
+    found = run(fits)
+    return time.perf_counter() - start, found
+
+
+def _at(result) -> Float[np.ndarray, "3"]:
+    return np.array([result.values[name] for name in ("chi", "sigma", "psi")])
+
+
+def _drawn(result, fits: int) -> Float[np.ndarray, "fits n"]:
+    """The data that `bootstrap` draws: the same curve, noise and seed."""
+    law, data = result.law, result.data
+    curve = np.asarray(sj.restitution(law, data.velocity).coefficient)
+    random = np.random.default_rng(SEED)
+    noise = random.standard_normal((fits, POINTS)) * result.materials[0].noise
+    return np.maximum(curve + noise, 0.0)
+
+
+class _Loop:
+    """One fit after the other by SciPy's Levenberg–Marquardt."""
+
+    def __init__(self, data: RestitutionData, law: sj.Zhou):
+        self.curve = _compiled_curve()
+        contact = law.contact
+        self.d = float(law.plasticity())
+        self.velocity = data.velocity
+        self.critical, self.limit = contact.critical_velocity, float(contact.limit_velocity)
+        self.ratio = float(contact.yield_ratio)
+
+    def fitted(self, drawn, start) -> Float[np.ndarray, "fits 3"]:
+        from scipy.optimize import least_squares
+
+        found = []
+        for measured in drawn:
+            end = least_squares(
+                lambda z, measured=measured: self._at(z)[0] - measured,
+                np.log(start),
+                jac=lambda z: self._at(z)[1],
+                method="lm",
+                xtol=1e-9,
+                ftol=1e-12,
+            )
+            found.append(np.exp(end.x))
+        return np.array(found)
+
+    def _at(self, z):
+        chi, sigma, psi = np.exp(z)
+        value, jacobian = self.curve(
+            self.velocity, self.d, chi * self.ratio, sigma, psi, self.critical, self.limit
+        )
+        return value, jacobian
+
+
+def _compiled_curve():
+    """ε and its derivatives by ln χ̃, ln σ and ln ψ. Below first yield Eq. (17), above it Eq. (16)."""
+    try:
+        import numba
+    except ImportError:
+        accepted = "numba is needed: pip install numba"
+        raise InputError(
+            None, None, "the loop to compare with is written in numba", accepted
+        ) from None
+
+    @numba.njit
+    def curve(velocity, d, steepness, sigma, psi, critical, limit):
+        value = np.empty(velocity.size)
+        jacobian = np.zeros((velocity.size, 3))
+        for j in range(velocity.size):
+            at = min(velocity[j], critical)
+            log = np.log(at / (limit - at))
+            exponent = sigma * np.exp(psi * log)
+            if velocity[j] <= critical:
+                value[j] = np.exp(-exponent)
+                jacobian[j, 1] = -exponent * value[j]
+                jacobian[j, 2] = jacobian[j, 1] * psi * log
+                continue
+            y = velocity[j] / critical
+            s = y**0.4
+            target = 0.4 * y * y
+            for _ in range(PEAK_STEPS):
+                e = s - 1
+                work = 0.4 * s**5 - d * e**3 * (8 / 3 + e * (5 + e * (4 + e * (5 / 3 + e * 2 / 7))))
+                force = s**3 - d * e * e * (2 + e) * (2 + e * (2 + e))
+                s -= (work - target) / (2 * s * force)
+            x = s * s
+            yielded = d * (x * x - 1) / (x * s)
+            c3, c2, c1, c0 = 1 - d * x, yielded * steepness, d / x, yielded * (steepness - 1)
+            r = min(np.sqrt(c0 / c2), (c0 / c3) ** (1 / 3), c0 / c1)
+            for _ in range(RELEASE_STEPS):
+                r -= (((c3 * r + c2) * r + c1) * r - c0) / ((3 * c3 * r + 2 * c2) * r + c1)
+            part = 1 - r * r
+            bracket = 0.4 * c3 * (1 - r**5) + 2 / 3 * c1 * (1 - r**3)
+            bracket += yielded * part * (1 - 0.5 * steepness * part)
+            scale = 2.5 * s**5 / (y * y)
+            squared = scale * bracket + np.expm1(-2 * exponent)
+            if squared <= 0:
+                value[j] = 0.0
+                continue
+            value[j] = np.sqrt(squared)
+            # the force vanishes where unloading ends: that end moves the work in second order only
+            slope = -0.5 * scale * yielded * part * part * steepness
+            lost = -2 * exponent * np.exp(-2 * exponent)
+            jacobian[j, 0] = 0.5 * slope / value[j]
+            jacobian[j, 1] = 0.5 * lost / value[j]
+            jacobian[j, 2] = jacobian[j, 1] * psi * log
+        return value, jacobian
+
+    return curve
