@@ -255,6 +255,6 @@ CHANGES: dict[str, list[tuple[str, str, str]]] = {
         ("R_HAT = 1.01", "R_HAT = 2.0", "posterior_told posterior"),
     ],
     "calibration/fitting/posterior/priors.py": [
-        ("- len(self.members) * z[self.spread]", "", "posterior_calibration posterior pooling"),
+        ("- len(self.members) * z[self.spread]", "", "pooling"),
     ],
 }
