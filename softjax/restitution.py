@@ -188,16 +188,21 @@ def signed_restitution(
     regime = regime if elastic is None else "mixed"
     law, velocity = common_precision(law, velocity)
     route, tolerance = program_of(route)
-    return _signed((law, tolerance), velocity, route, regime, elastic)
+    # a search traces it once, with its slopes: compiled by itself it would be traced without them too
+    traced = any(is_traced(leaf) for leaf in jax.tree.leaves((law, velocity)))
+    signed = _signed if traced else _compiled_signed
+    return signed((law, tolerance), velocity, route, regime, elastic)
 
 
-@partial(jax.jit, static_argnames=("route", "regime"))
 def _signed(law_and_tolerance, velocity, route, regime, elastic):
     law, tolerance = law_and_tolerance
     route = taken(route, tolerance)
     impact, found, squared, status = _solved(law, velocity, route, regime, elastic)
     answered = impact.valid & found.turns & found.solved
     return SignedRestitution(jnp.where(answered, squared, 0.0), status)
+
+
+_compiled_signed = jax.jit(_signed, static_argnames=("route", "regime"))
 
 
 def _chosen(law: ContactLaw, route: Route | None) -> Route:

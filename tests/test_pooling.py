@@ -7,6 +7,7 @@ from scipy.optimize import minimize
 
 import calibration as cal
 import softjax as sj
+from calibration.fitting.posterior.priors import Around
 from tests.decay import Decay
 
 V = np.linspace(1.0, 5.0, 6)
