@@ -51,4 +51,11 @@ SLOW = [
     "test_uncertainty_coverage.py::test_errors_that_are_shared_or_unequal[Thornton, specimens blocks]",
     "test_curve.py::test_the_route_asked_for_is_taken",
     "test_nearly_plastic.py::test_stiff_springs[float32]",
+    "test_studies_sobol.py::test_restitutions_indices_agree_with_a_brute_force_run",
+    "test_laws_linear_dashpot.py::test_history",
+    "test_thornton.py::test_history",
+    "test_large.py::test_two_devices_share_the_work",
+    "test_whole_fields.py::test_slopes_in_the_heights_of_a_table",
+    "test_ode.py::test_duration_over_the_box[first-order]",
+    "test_uncertainty_coverage.py::test_a_robust_loss_keeps_outliers_from_moving_chi[20]",
 ]
