@@ -71,7 +71,10 @@ def known_regime(law: ContactLaw, velocity, extremes: np.ndarray | None = None) 
     # what other processes hold this one does not know, and all must compile the same
     if any(is_traced(leaf) or is_elsewhere(leaf) for leaf in jax.tree.leaves((law, velocity))):
         return "mixed"
-    limit = np.asarray(law.elastic_velocity())
+    limit = law.elastic_velocity()
+    if is_traced(limit):  # of constants within the caller's own program
+        return "mixed"
+    limit = np.asarray(limit)
     if limit.size == 1 and np.isinf(limit):
         return "elastic"
     use_extremes = extremes is not None and limit.size == 1

@@ -118,3 +118,20 @@ def test_a_gradient_has_the_shape_of_the_law():
     assert slopes.contact.limit_velocity > 0
     assert slopes.contact.radius.shape == ()
     assert law.contact.radius == RADIUS / 2
+
+
+def test_what_is_constant_within_a_traced_function():
+    """The law and the velocities take no part in what the caller differentiates and compiles."""
+    law, velocity = fitted("nylon"), np.array([2.0, 5.0, 20.0])  # no size that programs have
+    hit = sj.restitution(law, velocity)
+
+    @jax.jit
+    @jax.grad
+    def slope(x):
+        other = sj.restitution(law, velocity)
+        return x * (other.coefficient.sum() + other.duration.sum())
+
+    assert slope(2.0) == pytest.approx(float(hit.coefficient.sum() + hit.duration.sum()), rel=1e-14)
+    large = np.full(300_000, 5.0)
+    total = jax.jit(lambda x: x * sj.restitution(law, large, overlaps=False).coefficient[-1])(2.0)
+    assert total == pytest.approx(2 * float(hit.coefficient[1]), rel=1e-14)
