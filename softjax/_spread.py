@@ -9,8 +9,8 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
-from jax.experimental.shard_alike import shard_alike
 from jax.sharding import AxisType, NamedSharding, PartitionSpec
 
 from softjax._checks import is_traced
@@ -108,7 +108,11 @@ def alike(leaf, like):
         return leaf
     if _is_typed(like):
         return jax.sharding.reshard(leaf, jax.typeof(like).sharding)
-    return shard_alike(leaf, like)[0] if across_devices() else leaf
+    if not across_devices():
+        return leaf
+    # arrays that meet in one operation are laid alike; what is hidden keeps that from being left out
+    same, hidden = jax.lax.optimization_barrier((like == like, leaf))
+    return jnp.where(same, leaf, hidden)
 
 
 def _sharding(leaf) -> NamedSharding | None:

@@ -19,19 +19,12 @@ density = 1140
 yield_strength = 4.0e7
 radius = 0.0127
 """
-ALLOY = """
+ALLOY = f"""
 [fit]
-{settings}
-[[material]]
-name = "my alloy"
-youngs_modulus = 2.5e9
-poisson_ratio = 0.30
-density = 1140
-yield_strength = 4.0e7
-radius = 0.0127
-data = "my_alloy.csv"
+{{settings}}
+{BODIES.replace('"alloy"', '"my alloy"')}data = "my_alloy.csv"
 [material.parameters]
-{below}
+{{below}}
 """
 
 

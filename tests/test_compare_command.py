@@ -14,19 +14,13 @@ from calibration.plots import linear_spring, style
 from calibration.plots.comparison import comparison_figure, plot_comparison
 from calibration.report.comparison import comparison_json, comparison_text
 from tests.cases import pair
+from tests.command import BODIES
 
-TOML = """
+TOML = f"""
 [fit]
 seed = 3
 
-[[material]]
-name = "alloy"
-youngs_modulus = 2.5e9
-poisson_ratio = 0.3
-density = 1140
-yield_strength = 4.0e7
-radius = 0.0127
-data = "alloy.csv"
+{BODIES}data = "alloy.csv"
 
 [material.parameters]
 psi = 0.5

@@ -15,7 +15,7 @@ from calibration.data import RestitutionData
 from calibration.errors import InputError
 from calibration.fitting.door import fit
 from calibration.parameters import Parameter
-from calibration.speed.energy_numba import PEAK_STEPS, RELEASE_STEPS
+from calibration.speed.energy_numba import compiled_collision
 from calibration.speed.scene import stainless
 
 FITS, POINTS, NOISE = 1000, 30, 0.005
@@ -126,6 +126,8 @@ def _compiled_curve():
             None, None, "the loop to compare with is written in numba", accepted
         ) from None
 
+    collision = compiled_collision()
+
     @numba.njit
     def curve(velocity, d, steepness, sigma, psi, critical, limit):
         value = np.empty(velocity.size)
@@ -139,33 +141,14 @@ def _compiled_curve():
                 jacobian[j, 1] = -exponent * value[j]
                 jacobian[j, 2] = jacobian[j, 1] * psi * log
                 continue
-            y = velocity[j] / critical
-            s = y**0.4
-            target = 0.4 * y * y
-            for _ in range(PEAK_STEPS):
-                e = s - 1
-                work = 0.4 * s**5 - d * e**3 * (8 / 3 + e * (5 + e * (4 + e * (5 / 3 + e * 2 / 7))))
-                force = s**3 - d * e * e * (2 + e) * (2 + e * (2 + e))
-                s -= (work - target) / (2 * s * force)
-            x = s * s
-            yielded = d * (x * x - 1) / (x * s)
-            c3, c2, c1, c0 = 1 - d * x, yielded * steepness, d / x, yielded * (steepness - 1)
-            r = min(np.sqrt(c0 / c2), (c0 / c3) ** (1 / 3), c0 / c1)
-            for _ in range(RELEASE_STEPS):
-                r -= (((c3 * r + c2) * r + c1) * r - c0) / ((3 * c3 * r + 2 * c2) * r + c1)
-            part = 1 - r * r
-            bracket = 0.4 * c3 * (1 - r**5) + 2 / 3 * c1 * (1 - r**3)
-            bracket += yielded * part * (1 - 0.5 * steepness * part)
-            scale = 2.5 * s**5 / (y * y)
-            squared = scale * bracket + np.expm1(-2 * exponent)
+            plastic, slope = collision(d, steepness, velocity[j] / critical)
+            squared = plastic + np.expm1(-2 * exponent)
             if squared <= 0:
                 value[j] = 0.0
                 continue
             value[j] = np.sqrt(squared)
-            # the force vanishes where unloading ends: that end moves the work in second order only
-            slope = -0.5 * scale * yielded * part * part * steepness
             lost = -2 * exponent * np.exp(-2 * exponent)
-            jacobian[j, 0] = 0.5 * slope / value[j]
+            jacobian[j, 0] = 0.5 * slope * steepness / value[j]
             jacobian[j, 1] = 0.5 * lost / value[j]
             jacobian[j, 2] = jacobian[j, 1] * psi * log
         return value, jacobian
