@@ -122,8 +122,9 @@ def test_spawned_processes(tmp_path):
 def test_compiler_options_that_are_refused():
     """They are XLA's own: a compiler that knows them no more is asked without."""
     assert accepted((("xla_no_such_option", "1"),)) == {}
-    for options in (FOR_ONE_THREAD, QUICK):
-        assert accepted(options) == dict(options)
+    assert accepted(FOR_ONE_THREAD) == dict(FOR_ONE_THREAD)
+    if jax.__version_info__ < (0, 11):  # later ones may have no older way to make code
+        assert accepted(QUICK) == dict(QUICK)
 
 
 @pytest.mark.long

@@ -13,6 +13,7 @@ from calibration.fitting.posterior.extra import needed
 from calibration.fitting.posterior.inference_data import dataset_of
 
 R_HAT = 1.01
+TAILS = (0.05, 0.95)  # the quantiles by which tails are judged, whatever ArviZ takes for granted
 EFFECTIVE = 400.0
 ENERGY = 0.3  # Bayesian fraction of missing information below which energies are badly explored
 NEAR = 0.01  # of the range, or of the median's distance: that near to a bound
@@ -137,5 +138,5 @@ def _at_bounds(posterior: Any) -> list[Doubt]:
 def _diagnosed(posterior: Any):
     """R-hat and effective sizes of the bulk and the tails, each by variable."""
     arviz = needed("arviz")
-    sizes = [arviz.ess(posterior, method=method) for method in ("bulk", "tail")]
-    return arviz.rhat(posterior), *sizes
+    bulk = arviz.ess(posterior, method="bulk")
+    return arviz.rhat(posterior), bulk, arviz.ess(posterior, method="tail", prob=TAILS)
