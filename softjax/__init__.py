@@ -1,5 +1,6 @@
 """softjax: differentiable soft-sphere collisions after Zhou (2013)."""
 
+from softjax._numerics import power_3_2
 from softjax.contact import Contact
 from softjax.fields import array_field, choice_field, number_field
 from softjax.history import History, collide
@@ -72,6 +73,7 @@ __all__ = [
     "empirical_restitution",
     "enable_x64",
     "number_field",
+    "power_3_2",
     "restitution",
     "signed_restitution",
     "thornton_restitution",

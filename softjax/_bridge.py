@@ -18,6 +18,7 @@ SOLVER_CLASSES = {
     "bosh3": dfx.Bosh3,
 }
 
+FIRST_STEP = 0.3  # of the way: at the default tolerance most collisions take two or three
 IN_CACHE = 2048  # impacts, each with its tangents counting as one more
 
 
@@ -102,12 +103,11 @@ def solve(field, start, end, state, args, route: Stepping, save=None):
     `forward_differentiated`.
     """
     controller: dfx.AbstractStepSizeController
-    dt0: float | None
     if route.steps is None:
         least = 4 * float(jnp.finfo(start.dtype).eps)
         tolerance = jnp.maximum(jnp.asarray(route.tolerance, start.dtype), least)
         controller = dfx.PIDController(rtol=tolerance, atol=tolerance)
-        dt0, max_steps = None, route.max_steps
+        dt0, max_steps = jnp.asarray(FIRST_STEP, start.dtype), route.max_steps
     else:
         # one more: in float32 their sum may end short of the whole
         controller, max_steps = dfx.ConstantStepSize(), route.steps + 1

@@ -25,6 +25,10 @@ def over_impacts(one: Callable, batch: tuple, around: Callable[[Mapped, list[boo
     whole = whole_leaves(batch)
     parts = [leaf for leaf, held in zip(leaves, whole, strict=True) if not held]
     shape = jnp.broadcast_shapes(*(jnp.shape(leaf) for leaf in parts))
+    # a number that all impacts have in common stays one: what follows from it is computed once
+    whole = [
+        held or (shape != () and jnp.shape(x) == ()) for x, held in zip(leaves, whole, strict=True)
+    ]
     full = [
         jnp.asarray(leaf) if held else jnp.broadcast_to(leaf, shape)
         for leaf, held in zip(leaves, whole, strict=True)

@@ -244,7 +244,11 @@ def safe_sqrt(x: Array) -> Array:
 
 
 def power_3_2(x: Array) -> Array:
-    """x^{3/2}, 0 for x <= 0, with derivatives 0 there."""
+    """x^{3/2}, the power of Hertz's law, of any array or number; 0 for x <= 0, with derivatives 0.
+
+    By a product and a root: a fraction of the time of `x**1.5`, and never NaN, which the derivative of
+    `x * jnp.sqrt(x)` is at zero overlap.
+    """
     positive = jnp.maximum(x, 0.0)
     return positive * safe_sqrt(positive)
 

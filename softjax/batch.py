@@ -6,9 +6,9 @@ from jaxtyping import Array, Bool
 
 from softjax import assembly, energy
 from softjax._numerics import safe_power
-from softjax.assembly import Outcome
 from softjax.impact import Impact
 from softjax.laws.base import HardSphereLaw, RateDependentLaw, RateIndependentLaw
+from softjax.outcome import Outcome
 from softjax.routes import ClosedForm, EnergyBalance, Stepping
 
 Taken = EnergyBalance | ClosedForm | Stepping
@@ -20,13 +20,9 @@ def collisions(impact: Impact, route: Taken, regime: str) -> Outcome:
     if isinstance(law, HardSphereLaw):
         squared = law.restitution_squared(impact.velocity)
         return _plain(0.0, 0.0, jnp.where(impact.elastic, 1.0, squared))
-    elastic = _plain(_elastic_peak(impact), 0.0, jnp.ones_like(impact.velocity))
     if regime == "elastic":
-        return elastic
-    by_route = _beyond_elastic(impact, route)
-    if regime == "yielding":
-        return by_route
-    return jax.tree.map(lambda e, p: jnp.where(impact.elastic, e, p), elastic, by_route)
+        return _elastic(impact)
+    return _merged(impact, _beyond_elastic(impact, route), regime)
 
 
 def durations(impact: Impact, route: Taken, regime: str) -> tuple[Array, Bool[Array, "..."]]:
@@ -49,6 +45,55 @@ def durations(impact: Impact, route: Taken, regime: str) -> tuple[Array, Bool[Ar
     time, ends = assembly.duration(reduced, route)
     time = time * reduced.scales.time
     return jnp.where(impact.elastic, elastic, time), impact.elastic | ends
+
+
+def histories(impact: Impact, fractions, route: Stepping, regime: str):
+    """Time, overlap, velocity and force in SI at shares of the way, and the collisions they are of."""
+    from softjax import collision, encke  # diffrax is imported when the ODE is asked for
+
+    law = impact.law
+    if isinstance(law, RateDependentLaw):
+        reduced = law.impacts(impact.acting)
+        parts, rebound = _rate_dependent().history(reduced, fractions, route)
+        found = _merged(impact, _damped(rebound, reduced.scales.overlap), regime)
+        return _in_si(law, reduced.scales, parts), found
+    scales, exponent = law.elastic_scales()
+    moving = jnp.where(impact.velocity > 0, impact.velocity, scales.velocity)
+    elastic = encke.elastic_history(exponent, moving / scales.velocity, fractions)
+    elastic = _in_si(law, scales, elastic)
+    if regime == "elastic":
+        return elastic, _elastic(impact)
+    reduced = law.impacts(impact.acting)
+    parts, outcome = collision.history(reduced, fractions, route)
+    stays_elastic = impact.elastic[..., None]
+    both = zip(elastic, _in_si(law, reduced.scales, parts), strict=True)
+    found = _merged(impact, _in_metres(outcome, reduced.scales.overlap), regime)
+    return [jnp.where(stays_elastic, e, p) for e, p in both], found
+
+
+def _in_si(law, scales, parts):
+    units = scales.time, scales.overlap, scales.velocity, law.force_scale(scales)
+    return [part * jnp.expand_dims(unit, -1) for part, unit in zip(parts, units, strict=True)]
+
+
+def _merged(impact: Impact, by_route: Outcome, regime: str) -> Outcome:
+    if regime == "yielding":
+        return by_route
+    elastic = _elastic(impact)
+    return jax.tree.map(lambda e, p: jnp.where(impact.elastic, e, p), elastic, by_route)
+
+
+def _elastic(impact: Impact) -> Outcome:
+    return _plain(_elastic_peak(impact), 0.0, jnp.ones_like(impact.velocity))
+
+
+def _damped(rebound, length: Array) -> Outcome:
+    found = _plain(rebound.peak * length, rebound.residual * length, rebound.plastic_squared)
+    return found._replace(turns=rebound.turns, solved=rebound.solved)
+
+
+def _in_metres(outcome: Outcome, length: Array) -> Outcome:
+    return outcome._replace(peak=outcome.peak * length, residual=outcome.residual * length)
 
 
 def _plain(peak, residual, squared) -> Outcome:
@@ -74,11 +119,8 @@ def _beyond_elastic(impact: Impact, route: Taken) -> Outcome:
     reduced = impact.law.impacts(impact.acting)
     length = reduced.scales.overlap
     if isinstance(impact.law, RateDependentLaw):
-        rebound = _rate_dependent().collide(reduced, route)
-        found = _plain(rebound.peak * length, rebound.residual * length, rebound.plastic_squared)
-        return found._replace(turns=rebound.turns, solved=rebound.solved)
-    outcome = assembly.collide(reduced, route)
-    return outcome._replace(peak=outcome.peak * length, residual=outcome.residual * length)
+        return _damped(_rate_dependent().collide(reduced, route), length)
+    return _in_metres(assembly.collide(reduced, route), length)
 
 
 def _rate_dependent():

@@ -19,6 +19,7 @@ from softjax._numerics import implicit_root, parabolic_step
 from softjax._search import reach
 from softjax.falls import Fall
 from softjax.laws.reduced import Reduced, ReducedClosedForm, ReducedRateIndependent
+from softjax.outcome import Outcome, outcome
 from softjax.parts import Peak, Pieces, Rebound, loading_kinks, unloading_kinks
 from softjax.release import Release, release, searched
 from softjax.routes import Stepping
@@ -33,16 +34,23 @@ UNKNOWN = 1e-8  # the tolerance that fixed steps are taken to have
 
 def pieces(law: ReducedRateIndependent, route: Stepping, dtype) -> Pieces:
     """The pieces of one impact."""
-    tolerance = UNKNOWN if route.steps is not None else route.tolerance
-    least = 4 * float(jnp.finfo(dtype).eps)
-    search = _followed if isinstance(law, ReducedClosedForm) else searched
     return Pieces(
         loading=partial(encke.loading if _begins_elastic(law) else _staged, route=route),
-        release=partial(release, search=search),
+        release=_release,
         energy=partial(_energy, route=route),
         time=partial(_time, route=route),
-        gain=GAIN * jnp.maximum(jnp.asarray(tolerance, dtype), least),
+        gain=_gain(route, dtype),
     )
+
+
+def _gain(route: Stepping, dtype) -> Array:
+    tolerance = UNKNOWN if route.steps is not None else route.tolerance
+    least = 4 * float(jnp.finfo(dtype).eps)
+    return GAIN * jnp.maximum(jnp.asarray(tolerance, dtype), least)
+
+
+def _release(law: ReducedRateIndependent, peak: Array) -> Release:
+    return release(law, peak, _followed if isinstance(law, ReducedClosedForm) else searched)
 
 
 def _begins_elastic(law) -> bool:
@@ -199,15 +207,15 @@ def _energies_at_kinks(fall: Fall, y, route: Stepping) -> falls.Energies:
 
 def history(
     impacts: Reduced, fractions: tuple[np.ndarray, np.ndarray], route: Stepping
-) -> tuple[tuple[Array, ...], Array]:
-    """Time, overlap, velocity and force at fixed fractions of loading and of unloading.
+) -> tuple[tuple[Array, ...], Outcome]:
+    """Time, overlap, velocity and force at fixed fractions of loading and of unloading; what rebounds.
 
     Args:
         fractions: two increasing arrays in [0, 1]: of the way from touch to the peak, which is
             sampled once, as the end of loading, and of the way back.
 
     Returns:
-        Four arrays, a last axis of samples beyond the shape of y, and whether there is a history.
+        Four arrays, a last axis of samples beyond the shape of y, and the collision that they are of.
     """
     one = partial(_history, fractions=fractions)
     return over_impacts(one, (impacts.law, impacts.y, impacts.below, route), forward_differentiated)
@@ -222,17 +230,17 @@ def _history(law, y, below, route: Stepping, fractions):
     else:
         peak = _staged(law, y, route)
         loading, rose = _risen(law, peak, along, route)
-    ending = release(
-        law, peak.overlap, _followed if isinstance(law, ReducedClosedForm) else searched
-    )
+    ending = _release(law, peak.overlap)
     fall = _unloading(law, peak, ending)
     reached = _energies_at_kinks(fall, y, route)
     (time, x, recovered, speed), fell = falls.times(fall, reached, y, route, back)
     force = jax.vmap(fall.force)(x, recovered)
     unloading = (loading[0][-1] + time, x, speed, force)
     joined = [jnp.concatenate(parts) for parts in zip(loading, unloading, strict=True)]
-    ends = peak.turns & peak.solved & rose & reached.solved & fell
-    return tuple(_slowed(law, peak.overlap, below, joined)), ends
+    part = speed[-1] / y
+    back = Rebound(part * part, rose & reached.solved & fell, jnp.zeros_like(y))
+    found = outcome(law, peak, ending, back, below, _gain(route, y.dtype))
+    return tuple(_slowed(law, peak.overlap, below, joined)), found
 
 
 def _risen(law, peak: Peak, along, route: Stepping):

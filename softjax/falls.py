@@ -67,16 +67,34 @@ def energies(fall: Fall, y: Array, route: Stepping) -> Energies:
         (gained,), solved = solve(field, zero, one, (zero,), None, route)
         return gained, solved
 
-    gained, solved = _stages(stage, fall)
-    return Energies(jnp.cumsum(gained), jnp.all(solved))
+    return _summed(stage, _depths(fall))
 
 
-def _stages(stage, fall: Fall):
-    """`stage` between each two of the kinks, of which one program serves all."""
-    depth = _depths(fall)
-    if len(depth) == 2:
-        return jax.tree.map(lambda a: a[None], stage(depth[0], depth[1]))
-    return jax.lax.map(lambda ends: stage(*ends), (depth[:-1], depth[1:]))
+def _summed(stage, depth: Array) -> Energies:
+    """What `stage` gains between each two of the depths, of which one program serves all.
+
+    Stages without a width come first and last; that no impact of a batch has any costs nothing.
+    """
+    count = len(depth) - 1
+    if count == 1:
+        gained, solved = stage(depth[0], depth[1])
+        return Energies(gained[None], solved)
+
+    def unfinished(state):
+        return state[0] < last
+
+    def following(state):
+        at, total, gained, solved = state
+        more, arrived = stage(depth[at], depth[at + 1])
+        total = total + more
+        return at + 1, total, jnp.where(jnp.arange(count) >= at, total, gained), solved & arrived
+
+    wide = jnp.diff(depth) > 0
+    first, last = jnp.argmax(wide), count - jnp.argmax(wide[::-1])
+    zero = jnp.zeros_like(depth[0])
+    begin = first, zero, jnp.zeros_like(depth[1:]), zero == zero
+    _, _, gained, solved = jax.lax.while_loop(unfinished, following, begin)
+    return Energies(gained, solved)
 
 
 def _depths(fall: Fall) -> Array:

@@ -9,11 +9,11 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
 from softjax._batches import in_batches
-from softjax.impact import Impact, check_law, checked, common_precision, prepare
-from softjax.laws.base import ContactLaw, HardSphereLaw, RateIndependentLaw
-from softjax.restitution import restitution_parts
-from softjax.routes import ODE, Stepping, program_of
-from softjax.status import Status
+from softjax.batch import histories
+from softjax.impact import check_law, checked, common_precision, prepare
+from softjax.laws.base import ContactLaw, HardSphereLaw
+from softjax.restitution import told
+from softjax.routes import ODE, program_of, taken
 
 
 class History(eqx.Module):
@@ -87,50 +87,12 @@ def collide(
 def _collide(law_and_tolerance, velocity, samples, route, regime):
     law, tolerance = law_and_tolerance
     impact = prepare(law, velocity, regime)
-    parts, ends = _history(impact, samples, Stepping.of(route, tolerance), regime)
-    found = restitution_parts(law_and_tolerance, velocity, route, regime)
-    coefficient, plastic, _, _, status = found
-    moves = impact.valid & (impact.velocity > 0)
-    lost = moves & ~ends & ((status & int(Status.NO_TURNING_POINT)) == 0)
-    shown = (moves & ends)[..., None]
-    time, overlap, speed, force = (jnp.where(shown, part, 0.0) for part in parts)
-    return History(
-        time=time,
-        overlap=overlap,
-        velocity=speed,
-        force=force,
-        coefficient=jnp.where(lost, 0.0, coefficient),
-        plastic_coefficient=jnp.where(lost, 0.0, plastic),
-        status=jnp.where(lost, jnp.int32(int(Status.SOLVER_FAILED)), status),
-    )
-
-
-def _history(impact: Impact, samples: int, route: Stepping, regime: str):
-    """Histories in SI, and whether there is one."""
-    from softjax import collision, encke, rate_dependent  # diffrax is imported when asked for
-
-    law = impact.law
     fractions = _fractions(samples, impact.velocity.dtype)
-    if not isinstance(law, RateIndependentLaw):
-        reduced = law.impacts(impact.acting)
-        parts, ends = rate_dependent.history(reduced, fractions, route)
-        return _in_si(law, reduced.scales, parts), ends | impact.elastic
-    scales, exponent = law.elastic_scales()
-    moving = jnp.where(impact.velocity > 0, impact.velocity, scales.velocity)
-    elastic = encke.elastic_history(exponent, moving / scales.velocity, fractions)
-    elastic = _in_si(law, scales, elastic)
-    if regime == "elastic":
-        return elastic, jnp.ones_like(impact.elastic)
-    reduced = law.impacts(impact.acting)
-    parts, ends = collision.history(reduced, fractions, route)
-    stays_elastic = impact.elastic[..., None]
-    both = zip(elastic, _in_si(law, reduced.scales, parts), strict=True)
-    return [jnp.where(stays_elastic, e, p) for e, p in both], ends | impact.elastic
-
-
-def _in_si(law, scales, parts):
-    units = scales.time, scales.overlap, scales.velocity, law.force_scale(scales)
-    return [part * jnp.expand_dims(unit, -1) for part, unit in zip(parts, units, strict=True)]
+    parts, found = histories(impact, fractions, taken(route, tolerance), regime)
+    coefficient, plastic, _, _, status = told(impact, found)
+    shown = impact.valid & (impact.velocity > 0) & found.turns & found.solved
+    time, overlap, speed, force = (jnp.where(shown[..., None], part, 0.0) for part in parts)
+    return History(time, overlap, speed, force, coefficient, plastic, status)
 
 
 def _fractions(samples: int, dtype) -> tuple[np.ndarray, np.ndarray]:

@@ -15,9 +15,9 @@ from jaxtyping import Array, Bool
 from softjax import phase
 from softjax._bridge import forward_differentiated
 from softjax._impacts import over_impacts
-from softjax._numerics import safe_power
 from softjax._search import reach
 from softjax.laws.reduced import Reduced, ReducedRateDependent
+from softjax.outcome import shrunk
 from softjax.phase import PARTING, PEAK, TOUCH, Plane, States
 from softjax.routes import Stepping
 
@@ -44,8 +44,8 @@ def duration(impacts: Reduced, route: Stepping) -> tuple[Array, Bool[Array, "...
 
 def history(
     impacts: Reduced, fractions: tuple[np.ndarray, np.ndarray], route: Stepping
-) -> tuple[tuple[Array, ...], Bool[Array, "..."]]:
-    """Time, overlap, velocity and force at fixed fractions of loading and of unloading.
+) -> tuple[tuple[Array, ...], Rebound]:
+    """Time, overlap, velocity and force at fixed fractions of loading and of unloading; what rebounds.
 
     Args:
         fractions: two increasing arrays in [0, 1], of the angle of loading and of unloading; the
@@ -109,13 +109,17 @@ def _collide(law, y, below, route: Stepping) -> Rebound:
     touch = phase.at_touch(y, clock=False)
     peak, reached = phase.over_angle(scene.plane, touch, PEAK, route)
     end, ended = scene.ends(peak, route)
+    return _rebound(scene, peak, end, reached & ended, below)
+
+
+def _rebound(scene: _Scene, peak: States, end: States, arrived, below) -> Rebound:
     far, (left, speed) = scene.position(peak)[0], scene.position(end)
-    solved = reached & ended & jnp.isfinite(speed)
-    shrunk = scene.length * _shrunk(law, scene.length * far, below)
-    stays = solved & (law.ends_at == "zero-force")
+    solved = arrived & jnp.isfinite(speed)
+    length = scene.length * shrunk(scene.law, scene.length * far, below)
+    stays = solved & (scene.law.ends_at == "zero-force")
     return Rebound(
-        peak=jnp.where(solved, far * shrunk, 0.0),
-        residual=jnp.where(stays, left * shrunk, 0.0),
+        peak=jnp.where(solved, far * length, 0.0),
+        residual=jnp.where(stays, left * length, 0.0),
         plastic_squared=jnp.where(solved, speed * speed, 0.0),
         turns=solved | scene.turns,
         solved=solved,
@@ -148,19 +152,16 @@ def _history(law, y, below, route: Stepping, fractions):
     x, u = X * scene.length, U * y
     force = jax.vmap(law.force)(x, u)
     clock = jnp.where(states.way <= TOUCH, 0.0, states.clock)
-    far = _shrunk(law, jnp.max(x), below)
+    far = shrunk(law, jnp.max(x), below)
     slow = 1.0 if below is None else below
     time = clock * _pace(scene, peak, below)
-    return (time, x * far, u * slow, force * slow * slow / far), reached & ended
+    samples = (time, x * far, u * slow, force * slow * slow / far)
+    end = jax.tree.map(lambda state: state[-1], unloading)
+    return samples, _rebound(scene, peak, end, reached & ended, below)
 
 
 def _pace(scene: _Scene, peak: States, below):
     """Time [L/V] over that of the scene."""
     x = scene.length * scene.position(peak)[0]
-    slower = 1.0 if below is None else _shrunk(scene.law, x, below) / below
+    slower = 1.0 if below is None else shrunk(scene.law, x, below) / below
     return scene.length / scene.y * slower
-
-
-def _shrunk(law, peak, below):
-    """Overlaps of slow impacts over those of the lifted ones, by the power law near rest."""
-    return 1.0 if below is None else safe_power(below, 2 / law.exponent_at(peak))

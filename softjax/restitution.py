@@ -13,11 +13,11 @@ from softjax._batches import in_batches
 from softjax._checks import is_traced
 from softjax._numerics import safe_sqrt
 from softjax._spread import alike
-from softjax.assembly import Outcome
 from softjax.batch import collisions, durations
 from softjax.fields import released, whole_leaves
 from softjax.impact import Impact, check_law, checked, common_precision, known_regime, prepare
 from softjax.laws.base import ContactLaw, HardSphereLaw, RateDependentLaw
+from softjax.outcome import Outcome
 from softjax.routes import ODE, ClosedForm, EnergyBalance, Route, check_route, program_of, taken
 from softjax.status import Status
 
@@ -196,8 +196,9 @@ def signed_restitution(
 
 def _signed(law_and_tolerance, velocity, route, regime, elastic):
     law, tolerance = law_and_tolerance
-    route = taken(route, tolerance)
-    impact, found, squared, status = _solved(law, velocity, route, regime, elastic)
+    impact = prepare(law, velocity, regime, elastic)
+    found = collisions(impact, taken(route, tolerance), regime)
+    squared, status = _judged(impact, found)
     answered = impact.valid & found.turns & found.solved
     return SignedRestitution(jnp.where(answered, squared, 0.0), status)
 
@@ -240,8 +241,13 @@ def _is_known(law: ContactLaw) -> bool:
 @partial(jax.jit, static_argnames=("route", "regime", "overlaps"))
 def restitution_parts(law_and_tolerance, velocity, route, regime, overlaps=True):
     law, tolerance = law_and_tolerance
-    route = taken(route, tolerance)
-    impact, found, squared, status = _solved(law, velocity, route, regime)
+    impact = prepare(law, velocity, regime)
+    return told(impact, collisions(impact, taken(route, tolerance), regime), overlaps)
+
+
+def told(impact: Impact, found: Outcome, overlaps: bool = True):
+    """ε, ε_p, largest and residual overlap [m] and the status."""
+    squared, status = _judged(impact, found)
     answered = impact.valid & found.turns & found.solved
 
     def where_answered(x):
@@ -261,14 +267,12 @@ def restitution_parts(law_and_tolerance, velocity, route, regime, overlaps=True)
     )
 
 
-def _solved(law, velocity, route, regime, branch=None):
-    """The impacts, their collisions, ε² of them and the status."""
-    impact = prepare(law, velocity, regime, branch)
-    found = collisions(impact, route, regime)
+def _judged(impact: Impact, found: Outcome):
+    """ε² and the status."""
     squared, at_limit = impact.law.total_restitution(
         found.plastic_squared, impact.velocity, impact.elastic
     )
-    return impact, found, squared, _status(impact, found, squared, at_limit)
+    return squared, _status(impact, found, squared, at_limit)
 
 
 def _status(impact: Impact, found: Outcome, squared, at_limit) -> Array:

@@ -13,7 +13,7 @@ class HertzSI(sj.RateIndependentLaw):
     contact: sj.Contact
 
     def loading_force(self, overlap):
-        return self.contact.stiffness * overlap**1.5
+        return self.contact.stiffness * overlap**1.5  # as most people would
 
     def unloading_force(self, overlap, peak_overlap):
         return self.contact.stiffness * overlap**1.5
@@ -35,14 +35,14 @@ class ThorntonSI(sj.RateIndependentLaw):
     def loading_force(self, overlap):
         c, start = self.contact, self.elastic_overlap()
         beyond = c.stiffness * start**1.5 + np.pi * self.pressure() * c.radius * (overlap - start)
-        return jnp.where(overlap > start, beyond, c.stiffness * overlap**1.5)
+        return jnp.where(overlap > start, beyond, c.stiffness * sj.power_3_2(overlap))
 
     def unloading_force(self, overlap, peak_overlap):
         c, peak = self.contact, self.loading_force(peak_overlap)
-        radius = c.radius * c.stiffness * peak_overlap**1.5 / peak
+        radius = c.radius * c.stiffness * sj.power_3_2(peak_overlap) / peak
         stiffness = 4 / 3 * c.youngs_modulus * jnp.sqrt(radius)
         rest = peak_overlap - (peak / stiffness) ** (2 / 3)
-        return stiffness * jnp.maximum(overlap - rest, 0.0) ** 1.5
+        return stiffness * sj.power_3_2(overlap - rest)
 
 
 class WaltonBraunSI(sj.RateIndependentLaw):
@@ -79,12 +79,12 @@ class ZhouSI(sj.RateIndependentLaw):
     def loading_force(self, overlap):
         x = overlap / self.contact.critical_overlap
         yielded = self.size() * (x**2 - 1) * (1 - jnp.sqrt(x))
-        return self.unit() * (x**1.5 + jnp.where(x > 1, yielded, 0.0))
+        return self.unit() * (sj.power_3_2(x) + jnp.where(x > 1, yielded, 0.0))
 
     def unloading_force(self, overlap, peak_overlap):
         d, steep = self.size(), self.chi * self.contact.yield_ratio
         x, peak = (length / self.contact.critical_overlap for length in (overlap, peak_overlap))
-        elastic = (1 - d * peak) * x**1.5 + d * jnp.sqrt(x)
+        elastic = (1 - d * peak) * sj.power_3_2(x) + d * jnp.sqrt(x)
         return self.unit() * (elastic + d * (peak**2 - 1) * (1 - steep * (1 - x / peak)))
 
 
@@ -95,7 +95,7 @@ class ViscoelasticSI(sj.RateDependentLaw):
 
     def force(self, overlap, velocity):
         damped = 1.5 * self.dissipation_time * jnp.sqrt(overlap) * velocity
-        return self.contact.stiffness * (overlap**1.5 + damped)
+        return self.contact.stiffness * (sj.power_3_2(overlap) + damped)
 
 
 PAIRS = {

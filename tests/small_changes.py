@@ -65,10 +65,16 @@ CHANGES: dict[str, list[tuple[str, str, str]]] = {
         ("Status.ZERO_VELOCITY: impact.velocity == 0", "Status.ZERO_VELOCITY: ~answered", "status"),
         ("if self.each and any(", "if False and any(", "whole_fields"),
     ],
-    "softjax/assembly.py": [
+    "softjax/outcome.py": [
         ("peak.solved & (back.solved | ~peak.turns)", "peak.solved", "solver_failed"),
         ('"float64": 1e-10', '"float64": 1e-2', "random_laws"),
-        ("1 + pieces.gain + back.error", "1 + back.error", "nearly_plastic"),
+        ("1 + gain + back.error", "1 + back.error", "nearly_plastic"),
+    ],
+    "softjax/_search.py": [
+        ("slope = jax.jvp(force, (x,), (jnp.ones_like(x),))", "slope = force(x), x", "search"),
+        ("jnp.where(evenly, 1 - share, 1.0)", "1.0", "search"),
+        ("jnp.diff(octave)", "SPACING", "search"),
+        ("settled=turns & close & ~ends", "settled=turns", "search"),
     ],
     "softjax/impact.py": [
         ("elastic = velocity <= limit", "elastic = velocity < limit", "status"),

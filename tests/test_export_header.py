@@ -14,7 +14,6 @@ from calibration.handover.c_header import header_of
 from calibration.handover.c_table import table_of
 from calibration.handover.impacts import impacts_of
 from calibration.handover.steps import table_error
-from softjax._numerics import power_3_2
 from tests.cases import MATERIALS, fitted, pair
 from tests.export_cases import (
     DAMPED,
@@ -49,7 +48,7 @@ class Plastic(sj.RateIndependentLaw):
 
     def unloading_force(self, overlap, peak_overlap):
         part = jnp.maximum(1 - (peak_overlap - overlap) / (0.3 * peak_overlap), 0)
-        return self.hardness * peak_overlap**2 * power_3_2(part)
+        return self.hardness * peak_overlap**2 * sj.power_3_2(part)
 
 
 class Viscous(sj.ViscoelasticHertz):

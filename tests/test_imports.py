@@ -20,7 +20,7 @@ LAYERS = [
     {"laws", "_impacts", "_pieces", "_spread"},
     {"impact", "_batches", "_bridge", "release"},
     {"parts", "phase", "falls"},
-    {"encke"},
+    {"encke", "outcome"},
     {"energy", "collision", "rate_dependent"},
     {"assembly"},
     {"batch"},

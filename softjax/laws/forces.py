@@ -4,6 +4,8 @@ With Hertz's largest overlap as L and the impact velocity itself as V every impa
 forces and overlaps of the order of one, whatever the size of the bodies and however slow they are.
 """
 
+import math
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
@@ -32,8 +34,11 @@ class ForcesOfImpact(ReducedRateIndependent):
         return quotient(force, self.force)
 
     @property
-    def elastic_limit(self) -> Array:  # type: ignore[override]
-        return jnp.asarray(self.law.elastic_overlap()) / self.length
+    def elastic_limit(self) -> Array | float:  # type: ignore[override]
+        overlap = self.law.elastic_overlap()
+        never_or_always = type(overlap) in (float, int) and overlap in (0, math.inf)
+        # what is known beforehand is no kink, and so no stage of its own
+        return float(overlap) if never_or_always else jnp.asarray(overlap) / self.length
 
     def breakpoints(self) -> tuple:
         return tuple(jnp.asarray(overlap) / self.length for overlap in self.law.breakpoints())
