@@ -14,6 +14,7 @@ from calibration import cli
 from calibration.speed import fits, scipy_loop
 from calibration.speed.damped import damped_plan, damped_scene
 from calibration.speed.measure import Row, along_power_law, measure
+from calibration.speed.own_law import Recoil, own_plan, own_scene
 from calibration.speed.scene import stainless
 from calibration.speed.ways import energy_balance
 
@@ -59,6 +60,21 @@ def test_laws_with_damping_err_as_told(name):
     assert own.gradient_error < 1e-14
     loop = next(way for way in ways if way.family == "SciPy loop")
     assert 1e-12 < measure(replace(loop, batch=4), scene).largest_error < 1e-4
+
+
+def test_a_law_of_ones_own_errs_as_told():
+    """Its elementary works meet the energy balance, in its gradient too; SciPy's motion is the same."""
+    scene = own_scene()
+    ways = [build() for build in own_plan(scene, quick=True)]
+    own = measure(replace(ways[-1], batch=32), scene)
+    assert ways[-1].family == "energy balance"
+    assert own.largest_error < 1e-14
+    assert own.gradient_error < 1e-13
+    loop = next(way for way in ways if way.family == "SciPy loop")
+    assert 1e-12 < measure(replace(loop, batch=4), scene).largest_error < 1e-4
+    motion = Recoil(2.5)
+    for x, u in ((0.3, 0.7), (0.3, -0.7), (1.0, 0.0)):
+        assert motion.kernel()(x, u, 2.5) == pytest.approx(motion.force(x, u))
 
 
 def test_the_command_writes_its_table_and_picture(tmp_path, monkeypatch, capsys):

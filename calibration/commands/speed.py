@@ -3,7 +3,7 @@
 Every way computes ε_p of the same collisions: the two routes of this library, and what one would
 write instead (SciPy in a loop, diffrax with two events, velocity Verlet). Errors are against
 40-digit arithmetic. Written are speed.csv and speed.png. `--law` does the same for a law with
-damping, by its closed form and by the ODE.
+damping, by its closed form and by the ODE, or for one's own, given by forces in SI.
 """
 
 import argparse
@@ -15,8 +15,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--quick", action="store_true", help="fewer settings: about 20 s, not 2 min"
     )
-    damped = ("viscoelastic", "hertz-dashpot", "linear")
-    parser.add_argument("--law", choices=damped, help="a law with damping (default: zhou)")
+    others = ("viscoelastic", "hertz-dashpot", "linear", "own")
+    parser.add_argument(
+        "--law", choices=others, help="a law with damping, or one's own in SI (default: zhou)"
+    )
     parser.add_argument(
         "--processes",
         action="store_true",
@@ -68,7 +70,12 @@ def _measure_all(arguments):
 
     scene: Any = stainless()
     ways = plan(scene, arguments.quick)
-    if arguments.law is not None:
+    if arguments.law == "own":
+        from calibration.speed.own_law import own_plan, own_scene
+
+        scene = own_scene()
+        ways = list(own_plan(scene, arguments.quick))
+    elif arguments.law is not None:
         from calibration.speed.damped import damped_plan, damped_scene
 
         scene = damped_scene(arguments.law)

@@ -90,9 +90,9 @@ def damped_plan(scene: DampedScene, quick: bool) -> Iterator[Callable[[], Way]]:
         for steps in (100, 1000) if quick else (30, 100, 300, 1000, 3000):
             yield partial(rivals.verlet_numba, scene, motion, BATCH, steps)
     for route in _odes(quick):
-        yield partial(_own, scene, route, BATCH)
-    yield partial(_own, scene, sj.ClosedForm(), BATCH)
-    yield partial(_own, scene, sj.ClosedForm(), LARGE)
+        yield partial(ways_of, scene, route, BATCH)
+    yield partial(ways_of, scene, sj.ClosedForm(), BATCH)
+    yield partial(ways_of, scene, sj.ClosedForm(), LARGE)
 
 
 def _odes(quick: bool) -> list[sj.ODE]:
@@ -100,7 +100,7 @@ def _odes(quick: bool) -> list[sj.ODE]:
     return few if quick else [*few, sj.ODE(solver="dopri8", steps=4), sj.ODE(rtol=1e-8)]
 
 
-def _own(scene: DampedScene, route, batch: int) -> Way:
+def ways_of(scene, route, batch: int) -> Way:
     """By a route of this library, as a user calls it outside of any `jit`."""
     law = scene.law_of(*scene.theta)
 
@@ -122,7 +122,7 @@ def _own(scene: DampedScene, route, batch: int) -> Way:
         )
         setting = f"{route.solver}, {told}"
     return Way(
-        "ODE" if isinstance(route, sj.ODE) else "closed form",
+        "ODE" if isinstance(route, sj.ODE) else route.name,
         setting,
         batch,
         lambda velocity: sj.restitution(law, velocity, route).plastic_coefficient,

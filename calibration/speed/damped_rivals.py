@@ -1,4 +1,4 @@
-"""What one would write instead for a force with damping: SciPy, diffrax with an event, Verlet."""
+"""What one would write instead for such a motion: SciPy, diffrax with an event, Verlet."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -25,6 +25,11 @@ class Motion:
     to_zero_force: bool
     c: Any
 
+    @property
+    def undamped(self) -> float:
+        """The duration without damping."""
+        return np.pi if self.p == 1 else 3.218065459719043
+
     def force(self, x, u, power=np.power):
         return power(x, self.p) + self.c * power(x, self.q) * u
 
@@ -32,8 +37,13 @@ class Motion:
         """Negative after the contact, and of one sign from its peak on."""
         return power(x, self.p - self.q) + self.c * u if self.to_zero_force else x
 
+    def kernel(self) -> Callable:
+        """The force of (x, u, c) in plain Python, to be compiled."""
+        p, q = self.p, self.q
+        return lambda x, u, c: x**p + c * x**q * u
 
-def scipy_loop(scene, motion: Callable[[Any], Motion], batch: int, rtol: float) -> Way:
+
+def scipy_loop(scene, motion: Callable[[Any], Any], batch: int, rtol: float) -> Way:
     """`solve_ivp` in a Python loop, with an event."""
 
     def value(velocity):
@@ -42,7 +52,7 @@ def scipy_loop(scene, motion: Callable[[Any], Motion], batch: int, rtol: float) 
     return Way("SciPy loop", f"DOP853, rtol {rtol:.0e}", batch, value)
 
 
-def _by_scipy(motion: Motion, rtol: float) -> float:
+def _by_scipy(motion, rtol: float) -> float:
     def field(t, state):
         return state[1], -motion.force(max(state[0], 0.0), state[1])
 
@@ -56,7 +66,7 @@ def _by_scipy(motion: Motion, rtol: float) -> float:
     return -solve_ivp(field, (0.0, LONGEST), (0.0, 1.0), **options).y_events[0][0][1]
 
 
-def plain_diffrax(scene, motion: Callable[[Any], Motion], batch: int, rtol: float) -> Way:
+def plain_diffrax(scene, motion: Callable[[Any], Any], batch: int, rtol: float) -> Way:
     """Over time, ended by an `Event` and a root find."""
 
     @jax.jit
@@ -69,7 +79,7 @@ def plain_diffrax(scene, motion: Callable[[Any], Motion], batch: int, rtol: floa
     return Way("diffrax, an event", f"tsit5, rtol {rtol:.0e}", batch, value)
 
 
-def _by_diffrax(motion: Motion, rtol: float):
+def _by_diffrax(motion, rtol: float):
     def field(t, y, args):
         x, u = y
         return u, -motion.force(jnp.maximum(x, 1e-30), u, jnp.power)
@@ -94,26 +104,26 @@ def _by_diffrax(motion: Motion, rtol: float):
     return -solution.ys[1][-1]
 
 
-def verlet_numba(scene, motion: Callable[[Any], Motion], batch: int, steps: int) -> Way:
+def verlet_numba(scene, motion: Callable[[Any], Any], batch: int, steps: int) -> Way:
     """Velocity Verlet over all cores. Raises ImportError where numba is not installed."""
     import numba
 
     one = motion(0.0)
-    p, q, to_zero_force = one.p, one.q, one.to_zero_force
-    undamped = np.pi if p == 1 else 3.218065459719043
+    to_zero_force, undamped = one.to_zero_force, one.undamped
+    force_at = numba.njit(one.kernel(), inline="always")
 
     @numba.njit(parallel=True)
     def loop(damping):
         result = np.empty_like(damping)
         for i in numba.prange(damping.size):
             c, h = damping[i], undamped / steps
-            x, u, acceleration = 0.0, 1.0, -damping[i] if q == 0 else 0.0
+            x, u, acceleration = 0.0, 1.0, -force_at(0.0, 1.0, c)
             while True:
                 u += 0.5 * h * acceleration
                 x += h * u
                 if x <= 0:
                     break
-                force = x**p + c * x**q * u
+                force = force_at(x, u, c)
                 acceleration = -force
                 u += 0.5 * h * acceleration
                 if to_zero_force and force <= 0 and u <= 0:
