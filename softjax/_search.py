@@ -19,9 +19,7 @@ POINTS = 33  # on each later level: the last one's are 5 % apart
 LEVELS = 4
 MARGIN = 2.0  # octaves beyond the peak that are always looked at
 HALVINGS = 64  # to the last digit from an octave, as long as anything moves
-SHRINKS = (
-    0.8  # Newton steps that shrink less are taken for lost; of a zero of power p they do by 1 - 1/p
-)
+SHRINKS = 0.8  # Newton steps that shrink less are lost; towards a zero of power p: 1 - 1/p
 
 
 class Reach(NamedTuple):

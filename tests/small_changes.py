@@ -73,7 +73,7 @@ CHANGES: dict[str, list[tuple[str, str, str]]] = {
     "softjax/_search.py": [
         ("slope = jax.jvp(force, (x,), (jnp.ones_like(x),))", "slope = force(x), x", "search"),
         ("jnp.where(evenly, 1 - share, 1.0)", "1.0", "search"),
-        ("jnp.diff(octave)", "SPACING", "search"),
+        ("jnp.diff(x) * ", "", "search"),
         ("settled=turns & close & ~ends", "settled=turns", "search"),
     ],
     "softjax/impact.py": [

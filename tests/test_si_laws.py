@@ -5,6 +5,7 @@ from functools import partial
 import jax
 import numpy as np
 import pytest
+from scipy.special import beta
 
 import softjax as sj
 from tests.si_laws import PAIRS, STEEL
@@ -97,3 +98,33 @@ def _force(law, overlap, velocity, peak, sign):
     if isinstance(law, sj.RateDependentLaw):
         return law.force(overlap, velocity)
     return law.loading_force(overlap) if sign > 0 else law.unloading_force(overlap, peak)
+
+
+RESTING = np.array([1e-300, 1e-100])
+QUICK = ("walton-braun", None)
+AT_REST = [
+    pytest.param(name, route, marks=() if (name, route) == QUICK else LONG)
+    for name in ("hertz", "walton-braun", "viscoelastic")
+    for route in (None, PRECISE)
+    if (name, route) != ("viscoelastic", None)
+]
+
+
+@pytest.mark.parametrize(("name", "route"), AT_REST)
+def test_impacts_that_are_all_but_at_rest(name, route):
+    """Overlaps, durations and ε are those of the power law near rest; no square underflows."""
+    own, built_in = PAIRS[name]
+    found, exact = (sj.restitution(law, RESTING, route) for law in (own, built_in))
+    for number in ("coefficient", "peak_overlap", "duration"):
+        assert np.allclose(getattr(found, number), getattr(exact, number), rtol=1e-11, atol=0)
+    contact = built_in.contact
+    if name == "hertz":
+        peak = (1.25 * contact.mass / contact.stiffness) ** 0.4 * RESTING**0.8
+        lasts = 0.8 * beta(0.4, 0.5) * peak / RESTING
+    elif name == "viscoelastic":
+        return
+    else:  # a spring each way: π/2 (ω_1^-1 + ω_2^-1)
+        rates = np.sqrt(np.array([own.loading_stiffness, own.unloading_stiffness]) / contact.mass)
+        peak, lasts = RESTING / rates[0], np.full(2, 0.5 * np.pi * np.sum(1 / rates))
+    assert np.allclose(found.peak_overlap, peak, rtol=1e-11, atol=0)
+    assert np.allclose(found.duration, lasts, rtol=1e-11, atol=0)
