@@ -70,6 +70,11 @@ CHANGES: dict[str, list[tuple[str, str, str]]] = {
         ('"float64": 1e-10', '"float64": 1e-2', "random_laws"),
         ("1 + gain + back.error", "1 + back.error", "nearly_plastic"),
     ],
+    "calibration/fitting/neighbours.py": [
+        ("square * values", "values", "neighbours"),
+        ("few.points.restitution\n    few", "0\n    few", "neighbours"),
+        ("return few if np.all(", "return few if np.any(", "neighbours"),
+    ],
     "softjax/_search.py": [
         ("slope = jax.jvp(force, (x,), (jnp.ones_like(x),))", "slope = force(x), x", "search"),
         ("jnp.where(evenly, 1 - share, 1.0)", "1.0", "search"),

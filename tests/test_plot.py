@@ -14,7 +14,7 @@ import softjax as sj
 from calibration import cli, plots
 from calibration.curve.stream import Rows
 from calibration.fitting.profiles import Profile
-from calibration.plots import figure_2, linear_spring, style
+from calibration.plots import figure_2, figures, linear_spring, style
 from calibration.plots.lines import NO_VALUE, PADDING, law_values
 from calibration.plots.restitution import plot_restitution
 from tests.cases import fitted, pair
@@ -223,6 +223,20 @@ def test_seven_materials_leave_no_empty_panel():
     assert style.grid_shape(7) == (3, 3)
     figure = plots.curves_figure(own_fit([noisy_data(f"alloy {i}") for i in range(5)]))
     assert len(figure.axes) == 10
+
+
+def test_a_picture_of_very_many_shows_the_first_and_says_so(monkeypatch):
+    monkeypatch.setattr(figures, "MOST", 2)
+    result = cal.fit([noisy_data(f"alloy {i}") for i in range(3)], starts=4)
+    for made, each in (
+        (plots.curves_figure(result), 2),
+        (plots.profiles_figure(result), 1),
+        (plots.correlation_figure(result), 1),
+    ):
+        assert len(made.axes) == 2 * each
+        assert made.get_suptitle().startswith("the first 2 of ")
+    monkeypatch.setattr(figures, "MOST", 24)
+    assert plots.curves_figure(result).get_suptitle() == ""
 
 
 def test_first_yield_is_marked_where_the_law_yields():

@@ -62,7 +62,10 @@ def _law(fit: ComponentFit, z: np.ndarray, row: int) -> sj.Zhou:
 def _carried(fit: ComponentFit, g: int, row: int, what: Callable, confidence, ends) -> Estimate:
     """A number with the error that the covariance gives it."""
     value = what(_law(fit, fit.z, row))
-    gradient = np.array([_slope(fit, k, row, what) for k in range(len(fit.z))])
+    gradient = np.zeros(len(fit.z))
+    for k, element in enumerate(fit.component.elements):
+        if g in element.sets:
+            gradient[k] = _slope(fit, k, row, what)
     acting = (gradient != 0) & (fit.uncertainty.limits[0] == 0)
     covariance = fit.uncertainty.covariance[0][np.ix_(acting, acting)]
     variance = float(gradient[acting] @ covariance @ gradient[acting]) if np.any(acting) else np.nan

@@ -4,6 +4,7 @@ import numpy as np
 
 from calibration.fitting.component_fit import ComponentFit
 from calibration.fitting.estimate import Estimate
+from calibration.fitting.neighbours import pooled_about
 from calibration.fitting.profiles import FARTHEST, Profile, profiles
 from calibration.fitting.transform import NONE
 from calibration.fitting.uncertainty import quantile
@@ -33,8 +34,9 @@ def profiles_of(fit: ComponentFit, confidence: float) -> dict[str, Profile]:
     columns = np.flatnonzero(wanted)
     degrees = known.degrees[0, problem.active[columns]]
     reach = np.atleast_1d(quantile(confidence, degrees)) * known.widened[0, problem.active[columns]]
+    few = pooled_about(problem, fit.z, known.errors[0, problem.active])
     return profiles(
-        problem, fit.z, fit.begun, columns, errors[columns], limits[columns], variance, reach
+        few, fit.z, fit.begun, columns, errors[columns], limits[columns], variance, reach
     )
 
 

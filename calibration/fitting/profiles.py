@@ -20,7 +20,7 @@ LEVEL, LEVEL_STRIDE = 0.1, 2.0  # √Δχ² up to which a way from an end of the
 STEPS = 100  # of one refit
 POINTS = 6.0  # strides up to the limit, about
 BEYOND = 1.15  # of the way to the limit that is looked at, for the picture
-TOLERANCE = 1e-9  # of the limit, in z
+TOLERANCE = 1e-7  # of the limit, in z, or of √Δχ² there
 MOST_STRIDES = 400
 MOST_HALVINGS = 60
 LARGEST_ANSWER = 30.0  # of the others to one stride, in log units
@@ -147,7 +147,10 @@ class _Walks:
             for k, place, value in zip(which, at, new, strict=True):
                 self.way[k].append((float(place), float(value)))
             over = new >= self.quantile[which]
-            crossing[which[over]] = self._cross(which[over], inside[which[over]], at[over])
+            there = which[over]
+            missing = self.quantile[there]
+            ends = inside[there], at[over], rise[there] - missing, new[over] - missing
+            crossing[there] = self._cross(there, *ends)
             self.z[which[~over]] = z[~over]
             grown = np.maximum(new - rise[which], 1e-3)
             better = stride[which] * np.clip(self.quantile[which] / POINTS / grown, 0.5, 2.0)
@@ -161,13 +164,16 @@ class _Walks:
         self._beyond(crossing)
         return crossing
 
-    def _cross(self, which, inside, outside) -> np.ndarray:
-        """The crossing between two places of each walk, by the Illinois method."""
+    def _cross(self, which, inside, outside, below, above) -> np.ndarray:
+        """The crossing between two places of each walk, by the Illinois method.
+
+        Args:
+            below, above: √Δχ² there less the quantile.
+        """
         low, high = np.array(inside), np.array(outside)
         if not len(which):
             return low
-        f_low = self._excess(low, which)
-        f_high = self._excess(high, which)
+        f_low, f_high = np.array(below), np.array(above)
         side = np.zeros(len(which))
         for _ in range(MOST_HALVINGS):
             between = np.clip(f_low / (f_low - f_high), 0.0, 1.0)

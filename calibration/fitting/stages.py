@@ -9,6 +9,7 @@ import numpy as np
 import softjax as sj
 from calibration.fitting.losses import scale_of
 from calibration.fitting.methods import OPTIMISERS
+from calibration.fitting.neighbours import pooled
 from calibration.fitting.noise import first_weights, needs_weights, reweighed
 from calibration.fitting.problem import Problem
 from calibration.fitting.search import Found, search
@@ -103,7 +104,10 @@ def run_stage(
     problem = replace(problem, reweighed=weigh and needs_weights(problem))
     problem = first_weights(problem, z) if weigh else problem
     places = candidates(problem, z, options.starts, options.seed)
-    starts = best_starts(problem, places, REFINED)
+    few = pooled(problem)
+    starts = best_starts(few, places, REFINED)
+    if few is not problem:
+        starts = np.concatenate([end.z for end, _ in _from_starts(few, starts, options)])
     ends = _from_starts(problem, starts, options)
     evaluations = sum(end.evaluations for end, _ in ends)
     order = sorted(range(len(ends)), key=lambda k: _rank(ends[k][0]))

@@ -18,6 +18,7 @@ PANEL = (4.2, 4.4)  # inches, residuals included
 LEGEND_ROW = 0.25  # inches
 CELL = 0.95  # inches, of two parameters' ellipse
 LETTER = 0.09  # inches, of a name beside it
+MOST = 24  # panels of one picture: nobody reads more, and a hundred take a minute to draw
 
 
 def curves_figure(
@@ -36,11 +37,12 @@ def curves_figure(
         title: above all panels.
     """
     lines = lines or {}
-    rows, columns = style.grid_shape(len(result.materials))
+    shown = result.materials[:MOST]
+    rows, columns = style.grid_shape(len(shown))
     figure = style.new_figure(max(PANEL[0] * columns, 5.5), PANEL[1] * rows + 3 * LEGEND_ROW)
     grid: Any = figure.subplots(2 * rows, columns, squeeze=False, height_ratios=[2.6, 1] * rows)
     drawn = []
-    for i, fit in enumerate(result.materials):
+    for i, fit in enumerate(shown):
         row, column = divmod(i, columns)
         upper, lower = grid[2 * row, column], grid[2 * row + 1, column]
         more = lines.get(fit.name, ())
@@ -50,9 +52,15 @@ def curves_figure(
         drawn.append(upper)
     _remove_empty(grid)
     style.legend_below(figure, drawn, columns=4 if columns > 2 else 2, first=ORDER)
-    if title:
-        figure.suptitle(title, fontsize="medium")
+    cut = _cut(len(shown), len(result.materials), "data sets")
+    if title or cut:
+        figure.suptitle(". ".join(filter(None, (title, cut))), fontsize="medium")
     return figure
+
+
+def _cut(shown: int, count: int, what: str) -> str | None:
+    """What is said above a picture that does not show all."""
+    return f"the first {shown} of {count} {what}: all are in fit.json" if shown < count else None
 
 
 def profiles_figure(result: Any) -> Figure | None:
@@ -60,6 +68,8 @@ def profiles_figure(result: Any) -> Figure | None:
     profiles = {label: one for label, one in result.profiles.items() if len(set(one.values)) > 1}
     if not profiles:
         return None
+    cut = _cut(min(len(profiles), MOST), len(profiles), "profiles")
+    profiles = dict(list(profiles.items())[:MOST])
     rows, columns = style.grid_shape(len(profiles))
     figure = style.new_figure(max(3.4 * columns, 5.5), 2.8 * rows + 2 * LEGEND_ROW)
     grid = figure.subplots(rows, columns, squeeze=False)
@@ -67,6 +77,8 @@ def profiles_figure(result: Any) -> Figure | None:
         plot_profile(profile, _estimate(result, label), ax, _model(result, label))
     _remove_empty(grid)
     style.legend_below(figure, list(figure.axes), columns=4 if columns > 2 else 2)
+    if cut:
+        figure.suptitle(cut, fontsize="medium")
     return figure
 
 
@@ -78,6 +90,8 @@ def correlation_figure(result: Any) -> Figure | None:
     blocks = [block for block in _blocks(result) if len(block[1]) > 1]
     if not blocks:
         return None
+    cut = _cut(min(len(blocks), MOST), len(blocks), "data sets")
+    blocks = blocks[:MOST]
     rows, columns = style.grid_shape(len(blocks))
     room = max(len(_symbol(result, label, not owner)) for owner, own in blocks for label in own)
     size = max(0.8, LETTER * room) + CELL * max(len(labels) for _, labels in blocks)
@@ -91,6 +105,8 @@ def correlation_figure(result: Any) -> Figure | None:
         plot_correlations(result.correlations[np.ix_(order, order)], names, ax, told)
         ax.set_title(style.plain(owner))
     _remove_empty(grid)
+    if cut:
+        figure.suptitle(cut, fontsize="medium")
     return figure
 
 
