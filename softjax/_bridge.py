@@ -18,7 +18,7 @@ SOLVER_CLASSES = {
     "bosh3": dfx.Bosh3,
 }
 
-FIRST_STEP = 0.3  # of the way: at the default tolerance most collisions take two or three
+FIRST_STEP = 0.1  # of the way: at the default tolerance two or three larger ones follow
 IN_CACHE = 2048  # impacts, each with its tangents counting as one more
 
 

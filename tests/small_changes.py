@@ -73,7 +73,7 @@ CHANGES: dict[str, list[tuple[str, str, str]]] = {
     "calibration/fitting/neighbours.py": [
         ("square * values", "values", "neighbours"),
         ("few.points.restitution\n    few", "0\n    few", "neighbours"),
-        ("return few if np.all(", "return few if np.any(", "neighbours"),
+        ("CLOSE = 1e-3", "CLOSE = 1e9", "neighbours"),
     ],
     "softjax/_search.py": [
         ("slope = jax.jvp(force, (x,), (jnp.ones_like(x),))", "slope = force(x), x", "search"),
