@@ -208,7 +208,11 @@ def crossing(force: Callable[[Array], Array], inside: Array, outside: Array) -> 
     middle, width = 0.5 * (inside + outside), jnp.abs(outside - inside)
     begin = _Crossing(middle, inside, outside, 0 * middle, width, width < 0, 0)
     found = lax.while_loop(unfinished, look, begin)
-    return jnp.where(found.arrived, found.at, found.inside)
+    # beyond its zero a force may be no number, as (x - x*)^{3/2} is: there the last that is one
+    back = found.at + jnp.sign(found.inside - found.at) * 2 * rounding * jnp.abs(found.at)
+    back = jnp.where(jnp.isnan(force(back)), found.inside, back)
+    last = jnp.where(jnp.isnan(force(found.at)), back, found.at)
+    return jnp.where(found.arrived, last, found.inside)
 
 
 class Zero(NamedTuple):

@@ -55,7 +55,7 @@ def outcome(
         below: y over that of the lifted impact, of laws that act down to rest.
         gain: see `Pieces`.
     """
-    solved = peak.solved & (back.solved | ~peak.turns)
+    solved = peak.solved & ((back.solved & jnp.isfinite(back.value)) | ~peak.turns)
     answered = peak.turns & solved
     end = lax.stop_gradient(jnp.where(solved, peak.end, 0.0))
     error = peak.error + back.error

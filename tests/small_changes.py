@@ -66,7 +66,11 @@ CHANGES: dict[str, list[tuple[str, str, str]]] = {
         ("if self.each and any(", "if False and any(", "whole_fields"),
     ],
     "softjax/outcome.py": [
-        ("peak.solved & (back.solved | ~peak.turns)", "peak.solved", "solver_failed"),
+        (
+            "peak.solved & ((back.solved & jnp.isfinite(back.value)) | ~peak.turns)",
+            "peak.solved",
+            "solver_failed",
+        ),
         ('"float64": 1e-10', '"float64": 1e-2', "random_laws"),
         ("1 + gain + back.error", "1 + back.error", "nearly_plastic"),
     ],

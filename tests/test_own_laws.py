@@ -237,3 +237,46 @@ def test_slope_of_a_force_in_a_history():
     exact = (force(1.3 + step) - force(1.3 - step)) / (2 * step)
     assert np.isclose(jax.grad(force)(1.3), exact, rtol=1e-6)
     assert np.isclose(jax.jacfwd(force)(1.3), exact, rtol=1e-6)
+
+
+class Open(sj.RateIndependentLaw):
+    """Unloads by ((δ - δ*)/(δ_m - δ*))^{3/2}, no number below δ*; or 0 there, where `clipped`."""
+
+    contact: sj.Contact
+    length: float
+    clipped: float
+
+    def loading_force(self, overlap):
+        return self.contact.stiffness * sj.power_3_2(overlap)
+
+    def unloading_force(self, overlap, peak_overlap):
+        rest = peak_overlap**2 / (peak_overlap + self.length)
+        share = (overlap - rest) / (peak_overlap - rest)
+        share = jnp.where(self.clipped > 0, jnp.maximum(share, 0.0), share)
+        return self.loading_force(peak_overlap) * share**1.5
+
+
+@both_routes
+def test_a_force_that_is_no_number_below_its_zero(route):
+    """∫ s^{3/2} = 2/5 of the way: ε² = (δ_m - δ*)/δ_m; with or without a clip."""
+    velocity = np.geomspace(1e-3, 10.0, 200)
+    found, clipped = (sj.restitution(Open(STEEL, 1e-4, c), velocity, route) for c in (0.0, 1.0))
+    peak = np.asarray(found.peak_overlap)
+    assert found.coefficient == pytest.approx(np.sqrt(1e-4 / (peak + 1e-4)), rel=1e-8)
+    assert np.array_equal(found.status, clipped.status)
+    assert found.duration == pytest.approx(np.asarray(clipped.duration), rel=1e-8)
+
+
+class Broken(Open):
+    def unloading_force(self, overlap, peak_overlap):
+        inside = (overlap > 0.5 * peak_overlap) & (overlap < 0.7 * peak_overlap)
+        return jnp.where(inside, jnp.nan, self.contact.stiffness * sj.power_3_2(overlap))
+
+
+@both_routes
+def test_a_force_that_is_no_number_on_its_way_has_no_answer_or_ends_there(route):
+    """The contact ends where there is no force any more, as where there is none to begin with."""
+    found = sj.restitution(Broken(STEEL, 1e-4, 0.0), [0.1, 1.0], route)
+    assert np.all(np.isfinite(found.coefficient))
+    ended = found.residual_overlap / found.peak_overlap
+    assert np.all(found.status & int(sj.Status.SOLVER_FAILED) | (np.abs(ended - 0.7) < 1e-6))

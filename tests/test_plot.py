@@ -239,6 +239,18 @@ def test_a_picture_of_very_many_shows_the_first_and_says_so(monkeypatch):
     assert plots.curves_figure(result).get_suptitle() == ""
 
 
+def test_a_point_far_beyond_the_threshold_stretches_no_profile():
+    far = Profile(
+        "chi", (0.2, 0.96, 0.97, 0.98, 0.99, 1.0), (900, 4.0, 2.0, 1.0, 0.2, 0.0), 0.96, None, 3.84
+    )
+    low, _ = plots.plot_profile(far).get_xlim()
+    assert 0.9 < low < 0.96
+    near = replace(
+        far, values=(0.94, *far.values[1:]), delta_chi_squared=(9.0, *far.delta_chi_squared[1:])
+    )
+    assert plots.plot_profile(near).get_xlim()[0] < 0.94
+
+
 def test_first_yield_is_marked_where_the_law_yields():
     """Thornton's V_y, not the critical velocity of the contact; Walton and Braun's law has none."""
     contact = pair("nylon")

@@ -11,6 +11,7 @@ import calibration as cal
 import softjax as sj
 from calibration.fitting import uncertainty
 from tests import fit_oracle
+from tests.cases import pair
 from tests.fit_data import TRUTH, eq_17_data, twin
 
 NAMES = ("chi", "sigma", "psi")
@@ -278,3 +279,19 @@ def test_a_refit_that_is_sent_astray_ends_no_profile():
     inside = best - 0.8 * (best - low)
     assert cost(inside) - cost(best) < stats.t.ppf(0.975, len(data) - 3) ** 2 * variance
     assert best - low == pytest.approx(high - best, rel=0.35)
+
+
+def test_an_interval_at_a_bound_knows_as_little_of_the_noise():
+    """Student's quantile, with the residuals' degrees of freedom, as that of its neighbours."""
+    nylon = pair("nylon")
+    velocity = np.geomspace(2.0, 40.0, 12) * nylon.critical_velocity
+    law = sj.Zhou(nylon, 0.3, 1e-6, 0.5)
+    noise = (
+        0.01 * np.random.default_rng(3).standard_normal(12) + 0.02
+    )  # beyond what Eq. (17) allows
+    data = cal.RestitutionData(velocity, sj.restitution(law, velocity).coefficient + noise, nylon)
+    result = cal.fit(data, starts=4)
+    assert set(result.profiles) == {"chi", "eps_up"}
+    assert result.materials[0].parameters["eps_up"].value == 1.0
+    for profile in result.profiles.values():
+        assert 4.8 < profile.threshold < 5.2  # t² at 95 %: 4.96 of 10 degrees, 3.84 of none

@@ -32,12 +32,19 @@ def profiles_of(fit: ComponentFit, confidence: float) -> dict[str, Profile]:
     entry = np.array(["[" in problem.elements[k].name for k in problem.active])
     wanted = (errors > LEAST_ERROR) & ~known.undetermined[0, problem.active] & ~entry
     columns = np.flatnonzero(wanted)
-    degrees = known.degrees[0, problem.active[columns]]
+    degrees = np.where(limits != 0, _left(fit), known.degrees[0, problem.active])[columns]
     reach = np.atleast_1d(quantile(confidence, degrees)) * known.widened[0, problem.active[columns]]
     few = pooled_about(problem, fit.z, known.errors[0, problem.active])
     return profiles(
         few, fit.z, fit.begun, columns, errors[columns], limits[columns], variance, reach
     )
+
+
+def _left(fit: ComponentFit) -> float:
+    """Degrees of freedom of the noise: of what has no standard error of its own."""
+    if all(plan.stated for plan in fit.stages[0].problem.plans):
+        return np.inf
+    return float(np.min(fit.uncertainty.noise.left[0]))
 
 
 def _variance(fit: ComponentFit) -> float | None:

@@ -159,6 +159,10 @@ def notes_of(wanted: Wanted, choice: Choice, order: Order) -> tuple[str, ...]:
     )
     if choice.carrier.of_mass:
         notes += ("Its damping is told for that mass: other sizes, and walls, need another.",)
+    else:
+        notes += (
+            "That error is of this pair: other sizes, or a wall in a ball's place, have another.",
+        )
     if choice.stretch != 1:
         notes += (f"Softer: overlaps {number(choice.stretch, 3)} times those of the law.",)
     if isinstance(choice.law, sj.RateIndependentLaw):

@@ -22,7 +22,7 @@ def plot_profile(profile, estimate=None, ax: Axes | None = None, model: Any = No
         model: of the law that it is a parameter of, which knows its symbol.
     """
     ax = style.axes_or_new(ax)
-    values, rise = _finite(profile)
+    values, rise = _seen(*_finite(profile), TOP * profile.threshold)
     logarithmic = style.spans_decades(values)
     ax.plot(*_smooth(values, rise, logarithmic), color=style.BLUE)
     ax.plot(values, rise, color=style.BLUE, marker="o", linestyle="none", markersize=3)
@@ -65,6 +65,18 @@ def _finite(profile) -> tuple[np.ndarray, np.ndarray]:
     seen = np.isfinite(values) & np.isfinite(rise)
     values, first = np.unique(values[seen], return_index=True)
     return values, rise[seen][first]
+
+
+def _seen(values: np.ndarray, rise: np.ndarray, top: float) -> tuple[np.ndarray, np.ndarray]:
+    """What the picture has room for, and one point beyond either end where that is near."""
+    inside = np.flatnonzero(rise <= top)
+    if len(inside) < 2:
+        return values, rise
+    width = np.ptp(values[inside])
+    near = np.abs(values - np.median(values[inside])) <= 1.5 * width
+    kept = (np.arange(len(values)) >= inside[0] - 1) & (np.arange(len(values)) <= inside[-1] + 1)
+    kept &= near | (rise <= top)
+    return values[kept], rise[kept]
 
 
 def _parabola(ax: Axes, values: np.ndarray, estimate) -> None:
