@@ -97,9 +97,7 @@ def _first_octaves(dtype):
     far = NEAR * 4.0 ** np.arange(1, 7)
     low, high = (OCTAVES * np.log2(float(end)) for end in (info.tiny, info.max))
     below, above = -far[::-1], far
-    ends = np.array([low]), np.array([high])
-    octaves = ends[0], below[below > low], near, above[above < high], ends[1]
-    return np.concatenate(octaves).astype(dtype)
+    return np.r_[low, below[below > low], near, above[above < high], high].astype(dtype)
 
 
 def _look(force, energy, x, octave, below) -> _Look:

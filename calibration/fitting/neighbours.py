@@ -44,8 +44,8 @@ def pooled_about(
     measured = few.predict(z[None])[0] - few.points.restitution
     few = replace(few, points=few.points._replace(restitution=measured))
     found = few.linearise(z[None])
-    step = condense(found.residual, found.jacobian, np.zeros((1, len(errors)), bool)).newton[0]
-    known = np.isfinite(errors) & (errors > 0)
+    known = np.isfinite(errors) & (errors > 0)  # the others are held at an end of their range
+    step = condense(found.residual, found.jacobian, ~known[None]).newton[0]
     return few if np.all(np.abs(step[known]) <= CLOSE * errors[known]) else problem
 
 

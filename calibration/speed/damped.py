@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from importlib import resources
-from importlib.util import find_spec
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +17,7 @@ import numpy as np
 
 import softjax as sj
 from calibration.speed import damped_rivals as rivals
-from calibration.speed.plan import BATCH, FEW, LARGE
+from calibration.speed.plan import BATCH, LARGE
 from calibration.speed.ways import Way
 
 EXPONENTS = {"viscoelastic": (1.5, 0.5), "hertz-dashpot": (1.5, 0.25), "linear": (1.0, 0.0)}
@@ -83,12 +82,7 @@ def damped_scene(name: str) -> DampedScene:
 def damped_plan(scene: DampedScene, quick: bool) -> Iterator[Callable[[], Way]]:
     """Ways as functions that build them."""
     motion = partial(rivals.Motion, *EXPONENTS[scene.name], scene.name == "viscoelastic")
-    for rtol in (1e-6,) if quick else (1e-4, 1e-6, 1e-8):
-        yield partial(rivals.scipy_loop, scene, motion, FEW, rtol)
-        yield partial(rivals.plain_diffrax, scene, motion, BATCH, rtol)
-    if find_spec("numba") is not None:
-        for steps in (100, 1000) if quick else (30, 100, 300, 1000, 3000):
-            yield partial(rivals.verlet_numba, scene, motion, BATCH, steps)
+    yield from rivals.plan(scene, motion, quick)
     for route in _odes(quick):
         yield partial(ways_of, scene, route, BATCH)
     yield partial(ways_of, scene, sj.ClosedForm(), BATCH)

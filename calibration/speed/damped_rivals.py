@@ -1,7 +1,9 @@
 """What one would write instead for such a motion: SciPy, diffrax with an event, Verlet."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
+from importlib.util import find_spec
 from typing import Any
 
 import diffrax as dfx
@@ -11,6 +13,7 @@ import numpy as np
 import optimistix as optx
 from scipy.integrate import solve_ivp
 
+from calibration.speed.plan import BATCH, FEW
 from calibration.speed.ways import Way
 
 LONGEST = 20.0  # no contact here lasts so long
@@ -41,6 +44,16 @@ class Motion:
         """The force of (x, u, c) in plain Python, to be compiled."""
         p, q = self.p, self.q
         return lambda x, u, c: x**p + c * x**q * u
+
+
+def plan(scene, motion: Callable[[Any], Any], quick: bool) -> Iterator[Callable[[], Way]]:
+    """All of them, as functions that build them."""
+    for rtol in (1e-6,) if quick else (1e-4, 1e-6, 1e-8):
+        yield partial(scipy_loop, scene, motion, FEW, rtol)
+        yield partial(plain_diffrax, scene, motion, BATCH, rtol)
+    if find_spec("numba") is not None:
+        for steps in (100, 1000) if quick else (30, 100, 300, 1000, 3000):
+            yield partial(verlet_numba, scene, motion, BATCH, steps)
 
 
 def scipy_loop(scene, motion: Callable[[Any], Any], batch: int, rtol: float) -> Way:

@@ -9,14 +9,13 @@ by the other power.
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from importlib.util import find_spec
 
 import numpy as np
 
 import softjax as sj
 from calibration.speed import damped_rivals as rivals
 from calibration.speed.damped import ways_of
-from calibration.speed.plan import BATCH, FEW
+from calibration.speed.plan import BATCH
 from calibration.speed.scene import stainless
 from calibration.speed.ways import Way
 
@@ -103,12 +102,7 @@ def own_scene() -> OwnScene:
 
 def own_plan(scene: OwnScene, quick: bool) -> Iterator[Callable[[], Way]]:
     """Ways as functions that build them."""
-    for rtol in (1e-6,) if quick else (1e-4, 1e-6, 1e-8):
-        yield partial(rivals.scipy_loop, scene, Recoil, FEW, rtol)
-        yield partial(rivals.plain_diffrax, scene, Recoil, BATCH, rtol)
-    if find_spec("numba") is not None:
-        for steps in (100, 1000) if quick else (30, 100, 300, 1000, 3000):
-            yield partial(rivals.verlet_numba, scene, Recoil, BATCH, steps)
+    yield from rivals.plan(scene, Recoil, quick)
     few: list = [sj.ODE(solver="dopri5", steps=2), sj.ODE(solver="dopri8", steps=2)]
     more = [] if quick else [sj.ODE(solver="dopri5", steps=4), sj.ODE(rtol=1e-8)]
     for route in (*few, *more, sj.EnergyBalance()):
