@@ -27,7 +27,7 @@ TRACED_CHUNK = 65_536
 SOON = 4096  # impacts that are computed sooner than a program that runs faster is compiled
 # Where devices share it they agree after every step of a search on whether to take another one.
 SHARED_CHUNK = 262_144  # on each device
-LEAST = 16  # where a program takes seconds to compile and an impact microseconds
+LEAST = 16  # a program takes a second or more to compile and an impact a microsecond
 FINE = 256  # from here on four sizes an octave, else one
 
 
@@ -48,10 +48,7 @@ def in_batches(parts, asked, velocity, *settings, cut=True):
     # within the caller's own program whatever is computed is traced, of constants too
     if any(is_traced(leaf) for leaf in leaves) or is_traced(jnp.zeros(())):
         return _traced(leaves, parts, structure, settings, cut, whole, each, shape)
-    if not cut and not shape:
-        results = in_batches(parts, asked, np.reshape(velocity, 1), *settings, cut=cut)
-        return jax.tree.map(lambda result: result[0], results)
-    if not (shape and count):
+    if not count:
         return parts(asked, velocity, *settings)
     if any(is_spread(leaf) for leaf in leaves):
         where = layout(each, shape)
@@ -61,19 +58,21 @@ def in_batches(parts, asked, velocity, *settings, cut=True):
             if results is not None:
                 return results
         return _spread(leaves, parts, structure, settings, cut, where)
-    alone = shape if count == 1 else None  # one impact in a row is many, of which there is one
+    if not shape:
+        leaves[-1] = np.reshape(velocity, 1)
+    alone = (shape or (1,)) if count == 1 else None  # one impact is a row, of which there is one
     many = [
         not held and (np.size(leaf) > 1 or np.shape(leaf) == alone)
         for leaf, held in zip(leaves, whole, strict=True)
     ]
     home = next((leaf.device for leaf in leaves if getattr(leaf, "committed", False)), None)
     flat = [
-        _flat(leaf, shape) if m else _single(leaf, h)
+        _flat(leaf, shape or (1,)) if m else _single(leaf, h)
         for leaf, m, h in zip(leaves, many, whole, strict=True)
     ]
     at_once = not cut or (home is None and not _on_cpu() and _devices() == 1)
     if count < 2 * PIECE or at_once:
-        size = program_size(count if cut else max(count, LEAST))
+        size = program_size(max(count, LEAST))
         filled = [_filled(leaf, size) if m else leaf for leaf, m in zip(flat, many, strict=True)]
         filled = filled if home is None else jax.device_put(filled, home)
         compiled = parts
@@ -82,7 +81,7 @@ def in_batches(parts, asked, velocity, *settings, cut=True):
         results = compiled(*jax.tree.unflatten(structure, filled), *settings)
         if shape == (size,):
             return results
-        return jax.tree.map(lambda r: _shaped(r, count, shape, home), results)
+        return _shaped(results, count, shape, home) if shape else _first(results)
 
     def of_chunk(*leaves):
         return parts(*jax.tree.unflatten(structure, leaves), *settings)
@@ -115,10 +114,20 @@ def _single(leaf, held: bool):
     return leaf if held else np.asarray(leaf).reshape(())
 
 
-def _shaped(result, count, shape, home) -> jax.Array:
+@jax.jit
+def _first(results):
+    """Of one impact: by a program, which is there sooner than arrays made of NumPy's."""
+    return jax.tree.map(lambda result: result[0], results)
+
+
+def _shaped(results, count, shape, home):
     """What is not of the fill, in the batch's shape; further axes stay behind it."""
-    values = np.asarray(result)[:count]
-    return jax.device_put(values.reshape(shape + values.shape[1:]), home)
+
+    def one(result):
+        values = np.asarray(result)[:count]
+        return values.reshape(shape + values.shape[1:])
+
+    return jax.device_put(jax.tree.map(one, results), home)
 
 
 def _filled(values: np.ndarray, size: int) -> np.ndarray:

@@ -5,6 +5,7 @@ roots by Brent's method, fits by `scipy.optimize.least_squares` with its own dif
 """
 
 import math
+from functools import lru_cache
 
 import numpy as np
 from scipy.optimize import brentq, least_squares
@@ -19,8 +20,9 @@ def _work(force, low, high):
     return float(0.5 * (b - a) * np.sum(WEIGHTS * 2 * s * force(s * s)))
 
 
-def plastic_squared(d, X, y):
-    """ε_p² of one impact beyond yield."""
+@lru_cache(maxsize=100_000)  # what is searched for moves only one of d, X and y at a time, if any
+def _peak(d, y):
+    """The largest overlap, at which the loading force has done the impact's work."""
 
     def loading(x):
         return x**1.5 + d * (x**2 - 1) * (1 - np.sqrt(x))
@@ -32,14 +34,20 @@ def plastic_squared(d, X, y):
     high = y**0.8
     while work(high) < target:
         high *= 1.1
-    x_m = brentq(lambda x: work(x) - target, 1.0, high, xtol=1e-15, rtol=1e-15)
+    return brentq(lambda x: work(x) - target, 1.0, high, xtol=1e-15, rtol=1e-15)
+
+
+@lru_cache(maxsize=100_000)
+def plastic_squared(d, X, y):
+    """ε_p² of one impact beyond yield."""
+    x_m = _peak(d, y)
 
     def unloading(x):
         plastic = d * (x_m**2 - 1) * (1 - X * (1 - x / x_m))
         return (1 - d * x_m) * x**1.5 + d * np.sqrt(x) + plastic
 
     x_r = brentq(unloading, 0.0, x_m, xtol=1e-15, rtol=1e-15) if unloading(0.0) < 0 else 0.0
-    return _work(unloading, x_r, x_m) / target
+    return _work(unloading, x_r, x_m) / (0.4 * y * y)
 
 
 def eq_17(v, v_lim, sigma, psi):

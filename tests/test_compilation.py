@@ -46,11 +46,12 @@ def test_the_same_shapes_compile_once(compiled, route):
         everything(fitted("nylon", chi=chi), velocity + chi, route)
         everything(sj.Zhou(pair("nylon", "zhou"), chi, 0.1, 0.6), velocity[::-1], route)
         everything(fitted("stainless steel", chi=chi), velocity, route)
-    # batches are filled up to a few sizes; `ok` compares for each size
-    everything(fitted("nylon"), velocity[:5], route)
+    # batches are filled up to a few sizes, those of up to 16 impacts to one; `ok` compares for each
+    for count in (2, 5, 16):
+        everything(fitted("nylon"), np.linspace(1.0, 20.0, count), route)
     assert set(compiled) <= {"jit(equal)", "jit(bitwise_or)"}
     compiled.clear()
-    everything(fitted("nylon"), np.linspace(1.0, 20.0, 9), route)
+    everything(fitted("nylon"), np.linspace(1.0, 20.0, 17), route)
     assert {"jit(restitution_parts)", "jit(_duration)"} <= set(
         compiled
     )  # so that the count is one that can count
