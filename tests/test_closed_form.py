@@ -138,30 +138,26 @@ HARD = {
 }
 
 
+MADE = {
+    "viscoelastic": lambda time, r: sj.ViscoelasticHertz(lc.PAIR, time),
+    "hertz-dashpot": lambda time, r: sj.HertzDashpot(lc.PAIR, r, "zero-force"),
+    "linear": lambda time, r: sj.LinearSpringDashpot(lc.PAIR, 1e6, r, "zero-force"),
+}
+
+
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
-def test_nothing_is_no_number(dtype):
+@pytest.mark.parametrize("law", MADE)
+def test_nothing_is_no_number(law, dtype):
     """Values and derivatives of first and second order, forward and reverse, wherever it may be hard."""
     most = float(np.finfo(dtype).max) ** 0.8
     fit = lambda a: np.minimum(a, most).astype(dtype)  # noqa: E731
     v, time = (x.ravel() for x in np.meshgrid(*map(fit, HARD.values())))
 
-    def every(v, time, r):
-        for law in (
-            sj.ViscoelasticHertz(lc.PAIR, time),
-            sj.HertzDashpot(lc.PAIR, r, "zero-force"),
-            sj.LinearSpringDashpot(lc.PAIR, 1e6, r, "zero-force"),
-        ):
-            result = sj.restitution(law, v)
-            yield from (
-                result.coefficient,
-                result.duration,
-                result.peak_overlap,
-                result.residual_overlap,
-            )
-
     def of_one(x):
         v, time, r = x
-        return jnp.stack([jnp.float32(1) * part for part in every(v, time, r)])
+        hit = sj.restitution(MADE[law](time, r), v)
+        parts = (hit.coefficient, hit.duration, hit.peak_overlap, hit.residual_overlap)
+        return jnp.stack([jnp.float32(1) * part for part in parts])
 
     r = np.resize(np.array([1.0, 1e-30, 0.5, 1 - 1e-7], dtype), v.size)
     points = jnp.stack([jnp.asarray(a, dtype) for a in (v, time, r)], -1)

@@ -228,8 +228,8 @@ def test_forces_are_hertz_below_yield():
 def test_a_law_without_closed_forms_is_told_where_loading_ends():
     contact = pair("nylon")
     law = ZhouByForces(contact, 0.2)
-    result = sj.restitution(law, np.array([10.0, 2e3]) * contact.critical_velocity)
-    assert list(result.status & int(sj.Status.NO_TURNING_POINT) > 0) == [False, True]
+    result = sj.restitution(law, np.array([0.4, 10.0, 2e3]) * contact.critical_velocity)
+    assert list(result.status & int(sj.Status.NO_TURNING_POINT) > 0) == [False, False, True]
     outcome = collide(law.reduced(), jnp.asarray([10.0, 2e3]))
     assert list(outcome.turns) == [True, False]
     assert outcome.plastic_squared[1] == 0
