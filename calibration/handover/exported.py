@@ -12,7 +12,8 @@ from calibration.handover.wanted import Wanted
 from calibration.rounding import number
 from softjax.fields import numbers_of, options_of
 
-SCENES = {True: "a ball on a flat wall", False: "two balls"}  # by `Wanted.on_wall`
+# by `Wanted.on_wall`
+SCENES: dict[bool | None, str] = {True: "a ball on a flat wall", False: "two balls"}
 
 
 class Draft(NamedTuple):
