@@ -51,7 +51,7 @@ CASES = {
     ),
     "one velocity beyond": Case(
         "m.csv:4: velocity is 2",
-        "below the limit velocity, 1.12033 m/s, √(3 Y/ρ) of the bodies",
+        "below the limit velocity, 1.1204 m/s, √(3 Y/ρ) of the bodies",
         _toml(6, "yield_strength = 3360"),
     ),
     "a wall's yield strength in MPa": Case(

@@ -13,7 +13,7 @@ from calibration.data.csv_file import read_csv
 from calibration.data.measurements import RestitutionData
 from calibration.data.names import UNCERTAINTIES
 from calibration.data.toml_table import TomlTable
-from calibration.errors import DataError, Origin
+from calibration.errors import DataError, InputError, Origin
 
 SIZES: dict[str, Check] = {
     name: (dimension, (lambda u: u >= 0), "a number of 0 or more, in SI or text with its unit")
@@ -121,10 +121,9 @@ def _of_bodies(table: TomlTable, data: RestitutionData, contact: sj.Contact, lim
         raise _weaker(table, data.bodies).refusal("yield_strength", problem, accepted)
     try:
         return replace(data, contact=contact, limit_velocity=limit)
-    except DataError as error:
+    except InputError as error:
         accepted = f"{error.accepted}, √(3 Y/ρ) of the bodies"
-        told = DataError(error.argument, error.value, accepted, error.index)
-        raise told if data.origin is None else data.origin.error(told) from None
+        raise InputError(error.file, error.line, error.problem, accepted) from None
 
 
 def _weaker(table: TomlTable, bodies: tuple[Body, ...]) -> TomlTable:
