@@ -8,6 +8,7 @@ from softjax import assembly, energy
 from softjax._numerics import safe_power
 from softjax.impact import Impact
 from softjax.laws.base import HardSphereLaw, RateDependentLaw, RateIndependentLaw
+from softjax.laws.forces import asked
 from softjax.outcome import Outcome
 from softjax.routes import ClosedForm, EnergyBalance, Stepping
 
@@ -18,7 +19,7 @@ def collisions(impact: Impact, route: Taken, regime: str) -> Outcome:
     """Elastic impacts by Hertz's or the law's own power law, the others by the route; in metres."""
     law = impact.law
     if isinstance(law, HardSphereLaw):
-        squared = law.restitution_squared(impact.velocity)
+        squared = asked(law, "restitution_squared", impact.velocity)
         return _plain(0.0, 0.0, jnp.where(impact.elastic, 1.0, squared))
     if regime == "elastic":
         return _elastic(impact)

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from softjax._batches import in_batches
-from softjax._checks import is_traced
+from softjax._checks import is_elsewhere, is_traced
 from softjax._numerics import safe_sqrt
 from softjax._spread import alike
 from softjax.batch import collisions, durations
@@ -21,6 +21,7 @@ from softjax.outcome import Outcome
 from softjax.routes import ODE, ClosedForm, EnergyBalance, Route, check_route, program_of, taken
 from softjax.status import Status
 
+SHOWN = 16  # impacts whose numbers a printed result tells
 KNOWN = "LinearSpringDashpot, HertzDashpot and ViscoelasticHertz"
 
 
@@ -65,6 +66,29 @@ class Restitution(eqx.Module):
     def ok(self) -> Array:
         """True where the status is plain or elastic and nothing else."""
         return (self.status == Status.PLAIN) | (self.status == Status.ELASTIC)
+
+    def __repr__(self) -> str:
+        """The numbers of a few impacts; of many, or of traced ones, what there is."""
+        if not (_is_here(self.coefficient) and _is_here(self.status)):
+            return eqx.tree_pformat(self)
+        values = np.array2string(np.asarray(self.coefficient), precision=4)
+        status = "ok" if np.all(self.ok) else _flags(np.asarray(self.status))
+        return (
+            f"Restitution({type(self.law).__name__}: eps={' '.join(values.split())}, {status=!s})"
+        )
+
+
+def _is_here(array) -> bool:
+    """Whether an array holds a few numbers that can be looked at."""
+    known = isinstance(array, jax.Array | np.ndarray) and not is_traced(array)
+    return known and 0 < array.size <= SHOWN and not is_elsewhere(array)
+
+
+def _flags(status: np.ndarray) -> str:
+    """Each kind of status once, with how many impacts have it."""
+    kinds, counts = np.unique(status, return_counts=True)
+    told = [f"{Status(int(k)).name or 'PLAIN'} {n}" for k, n in zip(kinds, counts, strict=True)]
+    return told[0].rpartition(" ")[0] if len(told) == 1 else f"({', '.join(told)})"
 
 
 def restitution(

@@ -103,6 +103,12 @@ def test_what_names_were_taken_for_is_one_line_and_what_is_not_used_another():
     assert many[1].endswith(", 'x9' and 20 more")
 
 
+def test_units_that_are_not_told_are_told_as_they_are_taken():
+    assert taken("h0", "h1 [mm]")[1].assumed.endswith("taken for SI: drop_height in m")
+    assert taken("v", "e")[1].assumed.endswith(": velocity in m/s")
+    assert taken("v", "e", units=["cm/s", "-"])[1].assumed == ""
+
+
 @pytest.mark.parametrize(
     ("headers", "names"),
     [

@@ -1,10 +1,13 @@
 """Doubts about units and columns: each raised by one set and not by its neighbour."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 import softjax as sj
 from calibration.data import RestitutionData, plausibility, read_toml, side_of_yield
+from calibration.fitting.suspicions import _implausible
 
 VELOCITY = np.linspace(0.5, 5.0, 10)
 RESTITUTION = 0.95 - 0.05 * VELOCITY
@@ -67,6 +70,35 @@ def test_yield_beyond_the_limit_velocity(doubts):
     (found,) = doubts(yield_strength=7e10)  # v_cr goes as Y^2.5, v_lim as Y^0.5, alike at 6.3e10
     assert found[0] == "yield-beyond-limit"
     assert doubts(yield_strength=6e10) == []
+
+
+def test_yield_is_doubted_only_of_laws_that_yield():
+    """A viscoelastic law takes nothing from the yield strength."""
+    hard = sj.Material(1.93e11, 0.3, 8000.0, 7e10)
+    pair = sj.Contact.between_spheres(hard, hard, 0.01, 0.01)
+    data = RestitutionData(VELOCITY, RESTITUTION, pair, name="hard")
+    laws = {sj.Zhou(pair, 1.0, 0.1, 0.5): 1, sj.Thornton(pair): 1}
+    laws |= {sj.ViscoelasticHertz(pair, 1e-6): 0, sj.WaltonBraun(pair, 1e6, 2e6, 1.0): 0}
+    for law, count in laws.items():
+        found = _implausible(SimpleNamespace(data=data, law=law, name="hard"))
+        assert len(found) == count
+        assert all("first yield" in one.cause for one in found)
+
+
+def test_falls_from_higher_than_anybody_drops_a_ball():
+    """300 in a column whose header says no unit is 300 m."""
+    table = {"drop_height": np.array([0.3, 0.2]), "rebound_height": np.array([0.2, 0.15])}
+    found = [
+        plausibility(RestitutionData.from_table({k: scale * v for k, v in table.items()}))
+        for scale in (1.0, 1000.0)
+    ]
+    assert found[0] == ()
+    ((code, cause, remedy),) = found[1]
+    assert (code, cause) == ("height", "falls as fast as 76.7 m/s, from 300 m")
+    assert "drop_height [mm]" in remedy
+    times = {"interval": np.array([500.0, 450.0, 405.0])}
+    (doubt,) = plausibility(RestitutionData.from_table(times))
+    assert doubt.code == "height"
 
 
 def test_a_contact_alone_is_taken_for_two_equal_spheres():

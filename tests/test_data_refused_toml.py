@@ -44,6 +44,21 @@ CASES = {
     ),
     "truth for a number": Case("m.toml:5: density is true", "[kg/m³]", _toml(5, "density = true")),
     "NaN property": Case("m.toml:6: yield_strength is nan", "[Pa]", _toml(6, "yield_strength=nan")),
+    "yield strength in MPa": Case(
+        "m.toml:6: yield_strength makes the limit velocity √(3 Y/ρ) 0.3403 m/s",
+        "is it in Pa, or text with its unit",
+        _toml(6, "yield_strength = 310"),
+    ),
+    "one velocity beyond": Case(
+        "m.csv:4: velocity is 2",
+        "below the limit velocity, 1.1204 m/s, √(3 Y/ρ) of the bodies",
+        _toml(6, "yield_strength = 3360"),
+    ),
+    "a wall's yield strength in MPa": Case(
+        "m.toml:13: yield_strength makes the limit velocity √(3 Y/ρ) 0.3403 m/s",
+        "or text with its unit",
+        TOML + "[material.wall]\n" + "\n".join(_toml(6, "yield_strength = 310").splitlines()[2:6]),
+    ),
     "Poisson's ratio": Case(
         "m.toml:4: poisson_ratio is 0.51", "in (-1, 0.5]", _toml(4, "poisson_ratio = 0.51")
     ),

@@ -1,5 +1,6 @@
 """Material files and their data files, read as people write them; numbers worked out by hand."""
 
+import json
 import math
 
 import numpy as np
@@ -7,7 +8,9 @@ import pytest
 
 import softjax as sj
 from calibration.data import read_materials, read_toml
+from calibration.data.as_json import data_from_dict, data_to_dict
 from calibration.errors import InputError
+from calibration.fitting.result_json import plain
 
 STEEL = """\
 youngs_modulus = 1.93e11     # Pa
@@ -120,6 +123,15 @@ def test_named_materials_are_those_of_the_paper(read):
     )
     plain = read(material("radius = 0.01", "[material.second]", 'material = "stainless steel"'))
     assert plain.datasets[0].contact == read(material("radius = 0.01")).datasets[0].contact
+
+
+def test_what_a_file_of_a_fit_keeps_of_the_bodies(read):
+    (data,) = read(material("radius = 0.01", "[material.wall]", GLASS)).datasets
+    again = data_from_dict("m", json.loads(json.dumps(plain(data_to_dict(data)))))
+    assert again.bodies == data.bodies
+    assert [body.radius for body in again.bodies] == [0.01, None]
+    older = {key: one for key, one in data_to_dict(data).items() if key != "bodies"}
+    assert data_from_dict("m", older).bodies == ()
 
 
 def test_two_radii_and_another_area(read):

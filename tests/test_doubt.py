@@ -312,6 +312,11 @@ def test_a_place_along_the_valley_is_no_other_minimum(share):
     assert not [one for one in found if one.code == "several-minima"]
 
 
+def test_what_to_do_about_a_law_that_misses_is_told():
+    for code in ("residual-runs", "model-misfit"):
+        assert "`softjax compare` tries other laws" in doubt.REMEDIES[code]
+
+
 def test_every_doubt_has_a_case_here():
     tested = {case.split(",")[0] for case in CASES} | {"extrapolation"}
     assert tested == set(doubt.REMEDIES)

@@ -300,7 +300,10 @@ def test_json_says_all_that_the_text_says(made, tmp_path):
 
 def test_the_picture_shows_the_curves_and_the_tolerance(made):
     export = made(tolerance=0.02)
-    curve, errors = draw_export(export).axes
+    figure = draw_export(export)
+    curve, errors = figure.axes
+    assert (curve.get_legend(), errors.get_legend()) == (None, None)  # it would lie on a line
+    assert len(figure.legends[0].get_texts()) == 4
     drawn = {line.get_label(): line.get_ydata() for line in curve.lines}
     wanted = drawn["wanted, Zhou"]
     np.testing.assert_array_equal(wanted, export.wanted.restitution)

@@ -1,6 +1,8 @@
 """`softjax export` from the command line to its files: each option by what it does."""
 
 import json
+import os
+import subprocess
 
 import numpy as np
 import pytest
@@ -86,6 +88,29 @@ def test_a_file_of_materials_with_given_parameters(export, tmp_path):
     assert [made["wanted"][name] for name in ("chi", "sigma", "psi")] == [0.2, 0.4, 0.5]
 
 
+SPRINGS = "walton-braun loading_stiffness=1e6 unloading_stiffness=1.2e6 growth=200"
+HEADING = "# between {}, as wanted:\n"
+
+
+@pytest.mark.parametrize("code", ["lammps", "liggghts"])
+def test_the_line_of_what_was_measured_acts_and_says_so(code, export, tmp_path):
+    """A ball on a wall is another mass than two balls; without a wall there may be none at z = 0."""
+    law, *fields = SPRINGS.split()
+    told = ("--wanted-law", law, *(word for field in fields for word in ("--set", field)))
+    bodies = {"pair": BODIES, "wall": f'{BODIES}\n[material.wall]\nmaterial = "nylon"\n'}
+    for name, body in bodies.items():
+        (tmp_path / f"{name}.toml").write_text(body, encoding="utf-8")
+        options = ("--to", code, "--range", "0.5:5", "--tolerance", "0.3", "--out", name)
+        assert export(f"{name}.toml", *told, *options, "--quiet") == 0
+    pair, wall = text("in.softjax", "pair"), text("in.softjax", "wall")
+    assert HEADING.format("two balls") + "pair_style" in pair
+    assert "may be another:\n# fix ID group " in pair
+    assert HEADING.format("a ball and a flat wall") + "fix softjax_wall all " in wall
+    assert "# between two balls, whose restitution may be another:\npair_style" in wall
+    assert "of a ball on a flat wall" in wall
+    assert [report(name)["bodies"] for name in bodies] == ["two balls", "a ball on a flat wall"]
+
+
 def test_another_wanted_law(export):
     options = ("--wanted-law", "hertz-dashpot", "--set", "restitution=0.8")
     assert export(*STEEL, *options, "--to", "c", "--tolerance", "1e-2", "--quiet") == 0
@@ -144,6 +169,14 @@ def test_each_code_has_its_files_and_an_older_export_leaves_none(code, export, t
     script = text(next(name for name in made["files"] if not name.startswith("export")))
     assert repr(made["time_step"]) in script
     assert script.isascii()
+
+
+def test_a_build_that_gets_no_answer_from_lammps_says_what_to_do(export):
+    assert export(*STEEL, "--to", "lammps", "--tolerance", "0.005", "--quiet") == 0
+    silent = os.environ | {"PYTHON": "false"}
+    ended = subprocess.run(["sh", "results/build.sh"], env=silent, capture_output=True, text=True)
+    assert ended.returncode == 1
+    assert ended.stderr.endswith("where libmpi is not found put its folder on LD_LIBRARY_PATH\n")
 
 
 @pytest.mark.parametrize(

@@ -135,6 +135,18 @@ def test_the_line_that_is_written_for_a_wall(law, tmp_path):
     np.testing.assert_allclose(found, made.choice.impacts.coefficient[0], atol=1e-3)
 
 
+def test_what_was_wanted_of_a_wall_comes_out_at_a_wall(tmp_path):
+    """Its damping is told for the mass of a ball on a wall, and its line acts as it stands."""
+    steel = sj.STAINLESS_STEEL
+    wall = sj.Contact.with_wall(steel, wall=steel, radius=RADIUS)
+    law, options = sj.ViscoelasticHertz(wall, TIME), {"velocity_range": (0.1, 5), "steps": 400}
+    made = cal.export(law, "lammps", tmp_path, on_wall=True, tolerance=0.01, **options)
+    found = measured(tmp_path, VELOCITIES, "# as it was written")
+    wanted = sj.restitution(law, np.array(VELOCITIES)).coefficient
+    assert made.choice.key == "viscoelastic"
+    np.testing.assert_allclose(found, wanted, atol=1e-3)
+
+
 @pytest.fixture(scope="module")
 def plugin(tmp_path_factory):
     """A folder with the plugin of steel, built, for impacts of 0.1 to 5 m/s at 100 steps."""

@@ -57,7 +57,18 @@ def impact(velocity: float, settings: list[str], steps: int) -> str:
     return "\n".join(lines) + "\n"
 
 
-def rebounds(folder, velocities, settings, steps) -> np.ndarray:
+def onto_a_wall(velocity: float, settings: list[str], steps: int) -> str:
+    """The same of one sphere that falls on a wall at z = 0 without gravity."""
+    text = impact(velocity, settings, steps)
+    first, second = re.findall(r"^create_atoms .*\n", text, re.M)
+    text = text.replace(first, f"create_atoms 1 single 0 0 {RADIUS * (1 + 1e-9)!r} units box\n")
+    text = re.sub(r"^(group|velocity|variable) .*\n", "", text.replace(second, ""), flags=re.M)
+    fall, rise = f"velocity all set 0 0 {-velocity} units box\n", "variable up equal vz[1]\n"
+    text = text.replace("fix move", f"{fall}fix move")
+    return text.replace("print", f"{rise}variable e equal v_up/{velocity}\nprint")
+
+
+def rebounds(folder, velocities, settings, steps, impact=impact) -> np.ndarray:
     """ε of impacts; `settings` and `steps` of each."""
     environment = {k: v for k, v in os.environ.items() if k != "LD_LIBRARY_PATH"}
     found = []
@@ -135,6 +146,20 @@ def test_input_that_is_written_keeps_its_tolerance(law, tolerance, tmp_path):
     found = rebounds(tmp_path, velocity, [["include in.softjax"]] * 5, [steps] * 5)
     assert np.max(np.abs(found - made.wanted.restitution[::16])) <= tolerance
     given = made.choice.impacts.coefficient[::16]
+    assert np.max(np.abs(found - given)) <= made.choice.steps.error + 1e-4
+
+
+@pytest.mark.parametrize("law", ["linear", "hertz-dashpot", "walton-braun"])
+def test_what_was_wanted_of_a_wall_comes_out_at_a_wall(law, tmp_path):
+    steel = sj.STAINLESS_STEEL
+    wall = sj.Contact.with_wall(steel, wall=steel, radius=RADIUS)
+    asked = sj.Zhou(wall, STEEL.chi, STEEL.sigma, STEEL.psi)
+    options = {"velocity_range": (0.5, 2), "law": law, "tolerance": 0.08, "on_wall": True}
+    made = cal.export(asked, "liggghts", tmp_path, **options)
+    velocity, given = made.wanted.velocity[::16], made.choice.impacts.coefficient[::16]
+    steps = 2 * math.ceil(max(made.duration) / made.time_step) + 10
+    lines = [["include in.softjax"]] * 5
+    found = rebounds(tmp_path, velocity, lines, [steps] * 5, onto_a_wall)
     assert np.max(np.abs(found - given)) <= made.choice.steps.error + 1e-4
 
 

@@ -63,6 +63,7 @@ def test_a_report_has_its_own_structure_alone(told):
     assert all(line.isprintable() for line in lines)
     assert {line for line in lines if line.startswith("#")} <= {
         "# Coefficients of restitution, fitted",
+        "## Bodies",
         "## Parameters",
         "## How closely the curves follow",
         "## Doubts",
@@ -76,7 +77,7 @@ def test_a_report_has_its_own_structure_alone(told):
     }
     assert "://" not in report
     tables = [block.splitlines() for block in report.split("\n\n") if block.startswith("|")]
-    assert len(tables) == 3
+    assert len(tables) == 4
     for table in tables:
         assert len({len(re.findall(r"(?<!\\)\|", row)) for row in table}) == 1
     # and shows each name as it is

@@ -1,6 +1,7 @@
 """Laws of one's own by both routes: what unloads to zero overlap, plateaus, kinks and hooks."""
 
 import itertools
+import math
 
 import jax
 import jax.numpy as jnp
@@ -280,3 +281,43 @@ def test_a_force_that_is_no_number_on_its_way_has_no_answer_or_ends_there(route)
     assert np.all(np.isfinite(found.coefficient))
     ended = found.residual_overlap / found.peak_overlap
     assert np.all(found.status & int(sj.Status.SOLVER_FAILED) | (np.abs(ended - 0.7) < 1e-6))
+
+
+class OfMath(Recoil):
+    def loading_force(self, overlap):
+        return STIFFNESS * overlap * math.exp(-overlap)
+
+
+class OfNumpy(sj.RateDependentLaw):
+    contact: sj.Contact
+    end = "zero-force"
+
+    def force(self, overlap, velocity):
+        return STIFFNESS * overlap * np.exp(velocity)
+
+
+class OfIf(Recoil):
+    def unloading_force(self, overlap, peak_overlap):
+        return 0.5 * STIFFNESS * overlap if overlap > 0.5 * peak_overlap else 0.0 * overlap
+
+
+class HardOfMath(sj.HardSphereLaw):
+    def restitution_squared(self, velocity):
+        return math.exp(-velocity)
+
+
+@pytest.mark.parametrize(
+    ("law", "method"),
+    [
+        (OfMath(STEEL, 0.0, 1.0, 0.0), "OfMath.loading_force"),
+        (OfIf(STEEL, 0.0, 1.0, 0.0), "OfIf.unloading_force"),
+        (OfNumpy(STEEL), "OfNumpy.force"),
+        (HardOfMath(), "HardOfMath.restitution_squared"),
+    ],
+    ids=lambda one: one if isinstance(one, str) else "",
+)
+def test_a_force_that_cannot_be_traced_is_named_in_one_line(law, method):
+    with pytest.raises(ValueError, match=f"^`{method}` must be written with jax.numpy") as caught:
+        sj.restitution(law, 1.0)
+    assert "\n" not in str(caught.value)
+    assert isinstance(caught.value.__cause__, TypeError)  # JAX's own, which knows the line

@@ -9,9 +9,11 @@ from scipy import stats
 
 import calibration as cal
 import softjax as sj
+from calibration.data.bodies import Body
 from calibration.fitting.doubt import Doubt
 from calibration.fitting.estimate import Estimate
 from calibration.report import markdown_report, rows, symbols, terminal_report
+from calibration.report.bodies import bodies_table
 from calibration.report.tables import aligned, markdown, width
 from calibration.rounding import interval, number, with_error
 from tests.cases import pair
@@ -271,6 +273,35 @@ def test_the_report_reads_by_itself(own):
     tables = [line for line in text.splitlines() if line.startswith("|")]
     assert all(line.endswith("|") for line in tables)
     assert " ".join(terminal_report(one).split()).count("rms 0.02 against a noise of 0.01") == 1
+
+
+def test_the_bodies_are_told_each_by_itself_or_the_pair(own):
+    ball, wall = Body("sphere", sj.NYLON, 0.01), Body("wall", sj.STAINLESS_STEEL, None)
+    mass = f"{sj.NYLON.density * 4 / 3 * math.pi * 1e-6:.4g}"
+    nylon = ["0.01", mass, "2.5e+09", "0.3", "1140", "4e+07"]
+    steel = ["–", "–", "1.93e+11", "0.35", "8030", "3.1e+08"]
+    both = [
+        (["my alloy", "sphere", *nylon], ["", "wall", *steel]),
+        (["my alloy", "two equal spheres", *nylon],),
+    ]
+    for bodies, expected in zip(
+        ((ball, wall), (ball, ball._replace(name="second"))), both, strict=True
+    ):
+        fit = replace(own.material(), data=replace(own.data, bodies=bodies))
+        result = replace(own, materials=(fit,))
+        assert bodies_table(result).rows == [*expected]
+        assert f"## Bodies\n\n{markdown(*bodies_table(result)[:2])[0]}" in markdown_report(result)
+    ((name, body, radius, *_),) = bodies_table(own).rows
+    assert (name, body) == ("my alloy", "the pair, effective")
+    assert radius == f"{own.data.contact.radius:.4g}"
+    free = replace(own.material(), data=replace(own.data, contact=None))
+    assert "## Bodies" not in markdown_report(replace(own, materials=(free,)))
+
+
+def test_words_of_code_in_a_doubt_stay_code(own):
+    doubt = Doubt("objectives-disagree", "chi[a`b] is 2 by `model`, 1 by `two-step`", "my alloy")
+    text = markdown_report(replace(own, warnings=(doubt,)))
+    assert "chi[a&#96;b] is 2 by `model`, 1 by `two-step`." in text
 
 
 def test_notes_are_told_once(own):

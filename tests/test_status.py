@@ -253,3 +253,19 @@ def test_each_flag_but_plain_and_elastic_has_a_remedy():
     assert sj.Status.ENERGY_GAIN.remedy in both.remedy
     assert sj.Status.NO_RESIDUAL_OVERLAP.remedy in both.remedy
     assert sj.Status.PLAIN.remedy == ""
+
+
+def test_a_printed_result_tells_the_numbers_of_a_few_impacts():
+    law = fitted("nylon")
+    critical = float(law.contact.critical_velocity)
+    many = sj.restitution(law, np.linspace(0.5, 5, 40) * critical)
+    few = sj.restitution(law, np.array([0.5, 5.0]) * critical)
+    numbers = " ".join(f"{one:.4f}".rstrip("0") for one in few.coefficient)
+    assert repr(few) == f"Restitution(Zhou: eps=[{numbers}], status=ok)"
+    beyond = sj.restitution(law, [critical, 1e4])
+    told = repr(beyond).partition("status=")[2]
+    assert told == "(ELASTIC 1, BEYOND_EXPANSION|NO_TURNING_POINT|ABOVE_LIMIT_VELOCITY 1))"
+    assert "coefficient=f64[40]" in repr(many)
+    shown = []
+    jax.make_jaxpr(lambda v: shown.append(repr(sj.restitution(law, v))))(few.velocity)
+    assert "coefficient=f64[2]" in shown[0]

@@ -1,6 +1,7 @@
 """`softjax sensitivity` from the command line to its files: every option acts, or is refused."""
 
 import json
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 import calibration as cal
 import softjax as sj
 from calibration.cli import main
+from calibration.fitting.doubt import Doubt
 from tests.cases import fitted
 from tests.command import BODIES
 from tests.fit_data import twin
@@ -82,9 +84,13 @@ def test_parameters_are_freed_and_fixed_as_asked(at):
 
 def test_the_design_follows_its_options(at, capsys):
     plain = told_by(*DESIGN)["design"]
-    assert files() == {"sensitivity.json", "design.png"}
+    assert files() == {"sensitivity.json", "design.png", "design.csv"}
     assert "c-optimal for model" in capsys.readouterr().out
     assert sum(place["shots"] for place in plain["support"]) == 6
+    header, *shots = Path("results/design.csv").read_text(encoding="utf-8").splitlines()
+    assert header == "velocity [m/s],shots"
+    table = [(float(v), int(n)) for v, n in (row.split(",") for row in shots)]
+    assert table == [(float(f"{p['velocity']:.6g}"), p["shots"]) for p in plain["support"]]
     assert plain["gain"] > 1
     assert plain["bounds"] == [2.0, 60.0]
     assert plain["uncertainty"] == 0.01
@@ -131,7 +137,7 @@ def test_all_studies_of_a_material_file(at):
     assert {"local", "information", "design", "global"} < set(result)
     assert result["global"]["ranges"]["chi"] == pytest.approx([0.198, 0.242])
     assert result["global"]["ranges"]["radius"] == pytest.approx([0.01143, 0.01397])
-    assert len(files()) == 6
+    assert len(files()) == 7
     told_by("alloy.toml", *options[:6], "--study", "local", "--points", "5")
     assert "design.png" not in files()  # of the run before
 
@@ -155,9 +161,27 @@ def test_a_fit_is_planned_with_its_own_points_and_objective(at):
     design = told_by("--fit", "fit.json", "--study", "design", "--shots", "5")["design"]
     assert design["before"] == pytest.approx(measured["relative_standard_errors"])
     assert design["uncertainty"] == pytest.approx(0.003)
+    losses = told_by("--fit", "fit.json", "--study", "design", "--target", "eps_up")["design"]
+    assert losses["before"]["eps_up"] == pytest.approx(
+        result.material().derived["eps_up"].standard_error
+        / result.material().derived["eps_up"].value,
+        rel=1e-3,
+    )
+    assert losses["relative_errors"]["eps_up"] < design["relative_errors"]["sigma"]
     for option in (["--objective", "model"], ["--free", "radius"], ["--fix", "psi"]):
         command = ["sensitivity", "--fit", "fit.json", "--study", "design", *option]
         assert main(command) == 2
+
+
+def test_what_is_doubted_of_a_fit_is_told_with_what_is_planned_from_it(at, capsys):
+    fit = fit_file(str(at))
+    doubt = Doubt("residual-runs", "2 runs where 6 are expected", fit.material().name)
+    replace(fit, warnings=(doubt, replace(doubt, material="another"))).save("doubted.json")
+    planned = told_by("--fit", "doubted.json", "--study", "information")
+    assert planned["doubts"] == [str(doubt)]
+    told = " ".join(capsys.readouterr().out.split())
+    assert "The plan trusts this fit, of which is doubted: ! residual-runs" in told
+    assert "doubts" not in told_by("--fit", "doubted.json", "--points", "3")
 
 
 @pytest.mark.parametrize(
@@ -176,6 +200,7 @@ def test_a_fit_is_planned_with_its_own_points_and_objective(at):
         (["--chi", "1000", "--sigma", "50", "--from", "2"], "ε = 0 everywhere"),
         (["--study", "design", "--points", "9"], "--points"),
         (["--study", "design", "--target", "colour"], "target"),
+        (["--study", "design", "--target", "critical_velocity"], "none of them moves it"),
         (["--study", "design", "--shots", "0"], "count"),
         (["--study", "design", "--over", "1:2"], "--over"),
         (["--study", "design", "--criterion", "I", "--over", "fast"], "--over"),

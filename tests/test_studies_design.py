@@ -8,6 +8,7 @@ import pytest
 from scipy import optimize
 
 import calibration as cal
+import softjax as sj
 from tests.cases import fitted
 from tests.decay import Decay
 from tests.test_studies_information import BALANCE, simulated
@@ -75,6 +76,20 @@ def test_each_criterion_is_as_small_as_a_brute_force_search_makes_it(criterion):
     assert 0.9 < found.efficiency <= 1
     errors = np.sqrt(np.diag(covariance(found.velocity)))
     np.testing.assert_allclose(list(found.relative_errors.values()), errors, rtol=1e-6)
+
+
+def test_one_velocity_is_told_to_tell_one_number():
+    """ε_up is measured at v_cr, from where on nothing else tells it."""
+    found = cal.optimal_velocities(LAW, 6, (0.1, 60.0), target="eps_up", starts=1)
+    ((v, shots),) = found.support
+    assert (v, shots) == (pytest.approx(CRITICAL, rel=1e-3), 6)
+    assert "this one tells ε_up best if the law holds" in str(found)
+    eps_up = float(sj.restitution(LAW, CRITICAL).coefficient)
+    expected = found.uncertainty / math.sqrt(6) / eps_up
+    assert found.relative_errors["eps_up"] == pytest.approx(expected, rel=1e-3)
+    assert found.relative_errors["sigma"] is None
+    several = cal.optimal_velocities(DECAY, 6, BOUNDS, target="rate", starts=1)
+    assert "One velocity" not in str(several)
 
 
 def test_the_best_place_for_two_parameters_of_a_decay_is_known():

@@ -70,6 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
         steps=arguments.steps,
         overlap=arguments.overlap,
         radius=None if of_fit else _radius(source.properties),
+        on_wall=None if of_fit else source.bodies == "wall",
         losses=arguments.losses,
         version=arguments.lammps_version,
         prefix=arguments.prefix,

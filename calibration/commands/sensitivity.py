@@ -10,9 +10,10 @@
 
     mpirun -n 4 softjax sensitivity nylon --study global     # its samples shared by processes
 
-With --fit, information and design count what was measured already, and plan for the fit's own
-objective, parameters and priors. With draws of its posterior a design is the best on average over
-some of them, and sensitivities have limits.
+With --fit, information and design count what was measured already, plan for the fit's own
+objective, parameters and priors, and repeat what is doubted of it. A design's shots are in
+design.csv. With draws of its posterior a design is the best on average over some of them, and
+sensitivities have limits.
 """
 
 import argparse
@@ -28,7 +29,7 @@ from calibration.processes import add_process_arguments, shared_parts
 STUDIES = ("local", "information", "design", "global")
 FILES = (
     *("sensitivity.json", "sensitivity.csv", "sensitivity.png", "tornado.png"),
-    *("design.png", "sobol.png"),
+    *("design.png", "design.csv", "sobol.png"),
 )
 PLANS = ("information", "design")
 # which studies an option acts on
@@ -68,7 +69,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument("--fix", action="append", metavar="NAME", help="one that is not fitted")
     group.add_argument("--criterion", choices=tuple("cDAEI"), help="of the design (c)")
-    group.add_argument("--target", metavar="NAME", help="of criterion c (chi, or the first)")
+    group.add_argument(
+        "--target", metavar="NAME", help="of criterion c (chi, or the first; eps_up)"
+    )
     group.add_argument("--over", metavar="LOW:HIGH", help="where criterion I predicts [m/s]")
     group = parser.add_argument_group("global")
     group.add_argument(
@@ -159,9 +162,10 @@ class _Job:
         from calibration.atomic import files_into, or_told, write_text
         from calibration.fitting.result_json import plain
         from calibration.progress import Progress
+        from calibration.studies.text import doubts_text
 
         arguments, source = self.arguments, self.source
-        results = {"material": source.name, "source": source.remark}
+        results: dict[str, Any] = {"material": source.name, "source": source.remark}
         with (
             or_told([] if arguments.quiet else self.told),
             files_into(arguments.out, FILES) as folder,
@@ -169,9 +173,19 @@ class _Job:
         ):
             for study in studies:
                 results[study] = getattr(self, f"_{study}")(Path(folder), progress)
+            doubts = self._doubts() if {*PLANS} & {*studies} else []
+            if doubts:
+                self.told.append(doubts_text(doubts))
+                results["doubts"] = [str(doubt) for doubt in doubts]
             text = json.dumps(plain(results), indent=1, ensure_ascii=False, allow_nan=False)
             write_text(folder / "sensitivity.json", text + "\n")
         return "\n\n".join([*self.told, f"written to {arguments.out}"])
+
+    def _doubts(self) -> list[Any]:
+        """What is doubted of the fit, of this material or of all together."""
+        fit, name = self.source.result, self.source.name
+        doubts = [] if fit is None else fit.warnings
+        return [doubt for doubt in doubts if doubt.material in (None, name)]
 
     def _options(self) -> dict[str, Any]:
         """What information and design are told of the fit."""
@@ -253,6 +267,7 @@ class _Job:
         from calibration.plots import studies as pictures
         from calibration.plots import style
         from calibration.studies.design import optimal_velocities
+        from calibration.studies.text import design_csv
 
         arguments = self.arguments
         limit = getattr(getattr(self.source.law, "contact", None), "limit_velocity", float("inf"))
@@ -273,6 +288,7 @@ class _Job:
         figure = style.new_figure(6.8, 4.8)
         pictures.plot_design(found, figure.add_subplot())
         style.save(figure, folder / "design.png")
+        (folder / "design.csv").write_text(design_csv(found), encoding="utf-8")
         if not self.draws:
             self.told.append(str(found))
             return found.to_dict()

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 import softjax as sj
+from calibration.data.bodies import Body
 from calibration.data.errors_of_points import PointErrors
 from calibration.data.measurements import RestitutionData
 
@@ -13,12 +14,13 @@ UNCERTAINTIES = ("uncertainty", "velocity_uncertainty")
 
 
 def data_to_dict(data: RestitutionData) -> dict[str, Any]:
-    """What a file keeps of a set; where it came from and which bodies it had are not kept."""
+    """What a file keeps of a set; where it came from is not kept."""
     contact, errors = data.contact, data.errors
     shared = bool(np.any(errors.index >= 0))
     return {
         **{name: getattr(data, name) for name in (*PLAIN, *UNCERTAINTIES)},
         "contact": contact and {**contact.leaves(), "area": contact.area},
+        "bodies": [_body_to_dict(body) for body in data.bodies],
         "remarks": data.remarks,
         "group": None if data.group is None else [str(label) for label in data.group],
         "errors": dict(vars(errors)) if shared else None,
@@ -39,9 +41,20 @@ def data_from_dict(name: str, table: dict[str, Any]) -> RestitutionData:
         options["errors"] = PointErrors(**{key: _array(value) for key, value in errors.items()})
     if contact is not None:
         options["contact"] = sj.Contact(**{key: _array(leaf) for key, leaf in contact.items()})
+    options["bodies"] = tuple(map(_body_from_dict, table.get("bodies", ())))
     return RestitutionData(
         name=name, remarks=tuple(table["remarks"]), group=table["group"], **options
     )
+
+
+def _body_to_dict(body: Body) -> dict[str, Any]:
+    return {"name": body.name, "radius": body.radius, **body.material.leaves()}
+
+
+def _body_from_dict(table: dict[str, Any]) -> Body:
+    leaves = {key: _array(leaf) for key, leaf in table.items()}
+    name, radius = leaves.pop("name"), leaves.pop("radius")
+    return Body(name, sj.Material(**leaves), radius)
 
 
 def _array(value: Any) -> Any:

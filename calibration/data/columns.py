@@ -66,6 +66,7 @@ class Layout(NamedTuple):
         units: the size of each one's unit in SI, by name.
         relative: the uncertainties among them that are parts of the quantity itself, in percent.
         remarks: what names were taken for, and which columns are not used.
+        assumed: the same of units that are not told; empty where all are.
     """
 
     kind: Kind
@@ -73,6 +74,7 @@ class Layout(NamedTuple):
     units: dict[str, Fraction]
     relative: frozenset[str]
     remarks: tuple[str, ...]
+    assumed: str = ""
 
 
 def layout_of(headers: Sequence[str], units: Sequence[str] | None = None) -> Layout:
@@ -97,7 +99,8 @@ def layout_of(headers: Sequence[str], units: Sequence[str] | None = None) -> Lay
         name: PERCENT if name in relative else _unit(read[place], name)
         for name, place in position.items()
     }
-    return Layout(kind, position, sizes, relative, _remarks(read, names, used))
+    untold = [name for name in kind.needs if read[position[name]].unit is None]
+    return Layout(kind, position, sizes, relative, _remarks(read, names, used), _assumed(untold))
 
 
 def accepts(kind: Kind, uncertainty: str) -> bool:
@@ -175,6 +178,13 @@ def _unit(header: Header, name: str) -> Fraction:
     except DataError as error:
         accepted = error.accepted.replace("left out", "without a unit")
         raise DataError(f"unit of {name}", error.value, accepted) from None
+
+
+def _assumed(names: Sequence[str]) -> str:
+    """In which units columns are taken that tell none."""
+    units = {"speed": "m/s", "length": "m", "time": "s"}
+    told = [f"{name} in {units[one]}" for name in names if (one := DIMENSIONS[name]) in units]
+    return f"no unit in the header, taken for SI: {listed(told)}" if told else ""
 
 
 def _question(name: str) -> str:

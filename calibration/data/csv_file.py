@@ -83,7 +83,7 @@ class _Reader:
             for name in columns.keys() - {*LABELS, *layout.relative}:
                 columns[name] = in_si(columns[name], layout.units[name])
         table = {f"{n} [%]" if n in layout.relative else n: one for n, one in columns.items()}
-        remarks = layout.remarks
+        remarks = (*layout.remarks, *filter(None, [layout.assumed]))
         if self.mark == ",":
             remarks = (*remarks, "commas in numbers are taken for decimal points")
         return table, remarks, Origin(str(self.path), line, tuple(self.numbers))

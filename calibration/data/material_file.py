@@ -13,7 +13,7 @@ from calibration.data.csv_file import read_csv
 from calibration.data.measurements import RestitutionData
 from calibration.data.names import UNCERTAINTIES
 from calibration.data.toml_table import TomlTable
-from calibration.errors import DataError, Origin
+from calibration.errors import DataError, InputError, Origin
 
 SIZES: dict[str, Check] = {
     name: (dimension, (lambda u: u >= 0), "a number of 0 or more, in SI or text with its unit")
@@ -93,13 +93,44 @@ def _data(table: TomlTable, contact: sj.Contact | None, options: dict) -> Restit
     path, found, inside = _data_file(table)
     repeats = table.choice("average_repeats", (True, False, "pooled", "separate"))
     options["remarks"] = (*options.get("remarks", ()), *found)
-    data = read_csv(path, contact, quoted=inside, **options)
+    if contact is None or "limit_velocity" in table:
+        data = read_csv(path, contact, quoted=inside, **options)
+    else:  # the limit follows from what the file says of the bodies
+        limit = options.pop("limit_velocity")
+        data = read_csv(path, None, quoted=inside, **options)
+        data = _of_bodies(table, data, contact, limit)
     if not repeats:
         return data
     try:
         return data.averaged(pooled=REPEATS[repeats])
     except DataError as error:
         raise table.placed(error, "average_repeats") from None
+
+
+def _of_bodies(table: TomlTable, data: RestitutionData, contact: sj.Contact, limit: float):
+    """The measurements of these bodies, all of them below √(3 Y/ρ).
+
+    Where a few are not they are to blame, where most are not the yield strength.
+    """
+    beyond = data.velocity >= limit
+    if 2 * np.sum(beyond) > len(data):
+        place = data.refusal("", "", int(np.argmax(beyond)))
+        fastest = f"{place.file}:{place.line} has {data.velocity[np.argmax(beyond)]:.4g} m/s"
+        problem = f"yield_strength makes the limit velocity √(3 Y/ρ) {limit:.4g} m/s, but {fastest}"
+        accepted = 'is it in Pa, or text with its unit as "310 MPa"? Or tell limit_velocity'
+        raise _weaker(table, data.bodies).refusal("yield_strength", problem, accepted)
+    try:
+        return replace(data, contact=contact, limit_velocity=limit)
+    except InputError as error:
+        accepted = f"{error.accepted}, √(3 Y/ρ) of the bodies"
+        raise InputError(error.file, error.line, error.problem, accepted) from None
+
+
+def _weaker(table: TomlTable, bodies: tuple[Body, ...]) -> TomlTable:
+    """Where the body stands that yields."""
+    one, two = (float(np.asarray(body.material.yield_strength)) for body in bodies)
+    other = table.table("wall") or table.table("second")
+    return other if other is not None and two < one else table
 
 
 def _data_file(table: TomlTable) -> tuple[Path, tuple[str, ...], bool]:

@@ -6,6 +6,7 @@ import numpy as np
 
 from calibration.data.above_one import scatter_of
 from calibration.data.measurements import RestitutionData
+from calibration.data.points import FALLS
 
 LARGEST_RADIUS = 1.0  # m
 MODULI = (1e5, 2e12)  # Pa: softer than gel, stiffer than diamond
@@ -39,7 +40,13 @@ def plausibility(data: RestitutionData) -> tuple[Implausible, ...]:
     with np.errstate(all="ignore"):
         found: list[Implausible | None] = []
         found += [doubt for body in _bodies(data) for doubt in _of_body(body)]
-        found += [_yield_beyond_limit(data), _too_fast(data), _divided(data), _above_one(data)]
+        found += [
+            _yield_beyond_limit(data),
+            _too_fast(data),
+            _too_deep(data),
+            _divided(data),
+            _above_one(data),
+        ]
         found.append(_runs(data))
     return tuple(dict.fromkeys(doubt for doubt in found if doubt is not None))
 
@@ -119,6 +126,15 @@ def _too_fast(data: RestitutionData) -> Implausible | None:
     return Implausible(
         "velocity", cause, "Which unit has it? The header says it: `velocity [mm/s]`"
     )
+
+
+def _too_deep(data: RestitutionData) -> Implausible | None:
+    """Free falls from higher than anybody drops a ball."""
+    cause = next((note for note in data.remarks if note.startswith(FALLS)), None)
+    if cause is None:
+        return None
+    remedy = "Which unit is it? The header says it: `drop_height [mm]`, `interval [ms]`"
+    return Implausible("height", cause, remedy)
 
 
 def _divided(data: RestitutionData) -> Implausible | None:

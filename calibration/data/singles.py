@@ -15,7 +15,7 @@ import numpy as np
 from calibration.data.checks import Column, require
 from calibration.data.columns import HEIGHTS, VELOCITIES
 from calibration.data.errors_of_points import PointErrors, paired, three
-from calibration.data.points import Measured, Points, of_row, with_own
+from calibration.data.points import Measured, Points, deep_falls, of_row, with_own
 from calibration.data.trains import runs
 from calibration.errors import DataError, listed
 
@@ -92,7 +92,7 @@ def _two_heights(table: Measured):
     to_rebound = np.where(least > 0, 0.5 / np.sqrt(drop * np.where(least > 0, least, 1)), 0.0)
     to_restitution = three(-restitution / (2 * drop), to_rebound)
     errors = _paired(to_restitution, three(velocity / (2 * drop)), sizes, "heights")
-    return velocity, restitution, errors, told
+    return velocity, restitution, errors, (*told, *deep_falls(velocity, table.gravity))
 
 
 _MAKERS: dict[tuple[str, ...], Callable[[Measured], Any]] = {

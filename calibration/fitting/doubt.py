@@ -20,10 +20,13 @@ REMEDIES = {
     "ill-conditioned": "Fix a parameter or give it a prior; intervals of single parameters mislead.",
     "not-converged": "Use more starts or steps, or another optimiser; do not use the values.",
     "several-minima": "Give bounds or a prior that decide, or measure where the curves differ.",
-    "model-misfit": "The law does not follow these data within their noise; intervals omit that.",
+    "model-misfit": (
+        "The law does not follow these data within their noise; intervals omit that. "
+        "`softjax compare` tries other laws."
+    ),
     "residual-runs": (
-        "The law misses a trend, or points belong together (a `group` column tells which); "
-        "intervals are too narrow."
+        "The law misses a trend (`softjax compare` tries other laws), or points belong together "
+        "(a `group` column tells which); intervals are too narrow."
     ),
     "unequal-scatter": "State each point's own uncertainty; intervals take errors to be as stated, else equal.",
     "groups": "Say which points belong together (specimen, launch, day) in a `group` column.",

@@ -67,6 +67,16 @@ CONTACT = table(
         "area": choice("zhou", "hertz"),
     }
 )
+BODY = table(
+    {
+        "name": text,
+        "radius": or_null(LEAF),
+        "youngs_modulus": LEAF,
+        "poisson_ratio": either(NUMBER, NUMBERS),
+        "density": LEAF,
+        "yield_strength": LEAF,
+    }
+)
 DATA = table(
     {
         "velocity": each(POSITIVE),
@@ -76,10 +86,12 @@ DATA = table(
         "uncertainty": COLUMN,
         "velocity_uncertainty": COLUMN,
         "contact": or_null(CONTACT),
+        "bodies": each(BODY),
         "remarks": each(text),
         "group": or_null(each(text)),
         "errors": or_null(ERRORS),
-    }
+    },
+    optional=("bodies",),
 )
 FIT = table(
     {

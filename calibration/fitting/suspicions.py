@@ -92,13 +92,24 @@ def _separation(fit: ComponentFit, curves: dict[str, Profile]) -> list[Doubt]:
 
 
 def _implausible(part: MaterialFit) -> list[Doubt | None]:
-    """What looks like a slip in the data."""
+    """What looks like a slip in the data; of yield only where the law yields."""
+    found = plausibility(part.data)
+    if not _yields(part.law):
+        found = tuple(one for one in found if one.code != "yield-beyond-limit")
     return [
         Doubt(
             "groups" if one.code == "groups" else "plausibility", one.cause, part.name, one.remedy
         )
-        for one in plausibility(part.data)
+        for one in found
     ]
+
+
+def _yields(law: sj.ContactLaw) -> bool:
+    """Whether there is a velocity from which on something yields."""
+    if not isinstance(law, sj.RateIndependentLaw):
+        return False
+    velocity = np.asarray(law.elastic_velocity())
+    return bool(np.any((velocity > 0) & (velocity < np.inf)))
 
 
 def material_doubts(part: MaterialFit, residual, plan: ErrorPlan) -> list[Doubt]:

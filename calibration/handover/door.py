@@ -36,6 +36,7 @@ def export(
     steps: int | None = None,
     overlap: float | None = None,
     radius: float | None = None,
+    on_wall: bool | None = None,
     losses: bool = True,
     version: int | None = None,
     prefix: str = PREFIX,
@@ -58,6 +59,8 @@ def export(
             until it is reached, at the same ε. As stiff as the law is where left out.
         radius: what overlaps are told over [m]; where left out that of the smaller sphere if a fit
             knows the bodies, else the effective one.
+        on_wall: whether the law is of a ball on a flat wall, whose lines are then the active ones, or
+            of two balls; where left out as a fit knows.
         losses: whether what is in ε and in no force, Eq. (17), is taken off the unloading force.
         version: of LAMMPS, such as 20250722: how its input is to be read depends on it.
         prefix: of all names in a C header.
@@ -78,7 +81,7 @@ def export(
     check_writable(out)
     order = Order(tolerance, law, steps, overlap, losses)
     with jax.enable_x64(True):
-        wanted = wanted_of(result_or_law, material, velocity_range, losses, radius)
+        wanted = wanted_of(result_or_law, material, velocity_range, losses, radius, on_wall)
         choice, tried = choose(wanted, CODES[to], order)
         notes = notes_of(wanted, choice, order)
         header = Header("", 0.0)

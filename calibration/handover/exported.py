@@ -12,6 +12,9 @@ from calibration.handover.wanted import Wanted
 from calibration.rounding import number
 from softjax.fields import numbers_of, options_of
 
+# by `Wanted.on_wall`
+SCENES: dict[bool | None, str] = {True: "a ball on a flat wall", False: "two balls"}
+
 
 class Draft(NamedTuple):
     """What the files of a code are made of; `header` is empty where no source is needed."""
@@ -94,6 +97,7 @@ class Export:
             "energy_gain": impacts.gain,
             "largest_overlap_over_radius": self.overlap,
             "radius": {"value": self.wanted.radius, "of": self.wanted.radius_of},
+            "bodies": SCENES.get(self.wanted.on_wall),
             "contact_duration": {"longest": max(self.duration), "shortest": min(self.duration)},
             "time_step": self.time_step,
             "steps_in_shortest_contact": steps.count,
@@ -119,7 +123,8 @@ class Export:
         low, high = self.wanted.range
         shortest, longest = (number(1e6 * t, 3) for t in (min(self.duration), max(self.duration)))
         order = "" if steps.order is None else f", error ∝ step^{steps.order:.1f}"
-        rows = {
+        rows = {} if self.wanted.on_wall is None else {"bodies": SCENES[self.wanted.on_wall]}
+        rows |= {
             "law": f"{choice.label} (by {choice.carrier.name})",
             "range": f"{number(low)} to {number(high)} m/s, ε {_ends(self.wanted.restitution)}",
             "largest error": f"{number(choice.total, 2)}: law {number(choice.error, 2)}, "
@@ -157,12 +162,13 @@ def notes_of(wanted: Wanted, choice: Choice, order: Order) -> tuple[str, ...]:
         f"Effective radius {number(float(np.asarray(wanted.contact.radius)))} m and mass "
         f"{number(float(np.asarray(wanted.contact.mass)))} kg.",
     )
+    others = "two balls" if wanted.on_wall else "a wall in a ball's place"
+    these = SCENES.get(wanted.on_wall, "this pair")
     if choice.carrier.of_mass:
-        notes += ("Its damping is told for that mass: other sizes, and walls, need another.",)
+        notes += (f"Its damping is told for that mass, of {these}: other sizes,",)
+        notes += (f"or {others}, need another.",)
     else:
-        notes += (
-            "That error is of this pair: other sizes, or a wall in a ball's place, have another.",
-        )
+        notes += (f"That error is of {these}: other sizes, or {others}, have another.",)
     if choice.stretch != 1:
         notes += (f"Softer: overlaps {number(choice.stretch, 3)} times those of the law.",)
     if isinstance(choice.law, sj.RateIndependentLaw):

@@ -22,6 +22,7 @@ from calibration.handover.damping import set_restitution
 from calibration.handover.exported import Draft
 from calibration.handover.softer import softened
 from calibration.handover.templates import commented, filled, template
+from calibration.handover.walls import walled
 from calibration.handover.wanted import number_of
 from softjax.laws.linear_dashpot import damping_fraction
 
@@ -52,8 +53,8 @@ def files(draft: Draft) -> dict[str, str]:
             "needs": "plugin load ./softjaxplugin.so  # made by: sh build.sh",
             "style": "softjax",
             "coefficients": "",
-            "wall": "fix ID group softjax/wall zplane 0.0 NULL",
         }
+        values |= walled("softjax/wall zplane 0.0 NULL", draft.wanted.on_wall)._asdict()
         written = {"softjax_law.h": draft.header, "build.sh": template("build.sh.in")}
         written |= {"softjax_lammps.cpp": template("lammps.cpp.in")}
         written |= {"softjax_memory.h": template("lammps_memory.h.in")}
@@ -63,8 +64,9 @@ def files(draft: Draft) -> dict[str, str]:
         "needs": "comm_modify vel yes",
         "style": "granular",
         "coefficients": f" {coefficients}",
-        "wall": f"fix ID group wall/gran granular {coefficients} zplane 0.0 NULL",
     }
+    wall = f"wall/gran granular {coefficients} zplane 0.0 NULL"
+    values |= walled(wall, draft.wanted.on_wall)._asdict()
     return {"in.softjax": filled("in.lammps.in", values)}
 
 

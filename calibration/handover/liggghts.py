@@ -17,6 +17,7 @@ from calibration.handover.choice import INPUT, Carrier
 from calibration.handover.exported import Draft
 from calibration.handover.softer import softened
 from calibration.handover.templates import commented, filled
+from calibration.handover.walls import walled
 from calibration.handover.wanted import number_of
 from softjax.laws.linear_dashpot import damping_fraction
 
@@ -58,6 +59,9 @@ def files(draft: Draft) -> dict[str, str]:
         "model": model,
         "step": choice.step,
     }
+    name, _, settings = model.partition(" ")  # a wall's settings stand behind its place
+    wall = f"wall/gran model {name} primitive type 1 zplane 0.0 {settings}".rstrip()
+    values |= walled(wall, draft.wanted.on_wall)._asdict()
     return {"in.softjax": filled("in.liggghts.in", values)}
 
 

@@ -8,7 +8,7 @@ from calibration.plots import style
 
 def draw_export(made: Export) -> Figure:
     """ε over v above, what is too much of it below."""
-    figure = style.new_figure(6.0, 5.0)
+    figure = style.new_figure(6.0, 5.5)
     curve, errors = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
     velocity, wanted = made.wanted.velocity, made.wanted.restitution
     given, step = made.choice.impacts.coefficient, made.choice.steps
@@ -16,7 +16,6 @@ def draw_export(made: Export) -> Figure:
     curve.plot(velocity, wanted, color=style.BLACK, label=f"wanted, {made.wanted.name}")
     curve.plot(velocity, given, color=style.BLUE, linestyle="--", label=label)
     curve.set(ylabel=r"restitution $\varepsilon$")
-    curve.legend(frameon=False)
     band = {"color": style.BLUE, "alpha": 0.25, "linewidth": 0, "label": "time step"}
     off = given - wanted
     errors.fill_between(velocity, off - step.error, off + step.error, **band)
@@ -29,7 +28,7 @@ def draw_export(made: Export) -> Figure:
         }
         errors.axhline(sign * made.order.tolerance, **tolerance)
     errors.set(xlabel="impact velocity $v$ [m/s]", ylabel=r"given $-$ wanted")
-    errors.legend(frameon=False, ncols=2)
     if style.spans_decades(velocity):
         style.logarithmic_x(errors)
+    style.legend_below(figure, [curve, errors], 2)  # inside it would lie on a line
     return figure

@@ -28,6 +28,8 @@ class Wanted:
         radius: what overlaps are told over: the radius [m] of the smaller sphere, or the effective
             one where only the contact is known (`radius_of` says which).
         poisson_ratio: of the smaller sphere [-]; None where only the contact is known.
+        on_wall: whether the law is of a ball on a flat wall, or of two balls; None where only the
+            contact is known.
         velocity, restitution: [m/s] and [-], shape (POINTS,).
     """
 
@@ -37,6 +39,7 @@ class Wanted:
     radius: float
     radius_of: str
     poisson_ratio: float | None
+    on_wall: bool | None
     velocity: np.ndarray
     restitution: np.ndarray
 
@@ -51,6 +54,7 @@ def wanted_of(
     velocity_range: Range | None = None,
     losses: bool = True,
     radius: float | None = None,
+    on_wall: bool | None = None,
 ) -> Wanted:
     """What a fit's or a law's ε is over a range of velocities.
 
@@ -60,6 +64,7 @@ def wanted_of(
         velocity_range: lowest and highest [m/s]; the data's where left out.
         losses: False wants ε_p, what the force alone gives back.
         radius: what overlaps are told over [m].
+        on_wall: whether the law is of a ball on a wall; as a fit knows where left out.
 
     Raises:
         ValueError: naming the argument, its value and what is accepted.
@@ -73,12 +78,15 @@ def wanted_of(
     velocity = np.geomspace(*_range(fit, velocity_range), POINTS)
     spheres = [body for body in data.bodies if body.radius is not None] if data else []
     smaller = min(spheres, key=lambda body: body.radius, default=None)
+    if on_wall is None and spheres:
+        on_wall = len(spheres) == 1
     return Wanted(
         law,
         contact,
         data.name if data is not None else material or type(law).__name__,
         *_radius(radius, None if smaller is None else smaller.radius, contact),
         None if smaller is None else float(smaller.material.poisson_ratio),
+        on_wall,
         velocity,
         restitution_of(law, velocity, losses),
     )

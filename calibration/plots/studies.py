@@ -74,7 +74,7 @@ def plot_design(design: Design, ax: Axes | None = None) -> Axes:
     _curves(ax, design.grid, design.slopes, [rf"{EFFECT}, $\theta$ = {one}" for one in letters])
     _shots(ax, design)
     told = {
-        "c": f"standard error of {letters[design.names.index(design.target)]}",
+        "c": f"standard error of {in_math(design.target_symbol)}",
         "I": "mean standard error of the curve",
     }
     what = told.get(design.criterion, "criterion as a standard error")

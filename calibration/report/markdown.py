@@ -6,7 +6,8 @@ from typing import Any
 
 from calibration.fitting.assembly import label_of_law
 from calibration.report import rows
-from calibration.report.tables import code, escaped, markdown
+from calibration.report.bodies import bodies_table
+from calibration.report.tables import code, escaped, markdown, prose
 from calibration.rounding import number
 
 OBJECTIVES = {
@@ -37,6 +38,7 @@ def markdown_report(
         ["# Coefficients of restitution, fitted"],
         _verdict(result),
         _what(result),
+        *_bodies(result),
         ["## Parameters"],
         markdown(*rows.parameter_table(result, printed)[:2]),
         _listed("", map(escaped, rows.meanings(result))),
@@ -63,7 +65,8 @@ def _verdict(result: Any) -> list[str]:
     count = len(result.warnings)
     if not count:
         return ["The fit converged, and no doubts were raised."]
-    return [f"The fit converged; {count} doubt{'s' * (count > 1)} below qualify it."]
+    told = "1 doubt below qualifies" if count == 1 else f"{count} doubts below qualify"
+    return [f"The fit converged; {told} it."]
 
 
 def _what(result: Any) -> list[str]:
@@ -76,7 +79,14 @@ def _what(result: Any) -> list[str]:
         lines.append(text + _uncertainty(fit.data) + groups + law)
         if not (fit.known_from == 0 and fit.known_to == math.inf):
             lines.append(f"  Nothing is known of the curve {_unknown(fit)}.")
-    return lines + [f"- {escaped(note)}" for note in rows.notes(result)]
+    return lines + [f"- {prose(note)}" for note in rows.notes(result)]
+
+
+def _bodies(result: Any) -> list[list[str]]:
+    """What was measured; nothing where no contact is known."""
+    if all(fit.data.contact is None for fit in result.materials):
+        return []
+    return [["## Bodies"], markdown(*bodies_table(result)[:2])]
 
 
 def _unknown(fit: Any) -> str:
@@ -135,7 +145,7 @@ def _doubts(result: Any) -> list[str]:
         return ["None."]
     return [
         f"- **{doubt.code}**{f' ({escaped(doubt.material)})' if doubt.material else ''}: "
-        f"{escaped(doubt.cause)}. "
+        f"{prose(doubt.cause)}. "
         f"*{doubt.remedy}*"
         for doubt in result.warnings
     ]

@@ -12,6 +12,8 @@ Row = Sequence[str]
 # in Markdown; an underscore between letters is none, brackets are a link's where another follows
 STRUCTURE = re.compile(r"[<>&`*\\#~$]|!(?=\[)|\](?=[\[(:])|:(?=//)|(?<![^\W_])_|_(?![^\W_])")
 
+CODE = re.compile(r"(`[\w-]+`)")
+
 
 def aligned(header: Row, rows: Iterable[Row], right: Sequence[int] = ()) -> list[str]:
     """Lines of columns two spaces apart; columns named in `right` end on a common edge.
@@ -52,6 +54,12 @@ def escaped(text: str) -> str:
     """Text that Markdown, and HTML made of it, show as it is: what would be structure as entities."""
     shown = STRUCTURE.sub(lambda match: f"&#{ord(match[0])};", printable(text))
     return shown.replace("|", "\\|")
+
+
+def prose(text: str) -> str:
+    """The same of a sentence of our own, where a word between backticks is code and stays so."""
+    parts = CODE.split(text)
+    return "".join(part if k % 2 else escaped(part) for k, part in enumerate(parts))
 
 
 def code(text: str) -> str:

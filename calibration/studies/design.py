@@ -17,8 +17,13 @@ from calibration.studies.exchange import CRITERIA
 from calibration.studies.placing import Errors, Progress, Wanted, sought
 from calibration.studies.planned import USUAL_NOISE
 from calibration.studies.planning import checked_impacts, plan_of
+from calibration.studies.targets import DERIVED
 
 TOGETHER = 0.01  # relative distance below which shots are told as one velocity
+ONE_VELOCITY = (
+    "One velocity tells one number, and this one tells {} best if the law holds; a few shots at "
+    "other velocities would show whether it does."
+)
 ROUNDS = 3  # of a design in two steps, where what is found depends on the design
 
 
@@ -34,7 +39,8 @@ class Design:
         velocity: v [m/s] of the new shots, ascending.
         uncertainty: of ε in each of them.
         bounds: v [m/s] within which they were sought.
-        relative_errors: expected standard error of ln θ with the new shots, beside the old ones;
+        relative_errors: expected standard error of ln θ with the new shots, beside the old ones,
+            and of a target that follows from θ;
             of several laws the root mean square; None for what is left open.
         equally_spaced: the same for as many shots equally spaced over the bounds.
         before: the same without new shots; None where too little was measured yet.
@@ -75,6 +81,12 @@ class Design:
                 groups.append([v])
         return [(float(np.mean(group)), len(group)) for group in groups]
 
+    @property
+    def target_symbol(self) -> str:
+        if self.target in self.names:
+            return self.symbols[self.names.index(self.target)]
+        return DERIVED[self.target].symbol
+
     def to_dict(self) -> dict[str, Any]:
         """For JSON."""
         left_out = ("symbols", "grid", "slopes")
@@ -89,12 +101,12 @@ class Design:
             for error in (e[self.target] for e in (self.relative_errors, self.equally_spaced))
         )
         text = f"{self.criterion}-optimal for {self.objective}: {shots}; standard error of "
-        symbol = self.symbols[self.names.index(self.target)]
-        text += f"ln {symbol} {here}, equally spaced {even}"
+        text += f"ln {self.target_symbol} {here}, equally spaced {even}"
         if self.efficiency is not None:
             percent = math.floor(1000 * self.efficiency) / 10
             text += f"; at least {percent:.1f} % of the best"
-        return f"{text}\n{self.remark}" if self.remark else text
+        lone = ONE_VELOCITY.format(self.target_symbol) if len(self.support) == 1 else ""
+        return "\n".join(filter(None, (text, lone, self.remark)))
 
 
 def optimal_velocities(
@@ -132,7 +144,8 @@ def optimal_velocities(
             largest eigenvalue of the covariance of ln θ (under `two-step` "D" takes those of each
             step: over all three the covariance is singular for impacts at two velocities); "I":
             the mean variance of the predicted curve between the velocities `over`.
-        target: a parameter; chi where there is one, else the first, if left out.
+        target: a parameter, or a number that follows from them as a fit's table tells it, such as
+            eps_up; chi where there is one, else the first parameter, if left out.
         objective, parameters, material, route: as `fisher_information` takes them.
         over: where the curve is to be predicted; the bounds if left out.
         uncertainty: standard uncertainty of each new ε; 0.01 unless a fit has its own.

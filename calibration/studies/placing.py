@@ -1,13 +1,13 @@
 """Shots being placed: on a grid of velocities first, then more and more finely."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
-from calibration.errors import DataError
 from calibration.studies.exchange import Criterion, Table, exchanged
-from calibration.studies.information import information_of, symbol_of
+from calibration.studies.information import NO_BOUND, information_of, symbol_of
 from calibration.studies.planned import Column, Plan, equations
+from calibration.studies.targets import gradient_of, target_of
 
 SPREAD = 112  # velocities of the grid on each of two scales
 NEAR_YIELD = 10.0 ** np.arange(-4, -0.9, 0.25)  # relative distances from yield that the grid has
@@ -28,11 +28,13 @@ class Wanted:
         component, _ = plans[0].component(self.even, errors)
         self.names = tuple(e.label for e in component.elements)
         self.symbols = tuple(map(symbol_of, component.elements))
-        self.target = _target(target, self.names, plans[0].specs[plans[0].place].data.name)
+        self.target = target_of(target, self.names, plans[0])
+        aim = [gradient_of(self.target, self.names, one, self.even, errors) for one in plans]
+        self.gradients = np.stack(aim)
         p = len(self.names)
         weight = np.zeros((len(plans), p, p)) + np.eye(p) / p
         if criterion == "c":
-            weight = weight * p * (np.array(self.names) == self.target)
+            weight = self.gradients[:, :, None] * self.gradients[:, None, :]
         elif criterion == "I":
             curve = self.table(np.linspace(over[0], over[1], CURVE), self.found(self.even)).curve
             weight = np.swapaxes(curve, 1, 2) @ curve / CURVE
@@ -41,10 +43,11 @@ class Wanted:
 
     def found(self, velocity: Column) -> list[Column]:
         """What the fit of each law finds at these shots; under `model` the law itself."""
+        errors = self.errors[: len(velocity)]
         return [
-            plan.component(velocity, self.errors)[0].start
+            plan.component(velocity, errors)[0].start
             if plan.is_likelihood
-            else plan.fitted(velocity, self.errors)[1]
+            else plan.fitted(velocity, errors)[1]
             for plan in self.plans
         ]
 
@@ -61,7 +64,7 @@ class Wanted:
         return float(self.criterion.value(table.covariance(np.arange(len(velocity)))))
 
     def errors_at(self, velocity: Column) -> tuple[Errors, str]:
-        """Expected standard errors, the root mean square over the laws; and a remark."""
+        """Expected standard errors, of the target too; root mean squares over the laws; a remark."""
         every = [
             information_of(plan, velocity, self.errors[: len(velocity)]) for plan in self.plans
         ]
@@ -71,7 +74,17 @@ class Wanted:
             known = [error for error in column if error is not None]
             whole = len(known) == len(column)
             table[name] = float(np.sqrt(np.mean(np.square(known)))) if whole else None
+        if self.target not in self.names:
+            table[self.target] = self._error_of_target(velocity)
         return table, every[0].remark
+
+    def _error_of_target(self, velocity: Column) -> float | None:
+        """Of a number that follows from the parameters, which may be known where they are not."""
+        shots = np.arange(len(velocity))
+        every = self.table(velocity, self.found(velocity)).covariance(shots)
+        variances = np.einsum("li,lij,lj->l", self.gradients, every, self.gradients)
+        error = float(np.sqrt(np.mean(variances)))
+        return error if error < NO_BOUND else None
 
     def grid(self) -> Column:
         """Velocities between the bounds, equally spaced on two scales, denser around yield."""
@@ -113,13 +126,3 @@ def _finer(velocity: np.ndarray, places: np.ndarray) -> np.ndarray:
     ends = [(velocity[max(k - 1, 0)], velocity[min(k + 1, last)]) for k in places]
     windows = [np.linspace(low, high, FINER) for low, high in ends]
     return np.unique(np.concatenate([*windows, velocity[places]]))
-
-
-def _target(target: str | None, names: Sequence[str], data: str) -> str:
-    """The parameter that "c" is of: chi, or the first, unless told."""
-    if target is None:
-        target = next((name for name in names if name.partition("[")[0] == "chi"), names[0])
-    for name in (target, f"{target}[{data}]"):
-        if name in names:
-            return name
-    raise DataError("target", target, f"one of {', '.join(names)}")

@@ -1,13 +1,17 @@
 """Studies told: tables for the terminal, and sensitivities over velocity as CSV."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from textwrap import wrap
 
 import numpy as np
 
 from calibration.curve.writers import status_names
+from calibration.fitting.doubt import Doubt
+from calibration.studies.design import Design
 from calibration.studies.information import Information
 from calibration.studies.local import Sensitivities
 from calibration.studies.sobol import SobolIndices
+from calibration.terminal import width
 
 
 def local_table(found: Sensitivities) -> str:
@@ -58,6 +62,20 @@ def sensitivities_csv(found: Sensitivities) -> str:
         cells = ["" if x != x else f"{x:.17g}" for x in numbers]
         lines.append(",".join([*cells, status_names(int(status))]))
     return "\n".join(lines) + "\n"
+
+
+def design_csv(found: Design) -> str:
+    """The velocities to shoot at, and how often."""
+    rows = [f"{v:.6g},{shots}" for v, shots in found.support]
+    return "\n".join(["velocity [m/s],shots", *rows]) + "\n"
+
+
+def doubts_text(doubts: Sequence[Doubt]) -> str:
+    """What is doubted of the fit that a plan starts from."""
+    lines = ["The plan trusts this fit, of which is doubted:"]
+    for doubt in doubts:
+        lines += wrap(str(doubt), width(), initial_indent="  ! ", subsequent_indent="    ")
+    return "\n".join(lines)
 
 
 def _table(

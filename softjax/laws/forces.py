@@ -19,6 +19,27 @@ from softjax.laws.units import Scales, hertz_scales, hertz_scales_at
 LEAST = 0.75
 
 
+NOT_TRACEABLE = (
+    jax.errors.ConcretizationTypeError,  # math.exp(overlap), `if overlap > 0`
+    jax.errors.TracerArrayConversionError,  # np.exp(overlap)
+)
+
+
+def asked(law, method: str, *values: Array) -> Array:
+    """What a method of one's own law says; in one line where it cannot be traced.
+
+    Raises:
+        ValueError: naming the law and the method, and what to write instead.
+    """
+    try:
+        return getattr(law, method)(*values)
+    except NOT_TRACEABLE as error:
+        raise ValueError(
+            f"`{type(law).__name__}.{method}` must be written with jax.numpy, as JAX traces "
+            "its values: jnp.exp in place of math.exp or np.exp, jnp.where in place of `if`"
+        ) from error
+
+
 class ForcesOfImpact(ReducedRateIndependent):
     """The forces of a rate-independent law over L and (5/4) M V²/L."""
 
@@ -27,10 +48,10 @@ class ForcesOfImpact(ReducedRateIndependent):
     force: Array
 
     def loading(self, x: Array) -> Array:
-        return quotient(self.law.loading_force(x * self.length), self.force)
+        return quotient(asked(self.law, "loading_force", x * self.length), self.force)
 
     def unloading(self, x: Array, peak: Array) -> Array:
-        force = self.law.unloading_force(x * self.length, peak * self.length)
+        force = asked(self.law, "unloading_force", x * self.length, peak * self.length)
         return quotient(force, self.force)
 
     @property
@@ -47,7 +68,7 @@ class ForcesOfImpact(ReducedRateIndependent):
         return jax.lax.stop_gradient(_exponent(self.loading, peak))
 
     def residual(self, peak: Array) -> Array | None:
-        overlap = self.law.residual_overlap(peak * self.length)
+        overlap = asked(self.law, "residual_overlap", peak * self.length)
         return None if overlap is None else jnp.asarray(overlap) / self.length
 
 
@@ -64,7 +85,7 @@ class ForceOfImpact(ReducedRateDependent):
         return self.law.end
 
     def force(self, x: Array, velocity: Array) -> Array:
-        force = self.law.force(x * self.length, velocity * self.velocity)
+        force = asked(self.law, "force", x * self.length, velocity * self.velocity)
         return quotient(force, self.unit)
 
     def elastic(self, x: Array) -> Array:
