@@ -74,4 +74,6 @@ SLOW = [
     "test_float32.py::test_materials_without_x64[full]",
     "test_float32.py::test_no_hidden_float64[ode-full]",
     "test_properties.py::test_finite_flagged_right_and_falling[full]",
+    "test_gradients.py::test_radius_of_equal_spheres_does_not_matter[jacfwd]",
+    "test_float32.py::test_materials[ode-full-stainless steel]",
 ]
