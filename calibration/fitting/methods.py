@@ -4,7 +4,7 @@ Each method proposes a direction for the fits that need one, and learns which st
 loop that tries them, `search`, is the same for all; collisions are none of a method's affair.
 """
 
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Protocol
 
 import jax
@@ -13,9 +13,11 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from calibration.fitting.condensed import Condensed
+from softjax.compiler import QUICK, accepted
 
 Fits = Bool[np.ndarray, "fits"]
 Steps = Float[np.ndarray, "fits p"]
+SOONEST = (*QUICK, ("xla_backend_optimization_level", 0))  # a quarter of the time to compile
 OPTIMISERS = {
     "l-bfgs": "optax L-BFGS",
     "adam": "optax Adam, then L-BFGS",
@@ -192,7 +194,7 @@ def _lbfgs_tools():
 
     tool = optax.scale_by_lbfgs(memory_size=10, scale_init_precond=False)
 
-    @jax.jit
+    @partial(jax.jit, compiler_options=accepted(SOONEST))
     def update(memory, gradient, place, need, renewed):
         empty = jax.vmap(tool.init)(jnp.zeros_like(gradient))
         chosen = _where(renewed, empty, memory)

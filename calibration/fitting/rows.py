@@ -21,7 +21,7 @@ from calibration.fitting.collisions import LawShape
 from calibration.fitting.law_model import CONTACT_LEAVES, OF_CONTACT, LawModel
 
 PROBES = 3  # places at which it is looked which leaves move
-FEW_ROWS = 16
+FEW_ROWS = 128  # that are built at once
 
 
 class Tree(NamedTuple):
