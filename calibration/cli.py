@@ -12,6 +12,7 @@ Nothing heavy is imported before a subcommand runs, so that `softjax --help` ans
 import argparse
 import importlib
 import logging
+import os
 import sys
 import time
 from collections.abc import Sequence
@@ -83,6 +84,8 @@ def _run(argv: Sequence[str]) -> int:
         name, arguments = _parse(argv)
         progress.first_sign(f"softjax {name}: loading", arguments.quiet)
         atomic.sweep(arguments.out)
+        # a fit's matrices are small: threads of the linear algebra would wait for each other
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)  # of its own cache
         if arguments.cache:
             keep_compilations()

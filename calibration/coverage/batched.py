@@ -109,7 +109,7 @@ def _fitted(exact: ComponentFit, component: Component, lanes: Lanes):
 def _profiled(exact: ComponentFit, stage: Settled, z, lanes: Lanes, known: Uncertainty, reach):
     """Which likelihood intervals hold the truth: those in which the cost there is low enough."""
     problem, held = stage.problem, np.zeros(z.shape, bool)
-    lowest = np.sum(problem.linearise(z, lanes).residual ** 2, axis=1)
+    lowest = np.sum(problem.linearise(z, lanes, slopes=False).residual ** 2, axis=1)
     variance = (known.noise.deviation[:, 0] * problem.points.weight[0]) ** 2
     for column, k in enumerate(problem.active):
         risen = np.min(

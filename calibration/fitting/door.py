@@ -175,11 +175,9 @@ def _fitted(request: Request, beside: bool) -> FitResult:
 def _profiles(request: Request, fits: list[ComponentFit]) -> list[dict[str, Profile]]:
     if not request.profiles:
         return [{} for _ in fits]
-    curves = []
-    for k, one in enumerate(fits):
-        request.options.tell("profiles", k, len(fits))
-        curves.append(profiles_of(one, request.confidence))
-    request.options.tell("profiles", len(fits), len(fits))
+    tell = lambda done: request.options.tell("profiles", done, len(fits))  # noqa: E731
+    curves = profiles_of(fits, request.confidence, tell)
+    tell(len(fits))
     return curves
 
 

@@ -1,31 +1,57 @@
 """Values, standard errors and intervals of what was searched, in physical units."""
 
+from collections.abc import Callable, Hashable, Sequence
+
 import numpy as np
 
+from calibration.fitting.alike import structure
 from calibration.fitting.component_fit import ComponentFit
 from calibration.fitting.estimate import Estimate
 from calibration.fitting.neighbours import pooled_about
-from calibration.fitting.profiles import FARTHEST, Profile, profiles
+from calibration.fitting.profiles import FARTHEST, Asked, Profile, profiles
 from calibration.fitting.transform import NONE
 from calibration.fitting.uncertainty import quantile
 
 LEAST_ERROR = 1e-12  # of data without noise: the interval is a point
+SIDE_BY_SIDE = 100  # fits whose profiles are one batch: progress is told between batches
 FROM_END = 0.5  # first stride of a walk that begins at an end of the range, in z
 
 
-def profiles_of(fit: ComponentFit, confidence: float) -> dict[str, Profile]:
+def profiles_of(
+    fits: Sequence[ComponentFit], confidence: float, tell: Callable[[int], None]
+) -> list[dict[str, Profile]]:
     """Of each single-number parameter, where there is a likelihood: of `model`, and of Eq. (17)'s step.
 
-    χ̃ of `two-step` has none.
+    χ̃ of `two-step` has none. Fits whose problems are alike go side by side; `tell` hears how many
+    are done.
     """
+    alike: dict[Hashable, list[tuple[int, Asked]]] = {}
+    for k, fit in enumerate(fits):
+        asked = _asked(fit, confidence)
+        if asked is not None:
+            alike.setdefault(structure(asked.problem), []).append((k, asked))
+    curves: list[dict[str, Profile]] = [{} for _ in fits]
+    done = len(fits) - sum(map(len, alike.values()))
+    for members in alike.values():
+        for first in range(0, len(members), SIDE_BY_SIDE):
+            tell(done)
+            places, some = zip(*members[first : first + SIDE_BY_SIDE], strict=True)
+            for k, found in zip(places, profiles(some), strict=True):
+                curves[k] = found
+            done += len(some)
+    return curves
+
+
+def _asked(fit: ComponentFit, confidence: float) -> Asked | None:
+    """What is to be profiled of a fit; None where nothing is."""
     stage = fit.stages[0]
     likelihood = stage.problem.loss == "squared" and bool(stage.found.converged[0])
     if not likelihood or not len(stage.problem.active):
-        return {}
+        return None
     problem, known = stage.problem, fit.uncertainty
     variance = _variance(fit)
     if variance is None:
-        return {}
+        return None
     errors = known.errors[0, problem.active]
     limits = known.limits[0, problem.active]
     errors = np.where(limits != 0, FROM_END, errors)
@@ -35,9 +61,7 @@ def profiles_of(fit: ComponentFit, confidence: float) -> dict[str, Profile]:
     degrees = np.where(limits != 0, _left(fit), known.degrees[0, problem.active])[columns]
     reach = np.atleast_1d(quantile(confidence, degrees)) * known.widened[0, problem.active[columns]]
     few = pooled_about(problem, fit.z, known.errors[0, problem.active])
-    return profiles(
-        few, fit.z, fit.begun, columns, errors[columns], limits[columns], variance, reach
-    )
+    return Asked(few, fit.z, fit.begun, variance, columns, errors[columns], limits[columns], reach)
 
 
 def _left(fit: ComponentFit) -> float:

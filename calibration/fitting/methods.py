@@ -4,7 +4,7 @@ Each method proposes a direction for the fits that need one, and learns which st
 loop that tries them, `search`, is the same for all; collisions are none of a method's affair.
 """
 
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Protocol
 
 import jax
@@ -13,9 +13,11 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from calibration.fitting.condensed import Condensed
+from softjax.compiler import QUICK, accepted
 
 Fits = Bool[np.ndarray, "fits"]
 Steps = Float[np.ndarray, "fits p"]
+SOONEST = (*QUICK, ("xla_backend_optimization_level", 0))  # a quarter of the time to compile
 OPTIMISERS = {
     "l-bfgs": "optax L-BFGS",
     "adam": "optax Adam, then L-BFGS",
@@ -86,7 +88,7 @@ class Lbfgs:
         self.exhausted = np.zeros(fits, bool)
         self.direction = np.zeros((fits, p))
         self.basis = self.inverse = np.zeros((fits, p, p))
-        self.memory = _empty_memory(_sized(fits, 4), _sized(p, 8))
+        self.memory = _empty_memory(_many(fits), _sized(p, 8))
 
     def propose(self, need: Fits, z: Steps, at: Condensed) -> Steps:
         renewed = need & (self.age % self.PERIOD == 0)
@@ -134,18 +136,25 @@ class Adam:
     def __init__(self, z: Steps, unit: Steps):
         self.unit = unit
         self.start, self.update = _adam_tools()
-        self.state = self.start(_filled(z, _sized(len(z), 4), _sized(z.shape[1], 8)))
+        self.state = self.start(_filled(z, _many(len(z)), _sized(z.shape[1], 8)))
 
     def step(self, gradient: Steps) -> Steps:
         fits, p = gradient.shape
-        scaled = _filled(self.unit * gradient, _sized(fits, 4), _sized(p, 8))
+        scaled = _filled(self.unit * gradient, _many(fits), _sized(p, 8))
         change, self.state = self.update(scaled, self.state)
         return self.unit * np.asarray(change)[:fits, :p]
 
 
-def _sized(count: int, least: int) -> int:
-    """Sizes are rounded up to powers of two, so that few of them are compiled."""
-    return max(least, 1 << (count - 1).bit_length())
+def _sized(count: int, least: int, ratio: int = 2) -> int:
+    """Sizes are rounded up to powers of some ratio, so that few of them are compiled."""
+    while least < count:
+        least *= ratio
+    return least
+
+
+def _many(fits: int) -> int:
+    """Fits side by side cost little: still fewer sizes."""
+    return _sized(fits, 8, 8)
 
 
 def _filled(array: np.ndarray, *sizes: int) -> np.ndarray:
@@ -155,7 +164,7 @@ def _filled(array: np.ndarray, *sizes: int) -> np.ndarray:
 
 def _damped_newton(normal, gradient, size) -> np.ndarray:
     fits, p = gradient.shape
-    many, wide = _sized(fits, 4), _sized(p, 4)
+    many, wide = _many(fits), _sized(p, 4)
     filled = _filled(normal, many, wide, wide)
     extra = np.arange(p, wide)
     filled[:, extra, extra] = 1.0
@@ -185,7 +194,7 @@ def _lbfgs_tools():
 
     tool = optax.scale_by_lbfgs(memory_size=10, scale_init_precond=False)
 
-    @jax.jit
+    @partial(jax.jit, compiler_options=accepted(SOONEST))
     def update(memory, gradient, place, need, renewed):
         empty = jax.vmap(tool.init)(jnp.zeros_like(gradient))
         chosen = _where(renewed, empty, memory)
@@ -207,7 +216,7 @@ def _empty_memory(fits: int, p: int):
 
 def _lbfgs(memory, gradient, place, need, renewed):
     fits, p = gradient.shape
-    sizes = _sized(fits, 4), _sized(p, 8)
+    sizes = _many(fits), _sized(p, 8)
     flags = (_filled(a, sizes[0]) for a in (need, renewed))
     arrays = (_filled(a, *sizes) for a in (gradient, place))
     step, memory = _lbfgs_tools()[1](memory, *arrays, *flags)

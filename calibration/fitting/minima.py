@@ -71,7 +71,7 @@ def _rise(fit: ComponentFit, stage: StageFit, z) -> float:
 
 def _squares(problem: Problem, z) -> np.ndarray:
     """Of weighted residuals and priors, each point on the branch that it has at z."""
-    return problem.held(problem.elastic_at(z)).linearise(z[None]).residual[0] ** 2
+    return problem.held(problem.elastic_at(z)).linearise(z[None], slopes=False).residual[0] ** 2
 
 
 def rises_between(
@@ -84,7 +84,7 @@ def rises_between(
     shares = np.sin(np.linspace(0, np.pi / 2, STATIONS + 2)) ** 2
     places = first + shares[:, None] * (second - first)
     if problem.elastic is None:
-        cost = np.sum(problem.linearise(places).residual ** 2, axis=1)
+        cost = np.sum(problem.linearise(places, slopes=False).residual ** 2, axis=1)
     else:
         cost = np.array([np.sum(_squares(problem, place)) for place in places])
     allowed = max(cost[0], cost[-1]) * (1 + LEFT_UNDONE)

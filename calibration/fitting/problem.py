@@ -18,7 +18,7 @@ from calibration.fitting.latent import Latent
 from calibration.fitting.losses import transformed
 from calibration.fitting.plan import ErrorPlan
 from calibration.fitting.root import extended_root, root_slope
-from calibration.fitting.rows import Laws
+from calibration.fitting.rows import Laws, Leaves
 from calibration.fitting.set_errors import SetErrors
 from calibration.fitting.transform import Transform
 from calibration.parameters import Parameter
@@ -93,6 +93,8 @@ class Lanes(NamedTuple):
 
     restitution: Float[np.ndarray, "fits points"] | None = None
     weight: Float[np.ndarray, "fits points"] | None = None
+    velocity: Float[np.ndarray, "fits points"] | None = None
+    member: Int[np.ndarray, "fits"] | None = None  # which problem of several that are alike
 
     def some(self, which) -> "Lanes":
         return Lanes(*(None if a is None else a[which] for a in self))
@@ -170,36 +172,38 @@ class Problem:
     def count(self) -> int:
         return len(self.points.velocity)
 
-    def linearise(self, z: Z, lanes: Lanes | None = None) -> Linear:
-        """Residuals and Jacobian of each fit."""
+    def linearise(self, z: Z, lanes: Lanes | None = None, slopes: bool = True) -> Linear:
+        """Residuals and Jacobian of each fit; without `slopes` the Jacobian has no columns."""
         most = max(1, AT_ONCE // max(self.count, 1))
         if len(z) > most:
-            return self._in_parts(z, lanes or Lanes(), most)
+            return self._in_parts(z, lanes or Lanes(), slopes, most)
         self.counter.evaluations += len(z)
         lanes = lanes or Lanes()
         theta, per_z = self.transform.physical(z), self.transform.slope(z)
-        prediction, slopes, status = self._predicted(theta, per_z)
+        prediction, local, status = self._predicted(theta, lanes)
+        jacobian = self._by_element(local, per_z if slopes else per_z[:, :0])
         measured = self.points.restitution if lanes.restitution is None else lanes.restitution
         weight = self.points.weight if lanes.weight is None else lanes.weight
         weight = np.broadcast_to(weight, prediction.shape)
         residual = prediction - measured
         if self.shared is not None:
-            residual, slopes = self.whitened(residual), self.whitened(slopes)
+            residual = self.whitened(residual)
+            jacobian = self.whitened(jacobian) if slopes else jacobian
         residual, per_raw = transformed(residual * weight, self.scale, self.loss)
-        slopes *= (weight * per_raw)[:, :, None]
+        jacobian *= (weight * per_raw)[:, :, None]
         priors, their_slopes = self._held_together(z, *self._priors(theta, per_z))
         if not priors.shape[1]:
-            return Linear(residual, slopes, prediction, status)
+            return Linear(residual, jacobian, prediction, status)
         return Linear(
             np.concatenate([residual, priors], axis=1),
-            np.concatenate([slopes, their_slopes], axis=1),
+            np.concatenate([jacobian, their_slopes[:, :, : jacobian.shape[2]]], axis=1),
             prediction,
             status,
         )
 
     def predict(self, z: Z) -> Float[np.ndarray, "fits points"]:
         """ε at each point."""
-        return self._predicted(self.transform.physical(z), self.transform.slope(z))[0]
+        return self._predicted(self.transform.physical(z), Lanes())[0]
 
     def raw_residuals(self, z: Z, lanes: Lanes | None = None) -> Float[np.ndarray, "fits points"]:
         """Weighted residuals before the loss."""
@@ -251,28 +255,32 @@ class Problem:
         """The same impacts at other velocities."""
         return replace(self, points=self.points._replace(velocity=velocity), counter=Counter())
 
-    def _in_parts(self, z, lanes: Lanes, most: int) -> Linear:
-        starts = range(0, len(z), most)
-        parts = [self.linearise(z[k : k + most], lanes.some(slice(k, k + most))) for k in starts]
+    def _in_parts(self, z, lanes: Lanes, slopes: bool, most: int) -> Linear:
+        rows = [slice(k, k + most) for k in range(0, len(z), most)]
+        parts = [self.linearise(z[some], lanes.some(some), slopes) for some in rows]
         return Linear(*(np.concatenate(every) for every in zip(*parts, strict=True)))
 
-    def _predicted(self, theta, per_z):
-        """ε of each fit and point, its slopes in the active elements of z, and the status."""
+    def _leaves(self, theta, lanes: Lanes) -> Leaves:
+        """The laws' leaves, (fits, rows, ...)."""
+        return self.laws.leaves(theta)
+
+    def _predicted(self, theta, lanes: Lanes):
+        """ε of each fit and point, its slopes in the local parameters, and the status."""
         fits = len(theta)
-        rows, leaves = self.laws.rows, self.laws.leaves(theta)
+        rows, leaves = self.laws.rows, self._leaves(theta, lanes)
         flat = []
         for k, leaf in enumerate(leaves.values):
             fixed = self.laws.shape.whole[k] and k not in self.laws.moving
             at_points = leaf[:, rows.row]
             whole = leaf[0, 0] if fixed else at_points.reshape(-1, *leaf.shape[2:])
             flat.append(np.asarray(whole, float))
-        velocity = np.tile(self.points.velocity, fits)
+        velocity = self.points.velocity if lanes.velocity is None else lanes.velocity
+        velocity = np.broadcast_to(velocity, (fits, self.count)).ravel()
         elastic = None if self.elastic is None else np.tile(self.elastic, fits)
         found = expand(self.laws.shape, flat, velocity, self.laws.moving, self.route, elastic)
         squared, slopes, status = (a.reshape(*a.shape[:-1], fits, self.count) for a in found)
         local = self._local_slopes(slopes * root_slope(squared), leaves.slopes)
-        prediction = extended_root(squared)
-        return prediction, self._by_element(local, per_z), status
+        return extended_root(squared), local, status
 
     def _local_slopes(self, slopes, of_leaves) -> Float[np.ndarray, "free fits points"]:
         """dε/d(local parameter), from the slopes in the leaves."""
@@ -282,18 +290,22 @@ class Problem:
         return np.einsum("afn,fnaq->qfn", slopes, at_points)
 
     def _by_element(self, local, per_z) -> Float[np.ndarray, "fits points p"]:
-        """dε/dz along the active elements."""
+        """dε/dz along the active elements; none where `per_z` is of none."""
         rows = self.laws.rows
-        fits, count = per_z.shape[0], self.count
+        active = self.active if per_z.shape[1] else self.active[:0]
         place = np.full(len(self.elements) + 1, -1)
-        place[self.active] = np.arange(len(self.active))
-        jacobian = np.zeros((fits, count, len(self.active)))
+        place[active] = np.arange(len(active))
+        jacobian = np.zeros((len(per_z), self.count, len(active)))
         for k, slope in zip(self.laws.free, local, strict=True):
+            first = rows.element[k, 0]
+            if np.all(rows.element[k] == first):
+                if place[first] >= 0:
+                    jacobian[:, :, place[first]] += slope * per_z[:, first, None]
+                continue
             element = rows.element[k][rows.row]
-            at = place[element]
-            for one in np.unique(element[at >= 0]):
-                points = slice(None) if np.all(element == one) else element == one
-                jacobian[:, points, place[one]] += slope[:, points] * per_z[:, one, None]
+            on = np.flatnonzero(place[element] >= 0)
+            element = element[on]
+            jacobian[:, on, place[element]] += slope[:, on] * per_z[:, element]
         return jacobian
 
     def _priors(self, theta, per_z):

@@ -1,15 +1,19 @@
 """Profile likelihood: how far one parameter can go while the others make up for it.
 
-All walks, two for each parameter, go side by side: each stride is one batch of refits.
+All walks, two for each parameter, go side by side, those of data sets that are alike together: each
+stride is one batch of refits.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from calibration.fitting.alike import Alike
 from calibration.fitting.condensed import condense
-from calibration.fitting.problem import Problem
+from calibration.fitting.problem import Lanes, Problem
 from calibration.fitting.search import FARTHEST as FURTHEST
 from calibration.fitting.search import search
 from calibration.fitting.transform import NONE
@@ -46,11 +50,33 @@ class Profile:
     threshold: float
 
 
-@dataclass(frozen=True)
-class Walk:
+class Asked(NamedTuple):
+    """What is to be profiled of one fit.
+
+    Attributes:
+        problem, z, begun: where it ended, as `search` takes it.
+        variance: of a weighted residual.
+        columns: which of the active elements.
+        errors: their standard errors in z.
+        limits: +1 or -1 for those held at an end of their range: only the other way is gone.
+        quantiles: √Δχ² at the limits of each.
+    """
+
+    problem: Problem
+    z: Float[np.ndarray, "elements"]
+    begun: Float[np.ndarray, "elements"]
+    variance: float
+    columns: Int[np.ndarray, "some"]
+    errors: Float[np.ndarray, "some"]
+    limits: Int[np.ndarray, "some"]
+    quantiles: Float[np.ndarray, "some"]
+
+
+class Walk(NamedTuple):
     """One parameter in one direction.
 
     Attributes:
+        member: of which fit.
         column: which of the active elements.
         sign: +1 upwards, -1 downwards, in z.
         step: about one standard error, in z.
@@ -58,70 +84,75 @@ class Walk:
         from_end: whether it begins at an end of the parameter's range, where all is level.
     """
 
+    member: int
     column: int
     sign: int
     step: float
     quantile: float
-    from_end: bool = False
+    from_end: bool
 
 
 class _Walks:
-    """√Δχ² of refits along several walks, in lockstep."""
+    """√Δχ² of refits along the walks of fits whose problems are alike, in lockstep."""
 
-    def __init__(self, problem: Problem, z, begun, walks: list[Walk], variance):
-        self.problem, self.begun, self.walks = problem, begun, walks
-        self.variance = variance
-        self.quantile = np.array([walk.quantile for walk in walks])
-        self.columns = np.array([walk.column for walk in walks])
-        self.signs = np.array([walk.sign for walk in walks])
+    def __init__(self, asked: Sequence[Asked]):
+        self.problem = problem = Alike.of([one.problem for one in asked])
+        self.walks = [walk for k, one in enumerate(asked) for walk in _walks_of(k, one)]
+        told = (np.array(part) for part in zip(*self.walks, strict=True))
+        self.member, self.columns, self.signs, self.steps, self.quantile, self.from_end = told
+        self.begun = np.array([asked[k].begun for k in self.member])
+        self.variance = np.array([asked[k].variance for k in self.member])
+        self.z = np.array([asked[k].z for k in self.member])
+        every = np.arange(len(self.walks))
         self.positions = problem.active[self.columns]
-        self.held = np.zeros((len(walks), len(problem.active)), bool)
-        self.held[np.arange(len(walks)), self.columns] = True
+        self.held = np.zeros((len(self.walks), len(problem.active)), bool)
+        self.held[every, self.columns] = True
         self.scaled = problem.transform.kind[self.positions] != NONE
-        self.steps = np.array([walk.step for walk in walks])
-        self.centre = z[self.positions]
-        self.z = np.repeat(z[None], len(walks), axis=0)
-        self.lowest = float(np.sum(problem.linearise(z[None]).residual ** 2))
-        self.from_end = np.array([walk.from_end for walk in walks])
+        self.centre = self.z[every, self.positions]
+        begin = problem.linearise(self.z, self._lanes(every), slopes=False)
+        self.lowest = np.sum(begin.residual**2, axis=1)
         reach = np.where(self.from_end, FURTHEST + FARTHEST, FARTHEST)
         self.reach = np.where(self.scaled, reach, 100 * self.steps)
-        self.way: list[list[tuple[float, float]]] = [[] for _ in walks]
+        self.way: list[list[tuple[float, float]]] = [[] for _ in self.walks]
+
+    def _lanes(self, which) -> Lanes:
+        return Lanes(member=self.member[which])
 
     def refit(self, at: Float[np.ndarray, "some"], which: Int[np.ndarray, "some"]):
         """Everything else refitted with the parameters there: z of each, and √Δχ²."""
-        start = self._foreseen(at, which)
-        found = self._search(start, which)
-        plain = np.array(self.z[which])
-        plain[np.arange(len(which)), self.positions[which]] = at
-        z, cost = found.z, found.cost
+        found = self._search(self._foreseen(at, which), which)
+        z, rise = found.z, self._rise(found.cost, which)
         # a far limit may be a search that was sent astray: looked at again from where the walk is
-        poor = ~found.converged | (self._rise(cost) > self.quantile[which])
-        if np.any(poor):
-            again = self._search(plain[poor], which[poor])
-            lower = again.cost < cost[poor]
-            z[np.flatnonzero(poor)[lower]] = again.z[lower]
-            cost[np.flatnonzero(poor)[lower]] = again.cost[lower]
-        return z, self._rise(cost)
+        poor = np.flatnonzero(~found.converged | (rise > self.quantile[which]))
+        if len(poor):
+            plain = self.z[which[poor]]
+            plain[np.arange(len(poor)), self.positions[which[poor]]] = at[poor]
+            again = self._search(plain, which[poor])
+            lower = again.cost < found.cost[poor]
+            z[poor[lower]] = again.z[lower]
+            rise[poor[lower]] = self._rise(again.cost, which[poor])[lower]
+        return z, rise
 
-    def _rise(self, cost: Float[np.ndarray, "some"]) -> Float[np.ndarray, "some"]:
+    def _rise(self, cost: Float[np.ndarray, "some"], which) -> Float[np.ndarray, "some"]:
         """√Δχ²."""
-        rise = np.sqrt(np.maximum(2 * cost - self.lowest, 0.0) / self.variance)
+        above = np.maximum(2 * cost - self.lowest[which], 0.0)
+        rise = np.sqrt(above / self.variance[which])
         return np.where(np.isfinite(rise), rise, 1e6)
 
     def _search(self, start, which):
         """The others searched, from some start."""
-        held = self.held[which]
-        return search(self.problem, start, begun=self.begun, held=held, limit=STEPS)
+        begun, held, lanes = self.begun[which], self.held[which], self._lanes(which)
+        return search(self.problem, start, begun=begun, held=held, lanes=lanes, limit=STEPS)
 
     def _foreseen(self, at, which) -> np.ndarray:
         """What the others do to first order when the parameters go there."""
-        z = np.array(self.z[which])
+        z = self.z[which]
         rows = np.arange(len(which))
         move = at - z[rows, self.positions[which]]
-        found = self.problem.linearise(z)
+        found = self.problem.linearise(z, self._lanes(which))
         # the column that moves stands in for the residual: its answer is the others' least squares
         moving = found.jacobian[rows, :, self.columns[which]]
-        begun = np.where(np.isnan(self.begun), z, self.begun)
+        begun = np.where(np.isnan(self.begun[which]), z, self.begun[which])
         at_an_end = np.abs(z - begun)[:, self.problem.active] > 0.9 * FURTHEST
         answer = condense(moving, found.jacobian, self.held[which] | at_an_end).newton
         scaled = self.problem.transform.kind[self.problem.active] != NONE
@@ -136,7 +167,7 @@ class _Walks:
         count = len(self.walks)
         stride = np.where(self.scaled, np.minimum(self.steps, STRIDE), self.steps)
         inside, rise = np.array(self.centre), np.zeros(count)
-        crossing = np.full(count, np.nan)
+        outside, above = np.full((2, count), np.nan)
         going = np.ones(count, bool)
         for _ in range(MOST_STRIDES):
             which = np.flatnonzero(going)
@@ -144,13 +175,9 @@ class _Walks:
                 break
             at = inside[which] + self.signs[which] * stride[which]
             z, new = self.refit(at, which)
-            for k, place, value in zip(which, at, new, strict=True):
-                self.way[k].append((float(place), float(value)))
+            self._saw(which, at, new)
             over = new >= self.quantile[which]
-            there = which[over]
-            missing = self.quantile[there]
-            ends = inside[there], at[over], rise[there] - missing, new[over] - missing
-            crossing[there] = self._cross(there, *ends)
+            outside[which[over]], above[which[over]] = at[over], new[over]
             self.z[which[~over]] = z[~over]
             grown = np.maximum(new - rise[which], 1e-3)
             better = stride[which] * np.clip(self.quantile[which] / POINTS / grown, 0.5, 2.0)
@@ -161,83 +188,77 @@ class _Walks:
             inside[which[~over]], rise[which[~over]] = at[~over], new[~over]
             gone = np.abs(at - self.centre[which]) >= self.reach[which]
             going[which[over | gone]] = False
+        crossing = self._cross(inside, outside, rise - self.quantile, above - self.quantile)
         self._beyond(crossing)
         return crossing
 
-    def _cross(self, which, inside, outside, below, above) -> np.ndarray:
-        """The crossing between two places of each walk, by the Illinois method.
+    def _saw(self, which, at, rise) -> None:
+        for k, place, value in zip(which, at, rise, strict=True):
+            self.way[k].append((float(place), float(value)))
+
+    def _cross(self, inside, outside, below, above) -> np.ndarray:
+        """The crossing between two places of each walk, by the Illinois method; NaN without.
 
         Args:
             below, above: √Δχ² there less the quantile.
         """
-        low, high = np.array(inside), np.array(outside)
-        if not len(which):
-            return low
-        f_low, f_high = np.array(below), np.array(above)
-        side = np.zeros(len(which))
+        ends = np.array([inside, outside, below, above, np.zeros(len(inside))])
+        crossing = np.array(outside)
+        open_ = np.flatnonzero(np.isfinite(outside))
         for _ in range(MOST_HALVINGS):
+            if not len(open_):
+                break
+            low, high, f_low, f_high, side = ends[:, open_]
             between = np.clip(f_low / (f_low - f_high), 0.0, 1.0)
             middle = low + np.where(np.isfinite(between), between, 0.5) * (high - low)
-            f_middle = self._excess(middle, which)
+            z, rise = self.refit(middle, open_)
+            f_middle = rise - self.quantile[open_]
             up = f_middle > 0
+            self.z[open_[~up]] = z[~up]
             f_low = np.where(up & (side > 0), 0.5 * f_low, f_low)
             f_high = np.where(~up & (side < 0), 0.5 * f_high, f_high)
             high, f_high = np.where(up, middle, high), np.where(up, f_middle, f_high)
             low, f_low = np.where(up, low, middle), np.where(up, f_low, f_middle)
-            side = np.where(up, 1.0, -1.0)
+            ends[:, open_] = low, high, f_low, f_high, np.where(up, 1.0, -1.0)
+            crossing[open_] = middle
             done = (np.abs(high - low) <= TOLERANCE) | (np.abs(f_middle) <= TOLERANCE)
-            if np.all(done):
-                break
-        return middle
-
-    def _excess(self, at, which) -> np.ndarray:
-        return self.refit(at, which)[1] - self.quantile[which]
+            open_ = open_[~done]
+        return crossing
 
     def _beyond(self, crossing) -> None:
         """One look beyond each limit, for the picture."""
         which = np.flatnonzero(np.isfinite(crossing))
         if len(which):
             at = self.centre[which] + BEYOND * (crossing[which] - self.centre[which])
-            for k, place, value in zip(which, at, self.refit(at, which)[1], strict=True):
-                self.way[k].append((float(place), float(value)))
+            self._saw(which, at, self.refit(at, which)[1])
 
 
-def profiles(
-    problem: Problem,
-    z: Float[np.ndarray, "elements"],
-    begun: Float[np.ndarray, "elements"],
-    columns: Int[np.ndarray, "some"],
-    errors: Float[np.ndarray, "some"],
-    limits: Int[np.ndarray, "some"],
-    variance: float,
-    quantiles: Float[np.ndarray, "some"],
-) -> dict[str, Profile]:
-    """Profiles of some active elements, by their labels.
-
-    Args:
-        begun: as `search` takes it.
-        columns: which of the active elements.
-        errors: their standard errors in z.
-        limits: +1 or -1 for those held at an end of their range: only the other way is gone.
-        variance: of a weighted residual.
-        quantiles: √Δχ² at the limits of each.
-    """
-    walks = [
-        Walk(int(column), sign, float(error), float(reach), bool(limit))
-        for column, error, reach, limit in zip(columns, errors, quantiles, limits, strict=True)
+def _walks_of(member: int, asked: Asked) -> list[Walk]:
+    told = zip(asked.columns, asked.errors, asked.quantiles, asked.limits, strict=True)
+    return [
+        Walk(member, int(column), sign, float(error), float(reach), bool(limit))
+        for column, error, reach, limit in told
         for sign in (-1, 1)
         if sign != limit
     ]
-    if not walks:
-        return {}
-    state = _Walks(problem, z, begun, walks, variance)
+
+
+def profiles(asked: Sequence[Asked]) -> list[dict[str, Profile]]:
+    """Profiles of some elements of fits whose problems are alike, by their labels."""
+    if not any(len(one.columns) for one in asked):
+        return [{} for _ in asked]
+    state = _Walks(asked)
     crossing = state.run()
-    found = {}
-    for column, limit in zip(columns, limits, strict=True):
-        members = [k for k, walk in enumerate(walks) if walk.column == column]
-        label = problem.elements[problem.active[column]].label
-        found[label] = _profile(state, label, members, crossing, int(limit))
-    return found
+    of_member: list[dict[str, Profile]] = []
+    for member, one in enumerate(asked):
+        own = np.flatnonzero(state.member == member)
+        found = {}
+        for column, limit in zip(one.columns, one.limits, strict=True):
+            label = one.problem.elements[one.problem.active[column]].label
+            members = own[state.columns[own] == column]
+            found[label] = _profile(state, label, members, crossing, int(limit))
+        of_member.append(found)
+    return of_member
 
 
 def _profile(state: _Walks, label: str, members, crossing, limit: int) -> Profile:

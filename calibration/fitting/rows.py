@@ -21,7 +21,7 @@ from calibration.fitting.collisions import LawShape
 from calibration.fitting.law_model import CONTACT_LEAVES, OF_CONTACT, LawModel
 
 PROBES = 3  # places at which it is looked which leaves move
-LEAST_ROWS = 16
+FEW_ROWS = 128  # that are built at once
 
 
 class Tree(NamedTuple):
@@ -223,8 +223,10 @@ def with_trees(numbers: Mapping[str, Any], trees: Sequence[Tree]) -> dict[str, A
 
 
 def _padded(values: np.ndarray) -> np.ndarray:
-    """Filled up to a power of two by the last, so that few sizes are compiled."""
-    size = max(LEAST_ROWS, 1 << (len(values) - 1).bit_length())
+    """Filled up to a power of eight rows by the last, so that few sizes are compiled."""
+    size = FEW_ROWS
+    while size < len(values):
+        size *= 8
     return np.concatenate([values, np.repeat(values[-1:], size - len(values))])
 
 

@@ -40,6 +40,7 @@ class Found:
         gradient_norm: of the cost, along the active elements.
         converged, reason: whether and why it stopped.
         limits: for the active elements, +1 or -1 where one is held at an end of its range, else 0.
+        begun: from where it was measured whether an element runs to an end.
         iterations: steps taken.
         evaluations: sets of residuals with their Jacobian, of all fits together.
     """
@@ -50,6 +51,7 @@ class Found:
     converged: Bool[np.ndarray, "fits"]
     reason: tuple[str, ...]
     limits: Int[np.ndarray, "fits p"]
+    begun: Float[np.ndarray, "fits elements"]
     iterations: Int[np.ndarray, "fits"]
     evaluations: int
 
@@ -57,11 +59,15 @@ class Found:
 class _Search:
     """The state of one call of `search`."""
 
-    def __init__(self, problem: Problem, z, begun, held, lanes: Lanes, limit: int):
+    def __init__(self, problem: Problem, z, begun, held, lanes: Lanes, limit: int, releases: int):
         self.problem, self.lanes, self.limit = problem, lanes, limit
+        self.releases = releases
         self.z = np.array(z)
         fits, p = len(z), len(problem.active)
-        self.start = np.where(np.isnan(begun), z, begun)[:, problem.active]
+        self.begun = np.where(np.isnan(begun), z, begun)
+        self.start = self.begun[:, problem.active]
+        sets = [problem.elements[k].sets for k in problem.active]
+        self.owner = np.array([sets.index(one) for one in sets], int)
         self.held = np.zeros((fits, p), bool) if held is None else np.broadcast_to(held, (fits, p))
         self.limits = np.zeros((fits, p), int)
         self.released = np.zeros(fits, int)
@@ -97,10 +103,8 @@ class _Search:
         while np.any(self.going):
             direction = method.propose(need & self.going, self.x, self.at)
             direction = np.where(self._frozen, 0.0, direction)
-            longest = np.max(np.abs(direction) / self.unit, axis=1, initial=0.0)
-            length = np.where(
-                need, np.minimum(1.0, LARGEST_STEP / np.maximum(longest, 1e-300)), length
-            )
+            share, longest = self._limited(direction)
+            direction, length = direction * share, np.where(need, longest, length)
             moved = self._try(length[:, None] * direction, length)
             refused = self.going & ~moved
             need = method.refused(refused) | moved
@@ -109,6 +113,22 @@ class _Search:
             self._judge(moved)
             self._stop(method.stuck() & refused, STUCK)
             self._stop(self.iterations >= self.limit, USED_UP)
+
+    def _limited(self, direction) -> tuple[np.ndarray, np.ndarray]:
+        """What of a step no element goes too far with: of each element's way, and of the whole.
+
+        Each data set's elements are limited by themselves: those of one may run to their ends while
+        the others' arrive.
+        """
+        ways = np.zeros((len(direction), self.owner.max(initial=0) + 1))
+        np.maximum.at(ways, (slice(None), self.owner), np.abs(direction) / self.unit)
+        part = np.minimum(1.0, LARGEST_STEP / np.maximum(ways, 1e-300))
+        whole = np.max(np.where(ways > 0, part, 0.0), axis=1, keepdims=True)
+        share = (part / np.where(whole > 0, whole, 1.0))[:, self.owner]
+        uphill = np.einsum("fp,fp->f", self.at.gradient, direction * share) >= 0
+        least = np.min(part, axis=1)
+        share[uphill] = 1.0
+        return share, np.where(uphill, least, np.where(whole > 0, whole, 1.0)[:, 0])
 
     @property
     def _frozen(self) -> np.ndarray:
@@ -161,7 +181,7 @@ class _Search:
             self._hold(far)
             arrived &= ~np.any(far, axis=1)
             self._judge(np.any(far, axis=1))
-        back = arrived & (self.released < RELEASES) & self._release(arrived)
+        back = arrived & (self.released < self.releases) & self._release(arrived)
         arrived &= ~back
         small = np.max(np.abs(self.at.newton) / self.unit, axis=1, initial=0.0) <= STEP_TOLERANCE
         self._stop(arrived & small, ARRIVED[0])
@@ -218,7 +238,7 @@ class _Search:
                 z[position] = self.start[f, k] + part * (z[position] - self.start[f, k])
                 places.append(z)
         one = np.full(len(places), f)
-        found = self.problem.linearise(np.array(places), self.lanes.some(one))
+        found = self.problem.linearise(np.array(places), self.lanes.some(one), slopes=False)
         cost = 0.5 * np.sum(found.residual**2, axis=1)
         best = int(np.argmin(cost))
         return places[best] if cost[best] < self.at.cost[f] * (1 - 1e-9) else None
@@ -235,6 +255,7 @@ class _Search:
             converged=np.isin(self.reason, ARRIVED),
             reason=reason,
             limits=self.limits,
+            begun=self.begun,
             iterations=self.iterations,
             evaluations=self.problem.counter.evaluations,
         )
@@ -245,10 +266,11 @@ def search(
     z: Float[np.ndarray, "fits elements"],
     optimiser: str = "levenberg-marquardt",
     *,
-    begun: Float[np.ndarray, "elements"] | None = None,
+    begun: Float[np.ndarray, "... elements"] | None = None,
     held: Bool[np.ndarray, "fits p"] | None = None,
     lanes: Lanes | None = None,
     limit: int = MOST,
+    releases: int = RELEASES,
 ) -> Found:
     """Minimise from each z.
 
@@ -257,15 +279,16 @@ def search(
         begun: from where it is measured whether an element runs to an end of its range, NaN: from
             its z. What is there already when the search starts is held there.
         held: active elements that stay as they are, fit by fit.
-        lanes: restitutions and weights that differ between fits.
+        lanes: what differs between fits.
         limit: of the steps.
+        releases: how often an element is taken back from the end of its range.
     """
     problem.counter.evaluations = 0
     z = np.array(np.atleast_2d(z), float)
     lanes = lanes or Lanes()
     if optimiser == "adam":
         z = _by_adam(problem, z, lanes)
-    state = _Search(problem, z, np.nan if begun is None else begun, held, lanes, limit)
+    state = _Search(problem, z, np.nan if begun is None else begun, held, lanes, limit, releases)
     if len(problem.active):
         fits, p = state.start.shape
         state.run(Marquardt(fits, p) if optimiser == "levenberg-marquardt" else Lbfgs(fits, p))

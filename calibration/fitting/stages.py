@@ -145,6 +145,7 @@ def _one(found: Found, k: int) -> Found:
         found.converged[part],
         found.reason[part],
         found.limits[part],
+        found.begun[part],
         found.iterations[part],
         found.evaluations if k == 0 else 0,
     )
@@ -164,7 +165,9 @@ def _settle(problem: Problem, found: Found, options: Options) -> tuple[Found, Pr
         if _same(adapted, problem):
             return found, problem, evaluations
         problem = adapted
-        again = search(problem, found.z, options.optimiser, limit=options.max_steps)
+        optimiser, most = options.optimiser, options.max_steps
+        # what is at an end of its range stays there: it was looked at when the search arrived
+        again = search(problem, found.z, optimiser, begun=found.begun, limit=most, releases=0)
         evaluations += again.evaluations
         found = replace(again, iterations=found.iterations + again.iterations)
     if problem.elastic is not None and not np.array_equal(

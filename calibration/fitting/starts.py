@@ -87,7 +87,7 @@ def _apart(order, places, keep: int) -> list[int]:
 
 def screen(problem: Problem, places: Places) -> Float[np.ndarray, "starts sets"]:
     """Cost of each start and data set, priors added to all, in one batch."""
-    found = problem.linearise(places)
+    found = problem.linearise(places, slopes=False)
     squares = np.nan_to_num(found.residual, nan=np.inf) ** 2
     points, sets = problem.points.set, len(problem.datasets)
     by_set = np.stack([squares[:, : problem.count][:, points == g].sum(1) for g in range(sets)], 1)

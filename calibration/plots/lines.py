@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
+import jax
 import numpy as np
 
 import softjax as sj
@@ -93,6 +94,7 @@ def paper_lines(contact: sj.Contact, entry: paper.TableEntry) -> tuple[Line, ...
     """What Fig. 2 compares with: the model as printed, and Thornton's formula."""
     printed = sj.Zhou(contact, entry.chi, entry.sigma, entry.psi, kappa="printed")
     as_printed = replace(contact, area="zhou")
+    thornton = jax.jit(thornton_restitution, static_argnames="area")
     return (
         Line(
             r"this model, printed $\kappa$ and Table 1's $\tilde\chi$",
@@ -102,13 +104,13 @@ def paper_lines(contact: sj.Contact, entry: paper.TableEntry) -> tuple[Line, ...
         ),
         Line(
             r"Thornton, yield at the paper's $v_\mathrm{cr}$",
-            lambda v: np.asarray(thornton_restitution(as_printed, v, area="contact")),
+            lambda v: np.asarray(thornton(as_printed, v, area="contact")),
             style.GREEN,
             (0, (3, 1, 1, 1)),
         ),
         Line(
             r"Thornton, yield at Hertz's $V_y$",
-            lambda v: np.asarray(thornton_restitution(contact, v, area="hertz")),
+            lambda v: np.asarray(thornton(contact, v, area="hertz")),
             style.PURPLE,
             (0, (1, 1)),
         ),
