@@ -66,13 +66,13 @@ def _followed(law: ReducedClosedForm, peak: Array) -> Release:
         return law.unloading(peak * r**2, peak)
 
     def search(peak, *leaves):
-        f = lambda r: force(r, peak, *leaves)  # noqa: E731
-        slope = jax.grad(f)
-        curvature = jax.grad(slope)
+        def with_slope(r):
+            return jax.jvp(lambda r: force(r, peak, *leaves), (r,), (one,))
 
         def step(carry):
             r, _, count = carry
-            lower = r - parabolic_step(f(r), jnp.maximum(slope(r), 0.0), curvature(r))
+            (f, slope), (_, curvature) = jax.jvp(with_slope, (r,), (one,))
+            lower = r - parabolic_step(f, jnp.maximum(slope, 0.0), curvature)
             lower = jnp.clip(lower, 1e-12, 1.0)
             return lower, jnp.abs(lower - r), count + 1
 
