@@ -1,5 +1,6 @@
 """The only bridge to diffrax: solver, steps, adjoint, and how a batch is differentiated."""
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -8,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.custom_derivatives import SymbolicZero
+from jax.extend.core import Literal
 from jaxtyping import Array
 
 from softjax._impacts import Mapped, in_rows
@@ -56,6 +58,62 @@ def forward_differentiated(f: Mapped, whole: list[bool], size: int = IN_CACHE) -
 
     wrapped.defjvp(rule, symbolic_zeros=True)
     return wrapped
+
+
+def along_what_moves_it(f: Callable, moves: Callable[[], list[bool]]) -> Callable:
+    """f, of single numbers, with its derivatives along those of its inputs that move it.
+
+    A part of a collision that is differentiated along all of its inputs would carry a tangent for
+    each of them, zeros too: a number that acts on unloading alone costs nothing on loading.
+
+    Args:
+        moves: which of the inputs move what f gives; asked for where f is differentiated.
+    """
+
+    @jax.custom_jvp
+    def wrapped(*leaves):
+        return f(*leaves)
+
+    def rule(primals, tangents):
+        given = zip(tangents, moves(), strict=True)
+        active = [i for i, (t, m) in enumerate(given) if m and not isinstance(t, SymbolicZero)]
+        if not active:
+            value = wrapped(*primals)
+            return value, jax.tree.map(_no_change, value)
+        value, slopes = _value_and_slopes(f, active, [True] * len(primals), *primals)
+
+        def contract(slope):
+            if not jnp.issubdtype(slope.dtype, jnp.inexact):
+                return slope[..., 0]
+            return sum(slope[..., k] * tangents[i] for k, i in enumerate(active))
+
+        return value, jax.tree.map(contract, slopes)
+
+    wrapped.defjvp(rule, symbolic_zeros=True)
+    return wrapped
+
+
+def _no_change(value):
+    kind = value.dtype if jnp.issubdtype(value.dtype, jnp.inexact) else jax.dtypes.float0
+    return np.zeros(value.shape, kind) if kind == jax.dtypes.float0 else jnp.zeros_like(value)
+
+
+def moving(f: Callable, *leaves) -> list[bool]:
+    """For each input whether anything that f gives follows from it, as f is written."""
+    program = jax.make_jaxpr(f)(*leaves).jaxpr
+
+    def reaches(start) -> bool:
+        reached = {start}
+        for equation in program.eqns:
+            if not reached.isdisjoint(_variables(equation.invars)):
+                reached.update(equation.outvars)
+        return not reached.isdisjoint(_variables(program.outvars))
+
+    return [reaches(variable) for variable in program.invars]
+
+
+def _variables(atoms) -> list:
+    return [atom for atom in atoms if not isinstance(atom, Literal)]
 
 
 def _check_not_told_apart(leaves) -> None:

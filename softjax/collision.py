@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array
 
 from softjax import encke, falls, phase
-from softjax._bridge import forward_differentiated, solve
+from softjax._bridge import along_what_moves_it, forward_differentiated, moving, solve
 from softjax._impacts import over_impacts
 from softjax._numerics import implicit_root, parabolic_step
 from softjax._search import reach
@@ -35,7 +35,7 @@ UNKNOWN = 1e-8  # the tolerance that fixed steps are taken to have
 def pieces(law: ReducedRateIndependent, route: Stepping, dtype) -> Pieces:
     """The pieces of one impact."""
     return Pieces(
-        loading=partial(encke.loading if _begins_elastic(law) else _staged, route=route),
+        loading=partial(_loading if _begins_elastic(law) else _staged, route=route),
         release=_release,
         energy=partial(_energy, route=route),
         time=partial(_time, route=route),
@@ -55,6 +55,20 @@ def _release(law: ReducedRateIndependent, peak: Array) -> Release:
 
 def _begins_elastic(law) -> bool:
     return isinstance(law, ReducedClosedForm) and not len(law.breakpoints())
+
+
+def _loading(law: ReducedClosedForm, y: Array, route: Stepping, clock: bool = False) -> Peak:
+    """Loading from an elastic collision, differentiated along those of the law's numbers it has."""
+    leaves, structure = jax.tree.flatten((law, y, route))
+
+    def one(*leaves):
+        return encke.loading(*jax.tree.unflatten(structure, leaves), clock)
+
+    def asked(*leaves):
+        law, y, _ = jax.tree.unflatten(structure, leaves)
+        return law.loading(y), law.end(), law.elastic_limit, y
+
+    return along_what_moves_it(one, lambda: moving(asked, *leaves))(*leaves)
 
 
 def _followed(law: ReducedClosedForm, peak: Array) -> Release:
