@@ -46,7 +46,8 @@ def in_batches(parts, asked, velocity, *settings, cut=True):
     shape = np.broadcast_shapes(*(np.shape(leaf) for leaf in each))
     count = math.prod(shape)
     # within the caller's own program whatever is computed is traced, of constants too
-    if any(is_traced(leaf) for leaf in leaves) or is_traced(jnp.zeros(())):
+    # (`device_put` tells without anything to compile)
+    if any(is_traced(leaf) for leaf in leaves) or is_traced(jax.device_put(0.0)):
         return _traced(leaves, parts, structure, settings, cut, whole, each, shape)
     if not count:
         return parts(asked, velocity, *settings)

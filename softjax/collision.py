@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array
 
 from softjax import encke, falls, phase
-from softjax._bridge import forward_differentiated, solve
+from softjax._bridge import along_what_moves_it, forward_differentiated, moving, solve
 from softjax._impacts import over_impacts
 from softjax._numerics import implicit_root, parabolic_step
 from softjax._search import reach
@@ -35,7 +35,7 @@ UNKNOWN = 1e-8  # the tolerance that fixed steps are taken to have
 def pieces(law: ReducedRateIndependent, route: Stepping, dtype) -> Pieces:
     """The pieces of one impact."""
     return Pieces(
-        loading=partial(encke.loading if _begins_elastic(law) else _staged, route=route),
+        loading=partial(_loading if _begins_elastic(law) else _staged, route=route),
         release=_release,
         energy=partial(_energy, route=route),
         time=partial(_time, route=route),
@@ -57,6 +57,20 @@ def _begins_elastic(law) -> bool:
     return isinstance(law, ReducedClosedForm) and not len(law.breakpoints())
 
 
+def _loading(law: ReducedClosedForm, y: Array, route: Stepping, clock: bool = False) -> Peak:
+    """Loading from an elastic collision, differentiated along those of the law's numbers it has."""
+    leaves, structure = jax.tree.flatten((law, y, route))
+
+    def one(*leaves):
+        return encke.loading(*jax.tree.unflatten(structure, leaves), clock)
+
+    def asked(*leaves):
+        law, y, _ = jax.tree.unflatten(structure, leaves)
+        return law.loading(y), law.end(), law.elastic_limit, y
+
+    return along_what_moves_it(one, lambda: moving(asked, *leaves))(*leaves)
+
+
 def _followed(law: ReducedClosedForm, peak: Array) -> Release:
     """x* of a smooth unloading force, by third-order steps down from the peak."""
     leaves, structure = jax.tree.flatten(law)
@@ -66,13 +80,13 @@ def _followed(law: ReducedClosedForm, peak: Array) -> Release:
         return law.unloading(peak * r**2, peak)
 
     def search(peak, *leaves):
-        f = lambda r: force(r, peak, *leaves)  # noqa: E731
-        slope = jax.grad(f)
-        curvature = jax.grad(slope)
+        def with_slope(r):
+            return jax.jvp(lambda r: force(r, peak, *leaves), (r,), (one,))
 
         def step(carry):
             r, _, count = carry
-            lower = r - parabolic_step(f(r), jnp.maximum(slope(r), 0.0), curvature(r))
+            (f, slope), (_, curvature) = jax.jvp(with_slope, (r,), (one,))
+            lower = r - parabolic_step(f, jnp.maximum(slope, 0.0), curvature)
             lower = jnp.clip(lower, 1e-12, 1.0)
             return lower, jnp.abs(lower - r), count + 1
 

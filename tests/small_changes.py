@@ -99,8 +99,9 @@ CHANGES: dict[str, list[tuple[str, str, str]]] = {
         ("3 * beside[0] - 3 * beside[1]", "3 * beside[0] - 2 * beside[1]", "own_laws"),
     ],
     "softjax/_bridge.py": [
-        ("solution.result == dfx.RESULTS.successful", "start == start", "solver_failed"),
+        ("samples), reached >= 1", "samples), reached >= 0", "solver_failed"),
         ("atol=tolerance)", "atol=1e4 * tolerance)", "ode"),
+        ("(save <= between.t1)", "(save <= between.t0)", "collide"),
         ("jnp.sum(slope * change", "jnp.max(slope * change", "gradients"),
     ],
     "softjax/encke.py": [

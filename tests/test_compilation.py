@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import softjax as sj
+from softjax._bridge import moving
 from tests.cases import fitted, pair
 
 
@@ -79,6 +80,23 @@ def test_histories_compile_once(compiled):
     compiled.clear()
     sj.collide(fitted("nylon", chi=0.4), 2 * velocity, samples=11).time.block_until_ready()
     assert compiled == []
+
+
+def test_a_first_history_compiles_little_else(compiled):
+    sj.collide(fitted("nylon"), np.linspace(0.1, 3.0, 5), samples=13).time.block_until_ready()
+    large = [name for name in compiled if name == "jit(_collide)"]
+    assert len(large) == 1
+    assert len(compiled) <= 4
+
+
+def test_what_acts_on_unloading_alone_moves_no_loading():
+    def asked(law, y):
+        return law.loading(y), law.end(), y
+
+    law = fitted("nylon").reduced()
+    leaves, structure = jax.tree.flatten((law, jnp.asarray(2.0)))
+    found = moving(lambda *leaves: asked(*jax.tree.unflatten(structure, leaves)), *leaves)
+    assert found == [True, False, True]  # d, X and y
 
 
 def test_derivatives_under_the_callers_jit_compile_once(compiled):

@@ -95,12 +95,13 @@ def _end_residual(s, d):
 
 
 def _solve_end(d):
-    s = 1 + 1 / jnp.sqrt(d)  # right of the root of a convex function: Newton stays right of it
-    for _ in range(END_STEPS):
+    def newton(_, s):
         e = s - 1
         f = e**2 * (2 + e) * (2 + e * (2 + e)) - s**3 / d
-        s = s - f / (e * (8 + e * (18 + e * (16 + e * 5))) - 3 * s**2 / d)
-    return s
+        return s - f / (e * (8 + e * (18 + e * (16 + e * 5))) - 3 * s**2 / d)
+
+    # right of the root of a convex function: Newton stays right of it
+    return lax.fori_loop(0, END_STEPS, newton, 1 + 1 / jnp.sqrt(d))
 
 
 _end = implicit_root(_solve_end, _end_residual)
