@@ -34,10 +34,6 @@ def keep_compilations() -> Path | None:
         return None
     _make_room(folder.parent)
     warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache")
-    # diffrax's checks call back from compiled code, and JAX keeps no program that does. They are of
-    # arguments that no route here has; told by NaN they need no call.
-    if "equinox" not in sys.modules:
-        os.environ.setdefault("EQX_ON_ERROR", "nan")
     import jax
 
     jax.config.update("jax_compilation_cache_dir", str(folder))
