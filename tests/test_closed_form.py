@@ -145,8 +145,15 @@ MADE = {
 }
 
 
-@pytest.mark.parametrize("dtype", [np.float64, np.float32])
-@pytest.mark.parametrize("law", MADE)
+ONCE = [("viscoelastic", np.float32), ("hertz-dashpot", np.float64), ("linear", np.float32)]
+EVERY = [
+    pytest.param(law, dtype, marks=() if (law, dtype) in ONCE else pytest.mark.long)
+    for law in MADE
+    for dtype in (np.float64, np.float32)
+]
+
+
+@pytest.mark.parametrize(("law", "dtype"), EVERY)
 def test_nothing_is_no_number(law, dtype):
     """Values and derivatives of first and second order, forward and reverse, wherever it may be hard."""
     most = float(np.finfo(dtype).max) ** 0.8
