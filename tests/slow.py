@@ -76,4 +76,5 @@ SLOW = [
     "test_properties.py::test_finite_flagged_right_and_falling[full]",
     "test_gradients.py::test_radius_of_equal_spheres_does_not_matter[jacfwd]",
     "test_float32.py::test_materials[ode-full-stainless steel]",
+    "test_speed.py::test_a_law_of_ones_own_errs_as_told",
 ]

@@ -23,6 +23,7 @@ NOT_TRACEABLE = (
     jax.errors.ConcretizationTypeError,  # math.exp(overlap), `if overlap > 0`
     jax.errors.TracerArrayConversionError,  # np.exp(overlap)
 )
+NOT_OF_MANY = "Only scalar arrays can be converted"  # math.exp(velocity), of many impacts at once
 
 
 def asked(law, method: str, *values: Array) -> Array:
@@ -33,7 +34,9 @@ def asked(law, method: str, *values: Array) -> Array:
     """
     try:
         return getattr(law, method)(*values)
-    except NOT_TRACEABLE as error:
+    except TypeError as error:
+        if not (isinstance(error, NOT_TRACEABLE) or NOT_OF_MANY in str(error)):
+            raise
         raise ValueError(
             f"`{type(law).__name__}.{method}` must be written with jax.numpy, as JAX traces "
             "its values: jnp.exp in place of math.exp or np.exp, jnp.where in place of `if`"
