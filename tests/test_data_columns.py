@@ -103,6 +103,12 @@ def test_what_names_were_taken_for_is_one_line_and_what_is_not_used_another():
     assert many[1].endswith(", 'x9' and 20 more")
 
 
+def test_what_a_percentage_is_of_is_told():
+    alone, beside = (taken("v", e, "uncertainty [%]")[1].remarks[-1] for e in ("e", "e [%]"))
+    assert alone == "uncertainty in % is taken of the value itself"
+    assert beside == "uncertainty in % is taken in the percentage points of ε"
+
+
 def test_units_that_are_not_told_are_told_as_they_are_taken():
     assert taken("h0", "h1 [mm]")[1].assumed.endswith("taken for SI: drop_height in m")
     assert taken("v", "e")[1].assumed.endswith(": velocity in m/s")

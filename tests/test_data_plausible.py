@@ -101,6 +101,22 @@ def test_falls_from_higher_than_anybody_drops_a_ball():
     assert doubt.code == "height"
 
 
+@pytest.mark.parametrize(
+    ("columns", "falls"), [("h0 [m],h1 [m]", True), ("v_in [m/s],v_out [m/s]", False)]
+)
+def test_balls_that_fell_on_a_ball(columns, falls, tmp_path):
+    """Without a wall two spheres are meant, which balls are seldom dropped on."""
+    (tmp_path / "m.csv").write_text(f"{columns}\n1,0.8\n2,1.5\n3,2.2\n")
+    lines = [f"{name} = {value!r}" for name, value in GOOD.items()]
+    codes = {}
+    for wall in ("", "[material.wall]\nmaterial = 'nylon'\n"):
+        text = "\n".join(["[[material]]", 'data = "m.csv"', *lines, wall])
+        (tmp_path / "m.toml").write_text(text)
+        (data,) = read_toml(tmp_path / "m.toml")
+        codes[wall] = [one.code for one in plausibility(data)]
+    assert list(codes.values()) == [["no-wall"] if falls else [], []]
+
+
 def test_a_contact_alone_is_taken_for_two_equal_spheres():
     def codes(radius, density):
         ball = sj.Material(1.93e11, 0.3, density, 3.1e8)

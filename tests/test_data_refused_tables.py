@@ -47,7 +47,12 @@ BAD_TABLES = [
     ({"interval": [1.0, 0.9], "launch": ["a", ""]}, r"`launch\[1\]` must be a label"),
     ({"drop_height": [0.0], "rebound_height": [0.1]}, r"`drop_height\[0\]` must be a positive"),
     ({"drop_height": [1.0], "rebound_height": [-0.1]}, r"`rebound_height\[0\]` must be a height"),
-    ({"drop_height": [1.0], "rebound_height": [1.9]}, r"`restitution\[0\]` must be at most 1"),
+    ({"drop_height": [1.0], "rebound_height": [1.5]}, r"`restitution\[0\]` must be at most 1"),
+    (
+        {"drop_height": [2.0, 1.0], "rebound_height": [1.0, 1.6]},
+        r"`rebound_height\[1\]` must be at most its drop_height, 1, .* in the same unit, and in this",
+    ),
+    ({"v_in": [1.0], "v_out": [1.3]}, r"`rebound_velocity\[0\]` must be at most its impact_vel"),
     ({"v_in": [0.0], "v_out": [0.1]}, r"`impact_velocity\[0\]` must be a positive speed"),
     ({"v_in": [1.0, 1.0], "v_out": [0.9, -0.9]}, r"`rebound_velocity\[1\]` must be a speed of 0"),
     ({"v": [1.0], "e": [85.0]}, r"must be at most 1, .*\(is it in percent\? then the unit is"),

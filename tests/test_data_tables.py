@@ -67,7 +67,8 @@ def test_one_uncertainty_of_two_leaves_the_other_exact_and_says_so():
     data = RestitutionData.from_table(table, rebound_height_uncertainty="5 mm")
     np.testing.assert_allclose(data.uncertainty, [0.005 / (2 * 0.8)], rtol=1e-12)
     assert data.velocity_uncertainty is None
-    assert data.remarks == ("drop_height is taken for exact: no uncertainty of it is told",)
+    exact = "drop_height is taken for exact: no uncertainty of it is told"
+    assert data.remarks == (exact, "velocities are those of free falls")
 
 
 @pytest.mark.parametrize(("unit", "per_metre"), [("m", 1), ("cm", 100), ("mm", 1000)])
@@ -102,7 +103,7 @@ def test_two_launches(name):
     np.testing.assert_allclose(data.restitution, [0.9, 0.9, 0.8], rtol=1e-12)
     np.testing.assert_array_equal(data.uncertainty, [0.01, 0.02, 0.03])
     assert list(data.group) == ["first", "first", "second"]
-    assert data.remarks == ()
+    assert data.remarks == ("velocities are those of free falls",)
 
 
 def test_without_a_launch_column_all_bounces_follow_each_other():

@@ -23,7 +23,7 @@ def test_two_estimates_apart_by_two_of_their_errors(by, is_raised):
 @pytest.mark.parametrize("of_noise", [None, 7.0])
 def test_a_misfit_that_noise_makes_once_in_a_hundred(by, is_raised, of_noise):
     limit = stats.chi2.ppf(0.99, 12) / 12 if of_noise is None else stats.f.ppf(0.99, 12, of_noise)
-    found = doubt.misfit(0.02, 0.01, by * limit, 12, of_noise, None)
+    found = doubt.misfit(by * limit, 12, of_noise, None)
     assert (found is not None) == is_raised
 
 

@@ -75,8 +75,32 @@ def test_a_fit_is_handed_over_material_by_material(export, fit_file):
     assert (steel["material"], nylon["material"]) == ("steel", "nylon")
     assert steel["velocity_range"] == pytest.approx([0.1, 3.0])  # those of the data
     assert nylon["velocity_range"] == pytest.approx([1.5, 20.0])
+    assert not any(caution.startswith("Measured") for caution in nylon["cautions"])
     exact = sj.restitution(fitted("nylon"), np.array(nylon["curve"]["velocity"])).coefficient
     np.testing.assert_allclose(nylon["curve"]["wanted"], exact, atol=1e-6)
+
+
+def test_what_nobody_measured_and_what_is_doubted_is_said(export, fit_file, capsys):
+    options = ("--fit", str(fit_file), "--to", "c", "--tolerance", "0.02", "--material", "nylon")
+    assert export(*options, "--range", "1.5:21") == 0
+    fit = cal.FitResult.load(fit_file)
+    doubts = dict.fromkeys(d.code for d in fit.material("nylon").warnings)
+    expected = ["Measured were 1.5 to 20 m/s: beyond them the curve is the law's alone."]
+    expected += [f"Doubts about the fit: {', '.join(doubts)}; its report has them."] * bool(doubts)
+    assert set(expected) <= set(report()["cautions"])
+    for told in (text("softjax_law.h"), capsys.readouterr().out):
+        assert all(caution in told for caution in expected)
+
+
+def test_overlaps_that_are_not_small_are_said(at):
+    steel = sj.Hertz(fitted("stainless steel").contact)
+    for radius, cautions in ((0.0127, 0), (1e-4, 1)):
+        options = {"to": "c", "velocity_range": (0.1, 5.0), "radius": radius, "out": "radii"}
+        made = cal.export(steel, **options)
+        assert len(made.cautions) == cautions
+    share = f"{100 * made.overlap:.0f} %"
+    assert made.cautions == (f"Overlaps reach {share} of the radius: laws are for small ones.",)
+    assert f"{share} of the sphere's radius" in str(made)
 
 
 def test_a_file_of_materials_with_given_parameters(export, tmp_path):
@@ -104,9 +128,9 @@ def test_the_line_of_what_was_measured_acts_and_says_so(code, export, tmp_path):
         assert export(f"{name}.toml", *told, *options, "--quiet") == 0
     pair, wall = text("in.softjax", "pair"), text("in.softjax", "wall")
     assert HEADING.format("two balls") + "pair_style" in pair
-    assert "may be another:\n# fix ID group " in pair
+    assert "needs numbers of its own:\n# fix ID group " in pair
     assert HEADING.format("a ball and a flat wall") + "fix softjax_wall all " in wall
-    assert "# between two balls, whose restitution may be another:\npair_style" in wall
+    assert "# between two balls, which needs numbers of its own:\npair_style" in wall
     assert "of a ball on a flat wall" in wall
     assert [report(name)["bodies"] for name in bodies] == ["two balls", "a ball on a flat wall"]
 

@@ -11,7 +11,7 @@ from tests.command import run
 
 TOLD = (
     "a posterior needs {}, which is not installed; "
-    'install it with pip install "softjax-contact[bayes]"'
+    'install it with pip install -e ".[bayes]" in its folder'
 )
 
 

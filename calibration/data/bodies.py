@@ -104,6 +104,8 @@ def _material(table: TomlTable, alone: bool = False) -> sj.Material:
     for key in PROPERTIES:
         if key not in values:
             accepted = "a body has youngs_modulus, poisson_ratio, density and yield_strength"
+            if key == "yield_strength":
+                accepted += "; for laws without yield any number serves, 10 MPa say"
             raise table.refusal(None, f"{key} is missing", accepted)
     return sj.Material(**values)
 

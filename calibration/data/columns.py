@@ -14,7 +14,7 @@ heights, `timing_uncertainty`: of intervals or times), `group` (also `specimen`)
 common error, and `launch`: rows of one bounce train, which are a group too.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from fractions import Fraction
 from typing import NamedTuple
 
@@ -100,7 +100,8 @@ def layout_of(headers: Sequence[str], units: Sequence[str] | None = None) -> Lay
         for name, place in position.items()
     }
     untold = [name for name in kind.needs if read[position[name]].unit is None]
-    return Layout(kind, position, sizes, relative, _remarks(read, names, used), _assumed(untold))
+    remarks = (*_remarks(read, names, used), *_of_percent(relative, percent & points))
+    return Layout(kind, position, sizes, relative, remarks, _assumed(untold))
 
 
 def accepts(kind: Kind, uncertainty: str) -> bool:
@@ -178,6 +179,12 @@ def _unit(header: Header, name: str) -> Fraction:
     except DataError as error:
         accepted = error.accepted.replace("left out", "without a unit")
         raise DataError(f"unit of {name}", error.value, accepted) from None
+
+
+def _of_percent(relative: Iterable[str], points: Iterable[str]) -> list[str]:
+    """What a percentage is of, which may be two things."""
+    told = [f"{name} in % is taken of the value itself" for name in sorted(relative)]
+    return told + [f"{name} in % is taken in the percentage points of ε" for name in points]
 
 
 def _assumed(names: Sequence[str]) -> str:

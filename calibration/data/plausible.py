@@ -6,7 +6,7 @@ import numpy as np
 
 from calibration.data.above_one import scatter_of
 from calibration.data.measurements import RestitutionData
-from calibration.data.points import FALLS
+from calibration.data.points import FALLEN, FALLS
 
 LARGEST_RADIUS = 1.0  # m
 MODULI = (1e5, 2e12)  # Pa: softer than gel, stiffer than diamond
@@ -44,6 +44,7 @@ def plausibility(data: RestitutionData) -> tuple[Implausible, ...]:
             _yield_beyond_limit(data),
             _too_fast(data),
             _too_deep(data),
+            _no_wall(data),
             _divided(data),
             _above_one(data),
         ]
@@ -114,7 +115,10 @@ def _yield_beyond_limit(data: RestitutionData) -> Implausible | None:
     if not np.any(critical > limit):
         return None
     cause = f"first yield at {np.max(critical):.3g} m/s is beyond v_lim = {np.min(limit):.3g} m/s"
-    remedy = "Are the yield strength and Young's modulus in the same unit?"
+    remedy = (
+        "Are the yield strength and Young's modulus in the same unit? "
+        "What does not yield has other laws: `--law viscoelastic` for rubber."
+    )
     return Implausible("yield-beyond-limit", cause, remedy)
 
 
@@ -135,6 +139,17 @@ def _too_deep(data: RestitutionData) -> Implausible | None:
         return None
     remedy = "Which unit is it? The header says it: `drop_height [mm]`, `interval [ms]`"
     return Implausible("height", cause, remedy)
+
+
+def _no_wall(data: RestitutionData) -> Implausible | None:
+    """Balls that fell on a ball: on what else than a wall balls mostly fall."""
+    spheres = [body for body in data.bodies if body.radius is not None]
+    if FALLEN not in data.remarks or len(spheres) < 2:
+        return None
+    cause = "the dropped balls met a sphere like them, as no wall is told"
+    return Implausible(
+        "no-wall", cause, "If it was a wall, `[material.wall]` tells its properties."
+    )
 
 
 def _divided(data: RestitutionData) -> Implausible | None:

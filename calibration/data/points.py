@@ -14,6 +14,7 @@ from calibration.errors import DataError
 
 STANDARD_GRAVITY = 9.80665  # m/s²
 FASTEST_FALL = 20.0  # m/s, of more than 20 m
+FALLEN = "velocities are those of free falls"  # a remark
 FALLS = "falls as fast as"  # a remark on those that are faster
 
 
@@ -71,12 +72,15 @@ def with_own(errors: PointErrors, table: Measured, velocity: Column, restitution
     return replace(errors, restitution_alone=alone, velocity_alone=of_velocity), told
 
 
-def deep_falls(velocity: Column, gravity: float) -> tuple[str, ...]:
-    """A remark on falls from higher than anybody drops a ball, in air too."""
+def of_falls(velocity: Column, gravity: float) -> tuple[str, ...]:
+    """Remarks: that they are, and on falls from higher than anybody drops a ball, in air too."""
     fastest = float(np.max(velocity))
     if not FASTEST_FALL < fastest < np.inf:
-        return ()
-    return (f"{FALLS} {fastest:.3g} m/s, from {fastest**2 / (2 * gravity):.3g} m",)
+        return (FALLEN,)
+    return (
+        FALLEN,
+        f"{FALLS} {fastest:.3g} m/s, from {fastest**2 / (2 * gravity):.3g} m",
+    )
 
 
 def of_row(error: DataError, rows: np.ndarray) -> DataError:

@@ -15,12 +15,13 @@ import numpy as np
 from calibration.data.checks import Column, require
 from calibration.data.columns import HEIGHTS, VELOCITIES
 from calibration.data.errors_of_points import PointErrors, paired, three
-from calibration.data.points import Measured, Points, deep_falls, of_row, with_own
+from calibration.data.points import Measured, Points, of_falls, of_row, with_own
 from calibration.data.trains import runs
 from calibration.errors import DataError, listed
 
 OFF = 4.0  # standard uncertainties by which ε may differ from what stands beside it
 OFF_UNKNOWN = 0.05  # the same where none is stated
+SWAPPED = 1.25  # ε beyond which two columns are exchanged or not in one unit
 HEIGHT = "a height of 0 m or more"
 
 
@@ -74,6 +75,7 @@ def _two_velocities(table: Measured):
         told = ("velocities of opposite sign are taken without it",)
     require(VELOCITIES[0], before, lambda v: v > 0, "a positive speed in m/s")
     require(VELOCITIES[1], after, lambda v: v >= 0, "a speed of 0 m/s or more")
+    _require_less(VELOCITIES, before, after, SWAPPED)
     restitution = after / before
     sizes, more = _sizes(table, VELOCITIES, "velocity_uncertainty", (before, after))
     to_restitution = three(-restitution / before, 1 / before)
@@ -85,6 +87,7 @@ def _two_heights(table: Measured):
     drop, rebound = (table.columns[name] for name in HEIGHTS)
     require(HEIGHTS[0], drop, lambda h: h > 0, "a positive height in m")
     require(HEIGHTS[1], rebound, lambda h: h >= 0, HEIGHT)
+    _require_less(HEIGHTS, drop, rebound, SWAPPED**2)
     restitution, velocity = np.sqrt(rebound / drop), np.sqrt(2 * table.gravity * drop)
     sizes, told = _sizes(table, HEIGHTS, "height_uncertainty", (drop, rebound))
     # the slope of √h is infinite at h = 0: there u(ε) is to be the ε that a height of u gives
@@ -92,7 +95,20 @@ def _two_heights(table: Measured):
     to_rebound = np.where(least > 0, 0.5 / np.sqrt(drop * np.where(least > 0, least, 1)), 0.0)
     to_restitution = three(-restitution / (2 * drop), to_rebound)
     errors = _paired(to_restitution, three(velocity / (2 * drop)), sizes, "heights")
-    return velocity, restitution, errors, (*told, *deep_falls(velocity, table.gravity))
+    return velocity, restitution, errors, (*told, *of_falls(velocity, table.gravity))
+
+
+def _require_less(names, before: Column, after: Column, most: float) -> None:
+    """Raise where more comes back than noise brings: `most` times what came."""
+    slip = after > most * before
+    if not np.any(slip):
+        return
+    row = int(np.argmax(slip))
+    accepted = (
+        f"at most its {names[0]}, {before[row]:.6g}, or little more; are both in the same unit, "
+        "and in this order?"
+    )
+    raise DataError(names[1], float(after[row]), accepted, row)
 
 
 _MAKERS: dict[tuple[str, ...], Callable[[Measured], Any]] = {

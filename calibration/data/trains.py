@@ -11,7 +11,7 @@ import numpy as np
 
 from calibration.data.checks import Column, codes_of, require
 from calibration.data.errors_of_points import TOUCHED, PointErrors, three
-from calibration.data.points import Measured, Points, deep_falls, of_row, with_own
+from calibration.data.points import Measured, Points, of_falls, of_row, with_own
 from calibration.errors import DataError
 
 HIGHER = 1.3  # times the interval before: no noise
@@ -46,7 +46,7 @@ def train_points(table: Measured) -> Points:
     group = used.columns.get("group")
     if group is None and "launch" in table.columns:
         group = runs(table.columns["launch"])[rows]
-    told = (*_lonely(train, span), *told, *deep_falls(velocity, table.gravity))
+    told = (*_lonely(train, span), *told, *of_falls(velocity, table.gravity))
     return Points(velocity, restitution, errors, rows, group, told)
 
 

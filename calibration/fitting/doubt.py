@@ -82,7 +82,7 @@ def without_bound(label: str, material=None) -> Doubt:
     return Doubt("at-bound", f"{label} grows without bound: any large value is as good", material)
 
 
-def misfit(rms: float, noise: float, reduced: float, degrees, of_noise, material) -> Doubt | None:
+def misfit(reduced: float, degrees, of_noise, material) -> Doubt | None:
     """χ² of the residuals larger than noise makes it once in a hundred.
 
     Args:
@@ -97,7 +97,8 @@ def misfit(rms: float, noise: float, reduced: float, degrees, of_noise, material
         limit = special.fdtri(degrees, of_noise, CONFIDENCE)
     if reduced <= limit:
         return None
-    cause = f"rms {rms:.3g} against a noise of {noise:.3g} (reduced chi squared {reduced:.3g})"
+    # of points that count unequally rms and noise are no measure of it
+    cause = f"residuals of {reduced**0.5:.3g} times the noise (reduced chi squared {reduced:.3g})"
     return Doubt("model-misfit", cause, material)
 
 

@@ -275,7 +275,7 @@ class FitResult:
     ) -> Any:
         """Draws from the posterior of all parameters and of what is unknown of the noise, by NUTS.
 
-        Needs `pip install "softjax-contact[bayes]"`. Priors are those stated with `Parameter`, and
+        Needs `pip install -e ".[bayes]"`. Priors are those stated with `Parameter`, and
         weak ones of `calibration.fitting.posterior.priors` elsewhere: the attribute "prior" of each variable.
 
         Args:

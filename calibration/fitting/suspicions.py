@@ -125,10 +125,9 @@ def material_doubts(part: MaterialFit, residual, plan: ErrorPlan) -> list[Doubt]
     ]
     found += _implausible(part)
     if plan.stated and part.reduced_chi_squared is not None:
-        noise = float(np.sqrt(sum(part.variances.values())))
         of_noise = None if data.degrees is None else float(np.mean(data.degrees))
         reduced = part.reduced_chi_squared
-        found.append(doubts.misfit(part.rms, noise, reduced, left, of_noise, name))
+        found.append(doubts.misfit(reduced, left, of_noise, name))
     elif part.objective == "two-step" and part.rms_empirical is not None:
         n = part.n
         scatter = part.rms_empirical * np.sqrt(n / max(n - 2, 1))

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import softjax as sj
+from calibration.handover.cautions import cautions_of
 from calibration.handover.choice import Choice, Order
 from calibration.handover.wanted import Wanted
 from calibration.rounding import number
@@ -69,6 +70,11 @@ class Export:
         return float(np.max(self.choice.impacts.peak)) * self.choice.stretch / self.wanted.radius
 
     @property
+    def cautions(self) -> tuple[str, ...]:
+        """What to know before it is used."""
+        return cautions_of(self.wanted, self.overlap)
+
+    @property
     def energy_error(self) -> float:
         """What is dissipated too much, over what is wanted, of impacts even in ln v."""
         energy = self.wanted.velocity**2
@@ -98,6 +104,7 @@ class Export:
             "largest_overlap_over_radius": self.overlap,
             "radius": {"value": self.wanted.radius, "of": self.wanted.radius_of},
             "bodies": SCENES.get(self.wanted.on_wall),
+            "cautions": list(self.cautions),
             "contact_duration": {"longest": max(self.duration), "shortest": min(self.duration)},
             "time_step": self.time_step,
             "steps_in_shortest_contact": steps.count,
@@ -131,7 +138,7 @@ class Export:
             f"time step {number(steps.error, 2)}; tolerance {number(self.order.tolerance)}",
             "dissipated energy": f"{100 * self.energy_error:+.1f} %",
             "contact": f"{shortest} to {longest} µs",
-            "largest overlap": f"{number(100 * self.overlap, 2)} % of the {self.wanted.radius_of} radius",
+            "largest overlap": f"{_percent(self.overlap)} % of the {self.wanted.radius_of} radius",
             "time step": f"{number(self.time_step, 3)} s, {steps.count} in the shortest contact{order}",
             "tried": "; ".join(f"{t.key} {number(t.error, 2)}" for t in self.tried),
         }
@@ -144,7 +151,8 @@ class Export:
             rows["energy gain"] = f"{number(choice.impacts.gain, 2)} of the impact's energy at most"
         width = max(map(len, rows))
         lines = [f"{self.wanted.name} for {self.to}"]
-        return "\n".join(lines + [f"  {name:<{width}}  {text}" for name, text in rows.items()])
+        lines += [f"  {name:<{width}}  {text}" for name, text in rows.items()]
+        return "\n".join(lines + [f"  ! {caution}" for caution in self.cautions])
 
     __repr__ = __str__
 
@@ -173,7 +181,8 @@ def notes_of(wanted: Wanted, choice: Choice, order: Order) -> tuple[str, ...]:
         notes += (f"Softer: overlaps {number(choice.stretch, 3)} times those of the law.",)
     if isinstance(choice.law, sj.RateIndependentLaw):
         notes += (_balance(choice, order),)
-    return notes
+    overlap = float(np.max(choice.impacts.peak)) * choice.stretch / wanted.radius
+    return (*notes, *cautions_of(wanted, overlap))
 
 
 def _balance(choice: Choice, order: Order) -> str:
@@ -191,6 +200,10 @@ def parameters_of(law: Any) -> dict[str, Any]:
         if np.size(value) == 1
     }
     return numbers | {name: getattr(law, name) for name in options_of(type(law))}
+
+
+def _percent(share: float) -> str:
+    return number(100 * share, 2) if share < 1 else f"{100 * share:.0f}"
 
 
 def _ends(values: np.ndarray) -> str:

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-WANTED, OTHER = ", as wanted", ", whose restitution may be another"
+WANTED, OTHER = ", as wanted", ", which needs numbers of its own"
 SAME = " of the same material"
 PLACE = "  # its place is your scene's to tell"
 

@@ -31,6 +31,8 @@ class Wanted:
         on_wall: whether the law is of a ball on a flat wall, or of two balls; None where only the
             contact is known.
         velocity, restitution: [m/s] and [-], shape (POINTS,).
+        measured: lowest and highest velocity of the data [m/s]; None without data.
+        doubts: codes of what is doubted of the fit.
     """
 
     law: Any
@@ -42,6 +44,8 @@ class Wanted:
     on_wall: bool | None
     velocity: np.ndarray
     restitution: np.ndarray
+    measured: Range | None = None
+    doubts: tuple[str, ...] = ()
 
     @property
     def range(self) -> Range:
@@ -89,7 +93,14 @@ def wanted_of(
         on_wall,
         velocity,
         restitution_of(law, velocity, losses),
+        None if data is None else (float(np.min(data.velocity)), float(np.max(data.velocity))),
+        _doubts(fit),
     )
+
+
+def _doubts(fit: Any) -> tuple[str, ...]:
+    found = fit.warnings if isinstance(fit, MaterialFit) else ()
+    return tuple(dict.fromkeys(doubt.code for doubt in found))
 
 
 def restitution_of(law: Any, velocity: np.ndarray, losses: bool = True) -> np.ndarray:

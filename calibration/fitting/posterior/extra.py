@@ -6,7 +6,7 @@ from typing import Any
 
 from calibration.errors import InputError
 
-INSTALL = 'pip install "softjax-contact[bayes]"'
+INSTALL = 'pip install -e ".[bayes]" in its folder'
 
 
 class MissingExtra(InputError, ImportError):
