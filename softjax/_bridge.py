@@ -61,7 +61,7 @@ def forward_differentiated(f: Mapped, whole: list[bool], size: int = IN_CACHE) -
 
 
 def along_what_moves_it(f: Callable, moves: Callable[[], list[bool]]) -> Callable:
-    """f, of single numbers, with its derivatives along those of its inputs that move it.
+    """f, of one impact, with its derivatives along those of its inputs that move it.
 
     A part of a collision that is differentiated along all of its inputs would carry a tangent for
     each of them, zeros too: a number that acts on unloading alone costs nothing on loading.
@@ -81,11 +81,14 @@ def along_what_moves_it(f: Callable, moves: Callable[[], list[bool]]) -> Callabl
             value = wrapped(*primals)
             return value, jax.tree.map(_no_change, value)
         value, slopes = _value_and_slopes(f, active, [True] * len(primals), *primals)
+        change = [jnp.ravel(tangents[i]) for i in active]  # of an array every number one
+        ends = np.cumsum([len(one) for one in change])[:-1]
 
         def contract(slope):
             if not jnp.issubdtype(slope.dtype, jnp.inexact):
                 return slope[..., 0]
-            return sum(slope[..., k] * tangents[i] for k, i in enumerate(active))
+            columns = jnp.split(slope, ends, axis=-1)
+            return sum(jnp.sum(a * b, -1) for a, b in zip(columns, change, strict=True))
 
         return value, jax.tree.map(contract, slopes)
 

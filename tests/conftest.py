@@ -36,6 +36,8 @@ CHECKED = (
 )
 
 with install_import_hook(CHECKED, "beartype.beartype"):
+    import jax
+
     import softjax as sj
     import softjax.collision
     import softjax.rate_dependent
@@ -52,6 +54,26 @@ def no_compilations_are_kept():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("calibration.cli.keep_compilations", lambda: None)
         yield
+
+
+MOST_MAPPED = 30_000  # of the parts of memory that Linux lets a process have, 65 530
+
+
+def _mapped() -> int:
+    try:
+        with open("/proc/self/maps", "rb") as parts:
+            return sum(1 for _ in parts)
+    except OSError:  # not on every system
+        return 0
+
+
+@pytest.fixture(scope="module", autouse=True)
+def programs_make_room():
+    """A compiled program takes some parts of memory, and many tests compile very many."""
+    yield
+    if _mapped() > MOST_MAPPED:
+        jax.clear_caches()
+        gc.collect()
 
 
 @pytest.fixture

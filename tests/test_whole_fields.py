@@ -1,5 +1,7 @@
 """Fields that are whole: a network's weights and a table's knots beside numbers of each impact."""
 
+from functools import partial
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -7,7 +9,8 @@ import numpy as np
 import pytest
 
 import softjax as sj
-from tests.cases import pair
+from softjax.laws.zhou import FirstOrder
+from tests.cases import fitted, pair
 
 STEEL = pair("stainless steel", area="hertz")
 VELOCITY = np.array([0.05, 0.4, 3.0])
@@ -138,6 +141,43 @@ def test_many_tables():
         alone = sj.restitution(Tabled(STEEL, 1e6, KNOTS, heights[k]), VELOCITY)
         assert np.allclose(each.coefficient[k], alone.coefficient, rtol=1e-13)
         assert np.allclose(each.duration[k], alone.duration, rtol=1e-12)
+
+
+class Bent(FirstOrder):
+    """Loading is stiffer by what some numbers together make."""
+
+    bend: jax.Array = sj.array_field()
+
+    def loading(self, x):
+        return super().loading(x) + jnp.sum(self.bend**2) * jnp.maximum(x - 1, 0) ** 2
+
+
+class BentZhou(sj.Zhou):
+    bend: jax.Array = sj.array_field(default=(0.0, 0.0))
+
+    def reduced(self):
+        plain = super().reduced()
+        return Bent(plain.d, plain.X, bend=self.bend)
+
+
+def test_slopes_of_loading_in_whole_fields():
+    """They have a column for each number, beside those of the law's single numbers."""
+    zhou = fitted("stainless steel")
+
+    @jax.jit
+    @partial(jax.value_and_grad, argnums=(0, 1))
+    def graded(bend, chi):
+        law = BentZhou(zhou.contact, chi, zhou.sigma, zhou.psi, bend=bend)
+        return sj.restitution(law, 1.0, sj.ODE(rtol=1e-12)).coefficient
+
+    bend, chi, step = jnp.array([0.01, 0.02]), jnp.asarray(zhou.chi), 1e-5
+    _, (slopes, slope) = graded(bend, chi)
+    for k, along in enumerate(np.eye(2) * step):
+        moved = graded(bend + along, chi)[0] - graded(bend - along, chi)[0]
+        assert slopes[k] == pytest.approx(float(moved) / (2 * step), rel=1e-5)
+    moved = graded(bend, chi + step)[0] - graded(bend, chi - step)[0]
+    assert slope == pytest.approx(float(moved) / (2 * step), rel=1e-5)
+    assert np.all(np.abs(slopes) > 1e-5)
 
 
 def test_a_law_with_a_network_goes_through_jit_as_it_is():
