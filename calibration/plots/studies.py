@@ -108,6 +108,7 @@ def plot_sobol(found: SobolIndices, output: int = 0, ax: Axes | None = None) -> 
     ax.plot(place + 0.2, bound, "v", color=style.BLACK, label="bound of total")
     # the body of "E wall" below its letter, so that many inputs find room
     ax.set_xticks(place, [in_math(letter).replace(" ", "\n") for letter in found.symbols])
+    ax.axhline(0, color=style.GREY, linewidth=0.6)
     ax.set_ylabel(r"share of the variance of $\varepsilon$")
     if found.velocity is not None:
         ax.set_title(f"$v$ = {found.velocity[output]:.3g} m/s")

@@ -36,11 +36,12 @@ def _sentence(name: str, estimate: Any, targets: list[str], result: FitResult) -
 def _interval(target: str, result: FitResult) -> str:
     """The fit's own, and in parts of the value as the promised errors are."""
     estimate = result.estimates.get(target)
-    if estimate is None or None in (estimate.value, estimate.low, estimate.high):
+    if estimate is None or estimate.low is None or estimate.high is None:
         return ""
-    ends = number(estimate.low, 4), number(estimate.high, 4)
-    text = f"the fit's {100 * result.confidence:g} % interval of {target} is {' to '.join(ends)}"
-    if not estimate.value:
+    ends, value = (estimate.low, estimate.high), estimate.value
+    told = " to ".join(number(x, 4) for x in ends)
+    text = f"the fit's {100 * result.confidence:g} % interval of {target} is {told}"
+    if not value:
         return text
-    parts = (f"{100 * (x / estimate.value - 1):+.2g} %" for x in (estimate.low, estimate.high))
-    return f"{text} ({' to '.join(parts)})".replace("-", "−")
+    parts = " to ".join(f"{100 * (x / value - 1):+.2g} %" for x in ends)
+    return f"{text} ({parts})"
