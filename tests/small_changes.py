@@ -182,8 +182,8 @@ CHANGES: dict[str, list[tuple[str, str, str]]] = {
             "doubt_thresholds",
         ),
         (
-            "outside = (np.asarray(velocity) < low)",
-            "outside = (np.asarray(velocity) < 0)",
+            "outside = (velocity < (1 - OUTSIDE) * low)",
+            "outside = (velocity < 0)",
             "doubt_thresholds",
         ),
     ],

@@ -1,6 +1,7 @@
 """`softjax compare`: its options, its files, its table, its exit codes, and what it draws."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import calibration as cal
 from calibration import cli
 from calibration.commands import compare as command
 from calibration.fitting import refits
+from calibration.fitting.doubt import Doubt
 from calibration.plots import linear_spring, style
 from calibration.plots.comparison import comparison_figure, plot_comparison
 from calibration.report.comparison import comparison_json, comparison_text
@@ -149,6 +151,22 @@ def test_the_table_has_every_law_with_its_scores(comparison):
     assert "NOT CONVERGED" not in text
 
 
+def test_doubts_say_where_their_causes_are_and_advise_no_second_comparison(comparison):
+    worst = comparison.entries[-1]
+    misfit = Doubt("model-misfit", "rms 1"), Doubt("residual-runs", "2 runs")
+    doubted = replace(worst, result=replace(worst.result, warnings=misfit))
+    found = replace(comparison, entries=(*comparison.entries[:-1], doubted))
+    assert "causes are in comparison.entry(law).doubts)" in str(found)
+    told = comparison_text([found], causes="compare.json")
+    assert "causes are in compare.json)" in told
+    assert misfit == found.entry(worst.label).doubts[:2]
+    flat = " ".join(told.split())
+    assert "intervals omit that. ! residual-runs" in flat
+    assert "The law misses a trend, or points belong together" in flat
+    for text in (told, comparison_json([found], {})):
+        assert "softjax compare" not in text
+
+
 def test_what_a_material_is_called_breaks_no_line():
     text = comparison_text([cal.compare(data("al\nloy"), ["constant"])])
     assert "\nloy" not in text
@@ -206,7 +224,6 @@ def test_laws_with_one_curve_share_a_line():
 
 @pytest.mark.parametrize("name", ["$5 alloy$", "a_b^", "_alloy", r"$\alloy"])
 def test_what_a_material_is_called_breaks_no_picture(name, comparison, tmp_path):
-    from dataclasses import replace
 
     named = replace(comparison, data=data(name))
     figure = comparison_figure([named])

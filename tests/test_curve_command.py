@@ -168,6 +168,26 @@ def test_a_fit_gives_its_band_and_says_where_its_data_end(at, capsys, above_yiel
     assert told.err.count("\n") == 1
 
 
+def test_a_table_says_in_its_head_whether_it_goes_beyond_the_data(at, capsys, above_yield):
+    _, path = above_yield
+
+    def head(*options: str) -> str:
+        assert curve("--fit", path, "--table", *options) == 0
+        lines = (at / "results" / "curve.txt").read_text(encoding="utf-8").splitlines()
+        assert len(np.loadtxt(at / "results" / "curve.txt")) >= 12
+        return " ".join(line for line in lines if line.startswith("#"))
+
+    beyond = "the curve goes from 1.5 to 200 m/s, the data of my\\nnylon from 1.5 to 60 m/s"
+    assert f"# extrapolation: {beyond}" in head("--from", "1.5", "--to", "200", "--points", "12")
+    assert beyond in capsys.readouterr().err
+    inside = head(
+        "--from", "1.4999", "--to", "60.01", "--points", "12"
+    )  # to four digits the data's
+    assert "extrapolation" not in inside
+    assert "# all rows lie between the fit's data" in inside
+    assert capsys.readouterr().err == ""
+
+
 def test_curve_band_and_table_agree_on_what_is_not_known(at, capsys, above_yield):
     result, path = above_yield
     grid = ["--from", "0.2", "--to", "20", "--points", "12"]

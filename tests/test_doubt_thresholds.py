@@ -81,7 +81,9 @@ def test_neighbours_are_alike_from_a_correlation_on():
     assert doubt.alike_neighbours(np.sort(velocity), residual(2 * level), None) is None
 
 
-@pytest.mark.parametrize(("velocity", "count"), [(0.99, 1), (1.0, 0), (5.0, 0), (5.01, 1)])
+@pytest.mark.parametrize(
+    ("velocity", "count"), [(0.99, 1), (0.9995, 0), (1.0, 0), (5.0, 0), (5.004, 0), (5.01, 1)]
+)
 def test_extrapolation_below_and_above(velocity, count):
     data = cal.RestitutionData([1.0, 2.0, 5.0], [0.9, 0.8, 0.7])
     found = doubt.extrapolation([2.0, velocity], data)

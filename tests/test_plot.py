@@ -415,6 +415,13 @@ def test_one_parameter_has_no_correlations():
     assert plots.correlation_figure(cal.fit(noisy_data(), "constant", profiles=False)) is None
 
 
+def test_a_parameter_at_its_bound_leaves_no_picture_of_the_other_alone(own):
+    covariance = own.covariance.copy()
+    covariance[1] = covariance[:, 1] = np.nan
+    assert plots.correlation_figure(own) is not None
+    assert plots.correlation_figure(replace(own, covariance=covariance)) is None
+
+
 def test_axes_given_are_the_axes_drawn_on(own):
     ax = Figure().add_subplot()
     assert plots.plot_curve(own, ax=ax) is ax

@@ -11,7 +11,9 @@ import pytest
 import calibration as cal
 import softjax as sj
 from calibration.cli import main
+from calibration.data.bodies import Body
 from calibration.fitting.doubt import Doubt
+from calibration.fitting.estimate import Estimate
 from tests.cases import fitted
 from tests.command import BODIES
 from tests.fit_data import twin
@@ -182,6 +184,93 @@ def test_what_is_doubted_of_a_fit_is_told_with_what_is_planned_from_it(at, capsy
     told = " ".join(capsys.readouterr().out.split())
     assert "The plan trusts this fit, of which is doubted: ! residual-runs" in told
     assert "doubts" not in told_by("--fit", "doubted.json", "--points", "3")
+
+
+def at_its_bound(fit: cal.FitResult, name: str, value: float) -> cal.FitResult:
+    """The same fit with one parameter that stopped at a bound."""
+    k = fit.covariance_names.index(name)
+    covariance = fit.covariance.copy()
+    covariance[k] = covariance[:, k] = np.nan
+    one = fit.material()
+    stopped = Estimate(value, None, None, None, "profile", True, True)
+    chi = replace(one.parameters["chi"], low=0.2, high=0.25)
+    parameters = {**one.parameters, name: stopped, "chi": chi}
+    values = {**one.values, name: value}
+    one = replace(one, parameters=parameters, values=values)
+    return replace(fit, materials=(one,), covariance=covariance)
+
+
+@pytest.mark.parametrize("study", ["design", "information"])
+def test_what_a_plan_takes_as_known_at_its_bound_is_told_with_the_fits_interval(at, capsys, study):
+    fit = at_its_bound(fit_file(str(at)), "psi", 0.7)
+    fit.save("bound.json")
+    options = ("--shots", "3") if study == "design" else ()
+    (told,) = told_by("--fit", "bound.json", "--study", study, *options)[study]["taken_as_known"]
+    assert told.startswith("psi stands at its bound 0.7 and is taken as known: the error")
+    chi = fit.values["chi"]
+    parts = f"({100 * (0.2 / chi - 1):+.2g} % to {100 * (0.25 / chi - 1):+.2g} %)"
+    assert f"the fit's 95 % interval of chi is 0.2 to 0.25 {parts}" in told
+    assert ("of sigma is" in told) == (study == "information")
+    assert told in " ".join(capsys.readouterr().out.split())
+    assert "taken_as_known" not in told_by("--fit", "fit.json", "--study", study)[study]
+
+
+def test_a_plan_where_the_fit_knows_nothing_names_the_way_out(at, capsys):
+    fit = fit_file(str(at))
+    part = replace(fit.material(), known_from=0.8352)
+    replace(fit, materials=(part,)).save("part.json")
+    command = ["sensitivity", "--fit", "part.json", "--study", "design", "--from", "0.1"]
+    assert main(command) == 2
+    told = capsys.readouterr().err
+    assert "0.8352 m/s or more, where this fit knows the law" in told
+    assert "`softjax sensitivity FILE.toml --chi … --sigma … --psi … --study design" in told
+    assert "inf" not in told
+
+
+def test_the_global_study_of_a_fit_varies_what_moves_by_itself_and_says_so(at, capsys):
+    few = ("--study", "global", "--samples", "16", "--at", "20")
+    fit = fit_file(str(at))
+    one = fit.material()
+    psi = replace(one.parameters["psi"], free=False)
+    held = replace(
+        one, parameters={**one.parameters, "psi": psi}, values={**one.values, "sigma": 0.0}
+    )
+    replace(fit, materials=(held,)).save("held.json")
+    found = told_by("--fit", "held.json", *few)["global"]
+    assert found["inputs"] == ["youngs_modulus", "yield_strength", "limit_velocity", "chi"]
+    assert set(found["left_out"]) == {"radius", "mass", "sigma", "psi"}
+    assert found["assumed"] == "each input uniform within ±10 % of its value, independently"
+    told = capsys.readouterr().out
+    assert f"Assumed: {found['assumed']}." in told
+    assert "Left out (not fitted): ψ (psi)." in told
+    assert "Left out (0, of which a part is nothing): σ (sigma)." in told
+    assert "R (radius), M (mass)" in told
+    ranges = told_by("--fit", "fit.json", *few, "--range", "radius=0.005:0.006", "--scale", "log")
+    assert (
+        ranges["global"]["assumed"]
+        == "each input uniform in its logarithm over its range, independently"
+    )
+    assert ranges["global"]["left_out"] == {}
+
+
+def test_a_fit_of_known_bodies_is_studied_as_its_material_file(at):
+    fit, data = fit_file(str(at)), fit_file(str(at)).material().data
+    spheres = [Body(name, sj.NYLON, 0.0127) for name in ("sphere", "second sphere")]
+
+    def saved(bodies) -> str:
+        told = replace(fit.material(), data=replace(data, bodies=tuple(bodies)))
+        replace(fit, materials=(told,)).save("bodies.json")
+        return "bodies.json"
+
+    local = told_by("--fit", saved(spheres), "--at", "20")["local"]["theta_d_epsilon_d_theta"]
+    assert set(local) > {"poisson_ratio", "density", "radius"}
+    assert local["radius"] == pytest.approx([0.0], abs=1e-12)
+    few = ("--study", "global", "--samples", "16", "--at", "20")
+    found = told_by("--fit", saved(spheres), *few)["global"]
+    assert found["left_out"] == {}
+    assert found["total"][0][found["inputs"].index("radius")] == pytest.approx(0, abs=1e-12)
+    softer = [one._replace(radius=0.02) for one in spheres]  # which the fit's contact is not of
+    assert "mass" in told_by("--fit", saved(softer), *few)["global"]["left_out"]
 
 
 @pytest.mark.parametrize(

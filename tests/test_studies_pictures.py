@@ -133,6 +133,27 @@ def test_all_panels_of_indices_have_one_scale_and_one_legend():
     assert many.axes[0].get_title() == ""
 
 
+def test_every_panel_shows_all_bars_with_their_limits():
+    first = np.array([[0.2, 0.3], [0.1, 0.68], [-0.02, 0.4]])
+    found = sobol(
+        first=first,
+        first_low=first - 0.05,
+        first_high=first + 0.1,
+        total=first + 0.1,
+        total_low=first,
+        total_high=first + 0.2,
+        bound=np.full((3, 2), 2.0),
+        velocity=np.array([1.0, 5.0, 20.0]),
+    )
+    figure = sobol_figure(found, "each within ±10 %")
+    figure.draw_without_rendering()
+    for ax in figure.axes:
+        low, high = ax.get_ylim()
+        assert low < -0.07
+        assert high > 0.88
+    assert figure.get_suptitle() == "each within ±10 %"
+
+
 def design():
     return cal.optimal_velocities(Decay(0.95, 0.05), 8, (1.0, 60.0), criterion="D")
 

@@ -141,7 +141,7 @@ def _compare(job: Job, arguments: argparse.Namespace, progress: Any) -> int:
     ]
     extra = tuple(FILES) if arguments.file is None else ()
     settings = {"file": arguments.file, "laws": job.laws, "options": job.options}
-    told = [] if arguments.quiet else [comparison_text(comparisons, job.remarks)]
+    told = [] if arguments.quiet else [comparison_text(comparisons, job.remarks, "compare.json")]
     with or_told(told), files_into(arguments.out) as folder:
         write_text(folder / "compare.json", comparison_json(comparisons, settings))
         save(_figure(comparisons), folder / "compare.png")

@@ -29,7 +29,7 @@ from typing import Any
 
 from calibration.atomic import files_into
 from calibration.curve.options import add_route_arguments, add_source_arguments
-from calibration.errors import DataError, InputError, printable
+from calibration.errors import DataError, InputError
 from calibration.processes import add_process_arguments, shared_parts
 
 FORMATS = ("csv", "npy", "png", "table")
@@ -207,16 +207,14 @@ def _known(source: Any) -> str:
 
 
 def _tell(arguments: argparse.Namespace, source: Any, seen: Any) -> None:
+    from calibration.curve.beyond import beyond_data
+
     if seen.known < seen.rows:
         text = f"of {seen.rows} velocities {seen.rows - seen.known} are left empty"
         print(f"warning: not-known: {text}; the fit knows {_known(source)}", file=sys.stderr)
-    if source.result is not None:
-        doubt = source.result.extrapolation(seen.ends, source.name)
-        if doubt is not None:
-            velocity = source.result.material(source.name).data.velocity
-            curve, data = (f"{min(v):.4g} to {max(v):.4g} m/s" for v in (seen.ends, velocity))
-            text = f"the curve goes from {curve}, the data of {printable(source.name)} from {data}"
-            print(f"warning: {doubt.code}: {text}", file=sys.stderr)
+    told = beyond_data(source, seen.ends)
+    if told is not None:
+        print(f"warning: {told}", file=sys.stderr)
     if not arguments.quiet:
         print(source.remark)
         print(f"{seen.rows} velocities, {seen.low:.4g} to {seen.high:.4g} m/s: {arguments.out}")

@@ -18,7 +18,9 @@ sensitivities have limits.
 
 import argparse
 import json
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -78,7 +80,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--range",
         action="append",
         metavar="NAME=LOW:HIGH",
-        help="of an input; may be repeated (default: 10 %% about every input)",
+        help="of an input; may be repeated (default: 10 %% about each that moves by itself)",
     )
     group.add_argument("--samples", type=int, metavar="N", help="a power of two (4096)")
     group.add_argument("--scale", choices=("uniform", "log"), help="default: uniform")
@@ -151,7 +153,7 @@ class _Job:
                 raise DataError("--at", v, "velocities above 0 m/s")
         self.bars = arguments.at or [max(self.low, part * self.high) for part in BARS]
         self.inputs = _inputs_of(source)
-        self.ranges = _ranges(arguments.range, self.inputs)
+        self.ranges = _ranges(arguments, self.inputs, source)
         self.subject = source.law if source.result is None else source.result
         self.draws = [] if source.draws is None else source.result.at_draws(source.draws)
         self.options = self._options()
@@ -239,13 +241,13 @@ class _Job:
         """Central limits of θ ∂ε/∂θ over draws, {name: (low, high)}, each at the bars' velocities."""
         import numpy as np
 
-        from calibration.studies.inputs import of_law
         from calibration.studies.local import sensitivity
 
         source, half = self.source, 0.5 * self.source.result.confidence
         fits = source.result.at_draws(source.draws, LAWS_OF_LIMITS)
         laws = [one.material(source.name).law for one in fits]
-        every = [sensitivity(of_law(law), self.bars, self.route) for law in laws]
+        inputs = [_inputs_of(replace(source, law=law)) for law in laws]
+        every = [sensitivity(one, self.bars, self.route) for one in inputs]
         stacked = np.stack([one.absolute for one in every])
         low, high = np.quantile(stacked, [0.5 - half, 0.5 + half], axis=0)
         return {n: (low[:, k], high[:, k]) for k, n in enumerate(every[0].names)}
@@ -261,7 +263,7 @@ class _Job:
         u = self.arguments.uncertainty
         found = fisher_information(self.subject, velocity, u, **self.options)
         self.told.append(information_text(found))
-        return found.to_dict()
+        return found.to_dict() | self._taken_as_known(found.names)
 
     def _design(self, folder: Path, progress: Any) -> Any:
         from calibration.plots import studies as pictures
@@ -289,11 +291,22 @@ class _Job:
         pictures.plot_design(found, figure.add_subplot())
         style.save(figure, folder / "design.png")
         (folder / "design.csv").write_text(design_csv(found), encoding="utf-8")
-        if not self.draws:
-            self.told.append(str(found))
-            return found.to_dict()
-        self.told.append(f"on average over {len(self.draws)} draws of the posterior: {found}")
-        return found.to_dict() | {"draws": len(self.draws)}
+        average = f"on average over {len(self.draws)} draws of the posterior: "
+        self.told.append(f"{average if self.draws else ''}{found}")
+        known = self._taken_as_known([found.target] if found.criterion == "c" else found.names)
+        draws = {"draws": len(self.draws)} if self.draws else {}
+        return found.to_dict() | draws | known
+
+    def _taken_as_known(self, targets: Iterable[str]) -> dict[str, Any]:
+        """What of the fit is taken as known though it is not, told and for JSON."""
+        from calibration.studies.taken_as_known import taken_as_known
+        from calibration.studies.text import wrapped
+
+        if self.source.result is None:
+            return {}
+        sentences = taken_as_known(self.source.result, self.source.name, targets)
+        self.told += map(wrapped, sentences)
+        return {"taken_as_known": sentences} if sentences else {}
 
     def _global(self, folder: Path, progress: Any) -> Any:
         from calibration.plots import studies as pictures
@@ -301,9 +314,10 @@ class _Job:
         from calibration.studies.text import sobol_table
 
         found = self.indices(progress)
-        self.told.append(sobol_table(found))
-        style.save(pictures.sobol_figure(found), folder / "sobol.png")
-        return found.to_dict()
+        self.told += [sobol_table(found), self.ranges.text(self.inputs)]
+        figure = pictures.sobol_figure(found, self.ranges.title(self.inputs))
+        style.save(figure, folder / "sobol.png")
+        return found.to_dict() | self.ranges.to_dict()
 
     def indices(self, progress: Any) -> Any:
         """Those of the global study, by all processes."""
@@ -312,7 +326,7 @@ class _Job:
         arguments = self.arguments
         return sobol_indices(
             self.inputs,
-            self.ranges,
+            self.ranges.of,
             self.bars,
             route=self.route,
             samples=4096 if arguments.samples is None else arguments.samples,
@@ -324,32 +338,43 @@ class _Job:
 
 
 def _inputs_of(source: Any) -> Any:
-    """The bodies' properties where they are known, else the law's own fields."""
+    """The bodies' properties where they make the law's contact, else the law's own fields."""
     from calibration.studies.inputs import Inputs, OfBodies, of_law
-    from softjax.fields import declarations, options_of
+    from softjax.fields import declarations, options_of, whole_fields
 
-    law = source.law
-    if source.properties is None or getattr(law, "contact", None) is None:
+    law, contact = source.law, getattr(source.law, "contact", None)
+    if source.properties is None or contact is None or whole_fields(type(law)):
         return of_law(law)
     options = tuple((name, getattr(law, name)) for name in options_of(type(law)))
     fields = {name: float(getattr(law, name)) for name in declarations(type(law))}
     build = OfBodies(source.bodies, type(law), law.contact.area, options)
-    return Inputs(source.properties | fields, build)
+    inputs = Inputs(source.properties | fields, build)
+    return inputs if _same(contact, inputs.law().contact) else of_law(law)
 
 
-def _ranges(texts: list[str] | None, inputs: Any) -> Mapping[str, tuple[float, float]]:
-    """`name=low:high`, or a tenth to either side of every input."""
-    if not texts:
-        return {n: (x - 0.1 * abs(x), x + 0.1 * abs(x)) for n, x in inputs.values.items() if x}
+def _same(one: Any, other: Any) -> bool:
+    """Whether two contacts are one: a fit may have changed the bodies' properties."""
+    pairs = zip(one.leaves().values(), other.leaves().values(), strict=True)
+    return all(math.isclose(a, b, rel_tol=1e-9) for a, b in pairs)
+
+
+def _ranges(arguments: argparse.Namespace, inputs: Any, source: Any) -> Any:
+    """`name=low:high`, or a tenth to either side of every input that moves by itself."""
+    from calibration.studies.ranges import told_ranges, usual_ranges
+
+    scale = arguments.scale or "uniform"
+    if not arguments.range:
+        fit = None if source.result is None else source.result.material(source.name)
+        return usual_ranges(inputs, scale, fit)
     ranges = {}
-    for text in texts:
+    for text in arguments.range:
         name, _, ends = text.partition("=")
         name = name.strip().replace("-", "_")
         if name not in inputs.values:
             accepted = f"NAME=LOW:HIGH, NAME one of {listed(inputs.values)}"
             raise DataError("--range", text, accepted)
         ranges[name] = _pair("--range", text, ends)
-    return ranges
+    return told_ranges(ranges, scale)
 
 
 def _pair(option: str, text: str, ends: str) -> tuple[float, float]:

@@ -145,7 +145,8 @@ def _of_file(arguments: argparse.Namespace) -> Source:
     last = FAR_ABOVE_YIELD * critical
     if entry.data is not None:
         last = max(float(np.max(entry.data.velocity)), 2 * critical)
-    bodies, properties = _bodies(entry)
+    is_one = not {"radius_1", "diameter_1"} & entry.table.values.keys()
+    bodies, properties = _bodies(entry.bodies, "second" not in entry.table, is_one)
     return Source(
         entry.name,
         _law(arguments, arguments.law or file.settings.get("law", "zhou"), contact, said),
@@ -156,16 +157,24 @@ def _of_file(arguments: argparse.Namespace) -> Source:
     )
 
 
-def _bodies(entry) -> tuple[str, dict[str, float]]:
-    """Names and numbers of a `[[material]]`'s bodies."""
-    one, two = entry.bodies
+def _bodies(pair, alike: bool, one_radius: bool) -> tuple[str, dict[str, float]]:
+    """Names and numbers of two bodies: of one material or not, of one radius or not."""
+    one, two = pair
     if two.radius is None:
         return "wall", _numbers(one, "") | {"radius": one.radius} | _numbers(two, "_wall")
     radii = {"radius_1": one.radius, "radius_2": two.radius}
-    if "second" in entry.table:
+    if not alike:
         return "unlike spheres", _numbers(one, "_1") | _numbers(two, "_2") | radii
-    is_one = not {"radius_1", "diameter_1"} & entry.table.values.keys()
-    return "spheres", _numbers(one, "") | ({"radius": one.radius} if is_one else radii)
+    return "spheres", _numbers(one, "") | ({"radius": one.radius} if one_radius else radii)
+
+
+def _bodies_of_fit(fit) -> tuple[str, dict[str, float] | None]:
+    """The same of a fit's data; no properties where the bodies are not known, or not the same."""
+    leaves = [leaf for body in fit.data.bodies for leaf in body.material.leaves().values()]
+    if not leaves or any(np.ndim(leaf) for leaf in leaves):
+        return "spheres", None
+    one, two = fit.data.bodies
+    return _bodies((one, two), _numbers(one, "") == _numbers(two, ""), one.radius == two.radius)
 
 
 def _numbers(body, suffix: str) -> dict[str, float]:
@@ -191,7 +200,10 @@ def _of_fit(arguments: argparse.Namespace) -> Source:
     if span[0] == span[1]:
         span = (0.5 * span[0], 2 * span[0])
     remark = f"{printable(fit.name)}: {arguments.fit}" + " (NOT CONVERGED)" * (not fit.converged)
-    return Source(fit.name, fit.law, span, result=result, draws=_draws(arguments), remark=remark)
+    bodies, properties = _bodies_of_fit(fit)
+    return Source(
+        fit.name, fit.law, span, properties, bodies, result, _draws(arguments), remark=remark
+    )
 
 
 def _draws(arguments: argparse.Namespace) -> Any:

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 import softjax as sj
+from calibration.curve.beyond import WIDEST, beyond_data, beyond_text
 from calibration.curve.source import Source
 from calibration.curve.stream import Route, Rows, evaluator, in_one_size
 from calibration.curve.writers import Writer, lines, parts
@@ -25,6 +26,7 @@ INSIDE = np.array([0.25, 0.5, 0.75])  # where between two rows the law is looked
 LOADING = np.linspace(0, 1, 65)[1:]  # of the largest overlap: where the force may be largest
 ROWS = 4096  # that are computed at once, each with its history or some of its forces
 SAMPLES = 201  # of a history, where the force depends on the velocity
+NOT_BEYOND = "all rows lie between the fit's data"
 ERROR = "# interpolated linearly, restitution errs by {:.1e} at most\n"  # of one length
 
 
@@ -63,17 +65,20 @@ class TableWriter(Writer):
         self._impacts = in_one_size(lambda v: impacts(source.law, v, route)) if has_force else None
         self._last: tuple[float, float] | None = None
         self._error = 0.0
+        self._source, self._first = source, float("nan")
         self._file.write("".join(_head(source)).encode())
         self._place = self._file.tell()
         names = ["velocity[m/s]", "restitution", *COLUMNS[: len(COLUMNS) * has_force]]
-        self._file.write((ERROR.format(0.0) + f"# {' '.join(names)}\n").encode())
+        self._file.write(self._later() + f"# {' '.join(names)}\n".encode())
 
     def write(self, rows: Rows) -> None:
         rows = rows.some(np.isfinite(rows.coefficient))
         if not len(rows.velocity):
             return
         knots = np.array([rows.velocity, rows.coefficient])
-        if self._last is not None:
+        if self._last is None:
+            self._first = float(rows.velocity[0])
+        else:
             knots = np.concatenate([np.array([self._last]).T, knots], axis=1)
         if np.any(np.diff(knots[0]) <= 0):
             problem = "the velocities do not ascend"
@@ -87,8 +92,18 @@ class TableWriter(Writer):
 
     def close(self) -> None:
         self._file.seek(self._place)
-        self._file.write(ERROR.format(1.05 * self._error).encode())  # rounded up
+        self._file.write(self._later())
         super().close()
+
+    def _later(self) -> bytes:
+        """What only the last row tells, of one length."""
+        error = ERROR.format(1.05 * self._error).encode()  # rounded up
+        if self._source.result is None:
+            return error
+        last = self._first if self._last is None else self._last[0]
+        told = beyond_data(self._source, (self._first, last))
+        room = len(beyond_text(self._source, WIDEST).encode())
+        return b"# " + (told or NOT_BEYOND).encode().ljust(room) + b"\n" + error
 
     def _between(self, velocity: np.ndarray, coefficient: np.ndarray) -> float:
         """How far interpolation between neighbours is from the curve, the step at yield left out."""

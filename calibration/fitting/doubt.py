@@ -11,6 +11,8 @@ SEPARATE = 1.0  # standard error of ln σ from which on σ and ψ count as one n
 SEVERAL_DELTA = 4.0  # Δχ² below which another minimum is nearly as good
 CONFIDENCE = 0.99  # of the tests on residuals
 APART = 2.0  # standard errors between the two objectives
+OUTSIDE = 1e-3  # of a velocity: less beyond the data's is no extrapolation, as ends are rounded
+OTHER_LAWS = "`softjax compare` tries other laws"
 REMEDIES = {
     "at-bound": "Widen the bound if it was given, or fix the parameter there; its interval is one-sided.",
     "rank-deficient": "Fix one of the parameters, give it a prior, or measure where it acts.",
@@ -21,11 +23,10 @@ REMEDIES = {
     "not-converged": "Use more starts or steps, or another optimiser; do not use the values.",
     "several-minima": "Give bounds or a prior that decide, or measure where the curves differ.",
     "model-misfit": (
-        "The law does not follow these data within their noise; intervals omit that. "
-        "`softjax compare` tries other laws."
+        f"The law does not follow these data within their noise; intervals omit that. {OTHER_LAWS}."
     ),
     "residual-runs": (
-        "The law misses a trend (`softjax compare` tries other laws), or points belong together "
+        f"The law misses a trend ({OTHER_LAWS}), or points belong together "
         "(a `group` column tells which); intervals are too narrow."
     ),
     "unequal-scatter": "State each point's own uncertainty; intervals take errors to be as stated, else equal.",
@@ -234,9 +235,10 @@ def statuses(status, velocity, material) -> list[Doubt]:
 
 
 def extrapolation(velocity, data) -> Doubt | None:
-    """Velocities outside the data's."""
+    """Velocities outside the data's, by more than rounding."""
     low, high = float(np.min(data.velocity)), float(np.max(data.velocity))
-    outside = (np.asarray(velocity) < low) | (np.asarray(velocity) > high)
+    velocity = np.asarray(velocity)
+    outside = (velocity < (1 - OUTSIDE) * low) | (velocity > (1 + OUTSIDE) * high)
     if not np.any(outside):
         return None
     count = int(np.sum(outside))

@@ -83,11 +83,12 @@ def profiles_figure(result: Any) -> Figure | None:
 
 
 def correlation_figure(result: Any) -> Figure | None:
-    """How the fitted parameters depend on each other; None where no data set has two of them.
+    """How the fitted parameters depend on each other; None where no two have a correlation.
 
-    A panel a data set; data sets that share parameters have one together.
+    A panel a data set; data sets that share parameters have one together. A parameter at its bound
+    has no correlations.
     """
-    blocks = [block for block in _blocks(result) if len(block[1]) > 1]
+    blocks = [block for block in _blocks(result) if _has_correlations(result, block[1])]
     if not blocks:
         return None
     cut = _cut(min(len(blocks), MOST), len(blocks), "data sets")
@@ -125,6 +126,13 @@ def _blocks(result: Any) -> list[tuple[str, list[str]]]:
         blocks.append((owners, labels))
     alone = len(result.materials) == 1
     return [(names[0] if len(names) == 1 and not alone else "", of) for names, of in blocks]
+
+
+def _has_correlations(result: Any, labels: list[str]) -> bool:
+    """Whether two of them have one."""
+    place = [result.covariance_names.index(label) for label in labels]
+    known = np.isfinite(result.correlations[np.ix_(place, place)])
+    return bool(np.any(np.triu(known, 1)))
 
 
 def _symbol(result: Any, label: str, with_owner: bool) -> str:

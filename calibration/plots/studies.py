@@ -108,7 +108,7 @@ def plot_sobol(found: SobolIndices, output: int = 0, ax: Axes | None = None) -> 
     ax.plot(place + 0.2, bound, "v", color=style.BLACK, label="bound of total")
     # the body of "E wall" below its letter, so that many inputs find room
     ax.set_xticks(place, [in_math(letter).replace(" ", "\n") for letter in found.symbols])
-    ax.set_ylim(bottom=0)
+    ax.axhline(0, color=style.GREY, linewidth=0.6)
     ax.set_ylabel(r"share of the variance of $\varepsilon$")
     if found.velocity is not None:
         ax.set_title(f"$v$ = {found.velocity[output]:.3g} m/s")
@@ -124,8 +124,12 @@ def tornado_figure(found: Sensitivities) -> Figure:
     return figure
 
 
-def sobol_figure(found: SobolIndices) -> Figure:
-    """`plot_sobol` of every output, with one legend."""
+def sobol_figure(found: SobolIndices, assumed: str = "") -> Figure:
+    """`plot_sobol` of every output, with one scale that all of them fit, and one legend.
+
+    Args:
+        assumed: what stands above them all, such as how the inputs are spread.
+    """
     count, width = len(found.first), max(4.2, 0.4 * len(found.names))
     figure = style.new_figure(max(width * count, 5.0), 3.8)
     axes = list(figure.subplots(1, count, squeeze=False, sharey=True)[0])
@@ -133,6 +137,8 @@ def sobol_figure(found: SobolIndices) -> Figure:
         plot_sobol(found, output, ax)
         ax.label_outer()
     style.legend_below(figure, axes, 3, ("first order", "total"))
+    if assumed:
+        figure.suptitle(assumed, fontsize="medium")
     return figure
 
 

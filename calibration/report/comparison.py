@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from calibration.errors import printable
+from calibration.fitting.doubt import OTHER_LAWS
 from calibration.report import symbols
 from calibration.report.rows import estimate_text
 from calibration.report.tables import aligned
@@ -23,11 +24,16 @@ EXPLAINED = (
 )
 
 
-def comparison_text(comparisons: Iterable[Any], remarks: Sequence[str] = ()) -> str:
+def comparison_text(
+    comparisons: Iterable[Any],
+    remarks: Sequence[str] = (),
+    causes: str = "comparison.entry(law).doubts",
+) -> str:
     """Everything that a terminal shows of some `Comparison`s.
 
     Args:
         remarks: lines about all of them.
+        causes: where the causes of doubts are found; in Python unless told.
     """
     comparisons = list(comparisons)
     common = [n for n in comparisons[0].notes if all(n in other.notes for other in comparisons)]
@@ -37,7 +43,7 @@ def comparison_text(comparisons: Iterable[Any], remarks: Sequence[str] = ()) -> 
             [_title(one), *_ranking(one)],
             _parameters(one),
             _about(one, common),
-            _doubts(one),
+            _doubts(one, causes),
         ]
     return "\n\n".join("\n".join(block) for block in blocks if block)
 
@@ -122,7 +128,7 @@ def _about(one: Any, told: Sequence[str]) -> list[str]:
     return _wrapped([*lines, *(f"Left out: {why}." for why in one.left_out)])
 
 
-def _doubts(one: Any) -> list[str]:
+def _doubts(one: Any, causes: str) -> list[str]:
     """Each kind of doubt once, with the laws that have it."""
     by_code: dict[str, list[str]] = {}
     for entry in one.entries:
@@ -130,12 +136,17 @@ def _doubts(one: Any) -> list[str]:
             by_code.setdefault(code, []).append(entry.label)
     if not by_code:
         return ["No doubts were raised."]
-    remedies = {doubt.code: doubt.remedy for entry in one.entries for doubt in entry.doubts}
-    lines = ["Doubts (their causes are in compare.json):"]
+    remedies = {doubt.code: _remedy(doubt) for entry in one.entries for doubt in entry.doubts}
+    lines = [f"Doubts (their causes are in {causes}):"]
     for code, labels in by_code.items():
         text = f"{code}: {'; '.join(labels)}. {remedies[code]}"
         lines += textwrap.wrap(text, width(), initial_indent="  ! ", subsequent_indent="    ")
     return lines
+
+
+def _remedy(doubt: Any) -> str:
+    """Without the advice to compare laws, which is what was done."""
+    return doubt.remedy.replace(f" ({OTHER_LAWS})", "").replace(f" {OTHER_LAWS}.", "")
 
 
 def _wrapped(paragraphs: Iterable[str]) -> list[str]:
@@ -185,7 +196,7 @@ def _entry_dict(entry: Any) -> dict[str, Any]:
         },
         "remark": entry.candidate.remark,
         "doubts": [
-            {"code": doubt.code, "cause": doubt.cause, "remedy": doubt.remedy}
+            {"code": doubt.code, "cause": doubt.cause, "remedy": _remedy(doubt)}
             for doubt in entry.doubts
         ],
     }

@@ -25,6 +25,10 @@ from calibration.studies.planned import PLACEHOLDER, Column, Impacts, Plan
 from softjax.fields import numbers_of, options_of, whole_fields
 
 WIDE = (-np.inf, np.inf)
+BY_HAND = (
+    "to plan elsewhere take the law with values given by hand: `softjax sensitivity FILE.toml "
+    "--chi … --sigma … --psi … --study design --from …`"
+)
 
 
 def plan_of(
@@ -146,8 +150,10 @@ def _of_fit(result: FitResult, material: str | None, reach: Column, route: Route
     g = result.materials.index(one)
     low, high = one.known_from, one.known_to
     if np.any((reach < low) | (reach > high)):
-        accepted = f"from {low:.4g} to {high:.4g} m/s, where this fit knows the law"
-        raise DataError("velocity", float(np.min(reach)), accepted)
+        end = f"up to {high:.4g} m/s" if low <= 0 else f"{low:.4g} m/s or more"
+        accepted = f"{end}, where this fit knows the law; {BY_HAND}"
+        outside = np.min(reach) if np.min(reach) < low else np.max(reach)
+        raise DataError("velocity", float(outside), accepted)
     specs = result.request.specs()
     by_time = issubclass(one.model.law_type, sj.RateDependentLaw)
     route = result.request.chosen_route(specs) if route is None and by_time else route

@@ -78,6 +78,11 @@ def doubts_text(doubts: Sequence[Doubt]) -> str:
     return "\n".join(lines)
 
 
+def wrapped(sentence: str) -> str:
+    """As wide as the terminal."""
+    return "\n".join(wrap(sentence, width()))
+
+
 def _table(
     head: str, velocity: Iterable[float], lines: Iterable[tuple[str, list[str]]], width: int
 ) -> str:
