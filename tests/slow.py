@@ -68,7 +68,6 @@ SLOW = [
     "test_ode.py::test_error_falls_as_the_order_of_the_solver[dopri5-2]",
     "test_ode.py::test_restitution_over_the_box[full]",
     "test_si_laws.py::test_values_and_slopes[hertz-energy]",
-    "test_whole_fields.py::test_many_tables",
     "test_uncertainty_coverage.py::test_errors_that_are_shared_or_unequal[Thornton, trains 0.7 ms]",
     "test_posterior_samplers.py::test_blackjax_samples_it",
     "test_float32.py::test_materials_without_x64[full]",
@@ -77,4 +76,5 @@ SLOW = [
     "test_gradients.py::test_radius_of_equal_spheres_does_not_matter[jacfwd]",
     "test_float32.py::test_materials[ode-full-stainless steel]",
     "test_speed.py::test_a_law_of_ones_own_errs_as_told",
+    "test_whole_fields.py::test_many_tables",
 ]

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.special import beta
 
 import softjax as sj
 from softjax.laws.zhou import FirstOrder
@@ -131,6 +132,30 @@ def test_many_impacts_of_one_table():
     """Large batches keep it whole."""
     many = sj.restitution(TABLE, np.full(300_000, 0.4)).coefficient
     assert np.all(many == many[0])
+
+
+class Weighted(sj.RateIndependentLaw):
+    """Back along a straight line and a parabola, each with its weight."""
+
+    contact: sj.Contact
+    weights: jax.Array = sj.array_field()
+
+    def loading_force(self, overlap):
+        return 1e6 * overlap
+
+    def unloading_force(self, overlap, peak_overlap):
+        s = overlap / peak_overlap
+        return self.loading_force(peak_overlap) * jnp.dot(self.weights, jnp.stack([s, s**2]))
+
+
+def test_each_of_many_lasts_as_long_as_alone():
+    """A quarter period there; back a quarter and ∫ ds/√(1 - s³) of √(3/2) of it."""
+    weights = np.array([[1.0, 0.0], [0.0, 1.0]])
+    each = jax.vmap(lambda w: sj.restitution(Weighted(STEEL, w), VELOCITY).duration)(weights)
+    quarter = np.sqrt(STEEL.mass / 1e6)
+    cubic = np.sqrt(1.5) * beta(1 / 3, 1 / 2) / 3
+    exact = quarter * np.array([np.pi, 0.5 * np.pi + cubic])
+    assert np.allclose(each, exact[:, None], rtol=1e-9, atol=0)
 
 
 def test_many_tables():
