@@ -18,8 +18,9 @@ from tests.oracles.write_hard_cases import solved
 
 ODE_TOLERANCE = {"float64": 1e-11, "float32": 1e-6}
 BY_NAME = {case.name: case for case in TABLE}
-# by the ODE every choice once, and the other combinations among the long tests
-LONG = [("ode", "float64", "full"), ("ode", "float32", "first-order")]
+# every choice once by either route, and the other combinations among the long tests
+OTHERS = [("float64", "full"), ("float32", "first-order")]
+LONG = [(route, *other) for route in ("energy balance", "ode") for other in OTHERS]
 GROUPS = [
     pytest.param(*group, marks=[pytest.mark.long] if group in LONG else [])
     for route in ("energy balance", "ode")
