@@ -301,6 +301,10 @@ def test_a_global_study_by_two_processes(tmp_path):
     options = ("sensitivity", "nylon", "--study", "global", "--samples", "16384", "--at", "2")
     told, codes = by_two(softjax(*options, out=tmp_path / "two"))
     assert codes == [0, 0], textwrap.shorten(str(told), 2000)
-    assert main([*options, "--out", str(tmp_path / "one")]) == 0
+    # a command of its own too: sums of as many threads of linear algebra round alike
+    alone = [sys.executable, "-m", "calibration", *options, "--out", str(tmp_path / "one")]
+    process = started(lambda k: alone, 0)
+    process.communicate(timeout=100)
+    assert process.returncode == 0
     one, two = ((tmp_path / k / "sensitivity.json").read_text() for k in ("one", "two"))
     assert one == two
