@@ -67,7 +67,7 @@ class Export:
     @property
     def overlap(self) -> float:
         """The largest overlap in the code over the radius."""
-        return float(np.max(self.choice.impacts.peak)) * self.choice.stretch / self.wanted.radius
+        return _overlap(self.wanted, self.choice)
 
     @property
     def cautions(self) -> tuple[str, ...]:
@@ -181,8 +181,12 @@ def notes_of(wanted: Wanted, choice: Choice, order: Order) -> tuple[str, ...]:
         notes += (f"Softer: overlaps {number(choice.stretch, 3)} times those of the law.",)
     if isinstance(choice.law, sj.RateIndependentLaw):
         notes += (_balance(choice, order),)
-    overlap = float(np.max(choice.impacts.peak)) * choice.stretch / wanted.radius
-    return (*notes, *cautions_of(wanted, overlap))
+    return (*notes, *cautions_of(wanted, _overlap(wanted, choice)))
+
+
+def _overlap(wanted: Wanted, choice: Choice) -> float:
+    """The largest in the code, over the radius."""
+    return float(np.max(choice.impacts.peak)) * choice.stretch / wanted.radius
 
 
 def _balance(choice: Choice, order: Order) -> str:
