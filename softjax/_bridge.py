@@ -9,7 +9,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.custom_derivatives import SymbolicZero
-from jax.extend.core import Literal
 from jaxtyping import Array
 
 from softjax._impacts import Mapped, in_rows
@@ -99,24 +98,6 @@ def along_what_moves_it(f: Callable, moves: Callable[[], list[bool]]) -> Callabl
 def _no_change(value):
     kind = value.dtype if jnp.issubdtype(value.dtype, jnp.inexact) else jax.dtypes.float0
     return np.zeros(value.shape, kind) if kind == jax.dtypes.float0 else jnp.zeros_like(value)
-
-
-def moving(f: Callable, *leaves) -> list[bool]:
-    """For each input whether anything that f gives follows from it, as f is written."""
-    program = jax.make_jaxpr(f)(*leaves).jaxpr
-
-    def reaches(start) -> bool:
-        reached = {start}
-        for equation in program.eqns:
-            if not reached.isdisjoint(_variables(equation.invars)):
-                reached.update(equation.outvars)
-        return not reached.isdisjoint(_variables(program.outvars))
-
-    return [reaches(variable) for variable in program.invars]
-
-
-def _variables(atoms) -> list:
-    return [atom for atom in atoms if not isinstance(atom, Literal)]
 
 
 def _check_not_told_apart(leaves) -> None:

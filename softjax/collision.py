@@ -13,7 +13,8 @@ import numpy as np
 from jaxtyping import Array
 
 from softjax import encke, falls, phase
-from softjax._bridge import along_what_moves_it, forward_differentiated, moving, solve
+from softjax._bridge import along_what_moves_it, forward_differentiated, solve
+from softjax._dependence import moving
 from softjax._impacts import over_impacts
 from softjax._numerics import implicit_root, parabolic_step
 from softjax._search import reach
@@ -35,7 +36,7 @@ UNKNOWN = 1e-8  # the tolerance that fixed steps are taken to have
 def pieces(law: ReducedRateIndependent, route: Stepping, dtype) -> Pieces:
     """The pieces of one impact."""
     return Pieces(
-        loading=partial(_loading if _begins_elastic(law) else _staged, route=route),
+        loading=partial(_loading, route=route),
         release=_release,
         energy=partial(_energy, route=route),
         time=partial(_time, route=route),
@@ -57,16 +58,17 @@ def _begins_elastic(law) -> bool:
     return isinstance(law, ReducedClosedForm) and not len(law.breakpoints())
 
 
-def _loading(law: ReducedClosedForm, y: Array, route: Stepping, clock: bool = False) -> Peak:
-    """Loading from an elastic collision, differentiated along those of the law's numbers it has."""
+def _loading(law: ReducedRateIndependent, y: Array, route: Stepping, clock: bool = False) -> Peak:
+    """Loading, differentiated along those of the law's numbers that move it."""
     leaves, structure = jax.tree.flatten((law, y, route))
+    loaded = encke.loading if _begins_elastic(law) else _staged
 
     def one(*leaves):
-        return encke.loading(*jax.tree.unflatten(structure, leaves), clock)
+        return loaded(*jax.tree.unflatten(structure, leaves), clock)
 
     def asked(*leaves):
         law, y, _ = jax.tree.unflatten(structure, leaves)
-        return law.loading(y), law.end(), law.elastic_limit, y
+        return law.loading(y), law.end(), loading_kinks(law, y), y
 
     return along_what_moves_it(one, lambda: moving(asked, *leaves))(*leaves)
 
@@ -242,7 +244,7 @@ def _history(law, y, below, route: Stepping, fractions):
         peak = peak._replace(overlap=jnp.where(peak.turns & peak.solved, loading[1][-1], 1.5))
         rose = peak.solved
     else:
-        peak = _staged(law, y, route)
+        peak = _loading(law, y, route)
         loading, rose = _risen(law, peak, along, route)
     ending = _release(law, peak.overlap)
     fall = _unloading(law, peak, ending)

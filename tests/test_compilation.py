@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import softjax as sj
-from softjax._bridge import moving
+from calibration.speed.own_law import own_scene
+from softjax._dependence import moving
 from tests.cases import fitted, pair
 
 
@@ -97,6 +98,17 @@ def test_what_acts_on_unloading_alone_moves_no_loading():
     leaves, structure = jax.tree.flatten((law, jnp.asarray(2.0)))
     found = moving(lambda *leaves: asked(*jax.tree.unflatten(structure, leaves)), *leaves)
     assert found == [True, False, True]  # d, X and y
+
+
+def test_what_no_force_says_anything_of_is_not_differentiated():
+    """Of a law in SI: its mass, yield strength and limit velocity carry no tangent through a solve."""
+    law = own_scene().law_of(2e-4, 2e11, 1e-3)
+    law = jax.tree.map(jnp.asarray, law)
+    forces = lambda law: law.impacts(jnp.asarray(1.0)).law.law  # noqa: E731
+    _, moved = jax.jvp(forces, (law,), (jax.tree.map(jnp.ones_like, law),))
+    named = {"youngs_modulus": 1, "radius": 1, "mass": 0, "yield_strength": 0, "limit_velocity": 0}
+    assert {name: getattr(moved.contact, name) for name in named} == named
+    assert moved.length == 1
 
 
 def test_derivatives_under_the_callers_jit_compile_once(compiled):

@@ -12,7 +12,7 @@ HEAVY = ("diffrax", "optimistix", "optax", "lineax", "scipy", "matplotlib", "tqd
 
 # softjax in layers: a module imports from earlier layers, or from its own where that says so
 LAYERS = [
-    {"_checks", "_numerics", "compiler", "status"},
+    {"_checks", "_dependence", "_numerics", "compiler", "status"},
     {"fields", "_quadrature", "_search"},
     {"materials"},
     {"contact", "empirical", "routes"},

@@ -66,10 +66,13 @@ def test_a_law_of_ones_own_errs_as_told():
     """Its elementary works meet the energy balance, in its gradient too; SciPy's motion is the same."""
     scene = own_scene()
     ways = [build() for build in own_plan(scene, quick=True)]
-    own = measure(replace(ways[-1], batch=32), scene)
-    assert ways[-1].family == "energy balance"
-    assert own.largest_error < 1e-14
-    assert own.gradient_error < 1e-13
+    searched, told = ways[-2:]
+    assert [way.setting for way in ways[-2:]] == ["exact", "exact, end told"]
+    for way in (searched, told):
+        own = measure(replace(way, batch=32), scene)
+        assert way.family == "energy balance"
+        assert own.largest_error < 1e-14
+        assert own.gradient_error < 1e-13
     loop = next(way for way in ways if way.family == "SciPy loop")
     assert 1e-12 < measure(replace(loop, batch=4), scene).largest_error < 1e-4
     motion = Recoil(2.5)

@@ -7,9 +7,10 @@ by the other power.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
+import jax.numpy as jnp
 import numpy as np
 
 import softjax as sj
@@ -36,17 +37,25 @@ class Hardening(sj.RateIndependentLaw):
         return self.loading_force(peak_overlap) * (overlap / peak_overlap) ** power
 
 
+class EndTold(Hardening):
+    """The same, which says that its unloading force vanishes with the overlap and not before."""
+
+    def residual_overlap(self, peak_overlap):
+        return jnp.zeros_like(peak_overlap)
+
+
 @dataclass(frozen=True)
 class OwnScene:
     """Impact velocities, the law, and what is exact about them."""
 
     contact: sj.Contact
     velocity: np.ndarray  # [m/s], shape (n,)
+    kind: type[Hardening] = Hardening
 
     def law_of(self, length, youngs_modulus, mass) -> Hardening:
         c = self.contact
         contact = sj.Contact(youngs_modulus, c.radius, mass, c.yield_strength, c.limit_velocity)
-        return Hardening(contact, length)
+        return self.kind(contact, length)
 
     @property
     def theta(self) -> tuple[float, ...]:
@@ -103,7 +112,14 @@ def own_scene() -> OwnScene:
 def own_plan(scene: OwnScene, quick: bool) -> Iterator[Callable[[], Way]]:
     """Ways as functions that build them."""
     yield from rivals.plan(scene, Recoil, quick)
-    few: list = [sj.ODE(solver="dopri5", steps=2), sj.ODE(solver="dopri8", steps=2)]
-    more = [] if quick else [sj.ODE(solver="dopri5", steps=4), sj.ODE(rtol=1e-8)]
+    few: list = [sj.ODE(solver="dopri5", steps=3), sj.ODE(solver="dopri8", steps=2)]
+    more = [] if quick else [sj.ODE(solver="dopri5", steps=5), sj.ODE(rtol=1e-8)]
     for route in (*few, *more, sj.EnergyBalance()):
         yield partial(ways_of, scene, route, BATCH)
+        # as all rivals are: they stop where the overlap vanishes
+        yield partial(_told, replace(scene, kind=EndTold), route)
+
+
+def _told(scene: OwnScene, route) -> Way:
+    way = ways_of(scene, route, BATCH)
+    return replace(way, setting=f"{way.setting}, end told")

@@ -5,13 +5,16 @@ forces and overlaps of the order of one, whatever the size of the bodies and how
 """
 
 import math
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from softjax._dependence import moving
 from softjax._numerics import quotient
 from softjax.contact import Contact
+from softjax.fields import whole_leaves
 from softjax.laws.reduced import Reduced, ReducedRateDependent, ReducedRateIndependent
 from softjax.laws.units import Scales, hertz_scales, hertz_scales_at
 
@@ -114,15 +117,42 @@ def reduced_by_forces(law, velocity: Array) -> Reduced:
     while the velocity's carries what the impact's own velocity moves.
     """
     slowest = _slowest(law.contact, velocity)
-    moving = jnp.maximum(velocity, slowest)
-    overlap, _ = hertz_scales_at(law.contact, moving)
-    scales = Scales(jax.lax.stop_gradient(overlap), moving)
+    lifted = jnp.maximum(velocity, slowest)
+    overlap, _ = hertz_scales_at(law.contact, lifted)
+    scales = Scales(jax.lax.stop_gradient(overlap), lifted)
     unit = law.force_scale(scales)
     if hasattr(law, "loading_force"):
-        reduced = ForcesOfImpact(law, scales.overlap, unit)
+        forces = _still_where_silent(law, _all_that_is_asked)
+        reduced = ForcesOfImpact(forces, scales.overlap, unit)
     else:
-        reduced = ForceOfImpact(law, scales.overlap, moving, unit)
+        force = _still_where_silent(law, lambda law, x: asked(law, "force", x, x))
+        reduced = ForceOfImpact(force, scales.overlap, lifted, unit)
     return Reduced(reduced, scales, jnp.ones_like(unit), jnp.minimum(velocity / slowest, 1.0))
+
+
+def _still_where_silent(law, told: Callable):
+    """The law, its numbers that move nothing of what it is asked not differentiated.
+
+    A mass or a yield strength of which a force says nothing would cost a tangent all the way.
+    """
+    leaves, structure = jax.tree.flatten(law)
+    kinds = [
+        jax.ShapeDtypeStruct(jnp.shape(leaf) if whole else (), jnp.result_type(leaf))
+        for leaf, whole in zip(leaves, whole_leaves(law), strict=True)
+    ]
+    overlap = jax.ShapeDtypeStruct((), jnp.result_type(law.contact.radius))
+    moves = moving(lambda x, *one: told(jax.tree.unflatten(structure, one), x), overlap, *kinds)
+    held = [
+        leaf if moved else jax.lax.stop_gradient(leaf)
+        for leaf, moved in zip(leaves, moves[1:], strict=True)
+    ]
+    return jax.tree.unflatten(structure, held)
+
+
+def _all_that_is_asked(law, x: Array) -> list:
+    ends = law.elastic_overlap(), asked(law, "residual_overlap", x)
+    forces = asked(law, "loading_force", x), asked(law, "unloading_force", x, x)
+    return [*forces, *law.breakpoints(), *(end for end in ends if end is not None)]
 
 
 def _slowest(contact: Contact, velocity: Array) -> Array:
