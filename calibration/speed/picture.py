@@ -18,6 +18,11 @@ STYLES = {
     "energy balance, numba": (style.BLACK, "P"),
 }
 
+SCENES = {
+    None: "stainless steel, v from 1.5 to 250 critical velocities",
+    "own": "a law of one's own in SI, v from 0.01 to 10 m/s",
+}
+
 
 def draw_speed(rows: list[Row], ax: Axes | None = None, law: str | None = None) -> Axes:
     """One marker a setting; filled for float64, hollow for float32. `law`: None is Zhou's."""
@@ -27,8 +32,7 @@ def draw_speed(rows: list[Row], ax: Axes | None = None, law: str | None = None) 
     ax.set(xscale="log", yscale="log")
     ax.set_xlabel("largest error of the plastic coefficient of restitution [-]")
     ax.set_ylabel("time a collision [µs]")
-    of_zhou = "stainless steel, v from 1.5 to 250 critical velocities"
-    ax.set_title(f"Speed against error: {of_zhou if law is None else law}")
+    ax.set_title(f"Speed against error: {SCENES.get(law, law)}")
     ax.grid(which="major", alpha=0.3)
     ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
     return ax
