@@ -18,14 +18,13 @@ sensitivities have limits.
 
 import argparse
 import json
-import math
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from calibration.curve.options import add_route_arguments, add_source_arguments
-from calibration.errors import DataError, InputError, listed
+from calibration.errors import DataError, InputError
 from calibration.processes import add_process_arguments, shared_parts
 
 STUDIES = ("local", "information", "design", "global")
@@ -135,6 +134,8 @@ class _Job:
     """The studies of one law, into one folder."""
 
     def __init__(self, arguments: argparse.Namespace, source: Any, route: Any, parts: Any = None):
+        from calibration.studies.asked import inputs_of, ranges_of
+
         self.arguments, self.source, self.route = arguments, source, route
         self.parts = parts
         told = (arguments.first, arguments.last)
@@ -152,8 +153,9 @@ class _Job:
             if not 0 < v < float("inf"):
                 raise DataError("--at", v, "velocities above 0 m/s")
         self.bars = arguments.at or [max(self.low, part * self.high) for part in BARS]
-        self.inputs = _inputs_of(source)
-        self.ranges = _ranges(arguments, self.inputs, source)
+        self.inputs = inputs_of(source)
+        scale = arguments.scale or "uniform"
+        self.ranges = ranges_of(arguments.range, scale, self.inputs, source)
         self.subject = source.law if source.result is None else source.result
         self.draws = [] if source.draws is None else source.result.at_draws(source.draws)
         self.options = self._options()
@@ -192,6 +194,7 @@ class _Job:
     def _options(self) -> dict[str, Any]:
         """What information and design are told of the fit."""
         import calibration as cal
+        from calibration.studies.asked import number
 
         names = {"free": self.arguments.free or [], "fix": self.arguments.fix or []}
         if self.source.result is not None:
@@ -202,7 +205,7 @@ class _Job:
         parameters = {name: cal.Parameter(free=False) for name in names["fix"]}
         for text in names["free"]:
             name, sign, deviation = text.partition("=")
-            prior = (0.0, _number("--free", text, deviation, "NAME=SD")) if sign else None
+            prior = (0.0, number("--free", text, deviation, "NAME=SD")) if sign else None
             parameters[name] = cal.Parameter(prior=prior)
         told = {"objective": self.arguments.objective, "parameters": parameters}
         return {**told, "route": self.route}
@@ -241,12 +244,13 @@ class _Job:
         """Central limits of θ ∂ε/∂θ over draws, {name: (low, high)}, each at the bars' velocities."""
         import numpy as np
 
+        from calibration.studies.asked import inputs_of
         from calibration.studies.local import sensitivity
 
         source, half = self.source, 0.5 * self.source.result.confidence
         fits = source.result.at_draws(source.draws, LAWS_OF_LIMITS)
         laws = [one.material(source.name).law for one in fits]
-        inputs = [_inputs_of(replace(source, law=law)) for law in laws]
+        inputs = [inputs_of(replace(source, law=law)) for law in laws]
         every = [sensitivity(one, self.bars, self.route) for one in inputs]
         stacked = np.stack([one.absolute for one in every])
         low, high = np.quantile(stacked, [0.5 - half, 0.5 + half], axis=0)
@@ -268,6 +272,7 @@ class _Job:
     def _design(self, folder: Path, progress: Any) -> Any:
         from calibration.plots import studies as pictures
         from calibration.plots import style
+        from calibration.studies.asked import pair
         from calibration.studies.design import optimal_velocities
         from calibration.studies.text import design_csv
 
@@ -279,9 +284,7 @@ class _Job:
             (self.low, min(self.high, 0.999 * float(limit))),
             criterion=arguments.criterion or "c",
             target=arguments.target,
-            over=None
-            if arguments.over is None
-            else _pair("--over", arguments.over, arguments.over),
+            over=None if arguments.over is None else pair("--over", arguments.over, arguments.over),
             uncertainty=arguments.uncertainty,
             seed=arguments.seed or 0,
             progress=progress,
@@ -335,55 +338,3 @@ class _Job:
             progress=progress,
             parts=self.parts,
         )
-
-
-def _inputs_of(source: Any) -> Any:
-    """The bodies' properties where they make the law's contact, else the law's own fields."""
-    from calibration.studies.inputs import Inputs, OfBodies, of_law
-    from softjax.fields import declarations, options_of, whole_fields
-
-    law, contact = source.law, getattr(source.law, "contact", None)
-    if source.properties is None or contact is None or whole_fields(type(law)):
-        return of_law(law)
-    options = tuple((name, getattr(law, name)) for name in options_of(type(law)))
-    fields = {name: float(getattr(law, name)) for name in declarations(type(law))}
-    build = OfBodies(source.bodies, type(law), law.contact.area, options)
-    inputs = Inputs(source.properties | fields, build)
-    return inputs if _same(contact, inputs.law().contact) else of_law(law)
-
-
-def _same(one: Any, other: Any) -> bool:
-    """Whether two contacts are one: a fit may have changed the bodies' properties."""
-    pairs = zip(one.leaves().values(), other.leaves().values(), strict=True)
-    return all(math.isclose(a, b, rel_tol=1e-9) for a, b in pairs)
-
-
-def _ranges(arguments: argparse.Namespace, inputs: Any, source: Any) -> Any:
-    """`name=low:high`, or a tenth to either side of every input that moves by itself."""
-    from calibration.studies.ranges import told_ranges, usual_ranges
-
-    scale = arguments.scale or "uniform"
-    if not arguments.range:
-        fit = None if source.result is None else source.result.material(source.name)
-        return usual_ranges(inputs, scale, fit)
-    ranges = {}
-    for text in arguments.range:
-        name, _, ends = text.partition("=")
-        name = name.strip().replace("-", "_")
-        if name not in inputs.values:
-            accepted = f"NAME=LOW:HIGH, NAME one of {listed(inputs.values)}"
-            raise DataError("--range", text, accepted)
-        ranges[name] = _pair("--range", text, ends)
-    return told_ranges(ranges, scale)
-
-
-def _pair(option: str, text: str, ends: str) -> tuple[float, float]:
-    low, _, high = ends.partition(":")
-    return _number(option, text, low, "LOW:HIGH"), _number(option, text, high, "LOW:HIGH")
-
-
-def _number(option: str, text: str, number: str, accepted: str) -> float:
-    try:
-        return float(number)
-    except ValueError:
-        raise DataError(option, text, accepted) from None
