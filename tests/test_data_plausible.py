@@ -99,6 +99,9 @@ def test_falls_from_higher_than_anybody_drops_a_ball():
     times = {"interval": np.array([500.0, 450.0, 405.0])}
     (doubt,) = plausibility(RestitutionData.from_table(times))
     assert doubt.code == "height"
+    times = {"interval": np.array([1e160, 1.0, 0.9])}  # a height beyond all numbers
+    causes = [one.cause for one in plausibility(RestitutionData.from_table(times))]
+    assert "falls as fast as 4.9e+160 m/s, from inf m" in causes
 
 
 @pytest.mark.parametrize(

@@ -79,7 +79,7 @@ def of_falls(velocity: Column, gravity: float) -> tuple[str, ...]:
         return (FALLEN,)
     return (
         FALLEN,
-        f"{FALLS} {fastest:.3g} m/s, from {fastest**2 / (2 * gravity):.3g} m",
+        f"{FALLS} {fastest:.3g} m/s, from {fastest * (fastest / (2 * gravity)):.3g} m",
     )
 
 
