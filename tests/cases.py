@@ -10,6 +10,7 @@ import numpy as np
 
 import softjax as sj
 from softjax import assembly
+from softjax.compiler import QUICK, accepted
 from softjax.routes import program_of, taken
 
 FORMS = ("first-order", "full")
@@ -51,6 +52,11 @@ def law_with(d, X, form: str = "first-order", sigma=0.0, psi=1.0) -> sj.Zhou:
     return sj.Zhou(contact, np.asarray(X) / ratio, sigma, psi, form=form)
 
 
+def compiled_soon(function, **options):
+    """`jax.jit` as batches of up to 4096 impacts and fits have it: to run slower."""
+    return jax.jit(function, compiler_options=accepted(QUICK), **options)
+
+
 def law_of(inputs: dict) -> sj.Zhou:
     """The law of the effective inputs of a reference collision, which may be arrays."""
     names = ("E", "R", "M", "Y", "v_lim")
@@ -59,7 +65,7 @@ def law_of(inputs: dict) -> sj.Zhou:
     return sj.Zhou(contact, **own)
 
 
-@partial(jax.jit, static_argnames="route")
+@partial(compiled_soon, static_argnames="route")
 def collide(law, y, route=None):
     """Collisions of a reduced law at reduced velocities, by the energy balance or the given route."""
     route = sj.EnergyBalance() if route is None else route

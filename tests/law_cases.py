@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import softjax as sj
-from tests.cases import pair
+from tests.cases import compiled_soon, pair
 
 PAIR = pair("stainless steel")
 LEAVES = tuple(PAIR.leaves())
@@ -41,7 +41,7 @@ def derivatives(law, velocity, route=None, dtype=np.float64):
     return found, status, slopes | {"velocity": by_velocity * velocity}
 
 
-@partial(jax.jit, static_argnames="route")
+@partial(compiled_soon, static_argnames="route")
 def _graded(law, velocity, route):
     def total(law, velocity):
         result = sj.restitution(law, velocity, route)
@@ -150,7 +150,7 @@ def _turned(law, y):
 def assert_works_are_those_of_the_forces(law, y, rtol=1e-12) -> None:
     """Closed forms of a reduced law against its forces: dW_L = p_L dx, and W_U by quadrature."""
     y = jnp.asarray(y)
-    peak, pace, loading, released = jax.jit(_turned)(law, y)
+    peak, pace, loading, released = compiled_soon(_turned)(law, y)
     assert np.allclose(loading * pace, 0.8 * y, rtol=rtol, atol=0)
     residual, recovered, work = released
     nodes, weights = np.polynomial.legendre.leggauss(200)

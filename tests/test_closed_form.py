@@ -9,6 +9,7 @@ import pytest
 import softjax as sj
 from softjax.laws import _dashpots, _viscous
 from tests import law_cases as lc
+from tests.cases import compiled_soon
 from tests.oracles import closed_forms as oracle
 
 ENDS = ("zero-overlap", "zero-force")
@@ -21,7 +22,7 @@ UNIT = 1.25**0.4
 
 def along_logarithm(f, x):
     """Values and x df/dx, elementwise, all parts of a named tuple."""
-    return jax.jit(jax.vmap(lambda x: jax.jvp(f, (x,), (x,))))(jnp.asarray(x))
+    return compiled_soon(jax.vmap(lambda x: jax.jvp(f, (x,), (x,))))(jnp.asarray(x))
 
 
 def in_digits(f, x):
@@ -174,7 +175,7 @@ def test_nothing_is_no_number(law, dtype):
         (slopes,) = jax.vmap(pull)(jnp.eye(len(value), dtype=value.dtype))
         return (value, slopes), (value, slopes)
 
-    derivatives = jax.jit(jax.vmap(jax.jacfwd(backwards, has_aux=True)))
+    derivatives = compiled_soon(jax.vmap(jax.jacfwd(backwards, has_aux=True)))
     for k, found in enumerate(jax.tree.leaves(derivatives(points))):
         assert found.dtype == dtype
         assert not np.any(np.isnan(found)), k

@@ -9,7 +9,7 @@ import pytest
 import softjax as sj
 from softjax.laws.zhou import FirstOrder, Full
 from tests import law_cases as lc
-from tests.cases import FITTED, FORMS, collide, fitted, pair
+from tests.cases import FITTED, FORMS, collide, compiled_soon, fitted, pair
 from tests.oracles import zhou_mp
 
 CLOSED = {"first-order": FirstOrder, "full": Full}
@@ -136,12 +136,12 @@ def test_its_derivatives_agree_too(route):
 
     chi = jnp.full(len(RATIOS), FITTED["nylon"]["chi"])
     ones = jnp.ones_like(velocity)
-    along = jax.jit(lambda t: jax.jvp(quadrature, (chi, velocity), t)[1])
-    exactly = jax.jit(lambda t: jax.jvp(closed, (chi, velocity), t)[1])
+    along = compiled_soon(lambda t: jax.jvp(quadrature, (chi, velocity), t)[1])
+    exactly = compiled_soon(lambda t: jax.jvp(closed, (chi, velocity), t)[1])
     for tangent in ((ones * chi, 0 * ones), (0 * ones, velocity)):
         assert np.allclose(along(tangent), exactly(tangent), rtol=0, atol=1e-8)
-    reverse = jax.jit(jax.grad(lambda *a: quadrature(*a).sum(), (0, 1)))(chi, velocity)
-    expected = jax.jit(jax.grad(lambda *a: closed(*a).sum(), (0, 1)))(chi, velocity)
+    reverse = compiled_soon(jax.grad(lambda *a: quadrature(*a).sum(), (0, 1)))(chi, velocity)
+    expected = compiled_soon(jax.grad(lambda *a: closed(*a).sum(), (0, 1)))(chi, velocity)
     assert np.allclose(reverse[0] * chi, expected[0] * chi, rtol=0, atol=1e-8)
     assert np.allclose(reverse[1] * velocity, expected[1] * velocity, rtol=0, atol=1e-8)
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import softjax as sj
-from tests.cases import FORMS, RADIUS, column, law_of, of_form, stacked_inputs
+from tests.cases import FORMS, RADIUS, column, compiled_soon, law_of, of_form, stacked_inputs
 
 NAMES = ("E", "R", "M", "Y", "v_lim", "chi", "sigma", "psi", "v")
 # of a material, which two equal spheres are made of
@@ -28,9 +28,9 @@ def curve_inputs(form):
 def relative_jacobian(f, numbers, mode):
     """θ ∂f/∂θ by name, of an elementwise f of arrays by name."""
     if mode == "reverse":
-        slopes = jax.jit(jax.grad(lambda n: f(n).sum()))(numbers)
+        slopes = compiled_soon(jax.grad(lambda n: f(n).sum()))(numbers)
         return {name: slopes[name] * numbers[name] for name in numbers}
-    push = jax.jit(lambda n, t: jax.jvp(f, (n,), (t,))[1])
+    push = compiled_soon(lambda n, t: jax.jvp(f, (n,), (t,))[1])
     rest = jax.tree.map(jnp.zeros_like, numbers)
     return {name: push(numbers, rest | {name: value}) for name, value in numbers.items()}
 
@@ -102,7 +102,7 @@ def test_radius_of_equal_spheres_does_not_matter(derivative):
         return jnp.stack([sj.restitution(law, v).coefficient for law in laws])
 
     radii = jnp.full(len(theta), RADIUS)
-    slopes = jax.jit(jax.vmap(derivative(coefficients)))(radii, theta)
+    slopes = compiled_soon(jax.vmap(derivative(coefficients)))(radii, theta)
     assert slopes.shape == (len(theta), 2)
     assert np.all(np.abs(slopes * RADIUS) <= 1e-13)
 
@@ -112,7 +112,7 @@ def test_radius_of_equal_spheres_does_not_matter(derivative):
 def test_derivatives_of_the_overlaps(form, derivative):
     """∂ε, ∂δ* and ∂δ_max with respect to properties of the material."""
     records, choices, theta = material_inputs(form)
-    found = jax.jit(jax.vmap(derivative(lambda t: outputs(t, choices))))(theta)
+    found = compiled_soon(jax.vmap(derivative(lambda t: outputs(t, choices))))(theta)
     scale = column(records, "peak_overlap")
     for i, name in enumerate(PROPERTIES):
         scaled = found[:, :, i] * theta[:, i : i + 1]

@@ -63,7 +63,7 @@ def squared(inputs, form, route):
     return result.coefficient**2, (result.plastic_coefficient**2, result.status)
 
 
-@partial(jax.jit, static_argnums=(1, 2))
+@partial(cases.compiled_soon, static_argnums=(1, 2))
 def everything(inputs, form, route):
     """ε², ε_p², status, and θ ∂ε²/∂θ forward and in reverse."""
 
@@ -198,7 +198,7 @@ def test_invalid_input_touches_no_neighbour(route):
     # χ̃ = 0 and σ = 0 are no mistakes
     batch[batch == 0] = np.nan
 
-    @jax.jit
+    @cases.compiled_soon
     def value_and_gradient(batch):
         def total(batch):
             law, v = jax.tree.unflatten(structure, list(batch))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import softjax as sj
-from tests.cases import fitted, pair
+from tests.cases import compiled_soon, fitted, pair
 
 PAIR = pair("nylon")
 STEP = 1e-3  # relative; of fourth-order differences
@@ -48,11 +48,11 @@ def test_slopes_are_those_of_differences(name, route, whole):
 
     one = jnp.ones(2)
     every = np.concatenate([1 + STEP * SIDES[:, None] * np.eye(2)[k] for k in range(2)])
-    values = np.asarray(jax.jit(jax.vmap(motion))(jnp.asarray(every))).reshape(2, 4, -1)
+    values = np.asarray(compiled_soon(jax.vmap(motion))(jnp.asarray(every))).reshape(2, 4, -1)
     far_down, down, up, far_up = np.moveaxis(values, 1, 0)
     expected = (8 * (up - down) - (far_up - far_down)) / (12 * STEP)
-    found = np.asarray(jax.jit(jax.jacfwd(motion))(one)).T
-    back = np.asarray(jax.jit(jax.jacrev(motion))(one)).T
+    found = np.asarray(compiled_soon(jax.jacfwd(motion))(one)).T
+    back = np.asarray(compiled_soon(jax.jacrev(motion))(one)).T
     size = np.max(np.abs(values), axis=(0, 1))
     size = np.where(size > 0, size, 1.0)
     assert np.max(np.abs(expected) / size, axis=1).min() > 1e-3  # each input acts

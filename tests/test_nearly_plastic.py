@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import softjax as sj
-from tests.cases import pair
+from tests.cases import compiled_soon, pair
 
 STEEL = pair("stainless steel")
 STIFFNESS = 1e6
@@ -48,7 +48,7 @@ def test_slow_impacts_in_float32(route):
     law = sj.WaltonBraun(STEEL, np.full(4, STIFFNESS), 2e6, growth=1e12)
     short = jax.tree.map(lambda leaf: np.full(4, leaf, np.float32), law)
 
-    @jax.jit
+    @compiled_soon
     def graded(law, v):
         return jax.value_and_grad(
             lambda law, v: sj.restitution(law, v, route).coefficient.sum(), argnums=(0, 1)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import softjax as sj
-from tests.cases import pair
+from tests.cases import compiled_soon, pair
 
 STEEL = pair("stainless steel", area="hertz")
 ROUTES = {"energy": sj.EnergyBalance(), "ode": sj.ODE(rtol=1e-10)}
@@ -66,7 +66,7 @@ def test_where_a_force_ends_moves_with_the_law_unless_it_drops():
     """δ* = ρ δ_m, of a force that is flat there too; a drop is told as INEXACT."""
     law = Dropping(STEEL, np.array([0.0, 0.2]), 2.0, np.array([0.5, 0.5]))
 
-    @jax.jit
+    @compiled_soon
     @jax.value_and_grad
     def residual(rest):
         moved = Dropping(STEEL, law.floor, law.power, rest)

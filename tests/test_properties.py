@@ -17,6 +17,7 @@ from mpmath import mp
 import softjax as sj
 from tests import boxes, cases
 from tests.boxes import Choice
+from tests.cases import compiled_soon
 from tests.oracles import zhou_mp as z
 from tests.violations import count, solve
 
@@ -138,7 +139,7 @@ def test_scales_do_not_matter(choice, seed):
     assert np.array_equal(one["status"][clear], two["status"][clear])
 
 
-@partial(jax.jit, static_argnames="area")
+@partial(compiled_soon, static_argnames="area")
 def between(materials, radii, v, area="zhou"):
     one, two = (sj.Material(*material) for material in materials)
     contact = sj.Contact.between_spheres(one, two, *radii, area=area)
@@ -146,7 +147,7 @@ def between(materials, radii, v, area="zhou"):
     return contact.leaves(), result.coefficient, result.peak_overlap
 
 
-@jax.jit
+@compiled_soon
 def on_wall(materials, radius, v):
     one, two = (sj.Material(*material) for material in materials)
     contact = sj.Contact.with_wall(one, two, radius)
@@ -192,7 +193,7 @@ def test_a_wall_is_a_large_sphere(seed):
     assert off / less == pytest.approx(100, rel=0.01)
 
 
-@partial(jax.jit, static_argnames="form")
+@partial(compiled_soon, static_argnames="form")
 def loop(chi, y, form):
     pair = cases.pair("nylon")
     v = y * pair.critical_velocity

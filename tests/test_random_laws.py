@@ -9,6 +9,7 @@ import pytest
 
 import softjax as sj
 from tests import random_laws
+from tests.cases import compiled_soon
 from tests.random_laws import LENGTH, PAIR, Declared, Drawn
 
 COUNT = 200
@@ -93,7 +94,7 @@ def test_durations_against_scipy(route):
     assert np.allclose(found, exact, rtol=2e-7, atol=0)
 
 
-@partial(jax.jit, static_argnames="route")
+@partial(compiled_soon, static_argnames="route")
 def value_and_slopes(fields, velocity, route):
     def total(fields, velocity):
         result = sj.restitution(Declared(PAIR, **fields), velocity, route)
@@ -154,6 +155,6 @@ def _moved(fields, velocity, name, step):
 
 def test_under_vmap_as_in_a_batch():
     some = {k: jnp.asarray(v[:8]) for k, v in FIELDS.items()}
-    one = jax.jit(jax.vmap(lambda f, v: sj.restitution(Declared(PAIR, **f), v).coefficient))
+    one = compiled_soon(jax.vmap(lambda f, v: sj.restitution(Declared(PAIR, **f), v).coefficient))
     found = one(some, jnp.asarray(VELOCITY[:8]))
     assert np.allclose(found, computed(Declared, "energy").coefficient[:8], rtol=0, atol=1e-13)

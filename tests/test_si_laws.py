@@ -8,6 +8,7 @@ import pytest
 from scipy.special import beta
 
 import softjax as sj
+from tests.cases import compiled_soon
 from tests.si_laws import PAIRS, STEEL
 
 VELOCITY = STEEL.critical_velocity * np.array([0.3, 1.5, 4.0, 20.0, 300.0])
@@ -31,7 +32,7 @@ def fields_of(law):
     ]
 
 
-@partial(jax.jit, static_argnames="route")
+@partial(compiled_soon, static_argnames="route")
 def everything(law, velocity, route):
     """Result, duration, and the slopes of both."""
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import softjax as sj
-from tests.cases import FITTED, fitted, law_of, pair, status
+from tests.cases import FITTED, compiled_soon, fitted, law_of, pair, status
 from tests.oracles import zhou_mp
 
 NAMES = ("E", "R", "M", "Y", "v_lim", "chi", "sigma", "psi", "v")
@@ -100,7 +100,7 @@ def compiled(form: str, route: str):
         forward = jax.jvp(lambda n: total(n)[1].coefficient, (numbers,), (numbers,))[1]
         return result, reverse, forward
 
-    return jax.jit(everything)
+    return compiled_soon(everything)
 
 
 # every choice once; the table of hard impacts takes all their combinations
@@ -179,7 +179,7 @@ def test_overlaps_do_not_move_without_a_turning_point(form, route):
         result = sj.restitution(law, v, ROUTES[route])
         return result.peak_overlap + result.residual_overlap
 
-    slopes = jax.jit(jax.grad(overlaps, (0, 1)))
+    slopes = compiled_soon(jax.grad(overlaps, (0, 1)))
     far, near = (slopes(law, y * law.contact.critical_velocity) for y in (2e3, 20.0))
     assert all(leaf == 0 for leaf in jax.tree.leaves(far))
     assert sum(leaf != 0 for leaf in jax.tree.leaves(near)) >= 5

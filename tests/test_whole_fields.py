@@ -11,7 +11,7 @@ from scipy.special import beta
 
 import softjax as sj
 from softjax.laws.zhou import FirstOrder
-from tests.cases import fitted, pair
+from tests.cases import compiled_soon, fitted, pair
 
 STEEL = pair("stainless steel", area="hertz")
 VELOCITY = np.array([0.05, 0.4, 3.0])
@@ -106,7 +106,7 @@ def test_slopes_in_its_weights(route):
     keys = iter(jax.random.split(jax.random.key(1), len(jax.tree.leaves(weights))))
     along = jax.tree.map(lambda w: jax.random.normal(next(keys), jnp.shape(w)), weights)
 
-    @jax.jit
+    @compiled_soon
     def total(t):
         moved = jax.tree.map(lambda w, d: w + t * d, weights, along)
         return sj.restitution(eqx.combine(moved, rest), VELOCITY, route).coefficient.sum()
@@ -189,7 +189,7 @@ def test_slopes_of_loading_in_whole_fields():
     """They have a column for each number, beside those of the law's single numbers."""
     zhou = fitted("stainless steel")
 
-    @jax.jit
+    @compiled_soon
     @partial(jax.value_and_grad, argnums=(0, 1))
     def graded(bend, chi):
         law = BentZhou(zhou.contact, chi, zhou.sigma, zhou.psi, bend=bend)
