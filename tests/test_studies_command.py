@@ -90,8 +90,12 @@ def test_the_design_follows_its_options(at, capsys):
     assert "c-optimal for model" in capsys.readouterr().out
     assert sum(place["shots"] for place in plain["support"]) == 6
     header, *shots = Path("results/design.csv").read_text(encoding="utf-8").splitlines()
-    assert header == "velocity [m/s],shots"
-    table = [(float(v), int(n)) for v, n in (row.split(",") for row in shots)]
+    assert header == "velocity [m/s],shots,drop height without air [m]"
+    rows = [row.split(",") for row in shots]
+    table = [(float(v), int(n)) for v, n, _ in rows]
+    assert all(
+        float(v) == pytest.approx((2 * 9.80665 * float(h)) ** 0.5, rel=1e-5) for v, _, h in rows
+    )
     assert table == [(float(f"{p['velocity']:.6g}"), p["shots"]) for p in plain["support"]]
     assert plain["gain"] > 1
     assert plain["bounds"] == [2.0, 60.0]
@@ -212,7 +216,7 @@ def test_what_a_plan_takes_as_known_at_its_bound_is_told_with_the_fits_interval(
     assert f"the fit's 95 % interval of chi is 0.2 to 0.25 {parts}" in told
     assert ("of sigma is" in told) == (study == "information")
     assert told in " ".join(capsys.readouterr().out.split())
-    assert "taken_as_known" not in told_by("--fit", "fit.json", "--study", study)[study]
+    assert told_by("--fit", "fit.json", "--study", study)[study]["taken_as_known"] == []
 
 
 def test_a_plan_where_the_fit_knows_nothing_names_the_way_out(at, capsys):

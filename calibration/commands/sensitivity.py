@@ -18,7 +18,6 @@ sensitivities have limits.
 
 import argparse
 import json
-from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -267,14 +266,14 @@ class _Job:
         u = self.arguments.uncertainty
         found = fisher_information(self.subject, velocity, u, **self.options)
         self.told.append(information_text(found))
-        return found.to_dict() | self._taken_as_known(found.names)
+        return found.to_dict()
 
     def _design(self, folder: Path, progress: Any) -> Any:
         from calibration.plots import studies as pictures
         from calibration.plots import style
         from calibration.studies.asked import pair
         from calibration.studies.design import optimal_velocities
-        from calibration.studies.text import design_csv
+        from calibration.studies.text import design_csv, wrapped
 
         arguments = self.arguments
         limit = getattr(getattr(self.source.law, "contact", None), "limit_velocity", float("inf"))
@@ -295,21 +294,8 @@ class _Job:
         style.save(figure, folder / "design.png")
         (folder / "design.csv").write_text(design_csv(found), encoding="utf-8")
         average = f"on average over {len(self.draws)} draws of the posterior: "
-        self.told.append(f"{average if self.draws else ''}{found}")
-        known = self._taken_as_known([found.target] if found.criterion == "c" else found.names)
-        draws = {"draws": len(self.draws)} if self.draws else {}
-        return found.to_dict() | draws | known
-
-    def _taken_as_known(self, targets: Iterable[str]) -> dict[str, Any]:
-        """What of the fit is taken as known though it is not, told and for JSON."""
-        from calibration.studies.taken_as_known import taken_as_known
-        from calibration.studies.text import wrapped
-
-        if self.source.result is None:
-            return {}
-        sentences = taken_as_known(self.source.result, self.source.name, targets)
-        self.told += map(wrapped, sentences)
-        return {"taken_as_known": sentences} if sentences else {}
+        self.told.append(wrapped(f"{average if self.draws else ''}{found}"))
+        return found.to_dict() | ({"draws": len(self.draws)} if self.draws else {})
 
     def _global(self, folder: Path, progress: Any) -> Any:
         from calibration.plots import studies as pictures

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import jax
@@ -17,6 +17,7 @@ from calibration.studies.exchange import CRITERIA
 from calibration.studies.placing import Errors, Progress, Wanted, sought
 from calibration.studies.planned import USUAL_NOISE
 from calibration.studies.planning import checked_impacts, plan_of
+from calibration.studies.taken_as_known import taken_as_known
 from calibration.studies.targets import DERIVED
 
 TOGETHER = 0.01  # relative distance below which shots are told as one velocity
@@ -51,6 +52,7 @@ class Design:
         symbols: of the parameters.
         grid, slopes: velocities [m/s], (k,), and θ ∂ε/∂θ there, (k, p), of the first law.
         remark: what two steps find instead of the law's own parameters, if anything.
+        taken_as_known: a sentence for each parameter of the fit that has no standard error.
     """
 
     objective: str
@@ -69,6 +71,7 @@ class Design:
     grid: Float[np.ndarray, "k"]
     slopes: Float[np.ndarray, "k p"]
     remark: str = ""
+    taken_as_known: tuple[str, ...] = ()
 
     @property
     def support(self) -> list[tuple[float, int]]:
@@ -106,7 +109,7 @@ class Design:
             percent = math.floor(1000 * self.efficiency) / 10
             text += f"; at least {percent:.1f} % of the best"
         lone = ONE_VELOCITY.format(self.target_symbol) if len(self.support) == 1 else ""
-        return "\n".join(filter(None, (text, lone, self.remark)))
+        return "\n".join(filter(None, (text, lone, self.remark, *self.taken_as_known)))
 
 
 def optimal_velocities(
@@ -180,7 +183,9 @@ def optimal_velocities(
     errors = np.full(count, checked_impacts(np.zeros(1), error, "uncertainty")[1])
     with jax.enable_x64(True):
         wanted = Wanted(plans, bounds, errors, criterion, target, over)
-        return _designed(wanted, starts, seed, progress)
+        found = _designed(wanted, starts, seed, progress)
+    targets = [found.target] if criterion == "c" else found.names
+    return replace(found, taken_as_known=taken_as_known(laws[0], material, targets))
 
 
 def _designed(wanted: Wanted, starts: int, seed: int, progress: Progress | None) -> Design:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import jax
@@ -16,6 +16,7 @@ from calibration.fitting.result import FitResult
 from calibration.fitting.result_json import plain
 from calibration.studies.planned import Column, Plan, equations, relative_unit
 from calibration.studies.planning import checked_impacts, plan_of
+from calibration.studies.taken_as_known import taken_as_known
 
 NOT_KNOWN = 1.0  # relative standard error from which a combination counts as left open
 NO_BOUND = 100.0  # and from which no number is given for it
@@ -37,6 +38,7 @@ class Information:
         matrix: information on ln θ, (p, p): Fisher's for `model`; for `two-step` the inverse of
             the stacked equations' covariance, Aᵀ (middle)⁻¹ A.
         covariance: of ln θ, (p, p), as the fit's own; NaN for what the impacts do not determine.
+        taken_as_known: a sentence for each parameter of the fit that has no standard error.
     """
 
     objective: str
@@ -48,6 +50,7 @@ class Information:
     uncertainty: Float[np.ndarray, "n"]
     matrix: Float[np.ndarray, "p p"]
     covariance: Float[np.ndarray, "p p"]
+    taken_as_known: tuple[str, ...] = ()
 
     @property
     def relative_errors(self) -> dict[str, float | None]:
@@ -105,12 +108,13 @@ class Information:
                 "eigenvalues": values,
                 "directions": vectors.T,
                 "words": self.words,
+                "taken_as_known": self.taken_as_known,
             }
         )
 
     def __str__(self) -> str:
-        lines = [f"{len(self.velocity)} impacts, {self.objective}", *self.words]
-        return "\n".join([*lines, self.remark] if self.remark else lines)
+        lines = f"{len(self.velocity)} impacts, {self.objective}", *self.words
+        return "\n".join(filter(None, (*lines, self.remark, *self.taken_as_known)))
 
 
 def fisher_information(
@@ -148,7 +152,8 @@ def fisher_information(
     v, u = checked_impacts(velocity, error, "velocity")
     if not v.size + plan.measured[plan.place][0].size:
         raise DataError("velocity", "empty", "one velocity [m/s] or more")
-    return information_of(plan, v, u)
+    found = information_of(plan, v, u)
+    return replace(found, taken_as_known=taken_as_known(law, material, found.names))
 
 
 def information_of(plan: Plan, velocity: Column, uncertainty: Column) -> Information:

@@ -9,19 +9,21 @@ from calibration.fitting.result import FitResult
 from calibration.rounding import number
 
 
-def taken_as_known(result: FitResult, material: str, targets: Iterable[str]) -> list[str]:
+def taken_as_known(law: Any, material: str | None, targets: Iterable[str]) -> tuple[str, ...]:
     """A sentence for each such parameter.
 
     Args:
-        result: the fit.
-        material: the data set that is planned for.
+        law: what is planned for: a fit, or a law, of which nothing is taken so.
+        material: the data set of it.
         targets: labels of what errors are promised of.
     """
-    one = result.material(material)
+    if not isinstance(law, FitResult):
+        return ()
+    result, one = law, law.material(material)
     variance = dict(zip(result.covariance_names, np.diag(result.covariance), strict=True))
     open_ = [name for name, label in one.labels.items() if not np.isfinite(variance[label])]
     targets = list(targets)
-    return [_sentence(name, one.parameters.get(name), targets, result) for name in open_]
+    return tuple(_sentence(name, one.parameters.get(name), targets, result) for name in open_)
 
 
 def _sentence(name: str, estimate: Any, targets: list[str], result: FitResult) -> str:

@@ -6,6 +6,7 @@ from textwrap import wrap
 import numpy as np
 
 from calibration.curve.writers import status_names
+from calibration.data.points import STANDARD_GRAVITY
 from calibration.fitting.doubt import Doubt
 from calibration.studies.design import Design
 from calibration.studies.information import Information
@@ -45,7 +46,7 @@ def sobol_table(found: SobolIndices) -> str:
 
 def information_text(found: Information) -> str:
     """Directions in words, then the standard errors."""
-    lines = [str(found)]
+    lines = [wrapped(str(found))]
     for symbol, error in zip(found.symbols, found.standard_errors.values(), strict=True):
         told = "not determined" if error is None else f"{error:.3g}"
         lines.append(f"expected standard error of {symbol}: {told}")
@@ -65,9 +66,11 @@ def sensitivities_csv(found: Sensitivities) -> str:
 
 
 def design_csv(found: Design) -> str:
-    """The velocities to shoot at, and how often."""
-    rows = [f"{v:.6g},{shots}" for v, shots in found.support]
-    return "\n".join(["velocity [m/s],shots", *rows]) + "\n"
+    """The velocities to shoot at, how often, and for who drops what is shot from how high."""
+    fall = 2 * STANDARD_GRAVITY
+    rows = [f"{v:.6g},{shots},{v * (v / fall):.6g}" for v, shots in found.support]
+    header = "velocity [m/s],shots,drop height without air [m]"
+    return "\n".join([header, *rows]) + "\n"
 
 
 def doubts_text(doubts: Sequence[Doubt]) -> str:
@@ -78,9 +81,9 @@ def doubts_text(doubts: Sequence[Doubt]) -> str:
     return "\n".join(lines)
 
 
-def wrapped(sentence: str) -> str:
-    """As wide as the terminal."""
-    return "\n".join(wrap(sentence, width()))
+def wrapped(text: str) -> str:
+    """Each line as wide as the terminal."""
+    return "\n".join("\n".join(wrap(line, width())) for line in text.splitlines())
 
 
 def _table(
