@@ -11,6 +11,12 @@ from softjax._dependence import moving
 from tests.cases import fitted, pair
 
 
+@pytest.fixture(scope="module", autouse=True)
+def nothing_is_compiled_yet():
+    """Whatever other tests did in this process before."""
+    jax.clear_caches()
+
+
 @pytest.fixture
 def compiled():
     """The compilations since the test began, by name."""

@@ -2,6 +2,7 @@
 
 import io
 import os
+import shutil
 import signal
 import socket
 import subprocess
@@ -132,6 +133,30 @@ def test_the_files_of_a_curve_are_those_of_one_process(tmp_path, monkeypatch):
     assert sorted(path.name for path in (tmp_path / "two").iterdir()) == names  # no parts are left
     for name in names:
         assert (tmp_path / "two" / name).read_bytes() == (tmp_path / "one" / name).read_bytes()
+
+
+def _finds_open_mpi() -> bool:
+    """One by which JAX finds the coordinator."""
+    if shutil.which("mpirun") is None:
+        return False
+    told = subprocess.run(["mpirun", "--version"], capture_output=True, text=True)
+    return "(Open MPI) 4." in told.stdout
+
+
+@pytest.mark.long
+def test_open_mpi_starts_several(tmp_path):
+    if not _finds_open_mpi():
+        pytest.skip("needs Open MPI 4")
+    options = (*CURVE, "--points", "140000", "--format", "npy")
+    launch = ["mpirun", "--allow-run-as-root", "--oversubscribe", "-n", "3", sys.executable]
+    command = [*launch, "-m", "calibration", *options, "--out", str(tmp_path / "three")]
+    with started(lambda _: command, 0) as launched:
+        told, error = launched.communicate(timeout=100)
+    assert launched.returncode == 0, error
+    assert told.count("140000 velocities") == 1
+    assert main([*options, "--out", str(tmp_path / "one")]) == 0
+    made = [(tmp_path / name / "curve.npy").read_bytes() for name in ("three", "one")]
+    assert made[0] == made[1]
 
 
 def test_a_process_that_is_killed_ends_the_other_and_a_restart_goes_on(tmp_path):
