@@ -255,6 +255,16 @@ CHANGES: dict[str, list[tuple[str, str, str]]] = {
         ("width**2 * squares", "width * squares", "studies_sobol"),
         ("mixed[i] = b[i]", "mixed[i] = a[i]", "studies_sobol"),
     ],
+    "softjax/laws/forces.py": [
+        ("leaf if moved else jax.lax", "leaf if moved or True else jax.lax", "compilation"),
+        ("[*forces, *law.breakpoints()", "[forces[0], *law.breakpoints()", "own_laws"),
+    ],
+    "calibration/data/points.py": [
+        ("{fastest * (fastest / (2 *", "{fastest * (fastest / (1 *", "data_plausible"),
+    ],
+    "calibration/studies/text.py": [
+        ("{v * (v / fall):.6g}", "{v * (v * fall):.6g}", "studies_command"),
+    ],
     "calibration/studies/local.py": [
         ("velocity * (1 + s[-1])", "velocity * (1 + 2 * s[-1])", "studies_local"),
         ('"m/s": (0, 1, -1)', '"m/s": (0, 1, 1)', "studies_local"),
