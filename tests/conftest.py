@@ -5,6 +5,7 @@ import gc
 import os
 import shutil
 import tempfile
+from importlib.metadata import version
 
 import pytest
 from jaxtyping import install_import_hook
@@ -15,6 +16,12 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     os.environ["JAX_COMPILATION_CACHE_DIR"] = shared
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
     atexit.register(shutil.rmtree, shared, ignore_errors=True)
+
+# XLA cuts a program into pieces for its threads, which takes longer in all: two workers keep two cores
+# busy anyway. It ends a process at a flag that it does not know: asked for where it was tried.
+AT_ONCE = "--xla_cpu_parallel_codegen_split_count=1"
+if "XLA_FLAGS" not in os.environ and version("jaxlib").startswith(("0.8.", "0.10.", "0.12.")):
+    os.environ["XLA_FLAGS"] = AT_ONCE
 
 # The physics behind the public names, where every annotation is meant literally. The names that
 # users call say what they accept themselves, with a ValueError (test_validation).

@@ -28,6 +28,10 @@ def expected():
 
 @lru_cache
 def computed(kind, route):
+    if (kind, route) == (Declared, "energy"):  # by the program that a thousand more go through
+        many = {name: np.resize(field, 1000) for name, field in FIELDS.items()}
+        (_, result), _ = value_and_slopes(many, np.resize(VELOCITY, 1000), ROUTES[route])
+        return jax.tree.map(lambda leaf: leaf[:COUNT], result)
     return sj.restitution(random_laws.law_of(FIELDS, kind), VELOCITY, ROUTES[route])
 
 

@@ -1,6 +1,7 @@
 """`softjax sensitivity` from the command line to its files: every option acts, or is refused."""
 
 import json
+from argparse import ArgumentParser
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -11,9 +12,12 @@ import pytest
 import calibration as cal
 import softjax as sj
 from calibration.cli import main
+from calibration.commands.sensitivity import add_arguments
+from calibration.curve.source import read_source
 from calibration.data.bodies import Body
 from calibration.fitting.doubt import Doubt
 from calibration.fitting.estimate import Estimate
+from calibration.studies.asked import inputs_of, ranges_of
 from tests.cases import fitted
 from tests.command import BODIES
 from tests.fit_data import twin
@@ -27,6 +31,14 @@ def told_by(*options: str) -> dict:
     """What sensitivity.json says after the command."""
     assert main(["sensitivity", *options]) == 0
     return json.loads(Path("results/sensitivity.json").read_text(encoding="utf-8"))
+
+
+def source_of(fit):
+    """What a command reads of a saved fit."""
+    fit.save("source.json")
+    parser = ArgumentParser()
+    add_arguments(parser)
+    return read_source(parser.parse_args(["--fit", "source.json"]))
 
 
 def files() -> set[str]:
@@ -249,32 +261,32 @@ def test_the_global_study_of_a_fit_varies_what_moves_by_itself_and_says_so(at, c
     assert "Left out (not fitted): ψ (psi)." in told
     assert "Left out (0, of which a part is nothing): σ (sigma)." in told
     assert "R (radius), M (mass)" in told
-    ranges = told_by("--fit", "fit.json", *few, "--range", "radius=0.005:0.006", "--scale", "log")
-    assert (
-        ranges["global"]["assumed"]
-        == "each input uniform in its logarithm over its range, independently"
-    )
-    assert ranges["global"]["left_out"] == {}
+    own = ranges_of(["radius=0.005:0.006"], "log", inputs_of(source_of(fit)), source_of(fit))
+    assert own.of == {"radius": (0.005, 0.006)}
+    assert own.to_dict() == {
+        "assumed": "each input uniform in its logarithm over its range, independently",
+        "left_out": {},
+    }
 
 
 def test_a_fit_of_known_bodies_is_studied_as_its_material_file(at):
     fit, data = fit_file(str(at)), fit_file(str(at)).material().data
     spheres = [Body(name, sj.NYLON, 0.0127) for name in ("sphere", "second sphere")]
 
-    def saved(bodies) -> str:
+    def of(bodies):
         told = replace(fit.material(), data=replace(data, bodies=tuple(bodies)))
-        replace(fit, materials=(told,)).save("bodies.json")
-        return "bodies.json"
+        return replace(fit, materials=(told,))
 
-    local = told_by("--fit", saved(spheres), "--at", "20")["local"]["theta_d_epsilon_d_theta"]
-    assert set(local) > {"poisson_ratio", "density", "radius"}
-    assert local["radius"] == pytest.approx([0.0], abs=1e-12)
+    of(spheres).save("bodies.json")
     few = ("--study", "global", "--samples", "16", "--at", "20")
-    found = told_by("--fit", saved(spheres), *few)["global"]
+    found = told_by("--fit", "bodies.json", *few)["global"]
+    assert {*found["inputs"]} > {"poisson_ratio", "density", "radius"}
     assert found["left_out"] == {}
     assert found["total"][0][found["inputs"].index("radius")] == pytest.approx(0, abs=1e-12)
     softer = [one._replace(radius=0.02) for one in spheres]  # which the fit's contact is not of
-    assert "mass" in told_by("--fit", saved(softer), *few)["global"]["left_out"]
+    contact = inputs_of(source_of(of(softer)))
+    assert "mass" in contact.values
+    assert "density" not in contact.values
 
 
 @pytest.mark.parametrize(

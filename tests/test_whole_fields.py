@@ -151,7 +151,8 @@ class Weighted(sj.RateIndependentLaw):
 def test_each_of_many_lasts_as_long_as_alone():
     """A quarter period there; back a quarter and ∫ ds/√(1 - s³) of √(3/2) of it."""
     weights = np.array([[1.0, 0.0], [0.0, 1.0]])
-    each = jax.vmap(lambda w: sj.restitution(Weighted(STEEL, w), VELOCITY).duration)(weights)
+    lasts = compiled_soon(jax.vmap(lambda w: sj.restitution(Weighted(STEEL, w), VELOCITY).duration))
+    each = lasts(weights)
     quarter = np.sqrt(STEEL.mass / 1e6)
     cubic = np.sqrt(1.5) * beta(1 / 3, 1 / 2) / 3
     exact = quarter * np.array([np.pi, 0.5 * np.pi + cubic])
