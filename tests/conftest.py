@@ -55,6 +55,16 @@ sj.enable_x64()
 gc.set_threshold(50_000, 20, 100)  # traces are many objects, and live: looked through less often
 
 
+def pytest_configure(config):
+    """LLVM optimises little in the quick tests, as in JAX's own; the long ones run what users run.
+
+    With JAX_DISABLE_MOST_OPTIMIZATIONS=0 the quick ones do too, in a fifth more time. What a test starts
+    as a process of its own always does.
+    """
+    if "JAX_DISABLE_MOST_OPTIMIZATIONS" not in os.environ and "not long" in config.option.markexpr:
+        jax.config.update("jax_disable_most_optimizations", True)
+
+
 @pytest.fixture(scope="session", autouse=True)
 def no_compilations_are_kept():
     """Commands that are run in a test leave nothing in the user's home."""
