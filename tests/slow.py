@@ -1,6 +1,7 @@
 """Tests that take long to compile what others compile too, or a neighbour of theirs checks: `long`."""
 
 SLOW = [
+    "test_notebooks.py::test_runs_and_gives_what_is_stored[8_into_a_particle_code]",
     "test_notebooks.py::test_runs_and_gives_what_is_stored[2_restitution_curves]",
     "test_notebooks.py::test_runs_and_gives_what_is_stored[4_speed_against_error]",
     "test_notebooks.py::test_runs_and_gives_what_is_stored[6_sensitivity]",

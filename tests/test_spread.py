@@ -16,6 +16,7 @@ import jax, jax.numpy as jnp, numpy as np
 import softjax as sj
 from jax.sharding import AxisType, NamedSharding, PartitionSpec
 sj.enable_x64()
+jax.config.update("jax_disable_most_optimizations", True)
 pair = sj.Contact.between_spheres(sj.NYLON, sj.NYLON, 0.0127, 0.0127)
 law = sj.WaltonBraun(pair, 1e6, 2e6, 60.0)
 

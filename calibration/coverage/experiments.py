@@ -3,7 +3,7 @@ that are uncertain. Each is drawn anew for every fit."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -85,7 +85,10 @@ class _Bench:
         self._law, self._pair = law, law.contact
         self._critical = float(law.contact.critical_velocity)
         self._table = np.geomspace(1.0001, 90, 4000) * self._critical
-        self._curve = np.asarray(sj.restitution(law, self._table).coefficient)
+
+    @cached_property
+    def _curve(self) -> Column:
+        return self.at(self._table)
 
     def at(self, velocity: Column) -> Column:
         """ε without errors."""
