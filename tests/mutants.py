@@ -2,7 +2,7 @@
 
 Each change of `tests.small_changes` is made in a copy of the project, where the tests that should
 notice it are run until one of them fails. What nobody noticed is printed, and makes the command
-fail where it is more than a tenth. About ten minutes on two cores.
+fail where it is more than a tenth. Seven minutes on two cores.
 """
 
 import os
