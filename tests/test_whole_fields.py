@@ -106,7 +106,7 @@ def test_slopes_in_its_weights(route):
     keys = iter(jax.random.split(jax.random.key(1), len(jax.tree.leaves(weights))))
     along = jax.tree.map(lambda w: jax.random.normal(next(keys), jnp.shape(w)), weights)
 
-    @compiled_soon
+    @jax.jit
     def total(t):
         moved = jax.tree.map(lambda w, d: w + t * d, weights, along)
         return sj.restitution(eqx.combine(moved, rest), VELOCITY, route).coefficient.sum()
