@@ -262,6 +262,9 @@ CHANGES: dict[str, list[tuple[str, str, str]]] = {
     "calibration/data/points.py": [
         ("{fastest * (fastest / (2 *", "{fastest * (fastest / (1 *", "data_plausible"),
     ],
+    "calibration/fitting/methods.py": [
+        ("np.clip(gain, 0.0, 1.0)", "1.0", "fit_problem"),
+    ],
     "calibration/studies/text.py": [
         ("{v * (v / fall):.6g}", "{v * (v * fall):.6g}", "studies_command"),
     ],

@@ -233,3 +233,11 @@ def test_priors_are_residuals_of_their_own():
     assert found.residual.shape[1] == problem.count + 1
     assert found.residual[0, -1] == pytest.approx(2.0)
     np.testing.assert_allclose(found.jacobian[0, -1], [0.34 / 0.02, 0.0])
+
+
+def test_a_narrow_valley_is_walked_down():
+    """Data that hardly tell σ from ψ: a thousand refits arrive, as many as were begun."""
+    data = twin("stainless steel", y=np.geomspace(0.02, 200.0, 30), noise=0.005, seed=1)
+    result = cal.fit(data, starts=1, profiles=False)
+    assert abs(result.correlations[1, 2]) > 0.99
+    assert np.all(result.bootstrap(1000, seed=0).converged)

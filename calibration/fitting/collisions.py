@@ -82,7 +82,7 @@ def expand(
             has its own.
         elastic: the branch that each impact is held on, None: as the law has it.
     """
-    parts = []
+    begun, filled = [], []
     route = shape.route if route is None else route  # one name for one program
     for rows, size in _blocks(len(velocity), route):
         some = [
@@ -91,8 +91,11 @@ def expand(
         ]
         held = None if elastic is None else _filled(elastic[rows], size)
         block = _large_block if size == LARGE else quick_to_compile(_block, (3, 4, 5))
-        part = block(some, _filled(velocity[rows], size), held, shape, moving, route)
-        parts.append([np.asarray(a)[..., : rows.stop - rows.start] for a in part])
+        begun.append(block(some, _filled(velocity[rows], size), held, shape, moving, route))
+        filled.append(rows.stop - rows.start)
+    # all blocks have begun before the first is waited for
+    pairs = zip(begun, filled, strict=True)
+    parts = [[np.asarray(a)[..., :count] for a in block] for block, count in pairs]
     if len(parts) == 1:
         return Expansion(*parts[0])
     return Expansion(*(np.concatenate(every, -1) for every in zip(*parts, strict=True)))

@@ -55,6 +55,11 @@ class Condensed(NamedTuple):
         """By how much that step would lower the sum of squares."""
         return np.sum(np.where(self.seen, self.along, 0.0) ** 2, axis=1)
 
+    def fall(self, step: Float[np.ndarray, "fits p"]) -> Float[np.ndarray, "fits"]:
+        """By how much such a step would lower the cost were residuals straight lines."""
+        moved = self.singular * np.einsum("fij,fi->fj", self.directions, self.size * step)
+        return -np.einsum("fp,fp->f", self.gradient, step) - 0.5 * np.sum(moved**2, axis=1)
+
     def replaced(self, fits: Bool[np.ndarray, "fits"], by: "Condensed") -> "Condensed":
         """The same with some fits' as `by` has them."""
         parts = [np.array(a) for a in self]

@@ -16,6 +16,7 @@ from calibration.fitting.condensed import Condensed
 from softjax.compiler import QUICK, accepted
 
 Fits = Bool[np.ndarray, "fits"]
+Numbers = Float[np.ndarray, "fits"]
 Steps = Float[np.ndarray, "fits p"]
 SOONEST = (*QUICK, ("xla_backend_optimization_level", 0))  # a quarter of the time to compile
 OPTIMISERS = {
@@ -31,8 +32,12 @@ class Method(Protocol):
     def propose(self, need: Fits, z: Steps, at: Condensed) -> Steps:
         """A direction for the fits in need of one; the others keep theirs."""
 
-    def taken(self, fits: Fits, whole: Fits) -> None:
-        """These fits have moved, by a whole step or a shortened one; they need a direction."""
+    def taken(self, fits: Fits, whole: Fits, gain: Numbers) -> None:
+        """These fits have moved, by a whole step or a shortened one; they need a direction.
+
+        Args:
+            gain: by how much the cost fell, over what the linear model promised.
+        """
 
     def refused(self, fits: Fits) -> Fits:
         """Their step raised the cost: which of them want another direction, not a shorter step."""
@@ -42,13 +47,20 @@ class Method(Protocol):
 
 
 class Marquardt:
-    """Levenberg and Marquardt: (JᵀJ + λ) step = -Jᵀr in columns scaled to one."""
+    """Levenberg and Marquardt: (JᵀJ + λ) step = -Jᵀr in columns scaled to one.
 
-    GROWTH, SHRINKAGE = 5.0, 0.2
+    λ follows how much of the promised fall was had, so that narrow curved valleys do not refuse every
+    other step.
+
+    Source: Nielsen, Damping parameter in Marquardt's method, IMM-REP-1999-05 (1999).
+    """
+
+    GROWTH = 3.0  # at most, of 1/λ with a step
     SMALLEST, LARGEST = 1e-12, 1e14  # of 1/λ
 
     def __init__(self, fits: int, p: int):
         self.size = np.full(fits, 1e3)
+        self.fall = np.full(fits, 2.0)  # what 1/λ is divided by where a step is refused
         self.direction = np.zeros((fits, p))
 
     def propose(self, need: Fits, z: Steps, at: Condensed) -> Steps:
@@ -58,12 +70,15 @@ class Marquardt:
         self.direction = np.where(need[:, None], step, self.direction)
         return self.direction
 
-    def taken(self, fits: Fits, whole: Fits) -> None:
-        grown = np.minimum(self.size * self.GROWTH, self.LARGEST)
+    def taken(self, fits: Fits, whole: Fits, gain: Numbers) -> None:
+        factor = np.maximum(1 / self.GROWTH, 1 - (2 * np.clip(gain, 0.0, 1.0) - 1) ** 3)
+        grown = np.minimum(self.size / factor, self.LARGEST)
         self.size = np.where(fits, grown, self.size)
+        self.fall = np.where(fits, 2.0, self.fall)
 
     def refused(self, fits: Fits) -> Fits:
-        self.size = np.where(fits, self.size * self.SHRINKAGE, self.size)
+        self.size = np.where(fits, self.size / self.fall, self.size)
+        self.fall = np.where(fits, 2 * self.fall, self.fall)
         return fits
 
     def stuck(self) -> Fits:
@@ -108,7 +123,7 @@ class Lbfgs:
         self.shortened[need] = 0
         return self.direction
 
-    def taken(self, fits: Fits, whole: Fits) -> None:
+    def taken(self, fits: Fits, whole: Fits, gain: Numbers) -> None:
         self.damping = np.where(fits & whole, self.damping * 0.2, self.damping)
         self._damp(fits & ~whole)
 

@@ -12,7 +12,7 @@ from calibration.fitting.search import Found, search
 from calibration.fitting.uncertainty import winsorised
 from calibration.parts import Arrays, Parts, Whole, blocks, joined
 
-STEPS = 100  # of one refit
+STEPS = 200  # of one refit
 AT_ONCE = 128  # refits that are one part
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from calibration.fitting.condensed import Condensed, condense
+from calibration.fitting.condensed import TINY, Condensed, condense
 from calibration.fitting.methods import Adam, Lbfgs, Marquardt, Method
 from calibration.fitting.problem import Lanes, Problem
 from calibration.fitting.transform import LOGIT, NONE
@@ -105,11 +105,11 @@ class _Search:
             direction = np.where(self._frozen, 0.0, direction)
             share, longest = self._limited(direction)
             direction, length = direction * share, np.where(need, longest, length)
-            moved = self._try(length[:, None] * direction, length)
+            moved, gain = self._try(length[:, None] * direction)
             refused = self.going & ~moved
             need = method.refused(refused) | moved
             length = np.where(refused, 0.25 * length, length)
-            method.taken(moved, length == 1.0)
+            method.taken(moved, length == 1.0, gain)
             self._judge(moved)
             self._stop(method.stuck() & refused, STUCK)
             self._stop(self.iterations >= self.limit, USED_UP)
@@ -143,8 +143,8 @@ class _Search:
         found = condense(self.value[fits], self.jacobian[fits], self._frozen[fits])
         self.at = found if np.all(fits) else self.at.replaced(fits, found)
 
-    def _try(self, step, length) -> np.ndarray:
-        """Which fits have moved: those whose cost falls enough (Armijo)."""
+    def _try(self, step) -> tuple[np.ndarray, np.ndarray]:
+        """Which fits have moved, those whose cost falls enough (Armijo), and what that gained."""
         fits = self.going
         trial = np.array(self.z)
         trial[:, self.problem.active] += step
@@ -156,11 +156,12 @@ class _Search:
         slope = np.einsum("fp,fp->f", self.at.gradient, step)
         allowed = self.at.cost * (1 + ROUNDING) + 1e-4 * np.minimum(slope, 0.0)
         moved = fits & (cost <= allowed)
+        before = self.at
         self.z[moved] = trial[moved]
         self.value[moved], self.jacobian[moved] = value[moved[fits]], jacobian[moved[fits]]
         self.iterations += moved
         self._condense(moved)
-        return moved
+        return moved, _gain(before, self.at, step)
 
     def _keep_plain_inside(self, z) -> None:
         """Elements searched as they are stay within their bounds."""
@@ -259,6 +260,12 @@ class _Search:
             iterations=self.iterations,
             evaluations=self.problem.counter.evaluations,
         )
+
+
+def _gain(before: Condensed, after: Condensed, step) -> Float[np.ndarray, "fits"]:
+    """By how much a step lowered the cost, over what straight lines promised."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return (before.cost - after.cost) / np.maximum(before.fall(step), TINY)
 
 
 def search(
