@@ -77,11 +77,15 @@ def test_the_readme_shows_every_command():
 
 
 def test_material_files_are_read(tmp_path):
+    """Each with the CSV that stands below it, else with the README's."""
+    (simulated,) = blocks(README, "csv")
     for page in PAGES:
-        for k, block in enumerate(blocks(page.read_text(encoding="utf-8"), "toml")):
+        text = page.read_text(encoding="utf-8")
+        shown = re.findall(r"```toml\n([^`]*)```(?:\n```csv\n([^`]*)```)?", text)
+        for k, (block, rows) in enumerate(shown):
             file = tmp_path / f"{page.stem}_{k}.toml"
             file.write_text(block, encoding="utf-8")
-            (tmp_path / "my_alloy.csv").write_text(blocks(README, "csv")[0], encoding="utf-8")
+            (tmp_path / "my_alloy.csv").write_text(rows or simulated, encoding="utf-8")
             problem = cal.read_problem(file)
             assert [data.name for data in problem.datasets] == ["my alloy"]
 

@@ -1,12 +1,21 @@
 """The reference is built whole: every public name told, no link that leads nowhere."""
 
+import argparse
+import importlib
 import re
+from dataclasses import fields
+from pathlib import Path
 
 import pytest
 
 import calibration as cal
 import softjax as sj
+from calibration import cli
+from calibration.commands import COMMANDS
+from calibration.fitting.doubt import REMEDIES
 from notebooks.reference import links, names, site
+
+CHAPTERS = Path(__file__).parents[1] / "notebooks" / "reference"
 
 
 @pytest.fixture(scope="module")
@@ -39,6 +48,37 @@ def test_links_between_chapters_become_links_between_pages(built):
     assert 'src="figures/curves.png"' in text
     assert (built / "figures" / "curves.png").is_file()
     assert not re.search(r'href="[^"]*\.(md|ipynb)', text)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_option_of_a_command_is_told(command):
+    """In its own section, or in those of several commands."""
+    text = (CHAPTERS / "commands.md").read_text(encoding="utf-8")
+    sections = {part.partition("\n")[0]: part for part in re.split(r"^##+ ", text, flags=re.M)}
+    common = sections["Common to all"] + sections["Which collision"]
+    names = [name for name in sections if name.startswith(f"`softjax {command}")]
+    own = "".join(sections[name] for name in names) + sections["Of a curve"] * (command == "curve")
+    parser = argparse.ArgumentParser(allow_abbrev=False)
+    importlib.import_module(f"calibration.commands.{command}").add_arguments(parser)
+    cli.common_options(parser)
+    options = {name for action in parser._actions for name in action.option_strings}
+    told = set(re.findall(r"`(--[a-z0-9-]+)", common + own))
+    assert options - told == {"-h", "--help"}
+
+
+def test_every_doubt_is_told():
+    text = (CHAPTERS / "fits.md").read_text(encoding="utf-8")
+    assert [code for code in REMEDIES if f"`{code}`" not in text] == []
+
+
+def test_every_law_is_told_with_its_parameters():
+    text = (CHAPTERS / "laws.md").read_text(encoding="utf-8")
+    rows = [row.split(" | ") for row in text.splitlines() if row.startswith("| `")]
+    told = {row[1].strip("`"): set(re.findall(r"`(\w+)`", row[2])) for row in rows if len(row) == 5}
+    assert told == {
+        name: {f.name for f in fields(law) if "declared" in f.metadata}
+        for name, law in cal.LAWS.items()
+    }
 
 
 def test_a_dead_link_is_found(tmp_path):
