@@ -65,6 +65,14 @@ def test_a_grid_is_the_same_in_blocks(spacing, size):
     assert (whole[0], whole[-1]) == (0.01, 3.0)
 
 
+@pytest.mark.parametrize("ends", [(1e-300, 1e10), (1e-300, 1e300), (5e-324, 1e308)])
+def test_a_grid_reaches_over_more_than_all_powers_of_ten(ends):
+    (velocity,) = Grid(*ends, 5, "log").blocks()
+    expected = np.linspace(*np.log10(ends), 5)
+    np.testing.assert_allclose(np.log10(velocity), expected, atol=1e-3)
+    assert (velocity[0], velocity[-1]) == ends
+
+
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [
@@ -87,6 +95,10 @@ def test_a_grid_that_makes_no_sense_is_refused(arguments, named):
         "restitution,velocity [cm/s]\n0.9,50\n0.8,150\n0.7,250\n",
         "velocity;restitution\n0.5;0.9\n1.5;0.8\n2.5;0.7\n",
         "\ufeffvelocity [mm/s]\r\n500\r\n1500\r\n2500\r\n",
+        "velocity [m/s];restitution\n0,5;0,9\n1,5;0,8\n2,5;0,7\n",
+        'specimen,velocity\n"1,5",0.5\n"2,5",1.5\n"3,5",2.5\n',
+        "restitution\tvelocity\n\t0.5\n\t1.5\n0.7\t2.5\n",
+        "velocity,\n0.5,\n1.5,\n2.5,\n",
     ],
 )
 def test_velocities_are_read_from_files_and_standard_input(text, tmp_path, monkeypatch):
@@ -104,10 +116,14 @@ def test_velocities_are_read_from_files_and_standard_input(text, tmp_path, monke
 @pytest.mark.parametrize(
     ("text", "line", "said"),
     [
-        ("0.5\nfast\n", 2, "'fast' holds no velocity"),
+        ("0.5\nfast\n", 2, "velocity is 'fast'; it must be a finite number"),
         ("0.5\n\n-1\n", 3, "'-1' holds no velocity"),
-        ("velocity\n1\nnan\n", 3, "'nan' holds no velocity"),
-        ("restitution,velocity\n0.5,1\n0.5\n", 3, "'0.5' holds no velocity"),
+        ("velocity\n1\nnan\n", 3, "velocity is 'nan'; it must be a finite number"),
+        ("restitution,velocity\n0.5,1\n0.5,\n", 3, "'0.5,' holds no velocity"),
+        ("restitution,velocity\n0.5,1\n0.5\n", 3, "1 cells; 2 are needed"),
+        ("velocity [m/s]\n0,5\n1,5\n", 2, "2 cells; 1 are needed"),
+        ("0.5\n1,5\n", 2, "2 cells; 1 are needed"),
+        ("velocity;e\n0,5;1\n1.500;1\n", 3, "with a comma or with a point in the whole file"),
         ("colour\n1\n", 1, "no column named velocity"),
         ("velocity [kg]\n1\n", 1, "unit is [kg]; it must be in m/s"),
         ("velocity\n", 1, "no velocities"),

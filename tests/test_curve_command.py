@@ -232,6 +232,27 @@ def test_a_fit_of_a_law_of_ones_own_is_refused_with_the_reason(at, capsys):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
+        (["--chi", "0"], "--chi"),
+        (["--sigma", "0"], "--sigma"),
+        (["--psi", "0"], "--psi"),
+        (["--set", "chi=0.1"], "--set"),
+        (["chrome-steel", "--material", "nylon"], "`MATERIAL` must be left out with --fit and"),
+        (["--material", ""], "--material"),
+    ],
+)
+def test_options_beside_a_fit_that_would_not_act_are_refused(
+    at, capsys, above_yield, options, said
+):
+    assert curve("--fit", above_yield[1], *options) == 2
+    told = capsys.readouterr().err
+    assert said in told
+    assert told.count("\n") == 1
+    assert list(at.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
         (["brass"], "nylon"),
         (["nylon", "--from", "2", "--to", "1"], "--to"),
         (["nylon", "--velocities", "none.csv"], "none.csv: no such file"),
@@ -248,6 +269,8 @@ def test_a_fit_of_a_law_of_ones_own_is_refused_with_the_reason(at, capsys):
         (["--fit", "none.json"], "none.json: no such file"),
         (["--fit", "none.json", "--law", "zhou"], "--law"),
         (["nylon", "--material", "x"], "--material"),
+        (["", "--points", "3"], "MATERIAL"),
+        (["nylon", "--law", "constant", "--set", "restitution=2"], "in [0, 1], but is 2"),
     ],
 )
 def test_unusable_options_are_told_in_one_line_and_write_nothing(at, capsys, options, said):
@@ -262,5 +285,5 @@ def test_a_bad_line_far_down_leaves_no_file(at, capsys):
     lines = ["velocity", *["1.5"] * 70_000, "slow"]
     (at / "v.csv").write_text("\n".join(lines), encoding="utf-8")
     assert curve("nylon", "--velocities", "v.csv", "--format", "csv", "npy") == 2
-    assert "v.csv:70002: 'slow' holds no velocity" in capsys.readouterr().err
+    assert "v.csv:70002: velocity is 'slow'" in capsys.readouterr().err
     assert [path.name for path in at.iterdir()] == ["v.csv"]

@@ -80,6 +80,11 @@ def test_a_fit_is_handed_over_material_by_material(export, fit_file):
     np.testing.assert_allclose(nylon["curve"]["wanted"], exact, atol=1e-6)
 
 
+def test_what_would_not_act_on_a_fit_is_refused_by_its_own_name(export, fit_file, capsys):
+    assert export("--fit", str(fit_file), "--to", "c", "--wanted-law", "zhou") == 2
+    assert "`--wanted-law` must be left out with --fit" in capsys.readouterr().err
+
+
 def test_what_nobody_measured_and_what_is_doubted_is_said(export, fit_file, capsys):
     options = ("--fit", str(fit_file), "--to", "c", "--tolerance", "0.02", "--material", "nylon")
     assert export(*options, "--range", "1.5:21") == 0
@@ -209,6 +214,8 @@ def test_a_build_that_gets_no_answer_from_lammps_says_what_to_do(export):
         (("--to", "fortran"), "fortran"),
         ((), "--to"),
         (("--to", "c", "--range", "5"), "lowest:highest"),
+        (("--to", "c", "--wanted-law", "hertz-dashpot", "--set", "restitution=2"), "but is 2.0"),
+        (("--to", "c", "--wanted-law", "hertz-dashpot"), "`--wanted-law` must be given with --set"),
         (("--to", "c", "--tolerance", "2"), "tolerance"),
         (("--to", "c", "--law", "viscoelastc"), "did you mean 'viscoelastic'"),
         (("--to", "liggghts", "--law", "zhou"), "no law like Zhou's"),

@@ -17,6 +17,7 @@ from calibration.speed.measure import Row, along_power_law, measure
 from calibration.speed.own_law import Recoil, own_plan, own_scene
 from calibration.speed.scene import stainless
 from calibration.speed.ways import energy_balance
+from tests.command import as_on_windows
 
 
 def row(error, microseconds, family="rival"):
@@ -86,8 +87,10 @@ def test_the_command_writes_its_table_and_picture(tmp_path, monkeypatch, capsys)
         partial(scipy_loop.scipy_loop, scene, 2, "LSODA", 1e-6),
     ]
     monkeypatch.setattr("calibration.speed.plan.plan", few)
+    as_on_windows(monkeypatch)
     assert cli.main(["speed", "--quick", "--out", str(tmp_path)]) == 0
-    text = (tmp_path / "speed.csv").read_text(encoding="utf-8")
+    text = (tmp_path / "speed.csv").read_bytes().decode()
+    assert "\r" not in text
     rows = list(csv.DictReader(text.splitlines()))
     assert [r["family"] for r in rows] == ["energy balance", "SciPy loop"]
     assert (tmp_path / "speed.png").read_bytes().startswith(b"\x89PNG")

@@ -19,7 +19,7 @@ from calibration.fitting.doubt import Doubt
 from calibration.fitting.estimate import Estimate
 from calibration.studies.asked import inputs_of, ranges_of
 from tests.cases import fitted
-from tests.command import BODIES
+from tests.command import BODIES, as_on_windows
 from tests.fit_data import twin
 
 DESIGN = ("nylon", "--study", "design", "--from", "2", "--to", "60", "--shots", "6")
@@ -64,6 +64,16 @@ def test_local_sensitivities_are_written_and_drawn(at, capsys):
     np.testing.assert_allclose(slopes, (up - down) / (2 * h), atol=1e-8)
     assert result["local"]["velocity"] == [1.0, 10.0]
     assert len(result["local"]["theta_d_epsilon_d_theta"]["radius"]) == 2
+
+
+@pytest.mark.parametrize("name", ["sensitivity.csv", "design.csv"])
+def test_files_are_the_same_on_windows(at, monkeypatch, name):
+    as_on_windows(monkeypatch)
+    few = ("nylon", "--points", "3", "--at", "1") if name == "sensitivity.csv" else DESIGN
+    told_by(*few)
+    written = (Path("results") / name).read_bytes()
+    assert written.count(b"\n") >= 3
+    assert b"\r" not in written
 
 
 def test_another_laws_sensitivities_are_those_of_its_fields(at):
@@ -174,6 +184,8 @@ def test_a_fit_is_planned_with_its_own_points_and_objective(at):
     measured = told_by("--fit", "fit.json", "--study", "information")["information"]
     for name, error in measured["standard_errors"].items():
         assert error == pytest.approx(result.standard_errors[name], rel=1e-4)
+    none = told_by("--fit", "fit.json", "--study", "information", "--shots", "0")["information"]
+    assert none["standard_errors"] == pytest.approx(measured["standard_errors"])
     more = told_by("--fit", "fit.json", "--study", "information", "--shots", "50")["information"]
     assert more["standard_errors"]["chi"] < 0.8 * measured["standard_errors"]["chi"]
     design = told_by("--fit", "fit.json", "--study", "design", "--shots", "5")["design"]
@@ -311,6 +323,8 @@ def test_a_fit_of_known_bodies_is_studied_as_its_material_file(at):
         (["--study", "design", "--criterion", "I", "--over", "fast"], "--over"),
         (["--study", "design", "--criterion", "D", "--target", "chi"], "--target"),
         (["--study", "information", "--uncertainty", "0"], "uncertainty"),
+        (["--study", "information", "--shots", "0"], "`--shots` must be a whole number of 1"),
+        (["--study", "information", "--shots", "-1"], "`--shots` must be a whole number of 1"),
         (["--study", "information", "--free", "yield_strength=much"], "--free"),
         (["--study", "information", "--free", "colour"], "colour"),
         (["--study", "information", "--law", "hertz"], "none free"),

@@ -68,9 +68,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _run(arguments: argparse.Namespace, parts: Any) -> int:
-    from calibration.curve.source import read_source, route_of
+    from calibration.curve.source import read_source, refusing, route_of
 
-    try:
+    with refusing("curve"):
         source, route = read_source(arguments), route_of(arguments)
         velocities = _velocities(arguments, source)
         if source.result is not None and route is not None:
@@ -79,10 +79,6 @@ def _run(arguments: argparse.Namespace, parts: Any) -> int:
             seen = _write(arguments, source, velocities, route)
         else:
             seen = _write_in_parts(arguments, source, velocities, route, parts)
-    except (InputError, DataError):
-        raise
-    except ValueError as error:  # a law's own refusal, in one line
-        raise InputError(None, None, str(error), "softjax curve --help lists the options") from None
     if seen is not None:
         _tell(arguments, source, seen)
     return 0

@@ -54,10 +54,11 @@ def run(arguments: argparse.Namespace) -> int:
     import softjax as sj
 
     sj.enable_x64()
-    from calibration.curve.source import read_source
+    from calibration.curve.source import read_source, refusing
     from calibration.handover.door import export
 
-    source = read_source(arguments)
+    with refusing("export"):
+        source = read_source(arguments)
     of_fit = source.result is not None
     made = export(
         source.result if of_fit else source.law,

@@ -22,8 +22,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from calibration.atomic import write_text
 from calibration.curve.options import add_route_arguments, add_source_arguments
-from calibration.errors import DataError, InputError
+from calibration.errors import DataError
 from calibration.processes import add_process_arguments, shared_parts
 
 STUDIES = ("local", "information", "design", "global")
@@ -98,9 +99,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _run(arguments: argparse.Namespace, studies: tuple[str, ...], parts: Any) -> int:
-    from calibration.curve.source import read_source, route_of
+    from calibration.curve.source import read_source, refusing, route_of
 
-    try:
+    with refusing("sensitivity"):
         job = _Job(arguments, read_source(arguments), route_of(arguments), parts)
         if parts is not None and not parts.first:
             job.indices(None)
@@ -108,11 +109,6 @@ def _run(arguments: argparse.Namespace, studies: tuple[str, ...], parts: Any) ->
         text = job.run(studies)
         if parts is not None:
             parts.clear()
-    except (InputError, DataError):
-        raise
-    except ValueError as error:  # a law's own refusal, in one line
-        accepted = "softjax sensitivity --help lists the options"
-        raise InputError(None, None, str(error), accepted) from None
     if not arguments.quiet:
         print(text)
     return 0
@@ -162,7 +158,7 @@ class _Job:
 
     def run(self, studies: tuple[str, ...]) -> str:
         """Run them, write all files at once, and return what to print."""
-        from calibration.atomic import files_into, or_told, write_text
+        from calibration.atomic import files_into, or_told
         from calibration.fitting.result_json import plain
         from calibration.progress import Progress
         from calibration.studies.text import doubts_text
@@ -224,7 +220,7 @@ class _Job:
         count = len(self.bars)
         curve, bars = both.rows(slice(None, -count)), both.rows(slice(-count, None))
         self.told.append(local_table(bars))
-        (folder / "sensitivity.csv").write_text(sensitivities_csv(curve), encoding="utf-8")
+        write_text(folder / "sensitivity.csv", sensitivities_csv(curve))
         figure = style.new_figure(7.2, 4.2)
         critical = getattr(getattr(self.source.law, "contact", None), "critical_velocity", None)
         at_yield = None if critical is None else float(critical)
@@ -261,7 +257,11 @@ class _Job:
         from calibration.studies.information import fisher_information
         from calibration.studies.text import information_text
 
-        planned = self.arguments.shots or (0 if self.source.result is not None else SHOTS)
+        of_fit, planned = self.source.result is not None, self.arguments.shots
+        if planned is None:
+            planned = 0 if of_fit else SHOTS
+        if planned < (not of_fit):
+            raise DataError("--shots", planned, "a whole number of 1 or more, of a fit 0 or more")
         velocity = np.linspace(self.low, self.high, planned)
         u = self.arguments.uncertainty
         found = fisher_information(self.subject, velocity, u, **self.options)
@@ -292,7 +292,7 @@ class _Job:
         figure = style.new_figure(6.8, 4.8)
         pictures.plot_design(found, figure.add_subplot())
         style.save(figure, folder / "design.png")
-        (folder / "design.csv").write_text(design_csv(found), encoding="utf-8")
+        write_text(folder / "design.csv", design_csv(found))
         average = f"on average over {len(self.draws)} draws of the posterior: "
         self.told.append(wrapped(f"{average if self.draws else ''}{found}"))
         return found.to_dict() | ({"draws": len(self.draws)} if self.draws else {})

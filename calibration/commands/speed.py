@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     import softjax as sj
-    from calibration.atomic import check_writable, files_into, or_told
+    from calibration.atomic import check_writable, files_into, or_told, write_text
 
     if arguments.processes:
         from calibration.speed.by_processes import report
@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     told = [] if arguments.quiet else [as_text(rows)]
     with or_told(told), files_into(arguments.out) as folder:
-        (folder / "speed.csv").write_text(as_csv(rows), encoding="utf-8")
+        write_text(folder / "speed.csv", as_csv(rows))
         figure = draw_speed(rows, law=arguments.law).get_figure(root=True)
         assert figure is not None
         save(figure, folder / "speed.png")

@@ -28,6 +28,7 @@ def add_source_arguments(parser: argparse.ArgumentParser, law_option: str = "--l
         group.add_argument(f"--{name}", choices=CHOICES[name], help=f"default: {default}")
     default = "default: that of the file, else zhou"
     group.add_argument(law_option, dest="law", choices=LAWS, help=default)
+    parser.set_defaults(law_option=law_option)  # for what is told of it
     group.add_argument(
         "--set",
         action="append",

@@ -2,7 +2,8 @@
 
 import argparse
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -66,6 +67,22 @@ def read_source(arguments: argparse.Namespace) -> Source:
     return _of_paper(arguments)
 
 
+@contextmanager
+def refusing(command: str) -> Iterator[None]:
+    """Tell what a law or a study itself refuses in one line.
+
+    Raises:
+        InputError: for any ValueError of the block.
+    """
+    try:
+        yield
+    except (InputError, DataError):
+        raise
+    except ValueError as error:
+        accepted = f"softjax {command} --help lists the options"
+        raise InputError(None, None, str(error), accepted) from None
+
+
 def route_of(arguments: argparse.Namespace) -> sj.EnergyBalance | sj.ClosedForm | sj.ODE | None:
     """The route asked for, None where none was.
 
@@ -86,7 +103,7 @@ def route_of(arguments: argparse.Namespace) -> sj.EnergyBalance | sj.ClosedForm 
 def _of_paper(arguments: argparse.Namespace) -> Source:
     if arguments.material is not None:
         raise DataError("--material", arguments.material, "left out without a file or a fit")
-    curve = _paper_curve(arguments.source or "stainless-steel")
+    curve = _paper_curve("stainless-steel" if arguments.source is None else arguments.source)
     material, area = curve.material, arguments.area or "zhou"
     contact = sj.Contact.between_spheres(material, material, RADIUS, RADIUS, area=area)
     known = {"sigma": curve.sigma, "psi": curve.psi}
@@ -184,16 +201,21 @@ def _numbers(body, suffix: str) -> dict[str, float]:
 def _of_fit(arguments: argparse.Namespace) -> Source:
     from calibration.fitting.result import FitResult
 
-    for option in (*COEFFICIENTS, *VARIANTS, "area", "law", "set"):
-        if getattr(arguments, option):
+    options = {name: f"--{name}" for name in (*COEFFICIENTS, *VARIANTS, "area", "set")}
+    for name, option in {**options, "law": arguments.law_option}.items():
+        if getattr(arguments, name) not in (None, []):
             accepted = "left out with --fit, whose law is the fitted one"
-            raise DataError(f"--{option}", "given", accepted)
+            raise DataError(option, "given", accepted)
+    if None not in (arguments.source, arguments.material):
+        raise DataError("MATERIAL", arguments.source, "left out with --fit and --material")
     result = load_fit(arguments.fit, FitResult)
     names = [material.name for material in result.materials]
-    name = arguments.material or arguments.source
+    name = arguments.source if arguments.material is None else arguments.material
     matches = [n for n in names if name is None or n == name or n == name.replace("-", " ")]
     if not matches or (name is None and len(names) > 1):
-        raise DataError("--material", name or "missing", f"one of the fit's: {listed(names)}")
+        raise DataError(
+            "--material", "missing" if name is None else name, f"one of the fit's: {listed(names)}"
+        )
     fit = result.material(matches[0])
     velocity = fit.data.velocity
     span = (float(np.min(velocity)), float(np.max(velocity)))
@@ -252,7 +274,7 @@ def _law(arguments, name: str, contact: sj.Contact, known: Mapping[str, Any]) ->
         accepted = "given, or fitted first and read by --fit"
         raise DataError(f"--{needed[0]}", "missing", accepted)
     if needed:
-        raise DataError("--law", name, f"given with --set {needed[0]}=…")
+        raise DataError(arguments.law_option, name, f"given with --set {needed[0]}=…")
     return LAWS[name](**values)
 
 

@@ -1,7 +1,6 @@
 """Impact velocities, block by block: a grid that is never held whole, or a column of a file."""
 
 import io
-import math
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,6 +14,7 @@ from typing import TextIO
 import numpy as np
 from jaxtyping import Float
 
+from calibration.data.csv_file import CsvReader, delimiter_of
 from calibration.data.names import read_header
 from calibration.data.units import in_si, unit_of
 from calibration.errors import DataError, InputError, Origin, shown
@@ -64,7 +64,8 @@ class Grid:
     def _at(self, index: np.ndarray) -> Block:
         part = index / max(self.points - 1, 1)
         if self.spacing == "log":
-            values = self.first * (self.last / self.first) ** part
+            # not by last / first, which overflows between numbers far apart
+            values = self.first ** (1 - part) * self.last**part
         else:
             values = self.first + part * (self.last - self.first)
         # both ends exactly as asked for
@@ -99,17 +100,18 @@ class Column:
             first = next(lines, None)
             if first is None:
                 raise InputError(self.name, None, "no velocities", "one number a line is needed")
-            column, unit = self._header(*first)
-            mark = _delimiter(first[1])
+            reader = CsvReader(self.name)
+            reader.delimiter = delimiter_of(first[1])
+            headers = reader.headers(*first)
+            column, unit = self._header(*first, headers)
             below = lines if column is not None else chain([first], lines)
-            values = (self._velocity(line, text, column or 0, mark) for line, text in below)
-            block = np.fromiter(islice(values, size), float)
-            if not len(block):
+            block = list(islice(below, size))
+            if not block:
                 accepted = "one number a line is needed below the header"
                 raise InputError(self.name, first[0], "no velocities", accepted)
-            while len(block):
-                yield in_si(block, unit)
-                block = np.fromiter(islice(values, size), float)
+            while block:
+                yield in_si(self._velocities(reader, block, column or 0, len(headers)), unit)
+                block = list(islice(below, size))
 
     @contextmanager
     def _open(self) -> Iterator[TextIO]:
@@ -133,12 +135,11 @@ class Column:
             problem = f"cannot be read ({error.strerror})"
             raise InputError(self.path, None, problem, "a readable file is needed") from None
 
-    def _header(self, line: int, text: str) -> tuple[int | None, Fraction]:
+    def _header(self, line: int, text: str, headers: list[str]) -> tuple[int | None, Fraction]:
         """Position of the velocity and its unit; None where the line is already a number."""
-        cells = [cell.strip() for cell in text.split(_delimiter(text))]
-        if len(cells) == 1 and _is_number(cells[0]):
+        if len(headers) == 1 and _is_number(headers[0]):
             return None, Fraction(1)
-        for position, cell in enumerate(cells):
+        for position, cell in enumerate(headers):
             try:
                 header = read_header(cell)
                 if header.name == "velocity":
@@ -148,15 +149,18 @@ class Column:
         problem = f"no column named velocity in {shown(text)!r}"
         raise InputError(self.name, line, problem, "one number a line, or a header with velocity")
 
-    def _velocity(self, line: int, text: str, column: int, mark: str) -> float:
-        try:
-            value = float(text.split(mark)[column])
-        except (ValueError, IndexError):
-            value = math.nan
-        if not 0 <= value < math.inf:
+    def _velocities(
+        self, reader: CsvReader, block: list[tuple[int, str]], column: int, width: int
+    ) -> Block:
+        lines = [line for line, _ in block]
+        cells = [reader.row(line, text, width)[column] for line, text in block]
+        values = reader.values("velocity", cells, lines)
+        wrong = np.flatnonzero(~(values >= 0))
+        if wrong.size:
+            line, text = block[wrong[0]]
             problem = f"{shown(text)!r} holds no velocity"
             raise InputError(self.name, line, problem, "a finite number of 0 m/s or more")
-        return value
+        return values
 
 
 def _numbered(file: TextIO, name: str) -> Iterator[tuple[int, str]]:
@@ -169,16 +173,12 @@ def _numbered(file: TextIO, name: str) -> Iterator[tuple[int, str]]:
                 raise InputError(name, line, problem, "one number a line is needed")
             stripped = text.strip()
             if stripped and stripped[0] != "#":
-                yield line, stripped
+                yield line, text.rstrip("\n")  # an empty cell may begin or end it
     except UnicodeDecodeError:
         raise InputError(name, line + 1, "is not UTF-8 text", "save it as UTF-8") from None
     except OSError as error:
         problem = f"cannot be read ({error.strerror})"
         raise InputError(name, line + 1, problem, "a readable file is needed") from None
-
-
-def _delimiter(text: str) -> str:
-    return next((mark for mark in ";\t" if mark in text), ",")
 
 
 def _is_number(text: str) -> bool:

@@ -50,17 +50,17 @@ def read_csv(
     Raises:
         InputError: with file and line, what is wrong and what is accepted.
     """
-    reader = _Reader(path, quoted)
+    reader = CsvReader(path, quoted)
     table, remarks, origin = reader.table()
     options.setdefault("name", Path(path).stem or "data")
     options["remarks"] = (*options.get("remarks", ()), *remarks)
     return RestitutionData.from_table(table, contact, origin=origin, **options)
 
 
-class _Reader:
+class CsvReader:
     """One file on its way in."""
 
-    def __init__(self, path: str | Path, quoted: bool):
+    def __init__(self, path: str | Path, quoted: bool = True):
         self.path, self.quoted = path, quoted
         self.delimiter = ","
         self.mark = ""  # of decimals, once there was one
@@ -105,13 +105,11 @@ class _Reader:
             self.delimiter = told[1]
             line, text = next(body, (line, ""))
         else:
-            self.delimiter = next((mark for mark in "\t;" if mark in text), ",")
+            self.delimiter = delimiter_of(text)
         if not text:
             accepted = "a header of columns is needed"
             raise InputError(self.path, line, "nothing in the file", accepted)
-        headers = [cell.strip() for cell in self._cells(line, text)]
-        while headers and not headers[-1]:  # spreadsheets leave empty cells at the end
-            headers.pop()
+        headers = self.headers(line, text)
         if len(headers) > COLUMNS:
             accepted = f"{COLUMNS} are accepted"
             raise InputError(self.path, line, f"{len(headers)} columns", accepted)
@@ -120,12 +118,19 @@ class _Reader:
             raise InputError(self.path, line, "no header, only numbers", accepted)
         return line, headers, body
 
+    def headers(self, line: int, text: str) -> list[str]:
+        """The cells of a header; spreadsheets leave empty ones at its end."""
+        headers = [cell.strip() for cell in self._cells(line, text)]
+        while headers and not headers[-1]:
+            headers.pop()
+        return headers
+
     def _units(self, headers: list[str], body: Lines) -> tuple[list[str] | None, Lines]:
         """The row of units below the header, if there is one, and the rows below it."""
         first = next(body, None)
         if first is None:
             return None, body
-        cells = self._row(*first, len(headers))
+        cells = self.row(*first, len(headers))
         try:
             names = [read_header(header).name for header in headers]
         except DataError:  # which is told with the others
@@ -153,19 +158,19 @@ class _Reader:
             self.numbers += lines
             if len(self.numbers) > ROWS:
                 raise InputError(self.path, lines[-1], f"more than {ROWS} rows", "use fewer")
-            rows = [self._row(line, text, width) for line, text in block]
+            rows = [self.row(line, text, width) for line, text in block]
             for name, at in layout.position.items():
                 cells = [row[at] for row in rows]
                 if name in LABELS:
                     parts[name] += cells
                 else:
-                    parts[name].append(self._numbers(name, cells, lines))
+                    parts[name].append(self.values(name, cells, lines))
         return {
             name: part if name in LABELS else np.concatenate([*part, np.zeros(0)])
             for name, part in parts.items()
         }
 
-    def _row(self, line: int, text: str, width: int) -> list[str]:
+    def row(self, line: int, text: str, width: int) -> list[str]:
         """The cells of a row, as many as there are columns."""
         cells = self._cells(line, text)
         while len(cells) > width and not cells[-1].strip():
@@ -185,8 +190,8 @@ class _Reader:
             problem = "a quotation mark is not closed, or stands in a cell"
             raise InputError(self.path, line, problem, "close it") from None
 
-    def _numbers(self, name: str, cells: list[str], lines: list[int]) -> np.ndarray:
-        """Cells as numbers: all at once where they are plain, else one by one."""
+    def values(self, name: str, cells: list[str], lines: list[int]) -> np.ndarray:
+        """Cells as numbers, NaN if empty: all at once where they are plain, else one by one."""
         joined = "".join(cells)
         marks = {self.mark, *(mark for mark in ".," if mark in joined)} - {""}
         if len(marks) <= 1 and PLAIN[self.delimiter].fullmatch(joined):
@@ -225,6 +230,11 @@ class _Reader:
         if cell.endswith("%"):
             return " without its unit, which stands in the header: `restitution [%]`"
         return ""
+
+
+def delimiter_of(text: str) -> str:
+    """What separates the cells of a header."""
+    return next((mark for mark in "\t;" if mark in text), ",")
 
 
 def _is_number(cell: str) -> bool:
