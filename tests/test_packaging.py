@@ -1,5 +1,6 @@
 """What is shipped says the same of itself everywhere, and its types are told."""
 
+import importlib
 import re
 import tomllib
 from importlib import resources
@@ -14,6 +15,19 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["
 @pytest.mark.parametrize("package", ["softjax", "calibration"])
 def test_types_are_told(package):
     assert resources.files(package).joinpath("py.typed").is_file()
+
+
+@pytest.mark.parametrize("package", ["calibration", "calibration.data"])
+def test_the_stubs_that_tell_where_names_are_come_along(package):
+    stub = resources.files(package).joinpath("__init__.pyi").read_text(encoding="utf-8")
+    module = importlib.import_module(package)
+    assert stub.count("\nfrom ") == len(module.__all__) > 5
+    for name in module.__all__:
+        assert f" import {name} as {name}\n" in stub
+        assert getattr(module, name) is vars(module)[name]
+    with pytest.raises(AttributeError, match=f"module '{package}' has no attribute 'ft'"):
+        module.ft  # noqa: B018
+    assert {*module.__all__, "__doc__"} <= {*dir(module)}
 
 
 def test_the_version_is_one():
