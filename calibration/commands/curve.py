@@ -75,10 +75,7 @@ def _run(arguments: argparse.Namespace, parts: Any) -> int:
         velocities = _velocities(arguments, source)
         if source.result is not None and route is not None:
             raise DataError("--route", arguments.route, "left out with --fit")
-        if parts is None:
-            seen = _write(arguments, source, velocities, route)
-        else:
-            seen = _write_in_parts(arguments, source, velocities, route, parts)
+        seen = _write(arguments, source, velocities, route, parts)
     if seen is not None:
         _tell(arguments, source, seen)
     return 0
@@ -99,27 +96,53 @@ def _velocities(arguments: argparse.Namespace, source: Any) -> Any:
     return Grid(first, last, points, grid["spacing"] or ("log" if first > 0 else "lin"))
 
 
-def _write(arguments: argparse.Namespace, source: Any, velocities: Any, route: Any) -> Any:
-    """All files at once, none of them where anything goes wrong."""
-    from calibration.curve.stream import Span, Thinned, curve_rows
+def _write(arguments: argparse.Namespace, source: Any, velocities: Any, route: Any, parts: Any):
+    """All files at once, none of them where anything goes wrong; what was seen, to one process."""
+    from calibration.curve.stream import Span, Thinned
+    from calibration.curve.velocities import BLOCK
+    from calibration.parts import blocks
     from calibration.progress import Progress
 
     formats = _formats(arguments)
+    pieces = _pieces(arguments, source, velocities, route, parts)
+    if parts is not None and not parts.first:
+        return None
     seen, picture = Span(), Thinned()
-    blocks = _blocks(velocities, source, "table" in formats)
     with files_into(arguments.out) as folder, Progress(arguments.quiet) as progress:
         with ExitStack() as stack:
             writers = [
                 stack.enter_context(closing(one))
                 for one in _writers(formats, folder, source, route)
             ]
-            for rows in curve_rows(source, blocks, route, seen):
+            for rows, text in pieces:
                 for writer in writers:
-                    writer.write(rows)
-                picture.add(rows)
-                progress("rows", seen.rows, velocities.total)
+                    writer.write(rows, text)
+                for some in blocks(len(rows.velocity), BLOCK):
+                    seen.add(rows.some(some))
+                    picture.add(rows.some(some))
+                progress("rows", seen.rows, velocities.points)
         _finish(folder, formats, source, seen, picture)
+    if parts is not None:
+        parts.clear()
     return seen
+
+
+def _pieces(arguments: argparse.Namespace, source: Any, velocities: Any, route: Any, parts: Any):
+    """Rows as they come, or all of them once all processes have made theirs: with their text."""
+    from calibration.curve.in_parts import CurveInParts, joined
+    from calibration.curve.stream import curve_rows
+    from calibration.curve.velocities import Grid
+
+    formats = _formats(arguments)
+    if parts is None:
+        blocks = _blocks(velocities, source, "table" in formats)
+        return ((rows, None) for rows in curve_rows(source, blocks, route))
+    if "table" in formats:
+        raise DataError("--table", "given", "left to one process")
+    if not isinstance(velocities, Grid):
+        raise DataError("--velocities", arguments.velocities, "left to one process")
+    curve = CurveInParts(source, velocities, route, "csv" in formats, arguments.posterior)
+    return joined(curve.made(parts))
 
 
 def _formats(arguments: argparse.Namespace) -> set[str]:
@@ -134,29 +157,6 @@ def _finish(folder: Path, formats: set[str], source: Any, seen: Any, picture: An
         raise InputError(None, None, problem, f"a fit knows {_known(source)}")
     if "png" in formats:
         _draw(folder / FILES["png"], picture.rows(), source)
-
-
-def _write_in_parts(
-    arguments: argparse.Namespace, source: Any, velocities: Any, route: Any, parts: Any
-) -> Any:
-    """The same files by several processes; what was seen, to the first of them."""
-    from calibration.curve.in_parts import CurveInParts, join
-    from calibration.curve.velocities import Grid
-
-    formats = _formats(arguments)
-    if "table" in formats:
-        raise DataError("--table", "given", "left to one process")
-    if not isinstance(velocities, Grid):
-        raise DataError("--velocities", arguments.velocities, "left to one process")
-    curve = CurveInParts(source, velocities, route, "csv" in formats, arguments.posterior)
-    made = curve.made(parts)
-    if not parts.first:
-        return None
-    with files_into(arguments.out) as folder:
-        seen, picture = join(made, folder, {k: FILES[k] for k in ("csv", "npy") if k in formats})
-        _finish(folder, formats, source, seen, picture)
-    parts.clear()
-    return seen
 
 
 def _blocks(velocities: Any, source: Any, for_a_table: bool) -> Any:

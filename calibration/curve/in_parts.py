@@ -1,15 +1,14 @@
 """A curve whose rows are shared by several processes: the first one joins the parts that all make."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from calibration.curve.source import Source
-from calibration.curve.stream import Route, Rows, Span, Thinned, curve_rows
+from calibration.curve.stream import Route, Rows, curve_rows
 from calibration.curve.velocities import BLOCK, Grid
-from calibration.curve.writers import CsvWriter, NpyWriter, Writer, csv_text
+from calibration.curve.writers import csv_text
 from calibration.parts import Arrays, Parts, blocks
 
 PARTS, LARGEST = 64, 16 * BLOCK  # of a curve, and rows of one: they are held whole
@@ -55,27 +54,8 @@ class CurveInParts:
         return part
 
 
-def join(made: Iterator[Arrays], folder: Path, files: dict[str, str]) -> tuple[Span, Thinned]:
-    """Write the rows of all parts into one file of each kind; what was seen, and rows for a picture.
-
-    Args:
-        files: of "csv" and "npy", their names.
-    """
-    kinds: dict[str, Any] = {"csv": CsvWriter, "npy": NpyWriter}
-    writers: dict[str, Writer] = {k: kinds[k](folder / name) for k, name in files.items()}
-    seen, picture = Span(), Thinned()
-    try:
-        for part in made:
-            text = part.pop("text").tobytes() if "text" in part else None
-            rows = Rows(**part)
-            if "csv" in writers:
-                writers["csv"].write(rows, text)  # type: ignore[call-arg]
-            if "npy" in writers:
-                writers["npy"].write(rows)
-            for some in blocks(len(rows.velocity), BLOCK):
-                seen.add(rows.some(some))
-                picture.add(rows.some(some))
-    finally:
-        for writer in writers.values():
-            writer.close()
-    return seen, picture
+def joined(made: Iterable[Arrays]) -> Iterator[tuple[Rows, bytes | None]]:
+    """The rows of each part, and their text in a CSV file where it was made with them."""
+    for part in made:
+        text = part.pop("text").tobytes() if "text" in part else None
+        yield Rows(**part), text

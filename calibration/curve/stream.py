@@ -53,23 +53,9 @@ class Span:
         self.known += int(np.sum(np.isfinite(rows.coefficient)))
 
 
-def curve_rows(
-    source: Source, blocks: Iterable[np.ndarray], route: Route = None, seen: Span | None = None
-) -> Iterator[Rows]:
-    """ε of each block of velocities, in order.
-
-    Args:
-        source: whose curve.
-        blocks: velocities [m/s].
-        route: the energy balance, or the ODE for a law that needs it, unless told.
-        seen: kept up to date with the velocities gone through.
-    """
-    evaluate = in_one_size(evaluator(source, route))
-    for block in blocks:
-        rows = evaluate(block)
-        if seen is not None:
-            seen.add(rows)
-        yield rows
+def curve_rows(source: Source, blocks: Iterable[np.ndarray], route: Route = None) -> Iterator[Rows]:
+    """ε of each block of velocities [m/s], in order: by the law's first route, unless told."""
+    return map(in_one_size(evaluator(source, route)), blocks)
 
 
 def in_one_size(evaluate: Callable[[np.ndarray], Any]) -> Callable[[np.ndarray], Any]:

@@ -9,7 +9,7 @@ from fractions import Fraction
 from functools import partial
 from itertools import chain, islice
 from pathlib import Path
-from typing import TextIO
+from typing import ClassVar, TextIO
 
 import numpy as np
 from jaxtyping import Float
@@ -51,10 +51,6 @@ class Grid:
         if self.spacing == "log" and self.first == 0:
             raise DataError("--from", self.first, "a velocity above 0 m/s with --spacing log")
 
-    @property
-    def total(self) -> int:
-        return self.points
-
     def blocks(self, size: int = BLOCK, rows: slice = slice(None)) -> Iterator[Block]:
         """The velocities in ascending order, or those of some rows."""
         first, last, _ = rows.indices(self.points)
@@ -84,11 +80,7 @@ class Column:
     """
 
     path: str
-
-    @property
-    def total(self) -> None:
-        """Unknown before all is read."""
-        return None
+    points: ClassVar[None] = None  # unknown before all is read
 
     @property
     def name(self) -> str:

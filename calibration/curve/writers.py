@@ -22,8 +22,8 @@ class Writer(ABC):
         self._file = path.open("wb")
 
     @abstractmethod
-    def write(self, rows: Rows) -> None:
-        """Add one block."""
+    def write(self, rows: Rows, text: bytes | None = None) -> None:
+        """Add one block; `text` is what `csv_text` made of it elsewhere, where it was made."""
 
     def close(self) -> None:
         self._file.close()
@@ -42,7 +42,6 @@ class CsvWriter(Writer):
         self._begun = False
 
     def write(self, rows: Rows, text: bytes | None = None) -> None:
-        """Add rows, or the text of them that `csv_text` made elsewhere."""
         if not self._begun:
             limits = "" if rows.low is None else "restitution_low,restitution_high,"
             self._file.write(f"velocity [m/s],restitution,{limits}status\n".encode())
@@ -63,7 +62,7 @@ class NpyWriter(Writer):
         self._rows = 0
         self._type: np.dtype | None = None
 
-    def write(self, rows: Rows) -> None:
+    def write(self, rows: Rows, text: bytes | None = None) -> None:
         names = ["velocity", "restitution", "status"]
         columns = [rows.velocity, rows.coefficient, rows.status]
         if rows.low is not None and rows.high is not None:
