@@ -38,17 +38,6 @@ UNFINISHED = ".softjax-unfinished-"
 written: set[Path] = set()  # directories that files were moved into
 
 
-def write_atomically(path: str | Path, text: str) -> None:
-    """Write a text file (UTF-8) whole or not at all.
-
-    Raises:
-        InputError: where its directory cannot be one.
-        NotWritten: an OSError, where it could not be written.
-    """
-    with replacing(path) as staged:
-        write_text(staged, text)
-
-
 def write_text(path: Path, text: str) -> None:
     """Write text as UTF-8; bytes of a path that are not UTF-8 are told by their codes."""
     path.write_text(text, encoding="utf-8", errors="backslashreplace", newline="\n")

@@ -10,7 +10,6 @@ from calibration.errors import DataError, Origin, is_finite_number, listed
 from softjax.fields import Declared
 
 TRANSFORMS = ("log", "logit", "none")
-ANY = Declared()
 POOLED = "pooled"
 
 

@@ -5,7 +5,7 @@ import os
 
 import pytest
 
-from calibration.atomic import check_writable, files_into, replacing, write_atomically
+from calibration.atomic import check_writable, files_into, replacing, write_text
 from calibration.errors import InputError, NotWritten
 from calibration.progress import Progress
 
@@ -74,7 +74,8 @@ def test_a_directory_in_a_files_place_stops_all_of_them(tmp_path):
 
 def test_one_file_is_replaced_whole(tmp_path):
     path = tmp_path / "results" / "a.txt"
-    write_atomically(path, "χ̃\n")
+    with replacing(path) as staged:
+        write_text(staged, "χ̃\n")
     assert path.read_bytes() == "χ̃\n".encode()
     with pytest.raises(ZeroDivisionError):
         _half_written(path)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import softjax as sj
-from calibration.data import RestitutionData, plausibility, read_toml, side_of_yield
+from calibration.data import RestitutionData, plausibility, read_toml
 from calibration.fitting.suspicions import _implausible
 
 VELOCITY = np.linspace(0.5, 5.0, 10)
@@ -179,15 +179,6 @@ def test_velocities_that_restart_look_like_groups(velocity, is_doubted):
 def test_bounce_trains_are_groups_already():
     table = {"interval": np.tile(0.5 * 0.9 ** np.arange(5), 3), "launch": np.repeat([1, 2, 3], 5)}
     assert plausibility(RestitutionData.from_table(table)) == ()
-
-
-def test_the_side_of_yield_on_which_all_points_lie():
-    pair = sj.Contact.between_spheres(sj.NYLON, sj.NYLON, 0.0127, 0.0127)
-    critical = float(pair.critical_velocity)
-    for factors, side in (((0.5, 1.0), "below"), ((1.01, 2.0), "above"), ((1.0, 1.01), None)):
-        data = RestitutionData(critical * np.array(factors), [0.9, 0.8], pair)
-        assert side_of_yield(data) == side
-    assert side_of_yield(RestitutionData([1.0], [0.9])) is None
 
 
 @pytest.mark.parametrize("scale", [1e-30, 1e30])

@@ -7,7 +7,6 @@ from calibration.data.paper import PAPER_NOTE as PAPER_NOTE
 from calibration.data.paper import paper_materials as paper_materials
 from calibration.data.plausible import Implausible as Implausible
 from calibration.data.plausible import plausibility as plausibility
-from calibration.data.plausible import side_of_yield as side_of_yield
 from calibration.data.toml_file import MaterialFile as MaterialFile
 from calibration.data.toml_file import read_materials as read_materials
 from calibration.data.toml_file import read_toml as read_toml

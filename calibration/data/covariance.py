@@ -1,6 +1,5 @@
 """A covariance of points that share errors with their neighbours: a narrow band, O(n) of all."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -23,13 +22,10 @@ class Covariance:
         order: (n,), the points in the order of the band (by their first elementary error).
         bands: (3, n), `bands[d, i]` = C[order[i], order[i + d]], 0 at the end of rows 1 and 2
             (SciPy's lower form).
-        first: (n,), whether a point in that order begins a connected component (a bounce train;
-            one point where nothing is shared).
     """
 
     order: Order
     bands: Float[np.ndarray, "3 n"]
-    first: np.ndarray
 
     @classmethod
     def of(cls, index: Int[np.ndarray, "n k"], factors: Factors, variance) -> "Covariance":
@@ -38,16 +34,12 @@ class Covariance:
         index, factors = index[order], factors[order]
         bands = np.zeros((1 + WIDTH, len(order)))
         bands[0] = np.sum(factors**2, axis=1) + variance[order]
-        linked = np.zeros(len(order), bool)  # with the point before
         for distance in range(1, 1 + WIDTH):
             both = _shared(index, distance)
             products = factors[:-distance, :, None] * factors[distance:, None, :]
             count = max(len(order) - distance, 0)
             bands[distance, :count] = np.sum(np.where(both, products, 0.0), axis=(1, 2))
-            joined = np.any(both, axis=(1, 2))
-            for step in range(1, distance + 1):  # and with all in between
-                linked[step : step + count] |= joined
-        return cls(order, bands, ~linked)
+        return cls(order, bands)
 
     @property
     def diagonal(self) -> Float[np.ndarray, " n"]:
@@ -56,21 +48,12 @@ class Covariance:
         diagonal[self.order] = self.bands[0]
         return diagonal
 
-    def blocks(self) -> Iterator[tuple[Order, Float[np.ndarray, "b b"]]]:
-        """Each connected component: its points, and their covariance in that order."""
-        starts = np.flatnonzero(self.first)
-        for start, stop in zip(starts, [*starts[1:], len(self.order)], strict=True):
-            block = np.diag(self.bands[0, start:stop])
-            for distance in range(1, min(1 + WIDTH, stop - start)):
-                side = np.diag(self.bands[distance, start : stop - distance], -distance)
-                block += side + side.T
-            yield self.order[start:stop], block
-
     def dense(self) -> Float[np.ndarray, "n n"]:
         """The whole matrix, in the order of the points: for few of them."""
-        matrix = np.zeros((len(self.order),) * 2)
-        for points, block in self.blocks():
-            matrix[np.ix_(points, points)] = block
+        matrix = np.diag(self.diagonal)
+        for distance in range(1, 1 + WIDTH):
+            one, other = self.order[:-distance], self.order[distance:]
+            matrix[one, other] = matrix[other, one] = self.bands[distance, :-distance]
         return matrix
 
     def whiten(self, values: np.ndarray) -> np.ndarray:

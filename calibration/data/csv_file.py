@@ -100,7 +100,7 @@ class CsvReader:
 
     def _header(self, body: Lines) -> tuple[int, list[str], Lines]:
         line, text = next(body, (1, ""))
-        told = re.fullmatch(r"\ufeff?sep=([,;\t])\s*", text)
+        told = re.fullmatch(r"sep=([,;\t])\s*", text)
         if told:
             self.delimiter = told[1]
             line, text = next(body, (line, ""))

@@ -13,7 +13,7 @@ from calibration.data.csv_file import read_csv
 from calibration.data.measurements import RestitutionData
 from calibration.data.names import UNCERTAINTIES
 from calibration.data.toml_table import TomlTable
-from calibration.errors import DataError, InputError, Origin
+from calibration.errors import DataError, InputError
 
 SIZES: dict[str, Check] = {
     name: (dimension, (lambda u: u >= 0), "a number of 0 or more, in SI or text with its unit")
@@ -36,20 +36,16 @@ class MaterialEntry:
     Attributes:
         name: its name, else that of its data file.
         contact: the two bodies, with the file's limit velocity; None without elastic properties.
-        limit_velocity: v_lim [m/s], the contact's or the file's; None where neither is there.
         bodies: the bodies themselves.
         data: its measurements; None where it names no file.
         table: the entry as it stands, with its `parameters`, which are read elsewhere.
-        origin: file and line of its header.
     """
 
     name: str
     contact: sj.Contact | None
-    limit_velocity: float | None
     bodies: tuple[Body, ...]
     data: RestitutionData | None
     table: TomlTable
-    origin: Origin
 
     @property
     def parameters(self) -> TomlTable | None:
@@ -81,11 +77,9 @@ def read_material(table: TomlTable, area: str | None, needs_data: bool) -> Mater
     return MaterialEntry(
         name,
         contact,
-        limit,
         () if told is None else told.bodies,
         _data(table, contact, options) if "data" in table else None,
         table,
-        Origin(table.file, table.line()),
     )
 
 

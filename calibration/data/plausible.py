@@ -1,6 +1,7 @@
 """What looks like a slip in measurements that are accepted: units, columns, groups without a label."""
 
-from typing import NamedTuple
+from collections.abc import Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -8,9 +9,16 @@ from calibration.data.above_one import scatter_of
 from calibration.data.measurements import RestitutionData
 from calibration.data.points import FALLEN, FALLS
 
-LARGEST_RADIUS = 1.0  # m
-MODULI = (1e5, 2e12)  # Pa: softer than gel, stiffer than diamond
-DENSITIES = (10.0, 25_000.0)  # kg/m³: lighter than foam, heavier than osmium
+CALLED = {"radius": "the radius", "modulus": "Young's modulus", "density": "the density"}
+UNITS = {"radius": "m", "modulus": "Pa", "density": "kg/m³"}
+# what is doubted of a body: above a limit or below it, with what lies there, and the question
+LIMITS = (
+    ("radius", "above", 1.0, "", "Is the radius in millimetres?"),
+    ("modulus", "below", 1e5, "", "Is the modulus in MPa or GPa?"),  # gel
+    ("modulus", "above", 2e12, ", more than diamond's", "Is the power of ten right?"),
+    ("density", "above", 25_000.0, ", more than osmium's", "Is the density in kg/m³?"),
+    ("density", "below", 10.0, "", "Is the density in g/cm³?"),  # foam
+)
 FASTEST = 5000.0  # m/s
 LOWEST_RESTITUTION = 0.02  # all of them below this: a percentage taken of a fraction
 SURE = 4.0  # standard errors by which a median lies above 1
@@ -26,20 +34,11 @@ class Implausible(NamedTuple):
     remedy: str
 
 
-class _Properties(NamedTuple):
-    """Largest and smallest values of a body's properties."""
-
-    name: str
-    radius: float | None
-    modulus: tuple[float, float]
-    density: tuple[float, float]
-
-
 def plausibility(data: RestitutionData) -> tuple[Implausible, ...]:
     """What looks like a slip, each with the question to ask; nothing where all is well."""
     with np.errstate(all="ignore"):
         found: list[Implausible | None] = []
-        found += [doubt for body in _bodies(data) for doubt in _of_body(body)]
+        found += [doubt for body in _bodies(data) for doubt in _of_body(*body)]
         found += [
             _yield_beyond_limit(data),
             _too_fast(data),
@@ -52,25 +51,13 @@ def plausibility(data: RestitutionData) -> tuple[Implausible, ...]:
     return tuple(dict.fromkeys(doubt for doubt in found if doubt is not None))
 
 
-def side_of_yield(data: RestitutionData) -> str | None:
-    """ "below" or "above" where all points lie on that side of the critical velocity, else None."""
-    if data.contact is None:
-        return None
-    below = data.velocity <= np.asarray(data.contact.critical_velocity)
-    return "below" if np.all(below) else None if np.any(below) else "above"
-
-
-def _bodies(data: RestitutionData) -> list[_Properties]:
-    """The bodies as they were told, or the two equal spheres (of ν = 0.3) that the contact could be."""
+def _bodies(data: RestitutionData) -> list[tuple[str, dict[str, Any]]]:
+    """Name and properties of each body: as they were told, or of the two equal spheres (of ν = 0.3)
+    that the contact could be."""
     if data.bodies:
         return [
-            _Properties(
-                body.name,
-                body.radius,
-                _ends(body.material.youngs_modulus),
-                _ends(body.material.density),
-            )
-            for body in data.bodies
+            (name, {"radius": radius, "modulus": one.youngs_modulus, "density": one.density})
+            for name, one, radius in data.bodies
         ]
     if data.contact is None:
         return []
@@ -79,32 +66,18 @@ def _bodies(data: RestitutionData) -> list[_Properties]:
     density = 2 * leaves["mass"] / (4 / 3 * np.pi * radius**3)
     modulus = 2 * (1 - 0.3**2) * leaves["youngs_modulus"]
     name = "spheres, if they are equal,"
-    return [_Properties(name, float(np.max(radius)), _ends(modulus), _ends(density))]
+    return [(name, {"radius": radius, "modulus": modulus, "density": density})]
 
 
-def _ends(values) -> tuple[float, float]:
-    return float(np.min(np.asarray(values))), float(np.max(np.asarray(values)))
-
-
-def _of_body(body: _Properties) -> list[Implausible]:
-    found = []
-    of = f"of the {body.name}"
-    if body.radius is not None and body.radius > LARGEST_RADIUS:
-        cause = f"the radius {of} is {body.radius:.3g} m"
-        found.append(Implausible("radius", cause, "Is the radius in millimetres?"))
-    if body.modulus[0] < MODULI[0]:
-        cause = f"Young's modulus {of} is {body.modulus[0]:.3g} Pa"
-        found.append(Implausible("modulus", cause, "Is the modulus in MPa or GPa?"))
-    if body.modulus[1] > MODULI[1]:
-        cause = f"Young's modulus {of} is {body.modulus[1]:.3g} Pa, more than diamond's"
-        found.append(Implausible("modulus", cause, "Is the power of ten right?"))
-    if body.density[1] > DENSITIES[1]:
-        cause = f"the density {of} is {body.density[1]:.3g} kg/m³, more than osmium's"
-        found.append(Implausible("density", cause, "Is the density in kg/m³?"))
-    if body.density[0] < DENSITIES[0]:
-        cause = f"the density {of} is {body.density[0]:.3g} kg/m³"
-        found.append(Implausible("density", cause, "Is the density in g/cm³?"))
-    return found
+def _of_body(name: str, properties: dict[str, Any]) -> Iterator[Implausible]:
+    for code, side, limit, more, question in LIMITS:
+        values = properties[code]
+        if values is None:  # a wall's radius
+            continue
+        value = float(np.max(values) if side == "above" else np.min(values))
+        if value > limit if side == "above" else value < limit:
+            cause = f"{CALLED[code]} of the {name} is {value:.3g} {UNITS[code]}{more}"
+            yield Implausible(code, cause, question)
 
 
 def _yield_beyond_limit(data: RestitutionData) -> Implausible | None:

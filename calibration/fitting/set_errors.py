@@ -90,7 +90,7 @@ class SetErrors:
         factor = self.variance.get("timing" if self.points.size_is_unknown else "scale", 1.0)
         bands = unit.bands * factor
         bands[0] += self.variance.get("scatter", 0.0)
-        return Covariance(unit.order, bands, unit.first)
+        return Covariance(unit.order, bands)
 
     @property
     def diagonal(self) -> Float[np.ndarray, "n"]:
