@@ -30,7 +30,8 @@ CHOICES: dict[str, tuple[Any, ...]] = {
     "extra_scatter": (True, False),
     "scale_uncertainty": (True, False),
 }
-OPTIONS = ("form", "kappa", "end")  # of a law
+# of a law, and the laws that have it
+OPTIONS = {"form": ("zhou",), "kappa": ("zhou",), "end": ("hertz-dashpot", "linear")}
 COUNTS = {"seed": 0, "starts": 1, "max_steps": 1}  # and the smallest that is accepted
 NUMBERS: dict[str, tuple[Callable[[float], bool], str]] = {
     "rtol": (lambda x: 1e-14 <= x <= 0.1, "a number in [1e-14, 0.1]"),

@@ -54,6 +54,11 @@ class DataError(ValueError):
         place = "" if self.index is None else f"[{self.index}]"
         return f"`{self.argument}{place}` must be {self.accepted}, but is {self.value}"
 
+    def at(self, file: str | Path | None, line: int | None) -> InputError:
+        """The same refusal, told by file and line."""
+        problem = f"{self.argument} is {self.value}"
+        return InputError(file, line, problem, f"it must be {self.accepted}")
+
 
 class NotWritten(OSError):
     """Results that could not be written: no space, no permission, no such name.
@@ -91,9 +96,7 @@ class Origin:
 
     def error(self, error: DataError) -> InputError:
         """The same refusal, told by file and line."""
-        problem = f"{error.argument} is {error.value}"
-        line = self.line_of(error.index)
-        return InputError(self.file, line, problem, f"it must be {error.accepted}")
+        return error.at(self.file, self.line_of(error.index))
 
 
 def shown(value: Any) -> str:

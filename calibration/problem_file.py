@@ -6,39 +6,26 @@ from pathlib import Path
 from typing import Any
 
 from calibration.choices import CHOICES, COUNTS, FORMER, NUMBERS, idle
-from calibration.data import RestitutionData
-from calibration.data.material_file import MaterialEntry
 from calibration.data.toml_file import MaterialFile, read_materials
 from calibration.data.toml_table import TomlTable
-from calibration.errors import DataError, InputError, Origin
+from calibration.errors import DataError, Origin
 from calibration.parameters import Parameter
 
 KEYS = ("free", "value", "bounds", "prior", "transform", "shared")
 
 
 @dataclass(frozen=True)
-class ProblemFile:
+class ProblemFile(MaterialFile):
     """All that a material file says.
 
     Attributes:
-        source: the file as it was read.
         settings: what its `[fit]` table gives.
         said: what it says of each material's parameters, by name; one mapping an entry. What
             stands in `[parameters]` is said of all of them.
     """
 
-    source: MaterialFile
     settings: Mapping[str, Any]
     said: list[dict[str, Parameter]]
-
-    @property
-    def materials(self) -> list[MaterialEntry]:
-        return self.source.materials
-
-    @property
-    def datasets(self) -> list[RestitutionData]:
-        """The measurements, a set a material that has any."""
-        return self.source.datasets
 
     @property
     def parameters(self) -> list[dict[str, Parameter]]:
@@ -46,9 +33,9 @@ class ProblemFile:
         pairs = zip(self.materials, self.said, strict=True)
         return [own for entry, own in pairs if entry.data is not None]
 
-    def refusal(self, setting: str | None, problem: str, accepted: str) -> InputError:
-        """The error to raise for a setting that cannot be used, with the line it stands on."""
-        return (self.source.fit or self.source.file).refusal(setting, problem, accepted)
+    def line(self, setting: str) -> int | None:
+        """The line that a setting stands on."""
+        return (self.file.table("fit") or self.file).line(setting)
 
 
 def read_problem(path: str | Path, needs_data: bool = True) -> ProblemFile:
@@ -62,10 +49,11 @@ def read_problem(path: str | Path, needs_data: bool = True) -> ProblemFile:
         InputError: a ValueError with file and line, what is wrong and what is accepted.
     """
     source = read_materials(path, needs_data)
-    shared = _read(source.parameters)
-    own = [_read(entry.parameters) for entry in source.materials]
+    shared = _read(source.file.table("parameters"))
+    said = [shared | _read(entry.parameters) for entry in source.materials]
     _check_line(source, shared)
-    return ProblemFile(source, read_settings(source.fit), [shared | one for one in own])
+    settings = read_settings(source.file.table("fit"))
+    return ProblemFile(source.materials, source.file, settings, said)
 
 
 def read_settings(table: TomlTable | None) -> dict[str, Any]:

@@ -226,7 +226,8 @@ def test_materials_without_measurements_and_what_is_said_of_the_fit(read):
     assert file.materials[0].parameters is None
     # handed over as they stand, with their lines
     assert file.materials[1].parameters.values == {"psi": {"anything": [1]}}
-    assert (file.fit.values, file.parameters.values) == ({"law": "x"}, {"c": 1})
-    assert file.fit.line("law") == toml[: toml.index("law")].count("\n") + 1
+    fit, parameters = map(file.file.table, ("fit", "parameters"))
+    assert (fit.values, parameters.values) == ({"law": "x"}, {"c": 1})
+    assert fit.line("law") == toml[: toml.index("law")].count("\n") + 1
     with pytest.raises(InputError, match=r"m\.toml:1: data is missing"):
         read_toml(file.file.file)

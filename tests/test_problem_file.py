@@ -49,7 +49,7 @@ def test_parameters_of_a_material(read):
     }
     assert said["sigma"].free
     lines = {name: one.origin.line for name, one in said.items()}
-    written = Path(problem.source.file.file).read_text(encoding="utf-8").split("\n")
+    written = Path(problem.file.file).read_text(encoding="utf-8").split("\n")
     assert written[lines["chi"] - 1].startswith("chi =")
     assert written[lines["sigma"] - 1] == "[material.parameters.sigma]"
 
@@ -91,8 +91,7 @@ def test_settings(read):
     problem = read(fit + TOML)
     assert problem.settings == tomllib.loads(fit)["fit"]
     assert read(TOML).settings == {}
-    error = problem.refusal("starts", "32 starts", "fewer")
-    assert str(error) == f"{problem.source.file.file}:9: 32 starts; fewer"
+    assert problem.line("starts") == 9
 
 
 def test_parameters_belong_to_the_materials_that_have_data(read):

@@ -17,13 +17,12 @@ from pathlib import Path
 from typing import Any
 
 from calibration.atomic import check_writable, files_into, or_told, write_text
-from calibration.choices import CHOICES, LAWS
+from calibration.choices import CHOICES, LAWS, OPTIONS
 from calibration.errors import DataError, did_you_mean, listed
 
-OF_ZHOU, OF_DASHPOTS = ("form", "kappa"), ("end",)
 FILES = {"figure2": "figure2.png", "linear_spring": "linear_spring.png"}
 NAMES = (*LAWS, "thornton-fixed")
-HEEDED = (*OF_ZHOU, *OF_DASHPOTS, "area")  # of a file's settings; the rest is for `softjax fit`
+HEEDED = (*OPTIONS, "area")  # of a file's settings; the rest is for `softjax fit`
 
 
 @dataclass(frozen=True)
@@ -43,8 +42,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--law", action="append", default=[], metavar="A", help="one of them; may be repeated"
     )
-    for name in (*OF_ZHOU, *OF_DASHPOTS):
-        whose = "Zhou's law" if name in OF_ZHOU else "the dashpot laws' contact"
+    for name, laws in OPTIONS.items():
+        whose = "Zhou's law" if "zhou" in laws else "the dashpot laws' contact"
         parser.add_argument(f"--{name}", choices=CHOICES[name], help=f"of {whose}")
     parser.add_argument("--figure2", action="store_true", help="only Fig. 2 of the paper again")
     parser.add_argument(
@@ -85,14 +84,13 @@ def _check(arguments: argparse.Namespace, wanted: list[str]) -> None:
         option = f"--{name.replace('_', '-')}"
         if arguments.file is not None:
             raise DataError(option, "given with a file", "left out with one: it needs no data")
-        for other in ("laws", "law", *OF_ZHOU, *OF_DASHPOTS):
+        for other in ("laws", "law", *OPTIONS):
             if getattr(arguments, other):
                 raise DataError(f"--{other}", f"given with {option}", "left out with it")
 
 
 def _job(arguments: argparse.Namespace, laws: list[str] | None) -> Job:
-    names = (*OF_ZHOU, *OF_DASHPOTS)
-    options = {name: getattr(arguments, name) for name in names if getattr(arguments, name)}
+    options = {name: getattr(arguments, name) for name in OPTIONS if getattr(arguments, name)}
     _check_options(options, laws)
     if arguments.file is None:
         from calibration.data.paper import paper_materials
@@ -101,20 +99,15 @@ def _job(arguments: argparse.Namespace, laws: list[str] | None) -> Job:
     from calibration.problem_file import read_problem
 
     problem = read_problem(arguments.file)
-    told = {name: problem.settings[name] for name in names if name in problem.settings}
+    told = {name: problem.settings[name] for name in OPTIONS if name in problem.settings}
     return Job(problem.datasets, laws, told | options, _unused(problem))
 
 
 def _check_options(options: dict[str, str], laws: list[str] | None) -> None:
     for name in options:
-        if laws is not None and not set(_owners(name)) & set(laws):
-            accepted = f"left out without {' or '.join(_owners(name))} among the laws"
+        if laws is not None and not {*OPTIONS[name]} & {*laws}:
+            accepted = f"left out without {' or '.join(OPTIONS[name])} among the laws"
             raise DataError(f"--{name}", "given", accepted)
-
-
-def _owners(option: str) -> tuple[str, ...]:
-    """The laws that have an option."""
-    return ("zhou",) if option in OF_ZHOU else ("hertz-dashpot", "linear")
 
 
 def _unused(problem: Any) -> list[str]:
@@ -127,13 +120,14 @@ def _unused(problem: Any) -> list[str]:
 
 
 def _compare(job: Job, arguments: argparse.Namespace, progress: Any) -> int:
+    from calibration.plots.comparison import comparison_figure
     from calibration.plots.style import save
     from calibration.report.comparison import comparison_json, comparison_text
     from calibration.studies.ranking import compare
 
     said: dict[str, dict[str, str]] = {}
     for option, value in job.options.items():
-        for law in _owners(option):
+        for law in OPTIONS[option]:
             if job.laws is None or law in job.laws:
                 said.setdefault(law, {})[option] = value
     comparisons = [
@@ -144,19 +138,13 @@ def _compare(job: Job, arguments: argparse.Namespace, progress: Any) -> int:
     told = [] if arguments.quiet else [comparison_text(comparisons, job.remarks, "compare.json")]
     with or_told(told), files_into(arguments.out) as folder:
         write_text(folder / "compare.json", comparison_json(comparisons, settings))
-        save(_figure(comparisons), folder / "compare.png")
+        save(comparison_figure(comparisons), folder / "compare.png")
         ended = _draw(folder, extra, progress)
     progress.close()
     if told:
         print(told[0])
         _told(arguments.out, ["compare.json", "compare.png", *(FILES[name] for name in extra)])
     return _code(ended and all(one.converged for one in comparisons))
-
-
-def _figure(comparisons: list[Any]):
-    from calibration.plots.comparison import comparison_figure
-
-    return comparison_figure(comparisons)
 
 
 def _pictures(wanted: list[str], arguments: argparse.Namespace, progress: Any) -> int:

@@ -203,12 +203,10 @@ def _known(source: Any) -> str:
 
 
 def _tell(arguments: argparse.Namespace, source: Any, seen: Any) -> None:
-    from calibration.curve.beyond import beyond_data
-
     if seen.known < seen.rows:
         text = f"of {seen.rows} velocities {seen.rows - seen.known} are left empty"
         print(f"warning: not-known: {text}; the fit knows {_known(source)}", file=sys.stderr)
-    told = beyond_data(source, seen.ends)
+    told = source.extrapolation(seen.ends)
     if told is not None:
         print(f"warning: {told}", file=sys.stderr)
     if not arguments.quiet:

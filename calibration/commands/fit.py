@@ -202,8 +202,7 @@ def _refusal(job: Job, error: ValueError) -> InputError:
     if isinstance(error, DataError) and job.problem is not None:
         name = error.argument
         if name in job.problem.settings and name not in job.given:
-            problem, accepted = f"{name} is {error.value}", f"it must be {error.accepted}"
-            return job.problem.refusal(name, problem, accepted)
+            return error.at(job.file, job.problem.line(name))
     return InputError(job.file, None, str(error), "nothing was fitted")
 
 

@@ -3,10 +3,10 @@
 import argparse
 from pathlib import Path
 
-from calibration.choices import CHOICES, LAWS
+from calibration.choices import CHOICES, LAWS, OPTIONS
 
 COEFFICIENTS = ("chi", "sigma", "psi")
-VARIANTS = ("form", "kappa")
+VARIANTS = tuple(name for name, laws in OPTIONS.items() if "zhou" in laws)
 
 
 def add_source_arguments(parser: argparse.ArgumentParser, law_option: str = "--law") -> None:

@@ -5,12 +5,12 @@ import dataclasses
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import softjax as sj
+from calibration.choices import OPTIONS
 from calibration.curve.options import COEFFICIENTS, VARIANTS
 from calibration.data.paper import CURVES, RADIUS, PaperCurve
 from calibration.errors import DataError, InputError, did_you_mean, listed, printable
@@ -22,7 +22,7 @@ from softjax.paper import TABLE_1
 FITTED_CHI = {"stainless steel": 1.7944, "chrome steel": 0.09867, "nylon": 0.21998}
 DECADES_BELOW_YIELD = 0.1  # where a grid starts unless told, in critical velocities
 FAR_ABOVE_YIELD = 100.0  # and where it ends if nothing else says so
-PROPERTIES = ("youngs_modulus", "poisson_ratio", "density", "yield_strength")
+WIDEST = (1.234e-100, 1.234e-100)  # m/s: no velocity takes more letters
 
 
 @dataclass(frozen=True)
@@ -48,6 +48,21 @@ class Source:
     result: Any = None
     draws: Any = None
     remark: str = ""
+
+    def extrapolation(self, ends: tuple[float, float]) -> str | None:
+        """A line where velocities from `ends` go beyond the data of a fit; else None."""
+        doubt = None if self.result is None else self.result.extrapolation(ends, self.name)
+        return None if doubt is None else self.extrapolation_text(ends)
+
+    def extrapolation_text(self, ends: tuple[float, float]) -> str:
+        """From where to where curve and data go."""
+        velocity = self.result.material(self.name).data.velocity
+        curve, data = (
+            f"{np.min(v):.4g} to {np.max(v):.4g} m/s"
+            for v in (np.array(ends), np.asarray(velocity))
+        )
+        name = printable(self.name)
+        return f"extrapolation: the curve goes from {curve}, the data of {name} from {data}"
 
 
 def read_source(arguments: argparse.Namespace) -> Source:
@@ -112,7 +127,7 @@ def _of_paper(arguments: argparse.Namespace) -> Source:
         chi, origin = _paper_chi(curve, arguments, area)
         known |= {} if chi is None else {"chi": chi}
     critical = float(contact.critical_velocity)
-    properties = {name: float(getattr(material, name)) for name in PROPERTIES}
+    properties = {name: float(leaf) for name, leaf in material.leaves().items()}
     return Source(
         curve.name,
         _law(arguments, name, contact, known),
@@ -143,7 +158,6 @@ def _paper_chi(curve: PaperCurve, arguments, area: str) -> tuple[float | None, s
 
 
 def _of_file(arguments: argparse.Namespace) -> Source:
-    from calibration.choices import OPTIONS
     from calibration.problem_file import read_problem
 
     file = read_problem(arguments.source, needs_data=False)
@@ -208,7 +222,11 @@ def _of_fit(arguments: argparse.Namespace) -> Source:
             raise DataError(option, "given", accepted)
     if None not in (arguments.source, arguments.material):
         raise DataError("MATERIAL", arguments.source, "left out with --fit and --material")
-    result = load_fit(arguments.fit, FitResult)
+    try:
+        result = FitResult.load(arguments.fit)
+    except DataError as error:  # a law of one's own, which no file brings along
+        accepted = "a fit.json of a built-in law is needed"
+        raise InputError(arguments.fit, None, str(error), accepted) from None
     names = [material.name for material in result.materials]
     name = arguments.source if arguments.material is None else arguments.material
     matches = [n for n in names if name is None or n == name or n == name.replace("-", " ")]
@@ -234,15 +252,6 @@ def _draws(arguments: argparse.Namespace) -> Any:
     from calibration.fitting.posterior.inference_data import read
 
     return read(arguments.posterior)
-
-
-def load_fit(path: Path, result_type) -> Any:
-    """A fit's result, or the refusal that names its file."""
-    try:
-        return result_type.load(path)
-    except DataError as error:  # a law of one's own, which no file brings along
-        accepted = "a fit.json of a built-in law is needed"
-        raise InputError(path, None, str(error), accepted) from None
 
 
 def _chosen(arguments, names: list[str], where: str) -> int:

@@ -13,8 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 import softjax as sj
-from calibration.curve.beyond import WIDEST, beyond_data, beyond_text
-from calibration.curve.source import Source
+from calibration.curve.source import WIDEST, Source
 from calibration.curve.stream import Route, Rows, evaluator, in_one_size
 from calibration.curve.writers import Writer, lines, parts
 from calibration.errors import InputError, printable
@@ -101,8 +100,8 @@ class TableWriter(Writer):
         if self._source.result is None:
             return error
         last = self._first if self._last is None else self._last[0]
-        told = beyond_data(self._source, (self._first, last))
-        room = len(beyond_text(self._source, WIDEST).encode())
+        told = self._source.extrapolation((self._first, last))
+        room = len(self._source.extrapolation_text(WIDEST).encode())
         return b"# " + (told or NOT_BEYOND).encode().ljust(room) + b"\n" + error
 
     def _between(self, velocity: np.ndarray, coefficient: np.ndarray) -> float:

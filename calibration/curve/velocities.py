@@ -73,7 +73,8 @@ class Column:
     """The velocities of a CSV file, or of standard input ("-"), read as they are needed.
 
     One number a line, or a table whose header names a column `velocity` and its unit, as in a file
-    of measurements (`velocity [cm/s]`, `v (km/h)`). Blank lines and lines that begin with # are passed over.
+    of measurements (`velocity [cm/s]`, `v (km/h)`); cells are separated, and numbers written, as there
+    (`calibration.data.csv_file`). Blank lines and lines that begin with # are passed over.
 
     Raises:
         InputError: while reading, with file and line.

@@ -46,7 +46,7 @@ class MaterialFile:
 
     Attributes:
         materials: its entries.
-        file: the file itself, as a table.
+        file: the file itself, as a table: `[fit]` and `[parameters]` as they stand.
     """
 
     materials: list[MaterialEntry]
@@ -56,16 +56,6 @@ class MaterialFile:
     def datasets(self) -> list[RestitutionData]:
         """The measurements of those that have any."""
         return [entry.data for entry in self.materials if entry.data is not None]
-
-    @property
-    def fit(self) -> TomlTable | None:
-        """Its `[fit]`, as it stands."""
-        return self.file.table("fit")
-
-    @property
-    def parameters(self) -> TomlTable | None:
-        """Its `[parameters]`, as they stand."""
-        return self.file.table("parameters")
 
 
 def read_toml(path: str | Path) -> list[RestitutionData]:

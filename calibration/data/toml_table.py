@@ -53,8 +53,7 @@ class TomlTable:
 
     def placed(self, error: DataError, key: str | None = None) -> InputError:
         """A refusal of an argument, told at the line of `key`."""
-        problem = f"{error.argument} is {error.value}"
-        return self.refusal(key, problem, f"it must be {error.accepted}")
+        return error.at(self.file, self.line(key))
 
     def allow(self, known: Iterable[str]) -> None:
         """Refuse keys that are not known."""
