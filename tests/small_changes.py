@@ -240,6 +240,16 @@ CHANGES: dict[str, list[tuple[str, str, str]]] = {
     ],
     "calibration/data/csv_file.py": [
         ("self.numbers += lines", "self.numbers += [n + 1 for n in lines]", "data_refused_csv"),
+        ("if len(cells) != width:", "if len(cells) < width:", "curve data_refused_csv"),
+    ],
+    "calibration/curve/velocities.py": [
+        ("** (1 - part) * self.last**part", "* (self.last / self.first) ** part", "curve"),
+    ],
+    "calibration/curve/source.py": [
+        ("not in (None, []):", "not in (None, [], 0):", "curve_command"),
+    ],
+    "calibration/data/plausible.py": [
+        ('("modulus", "above", 2e12,', '("modulus", "above", 3e12,', "data_plausible"),
     ],
     "calibration/data/bodies.py": [
         ("(DIAMETERS, 0.5)", "(DIAMETERS, 1.0)", "data_toml"),

@@ -18,6 +18,7 @@ sensitivities have limits.
 
 import argparse
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -119,6 +120,8 @@ def _check_options(arguments: argparse.Namespace, studies: tuple[str, ...]) -> N
     for name, where in ACTS_ON.items():
         if getattr(arguments, name) is not None and not set(where) & set(studies):
             raise DataError(f"--{name}", "given", f"left out, or --study {' or '.join(where)}")
+    if arguments.seed is not None and arguments.seed < 0:
+        raise DataError("--seed", arguments.seed, "a whole number of 0 or more")
     if arguments.over is not None and arguments.criterion != "I":
         raise DataError("--over", arguments.over, "given with --criterion I only")
     if arguments.target is not None and arguments.criterion not in (None, "c"):
@@ -137,6 +140,8 @@ class _Job:
         self.low, self.high = (
             float(s if t is None else t) for t, s in zip(told, source.span, strict=True)
         )
+        if not 0 < self.high < math.inf:
+            raise DataError("--to", self.high, "a finite velocity above 0 m/s")
         if not 0 < self.low < self.high:
             raise DataError(
                 "--from", self.low, f"a velocity between 0 and {self.high:g} m/s (--to)"
@@ -145,7 +150,7 @@ class _Job:
         if self.points < 2:
             raise DataError("--points", self.points, "a whole number of 2 or more")
         for v in arguments.at or ():
-            if not 0 < v < float("inf"):
+            if not 0 < v < math.inf:
                 raise DataError("--at", v, "velocities above 0 m/s")
         self.bars = arguments.at or [max(self.low, part * self.high) for part in BARS]
         self.inputs = inputs_of(source)
@@ -276,7 +281,7 @@ class _Job:
         from calibration.studies.text import design_csv, wrapped
 
         arguments = self.arguments
-        limit = getattr(getattr(self.source.law, "contact", None), "limit_velocity", float("inf"))
+        limit = getattr(getattr(self.source.law, "contact", None), "limit_velocity", math.inf)
         found = optimal_velocities(
             self.draws or self.subject,
             SHOTS if arguments.shots is None else arguments.shots,

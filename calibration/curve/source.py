@@ -74,9 +74,8 @@ def read_source(arguments: argparse.Namespace) -> Source:
     if arguments.fit is not None:
         return _of_fit(arguments)
     if getattr(arguments, "posterior", None) is not None:
-        raise DataError(
-            "--posterior", arguments.posterior, "given with --fit, whose draws they are"
-        )
+        accepted = "given with --fit, whose draws they are"
+        raise DataError("--posterior", str(arguments.posterior), accepted)
     if arguments.source is not None and arguments.source.endswith(".toml"):
         return _of_file(arguments)
     return _of_paper(arguments)
