@@ -269,6 +269,33 @@ def changed(result, **fields):
     return replace(result, materials=(replace(result.material(), **fields),))
 
 
+def test_curves_of_bodies_that_differ_are_drawn_at_their_impacts():
+    """A damping that acts on small bodies more; impacts in no order, each with a radius of its own."""
+    random = np.random.default_rng(2)
+    velocity, radius = random.uniform(1.0, 9.0, 12), random.uniform(0.005, 0.02, 12)
+    contact = sj.Contact.with_wall(sj.NYLON, sj.STAINLESS_STEEL, radius)
+    measured = np.asarray(sj.restitution(sj.ViscoelasticHertz(contact, 3e-6), velocity).coefficient)
+    measured = measured + 0.005 * random.standard_normal(12)
+    fit = cal.fit(cal.RestitutionData(velocity, measured, contact, 0.005), "viscoelastic")
+    order = np.argsort(velocity)
+    law = sj.restitution(sj.ViscoelasticHertz(contact, fit.values["dissipation_time"]), velocity)
+    ax = plots.plot_curve(fit)
+    x, y = curve_of(ax, "viscoelastic Hertz, fitted")
+    np.testing.assert_allclose(x, velocity[order])
+    np.testing.assert_allclose(y, np.asarray(law.coefficient)[order], rtol=1e-9)
+    _, low, high = band_of(ax, "95 %, of the mean")
+    assert np.all((low < y) & (y < high))
+    x, _ = curve_of(plots.plot_curve(fit, ratio=True), "viscoelastic Hertz, fitted")
+    np.testing.assert_allclose(x, np.sort(velocity / np.asarray(contact.critical_velocity)))
+    assert len(plots.curves_figure(fit).axes) == 2
+
+
+def test_no_ratio_to_a_critical_velocity_without_a_contact():
+    data = cal.RestitutionData([1.0, 2.0, 3.0], [0.9, 0.91, 0.9], name="balls")
+    with pytest.raises(ValueError, match="`ratio` must be False where there is no contact"):
+        plots.plot_curve(cal.fit(data), ratio=True)
+
+
 def test_points_with_a_flag_are_marked(own):
     data = own.material().data
     status = (int(sj.Status.ENERGY_GAIN), *[int(sj.Status.ELASTIC)] * 3, *[0] * (len(data) - 4))

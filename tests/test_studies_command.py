@@ -24,6 +24,8 @@ from tests.fit_data import twin
 
 DESIGN = ("nylon", "--study", "design", "--from", "2", "--to", "60", "--shots", "6")
 GLOBAL = ("nylon", "--study", "global", "--at", "20", "--samples", "64")
+STIFF = ("--law", "walton-braun", "--set", "loading_stiffness=1e6")
+STIFF += ("--set", "unloading_stiffness=1.05e6")  # a tenth less is no law
 DEAD = ["--range", "chi=1000:1100", "--range", "density=1100:1200", "--at", "60"]
 
 
@@ -156,6 +158,47 @@ def test_global_indices_follow_their_options(at, capsys):
     assert other["mean"] != wide["mean"]
     log = told_by(*GLOBAL, *ranges, "--scale", "log")["global"]
     assert log["mean"][0] > wide["mean"][0] + 0.005  # more of the small χ̃
+
+
+@pytest.mark.parametrize(
+    ("options", "name", "ends", "said"),
+    [
+        (["--law", "constant", "--set", "restitution=0.95"], "restitution", (0.855, 1.0), "ε"),
+        (["--law", "constant", "--set", "restitution=0.5"], "restitution", (0.45, 0.55), ""),
+        (["--range", "poisson_ratio=0.3:0.5"], "poisson_ratio", (0.3, 0.5), ""),
+    ],
+)
+def test_ranges_end_where_an_inputs_own_range_does(at, options, name, ends, said):
+    """E.g. 1.045, a tenth above 0.95, would be no restitution, and count as ε = 0."""
+    found = told_by(*GLOBAL, *options)["global"]
+    assert found["ranges"][name] == pytest.approx(ends)
+    assert ("no further than" in found["assumed"]) == bool(said)
+    assert f"({said} no further than 1)" in found["assumed"] or not said
+    if name == "restitution":  # uniform between its ends
+        assert found["mean"] == pytest.approx([sum(ends) / 2], rel=1e-3)
+
+
+def test_what_has_no_logarithm_is_left_out_of_a_logarithmic_scale(at, capsys):
+    """A negative Poisson ratio, which nobody gave a range."""
+    auxetic = BODIES.replace("poisson_ratio = 0.3", "poisson_ratio = -0.3")
+    Path("foam.toml").write_text(auxetic, encoding="utf-8")
+    law = ("--law", "constant", "--set", "restitution=0.5")
+    few = ("--study", "global", "--samples", "16")
+    found = told_by("foam.toml", *law, *few, "--scale", "log")["global"]
+    assert "poisson_ratio" not in found["inputs"]
+    told = capsys.readouterr().out
+    assert "Left out (below 0, where there is no logarithm): μ (poisson_ratio)." in told
+    assert "poisson_ratio" in told_by("foam.toml", *law, *few)["global"]["inputs"]
+
+
+def test_samples_that_do_not_rebound_are_told(at, capsys):
+    """Eq. (17) ends at v_lim, here uniform in 321 … 329 m/s and so below v = 325 half of the time."""
+    law = ("nylon", "--law", "eq-17", "--sigma", "0.4", "--psi", "0.5")
+    options = ("--study", "global", "--samples", "64", "--range", "limit_velocity=321:329")
+    found = told_by(*law, *options, "--at", "100", "325")["global"]
+    assert found["zeros"] == [0.0, pytest.approx(0.5, abs=0.02)]
+    told = capsys.readouterr().out
+    assert f"ε = 0: {100 * found['zeros'][1]:.3g} % at 325 m/s." in told
 
 
 def test_all_studies_of_a_material_file(at):
@@ -324,6 +367,11 @@ def test_a_fit_of_known_bodies_is_studied_as_its_material_file(at):
         (["--study", "design", "--target", "colour"], "target"),
         (["--study", "design", "--target", "critical_velocity"], "none of them moves it"),
         (["--study", "design", "--shots", "0"], "count"),
+        (["--study", "information", "--shots", "0"], "--shots"),
+        (["--study", "information", "--shots", "-1"], "--shots"),
+        (["--study", "global", "--range", "poisson_ratio=0.3:0.6"], "a ratio in (-1, 0.5]"),
+        (["--study", "global", "--range", "chi=-0.1:0.1"], "chi = -0.1 … 0.1"),
+        (["--study", "global", *STIFF], "`unloading_stiffness` must be at least"),
         (["--study", "design", "--over", "1:2"], "--over"),
         (["--study", "design", "--criterion", "I", "--over", "fast"], "--over"),
         (["--study", "design", "--criterion", "D", "--target", "chi"], "--target"),

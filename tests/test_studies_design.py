@@ -67,7 +67,8 @@ def brute_force(criterion: str, count: int) -> float:
 
 @pytest.mark.parametrize("criterion", VARIANCES)
 def test_each_criterion_is_as_small_as_a_brute_force_search_makes_it(criterion):
-    found = cal.optimal_velocities(DECAY, 7, BOUNDS, criterion=criterion, target="rate")
+    aim = {"target": "rate"} if criterion == "c" else {}
+    found = cal.optimal_velocities(DECAY, 7, BOUNDS, criterion=criterion, **aim)
     reached = math.log(VARIANCES[criterion](covariance(found.velocity)))
     assert reached == pytest.approx(brute_force(criterion, 7), abs=1e-5)
     even = math.log(VARIANCES[criterion](covariance(np.linspace(*BOUNDS, 7))))
@@ -129,7 +130,8 @@ def test_no_design_is_better_than_the_bound_says():
     """The bound comes from the tabulated slopes alone; a thousand random designs stay behind it."""
     random = np.random.default_rng(4)
     for criterion, variance in VARIANCES.items():
-        found = cal.optimal_velocities(DECAY, 4, BOUNDS, criterion=criterion, target="rate")
+        aim = {"target": "rate"} if criterion == "c" else {}
+        found = cal.optimal_velocities(DECAY, 4, BOUNDS, criterion=criterion, **aim)
         best = math.log(variance(covariance(found.velocity)))
         others = [math.log(variance(covariance(random.uniform(*BOUNDS, 4)))) for _ in range(200)]
         assert min(others) > best + math.log(found.efficiency) - 1e-6
@@ -265,6 +267,9 @@ def test_a_design_tells_itself():
         ({"law": LAW, "bounds": (1.0, 1e4)}, "velocity"),
         ({"criterion": "G"}, "criterion"),
         ({"target": "eps"}, "target"),
+        ({"target": "rate", "criterion": "D"}, "`target` must be left out with criterion D"),
+        ({"over": (1.0, 5.0)}, "`over` must be left out with criterion c"),
+        ({"measured_uncertainty": 0.1}, "`measured_uncertainty` must be given with measured"),
         ({"objective": "two-step"}, "objective"),
         ({"uncertainty": 0.0}, "uncertainty"),
         ({"starts": 0}, "starts"),

@@ -320,3 +320,13 @@ def test_a_fit_has_its_own_objective():
     for name, value in (("objective", "two-step"), ("parameters", {"level": 0.9})):
         with pytest.raises(ValueError, match=f"`{name}` must be left out"):
             cal.fisher_information(fits()["own"], **{name: value})
+
+
+@pytest.mark.parametrize("law", ["zhou", "viscoelastic"])
+def test_a_plan_of_a_fit_needs_one_contact(law):
+    contact = sj.Contact.with_wall(sj.NYLON, sj.STAINLESS_STEEL, np.linspace(0.005, 0.02, 8))
+    data = cal.RestitutionData(np.linspace(1, 8, 8), np.linspace(0.95, 0.88, 8), contact, 0.01)
+    fit = cal.fit(data, law, profiles=False)
+    for plan in (cal.fisher_information, lambda one: cal.optimal_velocities(one, 3, (1.0, 8.0))):
+        with pytest.raises(ValueError, match="`contact` must be one for all impacts"):
+            plan(fit)

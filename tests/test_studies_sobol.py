@@ -13,7 +13,7 @@ from scipy import stats
 
 import calibration as cal
 import softjax as sj
-from calibration.studies.sampling import percentiles
+from calibration.studies.sobol import percentiles
 from tests.cases import FITTED, MATERIALS, RADIUS
 from tests.decay import Decay
 
@@ -165,6 +165,50 @@ def test_where_nothing_rebounds_there_is_nothing_to_share_out():
     with pytest.raises(ValueError, match="0 everywhere") as caught:
         cal.sobol_indices(Decay(0.9, 500.0), {"rate": (400.0, 600.0)}, [5.0], samples=256)
     assert "\n" not in str(caught.value)
+
+
+def test_samples_without_an_answer_are_no_zeros():
+    """A restitution above 1 is no input, whatever is built of it: Poisson's ratio beyond 0.5."""
+    law = sj.ConstantRestitution(None, 0.9)
+    with pytest.raises(
+        ValueError, match=r"restitution in \[0, 1\], but is restitution = 0.8 … 1.2"
+    ):
+        cal.sobol_indices(law, {"restitution": (0.8, 1.2)}, 1.0)
+    with pytest.raises(ValueError, match=r"a ratio in \(-1, 0.5\]"):
+        cal.sobol_indices(nylon(), {"poisson_ratio": (0.3, 0.6)}, 1.0)
+    # what only the status tells: 1.1 in the middle, 0.6 at both ends
+    inside = cal.Inputs({"a": 0.4}, lambda x: sj.ConstantRestitution(None, 1.1 - 2 * x["a"] ** 2))
+    with pytest.raises(ValueError, match="every sample has a finite output"):
+        cal.sobol_indices(inside, {"a": (-0.5, 0.5)}, 1.0)
+    both = cal.Inputs({"a": 0.9, "b": 0.9}, lambda x: sj.ConstantRestitution(None, x["a"] * x["b"]))
+    with pytest.raises(ValueError, match="such that there is a law everywhere") as caught:
+        cal.sobol_indices(both, {"a": (0.8, 1.2), "b": (0.8, 1.2)}, 1.0)
+    assert "\n" not in str(caught.value)
+    whole = cal.sobol_indices(both, {"a": (0.8, 1.0), "b": (0.8, 1.0)}, 1.0, samples=256)
+    np.testing.assert_allclose(whole.mean, 0.81, rtol=1e-3)
+    np.testing.assert_array_equal(whole.zeros, 0.0)
+
+
+def test_a_model_without_a_value_is_refused():
+    model = lambda x: jnp.sqrt(x["a"])  # noqa: E731
+    with pytest.raises(ValueError, match=r"finite output, but is such that \d+ of 96 have none"):
+        cal.model_indices(model, {"a": (-1.0, 1.0)}, samples=32)
+    found = cal.model_indices(model, {"a": (0.5, 1.0)}, samples=32)
+    assert found.to_dict()["zeros"] == [0.0]
+
+
+def test_a_law_that_two_inputs_make_together_is_looked_at_over_their_ranges():
+    """Walton and Braun's unloading is the stiffer one; the law's own check sees no traced numbers."""
+    law = sj.WaltonBraun(sj.Contact(1.4e9, 0.006, 0.005, 4e7, 320.0), 1e6, 1.2e6)
+    ranges = {"loading_stiffness": (0.9e6, 1.1e6), "unloading_stiffness": (1.05e6, 1.3e6)}
+    with pytest.raises(ValueError, match="at least `loading_stiffness`"):
+        cal.sobol_indices(law, ranges, 1.0)
+    ranges["unloading_stiffness"] = (1.1e6, 1.3e6)
+    found = cal.sobol_indices(law, ranges, 1.0, samples=64)
+    # ε² = k1/k20 with both uniform: E[ε] = E[√k1] E[1/√k20]
+    root = lambda a, b, power: (b**power - a**power) / (power * (b - a))  # noqa: E731
+    mean = root(0.9, 1.1, 1.5) * root(1.1, 1.3, 0.5)
+    np.testing.assert_allclose(found.mean, mean, rtol=1e-3)
 
 
 # `ru_maxrss` would begin with what the process had that started this one

@@ -86,12 +86,17 @@ def _element(material: MaterialFit, name: str) -> Element:
     return Element(name, name, (0,), Parameter(), declared, float(start), WIDE)  # type: ignore[arg-type]
 
 
-def _rows_of(material: MaterialFit, count: int) -> int:
-    """One, or one an impact where bodies or parameters differ from impact to impact."""
+def of_each_impact(material: MaterialFit) -> set[int]:
+    """How many bodies or parameters differ from impact to impact: none where all impacts share them."""
     values = list(material.values.values())
     if material.data.contact is not None:
         values += list(material.data.contact.leaves().values())
-    sizes = {np.size(value) for value in values if np.ndim(value)}
+    return {np.size(value) for value in values if np.ndim(value)}
+
+
+def _rows_of(material: MaterialFit, count: int) -> int:
+    """One, or one an impact where bodies or parameters differ from impact to impact."""
+    sizes = of_each_impact(material)
     if not sizes:
         return 1
     if sizes != {count}:

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from calibration.fitting.curves import of_each_impact
 from calibration.plots import style
 from calibration.plots.curves import plot_data, velocity_label
 
@@ -119,9 +120,8 @@ def _curve(entry: Any) -> tuple[np.ndarray, np.ndarray]:
     Where each impact has bodies of its own, at those impacts alone.
     """
     result = entry.result
-    data = result.material().data
-    velocity = data.velocity
-    if data.contact is None or not any(map(np.ndim, data.contact.leaves().values())):
+    velocity = result.material().data.velocity
+    if not of_each_impact(result.material()):
         spaced = np.geomspace if style.spans_decades(velocity) else np.linspace
         velocity = spaced(np.min(velocity), np.max(velocity), FINE)
     value = result.band(velocity).coefficient

@@ -8,10 +8,16 @@ from matplotlib.axes import Axes
 
 import softjax as sj
 from calibration.data import RestitutionData
+from calibration.errors import DataError
 from calibration.fitting.assembly import label_of_law
-from calibration.fitting.curves import as_empirical, curve_and_slopes, yield_velocity
+from calibration.fitting.curves import (
+    as_empirical,
+    curve_and_slopes,
+    of_each_impact,
+    yield_velocity,
+)
 from calibration.plots import style
-from calibration.plots.lines import Line, band_of
+from calibration.plots.lines import Line
 
 FINE = 240  # points of a curve
 EQ_17 = "Eq. (17)"
@@ -41,15 +47,17 @@ def plot_curve(
     """
     ax = style.axes_or_new(ax)
     fit = result.material(name)
-    scale = _velocity_scale(fit, ratio)
+    scale = _scale(fit, ratio)
     logarithmic = style.spans_decades(fit.data.velocity) and not from_rest
-    velocity = _fine(fit, logarithmic, from_rest)
+    velocity = fit.data.velocity if of_each_impact(fit) else _fine(fit, logarithmic, from_rest)
     _fitted(ax, result, fit, velocity, scale)
     for line in lines:
         _beside(ax, line, velocity, scale)
     plot_data(ax, fit.data, scale)
     _flagged(ax, fit, scale)
-    _mark_yield(ax, fit, scale)
+    critical = yield_velocity(fit.law)
+    yields = None if critical is None else critical / float(scale)
+    style.mark_velocity(ax, yields, fit.data.velocity / scale, "first yield")
     if logarithmic:
         style.logarithmic_x(ax)
     ax.set(xlabel=velocity_label(ratio), ylabel=r"restitution $\varepsilon$")
@@ -66,14 +74,15 @@ def plot_residuals(
     """Measured less fitted ε at each point; arguments as `plot_curve`'s. Its x axis is linear."""
     ax = style.axes_or_new(ax, height=2.0)
     fit = result.material(name)
-    data, scale = fit.data, _velocity_scale(fit, ratio)
-    x = data.velocity / scale
+    data, x = fit.data, fit.data.velocity / _scale(fit, ratio)
     ax.axhline(0.0, color=style.GREY, linewidth=0.8)
     for line in lines:
         if line.residuals:
             left = data.restitution - line.value(data.velocity)
-            ax.plot(x, left, color=line.color, linestyle=line.linestyle, linewidth=1.2)
-    left = data.restitution - band_of(result, fit.name, data.velocity).coefficient
+            ax.plot(
+                *_by_velocity(x, left), color=line.color, linestyle=line.linestyle, linewidth=1.2
+            )
+    left = data.restitution - result.band(data.velocity, fit.name).coefficient
     ax.errorbar(x, left, yerr=data.uncertainty, **_marks(style.BLUE, "s"))
     ax.set(xlabel=velocity_label(ratio), ylabel="data − fit")
     ax.ticklabel_format(axis="y", scilimits=(-3, 3))
@@ -86,7 +95,7 @@ def velocity_label(ratio: bool) -> str:
 
 def _beside(ax: Axes, line: Line, velocity, scale) -> None:
     """One further curve; a cross where it ends before the data do."""
-    value, x = line.value(velocity), velocity / scale
+    x, value = _by_velocity(velocity / scale, line.value(velocity))
     look: dict[str, Any] = {"color": line.color, "linestyle": line.linestyle, "linewidth": 1.4}
     ax.plot(x, value, label=line.label, zorder=1.5, **look)
     last = np.flatnonzero(np.isfinite(value))[-1:]
@@ -103,25 +112,30 @@ def _beside(ax: Axes, line: Line, velocity, scale) -> None:
 
 
 def _fitted(ax: Axes, result, fit, velocity, scale) -> None:
-    band = band_of(result, fit.name, velocity)
-    x = velocity / scale
+    ratio, band = velocity / scale, result.band(velocity, fit.name)
     if fit.empirical is not None and fit.model.key != "eq-17":
         empirical = curve_and_slopes(as_empirical(fit), velocity)[0]
-        ax.plot(x, empirical, color=style.ORANGE, linestyle="--", label=EQ_17, zorder=4)
+        look: dict[str, Any] = {"color": style.ORANGE, "linestyle": "--", "zorder": 4}
+        ax.plot(*_by_velocity(ratio, empirical), label=EQ_17, **look)
     label = ZHOU if fit.model.key == "zhou" else f"{label_of_law(fit.model)}, fitted"
-    ax.plot(x, band.coefficient, color=style.BLUE, label=label, linewidth=1.8)
+    ax.plot(*_by_velocity(ratio, band.coefficient), color=style.BLUE, label=label, linewidth=1.8)
     if not np.nanmax(band.high - band.low, initial=0.0) > INVISIBLE:
         return
     share = f"{100 * result.confidence:g} %"
     wide = result.band(velocity, fit.name, kind="prediction")
-    look: dict[str, Any] = {"color": style.BLUE, "linewidth": 0}
-    ax.fill_between(
-        x, wide.low, wide.high, alpha=0.1, label=f"{share}, one more measurement", **look
-    )
-    ax.fill_between(x, band.low, band.high, alpha=0.3, label=f"{share}, of the mean", **look)
+    for one, alpha, what in ((wide, 0.1, "one more measurement"), (band, 0.3, "of the mean")):
+        x, low, high = _by_velocity(ratio, one.low, one.high)
+        label = f"{share}, {what}"
+        ax.fill_between(x, low, high, color=style.BLUE, linewidth=0, alpha=alpha, label=label)
 
 
-def plot_data(ax: Axes, data: RestitutionData, scale: float = 1.0) -> None:
+def _by_velocity(velocity: np.ndarray, *columns: np.ndarray) -> list[np.ndarray]:
+    """Ascending, and what belongs to them."""
+    order = np.argsort(velocity, kind="stable")
+    return [column[order] for column in (velocity, *columns)]
+
+
+def plot_data(ax: Axes, data: RestitutionData, scale: np.ndarray | float = 1.0) -> None:
     """Measured ε with its error bars over v/scale."""
     ax.errorbar(
         data.velocity / scale,
@@ -161,31 +175,11 @@ def _marks(color: str, marker: str) -> dict[str, Any]:
     }
 
 
-def _mark_yield(ax: Axes, fit, scale) -> None:
-    """A line where the law's impacts begin to yield, if that is inside the data."""
-    critical = yield_velocity(fit.law)
-    low, high = np.min(fit.data.velocity), np.max(fit.data.velocity)
-    if critical is not None and low < critical < high:
-        ax.axvline(
-            critical / scale,
-            color=style.GREY,
-            linestyle=":",
-            linewidth=1,
-            label="first yield",
-        )
-
-
-def _critical_velocity(fit) -> float | None:
-    """v_cr [m/s] of the fitted law; None without elastic properties or with one for each impact."""
-    contact = fit.contact
-    if contact is None:
-        return None
-    critical = np.asarray(contact.critical_velocity)
-    return float(critical) if critical.ndim == 0 else None
-
-
-def _velocity_scale(fit, ratio: bool) -> float:
-    return _critical_velocity(fit) or 1.0 if ratio else 1.0
+def _scale(fit, ratio: bool) -> np.ndarray:
+    """v_cr [m/s] of the fitted law, or of each impact; 1 m/s where no ratio is asked for."""
+    if ratio and fit.contact is None:
+        raise DataError("ratio", ratio, "False where there is no contact")
+    return np.asarray(fit.contact.critical_velocity if ratio else 1.0)
 
 
 def _fine(fit, logarithmic: bool, from_rest: bool) -> np.ndarray:

@@ -74,7 +74,7 @@ def profiles_figure(result: Any) -> Figure | None:
     figure = style.new_figure(max(3.4 * columns, 5.5), 2.8 * rows + 2 * LEGEND_ROW)
     grid = figure.subplots(rows, columns, squeeze=False)
     for ax, (label, profile) in zip(grid.flat, profiles.items(), strict=False):
-        plot_profile(profile, _estimate(result, label), ax, _model(result, label))
+        plot_profile(profile, result.estimates.get(label), ax, _model(result, label))
     _remove_empty(grid)
     style.legend_below(figure, list(figure.axes), columns=4 if columns > 2 else 2)
     if cut:
@@ -102,7 +102,7 @@ def correlation_figure(result: Any) -> Figure | None:
     for ax, (owner, labels) in zip(grid.flat, blocks, strict=False):
         order = [place[label] for label in labels]
         names = [_symbol(result, label, not owner) for label in labels]
-        told = [str(_estimate(result, label)) for label in labels]
+        told = [str(result.estimates.get(label)) for label in labels]
         plot_correlations(result.correlations[np.ix_(order, order)], names, ax, told)
         ax.set_title(style.plain(owner))
     _remove_empty(grid)
@@ -160,11 +160,6 @@ def _remove_empty(grid: Any) -> None:
     for ax in grid.flat:
         if not ax.has_data():
             ax.remove()
-
-
-def _estimate(result: Any, label: str) -> Any:
-    """The `Estimate` of a label such as "sigma[nylon]"."""
-    return result.estimates.get(label)
 
 
 def _model(result: Any, label: str) -> Any:

@@ -82,7 +82,8 @@ def plot_forces(ax: Axes | None = None) -> Axes:
     deepest = float(np.asarray(sj.restitution(sj.Hertz(pair), 1.0).peak_overlap))
     overlap = np.linspace(0.0, deepest, 200)
     hertz = np.asarray(sj.Hertz(pair).loading_force(overlap))
-    spring = equal_work_stiffness(pair, deepest) * overlap
+    # ½ K δ² = (2/5) k δ^{5/2}: another K for every impact velocity
+    spring = 0.8 * float(pair.stiffness) * deepest**0.5 * overlap
     ax.plot(
         overlap / deepest, hertz / hertz[-1], color=style.BLACK, label=r"Hertz, $k\delta^{3/2}$"
     )
@@ -100,11 +101,6 @@ def plot_forces(ax: Axes | None = None) -> Axes:
     )
     ax.legend(frameon=False)
     return ax
-
-
-def equal_work_stiffness(contact: sj.Contact, overlap: float) -> float:
-    """K [N/m] with ½ K δ² = (2/5) k δ^{5/2}: (4/5) k √δ, another for every impact velocity."""
-    return 0.8 * float(contact.stiffness) * overlap**0.5
 
 
 def integrated_duration(restitution, end: str) -> np.ndarray:

@@ -9,7 +9,6 @@ import numpy as np
 
 import softjax as sj
 from calibration.fitting.curves import curve_and_slopes
-from calibration.fitting.estimate import Band
 from calibration.plots import style
 from softjax import paper
 from softjax.laws.thornton import thornton_restitution
@@ -63,11 +62,6 @@ def padded(velocity: np.ndarray) -> np.ndarray:
     """Velocities followed by some zeros: a curve and its residuals are compiled once for all."""
     count = PADDING * (len(velocity) // PADDING + 1)
     return np.concatenate([velocity, np.zeros(count - len(velocity))])
-
-
-def band_of(result: Any, name: str, velocity: np.ndarray) -> Band:
-    """The fitted curve of a data set with its band."""
-    return result.band(velocity, name)
 
 
 def law_values(law: sj.ContactLaw, velocity: np.ndarray) -> np.ndarray:

@@ -41,8 +41,7 @@ def plot_restitution(
     mark = "o" if len(rows.velocity) < FEW else ""
     look: dict[str, Any] = {"color": style.BLUE, "marker": mark, "markersize": 4}
     ax.plot(rows.velocity, shown, label=style.plain(label), **look)
-    if yields_at is not None and np.min(rows.velocity) < yields_at < np.max(rows.velocity):
-        ax.axvline(yields_at, color=style.GREY, linestyle=":", label="first yield")
+    style.mark_velocity(ax, yields_at, rows.velocity, "first yield")
     ax.set(xlabel=velocity_label(False), ylabel=r"restitution $\varepsilon$")
     if style.spans_decades(rows.velocity):
         style.logarithmic_x(ax)

@@ -43,10 +43,7 @@ def plot_sensitivities(
     if not np.all(acts):
         silent = ", ".join(letter for letter in letters if letter not in moving)
         ax.plot([], [], linestyle="", label=f"none: {silent}")
-    low, high = found.velocity.min(), found.velocity.max()
-    if critical_velocity is not None and low < critical_velocity < high:
-        label = r"yield, $v_\mathrm{cr}$"
-        ax.axvline(critical_velocity, color=style.GREY, linestyle=":", label=label)
+    style.mark_velocity(ax, critical_velocity, found.velocity, r"yield, $v_\mathrm{cr}$")
     ax.axhline(0, color=style.GREY, linewidth=0.6)
     ax.legend(frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
     return ax

@@ -18,7 +18,6 @@ BLACK = "#000000"
 ORANGE = "#E69F00"
 SKY = "#56B4E9"
 GREEN = "#009E73"
-YELLOW = "#F0E442"
 BLUE = "#0072B2"
 VERMILION = "#D55E00"
 PURPLE = "#CC79A7"
@@ -81,6 +80,12 @@ def spans_decades(values: np.ndarray) -> bool:
     """Whether positive values span more than a linear axis shows."""
     low, high = np.min(values), np.max(values)
     return bool(low > 0 and np.log10(high / low) > LOG_DECADES)
+
+
+def mark_velocity(ax: Axes, velocity: float | None, of: np.ndarray, label: str) -> None:
+    """A line at this velocity, if it lies inside those of a curve."""
+    if velocity is not None and np.min(of) < velocity < np.max(of):
+        ax.axvline(velocity, color=GREY, linestyle=":", linewidth=1, label=label)
 
 
 def legend_below(figure: Figure, axes: list[Axes], columns: int, first: Sequence[str] = ()) -> None:

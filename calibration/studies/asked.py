@@ -1,12 +1,54 @@
-"""What a command asks a study: which numbers are inputs, and over which ranges."""
+"""What a command asks a study: which numbers are inputs, over which ranges, and what is left out."""
 
-import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from calibration.errors import DataError, listed
-from calibration.studies.inputs import Inputs, OfBodies, of_law
-from calibration.studies.ranges import told_ranges, usual_ranges
+from calibration.report.symbols import in_math
+from calibration.studies.inputs import Inputs, OfBodies, OfLaw, check_ranges, of_law
 from softjax.fields import declarations, options_of, whole_fields
+
+PART = 0.1  # of an input's value, to either side
+SPREAD = {"uniform": "uniform", "log": "uniform in its logarithm"}
+IS_ZERO = "0, of which a part is nothing"
+IS_NEGATIVE = "below 0, where there is no logarithm"
+IS_HELD = "not fitted"
+OF_ONE_SIZE = "of spheres, whose mass follows their radius: the one does not move without the other"
+OF_SIZE = ("radius", "mass")  # of a contact
+
+
+@dataclass(frozen=True)
+class Ranges:
+    """(low, high) by name, a sentence on how they came about, and reasons for what has none."""
+
+    of: Mapping[str, tuple[float, float]]
+    assumed: str
+    left_out: Mapping[str, str] = field(default_factory=dict)
+
+    def to_dict(self) -> dict[str, Any]:
+        return {"assumed": self.assumed, "left_out": dict(self.left_out)}
+
+    def text(self, inputs: Inputs) -> str:
+        """A line on what is assumed, and one a reason on what is left out."""
+        lines = [f"Assumed: {self.assumed}."]
+        for why in dict.fromkeys(self.left_out.values()):
+            names = [_name_of(inputs, name) for name, one in self.left_out.items() if one == why]
+            lines.append(f"Left out ({why}): {listed(names)}.")
+        return "\n".join(lines)
+
+    def title(self, inputs: Inputs) -> str:
+        """The same above a picture: symbols only."""
+        symbols = [in_math(inputs.declared(name).symbol) for name in self.left_out]
+        return self.assumed + (f"\nleft out: {', '.join(symbols)}" if symbols else "")
+
+
+def _name_of(inputs: Inputs, name: str) -> str:
+    """Its symbol, and its name where that says more."""
+    symbol = inputs.declared(name).symbol
+    return symbol if symbol == name else f"{symbol} ({name})"
 
 
 def inputs_of(source: Any) -> Inputs:
@@ -16,22 +58,23 @@ def inputs_of(source: Any) -> Inputs:
         return of_law(law)
     options = tuple((name, getattr(law, name)) for name in options_of(type(law)))
     fields = {name: float(getattr(law, name)) for name in declarations(type(law))}
-    build = OfBodies(source.bodies, type(law), law.contact.area, options)
+    build = OfBodies(source.bodies, type(law), contact.area, options)
     inputs = Inputs(source.properties | fields, build)
-    return inputs if _same(contact, inputs.law().contact) else of_law(law)
+    built = inputs.law().contact  # type: ignore[attr-defined]
+    one, other = (list(each.leaves().values()) for each in (contact, built))
+    # a fit may have changed the bodies' properties
+    return inputs if np.allclose(one, other, rtol=1e-9, atol=0) else of_law(law)
 
 
-def _same(one: Any, other: Any) -> bool:
-    """Whether two contacts are one: a fit may have changed the bodies' properties."""
-    pairs = zip(one.leaves().values(), other.leaves().values(), strict=True)
-    return all(math.isclose(a, b, rel_tol=1e-9) for a, b in pairs)
+def ranges_of(told: list[str] | None, scale: str, inputs: Inputs, source: Any) -> Ranges:
+    """`name=low:high`, or a tenth to either side of every input that moves by itself.
 
-
-def ranges_of(told: list[str] | None, scale: str, inputs: Inputs, source: Any) -> Any:
-    """`name=low:high`, or a tenth to either side of every input that moves by itself."""
+    Raises:
+        DataError: for what is no range, or one over which there is no law.
+    """
     if not told:
         fit = None if source.result is None else source.result.material(source.name)
-        return usual_ranges(inputs, scale, fit)
+        return _usual(inputs, scale, fit)
     ranges = {}
     for text in told:
         name, _, ends = text.partition("=")
@@ -40,7 +83,44 @@ def ranges_of(told: list[str] | None, scale: str, inputs: Inputs, source: Any) -
             accepted = f"NAME=LOW:HIGH, NAME one of {listed(inputs.values)}"
             raise DataError("--range", text, accepted)
         ranges[name] = pair("--range", text, ends)
-    return told_ranges(ranges, scale)
+    check_ranges(inputs, ranges, "--range")
+    return Ranges(ranges, f"each input {SPREAD[scale]} over its range, independently")
+
+
+def _usual(inputs: Inputs, scale: str, fit: Any) -> Ranges:
+    """A tenth to either side of every input that moves by itself, where that is in its own range.
+
+    Args:
+        inputs: of the study.
+        scale: "uniform" or "log".
+        fit: the `MaterialFit` whose law it is; then what it held is left out too.
+    """
+    left_out = {n: why for n, x in inputs.values.items() if (why := _why(inputs, n, x, scale, fit))}
+    ends, cut = {}, []
+    for name in (name for name in inputs.values if name not in left_out):
+        value, declared = inputs[name], inputs.declared(name)
+        low, high = value - PART * abs(value), value + PART * abs(value)
+        ends[name] = max(low, declared.lower), min(high, declared.upper)
+        if ends[name] != (low, high):
+            end = declared.lower if low < declared.lower else declared.upper
+            cut.append(f"{declared.symbol} no further than {end:g}")
+    within = f"within ±{100 * PART:g} % of its value" + (f" ({listed(cut)})" if cut else "")
+    assumed = f"each input {SPREAD[scale]} {within}, independently"
+    check_ranges(inputs, ends, "--range")
+    return Ranges(ends, assumed, left_out)
+
+
+def _why(inputs: Inputs, name: str, value: float, scale: str, fit: Any) -> str:
+    """Why an input is not varied, or nothing."""
+    if value == 0:
+        return IS_ZERO
+    if value < 0 and scale == "log":
+        return IS_NEGATIVE
+    if fit is not None and name in fit.parameters and not fit.parameters[name].free:
+        return IS_HELD
+    law = getattr(inputs.build, "law", None)
+    of_contact = isinstance(inputs.build, OfLaw) and name not in declarations(type(law))
+    return OF_ONE_SIZE if of_contact and name.rpartition(".")[2] in OF_SIZE else ""
 
 
 def pair(option: str, text: str, ends: str) -> tuple[float, float]:

@@ -16,8 +16,7 @@ from calibration.fitting.result_json import plain
 from calibration.studies.exchange import CRITERIA
 from calibration.studies.placing import Errors, Progress, Wanted, sought
 from calibration.studies.planned import USUAL_NOISE
-from calibration.studies.planning import checked_impacts, plan_of
-from calibration.studies.taken_as_known import taken_as_known
+from calibration.studies.planning import checked_impacts, plan_of, taken_as_known
 from calibration.studies.targets import DERIVED
 
 TOGETHER = 0.01  # relative distance below which shots are told as one velocity
@@ -148,9 +147,9 @@ def optimal_velocities(
             step: over all three the covariance is singular for impacts at two velocities); "I":
             the mean variance of the predicted curve between the velocities `over`.
         target: a parameter, or a number that follows from them as a fit's table tells it, such as
-            eps_up; chi where there is one, else the first parameter, if left out.
+            eps_up; chi where there is one, else the first parameter, if left out. For c alone.
         objective, parameters, material, route: as `fisher_information` takes them.
-        over: where the curve is to be predicted; the bounds if left out.
+        over: where the curve is to be predicted by criterion I; the bounds if left out.
         uncertainty: standard uncertainty of each new ε; 0.01 unless a fit has its own.
         measured, measured_uncertainty: v [m/s] and uncertainty of ε of what is there already; a
             fit has its own.
@@ -161,6 +160,14 @@ def optimal_velocities(
         ValueError: naming the argument, its value and what is accepted.
     """
     _check_search(count, bounds, criterion, starts)
+    acts = {
+        "target": (target, criterion == "c", f"left out with criterion {criterion}"),
+        "over": (over, criterion == "I", f"left out with criterion {criterion}"),
+        "measured_uncertainty": (measured_uncertainty, measured is not None, "given with measured"),
+    }
+    for name, (value, acting, accepted) in acts.items():
+        if value is not None and not acting:
+            raise DataError(name, value, accepted)
     over = bounds if over is None else over
     there = None
     if measured is not None:

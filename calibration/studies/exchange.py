@@ -25,21 +25,21 @@ Places = Int[np.ndarray, "shots"]
 
 
 class Table(NamedTuple):
-    """What shots at each of k velocities add, for each of several laws.
+    """What a shot at each of k velocities adds to the estimating equations, in relative changes of θ.
 
     Attributes:
-        velocity: v [m/s], (k,).
-        slope, score: to A and to the middle matrix (G), (laws, k, p, p) and (laws, k, p).
-        slope_before, middle_before: what is there without them, (laws, p, p).
-        curve: slopes of the predicted curve, (laws, k, p).
+        slope, score: to A, (k, p, p), and G, (k, p), so that it adds G Gᵀ to the middle matrix.
+        slope_before, middle_before: what measured impacts and priors make of A and of M, (p, p).
+        curve: slopes of ε itself, (k, p).
+
+    Of several laws side by side all have one more axis, the first.
     """
 
-    velocity: Float[np.ndarray, "k"]
-    slope: Float[np.ndarray, "laws k p p"]
-    score: Float[np.ndarray, "laws k p"]
-    slope_before: Float[np.ndarray, "laws p p"]
-    middle_before: Float[np.ndarray, "laws p p"]
-    curve: Float[np.ndarray, "laws k p"]
+    slope: Float[np.ndarray, "*laws k p p"]
+    score: Float[np.ndarray, "*laws k p"]
+    slope_before: Float[np.ndarray, "*laws p p"]
+    middle_before: Float[np.ndarray, "*laws p p"]
+    curve: Float[np.ndarray, "*laws k p"]
 
     def sums(self, shots: Places):
         """A and M of a design."""
@@ -95,7 +95,8 @@ class Criterion:
         Experiments (2006), chapter 5.
         """
         before = table.middle_before + ALMOST_NOTHING * np.eye(table.score.shape[-1])
-        share = np.full(len(table.velocity), 1 / len(table.velocity))
+        places = table.score.shape[1]
+        share = np.full(places, 1 / places)
         least = -np.inf
         for _ in range(MOVES):
             scaled = table.score * share[:, None]

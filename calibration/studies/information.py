@@ -15,8 +15,7 @@ from calibration.fitting.problem import Element
 from calibration.fitting.result import FitResult
 from calibration.fitting.result_json import plain
 from calibration.studies.planned import Column, Plan, equations, relative_unit
-from calibration.studies.planning import checked_impacts, plan_of
-from calibration.studies.taken_as_known import taken_as_known
+from calibration.studies.planning import checked_impacts, plan_of, taken_as_known
 
 NOT_KNOWN = 1.0  # relative standard error from which a combination counts as left open
 NO_BOUND = 100.0  # and from which no number is given for it

@@ -4,9 +4,11 @@ A property of a material acts through the contact that is built of it, so deriva
 through what builds it.
 """
 
+import math
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import chain, combinations, product
 from typing import Any
 
 import equinox as eqx
@@ -14,9 +16,9 @@ import jax
 import numpy as np
 
 import softjax as sj
-from calibration.errors import DataError
+from calibration.errors import DataError, listed
 from calibration.fitting.result import FitResult
-from softjax.fields import Declared, declarations, whole_fields
+from softjax.fields import Declared, declarations, whole_leaves
 
 VELOCITY = "velocity"
 # which endings the names of the two bodies' properties have
@@ -38,9 +40,17 @@ class Inputs:
     values: Mapping[str, float]
     build: Callable[[Mapping[str, Any]], sj.ContactLaw]
 
-    def law(self) -> sj.ContactLaw:
-        """The law of the values themselves."""
-        return self.build(self.values)
+    def law(self, **moved: float) -> sj.ContactLaw:
+        """The law of the values themselves, but of those that are moved.
+
+        Raises:
+            ValueError: where they make no law.
+        """
+        law = self.build({**self.values, **moved})
+        for kind in type(law).__mro__:  # a pytree that was put together was not looked at
+            if "__check_init__" in vars(kind):
+                kind.__check_init__(law)  # type: ignore[attr-defined]
+        return law
 
     def __getitem__(self, name: str) -> float:
         return self.values[name]
@@ -131,9 +141,8 @@ def of_law(law: sj.ContactLaw) -> Inputs:
     paths, structure = jax.tree_util.tree_flatten_with_path(law)
     short = [path[-1].name if hasattr(path[-1], "name") else None for path, _ in paths]
     twice = {name for name, count in Counter(short).items() if count > 1}
-    whole = [_is_whole(law, path) for path, _ in paths]
     names: list[str | None] = []
-    for name, held, (path, leaf) in zip(short, whole, paths, strict=True):
+    for name, held, (path, leaf) in zip(short, whole_leaves(law), paths, strict=True):
         if np.ndim(leaf) and not held:
             raise DataError(str(name), f"of shape {np.shape(leaf)}", "a single number")
         full = jax.tree_util.keystr(path).lstrip(".")
@@ -150,7 +159,9 @@ def as_inputs(inputs: Inputs | sj.ContactLaw | FitResult, material: str | None =
         ValueError: for anything else.
     """
     if isinstance(inputs, FitResult):
-        inputs = inputs.material(material).law
+        return of_law(inputs.material(material).law)
+    if material is not None:
+        raise DataError("material", material, "left out, or given with a FitResult")
     if isinstance(inputs, sj.ContactLaw):
         return of_law(inputs)
     if isinstance(inputs, Inputs):
@@ -170,8 +181,34 @@ def check_velocity(velocity: Any) -> np.ndarray:
     return values
 
 
-def _is_whole(law: sj.ContactLaw, path: tuple[Any, ...]) -> bool:
-    return getattr(path[0], "name", None) in whole_fields(type(law))
+def check_ranges(
+    inputs: Inputs, ranges: Mapping[str, tuple[float, float]], argument: str = "ranges"
+) -> None:
+    """That laws are made over ranges: of each input inside its own, and of any two at their ends.
+
+    Raises:
+        ValueError: naming the argument, what is outside and what is accepted.
+    """
+    corners: dict[str, list[float]] = {}
+    for name, (low, high) in ranges.items():
+        if name not in inputs.values:
+            raise DataError(argument, name, f"of {listed(inputs.values)}")
+        declared = inputs.declared(name)
+        if not (declared.lower <= low < high <= declared.upper):
+            accepted = f"ascending, within the range of {declared.accepted}"
+            raise DataError(argument, f"{name} = {low:g} … {high:g}", accepted)
+        # an end that is not accepted itself is never drawn
+        among = [(low, high), (high, low)]
+        corners[name] = [x if declared.holds(x) else math.nextafter(x, y) for x, y in among]
+    for names in chain(combinations(ranges, 1), combinations(ranges, 2)):
+        for ends in product(*(corners[name] for name in names)):
+            moved = dict(zip(names, ends, strict=True))
+            try:
+                inputs.law(**moved)
+            except ValueError as error:
+                told = listed(f"{name} = {x:g}" for name, x in moved.items())
+                accepted = f"such that there is a law everywhere ({error})"
+                raise DataError(argument, told, accepted) from None
 
 
 def _split(name: str) -> tuple[str, str]:

@@ -56,7 +56,7 @@ class Wanted:
         errors = np.full(len(velocity), self.errors[0])
         pairs = zip(self.plans, found, strict=True)
         each = [equations(plan, velocity, errors, z) for plan, z in pairs]
-        return Table(velocity, *map(np.stack, zip(*each, strict=True)))
+        return Table(*map(np.stack, zip(*each, strict=True)))
 
     def level(self, velocity: Column) -> float:
         """Log criterion of these shots, at what is found by them."""

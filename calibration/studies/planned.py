@@ -7,7 +7,6 @@ errors are those of what is found.
 """
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -20,6 +19,7 @@ from calibration.fitting.root import NO_REBOUND_BELOW
 from calibration.fitting.search import search
 from calibration.fitting.specs import SetSpec
 from calibration.fitting.uncertainty import Settled, Uncertainty, gradient_slopes, stacked
+from calibration.studies.exchange import Table
 
 USUAL_NOISE = 0.01  # standard uncertainty of ε unless told
 PLACEHOLDER = 0.5  # ε of data that have none yet
@@ -94,30 +94,14 @@ class Plan:
         return component, z[0], stacked(stages, z)
 
 
-class Equations(NamedTuple):
-    """What planned impacts add to the estimating equations of a fit, in relative changes of θ.
-
-    Attributes:
-        slope, score: of each to A, (n, p, p), and G u, so that the middle matrix is Σ G Gᵀ u², (n, p).
-        slope_before, middle_before: what measured impacts and priors make of A and of the middle.
-        curve: slopes of ε itself, (n, p).
-    """
-
-    slope: Float[np.ndarray, "n p p"]
-    score: Float[np.ndarray, "n p"]
-    slope_before: Float[np.ndarray, "p p"]
-    middle_before: Float[np.ndarray, "p p"]
-    curve: Float[np.ndarray, "n p"]
-
-
 def relative_unit(problem: Problem, z: Column) -> Column:
     """dθ/dz over the size of θ: covariances in z times these are of ln θ."""
     theta = problem.transform.physical(z)
     return problem.transform.slope(z) / np.where(theta == 0, 1.0, np.abs(theta))
 
 
-def equations(plan: Plan, velocity: Column, uncertainty: Column, z: Column) -> Equations:
-    """Of a plan's fit, in one stage or two, around z."""
+def equations(plan: Plan, velocity: Column, uncertainty: Column, z: Column) -> Table:
+    """What planned impacts add to those of a plan's fit, in one stage or two, around z."""
     component, new = plan.component(velocity, uncertainty)
     problems, p = [problem for _, problem in component.stages], len(z)
     slope, score = np.zeros((len(new), p, p)), np.zeros((len(new), p))
@@ -138,7 +122,7 @@ def equations(plan: Plan, velocity: Column, uncertainty: Column, z: Column) -> E
     curve = final.linearise(z[None]).jacobian[0, : len(new)]
     unit = 1 / relative_unit(final, z)
     both = np.outer(unit, unit)
-    return Equations(
+    return Table(
         slope[new] * both,
         score[new] * unit,
         slope_before * both,

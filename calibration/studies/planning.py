@@ -1,6 +1,9 @@
-"""Plans for a law that is known, and for a fit: what is free, what is true, what is there already."""
+"""Plans for a law that is known, and for a fit: what is free, what is true, what is there already.
 
-from collections.abc import Mapping
+Parameters that a fit has no standard error of are taken as known, and told.
+"""
+
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -13,6 +16,7 @@ from calibration.data import RestitutionData
 from calibration.errors import DataError
 from calibration.fitting.assembly import Component, assemble
 from calibration.fitting.collisions import Route
+from calibration.fitting.curves import WIDE, yield_velocity
 from calibration.fitting.law_model import OF_CONTACT
 from calibration.fitting.noise import noise_of
 from calibration.fitting.request import Request
@@ -21,10 +25,10 @@ from calibration.fitting.rows import numbers_in
 from calibration.fitting.specs import Local
 from calibration.fitting.zhou import eps_up_of
 from calibration.parameters import Parameter, as_parameter
+from calibration.rounding import number
 from calibration.studies.planned import PLACEHOLDER, Column, Impacts, Plan
 from softjax.fields import numbers_of, options_of, whole_fields
 
-WIDE = (-np.inf, np.inf)
 BY_HAND = (
     "to plan elsewhere take the law with values given by hand: `softjax sensitivity FILE.toml "
     "--chi … --sigma … --psi … --study design --from …`"
@@ -95,7 +99,7 @@ def _of_law(law, every: Column, parameters, objective, route: Route, there: Impa
     spec = replace(spec, local=tuple(_at(one, _truth(law, one.name)) for one in spec.local))
     by_time = isinstance(law, sj.RateDependentLaw)
     route = request.chosen_route([spec]) if by_time else route
-    return _checked(Plan((spec,), (there,), 0, route, yields=_yields_at(law)))
+    return _checked(Plan((spec,), (there,), 0, route, yields=yield_velocity(law) or 0.0))
 
 
 def _said(law: sj.ContactLaw, parameters: Mapping[str, Any]) -> dict[str, Any]:
@@ -178,7 +182,7 @@ def _of_fit(result: FitResult, material: str | None, reach: Column, route: Route
         route,
         by_first,
         float(np.sqrt(sum(one.variances.values()))),
-        _yields_at(one.law),
+        yield_velocity(one.law) or 0.0,
     )
     return _checked(plan)
 
@@ -193,13 +197,6 @@ def _there(result: FitResult, component: Component) -> tuple[Impacts, ...]:
     return tuple((problem.points.velocity[which], deviation[which]) for which in own)
 
 
-def _yields_at(law: sj.ContactLaw) -> float:
-    if not isinstance(law, sj.RateIndependentLaw):
-        return 0.0
-    velocity = float(np.asarray(law.elastic_velocity()))
-    return velocity if np.isfinite(velocity) else 0.0
-
-
 def _checked(plan: Plan) -> Plan:
     for spec in plan.specs:
         contact = spec.data.contact
@@ -208,3 +205,43 @@ def _checked(plan: Plan) -> Plan:
     if not any(one.parameter.free for spec in plan.specs for one in spec.local):
         raise DataError("parameters", "none free", "at least one that is free and determined")
     return plan
+
+
+def taken_as_known(law: Any, material: str | None, targets: Iterable[str]) -> tuple[str, ...]:
+    """A sentence for each parameter that a plan from a fit takes as known.
+
+    Args:
+        law: what is planned for: a fit, or a law, of which nothing is taken so.
+        material: the data set of it.
+        targets: labels of what errors are promised of.
+    """
+    if not isinstance(law, FitResult):
+        return ()
+    result, one = law, law.material(material)
+    variance = dict(zip(result.covariance_names, np.diag(result.covariance), strict=True))
+    open_ = [name for name, label in one.labels.items() if not np.isfinite(variance[label])]
+    targets = list(targets)
+    return tuple(_sentence(name, one.parameters.get(name), targets, result) for name in open_)
+
+
+def _sentence(name: str, estimate: Any, targets: list[str], result: FitResult) -> str:
+    at_bound = estimate is not None and estimate.at_bound and estimate.value is not None
+    why = f"stands at its bound {number(estimate.value, 4)}" if at_bound else "is not determined"
+    whose = "error" if len(targets) == 1 else "errors"
+    text = f"{name} {why} and is taken as known: the {whose} of {', '.join(targets)} may be larger"
+    intervals = [told for target in targets if (told := _interval(target, result))]
+    return "; ".join([text, *intervals])
+
+
+def _interval(target: str, result: FitResult) -> str:
+    """The fit's own, and in parts of the value as the promised errors are."""
+    estimate = result.estimates.get(target)
+    if estimate is None or estimate.low is None or estimate.high is None:
+        return ""
+    ends, value = (estimate.low, estimate.high), estimate.value
+    told = " to ".join(number(x, 4) for x in ends)
+    text = f"the fit's {100 * result.confidence:g} % interval of {target} is {told}"
+    if not value:
+        return text
+    parts = " to ".join(f"{100 * (x / value - 1):+.2g} %" for x in ends)
+    return f"{text} ({parts})"

@@ -11,13 +11,14 @@ same with ln θ_i in place of θ_i. ε jumps by about d/3 where the impact veloc
 that jump contributes is in the indices and not in the bound.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
@@ -25,12 +26,18 @@ import softjax as sj
 from calibration.errors import DataError
 from calibration.fitting.result import FitResult
 from calibration.fitting.result_json import plain
-from calibration.parts import Parts, in_parts
-from calibration.studies.inputs import Inputs, as_inputs, check_velocity
-from calibration.studies.sampling import Model, Progress, Sampled, indices, percentiles
+from calibration.parts import Arrays, Parts, Whole, blocks, in_parts, joined
+from calibration.studies.inputs import Inputs, as_inputs, check_ranges, check_velocity
 
 SCALES = ("uniform", "log")
+NO_ANSWER = sj.Status.INVALID_INPUT | sj.Status.SOLVER_FAILED
 NO_VARIANCE = 1e-24  # of the squared mean: rounding
+LARGEST_BLOCK = 1 << 13  # samples evaluated at once
+RESAMPLED = 32  # bootstrap samples drawn at once
+
+Model = Callable[[Mapping[str, Array]], Any]
+Progress = Callable[[str, int, int], None]
+Outputs = Float[np.ndarray, "q n"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +56,7 @@ class SobolIndices:
         confidence: of the limits.
         velocity: v [m/s] that the outputs belong to, (q,); None for another model.
         symbols: of the inputs; their names for another model.
+        zeros: the share of the samples with an output of 0, (q,): of ε those without a rebound.
     """
 
     names: tuple[str, ...]
@@ -67,6 +75,7 @@ class SobolIndices:
     confidence: float
     velocity: Float[np.ndarray, "q"] | None = None
     symbols: tuple[str, ...] = ()
+    zeros: Float[np.ndarray, "q"] | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON; what is undefined (no variance) is None."""
@@ -101,10 +110,7 @@ def sobol_indices(
     """
     inputs = as_inputs(inputs, material)
     velocity = check_velocity(velocity)
-    for name in ranges:
-        if name not in inputs.values:
-            raise DataError("ranges", name, f"of {', '.join(inputs.values)}")
-    inputs.law()  # refuses values that make no law
+    check_ranges(inputs, ranges)
     held = {name: np.asarray(value, float) for name, value in inputs.values.items()}
     found = model_indices(Restitution(held, inputs.build, velocity, route), ranges, **options)
     symbols = tuple(inputs.declared(name).symbol for name in ranges)
@@ -112,7 +118,7 @@ def sobol_indices(
 
 
 class Restitution(eqx.Module):
-    """ε at some velocities as a function of inputs: a model for `model_indices`."""
+    """ε at some velocities as a function of inputs: a model for `model_indices`; NaN for none."""
 
     values: Mapping[str, Any]
     build: Any
@@ -121,7 +127,8 @@ class Restitution(eqx.Module):
 
     def __call__(self, sample: Mapping[str, Array]) -> Array:
         law = self.build({**self.values, **sample})
-        return sj.restitution(law, self.velocity, route=self.route).coefficient
+        hit = sj.restitution(law, self.velocity, route=self.route)
+        return jnp.where(hit.status & int(NO_ANSWER) == 0, hit.coefficient, jnp.nan)
 
 
 def model_indices(
@@ -162,8 +169,13 @@ def model_indices(
     points = [a, b, *(_mixed(a, b, i) for i in range(len(names)))]
     settings = (model, dict(ranges), samples, scale, seed)
     with jax.enable_x64(True), in_parts(parts) as opened:
-        sampled = Sampled(model, names, scale, settings, opened, progress)
-        (f_a, f_b, *mixed), squares = sampled.all(points)
+        sets, squares = _sampled(model, names, scale, points, settings, opened, progress)
+    lost, (f_a, f_b, *mixed) = sum(np.sum(~np.isfinite(one)) for one in sets), sets
+    if lost:
+        accepted = "such that every sample has a finite output"
+        raise DataError(
+            "ranges", f"such that {lost} of {sum(map(np.size, sets))} have none", accepted
+        )
     f_ab = np.stack(mixed)
     variance = np.var([f_a, f_b], axis=(0, 2))
     mean = np.mean([f_a, f_b], axis=(0, 2))
@@ -190,6 +202,7 @@ def model_indices(
         samples=samples,
         confidence=confidence,
         symbols=names,
+        zeros=np.mean(np.equal([f_a, f_b], 0), axis=(0, 2)),
     )
 
 
@@ -219,8 +232,90 @@ def _check(ranges, samples, scale) -> None:
             raise DataError(f"ranges[{name!r}]", (low, high), accepted)
 
 
+def _sampled(
+    model: Model,
+    names: tuple[str, ...],
+    scale: str,
+    points: Sequence[Float[np.ndarray, "p n"]],
+    settings: Any,
+    parts: Parts | Whole,
+    progress: Progress | None,
+) -> tuple[list[Outputs], np.ndarray]:
+    """Outputs at each set of points, and E[(∂f/∂θ)²] (q, p) over the first of them.
+
+    In blocks of one shape, which several processes may share: `settings` tell this model, and how
+    it is sampled, from others. On a logarithmic scale with ln θ in place of θ.
+    """
+    count = points[0].shape[1]
+    rows = blocks(count, LARGEST_BLOCK)
+
+    def make(k: int) -> Arrays:
+        which, place = divmod(k, len(rows))
+        block = points[which][:, rows[place]]
+        outputs, slope = map(np.asarray, _evaluated(model, names, block, which == 0))
+        if progress is not None:
+            progress("Sobol indices", which * count + rows[place].stop, count * len(points))
+        if which:
+            return {"outputs": outputs}
+        per = block.T if scale == "log" else 1.0
+        return {"outputs": outputs, "squares": np.sum((slope * per) ** 2, axis=1)}
+
+    made = parts.arrays(settings, len(rows) * len(points), make)
+    sets = [made[k : k + len(rows)] for k in range(0, len(made), len(rows))]
+    squares = sum(part["squares"] for part in sets[0])
+    return [joined(one, "outputs", axis=1) for one in sets], squares / count
+
+
+@eqx.filter_jit
+def _evaluated(model: Model, names: tuple[str, ...], points, with_slopes: bool):
+    """Outputs (q, n), and derivatives (q, n, p) where asked for."""
+
+    def outputs(x):
+        y = jnp.atleast_1d(model(dict(zip(names, x, strict=True))))
+        return y, y
+
+    def one(x):
+        slope, y = jax.jacfwd(outputs, has_aux=True)(x) if with_slopes else outputs(x)
+        return y, slope
+
+    return jax.vmap(one, in_axes=1, out_axes=1)(points)
+
+
 def _mixed(a: np.ndarray, b: np.ndarray, i: int) -> np.ndarray:
     """A with one input of B."""
     mixed = np.array(a)
     mixed[i] = b[i]
     return mixed
+
+
+def percentiles(f_a, f_b, f_ab, confidence: float, resamples: int, random) -> list[np.ndarray]:
+    """Bootstrap limits of both indices, (q, p) each: low and high of the first, then of the total.
+
+    Both are ratios of means over the samples, so that a resample is no more than how often each
+    sample is drawn.
+    """
+    n, p = f_a.shape[1], len(f_ab)
+    drawn = []
+    for first in range(0, resamples, RESAMPLED):
+        rows = min(RESAMPLED, resamples - first)
+        counts = [np.bincount(random.integers(0, n, n), minlength=n) for _ in range(rows)]
+        drawn.append(indices(np.array(counts, float) / n, f_a, f_b, f_ab))
+    part = [0.5 * (1 - confidence), 0.5 * (1 + confidence)]
+    low, high = np.quantile(np.concatenate(drawn, axis=1), part, axis=1)
+    return [low[:, :p], high[:, :p], low[:, p:], high[:, p:]]
+
+
+def indices(share: np.ndarray, f_a, f_b, f_ab) -> Float[np.ndarray, "q resamples both"]:
+    """Saltelli's estimates of first-order and total indices by the weight of each sample."""
+    return np.stack(
+        [_of_output(share, *one) for one in zip(f_a, f_b, np.swapaxes(f_ab, 0, 1), strict=True)]
+    )
+
+
+def _of_output(share: np.ndarray, a: np.ndarray, b: np.ndarray, ab: np.ndarray) -> np.ndarray:
+    centre = 0.5 * (np.mean(a) + np.mean(b))
+    a, b, ab = a - centre, b - centre, ab - centre
+    variance = 0.5 * share @ (a**2 + b**2) - (0.5 * share @ (a + b)) ** 2
+    both = np.concatenate([b * (ab - a), 0.5 * (a - ab) ** 2])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return share @ both.T / variance[:, None]

@@ -7,6 +7,7 @@ import numpy as np
 
 from calibration.curve.writers import status_names
 from calibration.data.points import STANDARD_GRAVITY
+from calibration.errors import listed
 from calibration.fitting.doubt import Doubt
 from calibration.studies.design import Design
 from calibration.studies.information import Information
@@ -35,13 +36,17 @@ def limits_table(found: Sensitivities, limits: Mapping[str, tuple], confidence: 
 
 
 def sobol_table(found: SobolIndices) -> str:
-    """First-order and total indices, an input a line, a velocity a column."""
+    """First-order and total indices, an input a line, a velocity a column; what does not rebound."""
     pairs = zip(found.symbols, found.first.T, found.total.T, strict=True)
     lines = (
         (symbol, [f"{a + 0.0:.3f} ({b + 0.0:.3f})" for a, b in zip(*both, strict=True)])
         for symbol, *both in ((s, first.round(3), total.round(3)) for s, first, total in pairs)
     )
-    return _table("Sobol indices, first (total) at v [m/s]", np.ravel(found.velocity), lines, 18)
+    velocity = np.ravel(found.velocity)
+    table = _table("Sobol indices, first (total) at v [m/s]", velocity, lines, 18)
+    still = zip(np.ravel(found.zeros), velocity, strict=True)
+    told = listed(f"{100 * share:.3g} % at {v:.4g} m/s" for share, v in still if share)
+    return table + (f"\nSamples that do not rebound, ε = 0: {told}." if told else "")
 
 
 def information_text(found: Information) -> str:
