@@ -227,6 +227,22 @@ def test_of_a_fit_its_points_and_its_noise_are_taken():
     assert found.names == ("level", "rate")
 
 
+def test_shots_at_a_data_set_are_aimed_at_its_own_parameter():
+    """Shared rates join two data sets; of the other one's level these shots tell little."""
+    v, random = np.linspace(1.0, 12.0, 12), np.random.default_rng(1)
+    noise = 0.01 * random.standard_normal((2, 12))
+    curves = [level * np.exp(-0.04 * v) + off for level, off in zip((0.9, 0.8), noise, strict=True)]
+    pairs = zip("ab", curves, strict=True)
+    data = [cal.RestitutionData(v, e, None, 0.01, name) for name, e in pairs]
+    result = cal.fit(data, Decay, {"rate": cal.Parameter(shared=True)}, profiles=False)
+    found = cal.optimal_velocities(result, 4, (1.0, 20.0), material="b", starts=1)
+    assert found.target == "level[b]"
+    (shots,) = found.support
+    assert shots == (1.0, 4)  # where ε depends on the rate least
+    named = cal.optimal_velocities(result, 4, (1.0, 20.0), material="b", starts=1, target="rate")
+    assert named.support[0][0] > 10.0
+
+
 def test_a_fit_is_planned_for_its_own_objective():
     from tests.fit_data import eq_17_data
 

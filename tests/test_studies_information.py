@@ -330,3 +330,61 @@ def test_a_plan_of_a_fit_needs_one_contact(law):
     for plan in (cal.fisher_information, lambda one: cal.optimal_velocities(one, 3, (1.0, 8.0))):
         with pytest.raises(ValueError, match="`contact` must be one for all impacts"):
             plan(fit)
+
+
+def decays(count: int, noise: float, **options) -> list[cal.RestitutionData]:
+    """Data sets of laws of one kind, some more alike than their noise."""
+    random, v = np.random.default_rng(3), np.linspace(1.0, 12.0, 12)
+    rates = 0.04 * (1 + 0.05 * random.standard_normal(count))
+    curves = [0.85 * np.exp(-rate * v) + noise * random.standard_normal(12) for rate in rates]
+    pairs = zip("abcdefgh", curves, strict=False)
+    return [cal.RestitutionData(v, e, None, noise, name, **options) for name, e in pairs]
+
+
+def agrees_with_its_fit(result: cal.FitResult, material: str | None = None, rel: float = 1e-4):
+    found = cal.fisher_information(result, material=material)
+    own = {name: result.standard_errors[name] for name in found.names}
+    assert found.standard_errors == pytest.approx(own, rel=rel)
+    return found
+
+
+def test_what_a_fit_pooled_holds_its_plan_together():
+    result = cal.fit(decays(6, 0.03), Decay, {"rate": cal.Parameter(shared="pooled")})
+    found = agrees_with_its_fit(result, "b")
+    alone = cal.fisher_information(cal.fit(decays(6, 0.03), Decay), material="b")
+    assert found.standard_errors["rate[b]"] < 0.9 * alone.standard_errors["rate"]
+    assert not found.remark
+
+
+def test_errors_of_velocities_count_in_a_plan_as_in_its_fit():
+    (data,) = decays(1, 0.01, velocity_uncertainty=0.5)
+    agrees_with_its_fit(cal.fit(data, Decay, profiles=False))
+
+
+def test_a_shared_parameter_that_is_not_determined_joins_no_plans():
+    shared = {"idle": cal.Parameter(1.0, shared=True)}
+    result = cal.fit(decays(2, 0.01), Idle, shared, profiles=False)
+    for name in ("a", "b"):
+        found = cal.fisher_information(result, material=name)
+        own = [result.standard_errors[f"{one}[{name}]"] for one in ("level", "rate")]
+        assert list(found.standard_errors.values()) == pytest.approx(own, rel=1e-4)
+        assert found.taken_as_known[0].startswith("idle is not determined")
+
+
+def test_what_points_share_is_told_where_a_plan_takes_it_apart():
+    (data,) = decays(1, 0.01, group=np.repeat([1, 2, 3], 4))
+    found = cal.fisher_information(cal.fit(data, Decay, profiles=False))
+    (told,) = found.taken_as_known
+    assert told.startswith("errors that points share are taken as each point's own: the errors of")
+
+
+def test_a_parameter_at_the_open_end_of_its_range_leaves_the_others_known():
+    """ψ at 0, where Eq. (17) has no value."""
+    random, v = np.random.default_rng(5), np.geomspace(0.3, 40.0, 24)
+    curve = np.asarray(sj.restitution(sj.Zhou(LAW.contact, 0.22, 0.44, 0.54), v).coefficient)
+    curve = np.clip(curve + 0.004 * random.standard_normal(24), 0, 1)
+    data = cal.RestitutionData(v, curve, LAW.contact, 0.004)
+    told = {"contact.youngs_modulus": cal.Parameter(prior=(1.37e9, 1e8))}
+    result = cal.fit(data, parameters=told, profiles=False)
+    assert result.values["psi"] == 0
+    agrees_with_its_fit(result)

@@ -131,7 +131,8 @@ def fisher_information(
     Args:
         law: with the parameters as far as they are known; or a fit, whose points count as well and
             whose objective, free parameters, priors and uncertainties are its own, its loss taken
-            as squared. Of the parameters those count that it determined.
+            as squared, errors that its points share as each point's own. Of the parameters those
+            count that it determined.
         velocity: v [m/s] of the impacts, measured or planned; for a fit further ones.
         uncertainty: standard uncertainty of each ε, one number or (n,); 0.01 where left out, for a
             fit the one that its points have.

@@ -28,7 +28,7 @@ class Wanted:
         component, _ = plans[0].component(self.even, errors)
         self.names = tuple(e.label for e in component.elements)
         self.symbols = tuple(map(symbol_of, component.elements))
-        self.target = target_of(target, self.names, plans[0])
+        self.target = target_of(target, component.elements, plans[0])
         aim = [gradient_of(self.target, self.names, one, self.even, errors) for one in plans]
         self.gradients = np.stack(aim)
         p = len(self.names)

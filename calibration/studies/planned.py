@@ -6,7 +6,8 @@ not: Eq. (17) fitted to a law's curve is another curve than Eq. (17) with that l
 errors are those of what is found.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -41,6 +42,7 @@ class Plan:
             it; else the law's own.
         noise: standard uncertainty of one more ε.
         yields: the velocity at which an impact yields [m/s]; 0 for laws without.
+        spreads: of parameters that data sets pool, on the scale that is searched.
     """
 
     specs: tuple[SetSpec, ...]
@@ -50,6 +52,7 @@ class Plan:
     by_first: bool = False
     noise: float = USUAL_NOISE
     yields: float = 0.0
+    spreads: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def objective(self) -> str:
@@ -76,7 +79,12 @@ class Plan:
         # an impact that does not rebound tells nothing
         weight = (curve > NO_REBOUND_BELOW) / np.concatenate([u for _, u in points])
         stages = tuple(
-            (name, replace(p, points=p.points._replace(restitution=curve, weight=weight)))
+            (
+                name,
+                self._pooled(
+                    replace(p, points=p.points._replace(restitution=curve, weight=weight))
+                ),
+            )
             for name, p in component.stages
         )
         return replace(component, stages=stages), np.concatenate(new)
@@ -88,10 +96,17 @@ class Plan:
         component, _ = self.component(velocity, uncertainty)
         z, stages = component.start[None], []
         for _, problem in component.stages:
-            found = search(problem, z)
-            z = found.z
-            stages.append(Settled(problem, found.limits))
+            limits = np.zeros((1, len(problem.active)), int)
+            if not self.is_likelihood:
+                found = search(problem, z)
+                z, limits = found.z, found.limits
+            stages.append(Settled(problem, limits))
         return component, z[0], stacked(stages, z)
+
+    def _pooled(self, problem: Problem) -> Problem:
+        """The same, held together by the spreads that a fit found."""
+        pools = (p._replace(spread=self.spreads.get(p.name, p.spread)) for p in problem.pools)
+        return replace(problem, pools=tuple(pools))
 
 
 def relative_unit(problem: Problem, z: Column) -> Column:

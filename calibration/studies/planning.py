@@ -14,11 +14,12 @@ from jaxtyping import ArrayLike
 import softjax as sj
 from calibration.data import RestitutionData
 from calibration.errors import DataError
-from calibration.fitting.assembly import Component, assemble
+from calibration.fitting.assembly import Component, assemble, sets_beside
 from calibration.fitting.collisions import Route
 from calibration.fitting.curves import WIDE, yield_velocity
 from calibration.fitting.law_model import OF_CONTACT
-from calibration.fitting.noise import noise_of
+from calibration.fitting.noise import needs_weights, noise_of, reweighed
+from calibration.fitting.pooling import LEAST
 from calibration.fitting.request import Request
 from calibration.fitting.result import FitResult
 from calibration.fitting.rows import numbers_in
@@ -29,6 +30,7 @@ from calibration.rounding import number
 from calibration.studies.planned import PLACEHOLDER, Column, Impacts, Plan
 from softjax.fields import numbers_of, options_of, whole_fields
 
+SETTLING = 8  # rounds in which true velocities and weights agree at where a fit ended
 BY_HAND = (
     "to plan elsewhere take the law with values given by hand: `softjax sensitivity FILE.toml "
     "--chi … --sigma … --psi … --study design --from …`"
@@ -166,23 +168,28 @@ def _of_fit(result: FitResult, material: str | None, reach: Column, route: Route
     determined = dict(zip(names, np.isfinite(np.diag(result.covariance)), strict=True))
     placed = []
     for k, spec in zip(component.sets, component.specs, strict=True):
-        values, labels = result.materials[k].values, result.materials[k].labels
+        values = result.materials[k].model.inside(result.materials[k].values)
+        labels = result.materials[k].labels
         local = tuple(
             _at(one, values[one.name], determined.get(labels.get(one.name, ""), False))
             for one in spec.local
         )
         placed.append(replace(spec, local=local))
-    there = _there(result, component)
-    by_first = one.objective == "two-step"
-    place = component.sets.index(g)
+    there, place = _there(result, component), component.sets.index(g)
+    # data sets are joined no more by a parameter that is held, as the fit did not determine it
+    kept = sets_beside(place, placed)
     plan = Plan(
-        tuple(placed),
-        there,
-        place,
+        tuple(placed[k] for k in kept),
+        tuple(there[k] for k in kept),
+        kept.index(place),
         route,
-        by_first,
-        float(np.sqrt(sum(one.variances.values()))),
-        yield_velocity(one.law) or 0.0,
+        by_first=one.objective == "two-step",
+        noise=float(np.sqrt(sum(one.variances.values()))),
+        yields=yield_velocity(one.law) or 0.0,
+        spreads={
+            pool.name: max(result.pooled[pool.spread_name].value or 0.0, LEAST)
+            for pool in component.stages[0][1].pools
+        },
     )
     return _checked(plan)
 
@@ -192,6 +199,8 @@ def _there(result: FitResult, component: Component) -> tuple[Impacts, ...]:
     problem = component.stages[0][1]
     theta = [float(result.materials[e.sets[0]].values[e.name]) for e in component.elements]
     z = problem.transform.unconstrained(np.array(theta))
+    for _ in range(SETTLING if needs_weights(problem) else 0):
+        problem = reweighed(problem, z)
     deviation = noise_of(problem, z[None]).deviation[0]
     own = [problem.points.set == k for k in range(len(component.specs))]
     return tuple((problem.points.velocity[which], deviation[which]) for which in own)
@@ -208,7 +217,7 @@ def _checked(plan: Plan) -> Plan:
 
 
 def taken_as_known(law: Any, material: str | None, targets: Iterable[str]) -> tuple[str, ...]:
-    """A sentence for each parameter that a plan from a fit takes as known.
+    """A sentence for each parameter that a plan from a fit takes as known, and on shared errors.
 
     Args:
         law: what is planned for: a fit, or a law, of which nothing is taken so.
@@ -220,15 +229,22 @@ def taken_as_known(law: Any, material: str | None, targets: Iterable[str]) -> tu
     result, one = law, law.material(material)
     variance = dict(zip(result.covariance_names, np.diag(result.covariance), strict=True))
     open_ = [name for name, label in one.labels.items() if not np.isfinite(variance[label])]
+    reasons = [_open(name, one.parameters.get(name)) for name in open_]
+    if one.data.group is not None or one.data.errors.shares:
+        reasons.append("errors that points share are taken as each point's own")
     targets = list(targets)
-    return tuple(_sentence(name, one.parameters.get(name), targets, result) for name in open_)
+    return tuple(_sentence(why, targets, result) for why in reasons)
 
 
-def _sentence(name: str, estimate: Any, targets: list[str], result: FitResult) -> str:
+def _open(name: str, estimate: Any) -> str:
     at_bound = estimate is not None and estimate.at_bound and estimate.value is not None
     why = f"stands at its bound {number(estimate.value, 4)}" if at_bound else "is not determined"
+    return f"{name} {why} and is taken as known"
+
+
+def _sentence(why: str, targets: list[str], result: FitResult) -> str:
     whose = "error" if len(targets) == 1 else "errors"
-    text = f"{name} {why} and is taken as known: the {whose} of {', '.join(targets)} may be larger"
+    text = f"{why}: the {whose} of {', '.join(targets)} may be larger"
     intervals = [told for target in targets if (told := _interval(target, result))]
     return "; ".join([text, *intervals])
 

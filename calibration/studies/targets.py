@@ -14,6 +14,7 @@ from jaxtyping import Float
 import softjax as sj
 from calibration.errors import DataError, listed
 from calibration.fitting.derived import chi_of, critical_velocity_of, eps_up_of
+from calibration.fitting.problem import Element
 from calibration.studies.planned import Column, Plan, relative_unit
 
 STEP = 1e-4  # in z, of central differences
@@ -31,24 +32,27 @@ DERIVED = {
 }
 
 
-def target_of(target: str | None, names: Sequence[str], plan: Plan) -> str:
-    """Its name among the parameters, or among `DERIVED`; chi, or the first, unless told.
+def target_of(target: str | None, elements: Sequence[Element], plan: Plan) -> str:
+    """Its label among the parameters, or its name among `DERIVED`.
+
+    Unless told, chi of the data set that shots are planned for, or its first parameter.
 
     Raises:
         DataError: for another name, or a number that does not follow from this law.
     """
-    spec = plan.specs[plan.place]
+    spec, labels = plan.specs[plan.place], [e.label for e in elements]
+    own = {e.name: e.label for e in elements if plan.place in e.sets}
     if target is None:
-        target = next((name for name in names if name.partition("[")[0] == "chi"), names[0])
-    for name in (target, f"{target}[{spec.data.name}]"):
-        if name in names:
-            return name
+        first = next(one.name for one in spec.local if one.name in own)
+        return own.get("chi", own[first])
+    if target in labels or target in own:
+        return own.get(target, target)
     follow = (
-        [name for name in DERIVED if name not in names] if spec.model.law_type is sj.Zhou else []
+        [name for name in DERIVED if name not in labels] if spec.model.law_type is sj.Zhou else []
     )
     if target in follow:
         return target
-    raise DataError("target", target, f"one of {listed([*names, *follow])}")
+    raise DataError("target", target, f"one of {listed([*labels, *follow])}")
 
 
 def gradient_of(target: str, names: Sequence[str], plan: Plan, velocity: Column, errors: Column):
