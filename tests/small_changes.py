@@ -264,6 +264,17 @@ CHANGES: dict[str, list[tuple[str, str, str]]] = {
     "calibration/studies/sobol.py": [
         ("width**2 * squares", "width * squares", "studies_sobol"),
         ("mixed[i] = b[i]", "mixed[i] = a[i]", "studies_sobol"),
+        ("hit.coefficient, jnp.nan)", "hit.coefficient, 0.0)", "studies_sobol"),
+    ],
+    "calibration/studies/asked.py": [
+        ("min(high, declared.upper)", "high", "studies_command"),
+    ],
+    "calibration/studies/planning.py": [
+        ("kept = sets_beside(place, placed)", "kept = component.sets", "studies_information"),
+        ("problem = reweighed(problem, z)", "pass", "studies_information"),
+    ],
+    "calibration/studies/planned.py": [
+        ("self.spreads.get(p.name, p.spread)", "p.spread", "studies_information"),
     ],
     "softjax/laws/forces.py": [
         ("leaf if moved else jax.lax", "leaf if moved or True else jax.lax", "compilation"),

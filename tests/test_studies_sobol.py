@@ -238,6 +238,9 @@ def test_a_hundred_thousand_samples_stay_within_a_gibibyte():
         ({}, {}, "ranges"),
         ({"chi": (0.0, 1.0)}, {"scale": "log"}, "ranges"),
         ({"chi": (0.1, 1.0)}, {"samples": 1000}, "samples"),
+        ({"chi": (0.1, 0.2, 0.3)}, {}, "ranges"),
+        ({"chi": (0.1, 1.0)}, {"confidence": 95}, "confidence"),
+        ({"chi": (0.1, 1.0)}, {"resamples": 0}, "resamples"),
         ({"chi": (0.1, 1.0)}, {"scale": "cubic"}, "scale"),
     ],
 )

@@ -14,6 +14,7 @@ from calibration.errors import DataError
 from calibration.fitting.result import FitResult
 from calibration.fitting.result_json import plain
 from calibration.studies.exchange import CRITERIA
+from calibration.studies.inputs import both_ends
 from calibration.studies.placing import Errors, Progress, Wanted, sought
 from calibration.studies.planned import USUAL_NOISE
 from calibration.studies.planning import checked_impacts, plan_of, taken_as_known
@@ -168,12 +169,14 @@ def optimal_velocities(
     for name, (value, acting, accepted) in acts.items():
         if value is not None and not acting:
             raise DataError(name, value, accepted)
-    over = bounds if over is None else over
+    over = bounds if over is None else both_ends("over", over)
     there = None
     if measured is not None:
         u = uncertainty if measured_uncertainty is None else measured_uncertainty
         there = measured, USUAL_NOISE if u is None else u
     laws: Sequence[Any] = law if isinstance(law, Sequence) else [law]
+    if not laws:
+        raise DataError("law", law, "one law or more, or a FitResult")
     plans = [
         plan_of(
             one,
@@ -230,10 +233,10 @@ def _designed(wanted: Wanted, starts: int, seed: int, progress: Progress | None)
 
 def _check_search(count: Any, bounds: Any, criterion: Any, starts: Any) -> None:
     for name, value in (("count", count), ("starts", starts)):
-        if not (isinstance(value, int | np.integer) and value >= 1):
+        if isinstance(value, bool) or not (isinstance(value, int | np.integer) and value >= 1):
             raise DataError(name, value, "a whole number >= 1")
     if criterion not in CRITERIA:
         raise DataError("criterion", criterion, f"one of {', '.join(CRITERIA)}")
-    low, high = bounds
+    low, high = both_ends("bounds", bounds)
     if not (0 < low < high < np.inf):
         raise DataError("bounds", bounds, "(lowest, highest) velocity above 0 m/s")

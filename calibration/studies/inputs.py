@@ -181,6 +181,19 @@ def check_velocity(velocity: Any) -> np.ndarray:
     return values
 
 
+def both_ends(argument: str, value: Any) -> tuple[float, float]:
+    """Two numbers.
+
+    Raises:
+        ValueError: naming the argument and what it is.
+    """
+    try:
+        low, high = map(float, value)
+    except (TypeError, ValueError):
+        raise DataError(argument, value, "two numbers, (low, high)") from None
+    return low, high
+
+
 def check_ranges(
     inputs: Inputs, ranges: Mapping[str, tuple[float, float]], argument: str = "ranges"
 ) -> None:
@@ -190,9 +203,10 @@ def check_ranges(
         ValueError: naming the argument, what is outside and what is accepted.
     """
     corners: dict[str, list[float]] = {}
-    for name, (low, high) in ranges.items():
+    for name, both in ranges.items():
         if name not in inputs.values:
             raise DataError(argument, name, f"of {listed(inputs.values)}")
+        low, high = both_ends(argument, both)
         declared = inputs.declared(name)
         if not (declared.lower <= low < high <= declared.upper):
             accepted = f"ascending, within the range of {declared.accepted}"

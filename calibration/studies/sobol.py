@@ -23,11 +23,11 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 import softjax as sj
-from calibration.errors import DataError
+from calibration.errors import DataError, is_finite_number
 from calibration.fitting.result import FitResult
 from calibration.fitting.result_json import plain
 from calibration.parts import Arrays, Parts, Whole, blocks, in_parts, joined
-from calibration.studies.inputs import Inputs, as_inputs, check_ranges, check_velocity
+from calibration.studies.inputs import Inputs, as_inputs, both_ends, check_ranges, check_velocity
 
 SCALES = ("uniform", "log")
 NO_ANSWER = sj.Status.INVALID_INPUT | sj.Status.SOLVER_FAILED
@@ -162,6 +162,7 @@ def model_indices(
             nowhere.
     """
     _check(ranges, samples, scale)
+    _check_bootstrap(confidence, resamples)
     names, ends = tuple(ranges), np.array(list(ranges.values()), float)
     ends = np.log(ends) if scale == "log" else ends
     random = np.random.default_rng(seed)
@@ -226,10 +227,18 @@ def _check(ranges, samples, scale) -> None:
         raise DataError("samples", samples, "a power of two")
     if scale not in SCALES:
         raise DataError("scale", scale, "uniform or log")
-    for name, (low, high) in ranges.items():
+    for name, both in ranges.items():
+        low, high = both_ends(f"ranges[{name!r}]", both)
         if not (np.isfinite([low, high]).all() and low < high and (scale != "log" or low > 0)):
             accepted = "(low, high), finite and ascending" + (", positive" * (scale == "log"))
             raise DataError(f"ranges[{name!r}]", (low, high), accepted)
+
+
+def _check_bootstrap(confidence, resamples) -> None:
+    if not (is_finite_number(confidence) and 0 < confidence < 1):
+        raise DataError("confidence", confidence, "between 0 and 1")
+    if not (isinstance(resamples, int | np.integer) and resamples >= 1):
+        raise DataError("resamples", resamples, "a whole number >= 1")
 
 
 def _sampled(
