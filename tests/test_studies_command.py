@@ -367,8 +367,6 @@ def test_a_fit_of_known_bodies_is_studied_as_its_material_file(at):
         (["--study", "design", "--target", "colour"], "target"),
         (["--study", "design", "--target", "critical_velocity"], "none of them moves it"),
         (["--study", "design", "--shots", "0"], "count"),
-        (["--study", "information", "--shots", "0"], "--shots"),
-        (["--study", "information", "--shots", "-1"], "--shots"),
         (["--study", "global", "--range", "poisson_ratio=0.3:0.6"], "a ratio in (-1, 0.5]"),
         (["--study", "global", "--range", "chi=-0.1:0.1"], "chi = -0.1 … 0.1"),
         (["--study", "global", *STIFF], "`unloading_stiffness` must be at least"),
