@@ -15,16 +15,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--quick", action="store_true", help="fewer settings: about 20 s, not 2 min"
     )
+    subject = parser.add_mutually_exclusive_group()
     others = ("viscoelastic", "hertz-dashpot", "linear", "own")
-    parser.add_argument(
+    subject.add_argument(
         "--law", choices=others, help="a law with damping, or one's own in SI (default: zhou)"
     )
-    parser.add_argument(
+    subject.add_argument(
         "--processes",
         action="store_true",
         help="instead: two processes against one, on a core each",
     )
-    parser.add_argument(
+    subject.add_argument(
         "--fits", action="store_true", help="instead: a thousand fits against SciPy's loop in numba"
     )
 
@@ -33,17 +34,12 @@ def run(arguments: argparse.Namespace) -> int:
     import softjax as sj
     from calibration.atomic import check_writable, files_into, or_told, write_text
 
-    if arguments.processes:
-        from calibration.speed.by_processes import report
-
-        print(report())
+    if arguments.processes or arguments.fits:
+        report = _report(arguments)
+        if not arguments.quiet:
+            print(report)
         return 0
     sj.enable_x64()
-    if arguments.fits:
-        from calibration.speed.fits import report as of_fits
-
-        print(of_fits())
-        return 0
     check_writable(arguments.out)
     rows = _measure_all(arguments)
     from calibration.plots.style import save
@@ -62,24 +58,45 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _report(arguments: argparse.Namespace) -> str:
+    """What is told of processes or of fits."""
+    from calibration.errors import DataError
+
+    if arguments.quick:
+        subject = "--processes" if arguments.processes else "--fits"
+        raise DataError("--quick", "given", f"left out with {subject}")
+    if arguments.processes:
+        from calibration.speed import by_processes
+
+        return by_processes.report()
+    import softjax as sj
+    from calibration.speed import fits
+
+    sj.enable_x64()
+    return fits.report()
+
+
 def _measure_all(arguments):
     from calibration.progress import Progress
     from calibration.speed.measure import measure
-    from calibration.speed.plan import plan
-    from calibration.speed.scene import stainless
 
-    scene: Any = stainless()
-    ways = plan(scene, arguments.quick)
-    if arguments.law == "own":
-        from calibration.speed.own_law import own_plan, own_scene
-
-        scene = own_scene()
-        ways = list(own_plan(scene, arguments.quick))
-    elif arguments.law is not None:
-        from calibration.speed.damped import damped_plan, damped_scene
-
-        scene = damped_scene(arguments.law)
-        ways = list(damped_plan(scene, arguments.quick))
+    scene, ways = _scene_and_ways(arguments.law, arguments.quick)
     with warnings.catch_warnings(), Progress(arguments.quiet) as progress:
         warnings.simplefilter("ignore")  # of rivals, about what they were asked to do
         return [measure(build(), scene) for build in progress.over(ways, "measuring")]
+
+
+def _scene_and_ways(law: str | None, quick: bool) -> tuple[Any, list]:
+    if law is None:
+        from calibration.speed import plan, scene
+
+        return scene.stainless(), plan.plan(scene.stainless(), quick)
+    if law == "own":
+        from calibration.speed import own_law
+
+        own = own_law.own_scene()
+        return own, list(own_law.own_plan(own, quick))
+    from calibration.speed import damped
+
+    with_damping = damped.damped_scene(law)
+    return with_damping, list(damped.damped_plan(with_damping, quick))

@@ -12,6 +12,7 @@ import socket
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,8 @@ def report(impacts: int = IMPACTS, streamed: int = STREAMED) -> str:
     """What one process and two of them measured, as lines.
 
     Raises:
-        InputError: where the system offers fewer than two cores, or does not pin.
+        InputError: where the system offers fewer than two cores, or does not pin, and where a
+            process ends without an answer.
     """
     cores = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else []
     if len(cores) < 2:
@@ -64,12 +66,28 @@ def _run(cores: list[int], impacts: int, streamed: int) -> list[dict[str, float]
         port = str(free.getsockname()[1])
     told = [port, str(len(cores)), str(impacts), str(streamed)]
     command = [sys.executable, "-m", __name__]
+    pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     started = [
-        subprocess.Popen([*command, str(k), str(core), *told], stdout=subprocess.PIPE, text=True)
+        subprocess.Popen([*command, str(k), str(core), *told], **pipes)
         for k, core in enumerate(cores)
     ]
-    answers = [one.communicate()[0] for one in started]
-    return [json.loads(answer.splitlines()[-1]) for answer in answers]
+    return [json.loads(answer.splitlines()[-1]) for answer in _answers(started)]
+
+
+def _answers(started: list[subprocess.Popen]) -> list[str]:
+    """What each process prints; the others of one that fails would wait for it."""
+    with ThreadPoolExecutor(len(started)) as pool:
+        ends = {pool.submit(one.communicate): one for one in started}
+        for end in as_completed(ends):
+            code = ends[end].returncode
+            if code == 0:
+                continue
+            for one in started:
+                one.kill()
+            last = "".join(end.result()[1].splitlines()[-1:]) or "it said nothing"
+            accepted = "processes that can meet, and memory for all impacts, are needed"
+            raise InputError(None, None, f"a process ended with exit code {code}: {last}", accepted)
+        return [end.result()[0] for end in ends]
 
 
 def _measured(index: int, count: int, impacts: int, streamed: int) -> dict[str, float]:
