@@ -14,8 +14,9 @@ there; one that a killed command left is removed by the next. Nothing is sent an
 
 What is never executed: anything from a file. TOML, CSV and JSON hold numbers and text; no pickle, no
 `eval`, no import by name (a law of one's own is handed to `FitResult.load`, which a file cannot do).
-Names are text: control characters are told by their codes, and signs of Markdown as entities. The
-cache of compiled programs is the exception to mind: who can write into it can run code as you.
+Names are text: control characters are told by their codes, signs of Markdown as entities, and what
+would end a comment in a particle code's input or source is taken apart. The cache of compiled
+programs is the exception to mind: who can write into it can run code as you.
 """
 
 import errno

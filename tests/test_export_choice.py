@@ -92,6 +92,18 @@ def test_viscoelastic_spheres_are_the_best_of_their_kind():
     assert choice.error < np.min(errors) + 1e-6
 
 
+@pytest.mark.parametrize("epsilon", [0.05, 0.3, 0.9, 1.0])
+@pytest.mark.parametrize("span", [(1e-4, 2e-4), (50, 100)])
+def test_they_are_so_at_slow_and_fast_impacts(epsilon, span):
+    """Against all A on a grid; ε falls with v, so that the ends of the range tell."""
+    wanted = wanted_of(sj.ConstantRestitution(PAIR, epsilon), velocity_range=span)
+    choice, _ = choose(wanted, lammps, Order(0.9, "viscoelastic", 10, None, True))
+    times = np.geomspace(1e-14, 1e-2, 40_000)[:, None]
+    ends = sj.restitution(sj.ViscoelasticHertz(PAIR, times), np.array(span)).coefficient
+    best = np.min(np.max(np.abs(np.asarray(ends) - epsilon), axis=1))
+    assert choice.error == pytest.approx(best, rel=1e-2, abs=1e-8)
+
+
 @pytest.mark.parametrize(
     "key",
     [
@@ -220,6 +232,9 @@ def test_the_steps_asked_for_are_taken(made):
         (STEEL, {"law": "viscoelastc"}, "did you mean 'viscoelastic'"),
         (STEEL, {"steps": 1}, "2 or more"),
         (STEEL, {"overlap": 1e-4}, r"above 0\.0143"),
+        (STEEL, {"overlap": float("nan")}, r"above 0\.0143.* and 100 at most, but is nan"),
+        (STEEL, {"overlap": float("inf")}, "100 at most, but is inf"),
+        (STEEL, {"overlap": 1e200}, "100 at most"),  # a stiffness that no float tells
         (STEEL, {"prefix": "9a"}, "a name in C"),
         (STEEL, {"prefix": "ours", "to": "lammps"}, "left out with lammps"),
         (STEEL, {"version": 20250722}, "left out with c"),

@@ -1,5 +1,6 @@
 """`softjax export` from the command line to its files: each option by what it does."""
 
+import ast
 import json
 import os
 import subprocess
@@ -12,7 +13,7 @@ import softjax as sj
 from calibration.cli import main
 from tests.cases import fitted
 from tests.command import BODIES
-from tests.export_cases import compiled, needs_compiler
+from tests.export_cases import compile_alone, compiled, needs_compiler
 
 STEEL = ("stainless-steel", "--range", "0.1:5")
 
@@ -117,6 +118,61 @@ def test_a_file_of_materials_with_given_parameters(export, tmp_path):
     assert [made["wanted"][name] for name in ("chi", "sigma", "psi")] == [0.2, 0.4, 0.5]
 
 
+NAMES = (
+    r"x\nshell echo hi",
+    r"x\u2028shell echo hi",
+    r"a\"\"\"b C:\\users \\N{x} \\x",
+    r"x\"\"\"+str(1/0)+\"\"\"",
+    r"coding: utf-7 +AAo-import nothing",
+    r"A&",
+    r"${nope} $(1/0)",
+    r"a*/b/*c//*d\\",
+    r"$\\foo{$",
+)
+CODES = {
+    "lammps": ("in.softjax", "linear"),
+    "liggghts": ("in.softjax", "linear"),
+    "c": ("softjax_law.h", "linear"),
+    "yade": ("softjax_yade.py", "linear"),
+    "yade by header": ("softjax_yade.py", "itself"),
+}
+
+
+@pytest.fixture(scope="module")
+def named(tmp_path_factory):
+    """What is written for a code of a material whose name a file tells."""
+    folder = tmp_path_factory.mktemp("named")
+
+    def written(name, code):
+        file, law = CODES[code]
+        (folder / "a.toml").write_text(BODIES.replace("alloy", name), encoding="utf-8")
+        told = ["--chi", "0.2", "--sigma", "0.4", "--psi", "0.5", "--range", "2:2.1", "--quiet"]
+        told += ["--to", code.split()[0], "--law", law, "--steps", "30", "--tolerance", "0.2"]
+        assert main(["export", str(folder / "a.toml"), *told, "--out", str(folder)]) == 0
+        return (folder / file).read_bytes()
+
+    return written
+
+
+@pytest.mark.parametrize("code", CODES)
+def test_no_name_of_a_material_acts_in_a_code(code, named, tmp_path):
+    """What stands outside of comments is what stands there for a plain name."""
+
+    def acting(source):
+        if code.startswith("yade"):  # as bytes: a comment may tell how they are to be read
+            return ast.dump(ast.parse(source))
+        if code == "c":
+            assert compile_alone(source.decode(), "c", tmp_path) == ""
+            return source.partition(b"*/")[2]
+        assert b'"""' not in source  # with which a line of LAMMPS goes on, be it a comment
+        assert all(line.startswith(b"#") for line in source.partition(b"\n\n")[0].splitlines())
+        return source.partition(b"\n\n")[2]
+
+    plain = acting(named("alloy", code))
+    for name in NAMES:
+        assert acting(named(name, code)) == plain
+
+
 SPRINGS = "walton-braun loading_stiffness=1e6 unloading_stiffness=1.2e6 growth=200"
 HEADING = "# between {}, as wanted:\n"
 
@@ -187,6 +243,21 @@ def test_what_a_version_of_lammps_can_be_told(version, damping, export):
     assert f"{damping} limit_damping" in text("in.softjax")
 
 
+@pytest.mark.parametrize(
+    ("law", "version", "of_mass"),
+    [
+        ("linear", "20230802", True),  # mass_velocity, η = 2ξ√(k/M)
+        ("linear", "20250722", False),
+        ("hertz-dashpot", "20230802", False),
+        ("viscoelastic", "20250722", True),
+    ],
+)
+def test_damping_that_is_of_one_mass_says_so(law, version, of_mass, export):
+    options = ("--to", "lammps", "--law", law, "--tolerance", "0.1", "--lammps-version", version)
+    assert export(*STEEL, *options, "--quiet") == 0
+    assert ("Its damping is told for that mass" in text("in.softjax")) == of_mass
+
+
 @pytest.mark.parametrize("code", ["lammps", "liggghts", "yade"])
 def test_each_code_has_its_files_and_an_older_export_leaves_none(code, export, tmp_path):
     assert export(*STEEL, "--to", "lammps", "--tolerance", "0.005", "--quiet") == 0  # a plugin
@@ -223,6 +294,7 @@ def test_a_build_that_gets_no_answer_from_lammps_says_what_to_do(export):
         (("--to", "c", "--prefix", "A"), "a name in C"),
         (("--to", "c", "--lammps-version", "20250722"), "left out with c"),
         (("--to", "c", "--overlap", "1e-9"), "the largest overlap"),
+        (("--to", "c", "--overlap", "nan"), "100 at most"),
     ],
 )
 def test_what_cannot_be_done_is_told_in_one_line(options, blamed, export, capsys, tmp_path):

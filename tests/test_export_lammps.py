@@ -110,11 +110,15 @@ def test_input_that_is_written_keeps_its_tolerance(law, tolerance, version, tmp_
 
 
 def test_the_sizes_that_input_is_written_for_do_not_matter_where_it_says_so(tmp_path):
-    """coeff_restitution holds for any mass; the damping of viscoelastic spheres for one."""
-    for law, same in (("hertz-dashpot", True), ("viscoelastic", False)):
-        cal.export(
-            STEEL, "lammps", tmp_path, velocity_range=(0.1, 5), law=law, tolerance=0.1, steps=400
-        )
+    """coeff_restitution holds for any mass, as Tsuji's damping does; that over mass for one."""
+    for law, version, same in (
+        ("hertz-dashpot", None, True),
+        ("linear", None, True),
+        ("linear", 20230802, False),
+        ("viscoelastic", None, False),
+    ):
+        options = {"velocity_range": (0.1, 5), "tolerance": 0.1, "steps": 400}
+        cal.export(STEEL, "lammps", tmp_path, law=law, version=version, **options)
         lines = [
             impact(1.0, ["include in.softjax"], 2000, density=d) for d in (DENSITY, 2 * DENSITY)
         ]

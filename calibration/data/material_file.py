@@ -13,7 +13,7 @@ from calibration.data.csv_file import read_csv
 from calibration.data.measurements import RestitutionData
 from calibration.data.names import UNCERTAINTIES
 from calibration.data.toml_table import TomlTable
-from calibration.errors import DataError, InputError
+from calibration.errors import DataError, InputError, printable
 
 SIZES: dict[str, Check] = {
     name: (dimension, (lambda u: u >= 0), "a number of 0 or more, in SI or text with its unit")
@@ -68,6 +68,7 @@ def read_material(table: TomlTable, area: str | None, needs_data: bool) -> Mater
         contact = replace(contact, limit_velocity=limit)
     position = table.path[-1] + 1 if isinstance(table.path[-1], int) else 1
     name = table.text("name") or Path(table.text("data") or "").stem or f"material {position}"
+    name = printable(name)
     if needs_data and "data" not in table:
         raise table.refusal(None, "data is missing", "needed is the name of a CSV file")
     options: dict[str, Any] = {"name": name, "limit_velocity": limit}

@@ -17,6 +17,7 @@ from calibration.handover.wanted import Wanted, number_of
 
 ITSELF = "itself"
 INPUT, HEADER = "input", "header"  # how a code takes a law: by what it has, or by generated source
+MOST_OVERLAP = 100.0  # over the radius: nothing that is meant is beyond
 ROOM = 0.1  # of the tolerance, that a law leaves at least for the time step
 LABELS = {
     "linear": "constant ε, linear spring and dashpot",
@@ -34,11 +35,18 @@ class Carrier:
         name: `INPUT` or `HEADER`.
         from_loading: whether k2 of Walton and Braun's spring can only grow from k1.
         of_mass: whether what the code is told of the damping holds for one effective mass alone.
+        of_mass_before: the version of the code from which on it holds for all; 0 where it always
+            does.
     """
 
     name: str
     from_loading: bool = False
     of_mass: bool = False
+    of_mass_before: int = 0
+
+    def is_of_mass(self, version: int | None) -> bool:
+        """Whether it is so with a version of the code, None the latest."""
+        return self.of_mass or (version is not None and version < self.of_mass_before)
 
 
 @dataclass(frozen=True)
@@ -50,6 +58,7 @@ class Order:
     steps: int | None
     overlap: float | None
     losses: bool
+    version: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,11 +197,9 @@ def _stretch(impacts: Impacts, wanted: Wanted, order: Order) -> float:
     own = float(impacts.peak[-1]) / wanted.radius
     if order.overlap is None:
         return 1.0
-    if order.overlap < own:
-        accepted = (
-            f"above {own:.3g}, the largest overlap over the {wanted.radius_of} radius as it is"
-        )
-        raise DataError("overlap", order.overlap, accepted)
+    if not own <= order.overlap <= MOST_OVERLAP:
+        least = f"above {own:.3g}, the largest overlap over the {wanted.radius_of} radius as it is"
+        raise DataError("overlap", order.overlap, f"{least}, and {MOST_OVERLAP:g} at most")
     return order.overlap / own
 
 

@@ -79,7 +79,7 @@ def export(
     """
     _check(to, tolerance, steps, version, prefix)
     check_writable(out)
-    order = Order(tolerance, law, steps, overlap, losses)
+    order = Order(tolerance, law, steps, overlap, losses, version)
     with jax.enable_x64(True):
         wanted = wanted_of(result_or_law, material, velocity_range, losses, radius, on_wall)
         choice, tried = choose(wanted, CODES[to], order)

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import softjax as sj
+from calibration.errors import printable
 from calibration.handover.cautions import cautions_of
 from calibration.handover.choice import Choice, Order
 from calibration.handover.wanted import Wanted
@@ -162,7 +163,7 @@ def notes_of(wanted: Wanted, choice: Choice, order: Order) -> tuple[str, ...]:
     steps = choice.steps
     low, high = wanted.range
     notes: tuple[str, ...] = (
-        f"{choice.label.replace('ε', 'eps')}, for {_ascii(wanted.name)}",
+        f"{choice.label.replace('ε', 'eps')}, for {wanted.name}",
         "",
         f"Impacts of {number(low)} to {number(high)} m/s: eps within {number(choice.total, 2)} of the "
         f"one wanted, {_ends(wanted.restitution)},",
@@ -172,7 +173,7 @@ def notes_of(wanted: Wanted, choice: Choice, order: Order) -> tuple[str, ...]:
     )
     others = "two balls" if wanted.on_wall else "a wall in a ball's place"
     these = SCENES.get(wanted.on_wall, "this pair")
-    if choice.carrier.of_mass:
+    if choice.carrier.is_of_mass(order.version):
         notes += (f"Its damping is told for that mass, of {these}: other sizes,",)
         notes += (f"or {others}, need another.",)
     else:
@@ -181,7 +182,7 @@ def notes_of(wanted: Wanted, choice: Choice, order: Order) -> tuple[str, ...]:
         notes += (f"Softer: overlaps {number(choice.stretch, 3)} times those of the law.",)
     if isinstance(choice.law, sj.RateIndependentLaw):
         notes += (_balance(choice, order),)
-    return (*notes, *cautions_of(wanted, _overlap(wanted, choice)))
+    return tuple(map(_harmless, (*notes, *cautions_of(wanted, _overlap(wanted, choice)))))
 
 
 def _overlap(wanted: Wanted, choice: Choice) -> float:
@@ -214,5 +215,7 @@ def _ends(values: np.ndarray) -> str:
     return f"{number(float(values[0]))} to {number(float(values[-1]))}"
 
 
-def _ascii(text: str) -> str:
-    return text.encode("ascii", "replace").decode().replace("*/", "* /")
+def _harmless(note: str) -> str:
+    """One line of ASCII that ends no comment: of C by its marks, of LAMMPS by three quotes."""
+    text = printable(note).encode("ascii", "replace").decode()
+    return text.replace("*/", "* /").replace("/*", "/ *").replace('"', "'")

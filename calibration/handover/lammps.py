@@ -26,8 +26,12 @@ from calibration.handover.walls import walled
 from calibration.handover.wanted import number_of
 from softjax.laws.linear_dashpot import damping_fraction
 
+OLDEST = 20220623  # the oldest version looked at: it has limit_damping
+LATEST = 20250722  # taken where none is told
+COEFF_RESTITUTION = 20240627  # the first release that has it
+TSUJI_MENDED = 20260730  # the √2 is in the source since the day before
 CARRIERS = {
-    "linear": Carrier(INPUT),
+    "linear": Carrier(INPUT, of_mass_before=COEFF_RESTITUTION),  # by a damping over mass till then
     "hertz-dashpot": Carrier(INPUT),
     "viscoelastic": Carrier(INPUT, of_mass=True),
     "walton-braun": Carrier(HEADER),
@@ -35,10 +39,6 @@ CARRIERS = {
 }
 REFUSED: dict[str, tuple[str, str]] = {}
 FILES = ("in.softjax", "softjax_law.h", "softjax_lammps.cpp", "softjax_memory.h", "build.sh")
-OLDEST = 20220623  # the oldest version looked at: it has limit_damping
-LATEST = 20250722  # taken where none is told
-COEFF_RESTITUTION = 20240627  # the first release that has it
-TSUJI_MENDED = 20260730  # the √2 is in the source since the day before
 # α of Tsuji's damping over ε, by the polynomial that LAMMPS takes
 TSUJI = (1.2728, -4.2783, 11.087, -22.348, 27.467, -18.022, 4.8218)
 FRICTIONLESS = "tangential linear_nohistory 0.0 0.0"

@@ -13,7 +13,9 @@ def draw_export(made: Export) -> Figure:
     velocity, wanted = made.wanted.velocity, made.wanted.restitution
     given, step = made.choice.impacts.coefficient, made.choice.steps
     label = f"{made.to}: {made.choice.label}"
-    curve.plot(velocity, wanted, color=style.BLACK, label=f"wanted, {made.wanted.name}")
+    curve.plot(
+        velocity, wanted, color=style.BLACK, label=f"wanted, {style.plain(made.wanted.name)}"
+    )
     curve.plot(velocity, given, color=style.BLUE, linestyle="--", label=label)
     curve.set(ylabel=r"restitution $\varepsilon$")
     band = {"color": style.BLUE, "alpha": 0.25, "linewidth": 0, "label": "time step"}

@@ -8,16 +8,15 @@ gives the largest overlap asked for at the fastest impact.
 import dataclasses
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.optimize import minimize, minimize_scalar
+from scipy.optimize import brentq, minimize
 
 import softjax as sj
 from calibration.handover.damping import LEAST, fraction_of, set_restitution
-from calibration.handover.wanted import Wanted, number_of
+from calibration.handover.wanted import Wanted, number_of, restitution_of
 
 END = "zero-force"  # of damped contacts: nothing pulls
-# w² = 3/2 A (k/M)^{2/5} v^{1/5}, the one number of viscoelastic spheres
-LEAST_LOSS, MOST_LOSS = 1e-3, 3.0
+# w² = 3/2 A (k/M)^{2/5} v^{1/5}, the one number of viscoelastic spheres: ε from 1 - 1e-9 to 3e-7
+LEAST_LOSS, MOST_LOSS = 1e-9, 1e4
 
 
 def constant_restitution(wanted: Wanted) -> float:
@@ -46,23 +45,24 @@ def _spring(wanted: Wanted, overlap: float) -> float:
 
 
 def viscoelastic(wanted: Wanted) -> sj.ViscoelasticHertz:
-    """A [s] from ε(w²), which is one curve for all viscoelastic spheres."""
+    """ε falls with A at every velocity: the best A errs as much above the wanted ε as below."""
     if type(wanted.law) is sj.ViscoelasticHertz:
         return wanted.law
     contact = wanted.contact
-    unit = 1 / (
-        1.5 * (number_of(contact.stiffness) / number_of(contact.mass)) ** 0.4
-    )  # w² = 1 at 1 m/s
-    loss = np.geomspace(LEAST_LOSS, MOST_LOSS, len(wanted.velocity))
-    hit = sj.restitution(sj.ViscoelasticHertz(contact, unit), loss**5)
-    curve = CubicSpline(np.log(loss), np.asarray(hit.coefficient))
+    rate = (number_of(contact.stiffness) / number_of(contact.mass)) ** 0.4
+    slowest, fastest = (1.5 * rate * v**0.2 for v in wanted.range)  # w² over A
+    low, high = np.log([LEAST_LOSS / fastest, MOST_LOSS / slowest])
 
-    def largest(log_time: float) -> float:
-        at = log_time + 0.2 * np.log(wanted.velocity)
-        return _largest(curve(at), wanted)
+    def law(log_time: float) -> sj.ViscoelasticHertz:
+        return sj.ViscoelasticHertz(contact, float(np.exp(log_time)))
 
-    best = minimize_scalar(largest, bounds=np.log((LEAST_LOSS, MOST_LOSS)), method="bounded")
-    return sj.ViscoelasticHertz(contact, unit * float(np.exp(best.x)))
+    def excess(log_time: float) -> float:
+        off = restitution_of(law(log_time), wanted.velocity) - wanted.restitution
+        return float(np.max(off) + np.min(off))
+
+    if excess(low) <= 0:
+        return law(low)
+    return law(brentq(excess, low, high) if excess(high) < 0 else high)
 
 
 def walton_braun(wanted: Wanted, overlap: float, starts_at_loading: bool) -> sj.WaltonBraun:

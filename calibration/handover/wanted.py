@@ -8,7 +8,7 @@ import numpy as np
 
 import softjax as sj
 from calibration.data import RestitutionData
-from calibration.errors import DataError
+from calibration.errors import DataError, printable
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.result import FitResult
 
@@ -87,7 +87,7 @@ def wanted_of(
     return Wanted(
         law,
         contact,
-        data.name if data is not None else material or type(law).__name__,
+        printable(data.name if data is not None else material or type(law).__name__),
         *_radius(radius, None if smaller is None else smaller.radius, contact),
         None if smaller is None else float(smaller.material.poisson_ratio),
         on_wall,

@@ -17,7 +17,7 @@ from calibration.handover.choice import HEADER, INPUT, ITSELF, Carrier
 from calibration.handover.damping import fraction_of, set_restitution
 from calibration.handover.exported import Draft
 from calibration.handover.softer import softened
-from calibration.handover.templates import filled, template
+from calibration.handover.templates import commented, filled, template
 from calibration.handover.wanted import number_of
 from softjax.laws.linear_dashpot import damping_fraction
 
@@ -39,7 +39,7 @@ END = "zero-force"
 def files(draft: Draft) -> dict[str, str]:
     """The files of an export by name."""
     choice, ratio = draft.choice, draft.wanted.poisson_ratio
-    values: dict[str, Any] = {"notes": "\n".join(draft.notes), "step": choice.step}
+    values: dict[str, Any] = {"comment": commented(draft.notes), "step": choice.step}
     if choice.carrier.name == HEADER:
         return {
             "softjax_yade.py": filled("yade_header.py.in", values),
