@@ -205,7 +205,7 @@ CHANGES: dict[str, list[tuple[str, str, str]]] = {
             "fit_problem",
         ),
     ],
-    "calibration/handover/stepping.py": [
+    "calibration/handover/steps.py": [
         ("start = -phases * velocity * step", "start = 0 * phases * velocity", "export_choice"),
     ],
     "calibration/handover/damping.py": [

@@ -3,7 +3,7 @@
 wanted       the law and velocities asked for
 substitutes  cheaper laws in its place
 impacts      what happens at these velocities, without steps
-stepping     impacts stepped as codes step them;  steps: what a time step costs
+steps        impacts stepped as codes step them: what a time step costs
 choice       the first law that keeps the tolerance
 softer       softer springs at the same ε
 c_header     a law as C source;  c_table: one's own law as a table of forces

@@ -14,6 +14,7 @@ from jaxtyping import Array
 
 import softjax as sj
 from calibration.handover.forces import end_of, unloading_force
+from calibration.handover.impacts import impacts_of
 from calibration.handover.interpolation import interpolated, interpolated_over_both
 from calibration.handover.templates import filled
 from calibration.handover.wanted import number_of
@@ -111,22 +112,20 @@ def _overlaps(top: float, at: np.ndarray) -> np.ndarray:
 
 def _with_memory(law: Any, top: float, losses: bool) -> TableWithMemory:
     peaks = _overlaps(top, np.arange(ROWS))
-    hit = sj.restitution(law, _velocities(law, peaks)[1:])
-    plastic, total = np.asarray(hit.plastic_coefficient), np.asarray(hit.coefficient)
-    lost = np.where(plastic > 0, np.minimum(total, 1) / np.where(plastic > 0, plastic, 1), 0) ** 2
-    residual = np.asarray(hit.residual_overlap)
+    velocity = _velocities(law, peaks)[1:]
+    residual = np.asarray(sj.restitution(law, velocity).residual_overlap)
     return TableWithMemory(
         law.contact,
         top,
         loading=_loading(law, peaks),
         residual=np.append(0.0, residual / peaks[1:]),
-        factor=np.append(lost[0], lost) if losses else np.ones(ROWS),
+        factor=_first_twice(impacts_of(law, velocity, losses).factor),
         unloading=_first_twice(_shape(law, peaks[1:], residual)),
     )
 
 
 def _first_twice(rows: np.ndarray) -> np.ndarray:
-    """At no overlap there is no shape: that of the next row."""
+    """At no overlap there is neither a shape nor a factor: those of the next row."""
     return np.concatenate([rows[:1], rows])
 
 
