@@ -208,8 +208,8 @@ CHANGES: dict[str, list[tuple[str, str, str]]] = {
     "calibration/handover/steps.py": [
         ("start = -phases * velocity * step", "start = 0 * phases * velocity", "export_choice"),
     ],
-    "calibration/handover/damping.py": [
-        ("2 * fraction**2 - 1", "2 * fraction**2 + 1", "export_choice"),
+    "calibration/handover/substitutes.py": [
+        ("math.atan2(math.pi, loss)", "math.atan2(math.pi, 2 * loss)", "export_choice"),
     ],
     "calibration/atomic.py": [
         ("(directory / name).unlink(missing_ok=True)", "pass", "cli_files"),

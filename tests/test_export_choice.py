@@ -11,11 +11,11 @@ import calibration as cal
 import softjax as sj
 from calibration.handover import lammps, liggghts, yade
 from calibration.handover.choice import Order, choose
-from calibration.handover.damping import fraction_of, rebound
 from calibration.handover.impacts import impacts_of
 from calibration.handover.picture import draw_export
 from calibration.handover.softer import softened
 from calibration.handover.steps import order_of, rebounds
+from calibration.handover.substitutes import dashpot_for
 from calibration.handover.wanted import wanted_of
 from tests.cases import RADIUS, fitted
 from tests.export_cases import (
@@ -153,25 +153,20 @@ def test_each_chosen_law_keeps_its_tolerance_in_c(tolerance, made, tmp_path):
     )
 
 
-@pytest.mark.parametrize(
-    "end", [pytest.param("zero-overlap", marks=pytest.mark.long), "zero-force"]
-)
-@pytest.mark.parametrize("wanted", [0.2, 0.5, 0.8, 0.99])
-def test_damping_is_inverted_for_its_end(end, wanted):
-    asked = rebound(fraction_of(wanted, end), "zero-overlap")
+@pytest.mark.parametrize("wanted", [0.14, 0.2, 0.5, 0.8, 0.99, 1.0])
+def test_a_dashpot_that_never_pulls_is_set_to_give_what_is_wanted(wanted):
+    asked, route = dashpot_for(wanted), sj.ODE(1e-10)
     for law in (
-        sj.LinearSpringDashpot(PAIR, 1e7, asked, end=end),
-        sj.HertzDashpot(PAIR, asked, end=end),
+        sj.LinearSpringDashpot(PAIR, 1e7, asked, end="zero-force"),
+        sj.HertzDashpot(PAIR, asked, end="zero-force"),
     ):
-        np.testing.assert_allclose(sj.restitution(law, VELOCITY).coefficient, wanted, atol=1e-7)
+        found = sj.restitution(law, VELOCITY, route).coefficient
+        np.testing.assert_allclose(found, wanted, atol=1e-7)
 
 
-def test_an_impossible_damping_is_refused():
-    with pytest.raises(
-        ValueError, match=r"0\.1353"
-    ):  # exp(-2), of critical damping that never pulls
-        fraction_of(0.13, "zero-force")
-    assert 0 < fraction_of(0.13, "zero-overlap") < 1
+def test_less_than_critical_damping_leaves_is_told_as_an_error(made):
+    export = made(sj.ConstantRestitution(PAIR, 0.05), tolerance=0.1)
+    assert export.choice.error == pytest.approx(np.exp(-2) - 0.05, abs=1e-4)
 
 
 def test_hard_spheres_are_handed_over_as_a_spring_and_a_dashpot(made):

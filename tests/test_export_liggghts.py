@@ -11,7 +11,6 @@ import pytest
 
 import calibration as cal
 import softjax as sj
-from calibration.handover import liggghts as code
 from tests.cases import RADIUS
 from tests.export_cases import DENSITY, MASS, PAIR, STEEL, VELOCITIES
 
@@ -96,11 +95,11 @@ def properties(**numbers) -> list[str]:
 STEEL_S = {"youngsModulus": 1.93e11, "poissonsRatio": 0.35, "coefficientFriction": 0.0}
 # model, what stands in its properties, the law that it makes, and ε as another script found it
 ROWS = {
-    "hertz": ("hertz", {"coefficientRestitution": 0.8}, code.hertz(PAIR, 0.8), 0.80001),
+    "hertz": ("hertz", {"coefficientRestitution": 0.8}, sj.HertzDashpot(PAIR, 0.8), 0.80001),
     "hertz limitForce": (
         "hertz limitForce on",
         {"coefficientRestitution": 0.8},
-        code.hertz(PAIR, 0.8, limit_force=True),
+        sj.HertzDashpot(PAIR, 0.8, end="zero-force"),
         0.80811,
     ),
     "hysteresis": (
@@ -112,7 +111,8 @@ ROWS = {
             "coefficientAdhesionStiffness": 0.0,
             "coefficientPlasticityDepth": 0.05,
         },
-        code.hysteresis(PAIR, SPRING, 1 / 0.64, 0.05),
+        # s = (k_p/k1 - 1)²/(k_p/k1 Φ 2R)
+        sj.WaltonBraun(PAIR, SPRING, SPRING, 0.36**2 / (0.64 * 0.05 * 2 * float(PAIR.radius))),
         None,
     ),
 }

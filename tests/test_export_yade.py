@@ -10,7 +10,7 @@ import pytest
 
 import calibration as cal
 import softjax as sj
-from calibration.handover import yade as code
+from calibration.handover.substitutes import dashpot_for
 from tests.cases import RADIUS
 from tests.export_cases import DENSITY, MASS, PAIR, STEEL, VELOCITIES
 
@@ -76,31 +76,38 @@ def other(kind: str, **numbers) -> tuple[str, str]:
     return material, LOOP.format(physics=physics, law=law)
 
 
+END = "zero-force"  # of all its contacts
 LINEAR = math.pi * math.sqrt(MASS / SPRING)
 # material and engine, the law that they make, a contact's time (None: Hertz's), ε of another script
 ROWS = {
-    "en": (mindlin(en=0.8, es=0.8), code.mindlin_en(PAIR, 0.8), None, 0.79994),
+    "en": (
+        mindlin(en=0.8, es=0.8),
+        sj.HertzDashpot(PAIR, dashpot_for(0.8), end=END),
+        None,
+        0.79994,
+    ),
     "betan": (
         mindlin(betan=FRACTION * math.sqrt(5 / 6), betas=0.0),
-        code.mindlin_betan(PAIR, FRACTION * math.sqrt(5 / 6)),
+        sj.HertzDashpot(PAIR, 0.8, end=END),
         None,
         0.80811,
     ),
     "tc and en": (
         other("ViscEl", tc=1e-4, en=0.8, et=0.8),
-        code.viscel_times(PAIR, 1e-4, 0.8),
+        sj.LinearSpringDashpot(PAIR, MASS * (math.pi**2 + math.log(0.8) ** 2) / 1e-8, 0.8, end=END),
         1e-4,
         0.8082,
     ),
     "kn and cn": (
         other("ViscEl", kn=2 * SPRING, cn=2 * DAMPING, ks=0.0, cs=0.0),
-        code.viscel_springs(PAIR, 2 * SPRING, 2 * DAMPING),
+        sj.LinearSpringDashpot(PAIR, SPRING, 0.8, end=END),
         LINEAR,
         0.8082,
     ),
     "luding": (
         other("Luding", k1=1e7, kp=1e7 / 0.64, kc=0.0, ks=0.0, PhiF=0.1, G0=0.0),
-        code.luding(PAIR, 1e7, 1e7 / 0.64, 0.1),
+        # s = (k_p/k1 - 1)²/(k_p/k1 Φ 2R)
+        sj.WaltonBraun(PAIR, 1e7, 1e7, 0.36**2 / (0.64 * 0.1 * 2 * float(PAIR.radius))),
         LINEAR,
         None,
     ),

@@ -7,7 +7,7 @@ steps        impacts stepped as codes step them: what a time step costs
 choice       the first law that keeps the tolerance
 softer       softer springs at the same ε
 c_header     a law as C source;  c_table: one's own law as a table of forces
-c, lammps, liggghts, yade    the files of each code, and what each makes of its input
+c, lammps, liggghts, yade    the files of each code
 exported     what was handed over, as it is told;  picture: drawn
 door         `export`
 """

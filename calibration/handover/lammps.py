@@ -1,4 +1,4 @@
-"""LAMMPS: input lines for what it has, a plugin for the rest, and what it makes of its input.
+"""LAMMPS: input lines for what it has, a plugin for the rest.
 
     linear, hertz-dashpot, viscoelastic    pair_style granular
     any other law                          pair_style softjax, a plugin around the C header
@@ -9,16 +9,14 @@ is asked), by the version (Tsuji's damping lacks a √2) and by the unit (dampin
 """
 
 import math
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
-from jaxtyping import Array
 from scipy.optimize import brentq
 
 import softjax as sj
 from calibration.errors import DataError, InputError
 from calibration.handover.choice import HEADER, INPUT, ITSELF, Carrier
-from calibration.handover.damping import set_restitution
 from calibration.handover.exported import Draft
 from calibration.handover.softer import softened
 from calibration.handover.templates import commented, filled, template
@@ -81,7 +79,7 @@ def _checked(version: int | None) -> int:
 def coefficients_of(law: Any, version: int = LATEST) -> str:
     """A damped law as the arguments of `pair_coeff * *` of pair style granular."""
     contact = law.contact
-    clamp = " limit_damping" if _end(law) == "zero-force" else ""
+    clamp = " limit_damping" if law.end == "zero-force" else ""
     if isinstance(law, sj.ViscoelasticHertz):
         # P_d = eta0 M a delta', a = sqrt(R delta)
         eta = 2 * number_of(contact.youngs_modulus) * number_of(law.dissipation_time)
@@ -110,7 +108,8 @@ def _damping(law: Any, version: int) -> tuple[float, str]:
     if isinstance(law, sj.LinearSpringDashpot):
         frequency = math.sqrt(number_of(law.stiffness) / number_of(law.contact.mass))
         return 2 * fraction * frequency, "mass_velocity"
-    return _into_tsuji(math.sqrt(5) * fraction / _tsuji_factor(version)), "tsuji"
+    root = math.sqrt(2) if version >= TSUJI_MENDED else 1.0
+    return _into_tsuji(math.sqrt(5) * fraction / root), "tsuji"
 
 
 def _into_tsuji(alpha: float) -> float:
@@ -123,59 +122,3 @@ def _into_tsuji(alpha: float) -> float:
 
 def _polynomial(restitution: float) -> float:
     return float(np.polynomial.polynomial.polyval(restitution, TSUJI))
-
-
-def _tsuji_factor(version: int) -> float:
-    return math.sqrt(2) if version >= TSUJI_MENDED else 1.0
-
-
-def _end(law: Any) -> str:
-    return getattr(law, "end", "zero-force")
-
-
-# What LAMMPS makes of its input: the law that it follows.
-
-
-def end_with(limit_damping: bool) -> str:
-    return "zero-force" if limit_damping else "zero-overlap"
-
-
-def coeff_restitution(contact: sj.Contact, restitution: float, limit_damping: bool = False):
-    """`hertz … damping coeff_restitution`."""
-    return sj.HertzDashpot(contact, restitution, end=end_with(limit_damping))
-
-
-def tsuji(
-    contact: sj.Contact, restitution: float, limit_damping: bool = False, version: int = LATEST
-) -> sj.HertzDashpot:
-    """`hertz … damping tsuji`."""
-    fraction = max(_tsuji_factor(version) * _polynomial(restitution), 0.0) / math.sqrt(5)
-    return sj.HertzDashpot(contact, set_restitution(fraction), end=end_with(limit_damping))
-
-
-def mass_velocity(
-    contact: sj.Contact, stiffness: float, damping: float, limit_damping: bool = False
-) -> sj.LinearSpringDashpot:
-    """`hooke k η … damping mass_velocity`, η [1/s] over the effective mass."""
-    fraction = damping / (2 * math.sqrt(stiffness / number_of(contact.mass)))
-    asked = set_restitution(fraction)
-    return sj.LinearSpringDashpot(contact, stiffness, asked, end=end_with(limit_damping))
-
-
-def viscoelastic(
-    contact: sj.Contact, damping: float, limit_damping: bool = False
-) -> sj.ViscoelasticHertz:
-    """`hertz … η0 … damping viscoelastic`, η0 [1/(s m)] over the effective mass."""
-    time = damping * number_of(contact.mass) / (2 * number_of(contact.youngs_modulus))
-    return (sj.ViscoelasticHertz if limit_damping else PullingViscoelastic)(contact, time)
-
-
-class PullingViscoelastic(sj.RateDependentLaw):
-    """Viscoelastic spheres that pull before they part, as without `limit_damping`."""
-
-    contact: sj.Contact
-    dissipation_time: float
-    end: ClassVar[str] = "zero-overlap"
-
-    def force(self, overlap: Any, velocity: Any) -> Array:
-        return sj.ViscoelasticHertz(self.contact, self.dissipation_time).force(overlap, velocity)

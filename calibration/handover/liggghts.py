@@ -1,4 +1,4 @@
-"""LIGGGHTS: input lines for what it has, and what it makes of its input.
+"""LIGGGHTS: input lines for what it has.
 
     linear          model hooke/stiffness
     hertz-dashpot   model hertz
@@ -118,18 +118,3 @@ def _characteristic_velocity(contact: sj.Contact, stiffness: float) -> float:
     """V of k = 16/15 √R E [15 M V²/(16 √R E)]^{1/5}."""
     scale = 16 / 15 * math.sqrt(number_of(contact.radius)) * number_of(contact.youngs_modulus)
     return math.sqrt((stiffness / scale) ** 5 * scale / number_of(contact.mass))
-
-
-# What LIGGGHTS makes of its input: the law that it follows.
-
-
-def hertz(contact: sj.Contact, restitution: float, limit_force: bool = False) -> sj.HertzDashpot:
-    """`model hertz` with coefficientRestitution."""
-    end = "zero-force" if limit_force else "zero-overlap"
-    return sj.HertzDashpot(contact, restitution, end=end)
-
-
-def hysteresis(contact: sj.Contact, stiffness: float, most: float, depth: float) -> sj.WaltonBraun:
-    """`model hooke/hysteresis` with k_p/k1 = `most`, a plasticity depth and no adhesion."""
-    growth = (most - 1) ** 2 / (most * depth * 2 * number_of(contact.radius))
-    return sj.WaltonBraun(contact, stiffness, stiffness, growth)

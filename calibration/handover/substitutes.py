@@ -6,15 +6,17 @@ gives the largest overlap asked for at the fastest impact.
 """
 
 import dataclasses
+import math
 
 import numpy as np
 from scipy.optimize import brentq, minimize
 
 import softjax as sj
-from calibration.handover.damping import LEAST, fraction_of, set_restitution
 from calibration.handover.wanted import Wanted, number_of, restitution_of
 
 END = "zero-force"  # of damped contacts: nothing pulls
+LEAST = math.exp(-2)  # ε of critical damping with this end
+MOST_DAMPING = 500.0  # Λ, of ε within 3e-5 of the least
 # w² = 3/2 A (k/M)^{2/5} v^{1/5}, the one number of viscoelastic spheres: ε from 1 - 1e-9 to 3e-7
 LEAST_LOSS, MOST_LOSS = 1e-9, 1e4
 
@@ -35,8 +37,23 @@ def hertz_dashpot(wanted: Wanted) -> sj.HertzDashpot:
     return sj.HertzDashpot(wanted.contact, _set(wanted), end=END)
 
 
+def dashpot_for(restitution: float) -> float:
+    """What `restitution` of a dashpot law is set to, so that ε in (e^-2, 1] comes out with this end.
+
+    It means a contact that pulls until its overlap is zero. With Λ = -ln of what is set, for the
+    linear spring and for Hertz's with a dashpot ∝ δ^{1/4}:
+
+        ln ε = -(2 Λ/π) atan2(π, Λ)
+    """
+
+    def off(loss: float) -> float:
+        return math.log(restitution) + 2 * loss / math.pi * math.atan2(math.pi, loss)
+
+    return math.exp(-brentq(off, 0.0, MOST_DAMPING, xtol=1e-15))
+
+
 def _set(wanted: Wanted) -> float:
-    return set_restitution(fraction_of(min(constant_restitution(wanted), 1.0), END))
+    return dashpot_for(min(constant_restitution(wanted), 1.0))
 
 
 def _spring(wanted: Wanted, overlap: float) -> float:

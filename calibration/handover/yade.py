@@ -1,4 +1,4 @@
-"""YADE: materials and functors for what it has, the C header for the rest, and what it makes of its input.
+"""YADE: materials and functors for what it has, the C header for the rest.
 
     linear          ViscElMat, whose kn and cn of two bodies act in series
     hertz-dashpot   MindlinPhys with `betan`
@@ -14,7 +14,6 @@ from typing import Any
 
 import softjax as sj
 from calibration.handover.choice import HEADER, INPUT, ITSELF, Carrier
-from calibration.handover.damping import fraction_of, set_restitution
 from calibration.handover.exported import Draft
 from calibration.handover.softer import softened
 from calibration.handover.templates import commented, filled, template
@@ -33,7 +32,6 @@ REFUSED = {
 FILES = ("softjax_yade.py", "softjax_law.h", "softjax_shared.c")
 POISSON_RATIO = 0.3  # where only the contact is known: the modulus goes with it
 BEYOND = 2.0  # the overlap up to which k2 grows, over the largest wanted
-END = "zero-force"
 
 
 def files(draft: Draft) -> dict[str, str]:
@@ -85,37 +83,3 @@ def _luding(law: sj.WaltonBraun, peak: float) -> str:
     depth = BEYOND * peak * (most - 1) / most / (2 * number_of(law.contact.radius))
     numbers = f"k1={loading!r}, kp={most * loading!r}, PhiF={depth!r}"
     return f"LudingMat({numbers}, kc=0.0, ks=0.0, G0=0.0, "
-
-
-# What YADE makes of its input: the law that it follows.
-
-
-def mindlin_en(contact: sj.Contact, restitution: float) -> sj.HertzDashpot:
-    """MindlinPhys with `en`: the ε that comes out, to the precision of a fitted polynomial."""
-    return sj.HertzDashpot(contact, set_restitution(fraction_of(restitution, END)), end=END)
-
-
-def mindlin_betan(contact: sj.Contact, betan: float) -> sj.HertzDashpot:
-    """MindlinPhys with `betan` = ξ √(5/6)."""
-    return sj.HertzDashpot(contact, set_restitution(betan * math.sqrt(6 / 5)), end=END)
-
-
-def viscel_times(contact: sj.Contact, duration: float, restitution: float):
-    """ViscElMat with `tc` and `en`, both of a contact that ends with its overlap."""
-    loss = math.log(restitution)
-    stiffness = number_of(contact.mass) * (math.pi**2 + loss**2) / duration**2
-    return sj.LinearSpringDashpot(contact, stiffness, restitution, end=END)
-
-
-def viscel_springs(contact: sj.Contact, stiffness: float, damping: float):
-    """ViscElMat with `kn` and `cn`, of each of two equal bodies in series."""
-    k, c = stiffness / 2, damping / 2
-    fraction = c / (2 * math.sqrt(k * number_of(contact.mass)))
-    return sj.LinearSpringDashpot(contact, k, set_restitution(fraction), end=END)
-
-
-def luding(contact: sj.Contact, loading: float, most: float, depth: float) -> sj.WaltonBraun:
-    """LudingMat with `k1`, `kp` and `PhiF`, without adhesion."""
-    ratio = most / loading
-    growth = (ratio - 1) ** 2 / (ratio * depth * 2 * number_of(contact.radius))
-    return sj.WaltonBraun(contact, loading, loading, growth)
