@@ -14,6 +14,7 @@ from calibration.handover.c_table import force_error, source_of, table_of
 from calibration.handover.forces import end_of
 from calibration.handover.templates import filled, template
 from calibration.handover.wanted import number_of
+from softjax.fields import numbers_of
 from softjax.laws.linear_dashpot import damping_fraction
 
 PREFIX = "softjax"
@@ -66,8 +67,7 @@ def _body(law: Any, losses: bool, fastest: float) -> tuple[str, float]:
         table = table_of(law, fastest, losses)
         source, error = source_of(table), force_error(law, table)
     else:
-        name, values = FORMULAS[type(law)]
-        source, error = filled(name, values(law, losses)), 0.0
+        source, error = filled(FORMULAS[type(law)], _values(law, losses)), 0.0
     if isinstance(law, sj.RateIndependentLaw):
         return filled("rate_independent.h.in", {"body": source}), error
     end = end_of(law)
@@ -80,58 +80,33 @@ def is_tabulated(law: Any) -> bool:
     return type(law) not in FORMULAS and type(law) is not sj.Hertz
 
 
-def _scales(law: Any, losses: bool) -> dict[str, Any]:
-    """Overlap and force of first yield over R and R²."""
-    radius = number_of(law.contact.radius)
-    overlap = number_of(law.scales().overlap) / radius
-    return {"overlap": overlap, "force": number_of(law.force_scale()) / radius**2}
-
-
-def _zhou(law: sj.Zhou, losses: bool) -> dict[str, Any]:
-    contact = law.contact
-    radius, mass = number_of(contact.radius), number_of(contact.mass)
-    form = "first_order" if law.form == "first-order" else "full"
-    return _scales(law, losses) | {
-        "d": number_of(law.plasticity()),
-        "x": number_of(law.chi) * number_of(contact.yield_ratio),
-        "velocity": number_of(contact.critical_velocity) * np.sqrt(mass / radius**3).item(),
-        "limit": number_of(contact.limit_velocity),
-        "sigma": number_of(law.sigma),
-        "psi": number_of(law.psi),
-        "losses": int(losses),
-        "form": template(f"zhou_{form}.h.in"),
-        "work": template(f"zhou_{form}_work.h.in"),
-    }
-
-
-def _walton_braun(law: sj.WaltonBraun, losses: bool) -> dict[str, Any]:
-    return {
-        "loading": number_of(law.loading_stiffness),
-        "unloading": number_of(law.unloading_stiffness),
-        "growth": number_of(law.growth),
-    }
-
-
-def _linear(law: sj.LinearSpringDashpot, losses: bool) -> dict[str, Any]:
-    damping = number_of(damping_fraction(law.restitution))
-    return {"stiffness": number_of(law.stiffness), "damping": damping}
-
-
-def _hertz_dashpot(law: sj.HertzDashpot, losses: bool) -> dict[str, Any]:
-    damping = number_of(damping_fraction(law.restitution))
-    return {"modulus": number_of(law.contact.youngs_modulus), "damping": damping}
-
-
-def _viscoelastic(law: sj.ViscoelasticHertz, losses: bool) -> dict[str, Any]:
-    modulus = number_of(law.contact.youngs_modulus)
-    return {"modulus": modulus, "time": number_of(law.dissipation_time)}
+def _values(law: Any, losses: bool) -> dict[str, Any]:
+    """Fields of a law and of its contact by their names, and what else its template asks for."""
+    values: dict[str, Any] = {name: number_of(leaf) for name, leaf in numbers_of(law).items()}
+    if "restitution" in values:
+        values["damping"] = number_of(damping_fraction(law.restitution))
+    if isinstance(law, sj.Zhou | sj.Thornton):  # overlap and force of first yield over R and R²
+        values["overlap"] = number_of(law.scales().overlap) / values["radius"]
+        values["force"] = number_of(law.force_scale()) / values["radius"] ** 2
+    if isinstance(law, sj.Zhou):
+        contact, form = law.contact, "first_order" if law.form == "first-order" else "full"
+        compact = np.sqrt(values["mass"] / values["radius"] ** 3).item()
+        values |= {
+            "d": number_of(law.plasticity()),
+            "x": values["chi"] * number_of(contact.yield_ratio),
+            "velocity": number_of(contact.critical_velocity) * compact,
+            "losses": int(losses),
+            "form": template(f"zhou_{form}.h.in"),
+            "work": template(f"zhou_{form}_work.h.in"),
+        }
+    return values
 
 
 FORMULAS = {
-    sj.Zhou: ("zhou.h.in", _zhou),
-    sj.Thornton: ("thornton.h.in", _scales),
-    sj.WaltonBraun: ("walton_braun.h.in", _walton_braun),
-    sj.LinearSpringDashpot: ("linear.h.in", _linear),
-    sj.HertzDashpot: ("hertz_dashpot.h.in", _hertz_dashpot),
-    sj.ViscoelasticHertz: ("viscoelastic.h.in", _viscoelastic),
+    sj.Zhou: "zhou.h.in",
+    sj.Thornton: "thornton.h.in",
+    sj.WaltonBraun: "walton_braun.h.in",
+    sj.LinearSpringDashpot: "linear.h.in",
+    sj.HertzDashpot: "hertz_dashpot.h.in",
+    sj.ViscoelasticHertz: "viscoelastic.h.in",
 }

@@ -15,7 +15,6 @@ from jaxtyping import Array
 import softjax as sj
 from calibration.handover.forces import end_of, unloading_force
 from calibration.handover.impacts import impacts_of
-from calibration.handover.interpolation import interpolated, interpolated_over_both
 from calibration.handover.templates import filled
 from calibration.handover.wanted import number_of
 
@@ -45,14 +44,14 @@ class TableWithMemory(Table):
 
     def loading_force(self, overlap: Any) -> Array:
         """[N]"""
-        return interpolated(self.loading, self.row(overlap))
+        return _interpolated(self.loading, self.row(overlap))
 
     def unloading_force(self, overlap: Any, peak_overlap: Any) -> Array:
         """[N], without the factor."""
         row = self.row(peak_overlap)
-        rest = peak_overlap * interpolated(self.residual, row)
+        rest = peak_overlap * _interpolated(self.residual, row)
         part = jnp.maximum((overlap - rest) / (peak_overlap - rest), 0.0)
-        shape = interpolated_over_both(self.unloading, row, jnp.sqrt(part) * (COLUMNS - 1))
+        shape = _interpolated_over_both(self.unloading, row, jnp.sqrt(part) * (COLUMNS - 1))
         return self.loading_force(peak_overlap) * jnp.where(part > 0, shape, 0.0)
 
 
@@ -66,7 +65,7 @@ class DampedTable(Table):
     def force(self, overlap: Any, velocity: Any) -> Array:
         """[N]"""
         column = (velocity / self.fastest + 1) * (COLUMNS - 1) / 2
-        return interpolated_over_both(self.values, self.row(overlap), column)
+        return _interpolated_over_both(self.values, self.row(overlap), column)
 
 
 def table_of(law: Any, fastest: float, losses: bool = True) -> Table:
@@ -98,7 +97,7 @@ def force_error(law: Any, table: Table) -> float:
         rate = table.fastest * (2 * column / (COLUMNS - 1) - 1)
         wanted, found = (one.force(overlap[:, None], rate) for one in (law, table))
         return float(jnp.max(jnp.abs(found - wanted)) / jnp.max(jnp.abs(table.values)))
-    rest = np.asarray(overlap * interpolated(table.residual, row))[:, None]
+    rest = np.asarray(overlap * _interpolated(table.residual, row))[:, None]
     back = rest + (overlap[:, None] - rest) * (column / (COLUMNS - 1)) ** 2
     wanted = jnp.maximum(unloading_force(law, back, overlap[:, None]), 0)
     unloading = jnp.abs(table.unloading_force(back, overlap[:, None]) - wanted)
@@ -161,3 +160,35 @@ def _text(array: np.ndarray) -> str:
     numbers = [f"{value:.9g}" for value in np.ravel(array)]
     lines = (", ".join(numbers[i : i + 8]) for i in range(0, len(numbers), 8))
     return ",\n".join(f"  {line}" for line in lines)
+
+
+def _interpolated(values: Array, at: Any) -> Array:
+    """Catmull and Rom's cubic between n values at 0, 1, …, n - 1, as the C header has it."""
+    index, weight = _points(values.shape[0], at)
+    return jnp.sum(weight * values[index], axis=-1)
+
+
+def _interpolated_over_both(table: Array, row: Any, column: Any) -> Array:
+    """The same over rows and columns."""
+    rows, by_row = _points(table.shape[0], row)
+    columns, by_column = _points(table.shape[1], column)
+    square = table[rows[..., :, None], columns[..., None, :]]
+    return jnp.sum(by_row[..., :, None] * by_column[..., None, :] * square, axis=(-2, -1))
+
+
+def _points(count: int, at: Any) -> tuple[Array, Array]:
+    """The four points about `at` and their weights; beyond an end a parabola goes on."""
+    at = jnp.clip(at, 0, count - 1)
+    first = jnp.minimum(at.astype(int), count - 2)
+    f = at - first
+    w = [f * (f * (2 - f) - 1) / 2, 1 + f**2 * (3 * f - 5) / 2]
+    w += [f * (1 + f * (4 - 3 * f)) / 2, f**2 * (f - 1) / 2]
+    before, after = jnp.where(first == 0, w[0], 0), jnp.where(first == count - 2, w[3], 0)
+    w = [
+        w[0] - before + after,
+        w[1] + 3 * (before - after),
+        w[2] - 3 * (before - after),
+        w[3] + before - after,
+    ]
+    index = first[..., None] + jnp.arange(-1, 3)
+    return jnp.clip(index, 0, count - 1), jnp.stack(w, axis=-1)

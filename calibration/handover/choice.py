@@ -13,7 +13,7 @@ from calibration.handover.c_header import is_tabulated
 from calibration.handover.c_table import table_of
 from calibration.handover.impacts import Impacts, impacts_of
 from calibration.handover.steps import NONE, Steps, steps_of, steps_within, table_error
-from calibration.handover.wanted import Wanted, number_of
+from calibration.handover.wanted import Wanted
 
 ITSELF = "itself"
 INPUT, HEADER = "input", "header"  # how a code takes a law: by what it has, or by generated source
@@ -186,10 +186,9 @@ def _law(key: str, wanted: Wanted, carrier: Carrier) -> Any:
 
 def _own_overlap(wanted: Wanted) -> float:
     """The largest overlap of the wanted law, or of Hertz's where it has none [m]."""
-    if isinstance(wanted.law, sj.HardSphereLaw):
-        hertz = sj.Hertz(wanted.contact)
-        return number_of(sj.restitution(hertz, wanted.range[1]).peak_overlap)
-    return float(impacts_of(wanted.law, wanted.velocity).peak[-1])
+    has_force = not isinstance(wanted.law, sj.HardSphereLaw)
+    law = wanted.law if has_force else sj.Hertz(wanted.contact)
+    return float(np.asarray(sj.restitution(law, wanted.velocity).peak_overlap)[-1])
 
 
 def _stretch(impacts: Impacts, wanted: Wanted, order: Order) -> float:

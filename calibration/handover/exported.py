@@ -8,12 +8,15 @@ import numpy as np
 
 import softjax as sj
 from calibration.errors import printable
-from calibration.handover.cautions import cautions_of
 from calibration.handover.choice import Choice, Order
-from calibration.handover.wanted import Wanted
+from calibration.handover.softer import softened
+from calibration.handover.wanted import Wanted, number_of
 from calibration.rounding import number
 from softjax.fields import numbers_of, options_of
 
+POISSON_RATIO = 0.3
+DEEP = 0.1  # of the radius: laws of contact are for small overlaps
+SLACK = 1e-3  # of a velocity: text rounds
 # by `Wanted.on_wall`
 SCENES: dict[bool | None, str] = {True: "a ball on a flat wall", False: "two balls"}
 
@@ -26,6 +29,22 @@ class Draft(NamedTuple):
     notes: tuple[str, ...]
     header: str
     version: int | None
+
+    @property
+    def law(self) -> Any:
+        """As soft as the scene bears it."""
+        return softened(self.choice.law, self.choice.stretch)
+
+    @property
+    def peak(self) -> float:
+        """The largest overlap in the code [m]."""
+        return float(self.choice.impacts.peak[-1]) * self.choice.stretch
+
+    @property
+    def poisson_ratio(self) -> float:
+        """Where only the contact is known a usual one: the modulus goes with it."""
+        ratio = self.wanted.poisson_ratio
+        return POISSON_RATIO if ratio is None else ratio
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -73,7 +92,7 @@ class Export:
     @property
     def cautions(self) -> tuple[str, ...]:
         """What to know before it is used."""
-        return cautions_of(self.wanted, self.overlap)
+        return _cautions(self.wanted, self.choice)
 
     @property
     def energy_error(self) -> float:
@@ -168,8 +187,8 @@ def notes_of(wanted: Wanted, choice: Choice, order: Order) -> tuple[str, ...]:
         f"Impacts of {number(low)} to {number(high)} m/s: eps within {number(choice.total, 2)} of the "
         f"one wanted, {_ends(wanted.restitution)},",
         f"at time steps of {number(choice.step, 3)} s, {steps.count} in the shortest contact.",
-        f"Effective radius {number(float(np.asarray(wanted.contact.radius)))} m and mass "
-        f"{number(float(np.asarray(wanted.contact.mass)))} kg.",
+        f"Effective radius {number(number_of(wanted.contact.radius))} m and mass "
+        f"{number(number_of(wanted.contact.mass))} kg.",
     )
     others = "two balls" if wanted.on_wall else "a wall in a ball's place"
     these = SCENES.get(wanted.on_wall, "this pair")
@@ -182,7 +201,24 @@ def notes_of(wanted: Wanted, choice: Choice, order: Order) -> tuple[str, ...]:
         notes += (f"Softer: overlaps {number(choice.stretch, 3)} times those of the law.",)
     if isinstance(choice.law, sj.RateIndependentLaw):
         notes += (_balance(choice, order),)
-    return tuple(map(_harmless, (*notes, *cautions_of(wanted, _overlap(wanted, choice)))))
+    return tuple(map(_harmless, (*notes, *_cautions(wanted, choice))))
+
+
+def _cautions(wanted: Wanted, choice: Choice) -> tuple[str, ...]:
+    """What to know before it is used: where nobody measured, deep overlaps, doubts of the fit."""
+    told = []
+    low, high = wanted.range
+    overlap = _overlap(wanted, choice)
+    if wanted.measured is not None:
+        least, most = wanted.measured
+        if low < (1 - SLACK) * least or high > (1 + SLACK) * most:
+            span = f"{number(least)} to {number(most)} m/s"
+            told.append(f"Measured were {span}: beyond them the curve is the law's alone.")
+    if overlap > DEEP:
+        told.append(f"Overlaps reach {100 * overlap:.0f} % of the radius: laws are for small ones.")
+    if wanted.doubts:
+        told.append(f"Doubts about the fit: {', '.join(wanted.doubts)}; its report has them.")
+    return tuple(told)
 
 
 def _overlap(wanted: Wanted, choice: Choice) -> float:
@@ -199,11 +235,7 @@ def _balance(choice: Choice, order: Order) -> str:
 
 def parameters_of(law: Any) -> dict[str, Any]:
     """Numbers and options of a law and its contact; what is whole left out."""
-    numbers = {
-        name: float(np.asarray(value))
-        for name, value in numbers_of(law).items()
-        if np.size(value) == 1
-    }
+    numbers = {name: number_of(value) for name, value in numbers_of(law).items()}
     return numbers | {name: getattr(law, name) for name in options_of(type(law))}
 
 

@@ -18,9 +18,7 @@ import softjax as sj
 from calibration.errors import DataError, InputError
 from calibration.handover.choice import HEADER, INPUT, ITSELF, Carrier
 from calibration.handover.exported import Draft
-from calibration.handover.softer import softened
-from calibration.handover.templates import commented, filled, template
-from calibration.handover.walls import walled
+from calibration.handover.templates import commented, filled, template, walled
 from calibration.handover.wanted import number_of
 from softjax.laws.linear_dashpot import damping_fraction
 
@@ -52,19 +50,18 @@ def files(draft: Draft) -> dict[str, str]:
             "style": "softjax",
             "coefficients": "",
         }
-        values |= walled("softjax/wall zplane 0.0 NULL", draft.wanted.on_wall)._asdict()
+        values |= walled("softjax/wall zplane 0.0 NULL", draft.wanted.on_wall)
         written = {"softjax_law.h": draft.header, "build.sh": template("build.sh.in")}
         written |= {"softjax_lammps.cpp": template("lammps.cpp.in")}
         written |= {"softjax_memory.h": template("lammps_memory.h.in")}
         return written | {"in.softjax": filled("in.lammps.in", values)}
-    coefficients = coefficients_of(softened(choice.law, choice.stretch), version)
+    coefficients = coefficients_of(draft.law, version)
     values |= {
         "needs": "comm_modify vel yes",
         "style": "granular",
         "coefficients": f" {coefficients}",
     }
-    wall = f"wall/gran granular {coefficients} zplane 0.0 NULL"
-    values |= walled(wall, draft.wanted.on_wall)._asdict()
+    values |= walled(f"wall/gran granular {coefficients} zplane 0.0 NULL", draft.wanted.on_wall)
     return {"in.softjax": filled("in.lammps.in", values)}
 
 

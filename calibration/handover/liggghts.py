@@ -15,9 +15,8 @@ import softjax as sj
 from calibration.errors import InputError
 from calibration.handover.choice import INPUT, Carrier
 from calibration.handover.exported import Draft
-from calibration.handover.softer import softened
-from calibration.handover.templates import commented, filled
-from calibration.handover.walls import walled
+from calibration.handover.softer import growth_of
+from calibration.handover.templates import commented, filled, walled
 from calibration.handover.wanted import number_of
 from softjax.laws.linear_dashpot import damping_fraction
 
@@ -37,18 +36,13 @@ REFUSED = {
 }
 FILES = ("in.softjax",)
 LEAST_RESTITUTION = 0.05  # that the code takes
-POISSON_RATIO = 0.3  # where only the contact is known: the modulus goes with it
-BEYOND = 2.0  # the overlap up to which k2 grows, over the largest wanted
 
 Properties = dict[str, tuple[str, float]]
 
 
 def files(draft: Draft) -> dict[str, str]:
     """The files of an export by name."""
-    choice, ratio = draft.choice, draft.wanted.poisson_ratio
-    law = softened(choice.law, choice.stretch)
-    peak = float(choice.impacts.peak[-1]) * choice.stretch
-    model, properties = model_of(law, POISSON_RATIO if ratio is None else ratio, peak)
+    model, properties = model_of(draft.law, draft.poisson_ratio, draft.peak)
     lines = [
         f"fix softjax{i} all property/global {name} {kind} {value!r}"
         for i, (name, (kind, value)) in enumerate(properties.items(), 1)
@@ -57,11 +51,11 @@ def files(draft: Draft) -> dict[str, str]:
         "comment": commented(draft.notes),
         "properties": "\n".join(lines),
         "model": model,
-        "step": choice.step,
+        "step": draft.choice.step,
     }
     name, _, settings = model.partition(" ")  # a wall's settings stand behind its place
     wall = f"wall/gran model {name} primitive type 1 zplane 0.0 {settings}".rstrip()
-    values |= walled(wall, draft.wanted.on_wall)._asdict()
+    values |= walled(wall, draft.wanted.on_wall)
     return {"in.softjax": filled("in.liggghts.in", values)}
 
 
@@ -101,10 +95,9 @@ def _spring(law: sj.LinearSpringDashpot) -> Properties:
 
 
 def _hysteresis(law: sj.WaltonBraun, peak: float) -> Properties:
-    """k1 by the characteristic velocity, and k2 = k1 (1 + s δ) up to `BEYOND` times the peak."""
-    stiffness, growth = number_of(law.loading_stiffness), number_of(law.growth)
-    most = 1 + growth * BEYOND * peak  # k_p/k1
-    depth = BEYOND * peak * (most - 1) / most / (2 * number_of(law.contact.radius))
+    """k1 by the characteristic velocity, and how k2 grows from it."""
+    most, depth = growth_of(law, peak)
+    stiffness = number_of(law.loading_stiffness)
     return {
         "coefficientRestitution": _pair(1.0),
         "characteristicVelocity": ("scalar", _characteristic_velocity(law.contact, stiffness)),

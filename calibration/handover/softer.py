@@ -1,13 +1,17 @@
-"""Softer springs at the same ε: overlaps and durations grow by a factor, forces fall by it.
+"""Springs as codes are told them: softer at the same ε, or unloading steeper the deeper they were.
 
-With P'(δ, δ') = P(δ/μ, δ')/μ every impact is the old one with lengths and times μ times as large,
-so that ε(v) is untouched. What it costs: overlaps, and whatever a larger overlap means for a scene.
+Softer: overlaps and durations grow by a factor, forces fall by it. With P'(δ, δ') = P(δ/μ, δ')/μ
+every impact is the old one with lengths and times μ times as large, so that ε(v) is untouched. What
+it costs: overlaps, and whatever a larger overlap means for a scene.
 """
 
 import dataclasses
 from typing import Any
 
 import softjax as sj
+from calibration.handover.wanted import number_of
+
+BEYOND = 2.0  # the overlap up to which k2 grows, over the largest wanted
 
 
 def softened(law: Any, stretch: float) -> Any:
@@ -34,3 +38,12 @@ def softened(law: Any, stretch: float) -> Any:
     if isinstance(law, sj.HertzDashpot):
         return law
     return dataclasses.replace(law, dissipation_time=law.dissipation_time * stretch)
+
+
+def growth_of(law: sj.WaltonBraun, peak: float) -> tuple[float, float]:
+    """k_p/k1 and the plasticity depth over the radii, where k2 = k1 (1 + s δ) up to `BEYOND` peaks.
+
+    As LIGGGHTS and YADE take them, without adhesion.
+    """
+    most = 1 + number_of(law.growth) * BEYOND * peak
+    return most, BEYOND * peak * (most - 1) / most / (2 * number_of(law.contact.radius))

@@ -5,7 +5,6 @@ viscoelastic spheres, Walton and Braun's spring. Springs that ε says nothing of
 gives the largest overlap asked for at the fastest impact.
 """
 
-import dataclasses
 import math
 
 import numpy as np
@@ -28,8 +27,7 @@ def constant_restitution(wanted: Wanted) -> float:
 
 def linear(wanted: Wanted, overlap: float) -> sj.LinearSpringDashpot:
     """Constant ε; its stiffness gives `overlap` [m] to the fastest impact."""
-    law = sj.LinearSpringDashpot(wanted.contact, 1.0, _set(wanted), end=END)
-    return dataclasses.replace(law, stiffness=_spring(wanted, overlap))
+    return sj.LinearSpringDashpot(wanted.contact, _spring(wanted, overlap), _set(wanted), end=END)
 
 
 def hertz_dashpot(wanted: Wanted) -> sj.HertzDashpot:

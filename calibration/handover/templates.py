@@ -5,6 +5,10 @@ from collections.abc import Mapping
 from functools import cache
 from importlib.resources import files
 
+WANTED, OTHER = ", as wanted", ", which needs numbers of its own"
+SAME = " of the same material"
+PLACE = "  # its place is your scene's to tell"
+
 
 @cache
 def template(name: str) -> str:
@@ -24,3 +28,20 @@ def _text(value: object) -> str:
 def commented(notes: tuple[str, ...]) -> str:
     """Lines behind #."""
     return "\n".join(f"# {line}".rstrip() for line in notes)
+
+
+def walled(command: str, on_wall: bool | None) -> dict[str, str]:
+    """The wall's line, which acts where a ball on a wall was wanted; else a scene may have none.
+
+    Args:
+        command: the line behind the fix's name and group.
+        on_wall: None where nobody knows.
+
+    Returns:
+        The line, and words behind the headings of balls and of a wall: which were wanted.
+    """
+    if on_wall:
+        line = f"fix softjax_wall all {command}{PLACE}"
+        return {"of_balls": OTHER, "of_wall": WANTED, "line": line}
+    balls, wall = ("", SAME) if on_wall is None else (WANTED, SAME + OTHER)
+    return {"of_balls": balls, "of_wall": wall, "line": f"# fix ID group {command}"}
