@@ -58,7 +58,7 @@ def test_exact_answers_tell_errors():
 def test_laws_with_damping_err_as_told(name):
     """The closed form meets 60 digits, in its gradient too; SciPy and diffrax err as their tolerance says."""
     scene = damped_scene(name)
-    ways = [build() for build in damped_plan(scene, quick=True)]
+    ways = [build() for build in damped_plan(name, scene, quick=True)]
     known = next(way for way in ways if way.family == "closed form")
     own = measure(replace(known, batch=32), scene)
     assert own.largest_error < 1e-14
@@ -170,11 +170,11 @@ def test_scipy_s_loop_fits_the_same_curve(monkeypatch):
     """Its formulas, as Python runs them, and their derivatives; and it finds the same minima."""
     monkeypatch.setitem(sys.modules, "numba", SimpleNamespace(njit=as_it_is))
     law, data = fits._measured()
-    loop, z = fits._Loop(data, law), np.log([law.chi, law.sigma, law.psi])
-    value, jacobian = loop._at(z)
+    at, z = fits._curve_of(data, law), np.log([law.chi, law.sigma, law.psi])
+    value, jacobian = at(z)
     exact = np.asarray(sj.restitution(law, data.velocity).coefficient)
     np.testing.assert_allclose(value, exact, rtol=1e-12)
     for k, step in enumerate(1e-5 * np.eye(3)):
-        slope = (loop._at(z + step)[0] - loop._at(z - step)[0]) / 2e-5
+        slope = (at(z + step)[0] - at(z - step)[0]) / 2e-5
         np.testing.assert_allclose(jacobian[:, k], slope, atol=1e-9)
     assert "the same minimum        100.0%" in fits.report(6)

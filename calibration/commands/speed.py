@@ -90,7 +90,7 @@ def _scene_and_ways(law: str | None, quick: bool) -> tuple[Any, list]:
     if law is None:
         from calibration.speed import plan, scene
 
-        return scene.stainless(), plan.plan(scene.stainless(), quick)
+        return scene.stainless(), list(plan.plan(scene.stainless(), quick))
     if law == "own":
         from calibration.speed import own_law
 
@@ -99,4 +99,4 @@ def _scene_and_ways(law: str | None, quick: bool) -> tuple[Any, list]:
     from calibration.speed import damped
 
     with_damping = damped.damped_scene(law)
-    return with_damping, list(damped.damped_plan(with_damping, quick))
+    return with_damping, list(damped.damped_plan(law, with_damping, quick))

@@ -13,7 +13,6 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -21,12 +20,12 @@ import numpy as np
 
 import softjax as sj
 from calibration.errors import InputError
+from calibration.speed.measure import status_mib
 from calibration.speed.scene import stainless
 
 IMPACTS = 20_000_000
 STREAMED, BLOCK = 100_000_000, 8_000_000
 REPEATS = 5
-MIB = 1024  # KiB
 
 
 def report(impacts: int = IMPACTS, streamed: int = STREAMED) -> str:
@@ -102,7 +101,7 @@ def _measured(index: int, count: int, impacts: int, streamed: int) -> dict[str, 
         work.append(time.process_time() - busy)
         _meet(count)
         seconds.append(time.perf_counter() - start)
-    found = {"seconds": min(seconds), "work": min(work), "mib": _peak_mib()}
+    found = {"seconds": min(seconds), "work": min(work), "mib": status_mib("VmHWM")}
     del velocity
     return found | _streamed(call, index, count, streamed)
 
@@ -113,7 +112,7 @@ def _streamed(call: Any, index: int, count: int, impacts: int) -> dict[str, floa
     for _ in range(0, impacts, BLOCK):
         (here,) = call(_velocities(index, count, BLOCK)).addressable_shards
         total += float(np.sum(here.data))
-    return {"stream": time.perf_counter() - start, "stream_mib": _peak_mib(), "sum": total}
+    return {"stream": time.perf_counter() - start, "stream_mib": status_mib("VmHWM"), "sum": total}
 
 
 def _velocities(index: int, count: int, impacts: int) -> jax.Array | np.ndarray:
@@ -132,12 +131,6 @@ def _meet(count: int) -> None:
         from jax.experimental.multihost_utils import sync_global_devices
 
         sync_global_devices("speed")
-
-
-def _peak_mib() -> float:
-    text = Path("/proc/self/status").read_text()
-    (line,) = [line for line in text.splitlines() if line.startswith("VmHWM")]
-    return int(line.split()[1]) / MIB
 
 
 def _main(arguments: list[str]) -> None:

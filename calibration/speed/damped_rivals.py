@@ -6,13 +6,12 @@ from functools import partial
 from importlib.util import find_spec
 from typing import Any
 
-import diffrax as dfx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
 from scipy.integrate import solve_ivp
 
+from calibration.speed.plain_diffrax import phase
 from calibration.speed.plan import BATCH, FEW
 from calibration.speed.ways import Way
 
@@ -102,19 +101,8 @@ def _by_diffrax(motion, rtol: float):
         inside = jnp.maximum(x, 1e-30) if motion.to_zero_force else x
         return jnp.where(u < 0, motion.ends(inside, u, jnp.power), 1.0)
 
-    solution = dfx.diffeqsolve(
-        dfx.ODETerm(field),
-        dfx.Tsit5(),
-        t0=0.0,
-        t1=LONGEST,
-        dt0=None,
-        y0=(jnp.asarray(0.0), jnp.asarray(1.0)),
-        stepsize_controller=dfx.PIDController(rtol=rtol, atol=rtol),
-        event=dfx.Event(released, optx.Newton(1e-10, 1e-10, optx.rms_norm), direction=False),
-        max_steps=4096,
-        throw=False,
-    )
-    return -solution.ys[1][-1]
+    start = jnp.asarray(0.0), jnp.asarray(1.0)
+    return -phase(field, released, start, rtol, LONGEST, direction=False)[1]
 
 
 def verlet_numba(scene, motion: Callable[[Any], Any], batch: int, steps: int) -> Way:

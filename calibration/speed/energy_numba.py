@@ -25,10 +25,9 @@ def energy_numba(scene: Scene, batch: int) -> Way:
 
 def _sound_and_heat(scene: Scene) -> float:
     """ε_up² - 1 of Eq. (16): one number for a whole curve."""
-    x = scene.inputs
-    critical = scene.contact.critical_velocity
-    ratio = critical / (x["v_lim"] - critical)
-    return float(np.expm1(-2 * x["sigma"] * ratio ** x["psi"]))
+    law, critical = scene.law, scene.contact.critical_velocity
+    ratio = critical / (law.contact.limit_velocity - critical)
+    return float(np.expm1(-2 * law.sigma * ratio**law.psi))
 
 
 def compiled_collision():

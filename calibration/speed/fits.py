@@ -6,6 +6,7 @@ before, so that compilation is left out.
 """
 
 import time
+from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Float
@@ -31,10 +32,10 @@ def report(fits: int = FITS) -> str:
     law, data = _measured()
     said = {"chi": Parameter(law.chi), "sigma": Parameter(law.sigma), "psi": Parameter(law.psi)}
     result = fit(data, None, said, starts=1)
-    loop = _Loop(data, law)
+    curve = _curve_of(data, law)
     batched, many = _timed(lambda count: result.bootstrap(count, seed=SEED).values, fits)
     drawn = _drawn(result, fits)
-    single, each = _timed(lambda count: loop.fitted(drawn[:count], _at(result)), fits)
+    single, each = _timed(lambda count: _fitted(curve, drawn[:count], _at(result)), fits)
     apart = np.max(np.abs(np.log(many / each)), axis=1)
     lines = [
         f"{fits} fits of {POINTS} points, three parameters",
@@ -81,39 +82,29 @@ def _drawn(result, fits: int) -> Float[np.ndarray, "fits n"]:
     return np.maximum(curve + noise, 0.0)
 
 
-class _Loop:
-    """One fit after the other by SciPy's Levenberg–Marquardt."""
+def _curve_of(data: RestitutionData, law: sj.Zhou) -> Callable:
+    """ε of the data's impacts, and its derivatives, at ln χ̃, ln σ and ln ψ."""
+    curve, contact = _compiled_curve(), law.contact
+    d, ratio = float(law.plasticity()), float(contact.yield_ratio)
+    ends = contact.critical_velocity, float(contact.limit_velocity)
 
-    def __init__(self, data: RestitutionData, law: sj.Zhou):
-        self.curve = _compiled_curve()
-        contact = law.contact
-        self.d = float(law.plasticity())
-        self.velocity = data.velocity
-        self.critical, self.limit = contact.critical_velocity, float(contact.limit_velocity)
-        self.ratio = float(contact.yield_ratio)
-
-    def fitted(self, drawn, start) -> Float[np.ndarray, "fits 3"]:
-        from scipy.optimize import least_squares
-
-        found = []
-        for measured in drawn:
-            end = least_squares(
-                lambda z, measured=measured: self._at(z)[0] - measured,
-                np.log(start),
-                jac=lambda z: self._at(z)[1],
-                method="lm",
-                xtol=1e-9,
-                ftol=1e-12,
-            )
-            found.append(np.exp(end.x))
-        return np.array(found)
-
-    def _at(self, z):
+    def at(z):
         chi, sigma, psi = np.exp(z)
-        value, jacobian = self.curve(
-            self.velocity, self.d, chi * self.ratio, sigma, psi, self.critical, self.limit
-        )
-        return value, jacobian
+        return curve(data.velocity, d, chi * ratio, sigma, psi, *ends)
+
+    return at
+
+
+def _fitted(at: Callable, drawn, start) -> Float[np.ndarray, "fits 3"]:
+    """One fit after the other by SciPy's Levenberg–Marquardt."""
+    from scipy.optimize import least_squares
+
+    options = {"method": "lm", "xtol": 1e-9, "ftol": 1e-12}
+    found = [
+        least_squares(lambda z, m=m: at(z)[0] - m, np.log(start), lambda z: at(z)[1], **options)
+        for m in drawn
+    ]
+    return np.exp([end.x for end in found])
 
 
 def _compiled_curve():

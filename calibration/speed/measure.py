@@ -15,7 +15,6 @@ from calibration.speed.ways import Way
 REPEATS = 9
 SHORTEST = 0.2  # [s] until which repeats go on
 LONGEST = 0.5  # [s] after which no further repeat is started
-MIB = 2**20
 SLIGHTLY = 1.1  # a rival may err by so much more
 NEARLY = 3.0  # errors within this factor count as the one that was asked for
 
@@ -37,10 +36,11 @@ class Row:
 
 
 def measure(way: Way, scene: Scene) -> Row:
-    velocity = scene.repeated(way.batch).astype(way.precision)
+    velocity = np.resize(scene.velocity, way.batch).astype(way.precision)
     first, compiling = _timed(way.value, velocity)
-    with _PeakMemory() as memory:
-        way_seconds = _median_seconds(way.value, velocity)
+    before = _resident_mib()
+    way_seconds = _median_seconds(way.value, velocity)
+    grown = None if before is None else max(status_mib("VmHWM") - before, 0.0)
     row = {
         "family": way.family,
         "setting": way.setting,
@@ -49,7 +49,7 @@ def measure(way: Way, scene: Scene) -> Row:
         "microseconds": 1e6 * way_seconds / way.batch,
         "largest_error": _largest_error(first, scene),
         "compile_seconds": max(compiling - way_seconds, 0.0),
-        "memory_mib": memory.mib,
+        "memory_mib": grown,
     }
     if way.gradient is not None:
         row |= _measure_gradient(way, scene, velocity)
@@ -85,25 +85,17 @@ def _median_seconds(function, velocity) -> float:
     return statistics.median(seconds)
 
 
-class _PeakMemory:
-    """Growth of the process's resident memory at its peak, where Linux tells it."""
-
-    mib: float | None = None
-
-    def __enter__(self):
-        try:
-            Path("/proc/self/clear_refs").write_text("5")
-            self.before = _status_mib("VmRSS")
-        except (OSError, KeyError):
-            self.before = None
-        return self
-
-    def __exit__(self, *_):
-        if self.before is not None:
-            self.mib = max(_status_mib("VmHWM") - self.before, 0.0)
+def _resident_mib() -> float | None:
+    """What is in memory, from where on its peak counts; None where the system does not tell."""
+    try:
+        Path("/proc/self/clear_refs").write_text("5")
+        return status_mib("VmRSS")
+    except (OSError, KeyError):
+        return None
 
 
-def _status_mib(key: str) -> float:
+def status_mib(key: str) -> float:
+    """What Linux tells of this process's memory."""
     lines = Path("/proc/self/status").read_text().splitlines()
     fields = dict(line.split(":", 1) for line in lines if ":" in line)
     return int(fields[key].split()[0]) / 1024

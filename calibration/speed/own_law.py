@@ -15,10 +15,9 @@ import numpy as np
 
 import softjax as sj
 from calibration.speed import damped_rivals as rivals
-from calibration.speed.damped import ways_of
 from calibration.speed.plan import BATCH
-from calibration.speed.scene import stainless
-from calibration.speed.ways import Way
+from calibration.speed.scene import Scene, stainless
+from calibration.speed.ways import Way, by_route
 
 LENGTH = 2e-4  # [m]
 
@@ -45,47 +44,6 @@ class EndTold(Hardening):
 
 
 @dataclass(frozen=True)
-class OwnScene:
-    """Impact velocities, the law, and what is exact about them."""
-
-    contact: sj.Contact
-    velocity: np.ndarray  # [m/s], shape (n,)
-    kind: type[Hardening] = Hardening
-
-    def law_of(self, length, youngs_modulus, mass) -> Hardening:
-        c = self.contact
-        contact = sj.Contact(youngs_modulus, c.radius, mass, c.yield_strength, c.limit_velocity)
-        return self.kind(contact, length)
-
-    @property
-    def theta(self) -> tuple[float, ...]:
-        return LENGTH, float(self.contact.youngs_modulus), float(self.contact.mass)
-
-    def depth(self, velocity: np.ndarray) -> np.ndarray:
-        """δ_m/ℓ."""
-        c = self.contact
-        return (1.25 * float(c.mass / c.stiffness) * velocity**2) ** 0.4 / LENGTH
-
-    def damping(self, velocity: np.ndarray) -> np.ndarray:
-        """The power of the way back, of each impact."""
-        return 1.5 + self.depth(velocity)
-
-    @property
-    def exact(self) -> np.ndarray:
-        return np.sqrt(2.5 / (2.5 + self.depth(self.velocity)))
-
-    @property
-    def slopes(self) -> np.ndarray:
-        """θ ∂ε/∂θ for ℓ, E and M."""
-        depth = self.depth(self.velocity)
-        by_depth = -0.5 * self.exact * depth / (2.5 + depth)
-        return np.outer((-1.0, -0.4, 0.4), by_depth)
-
-    def repeated(self, count: int) -> np.ndarray:
-        return np.resize(self.velocity, count)
-
-
-@dataclass(frozen=True)
 class Recoil:
     """x'' = -(5/4) x^{3/2} up to the peak, and with the power c back to zero overlap."""
 
@@ -104,22 +62,41 @@ class Recoil:
         return lambda x, u, c: 1.25 * x ** (1.5 if u > 0 else c)
 
 
-def own_scene() -> OwnScene:
-    scene = stainless()
-    return OwnScene(scene.contact, np.geomspace(1e-2, 10.0, 32))
+def own_scene(kind: type[Hardening] = Hardening) -> Scene:
+    """Gradients by ℓ, E and M."""
+    steel, velocity = stainless().contact, np.geomspace(1e-2, 10.0, 32)
+
+    def law_of(length, youngs_modulus, mass) -> Hardening:
+        contact = replace(steel, youngs_modulus=youngs_modulus, mass=mass)
+        return kind(contact, length)
+
+    def depth(velocity: np.ndarray) -> np.ndarray:
+        """δ_m/ℓ."""
+        return (1.25 * float(steel.mass / steel.stiffness) * velocity**2) ** 0.4 / LENGTH
+
+    exact = np.sqrt(2.5 / (2.5 + depth(velocity)))
+    by_depth = -0.5 * exact * depth(velocity) / (2.5 + depth(velocity))
+    return Scene(
+        law_of,
+        (LENGTH, float(steel.youngs_modulus), float(steel.mass)),
+        velocity,
+        exact,
+        slopes=np.outer((-1.0, -0.4, 0.4), by_depth),
+        damping=lambda velocity: 1.5 + depth(velocity),  # the power of the way back
+    )
 
 
-def own_plan(scene: OwnScene, quick: bool) -> Iterator[Callable[[], Way]]:
+def own_plan(scene: Scene, quick: bool) -> Iterator[Callable[[], Way]]:
     """Ways as functions that build them."""
     yield from rivals.plan(scene, Recoil, quick)
     few: list = [sj.ODE(solver="dopri5", steps=3), sj.ODE(solver="dopri8", steps=2)]
     more = [] if quick else [sj.ODE(solver="dopri5", steps=5), sj.ODE(rtol=1e-8)]
     for route in (*few, *more, sj.EnergyBalance()):
-        yield partial(ways_of, scene, route, BATCH)
+        yield partial(by_route, scene, BATCH, route)
         # as all rivals are: they stop where the overlap vanishes
-        yield partial(_told, replace(scene, kind=EndTold), route)
+        yield partial(_told, own_scene(EndTold), route)
 
 
-def _told(scene: OwnScene, route) -> Way:
-    way = ways_of(scene, route, BATCH)
+def _told(scene: Scene, route) -> Way:
+    way = by_route(scene, BATCH, route)
     return replace(way, setting=f"{way.setting}, end told")

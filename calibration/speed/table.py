@@ -5,6 +5,7 @@ import io
 import os
 from dataclasses import astuple, fields
 
+from calibration.report.tables import aligned
 from calibration.speed.measure import Row, along_power_law, at_error
 from calibration.speed.ways import NO_OVERLAPS
 
@@ -28,23 +29,14 @@ def as_csv(rows: list[Row]) -> str:
 
 
 def as_text(rows: list[Row]) -> str:
-    cells = [HEADINGS, *(_cells(row) for row in sorted(rows, key=_place))]
-    widths = [max(len(line[i]) for line in cells) for i in range(len(HEADINGS))]
-    lines = [_line(line, widths) for line in cells]
-    rule = "-" * len(lines[0])
-    return "\n".join([_machine(), "", lines[0], rule, *lines[1:], "", *ratios(rows)])
+    lines = aligned(HEADINGS, map(_cells, sorted(rows, key=_place)), right=range(3, len(HEADINGS)))
+    return "\n".join([_machine(), "", *lines, "", *ratios(rows)])
 
 
 def _place(row: Row):
     """Each family together, this library's first; the settings as they were measured."""
     energy = row.family in ("energy balance", "closed form")
     return not energy, row.family != "ODE", energy and (row.precision != "float64", row.batch)
-
-
-def _line(cells, widths) -> str:
-    left = [c.ljust(w) for c, w in zip(cells[:3], widths[:3], strict=True)]
-    right = [c.rjust(w) for c, w in zip(cells[3:], widths[3:], strict=True)]
-    return "  ".join(left + right)
 
 
 def _cells(row: Row) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from calibration.speed.plain_diffrax import loading_force, unloading_force
 from calibration.speed.scene import Scene
 from calibration.speed.ways import Way
 
@@ -36,12 +37,8 @@ def verlet_jax(scene: Scene, batch: int, steps: int) -> Way:
 
 
 def _force(x, u, peak, d, steepness):
-    s = jnp.sqrt(jnp.maximum(x, 0.0))
-    yielded = jnp.where(x > 1, d * (x * x - 1) * (1 - s), 0.0)
-    loading = x * s + yielded
-    line = 1 - steepness * (1 - x / peak)
-    unloading = (1 - d * peak) * x * s + d * s + d * (peak * peak - 1) * line
-    return jnp.where(u > 0, loading, jnp.where(x > 0, unloading, 0.0))
+    back = jnp.where(x > 0, unloading_force(x, peak, d, steepness), 0.0)
+    return jnp.where(u > 0, loading_force(x, d), back)
 
 
 def verlet_numba(scene: Scene, batch: int, steps: int) -> Way:

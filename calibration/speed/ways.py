@@ -29,46 +29,49 @@ class Way:
     precision: str = "float64"
 
 
-def energy_balance(
+def by_route(
     scene: Scene,
     batch: int,
-    precision: str = "float64",
+    route: sj.EnergyBalance | sj.ClosedForm | sj.ODE,
     gradient: bool = True,
+    precision: str = "float64",
     overlaps: bool = True,
 ) -> Way:
     """As a user calls it outside of any `jit`: all fields of the result, not ε_p alone."""
     law = scene.law
 
-    def value(velocity):
-        return sj.restitution(law, velocity, overlaps=overlaps).plastic_coefficient
+    def coefficient(theta, velocity):
+        return sj.restitution(scene.law_of(*theta), velocity, route).plastic_coefficient
 
-    slopes = _gradient(scene, sj.EnergyBalance()) if gradient else None
-    setting = "exact" if overlaps else NO_OVERLAPS
-    return Way("energy balance", setting, batch, value, slopes, precision)
-
-
-def ode(scene: Scene, batch: int, route: sj.ODE, gradient: bool = False, **kwargs) -> Way:
-    law = scene.law
-    told = f"rtol {route.rtol:.0e}" if route.rtol is not None else f"{route.steps} steps"
-
-    def value(velocity):
-        return sj.restitution(law, velocity, route).plastic_coefficient
-
-    setting = f"{route.solver}, {told}"
+    family, setting = route.name, "exact" if overlaps else NO_OVERLAPS
+    if isinstance(route, sj.ODE):
+        in_steps = route.rtol is None and route.steps
+        told = f"{route.steps} steps" if in_steps else f"rtol {route.tolerance:.0e}"
+        family, setting = "ODE", f"{route.solver}, {told}"
     return Way(
-        "ODE", setting, batch, value, _gradient(scene, route) if gradient else None, **kwargs
+        family,
+        setting,
+        batch,
+        lambda v: sj.restitution(law, v, route, overlaps=overlaps).plastic_coefficient,
+        with_gradient(scene, coefficient) if gradient else None,
+        precision,
     )
 
 
-def _gradient(scene: Scene, route) -> Callable:
-    """Σ ε_p and its gradient with respect to ln χ̃, ln E and ln Y, reverse mode."""
+def energy_balance(scene: Scene, batch: int, **options) -> Way:
+    return by_route(scene, batch, sj.EnergyBalance(), **options)
+
+
+def ode(scene: Scene, batch: int, route: sj.ODE, gradient: bool = False, **options) -> Way:
+    return by_route(scene, batch, route, gradient, **options)
+
+
+def with_gradient(scene: Scene, coefficient: Callable) -> Callable:
+    """Σ ε_p of `coefficient(theta, velocity)` and its gradient by ln θ, reverse mode."""
 
     @jax.jit
     def value_and_gradient(theta, velocity):
-        def total(theta):
-            law = scene.law_of(*theta)
-            return jnp.sum(sj.restitution(law, velocity, route).plastic_coefficient)
-
+        total = lambda theta: jnp.sum(coefficient(theta, velocity))  # noqa: E731
         value, slopes = jax.value_and_grad(total)(theta)
         return value, tuple(t * s for t, s in zip(theta, slopes, strict=True))
 
