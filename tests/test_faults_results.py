@@ -93,6 +93,16 @@ CRAFTED = {
     "negative ε": ((*FIT, "data", "restitution", 2), -0.5, "fits[0].data.restitution[2] is -0.5"),
     "a long name": ((*FIT, "material"), "x" * 10_000, "fits[0].material is xxx"),
     "an optimiser": (("request", "options", "optimiser"), "rm", "optimiser is rm"),
+    "a route": (
+        ("request", "route"),
+        {"name": "rk4"},
+        "request.route.name is rk4; it must be one of",
+    ),
+    "an option of another route": (
+        ("request", "route"),
+        {"name": "energy balance", "rtol": 1e-3},
+        "rtol",
+    ),
     "something missing": (("covariance",), ..., "covariance is missing"),
     "a doubt": (("warnings",), [{"code": "x"}], "warnings[0].code is x; it must be one of"),
 }

@@ -207,15 +207,14 @@ def _refusal(job: Job, error: ValueError) -> InputError:
 
 
 def _route(name: str | None, rtol: float | None):
-    import softjax as sj
+    from calibration.fitting.collisions import ROUTES
     from calibration.fitting.request import DEFAULT_ODE
 
-    exact = {"energy balance": sj.EnergyBalance(), "closed form": sj.ClosedForm()}
-    if name in exact:
-        return exact[name]
     if rtol is not None:
-        return sj.ODE(rtol=rtol)
-    return None if name is None else DEFAULT_ODE
+        return ROUTES["ode"](rtol=rtol)
+    if name is None:
+        return None
+    return DEFAULT_ODE if name == "ode" else ROUTES[name]()
 
 
 def _sampled(result, job: Job, progress: Progress) -> Any:

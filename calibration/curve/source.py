@@ -14,6 +14,7 @@ from calibration.choices import OPTIONS
 from calibration.curve.options import COEFFICIENTS, VARIANTS
 from calibration.data.paper import CURVES, RADIUS, PaperCurve
 from calibration.errors import DataError, InputError, did_you_mean, listed, printable
+from calibration.fitting.collisions import ROUTES
 from calibration.fitting.known_laws import LAWS
 from softjax.paper import TABLE_1
 
@@ -105,13 +106,10 @@ def route_of(arguments: argparse.Namespace) -> sj.EnergyBalance | sj.ClosedForm 
     """
     if arguments.rtol is not None and arguments.route != "ode":
         raise DataError("--rtol", arguments.rtol, "given with --route ode only")
-    if arguments.route == "ode":
-        return sj.ODE(arguments.rtol)
-    exact: dict[str | None, Any] = {
-        "energy-balance": sj.EnergyBalance(),
-        "closed-form": sj.ClosedForm(),
-    }
-    return exact.get(arguments.route)
+    if arguments.route is None:
+        return None
+    options = {"rtol": arguments.rtol} if arguments.route == "ode" else {}
+    return ROUTES[arguments.route.replace("-", " ")](**options)
 
 
 def _of_paper(arguments: argparse.Namespace) -> Source:

@@ -25,6 +25,7 @@ LARGE = 8192
 SIZES = {LARGE: 32_768, 2048: 8192}  # of a block: from so many impacts on it is worth compiling
 
 Route = sj.EnergyBalance | sj.ClosedForm | sj.ODE | None
+ROUTES: dict[str, Any] = {route.name: route for route in (sj.ODE, sj.EnergyBalance, sj.ClosedForm)}
 
 
 class LawShape(NamedTuple):

@@ -3,8 +3,8 @@
 from dataclasses import asdict
 from typing import Any
 
-import softjax as sj
 from calibration.data import RestitutionData
+from calibration.fitting.collisions import ROUTES, Route
 from calibration.fitting.known_laws import LAWS
 from calibration.fitting.request import Request
 from calibration.fitting.specs import said_of
@@ -77,10 +77,8 @@ def _route_to_dict(route) -> dict[str, Any] | None:
     return None if route is None else {"name": route.name, **asdict(route)}
 
 
-def _route_from_dict(table) -> sj.EnergyBalance | sj.ClosedForm | sj.ODE | None:
+def _route_from_dict(table) -> Route:
     if table is None:
         return None
-    fields = {key: value for key, value in table.items() if key != "name"}
-    if table["name"] == sj.ODE.name:
-        return sj.ODE(**fields)
-    return sj.ClosedForm() if table["name"] == sj.ClosedForm.name else sj.EnergyBalance()
+    options = {key: value for key, value in table.items() if key != "name"}
+    return ROUTES[table["name"]](**options)

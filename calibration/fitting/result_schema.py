@@ -16,6 +16,7 @@ from calibration.data.json_file import (
     text,
     whole,
 )
+from calibration.fitting.collisions import ROUTES
 from calibration.fitting.doubt import REMEDIES
 
 COUNT, NUMBER, MAYBE = whole(), number(), or_null(number())
@@ -201,7 +202,7 @@ OPTIONS = table(
 )
 ROUTE = table(
     {
-        "name": text,
+        "name": choice(*ROUTES),
         "rtol": or_null(PART),
         "solver": text,
         "steps": or_null(whole(1)),
