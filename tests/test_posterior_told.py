@@ -95,6 +95,16 @@ def test_words_say_what_is_known_and_what_is_not():
     assert "- **follows-prior**: " in text
 
 
+def test_names_in_the_report_are_shown_as_they_are():
+    """Between two of them their stars would be emphasis, and what looks like a tag would vanish."""
+    names = ("yield_factor[a*b]", "yield_factor[c*d]", "yield_factor[<i>]")
+    data = made(**{name: (normal(), {"prior_share": 0.9}) for name in names})
+    text = "\n".join(line for block in posterior_section(data, 0.95) for line in block)
+    assert text.count("a&#42;b]") == text.count("&#60;i&#62;]") == 3  # table, words and doubt
+    assert "a*b" not in text
+    assert "<i>" not in text
+
+
 def test_the_picture_holds_the_draws_and_the_fit():
     draws = {"a": normal(mean=5.0), "b": np.exp(3 * normal(seed=1))}
 

@@ -298,10 +298,23 @@ def test_the_bodies_are_told_each_by_itself_or_the_pair(own):
     assert "## Bodies" not in markdown_report(replace(own, materials=(free,)))
 
 
+def test_a_law_without_a_name_is_shown_as_it_is():
+    law = lambda contact, yield_factor: sj.Thornton(contact, yield_factor)  # noqa: E731
+    told = {"yield_factor": cal.Parameter(1.2, bounds=(0.5, 5.0))}
+    text = markdown_report(cal.fit(made(), law, told, profiles=False, starts=1))
+    assert "&#60;lambda&#62;: the law against all points" in text
+    assert "\nlaw &#60;lambda&#62;, objective model" in text
+    assert "<lambda>" not in text
+
+
 def test_words_of_code_in_a_doubt_stay_code(own):
     doubt = Doubt("objectives-disagree", "chi[a`b] is 2 by `model`, 1 by `two-step`", "my alloy")
     text = markdown_report(replace(own, warnings=(doubt,)))
     assert "chi[a&#96;b] is 2 by `model`, 1 by `two-step`." in text
+    (misfit, told) = (Doubt("model-misfit", "large"), Doubt("data", "odd", advice="<b>Look</b>."))
+    text = markdown_report(replace(own, warnings=(misfit, told)))
+    assert "`softjax compare` tries other laws.*" in text
+    assert "*&#60;b&#62;Look&#60;/b&#62;.*" in text
 
 
 def test_notes_are_told_once(own):

@@ -74,7 +74,7 @@ def _what(result: Any) -> list[str]:
     for fit in result.materials:
         low, high = min(fit.data.velocity), max(fit.data.velocity)
         text = f"- **{escaped(fit.name)}**: {fit.n} impacts at {low:.4g} to {high:.4g} m/s, "
-        law = f"; {label_of_law(fit.model)}: {OBJECTIVES[fit.objective]}."
+        law = f"; {escaped(label_of_law(fit.model))}: {OBJECTIVES[fit.objective]}."
         groups = f" in {len(fit.data.groups)} groups" * bool(fit.data.groups)
         lines.append(text + _uncertainty(fit.data) + groups + law)
         if not (fit.known_from == 0 and fit.known_to == math.inf):
@@ -143,12 +143,13 @@ def _unloading_line(result: Any) -> list[list[str]]:
 def _doubts(result: Any) -> list[str]:
     if not result.warnings:
         return ["None."]
-    return [
-        f"- **{doubt.code}**{f' ({escaped(doubt.material)})' if doubt.material else ''}: "
-        f"{prose(doubt.cause)}. "
-        f"*{doubt.remedy}*"
-        for doubt in result.warnings
-    ]
+    return [doubt_item(doubt) for doubt in result.warnings]
+
+
+def doubt_item(doubt: Any) -> str:
+    """A doubt in a list."""
+    owner = f" ({escaped(doubt.material)})" if doubt.material else ""
+    return f"- **{doubt.code}**{owner}: {prose(doubt.cause)}. *{prose(doubt.remedy)}*"
 
 
 def _settings(result: Any, command: str) -> list[str]:
@@ -158,7 +159,7 @@ def _settings(result: Any, command: str) -> list[str]:
     condition = "infinite" if condition is None else number(condition, 2)
     return [
         *first,
-        f"{rows.settings_line(result)}.",
+        f"{escaped(rows.settings_line(result))}.",
         f"Rank {result.rank} of {len(result.covariance_names)} free parameters, condition number "
-        f"{condition}. {versions}.",
+        f"{condition}. {escaped(versions)}.",
     ]

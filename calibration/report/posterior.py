@@ -7,8 +7,9 @@ from typing import Any
 from calibration.fitting.posterior.diagnostics import FOLLOWS, Summary, doubts_of, summaries
 from calibration.fitting.posterior.inference_data import dataset_of
 from calibration.report import symbols
+from calibration.report.markdown import doubt_item
 from calibration.report.rows import Table
-from calibration.report.tables import aligned, markdown
+from calibration.report.tables import aligned, escaped, markdown
 from calibration.rounding import interval, number, with_error
 from calibration.terminal import width
 
@@ -43,8 +44,8 @@ def posterior_section(data: Any, confidence: float) -> list[list[str]]:
         ["## Posterior"],
         [_how(data)],
         markdown(*posterior_table(told, confidence)[:2]),
-        [f"- {line}" for line in known(told)],
-        [f"- **{d.code}**: {d.cause}. *{d.remedy}*" for d in doubts_of(data)]
+        [f"- {escaped(line)}" for line in known(told)],
+        [doubt_item(doubt) for doubt in doubts_of(data)]
         or ["No doubts were raised about the draws."],
     ]
 

@@ -12,7 +12,7 @@ Row = Sequence[str]
 # in Markdown; an underscore between letters is none, brackets are a link's where another follows
 STRUCTURE = re.compile(r"[<>&`*\\#~$]|!(?=\[)|\](?=[\[(:])|:(?=//)|(?<![^\W_])_|_(?![^\W_])")
 
-CODE = re.compile(r"(`[\w-]+`)")
+CODE = re.compile(r"(`(?:softjax )?[\w-]+`)")
 
 
 def aligned(header: Row, rows: Iterable[Row], right: Sequence[int] = ()) -> list[str]:
