@@ -5,8 +5,10 @@ import pytest
 from scipy import optimize, stats
 
 import calibration as cal
+from calibration.fitting.degrees import missing
+from calibration.fitting.problem import Problem
 from calibration.fitting.set_errors import SetErrors, Structure
-from calibration.fitting.small_sample import missing
+from calibration.fitting.uncertainty import Settled, stacked
 from calibration.fitting.variances import Seen, criterion, estimated
 
 RANDOM = np.random.default_rng(7)
@@ -102,6 +104,33 @@ def test_errors_are_wider_by_what_estimated_variances_add(errors):
             expected += relative[c, d] * (bent - within)
     found = missing(own, jacobian, relative, known)
     np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-8 * np.max(np.abs(expected)))
+
+
+def linearisations(sets, monkeypatch):
+    """How many, each of all data sets, the covariance of these sets' fit takes."""
+    random, group = np.random.default_rng(1), np.repeat(["a", "b", "c"], 4)
+    data = [
+        cal.RestitutionData(
+            np.linspace(1, 2, 12),
+            0.8 + 0.01 * random.standard_normal(12),
+            name=f"s{k}",
+            group=group,
+        )
+        for k in range(sets)
+    ]
+    shared = {"restitution": cal.Parameter(shared=True)}
+    (fit,) = cal.fit(data, "constant", shared, profiles=False, **QUICK).fits
+    (stage,) = fit.stages
+    calls, linearise = [], Problem.linearise
+    with monkeypatch.context() as patched:
+        counted = lambda *given, **more: calls.append(1) or linearise(*given, **more)  # noqa: E731
+        patched.setattr(Problem, "linearise", counted)
+        stacked([Settled(stage.problem, stage.found.limits)], fit.z[None])
+    return len(calls)
+
+
+def test_many_sets_with_shared_errors_are_linearised_as_often_as_two(monkeypatch):
+    assert 0 < linearisations(2, monkeypatch) == linearisations(6, monkeypatch)
 
 
 def test_what_is_simulated_has_this_covariance(errors):

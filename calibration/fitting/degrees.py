@@ -1,4 +1,4 @@
-"""How well the noise is known, and what that does to quantiles.
+"""How well the noise is known, and what that does to covariances and quantiles.
 
 A variance C that is a sum of parts C_c, each in proportion to a variance that is an estimate, has
 
@@ -7,19 +7,31 @@ A variance C that is a sum of parts C_c, each in proportion to a variance that i
 degrees of freedom, with R the covariance of the logarithms of the estimates: 2/ν_c for one from ν_c
 degrees of freedom of its own.
 
-Source: Satterthwaite, Biometrics Bulletin 2, 110 (1946).
+With V = Σ θ_c V_c the covariance Φ = (Jᵀ V⁻¹ J)⁻¹ takes V for known. As the estimates scatter by
+more, it is on the average too small by as much again:
+
+    Φ + 2 Φ [Σ_cd R_cd (Q_cd - P_c Φ P_d)] Φ,
+    P_c = xᵀ θ_c V_c x,  Q_cd = (θ_c V_c x)ᵀ V⁻¹ (θ_d V_d x),  x = V⁻¹ J.
+
+Source: Satterthwaite, Biometrics Bulletin 2, 110 (1946); Kenward and Roger, Biometrics 53, 983
+(1997), for variances that V is linear in.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from calibration.fitting.noise import Noise, seen_by
 from calibration.fitting.problem import Problem
+from calibration.fitting.set_errors import SetErrors
 from calibration.fitting.variances import relative_covariance
 
 FEWEST = 1.0  # degrees of freedom
+
+Matrix = Float[np.ndarray, "p p"]
 
 
 @dataclass(frozen=True)
@@ -64,18 +76,60 @@ def satterthwaite(
     return np.maximum(np.where(np.isnan(degrees), np.inf, degrees), FEWEST)
 
 
-def noise_parts(problem: Problem, z, noise: Noise, scores, inverse) -> Parts:
+class Shared(NamedTuple):
+    """What the points of one data set share, and how well it is known.
+
+    Attributes:
+        errors: with the variances that were estimated.
+        jacobian: of ε, (n, p).
+        relative: R of these variances.
+    """
+
+    errors: SetErrors
+    jacobian: Float[np.ndarray, "n p"]
+    relative: Float[np.ndarray, "c c"]
+
+
+def shared_of(problem: Problem, z: Float[np.ndarray, "p"]) -> list[Shared]:
+    """Of each data set at z of one fit; none where points share no errors."""
+    if problem.shared is None:
+        return []
+    pairs = zip(problem.shared, seen_by(problem, z), strict=True)
+    return [Shared(one, seen.jacobian, relative_covariance(one, seen)) for one, seen in pairs]
+
+
+def inflation(shared: Sequence[Shared], inverse: Float[np.ndarray, "fits p p"]):
+    """What is added to Φ = `inverse`; all fits share one V."""
+    return 2 * inverse @ sum(missing(*one, inverse[0]) for one in shared) @ inverse
+
+
+def missing(errors: SetErrors, jacobian, relative, inverse: Matrix) -> Matrix:
+    """Σ R_cd (Q_cd - P_c Φ P_d)."""
+    solved = errors.unwhiten(errors.whiten(jacobian))
+    applied = errors.applied(solved, jacobian)
+    white = [errors.whiten(part) for part in applied]
+    within = [solved.T @ part for part in applied]
+    total = np.zeros_like(inverse)
+    for c, (one, p_one) in enumerate(zip(white, within, strict=True)):
+        for d, (two, p_two) in enumerate(zip(white, within, strict=True)):
+            total += relative[c, d] * (one.T @ two - p_one @ inverse @ p_two)
+    return total
+
+
+def noise_parts(problem: Problem, noise: Noise, shared: Sequence[Shared], scores, inverse) -> Parts:
     """Of the covariance of stacked estimating equations.
 
     Args:
         problem: of the first stage, which the noise is that of.
+        shared: `shared_of` the problem, of the first fit for all.
         scores: what an error of one standard deviation in each point adds to each equation.
         inverse: A⁻¹.
     """
-    found = [
-        _shared(problem, z, g, scores) if problem.shared else _single(problem, noise, g, scores)
-        for g in range(len(problem.datasets))
-    ]
+    of_set = [scores[:, problem.points.set == g] for g in range(len(problem.datasets))]
+    if shared:
+        found = [_shared(one, own) for one, own in zip(shared, of_set, strict=True)]
+    else:
+        found = [_single(problem, noise, g, own) for g, own in enumerate(of_set)]
     fits, size = len(scores), scores.shape[2]
     middles = [np.zeros((fits, 0, size, size))] + [middle for middle, _, _ in found]
     middle = np.concatenate(middles, axis=1)
@@ -91,10 +145,9 @@ def noise_parts(problem: Problem, z, noise: Noise, scores, inverse) -> Parts:
     return Parts(whole, carried(middle), relative, sets, names)
 
 
-def _single(problem: Problem, noise: Noise, g: int, scores):
+def _single(problem: Problem, noise: Noise, g: int, own):
     """Points that share nothing: one variance, or where each has its own, as many."""
     plan, data = problem.plans[g], problem.datasets[g]
-    own = scores[:, problem.points.set == g]
     if plan.stated and data.degrees is None:
         size = own.shape[2]
         return np.zeros((len(own), 0, size, size)), np.zeros((len(own), 0, 0)), ()
@@ -109,18 +162,14 @@ def _single(problem: Problem, noise: Noise, g: int, scores):
     return middle, (2 / left)[:, None, None], (plan.unknown[0] if plan.unknown else "repeats",)
 
 
-def _shared(problem: Problem, z, g: int, scores):
-    """Points that share errors: one part for each unknown variance, of the first fit for all."""
-    assert problem.shared is not None
-    errors, own = problem.shared[g], problem.points.set == g
-    seen = seen_by(problem, z[0])[g]
-    names = list(errors.variance)
-    relative = relative_covariance(errors, seen)
+def _shared(shared: Shared, scores):
+    """Points that share errors: one part for each unknown variance."""
+    errors, names = shared.errors, list(shared.errors.variance)
     middle = []
     for fit in scores:
-        parts = errors.contributions(errors.unwhiten(fit[own]))
+        parts = errors.contributions(errors.unwhiten(fit))
         middle.append([parts[name] for name in names])
     size = scores.shape[2]
     shape = (len(scores), len(names), size, size)
-    many = np.broadcast_to(relative, (len(scores), *relative.shape))
+    many = np.broadcast_to(shared.relative, (len(scores), *shared.relative.shape))
     return np.array(middle).reshape(shape), many, tuple(names)

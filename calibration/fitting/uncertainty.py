@@ -25,11 +25,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from calibration.fitting.degrees import Parts, noise_parts
+from calibration.fitting.degrees import Parts, inflation, noise_parts, shared_of
 from calibration.fitting.losses import influence
 from calibration.fitting.noise import Noise, noise_of
 from calibration.fitting.problem import Lanes, Problem
-from calibration.fitting.small_sample import inflation
 from calibration.fitting.transform import NONE
 
 RANK_TOLERANCE = 1e-9  # smallest over largest singular value, columns scaled to one
@@ -121,7 +120,7 @@ def stacked(
         jacobian = np.where(held[:, None, :], 0.0, plain)
         drawn = first_problem if k and first_problem.loss != "squared" else None
         if k or problem.loss != "squared":
-            bread[:, columns] = _gradient_slope(problem, z, order, drawn, lanes)
+            bread[:, columns] = np.sum(gradient_slopes(problem, z, order, drawn, lanes), axis=1)
         else:
             bread[:, columns, columns] = np.swapaxes(jacobian, 1, 2) @ jacobian
         spread = _score_spread(problem if drawn is None else drawn, z, noise, lanes)
@@ -137,8 +136,10 @@ def stacked(
             else None
         )
     middle = np.swapaxes(scores, 1, 2) @ scores + prior
-    inverse = _inverse(bread, nulls | (limits != 0))
-    covariance = _sandwich(inverse, middle, nulls | (limits != 0))
+    left_out = nulls | (limits != 0)
+    inverse = _inverse(bread, left_out)
+    covariance = inverse @ middle @ np.swapaxes(inverse, 1, 2)
+    covariance[left_out[:, :, None] | left_out[:, None, :]] = np.nan
     scaled = first_problem.transform.kind[order] != NONE
     error = np.diagonal(covariance, axis1=1, axis2=2)
     nulls |= scaled & (limits == 0) & ~(error < NO_ERROR**2)
@@ -147,15 +148,16 @@ def stacked(
     else:  # what is known for sure is known whatever lies along the null directions
         covariance = np.where(np.isnan(covariance), np.nan, seen)
     widened = np.ones((fits, size))
-    if first_problem.shared is not None and len(stages) == 1:
-        added = inflation(first_problem, z, inverse)
+    shared = shared_of(first_problem, z[0])
+    if shared and len(stages) == 1:
+        added = inflation(shared, inverse)
         before = np.diagonal(seen, axis1=1, axis2=2)
         covariance, seen = covariance + added, seen + added
         ratio = np.diagonal(seen, axis1=1, axis2=2) / np.where(before > 0, before, 1.0)
         widened = np.sqrt(np.where(before > 0, ratio, 1.0))
     back = np.argsort(order)
     covariance, seen = (a[:, back][:, :, back] for a in (covariance, seen))
-    parts = noise_parts(first_problem, z, noise, scores, inverse).turned(back)
+    parts = noise_parts(first_problem, noise, shared, scores, inverse).turned(back)
     nulls, limits, widened = nulls[:, back], limits[:, back], widened[:, back]
     return Uncertainty(covariance, seen, rank, condition, nulls, limits, noise, parts, widened)
 
@@ -198,11 +200,6 @@ def winsorised(first: Problem, z, lanes: Lanes | None = None) -> Float[np.ndarra
     residual = first.raw_residuals(z, lanes)
     drawn = influence(residual, first.scale, first.loss) / first.points.weight
     return first.predict(z) - drawn
-
-
-def _gradient_slope(problem: Problem, z, order, drawn: Problem | None, lanes: Lanes) -> Matrices:
-    """∂(Jᵀr)/∂z of a stage's own elements, along all of `order`."""
-    return np.sum(gradient_slopes(problem, z, order, drawn, lanes), axis=1)
 
 
 def gradient_slopes(
@@ -263,12 +260,6 @@ def _inverse(bread: Matrices, left_out: Fits) -> Matrices:
     size = np.where(size > 0, size, 1.0)
     outer = size[:, :, None] * size[:, None, :]
     return np.where(both, 0.0, np.linalg.pinv(a / outer, rcond=1e-16) / outer)
-
-
-def _sandwich(inverse: Matrices, middle: Matrices, left_out: Fits) -> Matrices:
-    """A⁻¹ M A⁻ᵀ; NaN on what is not determined."""
-    both = left_out[:, :, None] | left_out[:, None, :]
-    return np.where(both, np.nan, inverse @ middle @ np.swapaxes(inverse, 1, 2))
 
 
 def quantile(confidence: float, degrees: float | np.ndarray | None):
