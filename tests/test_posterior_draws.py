@@ -66,6 +66,12 @@ def test_draws_of_another_fit_are_refused(decay):
         decay.band(VELOCITY, draws=other)
 
 
+def test_a_band_of_draws_has_a_confidence_too(decay, draws):
+    for confidence in (95, 0):
+        with pytest.raises(ValueError, match="`confidence` must be between 0 and 1"):
+            decay.band(VELOCITY, confidence=confidence, draws=draws)
+
+
 def test_a_fit_at_draws_has_their_laws(decay, draws):
     fits = decay.at_draws(draws, 3)
     which = [0, 300, 599]

@@ -225,6 +225,50 @@ def test_band_is_the_covariance_carried_through_the_curve(objective):
     assert np.all(result.band(velocity, confidence=0.5).high < band.high)
 
 
+@pytest.mark.parametrize("order", [1, -1], ids=["told last", "told first"])
+def test_a_set_without_free_parameters_has_the_quantile_of_its_own_noise(order):
+    """4 points about a given curve: Student's t with 4 degrees of freedom, beside a set with many."""
+    many = twin("nylon", noise=0.002, seed=3)
+    exact = np.array([0.9, 0.8, 0.7, 0.6])
+    velocity = np.geomspace(0.01, 0.5, 4) * float(many.contact.limit_velocity)
+    few = cal.RestitutionData(velocity, exact, many.contact, name="few")
+    held = {"chi": 0.22, "sigma": 0.44, "psi": 0.54}
+    result = cal.fit([many, few][::order], parameters=[{}, held][::order], profiles=False, **QUICK)
+    band = result.band(velocity, "few", kind="prediction")
+    off = sj.restitution(result.law["few"], velocity).coefficient - exact
+    assert band.standard_error == pytest.approx(np.sqrt(np.mean(off**2)))
+    reach = (band.high - band.coefficient) / band.standard_error
+    np.testing.assert_allclose(reach, stats.t.ppf(0.975, 4), rtol=1e-9)
+
+
+@pytest.mark.parametrize("level", [95, 0, 1.0, -0.5, np.nan, True, "0.95"])
+def test_a_band_s_confidence_is_a_part(level):
+    result = cal.fit(
+        eq_17_data("nylon", noise=0.004), objective="two-step", profiles=False, **QUICK
+    )
+    for band in (result.band, result.empirical_band):
+        with pytest.raises(ValueError, match="`confidence` must be between 0 and 1") as caught:
+            band(1.0, confidence=level)
+        assert str(caught.value).isprintable()
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        ({"count": 0}, "`count` must be a whole number >= 1"),
+        ({"count": 2.5}, "`count` must be a whole number >= 1"),
+        ({"count": True}, "`count` must be a whole number >= 1"),
+        ({"seed": -1}, "`seed` must be a whole number >= 0"),
+        ({"seed": 1.5}, "`seed` must be a whole number >= 0"),
+    ],
+)
+def test_a_bootstrap_of_no_number_is_refused(asked, message):
+    result = cal.fit(eq_17_data("nylon", noise=0.004), "eq-17", profiles=False, **QUICK)
+    with pytest.raises(ValueError, match=message):
+        result.bootstrap(**{"count": 3, **asked})
+    assert result.bootstrap(np.int64(3), seed=np.int64(1)).values.shape == (3, 2)
+
+
 def test_eps_up_has_the_error_of_its_losses():
     data = eq_17_data("nylon", noise=0.004, seed=7)
     result = cal.fit(data, objective="two-step", profiles=False, **QUICK)

@@ -113,6 +113,28 @@ def test_the_command_prints_its_table(capsys, monkeypatch):
     assert "one more measurement" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(
+    ("asked", "told"),
+    [
+        (["--case", "typo"], "`--case` must be how the name of a case begins: zhou, thornton,"),
+        (["--errors", "--case", "typo"], "`--case` must be how the name of a case begins: Zhou,"),
+        (["--sets", "0"], "`sets` must be a whole number >= 1, but is 0"),
+        (["--errors", "--sets", "0"], "`sets` must be a whole number >= 1, but is 0"),
+        (["--seed", "-1"], "`seed` must be a whole number >= 0, but is -1"),
+    ],
+)
+def test_the_command_refuses_what_it_cannot_study(asked, told, capsys):
+    with pytest.raises(SystemExit) as caught:
+        command.main(asked)
+    assert caught.value.code == 2
+    assert told in capsys.readouterr().err
+
+
+def test_a_study_of_another_confidence_is_asked_in_parts_of_one():
+    with pytest.raises(ValueError, match="`confidence` must be between 0 and 1, but is 95"):
+        coverage_study([of("constant, n = 30")], 2, confidence=95)
+
+
 @pytest.mark.parametrize("sets", [20, pytest.param(200, marks=pytest.mark.long)])
 def test_a_robust_loss_keeps_outliers_from_moving_chi(sets):
     """10 % outliers of 10 standard deviations: the shift against the fit without them."""

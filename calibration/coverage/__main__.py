@@ -9,13 +9,14 @@ mpirun -n 4 python -m calibration.coverage              # cases shared by proces
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from calibration.coverage.batched import coverage_study
 from calibration.coverage.cases import standard_cases
 from calibration.coverage.experiments import experiments
 from calibration.coverage.one_by_one import experiments_study
 from calibration.coverage.table import Coverage, report
-from calibration.errors import DataError, InputError
+from calibration.errors import DataError, InputError, listed
 from calibration.parts import Parts
 from calibration.processes import add_process_arguments, shared_parts
 from calibration.progress import Progress
@@ -46,13 +47,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _studied(chosen: argparse.Namespace, parts: Parts | None) -> list[Coverage]:
-    begins = lambda case: case.name.startswith(chosen.case)  # noqa: E731
     if not chosen.errors:
-        cases = list(filter(begins, standard_cases()))
+        cases = _begun(standard_cases(), chosen.case)
         return coverage_study(cases, chosen.sets, chosen.seed, parts=parts)
-    every = list(filter(begins, experiments()))
+    every = _begun(experiments(), chosen.case)
     with Progress() as progress:
         return experiments_study(every, chosen.sets, chosen.seed, progress=progress, parts=parts)
+
+
+def _begun(cases: Sequence[Any], begin: str) -> list[Any]:
+    """Those whose name begins so."""
+    found = [case for case in cases if case.name.startswith(begin)]
+    if not found:
+        names = listed(dict.fromkeys(case.name.partition(",")[0] for case in cases))
+        raise DataError("--case", begin, f"how the name of a case begins: {names}")
+    return found
 
 
 if __name__ == "__main__":

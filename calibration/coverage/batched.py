@@ -15,6 +15,7 @@ from jaxtyping import Float
 import softjax as sj
 from calibration.coverage.cases import Case, standard_cases
 from calibration.coverage.table import Coverage, as_arrays, from_arrays
+from calibration.data.checks import check_whole, checked_confidence
 from calibration.fitting.assembly import Component
 from calibration.fitting.component_fit import ComponentFit, fit_component
 from calibration.fitting.problem import Lanes
@@ -41,7 +42,13 @@ def coverage_study(
     Args:
         parts: a folder that keeps each case once it is done: processes of `jax.distributed` share
             the cases, and a study that was stopped goes on.
+
+    Raises:
+        ValueError: naming the argument, its value and what is accepted.
     """
+    check_whole("sets", sets, 1)
+    check_whole("seed", seed, 0)
+    checked_confidence(confidence)
     cases = standard_cases() if cases is None else list(cases)
 
     def make(k: int) -> Arrays:

@@ -8,6 +8,7 @@ import numpy as np
 import softjax as sj
 from calibration.coverage.experiments import Experiment
 from calibration.coverage.table import Coverage, as_arrays, from_arrays
+from calibration.data.checks import check_whole
 from calibration.fitting.door import fit
 from calibration.fitting.result import FitResult
 from calibration.parts import Arrays, Parts, in_parts
@@ -30,7 +31,12 @@ def experiments_study(
         profiles: whether intervals are those of the likelihood's profile, as by default.
         parts: a folder that keeps each experiment once it is done: processes of `jax.distributed`
             share them, and a study that was stopped goes on.
+
+    Raises:
+        ValueError: naming the argument, its value and what is accepted.
     """
+    check_whole("sets", sets, 1)
+    check_whole("seed", seed, 0)
 
     def make(k: int) -> Arrays:
         found = as_arrays(_study(cases[k], sets, (seed, k), profiles))

@@ -37,6 +37,18 @@ def as_number(name: str, value: Any, holds: Callable[[float], bool], accepted: s
     return float(number)
 
 
+def checked_confidence(value: Any) -> float:
+    """A confidence level; raises DataError for one in per cent, 0 or 1."""
+    return as_number("confidence", value, lambda level: 0 < level < 1, "between 0 and 1")
+
+
+def check_whole(name: str, value: Any, least: int) -> None:
+    """Raise DataError for what is no whole number, or less than `least`."""
+    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not whole or value < least:
+        raise DataError(name, value, f"a whole number >= {least}")
+
+
 def as_labels(name: str, values: Any) -> np.ndarray:
     """Labels as text, (n,), equal ones the same object; raises DataError for one that is empty."""
     if isinstance(values, str) or np.ndim(values) != 1 or not len(values):

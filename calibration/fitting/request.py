@@ -8,6 +8,7 @@ import numpy as np
 
 import softjax as sj
 from calibration.data import RestitutionData
+from calibration.data.checks import as_number, check_whole, checked_confidence
 from calibration.errors import DataError
 from calibration.fitting.assembly import Component, assemble
 from calibration.fitting.component_fit import ComponentFit, fit_component
@@ -95,13 +96,9 @@ def checked(request: Request) -> Request:
     _check_choice("loss", options.loss, LOSSES)
     _check_choice("unloading_line", request.unloading_line, LINES)
     for name, least in (("starts", 1), ("seed", 0), ("max_steps", 1)):
-        value = getattr(options, name)
-        if not isinstance(value, int) or isinstance(value, bool) or value < least:
-            raise DataError(name, value, f"a whole number >= {least}")
-    if not 0 < request.confidence < 1:
-        raise DataError("confidence", request.confidence, "between 0 and 1")
-    if not options.loss_scale > 0:
-        raise DataError("loss_scale", options.loss_scale, "positive")
+        check_whole(name, getattr(options, name), least)
+    checked_confidence(request.confidence)
+    as_number("loss_scale", options.loss_scale, lambda scale: scale > 0, "positive")
     if request.extra_scatter and request.scale_uncertainty:
         raise DataError("scale_uncertainty", True, "left out beside extra_scatter")
     if options.loss != "squared":

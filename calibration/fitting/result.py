@@ -9,6 +9,7 @@ import jax
 import numpy as np
 
 from calibration.atomic import replacing, write_text
+from calibration.data.checks import check_whole, checked_confidence
 from calibration.errors import DataError
 from calibration.fitting.bands import band
 from calibration.fitting.component_fit import ComponentFit
@@ -213,7 +214,7 @@ class FitResult:
         if draws is not None:
             from calibration.fitting.posterior.draws import band_of_draws
 
-            level = confidence or self.confidence
+            level = self._level(confidence)
             return band_of_draws(draws, self.material(name), velocity, level, kind)
         return self._band(self.material(name), velocity, confidence, kind)
 
@@ -223,15 +224,22 @@ class FitResult:
 
     def _band(self, material: MaterialFit, velocity, confidence, kind: str) -> Band:
         names, covariance = self.covariance_names, self.of_predictions
-        freedom, level = self._freedom(material), confidence or self.confidence
+        freedom, level = self._freedom(material), self._level(confidence)
         route = self.request.route_of_curve(material.model.law_type)
         with np.errstate(over="ignore", invalid="ignore"):  # of numbers near the end of floats
             return band(material, velocity, names, covariance, freedom, level, kind, route)
 
+    def _level(self, confidence: float | None) -> float:
+        return self.confidence if confidence is None else checked_confidence(confidence)
+
     def _freedom(self, material: MaterialFit) -> Freedom:
-        """That of the component which a data set belongs to."""
+        """That of the component which a data set belongs to.
+
+        Nothing of the set may be free, or nothing of its noise estimated; where both is so, any will do.
+        """
         own = set(material.labels.values())
-        return next((f for f in self.freedoms if own & set(f.labels)), self.freedoms[0])
+        told = (f for f in self.freedoms if own & set(f.labels) or material.name in f.sets)
+        return next(told, self.freedoms[0])
 
     def degrees_of_freedom(self, label: str) -> float | None:
         """Of the noise behind a free parameter's standard error; None where the noise is stated."""
@@ -259,7 +267,12 @@ class FitResult:
 
         Args:
             parts: a folder for what is fitted: processes of `jax.distributed` share it, and go on.
+
+        Raises:
+            ValueError: naming the argument, its value and what is accepted.
         """
+        check_whole("count", count, 1)
+        check_whole("seed", seed, 0)
         told = self.to_json(times=False) if parts else ""
         with jax.enable_x64(True), in_parts(parts) as opened:
             return bootstrap(self._refitted(), count, seed, self.confidence, opened, told)

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import ArrayLike, Float
 
 import softjax as sj
+from calibration.data.checks import check_whole
 from calibration.errors import DataError
 from calibration.fitting.result import FitResult
 from calibration.fitting.result_json import plain
@@ -160,7 +161,7 @@ def optimal_velocities(
     Raises:
         ValueError: naming the argument, its value and what is accepted.
     """
-    _check_search(count, bounds, criterion, starts)
+    _check_search(count, bounds, criterion, starts, seed)
     acts = {
         "target": (target, criterion == "c", f"left out with criterion {criterion}"),
         "over": (over, criterion == "I", f"left out with criterion {criterion}"),
@@ -231,10 +232,9 @@ def _designed(wanted: Wanted, starts: int, seed: int, progress: Progress | None)
     )
 
 
-def _check_search(count: Any, bounds: Any, criterion: Any, starts: Any) -> None:
-    for name, value in (("count", count), ("starts", starts)):
-        if isinstance(value, bool) or not (isinstance(value, int | np.integer) and value >= 1):
-            raise DataError(name, value, "a whole number >= 1")
+def _check_search(count: Any, bounds: Any, criterion: Any, starts: Any, seed: Any) -> None:
+    for name, value, least in (("count", count, 1), ("starts", starts, 1), ("seed", seed, 0)):
+        check_whole(name, value, least)
     if criterion not in CRITERIA:
         raise DataError("criterion", criterion, f"one of {', '.join(CRITERIA)}")
     low, high = both_ends("bounds", bounds)

@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from calibration.data import RestitutionData
+from calibration.data.checks import check_whole
 from calibration.errors import DataError, printable
 from calibration.fitting.door import fit
 from calibration.studies.candidates import Candidate, chosen, missing_laws
@@ -74,6 +75,7 @@ def compare(
     begun = time.perf_counter()
     if not isinstance(data, RestitutionData):
         raise DataError("data", data, "one RestitutionData")
+    check_whole("seed", seed, 0)
     if len(data) < FEWEST:
         raise data.refusal(f"{len(data)} points", f"a comparison needs {FEWEST} or more")
     candidates, left_out = chosen(laws, parameters), []

@@ -23,7 +23,8 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 import softjax as sj
-from calibration.errors import DataError, is_finite_number
+from calibration.data.checks import check_whole, checked_confidence
+from calibration.errors import DataError
 from calibration.fitting.result import FitResult
 from calibration.fitting.result_json import plain
 from calibration.parts import Arrays, Parts, Whole, blocks, in_parts, joined
@@ -162,7 +163,9 @@ def model_indices(
             nowhere.
     """
     _check(ranges, samples, scale)
-    _check_bootstrap(confidence, resamples)
+    checked_confidence(confidence)
+    check_whole("seed", seed, 0)
+    check_whole("resamples", resamples, 1)
     names, ends = tuple(ranges), np.array(list(ranges.values()), float)
     ends = np.log(ends) if scale == "log" else ends
     random = np.random.default_rng(seed)
@@ -232,13 +235,6 @@ def _check(ranges, samples, scale) -> None:
         if not (np.isfinite([low, high]).all() and low < high and (scale != "log" or low > 0)):
             accepted = "(low, high), finite and ascending" + (", positive" * (scale == "log"))
             raise DataError(f"ranges[{name!r}]", (low, high), accepted)
-
-
-def _check_bootstrap(confidence, resamples) -> None:
-    if not (is_finite_number(confidence) and 0 < confidence < 1):
-        raise DataError("confidence", confidence, "between 0 and 1")
-    if not (isinstance(resamples, int | np.integer) and resamples >= 1):
-        raise DataError("resamples", resamples, "a whole number >= 1")
 
 
 def _sampled(

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from calibration.data.checks import check_whole
 from calibration.errors import DataError
 from calibration.fitting.component_fit import ComponentFit
 from calibration.fitting.posterior.coordinates import Scaling
@@ -69,8 +70,7 @@ def _check(draws: int, chains: int, seed: int, warmup: int) -> None:
     least = {"draws": 4, "chains": 1, "seed": 0, "warmup": LEAST_WARMUP}
     given = {"draws": draws, "chains": chains, "seed": seed, "warmup": warmup}
     for name, value in given.items():
-        if not isinstance(value, int) or isinstance(value, bool) or value < least[name]:
-            raise DataError(name, value, f"a whole number >= {least[name]}")
+        check_whole(name, value, least[name])
 
 
 def _starts(count: int, chains: int, seed: int) -> np.ndarray:
