@@ -9,8 +9,8 @@ import pytest
 import softjax as sj
 from calibration.data import read_materials, read_toml
 from calibration.data.as_json import data_from_dict, data_to_dict
+from calibration.data.json_file import plain
 from calibration.errors import InputError
-from calibration.fitting.result_json import plain
 
 STEEL = """\
 youngs_modulus = 1.93e11     # Pa

@@ -17,7 +17,6 @@ sensitivities have limits.
 """
 
 import argparse
-import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -164,7 +163,7 @@ class _Job:
     def run(self, studies: tuple[str, ...]) -> str:
         """Run them, write all files at once, and return what to print."""
         from calibration.atomic import files_into, or_told
-        from calibration.fitting.result_json import plain
+        from calibration.data.json_file import dumps
         from calibration.progress import Progress
         from calibration.studies.text import doubts_text
 
@@ -181,8 +180,7 @@ class _Job:
             if doubts:
                 self.told.append(doubts_text(doubts))
                 results["doubts"] = [str(doubt) for doubt in doubts]
-            text = json.dumps(plain(results), indent=1, ensure_ascii=False, allow_nan=False)
-            write_text(folder / "sensitivity.json", text + "\n")
+            write_text(folder / "sensitivity.json", dumps(results))
         return "\n\n".join([*self.told, f"written to {arguments.out}"])
 
     def _doubts(self) -> list[Any]:

@@ -1,13 +1,17 @@
-"""JSON files from anybody: of bounded size, and of a layout that is checked before it is used.
+"""JSON files: written in one way; from anybody of bounded size, and of a layout that is checked first.
 
 A layout is made of functions `kind(value, place)` that raise a `DataError` naming the place, as in
 `fits[0].data.velocity`.
 """
 
 import json
+import math
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any, NoReturn
+
+import numpy as np
 
 from calibration.data.text_file import MIB, read_text
 from calibration.errors import DataError, InputError, is_finite_number, listed, shown
@@ -15,6 +19,33 @@ from calibration.errors import DataError, InputError, is_finite_number, listed, 
 LARGEST = 24 * MIB  # which take less than a GiB of memory as Python's objects
 
 Kind = Callable[[Any, str], None]
+
+
+def plain(value: Any) -> Any:
+    """JSON's own types; what is not finite becomes None, a record its fields or what it tells itself."""
+    if hasattr(value, "to_dict"):
+        return plain(value.to_dict())
+    if is_dataclass(value):
+        return plain(vars(value))
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, np.bool_ | bool):
+        return bool(value)
+    if isinstance(value, int | np.integer):
+        return int(value)
+    if value is None or isinstance(value, str):
+        return value
+    if np.ndim(value):
+        return plain(np.asarray(value).tolist())
+    number = float(value)
+    return number if math.isfinite(number) else None
+
+
+def dumps(value: Any, indent: int = 1) -> str:
+    """The text of a file."""
+    return json.dumps(plain(value), indent=indent, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def read_json(path: str | Path) -> Any:

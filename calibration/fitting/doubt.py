@@ -1,6 +1,7 @@
 """Named reasons not to trust a fit, each with its cause and its remedy."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -61,6 +62,10 @@ class Doubt:
     @property
     def remedy(self) -> str:
         return self.advice or REMEDIES[self.code]
+
+    def to_dict(self) -> dict[str, Any]:
+        """What files hold of it."""
+        return {**vars(self), "remedy": self.remedy}
 
     def __str__(self) -> str:
         where = "" if self.material is None else f" ({self.material})"

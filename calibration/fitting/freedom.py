@@ -67,11 +67,6 @@ class Freedom:
                 parts[:, own] += value / sum(own)
         return satterthwaite(variance[None], parts[None], self.relative[None])[0]
 
-    def to_dict(self) -> dict[str, Any]:
-        return {
-            name: getattr(self, name) for name in ("labels", "parts", "relative", "sets", "names")
-        }
-
     @classmethod
     def from_dict(cls, table: dict[str, Any]) -> "Freedom":
         size, count = len(table["labels"]), len(table["names"])

@@ -35,6 +35,10 @@ class Likelihood:
     def bic(self) -> float:
         return self.fitted * math.log(self.points) - 2 * self.log
 
+    def to_dict(self) -> dict[str, float]:
+        """What `fit.json` holds of it."""
+        return {**vars(self), "aic": self.aic, "bic": self.bic}
+
 
 def likelihood_of(fits: list[ComponentFit]) -> Likelihood | None:
     """Of all components; None where what was minimised is none, or the data have no noise.

@@ -1,6 +1,5 @@
 """What was asked of a fit, as JSON and back."""
 
-from dataclasses import asdict
 from typing import Any
 
 from calibration.data import RestitutionData
@@ -16,38 +15,27 @@ SAID = ("free", "bounds", "prior", "transform", "shared")
 
 def request_to_dict(request: Request) -> dict[str, Any]:
     """Data and progress left out; a law of one's own by its name."""
-    options = asdict(request.options)
-    options.pop("progress")
     said = said_of(request.parameters, request.datasets)
-    return {
+    told = {
         "law": law_name(request.law),
         "parameters": [{name: _told(value) for name, value in one.items()} for one in said],
-        "objective": request.objective,
-        "route": _route_to_dict(request.route),
-        "options": options,
-        "confidence": request.confidence,
-        "profiles": request.profiles,
-        "unloading_line": request.unloading_line,
-        "extra_scatter": request.extra_scatter,
-        "scale_uncertainty": request.scale_uncertainty,
+        "route": None
+        if request.route is None
+        else {"name": request.route.name, **vars(request.route)},
+        "options": {k: v for k, v in vars(request.options).items() if k != "progress"},
     }
+    return {k: v for k, v in (vars(request) | told).items() if k != "datasets"}
 
 
 def request_from_dict(table: dict[str, Any], datasets: tuple[RestitutionData, ...], law) -> Request:
     said = [{name: _heard(value) for name, value in one.items()} for one in table["parameters"]]
-    return Request(
-        datasets,
-        law,
-        said,
-        table["objective"],
-        _route_from_dict(table["route"]),
-        Options(**table["options"]),
-        table["confidence"],
-        table["profiles"],
-        table["unloading_line"],
-        table["extra_scatter"],
-        table["scale_uncertainty"],
-    )
+    made = {
+        "law": law,
+        "parameters": said,
+        "route": _route(table["route"]),
+        "options": Options(**table["options"]),
+    }
+    return Request(datasets, **table | made)
 
 
 def law_name(law: Any) -> str | None:
@@ -73,11 +61,7 @@ def _heard(value: Any) -> Any:
     return Parameter(pairs.pop("value"), **pairs)
 
 
-def _route_to_dict(route) -> dict[str, Any] | None:
-    return None if route is None else {"name": route.name, **asdict(route)}
-
-
-def _route_from_dict(table) -> Route:
+def _route(table: dict[str, Any] | None) -> Route:
     if table is None:
         return None
     options = {key: value for key, value in table.items() if key != "name"}

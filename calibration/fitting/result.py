@@ -10,6 +10,7 @@ import numpy as np
 
 from calibration.atomic import replacing, write_text
 from calibration.data.checks import check_whole, checked_confidence
+from calibration.data.json_file import dumps
 from calibration.errors import DataError
 from calibration.fitting.bands import band
 from calibration.fitting.component_fit import ComponentFit
@@ -23,7 +24,7 @@ from calibration.fitting.material import MaterialFit
 from calibration.fitting.profiles import Profile
 from calibration.fitting.refits import Bootstrap, bootstrap
 from calibration.fitting.request import Request
-from calibration.fitting.result_json import dumps, read_result, result_to_dict
+from calibration.fitting.result_json import read_result, result_to_dict
 from calibration.fitting.result_text import fit_text
 from calibration.fitting.stages import Stage
 from calibration.fitting.zhou import LINE

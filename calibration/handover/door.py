@@ -1,6 +1,5 @@
 """Hand a law over to a particle code: `export` is the door to everything here."""
 
-import json
 import re
 from pathlib import Path
 from typing import Any
@@ -9,6 +8,7 @@ import jax
 
 import softjax as sj
 from calibration.atomic import check_writable, files_into, write_text
+from calibration.data.json_file import dumps
 from calibration.errors import DataError, listed
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.result import FitResult
@@ -124,6 +124,5 @@ def _write(out: Path, files: dict[str, str], made: Export) -> None:
     with files_into(out, owned) as folder:
         for name, text in files.items():
             write_text(folder / name, text)
-        report = json.dumps(made.to_dict(), indent=2, ensure_ascii=False)
-        write_text(folder / REPORT, f"{report}\n")
+        write_text(folder / REPORT, dumps(made.to_dict(), indent=2))
         style.save(draw_export(made), folder / PICTURE)

@@ -1,11 +1,10 @@
 """A comparison of laws as tables for a terminal, and as JSON."""
 
-import json
-import math
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from calibration.data.json_file import dumps
 from calibration.errors import printable
 from calibration.fitting.doubt import OTHER_LAWS
 from calibration.report import symbols
@@ -55,7 +54,7 @@ def comparison_json(comparisons: Sequence[Any], settings: Mapping[str, Any]) -> 
         "settings": dict(settings),
         "versions": comparisons[0].entries[0].result.versions,
     }
-    return json.dumps(table, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    return dumps(table)
 
 
 def _title(one: Any) -> str:
@@ -187,8 +186,8 @@ def _entry_dict(entry: Any) -> dict[str, Any]:
         "same_curve_as": entry.same_as,
         "parameters": {
             name: {
-                "value": _finite(e.value),
-                "standard_error": _finite(e.standard_error),
+                "value": e.value,
+                "standard_error": e.standard_error,
                 "unit": symbols.symbol(name, fit.model).unit,
                 "free": e.free,
             }
@@ -200,7 +199,3 @@ def _entry_dict(entry: Any) -> dict[str, Any]:
             for doubt in entry.doubts
         ],
     }
-
-
-def _finite(value: float | None) -> float | None:
-    return value if value is not None and math.isfinite(value) else None

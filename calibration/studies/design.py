@@ -11,9 +11,9 @@ from jaxtyping import ArrayLike, Float
 
 import softjax as sj
 from calibration.data.checks import check_whole
+from calibration.data.json_file import plain
 from calibration.errors import DataError
 from calibration.fitting.result import FitResult
-from calibration.fitting.result_json import plain
 from calibration.studies.exchange import CRITERIA
 from calibration.studies.inputs import both_ends
 from calibration.studies.placing import Errors, Progress, Wanted, sought

@@ -10,10 +10,10 @@ import numpy as np
 from jaxtyping import ArrayLike, Float
 
 import softjax as sj
+from calibration.data.json_file import plain
 from calibration.errors import DataError
 from calibration.fitting.problem import Element
 from calibration.fitting.result import FitResult
-from calibration.fitting.result_json import plain
 from calibration.studies.planned import Column, Plan, equations, relative_unit
 from calibration.studies.planning import checked_impacts, plan_of, taken_as_known
 

@@ -24,9 +24,9 @@ from jaxtyping import Array, ArrayLike, Float
 
 import softjax as sj
 from calibration.data.checks import check_whole, checked_confidence
+from calibration.data.json_file import plain
 from calibration.errors import DataError
 from calibration.fitting.result import FitResult
-from calibration.fitting.result_json import plain
 from calibration.parts import Arrays, Parts, Whole, blocks, in_parts, joined
 from calibration.studies.inputs import Inputs, as_inputs, both_ends, check_ranges, check_velocity
 
