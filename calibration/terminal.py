@@ -6,6 +6,7 @@ import os
 import shlex
 import shutil
 import sys
+import textwrap
 import unicodedata
 from collections.abc import Iterable
 from contextlib import suppress
@@ -56,6 +57,12 @@ def columns() -> int | None:
 def width() -> int:
     """To which running text is broken into lines."""
     return max(20, min(WIDTH, columns() or WIDTH))
+
+
+def wrapped(paragraphs: Iterable[str], first: str = "", rest: str = "") -> list[str]:
+    """Paragraphs as lines, the first of each and the rest behind some margin."""
+    wrapper = textwrap.TextWrapper(width(), initial_indent=first, subsequent_indent=rest)
+    return [line for text in paragraphs for line in wrapper.wrap(text)]
 
 
 def cannot_go_back() -> bool:

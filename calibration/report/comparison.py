@@ -1,6 +1,5 @@
 """A comparison of laws as tables for a terminal, and as JSON."""
 
-import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -11,7 +10,7 @@ from calibration.report import symbols
 from calibration.report.rows import estimate_text
 from calibration.report.tables import aligned
 from calibration.rounding import ABSENT, number
-from calibration.terminal import width
+from calibration.terminal import wrapped
 
 WHOLE = 1000  # scores from here on are told in whole numbers
 HEADER = ("law", "elpd", "behind", "weight", "left out", "rms", "AIC", "BIC", "k")
@@ -137,10 +136,8 @@ def _doubts(one: Any, causes: str) -> list[str]:
         return ["No doubts were raised."]
     remedies = {doubt.code: _remedy(doubt) for entry in one.entries for doubt in entry.doubts}
     lines = [f"Doubts (their causes are in {causes}):"]
-    for code, labels in by_code.items():
-        text = f"{code}: {'; '.join(labels)}. {remedies[code]}"
-        lines += textwrap.wrap(text, width(), initial_indent="  ! ", subsequent_indent="    ")
-    return lines
+    told = (f"{code}: {'; '.join(labels)}. {remedies[code]}" for code, labels in by_code.items())
+    return lines + wrapped(told, "  ! ", "    ")
 
 
 def _remedy(doubt: Any) -> str:
@@ -149,7 +146,7 @@ def _remedy(doubt: Any) -> str:
 
 
 def _wrapped(paragraphs: Iterable[str]) -> list[str]:
-    return [line for text in paragraphs for line in textwrap.wrap(printable(text), width())]
+    return wrapped(map(printable, paragraphs))
 
 
 def _as_dict(one: Any) -> dict[str, Any]:

@@ -1,6 +1,5 @@
 """What draws from the posterior say: in a table, and in words of what is known and what is not."""
 
-import textwrap
 from collections.abc import Mapping
 from typing import Any
 
@@ -11,7 +10,7 @@ from calibration.report.markdown import doubt_item
 from calibration.report.rows import Table
 from calibration.report.tables import aligned, escaped, markdown
 from calibration.rounding import interval, number, with_error
-from calibration.terminal import width
+from calibration.terminal import wrapped
 
 TOLD = 0.3  # of the prior's width, up to which the data tell a parameter
 
@@ -75,11 +74,9 @@ def posterior_text(data: Any, confidence: float) -> str:
     told = summaries(data, confidence)
     table = posterior_table(told, confidence)
     rows = [row[:-1] for row in table.rows]
-    wrap = textwrap.TextWrapper(width(), initial_indent="  ", subsequent_indent="    ")
     lines = aligned(table.header[:-1], rows, table.right)
-    for line in [*known(told), *(f"! {doubt}" for doubt in doubts_of(data))]:
-        lines += wrap.wrap(line)
-    return "\n".join(["", "Posterior:", *lines])
+    words = [*known(told), *(f"! {doubt}" for doubt in doubts_of(data))]
+    return "\n".join(["", "Posterior:", *lines, *wrapped(words, "  ", "    ")])
 
 
 def _how(data: Any) -> str:

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 from calibration.fitting.assembly import label_of_law
+from calibration.fitting.estimate import Estimate
 from calibration.fitting.specs import said_of
 from calibration.parameters import Parameter
 from calibration.report import symbols
@@ -109,11 +110,7 @@ def told(result: Any) -> list[str]:
             if isinstance(parameter, Parameter) and (words := _of_parameter(parameter)):
                 symbol = symbols.text(fit.model.canonical(name), fit.model)
                 found.setdefault(f"{symbol}: {words}", []).append(fit.name)
-    everywhere = len(result.materials)
-    return [
-        text if len(names) == everywhere else f"{text} ({', '.join(names)})"
-        for text, names in found.items()
-    ]
+    return _with_owners(result, found, "{text} ({names})")
 
 
 def _of_parameter(parameter: Parameter) -> str:
@@ -130,22 +127,10 @@ def _of_parameter(parameter: Parameter) -> str:
     return ", ".join(parts)
 
 
-def _computed(fit: Any, printed: Mapping[str, float]) -> dict[str, Any]:
-    """Properties of the contact that were printed too and are no estimates."""
+def _computed(fit: Any, printed: Mapping[str, float]) -> dict[str, Estimate]:
+    """Properties of the contact that were printed too: they follow from the bodies alone."""
     names = [name for name in printed if name not in {**fit.parameters, **fit.derived}]
-    return {name: Computed(float(getattr(fit.contact, name))) for name in names}
-
-
-class Computed(NamedTuple):
-    """A number that follows from the bodies alone, told as an estimate without an error."""
-
-    value: float
-    standard_error: None = None
-    low: None = None
-    high: None = None
-    method: str = "computed"
-    free: bool = False
-    at_bound: bool = False
+    return {name: Estimate(float(getattr(fit.contact, name)), method="computed") for name in names}
 
 
 def quality_table(result: Any) -> Table:
@@ -275,14 +260,19 @@ def settings_line(result: Any) -> str:
     return ", ".join(parts)
 
 
-def notes(result: Any) -> Iterable[str]:
+def notes(result: Any) -> list[str]:
     """What was noticed about the data, each once."""
     said: dict[str, list[str]] = {}
     for fit in result.materials:
         for note in fit.data.notes:
             said.setdefault(note, []).append(fit.name)
-    everywhere = len(result.materials)
+    return _with_owners(result, said, "{names}: {text}")
+
+
+def _with_owners(result: Any, said: Mapping[str, list[str]], form: str) -> list[str]:
+    """Texts with the names of the data sets that each is about, where these are not all."""
+    every = len(result.materials)
     return [
-        note if len(names) == everywhere else f"{', '.join(names)}: {note}"
-        for note, names in said.items()
+        text if len(names) == every else form.format(text=text, names=", ".join(names))
+        for text, names in said.items()
     ]

@@ -1,13 +1,12 @@
 """A fit on a terminal, of 100 columns or what there are."""
 
-import textwrap
 from collections.abc import Iterable
 from typing import Any
 
 from calibration.report import rows
 from calibration.report.tables import aligned
 from calibration.rounding import number
-from calibration.terminal import width
+from calibration.terminal import wrapped
 
 MOST_SEARCHES = 12  # that are told one by one
 
@@ -21,8 +20,8 @@ def terminal_report(result: Any, printed: rows.Printed | None = None, intro: str
         intro: what the reader must know of the data before anything else.
     """
     blocks = [
-        _wrapped(intro.splitlines() or rows.notes(result)),
-        _wrapped([rows.settings_line(result)]),
+        wrapped(intro.splitlines() or rows.notes(result)),
+        wrapped([rows.settings_line(result)]),
         _laid_out(rows.parameter_table(result, printed)),
         _explained([*rows.meanings(result), *rows.told(result), *_intervals(result)]),
         _laid_out(rows.quality_table(result)),
@@ -41,18 +40,11 @@ def doubts(result: Any) -> list[str]:
     if not result.warnings:
         return [*lines, "No doubts were raised."]
     lines.append("Doubts:")
-    for doubt in result.warnings:
-        lines += textwrap.wrap(str(doubt), width(), initial_indent="  ! ", subsequent_indent="    ")
-    return lines
-
-
-def _wrapped(paragraphs: Iterable[str]) -> list[str]:
-    return [line for text in paragraphs for line in textwrap.wrap(text, width())]
+    return lines + wrapped(map(str, result.warnings), "  ! ", "    ")
 
 
 def _explained(lines: Iterable[str]) -> list[str]:
-    wrapped = textwrap.TextWrapper(width(), initial_indent="  ", subsequent_indent="    ")
-    return [one for line in lines for one in wrapped.wrap(line)]
+    return wrapped(lines, "  ", "    ")
 
 
 def _intervals(result: Any) -> list[str]:
@@ -90,4 +82,4 @@ def _beside(result: Any) -> list[str]:
         f"{number(other['seconds'], 2)} s against {number(own, 2)} s. Its values differ by "
         f"{number(other['largest_difference'], 2)} of each at most."
     )
-    return _wrapped([text])
+    return wrapped([text])

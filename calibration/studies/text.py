@@ -1,10 +1,10 @@
 """Studies told: tables for the terminal, and sensitivities over velocity as CSV."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from textwrap import wrap
 
 import numpy as np
 
+from calibration import terminal
 from calibration.curve.writers import status_names
 from calibration.data.points import STANDARD_GRAVITY
 from calibration.errors import listed
@@ -13,7 +13,6 @@ from calibration.studies.design import Design
 from calibration.studies.information import Information
 from calibration.studies.local import Sensitivities
 from calibration.studies.sobol import SobolIndices
-from calibration.terminal import width
 
 
 def local_table(found: Sensitivities) -> str:
@@ -80,15 +79,13 @@ def design_csv(found: Design) -> str:
 
 def doubts_text(doubts: Sequence[Doubt]) -> str:
     """What is doubted of the fit that a plan starts from."""
-    lines = ["The plan trusts this fit, of which is doubted:"]
-    for doubt in doubts:
-        lines += wrap(str(doubt), width(), initial_indent="  ! ", subsequent_indent="    ")
-    return "\n".join(lines)
+    head = "The plan trusts this fit, of which is doubted:"
+    return "\n".join([head, *terminal.wrapped(map(str, doubts), "  ! ", "    ")])
 
 
 def wrapped(text: str) -> str:
     """Each line as wide as the terminal."""
-    return "\n".join("\n".join(wrap(line, width())) for line in text.splitlines())
+    return "\n".join(terminal.wrapped(text.splitlines()))
 
 
 def _table(
