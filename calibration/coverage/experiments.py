@@ -12,8 +12,9 @@ from jaxtyping import Float
 import softjax as sj
 from calibration.coverage.cases import nylon_pair
 from calibration.data import RestitutionData
+from calibration.data.points import STANDARD_GRAVITY
+from calibration.fitting.derived import eps_up_of
 
-GRAVITY = 9.80665
 OFFSET, SCATTER = 0.003, 0.0015  # standard deviations of ε: between specimens, and of one impact
 NOISE = 0.005  # of a single ε elsewhere
 
@@ -42,10 +43,7 @@ class Experiment:
         """What a fit's parameters should be."""
         law = self.truth
         if isinstance(law, sj.Zhou):
-            pair = law.contact
-            critical, limit = float(pair.critical_velocity), float(pair.limit_velocity)
-            loss = float(law.sigma) * (critical / (limit - critical)) ** float(law.psi)
-            return {"chi": float(law.chi), "eps_up": float(np.exp(-loss))}
+            return {"chi": float(law.chi), "eps_up": eps_up_of(law)}
         assert isinstance(law, sj.Thornton)
         return {"yield_factor": float(law.yield_factor)}
 
@@ -117,7 +115,7 @@ class _Bench:
         velocity = random.uniform(4.5, 12, 10) * self._critical
         intervals = []
         for _ in range(9):
-            intervals.append(2 * velocity / GRAVITY)
+            intervals.append(2 * velocity / STANDARD_GRAVITY)
             velocity = velocity * np.interp(velocity, self._table, self._curve)
         timed = np.stack(intervals, axis=1).ravel() + timing * random.standard_normal(90)
         launch = np.repeat(np.arange(10), 9).astype(str)

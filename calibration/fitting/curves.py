@@ -1,15 +1,19 @@
 """Curves of fitted laws, and their bands: the covariance carried through exact derivatives."""
 
-from collections.abc import Mapping
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import jax
 import numpy as np
 from jaxtyping import Float
 
 import softjax as sj
+from calibration.data.checks import require
 from calibration.errors import DataError
 from calibration.fitting.collisions import Route
+from calibration.fitting.estimate import Band
+from calibration.fitting.freedom import Freedom
 from calibration.fitting.law_model import CONTACT_LEAVES, OF_CONTACT, model_of_class
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.plan import plan_of
@@ -17,9 +21,12 @@ from calibration.fitting.problem import Element, Points, Problem
 from calibration.fitting.root import NO_REBOUND_BELOW
 from calibration.fitting.rows import Rows
 from calibration.fitting.transform import Transform
+from calibration.fitting.uncertainty import quantile
 from calibration.parameters import Parameter
 
 WIDE = (-np.inf, np.inf)
+
+Velocity = Float[np.ndarray, "n"]
 
 
 def curve_and_slopes(
@@ -35,6 +42,57 @@ def curve_and_slopes(
     return np.where(rebounds, value, 0.0), np.where(rebounds[:, None], slope, 0.0)
 
 
+def band(
+    material: MaterialFit,
+    velocity: Any,
+    names: tuple[str, ...],
+    covariance: Float[np.ndarray, "p p"],
+    freedom: Freedom,
+    confidence: float,
+    kind: str = "mean",
+    route: Route = None,
+) -> Band:
+    """ε(v) with a confidence band; NaN where the fit knows nothing.
+
+    Args:
+        names, covariance: of the free parameters, in physical units.
+        freedom: how well the covariance is known.
+        kind: "mean", of the curve itself, or "prediction", of one more measurement.
+        route: from the law to ε; None: what suits the law.
+    """
+    labels = tuple(material.free.values())
+    rows = [names.index(label) for label in labels]
+    added = dict(material.variances) if kind == "prediction" else {}
+
+    def parts(velocity: Velocity) -> tuple[np.ndarray, ...]:
+        value, slope = curve_and_slopes(material, velocity, route)
+        carried = np.einsum("ni,ij,nj->n", slope, covariance[np.ix_(rows, rows)], slope)
+        variance = np.maximum(carried, 0.0) + sum(added.values())
+        degrees = freedom.degrees(labels, slope, variance, material.name, added)
+        error = np.sqrt(variance)
+        reach = quantile(confidence, degrees) * error
+        return value, value - reach, value + reach, error
+
+    return band_of(material, velocity, kind, parts)
+
+
+def band_of(
+    material: MaterialFit,
+    velocity: Any,
+    kind: str,
+    parts: Callable[[Velocity], tuple[np.ndarray, ...]],
+) -> Band:
+    """A band from its curve, low and high limits and standard errors at some velocities in a row."""
+    velocity = np.asarray(velocity, float)
+    flat = velocity.ravel()
+    require("velocity", flat, lambda v: v >= 0, "a speed of 0 m/s or more")
+    known = material.known(flat)
+    value, low, high, error = (
+        np.where(known, part, np.nan).reshape(velocity.shape) for part in parts(flat)
+    )
+    return Band(velocity, value, low, high, error, kind)
+
+
 def curve_problem(
     material: MaterialFit, velocity: Float[np.ndarray, "n"], route: Route = None
 ) -> Problem:
@@ -46,7 +104,7 @@ def curve_problem(
     data, model = material.data, material.model
     count = _rows_of(material, len(velocity))
     names = tuple(material.values)
-    free = [name for name in names if name in material.labels]
+    free = list(material.free)
     elements = tuple(_element(material, name) for name in free)
     index = [[free.index(name) if name in free else -1] for name in names]
     held = [np.broadcast_to(np.asarray(v, float), count) for v in material.values.values()]
@@ -103,21 +161,6 @@ def _rows_of(material: MaterialFit, count: int) -> int:
         accepted = f"{sizes.pop()} velocities, as the bodies differ from impact to impact"
         raise DataError("velocity", f"{count} long", accepted)
     return count
-
-
-def of_labels(
-    material: MaterialFit, names: tuple[str, ...], covariance: Float[np.ndarray, "p p"]
-) -> Float[np.ndarray, "free free"]:
-    """The part of a covariance that belongs to a material's free parameters, in their order."""
-    place: Mapping[str, int] = {label: k for k, label in enumerate(names)}
-    rows = [place[material.labels[name]] for name in material.values if name in material.labels]
-    return covariance[np.ix_(rows, rows)]
-
-
-def propagated(slope: Float[np.ndarray, "n p"], covariance: Float[np.ndarray, "p p"]) -> np.ndarray:
-    """√(J C Jᵀ) at each velocity."""
-    variance = np.einsum("ni,ij,nj->n", slope, covariance, slope)
-    return np.sqrt(np.maximum(variance, 0.0))
 
 
 def yield_velocity(law: sj.ContactLaw) -> float | None:

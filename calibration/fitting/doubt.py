@@ -79,15 +79,6 @@ def is_wide(profile) -> bool:
     return bool(np.log(profile.high / profile.low) > 4 * SEPARATE)
 
 
-def at_bound(label: str, bound: float, material=None) -> Doubt:
-    return Doubt("at-bound", f"{label} is at its bound {bound:.4g}", material)
-
-
-def without_bound(label: str, material=None) -> Doubt:
-    """The cost falls, ever less, however large the parameter gets."""
-    return Doubt("at-bound", f"{label} grows without bound: any large value is as good", material)
-
-
 def misfit(reduced: float, degrees, of_noise, material) -> Doubt | None:
     """χ² of the residuals larger than noise makes it once in a hundred.
 

@@ -8,6 +8,7 @@ from calibration.fitting.alike import structure
 from calibration.fitting.component_fit import ComponentFit
 from calibration.fitting.estimate import Estimate
 from calibration.fitting.neighbours import pooled_about
+from calibration.fitting.problem import Problem
 from calibration.fitting.profiles import FARTHEST, Asked, Profile, profiles
 from calibration.fitting.transform import NONE
 from calibration.fitting.uncertainty import quantile
@@ -73,15 +74,14 @@ def _left(fit: ComponentFit) -> float:
 
 def _variance(fit: ComponentFit) -> float | None:
     """Of a weighted residual; None where data sets differ in it, or have no noise."""
-    weighted = weighted_deviation(fit)
+    weighted = weighted_deviation(fit, fit.stages[0].problem)
     if np.ptp(weighted) > 1e-9 * np.max(weighted) or not np.max(weighted) > 0:
         return None
     return float(np.max(weighted)) ** 2
 
 
-def weighted_deviation(fit: ComponentFit) -> np.ndarray:
-    """Standard deviation of each weighted residual of the first stage."""
-    problem = fit.stages[0].problem
+def weighted_deviation(fit: ComponentFit, problem: Problem) -> np.ndarray:
+    """Standard deviation of each weighted residual of a stage's points."""
     if problem.shared is not None:
         return np.ones(problem.count)
     return fit.uncertainty.noise.deviation[0] * problem.points.weight

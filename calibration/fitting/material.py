@@ -75,6 +75,11 @@ class MaterialFit:
         return len(self.data)
 
     @property
+    def free(self) -> dict[str, str]:
+        """What was free, in the order of `values`, and what the covariance calls it."""
+        return {name: self.labels[name] for name in self.values if name in self.labels}
+
+    @property
     def noise(self) -> float | None:
         """The standard deviation of a single ε that was estimated; None where it was stated."""
         found = [v for kind, v in self.variances.items() if kind not in ("stated", "group")]

@@ -62,7 +62,7 @@ def _moved(fit: ComponentFit, stage: StageFit, other: Found) -> list[int]:
 def _rise(fit: ComponentFit, stage: StageFit, z) -> float:
     """χ² there less χ² at the best: squares over the variance that noise gives them."""
     problem = stage.problem
-    deviation = np.maximum(weighted_deviation(fit), ROUNDING * problem.points.weight)
+    deviation = np.maximum(weighted_deviation(fit, problem), ROUNDING * problem.points.weight)
     gain = _squares(problem, z) - _squares(problem, stage.z)
     points, priors = gain[: problem.count], gain[problem.count :]
     spread = np.mean(deviation**2)  # a prior weighs as a point

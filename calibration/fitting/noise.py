@@ -81,8 +81,8 @@ def noise_of(problem: Problem, z: np.ndarray, lanes: Lanes | None = None) -> Noi
     measured = problem.points.restitution if lanes.restitution is None else lanes.restitution
     off = found.prediction - measured
     deviation = np.ones(off.shape)
-    for g, (plan, data) in enumerate(_sets(problem)):
-        known = _known(problem, g, data)
+    for g, plan in enumerate(problem.plans):
+        known = known_variances(problem, g)
         if "scale" in plan.unknown:
             factor = np.sum(off[:, sets[g]] ** 2 / known, axis=1) / left[:, g]
             deviation[:, sets[g]] = np.sqrt(np.maximum(factor, 1e-300)[:, None] * known)
@@ -154,9 +154,9 @@ def _evened(data: RestitutionData) -> Float[np.ndarray, "n"]:
     return np.sqrt(counts / scatter)
 
 
-def _known(problem: Problem, g: int, data: RestitutionData) -> Float[np.ndarray, "n"]:
-    """The part of the variances that is stated."""
-    at = None if problem.latent is None else problem.latent[g]
+def known_variances(problem: Problem, g: int) -> Float[np.ndarray, "n"]:
+    """The part of a data set's variances that is stated, those of the velocities included."""
+    data, at = problem.datasets[g], None if problem.latent is None else problem.latent[g]
     errors, slope = (data.errors, 0.0) if at is None else (at.errors, at.slope)
     if data.errors.size_is_unknown:
         return np.zeros(len(data))

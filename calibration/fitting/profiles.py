@@ -72,40 +72,33 @@ class Asked(NamedTuple):
     quantiles: Float[np.ndarray, "some"]
 
 
-class Walk(NamedTuple):
-    """One parameter in one direction.
-
-    Attributes:
-        member: of which fit.
-        column: which of the active elements.
-        sign: +1 upwards, -1 downwards, in z.
-        step: about one standard error, in z.
-        quantile: √Δχ² at the limit.
-        from_end: whether it begins at an end of the parameter's range, where all is level.
-    """
-
-    member: int
-    column: int
-    sign: int
-    step: float
-    quantile: float
-    from_end: bool
-
-
 class _Walks:
-    """√Δχ² of refits along the walks of fits whose problems are alike, in lockstep."""
+    """√Δχ² of refits along the walks of fits whose problems are alike, in lockstep.
+
+    Of each walk: of which fit it is (`member`), along which of the active elements (`columns`) and
+    which way (`signs`) in z, about one standard error (`steps`), √Δχ² at the limit (`quantile`), and
+    whether it begins at an end of the parameter's range, where all is level (`from_end`).
+    """
 
     def __init__(self, asked: Sequence[Asked]):
         self.problem = problem = Alike.of([one.problem for one in asked])
-        self.walks = [walk for k, one in enumerate(asked) for walk in _walks_of(k, one)]
-        told = (np.array(part) for part in zip(*self.walks, strict=True))
+        walks = [
+            (member, column, sign, error, quantile, limit != 0)
+            for member, one in enumerate(asked)
+            for column, error, quantile, limit in zip(
+                one.columns, one.errors, one.quantiles, one.limits, strict=True
+            )
+            for sign in (-1, 1)
+            if sign != limit
+        ]
+        told = (np.array(part) for part in zip(*walks, strict=True))
         self.member, self.columns, self.signs, self.steps, self.quantile, self.from_end = told
         self.begun = np.array([asked[k].begun for k in self.member])
         self.variance = np.array([asked[k].variance for k in self.member])
         self.z = np.array([asked[k].z for k in self.member])
-        every = np.arange(len(self.walks))
+        every = np.arange(len(walks))
         self.positions = problem.active[self.columns]
-        self.held = np.zeros((len(self.walks), len(problem.active)), bool)
+        self.held = np.zeros((len(walks), len(problem.active)), bool)
         self.held[every, self.columns] = True
         self.scaled = problem.transform.kind[self.positions] != NONE
         self.centre = self.z[every, self.positions]
@@ -113,7 +106,7 @@ class _Walks:
         self.lowest = np.sum(begin.residual**2, axis=1)
         reach = np.where(self.from_end, FURTHEST + FARTHEST, FARTHEST)
         self.reach = np.where(self.scaled, reach, 100 * self.steps)
-        self.way: list[list[tuple[float, float]]] = [[] for _ in self.walks]
+        self.way: list[list[tuple[float, float]]] = [[] for _ in walks]
 
     def _lanes(self, which) -> Lanes:
         return Lanes(member=self.member[which])
@@ -164,7 +157,7 @@ class _Walks:
 
     def run(self) -> Float[np.ndarray, "walks"]:
         """Where each walk crosses the quantile, NaN where it does not; `way` is what was seen."""
-        count = len(self.walks)
+        count = len(self.way)
         stride = np.where(self.scaled, np.minimum(self.steps, STRIDE), self.steps)
         inside, rise = np.array(self.centre), np.zeros(count)
         outside, above = np.full((2, count), np.nan)
@@ -231,16 +224,6 @@ class _Walks:
         if len(which):
             at = self.centre[which] + BEYOND * (crossing[which] - self.centre[which])
             self._saw(which, at, self.refit(at, which)[1])
-
-
-def _walks_of(member: int, asked: Asked) -> list[Walk]:
-    told = zip(asked.columns, asked.errors, asked.quantiles, asked.limits, strict=True)
-    return [
-        Walk(member, int(column), sign, float(error), float(reach), bool(limit))
-        for column, error, reach, limit in told
-        for sign in (-1, 1)
-        if sign != limit
-    ]
 
 
 def profiles(asked: Sequence[Asked]) -> list[dict[str, Profile]]:

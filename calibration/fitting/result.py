@@ -12,9 +12,8 @@ from calibration.atomic import replacing, write_text
 from calibration.data.checks import check_whole, checked_confidence
 from calibration.data.json_file import dumps
 from calibration.errors import DataError
-from calibration.fitting.bands import band
 from calibration.fitting.component_fit import ComponentFit
-from calibration.fitting.curves import as_empirical
+from calibration.fitting.curves import as_empirical, band
 from calibration.fitting.doubt import Doubt, extrapolation
 from calibration.fitting.estimate import Band, Estimate, Line
 from calibration.fitting.freedom import Freedom

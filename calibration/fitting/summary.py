@@ -33,8 +33,9 @@ def summarise_material(
     place = fit.component.sets.index(g)
     spec, problem = fit.component.specs[place], fit.final.problem
     points = problem.points.set == place
-    status = problem.as_measured().linearise(fit.z[None]).status[0][points]
-    good = goodness_of(fit, place)
+    measured = problem.as_measured()
+    status = measured.linearise(fit.z[None]).status[0][points]
+    residual = measured.predict(fit.z[None])[0][points] - spec.data.restitution
     known_from, known_to = _known(fit, spec, g)
     values, labels = _values(fit, spec, g)
     part = MaterialFit(
@@ -46,24 +47,19 @@ def summarise_material(
         values=values,
         labels=labels,
         trees=spec.trees,
-        rms=float(np.sqrt(np.mean(good.residual**2))),
+        rms=float(np.sqrt(np.mean(residual**2))),
         rms_empirical=None,
         empirical=None,
-        reduced_chi_squared=good.reduced_chi_squared,
         converged=fit.converged,
         status=tuple(int(flag) for flag in status),
         known_from=known_from,
         known_to=known_to,
-        variances=good.variances,
-        timing=good.timing,
-        standardised=tuple(map(float, good.standardised)),
-        leverage=tuple(map(float, good.leverage)),
-        residual_degrees=good.left,
+        **goodness_of(fit, place),
     )
     rms_empirical, empirical, apart = _eq_17(fit, spec, part, g)
     part = replace(part, rms_empirical=rms_empirical, empirical=empirical)
     own = [d for d in shared if d.material == spec.data.name] + apart
-    own += material_doubts(part, good.residual, fit.final.problem.plans[place])
+    own += material_doubts(part, residual, fit.final.problem.plans[place])
     return replace(part, warnings=tuple(own))
 
 

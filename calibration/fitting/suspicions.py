@@ -47,9 +47,10 @@ def _of_estimate(name: str, estimate: Estimate, owner: str | None) -> list[Doubt
     if "[" in name:  # a number of a network is no parameter that anybody reads
         return []
     if estimate.at_bound and estimate.value is not None:
-        return [doubts.at_bound(name, estimate.value, owner)]
+        return [Doubt("at-bound", f"{name} is at its bound {estimate.value:.4g}", owner)]
     if estimate.value is None:
-        return [doubts.without_bound(name, owner)]
+        # the cost falls, ever less, however large the parameter gets
+        return [Doubt("at-bound", f"{name} grows without bound: any large value is as good", owner)]
     if estimate.method == "undetermined":
         cause = f"{name} does not show in these data, or only together with another"
         return [Doubt("rank-deficient", cause, owner)]

@@ -7,9 +7,8 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from calibration.data.checks import require
 from calibration.errors import DataError
-from calibration.fitting.curves import curve_problem
+from calibration.fitting.curves import band_of, curve_problem
 from calibration.fitting.estimate import Band
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.posterior.inference_data import dataset_of, variable
@@ -41,30 +40,25 @@ def band_of_draws(
     Args:
         kind: "mean", of the curve itself, or "prediction", of one more measurement.
     """
-    velocity = np.asarray(velocity, float)
-    flat = velocity.ravel()
-    require("velocity", flat, lambda v: v >= 0, "a speed of 0 m/s or more")
-    values = _thinned(labelled(data, _labels(material)))
-    with jax.enable_x64(True):
-        curves = curve_problem(material, flat).predict(values)
-    curves = np.where(curves > NO_REBOUND_BELOW, curves, 0.0)
-    if kind == "prediction":
-        normal = np.random.default_rng(0).standard_normal(curves.shape)
-        curves = curves + normal * np.sqrt(_variance(data, material))[:, None]
-    low, high = np.quantile(curves, [0.5 - confidence / 2, 0.5 + confidence / 2], axis=0)
-    known = material.known(flat)
+    values = _thinned(labelled(data, list(material.free.values())))
 
-    def shaped(part: np.ndarray) -> np.ndarray:
-        return np.where(known, part, np.nan).reshape(velocity.shape)
+    def parts(velocity: Float[np.ndarray, "n"]) -> tuple[np.ndarray, ...]:
+        with jax.enable_x64(True):
+            curves = curve_problem(material, velocity).predict(values)
+        curves = np.where(curves > NO_REBOUND_BELOW, curves, 0.0)
+        if kind == "prediction":
+            normal = np.random.default_rng(0).standard_normal(curves.shape)
+            curves = curves + normal * np.sqrt(_variance(data, material))[:, None]
+        ends = np.quantile(curves, [0.5 - confidence / 2, 0.5 + confidence / 2], axis=0)
+        return np.mean(curves, axis=0), *ends, np.std(curves, axis=0, ddof=1)
 
-    mean, error = shaped(np.mean(curves, axis=0)), shaped(np.std(curves, axis=0, ddof=1))
-    return Band(velocity, mean, shaped(low), shaped(high), error, kind)
+    return band_of(material, velocity, kind, parts)
 
 
 def at_draws(result: Any, data: Any, count: int) -> list[Any]:
     """The fit with the values of some draws, evenly taken from all, in place of its own."""
     found = []
-    tables = [labelled(data, _labels(one)) for one in result.materials]
+    tables = [labelled(data, list(one.free.values())) for one in result.materials]
     size = len(tables[0])
     if not (isinstance(count, int) and 1 <= count <= size):
         raise DataError("count", count, f"a whole number from 1 to {size}")
@@ -75,14 +69,8 @@ def at_draws(result: Any, data: Any, count: int) -> list[Any]:
     return found
 
 
-def _labels(material: MaterialFit) -> list[str]:
-    """Of what is free, in the order of its values."""
-    return [material.labels[name] for name in material.values if name in material.labels]
-
-
 def _moved(material: MaterialFit, row: np.ndarray) -> MaterialFit:
-    free = [name for name in material.values if name in material.labels]
-    moved = dict(zip(free, map(float, row), strict=True))
+    moved = dict(zip(material.free, map(float, row), strict=True))
     return replace(material, values={**material.values, **moved})
 
 
