@@ -16,9 +16,9 @@ import softjax as sj
 from calibration.coverage.cases import Case, standard_cases
 from calibration.coverage.table import Coverage, as_arrays, from_arrays
 from calibration.data.checks import check_whole, checked_confidence
-from calibration.fitting.assembly import Component
 from calibration.fitting.component_fit import ComponentFit, fit_component
 from calibration.fitting.problem import Lanes
+from calibration.fitting.refits import settled
 from calibration.fitting.request import Request
 from calibration.fitting.search import Found, search
 from calibration.fitting.stages import Options
@@ -26,7 +26,6 @@ from calibration.fitting.uncertainty import Settled, Uncertainty, quantile, stac
 from calibration.parts import Arrays, Parts, in_parts
 
 PLAIN = Options(optimiser="levenberg-marquardt", starts=1)
-STEPS = 200
 
 
 def coverage_study(
@@ -77,7 +76,8 @@ def _study(case: Case, sets: int, seed, confidence: float) -> Coverage:
     component = ideal.components()[0]
     exact = fit_component(component, PLAIN)
     lanes = Lanes(restitution=simulated(case, sets, seed))
-    z, stages, arrived = _fitted(exact, component, lanes)
+    begin = np.repeat(exact.z[None], sets, axis=0)
+    z, stages, arrived = settled((stage.problem for stage in exact.stages), begin, lanes)
     known = stacked(stages, z, lanes)
     reach = quantile(confidence, known.degrees)
     off = np.abs(z - exact.z) <= reach * known.errors
@@ -102,17 +102,6 @@ def _study(case: Case, sets: int, seed, confidence: float) -> Coverage:
     )
 
 
-def _fitted(exact: ComponentFit, component: Component, lanes: Lanes):
-    """All sets through all stages: z, the stages, and which of them converged."""
-    sets = len(lanes.restitution)  # type: ignore[arg-type]
-    z, arrived, settled = np.repeat(exact.z[None], sets, axis=0), np.ones(sets, bool), []
-    for stage in exact.stages:
-        found = search(stage.problem, z, lanes=lanes, limit=STEPS)
-        z, arrived = found.z, arrived & found.converged
-        settled.append(Settled(stage.problem, found.limits))
-    return z, settled, arrived
-
-
 def _profiled(exact: ComponentFit, stage: Settled, z, lanes: Lanes, known: Uncertainty, reach):
     """Which likelihood intervals hold the truth: those in which the cost there is low enough."""
     problem, held = stage.problem, np.zeros(z.shape, bool)
@@ -135,5 +124,5 @@ def _at_truth(exact: ComponentFit, problem, z, lanes: Lanes, column: int) -> lis
     for start in (z, np.repeat(exact.z[None], len(z), axis=0)):
         moved = np.array(start)
         moved[:, k] = exact.z[k]
-        starts.append(search(problem, moved, held=mask, lanes=lanes, limit=STEPS))
+        starts.append(search(problem, moved, held=mask, lanes=lanes))
     return starts

@@ -35,11 +35,10 @@ class Case:
     stated: bool = False
     contact: sj.Contact | None = None
 
-    def data(self, restitution=None) -> RestitutionData:
-        """The noise-free measurements, or others at the same velocities."""
+    def data(self) -> RestitutionData:
+        """The noise-free measurements."""
         velocity = np.asarray(self.velocity, float)
-        if restitution is None:
-            restitution = np.asarray(sj.restitution(self.truth, velocity).coefficient)
+        restitution = np.asarray(sj.restitution(self.truth, velocity).coefficient)
         told = np.asarray(self.noise) if self.stated else None
         contact = self.contact or getattr(self.truth, "contact", None)
         limit = getattr(self.truth, "limit_velocity", None)

@@ -1,5 +1,6 @@
 """Many fits of one problem side by side: from changed weights, and to simulated data."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,11 +10,23 @@ from jaxtyping import Bool, Float
 from calibration.fitting.component_fit import ComponentFit
 from calibration.fitting.problem import Lanes, Problem
 from calibration.fitting.search import Found, search
-from calibration.fitting.uncertainty import winsorised
+from calibration.fitting.uncertainty import Settled, winsorised
 from calibration.parts import Arrays, Parts, Whole, blocks, joined
 
 STEPS = 200  # of one refit
 AT_ONCE = 128  # refits that are one part
+
+
+def settled(
+    problems: Iterable[Problem], z: Float[np.ndarray, "fits p"], lanes: Lanes | None = None
+) -> tuple[Float[np.ndarray, "fits p"], list[Settled], Bool[np.ndarray, "fits"]]:
+    """Searches of one stage after the other from z: where they end, the stages, and which arrived."""
+    arrived, stages = np.ones(len(z), bool), []
+    for problem in problems:
+        found = search(problem, z, lanes=lanes)
+        z, arrived = found.z, arrived & found.converged
+        stages.append(Settled(problem, found.limits))
+    return z, stages, arrived
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,8 @@ from calibration.data import RestitutionData
 from calibration.fitting.assembly import EMPIRICAL, Component, assemble
 from calibration.fitting.collisions import Route
 from calibration.fitting.problem import Problem
+from calibration.fitting.refits import settled
 from calibration.fitting.root import NO_REBOUND_BELOW
-from calibration.fitting.search import search
 from calibration.fitting.specs import SetSpec
 from calibration.fitting.uncertainty import Settled, Uncertainty, gradient_slopes, stacked
 from calibration.studies.exchange import Table
@@ -94,13 +94,11 @@ class Plan:
     ) -> tuple[Component, Column, Uncertainty]:
         """The fit's problems, what it finds, z, and how well."""
         component, _ = self.component(velocity, uncertainty)
-        z, stages = component.start[None], []
-        for _, problem in component.stages:
-            limits = np.zeros((1, len(problem.active)), int)
-            if not self.is_likelihood:
-                found = search(problem, z)
-                z, limits = found.z, found.limits
-            stages.append(Settled(problem, limits))
+        problems, z = [problem for _, problem in component.stages], component.start[None]
+        if self.is_likelihood:  # the curve is the law's own: the search would stay there
+            stages = [Settled(p, np.zeros((1, len(p.active)), int)) for p in problems]
+        else:
+            z, stages, _ = settled(problems, z)
         return component, z[0], stacked(stages, z)
 
     def _pooled(self, problem: Problem) -> Problem:
