@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 
 import calibration as cal
 import softjax as sj
-from calibration.fitting import uncertainty
+from calibration.fitting import freedom, uncertainty
 from tests import fit_oracle
 from tests.cases import pair
 from tests.fit_data import TRUTH, eq_17_data, twin
@@ -239,6 +239,22 @@ def test_a_set_without_free_parameters_has_the_quantile_of_its_own_noise(order):
     assert band.standard_error == pytest.approx(np.sqrt(np.mean(off**2)))
     reach = (band.high - band.coefficient) / band.standard_error
     np.testing.assert_allclose(reach, stats.t.ppf(0.975, 4), rtol=1e-9)
+
+
+def test_one_more_measurement_is_as_uncertain_where_the_parts_are_too_many_to_keep(monkeypatch):
+    """Then all variances count as found from the fewest degrees of freedom, those of any set."""
+    monkeypatch.setattr(freedom, "MOST", 0)
+    random, velocity = np.random.default_rng(0), np.linspace(1.0, 2.0, 6)
+    sets = [
+        cal.RestitutionData(velocity, 0.8 + 0.01 * random.standard_normal(6), name=name)
+        for name in ("first", "second")
+    ]
+    shared = {"restitution": cal.Parameter(shared=True)}
+    result = cal.fit(sets, "constant", shared, profiles=False, starts=1)
+    reach = stats.t.ppf(0.975, result.degrees_of_freedom("restitution"))
+    for name in ("first", "second"):
+        band = result.band(1.5, name, kind="prediction")
+        assert band.high - band.coefficient == pytest.approx(reach * band.standard_error)
 
 
 @pytest.mark.parametrize("level", [95, 0, 1.0, -0.5, np.nan, True, "0.95"])

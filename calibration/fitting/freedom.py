@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from calibration.fitting.degrees import Parts, satterthwaite
 
+ALL = "all"
 MOST = 50_000  # numbers that a result keeps of one component; beyond, its least degrees of freedom
 
 
@@ -20,7 +21,8 @@ class Freedom:
         parts: (c, p, p), one for each variance that is an estimate.
         relative: covariance of the logarithms of these variances, (c, c).
         sets: names of the data sets that they belong to.
-        names: what each is of: "scatter", "group", "timing", "scale" or "repeats".
+        names: what each is of: "scatter", "group", "timing", "scale" or "repeats"; "all" where one
+            stands for all variances of all sets.
     """
 
     labels: tuple[str, ...]
@@ -40,7 +42,7 @@ class Freedom:
             return cls(labels, parts.parts[0] * both, parts.relative[0], sets, parts.names)
         least = np.min(parts.along(np.eye(len(labels))))
         whole = (parts.whole[0] * both)[None]
-        return cls(labels, whole, np.array([[2 / least]]), sets[:1], parts.names[:1])
+        return cls(labels, whole, np.array([[2 / least]]), ("",), (ALL,))
 
     def degrees(
         self,
@@ -62,7 +64,10 @@ class Freedom:
         place = [self.labels.index(label) for label in labels]
         parts = np.einsum("np,cpq,nq->nc", slopes, self.parts[:, place][:, :, place], slopes)
         for name, value in (added or {}).items():
-            own = [m == material and k == name for m, k in zip(self.sets, self.names, strict=True)]
+            own = [
+                (m == material and k == name) or (k == ALL and name != "stated")
+                for m, k in zip(self.sets, self.names, strict=True)
+            ]
             if any(own):
                 parts[:, own] += value / sum(own)
         return satterthwaite(variance[None], parts[None], self.relative[None])[0]
