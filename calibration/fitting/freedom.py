@@ -1,5 +1,6 @@
 """How well a fit's covariance is known, as a result keeps it: for quantiles of what follows from it."""
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -82,3 +83,13 @@ class Freedom:
             tuple(table["sets"]),
             tuple(table["names"]),
         )
+
+
+def freedom_of(freedoms: Sequence[Freedom], dataset: str, labels: Iterable[str]) -> Freedom:
+    """That of the component which a data set belongs to.
+
+    Nothing of the set may be free, or nothing of its noise estimated; where both is so, any will do.
+    """
+    own = set(labels)
+    told = (one for one in freedoms if own & set(one.labels) or dataset in one.sets)
+    return next(told, freedoms[0])

@@ -16,7 +16,7 @@ from calibration.fitting.component_fit import ComponentFit
 from calibration.fitting.curves import as_empirical, band
 from calibration.fitting.doubt import Doubt, extrapolation
 from calibration.fitting.estimate import Band, Estimate, Line
-from calibration.fitting.freedom import Freedom
+from calibration.fitting.freedom import Freedom, freedom_of
 from calibration.fitting.left_out import LeaveOneOut, leave_one_out
 from calibration.fitting.likelihood import Likelihood
 from calibration.fitting.material import MaterialFit
@@ -224,22 +224,14 @@ class FitResult:
 
     def _band(self, material: MaterialFit, velocity, confidence, kind: str) -> Band:
         names, covariance = self.covariance_names, self.of_predictions
-        freedom, level = self._freedom(material), self._level(confidence)
+        freedom = freedom_of(self.freedoms, material.name, material.labels.values())
+        level = self._level(confidence)
         route = self.request.route_of_curve(material.model.law_type)
         with np.errstate(over="ignore", invalid="ignore"):  # of numbers near the end of floats
             return band(material, velocity, names, covariance, freedom, level, kind, route)
 
     def _level(self, confidence: float | None) -> float:
         return self.confidence if confidence is None else checked_confidence(confidence)
-
-    def _freedom(self, material: MaterialFit) -> Freedom:
-        """That of the component which a data set belongs to.
-
-        Nothing of the set may be free, or nothing of its noise estimated; where both is so, any will do.
-        """
-        own = set(material.labels.values())
-        told = (f for f in self.freedoms if own & set(f.labels) or material.name in f.sets)
-        return next(told, self.freedoms[0])
 
     def degrees_of_freedom(self, label: str) -> float | None:
         """Of the noise behind a free parameter's standard error; None where the noise is stated."""
