@@ -293,7 +293,6 @@ def test_a_design_tells_itself():
         ({"objective": "two-step"}, "objective"),
         ({"uncertainty": 0.0}, "uncertainty"),
         ({"starts": 0}, "starts"),
-        ({"count": True}, "`count` must be a whole number"),
         ({"seed": -1}, "`seed` must be a whole number"),
         ({"law": [DECAY, "steel"]}, "law"),
     ],

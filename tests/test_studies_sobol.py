@@ -242,8 +242,6 @@ def test_a_hundred_thousand_samples_stay_within_a_gibibyte():
         ({"chi": (0.1, 1.0)}, {"confidence": 95}, "confidence"),
         ({"chi": (0.1, 1.0)}, {"resamples": 0}, "resamples"),
         ({"chi": (0.1, 1.0)}, {"scale": "cubic"}, "scale"),
-        ({"chi": (0.1, 1.0)}, {"confidence": 95}, "confidence"),
-        ({"chi": (0.1, 1.0)}, {"resamples": 0}, "resamples"),
         ({"chi": (0.1, 1.0)}, {"seed": -1}, "seed"),
     ],
 )
