@@ -244,3 +244,20 @@ def test_what_the_fit_does_not_know_is_known_to_be_unknown():
     assert below.values["chi"] is None
     both = cal.fit(twin("nylon", noise=0.002), **QUICK)
     assert np.all(both.known(v))
+
+
+def zhou_of_my_own(name):
+    def law(contact, chi):
+        return sj.Zhou(contact, chi=chi, sigma=0.4, psi=0.5)
+
+    law.__name__ = name
+    return law
+
+
+def test_a_law_of_one_s_own_is_no_built_in_one():
+    """Neither by its name, nor in the paper's procedure, which is of σ and ψ."""
+    data = cal.paper_materials(10)[2]
+    with pytest.raises(ValueError, match="`law` must be named otherwise than the built-in laws"):
+        cal.fit(data, zhou_of_my_own("zhou"))
+    with pytest.raises(ValueError, match='`objective` must be Zhou\'s law, or "model"'):
+        cal.fit(data, zhou_of_my_own("mine"), objective="two-step")

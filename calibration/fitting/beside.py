@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 
-import softjax as sj
 from calibration.data import RestitutionData
 from calibration.fitting import doubt as doubts
 from calibration.fitting.assembly import assemble
@@ -27,11 +26,7 @@ def two_step_beside(fit: ComponentFit, spec: SetSpec) -> ComponentFit | None:
     It applies to Zhou's law of one data set whose χ̃ is free, whose losses are plainly free, and
     whose yield stays where it is.
     """
-    if (
-        spec.model.law_type is not sj.Zhou
-        or len(fit.component.sets) > 1
-        or spec.objective != "model"
-    ):
+    if spec.model.key != "zhou" or len(fit.component.sets) > 1 or spec.objective != "model":
         return None
     free = {e.name for e in fit.component.elements}
     if not free <= {"chi", *LOSSES} or spec.data.limit_velocity is None or len(spec.data) <= 3:

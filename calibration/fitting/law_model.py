@@ -139,13 +139,12 @@ def model_of_class(law: type, key: str, options: Mapping[str, str]) -> LawModel:
 
 
 def model_of_function(
-    build: Callable[..., Any], contact: sj.Contact | None, options: Mapping[str, Any]
+    build: Callable[..., Any], key: str, contact: sj.Contact | None, options: Mapping[str, Any]
 ) -> LawModel:
     """A function that builds a law; its arguments beside `contact` are its parameters.
 
     What type of law it builds is found by building one abstractly.
     """
-    key = getattr(build, "__name__", type(build).__name__)
     arguments = inspect.signature(build).parameters
     kinds = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
     odd = [name for name, one in arguments.items() if one.kind not in kinds]

@@ -4,9 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-import softjax as sj
-from calibration.fitting.assembly import assemble
-from calibration.fitting.component_fit import ComponentFit, fit_component
+from calibration.fitting.component_fit import ComponentFit
 from calibration.fitting.derived import derived_of
 from calibration.fitting.estimate import Estimate, Line
 from calibration.fitting.intervals import estimate_of
@@ -41,13 +39,13 @@ def fit_line(request: Request, fits: list[ComponentFit]) -> tuple[Line, StageFit
 
 def _with_chi(fits: list[ComponentFit]) -> list[tuple[ComponentFit, SetSpec, int]]:
     """Data sets of Zhou's law with a χ̃ of their own: the fit, what was asked, its element."""
-    found = []
+    found = {}
     for fit in fits:
         for g, spec in zip(fit.component.sets, fit.component.specs, strict=True):
             for k, e in enumerate(fit.component.elements):
-                if e.name == "chi" and e.sets == (g,) and spec.model.law_type is sj.Zhou:
-                    found.append((fit, spec, k))
-    return found
+                if e.name == "chi" and e.sets == (g,) and spec.model.key == "zhou":
+                    found[g] = fit, spec, k
+    return [found[g] for g in sorted(found)]
 
 
 def _joint(request: Request, specs: list[SetSpec], through: dict[str, Estimate]) -> ComponentFit:
@@ -62,9 +60,7 @@ def _joint(request: Request, specs: list[SetSpec], through: dict[str, Estimate])
         parameters=said,
         options=replace(request.options, starts=1),
     )
-    return fit_component(
-        assemble(asked.specs(), asked.chosen_route(asked.specs()))[0], asked.options
-    )
+    return asked.fitted()[0]
 
 
 def _said(spec: SetSpec, through: dict[str, Estimate]) -> dict:
@@ -82,7 +78,7 @@ def _through_chi(own, confidence: float) -> dict[str, Estimate]:
     """Weighted least squares through the fitted χ̃; equal weights where they have no errors."""
     ratio = np.array([_ratio(spec) for _, spec, _ in own])
     chi = np.array([fit.theta[k] for fit, _, k in own])
-    variance = np.array([fit.uncertainty.covariance[0, k, k] for fit, _, k in own]) * chi**2
+    variance = np.array([_variance(fit, k) for fit, _, k in own])
     usable = np.all(np.isfinite(variance)) and np.all(variance > 0)
     weight = 1 / variance if usable else np.ones(len(chi))
     design = np.stack([np.ones_like(ratio), ratio], axis=1)
@@ -97,6 +93,12 @@ def _through_chi(own, confidence: float) -> dict[str, Estimate]:
         low, high = (None if end is None else float(end) for end in ends)
         table[name] = Estimate(float(c[i]), error, low, high, "wald", True)
     return table
+
+
+def _variance(fit: ComponentFit, k: int) -> float:
+    """Of an element in physical units."""
+    slope = fit.final.problem.transform.slope(fit.z)[k]
+    return float(fit.uncertainty.covariance[0, k, k] * slope**2)
 
 
 def _ratio(spec: SetSpec) -> float:

@@ -117,7 +117,7 @@ def _spec(data: RestitutionData, law, said: dict[str, Any], objective) -> SetSpe
     objective = objective or "model"
     if objective == "two-step" and data.contact is None:
         objective = "model"  # Eq. (17), or a constant, by itself
-    if objective == "two-step" and model.law_type is not sj.Zhou:
+    if objective == "two-step" and model.key != "zhou":
         raise DataError("objective", f"two-step with {model.key}", 'Zhou\'s law, or "model"')
     given = {}
     for name, value in named.items():
@@ -153,16 +153,23 @@ def law_model(data: RestitutionData | None, law, options, named) -> LawModel:
     law = _default_law(data) if law is None else law
     if isinstance(law, str):
         law = _named_law(law)
+    if law is sj.Zhou:
+        return zhou_model([name for name in named if name in EXTRA], options)
+    key = next((key for key, one in LAWS.items() if one is law), None) or _own_name(law)
     if isinstance(law, type) and issubclass(law, sj.ContactLaw):
-        key = next((key for key, one in LAWS.items() if one is law), law.__name__)
-        if law is sj.Zhou:
-            names = [name for name in named if name in EXTRA]
-            return zhou_model(names, options)
         return model_of_class(law, key, options)
     if callable(law) and not isinstance(law, type):
-        return model_of_function(law, None if data is None else data.contact, options)
+        return model_of_function(law, key, None if data is None else data.contact, options)
     accepted = f"a name ({listed(LAWS)}), a class of contact laws, or a function that builds one"
     raise DataError("law", law, accepted)
+
+
+def _own_name(law: Any) -> str:
+    """What files call a law of one's own."""
+    name = getattr(law, "__name__", type(law).__name__)
+    if name in LAWS:
+        raise DataError("law", f"your own {name!r}", "named otherwise than the built-in laws")
+    return name
 
 
 def _default_law(data: RestitutionData | None) -> str:
