@@ -58,6 +58,9 @@ def test_whitening_is_that_of_the_dense_matrix(errors):
     white = own.whiten(np.eye(len(matrix)))
     np.testing.assert_allclose(white @ matrix @ white.T, np.eye(len(matrix)), atol=1e-9)
     np.testing.assert_allclose(own.unwhiten(white), np.linalg.inv(matrix), rtol=1e-7, atol=1e-3)
+    coloured = own.coloured(np.eye(len(matrix)))
+    np.testing.assert_allclose(coloured.T @ coloured, matrix, rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(white @ coloured.T, np.eye(len(matrix)), atol=1e-9)
     assert own.log_determinant == pytest.approx(np.linalg.slogdet(matrix)[1], rel=1e-10)
     np.testing.assert_allclose(own.diagonal, np.diag(matrix), rtol=1e-12)
 

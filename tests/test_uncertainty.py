@@ -1,5 +1,7 @@
 """Standard errors, intervals and bands, against SciPy, iminuit and lmfit on SciPy's own model."""
 
+from dataclasses import replace
+
 import iminuit
 import lmfit
 import numpy as np
@@ -114,6 +116,62 @@ def test_two_step_s_error_of_chi_is_what_noise_in_each_point_does(told):
     assert estimate.method == "sandwich"
     reach = uncertainty.quantile(0.95, 10 if told is None else None)
     assert np.log(estimate.high / value) == pytest.approx(reach * expected / value, rel=1e-3)
+
+
+def grouped_eq_17(groups, each, seed=0):
+    """Eq. (17)'s impacts of several specimens in turn, each with an offset of its own."""
+    data = eq_17_data("stainless steel", points=groups * each, noise=0.006, seed=seed)
+    of = np.arange(groups * each) % groups
+    off = 0.01 * np.random.default_rng(seed + 100).standard_normal(groups)[of]
+    names = [f"specimen {k}" for k in of]
+    return replace(data, restitution=data.restitution + off, group=names), of
+
+
+def test_two_step_s_errors_carry_what_points_share():
+    """By SciPy: both steps' slopes in each ε_i, and the covariance of the points written down."""
+    data, of = grouped_eq_17(4, 3)
+    result = cal.fit(data, objective="two-step", profiles=False, **QUICK)
+    found = result.materials[0].variances
+    covariance = found["scatter"] * np.eye(12) + found["group"] * (of[:, None] == of)
+    lower = np.linalg.cholesky(covariance)
+    model, eq_17 = own_model(data), own_eq_17(data)
+    _, chi, sigma, psi, _ = TRUTH["stainless steel"]
+
+    def white(x):
+        return np.linalg.solve(lower, eq_17(*x) - data.restitution)
+
+    losses = least_squares(white, [sigma, psi], x_scale=[sigma, psi], xtol=1e-14, ftol=1e-14).x
+    moves = 1e-6 * np.diag(losses)
+    slope = [(eq_17(*(losses + m)) - eq_17(*(losses - m))) / (2 * np.max(m)) for m in moves]
+    solved = np.linalg.solve(covariance, np.transpose(slope))
+    influence = np.linalg.solve(np.stack(slope) @ solved, solved.T)
+
+    def chi_with(i, step):
+        moved = data.restitution + step * np.eye(12)[i]
+        own = losses + step * influence[:, i]
+        return fit_oracle.fit(lambda c: model(c, *own), [chi], moved)[0][0]
+
+    slopes = []
+    for i in range(12):
+        at = {k: chi_with(i, k * 2e-3) for k in (-2, -1, 1, 2)}
+        slopes.append((8 * (at[1] - at[-1]) - (at[2] - at[-2])) / (12 * 2e-3))
+    np.testing.assert_allclose([result.values["sigma"], result.values["psi"]], losses, rtol=1e-5)
+    assert result.values["chi"] == pytest.approx(chi_with(0, 0.0), rel=1e-5)
+    expected = np.sqrt(slopes @ covariance @ slopes)
+    assert result.standard_errors["chi"] == pytest.approx(expected, rel=2e-4)
+
+
+@pytest.mark.long
+def test_two_step_s_errors_of_groups_are_those_of_simulated_sets():
+    """All that is estimated anew in each, the covariance of the points included."""
+    sets = 200
+    options = QUICK | {"starts": 1, "optimiser": "levenberg-marquardt", "profiles": False}
+    values, errors = np.empty((2, sets))
+    for seed in range(sets):
+        result = cal.fit(grouped_eq_17(6, 5, seed)[0], objective="two-step", **options)
+        values[seed], errors[seed] = result.values["chi"], result.standard_errors["chi"]
+    error, scatter = np.sqrt(np.mean(errors**2)), np.std(values)
+    assert error / scatter == pytest.approx(1, abs=3 / np.sqrt(2 * sets))
 
 
 @pytest.mark.parametrize("case", SETS)

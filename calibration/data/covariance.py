@@ -86,6 +86,14 @@ class Covariance:
         solved[self.order] = self._triangular(white, "T")
         return solved
 
+    def coloured(self, values: np.ndarray) -> np.ndarray:
+        """Lᵀ x, for x of shape (n, p), the inverse of `unwhiten`; rows in the order of the band."""
+        columns = values[self.order]
+        found = self._cholesky[0, :, None] * columns
+        for d in range(1, min(1 + WIDTH, len(columns))):
+            found[:-d] += self._cholesky[d, :-d, None] * columns[d:]
+        return found
+
     @property
     def log_determinant(self) -> float:
         """ln det C."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.fitting.assembly import Component
+from calibration.fitting.problem import Problem
 from calibration.fitting.stages import Options, StageFit, run_stage
 from calibration.fitting.uncertainty import Settled, Uncertainty, stacked, winsorised
 
@@ -71,11 +72,18 @@ def fit_component(component: Component, options: Options) -> ComponentFit:
     return ComponentFit(component, tuple(fits), z, stacked(settled, z[None]))
 
 
-def _after(first: StageFit, problem, options: Options):
-    """A later stage's problem: weighed as the first, its outliers drawn in to the first's curve."""
-    problem = problem.weighed(first.problem.points.weight)
-    if options.loss == "squared":
-        return problem, options
-    drawn = winsorised(first.problem, first.z[None])[0]
-    points = problem.points._replace(restitution=drawn)
-    return replace(problem, points=points), replace(options, loss="squared")
+def _after(first: StageFit, problem: Problem, options: Options):
+    """A later stage's problem: the same points, weighed as the first's.
+
+    Outliers are drawn in to the first's curve. Points that share errors weigh each by its own
+    variance: the law's misfit, which the first stage has none of, would enter whitened residuals
+    with the sizes of what is shared.
+    """
+    told = first.problem
+    points = told.points
+    if told.shared is not None:
+        points = points._replace(weight=np.concatenate([e.diagonal for e in told.shared]) ** -0.5)
+    if options.loss != "squared":
+        points = points._replace(restitution=winsorised(told, first.z[None])[0])
+        options = replace(options, loss="squared")
+    return replace(problem, points=points, latent=told.latent), options

@@ -22,24 +22,27 @@ def goodness_of(fit: ComponentFit, place: int) -> dict[str, Any]:
     weighted = found.residual[0, : problem.count][own]
     spread = weighted_deviation(fit, problem)[own]
     allowed = np.sqrt(np.maximum(1 - leverage, 1e-12)) * np.where(spread > 0, spread, 1.0)
+    first = fit.stages[0].problem  # which knows what the points share
     return {
         "standardised": tuple(map(float, weighted / allowed)),
         "leverage": tuple(map(float, leverage)),
         "residual_degrees": left,
-        "reduced_chi_squared": _reduced(problem, place, found.prediction[0][own], left),
-        "variances": _variances(fit, problem, place),
-        "timing": _timing(problem, place),
+        "reduced_chi_squared": _reduced(first, problem, place, found.prediction[0][own], left),
+        "variances": _variances(fit, first, place),
+        "timing": _timing(first, place),
     }
 
 
-def _reduced(problem: Problem, place: int, predicted, left: float) -> float | None:
+def _reduced(
+    first: Problem, problem: Problem, place: int, predicted, left: float
+) -> float | None:
     """χ² over its degrees of freedom, of errors as they are stated."""
     data = problem.datasets[place]
     if data.uncertainty is None or left < 1:
         return None
     off = predicted - problem.points.restitution[problem.points.set == place]
-    if problem.shared is not None:
-        return float(np.sum(problem.shared[place].whiten(off[:, None]) ** 2)) / left
+    if first.shared is not None:
+        return float(np.sum(first.shared[place].whiten(off[:, None]) ** 2)) / left
     return float(np.sum(off**2 / known_variances(problem, place))) / left
 
 

@@ -94,10 +94,16 @@ def _left_out(fit: ComponentFit) -> LeaveOneOut:
         return _left_out_together(fit)
     fold = folds_of(problem)
     most = EXACT_BY_TIME if fit.final.report.route == "ode" else EXACT
-    if problem.count * (1 + np.max(fold)) > most:
+    if problem.count * (1 + np.max(fold)) > most or not _apart(fit.stages[0].problem):
         return _continued(fit, fold)
     z, converged = _refitted_without(fit, fold)
     return _scored(fit, z, converged, fold)
+
+
+def _apart(problem: Problem) -> bool:
+    """Whether what is left out shares no error with what stays."""
+    shared = problem.shared or ()
+    return all(len(errors.units()) > 1 and errors.group is not None for errors in shared)
 
 
 def folds_of(problem: Problem) -> Int[np.ndarray, "n"]:
@@ -218,8 +224,7 @@ def _left_out_together(fit: ComponentFit) -> LeaveOneOut:
     fold = np.empty(problem.count, int)
     for number, (rows, *_) in enumerate(_members(problem)):
         fold[rows] = number
-    apart = all(len(errors.units()) > 1 and errors.group is not None for errors in problem.shared)
-    if not apart or problem.count * (1 + np.max(fold)) > EXACT:
+    if not _apart(problem) or problem.count * (1 + np.max(fold)) > EXACT:
         return _continued_together(fit, fold)
     z, converged = _refitted_without(fit, fold)
     bare = replace(problem, shared=None, loss="squared").weighed(np.ones(problem.count))

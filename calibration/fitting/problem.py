@@ -4,7 +4,7 @@ Several fits of one problem stand side by side along a leading axis: starts, ref
 simulated data sets. Each has its own z, and may have its own restitutions and weights (`Lanes`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -213,13 +213,20 @@ class Problem:
 
     def whitened(self, values: np.ndarray) -> np.ndarray:
         """(fits, points, ...) in units of the errors, without what points share of these."""
+        return self._by_set(SetErrors.whiten, values)
+
+    def coloured(self, values: np.ndarray) -> np.ndarray:
+        """What each of the errors that `whitened` takes apart makes in sums over (fits, points, ...)."""
+        return self._by_set(SetErrors.coloured, values)
+
+    def _by_set(self, of: Callable[[SetErrors, np.ndarray], np.ndarray], values) -> np.ndarray:
         assert self.shared is not None
         rows = np.moveaxis(values, 1, 0)
         flat = rows.reshape(len(rows), -1)
         ends = np.cumsum([len(data) for data in self.datasets])[:-1]
         parts = zip(self.shared, np.split(flat, ends), strict=True)
-        white = np.concatenate([errors.whiten(part) for errors, part in parts])
-        return np.moveaxis(white.reshape(rows.shape), 0, 1)
+        found = np.concatenate([of(errors, part) for errors, part in parts])
+        return np.moveaxis(found.reshape(rows.shape), 0, 1)
 
     def yields_at(self, z) -> Float[np.ndarray, "points"] | None:
         """The velocity below which each impact is elastic at z [m/s]; None for a law without one."""

@@ -107,22 +107,29 @@ class SetErrors:
 
     def whiten(self, values: Columns) -> Columns:
         """K⁻¹ x with V = K Kᵀ; each row mixes points of one group only."""
-        white = self._levelled(self.alone.whiten(values))
-        back = np.empty_like(white)
-        back[self.alone.order] = white
-        return back
+        return self._in_order(self._levelled(self.alone.whiten(values)))
 
     def unwhiten(self, white: Columns) -> Columns:
         """K⁻ᵀ x: of whitened values V⁻¹ x."""
         return self.alone.unwhiten(self._levelled(white[self.alone.order]))
 
-    def _levelled(self, white: Columns) -> Columns:
-        """(1 + τ² L⁻¹ Z Zᵀ L⁻ᵀ)^(-1/2) x, rows in the order of the band."""
+    def coloured(self, values: Columns) -> Columns:
+        """Kᵀ x, the inverse of `unwhiten`: what each error of K⁻¹ makes in xᵀ."""
+        return self._in_order(self._levelled(self.alone.coloured(values), 0.5))
+
+    def _in_order(self, rows: Columns) -> Columns:
+        """Of the points, from that of the band."""
+        back = np.empty_like(rows)
+        back[self.alone.order] = rows
+        return back
+
+    def _levelled(self, white: Columns, power: float = -0.5) -> Columns:
+        """(1 + τ² L⁻¹ Z Zᵀ L⁻ᵀ)^power x, rows in the order of the band."""
         if not self._grouped:
             return white
-        gain = (1 - 1 / np.sqrt(1 + self._offset * self._information)) / self._information
+        gain = ((1 + self._offset * self._information) ** power - 1) / self._information
         share = gain[:, None] * (self.structure.groups @ (self._level[:, None] * white))
-        return white - self._level[:, None] * (self.structure.members @ share)
+        return white + self._level[:, None] * (self.structure.members @ share)
 
     def contributions(self, values: Columns) -> dict[str, Float[np.ndarray, "k k"]]:
         """xᵀ V_c x of each part of V with an unknown variance, that variance included."""

@@ -124,7 +124,11 @@ def stacked(
         else:
             bread[:, columns, columns] = np.swapaxes(jacobian, 1, 2) @ jacobian
         spread = _score_spread(problem if drawn is None else drawn, z, noise, lanes)
-        scores[:, :, columns] = jacobian[:, :points] * spread[:, :, None]
+        if problem.shared is None and first_problem.shared is not None:
+            weight = problem.points.weight[None, :, None]
+            scores[:, :, columns] = first_problem.coloured(weight * jacobian[:, :points])
+        else:
+            scores[:, :, columns] = jacobian[:, :points] * spread[:, :, None]
         of_priors = jacobian[:, points:]
         prior[:, columns, columns] = np.swapaxes(of_priors, 1, 2) @ of_priors
         told = diagnose(jacobian, held)
