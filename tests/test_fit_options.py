@@ -213,6 +213,22 @@ def test_sphere_on_wall_and_many_radii_in_one_set():
         ({"starts": 0}, "`starts` must be a whole number >= 1"),
         ({"seed": -1}, "`seed` must be a whole number >= 0"),
         ({"confidence": 95}, "`confidence` must be between 0 and 1"),
+        ({"confidence": "0.95"}, "`confidence` must be between 0 and 1, but is 0.95"),
+        ({"confidence": None}, "`confidence` must be between 0 and 1"),
+        ({"confidence": np.array([0.9, 0.95])}, "`confidence` must be between 0 and 1"),
+        ({"loss_scale": "1"}, "`loss_scale` must be positive, but is 1"),
+        ({"loss_scale": np.inf}, "`loss_scale` must be positive"),
+        ({"loss_scale": True}, "`loss_scale` must be positive"),
+        ({"loss": np.array(["huber", "huber"])}, "`loss` must be 'squared'"),
+        ({"optimiser": ["adam"]}, "`optimiser` must be 'l-bfgs'"),
+        ({"objective": ["model"]}, "`objective` must be model, two-step"),
+        ({"profiles": "no"}, "`profiles` must be true or false, but is no"),
+        ({"beside": "no"}, "`beside` must be true or false"),
+        ({"extra_scatter": None}, "`extra_scatter` must be true or false"),
+        ({"scale_uncertainty": np.ones(2)}, "`scale_uncertainty` must be true or false"),
+        ({"progress": "bar"}, r"`progress` must be called as progress\(stage, done, total\)"),
+        ({"parameters": 3}, "`parameters` must be a mapping"),
+        ({"parameters": {3: 1.0}}, "`parameters` must be by the parameters' names, but is 3"),
         ({"parameters": {"form": "second"}}, "`form` must be 'first-order' or 'full'"),
         ({"parameters": {"end": "near"}}, "`option` must be an option of zhou: form, kappa"),
         ({"unloading_line": "both"}, "`unloading_line` must be"),
@@ -230,6 +246,36 @@ def test_what_makes_no_sense_is_refused(changed, message):
     with pytest.raises(ValueError, match=message) as caught:
         cal.fit(data, **changed)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("asked", "name"),
+    [
+        ({"count": 2.5}, "count"),
+        ({"count": "9"}, "count"),
+        ({"count": 0}, "count"),
+        ({"seed": "x"}, "seed"),
+        ({"seed": None}, "seed"),
+    ],
+)
+def test_a_bootstrap_of_no_count_is_refused(asked, name):
+    result = cal.fit(eq_17_data("nylon"), "constant", profiles=False)
+    with pytest.raises(ValueError, match=f"`{name}` must be a whole number >= "):
+        result.bootstrap(**({"count": 3} | asked))
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        ({"laws": 3}, "`law` must be a name"),
+        ({"parameters": 3}, "`parameters` must be a mapping"),
+        ({"parameters": {"constant": 3}}, "`parameters` must be a mapping"),
+        ({"seed": "x"}, "`seed` must be a whole number"),
+    ],
+)
+def test_a_comparison_of_no_laws_is_refused(asked, message):
+    with pytest.raises(ValueError, match=message):
+        cal.compare(eq_17_data("nylon"), **({"laws": ["constant"]} | asked))
 
 
 def test_data_that_do_not_fit_together_are_refused():

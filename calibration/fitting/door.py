@@ -22,7 +22,7 @@ from calibration.fitting.material import MaterialFit
 from calibration.fitting.methods import OPTIMISERS
 from calibration.fitting.pooling import of_all as pooled_of
 from calibration.fitting.profiles import Profile
-from calibration.fitting.request import Request, checked, datasets_of
+from calibration.fitting.request import Request, as_flag, checked, datasets_of
 from calibration.fitting.request_json import law_name
 from calibration.fitting.result import FitResult
 from calibration.fitting.stages import Options, StageFit
@@ -117,10 +117,12 @@ def fit(
         scale_uncertainty,
     )
     begun = time.perf_counter()
+    request, beside = checked(request), as_flag("beside", beside)
     with jax.enable_x64(True):
-        result = _fitted(checked(request), beside)
+        result = _fitted(request, beside)
     result.times["total"] = time.perf_counter() - begun
-    return replace(result, request=replace(request, options=replace(options, progress=None)))
+    silent = replace(request.options, progress=None)
+    return replace(result, request=replace(request, options=silent))
 
 
 def _fitted(request: Request, beside: bool) -> FitResult:

@@ -21,6 +21,7 @@ from calibration.fitting.stages import Options
 # ε to 1e-11, compiled in half of dopri8's time
 DEFAULT_ODE = sj.ODE(steps=16, solver="dopri5")
 LINES = ("curves", "weighted", None)
+FLAGS = ("profiles", "extra_scatter", "scale_uncertainty")
 
 
 @dataclass(frozen=True)
@@ -75,14 +76,13 @@ class Request:
         """From a fitted law to its curve: the energy balance, or the route that its fit went."""
         return self.route if issubclass(law, sj.RateDependentLaw) else None
 
-    def fitted(self, starts: int | None = None) -> list[ComponentFit]:
+    def fitted(self) -> list[ComponentFit]:
         """All components, one after the other."""
-        options = self.options if starts is None else replace(self.options, starts=starts)
-        return [fit_component(component, options) for component in self.components()]
+        return [fit_component(component, self.options) for component in self.components()]
 
 
 def checked(request: Request) -> Request:
-    """The same request.
+    """The same request, its numbers plain ones.
 
     Raises:
         ValueError: naming the argument, its value and what is accepted.
@@ -97,21 +97,32 @@ def checked(request: Request) -> Request:
     _check_choice("unloading_line", request.unloading_line, LINES)
     for name, least in (("starts", 1), ("seed", 0), ("max_steps", 1)):
         check_whole(name, getattr(options, name), least)
-    checked_confidence(request.confidence)
-    as_number("loss_scale", options.loss_scale, lambda scale: scale > 0, "positive")
-    if request.extra_scatter and request.scale_uncertainty:
+    scale = as_number("loss_scale", options.loss_scale, lambda x: x > 0, "positive")
+    level = checked_confidence(request.confidence)
+    flags: dict[str, Any] = {name: as_flag(name, getattr(request, name)) for name in FLAGS}
+    if options.progress is not None and not callable(options.progress):
+        raise DataError("progress", options.progress, "called as progress(stage, done, total)")
+    if flags["extra_scatter"] and flags["scale_uncertainty"]:
         raise DataError("scale_uncertainty", True, "left out beside extra_scatter")
     if options.loss != "squared":
         for data in request.datasets:
             if plan_of(data, False, False).shares:
                 accepted = "'squared' where points share errors (groups, bounce trains)"
                 raise DataError("loss", options.loss, accepted)
-    return request
+    options = replace(options, loss_scale=scale)
+    return replace(request, options=options, confidence=level, **flags)
 
 
 def _check_choice(name: str, value: Any, choices: tuple[Any, ...]) -> None:
-    if value not in choices:
+    if not (value is None or isinstance(value, str)) or value not in choices:
         raise DataError(name, value, " or ".join(repr(choice) for choice in choices))
+
+
+def as_flag(name: str, value: Any) -> bool:
+    """A truth value, raises DataError for anything else."""
+    if not isinstance(value, bool | np.bool_):
+        raise DataError(name, value, "true or false")
+    return bool(value)
 
 
 def datasets_of(data: Any) -> tuple[RestitutionData, ...]:

@@ -1,6 +1,6 @@
 """What is asked of each data set: its law, and which of the law's parameters are free."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -100,9 +100,9 @@ def specs_of(datasets, law, parameters: Specs, objective: str | None) -> list[Se
 
 
 def _check_objective(objective: str | None) -> None:
-    if objective in FORMER:
+    if isinstance(objective, str) and objective in FORMER:
         raise DataError("objective", objective, f'"model" with law = "{FORMER[objective]}"')
-    if objective is not None and objective not in OBJECTIVES:
+    if not (objective is None or (isinstance(objective, str) and objective in OBJECTIVES)):
         accepted = f"{listed(OBJECTIVES)}{did_you_mean(str(objective), OBJECTIVES)}"
         raise DataError("objective", objective, accepted)
 
@@ -311,14 +311,18 @@ def said_of(parameters: Specs, datasets) -> list[dict[str, Any]]:
         return [{} for _ in datasets]
     if isinstance(parameters, Mapping):
         return _from_mapping(parameters, datasets)
-    parameters = list(parameters)
-    if len(parameters) != len(datasets) or not all(isinstance(p, Mapping) for p in parameters):
+    several = isinstance(parameters, Iterable) and not isinstance(parameters, str)
+    given = list(parameters) if several else []
+    if len(given) != len(datasets) or not all(isinstance(p, Mapping) for p in given):
         raise DataError("parameters", parameters, "a mapping, or one mapping per data set")
-    return [_from_mapping(own, [d])[0] for own, d in zip(parameters, datasets, strict=True)]
+    return [_from_mapping(own, [d])[0] for own, d in zip(given, datasets, strict=True)]
 
 
 def _from_mapping(parameters: Mapping[str, Any], datasets) -> list[dict[str, Any]]:
     said: list[dict[str, Any]] = [{} for _ in datasets]
+    odd = [key for key in parameters if not isinstance(key, str)]
+    if odd:
+        raise DataError("parameters", odd[0], "by the parameters' names")
     # names for one set come last, so that they win over those for all
     for key in sorted(parameters, key=lambda key: "[" in key):
         name, _, owner = key.partition("[")

@@ -1,6 +1,6 @@
 """Which laws a comparison fits, what is said of each, and why others are missing."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -53,7 +53,10 @@ def chosen(laws: Any, parameters: Mapping[str, Any] | None) -> list[Candidate]:
     Raises:
         ValueError: naming the law or label that cannot be used.
     """
-    said = dict(parameters or {})
+    given = {} if parameters is None else parameters
+    if not isinstance(given, Mapping) or not all(isinstance(p, Mapping) for p in given.values()):
+        raise DataError("parameters", parameters, "a mapping from laws to mappings of theirs")
+    said = dict(given)
     found = [_with(one, said) for one in _candidates(laws)]
     labels = [one.label for one in found]
     if not labels:
@@ -84,7 +87,7 @@ def _candidates(laws: Any) -> list[Candidate]:
         return list(BUILT_IN.values())
     if isinstance(laws, Mapping):
         return [replace(_candidate(law), label=str(label)) for label, law in laws.items()]
-    alone = isinstance(laws, str | type) or callable(laws)
+    alone = isinstance(laws, str | type) or callable(laws) or not isinstance(laws, Iterable)
     return [_candidate(law) for law in ([laws] if alone else laws)]
 
 
