@@ -1,6 +1,7 @@
 """The main job: the paper's three materials with the default settings."""
 
 import json
+from dataclasses import replace
 
 import jax
 import numpy as np
@@ -130,3 +131,32 @@ def test_x64_is_used_whatever_jax_is_set_to_and_left_as_it_was():
         assert not jax.config.jax_enable_x64
     assert result.values["chi"] == pytest.approx(CHI["nylon"], rel=1e-3)
     assert result.rms_empirical < 1e-12
+
+
+@pytest.mark.parametrize("without", [0, 1, 2])
+def test_data_with_bodies_and_without_share_a_constant(without):
+    """Weighted means, each set's scatter about the common one: found by hand."""
+    sets = list(cal.paper_materials(10))
+    sets[without] = replace(sets[without], contact=None)
+    result = cal.fit(sets, "constant", {"restitution": cal.Parameter(shared=True)}, profiles=False)
+    weight = np.ones(3)
+    for _ in range(300):
+        mean = np.average([d.restitution.mean() for d in sets], weights=weight)
+        left = 10 - weight / np.sum(weight)
+        weight = left / [np.sum((d.restitution - mean) ** 2) for d in sets]
+    assert result.values["restitution"] == pytest.approx(mean, rel=1e-6)
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_what_is_said_of_one_set_s_bodies_is_of_that_set_alone(order):
+    """Beside another that it shares a parameter with: as if its bodies had it of themselves."""
+    steel, _, nylon = cal.paper_materials(10)
+    options = {"objective": "two-step", "profiles": False, "starts": 1}
+    options |= {"route": sj.EnergyBalance(), "unloading_line": None}
+    psi = {"psi": cal.Parameter(shared=True)}
+    said = cal.fit([steel, nylon][::order], None, psi | {"limit_velocity[nylon]": 400.0}, **options)
+    bodies = replace(nylon.contact, limit_velocity=400.0)
+    own = cal.RestitutionData(nylon.velocity, nylon.restitution, bodies, name="nylon")
+    alone = cal.fit([steel, own][::order], None, psi, **options)
+    for name in ("chi[stainless steel]", "chi[nylon]", "sigma[nylon]", "psi"):
+        assert said.values[name] == pytest.approx(alone.values[name], rel=1e-6), name

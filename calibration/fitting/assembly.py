@@ -15,16 +15,16 @@ from calibration.data import RestitutionData
 from calibration.errors import DataError
 from calibration.fitting.collisions import Route
 from calibration.fitting.known_laws import KNOWN
-from calibration.fitting.law_model import CONTACT_LEAVES, OF_CONTACT, LawModel, model_of_class
+from calibration.fitting.law_model import OF_CONTACT, LawModel, model_of_class
 from calibration.fitting.problem import Element, Points, Problem, pools_of
-from calibration.fitting.rows import Rows
+from calibration.fitting.rows import Rows, SetRows, Tree
 from calibration.fitting.specs import Local, SetSpec
 from calibration.fitting.transform import Transform
 from calibration.fitting.zhou import NOT_GIVEN, zhou_model
 from calibration.parameters import Parameter
 
-EMPIRICAL = ("sigma", "psi", OF_CONTACT + "limit_velocity")  # searched by Eq. (17)'s stage
 LIMIT = OF_CONTACT + "limit_velocity"
+EMPIRICAL = ("sigma", "psi", LIMIT)  # searched by Eq. (17)'s stage
 MOVE_YIELD = ("yield_strength", "youngs_modulus", "radius", "mass")
 
 
@@ -49,6 +49,10 @@ class Component:
         """z where everything starts."""
         transform = self.stages[0][1].transform
         return transform.unconstrained(np.array([e.start for e in self.elements]))
+
+    def places(self, g: int) -> dict[str, int]:
+        """Which element each free parameter of a data set is, by its name."""
+        return {e.name: k for k, e in enumerate(self.elements) if g in e.sets}
 
 
 @dataclass
@@ -243,7 +247,7 @@ def _problem(
     if not _asks_to_be_held(rows.model, elements):
         return problem
     z = transform.unconstrained(theta)
-    holding = Problem(**{**vars(problem), "elastic": np.zeros(len(points.velocity), bool)})
+    holding = replace(problem, elastic=np.zeros(len(points.velocity), bool))
     return holding.held(holding.elastic_at(z))
 
 
@@ -262,7 +266,18 @@ def points_of(data: Sequence[RestitutionData]) -> Points:
 
 
 def _law_rows(component: Component) -> Rows:
-    return _rows(component, component.specs[0].model, [_locals(spec) for spec in component.specs])
+    first = component.specs[0]
+    names = dict.fromkeys(local.name for spec in component.specs for local in spec.local)
+    every = []
+    for spec in component.specs:
+        start = {local.name: local.start for local in spec.local}
+        every.append({n: (n, start[n] if n in start else _of_bodies(spec, n)) for n in names})
+    return _rows(component, first.model, every, first.trees)
+
+
+def _of_bodies(spec: SetSpec, name: str) -> object:
+    """What something is said of for other data sets alone: the value that this one's contact has."""
+    return getattr(spec.data.contact, name.removeprefix(OF_CONTACT))
 
 
 def _empirical_rows(component: Component) -> Rows:
@@ -270,84 +285,24 @@ def _empirical_rows(component: Component) -> Rows:
     model = model_of_class(sj.EmpiricalRestitution, "eq-17", {})
     every = []
     for spec in component.specs:
-        told = _locals(spec)
-        limit = told.get(LIMIT)
-        held = spec.data.limit_velocity
-        every.append(
-            {
-                "limit_velocity": (LIMIT, held if limit is None else limit[1]),
-                "sigma": told["sigma"],
-                "psi": told["psi"],
-            }
-        )
+        told = {"limit_velocity": (LIMIT, spec.data.limit_velocity)}
+        told |= {
+            local.name.removeprefix(OF_CONTACT): (local.name, local.start)
+            for local in spec.local
+            if local.name in EMPIRICAL
+        }
+        every.append(told)
     return _rows(component, model, every)
 
 
-def _locals(spec: SetSpec) -> dict[str, tuple[str, object]]:
-    """The local parameters of a data set: by name, the element's name and what it is held at."""
-    return {local.name: (local.name, local.start) for local in spec.local}
-
-
-def _rows(component: Component, model: LawModel, every) -> Rows:
-    """Rows of one law for all data sets of a component."""
-    names = tuple(every[0])
-    element, held, contacts, counts = [], [], [], []
+def _rows(component: Component, model: LawModel, every, trees: tuple[Tree, ...] = ()) -> Rows:
+    """Of one law for all data sets, from the element's name and the value of each parameter."""
+    sets = []
     for g, spec, told in zip(component.sets, component.specs, every, strict=True):
-        count = _rows_needed(model, spec, told)
-        which = np.array([_element_of(component, told[name][0], g) for name in names], int)
-        element.append(np.repeat(which[:, None], count, axis=1))
-        values = [np.broadcast_to(np.asarray(told[name][1], float), count) for name in names]
-        held.append(np.array(values).reshape(len(names), count))
-        if model.takes_contact and spec.data.contact is not None:
-            leaves = spec.data.contact.leaves()
-            contacts.append({k: np.broadcast_to(v, count) for k, v in leaves.items()})
-        counts.append(count)
-    contact = None
-    if contacts:
-        joined = {name: [one[name] for one in contacts] for name in CONTACT_LEAVES}
-        contact = {name: np.concatenate(parts).astype(float) for name, parts in joined.items()}
-    return Rows(
-        model,
-        contact,
-        _area(component.specs),
-        names,
-        np.concatenate(element, axis=1),
-        np.concatenate(held, axis=1),
-        component.specs[0].trees if model is component.specs[0].model else (),
-        _row_of_points(component.specs, counts),
-    )
-
-
-def _element_of(component: Component, name: str, g: int) -> int:
-    """Which element a parameter of one data set is, -1 where it is held."""
-    for k, e in enumerate(component.elements):
-        if e.name == name and g in e.sets:
-            return k
-    return -1
-
-
-def _rows_needed(model: LawModel, spec: SetSpec, told) -> int:
-    """One, or one a point where contact or parameters differ from impact to impact."""
-    values = [held for _, held in told.values()]
-    if model.takes_contact and spec.data.contact is not None:
-        values += list(spec.data.contact.leaves().values())
-    return len(spec.data) if any(np.ndim(value) for value in values) else 1
-
-
-def _row_of_points(specs, counts) -> np.ndarray:
-    rows, first = [], 0
-    for spec, count in zip(specs, counts, strict=True):
-        each = np.arange(len(spec.data)) if count > 1 else np.zeros(len(spec.data), int)
-        rows.append(first + each)
-        first += count
-    return np.concatenate(rows)
-
-
-def _area(specs) -> str:
-    areas = {spec.data.contact.area for spec in specs if spec.data.contact is not None}
-    if len(areas) > 1:
-        raise DataError("area", sorted(areas), "the same for contacts that share a parameter")
-    return areas.pop() if areas else "zhou"
+        places = component.places(g)
+        local = {name: (places.get(full, -1), value) for name, (full, value) in told.items()}
+        sets.append(SetRows(len(spec.data), spec.data.contact, local))
+    return Rows.of(model, sets, trees)
 
 
 def label_of_law(model: LawModel) -> str:

@@ -14,12 +14,12 @@ from calibration.errors import DataError
 from calibration.fitting.collisions import Route
 from calibration.fitting.estimate import Band
 from calibration.fitting.freedom import Freedom
-from calibration.fitting.law_model import CONTACT_LEAVES, OF_CONTACT, model_of_class
+from calibration.fitting.law_model import OF_CONTACT, model_of_class
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.plan import plan_of
 from calibration.fitting.problem import Element, Points, Problem
 from calibration.fitting.root import NO_REBOUND_BELOW
-from calibration.fitting.rows import Rows
+from calibration.fitting.rows import Rows, SetRows
 from calibration.fitting.transform import Transform
 from calibration.fitting.uncertainty import quantile
 from calibration.parameters import Parameter
@@ -102,26 +102,12 @@ def curve_problem(
         ValueError: where the bodies differ from impact to impact, and are as many no more.
     """
     data, model = material.data, material.model
-    count = _rows_of(material, len(velocity))
-    names = tuple(material.values)
+    _check_length(material, len(velocity))
     free = list(material.free)
     elements = tuple(_element(material, name) for name in free)
-    index = [[free.index(name) if name in free else -1] for name in names]
-    held = [np.broadcast_to(np.asarray(v, float), count) for v in material.values.values()]
-    contact = None
-    if model.takes_contact and data.contact is not None:
-        leaves = data.contact.leaves()
-        contact = {k: np.broadcast_to(leaves[k], count).astype(float) for k in CONTACT_LEAVES}
-    rows = Rows(
-        model,
-        contact,
-        "zhou" if data.contact is None else data.contact.area,
-        names,
-        np.repeat(np.array(index, int).reshape(-1, 1), count, axis=1),
-        np.array(held, float).reshape(len(names), count),
-        material.trees,
-        np.arange(count) if count > 1 else np.zeros(len(velocity), int),
-    )
+    places = {name: k for k, name in enumerate(free)}
+    local = {name: (places.get(name, -1), value) for name, value in material.values.items()}
+    rows = Rows.of(model, [SetRows(len(velocity), data.contact, local)], material.trees)
     theta = np.array([e.start for e in elements])
     every = np.arange(len(free))
     return Problem(
@@ -152,15 +138,12 @@ def of_each_impact(material: MaterialFit) -> set[int]:
     return {np.size(value) for value in values if np.ndim(value)}
 
 
-def _rows_of(material: MaterialFit, count: int) -> int:
-    """One, or one an impact where bodies or parameters differ from impact to impact."""
+def _check_length(material: MaterialFit, count: int) -> None:
+    """As many velocities as impacts that the fit was to, where bodies or parameters differ in these."""
     sizes = of_each_impact(material)
-    if not sizes:
-        return 1
-    if sizes != {count}:
+    if sizes and sizes != {count}:
         accepted = f"{sizes.pop()} velocities, as the bodies differ from impact to impact"
         raise DataError("velocity", f"{count} long", accepted)
-    return count
 
 
 def yield_velocity(law: sj.ContactLaw) -> float | None:

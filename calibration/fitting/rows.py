@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 import softjax as sj
+from calibration.errors import DataError
 from calibration.fitting.collisions import LawShape
 from calibration.fitting.law_model import CONTACT_LEAVES, OF_CONTACT, LawModel
 
@@ -73,6 +74,21 @@ def numbers_in(value: Any) -> np.ndarray:
     return np.concatenate([np.ravel(np.asarray(leaf, float)) for leaf in leaves])
 
 
+class SetRows(NamedTuple):
+    """What the rows of one data set are made of.
+
+    Attributes:
+        points: how many it has.
+        contact: of its bodies; None without.
+        local: of each local parameter, by name, which element of the fit it is (-1: held), and at
+            what it is held, one number or one a point.
+    """
+
+    points: int
+    contact: sj.Contact | None
+    local: Mapping[str, tuple[int, Any]]
+
+
 @dataclass(frozen=True)
 class Rows:
     """The laws of one problem's rows.
@@ -96,6 +112,39 @@ class Rows:
     held: Float[np.ndarray, "q rows"]
     trees: tuple[Tree, ...]
     row: Int[np.ndarray, "points"]
+
+    @classmethod
+    def of(cls, model: LawModel, sets: Sequence[SetRows], trees: tuple[Tree, ...] = ()) -> "Rows":
+        """Of some data sets: one a set, or one a point where contact or parameters differ in it.
+
+        Without contacts where a set has none: a law that can do without is the same with one.
+
+        Raises:
+            ValueError: for contacts of different areas.
+        """
+        contacts = [one.contact for one in sets if one.contact is not None]
+        takes = model.takes_contact and len(contacts) == len(sets)
+        names = tuple(sets[0].local)
+        element, held, leaves, row, first = [], [], [], [], 0
+        for k, one in enumerate(sets):
+            which = [one.local[name][0] for name in names]
+            values = [one.local[name][1] for name in names]
+            own = [contacts[k].leaves()[name] for name in CONTACT_LEAVES] if takes else []
+            count = one.points if any(np.ndim(value) for value in [*values, *own]) else 1
+            element.append(_spread(which, count))
+            held.append(_spread(values, count))
+            leaves.append(_spread(own, count))
+            row.append(first + (np.arange(count) if count > 1 else np.zeros(one.points, int)))
+            first += count
+        elements, numbers, of_contacts = (np.hstack(parts) for parts in (element, held, leaves))
+        contact = dict(zip(CONTACT_LEAVES, of_contacts, strict=True)) if takes else None
+        areas = sorted({one.area for one in contacts})
+        if len(areas) > 1:
+            raise DataError("area", areas, "the same for contacts that share a parameter")
+        area = areas[0] if areas else "zhou"
+        return cls(
+            model, contact, area, names, elements.astype(int), numbers, trees, np.concatenate(row)
+        )
 
     @property
     def size(self) -> int:
@@ -130,6 +179,12 @@ class Rows:
         if not free:
             return Laws(self, shape, sizes, free, (), True)
         return Laws(self, shape, sizes, free, tuple(range(len(sizes))), True).trimmed(theta)
+
+
+def _spread(values: Sequence[Any], count: int) -> Float[np.ndarray, "q count"]:
+    """Each as often as there are rows."""
+    rows = [np.broadcast_to(np.asarray(value, float), count) for value in values]
+    return np.array(rows).reshape(len(values), count)
 
 
 class Leaves(NamedTuple):

@@ -67,11 +67,11 @@ def _parameters(
     fit: ComponentFit, spec: SetSpec, g: int, estimates, known_to
 ) -> dict[str, Estimate]:
     """Those that were free, and those that were held; numbers of a whole parameter left out."""
-    found = {}
+    found, places = {}, fit.component.places(g)
     for local in spec.local:
         if "[" in local.name:
             continue
-        place = _element(fit, local.name, g)
+        place = places.get(local.name)
         if place is not None:
             found[local.name] = estimates[place]
         elif not local.stands_in:
@@ -81,18 +81,12 @@ def _parameters(
     return found
 
 
-def _element(fit: ComponentFit, name: str, g: int) -> int | None:
-    for k, e in enumerate(fit.component.elements):
-        if e.name == name and g in e.sets:
-            return k
-    return None
-
-
 def _values(fit: ComponentFit, spec: SetSpec, g: int):
     """All that makes the law, and what the covariance calls what was free."""
     values, labels = {}, {}
+    places = fit.component.places(g)
     for local in spec.local:
-        place = _element(fit, local.name, g)
+        place = places.get(local.name)
         if place is None:
             values[local.name] = local.start
         else:

@@ -77,11 +77,8 @@ def _separation(fit: ComponentFit, curves: dict[str, Profile]) -> list[Doubt]:
         if spec.by_eps_up:
             cause = "no points below the critical velocity: sigma and psi act through eps_up alone"
             found.append(Doubt("eps-up-only", cause, spec.data.name))
-        pair = [
-            k
-            for k, e in enumerate(fit.component.elements)
-            if g in e.sets and e.name in ("sigma", "psi")
-        ]
+        places = fit.component.places(g)
+        pair = [places[name] for name in ("sigma", "psi") if name in places]
         if len(pair) == 2:
             errors = fit.uncertainty.errors[0, pair]
             labels = [fit.component.elements[k].label for k in pair]
