@@ -1,11 +1,16 @@
 """Fixed and bounded parameters, priors, shared values, losses, and what is refused."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import optimize
 
 import calibration as cal
 import softjax as sj
+from calibration.fitting import stages
+from calibration.fitting.law_model import MOVE_YIELD
+from calibration.fitting.request import Request
 from tests import fit_oracle
 from tests.fit_data import TRUTH, eq_17_data, pair, twin
 
@@ -48,6 +53,28 @@ def test_a_prior_is_one_more_measurement():
         assert result.values[parameter] == pytest.approx(values[i], rel=1e-5)
         error = np.sqrt(covariance[i, i])
         assert result.standard_errors[parameter] == pytest.approx(error, rel=1e-5)
+
+
+def test_all_that_yield_moves_with_is_told():
+    """By the derivatives of the critical velocity in each property of the bodies."""
+    contact = pair("nylon")
+    moves = {
+        name
+        for name, value in contact.leaves().items()
+        if replace(contact, **{name: 1.001 * value}).critical_velocity != contact.critical_velocity
+    }
+    assert set(MOVE_YIELD) == moves
+
+
+@pytest.mark.parametrize("name", MOVE_YIELD)
+def test_eps_up_stands_for_the_losses_only_where_yield_stays(name):
+    """Points above yield tell σ and ψ apart once yield moves: both are searched."""
+    data = eq_17_data("nylon")
+    free = Free(prior=(getattr(data.contact, name), 0.05 * float(getattr(data.contact, name))))
+    (spec,) = Request((data,), None, {name: free}).specs()
+    assert set(spec.model.parameters) == {"chi", "sigma", "psi"}
+    (spec,) = Request((data,)).specs()
+    assert set(spec.model.parameters) == {"chi", "eps_up", "psi"}
 
 
 def test_yield_strength_is_recovered_and_points_that_cross_are_told():
@@ -246,6 +273,19 @@ def test_what_makes_no_sense_is_refused(changed, message):
     with pytest.raises(ValueError, match=message) as caught:
         cal.fit(data, **changed)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("asked", [{"loss": "huber"}, {"extra_scatter": True}])
+def test_a_fit_whose_weights_have_not_settled_says_so(asked, monkeypatch):
+    """It is one search after its first weights, each ending at a minimum of its own."""
+    made = {"uncertainty": np.linspace(0.001, 0.02, 30)} if "extra_scatter" in asked else {}
+    data = eq_17_data("nylon", noise=0.01, **made)
+    assert cal.fit(data, "walton-braun", **QUICK, **asked).converged
+    monkeypatch.setattr(stages, "ROUNDS", 1)
+    result = cal.fit(data, "walton-braun", **QUICK, **asked)
+    assert not result.converged
+    assert result.optimiser_report[0].reason == stages.UNSETTLED
+    assert "not-converged" in {one.code for one in result.warnings}
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from calibration.fitting.problem import Counter, Lanes, Linear, Problem, Z
+from calibration.fitting.problem import Lanes, Linear, Problem, Z
 from calibration.fitting.rows import Laws, Leaves
 
 Table = Float[np.ndarray, "members points"]
@@ -35,7 +35,7 @@ class Alike(Problem):
         if len(problems) == 1:
             return problems[0]
         longest = max(problems, key=lambda one: one.count)
-        told = dict(vars(longest)) | {"laws": _joined(longest.laws, problems), "counter": Counter()}
+        told = dict(vars(longest)) | {"laws": _joined(longest.laws, problems)}
         tables = ([one.points[k] for one in problems] for k in range(3))
         velocity, restitution, weight = (_table(rows, longest.count) for rows in tables)
         for k, one in enumerate(problems):

@@ -15,7 +15,7 @@ from calibration.data import RestitutionData
 from calibration.errors import DataError
 from calibration.fitting.collisions import Route
 from calibration.fitting.known_laws import KNOWN
-from calibration.fitting.law_model import OF_CONTACT, LawModel, model_of_class
+from calibration.fitting.law_model import MOVE_YIELD, OF_CONTACT, LawModel, model_of_class
 from calibration.fitting.problem import Element, Points, Problem, pools_of
 from calibration.fitting.rows import Rows, SetRows, Tree
 from calibration.fitting.specs import Local, SetSpec
@@ -25,7 +25,6 @@ from calibration.parameters import Parameter
 
 LIMIT = OF_CONTACT + "limit_velocity"
 EMPIRICAL = ("sigma", "psi", LIMIT)  # searched by Eq. (17)'s stage
-MOVE_YIELD = ("yield_strength", "youngs_modulus", "radius", "mass")
 
 
 @dataclass(frozen=True)

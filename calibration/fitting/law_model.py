@@ -23,6 +23,7 @@ from softjax.fields import Declared, declarations, options_of, whole_fields
 
 CONTACT_LEAVES = declarations(sj.Contact)
 OF_CONTACT = "contact."
+MOVE_YIELD = ("yield_strength", "youngs_modulus", "radius", "mass")  # what v_cr depends on
 
 
 @dataclass(frozen=True)

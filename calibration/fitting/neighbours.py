@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from calibration.fitting.condensed import condense
-from calibration.fitting.problem import Counter, Points, Problem
+from calibration.fitting.problem import Points, Problem
 
 MANY = 20_000  # points from which on it pays
 FEW = 4096  # neighbourhoods, of all data sets together
@@ -84,4 +84,4 @@ def _pooled(problem: Problem, members, restitution) -> Problem:
     few = Points(velocity, mean(restitution), np.sqrt(weight), points.set[first])
     rows = replace(problem.laws.rows, row=problem.laws.rows.row[first])
     laws = replace(problem.laws, rows=rows)
-    return replace(problem, points=few, laws=laws, counter=Counter())
+    return replace(problem, points=few, laws=laws)

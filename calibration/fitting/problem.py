@@ -5,7 +5,7 @@ simulated data sets. Each has its own z, and may have its own restitutions and w
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -116,13 +116,6 @@ class Linear(NamedTuple):
     status: Int[np.ndarray, "fits points"]
 
 
-@dataclass
-class Counter:
-    """How many sets of residuals with their Jacobian were asked for."""
-
-    evaluations: int = 0
-
-
 @dataclass(frozen=True)
 class Problem:
     """Residuals of one stage as functions of its active elements.
@@ -161,7 +154,6 @@ class Problem:
     shared: tuple[SetErrors, ...] | None = None
     latent: tuple[Latent, ...] | None = None
     pools: tuple[Pool, ...] = ()
-    counter: Counter = field(default_factory=Counter, compare=False)
 
     @property
     def with_prior(self) -> list[int]:
@@ -177,7 +169,6 @@ class Problem:
         most = max(1, AT_ONCE // max(self.count, 1))
         if len(z) > most:
             return self._in_parts(z, lanes or Lanes(), slopes, most)
-        self.counter.evaluations += len(z)
         lanes = lanes or Lanes()
         theta, per_z = self.transform.physical(z), self.transform.slope(z)
         prediction, local, status = self._predicted(theta, lanes)
@@ -260,7 +251,7 @@ class Problem:
 
     def at_velocity(self, velocity: Float[np.ndarray, "points"]) -> "Problem":
         """The same impacts at other velocities."""
-        return replace(self, points=self.points._replace(velocity=velocity), counter=Counter())
+        return replace(self, points=self.points._replace(velocity=velocity))
 
     def _in_parts(self, z, lanes: Lanes, slopes: bool, most: int) -> Linear:
         rows = [slice(k, k + most) for k in range(0, len(z), most)]

@@ -6,7 +6,7 @@ An element that runs to an end of its range (a bound, or beyond every sensible v
 and the others are searched on: an end at a bound with the others at their minimum is a fit.
 """
 
-from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 from calibration.fitting.condensed import TINY, Condensed, condense
 from calibration.fitting.methods import Adam, Lbfgs, Marquardt, Method
 from calibration.fitting.problem import Lanes, Problem
-from calibration.fitting.transform import LOGIT, NONE
+from calibration.fitting.transform import NONE
 
 STEP_TOLERANCE = 1e-9  # of the Gauss–Newton step left, in log units for most elements
 COST_TOLERANCE = 1e-15  # of the decrease it promises, relative to the cost
@@ -30,8 +30,7 @@ STUCK = "no lower cost found"
 NO_NUMBERS = "residuals are not finite"
 
 
-@dataclass(frozen=True)
-class Found:
+class Found(NamedTuple):
     """Where searches ended, each array with a leading axis of fits.
 
     Attributes:
@@ -55,6 +54,11 @@ class Found:
     iterations: Int[np.ndarray, "fits"]
     evaluations: int
 
+    def one(self, k: int) -> "Found":
+        """One of several searches side by side; what all took is told with the first."""
+        parts: list[Any] = [a[k : k + 1] for a in self[:-1]]
+        return Found._make([*parts, self.evaluations if k == 0 else 0])
+
 
 class _Search:
     """The state of one call of `search`."""
@@ -73,6 +77,7 @@ class _Search:
         self.released = np.zeros(fits, int)
         self.reason = np.full(fits, "", dtype=object)
         self.iterations = np.zeros(fits, int)
+        self.evaluations = 0
         self.scaled = problem.transform.kind[problem.active] != NONE
         self.at: Condensed
         self.value, self.jacobian = self._at(self.z, np.ones(fits, bool))
@@ -135,6 +140,7 @@ class _Search:
         return self.held | (self.limits != 0)
 
     def _at(self, z, fits):
+        self.evaluations += int(np.sum(fits))
         found = self.problem.linearise(z[fits], self.lanes.some(fits))
         return found.residual, found.jacobian
 
@@ -239,6 +245,7 @@ class _Search:
                 z[position] = self.start[f, k] + part * (z[position] - self.start[f, k])
                 places.append(z)
         one = np.full(len(places), f)
+        self.evaluations += len(places)
         found = self.problem.linearise(np.array(places), self.lanes.some(one), slopes=False)
         cost = 0.5 * np.sum(found.residual**2, axis=1)
         best = int(np.argmin(cost))
@@ -258,7 +265,7 @@ class _Search:
             limits=self.limits,
             begun=self.begun,
             iterations=self.iterations,
-            evaluations=self.problem.counter.evaluations,
+            evaluations=self.evaluations,
         )
 
 
@@ -290,12 +297,12 @@ def search(
         limit: of the steps.
         releases: how often an element is taken back from the end of its range.
     """
-    problem.counter.evaluations = 0
     z = np.array(np.atleast_2d(z), float)
     lanes = lanes or Lanes()
     if optimiser == "adam":
         z = _by_adam(problem, z, lanes)
     state = _Search(problem, z, np.nan if begun is None else begun, held, lanes, limit, releases)
+    state.evaluations += len(z) * Adam.STEPS * (optimiser == "adam")
     if len(problem.active):
         fits, p = state.start.shape
         state.run(Marquardt(fits, p) if optimiser == "levenberg-marquardt" else Lbfgs(fits, p))
@@ -319,11 +326,3 @@ def _by_adam(problem: Problem, z, lanes: Lanes) -> np.ndarray:
         z = np.array(z)
         z[:, problem.active] += method.step(gradient)
     return best
-
-
-def at_bound(problem: Problem, limits: Int[np.ndarray, "p"]) -> Float[np.ndarray, "p"]:
-    """The bound each active element is held at: infinite where there is none, NaN where not held."""
-    transform = problem.transform.part(problem.active)
-    bound = transform.bound_beyond(limits)
-    is_end = (transform.kind == LOGIT) | np.isfinite(bound)
-    return np.where(limits == 0, np.nan, np.where(is_end, bound, np.inf * limits))

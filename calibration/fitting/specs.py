@@ -11,6 +11,7 @@ from calibration.data import RestitutionData
 from calibration.errors import DataError, did_you_mean, is_finite_number, listed
 from calibration.fitting.known_laws import KNOWN, LAWS, WITHOUT_CONTACT, Known
 from calibration.fitting.law_model import (
+    MOVE_YIELD,
     OF_CONTACT,
     LawModel,
     model_of_class,
@@ -191,7 +192,8 @@ def _identified(data, given: dict[str, Parameter], model: LawModel, options):
 
     Only where nothing was said of σ, ψ or ε_up, and where yield stays where it is.
     """
-    moves = any(n in given and given[n].free for n in _MOVE_YIELD)
+    free = {name for name, parameter in given.items() if parameter.free}
+    moves = bool(free & {OF_CONTACT + name for name in MOVE_YIELD})
     below = data.velocity <= np.asarray(data.contact.critical_velocity)
     told = {"sigma", "psi", "eps_up"} & set(given)
     if not moves and np.all(below):
@@ -202,9 +204,6 @@ def _identified(data, given: dict[str, Parameter], model: LawModel, options):
         return given, model
     names = [*(name for name in LINE if name in given), "eps_up"]
     return given, zhou_model(names, options)
-
-
-_MOVE_YIELD = tuple(OF_CONTACT + name for name in ("yield_strength", "youngs_modulus"))
 
 
 def _located(data, objective: str, model: LawModel, given: dict[str, Parameter]) -> SetSpec:

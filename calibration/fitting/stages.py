@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +23,7 @@ SETTLED = 1e-7  # relative change of weights and scales
 ALIKE = 1e-5  # the same of variances, which are known far less well
 Progress = Callable[[str, int, int], None]
 CROSSING = "points keep crossing the critical velocity"
+UNSETTLED = "weights, variances or scales of the loss keep changing"
 
 
 @dataclass(frozen=True)
@@ -125,7 +127,7 @@ def _from_starts(problem: Problem, starts, options: Options) -> list[tuple[Found
     """A search from each start, side by side; where impacts are held on branches, one by one."""
     if problem.elastic is None:
         found = search(problem, starts, options.optimiser, limit=options.max_steps)
-        return [(_one(found, k), problem) for k in range(len(starts))]
+        return [(found.one(k), problem) for k in range(len(starts))]
     ends = []
     for start in starts:
         held = problem.held(problem.elastic_at(start))
@@ -133,22 +135,6 @@ def _from_starts(problem: Problem, starts, options: Options) -> list[tuple[Found
         found, held, _ = _settle(held, found, replace(options, loss="squared"))
         ends.append((found, held))
     return ends
-
-
-def _one(found: Found, k: int) -> Found:
-    """One of several searches side by side."""
-    part = slice(k, k + 1)
-    return Found(
-        found.z[part],
-        found.cost[part],
-        found.gradient_norm[part],
-        found.converged[part],
-        found.reason[part],
-        found.limits[part],
-        found.begun[part],
-        found.iterations[part],
-        found.evaluations if k == 0 else 0,
-    )
 
 
 def _rank(found: Found) -> tuple[float, bool]:
@@ -169,11 +155,12 @@ def _settle(problem: Problem, found: Found, options: Options) -> tuple[Found, Pr
         # what is at an end of its range stays there: it was looked at when the search arrived
         again = search(problem, found.z, optimiser, begun=found.begun, limit=most, releases=0)
         evaluations += again.evaluations
-        found = replace(again, iterations=found.iterations + again.iterations)
-    if problem.elastic is not None and not np.array_equal(
-        problem.elastic_at(found.z[0]), problem.elastic
-    ):
-        found = replace(found, converged=np.array([False]), reason=(CROSSING,))
+        found = again._replace(iterations=found.iterations + again.iterations)
+    adapted = _adapted(problem, found.z[0], options)
+    if not _same(adapted, problem):
+        crossing = not np.array_equal(adapted.elastic, problem.elastic)
+        reason = CROSSING if crossing else UNSETTLED
+        found = found._replace(converged=np.array([False]), reason=(reason,))
     return found, problem, evaluations
 
 
@@ -189,37 +176,27 @@ def _adapted(problem: Problem, z, options: Options) -> Problem:
 
 
 def _same(one: Problem, other: Problem) -> bool:
-    if one.elastic is not None and not np.array_equal(one.elastic, other.elastic):
-        return False
-    if not all(
-        np.allclose(a, b, rtol=SETTLED, atol=0)
-        for a, b in zip(one.points, other.points, strict=True)
+    """Whether two problems hold, place and weigh their points alike."""
+    if (one.shared is None) != (other.shared is None) or (one.scale is None) != (
+        other.scale is None
     ):
         return False
-    if not _same_variances(one, other):
-        return False
-    if not np.allclose(_spreads(one), _spreads(other), rtol=ALIKE, atol=0):
-        return False
-    if one.loss == "squared":
-        return True
-    return other.scale is not None and np.allclose(one.scale, other.scale, rtol=SETTLED, atol=0)
-
-
-def _spreads(problem: Problem) -> list[float]:
-    return [pool.spread for pool in problem.pools]
-
-
-def _same_variances(one: Problem, other: Problem) -> bool:
-    if one.shared is None or other.shared is None:
-        return one.shared is other.shared
-    return all(_alike(a, b) for a, b in zip(one.shared, other.shared, strict=True))
+    pairs: list[Any] = [(a, b, SETTLED) for a, b in zip(one.points, other.points, strict=True)]
+    pairs += [(a.spread, b.spread, ALIKE) for a, b in zip(one.pools, other.pools, strict=True)]
+    pairs += [] if one.scale is None else [(one.scale, other.scale, SETTLED)]
+    shared = zip(one.shared or (), other.shared or (), strict=True)
+    return (
+        np.array_equal(one.elastic, other.elastic)
+        and all(np.allclose(a, b, rtol=near, atol=0) for a, b, near in pairs)
+        and all(_alike(a, b) for a, b in shared)
+    )
 
 
 def _alike(one: SetErrors, other: SetErrors) -> bool:
     """Equal in what each variance adds to that of ε."""
     scale = float(np.mean(one.diagonal))
     parts = [(one.variance.get(k, 0.0), other.variance.get(k, 0.0)) for k in ("scatter", "group")]
-    return np.allclose(one.diagonal, other.diagonal, rtol=ALIKE) and all(
+    return np.allclose(one.diagonal, other.diagonal, rtol=ALIKE, atol=0) and all(
         abs(a - b) <= ALIKE * scale for a, b in parts
     )
 
