@@ -10,10 +10,10 @@ from scipy.optimize import approx_fprime
 import calibration as cal
 import softjax as sj
 from calibration.fitting.assembly import assemble
+from calibration.fitting.collisions import NO_REBOUND_BELOW, TINY_SQUARED, extended_root, root_slope
 from calibration.fitting.losses import influence, transformed
 from calibration.fitting.noise import _curves
 from calibration.fitting.problem import Lanes
-from calibration.fitting.root import NO_REBOUND_BELOW, TINY_SQUARED, extended_root, root_slope
 from calibration.fitting.specs import specs_of
 from calibration.fitting.transform import FROM_ABOVE, LOG, LOGIT, NONE, Transform
 from tests import fit_oracle

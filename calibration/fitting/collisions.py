@@ -24,6 +24,9 @@ SMALL = 256
 LARGE = 8192
 SIZES = {LARGE: 32_768, 2048: 8192}  # of a block: from so many impacts on it is worth compiling
 
+TINY_SQUARED = 1e-6  # below this ε² the root is continued by another
+NO_REBOUND_BELOW = (2 - 2**0.5) * TINY_SQUARED**0.5  # what `extended_root` gives at ε² = 0
+
 Route = sj.EnergyBalance | sj.ClosedForm | sj.ODE | None
 ROUTES: dict[str, Any] = {route.name: route for route in (sj.ODE, sj.EnergyBalance, sj.ClosedForm)}
 
@@ -166,3 +169,20 @@ def _seeds(chosen):
     ends = np.cumsum(sizes)[:-1]
     parts = zip(np.split(eye, ends, axis=1), chosen, strict=True)
     return [part.reshape(len(eye), *leaf.shape[1:])[:, None] for part, leaf in parts]
+
+
+def extended_root(squared: Any, xp: Any = np) -> Any:
+    """√(ε²), continued with a slope to where nothing rebounds, so that a search finds its way back.
+
+    For ε² < s = 1e-6 it is 2√s - √(2s - ε²). Data points near a fit are far from it.
+    """
+    s = TINY_SQUARED
+    inside = squared > s
+    root = xp.sqrt(xp.where(inside, squared, s))
+    return xp.where(inside, root, 2 * s**0.5 - xp.sqrt(2 * s - xp.where(inside, s, squared)))
+
+
+def root_slope(squared: np.ndarray) -> np.ndarray:
+    """Its derivative."""
+    s = TINY_SQUARED
+    return 0.5 / np.sqrt(np.where(squared > s, squared, 2 * s - np.minimum(squared, s)))

@@ -11,14 +11,13 @@ from jaxtyping import Float
 import softjax as sj
 from calibration.data.checks import require
 from calibration.errors import DataError
-from calibration.fitting.collisions import Route
+from calibration.fitting.collisions import NO_REBOUND_BELOW, Route
 from calibration.fitting.estimate import Band
 from calibration.fitting.freedom import Freedom
 from calibration.fitting.law_model import OF_CONTACT, model_of_class
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.plan import plan_of
 from calibration.fitting.problem import Element, Points, Problem
-from calibration.fitting.root import NO_REBOUND_BELOW
 from calibration.fitting.rows import Rows, SetRows
 from calibration.fitting.transform import Transform
 from calibration.fitting.uncertainty import quantile

@@ -5,9 +5,9 @@ from collections.abc import Callable
 import numpy as np
 
 import softjax as sj
+from calibration.data.paper import eq_17
 from calibration.fitting.component_fit import ComponentFit
 from calibration.fitting.estimate import Estimate
-from calibration.fitting.formulas import eq_17
 from calibration.fitting.specs import SetSpec
 from calibration.fitting.transform import NONE
 from calibration.fitting.uncertainty import quantile

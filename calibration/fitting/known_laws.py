@@ -12,7 +12,6 @@ import numpy as np
 
 import softjax as sj
 from calibration.data import RestitutionData
-from calibration.fitting.formulas import guess_losses
 
 Numbers = Mapping[str, Any]
 Ranges = Mapping[str, tuple[float, float]]
@@ -58,8 +57,19 @@ def _spring(data: RestitutionData) -> float:
 
 
 def _losses(data: RestitutionData) -> Numbers:
-    sigma, psi = guess_losses(data)
-    return {"sigma": sigma, "psi": psi}
+    """σ and ψ from the straight line ln(-ln ε) = ln σ + ψ ln[v/(v_lim - v)]."""
+    inside = (data.restitution > 0) & (data.restitution < 1)
+    if np.sum(inside) < 2 or data.limit_velocity is None:
+        return {"sigma": 0.5, "psi": 0.5}
+    ratio = data.velocity / (np.asarray(data.limit_velocity) - data.velocity)
+    x = np.log(ratio[inside])
+    loss = -np.log(data.restitution[inside])
+    centred = x - np.average(x, weights=loss)
+    spread = np.sum(loss * centred**2)
+    slope = np.sum(loss * centred * np.log(loss)) / spread if spread > 0 else 0.5
+    psi = float(np.clip(slope, 0.05, 3.0))
+    level = np.average(np.log(loss) - psi * x, weights=loss)
+    return {"sigma": float(np.exp(np.clip(level, -20, 20))), "psi": psi}
 
 
 def guess_zhou(data: RestitutionData) -> Numbers:

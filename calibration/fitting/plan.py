@@ -12,7 +12,7 @@ class ErrorPlan:
     """Of one data set.
 
     Attributes:
-        unknown: variances to be estimated, names of `set_errors.KINDS`.
+        unknown: variances to be estimated: "scale", "timing", "scatter", "group".
         shares: whether points share errors: those of a group, or of a bounce train.
         moves: whether the true velocities are estimated: where they have errors of their own.
         bare: whether no uncertainty is stated at all.
@@ -64,7 +64,3 @@ def plan_of(data: RestitutionData, extra_scatter: bool, scale: bool) -> ErrorPla
 def has_groups(data: RestitutionData) -> bool:
     """Whether an offset of each group can be told: several groups, some of several points."""
     return 1 < len(data.groups) < len(data)
-
-
-def is_stated(data: RestitutionData) -> bool:
-    return data.uncertainty is not None

@@ -43,7 +43,15 @@ class Seen:
     @property
     def spread(self) -> float:
         """Where L_R is largest."""
-        return _largest(self)
+        from scipy.optimize import minimize_scalar
+
+        at = lambda log: self.criterion(float(np.exp(log)))  # noqa: E731
+        ends = np.log(LEAST), np.log(MOST)
+        places = np.linspace(*ends, 25)
+        best = places[int(np.argmin([at(x) for x in places]))]
+        near = (max(best - 0.6, ends[0]), min(best + 0.6, ends[1]))
+        found = minimize_scalar(at, bounds=near, method="bounded", options={"xatol": 1e-8})
+        return float(np.exp(found.x)) if found.fun < at(ends[0]) else LEAST
 
     @property
     def error(self) -> float:
@@ -115,18 +123,6 @@ def _rows_of(problem: Problem, pool: Pool) -> slice:
             break
         first += len(one.members)
     return slice(first, first + len(pool.members))
-
-
-def _largest(seen: Seen) -> float:
-    from scipy.optimize import minimize_scalar
-
-    at = lambda log: seen.criterion(float(np.exp(log)))  # noqa: E731
-    ends = np.log(LEAST), np.log(MOST)
-    places = np.linspace(*ends, 25)
-    best = places[int(np.argmin([at(x) for x in places]))]
-    near = (max(best - 0.6, ends[0]), min(best + 0.6, ends[1]))
-    found = minimize_scalar(at, bounds=near, method="bounded", options={"xatol": 1e-8})
-    return float(np.exp(found.x)) if found.fun < at(ends[0]) else LEAST
 
 
 def _spread_estimate(seen: Seen, pool: Pool, confidence: float) -> Estimate:

@@ -13,11 +13,10 @@ from jaxtyping import Bool, Float, Int
 
 import softjax as sj
 from calibration.data import RestitutionData
-from calibration.fitting.collisions import Route, expand
+from calibration.fitting.collisions import Route, expand, extended_root, root_slope
 from calibration.fitting.latent import Latent
 from calibration.fitting.losses import transformed
 from calibration.fitting.plan import ErrorPlan
-from calibration.fitting.root import extended_root, root_slope
 from calibration.fitting.rows import Laws, Leaves
 from calibration.fitting.set_errors import SetErrors
 from calibration.fitting.transform import Transform

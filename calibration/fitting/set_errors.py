@@ -20,7 +20,6 @@ from scipy import sparse
 from calibration.data import Covariance, PointErrors
 
 Columns = Float[np.ndarray, "n k"]
-KINDS = ("scale", "timing", "scatter", "group")
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +61,7 @@ class SetErrors:
 
     Attributes:
         structure: what does not depend on the variances.
-        variance: κ, s_t², s² and τ² of what is unknown, by their names in `KINDS`.
+        variance: κ, s_t², s² and τ² of what is unknown: "scale", "timing", "scatter", "group".
     """
 
     structure: Structure

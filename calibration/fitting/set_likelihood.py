@@ -33,7 +33,7 @@ class SetLikelihood:
     Attributes:
         data, plan: the measurements, and what of their errors is not stated.
         labels: what θ calls the square root of each unknown variance, by the names of
-            `set_errors.KINDS`.
+            `ErrorPlan.unknown`.
     """
 
     data: RestitutionData

@@ -48,9 +48,9 @@ import softjax as sj
 from calibration.data import RestitutionData
 from calibration.errors import DataError
 from calibration.fitting.assembly import Component
+from calibration.fitting.collisions import extended_root
 from calibration.fitting.problem import Element, Pool, pools_of
 from calibration.fitting.request import Request, datasets_of
-from calibration.fitting.root import extended_root
 from calibration.fitting.rows import with_trees
 from calibration.fitting.set_likelihood import CALLED, LN_2PI, SetLikelihood
 from calibration.fitting.specs import SetSpec

@@ -40,14 +40,6 @@ class Seen:
     gradient: Float[np.ndarray, "p"]
 
 
-@dataclass(frozen=True)
-class Found:
-    """The variances, and the covariance of their logarithms; 0 for one at its least, which is none."""
-
-    variance: dict[str, float]
-    relative: Float[np.ndarray, "k k"]
-
-
 def criterion(errors: SetErrors, seen: Seen, restricted: bool = True) -> float:
     """-2 ln L_R up to a constant, or with r for what is left over -2 ln L."""
     both = errors.whiten(np.concatenate([seen.residual[:, None], seen.jacobian], axis=1))

@@ -14,10 +14,9 @@ from jaxtyping import Bool, Float
 
 from calibration.data import RestitutionData
 from calibration.fitting.assembly import EMPIRICAL, Component, assemble
-from calibration.fitting.collisions import Route
+from calibration.fitting.collisions import NO_REBOUND_BELOW, Route
 from calibration.fitting.problem import Problem
 from calibration.fitting.refits import settled
-from calibration.fitting.root import NO_REBOUND_BELOW
 from calibration.fitting.specs import SetSpec
 from calibration.fitting.uncertainty import Settled, Uncertainty, gradient_slopes, stacked
 from calibration.studies.exchange import Table

@@ -12,7 +12,6 @@ from calibration.fitting.curves import band_of, curve_problem
 from calibration.fitting.estimate import Band
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.posterior.inference_data import dataset_of, variable
-from calibration.fitting.root import NO_REBOUND_BELOW
 from calibration.fitting.set_likelihood import CALLED
 
 MOST = 1000  # draws of a band
