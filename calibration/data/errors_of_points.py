@@ -1,6 +1,7 @@
 """How the errors of what was measured enter the restitution and the velocity of each point."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -108,15 +109,9 @@ class PointErrors:
         if self.size_is_unknown != (size is not None):
             accepted = "given where the size of the elementary errors is unknown, and only there"
             raise DataError("size", size, accepted)
-        sizes = self._sizes(size)
         with np.errstate(all="ignore"):
-            factors = (self.to_restitution - slopes[:, None] * self.to_velocity) * sizes
-            variance = np.broadcast_to(np.asarray(added, float), (len(self),)).copy()
-            if self.restitution_alone is not None:
-                variance += self.restitution_alone**2
-            if self.velocity_alone is not None:
-                variance += (slopes * self.velocity_alone) ** 2
-            return Covariance.of(self.index, factors, variance)
+            factors = self.factors(slopes) * self.sizes_at(size or 0.0)
+            return Covariance.of(self.index, factors, added + self.variance_alone(slopes))
 
     def moments(self) -> tuple[Column, Column, Column]:
         """Variance of each ε, of its v, and their covariance, of all that is stated."""
@@ -140,15 +135,35 @@ class PointErrors:
             same(mine[name], theirs[name]) for name in mine if name != "kind"
         )
 
-    def _sizes(self, unknown: float | None) -> Slopes:
-        """Standard deviation of each elementary error that a point has."""
-        if self.size is None:
-            return np.where(self.index >= 0, unknown or 0.0, 0.0)
-        return np.concatenate([self.size, [0.0]])[self.index]  # -1 is the last
+    @property
+    def count(self) -> int:
+        """How many elementary errors there are."""
+        return int(np.max(self.index, initial=-1)) + 1
+
+    def sizes(self, unknown: float) -> Column:
+        """Standard deviation of each elementary error, (m,); `unknown` where that is to be estimated."""
+        return np.full(self.count, unknown) if self.size is None else self.size
+
+    def sizes_at(self, unknown: float) -> Slopes:
+        """The same of those that each point has, (n, 3), 0 where there is none."""
+        return np.concatenate([self.sizes(unknown), [0.0]])[self.index]  # -1 is the last
+
+    def factors(self, slope: Any) -> Any:
+        """∂(δε - slope δv)/∂e, (n, 3), for a slope of each point, (n,), of NumPy or of JAX."""
+        return self.to_restitution - slope[:, None] * self.to_velocity
+
+    def variance_alone(self, slope: Any) -> Any:
+        """Variance of δε - slope δv that each point has for itself, of NumPy or of JAX, (n,)."""
+        alone: Any = np.zeros(len(self))
+        if self.restitution_alone is not None:
+            alone = alone + self.restitution_alone**2
+        if self.velocity_alone is not None:
+            alone = alone + (slope * self.velocity_alone) ** 2
+        return alone
 
     def _sized(self, factors: Slopes) -> Slopes:
         with np.errstate(all="ignore"):
-            return factors * self._sizes(None)
+            return factors * self.sizes_at(0.0)
 
 
 def three(*columns: Column) -> Slopes:

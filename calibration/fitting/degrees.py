@@ -105,7 +105,7 @@ def inflation(shared: Sequence[Shared], inverse: Float[np.ndarray, "fits p p"]):
 
 def missing(errors: SetErrors, jacobian, relative, inverse: Matrix) -> Matrix:
     """Σ R_cd (Q_cd - P_c Φ P_d)."""
-    solved = errors.unwhiten(errors.whiten(jacobian))
+    solved = errors.solved(jacobian)
     applied = errors.applied(solved, jacobian)
     white = [errors.whiten(part) for part in applied]
     within = [solved.T @ part for part in applied]

@@ -286,7 +286,7 @@ def _blocks(problem: Problem, off: np.ndarray, white: np.ndarray) -> Iterator[tu
     first = 0
     for errors in problem.shared:
         rows = slice(first, first + len(errors.slope))
-        solved = errors.unwhiten(errors.whiten(off[rows][:, None]))[:, 0]
+        solved = errors.solved(off[rows][:, None])[:, 0]
         slopes = errors.unwhiten(white[rows])
         for members in errors.units():
             yield first + members, errors.precision(members), solved[members], slopes[members]

@@ -216,15 +216,10 @@ def _with_velocities(problem: Problem, z: np.ndarray) -> Problem:
             weight = problem.points.weight[own] ** 2
             solved, variance = weight * off, 1 / weight
         else:
-            solved = _solved(problem.shared[g], off)
+            solved = problem.shared[g].solved(off[:, None])[:, 0]
             variance = problem.shared[g].diagonal
         found.append(moved(data, at, curves[g], solved, variance))
     return placed(problem, tuple(found))
-
-
-def _solved(errors: SetErrors, values) -> Float[np.ndarray, "n"]:
-    """V⁻¹ x."""
-    return errors.unwhiten(errors.whiten(values[:, None]))[:, 0]
 
 
 def placed(problem: Problem, latent: tuple[Latent, ...]) -> Problem:

@@ -112,6 +112,10 @@ class SetErrors:
         """K⁻ᵀ x: of whitened values V⁻¹ x."""
         return self.alone.unwhiten(self._levelled(white[self.alone.order]))
 
+    def solved(self, values: Columns) -> Columns:
+        """V⁻¹ x."""
+        return self.unwhiten(self.whiten(values))
+
     def coloured(self, values: Columns) -> Columns:
         """Kᵀ x, the inverse of `unwhiten`: what each error of K⁻¹ makes in xᵀ."""
         return self._in_order(self._levelled(self.alone.coloured(values), 0.5))
@@ -158,11 +162,12 @@ class SetErrors:
 
     def simulate(self, random: np.random.Generator, count: int) -> Float[np.ndarray, "count n"]:
         """Errors of ε drawn from V."""
-        size = self._sizes * np.sqrt(self.variance.get("timing", 1.0))
+        size = self.points.sizes(1.0) * np.sqrt(self.variance.get("timing", 1.0))
         drawn = random.standard_normal((count, len(size))) * size
         padded = np.concatenate([drawn, np.zeros((count, 1))], axis=1)
-        errors = np.sum(padded[:, self.points.index] * self._factors, axis=2)
-        errors += random.standard_normal(errors.shape) * np.sqrt(self._single)
+        errors = np.sum(padded[:, self.points.index] * self.points.factors(self.slope), axis=2)
+        single = self.points.variance_alone(self.slope)
+        errors += random.standard_normal(errors.shape) * np.sqrt(single)
         errors *= np.sqrt(self.variance.get("scale", 1.0))
         errors += random.standard_normal(errors.shape) * self.variance.get("scatter", 0.0) ** 0.5
         if self._grouped:
@@ -205,32 +210,12 @@ class SetErrors:
         """1ᵀ C⁻¹ 1 of each group."""
         return self.structure.groups @ self._level**2
 
-    @property
-    def _factors(self) -> Float[np.ndarray, "n 3"]:
-        return self.points.to_restitution - self.slope[:, None] * self.points.to_velocity
-
-    @property
-    def _sizes(self) -> Float[np.ndarray, "m"]:
-        if self.points.size is not None:
-            return self.points.size
-        return np.ones(int(np.max(self.points.index, initial=-1)) + 1)
-
-    @property
-    def _single(self) -> Float[np.ndarray, "n"]:
-        """The stated variance that each point has for itself."""
-        single = np.zeros(len(self.slope))
-        if self.points.restitution_alone is not None:
-            single += self.points.restitution_alone**2
-        if self.points.velocity_alone is not None:
-            single += (self.slope * self.points.velocity_alone) ** 2
-        return single
-
     def _elementary(self, values: Columns) -> Columns:
         """What elementary errors of one standard deviation, and single ones, add to xᵀ."""
-        sizes = self._sizes
+        sizes, factors = self.points.sizes(1.0), self.points.factors(self.slope)
         sums = np.zeros((len(sizes) + 1, values.shape[1]))
-        np.add.at(sums, self.points.index, self._factors[:, :, None] * values[:, None, :])
+        np.add.at(sums, self.points.index, factors[:, :, None] * values[:, None, :])
         every = [sums[:-1] * sizes[:, None]]
         if self.points.size is not None:
-            every.append(values * np.sqrt(self._single)[:, None])
+            every.append(values * np.sqrt(self.points.variance_alone(self.slope))[:, None])
         return np.concatenate(every)

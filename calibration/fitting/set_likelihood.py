@@ -9,7 +9,6 @@ errors of velocities enter by the curve's slope at the measured velocity, to fir
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import jax.numpy as jnp
@@ -50,7 +49,7 @@ class SetLikelihood:
     @property
     def per_second(self) -> float:
         """What errors of 1 s of all times make in ε, root mean square."""
-        factors = self.data.errors.to_restitution * self._sizes
+        factors = self.data.errors.to_restitution * self.data.errors.sizes_at(1.0)
         return max(float(np.sqrt(np.mean(np.sum(factors**2, axis=1)))), 1e-300)
 
     def log_likelihood(self, theta: Mapping[str, Any], residual: Array, slope: Any) -> Array:
@@ -89,13 +88,14 @@ class SetLikelihood:
         of_stated = self._deviation(theta, "timing", residual) * self._deviation(
             theta, "scale", residual
         )
-        alone = of_stated**2 * self._alone(slope)
+        errors, slopes = self.data.errors, jnp.broadcast_to(jnp.asarray(slope), (len(self.data),))
+        alone = of_stated**2 * jnp.asarray(errors.variance_alone(slopes))
         alone += self._deviation(theta, "scatter", residual, absent=0.0) ** 2
-        factors = self._factors(slope) * of_stated
+        factors = errors.factors(slopes) * errors.sizes_at(1.0) * of_stated
         if not self.plan.shares:
             return jnp.sqrt(alone + jnp.sum(factors**2, axis=1))
         rows = jnp.arange(len(self.data))[:, None]
-        spread = jnp.zeros((len(self.data), self._count + 1)).at[rows, self._index].add(factors)
+        spread = jnp.zeros((len(self.data), errors.count + 1)).at[rows, errors.index].add(factors)
         spread = spread[:, :-1]  # the last stands for none
         covariance = spread @ spread.T + jnp.diag(alone)
         if "group" in self.plan.unknown:
@@ -112,39 +112,6 @@ class SetLikelihood:
         if not self.plan.plain:
             raise DataError("theta", f"without {label!r}", "with it: only plain noise is profiled")
         return jnp.sqrt(jnp.mean(residual**2))  # the noise of the largest likelihood
-
-    def _alone(self, slope: Any) -> Any:
-        """The stated variance that each point has for itself."""
-        errors = self.data.errors
-        variance = jnp.zeros(len(self.data))
-        if errors.restitution_alone is not None:
-            variance += errors.restitution_alone**2
-        if errors.velocity_alone is not None:
-            variance += (slope * errors.velocity_alone) ** 2
-        return variance
-
-    def _factors(self, slope: Any) -> Any:
-        """What one standard deviation of each elementary error adds to ε, (n, 3)."""
-        errors = self.data.errors
-        slopes = jnp.broadcast_to(jnp.asarray(slope), (len(self.data),))[:, None]
-        return (errors.to_restitution - slopes * errors.to_velocity) * self._sizes
-
-    @cached_property
-    def _sizes(self) -> np.ndarray:
-        """Standard deviations of the elementary errors of each point; 1 where they are unknown."""
-        errors = self.data.errors
-        if errors.size is None:
-            return np.where(errors.index >= 0, 1.0, 0.0)
-        return np.concatenate([errors.size, [0.0]])[errors.index]
-
-    @property
-    def _count(self) -> int:
-        return int(np.max(self.data.errors.index, initial=-1)) + 1
-
-    @property
-    def _index(self) -> np.ndarray:
-        index = self.data.errors.index
-        return np.where(index < 0, self._count, index)
 
     @property
     def _together(self) -> np.ndarray:
