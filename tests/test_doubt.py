@@ -306,7 +306,7 @@ def test_a_place_along_the_valley_is_no_other_minimum(share):
     (stage,) = fitted.stages
     step = np.linalg.cholesky(fitted.uncertainty.covariance[0])[:, 0]
     assert np.max(np.abs(share * step)) > MOVED
-    place = replace(stage.found, z=stage.found.z + share * step)
+    place = stage.found._replace(z=stage.found.z + share * step)
     others = replace(fitted, stages=(replace(stage, others=(place,)),))
     found = shared_doubts(others, estimates(fitted, {}, 0.95), {})
     assert not [one for one in found if one.code == "several-minima"]

@@ -51,12 +51,11 @@ def eq_17_alone(data: RestitutionData) -> ComponentFit | None:
 def eq_17_of(fit: ComponentFit, g: int) -> tuple[float, dict[str, float]]:
     """Root mean square of ε about the first stage's Eq. (17), and its coefficients."""
     problem, place = fit.stages[0].problem, fit.component.sets.index(g)
-    points = np.flatnonzero(problem.points.set == place)
     residual = problem.predict(fit.z[None])[0] - problem.points.restitution
-    law = problem.laws.rows.law(fit.theta, int(problem.laws.rows.row[points[0]]))
+    law = problem.law_of(fit.theta, place)
     names = ("limit_velocity", "sigma", "psi")
     values = {name: float(getattr(law, name)) for name in names}
-    return float(np.sqrt(np.mean(residual[points] ** 2))), values
+    return float(np.sqrt(np.mean(residual[problem.points.set == place] ** 2))), values
 
 
 def disagreements(

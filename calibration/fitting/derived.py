@@ -36,36 +36,28 @@ def derived_of(fit: ComponentFit, spec: SetSpec, g: int, confidence: float) -> d
     """What follows from Zhou's law of one data set; nothing for others."""
     if spec.model.law_type is not sj.Zhou:
         return {}
-    row = _row(fit, g)
-    law = _law(fit, fit.z, row)
+    law = _law(fit, fit.z, g)
     found = {"critical_velocity": Estimate(critical_velocity_of(law), method="derived")}
     names = spec.model.parameters
     if not spec.by_eps_up:
-        found["eps_up"] = _carried(fit, g, row, eps_up_of, confidence, (0.0, 1.0))
+        found["eps_up"] = _carried(fit, g, eps_up_of, confidence, (0.0, 1.0))
     if "chi" not in names:
-        found["chi"] = _carried(fit, g, row, chi_of, confidence, (0.0, np.inf))
+        found["chi"] = _carried(fit, g, chi_of, confidence, (0.0, np.inf))
     return found
 
 
-def _row(fit: ComponentFit, g: int) -> int:
-    """The first row of a data set."""
-    problem = fit.final.problem
-    points = problem.points.set == fit.component.sets.index(g)
-    return int(problem.laws.rows.row[np.flatnonzero(points)[0]])
+def _law(fit: ComponentFit, z: np.ndarray, g: int) -> sj.Zhou:
+    problem, place = fit.final.problem, fit.component.sets.index(g)
+    return problem.law_of(problem.transform.physical(z), place)  # type: ignore[return-value]
 
 
-def _law(fit: ComponentFit, z: np.ndarray, row: int) -> sj.Zhou:
-    problem = fit.final.problem
-    return problem.laws.rows.law(problem.transform.physical(z), row)  # type: ignore[return-value]
-
-
-def _carried(fit: ComponentFit, g: int, row: int, what: Callable, confidence, ends) -> Estimate:
+def _carried(fit: ComponentFit, g: int, what: Callable, confidence, ends) -> Estimate:
     """A number with the error that the covariance gives it."""
-    value = what(_law(fit, fit.z, row))
+    value = what(_law(fit, fit.z, g))
     gradient = np.zeros(len(fit.z))
     for k, element in enumerate(fit.component.elements):
         if g in element.sets:
-            gradient[k] = _slope(fit, k, row, what)
+            gradient[k] = _slope(fit, k, g, what)
     acting = (gradient != 0) & (fit.uncertainty.limits[0] == 0)
     covariance = fit.uncertainty.covariance[0][np.ix_(acting, acting)]
     variance = float(gradient[acting] @ covariance @ gradient[acting]) if np.any(acting) else np.nan
@@ -79,11 +71,11 @@ def _carried(fit: ComponentFit, g: int, row: int, what: Callable, confidence, en
     return Estimate(value, error, low, high, "derived")
 
 
-def _slope(fit: ComponentFit, k: int, row: int, what: Callable) -> float:
+def _slope(fit: ComponentFit, k: int, g: int, what: Callable) -> float:
     def at(step: float) -> float:
         z = np.array(fit.z)
         z[k] += step
-        return what(_law(fit, z, row))
+        return what(_law(fit, z, g))
 
     scaled = fit.final.problem.transform.kind[k] != NONE
     h = STEP * (1.0 if scaled else max(abs(float(fit.z[k])), 1e-6))

@@ -227,6 +227,11 @@ class Problem:
         limits = [_yields_at(rows.law(theta, row)) for row in range(rows.size)]
         return np.array(limits)[rows.row]
 
+    def law_of(self, theta: Float[np.ndarray, "elements"], g: int) -> sj.ContactLaw:
+        """The law of a data set; of its first impact where it has several."""
+        rows = self.laws.rows
+        return rows.law(theta, int(rows.row[np.flatnonzero(self.points.set == g)[0]]))
+
     def elastic_at(self, z) -> Bool[np.ndarray, "points"] | None:
         """Which points are below yield at z, where the law asks to be held; else None."""
         return None if self.elastic is None else self.points.velocity <= self.yields_at(z)

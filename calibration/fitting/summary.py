@@ -17,7 +17,6 @@ from calibration.fitting.doubt import Doubt
 from calibration.fitting.estimate import Estimate
 from calibration.fitting.goodness import goodness_of
 from calibration.fitting.material import MaterialFit
-from calibration.fitting.problem import Problem
 from calibration.fitting.specs import SetSpec
 from calibration.fitting.suspicions import material_doubts
 
@@ -103,29 +102,17 @@ def _known(fit: ComponentFit, spec: SetSpec, g: int) -> tuple[float, float]:
     """
     if spec.model.law_type is not sj.Zhou or spec.objective != "model":
         return 0.0, np.inf
-    below = _below(fit.final.problem, fit, g)
+    problem, place = fit.final.problem, fit.component.sets.index(g)
+    law = problem.law_of(problem.transform.physical(fit.z), place)
+    critical = float(np.asarray(law.elastic_velocity()))  # type: ignore[attr-defined]
+    below = problem.points.velocity[problem.points.set == place] <= critical
     free = {e.name for e in fit.component.elements if g in e.sets}
     told = {e.name for e in fit.component.elements if e.parameter.prior is not None}
-    critical = _critical(fit, g)
     needs_below = spec.by_eps_up or ({"sigma", "psi"} & free) - told
     above_is_open = "chi" in {local.name for local in spec.local if local.parameter.value is None}
     knows_below = bool(np.any(below)) or not needs_below
     chi_told = not np.all(below) or not ({"chi", "c1", "c2"} & free or above_is_open)
     return (0.0 if knows_below else critical), (np.inf if chi_told else critical)
-
-
-def _below(problem: Problem, fit: ComponentFit, g: int) -> np.ndarray:
-    points = problem.points.set == fit.component.sets.index(g)
-    return problem.points.velocity[points] <= _critical(fit, g)
-
-
-def _critical(fit: ComponentFit, g: int) -> float:
-    problem = fit.final.problem
-    points = problem.points.set == fit.component.sets.index(g)
-    rows = problem.laws.rows
-    theta = problem.transform.physical(fit.z)
-    law = rows.law(theta, int(rows.row[np.flatnonzero(points)[0]]))
-    return float(np.asarray(law.elastic_velocity()))  # type: ignore[attr-defined]
 
 
 def _eq_17(fit: ComponentFit, spec: SetSpec, part: MaterialFit, g: int):

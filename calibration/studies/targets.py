@@ -75,11 +75,9 @@ def _gradient(
 ) -> Float[np.ndarray, "p"]:
     component, _ = plan.component(velocity, errors)
     problem, z = component.stages[-1][1], component.start
-    rows = problem.laws.rows
-    row = int(rows.row[np.flatnonzero(problem.points.set == plan.place)[0]])
 
     def log(z: np.ndarray) -> float:
-        law = rows.law(problem.transform.physical(z), row)
+        law = problem.law_of(problem.transform.physical(z), plan.place)
         return float(np.log(max(what(law), np.finfo(float).tiny)))  # type: ignore[arg-type]
 
     with jax.enable_x64(True):
