@@ -215,12 +215,12 @@ def test_a_fit_that_does_not_converge_is_written_marked_and_ends_with_1(tmp_path
 
 def test_a_line_that_does_not_converge_ends_with_1(tmp_path, monkeypatch):
     """The materials' fits do; Eq. (18)'s has no steps left."""
-    fitted = line.fit_component
+    joint = line._joint
 
-    def without_steps(component, options):
-        return fitted(component, replace(options, max_steps=1))
+    def without_steps(request, *told):
+        return joint(replace(request, options=replace(request.options, max_steps=1)), *told)
 
-    monkeypatch.setattr(line, "fit_component", without_steps)
+    monkeypatch.setattr(line, "_joint", without_steps)
     file = write_alloy(tmp_path, 'route = "energy balance"\nobjective = "two-step"', second=True)
     code, told, _ = run("fit", file, "--no-profiles", "--out", tmp_path / "out")
     assert code == 1
