@@ -33,9 +33,7 @@ def goodness_of(fit: ComponentFit, place: int) -> dict[str, Any]:
     }
 
 
-def _reduced(
-    first: Problem, problem: Problem, place: int, predicted, left: float
-) -> float | None:
+def _reduced(first: Problem, problem: Problem, place: int, predicted, left: float) -> float | None:
     """χ² over its degrees of freedom, of errors as they are stated."""
     data = problem.datasets[place]
     if data.uncertainty is None or left < 1:

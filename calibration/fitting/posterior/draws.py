@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from calibration.errors import DataError
+from calibration.fitting.collisions import NO_REBOUND_BELOW
 from calibration.fitting.curves import band_of, curve_problem
 from calibration.fitting.estimate import Band
 from calibration.fitting.material import MaterialFit
