@@ -13,6 +13,8 @@ import softjax as sj
 from calibration import cli
 from calibration.commands import COMMANDS
 from calibration.fitting.doubt import REMEDIES
+from calibration.handover.choice import HEADER, INPUT, ITSELF, LABELS
+from calibration.handover.door import CODES
 from notebooks.reference import links, names, site
 
 CHAPTERS = Path(__file__).parents[1] / "notebooks" / "reference"
@@ -79,6 +81,15 @@ def test_every_law_is_told_with_its_parameters():
         name: {f.name for f in fields(law) if "declared" in f.metadata}
         for name, law in cal.LAWS.items()
     }
+
+
+def test_every_way_into_a_code_is_told():
+    text = (CHAPTERS / "particle_codes.md").read_text(encoding="utf-8")
+    rows = dict(re.findall(r"^\| `(\w+)` \| (.*) \|$", text, flags=re.M))
+    for code, module in CODES.items():
+        for told, way in zip(rows[code].split(" | "), (INPUT, HEADER), strict=True):
+            laws = {key for key, carrier in module.CARRIERS.items() if carrier.name == way}
+            assert laws == {key for key in LABELS.keys() | {ITSELF} if f"`{key}`" in told}
 
 
 def test_a_dead_link_is_found(tmp_path):
