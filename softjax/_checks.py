@@ -29,14 +29,19 @@ def as_real(value):
     if isinstance(value, list | tuple):
         traced = any(is_traced(item) for item in jax.tree.leaves(value))
         try:
-            value = jnp.stack(value) if traced else np.asarray(value)
-        except ValueError:  # no rectangular array of anything
+            value = _stacked(value) if traced else np.asarray(value)
+        except (TypeError, ValueError):  # no rectangular array of anything
             return value
     if isinstance(value, np.ndarray):
         return value if _real_array(value) is None else np.array(value, _float_of(value.dtype))
     if getattr(value, "dtype", None) is not None and np.issubdtype(value.dtype, np.integer):
         return value * 1.0
     return value
+
+
+def _stacked(value):
+    """Lists in lists of traced numbers as an array."""
+    return jnp.stack([_stacked(x) if isinstance(x, list | tuple) else x for x in value])
 
 
 def _float_of(dtype):
@@ -65,10 +70,6 @@ def check_positive(name: str, value, what: str) -> None:
     check(name, value, lambda a: a > 0, f"a positive {what}")
 
 
-def check_not_negative(name: str, value, what: str) -> None:
-    check(name, value, lambda a: a >= 0, f"a {what} of zero or more")
-
-
 def check_choice(name: str, value, choices: tuple[str, ...]) -> None:
     if not (isinstance(value, str) and value in choices):
         accepted = " or ".join(repr(choice) for choice in choices)
@@ -78,6 +79,19 @@ def check_choice(name: str, value, choices: tuple[str, ...]) -> None:
 def check_type(name: str, value, kind: type, accepted: str) -> None:
     if not isinstance(value, kind):
         raise ValueError(f"`{name}` must be {accepted}, but is {_shown(value)}")
+
+
+def truth_values(name: str, value):
+    """The same as an array, or traced; raises where it is anything but True and False."""
+    try:
+        values = value if hasattr(value, "dtype") else np.asarray(value)
+    except ValueError:  # no rectangular array of anything
+        values = None
+    if not jnp.issubdtype(getattr(values, "dtype", float), np.bool_):
+        raise ValueError(
+            f"`{name}` must be True, False or an array of these, but is {_shown(value)}"
+        )
+    return values
 
 
 def check_broadcast(named: dict[str, Any]) -> tuple[int, ...]:

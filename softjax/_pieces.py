@@ -43,7 +43,13 @@ def in_pieces(of_chunk: Callable, key, flat: list, many: list[bool], count: int)
     each = [leaf for leaf, m in zip(flat, many, strict=True) if m]
     single = jax.device_put([leaf for leaf, m in zip(flat, many, strict=True) if not m])
 
+    with_x64 = jax.config.jax_enable_x64  # which is the calling thread's own
+
     def some(_):
+        with jax.enable_x64(with_x64):
+            work()
+
+    def work():
         try:
             space = program.spare.pop()
         except IndexError:
@@ -105,17 +111,23 @@ class _Program(NamedTuple):
         return space.results
 
 
+KEPT = 32  # programs, each with the memory that its threads have used
 _programs: dict = {}
 
 
 def _program(of_chunk, key, flat, many) -> _Program:
-    """The compiled loop over the chunks of a piece, one for each function and static settings."""
+    """The compiled loop over the chunks of a piece, one for each function and static settings.
+
+    Kept are those that were used last.
+    """
     devices = jax.local_devices()
     kinds = tuple((leaf.dtype, m or np.shape(leaf)) for leaf, m in zip(flat, many, strict=True))
-    key = (key, kinds, len(devices))
-    if key not in _programs:
-        _programs[key] = _compile(of_chunk, flat, many, devices)
-    return _programs[key]
+    key = (key, kinds, len(devices), jax.config.jax_enable_x64)
+    program = _programs.pop(key, None) or _compile(of_chunk, flat, many, devices)
+    _programs[key] = program
+    for oldest in list(_programs)[:-KEPT]:
+        _programs.pop(oldest, None)
+    return program
 
 
 def _compile(of_chunk, flat, many, devices) -> _Program:

@@ -9,7 +9,7 @@ from softjax._numerics import safe_power
 from softjax.impact import Impact
 from softjax.laws.base import HardSphereLaw, RateDependentLaw, RateIndependentLaw
 from softjax.laws.forces import asked
-from softjax.outcome import Outcome
+from softjax.outcome import SETTLED, Outcome
 from softjax.routes import ClosedForm, EnergyBalance, Stepping
 
 Taken = EnergyBalance | ClosedForm | Stepping
@@ -32,7 +32,7 @@ def durations(impact: Impact, route: Taken, regime: str) -> tuple[Array, Bool[Ar
     if isinstance(law, HardSphereLaw):
         return jnp.zeros_like(moving), jnp.ones_like(impact.elastic)
     if isinstance(route, ClosedForm):
-        duration = law.closed_form(impact.acting).duration
+        duration = asked(law, "closed_form", impact.acting).duration
         return jnp.broadcast_to(duration, moving.shape), jnp.ones_like(impact.elastic)
     if isinstance(law, RateDependentLaw):
         reduced = law.impacts(impact.acting)
@@ -90,7 +90,7 @@ def _elastic(impact: Impact) -> Outcome:
 
 def _damped(rebound, length: Array) -> Outcome:
     found = _plain(rebound.peak * length, rebound.residual * length, rebound.plastic_squared)
-    return found._replace(turns=rebound.turns, solved=rebound.solved)
+    return found._replace(turns=rebound.turns, solved=rebound.solved, gains=rebound.gains)
 
 
 def _in_metres(outcome: Outcome, length: Array) -> Outcome:
@@ -102,7 +102,8 @@ def _plain(peak, residual, squared) -> Outcome:
         jnp.broadcast_to(x, squared.shape).astype(squared.dtype) for x in (peak, residual)
     )
     yes = jnp.ones_like(squared, dtype=bool)
-    return Outcome(peak, residual, squared, yes, yes, yes, yes, ~yes, ~yes)
+    gains = squared > 1 + SETTLED.get(str(squared.dtype), 1e-5)
+    return Outcome(peak, residual, squared, yes, jnp.isfinite(squared), yes, yes, ~yes, gains)
 
 
 def _elastic_peak(impact: Impact) -> Array | float:
@@ -114,7 +115,7 @@ def _elastic_peak(impact: Impact) -> Array | float:
 
 def _beyond_elastic(impact: Impact, route: Taken) -> Outcome:
     if isinstance(route, ClosedForm):
-        known = impact.law.closed_form(impact.acting)
+        known = asked(impact.law, "closed_form", impact.acting)
         squared = jnp.broadcast_to(jnp.square(known.coefficient), impact.velocity.shape)
         return _plain(known.peak_overlap, known.residual_overlap, squared)
     reduced = impact.law.impacts(impact.acting)

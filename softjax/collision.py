@@ -17,11 +17,10 @@ from softjax._bridge import along_what_moves_it, forward_differentiated, solve
 from softjax._dependence import moving
 from softjax._impacts import over_impacts
 from softjax._numerics import implicit_root, parabolic_step
-from softjax._search import reach
 from softjax.falls import Fall
 from softjax.laws.reduced import Reduced, ReducedClosedForm, ReducedRateIndependent
 from softjax.outcome import Outcome, outcome
-from softjax.parts import Peak, Pieces, Rebound, loading_kinks, unloading_kinks
+from softjax.parts import Peak, Pieces, Rebound, loading_kinks, loading_reach, unloading_kinks
 from softjax.release import Release, release, searched
 from softjax.routes import Stepping
 
@@ -45,9 +44,7 @@ def pieces(law: ReducedRateIndependent, route: Stepping, dtype) -> Pieces:
 
 
 def _gain(route: Stepping, dtype) -> Array:
-    tolerance = UNKNOWN if route.steps is not None else route.tolerance
-    least = 4 * float(jnp.finfo(dtype).eps)
-    return GAIN * jnp.maximum(jnp.asarray(tolerance, dtype), least)
+    return GAIN * route.error(UNKNOWN, dtype)
 
 
 def _release(law: ReducedRateIndependent, peak: Array) -> Release:
@@ -106,7 +103,7 @@ def _followed(law: ReducedClosedForm, peak: Array) -> Release:
 
 def _staged(law: ReducedRateIndependent, y: Array, route: Stepping, clock: bool = False) -> Peak:
     """Loading by any force: stages that are passed over the overlap, the last one by its angle."""
-    found = _reach(*jax.tree.map(jax.lax.stop_gradient, (law, y)))
+    found = loading_reach(*jax.tree.map(jax.lax.stop_gradient, (law, y)))
     length, m = found.rough, round(2 * law.work_exponent)
     unit = 1.25 * (length / y) / y
 
@@ -142,15 +139,6 @@ def _staged(law: ReducedRateIndependent, y: Array, route: Stepping, clock: bool 
     reached = falls.energies(rise, y, route)
     time, timed = falls.times(rise, reached, y, route)
     return peak._replace(time=time, solved=peak.solved & ((reached.solved & timed) | ~turns))
-
-
-def _reach(law, y):
-    end = jnp.asarray(law.end(), y.dtype)
-
-    def force(x):
-        return jnp.where(x <= end, law.loading(x), jnp.nan)
-
-    return reach(force, 0.4 * y * y, y ** (2 / law.work_exponent))
 
 
 def _passed(pull, kinks, y, route: Stepping):

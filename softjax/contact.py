@@ -7,7 +7,7 @@ import jax.numpy as jnp
 
 from softjax._checks import as_real, check_broadcast, check_positive, check_type
 from softjax._numerics import quotient
-from softjax.fields import Number, check_fields, choice_field, number_field
+from softjax.fields import Number, check_fields, choice_field, number_field, numbers_of
 from softjax.materials import Material
 
 # Contact radius a² = A δ with A = factor · R. The paper's printed b = (3πR/4E)^{1/3} of Eq. (2)
@@ -64,8 +64,8 @@ class Contact(eqx.Module):
         check_positive("radius_2", radius_2, "length in m")
         radii = {"radius_1": radius_1, "radius_2": radius_2}
         check_broadcast(radii | _named(material_1=material_1, material_2=material_2))
-        mass_1 = _sphere_mass(material_1, radius_1)
-        mass_2 = _sphere_mass(material_2, radius_2)
+        mass_1 = _sphere_mass(material_1, radius_1, "radius_1")
+        mass_2 = _sphere_mass(material_2, radius_2, "radius_2")
         return cls(
             youngs_modulus=_effective_modulus(material_1, material_2),
             radius=radius_1 * radius_2 / (radius_1 + radius_2),
@@ -92,15 +92,14 @@ class Contact(eqx.Module):
         return cls(
             youngs_modulus=_effective_modulus(material, wall),
             radius=radius,
-            mass=_sphere_mass(material, radius),
+            mass=_sphere_mass(material, radius, "radius"),
             **_yielding_body(material, wall),
             area=area,
         )
 
     def leaves(self) -> dict[str, Number]:
         """The five stored quantities by name."""
-        names = ("youngs_modulus", "radius", "mass", "yield_strength", "limit_velocity")
-        return {name: getattr(self, name) for name in names}
+        return numbers_of(self)
 
     @property
     def stiffness(self):
@@ -153,8 +152,15 @@ def _quotient(a, b):
     return a / b if isinstance(a, float) and isinstance(b, float) else quotient(a, b)
 
 
-def _sphere_mass(material: Material, radius):
-    return 4 / 3 * math.pi * material.density * radius**3
+def _sphere_mass(material: Material, radius, name: str):
+    try:
+        mass = 4 / 3 * math.pi * material.density * radius**3
+    except OverflowError:  # of Python's numbers
+        mass = math.inf
+    if isinstance(mass, float) and not 0 < mass < math.inf:
+        what = "a length in m of a sphere whose mass is within a number's range"
+        raise ValueError(f"`{name}` must be {what}, but is {radius!r}")
+    return mass
 
 
 def _effective_modulus(one: Material, two: Material):

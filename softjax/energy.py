@@ -19,11 +19,11 @@ from jax import lax
 from jaxtyping import Array
 
 from softjax._impacts import over_impacts, recomputed_in_rows
-from softjax._numerics import integrate, safe_sqrt
+from softjax._numerics import integrate, quotient, safe_sqrt
 from softjax._quadrature import Integral, falling_time, integral, smooth_falling_time
-from softjax._search import Reach, reach
+from softjax._search import Reach
 from softjax.laws.reduced import ReducedClosedForm, ReducedRateIndependent
-from softjax.parts import Peak, Pieces, Rebound, loading_kinks, unloading_kinks
+from softjax.parts import Peak, Pieces, Rebound, loading_kinks, loading_reach, unloading_kinks
 from softjax.release import Release, as_told, release, searched
 
 IN_CACHE = 64  # impacts, each with all nodes of a quadrature
@@ -71,9 +71,23 @@ def _closed_release(law: ReducedClosedForm, peak: Array) -> Release:
 
 
 def _closed_energy(law: ReducedClosedForm, peak: Peak, release: Release) -> Rebound:
-    # not work/y²: at y = 1e13 float32 would overflow in the derivative of the quotient
-    squared = 2.5 * (release.work * (1 / peak.velocity)) / peak.velocity
+    squared = _share(release.work, peak.velocity)
     return Rebound(squared, jnp.ones_like(peak.turns), jnp.zeros_like(squared))
+
+
+@jax.custom_jvp
+def _share(work, y: Array) -> Array:
+    """work/((2/5) y²), of which neither value nor derivative meets y², which leaves float32's range."""
+    return 2.5 * (work * (1 / y)) / y
+
+
+@_share.defjvp
+def _share_jvp(values, tangents):
+    (work, y), (gained, faster) = values, tangents
+    share = _share(work, y)
+    # where work itself is beyond a number's range there is no answer, and no slope either
+    slope = 2 * jnp.where(jnp.isfinite(share), share, 0.0)
+    return share, quotient(2.5 * quotient(gained, y) - slope * faster, y)
 
 
 def _closed_time(law: ReducedClosedForm, peak: Peak, release: Release) -> Rebound:
@@ -147,7 +161,7 @@ def _finite(end) -> Array:
 
 def _loading(law: ReducedRateIndependent, y: Array, clock: bool = False) -> Peak:
     energy = 0.4 * y * y
-    found = _reach(*jax.tree.map(lax.stop_gradient, (law, y)))
+    found = loading_reach(*jax.tree.map(lax.stop_gradient, (law, y)))
     enough = work_to(law, found.top).value >= energy
     turns = jnp.where(jnp.isfinite(found.end), enough, found.turns)
     overlap = _overlap_of_work(law, energy, found._replace(turns=turns))
@@ -156,15 +170,6 @@ def _loading(law: ReducedRateIndependent, y: Array, clock: bool = False) -> Peak
     error = work_to(law, lax.stop_gradient(overlap)).error / energy
     peak = Peak(overlap, y, _finite(found.end), turns, jnp.ones_like(turns), error)
     return peak._replace(time=_rise(law, overlap)) if clock else peak
-
-
-def _reach(law, y) -> Reach:
-    end = jnp.asarray(law.end(), y.dtype)
-
-    def force(x):
-        return jnp.where(x <= end, law.loading(x), jnp.nan)
-
-    return reach(force, 0.4 * y * y, y ** (2 / law.work_exponent))
 
 
 def work_to(law: ReducedRateIndependent, x: Array) -> Integral:

@@ -17,6 +17,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.tree_util import SequenceKey
 from jaxtyping import Array, ArrayLike, Float
 
 from softjax._checks import as_real, check, check_broadcast, check_choice
@@ -77,10 +78,24 @@ def number_field(
         what: the quantity in words, for messages.
         within: its range, "(0, inf)" or "[0, 1]": round brackets leave the end out.
         options: of `dataclasses.field`, such as `default`.
+
+    Raises:
+        ValueError: where `within` is no range.
     """
-    left, low, high, right = _WITHIN.fullmatch(within).groups()  # type: ignore[union-attr]
-    declared = Declared(symbol, unit, what, float(low), float(high), left == "[", right == "]")
+    declared = Declared(symbol, unit, what, *_range(within))
     return eqx.field(converter=as_real, metadata={"declared": declared}, **options)
+
+
+def _range(within: str) -> tuple[float, float, bool, bool]:
+    """Both ends, and whether they are in it themselves."""
+    found = _WITHIN.fullmatch(within)
+    try:
+        left, low, high, right = found.groups()  # type: ignore[union-attr]
+        lower, upper = float(low), float(high)
+    except (AttributeError, ValueError):
+        accepted = 'a range such as "(0, inf)" or "[0, 1]"'
+        raise ValueError(f"`within` must be {accepted}, but is {within!r}") from None
+    return lower, upper, left == "[", right == "]"
 
 
 def choice_field(*choices: str) -> Any:
@@ -92,9 +107,10 @@ def array_field(**options: Any) -> Any:
     """A field that is whole: one array, or any pytree, for all impacts.
 
     A network's weights or a table's knots, where numeric fields hold one value an impact. Its
-    leaves need not broadcast against the velocity, and are differentiated like any other. Functions
-    in it, such as a network's activation, become `jax.tree_util.Partial`, which is no leaf, so that
-    the law goes through `jax.jit` as it is.
+    leaves need not broadcast against the velocity, and are differentiated like any other. Numbers
+    become floating point; below a name, as in a dict or a module, whole numbers stay such: counts
+    and indices. Functions in it, such as a network's activation, become `jax.tree_util.Partial`,
+    which is no leaf, so that the law goes through `jax.jit` as it is.
 
     Args:
         options: of `dataclasses.field`, such as `default`.
@@ -106,7 +122,21 @@ def _as_whole(value):
     """Arrays of this library's own, and functions that JAX need not look at."""
     if isinstance(value, list | tuple) and all(np.isscalar(item) for item in value):
         return as_real(value)
-    return jax.tree.map(lambda leaf: _static(leaf) if _is_function(leaf) else as_real(leaf), value)
+    return jax.tree_util.tree_map_with_path(_as_part, value)
+
+
+def _as_part(path, leaf):
+    if _is_function(leaf):
+        return _static(leaf)
+    named = any(not isinstance(key, SequenceKey) for key in path)
+    if named and _is_whole_number(leaf):
+        return leaf.copy() if isinstance(leaf, np.ndarray) else leaf
+    return as_real(leaf)
+
+
+def _is_whole_number(leaf) -> bool:
+    dtype = getattr(leaf, "dtype", None)
+    return isinstance(leaf, int) if dtype is None else jnp.issubdtype(dtype, jnp.integer)
 
 
 def _is_function(leaf) -> bool:
@@ -189,7 +219,15 @@ def check_fields(module: eqx.Module) -> None:
         check_choice(name, getattr(module, name), choices)
     for name, declared, value in _values(module):
         check(name, value, declared.holds, declared.accepted)
+    for name in whole_fields(type(module)):
+        for leaf in jax.tree.leaves(getattr(module, name)):
+            if isinstance(leaf, float) or _is_floating(leaf):
+                check(name, leaf, np.isfinite, "finite numbers")
     check_broadcast(numbers_of(module))
+
+
+def _is_floating(leaf) -> bool:
+    return hasattr(leaf, "dtype") and np.issubdtype(leaf.dtype, np.floating)
 
 
 def numbers_of(module: eqx.Module) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from softjax.batch import histories
 from softjax.impact import check_law, checked, common_precision, prepare
 from softjax.laws.base import ContactLaw, HardSphereLaw
 from softjax.restitution import told
-from softjax.routes import ODE, program_of, taken
+from softjax.routes import ODE, is_count, program_of, taken
 
 
 class History(eqx.Module):
@@ -74,13 +74,13 @@ def collide(
     route = ODE() if route is None else route
     if not isinstance(route, ODE):
         raise ValueError(f"`route` must be ODE(...), which alone has histories, but is {route!r}")
-    if isinstance(samples, bool) or not isinstance(samples, int) or samples < 3:
+    if not is_count(samples) or samples < 3:
         raise ValueError(f"`samples` must be a whole number >= 3, but is {samples!r}")
     velocity, regime = checked(law, velocity)
     law, velocity = common_precision(law, velocity)
     regime = "mixed" if regime == "yielding" else regime  # one program less to compile
     asked, tolerance = program_of(route)
-    return in_batches(_collide, (law, tolerance), velocity, samples, asked, regime, cut=False)
+    return in_batches(_collide, (law, tolerance), velocity, int(samples), asked, regime, cut=False)
 
 
 @partial(jax.jit, static_argnames=("samples", "route", "regime"))

@@ -10,6 +10,8 @@ from softjax._checks import as_real, check, check_broadcast, is_elsewhere, is_tr
 from softjax.fields import check_fields, held, numbers_of, released, whole_leaves
 from softjax.laws.base import ContactLaw, ForceLaw, RateIndependentLaw
 
+LEAST = float(np.finfo(np.float32).tiny)
+
 
 def check_law(law) -> None:
     if not isinstance(law, ContactLaw):
@@ -47,13 +49,19 @@ def _is_float(leaf) -> bool:
     return hasattr(leaf, "dtype") and jnp.issubdtype(leaf.dtype, jnp.floating)
 
 
+def _is_integer(leaf) -> bool:
+    return jnp.issubdtype(leaf.dtype, jnp.integer)
+
+
 def _is_weak(leaf) -> bool:
     return getattr(leaf, "weak_type", False)
 
 
 def _as_dtype(leaf, dtype, whole: bool):
     if isinstance(leaf, jax.Array):
-        as_it_is = not _is_float(leaf) or (leaf.dtype == dtype and not leaf.weak_type)
+        # a whole number that is one of each impact's would overflow: beside it all have a point
+        keeps_its_kind = not _is_float(leaf) and (whole or not _is_integer(leaf))
+        as_it_is = keeps_its_kind or (leaf.dtype == dtype and not leaf.weak_type)
         return leaf if as_it_is else jnp.asarray(leaf, dtype)
     # what is whole may hold other things than numbers with a point, which keep their kind
     return np.array(leaf, dtype) if _is_float(leaf) or type(leaf) is float or not whole else leaf
@@ -66,7 +74,7 @@ def known_regime(law: ContactLaw, velocity, extremes: np.ndarray | None = None) 
     """
     if not isinstance(law, RateIndependentLaw) or np.size(velocity) == 0:
         return "mixed"
-    if law.never_yields:
+    if law.is_elastic():
         return "elastic"
     # what other processes hold this one does not know, and all must compile the same
     if any(is_traced(leaf) or is_elsewhere(leaf) for leaf in jax.tree.leaves((law, velocity))):
@@ -82,7 +90,8 @@ def known_regime(law: ContactLaw, velocity, extremes: np.ndarray | None = None) 
     # a margin of float32's rounding: compiled code decides what is on the edge
     if np.all(speed < limit * (1 - 1e-5)):
         return "elastic"
-    return "yielding" if np.all(speed > limit * (1 + 1e-5)) else "mixed"
+    # compiled code takes what is smaller than `LEAST` for zero, which is at rest
+    return "yielding" if np.all(speed > np.maximum(limit * (1 + 1e-5), LEAST)) else "mixed"
 
 
 class Impact(eqx.Module):
@@ -107,13 +116,13 @@ def prepare(law: ContactLaw, velocity: Array, regime: str, branch: Array | None 
 
     Args:
         branch: True where an impact is to be taken for elastic, False where for yielding, wherever
-            its velocity is; None: as the law has it.
+            its velocity is, of laws that have both; None: as the law has it.
     """
     law = released(law)
     law_valid = law.is_valid()
     law = _harmless(law, law_valid)
     valid = law_valid & jnp.isfinite(velocity) & (velocity >= 0)
-    some = _some_velocity(jax.tree.map(jax.lax.stop_gradient, law))
+    some = _some_velocity(_still(law))
     velocity = jnp.where(valid, velocity, 0.25 * some)
     if not isinstance(law, RateIndependentLaw):
         elastic = velocity == 0  # at rest nothing is lost
@@ -125,7 +134,8 @@ def prepare(law: ContactLaw, velocity: Array, regime: str, branch: Array | None 
     limit = law.elastic_velocity()
     elastic = velocity <= limit
     if branch is not None:
-        elastic = jnp.broadcast_to(branch, elastic.shape)
+        leaves_it = (limit > 0) & jnp.isfinite(limit)
+        elastic = jnp.where(leaves_it, branch, elastic)
     # an impact that is held on the yielding branch below yield is taken at yield
     least = jnp.where(elastic, 0.0, jnp.maximum(limit - velocity, 0.0))
     acting = jnp.where(elastic, some, velocity + jax.lax.stop_gradient(least))
@@ -135,15 +145,19 @@ def prepare(law: ContactLaw, velocity: Array, regime: str, branch: Array | None 
 def _harmless(law: ContactLaw, valid) -> ContactLaw:
     """The law with ones where its numbers are none."""
     leaves, structure = jax.tree.flatten(law)
-    every = jnp.all(valid)
 
     def other(leaf, whole):
         if not _is_float(leaf):
             return leaf
-        return jnp.where(every if whole else valid, leaf, 1.0).astype(leaf.dtype)
+        # of what is whole only those numbers: it serves the valid impacts too
+        return jnp.where(jnp.isfinite(leaf) if whole else valid, leaf, 1.0).astype(leaf.dtype)
 
     mended = [other(leaf, whole) for leaf, whole in zip(leaves, whole_leaves(law), strict=True)]
     return jax.tree.unflatten(structure, mended)
+
+
+def _still(law: ContactLaw) -> ContactLaw:
+    return jax.tree.map(lambda x: jax.lax.stop_gradient(x) if hasattr(x, "dtype") else x, law)
 
 
 def _some_velocity(law: ContactLaw):

@@ -2,7 +2,7 @@
 
 import equinox as eqx
 
-from softjax.fields import Number, check_fields, number_field
+from softjax.fields import Number, check_fields, number_field, numbers_of
 
 
 class Material(eqx.Module):
@@ -28,8 +28,7 @@ class Material(eqx.Module):
 
     def leaves(self) -> dict[str, Number]:
         """The four properties by name."""
-        names = ("youngs_modulus", "poisson_ratio", "density", "yield_strength")
-        return {name: getattr(self, name) for name in names}
+        return numbers_of(self)
 
 
 # Zhou, Theor. Appl. Mech. Lett. 3, 021003 (2013), Table 1. The nylon's modulus is the bulk value;

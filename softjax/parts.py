@@ -7,6 +7,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
+from softjax._search import Reach, reach
 from softjax.laws.reduced import ReducedClosedForm, ReducedRateIndependent
 from softjax.release import Release
 
@@ -58,6 +59,16 @@ class Pieces(NamedTuple):
     energy: Callable[[ReducedRateIndependent, Peak, Release], Rebound]
     time: Callable[[ReducedRateIndependent, Peak, Release], Rebound]
     gain: Array | float
+
+
+def loading_reach(law: ReducedRateIndependent, y: Array) -> Reach:
+    """How far loading of one impact comes, roughly."""
+    end = jnp.asarray(law.end(), y.dtype)
+
+    def force(x):
+        return jnp.where(x <= end, law.loading(x), jnp.nan)
+
+    return reach(force, 0.4 * y * y, y ** (2 / law.work_exponent))
 
 
 def loading_kinks(law: ReducedRateIndependent, like: Array) -> Array:

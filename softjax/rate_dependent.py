@@ -21,6 +21,11 @@ from softjax.outcome import shrunk
 from softjax.phase import PARTING, PEAK, TOUCH, Plane, States
 from softjax.routes import Stepping
 
+# How far ε_p² of an elastic collision may be off, in tolerances; of forces that are far from the
+# power law of the phase plane most, 85 at the default. Of fixed steps the tolerance is a guess.
+GAIN = 100.0
+UNKNOWN = 1e-4
+
 
 class Rebound(NamedTuple):
     """A damped collision in reduced variables; arrays over impacts."""
@@ -30,6 +35,7 @@ class Rebound(NamedTuple):
     plastic_squared: Array
     turns: Bool[Array, "..."]
     solved: Bool[Array, "..."]
+    gains: Bool[Array, "..."]
 
 
 def collide(impacts: Reduced, route: Stepping) -> Rebound:
@@ -109,10 +115,10 @@ def _collide(law, y, below, route: Stepping) -> Rebound:
     touch = phase.at_touch(y, clock=False)
     peak, reached = phase.over_angle(scene.plane, touch, PEAK, route)
     end, ended = scene.ends(peak, route)
-    return _rebound(scene, peak, end, reached & ended, below)
+    return _rebound(scene, peak, end, reached & ended, below, route)
 
 
-def _rebound(scene: _Scene, peak: States, end: States, arrived, below) -> Rebound:
+def _rebound(scene: _Scene, peak: States, end: States, arrived, below, route) -> Rebound:
     far, (left, speed) = scene.position(peak)[0], scene.position(end)
     solved = arrived & jnp.isfinite(speed)
     length = scene.length * shrunk(scene.law, scene.length * far, below)
@@ -123,6 +129,7 @@ def _rebound(scene: _Scene, peak: States, end: States, arrived, below) -> Reboun
         plastic_squared=jnp.where(solved, speed * speed, 0.0),
         turns=solved | scene.turns,
         solved=solved,
+        gains=speed * speed > 1 + GAIN * route.error(UNKNOWN, speed.dtype),
     )
 
 
@@ -157,7 +164,7 @@ def _history(law, y, below, route: Stepping, fractions):
     time = clock * _pace(scene, peak, below)
     samples = (time, x * far, u * slow, force * slow * slow / far)
     end = jax.tree.map(lambda state: state[-1], unloading)
-    return samples, _rebound(scene, peak, end, reached & ended, below)
+    return samples, _rebound(scene, peak, end, reached & ended, below, route)
 
 
 def _pace(scene: _Scene, peak: States, below):

@@ -10,11 +10,11 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from softjax._batches import in_batches
-from softjax._checks import is_elsewhere, is_traced
+from softjax._checks import check_broadcast, is_elsewhere, is_traced, truth_values
 from softjax._numerics import safe_sqrt
 from softjax._spread import alike
 from softjax.batch import collisions, durations
-from softjax.fields import released, whole_leaves
+from softjax.fields import numbers_of, released, whole_leaves
 from softjax.impact import Impact, check_law, checked, common_precision, known_regime, prepare
 from softjax.laws.base import ContactLaw, HardSphereLaw, RateDependentLaw
 from softjax.outcome import Outcome
@@ -55,10 +55,10 @@ class Restitution(eqx.Module):
         0 where there is no contact that ends: at v = 0, without a turning point, on invalid input,
         and where the solver gave up.
         """
-        regime = known_regime(self.law, self.velocity)
         law, velocity = common_precision(self.law, self.velocity)
         if self.each and any(whole_leaves(law)):
-            return _durations_of_each(law, velocity, self.route, regime)
+            return _durations_of_each(law, velocity, self.route, "mixed")
+        regime = known_regime(self.law, self.velocity)
         route, tolerance = program_of(self.route)
         return in_batches(_duration, (law, tolerance), velocity, route, regime)
 
@@ -201,7 +201,7 @@ def signed_restitution(
         elastic: the branch on which each impact is held, True the elastic one, whatever its
             velocity; impacts held on the yielding branch below yield are taken at yield. None: as
             the law has it. For laws whose ε jumps at yield (`jumps_at_yield`), while a search moves
-            what yield depends on. Laws without an elastic stage take no notice.
+            what yield depends on. Laws that are always elastic, or never, take no notice.
 
     Raises:
         ValueError: as `restitution`.
@@ -209,8 +209,11 @@ def signed_restitution(
     check_law(law)
     route = _chosen(law, route)
     velocity, regime = checked(law, velocity)
-    regime = regime if elastic is None else "mixed"
+    if elastic is not None:
+        elastic, regime = truth_values("elastic", elastic), "mixed"
+        shape = check_broadcast({"velocity": velocity, "elastic": elastic} | numbers_of(law))
     law, velocity = common_precision(law, velocity)
+    velocity = velocity if elastic is None else jnp.broadcast_to(velocity, shape)
     route, tolerance = program_of(route)
     # a search traces it once, with its slopes: compiled by itself it would be traced without them too
     traced = any(is_traced(leaf) for leaf in jax.tree.leaves((law, velocity)))

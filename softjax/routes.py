@@ -4,7 +4,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 from softjax._checks import check_choice
 from softjax.fields import array_field
@@ -65,7 +67,7 @@ class ODE:
             raise ValueError(f"`rtol` must be a number in [1e-14, 0.1], but is {self.rtol!r}")
         for name in ("steps", "max_steps"):
             value = getattr(self, name)
-            if not (value is None and name == "steps") and not _is_count(value):
+            if not (value is None and name == "steps") and not is_count(value):
                 raise ValueError(f"`{name}` must be a whole number >= 1, but is {value!r}")
 
     @property
@@ -85,6 +87,11 @@ class Stepping(eqx.Module):
     @classmethod
     def of(cls, route: ODE, tolerance: Any) -> "Stepping":
         return cls(tolerance, route.solver, route.steps, route.max_steps)
+
+    def error(self, unknown: float, dtype) -> Array:
+        """What a step may be off: the tolerance, but for rounding; `unknown` if the steps are fixed."""
+        tolerance = unknown if self.steps is not None else self.tolerance
+        return jnp.maximum(jnp.asarray(tolerance, dtype), 4 * float(jnp.finfo(dtype).eps))
 
 
 Route = EnergyBalance | ClosedForm | ODE
@@ -114,5 +121,6 @@ def _is_number_in(value, low: float, high: float) -> bool:
     return isinstance(value, int | float | np.number) and bool(low <= float(value) <= high)
 
 
-def _is_count(value) -> bool:
+def is_count(value) -> bool:
+    """Whether it is a whole number of one or more."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool) and bool(value >= 1)

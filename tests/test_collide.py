@@ -131,6 +131,11 @@ def test_samples(samples):
         sj.collide(fitted("nylon"), 1.0, samples=samples)
 
 
+def test_samples_may_be_numpys():
+    hit = sj.collide(sj.Hertz(fitted("nylon").contact), 1.0, samples=np.int64(5))
+    assert hit.time.shape == (5,)
+
+
 @pytest.mark.parametrize("route", [sj.EnergyBalance(), "ode", 1])
 def test_only_the_ode_has_histories(route):
     with pytest.raises(ValueError, match=r"`route` must be ODE\(...\)"):

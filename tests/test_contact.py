@@ -123,3 +123,11 @@ def test_no_intermediate_leaves_float32():
             value = getattr(short, name)
             assert value.dtype == np.float32
             assert value == pytest.approx(getattr(exact, name), rel=2e-6), name
+
+
+@pytest.mark.parametrize("radius", [1e103, 1e-120])
+def test_radii_whose_masses_are_no_numbers(radius):
+    with pytest.raises(ValueError, match="`radius_2` must be a length in m of a sphere whose mass"):
+        sj.Contact.between_spheres(SOFT, HARD, 0.01, radius)
+    with pytest.raises(ValueError, match="`radius` must be a length in m of a sphere whose mass"):
+        sj.Contact.with_wall(SOFT, HARD, radius)

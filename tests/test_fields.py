@@ -62,10 +62,31 @@ def test_declarations_are_read_off_the_class():
 def test_what_is_whole_need_not_broadcast_but_must_be_finite():
     law = Declared(np.full(3, 0.5), knots={"w": jnp.ones((7, 2)), "name": "any"})
     assert np.all(law.is_valid())
-    bad = Declared(np.full(3, 0.5), knots=jnp.array([1.0, np.nan]))
-    assert not np.any(bad.is_valid())
+    bad = jnp.array([1.0, np.nan])
+    with pytest.raises(ValueError, match="`knots` must be finite numbers, but is Array"):
+        Declared(np.full(3, 0.5), knots=bad)
+    assert not jax.jit(lambda k: Declared(0.5, knots=k).is_valid())(bad)
     with pytest.raises(ValueError, match=r"`share` \(3,\), `time` \(2,\)"):
         Declared(np.full(3, 0.5), np.ones(2))
+
+
+def test_below_a_name_whole_numbers_stay_such():
+    """Counts and indices; what has none becomes floating point, as ever."""
+    given = np.array([1, 0])
+    law = Declared(0.5, knots={"n": 3, "at": given, "w": 2.0, "of": "any"})
+    given[:] = 7
+    assert type(law.knots["n"]) is int
+    assert list(law.knots["at"]) == [1, 0]
+    assert law.knots["at"].dtype == given.dtype
+    for numbers in (3, [1, 2], np.array([1, 2]), [[1, 2], [3, 4]]):
+        leaves = jax.tree.leaves(Declared(0.5, knots=numbers).knots)
+        assert all(np.issubdtype(np.result_type(leaf), np.floating) for leaf in leaves)
+
+
+@pytest.mark.parametrize("within", ["0..1", "[a, b]", "(0)", ""])
+def test_a_range_that_is_none(within):
+    with pytest.raises(ValueError, match="`within` must be a range such as"):
+        sj.number_field("x", within=within)
 
 
 def test_an_article_suits_its_noun():

@@ -306,9 +306,27 @@ class HardOfMath(sj.HardSphereLaw):
         return math.exp(-velocity)
 
 
+class KnownOfMath(OfNumpy):
+    def closed_form(self, velocity):
+        return sj.KnownCollision(math.exp(-velocity), velocity, velocity, velocity)
+
+
+class Choosing(Recoil):
+    def elastic_overlap(self):
+        return 1e-7 if self.rest > 0 else 0.0
+
+
+class Breaking(Recoil):
+    def breakpoints(self):
+        return (1e-7,) if self.rest > 0 else ()
+
+
 @pytest.mark.parametrize(
     ("law", "method"),
     [
+        (KnownOfMath(STEEL), "KnownOfMath.closed_form"),
+        (Choosing(STEEL, 0.0, 1.0, 0.0), "Choosing.elastic_overlap"),
+        (Breaking(STEEL, 0.0, 1.0, 0.0), "Breaking.breakpoints"),
         (OfMath(STEEL, 0.0, 1.0, 0.0), "OfMath.loading_force"),
         (OfIf(STEEL, 0.0, 1.0, 0.0), "OfIf.unloading_force"),
         (OfNumpy(STEEL), "OfNumpy.force"),

@@ -68,3 +68,30 @@ def test_laws_without_a_jump_say_so():
     assert not sj.Thornton(pair).jumps_at_yield
     assert np.isinf(sj.Hertz(pair).elastic_velocity())
     assert sj.WaltonBraun(pair, 1e6, 2e6).elastic_velocity() == 0
+
+
+def test_laws_of_one_branch_take_no_notice():
+    pair = fitted("nylon").contact
+    spring = sj.signed_restitution(sj.WaltonBraun(pair, 1e6, 2e6), 1.0, elastic=True)
+    assert spring.squared == pytest.approx(0.5, rel=1e-14)
+    assert spring.status == 0
+    hertz = sj.signed_restitution(sj.Hertz(pair), 1.0, elastic=False)
+    assert (hertz.squared, hertz.status) == (1, sj.Status.ELASTIC)
+
+
+def test_branches_as_lists_and_of_one_velocity():
+    law = fitted("chrome steel")
+    velocity = 3.0 * float(law.elastic_velocity())
+    expected = sj.signed_restitution(law, np.full(2, velocity), elastic=np.array([True, False]))
+    for some in (velocity, np.full(2, velocity)):
+        found = sj.signed_restitution(law, some, elastic=[True, False])
+        assert np.array_equal(found.squared, expected.squared)
+        assert np.array_equal(found.status, expected.status)
+
+
+@pytest.mark.parametrize("elastic", ["yes", 1, [1.0], [[True], [True, False]]])
+def test_a_branch_that_is_none(elastic):
+    with pytest.raises(ValueError, match="`elastic` must be True, False or an array of these"):
+        sj.signed_restitution(fitted("nylon"), 1.0, elastic=elastic)
+    with pytest.raises(ValueError, match=r"`velocity` \(2,\), `elastic` \(3,\)"):
+        sj.signed_restitution(fitted("nylon"), np.ones(2), elastic=np.ones(3, bool))

@@ -169,6 +169,72 @@ def test_many_tables():
         assert np.allclose(each.duration[k], alone.duration, rtol=1e-12)
 
 
+class Shared(sj.HardSphereLaw):
+    """ε² = a w0."""
+
+    a: float
+    w: jax.Array = sj.array_field()
+
+    def restitution_squared(self, velocity):
+        return self.a * self.w[0] + 0 * velocity
+
+
+def test_an_invalid_impact_leaves_its_neighbours_what_is_whole():
+    law = eqx.tree_at(lambda law: law.a, Shared(0.5, [0.2]), np.array([0.5, np.inf]))
+    found = jax.jit(sj.restitution)(law, 1.0)
+    assert list(found.status) == [0, sj.Status.INVALID_INPUT]
+    assert np.allclose(found.coefficient, [np.sqrt(0.1), 0], rtol=1e-15)
+
+
+class Named(sj.RateIndependentLaw):
+    """A spring of a stiffness that is found by name and place, beyond an elastic stage or without."""
+
+    contact: sj.Contact
+    table: dict = sj.array_field()
+
+    def loading_force(self, overlap):
+        return 1e6 * overlap
+
+    def unloading_force(self, overlap, peak_overlap):
+        stiffness = {"one": 2e6, "other": 4e6}[self.table["kind"]]
+        scale = jnp.asarray(self.table["of"])[self.table["at"]].sum()
+        return stiffness * scale * (overlap - peak_overlap) + 1e6 * peak_overlap
+
+
+@pytest.mark.parametrize(
+    "route", [None, pytest.param(sj.ODE(rtol=1e-10), id="ode", marks=pytest.mark.long)]
+)
+def test_words_and_indices_in_what_is_whole(route):
+    """ε² = 1/(k2/k1), by hand."""
+    for at, scale in ((1, 1.5), (np.array([0, 1]), 2.0)):
+        law = Named(STEEL, {"kind": "other", "of": [0.5, 1.5], "at": at})
+        found = sj.restitution(law, 1.0, route)
+        assert found.coefficient**2 == pytest.approx(1 / (4 * scale), rel=1e-9)
+
+
+class Stage(sj.RateIndependentLaw):
+    """Hertz's up to w0, with half of the force back beyond."""
+
+    contact: sj.Contact
+    w: jax.Array = sj.array_field()
+
+    def elastic_overlap(self):
+        return self.w[0]
+
+    def loading_force(self, overlap):
+        return self.contact.stiffness * sj.power_3_2(overlap)
+
+    def unloading_force(self, overlap, peak_overlap):
+        return self.w[1] * self.loading_force(overlap)
+
+
+def test_how_long_a_traced_result_lasts_where_yield_is_of_what_is_whole():
+    law = Stage(STEEL, np.array([1e-7, 0.5]))
+    found = sj.restitution(law, VELOCITY)
+    traced = jax.jit(sj.restitution)(law, VELOCITY)
+    assert np.allclose(traced.duration, found.duration, rtol=1e-12, atol=0)
+
+
 class Bent(FirstOrder):
     """Loading is stiffer by what some numbers together make."""
 

@@ -12,8 +12,10 @@ Numbers, options and whole fields of a law are declared (`softjax.fields`): thei
 under tracing, and what a fit knows of them follow from that.
 """
 
+import math
 from abc import abstractmethod
 from collections.abc import Iterable
+from itertools import takewhile
 from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
@@ -24,7 +26,7 @@ from softjax._checks import check_choice, check_type
 from softjax._numerics import quotient
 from softjax.contact import Contact
 from softjax.fields import are_valid, check_fields
-from softjax.laws.forces import reduced_by_forces
+from softjax.laws.forces import asked, reduced_by_forces
 from softjax.laws.reduced import (
     ENDS,
     Reduced,
@@ -127,9 +129,9 @@ class ForceLaw(ContactLaw):
         return 1.25 * self.contact.mass * scales.velocity * quotient(*reversed(scales))
 
     @classmethod
+    @abstractmethod
     def _speaks_si(cls) -> bool:
         """Whether the law is given by its forces in newtons, and not reduced."""
-        return not any("reduced" in vars(kind) for kind in cls.__mro__ if kind not in _ABSTRACT)
 
 
 class RateIndependentLaw(ForceLaw):
@@ -149,6 +151,8 @@ class RateIndependentLaw(ForceLaw):
 
     The contact ends at the last zero of the unloading force below its peak, or at zero overlap.
     Optional, and honoured by both routes: `breakpoints`, `elastic_overlap`, `residual_overlap`.
+    A subclass of a law that is given reduced, with another force, goes by its forces: it has no
+    elastic stage but the one that it tells.
 
     `jumps_at_yield` says whether ε jumps where an impact leaves the elastic stage. A search that
     moves what yield depends on then holds every impact on its branch during a step. `never_yields`
@@ -161,7 +165,7 @@ class RateIndependentLaw(ForceLaw):
     def __check_init__(self):
         forces = ("loading_force", "unloading_force")
         missing = [n for n in forces if getattr(type(self), n) is getattr(RateIndependentLaw, n)]
-        if self._speaks_si() and missing:
+        if not self._is_reduced() and missing:
             raise ValueError(f"`{type(self).__name__}` must define {' and '.join(missing)}")
 
     def loading_force(self, overlap) -> Array:
@@ -177,7 +181,14 @@ class RateIndependentLaw(ForceLaw):
 
     def breakpoints(self) -> Iterable:
         """Overlaps [m] at which a force has a kink; each is one value, or one an impact."""
-        return ()
+        if not self._is_reduced():
+            return ()
+        # forces beside a reduced law are mostly made of its own
+        law, length = self.reduced(), self.scales().overlap
+        limit = law.elastic_limit
+        never_or_always = isinstance(limit, float | int) and limit in (0, math.inf)
+        kinks = law.breakpoints() if never_or_always else (limit, *law.breakpoints())
+        return tuple(length * x for x in kinks)
 
     def elastic_overlap(self) -> Array | float:
         """The overlap [m] up to which loading and unloading are Hertz's; infinite: always."""
@@ -201,15 +212,35 @@ class RateIndependentLaw(ForceLaw):
     def elastic_velocity(self):
         """The impact velocity [m/s] up to which nothing yields; infinite or 0 for laws without."""
         scales, exponent = self.elastic_scales()
-        limit = self.reduced().elastic_limit if not self._speaks_si() else self._elastic_strain()
+        if self._speaks_si():
+            limit = jnp.asarray(asked(self, "elastic_overlap")) / scales.overlap
+        else:
+            limit = self.reduced().elastic_limit
         return scales.velocity * limit ** (exponent / 2)
 
     def elastic_scales(self) -> tuple[Scales, float]:
         """Units in which elastic impacts follow a power law with work (2/5) x^k, and k."""
-        return self.scales(), 2.5 if self._speaks_si() else self.reduced().work_exponent
+        if self._speaks_si():
+            return hertz_scales(self.contact), 2.5
+        return self.scales(), self.reduced().work_exponent
 
-    def _elastic_strain(self):
-        return jnp.asarray(self.elastic_overlap()) / self.scales().overlap
+    @classmethod
+    def is_elastic(cls) -> bool:
+        """Whether it `never_yields`; what a reduced law says of itself is of its own forces."""
+        if not cls._speaks_si():
+            return cls.never_yields
+        forces = takewhile(lambda kind: "reduced" not in vars(kind), cls.__mro__)
+        return next((vars(k)["never_yields"] for k in forces if "never_yields" in vars(k)), False)
+
+    @classmethod
+    def _speaks_si(cls) -> bool:
+        told = {"reduced", "loading_force", "unloading_force"}
+        latest = next(kind for kind in cls.__mro__ if told & vars(kind).keys())
+        return latest in _ABSTRACT or "reduced" not in vars(latest)
+
+    @classmethod
+    def _is_reduced(cls) -> bool:
+        return cls.reduced is not RateIndependentLaw.reduced
 
 
 class RateDependentLaw(ForceLaw):

@@ -14,7 +14,7 @@ from jaxtyping import Array
 from softjax._dependence import moving
 from softjax._numerics import quotient
 from softjax.contact import Contact
-from softjax.fields import whole_leaves
+from softjax.fields import held, released, whole_leaves
 from softjax.laws.reduced import Reduced, ReducedRateDependent, ReducedRateIndependent
 from softjax.laws.units import Scales, hertz_scales, hertz_scales_at
 
@@ -36,7 +36,7 @@ def asked(law, method: str, *values: Array) -> Array:
         ValueError: naming the law and the method, and what to write instead.
     """
     try:
-        return getattr(law, method)(*values)
+        return getattr(released(law), method)(*values)
     except TypeError as error:
         if not (isinstance(error, NOT_TRACEABLE) or NOT_OF_MANY in str(error)):
             raise
@@ -62,13 +62,14 @@ class ForcesOfImpact(ReducedRateIndependent):
 
     @property
     def elastic_limit(self) -> Array | float:  # type: ignore[override]
-        overlap = self.law.elastic_overlap()
+        overlap = asked(self.law, "elastic_overlap")
         never_or_always = type(overlap) in (float, int) and overlap in (0, math.inf)
         # what is known beforehand is no kink, and so no stage of its own
         return float(overlap) if never_or_always else jnp.asarray(overlap) / self.length
 
     def breakpoints(self) -> tuple:
-        return tuple(jnp.asarray(overlap) / self.length for overlap in self.law.breakpoints())
+        overlaps = asked(self.law, "breakpoints")
+        return tuple(jnp.asarray(overlap) / self.length for overlap in overlaps)
 
     def exponent_at(self, peak: Array) -> Array:
         return jax.lax.stop_gradient(_exponent(self.loading, peak))
@@ -116,6 +117,7 @@ def reduced_by_forces(law, velocity: Array) -> Reduced:
     The scales are units and no more: nothing depends on the overlap's, which is not differentiated,
     while the velocity's carries what the impact's own velocity moves.
     """
+    law = held(law)  # of what is no number the programs beneath could make nothing
     slowest = _slowest(law.contact, velocity)
     lifted = jnp.maximum(velocity, slowest)
     overlap, _ = hertz_scales_at(law.contact, lifted)
@@ -142,17 +144,17 @@ def _still_where_silent(law, told: Callable):
     ]
     overlap = jax.ShapeDtypeStruct((), jnp.result_type(law.contact.radius))
     moves = moving(lambda x, *one: told(jax.tree.unflatten(structure, one), x), overlap, *kinds)
-    held = [
+    kept = [
         leaf if moved else jax.lax.stop_gradient(leaf)
         for leaf, moved in zip(leaves, moves[1:], strict=True)
     ]
-    return jax.tree.unflatten(structure, held)
+    return jax.tree.unflatten(structure, kept)
 
 
 def _all_that_is_asked(law, x: Array) -> list:
-    ends = law.elastic_overlap(), asked(law, "residual_overlap", x)
+    ends = asked(law, "elastic_overlap"), asked(law, "residual_overlap", x)
     forces = asked(law, "loading_force", x), asked(law, "unloading_force", x, x)
-    return [*forces, *law.breakpoints(), *(end for end in ends if end is not None)]
+    return [*forces, *asked(law, "breakpoints"), *(end for end in ends if end is not None)]
 
 
 def _slowest(contact: Contact, velocity: Array) -> Array:

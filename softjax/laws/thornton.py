@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from softjax._checks import as_real, check, check_broadcast
-from softjax._numerics import power_3_2
+from softjax._numerics import power_3_2, quotient
 from softjax.contact import Contact
 from softjax.fields import Number, choice_field, number_field, numbers_of
 from softjax.laws.base import RateIndependentLaw, ReducedClosedForm, Scales
@@ -71,7 +71,7 @@ class Thornton(RateIndependentLaw):
 
     def elastic_velocity(self):
         """V_y [m/s]."""
-        return self.scales().velocity
+        return super().elastic_velocity() if self._speaks_si() else self.scales().velocity
 
     def reduced(self) -> "ReducedThornton":
         return ReducedThornton()
@@ -151,14 +151,15 @@ class ReducedThornton(ReducedClosedForm):
     def residual(self, peak: Array) -> Array:
         excess = jnp.maximum(peak - 1, 0.0) / (jnp.sqrt(peak) + 1)  # √x_m - 1
         # x_m^{3/2} - p_m, its cancelling terms multiplied out
-        return excess * excess * (excess + 1.5) / jnp.sqrt(peak)
+        return excess * excess * ((excess + 1.5) / jnp.sqrt(peak))
 
     def largest_velocity(self) -> Array:
         return jnp.asarray(jnp.inf)
 
     def peak(self, y: Array) -> Array:
-        force = jnp.sqrt(1.2 * y * y - 0.2)  # p_m
-        return 1 + 0.8 * (y - 1) * (y + 1) / (force + 1)
+        slow = quotient(1.0, y)  # the square of y itself leaves float32's range at 1e19
+        force = y * jnp.sqrt(1.2 - 0.2 * slow * slow)  # p_m
+        return 1 + 0.8 * (y - 1) * quotient(y + 1, force + 1)
 
     def release(self, peak: Array) -> tuple[Array, Array, Array]:
         recovered = self.recovered(peak)

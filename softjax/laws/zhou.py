@@ -68,7 +68,7 @@ class Zhou(RateIndependentLaw):
 
     def elastic_velocity(self):
         """v_cr [m/s], Eq. (5b)."""
-        return self.contact.critical_velocity
+        return super().elastic_velocity() if self._speaks_si() else self.contact.critical_velocity
 
     def plasticity(self):
         """d = 2κ/3 [-]."""
@@ -85,9 +85,11 @@ class Zhou(RateIndependentLaw):
 
     def total_restitution(self, plastic_squared, velocity, elastic) -> tuple[Array, Array]:
         """ε² by Eq. (16) above yield and Eq. (17) below, and whether v >= v_lim."""
-        limit = self.contact.limit_velocity
+        limit, critical = self.contact.limit_velocity, self.contact.critical_velocity
+        if self._speaks_si():  # a subclass by its forces, which need not be elastic below
+            critical = jnp.minimum(velocity, critical)
         # below yield Eq. (17) acts at v, above it at v_cr: one evaluation serves both
-        at = jnp.where(elastic, velocity, self.contact.critical_velocity)
+        at = jnp.where(elastic, velocity, critical)
         exponent = sound_and_heat_exponent(at, limit, self.sigma, self.psi)
         above_yield = plastic_squared + jnp.expm1(-2 * exponent)  # Eq. (16)
         squared = jnp.where(elastic, jnp.exp(-2 * exponent), above_yield)
