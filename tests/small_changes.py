@@ -42,7 +42,7 @@ CHANGES: dict[str, list[tuple[str, str, str]]] = {
         ("d * m**2 * (1 + m / 3)", "d * m**2 * (1 + m / 2)", "energy_balance"),
     ],
     "softjax/laws/thornton.py": [
-        ("jnp.sqrt(1.2 * y * y - 0.2)", "jnp.sqrt(1.2 * y * y - 0.1)", "thornton"),
+        ("jnp.sqrt(1.2 - 0.2 * slow", "jnp.sqrt(1.2 - 0.1 * slow", "thornton"),
         ("jnp.where(x > 1, 1 + 1.5 * (x - 1)", "jnp.where(x > 1, 1 + 1.4 * (x - 1)", "thornton"),
     ],
     "softjax/laws/walton_braun.py": [
@@ -278,7 +278,11 @@ CHANGES: dict[str, list[tuple[str, str, str]]] = {
     ],
     "softjax/laws/forces.py": [
         ("leaf if moved else jax.lax", "leaf if moved or True else jax.lax", "compilation"),
-        ("[*forces, *law.breakpoints()", "[forces[0], *law.breakpoints()", "own_laws"),
+        (
+            '[*forces, *asked(law, "breakpoints")',
+            '[forces[0], *asked(law, "breakpoints")',
+            "own_laws",
+        ),
     ],
     "calibration/data/points.py": [
         ("{fastest * (fastest / (2 *", "{fastest * (fastest / (1 *", "data_plausible"),

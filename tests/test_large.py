@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import softjax as sj
+from softjax import _pieces
 from softjax._batches import SOON
 from softjax._pieces import PIECE
 from tests.cases import fitted
@@ -134,3 +135,30 @@ def test_two_devices_share_the_work():
     flags = {"XLA_FLAGS": "--xla_force_host_platform_device_count=2", "JAX_PLATFORMS": "cpu"}
     done = subprocess.run(command, env=flags, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+def test_pieces_have_the_precision_of_their_caller():
+    """Which another thread does not know of; memory of one precision is not used for another."""
+    law = sj.WaltonBraun(fitted("nylon").contact, 1e6, 2e6, 10.0)
+    velocity = np.linspace(0.1, 5, COUNT)
+    with jax.enable_x64(False):
+        short = sj.restitution(law, velocity).coefficient
+    exact = np.sqrt(1e6 / (2e6 + 10.0 * velocity * np.sqrt(1e6 * law.contact.mass)))
+    assert short.dtype == np.float32
+    assert np.allclose(short, exact, rtol=3e-7, atol=0)
+    full = sj.restitution(law, velocity).coefficient
+    assert full.dtype == np.float64
+    assert np.allclose(full, exact, rtol=1e-15, atol=0)
+
+
+def test_few_programs_are_kept(monkeypatch):
+    made = []
+    monkeypatch.setattr(_pieces, "_programs", {})
+    monkeypatch.setattr(_pieces, "KEPT", 2)
+    monkeypatch.setattr(_pieces, "_compile", lambda *_: made.append(object()) or made[-1])
+    a, b = (_pieces._program(None, key, [], []) for key in "ab")
+    assert _pieces._program(None, "a", [], []) is a
+    _pieces._program(None, "c", [], [])
+    assert _pieces._program(None, "a", [], []) is a
+    assert _pieces._program(None, "b", [], []) is not b
+    assert len(_pieces._programs) == 2

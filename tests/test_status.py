@@ -269,3 +269,70 @@ def test_a_printed_result_tells_the_numbers_of_a_few_impacts():
     shown = []
     jax.make_jaxpr(lambda v: shown.append(repr(sj.restitution(law, v))))(few.velocity)
     assert "coefficient=f64[2]" in shown[0]
+
+
+class Formula(sj.HardSphereLaw):
+    """ε² = a ln(2 - v)."""
+
+    a: float
+
+    def restitution_squared(self, velocity):
+        return self.a * jnp.log(2 - velocity)
+
+
+class Told(sj.RateDependentLaw):
+    """An elastic spring whose coefficient is as told."""
+
+    contact: sj.Contact
+    coefficient: float
+    end = "zero-overlap"
+
+    def force(self, overlap, velocity):
+        return 1e6 * overlap
+
+    def closed_form(self, velocity):
+        return sj.KnownCollision(velocity * self.coefficient, velocity, velocity, velocity)
+
+
+def test_a_formula_that_gives_no_number_or_too_much():
+    velocity = np.array([0.5, 3.0])
+    found = sj.restitution(Formula(10.0), velocity)
+    assert found.coefficient[0] == pytest.approx(np.sqrt(10 * np.log(1.5)), rel=1e-15)
+    assert list(found.status) == [sj.Status.ENERGY_GAIN, sj.Status.SOLVER_FAILED]
+    assert found.coefficient[1] == 0
+    told = sj.restitution(Told(pair("nylon"), np.array([1.0, 1.0 + 1e-9])), 1.0)
+    assert list(told.status) == [sj.Status.PLAIN, sj.Status.ENERGY_GAIN]
+    overflow = sj.restitution(Told(pair("nylon"), 1e200), 1e200)
+    assert (overflow.coefficient, overflow.status) == (0, sj.Status.SOLVER_FAILED)
+
+
+class Driven(sj.RateDependentLaw):
+    """A force of any power with a part that grows with the rate, or falls."""
+
+    contact: sj.Contact
+    power: float
+    rate: float
+    end = "zero-overlap"
+
+    def force(self, overlap, velocity):
+        return 100 * (overlap / 1e-5) ** self.power * (1 + self.rate * velocity)
+
+
+@pytest.mark.parametrize(
+    "route", [sj.ODE(rtol=1e-5), sj.ODE(steps=8, solver="dopri5")], ids=["adaptive", "fixed"]
+)
+def test_gains_of_damped_laws_are_told_and_rounding_is_none(route):
+    power, rate = np.array([0.5, 1.0, 1.5, 2.0, 1.5]), np.array([0.0, 0.0, 0.0, 0.0, -0.1])
+    found = sj.restitution(Driven(pair("stainless steel"), power, rate), 1.0, route)
+    assert np.allclose(found.coefficient[:4], 1.0, atol=1e-3)
+    assert found.coefficient[4] > 1.05
+    assert list(found.status) == [0, 0, 0, 0, sj.Status.ENERGY_GAIN]
+
+
+def test_the_slowest_impact_is_at_rest_alone_and_among_others():
+    """Compiled code takes for zero what is below the smallest normal number."""
+    law = sj.WaltonBraun(pair("stainless steel"), 1e6, 2e6)
+    at_rest = sj.Status.ELASTIC | sj.Status.ZERO_VELOCITY
+    for velocity in ([1e-310], [1e-310, 1.0], [1e-310, 0.0]):
+        found = sj.restitution(law, velocity)
+        assert (found.coefficient[0], found.status[0]) == (1, at_rest)

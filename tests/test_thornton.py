@@ -171,3 +171,31 @@ def test_wrong_input_is_named():
     lc.assert_refused(lambda c: sj.thornton_restitution(c, 1.0), "contact", None, LAW)
     with pytest.raises(ValueError, match="shapes must broadcast"):
         sj.restitution(sj.Thornton(lc.PAIR, yield_factor=np.ones(3)), np.ones(2))
+
+
+@pytest.mark.parametrize(
+    ("dtype", "most", "bound"), [(np.float64, 150, 1e-13), (np.float32, 16, 2e-6)]
+)
+def test_far_beyond_yield(dtype, most, bound):
+    """The closed form and its slope in 40 digits, up to where squares of v/V_y are no numbers."""
+    velocity = (10.0 ** np.linspace(1, most, 6)).astype(dtype)
+    yields = mp.mpf(float(LAW.elastic_velocity()))
+
+    def formula(v):
+        r = yields / v
+        root = mp.sqrt(mp.mpf(6) / 5 - r * r / 5)
+        return root * (3 * r / (r + 2 * root)) ** mp.mpf(0.25)
+
+    with mp.workdps(40):
+        exact = [formula(mp.mpf(float(v))) for v in velocity]
+        steep = [mp.diff(lambda t: mp.log(formula(mp.exp(t))), mp.log(float(v))) for v in velocity]
+    law = jax.tree.map(dtype, LAW)
+    value, slope = jax.vmap(jax.value_and_grad(lambda v: sj.restitution(law, v).coefficient))(
+        jnp.asarray(velocity)
+    )
+    assert value.dtype == dtype
+    assert np.allclose(value, np.array(exact, float), rtol=bound, atol=0)
+    assert np.allclose(slope * velocity / value, np.array(steep, float), rtol=bound, atol=0)
+    far = dtype(np.finfo(dtype).max / 10)
+    value, slope = jax.value_and_grad(lambda v: sj.restitution(law, v).coefficient)(far)
+    assert (value, slope) == (0, 0)
