@@ -135,3 +135,15 @@ def test_what_is_constant_within_a_traced_function():
     large = np.full(300_000, 5.0)
     total = jax.jit(lambda x: x * sj.restitution(law, large, overlaps=False).coefficient[-1])(2.0)
     assert total == pytest.approx(2 * float(hit.coefficient[1]), rel=1e-14)
+
+
+def test_lists_in_lists_of_traced_velocities():
+    """By hand: ε² = k1/(k20 + s v √(k1 M))."""
+    contact = fitted("nylon").contact
+    law = sj.WaltonBraun(contact, 1e6, 2e6, 10.0)
+    traced = jax.jit(lambda v: sj.restitution(law, [[v, 2 * v], [v, 3.0]]).coefficient)(1.0)
+    velocity = np.array([[1.0, 2.0], [1.0, 3.0]])
+    expected = np.sqrt(1e6 / (2e6 + 10.0 * velocity * np.sqrt(1e6 * contact.mass)))
+    assert np.allclose(traced, expected, rtol=1e-14, atol=0)
+    with pytest.raises(ValueError, match="`velocity` must be a finite impact velocity"):
+        jax.jit(lambda v: sj.restitution(law, [[v], [v, v]]).coefficient)(1.0)
