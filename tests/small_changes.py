@@ -273,7 +273,11 @@ CHANGES: dict[str, list[tuple[str, str, str]]] = {
         ("kept = sets_beside(place, placed)", "kept = component.sets", "studies_information"),
         ("problem = reweighed(problem, z)", "pass", "studies_information"),
     ],
+    "calibration/studies/shot_errors.py": [
+        ("values, 1 / self.uncertainty", "values, self.uncertainty", "studies_shared"),
+    ],
     "calibration/studies/planned.py": [
+        ("else np.zeros(0) for k", "else uncertainty for k", "studies_shared"),
         ("self.spreads.get(p.name, p.spread)", "p.spread", "studies_information"),
     ],
     "softjax/laws/forces.py": [

@@ -371,13 +371,6 @@ def test_a_shared_parameter_that_is_not_determined_joins_no_plans():
         assert found.taken_as_known[0].startswith("idle is not determined")
 
 
-def test_what_points_share_is_told_where_a_plan_takes_it_apart():
-    (data,) = decays(1, 0.01, group=np.repeat([1, 2, 3], 4))
-    found = cal.fisher_information(cal.fit(data, Decay, profiles=False))
-    (told,) = found.taken_as_known
-    assert told.startswith("errors that points share are taken as each point's own: the errors of")
-
-
 def test_a_parameter_at_the_open_end_of_its_range_leaves_the_others_known():
     """ψ at 0, where Eq. (17) has no value."""
     random, v = np.random.default_rng(5), np.geomspace(0.3, 40.0, 24)

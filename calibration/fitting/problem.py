@@ -203,11 +203,11 @@ class Problem:
 
     def whitened(self, values: np.ndarray) -> np.ndarray:
         """(fits, points, ...) in units of the errors, without what points share of these."""
-        return self._by_set(SetErrors.whiten, values)
+        return self._by_set(lambda errors, part: errors.whiten(part), values)
 
     def coloured(self, values: np.ndarray) -> np.ndarray:
         """What each of the errors that `whitened` takes apart makes in sums over (fits, points, ...)."""
-        return self._by_set(SetErrors.coloured, values)
+        return self._by_set(lambda errors, part: errors.coloured(part), values)
 
     def _by_set(self, of: Callable[[SetErrors, np.ndarray], np.ndarray], values) -> np.ndarray:
         assert self.shared is not None

@@ -53,7 +53,8 @@ class Design:
         symbols: of the parameters.
         grid, slopes: velocities [m/s], (k,), and θ ∂ε/∂θ there, (k, p), of the first law.
         remark: what two steps find instead of the law's own parameters, if anything.
-        taken_as_known: a sentence for each parameter of the fit that has no standard error.
+        taken_as_known: a sentence for each parameter of the fit that has no standard error, and on
+            errors that its points share.
     """
 
     objective: str
@@ -142,7 +143,8 @@ def optimal_velocities(
     Args:
         law: with the parameters as far as they are known; several laws of one kind, over which the
             logarithm of the criterion is averaged; or a fit, as `fisher_information` takes it.
-        count: number of new shots.
+        count: number of new shots, each of a specimen, or launch, of its own where these share
+            errors.
         bounds: (lowest, highest) velocity [m/s] that can be shot.
         criterion: "c": the standard error of `target`; "D", "A", "E": determinant, trace and
             largest eigenvalue of the covariance of ln θ (under `two-step` "D" takes those of each
@@ -152,7 +154,8 @@ def optimal_velocities(
             eps_up; chi where there is one, else the first parameter, if left out. For c alone.
         objective, parameters, material, route: as `fisher_information` takes them.
         over: where the curve is to be predicted by criterion I; the bounds if left out.
-        uncertainty: standard uncertainty of each new ε; 0.01 unless a fit has its own.
+        uncertainty: standard uncertainty of each new ε; 0.01 unless a fit has its own, the scatter
+            between its groups included.
         measured, measured_uncertainty: v [m/s] and uncertainty of ε of what is there already; a
             fit has its own.
         starts, seed: of the search.
@@ -196,7 +199,7 @@ def optimal_velocities(
         wanted = Wanted(plans, bounds, errors, criterion, target, over)
         found = _designed(wanted, starts, seed, progress)
     targets = [found.target] if criterion == "c" else found.names
-    return replace(found, taken_as_known=taken_as_known(laws[0], material, targets))
+    return replace(found, taken_as_known=taken_as_known(laws[0], material, targets, plans[0]))
 
 
 def _designed(wanted: Wanted, starts: int, seed: int, progress: Progress | None) -> Design:

@@ -37,7 +37,8 @@ class Information:
         matrix: information on ln θ, (p, p): Fisher's for `model`; for `two-step` the inverse of
             the stacked equations' covariance, Aᵀ (middle)⁻¹ A.
         covariance: of ln θ, (p, p), as the fit's own; NaN for what the impacts do not determine.
-        taken_as_known: a sentence for each parameter of the fit that has no standard error.
+        taken_as_known: a sentence for each parameter of the fit that has no standard error, and on
+            errors that its points share.
     """
 
     objective: str
@@ -131,11 +132,13 @@ def fisher_information(
     Args:
         law: with the parameters as far as they are known; or a fit, whose points count as well and
             whose objective, free parameters, priors and uncertainties are its own, its loss taken
-            as squared, errors that its points share as each point's own. Of the parameters those
-            count that it determined.
-        velocity: v [m/s] of the impacts, measured or planned; for a fit further ones.
+            as squared. Errors that its points share (groups, bounce trains) count as in the fit,
+            without what Kenward and Roger add for variances that are estimates. Of the parameters
+            those count that it determined.
+        velocity: v [m/s] of the impacts, measured or planned; for a fit further ones, which share
+            no error: each is of a specimen, or launch, of its own.
         uncertainty: standard uncertainty of each ε, one number or (n,); 0.01 where left out, for a
-            fit the one that its points have.
+            fit the one that its points have, the scatter between its groups included.
         objective: "model" (default) or, of Zhou's law, "two-step".
         route: from the law to ε; the energy balance where it can, unless told.
         parameters: which are free, and their priors, as `fit` takes them: {"psi": 0.54} holds ψ,
@@ -153,7 +156,7 @@ def fisher_information(
     if not v.size + plan.measured[plan.place][0].size:
         raise DataError("velocity", "empty", "one velocity [m/s] or more")
     found = information_of(plan, v, u)
-    return replace(found, taken_as_known=taken_as_known(law, material, found.names))
+    return replace(found, taken_as_known=taken_as_known(law, material, found.names, plan))
 
 
 def information_of(plan: Plan, velocity: Column, uncertainty: Column) -> Information:

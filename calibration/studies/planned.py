@@ -17,9 +17,11 @@ from calibration.fitting.assembly import EMPIRICAL, Component, assemble
 from calibration.fitting.collisions import NO_REBOUND_BELOW, Route
 from calibration.fitting.problem import Problem
 from calibration.fitting.refits import settled
+from calibration.fitting.set_errors import SetErrors
 from calibration.fitting.specs import SetSpec
 from calibration.fitting.uncertainty import Settled, Uncertainty, gradient_slopes, stacked
 from calibration.studies.exchange import Table
+from calibration.studies.shot_errors import WithShots
 
 USUAL_NOISE = 0.01  # standard uncertainty of ε unless told
 PLACEHOLDER = 0.5  # ε of data that have none yet
@@ -39,7 +41,8 @@ class Plan:
         route: from a law to ε.
         by_first: whether the first stage's curve is what is measured, as a fit in two steps takes
             it; else the law's own.
-        noise: standard uncertainty of one more ε.
+        shared: the errors of what each data set has already, where points share some.
+        noise: standard uncertainty of one more ε, which shares nothing.
         yields: the velocity at which an impact yields [m/s]; 0 for laws without.
         spreads: of parameters that data sets pool, on the scale that is searched.
     """
@@ -49,6 +52,7 @@ class Plan:
     place: int
     route: Route
     by_first: bool = False
+    shared: tuple[SetErrors, ...] | None = None
     noise: float = USUAL_NOISE
     yields: float = 0.0
     spreads: Mapping[str, float] = field(default_factory=dict)
@@ -75,18 +79,19 @@ class Plan:
         component = assemble(specs, self.route, EMPIRICAL)[0]
         source = component.stages[0 if self.by_first else -1][1]
         curve = source.predict(component.start[None])[0]
-        # an impact that does not rebound tells nothing
-        weight = (curve > NO_REBOUND_BELOW) / np.concatenate([u for _, u in points])
-        stages = tuple(
-            (
-                name,
-                self._pooled(
-                    replace(p, points=p.points._replace(restitution=curve, weight=weight))
-                ),
-            )
-            for name, p in component.stages
-        )
-        return replace(component, stages=stages), np.concatenate(new)
+        rebounds = curve > NO_REBOUND_BELOW  # what does not rebound tells nothing
+        planned, told = np.concatenate(new), self._errors(uncertainty)
+        alone = rebounds / np.concatenate([u for _, u in points])
+
+        def known(problem: Problem, is_first: bool) -> Problem:
+            weight, shared = alone, None
+            if is_first and told is not None:  # what is measured counts as the fit has counted it
+                weight, shared = np.where(planned, rebounds, 1.0), told
+            points = problem.points._replace(restitution=curve, weight=weight)
+            return self._pooled(replace(problem, points=points, shared=shared))
+
+        stages = tuple((name, known(p, not k)) for k, (name, p) in enumerate(component.stages))
+        return replace(component, stages=stages), planned
 
     def fitted(
         self, velocity: Column, uncertainty: Column
@@ -99,6 +104,13 @@ class Plan:
         else:
             z, stages, _ = settled(problems, z)
         return component, z[0], stacked(stages, z)
+
+    def _errors(self, uncertainty: Column) -> tuple[SetErrors, ...] | None:
+        """Those of the measured points and the planned ones, where points share some."""
+        if self.shared is None:
+            return None
+        own = [uncertainty if k == self.place else np.zeros(0) for k in range(len(self.shared))]
+        return tuple(map(WithShots.of, self.shared, own))
 
     def _pooled(self, problem: Problem) -> Problem:
         """The same, held together by the spreads that a fit found."""
@@ -125,12 +137,12 @@ def equations(plan: Plan, velocity: Column, uncertainty: Column, z: Column) -> T
             added[:] = gradient_slopes(problem, z[None], np.arange(p))[0]
         else:
             added[:, :, own] = jacobian[:, :, None] * jacobian[:, None, :]
-        slope[:, own], score[:, own] = added[: len(new)], jacobian[: len(new)]
+        slope[:, own], score[:, own] = added[: len(new)], _scores(problem, problems[0], jacobian)
         slope_before[own] += np.sum(added[len(new) :], axis=0)  # of the priors
         middle_before[own, own] += np.sum(jacobian[len(new) :] ** 2, axis=0)
     slope_before += np.sum(slope[~new], axis=0)
     middle_before += score[~new].T @ score[~new]
-    final = replace(problems[-1].weighed(np.ones(len(new))), active=np.arange(p))
+    final = replace(problems[-1].weighed(np.ones(len(new))), active=np.arange(p), shared=None)
     curve = final.linearise(z[None]).jacobian[0, : len(new)]
     unit = 1 / relative_unit(final, z)
     both = np.outer(unit, unit)
@@ -141,6 +153,14 @@ def equations(plan: Plan, velocity: Column, uncertainty: Column, z: Column) -> T
         middle_before * both,
         curve[new] * unit,
     )
+
+
+def _scores(problem: Problem, first: Problem, jacobian: Float[np.ndarray, "m p"]):
+    """What an error of one standard deviation in each point adds to a stage's equations."""
+    own = jacobian[: problem.count]
+    if problem.shared is None and first.shared is not None:
+        return first.coloured((own * problem.points.weight[:, None])[None])[0]
+    return own
 
 
 def unmeasured(like: RestitutionData, velocity: Column, uncertainty: Column) -> RestitutionData:

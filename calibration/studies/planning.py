@@ -20,6 +20,7 @@ from calibration.fitting.curves import WIDE, yield_velocity
 from calibration.fitting.law_model import OF_CONTACT
 from calibration.fitting.noise import needs_weights, noise_of, reweighed
 from calibration.fitting.pooling import LEAST
+from calibration.fitting.problem import Problem
 from calibration.fitting.request import Request
 from calibration.fitting.result import FitResult
 from calibration.fitting.rows import numbers_in
@@ -175,7 +176,8 @@ def _of_fit(result: FitResult, material: str | None, reach: Column, route: Route
             for one in spec.local
         )
         placed.append(replace(spec, local=local))
-    there, place = _there(result, component), component.sets.index(g)
+    problem, z = _settled(result, component)
+    there, place = _there(problem, z), component.sets.index(g)
     # data sets are joined no more by a parameter that is held, as the fit did not determine it
     kept = sets_beside(place, placed)
     plan = Plan(
@@ -184,6 +186,7 @@ def _of_fit(result: FitResult, material: str | None, reach: Column, route: Route
         kept.index(place),
         route,
         by_first=one.objective == "two-step",
+        shared=None if problem.shared is None else tuple(problem.shared[k] for k in kept),
         noise=float(np.sqrt(sum(one.variances.values()))),
         yields=yield_velocity(one.law) or 0.0,
         spreads={
@@ -194,15 +197,20 @@ def _of_fit(result: FitResult, material: str | None, reach: Column, route: Route
     return _checked(plan)
 
 
-def _there(result: FitResult, component: Component) -> tuple[Impacts, ...]:
-    """What the component's data sets have measured, with the errors that the fit gave them."""
+def _settled(result: FitResult, component: Component) -> tuple[Problem, np.ndarray]:
+    """The problem of what is measured, with the errors that the fit gave it, and where it ended."""
     problem = component.stages[0][1]
     theta = [float(result.materials[e.sets[0]].values[e.name]) for e in component.elements]
     z = problem.transform.unconstrained(np.array(theta))
     for _ in range(SETTLING if needs_weights(problem) else 0):
         problem = reweighed(problem, z)
+    return problem, z
+
+
+def _there(problem: Problem, z: np.ndarray) -> tuple[Impacts, ...]:
+    """What the component's data sets have measured, with the errors that the fit gave them."""
     deviation = noise_of(problem, z[None]).deviation[0]
-    own = [problem.points.set == k for k in range(len(component.specs))]
+    own = [problem.points.set == k for k in range(len(problem.datasets))]
     return tuple((problem.points.velocity[which], deviation[which]) for which in own)
 
 
@@ -216,13 +224,16 @@ def _checked(plan: Plan) -> Plan:
     return plan
 
 
-def taken_as_known(law: Any, material: str | None, targets: Iterable[str]) -> tuple[str, ...]:
+def taken_as_known(
+    law: Any, material: str | None, targets: Iterable[str], plan: Plan
+) -> tuple[str, ...]:
     """A sentence for each parameter that a plan from a fit takes as known, and on shared errors.
 
     Args:
         law: what is planned for: a fit, or a law, of which nothing is taken so.
         material: the data set of it.
         targets: labels of what errors are promised of.
+        plan: for it.
     """
     if not isinstance(law, FitResult):
         return ()
@@ -230,8 +241,8 @@ def taken_as_known(law: Any, material: str | None, targets: Iterable[str]) -> tu
     variance = dict(zip(result.covariance_names, np.diag(result.covariance), strict=True))
     open_ = [name for name, label in one.labels.items() if not np.isfinite(variance[label])]
     reasons = [_open(name, one.parameters.get(name)) for name in open_]
-    if one.data.group is not None or one.data.errors.shares:
-        reasons.append("errors that points share are taken as each point's own")
+    if plan.is_likelihood and any(errors.variance for errors in plan.shared or ()):
+        reasons.append("the variances of errors that points share are taken as known")
     targets = list(targets)
     return tuple(_sentence(why, targets, result) for why in reasons)
 
