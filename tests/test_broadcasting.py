@@ -120,6 +120,7 @@ def test_a_gradient_has_the_shape_of_the_law():
     assert law.contact.radius == RADIUS / 2
 
 
+@pytest.mark.long
 def test_what_is_constant_within_a_traced_function():
     """The law and the velocities take no part in what the caller differentiates and compiles."""
     law, velocity = fitted("nylon"), np.array([2.0, 5.0, 20.0])  # no size that programs have

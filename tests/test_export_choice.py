@@ -53,7 +53,9 @@ MEASURED = {
 }
 
 
-@pytest.mark.parametrize("span", MEASURED)
+@pytest.mark.parametrize(
+    "span", [pytest.param(s, marks=[pytest.mark.long] * (s != (0.5, 2.0))) for s in MEASURED]
+)
 def test_cheaper_laws_come_as_close_as_was_found_elsewhere(span, made):
     export = made(velocity_range=span, law="auto", tolerance=2e-5)
     ladder = ["linear", "hertz-dashpot", "viscoelastic", "walton-braun", "itself"]
@@ -153,7 +155,9 @@ def test_each_chosen_law_keeps_its_tolerance_in_c(tolerance, made, tmp_path):
     )
 
 
-@pytest.mark.parametrize("wanted", [0.14, 0.2, 0.5, 0.8, 0.99, 1.0])
+@pytest.mark.parametrize(
+    "wanted", [0.14, *(pytest.param(e, marks=pytest.mark.long) for e in (0.2, 0.5, 0.8, 0.99, 1.0))]
+)
 def test_a_dashpot_that_never_pulls_is_set_to_give_what_is_wanted(wanted):
     asked, route = dashpot_for(wanted), sj.ODE(1e-10)
     for law in (

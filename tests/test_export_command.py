@@ -154,7 +154,14 @@ def named(tmp_path_factory):
     return written
 
 
-@pytest.mark.parametrize("code", CODES)
+@pytest.mark.parametrize(
+    "code",
+    [
+        "lammps",
+        "yade",
+        *(pytest.param(c, marks=pytest.mark.long) for c in ("liggghts", "c", "yade by header")),
+    ],
+)
 def test_no_name_of_a_material_acts_in_a_code(code, named, tmp_path):
     """What stands outside of comments is what stands there for a plain name."""
 

@@ -218,7 +218,7 @@ def test_a_sphere_bounces_off_a_wall(plugin):
     assert np.max(np.abs(found - wanted)) < 2e-4
 
 
-@pytest.mark.parametrize("law", ["walton-braun", "itself"])
+@pytest.mark.parametrize("law", ["itself", pytest.param("walton-braun", marks=pytest.mark.long)])
 def test_other_laws_by_the_plugin_keep_their_tolerance(law, tmp_path):
     source = STEEL if law == "walton-braun" else sj.ViscoelasticHertz(PAIR, 2e-6)
     made = cal.export(

@@ -134,10 +134,18 @@ def test_what_liggghts_makes_of_its_input_is_predicted(row, tmp_path):
         np.testing.assert_allclose(found, told, atol=2e-5)
 
 
-@pytest.mark.parametrize(
-    ("law", "tolerance"), [("linear", 0.08), ("hertz-dashpot", 0.08), ("walton-braun", 0.08)]
+every_law = pytest.mark.parametrize(
+    "law",
+    [
+        "linear",
+        *(pytest.param(n, marks=pytest.mark.long) for n in ("hertz-dashpot", "walton-braun")),
+    ],
 )
-def test_input_that_is_written_keeps_its_tolerance(law, tolerance, tmp_path):
+
+
+@every_law
+def test_input_that_is_written_keeps_its_tolerance(law, tmp_path):
+    tolerance = 0.08
     made = cal.export(
         STEEL, "liggghts", tmp_path, velocity_range=(0.1, 5), law=law, tolerance=tolerance
     )
@@ -149,7 +157,7 @@ def test_input_that_is_written_keeps_its_tolerance(law, tolerance, tmp_path):
     assert np.max(np.abs(found - given)) <= made.choice.steps.error + 1e-4
 
 
-@pytest.mark.parametrize("law", ["linear", "hertz-dashpot", "walton-braun"])
+@every_law
 def test_what_was_wanted_of_a_wall_comes_out_at_a_wall(law, tmp_path):
     steel = sj.STAINLESS_STEEL
     wall = sj.Contact.with_wall(steel, wall=steel, radius=RADIUS)

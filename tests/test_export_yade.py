@@ -161,6 +161,7 @@ def test_what_is_written_keeps_its_tolerance(law, tolerance, tmp_path):
     assert np.max(np.abs(found - given)) <= made.choice.steps.error + 1e-4
 
 
+@pytest.mark.long
 def test_the_header_against_a_wall_and_across_a_boundary(tmp_path):
     wall = sj.Contact.with_wall(sj.STAINLESS_STEEL, wall=sj.STAINLESS_STEEL, radius=RADIUS)
     law = sj.Zhou(wall, STEEL.chi, STEEL.sigma, STEEL.psi)

@@ -20,6 +20,9 @@ from tests import fit_oracle
 from tests.fit_data import TRUTH, pair, twin
 
 ROUTES = [sj.EnergyBalance(), sj.ODE(steps=16, solver="dopri5")]
+by_time_long = pytest.mark.parametrize(
+    "route", [ROUTES[0], pytest.param(ROUTES[1], marks=pytest.mark.long)], ids=["energy", "ode"]
+)
 
 
 def component_of(data, route=ROUTES[0], law=None, said=None, objective="model"):
@@ -46,7 +49,7 @@ def test_prediction_is_scipys_curve(route):
         assert np.max(np.abs(found - expected)) < 2e-9
 
 
-@pytest.mark.parametrize("route", ROUTES, ids=lambda route: route.name)
+@by_time_long
 def test_jacobian_is_that_of_differences(route):
     name = "nylon"
     _, chi, sigma, psi, _ = TRUTH[name]

@@ -138,6 +138,7 @@ class Squared(sj.RateIndependentLaw):
         return self.n**2 * overlap
 
 
+@pytest.mark.long
 def test_whole_numbers_of_a_law_do_not_overflow():
     """n² is beyond what 32 bits hold of whole numbers; δ_max = v √M/n."""
     pair = cases.pair("stainless steel")

@@ -90,6 +90,7 @@ def total(chi, velocity):
     return sj.restitution(fitted("nylon", chi=chi), velocity).coefficient.sum()
 
 
+@pytest.mark.long
 def test_derivatives_of_a_traced_batch():
     """In chunks, the last filled up: the fill must not count."""
     velocity, _ = impacts()

@@ -8,9 +8,6 @@ import softjax as sj
 from tests.cases import fitted, pair
 
 STEEL = pair("stainless steel")
-both_routes = pytest.mark.parametrize(
-    "route", [sj.EnergyBalance(), sj.ODE(rtol=1e-10)], ids=["energy", "ode"]
-)
 
 
 class HalfSpring(sj.WaltonBraun):
@@ -39,7 +36,11 @@ class SpringAgain(HalfSpring):
         return sj.WaltonBraun.reduced(self)
 
 
-@both_routes
+@pytest.mark.parametrize(
+    "route",
+    [sj.EnergyBalance(), pytest.param(sj.ODE(rtol=1e-10), marks=pytest.mark.long)],
+    ids=["energy", "ode"],
+)
 def test_half_of_a_force_gives_back_half(route):
     """ε² = k1/(2 k2), δ* as with the whole force; ε² = 1/2 of Hertz's, by hand."""
     velocity = np.array([0.0, 0.1, 3.0])

@@ -14,6 +14,10 @@ from tests.cases import compiled_soon, pair
 STEEL = pair("stainless steel", area="hertz")
 ROUTES = {"energy": sj.EnergyBalance(), "ode": sj.ODE(rtol=1e-10)}
 both_routes = pytest.mark.parametrize("route", ROUTES.values(), ids=ROUTES)
+by_time_long = pytest.mark.parametrize(
+    "route",
+    [pytest.param(r, id=n, marks=[pytest.mark.long] * (n == "ode")) for n, r in ROUTES.items()],
+)
 STIFFNESS = 1e6
 
 
@@ -62,6 +66,7 @@ class Dropping(Recoil):
         return jnp.where(held, super().unloading_force(overlap, peak_overlap), 0.0)
 
 
+@pytest.mark.long
 def test_where_a_force_ends_moves_with_the_law_unless_it_drops():
     """δ* = ρ δ_m, of a force that is flat there too; a drop is told as INEXACT."""
     law = Dropping(STEEL, np.array([0.0, 0.2]), 2.0, np.array([0.5, 0.5]))
@@ -104,7 +109,7 @@ class Plateau(sj.RateIndependentLaw):
 RATIOS = np.array([0.5, 1.5, 10.0, 1e3, 1e6])
 
 
-@both_routes
+@by_time_long
 def test_a_plateau_up_to_a_million(route):
     """(2/5) y² = 2/5 + (x_m - 1) and ε² = (1/4)/((2/5) y²), by hand."""
     law = Plateau(STEEL, 1e-6)
@@ -257,7 +262,7 @@ class Open(sj.RateIndependentLaw):
         return self.loading_force(peak_overlap) * share**1.5
 
 
-@both_routes
+@by_time_long
 def test_a_force_that_is_no_number_below_its_zero(route):
     """∫ s^{3/2} = 2/5 of the way: ε² = (δ_m - δ*)/δ_m; with or without a clip."""
     velocity = np.geomspace(1e-3, 10.0, 200)
@@ -274,7 +279,7 @@ class Broken(Open):
         return jnp.where(inside, jnp.nan, self.contact.stiffness * sj.power_3_2(overlap))
 
 
-@both_routes
+@by_time_long
 def test_a_force_that_is_no_number_on_its_way_has_no_answer_or_ends_there(route):
     """The contact ends where there is no force any more, as where there is none to begin with."""
     found = sj.restitution(Broken(STEEL, 1e-4, 0.0), [0.1, 1.0], route)

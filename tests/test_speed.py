@@ -54,7 +54,13 @@ def test_exact_answers_tell_errors():
     assert 1e-12 < loop.largest_error < 1e-4
 
 
-@pytest.mark.parametrize("name", ["viscoelastic", "hertz-dashpot", "linear"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "linear",
+        *(pytest.param(n, marks=pytest.mark.long) for n in ("viscoelastic", "hertz-dashpot")),
+    ],
+)
 def test_laws_with_damping_err_as_told(name):
     """The closed form meets 60 digits, in its gradient too; SciPy and diffrax err as their tolerance says."""
     scene = damped_scene(name)

@@ -324,6 +324,7 @@ def test_the_global_study_of_a_fit_varies_what_moves_by_itself_and_says_so(at, c
     }
 
 
+@pytest.mark.long
 def test_a_fit_of_known_bodies_is_studied_as_its_material_file(at):
     fit, data = fit_file(str(at)), fit_file(str(at)).material().data
     spheres = [Body(name, sj.NYLON, 0.0127) for name in ("sphere", "second sphere")]

@@ -371,6 +371,7 @@ def test_a_shared_parameter_that_is_not_determined_joins_no_plans():
         assert found.taken_as_known[0].startswith("idle is not determined")
 
 
+@pytest.mark.long
 def test_a_parameter_at_the_open_end_of_its_range_leaves_the_others_known():
     """ψ at 0, where Eq. (17) has no value."""
     random, v = np.random.default_rng(5), np.geomspace(0.3, 40.0, 24)

@@ -70,7 +70,10 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    "case",
+    [pytest.param(c, marks=pytest.mark.long) if c == "pooled" else c for c in CASES],
+)
 def test_without_further_shots_a_plan_promises_the_fits_own_errors(case):
     data, parameters = CASES[case]
     result = cal.fit(data, Decay, parameters, **QUICK)

@@ -148,6 +148,7 @@ class Weighted(sj.RateIndependentLaw):
         return self.loading_force(peak_overlap) * jnp.dot(self.weights, jnp.stack([s, s**2]))
 
 
+@pytest.mark.long
 def test_each_of_many_lasts_as_long_as_alone():
     """A quarter period there; back a quarter and ∫ ds/√(1 - s³) of √(3/2) of it."""
     weights = np.array([[1.0, 0.0], [0.0, 1.0]])
@@ -228,6 +229,7 @@ class Stage(sj.RateIndependentLaw):
         return self.w[1] * self.loading_force(overlap)
 
 
+@pytest.mark.long
 def test_how_long_a_traced_result_lasts_where_yield_is_of_what_is_whole():
     law = Stage(STEEL, np.array([1e-7, 0.5]))
     found = sj.restitution(law, VELOCITY)
