@@ -221,6 +221,7 @@ def test_what_has_no_narrow_band_or_no_inverse_is_refused():
     assert PointErrors.alone(2).covariance(added=1.0).log_determinant == 0.0
 
 
+@pytest.mark.long
 def test_a_million_points_take_a_second_or_two():
     count = 1_000_000
     table = {"interval": 0.7 * 0.95 ** (np.arange(count) % 10), "launch": np.arange(count) // 10}

@@ -59,6 +59,7 @@ def test_a_law_that_is_given_reduced_again_goes_by_that():
     assert found.coefficient == pytest.approx(np.sqrt(0.5), rel=1e-14)
 
 
+@pytest.mark.long
 def test_losses_beside_the_force_act_as_ever():
     """ε is that of Eq. (17), at v up to yield and at v_cr beyond; the kink there is known."""
     zhou = fitted("stainless steel")

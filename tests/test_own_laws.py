@@ -66,7 +66,6 @@ class Dropping(Recoil):
         return jnp.where(held, super().unloading_force(overlap, peak_overlap), 0.0)
 
 
-@pytest.mark.long
 def test_where_a_force_ends_moves_with_the_law_unless_it_drops():
     """δ* = ρ δ_m, of a force that is flat there too; a drop is told as INEXACT."""
     law = Dropping(STEEL, np.array([0.0, 0.2]), 2.0, np.array([0.5, 0.5]))

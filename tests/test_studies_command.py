@@ -298,6 +298,7 @@ def test_a_plan_where_the_fit_knows_nothing_names_the_way_out(at, capsys):
     assert "inf" not in told
 
 
+@pytest.mark.long
 def test_the_global_study_of_a_fit_varies_what_moves_by_itself_and_says_so(at, capsys):
     few = ("--study", "global", "--samples", "16", "--at", "20")
     fit = fit_file(str(at))

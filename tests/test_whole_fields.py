@@ -229,7 +229,6 @@ class Stage(sj.RateIndependentLaw):
         return self.w[1] * self.loading_force(overlap)
 
 
-@pytest.mark.long
 def test_how_long_a_traced_result_lasts_where_yield_is_of_what_is_whole():
     law = Stage(STEEL, np.array([1e-7, 0.5]))
     found = sj.restitution(law, VELOCITY)
@@ -274,6 +273,7 @@ def test_slopes_of_loading_in_whole_fields():
     assert np.all(np.abs(slopes) > 1e-5)
 
 
+@pytest.mark.long
 def test_a_law_with_a_network_goes_through_jit_as_it_is():
     compiled = jax.jit(sj.restitution)
     found = compiled(NETWORK, VELOCITY)
