@@ -109,6 +109,7 @@ def test_jit_and_no_jit_agree():
     close(jax.jit(sj.restitution)(law, velocity), sj.restitution(law, velocity))
 
 
+@pytest.mark.long
 def test_a_gradient_has_the_shape_of_the_law():
     law = fitted("nylon")
     slopes = jax.grad(lambda law: sj.restitution(law, jnp.array([5.0, 9.0])).coefficient.sum())(law)

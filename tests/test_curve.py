@@ -202,6 +202,7 @@ def table_of(source, blocks, path):
     return header, np.loadtxt(path, ndmin=2)
 
 
+@pytest.mark.long
 def test_a_table_tells_how_far_interpolation_is_from_the_law(tmp_path):
     """Its header against exact values between its rows, 50 between every two of them."""
     grid = Grid(0.1, 60.0, 80, "log")
