@@ -10,7 +10,8 @@ CSV; 24 MiB of fit.json, whose layout is checked value by value (`calibration.fi
 
 What is written: the files of a command, into `--out`, and what JAX compiled, into the user's cache
 folder. Files are made in a folder `.softjax-unfinished-*` beside `--out` and moved when all are
-there; one that a killed command left is removed by the next. Nothing is sent anywhere.
+there. No command removes a file that it did not write itself: files of an earlier run that are not
+written again stay, and are named, as is what a killed command left. Nothing is sent anywhere.
 
 What is never executed: anything from a file. TOML, CSV and JSON hold numbers and text; no pickle, no
 `eval`, no import by name (a law of one's own is handed to `FitResult.load`, which a file cannot do).
@@ -30,13 +31,10 @@ from pathlib import Path
 from calibration.errors import InputError, NotWritten
 from calibration.signals import held
 
-try:
-    import fcntl
-except ImportError:  # Windows: what a killed command left stays there
-    fcntl = None  # type: ignore[assignment]
-
 UNFINISHED = ".softjax-unfinished-"
-written: set[Path] = set()  # directories that files were moved into
+# directories that files were moved into, each with the files there that look like results of this
+# command but were not written by it
+written: dict[Path, list[str]] = {}
 
 
 def write_text(path: Path, text: str) -> None:
@@ -53,15 +51,15 @@ def replacing(path: str | Path) -> Iterator[Path]:
 
 
 @contextmanager
-def files_into(directory: str | Path, owned: Iterable[str] = ()) -> Iterator[Path]:
+def files_into(directory: str | Path, names: Iterable[str] = ()) -> Iterator[Path]:
     """A directory to write files to; all of them move into `directory` when the block ends.
 
     Where the block raises nothing moves, and `directory` is not made if it was not there.
 
     Args:
         directory: where the files belong.
-        owned: names of files that are all of one set; those that the block did not write are
-            removed from `directory`, so that no picture of an older run stays beside a newer one.
+        names: of all files that the command may write; those of `directory` that the block did not
+            write stay, and are listed in `written`.
 
     Raises:
         InputError: where `directory` cannot be one.
@@ -73,7 +71,7 @@ def files_into(directory: str | Path, owned: Iterable[str] = ()) -> Iterator[Pat
         with _staging(directory) as staged:
             yield staged
             with held():  # old files or new ones, not some of both
-                _move(staged, directory, owned)
+                _move(staged, directory, names)
     except OSError as error:
         raise NotWritten(directory, error) from error
 
@@ -87,6 +85,12 @@ def or_told(paragraphs: Sequence[str]) -> Iterator[None]:
         if paragraphs:
             print("\n\n".join(paragraphs))
         raise
+
+
+def unfinished(directory: Path) -> list[str]:
+    """Folders in `directory` or beside it of commands that were killed, or that are still at work."""
+    places = dict.fromkeys([directory, directory.parent])
+    return [str(one) for place in places for one in sorted(place.glob(f"{UNFINISHED}*"))]
 
 
 def check_writable(directory: str | Path) -> None:
@@ -113,70 +117,27 @@ def check_writable(directory: str | Path) -> None:
         raise NotWritten(there, "no permission")
 
 
-def sweep(directory: str | Path) -> None:
-    """Remove what commands that were killed left, in `directory` or beside it.
-
-    A command that still runs holds a lock on its folder; where there are no locks nothing is removed.
-    """
-    directory = Path(directory).absolute()
-    with suppress(OSError):
-        for place in {directory, directory.parent, _nearest_existing(directory)}:
-            for folder in place.glob(f"{UNFINISHED}*"):
-                lock = lock_of(folder, wait=False)
-                if lock is not None:
-                    shutil.rmtree(folder, ignore_errors=True)
-                    os.close(lock)
-
-
 @contextmanager
 def _staging(directory: Path) -> Iterator[Path]:
     # on the same file system as the target, or renaming would be copying
-    staged, lock = None, None
+    staged = None
     try:
         with held():
-            staged, lock = _locked_folder(_nearest_existing(directory))
+            staged = Path(tempfile.mkdtemp(prefix=UNFINISHED, dir=_nearest_existing(directory)))
         yield staged
     finally:
         with held():
             if staged is not None:
                 shutil.rmtree(staged, ignore_errors=True)
-            if lock is not None:
-                os.close(lock)
 
 
-def _locked_folder(parent: Path) -> tuple[Path, int | None]:
-    while True:
-        staged = Path(tempfile.mkdtemp(prefix=UNFINISHED, dir=parent))
-        lock = lock_of(staged, wait=True)
-        if staged.exists():  # else another's sweep came before the lock
-            return staged, lock
-
-
-def lock_of(place: Path, wait: bool) -> int | None:
-    """A lock on a file or folder, which the system lifts when the process ends; None where none is had."""
-    if fcntl is None:
-        return None
-    try:
-        handle = os.open(place, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
-    except OSError:
-        return None
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
-    except OSError:
-        os.close(handle)
-        return None
-    return handle
-
-
-def _move(staged: Path, directory: Path, owned: Iterable[str]) -> None:
-    names = sorted(path.name for path in staged.iterdir())
-    _check_targets(directory, names)
+def _move(staged: Path, directory: Path, names: Iterable[str]) -> None:
+    new = sorted(path.name for path in staged.iterdir())
+    _check_targets(directory, new)
     _make(directory)
-    for name in names:
+    for name in new:
         os.replace(staged / name, directory / name)
-    for name in set(owned) - set(names):
-        (directory / name).unlink(missing_ok=True)
-    written.add(directory)
+    written[directory] = [name for name in names if (directory / name).exists() and name not in new]
 
 
 def _make(directory: Path) -> None:

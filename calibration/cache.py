@@ -15,6 +15,7 @@ from pathlib import Path
 
 NAME = "softjax"
 LARGEST = 256 * 1024**2  # bytes; beyond, what was used longest ago goes
+ENTRIES = "*-cache"  # JAX's files; nothing else is removed
 PACKAGES = ("softjax-contact", "jax", "jaxlib", "diffrax", "equinox")
 
 _kept: Path | None = None  # the folder, while compilations are kept
@@ -46,7 +47,7 @@ def keep_compilations() -> Path | None:
 def forget_since(moment: float) -> None:
     """Remove what was kept since then [s]: it may be cut short, and JAX would not write it again."""
     with suppress(OSError):
-        for file in () if _kept is None else _kept.iterdir():
+        for file in () if _kept is None else _kept.glob(ENTRIES):
             if file.stat().st_mtime >= moment:
                 file.unlink(missing_ok=True)
 
@@ -61,7 +62,7 @@ def cache_folder() -> Path:
 def _make_room(folder: Path) -> None:
     """Remove what was used longest ago, of this version or another, until the rest is small enough."""
     try:
-        files = [(f.stat(), f) for f in folder.glob("*/*") if f.is_file()]
+        files = [(f.stat(), f) for f in folder.glob(f"*/{ENTRIES}") if f.is_file()]
         total = sum(stat.st_size for stat, _ in files)
         for stat, file in sorted(files, key=lambda one: one[0].st_atime):
             if total <= LARGEST:

@@ -83,16 +83,32 @@ def _run(argv: Sequence[str]) -> int:
     try:
         name, arguments = _parse(argv)
         progress.first_sign(f"softjax {name}: loading", arguments.quiet)
-        atomic.sweep(arguments.out)
         # a fit's matrices are small: threads of the linear algebra would wait for each other
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)  # of its own cache
         if arguments.cache:
             keep_compilations()
-        return _command(name).run(arguments)
+        code = _command(name).run(arguments)
+        if not arguments.quiet:
+            _name_older(name, arguments.out)
+        return code
     finally:
         if sys.stdout is not None:  # what a buffer holds is not told yet
             sys.stdout.flush()
+
+
+def _name_older(command: str, out: Path) -> None:
+    """One line for files among the results that this run did not write, one for unfinished ones."""
+    lines = [
+        f"not written by this run, in {place}: {', '.join(names)}"
+        for place, names in atomic.written.items()
+        if names
+    ]
+    left = atomic.unfinished(out) if atomic.written else []
+    if left:
+        lines.append(f"of a command that was killed, or is still at work: {', '.join(left)}")
+    for line in lines:
+        print(printable(f"softjax {command}: {line}"), file=sys.stderr)
 
 
 def _not_written(error: OSError) -> str:

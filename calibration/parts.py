@@ -9,7 +9,6 @@ at work, which the system lifts when the process ends: the others see it within 
 import hashlib
 import os
 import re
-import shutil
 import sys
 import threading
 import time
@@ -22,9 +21,14 @@ from typing import Any
 import jax
 import numpy as np
 
-from calibration.atomic import check_writable, lock_of, replacing
+from calibration.atomic import check_writable, replacing
 from calibration.errors import InputError
 from calibration.progress import erase_sign
+
+try:
+    import fcntl
+except ImportError:  # Windows: a process that ends is not noticed
+    fcntl = None  # type: ignore[assignment]
 
 LOOK = 0.2  # s from one look at the others to the next
 STOPPED = 3  # the exit code: results could not be written
@@ -58,6 +62,7 @@ class Parts:
         self.count = jax.process_count() if count is None else count
         self._meet = meet
         self._lock: int | None = None
+        self._earlier: set[Path] = set()  # what is in the folder at the start
         self._over = threading.Event()
 
     @property
@@ -91,19 +96,27 @@ class Parts:
         return paths
 
     def clear(self) -> None:
-        """Remove all parts: once they are joined, and nobody reads them any more."""
-        self._wait(lambda: all(self._done(k).exists() for k in range(1, self.count)))
-        shutil.rmtree(self.folder, ignore_errors=True)
+        """Remove the parts that this job made: once they are joined, and nobody reads them any more.
+
+        Those of an earlier start stay, and whatever else is in the folder.
+        """
+        self._wait(lambda: all(self._is_done(k) for k in range(1, self.count)))
+        signs = [self._sign(k) for k in range(self.count)]
+        signs += [one(k) for k in range(self.count) for one in (self._done, self._asked)]
+        made = sorted({*self.folder.rglob("*")} - self._earlier - {*signs}, reverse=True)
+        for path in [*signs, *made, self.folder]:
+            with suppress(OSError):  # a folder that is not empty
+                path.rmdir() if path.is_dir() else path.unlink()
 
     def __enter__(self) -> "Parts":
         check_writable(self.folder)
         if self._meet is None:
             _meet()  # nobody is still at what was made here before
         self.folder.mkdir(parents=True, exist_ok=True)
-        self._done(self.index).unlink(missing_ok=True)
-        self._asked(self.index).unlink(missing_ok=True)
-        self._sign().touch()
-        self._lock = lock_of(self._sign(), wait=True)
+        self._earlier = set(self.folder.rglob("*"))
+        for path in (self._done(self.index), self._asked(self.index), self._sign()):
+            path.write_bytes(b"")
+        self._lock = _lock_of(self._sign(), wait=True)
         (self._meet or _meet)()
         if self._lock is not None and self.count > 1:
             threading.Thread(target=self._watch, daemon=True).start()
@@ -111,8 +124,8 @@ class Parts:
 
     def __exit__(self, kind: Any, *_: Any) -> None:
         if kind is None and self.count > 1:
-            with suppress(FileNotFoundError):  # the first is through, and has cleared all away
-                self._done(self.index).touch()
+            if not self._is_cleared():
+                self._done(self.index).write_bytes(b"done")
             self._wait(self._is_over)
         self._over.set()
         if kind is None:
@@ -137,7 +150,15 @@ class Parts:
 
     def _is_over(self) -> bool:
         """Whether all have done what they had to do."""
-        return not self.folder.exists() or all(self._done(k).exists() for k in range(self.count))
+        return self._is_cleared() or all(map(self._is_done, range(self.count)))
+
+    def _is_cleared(self) -> bool:
+        """Whether the first process has joined the parts and removed them."""
+        return not self._sign(0).exists()
+
+    def _is_done(self, k: int) -> bool:
+        path = self._done(k)
+        return path.exists() and path.stat().st_size > 0
 
     def _wait(self, holds: Callable[[], bool]) -> None:
         while not holds():
@@ -150,13 +171,13 @@ class Parts:
                     self._stop(k)
 
     def _has_ended(self, k: int) -> bool:
-        if self._done(k).exists() or not self._sign(k).exists():
+        if self._is_done(k) or not self._sign(k).exists():
             return False
-        lock = lock_of(self._sign(k), wait=False)
+        lock = _lock_of(self._sign(k), wait=False)
         if lock is None:
             return False
         os.close(lock)
-        return self.folder.exists() and not self._done(k).exists()
+        return self._sign(k).exists() and not self._is_done(k)
 
     def _stop(self, k: int) -> None:
         erase_sign()
@@ -220,6 +241,22 @@ def fingerprint(*settings: Any) -> str:
 def _lasting(thing: Any) -> bytes:
     """What it is in words, without its place in memory, which is another one each time."""
     return re.sub(r" at 0x[0-9a-f]+", "", repr(thing)).encode()
+
+
+def _lock_of(place: Path, wait: bool) -> int | None:
+    """A lock on a file, which the system lifts when the process ends; None where none is had."""
+    if fcntl is None:
+        return None
+    try:
+        handle = os.open(place, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+    except OSError:
+        return None
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+    except OSError:
+        os.close(handle)
+        return None
+    return handle
 
 
 def _read(path: Path) -> Arrays:

@@ -21,7 +21,7 @@ def add_arguments(parser) -> None:
 
 
 def run(arguments) -> int:
-    with or_told([f"told: {arguments.text}"]), files_into(arguments.out, ("a", "b", "c")) as folder:
+    with or_told([f"told: {arguments.text}"]), files_into(arguments.out) as folder:
         print("begun", flush=True)
         for _ in range(arguments.lines):
             for name in ("a", "b"):

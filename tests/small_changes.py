@@ -212,7 +212,6 @@ CHANGES: dict[str, list[tuple[str, str, str]]] = {
         ("math.atan2(math.pi, loss)", "math.atan2(math.pi, 2 * loss)", "export_choice"),
     ],
     "calibration/atomic.py": [
-        ("(directory / name).unlink(missing_ok=True)", "pass", "cli_files"),
         ("if (directory / name).is_dir():", "if False:", "cli_files faults_writing"),
         ("shutil.rmtree(staged, ignore_errors=True)", "pass", "faults_writing cli_files"),
     ],

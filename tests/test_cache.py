@@ -51,14 +51,15 @@ def test_without_a_place_nothing_is_kept_and_nothing_fails(settings, monkeypatch
 
 
 def test_what_was_used_longest_ago_makes_room(settings, monkeypatch, tmp_path):
+    """Of what JAX compiled; whatever else lies there is the user's."""
     other = tmp_path / "softjax" / "older version"
     other.mkdir(parents=True)
-    for age, name in enumerate(("new", "old", "oldest")):
+    for age, name in enumerate(("new-cache", "old-cache", "oldest-cache", "notes")):
         (other / name).write_bytes(bytes(100))
         os.utime(other / name, (1e9 - age, 1e9 - age))
     monkeypatch.setattr(cache, "LARGEST", 250)
     cache.keep_compilations()
-    assert {path.name for path in other.iterdir()} == {"new", "old"}
+    assert {path.name for path in other.iterdir()} == {"new-cache", "old-cache", "notes"}
 
 
 def command(tmp_path, *words) -> int:

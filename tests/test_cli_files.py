@@ -50,19 +50,9 @@ def test_nothing_appears_where_one_file_fails(tmp_path):
 def test_older_files_stay_as_they_were_where_one_fails(tmp_path):
     write(tmp_path, a="old")
     with pytest.raises(ZeroDivisionError):
-        fail_after(files_into(tmp_path, owned=("a.txt",)), a="new")
+        fail_after(files_into(tmp_path), a="new")
     assert (tmp_path / "a.txt").read_text(encoding="utf-8") == "old"
     assert [path.name for path in tmp_path.iterdir()] == ["a.txt"]
-
-
-def test_a_set_of_files_is_replaced_as_a_set(tmp_path):
-    write(tmp_path, a="old", b="old", mine="old")
-    with files_into(tmp_path, owned=("a.txt", "b.txt")) as staged:
-        write(staged, a="new")
-    assert {path.name: path.read_text(encoding="utf-8") for path in tmp_path.iterdir()} == {
-        "a.txt": "new",
-        "mine.txt": "old",
-    }
 
 
 def test_a_directory_in_a_files_place_stops_all_of_them(tmp_path):

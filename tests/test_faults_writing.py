@@ -99,11 +99,11 @@ def test_an_impossible_place(name, tmp_path, monkeypatch, capsys):
 def test_compilations_that_may_be_cut_short_are_not_kept(tmp_path, monkeypatch):
     """JAX takes up no cut entry, and writes none that is there: it would be compiled for ever."""
     monkeypatch.setattr(cache, "_kept", tmp_path)
-    for name, age in (("old", 60.0), ("new", 0.0)):
+    for name, age in (("old-cache", 60.0), ("new-cache", 0.0)):
         (tmp_path / name).write_text("")
         os.utime(tmp_path / name, times=(time.time() - age,) * 2)
     cache.forget_since(time.time() - 2.0)
-    assert [path.name for path in tmp_path.iterdir()] == ["old"]
+    assert [path.name for path in tmp_path.iterdir()] == ["old-cache"]
 
 
 def test_a_link_to_nothing_is_called_one(tmp_path):

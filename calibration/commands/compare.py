@@ -21,6 +21,7 @@ from calibration.choices import CHOICES, LAWS, OPTIONS
 from calibration.errors import DataError, did_you_mean, listed
 
 FILES = {"figure2": "figure2.png", "linear_spring": "linear_spring.png"}
+WRITTEN = ("compare.json", "compare.png", *FILES.values())
 NAMES = (*LAWS, "thornton-fixed")
 HEEDED = (*OPTIONS, "area")  # of a file's settings; the rest is for `softjax fit`
 
@@ -136,7 +137,7 @@ def _compare(job: Job, arguments: argparse.Namespace, progress: Any) -> int:
     extra = tuple(FILES) if arguments.file is None else ()
     settings = {"file": arguments.file, "laws": job.laws, "options": job.options}
     told = [] if arguments.quiet else [comparison_text(comparisons, job.remarks, "compare.json")]
-    with or_told(told), files_into(arguments.out) as folder:
+    with or_told(told), files_into(arguments.out, WRITTEN) as folder:
         write_text(folder / "compare.json", comparison_json(comparisons, settings))
         save(comparison_figure(comparisons), folder / "compare.png")
         ended = _draw(folder, extra, progress)
@@ -148,7 +149,7 @@ def _compare(job: Job, arguments: argparse.Namespace, progress: Any) -> int:
 
 
 def _pictures(wanted: list[str], arguments: argparse.Namespace, progress: Any) -> int:
-    with files_into(arguments.out) as folder:
+    with files_into(arguments.out, WRITTEN) as folder:
         converged = _draw(folder, wanted, progress)
     progress.close()
     if not arguments.quiet:

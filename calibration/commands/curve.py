@@ -108,7 +108,7 @@ def _write(arguments: argparse.Namespace, source: Any, velocities: Any, route: A
     if parts is not None and not parts.first:
         return None
     seen, picture = Span(), Thinned()
-    with files_into(arguments.out) as folder, Progress(arguments.quiet) as progress:
+    with files_into(arguments.out, FILES.values()) as folder, Progress(arguments.quiet) as progress:
         with ExitStack() as stack:
             writers = [
                 stack.enter_context(closing(one))

@@ -127,10 +127,9 @@ def run(arguments: argparse.Namespace) -> int:
         draws = _sampled(result, job, progress)
         told = [] if arguments.quiet else [_told(result, job, draws)]
         with or_told(told):
-            _write(result, job, arguments.out, progress, draws)
+            written = _write(result, job, arguments.out, progress, draws)
     if told:
-        written = ", ".join(name for name in FILES if (arguments.out / name).exists())
-        print(f"{told[0]}\n\nWritten to {arguments.out}: {written}")
+        print(f"{told[0]}\n\nWritten to {arguments.out}: {', '.join(written)}")
     if result.converged:
         return 0
     print("softjax fit: did not converge; the results are written and marked so", file=sys.stderr)
@@ -225,11 +224,11 @@ def _sampled(result, job: Job, progress: Progress) -> Any:
     return result.posterior(job.draws, seed=seed, warmup=job.draws, progress=progress)
 
 
-def _write(result, job: Job, out: Path, progress: Progress, draws: Any) -> None:
-    """All files of a fit, or none."""
+def _write(result, job: Job, out: Path, progress: Progress, draws: Any) -> list[str]:
+    """All files of a fit, or none; their names."""
     from calibration.report import html_report, markdown_report
 
-    with files_into(out, owned=FILES) as staged:
+    with files_into(out, FILES) as staged:
         result.save(staged / "fit.json")
         pictures = _draw(result, job, staged, progress, draws)
         more: Sequence[Sequence[str]] = ()
@@ -242,6 +241,7 @@ def _write(result, job: Job, out: Path, progress: Progress, draws: Any) -> None:
         report = markdown_report(result, pictures, _command(job, out), _printed(job), more)
         write_text(staged / "report.md", report)
         write_text(staged / "report.html", html_report(report, staged))
+        return [name for name in FILES if (staged / name).exists()]
 
 
 def _draw(result, job: Job, directory: Path, progress: Progress, draws: Any) -> dict[str, str]:

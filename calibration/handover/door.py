@@ -119,9 +119,9 @@ def _check(to: str, tolerance: float, steps: int | None, version: int | None, pr
 
 
 def _write(out: Path, files: dict[str, str], made: Export) -> None:
-    """All files at once, and none of an older export beside them."""
-    owned = {name for code in CODES.values() for name in code.FILES} | {REPORT, PICTURE}
-    with files_into(out, owned) as folder:
+    """All files at once."""
+    every = (*(name for code in CODES.values() for name in code.FILES), REPORT, PICTURE)
+    with files_into(out, dict.fromkeys(every)) as folder:
         for name, text in files.items():
             write_text(folder / name, text)
         write_text(folder / REPORT, dumps(made.to_dict(), indent=2))

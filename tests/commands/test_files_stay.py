@@ -1,0 +1,114 @@
+"""No command removes or changes a file that it does not write in this run."""
+
+import pytest
+
+from tests.command import run, write_alloy
+
+# all that a command may write, whichever command it is
+RESULTS = (
+    *("fit.json", "report.md", "report.html", "curves.png", "profiles.png", "correlation.png"),
+    *("posterior.png", "posterior.nc", "compare.json", "compare.png", "figure2.png"),
+    *("linear_spring.png", "curve.csv", "curve.npy", "curve.png", "curve.txt"),
+    *("sensitivity.json", "sensitivity.csv", "sensitivity.png", "tornado.png", "design.png"),
+    *("design.csv", "sobol.png", "export.json", "export.png", "in.softjax", "softjax_law.h"),
+    *("softjax_lammps.cpp", "softjax_memory.h", "build.sh", "softjax_yade.py", "softjax_shared.c"),
+    *("speed.csv", "speed.png"),
+)
+STRANGERS = ("notes.txt", "fit.json.bak", ".hidden", "parts/thesis.tex", "parts/0123/000000")
+UNFINISHED = ".softjax-unfinished-mine"  # as a killed command leaves one
+CONSTANT = ("--law", "constant", "--set", "restitution=0.8")
+SENSITIVITY = ("sensitivity", "nylon", *CONSTANT)
+EXPORT = ("export", "nylon", "--wanted-law", *CONSTANT[1:])
+ALONE = ("--coordinator", "localhost:1", "--process", "0", "--processes", "1")
+COMMANDS = {
+    "fit": (("fit", "ALLOY"), {"fit.json", "report.md", "report.html", "curves.png"}),
+    "compare": (("compare", "ALLOY", "--laws", "constant"), {"compare.json", "compare.png"}),
+    "one picture": (("compare", "--linear-spring"), {"linear_spring.png"}),
+    "curve": (("curve", "nylon", *CONSTANT, "--points", "9"), {"curve.csv", "curve.png"}),
+    "table": (("curve", "nylon", *CONSTANT, "--points", "9", "--table"), {"curve.txt"}),
+    "in parts": (
+        ("curve", "nylon", *CONSTANT, "--points", "9", "--format", "npy", *ALONE),
+        {"curve.npy"},
+    ),
+    "local": (
+        (*SENSITIVITY, "--study", "local"),
+        {"sensitivity.json", "sensitivity.csv", "sensitivity.png", "tornado.png"},
+    ),
+    "information": ((*SENSITIVITY, "--study", "information"), {"sensitivity.json"}),
+    "design": (
+        (*SENSITIVITY, "--study", "design", "--shots", "2"),
+        {"sensitivity.json", "design.png", "design.csv"},
+    ),
+    "global": (
+        (*SENSITIVITY, "--study", "global", "--samples", "16", "--range", "restitution=0.7:0.9"),
+        {"sensitivity.json", "sobol.png"},
+    ),
+    "c": (
+        (*EXPORT, "--to", "c"),
+        {"export.json", "export.png", "softjax_law.h"},
+    ),
+    "liggghts": (
+        (*EXPORT, "--to", "liggghts"),
+        {"export.json", "export.png", "in.softjax"},
+    ),
+    "lammps": (
+        (*EXPORT, "--to", "lammps"),
+        {"export.json", "export.png", "in.softjax"},
+    ),
+    "yade": (
+        (*EXPORT, "--to", "yade"),
+        {"export.json", "export.png", "softjax_yade.py"},
+    ),
+    "doctor": (("doctor",), set()),
+}
+
+
+@pytest.fixture(scope="module")
+def alloy(tmp_path_factory):
+    """A material file that is soon fitted."""
+    return write_alloy(tmp_path_factory.mktemp("alloy"), 'law = "constant"\nprofiles = false')
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_only_what_is_written_again_changes(name, alloy, tmp_path):
+    """Fails where a command removes what an earlier one wrote, or what is the user's own."""
+    words, expected = COMMANDS[name]
+    out = tmp_path / "results"
+    every = {*RESULTS, *STRANGERS, f"{UNFINISHED}/fit.json", f"../{UNFINISHED}/fit.json"}
+    for one in every:
+        (out / one).parent.mkdir(parents=True, exist_ok=True)
+        (out / one).write_text(f"old {one}")
+    words = [str(alloy) if word == "ALLOY" else word for word in words]
+    code, _, error = run("--no-cache", *words, "--out", out)
+    assert code == 0, error
+    kept = {one for one in every if (out / one).read_bytes() == f"old {one}".encode()}
+    assert every - kept == expected
+    there = {path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file()}
+    assert there == {one for one in every if not one.startswith("..")}  # nothing else is left
+
+
+FEWER = {
+    "fit": "fit: not written by this run, in OUT: posterior.png, posterior.nc",
+    "local": "sensitivity: not written by this run, in OUT: design.csv",
+    "c": "export: not written by this run, in OUT: build.sh",
+}
+
+
+@pytest.mark.parametrize("name", FEWER)
+def test_what_this_run_did_not_write_is_named(name, alloy, tmp_path):
+    """One line for results of another run that look like this one's; the user's own are no matter."""
+    line = FEWER[name].replace("OUT", str(tmp_path))
+    for one in ("notes.txt", *line.partition(": not")[2].split(": ")[-1].split(", ")):
+        (tmp_path / one).write_text("old")
+    words = [str(alloy) if word == "ALLOY" else word for word in COMMANDS[name][0]]
+    assert run(*words, "--out", tmp_path)[2] == f"softjax {line}\n"
+    assert run(*words, "--out", tmp_path, "--quiet")[2] == ""
+
+
+def test_what_a_killed_command_left_is_named_and_stays(tmp_path):
+    (tmp_path / UNFINISHED).mkdir()
+    place, out = tmp_path / UNFINISHED, tmp_path / "results"
+    words = COMMANDS["curve"][0]
+    line = f"softjax curve: of a command that was killed, or is still at work: {place}\n"
+    assert run(*words, "--out", out)[2] == line
+    assert place.is_dir()
