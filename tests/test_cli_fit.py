@@ -192,15 +192,6 @@ def test_the_same_seed_gives_the_same_bytes(tmp_path):
     assert one == two
 
 
-def test_pictures_of_an_older_run_do_not_stay(tmp_path):
-    file = write_alloy(tmp_path, 'law = "walton-braun"')
-    out = tmp_path / "out"
-    assert run("fit", file, "--quiet", "--out", out)[0] == 0
-    assert (out / "profiles.png").exists()
-    assert run("fit", file, "--quiet", "--no-profiles", "--out", out)[0] == 0
-    assert not (out / "profiles.png").exists()
-
-
 def test_a_fit_that_does_not_converge_is_written_marked_and_ends_with_1(tmp_path):
     out = tmp_path / "results"
     file = write_alloy(tmp_path, 'law = "walton-braun"\nstarts = 1\nmax_steps = 1')

@@ -266,8 +266,7 @@ def test_damping_that_is_of_one_mass_says_so(law, version, of_mass, export):
 
 
 @pytest.mark.parametrize("code", ["lammps", "liggghts", "yade"])
-def test_each_code_has_its_files_and_an_older_export_leaves_none(code, export, tmp_path):
-    assert export(*STEEL, "--to", "lammps", "--tolerance", "0.005", "--quiet") == 0  # a plugin
+def test_each_code_has_its_files(code, export, tmp_path):
     options = ("--to", code, "--law", "linear", "--tolerance", "0.1")
     assert export(*STEEL, *options, "--quiet") == 0
     made = report()

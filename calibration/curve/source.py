@@ -16,6 +16,7 @@ from calibration.data.paper import CURVES, RADIUS, PaperCurve
 from calibration.errors import DataError, InputError, did_you_mean, listed, printable
 from calibration.fitting.collisions import ROUTES
 from calibration.fitting.known_laws import LAWS
+from calibration.parameters import Parameter
 from softjax.paper import TABLE_1
 
 # What `softjax fit` finds for the paper's materials with its default settings. They go with
@@ -167,8 +168,10 @@ def _of_file(arguments: argparse.Namespace) -> Source:
     contact = entry.contact
     if arguments.area is not None:
         contact = sj.Contact(**contact.leaves(), area=arguments.area)
-    said = {n: p.value for n, p in file.said[index].items() if p.value is not None}
-    said |= {name: file.settings[name] for name in OPTIONS if name in file.settings}
+    said = file.said[index]
+    known = {name: one.value for name, one in said.items() if not one.free}
+    known |= {name: file.settings[name] for name in OPTIONS if name in file.settings}
+    free = {name: one for name, one in said.items() if one.free}
     critical = float(np.asarray(contact.critical_velocity))
     last = FAR_ABOVE_YIELD * critical
     if entry.data is not None:
@@ -177,7 +180,7 @@ def _of_file(arguments: argparse.Namespace) -> Source:
     bodies, properties = _bodies(entry.bodies, "second" not in entry.table, is_one)
     return Source(
         entry.name,
-        _law(arguments, arguments.law or file.settings.get("law", "zhou"), contact, said),
+        _law(arguments, arguments.law or file.settings.get("law", "zhou"), contact, known, free),
         (DECADES_BELOW_YIELD * critical, min(last, 0.99 * float(contact.limit_velocity))),
         None if "limit_velocity" in entry.table else properties,
         bodies,
@@ -260,11 +263,21 @@ def _chosen(arguments, names: list[str], where: str) -> int:
     raise DataError("--material", value, f"one of {where}'s: {listed(names)}")
 
 
-def _law(arguments, name: str, contact: sj.Contact, known: Mapping[str, Any]) -> sj.ContactLaw:
+def _law(
+    arguments,
+    name: str,
+    contact: sj.Contact,
+    known: Mapping[str, Any],
+    free: Mapping[str, Parameter] | None = None,
+) -> sj.ContactLaw:
     """A law of a contact: its fields as the options tell, else as is `known` of the material.
+
+    Args:
+        free: parameters that a file leaves to a fit: neither a start nor a default is their value.
 
     Raises:
         DataError: naming the option, its value and what is accepted.
+        InputError: for a free parameter that no option gives, with its line.
     """
     fields = {f.name: f for f in dataclasses.fields(LAWS[name])}
     own = {"contact": contact, "limit_velocity": contact.limit_velocity} | dict(known)
@@ -275,6 +288,9 @@ def _law(arguments, name: str, contact: sj.Contact, known: Mapping[str, Any]) ->
             accepted = f"a field of {name}: {listed(names) or 'none'}{did_you_mean(field, names)}"
             raise DataError(option, field, accepted)
         values[field] = value
+    for field, one in (free or {}).items():
+        if field in fields and field not in _told(arguments):
+            raise _no_value(field, one)
     needed = [n for n, f in fields.items() if f.default is dataclasses.MISSING and n not in values]
     if needed and name == "zhou":
         accepted = "given, or fitted first and read by --fit"
@@ -282,6 +298,15 @@ def _law(arguments, name: str, contact: sj.Contact, known: Mapping[str, Any]) ->
     if needed:
         raise DataError(arguments.law_option, name, f"given with --set {needed[0]}=…")
     return LAWS[name](**values)
+
+
+def _no_value(name: str, parameter: Parameter) -> InputError:
+    """The refusal of a parameter that a file leaves to a fit."""
+    problem = f"{name} is free" + ", and its value a start" * (parameter.value is not None)
+    option = f"--{name} X" if name in COEFFICIENTS else f"--set {name}=X"
+    accepted = f"give {option}, fix it by a plain number, or read its fit by --fit"
+    origin = parameter.origin
+    return InputError(origin and origin.file, origin and origin.line, problem, accepted)
 
 
 def _told(arguments: argparse.Namespace) -> dict[str, tuple[str, float | str]]:
