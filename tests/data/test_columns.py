@@ -1,0 +1,205 @@
+"""Headers as people write them: each spelling gives the same data as the format's own name."""
+
+import numpy as np
+import pytest
+
+import calibration as cal
+
+READ = cal.RestitutionData.from_table
+# tables that need the name, in the format's own names and SI
+SPEEDS = {"impact_velocity": [2.0, 4.0], "rebound_velocity": [1.8, 3.2]}
+HEIGHTS = {"drop_height": [1.0, 0.5], "rebound_height": [0.81, 0.32]}
+TABLES = {
+    "velocity": {"velocity": [2.0, 4.0], "restitution": [0.9, 0.8], "group": ["a", "b"]}
+    | {"uncertainty": [0.01, 0.02], "velocity_uncertainty": [0.1, 0.2]},
+    "speeds": SPEEDS | {f"{name}_uncertainty": [0.1, 0.2] for name in SPEEDS},
+    "heights": HEIGHTS | {f"{name}_uncertainty": [0.01, 0.02] for name in HEIGHTS},
+    "both heights": HEIGHTS | {"height_uncertainty": [0.01, 0.02]},
+    "intervals": {"interval": [0.8, 0.72, 0.5, 0.4], "launch": ["a", "a", "b", "b"]}
+    | {"interval_uncertainty": [0.01, 0.02, 0.03, 0.04]},
+    "times": {"time": [0.0, 0.8, 1.52, 2.0], "time_uncertainty": [0.01, 0.02, 0.03, 0.04]},
+    "timing": {"time": [0.0, 0.8, 1.52, 2.0], "timing_uncertainty": [0.01, 0.02, 0.03, 0.04]},
+}
+# name, the table that it is in: its spellings
+SPELLINGS = {
+    "restitution velocity": "e; E; ε; eps; epsilon; COR; e_n; Restitution; restitution [-]; e / 1; "
+    "restitution coefficient; Coefficient of restitution (-); coeff. of restitution; "
+    "coef_of_restitution; normal restitution",
+    "velocity velocity": "v; V; speed; Velocity [m/s]; velocity[m/s]; v (m/s); v / (m/s); v, m/s; "
+    "velocity in m/s; velocity_m_s; v_in; Impact velocity [m s⁻¹]; impact speed; v_impact; v_imp; "
+    "vin; v_i; vi; v_inc; v_0; v0; v_before; v_initial; incident velocity; incident speed; "
+    "incoming velocity; incoming speed; velocity in; velocity before; initial velocity; "
+    "approach velocity; collision velocity; v_{in} [m·s^{-1}]; vᵢ [m/s]; $v_i$ (m/s); v-in; v.in",
+    "rebound_velocity speeds": "v_out; v_rebound; v_reb; vout; v_r; vr; v_f; vf; v_after; v_final; "
+    "v'; v′ [m/s]; rebound speed; outgoing velocity; outgoing speed; velocity out; velocity after; "
+    "final velocity; separation velocity; v_{out} [m·s^{-1}]",
+    "impact_velocity speeds": "v; velocity; v_in; v_imp; speed",
+    "drop_height heights": " Drop height [ m ] ; h0; h_0; h_drop; h_i; hi; h_initial; initial height; "
+    "release height; fall height; falling height; height before; h0 / m; drop_height_m; h1; h_1 [m]",
+    "rebound_height heights": "h_rebound; h_reb; h_bounce; h_f; hf; h_r; hr; h_final; h'; h2; h_2; h1; "
+    "bounce height; final height; height after; Rebound height (m); rebound height, m",
+    "interval intervals": "dt; Δt [s]; δt; delta_t; flight time; time of flight; tof; time interval; "
+    "bounce interval; interval time; time between bounces; interval_s; interval in s",
+    "launch intervals": "Launch; train",
+    "time times": "bounce time; impact_time [s]; event_time_s; time of bounce; Time / s",
+    "group velocity": "specimen; Group; Specimen",
+    "uncertainty velocity": "u(e); u_e; σ_e; e_err; e error; err; Err; error; unc; stdev; std; sd; ±; "
+    "restitution uncertainty; u_restitution; error of restitution [-]; standard deviation; "
+    "standard uncertainty; standard error; sigma_e; cor_std; e ±",
+    "velocity_uncertainty velocity": "u_v [m/s]; v_err; σ_v; stdev_v; u(v); v uncertainty; sd of v; "
+    "velocity error; velocity_std; error in velocity (m/s); u(v_in); v_in ±",
+    "impact_velocity_uncertainty speeds": "u_v_in; stdev_v_in; v_in_err; u(v_in) [m/s]",
+    "rebound_velocity_uncertainty speeds": "u_v_out; u(v') [m/s]; error of rebound velocity",
+    "drop_height_uncertainty heights": "u_h0; σ_h0; h0 error [m]; drop height uncertainty (m)",
+    "rebound_height_uncertainty heights": "error of rebound height [m]; u_h_rebound; σ_hf",
+    "height_uncertainty both heights": "u_h; h uncertainty (m); σ_h; h_err",
+    "interval_uncertainty intervals": "u_dt; σ_Δt [s]; interval error; u(interval)",
+    "time_uncertainty times": "u_time; time_err; impact time uncertainty [s]",
+    "timing_uncertainty timing": "σ_t [s]; u_t; t_err; timing error (s); u(t) [s]",
+}
+EVERY = [
+    (*place.split(" ", 1), one) for place, told in SPELLINGS.items() for one in told.split("; ")
+]
+
+
+def numbers(data):
+    """All that a fit sees of a set."""
+    group = None if data.group is None else list(data.group)
+    covariance = data.covariance_of(-0.1, added=1e-9).dense()
+    return group, np.stack([data.velocity, data.restitution, *covariance])
+
+
+def renamed(table, **names):
+    return {names.get(key, key): values for key, values in table.items()}
+
+
+@pytest.mark.parametrize(("name", "table", "spelling"), EVERY)
+def test_a_spelling_is_its_name(name, table, spelling):
+    own = renamed(TABLES[table], **{name: spelling})
+    if spelling.strip(" [m]").startswith(("h1", "h_1")) and name == "drop_height":
+        own = renamed(own, rebound_height="h2")  # which tell each other apart
+    group, found = numbers(READ(own))
+    expected_group, expected = numbers(READ(TABLES[table]))
+    assert group == expected_group
+    np.testing.assert_allclose(found, expected, rtol=1e-13)
+
+
+def test_cells_are_in_the_unit_behind_a_name():
+    """Brackets, a slash, a comma, `in` and an underscore are followed by a unit; `_in` may be inches."""
+    for header in ("h0 [mm]", "h0 (mm)", "h0 / mm", "h0, mm", "h0 in mm", "drop_height_mm"):
+        data = READ({header: [500.0], "h1": [0.32]})
+        assert data.restitution[0] == pytest.approx(0.8, rel=1e-14), header
+    data = READ({"drop_height_in": [10.0], "rebound height [cm]": [25.4 * 0.64]})
+    assert data.restitution[0] == pytest.approx(0.8, rel=1e-14)
+    data = READ({"v_in_cm_s": [200.0], "e (%)": [90.0]})
+    assert (data.velocity[0], data.restitution[0]) == (2.0, 0.9)
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "temperature [°C]",
+        "interval_index",
+        "e_1",
+        "operator",
+        "",
+        "t_s",
+        "t",
+        "h",
+        "δv",
+        "v1",
+        "x" * 300,
+    ],
+)
+def test_another_column_is_not_used_and_named(header):
+    """`t` might be an interval or a time, `v1` before or after: only who wrote it can tell."""
+    data = READ({"velocity": [1.0], "restitution": [0.9], header: [5.0]})
+    assert len(data) == 1
+    left = [one for one in data.remarks if "not used" in one]
+    assert [header[:40] in one for one in left] == ([True] if header else [])
+
+
+def test_a_question_names_what_an_ambiguous_column_may_be():
+    (left,) = READ({"velocity": [1.0], "restitution": [0.9], "t [s]": [1.0]}).remarks
+    assert all(word in left for word in ("t [s]", "interval", "time"))
+
+
+def test_only_names_taken_for_others_are_told():
+    table = {"COR": [0.9], "v_in (cm/s)": [100.0], "Err": [0.01]}
+    (taken,) = READ(table).remarks
+    for header, name in (
+        ("COR", "restitution"),
+        ("v_in (cm/s)", "velocity"),
+        ("Err", "uncertainty"),
+    ):
+        assert header in taken.split(f" for {name}")[0].rpartition(", ")[2]
+    assert READ({"Velocity": [1.0], "restitution [-]": [0.9]}).remarks == ()
+    many = READ({"v": [1.0], "e": [0.9]} | {f"x{i}": [0.0] for i in range(30)}).remarks[-1]
+    assert "x9" in many
+    assert "x10" not in many
+    assert "20 more" in many
+
+
+TIMED = {"interval": [1.0, 0.5, 0.25], "time": [0.0, 1.0, 1.8], "launch": ["x"] * 3}
+SINGLE = {"e": [0.45] * 3, "v": [3.0] * 3, "drop_height": [2.0] * 3, "rebound_height": [0.5] * 3}
+
+
+@pytest.mark.parametrize(
+    ("columns", "velocity", "restitution"),
+    [
+        (("e", "v", "interval", "launch"), 3.0, 0.45),
+        (("e", "v", "drop_height", "interval"), 3.0, 0.45),
+        (("drop_height", "rebound_height", "time"), 2 * np.sqrt(9.80665), 0.5),
+        (("drop_height", "interval", "time"), 9.80665 / 2, 0.5),
+        (("v", "time"), 9.80665 / 2, 0.8),
+    ],
+)
+def test_of_several_complete_sets_of_columns_the_first_is_used(columns, velocity, restitution):
+    data = READ({name: (TIMED | SINGLE)[name] for name in columns})
+    found = [data.velocity[0], data.restitution[0]]
+    np.testing.assert_allclose(found, [velocity, restitution], rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("columns", "uncertainty", "velocity_uncertainty"),
+    [
+        ({"e": 0.5, "uncertainty [%]": 2.0, "u_v [%]": 5.0}, 0.01, 0.1),  # of the value itself
+        ({"e [%]": 50.0, "uncertainty [%]": 2.0, "u_v [%]": 5.0}, 0.02, 0.1),  # points of ε
+        ({"e [%]": 50.0, "uncertainty": 0.02}, 0.02, None),
+    ],
+)
+def test_what_a_percentage_is_of(columns, uncertainty, velocity_uncertainty):
+    data = READ({"v": [2.0]} | {name: [cell] for name, cell in columns.items()})
+    assert data.uncertainty[0] == pytest.approx(uncertainty, rel=1e-14)
+    if velocity_uncertainty is None:
+        assert data.velocity_uncertainty is None
+        return
+    assert data.velocity_uncertainty[0] == pytest.approx(velocity_uncertainty, rel=1e-14)
+    words = "percentage points" if "e [%]" in columns else "value itself"
+    assert any("uncertainty in %" in one and words in one for one in data.remarks)
+
+
+def test_a_restitution_beside_what_it_follows_from_is_used():
+    """Noise of 0.01 apart; what is further apart is refused."""
+    heights = {"drop_height": [1.0, 1.0], "rebound_height": [0.81, 0.64]}
+    for table in (heights, heights | {"velocity": [4.4, 4.5]}, SPEEDS):
+        data = READ(table | {"restitution": [0.91, 0.79]})
+        np.testing.assert_array_equal(data.restitution, [0.91, 0.79])
+    assert list(READ(heights | {"v": [4.4, 4.5], "e": [0.9, 0.8]}).velocity) == [4.4, 4.5]
+
+
+@pytest.mark.parametrize("signs", [(1, -1), (-1, 1)])
+def test_velocities_of_opposite_sign_are_speeds(signs):
+    table = {"v_in": signs[0] * np.array([2.0, 4.0]), "v_out": signs[1] * np.array([1.8, 3.2])}
+    data = READ(table)
+    np.testing.assert_allclose(data.restitution, [0.9, 0.8], rtol=1e-15)
+    assert any("opposite sign" in one for one in data.remarks)
+
+
+def test_groups_go_with_every_set_of_columns():
+    pairs = ({"velocity": [1.0, 2.0], "restitution": [0.9, 0.8]}, SPEEDS, HEIGHTS)
+    for table in pairs:
+        for name in ("group", "specimen", "launch"):
+            assert READ(table | {name: ["x", "y"]}).groups == ("x", "y")
+        assert READ(table, group=[1, 2]).groups == ("1", "2")
+        assert READ(table | {"group": ["x", "x"], "launch": ["a", "b"]}).groups == ("x",)

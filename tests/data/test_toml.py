@@ -1,0 +1,237 @@
+"""Material files: bodies, radii, walls, repeats and places of data files, by hand-computed numbers."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+import calibration as cal
+import softjax as sj
+
+STEEL = "youngs_modulus = 1.93e11  # Pa\npoisson_ratio = 0.35\ndensity = 8030\nyield_strength = 3.10e8\n"
+GLASS = "youngs_modulus = 7e10\npoisson_ratio = 0.25\ndensity = 2500\nyield_strength = 5e8\n"
+PLANE_STRAIN = [1.93e11 / (1 - 0.35**2), 7e10 / (1 - 0.25**2)]
+HARMONIC = 1 / (1 / PLANE_STRAIN[0] + 1 / PLANE_STRAIN[1])
+
+
+def entry(*lines, properties=STEEL):
+    return "\n".join(["[[material]]", properties, 'data = "m.csv"', *lines]) + "\n"
+
+
+def mass(density, radius):
+    return 4 / 3 * math.pi * density * radius**3
+
+
+# lines: E* [Pa], R* [m], M* [kg], Y [Pa]; v_lim = √(3 Y/ρ) of the body that yields
+PAIRS = {
+    "two equal spheres": (["radius = 0.0127"], PLANE_STRAIN[0] / 2, 0.00635, mass(4015, 0.0127)),
+    "two radii": (
+        ["radius_1 = 0.01", "radius_2 = 0.03"],
+        PLANE_STRAIN[0] / 2,
+        0.0075,
+        mass(8030, 0.01) * 27 / 28,
+    ),
+    "another sphere": (
+        ["radius = 0.01", "[material.second]", GLASS],
+        HARMONIC,
+        0.005,
+        mass(8030 * 2500 / 10530, 0.01),
+    ),
+    "a wall": (["radius = 0.01", "[material.wall]", GLASS], HARMONIC, 0.01, mass(8030, 0.01)),
+}
+
+
+@pytest.mark.parametrize("name", PAIRS)
+def test_contacts(name, read_toml):
+    lines, modulus, radius, inertia = PAIRS[name]
+    (data,) = read_toml(entry(*lines))
+    found = data.contact
+    numbers = [found.youngs_modulus, found.radius, found.mass, found.yield_strength]
+    np.testing.assert_allclose(numbers, [modulus, radius, inertia, 3.10e8], rtol=1e-14)
+    assert found.area == "zhou"
+    assert data.limit_velocity == found.limit_velocity == pytest.approx(340.317045, rel=1e-8)
+    radii = [body.radius for body in data.bodies]
+    assert radii[0] == 0.0127 if name == "two equal spheres" else 0.01
+    assert radii[1] == {"two radii": 0.03, "a wall": None}.get(name, radii[0])
+
+
+@pytest.mark.parametrize(
+    ("radii", "diameters"),
+    [
+        (["radius = 0.0127"], ["diameter = 0.0254"]),
+        (["radius = 0.0127"], ['diameter = "1 in"']),
+        (["radius_1 = 0.01", "radius_2 = 0.03"], ["diameter_1 = 0.02", 'diameter_2 = "60 mm"']),
+        (
+            ["radius = 0.01", "[material.wall]", GLASS],
+            ['diameter="2 cm"', "[material.wall]", GLASS],
+        ),
+    ],
+)
+def test_diameters_in_place_of_radii(read_toml, radii, diameters):
+    one, other = (read_toml(entry(*lines))[0].contact.leaves() for lines in (radii, diameters))
+    np.testing.assert_allclose(
+        [*map(float, one.values())], [*map(float, other.values())], rtol=1e-14
+    )
+
+
+def test_named_materials_are_those_of_the_paper(read_toml):
+    wall = (
+        '[[material]]\ndata = "m.csv"\nmaterial = "Chrome-Steel"\nradius = 0.01\n[material.wall]\n'
+    )
+    (data,) = read_toml(wall + 'material = "nylon"\n')
+    assert data.contact == sj.Contact.with_wall(sj.CHROME_STEEL, sj.NYLON, 0.01)
+    for name in ("Chrome-Steel", "nylon"):
+        assert any(name in one and "Table 1" in one for one in data.remarks)
+    (same,) = read_toml(entry("radius = 0.01", "[material.second]", 'material = "stainless steel"'))
+    assert same.contact == read_toml(entry("radius = 0.01"))[0].contact
+
+
+def test_a_limit_velocity_in_the_file_stands(read_toml):
+    (data,) = read_toml(entry("radius = 0.01", 'limit_velocity = "200 m/s"'))
+    assert data.limit_velocity == data.contact.limit_velocity == 200.0
+    assert data.contact.yield_strength == 3.10e8
+
+
+def test_areas(read_toml):
+    """A material's own, else that of [fit]."""
+    toml = '[fit]\narea = "hertz"\n' + entry("radius = 0.01", 'name = "a"')
+    toml += entry("radius = 0.01", 'area = "zhou"', 'name = "b"')
+    assert [data.contact.area for data in read_toml(toml)] == ["hertz", "zhou"]
+
+
+def test_without_elastic_properties(read_toml):
+    bare = entry('name = "a"', "limit_velocity = 50.0", properties="")
+    limited, constant = read_toml(bare + entry('name = "b"', properties=""))
+    assert (limited.contact, limited.limit_velocity) == (None, 50.0)
+    assert (constant.contact, constant.limit_velocity) == (None, None)
+
+
+UNCERTAINTIES = [  # a key for all rows, the column in its place
+    ("uncertainty = 0.01", "v,e", "v,e,uncertainty", "0.01"),
+    ('velocity_uncertainty = "5 %"', "v,e", "v,e,u_v [%]", "5"),
+    ("impact_velocity_uncertainty = 0.02", "v_in,v_out", "v_in,v_out,u_v_in", "0.02"),
+    ('rebound_velocity_uncertainty = "2 cm/s"', "v_in,v_out", "v_in,v_out,u_v_out", "0.02"),
+    ('height_uncertainty = "2 mm"', "h0,h1", "h0,h1,u_h", "0.002"),
+    ("drop_height_uncertainty = 0.002", "h0,h1", "h0,h1,u_h0", "0.002"),
+    ("rebound_height_uncertainty = 0.002", "h0,h1", "h0,h1,u_hf", "0.002"),
+    ('interval_uncertainty = "2 ms"', "interval,x", "interval,x,u_dt", "0.002"),
+    ("timing_uncertainty = 0.002", "time,x", "time,x,u_t", "0.002"),
+    ("time_uncertainty = 0.002", "time,x", "time,x,u_time", "0.002"),
+]
+
+
+@pytest.mark.parametrize(("key", "header", "full", "cell"), UNCERTAINTIES)
+def test_an_uncertainty_for_all_rows_is_its_column(read_toml, key, header, full, cell):
+    rows = (
+        ["1.0,0.9", "1.8,0.8", "2.4,0.7"]
+        if "time," in header
+        else ["2.0,0.9", "1.8,0.8", "1.5,0.7"]
+    )
+    stated = read_toml(entry(key, properties=""), "\n".join([header, *rows]))[0]
+    column = read_toml(entry(properties=""), "\n".join([full, *(f"{row},{cell}" for row in rows)]))[
+        0
+    ]
+    sizes = [one.covariance_of(-0.1).dense() for one in (stated, column)]
+    np.testing.assert_allclose(*sizes, rtol=1e-13)
+    assert np.any(sizes[0])
+
+
+REPEATS = "velocity,restitution\n2.0,0.8\n1.0,0.90\n1.0,0.94\n2.0,0.82\n"
+
+
+@pytest.mark.parametrize("value", ["true", '"pooled"'])
+def test_repeats_are_averaged_on_request(read_toml, value):
+    (data,) = read_toml(entry(f"average_repeats = {value}", properties=""), REPEATS)
+    np.testing.assert_allclose(data.restitution, [0.92, 0.81], rtol=1e-14)
+    # s² = (2 · 0.02² + 2 · 0.01²)/2, over √2
+    np.testing.assert_allclose(data.uncertainty, [math.sqrt(0.00025)] * 2, rtol=1e-12)
+    assert (data.degrees, data.origin.lines) == (2, (3, 2))
+    assert len(read_toml(entry("average_repeats = false", properties=""), REPEATS)[0]) == 4
+
+
+def test_names_and_places_of_data_files(tmp_path):
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "runs" / "a b.csv").write_text(REPEATS)
+    (tmp_path / "m.toml").write_text('[[material]]\ndata = "runs/a b.csv"\n')
+    (data,) = cal.read_toml(tmp_path / "m.toml")
+    assert (data.name, data.origin.file) == ("a b", str(tmp_path / "runs" / "a b.csv"))
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+@pytest.mark.parametrize("newline", ["\n", "\r\n"])
+def test_material_files_as_editors_save_them(read_toml, encoding, newline):
+    text = entry('name = "Stahl für χ̃"', properties="").replace("\n", newline)
+    assert read_toml(text, encoding=encoding)[0].name == "Stahl für χ̃"
+
+
+def test_a_link_to_a_material_file_means_what_lies_beside_the_file(tmp_path):
+    for place, value in (("there", 0.9), ("here", 0.8)):
+        (tmp_path / place).mkdir()
+        (tmp_path / place / "a.csv").write_text(f"velocity,restitution\n1.0,{value}\n")
+    (tmp_path / "there" / "m.toml").write_text('[[material]]\ndata = "a.csv"\n')
+    link = tmp_path / "here" / "m.toml"
+    link.symlink_to(tmp_path / "there" / "m.toml")
+    assert cal.read_toml(link)[0].restitution[0] == 0.9
+    assert any("link" in one and "there/a.csv" in one for one in cal.read_toml(link)[0].remarks)
+    (tmp_path / "there" / "a.csv").unlink()  # then what lies beside the link
+    assert cal.read_toml(link)[0].restitution[0] == 0.8
+    (tmp_path / "here" / "a.csv").unlink()
+    with pytest.raises(cal.InputError, match=r"m\.toml:2: .*there/a\.csv.*here/a\.csv"):
+        cal.read_toml(link)
+
+
+OF_ALL = "[parameters]\nsigma = 2.0\nxi = { value = 0.4 }\n"
+OF_ONE = """
+[material.parameters]
+psi = 0.5
+chi = { value = 0.1, bounds = [0.01, inf], transform = "log" }
+yield_strength = { prior = [3.1e8, 1e7], shared = "steel" }
+limit_velocity = { free = false }
+zeta = -0.0
+[material.parameters.sigma]
+shared = true
+value = 3
+"""
+
+
+@pytest.fixture
+def problem(tmp_path):
+    def read(toml):
+        (tmp_path / "m.csv").write_text("velocity,restitution\n0.12,0.95\n3.0,0.7\n")
+        (tmp_path / "m.toml").write_text(toml, encoding="utf-8")
+        return cal.read_problem(tmp_path / "m.toml")
+
+    return read
+
+
+def test_parameters_of_a_material(problem):
+    """A number fixes; what is said of one material goes before what is said of all."""
+    (said,) = problem(OF_ALL + entry(properties="") + OF_ONE).parameters
+    assert said == {
+        "psi": cal.Parameter(0.5, free=False),
+        "chi": cal.Parameter(0.1, bounds=(0.01, math.inf), transform="log"),
+        "yield_strength": cal.Parameter(prior=(3.1e8, 1e7), shared="steel"),
+        "limit_velocity": cal.Parameter(free=False),
+        "zeta": cal.Parameter(0.0, free=False),
+        "sigma": cal.Parameter(3.0, shared=True),
+        "xi": cal.Parameter(0.4),
+    }
+    assert math.copysign(1, said["zeta"].value) == 1
+
+
+def test_settings(problem):
+    told = {"law": "zhou", "objective": "model", "optimiser": "levenberg-marquardt", "route": "ode"}
+    told |= {
+        "rtol": 1e-8,
+        "seed": 7,
+        "starts": 32,
+        "form": "full",
+        "kappa": "printed",
+        "area": "hertz",
+    }
+    told |= {"confidence": 0.9, "max_steps": 50, "unloading_line": "weighted", "profiles": False}
+    told |= {"extra_scatter": True}
+    lines = [f"{key} = {json.dumps(value)}" for key, value in told.items()]
+    assert problem("\n".join(["[fit]", *lines, entry(properties="")])).settings == told
+    assert problem(entry(properties="")).settings == {}

@@ -1,0 +1,456 @@
+"""What is refused: a name, where the blame lies, words that the one line has, and what was given.
+
+`TABLES` has a section for each way in. The words, separated by |, are what was given and what is
+accepted; the sentences around them are free, but for those that `sentences.txt` keeps.
+"""
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+import calibration as cal
+import softjax as sj
+
+TOML = """\
+[[material]]
+name = "my alloy"
+youngs_modulus = 1.93e11
+poisson_ratio = 0.35
+density = 8030
+yield_strength = 3.10e8
+radius = 0.0127
+data = "m.csv"
+"""
+CSV = """\
+velocity [m/s],restitution,uncertainty
+0.12,0.95,0.004
+0.5,0.9,0.004
+2.0,0.8,0.004
+"""
+WALL = "[material.wall]\n" + "\n".join(TOML.splitlines()[2:6]) + "\n"
+NAN = math.nan
+
+
+def row(text, line=3, of=CSV):
+    """The good file with one line replaced."""
+    lines = of.splitlines()
+    lines[line - 1] = text
+    return "\n".join(lines) + "\n"
+
+
+def key(line, text):
+    return row(text, line, TOML)
+
+
+def under(header, *rows):
+    return "\n".join([header, *rows]) + "\n"
+
+
+FINITE = "finite number"
+# CSV files, read through a material file
+CSV_FILES = {
+    "empty file": ("m.csv:1", "nothing|header", ""),
+    "comments alone": ("m.csv:1", "nothing|header", "# a\n\n# b\n"),
+    "no rows": ("m.csv:2", "no rows|a point", "# a\nvelocity,restitution"),
+    "no header": ("m.csv:1", "no header|names", "1.0,0.9\n"),
+    "not UTF-8": ("m.csv:3", "UTF-8", b"velocity,restitution\n1.0,0.9\n# \xb5s\n"),
+    "UTF-16 without its mark": ("m.csv:1", "NUL|UTF-8", "v,e\n1,0.9\n".encode("utf-16-le")),
+    "UTF-16 with half a character": ("m.csv:1", "UTF-16|UTF-8", b"\xff\xfev\x00,"),
+    "a NUL": ("m.csv:3", "NUL|UTF-8", "v,e\n1,.5\n2,\0\n"),
+    "a spreadsheet": ("m.csv", "spreadsheet|CSV", b"PK\x03\x04\x14\x00"),
+    "an old spreadsheet": ("m.csv", "spreadsheet|CSV", b"\xd0\xcf\x11\xe0\xa1\xb1"),
+    "a column near to a known one": (
+        "m.csv:2",
+        "velocty [m/s]|did you mean 'velocity'",
+        "# rebounds\n" + row("velocty [m/s],restitution,uncertainty", 1),
+    ),
+    "unknown unit": ("m.csv:1", "unit|velocity|[kn]|m/s, cm/s, mm/s, km/h", under("v [kn],e", "1,.9")),
+    "a unit of another dimension": ("m.csv:1", "unit|velocity|[ms]|m/s", under("v [ms],e", "1,.9")),
+    "a unit of a label": ("m.csv:1", "launch|[s]|without", under("v,e,launch [s]", "1,.9,2")),
+    "bracket that is not closed": ("m.csv:1", "velocity [m/s|one unit", under("velocity [m/s,e", "1,.9")),
+    "more behind a unit": ("m.csv:1", "(corrected)|one unit", under("velocity [m/s] (corrected),e", "1,.9")),
+    "column twice": ("m.csv:1", "'v'|'speed [cm/s]'|velocity|once", under("v,e,speed [cm/s]", "1,.9,1")),
+    "columns that do not go together": (
+        "m.csv:1",
+        "drop_height, restitution|drop_height with rebound_height",
+        under("drop_height,restitution", "1.0,0.9"),
+    ),
+    "names that only a person can tell": (
+        "m.csv:1",
+        "'t', 'h'|interval or time|drop_height or rebound_height",
+        under("t,h", "1,1"),
+    ),
+    "two units": ("m.csv:1", "[m/s]|[cm/s]|once", under("velocity [m/s],e", "cm/s,-", "1,.9")),
+    "unknown unit in a row of units": ("m.csv:1", "[furlong]|m/s", under("v,e", "furlong,", "1,.9")),
+    "too few cells": ("m.csv:3", "2 cells|3", row("0.5,0.9")),
+    "too many cells": ("m.csv:4", "4 cells|3", row("2,0.8,0.1,0.1", 4)),
+    "open quotation mark": ("m.csv:3", "quotation mark|close", row('"0.5,0.9,0.1')),
+    "a cell over two lines": ("m.csv:2", "quotation mark|close", under("v,e,note", '1,.9,"a', 'b"', "2,.8,c")),
+    "a line that is too long": ("m.csv:3", "70001|65536", row("x" * 70001)),
+    "too many columns": ("m.csv:1", "2000 columns|1000", "a," * 1999 + "a\n1\n"),
+    "too large a file": ("m.csv", "64 MiB|smaller", "#" * 70_000_000),
+    "brackets in brackets": ("m.csv:1", "restit", under("velocity (" + "(" * 5000 + ",restitution", "1,1")),
+    "a word for a number": ("m.csv:3", f"velocity|'fast'|{FINITE}", row("fast,0.9,0.1")),
+    "NaN": ("m.csv:4", f"restitution|'nan'|{FINITE}", row("2.0,nan,0.1", 4)),
+    "infinite": ("m.csv:3", f"velocity|'inf'|{FINITE}", row("inf,0.9,0.1")),
+    "too large for a float": ("m.csv:3", f"velocity|'1e999'|{FINITE}", row("1e999,0.9,1")),
+    "digits with underscores": ("m.csv:3", f"velocity|'1_0'|{FINITE}", row("1_0,0.9,0.1")),
+    "decimal comma between commas": ("m.csv:2", "velocity|'0,5'|point|;", under("v,e", '"0,5",0.9')),
+    "both decimal marks": ("m.csv:3", "restitution|'0.9'|comma|point", under("v;e", "0,5;0,9", "0,6;0.9")),
+    "thousands by commas": ("m.csv:2", "drop_height|'1,234.5'|thousands", under("h0,h1", '"1,234.5",800')),
+    "thousands by points": ("m.csv:2", "drop_height|'1.234,5'|thousands", under("h0;h1", "1.234,5;800")),
+    "thousands by spaces": ("m.csv:2", "drop_height|'1 234'|thousands", under("h0;h1", "1 234;800")),
+    "percent in the cell": ("m.csv:2", "restitution|'85 %'|header|[%]", under("v,e", "1.0,85 %")),
+    "percent without its unit": ("m.csv:2", "restitution|85|percent|[%]", under("v,e", "1.0,85")),
+    "empty cell of an uncertainty": ("m.csv:3", "uncertainty|empty|positive number", row("0.5,0.9,")),
+    "empty cells alone": ("m.csv:1", "empty|velocity, restitution", under("v,e", "1,", ",0.9")),
+    "gap in a train": ("m.csv:3", "interval|empty|gap", under("interval,u_t", "0.6,1", ",1", "0.5,1")),
+    "gap in times": ("m.csv:3", "time|empty|gap", under("time,x", "0.6,1", ",1", "0.9,1")),
+    "launch without a label": ("m.csv:3", "launch|empty|label", under("interval,launch", "0.6,1", "0.5,")),
+    "zero velocity": ("m.csv:3", "velocity is 0|positive speed", row("0,0.9,0.1")),
+    "negative velocity": ("m.csv:3", "velocity is -0.5|positive speed", row("-0.5,0.9,1")),
+    "velocity at the limit": ("m.csv:3", "velocity|341|340.317 m/s", row("341,0.9,0.1")),
+    "negative restitution": ("m.csv:3", "restitution|-0.1|0 or more", row("0.5,-0.1,0.1")),
+    "restitution far above one": ("m.csv:4", "restitution|1.51|at most 1", row("2.0,1.51,0.004", 4)),
+    "zero uncertainty": ("m.csv:3", "uncertainty is 0|positive number", row("0.5,0.9,0")),
+    "zero drop height": ("m.csv:3", "drop_height is 0|positive height", under("h0 [cm],h1 [cm]", "10,8", "0,0")),
+    "negative rebound height": ("m.csv:2", "rebound_height|-1|0 m or more", under("h0,h1", "1,-1")),
+    "a ratio of heights for a restitution": (
+        "m.csv:3",
+        "restitution|0.64|ratio of the heights|√|0.8",
+        under("drop_height,rebound_height,restitution", "1.0,0.81,0.9", "1.0,0.64,0.64"),
+    ),
+    "heights exchanged": ("m.csv:3", "rebound_height|1.6|drop_height, 1", under("h0,h1", "2,1", "1,1.6")),
+    "negative interval": ("m.csv:4", "interval|-0.5|positive time", under("dt,launch", "600,1", "540,1", "-0.5,1")),
+    "one interval a launch": ("m.csv:1", "launch|1 row|2 rows", under("interval,launch", "0.6,1", "0.5,2")),
+    "two times a launch": ("m.csv:1", "launch|2 row|3 rows", under("time", "0.6", "0.9")),
+    "times that go back": ("m.csv:4", "time|0.1|launch", under("time", "0.2", "0.9", "0.1", "0.7")),
+    "a new drop without its label": ("m.csv:4", "interval|1.5|launch", under("interval", "1", ".9", "1.5")),
+    "a new drop among times": ("m.csv:5", "time|3.4|launch", under("time", "0", "1", "1.9", "3.4")),
+    "interval longer than the one before": (
+        "m.csv:4",
+        "restitution|1.6|at most 1",
+        under("interval,launch", "0.6,1", "0.5,1", "0.5,2", "0.8,2"),
+    ),
+}  # fmt: skip
+
+# material files, read by `cal.read_toml`; with their data where it is another
+TOML_FILES = {
+    "no TOML": ("m.toml:5", "TOML|key = value", key(5, "density == 8030")),
+    "text without quotation marks": ("m.toml:2", "TOML|quotation marks", key(2, "name = my alloy")),
+    "key twice": ("m.toml:7", "TOML|key = value", key(7, "density = 1.0")),
+    "text without end": ("m.toml:8", "TOML", key(2, 'name = """')),
+    "a TOML that is not UTF-8": ("m.toml:2", "UTF-8", key(2, 'name = "Ø"').encode("latin-1")),
+    "an empty TOML": ("m.toml:1", "no material|[[material]]", ""),
+    "one table for an array": ("m.toml:1", "material|[[material]]", TOML.replace("[[", "[", 1).replace("]]", "]", 1)),
+    "unknown key": ("m.toml:3", "'young_modulus'|did you mean 'youngs_modulus'", key(3, "young_modulus = 1e11")),
+    "unknown key of a wall": ("m.toml:14", "'x'|youngs_modulus", TOML + WALL + "x = 1\n"),
+    "unknown table": ("m.toml:9", "'fits'|did you mean 'fit'", TOML + "[fits]\nx = 1\n"),
+    "missing property": ("m.toml:1", "density|missing|yield_strength", key(5, "")),
+    "missing property of a wall": ("m.toml:9", "youngs_modulus|missing", TOML + "[material.wall]\ndensity = 1.0\n"),
+    "negative modulus": ("m.toml:3", "youngs_modulus|-1|positive number [Pa]", key(3, "youngs_modulus = -1")),
+    "zero density": ("m.toml:5", "density is 0|positive number", key(5, "density = 0.0")),
+    "text for a number": ("m.toml:5", 'density|"8030"|[kg/m³]', key(5, 'density = "8030"')),
+    "truth for a number": ("m.toml:5", "density|true|[kg/m³]", key(5, "density = true")),
+    "NaN property": ("m.toml:6", "yield_strength|nan|[Pa]", key(6, "yield_strength = nan")),
+    "a whole number beyond floats": ("m.toml:5", "density|digits|positive number", key(5, "density = " + "9" * 400)),
+    "a number of 5000 digits": ("m.toml:8", "TOML", key(5, "density = " + "9" * 5000)),
+    "yield strength in MPa": ("m.toml:6", "yield_strength|0.3403 m/s|Pa", key(6, "yield_strength = 310")),
+    "a wall's yield strength in MPa": ("m.toml:13", "yield_strength|0.3403 m/s", TOML + WALL.replace("3.10e8", "310")),
+    "one velocity beyond": ("m.csv:4", "velocity|2|1.1204 m/s|of the bodies", key(6, "yield_strength = 3360")),
+    "Poisson's ratio": ("m.toml:4", "poisson_ratio|0.51|(-1, 0.5]", key(4, "poisson_ratio = 0.51")),
+    "Poisson's ratio of -1": ("m.toml:4", "poisson_ratio|-1|(-1, 0.5]", key(4, "poisson_ratio = -1")),
+    "no radius": ("m.toml:1", "none|radius|radius_1", key(7, "")),
+    "three radii": ("m.toml:7", "radius, radius_1|radius_2", key(7, "radius = 0.01\nradius_1 = 0.02")),
+    "radius and diameter": ("m.toml:7", "radius, diameter", key(7, "radius = 0.01\ndiameter = 0.02")),
+    "one radius, one diameter": ("m.toml:7", "radius_1, diameter_2", key(7, "radius_1 = 0.01\ndiameter_2 = 0.02")),
+    "a wall and two radii": (
+        "m.toml:1",
+        "wall|radius|diameter",
+        key(7, "radius_1 = 0.01\nradius_2 = 0.02") + '[material.wall]\nmaterial = "nylon"\n',
+    ),
+    "wall and second body": ("m.toml:14", "wall|second|one", TOML + WALL + "[material.second]\ndensity = 1.0\n"),
+    "unknown area": ("m.toml:9", "area|\"herz\"|\"zhou\"|did you mean 'hertz'", TOML + 'area = "herz"\n'),
+    "no contact of these sizes": ("m.toml:1", "contact|other", key(7, "radius = 1e-200")),
+    "a material without a source": (
+        "m.toml:2",
+        'material|"AISI 304"|"stainless steel", "chrome steel", "nylon"',
+        '[[material]]\nmaterial = "AISI 304"\nradius = 0.01\ndata = "m.csv"\n',
+    ),
+    "a known material and a property": (
+        "m.toml:3",
+        "density|material|either",
+        '[[material]]\nmaterial = "nylon"\ndensity = 8000\nradius = 0.01\ndata = "m.csv"\n',
+    ),
+    "two of one name": ("m.toml:10", "'my alloy'|name", TOML + TOML),
+    "a name that is a number": ("m.toml:2", "name is 3|text", key(2, "name = 3")),
+    "no data": ("m.toml:1", "data|missing|CSV", key(8, "")),
+    "missing data file": ("m.toml:8", "n.csv|not there|CSV", key(8, 'data = "n.csv"')),
+    "number for a file": ("m.toml:8", "data is 3|text", key(8, "data = 3")),
+    "a directory for a data file": ("", "is a directory|file", key(8, 'data = "."')),
+    "a data file beyond names": ("m.toml:8", "aaa|CSV", key(8, f'data = "{"a" * 5000}"')),
+    "uncertainty twice": ("m.csv:1", "uncertainty|column|once", TOML + "uncertainty = 0.01\n"),
+    "negative uncertainty": ("m.toml:9", "uncertainty|-0.01|positive number", TOML + "uncertainty = -0.01\n"),
+    "gravity without a use": ("m.csv:1", "gravity|velocities", TOML + "gravity = 9.81\n"),
+    "an uncertainty of what was not measured": (
+        "m.csv:1",
+        "interval_uncertainty|velocity and restitution",
+        TOML + 'interval_uncertainty = "1 ms"\n',
+    ),
+    "repeats": ("m.toml:9", 'average_repeats|"yes"|true|false|"pooled"', TOML + 'average_repeats = "yes"\n'),
+    "repeats of a train": (
+        "m.toml:9",
+        "average|repeats|trains",
+        TOML + "average_repeats = true\n",
+        under("interval", "0.5", "0.45", "0.4"),
+    ),
+    "fit as a value": ("m.toml:1", "fit is 3|[fit]", "fit = 3\n" + TOML),
+    "unknown unit of a property": (
+        "m.toml:3",
+        "youngs_modulus|193 gpa|Pa, kPa, MPa, GPa|did you mean 'GPa'",
+        key(3, 'youngs_modulus = "193 gpa"'),
+    ),
+    "another dimension": ("m.toml:7", "radius|12.7 ms|m, cm, mm", key(7, 'radius = "12.7 ms"')),
+    "decimal comma in a quantity": ("m.toml:7", "radius|12,7 mm|[m]", key(7, 'radius = "12,7 mm"')),
+    "two points in a quantity": ("m.toml:7", "radius|1.5.2 mm|[m]", key(7, 'radius = "1.5.2 mm"')),
+    "a unit alone": ("m.toml:7", "radius|mm|[m]", key(7, 'radius = "mm"')),
+    "percent of nothing": ("m.toml:7", "radius|5 %|[m]", key(7, 'radius = "5 %"')),
+    "a quantity beyond floats": ("m.toml:7", "radius|1e999 mm|[m]", key(7, 'radius = "1e999 mm"')),
+    "escape sequences": ("m.toml:3", r"\x1b[31m\nred\u202e|known", key(3, r'"\u001b[31m\nred\u202E" = 1')),
+    "a key without end": ("m.toml:3", "kkkkkkkk|known", key(3, "k" * 20000 + " = 1")),
+    "a key below a text of many lines": (
+        "m.toml:15",
+        "'x'|known",
+        'fit = { seed = 1, law = "zhou # [no]" }\n'
+        + key(2, 'name = """\n[material]\nx = 1 # "\n\\""""')
+        + "# [[material]]\n\n'x' = 'a # = b'\n",
+    ),
+    "a key below a list of many lines": (
+        "m.toml:7",
+        "'x'|known",
+        '[[material]]\ndata = "m.csv"\nparameters = { chi = { prior = [ # ]\n  1.0, # [\n  2.0,\n] } }\nx = 1\n',
+    ),
+    "a key of the second material": ("m.toml:18", "'x'|known", TOML + "\n" + TOML.replace("my", "no") + "  x\t= 1\n"),
+    "a TOML of 3 MB": ("m.toml", "2 MiB|smaller", "#" * 3_000_000),
+}  # fmt: skip
+
+# material files, read by `cal.read_problem`
+SAID = TOML + "[material.parameters]\n"
+BARE = '[[material]]\nname = "bare"\ndata = "m.csv"\n[material.parameters]\n'
+PROBLEMS = {
+    "unknown field of a parameter": ("m.toml:10", "'start'|free, value", SAID + "chi = { start = 1.0 }\n"),
+    "value out of its bounds": (
+        "m.toml:11",
+        "value of chi|3|[1, 2]",
+        SAID + "[material.parameters.chi]\nvalue = 3.0\nbounds = [1.0, 2.0]\n",
+    ),
+    "bounds the wrong way round": ("m.toml:10", "bounds of sigma|[2.0, 1.0]", SAID + "sigma = { bounds = [2.0, 1.0] }\n"),
+    "prior without a width": ("m.toml:10", "prior of sigma|[2.0, 0.0]|positive", SAID + "sigma = { prior = [2.0, 0.0] }\n"),
+    "prior of one number": ("m.toml:10", "prior of sigma|2|[mean, standard deviation]", SAID + "sigma = { prior = 2.0 }\n"),
+    "unknown transform": ("m.toml:10", "transform of sigma|sqrt|log, logit, none", SAID + 'sigma = { transform = "sqrt" }\n'),
+    "bounds of what is fixed": (
+        "m.toml:10",
+        "bounds of psi|free is false",
+        SAID + "psi = { free = false, value = 0.5, bounds = [0.1, 1.0] }\n",
+    ),
+    "free as a word": ("m.toml:10", "free of psi|no|true or false", SAID + 'psi = { free = "no" }\n'),
+    "text for a parameter": ("m.toml:10", 'psi|"half"|number', SAID + 'psi = "half"\n'),
+    "chi beside its line": ("m.toml:10", "chi|c1|c2", SAID + "chi = 1.0\n[parameters]\nc1 = { value = 0.0 }\n"),
+    "unknown objective": ("m.toml:10", "objective|\"twostep\"|did you mean 'two-step'", TOML + '[fit]\nobjective = "twostep"\n'),
+    "unknown setting": ("m.toml:11", "'seeds'|did you mean 'seed'", TOML + "[fit]\nstarts = 8\nseeds = 1\n"),
+    "half a seed": ("m.toml:10", "seed is 1.5|whole number of 0", TOML + "[fit]\nseed = 1.5\n"),
+    "no starts": ("m.toml:10", "starts is 0|1 or more", TOML + "[fit]\nstarts = 0\n"),
+    "confidence in percent": ("m.toml:10", "confidence is 95|1", TOML + "[fit]\nconfidence = 95\n"),
+    "tolerance of the energy balance": (
+        "m.toml:11",
+        'rtol|route = "ode"',
+        TOML + '[fit]\nroute = "energy balance"\nrtol = 1e-6\n',
+    ),
+    "an objective that is a law": ("m.toml:10", 'objective|"empirical"|law = "eq-17"', TOML + '[fit]\nobjective = "empirical"\n'),
+    "scatter as a number": ("m.toml:10", "extra_scatter is 0.01|true or false", TOML + "[fit]\nextra_scatter = 0.01\n"),
+}  # fmt: skip
+
+# the same, read by `cal.read_problem` and fitted: what the law refuses has its line too
+FITS = {
+    "unknown parameter": ("m.toml:10", "parameter is xi|chi, sigma, psi", SAID + "xi = 1.0\n"),
+    "value out of range": ("m.toml:10", "value of psi is 0|positive", SAID + "psi = 0\n"),
+    "bounds out of range": ("m.toml:10", "bounds of sigma|[-1, 1]|[0, inf", SAID + "sigma = { bounds = [-1.0, 1.0] }\n"),
+    "logit without bounds": ("m.toml:10", "transform of sigma|logit|bounds", SAID + 'sigma = { transform = "logit" }\n'),
+    "fixed without a value": ("m.toml:10", "value of psi|missing", SAID + "psi = { free = false }\n"),
+    "chi without elastic properties": ("m.toml:5", "chi|restitution", BARE + "chi = 1.0\n"),
+}  # fmt: skip
+
+# tables from Python and further arguments of `from_table`; {} where there are none
+PLAIN = {"velocity": [1.0, 2.0], "restitution": [0.9, 0.8]}
+SPEEDS = {"v_in": [1.0, 2.0], "v_out": [0.9, 1.6]}
+HEIGHTS = {"drop_height": [1.0, 2.0], "rebound_height": [0.9, 1.6]}
+TRAIN = {"interval": [1.0, 0.9, 0.8]}
+COLUMNS = {
+    "one column of two": ("set of columns", "velocity with restitution|is velocity", {"velocity": [1.0]}, {}),
+    "a launch beside a velocity": ("set of columns", "velocity", {"velocity": [1.0], "launch": [1.0]}, {}),
+    "no columns": ("set of columns", "empty", {}, {}),
+    "rows in place of columns": ("set of columns", "empty", [[1.0, 0.9]], {}),
+    "a column that nobody knows": ("set of columns", "'colour'|none is known", {"colour": [1.0]}, {}),
+    "before or after": ("set of columns", "'v1'|impact_velocity or rebound_velocity", {"v1": [1.0], "v2": [1.0]}, {}),
+    "a slip of the pen": ("column", "did you mean 'restitution'", {"v": [1.0], "restituion": [0.9]}, {}),
+    "a slip in a name with a unit": ("column", "did you mean 'drop_height'", {"drop hight (cm)": [1.0], "h1": [0.9]}, {}),
+    "columns of other lengths": ("restitution", "as long as `velocity`|1", {"v": [1.0, 2.0], "e": [0.9]}, {}),
+    "words for velocities": ("velocity", "real numbers", {"velocity": ["fast"], "restitution": [0.9]}, {}),
+    "nothing measured": ("set of rows", "velocity, restitution", {"v": [NAN], "e": [0.9]}, {}),
+    "an infinite velocity": ("velocity[0]", "inf|positive speed", {"v": [math.inf], "e": [0.9]}, {}),
+    "a row below one that is left out": ("velocity[3]", "-3|positive speed", {"v": [1.0, NAN, 2.0, -3.0], "e": [0.5] * 4}, {}),
+    "an uncertainty that is missing": (
+        "uncertainty[2]",
+        "empty|positive",
+        {"v": [1.0, NAN, 2.0], "e": [0.5] * 3, "uncertainty": [0.1, NAN, NAN]},
+        {},
+    ),
+    "more speed after than before": ("rebound_velocity[0]", "1.3|impact_velocity, 1", {"v_in": [1.0], "v_out": [1.3]}, {}),
+    "no speed before": ("impact_velocity[0]", "0|positive speed", {"v_in": [0.0], "v_out": [0.1]}, {}),
+    "one sign among others": ("rebound_velocity[1]", "-0.9|0 m/s or more", {"v_in": [1.0, 1.0], "v_out": [0.9, -0.9]}, {}),
+    "a restitution beside two velocities": ("restitution[1]", "0.7|rebound_velocity/impact_velocity, 0.8", SPEEDS | {"e": [0.9, 0.7]}, {}),
+    "ratios near one": (
+        "restitution[0]",
+        "0.98|√|ratio of the heights",
+        {"h0": np.ones(3), "h1": np.array([0.99, 0.985, 0.98]) ** 2, "e": [0.98, 0.97, 0.96]},
+        {},
+    ),
+    "one ratio among good points": (
+        "restitution[1]",
+        "0.64|ratio of the heights",
+        {"h0": np.ones(4), "h1": [0.81, 0.64, 0.98, 0.96], "e": [0.91, 0.64, 0.984, 0.985]},
+        {},
+    ),
+    "a restitution far from its heights": ("restitution[0]", "0.5|0.9", {"h0": [1.0, 1.0], "h1": [0.81, 0.64], "e": [0.5, 0.8]}, {}),
+    "an interval of zero": ("interval[1]", "0|positive time", {"interval": [1.0, 0.0]}, {}),
+    "an unlabelled launch": ("launch[1]", "empty|label", {"interval": [1.0, 0.9], "launch": ["a", ""]}, {}),
+    "timing of velocities": ("interval_uncertainty", "velocity and restitution", PLAIN, {"interval_uncertainty": 0.1}),
+    "heights of velocities": ("height_uncertainty", "velocity and restitution", PLAIN, {"height_uncertainty": 0.1}),
+    "gravity of two velocities": ("gravity", "velocities", SPEEDS, {"gravity": 9.81}),
+    "uncertainty as both": ("uncertainty", "column|once", PLAIN | {"uncertainty": [0.1, 0.1]}, {"uncertainty": 0.1}),
+    "group as both": ("group", "column|once", PLAIN | {"group": ["a", "b"]}, {"group": ["a", "b"]}),
+    "of both velocities and of one": (
+        "impact_velocity_uncertainty",
+        "once|velocity_uncertainty",
+        SPEEDS,
+        {"velocity_uncertainty": 0.1, "impact_velocity_uncertainty": 0.1},
+    ),
+    "of both heights and of one": (
+        "rebound_height_uncertainty",
+        "once|height_uncertainty",
+        HEIGHTS,
+        {"height_uncertainty": 0.1, "rebound_height_uncertainty": 0.1},
+    ),
+    "two names of the timing": (
+        "timing_uncertainty",
+        "once|interval_uncertainty",
+        TRAIN,
+        {"interval_uncertainty": 0.1, "timing_uncertainty": 0.1},
+    ),
+    "time of intervals": ("time_uncertainty", "interval", TRAIN, {"time_uncertainty": 0.1}),
+    "a timing of zero": ("interval_uncertainty[0]", "0|positive time", TRAIN, {"interval_uncertainty": 0.0}),
+    "a negative timing": ("interval_uncertainty", "-1|0 or more", TRAIN, {"interval_uncertainty": -1.0}),
+    "a timing in millimetres": ("unit", "[mm]|s, ms, us", TRAIN, {"interval_uncertainty": "1 mm"}),
+    "a timing without a unit": ("quantity", "'1'|unit", TRAIN, {"interval_uncertainty": "1"}),
+    "groups of another length": ("group", "as long as `interval`, 3", TRAIN, {"group": ["a"]}),
+    "percent of a time": ("timing_uncertainty", "percent|s, ms", {"time": [0, 1, 1.9]}, {"timing_uncertainty": "1 %"}),
+    "no uncertainty at all": ("uncertainty[0]", "0|positive", HEIGHTS, {"uncertainty": 0.0}),
+    "no gravity": ("gravity", "0|positive acceleration", TRAIN, {"gravity": 0.0}),
+    "gravity upwards": ("gravity", "-9.81|positive acceleration", TRAIN, {"gravity": -9.81}),
+    "a word for gravity": ("gravity", "strong|positive acceleration", TRAIN, {"gravity": "strong"}),
+}  # fmt: skip
+
+# arguments of `RestitutionData` that are not those of two good points
+ARGUMENTS = {
+    "a velocity of zero": ("velocity[1]", "0|positive speed", {"velocity": [1.0, 0.0]}),
+    "one velocity too few": ("restitution", "as long as `velocity`, 1|2", {"velocity": [1.0]}),
+    "a single number": ("velocity", "one-dimensional|()", {"velocity": 1.0}),
+    "no points": ("velocity", "one-dimensional|(0,)", {"velocity": []}),
+    "texts": ("velocity", "real numbers", {"velocity": ["1", "2"]}),
+    "complex numbers": ("velocity", "real numbers", {"velocity": [1j, 2.0]}),
+    "truth values": ("velocity", "real numbers", {"velocity": [True, False]}),
+    "a gap": ("velocity", "real numbers", {"velocity": [None, "x"]}),
+    "a velocity at its limit": ("velocity[1]", "2|limit velocity, 2 m/s", {"limit_velocity": 2.0}),
+    "a negative limit": ("limit_velocity", "-2|positive", {"limit_velocity": -2.0}),
+    "a word for a limit": ("limit_velocity", "fast|positive", {"limit_velocity": "fast"}),
+    "less than nothing": ("restitution[0]", "-1e-09|0 or more", {"restitution": [-1e-9, 0.5]}),
+    "no number": ("restitution[1]", "nan|0 or more", {"restitution": [0.5, NAN]}),
+    "sure of it": ("uncertainty[0]", "0|positive number", {"uncertainty": 0.0}),
+    "a negative uncertainty": ("uncertainty[1]", "-0.1|positive number", {"uncertainty": [0.1, -0.1]}),
+    "one uncertainty of two": ("uncertainty", "as long as `velocity`, 2|1", {"uncertainty": [0.1]}),
+    "a word for an uncertainty": ("uncertainty", "small|number", {"uncertainty": "small"}),
+    "a negative uncertainty of v": ("velocity_uncertainty[0]", "-1|0 m/s or more", {"velocity_uncertainty": -1.0}),
+    "a blank name": ("name", "' '|200", {"name": " "}),
+    "a name of 201 letters": ("name", "200", {"name": "x" * 201}),
+    "a number for a name": ("name", "3|200", {"name": 3}),
+    "one label of two": ("group", "as long as `velocity`, 2|1", {"group": ["a"]}),
+    "a text for labels": ("group", "ab|each point", {"group": "ab"}),
+    "a blank label": ("group[1]", "empty|label", {"group": ["a", " "]}),
+    "no label": ("group[1]", "empty|label", {"group": ["a", None]}),
+    "no number for a label": ("group[1]", "empty|label", {"group": ["a", NAN]}),
+    "degrees of one": ("degrees", "2|velocity", {"degrees": [1.0]}),
+    "no degrees": ("degrees", "0|positive", {"degrees": 0}),
+    "negative degrees": ("degrees[1]", "-1|positive", {"degrees": [1.0, -1.0]}),
+    "errors of three": ("errors", "3|as many points as `velocity`, 2", {"errors": cal.PointErrors.alone(3)}),
+    "uncertainty beside other errors": (
+        "uncertainty",
+        "errors",
+        {"uncertainty": 0.1, "errors": cal.PointErrors.alone(2, np.array([0.2, 0.2]))},
+    ),
+    "a material for a contact": ("contact", "softjax.Contact", {"contact": sj.NYLON}),
+}  # fmt: skip
+
+# how errors go together, by the call
+THREE = np.array([[0, 1, -1], [0, 2, -1], [0, 3, -1], [0, 4, -1]])  # one scale for four points
+STATED = cal.RestitutionData.from_table(TRAIN, interval_uncertainty=0.1)
+UNSTATED = cal.RestitutionData.from_table(TRAIN)
+CALLS = {
+    "an error of four points": ("index", "3", lambda: cal.PointErrors(THREE, 1.0 * THREE, 1.0 * THREE, np.ones(5))),
+    "points without an error": (
+        "covariance",
+        "positive definite",
+        lambda: cal.PointErrors.alone(2).covariance().whiten(np.ones(2)),
+    ),
+    "a size that is not stated": ("size", "None|unknown", lambda: UNSTATED.covariance_of()),
+    "a size beside stated ones": ("size", "0.1|unknown", lambda: STATED.covariance_of(size=0.1)),
+}  # fmt: skip
+
+
+def good_fields():
+    return {"velocity": [1.0, 2.0], "restitution": [0.9, 0.8]}
+
+
+def written(folder: Path, toml, csv=CSV) -> Path:
+    """Put a pair of files into a folder; the path of the TOML file."""
+    for name, content in {"m.toml": toml, "m.csv": csv}.items():
+        (folder / name).write_bytes(content if isinstance(content, bytes) else content.encode())
+    return folder / "m.toml"
+
+
+def fitted(path):
+    problem = cal.read_problem(path)
+    return cal.fit(problem.datasets, parameters=problem.parameters)
+
+
+# how each section is given to the library
+WAYS = {
+    "CSV files": (CSV_FILES, lambda folder, csv: cal.read_toml(written(folder, TOML, csv))),
+    "TOML files": (TOML_FILES, lambda folder, *files: cal.read_toml(written(folder, *files))),
+    "problems": (PROBLEMS, lambda folder, toml: cal.read_problem(written(folder, toml))),
+    "fits": (FITS, lambda folder, toml: fitted(written(folder, toml))),
+    "tables": (COLUMNS, lambda _, table, more: cal.RestitutionData.from_table(table, **more)),
+    "arguments": (ARGUMENTS, lambda _, changes: cal.RestitutionData(**(good_fields() | changes))),
+    "calls": (CALLS, lambda _, call: call()),
+}
+CASES = {(way, name): case for way, (cases, _) in WAYS.items() for name, case in cases.items()}
+
+
+def refusal(way: str, name: str, folder: Path) -> Exception | None:
+    """What the library says to a case, None where it accepts it."""
+    _, _, *given = CASES[way, name]
+    try:
+        WAYS[way][1](folder, *given)
+    except (cal.InputError, cal.DataError) as error:
+        return error
+    return None

@@ -1,0 +1,53 @@
+"""Every refusal names the place, what was given and what is accepted, in one line."""
+
+import pytest
+
+import calibration as cal
+from tests.command import run
+from tests.refusals.__main__ import sentence, sentences
+from tests.refusals.table import CASES, CSV, TOML, refusal, written
+
+LONGEST = 420  # characters beside the folder
+
+
+@pytest.mark.parametrize(("way", "name"), CASES)
+def test_a_refusal_names_place_value_and_what_is_accepted(way, name, tmp_path):
+    """A `ValueError` that knows its place: file and line, or the argument and its index."""
+    where, words, *_ = CASES[way, name]
+    error = refusal(way, name, tmp_path)
+    assert isinstance(error, ValueError), "accepted"
+    line = str(error).replace(str(tmp_path), "FOLDER")
+    assert line.isprintable()
+    assert len(line) < LONGEST
+    if isinstance(error, cal.InputError):
+        file, _, number = where.partition(":")
+        assert line.startswith(f"FOLDER/{where}: " if file else "FOLDER"), line
+        assert error.line == (int(number) if number else None)
+        assert error.problem
+        assert error.accepted
+    else:
+        assert f"`{where}`" in line, line
+    for word in words.split("|"):
+        assert word in line, line
+
+
+def test_the_files_that_the_cases_spoil_are_good(tmp_path):
+    (data,) = cal.read_problem(written(tmp_path, TOML, CSV)).datasets
+    assert len(data) == 3
+
+
+@pytest.mark.parametrize(("way", "name"), sentences())
+def test_whole_sentences(way, name, tmp_path):
+    """As `sentences.txt` has them, which `python -m tests.refusals` writes again."""
+    assert sentence(way, name, tmp_path) == sentences()[way, name]
+
+
+@pytest.mark.parametrize(
+    "place", [("CSV files", "NaN"), ("TOML files", "Poisson's ratio"), ("problems", "no starts")]
+)
+def test_a_command_says_the_same(place, tmp_path):
+    """One line on standard error, exit code 2, and nothing written."""
+    said = str(refusal(*place, tmp_path))
+    code, out, error = run("fit", tmp_path / "m.toml", "--out", tmp_path / "results", "--no-cache")
+    assert (code, out, error) == (2, "", said + "\n")
+    assert not (tmp_path / "results").exists()
