@@ -13,7 +13,7 @@ import softjax as sj
 from calibration.choices import OPTIONS
 from calibration.curve.options import COEFFICIENTS, VARIANTS
 from calibration.data.paper import CURVES, RADIUS, PaperCurve
-from calibration.errors import DataError, InputError, did_you_mean, listed, printable
+from calibration.errors import DataError, InputError, Origin, did_you_mean, listed, printable
 from calibration.fitting.collisions import ROUTES
 from calibration.fitting.known_laws import LAWS
 from calibration.parameters import Parameter
@@ -305,8 +305,8 @@ def _no_value(name: str, parameter: Parameter) -> InputError:
     problem = f"{name} is free" + ", and its value a start" * (parameter.value is not None)
     option = f"--{name} X" if name in COEFFICIENTS else f"--set {name}=X"
     accepted = f"give {option}, fix it by a plain number, or read its fit by --fit"
-    origin = parameter.origin
-    return InputError(origin and origin.file, origin and origin.line, problem, accepted)
+    place = parameter.origin or Origin("")  # a file's parameters have one
+    return InputError(place.file, place.line, problem, accepted)
 
 
 def _told(arguments: argparse.Namespace) -> dict[str, tuple[str, float | str]]:

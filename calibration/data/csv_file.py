@@ -31,6 +31,7 @@ from calibration.errors import DataError, InputError, Origin
 LARGEST = 64 * MIB
 ROWS, COLUMNS, CHARACTERS = 1_500_000, 1000, 65536
 BLOCK = 1 << 14  # rows that are held as text at a time
+MISSING = {"na", "n/a", "#n/a", "nan", "null", "none", "nil", "missing"}  # no units
 PLAIN = {",": re.compile(r"[-+.0-9eE \t]*"), ";": re.compile(r"[-+.,0-9eE \t]*")}
 PLAIN["\t"] = PLAIN[";"]
 
@@ -126,7 +127,10 @@ class CsvReader:
         return headers
 
     def _units(self, headers: list[str], body: Lines) -> tuple[list[str] | None, Lines]:
-        """The row of units below the header, if there is one, and the rows below it."""
+        """The row of units below the header, if there is one, and the rows below it.
+
+        It holds no number; one of missing values alone is a row of data.
+        """
         first = next(body, None)
         if first is None:
             return None, body
@@ -140,7 +144,8 @@ class CsvReader:
             for cell, name in zip(cells, names, strict=True)
             if name not in (None, *LABELS) and cell.strip()
         ]
-        if measured and not any(map(_is_number, measured)):
+        words = {cell.casefold() for cell in measured}
+        if words - MISSING and not any(map(_is_number, measured)):
             return cells, body
         return None, chain([first], body)
 

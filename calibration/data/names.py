@@ -65,7 +65,15 @@ AMBIGUOUS: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(("de", "δe", "delta_e", "δε"), ("uncertainty",)),
     **dict.fromkeys(("dh", "δh", "delta_h"), ("height_uncertainty",)),
 }
-UNCERTAIN = "uncertainty|unc|u|error|err|stdev|std|sd|sigma|σ|±"
+# an uncertainty is one of these words and the name of its quantity, in either order: u_v, v_err
+UNCERTAIN = ["uncertainty", "unc", "error", "err", "stdev", "std", "sd", "sigma", "σ", "±"]
+BEFORE = (*UNCERTAIN, "u", *(f"{word}_{of}" for word in UNCERTAIN for of in ("of", "in")))
+OF = {"h": "height", "height": "height", "t": "timing", "timing": "timing"}
+OF |= {word: name for word, name in KNOWN.items() if name in MEASURED}
+OF = {w: "uncertainty" if n == "restitution" else f"{n}_uncertainty" for w, n in OF.items()}
+SPELLED = {f"{before}_{word}": name for before in BEFORE for word, name in OF.items()}
+SPELLED |= {f"{word}_{behind}": name for behind in UNCERTAIN for word, name in OF.items()}
+SPELLED |= {f"±{word}": name for word, name in OF.items()}
 ALONE = "unc error err stdev std sd ± standard_deviation standard_uncertainty standard_error"
 KNOWN |= dict.fromkeys(ALONE.split(), "uncertainty")
 NEAR = 0.82  # of difflib: velocty is near to velocity, interval_index is not to interval
@@ -118,16 +126,7 @@ def dimension_of(name: str) -> str:
 def canonical(words: str) -> str | None:
     """The format's name for what a person calls a column; None where there is none."""
     name = plain(words)
-    if name in KNOWN:
-        return KNOWN[name]
-    match = re.fullmatch(rf"(?:{UNCERTAIN})_?(?:of_|in_)?(.+)|(.+?)_?(?:{UNCERTAIN})", name)
-    if match is None:
-        return None
-    of = (match[1] or match[2]).strip("_")
-    of = {"h": "height", "t": "timing"}.get(of, KNOWN.get(of, of))
-    if of == "restitution":
-        return "uncertainty"
-    return f"{of}_uncertainty" if f"{of}_uncertainty" in UNCERTAINTIES else None
+    return KNOWN.get(name) or SPELLED.get(name)
 
 
 def plain(words: str) -> str:
