@@ -3,25 +3,35 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from calibration.fitting.component_fit import ComponentFit
+from calibration.fitting.noise import (
+    LEAST,
+    as_measured,
+    known_variances,
+    level,
+    slopes_at,
+    with_slopes,
+)
+from calibration.fitting.plan import ErrorPlan
 from calibration.fitting.problem import AT_ONCE, Lanes, Problem
 from calibration.fitting.refits import refit
 
 EXACT = 1_000_000  # impacts up to which every point is left out by a refit
 EXACT_BY_TIME = 20_000  # the same where every impact is integrated over time
 SEEN = 1e-9  # singular values below that of the largest are none
-LEAST_SQUARES = 1e-30  # of the residuals of data without noise
 
 
 @dataclass(frozen=True)
 class LeaveOneOut:
     """Each point predicted by the fit without it.
 
-    Where data have groups all of a group is left out together.
+    Where data have groups all of a group is left out together. The density is that of the measured ε
+    at the measured velocity, whose error is carried into ε by the curve's slope.
 
     Attributes:
         predicted: ε, (n,), in the order of the data sets' points.
@@ -140,19 +150,20 @@ def _measured(problem: Problem) -> Float[np.ndarray, "n"]:
 
 
 def _scored(fit: ComponentFit, z: np.ndarray, converged: np.ndarray, fold) -> LeaveOneOut:
-    """Predictions and densities of what each refit left out."""
-    problem = fit.final.problem
-    predicted, density = np.empty(problem.count), np.empty(problem.count)
+    """Predictions and densities of what each refit left out, at the measured velocities."""
+    problem = as_measured(fit.final.problem, fit.z)
+    measured, residual, density = _measured(problem), *np.empty((2, problem.count))
     most = max(1, AT_ONCE // problem.count)
     for first in range(0, len(z), most):
-        found = problem.linearise(z[first : first + most])
+        some = z[first : first + most]
+        found = problem.linearise(some)
+        slope = None if problem.latent is None else slopes_at(problem, some)
         searched = _searched(fit, found.jacobian)
         for k, (prediction, jacobian) in enumerate(zip(found.prediction, searched, strict=True)):
-            rows = fold == first + k
-            predicted[rows] = prediction[rows]
-            density[rows] = _densities(fit, prediction, jacobian, rows)
-    residual = predicted - _measured(problem)
-    return LeaveOneOut(predicted, residual, density, fold, True, bool(np.all(converged)))
+            rows, off = fold == first + k, prediction - measured
+            at = problem if slope is None else with_slopes(problem, slope[k])
+            residual[rows], density[rows] = off[rows], _densities(at, off, jacobian, rows)
+    return LeaveOneOut(residual + measured, residual, density, fold, True, bool(np.all(converged)))
 
 
 def _searched(fit: ComponentFit, jacobian: Float[np.ndarray, "fits m p"]) -> np.ndarray:
@@ -162,64 +173,123 @@ def _searched(fit: ComponentFit, jacobian: Float[np.ndarray, "fits m p"]) -> np.
     return np.where(held, 0.0, jacobian / np.where(size > 0, size, 1.0))
 
 
-def _densities(fit: ComponentFit, prediction, jacobian, rows) -> np.ndarray:
-    """ln of the predictive density of the points `rows` by a fit to all others."""
-    problem = fit.final.problem
-    weight = problem.points.weight
-    weighted = (prediction - _measured(problem)) * weight
-    kept = np.ones(len(jacobian), bool)
+def _densities(problem: Problem, off, jacobian, rows) -> np.ndarray:
+    """ln of the predictive density of the points `rows` by a fit to all others.
+
+    Its variance is that of the point's own errors, and what the errors of the others make in the
+    prediction.
+    """
+    weight, kept = problem.points.weight, np.ones(len(jacobian), bool)
     kept[: len(rows)] = ~rows
     left, singular, right = np.linalg.svd(jacobian[kept], full_matrices=False)
     seen = singular > SEEN * max(np.max(singular, initial=0.0), SEEN)
-    used = float(np.sum(left[: np.sum(~rows), seen] ** 2))  # parameters that the points pay for
-    scale, degrees = _scale(fit, float(np.sum(weighted[~rows] ** 2)), np.sum(~rows) - used)
-    along = jacobian[: len(rows)][rows] @ right[seen].T / singular[seen]
-    deviation = scale * np.sqrt(1 + np.sum(along**2, axis=1))
-    density = log_density(weighted[rows] / deviation, degrees)
-    return density - np.log(deviation / weight[rows])
+    basis, leverage = left[:, seen], np.zeros(len(rows))
+    leverage[~rows] = np.sum(basis[: np.sum(~rows)] ** 2, axis=1)
+    variance, degrees = _noise_without(problem, off, leverage, ~rows)
+    errors = np.ones(len(basis))  # of the weighted points, and of the priors
+    errors[: np.sum(~rows)] = (variance * weight**2)[~rows]
+    influence = (jacobian[: len(rows)][rows] @ right[seen].T / singular[seen]) @ basis.T
+    deviation = np.sqrt(variance[rows] + influence**2 @ errors / weight[rows] ** 2)
+    return log_density(off[rows] / deviation, degrees[rows]) - np.log(deviation)
 
 
-def _scale(fit: ComponentFit, squares, degrees):
-    """Standard deviation of a weighted residual: one, or from the squares where it is not stated."""
-    if all(plan.stated for plan in fit.final.problem.plans):
-        return 1.0, None
-    degrees = np.maximum(degrees, 1.0)
-    return np.sqrt(np.maximum(squares, LEAST_SQUARES) / degrees), degrees
+def _noise_without(problem: Problem, off, leverage, kept) -> tuple[np.ndarray, np.ndarray]:
+    """The variance of each point's errors, each data set's from its kept points; degrees of freedom."""
+    variance, degrees = np.empty(len(off)), np.full(len(off), np.inf)
+    for g, plan in enumerate(problem.plans):
+        own = problem.points.set == g
+        known, some = known_variances(problem, g), kept[own]
+        some = some if np.any(some) else ~some
+        left = max(float(np.sum((1 - leverage[own])[some])), 1.0)
+        scatter, factor = level(plan, off[own][some], known[some], left)
+        total = scatter + factor * known
+        variance[own] = total
+        weight = np.sum(1 / total[some])
+        degrees[own] = _degrees(plan, total, scatter, left, np.sum(some) / weight)
+    return variance, degrees
+
+
+def _degrees(plan: ErrorPlan, total, scatter, left, mean):
+    """Degrees of freedom of variances s² + known with s² an estimate (Satterthwaite).
+
+    Args:
+        mean: the harmonic mean of the variances that s² was estimated among.
+    """
+    if plan.stated:
+        return np.inf
+    if "scatter" not in plan.unknown:
+        return left
+    # the variance of s² by Paule and Mandel; one that is hardly told has one degree of freedom
+    spread = np.minimum(2 * mean**2 / left, 2 * scatter**2)
+    return 2 * total**2 / spread
 
 
 def _continued(fit: ComponentFit, fold: Int[np.ndarray, "n"]) -> LeaveOneOut:
     """The fit without each fold to first order: exact for a linear model.
 
-    With U an orthonormal basis of the Jacobian's columns and B_g = (1 - U_gᵀ U_g)⁻¹, leaving the
-    fold g out takes its residuals from r_g to s_g = r_g + U_g B_g U_gᵀ r_g. It predicts them with
-    the variance 1 + u B_g uᵀ, in units of the noise, and lowers the sum of squares by r_gᵀ s_g. For
-    single points these are r/(1 - h) and 1/(1 - h).
+    With U an orthonormal basis of the Jacobian's columns and B_f = (1 - U_fᵀ U_f)⁻¹, leaving the
+    fold f out moves the fit by c_f = B_f U_fᵀ r_f, and a weighted residual from r to r + u c_f. The
+    prediction has the variance u B_f M_f B_f uᵀ, M_f = Σ uᵀ var(r) u over the other rows.
     """
-    problem = fit.final.problem
+    problem = as_measured(fit.final.problem, fit.z)
     measured, weight = _measured(problem), problem.points.weight
     found = problem.linearise(fit.z[None])
     left, singular, _ = np.linalg.svd(_searched(fit, found.jacobian)[0], full_matrices=False)
     basis = left[: problem.count, singular > SEEN * max(np.max(singular, initial=0.0), SEEN)]
-    weighted = (found.prediction[0] - measured) * weight
-    folds, p = int(np.max(fold)) + 1, basis.shape[1]
-    taken, pull = np.zeros((folds, p, p)), np.zeros((folds, p))
-    np.add.at(taken, fold, basis[:, :, None] * basis[:, None, :])
-    np.add.at(pull, fold, basis * weighted[:, None])
-    inverse = np.linalg.pinv(np.eye(p) - taken, rcond=SEEN, hermitian=True)[fold]
-    without = weighted + np.einsum("np,npq,nq->n", basis, inverse, pull[fold])
-    spread = 1 + np.einsum("np,npq,nq->n", basis, inverse, basis)
-    squares = np.sum(weighted**2) - np.bincount(fold, weighted * without)[fold]
-    used = float(np.sum(basis**2))
-    scale, degrees = _scale(fit, squares, problem.count - np.bincount(fold)[fold] - used)
-    deviation = scale * np.sqrt(spread)
-    density = log_density(without / deviation, degrees) - np.log(deviation / weight)
-    residual = without / weight
+    off, square = found.prediction[0] - measured, basis[:, :, None] * basis[:, None, :]
+    folds, one = int(np.max(fold)) + 1, np.eye(basis.shape[1])
+    inverse = np.linalg.pinv(one - _sums(square, fold, folds), rcond=SEEN, hermitian=True)
+    pull = _sums(basis * (off * weight)[:, None], fold, folds)
+    moved = np.einsum("fpq,fq->fp", inverse, pull)
+    turned = np.einsum("np,npq->nq", basis, inverse[fold])
+    residual = off + np.sum(basis * moved[fold], axis=1) / weight
+    variance, degrees = np.empty((2, problem.count))
+    middle = np.repeat((one - np.sum(square, axis=0))[None], folds, axis=0)  # of the priors
+    for g, plan in enumerate(problem.plans):
+        own, known = problem.points.set == g, known_variances(problem, g)
+        every, sums = np.sum(square[own], axis=0), partial(_sums, fold=fold[own], folds=folds)
+        scatter, factor = level(plan, off[own], known, max(len(known) - np.trace(every), 1.0))
+        total = scatter + factor * known
+        kept = len(known) - sums(np.ones(len(known)))
+        used = np.sum(inverse * every, axis=(1, 2)) - sums(np.sum((turned * basis)[own], axis=1))
+        free = np.maximum(kept - used, 1.0)
+        # Σ (r + u c)²/variance over the set less the fold
+        over = 1 / np.sqrt(total)
+        white, steep = off[own] * over, basis[own] * (over / weight[own])[:, None]
+        squares = (
+            np.sum(white**2) + 2 * moved @ (steep.T @ white) - sums((residual[own] * over) ** 2)
+        )
+        squares += np.sum(moved @ (steep.T @ steep) * moved, axis=1)
+        # a step of Newton's from the noise of all points, exact where nothing of it is known
+        excess = np.where((kept > 0) & (not plan.stated), squares / free - 1, 0.0)
+        others = np.maximum(np.sum(over**2) - sums(over**2), np.min(over**2))
+        mean = np.where(kept > 0, kept / others, scatter)
+        by_scale = "scale" in plan.unknown
+        unit, step, least = (total, 1.0, 1.0) if by_scale else (np.ones(len(known)), mean, scatter)
+        change = np.maximum(excess * step, (LEAST - 1) * least)
+        variance[own] = total + change[fold[own]] * unit
+        square_of = square[own] * weight[own, None, None] ** 2
+        middle += np.tensordot(total, square_of, 1) - sums(square_of * variance[own, None, None])
+        middle += change[:, None, None] * np.tensordot(unit, square_of, 1)
+        settled = [a[fold[own]] for a in (scatter + change, free, mean + change)]
+        degrees[own] = _degrees(plan, variance[own], *settled)
+    deviation = np.sqrt(
+        variance + np.einsum("np,npq,nq->n", turned, middle[fold], turned) / weight**2
+    )
+    density = log_density(residual / deviation, degrees) - np.log(deviation)
     return LeaveOneOut(residual + measured, residual, density, fold, False, True)
+
+
+def _sums(values: np.ndarray, fold: np.ndarray, folds: int) -> np.ndarray:
+    """Of the points of each fold."""
+    found = np.zeros((folds, *values.shape[1:]))
+    np.add.at(found, fold, values)
+    return found
 
 
 def _left_out_together(fit: ComponentFit) -> LeaveOneOut:
     """Without each group of points that share errors, by refits under the covariance of the fit."""
-    problem = fit.final.problem
+    problem = as_measured(fit.final.problem, fit.z)
     assert problem.shared is not None
     fold = np.empty(problem.count, int)
     for number, (rows, *_) in enumerate(_members(problem)):
@@ -247,7 +317,7 @@ def _left_out_together(fit: ComponentFit) -> LeaveOneOut:
 def _joint_density(residual: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     """ln of the normal density of points together: of each, those before it given."""
     lower = np.linalg.cholesky(0.5 * (covariance + covariance.T))
-    return log_density(np.linalg.solve(lower, residual), None) - np.log(np.diag(lower))
+    return log_density(np.linalg.solve(lower, residual), np.inf) - np.log(np.diag(lower))
 
 
 def _continued_together(fit: ComponentFit, fold: Int[np.ndarray, "n"]) -> LeaveOneOut:
@@ -256,7 +326,7 @@ def _continued_together(fit: ComponentFit, fold: Int[np.ndarray, "n"]) -> LeaveO
     With P = V⁻¹ - V⁻¹J (A₀ + JᵀV⁻¹J)⁻¹ JᵀV⁻¹ the residuals of a group b by the fit to all others are
     P_bb⁻¹ (P r)_b, of covariance P_bb⁻¹: exact for a linear model.
     """
-    problem = fit.final.problem
+    problem = as_measured(fit.final.problem, fit.z)
     found, measured = problem.linearise(fit.z[None]), _measured(problem)
     white, count = found.jacobian[0], problem.count
     inverse = np.linalg.pinv(white.T @ white, hermitian=True)
@@ -293,12 +363,11 @@ def _blocks(problem: Problem, off: np.ndarray, white: np.ndarray) -> Iterator[tu
         first = rows.stop
 
 
-def log_density(x: np.ndarray, degrees: float | np.ndarray | None) -> np.ndarray:
-    """ln of Student's density, or of the normal one where the noise is known."""
-    if degrees is None:
-        return -0.5 * (x**2 + math.log(2 * math.pi))
+def log_density(x: np.ndarray, degrees: float | np.ndarray) -> np.ndarray:
+    """ln of Student's density; of the normal one where the noise is known (infinite degrees)."""
     from scipy import special
 
-    level = special.gammaln(0.5 * (degrees + 1)) - special.gammaln(0.5 * degrees)
-    level = level - 0.5 * np.log(math.pi * degrees)
-    return level - 0.5 * (degrees + 1) * np.log1p(x**2 / degrees)
+    normal = -0.5 * (x**2 + math.log(2 * math.pi))
+    some = np.where(np.isinf(degrees), 1.0, degrees)
+    level = np.log(special.poch(0.5 * some, 0.5)) - 0.5 * np.log(math.pi * some)
+    return np.where(np.isinf(degrees), normal, level - 0.5 * (some + 1) * np.log1p(x**2 / some))

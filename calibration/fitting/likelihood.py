@@ -6,9 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.fitting.component_fit import ComponentFit
-from calibration.fitting.noise import seen_by
-from calibration.fitting.problem import Problem
-from calibration.fitting.variances import criterion, estimated
+from calibration.fitting.noise import as_measured, errors_of
+from calibration.fitting.plan import ErrorPlan
+from calibration.fitting.set_errors import SetErrors
+from calibration.fitting.variances import Seen, criterion, estimated
 
 ROUNDING = 1e-10  # rms of ε below which there is no noise to speak of
 
@@ -57,36 +58,26 @@ def likelihood_of(fits: list[ComponentFit]) -> Likelihood | None:
 
 
 def _of_component(fit: ComponentFit) -> Likelihood | None:
-    problem = fit.final.problem
-    if problem.shared is not None:
-        return _of_shared(fit, problem)
-    residual = problem.predict(fit.z[None])[0] - problem.points.restitution
+    """The Gaussian density at the measured velocities, unknown variances at its maximum."""
+    problem = as_measured(fit.final.problem, fit.z)
+    off = problem.predict(fit.z[None])[0] - problem.points.restitution
     log, noises = 0.0, 0
-    for g in range(len(problem.datasets)):
-        own = problem.points.set == g
-        deviation = fit.uncertainty.noise.deviation[0, own]
-        squares = (residual[own] / deviation) ** 2
-        if not problem.plans[g].stated:
-            noises += 1
-            # from the estimate with fewer degrees of freedom to the maximum
-            deviation = deviation * math.sqrt(float(np.mean(squares)))
-            if not np.min(deviation) > ROUNDING:
-                return None
-            squares = (residual[own] / deviation) ** 2
-        log -= 0.5 * float(np.sum(squares + np.log(2 * math.pi * deviation**2)))
-    return Likelihood(log, len(fit.z) + noises, problem.count)
-
-
-def _of_shared(fit: ComponentFit, problem: Problem) -> Likelihood:
-    """Where points share errors: with the variances at the maximum."""
-    assert problem.shared is not None
-    log, noises = 0.0, 0
-    parts = zip(problem.shared, problem.plans, seen_by(problem, fit.z), strict=True)
-    for errors, plan, seen in parts:
-        if plan.unknown:
-            largest = estimated(errors, seen, plan.unknown, restricted=False)
-            errors = errors.with_variance(largest)
+    for g, plan in enumerate(problem.plans):
+        residual = off[problem.points.set == g]
+        seen = Seen(residual, np.zeros((len(residual), 0)), np.zeros((0, 0)), np.zeros(0))
+        errors = _largest(errors_of(problem, g), seen, plan)
+        if plan.unknown and not np.min(errors.diagonal) > ROUNDING**2:
+            return None
         noises += len(plan.unknown)
-        points = len(seen.residual)
-        log -= 0.5 * (criterion(errors, seen, restricted=False) + points * math.log(2 * math.pi))
+        log -= 0.5 * criterion(errors, seen, restricted=False)
+        log -= 0.5 * len(residual) * math.log(2 * math.pi)
     return Likelihood(log, len(fit.z) + noises, problem.count)
+
+
+def _largest(errors: SetErrors, seen: Seen, plan: ErrorPlan) -> SetErrors:
+    """With the unknown variances that make the likelihood largest."""
+    if plan.plain:
+        return errors.with_variance({"scatter": float(np.mean(seen.residual**2))})
+    if not plan.unknown:
+        return errors
+    return errors.with_variance(estimated(errors, seen, plan.unknown, restricted=False))

@@ -17,6 +17,7 @@ from jaxtyping import Float
 from calibration.data import RestitutionData
 from calibration.fitting.latent import STEP, Curve, Latent, moved, not_moved, residual
 from calibration.fitting.losses import MAD
+from calibration.fitting.plan import ErrorPlan
 from calibration.fitting.pooling import respread
 from calibration.fitting.problem import Lanes, Problem
 from calibration.fitting.set_errors import SetErrors, Structure
@@ -83,17 +84,10 @@ def noise_of(problem: Problem, z: np.ndarray, lanes: Lanes | None = None) -> Noi
     deviation = np.ones(off.shape)
     for g, plan in enumerate(problem.plans):
         known = known_variances(problem, g)
-        if "scale" in plan.unknown:
-            factor = np.sum(off[:, sets[g]] ** 2 / known, axis=1) / left[:, g]
-            deviation[:, sets[g]] = np.sqrt(np.maximum(factor, 1e-300)[:, None] * known)
-        elif "scatter" in plan.unknown:
-            scatter = [
-                _scatter(problem, r, known, n)
-                for r, n in zip(off[:, sets[g]], left[:, g], strict=True)
-            ]
-            deviation[:, sets[g]] = np.sqrt(np.array(scatter)[:, None] + known)
-        else:
-            deviation[:, sets[g]] = np.sqrt(known)
+        each = zip(off[:, sets[g]], left[:, g], strict=True)
+        levels = [level(plan, r, known, n, problem.loss != "squared") for r, n in each]
+        scatter, factor = np.array(levels).T[:, :, None]
+        deviation[:, sets[g]] = np.sqrt(scatter + factor * known)
     return Noise(deviation, left)
 
 
@@ -163,12 +157,30 @@ def known_variances(problem: Problem, g: int) -> Float[np.ndarray, "n"]:
     return errors.covariance(slope).diagonal
 
 
-def _scatter(problem: Problem, residual, known, left: float) -> float:
+def errors_of(problem: Problem, g: int) -> SetErrors:
+    """V of a data set where its points are taken to be, with the variances found so far."""
+    data, at = problem.datasets[g], None if problem.latent is None else problem.latent[g]
+    errors, slope = (data.errors, np.zeros(len(data))) if at is None else (at.errors, at.slope)
+    group = data.group_index if "group" in problem.plans[g].unknown else None
+    before = {} if problem.shared is None else problem.shared[g].variance
+    return SetErrors(Structure(errors, slope, group), before)
+
+
+def level(plan: ErrorPlan, residual, known, left: float, robust: bool = False):
+    """s² and κ of variances s² + κ known, from residuals with `left` degrees of freedom."""
+    if "scale" in plan.unknown:
+        return 0.0, max(float(np.sum(residual**2 / known)) / left, 1e-300)
+    if "scatter" not in plan.unknown:
+        return 0.0, 1.0
+    return _scatter(residual, known, left, robust), 1.0
+
+
+def _scatter(residual, known, left: float, robust: bool) -> float:
     """s² with Σ r²/(s² + known) equal to the degrees of freedom (Paule and Mandel).
 
     A robust loss takes the median absolute deviation.
     """
-    if problem.loss != "squared":
+    if robust:
         whole = (MAD * float(np.median(np.abs(residual)))) ** 2
         return max(whole - float(np.median(known)), LEAST * whole, 1e-300)
     squares = residual**2
@@ -187,15 +199,8 @@ def _with_shared(problem: Problem, z: np.ndarray) -> Problem:
     fresh = problem.shared is None
     problem = problem.weighed(np.ones(problem.count)) if not fresh else problem
     found = []
-    for g, ((plan, data), seen) in enumerate(zip(_sets(problem), seen_by(problem, z), strict=True)):
-        at = None if problem.latent is None else problem.latent[g]
-        before = {} if problem.shared is None else problem.shared[g].variance
-        structure = Structure(
-            data.errors if at is None else at.errors,
-            np.zeros(len(data)) if at is None else at.slope,
-            data.group_index if "group" in plan.unknown else None,
-        )
-        errors = SetErrors(structure, before)
+    for g, (plan, seen) in enumerate(zip(problem.plans, seen_by(problem, z), strict=True)):
+        errors = errors_of(problem, g)
         variance = estimated(errors, seen, plan.unknown) if plan.unknown else {}
         found.append(errors.with_variance(variance))
     return replace(problem.weighed(np.ones(problem.count)), shared=tuple(found))
@@ -250,6 +255,36 @@ def _curves(problem: Problem, z: np.ndarray) -> list[Curve]:
         highest = np.where(measured <= limit, np.minimum(limit, highest), highest)
     rows = [problem.points.set == g for g in range(len(problem.datasets))]
     return [Curve(value[o], slope[o], bend[o], lowest[o], highest[o]) for o in rows]
+
+
+def as_measured(problem: Problem, z: np.ndarray) -> Problem:
+    """The problem at the measured velocities, whose errors are carried into ε by dε/dv at z."""
+    if problem.latent is None:
+        return problem
+    at = placed(problem, tuple(not_moved(data, np.zeros(len(data))) for data in problem.datasets))
+    limit = at.yields_at(z)
+    if limit is not None:
+        at = replace(at, elastic=at.points.velocity <= limit)
+    return with_slopes(at, slopes_at(at, z[None])[0])
+
+
+def with_slopes(problem: Problem, slope: Float[np.ndarray, "points"]) -> Problem:
+    """A problem at the measured velocities with these dε/dv of the curve."""
+    ends = np.cumsum([len(data) for data in problem.datasets])[:-1]
+    pairs = zip(problem.datasets, np.split(slope, ends), strict=True)
+    at = replace(problem, latent=tuple(not_moved(data, own) for data, own in pairs))
+    if problem.shared is None:
+        return at
+    return replace(at, shared=tuple(errors_of(at, g) for g in range(len(at.datasets))))
+
+
+def slopes_at(problem: Problem, z: Float[np.ndarray, "fits p"]) -> Float[np.ndarray, "fits points"]:
+    """dε/dv at the points, each on the branch that it is on, by differences of fourth order."""
+    velocity = problem.points.velocity
+    far_down, down, up, far_up = (
+        problem.at_velocity(velocity * (1 + k * STEP)).predict(z) for k in (-2, -1, 1, 2)
+    )
+    return (8 * (up - down) - (far_up - far_down)) / (12 * STEP * velocity)
 
 
 def _limit(data: RestitutionData):

@@ -101,13 +101,13 @@ class _Search:
     def __init__(self, errors: SetErrors, seen: Seen, unknown, restricted: bool):
         self.errors, self.seen, self.restricted = errors, seen, restricted
         self.unknown = unknown
-        square = max(float(np.mean(seen.residual**2)), 1e-30)
-        self.unit = np.array([square / _of_unit(errors, kind) for kind in unknown])
+        self.square = max(float(np.mean(seen.residual**2)), 1e-30)
+        self.unit = np.array([self.square / _of_unit(errors, kind) for kind in unknown])
 
     def variances(self, x) -> dict[str, float]:
         """0 where it is none; but something has to be left."""
         values = np.where(x > NONE, x, 0.0) * self.unit
-        if not np.any(values > 0) and not self._is_stated():
+        if not np.any(values > 0) and not self._is_definite():
             values[0] = NONE * self.unit[0]
         return dict(zip(self.unknown, map(float, values), strict=True))
 
@@ -164,9 +164,11 @@ class _Search:
             x = moved
         return x
 
-    def _is_stated(self) -> bool:
-        """Whether V is one without any of the unknown variances."""
-        return not self.errors.points.size_is_unknown and self.errors.points.uncertainty is not None
+    def _is_definite(self) -> bool:
+        """Whether every point has a variance without any of the unknown ones."""
+        if self.errors.points.size_is_unknown:
+            return False
+        return np.min(self.errors.with_variance({}).alone.diagonal) > NONE * self.square
 
 
 def _of_unit(errors: SetErrors, kind: str) -> float:

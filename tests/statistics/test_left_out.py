@@ -1,0 +1,279 @@
+"""Each point predicted by the fit to all others, against refits and densities by SciPy alone."""
+
+import numpy as np
+import pytest
+from scipy import integrate, optimize, stats
+
+import calibration as cal
+import softjax as sj
+from tests.decay import Decay
+
+QUICK = {"profiles": False, "starts": 1}
+SHARED = {name: cal.Parameter(shared=True) for name in ("level", "rate")}
+TRUTH = (0.92, 0.09)
+NOISE = 0.004
+
+
+def curve(v, level, rate):
+    return level * np.exp(-rate * v)
+
+
+def slope(v, level, rate):
+    return -rate * curve(v, level, rate)
+
+
+def gradient(v, level, rate):
+    return np.stack([np.exp(-rate * v), -v * curve(v, level, rate)], axis=-1)
+
+
+def imprecise(overstated=1.0, count=40, seed=3, share=0.1, **told):
+    """Velocities with errors of some share of them, stated as so many times what they are."""
+    random = np.random.default_rng(seed)
+    v = np.linspace(0.5, 8.0, count)
+    e = curve(v, *TRUTH) + NOISE * random.standard_normal(count)
+    measured = v + share * v / overstated * random.standard_normal(count)
+    return cal.RestitutionData(measured, e, velocity_uncertainty=share * v, **told)
+
+
+def without(data, k):
+    """θ of the likelihood of all points but one, its covariance, and the variance of every point.
+
+    Velocities are carried into ε by the slope.
+    """
+    v, e, of_v = data.velocity, data.restitution, data.velocity_uncertainty
+    kept = np.arange(len(v)) != k
+
+    def cost(theta):
+        variance = NOISE**2 + (slope(v, *theta) * of_v) ** 2
+        return 0.5 * np.sum(((curve(v, *theta) - e) ** 2 / variance + np.log(variance))[kept])
+
+    told = {"xatol": 1e-8, "fatol": 1e-10}
+    theta = optimize.minimize(cost, TRUTH, method="Nelder-Mead", options=told).x
+    return theta, *spread_at(data, kept, theta)
+
+
+def spread_at(data, kept, theta):
+    """The covariance of θ by some of the points, and the variance of every point."""
+    variance = NOISE**2 + (slope(data.velocity, *theta) * data.velocity_uncertainty) ** 2
+    rows = gradient(data.velocity, *theta)[kept]
+    return np.linalg.inv((rows / variance[kept, None]).T @ rows), variance
+
+
+@pytest.mark.parametrize("overstated", [1.0, 3.0])
+def test_a_velocity_with_an_error_is_not_corrected_by_the_point_left_out(overstated):
+    """Refits by SciPy; the corrected velocity of a point knows its ε: elpd 115.3 and rms 0.0021."""
+    data = imprecise(overstated, uncertainty=NOISE)
+    left = cal.fit(data, Decay, **QUICK).leave_one_out()
+    expected, predicted = [], []
+    for k in range(len(data)):
+        theta, covariance, variance = without(data, k)
+        row = gradient(data.velocity[k], *theta)
+        middle = curve(data.velocity[k], *theta)
+        spread = np.sqrt(variance[k] + row @ covariance @ row)
+        expected.append(stats.norm.logpdf(data.restitution[k], middle, spread))
+        predicted.append(middle)
+    assert left.elpd == pytest.approx(np.sum(expected), abs=0.3)
+    rms = np.sqrt(np.mean((predicted - data.restitution) ** 2))
+    assert left.rms == pytest.approx(rms, rel=0.04)
+    np.testing.assert_allclose(left.predicted, predicted, atol=0.005)
+
+
+def test_the_density_is_that_of_the_integral_over_the_true_velocity():
+    data = imprecise(uncertainty=NOISE)
+    left = cal.fit(data, Decay, **QUICK).leave_one_out()
+    expected = []
+    for k in range(len(data)):
+        theta, covariance, _ = without(data, k)
+        v, e, of_v = data.velocity[k], data.restitution[k], data.velocity_uncertainty[k]
+
+        def density(x, theta=theta, covariance=covariance, v=v, e=e, of_v=of_v):
+            row = gradient(x, *theta)
+            spread = np.sqrt(NOISE**2 + row @ covariance @ row)
+            return stats.norm.pdf(x, v, of_v) * stats.norm.pdf(e, curve(x, *theta), spread)
+
+        near = v + (e - curve(v, *theta)) / slope(v, *theta)
+        ends = max(v - 8 * of_v, 1e-6), v + 8 * of_v
+        points = [v, np.clip(near, *ends)]
+        expected.append(np.log(integrate.quad(density, *ends, points=points, limit=200)[0]))
+    assert left.elpd == pytest.approx(np.sum(expected), abs=0.5)
+
+
+class Straight(sj.HardSphereLaw):
+    """ε = a - b v."""
+
+    level: float = sj.number_field("a", "-", "level", within="(0, inf)")
+    fall: float = sj.number_field("b", "s/m", "fall", within="(0, inf)")
+
+    def restitution_squared(self, velocity):
+        return (self.level - self.fall * velocity) ** 2
+
+
+def test_a_wrong_law_does_not_tie_where_velocities_have_errors():
+    """24 behind in ln L and 26 in what it predicts; 12 ± 8, a tie, with velocities corrected."""
+    data = imprecise(uncertainty=NOISE, share=0.05)
+    starts = {"level": cal.Parameter(0.9), "fall": cal.Parameter(0.05)}
+    comparison = cal.compare(
+        data, {"decay": Decay, "straight": Straight}, parameters={"straight": starts}
+    )
+    likelihood = comparison["decay"].log_likelihood - comparison["straight"].log_likelihood
+    behind = comparison.entry("straight").behind
+    assert likelihood > 20
+    assert behind.value == pytest.approx(-likelihood, abs=5)
+    assert not behind.is_tie
+
+
+def with_one_moved(kind, value):
+    """Data whose point 5 has another ε, and what is asked of their fit."""
+    data = imprecise(count=24)
+    restitution = data.restitution.copy()
+    restitution[5] = value
+    stated = np.linspace(0.5, 1.5, 24) * NOISE
+    told = {"uncertainty": None if kind == "velocities, bare" else stated, "name": "A"}
+    if "velocities" in kind:
+        told["velocity_uncertainty"] = data.velocity_uncertainty
+    moved = cal.RestitutionData(data.velocity, restitution, **told)
+    if kind != "stated beside bare":
+        return moved, None, {"extra_scatter": kind == "extra scatter"}
+    bare = imprecise(count=24, seed=9)
+    return [moved, cal.RestitutionData(bare.velocity, bare.restitution, name="B")], SHARED, {}
+
+
+@pytest.mark.parametrize(
+    ("kind", "step"),
+    [
+        ("velocities", 0.01),
+        ("velocities, bare", 0.01),
+        ("extra scatter", 0.012),
+        ("stated beside bare", 0.003),
+    ],
+)
+def test_the_density_of_a_point_does_not_depend_on_it(kind, step):
+    """So it integrates to one over ε: what leaks from the point to its prediction makes it more."""
+    total = 0.0
+    for value in curve(imprecise(count=24).velocity[5], *TRUTH) + step * np.arange(-8, 9):
+        data, said, asked = with_one_moved(kind, value)
+        left = cal.fit(data, Decay, said, **asked, **QUICK).leave_one_out()
+        total += step * np.exp(left.log_density[5])
+    assert total == pytest.approx(1, abs=0.02)
+
+
+def joint(seed=0):
+    """A, whose stated uncertainties are too small by 2.5, and B, of which nothing is stated."""
+    random = np.random.default_rng(seed)
+    v, w = np.linspace(0.5, 6, 14), np.linspace(0.4, 7, 30)
+    u = np.linspace(0.02, 0.04, 14)
+    one = curve(v, *TRUTH) + 2.5 * u * random.standard_normal(14)
+    other = curve(w, *TRUTH) + 0.003 * random.standard_normal(30)
+    return [
+        cal.RestitutionData(v, one, uncertainty=u, name="A"),
+        cal.RestitutionData(w, other, name="B"),
+    ]
+
+
+def density_in_joint(sets, k):
+    """ln p of a point by weighted least squares to all others, B's noise from B's other points."""
+    v = np.concatenate([one.velocity for one in sets])
+    e = np.concatenate([one.restitution for one in sets])
+    of_b, kept, noise = np.arange(44) >= 14, np.arange(44) != k, 0.003
+    for _ in range(6):
+        u = np.concatenate([sets[0].uncertainty, np.full(30, noise)])
+        off = lambda theta, u=u: ((curve(v, *theta) - e) / u)[kept]  # noqa: E731
+        theta = optimize.least_squares(off, TRUTH, xtol=1e-15, ftol=1e-15, gtol=1e-15).x
+        rows = gradient(v, *theta) / u[:, None]
+        covariance = np.linalg.inv(rows[kept].T @ rows[kept])
+        leverage = np.einsum("np,pq,nq->n", rows, covariance, rows)
+        degrees = np.sum((1 - leverage)[of_b & kept])
+        noise = np.sqrt(np.sum((curve(v, *theta) - e)[of_b & kept] ** 2) / degrees)
+    spread = u[k] * np.sqrt(1 + leverage[k])
+    law = stats.t(degrees, 0, spread) if of_b[k] else stats.norm(0, spread)
+    return law.logpdf(e[k] - curve(v[k], *theta))
+
+
+def test_each_set_of_a_joint_fit_has_its_own_noise():
+    """Stated uncertainties stay what they are beside a set without: one factor for both gave 13.6."""
+    sets = joint()
+    left = cal.fit(sets, Decay, SHARED, **QUICK).leave_one_out()
+    expected = np.array([density_in_joint(sets, k) for k in (*range(14), 20, 43)])
+    np.testing.assert_allclose(left.log_density[:14], expected[:14], atol=1e-4)
+    np.testing.assert_allclose(left.log_density[[20, 43]], expected[14:], atol=0.02)
+    assert np.sum(left.log_density[:14]) < 1.0
+    assert left.exact
+
+
+def test_stated_uncertainties_are_used_as_they_are_where_no_scatter_is_left():
+    """Overstated three times, with scatter beside them to be found: the mean of the others."""
+    random = np.random.default_rng(8)
+    u = random.uniform(0.002, 0.01, 20)
+    e = 0.7 + 0.3 * u * random.standard_normal(20)
+    data = cal.RestitutionData(np.linspace(1, 3, 20), e, uncertainty=u)
+    left = cal.fit(data, "constant", extra_scatter=True, **QUICK).leave_one_out()
+    expected = []
+    for k in range(20):
+        w = np.delete(u**-2.0, k)
+        middle = np.sum(w * np.delete(e, k)) / np.sum(w)
+        expected.append(stats.norm.logpdf(e[k], middle, np.sqrt(u[k] ** 2 + 1 / np.sum(w))))
+    np.testing.assert_allclose(left.log_density, expected, atol=1e-4)
+
+
+def noise_by_hand(kind, u, carried, squares, kept):
+    """The variance of every point: as stated, by Paule and Mandel, or scaled by reduced χ²."""
+    if kind == "stated":
+        return u**2 + carried
+    if kind == "scaled":
+        return u**2 * np.sum(squares / u[kept] ** 2) / (len(squares) - 2)
+    known = carried if kind == "bare" else u**2
+    excess = lambda s: np.sum(squares / (s + known[kept])) - (len(squares) - 2)  # noqa: E731
+    return known + optimize.brentq(excess, 1e-9, 1e-2, xtol=1e-16)
+
+
+@pytest.mark.parametrize("kind", ["stated", "bare", "scatter", "scaled"])
+def test_many_points_are_left_out_to_first_order_by_the_same_density(kind):
+    """Beyond 1000 points nothing is refitted: against the fit of all but one, and its noise."""
+    data = imprecise(count=1100, seed=7)
+    u = np.linspace(0.5, 1.5, 1100) * NOISE
+    asked = {"extra_scatter": kind == "scatter", "scale_uncertainty": kind == "scaled"}
+    told = {} if kind == "bare" else {"uncertainty": u}
+    if kind in ("stated", "bare"):
+        told["velocity_uncertainty"] = data.velocity_uncertainty
+
+    def fitted(kept):
+        some = {name: values[kept] for name, values in told.items()}
+        points = cal.RestitutionData(data.velocity[kept], data.restitution[kept], **some)
+        return cal.fit(points, Decay, **asked, **QUICK)
+
+    whole = fitted(np.arange(1100))
+    left = whole.leave_one_out()
+    assert not left.exact
+    for k in (0, 300, 1099):
+        other = fitted(np.arange(1100) != k)
+        theta = other.values["level"], other.values["rate"]
+        middle = curve(data.velocity[k], *theta)
+        kept = np.arange(1100) != k
+        squares = (curve(data.velocity, *theta) - data.restitution)[kept] ** 2
+        carried = (slope(data.velocity, *theta) * data.velocity_uncertainty) ** 2
+        variance = noise_by_hand(kind, u, carried, squares, kept)[k]
+        expected = stats.norm.logpdf(data.restitution[k], middle, np.sqrt(variance))
+        assert left.log_density[k] == pytest.approx(expected, abs=0.02)
+        moved = whole.band(data.velocity[k]).coefficient - middle
+        assert abs(left.predicted[k] - middle) < 0.25 * abs(moved)
+
+
+def test_a_day_left_out_does_not_correct_its_velocities():
+    """Against the fit to the other days, at the measured velocities."""
+    data = imprecise(count=24)
+    days = np.arange(24) % 6
+    restitution = data.restitution + 0.01 * np.array([1.0, -1.2, 0.3, 0.8, -0.9, 0.0])[days]
+
+    def of(kept):
+        return cal.RestitutionData(
+            data.velocity[kept],
+            restitution[kept],
+            velocity_uncertainty=data.velocity_uncertainty[kept],
+            group=[f"day {k}" for k in days[kept]],
+        )
+
+    left = cal.fit(of(days >= 0), Decay, **QUICK).leave_one_out()
+    for day in (0, 3):
+        other = cal.fit(of(days != day), Decay, **QUICK)
+        expected = other.band(data.velocity[days == day]).coefficient
+        np.testing.assert_allclose(left.predicted[days == day], expected, atol=0.003)
