@@ -12,7 +12,7 @@ import softjax as sj
 from calibration.curve.digits import text_of
 from calibration.curve.source import Source
 from calibration.curve.stream import Rows, Span, Thinned, curve_rows, evaluator, in_one_size
-from calibration.curve.table import TableWriter, with_yield
+from calibration.curve.table import TableWriter, with_knots
 from calibration.curve.velocities import Column, Grid
 from calibration.curve.writers import CsvWriter, NpyWriter, status_names
 from calibration.errors import InputError
@@ -206,7 +206,7 @@ def table_of(source, blocks, path):
 def test_a_table_tells_how_far_interpolation_is_from_the_law(tmp_path):
     """Its header against exact values between its rows, 50 between every two of them."""
     grid = Grid(0.1, 60.0, 80, "log")
-    blocks = with_yield(NYLON, grid.blocks(32), (0.1, 60.0))
+    blocks = with_knots(NYLON, grid.blocks(32), (0.1, 60.0))
     header, found = table_of(NYLON, blocks, tmp_path / "c.txt")
     (told,) = [float(line.split(" by ")[1].split()[0]) for line in header if "errs by" in line]
     velocity = found[:, 0]
@@ -223,7 +223,7 @@ def test_a_table_tells_how_far_interpolation_is_from_the_law(tmp_path):
 def test_a_table_has_two_rows_where_restitution_jumps(tmp_path):
     """At first yield ε² rises by 2d/3: below it is Eq. (17)'s, above there is a gain of energy."""
     law, at = NYLON.law, float(NYLON.law.contact.critical_velocity)
-    blocks = with_yield(NYLON, Grid(0.5, 2.0, 10).blocks(4), (0.5, 2.0))
+    blocks = with_knots(NYLON, Grid(0.5, 2.0, 10).blocks(4), (0.5, 2.0))
     _, found = table_of(NYLON, blocks, tmp_path / "c.txt")
     assert len(found) == 12
     assert np.all(np.diff(found[:, 0]) > 0)
@@ -234,7 +234,7 @@ def test_a_table_has_two_rows_where_restitution_jumps(tmp_path):
     assert below[1] == pytest.approx(up, rel=1e-9)
     assert above[1] ** 2 - below[1] ** 2 == pytest.approx(2 * d / 3, rel=1e-4)
     assert above[2] ** 2 == pytest.approx(1 + 2 * d / 3, rel=1e-9)
-    outside = np.concatenate(list(with_yield(NYLON, Grid(1.0, 2.0, 5).blocks(), (1.0, 2.0))))
+    outside = np.concatenate(list(with_knots(NYLON, Grid(1.0, 2.0, 5).blocks(), (1.0, 2.0))))
     assert len(outside) == 5
 
 

@@ -16,7 +16,7 @@ Processes that are started together share the rows of --from, --to and --points:
     softjax curve nylon --points 1000000 --coordinator localhost:1234 --process 0 --processes 2
 
 A table (--table) has more columns: ε_p, duration, largest overlap and peak force; two rows at first
-yield, where ε may jump; and in its header how far linear interpolation is from the law. Where a fit
+yield, where ε may jump, and where ε ends; and in its header how far linear interpolation is from the law. Where a fit
 knows nothing, cells are empty and rows of a table are left out.
 """
 
@@ -135,7 +135,7 @@ def _pieces(arguments: argparse.Namespace, source: Any, velocities: Any, route: 
 
     formats = _formats(arguments)
     if parts is None:
-        blocks = _blocks(velocities, source, "table" in formats)
+        blocks = _blocks(velocities, source, route, "table" in formats)
         return ((rows, None) for rows in curve_rows(source, blocks, route))
     if "table" in formats:
         raise DataError("--table", "given", "left to one process")
@@ -159,14 +159,14 @@ def _finish(folder: Path, formats: set[str], source: Any, seen: Any, picture: An
         _draw(folder / FILES["png"], picture.rows(), source)
 
 
-def _blocks(velocities: Any, source: Any, for_a_table: bool) -> Any:
-    """The velocities asked for; for a table of a grid those at first yield too."""
-    from calibration.curve.table import with_yield
+def _blocks(velocities: Any, source: Any, route: Any, for_a_table: bool) -> Any:
+    """The velocities of the options; for a table of a grid those at first yield and at ends of ε too."""
+    from calibration.curve.table import with_knots
     from calibration.curve.velocities import Grid
 
     if not for_a_table or not isinstance(velocities, Grid):
         return velocities.blocks()
-    return with_yield(source, velocities.blocks(), (velocities.first, velocities.last))
+    return with_knots(source, velocities.blocks(), (velocities.first, velocities.last), route)
 
 
 def _writers(formats: set[str], folder: Path, source: Any, route: Any) -> Iterator[Any]:

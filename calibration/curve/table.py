@@ -1,10 +1,11 @@
 """Look-up tables for particle codes: ε and what happens in a collision, over ascending velocities.
 
-Between two rows a code interpolates linearly. So the table has two rows where ε jumps, at first
-yield, and tells in its header how far that leaves it from the law.
+Between two rows a code interpolates linearly. So the table has two rows at first yield, where ε jumps,
+and two where ε comes to 0, and its header says how far that leaves it from the law.
 """
 
-from collections.abc import Iterable, Iterator
+import math
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,8 +21,11 @@ from calibration.errors import InputError, printable
 from calibration.fitting.curves import yield_velocity
 
 COLUMNS = ("plastic_restitution", "duration[s]", "largest_overlap[m]", "peak_force[N]")
-ASIDE = 1e-12  # of the velocity at first yield, from there to the rows beside it
-INSIDE = np.array([0.25, 0.5, 0.75])  # where between two rows the law is looked at
+ASIDE = 1e-12  # of the velocity of a jump or of the end of ε, from there to the rows next to it
+# where between two rows the law is compared; then about the largest difference, ever closer
+INSIDE = np.linspace(0, 1, 9)[1:-1, None]
+CLOSER = np.linspace(-1, 1, 9)[:, None]
+INTERVALS, TIMES = 64, 10  # that are compared more closely, and how often by a quarter
 LOADING = np.linspace(0, 1, 65)[1:]  # of the largest overlap: where the force may be largest
 ROWS = 4096  # that are computed at once, each with its history or some of its forces
 SAMPLES = 201  # of a history, where the force depends on the velocity
@@ -38,17 +42,40 @@ class Impacts(NamedTuple):
     peak_force: Float[np.ndarray, " n"]
 
 
-def with_yield(
-    source: Source, blocks: Iterable[np.ndarray], span: tuple[float, float]
+def with_knots(
+    source: Source, blocks: Iterable[np.ndarray], span: tuple[float, float], route: Route = None
 ) -> Iterator[np.ndarray]:
-    """Ascending blocks with two velocities more, just below and just above first yield."""
+    """Ascending blocks with two velocities more at first yield, and two at each end of ε."""
     at = yield_velocity(source.law)
     knots = [] if at is None else [at * (1 - ASIDE), at * (1 + ASIDE)]
     left = np.array([v for v in knots if span[0] < v < span[1]])
+    exact, last = in_one_size(evaluator(source, route)), np.zeros(0)
     for block in blocks:
         here = left[left <= block[-1]]
         left = left[len(here) :]
-        yield np.union1d(block, here)
+        block = np.union1d(block, here)
+        ends = _ends(exact, np.concatenate([last, block]))
+        last = block[-1:]
+        yield np.union1d(block, ends)
+
+
+def _ends(exact: Callable[[np.ndarray], Rows], velocity: np.ndarray) -> np.ndarray:
+    """Two velocities about each place between neighbours where ε comes to 0, or leaves it."""
+    rebounds = np.nan_to_num(exact(velocity).coefficient, nan=-1.0)
+    jumps = np.flatnonzero((np.diff(np.sign(rebounds)) != 0) & (np.minimum(*_pairs(rebounds)) == 0))
+    low, high = velocity[jumps], velocity[jumps + 1]
+    sides = rebounds[jumps] > 0
+    for _ in range(100):
+        if np.all(high - low <= ASIDE * high):
+            break
+        middle = 0.5 * (low + high)
+        same = (exact(middle).coefficient > 0) == sides
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    return np.concatenate([low, high])
+
+
+def _pairs(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return values[:-1], values[1:]
 
 
 class TableWriter(Writer):
@@ -59,7 +86,7 @@ class TableWriter(Writer):
 
     def __init__(self, path: Path, source: Source, route: Route = None):
         super().__init__(path)
-        self._exact = in_one_size(evaluator(source, route))
+        self._exact, self._closer = (in_one_size(evaluator(source, route)) for _ in range(2))
         has_force = not isinstance(source.law, sj.HardSphereLaw)
         self._impacts = in_one_size(lambda v: impacts(source.law, v, route)) if has_force else None
         self._last: tuple[float, float] | None = None
@@ -96,7 +123,7 @@ class TableWriter(Writer):
 
     def _later(self) -> bytes:
         """What only the last row tells, of one length."""
-        error = ERROR.format(1.05 * self._error).encode()  # rounded up
+        error = ERROR.format(_rounded_up(1.01 * self._error)).encode()
         if self._source.result is None:
             return error
         last = self._first if self._last is None else self._last[0]
@@ -105,17 +132,41 @@ class TableWriter(Writer):
         return b"# " + (told or NOT_BEYOND).encode().ljust(room) + b"\n" + error
 
     def _between(self, velocity: np.ndarray, coefficient: np.ndarray) -> float:
-        """How far interpolation between neighbours is from the curve, the step at yield left out."""
+        """How far interpolation between neighbours is from the curve; rows at a jump left out.
+
+        Where the law bends or jumps between two rows the largest difference lies anywhere: it is
+        enclosed where the comparison finds the largest ones.
+        """
         wide = np.flatnonzero(np.diff(velocity) > 1e3 * ASIDE * velocity[1:])
         if not len(wide):
             return 0.0
-        share = INSIDE[:, None]
-        inner, told = (
-            np.ravel((1 - share) * ends[wide] + share * ends[wide + 1])
-            for ends in (velocity, coefficient)
-        )
-        apart = self._exact(inner).coefficient - told
-        return float(np.nanmax(np.abs(apart), initial=0.0))
+
+        def apart(exact, share, rows):
+            inner, told = (
+                (1 - share) * ends[rows] + share * ends[rows + 1]
+                for ends in (velocity, coefficient)
+            )
+            found = exact(np.ravel(inner)).coefficient.reshape(inner.shape) - told
+            return np.nan_to_num(np.abs(found))
+
+        found = apart(self._exact, INSIDE, wide)
+        rows = np.argsort(np.max(found, axis=0))[-INTERVALS:]
+        centre, reach = INSIDE[np.argmax(found[:, rows], axis=0), 0], 1 / 8
+        largest = float(np.max(found))
+        for _ in range(TIMES):
+            share = np.clip(centre + reach * CLOSER, 0, 1)
+            found = apart(self._closer, share, wide[rows])
+            centre = np.take_along_axis(share, np.argmax(found, axis=0)[None], axis=0)[0]
+            largest, reach = max(largest, float(np.max(found))), reach / 4
+        return largest
+
+
+def _rounded_up(value: float) -> float:
+    """To two digits."""
+    if value <= 0:
+        return 0.0
+    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return math.ceil(value / unit) * unit
 
 
 def impacts(law: sj.ContactLaw, velocity: Float[np.ndarray, " n"], route: Route = None) -> Impacts:

@@ -1,0 +1,95 @@
+"""What the header of a look-up table promises of linear interpolation is kept between all rows."""
+
+import re
+
+import numpy as np
+import pytest
+
+import softjax as sj
+from tests.cases import fitted, pair
+from tests.command import run
+
+ALLOY = pair("nylon")
+# options, the law, and lowest and highest velocity [m/s]
+TABLES = {
+    "a step at yield": ("", fitted("nylon"), 0.1, 60),
+    "an end of ε": ("--sigma 3 --chi 0.22 --psi 0.54", sj.Zhou(ALLOY, 0.22, 3.0, 0.54), 0.1, 300),
+    "a larger χ̃": ("--chi 6 --sigma 0.4 --psi 0.54", sj.Zhou(ALLOY, 6.0, 0.4, 0.54), 0.5, 300),
+    "the limit velocity": ("--law eq-17 --psi 0.54", None, 1, 400),
+    "a kink": ("--law thornton", sj.Thornton(ALLOY), 0.1, 60),
+    "from rest": (
+        "--law viscoelastic --set dissipation_time=1e-6",
+        sj.ViscoelasticHertz(ALLOY, 1e-6),
+        0,
+        60,
+    ),
+}
+
+
+def table_of(at):
+    """Velocity and restitution of the rows, and the promised error."""
+    path = at / "results" / "curve.txt"
+    promised = re.search(r"errs by (\S+) at most", path.read_text(encoding="utf-8"))
+    return *np.loadtxt(path)[:, :2].T, float(promised[1])
+
+
+def largest_error(law, velocity, coefficient, low, high):
+    """Over 40 000 random velocities; those within a step's two rows are in both."""
+    random = np.random.default_rng(3)
+    some = np.concatenate([random.uniform(low, high, 20_000), random.uniform(0, 1, (20_000,))])
+    gap = random.integers(len(velocity) - 1, size=20_000)
+    some[20_000:] = velocity[gap] + some[20_000:] * np.diff(velocity)[gap]
+    law_says = np.asarray(sj.restitution(law, some).coefficient)
+    return np.max(np.abs(np.interp(some, velocity, coefficient) - law_says))
+
+
+@pytest.mark.parametrize("points", [9, 24, 61])
+@pytest.mark.parametrize("name", TABLES)
+def test_no_velocity_errs_by_more(name, points, at):
+    """Fails where the law is compared at three places between two rows: by up to a third."""
+    options, law, low, high = TABLES[name]
+    if law is None:
+        law, extra = sj.EmpiricalRestitution(ALLOY.limit_velocity, 0.4, 0.54), "--sigma 0.4"
+        options = f"{options} {extra}"
+    words = ("--from", low, "--to", high, "--points", points, "--spacing", "lin", "--table")
+    code, _, error = run("curve", "nylon", *options.split(), *words)
+    assert code == 0, error
+    velocity, coefficient, promised = table_of(at)
+    assert np.all(np.diff(velocity) > 0)
+    found = largest_error(law, velocity, coefficient, low, high)
+    assert found <= promised
+    assert promised < 1.25 * found + 1e-12  # no empty promise
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_velocities_of_the_users_own(seed, at):
+    """Rows are his alone: a step, or the end of ε, lies anywhere between two of them."""
+    random = np.random.default_rng(seed)
+    velocity = np.unique(np.concatenate([[0.1, 300.0], random.uniform(0.1, 300, 7)]))
+    np.savetxt(at / "v.csv", velocity)
+    chi, sigma = random.uniform(0.1, 3), random.uniform(0.3, 3)
+    law = sj.Zhou(ALLOY, chi, sigma, 0.54)
+    words = (
+        f"--chi={chi!r}",
+        f"--sigma={sigma!r}",
+        "--psi=0.54",
+        "--velocities",
+        "v.csv",
+        "--table",
+    )
+    assert run("curve", "nylon", *words)[0] == 0
+    rows, coefficient, promised = table_of(at)
+    assert np.array_equal(rows, velocity)
+    found = largest_error(law, rows, coefficient, 0.1, 300)
+    assert found <= promised < 1.25 * found + 1e-12
+
+
+def test_the_end_of_restitution_has_two_rows(at):
+    """As close to each other as those at first yield: ε is above 0 at the first, 0 at the second."""
+    words = ("--chi", "0.22", "--sigma", "3", "--psi", "0.54", "--from", "0.1", "--to", "300")
+    assert run("curve", "nylon", *words, "--points", "9", "--table")[0] == 0
+    velocity, coefficient, _ = table_of(at)
+    last = np.flatnonzero(coefficient > 0)[-1]
+    assert velocity[last + 1] - velocity[last] <= 1e-12 * velocity[last + 1]
+    assert np.all(coefficient[last + 1 :] == 0)
+    assert len(velocity) == 9 + 2 + 2
