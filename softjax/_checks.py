@@ -63,7 +63,7 @@ def check(name: str, value, holds, accepted: str) -> np.ndarray | None:
         extremes = np.array([array.min(), array.max()]) if array.size else array
         if np.all(np.isfinite(extremes) & holds(extremes)):
             return extremes
-    raise ValueError(f"`{name}` must be {accepted}, but is {_shown(value)}")
+    raise ValueError(f"`{name}` must be {accepted}, but is {shown(value)}")
 
 
 def check_positive(name: str, value, what: str) -> None:
@@ -78,7 +78,7 @@ def check_choice(name: str, value, choices: tuple[str, ...]) -> None:
 
 def check_type(name: str, value, kind: type, accepted: str) -> None:
     if not isinstance(value, kind):
-        raise ValueError(f"`{name}` must be {accepted}, but is {_shown(value)}")
+        raise ValueError(f"`{name}` must be {accepted}, but is {shown(value)}")
 
 
 def truth_values(name: str, value):
@@ -89,7 +89,7 @@ def truth_values(name: str, value):
         values = None
     if not jnp.issubdtype(getattr(values, "dtype", float), np.bool_):
         raise ValueError(
-            f"`{name}` must be True, False or an array of these, but is {_shown(value)}"
+            f"`{name}` must be True, False or an array of these, but is {shown(value)}"
         )
     return values
 
@@ -130,6 +130,6 @@ def _extremes_here(value: jax.Array) -> np.ndarray | None:
     return np.array(ends, parts[0].dtype if parts else float)
 
 
-def _shown(value) -> str:
+def shown(value) -> str:
     text = " ".join(repr(value).split())
     return text if len(text) <= 80 else text[:77] + "..."

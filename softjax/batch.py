@@ -28,7 +28,7 @@ def collisions(impact: Impact, route: Taken, regime: str) -> Outcome:
 
 def durations(impact: Impact, route: Taken, regime: str) -> tuple[Array, Bool[Array, "..."]]:
     """Contact durations [s], and whether there is a contact that ends."""
-    law, moving = impact.law, jnp.where(impact.velocity > 0, impact.velocity, impact.acting)
+    law, moving = impact.law, jnp.where(impact.velocity > 0, impact.velocity, 1.0)
     if isinstance(law, HardSphereLaw):
         return jnp.zeros_like(moving), jnp.ones_like(impact.elastic)
     if isinstance(route, ClosedForm):

@@ -8,7 +8,6 @@ import pytest
 
 import softjax as sj
 from softjax.laws.zhou import FirstOrder, Full
-from tests import law_cases as lc
 from tests.cases import FITTED, FORMS, collide, compiled_soon, fitted, pair
 from tests.oracles import zhou_mp
 
@@ -177,8 +176,6 @@ def test_a_rate_dependent_law_has_no_energy_balance():
 @pytest.mark.parametrize("d", [1e-5, 6.7e-3, 0.3])
 def test_forces_and_works(form, d):
     law = CLOSED[form](jnp.asarray(d), jnp.asarray(7.6))
-    largest = min(float(law.largest_velocity()), 500.0)
-    lc.assert_works_are_those_of_the_forces(law, np.linspace(1.01, 0.97 * largest, 7))
     end = min(float(law.end()), 80.0)
     x = jnp.asarray([0.0, 0.3, 0.999, 1.001, *np.linspace(1.2, 0.99 * end, 12)])
     exact = [float(zhou_mp.loading(form, d, float(value))) for value in x]

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from softjax._checks import is_traced
+from softjax._checks import is_traced, shown
 from softjax.contact import Contact
 from softjax.fields import Number, number_field
 from softjax.laws.base import RateIndependentLaw, Reduced, ReducedClosedForm, Scales
@@ -75,9 +75,10 @@ class WaltonBraun(RateIndependentLaw):
 
 
 def _check_stiffer(loading, unloading) -> None:
-    # anything that is no array yet is a placeholder of JAX's own, which no check can look at
+    # anything that is no array of numbers is a placeholder of JAX's own, or has its own refusal
     known = all(
-        isinstance(a, float | np.ndarray) or hasattr(a, "dtype") for a in (loading, unloading)
+        isinstance(a, float) or getattr(getattr(a, "dtype", None), "kind", None) in ("f", "i", "u")
+        for a in (loading, unloading)
     )
     if not known or is_traced(loading) or is_traced(unloading):
         return
@@ -85,7 +86,7 @@ def _check_stiffer(loading, unloading) -> None:
     if np.any((np.asarray(unloading) < stiff) & np.isfinite(stiff)):  # else told by its own check
         raise ValueError(
             "`unloading_stiffness` must be at least `loading_stiffness` "
-            f"({loading!r} N/m), but is {unloading!r}"
+            f"({shown(loading)} N/m), but is {shown(unloading)}"
         )
 
 

@@ -1,0 +1,186 @@
+"""Ends of every range, in both precisions: nearly at rest, nearly plastic, hardly damped, just yielding."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import softjax as sj
+from tests import laws
+from tests.cases import compiled_soon
+from tests.laws import LAWS, PAIR, numbers, with_numbers
+
+EPS = {dtype: float(np.finfo(dtype).eps) for dtype in (np.float32, np.float64)}
+STIFFNESS = 1e6
+RATIO = np.array([1e3, 1e8, 1e12, 1e20])
+OTHERS = [pytest.param(n, marks=() if "zero-o" not in n else pytest.mark.long) for n in LAWS]
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_float32_from_rest_to_its_largest_velocities(name):
+    """Plain impacts as in 40 digits, hard ones numbers; slopes of ε finite, in float32 throughout."""
+    case, exact = LAWS[name], laws.expected(name)
+    velocity = np.concatenate([case.velocity, [0.0, 1e-30, 1e-6, 1.0, 1e5]]).astype(np.float32)
+    values = laws.repeated(case.law, velocity, np.float32)
+
+    @compiled_soon
+    def graded(values):
+        def total(values):
+            hit = sj.restitution(with_numbers(case.law, values), values["velocity"])
+            return hit.coefficient.sum(), (hit, hit.duration)
+
+        return jax.value_and_grad(total, has_aux=True)(values)
+
+    (_, (hit, duration)), slopes = graded(values)
+    for leaf in jax.tree.leaves((hit.coefficient, hit.peak_overlap, duration, slopes)):
+        assert leaf.dtype == np.float32
+        assert np.all(np.isfinite(leaf))
+    count = len(case.velocity)
+    sure = exact[:, 0] > 1e-20
+    for k, found in enumerate((hit.coefficient, hit.peak_overlap, None, duration)):
+        if found is not None:
+            error = np.abs(np.asarray(found, float)[:count] - exact[:, k])
+            size = np.where(exact[:, k] > 0, exact[:, k], 1.0)
+            assert np.all((error / size)[sure] < 3e-6), (k, error / size)
+    assert tuple(hit.status[:count]) == case.status
+    assert hit.coefficient[count] == 1
+    assert hit.status[count] == sj.Status.ELASTIC | sj.Status.ZERO_VELOCITY
+
+
+HARD = {
+    "velocity": np.array([0.0, 5e-324, 1e-310, 1e-300, 1e-150, 1.0, 1e5, 1e300]),
+    "time": np.array([0.0, 5e-324, 1e-300, 1e-6, 1.0, 1e30, 1e300]),
+}
+DAMPED = {
+    "viscoelastic": lambda time, r: sj.ViscoelasticHertz(PAIR, time),
+    "hertz-dashpot": lambda time, r: sj.HertzDashpot(PAIR, r, "zero-force"),
+    "linear": lambda time, r: sj.LinearSpringDashpot(PAIR, 1e6, r, "zero-force"),
+}
+QUICK = [("viscoelastic", np.float32), ("hertz-dashpot", np.float64)]
+
+
+@pytest.mark.parametrize(
+    ("law", "dtype"),
+    [
+        pytest.param(law, dtype, marks=() if (law, dtype) in QUICK else pytest.mark.long)
+        for law in DAMPED
+        for dtype in (np.float64, np.float32)
+    ],
+)
+def test_closed_forms_are_never_nan(law, dtype):
+    """Values and derivatives of first and second order, wherever velocity and damping may be."""
+    most = float(np.finfo(dtype).max) ** 0.8
+    fit = lambda a: np.minimum(a, most).astype(dtype)  # noqa: E731
+    v, time = (x.ravel() for x in np.meshgrid(*map(fit, HARD.values())))
+    r = np.resize(np.array([1.0, 1e-30, 0.5, 1 - 1e-7], dtype), v.size)
+
+    def of_one(x):
+        hit = sj.restitution(DAMPED[law](*x[1:]), x[0])
+        parts = (hit.coefficient, hit.duration, hit.peak_overlap, hit.residual_overlap)
+        return jnp.stack([jnp.float32(1) * part for part in parts])
+
+    def backwards(x):
+        value, pull = jax.vjp(of_one, x)
+        (slopes,) = jax.vmap(pull)(jnp.eye(len(value), dtype=value.dtype))
+        return (value, slopes), (value, slopes)
+
+    derivatives = compiled_soon(jax.vmap(jax.jacfwd(backwards, has_aux=True)))
+    for found in jax.tree.leaves(derivatives(jnp.stack([v, time, r], -1))):
+        assert found.dtype == dtype
+        assert not np.any(np.isnan(found))
+
+
+@pytest.mark.parametrize("dtype", [np.float64, pytest.param(np.float32, marks=pytest.mark.long)])
+def test_stiff_springs_by_the_equation_of_motion(dtype):
+    """ε = √(k1/k2) of what keeps next to nothing, and a quarter period on each spring."""
+    law = sj.WaltonBraun(PAIR, np.full(4, STIFFNESS), STIFFNESS * RATIO)
+    law = jax.tree.map(lambda leaf: np.asarray(leaf, dtype), law)
+    result = sj.restitution(law, dtype(1.0), sj.ODE(rtol=1e-12))
+    assert result.coefficient.dtype == dtype
+    assert np.allclose(result.coefficient, RATIO**-0.5, rtol=16 * EPS[dtype], atol=0)
+    lasts = 0.5 * np.pi * np.sqrt(PAIR.mass / STIFFNESS) * (1 + RATIO**-0.5)
+    assert np.allclose(result.duration, lasts, rtol=max(1e-12, 16 * EPS[dtype]), atol=0)
+
+
+@pytest.mark.parametrize(
+    "route", [None, pytest.param(sj.ODE(rtol=1e-6), marks=pytest.mark.long)], ids=["energy", "ode"]
+)
+def test_slow_impacts_on_a_growing_spring_in_float32(route):
+    """ε² = k1/(k20 + s v √(k1 M)) with s = 1e12, and its slopes, from 1e-12 m/s on."""
+    velocity = np.array([1e-12, 1e-9, 1e-6, 1.0], np.float32)
+    law = sj.WaltonBraun(PAIR, np.full(4, STIFFNESS), 2e6, growth=1e12)
+    short = jax.tree.map(lambda leaf: np.full(4, leaf, np.float32), law)
+
+    @compiled_soon
+    def graded(law, v):
+        def total(law, v):
+            found = sj.restitution(law, v, route).coefficient
+            return found.sum(), found
+
+        return jax.value_and_grad(total, argnums=(0, 1), has_aux=True)(law, v)
+
+    (_, found), (by_law, by_velocity) = graded(short, velocity)
+    speed = velocity.astype(float) * np.sqrt(STIFFNESS * PAIR.mass)
+    exact = (STIFFNESS / (2e6 + 1e12 * speed)) ** 0.5
+    slope = -0.5 * exact * 1e12 * speed / (2e6 + 1e12 * speed)  # v ∂ε/∂v and s ∂ε/∂s
+    assert np.allclose(found, exact, rtol=2e-6, atol=0)
+    assert np.allclose(by_velocity * velocity, slope, rtol=1e-5, atol=1e-7)
+    assert np.allclose(by_law.growth * 1e12, slope, rtol=1e-5, atol=1e-7)
+
+
+def test_durations_just_above_yield():
+    """A collision one number above v_cr, whose yielded branch is as long as √eps; both precisions."""
+    case = LAWS["zhou"]
+    limit = case.law.contact.critical_velocity
+    velocity = (limit * np.array([1 + 1e-6, 1.01, 1.5, 3.0, 30.0])).astype(np.float32)
+    at = np.append(velocity.astype(float), np.nextafter(limit, 9.0))
+
+    def exact(v):
+        with laws.mp.workdps(40):
+            known = {k: laws.mp.mpf(float(x)) for k, x in numbers(case.law, v).items()}
+            return float(case.exact(known).duration)
+
+    expected = np.array([exact(v) for v in at[:-1]])
+    found = sj.restitution(case.law, at).duration
+    assert np.allclose(found[:-1], expected, rtol=1e-10, atol=0)
+    assert found[-1] == pytest.approx(exact(limit * (1 + 1e-15)), rel=1e-7)
+    short = sj.restitution(jax.tree.map(np.float32, case.law), velocity).duration
+    assert np.allclose(short, expected, rtol=2e-6, atol=0)
+
+
+@pytest.mark.parametrize("route", [None, sj.ODE()], ids=["energy", "ode"])
+def test_nothing_is_gained_by_rounding(route):
+    """Elastic springs and Thornton's impacts just above yield carry no flag."""
+    elastic = sj.restitution(sj.WaltonBraun(PAIR, 1e6, 1e6), np.geomspace(1e-3, 10, 1000), route)
+    assert np.all(elastic.status == sj.Status.PLAIN)
+    assert np.max(np.abs(elastic.coefficient - 1)) < 1e-15
+    law = sj.Thornton(PAIR)
+    near = float(law.elastic_velocity()) * (1 + np.geomspace(1e-15, 1e-3, 1000))
+    yielding = sj.restitution(law, near, route)
+    assert set(np.unique(yielding.status)) <= {sj.Status.PLAIN, sj.Status.ELASTIC}
+
+
+@pytest.mark.parametrize(
+    ("dtype", "most", "bound"),
+    [(np.float64, 150, 1e-13), pytest.param(np.float32, 16, 2e-6, marks=pytest.mark.long)],
+)
+def test_thornton_far_beyond_yield(dtype, most, bound):
+    """ε and d ln ε/d ln v up to where squares of v/V_y are no numbers; 0 with slope 0 at the end."""
+    case = LAWS["thornton"]
+    law = jax.tree.map(dtype, case.law)
+    velocity = (10.0 ** np.linspace(1, most, 6)).astype(dtype)
+    value, slope = compiled_soon(
+        jax.vmap(jax.value_and_grad(lambda v: sj.restitution(law, v).coefficient))
+    )(jnp.append(velocity, dtype(np.finfo(dtype).max / 10)))
+    assert value.dtype == dtype
+    assert (value[-1], slope[-1]) == (0, 0)
+    for k, v in enumerate(velocity):
+        with laws.mp.workdps(40):
+            at = {n: laws.mp.mpf(float(x)) for n, x in numbers(law, float(v)).items()}
+            log = lambda t, at=at: laws.mp.log(  # noqa: E731
+                case.exact(at | {"velocity": laws.mp.exp(t)}).coefficient
+            )
+            exact = case.exact(at).coefficient
+            steep = laws.mp.diff(log, laws.mp.log(at["velocity"]))
+        assert value[k] == pytest.approx(float(exact), rel=bound)
+        assert slope[k] * v / value[k] == pytest.approx(float(steep), rel=bound)

@@ -1,0 +1,204 @@
+"""The library's laws, one row each: an example, what it comes out as, and how it may be solved.
+
+`LAWS` serves the tests of values, histories, derivatives, hard inputs and transformations: a new law
+is a row here and a formula in `oracles.laws_mp`.
+"""
+
+from collections.abc import Callable
+from dataclasses import fields
+from functools import lru_cache, partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import mpmath as mp
+import numpy as np
+
+import softjax as sj
+from tests.cases import compiled_soon, fitted, pair
+from tests.oracles import laws_mp as exact
+
+PAIR = pair("stainless steel")
+PRECISE = sj.ODE(rtol=1e-11)
+ELASTIC, PLAIN, GAIN = (int(sj.Status[n]) for n in ("ELASTIC", "PLAIN", "ENERGY_GAIN"))
+TIME = 0.3 / (1.5 * (PAIR.stiffness / PAIR.mass) ** 0.4)  # w² = 0.3 at 1 m/s
+ENERGY, KNOWN = sj.EnergyBalance(), sj.ClosedForm()
+
+
+class Case(NamedTuple):
+    """One law.
+
+    Attributes:
+        law: in SI.
+        exact: numbers by name -> `laws_mp.Collision`.
+        velocity: plain impacts [m/s], and their `status`.
+        route: the default.
+        invalid: a field and a number that it must not have.
+    """
+
+    law: sj.ContactLaw
+    exact: Callable
+    velocity: np.ndarray
+    status: tuple[int, ...]
+    route: object
+    invalid: tuple[str, float]
+
+    @property
+    def routes(self):
+        return (self.route,) if isinstance(self.law, sj.HardSphereLaw) else (self.route, PRECISE)
+
+
+def _case(law, formula, velocity, status, route, invalid, scale=1.0):
+    status = status if isinstance(status, tuple) else (status,) * len(velocity)
+    return Case(law, formula, scale * np.array(velocity), status, route, invalid)
+
+
+def _dashpots(end):
+    formulas = (partial(f, end=end) for f in (exact.linear_dashpot, exact.hertz_dashpot))
+    laws = sj.LinearSpringDashpot(PAIR, 1e6, 0.6, end), sj.HertzDashpot(PAIR, 0.6, end)
+    some = [1e-4, 0.7, 30.0]
+    bad = ("restitution", 1.5)
+    return [_case(a, f, some, PLAIN, KNOWN, bad) for a, f in zip(laws, formulas, strict=True)]
+
+
+def _zhou(form, status):
+    law = fitted("nylon", form)
+    scale, y = float(law.contact.critical_velocity), [0.5, 1.02, 6.0, 40.0]
+    formula = partial(exact.zhou, form=form)
+    return _case(law, formula, y, status, ENERGY, ("chi", -1.0), scale)
+
+
+_THORNTON = sj.Thornton(PAIR, 1.3)
+_YIELD = float(_THORNTON.elastic_velocity())
+LAWS = {
+    "hertz": _case(
+        sj.Hertz(PAIR), exact.hertz, [1e-3, 1.0, 1e4], ELASTIC, ENERGY, ("radius", -1.0)
+    ),
+    "thornton": _case(
+        _THORNTON,
+        exact.thornton,
+        [0.4, 1.2, 30.0],
+        (ELASTIC, PLAIN, PLAIN),
+        ENERGY,
+        ("yield_factor", -1.0),
+        _YIELD,
+    ),
+    "walton-braun": _case(
+        sj.WaltonBraun(PAIR, 1.2e6, 3.0e6, growth=2e4),
+        exact.walton_braun,
+        [1e-4, 0.1, 20.0],
+        PLAIN,
+        ENERGY,
+        ("growth", -1.0),
+    ),
+    "viscoelastic": _case(
+        sj.ViscoelasticHertz(PAIR, TIME),
+        exact.viscoelastic,
+        [1e-6, 1.0, 30.0],
+        PLAIN,
+        KNOWN,
+        ("dissipation_time", -1.0),
+    ),
+    "zhou": _zhou("first-order", (ELASTIC, GAIN, PLAIN, PLAIN)),
+    "zhou full": _zhou("full", (ELASTIC, GAIN, PLAIN, PLAIN)),
+    "constant": _case(
+        sj.ConstantRestitution(PAIR, 0.9),
+        exact.hard,
+        [1e-3, 1.0, 1e4],
+        PLAIN,
+        ENERGY,
+        ("restitution", 1.5),
+    ),
+    "eq. 17": _case(
+        sj.EmpiricalRestitution(340.0, 3.0432, 0.54),
+        exact.hard,
+        [1e-6, 1.0, 339.0],
+        PLAIN,
+        ENERGY,
+        ("psi", 0.0),
+    ),
+}
+for _end in ("zero-overlap", "zero-force"):
+    for _name, _row in zip(("linear dashpot", "hertz dashpot"), _dashpots(_end), strict=True):
+        LAWS[f"{_name} to {_end}"] = _row
+WITH_FORCE = [name for name, case in LAWS.items() if not isinstance(case.law, sj.HardSphereLaw)]
+QUANTITIES = ("coefficient", "peak_overlap", "residual_overlap", "duration")
+
+
+def numbers(law, velocity=None) -> dict[str, float]:
+    """All numbers of a law and its contact by name, and the velocity."""
+    contact = getattr(law, "contact", None)
+    found = {} if contact is None else dict(contact.leaves())
+    named = [f.name for f in fields(law) if not f.metadata.get("static") and f.name != "contact"]
+    found |= {name: getattr(law, name) for name in named}
+    found |= {} if velocity is None else {"velocity": velocity}
+    return dict(sorted(found.items()))  # as JAX orders them
+
+
+def with_numbers(law, values: dict):
+    """The law with all its numbers replaced, unchecked, as tracing leaves them."""
+    names = [str(path[-1]).lstrip(".") for path, _ in jax.tree_util.tree_flatten_with_path(law)[0]]
+    return jax.tree.unflatten(jax.tree.structure(law), [values[name] for name in names])
+
+
+def _values(case, values) -> np.ndarray:
+    return np.array([float(x) for x in case.exact(values)])
+
+
+def _as_mp(law, velocity) -> dict:
+    return {name: mp.mpf(float(x)) for name, x in numbers(law, float(velocity)).items()}
+
+
+@lru_cache
+def expected(name: str) -> np.ndarray:
+    """The four quantities of each plain impact: (impacts, 4)."""
+    case = LAWS[name]
+    with mp.workdps(40):
+        return np.array([_values(case, _as_mp(case.law, v)) for v in case.velocity])
+
+
+@lru_cache
+def expected_slopes(name: str) -> dict[str, np.ndarray]:
+    """θ ∂q/∂θ for each θ by central differences in 40 digits: name -> (impacts, 4)."""
+    case, step = LAWS[name], mp.mpf("1e-10")
+    with mp.workdps(40):
+        rows = []
+        for v in case.velocity:
+            at = _as_mp(case.law, v)
+            row = {}
+            for key, value in at.items():
+                up, down = (case.exact(at | {key: value * (1 + s)}) for s in (step, -step))
+                row[key] = [float((a - b) / (2 * step)) for a, b in zip(up, down, strict=True)]
+            rows.append(row)
+    return {key: np.array([row[key] for row in rows]) for key in rows[0]}
+
+
+@partial(compiled_soon, static_argnames="route")
+def graded(law, values: dict, route):
+    """Result, duration, and θ ∂q/∂θ of the four quantities forward and in reverse: (θ, 4, impacts).
+
+    `values` holds an array of one shape for each number of the law and the velocity.
+    """
+
+    def quantities(values):
+        result = sj.restitution(with_numbers(law, values), values["velocity"], route)
+        return jnp.stack([getattr(result, name) for name in QUANTITIES]), result
+
+    def push(i):
+        along = {n: jnp.where(i == k, x, 0 * x) for k, (n, x) in enumerate(values.items())}
+        return jax.jvp(lambda x: quantities(x)[0], (values,), (along,))[1]
+
+    found, pull, result = jax.vjp(quantities, values, has_aux=True)
+    rows = jnp.eye(4, dtype=found.dtype)[:, :, None] * jnp.ones_like(found)
+    pulled = jax.lax.map(lambda row: pull(row)[0], rows)
+    reverse = jnp.stack([pulled[name] * x for name, x in values.items()])
+    return found, result, jax.lax.map(push, jnp.arange(len(values))), reverse
+
+
+def repeated(law, velocity, dtype=np.float64) -> dict:
+    """What `graded` takes: every number repeated for each impact."""
+    velocity = np.asarray(velocity, dtype)
+    return {
+        name: jnp.broadcast_to(jnp.asarray(x, dtype), velocity.shape)
+        for name, x in numbers(law, velocity).items()
+    }

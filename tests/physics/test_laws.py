@@ -1,0 +1,342 @@
+"""Every law by every route: ε, overlaps and durations against formulas in high precision; forces."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import mpmath as mp
+import numpy as np
+import pytest
+from scipy.special import beta
+
+import softjax as sj
+from tests.laws import KNOWN, LAWS, PAIR, PRECISE, QUANTITIES, WITH_FORCE, expected, numbers
+from tests.oracles import closed_forms, laws_mp
+
+BY_TIME_QUICK = ("thornton", "zhou", "viscoelastic", "linear dashpot to zero-overlap")
+BY_TIME = [
+    pytest.param(name, marks=() if name in BY_TIME_QUICK else pytest.mark.long)
+    for name in WITH_FORCE
+]
+
+
+def assert_solved(case, route, exact, tolerance):
+    """All four quantities and the status of the plain impacts."""
+    result = sj.restitution(case.law, case.velocity, route)
+    for k, name in enumerate(QUANTITIES):
+        size = np.max(np.abs(exact[:, k])) if name == "coefficient" else np.abs(exact[:, k])
+        error = np.abs(np.asarray(getattr(result, name)) - exact[:, k])
+        allowed = tolerance * np.maximum(size, exact[:, 1] if "overlap" in name else 0.0)
+        assert np.all(error <= allowed), (name, error)
+    assert tuple(result.status) == case.status
+    assert np.array_equal(result.ok, np.isin(case.status, (0, 1)))
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_by_its_default_route(name):
+    case = LAWS[name]
+    assert case.law.default_route() == case.route
+    assert_solved(case, None, expected(name), 2e-12)
+
+
+@pytest.mark.parametrize("name", BY_TIME)
+def test_by_the_equation_of_motion(name):
+    assert_solved(LAWS[name], PRECISE, expected(name), 1e-10)
+
+
+# arrays of a law's own numbers and velocities, beyond which its formula changes or a root vanishes
+RANGES = {
+    "thornton": {"velocity": 0.01 * 10.0 ** np.array([-8, 0, 0.3, 1, 4, 30, 120, 150])},
+    "walton-braun": {"growth": np.array([0.0, 1e-3, 1e4, 1e20]), "velocity": 0.7},
+    "hertz": {"velocity": 10.0 ** np.array([-300, -100, 0, 6])},
+} | {
+    f"{kind} dashpot to {end}": {
+        "restitution": 10.0 ** np.append(-np.array(powers), [-1e-7, -0.05, -0.3, -0.7]),
+        "velocity": 0.7,
+    }
+    for kind, powers in (("linear", [300.0, 64.0, 6.0]), ("hertz", [40.0, 6.0]))
+    for end in ("zero-overlap", "zero-force")
+}
+
+
+@pytest.mark.parametrize("name", RANGES)
+def test_over_its_range(name):
+    case, given = LAWS[name], RANGES[name]
+    law = replace(case.law, **{key: value for key, value in given.items() if key != "velocity"})
+    result = sj.restitution(law, given["velocity"])
+    count = max(np.size(value) for value in given.values())
+    for i in range(count):
+        at = {
+            key: mp.mpf(float(np.broadcast_to(value, count)[i]))
+            for key, value in numbers(law, given["velocity"]).items()
+        }
+        with mp.workdps(40):
+            exact = [float(x) for x in case.exact(at)]
+        for k, quantity in enumerate(QUANTITIES):
+            found = np.broadcast_to(getattr(result, quantity), count)[i]
+            floor = 1e-13 * exact[1] if quantity == "residual_overlap" else 1e-300
+            assert found == pytest.approx(exact[k], rel=1e-12, abs=floor), (quantity, at)
+
+
+W_SQUARED = [1e-9, 0.02, 0.7, 1.0, 1.0001, 40.0, np.exp(5.0), 150.0, 1e6, np.exp(24.0), 1e13]
+
+
+@pytest.mark.parametrize(
+    "some", [slice(2, 8, 3), pytest.param(slice(None), marks=pytest.mark.long)], ids=["few", "all"]
+)
+def test_viscoelastic_spheres_on_both_sides_of_each_series(some):
+    """Of w² = (3/2) A (k/M)^{2/5} v^{1/5}, in 60 digits."""
+    rate = (PAIR.stiffness / PAIR.mass) ** 0.4
+    time = np.array(W_SQUARED[some]) / (1.5 * rate)
+    result = sj.restitution(sj.ViscoelasticHertz(PAIR, time), 1.0)
+    length = (PAIR.mass / PAIR.stiffness) ** 0.4
+    for i, w_squared in enumerate(1.5 * time * rate):
+        with mp.workdps(closed_forms.DIGITS):
+            exact = [float(x) for x in closed_forms.of_squared(mp.mpf(float(w_squared)))]
+        found = [
+            result.coefficient[i],
+            result.peak_overlap[i] / length,
+            result.duration[i] / length,
+        ]
+        assert np.allclose(found, exact, rtol=1e-13, atol=0)
+        assert result.residual_overlap[i] == pytest.approx(1.5 * time[i] * exact[0], rel=1e-13)
+
+
+@pytest.mark.parametrize(
+    "name", ["falling", *(pytest.param(n, marks=pytest.mark.long) for n in closed_forms.WANTED)]
+)
+def test_the_stored_series_are_what_the_script_gives(name):
+    stored = closed_forms.stored()["series"][name]
+    found = closed_forms.coefficients(name)
+    assert (stored["low"], stored["high"]) == closed_forms.WANTED[name][1:]
+    assert np.allclose(found, stored["coefficients"], rtol=0, atol=1e-15 * max(map(abs, found)))
+
+
+def test_published_digits():
+    """Thornton (1997), Schwager and Pöschel's zero-force end, Müller and Pöschel's Padé."""
+    law = sj.Thornton(PAIR)
+    ratios = np.array([1.5, 2, 5, 10, 50, 100, 1000])
+    published = np.array([0.9712, 0.9306, 0.7733, 0.6586, 0.4446, 0.3743, 0.2107])
+    for kind, pace in (
+        (law, law.elastic_velocity()),
+        (sj.Thornton(PAIR, 1.6), 1.6**2.5 * law.elastic_velocity()),
+        (sj.Thornton(PAIR, area="contact"), PAIR.critical_velocity),
+    ):
+        found = sj.restitution(kind, ratios * pace).coefficient
+        assert np.allclose(found, published, rtol=0, atol=5e-5)
+        formula = sj.thornton_restitution(PAIR, ratios * pace, kind.yield_factor, kind.area)
+        assert np.allclose(found, formula, rtol=1e-14, atol=0)
+    assert sj.thornton_restitution(PAIR, 0.9 * law.elastic_velocity()) == 1
+    given = np.array([0.05, 0.2, 0.5, 0.8, 0.9])
+    zero_force = [0.213700, 0.324863, 0.550283, 0.808099, 0.902026]
+    for dashpot in (
+        sj.HertzDashpot(PAIR, given, "zero-force"),
+        sj.LinearSpringDashpot(PAIR, 1e6, given, "zero-force"),
+    ):
+        assert np.allclose(sj.restitution(dashpot, 0.7).coefficient, zero_force, atol=1e-6)
+    w = np.sqrt([0.01, 0.1, 0.3, 1.0])
+    time = w**2 / (1.5 * (PAIR.stiffness / PAIR.mass) ** 0.4)
+    found = np.asarray(sj.restitution(sj.ViscoelasticHertz(PAIR, time), 1.0).coefficient)
+    assert np.allclose(found, [0.98855, 0.89286, 0.72209, 0.39393], rtol=0, atol=5.5e-6)
+    above = 1 + 0.501086 * w
+    pade = above / (above + 1.15345 * w**2 + 0.577977 * w**3 + 0.532178 * w**4)
+    assert np.allclose(pade - found, [6e-8, 5e-5, 7e-4, 5e-3], rtol=0.09, atol=0)
+
+
+def test_the_rebound_of_another_program():
+    """LAMMPS 29 Sep 2021 update 2, granular hertz/material, damping tsuji at ε = 0.8: ratio 0.8534.
+
+    Two equal steel spheres, 1000 steps a contact. Its polynomial α lacked a factor √2, as its later
+    documentation says.
+    """
+    polynomial = (4.8218, -18.022, 27.467, -22.348, 11.087, -4.2783, 1.2728)
+    alpha = np.polyval(polynomial, 0.8) * np.array([1, np.sqrt(2)])
+    found = sj.restitution(sj.HertzDashpot.from_damping(PAIR, alpha), 2.0).coefficient
+    assert np.allclose(found, [0.85338, 0.79891], rtol=0, atol=5e-6)
+    assert found[0] == pytest.approx(0.8534, abs=5e-5)
+
+
+def _hertz(x):
+    return PAIR.stiffness * x**1.5
+
+
+def _dashpot(law, damping):
+    loss = -np.log(law.restitution)
+    return loss / np.hypot(np.pi, loss) * damping
+
+
+def _thornton_pressure(law):
+    pressure = law.yield_factor * PAIR.yield_strength
+    start = PAIR.radius * (np.pi * pressure / (2 * PAIR.youngs_modulus)) ** 2
+    return np.pi * pressure * PAIR.radius, start
+
+
+def _thornton_loading(law, x):
+    slope, start = _thornton_pressure(law)
+    return np.where(x > start, _hertz(start) + slope * (x - start), _hertz(x))
+
+
+LOADING = {  # [N] of the overlap [m], as published
+    "hertz": lambda law, x: _hertz(x),
+    "thornton": _thornton_loading,
+    "walton-braun": lambda law, x: law.loading_stiffness * x,
+}
+RATE = {  # [N] of overlap and its rate
+    "linear": lambda law, x, v: (
+        law.stiffness * x + _dashpot(law, 2 * np.sqrt(law.stiffness * PAIR.mass)) * v
+    ),
+    "hertz dashpot": lambda law, x, v: (
+        _hertz(x) + _dashpot(law, np.sqrt(5 * PAIR.mass * PAIR.stiffness)) * x**0.25 * v
+    ),
+    "viscoelastic": lambda law, x, v: (
+        _hertz(x) + 1.5 * law.dissipation_time * PAIR.stiffness * np.sqrt(x) * v
+    ),
+}
+
+
+@pytest.mark.parametrize("name", LOADING)
+def test_loading_and_unloading_forces(name):
+    law, x = LAWS[name].law, np.geomspace(1e-8, 1e-4, 9)
+    assert np.allclose(law.loading_force(x), LOADING[name](law, x), rtol=1e-13, atol=0)
+    peak = 1e-4
+    force = float(LOADING[name](law, peak))
+    if name == "hertz":
+        back = _hertz(x)
+    elif name == "thornton":
+        radius = PAIR.radius * _hertz(peak) / force
+        stiffness = 4 / 3 * PAIR.youngs_modulus * np.sqrt(radius)
+        back = stiffness * np.maximum(x - peak + (force / stiffness) ** (2 / 3), 0) ** 1.5
+    else:
+        back = force - (law.unloading_stiffness + law.growth * force) * (peak - x)
+    assert np.allclose(law.unloading_force(x, peak), back, rtol=1e-11, atol=1e-13 * force)
+
+
+@pytest.mark.parametrize(
+    "name", [n for n in WITH_FORCE if isinstance(LAWS[n].law, sj.RateDependentLaw)]
+)
+def test_forces_with_damping(name):
+    law, formula = LAWS[name].law, next(RATE[key] for key in RATE if name.startswith(key))
+    x, v = np.meshgrid(np.geomspace(1e-8, 1e-4, 5), [-3.0, -1e-3, 0.0, 2.0])
+    exact = formula(law, x, v)
+    assert np.allclose(law.force(x, v), exact, rtol=1e-12, atol=1e-14 * np.max(np.abs(exact)))
+
+
+@pytest.mark.parametrize("name", ["thornton", "walton-braun", "zhou", "zhou full"])
+def test_the_loop_encloses_what_is_lost(name):
+    """∫ P dδ on loading is the impact energy, back ε_p² of it: by Gauss's rule over the forces."""
+    case = LAWS[name]
+    v = float(case.velocity[-1])
+    hit = sj.restitution(case.law, v)
+    peak, residual = float(hit.peak_overlap), float(hit.residual_overlap)
+    nodes, weights = np.polynomial.legendre.leggauss(200)
+    yields = float(sj.restitution(case.law, case.law.elastic_velocity()).peak_overlap)
+
+    def work(force, low, high):
+        way = 0.5 * (nodes + 1)  # in the root of what is left, where half powers are smooth
+        return np.sum(weights * way * np.asarray(force(low + (high - low) * way**2))) * (high - low)
+
+    loaded = work(case.law.loading_force, 0.0, yields) if yields > 0 else 0.0
+    loaded += work(case.law.loading_force, yields, peak)
+    back = work(lambda x: case.law.unloading_force(x, peak), residual, peak)
+    impact = 0.5 * case.law.contact.mass * v**2
+    assert loaded == pytest.approx(impact, rel=1e-11)
+    assert back == pytest.approx(float(hit.plastic_coefficient) ** 2 * impact, rel=1e-11)
+
+
+def test_hertz_does_not_know_of_yield_and_zhou_does():
+    weak = sj.Contact(PAIR.youngs_modulus, PAIR.radius, PAIR.mass, 1.0, 1.0)
+    found, strong = (sj.restitution(sj.Hertz(pair), 1.0) for pair in (weak, PAIR))
+    assert (found.peak_overlap, found.coefficient) == (strong.peak_overlap, 1)
+    assert sj.restitution(sj.Zhou(weak, 1.8, 3.0, 0.5), 1.0).status != sj.Status.ELASTIC
+
+
+def test_without_damping_and_with_none_left():
+    """A = 0 is Hertz's collision; far beyond the series what is left is 0, and still a number."""
+    law = sj.ViscoelasticHertz(PAIR, np.array([0.0, 1e-6, 1e290]))
+    result = sj.restitution(law, np.array([1.0, 0.0, 1e3]))
+    exact = laws_mp.hertz({k: mp.mpf(float(x)) for k, x in numbers(sj.Hertz(PAIR), 1.0).items()})
+    assert result.coefficient[0] == 1
+    assert result.peak_overlap[0] == pytest.approx(float(exact.peak), rel=1e-15)
+    assert result.duration[0] == pytest.approx(float(exact.duration), rel=1e-14)
+    rest = sj.Status.ELASTIC | sj.Status.ZERO_VELOCITY
+    assert list(result.status) == [sj.Status.PLAIN, rest, sj.Status.PLAIN]
+    assert (result.coefficient[1], result.peak_overlap[1], result.duration[1]) == (1, 0, 0)
+    assert result.coefficient[2] == 0
+    assert np.all(np.isfinite(result.duration))
+
+
+def test_softer_unloading_where_tracing_hides_it_gains():
+    """W_U = k1 δ² - k2 δ²/2 against W_L = k1 δ²/2: ε² = 2 - k2/k1, with no overlap left."""
+    soft = jax.jit(lambda k2: sj.restitution(sj.WaltonBraun(PAIR, 1e6, k2), 1.0))(0.5e6)
+    assert soft.coefficient**2 == pytest.approx(1.5, rel=1e-14)
+    assert soft.status == sj.Status.ENERGY_GAIN | sj.Status.NO_RESIDUAL_OVERLAP
+    assert soft.residual_overlap == 0
+
+
+def test_hard_spheres():
+    """Both ends, an array, no contact, and Eq. (17) as a function; no overlap and no time."""
+    given = np.array([0.0, 0.2, 1.0])
+    result = sj.restitution(sj.ConstantRestitution(None, given), 1.0)
+    assert np.allclose(result.coefficient, given, rtol=2e-16, atol=0)
+    assert np.array_equal(result.duration, np.zeros(3))
+    assert jax.grad(lambda e: sj.restitution(sj.ConstantRestitution(None, e), 1.0).coefficient)(
+        0.9
+    ) == pytest.approx(1.0)
+    law, v = LAWS["eq. 17"].law, LAWS["eq. 17"].velocity
+    function = sj.empirical_restitution(v, law.limit_velocity, law.sigma, law.psi)
+    assert np.allclose(function, expected("eq. 17")[:, 0], rtol=1e-13, atol=0)
+    at = sj.restitution(law, [0.0, 340.0, 500.0])
+    limit = sj.Status.ABOVE_LIMIT_VELOCITY
+    assert list(at.coefficient) == [1, 0, 0]
+    assert list(at.status) == [sj.Status.ELASTIC | sj.Status.ZERO_VELOCITY, limit, limit]
+
+
+def test_slow_impacts_of_laws_without_an_elastic_stage():
+    """A spring each way and Hertz's law by forces alone, at 1e-300 m/s: no square underflows."""
+
+    class HertzByForces(sj.RateIndependentLaw):
+        contact: sj.Contact
+
+        def loading_force(self, overlap):
+            return self.contact.stiffness * overlap**1.5
+
+        def unloading_force(self, overlap, peak_overlap):
+            return self.contact.stiffness * overlap**1.5
+
+    v = np.array([1e-300, 1e-100])
+    found = sj.restitution(HertzByForces(PAIR), v)
+    peak = (1.25 * PAIR.mass / PAIR.stiffness) ** 0.4 * v**0.8
+    assert np.allclose(found.peak_overlap, peak, rtol=1e-11, atol=0)
+    assert np.allclose(found.duration, 0.8 * beta(0.4, 0.5) * peak / v, rtol=1e-11, atol=0)
+    spring = sj.restitution(sj.WaltonBraun(PAIR, 1e6, 2e6), v)
+    assert np.allclose(spring.peak_overlap, v * np.sqrt(PAIR.mass / 1e6), rtol=1e-12, atol=0)
+    assert np.allclose(spring.coefficient, np.sqrt(0.5), rtol=1e-14, atol=0)
+
+
+def test_the_closed_form_is_refused_where_there_is_none_and_may_be_ones_own():
+    for law in (sj.Hertz(PAIR), sj.Thornton(PAIR)):
+        with pytest.raises(ValueError, match="`closed_form`, such as LinearSpringDashpot"):
+            sj.restitution(law, 1.0, KNOWN)
+    assert sj.restitution(sj.ConstantRestitution(None, 0.7), 1.0, KNOWN).coefficient == 0.7
+
+    class Spring(sj.RateDependentLaw):
+        """An elastic spring, whose collision is known."""
+
+        contact: sj.Contact
+        stiffness: float
+        end = "zero-overlap"
+
+        def force(self, overlap, velocity):
+            return self.stiffness * overlap
+
+        def closed_form(self, velocity):
+            rate = jnp.sqrt(self.stiffness / self.contact.mass)
+            return sj.KnownCollision(0.99, velocity / rate, 0.0, jnp.pi / rate)
+
+    known = sj.restitution(Spring(PAIR, 1e6), [0.5, 2.0])
+    assert known.route == KNOWN
+    assert np.allclose(known.coefficient, 0.99, rtol=1e-15)  # it is believed
+    assert np.allclose(known.duration, np.pi * np.sqrt(PAIR.mass / 1e6), rtol=1e-14)
+    by_time = sj.restitution(Spring(PAIR, 1e6), [0.5, 2.0], sj.ODE(rtol=1e-9))
+    assert np.allclose(by_time.coefficient, 1, atol=1e-8)
+    assert np.allclose(by_time.duration, known.duration, rtol=1e-8)

@@ -1,0 +1,361 @@
+"""Input of `softjax` that makes no sense: one line that names the argument, its value, what is accepted.
+
+Under tracing values cannot be looked at: there a status says the same (`derivatives/test_laws.py`).
+"""
+
+import math
+import re
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import softjax as sj
+from tests.cases import RADIUS, fitted, pair
+from tests.laws import LAWS
+
+PAIR, LAW = pair("nylon"), fitted("nylon")
+BODY = sj.Material(1.93e11, 0.35, 8030.0, 3e8)
+TWO, THREE = np.ones(2), np.ones(3)
+
+
+def call(function, **given):
+    """A call that makes sense, of which one argument is changed."""
+    return lambda **changed: function(**(given | changed))
+
+
+CALLS = {
+    "Material": call(
+        sj.Material, youngs_modulus=2e11, poisson_ratio=0.3, density=8e3, yield_strength=3e8
+    ),
+    "Contact": call(
+        sj.Contact,
+        youngs_modulus=1e11,
+        radius=0.01,
+        mass=0.03,
+        yield_strength=3e8,
+        limit_velocity=340.0,
+    ),
+    "spheres": call(
+        sj.Contact.between_spheres,
+        material_1=BODY,
+        material_2=BODY,
+        radius_1=RADIUS,
+        radius_2=RADIUS,
+    ),
+    "wall": call(sj.Contact.with_wall, material=BODY, wall=BODY, radius=RADIUS),
+    "Zhou": call(sj.Zhou, contact=PAIR, chi=1.8, sigma=3.0, psi=0.5),
+    "Thornton": call(sj.Thornton, contact=PAIR),
+    "WaltonBraun": call(
+        sj.WaltonBraun, contact=PAIR, loading_stiffness=1e6, unloading_stiffness=2e6
+    ),
+    "Linear": call(sj.LinearSpringDashpot, contact=PAIR, stiffness=1e6, restitution=0.5),
+    "HertzDashpot": call(sj.HertzDashpot, contact=PAIR, restitution=0.5),
+    "from_damping": call(sj.HertzDashpot.from_damping, contact=PAIR, alpha=0.3),
+    "Viscoelastic": call(sj.ViscoelasticHertz, contact=PAIR, dissipation_time=1e-6),
+    "Hertz": call(sj.Hertz, contact=PAIR),
+    "Constant": call(sj.ConstantRestitution, contact=PAIR, restitution=0.9),
+    "Eq. 17": call(sj.EmpiricalRestitution, limit_velocity=340.0, sigma=1.0, psi=1.0),
+    "empirical": call(
+        sj.empirical_restitution, velocity=1.0, limit_velocity=340.0, sigma=3.0, psi=0.5
+    ),
+    "thornton": call(sj.thornton_restitution, contact=PAIR, velocity=1.0, yield_factor=1.0),
+    "restitution": call(sj.restitution, law=LAW, velocity=1.0),
+    "signed": call(sj.signed_restitution, law=LAW, velocity=1.0),
+    "collide": call(sj.collide, law=LAW, velocity=1.0),
+    "ODE": sj.ODE,
+}
+NO_NUMBERS = [math.nan, math.inf, -math.inf, "1.0", None, {}, 1 + 2j, True, object]
+NO_NUMBERS += [[[1.0], [1.0, 2.0]], np.array(["a"]), jnp.array([1.0, jnp.nan])]
+NO_NUMBERS += [np.ma.array([1.0, 2.0], mask=[True, False])]
+NEGATIVE = [-1.0, -1e-300, np.array([1.0, -1.0])]
+TEXT = ["steel", 1.0, sj.ODE, np.array([1.0, 2.0])]
+WORDS = ["First-order", "", None, 1, ["full"]]
+BIG = 1e120  # of a radius whose mass is no number
+SHARE = [0.0, -1.0, 1.01, math.nan, math.inf, "1", None]
+POSITIVE, OR_ZERO = [0, 0.0, *NEGATIVE], NEGATIVE
+VELOCITY = "a finite impact velocity in m/s, zero or more"
+
+# call: argument: values that are refused, what is accepted. Numbers: `NO_NUMBERS` too
+NUMBERS = {
+    "Material": {
+        "youngs_modulus": (POSITIVE, "a positive modulus in Pa"),
+        "poisson_ratio": ([-1.0, 0.500001, np.array([0.3, 0.6])], "a ratio in (-1, 0.5]"),
+        "density": (POSITIVE, "a positive density in kg/m³"),
+        "yield_strength": (POSITIVE, "a positive strength in Pa"),
+    },
+    "Contact": {
+        "youngs_modulus": (POSITIVE, "a positive modulus in Pa"),
+        "radius": (POSITIVE, "a positive length in m"),
+        "mass": (POSITIVE, "a positive mass in kg"),
+        "yield_strength": (POSITIVE, "a positive strength in Pa"),
+        "limit_velocity": (POSITIVE, "a positive velocity in m/s"),
+    },
+    "spheres": {
+        "radius_1": (POSITIVE, "a positive length in m"),
+        "radius_2": (POSITIVE, "a positive length in m"),
+    },
+    "wall": {"radius": (POSITIVE, "a positive length in m")},
+    "Zhou": {
+        "chi": (OR_ZERO, "an unloading factor of zero or more"),
+        "sigma": (OR_ZERO, "zero or more"),
+        "psi": (POSITIVE, "a positive exponent"),
+    },
+    "Thornton": {"yield_factor": (POSITIVE, "a positive factor of the yield strength")},
+    "WaltonBraun": {
+        "loading_stiffness": (POSITIVE, "a positive"),
+        "unloading_stiffness": (POSITIVE, ""),
+        "growth": (OR_ZERO, "zero or more"),
+    },
+    "Linear": {"stiffness": (POSITIVE, "a positive"), "restitution": (SHARE, "(0, 1]")},
+    "HertzDashpot": {"restitution": (SHARE, "(0, 1]")},
+    "from_damping": {"alpha": ([-1.0, 2.24], "")},
+    "Viscoelastic": {"dissipation_time": (OR_ZERO, "zero or more")},
+    "Constant": {"restitution": ([-0.1, 1.1, np.array([0.5, 2.0])], "[0, 1]")},
+    "Eq. 17": {
+        "limit_velocity": (POSITIVE, "a positive"),
+        "sigma": (OR_ZERO, "zero or more"),
+        "psi": (POSITIVE, "a positive"),
+    },
+    "empirical": {"velocity": (OR_ZERO, VELOCITY), "sigma": (OR_ZERO, "zero or more")},
+    "thornton": {"velocity": (OR_ZERO, VELOCITY), "yield_factor": (POSITIVE, "a positive")},
+    "restitution": {
+        "velocity": ([*OR_ZERO, np.array([0.1], np.longdouble), "fast"], VELOCITY),
+    },
+    "collide": {"velocity": (OR_ZERO, VELOCITY)},
+}
+OTHERS = {
+    "Contact": {"area": (WORDS, "'zhou' or 'hertz'")},
+    "spheres": {
+        "area": (WORDS, "'zhou' or 'hertz'"),
+        "material_1": (TEXT, "a Material"),
+        "material_2": (TEXT, "a Material"),
+        "radius_2": ([BIG, 1 / BIG], "of a sphere whose mass"),
+    },
+    "wall": {
+        "area": (WORDS, "'zhou' or 'hertz'"),
+        "material": (TEXT, "a Material"),
+        "wall": (TEXT, "a Material"),
+        "radius": ([BIG, 1 / BIG], "of a sphere whose mass"),
+    },
+    "Zhou": {
+        "form": (WORDS, "'first-order' or 'full'"),
+        "kappa": (WORDS, "'consistent' or 'printed'"),
+    },
+    "Thornton": {"area": (["zhou", None, 1], "'hertz' or 'contact'")},
+    "WaltonBraun": {"unloading_stiffness": ([1.0], "at least")},
+    "Linear": {"end": (["zero", None, 0], "'zero-overlap' or 'zero-force'")},
+    "HertzDashpot": {"end": (["zero", None, 0], "'zero-overlap' or 'zero-force'")},
+    "thornton": {"contact": ([None, LAW], "a Contact")},
+    "restitution": {
+        "law": (TEXT, "a contact law"),
+        "route": (TEXT, "EnergyBalance(), ClosedForm() or ODE(...)"),
+    },
+    "signed": {
+        "elastic": (["yes", 1, [1.0], [[True], [True, False]]], "True, False or an array of these")
+    },
+    "collide": {
+        "law": (TEXT, "a contact law"),
+        "route": ([sj.EnergyBalance(), "ode", 1], "ODE(...)"),
+        "samples": ([2, 0, -1, 2.0, "5", None, True], "a whole number >= 3"),
+    },
+    "ODE": {
+        "rtol": ([0.0, -1e-6, 1.0, 1e-15, math.nan, "1e-6", [1e-6]], "a number in [1e-14, 0.1]"),
+        "steps": ([0, -1, 2.0, "2", True], "a whole number >= 1"),
+        "max_steps": ([0, -1, 2.5, None, "2", True], "a whole number >= 1"),
+        "solver": (
+            ["First", "", None, 1, ["dopri8"]],
+            "'dopri8' or 'dopri5' or 'tsit5' or 'bosh3'",
+        ),
+    },
+}
+CONTACTS = ("Zhou", "Thornton", "WaltonBraun", "Linear", "HertzDashpot", "Viscoelastic", "Hertz")
+for _name in CONTACTS:
+    OTHERS.setdefault(_name, {})["contact"] = ([1.0, "steel", None], "a Contact")
+OTHERS["Constant"] = {"contact": ([1.0, "steel"], "a Contact")}
+ROWS = [
+    (name, argument, accepted, [*values, *(NO_NUMBERS if table is NUMBERS else [])])
+    for table in (NUMBERS, OTHERS)
+    for name, arguments in table.items()
+    for argument, (values, accepted) in arguments.items()
+]
+
+
+@pytest.mark.parametrize(
+    ("name", "argument", "accepted", "values"),
+    [pytest.param(*row, id=f"{row[0]} {row[1]} {k}") for k, row in enumerate(ROWS)],
+)
+def test_what_is_refused(name, argument, accepted, values):
+    for value in values:
+        with pytest.raises(ValueError, match=f"`{argument}`") as caught:
+            CALLS[name](**{argument: value})
+        message = str(caught.value)
+        shown = " ".join(repr(value).split())
+        assert (shown if len(shown) <= 80 else shown[:77]) in message, message
+        assert accepted in message, message
+        assert "\n" not in message
+
+
+SHAPES = {
+    "`yield_strength` (3,)": lambda: CALLS["Material"](density=TWO, yield_strength=THREE),
+    "`radius` (2,), `mass` (3,)": lambda: CALLS["Contact"](radius=TWO, mass=THREE),
+    "`radius_1` (2,), `radius_2` (3,)": lambda: CALLS["spheres"](radius_1=TWO, radius_2=THREE),
+    "`material.density` (2,)": lambda: CALLS["wall"](
+        material=sj.Material(2e11, 0.3, TWO, 3e8), radius=THREE
+    ),
+    "`chi` (2,), `sigma` (3,)": lambda: CALLS["Zhou"](chi=TWO, sigma=THREE),
+    "`velocity` (3,), `chi` (2,)": lambda: sj.restitution(CALLS["Zhou"](chi=TWO), THREE),
+    "`velocity` (2,), `elastic` (3,)": lambda: sj.signed_restitution(
+        LAW, TWO, elastic=np.ones(3, bool)
+    ),
+}
+
+
+@pytest.mark.parametrize("named", SHAPES)
+def test_shapes_that_do_not_fit(named):
+    with pytest.raises(ValueError, match="broadcast") as caught:
+        SHAPES[named]()
+    assert named in str(caught.value)
+
+
+ROUTES = {
+    "energy balance of damping": (
+        lambda: sj.restitution(CALLS["Viscoelastic"](), 1.0, sj.EnergyBalance()),
+        r"`route` must be ClosedForm\(\) or ODE\(\.\.\.\) for Visc",
+    ),
+    "motion of hard spheres": (
+        lambda: sj.restitution(CALLS["Constant"](), 1.0, sj.ODE()),
+        r"`route` must be EnergyBalance\(\).*, but is ODE",
+    ),
+    "history of hard spheres": (lambda: sj.collide(CALLS["Constant"](), 1.0), "a law with a force"),
+    "history of Eq. (17)": (
+        lambda: sj.collide(CALLS["Eq. 17"](), 1.0),
+        "EmpiricalRestitution is one of hard spheres",
+    ),
+    "a tolerance beside steps": (lambda: sj.ODE(rtol=1e-6, steps=2), "`rtol` would be ignored"),
+    "text within a law": (
+        lambda: sj.restitution(eqx.tree_at(lambda law: law.chi, LAW, "hard"), 1.0),
+        "`chi` must be an unloading factor .* but is 'hard'",
+    ),
+    "a choice under jit": (
+        lambda: jax.jit(lambda chi: CALLS["Zhou"](chi=chi, form="both").chi)(0.2),
+        "`form` must be",
+    ),
+    "lists of traced numbers": (
+        lambda: jax.jit(lambda v: sj.restitution(LAW, [[v], [v, v]]).coefficient)(1.0),
+        "`velocity` must be a finite impact velocity",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", ROUTES)
+def test_calls_that_do_not_fit(name):
+    make, words = ROUTES[name]
+    with pytest.raises(ValueError, match=words) as caught:
+        make()
+    assert "\n" not in str(caught.value)
+
+
+def test_ends_of_ranges_are_accepted():
+    assert CALLS["Material"](poisson_ratio=0.5).poisson_ratio == 0.5
+    assert CALLS["Material"](poisson_ratio=-0.99).poisson_ratio == -0.99
+    assert sj.restitution(CALLS["Zhou"](chi=0, sigma=0), 0).coefficient == 1
+    assert [float(CALLS["Constant"](restitution=e).restitution) for e in (0, 1)] == [0, 1]
+    assert CALLS["Linear"](restitution=1).restitution == 1
+    assert sj.restitution(LAW, np.ma.array([0.1, 0.2], mask=False)).coefficient.shape == (2,)
+    assert sj.restitution(LAW, np.longdouble(0.1)).coefficient.dtype == np.float64
+
+
+FORMULAS = {"empirical": ("velocity", "sigma"), "thornton": ("velocity", "yield_factor")}
+
+
+@pytest.mark.parametrize("name", FORMULAS)
+def test_formulas_give_zero_under_jit(name):
+    for argument in FORMULAS[name]:
+        some = jnp.array([1.0, -1.0, jnp.nan, jnp.inf])
+        formula = lambda x, a=argument: CALLS[name](**{a: x})  # noqa: E731
+        found = jax.jit(formula)(some)
+        assert found[0] > 0
+        assert np.all(found[1:] == 0)
+        slopes = jax.jit(jax.grad(lambda x, f=formula: f(x).sum()))(some)
+        assert np.all(np.isfinite(slopes))
+        assert np.all(slopes[1:] == 0)
+
+
+# what a law's fields declare
+
+
+@pytest.mark.parametrize(
+    ("within", "inside", "outside", "accepted"),
+    [
+        ("(0, inf)", [1e-300, 5.0], [0.0, -1.0], "a positive length in m"),
+        ("[0, inf)", [0.0, 5.0], [-1e-300], "a length in m of zero or more"),
+        ("(-1, 0.5]", [-0.999, 0.5], [-1.0, 0.500001], "a length in m in (-1, 0.5]"),
+        ("(-inf, inf)", [-1e300, 0.0], [np.nan, np.inf], "a finite length in m"),
+    ],
+)
+def test_ranges_that_fields_declare(within, inside, outside, accepted):
+    class Law(sj.HardSphereLaw):
+        value: float = sj.number_field("x", "m", "length", within=within)
+
+        def restitution_squared(self, velocity):
+            return 0 * velocity
+
+    status = jax.jit(lambda v: sj.restitution(Law(v), 1.0).status)
+    for value in inside:
+        assert Law(value).is_valid()
+        assert status(value) != sj.Status.INVALID_INPUT
+    for value in outside:
+        with pytest.raises(ValueError, match="`value` must be " + re.escape(accepted)):
+            Law(value)
+        assert status(value) == sj.Status.INVALID_INPUT
+
+
+@pytest.mark.parametrize("within", ["0..1", "[a, b]", "(0)", ""])
+def test_a_range_that_is_none(within):
+    with pytest.raises(ValueError, match="`within` must be a range such as"):
+        sj.number_field("x", within=within)
+
+
+class Declared(sj.HardSphereLaw):
+    """One field of each kind."""
+
+    share: float = sj.number_field("q", "-", "share", within="[0, 1)")
+    time: float = sj.number_field("τ", "s", "time", within="(0, inf)", default=1.0)
+    knots: jax.Array = sj.array_field(default=None)
+    end: str = sj.choice_field("near", "far")
+
+    def restitution_squared(self, velocity):
+        return self.share + 0 * velocity
+
+
+def test_what_is_shared_by_all_impacts_must_be_finite_and_keeps_its_whole_numbers():
+    given = np.array([1, 0])
+    law = Declared(np.full(3, 0.5), knots={"w": jnp.ones((7, 2)), "n": 3, "at": given, "of": "any"})
+    given[:] = 7
+    assert np.all(law.is_valid())
+    assert type(law.knots["n"]) is int
+    assert list(law.knots["at"]) == [1, 0]
+    assert law.knots["at"].dtype == given.dtype
+    for numbers in (3, [1, 2], np.array([1, 2])):  # where no name says that they are counts
+        leaves = jax.tree.leaves(Declared(0.5, knots=numbers).knots)
+        assert all(np.issubdtype(np.result_type(leaf), np.floating) for leaf in leaves)
+    bad = jnp.array([1.0, np.nan])
+    with pytest.raises(ValueError, match="`knots` must be finite numbers, but is Array"):
+        Declared(0.5, knots=bad)
+    found = jax.jit(lambda k: sj.restitution(Declared(0.5, knots=k), 1.0).status)(bad)
+    assert found == sj.Status.INVALID_INPUT
+    with pytest.raises(ValueError, match=r"`share` \(3,\), `time` \(2,\)"):
+        Declared(np.full(3, 0.5), np.ones(2))
+    with pytest.raises(ValueError, match="`end` must be 'near' or 'far'"):
+        Declared(0.5, end="beside")
+
+
+def test_what_is_given_is_stored_as_floats():
+    material = sj.Material(2, [0.1, 0.2], np.float32(3), (4, 5))
+    assert isinstance(material.youngs_modulus, float)
+    assert np.array_equal(material.poisson_ratio, [0.1, 0.2])
+    assert material.yield_strength.dtype.kind == "f"
+    assert list(LAWS["zhou"].law.contact.leaves())[:2] == ["youngs_modulus", "radius"]
