@@ -90,10 +90,6 @@ CHANGES: dict[str, list[tuple[str, str, str]]] = {
     "calibration/handover/substitutes.py": [
         ("math.atan2(math.pi, loss)", "math.atan2(math.pi, 2 * loss)", "export_choice"),
     ],
-    "calibration/atomic.py": [
-        ("if (directory / name).is_dir():", "if False:", "cli_files faults_writing"),
-        ("shutil.rmtree(staged, ignore_errors=True)", "pass", "faults_writing cli_files"),
-    ],
     "calibration/curve/velocities.py": [
         ("** (1 - part) * self.last**part", "* (self.last / self.first) ** part", "curve"),
     ],

@@ -190,10 +190,12 @@ def test_a_restitution_beside_what_it_follows_from_is_used():
 
 @pytest.mark.parametrize("signs", [(1, -1), (-1, 1)])
 def test_velocities_of_opposite_sign_are_speeds(signs):
-    table = {"v_in": signs[0] * np.array([2.0, 4.0]), "v_out": signs[1] * np.array([1.8, 3.2])}
-    data = READ(table)
+    speeds = {"v_in": np.array([0.5, 4.0]), "v_out": np.array([0.45, 3.2])}
+    data = READ({k: sign * v for sign, (k, v) in zip(signs, speeds.items(), strict=True)})
+    np.testing.assert_allclose(data.velocity, [0.5, 4.0], rtol=1e-15)
     np.testing.assert_allclose(data.restitution, [0.9, 0.8], rtol=1e-15)
     assert any("opposite sign" in one for one in data.remarks)
+    assert READ(speeds).remarks == READ({"v_in": [0.5], "v_out": [0.0]}).remarks == ()
 
 
 def test_groups_go_with_every_set_of_columns():

@@ -9,19 +9,21 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import calibration as cal
-import softjax as sj
 
 MORE = 20_000
 
 
 @pytest.fixture(scope="module")
-def genuine():
+def genuine(tmp_path_factory):
     """A result with bodies and groups, as a table: all kinds of entries, little to compute."""
-    velocity = np.geomspace(0.5, 5.0, 8)
+    folder = tmp_path_factory.mktemp("genuine")
     noise = 0.01 * np.random.default_rng(2).standard_normal(8)
-    pair = sj.Contact.between_spheres(sj.NYLON, sj.NYLON, 0.0127, 0.0127)
-    data = cal.RestitutionData(velocity, 0.8 + noise, pair, name="my alloy", group=list("aaabbbcc"))
-    return json.loads(cal.fit(data, "constant").to_json())
+    rows = zip(np.geomspace(0.5, 5.0, 8), 0.8 + noise, "aaabbbcc", strict=True)
+    (folder / "a.csv").write_text("v,e,group\n" + "".join(f"{v},{e},{g}\n" for v, e, g in rows))
+    text = 'name = "my alloy"\nmaterial = "nylon"\nradius = 0.0127\ndata = "a.csv"\n'
+    wall = '[material.wall]\nmaterial = "stainless steel"\n'
+    (folder / "m.toml").write_text("[[material]]\n" + text + wall)
+    return json.loads(cal.fit(cal.read_toml(folder / "m.toml"), "constant").to_json())
 
 
 def changed(table, place, value):
@@ -50,7 +52,9 @@ def refusal(path, text):
 
 def test_what_was_saved_loads_back(genuine, tmp_path):
     (tmp_path / "fit.json").write_text(json.dumps(genuine), encoding="utf-8")
-    assert json.loads(cal.FitResult.load(tmp_path / "fit.json").to_json()) == genuine
+    result = cal.FitResult.load(tmp_path / "fit.json")
+    assert json.loads(result.to_json()) == genuine
+    assert [body.radius for body in result.materials[0].data.bodies] == [0.0127, None]
 
 
 FIT, DATA = "fits.0.", "fits.0.data."

@@ -1,0 +1,99 @@
+"""What is compiled for one command serves the next, in the user's own folder; and `softjax doctor`."""
+
+import os
+import platform
+import subprocess
+import sys
+from importlib import metadata
+
+import jax
+import pytest
+
+from tests.command import run
+
+WORDS = ["curve", "nylon", "--law", "constant", "--set", "restitution=0.9", "--points", "3"]
+
+
+def command(folder, *words, **environment):
+    """What a command in a process of its own writes as curve.csv, with its caches below `folder`."""
+    plain = {k: v for k, v in os.environ.items() if k != "JAX_COMPILATION_CACHE_DIR"}
+    done = subprocess.run(
+        [sys.executable, "-m", "calibration", *words, "--format", "csv", "--out", folder / "out"],
+        env=plain | {"XDG_CACHE_HOME": str(folder), "HOME": str(folder)} | environment,
+        capture_output=True,
+        check=True,
+    )
+    assert done.stderr == b""
+    return (folder / "out" / "curve.csv").read_text()
+
+
+def programs(folder):
+    return {path for path in folder.rglob("*-cache") if path.is_file()}
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the folder of Linux")
+def test_programs_are_kept_unless_not_wanted_and_a_torn_one_is_no_harm(tmp_path):
+    first = command(tmp_path, *WORDS, "--no-cache")
+    assert programs(tmp_path) == set()
+    assert command(tmp_path, *WORDS) == first
+    kept = programs(tmp_path / "softjax")
+    assert kept
+    assert kept == programs(tmp_path)
+    for path in kept:
+        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    assert command(tmp_path, *WORDS) == first
+    assert programs(tmp_path) == kept
+
+
+def test_who_has_a_cache_keeps_it(tmp_path):
+    command(tmp_path, *WORDS, JAX_COMPILATION_CACHE_DIR=str(tmp_path / "elsewhere"))
+    assert not (tmp_path / "softjax").exists()
+
+
+def test_without_a_place_nothing_is_kept_and_nothing_fails(tmp_path):
+    (tmp_path / "softjax").write_text("", encoding="utf-8")
+    command(tmp_path, *WORDS)
+    assert programs(tmp_path) == set()
+
+
+@pytest.mark.long
+def test_time_integration_is_kept_too(tmp_path):
+    """diffrax's checks would keep it from being kept; the largest program by far."""
+    words = ("curve", "nylon", "--route", "ode", "--points", "3")
+    command(tmp_path, *words)
+    kept = programs(tmp_path)
+    assert max(path.stat().st_size for path in kept) > 100_000
+    command(tmp_path, *words)
+    assert programs(tmp_path) == kept
+
+
+MOST = {"energy balance": 1e-12, "its slopes": 1e-8, "time integration": 1e-7}
+
+
+def test_doctor_tells_versions_and_checks_itself():
+    """Its self-check allows no more than these errors, and finds less."""
+    code, out, error = run("doctor", "--no-cache")
+    assert (code, error) == (0, "")
+    told = {k: v.strip() for k, v in (one.split(":", 1) for one in out.splitlines() if ":" in one)}
+    assert told["jax"] == jax.__version__
+    assert told["softjax-contact"] == metadata.version("softjax-contact")
+    assert told["Python"].split()[0] == platform.python_version()
+    assert told["float64"] == "on"
+    assert told["compiled programs"].startswith("not kept")
+    assert "self-check passed" in out
+    for name, most in MOST.items():
+        found, allowed = (float(part.split()[-1]) for part in told[name].split(","))
+        assert found <= allowed <= most
+
+
+def test_the_version_is_that_of_the_distribution(capsys):
+    with pytest.raises(SystemExit) as end:
+        run_version()
+    assert end.value.code == 0
+    assert capsys.readouterr().out == f"softjax-contact {metadata.version('softjax-contact')}\n"
+
+
+def run_version():
+    from calibration import cli
+
+    cli.main(["--version"])

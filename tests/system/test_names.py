@@ -1,0 +1,102 @@
+"""Names from files are text: they make no rows, no pictures, no links, and move no cursor."""
+
+import html
+import json
+import os
+import re
+import subprocess
+
+import pytest
+
+from tests.command import run
+
+NAMES = {
+    "newline": "steel\n9 0.5 0 0 0 0",
+    "comment": "# heading",
+    "script": "<script>alert(1)</script>",
+    "entity": "&lt; a\\",
+    "image": "![x](http://example.org/x.png)",
+    "reference": "[x]: y",
+    "cell": "a|b",
+    "code": "`x` *y* _z_",
+    "escape": "\x1b[2J\x1b]0;title\x07red",
+    "direction": "abc\u202edef",
+    "dollars": "$\\frac{1}{0}$",
+}
+MATERIAL = '[[material]]\nname = {}\nmaterial = "nylon"\nradius = 0.01\ndata = "a.csv"\n'
+POINTS = (
+    "velocity,restitution,uncertainty\n0.5,0.81,0.01\n1.0,0.79,0.01\n2.0,0.8,0.01\n4.0,0.82,0.01\n"
+)
+FOLDER = "it's `a` $(b) ü"
+
+
+@pytest.fixture(scope="module")
+def told(tmp_path_factory):
+    """All names in one fit: the folder, what the terminal shows, and the report."""
+    folder = tmp_path_factory.mktemp("names") / FOLDER
+    folder.mkdir()
+    (folder / "a.csv").write_text(POINTS)
+    entries = "".join(MATERIAL.format(json.dumps(name)) for name in NAMES.values())
+    text = '[fit]\nlaw = "constant"\nprofiles = false\n' + entries
+    (folder / "m.toml").write_text(text.replace("\\u001b", "\\u001B"), encoding="utf-8")
+    code, out, error = run("--no-cache", "fit", folder / "m.toml", "--out", folder / "r")
+    assert (code, error) == (0, "")
+    return folder, out, (folder / "r" / "report.md").read_text(encoding="utf-8")
+
+
+def test_nothing_reaches_the_terminal_but_letters(told):
+    _, out, _ = told
+    assert all(line.isprintable() for line in out.splitlines())
+    for shown in (r"steel\n9 0.5 0 0 0 0", r"\x1b[2J", r"abc\u202edef"):
+        assert shown in out
+
+
+def test_a_report_has_its_own_structure_alone(told):
+    _, _, report = told
+    lines = report.splitlines()
+    assert all(line.isprintable() for line in lines)
+    assert not any("heading" in line for line in lines if line.startswith("#"))
+    assert "<" not in report
+    assert all(link.endswith(".png") for link in re.findall(r"\]\(([^)]*)\)", report))
+    assert "://" not in report
+    tables = [block.splitlines() for block in report.split("\n\n") if block.startswith("|")]
+    assert len(tables) >= 3
+    for table in tables:
+        assert len({len(re.findall(r"(?<!\\)\|", row)) for row in table}) == 1
+    # and shows each name as it is
+    shown = html.unescape(report.replace("\\|", "|"))
+    for name in ("script", "entity", "image", "reference", "cell", "code", "dollars"):
+        assert f"- **{NAMES[name]}**" in shown
+
+
+def test_a_page_has_its_own_elements_alone(told):
+    page = (told[0] / "r" / "report.html").read_text(encoding="utf-8")
+    assert "<script" not in page
+    assert not re.search(r'(src|href)="http', page)
+    assert "<script>alert(1)</script>" in html.unescape(page)
+
+
+def test_the_line_of_the_report_is_the_command_again(told):
+    """A shell reads the words that were given."""
+    folder, _, report = told
+    line = next(line for line in report.splitlines() if "softjax fit " in line)
+    command = re.search(r"(`+) ?(.*?) ?\1(?!`)", line)[2]
+    printed = subprocess.run(
+        ["bash", "-c", f"printf '%s\\0' {command}"], capture_output=True, check=True
+    ).stdout
+    found = [os.fsdecode(word) for word in printed.split(b"\0")[:-1] if word != b"--no-cache"]
+    assert found == ["softjax", "fit", str(folder / "m.toml"), "--out", str(folder / "r")]
+
+
+def test_a_table_for_particle_codes_has_rows_of_numbers_alone(told):
+    folder, _, _ = told
+    for name in (r"steel\n9 0.5 0 0 0 0", "# heading"):
+        words = ["--fit", folder / "r" / "fit.json", "--material", name, "--table", "--points", 5]
+        code, out, error = run("--no-cache", "curve", *words, "--out", folder / "c")
+        assert (code, error) == (0, "")
+        lines = (folder / "c" / "curve.txt").read_text(encoding="utf-8").splitlines()
+        rows = [line for line in lines if not line.startswith("#")]
+        assert len(rows) == 5
+        assert name in lines[0]
+        assert all(float(cell) >= 0 for row in rows for cell in row.split())
+        assert out.replace("\n", "").isprintable()

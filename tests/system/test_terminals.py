@@ -1,0 +1,111 @@
+"""Terminals as they are: narrow, dumb, without letters; and a sign of life before anything is loaded."""
+
+import contextlib
+import io
+import os
+import pty
+import re
+import select
+import subprocess
+import sys
+
+import pytest
+
+from calibration import cli
+from tests.command import write_alloy
+
+
+class Screen(io.StringIO):
+    """A terminal that keeps what is written to it."""
+
+    encoding = "utf-8"  # type: ignore[assignment]
+
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.fixture(scope="module")
+def alloy(tmp_path_factory):
+    return write_alloy(tmp_path_factory.mktemp("alloy"), 'law = "constant"\nprofiles = false')
+
+
+def shown(monkeypatch, tmp_path, alloy, columns=None, term="xterm", out=None, error=None, *words):
+    """What a fit writes to standard output and standard error."""
+    monkeypatch.setenv("TERM", term)
+    if columns is not None:
+        monkeypatch.setenv("COLUMNS", str(columns))
+    out, error = out or Screen(), error or Screen()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(error):
+        code = cli.main(["fit", str(alloy), "--no-cache", "--out", str(tmp_path / "r"), *words])
+    assert code == 0
+    return out.getvalue(), error.getvalue()
+
+
+def test_no_line_is_wider_than_the_terminal(monkeypatch, tmp_path, alloy):
+    """And every word and number of a wide one is there."""
+    plain = re.compile(r"\x1b\[[0-9;]*m")
+    texts = {n: plain.sub("", shown(monkeypatch, tmp_path, alloy, n)[0]) for n in (50, 70, 200)}
+    for columns, text in texts.items():
+        report = text.partition(str(tmp_path))[0].splitlines()[:-1]  # a path is as long as it is
+        assert max(map(len, report)) <= columns
+    # all but short numbers, which may be seconds
+    words = {n: set(re.findall(r"[^\W\d]\w{2,}|\d[\d.]{4,}", one)) for n, one in texts.items()}
+    assert words[200] <= words[50]
+    assert words[200] <= words[70]
+    assert texts[50] != texts[200]
+
+
+def test_progress_is_for_terminals(monkeypatch, tmp_path, alloy):
+    """On one that cannot go back a line a stage; in a pipe, or when quiet, nothing."""
+    able = shown(monkeypatch, tmp_path, alloy)[1]
+    assert able.startswith("softjax fit: loading")
+    assert "\r" in able
+    dumb = shown(monkeypatch, tmp_path, alloy, term="dumb")[1]
+    assert dumb.startswith("softjax fit: loading")
+    assert len(dumb.splitlines()) > 1
+    assert "\r" not in dumb
+    assert "\x1b" not in dumb
+    assert shown(monkeypatch, tmp_path, alloy, error=io.StringIO())[1] == ""
+    quiet = shown(monkeypatch, tmp_path, alloy, None, "xterm", None, None, "--quiet")
+    assert quiet == ("", "")
+
+
+def test_on_a_real_terminal_without_colours(tmp_path):
+    """Its first output is there before anything heavy is imported; no escape sequence."""
+    main, other = pty.openpty()
+    words = ["curve", "nylon", "--law", "constant", "--set", "restitution=0.9", "--format", "csv"]
+    process = subprocess.Popen(
+        [
+            sys.executable,
+            "-X",
+            "importtime",
+            "-m",
+            "calibration",
+            "--no-cache",
+            *words,
+            "--out",
+            "r",
+        ],
+        stdin=other,
+        stdout=other,
+        stderr=other,
+        cwd=tmp_path,
+        env=os.environ | {"TERM": "dumb", "NO_COLOR": "1", "PYTHONPATH": os.getcwd()},
+    )
+    os.close(other)
+    seen = b""
+    while select.select([main], [], [], 60)[0]:
+        try:
+            part = os.read(main, 65536)
+        except OSError:  # the other end is closed
+            break
+        seen += part
+        if not part:
+            break
+    os.close(main)
+    assert process.wait() == 0
+    before, sign, after = seen.partition(b"softjax curve: loading")
+    assert sign
+    assert not re.search(rb"\| +(jax|numpy|scipy|matplotlib)\r", before)
+    assert re.search(rb"\| +jax\r", after)
+    assert b"\x1b" not in seen

@@ -1,0 +1,190 @@
+"""What cannot be written: one line, exit code 3, older files as they were, and results still told."""
+
+import contextlib
+import json
+import os
+import resource
+import subprocess
+import sys
+
+import jax
+import pytest
+
+import calibration as cal
+from tests.command import run, write_alloy
+
+COMMAND = [sys.executable, "-m", "calibration", "--no-cache"]
+CONSTANT = ["nylon", "--law", "constant", "--set", "restitution=0.8"]
+CURVE = ["curve", *CONSTANT, "--points", 20]
+
+
+@contextlib.contextmanager
+def files_of_at_most(size):
+    """No file grows beyond so many bytes, as on a full disk; JAX's cache is left alone."""
+    before = jax.config.jax_persistent_cache_min_compile_time_secs
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 1e9)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", before)
+
+
+@pytest.fixture(scope="module")
+def alloy(tmp_path_factory):
+    """A material file that is soon fitted."""
+    return write_alloy(tmp_path_factory.mktemp("alloy"), 'law = "constant"\nprofiles = false')
+
+
+@pytest.mark.parametrize("most", [500, 20_000])
+def test_a_full_disk_costs_the_files_and_not_the_report(most, alloy, tmp_path):
+    """The first file is the larger of both, the picture the other."""
+    out = tmp_path / "results"
+    out.mkdir()
+    (out / "fit.json").write_text("old")
+    with files_of_at_most(most):
+        code, told, error = run("--no-cache", "fit", alloy, "--out", out)
+    assert code == 3
+    assert error == f"softjax: {str(out)!r} could not be written to (File too large)\n"
+    assert "my alloy" in told
+    assert "converged" in told
+    assert str(out) not in told
+    assert {path.name: path.read_text() for path in out.iterdir()} == {"fit.json": "old"}
+    assert os.listdir(tmp_path) == ["results"]
+
+
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        (["compare", "ALLOY", "--laws", "constant"], "constant"),
+        (["sensitivity", *CONSTANT], "0.80000"),
+    ],
+)
+def test_other_commands_tell_what_they_found(words, found, alloy, tmp_path):
+    words = [str(alloy) if word == "ALLOY" else word for word in words]
+    with files_of_at_most(100):
+        code, told, error = run("--no-cache", *words, "--out", tmp_path / "results")
+    assert (code, error.count("\n")) == (3, 1)
+    assert found in told
+    assert list(tmp_path.iterdir()) == []
+
+
+# where results are to go: exit code, and words of the line
+PLACES = {
+    "x" * 300: (3, "File name too long"),
+    f"new/{'x' * 300}": (3, "File name too long"),
+    "/proc/results": (3, "could not be written"),
+    "file": (2, "'{}/file' is a file"),
+    "file/below/it": (2, "'{}/file' is a file"),
+    "link": (2, "link"),
+    "folder": (2, "curve.csv"),  # where a directory has the name of a result
+}
+
+
+@pytest.mark.parametrize("place", PLACES, ids=range(len(PLACES)))
+def test_an_impossible_place(place, tmp_path, monkeypatch):
+    """Nothing is made, nothing is changed."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").write_text("mine")
+    (tmp_path / "link").symlink_to("nowhere")
+    (tmp_path / "folder" / "curve.csv").mkdir(parents=True)
+    before = sorted(tmp_path.rglob("*"))
+    out = place if place.startswith("/") else tmp_path / place
+    code, told, error = run("--no-cache", *CURVE, "--format", "npy", "csv", "--out", out)
+    assert (code, told, error.count("\n")) == (PLACES[place][0], "", 1)
+    assert PLACES[place][1].format(tmp_path) in error
+    assert sorted(tmp_path.rglob("*")) == before
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+@contextlib.contextmanager
+def without_rights():
+    """Root may write anywhere: as nobody for a while."""
+    is_root = os.geteuid() == 0
+    if is_root:
+        os.setresuid(65534, 65534, 0)
+    try:
+        yield
+    finally:
+        if is_root:
+            os.setresuid(0, 0, 0)
+
+
+def test_a_folder_without_permission(tmp_path):
+    run("--no-cache", *CURVE, "--format", "csv", "--out", tmp_path)  # compiled before
+    for folder in [tmp_path, *list(tmp_path.parents)[:-2]]:
+        if folder.owner() == tmp_path.owner():
+            folder.chmod(0o755)
+    (tmp_path / "closed").mkdir(0o555)
+    with without_rights():
+        words = ["--format", "csv", "--out", tmp_path / "closed" / "results"]
+        code, told, error = run("--no-cache", *CURVE, *words)
+    assert (code, told, error.count("\n")) == (3, "", 1)
+    assert "permission" in error.lower()
+    assert str(tmp_path / "closed") in error
+
+
+def test_a_folder_that_is_not_there_is_made(tmp_path):
+    out = tmp_path / "deep" / "results"
+    assert run("--no-cache", *CURVE, "--format", "csv", "npy", "--out", out)[0] == 0
+    assert {path.name for path in out.iterdir()} == {"curve.csv", "curve.npy"}
+    assert os.listdir(tmp_path) == ["deep"]
+
+
+def test_a_result_that_cannot_be_saved_is_an_os_error(tmp_path):
+    data = cal.RestitutionData([1.0, 2.0, 3.0], [0.8, 0.81, 0.79])
+    result = cal.fit(data, "constant", profiles=False)
+    with pytest.raises(OSError, match="could not be written to"):
+        result.save(tmp_path / ("x" * 300) / "fit.json")
+
+
+def redirected(streams, *words, **more):
+    """A command whose standard streams the shell redirects."""
+    return subprocess.run(
+        ["sh", "-c", f'"$@" {streams}', "sh", *COMMAND, *map(str, words)],
+        capture_output=True,
+        check=False,
+        **more,
+    )
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="of Linux")
+@pytest.mark.parametrize("streams", [">/dev/full", ">&-", "<&- >&- 2>&-"])
+def test_output_that_is_full_or_closed(streams):
+    done = redirected(streams, "--help")
+    assert done.returncode == 3
+    assert done.stderr.count(b"\n") == (0 if "2>" in streams else 1)
+    assert b"Traceback" not in done.stderr
+
+
+def test_closed_errors_and_input_do_no_harm(tmp_path):
+    """A file of results never becomes a stream that was closed."""
+    done = redirected("<&- 2>&-", *CURVE, "--format", "csv", "--out", tmp_path)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert (tmp_path / "curve.csv").read_text().count("\n") > 20
+
+
+def test_an_umlaut_where_there_is_only_ascii_and_a_path_that_is_no_text(tmp_path):
+    file = write_alloy(tmp_path, 'law = "constant"\nprofiles = false')
+    (tmp_path / "my_alloy.csv").rename(tmp_path / "prüfung.csv")
+    text = file.read_text(encoding="utf-8").replace("my_alloy.csv", "prüfung.csv")
+    file.rename(tmp_path / "härte.toml").write_text(text, encoding="utf-8")
+    plain = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    out = b"st\xfc/ergebnis_\xc3\xbc"
+    done = subprocess.run(
+        [*COMMAND, "fit", b"h\xc3\xa4rte.toml", "--out", out],
+        capture_output=True,
+        env=os.environ | plain | {"PYTHONPATH": os.getcwd()},
+        cwd=tmp_path,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert "std. error" in done.stdout.decode("ascii")
+    folder = os.path.join(os.fsencode(tmp_path), out)
+    assert set(os.listdir(folder)) >= {b"fit.json", b"report.md", b"curves.png"}
+    with open(os.path.join(folder, b"report.md"), encoding="utf-8") as report:
+        assert "±" in report.read()
+    with open(os.path.join(folder, b"fit.json"), encoding="utf-8") as table:
+        assert json.load(table)["converged"] is True
