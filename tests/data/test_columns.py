@@ -195,7 +195,7 @@ def test_velocities_of_opposite_sign_are_speeds(signs):
     np.testing.assert_allclose(data.velocity, [0.5, 4.0], rtol=1e-15)
     np.testing.assert_allclose(data.restitution, [0.9, 0.8], rtol=1e-15)
     assert any("opposite sign" in one for one in data.remarks)
-    assert READ(speeds).remarks == READ({"v_in": [0.5], "v_out": [0.0]}).remarks == ()
+    assert not any("opposite sign" in one for one in READ(speeds).remarks)
 
 
 def test_groups_go_with_every_set_of_columns():
