@@ -78,6 +78,7 @@ def assemble(specs: Sequence[SetSpec], route: Route, bound: Sequence[str] = ()) 
         raise DataError("data", names, "sets of different names")
     drafted = _gathered(specs)
     _check_pooled(specs, drafted)
+    _check_groups(names, drafted)
     return [
         _component(
             sets, [specs[g] for g in sets], _of_sets(drafted, sets), len(specs), route, bound
@@ -110,6 +111,16 @@ def _check_pooled(specs, drafted: Iterable[_Drafted]) -> None:
             raise DataError(f"shared of {name}", "pooled", "left out for one data set alone")
         if any(specs[g].objective != "model" for g in sets):
             raise DataError(f"shared of {name}", "pooled", 'left out, or objective="model"')
+
+
+def _check_groups(names: list[str], drafted: Iterable[_Drafted]) -> None:
+    """No group has the name of a data set outside it: results call "chi[name]" what either has."""
+    for one in drafted:
+        if one.group in names and names.index(one.group) not in one.sets:
+            accepted = "the name of a group that no data set outside the group has"
+            refused = DataError(f"shared of {one.local.name}", one.group, accepted)
+            origin = one.local.parameter.origin
+            raise refused if origin is None else origin.error(refused)
 
 
 def _pooled(drafted: Iterable[_Drafted]) -> dict[str, list[int]]:

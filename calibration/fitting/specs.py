@@ -1,5 +1,6 @@
 """What is asked of each data set: its law, and which of the law's parameters are free."""
 
+import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -24,6 +25,7 @@ from calibration.parameters import Parameter, as_parameter
 from softjax.fields import Declared
 
 OBJECTIVES = ("model", "two-step")
+REACH = 5.0  # standard deviations of a prior within which a search is expected to end
 FORMER = {"empirical": "eq-17", "constant": "constant"}  # objectives that are laws now
 
 Specs = Mapping[str, Any] | Sequence[Any] | None
@@ -190,20 +192,42 @@ def _named_law(name: str) -> type:
 def _identified(data, given: dict[str, Parameter], model: LawModel, options):
     """What of Zhou's law these data can tell: ε_up without points below yield, no χ̃ without any above.
 
-    Only where nothing was said of σ, ψ or ε_up, and where yield stays where it is.
+    Only where nothing was said of σ, ψ or ε_up; of ε_up wherever prior and bounds let yield be.
     """
     free = {name for name, parameter in given.items() if parameter.free}
     moves = bool(free & {OF_CONTACT + name for name in MOVE_YIELD})
-    below = data.velocity <= np.asarray(data.contact.critical_velocity)
+    below = data.velocity <= _highest_yield(data.contact, given)
     told = {"sigma", "psi", "eps_up"} & set(given)
     if not moves and np.all(below):
         held = {"c1", "c2"} if set(LINE) & set(given) else {"chi"}
         fixed = {name: Parameter(free=False) for name in held}
         return given | fixed, model
-    if told or moves or np.any(below):
+    if told or np.any(below):
         return given, model
     names = [*(name for name in LINE if name in given), "eps_up"]
     return given, zhou_model(names, options)
+
+
+def _highest_yield(contact: sj.Contact, given: Mapping[str, Parameter]) -> np.ndarray:
+    """The highest critical velocity that prior and bounds of the contact's numbers allow [m/s]."""
+    leaves = [name for name in MOVE_YIELD if OF_CONTACT + name in given]
+    ends = [_reach(given[OF_CONTACT + name], getattr(contact, name)) for name in leaves]
+    if not all(np.all(np.isfinite(pair)) for pair in ends):
+        return np.array(np.inf)  # anywhere
+    corners = [dict(zip(leaves, values, strict=True)) for values in itertools.product(*ends)]
+    return np.max([replace(contact, **one).critical_velocity for one in corners], axis=0)
+
+
+def _reach(parameter: Parameter, own: Any) -> tuple[Any, Any]:
+    """Between which values a search looks for a positive number; infinite where nothing says so."""
+    if not parameter.free:
+        value = own if parameter.value is None else parameter.value
+        return value, value
+    low, high = parameter.bounds or (0.0, np.inf)
+    if parameter.prior is not None:
+        mean, deviation = parameter.prior
+        low, high = max(low, mean - REACH * deviation), min(high, mean + REACH * deviation)
+    return max(low, 1e-9 * high), high
 
 
 def _located(data, objective: str, model: LawModel, given: dict[str, Parameter]) -> SetSpec:

@@ -84,7 +84,11 @@ def _separation(fit: ComponentFit, curves: dict[str, Profile]) -> list[Doubt]:
             labels = [fit.component.elements[k].label for k in pair]
             wide = [doubts.is_wide(curves[label]) for label in labels if label in curves]
             if not np.max(errors) <= doubts.SEPARATE or any(wide):
-                cause = f"the standard error of ln sigma is {errors[0]:.2g}"
+                cause = (
+                    f"the standard error of ln sigma is {errors[0]:.2g}"
+                    if np.isfinite(errors[0])
+                    else "only one combination of sigma and psi shows"
+                )
                 found.append(Doubt("sigma-psi-not-separate", cause, spec.data.name))
     return found
 

@@ -266,6 +266,10 @@ def traceable(request: Request) -> Traceable:
     for pool in pools:
         start[pool.name] = elements[pool.members[0]].start
         start[pool.spread_name] = START_SPREAD
+    taken = next((name for name in start if name in noises), None)
+    if taken is not None:
+        accepted = f"named otherwise: theta[{taken!r}] is an error of the data here"
+        raise DataError("parameter", taken, accepted)
     return Traceable(tuple(start), start, noises, sets, tuple(components), pools, route)
 
 

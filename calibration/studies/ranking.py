@@ -19,7 +19,7 @@ from jaxtyping import Float
 
 from calibration.data import RestitutionData
 from calibration.data.checks import check_whole
-from calibration.errors import DataError, printable
+from calibration.errors import DataError, InputError, printable
 from calibration.fitting.door import fit
 from calibration.studies.candidates import Candidate, chosen, missing_laws
 from calibration.studies.comparison import Comparison, Difference, Entry
@@ -86,7 +86,7 @@ def compare(
     for candidate in watch(candidates, printable(data.name)):
         try:
             entries.append(_entry(data, candidate, seed))
-        except ValueError as error:
+        except (DataError, InputError) as error:
             if laws is not None:
                 raise data.refusal(
                     f"{candidate.label}: {error}", "another law is needed"

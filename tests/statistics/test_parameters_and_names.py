@@ -1,0 +1,175 @@
+"""Which parameters the data determine, and names that mean one thing only."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy import optimize
+
+import calibration as cal
+import softjax as sj
+from tests import fit_oracle
+from tests.decay import Decay
+from tests.fit_data import pair
+
+QUICK = {"profiles": False, "starts": 1}
+STEEL = pair("stainless steel")
+V_CR = float(STEEL.critical_velocity)
+YIELD = float(STEEL.yield_strength)
+
+
+def drops(lowest, contact=STEEL):
+    """Zhou's law with noise of 0.004, from so many critical velocities on."""
+    random = np.random.default_rng(4)
+    v = np.geomspace(lowest * V_CR, 400 * V_CR, 26)
+    law = sj.Zhou(contact, chi=1.8, sigma=3.0, psi=0.54)
+    e = np.asarray(sj.restitution(law, v).coefficient) + 0.004 * random.standard_normal(26)
+    return cal.RestitutionData(v, e, contact, uncertainty=0.004)
+
+
+def with_yield(**told):
+    return {"contact.yield_strength": cal.Parameter(**told)}
+
+
+def test_a_prior_on_yield_keeps_what_the_points_above_it_determine():
+    """ε_up in place of σ and ψ, with the values and errors of SciPy's least squares."""
+    data = drops(20)
+    result = cal.fit(data, "zhou", with_yield(prior=(YIELD, 0.05 * YIELD)))
+    names = ("chi", "eps_up", "contact.yield_strength")
+    assert result.covariance_names == names
+    assert result.condition_number < 100
+    assert result.rank == 3
+    numbers = fit_oracle.numbers(STEEL)
+
+    def off(x):
+        chi, up, share = x
+        contact = numbers | {"Y": share * YIELD}
+        critical = V_CR * share**2.5
+        psi = 0.5  # any: all points are above yield
+        sigma = -np.log(up) / (critical / (contact["v_lim"] - critical)) ** psi
+        curve = fit_oracle.curve(data.velocity, contact, chi, sigma, psi)
+        return np.append((curve - data.restitution) / 0.004, (share - 1) / 0.05)
+
+    scale = (1, 0.01, 0.05)
+    best = optimize.least_squares(off, (1.8, 0.98, 1.0), "3-point", x_scale=scale)
+    errors = np.sqrt(np.diag(np.linalg.inv(best.jac.T @ best.jac)))
+    unit = np.array([1.0, 1.0, YIELD])
+    found = np.array([result.values[name] for name in names])
+    of_found = np.array([result.standard_errors[name] for name in names])
+    assert np.max(np.abs(found / unit - best.x) / errors) < 1e-2
+    np.testing.assert_allclose(of_found, errors * unit, rtol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("told", "lowest"),
+    [
+        ({"prior": (YIELD, 0.05 * YIELD)}, 1.5),  # five deviations up v_cr is 1.75 times as high
+        ({"bounds": (0.5 * YIELD, 3 * YIELD)}, 12),  # v_cr reaches 3^2.5 = 15.6 times as high
+        ({"value": YIELD}, 20),
+    ],
+)
+def test_sigma_and_psi_stay_where_yield_may_reach_the_points(told, lowest):
+    result = cal.fit(drops(lowest), "zhou", with_yield(**told), **QUICK)
+    assert {"sigma", "psi"} <= set(result.covariance_names)
+
+
+def test_a_yield_strength_that_is_fixed_decides_which_points_are_above_it():
+    """v_cr goes with Y to the power 2.5: below it χ̃ does not show, above it σ and ψ do not."""
+    above = cal.fit(drops(2), "zhou", {"yield_strength": YIELD}, **QUICK)
+    assert "eps_up" in above.covariance_names
+    below = cal.fit(drops(2), "zhou", {"yield_strength": 20 * YIELD}, **QUICK)
+    assert below.covariance_names == ("sigma", "psi")
+
+
+def test_what_the_data_do_not_determine_is_said_without_nan():
+    said = with_yield(prior=(YIELD, 0.05 * YIELD)) | {"sigma": cal.Parameter(2.0)}
+    result = cal.fit(drops(20), "zhou", said)
+    assert result.standard_errors["sigma"] is None
+    assert "sigma-psi-not-separate" in {one.code for one in result.warnings}
+    assert "nan" not in str(result).lower()
+
+
+def decays(count, **told):
+    random = np.random.default_rng(count)
+    v = np.linspace(0.5, 4.0, 12)
+    sets = []
+    for name in "abc"[:count]:
+        e = 0.92 * np.exp(-0.08 * v) + 0.01 * random.standard_normal(12)
+        sets.append(cal.RestitutionData(v, e, name=name, **told))
+    return sets
+
+
+def test_a_group_named_like_a_data_set_outside_it_is_refused():
+    """Its parameter and that of the data set would both be "rate[a]"."""
+    said = {f"rate[{name}]": cal.Parameter(shared="a") for name in "bc"}
+    with pytest.raises(ValueError, match=r"`shared of rate` must be .*no data set.*, but is a$"):
+        cal.fit(decays(3), Decay, said, **QUICK)
+
+
+def test_a_group_may_have_the_name_of_one_of_its_data_sets(tmp_path):
+    said = {f"rate[{name}]": cal.Parameter(shared="a") for name in "ab"}
+    result = cal.fit(decays(3), Decay, said, **QUICK)
+    assert len(set(result.covariance_names)) == len(result.covariance_names) == 5
+    assert result.values["rate[a]"] == result.values["rate[b]"] != result.values["rate[c]"]
+    result.save(tmp_path / "fit.json")
+    assert cal.FitResult.load(tmp_path / "fit.json", law=Decay) == result
+
+
+def by_noise(noise=0.9):
+    return Decay(noise, 0.1)
+
+
+def by_scale(scale=0.9):
+    return Decay(scale, 0.1)
+
+
+def by_group(group=0.9):
+    return Decay(group, 0.1)
+
+
+CLASHES = {
+    "noise": (by_noise, {}, {}),
+    "scale": (by_scale, {"uncertainty": 0.01}, {"scale_uncertainty": True}),
+    "group": (by_group, {"group": [f"day {k}" for k in np.arange(12) // 3]}, {}),
+}
+
+
+@pytest.mark.parametrize("name", CLASHES)
+def test_a_parameter_named_like_an_error_of_the_data_is_refused(name):
+    """theta[name] was read as both."""
+    law, told, asked = CLASHES[name]
+    with pytest.raises(
+        ValueError, match=rf"^`parameter` must be named otherwise: .*but is {name}$"
+    ):
+        cal.problem(decays(1, **told), law, **asked)
+
+
+@pytest.mark.parametrize("name", CLASHES)
+def test_such_a_name_is_a_parameter_where_no_error_has_it(name):
+    law = CLASHES[name][0]
+    stated = decays(1, uncertainty=0.01)
+    problem = cal.problem(stated, law)
+    assert (problem.names, problem.noises) == ((name,), ())
+    off = (0.8 * np.exp(-0.1 * stated[0].velocity) - stated[0].restitution) / 0.01
+    np.testing.assert_allclose(problem.residuals({name: 0.8}), off, rtol=1e-9)
+    assert set(cal.fit(stated, law, **QUICK).values) == {name}
+
+
+class Singular(sj.HardSphereLaw):
+    """A law whose force solves a system that has no solution."""
+
+    level: float = sj.number_field("a", "-", "level", within="(0, inf)")
+
+    def restitution_squared(self, velocity):
+        np.linalg.solve(np.zeros((2, 2)), np.ones(2))
+        return jnp.asarray(self.level) * velocity
+
+
+def test_a_failure_inside_a_law_is_no_refusal_of_the_data():
+    """It goes on as what it is, not as "another law is needed"."""
+    with pytest.raises(np.linalg.LinAlgError, match="Singular"):
+        cal.compare(decays(1)[0], ["constant", Singular])
+
+
+def test_a_law_that_the_library_refuses_is_named():
+    with pytest.raises(ValueError, match=r"Zhou.*: .*no elastic properties.*another law is needed"):
+        cal.compare(decays(1)[0], ["constant", "zhou"])
