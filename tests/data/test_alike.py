@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import calibration as cal
+from tests.drawn import drawn
 
 G = 9.80665
 # two bounce trains, of which every way to tell it holds the same
@@ -89,13 +89,8 @@ def decimal(comma):
     return lambda x: repr(x).replace(".", ",") if comma else repr(x)
 
 
-@settings(
-    max_examples=120,
-    deadline=None,
-    derandomize=True,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
-@given(
+@drawn(
+    120,
     points=st.lists(
         st.tuples(st.floats(0.01, 50.0), st.floats(0.05, 0.99), st.floats(1e-3, 0.1)),
         min_size=1,
@@ -145,8 +140,8 @@ def test_a_table_in_any_unit_style_and_order_is_read_alike(
     assert list(data.origin.lines) == places[-len(v) :]
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
-@given(
+@drawn(
+    60,
     points=st.lists(
         st.tuples(
             st.sampled_from([0.5, 1.0, 2.0]),

@@ -64,22 +64,6 @@ def test_errors_enter_as_finite_differences_have_it(kind):
     np.testing.assert_allclose(data.velocity_uncertainty, np.linalg.norm(to_v, axis=1), **close)
 
 
-@pytest.mark.parametrize("kind", CASES)
-def test_whitened_noise_is_independent_and_of_variance_one(kind):
-    """Noise drawn, read, and divided by the covariance: 4000 sets, 1 within four standard errors."""
-    function, values, sizes = CASES[kind]
-    data = data_of(kind, values, sizes)
-    sets, rng = 4000, np.random.default_rng(7)
-    noise = 0.05 * np.array(sizes) * rng.standard_normal((sets, len(sizes)))  # small: linear
-    found = [function(*(np.array(values) + one)) for one in noise]
-    e, v = (np.array(part).reshape(sets, -1).T for part in zip(*found, strict=True))
-    error = (e - data.restitution[:, None]) - SLOPE * (v - data.velocity[:, None])
-    white = data.covariance_of(SLOPE).whiten(error) / 0.05
-    sample = white @ white.T / sets
-    allowed = 4 * np.sqrt((1 + np.eye(len(sample))) / sets)
-    np.testing.assert_array_less(np.abs(sample - np.eye(len(sample))), allowed)
-
-
 def test_one_uncertainty_of_both_numbers_or_of_one():
     """`velocity_uncertainty` beside two velocities is of both; what has none is exact, and told."""
     speeds = {"v_in": [2.0, 4.0], "v_out": [1.8, 3.2]}
@@ -177,15 +161,3 @@ def test_points_in_any_order_have_the_same_covariances():
         r = np.arange(1.0, 5.0)
         squares = np.sum(found.whiten(r[order]) ** 2)
         assert squares == pytest.approx(r @ np.linalg.solve(expected, r), rel=1e-12)
-
-
-@pytest.mark.long
-def test_a_million_points():
-    count = 1_000_000
-    table = {"interval": 0.7 * 0.95 ** (np.arange(count) % 10), "launch": np.arange(count) // 10}
-    data = READ(table, interval_uncertainty=1e-4)
-    assert len(data) == 900_000
-    # all trains are alike: the quadratic form is that of one, 100 000 times
-    one = READ({"interval": table["interval"][:10]}, interval_uncertainty=1e-4)
-    forms = [np.sum(x.covariance_of(SLOPE).whiten(np.ones(len(x))) ** 2) for x in (data, one)]
-    assert forms[0] == pytest.approx(1e5 * forms[1], rel=1e-9)

@@ -1,6 +1,7 @@
 """A set of data from arrays and tables: what it keeps, compares and prints."""
 
 import math
+from contextlib import suppress
 from dataclasses import replace
 from decimal import Decimal
 
@@ -116,16 +117,6 @@ def test_errors_and_the_two_uncertainties_are_one_statement():
     np.testing.assert_allclose(data.covariance_of([2.0, 3.0]).diagonal, expected, rtol=1e-12)
 
 
-def test_heights_of_falls():
-    heights = {"drop_height": [1.0, 0.5], "rebound_height": [0.81, 0.32]}
-    data = READ(heights, uncertainty=0.01)
-    # √(2 · 9.80665 · 1) and √9.80665; √0.81 and √0.64
-    np.testing.assert_allclose(data.velocity, [4.428690551, 3.131557120], rtol=1e-9)
-    np.testing.assert_allclose(data.restitution, [0.9, 0.8], rtol=1e-14)
-    moon = READ(heights, gravity=1.62)
-    np.testing.assert_allclose(moon.velocity, [1.8, 1.272792206], rtol=1e-9)
-
-
 @pytest.mark.parametrize("name", ["interval", "time"])
 def test_two_launches(name):
     """By intervals, the uncertainty in the row of the first; by times, in the row of the bounce."""
@@ -148,11 +139,9 @@ def test_two_launches(name):
 
 def test_bounces_without_a_launch_column_follow_each_other():
     """Up to 1.3 times the interval before, which noise may bring: no new drop."""
-    data = READ({"interval": [0.8, 0.4, 0.3]}, gravity=10.0)
-    np.testing.assert_allclose(data.velocity, [4.0, 2.0], rtol=1e-15)
-    np.testing.assert_allclose(data.restitution, [0.5, 0.75], rtol=1e-15)
+    data = READ({"interval": [0.8, 0.4, 0.519]}, uncertainty=0.1)
+    np.testing.assert_allclose(data.restitution, [0.5, 1.2975], rtol=1e-14)
     assert data.group is None
-    assert len(READ({"interval": [1.0, 1.29]}, uncertainty=0.1)) == 1
 
 
 def test_a_label_that_comes_back_is_another_launch():
@@ -177,14 +166,6 @@ def test_launches_that_give_no_restitution_are_told(table):
     data = READ(table)
     np.testing.assert_allclose(data.restitution, [0.9], rtol=1e-12)
     assert data.remarks[0].startswith("1 launch(es)")
-
-
-def test_rows_without_a_measurement_are_left_out_and_told():
-    table = {"velocity": [1.0, 2.0, 3.0], "restitution": [0.9, math.nan, 0.7], "group": list("abc")}
-    data = READ(table)
-    np.testing.assert_array_equal(data.velocity, [1.0, 3.0])
-    assert data.groups == ("a", "c")
-    assert any("1 row(s)" in one and "row 2" in one for one in data.remarks)
 
 
 def test_absurd_numbers_raise_no_warning():
@@ -215,9 +196,6 @@ def test_the_embedded_data_are_eq_17_over_the_ranges_of_the_paper():
         np.testing.assert_allclose(data.restitution, np.exp(-sigma * y**psi), rtol=1e-13)
 
 
-# Near and above 1: noise, or a slip
-
-
 def test_restitutions_above_one_are_noted_and_never_clipped():
     data = cal.RestitutionData([1.0, 2.0], [0.9, 1.01], remarks=("seen",))
     assert data.restitution[1] == 1.01
@@ -226,20 +204,22 @@ def test_restitutions_above_one_are_noted_and_never_clipped():
     assert "0.01" in data.notes[1]
 
 
-@pytest.mark.parametrize("truth", [lambda v: 1 + 0 * v, lambda v: 1 - 0.01 * v**0.3])
+def slips(count, noise, fall, rng):
+    """1 where an honest set near ε = 1 is refused."""
+    velocity = np.sort(rng.uniform(0.05, 8.0, count))
+    measured = np.abs(1 - fall * velocity**0.3 + noise * rng.standard_normal(count))
+    with suppress(cal.DataError):
+        cal.RestitutionData(velocity, measured)
+        return 0
+    return 1
+
+
+@pytest.mark.parametrize("fall", [0.0, 0.01])
 @pytest.mark.parametrize("noise", [0.01, 0.05])
-def test_honest_sets_near_one_are_read(truth, noise):
+def test_honest_sets_near_one_are_read(fall, noise):
     """At most 1 of 100 sets of 5 to 60 points is refused."""
     rng = np.random.default_rng(1)
-    refused = 0
-    for count in rng.integers(5, 60, 200):
-        velocity = np.sort(rng.uniform(0.05, 8.0, count))
-        measured = np.abs(truth(velocity) + noise * rng.standard_normal(count))
-        try:
-            cal.RestitutionData(velocity, measured)
-        except cal.DataError:
-            refused += 1
-    assert refused <= 2
+    assert sum(slips(n, noise, fall, rng) for n in rng.integers(5, 60, 200)) <= 2
 
 
 @pytest.mark.parametrize("count", [1, 5, 30])

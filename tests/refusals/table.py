@@ -4,8 +4,13 @@
 accepted; the sentences around them are free, but for those that `sentences.txt` keeps.
 """
 
+import copy
+import json
 import math
+import tempfile
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -60,27 +65,15 @@ CSV_FILES = {
     "a NUL": ("m.csv:3", "NUL|UTF-8", "v,e\n1,.5\n2,\0\n"),
     "a spreadsheet": ("m.csv", "spreadsheet|CSV", b"PK\x03\x04\x14\x00"),
     "an old spreadsheet": ("m.csv", "spreadsheet|CSV", b"\xd0\xcf\x11\xe0\xa1\xb1"),
-    "a column near to a known one": (
-        "m.csv:2",
-        "velocty [m/s]|did you mean 'velocity'",
-        "# rebounds\n" + row("velocty [m/s],restitution,uncertainty", 1),
-    ),
+    "a column near to a known one": ("m.csv:2", "velocty [m/s]|did you mean 'velocity'", "# rebounds\n" + row("velocty [m/s],restitution,uncertainty", 1)),
     "unknown unit": ("m.csv:1", "unit|velocity|[kn]|m/s, cm/s, mm/s, km/h", under("v [kn],e", "1,.9")),
     "a unit of another dimension": ("m.csv:1", "unit|velocity|[ms]|m/s", under("v [ms],e", "1,.9")),
     "a unit of a label": ("m.csv:1", "launch|[s]|without", under("v,e,launch [s]", "1,.9,2")),
     "bracket that is not closed": ("m.csv:1", "velocity [m/s|one unit", under("velocity [m/s,e", "1,.9")),
     "more behind a unit": ("m.csv:1", "(corrected)|one unit", under("velocity [m/s] (corrected),e", "1,.9")),
     "column twice": ("m.csv:1", "'v'|'speed [cm/s]'|velocity|once", under("v,e,speed [cm/s]", "1,.9,1")),
-    "columns that do not go together": (
-        "m.csv:1",
-        "drop_height, restitution|drop_height with rebound_height",
-        under("drop_height,restitution", "1.0,0.9"),
-    ),
-    "names that only a person can tell": (
-        "m.csv:1",
-        "'t', 'h'|interval or time|drop_height or rebound_height",
-        under("t,h", "1,1"),
-    ),
+    "columns that do not go together": ("m.csv:1", "drop_height, restitution|drop_height with rebound_height", under("drop_height,restitution", "1.0,0.9")),
+    "names that only a person can tell": ("m.csv:1", "'t', 'h'|interval or time|drop_height or rebound_height", under("t,h", "1,1")),
     "two units": ("m.csv:1", "[m/s]|[cm/s]|once", under("velocity [m/s],e", "cm/s,-", "1,.9")),
     "unknown unit in a row of units": ("m.csv:1", "[furlong]|m/s", under("v,e", "furlong,", "1,.9")),
     "too few cells": ("m.csv:3", "2 cells|3", row("0.5,0.9")),
@@ -128,11 +121,7 @@ CSV_FILES = {
     "times that go back": ("m.csv:4", "time|0.1|launch", under("time", "0.2", "0.9", "0.1", "0.7")),
     "a new drop without its label": ("m.csv:4", "interval|1.5|launch", under("interval", "1", ".9", "1.5")),
     "a new drop among times": ("m.csv:5", "time|3.4|launch", under("time", "0", "1", "1.9", "3.4")),
-    "interval longer than the one before": (
-        "m.csv:4",
-        "restitution|1.6|at most 1",
-        under("interval,launch", "0.6,1", "0.5,1", "0.5,2", "0.8,2"),
-    ),
+    "interval longer than the one before": ("m.csv:4", "restitution|1.6|at most 1", under("interval,launch", "0.6,1", "0.5,1", "0.5,2", "0.8,2")),
 }  # fmt: skip
 
 # material files, read by `cal.read_toml`; with their data where it is another
@@ -165,11 +154,7 @@ TOML_FILES = {
     "three radii": ("m.toml:7", "radius, radius_1|radius_2", key(7, "radius = 0.01\nradius_1 = 0.02")),
     "radius and diameter": ("m.toml:7", "radius, diameter", key(7, "radius = 0.01\ndiameter = 0.02")),
     "one radius, one diameter": ("m.toml:7", "radius_1, diameter_2", key(7, "radius_1 = 0.01\ndiameter_2 = 0.02")),
-    "a wall and two radii": (
-        "m.toml:1",
-        "wall|radius|diameter",
-        key(7, "radius_1 = 0.01\nradius_2 = 0.02") + '[material.wall]\nmaterial = "nylon"\n',
-    ),
+    "a wall and two radii": ("m.toml:1", "wall|radius|diameter", key(7, "radius_1 = 0.01\nradius_2 = 0.02") + '[material.wall]\nmaterial = "nylon"\n'),
     "wall and second body": ("m.toml:14", "wall|second|one", TOML + WALL + "[material.second]\ndensity = 1.0\n"),
     "unknown area": ("m.toml:9", "area|\"herz\"|\"zhou\"|did you mean 'hertz'", TOML + 'area = "herz"\n'),
     "no contact of these sizes": ("m.toml:1", "contact|other", key(7, "radius = 1e-200")),
@@ -193,24 +178,11 @@ TOML_FILES = {
     "uncertainty twice": ("m.csv:1", "uncertainty|column|once", TOML + "uncertainty = 0.01\n"),
     "negative uncertainty": ("m.toml:9", "uncertainty|-0.01|positive number", TOML + "uncertainty = -0.01\n"),
     "gravity without a use": ("m.csv:1", "gravity|velocities", TOML + "gravity = 9.81\n"),
-    "an uncertainty of what was not measured": (
-        "m.csv:1",
-        "interval_uncertainty|velocity and restitution",
-        TOML + 'interval_uncertainty = "1 ms"\n',
-    ),
+    "an uncertainty of what was not measured": ("m.csv:1", "interval_uncertainty|velocity and restitution", TOML + 'interval_uncertainty = "1 ms"\n'),
     "repeats": ("m.toml:9", 'average_repeats|"yes"|true|false|"pooled"', TOML + 'average_repeats = "yes"\n'),
-    "repeats of a train": (
-        "m.toml:9",
-        "average|repeats|trains",
-        TOML + "average_repeats = true\n",
-        under("interval", "0.5", "0.45", "0.4"),
-    ),
+    "repeats of a train": ("m.toml:9", "average|repeats|trains", TOML + "average_repeats = true\n", under("interval", "0.5", "0.45", "0.4")),
     "fit as a value": ("m.toml:1", "fit is 3|[fit]", "fit = 3\n" + TOML),
-    "unknown unit of a property": (
-        "m.toml:3",
-        "youngs_modulus|193 gpa|Pa, kPa, MPa, GPa|did you mean 'GPa'",
-        key(3, 'youngs_modulus = "193 gpa"'),
-    ),
+    "unknown unit of a property": ("m.toml:3", "youngs_modulus|193 gpa|Pa, kPa, MPa, GPa|did you mean 'GPa'", key(3, 'youngs_modulus = "193 gpa"')),
     "another dimension": ("m.toml:7", "radius|12.7 ms|m, cm, mm", key(7, 'radius = "12.7 ms"')),
     "decimal comma in a quantity": ("m.toml:7", "radius|12,7 mm|[m]", key(7, 'radius = "12,7 mm"')),
     "two points in a quantity": ("m.toml:7", "radius|1.5.2 mm|[m]", key(7, 'radius = "1.5.2 mm"')),
@@ -240,20 +212,12 @@ SAID = TOML + "[material.parameters]\n"
 BARE = '[[material]]\nname = "bare"\ndata = "m.csv"\n[material.parameters]\n'
 PROBLEMS = {
     "unknown field of a parameter": ("m.toml:10", "'start'|free, value", SAID + "chi = { start = 1.0 }\n"),
-    "value out of its bounds": (
-        "m.toml:11",
-        "value of chi|3|[1, 2]",
-        SAID + "[material.parameters.chi]\nvalue = 3.0\nbounds = [1.0, 2.0]\n",
-    ),
+    "value out of its bounds": ("m.toml:11", "value of chi|3|[1, 2]", SAID + "[material.parameters.chi]\nvalue = 3.0\nbounds = [1.0, 2.0]\n"),
     "bounds the wrong way round": ("m.toml:10", "bounds of sigma|[2.0, 1.0]", SAID + "sigma = { bounds = [2.0, 1.0] }\n"),
     "prior without a width": ("m.toml:10", "prior of sigma|[2.0, 0.0]|positive", SAID + "sigma = { prior = [2.0, 0.0] }\n"),
     "prior of one number": ("m.toml:10", "prior of sigma|2|[mean, standard deviation]", SAID + "sigma = { prior = 2.0 }\n"),
     "unknown transform": ("m.toml:10", "transform of sigma|sqrt|log, logit, none", SAID + 'sigma = { transform = "sqrt" }\n'),
-    "bounds of what is fixed": (
-        "m.toml:10",
-        "bounds of psi|free is false",
-        SAID + "psi = { free = false, value = 0.5, bounds = [0.1, 1.0] }\n",
-    ),
+    "bounds of what is fixed": ("m.toml:10", "bounds of psi|free is false", SAID + "psi = { free = false, value = 0.5, bounds = [0.1, 1.0] }\n"),
     "free as a word": ("m.toml:10", "free of psi|no|true or false", SAID + 'psi = { free = "no" }\n'),
     "text for a parameter": ("m.toml:10", 'psi|"half"|number', SAID + 'psi = "half"\n'),
     "chi beside its line": ("m.toml:10", "chi|c1|c2", SAID + "chi = 1.0\n[parameters]\nc1 = { value = 0.0 }\n"),
@@ -262,11 +226,7 @@ PROBLEMS = {
     "half a seed": ("m.toml:10", "seed is 1.5|whole number of 0", TOML + "[fit]\nseed = 1.5\n"),
     "no starts": ("m.toml:10", "starts is 0|1 or more", TOML + "[fit]\nstarts = 0\n"),
     "confidence in percent": ("m.toml:10", "confidence is 95|1", TOML + "[fit]\nconfidence = 95\n"),
-    "tolerance of the energy balance": (
-        "m.toml:11",
-        'rtol|route = "ode"',
-        TOML + '[fit]\nroute = "energy balance"\nrtol = 1e-6\n',
-    ),
+    "tolerance of the energy balance": ("m.toml:11", 'rtol|route = "ode"', TOML + '[fit]\nroute = "energy balance"\nrtol = 1e-6\n'),
     "an objective that is a law": ("m.toml:10", 'objective|"empirical"|law = "eq-17"', TOML + '[fit]\nobjective = "empirical"\n'),
     "scatter as a number": ("m.toml:10", "extra_scatter is 0.01|true or false", TOML + "[fit]\nextra_scatter = 0.01\n"),
 }  # fmt: skip
@@ -300,12 +260,7 @@ COLUMNS = {
     "nothing measured": ("set of rows", "velocity, restitution", {"v": [NAN], "e": [0.9]}, {}),
     "an infinite velocity": ("velocity[0]", "inf|positive speed", {"v": [math.inf], "e": [0.9]}, {}),
     "a row below one that is left out": ("velocity[3]", "-3|positive speed", {"v": [1.0, NAN, 2.0, -3.0], "e": [0.5] * 4}, {}),
-    "an uncertainty that is missing": (
-        "uncertainty[2]",
-        "empty|positive",
-        {"v": [1.0, NAN, 2.0], "e": [0.5] * 3, "uncertainty": [0.1, NAN, NAN]},
-        {},
-    ),
+    "an uncertainty that is missing": ("uncertainty[2]", "empty|positive", {"v": [1.0, NAN, 2.0], "e": [0.5] * 3, "uncertainty": [0.1, NAN, NAN]}, {}),
     "more speed after than before": ("rebound_velocity[0]", "1.3|impact_velocity, 1", {"v_in": [1.0], "v_out": [1.3]}, {}),
     "no speed before": ("impact_velocity[0]", "0|positive speed", {"v_in": [0.0], "v_out": [0.1]}, {}),
     "one sign among others": ("rebound_velocity[1]", "-0.9|0 m/s or more", {"v_in": [1.0, 1.0], "v_out": [0.9, -0.9]}, {}),
@@ -342,12 +297,7 @@ COLUMNS = {
         HEIGHTS,
         {"height_uncertainty": 0.1, "rebound_height_uncertainty": 0.1},
     ),
-    "two names of the timing": (
-        "timing_uncertainty",
-        "once|interval_uncertainty",
-        TRAIN,
-        {"interval_uncertainty": 0.1, "timing_uncertainty": 0.1},
-    ),
+    "two names of the timing": ("timing_uncertainty", "once|interval_uncertainty", TRAIN, {"interval_uncertainty": 0.1, "timing_uncertainty": 0.1}),
     "time of intervals": ("time_uncertainty", "interval", TRAIN, {"time_uncertainty": 0.1}),
     "a timing of zero": ("interval_uncertainty[0]", "0|positive time", TRAIN, {"interval_uncertainty": 0.0}),
     "a negative timing": ("interval_uncertainty", "-1|0 or more", TRAIN, {"interval_uncertainty": -1.0}),
@@ -393,11 +343,7 @@ ARGUMENTS = {
     "no degrees": ("degrees", "0|positive", {"degrees": 0}),
     "negative degrees": ("degrees[1]", "-1|positive", {"degrees": [1.0, -1.0]}),
     "errors of three": ("errors", "3|as many points as `velocity`, 2", {"errors": cal.PointErrors.alone(3)}),
-    "uncertainty beside other errors": (
-        "uncertainty",
-        "errors",
-        {"uncertainty": 0.1, "errors": cal.PointErrors.alone(2, np.array([0.2, 0.2]))},
-    ),
+    "uncertainty beside other errors": ("uncertainty", "errors", {"uncertainty": 0.1, "errors": cal.PointErrors.alone(2, np.array([0.2, 0.2]))}),
     "a material for a contact": ("contact", "softjax.Contact", {"contact": sj.NYLON}),
 }  # fmt: skip
 
@@ -407,13 +353,58 @@ STATED = cal.RestitutionData.from_table(TRAIN, interval_uncertainty=0.1)
 UNSTATED = cal.RestitutionData.from_table(TRAIN)
 CALLS = {
     "an error of four points": ("index", "3", lambda: cal.PointErrors(THREE, 1.0 * THREE, 1.0 * THREE, np.ones(5))),
-    "points without an error": (
-        "covariance",
-        "positive definite",
-        lambda: cal.PointErrors.alone(2).covariance().whiten(np.ones(2)),
-    ),
+    "points without an error": ("covariance", "positive definite", lambda: cal.PointErrors.alone(2).covariance().whiten(np.ones(2))),
     "a size that is not stated": ("size", "None|unknown", lambda: UNSTATED.covariance_of()),
     "a size beside stated ones": ("size", "0.1|unknown", lambda: STATED.covariance_of(size=0.1)),
+}  # fmt: skip
+
+
+# entries of a fit.json: the place, and what is put there; nothing takes it out
+RESULTS = {
+    "fits: []": ("fit.json", "fits", "fits", []),
+    "fits 0: []": ("fit.json", "fits[0]|[]", "fits.0", []),
+    "data: None": ("fit.json", "fits[0].data", "fits.0.data", None),
+    "data velocity: {}": ("fit.json", "fits[0].data.velocity|{}", "fits.0.data.velocity", {}),
+    "data restitution 2: -0.5": ("fit.json", "fits[0].data.restitution|-0.5", "fits.0.data.restitution.2", -0.5),
+    "data degrees: -3.0": ("fit.json", "fits[0].data.degrees|-3", "fits.0.data.degrees", -3.0),
+    "rms: 1.0": ("fit.json", "fits[0].rms|1.0|number", "fits.0.rms", "1.0"),
+    "rms: 10**400": ("fit.json", "fits[0].rms|digits", "fits.0.rms", 10**400),
+    "rms: True": ("fit.json", "fits[0].rms|number", "fits.0.rms", True),
+    "residual_degrees: -1": ("fit.json", "fits[0].residual_degrees|-1", "fits.0.residual_degrees", -1),
+    "variances group: -1e-4": ("fit.json", "fits[0].variances.group|-0.0001", "fits.0.variances.group", -1e-4),
+    "leverage: [0.1]": ("fit.json", "fits[0].leverage|1|8", "fits.0.leverage", [0.1]),
+    "n: 3": ("fit.json", "8|3", "fits.0.n", 3),
+    "labels: {'x': 'y'}": ("fit.json", "fits[0].labels|x", "fits.0.labels", {"x": "y"}),
+    "law: os.system": ("law", "os.system|law", "fits.0.law", "os.system"),
+    "known: [1]": ("fit.json", "fits[0].known|1", "fits.0.known", [1]),
+    "material: long": ("fit.json", "fits[0].material|xxx", "fits.0.material", "x" * 10_000),
+    "confidence: 5": ("fit.json", "confidence|5|0 and 1", "confidence", 5),
+    "confidence: 0.5": ("fit.json", "confidence|0.5|0.95", "confidence", 0.5),
+    "request confidence: 5": ("fit.json", "request.confidence|5", "request.confidence", 5),
+    "request options optimiser: rm": ("fit.json", "optimiser|rm", "request.options.optimiser", "rm"),
+    "request route: {'name': 'rk4'}": ("fit.json", "request.route.name|rk4|one of", "request.route", {"name": "rk4"}),
+    "request route: {'name': 'energy bal": ("fit.json", "rtol", "request.route", {"name": "energy balance", "rtol": 1e-3}),
+    "freedom 0 relative 0 0: -1e-3": ("fit.json", "freedom[0].relative|variance", "freedom.0.relative.0.0", -1e-3),
+    "covariance matrix 0 0: -1.0": ("fit.json", "covariance.matrix|variance", "covariance.matrix.0.0", -1.0),
+    "covariance matrix 0: [1, 2]": ("fit.json", "covariance.matrix|[2]", "covariance.matrix.0", [1, 2]),
+    "covariance_of_predictions 0 0: -1e-9": ("fit.json", "covariance_of_predictions", "covariance_of_predictions.0.0", -1e-9),
+    "covariance: nothing": ("fit.json", "covariance|missing", "covariance", ...),
+    "n: 2.5": ("fit.json", "fits[0].n|2.5|whole", "fits.0.n", 2.5),
+    "warnings: [{'code': 'x'}]": ("fit.json", "warnings[0].code|x|one of", "warnings", [{"code": "x"}]),
+}  # fmt: skip
+
+# a fit.json that is none
+NO_RESULTS = {
+    "nested lists": ("fit.json", "deep", "[" * 100_000),
+    "other quotation marks": ("fit.json:1", "JSON", "{'fits': 1}"),
+    "a bracket in line 2": ("fit.json:2", "JSON", '{\n"fits": [}'),
+    "a NaN": ("fit.json", "NaN", '{"fits": NaN}'),
+    "5000 digits": ("fit.json", "limit", '{"fits": 1' + "0" * 5000 + "}"),
+    "an infinite number": ("fit.json", "fits|inf", '{"fits": 1e999}'),
+    "half a character": ("fit.json", r"fits|\ud800", '{"fits": "\\ud800"}'),
+    "a result that is not UTF-8": ("fit.json:1", "UTF-8", b'{"fits": "\xfc"}'),
+    "26 MB": ("fit.json", "24 MiB", b" " * 26_000_000),
+    "many lists": ("fit.json", "fits[0]|[]", '{"fits": [' + "[]," * 100_000 + "[]]}"),
 }  # fmt: skip
 
 
@@ -426,6 +417,42 @@ def written(folder: Path, toml, csv=CSV) -> Path:
     for name, content in {"m.toml": toml, "m.csv": csv}.items():
         (folder / name).write_bytes(content if isinstance(content, bytes) else content.encode())
     return folder / "m.toml"
+
+
+@cache
+def genuine() -> dict:
+    """A result with bodies and groups, as a table: all kinds of entries, little to compute."""
+    noise = 0.01 * np.random.default_rng(2).standard_normal(8)
+    rows = zip(np.geomspace(0.5, 5.0, 8), 0.8 + noise, "aaabbbcc", strict=True)
+    csv = "v,e,group\n" + "".join(f"{v},{e},{g}\n" for v, e, g in rows)
+    with tempfile.TemporaryDirectory() as folder:
+        data = cal.read_toml(written(Path(folder), TOML + WALL, csv))
+    return json.loads(cal.fit(data, "constant").to_json())
+
+
+def changed(table: dict, way, value) -> dict:
+    """A copy with one entry set, or taken out where the value is `...`."""
+    table = copy.deepcopy(table)
+    *above, last = way
+    inner: Any = table
+    for part in above:
+        inner = inner[part]
+    if value is ...:
+        del inner[last]
+    else:
+        inner[last] = value
+    return table
+
+
+def crafted(folder: Path, place: str, value):
+    way = [int(part) if part.isdigit() else part for part in place.split(".")]
+    return loaded(folder, json.dumps(changed(genuine(), way, value)))
+
+
+def loaded(folder: Path, content):
+    raw = content if isinstance(content, bytes) else content.encode("utf-8", "surrogatepass")
+    (folder / "fit.json").write_bytes(raw)
+    return cal.FitResult.load(folder / "fit.json")
 
 
 def fitted(path):
@@ -442,6 +469,8 @@ WAYS = {
     "tables": (COLUMNS, lambda _, table, more: cal.RestitutionData.from_table(table, **more)),
     "arguments": (ARGUMENTS, lambda _, changes: cal.RestitutionData(**(good_fields() | changes))),
     "calls": (CALLS, lambda _, call: call()),
+    "results": (RESULTS, crafted),
+    "no results": (NO_RESULTS, loaded),
 }
 CASES = {(way, name): case for way, (cases, _) in WAYS.items() for name, case in cases.items()}
 

@@ -3,42 +3,11 @@
 import json
 
 import numpy as np
-import pytest
-from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 import calibration as cal
-
-MORE = 20_000
-
-
-def drawn(strategy, few=150):
-    """A test of each of some hundred examples; in its long form of many more."""
-
-    def decorate(check):
-        def of(count):
-            return settings(
-                max_examples=count,
-                deadline=None,
-                derandomize=True,
-                # each example writes its file anew
-                suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
-            )
-
-        @of(few)
-        @given(strategy)
-        def test(tmp_path, example):
-            check(tmp_path, example)
-
-        @pytest.mark.long
-        @of(MORE)
-        @given(strategy)
-        def many(tmp_path, example):
-            check(tmp_path, example)
-
-        return test, many
-
-    return decorate
+from tests.drawn import some_and_many
+from tests.refusals.table import changed, genuine
 
 
 def outcome(read, argument):
@@ -116,13 +85,15 @@ def csv_texts(draw):
     )
 
 
-@drawn(st.binary(max_size=200) | csv_texts(), 250)
-def _csv(tmp_path, raw):
-    (tmp_path / "a.csv").write_bytes(raw)
-    accepted_or_one_line(cal.read_csv, tmp_path / "a.csv", tmp_path)
+PUNCTUATION = st.text(alphabet="v,e;\t\n\r\"'#[]{}=.1 -\ufeff\x1b", max_size=60).map(str.encode)
 
 
-test_any_csv, test_any_csv_many = _csv
+@some_and_many(300, st.binary(max_size=200) | PUNCTUATION | csv_texts())
+def test_any_bytes(tmp_path, raw):
+    for name, read in (("a.csv", cal.read_csv), ("a.toml", cal.read_toml)):
+        (tmp_path / name).write_bytes(raw)
+        accepted_or_one_line(read, tmp_path / name, tmp_path)
+
 
 EVERY_KEY = (
     "name data material youngs_modulus poisson_ratio density yield_strength radius radius_1 radius_2 "
@@ -160,8 +131,8 @@ def as_toml(value):
 GOOD = {"material": "nylon", "radius": 0.01, "data": "a.csv"}
 
 
-@drawn(st.lists(st.dictionaries(KEYS, VALUES, max_size=6), min_size=1, max_size=2))
-def _toml(tmp_path, materials):
+@some_and_many(150, st.lists(st.dictionaries(KEYS, VALUES, max_size=6), min_size=1, max_size=2))
+def test_any_material_file(tmp_path, materials):
     (tmp_path / "a.csv").write_text("velocity,restitution\n1.0,0.9\n1.0,0.8\n2.0,0.7\n")
     lines = []
     for i, entry in enumerate(materials):
@@ -171,32 +142,73 @@ def _toml(tmp_path, materials):
     accepted_or_one_line(cal.read_toml, tmp_path / "m.toml", tmp_path)
 
 
-test_any_material_file, test_any_material_file_many = _toml
-
 CELLS = st.floats() | st.floats(0.1, 1.0)
 COLUMNS = st.dictionaries(HEADERS, st.lists(CELLS, max_size=5), max_size=4)
 
 
-@drawn(st.tuples(SETS, COLUMNS, st.lists(CELLS, min_size=4, max_size=4)))
-def _table(tmp_path, told):
+@some_and_many(150, st.tuples(SETS, COLUMNS, st.lists(CELLS, min_size=4, max_size=4)))
+def test_any_table(tmp_path, told):
     names, others, values = told
     accepted_or_one_line(cal.RestitutionData.from_table, others | dict.fromkeys(names, values))
 
 
-test_any_table, test_any_table_many = _table
-
-
-@example("\ufeffv;e\r\n")
-@example('"""')
-@example("[[material]]\ndata = '\x1b[31m'")
-@given(st.text(alphabet="v,e;\t\n\r\"'#[]{}=.1 -\ufeff\x1b", max_size=60))
-@settings(
-    max_examples=150,
-    deadline=None,
-    derandomize=True,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
+ENTRIES = st.recursive(
+    st.one_of(
+        st.none(),
+        st.booleans(),
+        st.integers(),
+        st.integers(-2, 9),
+        st.floats(allow_nan=False),
+        st.floats(0, 1 - 2**-53),
+        st.text(max_size=8),
+        st.sampled_from(["zhou", "hertz", "constant", "model", "my alloy", "restitution", "1"]),
+    ),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=4), inner),
+    max_leaves=5,
 )
-def test_any_punctuation(tmp_path, text):
-    for name, read in (("a.csv", cal.read_csv), ("a.toml", cal.read_toml)):
-        (tmp_path / name).write_bytes(text.encode())
-        accepted_or_one_line(read, tmp_path / name, tmp_path)
+
+
+def places(table, way=()):
+    """All entries, by the way to them."""
+    items = table.items() if isinstance(table, dict) else enumerate(table)
+    for key, value in items:
+        yield (*way, key)
+        if isinstance(value, dict | list):
+            yield from places(value, (*way, key))
+
+
+def band_of(path):
+    """The band of a result that loads and works, or the refusal."""
+    try:
+        result = cal.FitResult.load(path)
+        band = result.band(np.array([0.5, 2.0, 1e-3]), result.materials[0].name)
+        str(result)
+        result.to_json()
+    except (cal.InputError, cal.DataError) as error:
+        return None, str(error)
+    return band, ""
+
+
+ENTRY = st.tuples(st.integers(0, 10_000), ENTRIES, st.sampled_from([False, False, False, True]))
+CUT = st.tuples(st.integers(0, 100_000), st.binary(max_size=3))
+
+
+@some_and_many(400, st.lists(ENTRY, min_size=1, max_size=2) | st.lists(CUT, min_size=1, max_size=4))
+def test_any_result(tmp_path, changes):
+    """Entries of a fit.json changed or taken out, or bytes."""
+    table, raw = genuine(), json.dumps(genuine()).encode()
+    for place, new, *out in changes:
+        every = list(places(table))
+        if out and every:
+            table = changed(table, every[place % len(every)], ... if out[0] else new)
+            raw = json.dumps(table).encode()
+        elif not out:
+            at = place % len(raw)
+            raw = raw[:at] + new + raw[at + len(new) :]
+    (tmp_path / "fit.json").write_bytes(raw)
+    band, line = band_of(tmp_path / "fit.json")
+    assert line.isprintable()
+    assert len(line) < 2000
+    if band is not None:
+        determined = np.isfinite(band.low)
+        assert np.all(band.low[determined] <= band.high[determined])

@@ -1,11 +1,13 @@
 """Every refusal names the place, what was given and what is accepted, in one line."""
 
+import json
+
 import pytest
 
 import calibration as cal
 from tests.command import run
 from tests.refusals.__main__ import sentence, sentences
-from tests.refusals.table import CASES, CSV, TOML, refusal, written
+from tests.refusals.table import CASES, CSV, TOML, genuine, loaded, refusal, written
 
 LONGEST = 420  # characters beside the folder
 
@@ -32,8 +34,12 @@ def test_a_refusal_names_place_value_and_what_is_accepted(way, name, tmp_path):
 
 
 def test_the_files_that_the_cases_spoil_are_good(tmp_path):
+    """And a result that was saved loads back the same, with its bodies."""
     (data,) = cal.read_problem(written(tmp_path, TOML, CSV)).datasets
     assert len(data) == 3
+    result = loaded(tmp_path, json.dumps(genuine()))
+    assert json.loads(result.to_json()) == genuine()
+    assert [body.radius for body in result.materials[0].data.bodies] == [0.0127, None]
 
 
 @pytest.mark.parametrize(("way", "name"), sentences())

@@ -126,13 +126,6 @@ def test_a_folder_without_permission(tmp_path):
     assert str(tmp_path / "closed") in error
 
 
-def test_a_folder_that_is_not_there_is_made(tmp_path):
-    out = tmp_path / "deep" / "results"
-    assert run("--no-cache", *CURVE, "--format", "csv", "npy", "--out", out)[0] == 0
-    assert {path.name for path in out.iterdir()} == {"curve.csv", "curve.npy"}
-    assert os.listdir(tmp_path) == ["deep"]
-
-
 def test_a_result_that_cannot_be_saved_is_an_os_error(tmp_path):
     data = cal.RestitutionData([1.0, 2.0, 3.0], [0.8, 0.81, 0.79])
     result = cal.fit(data, "constant", profiles=False)
