@@ -10,7 +10,7 @@ from tests.test_imports import has_no_cycle, imported, loaded_after, modules, pa
 FLOORS = [
     {"lazily", "errors", "rounding", "choices", "progress", "atomic"}
     | {"cache", "signals", "terminal"},
-    {"parameters", "data", "parts", "processes"},
+    {"parameters", "data"},
     {"problem_file", "fitting"},
     {"report", "coverage"},
     {"curve", "studies"},

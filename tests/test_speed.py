@@ -1,10 +1,7 @@
 """Speed against error: errors are true, ratios are fair. No time decides anything here."""
 
 import csv
-import os
-import subprocess
 import sys
-import time
 from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
@@ -15,7 +12,7 @@ import pytest
 import softjax as sj
 from calibration import cli
 from calibration.commands.speed import _scene_and_ways
-from calibration.speed import by_processes, fits, scipy_loop
+from calibration.speed import fits, scipy_loop
 from calibration.speed.damped import damped_plan, damped_scene
 from calibration.speed.measure import Row, along_power_law, measure
 from calibration.speed.own_law import Recoil, own_plan, own_scene
@@ -115,14 +112,11 @@ def test_for_a_law_the_ways_of_zhou_s_are_not_built(monkeypatch):
         assert len(ways) > 4
 
 
-@pytest.mark.parametrize(
-    ("subject", "module"), [("--fits", "fits"), ("--processes", "by_processes")]
-)
-def test_what_is_written_nowhere_is_told_unless_quiet(subject, module, monkeypatch, capsys):
-    monkeypatch.setattr(f"calibration.speed.{module}.report", lambda: "what it took")
-    assert cli.main(["speed", subject]) == 0
+def test_what_is_written_nowhere_is_told_unless_quiet(monkeypatch, capsys):
+    monkeypatch.setattr("calibration.speed.fits.report", lambda: "what it took")
+    assert cli.main(["speed", "--fits"]) == 0
     assert capsys.readouterr().out == "what it took\n"
-    assert cli.main(["speed", subject, "--quiet"]) == 0
+    assert cli.main(["speed", "--fits", "--quiet"]) == 0
     assert capsys.readouterr().out == ""
 
 
@@ -130,15 +124,11 @@ def test_what_is_written_nowhere_is_told_unless_quiet(subject, module, monkeypat
     "options",
     [
         ("--fits", "--law", "own"),
-        ("--processes", "--law", "own"),
-        ("--processes", "--fits"),
-        ("--processes", "--quick"),
         ("--fits", "--quick"),
     ],
 )
 def test_options_that_would_do_nothing_are_refused(options, monkeypatch, capsys):
-    for module in ("fits", "by_processes"):
-        monkeypatch.setattr(f"calibration.speed.{module}.report", lambda: "what it took")
+    monkeypatch.setattr("calibration.speed.fits.report", lambda: "what it took")
     try:
         code = cli.main(["speed", *options])
     except SystemExit as stop:
@@ -146,25 +136,6 @@ def test_options_that_would_do_nothing_are_refused(options, monkeypatch, capsys)
     told = capsys.readouterr()
     assert (code, told.out, len(told.err.splitlines())) == (2, "", 1)
     assert options[0] in told.err
-
-
-def test_a_process_that_ends_without_an_answer_is_told_with_its_last_words():
-    """And nobody waits for the others, which would wait for it."""
-    dies = "import sys; print('no room', file=sys.stderr); sys.exit(7)"
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    programs = ("import time; time.sleep(60)", dies)
-    start = time.monotonic()
-    with pytest.raises(ValueError, match="ended with exit code 7: no room;"):
-        by_processes._answers(
-            [subprocess.Popen([sys.executable, "-c", p], **pipes) for p in programs]
-        )
-    assert time.monotonic() - start < 30
-
-
-@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="no processes on cores")
-def test_the_cause_is_that_of_the_process():
-    with pytest.raises(ValueError, match=r"ended with exit code 1: ValueError: .*negative"):
-        by_processes._run(sorted(os.sched_getaffinity(0))[:1], -2, 0)
 
 
 def as_it_is(function=None, **options):

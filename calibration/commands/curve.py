@@ -10,11 +10,6 @@ For a material of the paper (stainless-steel, chrome-steel, nylon: σ and ψ of 
     cut -d, -f1 shots.csv | softjax curve nylon --velocities -
     softjax curve nylon --law hertz-dashpot --set restitution=0.9
 
-Processes that are started together share the rows of --from, --to and --points:
-
-    mpirun -n 2 softjax curve nylon --points 1000000000 --format npy
-    softjax curve nylon --points 1000000 --coordinator localhost:1234 --process 0 --processes 2
-
 A table (--table) has more columns: ε_p, duration, largest overlap and peak force; two rows at first
 yield, where ε may jump, and where ε ends; and in its header how far linear interpolation is from the law. Where a fit
 knows nothing, cells are empty and rows of a table are left out.
@@ -30,7 +25,6 @@ from typing import Any
 from calibration.atomic import files_into
 from calibration.curve.options import add_route_arguments, add_source_arguments
 from calibration.errors import DataError, InputError
-from calibration.processes import add_process_arguments, shared_parts
 
 FORMATS = ("csv", "npy", "png", "table")
 FILES = {"csv": "curve.csv", "npy": "curve.npy", "png": "curve.png", "table": "curve.txt"}
@@ -56,28 +50,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--format", nargs="+", choices=FORMATS, help="one or more of them (default: csv png)"
     )
     group.add_argument("--table", action="store_true", help="the same as --format table")
-    add_process_arguments(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     import softjax as sj
-
-    sj.enable_x64()
-    with shared_parts(arguments) as parts:
-        return _run(arguments, parts)
-
-
-def _run(arguments: argparse.Namespace, parts: Any) -> int:
     from calibration.curve.source import read_source, refusing, route_of
 
+    sj.enable_x64()
     with refusing("curve"):
         source, route = read_source(arguments), route_of(arguments)
         velocities = _velocities(arguments, source)
         if source.result is not None and route is not None:
             raise DataError("--route", arguments.route, "left out with --fit")
-        seen = _write(arguments, source, velocities, route, parts)
-    if seen is not None:
-        _tell(arguments, source, seen)
+        seen = _write(arguments, source, velocities, route)
+    _tell(arguments, source, seen)
     return 0
 
 
@@ -96,17 +82,13 @@ def _velocities(arguments: argparse.Namespace, source: Any) -> Any:
     return Grid(first, last, points, grid["spacing"] or ("log" if first > 0 else "lin"))
 
 
-def _write(arguments: argparse.Namespace, source: Any, velocities: Any, route: Any, parts: Any):
-    """All files at once, none of them where anything goes wrong; what was seen, to one process."""
-    from calibration.curve.stream import Span, Thinned
-    from calibration.curve.velocities import BLOCK
-    from calibration.parts import blocks
+def _write(arguments: argparse.Namespace, source: Any, velocities: Any, route: Any):
+    """All files at once, none of them where anything goes wrong; what was seen."""
+    from calibration.curve.stream import Span, Thinned, curve_rows
     from calibration.progress import Progress
 
     formats = _formats(arguments)
-    pieces = _pieces(arguments, source, velocities, route, parts)
-    if parts is not None and not parts.first:
-        return None
+    blocks = _blocks(velocities, source, route, "table" in formats)
     seen, picture = Span(), Thinned()
     with files_into(arguments.out, FILES.values()) as folder, Progress(arguments.quiet) as progress:
         with ExitStack() as stack:
@@ -114,35 +96,14 @@ def _write(arguments: argparse.Namespace, source: Any, velocities: Any, route: A
                 stack.enter_context(closing(one))
                 for one in _writers(formats, folder, source, route)
             ]
-            for rows, text in pieces:
+            for rows in curve_rows(source, blocks, route):
                 for writer in writers:
-                    writer.write(rows, text)
-                for some in blocks(len(rows.velocity), BLOCK):
-                    seen.add(rows.some(some))
-                    picture.add(rows.some(some))
+                    writer.write(rows)
+                seen.add(rows)
+                picture.add(rows)
                 progress("rows", seen.rows, velocities.points)
         _finish(folder, formats, source, seen, picture)
-    if parts is not None:
-        parts.clear()
     return seen
-
-
-def _pieces(arguments: argparse.Namespace, source: Any, velocities: Any, route: Any, parts: Any):
-    """Rows as they come, or all of them once all processes have made theirs: with their text."""
-    from calibration.curve.in_parts import CurveInParts, joined
-    from calibration.curve.stream import curve_rows
-    from calibration.curve.velocities import Grid
-
-    formats = _formats(arguments)
-    if parts is None:
-        blocks = _blocks(velocities, source, route, "table" in formats)
-        return ((rows, None) for rows in curve_rows(source, blocks, route))
-    if "table" in formats:
-        raise DataError("--table", "given", "left to one process")
-    if not isinstance(velocities, Grid):
-        raise DataError("--velocities", arguments.velocities, "left to one process")
-    curve = CurveInParts(source, velocities, route, "csv" in formats, arguments.posterior)
-    return joined(curve.made(parts))
 
 
 def _formats(arguments: argparse.Namespace) -> set[str]:

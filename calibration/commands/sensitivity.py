@@ -8,7 +8,6 @@
 
     softjax sensitivity --fit results/fit.json --posterior results/posterior.nc --study design
 
-    mpirun -n 4 softjax sensitivity nylon --study global     # its samples shared by processes
 
 With --fit, information and design count what was measured already, plan for the fit's own
 objective, parameters and priors, and repeat what is doubted of it. A design's shots are in
@@ -25,7 +24,6 @@ from typing import Any
 from calibration.atomic import write_text
 from calibration.curve.options import add_route_arguments, add_source_arguments
 from calibration.errors import DataError
-from calibration.processes import add_process_arguments, shared_parts
 
 STUDIES = ("local", "information", "design", "global")
 FILES = (
@@ -83,32 +81,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument("--samples", type=int, metavar="N", help="a power of two (4096)")
     group.add_argument("--scale", choices=("uniform", "log"), help="default: uniform")
-    add_process_arguments(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     import softjax as sj
+    from calibration.curve.source import read_source, refusing, route_of
 
     sj.enable_x64()
     studies = STUDIES if arguments.study == "all" else (arguments.study,)
     _check_options(arguments, studies)
-    with shared_parts(arguments) as parts:
-        if parts is not None and studies != ("global",):
-            raise DataError("--study", arguments.study, "global where processes share it")
-        return _run(arguments, studies, parts)
-
-
-def _run(arguments: argparse.Namespace, studies: tuple[str, ...], parts: Any) -> int:
-    from calibration.curve.source import read_source, refusing, route_of
-
     with refusing("sensitivity"):
-        job = _Job(arguments, read_source(arguments), route_of(arguments), parts)
-        if parts is not None and not parts.first:
-            job.indices(None)
-            return 0
-        text = job.run(studies)
-        if parts is not None:
-            parts.clear()
+        text = _Job(arguments, read_source(arguments), route_of(arguments)).run(studies)
     if not arguments.quiet:
         print(text)
     return 0
@@ -130,11 +113,10 @@ def _check_options(arguments: argparse.Namespace, studies: tuple[str, ...]) -> N
 class _Job:
     """The studies of one law, into one folder."""
 
-    def __init__(self, arguments: argparse.Namespace, source: Any, route: Any, parts: Any = None):
+    def __init__(self, arguments: argparse.Namespace, source: Any, route: Any):
         from calibration.studies.asked import inputs_of, ranges_of
 
         self.arguments, self.source, self.route = arguments, source, route
-        self.parts = parts
         told = (arguments.first, arguments.last)
         self.low, self.high = (
             float(s if t is None else t) for t, s in zip(told, source.span, strict=True)
@@ -325,5 +307,4 @@ class _Job:
             scale=arguments.scale or "uniform",
             seed=arguments.seed or 0,
             progress=progress,
-            parts=self.parts,
         )

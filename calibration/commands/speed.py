@@ -21,11 +21,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--law", choices=others, help="a law with damping, or one's own in SI (default: zhou)"
     )
     subject.add_argument(
-        "--processes",
-        action="store_true",
-        help="instead: two processes against one, on a core each",
-    )
-    subject.add_argument(
         "--fits", action="store_true", help="instead: a thousand fits against SciPy's loop in numba"
     )
 
@@ -34,7 +29,7 @@ def run(arguments: argparse.Namespace) -> int:
     import softjax as sj
     from calibration.atomic import check_writable, files_into, or_told, write_text
 
-    if arguments.processes or arguments.fits:
+    if arguments.fits:
         report = _report(arguments)
         if not arguments.quiet:
             print(report)
@@ -59,18 +54,13 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _report(arguments: argparse.Namespace) -> str:
-    """What is told of processes or of fits."""
+    """A thousand fits against SciPy's loop."""
+    import softjax as sj
     from calibration.errors import DataError
+    from calibration.speed import fits
 
     if arguments.quick:
-        subject = "--processes" if arguments.processes else "--fits"
-        raise DataError("--quick", "given", f"left out with {subject}")
-    if arguments.processes:
-        from calibration.speed import by_processes
-
-        return by_processes.report()
-    import softjax as sj
-    from calibration.speed import fits
+        raise DataError("--quick", "given", "left out with --fits")
 
     sj.enable_x64()
     return fits.report()

@@ -3,12 +3,10 @@
 python -m calibration.coverage            # 500 data sets a case
 python -m calibration.coverage --sets 200 --seed 1 --case viscoelastic
 python -m calibration.coverage --errors --sets 300      # errors that are shared, or unequal
-mpirun -n 4 python -m calibration.coverage              # cases shared by processes
 """
 
 import argparse
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 from calibration.coverage.batched import coverage_study
@@ -17,8 +15,6 @@ from calibration.coverage.experiments import experiments
 from calibration.coverage.one_by_one import experiments_study
 from calibration.coverage.table import Coverage, report
 from calibration.errors import DataError, InputError, listed
-from calibration.parts import Parts
-from calibration.processes import add_process_arguments, shared_parts
 from calibration.progress import Progress
 
 
@@ -31,28 +27,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--case", default="", help="only those whose name begins so")
     parser.add_argument("--errors", action="store_true", help="errors as laboratories have them")
-    parser.add_argument("--out", type=Path, default=Path("results"), help="of parts, while shared")
-    add_process_arguments(parser)
     chosen = parser.parse_args(arguments)
     try:
-        with shared_parts(chosen) as parts:
-            text = report(_studied(chosen, parts))
-            if parts is None or parts.first:
-                print(text)
-            if parts is not None and parts.first:
-                parts.clear()
+        print(report(_studied(chosen)))
     except (DataError, InputError) as error:
         parser.error(str(error))
     return 0
 
 
-def _studied(chosen: argparse.Namespace, parts: Parts | None) -> list[Coverage]:
+def _studied(chosen: argparse.Namespace) -> list[Coverage]:
     if not chosen.errors:
         cases = _begun(standard_cases(), chosen.case)
-        return coverage_study(cases, chosen.sets, chosen.seed, parts=parts)
+        return coverage_study(cases, chosen.sets, chosen.seed)
     every = _begun(experiments(), chosen.case)
     with Progress() as progress:
-        return experiments_study(every, chosen.sets, chosen.seed, progress=progress, parts=parts)
+        return experiments_study(every, chosen.sets, chosen.seed, progress=progress)
 
 
 def _begun(cases: Sequence[Any], begin: str) -> list[Any]:

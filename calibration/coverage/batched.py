@@ -6,7 +6,6 @@ that the same fit finds without noise. Estimates, standard errors and profiles a
 """
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import jax
 import numpy as np
@@ -14,7 +13,7 @@ from jaxtyping import Float
 
 import softjax as sj
 from calibration.coverage.cases import Case, standard_cases
-from calibration.coverage.table import Coverage, as_arrays, from_arrays
+from calibration.coverage.table import Coverage
 from calibration.data.checks import check_whole, checked_confidence
 from calibration.fitting.component_fit import ComponentFit, fit_component
 from calibration.fitting.problem import Lanes
@@ -23,7 +22,6 @@ from calibration.fitting.request import Request
 from calibration.fitting.search import Found, search
 from calibration.fitting.stages import Options
 from calibration.fitting.uncertainty import Settled, Uncertainty, quantile, stacked
-from calibration.parts import Arrays, Parts, in_parts
 
 PLAIN = Options(optimiser="levenberg-marquardt", starts=1)
 
@@ -33,14 +31,8 @@ def coverage_study(
     sets: int = 500,
     seed: int = 0,
     confidence: float = 0.95,
-    *,
-    parts: Parts | str | Path | None = None,
 ) -> list[Coverage]:
     """Simulate every case.
-
-    Args:
-        parts: a folder that keeps each case once it is done: processes of `jax.distributed` share
-            the cases, and a study that was stopped goes on.
 
     Raises:
         ValueError: naming the argument, its value and what is accepted.
@@ -50,16 +42,8 @@ def coverage_study(
     checked_confidence(confidence)
     cases = standard_cases() if cases is None else list(cases)
 
-    def make(k: int) -> Arrays:
-        return as_arrays(_study(cases[k], sets, (seed, k), confidence))
-
-    with (
-        jax.enable_x64(True),
-        np.errstate(divide="ignore", invalid="ignore"),
-        in_parts(parts) as opened,
-    ):
-        told = ("batched", cases, sets, seed, confidence)
-        return [from_arrays(one) for one in opened.arrays(told, len(cases), make)]
+    with jax.enable_x64(True), np.errstate(divide="ignore", invalid="ignore"):
+        return [_study(case, sets, (seed, k), confidence) for k, case in enumerate(cases)]
 
 
 def simulated(case: Case, sets: int, seed) -> Float[np.ndarray, "sets n"]:

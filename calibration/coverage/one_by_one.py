@@ -1,17 +1,15 @@
 """Each data set fitted by `fit`, one after the other: where errors are shared or estimated."""
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
 import numpy as np
 
 import softjax as sj
 from calibration.coverage.experiments import Experiment
-from calibration.coverage.table import Coverage, as_arrays, from_arrays
+from calibration.coverage.table import Coverage
 from calibration.data.checks import check_whole
 from calibration.fitting.door import fit
 from calibration.fitting.result import FitResult
-from calibration.parts import Arrays, Parts, in_parts
 
 ANOTHER = 5  # more measurements drawn for each fit
 
@@ -23,14 +21,11 @@ def experiments_study(
     *,
     profiles: bool = True,
     progress: Callable[[str, int, int], None] | None = None,
-    parts: Parts | str | Path | None = None,
 ) -> list[Coverage]:
     """Measure and fit every experiment many times.
 
     Args:
         profiles: whether intervals are those of the likelihood's profile, as by default.
-        parts: a folder that keeps each experiment once it is done: processes of `jax.distributed`
-            share them, and a study that was stopped goes on.
 
     Raises:
         ValueError: naming the argument, its value and what is accepted.
@@ -38,15 +33,12 @@ def experiments_study(
     check_whole("sets", sets, 1)
     check_whole("seed", seed, 0)
 
-    def make(k: int) -> Arrays:
-        found = as_arrays(_study(cases[k], sets, (seed, k), profiles))
+    found = []
+    for k, case in enumerate(cases):
+        found.append(_study(case, sets, (seed, k), profiles))
         if progress is not None:
             progress("experiments", k + 1, len(cases))
-        return found
-
-    told = ("one by one", [(case.name, case.truth) for case in cases], sets, seed, profiles)
-    with in_parts(parts) as opened:
-        return [from_arrays(one) for one in opened.arrays(told, len(cases), make)]
+    return found
 
 
 def _study(case: Experiment, sets: int, seed: tuple[int, int], profiles: bool) -> Coverage:

@@ -2,12 +2,9 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-
-from calibration.parts import Arrays
 
 
 @dataclass(frozen=True)
@@ -41,28 +38,6 @@ class Coverage:
     def ratio(self) -> dict[str, float]:
         """Root mean square standard error over the actual spread."""
         return {name: self.error[name] / self.spread[name] for name in self.error}
-
-
-def as_arrays(one: Coverage) -> Arrays:
-    """A study of one case by names of fields and labels: what a file can hold."""
-    found = {}
-    for name, value in vars(one).items():
-        inside = value if isinstance(value, dict) else {"": value}
-        found |= {f"{name} {label}".rstrip(): np.asarray(v) for label, v in inside.items()}
-    return found
-
-
-def from_arrays(arrays: Arrays) -> Coverage:
-    """What `as_arrays` was made of."""
-    values: dict[str, Any] = {"by_error": {}}  # an empty table leaves nothing
-    for key, array in arrays.items():
-        name, _, label = key.partition(" ")
-        value = array.item() if array.ndim == 0 else array
-        if label:
-            values.setdefault(name, {})[label] = value
-        else:
-            values[name] = value
-    return Coverage(**values)
 
 
 def report(study: Sequence[Coverage]) -> str:

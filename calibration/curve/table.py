@@ -97,7 +97,7 @@ class TableWriter(Writer):
         names = ["velocity[m/s]", "restitution", *COLUMNS[: len(COLUMNS) * has_force]]
         self._file.write(self._later() + f"# {' '.join(names)}\n".encode())
 
-    def write(self, rows: Rows, text: bytes | None = None) -> None:
+    def write(self, rows: Rows) -> None:
         rows = rows.some(np.isfinite(rows.coefficient))
         if not len(rows.velocity):
             return

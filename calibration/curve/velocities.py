@@ -51,11 +51,10 @@ class Grid:
         if self.spacing == "log" and self.first == 0:
             raise DataError("--from", self.first, "a velocity above 0 m/s with --spacing log")
 
-    def blocks(self, size: int = BLOCK, rows: slice = slice(None)) -> Iterator[Block]:
-        """The velocities in ascending order, or those of some rows."""
-        first, last, _ = rows.indices(self.points)
-        for start in range(first, last, size):
-            yield self._at(np.arange(start, min(start + size, last)))
+    def blocks(self, size: int = BLOCK) -> Iterator[Block]:
+        """The velocities in ascending order."""
+        for start in range(0, self.points, size):
+            yield self._at(np.arange(start, min(start + size, self.points)))
 
     def _at(self, index: np.ndarray) -> Block:
         part = index / max(self.points - 1, 1)

@@ -22,8 +22,8 @@ class Writer(ABC):
         self._file = path.open("wb")
 
     @abstractmethod
-    def write(self, rows: Rows, text: bytes | None = None) -> None:
-        """Add one block; `text` is what `csv_text` made of it elsewhere, where it was made."""
+    def write(self, rows: Rows) -> None:
+        """Add one block."""
 
     def close(self) -> None:
         self._file.close()
@@ -41,12 +41,12 @@ class CsvWriter(Writer):
         super().__init__(path)
         self._begun = False
 
-    def write(self, rows: Rows, text: bytes | None = None) -> None:
+    def write(self, rows: Rows) -> None:
         if not self._begun:
             limits = "" if rows.low is None else "restitution_low,restitution_high,"
             self._file.write(f"velocity [m/s],restitution,{limits}status\n".encode())
             self._begun = True
-        self._file.write(csv_text(rows) if text is None else text)
+        self._file.write(csv_text(rows))
 
 
 class NpyWriter(Writer):
@@ -62,7 +62,7 @@ class NpyWriter(Writer):
         self._rows = 0
         self._type: np.dtype | None = None
 
-    def write(self, rows: Rows, text: bytes | None = None) -> None:
+    def write(self, rows: Rows) -> None:
         names = ["velocity", "restitution", "status"]
         columns = [rows.velocity, rows.coefficient, rows.status]
         if rows.low is not None and rows.high is not None:

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -11,10 +10,8 @@ from calibration.fitting.component_fit import ComponentFit
 from calibration.fitting.problem import Lanes, Problem
 from calibration.fitting.search import Found, search
 from calibration.fitting.uncertainty import Settled, winsorised
-from calibration.parts import Arrays, Parts, Whole, blocks, joined
 
 STEPS = 200  # of one refit
-AT_ONCE = 128  # refits that are one part
 
 
 def settled(
@@ -51,31 +48,13 @@ def refit(fit: ComponentFit, problem: Problem, z: np.ndarray, lanes: Lanes) -> F
     return search(problem, z, begun=fit.begun, lanes=lanes, limit=STEPS)
 
 
-def bootstrap(
-    fits: list[ComponentFit],
-    count: int,
-    seed: int,
-    confidence: float,
-    parts: Parts | Whole,
-    settings: Any,
-) -> Bootstrap:
-    """Simulate each point with the fitted curve and its noise, and fit that again.
-
-    Args:
-        parts: where the fits are made: all at once, or some at a time.
-        settings: what tells these fits from others.
-    """
+def bootstrap(fits: list[ComponentFit], count: int, seed: int, confidence: float) -> Bootstrap:
+    """Simulate each point with the fitted curve and its noise, and fit that again."""
     random = np.random.default_rng(seed)
     drawn = [_simulated(fit, count, random) for fit in fits]
-    rows = blocks(count, count if isinstance(parts, Whole) else AT_ONCE)
-
-    def make(k: int) -> Arrays:
-        found = [_refitted(fit, data[rows[k]]) for fit, data in zip(fits, drawn, strict=True)]
-        values, arrived = zip(*found, strict=True)
-        return {"values": np.concatenate(values, axis=1), "converged": np.all(arrived, axis=0)}
-
-    made = parts.arrays((settings, count, seed), len(rows), make)
-    values, converged = joined(made, "values"), joined(made, "converged")
+    found = [_refitted(fit, data) for fit, data in zip(fits, drawn, strict=True)]
+    every, arrived = zip(*found, strict=True)
+    values, converged = np.concatenate(every, axis=1), np.all(arrived, axis=0)
     names = [e.label for fit in fits for e in fit.component.elements]
     part = 100 * np.array([0.5 * (1 - confidence), 0.5 * (1 + confidence)])
     ends = (

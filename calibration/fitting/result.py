@@ -27,7 +27,6 @@ from calibration.fitting.result_json import read_result, result_to_dict
 from calibration.fitting.result_text import fit_text
 from calibration.fitting.stages import Stage
 from calibration.fitting.zhou import LINE
-from calibration.parts import in_parts
 
 KINDS = ("mean", "prediction")
 
@@ -252,22 +251,16 @@ class FitResult:
         with jax.enable_x64(True):
             return leave_one_out(self._refitted())
 
-    def bootstrap(
-        self, count: int = 1000, seed: int = 0, *, parts: str | Path | None = None
-    ) -> Bootstrap:
+    def bootstrap(self, count: int = 1000, seed: int = 0) -> Bootstrap:
         """Fits of data simulated with the fitted curve and noise; see `Bootstrap`.
-
-        Args:
-            parts: a folder for what is fitted: processes of `jax.distributed` share it, and go on.
 
         Raises:
             ValueError: naming the argument, its value and what is accepted.
         """
         check_whole("count", count, 1)
         check_whole("seed", seed, 0)
-        told = self.to_json(times=False) if parts else ""
-        with jax.enable_x64(True), in_parts(parts) as opened:
-            return bootstrap(self._refitted(), count, seed, self.confidence, opened, told)
+        with jax.enable_x64(True):
+            return bootstrap(self._refitted(), count, seed, self.confidence)
 
     def posterior(
         self,

@@ -13,7 +13,6 @@ that jump contributes is in the indices and not in the bound.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import equinox as eqx
@@ -27,7 +26,6 @@ from calibration.data.checks import check_whole, checked_confidence
 from calibration.data.json_file import plain
 from calibration.errors import DataError
 from calibration.fitting.result import FitResult
-from calibration.parts import Arrays, Parts, Whole, blocks, in_parts, joined
 from calibration.studies.inputs import Inputs, as_inputs, both_ends, check_ranges, check_velocity
 
 SCALES = ("uniform", "log")
@@ -103,8 +101,8 @@ def sobol_indices(
         velocity: v [m/s], (q,).
         route: the energy balance, or the ODE for a law that needs it, unless told.
         material: which one of a fit's.
-        options: `samples`, `scale`, `seed`, `confidence`, `resamples`, `progress`,
-            `parts` of `model_indices`.
+        options: `samples`, `scale`, `seed`, `confidence`, `resamples`, `progress` of
+            `model_indices`.
 
     Raises:
         ValueError: naming the argument, its value and what is accepted; where ε varies nowhere.
@@ -142,7 +140,6 @@ def model_indices(
     confidence: float = 0.95,
     resamples: int = 999,
     progress: Progress | None = None,
-    parts: Parts | str | Path | None = None,
 ) -> SobolIndices:
     """Sobol indices of any model that JAX can trace, in memory that the samples hardly change.
 
@@ -154,9 +151,6 @@ def model_indices(
         seed: of samples and bootstrap.
         confidence, resamples: of the bootstrap.
         progress: called as progress(stage, done, total).
-        parts: a folder that keeps what is evaluated: processes of `jax.distributed` share it, and
-            a study that was stopped goes on. A model of one's own is told by its name and leaves:
-            one folder for each.
 
     Raises:
         ValueError: naming the argument, its value and what is accepted; for a model that varies
@@ -171,9 +165,8 @@ def model_indices(
     random = np.random.default_rng(seed)
     a, b = _drawn(ends, scale, samples, random)
     points = [a, b, *(_mixed(a, b, i) for i in range(len(names)))]
-    settings = (model, dict(ranges), samples, scale, seed)
-    with jax.enable_x64(True), in_parts(parts) as opened:
-        sets, squares = _sampled(model, names, scale, points, settings, opened, progress)
+    with jax.enable_x64(True):
+        sets, squares = _sampled(model, names, scale, points, progress)
     lost, (f_a, f_b, *mixed) = sum(np.sum(~np.isfinite(one)) for one in sets), sets
     if lost:
         accepted = "such that every sample has a finite output"
@@ -242,33 +235,28 @@ def _sampled(
     names: tuple[str, ...],
     scale: str,
     points: Sequence[Float[np.ndarray, "p n"]],
-    settings: Any,
-    parts: Parts | Whole,
     progress: Progress | None,
 ) -> tuple[list[Outputs], np.ndarray]:
     """Outputs at each set of points, and E[(∂f/∂θ)²] (q, p) over the first of them.
 
-    In blocks of one shape, which several processes may share: `settings` tell this model, and how
-    it is sampled, from others. On a logarithmic scale with ln θ in place of θ.
+    In blocks of one shape. On a logarithmic scale with ln θ in place of θ.
     """
     count = points[0].shape[1]
-    rows = blocks(count, LARGEST_BLOCK)
-
-    def make(k: int) -> Arrays:
-        which, place = divmod(k, len(rows))
-        block = points[which][:, rows[place]]
-        outputs, slope = map(np.asarray, _evaluated(model, names, block, which == 0))
-        if progress is not None:
-            progress("Sobol indices", which * count + rows[place].stop, count * len(points))
-        if which:
-            return {"outputs": outputs}
-        per = block.T if scale == "log" else 1.0
-        return {"outputs": outputs, "squares": np.sum((slope * per) ** 2, axis=1)}
-
-    made = parts.arrays(settings, len(rows) * len(points), make)
-    sets = [made[k : k + len(rows)] for k in range(0, len(made), len(rows))]
-    squares = sum(part["squares"] for part in sets[0])
-    return [joined(one, "outputs", axis=1) for one in sets], squares / count
+    sets, squares = [], np.zeros(())
+    for which, every in enumerate(points):
+        found = []
+        for first in range(0, count, LARGEST_BLOCK):
+            block = every[:, first : first + LARGEST_BLOCK]
+            outputs, slope = map(np.asarray, _evaluated(model, names, block, which == 0))
+            found.append(outputs)
+            if which == 0:
+                per = block.T if scale == "log" else 1.0
+                squares = squares + np.sum((slope * per) ** 2, axis=1)
+            if progress is not None:
+                done = which * count + first + block.shape[1]
+                progress("Sobol indices", done, count * len(points))
+        sets.append(np.concatenate(found, axis=1))
+    return sets, squares / count
 
 
 @eqx.filter_jit
