@@ -19,7 +19,7 @@ from tests.laws import LAWS, PRECISE, QUANTITIES, numbers, with_numbers
 
 HARD = np.array([0.0, 1e-100, 1e-6, 1.0, 1e5])  # dT/dv itself overflows at 1e-300
 INVALID = np.array([np.nan, -1.0, np.inf, 0.5])  # the last one by a number of the law
-QUICK = ("thornton", "viscoelastic")
+QUICK = ("viscoelastic",)
 CASES = [
     pytest.param(
         name,
@@ -62,8 +62,6 @@ def test_first_derivatives(name, route):
             assert np.all(error <= tolerance), (key, dict(zip(QUANTITIES, error, strict=True)))
             zero = np.all(exact_slope == 0, axis=0)
             assert np.all(np.abs(slopes[key][zero, :count] / size[zero]) <= 1e-13), key
-    if name != "hertz":
-        assert np.any(np.abs(expected["velocity"][:, 0]) > 1e-3) or "velocity" not in name
 
 
 @pytest.mark.parametrize(("name", "route"), CASES)
@@ -96,7 +94,7 @@ def _along(name):
     return dict(zip(names, np.cos(1.0 + np.arange(len(names))), strict=True))
 
 
-SECOND = [pytest.param(n, marks=[pytest.mark.long] if n == "zhou full" else []) for n in LAWS]
+SECOND = [pytest.param(n, marks=pytest.mark.long if "zhou" in n else ()) for n in LAWS]
 
 
 @pytest.mark.parametrize("name", SECOND)
@@ -117,7 +115,7 @@ def test_second_derivatives_along_a_direction(name):
 
     found = np.asarray(second(0.0, jnp.asarray(case.velocity)))
     with mp.workdps(60):
-        step = mp.mpf("1e-12") if name != "viscoelastic" else mp.mpf("1e-5")
+        step = mp.mpf("1e-12")
         for i, v in enumerate(case.velocity):
             at = {key: mp.mpf(float(x)) for key, x in numbers(case.law, float(v)).items()}
             up, here, down = (

@@ -13,7 +13,9 @@ from tests.laws import LAWS, PAIR, numbers, with_numbers
 EPS = {dtype: float(np.finfo(dtype).eps) for dtype in (np.float32, np.float64)}
 STIFFNESS = 1e6
 RATIO = np.array([1e3, 1e8, 1e12, 1e20])
-OTHERS = [pytest.param(n, marks=() if "zero-o" not in n else pytest.mark.long) for n in LAWS]
+OTHERS = [
+    pytest.param(n, marks=pytest.mark.long if "zero-o" in n or "full" in n else ()) for n in LAWS
+]
 
 
 @pytest.mark.parametrize("name", OTHERS)

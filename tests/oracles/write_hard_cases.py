@@ -13,8 +13,7 @@ from typing import Any
 
 from mpmath import mp, mpf
 
-from tests.hard_cases import TABLE
-from tests.hard_inputs import PRECISIONS, Case
+from tests.hard.table import PRECISIONS, TABLE, Case
 from tests.oracles import zhou_mp as z
 from tests.oracles.reference import text
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from mpmath import mp, mpf
 
-from tests.hard_inputs import PRECISIONS
+from tests.hard.table import PRECISIONS
 from tests.oracles import zhou_mp as z
 
 TARGET = Path(__file__).with_name("turning_point.json")

@@ -135,7 +135,7 @@ LEAF = {
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=() if n == "zhou" else pytest.mark.long) for n in LEAF]
+    "name", [pytest.param(n, marks=() if n == "walton-braun" else pytest.mark.long) for n in LEAF]
 )
 def test_slopes_along_a_history(name):
     """In a number of the law and the velocity, both modes, against fourth-order differences."""

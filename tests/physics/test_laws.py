@@ -13,7 +13,7 @@ import softjax as sj
 from tests.laws import KNOWN, LAWS, PAIR, PRECISE, QUANTITIES, WITH_FORCE, expected, numbers
 from tests.oracles import closed_forms, laws_mp
 
-BY_TIME_QUICK = ("thornton", "zhou", "viscoelastic", "linear dashpot to zero-overlap")
+BY_TIME_QUICK = ("thornton", "linear dashpot to zero-overlap")
 BY_TIME = [
     pytest.param(name, marks=() if name in BY_TIME_QUICK else pytest.mark.long)
     for name in WITH_FORCE

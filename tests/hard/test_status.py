@@ -1,0 +1,203 @@
+"""Statuses: what is invalid, does not arrive, gains or gives no number is 0 or flagged, alone."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import softjax as sj
+from tests.cases import compiled_soon, fitted, law_with, pair
+from tests.laws import LAWS, graded, numbers, repeated
+
+STEEL = pair("stainless steel")
+FAILED, ELASTIC, GAIN = sj.Status.SOLVER_FAILED, sj.Status.ELASTIC, sj.Status.ENERGY_GAIN
+BAD = dict.fromkeys(numbers(fitted("nylon")), (np.nan, -1.0, np.inf, 0.0))
+BAD |= {"velocity": (np.nan, -1.0, np.inf, -np.inf), "chi": (np.nan, -1.0, np.inf, -1e-300)}
+BAD["sigma"] = BAD["chi"]
+ROUTES = [
+    pytest.param(sj.EnergyBalance(), id="energy"),
+    pytest.param(sj.ODE(steps=4), id="ode", marks=pytest.mark.long),
+]
+
+
+@pytest.mark.parametrize("route", ROUTES)
+def test_bad_impacts_leave_their_neighbours_alone(route):
+    """Each of the nine numbers bad in its places of a batch: 0 without a slope; the others bit for bit."""
+    law = fitted("nylon")
+    count = 4 * len(BAD)
+    y = np.linspace(1.5, 40, 2 * count)
+    plain = repeated(law, y * law.contact.critical_velocity)
+    bad = {name: np.array(value) for name, value in plain.items()}
+    for k, (name, values) in enumerate(BAD.items()):
+        bad[name][4 * k : 4 * k + 4] = values
+    with_good, with_bad = (
+        graded(law, {n: jnp.asarray(x) for n, x in v.items()}, route) for v in (plain, bad)
+    )
+    for one, two in zip(with_good[2:], with_bad[2:], strict=True):
+        assert np.array_equal(one[..., count:], two[..., count:])
+        slopes = np.asarray(two)[..., :count]  # times the number itself, which may be none
+        assert np.all((slopes == 0) | np.isnan(slopes))
+        assert np.mean(slopes == 0) > 0.9
+    assert np.array_equal(with_good[0][:, count:], with_bad[0][:, count:])
+    assert np.all(with_bad[0][:, :count] == 0)
+    result = with_bad[1]
+    assert np.all(result.status[:count] == sj.Status.INVALID_INPUT)
+    assert np.all(result.status[count:] == with_good[1].status[count:])
+    assert not np.any(result.ok[:count])
+
+
+def test_ok_is_plain_or_elastic_alone():
+    law = fitted("nylon")
+    y = np.array([0.0, 0.5, 1.02, 10.0, 2e3])
+    hit = sj.restitution(law, y * law.contact.critical_velocity)
+    assert list(hit.ok) == [False, True, False, True, False]
+
+
+def test_each_flag_but_plain_and_elastic_has_a_remedy():
+    for flag in sj.Status:
+        expected = flag in (sj.Status.ELASTIC, sj.Status.ZERO_VELOCITY)
+        assert (flag.remedy == "") == expected, flag
+    both = GAIN | sj.Status.NO_RESIDUAL_OVERLAP
+    assert GAIN.remedy in both.remedy
+    assert sj.Status.NO_RESIDUAL_OVERLAP.remedy in both.remedy
+    assert sj.Status.PLAIN.remedy == ""
+
+
+def test_a_printed_result_tells_the_numbers_of_a_few_impacts():
+    law = fitted("nylon")
+    critical = float(law.contact.critical_velocity)
+    few = sj.restitution(law, np.array([0.5, 5.0]) * critical)
+    shown = " ".join(f"{one:.4f}".rstrip("0") for one in few.coefficient)
+    assert repr(few) == f"Restitution(Zhou: eps=[{shown}], status=ok)"
+    beyond = repr(sj.restitution(law, [critical, 1e4])).partition("status=")[2]
+    assert beyond == "(ELASTIC 1, BEYOND_EXPANSION|NO_TURNING_POINT|ABOVE_LIMIT_VELOCITY 1))"
+    many = sj.restitution(law, np.linspace(0.5, 5, 40) * critical)
+    assert "coefficient=f64[40]" in repr(many)
+    traced = []
+    jax.make_jaxpr(lambda v: traced.append(repr(sj.restitution(law, v))))(few.velocity)
+    assert "coefficient=f64[2]" in traced[0]
+
+
+# the solver
+
+
+def test_a_low_order_at_a_high_tolerance_gives_up():
+    """And an elastic neighbour does not suffer."""
+    law = fitted("stainless steel")
+    velocity = STEEL.critical_velocity * np.array([0.5, 1.01, 30.0])
+    for route in (sj.ODE(rtol=1e-13, solver="bosh3"), sj.ODE(rtol=1e-12, max_steps=2)):
+        result = sj.restitution(law, velocity, route)
+        assert list(result.status) == [ELASTIC, FAILED, FAILED]
+        assert list(result.plastic_coefficient) == [1, 0, 0]
+    assert "max_steps" in FAILED.remedy
+
+
+@pytest.mark.parametrize("name", ["zhou", pytest.param("viscoelastic", marks=pytest.mark.long)])
+def test_nothing_of_an_integration_that_did_not_arrive_looks_like_physics(name):
+    """Numbers, slopes and histories are 0."""
+    law = fitted("stainless steel") if name == "zhou" else LAWS[name].law
+    velocity = STEEL.critical_velocity * np.array([0.5, 1.01, 30.0])
+    short = sj.ODE(rtol=1e-8, solver="bosh3", max_steps=8)
+    first = 1 if name == "zhou" else 0  # the first impact stays elastic by Zhou's law
+    found, result, forward, reverse = graded(law, repeated(law, velocity), short)
+    assert np.all(result.status[first:] == FAILED)
+    assert not np.any(result.ok[first:])
+    for number in (found, forward, reverse, result.plastic_coefficient):
+        assert np.all(number[..., first:] == 0)
+        assert np.all(np.isfinite(number))
+    hit = sj.collide(law, velocity, samples=5, route=short)
+    assert np.all(hit.status[first:] == FAILED)
+    for number in (hit.time, hit.overlap, hit.velocity, hit.force, hit.coefficient[:, None]):
+        assert np.all(number[first:] == 0)
+
+
+def test_no_turning_point_is_not_mistaken_for_it():
+    """The loading force vanishes before the bodies stop: by any number of steps."""
+    law = law_with(0.3, 5.0)
+    velocity = 1e3 * law.contact.critical_velocity
+    for route in (sj.ODE(), sj.ODE(rtol=1e-8, solver="bosh3", max_steps=8)):
+        status = int(sj.restitution(law, velocity, route).status)
+        assert status & sj.Status.NO_TURNING_POINT
+        assert not status & FAILED
+
+
+# gains, and formulas that give no number
+
+
+class Formula(sj.HardSphereLaw):
+    """ε² = a ln(2 - v)."""
+
+    a: float
+
+    def restitution_squared(self, velocity):
+        return self.a * jnp.log(2 - velocity)
+
+
+class Known(sj.RateDependentLaw):
+    """An elastic spring whose coefficient is said to be another."""
+
+    contact: sj.Contact
+    coefficient: float
+    end = "zero-overlap"
+
+    def force(self, overlap, velocity):
+        return 1e6 * overlap
+
+    def closed_form(self, velocity):
+        return sj.KnownCollision(velocity * self.coefficient, velocity, velocity, velocity)
+
+
+class Driven(sj.RateDependentLaw):
+    """A force of any power with a part that grows with the rate, or falls."""
+
+    contact: sj.Contact
+    power: float
+    rate: float
+    end = "zero-overlap"
+
+    def force(self, overlap, velocity):
+        return 100 * (overlap / 1e-5) ** self.power * (1 + self.rate * velocity)
+
+
+def test_a_formula_that_gives_no_number_or_too_much():
+    found = sj.restitution(Formula(10.0), np.array([0.5, 3.0]))
+    assert found.coefficient[0] == pytest.approx(np.sqrt(10 * np.log(1.5)), rel=1e-15)
+    assert list(found.status) == [GAIN, FAILED]
+    assert found.coefficient[1] == 0
+    known = sj.restitution(Known(STEEL, np.array([1.0, 1.0 + 1e-9])), 1.0)
+    assert list(known.status) == [sj.Status.PLAIN, GAIN]
+    overflow = sj.restitution(Known(STEEL, 1e200), 1e200)
+    assert (overflow.coefficient, overflow.status) == (0, FAILED)
+
+
+@pytest.mark.parametrize(
+    "route",
+    [sj.ODE(rtol=1e-5), pytest.param(sj.ODE(steps=8, solver="dopri5"), marks=pytest.mark.long)],
+    ids=["adaptive", "fixed"],
+)
+def test_gains_of_damped_laws_are_flagged_and_rounding_is_none(route):
+    power, rate = np.array([0.5, 1.0, 1.5, 2.0, 1.5]), np.array([0.0, 0.0, 0.0, 0.0, -0.1])
+    found = sj.restitution(Driven(STEEL, power, rate), 1.0, route)
+    assert np.allclose(found.coefficient[:4], 1.0, atol=1e-3)
+    assert found.coefficient[4] > 1.05
+    assert list(found.status) == [0, 0, 0, 0, GAIN]
+
+
+def test_the_slowest_impact_is_at_rest_alone_and_among_others():
+    """Compiled code takes for zero what is below the smallest normal number."""
+    law = sj.WaltonBraun(STEEL, 1e6, 2e6)
+    for velocity in ([1e-310], [1e-310, 1.0], [1e-310, 0.0]):
+        found = sj.restitution(law, velocity)
+        assert found.coefficient[0] == 1
+        assert found.status[0] == ELASTIC | sj.Status.ZERO_VELOCITY
+
+
+@pytest.mark.parametrize("name", ["constant", "walton-braun"])
+def test_velocities_that_no_law_takes_under_jit(name):
+    """Even where nothing of the law depends on the velocity, and outside of any gradient."""
+    result = compiled_soon(lambda v: sj.restitution(LAWS[name].law, v))(
+        jnp.array([np.nan, -1.0, np.inf])
+    )
+    assert np.all(result.status == sj.Status.INVALID_INPUT)
+    for number in (result.coefficient, result.peak_overlap, result.duration):
+        assert np.all(number == 0)

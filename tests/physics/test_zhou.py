@@ -1,0 +1,284 @@
+"""Zhou's law against 40 and more digits: 150 drawn collisions a form, three materials, y_max."""
+
+import json
+from functools import lru_cache
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+import softjax as sj
+from tests import cases
+from tests.cases import EPS, FORMS, column, fitted, flags_of, law_with, of_form
+from tests.oracles import zhou_mp
+
+NUMBERS = zhou_mp.NUMBERS
+BY_TIME = sj.ODE(rtol=1e-11)
+OVER_BOXES = [
+    pytest.param(form, route, id=f"{form}-{route.name}", marks=marks)
+    for form, route, marks in (
+        ("first-order", sj.EnergyBalance(), ()),
+        ("full", sj.EnergyBalance(), ()),
+        ("first-order", BY_TIME, ()),
+        ("full", BY_TIME, pytest.mark.long),
+    )
+]
+
+
+@pytest.mark.parametrize(("form", "route"), OVER_BOXES)
+def test_over_the_boxes(form, route):
+    """E/Y 20…1000, X 0.3…3000, y 0…300: ε_p² to 1e-12 and the rounding of the inputs, and all else."""
+    records = of_form("boxes", form)
+    assert len(records) == 150
+    d, X, y = (column(records, name) for name in ("d", "X", "y"))
+    law = law_with(d, X, form)
+    result = sj.restitution(law, y * law.contact.critical_velocity, route)
+    error = np.abs(np.square(result.plastic_coefficient) - column(records, "eps_p_squared"))
+    if route == BY_TIME:
+        assert np.max(error) <= 1e-11
+        assert np.quantile(error, 0.95) <= 1e-12
+    else:
+        assert np.all(error <= 1e-12 + 8 * EPS * column(records, "log_sensitivity_sum"))
+    assert np.array_equal(result.status, flags_of(records))
+    scale, peak = law.contact.critical_overlap, column(records, "x_m")
+    tolerance = 1e-8 if route == BY_TIME else 1e-12
+    assert np.allclose(result.peak_overlap / scale, peak, rtol=tolerance, atol=0)
+    off = np.abs(result.residual_overlap / scale - column(records, "x_star"))
+    assert np.all(off <= 20 * tolerance * peak)
+    expected = column(records, "duration")
+    ends = np.isfinite(expected)  # at rest and without a turning point no contact does
+    lasts = result.duration * law.contact.critical_velocity / scale
+    assert np.allclose(lasts[ends], expected[ends], rtol=1e-8, atol=0)
+    assert np.all(result.duration[~ends] == 0)
+    assert not np.all(ends)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_curves_of_the_materials(form):
+    """From SI inputs: ε, ε_p to 1e-13; overlaps to what the rounding of the inputs does to them."""
+    records = of_form("curves", form)
+    inputs = cases.stacked_inputs(records)
+    result = sj.restitution(cases.law_of(inputs), inputs["v"])
+    assert np.allclose(result.coefficient, column(records, "eps"), rtol=0, atol=1e-13)
+    assert np.allclose(result.plastic_coefficient, column(records, "eps_p"), rtol=0, atol=1e-13)
+    assert np.allclose(result.peak_overlap, column(records, "peak_overlap"), rtol=1e-12, atol=0)
+    error = np.abs(result.residual_overlap - column(records, "residual_overlap"))
+    # just above yield x* moves much with y, and so with the rounding of the inputs
+    slopes = [column(records, "log_sensitivities", name, "residual_overlap") for name in NUMBERS]
+    assert np.all(error <= 1e-13 * result.peak_overlap + 8 * EPS * np.sum(np.abs(slopes), 0))
+    assert np.allclose(result.duration, column(records, "duration"), rtol=1e-10, atol=0)
+    assert np.array_equal(result.status, flags_of(records))
+
+
+# form, d, X, y: x_m, x*, ε_p from other code in 40-digit arithmetic
+ORIENTATION = """
+first-order 6.3e-5  640  1.5 1.38316264536192 0.104851623761796 0.98707820496367
+first-order 6.3e-5  640  250 82.9694609992926 31.1455251233123 0.856206183529395
+full        6.3e-5  640  250 82.9693766512144 31.1454180489435 0.856207589426904
+first-order 2.7e-3  5.36 25  13.2236523303197 1.49310978562765 0.973077876160826
+full        2.7e-3  5.36 25  13.2230226169831 1.49283613455876 0.9731302040906
+first-order 6.73e-3 7.6  80  35.3103668464788 12.3395408865264 0.841650713075325
+full        6.73e-3 7.6  80  35.2174790268749 12.2244525276861 0.84545462322109
+first-order 6.73e-3 0.55 40  19.6850448643677 0.0 0.995388270881036
+"""
+
+
+def orientation(form):
+    lines = [line.split() for line in ORIENTATION.strip().splitlines()]
+    return np.array([line[1:] for line in lines if line[0] == form], float).T
+
+
+class ByNumbers(sj.RateIndependentLaw):
+    """Zhou's reduced law of given d and X, without the rounding of SI units between."""
+
+    contact: sj.Contact
+    d: float
+    X: float
+    form: str = sj.choice_field(*FORMS)
+
+    def scales(self):
+        return sj.Scales(1.0, 1.0)
+
+    def reduced(self):
+        kind = type(fitted("nylon", self.form).reduced())
+        return kind(jax.numpy.asarray(self.d), jax.numpy.asarray(self.X))
+
+
+def by_numbers(d, X, y, form="first-order"):
+    contact = cases.pair("nylon")
+    contact = jax.tree.map(lambda leaf: np.asarray(leaf, np.asarray(d).dtype), contact)
+    return sj.restitution(ByNumbers(contact, d, X, form), y)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_orientation_values(form):
+    d, X, y, *expected = orientation(form)
+    result = by_numbers(d, X, y, form)
+    found = (result.peak_overlap, result.residual_overlap, result.plastic_coefficient)
+    assert np.allclose(found, expected, rtol=1e-13, atol=0)
+
+
+@lru_cache
+def turning_points():
+    path = Path(__file__).parents[1] / "oracles" / "turning_point.json"
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("kind", [np.float64, np.float32])
+def test_up_to_the_last_turning_point(kind):
+    """Where loading has nearly a double root, 1 - y/y_max down to 3e-16, all in one batch."""
+    d, X, y, distance, squared, peak, sensitivity = np.array(turning_points()[kind.__name__]).T
+    result = by_numbers(*(a.astype(kind) for a in (d, X, y)))
+    eps = float(np.finfo(kind).eps)
+    allowed = max(1e-12, 8 * eps) + 8 * eps * sensitivity
+    turns = np.asarray(result.status & int(sj.Status.NO_TURNING_POINT)) == 0
+    assert np.all(turns | (distance < 32 * eps))  # else within rounding of the last one
+    error = np.abs(np.asarray(result.plastic_coefficient, float) ** 2 - squared)
+    assert np.flatnonzero(turns & ~(error <= allowed)).tolist() == []
+    # the root moves with the square root of the distance
+    near = 8 * eps / np.sqrt(np.maximum(distance, 8 * eps))
+    off = np.abs(np.asarray(result.peak_overlap, float) / peak - 1)
+    assert np.flatnonzero(turns & ~(off <= near)).tolist() == []
+    assert np.all(result.residual_overlap <= result.peak_overlap * (1 + 4 * eps))
+    assert turns.sum() > 120
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("d", [1e-5, 6.7e-3, 0.3])
+def test_forces(form, d):
+    """Both branches over k δ_cr^{3/2}; Hertz's below yield, and both meet at the peak."""
+    law = law_with(d, 7.6, form)
+    length = float(law.contact.critical_overlap)
+    unit = float(law.contact.stiffness) * length**1.5
+    end = min(float(zhou_mp.loading_end(form, d)), 80.0)
+    x = np.array([0.0, 0.3, 0.999, 1.001, *np.linspace(1.2, 0.99 * end, 12)])
+    exact = [float(zhou_mp.loading(form, d, float(value))) for value in x]
+    assert np.allclose(law.loading_force(x * length) / unit, exact, rtol=1e-11, atol=1e-12)
+    peak = 0.7 * end + 0.3
+    back = np.linspace(0.4, 1.0, 7) * peak
+    exact = [float(zhou_mp.unloading(form, d, 7.6, peak, float(at))) for at in back]
+    found = law.unloading_force(back * length, peak * length) / unit
+    assert np.allclose(found, exact, rtol=0, atol=1e-11 * max(exact))
+    assert found[-1] == pytest.approx(float(law.loading_force(peak * length)) / unit, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("form", "dtype"),
+    [
+        pytest.param(f, t, marks=[] if (f, t) == (FORMS[0], np.float64) else pytest.mark.long)
+        for f in FORMS
+        for t in (np.float64, np.float32)
+    ],
+)
+def test_critical_velocity_is_elastic_and_the_next_number_is_not(form, dtype):
+    """Whether the law's numbers are arguments of the compiled function or constants in it."""
+    ratio, radius = np.meshgrid(np.geomspace(2, 1e6, 20), np.geomspace(1e-9, 1e3, 20))
+    modulus = np.geomspace(1e8, 1e12, 400).reshape(20, 20)
+    values = (modulus, radius, 3e4 * radius**3, modulus / ratio, 1e9)
+    contact = sj.Contact(*(np.asarray(value, dtype) for value in values))
+    half = np.asarray(0.5, dtype)
+    law = sj.Zhou(contact, half, half, half, form=form)
+    at = contact.critical_velocity
+    assert at.dtype == dtype
+    around = np.stack([np.nextafter(at, dtype(0)), at, np.nextafter(at, dtype(1e9))])
+    for compute in (lambda v: sj.restitution(law, v), jax.jit(lambda v: sj.restitution(law, v))):
+        elastic = np.asarray(compute(around).status) & int(sj.Status.ELASTIC) > 0
+        assert np.array_equal(np.all(elastic, axis=(1, 2)), [True, True, False])
+        assert not np.any(elastic[2])
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_an_elastic_batch_and_a_mixed_one_agree(form):
+    """A batch known to be elastic throughout takes another path to the same numbers."""
+    law = fitted("chrome steel", form)
+    low = law.contact.critical_velocity * np.array([0.0, 0.2, 0.9])
+    mixed = sj.restitution(law, np.append(low, 3 * law.contact.critical_velocity))
+    alone = sj.restitution(law, low)
+    for name in ("coefficient", "peak_overlap", "residual_overlap", "status", "duration"):
+        assert np.allclose(getattr(alone, name), getattr(mixed, name)[:3], rtol=1e-15, atol=0), name
+
+
+def test_no_scale_leaves_float32():
+    """From 1 nm to 1 km spheres every scale is a finite positive float32."""
+    for radius in (1e-9, 1e3):
+        exact = sj.Contact.between_spheres(sj.CHROME_STEEL, sj.NYLON, radius, radius)
+        short = sj.Contact(*(np.asarray(x, np.float32) for x in exact.leaves().values()))
+        for name in ("critical_overlap", "critical_velocity", "stiffness"):
+            value = getattr(short, name)
+            assert value.dtype == np.float32
+            assert value == pytest.approx(getattr(exact, name), rel=2e-6), name
+
+
+# ε² with its sign, and branches
+
+
+def test_signed_restitution():
+    """ε_p² + ε_up² - 1 of 40-digit ε_p², below zero too, where it has the slope of its loss."""
+    records = [r for r in of_form("boxes", "first-order") if r["y"] > 1][:40]
+    d, X, y = (column(records, name) for name in ("d", "X", "y"))
+    law = law_with(d, X, sigma=np.full(40, 5.0), psi=np.full(40, 0.01))
+    velocity = y * law.contact.critical_velocity
+    signed = sj.signed_restitution(law, velocity)
+    ratio = (1 / (law.contact.limit_velocity / law.contact.critical_velocity - 1)) ** 0.01
+    up = np.exp(-2 * 5.0 * ratio)
+    expected = column(records, "eps_p_squared") + up - 1
+    bound = 1e-12 + 8 * EPS * column(records, "log_sensitivity_sum")
+    turned = (signed.status & int(sj.Status.NO_TURNING_POINT)) == 0
+    assert np.all(np.abs(signed.squared - expected)[turned] <= bound[turned])
+    lost = turned & (expected < 0)
+    assert np.sum(lost) > 20
+    assert np.all(signed.status[lost] & int(sj.Status.NO_REBOUND))
+
+    def total(sigma):
+        return sj.signed_restitution(
+            law_with(d, X, sigma=sigma, psi=law.psi), velocity
+        ).squared.sum()
+
+    slope = jax.jit(jax.grad(total))(law.sigma)
+    assert np.allclose(slope[lost], (-2 * ratio * up)[lost], rtol=1e-9, atol=1e-12)
+    plain = fitted("nylon")
+    some = np.array([0.1, 2.0, 20.0]) * plain.contact.critical_velocity
+    hit, signed = sj.restitution(plain, some), sj.signed_restitution(plain, some)
+    assert np.allclose(signed.squared, np.square(hit.coefficient), rtol=1e-14, atol=0)
+    assert np.array_equal(signed.status, hit.status)
+
+
+@pytest.mark.parametrize(
+    "route",
+    [None, pytest.param(sj.ODE(rtol=1e-10), marks=pytest.mark.long)],
+    ids=["energy", "ode"],
+)
+def test_impacts_stay_on_the_branch_that_is_given(route):
+    law = fitted("chrome steel")
+    critical = float(law.elastic_velocity())
+    assert critical == pytest.approx(float(law.contact.critical_velocity), rel=1e-15)
+    velocity = np.array([0.5, 0.5, 3.0, 3.0]) * critical
+    branch = np.array([True, False, True, False])
+    found = sj.signed_restitution(law, velocity, route, elastic=branch)
+    squared = np.asarray(found.squared)
+    alone = np.square(sj.restitution(law, velocity, route).coefficient)
+    assert np.allclose(squared[[0, 3]], np.asarray(alone)[[0, 3]], rtol=1e-12, atol=0)
+    # elastic beyond yield: Eq. (17) at v; yielding below it: taken at yield
+    beyond = sj.empirical_restitution(velocity[2], law.contact.limit_velocity, law.sigma, law.psi)
+    assert squared[2] == pytest.approx(float(beyond) ** 2, rel=1e-12)
+    at_yield = np.square(sj.restitution(law, critical * (1 + 1e-9), route).coefficient)
+    assert squared[1] == pytest.approx(float(at_yield), rel=1e-7)
+    assert np.array_equal((found.status & int(sj.Status.ELASTIC)) > 0, branch)
+    for one in (velocity[2], velocity[2:]):  # as a list, and of one velocity
+        listed = sj.signed_restitution(law, one, route, elastic=[True, False])
+        assert np.allclose(listed.squared, squared[2:], rtol=1e-14, atol=0)
+
+
+def test_laws_of_one_branch_take_no_notice():
+    pair = fitted("nylon").contact
+    spring, hertz = sj.WaltonBraun(pair, 1e6, 2e6), sj.Hertz(pair)
+    found = sj.signed_restitution(spring, 1.0, elastic=True)
+    assert found.squared == pytest.approx(0.5, rel=1e-14)
+    assert found.status == 0
+    found = sj.signed_restitution(hertz, 1.0, elastic=False)
+    assert (found.squared, found.status) == (1, sj.Status.ELASTIC)
+    assert sj.Zhou.jumps_at_yield
+    assert not sj.Thornton(pair).jumps_at_yield
+    assert np.isinf(hertz.elastic_velocity())
+    assert spring.elastic_velocity() == 0
