@@ -20,7 +20,6 @@ CHANGES: dict[str, list[tuple[str, str, str]]] = {
         ("RANK_TOLERANCE = 1e-9", "RANK_TOLERANCE = 1e-1", "uncertainty"),
     ],
     "calibration/fitting/likelihood.py": [
-        ("return 2 * self.fitted - 2 * self.log", "return self.fitted - 2 * self.log", "compare"),
         ("noises += 1\n", "noises += 0\n", "doubt_thresholds"),
     ],
     "calibration/fitting/noise.py": [
