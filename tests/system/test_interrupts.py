@@ -42,7 +42,7 @@ def test_a_command_that_is_stopped_leaves_what_was_there(tmp_path):
         running[number] = at_work(tmp_path / number.name)
     for number, process in running.items():
         process.send_signal(number)
-        out, error = process.communicate(timeout=60)
+        out, error = process.communicate(timeout=600)
         assert (process.returncode, out) == (CODES[number], b"")
         assert error.startswith(b"softjax: interrupted")
         assert error.endswith(b"nothing written\n")
@@ -56,7 +56,7 @@ def test_an_ignored_hangup_stays_ignored(tmp_path):
     """As under nohup."""
     process = at_work(tmp_path, "sh", "-c", "trap '' HUP; exec \"$@\"", "sh")
     process.send_signal(signal.SIGHUP)
-    _, error = process.communicate(timeout=60)
+    _, error = process.communicate(timeout=600)
     assert (process.returncode, error.count(b"\n")) == (0, 0)
     assert len((tmp_path / "results" / "curve.csv").read_text().splitlines()) > 50_000
 

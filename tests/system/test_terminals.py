@@ -94,7 +94,7 @@ def test_on_a_real_terminal_without_colours(tmp_path):
     )
     os.close(other)
     seen = b""
-    while select.select([main], [], [], 60)[0]:
+    while select.select([main], [], [], 600)[0]:
         try:
             part = os.read(main, 65536)
         except OSError:  # the other end is closed
