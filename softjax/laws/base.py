@@ -174,10 +174,16 @@ class RateIndependentLaw(ForceLaw):
         return self.force_scale() * self.reduced().loading(x)
 
     def unloading_force(self, overlap, peak_overlap) -> Array:
-        """Contact force [N] on unloading at `overlap` [m] after the largest overlap [m]."""
-        length = self.scales().overlap
+        """Contact force [N] on unloading at `overlap` [m] after the largest overlap [m].
+
+        After an elastic impact, with its peak below first yield, that is the loading force.
+        """
+        law, length = self.reduced(), self.scales().overlap
         x, peak = jnp.asarray(overlap) / length, jnp.asarray(peak_overlap) / length
-        return self.force_scale() * self.reduced().unloading(x, peak)
+        elastic = peak <= law.elastic_limit
+        yielded = jnp.where(elastic, jnp.maximum(peak, 1.0), peak)  # the branch not taken: a number
+        force = jnp.where(elastic, law.loading(x), law.unloading(x, yielded))
+        return self.force_scale() * force
 
     def breakpoints(self) -> Iterable:
         """Overlaps [m] at which a force has a kink; each is one value, or one an impact."""
