@@ -1,7 +1,12 @@
-"""Every option of `softjax fit` and every key of its file acts: as in Python, and as it should."""
+"""One matrix of settings: each acts in the file and on the command line, as in Python.
+
+Each case says besides what the setting must do to the fit: a number by SciPy or by hand.
+"""
 
 import json
+import re
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,24 +15,31 @@ from scipy import optimize, stats
 
 import calibration as cal
 import softjax as sj
-from calibration.choices import CHOICES, COUNTS, NUMBERS
-from calibration.commands import fit as command
-from calibration.fitting.request import DEFAULT_ODE, Request
+from calibration import cli
 from tests.command import noisy, run, write_alloy
 
 WB = {"law": "walton-braun"}
 ZHOU = {"law": "zhou", "route": "energy balance", "starts": 4, "profiles": False}
 EB = sj.EnergyBalance()
+PNG = b"\x89PNG\r\n\x1a\n"
 
 
 @pytest.fixture(autouse=True)
 def without_pictures(monkeypatch):
-    """They are tested by themselves, and take longer than these fits."""
-    monkeypatch.setattr(command, "_draw", lambda *arguments: {})
+    """Matplotlib neither lays out nor draws them: that takes longer than these fits."""
+
+    def tiny(figure, path, **options):
+        Path(path).write_bytes(PNG)
+
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", tiny)
+    monkeypatch.setattr("matplotlib.figure.Figure.get_layout_engine", lambda figure: None)
 
 
 def toml(settings: dict[str, Any]) -> str:
     return "\n".join(f"{name} = {json.dumps(value)}" for name, value in settings.items())
+
+
+OPTIONS = {"profiles": "--no-profiles"}
 
 
 def words(settings: dict[str, Any]) -> list[str]:
@@ -35,7 +47,8 @@ def words(settings: dict[str, Any]) -> list[str]:
     found = []
     for name, value in settings.items():
         flag = isinstance(value, bool)
-        found += [command._option(name)] + ([] if flag else [str(value).replace(" ", "-")])
+        found += [OPTIONS.get(name, f"--{name.replace('_', '-')}")]
+        found += [] if flag else [str(value).replace(" ", "-")]
     return found
 
 
@@ -225,9 +238,24 @@ CASES = {
 BY_THEMSELVES = {"route", "seed", "end", "rtol", "area"}
 
 
-def test_every_setting_has_a_case_here():
-    told = {name for case in CASES.values() for name in case.setting}
-    assert told | BY_THEMSELVES == {*CHOICES, *COUNTS, *NUMBERS}
+OTHERS = {
+    "out",
+    "quiet",
+    "no-cache",
+    "help",
+    "posterior",
+    "beside",
+}  # of the command, not of the fit
+
+
+def test_every_setting_has_a_case_here(capsys):
+    """The options that the command's help lists."""
+    with pytest.raises(SystemExit):
+        cli.main(["fit", "--help"])
+    listed = set(re.findall(r"^  --([a-z-]+)", capsys.readouterr().out, re.M)) - OTHERS
+    names = {name for case in CASES.values() for name in case.setting} | BY_THEMSELVES
+    shown = {OPTIONS.get(name, f"--{name.replace('_', '-')}")[2:] for name in names}
+    assert listed == shown - {"area"}
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -262,45 +290,21 @@ def test_the_end_of_a_dashpots_contact_acts(tmp_path):
     ends_at_zero_force(*ends)
 
 
-def asked(folder, options, settings=None) -> dict[str, Any]:
-    """What is asked of a fit that is not made."""
-    seen: list[Any] = []
-
-    def stop(*arguments, **keywords):
-        seen.append(keywords)
-        raise cal.DataError("data", "seen", "seen")
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("calibration.fitting.door.fit", stop)
-        run("fit", write_alloy(folder, toml(settings or {})), *options, "--out", folder / "out")
-    return seen[0]
-
-
-def test_the_route_is_the_one_that_is_asked_for(tmp_path):
-    """In the file and on the command line; by default as the objective has it."""
-    for settings, route in (({"route": "ode"}, DEFAULT_ODE), ({"route": "energy balance"}, EB)):
-        assert asked(tmp_path, [], settings)["route"] == route
-        assert asked(tmp_path, words(settings))["route"] == route
-    assert asked(tmp_path, [])["route"] is None
-    by_time = Request((noisy(),), "zhou", None, "two-step")
-    assert by_time.chosen_route(by_time.specs()) == DEFAULT_ODE
-    result = fitted(tmp_path, ["--route", "energy-balance"], ZHOU | {"objective": "two-step"})
-    assert result.optimiser_report[-1].route == "energy balance"
-
-
-def test_the_tolerance_is_that_of_the_time_integration(tmp_path):
-    """And one that stands in the file gives way to another route on the command line."""
-    for options, settings in ((["--rtol", "1e-5"], {}), ([], {"rtol": 1e-5, "route": "ode"})):
-        assert asked(tmp_path, options, settings)["route"] == sj.ODE(rtol=1e-5)
-    changed = asked(tmp_path, ["--route", "energy-balance"], {"rtol": 1e-5, "route": "ode"})
-    assert changed["route"] == EB
-
-
-@pytest.mark.long
-def test_a_coarse_tolerance_is_seen_in_the_curve(tmp_path):
+def test_the_route_and_its_tolerance_are_those_that_are_set(tmp_path):
+    """In the file and on the command line; a coarse tolerance errs as it does in Python."""
     base = {"law": "viscoelastic", "profiles": False, "starts": 1}
-    fine, coarse = (fitted(tmp_path, ["--rtol", x], base) for x in ("1e-10", "1e-2"))
-    apart = abs(coarse.values["dissipation_time"] / fine.values["dissipation_time"] - 1)
+    closed = fitted(tmp_path, settings=base)
+    coarse = cal.fit(noisy(), "viscoelastic", profiles=False, starts=1, route=sj.ODE(rtol=1e-2))
+    for options, settings, route, expected in (
+        ([], {}, "closed form", closed),
+        (["--route", "ode", "--rtol", "1e-2"], {}, "ode", coarse),
+        ([], {"route": "ode", "rtol": 1e-2}, "ode", coarse),
+        (["--route", "closed-form"], {"route": "ode", "rtol": 1e-2}, "closed form", closed),
+    ):
+        found = fitted(tmp_path, options, base | settings)
+        assert found.optimiser_report[-1].route == route, (options, settings)
+        assert found.values == expected.values
+    apart = abs(coarse.values["dissipation_time"] / closed.values["dissipation_time"] - 1)
     assert 1e-9 < apart < 1e-2
 
 

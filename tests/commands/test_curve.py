@@ -1,0 +1,452 @@
+"""`softjax curve` from the command line to its files."""
+
+import io
+import re
+import sys
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+import calibration as cal
+import softjax as sj
+from tests.cases import FITTED, fitted, pair
+from tests.command import BODIES, run
+
+CONSTANT = ["nylon", "--law", "constant", "--set", "restitution=0.75"]
+
+
+def curve(*options, error=None) -> str:
+    """What the command prints; with `error` what it must say in one line while it refuses."""
+    code, out, said = run("curve", *options)
+    if error is None:
+        assert (code, said) == (0, ""), said
+        return out
+    assert (code, out, said.count("\n")) == (2, "", 1)
+    assert all(part in said for part in error.split("|")), said
+    return said
+
+
+def rows_of(path) -> list[list[str]]:
+    return [line.split(",") for line in path.read_text(encoding="utf-8").splitlines()]
+
+
+def column(folder, position: int) -> np.ndarray:
+    rows = rows_of(folder / "results" / "curve.csv")[1:]
+    return np.array([float(row[position] or "nan") for row in rows])
+
+
+def table(folder):
+    """The header and the numbers of a look-up table."""
+    path = folder / "results" / "curve.txt"
+    lines = path.read_text(encoding="utf-8").splitlines()
+    return [line for line in lines if line.startswith("#")], np.loadtxt(path, ndmin=2)
+
+
+def agrees(folder, law, rtol=1e-13):
+    """The written curve is that of the law at the written velocities."""
+    expected = np.asarray(sj.restitution(law, column(folder, 0)).coefficient)
+    np.testing.assert_allclose(column(folder, 1), expected, rtol=rtol)
+
+
+@pytest.fixture(scope="module")
+def above_yield(tmp_path_factory):
+    """A fit that knows nothing below first yield, and its file."""
+    law = fitted("nylon")
+    velocity = np.geomspace(1.5, 60.0, 24)
+    noise = 0.003 * np.random.default_rng(4).normal(size=24)
+    measured = np.asarray(sj.restitution(law, velocity).coefficient) + noise
+    data = cal.RestitutionData(velocity, measured, law.contact, 0.003, name="my\nnylon")
+    result = cal.fit(data, profiles=False)
+    path = tmp_path_factory.mktemp("fit") / "fit.json"
+    result.save(path)
+    return result, str(path)
+
+
+@pytest.mark.parametrize(
+    ("spacing", "ends", "expected"),
+    [
+        ("log", (0.5, 20), np.geomspace(0.5, 20, 30)),
+        ("lin", (0.5, 20), np.linspace(0.5, 20, 30)),
+        (None, (0.5, 20), np.geomspace(0.5, 20, 30)),
+        (None, (0, 20), np.linspace(0, 20, 30)),
+        ("log", (1e-300, 1e10), 10 ** np.linspace(-300, 10, 30)),
+    ],
+)
+def test_a_grid_is_spaced_as_stated_and_has_both_ends(spacing, ends, expected, at):
+    words = [] if spacing is None else ["--spacing", spacing]
+    grid = ["--from", ends[0], "--to", ends[1], "--points", 30, *words]
+    curve(*CONSTANT, *grid, "--format", "csv")
+    velocity = column(at, 0)
+    np.testing.assert_allclose(velocity, expected, rtol=1e-12)
+    assert (velocity[0], velocity[-1]) == ends
+
+
+def test_every_format_has_the_same_float64(at):
+    words = ["nylon", "--from", 0.5, "--to", 20, "--points", 30, "--spacing", "log"]
+    assert "χ̃ = 0.21998" in curve(*words, "--format", "csv", "npy", "png")
+    out = at / "results"
+    assert rows_of(out / "curve.csv")[0] == ["velocity [m/s]", "restitution", "status"]
+    agrees(at, fitted("nylon"), rtol=1e-14)
+    found = np.load(out / "curve.npy")
+    assert found.dtype.names == ("velocity", "restitution", "status")
+    np.testing.assert_array_equal(found["velocity"], column(at, 0))
+    np.testing.assert_array_equal(found["restitution"], column(at, 1))
+    status = np.asarray(sj.restitution(fitted("nylon"), column(at, 0)).status)
+    np.testing.assert_array_equal(found["status"], status)
+    assert (out / "curve.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_statuses_are_written_by_name(at):
+    """Nylon with the printed χ̃ gains energy and keeps no overlap; below yield it is elastic."""
+    words = ["--chi", 0.016, "--from", 0.5, "--to", 3, "--points", 2, "--format", "csv"]
+    curve("nylon", *words)
+    assert [row[2] for row in rows_of(at / "results" / "curve.csv")[1:]] == [
+        "ELASTIC",
+        "NO_RESIDUAL_OVERLAP|ENERGY_GAIN",
+    ]
+    curve("nylon", "--from", 10, "--to", 20, "--points", 2, "--format", "csv")
+    assert [row[2] for row in rows_of(at / "results" / "curve.csv")[1:]] == ["PLAIN", "PLAIN"]
+
+
+ZHOU_OPTIONS = [
+    (["--chi", "0.3"], {"chi": 0.3}),
+    (["--set", "chi=0.3"], {"chi": 0.3}),
+    (["--sigma", "0.1"], {"sigma": 0.1}),
+    (["--psi", "0.9"], {"psi": 0.9}),
+    (["--form", "full"], {"form": "full"}),
+    (["--kappa", "printed"], {"kappa": "printed", "chi": 0.016}),
+    (["--kappa", "printed", "--chi", "0.21998"], {"kappa": "printed"}),
+]
+
+
+@pytest.mark.parametrize(("options", "changed"), ZHOU_OPTIONS)
+def test_each_option_of_zhous_law_acts(at, options, changed):
+    range_ = ["--from", "3", "--to", "10", "--points", "4", "--format", "csv"]
+    curve("nylon", *options, *range_)
+    agrees(at, sj.Zhou(pair("nylon"), **(FITTED["nylon"] | changed)))
+    plain = sj.restitution(fitted("nylon"), column(at, 0)).coefficient
+    assert np.max(np.abs(column(at, 1) - plain)) > 1e-5
+
+
+def test_the_contact_area_acts(at):
+    options = ["--chi", "0.3", "--from", "3", "--to", "9", "--points", "3", "--format", "csv"]
+    curve("nylon", "--area", "hertz", *options)
+    agrees(at, sj.Zhou(pair("nylon", area="hertz"), 0.3, 0.4355, 0.5414))
+
+
+@pytest.mark.parametrize(
+    ("options", "law"),
+    [
+        ("constant restitution=0.75", lambda c: sj.ConstantRestitution(c, 0.75)),
+        ("hertz", sj.Hertz),
+        ("thornton yield_factor=2.5 area=contact", lambda c: sj.Thornton(c, 2.5, "contact")),
+        (
+            "walton-braun loading_stiffness=1e6 unloading-stiffness=2e6 growth=3",
+            lambda c: sj.WaltonBraun(c, 1e6, 2e6, 3.0),
+        ),
+        ("eq-17 sigma=0.3", lambda c: sj.EmpiricalRestitution(c.limit_velocity, 0.3, 0.5414)),
+    ],
+)
+def test_any_law_is_chosen_by_name(at, options, law):
+    name, *fields = options.split()
+    words = [word for field in fields for word in ("--set", field)]
+    words += [] if name != "eq-17" else ["--psi", "0.5414"]
+    curve("nylon", "--law", name, *words, "--points", "5", "--format", "csv")
+    agrees(at, law(pair("nylon")))
+
+
+def test_the_route_acts_in_curves_and_tables(at):
+    """A coarse tolerance of the time integration errs in both; the energy balance in neither."""
+    grid = ["nylon", "--from", 5, "--to", 20, "--points", 4, "--format", "csv", "table"]
+    exact = np.asarray(sj.restitution(fitted("nylon"), np.linspace(5, 20, 4)).coefficient)
+    for words, low, high in (([], 0, 1e-13), (["--route", "ode", "--rtol", "1e-3"], 1e-12, 1e-2)):
+        curve(*grid, "--spacing", "lin", *words)
+        for found in (column(at, 1), table(at)[1][:, 1]):
+            assert low <= np.max(np.abs(found - exact)) <= high, words
+
+
+def test_a_material_file_needs_the_coefficients_that_it_lacks(at):
+    (at / "alloy.toml").write_text(BODIES, encoding="utf-8")
+    curve("alloy.toml", error="--chi")
+    assert not (at / "results").exists()
+    words = ["--chi", "0.21998", "--sigma", "0.4355", "--psi", "0.5414"]
+    curve("alloy.toml", *words, "--points", "30", "--from", "0.5", "--format", "csv")
+    agrees(at, fitted("nylon"))
+
+
+def test_the_law_of_a_file_acts_and_options_win(at):
+    text = BODIES + "[material.parameters]\nyield_factor = 2.5\n[fit]\nlaw = 'thornton'\n"
+    (at / "alloy.toml").write_text(text, encoding="utf-8")
+    contact = pair("nylon")
+    for options, law in (
+        ([], sj.Thornton(contact, 2.5)),
+        (["--set", "yield_factor=2"], sj.Thornton(contact, 2.0)),
+        (["--law", "hertz"], sj.Hertz(contact)),
+    ):
+        curve("alloy.toml", *options, "--points", "5", "--format", "csv")
+        agrees(at, law)
+
+
+VELOCITY_FILES = {
+    "a column with comments and blank lines": "0.5\n# a comment\n\n1.5\n2.5\n",
+    "a header with a unit": "restitution,velocity [cm/s]\n0.9,50\n0.8,150\n0.7,250\n",
+    "semicolons": "velocity;restitution\n0.5;0.9\n1.5;0.8\n2.5;0.7\n",
+    "a byte-order mark and Windows' line ends": "\ufeffvelocity [mm/s]\r\n500\r\n1500\r\n2500\r\n",
+    "decimal commas": "velocity [m/s];restitution\n0,5;0,9\n1,5;0,8\n2,5;0,7\n",
+    "quotes": 'specimen,velocity\n"1,5",0.5\n"2,5",1.5\n"3,5",2.5\n',
+    "tabs and empty cells": "restitution\tvelocity\n\t0.5\n\t1.5\n0.7\t2.5\n",
+    "an empty column": "velocity,\n0.5,\n1.5,\n2.5,\n",
+}
+
+
+@pytest.mark.parametrize("name", VELOCITY_FILES)
+def test_velocities_are_read_from_files_and_standard_input(name, at, monkeypatch):
+    text = VELOCITY_FILES[name].encode()
+    (at / "v.csv").write_bytes(text)
+    stream = io.TextIOWrapper(io.BytesIO(text))
+    monkeypatch.setattr(sys, "stdin", stream)
+    for source in ("v.csv", "-"):
+        curve(*CONSTANT, "--velocities", source, "--format", "csv", "--out", "results")
+        np.testing.assert_array_equal(column(at, 0), [0.5, 1.5, 2.5])
+    assert not stream.closed
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "said"),
+    [
+        ("0.5\nfast\n", 2, "'fast'|finite number"),
+        ("0.5\n\n-1\n", 3, "'-1'|0 m/s or more"),
+        ("velocity\n1\nnan\n", 3, "'nan'|finite number"),
+        ("restitution,velocity\n0.5,1\n0.5,\n", 3, "'0.5,'|velocity"),
+        ("restitution,velocity\n0.5,1\n0.5\n", 3, "1 cells|2"),
+        ("0.5\n1,5\n", 2, "2 cells|1"),
+        ("velocity;e\n0,5;1\n1.500;1\n", 3, "comma|point"),
+        ("colour\n1\n", 1, "velocity|header"),
+        ("velocity [kg]\n1\n", 1, "[kg]|m/s"),
+        ("velocity\n", 1, "no velocities"),
+        ("", None, "no velocities"),
+        ("\n".join(["velocity", *["1.5"] * 70_000, "slow"]), 70_002, "'slow'"),
+    ],
+)
+def test_what_is_no_velocity_is_refused_with_its_line(text, line, said, at):
+    (at / "v.csv").write_text(text, encoding="utf-8")
+    found = curve("nylon", "--velocities", "v.csv", "--format", "csv", "npy", error="v.csv|" + said)
+    assert re.match(r"v\.csv(:\d+)?: ", found)[1] == (line and f":{line}")
+    assert [path.name for path in at.iterdir()] == ["v.csv"]
+
+
+def test_a_table_has_two_rows_where_restitution_jumps(at):
+    """At first yield ε² rises by 2d/3: below it is Eq. (17)'s, above ε_p² is 1 + 2d/3."""
+    law, critical = fitted("nylon"), float(pair("nylon").critical_velocity)
+    curve("nylon", "--from", 0.5, "--to", 2, "--points", 10, "--spacing", "lin", "--table")
+    assert [path.name for path in (at / "results").iterdir()] == ["curve.txt"]
+    _, found = table(at)
+    at_yield = np.abs(found[:, 0] / critical - 1) < 1e-9
+    np.testing.assert_allclose(found[~at_yield, 0], np.linspace(0.5, 2, 10), rtol=1e-14)
+    below, above = found[at_yield]
+    assert below[0] < critical < above[0]
+    y = critical / (float(law.contact.limit_velocity) - critical)
+    eps_up = np.exp(-0.4355 * y**0.5414)
+    d = 1.5 * float(law.contact.critical_overlap) / (np.pi ** (2 / 3) * float(law.contact.radius))
+    assert below[1] == pytest.approx(eps_up, rel=1e-9)
+    assert above[1] ** 2 - below[1] ** 2 == pytest.approx(2 * d / 3, rel=1e-4)
+    assert above[2] ** 2 == pytest.approx(1 + 2 * d / 3, rel=1e-9)
+
+
+def test_a_table_has_durations_overlaps_and_forces(at):
+    """Elastic impacts by Hertz's formulas; the duration's factor is published."""
+    contact = pair("nylon")
+    critical, depth = float(contact.critical_velocity), float(contact.critical_overlap)
+    low, high = 0.25 * critical, 0.5 * critical
+    curve("nylon", "--from", low, "--to", high, "--points", 2, "--table")
+    header, found = table(at)
+    assert header[-1].split()[1:3] == ["velocity[m/s]", "restitution"]
+    stiffness = 4 / 3 * float(contact.youngs_modulus) * float(contact.radius) ** 0.5
+    for velocity, _, plastic, duration, overlap, force in found:
+        deepest = (1.25 * float(contact.mass) * velocity**2 / stiffness) ** 0.4
+        assert plastic == 1
+        assert overlap == pytest.approx(deepest, rel=1e-12)
+        assert duration == pytest.approx(2.9432751843 * deepest / velocity, rel=1e-9)
+        assert force == pytest.approx(stiffness * deepest**1.5, rel=1e-12)
+    assert found[1, 4] == pytest.approx(0.5**0.8 * depth, rel=1e-12)
+
+
+def test_a_table_of_yielding_impacts_has_their_peak(at):
+    """x_m and ε_p² of the same works by SciPy."""
+    contact = pair("nylon")
+    law = fitted("nylon")
+    critical, depth = float(contact.critical_velocity), float(contact.critical_overlap)
+    d, y = 1.5 * depth / (np.pi ** (2 / 3) * float(contact.radius)), 25.0
+
+    def work(x):
+        plastic = (x**3 - 1) / 3 - (x - 1) - 2 / 7 * (x**3.5 - 1) + 2 / 3 * (x**1.5 - 1)
+        return 0.4 * x**2.5 + d * plastic
+
+    x = brentq(lambda x: work(x) - 0.4 * y**2, 1, 50, xtol=1e-13)
+    velocity = y * critical
+    curve("nylon", "--from", velocity, "--to", velocity, "--points", 1, "--table")
+    (row,) = table(at)[1]
+    force = x**1.5 + d * (x**2 - 1) * (1 - x**0.5)
+    assert row[4] == pytest.approx(x * depth, rel=1e-10)
+    assert row[5] == pytest.approx(float(law.contact.stiffness) * depth**1.5 * force, rel=1e-10)
+
+
+def test_the_peak_force_of_a_damped_law_is_that_of_its_motion(at):
+    """By SciPy over the contact's duration that the table states."""
+    words = ["--set", "stiffness=1e6", "--set", "restitution=0.3"]
+    curve("nylon", "--law", "linear", *words, "--from", 0.5, "--to", 2, "--points", 2, "--table")
+    mass = float(pair("nylon").mass)
+    loss = -np.log(0.3)
+    damping = 2 * loss / np.hypot(np.pi, loss) * np.sqrt(1e6 * mass)
+
+    def force(x, v):
+        return 1e6 * x + damping * v
+
+    for velocity, _, _, duration, _, peak in table(at)[1]:
+        path = solve_ivp(
+            lambda t, y: [y[1], -force(*y) / mass],
+            (0, duration),
+            [0, velocity],
+            rtol=1e-9,
+            max_step=duration / 500,
+        )
+        assert peak == pytest.approx(np.max(force(*path.y)), rel=1e-3)
+
+
+def test_a_law_without_a_force_has_two_columns(at):
+    curve(*CONSTANT, "--from", 1, "--to", 2, "--points", 2, "--spacing", "lin", "--table")
+    header, found = table(at)
+    assert header[-1] == "# velocity[m/s] restitution"
+    np.testing.assert_array_equal(found, [[1.0, 0.75], [2.0, 0.75]])
+
+
+def test_a_table_needs_ascending_velocities(at):
+    for text in ("1\n1\n", "2\n1\n", "1\n2\n2\n3\n"):
+        (at / "v.csv").write_text(text, encoding="utf-8")
+        curve(*CONSTANT, "--velocities", "v.csv", "--table", error="ascend")
+
+
+@pytest.mark.parametrize("name", ["ny\\nlon 1 2", "ny\\rlon", "ny\u2028lon", "ny\\u0085lon"])
+def test_the_name_of_a_material_makes_no_row_of_a_table(name, at):
+    text = BODIES.replace('"alloy"', f'"{name}"') + "[fit]\nlaw = 'hertz'\n"
+    (at / "alloy.toml").write_text(text, encoding="utf-8")
+    curve("alloy.toml", "--points", 3, "--to", 2, "--table")
+    header, found = table(at)
+    lines = (at / "results" / "curve.txt").read_text(encoding="utf-8").splitlines()
+    assert len(lines) == len(header) + len(found)
+
+
+def test_a_fit_gives_its_band_and_says_where_its_data_end(at, above_yield):
+    result, path = above_yield
+    inside = ["--from", "1.5", "--to", "60", "--points", "20", "--format", "csv", "png"]
+    assert r"my\nnylon" in curve("--fit", path, *inside)
+    header = "velocity [m/s],restitution,restitution_low,restitution_high,status"
+    assert rows_of(at / "results" / "curve.csv")[0] == header.split(",")
+    velocity, value, low, high = (column(at, i) for i in range(4))
+    band = result.band(velocity)
+    np.testing.assert_allclose(value, band.coefficient, rtol=1e-12)
+    np.testing.assert_allclose(low, band.low, rtol=1e-12)
+    np.testing.assert_allclose(high, band.high, rtol=1e-12)
+    agrees(at, result.law, rtol=1e-12)
+    code, out, said = run("curve", "--fit", path, "--from", 1, "--to", 200, "--quiet")
+    assert (code, out) == (0, "")
+    (line,) = [line for line in said.splitlines() if "extrapolation" in line]
+    assert "from 1 to 200 m/s" in line
+
+
+def test_a_table_says_in_its_header_whether_it_goes_beyond_the_data(at, above_yield):
+    _, path = above_yield
+
+    def header(*options) -> str:
+        code, _, said = run("curve", "--fit", path, "--table", "--points", 12, *options)
+        assert code == 0
+        assert ("extrapolation" in said) == ("extrapolation" in "".join(table(at)[0]))
+        return " ".join(table(at)[0])
+
+    beyond = "the curve goes from 1.5 to 200 m/s, the data of my\\nnylon from 1.5 to 60 m/s"
+    assert f"# extrapolation: {beyond}" in header("--from", "1.5", "--to", "200")
+    # to four digits the data's
+    assert "all rows lie between the fit's data" in header("--from", "1.4999", "--to", "60.01")
+
+
+def test_curve_band_and_table_agree_on_what_the_data_do_not_determine(at, above_yield):
+    result, path = above_yield
+    grid = ["--from", "0.2", "--to", "20", "--points", "12"]
+    code, _, said = run("curve", "--fit", path, *grid, "--format", "csv", "npy", "table", "png")
+    assert code == 0
+    assert "not-known: of 14 velocities" in said
+    out, velocity = at / "results", column(at, 0)
+    known = velocity >= float(result.law.contact.critical_velocity)
+    assert 0 < np.sum(known) < 14
+    np.testing.assert_array_equal(np.isfinite(column(at, 1)), known)
+    np.testing.assert_array_equal(np.isfinite(result.band(velocity).low), known)
+    np.testing.assert_array_equal(np.isfinite(np.load(out / "curve.npy")["low"]), known)
+    written = rows_of(out / "curve.csv")[1:]
+    np.testing.assert_array_equal([row[-1] == "NOT_KNOWN" for row in written], ~known)
+    assert {tuple(row[1:4]) for row, k in zip(written, known, strict=True) if not k} == {("",) * 3}
+    np.testing.assert_array_equal(table(at)[1][:, 0], velocity[known])
+    assert f"{float(result.law.contact.critical_velocity):.6g} m/s" in " ".join(table(at)[0])
+    words = ["--fit", path, "--from", "0.1", "--to", "0.2", "--out", "none"]
+    curve(*words, error="nothing is known")
+    assert not (at / "none").exists()
+
+
+def test_a_fit_of_an_own_law_is_refused_with_the_reason(at):
+    def mine(restitution):
+        return sj.ConstantRestitution(None, restitution)
+
+    data = cal.RestitutionData(np.arange(1.0, 9), 0.8 + 0.01 * np.sin(np.arange(8.0)))
+    start = {"restitution": cal.Parameter(0.8, bounds=(0.01, 1))}
+    cal.fit(data, mine, start, profiles=False).save(at / "fit.json")
+    curve("--fit", "fit.json", error="mine")
+    (at / "fit.json").write_text("{}", encoding="utf-8")
+    assert curve("--fit", "fit.json", error="no result of a fit").startswith("fit.json: ")
+
+
+FIT_REFUSED = [
+    (["--chi", "0"], "--chi"),
+    (["--sigma", "0"], "--sigma"),
+    (["--psi", "0"], "--psi"),
+    (["--set", "chi=0.1"], "--set"),
+    (["--route", "ode"], "--route"),
+    (["chrome-steel", "--material", "nylon"], "MATERIAL|--fit"),
+    (["--material", ""], "--material"),
+]
+REFUSED = [
+    (["brass"], "nylon"),
+    (["nylon", "--from", "2", "--to", "1"], "--to|2"),
+    (["nylon", "--from", "-1"], "--from|-1"),
+    (["nylon", "--from", "0", "--spacing", "log"], "--from|above 0"),
+    (["nylon", "--points", "0"], "--points|1 or more"),
+    (["nylon", "--to", "inf"], "--to|inf"),
+    (["nylon", "--velocities", "none.csv"], "none.csv|no such file"),
+    (["nylon", "--velocities", "-", "--points", "3"], "--velocities"),
+    (["nylon", "--area", "hertz"], "--chi"),
+    (["nylon", "--rtol", "1e-9"], "--rtol"),
+    (["nylon", "--chi", "-1"], "chi"),
+    (["nylon", "--set", "chii=1"], "did you mean 'chi'"),
+    (["nylon", "--set", "contact=1"], "--set"),
+    (["nylon", "--law", "hertz", "--chi", "1"], "--chi"),
+    (["nylon", "--law", "hertz", "--set", "sigma=1"], "--set"),
+    (["nylon", "--law", "constant"], "restitution"),
+    (["nylon", "--law", "constant", "--set", "restitution"], "name=value"),
+    (["nylon", "--law", "constant", "--set", "restitution=2"], "[0, 1]|2"),
+    (["--fit", "none.json"], "none.json|no such file"),
+    (["--fit", "none.json", "--law", "zhou"], "--law"),
+    (["nylon", "--material", "x"], "--material"),
+    (["", "--points", "3"], "MATERIAL"),
+]
+
+
+@pytest.mark.parametrize(("options", "said"), REFUSED)
+def test_unusable_options_are_refused_and_write_nothing(at, options, said):
+    curve(*options, error=said)
+    assert list(at.iterdir()) == []
+
+
+@pytest.mark.parametrize(("options", "said"), FIT_REFUSED)
+def test_options_that_would_not_act_on_a_fit_are_refused(at, above_yield, options, said):
+    curve("--fit", above_yield[1], *options, error=said)
+    assert list(at.iterdir()) == []
