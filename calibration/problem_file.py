@@ -38,17 +38,20 @@ class ProblemFile(MaterialFile):
         return (self.file.table("fit") or self.file).line(setting)
 
 
-def read_problem(path: str | Path, needs_data: bool = True) -> ProblemFile:
+def read_problem(
+    path: str | Path, needs_data: bool = True, *, plausibility: bool = True
+) -> ProblemFile:
     """A material file's data sets, parameters and settings.
 
     Args:
         path: the file; data files are sought beside it.
         needs_data: whether every material must name its measurements.
+        plausibility: as of `read_toml`.
 
     Raises:
         InputError: a ValueError with file and line, what is wrong and what is accepted.
     """
-    source = read_materials(path, needs_data)
+    source = read_materials(path, needs_data, plausibility)
     shared = _read(source.file.table("parameters"))
     said = [shared | _read(entry.parameters) for entry in source.materials]
     _check_line(source, shared)

@@ -41,6 +41,12 @@ def prepare() -> None:
             stream.reconfigure(errors=NAME)
 
 
+def first_lines(lines: Iterable[str], quiet: bool) -> None:
+    """What is told before anything else; of a quiet command on standard error."""
+    for line in lines:
+        print(line, file=sys.stderr if quiet else sys.stdout, flush=True)
+
+
 def letters(text: str) -> str:
     """The text in letters that standard output has: χ̃ as it is, or `chi`."""
     encoding = getattr(sys.stdout, "encoding", None)

@@ -19,6 +19,7 @@ from typing import Any
 from calibration.atomic import check_writable, files_into, or_told, write_text
 from calibration.choices import CHOICES, LAWS, OPTIONS
 from calibration.errors import DataError, did_you_mean, listed
+from calibration.terminal import first_lines
 
 FILES = {"figure2": "figure2.png", "linear_spring": "linear_spring.png"}
 WRITTEN = ("compare.json", "compare.png", *FILES.values())
@@ -100,6 +101,7 @@ def _job(arguments: argparse.Namespace, laws: list[str] | None) -> Job:
     from calibration.problem_file import read_problem
 
     problem = read_problem(arguments.file)
+    first_lines(problem.implausible, arguments.quiet)
     told = {name: problem.settings[name] for name in OPTIONS if name in problem.settings}
     return Job(problem.datasets, laws, told | options, _unused(problem))
 

@@ -18,7 +18,7 @@ from calibration.atomic import check_writable, files_into, or_told, write_text
 from calibration.choices import CHOICES, COUNTS, NUMBERS, OPTIONS, idle
 from calibration.errors import DataError, InputError
 from calibration.progress import Progress
-from calibration.terminal import shell_line
+from calibration.terminal import first_lines, shell_line
 
 WORDS = ("law", "objective", "optimiser", "route", "loss", *OPTIONS, "unloading_line")
 FLAGS = {"profiles": "--no-profiles"}  # what a flag sets, where it is not its own name
@@ -151,6 +151,7 @@ def _job(arguments: argparse.Namespace) -> Job:
     from calibration.problem_file import read_problem
 
     problem = read_problem(arguments.file)
+    first_lines(problem.implausible, arguments.quiet)
     settings = _heeded(problem.settings, given)
     own = (problem.datasets, problem.parameters, settings, arguments.file)
     return Job(*own, beside=arguments.beside, given=given, problem=problem)

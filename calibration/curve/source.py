@@ -17,6 +17,7 @@ from calibration.errors import DataError, InputError, Origin, did_you_mean, list
 from calibration.fitting.collisions import ROUTES
 from calibration.fitting.known_laws import LAWS
 from calibration.parameters import Parameter
+from calibration.terminal import first_lines
 from softjax.paper import TABLE_1
 
 # What `softjax fit` finds for the paper's materials with its default settings. They go with
@@ -165,6 +166,7 @@ def _of_file(arguments: argparse.Namespace) -> Source:
     if entry.contact is None:
         problem = f"{entry.name!r} has no elastic properties"
         raise entry.table.refusal(None, problem, "a law needs youngs_modulus and the others")
+    first_lines(entry.implausible, arguments.quiet)
     contact = entry.contact
     if arguments.area is not None:
         contact = sj.Contact(**contact.leaves(), area=arguments.area)

@@ -42,9 +42,8 @@ def data_from_dict(name: str, table: dict[str, Any]) -> RestitutionData:
     if contact is not None:
         options["contact"] = sj.Contact(**{key: _array(leaf) for key, leaf in contact.items()})
     options["bodies"] = tuple(map(_body_from_dict, table.get("bodies", ())))
-    return RestitutionData(
-        name=name, remarks=tuple(table["remarks"]), group=table["group"], **options
-    )
+    options |= {"remarks": tuple(table["remarks"]), "group": table["group"]}
+    return RestitutionData(name=name, plausibility=False, **options)  # it was checked once
 
 
 def _body_to_dict(body: Body) -> dict[str, Any]:

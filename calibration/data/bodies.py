@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import softjax as sj
 from calibration.data.paper import CURVES
+from calibration.data.ranges import AS_IT_IS, RANGES
 from calibration.data.toml_table import TomlTable
 from calibration.errors import listed
 
@@ -47,12 +48,13 @@ class Bodies:
     remarks: tuple[str, ...]
 
 
-def read_bodies(table: TomlTable, area: str | None) -> Bodies | None:
+def read_bodies(table: TomlTable, area: str | None, plausibility: bool) -> Bodies | None:
     """The two bodies, or None where the file says nothing of them.
 
     Args:
         table: a `[[material]]`.
         area: what its contact takes where it gives no area itself.
+        plausibility: whether properties far outside what is plausible are refused.
 
     Raises:
         InputError: with file and line.
@@ -77,6 +79,9 @@ def read_bodies(table: TomlTable, area: str | None) -> Bodies | None:
         one, two = radii[0], radii[-1]
         contact = _build(table, sj.Contact.between_spheres, first, other, one, two, area)
         bodies = (Body("sphere", first, one), Body("second sphere", other, two))
+    if plausibility:
+        for part in (table, told or table):
+            _check_far(part)
     named = {part.text("material") or "" for part in (table, wall, second) if part is not None}
     remarks = tuple(f"properties of {name} from {NAMED_SOURCE}" for name in sorted(named - {""}))
     return Bodies(contact, bodies, remarks)
@@ -108,6 +113,17 @@ def _material(table: TomlTable, alone: bool = False) -> sj.Material:
                 accepted += "; for laws without yield any number serves, 10 MPa say"
             raise table.refusal(None, f"{key} is missing", accepted)
     return sj.Material(**values)
+
+
+def _check_far(table: TomlTable) -> None:
+    """Refuse what is more than 100 times outside its plausible range, at its line."""
+    sizes = dict.fromkeys((*RADII, *DIAMETERS), positive("length", "m"))
+    for key, check in (PROPERTIES | sizes).items():
+        one = RANGES.get("radius" if key in sizes else key)
+        value = table.quantity(key, *check)
+        if one is not None and value is not None and one.is_far(value):
+            problem = f"{key} is {value:.3g} {one.unit}, more than 100 times outside {one.accepted}"
+            raise table.refusal(key, problem, f"is its unit right? {AS_IT_IS}")
 
 
 def _named(table: TomlTable, beside: str | None) -> sj.Material:

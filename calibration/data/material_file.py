@@ -12,6 +12,7 @@ from calibration.data.bodies import BODIES, Body, Check, positive, read_bodies
 from calibration.data.csv_file import read_csv
 from calibration.data.measurements import RestitutionData
 from calibration.data.names import UNCERTAINTIES
+from calibration.data.ranges import of_bodies
 from calibration.data.toml_table import TomlTable
 from calibration.errors import DataError, InputError, printable
 
@@ -26,7 +27,16 @@ MEASURED: dict[str, Check] = {
 }
 LIMIT = positive("speed", "m/s")
 REPEATS = {True: True, "pooled": True, "separate": False}
-KEYS = ("name", "data", *BODIES, "limit_velocity", *MEASURED, "average_repeats", "parameters")
+KEYS = (
+    "name",
+    "data",
+    *BODIES,
+    "limit_velocity",
+    *MEASURED,
+    "average_repeats",
+    "plausibility",
+    "parameters",
+)
 
 
 @dataclass(frozen=True)
@@ -52,15 +62,26 @@ class MaterialEntry:
         """Its `[material.parameters]`, as they stand."""
         return self.table.table("parameters")
 
+    @property
+    def implausible(self) -> list[str]:
+        """A line for each property of a body outside its plausible range."""
+        found = of_bodies(self.bodies, self.contact)
+        return [f"warning: plausibility ({self.name}): {one.cause}. {one.remedy}" for one in found]
 
-def read_material(table: TomlTable, area: str | None, needs_data: bool) -> MaterialEntry:
+
+def read_material(
+    table: TomlTable, area: str | None, needs_data: bool, plausibility: bool
+) -> MaterialEntry:
     """Read one `[[material]]`; `area` is the file's for all that give none themselves.
+
+    Where `plausibility` is False, here or in the file, no property is refused for its size.
 
     Raises:
         InputError: with file and line.
     """
     table.allow(KEYS)
-    told = read_bodies(table, area)
+    plausibility = plausibility and table.choice("plausibility", (True, False)) is not False
+    told = read_bodies(table, area, plausibility)
     contact = None if told is None else told.contact
     limit = table.quantity("limit_velocity", *LIMIT)
     if contact is not None:
@@ -72,6 +93,7 @@ def read_material(table: TomlTable, area: str | None, needs_data: bool) -> Mater
     if needs_data and "data" not in table:
         raise table.refusal(None, "data is missing", "needed is the name of a CSV file")
     options: dict[str, Any] = {"name": name, "limit_velocity": limit}
+    options["plausibility"] = plausibility
     options |= {key: table.quantity(key, *check) for key, check in MEASURED.items()}
     if told is not None:
         options |= {"bodies": told.bodies, "remarks": told.remarks}

@@ -21,6 +21,7 @@ from calibration.data.checks import (
 from calibration.data.covariance import Covariance
 from calibration.data.errors_of_points import PointErrors, same
 from calibration.data.points import of_row
+from calibration.data.ranges import check_far
 from calibration.data.repeats import average
 from calibration.data.tables import read_points
 from calibration.errors import DataError, InputError, Origin, printable
@@ -59,6 +60,8 @@ class RestitutionData:
         degrees: degrees of freedom behind `uncertainty`: a number where one scatter is behind all,
             (n,) where each point has its own; None where they are stated, or unknown.
         origin: file and lines the points came from, for messages.
+        plausibility: False accepts bodies with properties more than 100 times outside what is
+            plausible (`calibration.data.ranges.RANGES`), which are refused otherwise.
 
     Raises:
         ValueError: naming the argument, its value and what is accepted; an `InputError` with file
@@ -78,6 +81,7 @@ class RestitutionData:
     degrees: Any = field(default=None, kw_only=True)
     bodies: tuple[Any, ...] = field(default=(), kw_only=True)
     origin: Origin | None = field(default=None, kw_only=True)
+    plausibility: bool = field(default=True, kw_only=True)
 
     def __post_init__(self):
         try:
@@ -98,6 +102,7 @@ class RestitutionData:
         remarks: Sequence[str] = (),
         bodies: Sequence[Any] = (),
         origin: Origin | None = None,
+        plausibility: bool = True,
         **uncertainties: Any,
     ) -> "RestitutionData":
         """Data from named columns: a mapping or a frame, headers as in a file, `"velocity [cm/s]"`.
@@ -134,6 +139,7 @@ class RestitutionData:
                 errors=points.errors,
                 bodies=tuple(bodies),
                 origin=None if origin is None else origin.select(points.rows),
+                plausibility=plausibility,
             )
         except DataError as error:
             raise of_row(error, points.rows) from None
@@ -286,6 +292,10 @@ class RestitutionData:
         if self.contact is not None:
             for leaf in self.contact.leaves().values():
                 _per_impact("contact", leaf, len(self))
+        if not isinstance(self.plausibility, bool):
+            raise DataError("plausibility", self.plausibility, "True or False")
+        if self.plausibility:
+            check_far(self.bodies, self.contact)
 
     def _check_points(self) -> None:
         """The rules that a measured point obeys."""

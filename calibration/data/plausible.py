@@ -1,24 +1,12 @@
 """What looks like a slip in measurements that are accepted: units, columns, groups without a label."""
 
-from collections.abc import Iterator
-from typing import Any, NamedTuple
-
 import numpy as np
 
 from calibration.data.above_one import scatter_of
 from calibration.data.measurements import RestitutionData
 from calibration.data.points import FALLEN, FALLS
+from calibration.data.ranges import Implausible, of_bodies
 
-CALLED = {"radius": "the radius", "modulus": "Young's modulus", "density": "the density"}
-UNITS = {"radius": "m", "modulus": "Pa", "density": "kg/m³"}
-# what is doubted of a body: above a limit or below it, with what lies there, and the question
-LIMITS = (
-    ("radius", "above", 1.0, "", "Is the radius in millimetres?"),
-    ("modulus", "below", 1e5, "", "Is the modulus in MPa or GPa?"),  # gel
-    ("modulus", "above", 2e12, ", more than diamond's", "Is the power of ten right?"),
-    ("density", "above", 25_000.0, ", more than osmium's", "Is the density in kg/m³?"),
-    ("density", "below", 10.0, "", "Is the density in g/cm³?"),  # foam
-)
 FASTEST = 5000.0  # m/s
 LOWEST_RESTITUTION = 0.02  # all of them below this: a percentage taken of a fraction
 SURE = 4.0  # standard errors by which a median lies above 1
@@ -26,58 +14,20 @@ FEWEST = 8  # points in which an order may show
 SHORTEST = 3  # points of a run
 
 
-class Implausible(NamedTuple):
-    """A doubt about what was read: a name for it, the numbers it rests on, and what to look at."""
-
-    code: str
-    cause: str
-    remedy: str
-
-
 def plausibility(data: RestitutionData) -> tuple[Implausible, ...]:
     """What looks like a slip, each with the question to ask; nothing where all is well."""
     with np.errstate(all="ignore"):
-        found: list[Implausible | None] = []
-        found += [doubt for body in _bodies(data) for doubt in _of_body(*body)]
-        found += [
+        found: list[Implausible | None] = [
+            *of_bodies(data.bodies, data.contact),
             _yield_beyond_limit(data),
             _too_fast(data),
             _too_deep(data),
             _no_wall(data),
             _divided(data),
             _above_one(data),
+            _runs(data),
         ]
-        found.append(_runs(data))
     return tuple(dict.fromkeys(doubt for doubt in found if doubt is not None))
-
-
-def _bodies(data: RestitutionData) -> list[tuple[str, dict[str, Any]]]:
-    """Name and properties of each body: as they were told, or of the two equal spheres (of ν = 0.3)
-    that the contact could be."""
-    if data.bodies:
-        return [
-            (name, {"radius": radius, "modulus": one.youngs_modulus, "density": one.density})
-            for name, one, radius in data.bodies
-        ]
-    if data.contact is None:
-        return []
-    leaves = {name: np.asarray(leaf, float) for name, leaf in data.contact.leaves().items()}
-    radius = 2 * leaves["radius"]
-    density = 2 * leaves["mass"] / (4 / 3 * np.pi * radius**3)
-    modulus = 2 * (1 - 0.3**2) * leaves["youngs_modulus"]
-    name = "spheres, if they are equal,"
-    return [(name, {"radius": radius, "modulus": modulus, "density": density})]
-
-
-def _of_body(name: str, properties: dict[str, Any]) -> Iterator[Implausible]:
-    for code, side, limit, more, question in LIMITS:
-        values = properties[code]
-        if values is None:  # a wall's radius
-            continue
-        value = float(np.max(values) if side == "above" else np.min(values))
-        if value > limit if side == "above" else value < limit:
-            cause = f"{CALLED[code]} of the {name} is {value:.3g} {UNITS[code]}{more}"
-            yield Implausible(code, cause, question)
 
 
 def _yield_beyond_limit(data: RestitutionData) -> Implausible | None:

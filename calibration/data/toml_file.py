@@ -18,6 +18,7 @@
     # limit_velocity [m/s], area, gravity [m/s²]; uncertainties for all rows, as columns are called:
     # uncertainty, velocity_uncertainty = "2 %", drop_height_uncertainty = "0.5 mm", ...
     # average_repeats = true (or "pooled"), or "separate"
+    # plausibility = false       # properties are right, though 100 times outside what is plausible
 
     [material.second]            # the other sphere, where its properties differ; or
     [material.wall]              # a flat wall, with its properties
@@ -57,22 +58,35 @@ class MaterialFile:
         """The measurements of those that have any."""
         return [entry.data for entry in self.materials if entry.data is not None]
 
+    @property
+    def implausible(self) -> list[str]:
+        """A line for each property of a body outside its plausible range."""
+        return [line for entry in self.materials for line in entry.implausible]
 
-def read_toml(path: str | Path) -> list[RestitutionData]:
+
+def read_toml(path: str | Path, *, plausibility: bool = True) -> list[RestitutionData]:
     """The data sets of a material file, one a `[[material]]`.
+
+    Args:
+        path: the file; data files are sought beside it.
+        plausibility: whether properties more than 100 times outside what is plausible are refused,
+            but of materials with `plausibility = false`.
 
     Raises:
         InputError: a ValueError with file and line, what is wrong and what is accepted.
     """
-    return read_materials(path).datasets
+    return read_materials(path, plausibility=plausibility).datasets
 
 
-def read_materials(path: str | Path, needs_data: bool = True) -> MaterialFile:
+def read_materials(
+    path: str | Path, needs_data: bool = True, plausibility: bool = True
+) -> MaterialFile:
     """A material file, its settings and parameters as they stand.
 
     Args:
         path: the file; data files are sought beside it.
         needs_data: whether every material must name its measurements.
+        plausibility: as of `read_toml`.
 
     Raises:
         InputError: a ValueError with file and line, what is wrong and what is accepted.
@@ -84,7 +98,7 @@ def read_materials(path: str | Path, needs_data: bool = True) -> MaterialFile:
     tables = file.tables("material")
     if not tables:
         raise InputError(file.file, 1, "no material", "one [[material]] or more is needed")
-    materials = [read_material(table, area, needs_data) for table in tables]
+    materials = [read_material(table, area, needs_data, plausibility) for table in tables]
     seen: set[str] = set()
     for entry in materials:  # results are keyed by the name
         if entry.name in seen:

@@ -151,6 +151,7 @@ def _fitted(request: Request, beside: bool) -> FitResult:
         doubts.append(Doubt("not-converged", f"Eq. (18): {stage.report.reason}"))
     names, covariance, of_predictions = _covariances(fits)
     condition = max(float(f.uncertainty.condition_number[0]) for f in fits)
+    doubts.sort(key=lambda one: one.code != "plausibility")  # whose numbers are all wrong
     return FitResult(
         request=request,
         materials=ordered,

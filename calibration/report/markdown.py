@@ -36,6 +36,7 @@ def markdown_report(
     """
     blocks = [
         ["# Coefficients of restitution, fitted"],
+        [doubt_item(one) for one in result.warnings if one.code == "plausibility"],
         _verdict(result),
         _what(result),
         *_bodies(result),

@@ -168,5 +168,11 @@ def unmeasured(like: RestitutionData, velocity: Column, uncertainty: Column) -> 
     limit = like.limit_velocity if like.contact is None else None
     level = np.full(len(velocity), PLACEHOLDER)
     return RestitutionData(
-        velocity, level, like.contact, uncertainty, like.name, limit_velocity=limit
+        velocity,
+        level,
+        like.contact,
+        uncertainty,
+        like.name,
+        limit_velocity=limit,
+        plausibility=False,
     )

@@ -93,7 +93,9 @@ def _of_law(law, every: Column, parameters, objective, route: Route, there: Impa
             raise DataError(name, f"of shape {np.shape(value)}", "a single number")
     limit, contact = getattr(law, "limit_velocity", None), getattr(law, "contact", None)
     level, limit = np.full(len(every), PLACEHOLDER), None if contact else limit
-    data = RestitutionData(every, level, contact, name="the plan", limit_velocity=limit)
+    data = RestitutionData(
+        every, level, contact, name="the plan", limit_velocity=limit, plausibility=False
+    )
     said = _said(law, parameters)
     request = Request((data,), type(law), said, objective, route)
     spec = request.specs()[0]
