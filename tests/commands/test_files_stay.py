@@ -19,17 +19,12 @@ UNFINISHED = ".softjax-unfinished-mine"  # as a killed command leaves one
 CONSTANT = ("--law", "constant", "--set", "restitution=0.8")
 SENSITIVITY = ("sensitivity", "nylon", *CONSTANT)
 EXPORT = ("export", "nylon", "--wanted-law", *CONSTANT[1:])
-ALONE = ("--coordinator", "localhost:1", "--process", "0", "--processes", "1")
 COMMANDS = {
     "fit": (("fit", "ALLOY"), {"fit.json", "report.md", "report.html", "curves.png"}),
     "compare": (("compare", "ALLOY", "--laws", "constant"), {"compare.json", "compare.png"}),
     "one picture": (("compare", "--linear-spring"), {"linear_spring.png"}),
     "curve": (("curve", "nylon", *CONSTANT, "--points", "9"), {"curve.csv", "curve.png"}),
     "table": (("curve", "nylon", *CONSTANT, "--points", "9", "--table"), {"curve.txt"}),
-    "in parts": (
-        ("curve", "nylon", *CONSTANT, "--points", "9", "--format", "npy", *ALONE),
-        {"curve.npy"},
-    ),
     "local": (
         (*SENSITIVITY, "--study", "local"),
         {"sensitivity.json", "sensitivity.csv", "sensitivity.png", "tornado.png"},
