@@ -10,7 +10,6 @@ from scipy.optimize import approx_fprime
 import calibration as cal
 import softjax as sj
 from calibration.fitting.assembly import assemble
-from calibration.fitting.collisions import NO_REBOUND_BELOW, TINY_SQUARED, extended_root, root_slope
 from calibration.fitting.losses import influence, transformed
 from calibration.fitting.noise import _curves
 from calibration.fitting.problem import Lanes
@@ -196,20 +195,6 @@ def test_transforms_go_there_and_back():
         end = transform.physical(np.full(9, far))
         assert np.all(np.isfinite(end))
         assert np.all((end >= transform.lower) & (end <= transform.upper))
-
-
-def test_extended_root_is_smooth_and_goes_on_below_zero():
-    s = TINY_SQUARED
-    np.testing.assert_allclose(extended_root(np.array([0.25, 0.81])), [0.5, 0.9])
-    around = extended_root(np.array([s * (1 - 1e-6), s, s * (1 + 1e-6)]))
-    assert abs(around[2] - 2 * around[1] + around[0]) < 1e-12
-    places = np.array([-0.5, -0.1, 0.0, 1e-7, 0.3])
-    below = extended_root(places)
-    assert np.all(np.diff(below) > 0)
-    np.testing.assert_allclose(below[2], NO_REBOUND_BELOW, rtol=1e-12)
-    h = 1e-9
-    slope = (extended_root(places + h) - extended_root(places - h)) / (2 * h)
-    np.testing.assert_allclose(root_slope(places), slope, rtol=1e-5)
 
 
 @pytest.mark.parametrize("loss", ["squared", "huber", "soft-l1"])

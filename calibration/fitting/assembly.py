@@ -13,6 +13,7 @@ import numpy as np
 import softjax as sj
 from calibration.data import RestitutionData
 from calibration.errors import DataError
+from calibration.fitting.branches import held_at
 from calibration.fitting.collisions import Route
 from calibration.fitting.known_laws import KNOWN
 from calibration.fitting.law_model import MOVE_YIELD, OF_CONTACT, LawModel, model_of_class
@@ -254,11 +255,11 @@ def _problem(
         joint=component.specs[0].objective == "model",
         pools=pools_of(elements),
     )
-    if not _asks_to_be_held(rows.model, elements):
+    if not _asks_to_be_held(rows.model, [elements[k] for k in active]):
         return problem
     z = transform.unconstrained(theta)
     holding = replace(problem, elastic=np.zeros(len(points.velocity), bool))
-    return holding.held(holding.elastic_at(z))
+    return held_at(holding, z)
 
 
 def _asks_to_be_held(model: LawModel, elements) -> bool:

@@ -24,8 +24,8 @@ SMALL = 256
 LARGE = 8192
 SIZES = {LARGE: 32_768, 2048: 8192}  # of a block: from so many impacts on it is worth compiling
 
-TINY_SQUARED = 1e-6  # below this ε² the root is continued by another
-NO_REBOUND_BELOW = (2 - 2**0.5) * TINY_SQUARED**0.5  # what `extended_root` gives at ε² = 0
+TINY_SQUARED = 1e-6  # below this ε² the root that guides a search is continued by another
+BENT_SQUARED = 1e-7  # the same of what a fit is judged by
 
 Route = sj.EnergyBalance | sj.ClosedForm | sj.ODE | None
 ROUTES: dict[str, Any] = {route.name: route for route in (sj.ODE, sj.EnergyBalance, sj.ClosedForm)}
@@ -171,18 +171,39 @@ def _seeds(chosen):
     return [part.reshape(len(eye), *leaf.shape[1:])[:, None] for part, leaf in parts]
 
 
-def extended_root(squared: Any, xp: Any = np) -> Any:
+def extended_root(squared: np.ndarray) -> np.ndarray:
     """√(ε²), continued with a slope to where nothing rebounds, so that a search finds its way back.
 
-    For ε² < s = 1e-6 it is 2√s - √(2s - ε²). Data points near a fit are far from it.
+    For ε² < s = 1e-6 it is 2√s - √(2s - ε²). It guides a search; what a fit is judged by is `root`.
     """
     s = TINY_SQUARED
     inside = squared > s
-    root = xp.sqrt(xp.where(inside, squared, s))
-    return xp.where(inside, root, 2 * s**0.5 - xp.sqrt(2 * s - xp.where(inside, s, squared)))
+    root = np.sqrt(np.where(inside, squared, s))
+    return np.where(inside, root, 2 * s**0.5 - np.sqrt(2 * s - np.where(inside, s, squared)))
+
+
+def extended_root_slope(squared: np.ndarray) -> np.ndarray:
+    """Its derivative."""
+    s = TINY_SQUARED
+    return 0.5 / np.sqrt(np.where(squared > s, squared, 2 * s - np.minimum(squared, s)))
+
+
+def root(squared: Any, xp: Any = np) -> Any:
+    """The law's own ε: √(ε²), and 0 where nothing rebounds.
+
+    Between ε² = -s and s = 1e-7 it is bent smoothly from the one to the other, √s (2u² - u³) with
+    u = (ε² + s)/2s, at most 1.2e-4 off: a fit may well end where an impact just stops to rebound.
+    """
+    s = BENT_SQUARED
+    u = xp.clip((squared + s) / (2 * s), 0.0, 1.0)
+    plain = xp.sqrt(xp.where(squared > s, squared, s))
+    return xp.where(squared > s, plain, s**0.5 * (2 - u) * u**2)
 
 
 def root_slope(squared: np.ndarray) -> np.ndarray:
     """Its derivative."""
-    s = TINY_SQUARED
-    return 0.5 / np.sqrt(np.where(squared > s, squared, 2 * s - np.minimum(squared, s)))
+    s = BENT_SQUARED
+    u = np.clip((squared + s) / (2 * s), 0.0, 1.0)
+    return np.where(
+        squared > s, 0.5 / np.sqrt(np.maximum(squared, s)), (4 - 3 * u) * u / (2 * s**0.5)
+    )

@@ -11,7 +11,7 @@ from jaxtyping import Float
 import softjax as sj
 from calibration.data.checks import require
 from calibration.errors import DataError
-from calibration.fitting.collisions import NO_REBOUND_BELOW, Route
+from calibration.fitting.collisions import Route
 from calibration.fitting.estimate import Band
 from calibration.fitting.freedom import Freedom
 from calibration.fitting.law_model import OF_CONTACT, model_of_class
@@ -36,9 +36,7 @@ def curve_and_slopes(
         problem = curve_problem(material, velocity, route)
         theta = np.array([e.start for e in problem.elements])
         found = problem.linearise(theta[None])
-    value, slope = found.prediction[0], found.jacobian[0]
-    rebounds = value > NO_REBOUND_BELOW
-    return np.where(rebounds, value, 0.0), np.where(rebounds[:, None], slope, 0.0)
+    return found.prediction[0], found.jacobian[0]
 
 
 def band(

@@ -9,7 +9,7 @@ from calibration.fitting.component_fit import ComponentFit
 from calibration.fitting.estimate import Estimate
 from calibration.fitting.neighbours import pooled_about
 from calibration.fitting.problem import Problem
-from calibration.fitting.profiles import FARTHEST, Asked, Profile, profiles
+from calibration.fitting.profiles import FARTHEST, Asked, Profile, joined, profiles
 from calibration.fitting.transform import NONE
 from calibration.fitting.uncertainty import quantile
 
@@ -27,11 +27,15 @@ def profiles_of(
     are done.
     """
     alike: dict[Hashable, list[tuple[int, Asked]]] = {}
+    curves: list[dict[str, Profile]] = [{} for _ in fits]
     for k, fit in enumerate(fits):
         asked = _asked(fit, confidence)
-        if asked is not None:
+        if asked is None:
+            continue
+        if fit.stages[0].branches is None:
             alike.setdefault(structure(asked.problem), []).append((k, asked))
-    curves: list[dict[str, Profile]] = [{} for _ in fits]
+        else:
+            curves[k] = _along_branches(fit, asked)
     done = len(fits) - sum(map(len, alike.values()))
     for members in alike.values():
         for first in range(0, len(members), SIDE_BY_SIDE):
@@ -41,6 +45,23 @@ def profiles_of(
                 curves[k] = found
             done += len(some)
     return curves
+
+
+def _along_branches(fit: ComponentFit, asked: Asked) -> dict[str, Profile]:
+    """Where ε jumps at yield: the lowest Δχ² of all branches that come near enough to the best."""
+    (stage,), branches = fit.stages[:1], fit.stages[0].branches
+    assert branches is not None
+    cost = float(stage.found.cost[0])
+    near = np.max(asked.quantiles, initial=0.0) ** 2 * asked.variance
+    found = [profiles([asked._replace(lowest=2 * cost)])[0]]
+    own = np.all(branches.elastic == stage.problem.elastic, axis=1)
+    for k in np.flatnonzero(~own & (2 * (branches.cost - cost) < near)):
+        limits = branches.limits[k][asked.columns]
+        errors = np.where(limits != 0, FROM_END, asked.errors)
+        problem = branches.problem(stage.problem, int(k))
+        told = {"problem": problem, "z": branches.z[k], "limits": limits, "errors": errors}
+        found += profiles([asked._replace(**told, lowest=2 * cost)])
+    return {label: joined([curves[label] for curves in found]) for label in found[0]}
 
 
 def _asked(fit: ComponentFit, confidence: float) -> Asked | None:

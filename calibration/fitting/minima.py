@@ -17,7 +17,7 @@ from jaxtyping import Float
 
 from calibration.fitting.component_fit import ComponentFit
 from calibration.fitting.intervals import weighted_deviation
-from calibration.fitting.problem import Problem
+from calibration.fitting.problem import Lanes, Problem
 from calibration.fitting.search import Found
 from calibration.fitting.stages import StageFit
 
@@ -83,9 +83,7 @@ def rises_between(
     """
     shares = np.sin(np.linspace(0, np.pi / 2, STATIONS + 2)) ** 2
     places = first + shares[:, None] * (second - first)
-    if problem.elastic is None:
-        cost = np.sum(problem.linearise(places, slopes=False).residual ** 2, axis=1)
-    else:
-        cost = np.array([np.sum(_squares(problem, place)) for place in places])
+    lanes = Lanes(elastic=problem.elastic_at(places))
+    cost = np.sum(problem.linearise(places, lanes, slopes=False).residual ** 2, axis=1)
     allowed = max(cost[0], cost[-1]) * (1 + LEFT_UNDONE)
     return bool(np.any(cost[1:-1] > allowed))

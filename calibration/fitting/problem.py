@@ -13,7 +13,14 @@ from jaxtyping import Bool, Float, Int
 
 import softjax as sj
 from calibration.data import RestitutionData
-from calibration.fitting.collisions import Route, expand, extended_root, root_slope
+from calibration.fitting.collisions import (
+    Route,
+    expand,
+    extended_root,
+    extended_root_slope,
+    root,
+    root_slope,
+)
 from calibration.fitting.latent import Latent
 from calibration.fitting.losses import transformed
 from calibration.fitting.plan import ErrorPlan
@@ -94,6 +101,9 @@ class Lanes(NamedTuple):
     weight: Float[np.ndarray, "fits points"] | None = None
     velocity: Float[np.ndarray, "fits points"] | None = None
     member: Int[np.ndarray, "fits"] | None = None  # which problem of several that are alike
+    elastic: Bool[np.ndarray, "fits points"] | None = None  # as `Problem.elastic`
+    lower: Z | None = None  # as `Problem.within`
+    upper: Z | None = None
 
     def some(self, which) -> "Lanes":
         return Lanes(*(None if a is None else a[which] for a in self))
@@ -130,6 +140,10 @@ class Problem:
         loss, scale: see `losses`; the scale at each point.
         elastic: points that are held below yield, (points,), while a search moves what yield
             depends on; None: no law asks for it.
+        within: lowest and highest z, (elements,) each, between which these points are where the law
+            has them.
+        guided: whether ε is continued below 0 where nothing rebounds. That guides a search; a fit is
+            judged by the law's own ε.
         reweighed: whether the weights depend on where the fit is.
         joint: whether data sets without stated uncertainties are weighed against each other.
         shared: the errors of each data set, where points share some: residuals are whitened then.
@@ -148,6 +162,8 @@ class Problem:
     loss: str = "squared"
     scale: np.ndarray | None = None
     elastic: Bool[np.ndarray, "points"] | None = None
+    within: tuple[np.ndarray, np.ndarray] | None = None
+    guided: bool = False
     reweighed: bool = False
     joint: bool = True
     shared: tuple[SetErrors, ...] | None = None
@@ -218,27 +234,27 @@ class Problem:
         found = np.concatenate([of(errors, part) for errors, part in parts])
         return np.moveaxis(found.reshape(rows.shape), 0, 1)
 
-    def yields_at(self, z) -> Float[np.ndarray, "points"] | None:
+    def yields_at(self, z) -> Float[np.ndarray, "... points"] | None:
         """The velocity below which each impact is elastic at z [m/s]; None for a law without one."""
         rows = self.laws.rows
         if not hasattr(rows.model.law_type, "elastic_velocity"):
             return None
-        theta = self.transform.physical(np.asarray(z))
-        limits = [_yields_at(rows.law(theta, row)) for row in range(rows.size)]
-        return np.array(limits)[rows.row]
+        theta = self.transform.physical(np.atleast_2d(z))
+        limits = [[_yields_at(rows.law(one, k)) for k in range(rows.size)] for one in theta]
+        return np.array(limits)[:, rows.row].reshape(*np.shape(z)[:-1], self.count)
 
     def law_of(self, theta: Float[np.ndarray, "elements"], g: int) -> sj.ContactLaw:
         """The law of a data set; of its first impact where it has several."""
         rows = self.laws.rows
         return rows.law(theta, int(rows.row[np.flatnonzero(self.points.set == g)[0]]))
 
-    def elastic_at(self, z) -> Bool[np.ndarray, "points"] | None:
+    def elastic_at(self, z) -> Bool[np.ndarray, "... points"] | None:
         """Which points are below yield at z, where the law asks to be held; else None."""
         return None if self.elastic is None else self.points.velocity <= self.yields_at(z)
 
-    def held(self, elastic) -> "Problem":
+    def held(self, elastic, within=None) -> "Problem":
         """The same with these points held below yield."""
-        return self if self.elastic is None else replace(self, elastic=elastic)
+        return self if self.elastic is None else replace(self, elastic=elastic, within=within)
 
     def weighed(self, weight: Float[np.ndarray, "points"]) -> "Problem":
         """The same with other weights."""
@@ -278,11 +294,15 @@ class Problem:
             flat.append(np.asarray(whole, float))
         velocity = self.points.velocity if lanes.velocity is None else lanes.velocity
         velocity = np.broadcast_to(velocity, (fits, self.count)).ravel()
-        elastic = None if self.elastic is None else np.tile(self.elastic, fits)
+        elastic = self.elastic if lanes.elastic is None else lanes.elastic
+        if elastic is not None:
+            elastic = np.broadcast_to(elastic, (fits, self.count)).ravel()
         found = expand(self.laws.shape, flat, velocity, self.laws.moving, self.route, elastic)
         squared, slopes, status = (a.reshape(*a.shape[:-1], fits, self.count) for a in found)
-        local = self._local_slopes(slopes * root_slope(squared), leaves.slopes)
-        return extended_root(squared), local, status
+        value, slope = (root, root_slope)
+        if self.guided:
+            value, slope = extended_root, extended_root_slope
+        return value(squared), self._local_slopes(slopes * slope(squared), leaves.slopes), status
 
     def _local_slopes(self, slopes, of_leaves) -> Float[np.ndarray, "free fits points"]:
         """dε/d(local parameter), from the slopes in the leaves."""

@@ -26,6 +26,7 @@ POINTS = 6.0  # strides up to the limit, about
 BEYOND = 1.15  # of the way to the limit that is looked at, for the picture
 TOLERANCE = 1e-7  # of the limit, in z, or of √Δχ² there
 MOST_STRIDES = 400
+ROUNDING = 1e-12  # of a way
 MOST_HALVINGS = 60
 LARGEST_ANSWER = 30.0  # of the others to one stride, in log units
 
@@ -49,6 +50,11 @@ class Profile:
     high: float | None
     threshold: float
 
+    def at(self, value: float) -> float:
+        """Δχ² between the values that were looked at; infinite beyond them."""
+        rises = self.delta_chi_squared
+        return float(np.interp(value, self.values, rises, left=np.inf, right=np.inf))
+
 
 class Asked(NamedTuple):
     """What is to be profiled of one fit.
@@ -60,6 +66,7 @@ class Asked(NamedTuple):
         errors: their standard errors in z.
         limits: +1 or -1 for those held at an end of their range: only the other way is gone.
         quantiles: √Δχ² at the limits of each.
+        lowest: the sum of squares from which Δχ² counts; None: that at z.
     """
 
     problem: Problem
@@ -70,6 +77,7 @@ class Asked(NamedTuple):
     errors: Float[np.ndarray, "some"]
     limits: Int[np.ndarray, "some"]
     quantiles: Float[np.ndarray, "some"]
+    lowest: float | None = None
 
 
 class _Walks:
@@ -103,10 +111,22 @@ class _Walks:
         self.scaled = problem.transform.kind[self.positions] != NONE
         self.centre = self.z[every, self.positions]
         begin = problem.linearise(self.z, self._lanes(every), slopes=False)
-        self.lowest = np.sum(begin.residual**2, axis=1)
+        lowest = [asked[k].lowest for k in self.member]
+        at_z = np.sum(begin.residual**2, axis=1)
+        self.lowest = np.array([b if a is None else a for a, b in zip(lowest, at_z, strict=True)])
+        self.begin = self._rise(0.5 * at_z, np.arange(len(walks)))
+        self.edge = self._edges()
         reach = np.where(self.from_end, FURTHEST + FARTHEST, FARTHEST)
-        self.reach = np.where(self.scaled, reach, 100 * self.steps)
+        reach = np.where(self.scaled, reach, 100 * self.steps)
+        self.reach = np.minimum(reach, np.abs(self.edge - self.centre))
         self.way: list[list[tuple[float, float]]] = [[] for _ in walks]
+
+    def _edges(self) -> Float[np.ndarray, "walks"]:
+        """Where points would leave their branches, beyond which another profile goes on."""
+        if self.problem.within is None:
+            return self.signs * np.inf
+        lower, upper = self.problem.within
+        return np.where(self.signs < 0, lower[self.positions], upper[self.positions])
 
     def _lanes(self, which) -> Lanes:
         return Lanes(member=self.member[which])
@@ -166,7 +186,8 @@ class _Walks:
             which = np.flatnonzero(going)
             if not len(which):
                 break
-            at = inside[which] + self.signs[which] * stride[which]
+            left = self.reach[which] - np.abs(inside[which] - self.centre[which])
+            at = inside[which] + self.signs[which] * np.minimum(stride[which], left)
             z, new = self.refit(at, which)
             self._saw(which, at, new)
             over = new >= self.quantile[which]
@@ -179,7 +200,7 @@ class _Walks:
             better = np.where(level, LEVEL_STRIDE, better)
             stride[which] = np.where(self.scaled[which], np.minimum(better, limit), better)
             inside[which[~over]], rise[which[~over]] = at[~over], new[~over]
-            gone = np.abs(at - self.centre[which]) >= self.reach[which]
+            gone = np.abs(at - self.centre[which]) >= self.reach[which] * (1 - ROUNDING)
             going[which[over | gone]] = False
         crossing = self._cross(inside, outside, rise - self.quantile, above - self.quantile)
         self._beyond(crossing)
@@ -244,17 +265,40 @@ def profiles(asked: Sequence[Asked]) -> list[dict[str, Profile]]:
     return of_member
 
 
+def joined(curves: Sequence[Profile]) -> Profile:
+    """Profiles of one parameter that begin at several minima as one: the lowest Δχ² of all counts."""
+    ways = sorted(
+        (value, rise)
+        for own in curves
+        for value, rise in zip(own.values, own.delta_chi_squared, strict=True)
+        if all(rise <= other.at(value) for other in curves if other is not own)
+    )
+    lows = [c.low for c in curves if c.low is not None]
+    highs = [c.high for c in curves if c.high is not None]
+    return Profile(
+        curves[0].parameter,
+        tuple(value for value, _ in ways),
+        tuple(rise for _, rise in ways),
+        min(lows) if len(lows) == len(curves) else None,
+        max(highs) if len(highs) == len(curves) else None,
+        curves[0].threshold,
+    )
+
+
 def _profile(state: _Walks, label: str, members, crossing, limit: int) -> Profile:
     """Both ways of one parameter together, in physical units."""
     position = int(state.positions[members[0]])
     transform = state.problem.transform.part(np.array([position]))
     physical = lambda z: float(transform.physical(np.array([z]))[0])  # noqa: E731
-    way = [(float(state.centre[members[0]]), 0.0), *(one for k in members for one in state.way[k])]
+    first = int(members[0])
+    begin = (float(state.centre[first]), float(state.begin[first]))
+    way = [begin, *(one for k in members for one in state.way[k])]
     way.sort()
     ends: dict[int, float | None] = {-1: None, 1: None}
+    at = np.where(np.isfinite(crossing), crossing, state.edge)
     for k in members:
-        if np.isfinite(crossing[k]):
-            ends[int(state.signs[k])] = physical(crossing[k])
+        if np.isfinite(at[k]):
+            ends[int(state.signs[k])] = physical(at[k])
     if limit:
         bound = float(transform.bound_beyond(np.array([limit]))[0])
         ends[limit] = bound if np.isfinite(bound) else None

@@ -3,14 +3,17 @@
 The loop stays on the host; what it asks for of all fits at once are residuals and Jacobians.
 
 An element that runs to an end of its range (a bound, or beyond every sensible value) is held there
-and the others are searched on: an end at a bound with the others at their minimum is a fit.
+and the others are searched on: an end at a bound with the others at their minimum is a fit. So is one
+at an end of where points keep their branches (`Problem.within`), which is no end of its range.
 """
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from calibration.fitting.collisions import TINY_SQUARED
 from calibration.fitting.condensed import TINY, Condensed, condense
 from calibration.fitting.methods import Adam, Lbfgs, Marquardt, Method
 from calibration.fitting.problem import Lanes, Problem
@@ -79,9 +82,23 @@ class _Search:
         self.iterations = np.zeros(fits, int)
         self.evaluations = 0
         self.scaled = problem.transform.kind[problem.active] != NONE
+        self.lower, self.upper = self._ends()
+        self.edge = np.zeros((fits, p), bool)
         self.at: Condensed
         self.value, self.jacobian = self._at(self.z, np.ones(fits, bool))
         self._condense(np.ones(fits, bool))
+
+    def _ends(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest and highest of the active elements of each fit: their bounds, and their branches'."""
+        problem, lanes = self.problem, self.lanes
+        transform = problem.transform.part(problem.active)
+        lower = np.where(self.scaled, -np.inf, transform.lower) + np.zeros(self.start.shape)
+        upper = np.where(self.scaled, np.inf, transform.upper) + np.zeros(self.start.shape)
+        within = problem.within if lanes.lower is None else (lanes.lower, lanes.upper)
+        if within is None:
+            return lower, upper
+        low, high = (np.asarray(end)[..., problem.active] for end in within)
+        return np.maximum(lower, low), np.minimum(upper, high)
 
     @property
     def x(self) -> np.ndarray:
@@ -153,8 +170,8 @@ class _Search:
         """Which fits have moved, those whose cost falls enough (Armijo), and what that gained."""
         fits = self.going
         trial = np.array(self.z)
-        trial[:, self.problem.active] += step
-        self._keep_plain_inside(trial)
+        inside = np.clip(self.x + step, self.lower, self.upper)
+        step, trial[:, self.problem.active] = inside - self.x, inside
         value, jacobian = self._at(trial, fits)
         cost = np.full(len(fits), np.inf)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -168,12 +185,6 @@ class _Search:
         self.iterations += moved
         self._condense(moved)
         return moved, _gain(before, self.at, step)
-
-    def _keep_plain_inside(self, z) -> None:
-        """Elements searched as they are stay within their bounds."""
-        transform = self.problem.transform
-        for k in self.problem.active[~self.scaled]:
-            z[:, k] = np.clip(z[:, k], transform.lower[k], transform.upper[k])
 
     def _judge(self, moved) -> None:
         """Hold what is at an end of its range, and see which fits have arrived."""
@@ -204,18 +215,19 @@ class _Search:
         return np.where(self.scaled, np.abs(self.x - self.start), 0.0)
 
     def _at_an_end(self) -> np.ndarray:
-        transform = self.problem.transform.part(self.problem.active)
         outward = -self.at.gradient  # a step goes down the gradient
-        at_lower = (self.x <= transform.lower) & (outward < 0)
-        at_upper = (self.x >= transform.upper) & (outward > 0)
-        plain = ~self.scaled & (at_lower | at_upper)
-        return plain | (self._way > FARTHEST - 1e-9)
+        at_lower = (self.x <= self.lower) & (outward < 0)
+        at_upper = (self.x >= self.upper) & (outward > 0)
+        return at_lower | at_upper | (self._way > FARTHEST - 1e-9)
 
     def _hold(self, which) -> None:
-        sign = np.where(self.scaled, np.sign(self.x - self.start), -np.sign(self.at.gradient))
+        edge = self.scaled & ((self.x <= self.lower) | (self.x >= self.upper))
+        self.edge = np.where(which, edge, self.edge)
+        by_way = self.scaled & ~edge
+        sign = np.where(by_way, np.sign(self.x - self.start), -np.sign(self.at.gradient))
         self.limits = np.where(which, sign.astype(int), self.limits)
         inside = np.clip(self.x, self.start - FARTHEST, self.start + FARTHEST)
-        self.z[:, self.problem.active] = np.where(which & self.scaled, inside, self.x)
+        self.z[:, self.problem.active] = np.where(which & by_way, inside, self.x)
         fits = np.any(which, axis=1) & self.going
         if np.any(fits):
             self.value[fits], self.jacobian[fits] = self._at(self.z, fits)
@@ -243,6 +255,7 @@ class _Search:
                 z = np.array(self.z[f])
                 position = self.problem.active[k]
                 z[position] = self.start[f, k] + part * (z[position] - self.start[f, k])
+                z[position] = np.clip(z[position], self.lower[f, k], self.upper[f, k])
                 places.append(z)
         one = np.full(len(places), f)
         self.evaluations += len(places)
@@ -262,7 +275,7 @@ class _Search:
             gradient_norm=np.linalg.norm(self.at.gradient, axis=1),
             converged=np.isin(self.reason, ARRIVED),
             reason=reason,
-            limits=self.limits,
+            limits=np.where(self.edge, 0, self.limits),
             begun=self.begun,
             iterations=self.iterations,
             evaluations=self.evaluations,
@@ -309,6 +322,35 @@ def search(
     else:
         state._stop(np.ones(len(z), bool), ARRIVED[0])
     return state.result()
+
+
+def guided_search(
+    problem: Problem,
+    z: Float[np.ndarray, "fits elements"],
+    optimiser: str,
+    *,
+    lanes: Lanes | None = None,
+    limit: int = MOST,
+) -> Found:
+    """The same with ε continued to where nothing rebounds, which leads back from there.
+
+    Where some points do not rebound the law's own ε is then searched, from the ends and from the
+    starts: the cost that is found is always that of the law's own ε.
+    """
+    lanes = lanes or Lanes()
+    found = search(replace(problem, guided=True), z, optimiser, lanes=lanes, limit=limit)
+    twice = lanes.some(np.tile(np.arange(len(z)), 2))
+    places = np.concatenate([found.z, z])
+    least = np.min(problem.linearise(places, twice, slopes=False).prediction, initial=1.0)
+    if least > TINY_SQUARED**0.5:
+        return found
+    # √ bends sharply where a point hardly rebounds: damped steps find their way there
+    again = search(problem, places, lanes=twice, limit=3 * limit)
+    lower = again.cost[: len(z)] <= again.cost[len(z) :]
+    best = np.where(lower, 0, len(z)) + np.arange(len(z))
+    parts = {name: getattr(again, name)[best] for name in again._fields[:-1] if name != "reason"}
+    reason = tuple(again.reason[k] for k in best)
+    return Found(**parts, reason=reason, evaluations=found.evaluations + again.evaluations)
 
 
 def _by_adam(problem: Problem, z, lanes: Lanes) -> np.ndarray:

@@ -8,21 +8,22 @@ from typing import Any
 import numpy as np
 
 import softjax as sj
+from calibration.fitting.branches import Branches, by_branches, held_at
 from calibration.fitting.losses import scale_of
 from calibration.fitting.methods import OPTIMISERS
 from calibration.fitting.neighbours import pooled
 from calibration.fitting.noise import first_weights, needs_weights, reweighed
 from calibration.fitting.problem import Problem
-from calibration.fitting.search import Found, search
+from calibration.fitting.search import Found, guided_search, search
 from calibration.fitting.set_errors import SetErrors
 from calibration.fitting.starts import best_starts, candidates
 
 REFINED = 3  # of the screened starts
 ROUNDS = 30
 SETTLED = 1e-7  # relative change of weights and scales
+CHANGED = 1e-9  # share of a cost by which another is lower
 ALIKE = 1e-5  # the same of variances, which are known far less well
 Progress = Callable[[str, int, int], None]
-CROSSING = "points keep crossing the critical velocity"
 UNSETTLED = "weights, variances or scales of the loss keep changing"
 
 
@@ -77,6 +78,7 @@ class StageFit:
         report: what it took.
         crossings: how many points changed branch on the way.
         seconds: how long.
+        branches: where ε jumps at yield, the lowest cost for each way to tell elastic points.
     """
 
     problem: Problem
@@ -86,6 +88,7 @@ class StageFit:
     report: Stage
     crossings: int
     seconds: float
+    branches: Branches | None = None
 
     @property
     def limits(self) -> np.ndarray:
@@ -109,32 +112,44 @@ def run_stage(
     few = pooled(problem)
     starts = best_starts(few, places, REFINED)
     if few is not problem:
-        starts = np.concatenate([end.z for end, _ in _from_starts(few, starts, options)])
-    ends = _from_starts(problem, starts, options)
-    evaluations = sum(end.evaluations for end, _ in ends)
-    order = sorted(range(len(ends)), key=lambda k: _rank(ends[k][0]))
-    found, problem = ends[order[0]]
+        starts = np.concatenate([end.z for end in _from_starts(few, starts, options)])
+    branches = None
+    if problem.elastic is None:
+        ends = _from_starts(problem, starts, options)
+    else:
+        ends, branches = _along_branches(problem, np.unique([z, *starts], axis=0), options)
+        problem = held_at(problem, ends[0].z[0])
+    evaluations = sum(end.evaluations for end in ends)
+    found = ends[0]
     robust = replace(problem, loss=options.loss)
     found, problem, more = _settle(robust, found, options)
+    if branches is not None:
+        for _ in range(ROUNDS):
+            (again,), branches = _along_branches(problem, found.z, options)
+            if again.cost[0] >= found.cost[0] * (1 - CHANGED):
+                break
+            found, problem, more = _settle(held_at(problem, again.z[0]), again, options)
     crossings = 0 if first is None else int(np.sum(first != problem.elastic))
     report = _report(name, problem, found, options, len(places), evaluations + more)
-    others = tuple(ends[k][0] for k in order[1:])
     seconds = time.perf_counter() - begun
-    return StageFit(problem, found.z[0], found, others, report, crossings, seconds)
+    others = tuple(ends[1:])
+    return StageFit(problem, found.z[0], found, others, report, crossings, seconds, branches)
 
 
-def _from_starts(problem: Problem, starts, options: Options) -> list[tuple[Found, Problem]]:
-    """A search from each start, side by side; where impacts are held on branches, one by one."""
-    if problem.elastic is None:
-        found = search(problem, starts, options.optimiser, limit=options.max_steps)
-        return [(found.one(k), problem) for k in range(len(starts))]
-    ends = []
-    for start in starts:
-        held = problem.held(problem.elastic_at(start))
-        found = search(held, start, options.optimiser, limit=options.max_steps)
-        found, held, _ = _settle(held, found, replace(options, loss="squared"))
-        ends.append((found, held))
-    return ends
+def _from_starts(problem: Problem, starts, options: Options) -> list[Found]:
+    """Where searches from each start end, side by side; the best first."""
+    found = guided_search(problem, starts, options.optimiser, limit=options.max_steps)
+    return sorted((found.one(k) for k in range(len(starts))), key=_rank)
+
+
+def _along_branches(
+    problem: Problem, starts, options: Options
+) -> tuple[list[Found], Branches | None]:
+    """The same where the cost jumps, and the branches around the best."""
+    bests, around = by_branches(problem, starts)
+    optimiser, limit = options.optimiser, options.max_steps
+    ends = [search(held_at(problem, best.z[0]), best.z, optimiser, limit=limit) for best in bests]
+    return sorted(ends, key=_rank), around
 
 
 def _rank(found: Found) -> tuple[float, bool]:
@@ -158,15 +173,12 @@ def _settle(problem: Problem, found: Found, options: Options) -> tuple[Found, Pr
         found = again._replace(iterations=found.iterations + again.iterations)
     adapted = _adapted(problem, found.z[0], options)
     if not _same(adapted, problem):
-        crossing = not np.array_equal(adapted.elastic, problem.elastic)
-        reason = CROSSING if crossing else UNSETTLED
-        found = found._replace(converged=np.array([False]), reason=(reason,))
+        found = found._replace(converged=np.array([False]), reason=(UNSETTLED,))
     return found, problem, evaluations
 
 
 def _adapted(problem: Problem, z, options: Options) -> Problem:
     """The problem with what depends on z at its value there."""
-    problem = problem.held(problem.elastic_at(z))
     if problem.reweighed:
         problem = reweighed(problem, z)
     if problem.loss != "squared":
@@ -185,10 +197,8 @@ def _same(one: Problem, other: Problem) -> bool:
     pairs += [(a.spread, b.spread, ALIKE) for a, b in zip(one.pools, other.pools, strict=True)]
     pairs += [] if one.scale is None else [(one.scale, other.scale, SETTLED)]
     shared = zip(one.shared or (), other.shared or (), strict=True)
-    return (
-        np.array_equal(one.elastic, other.elastic)
-        and all(np.allclose(a, b, rtol=near, atol=0) for a, b, near in pairs)
-        and all(_alike(a, b) for a, b in shared)
+    return all(np.allclose(a, b, rtol=near, atol=0) for a, b, near in pairs) and all(
+        _alike(a, b) for a, b in shared
     )
 
 

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float
 
 from calibration.fitting.law_model import OF_CONTACT
-from calibration.fitting.problem import Element, Problem
+from calibration.fitting.problem import Element, Lanes, Problem
 from calibration.fitting.transform import LOGIT, NONE
 
 DECADES = 3 * np.log(10)  # on either side of the start of a positive parameter
@@ -87,7 +87,8 @@ def _apart(order, places, keep: int) -> list[int]:
 
 def screen(problem: Problem, places: Places) -> Float[np.ndarray, "starts sets"]:
     """Cost of each start and data set, priors added to all, in one batch."""
-    found = problem.linearise(places, slopes=False)
+    lanes = Lanes(elastic=problem.elastic_at(places))
+    found = problem.linearise(places, lanes, slopes=False)
     squares = np.nan_to_num(found.residual, nan=np.inf) ** 2
     points, sets = problem.points.set, len(problem.datasets)
     by_set = np.stack([squares[:, : problem.count][:, points == g].sum(1) for g in range(sets)], 1)

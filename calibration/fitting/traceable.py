@@ -48,7 +48,7 @@ import softjax as sj
 from calibration.data import RestitutionData
 from calibration.errors import DataError
 from calibration.fitting.assembly import Component
-from calibration.fitting.collisions import extended_root
+from calibration.fitting.collisions import root
 from calibration.fitting.problem import Element, Pool, pools_of
 from calibration.fitting.request import Request, datasets_of
 from calibration.fitting.rows import with_trees
@@ -184,7 +184,7 @@ class Traceable:
 
     def _curve(self, theta, _: Component, g: int, spec: SetSpec) -> Callable[[Any], Array]:
         law = self.law(theta, g)
-        return lambda v: extended_root(sj.signed_restitution(law, v, self.route).squared, jnp)
+        return lambda v: root(sj.signed_restitution(law, v, self.route).squared, jnp)
 
     def _off(self, theta, measured=None) -> list[tuple[SetLikelihood, Array, Any]]:
         """Of each data set its errors, predicted less measured ε, and the curve's slope."""

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float
 
 from calibration.data import RestitutionData
 from calibration.fitting.assembly import EMPIRICAL, Component, assemble
-from calibration.fitting.collisions import NO_REBOUND_BELOW, Route
+from calibration.fitting.collisions import Route
 from calibration.fitting.problem import Problem
 from calibration.fitting.refits import settled
 from calibration.fitting.set_errors import SetErrors
@@ -79,7 +79,7 @@ class Plan:
         component = assemble(specs, self.route, EMPIRICAL)[0]
         source = component.stages[0 if self.by_first else -1][1]
         curve = source.predict(component.start[None])[0]
-        rebounds = curve > NO_REBOUND_BELOW  # what does not rebound tells nothing
+        rebounds = curve > 0  # what does not rebound tells nothing
         planned, told = np.concatenate(new), self._errors(uncertainty)
         alone = rebounds / np.concatenate([u for _, u in points])
 

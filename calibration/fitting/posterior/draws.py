@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Float
 
 from calibration.errors import DataError
-from calibration.fitting.collisions import NO_REBOUND_BELOW
 from calibration.fitting.curves import band_of, curve_problem
 from calibration.fitting.estimate import Band
 from calibration.fitting.material import MaterialFit
@@ -45,7 +44,6 @@ def band_of_draws(
     def parts(velocity: Float[np.ndarray, "n"]) -> tuple[np.ndarray, ...]:
         with jax.enable_x64(True):
             curves = curve_problem(material, velocity).predict(values)
-        curves = np.where(curves > NO_REBOUND_BELOW, curves, 0.0)
         if kind == "prediction":
             normal = np.random.default_rng(0).standard_normal(curves.shape)
             curves = curves + normal * np.sqrt(_variance(data, material))[:, None]

@@ -1,0 +1,197 @@
+"""Where ε jumps at yield: which impacts of a data set stayed elastic.
+
+The cost jumps where the critical velocity passes that of a point. Between two neighbouring such
+places every point has its branch and the cost is smooth: a search begins in each, stays there, and
+the lowest cost of all decides.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from calibration.fitting.law_model import MOVE_YIELD, OF_CONTACT
+from calibration.fitting.problem import Lanes, Problem
+from calibration.fitting.search import guided_search
+
+POWERS = dict(zip(MOVE_YIELD, (2.5, -2.0, 1.5, -0.5), strict=True))  # of each in v_cr
+INSIDE = 1e-9  # in z: how far from the places where a point changes its branch
+BEYOND = 0.1  # in z: the start of a search beyond the last of them
+AT_ONCE = 200_000  # impacts of searches side by side
+LEAST, MOST = 8, 64  # branches that are searched at once
+ROUNDS = 8
+LOWER = 1e-9  # share of the cost that counts as lower
+
+Z = Float[np.ndarray, "fits elements"]
+
+
+class Branches(NamedTuple):
+    """Places between neighbouring jumps of the cost, each array with a leading axis of these.
+
+    Attributes:
+        lower, upper: the ends in z of every element.
+        elastic: which points are below yield.
+        z: a start there, and later the place of the lowest cost.
+        cost: half the sum of squares there.
+        limits: of the active elements, see `Found`.
+    """
+
+    lower: Z
+    upper: Z
+    elastic: Bool[np.ndarray, "fits points"]
+    z: Z
+    cost: Float[np.ndarray, "fits"]
+    limits: Int[np.ndarray, "fits p"]
+
+    def some(self, which) -> "Branches":
+        return Branches(*(part[which] for part in self))
+
+    def joined(self, other: "Branches") -> "Branches":
+        return Branches(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
+
+    def problem(self, problem: Problem, k: int) -> Problem:
+        """The problem held on one of these."""
+        return problem.held(self.elastic[k], (self.lower[k], self.upper[k]))
+
+    def searched(self, problem: Problem) -> "Branches":
+        """The lowest cost of each."""
+        lanes = Lanes(elastic=self.elastic, lower=self.lower, upper=self.upper)
+        found = guided_search(problem, self.z, "levenberg-marquardt", lanes=lanes)
+        return self._replace(z=found.z, cost=found.cost, limits=found.limits)
+
+
+def moving(problem: Problem) -> list[int]:
+    """Active elements that yield moves with."""
+    names = {OF_CONTACT + name for name in MOVE_YIELD}
+    return [int(k) for k in problem.active if problem.elements[k].name in names]
+
+
+def held_at(problem: Problem, z: Float[np.ndarray, "elements"]) -> Problem:
+    """The problem on the branches that its points have at z."""
+    if problem.elastic is None:
+        return problem
+    return problem.held(problem.elastic_at(z), _ends(problem, z))
+
+
+def _elastic_at(problem: Problem, z) -> Bool[np.ndarray, "points"]:
+    found = problem.elastic_at(z)
+    assert found is not None
+    return found
+
+
+def _changes(problem: Problem, z, k: int) -> Float[np.ndarray, "points"]:
+    """Where along an element each point changes its branch; NaN for those that never do."""
+    name = problem.elements[k].name
+    rows = problem.laws.rows
+    moves = rows.element[rows.names.index(name)][rows.row] == k
+    power = POWERS[name.removeprefix(OF_CONTACT)]
+    here = problem.transform.part(np.array([k]))
+    theta = here.physical(z[k : k + 1])
+    with np.errstate(over="ignore", divide="ignore"):
+        value = theta * (problem.points.velocity / problem.yields_at(z)) ** (1 / power)
+    possible = moves & (value > here.lower) & (value < here.upper)
+    return np.where(possible, here.unconstrained(value[:, None])[:, 0], np.nan)
+
+
+def _ends(problem: Problem, z) -> tuple[np.ndarray, np.ndarray]:
+    """Between which z no point changes its branch; elements with points in common share the way."""
+    lower, upper = np.full(len(z), -np.inf), np.full(len(z), np.inf)
+    every = moving(problem)
+    for k in every:
+        way = (_changes(problem, z, k) - z[k]) / len(_with_points_of(problem, k))
+        rises = POWERS[problem.elements[k].name.removeprefix(OF_CONTACT)] > 0
+        below = way <= 0 if rises else way < 0
+        lower[k] = z[k] + min(np.max(way[below], initial=-np.inf) + INSIDE, 0.0)
+        upper[k] = z[k] + max(np.min(way[way >= 0][~below[way >= 0]], initial=np.inf) - INSIDE, 0.0)
+    return lower, upper
+
+
+def _with_points_of(problem: Problem, k: int) -> list[int]:
+    """The elements that move the yield of the same data sets, the element itself among them."""
+    own = set(problem.elements[k].sets)
+    return [m for m in moving(problem) if own & set(problem.elements[m].sets)]
+
+
+def _all_along(problem: Problem, z, k: int) -> Branches:
+    """Every place between jumps along one element, all else as at z."""
+    at = _changes(problem, z, k)
+    edges = np.unique(at[np.isfinite(at)])
+    edges = edges[np.diff(edges, prepend=-np.inf) > 2 * INSIDE]
+    ends = np.concatenate([[-np.inf], edges, [np.inf]])
+    count = len(ends) - 1
+    low, high = ends[:-1] + INSIDE, ends[1:] - INSIDE
+    with np.errstate(invalid="ignore"):
+        middle = np.where(np.isfinite(low + high), 0.5 * (low + high), z[k])
+    middle = np.clip(middle, low + BEYOND * np.isinf(high), high - BEYOND * np.isinf(low))
+    if count == 1:
+        middle[:] = z[k]
+    begin = np.where((low <= z[k]) & (z[k] <= high), z[k], middle)
+    places = np.repeat(z[None], count, axis=0)
+    places[:, k] = begin
+    own = np.repeat(_elastic_at(problem, z)[None], count, axis=0)
+    rises = POWERS[problem.elements[k].name.removeprefix(OF_CONTACT)] > 0
+    elastic = at <= low[:, None] if rises else at >= high[:, None]
+    elastic = np.where(np.isfinite(at), elastic, own)
+    lower, upper = (np.repeat(end[None], count, axis=0) for end in _ends(problem, z))
+    for m in _with_points_of(problem, k):
+        lower[:, m] = upper[:, m] = z[m]
+    lower[:, k], upper[:, k] = low, high
+    nothing = np.zeros((count, len(problem.active)), int)
+    return Branches(lower, upper, elastic, places, np.full(count, np.inf), nothing)
+
+
+def _lowest_along(problem: Problem, z, k: int) -> Branches:
+    """The same with their lowest costs; of very many all near the best, and some of the others."""
+    every = _all_along(problem, z, k)
+    count = len(every.cost)
+    most = int(np.clip(AT_ONCE // problem.count, LEAST, MOST))
+    low, high, done = 0, count - 1, None
+    while True:
+        chosen = np.unique(np.linspace(low, high, min(most, high - low + 1)).astype(int))
+        found = every.some(chosen).searched(problem)
+        done = found if done is None else done.joined(found)
+        if len(chosen) == high - low + 1:
+            return done
+        best = int(np.argmin(found.cost))
+        low, high = chosen[max(best - 1, 0)], chosen[min(best + 1, len(chosen) - 1)]
+
+
+def by_branches(problem: Problem, starts: Z) -> tuple[list[Branches], Branches]:
+    """The lowest cost from each start, and of each branch along the elements that yield moves with.
+
+    Returns:
+        The best from each start, best first; all branches around the best of them.
+    """
+    ends = [_descended(problem, start) for start in starts]
+    ends.sort(key=lambda end: float(f"{end[0].cost[0]:.6g}"))
+    return [best for best, _ in ends], ends[0][1]
+
+
+def _descended(problem: Problem, z) -> tuple[Branches, Branches]:
+    best = _together(problem, z)
+    z = best.z[0]
+    for _ in range(ROUNDS):
+        around: Branches | None = None
+        improved = False
+        for k in moving(problem):
+            found = _lowest_along(problem, z, k)
+            around = found if around is None else around.joined(found)
+            lowest = found.some([int(np.argmin(found.cost))])
+            if lowest.cost[0] < best.cost[0] * (1 - LOWER):
+                best, z, improved = lowest, lowest.z[0], True
+        if len(moving(problem)) > 1:
+            found = _together(problem, z)
+            if found.cost[0] < best.cost[0] * (1 - LOWER):
+                best, z, improved = found, found.z[0], True
+        if not improved:
+            break
+    assert around is not None
+    return best, around
+
+
+def _together(problem: Problem, z) -> Branches:
+    """All elements searched at once, on the branches that points have at z."""
+    lower, upper = _ends(problem, z)
+    nothing = np.zeros((1, len(problem.active)), int)
+    here = lower[None], upper[None], _elastic_at(problem, z)[None], z[None]
+    return Branches(*here, np.full(1, np.inf), nothing).searched(problem)
