@@ -19,9 +19,6 @@ CHANGES: dict[str, list[tuple[str, str, str]]] = {
         ("covariance, seen = covariance + added, seen + added", "pass", "shared_errors"),
         ("RANK_TOLERANCE = 1e-9", "RANK_TOLERANCE = 1e-1", "uncertainty"),
     ],
-    "calibration/fitting/likelihood.py": [
-        ("noises += 1\n", "noises += 0\n", "doubt_thresholds"),
-    ],
     "calibration/fitting/noise.py": [
         ("LEAST = 1e-4", "LEAST = 0.9", "shared_errors"),
         ("np.sqrt(counts / scatter)", "np.sqrt(1 / scatter)", "shared_errors"),

@@ -1,6 +1,6 @@
 """What float32 costs: errors of value and gradient over the boxes, and of the three materials.
 
-    python -m tests.float32_errors [--samples 200000] [--seed 0]
+    python -m tests.hard.float32_errors [--samples 200000] [--seed 0]
 
 Against float64 at the same inputs, rounded to float32 beforehand (float64 itself is checked
 against 40-digit arithmetic by the tests, to 1e-12). The slopes are θ ∂ε²/∂θ for all nine inputs.
@@ -12,8 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 import softjax as sj
-from tests import boxes, cases
-from tests.violations import solve
+from tests import cases
+from tests.physics import boxes
+from tests.physics.boxes import solve
 
 EPS = float(np.finfo(np.float32).eps)
 CHUNK = 20_000

@@ -1,4 +1,4 @@
-"""Laws written in SI against the built-in ones, by the ODE, in time: `python -m tests.si_speed`.
+"""Laws written in SI against the built-in ones, by the ODE, in time: `python -m tests.physics.si_speed`.
 
 Processor time alternates between the two, so that a busy machine slows both; the smallest of each
 counts. Compilation is told beside it.
@@ -10,7 +10,7 @@ import jax
 import numpy as np
 
 import softjax as sj
-from tests.si_laws import PAIRS, STEEL
+from tests.physics.own_laws import PAIRS, STEEL
 
 COUNT = 4096
 REPEATS = 15

@@ -1,13 +1,12 @@
 """What holds for all impacts, over wide boxes of all inputs.
 
 Hypothesis draws the seed of a batch of fixed size, so that everything compiles once. The long run
-is `python -m tests.long_run`: a million impacts, its count of violations 0.
+is `python -m tests.physics.long_run`: a million impacts, its count of violations 0.
 """
 
 from functools import partial
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -15,16 +14,19 @@ from hypothesis import strategies as st
 from mpmath import mp
 
 import softjax as sj
-from tests import boxes, cases
-from tests.boxes import Choice
+from tests import cases
 from tests.cases import compiled_soon
 from tests.oracles import zhou_mp as z
-from tests.violations import count, solve
+from tests.physics import boxes
+from tests.physics.boxes import Choice, count, solve
 
 SIZE = 500
 CHOICES = (Choice(), Choice("full", "hertz", "printed"))
 seeds = st.integers(0, 2**32 - 1)
-over_choices = pytest.mark.parametrize("choice", CHOICES, ids=lambda choice: choice.form)
+over_choices = pytest.mark.parametrize(
+    "choice",
+    [pytest.param(c, id=c.form, marks=[pytest.mark.long] * k) for k, c in enumerate(CHOICES)],
+)
 
 
 def drawn(examples: int):
@@ -191,29 +193,3 @@ def test_a_wall_is_a_large_sphere(seed):
     (near, *_), (nearer, *_) = (between(materials, (radius, n * radius), v) for n in (1e3, 1e5))
     off, less = (np.max(np.abs(leaves["radius"] / radius - 1)) for leaves in (near, nearer))
     assert off / less == pytest.approx(100, rel=0.01)
-
-
-@partial(compiled_soon, static_argnames="form")
-def loop(chi, y, form):
-    pair = cases.pair("nylon")
-    v = y * pair.critical_velocity
-    law = sj.Zhou(pair, chi, 0.4, 0.5, form=form)
-    hit = sj.collide(law, v, samples=2001, route=sj.ODE(rtol=1e-10))
-    energy = pair.mass * v**2 / 2
-    return hit.overlap, hit.force, hit.plastic_coefficient, energy
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("form", cases.FORMS)
-@given(seed=seeds)
-@drawn(2)
-def test_work_round_the_loop(form, seed):
-    """∮ P dδ is (1 - ε_p²) of the impact energy, to 1e-6 at 2001 samples."""
-    rng = np.random.default_rng(seed)
-    chi, y = boxes.power(rng, 0.05, 3, 20), boxes.power(rng, 0.5, 200, 20)
-    overlap, force, plastic, energy = loop(jnp.asarray(chi), jnp.asarray(y), form)
-    work = np.trapezoid(force, overlap, axis=-1) / energy
-    assert np.allclose(work, 1 - plastic**2, rtol=0, atol=1e-6)
-    # what was not plastic in it: loading alone took the whole impact energy
-    taken = np.trapezoid(force[:, :1001], overlap[:, :1001], axis=-1) / energy
-    assert np.allclose(taken, 1, rtol=0, atol=1e-6)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import softjax as sj
-from tests import random_laws
 from tests.cases import compiled_soon
-from tests.random_laws import LENGTH, PAIR, Declared, Drawn
+from tests.physics import random_laws
+from tests.physics.random_laws import LENGTH, PAIR, Declared, Drawn
 
 COUNT = 200
 FIELDS, VELOCITY = random_laws.draw(seed=0, count=COUNT)
@@ -89,7 +89,7 @@ def test_against_scipy_without_a_word_of_kinks():
     )
 
 
-@pytest.mark.parametrize("route", ROUTES)
+@pytest.mark.parametrize("route", ["energy", pytest.param("ode", marks=pytest.mark.long)])
 def test_durations_against_scipy(route):
     chosen = np.flatnonzero(expected()[3])[:12]
     found = np.asarray(computed(Declared, route).duration)[chosen]

@@ -1,6 +1,6 @@
 """What float32 holds: ε of the three materials within 1e-6, its error over the boxes bounded.
 
-`python -m tests.float32_errors` prints the errors of value and gradient over more impacts.
+`python -m tests.hard.float32_errors` prints the errors of value and gradient over more impacts.
 """
 
 import json
@@ -13,14 +13,20 @@ import numpy as np
 import pytest
 
 import softjax as sj
-from tests import boxes, cases
-from tests.float32_errors import EPS, errors, of_material
+from tests import cases
+from tests.hard.float32_errors import EPS, errors, of_material
+from tests.physics import boxes
 
 ROUTES = {"energy balance": sj.EnergyBalance(), "ode": sj.ODE(rtol=1e-6)}
 CHOICES = (boxes.Choice(), boxes.Choice("full", "hertz", "printed"))
 over_curves = pytest.mark.parametrize("material", cases.MATERIALS)
-over_forms = pytest.mark.parametrize("form", cases.FORMS)
-over_routes = pytest.mark.parametrize("route", ROUTES.values(), ids=ROUTES)
+over_forms = pytest.mark.parametrize(
+    "form", [pytest.param(f, marks=[pytest.mark.long] * k) for k, f in enumerate(cases.FORMS)]
+)
+over_routes = pytest.mark.parametrize(
+    "route",
+    [pytest.param(r, id=n, marks=[pytest.mark.long] * (n == "ode")) for n, r in ROUTES.items()],
+)
 
 
 @over_curves
@@ -58,7 +64,7 @@ import json, sys
 import jax, numpy as np
 import softjax as sj
 from tests import cases
-from tests.float32_errors import of_material
+from tests.hard.float32_errors import of_material
 assert not jax.config.jax_enable_x64
 alone = sj.restitution(cases.fitted("nylon"), 2.0).coefficient
 assert alone.dtype == np.float32
@@ -105,13 +111,8 @@ def equations(jaxpr):
                 yield from equations(getattr(inner, "jaxpr", inner))
 
 
-FORMS = [
-    pytest.param(CHOICES[0], id="first-order"),
-    pytest.param(CHOICES[1], id="full", marks=pytest.mark.long),
-]
-
-
-@pytest.mark.parametrize("choice", FORMS)
+@pytest.mark.long
+@pytest.mark.parametrize("choice", CHOICES, ids=lambda choice: choice.form)
 def test_over_the_boxes(choice):
     """|Δε²| within 32 eps (1 + Σ|∂ε²/∂ln θ|), slopes of mild impacts mostly within 100 eps."""
     found = [errors(seed, 5000, choice) for seed in range(4)]

@@ -1,8 +1,8 @@
 """A million impacts over the boxes of all inputs, checked one by one.
 
-    python -m tests.long_run [--samples 1000000] [--seed 0]
+    python -m tests.physics.long_run [--samples 1000000] [--seed 0]
 
-Prints how many break each rule of `violations`, by form, area and κ. Exits 1 if any does.
+Prints how many break each rule of `boxes.count`, by form, area and κ. Exits 1 if any does.
 """
 
 import argparse
@@ -11,8 +11,8 @@ import sys
 from tqdm import tqdm
 
 import softjax as sj
-from tests import boxes
-from tests.violations import count
+from tests.physics import boxes
+from tests.physics.boxes import count
 
 CHUNK = 20_000
 

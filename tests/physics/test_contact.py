@@ -1,0 +1,134 @@
+"""Two bodies reduced to one: effective quantities, first yield, Table 1 and the misprints beside it."""
+
+import math
+
+import jax
+import numpy as np
+import pytest
+
+import softjax as sj
+from softjax import paper
+from tests.cases import FITTED, MATERIALS, pair
+from tests.oracles import zhou_mp
+
+LEAVES = ("youngs_modulus", "radius", "mass", "yield_strength", "limit_velocity")
+SOFT, HARD = sj.Material(2.5e9, 0.30, 1140.0, 4.0e7), sj.Material(2.03e11, 0.28, 7830.0, 2.03e9)
+SYMBOLS = dict(zip(LEAVES, ("E", "R", "M", "Y", "v_lim"), strict=True))
+SYMBOLS |= {"stiffness": "k", "critical_overlap": "delta_cr", "critical_velocity": "v_cr"}
+ENTRIES = {entry.name: entry for entry in paper.TABLE_1}
+# Table 1: E [Pa], Poisson's ratio, density [kg/m³], yield strength [Pa]; v_cr, v_lim [m/s], σ, ψ,
+# E/Y, χ̃ as printed
+TABLE_1 = {
+    "stainless steel": (
+        (1.93e11, 0.35, 8030.0, 3.10e8),
+        (0.0082, 340, 3.0432, 0.5400, 354.75, 0.1368),
+    ),
+    "chrome steel": (
+        (2.03e11, 0.28, 7830.0, 2.03e9),
+        (0.9090, 882, 0.1418, 0.3114, 54.25, 0.0239),
+    ),
+    "nylon": ((2.5e9, 0.30, 1140.0, 4.0e7), (0.8352, 324, 0.4355, 0.5414, 34.34, 0.0160)),
+}
+
+
+@pytest.mark.parametrize("name", TABLE_1)
+def test_table_1_and_what_the_library_makes_of_it(name):
+    """Chrome's v_cr is printed as 0.9090, its own equations give 0.9096; Eq. (18) all χ̃ but nylon's."""
+    properties, printed = TABLE_1[name]
+    entry, contact = ENTRIES[name], pair(name)
+    assert tuple(jax.tree.leaves(MATERIALS[name])) == properties
+    found = (entry.critical_velocity, entry.limit_velocity, entry.sigma, entry.psi)
+    assert (*found, entry.yield_ratio, entry.chi) == printed
+    assert (entry.sigma, entry.psi) == (FITTED[name]["sigma"], FITTED[name]["psi"])
+    critical = 0.9096 if name == "chrome steel" else printed[0]
+    assert contact.critical_velocity == pytest.approx(critical, abs=5e-5)
+    assert contact.limit_velocity == pytest.approx(printed[1], abs=0.5)
+    assert contact.yield_ratio == pytest.approx(printed[4], abs=0.01)
+    c1, c2 = paper.UNLOADING_LINE
+    off = c1 + c2 * entry.yield_ratio - entry.chi
+    assert (abs(off) < 5e-5) == (name != "nylon")
+
+
+def misprint(start):
+    """The one whose place starts so: what is printed, and what follows."""
+    (found,) = (m for m in paper.MISPRINTS if m.place.startswith(start))
+    return found.printed_value, found.derived_value
+
+
+def test_misprints():
+    assert set(ENTRIES) == set(TABLE_1)
+    assert misprint("Table 1, chrome") == (0.9090, pytest.approx(0.9096, abs=5e-5))
+    printed, derived = misprint("Table 1, nylon")
+    c1, c2 = paper.UNLOADING_LINE
+    assert printed == ENTRIES["nylon"].chi
+    assert derived == pytest.approx(c1 + c2 * ENTRIES["nylon"].yield_ratio, abs=5e-5)
+    printed, derived = misprint("Eq. (18)")
+    assert printed == pytest.approx(1e6 * derived)
+    printed, derived = misprint("Eq. (2)")
+    assert (printed, derived) == (pytest.approx(3 * math.pi / 4, rel=1e-12), 3 / 4)
+    printed, derived = misprint("below Eq. (10)")
+    assert printed == pytest.approx(36 * (math.pi / 2) ** (8 / 3), rel=1e-9)
+    assert derived == pytest.approx(9 / 16 * math.pi ** (8 / 3), rel=1e-9)
+
+
+@pytest.mark.parametrize("name", TABLE_1)
+def test_kappa(name):
+    """36 (π/2)^{8/3} (Y/E)² as printed, (9/16) π^{8/3} (Y/E)² as the forces have it; by Hertz's area 5.55."""
+    factors = dict(zip(("printed", "consistent"), misprint("below Eq. (10)"), strict=True))
+    contact = pair(name)
+    for kappa, factor in factors.items():
+        law = sj.Zhou(contact, 0.1, 0.1, 0.5, kappa=kappa)
+        assert 1.5 * law.plasticity() * contact.yield_ratio**2 == pytest.approx(factor, rel=1e-8)
+    hertz = sj.Zhou(pair(name, "hertz"), 0.1, 0.1, 0.5)
+    own = 1.5 * hertz.plasticity() * contact.yield_ratio**2
+    assert own == pytest.approx(9 / 16 * math.pi**2, rel=1e-8)
+
+
+@pytest.mark.parametrize("area", ["zhou", "hertz"])
+@pytest.mark.parametrize("bodies", [(SOFT, HARD), (HARD, SOFT), (HARD, HARD)])
+@pytest.mark.parametrize("radius_2", [0.02, None])
+def test_against_high_precision(bodies, radius_2, area):
+    """Spheres, and a sphere on a wall."""
+    one, two = bodies
+    if radius_2 is None:
+        contact = sj.Contact.with_wall(one, wall=two, radius=0.0127, area=area)
+    else:
+        contact = sj.Contact.between_spheres(one, two, 0.0127, radius_2, area=area)
+    own = [jax.tree.leaves(body) for body in bodies]
+    expected = zhou_mp.contact(*own[0], 0.0127, *own[1], radius_2, area=area)
+    for name, symbol in SYMBOLS.items():
+        assert getattr(contact, name) == pytest.approx(float(expected[symbol]), rel=1e-14), name
+    ratio = float(expected["E"]) / float(expected["Y"])
+    assert contact.yield_ratio == pytest.approx(ratio, rel=1e-14)
+    assert list(contact.leaves()) == list(LEAVES)
+
+
+def test_a_wall_is_the_limit_of_a_large_second_sphere():
+    wall = sj.Contact.with_wall(SOFT, wall=HARD, radius=0.003)
+    for factor in (1e3, 1e6, 1e9):
+        sphere = sj.Contact.between_spheres(SOFT, HARD, 0.003, 0.003 * factor)
+        for name in (*LEAVES, "critical_overlap", "critical_velocity"):
+            assert getattr(sphere, name) == pytest.approx(getattr(wall, name), rel=2 / factor), name
+        assert sphere.radius != wall.radius or factor == 1e9
+
+
+def test_the_body_that_yields_sets_the_limit_velocity():
+    """The weaker one; of equal strength the denser one, whichever comes first."""
+    weak = sj.Contact.between_spheres(SOFT, HARD, 0.01, 0.01)
+    assert weak.yield_strength == SOFT.yield_strength
+    assert weak.limit_velocity == pytest.approx((3 * 4.0e7 / 1140.0) ** 0.5, rel=1e-15)
+    dense = sj.Material(2.5e9, 0.30, 2000.0, 4.0e7)
+    for bodies in ((SOFT, dense), (dense, SOFT)):
+        contact = sj.Contact.between_spheres(*bodies, 0.01, 0.01)
+        assert contact.limit_velocity == pytest.approx((3 * 4.0e7 / 2000.0) ** 0.5, rel=1e-15)
+
+
+def test_fields_may_be_arrays_and_trees():
+    radii = np.array([0.001, 0.002, 0.005])
+    many = sj.Contact.between_spheres(SOFT, HARD, radii, 0.01)
+    for i, radius in enumerate(radii):
+        one = sj.Contact.between_spheres(SOFT, HARD, float(radius), 0.01)
+        assert many.mass[i] == pytest.approx(one.mass, rel=1e-15)
+        assert many.critical_velocity[i] == pytest.approx(one.critical_velocity, rel=1e-14)
+    doubled = jax.tree.map(lambda leaf: 2 * leaf, sj.NYLON)
+    assert doubled.density == 2 * sj.NYLON.density
