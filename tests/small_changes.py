@@ -25,7 +25,7 @@ CHANGES: dict[str, list[tuple[str, str, str]]] = {
         ("slope = (up - down) / (2 * STEP", "slope = (up - down) / (STEP", "fit_problem"),
     ],
     "calibration/fitting/variances.py": [
-        ("if not restricted or not jacobian", "if True or not jacobian", "shared_errors"),
+        ("if not restricted or not jacobian", "if True or not jacobian", "shared_errors")
     ],
     "calibration/fitting/transform.py": [
         ("kinds = np.broadcast_to(self.kind, theta.shape)", "kinds = 0 * theta", "fit_options"),
@@ -36,11 +36,7 @@ CHANGES: dict[str, list[tuple[str, str, str]]] = {
         ("done = (np.abs(high - low) <= TOLERANCE)", "done = high < np.inf", "fit_any_law"),
     ],
     "calibration/fitting/intervals.py": [
-        (
-            'return Estimate(value, method="undetermined", free=True)',
-            "pass",
-            "doubt",
-        ),
+        ('return Estimate(value, method="undetermined", free=True)', "pass", "doubt"),
         (
             "slope * z_error, ends[0], ends[1]",
             "slope * z_error, ends[1], ends[0]",
@@ -66,9 +62,6 @@ CHANGES: dict[str, list[tuple[str, str, str]]] = {
         ("information = slopes.T @ slopes\n", "information = 2 * slopes.T @ slopes\n", "pooling"),
         ("stdtrit(len(pool.members) - 1", "stdtrit(len(pool.members)", "pooling"),
     ],
-    "calibration/fitting/goodness.py": [
-        ("np.sqrt(np.maximum(1 - leverage, 1e-12))", "np.ones(len(data))", "cli_fit"),
-    ],
     "calibration/fitting/left_out.py": [
         ("sums = np.bincount(self.fold, values)", "sums = values", "doubt_thresholds"),
         ("np.var(sums, ddof=1)", "np.var(sums)", "doubt_thresholds"),
@@ -78,58 +71,42 @@ CHANGES: dict[str, list[tuple[str, str, str]]] = {
             "return tuple(sj.signed_restitution(law, velocity, route, elastic=elastic))",
             "return tuple(sj.signed_restitution(law, velocity, route))",
             "fit_problem",
-        ),
+        )
     ],
     "calibration/handover/steps.py": [
-        ("start = -phases * velocity * step", "start = 0 * phases * velocity", "export_choice"),
+        ("start = -phases * velocity * step", "start = 0 * phases * velocity", "export_choice")
     ],
     "calibration/handover/substitutes.py": [
-        ("math.atan2(math.pi, loss)", "math.atan2(math.pi, 2 * loss)", "export_choice"),
-    ],
-    "calibration/curve/velocities.py": [
-        ("** (1 - part) * self.last**part", "* (self.last / self.first) ** part", "curve"),
-    ],
-    "calibration/curve/source.py": [
-        ("not in (None, []):", "not in (None, [], 0):", "curve_command"),
-    ],
-    "calibration/curve/digits.py": [
-        ("exponent = exponent - too_small + too_large", "pass", "curve"),
-        ('text[:, 19] = np.where(exponent < 0, ord("-"), ord("+"))', "pass", "curve"),
+        ("math.atan2(math.pi, loss)", "math.atan2(math.pi, 2 * loss)", "export_choice")
     ],
     "calibration/studies/sobol.py": [
         ("width**2 * squares", "width * squares", "studies_sobol"),
         ("mixed[i] = b[i]", "mixed[i] = a[i]", "studies_sobol"),
         ("hit.coefficient, jnp.nan)", "hit.coefficient, 0.0)", "studies_sobol"),
     ],
-    "calibration/studies/asked.py": [
-        ("min(high, declared.upper)", "high", "studies_command"),
-    ],
+    "calibration/studies/asked.py": [("min(high, declared.upper)", "high", "studies_command")],
     "calibration/studies/planning.py": [
         ("kept = sets_beside(place, placed)", "kept = component.sets", "studies_information"),
         ("problem = reweighed(problem, z)", "pass", "studies_information"),
     ],
     "calibration/studies/shot_errors.py": [
-        ("values, 1 / self.uncertainty", "values, self.uncertainty", "studies_shared"),
+        ("values, 1 / self.uncertainty", "values, self.uncertainty", "studies_shared")
     ],
     "calibration/studies/planned.py": [
         ("else np.zeros(0) for k", "else uncertainty for k", "studies_shared"),
         ("self.spreads.get(p.name, p.spread)", "p.spread", "studies_information"),
     ],
-    "calibration/fitting/methods.py": [
-        ("np.clip(gain, 0.0, 1.0)", "1.0", "fit_problem"),
-    ],
+    "calibration/fitting/methods.py": [("np.clip(gain, 0.0, 1.0)", "1.0", "fit_problem")],
     "calibration/studies/text.py": [
-        ("{v * (v / fall):.6g}", "{v * (v * fall):.6g}", "studies_command"),
+        ("{v * (v / fall):.6g}", "{v * (v * fall):.6g}", "studies_command")
     ],
     "calibration/studies/local.py": [
         ("velocity * (1 + s[-1])", "velocity * (1 + 2 * s[-1])", "studies_local"),
         ('"m/s": (0, 1, -1)', '"m/s": (0, 1, 1)', "studies_local"),
     ],
-    "calibration/studies/comparison.py": [
-        ("TIE = 2.0", "TIE = 3.0", "compare"),
-    ],
+    "calibration/studies/comparison.py": [("TIE = 2.0", "TIE = 3.0", "compare")],
     "calibration/report/comparison.py": [
-        ("_score(result.bic)", "_score(result.aic)", "compare_command"),
+        ("_score(result.bic)", "_score(result.aic)", "compare_command")
     ],
     "calibration/fitting/posterior/diagnostics.py": [
         ("ENERGY = 0.3", "ENERGY = 0.0", "posterior_told posterior"),
@@ -137,6 +114,6 @@ CHANGES: dict[str, list[tuple[str, str, str]]] = {
         ("R_HAT = 1.01", "R_HAT = 2.0", "posterior_told posterior"),
     ],
     "calibration/fitting/posterior/priors.py": [
-        ("- len(self.members) * z[self.spread]", "", "pooling"),
+        ("- len(self.members) * z[self.spread]", "", "pooling")
     ],
 }
