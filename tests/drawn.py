@@ -3,7 +3,7 @@
 import pytest
 from hypothesis import HealthCheck, given, settings
 
-MANY = 20_000
+MANY = 5_000
 
 
 def drawn(count, *strategies, **named):

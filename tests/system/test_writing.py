@@ -113,14 +113,14 @@ def without_rights():
 
 
 def test_a_folder_without_permission(tmp_path):
-    run("--no-cache", *CURVE, "--format", "csv", "--out", tmp_path)  # compiled before
+    """Refused before anything is fitted."""
+    file = write_alloy(tmp_path, 'law = "constant"\nprofiles = false')
     for folder in [tmp_path, *list(tmp_path.parents)[:-2]]:
         if folder.owner() == tmp_path.owner():
             folder.chmod(0o755)
     (tmp_path / "closed").mkdir(0o555)
     with without_rights():
-        words = ["--format", "csv", "--out", tmp_path / "closed" / "results"]
-        code, told, error = run("--no-cache", *CURVE, *words)
+        code, told, error = run("--no-cache", "fit", file, "--out", tmp_path / "closed" / "results")
     assert (code, told, error.count("\n")) == (3, "", 1)
     assert "permission" in error.lower()
     assert str(tmp_path / "closed") in error
