@@ -9,6 +9,7 @@ import numpy as np
 
 import softjax as sj
 from calibration.fitting.branches import Branches, by_branches, held_at
+from calibration.fitting.doubt import CONFIDENCE, runs
 from calibration.fitting.losses import scale_of
 from calibration.fitting.methods import OPTIMISERS
 from calibration.fitting.neighbours import pooled
@@ -19,6 +20,13 @@ from calibration.fitting.set_errors import SetErrors
 from calibration.fitting.starts import best_starts, candidates
 
 REFINED = 3  # of the screened starts
+# where the first starts miss the points: more per element, those refined, and how wide around the first
+FEWEST = 8  # starts that are asked for: of fewer no more are made
+MORE = ((8, 16, 3.0), (16, 32, 10.0))
+MOST_SCREENED = 400_000  # impacts
+ODE_SHARE = 0.05  # of these where each is integrated over time
+QUICKEST = "levenberg-marquardt"
+AS_LOW = 1e-6  # share of a cost within which two ends are one minimum
 ROUNDS = 30
 SETTLED = 1e-7  # relative change of weights and scales
 CHANGED = 1e-9  # share of a cost by which another is lower
@@ -79,6 +87,7 @@ class StageFit:
         crossings: how many points changed branch on the way.
         seconds: how long.
         branches: where ε jumps at yield, the lowest cost for each way to tell elastic points.
+        alone: whether one search alone of many ended so low, and misses the points.
     """
 
     problem: Problem
@@ -89,6 +98,7 @@ class StageFit:
     crossings: int
     seconds: float
     branches: Branches | None = None
+    alone: bool = False
 
     @property
     def limits(self) -> np.ndarray:
@@ -114,8 +124,11 @@ def run_stage(
     if few is not problem:
         starts = np.concatenate([end.z for end in _from_starts(few, starts, options)])
     branches = None
+    alone = False
     if problem.elastic is None:
         ends = _from_starts(problem, starts, options)
+        if options.starts >= FEWEST:
+            ends, alone = _from_more_starts(problem, z, ends, options)
     else:
         ends, branches = _along_branches(problem, np.unique([z, *starts], axis=0), options)
         problem = held_at(problem, ends[0].z[0])
@@ -133,13 +146,68 @@ def run_stage(
     report = _report(name, problem, found, options, len(places), evaluations + more)
     seconds = time.perf_counter() - begun
     others = tuple(ends[1:])
-    return StageFit(problem, found.z[0], found, others, report, crossings, seconds, branches)
+    return StageFit(problem, found.z[0], found, others, report, crossings, seconds, branches, alone)
 
 
 def _from_starts(problem: Problem, starts, options: Options) -> list[Found]:
     """Where searches from each start end, side by side; the best first."""
     found = guided_search(problem, starts, options.optimiser, limit=options.max_steps)
     return sorted((found.one(k) for k in range(len(starts))), key=_rank)
+
+
+def _from_more_starts(
+    problem: Problem, z, ends: list[Found], options: Options
+) -> tuple[list[Found], bool]:
+    """The same from more starts as long as the best misses the points; the best and other minima.
+
+    Also whether the best still misses them, and one search alone has found it.
+    """
+    p, share = len(problem.active), ODE_SHARE if isinstance(problem.route, sj.ODE) else 1.0
+    for k, (per_element, most, wide) in enumerate(MORE):
+        agree = len(_minima(ends)) == 1 and len(ends) > 1
+        if not _misses(problem, ends[0]) or (agree and (k > 0 or p <= 2)):
+            break
+        room = int(share * MOST_SCREENED / problem.count)
+        count = min(per_element ** min(p, 4), room)
+        if count < options.starts:
+            break
+        places = candidates(problem, z, count, options.seed + k + 1, wide)
+        found = guided_search(problem, best_starts(problem, places, most), QUICKEST)
+        more = sorted((found.one(i) for i in range(len(found.z))), key=_rank)
+        if float(more[0].cost[0]) < float(ends[0].cost[0]) * (1 - CHANGED):
+            more[0] = search(problem, more[0].z, options.optimiser, limit=options.max_steps)
+        ends = sorted([*ends, *more], key=_rank)
+    reached = [one for one in ends if _as_low(one, ends[0])]
+    alone = len(ends) > len(reached) == 1 and _misses(problem, ends[0])
+    return _minima(ends), alone
+
+
+def _minima(ends: list[Found]) -> list[Found]:
+    """One end of each cost."""
+    found: list[Found] = []
+    for end in ends:
+        if not any(_as_low(end, one) for one in found):
+            found.append(end)
+    return found[: REFINED + 1]
+
+
+def _as_low(one: Found, other: Found) -> bool:
+    return abs(one.cost[0] - other.cost[0]) <= AS_LOW * other.cost[0] + 1e-300
+
+
+def _misses(problem: Problem, found: Found) -> bool:
+    """Whether noise does not explain how far points are off: by its size, else by runs of one sign."""
+    from scipy import special
+
+    residual = problem.linearise(found.z, slopes=False).residual[0]
+    left = len(residual) - len(problem.active)
+    if left < 1:
+        return False
+    if all(plan.stated and not plan.shares for plan in problem.plans):
+        return bool(np.sum(residual**2) > special.chdtri(left, 1 - CONFIDENCE))
+    sets = [problem.points.set == g for g in range(len(problem.datasets))]
+    off = residual[: problem.count]
+    return any(runs(problem.points.velocity[own], off[own], "") for own in sets)
 
 
 def _along_branches(

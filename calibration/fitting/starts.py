@@ -23,14 +23,20 @@ APART = 1.0  # in z: starts nearer than that would be one search made twice
 Places = Float[np.ndarray, "starts elements"]
 
 
-def candidates(problem: Problem, z: Float[np.ndarray, "elements"], count: int, seed: int) -> Places:
-    """`count` starts: z itself, then Sobol points around it along the active elements."""
+def candidates(
+    problem: Problem, z: Float[np.ndarray, "elements"], count: int, seed: int, wide: float = 1.0
+) -> Places:
+    """`count` starts: z itself, then Sobol points around it along the active elements.
+
+    Args:
+        wide: how many times its own size an element of any sign may change.
+    """
     active = problem.active
     if count <= 1 or not len(active):
         return z[None]
     from scipy.stats import qmc
 
-    low, high = np.transpose([_range(problem, int(k), z[k]) for k in active])
+    low, high = np.transpose([_range(problem, int(k), z[k], wide) for k in active])
     power = int(np.ceil(np.log2(count)))
     unit = qmc.Sobol(len(active), seed=seed).random_base2(power)[: count - 1]
     places = np.repeat(z[None], count, axis=0)
@@ -38,13 +44,13 @@ def candidates(problem: Problem, z: Float[np.ndarray, "elements"], count: int, s
     return places
 
 
-def _range(problem: Problem, k: int, start: float) -> tuple[float, float]:
+def _range(problem: Problem, k: int, start: float, wide: float) -> tuple[float, float]:
     kind, name = problem.transform.kind[k], problem.elements[k].name
     if kind == LOGIT:
         return LOGIT_SPREAD
     if kind == NONE:
         low, high = float(problem.transform.lower[k]), float(problem.transform.upper[k])
-        size = abs(start) + 1e-3
+        size = wide * (abs(start) + 1e-3)
         return max(start - size, low), min(start + size, high)
     below, above = SPREAD.get(
         name, OF_A_CONTACT if name.startswith(OF_CONTACT) else (-DECADES, DECADES)

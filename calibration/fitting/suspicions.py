@@ -31,6 +31,9 @@ def shared_doubts(
         if stage.crossings:
             cause = f"{stage.crossings} points changed between elastic and plastic on the way"
             found += [Doubt("branch-change", cause, name) for name in names]
+        if stage.alone:
+            cause = f"{stage.report.stage}: one search alone ended so low, and it misses the points"
+            found += [Doubt("several-minima", cause, name) for name in names]
         for k, rise in other_minima(fit, stage, doubts.SEVERAL_DELTA):
             element = fit.component.elements[k]
             told = f"only {rise:.2g} higher" if rise >= 0 else f"{-rise:.2g} lower"
