@@ -1,0 +1,118 @@
+"""Bodies, data sets and laws that several scenarios share, and what is recorded of a fit."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import calibration as cal
+import softjax as sj
+from tests.golden import simulated
+from tests.golden.numbers import Numbers
+
+QUICK = {"starts": 8, "profiles": False}
+
+
+def contact(material=simulated.ALLOY, radius=simulated.RADIUS, area="zhou"):
+    """Two equal spheres."""
+    body = sj.Material(*material)
+    return sj.Contact.between_spheres(body, body, radius, radius, area=area)
+
+
+def rebounds(uncertainty=0.003, name="alloy", material=simulated.ALLOY, measured=None, **made):
+    """A data set that follows Zhou's law, or the measured (v, ε)."""
+    velocity, restitution = measured or simulated.rebounds(material, **made)
+    return cal.RestitutionData(velocity, restitution, contact(material), uncertainty, name)
+
+
+class Hardening(sj.RateIndependentLaw):
+    """Hertz's loading; unloading is the steeper the deeper the impact went."""
+
+    contact: sj.Contact
+    length: float
+
+    def loading_force(self, overlap):
+        return self.contact.stiffness * overlap**1.5
+
+    def unloading_force(self, overlap, peak_overlap):
+        power = 1.5 + peak_overlap / self.length
+        return self.loading_force(peak_overlap) * (overlap / peak_overlap) ** power
+
+
+class Rubbing(sj.RateDependentLaw):
+    """Hertz's spring and a dashpot that grows with the overlap."""
+
+    end = "zero-overlap"
+    contact: sj.Contact
+    viscosity: float
+
+    def force(self, overlap, velocity):
+        return self.contact.stiffness * overlap**1.5 + self.viscosity * overlap * velocity
+
+
+class Learned(sj.RateIndependentLaw):
+    """Hertz's loading; the power of unloading is a network's function of the largest overlap."""
+
+    contact: sj.Contact
+    network: eqx.nn.MLP = sj.array_field()
+
+    def loading_force(self, overlap):
+        return self.contact.stiffness * overlap**1.5
+
+    def unloading_force(self, overlap, peak_overlap):
+        size = jnp.log(peak_overlap / self.contact.critical_overlap)
+        power = 1.5 + jax.nn.softplus(self.network(jnp.stack([size]))[0])
+        return self.loading_force(peak_overlap) * (overlap / peak_overlap) ** power
+
+
+def network():
+    """Three tanh in one layer; its ten numbers by a formula, so that no generator decides."""
+    made = eqx.nn.MLP(1, 1, 3, 1, activation=jnp.tanh, key=jax.random.key(0))
+    place = iter(range(4))
+
+    def filled(leaf):
+        if not eqx.is_array(leaf):
+            return leaf
+        return jnp.asarray(0.5 * np.cos(1 + next(place) + np.arange(leaf.size))).reshape(leaf.shape)
+
+    return jax.tree.map(filled, made)
+
+
+def on_a_line(contact, c1, c2, sigma, psi):
+    """Zhou's law with Eq. (18) for its factor."""
+    return sj.Zhou(contact, c1 + c2 * contact.yield_ratio, sigma, psi)
+
+
+def record_fit(numbers: Numbers, result: cal.FitResult, name="", *, weighted=False) -> None:
+    """Estimates, standard errors, intervals, rms and the likelihood.
+
+    Args:
+        weighted: whether errors that are estimated themselves weigh the points: then whatever was
+            found may move with the model of the errors.
+    """
+    estimate = numbers.error if weighted else numbers.estimate
+    for label, error in result.standard_errors.items():
+        if error is None:  # an arbitrary number where nothing determines it
+            numbers.text("error", f"{name}{label} has no error", "none")
+            continue
+        low, high = result.intervals[label]
+        own = 0.1 * error if weighted else error
+        estimate(f"{name}{label}", result.values[label], own)
+        numbers.error(f"{name}{label} error, interval", [error, low, high], error)
+    data = result.data if isinstance(result.data, dict) else {"": result.data}
+    rms = result.rms if isinstance(result.rms, dict) else {"": result.rms}
+    for key, size in rms.items():
+        estimate(f"{name}rms {key}".rstrip(), size, 0.1 * size / np.sqrt(len(data[key])))
+    if result.log_likelihood is not None:
+        likelihood = [result.log_likelihood, result.aic, result.bic]
+        estimate(f"{name}ln L, AIC, BIC", likelihood, 0.01)
+    numbers.text("estimate", f"{name}converged", str(bool(result.converged)))
+
+
+def record_band(numbers: Numbers, band: cal.Band, name: str, *, weighted=False) -> None:
+    """A curve with its ends; a quarter of their distance is the standard error, nearly."""
+    error = (band.high - band.low) / 4
+    estimate = numbers.error if weighted else numbers.estimate
+    estimate(name, band.coefficient, error)
+    numbers.error(f"{name}, low", band.low, error)
+    numbers.error(f"{name}, high", band.high, error)

@@ -1,0 +1,245 @@
+"""Scenarios: the commands, the cells of their tables, and the numbers written for particle codes."""
+
+import contextlib
+import io
+import json
+import re
+
+import numpy as np
+
+import calibration as cal
+import softjax as sj
+from calibration import cli
+from tests.golden import simulated
+from tests.golden.cases import Hardening, contact
+from tests.golden.numbers import NUMBER, scenario
+
+DROPS = """
+[[material]]
+name = "aluminium bronze"
+youngs_modulus = "115 GPa"
+poisson_ratio = 0.33
+density = "7600 kg/m3"
+yield_strength = "300 MPa"
+diameter = "12 mm"
+height_uncertainty = "2 mm"
+data = "drops.csv"
+
+[material.wall]
+youngs_modulus = "210 GPa"
+poisson_ratio = 0.3
+density = 7850
+yield_strength = "355 MPa"
+"""
+ROUNDING = re.compile(
+    r"0|-?\de-\d+|\S+e-1[5-9]"
+)  # a relative difference of two fits, or of no noise
+
+
+def command(*words) -> str:
+    """What a command line prints."""
+    out = io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(io.StringIO()):
+        code = cli.main([str(word) for word in words])
+    assert code == 0, words
+    return out.getvalue()
+
+
+def markdown_tables(text):
+    """The rows of each table of a page, but of that with times."""
+    for block in re.findall(r"(?:^\|.*\n)+", text, re.M):
+        header, _, *rows = (
+            [cell.strip() for cell in line.strip().strip("|").split(" | ")]
+            for line in block.splitlines()
+        )
+        if "seconds" not in header:
+            yield rows
+
+
+def record_report(numbers, path, name=""):
+    """The numbers of the tables of report.md, row by row."""
+    tables = markdown_tables(path.read_text(encoding="utf-8"))
+    record_table(numbers, [row for rows in tables for row in rows], f"{name}report: ")
+
+
+def record_printed(numbers, text, name=""):
+    """The numbers of the tables that a command prints, but of those with times.
+
+    Of a comparison none counts as an estimate: its differences are of densities.
+    """
+    text = text.replace(" ± ", " +- ") if name == "compare " else text
+    blocks = [block for block in text.split("\n\n") if "seconds" not in block]
+    lines = [line.strip() for block in blocks for line in block.splitlines()]
+    heads = [k - 1 for k, line in enumerate(lines) if line.startswith("──")]
+    rows = [re.split(r"\s{2,}", line) for k, line in enumerate(lines) if k not in heads]
+    record_table(numbers, [row for row in rows if len(row) > 1], f"{name}printed: ")
+
+
+def record_table(numbers, rows, name):
+    """Each row by its label, the first of its cells that is not empty."""
+    seen: dict[str, int] = {}
+    for row in rows:
+        label, *cells = [cell for cell in row if cell]
+        seen[label] = seen.get(label, 0) + 1
+        again = f" ({seen[label]})" if seen[label] > 1 else ""
+        numbers.printed(f"{name}{label}{again}", [c for c in cells if not ROUNDING.fullmatch(c)])
+
+
+def record_json(numbers, path, name=""):
+    """Parameters, standard errors and intervals of fit.json."""
+    table = json.loads(path.read_text(encoding="utf-8"))
+    for fit in table["fits"]:
+        numbers.estimate(f"{name}{fit['material']}: rms", fit["rms"], 0.01 * fit["rms"])
+        for key, found in fit["parameters"].items():
+            value, error = found["value"], found["standard_error"]
+            scale = max(error or 0.0, 1e-3 * abs(value))
+            numbers.estimate(f"{name}{fit['material']}: {key}", value, scale)
+            if error and error > 1e-9 * abs(value):
+                ends = [error, *found["interval"]]
+                numbers.error(f"{name}{fit['material']}: {key} error, interval", ends, error)
+    for key in ("c1", "c2"):
+        if table["unloading_line"] is not None:
+            value = table["unloading_line"][key]["value"]
+            numbers.estimate(f"{name}line: {key}", value, 1e-3 * abs(value))
+
+
+@scenario()
+def drops(numbers, folder):
+    """A drop test: a 12 mm bronze ball on steel, heights to 2 mm, with scatter."""
+    (folder / "drops.csv").write_text(simulated.drops(), encoding="utf-8")
+    (folder / "drops.toml").write_text(DROPS, encoding="utf-8")
+    for name, options in (("", ()), ("extra: ", ("--extra-scatter",))):
+        out = folder / (name or "plain")
+        printed = command("fit", folder / "drops.toml", "--out", out, "--no-cache", *options)
+        record_json(numbers, out / "fit.json", name)
+        record_report(numbers, out / "report.md", name)
+        if not name:
+            record_printed(numbers, printed)
+
+
+@scenario()
+def main_job(numbers, folder):
+    """`softjax fit` alone: the three materials of the paper."""
+    printed = command("fit", "--out", folder, "--no-cache")
+    record_json(numbers, folder / "fit.json")
+    record_report(numbers, folder / "report.md")
+    record_printed(numbers, printed)
+
+
+@scenario()
+def tables(numbers, folder):
+    """What `compare`, `sensitivity` and `curve` print and write."""
+    (folder / "drops.csv").write_text(simulated.drops(), encoding="utf-8")
+    (folder / "drops.toml").write_text(DROPS, encoding="utf-8")
+    out = ("--out", folder, "--no-cache")
+    laws = ("--laws", "zhou,viscoelastic")
+    record_printed(numbers, command("compare", folder / "drops.toml", *laws, *out), "compare ")
+    local = command("sensitivity", "nylon", "--study", "local", "--at", "2", "20", *out)
+    record_printed(numbers, local, "local ")
+    span = ("--from", "0.2", "--to", "20", "--points", "12", "--format", "csv", "table")
+    command("curve", "nylon", "--law", "thornton", "--set", "yield_factor=2.5", *span, *out)
+    for name in ("curve.csv", "curve.txt"):
+        record_rows(numbers, folder / name)
+
+
+@scenario(long=True)
+def tables_of_studies(numbers, folder):
+    """What the other studies of `sensitivity` print."""
+    studies = {
+        "information": ("--shots", "6", "--uncertainty", "0.005"),
+        "design": ("--shots", "4"),
+        "global": ("--samples", "64", "--at", "2", "20"),
+    }
+    for study, options in studies.items():
+        words = ("--study", study, *options, "--out", folder, "--no-cache")
+        record_printed(numbers, command("sensitivity", "nylon", *words), f"{study} ")
+
+
+def record_rows(numbers, path):
+    """The columns of a file of numbers; what is no number in a row is left aside."""
+    lines = path.read_text(encoding="utf-8").splitlines()
+    rows = [NUMBER.findall(line) for line in lines if line[:1].isdigit()]
+    for k, column in enumerate(zip(*rows, strict=True)):
+        numbers.physics(f"{path.name} column {k}", np.array(column, float))
+
+
+@scenario()
+def exports(numbers, folder):
+    """Every law that a particle code has, at given parameters, and Zhou's as a header."""
+    pair = contact()
+    spring = 5e7
+    laws = {
+        "linear": sj.LinearSpringDashpot(pair, spring, 0.8, end="zero-force"),
+        "hertz-dashpot": sj.HertzDashpot(pair, 0.8, end="zero-force"),
+        "viscoelastic": sj.ViscoelasticHertz(pair, 2e-6),
+        "walton-braun": sj.WaltonBraun(pair, spring, spring, 3000.0),
+        "zhou": sj.Zhou(pair, 1.2, 0.9, 0.5),
+    }
+    targets = {
+        "lammps": ("linear", "hertz-dashpot", "viscoelastic", "walton-braun"),
+        "liggghts": ("linear", "hertz-dashpot", "walton-braun"),
+        "yade": ("linear", "hertz-dashpot", "walton-braun"),
+        "c": ("linear", "hertz-dashpot", "viscoelastic", "walton-braun", "zhou"),
+    }
+    for to, names in targets.items():
+        for name in names:
+            out = folder / f"{to} {name}"
+            given = "itself" if name == "zhou" else name
+            made = cal.export(
+                laws[name], to, out, velocity_range=(0.2, 2.0), tolerance=0.2, law=given
+            )
+            record_export(numbers, made, out, f"{to}, {name}: ")
+
+
+@scenario(long=True)
+def substitutes(numbers, folder):
+    """The cheapest law in place of Zhou's, a softer one, and tables of other laws."""
+    zhou = sj.Zhou(contact(), 1.2, 0.9, 0.5)
+    given = {"velocity_range": (0.5, 2.0)}
+    cases = {
+        "auto": (zhou, "lammps", {"tolerance": 0.03}),
+        "softer": (zhou, "liggghts", {"tolerance": 0.1, "overlap": 0.02, "law": "hertz-dashpot"}),
+        "force alone": (zhou, "yade", {"tolerance": 0.1, "losses": False}),
+        "own": (Hardening(contact(), 2e-4), "c", {"tolerance": 0.01, "law": "itself"}),
+        "thornton": (
+            sj.Thornton(contact(area="hertz"), 1.6),
+            "c",
+            {"tolerance": 0.01, "law": "itself"},
+        ),
+    }
+    for name, (law, to, options) in cases.items():
+        made = cal.export(law, to, folder / name, **given, **options)
+        record_export(numbers, made, folder / name, f"{name}: ", relative=1e-6)
+
+
+def record_export(numbers, made, folder, name, relative=1e-9):
+    """The numbers on every line of the input or header that is no comment, and the step."""
+    numbers.physics(f"{name}time step", made.time_step, relative)
+    numbers.physics(f"{name}error of dissipated energy", made.energy_error, 1e-6, 1e-9)
+    numbers.physics(f"{name}largest overlap", made.overlap, relative)
+    for file in made.files:
+        if file.endswith((".py", ".h")) or file == "in.softjax":
+            text = (folder / file).read_text(encoding="utf-8")
+            record_lines(numbers, text, f"{name}{file}: ", relative)
+
+
+def record_lines(numbers, text, name, relative):
+    """Numbers of lines that set something, by the line's words."""
+    text = re.sub(r'""".*?"""', "", text, flags=re.S)
+    text = re.sub(r"/\*.*?\*/", "", text, flags=re.S)
+    header = "#define" in text
+    seen: dict[str, int] = {}
+    for line in text.splitlines():
+        code = line if header else line.partition("#")[0]
+        found = NUMBER.findall(code)
+        if not found or (header and not code.startswith("#define")):
+            continue
+        words = " ".join(NUMBER.sub("@", code).split())
+        seen[words] = seen.get(words, 0) + 1
+        label = words if seen[words] == 1 else f"{words} ({seen[words]})"
+        numbers.physics(f"{name}{label}", np.array(found, float), relative)
+    for table in re.findall(r"\{([-+\d.e,\s]+)\}", text):
+        values = np.array([float(one) for one in table.split(",") if one.strip()])
+        key = f"{name}table {seen.setdefault('tables', 0)}"
+        seen["tables"] += 1
+        numbers.physics(key, [len(values), values.sum(), *values[:: max(len(values) // 8, 1)]])

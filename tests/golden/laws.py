@@ -1,0 +1,181 @@
+"""Scenarios: restitutions at given parameters, and every sort of law fitted."""
+
+from dataclasses import replace
+
+import jax
+import numpy as np
+
+import calibration as cal
+import softjax as sj
+from tests.golden import simulated
+from tests.golden.cases import (
+    QUICK,
+    Hardening,
+    Learned,
+    Rubbing,
+    contact,
+    network,
+    on_a_line,
+    rebounds,
+    record_band,
+    record_fit,
+)
+from tests.golden.numbers import scenario
+
+VELOCITIES = np.array([0.0, 1e-4, 0.02, 0.0836, 0.09, 0.3, 1.0, 4.0, 15.0, 60.0])
+SPRING = 4e7  # N/m
+
+
+def every_law():
+    """All built-in laws and two others, with given parameters."""
+    pair, hertz = contact(), contact(area="hertz")
+    zhou = sj.Zhou(pair, 1.2, 0.9, 0.5)
+    return {
+        "zhou": zhou,
+        "zhou full": replace(zhou, form="full"),
+        "zhou printed": replace(zhou, chi=0.1, kappa="printed"),
+        "zhou hertz": replace(zhou, contact=hertz),
+        "thornton": sj.Thornton(hertz, 1.6),
+        "walton-braun": sj.WaltonBraun(pair, SPRING, 1.3 * SPRING, 200.0),
+        "viscoelastic": sj.ViscoelasticHertz(pair, 2e-6),
+        "hertz": sj.Hertz(pair),
+        "hertz-dashpot": sj.HertzDashpot(pair, 0.8),
+        "hertz-dashpot, zero force": sj.HertzDashpot(pair, 0.8, end="zero-force"),
+        "linear": sj.LinearSpringDashpot(pair, SPRING, 0.7),
+        "linear, zero force": sj.LinearSpringDashpot(pair, SPRING, 0.7, end="zero-force"),
+        "constant": sj.ConstantRestitution(pair, 0.9),
+        "eq-17": sj.EmpiricalRestitution(340.0, 0.9, 0.5),
+        "own": Hardening(pair, 2e-4),
+        "own, damped": Rubbing(pair, 1e8),
+        "learned": Learned(pair, network()),
+    }
+
+
+@scenario(long=True)
+def restitutions(numbers, folder):
+    """ε, ε_p, overlaps, durations and statuses of every law by its default route."""
+    for name, law in every_law().items():
+        hit = sj.restitution(law, VELOCITIES)
+        for part in ("coefficient", "plastic_coefficient", "peak_overlap", "residual_overlap"):
+            numbers.physics(f"{name}: {part}", getattr(hit, part))
+        numbers.physics(f"{name}: duration", hit.duration)
+        numbers.physics(f"{name}: status", hit.status)
+
+
+@scenario(long=True)
+def by_the_equation_of_motion(numbers, folder):
+    """ε, durations and a history by time integration, to its tolerance."""
+    route = sj.ODE(rtol=1e-11)
+    laws = every_law()
+    for name in ("zhou", "thornton", "viscoelastic", "own", "own, damped"):
+        hit = sj.restitution(laws[name], VELOCITIES[2:], route=route)
+        numbers.physics(f"{name}: coefficient", hit.coefficient, relative=1e-8)
+        numbers.physics(f"{name}: duration", hit.duration, relative=1e-7)
+    history = sj.collide(laws["zhou"], 1.0, samples=9, route=route)
+    for part in ("time", "overlap", "velocity", "force"):
+        values = np.asarray(getattr(history, part))
+        numbers.physics(f"history: {part}", values[1:-1], relative=1e-7)
+
+
+@scenario(long=True)
+def derivatives(numbers, folder):
+    """θ ∂ε/∂θ of every field of every law, and a second derivative of Zhou's."""
+    velocity = np.array([0.02, 0.3, 4.0])
+    for name, law in every_law().items():
+        slopes = jax.jacfwd(lambda law: sj.restitution(law, velocity).coefficient)(law)
+        fields = zip(jax.tree_util.tree_leaves_with_path(slopes), jax.tree.leaves(law), strict=True)
+        for (path, slope), value in fields:
+            label = jax.tree_util.keystr(path, simple=True, separator=".")
+            relative = np.asarray(slope) * np.asarray(value)
+            numbers.physics(f"{name}: {label}", relative, least=1e-10)
+
+    def of_factor(chi):
+        law = sj.Zhou(contact(), chi, 0.9, 0.5)
+        return sj.restitution(law, 1.0).coefficient
+
+    numbers.physics("second in chi", jax.hessian(of_factor)(1.2))
+
+
+@scenario()
+def built_in_laws(numbers, folder):
+    """Each built-in law fitted to data of its own kind."""
+    pair = simulated.equal_spheres(simulated.ALLOY)
+    above = np.geomspace(0.15, 8.0, simulated.POINTS).round(4)
+    spring = float(contact().stiffness) * np.sqrt(float(contact().radius))
+    growth = 300.0 * above / np.sqrt(spring / pair[2])
+    power = above**0.2
+    exact = {
+        "zhou": (None, None),
+        "thornton": (above, simulated.thornton(above, 0.7)),
+        "walton-braun": (above, 1 / np.sqrt(1.2 + growth)),
+        "viscoelastic": (above, 1 - 0.06 * power + 0.0022 * power**2),
+        "hertz": (above, 0.995 + 0 * above),
+        "hertz-dashpot": (above, 0.83 + 0 * above),
+        "linear": (above, 0.62 + 0 * above),
+        "constant": (above, 0.9 + 0 * above),
+        "eq-17": (above, simulated.eq_17(above, pair[4], 0.9, 0.5)),
+    }
+    for seed, (law, (velocity, curve)) in enumerate(exact.items()):
+        measured = None if velocity is None else (velocity, simulated.noisy(curve, 0.004, seed))
+        data = rebounds(0.004, law, measured=measured)
+        record_fit(numbers, cal.fit(data, law, starts=8), f"{law}: ")
+
+
+@scenario(long=True)
+def variants_of_zhou(numbers, folder):
+    """The full form, κ as printed, Hertz's area, and levels of confidence."""
+    for options in ({"form": "full"}, {"kappa": "printed"}):
+        result = cal.fit(rebounds(), parameters=options, **QUICK)
+        record_fit(numbers, result, f"{options}: ")
+    velocity, restitution = simulated.rebounds()
+    hertz = cal.RestitutionData(velocity, restitution, contact(area="hertz"), 0.003)
+    record_fit(numbers, cal.fit(hertz, confidence=0.68, starts=8), "area hertz, 68 %: ")
+
+
+def falling():
+    """Restitutions that fall as a power of the velocity."""
+    velocity = np.geomspace(0.05, 5.0, simulated.POINTS).round(4)
+    exact = 1 - 0.08 * velocity**0.4
+    return rebounds(0.004, measured=(velocity, simulated.noisy(exact, 0.004, 21)))
+
+
+@scenario(long=True)
+def damped_own_law(numbers, folder):
+    """A force that depends on the velocity, by time integration."""
+    viscosity = {"viscosity": cal.Parameter(1e7)}
+    record_fit(numbers, cal.fit(falling(), Rubbing, viscosity, **QUICK))
+
+
+@scenario()
+def own_laws(numbers, folder):
+    """A law by two forces, and one with a parameter of the contact."""
+    start = {"length": cal.Parameter(1e-3, bounds=(1e-6, 1.0))}
+    result = cal.fit(falling(), Hardening, start, starts=8)
+    record_fit(numbers, result, "own: ")
+    record_band(numbers, result.band([0.02, 0.5, 9.0]), "own: band")
+    strength = {"contact.yield_strength": cal.Parameter(2.8e8, bounds=(1e8, 8e8))}
+    chi = {"chi": 1.2, "sigma": 0.9, "psi": 0.5}
+    record_fit(numbers, cal.fit(rebounds(), parameters=chi | strength, **QUICK), "yield: ")
+
+
+@scenario(long=True)
+def learned_law(numbers, folder):
+    """A small network: its curve and band are determined, its weights are not."""
+    data = rebounds()
+    said = {"network": cal.Parameter(network())}
+    result = cal.fit(data, Learned, said, profiles=False, starts=1, max_steps=500)
+    numbers.estimate("rms", result.rms, 0.1 * result.rms)
+    record_band(numbers, result.band([0.02, 0.3, 4.0]), "band")
+
+
+@scenario()
+def link_over_materials(numbers, folder):
+    """Eq. (18) as a function law on two sets with shared coefficients."""
+    hard = rebounds(name="harder", material=simulated.HARDER, chi=0.9, seed=2)
+    shared = {
+        "c1": cal.Parameter(0.0, bounds=None, shared=True),
+        "c2": cal.Parameter(0.005, shared=True),
+        "sigma": cal.Parameter(0.9),
+        "psi": cal.Parameter(0.5),
+    }
+    record_fit(numbers, cal.fit([rebounds(), hard], on_a_line, shared, **QUICK))

@@ -1,0 +1,158 @@
+"""Numbers of one scenario with a mark and a tolerance each; kept as JSON, compared one by one."""
+
+import json
+import math
+import re
+from collections.abc import Callable, Iterator
+from decimal import Decimal
+from itertools import zip_longest
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+PHYSICS, ESTIMATE, ERROR = "physics", "estimate", "error"
+RELATIVE = 1e-9  # of physics: restitutions, ln L at given parameters, numbers of exports
+OF_ERROR = {ESTIMATE: 1e-4, ERROR: 1e-3}  # of the standard error
+NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w.])")
+SCENARIOS: dict[str, "Scenario"] = {}
+
+
+class Numbers:
+    """What one scenario found: {mark: {name: [values, tolerances]}}; None stands for no number."""
+
+    def __init__(self) -> None:
+        self.table: dict[str, dict[str, list]] = {PHYSICS: {}, ESTIMATE: {}, ERROR: {}}
+
+    def physics(self, name: str, value: Any, relative: float = RELATIVE, least=0.0) -> None:
+        """A number that no data and no noise enter, or that follows from given parameters.
+
+        `least` is the smallest tolerance, of numbers that are rounding where they should be 0.
+        """
+        self._add(PHYSICS, name, value, np.maximum(relative * np.abs(_array(value)), least))
+
+    def estimate(self, name: str, value: Any, error: Any) -> None:
+        """What a fit found, and the standard error of it."""
+        self._add(ESTIMATE, name, value, OF_ERROR[ESTIMATE] * _array(error))
+
+    def error(self, name: str, value: Any, error: Any) -> None:
+        """A standard error, an end of an interval or band, or what weights by errors decide."""
+        self._add(ERROR, name, value, OF_ERROR[ERROR] * _array(error))
+
+    def text(self, mark: str, name: str, value: str) -> None:
+        """Words; printed numbers among them are compared to one unit of their last digit."""
+        self._once(mark, name, value)
+
+    def printed(self, name: str, cells: list[str]) -> None:
+        """The numbers in a row of a table: `a ± b` is an estimate and its error, others count as errors."""
+        found: dict[str, list[str]] = {ESTIMATE: [], ERROR: []}
+        for cell in cells:
+            value, _, rest = cell.rpartition(" ± ")
+            found[ESTIMATE] += NUMBER.findall(value)
+            found[ERROR] += NUMBER.findall(rest)
+        for mark, some in found.items():
+            if some:
+                self.text(mark, f"{name}, {mark}s", " ".join(some))
+
+    def _add(self, mark: str, name: str, value: Any, tolerance: np.ndarray) -> None:
+        rounding = 1e-12 * np.abs(_array(value))
+        known = np.where(np.isfinite(tolerance), np.maximum(tolerance, rounding), rounding)
+        allowed = _plain(np.broadcast_to(known, np.shape(value)), "%.1e")
+        same = len(set(_flat(allowed))) == 1
+        self._once(mark, name, [_plain(_array(value)), _flat(allowed)[0] if same else allowed])
+
+    def _once(self, mark: str, name: str, entry: Any) -> None:
+        if name in self.table[mark]:
+            raise KeyError(f"{name!r} stands twice")
+        self.table[mark][name] = entry
+
+
+class Scenario:
+    """A case: `run(numbers, folder)` records what it finds; `long` where it takes long."""
+
+    def __init__(self, run: Callable[[Numbers, Path], None], long: bool):
+        self.run, self.long = run, long
+
+
+def scenario(long: bool = False) -> Callable:
+    """Make a function a scenario under its own name."""
+
+    def added(run):
+        SCENARIOS[run.__name__] = Scenario(run, long)
+        return run
+
+    return added
+
+
+def differences(old: dict, new: dict) -> list[str]:
+    """One line for each number that moved by more than the recorded tolerance, came or went."""
+    return [
+        f"{name} [{mark}]: {line}"
+        for mark in old
+        for name in sorted({*old[mark], *new[mark]})
+        for line in _differences(old[mark].get(name), new[mark].get(name))
+    ]
+
+
+def _differences(old: Any, new: Any) -> Iterator[str]:
+    if old is None or new is None:
+        yield "new, not recorded" if old is None else "recorded, no longer there"
+    elif isinstance(old, str) or isinstance(new, str):
+        if not _same_print(old, new):
+            yield f"was {old}, is {new}"
+    else:
+        (before, tolerance), (after, _) = old, new
+        if np.shape(before) != np.shape(after):
+            yield f"was {before}, is {after}"
+            return
+        allowed = np.broadcast_to(tolerance, np.shape(before)).ravel().tolist()
+        for k, (a, b, most) in enumerate(zip(_flat(before), _flat(after), allowed, strict=True)):
+            if (a is None) != (b is None) or (a is not None and abs(b - a) > most):
+                place = f"[{k}] " if isinstance(before, list) else ""
+                yield f"{place}was {a!r}, is {b!r}, tolerance {most!r}"
+
+
+def _same_print(old: Any, new: Any) -> bool:
+    if not (isinstance(old, str) and isinstance(new, str)):
+        return False
+    pairs = list(zip_longest(old.split(), new.split(), fillvalue=""))
+    return all(a == b or _nearly(a, b) for a, b in pairs)
+
+
+def _nearly(old: str, new: str) -> bool:
+    """Whether both are numbers that differ by one unit of the last digit at most."""
+    if not (NUMBER.fullmatch(old) and NUMBER.fullmatch(new)):
+        return False
+    first, second = Decimal(old), Decimal(new)
+    unit = Decimal(1).scaleb(max(first.as_tuple().exponent, second.as_tuple().exponent))
+    return abs(first - second) <= unit
+
+
+def _array(value: Any) -> np.ndarray:
+    return np.asarray(np.nan if value is None else value, float)
+
+
+def _plain(array: np.ndarray, form: str = "%.15g") -> Any:
+    """Nested lists of rounded numbers, None where there is none."""
+    if array.ndim:
+        return [_plain(part, form) for part in array]
+    value = float(array)
+    return float(form % value) if math.isfinite(value) else None
+
+
+def _flat(nested: Any) -> list:
+    if not isinstance(nested, list):
+        return [nested]
+    return [value for part in nested for value in _flat(part)]
+
+
+def to_text(table: dict) -> str:
+    """JSON, a number a line."""
+    parts = []
+    for mark, entries in table.items():
+        lines = (
+            f"  {json.dumps(name, ensure_ascii=False)}: {json.dumps(entry, ensure_ascii=False)}"
+            for name, entry in entries.items()
+        )
+        parts.append(f" {json.dumps(mark)}: {{\n" + ",\n".join(lines) + "\n }")
+    return "{\n" + ",\n".join(parts) + "\n}\n"
