@@ -72,7 +72,7 @@ def in_batches(parts, asked, velocity, *settings, cut=True):
         for leaf, m, h in zip(leaves, many, whole, strict=True)
     ]
     at_once = not cut or (home is None and not _on_cpu() and _devices() == 1)
-    if count < 2 * PIECE or at_once:
+    if count < PIECE * max(2, _devices()) or at_once:
         size = program_size(max(count, LEAST))
         filled = [_filled(leaf, size) if m else leaf for leaf, m in zip(flat, many, strict=True)]
         filled = filled if home is None else jax.device_put(filled, home)

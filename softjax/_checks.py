@@ -24,7 +24,7 @@ def as_real(value):
         return value
     if isinstance(value, int | float):
         return float(value)
-    if isinstance(value, np.generic):
+    if isinstance(value, np.generic) and not _is_short(value.dtype):
         return float(value) if np.isrealobj(value) and not isinstance(value, np.bool_) else value
     if isinstance(value, list | tuple):
         traced = any(is_traced(item) for item in jax.tree.leaves(value))
@@ -32,6 +32,8 @@ def as_real(value):
             value = _stacked(value) if traced else np.asarray(value)
         except (TypeError, ValueError):  # no rectangular array of anything
             return value
+    if hasattr(value, "dtype") and _is_short(value.dtype):
+        return value.astype(np.float32)
     if isinstance(value, np.ndarray):
         return value if _real_array(value) is None else np.array(value, _float_of(value.dtype))
     if getattr(value, "dtype", None) is not None and np.issubdtype(value.dtype, np.integer):
@@ -42,6 +44,11 @@ def as_real(value):
 def _stacked(value):
     """Lists in lists of traced numbers as an array."""
     return jnp.stack([_stacked(x) if isinstance(x, list | tuple) else x for x in value])
+
+
+def _is_short(dtype) -> bool:
+    """Whether these are floats that NumPy has no name for, as bfloat16; float32 computes with them."""
+    return jnp.issubdtype(dtype, jnp.floating) and not np.issubdtype(dtype, np.floating)
 
 
 def _float_of(dtype):
@@ -111,7 +118,7 @@ def _real_array(value) -> np.ndarray | None:
         array = np.asarray(value)
     except (TypeError, ValueError):
         return None
-    # bfloat16 and its kin are no NumPy floats, and longer ones than float64 none of JAX's
+    # longer floats than float64 are none of JAX's
     is_float = np.issubdtype(array.dtype, np.floating) and array.dtype.itemsize <= 8
     return array if is_float or np.issubdtype(array.dtype, np.integer) else None
 

@@ -111,7 +111,7 @@ class _Program(NamedTuple):
         return space.results
 
 
-KEPT = 32  # programs, each with the memory that its threads have used
+KEPT = 8  # programs, each with the memory that its threads have used: some 6 MiB a thread
 _programs: dict = {}
 
 

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jaxtyping import Array
 
 from softjax._numerics import gauss_legendre, safe_sqrt
@@ -133,12 +134,17 @@ def smooth_falling_time(place: Callable, drop: Array) -> Array:
     nodes, weights = gauss_legendre(SMOOTH_NODES)
     column = (-1,) + (1,) * drop.ndim
     root, force = place(jnp.asarray(nodes, drop.dtype).reshape(column))
-    mean = jnp.tensordot(jnp.asarray(_means(SMOOTH_NODES), drop.dtype), root * force, 1)
+    mean = _product(_means(SMOOTH_NODES), root * force)
     moves = mean > 0
     # x = root² (+ x*): the work is 4 drop ∫ root force η dη
     slowness = jnp.where(moves, root / jnp.sqrt(jnp.where(moves, mean, 1.0)), 0.0)
-    total = jnp.tensordot(jnp.asarray(weights, drop.dtype), slowness, 1)
-    return 4 * safe_sqrt(drop / 8) * total
+    return 4 * safe_sqrt(drop / 8) * _product(weights, slowness)
+
+
+def _product(weights: np.ndarray, values: Array) -> Array:
+    """Over the leading axis of `values`, in their whole precision: GPUs would take ten bits of float32."""
+    exact = jnp.asarray(weights, values.dtype)
+    return jnp.tensordot(exact, values, 1, precision=lax.Precision.HIGHEST)
 
 
 @lru_cache

@@ -14,10 +14,15 @@ QUICK = (("xla_cpu_use_fusion_emitters", False), ("xla_backend_optimization_leve
 
 @cache
 def accepted(options: tuple[tuple[str, bool | int | str], ...]) -> dict[str, bool | int | str]:
-    """The options if the compiler takes them: it works without, slower."""
+    """The options, or none where the compiler refuses one of them: it works without, slower.
+
+    Any other error of the compiler is raised, and nothing concluded from it: the next call tries again.
+    """
     try:
         jax.jit(lambda x: x + 1, compiler_options=dict(options))(np.zeros(1, np.float32))
-    except Exception:  # whatever kind of error a compiler refuses by
+    except jax.errors.JaxRuntimeError as error:
+        if not str(error).startswith("INVALID_ARGUMENT"):
+            raise
         return {}
     return dict(options)
 

@@ -231,10 +231,14 @@ def _is_floating(leaf) -> bool:
 
 
 def numbers_of(module: eqx.Module) -> dict[str, Any]:
-    """All numbers of a module and of those nested in it, by name; what is whole left out."""
+    """All numbers of a module and of those nested in it, by name; what is whole left out.
+
+    A name that the module has too is `contact.radius`.
+    """
     found = {name: value for name, _, value in _values(module)}
-    for nested in _nested(module):
-        found = numbers_of(nested) | found
+    for field, nested in _nested(module):
+        for name, value in numbers_of(nested).items():
+            found[f"{field}.{name}" if name in found else name] = value
     return found
 
 
@@ -246,7 +250,7 @@ def are_valid(module: eqx.Module) -> Array:
     valid = jnp.asarray(True)
     for _, declared, value in _values(module):
         valid = valid & jnp.isfinite(value) & declared.holds(jnp.asarray(value))
-    for nested in _nested(module):
+    for _, nested in _nested(module):
         valid = valid & are_valid(nested)
     for name in whole_fields(type(module)):
         for leaf in jax.tree.leaves(getattr(module, name)):
@@ -273,9 +277,9 @@ def _values(module: eqx.Module) -> Iterator[tuple[str, Declared, Any]]:
             yield field.name, _declared(field), value
 
 
-def _nested(module: eqx.Module) -> Iterator[eqx.Module]:
+def _nested(module: eqx.Module) -> Iterator[tuple[str, eqx.Module]]:
     whole = whole_fields(type(module))
     for field in dataclasses.fields(type(module)):
         value = getattr(module, field.name)
         if isinstance(value, eqx.Module) and field.name not in whole:
-            yield value
+            yield field.name, value

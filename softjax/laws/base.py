@@ -16,7 +16,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Iterable
 from itertools import takewhile
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -26,7 +26,7 @@ from softjax._checks import check_choice, check_type
 from softjax._numerics import quotient
 from softjax.contact import Contact
 from softjax.fields import are_valid, check_fields
-from softjax.laws.forces import asked, reduced_by_forces
+from softjax.laws.forces import KnownCollision, asked, reduced_by_forces
 from softjax.laws.reduced import (
     ENDS,
     Reduced,
@@ -81,21 +81,6 @@ class ContactLaw(eqx.Module):
     def default_route(cls) -> Route:
         """The route that suits the law: the cheapest that it can take."""
         return EnergyBalance()
-
-
-class KnownCollision(NamedTuple):
-    """What a law knows of its collisions; arrays that broadcast against the velocity.
-
-    Attributes:
-        coefficient: ε_p of the contact's force, >= 0 [-].
-        peak_overlap, residual_overlap: δ_max and δ* [m].
-        duration: of the contact [s].
-    """
-
-    coefficient: Array
-    peak_overlap: Array
-    residual_overlap: Array
-    duration: Array
 
 
 class ForceLaw(ContactLaw):

@@ -5,16 +5,18 @@ forces and overlaps of the order of one, whatever the size of the bodies and how
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from softjax._dependence import moving
 from softjax._numerics import quotient
 from softjax.contact import Contact
-from softjax.fields import held, released, whole_leaves
+from softjax.fields import held, numbers_of, released, whole_leaves
 from softjax.laws.reduced import Reduced, ReducedRateDependent, ReducedRateIndependent
 from softjax.laws.units import Scales, hertz_scales, hertz_scales_at
 
@@ -22,28 +24,91 @@ from softjax.laws.units import Scales, hertz_scales, hertz_scales_at
 LEAST = 0.75
 
 
+class KnownCollision(NamedTuple):
+    """What a law knows of its collisions; arrays that broadcast against the velocity.
+
+    Attributes:
+        coefficient: ε_p of the contact's force, >= 0 [-].
+        peak_overlap, residual_overlap: δ_max and δ* [m].
+        duration: of the contact [s].
+    """
+
+    coefficient: Array
+    peak_overlap: Array
+    residual_overlap: Array
+    duration: Array
+
+
+ANSWERS = {
+    "breakpoints": (tuple, "a tuple of numbers"),
+    "closed_form": (KnownCollision, "a KnownCollision of numbers"),
+}
+
 NOT_TRACEABLE = (
     jax.errors.ConcretizationTypeError,  # math.exp(overlap), `if overlap > 0`
     jax.errors.TracerArrayConversionError,  # np.exp(overlap)
+    jax.errors.NonConcreteBooleanIndexError,  # overlap[overlap > 0]
 )
-NOT_OF_MANY = "Only scalar arrays can be converted"  # math.exp(velocity), of many impacts at once
+NOT_OF_MANY = (  # the same, of many impacts at once
+    "scalar arrays can be converted",  # math.exp(velocity), range(velocity)
+    "The truth value of an array",  # `if velocity > 0`
+)
 
 
-def asked(law, method: str, *values: Array) -> Array:
-    """What a method of one's own law says; in one line where it cannot be traced.
+def asked(law, method: str, *values: Array):
+    """The answer of a method of the user's law.
 
     Raises:
-        ValueError: naming the law and the method, and what to write instead.
+        ValueError: in one line where the method cannot be traced or returns no numbers, with the law,
+            the method and what to write instead.
     """
+    law, name = released(law), f"`{type(law).__name__}.{method}`"
     try:
-        return getattr(released(law), method)(*values)
-    except TypeError as error:
-        if not (isinstance(error, NOT_TRACEABLE) or NOT_OF_MANY in str(error)):
+        answer = getattr(law, method)(*values)
+    except (TypeError, ValueError, IndexError) as error:
+        known = isinstance(error, NOT_TRACEABLE) or any(
+            words in str(error) for words in NOT_OF_MANY
+        )
+        if not known:
             raise
         raise ValueError(
-            f"`{type(law).__name__}.{method}` must be written with jax.numpy, as JAX traces "
-            "its values: jnp.exp in place of math.exp or np.exp, jnp.where in place of `if`"
+            f"{name} must be written with jax.numpy, as JAX traces its values: "
+            "jnp.exp in place of math.exp or np.exp, jnp.where in place of `if`"
         ) from error
+    if method == "breakpoints" and isinstance(answer, Iterable) and getattr(answer, "ndim", True):
+        answer = tuple(answer)
+    if answer is None and method == "residual_overlap":
+        return None
+    kind, accepted = ANSWERS.get(method, (object, "a number"))
+    numbers = (answer,) if kind is object else answer
+    shape = np.broadcast_shapes(*map(np.shape, [*values, *numbers_of(law).values()]))
+    if not (isinstance(answer, kind) and all(_is_number(one, shape) for one in numbers)):
+        raise ValueError(
+            f"{name} must return {accepted} for each impact, but returns {_described(answer)}"
+        )
+    return answer
+
+
+def _is_number(value, shape: tuple[int, ...]) -> bool:
+    """Whether this is a real number, or an array of these that broadcasts to the shape."""
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return True
+    kinds = (jnp.floating, jnp.integer)
+    if not (hasattr(value, "dtype") and any(jnp.issubdtype(value.dtype, k) for k in kinds)):
+        return False
+    own = np.shape(value)
+    return len(own) <= len(shape) and all(
+        n in (1, m) for n, m in zip(own[::-1], shape[::-1], strict=False)
+    )
+
+
+def _described(value) -> str:
+    """What was returned in place of numbers, in a few words."""
+    if isinstance(value, tuple):
+        return f"({', '.join(map(_described, value))})"
+    if hasattr(value, "dtype"):
+        return f"an array of shape {np.shape(value)} and type {value.dtype}"
+    return "None" if value is None else f"a {type(value).__name__}"
 
 
 class ForcesOfImpact(ReducedRateIndependent):

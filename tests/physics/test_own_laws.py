@@ -1,7 +1,6 @@
 """Laws given by their forces alone, by both routes: against the built-in ones, SciPy and by hand."""
 
 import itertools
-import math
 
 import jax
 import jax.numpy as jnp
@@ -461,66 +460,6 @@ def test_slopes_of_forces_at_zero_overlap(law):
     for mode in (jax.grad, jax.jacfwd):
         assert np.isfinite(mode(law.loading_force)(0.0))
         assert np.isfinite(mode(law.unloading_force)(0.0, 1e-5))
-
-
-# what a law lacks, or cannot be traced
-
-
-class OfMath(Recoil):
-    def loading_force(self, overlap):
-        return STIFFNESS * overlap * math.exp(-overlap)
-
-
-class OfNumpy(sj.RateDependentLaw):
-    contact: sj.Contact
-    end = "zero-force"
-
-    def force(self, overlap, velocity):
-        return STIFFNESS * overlap * np.exp(velocity)
-
-
-class OfIf(Recoil):
-    def unloading_force(self, overlap, peak_overlap):
-        return 0.5 * STIFFNESS * overlap if overlap > 0.5 * peak_overlap else 0.0 * overlap
-
-
-class HardOfMath(sj.HardSphereLaw):
-    def restitution_squared(self, velocity):
-        return math.exp(-velocity)
-
-
-class KnownOfMath(OfNumpy):
-    def closed_form(self, velocity):
-        return sj.KnownCollision(math.exp(-velocity), velocity, velocity, velocity)
-
-
-class Choosing(Recoil):
-    def elastic_overlap(self):
-        return 1e-7 if self.rest > 0 else 0.0
-
-
-class Breaking(Recoil):
-    def breakpoints(self):
-        return (1e-7,) if self.rest > 0 else ()
-
-
-UNTRACEABLE = {
-    "KnownOfMath.closed_form": KnownOfMath(STEEL),
-    "Choosing.elastic_overlap": Choosing(STEEL, 0.0, 1.0, 0.0),
-    "Breaking.breakpoints": Breaking(STEEL, 0.0, 1.0, 0.0),
-    "OfMath.loading_force": OfMath(STEEL, 0.0, 1.0, 0.0),
-    "OfIf.unloading_force": OfIf(STEEL, 0.0, 1.0, 0.0),
-    "OfNumpy.force": OfNumpy(STEEL),
-    "HardOfMath.restitution_squared": HardOfMath(),
-}
-
-
-@pytest.mark.parametrize("method", UNTRACEABLE)
-def test_a_force_that_cannot_be_traced_is_named_in_one_line(method):
-    with pytest.raises(ValueError, match=f"^`{method}` must be written with jax.numpy") as caught:
-        sj.restitution(UNTRACEABLE[method], 1.0)
-    assert "\n" not in str(caught.value)
-    assert isinstance(caught.value.__cause__, TypeError)  # JAX's own, which knows the line
 
 
 def test_laws_say_what_they_lack():

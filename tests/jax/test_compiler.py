@@ -1,0 +1,53 @@
+"""Options of XLA's compiler: what goes wrong once is tried again."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+HICCUP = """
+import jax, numpy as np
+real, given = jax.jit, []
+def jit(*functions, **settings):
+    if settings.get("compiler_options"):
+        given.append(settings["compiler_options"])
+        if len(given) == 1:
+            raise jax.errors.JaxRuntimeError("RESOURCE_EXHAUSTED: out of memory")
+    return real(*functions, **settings)
+jax.jit = jit
+import softjax as sj
+law = sj.EmpiricalRestitution(300.0, 3.0, 0.5)
+try:
+    sj.restitution(law, 1.0)
+    raise SystemExit("an error of the compiler was not told")
+except jax.errors.JaxRuntimeError as error:
+    assert "out of memory" in str(error)
+assert np.isfinite(sj.restitution(law, 1.0).coefficient)
+assert len(given) == 3, given  # refused; tried again; of the program itself
+"""
+
+REFUSED = HICCUP.split("try:")[0].replace(
+    "RESOURCE_EXHAUSTED: out of memory", "INVALID_ARGUMENT: No such compile option: 'x'"
+)
+REFUSED += """
+for _ in range(2):
+    assert np.isfinite(sj.restitution(law, 1.0).coefficient)
+assert len(given) == 1, given
+"""
+
+
+def run(script):
+    here = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+    done = subprocess.run(
+        [sys.executable, "-c", script], env=here, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+
+
+def test_an_error_that_is_no_refusal_of_an_option_is_raised_and_forgotten():
+    """Any error once had all small batches of the process compiled the slow way."""
+    run(HICCUP)
+
+
+def test_an_option_that_the_compiler_refuses_is_left_out_from_then_on():
+    run(REFUSED)

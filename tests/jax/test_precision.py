@@ -1,0 +1,99 @@
+"""Products keep their whole precision on every device, and numbers shorter than float32 are computed in it."""
+
+import jax
+import jax.numpy as jnp
+import ml_dtypes
+import numpy as np
+import pytest
+from jax.extend.core import ClosedJaxpr, Jaxpr
+
+import softjax as sj
+from tests.cases import pair
+
+PAIR = pair("nylon")
+HIGHEST = jax.lax.Precision.HIGHEST
+
+
+def products(program):
+    """The precision of each matrix product in a program, those within its parts too."""
+    for equation in program.eqns:
+        if equation.primitive.name == "dot_general":
+            yield equation.params["precision"]
+        for part in jax.tree.leaves(
+            list(equation.params.values()), is_leaf=lambda x: isinstance(x, Jaxpr | ClosedJaxpr)
+        ):
+            if isinstance(part, Jaxpr | ClosedJaxpr):
+                yield from products(getattr(part, "jaxpr", part))
+
+
+class Cone(sj.RateIndependentLaw):
+    contact: sj.Contact
+    hardness: float
+
+    def loading_force(self, overlap):
+        return self.hardness * overlap**2
+
+    def unloading_force(self, overlap, peak_overlap):
+        return self.hardness * peak_overlap * jnp.maximum(2 * overlap - peak_overlap, 0)
+
+
+ZHOU = sj.Zhou(PAIR, 1.8, 3.0, 0.5)
+FULL = sj.Zhou(PAIR, 1.8, 3.0, 0.5, form="full")
+VISCOUS = sj.ViscoelasticHertz(PAIR, 1e-6)
+CALLS = {
+    "duration": lambda law, v: sj.restitution(law, v).duration,
+    "restitution": lambda law, v: sj.restitution(law, v).coefficient,
+    "by time": lambda law, v: sj.restitution(law, v, sj.ODE()).coefficient,
+    "history": lambda law, v: sj.collide(law, v, samples=5).force,
+}
+PAIRS = [(call, law) for call in CALLS for law in (ZHOU, FULL, VISCOUS, Cone(PAIR, 1e11))]
+
+
+@pytest.mark.parametrize(
+    ("call", "law"), PAIRS, ids=[f"{call}-{type(law).__name__}" for call, law in PAIRS]
+)
+def test_products_have_no_shortened_factors(call, law):
+    """By default GPUs round the factors of a product of float32 to ten bits (TF32)."""
+    by_time = call in ("by time", "history")  # where slopes are traced for ten seconds
+    for function in (CALLS[call],) if by_time else (CALLS[call], jax.jacfwd(CALLS[call])):
+        found = set(products(jax.make_jaxpr(function)(law, jnp.asarray([0.1, 1.0])).jaxpr))
+        assert found <= {(HIGHEST, HIGHEST), HIGHEST}
+
+
+def test_a_duration_has_products_to_look_at():
+    """What the test above looks for is there."""
+    program = jax.make_jaxpr(CALLS["duration"])(ZHOU, jnp.asarray([0.1, 1.0]))
+    assert list(products(program.jaxpr))
+
+
+@pytest.mark.parametrize("kind", [ml_dtypes.bfloat16, ml_dtypes.float8_e4m3fn, np.float16])
+def test_short_floats_are_computed_in_float32(kind):
+    """bfloat16 was called no finite number. χ̃ = 1.75 and the velocities are exact in all of them."""
+    speeds = np.array([0.5, 2.0])
+    single = jax.tree.map(lambda leaf: np.float32(leaf), PAIR)
+    law = sj.Zhou(single, np.float32(1.75), np.float32(3.0), np.float32(0.5))
+    wanted = sj.restitution(law, np.float32([0.5, 2.0]))
+    for given in (speeds.astype(kind), jnp.asarray(speeds.astype(kind))):
+        found = sj.restitution(law, given)
+        assert found.coefficient.dtype == np.float32
+        assert np.array_equal(found.coefficient, wanted.coefficient)
+    of_short = sj.Zhou(single, kind(1.75), np.array(3.0, kind), jnp.asarray(0.5, kind))
+    found = sj.restitution(of_short, np.float32([0.5, 2.0]))
+    assert np.allclose(found.coefficient, wanted.coefficient, rtol=1e-6)
+    with pytest.raises(ValueError, match=r"^`velocity` must be a finite impact velocity"):
+        sj.restitution(law, np.array([np.nan, 1.0], ml_dtypes.bfloat16))
+
+
+def test_short_weights_of_a_network_are_float32():
+    class Net(sj.HardSphereLaw):
+        weights: jax.Array = sj.array_field()
+
+        def restitution_squared(self, velocity):
+            return self.weights[0] * jnp.exp(-self.weights[1] * velocity)
+
+    law = Net(jnp.asarray([0.5, 0.25], jnp.bfloat16))
+    found = sj.restitution(law, np.float32([1.0])).coefficient
+    assert found.dtype == np.float32
+    assert found == pytest.approx([np.sqrt(0.5 * np.exp(-0.25))], rel=1e-6)
+    with pytest.raises(ValueError, match=r"^`weights` must be finite numbers"):
+        Net(jnp.asarray([0.5, np.inf], jnp.bfloat16))

@@ -1,0 +1,186 @@
+"""Methods of the user's law that return no numbers, or that JAX cannot trace: one line with the remedy."""
+
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import softjax as sj
+from tests.cases import pair
+
+PAIR = pair("nylon")
+
+
+class Line(sj.RateIndependentLaw):
+    contact: sj.Contact
+
+    def loading_force(self, overlap):
+        return 1e6 * overlap
+
+    def unloading_force(self, overlap, peak_overlap):
+        return 0.8e6 * overlap
+
+
+class Damped(sj.RateDependentLaw):
+    contact: sj.Contact
+    end = "zero-force"
+
+    def force(self, overlap, velocity):
+        return 1e6 * overlap + velocity
+
+
+class Hard(sj.HardSphereLaw):
+    def restitution_squared(self, velocity):
+        return 0.5
+
+
+BASES = {
+    "loading_force": Line,
+    "unloading_force": Line,
+    "breakpoints": Line,
+    "elastic_overlap": Line,
+    "residual_overlap": Line,
+    "force": Damped,
+    "closed_form": Damped,
+    "restitution_squared": Hard,
+}
+FORCES = ("loading_force", "unloading_force", "force", "restitution_squared")
+NUMBER, OVERLAPS = "a number for each impact", "a tuple of numbers for each impact"
+KNOWN = "a KnownCollision of numbers for each impact"
+ANSWERS = {  # what is returned in place of numbers, and how the line describes it
+    "list": (lambda x: [x], "a list"),
+    "tuple": (lambda x: (x,), "("),
+    "None": (lambda x: None, "None"),
+    "text": (lambda x: "1", "a str"),
+    "vector": (lambda x: jnp.ones((3, *x.shape)), "an array of shape (3"),
+    "complex": (lambda x: 1j * x, "complex"),
+    "truth value": (lambda x: x > 0, "bool"),
+}
+UNTRACEABLE = {
+    "math.exp": lambda x: math.exp(x),
+    "np.exp": lambda x: np.exp(x),
+    "if": lambda x: x if x > 0 else 0 * x,
+    "min": lambda x: min(x, 1.0),
+    "range": lambda x: sum(x for _ in range(x)),
+    "mask": lambda x: x[x > 0],
+}
+OTHERS = {
+    "breakpoints of a number": ("breakpoints", lambda: 1e-6, OVERLAPS, "a float"),
+    "breakpoints of an array": ("breakpoints", lambda: jnp.asarray(1.0), OVERLAPS, "shape ()"),
+    "breakpoints of None": ("breakpoints", lambda: None, OVERLAPS, "None"),
+    "breakpoints of text": ("breakpoints", lambda: ["a"], OVERLAPS, "(a str)"),
+    "elastic None": ("elastic_overlap", lambda: None, NUMBER, "None"),
+    "residual list": ("residual_overlap", lambda peak: [peak], NUMBER, "a list"),
+    "closed None": ("closed_form", lambda v: None, KNOWN, "None"),
+    "closed tuple": ("closed_form", lambda v: (v, v, v, v), KNOWN, "(an array"),
+    "closed part": ("closed_form", lambda v: sj.KnownCollision(v, None, v, v), KNOWN, ", None"),
+}
+
+
+def refused(method, function, velocity, route=None):
+    base = BASES[method]
+    changed = type("Own", (base,), {method: lambda self, *values: function(*values)})
+    law = changed() if base is Hard else changed(PAIR)
+    with pytest.raises(ValueError, match=rf"^`Own.{method}` must") as caught:
+        sj.restitution(law, velocity, route)
+    line = str(caught.value)
+    assert "\n" not in line
+    return line
+
+
+@pytest.mark.parametrize("method", FORCES)
+@pytest.mark.parametrize("answer", ANSWERS)
+def test_a_force_that_is_no_number(method, answer):
+    """A list was a shape of JAX's, None "not a valid value for jnp.array", complex numbers an answer."""
+    function, described = ANSWERS[answer]
+    line = refused(method, lambda x, *_: function(x), 1.0)
+    wanted, found = line.split(", but returns ")
+    assert wanted == f"`Own.{method}` must return {NUMBER}"
+    assert described in found
+
+
+@pytest.mark.parametrize("method", FORCES)
+@pytest.mark.parametrize("what", UNTRACEABLE)
+@pytest.mark.parametrize("velocity", [1.0, (1.0, 2.0)], ids=["one", "two"])
+def test_a_force_that_cannot_be_traced(method, what, velocity):
+    """`if` in a law of hard spheres was "the truth value of an array is ambiguous"."""
+    line = refused(method, lambda x, *_: UNTRACEABLE[what](x), velocity)
+    assert line.startswith(f"`Own.{method}` must be written with jax.numpy")
+    assert "jnp.exp in place of math.exp" in line
+    assert "jnp.where in place of `if`" in line
+
+
+@pytest.mark.parametrize("method", ["elastic_overlap", "breakpoints", "closed_form"])
+def test_a_number_of_the_law_that_decides_cannot_be_traced(method):
+    def chosen(law, *velocity):
+        return (1e-7,) if law.contact.radius > 1 else ()
+
+    law = type("Own", (BASES[method],), {method: chosen})(PAIR)
+    with pytest.raises(ValueError, match=rf"^`Own.{method}` must be written with jax.n") as caught:
+        jax.jit(sj.restitution)(law, 1.0)
+    assert isinstance(caught.value.__cause__, TypeError)  # JAX's own, which knows the line
+
+
+@pytest.mark.parametrize("what", OTHERS)
+def test_what_else_a_law_states(what):
+    method, function, accepted, described = OTHERS[what]
+    wanted, found = refused(method, function, 1.0).split(", but returns ")
+    assert wanted == f"`Own.{method}` must return {accepted}"
+    assert described in found
+
+
+def test_the_same_by_time():
+    refused("unloading_force", lambda *_: None, 1.0, sj.ODE())
+    assert "jnp.where" in refused("force", lambda x, u: math.exp(x), 1.0, sj.ODE())
+
+
+class Stiffer(sj.RateIndependentLaw):
+    """A spring k up to c = 50 µm, 9k from there on; `kinks` gives c in some form."""
+
+    contact: sj.Contact
+
+    def loading_force(self, overlap):
+        return 1e6 * (overlap + 8 * jnp.maximum(overlap - 5e-5, 0.0))
+
+    def unloading_force(self, overlap, peak_overlap):
+        return 0.8 * self.loading_force(overlap)
+
+
+@pytest.mark.parametrize(
+    "kinks",
+    [lambda law: [5e-5], lambda law: jnp.asarray([5e-5]), lambda law: (x for x in [5e-5])],
+    ids=["list", "array", "generator"],
+)
+def test_kinks_may_be_any_collection_of_overlaps(kinks):
+    """k c²/2 + k c s + 9k s²/2 = M v²/2, s beyond the kink, by hand."""
+    law = type("Own", (Stiffer,), {"breakpoints": kinks})(PAIR)
+    found = sj.restitution(law, 1.0)
+    energy = float(PAIR.mass) / 2 - 1e6 * 5e-5**2 / 2
+    beyond = (-50 + math.sqrt(50**2 + 2 * 9e6 * energy)) / 9e6
+    assert float(found.peak_overlap) == pytest.approx(5e-5 + beyond, rel=1e-12)
+    assert float(found.coefficient) == pytest.approx(math.sqrt(0.8), rel=1e-12)
+
+
+class Bumper(sj.RateIndependentLaw):
+    """A law with a radius of its own."""
+
+    contact: sj.Contact
+    radius: float
+
+    def loading_force(self, overlap):
+        return 1e6 * overlap + 0 * self.radius
+
+    def unloading_force(self, overlap, peak_overlap):
+        return 0.8e6 * overlap
+
+
+def test_a_field_named_like_one_of_the_contact_hides_no_shape():
+    """(2,) radii of the contact against three velocities; it was an error of NumPy's."""
+    spheres = sj.Contact(1e9, np.array([0.01, 0.02]), 0.03, 4e7, 300.0)
+    with pytest.raises(ValueError, match=r"^shapes must broadcast .*`contact.radius` \(2,\)"):
+        sj.restitution(Bumper(spheres, 0.1), [0.1, 0.2, 0.3])
+    with pytest.raises(ValueError, match=r"^shapes must broadcast .*`contact.radius` \(2,\)"):
+        Bumper(spheres, np.ones(3))
+    assert sj.restitution(Bumper(spheres, 0.1), [0.1, 0.2]).coefficient.shape == (2,)
