@@ -2,7 +2,7 @@
 
 In units of the impact velocity and of its spring every motion is x'' = -x^p - c x^q x', x'(0) = 1,
 with c of each impact. Exact answers: of viscoelastic spheres 60-digit arithmetic rounded to 20
-digits (tests/oracles/speed_damped.py made them); a dashpot gives back the ε it is set to.
+digits (tests/oracles/speed_reference.py made them); a dashpot gives back the ε it is set to.
 """
 
 from collections.abc import Callable, Iterator

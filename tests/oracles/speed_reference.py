@@ -1,36 +1,36 @@
-"""Exact answers for the speed benchmark: `python -m tests.oracles.speed_reference` writes them.
+"""Exact answers for `softjax speed`: `python -m tests.oracles.speed_reference` writes them.
 
 Stainless steel of Table 1 with its fitted unloading factor, first-order form, at 128 impact
-velocities between 1.5 and 250 times the critical one.
+velocities between 1.5 and 250 times the critical one; and as viscoelastic spheres, w² between 0.03
+and 0.6.
 """
 
 import json
-import os
 from pathlib import Path
 
-from mpmath import mp
+from mpmath import mp, mpf
 
+from tests.oracles import closed_forms
 from tests.oracles import zhou_mp as z
 
-TARGET = Path(__file__).parents[2] / "calibration" / "speed" / "exact.json"
-MATERIAL = {"E": "1.93e11", "nu": "0.35", "rho": "8030", "Y": "3.10e8", "R": "0.0127"}
-CHI, SIGMA, PSI = 1.7944, 3.0432, 0.54
+FOLDER = Path(__file__).parents[2] / "calibration" / "speed"
+SPHERE = ("1.93e11", "0.35", "8030", "3.10e8", "0.0127")
 NAMES = ("chi", "E", "Y")
+LEAVES = ("E", "R", "M", "Y", "v_lim")
+COUNT, SLOWEST, FASTEST, TIME = 32, 1e-3, 1e3, 4e-6
 
 
 def effective_inputs() -> dict:
     """The contact's five leaves and the law's three numbers as the floats a program would use."""
-    m = MATERIAL
-    sphere = (m["E"], m["nu"], m["rho"], m["Y"], m["R"])
-    contact = z.contact(*sphere, *sphere, area="zhou")
-    leaves = {name: float(contact[name]) for name in ("E", "R", "M", "Y", "v_lim")}
-    law = {"chi": CHI, "sigma": SIGMA, "psi": PSI, "area": "zhou"}
+    contact = z.contact(*SPHERE, *SPHERE, area="zhou")
+    law = {"chi": 1.7944, "sigma": 3.0432, "psi": 0.54, "area": "zhou"}
+    leaves = {name: float(contact[name]) for name in LEAVES}
     return leaves | law | {"form": "first-order", "kappa": "consistent"}
 
 
-def one(inputs: dict, velocity: float) -> dict:
+def plastic(inputs: dict, velocity: float) -> dict:
     full = inputs | {"v": velocity}
-    answer = z.coefficient(full, duration=False)
+    answer = z.coefficient(full, lasts=False)
     slopes = z.log_sensitivities(full, NAMES)
     with mp.workdps(30):
         twice = 2 * answer["eps_p"]
@@ -38,15 +38,33 @@ def one(inputs: dict, velocity: float) -> dict:
         return {"velocity": velocity, "eps_p": mp.nstr(answer["eps_p"], 20), "slopes": log}
 
 
+def damped(inputs: dict, velocity: float) -> dict:
+    with mp.workdps(closed_forms.DIGITS):
+        E, R, M = (mpf(inputs[name]) for name in ("E", "R", "M"))
+        rate = (mpf(4) / 3 * E * mp.sqrt(R) / M) ** mpf("0.4")
+        b = mpf("1.5") * mpf(TIME) * rate * mpf(velocity) ** mpf("0.2")
+        step = mpf("1e-18")
+        up, here, down = (
+            closed_forms.of_squared(b * (1 + k * step)).restitution for k in (1, 0, -1)
+        )
+        row = {"w_squared": b, "restitution": here, "slope": (up - down) / (2 * step)}
+        return {"velocity": velocity} | {name: mp.nstr(v, 20) for name, v in row.items()}
+
+
+def write(name: str, inputs: dict, rows: list[dict]) -> None:
+    text = json.dumps({"inputs": inputs, "rows": rows}, indent=1)
+    (FOLDER / name).write_text(text + "\n", encoding="utf-8")
+
+
 def main() -> None:
     inputs = effective_inputs()
     critical = float(z.dimensionless(inputs | {"v": 1.0})["v_cr"])
     ratios = [1.5 + (250 - 1.5) * i / 127 for i in range(128)]
-    rows = [one(inputs, critical * ratio) for ratio in ratios]
-    text = json.dumps({"inputs": inputs, "rows": rows}, indent=1)
-    beside = TARGET.with_suffix(".tmp")
-    beside.write_text(text + "\n")
-    os.replace(beside, TARGET)
+    write("exact.json", inputs, [plastic(inputs, critical * ratio) for ratio in ratios])
+    inputs = {name: inputs[name] for name in LEAVES}
+    velocities = [SLOWEST * (FASTEST / SLOWEST) ** (i / (COUNT - 1)) for i in range(COUNT)]
+    rows = [damped(inputs, v) for v in velocities]
+    write("exact_damped.json", inputs | {"dissipation_time": TIME}, rows)
 
 
 if __name__ == "__main__":

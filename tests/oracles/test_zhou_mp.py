@@ -125,7 +125,7 @@ def test_conditions_coincide_and_keep_their_values() -> None:
     pair = zhou.equal_spheres(STEEL | {"form": "first-order"})
 
     def flags(**change: str) -> tuple[set[str], float, float]:
-        result = zhou.coefficient(pair | change, duration=False)
+        result = zhou.coefficient(pair | change, lasts=False)
         return result["flags"], float(result["eps"]), float(result["eps_squared"])
 
     assert flags(v="0") == ({"ELASTIC", "ZERO_VELOCITY"}, 1.0, 1.0)

@@ -99,7 +99,7 @@ def curvature_sums(inputs: Record) -> dict[str, mpf]:
 def solved(case: Case, precision: str) -> Record:
     """One record."""
     inputs = exact_inputs(case, precision)
-    result = z.coefficient(inputs, duration=False)
+    result = z.coefficient(inputs, lasts=False)
     lost = "NO_TURNING_POINT" in result["flags"]
     none = dict.fromkeys(z.NUMBERS, mpf(0))
     slopes = z.log_sensitivities(inputs)

@@ -1,0 +1,128 @@
+"""Large batches are what small ones are: in pieces, over devices, in any order and precision."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import softjax as sj
+from tests.cases import fitted
+from tests.jax.processes import run
+
+COUNT = 150_001  # with a last piece that is not full, whatever a piece is
+FIELDS = ("coefficient", "plastic_coefficient", "peak_overlap", "residual_overlap", "status")
+SMALL = 5000
+PARTS = (slice(0, SMALL), slice(65_000, 65_000 + SMALL), slice(COUNT - SMALL, COUNT))
+
+
+def impacts(count=COUNT):
+    """Velocities from rest to beyond the last turning point, in no order, and χ̃ of each impact."""
+    draw = np.random.default_rng(1)
+    return np.append(0.0, draw.uniform(0, 400, count - 1)), draw.uniform(0.1, 0.5, count)
+
+
+def alike(some, others):
+    """But for the last digits of ε², a difference of numbers near one, which other code rounds otherwise."""
+    one, other = np.square(some), np.square(others)
+    return np.max(np.abs(one - other)) <= 5e-15 * np.max(other)
+
+
+@pytest.mark.parametrize(
+    ("each", "count"),
+    [
+        pytest.param(True, COUNT, id="a law each"),
+        pytest.param(False, COUNT, id="one law", marks=pytest.mark.long),
+        pytest.param(True, 1_100_003, id="a million", marks=pytest.mark.long),
+    ],
+)
+def test_pieces_are_as_small_batches_in_any_order(each, count):
+    """Beginning, middle and end; in another order each is with others, and not a bit changes."""
+    velocity, chi = impacts(count)
+    law = lambda some: fitted("nylon", chi=some if each else 0.22)  # noqa: E731
+    whole = sj.restitution(law(chi), velocity)
+    for part in (*PARTS, slice(count - SMALL, count)):
+        alone = sj.restitution(law(chi[part]), velocity[part])
+        for name in FIELDS:
+            assert alike(getattr(whole, name)[part], getattr(alone, name)), name
+    order = np.random.default_rng(2).permutation(count)
+    other = sj.restitution(law(chi[order]), velocity[order])
+    for name in FIELDS:
+        assert np.array_equal(getattr(whole, name)[order], getattr(other, name)), name
+    assert alike(
+        whole.duration[-1000:], sj.restitution(law(chi[-1000:]), velocity[-1000:]).duration
+    )
+
+
+def test_overlaps_can_be_left_out():
+    velocity, _ = impacts()
+    law = fitted("nylon")
+    for some in (velocity, velocity[:100]):
+        whole, less = sj.restitution(law, some), sj.restitution(law, some, overlaps=False)
+        assert less.peak_overlap is None
+        assert less.residual_overlap is None
+        assert alike(less.coefficient, whole.coefficient)
+        assert np.array_equal(less.status, whole.status)
+
+
+def exact(law, velocity):
+    """Walton and Braun's ε by hand."""
+    force = velocity * np.sqrt(law.loading_stiffness * law.contact.mass)
+    stiffer = law.unloading_stiffness + law.growth * force
+    return np.sqrt(law.loading_stiffness / stiffer)
+
+
+def test_shape_and_precision_are_those_of_the_caller():
+    """float32 and back within one process, 64 bits switched off and on again."""
+    law = sj.WaltonBraun(fitted("nylon").contact, 1e6, 2e6, 10.0)
+    velocity = np.linspace(0.1, 5, 4 * (COUNT // 4)).reshape(4, -1)
+    with jax.enable_x64(False):
+        short = sj.restitution(law, velocity).coefficient
+        with jax.enable_x64(True):
+            full = sj.restitution(law, velocity).coefficient
+    again = sj.restitution(law, velocity).coefficient
+    own = sj.restitution(jax.tree.map(np.float32, law), np.float32(velocity)).coefficient
+    for found, dtype in ((short, np.float32), (full, float), (again, float), (own, np.float32)):
+        assert found.dtype == dtype
+        assert found.shape == velocity.shape
+        assert np.allclose(found, exact(law, velocity), rtol=4 * np.finfo(dtype).eps, atol=0)
+
+
+def test_derivatives_of_a_traced_batch():
+    """In chunks, the last filled up: the fill must not count. By hand, of each impact's own number too."""
+    law = sj.WaltonBraun(fitted("nylon").contact, 1e6, 2e6, 10.0)
+    velocity = np.linspace(0.1, 5, COUNT)
+
+    def total(growth, velocity):
+        moved = sj.WaltonBraun(law.contact, 1e6, 2e6, growth)
+        return sj.restitution(moved, velocity).coefficient.sum()
+
+    force = velocity * np.sqrt(1e6 * law.contact.mass)
+    steep = -0.5 * exact(law, velocity) * force / (2e6 + 10.0 * force)
+    one, along = jax.jit(jax.grad(total, (0, 1)))(10.0, jnp.asarray(velocity))
+    assert one == pytest.approx(np.sum(steep), rel=1e-11)
+    assert np.allclose(along * velocity, steep * 10.0, rtol=1e-11, atol=0)
+    each = jax.jit(jax.grad(total))(jnp.full(COUNT, 10.0), velocity)
+    assert np.allclose(each, steep, rtol=1e-11, atol=0)
+
+
+@pytest.mark.long
+def test_derivatives_of_zhous_law_in_a_traced_batch():
+    velocity, chi = impacts(300_000)
+    total = lambda chi, v: sj.restitution(fitted("nylon", chi=chi), v).coefficient.sum()  # noqa: E731
+    slope = jax.jit(jax.grad(total))(jnp.asarray(chi), velocity)
+    for part in PARTS:
+        alone = jax.grad(total)(jnp.asarray(chi[part]), velocity[part])
+        assert np.allclose(slope[part], alone, rtol=1e-12, atol=1e-15)
+        assert np.any(alone != 0)
+
+
+def test_two_devices_share_the_work():
+    """Without a word from the caller, with the numbers of one."""
+    run("""
+    law = sj.WaltonBraun(pair, 1e6, 2e6, 60.0)
+    velocity = np.linspace(0, 200, 600_777)
+    whole = sj.restitution(law, velocity).coefficient
+    exact = np.sqrt(1e6 / (2e6 + 60.0 * velocity * np.sqrt(1e6 * pair.mass)))
+    exact[0] = 1  # at rest
+    assert np.allclose(whole, exact, rtol=1e-13, atol=0)
+    """)
