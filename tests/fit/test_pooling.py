@@ -7,7 +7,6 @@ from scipy.optimize import minimize
 
 import calibration as cal
 import softjax as sj
-from calibration.fitting.posterior.priors import Around
 from tests.decay import Decay
 
 V = np.linspace(1.0, 5.0, 6)
@@ -164,13 +163,3 @@ def test_likelihood_functions_know_the_pool():
 def test_what_cannot_be_pooled_is_refused(build, message):
     with pytest.raises(ValueError, match=message):
         build()
-
-
-def test_members_of_a_pool_are_normal_around_their_mean():
-    pool = Around(np.array([0, 1, 3]), mean=2, spread=4)
-    random = np.random.default_rng(1)
-    found, expected = [], []
-    for z in random.normal(0, 1, (2, 5)):
-        found.append(float(pool.log_density(z)))
-        expected.append(stats.norm.logpdf(z[[0, 1, 3]], z[2], np.exp(z[4])).sum())
-    assert found[1] - found[0] == pytest.approx(expected[1] - expected[0], rel=1e-12)

@@ -1,0 +1,357 @@
+"""Parameters that are fixed, bounded, shared or have a prior; velocities with errors; what changes nothing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import optimize, stats
+
+import calibration as cal
+import softjax as sj
+from tests import fit_oracle
+from tests.decay import Decay
+from tests.fit_data import TRUTH, eq_17_data, twin
+
+QUICK = {"profiles": False, "starts": 4}
+Free = cal.Parameter
+FEW = settings(max_examples=3, derandomize=True, deadline=None, database=None)
+V = np.linspace(1, 40, 24)
+
+
+def decay(v, level, rate):
+    return level * np.exp(-rate * v)
+
+
+def decays(count=24, seed=5, noise=0.005, truth=(0.9, 0.01), **told):
+    velocity = np.linspace(1, 40, count)
+    errors = noise * np.random.default_rng(seed).standard_normal(count)
+    return cal.RestitutionData(velocity, decay(velocity, *truth) + errors, **told)
+
+
+def weighted(*sets):
+    """SciPy's θ and covariance of one curve through all sets, u as stated."""
+    v, e, u = (np.concatenate(c) for c in zip(*sets, strict=True))
+    model = lambda *x: decay(v, *x)  # noqa: E731
+    return fit_oracle.fit(model, (0.9, 0.01), e, u)[:2]
+
+
+def test_a_number_fixes_and_a_bound_is_kept():
+    """The rate that SciPy finds with the level at its number, or at its bound; then one-sided."""
+    data = decays(uncertainty=0.005)
+    for said in ({"level": 0.88}, {"level": Free(bounds=(0.5, 0.88))}):
+        result = cal.fit(data, Decay, said, starts=4)
+        assert result.values["level"] == pytest.approx(0.88, rel=1e-6)
+        rate, covariance, _ = fit_oracle.fit(
+            lambda b: decay(V, 0.88, b), [0.01], data.restitution, data.uncertainty
+        )
+        assert result.values["rate"] == pytest.approx(rate[0], rel=1e-5)
+        error = result.standard_errors["rate"]
+        assert error == pytest.approx(covariance[0, 0] ** 0.5, rel=1e-4)
+        free = isinstance(said["level"], cal.Parameter)
+        assert result.estimates["level"].at_bound == result.estimates["level"].free == free
+        assert result.standard_errors["level"] is None
+        assert ("at-bound" in {one.code for one in result.warnings}) == free
+        assert ("level" in result.covariance_names) == free
+    plain, wide = (
+        cal.fit(data, Decay, {"level": b}, **QUICK) for b in (Free(), Free(bounds=(0, 5)))
+    )
+    np.testing.assert_allclose(wide.covariance, plain.covariance, rtol=1e-6)
+    assert wide.values["level"] == pytest.approx(plain.values["level"], rel=1e-9)
+
+
+@pytest.mark.parametrize("scale", ["log", "logit", "none"])
+def test_limits_without_profiles_are_symmetric_on_the_scale_that_is_searched(scale):
+    data = decays(uncertainty=0.005)
+    spec = {
+        "log": Free(transform="log"),
+        "logit": Free(bounds=(0.5, 1.0)),
+        "none": Free(transform="none"),
+    }
+    result = cal.fit(data, Decay, {"level": spec[scale]}, **QUICK)
+    to = {"log": np.log, "logit": lambda x: np.log((x - 0.5) / (1 - x)), "none": lambda x: x}[scale]
+    value, error = result.values["level"], result.standard_errors["level"]
+    slope = {"log": 1 / value, "logit": 1 / (value - 0.5) + 1 / (1 - value), "none": 1.0}[scale]
+    reach = stats.norm.ppf(0.975) * error * slope
+    low, high = (to(end) - to(value) for end in result.intervals["level"])
+    np.testing.assert_allclose([-low, high], reach, rtol=1e-6)
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_a_prior_is_one_more_measurement(stated):
+    """By SciPy's least squares with one more row; an unknown noise and the fit take turns."""
+    data = decays(200, uncertainty=0.005 if stated else None)
+    said = {"level": Free(0.8), "rate": Free(0.02, prior=(0.0105, 0.0001))}
+    result, v = cal.fit(data, Decay, said, **QUICK), data.velocity
+    size = 0.005
+    for _ in range(1 if stated else 30):
+
+        def residual(x, size=size):
+            return np.append((decay(v, *x) - data.restitution) / size, (x[1] - 0.0105) / 0.0001)
+
+        found = optimize.least_squares(
+            residual, [0.9, 0.01], "3-point", x_scale=[1, 0.01], xtol=1e-15
+        )
+        covariance = np.linalg.inv(found.jac.T @ found.jac)
+        paid = np.sum((found.jac[:200] @ covariance) * found.jac[:200])
+        size = 0.005 if stated else np.sqrt(np.sum((found.fun[:200] * size) ** 2) / (200 - paid))
+    np.testing.assert_allclose([result.values[n] for n in ("level", "rate")], found.x, rtol=1e-6)
+    errors = [result.standard_errors[n] for n in ("level", "rate")]
+    np.testing.assert_allclose(errors, np.sqrt(np.diag(covariance)), rtol=1e-4)
+    if not stated:
+        assert result.materials[0].noise == pytest.approx(size, rel=1e-5)
+    profiled = cal.fit(data, Decay, said, starts=4).intervals["rate"]
+    degrees = np.inf if stated else 200 - paid
+    reach = stats.t.ppf(0.975, degrees) * np.sqrt(covariance[1, 1])
+    assert profiled == pytest.approx((found.x[1] - reach, found.x[1] + reach), abs=0.02 * reach)
+
+
+def test_what_is_shared_is_one_parameter():
+    """Of two sets of three, in a group: SciPy's joint fit; the third is as alone."""
+    a, b, c = (decays(12, seed, uncertainty=0.005, name=n) for seed, n in enumerate("abc"))
+    said = {f"rate[{name}]": Free(shared="both") for name in "ab"}
+    result = cal.fit([a, b, c], Decay, said, **QUICK)
+    assert result.values["rate[a]"] == result.values["rate[b]"] == result.values["rate[both]"]
+    assert set(result.covariance_names) == {
+        "level[a]",
+        "level[b]",
+        "rate[both]",
+        "level[c]",
+        "rate[c]",
+    }
+    v = a.velocity
+    values, covariance, _ = fit_oracle.fit(
+        lambda one, two, rate: np.append(decay(v, one, rate), decay(v, two, rate)),
+        [0.9, 0.9, 0.01],
+        np.append(a.restitution, b.restitution),
+        np.full(24, 0.005),
+    )
+    labels = ("level[a]", "level[b]", "rate[both]")
+    np.testing.assert_allclose([result.values[n] for n in labels], values, rtol=1e-6)
+    order = [result.covariance_names.index(n) for n in labels]
+    np.testing.assert_allclose(result.covariance[np.ix_(order, order)], covariance, rtol=1e-4)
+    alone = cal.fit(c, Decay, **QUICK)
+    assert result.values["rate[c]"] == pytest.approx(alone.values["rate"], rel=1e-8)
+    error = result.standard_errors["rate[c]"]
+    assert error == pytest.approx(alone.standard_errors["rate"], rel=1e-6)
+
+
+@pytest.mark.parametrize("without", [0, 2])
+def test_sets_with_bodies_and_without_share_a_constant(without):
+    """Weighted means, each set's own scatter about the common one: found by hand."""
+    sets = list(cal.paper_materials(10))
+    sets[without] = replace(sets[without], contact=None)
+    result = cal.fit(sets, "constant", {"restitution": Free(shared=True)}, **QUICK)
+    weight = np.ones(3)
+    for _ in range(300):
+        mean = np.average([d.restitution.mean() for d in sets], weights=weight)
+        left = 10 - weight / np.sum(weight)
+        weight = left / [np.sum((d.restitution - mean) ** 2) for d in sets]
+    assert result.values["restitution"] == pytest.approx(mean, rel=1e-6)
+
+
+def test_what_is_said_of_one_set_s_bodies_is_of_that_set_alone():
+    """Beside another that it shares a parameter with: as if its bodies had it of themselves."""
+    steel, _, nylon = cal.paper_materials(10)
+    options = QUICK | {"objective": "two-step", "unloading_line": None, "starts": 1}
+    options |= {"route": sj.EnergyBalance()}
+    psi = {"psi": Free(shared=True)}
+    said = cal.fit([steel, nylon], None, psi | {"limit_velocity[nylon]": 400.0}, **options)
+    bodies = replace(nylon.contact, limit_velocity=400.0)
+    own = cal.RestitutionData(nylon.velocity, nylon.restitution, bodies, name="nylon")
+    alone = cal.fit([steel, own], None, psi, **options)
+    for name in ("chi[stainless steel]", "chi[nylon]", "sigma[nylon]", "psi"):
+        assert said.values[name] == pytest.approx(alone.values[name], rel=1e-6), name
+
+
+def test_a_yield_strength_that_is_free_is_found_and_crossings_are_said():
+    data = twin("nylon", y=np.linspace(0.2, 30, 40))
+    strength = float(data.contact.yield_strength)
+    wrong = replace(data, contact=replace(data.contact, yield_strength=1.25 * strength))
+    specs = {"yield_strength": Free(), "sigma": TRUTH["nylon"][2], "psi": TRUTH["nylon"][3]}
+    for one, crossed in ((wrong, True), (data, False)):
+        result = cal.fit(one, None, specs, **QUICK)
+        assert result.values["contact.yield_strength"] == pytest.approx(strength, rel=1e-4)
+        assert result.values["chi"] == pytest.approx(TRUTH["nylon"][1], rel=1e-3)
+        assert ("branch-change" in {doubt.code for doubt in result.warnings}) == crossed
+        assert float(result.law.contact.yield_strength) == pytest.approx(strength, rel=1e-4)
+
+
+def effective(data, truth):
+    """By SciPy: ε + ½ ε″ u_v² about v, with weights of u² + (ε′ u_v)² that are renewed; and errors."""
+
+    def carried(theta):
+        return theta[1] * data.velocity_uncertainty
+
+    for _ in range(30):
+        u = np.hypot(data.uncertainty, carried(truth) * decay(data.velocity, *truth))
+
+        def model(*theta):
+            return decay(data.velocity, *theta) * (1 + 0.5 * carried(theta) ** 2)
+
+        truth, covariance, _ = fit_oracle.fit(model, truth, data.restitution, u)
+    return truth, np.sqrt(np.diag(covariance))
+
+
+def test_velocities_with_errors_are_carried_into_restitution():
+    """As the effective variance within what the two differ by; exact velocities give half the errors."""
+    truth, random = (0.95, 0.3), np.random.default_rng(2)
+    v = np.linspace(0.3, 6, 40)
+    e = decay(v, *truth) + 0.003 * random.standard_normal(40)
+    stated = {"uncertainty": 0.003, "velocity_uncertainty": 0.05 * v}
+    data = cal.RestitutionData(v * (1 + 0.05 * random.standard_normal(40)), e, **stated)
+    start = {"level": Free(0.9), "rate": Free(0.2)}
+    result = cal.fit(data, Decay, start, **QUICK)
+    bare = cal.RestitutionData(data.velocity, e, uncertainty=0.003)
+    exact = cal.fit(bare, Decay, start, **QUICK)
+    expected, errors = effective(data, truth)
+    for k, name in enumerate(("level", "rate")):
+        assert abs(result.values[name] - expected[k]) < 0.4 * errors[k]
+        assert result.standard_errors[name] == pytest.approx(errors[k], rel=0.06)
+    assert abs(exact.values["rate"] - expected[1]) > 0.25 * errors[1]
+    assert exact.standard_errors["rate"] < 0.5 * errors[1]
+
+
+def compared(one, other, names=("level", "rate")):
+    """Estimates, errors and ln L of two fits are the same."""
+    for name in names:
+        assert other.values[name] == pytest.approx(one.values[name], rel=1e-7)
+        assert other.standard_errors[name] == pytest.approx(one.standard_errors[name], rel=1e-5)
+    assert other.log_likelihood == pytest.approx(one.log_likelihood, rel=1e-9)
+
+
+@given(st.permutations(range(24)))
+@FEW
+def test_the_order_of_points_does_not_matter(order):
+    data, order = decays(uncertainty=np.linspace(0.003, 0.008, 24)), np.array(order)
+    moved = cal.RestitutionData(
+        V[order], data.restitution[order], uncertainty=data.uncertainty[order]
+    )
+    one, other = (cal.fit(d, Decay, **QUICK) for d in (data, moved))
+    compared(one, other)
+    left = [fit.leave_one_out().log_density for fit in (one, other)]
+    np.testing.assert_allclose(left[1], left[0][order], atol=1e-6)
+
+
+@given(st.sampled_from([1e-3, 0.3048, 3.6]))
+@FEW
+def test_units_of_velocity_do_not_matter(unit):
+    """Of Eq. (17), whose limit velocity goes with them, and of a rate, which goes against them."""
+    data = eq_17_data("nylon", noise=0.004)
+    bare = cal.RestitutionData(data.velocity, data.restitution, limit_velocity=data.limit_velocity)
+    told = {"limit_velocity": unit * float(data.limit_velocity)}
+    other = cal.RestitutionData(unit * data.velocity, data.restitution, **told)
+    compared(cal.fit(bare, "eq-17", **QUICK), cal.fit(other, "eq-17", **QUICK), ("sigma", "psi"))
+
+
+@given(st.lists(st.integers(0, 11), min_size=1, max_size=4, unique=True))
+@FEW
+def test_a_point_given_twice_with_root_two_u_is_the_point(twice):
+    """Estimates and errors; ln L has the density of one more number, off by known constants."""
+    data = decays(uncertainty=0.005)
+    u = np.where(np.isin(np.arange(24), twice), np.sqrt(2) * 0.005, 0.005)
+    v, e = (np.append(x, x[twice]) for x in (V, data.restitution))
+    more = cal.RestitutionData(v, e, uncertainty=np.append(u, u[twice]))
+    one, two = (cal.fit(d, Decay, **QUICK) for d in (data, more))
+    for name in ("level", "rate"):
+        assert two.values[name] == pytest.approx(one.values[name], rel=1e-7)
+        assert two.standard_errors[name] == pytest.approx(one.standard_errors[name], rel=1e-5)
+    known = len(twice) * np.log(2 * np.sqrt(2 * np.pi) * 0.005)  # of √2 u twice, in place of u
+    assert two.log_likelihood == pytest.approx(one.log_likelihood - known, rel=1e-9)
+
+
+@given(st.integers(6, 18), st.text("abcXYZ µ-9", min_size=1, max_size=8).filter(str.strip))
+@FEW
+def test_sets_split_or_relabelled_are_the_same_fit(cut, name):
+    """With all parameters shared and u stated; the labels follow the names, the numbers do not."""
+    data = decays(uncertainty=0.005)
+    parts = [
+        cal.RestitutionData(V[k], data.restitution[k], uncertainty=0.005, name=label)
+        for k, label in ((slice(0, cut), name), (slice(cut, 24), f"{name} 2"))
+    ]
+    shared = {n: Free(shared=True) for n in ("level", "rate")}
+    whole, split, turned = (
+        cal.fit(sets, Decay, shared if len(sets) > 1 else None, **QUICK)
+        for sets in ([data], parts, parts[::-1])
+    )
+    compared(whole, split)
+    compared(split, turned)
+    left, joined = whole.leave_one_out(), split.leave_one_out()
+    assert joined.elpd == pytest.approx(left.elpd, abs=1e-5)
+
+
+def test_many_points_are_fitted_as_all_of_them():
+    """20 000 points, beyond which neighbours are taken together on the way: SciPy's own fit of all."""
+    data = decays(20_000)
+    result = cal.fit(data, Decay, {"level": Free(0.9), "rate": Free(0.02)}, starts=1)
+    model = lambda *x: decay(data.velocity, *x)  # noqa: E731
+    values, covariance, _ = fit_oracle.fit(model, (0.9, 0.01), data.restitution)
+    for value, error, name in zip(
+        values, np.sqrt(np.diag(covariance)), ("level", "rate"), strict=True
+    ):
+        assert result.values[name] == pytest.approx(value, abs=1e-4 * error)
+        assert result.standard_errors[name] == pytest.approx(error, rel=1e-5)
+        low, high = result.intervals[name]
+        ends = stats.t.ppf(0.975, 19_998) * error * np.array([-1, 1])
+        np.testing.assert_allclose([low - value, high - value], ends, rtol=0.01)
+
+
+def test_progress_goes_from_start_to_end():
+    told = []
+    cal.fit(decays(), Decay, progress=lambda *args: told.append(args), starts=2)
+    for stage in ("fit", "profiles"):
+        own = [(done, total) for name, done, total in told if name == stage]
+        assert own[0][0] == 0
+        assert own[-1][0] == own[-1][1] > 0
+
+
+REFUSED = {
+    "optimiser": ({"optimiser": "bfgs"}, "`optimiser` must be 'l-bfgs'"),
+    "loss": ({"loss": np.array(["huber"] * 2)}, "`loss` must be 'squared'"),
+    "objective": ({"objective": "both"}, "`objective` must be model, two-step, but is both"),
+    "an objective for a law": ({"law": "two-step"}, "`law` must be left out: that is an objective"),
+    "a law": ({"law": "hertz-dashpots"}, "did you mean 'hertz-dashpot'"),
+    "no law": ({"law": 3.0}, "`law` must be a name"),
+    "two-step": ({"law": "thornton", "objective": "two-step"}, "two-step with thornton"),
+    "starts": ({"starts": 0}, "`starts` must be a whole number >= 1"),
+    "seed": ({"seed": -1}, "`seed` must be a whole number >= 0"),
+    "per cent": ({"confidence": 95}, "`confidence` must be between 0 and 1"),
+    "confidence": ({"confidence": "0.95"}, "`confidence` must be between 0 and 1, but is 0.95"),
+    "profiles": ({"profiles": "no"}, "`profiles` must be true or false, but is no"),
+    "scatter": ({"extra_scatter": None}, "`extra_scatter` must be true or false"),
+    "scale": ({"scale_uncertainty": np.ones(2)}, "`scale_uncertainty` must be true or false"),
+    "progress": ({"progress": "bar"}, r"`progress` must be called as progress\(stage, done, total\)"),
+    "parameters": ({"parameters": 3}, "`parameters` must be a mapping"),
+    "option": ({"parameters": {"form": "second"}}, "`form` must be 'first-order' or 'full'"),
+    "no option": ({"parameters": {"end": "near"}}, "`option` must be an option of zhou: form"),
+    "line": ({"unloading_line": "both"}, "`unloading_line` must be"),
+    "a list": ({"parameters": {"chi": [0.2]}}, "must be a calibration.Parameter, or a number"),
+    "another set": ({"parameters": {"chi[steel]": 1.0}}, "must be named after one of: nylon"),
+    "a slip": ({"parameters": {"chii": 1.0}}, "did you mean 'chi'"),
+    "of a law": ({"parameters": {"restitution": 0.5}}, "`parameter` must be of zhou: chi, sigma"),
+    "a value": ({"parameters": {"chi": -1.0}}, "`value of chi` must be an unloading factor of zero"),
+    "bounds": ({"parameters": {"chi": Free(bounds=(-1, 2))}}, r"`bounds of chi` must be within \[0, inf"),
+    "route": ({"route": "ode"}, "route"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_makes_no_sense_is_refused_in_a_line(case):
+    changed, message = REFUSED[case]
+    with pytest.raises(ValueError, match=message) as caught:
+        cal.fit(eq_17_data("nylon"), **changed)
+    assert "\n" not in str(caught.value)
+
+
+def test_data_that_do_not_fit_together_are_refused():
+    data = eq_17_data("nylon")
+    with pytest.raises(ValueError, match="different names"):
+        cal.fit([data, data])
+    with pytest.raises(ValueError, match="`area` must be the same"):
+        cal.fit([data, twin("chrome steel", area="hertz")], None, {"chi": Free(shared=True)})
+    with pytest.raises(ValueError, match="`data` must be"):
+        cal.fit("nylon.csv")
+    few = cal.RestitutionData(data.velocity[:2], data.restitution[:2], data.contact)
+    with pytest.raises(ValueError, match="more points than free parameters"):
+        cal.fit(few)

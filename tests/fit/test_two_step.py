@@ -1,0 +1,285 @@
+"""The paper's procedure, Eq. (17) and then χ̃, with its errors; and Eq. (18)'s line through materials."""
+
+import json
+from dataclasses import replace
+
+import jax
+import lmfit
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.optimize import least_squares
+
+import calibration as cal
+import softjax as sj
+from tests import fit_oracle
+from tests.fit_data import TRUTH, eq_17_data, pair, twin
+
+# found independently by least squares on the energy balance
+CHI = {"stainless steel": 1.7944, "chrome steel": 0.09867, "nylon": 0.21998}
+RMS = {"stainless steel": 0.01502, "chrome steel": 0.000965, "nylon": 0.00935}
+LINE_RMS = {"stainless steel": 0.0167, "chrome steel": 0.0345, "nylon": 0.0162}
+NAMES = tuple(CHI)
+QUICK = {"objective": "two-step", "optimiser": "levenberg-marquardt", "starts": 1}
+QUICK |= {"route": sj.EnergyBalance(), "profiles": False}
+Free = cal.Parameter
+
+
+@pytest.fixture(scope="module")
+def result():
+    return cal.fit(cal.paper_materials(), objective="two-step")
+
+
+@pytest.mark.parametrize("name", CHI)
+def test_values_are_those_of_table_1_and_of_independent_least_squares(result, name):
+    fit = result.material(name)
+    assert fit.n == 40
+    assert fit.converged
+    assert result.values[f"sigma[{name}]"] == pytest.approx(TRUTH[name][2], abs=5e-5)
+    assert result.values[f"psi[{name}]"] == pytest.approx(TRUTH[name][3], abs=5e-5)
+    assert result.values[f"chi[{name}]"] == pytest.approx(CHI[name], rel=1e-4)
+    assert result.rms[name] == pytest.approx(RMS[name], rel=1e-3)
+    assert result.rms_empirical[name] < 1e-12
+
+
+def test_the_line_of_eq_18_and_its_larger_residuals(result):
+    """Through all curves, not through the χ̃; and as parameters of one's own, c1 and c2."""
+    line = result.unloading_line
+    own = cal.fit(cal.paper_materials(), None, {"c1": Free(), "c2": Free()}, **QUICK)
+    for c1, c2 in ((line.c1.value, line.c2.value), (own.values["c1"], own.values["c2"])):
+        assert c1 == pytest.approx(0.03184, abs=6e-6)
+        assert c2 == pytest.approx(0.004554, abs=6e-7)
+    for name, rms in LINE_RMS.items():
+        assert line.rms[name] == pytest.approx(rms, abs=6e-5)
+        on_line = line.c1.value + line.c2.value * float(pair(name).yield_ratio)
+        assert line.chi[name].value == pytest.approx(on_line, rel=1e-12)
+        found = own.values["c1"] + own.values["c2"] * float(pair(name).yield_ratio)
+        assert own.values[f"chi[{name}]"] == pytest.approx(found, rel=1e-9)
+        assert float(np.asarray(own.law[name].chi)) == pytest.approx(found, rel=1e-9)
+    assert line.through_chi["c2"].value != pytest.approx(line.c2.value, rel=1e-2)
+
+
+def test_levenberg_marquardt_through_the_energy_balance_agrees(result):
+    """The main job goes by the ODE and L-BFGS."""
+    other = cal.fit(cal.paper_materials(), **QUICK)
+    for name, value in result.values.items():
+        assert other.values[name] == pytest.approx(value, rel=1e-7)
+    line = other.unloading_line
+    assert line.c2.value == pytest.approx(result.unloading_line.c2.value, rel=1e-6)
+    stage = {one.stage: one for one in result.optimiser_report}["model"]
+    assert (stage.route, stage.optimiser) == ("ode", "optax L-BFGS")
+    assert 3 < stage.evaluations < 300
+    assert stage.gradient_norm < 1e-6
+
+
+def test_the_file_has_the_layout_of_the_interface_and_loads_back_equal(result, tmp_path):
+    table = json.loads(result.to_json())
+    assert {"fits", "unloading_line", "settings", "versions"} <= set(table)
+    first = table["fits"][0]
+    expected = {"material", "n", "rms", "rms_empirical", "converged", "warnings", "parameters"}
+    assert expected <= set(first)
+    assert set(first["parameters"]) == {"chi", "sigma", "psi"}
+    assert {"value", "standard_error"} <= set(first["parameters"]["chi"])
+    wanted = {
+        "objective": "two-step", "route": "ode", "area": "zhou", "form": "first-order",
+        "kappa": "consistent", "x64": True,
+    }  # fmt: skip
+    assert wanted.items() <= table["settings"].items()
+    assert {"softjax-contact", "jax", "diffrax"} <= set(table["versions"])
+    result.save(tmp_path / "fit.json")
+    again = cal.FitResult.load(tmp_path / "fit.json")
+    assert again == result
+    assert again.to_json() == result.to_json()
+    velocity = again.data["nylon"].velocity
+    off = sj.restitution(again.law["nylon"], velocity).coefficient - again.data["nylon"].restitution
+    assert np.sqrt(np.mean(np.square(off))) == pytest.approx(RMS["nylon"], rel=1e-3)
+    bands = [one.band(velocity, "nylon", kind="prediction") for one in (result, again)]
+    np.testing.assert_allclose(bands[1].high, bands[0].high, rtol=1e-12)
+
+
+def test_equal_seeds_give_equal_files_and_the_text_says_what_matters(result):
+    data = cal.paper_materials()[1]
+    one, two, other = (cal.fit(data, **QUICK | {"starts": 3, "seed": s}) for s in (0, 0, 3))
+    assert one.to_json(times=False) == two.to_json(times=False)
+    assert other.values["chi"] == pytest.approx(CHI["chrome steel"], rel=1e-4)
+    text = str(result)
+    for part in ("stainless steel", "chi", "1.79", "Eq. (18)", "converged", "model-misfit"):
+        assert part in text
+
+
+def test_x64_is_used_whatever_jax_is_set_to_and_left_as_it_was():
+    with jax.enable_x64(False):
+        found = cal.fit(cal.paper_materials()[2], **QUICK)
+        assert not jax.config.jax_enable_x64
+    assert found.values["chi"] == pytest.approx(CHI["nylon"], rel=1e-4)
+    assert found.rms_empirical < 1e-12
+
+
+def test_each_step_recovers_its_parameters_from_far_off():
+    """Eq. (17) alone; and χ̃ of Eq. (16) with σ and ψ given, which then have no error."""
+    _, chi, sigma, psi, _ = TRUTH["nylon"]
+    far = {"sigma": Free(10 * sigma), "psi": Free(2 * psi)}
+    first = cal.fit(eq_17_data("nylon"), "eq-17", far)
+    assert first.values["sigma"] == pytest.approx(sigma, rel=1e-6)
+    assert first.values["psi"] == pytest.approx(psi, rel=1e-6)
+    for factor in (10.0, 0.1):
+        said = {"chi": Free(factor * chi), "sigma": sigma, "psi": psi}
+        found = cal.fit(twin("nylon"), None, said, **QUICK | {"starts": 4})
+        assert found.converged
+        assert found.values["chi"] == pytest.approx(chi, rel=1e-6)
+        assert found.values["sigma"] == sigma
+        assert found.standard_errors["sigma"] is None
+
+
+def own_model(data):
+    numbers = fit_oracle.numbers(data.contact)
+    return lambda *p: fit_oracle.curve(data.velocity, numbers, *p)
+
+
+def own_eq_17(data):
+    limit = float(data.limit_velocity)
+    return lambda sigma, psi: fit_oracle.eq_17(data.velocity, limit, sigma, psi)
+
+
+def grouped(groups, each, seed=0):
+    """Eq. (17)'s impacts of several specimens in turn, each with an offset of its own."""
+    data = eq_17_data("stainless steel", points=groups * each, noise=0.006, seed=seed)
+    of = np.arange(groups * each) % groups
+    off = 0.01 * np.random.default_rng(seed + 100).standard_normal(groups)[of]
+    names = [f"specimen {k}" for k in of]
+    return replace(data, restitution=data.restitution + off, group=names), of
+
+
+@pytest.mark.parametrize(
+    "kind", ["plain", "groups", pytest.param("stated", marks=pytest.mark.long)]
+)
+def test_the_error_of_chi_is_what_noise_in_each_point_does(kind):
+    """Both steps refitted by SciPy with every point moved: dχ̃/dε_i, and V of the points."""
+    told = 0.006 if kind == "stated" else None
+    name = "stainless steel" if kind == "groups" else "nylon"
+    data, of = grouped(4, 3) if kind == "groups" else (None, None)
+    data = data or eq_17_data(name, points=12, noise=0.006, seed=2, uncertainty=told)
+    result = cal.fit(data, **QUICK)
+    model, eq_17 = own_model(data), own_eq_17(data)
+    _, chi, sigma, psi, _ = TRUTH[name]
+    if kind == "groups":
+        found = result.materials[0].variances
+        covariance = found["scatter"] * np.eye(12) + found["group"] * (of[:, None] == of)
+    else:
+        off = fit_oracle.fit(eq_17, [sigma, psi], data.restitution)[2]
+        covariance = np.eye(12) * (np.sum(off**2) / 10 if told is None else told**2)
+    lower = np.linalg.cholesky(covariance)
+    white = lambda x: np.linalg.solve(lower, eq_17(*x) - data.restitution)  # noqa: E731
+    losses = least_squares(white, [sigma, psi], x_scale=[sigma, psi], xtol=1e-14, ftol=1e-14).x
+    moves = 1e-6 * np.diag(losses)
+    slope = [(eq_17(*(losses + m)) - eq_17(*(losses - m))) / (2 * np.max(m)) for m in moves]
+    solved = np.linalg.solve(covariance, np.transpose(slope))
+    influence = np.linalg.solve(np.stack(slope) @ solved, solved.T)
+
+    def chi_with(i, step):
+        moved, own = data.restitution + step * np.eye(12)[i], losses + step * influence[:, i]
+        return fit_oracle.fit(lambda c: model(c, *own), [chi], moved)[0][0]
+
+    slopes = []
+    for i in range(12):
+        at = {k: chi_with(i, k * 2e-3) for k in (-2, -1, 1, 2)}
+        slopes.append((8 * (at[1] - at[-1]) - (at[2] - at[-2])) / (12 * 2e-3))
+    np.testing.assert_allclose([result.values["sigma"], result.values["psi"]], losses, rtol=1e-5)
+    value, error = chi_with(0, 0.0), np.sqrt(slopes @ covariance @ slopes)
+    assert result.values["chi"] == pytest.approx(value, rel=1e-5)
+    assert result.standard_errors["chi"] == pytest.approx(error, rel=2e-4)
+    if kind != "groups":
+        reach = stats.norm.ppf(0.975) if told else stats.t.ppf(0.975, 10)
+        high = result.intervals["chi"][1]
+        assert np.log(high / value) == pytest.approx(reach * error / value, rel=1e-3)
+
+
+@pytest.mark.long
+def test_errors_of_groups_are_those_of_simulated_sets():
+    """All that is estimated anew in each, the covariance of the points included."""
+    fits = [cal.fit(grouped(6, 5, seed)[0], **QUICK) for seed in range(200)]
+    error = np.sqrt(np.mean([fit.standard_errors["chi"] ** 2 for fit in fits]))
+    scatter = np.std([fit.values["chi"] for fit in fits])
+    assert error / scatter == pytest.approx(1, abs=3 / np.sqrt(400))
+
+
+def test_profiles_of_eq_17_are_lmfit_s_and_eps_up_has_the_error_of_its_losses():
+    data = eq_17_data("stainless steel", noise=0.02, seed=6)
+    result = cal.fit(data, **QUICK | {"profiles": True})
+    eq_17 = own_eq_17(data)
+    start = lmfit.Parameters()
+    start.add_many(("sigma", result.values["sigma"]), ("psi", result.values["psi"]))
+    mini = lmfit.Minimizer(lambda p: eq_17(p["sigma"], p["psi"]) - data.restitution, start)
+    found = mini.minimize(method="least_squares", xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    limits = lmfit.conf_interval(mini, found, sigmas=[0.95])
+    for parameter in ("sigma", "psi"):
+        (_, low), (_, _), (_, high) = limits[parameter]
+        assert result.intervals[parameter] == pytest.approx((low, high), rel=1e-3)
+    assert result.estimates["chi"].method == "sandwich"
+    assert set(result.profiles) == {"sigma", "psi"}
+    assert result.log_likelihood is None
+    ratio = float(data.contact.critical_velocity)
+    ratio /= float(data.contact.limit_velocity) - ratio
+    values, covariance, _ = fit_oracle.fit(eq_17, TRUTH["stainless steel"][2:4], data.restitution)
+    loss = values[0] * ratio ** values[1]
+    slope = -np.exp(-loss) * loss * np.array([1 / values[0], np.log(ratio)])
+    derived = result.estimates["eps_up"]
+    assert derived.value == pytest.approx(np.exp(-loss), rel=1e-6)
+    assert derived.standard_error == pytest.approx(np.sqrt(slope @ covariance @ slope), rel=1e-4)
+
+
+def three(names=NAMES):
+    """The paper's materials with noise."""
+    return [eq_17_data(name, noise=0.01, seed=len(name)) for name in names]
+
+
+@pytest.mark.parametrize("said", [{}, {"bounds": (0.01, 2.5)}], ids=["log", "logit"])
+def test_the_line_weighs_what_is_fitted_on_any_scale(said):
+    """NumPy's weighted line through the fitted χ̃ and their standard errors."""
+    sets = three()
+    result, again = (
+        cal.fit(sets, parameters={"chi": Free(**said)}, unloading_line=line, **QUICK)
+        for line in ("curves", "weighted")
+    )
+    ratio = [float(pair(name).yield_ratio) for name in NAMES]
+    chi = [result.values[f"chi[{name}]"] for name in NAMES]
+    errors = np.array([result.standard_errors[f"chi[{name}]"] for name in NAMES])
+    line, covariance = np.polyfit(ratio, chi, 1, w=1 / errors, cov="unscaled")
+    for found in (result.unloading_line.through_chi, vars(again.unloading_line)):
+        for name, value, variance in zip(("c2", "c1"), line, np.diag(covariance), strict=True):
+            assert found[name].value == pytest.approx(value, rel=1e-9)
+            assert found[name].standard_error == pytest.approx(variance**0.5, rel=1e-9)
+    assert cal.fit(sets, unloading_line=None, **QUICK).unloading_line is None
+
+
+def test_the_errors_of_a_line_through_two_curves_are_those_of_their_chi():
+    """Two materials lie on the line exactly: both χ̃ carried through it."""
+    sets = three(NAMES[1:])
+    result = cal.fit(sets, **QUICK)
+    line = result.unloading_line
+    ratios = np.array([float(d.contact.yield_ratio) for d in sets])
+    chi = np.array([result.values[f"chi[{d.name}]"] for d in sets])
+    errors = np.array([result.standard_errors[f"chi[{d.name}]"] for d in sets])
+    inverse = np.linalg.inv(np.stack([np.ones(2), ratios], axis=1))
+    expected = np.sqrt(np.diag(inverse @ np.diag(errors**2) @ inverse.T))
+    for k, one in enumerate((line.c1, line.c2)):
+        assert one.value == pytest.approx((inverse @ chi)[k], rel=1e-5)
+        assert one.standard_error == pytest.approx(expected[k], rel=1e-4)
+
+
+def test_the_line_is_of_each_set_s_own_parameters():
+    """Sets that share a parameter are one fit; the line through all does not depend on their order."""
+    said = {f"psi[{name}]": Free(shared="both") for name in ("stainless steel", "nylon")}
+    said |= {"psi[chrome steel]": 0.3114}
+    first, second = (
+        cal.fit(three(names), parameters=said, **QUICK).unloading_line
+        for names in (NAMES, ("stainless steel", "nylon", "chrome steel"))
+    )
+    assert first.c1.value == pytest.approx(second.c1.value, rel=1e-6)
+    assert first.c2.value == pytest.approx(second.c2.value, rel=1e-6)
+
+    def squared(contact, chi):
+        return sj.Zhou(contact, chi=chi**2, sigma=0.4, psi=0.5)
+
+    own = cal.fit(three()[::2], squared, **QUICK | {"objective": "model"})
+    assert own.unloading_line is None  # its `chi` is what its function makes of it
