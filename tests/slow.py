@@ -25,8 +25,6 @@ SLOW = [
     "test_studies_sobol.py::test_restitutions_indices_agree_with_a_brute_force_run",
     "test_whole_fields.py::test_slopes_in_the_heights_of_a_table",
     "test_uncertainty_coverage.py::test_a_robust_loss_keeps_outliers_from_moving_chi[20]",
-    "test_uncertainty.py::test_profiles_are_minos_s[nylon, u of each point]",
-    "test_uncertainty.py::test_profiles_are_minos_s[stainless, u stated]",
     "test_uncertainty_coverage.py::test_errors_that_are_shared_or_unequal[Thornton, trains 0.7 ms]",
     "test_posterior_samplers.py::test_blackjax_samples_it",
     "test_speed.py::test_a_law_of_ones_own_errs_as_told",

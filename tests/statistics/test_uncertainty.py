@@ -1,0 +1,239 @@
+"""Standard errors, intervals and bands of Zhou's law, against SciPy and iminuit on SciPy's own model."""
+
+import iminuit
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.optimize import least_squares
+
+import calibration as cal
+import softjax as sj
+from tests import fit_oracle
+from tests.decay import Decay
+from tests.fit_data import TRUTH, pair, twin
+
+NAMES = ("chi", "sigma", "psi")
+QUICK = {"route": sj.EnergyBalance(), "starts": 4}
+SETS = {  # name of a material, and how its data are made
+    "stainless, u stated": ("stainless steel", {"noise": 0.0005, "uncertainty": 0.0005}),
+    "stainless, u not stated": ("stainless steel", {"noise": 0.0005, "seed": 1}),
+    "chrome, u stated": ("chrome steel", {"noise": 0.001, "uncertainty": 0.002, "seed": 2}),
+    "nylon, Hertz's area": ("nylon", {"noise": 0.001, "seed": 3, "area": "hertz"}),
+    "nylon, u of each point": (
+        "nylon",
+        {"noise": 0.002, "seed": 4, "uncertainty": np.linspace(0.001, 0.004, 30)},
+    ),
+}
+LONG = ("stainless, u stated", "nylon, u of each point")
+
+
+def own_model(data):
+    numbers = fit_oracle.numbers(data.contact)
+    return lambda *p: fit_oracle.curve(data.velocity, numbers, *p)
+
+
+@pytest.mark.parametrize("case", SETS)
+def test_errors_and_correlations_are_scipy_s(case):
+    name, made = SETS[case]
+    data = twin(name, **made)
+    result = cal.fit(data, profiles=False, **QUICK)
+    values, covariance, off = fit_oracle.fit(
+        own_model(data), TRUTH[name][1:4], data.restitution, data.uncertainty
+    )
+    size = np.sqrt(np.diag(covariance))
+    assert result.covariance_names == NAMES
+    for parameter, value, error in zip(NAMES, values, size, strict=True):
+        assert result.values[parameter] == pytest.approx(value, rel=1e-5)
+        assert result.standard_errors[parameter] == pytest.approx(error, rel=1e-5)
+    np.testing.assert_allclose(result.correlations, covariance / np.outer(size, size), atol=1e-5)
+    assert result.rank == 3
+    stated = data.uncertainty is not None
+    reduced = np.sum(off**2) / 27
+    material = result.materials[0]
+    assert result.degrees_of_freedom("chi") == (None if stated else pytest.approx(27))
+    if stated:
+        assert material.reduced_chi_squared == pytest.approx(reduced, rel=1e-6)
+    else:
+        assert material.reduced_chi_squared is None
+        assert material.noise == pytest.approx(np.sqrt(reduced), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    "case", [pytest.param(c, marks=pytest.mark.long if c in LONG else ()) for c in SETS]
+)
+def test_profiles_are_minos_s(case):
+    """Where u is not stated its estimate, and Student's quantile in place of the normal one."""
+    name, made = SETS[case]
+    data = twin(name, **made)
+    result = cal.fit(data, **QUICK)
+    model, values = own_model(data), [result.values[k] for k in NAMES]
+    u = data.uncertainty
+    if u is None:
+        left = len(data) - 3
+        u = np.sqrt(np.sum((model(*values) - data.restitution) ** 2) / left)
+        u *= stats.t.ppf(0.975, left) / stats.norm.ppf(0.975)
+
+    def cost(*logarithms):  # profiles do not mind, and the steps stay at positive numbers
+        return float(np.sum(((model(*np.exp(logarithms)) - data.restitution) / u) ** 2))
+
+    minuit = iminuit.Minuit(cost, *np.log(values), name=NAMES)
+    minuit.errordef, minuit.tol, minuit.strategy = 1.0, 1e-4, 2
+    minuit.migrad()
+    minuit.minos(cl=0.95)
+    for parameter in NAMES:
+        expected, value = minuit.merrors[parameter], minuit.values[parameter]
+        assert expected.is_valid
+        ends = np.exp([value + expected.lower, value + expected.upper])
+        assert result.intervals[parameter] == pytest.approx(tuple(ends), rel=1e-3)
+        assert result.estimates[parameter].method == "profile"
+
+
+def test_a_profile_follows_a_valley_to_its_end():
+    """σ and ψ that make up for each other over decades, against SciPy in ln(σ r^ψ) in place of σ."""
+    data = twin("chrome steel", noise=0.01, seed=0, uncertainty=0.01)
+    result = cal.fit(data, **QUICK)
+    assert result.intervals["sigma"][1] is None
+    assert all(end is not None for end in result.intervals["chi"])
+    model, critical = own_model(data), float(data.contact.critical_velocity)
+    ratio = critical / (float(data.contact.limit_velocity) - critical)
+
+    def lowest(psi):
+        def residual(q):
+            chi, loss = np.exp(q)
+            return (model(chi, loss / ratio**psi, psi) - data.restitution) / 0.01
+
+        starts = ([np.log(0.06), at] for at in (-3.5, -3.0))
+        return min(2 * least_squares(residual, start).cost for start in starts)
+
+    rise = [lowest(end) - lowest(result.values["psi"]) for end in result.intervals["psi"]]
+    assert rise == pytest.approx([stats.chi2.ppf(0.95, 1)] * 2, rel=1e-3)
+
+
+def test_a_refit_that_is_sent_astray_ends_no_profile():
+    """Where σ and ψ hardly show, their first guess at the next χ̃ is far off: SciPy finds the way."""
+    data = twin("stainless steel", noise=0.01, seed=2)
+    result = cal.fit(data, starts=8)
+    low, high = result.intervals["chi"]
+    model = own_model(data)
+
+    def cost(chi):
+        residual = lambda x: model(chi, *np.exp(x)) - data.restitution  # noqa: E731
+        return min(2 * least_squares(residual, x).cost for x in ([-5.0, -5.0], [0, -0.6]))
+
+    best = result.values["chi"]
+    variance = cost(best) / (len(data) - 3)
+    inside = best - 0.8 * (best - low)
+    assert cost(inside) - cost(best) < stats.t.ppf(0.975, len(data) - 3) ** 2 * variance
+    assert best - low == pytest.approx(high - best, rel=0.35)
+
+
+def test_an_interval_at_a_bound_knows_as_little_of_the_noise():
+    """Student's quantile, with the residuals' degrees of freedom, as that of its neighbours."""
+    nylon = pair("nylon")
+    velocity = np.geomspace(2.0, 40.0, 12) * nylon.critical_velocity
+    law = sj.Zhou(nylon, 0.3, 1e-6, 0.5)
+    above = 0.02 + 0.01 * np.random.default_rng(3).standard_normal(12)  # what Eq. (17) forbids
+    data = cal.RestitutionData(velocity, sj.restitution(law, velocity).coefficient + above, nylon)
+    result = cal.fit(data, starts=4)
+    assert set(result.profiles) == {"chi", "eps_up"}
+    assert result.values["eps_up"] == 1.0
+    for profile in result.profiles.values():
+        assert 4.8 < profile.threshold < 5.2  # t² at 95 %: 4.96 of 10 degrees, 3.84 of none
+
+
+@pytest.mark.parametrize("objective", ["model", "two-step"])
+def test_a_band_is_the_covariance_carried_through_the_curve(objective):
+    data = twin("nylon", noise=0.002, seed=3)
+    result = cal.fit(data, objective=objective, profiles=False, **QUICK)
+    velocity, numbers = data.velocity[::5], fit_oracle.numbers(data.contact)
+    centre = [result.values[k] for k in NAMES]
+    curve = lambda p: fit_oracle.curve(velocity, numbers, *p)  # noqa: E731
+    steps = 1e-5 * np.diag(centre)
+    slope = [(curve(centre + s) - curve(centre - s)) / (2 * np.max(s)) for s in steps]
+    order = [result.covariance_names.index(k) for k in NAMES]
+    covariance = result.covariance[np.ix_(order, order)]
+    expected = np.sqrt(np.einsum("iv,ij,jv->v", slope, covariance, slope))
+    band = result.band(velocity)
+    np.testing.assert_allclose(band.coefficient, curve(centre), atol=1e-9)
+    np.testing.assert_allclose(band.standard_error, expected, rtol=1e-5)
+    left = len(data) - (2 if objective == "two-step" else 3)
+    for level in (0.95, 0.5):
+        one = result.band(velocity, confidence=level)
+        reach = stats.t.ppf(0.5 + level / 2, left)
+        np.testing.assert_allclose(one.high - one.low, 2 * reach * expected, rtol=1e-5)
+
+
+@pytest.mark.parametrize("order", [1, -1], ids=["last", "first"])
+def test_a_set_without_free_parameters_has_the_quantile_of_its_own_noise(order):
+    """4 points about a given curve: Student's t with 4 degrees of freedom, beside a set with many."""
+    many = twin("nylon", noise=0.002, seed=3)
+    exact = np.array([0.9, 0.8, 0.7, 0.6])
+    velocity = np.geomspace(0.01, 0.5, 4) * float(many.contact.limit_velocity)
+    few = cal.RestitutionData(velocity, exact, many.contact, name="few")
+    fixed = {"chi": 0.22, "sigma": 0.44, "psi": 0.54}
+    result = cal.fit([many, few][::order], parameters=[{}, fixed][::order], profiles=False, **QUICK)
+    band = result.band(velocity, "few", kind="prediction")
+    off = sj.restitution(result.law["few"], velocity).coefficient - exact
+    assert band.standard_error == pytest.approx(np.sqrt(np.mean(off**2)))
+    reach = (band.high - band.coefficient) / band.standard_error
+    np.testing.assert_allclose(reach, stats.t.ppf(0.975, 4), rtol=1e-9)
+
+
+def test_a_band_of_many_sets_has_the_degrees_of_what_it_stands_on():
+    """The mean of two constants' common ε by Satterthwaite's degrees; not those of either set."""
+    random, sizes = np.random.default_rng(0), (5, 40)
+    sets = [
+        cal.RestitutionData(np.linspace(1, 2, n), 0.8 + u * random.standard_normal(n), name=f"{n}")
+        for n, u in zip(sizes, (0.004, 0.01), strict=True)
+    ]
+    result = cal.fit(sets, "constant", {"restitution": cal.Parameter(shared=True)}, profiles=False)
+    variance = np.array([m.noise**2 for m in result.materials])
+    share = np.array(sizes) / variance / np.sum(np.array(sizes) / variance)
+    freedom = np.array(sizes) - share
+    band = result.band(1.5, "5")
+    degrees = 1 / np.sum(share**2 / freedom)
+    reach = float((band.high - band.coefficient) / band.standard_error)
+    assert degrees > 6
+    assert reach == pytest.approx(stats.t.ppf(0.975, degrees), rel=0.06)
+    assert reach < 0.9 * stats.t.ppf(0.975, 4)
+
+
+@pytest.mark.parametrize("level", [95, 0, 1.0, -0.5, np.nan, True, "0.95"])
+def test_a_band_s_confidence_is_a_part(level):
+    data = cal.RestitutionData([1.0, 2.0, 3.0, 4.0], [0.9, 0.91, 0.9, 0.88])
+    with pytest.raises(ValueError, match="`confidence` must be between 0 and 1") as caught:
+        cal.fit(data, "constant", profiles=False).band(1.0, confidence=level)
+    assert str(caught.value).isprintable()
+
+
+V = np.linspace(0.5, 8.0, 20)
+
+
+@pytest.fixture(scope="module")
+def decays():
+    e = 0.92 * np.exp(-0.09 * V) + 0.004 * np.random.default_rng(5).standard_normal(20)
+    return cal.fit(cal.RestitutionData(V, e), Decay, profiles=False, starts=1)
+
+
+def test_bootstrapped_fits_scatter_as_the_standard_errors_say(decays):
+    """Simulated with the fitted noise; 2000 refits' scatter is known to 1.6 %, limits as quantiles."""
+    found = decays.bootstrap(2000, seed=1)
+    assert np.all(found.converged)
+    for k, name in enumerate(decays.covariance_names):
+        error, values = decays.standard_errors[name], found.values[:, k]
+        assert np.std(values) == pytest.approx(error, rel=0.06)
+        assert np.mean(values) == pytest.approx(decays.values[name], abs=0.1 * error)
+        assert found.intervals[name] == pytest.approx(tuple(np.quantile(values, [0.025, 0.975])))
+    assert np.array_equal(decays.bootstrap(5, seed=1).values, decays.bootstrap(5, seed=1).values)
+    assert not np.array_equal(
+        decays.bootstrap(5, seed=1).values, decays.bootstrap(5, seed=2).values
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("count", 0), ("count", 2.5), ("count", True), ("count", "9"), ("seed", -1), ("seed", None)],
+)
+def test_a_bootstrap_of_no_number_is_refused(name, value, decays):
+    with pytest.raises(ValueError, match=f"`{name}` must be a whole number >= "):
+        decays.bootstrap(**({"count": 3} | {name: value}))

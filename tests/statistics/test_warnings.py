@@ -1,0 +1,345 @@
+"""Each warning is raised by data that must raise it, and not by their neighbours; thresholds from both sides."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from jaxtyping import Array
+from scipy import optimize, stats
+
+import calibration as cal
+import softjax as sj
+from tests.fit_data import TRUTH, eq_17_data, twin
+
+QUICK = {"route": sj.EnergyBalance(), "profiles": False, "starts": 4}
+TWO_STEP = QUICK | {"objective": "two-step"}
+Free = cal.Parameter
+
+
+def codes(result):
+    return {one.code for one in result.warnings}
+
+
+def at_bound():
+    data = twin("nylon", noise=0.002)
+    return (cal.fit(data, None, {"chi": Free(bounds=(low, 1))}, **QUICK) for low in (0.3, 0.1))
+
+
+def runs_to_zero():
+    """With noise as large as this the losses below yield say nothing of ψ."""
+    noisy, exact = (twin("nylon", noise=u, seed=2, uncertainty=u) for u in (0.03, 0.0005))
+    raised, quiet = (cal.fit(d, **QUICK) for d in (noisy, exact))
+    assert raised.values["psi"] == 0.0
+    assert raised.estimates["psi"].at_bound
+    return raised, quiet
+
+
+def grows_without_bound():
+    noisy, exact = (twin("stainless steel", noise=u, uncertainty=u) for u in (0.01, 0.0003))
+    raised, quiet = (cal.fit(d, **QUICK) for d in (noisy, exact))
+    assert raised.values["sigma"] is None
+    assert "grows without bound" in str(raised)
+    assert np.all(np.isfinite(raised.band(noisy.velocity).high))
+    return raised, quiet
+
+
+def rank_deficient():
+    """σ and ψ wanted from points above yield through Eq. (16) alone; and with points below."""
+    both = {"sigma": Free(), "psi": Free()}
+    above = twin("nylon", np.geomspace(1.2, 80, 30), 0.002)
+    raised = cal.fit(above, None, both, **QUICK)
+    assert raised.standard_errors["sigma"] is None
+    assert raised.rank == 2
+    return raised, cal.fit(twin("nylon", noise=0.002), None, both, **QUICK)
+
+
+def eps_up_only():
+    above = twin("nylon", np.geomspace(1.2, 80, 30), 0.002)
+    return (cal.fit(d, **QUICK) for d in (above, twin("nylon", noise=0.002)))
+
+
+def sigma_psi_not_separate():
+    return (cal.fit(twin("chrome steel", noise=u, seed=1), **QUICK) for u in (0.02, 0.0005))
+
+
+class Falling(sj.HardSphereLaw):
+    """ε falls linearly, by two parameters that act almost alike."""
+
+    one: Array = sj.number_field("a", "s/m", "one slope")
+    other: Array = sj.number_field("b", "s/m", "other slope")
+    curve: float = 1e-3
+
+    def restitution_squared(self, velocity):
+        bent = 1 + self.curve * (velocity - 1)
+        return (1 - (self.one + self.other * bent) * velocity) ** 2
+
+
+def falling(data, curve=-1.0):
+    """ε = 1 - a v - b v (1 + c (v - 1))."""
+
+    def line(contact, one, other):
+        return Falling(one, other, curve)
+
+    return cal.fit(data, line, {"one": Free(0.03), "other": Free(0.03)}, **QUICK)
+
+
+def ill_conditioned():
+    """Two slopes that differ by a millionth of a bend; and by one that shows."""
+    velocity = np.linspace(0.1, 1.9, 30)
+    noise = 1e-9 * np.random.default_rng(3).standard_normal(30)
+    data = cal.RestitutionData(velocity, 1 - 0.1 * velocity + noise)
+    return (falling(data, curve) for curve in (1e-6, 1e-1))
+
+
+def not_converged():
+    data, short = twin("nylon", noise=0.002), QUICK | {"starts": 1}
+    return cal.fit(data, max_steps=1, **short), cal.fit(data, **QUICK)
+
+
+def model_misfit(**told):
+    names = ("stainless steel", "chrome steel")
+    return (cal.fit(eq_17_data(name, 40, noise=0.003, **told), **TWO_STEP) for name in names)
+
+
+def no_velocity_dependence():
+    """Bounces as a golf ball's, scattered about one ε; and falling ones."""
+    random = np.random.default_rng(11)
+    velocity = random.uniform(1.2, 4.2, 150)
+    noise = 0.012 * random.standard_normal(150)
+    build = lambda slope: cal.RestitutionData(velocity, 0.896 - slope * velocity + noise)  # noqa: E731
+    return (cal.fit(build(slope)) for slope in (0.0, 0.02))
+
+
+def status():
+    """Just above yield the law gains energy; farther up it does not."""
+    near, far = (twin("chrome steel", np.linspace(low, 25, 30)) for low in (1.005, 1.3))
+    return cal.fit(near, **QUICK), cal.fit(far, **QUICK)
+
+
+def all_below_yield():
+    low, high = np.linspace(0.1, 0.9, 20), np.linspace(0.1, 5.0, 20)
+    return (cal.fit(eq_17_data("nylon", y=y, noise=0.001), **QUICK) for y in (low, high))
+
+
+def data():
+    """One ε above 1, among others that scatter as widely."""
+    velocity, scatter = np.linspace(1, 2, 12), 0.03 * (-1.0) ** np.arange(12)
+    high = 0.95 + scatter + np.where(np.arange(12) == 3, 0.1, 0.0)
+    return (cal.fit(cal.RestitutionData(velocity, e)) for e in (high, 0.95 + scatter))
+
+
+PRIOR = 20.0
+
+
+def balanced_spread(data, losses):
+    """The prior's standard deviation at which both minima cost the same."""
+    far = sj.restitution(sj.Zhou(data.contact, PRIOR, **losses), data.velocity).coefficient
+    misfit = np.sum(((np.asarray(far) - data.restitution) / data.uncertainty) ** 2)
+    return (PRIOR - TRUTH["nylon"][1]) / np.sqrt(misfit)
+
+
+def torn(*shares):
+    """Data sets torn between points that want a small χ̃ and priors for a large one.
+
+    Far above, ε no longer falls with χ̃, so that the data's cost levels off and the prior's wins.
+    """
+    data = twin("nylon", np.linspace(5, 60, 12), uncertainty=0.25)
+    losses = {"sigma": TRUTH["nylon"][2], "psi": TRUTH["nylon"][3]}
+    spreads = [share * balanced_spread(data, losses) for share in shares]
+    sets = [replace(data, name=f"set {i}") for i in range(len(shares))]
+    own = [losses | {"chi": Free(value=2.0, prior=(PRIOR, spread))} for spread in spreads]
+    return cal.fit(sets, None, own, **QUICK | {"starts": 32})
+
+
+def several_minima():
+    return torn(1.04), torn(2.08)
+
+
+def objectives_disagree():
+    """Eq. (17) is no law of all of stainless steel's curve, and as good as one of chrome steel's."""
+    told = {"noise": 0.003, "uncertainty": 0.003}
+    return (cal.fit(twin(name, **told), **QUICK) for name in ("stainless steel", "chrome steel"))
+
+
+def groups():
+    """Three specimens of ten impacts each, one after the other in the file; and shuffled."""
+    random = np.random.default_rng(4)
+    velocity = np.tile(np.linspace(1, 4, 10), 3)
+    offset = np.repeat([0.01, -0.01, 0.004], 10) + 0.001 * random.standard_normal(30)
+    e, mixed = 1 - 0.05 * velocity + offset, random.permutation(30)
+    return (falling(cal.RestitutionData(velocity[k], e[k])) for k in (np.arange(30), mixed))
+
+
+def unequal_scatter():
+    """The errors grow with the velocity; and are equal."""
+    velocity = np.linspace(0.5, 4, 60)
+    noise = 0.003 * np.random.default_rng(4).standard_normal(60)
+    sizes = velocity**1.5, np.full(60, 2.0)
+    build = lambda size: cal.RestitutionData(velocity, 1 - 0.05 * velocity + size * noise)  # noqa: E731
+    return (falling(build(size)) for size in sizes)
+
+
+def plausibility():
+    """Balls of 12.7 m; and of 12.7 mm."""
+    velocity = np.linspace(1, 4, 20)
+    e = 1 - 0.05 * velocity + 0.003 * np.random.default_rng(4).standard_normal(20)
+    steel = sj.STAINLESS_STEEL
+    pairs = (sj.Contact.between_spheres(steel, steel, r, r) for r in (12.7, 0.0127))
+    return (falling(cal.RestitutionData(velocity, e, pair)) for pair in pairs)
+
+
+CASES = {
+    "at-bound": at_bound,
+    "at-bound, at zero": runs_to_zero,
+    "at-bound, at infinity": grows_without_bound,
+    "rank-deficient": rank_deficient,
+    "eps-up-only": eps_up_only,
+    "sigma-psi-not-separate": sigma_psi_not_separate,
+    "ill-conditioned": ill_conditioned,
+    "not-converged": not_converged,
+    "model-misfit": lambda: model_misfit(uncertainty=0.003),
+    "model-misfit, no u": model_misfit,
+    "residual-runs": lambda: model_misfit(uncertainty=0.003),
+    "no-velocity-dependence": no_velocity_dependence,
+    "status": status,
+    "all-below-yield": all_below_yield,
+    "data": data,
+    "several-minima": several_minima,
+    "objectives-disagree": objectives_disagree,
+    "groups": groups,
+    "unequal-scatter": unequal_scatter,
+    "plausibility": plausibility,
+}  # "branch-change" with the yield strength that moves, in tests/fit
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_raised_by_one_and_not_by_its_neighbour(case):
+    code = case.split(",")[0]
+    raised, quiet = CASES[case]()
+    assert code in codes(raised)
+    assert code not in codes(quiet)
+    (one, *_) = (doubt for doubt in raised.warnings if doubt.code == code)
+    assert one.cause
+    assert one.remedy.endswith((".", "?"))
+    assert str(one) in str(raised)
+    assert code in raised.to_json()
+    if code in ("residual-runs", "model-misfit"):
+        assert "`softjax compare` tries other laws" in one.remedy
+
+
+@pytest.mark.long
+def test_each_data_set_has_minima_of_its_own():
+    """What another set's minima cost does not enter, and each is named once."""
+    alone, both, one = torn(1.04), torn(1.04, 1.04), torn(2.08, 1.04)
+    (cause,) = (w.cause for w in alone.warnings if w.code == "several-minima")
+    for result, names in ((both, ["set 0", "set 1"]), (one, ["set 1"])):
+        told = [w for w in result.warnings if w.code == "several-minima"]
+        assert sorted(w.material for w in told) == names
+        assert {w.cause for w in told} == {cause}
+
+
+# thresholds, by constants fitted to residuals that are made to measure
+
+SIDES = pytest.mark.parametrize(("by", "is_raised"), [(0.995, False), (1.005, True)])
+
+
+def constant(residual, velocity=None, uncertainty=None):
+    """A constant ε about residuals of mean zero."""
+    velocity = np.arange(1.0, len(residual) + 1) if velocity is None else velocity
+    data = cal.RestitutionData(velocity, 0.8 + 0.01 * residual, uncertainty=uncertainty)
+    return cal.fit(data, "constant", profiles=False, starts=1)
+
+
+def alternating(n):
+    return np.where(np.arange(n) % 2, 1.0, -1.0)
+
+
+@SIDES
+def test_a_misfit_is_one_that_noise_makes_once_in_a_hundred(by, is_raised):
+    """χ² of 13 points and one parameter."""
+    residual = np.append(alternating(12), 0.0)
+    chi_squared = by * stats.chi2.ppf(0.99, 12)
+    u = 0.01 * np.sqrt(np.sum(residual**2) / chi_squared)
+    assert ("model-misfit" in codes(constant(residual, uncertainty=u))) == is_raised
+
+
+@SIDES
+def test_a_misfit_against_repeats_is_an_f_test(by, is_raised):
+    """Means of four repeats each, whose pooled scatter has 3 degrees a velocity."""
+    means, repeats = np.tile([1.0, -1.0], 3), np.tile([1.0, -1.0, 1.0, -1.0], 6)
+    size = np.sqrt(np.sum(means**2) / 5 / (by * stats.f.ppf(0.99, 5, 18)) * 4)  # of one repeat
+    size *= np.sqrt(18 / 24)  # their pooled variance is 24/18 of its square
+    velocity = np.repeat(np.arange(1.0, 7), 4)
+    e = 0.8 + 0.001 * (np.repeat(means, 4) + size * repeats)
+    result = cal.fit(cal.RestitutionData(velocity, e).averaged(), "constant", starts=1)
+    assert ("model-misfit" in codes(result)) == is_raised
+
+
+def test_runs_are_wald_s_and_wolfowitz_s():
+    """As few runs of ten and ten signs as chance makes in a hundred, and one more; along the velocity."""
+    mean, deviation = 11.0, np.sqrt(10 * 9 / 19)
+    few = max(n for n in range(2, 12) if stats.norm.cdf((n - mean) / deviation) < 0.01)
+    assert "residual-runs" in codes(constant(with_runs(few)))
+    assert "residual-runs" not in codes(constant(with_runs(few + 1)))
+    order = np.random.default_rng(0).permutation(20)
+    shuffled = constant(with_runs(few)[order], np.arange(1.0, 21)[order])
+    assert "residual-runs" in codes(shuffled)
+    for count, raised in ((4, False), (5, True)):  # of each sign; nine points are too few
+        residual = np.append(np.full(5, 1.0), np.full(count, -5 / count))
+        assert ("residual-runs" in codes(constant(residual))) == raised
+
+
+def with_runs(count):
+    """Ten residuals of each sign in so many runs, the last ones long."""
+    lengths = [[1] * ((count + 1 - k) // 2) for k in range(2)]
+    for one in lengths:
+        one[-1] += 10 - sum(one)
+    runs = [(lengths[k % 2][k // 2], 1.0 - 2 * (k % 2)) for k in range(count)]
+    return np.concatenate([np.full(n, sign) for n, sign in runs])
+
+
+@pytest.mark.parametrize(("turned", "word"), [(1, "grow"), (-1, "shrink")])
+def test_which_way_the_scatter_goes_is_said(turned, word):
+    size = np.repeat(np.arange(1.0, 9), 2)[::turned]
+    (one,) = [w for w in constant(size * alternating(16)).warnings if w.code == "unequal-scatter"]
+    assert f"{word} with the velocity" in one.cause
+
+
+@SIDES
+def test_neighbours_are_alike_from_a_correlation_on(by, is_raised):
+    """√n times the first autocorrelation at the normal distribution's 99 %; not where rows are in order."""
+    velocity = np.array([5.0, 1, 9, 3, 11, 7, 6, 12, 2, 10, 4, 8])  # many runs along it
+    slow, fast = np.repeat([1.0, -1.0], 6), alternating(12)
+
+    def excess(weight):
+        r = weight * slow + fast
+        return np.sum(r[1:] * r[:-1]) / np.sum(r * r) - stats.norm.ppf(0.99) / np.sqrt(12)
+
+    weight = optimize.brentq(excess, 1.0, 50.0)
+    residual = weight * by * slow + fast
+    assert ("groups" in codes(constant(residual, velocity))) == is_raised
+    assert "groups" not in codes(constant(residual))
+
+
+@SIDES
+def test_a_slope_is_told_from_none_by_student_s_t(by, is_raised):
+    """As SciPy has it, of nine points; raised where the slope is not told from 0."""
+    velocity = np.linspace(1, 5, 9)
+    noise = np.random.default_rng(2).standard_normal(9)
+    noise -= np.polyval(np.polyfit(velocity, noise, 1), velocity)
+    error = stats.linregress(velocity, noise + velocity).stderr
+    slope = stats.t.ppf(0.975, 7) * error / by
+    for u, reach in ((None, slope), (0.01, stats.norm.ppf(0.975) / np.sqrt(15) / by)):
+        result = constant(reach * (velocity - 3) + noise, velocity, u)
+        assert ("no-velocity-dependence" in codes(result)) == is_raised
+
+
+@pytest.mark.parametrize(
+    ("velocity", "count"), [(0.99, 1), (0.9995, 0), (1.0, 0), (5.0, 0), (5.004, 0), (5.01, 1)]
+)
+def test_extrapolation_below_and_above(velocity, count):
+    result = constant(np.array([1.0, -1.0, 0.0]), np.array([1.0, 2.0, 5.0]))
+    found = result.extrapolation([2.0, velocity])
+    assert (found is not None) == bool(count)
+    assert found is None or found.code == "extrapolation"
+    assert found is None or "1 velocities lie outside" in found.cause
