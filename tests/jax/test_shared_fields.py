@@ -1,0 +1,234 @@
+"""Fields that all impacts share: a network's weights and a table's knots beside numbers of each impact."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.special import beta
+
+import softjax as sj
+from tests.cases import compiled_soon, pair
+
+STEEL = pair("stainless steel", area="hertz")
+VELOCITY = np.array([0.05, 0.4, 3.0])
+KNOTS, HEIGHTS = np.array([0.0, 0.2, 0.5, 1.0]), np.array([0.0, 0.05, 0.3, 1.0])
+PACE = np.sqrt(STEEL.mass / 1e6)
+LONG = pytest.mark.long
+
+
+class Spring(sj.RateIndependentLaw):
+    """Loading of 1e6 N/m; what comes back is a share of the force at the peak."""
+
+    contact: sj.Contact
+
+    def loading_force(self, overlap):
+        return 1e6 * overlap
+
+    def unloading_force(self, overlap, peak_overlap):
+        return 1e6 * peak_overlap * self.share(overlap / peak_overlap, peak_overlap)
+
+
+class Tabled(Spring):
+    """A table of shares over the overlap relative to the peak."""
+
+    knots: jax.Array = sj.array_field()
+    heights: jax.Array = sj.array_field()
+
+    def share(self, s, peak):
+        return jnp.interp(s, self.knots, self.heights)
+
+
+class Networked(Spring):
+    """s² times what a network makes of s and the peak."""
+
+    network: eqx.nn.MLP = sj.array_field()
+
+    def share(self, s, peak):
+        bend = jnp.tanh(self.network(jnp.stack([s, peak / 1e-4])))
+        return s**2 * (1 + 0.5 * (1 - s) * bend)
+
+
+class Weighted(Spring):
+    """A straight line and a parabola, each with its weight; loading bent by other weights."""
+
+    weights: jax.Array = sj.array_field()
+    bend: jax.Array = sj.array_field(default=(0.0, 0.0))
+
+    def loading_force(self, overlap):
+        return 1e6 * overlap * (1 + jnp.sum(self.bend**2) * overlap / 1e-4)
+
+    def unloading_force(self, overlap, peak_overlap):
+        s = overlap / peak_overlap
+        return self.loading_force(peak_overlap) * jnp.dot(self.weights, jnp.stack([s, s**2]))
+
+
+class Named(Spring):
+    """A straight line back, whose slope is found by name and place."""
+
+    table: dict = sj.array_field()
+
+    def unloading_force(self, overlap, peak_overlap):
+        stiffness = {"one": 2e6, "other": 4e6}[self.table["kind"]]
+        scale = jnp.asarray(self.table["of"])[self.table["at"]].sum()
+        return stiffness * scale * (overlap - peak_overlap) + 1e6 * peak_overlap
+
+
+class Staged(sj.RateIndependentLaw):
+    """Hertz's up to w0, with half of the force back beyond."""
+
+    contact: sj.Contact
+    w: jax.Array = sj.array_field()
+
+    def elastic_overlap(self):
+        return self.w[0]
+
+    def loading_force(self, overlap):
+        return self.contact.stiffness * sj.power_3_2(overlap)
+
+    def unloading_force(self, overlap, peak_overlap):
+        return self.w[1] * self.loading_force(overlap)
+
+
+class Shared(sj.HardSphereLaw):
+    """ε² = a w0."""
+
+    a: float
+    w: jax.Array = sj.array_field()
+
+    def restitution_squared(self, velocity):
+        return self.a * self.w[0] + 0 * velocity
+
+
+TABLE = Tabled(STEEL, KNOTS, HEIGHTS)
+NETWORK = Networked(STEEL, eqx.nn.MLP(2, "scalar", 8, 1, jax.nn.softplus, key=jax.random.key(0)))
+
+
+def by_gauss(law, peak):
+    """ε² = 2 ∫ of the shares."""
+    nodes, weights = np.polynomial.legendre.leggauss(60)
+    return np.sum(weights * jax.vmap(lambda s: law.share(s, peak))(0.5 * (nodes + 1)))
+
+
+def test_a_table_whatever_the_batch():
+    """ε² = 2 ∫ of the table. Its kinks move with the peak and are not declared: 1e-9, or flagged."""
+    exact = np.sum(np.diff(KNOTS) * (HEIGHTS[1:] + HEIGHTS[:-1]))
+    for velocity in (0.4, VELOCITY, VELOCITY[:2, None] * np.ones(3)):
+        result = sj.restitution(TABLE, velocity)
+        assert result.coefficient.shape == np.shape(velocity)
+        off = np.abs(np.asarray(result.coefficient) ** 2 - exact)
+        assert np.all((off < 1e-9) | (np.asarray(result.status) & sj.Status.INEXACT > 0))
+        assert np.all(off < 1e-3)
+    heights = np.array([HEIGHTS, HEIGHTS**2])  # `vmap` over tables is a table after the other
+    of = lambda h: sj.restitution(Tabled(STEEL, KNOTS, h), VELOCITY)  # noqa: E731
+    each = jax.vmap(of)(heights)
+    for k in range(2):
+        alone = of(heights[k])
+        assert np.allclose(each.coefficient[k], alone.coefficient, rtol=1e-13)
+        assert np.allclose(each.duration[k], alone.duration, rtol=1e-12)
+
+
+@LONG
+def test_a_large_batch_shares_its_table_and_its_slopes():
+    many = sj.restitution(TABLE, np.full(300_000, 0.4)).coefficient
+    assert np.all(many == many[0])
+    slopes = jax.grad(lambda law: (sj.restitution(law, VELOCITY).coefficient ** 2).sum())(TABLE)
+    width = np.diff(KNOTS)
+    exact = len(VELOCITY) * (np.append(0.0, width) + np.append(width, 0.0))
+    # the kinks are not declared: what a quadrature across them leaves over
+    assert np.allclose(slopes.heights, exact, rtol=0, atol=1e-2)
+
+
+@pytest.mark.parametrize(
+    "route", [None, pytest.param(sj.ODE(rtol=1e-10), marks=LONG)], ids=["energy", "ode"]
+)
+def test_a_network(route):
+    """Values by Gauss's rule; slopes along a random direction through all weights by its differences."""
+    weights, rest = eqx.partition(NETWORK, eqx.is_inexact_array)
+    keys = iter(jax.random.split(jax.random.key(1), len(jax.tree.leaves(weights))))
+    along = jax.tree.map(lambda w: jax.random.normal(next(keys), jnp.shape(w)), weights)
+
+    def moved(t):
+        return eqx.combine(jax.tree.map(lambda w, d: w + t * d, weights, along), rest)
+
+    def total(t):
+        hit = sj.restitution(moved(t), VELOCITY, route)
+        return hit.coefficient.sum(), (hit.coefficient, hit.status, hit.duration)
+
+    (_, (found, status, lasts)), slope = compiled_soon(jax.value_and_grad(total, has_aux=True))(0.0)
+    peaks, step = VELOCITY * PACE, 1e-4
+    exact = [[by_gauss(moved(t), x) ** 0.5 for x in peaks] for t in (-step, 0.0, step)]
+    assert np.allclose(found, exact[1], rtol=1e-8 if route else 1e-10, atol=0)
+    assert np.all(status == sj.Status.NO_RESIDUAL_OVERLAP)
+    assert np.all(lasts > 0.5 * np.pi * PACE)
+    steep = (np.sum(exact[2]) - np.sum(exact[0])) / (2 * step)
+    assert abs(steep) > 1e-3
+    assert np.isclose(slope, steep, rtol=1e-6)
+    forward = compiled_soon(jax.jacfwd(lambda t: total(t)[0]))(0.0)
+    assert np.isclose(forward, steep, rtol=1e-6)
+
+
+def test_networks_that_are_no_numbers():
+    assert bool(NETWORK.is_valid())
+    broken = eqx.tree_at(lambda law: law.network.layers[0].bias, NETWORK, np.full(8, np.nan))
+    found = compiled_soon(sj.restitution)(broken, VELOCITY)
+    assert np.all(found.status == sj.Status.INVALID_INPUT)
+    law = eqx.tree_at(lambda law: law.a, Shared(0.5, [0.2]), np.array([0.5, np.inf]))
+    found = jax.jit(sj.restitution)(law, 1.0)  # a bad number beside a good one
+    assert list(found.status) == [0, sj.Status.INVALID_INPUT]
+    assert np.allclose(found.coefficient, [np.sqrt(0.1), 0], rtol=1e-15)
+
+
+def test_each_of_many_lasts_as_long_as_alone():
+    """A quarter period there; back a quarter, or ∫ ds/√(1 - s³) of √(3/2) of it. Outside `vmap` too."""
+    of = lambda w: sj.restitution(Weighted(STEEL, w), VELOCITY)  # noqa: E731
+    weights = np.array([[1.0, 0.0], [0.0, 1.0]])
+    each = jax.vmap(of)(weights)
+    cubic = np.sqrt(1.5) * beta(1 / 3, 1 / 2) / 3
+    exact = PACE * np.array([np.pi, 0.5 * np.pi + cubic])
+    assert np.allclose(each.duration, exact[:, None], rtol=1e-9, atol=0)
+    assert np.allclose(each.coefficient**2, [[1.0], [2 / 3]], rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "route", [None, pytest.param(sj.ODE(rtol=1e-11), marks=LONG)], ids=["energy", "ode"]
+)
+def test_slopes_of_loading_in_shared_numbers(route):
+    """ε² = P_m δ_m (w0/2 + w1/3)/(½ M v²), differentiated by hand through the cubic for δ_m."""
+
+    @compiled_soon
+    @jax.value_and_grad
+    def graded(bend):
+        return sj.restitution(Weighted(STEEL, [0.3, 0.6], bend), 1.0, route).coefficient
+
+    bend = np.array([0.1, 0.2])
+
+    def exact(bend):
+        c = np.sum(bend**2) / 1e-4
+        roots = np.roots([1e6 * c / 3, 0.5e6, 0.0, -0.5 * STEEL.mass])
+        peak = float(np.max(np.real(roots[np.abs(np.imag(roots)) < 1e-12])))
+        force = 1e6 * peak * (1 + c * peak)
+        return np.sqrt(force * peak * (0.15 + 0.2) / (0.5 * STEEL.mass))
+
+    value, slopes = graded(jnp.asarray(bend))
+    assert value == pytest.approx(exact(bend), rel=1e-8)
+    step = 1e-5
+    for k, along in enumerate(np.eye(2) * step):
+        steep = (exact(bend + along) - exact(bend - along)) / (2 * step)
+        assert abs(steep) > 1e-3
+        assert slopes[k] == pytest.approx(steep, rel=1e-6)
+
+
+def test_words_and_indices():
+    """ε² = 1/(k2/k1), by hand."""
+    for at, scale in ((1, 1.5), (np.array([0, 1]), 2.0)):
+        law = Named(STEEL, {"kind": "other", "of": [0.5, 1.5], "at": at})
+        found = sj.restitution(law, 1.0)
+        assert found.coefficient**2 == pytest.approx(1 / (4 * scale), rel=1e-9)
+
+
+def test_how_long_a_traced_result_lasts_where_yield_is_of_a_shared_number():
+    law = Staged(STEEL, np.array([1e-7, 0.5]))
+    found, traced = sj.restitution(law, VELOCITY), jax.jit(sj.restitution)(law, VELOCITY)
+    assert np.allclose(traced.duration, found.duration, rtol=1e-12, atol=0)
+    assert np.allclose(found.coefficient, np.sqrt(0.5), rtol=1e-9, atol=0)
