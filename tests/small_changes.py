@@ -5,7 +5,7 @@ By file: what stands there once, what is put in its place, and the tests' files 
 
 CHANGES: dict[str, list[tuple[str, str, str]]] = {
     "calibration/fitting/uncertainty.py": [
-        ("covariance, seen = covariance + added, seen + added", "pass", "shared_errors"),
+        ("covariance, seen = covariance + added, seen + added", "pass", "shared_errors")
     ],
     "calibration/fitting/noise.py": [
         ("LEAST = 1e-4", "LEAST = 0.9", "shared_errors"),
