@@ -11,6 +11,7 @@ from calibration.fitting.estimate import Estimate
 from calibration.fitting.specs import SetSpec
 from calibration.fitting.transform import NONE
 from calibration.fitting.uncertainty import quantile
+from calibration.fitting.zhou import several_yields
 
 STEP = 1e-3  # in z, of fourth-order differences: their error is near 1e-12
 
@@ -33,13 +34,19 @@ def chi_of(law: sj.Zhou) -> float:
 
 
 def derived_of(fit: ComponentFit, spec: SetSpec, g: int, confidence: float) -> dict[str, Estimate]:
-    """What follows from Zhou's law of one data set; nothing for others."""
+    """What follows from Zhou's law of one data set; nothing for others.
+
+    Of bodies that differ from impact to impact v_cr is the highest, and ε_up none.
+    """
     if spec.model.law_type is not sj.Zhou:
         return {}
-    law = _law(fit, fit.z, g)
-    found = {"critical_velocity": Estimate(critical_velocity_of(law), method="derived")}
+    problem = fit.final.problem
+    critical = np.asarray(problem.yields_at(fit.z))[
+        problem.points.set == fit.component.sets.index(g)
+    ]
+    found = {"critical_velocity": Estimate(float(np.max(critical)), method="derived")}
     names = spec.model.parameters
-    if not spec.by_eps_up:
+    if not (spec.by_eps_up or several_yields(spec.data.contact)):
         found["eps_up"] = _carried(fit, g, eps_up_of, confidence, (0.0, 1.0))
     if "chi" not in names:
         found["chi"] = _carried(fit, g, chi_of, confidence, (0.0, np.inf))

@@ -24,7 +24,8 @@ class MaterialFit:
         objective: "model" or "two-step".
         model: its law, as a fit sees it.
         parameters: estimates by name, the fixed ones too; a whole parameter is told by none.
-        derived: numbers that follow from them, of Zhou's law eps_up and critical_velocity [m/s].
+        derived: numbers that follow from them, of Zhou's law eps_up and critical_velocity [m/s]; of
+            bodies that differ from impact to impact the highest v_cr (`law.contact` has each), no ε_up.
         values: all parameters that make the law, physical, the numbers of whole ones too.
         labels: what the covariance calls those that were free.
         trees: how the numbers of whole parameters make up pytrees.
@@ -33,7 +34,8 @@ class MaterialFit:
         reduced_chi_squared: with the stated uncertainties; None without.
         converged: whether the searches arrived.
         status: `softjax.Status` at each point.
-        known_from, known_to: velocities between which the fit knows anything of the curve [m/s].
+        known_from, known_to: velocities between which the fit knows anything of the curve [m/s], of
+            all bodies where they differ.
         variances: mean variance of ε by where it comes from, of one more measurement: "stated",
             "scatter", "group" (of another specimen, launch or day), "timing", "scale", "repeats".
         timing: standard deviation of times that was found [s].

@@ -299,10 +299,11 @@ class Problem:
             elastic = np.broadcast_to(elastic, (fits, self.count)).ravel()
         found = expand(self.laws.shape, flat, velocity, self.laws.moving, self.route, elastic)
         squared, slopes, status = (a.reshape(*a.shape[:-1], fits, self.count) for a in found)
-        value, slope = (root, root_slope)
         if self.guided:
-            value, slope = extended_root, extended_root_slope
-        return value(squared), self._local_slopes(slopes * slope(squared), leaves.slopes), status
+            value, slope = extended_root(squared), extended_root_slope(squared)
+        else:
+            value, slope = root(squared), root_slope(squared)
+        return value, self._local_slopes(slopes * slope, leaves.slopes), status
 
     def _local_slopes(self, slopes, of_leaves) -> Float[np.ndarray, "free fits points"]:
         """dε/d(local parameter), from the slopes in the leaves."""

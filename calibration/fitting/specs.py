@@ -20,7 +20,7 @@ from calibration.fitting.law_model import (
 )
 from calibration.fitting.plan import ErrorPlan, plan_of
 from calibration.fitting.rows import Tree, numbers_in
-from calibration.fitting.zhou import EXTRA, LINE, zhou_model
+from calibration.fitting.zhou import EXTRA, LINE, several_yields, zhou_model
 from calibration.parameters import Parameter, as_parameter
 from softjax.fields import Declared
 
@@ -192,7 +192,8 @@ def _named_law(name: str) -> type:
 def _identified(data, given: dict[str, Parameter], model: LawModel, options):
     """What of Zhou's law these data can tell: ε_up without points below yield, no χ̃ without any above.
 
-    Only where nothing was said of σ, ψ or ε_up; of ε_up wherever prior and bounds let yield be.
+    Only where nothing was said of σ, ψ or ε_up; of ε_up wherever prior and bounds let yield be. Bodies
+    that yield at several velocities have an ε_up each, and these tell σ from ψ.
     """
     free = {name for name, parameter in given.items() if parameter.free}
     moves = bool(free & {OF_CONTACT + name for name in MOVE_YIELD})
@@ -202,7 +203,7 @@ def _identified(data, given: dict[str, Parameter], model: LawModel, options):
         held = {"c1", "c2"} if set(LINE) & set(given) else {"chi"}
         fixed = {name: Parameter(free=False) for name in held}
         return given | fixed, model
-    if told or np.any(below):
+    if told or np.any(below) or several_yields(data.contact):
         return given, model
     names = [*(name for name in LINE if name in given), "eps_up"]
     return given, zhou_model(names, options)

@@ -19,6 +19,7 @@ from calibration.fitting.goodness import goodness_of
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.specs import SetSpec
 from calibration.fitting.suspicions import material_doubts
+from calibration.fitting.zhou import several_yields
 
 
 def summarise_material(
@@ -97,22 +98,25 @@ def _values(fit: ComponentFit, spec: SetSpec, g: int):
 def _known(fit: ComponentFit, spec: SetSpec, g: int) -> tuple[float, float]:
     """Between which velocities the fit knows anything of the curve.
 
-    By `model` σ and ψ are known from points below yield alone, χ̃ from points above: else only where
-    they were given.
+    By `model` σ and ψ are known from points below yield, or from pairs that yield at several
+    velocities, χ̃ from points above: else only where they were given. Of bodies that differ from impact
+    to impact the ends are those that hold for all.
     """
     if spec.model.law_type is not sj.Zhou or spec.objective != "model":
         return 0.0, np.inf
     problem, place = fit.final.problem, fit.component.sets.index(g)
-    law = problem.law_of(problem.transform.physical(fit.z), place)
-    critical = float(np.asarray(law.elastic_velocity()))  # type: ignore[attr-defined]
-    below = problem.points.velocity[problem.points.set == place] <= critical
+    own = problem.points.set == place
+    critical = np.asarray(problem.yields_at(fit.z))[own]
+    below = problem.points.velocity[own] <= critical
     free = {e.name for e in fit.component.elements if g in e.sets}
     told = {e.name for e in fit.component.elements if e.parameter.prior is not None}
     needs_below = spec.by_eps_up or ({"sigma", "psi"} & free) - told
     above_is_open = "chi" in {local.name for local in spec.local if local.parameter.value is None}
-    knows_below = bool(np.any(below)) or not needs_below
+    several = not spec.by_eps_up and several_yields(spec.data.contact)
+    knows_below = bool(np.any(below)) or not needs_below or several
     chi_told = not np.all(below) or not ({"chi", "c1", "c2"} & free or above_is_open)
-    return (0.0 if knows_below else critical), (np.inf if chi_told else critical)
+    known_from = 0.0 if knows_below else float(np.max(critical))
+    return known_from, (np.inf if chi_told else float(np.min(critical)))
 
 
 def _eq_17(fit: ComponentFit, spec: SetSpec, part: MaterialFit, g: int):

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import jax.numpy as jnp
+import numpy as np
 
 import softjax as sj
 from calibration.fitting.law_model import LawModel, model_of_class
@@ -21,6 +22,7 @@ EXTRA = {
     "c2": Declared("c2"),
     "eps_up": Declared("ε_up", "-", "coefficient of restitution", 0.0, 1.0, True, True),
 }
+ALIKE = 0.01  # of v_cr/(v_lim - v_cr): pairs that differ by less have one ε_up to 1e-3 at most
 NOT_GIVEN = -1.0  # ε_up of data sets that have σ, beside others that have ε_up
 
 
@@ -72,6 +74,15 @@ def sigma_of(contact: sj.Contact, eps_up: Any, psi: Any) -> Any:
     below = critical < limit
     ratio = jnp.where(below, critical / jnp.where(below, limit - critical, 1.0), 1.0)
     return -jnp.log(jnp.maximum(eps_up, 1e-300)) / ratio**psi
+
+
+def several_yields(contact: sj.Contact | None) -> bool:
+    """Whether impacts are of pairs whose ε_up = ε_17(v_cr) differ."""
+    if contact is None:
+        return False
+    critical = np.asarray(contact.critical_velocity)
+    ratio = critical / np.maximum(np.asarray(contact.limit_velocity) - critical, 1e-300)
+    return bool(np.max(ratio) > (1 + ALIKE) * np.min(ratio))
 
 
 def eps_up_of(law: sj.Zhou) -> Any:
