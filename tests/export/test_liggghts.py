@@ -12,7 +12,7 @@ import pytest
 import calibration as cal
 import softjax as sj
 from tests.cases import RADIUS
-from tests.export_cases import DENSITY, MASS, PAIR, STEEL, VELOCITIES
+from tests.export.laws import DENSITY, MASS, PAIR, STEEL, VELOCITIES
 
 pytestmark = [
     pytest.mark.codes,
@@ -118,6 +118,7 @@ ROWS = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("row", ROWS)
 def test_what_liggghts_makes_of_its_input_is_predicted(row, tmp_path):
     model, numbers, law, told = ROWS[row]
@@ -134,13 +135,7 @@ def test_what_liggghts_makes_of_its_input_is_predicted(row, tmp_path):
         np.testing.assert_allclose(found, told, atol=2e-5)
 
 
-every_law = pytest.mark.parametrize(
-    "law",
-    [
-        "linear",
-        *(pytest.param(n, marks=pytest.mark.long) for n in ("hertz-dashpot", "walton-braun")),
-    ],
-)
+every_law = pytest.mark.parametrize("law", ["linear", "hertz-dashpot", "walton-braun"])
 
 
 @every_law

@@ -1,6 +1,5 @@
 """The LAMMPS plugin among many spheres: momentum, processors, restarts, what it refuses."""
 
-import re
 import subprocess
 
 import numpy as np
@@ -9,8 +8,7 @@ import pytest
 import calibration as cal
 import softjax as sj
 from tests.cases import RADIUS
-from tests.export_cases import DENSITY, PAIR, STEEL
-from tests.export_lammps import (
+from tests.export.lammps import (
     ENVIRONMENT,
     MOVES,
     NEEDED,
@@ -20,14 +18,11 @@ from tests.export_lammps import (
     lammps,
     needs_lammps,
 )
+from tests.export.laws import DENSITY, PAIR, STEEL
 
 pytestmark = needs_lammps
+long = pytest.mark.long
 LOAD = ["plugin load ./softjaxplugin.so", "pair_style softjax", "pair_coeff * *"]
-GRANULAR = "tangential linear_nohistory 0.0 0.0 damping"
-OTHERS = {
-    "hertz": f"hertz/material 1.93e11 0.8 0.35 {GRANULAR} coeff_restitution limit_damping",
-    "mdr": f"mdr 1.93e11 0.35 3.1e8 0.0 0.5 0.0 {GRANULAR} mdr 1",
-}
 
 
 @pytest.fixture(scope="module")
@@ -91,7 +86,7 @@ def test_a_gas_conserves_its_momentum(alone):
 
 
 @pytest.mark.parametrize(
-    ("ranks", "newton"), [(2, "on"), (1, "off"), pytest.param(2, "off", marks=pytest.mark.long)]
+    ("ranks", "newton"), [(2, "on"), *(pytest.param(n, "off", marks=long) for n in (1, 2))]
 )
 def test_a_gas_is_the_same_by_two_processes(ranks, newton, alone, folder):
     _, _, contacts = lammps(gas(LOAD, newton), folder, ranks)
@@ -127,9 +122,9 @@ def crossing(drift: float, newton: str) -> list[str]:
     ]
 
 
-@pytest.mark.parametrize("newton", ["on", "off"])
+@pytest.mark.parametrize("newton", ["on", pytest.param("off", marks=long)])
 @pytest.mark.parametrize(
-    "drift", [0.0, 300.0, pytest.param(-300.0, marks=pytest.mark.long)]
+    "drift", [300.0, *(pytest.param(d, marks=long) for d in (0.0, -300.0))]
 )  # at 300 both change their processor
 def test_a_contact_that_crosses_the_boundary_of_two_processes(drift, newton, folder):
     wanted = float(sj.restitution(STEEL, 1.0).coefficient)
@@ -157,7 +152,11 @@ def in_periodic_box(velocity: float, newton: str) -> list[str]:
 
 @pytest.mark.parametrize(
     ("at", "newton"),
-    [(20, "on"), (45, "off"), (75, "on")],  # loading, at the peak, unloading
+    [  # loading, at the peak, unloading
+        pytest.param(20, "on", marks=long),
+        pytest.param(45, "off", marks=long),
+        (75, "on"),
+    ],
 )
 def test_a_restart_in_mid_contact_changes_nothing(at, newton, folder):
     velocity, told = 5.0, 'print "RESULT $(vx[1]:%.17g) $(vx[2]:%.17g) $(x[1]:%.17g)"'
@@ -196,6 +195,7 @@ def test_a_periodic_box_of_less_than_two_diameters_is_refused(folder):
     assert "longer than two diameters" in error_of(small, folder)
 
 
+@long
 def test_a_table_is_of_one_pair_of_sizes(tmp_path):
     class Own(sj.Thornton):
         pass
@@ -209,26 +209,3 @@ def test_a_table_is_of_one_pair_of_sizes(tmp_path):
     assert found[0] == pytest.approx(wanted, abs=1e-3)
     said = error_of(impact(1.0, [*settings, "set group all diameter 0.026"], 300), tmp_path)
     assert "a table for one pair of sizes" in said
-
-
-@pytest.mark.long
-def test_it_costs_about_as_much_as_a_law_of_the_code(folder, capsys):
-    """Nanoseconds an atom and step in the gas, beside two styles of LAMMPS itself."""
-    cost = {}
-    for name in ("softjax", *OTHERS):
-        settings = [
-            "comm_modify vel yes",
-            "pair_style granular",
-            f"pair_coeff * * {OTHERS.get(name)}",
-        ]
-        (folder / "in.cost").write_text(
-            "\n".join(gas(LOAD if name == "softjax" else settings, "off", 2000))
-        )
-        command = [NEEDED[2], "-in", "in.cost", "-log", "none"]
-        ended = subprocess.run(command, cwd=folder, env=ENVIRONMENT, capture_output=True, text=True)
-        times = re.findall(r"Loop time of (\S+) on 1 procs for 2000 steps", ended.stdout)
-        cost[name] = 1e9 * float(times[0]) / 2000 / 4096
-    with capsys.disabled():
-        print("\n", {name: round(time, 1) for name, time in cost.items()}, "ns an atom and step")
-    assert cost["softjax"] < 2 * cost["hertz"]
-    assert cost["softjax"] < cost["mdr"]

@@ -10,17 +10,17 @@ import pytest
 
 import calibration as cal
 import softjax as sj
-from calibration.handover import lammps as code
 from tests.cases import RADIUS
-from tests.export_cases import DENSITY, MASS, PAIR, STEEL, VELOCITIES
-from tests.export_lammps import build, impact, needs_lammps, onto_a_wall, rebounds
+from tests.export.codes import TSUJI
+from tests.export.lammps import build, impact, needs_lammps, onto_a_wall, rebounds
+from tests.export.laws import DENSITY, FRACTION, MASS, PAIR, STEEL, VELOCITIES
 
 pytestmark = needs_lammps
 E, NU, FRICTIONLESS = 1.93e11, 0.35, "tangential linear_nohistory 0.0 0.0"
 STEPS = 2000  # a contact
-FRACTION = math.log(1 / 0.8) / math.hypot(math.pi, math.log(0.8))
 SPRING, TIME = 1e7, 2e-6  # N/m, s
 ETA = 1.5 * float(PAIR.stiffness) * TIME / math.sqrt(float(PAIR.radius)) / MASS
+long = pytest.mark.long
 
 
 class PullingViscoelastic(sj.RateDependentLaw):
@@ -36,7 +36,7 @@ class PullingViscoelastic(sj.RateDependentLaw):
 
 def of_tsuji(asked: float) -> sj.HertzDashpot:
     """α is a polynomial of ε, and √5 times the fraction of critical damping."""
-    fraction = float(np.polynomial.polynomial.polyval(asked, code.TSUJI)) / math.sqrt(5)
+    fraction = float(np.polynomial.polynomial.polyval(asked, TSUJI)) / math.sqrt(5)
     return sj.HertzDashpot(PAIR, math.exp(-math.pi * fraction / math.sqrt(1 - fraction**2)))
 
 
@@ -84,6 +84,7 @@ def contact_time(velocity: float) -> float:
     return max(2.9432751843 * peak / velocity, math.pi * math.sqrt(MASS / SPRING))
 
 
+@long
 @pytest.mark.parametrize("row", ROWS)
 def test_what_lammps_makes_of_its_input_is_predicted(row, tmp_path):
     coefficients, law, told = ROWS[row]
@@ -107,6 +108,7 @@ def measured(folder, velocities, wall=None):
     return rebounds((of(v, settings, 2 * steps) for v in velocities), folder)
 
 
+@long
 @pytest.mark.parametrize(
     ("law", "tolerance", "version"),
     [
@@ -128,6 +130,7 @@ def test_input_that_is_written_keeps_its_tolerance(law, tolerance, version, tmp_
     assert np.max(np.abs(found - given)) <= made.choice.steps.error + 1e-6
 
 
+@long
 def test_the_sizes_that_input_is_written_for_do_not_matter_where_it_says_so(tmp_path):
     """coeff_restitution holds for any mass, as Tsuji's damping does; that over mass for one."""
     for law, version, same in (
@@ -147,6 +150,7 @@ def test_the_sizes_that_input_is_written_for_do_not_matter_where_it_says_so(tmp_
         assert ("told for that mass" in text) != same
 
 
+@long
 @pytest.mark.parametrize("law", ["hertz-dashpot", "linear"])
 def test_the_line_that_is_written_for_a_wall(law, tmp_path):
     made = cal.export(
@@ -158,6 +162,7 @@ def test_the_line_that_is_written_for_a_wall(law, tmp_path):
     np.testing.assert_allclose(found, made.choice.impacts.coefficient[0], atol=1e-3)
 
 
+@long
 def test_what_was_wanted_of_a_wall_comes_out_at_a_wall(tmp_path):
     """Its damping is told for the mass of a ball on a wall, and its line acts as it stands."""
     steel = sj.STAINLESS_STEEL
@@ -190,7 +195,12 @@ def with_steps(law, velocity, count):
 
 @pytest.mark.parametrize(
     "options",
-    [{}, {"newton": "off"}, {"at": 1.0}, {"at": 1.0, "newton": "off"}],
+    [
+        pytest.param({}, marks=long),
+        pytest.param({"newton": "off"}, marks=long),
+        pytest.param({"at": 1.0}, marks=long),
+        {"at": 1.0, "newton": "off"},
+    ],
     ids=["plain", "newton off", "periodic", "periodic, newton off"],
 )
 def test_the_plugin_gives_the_restitution_of_the_law(plugin, options):
@@ -218,7 +228,8 @@ def test_a_sphere_bounces_off_a_wall(plugin):
     assert np.max(np.abs(found - wanted)) < 2e-4
 
 
-@pytest.mark.parametrize("law", ["itself", pytest.param("walton-braun", marks=pytest.mark.long)])
+@long
+@pytest.mark.parametrize("law", ["itself", "walton-braun"])
 def test_other_laws_by_the_plugin_keep_their_tolerance(law, tmp_path):
     source = STEEL if law == "walton-braun" else sj.ViscoelasticHertz(PAIR, 2e-6)
     made = cal.export(

@@ -1,7 +1,6 @@
 """What the tests of exports share: steel spheres, laws to hand over, headers compiled for ctypes."""
 
 import ctypes
-import dataclasses
 import math
 import os
 import shutil
@@ -14,10 +13,9 @@ import numpy as np
 import pytest
 
 import softjax as sj
-from calibration.handover.c_header import header_of
 from tests.cases import fitted, pair
 
-HARNESS = Path(__file__).parent / "export_harness.c"
+HARNESS = Path(__file__).parent / "harness.c"
 WARNINGS = ["-Wall", "-Wextra", "-pedantic", "-Wconversion", "-Wshadow", "-Werror"]
 COMPILERS = {"c": ["gcc", "-std=c99"], "c++": ["g++", "-std=c++11"]}
 
@@ -28,8 +26,10 @@ needs_compiler = pytest.mark.skipif(
 PAIR = pair("stainless steel")
 STEEL = fitted("stainless steel")
 MASS, DENSITY = float(PAIR.mass), 8030.0
+RANGE = (0.1, 5.0)  # m/s
 SPRING = float(PAIR.stiffness) * math.sqrt(float(PAIR.radius))  # N/m, as stiff as Hertz at δ = R
 VELOCITIES = (0.1, 1.0, 5.0)
+FRACTION = math.log(1 / 0.8) / math.hypot(math.pi, math.log(0.8))  # of critical damping, for 0.8
 INDEPENDENT = {
     "zhou": STEEL,
     "zhou full": fitted("stainless steel", "full"),
@@ -43,18 +43,19 @@ DAMPED = {
     "hertz, no pull": sj.HertzDashpot(PAIR, 0.8, end="zero-force"),
     "viscoelastic": sj.ViscoelasticHertz(PAIR, 2e-6),
 }
+LAWS = INDEPENDENT | DAMPED
 
 
 class Compiled:
     """A header behind the harness; SI throughout."""
 
-    def __init__(self, source: str, language: str = "c", flags: tuple[str, ...] = ()):
+    def __init__(self, source: str, flags: tuple[str, ...] = ()):
         folder = Path(tempfile.mkdtemp())
         header, library = folder / "law.h", folder / "law.so"
         header.write_text(source, encoding="utf-8")
         own = [f'-DSOFTJAX_HEADER="{header}"', *flags, "-O2", "-shared", "-fPIC"]
-        files = ["-x", language, HARNESS, "-o", library, "-lm"]
-        subprocess.run([*COMPILERS[language], *own, *files], check=True)
+        files = ["-x", "c", HARNESS, "-o", library, "-lm"]
+        subprocess.run([*COMPILERS["c"], *own, *files], check=True)
         self.library = ctypes.CDLL(str(library))
         self.library.gained.restype = ctypes.c_double
         shutil.rmtree(folder)
@@ -84,37 +85,23 @@ class Compiled:
         arguments = (len(turns), _pointer(turns), samples, *_sizes(contact), ctypes.byref(most))
         return self.library.gained(*arguments), most.value
 
+    def largest_error(self, velocity, expected, step, phases=(0.0, 0.3, 0.6, 0.9)) -> float:
+        """Of ε over several beginnings of an impact within a step."""
+        found = [self.rebounds(velocity, step, phase) for phase in phases]
+        return float(np.max(np.abs(np.array(found) - expected)))
+
 
 @lru_cache
-def compiled(source: str, language: str = "c", flags: tuple[str, ...] = ()) -> Compiled:
-    return Compiled(source, language, flags)
+def compiled(source: str, flags: tuple[str, ...] = ()) -> Compiled:
+    return Compiled(source, flags)
 
 
-def header(law, **options) -> str:
-    return header_of(law, "test", **options).source
-
-
-def compiled_law(law, flags: tuple[str, ...] = (), **options) -> Compiled:
-    return compiled(header(law, **options), flags=flags)
-
-
-def largest_error(law, velocity, wanted, step, phases=(0.0, 0.3, 0.6, 0.9), **options) -> float:
-    """Of ε over several beginnings of an impact within a step."""
-    one = compiled_law(law, **options)
-    found = [one.rebounds(velocity, step, phase) for phase in phases]
-    return float(np.max(np.abs(np.array(found) - wanted)))
-
-
-def compile_alone(text: str, language: str, folder: Path) -> str:
-    """What the compiler has to say of a program, with all warnings that are errors."""
+def compiler_says(text: str, language: str, folder: Path) -> str:
+    """The compiler's messages about a program, with all warnings as errors."""
     file = folder / "program"
     file.write_text(text, encoding="utf-8")
     command = [*COMPILERS[language], *WARNINGS, "-fsyntax-only", "-x", language, str(file)]
     return subprocess.run(command, capture_output=True, text=True).stderr
-
-
-def with_sizes(law, contact):
-    return dataclasses.replace(law, contact=contact)
 
 
 def _sizes(contact):

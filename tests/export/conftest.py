@@ -1,0 +1,40 @@
+"""Exports that several tests look at, each made once."""
+
+import pytest
+
+import calibration as cal
+from tests.export.laws import RANGE, STEEL, compiled
+
+
+@pytest.fixture(scope="session")
+def exported(tmp_path_factory):
+    """Export steel's law, or another one, over 0.1 to 5 m/s; the Export and its folder."""
+    made = {}
+
+    def export(source=STEEL, to="c", /, **options):
+        key = id(source), to, repr(sorted(options.items()))  # the Export keeps the source
+        if key not in made:
+            folder = tmp_path_factory.mktemp("export") / "out"
+            told = {"velocity_range": RANGE} | options
+            made[key] = cal.export(source, to, folder, **told), folder
+        return made[key]
+
+    return export
+
+
+@pytest.fixture(scope="session")
+def header(exported):
+    """The C header of a law itself."""
+
+    def text(source, /, **options):
+        told = {"law": "itself", "steps": 50, "tolerance": 0.5} | options
+        _, folder = exported(source, "c", **told)
+        return (folder / "softjax_law.h").read_text(encoding="utf-8")
+
+    return text
+
+
+@pytest.fixture(scope="session")
+def in_c(header):
+    """That header compiled."""
+    return lambda law, flags=(), **options: compiled(header(law, **options), flags)

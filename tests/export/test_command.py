@@ -1,0 +1,247 @@
+"""`softjax export` from the command line to its files: each option by what it does."""
+
+import ast
+import json
+import os
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import calibration as cal
+import softjax as sj
+from calibration.cli import main
+from tests.cases import fitted
+from tests.command import BODIES, run
+from tests.export.laws import compiled, compiler_says, needs_compiler
+
+STEEL = ("stainless-steel", "--range", "0.1:5", "--quiet")
+NYLON = ("--chi", "0.2", "--sigma", "0.4", "--psi", "0.5")
+
+
+def export(*options) -> None:
+    code, _, err = run("export", *options)
+    assert (code, err) == (0, "")
+
+
+@pytest.fixture(scope="module")
+def fit_file(tmp_path_factory):
+    """Fits of two materials, of which the second knows nothing below first yield."""
+    steel, nylon = fitted("stainless steel"), fitted("nylon")
+    sets = []
+    for name, law, velocity in (
+        ("steel", steel, np.geomspace(0.1, 3, 24)),
+        ("nylon", nylon, np.geomspace(1.5, 20, 24)),
+    ):
+        exact = np.asarray(sj.restitution(law, velocity).coefficient)
+        sets.append(cal.RestitutionData(velocity, exact, law.contact, 0.003, name=name))
+    path = tmp_path_factory.mktemp("fit") / "fit.json"
+    cal.fit(sets, profiles=False).save(path)
+    return path
+
+
+def report(folder="results"):
+    return json.loads(Path(folder, "export.json").read_text(encoding="utf-8"))
+
+
+def text(name, folder="results"):
+    return Path(folder, name).read_text(encoding="utf-8")
+
+
+def test_a_named_material_becomes_a_header(at):
+    code, out, err = run("export", *STEEL[:-1], "--to", "c", "--tolerance", "0.005")
+    assert (code, err) == (0, "")
+    assert "χ̃ = 1.7944" in out
+    assert "Zhou's law itself (by header)" in out
+    assert {p.name for p in Path("results").iterdir()} == {
+        "softjax_law.h",
+        "export.json",
+        "export.png",
+    }
+    made = report()
+    assert made["velocity_range"] == [0.1, 5.0]
+    assert made["largest_error"] <= made["tolerance"] == 0.005
+    assert made["radius"] == {"value": 0.0127, "of": "sphere's"}
+
+
+def test_a_fit_is_exported_material_by_material(at, fit_file):
+    """Over the velocities of its data; beyond them the curve is the law's alone, and said to be."""
+    options = ("--fit", fit_file, "--to", "c", "--tolerance", "0.02", "--quiet")
+    export(*options, "--material", "steel", "--out", "steel")
+    export(*options, "--material", "nylon", "--out", "nylon")
+    steel, nylon = report("steel"), report("nylon")
+    assert (steel["material"], nylon["material"]) == ("steel", "nylon")
+    assert steel["velocity_range"] == pytest.approx([0.1, 3.0])
+    assert nylon["velocity_range"] == pytest.approx([1.5, 20.0])
+    assert not any(caution.startswith("Measured") for caution in nylon["cautions"])
+    exact = sj.restitution(fitted("nylon"), np.array(nylon["curve"]["velocity"])).coefficient
+    np.testing.assert_allclose(nylon["curve"]["wanted"], exact, atol=1e-6)
+    code, out, _ = run("export", *options[:-1], "--material", "nylon", "--range", "1.5:21")
+    assert code == 0
+    codes = dict.fromkeys(d.code for d in cal.FitResult.load(fit_file).material("nylon").warnings)
+    expected = ["Measured were 1.5 to 20 m/s: beyond them the curve is the law's alone."]
+    expected += [f"Doubts about the fit: {', '.join(codes)}; its report has them."] * bool(codes)
+    assert set(expected) <= set(report()["cautions"])
+    for told in (text("softjax_law.h"), out):
+        assert all(caution in told for caution in expected)
+    code, _, err = run("export", *options, "--material", "steel", "--wanted-law", "zhou")
+    assert code == 2
+    assert "`--wanted-law` must be left out with --fit" in err
+
+
+def test_a_file_of_materials_with_given_parameters(at):
+    Path("alloy.toml").write_text(BODIES, encoding="utf-8")
+    options = ("--to", "lammps", "--range", "2:9", "--law", "viscoelastic", "--tolerance", "0.05")
+    export("alloy.toml", *NYLON, *options, "--quiet")
+    made = report()
+    assert (made["material"], made["law"]) == ("alloy", "viscoelastic")
+    assert [made["wanted"][name] for name in ("chi", "sigma", "psi")] == [0.2, 0.4, 0.5]
+
+
+NAMES = (
+    r"x\nshell echo hi",
+    r"x\u2028shell echo hi",
+    r"a\"\"\"b C:\\users \\N{x} \\x",
+    r"x\"\"\"+str(1/0)+\"\"\"",
+    r"coding: utf-7 +AAo-import nothing",
+    r"A&",
+    r"${nope} $(1/0)",
+    r"a*/b/*c//*d\\",
+)
+CODES = {
+    "lammps": ("in.softjax", "linear"),
+    "liggghts": ("in.softjax", "linear"),
+    "c": ("softjax_law.h", "linear"),
+    "yade": ("softjax_yade.py", "linear"),
+    "yade by header": ("softjax_yade.py", "itself"),
+}
+
+
+def acting(code: str, source: bytes, folder: Path):
+    """What a code reads of a file: all but comments."""
+    if code.startswith("yade"):  # as bytes: a comment may tell how they are to be read
+        return ast.dump(ast.parse(source))
+    if code == "c":
+        assert compiler_says(source.decode(), "c", folder) == ""
+        return source.partition(b"*/")[2]
+    assert b'"""' not in source  # with which a line of LAMMPS goes on, be it a comment
+    assert all(line.startswith(b"#") for line in source.partition(b"\n\n")[0].splitlines())
+    return source.partition(b"\n\n")[2]
+
+
+@needs_compiler
+@pytest.mark.parametrize("code", CODES)
+def test_no_name_of_a_material_acts_in_a_code(code, at):
+    """One name with everything in it is quick; each by itself is long."""
+    file, law = CODES[code]
+    told = [*NYLON, "--range", "2:2.1", "--quiet", "--to", code.split()[0], "--law", law]
+    told += ["--steps", "30", "--tolerance", "0.2"]
+    found = []
+    for name in ("alloy", " ".join(NAMES)):
+        Path("a.toml").write_text(BODIES.replace("alloy", name), encoding="utf-8")
+        export("a.toml", *told)
+        found.append(acting(code, Path("results", file).read_bytes(), at))
+    assert found[0] == found[1]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("code", ["lammps", "yade", "c"])
+def test_none_of_them_alone_does(code, name, at, monkeypatch):
+    monkeypatch.setattr("tests.export.test_command.NAMES", (name,))
+    test_no_name_of_a_material_acts_in_a_code(code, at)
+
+
+def test_a_wall_of_the_file_makes_its_line_act(at):
+    """A ball on a wall is another mass than two balls; without a wall there may be none at z = 0."""
+    law = ("--wanted-law", "walton-braun", "--set", "loading_stiffness=1e6")
+    law += ("--set", "unloading_stiffness=1.2e6", "--set", "growth=200")
+    bodies = {"pair": BODIES, "wall": f'{BODIES}\n[material.wall]\nmaterial = "nylon"\n'}
+    for name, body in bodies.items():
+        Path(f"{name}.toml").write_text(body, encoding="utf-8")
+        options = ("--to", "lammps", "--range", "0.5:5", "--tolerance", "0.3", "--out", name)
+        export(f"{name}.toml", *law, *options, "--quiet")
+    pair, wall = text("in.softjax", "pair"), text("in.softjax", "wall")
+    heading = "# between {}, as wanted:\n"
+    assert heading.format("two balls") + "pair_style" in pair
+    assert "needs numbers of its own:\n# fix ID group " in pair
+    assert heading.format("a ball and a flat wall") + "fix softjax_wall all " in wall
+    assert "# between two balls, which needs numbers of its own:\npair_style" in wall
+    assert [report(name)["bodies"] for name in bodies] == ["two balls", "a ball on a flat wall"]
+
+
+def test_another_wanted_law_and_names_of_a_header(at):
+    options = ("--wanted-law", "hertz-dashpot", "--set", "restitution=0.8", "--prefix", "steel")
+    export(*STEEL, *options, "--to", "c", "--tolerance", "1e-2")
+    made = report()
+    assert made["wanted"]["law"] == "HertzDashpot"
+    assert made["error_of_law"] < 1e-6
+    np.testing.assert_allclose(made["curve"]["wanted"], 0.8)
+    assert "steel_force(" in text("softjax_law.h")
+    assert "softjax" not in text("softjax_law.h").lower()
+
+
+@needs_compiler
+def test_the_contact_force_alone_gives_the_plastic_restitution(at):
+    """At as many steps as asked for, and as soft."""
+    common = (*STEEL, "--to", "c", "--law", "itself", "--steps", "400", "--tolerance", "0.1")
+    export(*common, "--overlap", "0.03")
+    export(*common, "--contact-force", "--out", "force")
+    velocity = np.array([0.2, 1.0, 4.0])
+    hit = sj.restitution(fitted("stainless steel"), velocity)
+    for folder, wanted in (("results", hit.coefficient), ("force", hit.plastic_coefficient)):
+        made = report(folder)
+        found = compiled(text("softjax_law.h", folder)).rebounds(velocity, made["time_step"])
+        np.testing.assert_allclose(found, wanted, atol=2 * made["error_of_time_step"] + 1e-6)
+        assert made["steps_in_shortest_contact"] == 400
+    assert report()["largest_overlap_over_radius"] == pytest.approx(0.03)
+    assert report()["softer"]["overlaps"] > 3
+
+
+def test_a_version_of_lammps_gets_the_damping_that_it_has(at):
+    for version, damping in ((20250722, "coeff_restitution"), (20230802, "tsuji")):
+        options = ("--to", "lammps", "--law", "hertz-dashpot", "--tolerance", "0.1")
+        export(*STEEL, *options, "--lammps-version", version)
+        assert f"damping {damping} limit_damping" in text("in.softjax")
+
+
+def test_a_build_without_an_answer_from_lammps_says_what_to_do(at):
+    """And by header it is the plugin with its sources."""
+    export(*STEEL, "--to", "lammps", "--tolerance", "0.005")
+    made = report()
+    assert made["carrier"] == "header"
+    assert {p.name for p in Path("results").iterdir()} == set(made["files"]) == {
+        *("softjax_law.h", "softjax_lammps.cpp", "softjax_memory.h", "build.sh", "in.softjax"),
+        *("export.json", "export.png"),
+    }  # fmt: skip
+    silent = os.environ | {"PYTHON": "false"}
+    ended = subprocess.run(["sh", "results/build.sh"], env=silent, capture_output=True, text=True)
+    assert ended.returncode == 1
+    assert ended.stderr.endswith("where libmpi is not found put its folder on LD_LIBRARY_PATH\n")
+
+
+@pytest.mark.parametrize(
+    ("options", "blamed"),
+    [
+        (("--to", "fortran"), "fortran"),
+        ((), "--to"),
+        (("--to", "c", "--range", "5"), "lowest:highest"),
+        (("--to", "c", "--wanted-law", "hertz-dashpot", "--set", "restitution=2"), "but is 2.0"),
+        (("--to", "c", "--wanted-law", "hertz-dashpot"), "`--wanted-law` must be given with --set"),
+        (("--to", "c", "--tolerance", "2"), "tolerance"),
+        (("--to", "c", "--law", "viscoelastc"), "did you mean 'viscoelastic'"),
+        (("--to", "liggghts", "--range", "0.1:5", "--tolerance", "0.001"), "--tolerance 0.072"),
+        (("--to", "c", "--lammps-version", "20250722"), "left out with c"),
+    ],
+)
+def test_what_cannot_be_done_is_refused_in_one_line(options, blamed, at, capsys):
+    try:
+        code = main(["export", "stainless-steel", *options])
+    except SystemExit as stop:
+        code = stop.code
+    out, err = capsys.readouterr()
+    assert (code, out) == (2, "")
+    assert len(err.splitlines()) == 1
+    assert blamed in err
+    assert list(at.iterdir()) == []

@@ -1,0 +1,255 @@
+"""The C header of a law against the law: ε, stiffness, energy, sizes, precision, compilers."""
+
+import dataclasses
+import math
+import subprocess
+from functools import lru_cache
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import softjax as sj
+from tests.cases import MATERIALS, fitted, pair
+from tests.export.laws import (
+    DAMPED,
+    FRACTION,
+    INDEPENDENT,
+    LAWS,
+    MASS,
+    PAIR,
+    STEEL,
+    compiled,
+    compiler_says,
+    needs_compiler,
+)
+
+pytestmark = needs_compiler
+WIDE = np.geomspace(1e-3, 50, 512)  # m/s, of which
+SOME = slice(160, 512, 16)  # from 0.03 m/s
+# χ̃ of Table 1, with which nylon gains energy just above yield and has no residual overlap
+GAINING = sj.Zhou(pair("nylon"), 0.0160, 0.4355, 0.5414)
+
+
+class Plastic(sj.RateIndependentLaw):
+    """A law without a formula in C: a user's class."""
+
+    contact: sj.Contact
+    hardness: float  # [N/m²]
+
+    def loading_force(self, overlap):
+        return self.hardness * overlap**2
+
+    def unloading_force(self, overlap, peak_overlap):
+        part = jnp.maximum(1 - (peak_overlap - overlap) / (0.3 * peak_overlap), 0)
+        return self.hardness * peak_overlap**2 * sj.power_3_2(part)
+
+
+class Viscous(sj.RateDependentLaw):
+    """The same with damping: P = k δ^{3/2} (1 + v/(3 m/s)), no attraction."""
+
+    contact: sj.Contact
+    end = "zero-force"
+
+    def force(self, overlap, velocity):
+        return self.contact.stiffness * overlap * jnp.sqrt(overlap) * (1 + velocity / 3)
+
+
+@lru_cache
+def wide(law):
+    """ε, at most 1, and the duration of impacts at `WIDE`."""
+    hit = sj.restitution(law, WIDE)
+    return np.minimum(np.asarray(hit.coefficient), 1.0), np.asarray(hit.duration)
+
+
+@pytest.mark.parametrize("name", INDEPENDENT)
+def test_the_rebound_is_that_of_the_law_and_of_second_order_in_the_step(name, in_c):
+    one, (expected, duration) = in_c(INDEPENDENT[name]), wide(INDEPENDENT[name])
+    errors = {n: one.largest_error(WIDE, expected, duration / n) for n in (50, 100, 800)}
+    assert errors[100] < 2e-4
+    assert 1.8 < np.log(errors[50] / errors[800]) / np.log(16) < 2.2
+
+
+def damped(name, velocity):
+    """ε and about the duration of a damped law; constant ε by its closed forms."""
+    law = DAMPED[name]
+    if name == "viscoelastic":
+        hit = sj.restitution(law, velocity)
+        return np.asarray(hit.coefficient), np.asarray(hit.duration)
+    frequency = math.sqrt(1 - FRACTION**2)
+    pulls = law.end == "zero-overlap"
+    angle = 0 if pulls else math.atan(2 * FRACTION * frequency / (1 - 2 * FRACTION**2))
+    peak = (1.25 * MASS * velocity**2 / float(PAIR.stiffness)) ** 0.4
+    linear = np.full_like(velocity, math.pi * math.sqrt(MASS / 1e7))
+    duration = linear if name.startswith("linear") else 2.94 * peak / velocity
+    return math.exp(-FRACTION / frequency * (math.pi - angle)), duration
+
+
+@pytest.mark.parametrize("name", DAMPED)
+def test_damping_by_the_velocity_half_a_step_before_is_of_first_order(name, in_c):
+    velocity, phases = np.geomspace(0.05, 5, 16), np.arange(20) / 20
+    one, (expected, duration) = in_c(DAMPED[name]), damped(name, velocity)
+    coarse, fine = (
+        one.largest_error(velocity, expected, duration / n, phases) for n in (400, 4000)
+    )
+    assert coarse < 1e-3
+    assert 0.8 < np.log(coarse / fine) / np.log(10) < 1.4
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_the_stiffness_is_the_slope_of_the_force(name, in_c):
+    one, width = in_c(LAWS[name]), 1e-11
+    for before in ([], [1.001e-4]) if name in INDEPENDENT else ([],):  # loading, unloading
+        for at in np.geomspace(2e-7, 1e-4, 40):
+            force, stiffness = one.forces([*before, at - width, at, at + width], 0.1)
+            low, middle, high = force[-3:]
+            if low > 0:
+                slope = (high - low) / (2 * width)
+                assert stiffness[-2] == pytest.approx(slope, rel=1e-5, abs=3e-14 * high / width)
+            elif middle == 0:
+                assert stiffness[-2] == 0
+
+
+def histories(top: float, count: int = 100):
+    """Random turning points of an overlap up to `top`, in and out of contact."""
+    rng = np.random.default_rng(7)
+    for _ in range(count):
+        turns = top * rng.uniform(0, 1, rng.integers(2, 12)) ** rng.uniform(0.5, 4)
+        yield np.concatenate([[0.0], turns, [0.0]])
+
+
+@pytest.mark.parametrize("name", [*INDEPENDENT, "gaining"])
+def test_no_history_gains_energy(name, in_c):
+    law = GAINING if name == "gaining" else INDEPENDENT[name]
+    one, top = in_c(law), 60 * float(law.contact.critical_overlap)
+    for turns in histories(top):
+        gain, most = one.gained(turns, contact=law.contact)
+        assert gain <= 1e-6 * most
+
+
+def test_without_the_losses_a_history_gains_no_more_than_an_impact_does(in_c):
+    one, top = in_c(GAINING, losses=False), 60 * float(GAINING.contact.critical_overlap)
+    velocity = float(GAINING.contact.critical_velocity) * np.geomspace(1, 200, len(WIDE))
+    impact = np.max(np.asarray(sj.restitution(GAINING, velocity).plastic_coefficient)) ** 2 - 1
+    assert impact > 1e-4  # Eq. (12) with Table 1's χ̃ does gain energy
+    parts = [gain / most for gain, most in (one.gained(t, contact=PAIR) for t in histories(top))]
+    assert 0 < max(parts) <= 1.01 * impact
+
+
+@pytest.mark.parametrize("losses", [True, False])
+def test_losses_that_are_in_no_force_can_be_left_out(losses, in_c):
+    """By the option, and by the macro of a header that was written otherwise."""
+    hit, velocity = sj.restitution(STEEL, WIDE), WIDE[SOME]
+    expected = np.asarray(hit.coefficient if losses else hit.plastic_coefficient)[SOME]
+    step = np.asarray(hit.duration)[SOME] / 1000
+    assert in_c(STEEL, losses=losses).largest_error(velocity, expected, step) < 2e-6
+    by_macro = in_c(STEEL, (f"-DSOFTJAX_LOSSES={int(losses)}",), losses=not losses)
+    assert np.max(np.abs(by_macro.rebounds(velocity, step) - expected)) < 2e-6
+
+
+def test_where_nothing_rebounds_the_bodies_stay_in_touch(in_c):
+    """Eq. (16) without a real root: v_cr near v_lim; the header of such a contact."""
+    contact = dataclasses.replace(PAIR, limit_velocity=1.001 * float(PAIR.critical_velocity))
+    law = dataclasses.replace(STEEL, contact=contact)
+    hit, some = sj.restitution(law, WIDE), slice(287, 363, 12)  # from 0.4 to 2 m/s
+    assert np.all(np.asarray(hit.status)[some] & int(sj.Status.NO_REBOUND))
+    step = np.asarray(hit.duration)[some] / 400
+    found = in_c(law, velocity_range=(0.4, 2.0)).rebounds(WIDE[some], step, contact=contact)
+    assert np.all(np.abs(found) < 0.02)  # what the last step of loading leaves
+
+
+def test_one_header_serves_all_sizes_in_either_precision(in_c):
+    one, steel = in_c(STEEL), MATERIALS["stainless steel"]
+    others = (
+        sj.Contact.between_spheres(steel, steel, 1e-3, 4e-3),
+        sj.Contact.with_wall(steel, steel, 0.05),
+    )
+    for contact in others:
+        expected, duration = (
+            each[SOME] for each in wide(dataclasses.replace(STEEL, contact=contact))
+        )
+        found = one.rebounds(WIDE[SOME], duration / 1000, contact=contact)
+        assert np.max(np.abs(found - expected)) < 3e-6
+    for law in INDEPENDENT.values():
+        expected, duration = (each[SOME] for each in wide(law))
+        single = in_c(law, ("-DSOFTJAX_REAL=float",))
+        assert single.library.size_of_real() == 4
+        assert np.max(np.abs(single.rebounds(WIDE[SOME], duration / 100) - expected)) < 3e-4
+
+
+def test_two_spheres_make_a_pair(tmp_path, header):
+    """1/R = 1 + 1/3 and 1/M = 1/2 + 1/6."""
+    check = (
+        "softjax_pair p = softjax_spheres(1, 2, 3, 6); return !(p.radius == .75 && p.mass == 1.5);"
+    )
+    source, program = tmp_path / "program.c", tmp_path / "program"
+    source.write_text(f"{header(STEEL)}\nint main(void) {{ {check} }}", encoding="utf-8")
+    subprocess.run(["gcc", source, "-o", program, "-lm"], check=True)
+    assert subprocess.run([program]).returncode == 0
+
+
+OWN = {"plastic": Plastic(PAIR, 1e14), "viscous": Viscous(PAIR)}
+
+
+@pytest.mark.parametrize("name", [*LAWS, pytest.param("plastic", marks=pytest.mark.long)])
+def test_it_compiles_by_itself_without_a_warning(name, tmp_path, header):
+    text = header((LAWS | OWN)[name])
+    for language in ("c", "c++"):
+        for real in ("double", "float") if name in LAWS else ("double",):  # numbers in a table
+            told = f"#define SOFTJAX_REAL {real}\n{text}"
+            assert compiler_says(told, language, tmp_path) == ""
+
+
+def test_it_may_be_included_twice_and_with_another(tmp_path, header):
+    text, other = header(STEEL), header(fitted("nylon"), prefix="nylon")
+    assert compiler_says(text + text + other + other, "c", tmp_path) == ""
+    assert "nylon_force(" in other
+    assert "softjax" not in other.lower()
+
+
+def test_a_softer_law_has_the_same_restitution_at_longer_steps(exported, header):
+    """Overlaps and durations grow by a factor, forces fall by it."""
+    expected, duration = (each[SOME] for each in wide(STEEL))
+    made, _ = exported(STEEL, "c", law="itself", steps=50, tolerance=0.5, overlap=0.05)
+    factor = 0.05 * float(PAIR.radius) / float(sj.restitution(STEEL, 5.0).peak_overlap)
+    one = compiled(header(STEEL, overlap=0.05))
+    found = one.rebounds(WIDE[SOME], factor * duration / 1000)
+    assert np.max(np.abs(found - expected)) < 2e-6
+    overlap = 20 * float(PAIR.critical_overlap)
+    stiff = compiled(header(STEEL)).forces([overlap])[0]
+    np.testing.assert_allclose(one.forces([factor * overlap])[0], stiff / factor, rtol=1e-12)
+    assert made.time_step == pytest.approx(
+        factor * float(np.min(sj.restitution(STEEL, np.geomspace(0.1, 5, 65)).duration)) / 50
+    )
+
+
+@pytest.mark.long
+def test_a_users_law_goes_by_a_table_with_a_stated_error(exported, in_c):
+    """Forces between the knots err by about what is stated, and ε with them."""
+    law, velocity = OWN["plastic"], np.geomspace(0.1, 5, 64)
+    made, _ = exported(law, "c", law="itself", steps=50, tolerance=0.5)
+    one, hit = in_c(law), sj.restitution(law, velocity)
+    found = one.rebounds(velocity, np.asarray(hit.duration) / 800)
+    assert np.max(np.abs(found - hit.coefficient)) < made.choice.error + 1e-5 < 1e-3
+    rng, top = np.random.default_rng(3), float(hit.peak_overlap[-1])
+    off = []
+    for peak in 1.1 * top * rng.uniform(0.05, 1, 200):
+        overlaps = np.array([peak, *peak * rng.uniform(0.7, 1, 5)])
+        part = np.maximum(1 - (peak - overlaps) / (0.3 * peak), 0)
+        expected = 1e14 * peak**2 * part**1.5
+        off.extend(np.abs(one.forces(overlaps)[0] - expected) / (1e14 * (1.1 * top) ** 2))
+    assert 0.2 * made.interpolation_error < max(off) < 1.5 * made.interpolation_error < 1e-4
+
+
+def test_a_users_damped_law_too(exported, in_c):
+    law, velocity = OWN["viscous"], np.geomspace(0.1, 5, 64)
+    made, _ = exported(law, "c", law="itself", steps=50, tolerance=0.5)
+    one, hit = in_c(law), sj.restitution(law, velocity)
+    found = one.rebounds(velocity, np.asarray(hit.duration) / 3000)
+    assert np.max(np.abs(found - hit.coefficient)) < 3e-4
+    rng, top, k = np.random.default_rng(3), float(hit.peak_overlap[-1]), float(PAIR.stiffness)
+    overlap, rate = 1.1 * top * rng.uniform(0, 1, 2000), rng.uniform(-5, 5, 2000)
+    expected = np.maximum(k * overlap**1.5 * (1 + rate / 3), 0)
+    largest = k * (1.1 * top) ** 1.5 * (1 + 5.5 / 3)
+    off = np.max(np.abs(one.forces(overlap, rate)[0] - expected)) / largest
+    assert 0.1 * made.interpolation_error < off < 1.5 * made.interpolation_error < 1e-4

@@ -1,0 +1,56 @@
+"""Pictures that commands save, caught as Matplotlib's figures."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+@contextmanager
+def drawn() -> Iterator[dict[str, Figure]]:
+    """{file name: figure} of all pictures saved meanwhile; the files are empty pictures."""
+    figures: dict[str, Figure] = {}
+
+    def save(figure, path, **_):
+        figures[Path(path).name] = figure
+        Path(path).write_bytes(PNG)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Figure, "savefig", save)
+        yield figures
+
+
+def line(ax, label: str) -> tuple[np.ndarray, np.ndarray]:
+    """x and y of the only line of this label."""
+    (found,) = [one for one in ax.get_lines() if one.get_label() == label]
+    return np.asarray(found.get_xdata(), float), np.asarray(found.get_ydata(), float)
+
+
+def labels(ax) -> list[str]:
+    return ax.get_legend_handles_labels()[1]
+
+
+def legend(figure_or_ax) -> list[str]:
+    """Texts of the only legend."""
+    of = getattr(figure_or_ax, "legends", None) or [figure_or_ax.get_legend()]
+    (found,) = of
+    return [text.get_text() for text in found.get_texts()]
+
+
+def band(ax, label: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Velocities and both edges of a filled band."""
+    (area,) = [one for one in ax.collections if one.get_label() == label]
+    x, y = area.get_paths()[0].vertices.T
+    fine = np.unique(x)
+    edges = [np.sort(y[x == one])[[0, -1]] for one in fine]
+    return fine, *np.transpose(edges)
+
+
+def bars(container, which: int = 0) -> np.ndarray:
+    """Ends of error bars: across (0) or up (-1)."""
+    return np.array(container[2][which].get_segments())
