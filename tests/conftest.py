@@ -1,11 +1,13 @@
-"""One precision for all tests, and the array types in signatures checked while they run."""
+"""One precision for all tests, and the array types in signatures checked while they run.
+
+Programs are compiled as users' are: no flag or option is set that a user would not have.
+"""
 
 import atexit
 import gc
 import os
 import shutil
 import tempfile
-from importlib.metadata import version
 
 import pytest
 from jaxtyping import install_import_hook
@@ -16,12 +18,6 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     os.environ["JAX_COMPILATION_CACHE_DIR"] = shared
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
     atexit.register(shutil.rmtree, shared, ignore_errors=True)
-
-# XLA cuts a program into pieces for its threads, which takes longer in all: two workers keep two cores
-# busy anyway. It ends a process at a flag that it does not know: asked for where it was tried.
-AT_ONCE = "--xla_cpu_parallel_codegen_split_count=1"
-if "XLA_FLAGS" not in os.environ and version("jaxlib").startswith(("0.8.", "0.10.", "0.12.")):
-    os.environ["XLA_FLAGS"] = AT_ONCE
 
 # The physics behind the public names, where every annotation is meant literally. The names that
 # users call say what they accept themselves, with a ValueError (test_validation).
@@ -53,16 +49,6 @@ from tests.slow import SLOW  # noqa: E402
 
 sj.enable_x64()
 gc.set_threshold(50_000, 20, 100)  # traces are many objects, and live: looked through less often
-
-
-def pytest_configure(config):
-    """LLVM optimises little in the quick tests, as in JAX's own; the long ones run what users run.
-
-    With JAX_DISABLE_MOST_OPTIMIZATIONS=0 the quick ones do too, in a fifth more time. What a test starts
-    as a process of its own always does.
-    """
-    if "JAX_DISABLE_MOST_OPTIMIZATIONS" not in os.environ and "not long" in config.option.markexpr:
-        jax.config.update("jax_disable_most_optimizations", True)
 
 
 @pytest.fixture(scope="session", autouse=True)
