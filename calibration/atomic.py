@@ -73,7 +73,16 @@ def files_into(directory: str | Path, names: Iterable[str] = ()) -> Iterator[Pat
             with held():  # old files or new ones, not some of both
                 _move(staged, directory, names)
     except OSError as error:
+        if error.filename is not None and not _is_among(error.filename, directory):
+            raise
         raise NotWritten(directory, error) from error
+
+
+def _is_among(name, directory: Path) -> bool:
+    """Whether a file is one to be written, or above: an error on any other is no want of space or rights."""
+    place, directory = Path(os.fsdecode(name)).absolute(), directory.absolute()
+    above = directory.is_relative_to(place) or place.is_relative_to(directory)
+    return above or any(part.startswith(UNFINISHED) for part in place.parts)
 
 
 @contextmanager

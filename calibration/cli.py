@@ -4,17 +4,20 @@
     1   a fit did not converge; its results are written, and marked
     2   unusable input: one line on standard error, nothing written
     3   results could not be written, or not told; what could be is
+    70  an error of softjax itself: its trace on standard error
 
 An interrupt gives 130, SIGTERM 143, SIGHUP 129.
 Nothing heavy is imported before a subcommand runs, so that `softjax --help` answers at once.
 """
 
 import argparse
+import errno
 import importlib
 import logging
 import os
 import sys
 import time
+import traceback
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -24,13 +27,16 @@ from calibration.cache import forget_since, keep_compilations
 from calibration.commands import COMMANDS
 from calibration.errors import DataError, InputError, NotWritten, did_you_mean, listed, printable
 
-DONE, NOT_CONVERGED, UNUSABLE, NOT_WRITTEN, INTERRUPTED = 0, 1, 2, 3, 130
+DONE, NOT_CONVERGED, UNUSABLE, NOT_WRITTEN, INTERNAL, INTERRUPTED = 0, 1, 2, 3, 70, 130
+# of a stream that is closed, or full
+STREAM = {errno.EBADF, errno.EIO, errno.EFBIG, errno.ENOSPC, errno.EDQUOT}
 COMMON = {"out": Path("results"), "quiet": False, "cache": True}
 CODES = """exit codes:
   0  done
   1  a fit did not converge; its results are written, and marked
   2  input that cannot be used; nothing is written
-  3  results could not be written: no space, no permission, no such place"""
+  3  results could not be written: no space, no permission, no such place
+  70 an error of softjax itself, with its trace: please report it"""
 
 
 class Parser(argparse.ArgumentParser):
@@ -70,11 +76,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # `softjax fit | head`
         terminal.silence(sys.stdout)
         return DONE
-    except OSError as error:
-        terminal.silence(sys.stdout)
-        if isinstance(error, NotWritten):
-            forget_since(begun)
-        return _tell(f"softjax: {_not_written(error)}", NOT_WRITTEN)
+    except Exception as error:
+        return _failed(error, begun)
     finally:
         progress.erase_sign()
 
@@ -111,11 +114,25 @@ def _name_older(command: str, out: Path) -> None:
         print(printable(f"softjax {command}: {line}"), file=sys.stderr)
 
 
-def _not_written(error: OSError) -> str:
+def _failed(error: Exception, begun: float) -> int:
+    """What cannot be written, and what is refused, in a line; any other error with its trace."""
     if isinstance(error, NotWritten):
-        return str(error)
-    where = "standard output" if error.filename is None else repr(error.filename)
-    return f"{where} could not be written to ({error.strerror or error})"
+        terminal.silence(sys.stdout)
+        forget_since(begun)
+        return _tell(f"softjax: {error}", NOT_WRITTEN)
+    if isinstance(error, OSError) and error.filename is None and error.errno in STREAM:
+        terminal.silence(sys.stdout)
+        return _tell(
+            f"softjax: standard output could not be written to ({error.strerror})", NOT_WRITTEN
+        )
+    if "softjax" in sys.modules and isinstance(error, sys.modules["softjax"].ArgumentError):
+        return _tell(str(error), UNUSABLE)
+    progress.erase_sign()
+    with suppress(OSError):
+        traceback.print_exception(error)
+    return _tell(
+        "softjax: an error of softjax itself, please report it with the lines above", INTERNAL
+    )
 
 
 def _left_behind() -> str:

@@ -1,5 +1,6 @@
 """softjax: differentiable soft-sphere collisions after Zhou (2013)."""
 
+from softjax._checks import ArgumentError
 from softjax._numerics import power_3_2
 from softjax.contact import Contact
 from softjax.fields import array_field, choice_field, number_field
@@ -40,6 +41,7 @@ __all__ = [
     "NYLON",
     "ODE",
     "STAINLESS_STEEL",
+    "ArgumentError",
     "ClosedForm",
     "ConstantRestitution",
     "Contact",

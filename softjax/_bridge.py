@@ -11,6 +11,7 @@ import numpy as np
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array
 
+from softjax._checks import ArgumentError
 from softjax._impacts import Mapped, in_rows
 from softjax.routes import Stepping
 
@@ -106,7 +107,7 @@ def _check_not_told_apart(leaves) -> None:
         kind = jax.typeof(leaf)
         varying = getattr(kind, "vma", None) or getattr(getattr(kind, "mat", None), "varying", None)
         if varying:
-            raise ValueError("`jax.shard_map` must have check_vma=False for the route ODE(...)")
+            raise ArgumentError("`jax.shard_map` must have check_vma=False for the route ODE(...)")
 
 
 def _directions(tangents, whole):

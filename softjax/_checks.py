@@ -10,6 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 
 
+class ArgumentError(ValueError):
+    """An argument that this library refuses: one line with its name, its value and what is accepted."""
+
+
 def is_traced(value) -> bool:
     return isinstance(value, jax.core.Tracer)
 
@@ -70,7 +74,7 @@ def check(name: str, value, holds, accepted: str) -> np.ndarray | None:
         extremes = np.array([array.min(), array.max()]) if array.size else array
         if np.all(np.isfinite(extremes) & holds(extremes)):
             return extremes
-    raise ValueError(f"`{name}` must be {accepted}, but is {shown(value)}")
+    raise ArgumentError(f"`{name}` must be {accepted}, but is {shown(value)}")
 
 
 def check_positive(name: str, value, what: str) -> None:
@@ -80,12 +84,12 @@ def check_positive(name: str, value, what: str) -> None:
 def check_choice(name: str, value, choices: tuple[str, ...]) -> None:
     if not (isinstance(value, str) and value in choices):
         accepted = " or ".join(repr(choice) for choice in choices)
-        raise ValueError(f"`{name}` must be {accepted}, but is {value!r}")
+        raise ArgumentError(f"`{name}` must be {accepted}, but is {value!r}")
 
 
 def check_type(name: str, value, kind: type, accepted: str) -> None:
     if not isinstance(value, kind):
-        raise ValueError(f"`{name}` must be {accepted}, but is {shown(value)}")
+        raise ArgumentError(f"`{name}` must be {accepted}, but is {shown(value)}")
 
 
 def truth_values(name: str, value):
@@ -95,7 +99,7 @@ def truth_values(name: str, value):
     except ValueError:  # no rectangular array of anything
         values = None
     if not jnp.issubdtype(getattr(values, "dtype", float), np.bool_):
-        raise ValueError(
+        raise ArgumentError(
             f"`{name}` must be True, False or an array of these, but is {shown(value)}"
         )
     return values
@@ -108,7 +112,7 @@ def check_broadcast(named: dict[str, Any]) -> tuple[int, ...]:
         return np.broadcast_shapes(*shapes.values())
     except ValueError:
         shown = ", ".join(f"`{name}` {shape}" for name, shape in shapes.items() if shape)
-        raise ValueError(f"shapes must broadcast against each other, but are {shown}") from None
+        raise ArgumentError(f"shapes must broadcast against each other, but are {shown}") from None
 
 
 def _real_array(value) -> np.ndarray | None:

@@ -5,7 +5,7 @@ import math
 import equinox as eqx
 import jax.numpy as jnp
 
-from softjax._checks import as_real, check_broadcast, check_positive, check_type
+from softjax._checks import ArgumentError, as_real, check_broadcast, check_positive, check_type
 from softjax._numerics import quotient
 from softjax.fields import Number, check_fields, choice_field, number_field, numbers_of
 from softjax.materials import Material
@@ -159,7 +159,7 @@ def _sphere_mass(material: Material, radius, name: str):
         mass = math.inf
     if isinstance(mass, float) and not 0 < mass < math.inf:
         what = "a length in m of a sphere whose mass is within a number's range"
-        raise ValueError(f"`{name}` must be {what}, but is {radius!r}")
+        raise ArgumentError(f"`{name}` must be {what}, but is {radius!r}")
     return mass
 
 

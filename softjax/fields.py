@@ -20,7 +20,7 @@ import numpy as np
 from jax.tree_util import SequenceKey
 from jaxtyping import Array, ArrayLike, Float
 
-from softjax._checks import as_real, check, check_broadcast, check_choice
+from softjax._checks import ArgumentError, as_real, check, check_broadcast, check_choice
 
 Number = Float[ArrayLike, "..."]
 
@@ -94,7 +94,7 @@ def _range(within: str) -> tuple[float, float, bool, bool]:
         lower, upper = float(low), float(high)
     except (AttributeError, ValueError):
         accepted = 'a range such as "(0, inf)" or "[0, 1]"'
-        raise ValueError(f"`within` must be {accepted}, but is {within!r}") from None
+        raise ArgumentError(f"`within` must be {accepted}, but is {within!r}") from None
     return lower, upper, left == "[", right == "]"
 
 

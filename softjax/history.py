@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
 from softjax._batches import in_batches
+from softjax._checks import ArgumentError
 from softjax.batch import histories
 from softjax.impact import check_law, checked, common_precision, prepare
 from softjax.laws.base import ContactLaw, HardSphereLaw
@@ -70,12 +71,14 @@ def collide(
     check_law(law)
     if isinstance(law, HardSphereLaw):
         name = type(law).__name__
-        raise ValueError(f"`law` must be a law with a force, but {name} is one of hard spheres")
+        raise ArgumentError(f"`law` must be a law with a force, but {name} is one of hard spheres")
     route = ODE() if route is None else route
     if not isinstance(route, ODE):
-        raise ValueError(f"`route` must be ODE(...), which alone has histories, but is {route!r}")
+        raise ArgumentError(
+            f"`route` must be ODE(...), which alone has histories, but is {route!r}"
+        )
     if not is_count(samples) or samples < 3:
-        raise ValueError(f"`samples` must be a whole number >= 3, but is {samples!r}")
+        raise ArgumentError(f"`samples` must be a whole number >= 3, but is {samples!r}")
     velocity, regime = checked(law, velocity)
     law, velocity = common_precision(law, velocity)
     regime = "mixed" if regime == "yielding" else regime  # one program less to compile

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from softjax._checks import as_real, check, check_broadcast, is_elsewhere, is_traced
+from softjax._checks import ArgumentError, as_real, check, check_broadcast, is_elsewhere, is_traced
 from softjax.fields import check_fields, held, numbers_of, released, whole_leaves
 from softjax.laws.base import ContactLaw, ForceLaw, RateIndependentLaw
 
@@ -15,7 +15,7 @@ LEAST = float(np.finfo(np.float32).tiny)
 
 def check_law(law) -> None:
     if not isinstance(law, ContactLaw):
-        raise ValueError(f"`law` must be a contact law such as Zhou(...), but is {law!r}")
+        raise ArgumentError(f"`law` must be a contact law such as Zhou(...), but is {law!r}")
 
 
 def checked(law: ContactLaw, velocity) -> tuple[Array, str]:

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from softjax._batches import in_batches
-from softjax._checks import check_broadcast, is_elsewhere, is_traced, truth_values
+from softjax._checks import ArgumentError, check_broadcast, is_elsewhere, is_traced, truth_values
 from softjax._numerics import safe_sqrt
 from softjax._spread import alike
 from softjax.batch import collisions, durations
@@ -242,18 +242,18 @@ def _chosen(law: ContactLaw, route: Route | None) -> Route:
     route = law.default_route() if route is None else check_route(route)
     name = type(law).__name__
     if isinstance(route, ODE) and isinstance(law, HardSphereLaw):
-        raise ValueError(
+        raise ArgumentError(
             f"`route` must be EnergyBalance() for {name}, which has no force to integrate, "
             f"but is {route!r}"
         )
     if isinstance(route, EnergyBalance) and isinstance(law, RateDependentLaw):
         either = "ClosedForm() or ODE(...)" if law.has_closed_form() else "ODE(...)"
-        raise ValueError(
+        raise ArgumentError(
             f"`route` must be {either} for {name}, whose force depends on the velocity, "
             "but is EnergyBalance()"
         )
     if isinstance(route, ClosedForm) and not _is_known(law):
-        raise ValueError(
+        raise ArgumentError(
             f"`route` must be another than ClosedForm() for {name}: it is for laws with a "
             f"`closed_form`, such as {KNOWN}"
         )

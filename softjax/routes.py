@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from softjax._checks import check_choice
+from softjax._checks import ArgumentError, check_choice
 from softjax.fields import array_field
 
 SOLVERS = ("dopri8", "dopri5", "tsit5", "bosh3")
@@ -62,13 +62,13 @@ class ODE:
     def __post_init__(self):
         check_choice("solver", self.solver, SOLVERS)
         if self.rtol is not None and self.steps is not None:
-            raise ValueError("`rtol` would be ignored: fixed `steps` have no tolerance")
+            raise ArgumentError("`rtol` would be ignored: fixed `steps` have no tolerance")
         if self.rtol is not None and not _is_number_in(self.rtol, 1e-14, 0.1):
-            raise ValueError(f"`rtol` must be a number in [1e-14, 0.1], but is {self.rtol!r}")
+            raise ArgumentError(f"`rtol` must be a number in [1e-14, 0.1], but is {self.rtol!r}")
         for name in ("steps", "max_steps"):
             value = getattr(self, name)
             if not (value is None and name == "steps") and not is_count(value):
-                raise ValueError(f"`{name}` must be a whole number >= 1, but is {value!r}")
+                raise ArgumentError(f"`{name}` must be a whole number >= 1, but is {value!r}")
 
     @property
     def tolerance(self) -> float:
@@ -111,7 +111,7 @@ def taken(route: Route, tolerance: Any) -> EnergyBalance | ClosedForm | Stepping
 
 def check_route(route) -> Route:
     if not isinstance(route, Route):
-        raise ValueError(
+        raise ArgumentError(
             f"`route` must be EnergyBalance(), ClosedForm() or ODE(...), but is {route!r}"
         )
     return route

@@ -7,7 +7,8 @@ To add one: put its name and what it does into `COMMANDS`, and write `commands/<
 
 The file is imported when its command is asked for; what is heavy belongs inside `run`. `arguments`
 has the common `out` (a Path) and `quiet` beside the command's own. Input that cannot be used is
-told by raising an `InputError` or a `DataError` before anything is written: exit code 2.
+refused by raising an `InputError` or a `DataError` before anything is written: exit code 2. Any other
+error prints its trace: exit code 70.
 """
 
 COMMANDS = {

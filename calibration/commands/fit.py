@@ -191,9 +191,7 @@ def _fitted(job: Job, progress: Progress):
             progress=progress,
             **settings,
         )
-    except InputError:
-        raise
-    except ValueError as error:
+    except (DataError, sj.ArgumentError) as error:
         raise _refusal(job, error) from error
 
 

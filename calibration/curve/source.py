@@ -86,16 +86,14 @@ def read_source(arguments: argparse.Namespace) -> Source:
 
 @contextmanager
 def refusing(command: str) -> Iterator[None]:
-    """Tell what a law or a study itself refuses in one line.
+    """Refuse in one line what a law itself refuses.
 
     Raises:
-        InputError: for any ValueError of the block.
+        InputError: for any `ArgumentError` of the block.
     """
     try:
         yield
-    except (InputError, DataError):
-        raise
-    except ValueError as error:
+    except sj.ArgumentError as error:
         accepted = f"softjax {command} --help lists the options"
         raise InputError(None, None, str(error), accepted) from None
 

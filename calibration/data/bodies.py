@@ -142,6 +142,9 @@ def _named(table: TomlTable, beside: str | None) -> sj.Material:
 def _build(table: TomlTable, build: Callable[..., sj.Contact], *arguments: Any) -> sj.Contact:
     try:
         return build(*arguments)
-    except (ValueError, ArithmeticError) as error:  # each makes sense, but no contact together
+    except (
+        sj.ArgumentError,
+        ArithmeticError,
+    ) as error:  # each makes sense, but no contact together
         problem = f"no contact of these bodies ({error})"
         raise table.refusal(None, problem, "other sizes are needed") from None

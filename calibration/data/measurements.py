@@ -161,7 +161,9 @@ class RestitutionData:
                 intervals.
         """
         if self.contact is not None and any(map(np.ndim, self.contact.leaves().values())):
-            raise ValueError("`contact` must be of single numbers for repeats to be averaged")
+            raise DataError(
+                "contact", "one of arrays", "of single numbers for repeats to be averaged"
+            )
         with np.errstate(all="ignore"):
             mean = average(self.velocity, self.restitution, self.errors, self.group, pooled)
         return replace(

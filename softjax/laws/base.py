@@ -22,7 +22,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from softjax._checks import check_choice, check_type
+from softjax._checks import ArgumentError, check_choice, check_type
 from softjax._numerics import quotient
 from softjax.contact import Contact
 from softjax.fields import are_valid, check_fields
@@ -151,7 +151,7 @@ class RateIndependentLaw(ForceLaw):
         forces = ("loading_force", "unloading_force")
         missing = [n for n in forces if getattr(type(self), n) is getattr(RateIndependentLaw, n)]
         if not self._is_reduced() and missing:
-            raise ValueError(f"`{type(self).__name__}` must define {' and '.join(missing)}")
+            raise ArgumentError(f"`{type(self).__name__}` must define {' and '.join(missing)}")
 
     def loading_force(self, overlap) -> Array:
         """Contact force [N] on loading at `overlap` [m]."""
@@ -195,7 +195,7 @@ class RateIndependentLaw(ForceLaw):
     def reduced(self) -> ReducedRateIndependent:
         """The law in the units of `scales`; a law in SI is reduced impact by impact."""
         name = type(self).__name__
-        raise ValueError(f"`{name}` is given by its forces: it has no reduced form of its own")
+        raise ArgumentError(f"`{name}` is given by its forces: it has no reduced form of its own")
 
     def reduced_at(self, velocity: Array) -> Reduced:
         return lifted(self.reduced(), self.scales(), velocity)
@@ -261,7 +261,7 @@ class RateDependentLaw(ForceLaw):
         if self._speaks_si():
             name = type(self).__name__
             if type(self).force is RateDependentLaw.force:
-                raise ValueError(f"`{name}` must define force")
+                raise ArgumentError(f"`{name}` must define force")
             check_choice("end", getattr(self, "end", None), ENDS)
 
     def force(self, overlap, velocity) -> Array:
@@ -273,7 +273,7 @@ class RateDependentLaw(ForceLaw):
     def reduced(self) -> ReducedRateDependent:
         """The law in the units of `scales`; a law in SI is reduced impact by impact."""
         name = type(self).__name__
-        raise ValueError(f"`{name}` is given by its force: it has no reduced form of its own")
+        raise ArgumentError(f"`{name}` is given by its force: it has no reduced form of its own")
 
     def reduced_at(self, velocity: Array) -> Reduced:
         return lifted(self.reduced(), self.scales(), velocity)

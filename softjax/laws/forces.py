@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from softjax._checks import ArgumentError
 from softjax._dependence import moving
 from softjax._numerics import quotient
 from softjax.contact import Contact
@@ -71,7 +72,7 @@ def asked(law, method: str, *values: Array):
         )
         if not known:
             raise
-        raise ValueError(
+        raise ArgumentError(
             f"{name} must be written with jax.numpy, as JAX traces its values: "
             "jnp.exp in place of math.exp or np.exp, jnp.where in place of `if`"
         ) from error
@@ -83,7 +84,7 @@ def asked(law, method: str, *values: Array):
     numbers = (answer,) if kind is object else answer
     shape = np.broadcast_shapes(*map(np.shape, [*values, *numbers_of(law).values()]))
     if not (isinstance(answer, kind) and all(_is_number(one, shape) for one in numbers)):
-        raise ValueError(
+        raise ArgumentError(
             f"{name} must return {accepted} for each impact, but returns {_described(answer)}"
         )
     return answer

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from softjax._checks import is_traced, shown
+from softjax._checks import ArgumentError, is_traced, shown
 from softjax.contact import Contact
 from softjax.fields import Number, number_field
 from softjax.laws.base import RateIndependentLaw, Reduced, ReducedClosedForm, Scales
@@ -84,7 +84,7 @@ def _check_stiffer(loading, unloading) -> None:
         return
     stiff = np.asarray(loading)
     if np.any((np.asarray(unloading) < stiff) & np.isfinite(stiff)):  # else told by its own check
-        raise ValueError(
+        raise ArgumentError(
             "`unloading_stiffness` must be at least `loading_stiffness` "
             f"({shown(loading)} N/m), but is {shown(unloading)}"
         )
