@@ -20,7 +20,7 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     atexit.register(shutil.rmtree, shared, ignore_errors=True)
 
 # The physics behind the public names, where every annotation is meant literally. The names that
-# users call say what they accept themselves, with a ValueError (test_validation).
+# users call say what they accept themselves, with a ValueError (refusals).
 CHECKED = (
     "softjax._numerics",
     "softjax._quadrature",
