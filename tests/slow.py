@@ -7,7 +7,6 @@ SLOW = [
     "test_notebooks.py::test_runs_and_gives_what_is_stored[6_sensitivity]",
     "test_notebooks.py::test_runs_and_gives_what_is_stored[3_what_the_paper_prints]",
     "test_notebooks.py::test_runs_and_gives_what_is_stored[7_your_own_law]",
-    "test_traceable.py::test_times_of_bounces_enter_two_restitutions",
     "test_uncertainty_coverage.py::test_errors_that_are_shared_or_unequal[Thornton, specimens blocks]",
     "test_uncertainty_coverage.py::test_a_robust_loss_keeps_outliers_from_moving_chi[20]",
     "test_uncertainty_coverage.py::test_errors_that_are_shared_or_unequal[Thornton, trains 0.7 ms]",

@@ -1,19 +1,13 @@
-"""Points that share errors: against dense matrices, closed forms and SciPy."""
+"""Points that share errors (groups, bounce trains, repeats), scatter and scale: dense matrices and closed forms."""
 
 import numpy as np
 import pytest
 from scipy import optimize, stats
 
 import calibration as cal
-from calibration.fitting.degrees import missing
-from calibration.fitting.problem import Problem
-from calibration.fitting.set_errors import SetErrors, Structure
-from calibration.fitting.uncertainty import Settled, stacked
-from calibration.fitting.variances import Seen, criterion, estimated
+from tests.decay import Decay
 
-RANDOM = np.random.default_rng(7)
 TIMING = 3e-4
-VARIANCE = {"scatter": 1e-5, "group": 4e-6}
 QUICK = {"starts": 1}
 
 
@@ -38,109 +32,79 @@ def dense(data, slope, variance):
     place = np.arange(n) + launch  # each launch has one interval more than points
     of_times[np.arange(n), place] = -data.restitution / before - slope * 9.80665 / 2
     of_times[np.arange(n), place + 1] = 1 / before
-    size2 = variance.get("timing", TIMING**2)
+    timed = variance.get("timing", TIMING**2) * of_times @ of_times.T
     together = launch[:, None] == launch[None, :]
-    timed = size2 * of_times @ of_times.T
-    return timed + variance["scatter"] * np.eye(n) + variance["group"] * together
+    return timed + variance.get("scatter", 0.0) * np.eye(n) + variance["group"] * together
 
 
-@pytest.fixture(params=[True, False], ids=["timing stated", "timing unknown"])
-def errors(request):
-    data = bounces(request.param)
-    slope = RANDOM.normal(0, 0.01, len(data))
-    variance = VARIANCE if request.param else VARIANCE | {"timing": 2 * TIMING**2}
-    own = SetErrors(Structure(data.errors, slope, data.group_index), variance)
-    return own, dense(data, slope, variance)
-
-
-def test_whitening_is_that_of_the_dense_matrix(errors):
-    own, matrix = errors
-    white = own.whiten(np.eye(len(matrix)))
-    np.testing.assert_allclose(white @ matrix @ white.T, np.eye(len(matrix)), atol=1e-9)
-    np.testing.assert_allclose(own.unwhiten(white), np.linalg.inv(matrix), rtol=1e-7, atol=1e-3)
-    coloured = own.coloured(np.eye(len(matrix)))
-    np.testing.assert_allclose(coloured.T @ coloured, matrix, rtol=1e-9, atol=1e-15)
-    np.testing.assert_allclose(white @ coloured.T, np.eye(len(matrix)), atol=1e-9)
-    assert own.log_determinant == pytest.approx(np.linalg.slogdet(matrix)[1], rel=1e-10)
-    np.testing.assert_allclose(own.diagonal, np.diag(matrix), rtol=1e-12)
-
-
-def test_whitening_mixes_points_of_one_group_only(errors):
-    own, _ = errors
-    white = own.whiten(np.eye(len(own.slope)))
-    other = own.group[:, None] != own.group[None, :]
-    assert np.all(white[other] == 0)
-
-
-def test_each_variance_has_its_part(errors):
-    own, matrix = errors
-    values = RANDOM.standard_normal((len(matrix), 2))
-    parts = own.contributions(values)
-    for name, part in parts.items():
-        more = own.variance | {name: 1.5 * own.variance[name]}
-        larger = SetErrors(own.structure, more)
-        white = np.linalg.inv(larger.whiten(np.eye(len(matrix))))
-        rise = values.T @ (white @ white.T - matrix) @ values
-        np.testing.assert_allclose(part, 2 * rise, rtol=1e-6)
-
-
-def test_errors_are_wider_by_what_estimated_variances_add(errors):
-    """Kenward and Roger's formula with dense matrices."""
-    own, matrix = errors
-    names, n = list(own.variance), len(matrix)
-    data, slope = bounces(not own.points.size_is_unknown), own.slope
-    none = dict.fromkeys(names, 0.0)
-    whole = {name: dense(data, slope, none | {name: own.variance[name]}) for name in names}
-    stated = dense(data, slope, none)
-    jacobian = RANDOM.normal(0, 1, (n, 2))
-    relative = np.array([[0.5, 0.1, 0.05], [0.1, 0.3, 0.02], [0.05, 0.02, 0.4]])
-    relative = relative[: len(names), : len(names)]
+def restricted(matrix, off, rows):
+    """-2 ln L_R by dense matrices, of what is linear in `rows`."""
     inverse = np.linalg.inv(matrix)
-    known = np.linalg.inv(jacobian.T @ inverse @ jacobian)
-    expected = np.zeros((2, 2))
-    for c, one in enumerate(names):
-        for d, two in enumerate(names):
-            first, second = whole[one] - stated, whole[two] - stated
-            pull = jacobian.T @ inverse
-            bent = pull @ first @ inverse @ second @ pull.T
-            within = pull @ first @ pull.T @ known @ pull @ second @ pull.T
-            expected += relative[c, d] * (bent - within)
-    found = missing(own, jacobian, relative, known)
-    np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-8 * np.max(np.abs(expected)))
+    information = rows.T @ inverse @ rows
+    left = off - rows @ np.linalg.solve(information, rows.T @ inverse @ off)
+    dets = np.linalg.slogdet(matrix)[1] + np.linalg.slogdet(information)[1]
+    return dets + left @ inverse @ left
 
 
-def linearisations(sets, monkeypatch):
-    """How many, each of all data sets, the covariance of these sets' fit takes."""
-    random, group = np.random.default_rng(1), np.repeat(["a", "b", "c"], 4)
-    data = [
-        cal.RestitutionData(
-            np.linspace(1, 2, 12),
-            0.8 + 0.01 * random.standard_normal(12),
-            name=f"s{k}",
-            group=group,
-        )
-        for k in range(sets)
-    ]
-    shared = {"restitution": cal.Parameter(shared=True)}
-    (fit,) = cal.fit(data, "constant", shared, profiles=False, **QUICK).fits
-    (stage,) = fit.stages
-    calls, linearise = [], Problem.linearise
-    with monkeypatch.context() as patched:
-        counted = lambda *given, **more: calls.append(1) or linearise(*given, **more)  # noqa: E731
-        patched.setattr(Problem, "linearise", counted)
-        stacked([Settled(stage.problem, stage.found.limits)], fit.z[None])
-    return len(calls)
+@pytest.mark.parametrize("stated", [True, False])
+def test_variances_of_trains_are_those_of_the_largest_restricted_likelihood(stated):
+    """Of trains whose timing is stated or not; estimate and error by generalised least squares."""
+    data = bounces(stated, launches=6, count=6, seed=5)
+    result = cal.fit(data, "constant", **QUICK)
+    material, ones = result.materials[0], np.ones((len(data), 1))
+    names = ("scatter", "group") if stated else ("timing", "scatter", "group")
+
+    def matrix(x):
+        return dense(data, np.zeros(len(data)), dict(zip(names, x, strict=True)))
+
+    def cost(x):
+        return restricted(matrix(np.exp(x)), data.restitution, ones)
+
+    told = {"maxiter": 4000, "xatol": 1e-9, "fatol": 1e-12}
+    starts = ([1e-7] * len(names), [1e-8] * (len(names) - 1) + [1e-6])
+    best = min(
+        (optimize.minimize(cost, np.log(s), method="Nelder-Mead", options=told) for s in starts),
+        key=lambda end: end.fun,
+    )
+    found = {"group": material.group_deviation**2, "timing": (material.timing or 0) ** 2}
+    found = np.maximum([found.get(name, 0.0) for name in names], 1e-30)
+    assert cost(np.log(found)) <= best.fun + 1e-5
+    if not stated:
+        assert material.timing == pytest.approx(TIMING, rel=0.3)
+    weight = np.linalg.solve(matrix(found), ones[:, 0])
+    expected = weight @ data.restitution / np.sum(weight)
+    assert result.values["restitution"] == pytest.approx(expected, rel=1e-8)
+    known = np.sum(weight) ** -0.5
+    assert known <= result.standard_errors["restitution"] * (1 + 1e-6) < 1.3 * known
+    apart = 1 / np.sqrt(np.sum(1 / np.diag(matrix(found))))  # as if consecutive ε shared nothing
+    assert apart > 1.3 * known
 
 
-def test_many_sets_with_shared_errors_are_linearised_as_often_as_two(monkeypatch):
-    assert 0 < linearisations(2, monkeypatch) == linearisations(6, monkeypatch)
-
-
-def test_what_is_simulated_has_this_covariance(errors):
-    own, matrix = errors
-    drawn = own.simulate(np.random.default_rng(3), 40_000)
-    spread = np.sqrt(np.outer(np.diag(matrix), np.diag(matrix)))
-    assert np.max(np.abs(np.cov(drawn.T) - matrix) / spread) < 0.03
+def test_trains_of_a_law_that_falls_are_fitted_by_generalised_least_squares():
+    """Timing enters ε and v: two parameters and their covariance by SciPy with V written down."""
+    truth, random = (0.93, 0.03), np.random.default_rng(3)
+    times, labels = [], []
+    for k in range(5):
+        train = [0.6 + 0.05 * k]
+        for _ in range(5):
+            train.append(train[-1] * truth[0] * np.exp(-truth[1] * 9.80665 * train[-1] / 2))
+        times += list(np.array(train) + TIMING * random.standard_normal(6))
+        labels += [f"l{k}"] * 6
+    table = {"launch": labels, "interval": times}
+    data = cal.RestitutionData.from_table(table, timing_uncertainty=TIMING)
+    result = cal.fit(data, Decay, **QUICK)
+    variances, v = result.materials[0].variances, data.velocity
+    assert result.materials[0].group_deviation < 1e-4
+    theta = np.array([result.values["level"], result.values["rate"]])
+    curve = lambda x: x[0] * np.exp(-x[1] * v)  # noqa: E731
+    matrix = dense(data, -theta[1] * curve(theta), {"scatter": 0.0, "group": 0.0} | dict(variances))
+    lower = np.linalg.cholesky(matrix)
+    white = lambda x: np.linalg.solve(lower, curve(x) - data.restitution)  # noqa: E731
+    best = optimize.least_squares(white, truth, "3-point", xtol=1e-15, ftol=1e-15)
+    errors = np.sqrt(np.diag(np.linalg.inv(best.jac.T @ best.jac)))
+    assert np.all(np.abs(theta - best.x) < 0.02 * errors)
+    found = [result.standard_errors[name] for name in ("level", "rate")]
+    np.testing.assert_allclose(found, errors, rtol=0.05)
 
 
 def specimens(groups=6, each=5, offset=0.003, scatter=0.0015, seed=2, u=None):
@@ -237,73 +201,6 @@ def test_without_groups_that_differ_nothing_changes():
     )
 
 
-def restricted(matrix, off, ones):
-    """-2 ln L_R by dense matrices."""
-    inverse = np.linalg.inv(matrix)
-    information = ones.T @ inverse @ ones
-    mean = np.linalg.solve(information, ones.T @ inverse @ off)
-    left = off - ones @ mean
-    dets = np.linalg.slogdet(matrix)[1] + np.linalg.slogdet(information)[1]
-    return dets + left @ inverse @ left
-
-
-def test_variances_are_those_of_the_largest_restricted_likelihood():
-    """Three at once, of trains of unknown timing, by SciPy on dense matrices."""
-    data = bounces(stated=False, launches=6, count=6, seed=5)
-    offsets = 0.002 * np.random.default_rng(5).standard_normal(6)[data.group_index]
-    off, n = data.restitution + offsets - 0.9, len(data)
-    ones, zero = np.ones((n, 1)), np.zeros(n)
-    errors = SetErrors(Structure(data.errors, zero, data.group_index), {})
-    seen = Seen(off, ones, np.zeros((1, 1)), np.zeros(1))
-    names = ("timing", "scatter", "group")
-    found = estimated(errors, seen, names)
-
-    def cost(x):
-        return restricted(dense(data, zero, dict(zip(names, np.exp(x), strict=True))), off, ones)
-
-    best = min(
-        (
-            optimize.minimize(
-                cost,
-                np.log(start),
-                method="Nelder-Mead",
-                options={"maxiter": 4000, "xatol": 1e-9, "fatol": 1e-12},
-            )
-            for start in ([1e-7, 1e-7, 4e-6], [1e-7, 1e-6, 1e-6])
-        ),
-        key=lambda end: end.fun,
-    )
-    own = restricted(dense(data, zero, found), off, ones)
-    assert own <= best.fun + 1e-6
-    least = criterion(errors.with_variance(found), seen) - criterion(
-        errors.with_variance(found | {"group": 9e-6}), seen
-    )
-    matrix = dense(data, zero, found | {"group": 9e-6})
-    assert least == pytest.approx(own - restricted(matrix, off, ones), rel=1e-9)
-
-
-def test_a_train_is_fitted_by_generalised_least_squares():
-    """ε of a ball by trains whose times have a stated error: written down with dense matrices."""
-    data = bounces(launches=4, seed=8)
-    result = cal.fit(data, "constant", **QUICK)
-    variance = {"scatter": 0.0, "group": result.materials[0].group_deviation ** 2}
-    matrix = dense(data, np.zeros(len(data)), variance)
-    weight = np.linalg.solve(matrix, np.ones(len(data)))
-    expected = weight @ data.restitution / np.sum(weight)
-    assert result.values["restitution"] == pytest.approx(expected, rel=1e-9)
-    error = 1 / np.sqrt(np.sum(weight))
-    assert result.standard_errors["restitution"] == pytest.approx(error, rel=1e-6)
-    apart = 1 / np.sqrt(np.sum(1 / np.diag(matrix)))  # as if consecutive ε shared nothing
-    assert apart > 1.3 * error
-
-
-def test_timing_that_is_not_stated_is_found():
-    data = bounces(stated=False, launches=12, count=8, seed=9)
-    material = cal.fit(data, "constant", **QUICK).materials[0]
-    assert material.timing == pytest.approx(TIMING, rel=0.2)
-    assert "timing" in material.variances
-
-
 def test_scatter_beside_stated_uncertainties_is_paule_s_and_mandel_s():
     random = np.random.default_rng(11)
     u = random.uniform(0.001, 0.004, 25)
@@ -369,10 +266,9 @@ def test_means_with_a_scatter_of_their_own_are_weighted_by_their_counts():
     assert high - low == pytest.approx(2 * stats.t.ppf(0.975, degrees) * error, rel=1e-3)
 
 
-@pytest.mark.parametrize("loss", ["huber", "soft-l1"])
-def test_robust_losses_are_for_points_that_share_nothing(loss):
+def test_robust_losses_are_for_points_that_share_nothing():
     with pytest.raises(ValueError, match=r"loss.*'squared' where points share errors"):
-        cal.fit(specimens(), "constant", loss=loss)
+        cal.fit(specimens(), "constant", loss="huber")
 
 
 def test_leaving_out_a_group_is_a_fit_without_it():
