@@ -1,55 +1,70 @@
-"""What JAX compiled for one command serves the next: its compilation cache, in the user's own folder.
+"""Compiled programs of one command serve the next: JAX's own cache, bounded, in the user's folder.
 
 One folder for each version and each kind of processor, so that a home shared by the machines of a
 cluster never hands one of them another's code.
+
+JAX's bounded cache locks the folder while it reads or writes, and notes the time of use of an entry in
+a file of its own when the entry is whole. It writes in place and never renews an entry: one cut short by a
+kill or a full disk, which has no such note, is removed by the next command; one that cannot be read makes
+the command that found it remove all.
 """
 
 import hashlib
 import importlib.metadata
 import os
 import platform
+import re
+import shutil
 import sys
+import time
 import warnings
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
 NAME = "softjax"
-LARGEST = 256 * 1024**2  # bytes; beyond, what was used longest ago goes
-ENTRIES = "*-cache"  # JAX's files; nothing else is removed
+LARGEST = 256 * 1024**2  # bytes; beyond, JAX removes what was used longest ago
+UNUSED = 60 * 86_400  # seconds after which the folder of another version or processor goes
 PACKAGES = ("softjax-contact", "jax", "jaxlib", "diffrax", "equinox")
+# of the decompressors that JAX may use
+TORN = re.compile(r"Error reading persistent.*: (error|ZstdError|EOFError): ", re.DOTALL)
 
 _kept: Path | None = None  # the folder, while compilations are kept
+_torn = False  # whether an entry of it could not be read
 
 
 def keep_compilations() -> Path | None:
-    """Let JAX keep what it compiles; where, or None where the user has said so already or nothing can be written."""
+    """Let JAX keep what it compiles; where, or None where the user has set a place or nothing can be written."""
     global _kept
     if os.environ.get("JAX_COMPILATION_CACHE_DIR"):
         return None
     folder = cache_folder()
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        os.utime(folder)  # used now
     except OSError:
         return None
     if not os.access(folder, os.W_OK):
         return None
-    _make_room(folder.parent)
-    warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache")
+    _remove_unused(folder)
+    if _kept is None:
+        _listen()
     import jax
 
     jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update("jax_compilation_cache_max_size", LARGEST)
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
     _kept = folder
     return folder
 
 
-def forget_since(moment: float) -> None:
-    """Remove what was kept since then [s]: it may be cut short, and JAX would not write it again."""
-    with suppress(OSError):
-        for file in () if _kept is None else _kept.glob(ENTRIES):
-            if file.stat().st_mtime >= moment:
-                file.unlink(missing_ok=True)
+def remove_torn() -> None:
+    """Empty the folder if an entry of it could not be read: JAX would not write it again."""
+    global _torn
+    if _torn and _kept is not None:
+        _remove(_kept.glob("*-cache"))
+    _torn = False
 
 
 def cache_folder() -> Path:
@@ -59,18 +74,40 @@ def cache_folder() -> Path:
     return _home() / NAME / hashlib.sha256(kind.encode()).hexdigest()[:16]
 
 
-def _make_room(folder: Path) -> None:
-    """Remove what was used longest ago, of this version or another, until the rest is small enough."""
-    try:
-        files = [(f.stat(), f) for f in folder.glob(f"*/{ENTRIES}") if f.is_file()]
-        total = sum(stat.st_size for stat, _ in files)
-        for stat, file in sorted(files, key=lambda one: one[0].st_atime):
-            if total <= LARGEST:
-                return
-            file.unlink(missing_ok=True)
-            total -= stat.st_size
-    except OSError:
-        return  # another command may be at it
+def _remove_unused(folder: Path) -> None:
+    """Remove entries that were cut short, and folders that nobody has used for long."""
+    with suppress(OSError):
+        _remove(one for one in folder.glob("*-cache") if not _noted(one).exists())
+        for other in folder.parent.iterdir():
+            ours = re.fullmatch("[0-9a-f]{16}", other.name) and other.is_dir()
+            if ours and other.stat().st_mtime < time.time() - UNUSED:
+                shutil.rmtree(other, ignore_errors=True)
+
+
+def _remove(entries: Iterable[Path]) -> None:
+    with suppress(OSError):  # another command may be at it
+        for entry in entries:
+            entry.unlink(missing_ok=True)
+            _noted(entry).unlink(missing_ok=True)
+
+
+def _noted(entry: Path) -> Path:
+    """Where JAX notes when an entry was used."""
+    return entry.with_name(entry.name.removesuffix("-cache") + "-atime")
+
+
+def _listen() -> None:
+    """Take JAX's warnings about its cache, which are no matter of the user's."""
+    show = warnings.showwarning
+
+    def heard(message, *where, **more):
+        global _torn
+        if "persistent compilation cache" not in str(message):
+            return show(message, *where, **more)
+        _torn = _torn or TORN.match(str(message)) is not None
+
+    warnings.filterwarnings("always", "Error (reading|writing) persistent compilation cache")
+    warnings.showwarning = heard
 
 
 def _home() -> Path:

@@ -16,14 +16,13 @@ import importlib
 import logging
 import os
 import sys
-import time
 import traceback
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
 from calibration import atomic, progress, signals, terminal
-from calibration.cache import forget_since, keep_compilations
+from calibration.cache import keep_compilations, remove_torn
 from calibration.commands import COMMANDS
 from calibration.errors import DataError, InputError, NotWritten, did_you_mean, listed, printable
 
@@ -62,7 +61,6 @@ class Version(argparse.Action):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command line; returns the exit code."""
-    begun = time.time() - 1.0  # a file system's clock may be coarse
     terminal.prepare()
     atomic.written.clear()
     try:
@@ -71,14 +69,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (InputError, DataError) as error:
         return _tell(str(error), UNUSABLE)
     except KeyboardInterrupt as stop:
-        forget_since(time.time() - 2.0)  # what was just being kept
         return _tell(f"softjax: {_left_behind()}", getattr(stop, "code", INTERRUPTED))
     except BrokenPipeError:  # `softjax fit | head`
         terminal.silence(sys.stdout)
         return DONE
     except Exception as error:
-        return _failed(error, begun)
+        return _failed(error)
     finally:
+        remove_torn()
         progress.erase_sign()
 
 
@@ -114,11 +112,10 @@ def _name_older(command: str, out: Path) -> None:
         print(printable(f"softjax {command}: {line}"), file=sys.stderr)
 
 
-def _failed(error: Exception, begun: float) -> int:
+def _failed(error: Exception) -> int:
     """What cannot be written, and what is refused, in a line; any other error with its trace."""
     if isinstance(error, NotWritten):
         terminal.silence(sys.stdout)
-        forget_since(begun)
         return _tell(f"softjax: {error}", NOT_WRITTEN)
     if isinstance(error, OSError) and error.filename is None and error.errno in STREAM:
         terminal.silence(sys.stdout)

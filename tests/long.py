@@ -66,7 +66,10 @@ def main() -> int:
     k, count = arguments.part
     mine = dealt(files, count)[k - 1]
     minutes = sum(files[file] for file in mine) / 60
-    print(f"part {k} of {count}: {len(mine)} files, some {minutes:.0f} minutes of one core", flush=True)
+    print(
+        f"part {k} of {count}: {len(mine)} files, some {minutes:.0f} minutes of one core",
+        flush=True,
+    )
     if not mine:
         return 0
     watch = Watch()

@@ -4,6 +4,7 @@ import os
 import platform
 import subprocess
 import sys
+import time
 from importlib import metadata
 
 import jax
@@ -31,18 +32,63 @@ def programs(folder):
     return {path for path in folder.rglob("*-cache") if path.is_file()}
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="the folder of Linux")
-def test_programs_are_kept_unless_not_wanted_and_a_torn_one_is_no_harm(tmp_path):
+def contents(folder):
+    return {path: path.read_bytes() for path in programs(folder)}
+
+
+linux = pytest.mark.skipif(sys.platform != "linux", reason="the folder of Linux")
+
+
+@linux
+def test_programs_are_kept_unless_not_wanted(tmp_path):
+    """JAX notes when an entry was used where it bounds its cache, and there alone."""
     first = command(tmp_path, *WORDS, "--no-cache")
     assert programs(tmp_path) == set()
     assert command(tmp_path, *WORDS) == first
     kept = programs(tmp_path / "softjax")
     assert kept
     assert kept == programs(tmp_path)
-    for path in kept:
-        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    noted = {path.name.removesuffix("-atime") for path in tmp_path.rglob("*-atime")}
+    assert noted == {path.name.removesuffix("-cache") for path in kept}
+
+
+@linux
+@pytest.mark.parametrize("kind", ["cut by a kill", "damaged"])
+def test_an_entry_that_is_not_whole_is_written_again(kind, tmp_path):
+    """Left alone it would be compiled anew for ever: JAX writes none that is there.
+
+    A kill in the middle of writing leaves no note of the time of use; without a note JAX would keep
+    nothing any more.
+    """
+    first = command(tmp_path, *WORDS)
+    whole = contents(tmp_path)
+    for path, data in whole.items():
+        path.write_bytes(data[: len(data) // 2])
+        if kind == "cut by a kill":
+            path.with_name(path.name.replace("-cache", "-atime")).unlink()
     assert command(tmp_path, *WORDS) == first
-    assert programs(tmp_path) == kept
+    if kind == "damaged":  # found by the command that reads it
+        assert programs(tmp_path) == set()
+        assert command(tmp_path, *WORDS) == first
+    again = contents(tmp_path)
+    assert again.keys() == whole.keys()
+    assert all(len(again[path]) > 0.9 * len(whole[path]) for path in whole)
+    command(tmp_path, *WORDS)
+    assert contents(tmp_path) == again
+
+
+@linux
+def test_folders_that_nobody_uses_go(tmp_path):
+    """Of this program alone: other names are not its own."""
+    home = tmp_path / "softjax"
+    for name, age in (("0123456789abcdef", 61), ("f" * 16, 59), ("somebody's", 1000)):
+        (home / name).mkdir(parents=True)
+        (home / name / "x-cache").write_text("")
+        os.utime(home / name, (time.time() - 86_400 * age,) * 2)
+    command(tmp_path, *WORDS)
+    left = {path.name for path in home.iterdir()}
+    assert {"f" * 16, "somebody's"} < left
+    assert "0123456789abcdef" not in left
 
 
 def test_who_has_a_cache_keeps_it(tmp_path):
