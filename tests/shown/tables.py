@@ -1,0 +1,37 @@
+"""Tables read back from Markdown and from a terminal."""
+
+import html
+import re
+
+
+def markdown_tables(text: str) -> list[list[list[str]]]:
+    """Every table as rows of cells, its header first."""
+    found: list[list[list[str]]] = []
+    begun = False
+    for line in text.splitlines():
+        if line.startswith("|"):
+            words = re.split(r"(?<!\\)\|", line)[1:-1]
+            row = [html.unescape(cell.strip().replace("\\|", "|")) for cell in words]
+            if not begun:
+                found.append([])
+            if set("".join(row)) != {"-"}:
+                found[-1].append(row)
+        begun = line.startswith("|")
+    return found
+
+
+def cells(line: str) -> list[str]:
+    """Words of a line that two or more spaces part."""
+    return re.split(r"\s{2,}", line.strip())
+
+
+def terminal_table(text: str, head: str) -> list[list[str]]:
+    """Rows of cells below the header that begins so, up to the next empty line."""
+    lines = text.splitlines()
+    first = next(i for i, line in enumerate(lines) if line.startswith(head))
+    rows = []
+    for line in [lines[first], *lines[first + 2 :]]:
+        if not line.strip():
+            break
+        rows.append(cells(line))
+    return rows

@@ -1,0 +1,228 @@
+"""`softjax compare`: its table, its files and its picture; the case against the linear spring."""
+
+import json
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex
+
+import calibration as cal
+import softjax as sj
+from calibration.cli import main
+from tests.cases import pair
+from tests.shown.capture import legend, line
+from tests.shown.conftest import MADE, MASS, VELOCITY, shown, write
+from tests.shown.tables import cells, terminal_table
+from tests.shown.test_fit import EPSILON, SPEED, best, curve
+
+HEADER = ["law", "elpd", "behind", "weight", "left out", "rms", "AIC", "BIC", "k"]
+
+
+def ranking(made):
+    (one,) = json.loads(made.text("compare.json"))["comparisons"]
+    return one["ranking"]
+
+
+def score(value):
+    return "–" if value is None else f"{value:.1f}" if abs(value) < 1000 else f"{value:.0f}"
+
+
+def test_every_cell_of_the_table(compared):
+    """As compare.json has them, which are the comparison's own numbers in Python."""
+    header, *rows = terminal_table(compared.out, "law  ")
+    assert header == HEADER
+    assert compared.code == 0
+    entries = ranking(compared)
+    for row, entry in zip(rows, entries, strict=True):
+        behind = f"{score(entry['behind'])} ± {score(entry['behind_standard_error'])}"
+        expected = [
+            entry["label"],
+            score(entry["elpd"]),
+            (behind + " tie" * entry["tie"]) if entry["behind"] else "best",
+            f"{entry['weight']:.2f}",
+            f"{entry['rms_leave_one_out']:.3g}",
+            f"{entry['rms']:.3g}",
+            score(entry["aic"]),
+            score(entry["bic"]),
+            str(entry["fitted_parameters"]),
+        ]
+        assert row == expected
+    elpd = [entry["elpd"] for entry in entries]
+    assert elpd == sorted(elpd, reverse=True)
+    text = " ".join(compared.out.split())
+    assert "acts in `softjax fit` only: seed" in text
+    assert all(len(told) <= 100 for told in compared.out.partition("\nWritten")[0].splitlines())
+
+
+def test_scores_of_the_winner_are_those_of_scipys_fit(compared):
+    """AIC, BIC and rms of two parameters; elpd about lnL less two."""
+    made = ranking(compared)[0]
+    x, covariance, chi_squared = best()
+    log_likelihood = -0.5 * chi_squared - 24 * np.log(0.01 * np.sqrt(2 * np.pi))
+    assert made["law"] == "walton-braun"
+    assert made["aic"] == pytest.approx(4 - 2 * log_likelihood, abs=1e-6)
+    assert made["bic"] == pytest.approx(2 * np.log(24) - 2 * log_likelihood, abs=1e-6)
+    assert made["rms"] == pytest.approx(np.sqrt(np.mean((curve(x) - MADE) ** 2)), rel=1e-6)
+    assert made["elpd"] == pytest.approx(log_likelihood - 2, abs=2)
+    growth, k1 = (made["parameters"][n] for n in ("growth", "loading_stiffness"))
+    scale = np.sqrt(k1["value"] / MASS)
+    assert growth["value"] == pytest.approx(x[1] * scale, rel=1e-5)
+    assert growth["standard_error"] == pytest.approx(np.sqrt(covariance[1, 1]) * scale, rel=1e-3)
+    assert (growth["unit"], k1["unit"], k1["free"]) == ("1/m", "N/m", False)
+
+
+def test_fitted_parameters_stand_with_errors_and_units(compared):
+    lines = [told for told in compared.out.splitlines() if told.startswith("Walton–Braun")]
+    (fitted,) = (cells(told)[1] for told in lines if len(cells(told)) == 2)
+    growth = ranking(compared)[0]["parameters"]["growth"]["standard_error"]
+    assert fitted.endswith(f"± {growth:.2g} 1/m")
+    assert fitted.startswith("k20 ")
+
+
+def test_each_law_has_its_curve_in_the_picture(compared):
+    figure = compared.figures["compare.png"]
+    upper, lower = figure.axes
+    shown_axes = [
+        (a.get_title(), a.get_xlabel(), a.get_ylabel(), a.get_xscale()) for a in figure.axes
+    ]
+    assert shown_axes == [("alloy", "", EPSILON, "log"), ("", SPEED, EPSILON, "log")]
+    named = [one for one in upper.get_lines() if not one.get_label().startswith("_")]
+    assert sorted(one.get_label() for one in named) == sorted(e["label"] for e in ranking(compared))
+    assert legend(figure) == ["data", *(e["label"] for e in ranking(compared))]
+    v, e = line(upper, "Walton–Braun")
+    np.testing.assert_allclose(v[[0, -1]], VELOCITY[[0, -1]])
+    np.testing.assert_allclose(e, curve(best()[0], v), atol=1e-6)
+    assert np.all(line(upper, "Hertz")[1] == 1)
+    mean = line(upper, "constant ε (hard spheres)")[1]
+    np.testing.assert_allclose(mean, np.mean(MADE), atol=1e-6)
+    (points,) = upper.containers
+    np.testing.assert_allclose(points[0].get_data(), [VELOCITY, MADE])
+    size = np.ptp(MADE)
+    assert lower.get_ylim() == pytest.approx((np.min(MADE) - size / 2, np.max(MADE) + size / 2))
+    assert upper.get_ylim()[0] == 0
+    assert len({to_hex(one.get_color()) for one in named}) == len(named)
+    assert len({str(one._unscaled_dash_pattern) for one in named}) == len(named)
+    figure.draw_without_rendering()
+    (below,) = figure.legends
+    inside = below.get_window_extent()
+    assert figure.bbox.x0 <= inside.x0 < inside.x1 <= figure.bbox.x1
+    assert all(inside.y1 <= ax.get_tightbbox().y0 for ax in figure.axes)
+
+
+def test_laws_with_one_curve_share_a_line_and_a_law_twice_has_two_looks(tmp_path):
+    """A dashpot law is a constant ε by another input, exp(-2a cot a) for exp(-π cot a) of the other end."""
+    path = write(tmp_path)
+    laws = ("--law", "linear", "--law", "constant", "--end", "zero-force")
+    made = shown(tmp_path, "compare", path, *laws, "--law", "thornton", "--law", "thornton-fixed")
+    entries = {entry["law"]: entry for entry in ranking(made)}
+    value = {n: entries[n]["parameters"]["restitution"]["value"] for n in ("linear", "constant")}
+    angle = np.arctan2(np.pi, -np.log(value["linear"]))
+    assert np.exp(-2 * angle / np.tan(angle)) == pytest.approx(value["constant"], rel=1e-5)
+    assert value["linear"] < value["constant"] - 1e-4
+    told = legend(made.figures["compare.png"])
+    assert sum("\n= " in one for one in told) == 1
+    assert len(told) == 4  # data, the shared line, two of Thornton's
+    drawn = [x for x in made.figures["compare.png"].axes[0].get_lines() if x.get_label()[0] != "_"]
+    assert len({str(one._unscaled_dash_pattern) for one in drawn}) == 3
+    settings = json.loads(made.text("compare.json"))["settings"]
+    assert settings["options"] == {"end": "zero-force"}
+
+
+def test_the_variant_of_zhous_law_acts(tmp_path):
+    """From the command line, which wins over the file."""
+    path = write(tmp_path, settings='form = "full"\nkappa = "consistent"')
+    made = shown(tmp_path, "compare", path, "--law", "zhou", "--kappa", "printed")
+    (zhou,) = ranking(made)
+    options = {"form": "full", "kappa": "printed"}
+    assert zhou["options"] == options
+    alloy = cal.read_toml(path)[0]
+    expected = cal.fit(alloy, "zhou", options, profiles=False, unloading_line=None)
+    assert zhou["rms"] == pytest.approx(expected.rms, rel=1e-6)
+
+
+def test_exact_data_have_no_scores_and_json_no_nan(tmp_path):
+    """Eq. (17) made these points: what is undefined is null."""
+    made = cal.compare(cal.paper_materials()[2], ["eq-17", "constant"])
+    assert made.ranking[0] == "Eq. (17), empirical"
+    rows = "\n".join(f"{v},{0.8}" for v in VELOCITY)
+    path = write(tmp_path)
+    (tmp_path / "alloy.csv").write_text(f"velocity [m/s],restitution\n{rows}\n", encoding="utf-8")
+    exact = shown(tmp_path, "compare", path, "--law", "constant", "--law", "hertz", quiet=True)
+    entry = ranking(exact)[0]
+    assert entry["law"] == "constant"
+    assert [entry[name] for name in ("elpd", "behind", "tie", "weight", "aic", "bic")] == [None] * 6
+    assert "NaN" not in exact.text("compare.json")
+    assert exact.out == ""
+
+
+def test_the_case_against_the_linear_spring(tmp_path):
+    """Durations and forces by the textbook; the same from the equation of motion."""
+    made = shown(tmp_path, "compare", "--linear-spring", quiet=True)
+    left, right = made.figures["linear_spring.png"].axes
+    axes = [(a.get_title(), a.get_xlabel(), a.get_ylabel()) for a in (left, right)]
+    assert axes == [
+        (
+            "Linear spring with dashpot",
+            r"restitution $\varepsilon$ that goes in",
+            r"contact duration $T \omega_0/\pi$",
+        ),
+        (
+            "Without a dashpot",
+            r"overlap $\delta/\delta_\mathrm{max}$",
+            r"force $P/(k\delta_\mathrm{max}^{3/2})$",
+        ),
+    ]
+    assert [p.name for p in made.folder.iterdir()] == ["linear_spring.png"]
+    integrated = [one for one in left.get_lines() if one.get_label() == "the same, integrated"]
+    words = (r"contact ends at $\delta = 0$", "contact ends at zero force")
+    for word, points in zip(words, integrated, strict=True):
+        for x, y in (line(left, word), points.get_data()):
+            loss = np.abs(np.log(x))
+            xi = loss / np.hypot(np.pi, loss)
+            w = np.sqrt(1 - xi**2)
+            angle = np.pi if word == words[0] else np.arctan2(2 * xi * w, 2 * xi**2 - 1)
+            np.testing.assert_allclose(y, angle / w / np.pi, rtol=1e-8)
+    np.testing.assert_allclose(line(left, r"$2/\omega_0$")[1], 2 / np.pi)
+    hertz, spring = (one.get_xydata() for one in right.get_lines())
+    np.testing.assert_allclose(hertz[:, 1], hertz[:, 0] ** 1.5, rtol=1e-12, atol=1e-15)
+    # ½ K δ² = (2/5) k δ^{5/2}
+    np.testing.assert_allclose(spring[:, 1], 0.8 * spring[:, 0], rtol=1e-12, atol=1e-15)
+
+
+def test_figure_2_alone(tmp_path):
+    """The paper's procedure; its curves are those of the main job, without the line of Eq. (18)."""
+    made = shown(tmp_path, "compare", "--figure2", quiet=True)
+    (figure,) = made.figures.values()
+    assert [p.name for p in made.folder.iterdir()] == ["figure2.png"]
+    told = legend(figure)
+    assert told[:3] == ["data", "this model, fitted", "Eq. (17)"]
+    assert not any("Eq. (18)" in one for one in told)
+    y, model = line(figure.axes[2], "this model, fitted")
+    law = sj.Zhou(pair("nylon"), 0.21998, 0.4355, 0.5414)
+    v = y * float(law.contact.critical_velocity)
+    np.testing.assert_allclose(model, sj.restitution(law, v).coefficient, atol=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("options", "blamed"),
+    [
+        (["--figure2"], "--figure2"),
+        (["--linear-spring"], "--linear-spring"),
+        (["--laws", "zhuo"], "did you mean 'zhou'"),
+        (["--laws", ","], "--laws"),
+        (["--law", "hertz", "--form", "full"], "zhou among the laws"),
+        (["--law", "zhou", "--end", "zero-force"], "hertz-dashpot or linear"),
+        (["--free", "yield_factor"], "--free"),
+    ],
+)
+def test_unusable_input_is_refused_and_nothing_is_written(options, blamed, tmp_path, capsys):
+    path, out = write(tmp_path), tmp_path / "out"
+    try:
+        code = main(["compare", str(path), *options, "--out", str(out)])
+    except SystemExit as stop:
+        code = stop.code
+    err = capsys.readouterr().err
+    assert code == 2
+    assert blamed in err
+    assert len(err.splitlines()) == 1
+    assert not out.exists()

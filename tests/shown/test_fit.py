@@ -1,0 +1,502 @@
+"""`softjax fit`: the data of its pictures and the cells of its tables, against SciPy's own fit."""
+
+import html
+import re
+from functools import cache
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from matplotlib.patches import Ellipse
+from scipy import optimize, stats
+
+import calibration as cal
+import softjax as sj
+from tests.cases import pair
+from tests.fit_oracle import eq_17
+from tests.shown.capture import band, bars, labels, legend, line
+from tests.shown.conftest import MADE, MASS, VELOCITY, shown, write
+from tests.shown.tables import cells, markdown_tables
+
+EPSILON, SPEED = r"restitution $\varepsilon$", "impact velocity $v$ [m/s]"
+NAMES = ["stainless steel", "chrome steel", "nylon"]
+TRUTH = {
+    "stainless steel": (3.0432, 0.54),
+    "chrome steel": (0.1418, 0.3114),
+    "nylon": (0.4355, 0.5414),
+}
+
+
+def curve(x, v=VELOCITY):
+    return 1 / np.sqrt(x[0] + x[1] * v)
+
+
+@cache
+def best():
+    """a and b of 1/ε² = a + b v by SciPy, their covariance, and Σ r²/u²."""
+    found = optimize.least_squares(lambda x: (curve(x) - MADE) / 0.01, [1.1, 0.02], xtol=1e-15)
+    return found.x, np.linalg.inv(found.jac.T @ found.jac), 2 * found.cost
+
+
+def spring(alloy):
+    """k1, and k20 and s with their errors, as SciPy's a and b are."""
+    k1 = cal.FitResult.load(alloy.folder / "fit.json").law.loading_stiffness
+    x, covariance, _ = best()
+    scale = np.array([k1, np.sqrt(k1 / MASS)])
+    return k1, x * scale, np.sqrt(np.diag(covariance)) * scale
+
+
+def rise(k, value):
+    """Δχ² with one of a, b at a value, the other one sought."""
+    other = optimize.minimize_scalar(
+        lambda y: np.sum(((curve([value, y] if k == 0 else [y, value]) - MADE) / 0.01) ** 2),
+        bracket=(best()[0][1 - k] * 0.99, best()[0][1 - k] * 1.01),
+        options={"xtol": 1e-12},
+    )
+    return other.fun - best()[2]
+
+
+def axes_of(figure):
+    """What the axes of every panel say: title, x label, y label, x scale."""
+    return [(a.get_title(), a.get_xlabel(), a.get_ylabel(), a.get_xscale()) for a in figure.axes]
+
+
+Y = r"$y = v/v_\mathrm{cr}$"
+PICTURES = {
+    "main": [
+        *[(n, "", EPSILON * (n == NAMES[0]), "linear") for n in NAMES],
+        *[("", Y, "data − fit" * (k == 0), "linear") for k in range(3)],
+    ],
+    "main correlation": [(n, "", "", "linear") for n in NAMES],
+    "curves": [("alloy", "", EPSILON, "log"), ("", SPEED, "data − fit", "log")],
+    "profiles": [
+        ("", "$k_{20}$ [N/m]", r"$\Delta\chi^2$", "linear"),
+        ("", "$s$ [1/m]", r"$\Delta\chi^2$", "linear"),
+    ],
+    "correlation": [("", "", "", "linear")],
+}
+
+
+def test_every_axis_says_what_it_is(alloy, main_job):
+    """Titles, symbols, units and scales against a literal table."""
+    assert axes_of(main_job.figures["curves.png"]) == PICTURES["main"]
+    assert axes_of(main_job.figures["correlation.png"]) == PICTURES["main correlation"]
+    for name in ("curves", "profiles", "correlation"):
+        assert axes_of(alloy.figures[f"{name}.png"]) == PICTURES[name]
+    title = main_job.figures["curves.png"].get_suptitle()
+    assert title.startswith("Data: a published fit of measurements (Eq. 17 with Table 1's σ, ψ")
+
+
+def test_the_fitted_curve_its_bands_and_residuals(alloy):
+    upper, lower = alloy.figures["curves.png"].axes
+    x, covariance, _ = best()
+    v, fit = line(upper, "Walton–Braun, fitted")
+    np.testing.assert_allclose(v[[0, -1]], VELOCITY[[0, -1]])
+    np.testing.assert_allclose(fit, curve(x, v), atol=2e-7)
+    slopes = -0.5 * np.stack([np.ones_like(v), v], axis=1) * curve(x, v)[:, None] ** 3
+    error = np.sqrt(np.einsum("ki,ij,kj->k", slopes, covariance, slopes))
+    for label, half in (("of the mean", error), ("one more measurement", np.hypot(error, 0.01))):
+        at, low, high = band(upper, f"95 %, {label}")
+        np.testing.assert_allclose(at, v)
+        np.testing.assert_allclose(high - low, 2 * 1.959964 * half, rtol=2e-2)
+        np.testing.assert_allclose(0.5 * (low + high), fit, atol=1e-4)
+    (points,), (left,) = upper.containers, lower.containers
+    np.testing.assert_allclose(points[0].get_data(), [VELOCITY, MADE])
+    np.testing.assert_allclose(left[0].get_data(), [VELOCITY, MADE - curve(x)], atol=2e-7)
+    for container, middle in ((points, MADE), (left, MADE - curve(x))):
+        ends = bars(container)[:, :, 1]
+        np.testing.assert_allclose(ends, middle[:, None] + [-0.01, 0.01], atol=2e-7)
+    assert upper.get_xlim() == lower.get_xlim()
+    expected = ["data", "Walton–Braun, fitted", "95 %, one more measurement", "95 %, of the mean"]
+    assert legend(alloy.figures["curves.png"]) == expected
+
+
+def test_profiles_are_drawn_through_the_minimised_cost(alloy):
+    """SciPy minimises over the other parameter; the interval ends where that crosses 3.84."""
+    _, values, errors = spring(alloy)
+    scale = values / best()[0]
+    threshold = stats.chi2.ppf(0.95, 1)
+    figure = alloy.figures["profiles.png"]
+    for k, ax in enumerate(figure.axes):
+        smooth, points = ax.get_lines()[:2]
+        at, height = points.get_data()
+        expected = [rise(k, value / scale[k]) for value in at]
+        np.testing.assert_allclose(height, expected, rtol=1e-4, atol=1e-4)
+        assert np.ptp(height) > threshold
+        middle = 0.5 * (at[1:] + at[:-1])
+        exact = [rise(k, value / scale[k]) for value in middle]
+        drawn = np.interp(middle, *smooth.get_data())
+        np.testing.assert_allclose(drawn, exact, rtol=0.02, atol=0.02)
+        np.testing.assert_allclose(line(ax, "threshold of the interval")[1], threshold)
+        fine, parabola = line(ax, "from the standard error")
+        np.testing.assert_allclose(
+            parabola, ((fine - values[k]) / errors[k]) ** 2, rtol=2e-3, atol=1e-3
+        )
+        ends = [one.get_xdata()[0] for one in ax.get_lines() if one.get_label() == "interval"]
+        np.testing.assert_allclose([rise(k, end / scale[k]) for end in ends], threshold, rtol=1e-2)
+        assert ends[0] < values[k] < ends[1]
+        assert ax.get_ylim() == pytest.approx((0, 1.6 * threshold))
+    told = ["profile", "from the standard error", "threshold of the interval", "interval"]
+    assert legend(figure) == told
+
+
+def correlation_of(ax) -> dict:
+    """What each ellipse shows, by its (column, row from above)."""
+    count, found = len(ax.get_xticks()), {}
+    for patch in ax.patches:
+        assert isinstance(patch, Ellipse)
+        column, place = patch.center
+        a, b = patch.width**2, patch.height**2
+        found[column, count - 1 - place] = (a - b) / (a + b) * np.sign(patch.angle)
+    return found
+
+
+def test_correlations_are_ellipses_with_their_numbers(alloy, main_job):
+    (ax,) = alloy.figures["correlation.png"].axes
+    _, covariance, _ = best()
+    expected = covariance[0, 1] / np.sqrt(covariance[0, 0] * covariance[1, 1])
+    assert correlation_of(ax) == {(0, 1): pytest.approx(expected, abs=1e-3)}
+    assert [label.get_text() for label in ax.get_xticklabels()] == ["$k_{20}$", "$s$"]
+    assert [label.get_text() for label in ax.get_yticklabels()] == ["$s$", "$k_{20}$"]
+    texts = {text.get_position(): text.get_text() for text in ax.texts}
+    assert texts[1, 1] == f"{expected:.2f}".replace("-", "−")  # right of the diagonal, above
+    fit = cal.FitResult.load(alloy.folder / "fit.json")
+    assert texts[0, 1] == str(fit.estimates["unloading_stiffness"]).replace(" ± ", "\n± ")
+    assert ax.patches[0].angle == (45 if expected > 0 else -45)
+    (low, high), (left, right) = ax.get_ylim(), ax.get_xlim()
+    assert low < high  # leaning right is up to the right
+    assert left < right
+    fit = cal.FitResult.load(main_job.folder / "fit.json")
+    names = list(fit.covariance_names)
+    for ax, name in zip(main_job.figures["correlation.png"].axes, NAMES, strict=True):
+        order = [label.get_text() for label in ax.get_xticklabels()]
+        assert sorted(order) == sorted([r"$\tilde\chi$", r"$\sigma$", r"$\psi$"])
+        place = sorted(order.index(symbol) for symbol in (r"$\tilde\chi$", r"$\sigma$"))
+        i, j = (names.index(f"{one}[{name}]") for one in ("chi", "sigma"))
+        assert correlation_of(ax)[tuple(place)] == pytest.approx(fit.correlations[i, j], abs=0.01)
+
+
+def test_the_main_picture_has_each_curve_that_its_legend_names(main_job):
+    """Over v/v_cr; Eq. (17) and Table 1 by the paper's numbers, Thornton's formula by hand."""
+    figure, fit = main_job.figures["curves.png"], cal.FitResult.load(main_job.folder / "fit.json")
+    printed = r"this model, printed $\kappa$ and Table 1's $\tilde\chi$"
+    by_line = r"this model, $\tilde\chi$ by Eq. (18) fitted to all"
+    paper, hertz = (
+        rf"Thornton, yield at {s}" for s in (r"the paper's $v_\mathrm{cr}$", "Hertz's $V_y$")
+    )
+    expected = ["data", "this model, fitted", "Eq. (17)", printed, paper, hertz]
+    assert [x for x in legend(figure) if x != "no solution beyond"] == [*expected, by_line]
+    slope = fit.unloading_line
+    for ax, below, name in zip(figure.axes[:3], figure.axes[3:], NAMES, strict=True):
+        contact, data = pair(name), fit.data[name]
+        critical, limit = float(contact.critical_velocity), float(contact.limit_velocity)
+        y, shown_17 = line(ax, "Eq. (17)")
+        v = y * critical
+        np.testing.assert_allclose(y[[0, -1]] * critical, [0, np.max(data.velocity)])
+        np.testing.assert_allclose(shown_17, eq_17(v, limit, *TRUTH[name]), rtol=1e-6)
+        law = sj.Zhou(contact, fit.values[f"chi[{name}]"], *TRUTH[name])
+        model = line(ax, "this model, fitted")[1]
+        np.testing.assert_allclose(model, sj.restitution(law, v).coefficient, atol=1e-7)
+        chi = slope.c1.value + slope.c2.value * float(contact.yield_ratio)
+        moved = sj.restitution(sj.Zhou(contact, chi, *TRUTH[name]), v).coefficient
+        np.testing.assert_allclose(line(ax, by_line)[1][1:], moved[1:], atol=1e-7)
+        for label, area in ((paper, "zhou"), (hertz, "hertz")):
+            first = float(pair(name, area).critical_velocity)
+            np.testing.assert_allclose(line(ax, label)[1], thornton(v / first), atol=1e-9)
+        (points,), (left,) = ax.containers, below.containers
+        np.testing.assert_allclose(
+            points[0].get_data(), [data.velocity / critical, data.restitution]
+        )
+        at = np.asarray(sj.restitution(law, data.velocity).coefficient)
+        np.testing.assert_allclose(left[0].get_ydata(), data.restitution - at, atol=1e-7)
+        assert ("no solution beyond" in labels(ax)) == (name == "nylon")
+    end, last = line(figure.axes[2], "no solution beyond")
+    y, value = line(figure.axes[2], printed)
+    assert 22 < end[0] < 25  # there the loading force vanishes before the spheres stop
+    assert np.all(np.isnan(value[y > end[0]]))
+    assert last[0] == value[y == end[0]]
+    inside = y <= end[0]
+    law = sj.Zhou(pair("nylon"), 0.0160, *TRUTH["nylon"], kappa="printed")
+    v = y[inside] * float(pair("nylon").critical_velocity)
+    np.testing.assert_allclose(value[inside], sj.restitution(law, v).coefficient, atol=1e-9)
+
+
+def thornton(ratio):
+    """Thornton (1997), Eq. 5, over V/V_y."""
+    r = 1 / np.maximum(ratio, 1)
+    inner = r / (r + 2 * np.sqrt(1.2 - 0.2 * r**2))
+    plastic = np.sqrt(6 * np.sqrt(3) / 5) * np.sqrt(1 - r**2 / 6) * inner**0.25
+    return np.where(ratio > 1, plastic, 1.0)
+
+
+def test_curves_differ_by_style_and_colour(main_job):
+    named = [
+        one
+        for one in main_job.figures["curves.png"].axes[0].get_lines()
+        if not one.get_label().startswith("_") and one.get_linestyle() not in ("None", "none")
+    ]
+    looks = [str(one._unscaled_dash_pattern) for one in named]
+    assert len(set(looks)) == len(named) >= 6
+    assert len({one.get_color() for one in named}) == len(named)
+
+
+def test_the_tables_of_a_report_have_the_fits_numbers(alloy):
+    """Each cell against SciPy's fit, in the report and on the terminal."""
+    k1, values, errors = spring(alloy)
+    _, _, chi_squared = best()
+    parameters, quality = (markdown_tables(alloy.text("report.md"))[k] for k in (1, 2))
+    assert parameters[0][:3] == ["material", "parameter", "value ± std. error"]
+    rows = {row[1]: dict(zip(parameters[0], row, strict=True)) for row in parameters[1:]}
+    assert list(rows) == ["k1 [N/m]", "k20 [N/m]", "s [1/m]"]
+    assert float(rows["k1 [N/m]"]["value ± std. error"].removesuffix(" (fixed)")) == pytest.approx(
+        k1, rel=1e-4
+    )
+    fit = cal.FitResult.load(alloy.folder / "fit.json")
+    for (row, value, error), name in zip(
+        (("k20 [N/m]", values[0], errors[0]), ("s [1/m]", values[1], errors[1])),
+        ("unloading_stiffness", "growth"),
+        strict=True,
+    ):
+        read = [float(x) for x in plus_minus(rows[row]["value ± std. error"])]
+        assert read == pytest.approx([value, error], rel=0.03)
+        ends = [float(x) for x in rows[row]["95 % interval"].split(" … ")]
+        assert ends == pytest.approx(fit.intervals[name], abs=0.006 * error * 10)
+        assert rows[row]["kind"] == "profile"
+        other = fit.beside["values"][name] / fit.values[name] - 1
+        assert rows[row]["LM: differs by"] == f"{other:.0e}".replace("0e+00", "0")
+    table = dict(zip(quality[0], quality[1], strict=True))
+    rms = np.sqrt(np.mean((curve(best()[0]) - MADE) ** 2))
+    expected = {
+        "material": "alloy",
+        "points": "24",
+        "ν": "22",
+        "rms": f"{rms:.4g}",
+        "χ²/ν": f"{chi_squared / 22:.3g}",
+        "P": f"{stats.chi2.sf(chi_squared, 22):.3g}",
+        "converged": "yes",
+    }
+    assert table == expected
+    for row in (parameters, quality):
+        for words in row[1:]:
+            assert any(cells(told) == [w for w in words if w] for told in alloy.out.splitlines())
+    bodies = dict(zip(*markdown_tables(alloy.text("report.md"))[0], strict=True))
+    mass = f"{4 / 3 * np.pi * 0.0127**3 * 1140:.4g}"
+    assert list(bodies.values()) == [
+        *("alloy", "two equal spheres", "0.0127", mass, "2.5e+09", "0.3", "1140", "4e+07")
+    ]  # fmt: skip
+    assert "24 impacts at 0.2 to 30 m/s, uncertainty of the restitution 0.01" in alloy.text(
+        "report.md"
+    )
+
+
+def plus_minus(cell: str) -> tuple[str, str]:
+    found = re.fullmatch(r"\(?(\S+) ± (\S+?)\)?(e\S+)?", cell)
+    return tuple(number + (found[3] or "") for number in found.group(1, 2))
+
+
+def test_the_second_fit_differs_by_its_sign(main_job):
+    """(other - own)/own of each estimate: with signs, and some of each."""
+    fit = cal.FitResult.load(main_job.folder / "fit.json")
+    table = next(t for t in markdown_tables(main_job.text("report.md")) if "LM: differs by" in t[0])
+    column, names, owner, seen = (
+        table[0].index("LM: differs by"),
+        {"χ̃": "chi", "σ": "sigma"},
+        "",
+        [],
+    )
+    for row in table[1:]:
+        owner = row[0] or owner
+        if row[1] in names:
+            label = f"{names[row[1]]}[{owner}]"
+            other = fit.beside["values"][label] / fit.values[label] - 1
+            assert row[column] == f"{other:.0e}".replace("0e+00", "0")
+            seen.append(np.sign(other))
+            printed = {"χ̃": {"nylon": 0.016}, "σ": {n: TRUTH[n][0] for n in NAMES}}[row[1]]
+            if owner in printed:
+                assert float(row[table[0].index("Table 1")]) == printed[owner]
+    assert len(seen) == 6
+    assert any(seen)  # a difference of nothing has no sign
+
+
+def test_the_line_through_chi_has_the_fewest_degrees_of_freedom():
+    """Weighted least squares by hand; t of the smallest set, which has 8 - 2 of Eq. (17)."""
+    sets = []
+    for (name, count), seed in zip(
+        (("stainless steel", 8), ("chrome steel", 14), ("nylon", 30)), range(3), strict=True
+    ):
+        contact, last = pair(name), {"stainless steel": 250, "chrome steel": 25, "nylon": 80}[name]
+        v = np.linspace(2, last, count) * float(contact.critical_velocity)
+        noise = 0.003 * np.random.default_rng(seed).standard_normal(count)
+        exact = eq_17(v, float(contact.limit_velocity), *TRUTH[name])
+        sets.append(cal.RestitutionData(v, exact + noise, contact, name=name))
+    options = {"objective": "two-step", "route": sj.EnergyBalance(), "profiles": False}
+    fit = cal.fit(sets, unloading_line="weighted", starts=2, **options)
+    chi = np.array([fit.values[f"chi[{one.name}]"] for one in sets])
+    errors = np.array([fit.standard_errors[f"chi[{one.name}]"] for one in sets])
+    ratio = np.array([float(one.contact.yield_ratio) for one in sets])
+    (c2, c1), covariance = np.polyfit(ratio, chi, 1, w=1 / errors, cov="unscaled")
+    for found, value, variance in zip(
+        (fit.unloading_line.c1, fit.unloading_line.c2),
+        (c1, c2),
+        np.diag(covariance)[::-1],
+        strict=True,
+    ):
+        assert found.value == pytest.approx(value, rel=1e-6)
+        assert found.standard_error == pytest.approx(np.sqrt(variance), rel=1e-6)
+        reach = stats.t.ppf(0.975, 6) * np.sqrt(variance)
+        assert (found.low, found.high) == pytest.approx((value - reach, value + reach), rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "text"),
+    [
+        (1.7944, 0.052, "1.794 ± 0.052"),
+        (1.7944, 0.0996, "1.79 ± 0.10"),  # 0.0996 is 0.10, not 0.100
+        (350.0, 123.0, "350 ± 120"),
+        (12345.6, 7.8, "12345.6 ± 7.8"),
+        (1.93e11, 1.23e9, "(1.930 ± 0.012)e11"),
+        (2e-5, 3e-6, "(2.00 ± 0.30)e-5"),
+        (-3.0, 0.2, "-3.00 ± 0.20"),
+        (0.0, 0.1, "0.00 ± 0.10"),
+        (3.0432, 1e-7, "3.0432 ± 1e-07"),  # not more digits than can be meant
+        (3.0432, 1e-15, "3.0432 ± 0"),
+        (1.7944, None, "1.7944"),
+        (None, 0.1, "–"),
+    ],
+)
+def test_a_value_is_rounded_to_its_error(value, error, text):
+    assert str(cal.Estimate(value, error)) == text
+
+
+HOSTILE = (
+    "<script>alert(1)</script>",
+    "![x](http://example.org/x.png)",
+    "a|b",
+    "`x` *y* _z_ &amp;",
+    "$5 a_b^",
+)
+
+
+def test_names_are_shown_as_they_are_and_do_nothing(tmp_path):
+    """In the report, its page without a foreign tag or address, and pictures that are drawn."""
+    body = write(tmp_path).read_text(encoding="utf-8").partition("[[material]]")[2]
+    toml = "[fit]\n" + "".join(
+        "[[material]]" + body.replace('"alloy"', f"'{n}'", 1) for n in HOSTILE
+    )
+    write(tmp_path, toml=toml)
+    made = shown(tmp_path, "fit", tmp_path / "alloy.toml", "--law", "constant", "--no-profiles")
+    assert made.code == 0
+    page = Tags(made.text("report.html"))
+    for name in HOSTILE:
+        assert page.words.count(name) >= 3
+    assert page.open == page.named("script") == page.named("link") == []
+    addresses = [attrs.get("href") or attrs.get("src") for _, attrs in page.tags]
+    assert all(one is None or one.startswith(("data:image/png;base64,", "#")) for one in addresses)
+    assert len(page.named("img")) == 1
+    rows = markdown_tables(made.text("report.md"))[1]
+    assert [len(row) for row in rows] == [len(rows[0])] * 6
+    figure = made.figures["curves.png"]
+    figure.draw_without_rendering()
+    titles = [ax.get_title().replace("\\$", "$").strip("\u200b") for ax in figure.axes]
+    assert [title for title in titles if title] == list(HOSTILE)
+    assert len(figure.axes) == 10  # five of six panels
+
+
+def test_very_many_materials_are_drawn_as_far_as_anybody_reads(tmp_path):
+    """24 panels and a line that says so."""
+    body = write(tmp_path).read_text(encoding="utf-8").partition("[[material]]")[2]
+    each = ["[[material]]" + body.replace('"alloy"', f'"m{k}"', 1) for k in range(25)]
+    write(tmp_path, toml="[fit]\n" + "".join(each))
+    made = shown(tmp_path, "fit", tmp_path / "alloy.toml", "--law", "constant", "--no-profiles")
+    figure = made.figures["curves.png"]
+    assert len(figure.axes) == 48
+    assert figure.get_suptitle() == "the first 24 of 25 data sets: all are in fit.json"
+    assert "25 searches, " in made.out
+    assert "correlation.png" not in made.figures  # of one parameter
+
+
+def test_first_yield_velocity_errors_and_a_linear_axis(tmp_path):
+    """Thornton's V_y; less than 1.5 decades are linear; bars across are the velocities' errors."""
+    first = 1.6**2.5 * float(pair("nylon", area="hertz").critical_velocity)
+    v = first * np.linspace(0.5, 12, 16)
+    rows = "\n".join(f"{x},{e},0.01,0.05" for x, e in zip(v, thornton(v / first), strict=True))
+    head = "velocity [m/s],restitution,uncertainty,velocity_uncertainty [m/s]\n"
+    path = write(tmp_path)
+    (tmp_path / "alloy.csv").write_text(head + rows + "\n", encoding="utf-8")
+    made = shown(tmp_path, "fit", path, "--law", "thornton", "--no-profiles")
+    assert made.code == 0
+    ax = made.figures["curves.png"].axes[0]
+    law = cal.FitResult.load(made.folder / "fit.json").law
+    assert line(ax, "first yield")[0][0] == pytest.approx(float(law.elastic_velocity()), rel=1e-9)
+    assert line(ax, "first yield")[0][0] == pytest.approx(first, rel=0.02)
+    assert ax.get_xscale() == "linear"
+    across = bars(ax.containers[0], 0)[:, :, 0]
+    np.testing.assert_allclose(across[:, 1] - across[:, 0], 0.1)
+
+
+def test_a_fit_that_did_not_converge_is_marked_everywhere(tmp_path):
+    """Title, table, first line of the report, message and exit code."""
+    made = shown(
+        tmp_path,
+        "fit",
+        write(tmp_path),
+        "--law",
+        "walton-braun",
+        "--max-steps",
+        "1",
+        "--no-profiles",
+    )
+    assert made.code == 1
+    assert made.err.splitlines()[-1].startswith("softjax fit: did not converge")
+    assert made.figures["curves.png"].axes[0].get_title() == "alloy (NOT CONVERGED)"
+    report = made.text("report.md")
+    assert "**The fit did not converge. Its values are not to be used.**" in report
+    assert markdown_tables(report)[2][1][-1] == "NO"
+    assert "NOT CONVERGED: do not use these values." in made.out
+
+
+def test_priors_bounds_groups_and_scatter_are_stated(tmp_path):
+    group = np.repeat(list("abcd"), 6)
+    offsets = np.repeat([0.02, -0.01, -0.03, 0.02], 6)
+    rows = [f"{v},{e + o},{g}" for v, e, o, g in zip(VELOCITY, MADE, offsets, group, strict=True)]
+    path = write(tmp_path, settings='law = "walton-braun"')
+    text = "\n".join(["velocity [m/s],restitution,group", *rows])
+    (tmp_path / "alloy.csv").write_text(text + "\n", encoding="utf-8")
+    more = "[material.parameters]\ngrowth = { prior = [0.5, 1e3], bounds = [0, 1e5] }\n"
+    path.write_text(path.read_text(encoding="utf-8") + more, encoding="utf-8")
+    made = shown(tmp_path, "fit", path, "--no-profiles")
+    report, fit = (
+        html.unescape(made.text("report.md")),
+        cal.FitResult.load(made.folder / "fit.json").material(),
+    )
+    assert "s [1/m]: prior 0.5 ± 1000, between 0 and 1e+05" in report
+    table = dict(zip(*markdown_tables(report)[2], strict=True))
+    assert table["scatter"] == f"{fit.noise:.3g}"
+    assert table["between groups"] == f"{fit.group_deviation:.3g}"
+    assert fit.noise == pytest.approx(0.01, rel=0.4)
+    assert fit.group_deviation == pytest.approx(np.std(offsets, ddof=1), rel=0.6)
+    assert "χ²/ν" not in table
+    assert "in 4 groups" in report
+
+
+class Tags(HTMLParser):
+    """Tags with their attributes, and the text between."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.tags, self.words, self.open = [], "", []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        if tag not in ("meta", "img"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.words += data
+
+    def named(self, name):
+        return [attrs for tag, attrs in self.tags if tag == name]

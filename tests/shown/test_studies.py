@@ -1,0 +1,201 @@
+"""`softjax sensitivity`: the data of its pictures and the cells of its tables."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+import calibration as cal
+import softjax as sj
+from tests.cases import RADIUS, fitted
+from tests.shown.capture import legend, line
+from tests.shown.conftest import shown
+from tests.shown.tables import cells
+from tests.shown.test_fit import SPEED
+
+EFFECT = r"$\theta\,\partial\varepsilon/\partial\theta$"
+LETTERS = {
+    "youngs_modulus": "$E$",
+    "poisson_ratio": r"$\mu$",
+    "density": r"$\rho$",
+    "yield_strength": "$Y$",
+    "radius": "$R$",
+    "chi": r"$\tilde\chi$",
+    "sigma": r"$\sigma$",
+    "psi": r"$\psi$",
+    "velocity": "$v$",
+}
+
+
+def restitution(v, **changed):
+    """ε of two nylon spheres with inputs changed by factors."""
+    nylon = sj.NYLON
+    of = {n: float(getattr(nylon, n)) * changed.get(n, 1.0) for n in list(LETTERS)[:4]}
+    body, radius = sj.Material(**of), RADIUS * changed.get("radius", 1.0)
+    contact = sj.Contact.between_spheres(body, body, radius, radius, area="zhou")
+    law = fitted("nylon")
+    own = {n: getattr(law, n) * changed.get(n, 1.0) for n in ("chi", "sigma", "psi")}
+    at = np.asarray(v) * changed.get("velocity", 1.0)
+    return np.asarray(sj.restitution(sj.Zhou(contact, **own), at).coefficient)
+
+
+def effect(name, v, h=1e-5):
+    """θ ∂ε/∂θ by differences."""
+    return (restitution(v, **{name: 1 + h}) - restitution(v, **{name: 1 - h})) / (2 * h)
+
+
+def test_sensitivities_over_velocity(studied):
+    """Curves, table and CSV by differences; inputs that act on nothing are named; parted at yield."""
+    (ax,) = studied.figures["sensitivity.png"].axes
+    assert (ax.get_xlabel(), ax.get_ylabel(), ax.get_xscale()) == (SPEED, EFFECT, "log")
+    yields = float(fitted("nylon").contact.critical_velocity)
+    assert line(ax, r"yield, $v_\mathrm{cr}$")[0].tolist() == [yields, yields]
+    rows = list(csv.DictReader(studied.text("sensitivity.csv").splitlines()))
+    velocity = np.array([float(row["velocity [m/s]"]) for row in rows])
+    np.testing.assert_allclose(velocity, np.geomspace(0.1, 60, 9))
+    curve = restitution(velocity)
+    np.testing.assert_allclose([float(row["restitution"]) for row in rows], curve, atol=1e-9)
+    head = "θ ∂ε/∂θ at v [m/s]"
+    lines = studied.out[studied.out.index(head) :].splitlines()
+    assert cells(lines[0]) == [head, "1", "10"]
+    table = {row[0]: [float(x) for x in row[1:]] for row in map(cells, lines[1:10])}
+    told = json.loads(studied.text("sensitivity.json"))["local"]
+    assert told["velocity"] == [1.0, 10.0]
+    symbols = ("E", "μ", "ρ", "Y", "R", "χ̃", "σ", "ψ", "v")
+    for (name, letter), symbol in zip(LETTERS.items(), symbols, strict=True):
+        slope = effect(name, velocity)
+        in_csv = [float(row[f"{name} d(eps)/d({name})"]) for row in rows]
+        np.testing.assert_allclose(in_csv, slope, atol=1e-7)
+        in_csv = [float(row[f"dln(eps)/dln({name})"]) for row in rows]
+        np.testing.assert_allclose(in_csv, slope / curve, atol=1e-7)
+        at_bars = effect(name, [1.0, 10.0])
+        assert table[symbol] == pytest.approx(at_bars, abs=6e-6)
+        np.testing.assert_allclose(told["theta_d_epsilon_d_theta"][name], at_bars, atol=1e-7)
+        if letter == "$R$":
+            continue
+        x, y = line(ax, letter)
+        gap = np.isnan(y)
+        np.testing.assert_array_equal(x[gap], [yields])
+        np.testing.assert_array_equal(x[~gap], velocity)
+        np.testing.assert_allclose(y[~gap], slope, atol=1e-7)
+    assert legend(ax) == [
+        *(x for x in LETTERS.values() if x != "$R$"),
+        "none: $R$",
+        r"yield, $v_\mathrm{cr}$",
+    ]
+
+
+def test_a_tornado_shows_what_one_percent_does(studied):
+    """The strongest on top, signs by side and colour."""
+    for ax, v in zip(studied.figures["tornado.png"].axes, (1.0, 10.0), strict=True):
+        assert ax.get_title() == f"$v$ = {v:g} m/s"
+        assert ax.get_xlabel() == r"change of $\varepsilon$ for +1 %"
+        width = {
+            label.get_text(): bar.get_width()
+            for label, bar in zip(ax.get_yticklabels(), ax.patches, strict=True)
+        }
+        for name, letter in LETTERS.items():
+            assert width[letter] == pytest.approx(float(effect(name, [v])[0]) / 100, abs=1e-8)
+            change = float(restitution([v], **{name: 1.01})[0] - restitution([v])[0])
+            assert width[letter] == pytest.approx(change, rel=0.05, abs=1e-6)
+        sizes = np.abs(list(width.values()))
+        assert np.all(np.diff(sizes) >= -1e-15)
+        colours = {
+            w < 0: bar.get_facecolor() for w, bar in zip(width.values(), ax.patches, strict=True)
+        }
+        assert len(set(colours.values())) == 2
+
+
+def test_a_design_shows_where_the_shots_are(studied):
+    (ax,) = studied.figures["design.png"].axes
+    design = json.loads(studied.text("sensitivity.json"))["design"]
+    expected = cal.optimal_velocities(fitted("nylon"), 6, (0.1, 60.0), seed=2)
+    at, counts = zip(*expected.support, strict=True)
+    assert [(p["velocity"], p["shots"]) for p in design["support"]] == [
+        (pytest.approx(v, rel=1e-6), n) for v, n in expected.support
+    ]
+    x, height = line(ax, "shots")
+    np.testing.assert_allclose(x, at, rtol=1e-6)
+    assert [text.get_text() for text in ax.texts] == [str(n) for n in counts]
+    assert sum(counts) == 6
+    even, lower = line(ax, "equally spaced")
+    np.testing.assert_allclose(even, np.linspace(0.1, 60, 6))
+    slopes = []
+    for name in ("chi", "sigma", "psi"):
+        v, slope = line(ax, rf"{EFFECT}, $\theta$ = {LETTERS[name]}")
+        some = np.linspace(1, len(v) - 1, 7).astype(int)
+        np.testing.assert_allclose(slope[some], effect(name, v[some]), atol=1e-6)
+        slopes.append(slope)
+    low, high = np.nanmin(slopes), np.nanmax(slopes)
+    assert np.max(lower) < np.min(height)
+    assert np.max(height) < low
+    assert ax.get_ylim()[0] < lower[0]
+    assert ax.get_ylim()[1] > high
+    assert (ax.get_xlabel(), ax.get_ylabel()) == (SPEED, EFFECT)
+    gained = f"standard error of $\\tilde\\chi$ is {100 / expected.gain:.0f} % of that with equal spacing"
+    assert ax.get_title() == f"c-optimal, model:\n{gained}"
+    assert expected.gain > 1
+    header, *rows = studied.text("design.csv").splitlines()
+    assert header == "velocity [m/s],shots,drop height without air [m]"
+    for row, (v, n) in zip(rows, expected.support, strict=True):
+        speed, shots, drop = row.split(",")
+        assert (float(speed), int(shots)) == (pytest.approx(v, rel=1e-5), n)
+        assert float(drop) == pytest.approx(v**2 / (2 * 9.80665), rel=1e-5)
+
+
+def test_indices_stand_side_by_side_with_their_limits(studied):
+    """Bars, limits and bounds of sobol.png; the table's cells; both as sensitivity.json has them."""
+    found = json.loads(studied.text("sensitivity.json"))["global"]
+    figure = studied.figures["sobol.png"]
+    assert figure.get_suptitle().startswith("each input uniform within ±10 %")
+    head = "Sobol indices, first (total) at v [m/s]"
+    lines = studied.out[studied.out.index(head) :].splitlines()
+    assert cells(lines[0]) == [head, "1", "10"]
+    names = found["inputs"]
+    assert names == list(LETTERS)[:8]
+    for k, (ax, v) in enumerate(zip(figure.axes, (1.0, 10.0), strict=True)):
+        assert ax.get_title() == f"$v$ = {v:g} m/s"
+        assert ax.get_ylabel() == (r"share of the variance of $\varepsilon$" if k == 0 else "")
+        assert [t.get_text() for t in ax.get_xticklabels()] == [LETTERS[n] for n in names]
+        containers = [c for c in ax.containers if hasattr(c, "patches")]
+        for bars, which in zip(containers, ("first", "total"), strict=True):
+            assert bars.get_label() == {"first": "first order", "total": "total"}[which]
+            np.testing.assert_allclose([bar.get_height() for bar in bars], found[which][k])
+            ends = [s[:, 1] for s in bars.errorbar.lines[2][0].get_segments()]
+            low, high = (np.array(found[f"{which}_{end}"][k]) for end in ("low", "high"))
+            value = np.array(found[which][k])
+            np.testing.assert_allclose(
+                ends, np.stack([np.minimum(low, value), np.maximum(high, value)], 1), atol=1e-12
+            )
+        bound = np.array(found["bound"][k])
+        np.testing.assert_array_equal(
+            line(ax, "bound of total")[1], np.where(bound <= 1, bound, np.nan)
+        )
+        for row, first, total in zip(lines[1:9], found["first"][k], found["total"][k], strict=True):
+            a, b = (float(x.strip("()")) for x in cells(row)[1 + k].split())
+            assert (a, b) == (pytest.approx(first, abs=6e-4), pytest.approx(total, abs=6e-4))
+        assert ax.get_ylim() == figure.axes[0].get_ylim()
+        assert ax.get_ylim()[1] >= np.max(found["total_high"][k])
+    assert legend(figure) == ["first order", "total", "bound of total"]
+
+
+def test_a_wall_and_another_law(tmp_path):
+    """Letters of either body; nothing is parted where no yield lies inside."""
+    (tmp_path / "a.toml").write_text(
+        '[[material]]\nname = "ball"\nyoungs_modulus = 2.5e9\npoisson_ratio = 0.3\ndensity = 1140\n'
+        'yield_strength = 4e7\nradius = 0.0127\n[material.wall]\nmaterial = "nylon"\n',
+        encoding="utf-8",
+    )
+    law = ("--law", "viscoelastic", "--set", "dissipation_time=1e-5")
+    few = ("--points", "5", "--from", "5", "--to", "60", "--at", "30")
+    made = shown(tmp_path, "sensitivity", tmp_path / "a.toml", *law, *few)
+    assert made.code == 0
+    (ax,) = made.figures["sensitivity.png"].axes
+    told = legend(ax)
+    assert {"$E$", "$E$ wall", "$R$", "$A$", "$v$"} <= set(told)
+    assert not any("yield" in one for one in told)
+    assert not np.any(np.isnan(line(ax, "$A$")[1]))
+    assert ax.get_xscale() == "linear"  # less than one and a half decades
+    # ε depends on w² ∝ A v^{1/5}: five times as much by A as by v
+    np.testing.assert_allclose(line(ax, "$A$")[1], 5 * line(ax, "$v$")[1], rtol=1e-6)
