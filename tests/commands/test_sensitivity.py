@@ -1,9 +1,7 @@
 """`softjax sensitivity` from the command line to its files: every option acts, or is refused."""
 
 import json
-from argparse import ArgumentParser
 from dataclasses import replace
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -12,12 +10,6 @@ import pytest
 import calibration as cal
 import softjax as sj
 from calibration.cli import main
-from calibration.commands.sensitivity import add_arguments
-from calibration.curve.source import read_source
-from calibration.data.bodies import Body
-from calibration.fitting.doubt import Doubt
-from calibration.fitting.estimate import Estimate
-from calibration.studies.asked import inputs_of, ranges_of
 from tests.cases import fitted
 from tests.command import BODIES, as_on_windows
 from tests.fit_data import twin
@@ -35,39 +27,11 @@ def told_by(*options: str) -> dict:
     return json.loads(Path("results/sensitivity.json").read_text(encoding="utf-8"))
 
 
-def source_of(fit):
-    """What a command reads of a saved fit."""
-    fit.save("source.json")
-    parser = ArgumentParser()
-    add_arguments(parser)
-    return read_source(parser.parse_args(["--fit", "source.json"]))
-
-
 def files() -> set[str]:
     return {path.name for path in Path("results").iterdir()}
 
 
-def test_local_sensitivities_are_written_and_drawn(at, capsys):
-    result = told_by("nylon", "--points", "9", "--at", "1", "10")
-    assert "θ ∂ε/∂θ at v [m/s]" in capsys.readouterr().out
-    assert files() == {"sensitivity.csv", "sensitivity.json", "sensitivity.png", "tornado.png"}
-    text = Path("results/sensitivity.csv").read_text(encoding="utf-8")
-    header, *rows = text.splitlines()
-    columns = np.transpose([row.split(",") for row in rows])
-    table = dict(zip(header.split(","), columns, strict=True))
-    v = table["velocity [m/s]"].astype(float)
-    assert len(v) == 9
-    h = 1e-6
-    up, down = (
-        np.asarray(sj.restitution(fitted("nylon", chi=0.21998 * (1 + s)), v).coefficient)
-        for s in (h, -h)
-    )
-    slopes = table["chi d(eps)/d(chi)"].astype(float)
-    np.testing.assert_allclose(slopes, (up - down) / (2 * h), atol=1e-8)
-    assert result["local"]["velocity"] == [1.0, 10.0]
-    assert len(result["local"]["theta_d_epsilon_d_theta"]["radius"]) == 2
-
-
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["sensitivity.csv", "design.csv"])
 def test_files_are_the_same_on_windows(at, monkeypatch, name):
     as_on_windows(monkeypatch)
@@ -78,6 +42,7 @@ def test_files_are_the_same_on_windows(at, monkeypatch, name):
     assert b"\r" not in written
 
 
+@pytest.mark.long
 def test_another_laws_sensitivities_are_those_of_its_fields(at):
     result = told_by("nylon", "--law", "thornton", "--set", "yield_factor=1.6", "--at", "5")
     table = result["local"]["theta_d_epsilon_d_theta"]
@@ -164,8 +129,14 @@ def test_global_indices_follow_their_options(at, capsys):
     ("options", "name", "ends", "said"),
     [
         (["--law", "constant", "--set", "restitution=0.95"], "restitution", (0.855, 1.0), "ε"),
-        (["--law", "constant", "--set", "restitution=0.5"], "restitution", (0.45, 0.55), ""),
-        (["--range", "poisson_ratio=0.3:0.5"], "poisson_ratio", (0.3, 0.5), ""),
+        pytest.param(
+            *(["--law", "constant", "--set", "restitution=0.5"], "restitution", (0.45, 0.55), ""),
+            marks=pytest.mark.long,
+        ),
+        pytest.param(
+            *(["--range", "poisson_ratio=0.3:0.5"], "poisson_ratio", (0.3, 0.5), ""),
+            marks=pytest.mark.long,
+        ),
     ],
 )
 def test_ranges_end_where_an_inputs_own_range_does(at, options, name, ends, said):
@@ -201,6 +172,7 @@ def test_samples_that_do_not_rebound_are_told(at, capsys):
     assert f"ε = 0: {100 * found['zeros'][1]:.3g} % at 325 m/s." in told
 
 
+@pytest.mark.long
 def test_all_studies_of_a_material_file(at):
     Path("alloy.toml").write_text(BODIES, encoding="utf-8")
     options = ("--chi", "0.22", "--sigma", "0.4", "--psi", "0.5", "--shots", "6", "--samples", "16")
@@ -211,17 +183,16 @@ def test_all_studies_of_a_material_file(at):
     assert len(files()) == 7
 
 
-@lru_cache
-def fit_file(folder: str) -> cal.FitResult:
-    """A fit with points on both sides of yield, written there."""
+@pytest.fixture(scope="module")
+def fit(tmp_path_factory):
+    """A fit with points on both sides of yield."""
     data = twin("nylon", noise=0.003, seed=1, uncertainty=0.003)
-    result = cal.fit(data, route=sj.EnergyBalance(), profiles=False)
-    result.save(Path(folder) / "fit.json")
-    return result
+    return cal.fit(data, route=sj.EnergyBalance(), profiles=False)
 
 
-def test_a_fit_is_planned_with_its_own_points_and_objective(at):
-    result = fit_file(str(at))
+def test_a_fit_is_planned_with_its_own_points_and_objective(at, fit):
+    result = fit
+    fit.save("fit.json")
     measured = told_by("--fit", "fit.json", "--study", "information")["information"]
     for name, error in measured["standard_errors"].items():
         assert error == pytest.approx(result.standard_errors[name], rel=1e-4)
@@ -244,9 +215,8 @@ def test_a_fit_is_planned_with_its_own_points_and_objective(at):
         assert main(command) == 2
 
 
-def test_what_is_doubted_of_a_fit_is_told_with_what_is_planned_from_it(at, capsys):
-    fit = fit_file(str(at))
-    doubt = Doubt("residual-runs", "2 runs where 6 are expected", fit.material().name)
+def test_a_plan_repeats_what_is_doubted_of_its_fit(at, capsys, fit):
+    doubt = cal.Doubt("residual-runs", "2 runs where 6 are expected", fit.material().name)
     replace(fit, warnings=(doubt, replace(doubt, material="another"))).save("doubted.json")
     planned = told_by("--fit", "doubted.json", "--study", "information")
     assert planned["doubts"] == [str(doubt)]
@@ -261,7 +231,7 @@ def at_its_bound(fit: cal.FitResult, name: str, value: float) -> cal.FitResult:
     covariance = fit.covariance.copy()
     covariance[k] = covariance[:, k] = np.nan
     one = fit.material()
-    stopped = Estimate(value, None, None, None, "profile", True, True)
+    stopped = cal.Estimate(value, None, None, None, "profile", True, True)
     chi = replace(one.parameters["chi"], low=0.2, high=0.25)
     parameters = {**one.parameters, name: stopped, "chi": chi}
     values = {**one.values, name: value}
@@ -269,9 +239,12 @@ def at_its_bound(fit: cal.FitResult, name: str, value: float) -> cal.FitResult:
     return replace(fit, materials=(one,), covariance=covariance)
 
 
-@pytest.mark.parametrize("study", ["design", "information"])
-def test_what_a_plan_takes_as_known_at_its_bound_is_told_with_the_fits_interval(at, capsys, study):
-    fit = at_its_bound(fit_file(str(at)), "psi", 0.7)
+@pytest.mark.parametrize("study", [pytest.param("design", marks=pytest.mark.long), "information"])
+def test_a_parameter_at_its_bound_is_taken_as_known_and_said_with_the_fits_interval(
+    at, capsys, study, fit
+):
+    fit.save("fit.json")
+    fit = at_its_bound(fit, "psi", 0.7)
     fit.save("bound.json")
     options = ("--shots", "3") if study == "design" else ()
     (told,) = told_by("--fit", "bound.json", "--study", study, *options)[study]["taken_as_known"]
@@ -284,8 +257,7 @@ def test_what_a_plan_takes_as_known_at_its_bound_is_told_with_the_fits_interval(
     assert told_by("--fit", "fit.json", "--study", study)[study]["taken_as_known"] == []
 
 
-def test_a_plan_where_the_fit_knows_nothing_names_the_way_out(at, capsys):
-    fit = fit_file(str(at))
+def test_a_plan_where_the_fit_knows_nothing_names_the_way_out(at, capsys, fit):
     part = replace(fit.material(), known_from=0.8352)
     replace(fit, materials=(part,)).save("part.json")
     command = ["sensitivity", "--fit", "part.json", "--study", "design", "--from", "0.1"]
@@ -297,9 +269,8 @@ def test_a_plan_where_the_fit_knows_nothing_names_the_way_out(at, capsys):
 
 
 @pytest.mark.long
-def test_the_global_study_of_a_fit_varies_what_moves_by_itself_and_says_so(at, capsys):
+def test_the_global_study_of_a_fit_varies_what_moves_by_itself_and_says_so(at, capsys, fit):
     few = ("--study", "global", "--samples", "16", "--at", "20")
-    fit = fit_file(str(at))
     one = fit.material()
     psi = replace(one.parameters["psi"], free=False)
     held = replace(
@@ -315,33 +286,28 @@ def test_the_global_study_of_a_fit_varies_what_moves_by_itself_and_says_so(at, c
     assert "Left out (not fitted): ψ (psi)." in told
     assert "Left out (0, of which a part is nothing): σ (sigma)." in told
     assert "R (radius), M (mass)" in told
-    own = ranges_of(["radius=0.005:0.006"], "log", inputs_of(source_of(fit)), source_of(fit))
-    assert own.of == {"radius": (0.005, 0.006)}
-    assert own.to_dict() == {
-        "assumed": "each input uniform in its logarithm over its range, independently",
-        "left_out": {},
-    }
+    own = ("--scale", "log", "--range", "radius=0.005:0.006")
+    found = told_by("--fit", "held.json", *few, *own)["global"]
+    assert found["ranges"] == {"radius": [0.005, 0.006]}
+    assert found["assumed"] == "each input uniform in its logarithm over its range, independently"
+    assert found["left_out"] == {}
 
 
 @pytest.mark.long
 def test_a_fit_of_known_bodies_is_studied_as_its_material_file(at):
-    fit, data = fit_file(str(at)), fit_file(str(at)).material().data
-    spheres = [Body(name, sj.NYLON, 0.0127) for name in ("sphere", "second sphere")]
-
-    def of(bodies):
-        told = replace(fit.material(), data=replace(data, bodies=tuple(bodies)))
-        return replace(fit, materials=(told,))
-
-    of(spheres).save("bodies.json")
+    """Each body's properties, of which the radius of both moves nothing."""
+    v, law = np.geomspace(0.3, 20, 12), fitted("nylon")
+    exact = np.asarray(sj.restitution(law, v).coefficient)
+    lines = [f"{a},{b},0.003" for a, b in zip(v, exact, strict=True)]
+    text = "\n".join(["velocity [m/s],restitution,uncertainty", *lines])
+    Path("a.csv").write_text(text + "\n", encoding="utf-8")
+    Path("a.toml").write_text(f'{BODIES}data = "a.csv"\n', encoding="utf-8")
+    cal.fit(cal.read_toml("a.toml")[0], profiles=False).save("bodies.json")
     few = ("--study", "global", "--samples", "16", "--at", "20")
     found = told_by("--fit", "bodies.json", *few)["global"]
     assert {*found["inputs"]} > {"poisson_ratio", "density", "radius"}
     assert found["left_out"] == {}
     assert found["total"][0][found["inputs"].index("radius")] == pytest.approx(0, abs=1e-12)
-    softer = [one._replace(radius=0.02) for one in spheres]  # which the fit's contact is not of
-    contact = inputs_of(source_of(of(softer)))
-    assert "mass" in contact.values
-    assert "density" not in contact.values
 
 
 @pytest.mark.parametrize(

@@ -1,15 +1,14 @@
 """Plans of fits whose points share errors: the fit's own errors, dense matrices, simulations."""
 
-import jax
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import calibration as cal
-from calibration.studies.planned import equations
-from calibration.studies.planning import plan_of
 from tests.decay import Decay
-from tests.test_studies_information import agrees_with_its_fit
-from tests.test_uncertainty import grouped_eq_17
+from tests.fit_data import eq_17_data
+from tests.statistics.test_information import agrees_with_its_fit
 
 LEVEL, RATE = 0.85, 0.04
 OFFSET, SCATTER, TIMING = 0.02, 0.01, 3e-4
@@ -72,7 +71,10 @@ CASES = {
 
 @pytest.mark.parametrize(
     "case",
-    [pytest.param(c, marks=pytest.mark.long) if c == "pooled" else c for c in CASES],
+    [
+        pytest.param(c, marks=pytest.mark.long) if c in ("pooled", "timing stated") else c
+        for c in CASES
+    ],
 )
 def test_without_further_shots_a_plan_promises_the_fits_own_errors(case):
     data, parameters = CASES[case]
@@ -140,7 +142,10 @@ def test_further_shots_belong_to_one_of_the_data_sets():
 WEIGHTS = {"A": lambda _: np.eye(2) / 2, "I": lambda s: s.T @ s / len(s)}
 
 
-@pytest.mark.parametrize(("criterion", "uncertainty"), [("A", None), ("A", 0.004), ("I", None)])
+@pytest.mark.parametrize(
+    ("criterion", "uncertainty"),
+    [("A", 0.004), *(pytest.param(c, None, marks=pytest.mark.long) for c in "AI")],
+)
 def test_a_design_beside_specimens_is_as_good_as_the_best_on_a_grid(criterion, uncertainty):
     result = cal.fit(specimens(), Decay, **QUICK)
     before, variance = information(result)
@@ -182,23 +187,14 @@ def test_what_is_promised_beside_specimens_is_what_simulated_fits_reach():
 
 def test_a_plan_in_two_steps_promises_its_fits_errors():
     """σ and ψ to rounding; χ̃ is found a little elsewhere without the noise."""
-    result = cal.fit(grouped_eq_17(6, 5)[0], objective="two-step", **QUICK)
+    data = eq_17_data("stainless steel", points=30, noise=0.006)
+    of = np.arange(30) % 6
+    off = 0.01 * np.random.default_rng(100).standard_normal(6)[of]
+    data = replace(data, restitution=data.restitution + off, group=[f"s{k}" for k in of])
+    result = cal.fit(data, objective="two-step", **QUICK)
     assert result.materials[0].variances["group"] > result.materials[0].variances["scatter"]
     found = cal.fisher_information(result)
     for name, rel in (("sigma", 1e-4), ("psi", 1e-4), ("chi", 0.01)):
         expected = result.standard_errors[name]
         assert found.standard_errors[name] == pytest.approx(expected, rel=rel)
     assert not found.taken_as_known
-
-
-def test_shots_add_up_to_the_engines_covariance_of_two_steps():
-    """What a design is sought with, shot by shot, and `stacked`, all at once."""
-    result = cal.fit(grouped_eq_17(4, 3)[0], objective="two-step", **QUICK)
-    v, u = result.data.velocity[[3, -1, -1]], np.array([0.004, 0.002, 0.006])
-    plan = plan_of(result, v)
-    with jax.enable_x64(True):
-        told = equations(plan, v, u, plan.fitted(v, u)[1])
-    inverse = np.linalg.inv(told.slope_before + told.slope.sum(0))
-    middle = told.middle_before + told.score.T @ told.score
-    found = cal.fisher_information(result, v, u).covariance
-    np.testing.assert_allclose(found, inverse @ middle @ inverse.T, rtol=1e-4)

@@ -1,23 +1,17 @@
 """Information: closed forms, a fit's own errors, and what simulated calibrations reach."""
 
 from dataclasses import replace
-from functools import lru_cache
 
-import jax
 import numpy as np
 import pytest
 
 import calibration as cal
 import softjax as sj
-from calibration.fitting.problem import Lanes
-from calibration.fitting.search import search
-from calibration.studies.planned import equations
-from calibration.studies.planning import plan_of
 from tests.cases import fitted
 from tests.decay import Decay
 from tests.fit_data import eq_17_data, twin
 
-SETS = 1000
+SETS = 600
 LAW = fitted("nylon")
 STEEL = fitted("stainless steel")
 CRITICAL = float(LAW.contact.critical_velocity)
@@ -29,33 +23,62 @@ def above(law: sj.Zhou, highest: float, count: int = 30):
     return np.linspace(2.0, highest, count) * float(law.contact.critical_velocity)
 
 
-def simulated(law, velocity, noise: float, objective: str, seed: int, route=BALANCE):
-    """Standard deviation of ln θ over fits of `SETS` noisy data sets that follow the law itself."""
-    with jax.enable_x64(True):
-        curve = np.asarray(sj.restitution(law, velocity, route=route).coefficient)
-        contact = getattr(law, "contact", None)
-        data = cal.RestitutionData(velocity, curve, contact, noise)
-        options = {"objective": objective, "profiles": False, "route": route, "starts": 1}
-        result = cal.fit(data, type(law), at_start(law), **options)
-        (fit,) = result.fits
-        z, good = np.repeat(fit.z[None], SETS, axis=0), np.ones(SETS, bool)
-        random = np.random.default_rng(seed)
-        drawn = curve + noise * random.standard_normal((SETS, len(velocity)))
-        for stage in fit.stages:
-            found = search(stage.problem, z, lanes=Lanes(restitution=drawn))
-            z, good = found.z, good & found.converged
-    assert np.mean(good) > 0.99
-    values = fit.final.problem.transform.physical(z[good])
-    names = [e.label for e in fit.component.elements]
-    return dict(zip(names, np.std(np.log(values), axis=0, ddof=1), strict=True))
+def gauss_newton(curve, start, measured, steps=12):
+    """Least squares of many data sets at once, {θ: estimates}: `curve` of ln θ (sets, p) by differences."""
+    z = np.repeat(np.log(start)[None], len(measured), axis=0)
+    for _ in range(steps):
+        middle = curve(z)
+        slopes = np.stack(
+            [(curve(z + step) - curve(z - step)) / 2e-5 for step in 1e-5 * np.eye(z.shape[1])], -1
+        )
+        normal = np.einsum("snp,snq->spq", slopes, slopes)
+        right = np.einsum("snp,sn->sp", slopes, measured - middle)
+        z = z + np.clip(np.linalg.solve(normal, right[..., None])[..., 0], -0.5, 0.5)
+    return z
 
 
-def at_start(law):
-    return {
-        name: cal.Parameter(float(getattr(law, name)))
-        for name in ("chi", "level", "rate", "dissipation_time")
-        if hasattr(law, name)
-    }
+def curve_of(law, names, velocity):
+    """ε of many sets of parameters, all impacts in one call."""
+
+    def curve(z):
+        values = dict(zip(names, np.exp(z).T[..., None], strict=True))
+        return np.asarray(sj.restitution(replace(law, **values), velocity).coefficient)
+
+    return curve
+
+
+def simulated(law, velocity, noise: float, objective: str, seed: int):
+    """Standard deviation of ln θ over fits of `SETS` noisy data sets that follow the law itself.
+
+    Gauss and Newton's steps in NumPy. Above yield σ stands for both losses, and is told as ε_up; by
+    two steps σ and ψ are of Eq. (17), and χ̃ of the law with these.
+    """
+    random = np.random.default_rng(seed)
+    exact = np.asarray(sj.restitution(law, velocity).coefficient)
+    drawn = exact + noise * random.standard_normal((SETS, len(velocity)))
+    if not isinstance(law, sj.Zhou):
+        names = [name for name in ("level", "rate", "dissipation_time") if hasattr(law, name)]
+        start = [float(getattr(law, name)) for name in names]
+        z = gauss_newton(curve_of(law, names, velocity), start, drawn)
+        return dict(zip(names, np.std(z, axis=0, ddof=1), strict=True))
+    if objective == "model":
+        start = [law.chi, law.sigma]
+        z = gauss_newton(curve_of(law, ["chi", "sigma"], velocity), start, drawn, 8)
+        critical, limit = law.contact.critical_velocity, law.contact.limit_velocity
+        eps_up = np.exp(z[:, 1]) * float(critical / (limit - critical)) ** law.psi  # -ln ε_up
+        return {"chi": np.std(z[:, 0], ddof=1), "eps_up": np.std(eps_up, ddof=1)}
+    ratio = velocity / (float(law.contact.limit_velocity) - velocity)
+
+    def eq_17(z):
+        return np.exp(-np.exp(z[:, :1]) * ratio ** np.exp(z[:, 1:]))
+
+    losses = gauss_newton(eq_17, [law.sigma, law.psi], drawn)
+    sigma, psi = np.exp(losses).T[..., None]
+    chi = gauss_newton(
+        curve_of(replace(law, sigma=sigma, psi=psi), ["chi"], velocity), [law.chi], drawn
+    )
+    found = np.std(np.concatenate([chi, losses], axis=1), axis=0, ddof=1)
+    return dict(zip(("chi", "sigma", "psi"), found, strict=True))
 
 
 VISCOELASTIC = sj.ViscoelasticHertz(LAW.contact, 3e-6)
@@ -70,15 +93,14 @@ CASES = {
 @pytest.mark.parametrize(
     "case",
     [
-        pytest.param(name, marks=[pytest.mark.long] if name == "viscoelastic" else [])
+        pytest.param(name, marks=[pytest.mark.long] * (name in ("viscoelastic", "zhou by model")))
         for name in CASES
     ],
 )
 def test_promised_errors_are_those_that_simulation_reaches(case):
     law, velocity, noise, objective = CASES[case]
-    route = None if case == "viscoelastic" else BALANCE
-    promised = cal.fisher_information(law, velocity, noise, objective, route).relative_errors
-    reached = simulated(law, velocity, noise, objective, seed=3, route=route)
+    promised = cal.fisher_information(law, velocity, noise, objective).relative_errors
+    reached = simulated(law, velocity, noise, objective, seed=3)
     assert set(promised) == set(reached)
     for name, error in reached.items():
         assert promised[name] == pytest.approx(error, rel=0.1)
@@ -186,7 +208,7 @@ def test_what_impacts_do_not_tell_has_no_error():
     assert found.to_dict()["standard_errors"] == {"level": None, "rate": None}
 
 
-@lru_cache
+@pytest.fixture(scope="module")
 def fits():
     """By `model` with stated errors and priors, by `two-step` without, and three together."""
     prior = {"chi": cal.Parameter(prior=(0.2, 0.01))}
@@ -209,12 +231,12 @@ def fits():
     ("name", "material"),
     [("model", None), ("two-step", None), ("together", "nylon"), ("own", None)],
 )
-def test_of_a_fit_without_further_shots_it_is_the_fits_own_covariance(name, material):
+def test_of_a_fit_without_further_shots_it_is_the_fits_own_covariance(name, material, fits):
     """Objective, priors, shared parameters and uncertainties are the fit's own.
 
     The fit's residuals enter its covariance by two-step, and by the noise that they tell.
     """
-    result = fits()[name]
+    result = fits[name]
     found = cal.fisher_information(result, material=material)
     assert found.objective == result.settings["objective"]
     assert set(found.names) <= set(result.values)
@@ -222,9 +244,9 @@ def test_of_a_fit_without_further_shots_it_is_the_fits_own_covariance(name, mate
         assert error == pytest.approx(result.standard_errors[label], rel=1e-4)
 
 
-def test_further_shots_add_to_what_a_fit_knows():
+def test_further_shots_add_to_what_a_fit_knows(fits):
     """Of least squares: the inverse covariances of old and new impacts add up."""
-    result = fits()["own"]
+    result = fits["own"]
     law, noise = result.law, result.materials[0].noise
     new = np.array([20.0, 25.0, 30.0])
     together = cal.fisher_information(result, new)
@@ -260,22 +282,6 @@ def test_where_a_fit_knows_nothing_nothing_is_planned():
     assert cal.fisher_information(result, [2.0]).names == ("chi", "eps_up")
     with pytest.raises(ValueError, match="where this fit knows the law"):
         cal.fisher_information(result, [0.5 * CRITICAL])
-
-
-@pytest.mark.parametrize("objective", ["model", "two-step"])
-def test_impacts_add_up_to_the_engines_covariance(objective):
-    """What a design is sought with, impact by impact, and `stacked`, all at once."""
-    v = np.concatenate([np.linspace(0.1, 0.9, 6), np.linspace(2, 80, 9)]) * CRITICAL
-    prior = {"chi": cal.Parameter(prior=(0.2, 0.05))}
-    plan = plan_of(LAW, v, objective=objective, parameters=prior)
-    found = cal.fisher_information(LAW, v, 0.001, objective, parameters=prior)
-    with jax.enable_x64(True):
-        u = np.full(15, 0.001)
-        told = equations(plan, v, u, plan.fitted(v, u)[1])
-    slope = told.slope_before + told.slope.sum(0)
-    middle = told.middle_before + told.score.T @ told.score
-    expected = np.linalg.inv(slope) @ middle @ np.linalg.inv(slope).T
-    np.testing.assert_allclose(found.covariance, expected, rtol=1e-4)
 
 
 def test_an_impact_without_rebound_tells_nothing():
@@ -316,10 +322,10 @@ def test_what_makes_no_sense_is_named(changed, named):
     assert "\n" not in str(caught.value)
 
 
-def test_a_fit_has_its_own_objective():
+def test_a_fit_has_its_own_objective(fits):
     for name, value in (("objective", "two-step"), ("parameters", {"level": 0.9})):
         with pytest.raises(ValueError, match=f"`{name}` must be left out"):
-            cal.fisher_information(fits()["own"], **{name: value})
+            cal.fisher_information(fits["own"], **{name: value})
 
 
 @pytest.mark.parametrize("law", ["zhou", "viscoelastic"])

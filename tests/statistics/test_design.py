@@ -11,7 +11,8 @@ import calibration as cal
 import softjax as sj
 from tests.cases import fitted
 from tests.decay import Decay
-from tests.test_studies_information import BALANCE, simulated
+from tests.fit_data import eq_17_data
+from tests.statistics.test_information import BALANCE, simulated
 
 DECAY = Decay(0.95, 0.05)
 BOUNDS = (1.0, 60.0)
@@ -167,9 +168,9 @@ def test_over_several_laws_the_mean_of_the_logarithm_is_what_is_small():
     assert found.efficiency > 0.9
 
 
-@pytest.mark.parametrize("objective", ["model", "two-step"])
+@pytest.mark.parametrize("objective", ["model", pytest.param("two-step", marks=pytest.mark.long)])
 def test_optimal_velocities_lower_the_error_as_predicted(objective):
-    """1000 calibrations each at the optimal velocities and at equally spaced ones."""
+    """600 calibrations each at the optimal velocities and at equally spaced ones."""
     told = {"objective": objective, "uncertainty": NOISE}
     found = cal.optimal_velocities(LAW, 12, ABOVE, **told)
     assert found.target == "chi"
@@ -244,8 +245,6 @@ def test_shots_at_a_data_set_are_aimed_at_its_own_parameter():
 
 
 def test_a_fit_is_planned_for_its_own_objective():
-    from tests.fit_data import eq_17_data
-
     data = eq_17_data("nylon", noise=0.003, seed=1)
     result = cal.fit(data, objective="two-step", route=BALANCE, profiles=False)
     found = cal.optimal_velocities(result, 8, ABOVE)

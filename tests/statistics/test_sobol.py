@@ -13,7 +13,6 @@ from scipy import stats
 
 import calibration as cal
 import softjax as sj
-from calibration.studies.sobol import percentiles
 from tests.cases import FITTED, MATERIALS, RADIUS
 from tests.decay import Decay
 
@@ -86,24 +85,30 @@ def test_indices_are_those_that_scipy_finds_on_the_same_samples(scale):
 
 
 def test_limits_are_percentiles_of_resampled_indices():
-    """By SciPy's bootstrap of the same estimates, up to the scatter of 2000 resamples."""
-    random = np.random.default_rng(0)
-    a, b = random.standard_normal((2, 1, 400))
-    ab = np.stack([0.6 * b + 0.8 * a, 0.3 * b + random.standard_normal((1, 400))])
-
-    def indices(place):
-        f_a, f_b, f_ab = a[0, place], b[0, place], ab[0, 0, place]
-        variance = np.var(np.concatenate([f_a, f_b]))
-        return np.mean(f_b * (f_ab - f_a)) / variance, 0.5 * np.mean((f_a - f_ab) ** 2) / variance
-
-    told = {"n_resamples": 2000, "method": "percentile", "vectorized": False}
-    expected = stats.bootstrap([np.arange(400)], indices, **told, rng=1).confidence_interval
-    found = percentiles(a, b, ab, 0.95, 2000, np.random.default_rng(2))
-    width = expected.high - expected.low
-    ours = np.array([[found[0][0, 0], found[2][0, 0]], [found[1][0, 0], found[3][0, 0]]])
-    np.testing.assert_allclose(ours, [expected.low, expected.high], atol=0.1 * np.max(width))
-    narrow = percentiles(a, b, ab, 0.5, 2000, np.random.default_rng(2))
-    assert narrow[1][0, 0] - narrow[0][0, 0] == pytest.approx(0.344 * width[0], rel=0.15)
+    """By SciPy's bootstrap of its own estimates on the same samples, up to the scatter of 2000."""
+    ranges = {"a": (0.5, 2.0), "b": (0.1, 3.0)}
+    model = lambda x: x["a"] ** 2 * x["b"]  # noqa: E731
+    told = {"samples": 256, "seed": 3, "resamples": 2000}
+    found, half = (cal.model_indices(model, ranges, confidence=c, **told) for c in (0.95, 0.5))
+    expected = stats.sobol_indices(
+        func=lambda x: (x[0] ** 2 * x[1])[None],
+        n=256,
+        dists=[stats.uniform(low, high - low) for low, high in ranges.values()],
+        rng=np.random.default_rng(3),
+    ).bootstrap(n_resamples=2000)
+    for which, limits in (("first", expected.first_order), ("total", expected.total_order)):
+        low, high = limits.confidence_interval
+        width = np.max(high - low)
+        np.testing.assert_allclose(
+            getattr(found, f"{which}_low")[0], np.ravel(low), atol=0.15 * width
+        )
+        np.testing.assert_allclose(
+            getattr(found, f"{which}_high")[0], np.ravel(high), atol=0.15 * width
+        )
+        wide, narrow = (
+            getattr(one, f"{which}_high") - getattr(one, f"{which}_low") for one in (found, half)
+        )
+        np.testing.assert_allclose(narrow, 0.344 * wide, rtol=0.2)  # of normal quantiles
 
 
 def brute_force(outer: int = 256, inner: int = 512):
@@ -135,6 +140,7 @@ def brute_force(outer: int = 256, inner: int = 512):
     return np.array(first) / variance, np.array(total) / variance
 
 
+@pytest.mark.long
 def test_restitutions_indices_agree_with_a_brute_force_run():
     found = cal.sobol_indices(nylon(), RANGES, [VELOCITY], samples=2048, resamples=50)
     first, total = brute_force()
