@@ -17,7 +17,7 @@ from softjax._bridge import along_what_moves_it, forward_differentiated, solve
 from softjax._dependence import moving
 from softjax._impacts import over_impacts
 from softjax._numerics import implicit_root, parabolic_step
-from softjax.falls import Fall
+from softjax.falls import INSIDE, Fall
 from softjax.laws.reduced import Reduced, ReducedClosedForm, ReducedRateIndependent
 from softjax.outcome import Outcome, outcome
 from softjax.parts import Peak, Pieces, Rebound, loading_kinks, loading_reach, unloading_kinks
@@ -29,7 +29,8 @@ __all__ = ["forward_differentiated", "history", "pieces"]
 RESIDUAL_STEPS = 16  # from the peak; the worst of 400 000 cases needed 13
 ROUNDING = 8.0  # a step this many times the rounding error was the last
 GAIN = 3.0  # tolerances that ε_p² of an elastic collision may be off
-UNKNOWN = 1e-8  # the tolerance that fixed steps are taken to have
+UNKNOWN = 1e-8  # the tolerance that fixed steps are taken to have: of fields that vary alike
+ROUGH = 4e-3  # of a user's forces, of which a few steps make an error that nothing estimates
 
 
 def pieces(law: ReducedRateIndependent, route: Stepping, dtype) -> Pieces:
@@ -39,12 +40,13 @@ def pieces(law: ReducedRateIndependent, route: Stepping, dtype) -> Pieces:
         release=_release,
         energy=partial(_energy, route=route),
         time=partial(_time, route=route),
-        gain=_gain(route, dtype),
+        gain=_gain(law, route, dtype),
     )
 
 
-def _gain(route: Stepping, dtype) -> Array:
-    return GAIN * route.error(UNKNOWN, dtype)
+def _gain(law, route: Stepping, dtype) -> Array:
+    unknown = UNKNOWN if isinstance(law, ReducedClosedForm) else ROUGH
+    return GAIN * route.error(unknown, dtype)
 
 
 def _release(law: ReducedRateIndependent, peak: Array) -> Release:
@@ -111,9 +113,15 @@ def _staged(law: ReducedRateIndependent, y: Array, route: Stepping, clock: bool 
         """The force over M V²/L, no farther than the law goes."""
         return unit * law.loading(jnp.minimum(X * length, found.end))
 
+    smooth = isinstance(law, ReducedClosedForm)
     kinks = jnp.sort(loading_kinks(law, y)) / length
-    X, U, passed = _passed(pull, kinks, y, route)
-    plane = phase.Plane(lambda X, _: pull(X) - phase.circle_force(m, X), m, bounded=True)
+    X, U, passed = _passed(pull, kinks, y, route, smooth)
+    above = X if smooth else X * (1 + INSIDE)
+
+    def excess(X, _):
+        return pull(jnp.maximum(X, above)) - phase.circle_force(m, X)
+
+    plane = phase.Plane(excess, m, bounded=True, smooth=smooth)
     states = phase.at_touch(y, clock=False)
     if len(kinks):
         inside = X > 0
@@ -141,7 +149,7 @@ def _staged(law: ReducedRateIndependent, y: Array, route: Stepping, clock: bool 
     return peak._replace(time=time, solved=peak.solved & ((reached.solved & timed) | ~turns))
 
 
-def _passed(pull, kinks, y, route: Stepping):
+def _passed(pull, kinks, y, route: Stepping, smooth: bool):
     """X and U at the last kink before the peak, and whether the solver got there."""
     zero, one = jnp.zeros_like(y), jnp.ones_like(y)
     if not len(kinks):
@@ -153,9 +161,10 @@ def _passed(pull, kinks, y, route: Stepping):
 
         def field(t, _, args):
             # half powers of the overlap above the last kink are smooth over the root of it
-            return (-2 * pull(start + width * t * t) * 2 * width * t,)
+            x = start + width * (t * t if smooth else jnp.minimum(t * t, 1 - INSIDE))
+            return (-2 * pull(x) * 2 * width * t,)
 
-        (lost,), solved = solve(field, zero, one, (zero,), None, route)
+        (lost,), solved = solve(field, zero, one, (zero,), None, route, smooth=smooth)
         passes = going & (energy + lost > 0) & (jnp.isfinite(lost))
         state = jnp.where(passes, start + width, start), jnp.where(passes, energy + lost, energy)
         return (*state, passes, sure & (solved | ~going)), None
@@ -170,7 +179,8 @@ def _passed(pull, kinks, y, route: Stepping):
 def _rise(law, peak) -> Fall:
     """Loading with time turned around."""
     force = lambda x, _: law.loading(x)  # noqa: E731
-    return Fall(force, peak, jnp.zeros_like(peak), peak, loading_kinks(law, peak))
+    smooth = isinstance(law, ReducedClosedForm)
+    return Fall(force, peak, jnp.zeros_like(peak), peak, loading_kinks(law, peak), smooth=smooth)
 
 
 def _unloading(law, peak: Peak, release: Release) -> Fall:
@@ -187,6 +197,7 @@ def _unloading(law, peak: Peak, release: Release) -> Fall:
         span=release.recovered,
         kinks=unloading_kinks(law, top),
         about_zero=closed and law.powers_about == "zero-overlap",
+        smooth=closed,
     )
 
 
@@ -243,7 +254,7 @@ def _history(law, y, below, route: Stepping, fractions):
     joined = [jnp.concatenate(parts) for parts in zip(loading, unloading, strict=True)]
     part = speed[-1] / y
     back = Rebound(part * part, rose & reached.solved & fell, jnp.zeros_like(y))
-    found = outcome(law, peak, ending, back, below, _gain(route, y.dtype))
+    found = outcome(law, peak, ending, back, below, _gain(law, route, y.dtype))
     return tuple(_slowed(law, peak.overlap, below, joined)), found
 
 

@@ -92,7 +92,7 @@ def _solved(law, y, route: Stepping, clock: bool, along=None):
     save = None if along is None else jnp.clip(1 - (1 - along) / start, 0.0, 1.0)
     field = partial(_field, clock=clock)
     state = (zero, zero) if clock else (zero,)
-    states, solved = solve(field, start, zero, state, (law, reach), route, save)
+    states, solved = solve(field, start, zero, state, (law, reach), route, save, smooth=True)
     return states, reach, solved
 
 

@@ -21,6 +21,8 @@ from softjax._bridge import solve
 from softjax._numerics import safe_sqrt
 from softjax.routes import Stepping
 
+INSIDE = 1e-13  # of a stage: how far from its ends a force is computed, which may jump there
+
 
 class Fall(NamedTuple):
     """A force that drives the bodies apart.
@@ -30,6 +32,7 @@ class Fall(NamedTuple):
         top, bottom, span: x_m, x* and x_m - x*, each to its own precision.
         kinks: overlaps where the force has some, a vector.
         about_zero: whether the energy is integrated over the root of x instead of that of x - x*.
+        smooth: whether the force is known to vary alike over the whole of each stage.
     """
 
     force: Callable[[Array, Array], Array]
@@ -38,6 +41,7 @@ class Fall(NamedTuple):
     span: Array
     kinks: Array
     about_zero: bool = False
+    smooth: bool = False
 
 
 class Energies(NamedTuple):
@@ -64,7 +68,7 @@ def energies(fall: Fall, y: Array, route: Stepping) -> Energies:
             return (2.5 * (pace * per_velocity) * (fall.force(x, recovered) * per_velocity),)
 
         zero, one = jnp.zeros_like(y), jnp.ones_like(y)
-        (gained,), solved = solve(field, zero, one, (zero,), None, route)
+        (gained,), solved = solve(field, zero, one, (zero,), None, route, smooth=fall.smooth)
         return gained, solved
 
     return _summed(stage, _depths(fall))
@@ -120,6 +124,7 @@ def _about_end(fall: Fall, high, low):
     width = low - high
 
     def place(t):
+        t = t if fall.smooth else jnp.maximum(t, INSIDE)
         left = 1 - t
         x = fall.bottom + (fall.span - low) + width * left * left
         return x, high + width * t * (1 + left), 2 * width * left
@@ -146,7 +151,7 @@ def times(fall: Fall, reached: Energies, y: Array, route: Stepping, save=None):
     def stage(state, ends):
         start, end = ends
         portion = None if at is None else _share(start, end, at)
-        states, solved = _over_angle(field, start, end, state, route, portion)
+        states, solved = _over_angle(field, start, end, state, route, portion, fall.smooth)
         last = states if at is None else jax.tree.map(lambda s: s[-1], states)
         return last, (states, solved)
 
@@ -173,7 +178,7 @@ def _sine_cosine(half):
     return 2 * half / below, (1 - half) * (1 + half) / below
 
 
-def _over_angle(field, start, end, state, route: Stepping, save):
+def _over_angle(field, start, end, state, route: Stepping, save, smooth: bool):
     """Over the root of what is left of the way, in which half powers of x - x* are smooth."""
 
     def eased(t, state, args):
@@ -183,7 +188,7 @@ def _over_angle(field, start, end, state, route: Stepping, save):
         return tuple(pace * rate for rate in rates)
 
     zero, one = jnp.zeros_like(end), jnp.ones_like(end)
-    return solve(eased, zero, one, state, None, route, save)
+    return solve(eased, zero, one, state, None, route, save, smooth=smooth)
 
 
 def _share(start, end, at):

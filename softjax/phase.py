@@ -26,8 +26,10 @@ from softjax.routes import Stepping
 # there, and any power of it still a number. What happens before is less than rounding.
 EDGE = 1e-4
 TOUCH, PEAK, PARTING = EDGE - 1, 0.0, 1 - EDGE
-# Where the force vanishes the overlap runs away, instead of dividing by zero: of the circle's force
-LEAST_FORCE = 1e-6
+# Where the force vanishes the overlap runs away, instead of dividing by zero: of the circle's pace
+LEAST_PACE = 1e-6
+# A force may jump where the velocity changes its sign: each side of the peak is computed from its own
+ASIDE = 1e-14
 
 
 class Plane(NamedTuple):
@@ -36,12 +38,14 @@ class Plane(NamedTuple):
     Attributes:
         excess: what the acceleration (over V²/L) of (X, U) exceeds that of the circle by, (k/2) X^{k-1}.
         m: 2k, a whole number, so that all powers here are products.
-        bounded: whether the force is kept from vanishing.
+        bounded: whether the angle is kept from standing still, where the force vanishes.
+        smooth: whether the force is known to vary alike over the whole way.
     """
 
     excess: Callable[[Array, Array], Array]
     m: int
     bounded: bool = False
+    smooth: bool = False
 
 
 class States(NamedTuple):
@@ -103,10 +107,11 @@ def over_angle(
     stop = jnp.full_like(start, end)
 
     def field(u, state, _):
+        u = jnp.minimum(u, -ASIDE) if end == PEAK else jnp.where(start < PEAK, u, _after(u))
         return rates(plane, u, state[0])[: len(state)]
 
     begin = (states.radius,) if states.clock is None else (states.radius, states.clock)
-    found, solved = solve(field, start, stop, begin, None, route, save)
+    found, solved = solve(field, start, stop, begin, None, route, save, smooth=plane.smooth)
     way = stop if save is None else start + (stop - start) * save
     return States(way, *found), solved
 
@@ -118,11 +123,11 @@ def rates(plane: Plane, u: Array, radius: Array) -> tuple[Array, Array]:
     fourth = radius * sine
     X, whole = fourth**4, radius**m
     excess = plane.excess(X, whole * cosine * root)
-    if plane.bounded:
-        excess = jnp.maximum(excess, (LEAST_FORCE - 1) * circle_force(m, X))
     # divided one by one: the product's square, which derivatives meet, would underflow
     push = excess / whole / (0.25 * m * fourth ** (m - 4))  # over θ' on the circle, (k/2) X^{k/2-1}
     pace = 1 + push * sine**m  # θ' over that
+    if plane.bounded:
+        pace = jnp.maximum(pace, LEAST_PACE)
     turn = 2 / (1 + u * u) / (root * pace)  # dψ/du, and from ψ to θ but for a power of sinψ
     lost = push * cosine * root * sine ** (m - 1) * turn
     return -radius * lost, 4 * sine**3 * turn / radius ** (m - 4)
@@ -135,11 +140,13 @@ def to_zero_force(
 
     Over z = g (1 - u), in which g is the force over the elastic one: z falls from 1 at the peak to
     0 at either end (Hénon's trick), and near the peak as the angle grows, with damping or without.
-    `ratio` gives g of (X, U); an event would cost a search and a derivative of its own.
+    Where the force jumps as the velocity changes its sign, z begins lower. `ratio` gives g of (X, U);
+    an event would cost a search and a derivative of its own.
     """
+    first = ratio(*position(plane.m, States(_after(states.way), states.radius)))
 
     def field(_, state, args):
-        u, radius = jnp.clip(state[0], TOUCH, PARTING), state[1]
+        u, radius = jnp.minimum(_after(state[0]), PARTING), state[1]
         along = rates(plane, u, radius)
         g, change = _ratio_slope(plane, ratio, u, radius, along)
         falls = change * (1 - u) - g  # dz/du
@@ -148,9 +155,14 @@ def to_zero_force(
         return tuple(pace * rate for rate in (jnp.ones_like(u), *along)[: len(state)])
 
     begin = tuple(state for state in states if state is not None)
-    zero, one = jnp.zeros_like(states.radius), jnp.ones_like(states.radius)
-    found, solved = solve(field, zero, one, begin, None, route, save)
+    way = jnp.maximum(first, ASIDE)  # a force that pulls at once ends the contact at its peak
+    found, solved = solve(field, jnp.zeros_like(way), way, begin, None, route, save)
     return States(*found), solved & jnp.all(jnp.isfinite(found[0]))
+
+
+def _after(u: Array) -> Array:
+    """u just beyond the peak, where the overlap falls."""
+    return jnp.maximum(u, ASIDE)
 
 
 def _ratio_slope(plane, ratio, u, radius, along):

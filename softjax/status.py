@@ -22,7 +22,7 @@ class Status(enum.IntFlag):
     | `ZERO_VELOCITY` | v = 0: d(eps)/dv is infinite for psi < 1 | eps = 1, gradient 0 |
     | `INVALID_INPUT` | NaN, negative or infinite input under `jit` | eps = 0, gradient 0 |
     | `SOLVER_FAILED` | the integration used up its steps, or a formula gives no number | 0, gradient 0 |
-    | `INEXACT` | quadratures differ by 1e-10 (float32: 1e-5), or a force jumps | as computed |
+    | `INEXACT` | quadratures of the energy balance differ by 1e-10 (float32: 1e-5), or a force jumps | as computed |
     """
 
     PLAIN = 0
