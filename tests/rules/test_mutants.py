@@ -1,0 +1,142 @@
+"""The sampler of small changes, on a module of ten lines."""
+
+import random
+import textwrap
+
+import pytest
+
+from tests import mutants
+from tests.changes import changes_of, drawn
+from tests.mutants import NOTICED, SURVIVED, Record, equivalents, tried, within
+
+MODULE = textwrap.dedent(
+    '''\
+    """Ten lines, 3 of which do nothing."""
+    LIMIT = 2.0
+    def scaled(x: "float[3]", factor=2):
+        """Twice x, at most 7."""
+        if x < 0 and factor:
+            raise ValueError(f"{x + 1}")
+        low = min(x * factor, LIMIT)
+        return round(low, ndigits=3)
+    def negative(x):
+        return -x
+    '''
+).encode()
+
+
+def test_every_sort_of_change_is_found_once():
+    found = {(one.line, one.kind, one.after) for one in changes_of("module.py", MODULE)}
+    assert found == {
+        (2, "constant", "LIMIT = 3.0"),
+        (3, "constant", 'def scaled(x: "float[3]", factor=3):'),
+        (5, "negation", "if not (x < 0 and factor):"),
+        (5, "operator", "if x < 0 or factor:"),
+        (5, "comparison", "if x <= 0 and factor:"),
+        (5, "constant", "if x < 1 and factor:"),
+        (7, "opposite", "low = max(x * factor, LIMIT)"),
+        (7, "arguments", "low = min(LIMIT, x * factor)"),
+        (7, "operator", "low = min(x / factor, LIMIT)"),
+        (8, "keyword", "return round(low)"),
+        (8, "constant", "return round(low, ndigits=4)"),
+        (10, "sign", "return x"),
+    }
+
+
+def test_what_is_applied_is_what_is_told():
+    for change in changes_of("module.py", MODULE):
+        lines = change.applied(MODULE).decode().splitlines()
+        assert lines[change.line - 1].strip() == change.after
+        assert len(lines) == 10
+
+
+def test_a_seed_draws_the_same_again(project):
+    every = changes_of("module.py", MODULE)
+    one, again, other = (drawn(every, 5, random.Random(seed), project) for seed in (1, 1, 2))
+    assert one == again != other
+    assert len(set(one)) == 5
+    assert set(drawn(every, 99, random.Random(0), project)) == set(every)
+    broken = every[0]._replace(new="2 +")
+    assert broken not in drawn([broken, *every], 99, random.Random(0), project)
+
+
+def test_equivalents_are_read_by_file_and_both_lines():
+    text = "# by hand\n\nmodule.py\n- a = 1\n+ a = 2\n= never read\n"
+    assert equivalents(text) == {("module.py", "a = 1", "a = 2")}
+    assert equivalents("# none\n") == set()
+
+
+def test_real_equivalents_still_stand_in_their_files():
+    equal = equivalents(mutants.EQUIVALENT.read_text(encoding="utf-8"))
+    files = {file for file, *_ in equal}
+    every = [
+        change for file in files for change in changes_of(file, (mutants.TOP / file).read_bytes())
+    ]
+    assert equal <= {(one.file, one.before, one.after) for one in every}
+
+
+@pytest.mark.parametrize(
+    ("file", "package"),
+    [
+        ("softjax/laws/zhou.py", "softjax"),
+        ("calibration/fitting/fit.py", "fitting"),
+        ("calibration/report/rows.py", "report and plots"),
+        ("calibration/curve/table.py", "commands"),
+        ("calibration/cli.py", "commands"),
+    ],
+)
+def test_each_file_is_of_one_package(file, package):
+    assert mutants.package_of(file) == package
+
+
+@pytest.fixture
+def project(tmp_path):
+    """The module, a test that notices most of it, and what was recorded of that test."""
+    (tmp_path / "module.py").write_bytes(MODULE)
+    (tmp_path / "tests").mkdir()
+    body = (
+        "from module import negative, scaled\ndef test_it():\n    assert scaled(0.6004) == 1.201\n"
+    )
+    body += "def test_negative():\n    assert negative(1) == -1\n"
+    (tmp_path / "tests" / "test_module.py").write_text(body, encoding="utf-8")
+    return tmp_path
+
+
+def record_of(project):
+    seconds = {f"tests/test_module.py::{name}": t for name, t in (("test_it", 2), ("gone", 0))}
+    seconds["tests/test_module.py::test_negative"] = 1
+    lines = {"2": [], "5": [0, 1], "10": [2]}
+    return Record({"seconds": seconds, "lines": {"module.py": lines}}, project)
+
+
+def test_tests_are_those_of_the_line_and_then_of_their_file(project):
+    it, negative = (f"tests/test_module.py::test_{name}" for name in ("it", "negative"))
+    known = record_of(project)
+    assert known.tests_of("module.py", 5, 5) == [it, negative]
+    assert known.tests_of("module.py", 10, 10) == [negative, it]
+    # run by importing alone: all tests of the file's lines, the cheapest first
+    assert known.tests_of("module.py", 2, 2) == [negative, it]
+    assert known.tests_of("another.py", 1, 1) == []
+    assert within([negative, it], known.seconds, 4) == [negative]
+    assert within([negative, it], known.seconds, 6) == [negative, it]
+
+
+def test_changes_are_noticed_or_not_and_undone(project):
+    tests = ["tests/test_module.py"]
+    every = {one.after: one for one in changes_of("module.py", MODULE)}
+    outcomes = {
+        after: tried(project, every[after], tests, 60)
+        for after in ("low = min(x / factor, LIMIT)", "if x <= 0 and factor:")
+    }
+    assert [one.result for one in outcomes.values()] == [NOTICED, SURVIVED]
+    assert outcomes["low = min(x / factor, LIMIT)"].by == "FAILED tests/test_module.py::test_it"
+    assert (project / "module.py").read_bytes() == MODULE
+    assert tried(project, every["return x"], [], 60).result == SURVIVED
+
+
+def test_a_change_that_never_ends_is_a_timeout(project):
+    source = MODULE + b"while 3 < 2:\n    pass\n"
+    (project / "module.py").write_bytes(source)
+    (change,) = (c for c in changes_of("module.py", source) if c.after == "while 3 < 3:")
+    endless = change._replace(new="4", after="while 3 < 4:")
+    assert tried(project, endless, ["tests/test_module.py"], 2).result == mutants.TIMEOUT
