@@ -1,7 +1,5 @@
 """The reference is built whole: every public name told, no link that leads nowhere."""
 
-import argparse
-import importlib
 import re
 from dataclasses import fields
 from pathlib import Path
@@ -10,14 +8,10 @@ import pytest
 
 import calibration as cal
 import softjax as sj
-from calibration import cli
-from calibration.commands import COMMANDS
-from calibration.fitting.doubt import REMEDIES
-from calibration.handover.choice import HEADER, INPUT, ITSELF, LABELS
-from calibration.handover.door import CODES
 from notebooks.reference import links, names, site
+from tests.docs.test_readme import COMMANDS, helped
 
-CHAPTERS = Path(__file__).parents[1] / "notebooks" / "reference"
+CHAPTERS = Path(__file__).parents[2] / "notebooks" / "reference"
 
 
 @pytest.fixture(scope="module")
@@ -60,17 +54,19 @@ def test_every_option_of_a_command_is_told(command):
     common = sections["Common to all"] + sections["Which collision"]
     names = [name for name in sections if name.startswith(f"`softjax {command}")]
     own = "".join(sections[name] for name in names) + sections["Of a curve"] * (command == "curve")
-    parser = argparse.ArgumentParser(allow_abbrev=False)
-    importlib.import_module(f"calibration.commands.{command}").add_arguments(parser)
-    cli.common_options(parser)
-    options = {name for action in parser._actions for name in action.option_strings}
-    told = set(re.findall(r"`(--[a-z0-9-]+)", common + own))
-    assert options - told == {"-h", "--help"}
+    options = set(re.findall(r"(?<!\S)(--[a-z0-9-]+)", helped(command)))
+    documented = set(re.findall(r"`(--[a-z0-9-]+)", common + own))
+    assert options - documented == {"--help"}
 
 
-def test_every_doubt_is_told():
+def test_every_warning_is_documented():
+    """The codes that the source lists with their advice."""
+    source = (CHAPTERS.parents[1] / "calibration" / "fitting" / "doubt.py").read_text("utf-8")
+    (table,) = re.findall(r"^REMEDIES.*?= \{$(.*?)^\}$", source, re.M | re.S)
+    codes = re.findall(r'^    "([a-z0-9-]+)":', table, re.M)
     text = (CHAPTERS / "fits.md").read_text(encoding="utf-8")
-    assert [code for code in REMEDIES if f"`{code}`" not in text] == []
+    assert len(codes) > 15
+    assert [code for code in codes if f"`{code}`" not in text] == []
 
 
 def test_every_law_is_told_with_its_parameters():
@@ -81,15 +77,6 @@ def test_every_law_is_told_with_its_parameters():
         name: {f.name for f in fields(law) if "declared" in f.metadata}
         for name, law in cal.LAWS.items()
     }
-
-
-def test_every_way_into_a_code_is_told():
-    text = (CHAPTERS / "particle_codes.md").read_text(encoding="utf-8")
-    rows = dict(re.findall(r"^\| `(\w+)` \| (.*) \|$", text, flags=re.M))
-    for code, module in CODES.items():
-        for told, way in zip(rows[code].split(" | "), (INPUT, HEADER), strict=True):
-            laws = {key for key, carrier in module.CARRIERS.items() if carrier.name == way}
-            assert laws == {key for key in LABELS.keys() | {ITSELF} if f"`{key}`" in told}
 
 
 def test_a_dead_link_is_found(tmp_path):

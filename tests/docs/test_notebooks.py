@@ -17,7 +17,7 @@ from nbclient import NotebookClient
 
 from tests.export.lammps import needs_lammps
 
-FOLDER = Path(__file__).parents[1] / "notebooks"
+FOLDER = Path(__file__).parents[2] / "notebooks"
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 SECTIONS = ["Question", "Model", "Figure", "Reading"]
 BY_LAMMPS = "8_into_a_particle_code"
@@ -27,7 +27,8 @@ CELL_SECONDS = 300  # for a machine that is busy with much else
 NUMBER = r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
 SOMEBODYS_PATH = r"/(home|root|tmp|Users|work)/|:\\+Users"
 
-SLOW = ("7_your_own_law",)  # its laws have tests of their own
+# run by `pytest -m long`: what they compute has tests of its own
+QUICK = ("1_one_collision", "5_new_material")
 
 each = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 
@@ -93,12 +94,13 @@ def test_a_failing_cell_fails(tmp_path, monkeypatch):
         execute(notebook, tmp_path, monkeypatch)
 
 
+def marks(path):
+    found = [needs_lammps] if path.stem == BY_LAMMPS else []
+    return found if path.stem in QUICK else [*found, pytest.mark.long]
+
+
 @pytest.mark.parametrize(
-    "path",
-    [
-        pytest.param(path, marks=needs_lammps if path.stem == BY_LAMMPS else (), id=path.stem)
-        for path in NOTEBOOKS
-    ],
+    "path", [pytest.param(path, marks=marks(path), id=path.stem) for path in NOTEBOOKS]
 )
 def test_runs_and_gives_what_is_stored(path, tmp_path, monkeypatch):
     stored, fresh = read(path), execute(read(path), tmp_path, monkeypatch)
