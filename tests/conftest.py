@@ -13,7 +13,8 @@ import pytest
 from jaxtyping import install_import_hook
 
 if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
-    # one worker's compilations serve the other, and whatever the tests start
+    # one worker's compilations serve the other, and whatever the tests start; commands keep none of
+    # their own then, in the user's home
     shared = tempfile.mkdtemp(prefix="softjax-tests-")
     os.environ["JAX_COMPILATION_CACHE_DIR"] = shared
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
@@ -42,21 +43,13 @@ with install_import_hook(CHECKED, "beartype.beartype"):
     import jax
 
     import softjax as sj
-    import softjax.collision
-    import softjax.rate_dependent
+    import softjax.collision  # loaded late otherwise, past the hook
+    import softjax.rate_dependent  # the same
 
 from tests.slow import SLOW  # noqa: E402
 
 sj.enable_x64()
 gc.set_threshold(50_000, 20, 100)  # traces are many objects, and live: looked through less often
-
-
-@pytest.fixture(scope="session", autouse=True)
-def no_compilations_are_kept():
-    """Commands that are run in a test leave nothing in the user's home."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("calibration.cli.keep_compilations", lambda: None)
-        yield
 
 
 MOST_MAPPED = 30_000  # of the parts of memory that Linux lets a process have, 65 530
