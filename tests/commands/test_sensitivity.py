@@ -263,6 +263,7 @@ def test_a_plan_where_the_fit_knows_nothing_names_the_way_out(at, capsys, fit):
     command = ["sensitivity", "--fit", "part.json", "--study", "design", "--from", "0.1"]
     assert main(command) == 2
     told = capsys.readouterr().err
+    assert "but is 0.1" in told  # the lowest velocity, which is outside
     assert "0.8352 m/s or more, where this fit knows the law" in told
     assert "`softjax sensitivity FILE.toml --chi … --sigma … --psi … --study design" in told
     assert "inf" not in told

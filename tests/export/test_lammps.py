@@ -3,7 +3,6 @@
 import json
 import math
 import re
-from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -11,93 +10,12 @@ import pytest
 import calibration as cal
 import softjax as sj
 from tests.cases import RADIUS
-from tests.export.codes import TSUJI
 from tests.export.lammps import build, impact, needs_lammps, onto_a_wall, rebounds
-from tests.export.laws import DENSITY, FRACTION, MASS, PAIR, STEEL, VELOCITIES
+from tests.export.laws import PAIR, STEEL, VELOCITIES
 
 pytestmark = needs_lammps
-E, NU, FRICTIONLESS = 1.93e11, 0.35, "tangential linear_nohistory 0.0 0.0"
-STEPS = 2000  # a contact
-SPRING, TIME = 1e7, 2e-6  # N/m, s
-ETA = 1.5 * float(PAIR.stiffness) * TIME / math.sqrt(float(PAIR.radius)) / MASS
+TIME = 2e-6  # s
 long = pytest.mark.long
-
-
-class PullingViscoelastic(sj.RateDependentLaw):
-    """Viscoelastic spheres that pull before they part, as without `limit_damping`."""
-
-    contact: sj.Contact
-    dissipation_time: float
-    end: ClassVar[str] = "zero-overlap"
-
-    def force(self, overlap, velocity):
-        return sj.ViscoelasticHertz(self.contact, self.dissipation_time).force(overlap, velocity)
-
-
-def of_tsuji(asked: float) -> sj.HertzDashpot:
-    """α is a polynomial of ε, and √5 times the fraction of critical damping."""
-    fraction = float(np.polynomial.polynomial.polyval(asked, TSUJI)) / math.sqrt(5)
-    return sj.HertzDashpot(PAIR, math.exp(-math.pi * fraction / math.sqrt(1 - fraction**2)))
-
-
-# what stands in the input, the law that it makes, and ε as another program's script found it
-ROWS = {
-    "coeff_restitution": (
-        f"hertz/material {E} 0.8 {NU} {FRICTIONLESS} damping coeff_restitution",
-        sj.HertzDashpot(PAIR, 0.8),
-        0.80001,
-    ),
-    "coeff_restitution limit_damping": (
-        f"hertz/material {E} 0.8 {NU} {FRICTIONLESS} damping coeff_restitution limit_damping",
-        sj.HertzDashpot(PAIR, 0.8, end="zero-force"),
-        0.80811,
-    ),
-    **{
-        f"tsuji {asked}": (
-            f"hertz/material {E} {asked} {NU} {FRICTIONLESS} damping tsuji",
-            of_tsuji(asked),
-            found,
-        )
-        for asked, found in ((0.5, 0.616), (0.8, 0.8534), (0.9, 0.928))
-    },
-    "mass_velocity": (
-        f"hooke {SPRING} {2 * FRACTION * math.sqrt(SPRING / MASS)} {FRICTIONLESS} damping mass_velocity",
-        sj.LinearSpringDashpot(PAIR, SPRING, 0.8),
-        0.8,
-    ),
-    "viscoelastic": (
-        f"hertz/material {E} {ETA} {NU} {FRICTIONLESS} damping viscoelastic",
-        PullingViscoelastic(PAIR, TIME),
-        (0.91517, 0.86947, 0.82517),
-    ),
-    "viscoelastic limit_damping": (
-        f"hertz/material {E} {ETA} {NU} {FRICTIONLESS} damping viscoelastic limit_damping",
-        sj.ViscoelasticHertz(PAIR, TIME),
-        (0.91556, 0.87062, 0.82754),
-    ),
-}
-
-
-def contact_time(velocity: float) -> float:
-    """Of Hertz's contact, or of the linear spring's where that is longer [s]."""
-    peak = (1.25 * MASS * velocity**2 / float(PAIR.stiffness)) ** 0.4
-    return max(2.9432751843 * peak / velocity, math.pi * math.sqrt(MASS / SPRING))
-
-
-@long
-@pytest.mark.parametrize("row", ROWS)
-def test_what_lammps_makes_of_its_input_is_predicted(row, tmp_path):
-    coefficients, law, told = ROWS[row]
-    lines = []
-    for v in VELOCITIES:
-        settings = ["comm_modify vel yes", "pair_style granular", f"pair_coeff * * {coefficients}"]
-        settings += [f"timestep {contact_time(v) / STEPS!r}"]
-        lines.append(impact(v, settings, 2 * STEPS))
-    found = rebounds(lines, tmp_path)
-    np.testing.assert_allclose(
-        found, sj.restitution(law, np.array(VELOCITIES)).coefficient, atol=3e-4
-    )
-    np.testing.assert_allclose(found, told, atol=5e-4)
 
 
 def measured(folder, velocities, wall=None):
@@ -128,26 +46,6 @@ def test_input_that_is_written_keeps_its_tolerance(law, tolerance, version, tmp_
     assert np.max(np.abs(found - made.wanted.restitution[::16])) <= tolerance
     given = made.choice.impacts.coefficient[::16]
     assert np.max(np.abs(found - given)) <= made.choice.steps.error + 1e-6
-
-
-@long
-def test_the_sizes_that_input_is_written_for_do_not_matter_where_it_says_so(tmp_path):
-    """coeff_restitution holds for any mass, as Tsuji's damping does; that over mass for one."""
-    for law, version, same in (
-        ("hertz-dashpot", None, True),
-        ("linear", None, True),
-        ("linear", 20230802, False),
-        ("viscoelastic", None, False),
-    ):
-        options = {"velocity_range": (0.1, 5), "tolerance": 0.1, "steps": 400}
-        cal.export(STEEL, "lammps", tmp_path, law=law, version=version, **options)
-        lines = [
-            impact(1.0, ["include in.softjax"], 2000, density=d) for d in (DENSITY, 2 * DENSITY)
-        ]
-        one, other = rebounds(lines, tmp_path)
-        assert (abs(one - other) < 1e-3) == same
-        text = (tmp_path / "in.softjax").read_text(encoding="utf-8")
-        assert ("told for that mass" in text) != same
 
 
 @long

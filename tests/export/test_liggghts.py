@@ -12,15 +12,12 @@ import pytest
 import calibration as cal
 import softjax as sj
 from tests.cases import RADIUS
-from tests.export.laws import DENSITY, MASS, PAIR, STEEL, VELOCITIES
+from tests.export.laws import DENSITY, STEEL
 
 pytestmark = [
     pytest.mark.codes,
     pytest.mark.skipif(shutil.which("liggghts") is None, reason="no LIGGGHTS"),
 ]
-STEPS = 2000  # a contact
-SCALE = 16 / 15 * math.sqrt(float(PAIR.radius)) * float(PAIR.youngs_modulus)
-SPRING = SCALE * (MASS / SCALE) ** 0.2  # N/m, of the characteristic velocity 1 m/s
 
 
 def impact(velocity: float, settings: list[str], steps: int) -> str:
@@ -82,59 +79,6 @@ def rebounds(folder, velocities, settings, steps, impact=impact) -> np.ndarray:
     return np.array(found)
 
 
-def properties(**numbers) -> list[str]:
-    kinds = {"youngsModulus": "peratomtype", "poissonsRatio": "peratomtype"}
-    kinds["characteristicVelocity"] = "scalar"
-    pair = "peratomtypepair 1"
-    return [
-        f"fix p{i} all property/global {name} {kinds.get(name, pair)} {value!r}"
-        for i, (name, value) in enumerate(numbers.items())
-    ]
-
-
-STEEL_S = {"youngsModulus": 1.93e11, "poissonsRatio": 0.35, "coefficientFriction": 0.0}
-# model, what stands in its properties, the law that it makes, and ε as another script found it
-ROWS = {
-    "hertz": ("hertz", {"coefficientRestitution": 0.8}, sj.HertzDashpot(PAIR, 0.8), 0.80001),
-    "hertz limitForce": (
-        "hertz limitForce on",
-        {"coefficientRestitution": 0.8},
-        sj.HertzDashpot(PAIR, 0.8, end="zero-force"),
-        0.80811,
-    ),
-    "hysteresis": (
-        "hooke/hysteresis",
-        {
-            "coefficientRestitution": 1 - 1e-12,
-            "characteristicVelocity": 1.0,
-            "coefficientMaxElasticStiffness": 1 / 0.64,
-            "coefficientAdhesionStiffness": 0.0,
-            "coefficientPlasticityDepth": 0.05,
-        },
-        # s = (k_p/k1 - 1)²/(k_p/k1 Φ 2R)
-        sj.WaltonBraun(PAIR, SPRING, SPRING, 0.36**2 / (0.64 * 0.05 * 2 * float(PAIR.radius))),
-        None,
-    ),
-}
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("row", ROWS)
-def test_what_liggghts_makes_of_its_input_is_predicted(row, tmp_path):
-    model, numbers, law, told = ROWS[row]
-    peaks = [(1.25 * MASS * v**2 / float(PAIR.stiffness)) ** 0.4 for v in VELOCITIES]
-    times = [2.943 * peak / v for peak, v in zip(peaks, VELOCITIES, strict=True)]
-    if row == "hysteresis":
-        times = [math.pi * math.sqrt(MASS / SPRING)] * 3
-    common = [*properties(**STEEL_S | numbers), f"pair_style gran model {model}", "pair_coeff * *"]
-    settings = [[*common, f"timestep {time / STEPS!r}"] for time in times]
-    found = rebounds(tmp_path, VELOCITIES, settings, [2 * STEPS] * 3)
-    wanted = sj.restitution(law, np.array(VELOCITIES)).coefficient
-    np.testing.assert_allclose(found, wanted, atol=3e-4)
-    if told is not None:
-        np.testing.assert_allclose(found, told, atol=2e-5)
-
-
 every_law = pytest.mark.parametrize("law", ["linear", "hertz-dashpot", "walton-braun"])
 
 
@@ -164,11 +108,3 @@ def test_what_was_wanted_of_a_wall_comes_out_at_a_wall(law, tmp_path):
     lines = [["include in.softjax"]] * 5
     found = rebounds(tmp_path, velocity, lines, [steps] * 5, onto_a_wall)
     assert np.max(np.abs(found - given)) <= made.choice.steps.error + 1e-4
-
-
-def test_auto_keeps_its_tolerance(tmp_path):
-    made = cal.export(STEEL, "liggghts", tmp_path, velocity_range=(0.9, 1.1), tolerance=0.01)
-    steps = 2 * math.ceil(max(made.duration) / made.time_step) + 10
-    velocity = made.wanted.velocity[::32]
-    found = rebounds(tmp_path, velocity, [["include in.softjax"]] * 3, [steps] * 3)
-    assert np.max(np.abs(found - made.wanted.restitution[::32])) <= 0.01

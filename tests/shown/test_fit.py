@@ -107,6 +107,8 @@ def test_the_fitted_curve_its_bands_and_residuals(alloy):
         ends = bars(container)[:, :, 1]
         np.testing.assert_allclose(ends, middle[:, None] + [-0.01, 0.01], atol=2e-7)
     assert upper.get_xlim() == lower.get_xlim()
+    (zero,) = (one for one in lower.get_lines() if len(one.get_xdata()) == 2)
+    assert zero.get_ydata() == [0, 0]
     expected = ["data", "Walton–Braun, fitted", "95 %, one more measurement", "95 %, of the mean"]
     assert legend(alloy.figures["curves.png"]) == expected
 

@@ -45,9 +45,18 @@ def effect(name, v, h=1e-5):
     return (restitution(v, **{name: 1 + h}) - restitution(v, **{name: 1 - h})) / (2 * h)
 
 
+def straight(ax) -> list[float]:
+    """Where lines without a label lie, across or up."""
+    plain = [one.get_xydata() for one in ax.get_lines() if one.get_label().startswith("_")]
+    return [
+        float(xy[0, k]) for xy in plain for k in (0, 1) if len(xy) == 2 and xy[0, k] == xy[1, k]
+    ]
+
+
 def test_sensitivities_over_velocity(studied):
     """Curves, table and CSV by differences; inputs that act on nothing are named; parted at yield."""
     (ax,) = studied.figures["sensitivity.png"].axes
+    assert straight(ax) == [0]
     assert (ax.get_xlabel(), ax.get_ylabel(), ax.get_xscale()) == (SPEED, EFFECT, "log")
     yields = float(fitted("nylon").contact.critical_velocity)
     assert line(ax, r"yield, $v_\mathrm{cr}$")[0].tolist() == [yields, yields]
@@ -90,6 +99,7 @@ def test_a_tornado_shows_what_one_percent_does(studied):
     """The strongest on top, signs by side and colour."""
     for ax, v in zip(studied.figures["tornado.png"].axes, (1.0, 10.0), strict=True):
         assert ax.get_title() == f"$v$ = {v:g} m/s"
+        assert straight(ax) == [0]
         assert ax.get_xlabel() == r"change of $\varepsilon$ for +1 %"
         width = {
             label.get_text(): bar.get_width()
@@ -156,6 +166,7 @@ def test_indices_stand_side_by_side_with_their_limits(studied):
     assert names == list(LETTERS)[:8]
     for k, (ax, v) in enumerate(zip(figure.axes, (1.0, 10.0), strict=True)):
         assert ax.get_title() == f"$v$ = {v:g} m/s"
+        assert straight(ax)[0] == 0
         assert ax.get_ylabel() == (r"share of the variance of $\varepsilon$" if k == 0 else "")
         assert [t.get_text() for t in ax.get_xticklabels()] == [LETTERS[n] for n in names]
         containers = [c for c in ax.containers if hasattr(c, "patches")]
@@ -199,3 +210,19 @@ def test_a_wall_and_another_law(tmp_path):
     assert ax.get_xscale() == "linear"  # less than one and a half decades
     # ε depends on w² ∝ A v^{1/5}: five times as much by A as by v
     np.testing.assert_allclose(line(ax, "$A$")[1], 5 * line(ax, "$v$")[1], rtol=1e-6)
+
+
+def test_the_information_of_planned_shots(studied):
+    """Errors, directions and parameters of sensitivity.json are those of Python; the text has them."""
+    found = json.loads(studied.text("sensitivity.json"))["information"]
+    expected = cal.fisher_information(fitted("nylon"), np.linspace(0.1, 60, 6))
+    assert found["parameters"] == {"chi": 0.21998, "sigma": 0.4355, "psi": 0.5414}
+    assert found["found"] == pytest.approx(found["parameters"])
+    np.testing.assert_allclose(found["information"], expected.matrix, rtol=1e-9)
+    values, vectors = np.linalg.eigh(expected.matrix)
+    np.testing.assert_allclose(sorted(found["eigenvalues"]), values, rtol=1e-6, atol=1e-9)
+    alike = np.abs(np.array(found["directions"]) @ vectors)
+    np.testing.assert_allclose(np.sort(alike, axis=None)[-3:], 1, atol=1e-6)
+    errors = dict(zip(["χ̃", "σ", "ψ"], expected.standard_errors.values(), strict=True))
+    for symbol, error in errors.items():
+        assert f"expected standard error of {symbol}: {error:.3g}\n" in studied.out
