@@ -198,3 +198,13 @@ def test_a_plan_in_two_steps_promises_its_fits_errors():
         expected = result.standard_errors[name]
         assert found.standard_errors[name] == pytest.approx(expected, rel=rel)
     assert not found.taken_as_known
+    # and a design of further shots promises what the information at its velocities does
+    bounds = (float(np.min(data.velocity)), float(np.max(data.velocity)))
+    design = cal.optimal_velocities(result, 3, bounds, uncertainty=0.004, starts=1)
+    expected = cal.fisher_information(result, design.velocity, 0.004).relative_errors
+    assert design.relative_errors == pytest.approx(expected, rel=1e-3)
+    best = design.relative_errors["chi"]
+    for factor in (0.7, 1.4):
+        moved = np.clip(factor * design.velocity, *bounds)
+        other = cal.fisher_information(result, moved, 0.004).relative_errors["chi"]
+        assert best < 1.001 * other
