@@ -46,8 +46,6 @@ with install_import_hook(CHECKED, "beartype.beartype"):
     import softjax.collision  # loaded late otherwise, past the hook
     import softjax.rate_dependent  # the same
 
-from tests.slow import SLOW  # noqa: E402
-
 sj.enable_x64()
 gc.set_threshold(50_000, 20, 100)  # traces are many objects, and live: looked through less often
 
@@ -77,11 +75,3 @@ def at(tmp_path, monkeypatch):
     """A directory to work in."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
-
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items):
-    """What takes long to compile is `long`, so that the suite stays short."""
-    for item in items:
-        if item.nodeid.removeprefix("tests/") in SLOW:
-            item.add_marker(pytest.mark.long)
