@@ -14,7 +14,7 @@ from pathlib import Path
 
 import softjax as sj
 from tests.golden import errors, files, laws, studies  # noqa: F401  they add their scenarios
-from tests.golden.numbers import SCENARIOS, Numbers, differences, to_text
+from tests.golden.numbers import SCENARIOS, Numbers, differences, renewed, to_text
 
 RECORDED = Path(__file__).parent / "recorded"
 
@@ -28,11 +28,16 @@ def found(name: str) -> dict:
     return json.loads(to_text(numbers.table))
 
 
+def recorded(name: str) -> dict:
+    """What was recorded of a scenario; empty where nothing was."""
+    path = RECORDED / f"{name}.json"
+    empty = {mark: {} for mark in Numbers().table}
+    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else empty
+
+
 def moved(name: str, new: dict) -> list[str]:
     """How it differs from what was recorded, one line a number."""
-    path = RECORDED / f"{name}.json"
-    old = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {m: {} for m in new}
-    return [f"{name}: {line}" for line in differences(old, new)]
+    return [f"{name}: {line}" for line in differences(recorded(name), new)]
 
 
 def main() -> int:
@@ -49,7 +54,8 @@ def main() -> int:
         print("\n".join([*lines, f"{name}: {time.process_time() - begun:.1f} s"]), flush=True)
         if not arguments.check and lines:
             RECORDED.mkdir(exist_ok=True)
-            (RECORDED / f"{name}.json").write_text(to_text(new), encoding="utf-8")
+            table = renewed(recorded(name), new)
+            (RECORDED / f"{name}.json").write_text(to_text(table), encoding="utf-8")
     print(f"{total} numbers moved")
     return 1 if arguments.check and total else 0
 

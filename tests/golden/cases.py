@@ -105,7 +105,7 @@ def record_fit(numbers: Numbers, result: cal.FitResult, name="", *, weighted=Fal
         estimate(f"{name}rms {key}".rstrip(), size, 0.1 * size / np.sqrt(len(data[key])))
     if result.log_likelihood is not None:
         likelihood = [result.log_likelihood, result.aic, result.bic]
-        estimate(f"{name}ln L, AIC, BIC", likelihood, 0.01)
+        estimate(f"{name}ln L, AIC, BIC", likelihood, 0.01 if weighted else 0.1)
     numbers.text("estimate", f"{name}converged", str(bool(result.converged)))
 
 

@@ -94,6 +94,19 @@ def differences(old: dict, new: dict) -> list[str]:
     ]
 
 
+def renewed(old: dict, new: dict) -> dict:
+    """What is to be recorded: numbers that did not move keep their old digits."""
+    return {
+        mark: {name: _renewed(old[mark].get(name), entry) for name, entry in entries.items()}
+        for mark, entries in new.items()
+    }
+
+
+def _renewed(old: Any, new: Any) -> Any:
+    same = old is not None and not list(_differences(old, new))
+    return old if same and (isinstance(old, str) or old[1] == new[1]) else new
+
+
 def _differences(old: Any, new: Any) -> Iterator[str]:
     if old is None or new is None:
         yield "new, not recorded" if old is None else "recorded, no longer there"

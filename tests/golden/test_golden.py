@@ -6,7 +6,7 @@ import json
 import pytest
 
 from tests.golden.__main__ import RECORDED, found, moved
-from tests.golden.numbers import SCENARIOS, Numbers, differences, to_text
+from tests.golden.numbers import SCENARIOS, Numbers, differences, renewed, to_text
 
 CASES = [pytest.param(name, marks=[pytest.mark.long] * one.long) for name, one in SCENARIOS.items()]
 
@@ -59,3 +59,14 @@ def test_a_number_that_goes_or_comes_is_named(table):
     del fewer["estimate"]["chi"]
     assert differences(table, fewer) == ["chi [estimate]: recorded, no longer there"]
     assert differences(fewer, table) == ["chi [estimate]: new, not recorded"]
+
+
+def test_only_what_moved_is_recorded_anew(table):
+    new = copy.deepcopy(table)
+    new["estimate"]["chi"] = [2.000009, 1e-5]
+    new["error"]["chi error"] = [0.2, 1e-4]
+    again = renewed(table, new)
+    assert again["estimate"]["chi"] == [2.0, 1e-5]
+    assert again["error"]["chi error"] == [0.2, 1e-4]
+    new["estimate"]["chi"] = [2.0, 1e-3]  # another tolerance
+    assert renewed(table, new)["estimate"]["chi"] == [2.0, 1e-3]
