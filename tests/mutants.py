@@ -13,7 +13,6 @@ import argparse
 import json
 import os
 import random
-import resource
 import shutil
 import subprocess
 import sys
@@ -164,6 +163,15 @@ def _exists(top: Path, name: str) -> bool:
     return path.exists() and f"def {function}(" in path.read_text(encoding="utf-8")
 
 
+# pytest, in a process that limits its own seconds of the processor
+LIMITED = """
+import resource, sys, pytest
+limit = int(sys.argv[1])
+resource.setrlimit(resource.RLIMIT_CPU, (limit, limit + 5))
+sys.exit(pytest.main(sys.argv[2:]))
+"""
+
+
 def tried(copy: Path, change: Change, tests: list[str], limit: int) -> Outcome:
     """The change made in a copy of the project, the tests run there, and the change undone."""
     if not tests:
@@ -175,14 +183,13 @@ def tried(copy: Path, change: Change, tests: list[str], limit: int) -> Outcome:
     env = os.environ | {"PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
     try:
         done = subprocess.run(
-            [sys.executable, "-m", "pytest", *words, *tests],
+            [sys.executable, "-c", LIMITED, str(limit), *words, *tests],
             cwd=copy,
             env=env,
             capture_output=True,
             text=True,
             errors="replace",
             timeout=10 * limit,
-            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (limit, limit + 5)),
         )
     except subprocess.TimeoutExpired:
         return Outcome(change, TIMEOUT, "")

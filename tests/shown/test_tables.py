@@ -253,6 +253,7 @@ def test_the_table_of_coverage(monkeypatch, capsys):
     """`python -m calibration.coverage`: per cent of the sets, and the ratio in brackets."""
     told = ["calibration.coverage", "--sets", "16", "--case", "constant, n = 8, stated"]
     monkeypatch.setattr(sys, "argv", told)
+    monkeypatch.delitem(sys.modules, "calibration.coverage.__main__", raising=False)
     with pytest.raises(SystemExit) as ended:
         runpy.run_module("calibration.coverage", run_name="__main__")
     assert ended.value.code == 0

@@ -20,14 +20,19 @@ MORE_THAN_A_PIPE_HOLDS = b"velocity\n" + b"1.0\n" * 50_000
 
 def at_work(folder, *before):
     """A command that has begun to read its velocities, and waits for their end."""
-    process = subprocess.Popen(
-        [*before, *COMMAND, *CURVE, "--velocities", "-", "--out", "results"],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        cwd=folder,
-        env=os.environ | {"PYTHONPATH": os.getcwd()},
-    )
+    # tests that were started in the background ignore SIGINT, and a command that inherits this does too
+    inherited = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        process = subprocess.Popen(
+            [*before, *COMMAND, *CURVE, "--velocities", "-", "--out", "results"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            cwd=folder,
+            env=os.environ | {"PYTHONPATH": os.getcwd()},
+        )
+    finally:
+        signal.signal(signal.SIGINT, inherited)
     assert process.stdin is not None
     process.stdin.write(MORE_THAN_A_PIPE_HOLDS)
     process.stdin.flush()  # returns once most of it was read
