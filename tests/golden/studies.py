@@ -58,7 +58,7 @@ def designs(numbers, folder):
         numbers.error(f"{criterion}: gain", found.gain, 1.0)
 
 
-@scenario()
+@scenario(long=True)
 def sensitivities(numbers, folder):
     """θ ∂ε/∂θ of the inputs of two spheres and of a law's own fields."""
     metal = sj.Material(71e9, 0.33, 2700.0, 280e6)
