@@ -26,13 +26,13 @@ from calibration.handover.door import export as export
 from calibration.handover.exported import Export as Export
 from calibration.parameters import Parameter as Parameter
 from calibration.problem_file import read_problem as read_problem
-from calibration.studies.comparison import Comparison as Comparison
+from calibration.studies.compare import Comparison as Comparison
+from calibration.studies.compare import compare as compare
 from calibration.studies.design import optimal_velocities as optimal_velocities
 from calibration.studies.information import fisher_information as fisher_information
 from calibration.studies.inputs import Inputs as Inputs
 from calibration.studies.inputs import of_law as of_law
 from calibration.studies.inputs import of_spheres as of_spheres
 from calibration.studies.local import sensitivity as sensitivity
-from calibration.studies.ranking import compare as compare
 from calibration.studies.sobol import model_indices as model_indices
 from calibration.studies.sobol import sobol_indices as sobol_indices

@@ -126,7 +126,7 @@ def _compare(job: Job, arguments: argparse.Namespace, progress: Any) -> int:
     from calibration.plots.comparison import comparison_figure
     from calibration.plots.style import save
     from calibration.report.comparison import comparison_json, comparison_text
-    from calibration.studies.ranking import compare
+    from calibration.studies.compare import compare
 
     said: dict[str, dict[str, str]] = {}
     for option, value in job.options.items():

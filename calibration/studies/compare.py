@@ -1,0 +1,353 @@
+"""Which contact law a data set prefers: every law fitted, ranked by how well it predicts.
+
+    elpd = Σ_i ln p(ε_i | all data but point i)        expected log predictive density
+
+Differences between laws come with their standard error over the points; below twice that error two
+laws are a tie. Stacking weights are those with which a mixture of the laws predicts best.
+
+Source: Vehtari, Gelman and Gabry, Stat. Comput. 27, 1413 (2017); stacking: Yao, Vehtari, Simpson
+and Gelman, Bayesian Anal. 13, 917 (2018).
+"""
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from calibration.data import RestitutionData
+from calibration.data.checks import check_whole
+from calibration.errors import DataError, InputError, did_you_mean, listed, printable
+from calibration.fitting.door import fit
+from calibration.fitting.doubt import Doubt
+from calibration.fitting.known_laws import KNOWN, WITHOUT_CONTACT
+from calibration.fitting.left_out import LeaveOneOut
+from calibration.fitting.request_json import law_name
+from calibration.fitting.result import FitResult
+from calibration.report.comparison import comparison_text
+
+FIXED_YIELD = "thornton-fixed"  # Thornton's law without a free parameter
+FEWEST = 6  # points: three parameters, one point left out, and something to judge by
+TIE = 2.0  # standard errors of a difference
+ROUNDING = 1e-6  # of a difference between laws with the same curve
+SAME_CURVE = 1e-6  # of ε at every point
+STACKING_ROUNDS = 5000
+SETTLED = 1e-10  # of a weight, between two rounds
+EXACT = (
+    "{} follows the data exactly: they have no noise, and its score says nothing. The others show "
+    "how near a law comes to it."
+)
+TO_FIRST_ORDER = (
+    "So many points were left out to first order, not by fitting again: exact for a law that is "
+    "linear in its parameters."
+)
+Watch = Callable[[Iterable, str], Iterable]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One law of a comparison.
+
+    Attributes:
+        key: its name in files: that of `LAWS`, "thornton-fixed", or its class's or function's.
+        label: what tables and pictures call it.
+        law: a name, a class, or a function that builds one.
+        said: of its parameters, as `fit` takes it.
+        remark: what a reader should know of it.
+    """
+
+    key: str
+    label: str
+    law: Any
+    said: Mapping[str, Any] = field(default_factory=dict)
+    remark: str = ""
+
+
+# of laws with one curve the plainest is named first
+ORDER = dict.fromkeys([*WITHOUT_CONTACT, *KNOWN])
+BUILT_IN = {key: Candidate(key, KNOWN[key].label, key, {}, KNOWN[key].remark) for key in ORDER}
+BUILT_IN[FIXED_YIELD] = Candidate(
+    FIXED_YIELD,
+    "Thornton, p_y = Y",
+    "thornton",
+    {"yield_factor": 1.0},
+    "Nothing to fit: contact yield pressure p_y = Y, Hertz's contact area.",
+)
+
+
+class Difference(NamedTuple):
+    """elpd less that of the best law, and its standard error."""
+
+    value: float
+    standard_error: float
+
+    @property
+    def is_tie(self) -> bool:
+        """Whether it is 0 within `TIE` standard errors."""
+        return -self.value < TIE * self.standard_error + ROUNDING
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """One law of a comparison with its fit and its score.
+
+    Attributes:
+        candidate: which law, and what was said of it.
+        result: its fit.
+        leave_one_out: each point predicted by the fit without it.
+        behind: how far behind the best law it predicts; None for a law that follows the data
+            exactly, which has no score.
+        weight: in the mixture that predicts best; None as well.
+        same_as: the label of a law before it that has the same curve, or None.
+    """
+
+    candidate: Candidate
+    result: FitResult
+    leave_one_out: LeaveOneOut
+    behind: Difference | None = None
+    weight: float | None = None
+    same_as: str | None = None
+
+    @property
+    def key(self) -> str:
+        return self.candidate.key
+
+    @property
+    def label(self) -> str:
+        return self.candidate.label
+
+    @property
+    def converged(self) -> bool:
+        """Whether the fit, and every fit without a point, ended at a minimum."""
+        return self.result.converged and self.leave_one_out.converged
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether its residuals are rounding: data without noise, made by this very law."""
+        return self.result.log_likelihood is None
+
+    @property
+    def fitted(self) -> int:
+        """How many numbers were fitted."""
+        return len(self.result.covariance_names)
+
+    @property
+    def doubts(self) -> tuple[Doubt, ...]:
+        """Warnings of the fit, and of the fits without a point."""
+        if self.leave_one_out.converged:
+            return self.result.warnings
+        why = Doubt("not-converged", "not every fit without a point ended at a minimum")
+        return (*self.result.warnings, why)
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Laws fitted to one data set, the best first; prints itself.
+
+    Attributes:
+        data: what was fitted.
+        entries: one a law, by falling elpd; those that follow the data exactly come first and have
+            no score.
+        left_out: why some laws are missing.
+        notes: what a reader of the ranking should know.
+        seconds: how long it took.
+    """
+
+    data: RestitutionData
+    entries: tuple[Entry, ...]
+    left_out: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    seconds: float = 0.0
+
+    @property
+    def ranking(self) -> list[str]:
+        """Labels, the best first."""
+        return [entry.label for entry in self.entries]
+
+    @property
+    def converged(self) -> bool:
+        return all(entry.converged for entry in self.entries)
+
+    def entry(self, label: str) -> Entry:
+        """The entry of a law, by its label or key.
+
+        Raises:
+            ValueError: naming the accepted labels.
+        """
+        for entry in self.entries:
+            if label in (entry.label, entry.key):
+                return entry
+        raise DataError("label", repr(label), f"one of {listed(map(repr, self.ranking))}")
+
+    def __getitem__(self, label: str) -> FitResult:
+        return self.entry(label).result
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.ranking)
+
+    def __str__(self) -> str:
+        return comparison_text([self])
+
+    __repr__ = __str__
+
+
+def compare(
+    data: RestitutionData,
+    laws: Sequence[Any] | Mapping[str, Any] | None = None,
+    *,
+    parameters: Mapping[str, Mapping[str, Any]] | None = None,
+    seed: int = 0,
+    watch: Watch = lambda items, stage: items,
+) -> Comparison:
+    """Fit every law to one data set and rank them by how well they predict points left out.
+
+    Args:
+        data: six points or more.
+        laws: names of `LAWS` (and "thornton-fixed", p_y = Y), classes or functions that build a
+            law, or {label: law}; all built-in ones that the data allow where left out.
+        parameters: {label or name: what is said of that law's parameters}, as `fit` takes it.
+        seed: of the starts.
+        watch: passes items on while it shows how many were gone through.
+
+    Returns:
+        A `Comparison`, every entry a `FitResult` by `model`. Fits that did not converge are marked
+        so, not raised. Points weigh as in the fits. Where the data have groups, all of a group is
+        left out together, and standard errors are over groups. Of built-in laws that cannot be
+        fitted to these data `left_out` says why.
+
+    Raises:
+        ValueError: for fewer points, or naming the law that was asked for and cannot be used.
+
+    Example:
+        >>> import calibration as cal
+        >>> comparison = cal.compare(cal.paper_materials()[2], ["zhou", "constant", "hertz"])
+        >>> comparison.ranking
+        ['Zhou', 'constant ε (hard spheres)', 'Hertz']
+    """
+    begun = time.perf_counter()
+    if not isinstance(data, RestitutionData):
+        raise DataError("data", data, "one RestitutionData")
+    check_whole("seed", seed, 0)
+    if len(data) < FEWEST:
+        raise data.refusal(f"{len(data)} points", f"a comparison needs {FEWEST} or more")
+    candidates = _chosen(laws, parameters)
+    left_out: list[str] = []
+    if laws is None:
+        without, left_out = _without_contact(data)
+        candidates = [one for one in candidates if one.key not in without]
+    entries = []
+    for one in watch(candidates, printable(data.name)):
+        told: dict[str, Any] = {"profiles": False, "seed": seed, "unloading_line": None}
+        try:
+            result = fit(data, one.law, one.said, **told)
+            entries.append(Entry(one, result, result.leave_one_out()))
+        except (DataError, InputError) as error:
+            if laws is not None:
+                raise data.refusal(f"{one.label}: {error}", "another law is needed") from error
+            left_out.append(f"{one.label}: {error}")
+    if not entries:
+        raise data.refusal("no law can be fitted", "; ".join(left_out))
+    ranked = _ranked(entries)
+    exact = [entry.label for entry in ranked if entry.is_exact]
+    notes = [*data.notes, *([EXACT.format(" and ".join(exact))] if exact else [])]
+    if not all(entry.leave_one_out.exact for entry in ranked):
+        notes.append(TO_FIRST_ORDER)
+    return Comparison(data, ranked, tuple(left_out), tuple(notes), time.perf_counter() - begun)
+
+
+def _chosen(laws: Any, parameters: Mapping[str, Any] | None) -> list[Candidate]:
+    """The laws that were asked for; all built-in ones where none were.
+
+    Raises:
+        ValueError: naming the law or label that cannot be used.
+    """
+    said = {} if parameters is None else parameters
+    if not isinstance(said, Mapping) or not all(isinstance(p, Mapping) for p in said.values()):
+        raise DataError("parameters", parameters, "a mapping from laws to mappings of theirs")
+    if laws is None:
+        found = list(BUILT_IN.values())
+    elif isinstance(laws, Mapping):
+        found = [replace(_candidate(law), label=str(label)) for label, law in laws.items()]
+    else:
+        alone = isinstance(laws, str | type) or callable(laws) or not isinstance(laws, Iterable)
+        found = [_candidate(law) for law in ([laws] if alone else laws)]
+    labels = [one.label for one in found]
+    if not labels:
+        raise DataError("laws", "empty", f"one law or more, such as {listed(BUILT_IN)}")
+    twice = next((label for label in labels if labels.count(label) > 1), None)
+    if twice is not None:
+        raise DataError("laws", f"twice {twice}", "laws of different labels, as {label: law}")
+    unknown = next((name for name in said if name not in {c.key for c in found} | {*labels}), None)
+    if unknown is not None:
+        raise DataError(f"parameters[{unknown!r}]", "of no law compared", f"of {listed(labels)}")
+    return [
+        replace(one, said={**one.said, **said.get(one.key, {}), **said.get(one.label, {})})
+        for one in found
+    ]
+
+
+def _candidate(law: Any) -> Candidate:
+    name = law_name(law)
+    if name in BUILT_IN and (isinstance(law, str) or law is KNOWN[name].law):
+        return BUILT_IN[name]
+    if isinstance(law, str):
+        accepted = f"one of {listed(BUILT_IN)}{did_you_mean(law, BUILT_IN)}, a class or a function"
+        raise DataError("laws", law, accepted)
+    return Candidate(str(name), str(name), law)
+
+
+def _without_contact(data: RestitutionData) -> tuple[set[str], list[str]]:
+    """Keys of built-in laws that need properties which these data do not have, and why."""
+    if data.contact is not None:
+        return set(), []
+    keys = set(BUILT_IN) - set(WITHOUT_CONTACT)
+    why = ["without elastic properties no law of the contact of two bodies can be fitted"]
+    if data.limit_velocity is None:
+        keys.add("eq-17")
+        why.append("without a limit velocity Eq. (17) cannot be fitted either")
+    return keys, why
+
+
+def _ranked(entries: list[Entry]) -> tuple[Entry, ...]:
+    """By falling elpd, each with its distance to the best and its weight; exact ones before them."""
+    exact = [one for one in entries if one.is_exact]
+    others: list[Entry] = []
+    for one in (one for one in entries if not one.is_exact):
+        alike = (e.label for e in others if e.same_as is None and _same_curve(one, e))
+        others.append(replace(one, same_as=next(alike, None)))
+    if not others:
+        return tuple(exact)
+    scores = {one.label: one.leave_one_out.elpd for one in others}
+    # laws of one curve differ by rounding, and stay in the order in which they were asked for
+    order = sorted(others, key=lambda one: -scores[one.same_as or one.label])
+    densities = np.stack([one.leave_one_out.log_density for one in order])
+    ranked = []
+    for one, weight in zip(order, stacking_weights(densities), strict=True):
+        apart = one.leave_one_out.log_density - densities[0]
+        behind = Difference(float(np.sum(apart)), one.leave_one_out.error_of_sum(apart))
+        ranked.append(replace(one, behind=behind, weight=float(weight)))
+    return (*exact, *ranked)
+
+
+def _same_curve(one: Entry, other: Entry) -> bool:
+    """Whether two laws predict every point alike."""
+    apart = one.leave_one_out.predicted - other.leave_one_out.predicted
+    return bool(np.max(np.abs(apart)) < SAME_CURVE)
+
+
+def stacking_weights(log_density: Float[np.ndarray, "laws n"]) -> Float[np.ndarray, "laws"]:
+    """w >= 0, Σw = 1, that make Σ_i ln Σ_k w_k p_k(ε_i) largest, by expectation–maximisation.
+
+    Laws with the same curve share its weight equally.
+    """
+    ratio = np.exp(log_density - np.max(log_density, axis=0))
+    weights = np.full(len(log_density), 1 / len(log_density))
+    for _ in range(STACKING_ROUNDS):
+        shares = weights[:, None] * ratio
+        moved = np.mean(shares / np.sum(shares, axis=0), axis=1)
+        if np.max(np.abs(moved - weights)) < SETTLED:
+            return moved
+        weights = moved
+    return weights
