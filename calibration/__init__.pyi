@@ -1,5 +1,4 @@
 # What type checkers and editors see of the names that are loaded when asked for.
-from calibration.coverage.batched import coverage_study as coverage_study
 from calibration.data.csv_file import read_csv as read_csv
 from calibration.data.errors_of_points import PointErrors as PointErrors
 from calibration.data.measurements import RestitutionData as RestitutionData
@@ -28,6 +27,9 @@ from calibration.parameters import Parameter as Parameter
 from calibration.problem_file import read_problem as read_problem
 from calibration.studies.compare import Comparison as Comparison
 from calibration.studies.compare import compare as compare
+from calibration.studies.coverage import Coverage as Coverage
+from calibration.studies.coverage import CoverageCase as CoverageCase
+from calibration.studies.coverage import coverage_study as coverage_study
 from calibration.studies.design import optimal_velocities as optimal_velocities
 from calibration.studies.information import fisher_information as fisher_information
 from calibration.studies.inputs import Inputs as Inputs

@@ -33,7 +33,7 @@ EQUIVALENT = Path(__file__).with_name("equivalent.txt")
 PACKAGES = {  # the first that a file's path begins with
     "softjax": ("softjax/",),
     "fitting": ("calibration/fitting/",),
-    "studies": ("calibration/studies/", "calibration/coverage/"),
+    "studies": ("calibration/studies/",),
     "data": ("calibration/data/", "calibration/problem_file.py"),
     "report and plots": ("calibration/report/", "calibration/plots/"),
     "handover": ("calibration/handover/", "calibration/particle_codes/"),

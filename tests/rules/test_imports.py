@@ -194,7 +194,7 @@ FLOORS = [
     | {"cache", "signals", "terminal"},
     {"parameters", "data"},
     {"problem_file", "fitting"},
-    {"report", "coverage"},
+    {"report"},
     {"curve", "studies"},
     {"plots"},
     {"commands", "speed", "handover"},

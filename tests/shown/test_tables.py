@@ -3,10 +3,7 @@
 import csv
 import itertools
 import re
-import runpy
-import sys
 import time
-from dataclasses import dataclass
 
 import jax.numpy as jnp
 import numpy as np
@@ -209,27 +206,11 @@ def test_a_thousand_fits_find_the_minima_of_scipys_loop(capsys):
     assert run("speed", "--fits", "--quiet")[1] == ""
 
 
-@dataclass(frozen=True)
-class Experiment:
-    """A decay measured at 12 velocities, as `cal.coverage_study` takes it."""
-
-    name: str = "decay"
-    truth: sj.ContactLaw = Decay(0.9, 0.05)
-    law: type | None = None
-    objective: str = "model"
-    noise: float = 0.01
-    stated: bool = True
-    parameters: tuple = ()
-
-    def data(self):
-        v = np.linspace(1.0, 12.0, 12)
-        return cal.RestitutionData(v, 0.9 * np.exp(-0.05 * v), None, self.noise, self.name)
-
-
 def test_coverage_compares_errors_with_the_spread_of_estimates():
     """Fisher's errors by hand, scatter of the estimates, and their ratio that way round."""
-    (found,) = cal.coverage_study([Experiment(parameters={})], 100, 3)
     v = np.linspace(1.0, 12.0, 12)
+    case = cal.CoverageCase("decay", Decay(0.9, 0.05), v, noise=0.01, stated=True)
+    (found,) = cal.coverage_study([case], 100, 3)
     curve = 0.9 * np.exp(-0.05 * v)
     slopes = np.stack([curve, -0.05 * v * curve], axis=1) / 0.01
     expected = np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes)))
@@ -247,24 +228,6 @@ def test_coverage_compares_errors_with_the_spread_of_estimates():
         assert found.by_error[name] == pytest.approx(inside, abs=0.011)
         assert found.covered[name] == pytest.approx(inside, abs=0.03)
     assert found.converged == 1
-
-
-def test_the_table_of_coverage(monkeypatch, capsys):
-    """`python -m calibration.coverage`: per cent of the sets, and the ratio in brackets."""
-    told = ["calibration.coverage", "--sets", "16", "--case", "constant, n = 8, stated"]
-    monkeypatch.setattr(sys, "argv", told)
-    monkeypatch.delitem(sys.modules, "calibration.coverage.__main__", raising=False)
-    with pytest.raises(SystemExit) as ended:
-        runpy.run_module("calibration.coverage", run_name="__main__")
-    assert ended.value.code == 0
-    head, row = capsys.readouterr().out.splitlines()
-    assert head == "per cent covered (rms standard error over spread)"
-    found = re.fullmatch(
-        r"constant, n = 8, stated +restitution (\S+) \((\S+)\); converged 100\.0 %", row
-    )
-    assert float(found[1]) in np.round(100 * np.arange(12, 17) / 16, 1)
-    # the mean of 8 with σ = 0.005 of ε = 0.8; 16 estimates scatter so, to a factor
-    assert 0.5 < float(found[2]) < 2
 
 
 class Kinked(sj.HardSphereLaw):
