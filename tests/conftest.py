@@ -8,6 +8,7 @@ import gc
 import os
 import shutil
 import tempfile
+from collections import Counter
 
 import pytest
 from jaxtyping import install_import_hook
@@ -48,6 +49,31 @@ with install_import_hook(CHECKED, "beartype.beartype"):
 
 sj.enable_x64()
 gc.set_threshold(50_000, 20, 100)  # traces are many objects, and live: looked through less often
+
+
+def pytest_addoption(parser):
+    parser.addoption(
+        "--part", metavar="K/N", help="the K-th of N parts of the tests, by whole files"
+    )
+
+
+@pytest.hookimpl(trylast=True)  # after those that -m and -k leave out
+def pytest_collection_modifyitems(config, items):
+    if part := config.getoption("--part"):
+        k, count = map(int, part.split("/"))
+        if not 1 <= k <= count:
+            raise pytest.UsageError(f"--part must be K/N with K from 1 to N, but is {part}")
+        mine = dealt(Counter(str(item.path) for item in items), count)[k - 1]
+        config.hook.pytest_deselected(items=[i for i in items if str(i.path) not in mine])
+        items[:] = [item for item in items if str(item.path) in mine]
+
+
+def dealt(files: dict[str, int], count: int) -> list[list[str]]:
+    """Files in `count` parts of nearly as many tests; those of a file share what they compile."""
+    parts: list[list[str]] = [[] for _ in range(count)]
+    for file in sorted(files, key=lambda file: (-files[file], file)):
+        min(parts, key=lambda part: sum(files[one] for one in part)).append(file)
+    return parts
 
 
 MOST_MAPPED = 30_000  # of the parts of memory that Linux lets a process have, 65 530

@@ -1,4 +1,4 @@
-"""The sampler of small changes, on a module of ten lines."""
+"""What the suite has about itself: the sampler of small changes, and `long` tests in parts."""
 
 import random
 import textwrap
@@ -7,7 +7,8 @@ import pytest
 
 from tests import mutants
 from tests.changes import changes_of, drawn
-from tests.mutants import NOTICED, SURVIVED, Record, equivalents, tried, within
+from tests.conftest import dealt
+from tests.mutants import NOTICED, SURVIVED, equivalents, tried
 
 MODULE = textwrap.dedent(
     '''\
@@ -91,7 +92,7 @@ def test_each_file_is_of_one_package(file, package):
 
 @pytest.fixture
 def project(tmp_path):
-    """The module, a test that notices most of it, and what was recorded of that test."""
+    """The module, and tests that notice most of it."""
     (tmp_path / "module.py").write_bytes(MODULE)
     (tmp_path / "tests").mkdir()
     body = (
@@ -102,23 +103,11 @@ def project(tmp_path):
     return tmp_path
 
 
-def record_of(project):
-    seconds = {f"tests/test_module.py::{name}": t for name, t in (("test_it", 2), ("gone", 0))}
-    seconds["tests/test_module.py::test_negative"] = 1
-    lines = {"2": [], "5": [0, 1], "10": [2]}
-    return Record({"seconds": seconds, "lines": {"module.py": lines}}, project)
-
-
-def test_tests_are_those_of_the_line_and_then_of_their_file(project):
-    it, negative = (f"tests/test_module.py::test_{name}" for name in ("it", "negative"))
-    known = record_of(project)
-    assert known.tests_of("module.py", 5, 5) == [it, negative]
-    assert known.tests_of("module.py", 10, 10) == [negative, it]
-    # run by importing alone: all tests of the file's lines, the cheapest first
-    assert known.tests_of("module.py", 2, 2) == [negative, it]
-    assert known.tests_of("another.py", 1, 1) == []
-    assert within([negative, it], known.seconds, 4) == [negative]
-    assert within([negative, it], known.seconds, 6) == [negative, it]
+def test_tests_of_a_file_are_those_of_its_package_the_nearest_first():
+    found = mutants.tests_of("calibration/fitting/two_step.py")
+    assert found[:3] == ["tests/fit/test_two_step.py", "tests/fit", "tests/statistics"]
+    places = {place for one in mutants.PACKAGES.values() for place in one.tests}
+    assert [place for place in places if not (mutants.TOP / "tests" / place).exists()] == []
 
 
 def test_changes_are_noticed_or_not_and_undone(project):
@@ -131,7 +120,6 @@ def test_changes_are_noticed_or_not_and_undone(project):
     assert [one.result for one in outcomes.values()] == [NOTICED, SURVIVED]
     assert outcomes["low = min(x / factor, LIMIT)"].by == "FAILED tests/test_module.py::test_it"
     assert (project / "module.py").read_bytes() == MODULE
-    assert tried(project, every["return x"], [], 60).result == SURVIVED
 
 
 def test_a_change_that_never_ends_is_a_timeout(project):
@@ -140,3 +128,11 @@ def test_a_change_that_never_ends_is_a_timeout(project):
     (change,) = (c for c in changes_of("module.py", source) if c.after == "while 3 < 3:")
     endless = change._replace(new="4", after="while 3 < 4:")
     assert tried(project, endless, ["tests/test_module.py"], 2).result == mutants.TIMEOUT
+
+
+def test_files_are_dealt_out_by_how_many_tests_they_have():
+    # 6, 5, 3 | 2, 2, 2: the longest first, each to the part that has least
+    files = {"a": 6, "b": 5, "c": 3, "d": 2, "e": 2, "f": 2}
+    assert dealt(files, 2) == [["a", "d", "e"], ["b", "c", "f"]]
+    assert dealt(files, 3) == [["a"], ["b", "e"], ["c", "d", "f"]]
+    assert dealt({"a": 1}, 3) == [["a"], [], []]
