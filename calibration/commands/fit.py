@@ -50,7 +50,6 @@ class Job:
     parameters: Sequence[Mapping[str, Any]] | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
     file: str | None = None  # None: the embedded data
-    beside: bool = False
     given: Mapping[str, Any] = field(default_factory=dict)  # on the command line
     problem: Any = None  # the file, as it was read
     draws: int | None = None  # of the posterior, a chain
@@ -73,11 +72,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     for name, flag in FLAGS.items():
         look: dict[str, Any] = {"action": "store_const", "const": not flag.startswith("--no-")}
         parser.add_argument(flag, dest=name, help=HELP[name], **look)
-    parser.add_argument(
-        "--beside",
-        action="store_true",
-        help="fit again by Levenberg–Marquardt through the energy balance (always without a file)",
-    )
     parser.add_argument(
         "--posterior",
         nargs="?",
@@ -147,14 +141,14 @@ def _job(arguments: argparse.Namespace) -> Job:
 
         by_paper = given.get("law", "zhou") == "zhou"
         settings = _heeded({"objective": "two-step"} if by_paper else {}, given)
-        return Job(paper_materials(), settings=settings, beside=True, given=given)
+        return Job(paper_materials(), settings=settings, given=given)
     from calibration.problem_file import read_problem
 
     problem = read_problem(arguments.file)
     first_lines(problem.implausible, arguments.quiet)
     settings = _heeded(problem.settings, given)
     own = (problem.datasets, problem.parameters, settings, arguments.file)
-    return Job(*own, beside=arguments.beside, given=given, problem=problem)
+    return Job(*own, given=given, problem=problem)
 
 
 def _heeded(of_file: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
@@ -187,7 +181,6 @@ def _fitted(job: Job, progress: Progress):
             settings.pop("law", None),
             [{**own, **options} for own in said],
             route=route,
-            beside=job.beside,
             progress=progress,
             **settings,
         )
@@ -307,7 +300,6 @@ def _command(job: Job, out: Path) -> str:
     parts = ["softjax", "fit", *([job.file] if job.file else [])]
     for name, value in job.given.items():
         parts += [_option(name), *([] if name in FLAGS else [str(value).replace(" ", "-")])]
-    parts += ["--beside"] * (job.beside and not job.embedded)
     parts += ["--posterior", str(job.draws)] * (job.draws is not None)
     return shell_line([*parts, "--out", str(out)])
 

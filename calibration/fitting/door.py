@@ -22,7 +22,7 @@ from calibration.fitting.material import MaterialFit
 from calibration.fitting.methods import OPTIMISERS
 from calibration.fitting.pooling import of_all as pooled_of
 from calibration.fitting.profiles import Profile
-from calibration.fitting.request import Request, as_flag, checked, datasets_of
+from calibration.fitting.request import Request, checked, datasets_of
 from calibration.fitting.request_json import law_name
 from calibration.fitting.result import FitResult
 from calibration.fitting.stages import Options, StageFit
@@ -48,7 +48,6 @@ def fit(
     unloading_line: str | None = "curves",
     confidence: float = 0.95,
     profiles: bool = True,
-    beside: bool = False,
     extra_scatter: bool = False,
     scale_uncertainty: bool = False,
     progress: Callable[[str, int, int], None] | None = None,
@@ -80,7 +79,6 @@ def fit(
             ("curves") or through the fitted χ̃ with their weights ("weighted"); None: not at all.
         confidence: of the intervals.
         profiles: whether to profile the likelihood where there is one.
-        beside: whether to repeat the fit by Levenberg–Marquardt through the energy balance.
         extra_scatter: whether scatter beside the stated uncertainties is estimated.
         scale_uncertainty: whether the stated uncertainties are right up to a factor only, which
             the residuals tell: errors are scaled by √(reduced χ²).
@@ -117,15 +115,15 @@ def fit(
         scale_uncertainty,
     )
     begun = time.perf_counter()
-    request, beside = checked(request), as_flag("beside", beside)
+    request = checked(request)
     with jax.enable_x64(True):
-        result = _fitted(request, beside)
+        result = _fitted(request)
     result.times["total"] = time.perf_counter() - begun
     silent = replace(request.options, progress=None)
     return replace(result, request=replace(request, options=silent))
 
 
-def _fitted(request: Request, beside: bool) -> FitResult:
+def _fitted(request: Request) -> FitResult:
     fits = []
     components = request.components()
     for k, component in enumerate(components):
@@ -133,7 +131,6 @@ def _fitted(request: Request, beside: bool) -> FitResult:
         fits.append(fit_component(component, request.options))
     request.options.tell("fit", len(components), len(components))
     line = fit_line(request, fits)
-    again = _beside(request, fits) if beside else None
     curves = _profiles(request, fits)
     doubts: list[Doubt] = []
     materials: dict[int, MaterialFit] = {}
@@ -164,7 +161,6 @@ def _fitted(request: Request, beside: bool) -> FitResult:
         likelihood=likelihood_of(fits),
         warnings=tuple(dict.fromkeys(doubts)),
         optimiser_report=tuple(s.report for s in _stages(fits, stage)),
-        beside=again,
         profiles={label: curve for own in curves for label, curve in own.items()},
         freedoms=tuple(_freedom(one) for one in fits),
         settings=_settings(request, fits),
@@ -215,35 +211,6 @@ def _freedom(fit: ComponentFit) -> Freedom:
     names = tuple(spec.data.name for spec in fit.component.specs)
     slope = fit.final.problem.transform.slope(fit.z)
     return Freedom.of(fit.uncertainty.parts, slope, labels, names)
-
-
-def _beside(request: Request, fits: list[ComponentFit]) -> dict[str, Any]:
-    """The same fit by Levenberg–Marquardt through the energy balance, with what differs."""
-    begun = time.perf_counter()
-    options = replace(request.options, optimiser="levenberg-marquardt", starts=1, progress=None)
-    other = replace(request, route=sj.EnergyBalance(), options=options)
-    again = other.fitted()
-    values: dict[str, float | None] = {}
-    differences: dict[str, float] = {}
-    for one, two in zip(fits, again, strict=True):
-        for element, first, second in zip(
-            one.component.elements, one.theta, two.theta, strict=True
-        ):
-            values[element.label] = float(second)
-            differences[element.label] = float(abs(second - first) / max(abs(first), 1e-300))
-    line = fit_line(other, again)
-    if line is not None:
-        values |= {"c1": line[0].c1.value, "c2": line[0].c2.value}
-    return {
-        "optimiser": OPTIMISERS["levenberg-marquardt"],
-        "route": "energy balance",
-        "values": values,
-        "relative_difference": differences,
-        "largest_difference": max(differences.values(), default=0.0),
-        "converged": all(one.converged for one in again),
-        "evaluations": sum(stage.report.evaluations for one in again for stage in one.stages),
-        "seconds": time.perf_counter() - begun,
-    }
 
 
 @cache

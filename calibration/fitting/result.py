@@ -46,7 +46,6 @@ class FitResult:
         likelihood: None where what was minimised is none, or the data have no noise.
         warnings: all doubts.
         optimiser_report: what each stage took.
-        beside: the same fit by Levenberg–Marquardt through the energy balance, if asked for.
         profiles: by parameter label.
         freedoms: how well the noise is known that the covariance comes from, of each component.
         pooled: mean and spread of parameters that are pooled, "chi" and "chi_spread"; the spread on
@@ -66,7 +65,6 @@ class FitResult:
     likelihood: Likelihood | None
     warnings: tuple[Doubt, ...]
     optimiser_report: tuple[Stage, ...]
-    beside: dict[str, Any] | None
     profiles: dict[str, Profile]
     freedoms: tuple[Freedom, ...]
     settings: dict[str, Any]

@@ -62,7 +62,6 @@ def result_to_dict(result: Any, times: bool = True) -> dict[str, Any]:
         "freedom": result.freedoms,
         "profiles": result.profiles,
         "optimiser_report": result.optimiser_report,
-        "beside": result.beside,
         "pooled": result.pooled,
         "request": request_to_dict(result.request),
     }
@@ -102,7 +101,7 @@ def _parts(table: Table, law: Any) -> dict[str, Any]:
     likelihood = table["likelihood"]
     datasets = tuple(data_from_dict(one["material"], one["data"]) for one in table["fits"])
     pairs = zip(table["fits"], datasets, strict=True)
-    same = ("rank", "condition_number", "beside", "settings", "versions")
+    same = ("rank", "condition_number", "settings", "versions")
     return {name: table[name] for name in same} | {
         "request": checked(
             request_from_dict(table["request"], datasets, _law(table["request"], law))

@@ -168,18 +168,6 @@ STAGE = table(
         "starts": COUNT,
     }
 )
-BESIDE = table(
-    {
-        "optimiser": text,
-        "route": text,
-        "seconds": NOT_NEGATIVE,
-        "largest_difference": MAYBE,
-        "relative_difference": every(MAYBE),
-        "evaluations": COUNT,
-        "values": every(MAYBE),
-        "converged": flag,
-    }
-)
 SAID = table(
     {
         "value": MAYBE,
@@ -243,7 +231,6 @@ RESULT: Kind = table(
         "profiles": every(PROFILE),
         "pooled": every(ESTIMATE),
         "optimiser_report": each(STAGE),
-        "beside": or_null(BESIDE),
         "request": REQUEST,
         "times": every(NOT_NEGATIVE),
     },

@@ -5,15 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 import softjax as sj
-from calibration.fitting.beside import (
-    disagreements,
-    eq_17_alone,
-    eq_17_of,
-    two_step_beside,
-)
 from calibration.fitting.component_fit import ComponentFit
 from calibration.fitting.derived import derived_of
 from calibration.fitting.doubt import Doubt
+from calibration.fitting.eq_17 import disagreements, eq_17_alone, eq_17_of
 from calibration.fitting.estimate import Estimate
 from calibration.fitting.goodness import goodness_of
 from calibration.fitting.material import MaterialFit
@@ -120,15 +115,12 @@ def _known(fit: ComponentFit, spec: SetSpec, g: int) -> tuple[float, float]:
 
 
 def _eq_17(fit: ComponentFit, spec: SetSpec, part: MaterialFit, g: int):
-    """Eq. (17) beside Zhou's law: its rms and coefficients, and doubts where objectives disagree."""
+    """Eq. (17) beside Zhou's law: its rms and coefficients, and whether `model` disagrees with `two-step`."""
     if spec.model.law_type is sj.EmpiricalRestitution:
         return part.rms, part.values, []
     if spec.model.law_type is not sj.Zhou:
         return None, None, []
     if spec.objective == "two-step":
-        return *eq_17_of(fit, g), []
-    two = two_step_beside(fit, spec)
-    if two is not None:
-        return *eq_17_of(two, 0), disagreements(two, part.parameters, part.derived)
+        return *eq_17_of(fit, g), disagreements(fit, g, {**part.derived, **part.parameters})
     alone = eq_17_alone(spec.data)
     return (None, None, []) if alone is None else (*eq_17_of(alone, 0), [])

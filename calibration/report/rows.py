@@ -46,7 +46,7 @@ def parameter_table(result: Any, printed: Printed | None = None) -> Table:
     header = ["material", "parameter", "value ± std. error"]
     header += [f"{100 * result.confidence:g} % interval", "kind"] * with_intervals
     first = len(header)
-    header += ["Table 1"] * (printed is not None) + ["LM: differs by"] * (result.beside is not None)
+    header += ["Table 1"] * (printed is not None)
     table = Table(header, [], right=tuple(range(first, len(header))))
     for fit in result.materials:
         own = (printed or {}).get(fit.name, {})
@@ -59,8 +59,6 @@ def parameter_table(result: Any, printed: Printed | None = None) -> Table:
                 row += [interval_text(estimate), _kind(result, estimate, label)]
             if printed is not None:
                 row.append(printed_text(own.get(name)))
-            if result.beside is not None:
-                row.append(difference_text(result, label, estimate))
             table.rows.append(row)
         for tree in fit.trees:
             told = f"{tree.size} numbers, told by the band of the curve"
@@ -207,15 +205,13 @@ def _of_stage(result: Any, stage: Any) -> str:
 
 def line_table(result: Any) -> Table:
     """Eq. (18)'s coefficients, through all curves and through the fitted χ̃."""
-    line, beside = result.unloading_line, result.beside is not None
+    line = result.unloading_line
     how = "through all curves" if line.method == "curves" else "through the fitted χ̃, weighted"
     header = ["Eq. (18), χ̃ = c1 + c2 E/Y", how, *["through the fitted χ̃"] * bool(line.through_chi)]
-    header += ["LM: differs by"] * beside
     table = Table(header, [])
     for name, estimate in (("c1", line.c1), ("c2", line.c2)):
         row = [name, estimate_text(estimate)]
         row += [estimate_text(line.through_chi[name])] if line.through_chi else []
-        row += [difference_text(result, name, estimate)] if beside else []
         table.rows.append(row)
     return table
 
@@ -239,14 +235,6 @@ def interval_text(estimate: Any) -> str:
 
 def printed_text(value: float | None) -> str:
     return "" if value is None else f"{value:.5g}"
-
-
-def difference_text(result: Any, label: str, estimate: Any) -> str:
-    """The second fit's value less the first's, relative."""
-    other = result.beside["values"].get(label)
-    if other is None or not estimate.value:
-        return ""
-    return f"{other / estimate.value - 1:.0e}".replace("0e+00", "0")
 
 
 def settings_line(result: Any) -> str:

@@ -28,7 +28,6 @@ def terminal_report(result: Any, printed: rows.Printed | None = None, intro: str
         _explained(rows.quality_words(result)),
         _line(result),
         _searches(result),
-        _beside(result),
         doubts(result),
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block)
@@ -70,16 +69,3 @@ def _line(result: Any) -> list[str]:
     if line is None:
         return []
     return _laid_out(rows.line_table(result)) + ["NOT CONVERGED"] * (not line.converged)
-
-
-def _beside(result: Any) -> list[str]:
-    other = result.beside
-    if other is None:
-        return []
-    own = sum(result.times.get(stage.label, 0.0) for stage in result.optimiser_report)
-    text = (
-        f"LM: the same fit by {other['optimiser']} through the {other['route']}, "
-        f"{number(other['seconds'], 2)} s against {number(own, 2)} s. Its values differ by "
-        f"{number(other['largest_difference'], 2)} of each at most."
-    )
-    return wrapped([text])

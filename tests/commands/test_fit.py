@@ -79,9 +79,6 @@ def test_the_table_stands_against_table_1_and_the_second_route(fits, main_job):
         assert printed in told
     tables = told.partition("\nWritten to")[0]  # a folder of any length
     assert max(map(len, tables.splitlines())) <= 100
-    assert "Levenberg–Marquardt through the energy balance" in told
-    assert fits["beside"]["largest_difference"] < 1e-6
-    assert fits["beside"]["values"]["chi[nylon]"] == pytest.approx(CHI["nylon"], rel=1e-4)
 
 
 def test_fit_json_says_how_it_was_made_and_loads_back(fits, main_job):

@@ -315,12 +315,6 @@ def test_the_command_line_wins_over_the_file_and_a_law_takes_its_own_options(tmp
     assert "form" not in of_another.settings
 
 
-def test_a_second_fit_beside_is_written_and_told(tmp_path):
-    result = fitted(tmp_path, ["--beside"], WB)
-    assert result.beside["values"]["growth"] == pytest.approx(result.values["growth"], rel=1e-6)
-    assert fitted(tmp_path, [], WB).beside is None
-
-
 SAID = {
     "a number": ("growth = 400", cal.Parameter(400.0, free=False)),
     "value": ("growth = { free = false, value = 400 }", cal.Parameter(400.0, free=False)),

@@ -50,9 +50,9 @@ def shown(folder: Path, *argv, quiet: bool = False) -> Shown:
 
 @pytest.fixture(scope="session")
 def alloy(tmp_path_factory):
-    """Walton and Braun's law fitted, with profiles and a second fit by another optimiser."""
+    """Walton and Braun's law fitted, with profiles."""
     folder = tmp_path_factory.mktemp("alloy")
-    return shown(folder, "fit", write(folder), "--law", "walton-braun", "--beside")
+    return shown(folder, "fit", write(folder), "--law", "walton-braun")
 
 
 @pytest.fixture(scope="session")

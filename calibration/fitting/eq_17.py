@@ -1,4 +1,4 @@
-"""The paper's procedure beside a fit by `model`: how well Eq. (17) fits, and whether they agree."""
+"""Eq. (17) beside Zhou's law: how well it fits, and whether `two-step` and `model` agree."""
 
 from dataclasses import replace
 
@@ -12,32 +12,11 @@ from calibration.fitting.derived import derived_of
 from calibration.fitting.doubt import Doubt
 from calibration.fitting.estimate import Estimate
 from calibration.fitting.intervals import estimate_of
-from calibration.fitting.specs import SetSpec, specs_of
+from calibration.fitting.specs import specs_of
 from calibration.fitting.stages import Options
 
 PLAIN = Options(optimiser="levenberg-marquardt", starts=4)
 NOISELESS = 1e-9  # rms of ε about Eq. (17) below which data are a curve and no measurement
-LOSSES = ("sigma", "psi", "eps_up")
-
-
-def two_step_beside(fit: ComponentFit, spec: SetSpec) -> ComponentFit | None:
-    """The same data by `two-step`; None where that procedure does not apply.
-
-    It applies to Zhou's law of one data set whose χ̃ is free, whose losses are plainly free, and
-    whose yield stays where it is.
-    """
-    if spec.model.key != "zhou" or len(fit.component.sets) > 1 or spec.objective != "model":
-        return None
-    free = {e.name for e in fit.component.elements}
-    if not free <= {"chi", *LOSSES} or spec.data.limit_velocity is None or len(spec.data) <= 3:
-        return None
-    if any(e.parameter.prior is not None for e in fit.component.elements):
-        return None
-    two = specs_of([spec.data], "zhou", dict(spec.model.options), "two-step")
-    names = [name for name in ("chi", "sigma", "psi") if name in free]
-    bound = [*names, "sigma"] if "eps_up" in free else names
-    component = assemble(two, fit.final.problem.route, bound)[0]
-    return fit_component(component, PLAIN)
 
 
 def eq_17_alone(data: RestitutionData) -> ComponentFit | None:
@@ -58,20 +37,28 @@ def eq_17_of(fit: ComponentFit, g: int) -> tuple[float, dict[str, float]]:
     return float(np.sqrt(np.mean(residual[problem.points.set == place] ** 2))), values
 
 
-def disagreements(
-    two: ComponentFit, parameters: dict[str, Estimate], derived: dict[str, Estimate]
-) -> list[Doubt]:
-    """Doubts where ε_up or χ̃ are apart by more than their errors, on data with noise."""
-    if eq_17_of(two, 0)[0] < NOISELESS:
+def disagreements(two: ComponentFit, g: int, parameters: dict[str, Estimate]) -> list[Doubt]:
+    """Doubts where a fit by `model` has another ε_up or χ̃, by more than their errors.
+
+    Args:
+        two: the fit by `two-step`, of data with noise; of a curve without any nothing is compared.
+        g: the data set.
+        parameters: what that fit found, derived numbers included.
+    """
+    component = two.component
+    free = {e.name: e.parameter.prior for e in component.elements}
+    plainly_free = set(free) == {"chi", "sigma", "psi"} and not any(free.values())
+    if len(component.sets) > 1 or not plainly_free or eq_17_of(two, g)[0] < NOISELESS:
         return []
-    spec = two.component.specs[0]
-    names = [e.name for e in two.component.elements]
-    others = {"chi": estimate_of(two, names.index("chi"), None, 0.95)}
-    others |= derived_of(two, spec, 0, 0.95)
-    own = {**derived, **parameters}
+    spec = component.specs[0]
+    own = specs_of([spec.data], "zhou", dict(spec.model.options), "model")
+    fit = fit_component(assemble(own, None)[0], PLAIN)
+    others = derived_of(fit, fit.component.specs[0], 0, 0.95)
+    for k, element in enumerate(fit.component.elements):
+        others[element.name] = estimate_of(fit, k, None, 0.95)
     found = []
     for name in ("eps_up", "chi"):
-        one, other = own.get(name), others.get(name)
+        one, other = others.get(name), parameters.get(name)
         if one is None or other is None:
             continue
         first, second = ((e.value, e.standard_error) for e in (one, other))
