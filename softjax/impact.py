@@ -74,7 +74,7 @@ def known_regime(law: ContactLaw, velocity, extremes: np.ndarray | None = None) 
     """
     if not isinstance(law, RateIndependentLaw) or np.size(velocity) == 0:
         return "mixed"
-    if law.is_elastic():
+    if law.never_yields:
         return "elastic"
     # what other processes hold this one does not know, and all must compile the same
     if any(is_traced(leaf) or is_elsewhere(leaf) for leaf in jax.tree.leaves((law, velocity))):

@@ -289,7 +289,7 @@ def _printed(job: Job) -> dict[str, dict[str, float]] | None:
     """Table 1, for the paper's materials."""
     if not job.embedded:
         return None
-    from softjax.paper import TABLE_1
+    from calibration.paper import TABLE_1
 
     names = ("chi", "sigma", "psi", "critical_velocity", "limit_velocity", "yield_ratio")
     return {entry.name: {name: getattr(entry, name) for name in names} for entry in TABLE_1}

@@ -16,9 +16,9 @@ from calibration.data.paper import CURVES, RADIUS, PaperCurve
 from calibration.errors import DataError, InputError, Origin, did_you_mean, listed, printable
 from calibration.fitting.collisions import ROUTES
 from calibration.fitting.known_laws import LAWS
+from calibration.paper import TABLE_1
 from calibration.parameters import Parameter
 from calibration.terminal import first_lines
-from softjax.paper import TABLE_1
 
 # What `softjax fit` finds for the paper's materials with its default settings. They go with
 # `area="zhou"` and `kappa="consistent"`.

@@ -8,9 +8,9 @@ import jax
 import numpy as np
 
 import softjax as sj
+from calibration import paper
 from calibration.fitting.curves import curve_and_slopes
 from calibration.plots import style
-from softjax import paper
 from softjax.laws.thornton import thornton_restitution
 
 # where a law has no rebound to show; its other flags qualify a value, these say there is none

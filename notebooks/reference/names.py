@@ -11,7 +11,7 @@ import pdoc
 from pdoc import doc, doc_ast, render
 
 LINK = re.compile(r'<a href="#([^"]+)">(.*?)</a>', re.S)
-MODULES = ("softjax", "softjax.paper", "calibration")
+MODULES = ("softjax", "calibration", "calibration.paper")
 
 
 @cache

@@ -12,10 +12,9 @@ Numbers, options and whole fields of a law are declared (`softjax.fields`): thei
 under tracing, and what a fit knows of them follow from that.
 """
 
-import math
 from abc import abstractmethod
 from collections.abc import Iterable
-from itertools import takewhile
+from functools import partial
 from typing import Any, ClassVar
 
 import equinox as eqx
@@ -53,15 +52,34 @@ __all__ = [
 ]
 
 
+FORCES = ("loading_force", "unloading_force")
+
+
 class ContactLaw(eqx.Module):
     """A contact law of two bodies, in SI units.
 
     Subclass `RateIndependentLaw`, `RateDependentLaw` or `HardSphereLaw`, not this. Whatever numbers
-    and options a law has are dataclass fields, best declared (`softjax.fields`).
+    and options a law has are dataclass fields, best declared (`softjax.fields`). The library's own
+    laws are final (`class Law(RateIndependentLaw, final=True)`): a subclass with another force
+    would inherit formulas that hold for the first one alone.
 
     Raises:
-        ValueError: naming the field, its value and what is accepted.
+        ValueError: naming the field, its value and what is accepted; or a final law that is
+            subclassed.
     """
+
+    _final: ClassVar[bool] = False
+
+    def __init_subclass__(cls, final: bool = False, **options):
+        super().__init_subclass__(**options)
+        for parent in cls.__bases__:
+            if getattr(parent, "_final", False):
+                base = next(k for k in parent.__mro__ if not getattr(k, "_final", False))
+                raise ArgumentError(
+                    f"`{cls.__name__}` must derive from {base.__name__}, but derives from "
+                    f"{parent.__name__}, which is final"
+                )
+        cls._final = final
 
     def __check_init__(self):
         check_fields(self)
@@ -95,18 +113,19 @@ class ForceLaw(ContactLaw):
         """The overlap [m] and velocity [m/s] in which the reduced law is written: Hertz's."""
         return hertz_scales(self.contact)
 
-    @abstractmethod
     def reduced(self) -> Any:
-        """The law in the units of `scales`."""
+        """The law in the units of `scales`; a law given by its forces is reduced impact by impact."""
+        name = type(self).__name__
+        raise ArgumentError(f"`{name}` is given by its forces: it has no reduced form of its own")
 
-    @abstractmethod
     def reduced_at(self, velocity: Array) -> Reduced:
         """Impacts at v > 0 [m/s] of a law that is given reduced."""
+        return lifted(self.reduced(), self.scales(), velocity)
 
     def impacts(self, velocity: Array) -> Reduced:
         """Impacts at v > 0 [m/s] as the routes take them."""
-        si = self._speaks_si()
-        return reduced_by_forces(self, velocity) if si else self.reduced_at(velocity)
+        reduced = self.reduced_at if self.is_reduced() else partial(reduced_by_forces, self)
+        return reduced(velocity)
 
     def force_scale(self, scales: Scales | None = None):
         """(5/4) M V²/L [N]."""
@@ -114,9 +133,19 @@ class ForceLaw(ContactLaw):
         return 1.25 * self.contact.mass * scales.velocity * quotient(*reversed(scales))
 
     @classmethod
-    @abstractmethod
-    def _speaks_si(cls) -> bool:
-        """Whether the law is given by its forces in newtons, and not reduced."""
+    def is_reduced(cls) -> bool:
+        """Whether the law is given in reduced form, and not by its forces in newtons."""
+        return cls.reduced is not ForceLaw.reduced
+
+    @classmethod
+    def _check_given_once(cls, base: type, *forces: str) -> None:
+        """Raise where a class gives both its reduced form and a force."""
+        given = [name for name in forces if getattr(cls, name) is not getattr(base, name)]
+        if cls.is_reduced() and given:
+            raise ArgumentError(
+                f"`{cls.__name__}` must define either reduced or its forces, but defines reduced "
+                f"and {' and '.join(given)}"
+            )
 
 
 class RateIndependentLaw(ForceLaw):
@@ -136,8 +165,6 @@ class RateIndependentLaw(ForceLaw):
 
     The contact ends at the last zero of the unloading force below its peak, or at zero overlap.
     Optional, and honoured by both routes: `breakpoints`, `elastic_overlap`, `residual_overlap`.
-    A subclass of a law that is given reduced, with another force, goes by its forces: it has no
-    elastic stage but the one that it tells.
 
     `jumps_at_yield` says whether ε jumps where an impact leaves the elastic stage. A search that
     moves what yield depends on then holds every impact on its branch during a step. `never_yields`
@@ -147,10 +174,13 @@ class RateIndependentLaw(ForceLaw):
     jumps_at_yield: ClassVar[bool] = False
     never_yields: ClassVar[bool] = False
 
+    def __init_subclass__(cls, **options):
+        super().__init_subclass__(**options)
+        cls._check_given_once(RateIndependentLaw, *FORCES)
+
     def __check_init__(self):
-        forces = ("loading_force", "unloading_force")
-        missing = [n for n in forces if getattr(type(self), n) is getattr(RateIndependentLaw, n)]
-        if not self._is_reduced() and missing:
+        missing = [n for n in FORCES if getattr(type(self), n) is getattr(RateIndependentLaw, n)]
+        if not self.is_reduced() and missing:
             raise ArgumentError(f"`{type(self).__name__}` must define {' and '.join(missing)}")
 
     def loading_force(self, overlap) -> Array:
@@ -172,14 +202,7 @@ class RateIndependentLaw(ForceLaw):
 
     def breakpoints(self) -> Iterable:
         """Overlaps [m] at which a force has a kink; each is one value, or one an impact."""
-        if not self._is_reduced():
-            return ()
-        # forces beside a reduced law are mostly made of its own
-        law, length = self.reduced(), self.scales().overlap
-        limit = law.elastic_limit
-        never_or_always = isinstance(limit, float | int) and limit in (0, math.inf)
-        kinks = law.breakpoints() if never_or_always else (limit, *law.breakpoints())
-        return tuple(length * x for x in kinks)
+        return ()
 
     def elastic_overlap(self) -> Array | float:
         """The overlap [m] up to which loading and unloading are Hertz's; infinite: always."""
@@ -192,46 +215,20 @@ class RateIndependentLaw(ForceLaw):
         """
         return None
 
-    def reduced(self) -> ReducedRateIndependent:
-        """The law in the units of `scales`; a law in SI is reduced impact by impact."""
-        name = type(self).__name__
-        raise ArgumentError(f"`{name}` is given by its forces: it has no reduced form of its own")
-
-    def reduced_at(self, velocity: Array) -> Reduced:
-        return lifted(self.reduced(), self.scales(), velocity)
-
     def elastic_velocity(self):
         """The impact velocity [m/s] up to which nothing yields; infinite or 0 for laws without."""
         scales, exponent = self.elastic_scales()
-        if self._speaks_si():
-            limit = jnp.asarray(asked(self, "elastic_overlap")) / scales.overlap
-        else:
+        if self.is_reduced():
             limit = self.reduced().elastic_limit
+        else:
+            limit = jnp.asarray(asked(self, "elastic_overlap")) / scales.overlap
         return scales.velocity * limit ** (exponent / 2)
 
     def elastic_scales(self) -> tuple[Scales, float]:
         """Units in which elastic impacts follow a power law with work (2/5) x^k, and k."""
-        if self._speaks_si():
-            return hertz_scales(self.contact), 2.5
-        return self.scales(), self.reduced().work_exponent
-
-    @classmethod
-    def is_elastic(cls) -> bool:
-        """Whether it `never_yields`; what a reduced law says of itself is of its own forces."""
-        if not cls._speaks_si():
-            return cls.never_yields
-        forces = takewhile(lambda kind: "reduced" not in vars(kind), cls.__mro__)
-        return next((vars(k)["never_yields"] for k in forces if "never_yields" in vars(k)), False)
-
-    @classmethod
-    def _speaks_si(cls) -> bool:
-        told = {"reduced", "loading_force", "unloading_force"}
-        latest = next(kind for kind in cls.__mro__ if told & vars(kind).keys())
-        return latest in _ABSTRACT or "reduced" not in vars(latest)
-
-    @classmethod
-    def _is_reduced(cls) -> bool:
-        return cls.reduced is not RateIndependentLaw.reduced
+        if self.is_reduced():
+            return self.scales(), self.reduced().work_exponent
+        return hertz_scales(self.contact), 2.5
 
 
 class RateDependentLaw(ForceLaw):
@@ -252,13 +249,20 @@ class RateDependentLaw(ForceLaw):
     `end`: "zero-overlap", or "zero-force", where damping cancels the elastic force (or the overlap
     vanishes first). The force at rest is what the bodies store, the rest is what they lose.
 
-    Where all of a collision is known, `closed_form` tells it, and is the default then. It belongs to
+    Where all of a collision is known, `closed_form` gives it, and is the default then. It belongs to
     the force beside which it is defined: a subclass with another force is integrated, unless it
-    tells another closed form too.
+    gives another closed form too.
     """
 
+    def __init_subclass__(cls, **options):
+        super().__init_subclass__(**options)
+        cls._check_given_once(RateDependentLaw, "force")
+        own = vars(cls)
+        if "closed_form" not in own and {"force", "reduced", "reduced_at"} & own.keys():
+            cls.closed_form = RateDependentLaw.closed_form
+
     def __check_init__(self):
-        if self._speaks_si():
+        if not self.is_reduced():
             name = type(self).__name__
             if type(self).force is RateDependentLaw.force:
                 raise ArgumentError(f"`{name}` must define force")
@@ -270,36 +274,18 @@ class RateDependentLaw(ForceLaw):
         x, u = jnp.asarray(overlap) / scales.overlap, jnp.asarray(velocity) / scales.velocity
         return self.force_scale() * self.reduced().force(x, u)
 
-    def reduced(self) -> ReducedRateDependent:
-        """The law in the units of `scales`; a law in SI is reduced impact by impact."""
-        name = type(self).__name__
-        raise ArgumentError(f"`{name}` is given by its force: it has no reduced form of its own")
-
-    def reduced_at(self, velocity: Array) -> Reduced:
-        return lifted(self.reduced(), self.scales(), velocity)
-
     def closed_form(self, velocity: Array) -> KnownCollision:
         """The collisions at v > 0 [m/s], where the law knows them."""
         raise NotImplementedError
 
     @classmethod
     def has_closed_form(cls) -> bool:
-        """Whether the law knows its collisions, and none of its subclasses has changed the force."""
-        defined = {"closed_form", "force", "reduced", "reduced_at"}
-        latest = next(kind for kind in cls.__mro__ if defined & vars(kind).keys())
-        return latest not in _ABSTRACT and "closed_form" in vars(latest)
-
-    @classmethod
-    def _speaks_si(cls) -> bool:
-        latest = next(kind for kind in cls.__mro__ if {"force", "reduced"} & vars(kind).keys())
-        return latest in _ABSTRACT or "force" in vars(latest)
+        """Whether the law knows its collisions."""
+        return cls.closed_form is not RateDependentLaw.closed_form
 
     @classmethod
     def default_route(cls) -> Route:
         return ClosedForm() if cls.has_closed_form() else ODE()
-
-
-_ABSTRACT = (ContactLaw, ForceLaw, RateIndependentLaw, RateDependentLaw)
 
 
 class HardSphereLaw(ContactLaw):

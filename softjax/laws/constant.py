@@ -9,7 +9,7 @@ from softjax.fields import Number, number_field
 from softjax.laws.base import HardSphereLaw
 
 
-class ConstantRestitution(HardSphereLaw):
+class ConstantRestitution(HardSphereLaw, final=True):
     """v' = -ε v with one ε for all velocities, Newton's rule: ε is an input.
 
     Hard spheres: no force, no overlap, no duration; `restitution` gives ε as it is and zero for

@@ -13,7 +13,7 @@ from softjax.fields import Number, number_field, numbers_of
 from softjax.laws.base import HardSphereLaw
 
 
-class EmpiricalRestitution(HardSphereLaw):
+class EmpiricalRestitution(HardSphereLaw, final=True):
     """ε = exp{-σ [v/(v_lim - v)]^ψ}: a curve through measurements, no law of a force.
 
     From 1 at rest to 0 at the limit velocity; no overlap, no duration, no history, no contact.

@@ -13,7 +13,7 @@ from softjax.contact import Contact
 from softjax.laws.base import RateIndependentLaw, ReducedClosedForm
 
 
-class Hertz(RateIndependentLaw):
+class Hertz(RateIndependentLaw, final=True):
     """Two elastic spheres: what is stored on loading comes back, ε = 1.
 
         P = k δ^{3/2},  k = 4/3 E √R,    δ_max = (5 M v²/(4k))^{2/5},    T = 2.943… δ_max/v

@@ -23,7 +23,7 @@ from softjax.laws.reduced import ENDS, End, Reduced, ReducedRateDependent
 from softjax.laws.units import hertz_motion, hertz_scales_at
 
 
-class HertzDashpot(RateDependentLaw):
+class HertzDashpot(RateDependentLaw, final=True):
     """Hertz's force beside a dashpot ∝ δ^{1/4}, set to a wanted ε: ε is an input.
 
         P = k δ^{3/2} + α √(M k) δ^{1/4} δ',    α = √5 (-ln ε)/√(π² + ln²ε)

@@ -23,7 +23,7 @@ Area = Literal["hertz", "contact"]
 AREAS = ("hertz", "contact")
 
 
-class Thornton(RateIndependentLaw):
+class Thornton(RateIndependentLaw, final=True):
     """Hertz's force up to yield, a straight line beyond, Hertz's with a larger radius back.
 
         loading, δ <= δ_y:  P = k δ^{3/2}
@@ -71,7 +71,7 @@ class Thornton(RateIndependentLaw):
 
     def elastic_velocity(self):
         """V_y [m/s]."""
-        return super().elastic_velocity() if self._speaks_si() else self.scales().velocity
+        return self.scales().velocity
 
     def reduced(self) -> "ReducedThornton":
         return ReducedThornton()

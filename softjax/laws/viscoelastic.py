@@ -20,7 +20,7 @@ from softjax.laws.reduced import End, Reduced, ReducedRateDependent
 from softjax.laws.units import Scales, hertz_motion, hertz_scales_at
 
 
-class ViscoelasticHertz(RateDependentLaw):
+class ViscoelasticHertz(RateDependentLaw, final=True):
     """Hertz's force of a material with viscosity: ε falls slowly with velocity from 1.
 
         P = k (δ^{3/2} + 3/2 A √δ δ')        until P = 0: viscous bodies do not attract

@@ -14,7 +14,7 @@ from softjax.fields import Number, number_field
 from softjax.laws.base import RateIndependentLaw, Reduced, ReducedClosedForm, Scales
 
 
-class WaltonBraun(RateIndependentLaw):
+class WaltonBraun(RateIndependentLaw, final=True):
     """A linear spring on loading, a stiffer one on unloading.
 
         loading:    P = k1 δ

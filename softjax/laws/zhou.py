@@ -24,7 +24,7 @@ from softjax.laws import _first_order, _full
 from softjax.laws.base import RateIndependentLaw, ReducedClosedForm, Scales
 
 
-class Zhou(RateIndependentLaw):
+class Zhou(RateIndependentLaw, final=True):
     """Elastic–plastic loading, plastic unloading and the losses of sound and heat, Zhou (2013).
 
     Loading is Hertz's until the peak pressure reaches Y; then a central region carries Y and the
@@ -68,7 +68,7 @@ class Zhou(RateIndependentLaw):
 
     def elastic_velocity(self):
         """v_cr [m/s], Eq. (5b)."""
-        return super().elastic_velocity() if self._speaks_si() else self.contact.critical_velocity
+        return self.contact.critical_velocity
 
     def plasticity(self):
         """d = 2κ/3 [-]."""
@@ -86,8 +86,6 @@ class Zhou(RateIndependentLaw):
     def total_restitution(self, plastic_squared, velocity, elastic) -> tuple[Array, Array]:
         """ε² by Eq. (16) above yield and Eq. (17) below, and whether v >= v_lim."""
         limit, critical = self.contact.limit_velocity, self.contact.critical_velocity
-        if self._speaks_si():  # a subclass by its forces, which need not be elastic below
-            critical = jnp.minimum(velocity, critical)
         # below yield Eq. (17) acts at v, above it at v_cr: one evaluation serves both
         at = jnp.where(elastic, velocity, critical)
         exponent = sound_and_heat_exponent(at, limit, self.sigma, self.psi)

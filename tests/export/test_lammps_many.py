@@ -19,6 +19,7 @@ from tests.export.lammps import (
     needs_lammps,
 )
 from tests.export.laws import DENSITY, PAIR, STEEL
+from tests.physics.own_laws import ThorntonSI
 
 pytestmark = needs_lammps
 long = pytest.mark.long
@@ -197,15 +198,12 @@ def test_a_periodic_box_of_less_than_two_diameters_is_refused(folder):
 
 @long
 def test_a_table_is_of_one_pair_of_sizes(tmp_path):
-    class Own(sj.Thornton):
-        pass
-
     options = {"velocity_range": (0.1, 5), "law": "itself", "steps": 100}
-    cal.export(Own(PAIR, 2.8), "lammps", tmp_path, **options)
+    cal.export(ThorntonSI(PAIR, 2.8), "lammps", tmp_path, **options)
     build(tmp_path)
     settings = [*LOAD, "timestep 1e-6"]
     (found,) = lammps(impact(1.0, settings, 300), tmp_path)
-    wanted = float(sj.restitution(Own(PAIR, 2.8), 1.0).coefficient)
+    wanted = float(sj.restitution(ThorntonSI(PAIR, 2.8), 1.0).coefficient)
     assert found[0] == pytest.approx(wanted, abs=1e-3)
     said = error_of(impact(1.0, [*settings, "set group all diameter 0.026"], 300), tmp_path)
     assert "a table for one pair of sizes" in said

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import softjax as sj
-from softjax import paper  # Table 1 and its misprints, as data
+from calibration import paper
 from tests.cases import FITTED, MATERIALS, pair
 from tests.oracles import zhou_mp
 

@@ -136,6 +136,37 @@ def test_the_same_by_time():
     assert "jnp.where" in refused("force", lambda x, u: math.exp(x), 1.0, sj.ODE())
 
 
+@pytest.mark.parametrize(
+    ("law", "base"),
+    [
+        (sj.Zhou, "RateIndependentLaw"),
+        (sj.Thornton, "RateIndependentLaw"),
+        (sj.WaltonBraun, "RateIndependentLaw"),
+        (sj.Hertz, "RateIndependentLaw"),
+        (sj.LinearSpringDashpot, "RateDependentLaw"),
+        (sj.HertzDashpot, "RateDependentLaw"),
+        (sj.ViscoelasticHertz, "RateDependentLaw"),
+        (sj.ConstantRestitution, "HardSphereLaw"),
+        (sj.EmpiricalRestitution, "HardSphereLaw"),
+    ],
+)
+def test_the_librarys_laws_are_final(law, base):
+    """Their formulas hold for their own forces alone."""
+    line = f"`Own` must derive from {base}, but derives from {law.__name__}, which is final"
+    with pytest.raises(ValueError, match=line):
+        type("Own", (law,), {})
+    assert type("Other", (getattr(sj, base),), {}).__name__ == "Other"
+
+
+@pytest.mark.parametrize("force", ["loading_force", "unloading_force", "force"])
+def test_a_law_is_given_once(force):
+    """By a reduced form or by forces: of two one would be left out in silence."""
+    base = sj.RateDependentLaw if force == "force" else sj.RateIndependentLaw
+    reduced = type("Reduced", (base,), {"reduced": lambda self: None})
+    with pytest.raises(ValueError, match=f"`Own` must define either reduced or .* and {force}"):
+        type("Own", (reduced,), {force: lambda self, *values: 0.0})
+
+
 class Stiffer(sj.RateIndependentLaw):
     """A spring k up to c = 50 µm, 9k from there on; `kinks` gives c in some form."""
 

@@ -28,7 +28,7 @@ LAYERS = [
     {"assembly"},
     {"batch"},
     {"restitution"},
-    {"history", "paper"},
+    {"history"},
 ]
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
 ROUTES = {
@@ -147,7 +147,7 @@ def test_softjax_knows_nothing_of_calibration():
 
 def test_calibration_uses_public_names_alone():
     for name, path in modules("calibration").items():
-        public = {"", "paper", "laws", "fields", "compiler"}
+        public = {"", "laws", "fields", "compiler"}
         used = {part(target) for target in imported(path, "softjax")}
         private = {t for t in used - public if f"{t}" in LEVEL}
         assert not private, f"calibration.{name} imports softjax.{private}"
@@ -192,7 +192,7 @@ def test_importing_changes_no_setting():
 FLOORS = [
     {"lazily", "errors", "rounding", "choices", "progress", "atomic"}
     | {"cache", "signals", "terminal"},
-    {"parameters", "data"},
+    {"parameters", "paper", "data"},
     {"problem_file", "fitting"},
     {"report"},
     {"curve", "studies"},

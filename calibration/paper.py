@@ -5,7 +5,7 @@ Y. H. Zhou, Theor. Appl. Mech. Lett. 3, 021003 (2013), as far as a scan of it ca
 
 from typing import NamedTuple
 
-from softjax.materials import CHROME_STEEL, NYLON, STAINLESS_STEEL, Material
+from softjax import CHROME_STEEL, NYLON, STAINLESS_STEEL, Material
 
 UNLOADING_LINE = (3.518e-3, 3.757e-4)
 """c1, c2 of Eq. (18), χ̃ = c1 + c2 E/Y; the exponent of c1 as Table 1's χ̃ need it (printed: 10³)."""
