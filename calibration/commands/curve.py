@@ -10,6 +10,9 @@ For a material of the paper (stainless-steel, chrome-steel, nylon: σ and ψ of 
     cut -d, -f1 shots.csv | softjax curve nylon --velocities -
     softjax curve nylon --law hertz-dashpot --set restitution=0.9
 
+At most a million rows; more are three lines of Python, `velocity = np.geomspace(0.1, 50, 10**7)`,
+`law = sj.Zhou(contact, chi, sigma, psi)`, `np.save("curve.npy", sj.restitution(law, velocity).coefficient)`.
+
 A table (--table) has more columns: ε_p, duration, largest overlap and peak force; two rows at first
 yield, where ε may jump, and where ε ends; and in its header how far linear interpolation is from the law. Where a fit
 knows nothing, cells are empty and rows of a table are left out.
@@ -17,18 +20,17 @@ knows nothing, cells are empty and rows of a table are left out.
 
 import argparse
 import sys
-from collections.abc import Iterator
-from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any
 
-from calibration.atomic import files_into
-from calibration.curve.options import add_route_arguments, add_source_arguments
+from calibration.atomic import files_into, write_text
+from calibration.commands.source_options import add_route_arguments, add_source_arguments
 from calibration.errors import DataError, InputError
 
 FORMATS = ("csv", "npy", "png", "table")
 FILES = {"csv": "curve.csv", "npy": "curve.npy", "png": "curve.png", "table": "curve.txt"}
 POINTS = 400
+DRAWN = 4096  # rows of a picture
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -54,92 +56,63 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     import softjax as sj
-    from calibration.curve.source import read_source, refusing, route_of
+    from calibration.commands.source import read_source, refusing, route_of
+    from calibration.curves import curve_of
 
     sj.enable_x64()
     with refusing("curve"):
         source, route = read_source(arguments), route_of(arguments)
-        velocities = _velocities(arguments, source)
+        velocity = _velocities(arguments, source)
         if source.result is not None and route is not None:
             raise DataError("--route", arguments.route, "left out with --fit")
-        seen = _write(arguments, source, velocities, route)
-    _tell(arguments, source, seen)
+        formats = set(arguments.format or ([] if arguments.table else ["csv", "png"]))
+        formats |= {"table"} if arguments.table else set()
+        if "table" in formats and arguments.velocities is None:
+            from calibration.lookup_table import with_knots
+
+            velocity = with_knots(source, velocity, route)
+        rows = curve_of(source, velocity, route)
+        if not rows.known.any():
+            problem = f"nothing is known of {source.name} at these velocities"
+            raise InputError(None, None, problem, f"a fit knows {_known(source)}")
+        with files_into(arguments.out, FILES.values()) as folder:
+            _write(folder, formats, source, rows, route)
+    _tell(arguments, source, rows)
     return 0
 
 
 def _velocities(arguments: argparse.Namespace, source: Any) -> Any:
-    from calibration.curve.velocities import Column, Grid
+    from calibration.curves import grid, read_velocities
 
-    grid = {n: getattr(arguments, n) for n in ("first", "last", "points", "spacing")}
+    given = {n: getattr(arguments, n) for n in ("first", "last", "points", "spacing")}
     if arguments.velocities is not None:
-        if any(value is not None for value in grid.values()):
+        if any(value is not None for value in given.values()):
             accepted = "left out with --from, --to, --points or --spacing"
             raise DataError("--velocities", arguments.velocities, accepted)
-        return Column(arguments.velocities)
-    first = source.span[0] if grid["first"] is None else grid["first"]
-    last = source.span[1] if grid["last"] is None else grid["last"]
-    points = POINTS if grid["points"] is None else grid["points"]
-    return Grid(first, last, points, grid["spacing"] or ("log" if first > 0 else "lin"))
+        return read_velocities(arguments.velocities)
+    first = source.span[0] if given["first"] is None else given["first"]
+    last = source.span[1] if given["last"] is None else given["last"]
+    return grid(
+        first, last, POINTS if given["points"] is None else given["points"], given["spacing"]
+    )
 
 
-def _write(arguments: argparse.Namespace, source: Any, velocities: Any, route: Any):
-    """All files at once, none of them where anything goes wrong; what was seen."""
-    from calibration.curve.stream import Span, Thinned, curve_rows
-    from calibration.progress import Progress
-
-    formats = _formats(arguments)
-    blocks = _blocks(velocities, source, route, "table" in formats)
-    seen, picture = Span(), Thinned()
-    with files_into(arguments.out, FILES.values()) as folder, Progress(arguments.quiet) as progress:
-        with ExitStack() as stack:
-            writers = [
-                stack.enter_context(closing(one))
-                for one in _writers(formats, folder, source, route)
-            ]
-            for rows in curve_rows(source, blocks, route):
-                for writer in writers:
-                    writer.write(rows)
-                seen.add(rows)
-                picture.add(rows)
-                progress("rows", seen.rows, velocities.points)
-        _finish(folder, formats, source, seen, picture)
-    return seen
-
-
-def _formats(arguments: argparse.Namespace) -> set[str]:
-    formats = set(arguments.format or ([] if arguments.table else ["csv", "png"]))
-    return formats | ({"table"} if arguments.table else set())
-
-
-def _finish(folder: Path, formats: set[str], source: Any, seen: Any, picture: Any) -> None:
-    """The picture, of curves of which anything is known."""
-    if not seen.known:
-        problem = f"nothing is known of {source.name} at these velocities"
-        raise InputError(None, None, problem, f"a fit knows {_known(source)}")
-    if "png" in formats:
-        _draw(folder / FILES["png"], picture.rows(), source)
-
-
-def _blocks(velocities: Any, source: Any, route: Any, for_a_table: bool) -> Any:
-    """The velocities of the options; for a table of a grid those at first yield and at ends of ε too."""
-    from calibration.curve.table import with_knots
-    from calibration.curve.velocities import Grid
-
-    if not for_a_table or not isinstance(velocities, Grid):
-        return velocities.blocks()
-    return with_knots(source, velocities.blocks(), (velocities.first, velocities.last), route)
-
-
-def _writers(formats: set[str], folder: Path, source: Any, route: Any) -> Iterator[Any]:
-    from calibration.curve.table import TableWriter
-    from calibration.curve.writers import CsvWriter, NpyWriter
-
+def _write(folder: Path, formats: set[str], source: Any, rows: Any, route: Any) -> None:
     if "csv" in formats:
-        yield CsvWriter(folder / FILES["csv"])
+        write_text(folder / FILES["csv"], rows.as_csv())
     if "npy" in formats:
-        yield NpyWriter(folder / FILES["npy"])
+        import numpy as np
+
+        np.save(folder / FILES["npy"], rows.as_array())
     if "table" in formats:
-        yield TableWriter(folder / FILES["table"], source, route)
+        from calibration.lookup_table import table_text
+
+        write_text(folder / FILES["table"], table_text(source, rows, route))
+    if "png" in formats:
+        import numpy as np
+
+        shown = rows.some(slice(None, None, -(-len(rows.velocity) // DRAWN)))
+        _draw(folder / FILES["png"], shown.some(np.argsort(shown.velocity, kind="stable")), source)
 
 
 def _draw(path: Path, rows: Any, source: Any) -> None:
@@ -163,13 +136,15 @@ def _known(source: Any) -> str:
     return f"the curve up to {fit.known_to:.4g} m/s"
 
 
-def _tell(arguments: argparse.Namespace, source: Any, seen: Any) -> None:
-    if seen.known < seen.rows:
-        text = f"of {seen.rows} velocities {seen.rows - seen.known} are left empty"
+def _tell(arguments: argparse.Namespace, source: Any, rows: Any) -> None:
+    count, missing = len(rows.velocity), int((~rows.known).sum())
+    if missing:
+        text = f"of {count} velocities {missing} are left empty"
         print(f"warning: not-known: {text}; the fit knows {_known(source)}", file=sys.stderr)
-    told = source.extrapolation(seen.ends)
-    if told is not None:
-        print(f"warning: {told}", file=sys.stderr)
+    beyond = source.extrapolation(rows.velocity)
+    if beyond is not None:
+        print(f"warning: {beyond}", file=sys.stderr)
     if not arguments.quiet:
+        low, high = rows.velocity.min(), rows.velocity.max()
         print(source.remark)
-        print(f"{seen.rows} velocities, {seen.low:.4g} to {seen.high:.4g} m/s: {arguments.out}")
+        print(f"{count} velocities, {low:.4g} to {high:.4g} m/s: {arguments.out}")

@@ -13,7 +13,7 @@ the code has keeps the tolerance, the best law is named and its error, and nothi
 
 import argparse
 
-from calibration.curve.options import add_source_arguments
+from calibration.commands.source_options import add_source_arguments
 
 CODES = ("c", "lammps", "liggghts", "yade")
 
@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
     import softjax as sj
 
     sj.enable_x64()
-    from calibration.curve.source import read_source, refusing
+    from calibration.commands.source import read_source, refusing
     from calibration.handover.door import export
 
     with refusing("export"):

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from calibration.atomic import write_text
-from calibration.curve.options import add_route_arguments, add_source_arguments
+from calibration.commands.source_options import add_route_arguments, add_source_arguments
 from calibration.errors import DataError
 
 STUDIES = ("local", "information", "design", "global")
@@ -85,7 +85,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     import softjax as sj
-    from calibration.curve.source import read_source, refusing, route_of
+    from calibration.commands.source import read_source, refusing, route_of
 
     sj.enable_x64()
     studies = STUDIES if arguments.study == "all" else (arguments.study,)

@@ -22,7 +22,7 @@ def plot_restitution(
     """ε over v; gaps where the law has no rebound; where a fit knows nothing is grey.
 
     Args:
-        rows: a curve, `calibration.curve.stream.Rows` by ascending velocity.
+        rows: a curve, `calibration.curves.Rows` by ascending velocity.
         label: what it is a curve of.
         ax: where to draw; a new figure's where None.
         yields_at: a velocity [m/s], marked where it lies inside.

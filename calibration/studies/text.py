@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from calibration import terminal
-from calibration.curve.writers import status_names
+from calibration.curves import status_names
 from calibration.data.points import STANDARD_GRAVITY
 from calibration.errors import listed
 from calibration.fitting.doubt import Doubt

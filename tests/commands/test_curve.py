@@ -420,6 +420,7 @@ REFUSED = [
     (["nylon", "--from", "-1"], "--from|-1"),
     (["nylon", "--from", "0", "--spacing", "log"], "--from|above 0"),
     (["nylon", "--points", "0"], "--points|1 or more"),
+    (["nylon", "--points", "1000001"], "--points|1000000 rows|softjax.restitution"),
     (["nylon", "--to", "inf"], "--to|inf"),
     (["nylon", "--velocities", "none.csv"], "none.csv|no such file"),
     (["nylon", "--velocities", "-", "--points", "3"], "--velocities"),

@@ -195,7 +195,7 @@ FLOORS = [
     {"parameters", "paper", "data"},
     {"problem_file", "fitting"},
     {"report"},
-    {"curve", "studies"},
+    {"curves", "lookup_table", "studies"},
     {"plots"},
     {"commands", "speed", "handover"},
     {"cli", "__main__"},

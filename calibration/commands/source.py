@@ -4,14 +4,14 @@ import argparse
 import dataclasses
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 import softjax as sj
 from calibration.choices import OPTIONS
-from calibration.curve.options import COEFFICIENTS, VARIANTS
+from calibration.commands.source_options import COEFFICIENTS, VARIANTS
+from calibration.curves import Source
 from calibration.data.paper import CURVES, RADIUS, PaperCurve
 from calibration.errors import DataError, InputError, Origin, did_you_mean, listed, printable
 from calibration.fitting.collisions import ROUTES
@@ -25,47 +25,6 @@ from calibration.terminal import first_lines
 FITTED_CHI = {"stainless steel": 1.7944, "chrome steel": 0.09867, "nylon": 0.21998}
 DECADES_BELOW_YIELD = 0.1  # where a grid starts unless told, in critical velocities
 FAR_ABOVE_YIELD = 100.0  # and where it ends if nothing else says so
-WIDEST = (1.234e-100, 1.234e-100)  # m/s: no velocity takes more letters
-
-
-@dataclass(frozen=True)
-class Source:
-    """A law with what is known of where it came from.
-
-    Attributes:
-        name: of the material.
-        law: the contact law.
-        span: (lowest, highest) velocity [m/s] of a curve unless told otherwise.
-        properties: those of the bodies by name; None where only the contact is known.
-        bodies: "spheres", "unlike spheres" or "wall": how `properties` are to be read.
-        result: the fit; None without one.
-        draws: of the fit's posterior; None without.
-        remark: a line on where its numbers come from.
-    """
-
-    name: str
-    law: sj.ContactLaw
-    span: tuple[float, float]
-    properties: dict[str, float] | None = None
-    bodies: str = "spheres"
-    result: Any = None
-    draws: Any = None
-    remark: str = ""
-
-    def extrapolation(self, ends: tuple[float, float]) -> str | None:
-        """A line where velocities from `ends` go beyond the data of a fit; else None."""
-        doubt = None if self.result is None else self.result.extrapolation(ends, self.name)
-        return None if doubt is None else self.extrapolation_text(ends)
-
-    def extrapolation_text(self, ends: tuple[float, float]) -> str:
-        """From where to where curve and data go."""
-        velocity = self.result.material(self.name).data.velocity
-        curve, data = (
-            f"{np.min(v):.4g} to {np.max(v):.4g} m/s"
-            for v in (np.array(ends), np.asarray(velocity))
-        )
-        name = printable(self.name)
-        return f"extrapolation: the curve goes from {curve}, the data of {name} from {data}"
 
 
 def read_source(arguments: argparse.Namespace) -> Source:
