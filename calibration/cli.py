@@ -1,9 +1,9 @@
-"""The command `softjax`: finds the subcommand, tells refusals in one line, gives the exit code.
+"""The command `softjax`: finds the subcommand, prints refusals in one line, gives the exit code.
 
     0   done
     1   a fit did not converge; its results are written, and marked
     2   unusable input: one line on standard error, nothing written
-    3   results could not be written, or not told; what could be is
+    3   results could not be written, or not printed; what could be is
     70  an error of softjax itself: its trace on standard error
 
 An interrupt gives 130, SIGTERM 143, SIGHUP 129.
@@ -12,24 +12,27 @@ Nothing heavy is imported before a subcommand runs, so that `softjax --help` ans
 
 import argparse
 import errno
+import hashlib
 import importlib
 import logging
 import os
+import platform
 import sys
 import traceback
+import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from calibration import atomic, progress, signals, terminal
-from calibration.cache import keep_compilations, remove_torn
+from calibration import console, output
 from calibration.commands import COMMANDS
 from calibration.errors import DataError, InputError, NotWritten, did_you_mean, listed, printable
 
-DONE, NOT_CONVERGED, UNUSABLE, NOT_WRITTEN, INTERNAL, INTERRUPTED = 0, 1, 2, 3, 70, 130
+DONE, UNUSABLE, NOT_WRITTEN, INTERNAL, INTERRUPTED = 0, 2, 3, 70, 130
 # of a stream that is closed, or full
 STREAM = {errno.EBADF, errno.EIO, errno.EFBIG, errno.ENOSPC, errno.EDQUOT}
 COMMON = {"out": Path("results"), "quiet": False, "cache": True}
+CACHE_SIZE = 256 * 1024**2  # bytes; beyond, JAX removes what was used longest ago
 CODES = """exit codes:
   0  done
   1  a fit did not converge; its results are written, and marked
@@ -39,11 +42,15 @@ CODES = """exit codes:
 
 
 class Parser(argparse.ArgumentParser):
-    """Says in one line what is wrong, without the whole usage before it."""
+    """Say in one line what is wrong, with the nearest option, without the whole usage before it."""
 
     def error(self, message: str):
         line = " ".join(message.split())
-        self.exit(UNUSABLE, f"{self.prog}: {line}; {self.prog} --help lists what is accepted\n")
+        unknown = line.partition("unrecognized arguments: ")[2].partition("=")[0].partition(" ")[0]
+        near = did_you_mean(unknown, self._option_string_actions) if unknown[:2] == "--" else ""
+        self.exit(
+            UNUSABLE, f"{self.prog}: {line}{near}; {self.prog} --help lists what is accepted\n"
+        )
 
     def print_help(self, file=None) -> None:
         print(self.format_help(), end="", file=file or sys.stdout)  # argparse's own hides failures
@@ -61,127 +68,96 @@ class Version(argparse.Action):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command line; returns the exit code."""
-    terminal.prepare()
-    atomic.written.clear()
+    console.open_streams()
+    output.written.clear()
     try:
-        with signals.heard():
+        with console.signals_handled():
             return _run(sys.argv[1:] if argv is None else argv)
     except (InputError, DataError) as error:
-        return _tell(str(error), UNUSABLE)
+        return _ended(str(error), UNUSABLE)
     except KeyboardInterrupt as stop:
-        return _tell(f"softjax: {_left_behind()}", getattr(stop, "code", INTERRUPTED))
+        places = sorted(str(place) for place in output.written)
+        done = f"after its results were written to {listed(places)}" if places else ""
+        return _ended(
+            f"softjax: interrupted{' ' if done else ', '}{done or 'nothing written'}",
+            getattr(stop, "code", INTERRUPTED),
+        )
     except BrokenPipeError:  # `softjax fit | head`
-        terminal.silence(sys.stdout)
+        console.silence(sys.stdout)
         return DONE
     except Exception as error:
         return _failed(error)
     finally:
-        remove_torn()
-        progress.erase_sign()
+        console.show_sign()
 
 
 def _run(argv: Sequence[str]) -> int:
     try:
-        name, arguments = _parse(argv)
-        progress.first_sign(f"softjax {name}: loading", arguments.quiet)
+        name, command, arguments = _parsed(argv)
+        if not arguments.quiet:
+            console.show_sign(f"softjax {name}: loading")
         # a fit's matrices are small: threads of the linear algebra would wait for each other
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)  # of its own cache
         if arguments.cache:
             keep_compilations()
-        code = _command(name).run(arguments)
-        if not arguments.quiet:
-            _name_older(name, arguments.out)
+        code = command.run(arguments)
+        for place, older in output.written.items():
+            if older and not arguments.quiet:
+                line = f"softjax {name}: not written by this run, in {place}: {listed(older)}"
+                print(printable(line), file=sys.stderr)
         return code
     finally:
-        if sys.stdout is not None:  # what a buffer holds is not told yet
+        if sys.stdout is not None:  # what a buffer holds is not printed yet
             sys.stdout.flush()
-
-
-def _name_older(command: str, out: Path) -> None:
-    """One line for files among the results that this run did not write, one for unfinished ones."""
-    lines = [
-        f"not written by this run, in {place}: {', '.join(names)}"
-        for place, names in atomic.written.items()
-        if names
-    ]
-    left = atomic.unfinished(out) if atomic.written else []
-    if left:
-        lines.append(f"of a command that was killed, or is still at work: {', '.join(left)}")
-    for line in lines:
-        print(printable(f"softjax {command}: {line}"), file=sys.stderr)
 
 
 def _failed(error: Exception) -> int:
     """What cannot be written, and what is refused, in a line; any other error with its trace."""
     if isinstance(error, NotWritten):
-        terminal.silence(sys.stdout)
-        return _tell(f"softjax: {error}", NOT_WRITTEN)
+        console.silence(sys.stdout)
+        return _ended(f"softjax: {error}", NOT_WRITTEN)
     if isinstance(error, OSError) and error.filename is None and error.errno in STREAM:
-        terminal.silence(sys.stdout)
-        return _tell(
-            f"softjax: standard output could not be written to ({error.strerror})", NOT_WRITTEN
-        )
+        console.silence(sys.stdout)
+        line = f"softjax: standard output could not be written to ({error.strerror})"
+        return _ended(line, NOT_WRITTEN)
     if "softjax" in sys.modules and isinstance(error, sys.modules["softjax"].ArgumentError):
-        return _tell(str(error), UNUSABLE)
-    progress.erase_sign()
+        return _ended(str(error), UNUSABLE)
+    console.show_sign()
     with suppress(OSError):
         traceback.print_exception(error)
-    return _tell(
-        "softjax: an error of softjax itself, please report it with the lines above", INTERNAL
-    )
+    line = "softjax: an error of softjax itself, please report it with the lines above"
+    return _ended(line, INTERNAL)
 
 
-def _left_behind() -> str:
-    """What a command that was stopped has done."""
-    places = sorted(printable(str(place)) for place in atomic.written if place.exists())
-    if not places:
-        return "interrupted, nothing written"
-    return f"interrupted after its results were written to {listed(places)}"
+def _ended(line: str, code: int) -> int:
+    """The exit code, after one line on standard error, where there is one."""
+    console.show_sign()
+    with suppress(OSError):
+        print(printable(" ".join(line.split())), file=sys.stderr, flush=True)
+    return code
 
 
-def common_options(parser: argparse.ArgumentParser) -> None:
-    """`--out` and `--quiet`, which may stand before or behind the command."""
-    group = parser.add_argument_group("common options")
-    group.add_argument(
-        "--out",
-        type=Path,
-        metavar="DIR",
-        default=argparse.SUPPRESS,
-        help="where results are written (default: results)",
-    )
-    group.add_argument(
-        "--quiet",
-        action="store_true",
-        default=argparse.SUPPRESS,
-        help="no progress bar, no table: errors only",
-    )
-    group.add_argument(
-        "--no-cache",
-        dest="cache",
-        action="store_false",
-        default=argparse.SUPPRESS,
-        help="compile everything anew, and keep nothing of it for the next command",
-    )
-
-
-def _parse(argv: Sequence[str]) -> tuple[str, argparse.Namespace]:
-    """The command's name, and its options with those that stood before it."""
+def _parsed(argv: Sequence[str]):
+    """The command's name, its module, and its options with those that stood before it."""
     top = _top_parser()
     before = top.parse_args(argv)
     if before.command not in COMMANDS:
         near = did_you_mean(before.command, COMMANDS)
         top.error(f"unknown command {before.command!r}{near}: {listed(COMMANDS)}")
-    parser = Parser(prog=f"softjax {before.command}", allow_abbrev=False)
-    command = _command(before.command)
-    parser.description = command.__doc__
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.epilog = CODES
+    command = importlib.import_module(f"calibration.commands.{before.command}")
+    parser = Parser(
+        prog=f"softjax {before.command}",
+        allow_abbrev=False,
+        description=command.__doc__,
+        epilog=CODES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     command.add_arguments(parser)
     common_options(parser)
     own = vars(parser.parse_args(before.rest))
     given = {key: value for key, value in vars(before).items() if key in COMMON}
-    return before.command, argparse.Namespace(**(COMMON | given | own))
+    return before.command, command, argparse.Namespace(**(COMMON | given | own))
 
 
 def _top_parser() -> Parser:
@@ -193,7 +169,7 @@ def _top_parser() -> Parser:
         usage="softjax COMMAND [options]",
         description="Soft-sphere collisions after Zhou (2013), calibrated from rebounds.",
         epilog="\n".join(
-            ["commands:", *lines, "", CODES, "", "softjax COMMAND --help tells the options."]
+            ["commands:", *lines, "", CODES, "", "softjax COMMAND --help lists the options."]
         ),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -204,13 +180,59 @@ def _top_parser() -> Parser:
     return parser
 
 
-def _command(name: str):
-    return importlib.import_module(f"calibration.commands.{name}")
+def common_options(parser: argparse.ArgumentParser) -> None:
+    """`--out`, `--quiet` and `--no-cache`, before or behind the command."""
+    group = parser.add_argument_group("common options", argument_default=argparse.SUPPRESS)
+    text = "where results are written (default: results)"
+    group.add_argument("--out", type=Path, metavar="DIR", help=text)
+    text = "no progress bar, no table: errors only"
+    group.add_argument("--quiet", action="store_true", help=text)
+    text = "compile everything anew, and keep nothing of it for the next command"
+    group.add_argument("--no-cache", dest="cache", action="store_false", help=text)
 
 
-def _tell(line: str, code: int) -> int:
-    """One line on standard error, where there is one."""
-    progress.erase_sign()
-    with suppress(OSError):
-        print(printable(" ".join(line.split())), file=sys.stderr, flush=True)
-    return code
+def keep_compilations() -> None:
+    """Let JAX keep what it compiles, in its own bounded cache in the user's folder.
+
+    A folder for each kind of processor: a home that the machines of a cluster share must never hand
+    one of them another's code. Where the user has set a place, or no folder can be made, nothing
+    changes.
+    """
+    if os.environ.get("JAX_COMPILATION_CACHE_DIR"):
+        return
+    try:
+        processor = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
+        kinds = ("model name", "flags", "Features", "CPU part", "CPU implementer")
+        lines = [
+            line for line in processor.partition("\n\n")[0].splitlines() if line.startswith(kinds)
+        ]
+    except OSError:
+        lines = [platform.processor()]
+    kind = hashlib.sha256("\n".join([platform.machine(), *lines]).encode()).hexdigest()
+    try:
+        folder = _cache_home() / "softjax" / kind[:16]
+        folder.mkdir(parents=True, exist_ok=True)
+        for entry in folder.glob("*-cache"):  # JAX stops at one that a kill cut short
+            if not entry.with_name(entry.name.removesuffix("cache") + "atime").exists():
+                entry.unlink(missing_ok=True)
+    except (OSError, RuntimeError):  # no room, no rights, no home
+        return
+    if not os.access(folder, os.W_OK):
+        return
+    import jax
+
+    jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update("jax_compilation_cache_max_size", CACHE_SIZE)
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+    # entries that cannot be read are compiled again, which is no matter of the user's
+    warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache")
+
+
+def _cache_home() -> Path:
+    """Where the system keeps what can be made again."""
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Caches"
+    if sys.platform == "win32":
+        return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")

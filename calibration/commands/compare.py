@@ -16,10 +16,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from calibration.atomic import check_writable, files_into, or_told, write_text
 from calibration.choices import CHOICES, LAWS, OPTIONS
+from calibration.console import print_first
 from calibration.errors import DataError, did_you_mean, listed
-from calibration.terminal import first_lines
+from calibration.output import check_writable, files_into, or_printed, write_text
 
 FILES = {"figure2": "figure2.png", "linear_spring": "linear_spring.png"}
 WRITTEN = ("compare.json", "compare.png", *FILES.values())
@@ -56,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Fit, write, print; 0, or 1 where a law's fit did not converge."""
     import softjax as sj
-    from calibration.progress import Progress
+    from calibration.console import Progress
 
     laws = _laws(arguments)
     wanted = [name for name in FILES if getattr(arguments, name)]
@@ -101,7 +101,7 @@ def _job(arguments: argparse.Namespace, laws: list[str] | None) -> Job:
     from calibration.problem_file import read_problem
 
     problem = read_problem(arguments.file)
-    first_lines(problem.implausible, arguments.quiet)
+    print_first(problem.implausible, arguments.quiet)
     told = {name: problem.settings[name] for name in OPTIONS if name in problem.settings}
     return Job(problem.datasets, laws, told | options, _unused(problem))
 
@@ -139,7 +139,7 @@ def _compare(job: Job, arguments: argparse.Namespace, progress: Any) -> int:
     extra = tuple(FILES) if arguments.file is None else ()
     settings = {"file": arguments.file, "laws": job.laws, "options": job.options}
     told = [] if arguments.quiet else [comparison_text(comparisons, job.remarks, "compare.json")]
-    with or_told(told), files_into(arguments.out, WRITTEN) as folder:
+    with or_printed(told), files_into(arguments.out, WRITTEN) as folder:
         write_text(folder / "compare.json", comparison_json(comparisons, settings))
         save(comparison_figure(comparisons), folder / "compare.png")
         ended = _draw(folder, extra, progress)

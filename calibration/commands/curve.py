@@ -23,9 +23,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from calibration.atomic import files_into, write_text
 from calibration.commands.source_options import add_route_arguments, add_source_arguments
 from calibration.errors import DataError, InputError
+from calibration.output import files_into, write_text
 
 FORMATS = ("csv", "npy", "png", "table")
 FILES = {"csv": "curve.csv", "npy": "curve.npy", "png": "curve.png", "table": "curve.txt"}

@@ -13,9 +13,10 @@ import time
 from functools import partial
 from importlib import metadata
 
-from calibration.cache import PACKAGES, cache_folder
-
-BESIDE = ("optax", "optimistix", "numpy", "scipy", "matplotlib")
+PACKAGES = (
+    *("softjax-contact", "jax", "jaxlib", "diffrax", "equinox", "optax", "optimistix"),
+    *("numpy", "scipy", "matplotlib", "rich"),
+)
 LARGEST = {"energy balance": 1e-13, "its slopes": 1e-9, "time integration": 1e-8}
 
 
@@ -42,7 +43,7 @@ def surroundings(with_cache: bool = True) -> dict[str, str]:
     """Versions, machine and settings, as text."""
     import jax
 
-    versions = {name: metadata.version(name) for name in (*PACKAGES, *BESIDE)}
+    versions = {name: metadata.version(name) for name in PACKAGES}
     devices = ", ".join(f"{one.platform}:{one.id} {one.device_kind}" for one in jax.devices())
     kept = jax.config.jax_compilation_cache_dir if with_cache else None
     return versions | {
@@ -50,7 +51,7 @@ def surroundings(with_cache: bool = True) -> dict[str, str]:
         "system": f"{platform.system()} {platform.release()}, {platform.machine()}",
         "devices": devices,
         "float64": "on" if jax.config.jax_enable_x64 else "off",
-        "compiled programs": f"kept in {kept}" if kept else f"not kept ({cache_folder()})",
+        "compiled programs": f"kept in {kept}" if kept else "not kept",
     }
 
 

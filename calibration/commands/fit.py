@@ -8,17 +8,17 @@ profiles.png and correlation.png.
 """
 
 import argparse
+import shlex
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from calibration.atomic import check_writable, files_into, or_told, write_text
 from calibration.choices import CHOICES, COUNTS, NUMBERS, OPTIONS, idle
-from calibration.errors import DataError, InputError
-from calibration.progress import Progress
-from calibration.terminal import first_lines, shell_line
+from calibration.console import Progress, print_first
+from calibration.errors import DataError, InputError, printable
+from calibration.output import check_writable, files_into, or_printed, write_text
 
 WORDS = ("law", "objective", "optimiser", "route", "loss", *OPTIONS, "unloading_line")
 FLAGS = {"profiles": "--no-profiles"}  # what a flag sets, where it is not its own name
@@ -120,7 +120,7 @@ def run(arguments: argparse.Namespace) -> int:
         result = _fitted(job, progress)
         draws = _sampled(result, job, progress)
         told = [] if arguments.quiet else [_told(result, job, draws)]
-        with or_told(told):
+        with or_printed(told):
             written = _write(result, job, arguments.out, progress, draws)
     if told:
         print(f"{told[0]}\n\nWritten to {arguments.out}: {', '.join(written)}")
@@ -145,7 +145,7 @@ def _job(arguments: argparse.Namespace) -> Job:
     from calibration.problem_file import read_problem
 
     problem = read_problem(arguments.file)
-    first_lines(problem.implausible, arguments.quiet)
+    print_first(problem.implausible, arguments.quiet)
     settings = _heeded(problem.settings, given)
     own = (problem.datasets, problem.parameters, settings, arguments.file)
     return Job(*own, given=given, problem=problem)
@@ -301,7 +301,7 @@ def _command(job: Job, out: Path) -> str:
     for name, value in job.given.items():
         parts += [_option(name), *([] if name in FLAGS else [str(value).replace(" ", "-")])]
     parts += ["--posterior", str(job.draws)] * (job.draws is not None)
-    return shell_line([*parts, "--out", str(out)])
+    return printable(shlex.join([*parts, "--out", str(out)]))
 
 
 def _number(name: str):

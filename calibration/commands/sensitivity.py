@@ -21,9 +21,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from calibration.atomic import write_text
 from calibration.commands.source_options import add_route_arguments, add_source_arguments
 from calibration.errors import DataError
+from calibration.output import write_text
 
 STUDIES = ("local", "information", "design", "global")
 FILES = (
@@ -144,15 +144,15 @@ class _Job:
 
     def run(self, studies: tuple[str, ...]) -> str:
         """Run them, write all files at once, and return what to print."""
-        from calibration.atomic import files_into, or_told
+        from calibration.console import Progress
         from calibration.data.json_file import dumps
-        from calibration.progress import Progress
+        from calibration.output import files_into, or_printed
         from calibration.studies.text import doubts_text
 
         arguments, source = self.arguments, self.source
         results: dict[str, Any] = {"material": source.name, "source": source.remark}
         with (
-            or_told([] if arguments.quiet else self.told),
+            or_printed([] if arguments.quiet else self.told),
             files_into(arguments.out, FILES) as folder,
             Progress(arguments.quiet) as progress,
         ):

@@ -11,6 +11,7 @@ import numpy as np
 import softjax as sj
 from calibration.choices import OPTIONS
 from calibration.commands.source_options import COEFFICIENTS, VARIANTS
+from calibration.console import print_first
 from calibration.curves import Source
 from calibration.data.paper import CURVES, RADIUS, PaperCurve
 from calibration.errors import DataError, InputError, Origin, did_you_mean, listed, printable
@@ -18,7 +19,6 @@ from calibration.fitting.collisions import ROUTES
 from calibration.fitting.known_laws import LAWS
 from calibration.paper import TABLE_1
 from calibration.parameters import Parameter
-from calibration.terminal import first_lines
 
 # What `softjax fit` finds for the paper's materials with its default settings. They go with
 # `area="zhou"` and `kappa="consistent"`.
@@ -123,7 +123,7 @@ def _of_file(arguments: argparse.Namespace) -> Source:
     if entry.contact is None:
         problem = f"{entry.name!r} has no elastic properties"
         raise entry.table.refusal(None, problem, "a law needs youngs_modulus and the others")
-    first_lines(entry.implausible, arguments.quiet)
+    print_first(entry.implausible, arguments.quiet)
     contact = entry.contact
     if arguments.area is not None:
         contact = sj.Contact(**contact.leaves(), area=arguments.area)

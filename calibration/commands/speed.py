@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     import softjax as sj
-    from calibration.atomic import check_writable, files_into, or_told, write_text
+    from calibration.output import check_writable, files_into, or_printed, write_text
 
     if arguments.fits:
         report = _report(arguments)
@@ -42,7 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
     from calibration.speed.table import as_csv, as_text
 
     told = [] if arguments.quiet else [as_text(rows)]
-    with or_told(told), files_into(arguments.out) as folder:
+    with or_printed(told), files_into(arguments.out) as folder:
         write_text(folder / "speed.csv", as_csv(rows))
         figure = draw_speed(rows, law=arguments.law).get_figure(root=True)
         assert figure is not None
@@ -67,7 +67,7 @@ def _report(arguments: argparse.Namespace) -> str:
 
 
 def _measure_all(arguments):
-    from calibration.progress import Progress
+    from calibration.console import Progress
     from calibration.speed.measure import measure
 
     scene, ways = _scene_and_ways(arguments.law, arguments.quick)

@@ -8,7 +8,6 @@ from typing import Any
 import jax
 import numpy as np
 
-from calibration.atomic import replacing, write_text
 from calibration.data.checks import check_whole, checked_confidence
 from calibration.data.json_file import dumps
 from calibration.errors import DataError
@@ -27,6 +26,7 @@ from calibration.fitting.result_json import read_result, result_to_dict
 from calibration.fitting.result_text import fit_text
 from calibration.fitting.stages import Stage
 from calibration.fitting.zhou import LINE
+from calibration.output import replacing, write_text
 
 KINDS = ("mean", "prediction")
 

@@ -7,7 +7,6 @@ from typing import Any
 import jax
 
 import softjax as sj
-from calibration.atomic import check_writable, files_into, write_text
 from calibration.data.json_file import dumps
 from calibration.errors import DataError, listed
 from calibration.fitting.material import MaterialFit
@@ -18,6 +17,7 @@ from calibration.handover.choice import HEADER, Order, choose
 from calibration.handover.exported import Draft, Export, notes_of
 from calibration.handover.picture import draw_export
 from calibration.handover.wanted import wanted_of
+from calibration.output import check_writable, files_into, write_text
 from calibration.plots import style
 
 CODES: dict[str, Any] = {"c": c, "lammps": lammps, "liggghts": liggghts, "yade": yade}

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from calibration.console import wrapped
 from calibration.data.json_file import dumps
 from calibration.errors import printable
 from calibration.fitting.doubt import OTHER_LAWS
@@ -10,7 +11,6 @@ from calibration.report import symbols
 from calibration.report.rows import estimate_text
 from calibration.report.tables import aligned
 from calibration.rounding import ABSENT, number
-from calibration.terminal import wrapped
 
 WHOLE = 1000  # scores from here on are told in whole numbers
 HEADER = ("law", "elpd", "behind", "weight", "left out", "rms", "AIC", "BIC", "k")

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from calibration.console import wrapped
 from calibration.fitting.posterior.diagnostics import FOLLOWS, Summary, doubts_of, summaries
 from calibration.fitting.posterior.inference_data import dataset_of
 from calibration.report import symbols
@@ -10,7 +11,6 @@ from calibration.report.markdown import doubt_item
 from calibration.report.rows import Table
 from calibration.report.tables import aligned, escaped, markdown
 from calibration.rounding import interval, number, with_error
-from calibration.terminal import wrapped
 
 TOLD = 0.3  # of the prior's width, up to which the data tell a parameter
 

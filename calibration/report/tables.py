@@ -5,7 +5,7 @@ import re
 import unicodedata
 from collections.abc import Iterable, Sequence
 
-from calibration import terminal
+from calibration import console
 from calibration.errors import printable
 
 Row = Sequence[str]
@@ -18,14 +18,14 @@ CODE = re.compile(r"(`(?:softjax )?[\w-]+`)")
 def aligned(header: Row, rows: Iterable[Row], right: Sequence[int] = ()) -> list[str]:
     """Lines of columns two spaces apart; columns named in `right` end on a common edge.
 
-    In the terminal's letters; one cell a line where it is narrower than the table.
+    One cell a line where the terminal is narrower than the table.
     """
-    table = [[terminal.letters(printable(cell)) for cell in row] for row in (header, *rows)]
+    table = [[printable(cell) for cell in row] for row in (header, *rows)]
     widths = [max(map(width, column)) for column in zip(*table, strict=True)]
     lines = ["  ".join(map(_padded, row, widths, _ends(right, widths))) for row in table]
-    if (terminal.columns() or math.inf) < max(map(width, lines)):
+    if (console.columns() or math.inf) < max(map(width, lines)):
         return _one_below_the_other(table)
-    rule = "  ".join(terminal.letters("─") * w for w in widths)
+    rule = "  ".join("─" * w for w in widths)
     return [lines[0].rstrip(), rule, *(line.rstrip() for line in lines[1:])]
 
 

@@ -3,10 +3,10 @@
 from collections.abc import Iterable
 from typing import Any
 
+from calibration.console import wrapped
 from calibration.report import rows
 from calibration.report.tables import aligned
 from calibration.rounding import number
-from calibration.terminal import wrapped
 
 MOST_SEARCHES = 12  # that are told one by one
 

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from calibration import terminal
+from calibration import console
 from calibration.curves import status_names
 from calibration.data.points import STANDARD_GRAVITY
 from calibration.errors import listed
@@ -80,12 +80,12 @@ def design_csv(found: Design) -> str:
 def doubts_text(doubts: Sequence[Doubt]) -> str:
     """What is doubted of the fit that a plan starts from."""
     head = "The plan trusts this fit, of which is doubted:"
-    return "\n".join([head, *terminal.wrapped(map(str, doubts), "  ! ", "    ")])
+    return "\n".join([head, *console.wrapped(map(str, doubts), "  ! ", "    ")])
 
 
 def wrapped(text: str) -> str:
     """Each line as wide as the terminal."""
-    return "\n".join(terminal.wrapped(text.splitlines()))
+    return "\n".join(console.wrapped(text.splitlines()))
 
 
 def _table(

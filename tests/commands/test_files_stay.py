@@ -98,12 +98,3 @@ def test_what_this_run_did_not_write_is_named(name, alloy, tmp_path):
     words = [str(alloy) if word == "ALLOY" else word for word in COMMANDS[name][0]]
     assert run(*words, "--out", tmp_path)[2] == f"softjax {line}\n"
     assert run(*words, "--out", tmp_path, "--quiet")[2] == ""
-
-
-def test_what_a_killed_command_left_is_named_and_stays(tmp_path):
-    (tmp_path / UNFINISHED).mkdir()
-    place, out = tmp_path / UNFINISHED, tmp_path / "results"
-    words = COMMANDS["curve"][0]
-    line = f"softjax curve: of a command that was killed, or is still at work: {place}\n"
-    assert run(*words, "--out", out)[2] == line
-    assert place.is_dir()

@@ -8,7 +8,7 @@ Prints how many break each rule of `boxes.count`, by form, area and κ. Exits 1 
 import argparse
 import sys
 
-from tqdm import tqdm
+from rich.progress import track
 
 import softjax as sj
 from tests.physics import boxes
@@ -24,7 +24,7 @@ def run(samples: int, seed: int) -> dict[str, dict[str, int]]:
     for choice in boxes.CHOICES:
         name = f"{choice.form}, {choice.area}, {choice.kappa}"
         total = totals.setdefault(name, {"impacts": 0})
-        for k in tqdm(range(chunks), desc=name, disable=not sys.stderr.isatty()):
+        for k in track(range(chunks), name, disable=not sys.stderr.isatty()):
             total["impacts"] += CHUNK
             for rule, broken in count(boxes.sample(seed + k, CHUNK, choice), choice).items():
                 total[rule] = total.get(rule, 0) + broken

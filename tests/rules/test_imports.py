@@ -11,7 +11,7 @@ import pytest
 import calibration as cal
 
 ROOT = Path(__file__).parents[2]
-HEAVY = ("diffrax", "optimistix", "optax", "lineax", "scipy", "matplotlib", "tqdm")
+HEAVY = ("diffrax", "optimistix", "optax", "lineax", "scipy", "matplotlib", "rich")
 
 # softjax in layers: a module imports from earlier layers, or from its own where that says so
 LAYERS = [
@@ -190,8 +190,7 @@ def test_importing_changes_no_setting():
 
 # calibration in floors: a module imports from lower ones, or from its own; also inside functions
 FLOORS = [
-    {"lazily", "errors", "rounding", "choices", "progress", "atomic"}
-    | {"cache", "signals", "terminal"},
+    {"lazily", "errors", "rounding", "choices", "output", "console"},
     {"parameters", "paper", "data"},
     {"problem_file", "fitting"},
     {"report"},

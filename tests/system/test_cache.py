@@ -4,7 +4,6 @@ import os
 import platform
 import subprocess
 import sys
-import time
 from importlib import metadata
 
 import jax
@@ -53,42 +52,17 @@ def test_programs_are_kept_unless_not_wanted(tmp_path):
 
 
 @linux
-@pytest.mark.parametrize("kind", ["cut by a kill", "damaged"])
-def test_an_entry_that_is_not_whole_is_written_again(kind, tmp_path):
-    """Left alone it would be compiled anew for ever: JAX writes none that is there.
-
-    A kill in the middle of writing leaves no note of the time of use; without a note JAX would keep
-    nothing any more.
-    """
+def test_an_entry_that_a_kill_cut_short_is_written_again(tmp_path):
+    """It has no note of the time of use, without which JAX would keep nothing any more."""
     first = command(tmp_path, *WORDS)
     whole = contents(tmp_path)
     for path, data in whole.items():
         path.write_bytes(data[: len(data) // 2])
-        if kind == "cut by a kill":
-            path.with_name(path.name.replace("-cache", "-atime")).unlink()
+        path.with_name(path.name.replace("-cache", "-atime")).unlink()
     assert command(tmp_path, *WORDS) == first
-    if kind == "damaged":  # found by the command that reads it
-        assert programs(tmp_path) == set()
-        assert command(tmp_path, *WORDS) == first
     again = contents(tmp_path)
     assert again.keys() == whole.keys()
     assert all(len(again[path]) > 0.9 * len(whole[path]) for path in whole)
-    command(tmp_path, *WORDS)
-    assert contents(tmp_path) == again
-
-
-@linux
-def test_folders_that_nobody_uses_go(tmp_path):
-    """Of this program alone: other names are not its own."""
-    home = tmp_path / "softjax"
-    for name, age in (("0123456789abcdef", 61), ("f" * 16, 59), ("somebody's", 1000)):
-        (home / name).mkdir(parents=True)
-        (home / name / "x-cache").write_text("")
-        os.utime(home / name, (time.time() - 86_400 * age,) * 2)
-    command(tmp_path, *WORDS)
-    left = {path.name for path in home.iterdir()}
-    assert {"f" * 16, "somebody's"} < left
-    assert "0123456789abcdef" not in left
 
 
 def test_who_has_a_cache_keeps_it(tmp_path):
@@ -125,7 +99,7 @@ def test_doctor_tells_versions_and_checks_itself():
     assert told["softjax-contact"] == metadata.version("softjax-contact")
     assert told["Python"].split()[0] == platform.python_version()
     assert told["float64"] == "on"
-    assert told["compiled programs"].startswith("not kept")
+    assert told["compiled programs"] == "not kept"
     assert "self-check passed" in out
     for name, most in MOST.items():
         found, allowed = (float(part.split()[-1]) for part in told[name].split(","))

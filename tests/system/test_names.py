@@ -27,7 +27,7 @@ MATERIAL = '[[material]]\nname = {}\nmaterial = "nylon"\nradius = 0.01\ndata = "
 POINTS = (
     "velocity,restitution,uncertainty\n0.5,0.81,0.01\n1.0,0.79,0.01\n2.0,0.8,0.01\n4.0,0.82,0.01\n"
 )
-FOLDER = "it's `a` $(b) ü\x1b[2J \udcfc"
+FOLDER = "it's `a` $(b) ü"
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 
 import softjax as sj
-from calibration.atomic import replacing
 from calibration.errors import InputError
 from calibration.fitting.posterior.coordinates import Scaling
 from calibration.fitting.posterior.density import Density
@@ -17,6 +16,7 @@ from calibration.fitting.posterior.extra import needed
 from calibration.fitting.posterior.nuts import Chain
 from calibration.fitting.traceable import Traceable
 from calibration.fitting.zhou import eps_up_of
+from calibration.output import replacing
 
 AT_ONCE = 256  # draws that are carried over to measurements side by side
 UNITS = {"timing": "s"}

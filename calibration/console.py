@@ -1,0 +1,203 @@
+"""The terminal of a command: streams, running text, progress and signals."""
+
+import io
+import os
+import shutil
+import signal
+import sys
+import textwrap
+import threading
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from typing import Any, TextIO
+
+WIDTH = 100  # of running text, on wider terminals too
+SIGNALS = [
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+]
+_sign = ""  # of life, while it is shown
+
+
+def open_streams() -> None:
+    """Make the three standard streams usable: letters that one lacks become "?".
+
+    A stream that was closed (`2>&-`) becomes the null device, or a file of results would take its
+    number. Writing to a closed standard output stays an error, as something was asked for.
+    """
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_WRONLY if number == 2 else os.O_RDONLY)  # the lowest free one
+            if getattr(sys, name) is None:
+                mode = "w" if number else "r"
+                setattr(sys, name, open(number, mode, encoding="utf-8", closefd=False))  # noqa: SIM115
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
+
+
+def silence(stream: TextIO | None) -> None:
+    """Discard what a stream that failed still holds."""
+    with suppress(OSError, ValueError, AttributeError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, stream.fileno())  # type: ignore[union-attr]
+        os.close(nowhere)
+
+
+def print_first(lines: Iterable[str], quiet: bool) -> None:
+    """Print what comes before anything else; of a quiet command on standard error."""
+    for line in lines:
+        print(line, file=sys.stderr if quiet else sys.stdout, flush=True)
+
+
+def columns() -> int | None:
+    """Width of the terminal; None where standard output is none, and lines may be long."""
+    if sys.stdout is None or not sys.stdout.isatty():
+        return None
+    return shutil.get_terminal_size((WIDTH, 24)).columns
+
+
+def wrapped(paragraphs: Iterable[str], first: str = "", rest: str = "") -> list[str]:
+    """Paragraphs as lines that fit the terminal, the first of each and the rest behind a margin."""
+    width = max(20, min(WIDTH, columns() or WIDTH))
+    wrapper = textwrap.TextWrapper(width, initial_indent=first, subsequent_indent=rest)
+    return [line for text in paragraphs for line in wrapper.wrap(text)]
+
+
+def show_sign(text: str = "") -> None:
+    """Show a sign of life before anything is loaded, on a terminal; without a text clear it."""
+    global _sign
+    text, _sign = f"{text:<{len(_sign)}}", "" if _is_dumb() else text
+    with suppress(OSError):
+        if text and _is_terminal():
+            print(text, end="\n" if _is_dumb() else "\r", file=sys.stderr, flush=True)
+
+
+class Progress:
+    """Show `progress(stage, done, total)` on standard error: a bar on a terminal, else a line a stage.
+
+        with Progress() as progress:
+            cal.fit(data, progress=progress)
+
+    Args:
+        quiet: show nothing.
+        lines: show the lines in a pipe or a notebook too; commands leave pipes alone.
+    """
+
+    def __init__(self, quiet: bool = False, lines: bool = False):
+        self._shown = not quiet and (lines or _is_terminal())
+        self._stage: str | None = None
+        self._bar: Any = None
+
+    def __call__(self, stage: str, done: int, total: int | None) -> None:
+        if not self._shown:
+            return
+        with suppress(OSError):  # a terminal that was closed
+            if stage != self._stage:
+                self.close()
+                self._stage = stage
+                self._begin(stage)
+            if self._bar is not None:
+                self._bar.update(self._bar.task_ids[0], completed=done, total=total)
+
+    def over(self, items: Iterable, stage: str, total: int | None = None) -> Iterator:
+        """The same items, counted while they are gone through."""
+        done = 0
+        self(stage, done, total)
+        for done, item in enumerate(items, 1):
+            yield item
+            self(stage, done, total)
+
+    def close(self) -> None:
+        """Clear the bar."""
+        if self._bar is not None:
+            with suppress(OSError):
+                self._bar.stop()
+        self._stage = self._bar = None
+
+    def _begin(self, stage: str) -> None:
+        if not _is_terminal() or _is_dumb():
+            print(f"{stage} ...", file=sys.stderr, flush=True)
+            return
+        from rich.console import Console
+        from rich.progress import Progress as Bars
+
+        show_sign()
+        streams: dict[str, Any] = {"redirect_stdout": False, "redirect_stderr": False}
+        self._bar = Bars(console=Console(file=sys.stderr), transient=True, **streams)
+        self._bar.add_task(stage, total=None)
+        self._bar.start()
+
+    def __enter__(self) -> "Progress":
+        return self
+
+    def __exit__(self, *_) -> None:
+        self.close()
+        show_sign()
+
+
+def _is_terminal() -> bool:
+    return sys.stderr is not None and not sys.stderr.closed and sys.stderr.isatty()
+
+
+def _is_dumb() -> bool:
+    """Whether what was shown on a line of the terminal stays there."""
+    return os.environ.get("TERM") == "dumb"
+
+
+class Stopped(KeyboardInterrupt):
+    """A signal ended the command; `code` is the exit code that a shell expects then."""
+
+    def __init__(self, number: int):
+        super().__init__(number)
+        self.number, self.code = number, 128 + number
+
+
+@contextmanager
+def signals_handled() -> Iterator[None]:
+    """Handle SIGTERM and SIGHUP like Ctrl-C: raise `Stopped`; what is ignored stays so (nohup)."""
+
+    def stop(number: int, frame: object) -> None:
+        raise Stopped(number)
+
+    def lost(unraisable: Any) -> None:
+        """Raise once more, soon, what a callback of the garbage collector swallowed."""
+        if isinstance(unraisable.exc_value, Stopped):
+            again = threading.Timer(0.01, signal.raise_signal, (unraisable.exc_value.number,))
+            again.daemon = True
+            again.start()
+        else:
+            hook(unraisable)
+
+    hook, sys.unraisablehook = sys.unraisablehook, lost
+    try:
+        with _handlers(stop):
+            yield
+    finally:
+        sys.unraisablehook = hook
+
+
+@contextmanager
+def signals_deferred() -> Iterator[None]:
+    """Let signals wait until this block has ended: what is begun in it is done whole."""
+    came: list[int] = []
+    with _handlers(lambda number, frame: came.append(number)):
+        yield
+    for number in came[:1]:
+        signal.raise_signal(number)
+
+
+@contextmanager
+def _handlers(handler: Any) -> Iterator[None]:
+    """Another handler of these signals, where they are not ignored and this is the main thread."""
+    before = {}
+    with suppress(ValueError):  # another thread
+        for number in SIGNALS:
+            if signal.getsignal(number) not in (signal.SIG_IGN, None):
+                before[number] = signal.signal(number, handler)
+    try:
+        yield
+    finally:
+        for number, earlier in before.items():
+            signal.signal(number, earlier)

@@ -1,0 +1,147 @@
+"""Write the files of a command whole or not at all: beside their place, then renamed into it.
+
+SECURITY
+
+What is read: the files that are named, and the data files that a material file names. A data file
+may lie anywhere, so a material file from somebody else can have any CSV of yours read; where it lies
+outside its folder nothing of its text is repeated. Each must be a regular file (velocities may come
+from a pipe) of a size that is bounded before it is read: 2 MiB of TOML, nested 50 deep; 64 MiB of
+CSV; 24 MiB of fit.json, whose layout is checked value by value (`calibration.fitting.result_schema`).
+
+What is written: the files of a command, into `--out`, and what JAX compiled, into the user's cache
+folder. Files are made in a folder `.softjax-unfinished-*` beside `--out` and moved when all are
+there. No command removes a file that it did not write itself: files of an earlier run that are not
+written again stay, and are named. Nothing is sent anywhere.
+
+What is never executed: anything from a file. TOML, CSV and JSON hold numbers and text; no pickle, no
+`eval`, no import by name (a law of one's own is handed to `FitResult.load`, which a file cannot do).
+Names are text: control characters are written as their codes, signs of Markdown as entities, and
+what would end a comment in a particle code's input or source is taken apart. The cache of compiled
+programs is the exception to mind: who can write into it can run code as you.
+"""
+
+import os
+import tempfile
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from calibration.console import signals_deferred
+from calibration.errors import InputError, NotWritten
+
+UNFINISHED = ".softjax-unfinished-"
+# directories that this command wrote to, each with the files there that look like results of this
+# command but were not written by it
+written: dict[Path, list[str]] = {}
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write text as UTF-8; bytes of a path that are not UTF-8 become their codes."""
+    path.write_text(text, encoding="utf-8", errors="backslashreplace", newline="\n")
+
+
+@contextmanager
+def replacing(path: str | Path) -> Iterator[Path]:
+    """A path to write one file to; it becomes `path` when the block ends without an error."""
+    path = Path(path)
+    with files_into(path.parent) as staged:
+        yield staged / path.name
+
+
+@contextmanager
+def files_into(directory: str | Path, names: Iterable[str] = ()) -> Iterator[Path]:
+    """A directory to write files to; all of them move into `directory` when the block ends.
+
+    Where the block raises nothing moves, and `directory` is not made if it was not there.
+
+    Args:
+        directory: where the files belong.
+        names: of all files that the command may write; those of `directory` that the block did not
+            write stay, and are listed in `written`.
+
+    Raises:
+        InputError: where `directory` cannot be one.
+        NotWritten: an OSError, where the system does not let files be written.
+    """
+    directory = Path(directory)
+    check_writable(directory)
+    target = Path(os.path.realpath(directory))
+    there = _nearest_existing(target)
+    missing = target.relative_to(there)
+    try:
+        # on the same file system as the target, or renaming would be copying
+        with tempfile.TemporaryDirectory(prefix=UNFINISHED, dir=there) as folder:
+            staged = Path(folder) / missing
+            staged.mkdir(parents=True, exist_ok=True)
+            yield staged
+            new = sorted(path.name for path in staged.iterdir())
+            with signals_deferred():  # old files or new ones, not some of both
+                if target.exists():
+                    _replace(staged, target, new)
+                else:
+                    os.rename(Path(folder, missing.parts[0]), there / missing.parts[0])
+            older = [name for name in names if (target / name).exists() and name not in new]
+            written[directory] = older
+    except OSError as error:
+        if error.filename is not None and not _concerns(error.filename, target):
+            raise
+        raise NotWritten(directory, error) from error
+
+
+@contextmanager
+def or_printed(paragraphs: Sequence[str]) -> Iterator[None]:
+    """Print the results where they cannot be written: what was computed is not lost."""
+    try:
+        yield
+    except NotWritten:
+        if paragraphs:
+            print("\n\n".join(paragraphs))
+        raise
+
+
+def check_writable(directory: str | Path) -> None:
+    """Refuse early what could not be written in the end.
+
+    Raises:
+        InputError: where `directory` is a file, below one, or a link to nothing.
+        NotWritten: an OSError, where it is no name of a directory or not to be written to.
+    """
+    directory = Path(directory)
+    try:
+        there = _nearest_existing(directory)
+        accepted = "results need a directory to go to"
+        if there.is_symlink() and not there.exists():
+            problem = f"{str(there)!r} is a link to {str(there.readlink())!r}, which is not there"
+            raise InputError(None, None, problem, accepted)
+        if not there.is_dir():
+            raise InputError(None, None, f"{str(there)!r} is a file", accepted)
+    except OSError as error:  # a name that is too long
+        raise NotWritten(directory, error) from None
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise NotWritten(there, "no permission")
+
+
+def _replace(staged: Path, target: Path, names: Sequence[str]) -> None:
+    for name in names:  # a rename onto a directory would fail halfway
+        if (target / name).is_dir():
+            problem = f"{str(target / name)!r} is a directory"
+            raise InputError(None, None, problem, "it must be a file, or not be there")
+    for name in names:
+        os.replace(staged / name, target / name)
+
+
+def _concerns(name: str | bytes, directory: Path) -> bool:
+    """Whether a file is one to be written, or above: an error on any other is no want of space or rights."""
+    place = Path(os.fsdecode(name)).absolute()
+    above = directory.is_relative_to(place) or place.is_relative_to(directory)
+    return above or any(part.startswith(UNFINISHED) for part in place.parts)
+
+
+def _nearest_existing(directory: Path) -> Path:
+    for path in (directory, *directory.absolute().parents):
+        try:
+            path.lstat()
+        except (FileNotFoundError, NotADirectoryError):
+            continue
+        return path
+    raise AssertionError("the root exists")
