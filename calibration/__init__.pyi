@@ -23,6 +23,7 @@ from calibration.fitting.stages import Stage as Stage
 from calibration.fitting.traceable import problem as problem
 from calibration.handover.door import export as export
 from calibration.handover.exported import Export as Export
+from calibration.options import FitOptions as FitOptions
 from calibration.parameters import Parameter as Parameter
 from calibration.problem_file import read_problem as read_problem
 from calibration.studies.compare import Comparison as Comparison

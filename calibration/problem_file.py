@@ -3,15 +3,24 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-from calibration.choices import CHOICES, COUNTS, FORMER, NUMBERS, idle
+from pydantic import ValidationError
+
 from calibration.data.toml_file import MaterialFile, read_materials
 from calibration.data.toml_table import TomlTable
 from calibration.errors import DataError, Origin
+from calibration.options import FitOptions
 from calibration.parameters import Parameter
+from calibration.schema import faults
 
 KEYS = ("free", "value", "bounds", "prior", "transform", "shared")
+
+
+class FileOptions(FitOptions):
+    """The `[fit]` table: the settings of a fit, and the contact area of all its materials."""
+
+    area: Literal["zhou", "hertz"] | None = None
 
 
 @dataclass(frozen=True)
@@ -67,25 +76,13 @@ def read_settings(table: TomlTable | None) -> dict[str, Any]:
     """
     if table is None:
         return {}
-    table.allow([*CHOICES, *COUNTS, *NUMBERS])
-    values = {key: _setting(table, key) for key in table.values}
-    for key, accepted in idle(values).items():
-        raise table.refusal(key, f"{key} would do nothing", accepted)
-    return values
-
-
-def _setting(table: TomlTable, key: str) -> Any:
-    value = table.values[key]
-    if key == "objective" and isinstance(value, str) and value in FORMER:
-        problem = f'objective is "{value}", which is a law'
-        raise table.refusal(key, problem, f'write law = "{FORMER[value]}"')
-    if key in CHOICES:
-        return table.choice(key, CHOICES[key])
-    if key in NUMBERS:
-        return table.number(key, *NUMBERS[key])
-    if not isinstance(value, int) or isinstance(value, bool) or value < COUNTS[key]:
-        raise table.wrong(key, f"a whole number of {COUNTS[key]} or more")
-    return value
+    table.allow(FileOptions.model_fields)
+    try:
+        options = FileOptions(**table.values)
+    except ValidationError as error:
+        fault = next(faults(error, FileOptions))
+        raise table.placed(fault, fault.argument) from None
+    return {name: getattr(options, name) for name in table.values}
 
 
 def _read(table: TomlTable | None) -> dict[str, Parameter]:

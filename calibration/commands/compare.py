@@ -16,15 +16,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from calibration.choices import CHOICES, LAWS, OPTIONS
 from calibration.console import print_first
 from calibration.errors import DataError, did_you_mean, listed
+from calibration.options import LAW_OPTIONS, LAWS, add_options
 from calibration.output import check_writable, files_into, or_printed, write_text
 
 FILES = {"figure2": "figure2.png", "linear_spring": "linear_spring.png"}
 WRITTEN = ("compare.json", "compare.png", *FILES.values())
 NAMES = (*LAWS, "thornton-fixed")
-HEEDED = (*OPTIONS, "area")  # of a file's settings; the rest is for `softjax fit`
+HEEDED = (*LAW_OPTIONS, "area")  # of a file's settings; the rest is for `softjax fit`
 
 
 @dataclass(frozen=True)
@@ -44,9 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--law", action="append", default=[], metavar="A", help="one of them; may be repeated"
     )
-    for name, laws in OPTIONS.items():
-        whose = "Zhou's law" if "zhou" in laws else "the dashpot laws' contact"
-        parser.add_argument(f"--{name}", choices=CHOICES[name], help=f"of {whose}")
+    add_options(parser, LAW_OPTIONS)
     parser.add_argument("--figure2", action="store_true", help="only Fig. 2 of the paper again")
     parser.add_argument(
         "--linear-spring", action="store_true", help="only the case against the linear spring"
@@ -86,13 +84,13 @@ def _check(arguments: argparse.Namespace, wanted: list[str]) -> None:
         option = f"--{name.replace('_', '-')}"
         if arguments.file is not None:
             raise DataError(option, "given with a file", "left out with one: it needs no data")
-        for other in ("laws", "law", *OPTIONS):
+        for other in ("laws", "law", *LAW_OPTIONS):
             if getattr(arguments, other):
                 raise DataError(f"--{other}", f"given with {option}", "left out with it")
 
 
 def _job(arguments: argparse.Namespace, laws: list[str] | None) -> Job:
-    options = {name: getattr(arguments, name) for name in OPTIONS if getattr(arguments, name)}
+    options = {name: getattr(arguments, name) for name in LAW_OPTIONS if getattr(arguments, name)}
     _check_options(options, laws)
     if arguments.file is None:
         from calibration.data.paper import paper_materials
@@ -102,14 +100,14 @@ def _job(arguments: argparse.Namespace, laws: list[str] | None) -> Job:
 
     problem = read_problem(arguments.file)
     print_first(problem.implausible, arguments.quiet)
-    told = {name: problem.settings[name] for name in OPTIONS if name in problem.settings}
+    told = {name: problem.settings[name] for name in LAW_OPTIONS if name in problem.settings}
     return Job(problem.datasets, laws, told | options, _unused(problem))
 
 
 def _check_options(options: dict[str, str], laws: list[str] | None) -> None:
     for name in options:
-        if laws is not None and not {*OPTIONS[name]} & {*laws}:
-            accepted = f"left out without {' or '.join(OPTIONS[name])} among the laws"
+        if laws is not None and not {*LAW_OPTIONS[name]} & {*laws}:
+            accepted = f"left out without {' or '.join(LAW_OPTIONS[name])} among the laws"
             raise DataError(f"--{name}", "given", accepted)
 
 
@@ -130,7 +128,7 @@ def _compare(job: Job, arguments: argparse.Namespace, progress: Any) -> int:
 
     said: dict[str, dict[str, str]] = {}
     for option, value in job.options.items():
-        for law in OPTIONS[option]:
+        for law in LAW_OPTIONS[option]:
             if job.laws is None or law in job.laws:
                 said.setdefault(law, {})[option] = value
     comparisons = [

@@ -15,14 +15,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from calibration.choices import CHOICES, COUNTS, NUMBERS, OPTIONS, idle
 from calibration.console import Progress, print_first
 from calibration.errors import DataError, InputError, printable
+from calibration.options import LAW_OPTIONS, add_options, flag, given_options, idle
 from calibration.output import check_writable, files_into, or_printed, write_text
 
-WORDS = ("law", "objective", "optimiser", "route", "loss", *OPTIONS, "unloading_line")
-FLAGS = {"profiles": "--no-profiles"}  # what a flag sets, where it is not its own name
-FLAGS |= {name: f"--{name.replace('_', '-')}" for name in ("extra_scatter", "scale_uncertainty")}
 PICTURES = {
     "curves.png": "Data, fitted curves with their bands, and residuals below",
     "profiles.png": "Profiles of the cost: its rise when one parameter is held elsewhere",
@@ -62,16 +59,7 @@ class Job:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of `softjax fit`; those given win over the file's `[fit]` table."""
     parser.add_argument("file", nargs="?", metavar="FILE.toml", help="the materials and their data")
-    for name in WORDS:
-        accepted = [choice.replace(" ", "-") for choice in CHOICES[name]]
-        parser.add_argument(_option(name), choices=accepted, help=HELP[name])
-    for name, least in COUNTS.items():
-        parser.add_argument(_option(name), type=_whole(least), metavar="N", help=HELP[name])
-    for name in NUMBERS:
-        parser.add_argument(_option(name), type=_number(name), metavar="X", help=HELP[name])
-    for name, flag in FLAGS.items():
-        look: dict[str, Any] = {"action": "store_const", "const": not flag.startswith("--no-")}
-        parser.add_argument(flag, dest=name, help=HELP[name], **look)
+    add_options(parser)
     parser.add_argument(
         "--posterior",
         nargs="?",
@@ -80,32 +68,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DRAWS",
         help="sample the posterior: 4 chains of 1000 draws, or of as many as told; needs the extra bayes",
     )
-
-
-def _option(name: str) -> str:
-    return FLAGS.get(name, f"--{name.replace('_', '-')}")
-
-
-HELP = {
-    "law": "which contact law is fitted (default: zhou)",
-    "objective": "the law's own likelihood (model, the default), or the paper's two steps",
-    "optimiser": "default: l-bfgs",
-    "route": "from a law to ε: time integration (default of two-step), energy balance or closed form",
-    "loss": "squared, or one that resists outliers (default: squared)",
-    "form": "of Zhou's law (default: first-order)",
-    "kappa": "consistent with the forces (default), or as the paper prints it",
-    "end": "of a dashpot law's contact (default: zero-overlap)",
-    "unloading_line": "Eq. (18) through all curves (default), through the fitted χ̃, or none",
-    "starts": "starts that are screened (default: 32)",
-    "seed": "of the starts (default: 0)",
-    "max_steps": "iterations of one search (default: 200)",
-    "rtol": "relative tolerance of the time integration",
-    "confidence": "of all intervals (default: 0.95)",
-    "loss_scale": "of a robust loss, in standard errors of the residuals (default: 1.345)",
-    "profiles": "no profile likelihoods: intervals from standard errors, in less time",
-    "extra_scatter": "estimate scatter beside the stated uncertainties",
-    "scale_uncertainty": "stated uncertainties are right up to a factor: scale errors by √(χ²/ν)",
-}
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -131,11 +93,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _job(arguments: argparse.Namespace) -> Job:
-    names = (*WORDS, *COUNTS, *NUMBERS, *FLAGS)
-    given = {name: getattr(arguments, name) for name in names}
-    given = {name: value for name, value in given.items() if value is not None}
-    if "route" in given:
-        given["route"] = given["route"].replace("-", " ")
+    given = given_options(arguments)
     if arguments.file is None:
         from calibration.data.paper import paper_materials
 
@@ -153,11 +111,11 @@ def _job(arguments: argparse.Namespace) -> Job:
 
 def _heeded(of_file: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
     """The settings of both; of the file's not what was for another law, or would do nothing now."""
-    others = OPTIONS if given.get("law", of_file.get("law")) != of_file.get("law") else ()
+    others = LAW_OPTIONS if given.get("law", of_file.get("law")) != of_file.get("law") else ()
     settings = {name: value for name, value in of_file.items() if name not in others} | {**given}
     for name, accepted in idle(settings).items():
         if name in given:
-            raise DataError(_option(name), "given", f"left out: {accepted}")
+            raise DataError(flag(name), "given", f"left out: {accepted}")
         del settings[name]
     return settings
 
@@ -167,20 +125,13 @@ def _fitted(job: Job, progress: Progress):
     from calibration.fitting.door import fit
 
     sj.enable_x64()
-    settings = dict(job.settings)
-    options = {name: settings.pop(name) for name in OPTIONS if name in settings}
-    said = job.parameters or [{} for _ in job.datasets]
-    settings.pop("area", None)  # the contacts have it
-    route = _route(settings.pop("route", None), settings.pop("rtol", None))
-    if settings.get("unloading_line") == "none":
-        settings["unloading_line"] = None
+    settings = {name: value for name, value in job.settings.items() if name != "area"}
     data = job.datasets[0] if len(job.datasets) == 1 else list(job.datasets)
     try:
         return fit(
             data,
             settings.pop("law", None),
-            [{**own, **options} for own in said],
-            route=route,
+            job.parameters,
             progress=progress,
             **settings,
         )
@@ -195,17 +146,6 @@ def _refusal(job: Job, error: ValueError) -> InputError:
         if name in job.problem.settings and name not in job.given:
             return error.at(job.file, job.problem.line(name))
     return InputError(job.file, None, str(error), "nothing was fitted")
-
-
-def _route(name: str | None, rtol: float | None):
-    from calibration.fitting.collisions import ROUTES
-    from calibration.fitting.request import DEFAULT_ODE
-
-    if rtol is not None:
-        return ROUTES["ode"](rtol=rtol)
-    if name is None:
-        return None
-    return DEFAULT_ODE if name == "ode" else ROUTES[name]()
 
 
 def _sampled(result, job: Job, progress: Progress) -> Any:
@@ -299,24 +239,9 @@ def _command(job: Job, out: Path) -> str:
     """The command that makes the same results again."""
     parts = ["softjax", "fit", *([job.file] if job.file else [])]
     for name, value in job.given.items():
-        parts += [_option(name), *([] if name in FLAGS else [str(value).replace(" ", "-")])]
+        parts += [flag(name), *([] if isinstance(value, bool) else [str(value).replace(" ", "-")])]
     parts += ["--posterior", str(job.draws)] * (job.draws is not None)
     return printable(shlex.join([*parts, "--out", str(out)]))
-
-
-def _number(name: str):
-    holds, accepted = NUMBERS[name]
-
-    def number(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = float("nan")
-        if not holds(value):
-            raise argparse.ArgumentTypeError(f"{text!r} is not {accepted}")
-        return value
-
-    return number
 
 
 def _whole(least: int):

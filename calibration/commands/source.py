@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 import softjax as sj
-from calibration.choices import OPTIONS
 from calibration.commands.source_options import COEFFICIENTS, VARIANTS
 from calibration.console import print_first
 from calibration.curves import Source
@@ -17,6 +16,7 @@ from calibration.data.paper import CURVES, RADIUS, PaperCurve
 from calibration.errors import DataError, InputError, Origin, did_you_mean, listed, printable
 from calibration.fitting.collisions import ROUTES
 from calibration.fitting.known_laws import LAWS
+from calibration.options import LAW_OPTIONS
 from calibration.paper import TABLE_1
 from calibration.parameters import Parameter
 
@@ -129,7 +129,7 @@ def _of_file(arguments: argparse.Namespace) -> Source:
         contact = sj.Contact(**contact.leaves(), area=arguments.area)
     said = file.said[index]
     known = {name: one.value for name, one in said.items() if not one.free}
-    known |= {name: file.settings[name] for name in OPTIONS if name in file.settings}
+    known |= {name: file.settings[name] for name in LAW_OPTIONS if name in file.settings}
     free = {name: one for name, one in said.items() if one.free}
     critical = float(np.asarray(contact.critical_velocity))
     last = FAR_ABOVE_YIELD * critical

@@ -3,10 +3,10 @@
 import argparse
 from pathlib import Path
 
-from calibration.choices import CHOICES, LAWS, OPTIONS
+from calibration.options import LAW_OPTIONS, LAWS, add_options
 
 COEFFICIENTS = ("chi", "sigma", "psi")
-VARIANTS = tuple(name for name, laws in OPTIONS.items() if "zhou" in laws)
+VARIANTS = tuple(name for name, laws in LAW_OPTIONS.items() if "zhou" in laws)
 
 
 def add_source_arguments(parser: argparse.ArgumentParser, law_option: str = "--law") -> None:
@@ -22,10 +22,8 @@ def add_source_arguments(parser: argparse.ArgumentParser, law_option: str = "--l
     group.add_argument("--material", metavar="NAME", help="which one of a file's or a fit's")
     for name in COEFFICIENTS:
         group.add_argument(f"--{name}", type=float, metavar="X", help=f"{name} of Zhou's law")
-    group.add_argument("--area", choices=CHOICES["area"], help="contact area (default: zhou)")
-    for name in VARIANTS:
-        default = CHOICES[name][0]
-        group.add_argument(f"--{name}", choices=CHOICES[name], help=f"default: {default}")
+    group.add_argument("--area", choices=("zhou", "hertz"), help="contact area (default: zhou)")
+    add_options(group, VARIANTS)
     default = "default: that of the file, else zhou"
     group.add_argument(law_option, dest="law", choices=LAWS, help=default)
     parser.set_defaults(law_option=law_option)  # for what is told of it

@@ -6,8 +6,9 @@ import numpy as np
 
 from calibration.fitting.assembly import Component
 from calibration.fitting.problem import Problem
-from calibration.fitting.stages import Options, StageFit, run_stage
+from calibration.fitting.stages import StageFit, run_stage
 from calibration.fitting.uncertainty import Settled, Uncertainty, stacked, winsorised
+from calibration.options import FitOptions
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ class ComponentFit:
         return all(bool(stage.found.converged[0]) for stage in self.stages)
 
 
-def fit_component(component: Component, options: Options) -> ComponentFit:
+def fit_component(component: Component, options: FitOptions) -> ComponentFit:
     """Run the stages, each from where the one before it ended."""
     z = component.start
     fits: list[StageFit] = []
@@ -72,7 +73,7 @@ def fit_component(component: Component, options: Options) -> ComponentFit:
     return ComponentFit(component, tuple(fits), z, stacked(settled, z[None]))
 
 
-def _after(first: StageFit, problem: Problem, options: Options):
+def _after(first: StageFit, problem: Problem, options: FitOptions):
     """A later stage's problem: the same points, weighed as the first's.
 
     Outliers are drawn in to the first's curve. Points that share errors weigh each by its own

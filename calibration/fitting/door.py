@@ -16,41 +16,31 @@ from calibration.fitting.component_fit import ComponentFit, fit_component
 from calibration.fitting.doubt import Doubt
 from calibration.fitting.freedom import Freedom
 from calibration.fitting.intervals import estimates, profiles_of
+from calibration.fitting.known_laws import law_name
 from calibration.fitting.likelihood import likelihood_of
 from calibration.fitting.line import fit_line
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.methods import OPTIMISERS
 from calibration.fitting.pooling import of_all as pooled_of
 from calibration.fitting.profiles import Profile
-from calibration.fitting.request import Request, checked, datasets_of
-from calibration.fitting.request_json import law_name
+from calibration.fitting.request import Progress, Request, checked, datasets_of
 from calibration.fitting.result import FitResult
-from calibration.fitting.stages import Options, StageFit
+from calibration.fitting.stages import StageFit
 from calibration.fitting.summary import summarise_material
 from calibration.fitting.suspicions import shared_doubts
+from calibration.options import FitOptions, documented
 
 PACKAGES = ("softjax-contact", "jax", "diffrax", "optax", "optimistix", "numpy", "scipy")
 
 
+@documented
 def fit(
     data: RestitutionData | Sequence[RestitutionData],
     law: str | type | Callable[..., sj.ContactLaw] | None = None,
     parameters: Mapping[str, Any] | Sequence[Mapping[str, Any]] | None = None,
     *,
-    objective: str | None = None,
-    route: sj.EnergyBalance | sj.ClosedForm | sj.ODE | None = None,
-    optimiser: str = "l-bfgs",
-    loss: str = "squared",
-    loss_scale: float = 1.345,
-    starts: int = 32,
-    seed: int = 0,
-    max_steps: int = 200,
-    unloading_line: str | None = "curves",
-    confidence: float = 0.95,
-    profiles: bool = True,
-    extra_scatter: bool = False,
-    scale_uncertainty: bool = False,
-    progress: Callable[[str, int, int], None] | None = None,
+    progress: Progress | None = None,
+    **options: Any,
 ) -> FitResult:
     """Fit a contact law to one data set or several.
 
@@ -63,26 +53,8 @@ def fit(
             option such as {"form": "full"}; or a list of such mappings, one a data set. Those of
             the contact are "contact.yield_strength" and so on. All of a law's own are free, except
             what ε does not tell.
-        objective: "model" (default): the law against all points, all parameters at once: the
-            likelihood. "two-step": the paper's procedure for Zhou's law, σ and ψ from Eq. (17)
-            against all points, then χ̃ from the law with ε_up as Eq. (17) gave it.
-        route: `sj.ODE(...)` or `sj.EnergyBalance()`; by default what suits the law (the energy
-            balance where it has one), under "two-step" time integration in fixed steps.
-        optimiser: "l-bfgs" or "adam" (then L-BFGS) by optax, "levenberg-marquardt" by optimistix.
-        loss: "squared", "huber" or "soft-l1"; the robust ones are scaled by the median absolute
-            deviation of the residuals times `loss_scale`. Under "two-step" outliers are told by
-            Eq. (17), and drawn in to it for the second step.
-        starts: how many starts are screened (1: only the given one); the best few are refined.
-        seed: of the starts. The same seed gives the same result.
-        max_steps: iterations of one search.
-        unloading_line: for several materials of Zhou's law, Eq. (18) fitted to all curves at once
-            ("curves") or through the fitted χ̃ with their weights ("weighted"); None: not at all.
-        confidence: of the intervals.
-        profiles: whether to profile the likelihood where there is one.
-        extra_scatter: whether scatter beside the stated uncertainties is estimated.
-        scale_uncertainty: whether the stated uncertainties are right up to a factor only, which
-            the residuals tell: errors are scaled by √(reduced χ²).
         progress: called as progress(stage, done, total).
+        OPTIONS
 
     Returns:
         A `FitResult`. A fit that did not converge is marked so, not raised.
@@ -100,46 +72,32 @@ def fit(
         >>> round(result.values["chi"], 4)
         1.7944
     """
-    options = Options(optimiser, starts, seed, loss, loss_scale, max_steps, progress)
-    request = Request(
-        datasets_of(data),
-        law,
-        parameters,
-        objective,
-        route,
-        options,
-        confidence,
-        profiles,
-        unloading_line,
-        extra_scatter,
-        scale_uncertainty,
-    )
+    request = Request(datasets_of(data), parameters, FitOptions.of(law=law, **options), progress)
+    checked(request)
     begun = time.perf_counter()
-    request = checked(request)
     with jax.enable_x64(True):
         result = _fitted(request)
     result.times["total"] = time.perf_counter() - begun
-    silent = replace(request.options, progress=None)
-    return replace(result, request=replace(request, options=silent))
+    return replace(result, request=replace(request, progress=None))
 
 
 def _fitted(request: Request) -> FitResult:
     fits = []
     components = request.components()
     for k, component in enumerate(components):
-        request.options.tell("fit", k, len(components))
+        request.tell("fit", k, len(components))
         fits.append(fit_component(component, request.options))
-    request.options.tell("fit", len(components), len(components))
+    request.tell("fit", len(components), len(components))
     line = fit_line(request, fits)
     curves = _profiles(request, fits)
     doubts: list[Doubt] = []
     materials: dict[int, MaterialFit] = {}
     for fit_, own in zip(fits, curves, strict=True):
-        found = estimates(fit_, own, request.confidence)
+        found = estimates(fit_, own, request.options.confidence)
         shared = shared_doubts(fit_, found, own)
         doubts += [d for d in shared if d.material is None]
         for g in fit_.component.sets:
-            materials[g] = summarise_material(fit_, g, found, request.confidence, shared)
+            materials[g] = summarise_material(fit_, g, found, request.options.confidence, shared)
     ordered = tuple(materials[g] for g in sorted(materials))
     stage = None if line is None else line[1]
     for material in ordered:
@@ -166,16 +124,16 @@ def _fitted(request: Request) -> FitResult:
         settings=_settings(request, fits),
         versions=dict(_versions()),
         times=_times(_stages(fits, stage)),
-        pooled=pooled_of(fits, request.confidence),
+        pooled=pooled_of(fits, request.options.confidence),
         fits=tuple(fits),
     )
 
 
 def _profiles(request: Request, fits: list[ComponentFit]) -> list[dict[str, Profile]]:
-    if not request.profiles:
+    if not request.options.profiles:
         return [{} for _ in fits]
-    tell = lambda done: request.options.tell("profiles", done, len(fits))  # noqa: E731
-    curves = profiles_of(fits, request.confidence, tell)
+    tell = lambda done: request.tell("profiles", done, len(fits))  # noqa: E731
+    curves = profiles_of(fits, request.options.confidence, tell)
     tell(len(fits))
     return curves
 
@@ -243,7 +201,7 @@ def _settings(request: Request, fits: list[ComponentFit]) -> dict[str, Any]:
         "starts": request.options.starts,
         "seed": request.options.seed,
         "max_steps": request.options.max_steps,
-        "given_law": law_name(request.law),
+        "given_law": law_name(request.options.law),
     }
     if request.options.loss != "squared":
         table["loss_scale"] = request.options.loss_scale

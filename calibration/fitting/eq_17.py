@@ -13,9 +13,9 @@ from calibration.fitting.doubt import Doubt
 from calibration.fitting.estimate import Estimate
 from calibration.fitting.intervals import estimate_of
 from calibration.fitting.specs import specs_of
-from calibration.fitting.stages import Options
+from calibration.options import FitOptions
 
-PLAIN = Options(optimiser="levenberg-marquardt", starts=4)
+PLAIN = FitOptions(optimiser="levenberg-marquardt", starts=4)
 NOISELESS = 1e-9  # rms of ε about Eq. (17) below which data are a curve and no measurement
 
 

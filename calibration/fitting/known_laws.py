@@ -174,3 +174,11 @@ KNOWN: dict[str, Known] = {
 LAWS: dict[str, type] = {key: known.law for key, known in KNOWN.items()}
 """The built-in contact laws by the names that `fit`, `compare` and the commands take."""
 WITHOUT_CONTACT = ("constant", "eq-17")  # laws that need no elastic properties
+
+
+def law_name(law: Any) -> str | None:
+    """The name by which files call a law."""
+    if law is None or isinstance(law, str):
+        return law
+    built_in = next((key for key, one in LAWS.items() if one is law), None)
+    return built_in or getattr(law, "__name__", type(law).__name__)

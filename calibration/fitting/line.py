@@ -23,16 +23,18 @@ def fit_line(request: Request, fits: list[ComponentFit]) -> tuple[Line, StageFit
     weights.
     """
     own = _with_chi(fits)
-    if request.unloading_line is None or len(own) < 2:
+    if request.options.unloading_line is None or len(own) < 2:
         return None
-    through = _through_chi(own, request.confidence)
+    through = _through_chi(own, request.options.confidence)
     joint = _joint(request, [spec for _, spec, _ in own], through)
-    if request.unloading_line == "weighted":
+    if request.options.unloading_line == "weighted":
         return _weighted(joint, own, through), None
     names = [e.name for e in joint.component.elements]
-    c1, c2 = (estimate_of(joint, names.index(name), None, request.confidence) for name in LINE)
+    c1, c2 = (
+        estimate_of(joint, names.index(name), None, request.options.confidence) for name in LINE
+    )
     sets = zip(joint.component.sets, joint.component.specs, strict=True)
-    chi = {s.data.name: derived_of(joint, s, g, request.confidence)["chi"] for g, s in sets}
+    chi = {s.data.name: derived_of(joint, s, g, request.options.confidence)["chi"] for g, s in sets}
     line = Line(c1, c2, _rms(joint, joint.z), chi, through, bool(joint.final.found.converged[0]))
     return line, joint.final
 
@@ -53,14 +55,8 @@ def _joint(request: Request, specs: list[SetSpec], through: dict[str, Estimate])
     names = {spec.data.name for spec in specs}
     datasets = tuple(data for data in request.datasets if data.name in names)
     said = [_said(spec, through) for spec in specs]
-    asked = replace(
-        request,
-        datasets=datasets,
-        law="zhou",
-        parameters=said,
-        options=replace(request.options, starts=1),
-    )
-    return asked.fitted()[0]
+    asked = replace(request, datasets=datasets, parameters=said)
+    return asked.with_options(law="zhou", starts=1).fitted()[0]
 
 
 def _said(spec: SetSpec, through: dict[str, Estimate]) -> dict:

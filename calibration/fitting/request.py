@@ -1,6 +1,6 @@
 """What was asked of a fit: everything that is needed to make it again."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -8,20 +8,17 @@ import numpy as np
 
 import softjax as sj
 from calibration.data import RestitutionData
-from calibration.data.checks import as_number, check_whole, checked_confidence
 from calibration.errors import DataError
 from calibration.fitting.assembly import Component, assemble
+from calibration.fitting.collisions import ROUTES, Route
 from calibration.fitting.component_fit import ComponentFit, fit_component
-from calibration.fitting.losses import LOSSES
-from calibration.fitting.methods import OPTIMISERS
 from calibration.fitting.plan import plan_of
-from calibration.fitting.specs import SetSpec, specs_of
-from calibration.fitting.stages import Options
+from calibration.fitting.specs import SetSpec, said_of, specs_of
+from calibration.options import FitOptions
 
 # ε to 1e-11, compiled in half of dopri8's time
 DEFAULT_ODE = sj.ODE(steps=16, solver="dopri5")
-LINES = ("curves", "weighted", None)
-FLAGS = ("profiles", "extra_scatter", "scale_uncertainty")
+Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
@@ -30,33 +27,40 @@ class Request:
 
     Attributes:
         datasets: the measurements.
-        law: None, a name, a class, or a function that builds one.
-        parameters: what was said of them.
-        objective: "model", "two-step" or None.
-        route: from the law to ε; None: what suits the law.
-        options: how to search.
-        confidence: of all intervals.
-        profiles: whether likelihoods are profiled.
-        unloading_line: how Eq. (18) is fitted, or None.
-        extra_scatter, scale_uncertainty: what stated uncertainties leave open.
+        parameters: what was said of the law's parameters.
+        options: the law, and how to fit it.
+        progress: called as progress(stage, done, total).
     """
 
     datasets: tuple[RestitutionData, ...]
-    law: Any = None
     parameters: Any = None
-    objective: str | None = None
-    route: sj.EnergyBalance | sj.ClosedForm | sj.ODE | None = None
-    options: Options = Options()
-    confidence: float = 0.95
-    profiles: bool = True
-    unloading_line: str | None = "curves"
-    extra_scatter: bool = False
-    scale_uncertainty: bool = False
+    options: FitOptions = FitOptions()
+    progress: Progress | None = None
+
+    @property
+    def route(self) -> Route:
+        """The route that the options name; None: what suits the law."""
+        route, rtol = self.options.route, self.options.rtol
+        if rtol is not None:
+            return sj.ODE(rtol=rtol)
+        if not isinstance(route, str):
+            return route
+        return DEFAULT_ODE if route == "ode" else ROUTES[route]()
+
+    def with_options(self, **changed: Any) -> "Request":
+        """The same with some other options."""
+        return replace(self, options=self.options.model_copy(update=changed))
+
+    def tell(self, stage: str, done: int, total: int) -> None:
+        if self.progress is not None:
+            self.progress(stage, done, total)
 
     def specs(self) -> list[SetSpec]:
         """The law and parameters of each data set."""
-        specs = specs_of(self.datasets, self.law, self.parameters, self.objective)
-        open_ = (self.extra_scatter, self.scale_uncertainty)
+        options = self.options
+        said = [{**own, **options.law_options} for own in said_of(self.parameters, self.datasets)]
+        specs = specs_of(self.datasets, options.law, said, options.objective)
+        open_ = (options.extra_scatter, options.scale_uncertainty)
         return [replace(s, extra_scatter=open_[0], scale_uncertainty=open_[1]) for s in specs]
 
     def components(self) -> list[Component]:
@@ -64,15 +68,13 @@ class Request:
         specs = self.specs()
         return assemble(specs, self.chosen_route(specs))
 
-    def chosen_route(
-        self, specs: list[SetSpec]
-    ) -> sj.EnergyBalance | sj.ClosedForm | sj.ODE | None:
+    def chosen_route(self, specs: list[SetSpec]) -> Route:
         """The route asked for; else time integration for the paper's procedure, or what suits the law."""
         if self.route is not None:
             return self.route
         return DEFAULT_ODE if any(spec.objective == "two-step" for spec in specs) else None
 
-    def route_of_curve(self, law: type) -> sj.EnergyBalance | sj.ClosedForm | sj.ODE | None:
+    def route_of_curve(self, law: type) -> Route:
         """From a fitted law to its curve: the energy balance, or the route that its fit went."""
         return self.route if issubclass(law, sj.RateDependentLaw) else None
 
@@ -82,47 +84,19 @@ class Request:
 
 
 def checked(request: Request) -> Request:
-    """The same request, its numbers plain ones.
+    """The same request, if its options go with the data.
 
     Raises:
         ValueError: naming the argument, its value and what is accepted.
     """
-    options, route = request.options, request.route
-    if route is not None and not isinstance(route, sj.EnergyBalance | sj.ClosedForm | sj.ODE):
-        raise DataError(
-            "route", route, "softjax.EnergyBalance(), softjax.ClosedForm() or softjax.ODE(...)"
-        )
-    _check_choice("optimiser", options.optimiser, tuple(OPTIMISERS))
-    _check_choice("loss", options.loss, LOSSES)
-    _check_choice("unloading_line", request.unloading_line, LINES)
-    for name, least in (("starts", 1), ("seed", 0), ("max_steps", 1)):
-        check_whole(name, getattr(options, name), least)
-    scale = as_number("loss_scale", options.loss_scale, lambda x: x > 0, "positive")
-    level = checked_confidence(request.confidence)
-    flags: dict[str, Any] = {name: as_flag(name, getattr(request, name)) for name in FLAGS}
-    if options.progress is not None and not callable(options.progress):
-        raise DataError("progress", options.progress, "called as progress(stage, done, total)")
-    if flags["extra_scatter"] and flags["scale_uncertainty"]:
-        raise DataError("scale_uncertainty", True, "left out beside extra_scatter")
-    if options.loss != "squared":
+    if request.progress is not None and not callable(request.progress):
+        raise DataError("progress", request.progress, "called as progress(stage, done, total)")
+    if request.options.loss != "squared":
         for data in request.datasets:
             if plan_of(data, False, False).shares:
                 accepted = "'squared' where points share errors (groups, bounce trains)"
-                raise DataError("loss", options.loss, accepted)
-    options = replace(options, loss_scale=scale)
-    return replace(request, options=options, confidence=level, **flags)
-
-
-def _check_choice(name: str, value: Any, choices: tuple[Any, ...]) -> None:
-    if not (value is None or isinstance(value, str)) or value not in choices:
-        raise DataError(name, value, " or ".join(repr(choice) for choice in choices))
-
-
-def as_flag(name: str, value: Any) -> bool:
-    """A truth value, raises DataError for anything else."""
-    if not isinstance(value, bool | np.bool_):
-        raise DataError(name, value, "true or false")
-    return bool(value)
+                raise DataError("loss", request.options.loss, accepted)
+    return request
 
 
 def datasets_of(data: Any) -> tuple[RestitutionData, ...]:

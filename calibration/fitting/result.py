@@ -76,7 +76,7 @@ class FitResult:
     @property
     def confidence(self) -> float:
         """Of all intervals."""
-        return self.request.confidence
+        return self.request.options.confidence
 
     @property
     def values(self) -> dict[str, float | None]:

@@ -28,7 +28,8 @@ def check_result(found: Any) -> None:
     _no_twice("fits.material", [fit["material"] for fit in found["fits"]])
     _same("fits", len(found["fits"]), "one or more", max(len(found["fits"]), 1))
     _same("request.parameters", len(found["request"]["parameters"]), "fits", len(found["fits"]))
-    _same("confidence", found["confidence"], "request.confidence", found["request"]["confidence"])
+    options = found["request"]["options"]
+    _same("confidence", found["confidence"], "request.options.confidence", options["confidence"])
     for i, fit in enumerate(found["fits"]):
         _check_fit(fit, f"fits[{i}]", names)
     _check_covariance("covariance.matrix", found["covariance"]["matrix"], len(names))

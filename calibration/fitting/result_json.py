@@ -103,9 +103,7 @@ def _parts(table: Table, law: Any) -> dict[str, Any]:
     pairs = zip(table["fits"], datasets, strict=True)
     same = ("rank", "condition_number", "settings", "versions")
     return {name: table[name] for name in same} | {
-        "request": checked(
-            request_from_dict(table["request"], datasets, _law(table["request"], law))
-        ),
+        "request": checked(request_from_dict(table["request"], datasets, _asked(table, law))),
         "materials": tuple(_material_from_dict(one, data, law) for one, data in pairs),
         "unloading_line": _line(table["unloading_line"]),
         "covariance_names": tuple(covariance["names"]),
@@ -142,6 +140,10 @@ def _law(table, law: Any) -> Any:
             "law", f"{name}, which is none of {', '.join(LAWS)}", "given: load(path, law=…)"
         )
     return type(law) if isinstance(law, sj.ContactLaw) else law
+
+
+def _asked(table, law: Any) -> Any:
+    return _law(table["request"]["options"], law)
 
 
 def _material_to_dict(material: MaterialFit) -> dict[str, Any]:

@@ -16,7 +16,6 @@ from calibration.data.json_file import (
     text,
     whole,
 )
-from calibration.fitting.collisions import ROUTES
 from calibration.fitting.doubt import REMEDIES
 
 COUNT, NUMBER, MAYBE = whole(), number(), or_null(number())
@@ -178,38 +177,11 @@ SAID = table(
         "shared": either(flag, text),
     }
 )
-OPTIONS = table(
-    {
-        "optimiser": text,
-        "starts": whole(1),
-        "seed": COUNT,
-        "loss": text,
-        "loss_scale": POSITIVE,
-        "max_steps": whole(1),
-    }
-)
-ROUTE = table(
-    {
-        "name": choice(*ROUTES),
-        "rtol": or_null(PART),
-        "solver": text,
-        "steps": or_null(whole(1)),
-        "max_steps": whole(1),
-    },
-    optional=("rtol", "solver", "steps", "max_steps"),
-)
 REQUEST = table(
     {
-        "law": or_null(text),
         "parameters": each(every(either(SAID, MAYBE, text, NUMBERS))),
-        "objective": or_null(choice("model", "two-step")),
-        "route": or_null(ROUTE),
-        "options": OPTIONS,
-        "confidence": PART,
-        "profiles": flag,
-        "unloading_line": or_null(choice("curves", "weighted")),
-        "extra_scatter": flag,
-        "scale_uncertainty": flag,
+        # checked as `FitOptions`
+        "options": table({"law": or_null(text), "confidence": PART}, and_more=True),
     }
 )
 LIKELIHOOD = table({"log": NUMBER, "fitted": COUNT, "points": whole(1), "aic": MAYBE, "bic": MAYBE})

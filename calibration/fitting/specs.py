@@ -21,12 +21,11 @@ from calibration.fitting.law_model import (
 from calibration.fitting.plan import ErrorPlan, plan_of
 from calibration.fitting.rows import Tree, numbers_in
 from calibration.fitting.zhou import EXTRA, LINE, several_yields, zhou_model
+from calibration.options import OBJECTIVES
 from calibration.parameters import Parameter, as_parameter
 from softjax.fields import Declared
 
-OBJECTIVES = ("model", "two-step")
 REACH = 5.0  # standard deviations of a prior within which a search is expected to end
-FORMER = {"empirical": "eq-17", "constant": "constant"}  # objectives that are laws now
 
 Specs = Mapping[str, Any] | Sequence[Any] | None
 
@@ -97,17 +96,8 @@ def specs_of(datasets, law, parameters: Specs, objective: str | None) -> list[Se
     Raises:
         ValueError: naming what does not fit together and what is accepted.
     """
-    _check_objective(objective)
     said = said_of(parameters, datasets)
     return [_spec(data, law, own, objective) for data, own in zip(datasets, said, strict=True)]
-
-
-def _check_objective(objective: str | None) -> None:
-    if isinstance(objective, str) and objective in FORMER:
-        raise DataError("objective", objective, f'"model" with law = "{FORMER[objective]}"')
-    if not (objective is None or (isinstance(objective, str) and objective in OBJECTIVES)):
-        accepted = f"{listed(OBJECTIVES)}{did_you_mean(str(objective), OBJECTIVES)}"
-        raise DataError("objective", objective, accepted)
 
 
 def _spec(data: RestitutionData, law, said: dict[str, Any], objective) -> SetSpec:

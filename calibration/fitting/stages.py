@@ -1,7 +1,6 @@
 """One stage of a fit: starts, searches, and what settles only together with where they end."""
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,6 +17,7 @@ from calibration.fitting.problem import Problem
 from calibration.fitting.search import Found, guided_search, search
 from calibration.fitting.set_errors import SetErrors
 from calibration.fitting.starts import best_starts, candidates
+from calibration.options import FitOptions
 
 REFINED = 3  # of the screened starts
 # where the first starts miss the points: more per element, those refined, and how wide around the first
@@ -31,25 +31,7 @@ ROUNDS = 30
 SETTLED = 1e-7  # relative change of weights and scales
 CHANGED = 1e-9  # share of a cost by which another is lower
 ALIKE = 1e-5  # the same of variances, which are known far less well
-Progress = Callable[[str, int, int], None]
 UNSETTLED = "weights, variances or scales of the loss keep changing"
-
-
-@dataclass(frozen=True)
-class Options:
-    """How to search."""
-
-    optimiser: str = "l-bfgs"
-    starts: int = 32
-    seed: int = 0
-    loss: str = "squared"
-    loss_scale: float = 1.345
-    max_steps: int = 200
-    progress: Progress | None = None
-
-    def tell(self, stage: str, done: int, total: int) -> None:
-        if self.progress is not None:
-            self.progress(stage, done, total)
 
 
 @dataclass(frozen=True)
@@ -107,7 +89,7 @@ class StageFit:
 
 
 def run_stage(
-    name: str, problem: Problem, z: np.ndarray, options: Options, weigh: bool = True
+    name: str, problem: Problem, z: np.ndarray, options: FitOptions, weigh: bool = True
 ) -> StageFit:
     """Minimise from the best starts, and settle what depends on where that is.
 
@@ -149,14 +131,14 @@ def run_stage(
     return StageFit(problem, found.z[0], found, others, report, crossings, seconds, branches, alone)
 
 
-def _from_starts(problem: Problem, starts, options: Options) -> list[Found]:
+def _from_starts(problem: Problem, starts, options: FitOptions) -> list[Found]:
     """Where searches from each start end, side by side; the best first."""
     found = guided_search(problem, starts, options.optimiser, limit=options.max_steps)
     return sorted((found.one(k) for k in range(len(starts))), key=_rank)
 
 
 def _from_more_starts(
-    problem: Problem, z, ends: list[Found], options: Options
+    problem: Problem, z, ends: list[Found], options: FitOptions
 ) -> tuple[list[Found], bool]:
     """The same from more starts as long as the best misses the points; the best and other minima.
 
@@ -211,7 +193,7 @@ def _misses(problem: Problem, found: Found) -> bool:
 
 
 def _along_branches(
-    problem: Problem, starts, options: Options
+    problem: Problem, starts, options: FitOptions
 ) -> tuple[list[Found], Branches | None]:
     """The same where the cost jumps, and the branches around the best."""
     bests, around = by_branches(problem, starts)
@@ -226,7 +208,7 @@ def _rank(found: Found) -> tuple[float, bool]:
     return (float(f"{cost:.6g}"), not found.converged[0])
 
 
-def _settle(problem: Problem, found: Found, options: Options) -> tuple[Found, Problem, int]:
+def _settle(problem: Problem, found: Found, options: FitOptions) -> tuple[Found, Problem, int]:
     """Search again until weights, robust scales and branches are those of where the search ends."""
     evaluations = 0
     for _ in range(ROUNDS):
@@ -245,7 +227,7 @@ def _settle(problem: Problem, found: Found, options: Options) -> tuple[Found, Pr
     return found, problem, evaluations
 
 
-def _adapted(problem: Problem, z, options: Options) -> Problem:
+def _adapted(problem: Problem, z, options: FitOptions) -> Problem:
     """The problem with what depends on z at its value there."""
     if problem.reweighed:
         problem = reweighed(problem, z)

@@ -55,6 +55,7 @@ from calibration.fitting.rows import with_trees
 from calibration.fitting.set_likelihood import CALLED, LN_2PI, SetLikelihood
 from calibration.fitting.specs import SetSpec
 from calibration.fitting.transform import Transform
+from calibration.options import FitOptions
 
 START_SPREAD = 0.3  # of a pool
 
@@ -241,11 +242,13 @@ def problem(
     return traceable(
         Request(
             datasets_of(data),
-            law,
             parameters,
-            route=route,
-            extra_scatter=extra_scatter,
-            scale_uncertainty=scale_uncertainty,
+            FitOptions.of(
+                law=law,
+                route=route,
+                extra_scatter=extra_scatter,
+                scale_uncertainty=scale_uncertainty,
+            ),
         )
     )
 

@@ -239,12 +239,12 @@ def printed_text(value: float | None) -> str:
 
 def settings_line(result: Any) -> str:
     """The settings of a fit in one line."""
-    settings, request = result.settings, result.request
+    settings, options = result.settings, result.request.options
     known = ("law", "objective", "optimiser", "route", "loss", "loss_scale", "form", "kappa", "end")
     names = [name for name in (*known, "starts", "seed") if settings.get(name) is not None]
     parts = [f"{name.replace('_', ' ')} {settings[name]}" for name in names]
-    parts += ["scatter beside the stated uncertainties"] * request.extra_scatter
-    parts += ["stated uncertainties right up to a factor"] * request.scale_uncertainty
+    parts += ["scatter beside the stated uncertainties"] * options.extra_scatter
+    parts += ["stated uncertainties right up to a factor"] * options.scale_uncertainty
     return ", ".join(parts)
 
 

@@ -22,9 +22,8 @@ from calibration.data.checks import check_whole
 from calibration.errors import DataError, InputError, did_you_mean, listed, printable
 from calibration.fitting.door import fit
 from calibration.fitting.doubt import Doubt
-from calibration.fitting.known_laws import KNOWN, WITHOUT_CONTACT
+from calibration.fitting.known_laws import KNOWN, WITHOUT_CONTACT, law_name
 from calibration.fitting.left_out import LeaveOneOut
-from calibration.fitting.request_json import law_name
 from calibration.fitting.result import FitResult
 from calibration.report.comparison import comparison_text
 

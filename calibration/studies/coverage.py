@@ -21,10 +21,10 @@ from calibration.fitting.problem import Lanes
 from calibration.fitting.refits import settled
 from calibration.fitting.request import Request
 from calibration.fitting.search import Found, search
-from calibration.fitting.stages import Options
 from calibration.fitting.uncertainty import Settled, Uncertainty, quantile, stacked
+from calibration.options import FitOptions
 
-PLAIN = Options(optimiser="levenberg-marquardt", starts=1)
+PLAIN = FitOptions(optimiser="levenberg-marquardt", starts=1)
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,8 @@ def _simulated(case: CoverageCase, sets: int, seed) -> Float[np.ndarray, "sets n
 def _study(case: CoverageCase, sets: int, seed, confidence: float) -> Coverage:
     law = case.law or type(case.truth)
     exactly = sj.EnergyBalance() if case.objective == "two-step" else None
-    ideal = Request((case.data(),), law, case.parameters, case.objective, exactly)
+    options = FitOptions.of(law=law, objective=case.objective, route=exactly)
+    ideal = Request((case.data(),), case.parameters, options)
     component = ideal.components()[0]
     exact = fit_component(component, PLAIN)
     lanes = Lanes(restitution=_simulated(case, sets, seed))

@@ -26,6 +26,7 @@ from calibration.fitting.result import FitResult
 from calibration.fitting.rows import numbers_in
 from calibration.fitting.specs import Local
 from calibration.fitting.zhou import eps_up_of
+from calibration.options import FitOptions
 from calibration.parameters import Parameter, as_parameter
 from calibration.rounding import number
 from calibration.studies.planned import PLACEHOLDER, Column, Impacts, Plan
@@ -97,7 +98,8 @@ def _of_law(law, every: Column, parameters, objective, route: Route, there: Impa
         every, level, contact, name="the plan", limit_velocity=limit, plausibility=False
     )
     said = _said(law, parameters)
-    request = Request((data,), type(law), said, objective, route)
+    options = FitOptions.of(law=type(law), objective=objective, route=route)
+    request = Request((data,), said, options)
     spec = request.specs()[0]
     if objective is not None and spec.objective != objective:
         raise DataError("objective", objective, "model for a law without a contact")

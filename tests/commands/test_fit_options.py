@@ -63,15 +63,10 @@ def fitted(folder, options=(), settings=None, **told) -> cal.FitResult:
 
 def in_python(settings: dict[str, Any], uncertainty=0.01, said=None, second=False):
     """The same fit by `cal.fit`."""
-    keys = dict(settings)
-    law, route = keys.pop("law", None), keys.pop("route", None)
-    options = {name: keys.pop(name) for name in ("form", "kappa", "end") if name in keys}
-    if keys.get("unloading_line") == "none":
-        keys["unloading_line"] = None
     data = [noisy(uncertainty), noisy(uncertainty, "another", 6.0e7)]
     of = data if second else data[0]
-    said = {**(said or {}), **options}
-    return cal.fit(of, law, said, route=None if route is None else EB, **keys)
+    keys = settings | ({"route": EB} if "route" in settings else {})
+    return cal.fit(of, parameters=said, **keys)
 
 
 def chi_squared(result, uncertainty):

@@ -307,18 +307,18 @@ def test_progress_goes_from_start_to_end():
 
 
 REFUSED = {
-    "optimiser": ({"optimiser": "bfgs"}, "`optimiser` must be 'l-bfgs'"),
-    "loss": ({"loss": np.array(["huber"] * 2)}, "`loss` must be 'squared'"),
-    "objective": ({"objective": "both"}, "`objective` must be model, two-step, but is both"),
+    "optimiser": ({"optimiser": "bfgs"}, '`optimiser` must be "l-bfgs"'),
+    "loss": ({"loss": np.array(["huber"] * 2)}, '`loss` must be "squared"'),
+    "objective": ({"objective": "both"}, '`objective` must be "model" or "two-step"'),
     "an objective for a law": ({"law": "two-step"}, "`law` must be left out: that is an objective"),
     "a law": ({"law": "hertz-dashpots"}, "did you mean 'hertz-dashpot'"),
     "no law": ({"law": 3.0}, "`law` must be a name"),
     "two-step": ({"law": "thornton", "objective": "two-step"}, "two-step with thornton"),
-    "starts": ({"starts": 0}, "`starts` must be a whole number >= 1"),
-    "seed": ({"seed": -1}, "`seed` must be a whole number >= 0"),
-    "per cent": ({"confidence": 95}, "`confidence` must be between 0 and 1"),
-    "confidence": ({"confidence": "0.95"}, "`confidence` must be between 0 and 1, but is 0.95"),
-    "profiles": ({"profiles": "no"}, "`profiles` must be true or false, but is no"),
+    "starts": ({"starts": 0}, "`starts` must be a whole number of 1 or more"),
+    "seed": ({"seed": -1}, "`seed` must be a whole number of 0 or more"),
+    "per cent": ({"confidence": 95}, "`confidence` must be a number between 0 and 1"),
+    "confidence": ({"confidence": "0.95"}, '`confidence` must be a number between 0 and 1, but is "0.95"'),
+    "profiles": ({"profiles": "no"}, "`profiles` must be true or false, but is"),
     "scatter": ({"extra_scatter": None}, "`extra_scatter` must be true or false"),
     "scale": ({"scale_uncertainty": np.ones(2)}, "`scale_uncertainty` must be true or false"),
     "progress": ({"progress": "bar"}, r"`progress` must be called as progress\(stage, done, total\)"),
@@ -332,7 +332,7 @@ REFUSED = {
     "of a law": ({"parameters": {"restitution": 0.5}}, "`parameter` must be of zhou: chi, sigma"),
     "a value": ({"parameters": {"chi": -1.0}}, "`value of chi` must be an unloading factor of zero"),
     "bounds": ({"parameters": {"chi": Free(bounds=(-1, 2))}}, r"`bounds of chi` must be within \[0, inf"),
-    "route": ({"route": "ode"}, "route"),
+    "route": ({"route": "od"}, "`route` must be .*did you mean 'ode'"),
 }  # fmt: skip
 
 

@@ -190,7 +190,7 @@ def test_importing_changes_no_setting():
 
 # calibration in floors: a module imports from lower ones, or from its own; also inside functions
 FLOORS = [
-    {"lazily", "errors", "rounding", "choices", "output", "console"},
+    {"lazily", "errors", "rounding", "schema", "options", "output", "console"},
     {"parameters", "paper", "data"},
     {"problem_file", "fitting"},
     {"report"},

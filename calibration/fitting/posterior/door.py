@@ -35,7 +35,7 @@ def sampled(
 ) -> Any:
     """Draws from the posterior of a fit's parameters; see `FitResult.posterior`."""
     _check(draws, chains, seed, warmup)
-    check_possible(request.objective, request.options.loss)
+    check_possible(request.options.objective, request.options.loss)
     with jax.enable_x64(True):
         problem = traceable(request)
         if not (problem.names or problem.noises):

@@ -1,0 +1,255 @@
+"""The settings of a fit, listed once.
+
+`FitOptions` is the `[fit]` table of a material file, the options of `softjax fit` and `softjax
+compare`, the keyword arguments of `calibration.fit`, and what `fit.json` keeps of them. A new setting
+is one field here, beside the line that uses it.
+"""
+
+import argparse
+import inspect
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+from typing import Annotated, Any, Literal, TypeVar, get_args
+
+from pydantic import (
+    BeforeValidator,
+    Field,
+    PlainSerializer,
+    TypeAdapter,
+    ValidationError,
+    WithJsonSchema,
+    model_validator,
+)
+
+from calibration.errors import DataError, did_you_mean, listed, shown
+from calibration.schema import Strict, accepted, choices
+
+LAWS = (
+    "zhou",
+    "thornton",
+    "walton-braun",
+    "viscoelastic",
+    "hertz",
+    "hertz-dashpot",
+    "linear",
+    "constant",
+    "eq-17",
+)
+ROUTES = ("ode", "energy balance", "closed form")
+OBJECTIVES = ("model", "two-step")
+FORMER = {"empirical": "eq-17", "constant": "constant"}  # objectives that are laws now
+# options of a law, and the laws that have them
+LAW_OPTIONS = {"form": ("zhou",), "kappa": ("zhou",), "end": ("hertz-dashpot", "linear")}
+# settings that act beside some values of another only
+ACTS_WITH: dict[str, tuple[str, tuple[Any, ...]]] = {
+    "rtol": ("route", (None, "ode")),
+    "loss_scale": ("loss", ("huber", "soft-l1")),
+}
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def _check_law(law: Any) -> Any:
+    if isinstance(law, str) and law in OBJECTIVES:
+        raise DataError("law", law, f"left out: that is an objective, objective={law!r}")
+    if law is None or (isinstance(law, str) and law in LAWS) or callable(law):
+        return law
+    if isinstance(law, str):
+        raise DataError("law", law, f"one of {listed(LAWS)}{did_you_mean(law, LAWS)}")
+    kinds = f"a name ({listed(LAWS)}), a class of contact laws, or a function that builds one"
+    raise DataError("law", law, kinds)
+
+
+def _law_to_json(law: Any) -> str | None:
+    return law if law is None or isinstance(law, str) else getattr(law, "__name__", None)
+
+
+def _check_objective(objective: Any) -> Any:
+    if isinstance(objective, str) and objective in FORMER:
+        raise DataError("objective", objective, f'"model" with law = "{FORMER[objective]}"')
+    return objective
+
+
+def _check_route(route: Any) -> Any:
+    """A route that has no settings of its own becomes its name."""
+    name = route.replace("-", " ") if isinstance(route, str) else getattr(route, "name", None)
+    if route is None or (isinstance(route, str) and name in ROUTES):
+        return name
+    if name not in ROUTES or isinstance(route, str):
+        routes = "softjax.EnergyBalance(), softjax.ClosedForm(), softjax.ODE(...), or a name"
+        near = did_you_mean(route, ROUTES) if isinstance(route, str) else ""
+        raise DataError("route", route, f"{routes}: {listed(ROUTES)}{near}")
+    return route if name == "ode" else name
+
+
+def _route_to_json(route: Any) -> Any:
+    if route is None or isinstance(route, str):
+        return route
+    return {"name": route.name, **vars(route)}
+
+
+def _names(every: Iterable[str]) -> WithJsonSchema:
+    return WithJsonSchema({"enum": [*every, None]})
+
+
+Law = Annotated[Any, BeforeValidator(_check_law), PlainSerializer(_law_to_json), _names(LAWS)]
+Objective = Annotated[Literal["model", "two-step"] | None, BeforeValidator(_check_objective)]
+Route = Annotated[
+    Any, BeforeValidator(_check_route), PlainSerializer(_route_to_json), _names(ROUTES)
+]
+Line = Annotated[
+    Literal["curves", "weighted"] | None,
+    BeforeValidator(lambda given: None if given == "none" else given),
+]
+
+
+class FitOptions(Strict):
+    """Settings of a fit; what is None is chosen to suit the law and the data."""
+
+    law: Law = Field(default=None, description="contact law to fit (default: zhou)")
+    objective: Objective = Field(
+        default=None,
+        description="model (default): the likelihood of all points, all parameters at once; "
+        "two-step: the paper's procedure for Zhou's law, σ and ψ from Eq. (17), then χ̃",
+    )
+    route: Route = Field(
+        default=None,
+        description="from a law to ε; default: the law's cheapest route, under two-step ode",
+    )
+    rtol: float | None = Field(
+        default=None, ge=1e-14, le=0.1, description="relative tolerance of the time integration"
+    )
+    optimiser: Literal["l-bfgs", "adam", "levenberg-marquardt"] = Field(
+        default="l-bfgs", description="search; adam is followed by l-bfgs"
+    )
+    loss: Literal["squared", "huber", "soft-l1"] = Field(
+        default="squared", description="squared, or a loss that resists outliers"
+    )
+    loss_scale: float = Field(
+        default=1.345, gt=0, description="of a robust loss, in standard errors of the residuals"
+    )
+    form: Literal["first-order", "full"] | None = Field(
+        default=None, description="form of Zhou's law (default: first-order)"
+    )
+    kappa: Literal["consistent", "printed"] | None = Field(
+        default=None,
+        description="κ of Zhou's law: consistent with the forces (default), or as printed",
+    )
+    end: Literal["zero-overlap", "zero-force"] | None = Field(
+        default=None, description="end of a dashpot law's contact (default: zero-overlap)"
+    )
+    unloading_line: Line = Field(
+        default="curves",
+        description="Eq. (18) for several materials of Zhou's law: through all curves, through "
+        "the fitted χ̃ with their weights, or not at all",
+    )
+    starts: int = Field(
+        default=32, ge=1, description="starts that are screened; the best are refined"
+    )
+    seed: int = Field(default=0, ge=0, description="seed of the starts")
+    max_steps: int = Field(default=200, ge=1, description="iterations of one search")
+    confidence: float = Field(default=0.95, gt=0, lt=1, description="confidence of all intervals")
+    profiles: bool = Field(
+        default=True, description="profile likelihoods; without them intervals from standard errors"
+    )
+    extra_scatter: bool = Field(
+        default=False, description="estimate scatter beside the stated uncertainties"
+    )
+    scale_uncertainty: bool = Field(
+        default=False, description="stated uncertainties are right up to a factor: scale by √(χ²/ν)"
+    )
+
+    @model_validator(mode="after")
+    def _act(self) -> "FitOptions":
+        """Refuse settings that would do nothing, or exclude each other."""
+        for name, acting in idle(dict(self)).items():
+            value = getattr(self, name)
+            if value != type(self).model_fields[name].default:
+                raise DataError(name, value, f"left out: {acting}")
+        if self.extra_scatter and self.scale_uncertainty:
+            raise DataError("scale_uncertainty", True, "left out beside extra_scatter")
+        return self
+
+    @property
+    def law_options(self) -> dict[str, str]:
+        """Those of the law itself that are given, by name."""
+        given = {name: getattr(self, name) for name in LAW_OPTIONS}
+        return {name: value for name, value in given.items() if value is not None}
+
+
+def idle(settings: Mapping[str, Any]) -> dict[str, str]:
+    """Settings that would do nothing beside the others, each with what they act with."""
+    found = {}
+    for name, (other, acting) in ACTS_WITH.items():
+        value = settings.get(other)
+        if name in settings and getattr(value, "name", value) not in acting:
+            words = " or ".join(f'"{one}"' for one in acting if one)
+            found[name] = f"it only applies to {other} {words}"
+    return found
+
+
+def add_options(parser: Any, names: Iterable[str] = tuple(FitOptions.model_fields)) -> None:
+    """The command-line options of some settings, `--loss-scale` for `loss_scale`."""
+    for name in names:
+        field = FitOptions.model_fields[name]
+        help = (field.description or "").replace("%", "%%")
+        if field.annotation is bool:
+            look: dict[str, Any] = {"action": "store_const", "const": not field.default}
+            help = f"no {help}" if field.default else help
+        else:
+            words = _words(name)
+            look = {"type": partial(_parsed, name), "metavar": "X"}
+            look |= {"metavar": f"{{{','.join(words)}}}"} if words else {}
+            help += "" if field.default is None else f" (default: {field.default})"
+        parser.add_argument(flag(name), dest=name, help=help, **look)
+
+
+def flag(name: str) -> str:
+    """The command-line option of a setting; one that switches off what is on by default is `--no-…`."""
+    is_on = FitOptions.model_fields[name].default is True
+    return f"--{'no-' if is_on else ''}{name.replace('_', '-')}"
+
+
+def given_options(arguments: argparse.Namespace) -> dict[str, Any]:
+    """The settings that the command line gives."""
+    table = {name: getattr(arguments, name, None) for name in FitOptions.model_fields}
+    return {name: value for name, value in table.items() if value is not None}
+
+
+def documented(function: Function) -> Function:
+    """Fill `**options` of a function: its signature and docstring list the settings one by one."""
+    signature = inspect.signature(function)
+    own = list(signature.parameters.values())[:-1]
+    fields = FitOptions.model_fields
+    more = [
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=field.default)
+        for name, field in fields.items()
+        if name not in signature.parameters
+    ]
+    own.sort(key=lambda one: one.kind)
+    function.__signature__ = signature.replace(parameters=[*own, *more])  # type: ignore[attr-defined]
+    table = "\n".join(f"        {one.name}: {fields[one.name].description}." for one in more)
+    function.__doc__ = (function.__doc__ or "").replace("        OPTIONS", table)
+    return function
+
+
+def _words(name: str) -> tuple[str, ...]:
+    """The words that a setting may be on the command line; what Python leaves out is "none"."""
+    words = choices(FitOptions, name)
+    may_be_none = type(None) in get_args(FitOptions.model_fields[name].annotation)
+    is_on = FitOptions.model_fields[name].default is not None
+    every = (*words, "none") if words and may_be_none and is_on else words
+    return tuple(one.replace(" ", "-") for one in every)
+
+
+def _parsed(name: str, text: str) -> Any:
+    """A setting from the command line."""
+    field = FitOptions.model_fields[name]
+    adapter = TypeAdapter(Annotated[(field.annotation, Field(), *field.metadata)])  # type: ignore[arg-type]
+    try:
+        found = adapter.validate_python(text, strict=False)
+        return text if found is None else found  # "none": left out is what is None
+    except ValidationError:
+        words = _words(name)
+        known = f"one of {listed(words)}" if words else accepted(FitOptions, (name,))
+        problem = f"{shown(repr(text))} is not {known}{did_you_mean(text, words)}"
+        raise argparse.ArgumentTypeError(problem) from None
