@@ -1,4 +1,8 @@
-"""Laws as users write them: the library's own in newtons and metres, and one from the literature."""
+"""Laws as users write them: the library's own in newtons and metres, one from the literature, and
+forces whose collisions are solved by hand.
+"""
+
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -169,3 +173,144 @@ def published_fit(ratio, yield_strain):
     over = np.maximum(ratio, 60.0)
     fast = 1 - 0.1 * np.log(60) - 0.11 * np.log(over / 60) * (over - 60) ** (2.36 * yield_strain)
     return np.where(ratio < 60, slow, fast)
+
+
+FORCE, LENGTH = 100.0, 1e-4  # N and m: a spring of 1e6 N/m
+PACE = np.sqrt(STEEL.mass * LENGTH / FORCE)  # peak overlap over velocity of that spring
+POWER, FALLS, ENDS, PLATEAU = range(4)  # ByHand.loading
+LINE, CLIPPED, CUBE, STEEP, JUMPS, DROPS, BELOW, HOLE = range(8)  # ByHand.shape
+SHARPENING = 1e-4  # m: the residual overlap δ_m²/(δ_m + that) of BELOW and its clipped like
+
+
+class ByHand(sj.RateIndependentLaw):
+    """Loading forces and shapes of unloading, chosen by numbers: a batch of them is one program.
+
+    Loading in FORCE over x = δ/LENGTH: x^p, 1 - x/end, 1 up to `end` and no number beyond, or Hertz's up
+    to `end` and constant from there. Unloading gives back P_m times a shape of s = (δ/δ_m - ρ)/(1 - ρ).
+    """
+
+    contact: sj.Contact
+    loading: float = POWER
+    power: float = 1.0  # p
+    end: float = 1.0
+    shape: float = CLIPPED
+    rest: float = 0.0  # ρ; 1 of a plateau, 2 where it sharpens: of the peak
+    floor: float = 0.0  # what CLIPPED gives back below its zero
+    bend: float = 1.0  # the power of s in CLIPPED
+
+    def elastic_overlap(self):
+        return jnp.where(self.loading == PLATEAU, self.end * LENGTH, 0.0)
+
+    def loading_force(self, overlap):
+        x = overlap / LENGTH
+        inside = x > 0
+        power = jnp.where(inside, jnp.where(inside, x, 1.0) ** self.power, self.power == 0)
+        hertz = self.contact.stiffness / FORCE * jnp.minimum(overlap, self.end * LENGTH) ** 1.5
+        kinds = [power, 1 - x / self.end, jnp.where(x < self.end, 1.0, jnp.nan), hertz]
+        return FORCE * _chosen(self.loading, kinds)
+
+    def unloading_force(self, overlap, peak_overlap):
+        plateau = 1 - 0.5 * self.end * LENGTH / peak_overlap
+        sharp = peak_overlap / (peak_overlap + SHARPENING)
+        rest = jnp.where(self.rest == 1, plateau, jnp.where(self.rest == 2, sharp, self.rest))
+        x = overlap / peak_overlap
+        s = (x - rest) / (1 - rest)
+        inside = s > 0
+        t = jnp.where(inside, s, 1.0)
+        kinds = [
+            s,
+            self.floor + (1 - self.floor) * jnp.where(inside, t**self.bend, 0.0),
+            s**3,
+            -jnp.expm1(-20 * s) / -np.expm1(-20.0),
+            jnp.where(inside, 0.5 * (1 + s), -0.5),
+            jnp.where(inside, 0.5 * (1 + s), 0.0),
+            jnp.where(inside, t**1.5, jnp.nan),
+            jnp.where((x > 0.5) & (x < 0.7), jnp.nan, t**1.5),
+        ]
+        return self.loading_force(peak_overlap) * _chosen(self.shape, kinds)
+
+
+def _chosen(kind, values):
+    picked = jnp.arange(len(values)) == kind
+    return jnp.sum(jnp.where(picked, jnp.stack(jnp.broadcast_arrays(*values)), 0.0))
+
+
+class Impact(NamedTuple):
+    """One impact of `ByHand`, solved by hand; NaN where nothing is known."""
+
+    law: dict[str, float]
+    velocity: float
+    squared: float  # ε²
+    peak: float
+    residual: float
+    status: sj.Status = sj.Status.PLAIN
+    tolerance: float = 1e-9  # of ε², relative
+
+
+def by_hand() -> list[Impact]:
+    """The impacts of `ByHand`: ε² = P_m δ_m (1 - ρ) ∫ shape ds over the work of loading."""
+    rows, none, plain = [], float("nan"), sj.Status.PLAIN
+    opened, gain, inexact = (
+        sj.Status[n] for n in ("NO_RESIDUAL_OVERLAP", "ENERGY_GAIN", "INEXACT")
+    )
+    # a spring: straight, clipped, of any power, bent, and where it jumps or drops
+    peak = 0.7 * PACE
+    steep = 1 / -np.expm1(-20.0) - 0.05
+    shapes = [({"shape": k}, area) for k, area in ((LINE, 0.5), (CUBE, 0.25), (STEEP, steep))]
+    shapes += [({"bend": n}, 1 / (n + 1)) for n in (1.0, 1.5, 2.5, 0.5)]
+    shapes += [({"shape": k}, 0.75) for k in (JUMPS, DROPS)]
+    for rest in (0.37, 0.9):
+        for shape, area in shapes:
+            law, squared = shape | {"rest": rest}, 2 * (1 - rest) * area
+            told = inexact if shape.get("shape") in (JUMPS, DROPS) else plain
+            told = gain if squared > 1 else told
+            rows.append(Impact(law, 0.7, squared, peak, rest * peak, told, 1e-11))
+    # down to zero overlap: positive there, zero there, clipped at zero, just above zero by a hair
+    for floor, bend, rest in ((0.2, 2.0, 0.0), (0.0, 2.0, 0.0), (0.0, 1.0, 0.5), (1e-9, 3.0, 0.0)):
+        law = {"floor": floor, "bend": bend, "rest": rest}
+        squared = 2 * (1 - rest) * (floor + (1 - floor) / (bend + 1))
+        rows.append(Impact(law, 0.7, squared, peak, rest * peak, plain if rest else opened))
+    # powers of the overlap over 24 decades of energy: F L x^{p+1}/(p + 1) = M v²/2
+    for power in (0.0, 1.0, 1.5, 4.0):
+        for v in (1e-9, 1e-3, 1.0, 1e3):
+            energy = 0.5 * STEEL.mass * v**2 / (FORCE * LENGTH)
+            peak = LENGTH * ((power + 1) * energy) ** (1 / (power + 1))
+            told = opened | gain if power > 1 else opened
+            rows.append(Impact({"power": power}, v, (power + 1) / 2, peak, 0.0, told, 1e-8))
+    # a triangle of work F end/2 turns a body of less energy; so does what is no number from `end`
+    for share, kind, end in (
+        (0.8, FALLS, 1.3),
+        (1.2, FALLS, 3.0),
+        (0.9, ENDS, 2.0),
+        (1.1, ENDS, 2.0),
+    ):
+        work = share * FORCE * LENGTH * end * (0.5 if kind == FALLS else 1.0)
+        v = np.sqrt(2 * work / STEEL.mass)
+        law = {"loading": kind, "power": 0.0, "end": end}
+        if share > 1:
+            rows.append(Impact(law, v, 0.0, none, none, sj.Status.NO_TURNING_POINT))
+            continue
+        x = end * (1 - np.sqrt(1 - share)) if kind == FALLS else end * share
+        force = 1 - x / end if kind == FALLS else 1.0
+        squared = 0.5 * force * x * FORCE * LENGTH / work
+        rows.append(Impact(law, v, squared, LENGTH * x, 0.0, opened, 1e-8))
+    # a plateau up to a million times its start: (2/5) y² = 2/5 + (x_m - 1), ε² = (1/4)/((2/5) y²)
+    law = {"loading": PLATEAU, "end": 0.01, "rest": 1.0}
+    pace = np.sqrt(0.8 * STEEL.stiffness * 1e-6**2.5 / STEEL.mass)
+    rows.append(Impact(law, 0.5 * pace, 1.0, 1e-6 * 0.5**0.8, 0.0, sj.Status.ELASTIC))
+    for y in (1.5, 10.0, 1e3, 1e6):
+        x = 1 + 0.4 * (y**2 - 1)
+        # a law of overlaps alone knows x_m - x of a nearly plastic impact to the rounding of x_m
+        near = 1e-8 if y < 1e6 else 3e-3
+        rows.append(Impact(law, y * pace, 0.625 / y**2, 1e-6 * x, 1e-6 * (x - 0.5), plain, near))
+    # ((δ - δ*)/(δ_m - δ*))^{3/2}, no number below δ* or 0 there; then a hole on the way back
+    for v in (1e-3, 0.1, 10.0):
+        peak = v * PACE
+        rest = peak / (peak + SHARPENING)
+        for shape in ({"shape": BELOW}, {"bend": 1.5}):
+            law = shape | {"rest": 2.0}
+            rows.append(Impact(law, v, 0.8 * (1 - rest), peak, rest * peak, plain, 1e-8))
+    peak = 0.7 * PACE
+    left = 0.8 * (1 - 0.7**2.5)
+    rows.append(Impact({"shape": HOLE}, 0.7, left, peak, 0.7 * peak, inexact, 1e-6))
+    return rows

@@ -1,18 +1,28 @@
 """Laws given by their forces alone, by both routes: against the built-in ones, SciPy and by hand."""
 
 import itertools
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.integrate import quad
-from scipy.optimize import brentq
 
 import softjax as sj
 from tests.cases import compiled_soon
 from tests.laws import QUANTITIES, graded, numbers, repeated
-from tests.physics.own_laws import PAIRS, STEEL, JacksonGreen, published_fit
+from tests.oracles.by_scipy import by_works
+from tests.physics.own_laws import (
+    HOLE,
+    PACE,
+    PAIRS,
+    PLATEAU,
+    STEEL,
+    ByHand,
+    JacksonGreen,
+    by_hand,
+    published_fit,
+)
 
 ROUTES = {"energy": sj.EnergyBalance(), "ode": sj.ODE(rtol=1e-10)}
 PRECISE = sj.ODE(rtol=1e-12)
@@ -21,29 +31,17 @@ by_time_long = pytest.mark.parametrize(
     "route",
     [pytest.param(r, id=n, marks=[pytest.mark.long] * (n == "ode")) for n, r in ROUTES.items()],
 )
-STIFFNESS = 1e6
-PACE = np.sqrt(STEEL.mass / STIFFNESS)  # peak overlap over velocity, of a spring
-INEXACT, OPEN = sj.Status.INEXACT, sj.Status.NO_RESIDUAL_OVERLAP
+OPEN = sj.Status.NO_RESIDUAL_OVERLAP
 
 
 # the library's laws, written in SI
 
 VELOCITY = STEEL.critical_velocity * np.array([0.3, 1.5, 4.0, 20.0, 300.0])
-IN_SI = [
-    pytest.param(
-        name,
-        route,
-        id=f"{name}-{'ode' if route else 'energy'}",
-        # up to 40 s to compile by the ODE, with slopes
-        marks=pytest.mark.long,
-    )
-    for name in PAIRS
-    for route in (None, PRECISE)
-    if (name, route) != ("viscoelastic", None)
-]
 
 
-@pytest.mark.parametrize(("name", "route"), IN_SI)
+@pytest.mark.long  # up to 40 s to compile by the ODE, with slopes
+@pytest.mark.parametrize("route", [None, PRECISE], ids=["energy", "ode"])
+@pytest.mark.parametrize("name", PAIRS)
 def test_laws_in_si_are_the_built_in_ones(name, route):
     """Values and slopes of ε, both overlaps and the duration, and the status."""
     own, built_in = PAIRS[name]
@@ -63,7 +61,7 @@ def test_laws_in_si_are_the_built_in_ones(name, route):
         assert np.array_equal(found[1].status, exact[1].status)
 
 
-@pytest.mark.parametrize("name", ["thornton", "zhou"])
+@pytest.mark.parametrize("name", ["thornton", pytest.param("zhou", marks=pytest.mark.long)])
 def test_values_in_si(name):
     found, exact = (sj.restitution(law, VELOCITY) for law in PAIRS[name])
     for quantity in QUANTITIES:
@@ -72,255 +70,115 @@ def test_values_in_si(name):
     assert np.array_equal(found.status, exact.status)
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.long) for n in PAIRS])
+@pytest.mark.long
+@pytest.mark.parametrize("name", PAIRS)
 def test_histories_in_si(name):
     own, built_in = PAIRS[name]
-    velocity = VELOCITY[1:4:2]
-    found = sj.collide(own, velocity, samples=21, route=PRECISE)
-    exact = sj.collide(built_in, velocity, samples=2001, route=PRECISE)
+    found = sj.collide(own, VELOCITY[1:4:2], samples=21, route=PRECISE)
+    exact = sj.collide(built_in, VELOCITY[1:4:2], samples=2001, route=PRECISE)
     assert np.allclose(found.duration, exact.duration, rtol=1e-9, atol=0)
     assert np.allclose(found.velocity[:, -1], exact.velocity[:, -1], rtol=0, atol=1e-9)
     assert np.allclose(found.overlap[:, 10], exact.overlap[:, 1000], rtol=1e-9, atol=0)
 
 
-# a law from the literature
-
-RATIOS = np.array([1.5, 3.0, 10.0, 40.0, 80.0, 400.0, 900.0])
+@pytest.mark.parametrize("name", list(PAIRS)[:4])
+def test_slopes_of_forces_at_zero_overlap(name):
+    """Numbers, where `x √x` gave NaN."""
+    _, law = PAIRS[name]
+    assert np.isfinite(jax.grad(law.loading_force)(0.0))
+    assert np.isfinite(jax.jacfwd(law.unloading_force)(0.0, 1e-5))
 
 
 @by_time_long
 def test_jackson_and_green(route):
-    """Against SciPy's quadrature and root, and against what its authors fitted to theirs."""
+    """A law from the literature by SciPy's quadrature, and by what its authors fitted to theirs."""
     steel, rigid = sj.Material(1.93e11, 0.32, 8030.0, 3.1e8), sj.Material(1e16, 0.3, 1e4, 1e12)
     law = JacksonGreen(sj.Contact.with_wall(steel, rigid, 0.0127, area="hertz"), 0.32)
     critical, unit = float(law.critical_overlap()), float(law.critical_force())
-    pace = np.sqrt(0.8 * unit * critical / float(law.contact.mass))
-    loading, starts = jax.jit(law.loading_force), 1.9 + 1e-14  # the force jumps by a hair there
-
-    def excess(w, energy):
-        """The work of loading up to δ/δ_c = w beyond an energy, both over F_c δ_c."""
-        beyond = quad(lambda x: float(loading(x * critical)) / unit, starts, w, epsrel=1e-12)[0]
-        return 0.4 * 1.9**2.5 + beyond - energy
-
-    result = sj.restitution(law, RATIOS * pace, route)
-    assert list(result.status) == [sj.Status.ELASTIC] + [sj.Status.PLAIN] * (len(RATIOS) - 1)
-    for k, ratio in list(enumerate(RATIOS))[1:]:
-        energy = 0.4 * ratio**2
-        peak = critical * brentq(excess, starts, 1e4, args=(energy,), xtol=1e-13, rtol=1e-14)
-        rest = float(law.residual_overlap(peak))
-        back = 0.4 * float(law.loading_force(peak)) * (peak - rest)  # Hertz's work
-        assert result.peak_overlap[k] == pytest.approx(peak, rel=1e-8)
-        assert result.residual_overlap[k] == pytest.approx(rest, rel=1e-8)
-        assert result.coefficient[k] ** 2 == pytest.approx(
-            back / (energy * unit * critical), rel=1e-8
-        )
+    ratios = np.array([1.5, 3.0, 10.0, 40.0, 80.0, 400.0, 900.0])
+    velocity = ratios * np.sqrt(0.8 * unit * critical / float(law.contact.mass))
+    result = sj.restitution(law, velocity, route)
+    assert list(result.status) == [sj.Status.ELASTIC] + [sj.Status.PLAIN] * (len(ratios) - 1)
+    for k, v in list(enumerate(velocity))[1:]:
+        exact = by_works(law, float(v))
+        assert result.coefficient[k] ** 2 == pytest.approx(exact.squared, rel=1e-8)
+        assert result.peak_overlap[k] == pytest.approx(exact.peak, rel=1e-8)
+        rest = float(law.residual_overlap(exact.peak))
+        assert (result.residual_overlap[k], exact.residual) == pytest.approx((rest, rest), rel=1e-8)
     strain = law.contact.yield_strength / law.contact.youngs_modulus
-    assert np.max(np.abs(result.coefficient - published_fit(RATIOS, strain))) < 0.02
+    assert np.max(np.abs(result.coefficient - published_fit(ratios, strain))) < 0.02
 
 
-# springs that give back what a shape says
+# forces that are solved by hand, in one batch
+
+ROWS = by_hand()
 
 
-class Shaped(sj.RateIndependentLaw):
-    """A linear spring that gives back P_m times a shape of s = (δ - ρ δ_m)/(δ_m - ρ δ_m)."""
-
-    contact: sj.Contact
-    kind: float
-    rest: float
-
-    def loading_force(self, overlap):
-        return STIFFNESS * overlap
-
-    def unloading_force(self, overlap, peak_overlap):
-        s = (overlap / peak_overlap - self.rest) / (1 - self.rest)
-        t = jnp.where(s > 0, s, 1.0)
-        inside = lambda y: jnp.where(s > 0, y, 0.0)  # noqa: E731
-        shapes = [
-            s,
-            inside(t),
-            inside(t**1.5),
-            inside(t**2.5),
-            inside(jnp.sqrt(t)),
-            s**3,
-            -jnp.expm1(-20 * s) / -np.expm1(-20.0),
-            jnp.where(s > 0, 0.5 * (1 + s), -0.5),
-            inside(0.5 * (1 + s)),
-        ]
-        index = jnp.arange(len(shapes))
-        return (
-            STIFFNESS * peak_overlap * jnp.sum(jnp.where(index == self.kind, jnp.stack(shapes), 0))
-        )
+def law_of(rows) -> ByHand:
+    plain = ByHand(STEEL)
+    names = ("loading", "power", "end", "shape", "rest", "floor", "bend")
+    return replace(
+        plain,
+        **{n: np.array([r.law.get(n, getattr(plain, n)) for r in rows], float) for n in names},
+    )
 
 
-SHARES = np.array([0.5, 0.5, 0.4, 2 / 7, 2 / 3, 0.25, 1 / -np.expm1(-20.0) - 0.05, 0.75, 0.75])
+@both_routes
+def test_collisions_solved_by_hand(route):
+    """ε², both overlaps, the status; and by the energy balance ∂δ*/∂ρ of a zero that is searched for."""
+    law, velocity = law_of(ROWS), np.array([row.velocity for row in ROWS])
 
+    def found(rest):
+        hit = sj.restitution(replace(law, rest=rest), velocity, route)
+        return hit.residual_overlap.sum(), hit
 
-@by_time_long
-def test_where_an_unloading_force_ends(route):
-    """ε² = 2 (1 - ρ) ∫ shape ds: straight, clipped, of any power, bent, and where it jumps or drops."""
-    kind, rest = np.arange(9.0), np.array([[0.37], [0.9]])
-    result = sj.restitution(Shaped(STEEL, kind, rest), 0.7, route)
-    peak, smooth = 0.7 * PACE, kind < 7
-    assert np.allclose(result.peak_overlap, peak, rtol=1e-9, atol=0)
-    tolerance = 1e-9 if route == ROUTES["energy"] else 1e-7
-    off = np.abs(result.coefficient**2 - 2 * (1 - rest) * SHARES)
-    assert np.all(off[:, smooth] < tolerance)
-    off = np.abs(result.residual_overlap / peak - rest)
-    assert np.all(off[:, smooth] < tolerance)
     if route == ROUTES["energy"]:
-        assert np.all(off < 1e-12)
-        assert np.array_equal(result.status & int(INEXACT) > 0, np.ones((2, 1)) * ~smooth > 0)
-        assert np.allclose(result.coefficient**2, 2 * (1 - rest) * SHARES, rtol=1e-4)
+        (_, hit), slope = compiled_soon(jax.value_and_grad(found, has_aux=True))(law.rest)
+        clipped = np.array([set(r.law) == {"bend", "rest"} and r.law["rest"] < 1 for r in ROWS])
+        peaks = np.array([row.peak for row in ROWS])[clipped]
+        assert np.allclose(slope[clipped], peaks, rtol=1e-4, atol=0)
+    else:
+        _, hit = compiled_soon(found)(law.rest)
+    squared, peak, residual, told, tolerance = (
+        np.array([getattr(row, name) for row in ROWS], float)
+        for name in ("squared", "peak", "residual", "status", "tolerance")
+    )
+    hole = np.array([row.law.get("shape") == HOLE for row in ROWS])
+    sure = ~(hole & (hit.status & int(sj.Status.SOLVER_FAILED) > 0))  # it may give up, but says so
+    if route != ROUTES["energy"]:
+        sure &= told != int(sj.Status.INEXACT)
+        tolerance = np.maximum(tolerance, 1e-7)
+    wrong = {
+        "squared": np.abs(hit.coefficient**2 - squared) > tolerance * np.maximum(squared, 1e-15),
+        "peak": np.abs(hit.peak_overlap - peak) > 1e-9 * peak,
+        "residual": np.abs(hit.residual_overlap - residual) > np.maximum(1e-9, tolerance) * peak,
+        "status": hit.status & ~int(sj.Status.ABOVE_LIMIT_VELOCITY) != told,
+    }
+    assert np.all(np.isfinite(hit.coefficient))
+    for name, rows in wrong.items():
+        assert [ROWS[k] for k in np.flatnonzero(sure & np.asarray(rows))] == [], name
 
 
-class Recoil(sj.RateIndependentLaw):
-    """A linear spring that gives back P_m [c + (1 - c) s^n], not below c."""
-
-    contact: sj.Contact
-    floor: float
-    power: float
-    rest: float
-
-    def loading_force(self, overlap):
-        return STIFFNESS * overlap
-
-    def unloading_force(self, overlap, peak_overlap):
-        s = jnp.maximum((overlap / peak_overlap - self.rest) / (1 - self.rest), 0.0)
-        inside = s > 0
-        share = jnp.where(inside, jnp.where(inside, s, 1.0) ** self.power, 0.0)
-        return STIFFNESS * peak_overlap * (self.floor + (1 - self.floor) * share)
+def test_where_a_plateau_begins():
+    law = replace(ByHand(STEEL), loading=PLATEAU, end=0.01)
+    limit = np.sqrt(0.8 * STEEL.stiffness * 1e-6**2.5 / STEEL.mass)
+    assert law.elastic_velocity() == pytest.approx(limit, rel=1e-13)
 
 
-class Told(Recoil):
+class Told(ByHand):
     """Says itself what remains, which a search would find elsewhere."""
 
     def residual_overlap(self, peak_overlap):
         return 0.75 * peak_overlap
 
 
-# positive down to zero overlap; zero there; clipped at zero; just above zero by a hair
-FLOOR, POWER = np.array([0.2, 0.0, 0.0, 1e-9]), np.array([2.0, 2.0, 1.0, 3.0])
-REST = np.array([0.0, 0.0, 0.5, 0.0])
-
-
 @by_time_long
-def test_unloading_down_to_zero_overlap(route):
-    """ε² = 2 (1 - ρ) [c + (1 - c)/(n + 1)] by hand; under `jit`; and where the law tells δ*."""
-    law = Recoil(STEEL, FLOOR, POWER, REST)
-    result = jax.jit(lambda v: sj.restitution(law, v, route))(jnp.full(4, 0.7))
-    squared = 2 * (1 - REST) * (FLOOR + (1 - FLOOR) / (POWER + 1))
-    assert np.allclose(result.coefficient**2, squared, rtol=1e-9, atol=0)
-    assert np.allclose(result.residual_overlap, REST * 0.7 * PACE, rtol=1e-10, atol=0)
-    assert list(result.status) == [OPEN, OPEN, 0, OPEN]
-    known = sj.restitution(Told(STEEL, 0.0, 1.0, 0.5), 0.7, route)
-    assert np.isclose(known.residual_overlap, 0.75 * known.peak_overlap, rtol=1e-12)
-    assert np.isclose(known.coefficient**2, 2 * 0.25 * 0.75, rtol=1e-9)  # a trapezium's area
-
-
-def test_the_slope_of_where_a_force_ends():
-    """δ* = ρ δ_m by a search, of a force that is flat there too."""
-    law = Recoil(STEEL, 0.0, 2.0, 0.5)
-
-    @compiled_soon
-    @jax.value_and_grad
-    def residual(rest):
-        return sj.restitution(Recoil(STEEL, law.floor, law.power, rest), 0.7).residual_overlap
-
-    value, slope = residual(0.5)
-    assert value == pytest.approx(0.35 * PACE, rel=1e-9)
-    assert slope == pytest.approx(0.7 * PACE, rel=1e-4)
-
-
-# loading
-
-
-class Loading(sj.RateIndependentLaw):
-    """k L^{1-p} δ^p, or a force that falls from F at touch to 0 at `end`, or is no number from there."""
-
-    contact: sj.Contact
-    power: float
-    end: float
-    kind: float
-
-    def loading_force(self, overlap):
-        x = overlap / 1e-4
-        inside = x > 0
-        power = jnp.where(inside, jnp.where(inside, x, 1.0) ** self.power, self.power == 0)
-        falls = 1 - x / self.end
-        ends = jnp.where(x < self.end, 1.0, jnp.nan)
-        force = jnp.where(self.kind == 0, power, jnp.where(self.kind == 1, falls, ends))
-        return 100.0 * force
-
-    def unloading_force(self, overlap, peak_overlap):
-        return self.loading_force(peak_overlap) * overlap / peak_overlap
-
-
-@by_time_long
-def test_how_far_a_body_comes(route):
-    """Powers of the overlap over 24 decades of energy: F L (δ/L)^{p+1}/(p + 1) = ½ M v²."""
-    power, v = np.meshgrid([0.0, 1.0, 1.5, 4.0], [1e-9, 1e-3, 1.0, 1e3])
-    result = sj.restitution(Loading(STEEL, power, 1.0, 0.0), v, route)
-    energy = 0.5 * STEEL.mass * v**2 / (100.0 * 1e-4)
-    peak = 1e-4 * ((power + 1) * energy) ** (1 / (power + 1))
-    assert np.allclose(result.peak_overlap, peak, rtol=1e-9, atol=0)
-    assert np.allclose(result.coefficient**2, 0.5 * (power + 1), rtol=1e-8)  # a straight line back
-    gains = (result.status & int(sj.Status.ENERGY_GAIN)) > 0
-    assert np.array_equal(gains, power > 1)
-
-
-@by_time_long
-def test_a_loading_force_that_ends(route):
-    """A triangle of work F end/2 turns a body of less energy; so does what is no number from `end`."""
-    share, kind, end = (
-        np.array([0.8, 1.2, 0.9, 1.1]),
-        np.array([1, 1, 2, 2]),
-        np.array([1.3, 3, 2, 2]),
-    )
-    whole = 100.0 * 1e-4 * np.where(kind == 1, 0.5, 1.0) * end
-    v = np.sqrt(2 * share * whole / STEEL.mass)
-    result = sj.restitution(Loading(STEEL, 0.0, end, kind * 1.0), v, route)
-    turns = result.status & int(sj.Status.NO_TURNING_POINT) == 0
-    assert list(turns) == [True, False, True, False]
-    exact = 1e-4 * end[0] * (1 - np.sqrt(1 - share[0]))
-    assert result.peak_overlap[0] == pytest.approx(exact, rel=1e-8)
-    assert result.peak_overlap[2] == pytest.approx(1e-4 * 2 * 0.9, rel=1e-8)
-    assert np.all(np.asarray(result.coefficient)[~np.asarray(turns)] == 0)
-
-
-class Plateau(sj.RateIndependentLaw):
-    """Hertz's up to δ_y, the same force from there on, and back along a steep straight line."""
-
-    contact: sj.Contact
-    yield_overlap: float
-
-    def yield_force(self):
-        return self.contact.stiffness * self.yield_overlap**1.5
-
-    def elastic_overlap(self):
-        return self.yield_overlap
-
-    def loading_force(self, overlap):
-        return self.contact.stiffness * jnp.minimum(overlap, self.yield_overlap) ** 1.5
-
-    def unloading_force(self, overlap, peak_overlap):
-        steep = 2 * (peak_overlap - overlap) / self.yield_overlap
-        return self.yield_force() * jnp.maximum(1 - steep, 0.0)
-
-
-@by_time_long
-def test_a_plateau_up_to_a_million(route):
-    """(2/5) y² = 2/5 + (x_m - 1) and ε² = (1/4)/((2/5) y²), by hand."""
-    law, y = Plateau(STEEL, 1e-6), np.array([0.5, 1.5, 10.0, 1e3, 1e6])
-    result = sj.restitution(law, y * float(law.elastic_velocity()), route)
-    limit = np.sqrt(0.8 * STEEL.stiffness * 1e-6**2.5 / STEEL.mass)
-    assert law.elastic_velocity() == pytest.approx(limit, rel=1e-13)
-    peak = 1 + 0.4 * (y[1:] ** 2 - 1)
-    assert np.allclose(result.peak_overlap[1:], 1e-6 * peak, rtol=1e-9, atol=0)
-    assert np.allclose(result.residual_overlap[1:], 1e-6 * (peak - 0.5), rtol=1e-9, atol=0)
-    # a law of overlaps alone knows x_m - x of a nearly plastic impact to the rounding of x_m
-    assert np.allclose(result.coefficient[1:] ** 2, 0.625 / y[1:] ** 2, rtol=1e-8, atol=1e-15)
-    assert list(result.status) == [1, 0, 0, 0, 0]
-    assert result.coefficient[0] == 1
+def test_what_a_law_tells_of_its_residual_overlap(route):
+    """A trapezium's area."""
+    known = sj.restitution(Told(STEEL, rest=0.5), 0.7, route)
+    assert known.peak_overlap == pytest.approx(0.7 * PACE, rel=1e-9)
+    assert known.residual_overlap == pytest.approx(0.75 * float(known.peak_overlap), rel=1e-12)
+    assert known.coefficient**2 == pytest.approx(2 * 0.25 * 0.75, rel=1e-9)
 
 
 # laws given in the units of their scales
@@ -411,55 +269,6 @@ def test_arcs_of_a_circle(route):
     beyond = np.arctan(np.sqrt(y[1:] ** 2 - 1) * np.sqrt(2)) / np.sqrt(2)
     time = np.append(np.pi, np.arcsin(1 / y[1:]) + beyond + 0.5 * np.pi / np.sqrt(3))
     assert np.allclose(result.duration, time * 1e-4, rtol=1e-8, atol=0)
-
-
-# forces that are no numbers somewhere
-
-
-class Open(sj.RateIndependentLaw):
-    """Unloads by ((δ - δ*)/(δ_m - δ*))^{3/2}, no number below δ*; or 0 there, where `clipped`."""
-
-    contact: sj.Contact
-    length: float
-    clipped: float
-
-    def loading_force(self, overlap):
-        return self.contact.stiffness * sj.power_3_2(overlap)
-
-    def unloading_force(self, overlap, peak_overlap):
-        rest = peak_overlap**2 / (peak_overlap + self.length)
-        share = (overlap - rest) / (peak_overlap - rest)
-        share = jnp.where(self.clipped > 0, jnp.maximum(share, 0.0), share)
-        return self.loading_force(peak_overlap) * share**1.5
-
-
-class Broken(Open):
-    def unloading_force(self, overlap, peak_overlap):
-        inside = (overlap > 0.5 * peak_overlap) & (overlap < 0.7 * peak_overlap)
-        return jnp.where(inside, jnp.nan, self.contact.stiffness * sj.power_3_2(overlap))
-
-
-@by_time_long
-def test_forces_that_are_no_numbers_below_their_zero_or_on_the_way(route):
-    """∫ s^{3/2} = 2/5 of the way: ε² = (δ_m - δ*)/δ_m, with or without a clip; else it ends there."""
-    velocity = np.geomspace(1e-3, 10.0, 200)
-    found, clipped = (sj.restitution(Open(STEEL, 1e-4, c), velocity, route) for c in (0.0, 1.0))
-    peak = np.asarray(found.peak_overlap)
-    assert found.coefficient == pytest.approx(np.sqrt(1e-4 / (peak + 1e-4)), rel=1e-8)
-    assert np.array_equal(found.status, clipped.status)
-    assert found.duration == pytest.approx(np.asarray(clipped.duration), rel=1e-8)
-    broken = sj.restitution(Broken(STEEL, 1e-4, 0.0), [0.1, 1.0], route)
-    assert np.all(np.isfinite(broken.coefficient))
-    ended = np.abs(broken.residual_overlap / broken.peak_overlap - 0.7) < 1e-6
-    assert np.all((broken.status & int(sj.Status.SOLVER_FAILED) > 0) | ended)
-
-
-@pytest.mark.parametrize("law", [law for _, law in PAIRS.values()][:4], ids=list(PAIRS)[:4])
-def test_slopes_of_forces_at_zero_overlap(law):
-    """Numbers, where `x √x` gave NaN."""
-    for mode in (jax.grad, jax.jacfwd):
-        assert np.isfinite(mode(law.loading_force)(0.0))
-        assert np.isfinite(mode(law.unloading_force)(0.0, 1e-5))
 
 
 def test_laws_say_what_they_lack():

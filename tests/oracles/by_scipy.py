@@ -1,0 +1,85 @@
+"""One impact of a law by its forces in newtons: SciPy's quadrature and roots, or its integration in time.
+
+Of the law only the forces, their kinks and the end of the contact are asked, so a force that is off by a
+factor or in other units differs from what the library finds.
+"""
+
+import itertools
+from typing import NamedTuple
+
+import jax
+import numpy as np
+from scipy.integrate import quad, solve_ivp
+from scipy.optimize import bisect, brentq
+
+ENDS = {"xtol": 1e-22, "rtol": 1e-14}
+
+
+class Collision(NamedTuple):
+    """ε_p² [-], δ_max and δ* [m], duration [s] where the motion was integrated."""
+
+    squared: float
+    peak: float
+    residual: float
+    duration: float = np.nan
+
+
+def by_works(law, velocity: float) -> Collision:
+    """A rate-independent law: the peak where the work of loading is the energy, back to the last zero."""
+    energy = 0.5 * float(law.contact.mass) * velocity**2
+    kinks = [float(x) for x in (*law.breakpoints(), law.elastic_overlap()) if np.isfinite(x)]
+    loading, unloading = jax.jit(law.loading_force), jax.jit(law.unloading_force)
+
+    def work(force, low, high):
+        cuts = {low, high, *(k for k in kinks if low < k < high), *np.linspace(low, high, 9)}
+        parts = itertools.pairwise(sorted(cuts))
+        return sum(
+            quad(force, a, b, epsabs=1e-14 * energy, epsrel=1e-12, limit=200)[0] for a, b in parts
+        )
+
+    def lacking(x):
+        return work(lambda at: float(loading(at)), 0.0, x) / energy - 1
+
+    top = (2.5 * energy / float(law.contact.stiffness)) ** 0.4
+    while lacking(top) < 0:
+        top *= 1.5
+    peak = brentq(lacking, 0.0, top, **ENDS)
+
+    def back(x):
+        return float(unloading(x, peak))
+
+    steps = peak * np.linspace(1, 0, 400)
+    below = next((k for k, x in enumerate(steps[:-1]) if back(x) <= 0), None)
+    rest = 0.0
+    if below is not None:  # some laws' force is 0 below its zero
+        rest = bisect(lambda x: back(x) or -1.0, steps[below], steps[below - 1], **ENDS)
+    return Collision(work(back, rest, peak) / energy, peak, rest)
+
+
+def by_motion(law, velocity: float) -> Collision:
+    """A rate-dependent law: M δ'' = -P up to rest, and from there to the end of the contact."""
+    force = jax.jit(law.force)
+    mass = float(law.contact.mass)
+    pace = (mass / float(law.contact.stiffness)) ** 0.4 * velocity**-0.2
+
+    def until(sign, start, ended):
+        """One way; the force has one sign of the velocity throughout, and may jump where that changes."""
+
+        def push(x, v):
+            return float(force(max(x, 0.0), sign * (abs(v) + 1e-300)))
+
+        def event(_, state):
+            return ended(*state, push)
+
+        event.terminal, event.direction = True, -1
+        options = {"rtol": 1e-11, "atol": 1e-18, "events": event, "method": "DOP853"}
+        motion = lambda _, s: [s[1], -push(*s) / mass]  # noqa: E731
+        found = solve_ivp(motion, (0, 1e3 * pace), start, first_step=1e-9 * pace, **options)
+        return found.t_events[0][0], found.y_events[0][0]
+
+    def released(x, v, push):
+        return min(x, push(x, v)) if law.end == "zero-force" else x
+
+    up, (peak, _) = until(1, [0.0, velocity], lambda x, v, push: v)
+    back, (rest, speed) = until(-1, [peak, 0.0], released)
+    return Collision((speed / velocity) ** 2, peak, rest, up + back)
