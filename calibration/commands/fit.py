@@ -16,26 +16,15 @@ from pathlib import Path
 from typing import Any
 
 from calibration.console import Progress, print_first
-from calibration.errors import DataError, InputError, printable
+from calibration.errors import DataError, InputError, listed, printable
 from calibration.options import LAW_OPTIONS, add_options, flag, given_options, idle
-from calibration.output import check_writable, files_into, or_printed, write_text
+from calibration.output import check_writable, or_printed
 
-PICTURES = {
-    "curves.png": "Data, fitted curves with their bands, and residuals below",
-    "profiles.png": "Profiles of the cost: its rise when one parameter is held elsewhere",
-    "correlation.png": "Correlations of the fitted parameters",
-    "posterior.png": "Draws from the posterior, and the fit with its intervals",
-}
-FILES = ("fit.json", "report.md", "report.html", *PICTURES, "posterior.nc")
 INTRO = (
     "These data are a published fit of measurements, not measurements: Eq. (17) with Table 1's σ "
     "and ψ (Zhou, Theor. Appl. Mech. Lett. 3, 021003, 2013) at 40 velocities a material. "
     "They have no scatter, so that standard errors are 0 and any misfit shows.\n"
     "Your own: softjax fit FILE.toml"
-)
-TITLE = (
-    "Data: a published fit of measurements (Eq. 17 with Table 1's σ, ψ; Zhou, 2013), "
-    "not measurements"
 )
 
 
@@ -78,14 +67,23 @@ def run(arguments: argparse.Namespace) -> int:
         from calibration.fitting.posterior.door import check_possible
 
         check_possible(job.settings.get("objective"), job.settings.get("loss", "squared"))
+    from calibration.report.folder import write_report
+
     with Progress(arguments.quiet) as progress:
         result = _fitted(job, progress)
         draws = _sampled(result, job, progress)
-        told = [] if arguments.quiet else [_told(result, job, draws)]
-        with or_printed(told):
-            written = _write(result, job, arguments.out, progress, draws)
-    if told:
-        print(f"{told[0]}\n\nWritten to {arguments.out}: {', '.join(written)}")
+        text = [] if arguments.quiet else [_text(result, job, draws)]
+        with or_printed(text):
+            written = write_report(
+                result,
+                arguments.out,
+                draws=draws,
+                of_paper=job.embedded,
+                command=_command(job, arguments.out),
+                progress=progress,
+            )
+    if text:
+        print(f"{text[0]}\n\nWritten to {arguments.out}: {listed(written)}")
     if result.converged:
         return 0
     print("softjax fit: did not converge; the results are written and marked so", file=sys.stderr)
@@ -156,83 +154,16 @@ def _sampled(result, job: Job, progress: Progress) -> Any:
     return result.posterior(job.draws, seed=seed, warmup=job.draws, progress=progress)
 
 
-def _write(result, job: Job, out: Path, progress: Progress, draws: Any) -> list[str]:
-    """All files of a fit, or none; their names."""
-    from calibration.report import html_report, markdown_report
+def _text(result, job: Job, draws: Any) -> str:
+    from calibration.report.folder import printed_values
+    from calibration.report.render import terminal_report
 
-    with files_into(out, FILES) as staged:
-        result.save(staged / "fit.json")
-        pictures = _draw(result, job, staged, progress, draws)
-        more: Sequence[Sequence[str]] = ()
-        if draws is not None:
-            from calibration.fitting.posterior.inference_data import write
-            from calibration.report.posterior import posterior_section
+    more: dict[str, Any] = {"printed": printed_values()} if job.embedded else {}
+    if draws is not None:
+        from calibration.report.posterior import section
 
-            write(draws, staged / "posterior.nc")
-            more = posterior_section(draws, result.confidence)
-        report = markdown_report(result, pictures, _command(job, out), _printed(job), more)
-        write_text(staged / "report.md", report)
-        write_text(staged / "report.html", html_report(report, staged))
-        return [name for name in FILES if (staged / name).exists()]
-
-
-def _draw(result, job: Job, directory: Path, progress: Progress, draws: Any) -> dict[str, str]:
-    """The pictures there are, as {caption: file}."""
-    from calibration import plots
-
-    drawn = {}
-    makers = {
-        "curves.png": lambda: _curves(result, job),
-        "profiles.png": lambda: plots.profiles_figure(result),
-        "correlation.png": lambda: plots.correlation_figure(result),
-        "posterior.png": lambda: None if draws is None else _posterior(result, draws),
-    }
-    for i, (name, make) in enumerate(makers.items()):
-        progress("pictures", i, len(makers))
-        figure = make()
-        if figure is not None:
-            plots.save(figure, directory / name)
-            drawn[PICTURES[name]] = name
-    return drawn
-
-
-def _curves(result, job: Job):
-    from calibration import plots
-
-    lines = plots.lines_of(result, with_paper=job.embedded)
-    if job.embedded:
-        return plots.curves_figure(result, lines, ratio=True, from_rest=True, title=TITLE)
-    return plots.curves_figure(result, lines)
-
-
-def _told(result, job: Job, draws: Any) -> str:
-    from calibration.report import terminal_report
-
-    told = terminal_report(result, _printed(job), INTRO if job.embedded else "")
-    if draws is None:
-        return told
-    from calibration.report.posterior import posterior_text
-
-    return f"{told}\n{posterior_text(draws, result.confidence)}"
-
-
-def _posterior(result, draws):
-    from calibration.fitting.posterior.inference_data import dataset_of
-    from calibration.plots.posterior import posterior_figure
-
-    variables = dataset_of(draws, "posterior").data_vars.items()
-    diverging = dataset_of(draws, "sample_stats")["diverging"].values
-    return posterior_figure({str(k): v.values for k, v in variables}, diverging, result)
-
-
-def _printed(job: Job) -> dict[str, dict[str, float]] | None:
-    """Table 1, for the paper's materials."""
-    if not job.embedded:
-        return None
-    from calibration.paper import TABLE_1
-
-    names = ("chi", "sigma", "psi", "critical_velocity", "limit_velocity", "yield_ratio")
-    return {entry.name: {name: getattr(entry, name) for name in names} for entry in TABLE_1}
+        more["posterior"] = section(draws, result.confidence)
+    return terminal_report(result, INTRO if job.embedded else "", **more)
 
 
 def _command(job: Job, out: Path) -> str:

@@ -333,6 +333,36 @@ class FitResult:
         """
         return cls(**read_result(path, law))
 
+    def to_frame(self) -> Any:
+        """All estimates as a pandas DataFrame, one a row; see `calibration.report.tables`."""
+        from calibration.report.tables import estimates
+
+        return estimates(self)
+
+    def report(self, folder: str | Path) -> list[str]:
+        """Write what `softjax fit` writes into a folder: fit.json, pictures, report.md, report.html.
+
+        Returns:
+            The names of the files.
+
+        Raises:
+            OSError: where they cannot be written; none of them is then.
+        """
+        from calibration.report.folder import write_report
+
+        return write_report(self, folder)
+
+    def plot(self) -> Any:
+        """Data, fitted curves with their bands, and residuals, as a Matplotlib figure."""
+        from calibration.plots import curves_figure, lines_of
+
+        return curves_figure(self, lines_of(self))
+
+    def _repr_html_(self) -> str:
+        from calibration.report.render import html_result
+
+        return html_result(self)
+
     def __eq__(self, other) -> bool:
         if not isinstance(other, FitResult):
             return NotImplemented

@@ -4,6 +4,7 @@ from calibration.plots.correlation import plot_correlations
 from calibration.plots.curves import plot_curve, plot_residuals
 from calibration.plots.figures import correlation_figure, curves_figure, profiles_figure
 from calibration.plots.lines import Line, lines_of
+from calibration.plots.posterior import posterior_figure
 from calibration.plots.profiles import plot_profile
 from calibration.plots.style import save
 
@@ -16,6 +17,7 @@ __all__ = [
     "plot_curve",
     "plot_profile",
     "plot_residuals",
+    "posterior_figure",
     "profiles_figure",
     "save",
 ]

@@ -7,12 +7,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from calibration import symbols
 from calibration.plots import style
 from calibration.plots.correlation import plot_correlations
 from calibration.plots.curves import ORDER, plot_curve, plot_residuals
 from calibration.plots.lines import Line
 from calibration.plots.profiles import plot_profile
-from calibration.report import symbols
 
 PANEL = (4.2, 4.4)  # inches, residuals included
 LEGEND_ROW = 0.25  # inches

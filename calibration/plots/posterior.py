@@ -1,6 +1,6 @@
 """Pairs of parameters as draws show them, with the fit and its intervals drawn in."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -8,8 +8,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from calibration import symbols
+from calibration.fitting.posterior.inference_data import dataset_of
 from calibration.plots import style
-from calibration.report import symbols
 
 MOST = 8  # parameters: with more nothing can be read
 SHOWN = 2000  # draws of a panel
@@ -19,19 +20,19 @@ TAIL = 0.002  # of the draws, on either side, beyond the axis
 
 
 def posterior_figure(
-    draws: Mapping[str, np.ndarray],
-    diverging: np.ndarray,
+    posterior: Any,
     result: Any = None,
     names: Sequence[str] | None = None,
 ) -> Figure:
     """Histograms on the diagonal, draws of each pair below it.
 
     Args:
-        draws: {name: (chains, draws)}.
-        diverging: (chains, draws), those that are marked.
+        posterior: draws as ArviZ data; those that diverged are marked.
         result: the `FitResult` whose values and intervals are drawn in.
         names: which; the first eight where None.
     """
+    draws = {str(k): v.values for k, v in dataset_of(posterior, "posterior").data_vars.items()}
+    diverging = np.asarray(dataset_of(posterior, "sample_stats")["diverging"])
     names = list(draws)[:MOST] if names is None else list(names)
     count = len(names)
     figure = style.new_figure(max(CELL * count, 5.0), max(CELL * count, 4.0) + 0.4)

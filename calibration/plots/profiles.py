@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
+from calibration import symbols
 from calibration.plots import style
-from calibration.report import symbols
 
 TOP = 1.6  # of the picture, in thresholds
 

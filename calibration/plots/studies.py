@@ -8,10 +8,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from calibration.plots import style
-from calibration.report.symbols import in_math
 from calibration.studies.design import Design
 from calibration.studies.local import Sensitivities
 from calibration.studies.sobol import SobolIndices
+from calibration.symbols import in_math
 
 COLORS = (
     style.BLUE,

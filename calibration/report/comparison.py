@@ -1,29 +1,30 @@
-"""A comparison of laws as tables for a terminal, and as JSON."""
+"""A comparison of laws as a table, as text for a terminal, and as JSON."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+import pandas as pd
+
+from calibration import symbols
 from calibration.console import wrapped
 from calibration.data.json_file import dumps
 from calibration.errors import printable
 from calibration.fitting.doubt import OTHER_LAWS
-from calibration.report import symbols
-from calibration.report.rows import estimate_text
-from calibration.report.tables import aligned
+from calibration.report.render import table_text
+from calibration.report.tables import estimate_text
 from calibration.rounding import ABSENT, number
 
-WHOLE = 1000  # scores from here on are told in whole numbers
-HEADER = ("law", "elpd", "behind", "weight", "left out", "rms", "AIC", "BIC", "k")
+WHOLE = 1000  # scores from here on are rounded to whole numbers
 EXPLAINED = (
     "Sorted by elpd, the expected log predictive density: each point predicted by the fit without "
-    "it. Behind: the difference to the best and its standard error, a tie below two of them. "
-    "Weight: in the mixture of laws that predicts best. Left out: rms of these predictions. "
-    "k: fitted parameters."
+    "it. Δelpd: the difference to the best and its standard error, a tie below two of them. "
+    "Weight: in the mixture of laws that predicts best. LOO rms: rms of the predictions of points "
+    "left out. k: fitted parameters."
 )
 
 
 def comparison_text(
-    comparisons: Iterable[Any],
+    comparisons: Sequence[Any],
     remarks: Sequence[str] = (),
     causes: str = "comparison.entry(law).doubts",
 ) -> str:
@@ -31,19 +32,57 @@ def comparison_text(
 
     Args:
         remarks: lines about all of them.
-        causes: where the causes of doubts are found; in Python unless told.
+        causes: where the causes of warnings are found; in Python unless stated.
     """
-    comparisons = list(comparisons)
     common = [n for n in comparisons[0].notes if all(n in other.notes for other in comparisons)]
-    blocks = [_wrapped([*common, *remarks, EXPLAINED])]
+    blocks = [wrapped(map(printable, [*common, *remarks, EXPLAINED]))]
     for one in comparisons:
+        data, groups = one.data, len(one.data.groups)
+        span = f"{number(min(data.velocity), 3)} to {number(max(data.velocity), 3)} m/s"
+        together = f", {groups} groups, each left out together" if groups else ""
+        title = f"{printable(data.name)}: {len(data)} points, {span}{together}"
+        parameters = parameter_table(one)
         blocks += [
-            [_title(one), *_ranking(one)],
-            _parameters(one),
-            _about(one, common),
-            _doubts(one, causes),
+            [title, table_text(ranking_table(one))],
+            [] if parameters.empty else [table_text(parameters)],
+            wrapped(map(printable, _remarks(one, common))),
+            _warnings(one, causes),
         ]
     return "\n\n".join("\n".join(block) for block in blocks if block)
+
+
+def ranking_table(comparison: Any) -> pd.DataFrame:
+    """The laws, the best first, with their scores as rounded text."""
+    return pd.DataFrame(
+        {
+            "law": entry.label + ("" if entry.converged else " (NOT CONVERGED)"),
+            "elpd": _score(None if entry.is_exact else entry.leave_one_out.elpd),
+            "Δelpd": _difference(entry.behind),
+            "weight": number(entry.weight) if entry.weight is None else f"{entry.weight:.2f}",
+            "LOO rms": number(entry.leave_one_out.rms, 3),
+            "rms": number(entry.result.rms, 3),
+            "AIC": _score(entry.result.aic),
+            "BIC": _score(entry.result.bic),
+            "k": str(entry.fitted),
+        }
+        for entry in comparison.entries
+    )
+
+
+def parameter_table(comparison: Any) -> pd.DataFrame:
+    """What was fitted of each law, with errors and units; numbers of networks counted."""
+    rows = []
+    for entry in comparison.entries:
+        fit = entry.result.material()
+        fitted = []
+        for name, estimate in fit.parameters.items():
+            one = symbols.symbol(name, fit.model)
+            if estimate.free:
+                fitted.append(f"{one.text} {estimate_text(estimate)} {one.unit}".rstrip())
+        fitted += [f"{tree.size} numbers of {tree.name}" for tree in fit.trees]
+        if fitted:
+            rows.append({"law": entry.label, "fitted": ", ".join(fitted)})
+    return pd.DataFrame(rows)
 
 
 def comparison_json(comparisons: Sequence[Any], settings: Mapping[str, Any]) -> str:
@@ -56,33 +95,6 @@ def comparison_json(comparisons: Sequence[Any], settings: Mapping[str, Any]) -> 
     return dumps(table)
 
 
-def _title(one: Any) -> str:
-    velocity, groups = one.data.velocity, len(one.data.groups)
-    span = f"{number(min(velocity), 3)} to {number(max(velocity), 3)} m/s"
-    together = f", {groups} groups, each left out together" if groups else ""
-    return f"{printable(one.data.name)}: {len(velocity)} points, {span}{together}"
-
-
-def _ranking(one: Any) -> list[str]:
-    rows = [_row(entry) for entry in one.entries]
-    return aligned(HEADER, rows, right=tuple(range(1, len(HEADER))))
-
-
-def _row(entry: Any) -> list[str]:
-    left_out, result = entry.leave_one_out, entry.result
-    return [
-        entry.label + ("" if entry.converged else " (NOT CONVERGED)"),
-        _score(None if entry.is_exact else left_out.elpd),
-        _behind(entry.behind),
-        ABSENT if entry.weight is None else f"{entry.weight:.2f}",
-        number(left_out.rms, 3),
-        number(result.rms, 3),
-        _score(result.aic),
-        _score(result.bic),
-        str(entry.fitted),
-    ]
-
-
 def _score(value: float | None) -> str:
     """Tenths, as far as anybody reads them."""
     if value is None:
@@ -90,7 +102,7 @@ def _score(value: float | None) -> str:
     return f"{round(value, 1) + 0.0:.1f}" if abs(value) < WHOLE else f"{value:.0f}"
 
 
-def _behind(behind: Any) -> str:
+def _difference(behind: Any) -> str:
     if behind is None:
         return ABSENT
     if behind == (0.0, 0.0):
@@ -98,55 +110,34 @@ def _behind(behind: Any) -> str:
     return f"{_score(behind.value)} ± {_score(behind.standard_error)}" + " tie" * behind.is_tie
 
 
-def _parameters(one: Any) -> list[str]:
-    rows = [(entry.label, _fitted(entry.result.material())) for entry in one.entries]
-    return aligned(("law", "fitted"), [row for row in rows if row[1]])
-
-
-def _fitted(fit: Any) -> str:
-    """The parameters that were free, each with its error and unit; numbers of networks counted."""
-    told = []
-    for name, estimate in fit.parameters.items():
-        if estimate.free:
-            one = symbols.symbol(name, fit.model)
-            told.append(
-                f"{one.text} {estimate_text(estimate)}" + (f" {one.unit}" if one.unit else "")
-            )
-    told += [f"{tree.size} numbers of {tree.name}" for tree in fit.trees]
-    return ", ".join(told)
-
-
-def _about(one: Any, told: Sequence[str]) -> list[str]:
-    """What holds for all of a data set and was not told yet, and which curves are alike."""
-    lines = [note for note in one.notes if note not in told]
+def _remarks(one: Any, common: Sequence[str]) -> Iterable[str]:
+    """What holds for this data set alone, and which curves are alike."""
+    yield from (note for note in one.notes if note not in common)
     for first in one.ranking:
         alike = [entry.label for entry in one.entries if entry.same_as == first]
         if alike:
-            lines.append(f"The same curve as {first}: {'; '.join(alike)}. They share its weight.")
-    return _wrapped([*lines, *(f"Left out: {why}." for why in one.left_out)])
+            yield f"The same curve as {first}: {'; '.join(alike)}. They share its weight."
+    yield from (f"Left out: {why}." for why in one.left_out)
 
 
-def _doubts(one: Any, causes: str) -> list[str]:
-    """Each kind of doubt once, with the laws that have it."""
-    by_code: dict[str, list[str]] = {}
+def _warnings(one: Any, causes: str) -> list[str]:
+    """Each kind of warning once, with the laws that have it."""
+    laws: dict[str, list[str]] = {}
+    advice = {}
     for entry in one.entries:
-        for code in dict.fromkeys(doubt.code for doubt in entry.doubts):
-            by_code.setdefault(code, []).append(entry.label)
-    if not by_code:
-        return ["No doubts were raised."]
-    remedies = {doubt.code: _remedy(doubt) for entry in one.entries for doubt in entry.doubts}
-    lines = [f"Doubts (their causes are in {causes}):"]
-    told = (f"{code}: {'; '.join(labels)}. {remedies[code]}" for code, labels in by_code.items())
-    return lines + wrapped(told, "  ! ", "    ")
+        for doubt in entry.doubts:
+            labels = laws.setdefault(doubt.code, [])
+            labels += [entry.label] * (entry.label not in labels)
+            advice[doubt.code] = _advice(doubt)
+    if not laws:
+        return ["No warnings."]
+    lines = (f"{code}: {'; '.join(labels)}. {advice[code]}" for code, labels in laws.items())
+    return [f"Warnings (their causes are in {causes}):", *wrapped(lines, "  ! ", "    ")]
 
 
-def _remedy(doubt: Any) -> str:
+def _advice(doubt: Any) -> str:
     """Without the advice to compare laws, which is what was done."""
     return doubt.remedy.replace(f" ({OTHER_LAWS})", "").replace(f" {OTHER_LAWS}.", "")
-
-
-def _wrapped(paragraphs: Iterable[str]) -> list[str]:
-    return wrapped(map(printable, paragraphs))
 
 
 def _as_dict(one: Any) -> dict[str, Any]:
@@ -163,36 +154,28 @@ def _as_dict(one: Any) -> dict[str, Any]:
 
 def _entry_dict(entry: Any) -> dict[str, Any]:
     left_out, behind, fit = entry.leave_one_out, entry.behind, entry.result.material()
+    scored = not entry.is_exact
     return {
         "law": entry.key,
         "label": entry.label,
         "options": dict(fit.model.options),
-        "elpd": None if entry.is_exact else left_out.elpd,
-        "elpd_standard_error": None if entry.is_exact else left_out.elpd_se,
-        "behind": None if behind is None else behind.value,
-        "behind_standard_error": None if behind is None else behind.standard_error,
-        "tie": None if behind is None else behind.is_tie,
+        "elpd": left_out.elpd if scored else None,
+        "elpd_standard_error": left_out.elpd_se if scored else None,
+        "behind": behind and behind.value,
+        "behind_standard_error": behind and behind.standard_error,
+        "tie": behind and behind.is_tie,
         "weight": entry.weight,
         "rms_leave_one_out": left_out.rms,
         "refitted": left_out.exact,
-        "rms": entry.result.rms,
-        "aic": entry.result.aic,
-        "bic": entry.result.bic,
+        **{name: getattr(entry.result, name) for name in ("rms", "aic", "bic")},
         "fitted_parameters": entry.fitted,
         "converged": entry.converged,
         "same_curve_as": entry.same_as,
         "parameters": {
-            name: {
-                "value": e.value,
-                "standard_error": e.standard_error,
-                "unit": symbols.symbol(name, fit.model).unit,
-                "free": e.free,
-            }
+            name: {n: getattr(e, n) for n in ("value", "standard_error", "free")}
+            | {"unit": symbols.symbol(name, fit.model).unit}
             for name, e in fit.parameters.items()
         },
         "remark": entry.candidate.remark,
-        "doubts": [
-            {"code": doubt.code, "cause": doubt.cause, "remedy": _remedy(doubt)}
-            for doubt in entry.doubts
-        ],
+        "doubts": [{"code": d.code, "cause": d.cause, "remedy": _advice(d)} for d in entry.doubts],
     }

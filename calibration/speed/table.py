@@ -5,7 +5,9 @@ import io
 import os
 from dataclasses import astuple, fields
 
-from calibration.report.tables import aligned
+import pandas as pd
+
+from calibration.report.render import table_text
 from calibration.speed.measure import Row, along_power_law, at_error
 from calibration.speed.ways import NO_OVERLAPS
 
@@ -29,8 +31,8 @@ def as_csv(rows: list[Row]) -> str:
 
 
 def as_text(rows: list[Row]) -> str:
-    lines = aligned(HEADINGS, map(_cells, sorted(rows, key=_place)), right=range(3, len(HEADINGS)))
-    return "\n".join([_machine(), "", *lines, "", *ratios(rows)])
+    table = pd.DataFrame(map(_cells, sorted(rows, key=_place)), columns=HEADINGS)
+    return "\n".join([_machine(), "", table_text(table), "", *ratios(rows)])
 
 
 def _place(row: Row):

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from calibration.errors import DataError, listed
-from calibration.report.symbols import in_math
 from calibration.studies.inputs import Inputs, OfBodies, OfLaw, check_ranges, of_law
+from calibration.symbols import in_math
 from softjax.fields import declarations, options_of, whole_fields
 
 PART = 0.1  # of an input's value, to either side

@@ -25,7 +25,6 @@ from calibration.fitting.doubt import Doubt
 from calibration.fitting.known_laws import KNOWN, WITHOUT_CONTACT, law_name
 from calibration.fitting.left_out import LeaveOneOut
 from calibration.fitting.result import FitResult
-from calibration.report.comparison import comparison_text
 
 FIXED_YIELD = "thornton-fixed"  # Thornton's law without a free parameter
 FEWEST = 6  # points: three parameters, one point left out, and something to judge by
@@ -187,6 +186,8 @@ class Comparison:
         return iter(self.ranking)
 
     def __str__(self) -> str:
+        from calibration.report.comparison import comparison_text
+
         return comparison_text([self])
 
     __repr__ = __str__

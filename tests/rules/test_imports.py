@@ -192,10 +192,10 @@ def test_importing_changes_no_setting():
 FLOORS = [
     {"lazily", "errors", "rounding", "schema", "options", "output", "console"},
     {"parameters", "paper", "data"},
-    {"problem_file", "fitting"},
-    {"report"},
+    {"problem_file", "fitting", "symbols"},
     {"curves", "lookup_table", "studies"},
     {"plots"},
+    {"report"},
     {"commands", "speed", "handover"},
     {"cli", "__main__"},
 ]
@@ -203,11 +203,16 @@ FLOOR = {name: floor for floor, names in enumerate(FLOORS) for name in names}
 CALIBRATION = {name: path for name, path in modules("calibration").items() if name}
 
 
+# results show themselves: what draws them and reports them is imported when it is asked for
+SHOWN = {"fitting.result", "studies.compare"}
+
+
 def calibration_edges():
     """Pairs (module, imported module); that a package is imported with a module of it is not told."""
     for name, path in CALIBRATION.items():
         for target in imported(path, "calibration") & CALIBRATION.keys():
-            if not name.startswith(f"{target}."):
+            shows = name in SHOWN and part(target) in ("plots", "report")
+            if not name.startswith(f"{target}.") and not shows:
                 yield name, target
 
 

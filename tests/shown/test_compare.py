@@ -15,7 +15,7 @@ from tests.shown.conftest import MADE, MASS, VELOCITY, shown, write
 from tests.shown.tables import cells, terminal_table
 from tests.shown.test_fit import EPSILON, SPEED, best, curve
 
-HEADER = ["law", "elpd", "behind", "weight", "left out", "rms", "AIC", "BIC", "k"]
+HEADER = ["law", "elpd", "Δelpd", "weight", "LOO rms", "rms", "AIC", "BIC", "k"]
 
 
 def ranking(made):

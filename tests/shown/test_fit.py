@@ -1,5 +1,6 @@
 """`softjax fit`: the data of its pictures and the cells of its tables, against SciPy's own fit."""
 
+import datetime
 import html
 import re
 from functools import cache
@@ -13,8 +14,9 @@ from scipy import optimize, stats
 import calibration as cal
 import softjax as sj
 from tests.cases import pair
+from tests.decay import Decay
 from tests.fit_oracle import eq_17
-from tests.shown.capture import band, bars, labels, legend, line
+from tests.shown.capture import band, bars, drawn, labels, legend, line
 from tests.shown.conftest import MADE, MASS, VELOCITY, shown, write
 from tests.shown.tables import cells, markdown_tables
 
@@ -263,7 +265,7 @@ def test_the_tables_of_a_report_have_the_fits_numbers(alloy):
         assert read == pytest.approx([value, error], rel=0.03)
         ends = [float(x) for x in rows[row]["95 % interval"].split(" … ")]
         assert ends == pytest.approx(fit.intervals[name], abs=0.006 * error * 10)
-        assert rows[row]["kind"] == "profile"
+        assert rows[row]["interval from"] == "profile"
     table = dict(zip(quality[0], quality[1], strict=True))
     rms = np.sqrt(np.mean((curve(best()[0]) - MADE) ** 2))
     expected = {
@@ -287,6 +289,54 @@ def test_the_tables_of_a_report_have_the_fits_numbers(alloy):
     assert "24 impacts at 0.2 to 30 m/s, uncertainty of the restitution 0.01" in alloy.text(
         "report.md"
     )
+
+
+def test_a_result_shows_itself(alloy, tmp_path):
+    """Its frame has the estimates' numbers; `report` writes what the command does, the page alike."""
+    fit = cal.FitResult.load(alloy.folder / "fit.json")
+    frame = fit.to_frame().set_index("parameter")
+    for name, one in fit.estimates.items():
+        row = frame.loc[name]
+        found = [row[key] for key in ("value", "standard_error", "low", "high")]
+        assert found == pytest.approx(
+            [one.value, one.standard_error, one.low, one.high]
+            if one.free
+            else [one.value, np.nan, np.nan, np.nan],
+            nan_ok=True,
+        )
+        assert (row["method"], row["free"]) == (one.method, one.free)
+    assert list(frame["unit"]) == ["N/m", "N/m", "1/m"]
+    with drawn() as figures:
+        names = fit.report(tmp_path / "mine")
+    assert {*names} == {path.name for path in alloy.folder.iterdir()}
+    assert axes_of(figures["curves.png"]) == axes_of(fit.plot()) == PICTURES["curves"]
+    told, own = (
+        re.sub(
+            "`softjax fit .*`, with\n|, from [^;]*alloy.csv",
+            "",
+            (folder / "report.md").read_text(encoding="utf-8"),
+        )
+        for folder in (alloy.folder, tmp_path / "mine")
+    )
+    assert own == told
+    page = Tags(fit._repr_html_())
+    assert page.open == page.named("img") == []
+    for cell in markdown_tables(told)[1][2]:
+        assert cell in page.words
+
+
+def test_a_report_of_ones_own_law_needs_one_call(tmp_path):
+    """Its parameters with the units that it declares; and the page opens with the result, date and data."""
+
+    data = cal.RestitutionData(VELOCITY, MADE, uncertainty=0.01, name="mine")
+    fit = cal.fit(data, Decay, profiles=False, starts=4)
+    names = fit.report(tmp_path)
+    assert {*names} >= {"fit.json", "curves.png", "report.md", "report.html"}
+    assert list(fit.to_frame()["unit"]) == ["", "s/m"]
+    page = Tags((tmp_path / "report.html").read_text(encoding="utf-8"))
+    body = page.words[page.words.index("fitted to") :]
+    for word in ("24 impacts", "rms", datetime.date.today().isoformat(), "jax", "mine: 24 impacts"):
+        body = body[body.index(word) :]
 
 
 def plus_minus(cell: str) -> tuple[str, str]:

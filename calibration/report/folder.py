@@ -1,0 +1,87 @@
+"""The files of a fit: fit.json, pictures, the report as Markdown and as one page, draws."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from calibration import plots
+from calibration.output import files_into, write_text
+from calibration.report.render import html_report, markdown_report
+
+PICTURES = {
+    "curves.png": "Data, fitted curves with their bands, and residuals below",
+    "profiles.png": "Profiles of the cost: its rise when one parameter is fixed elsewhere",
+    "correlation.png": "Correlations of the fitted parameters",
+    "posterior.png": "Draws from the posterior, and the fit with its intervals",
+}
+FILES = ("fit.json", "report.md", "report.html", *PICTURES, "posterior.nc")
+PAPER_TITLE = (
+    "Data: a published fit of measurements (Eq. 17 with Table 1's σ, ψ; Zhou, 2013), "
+    "not measurements"
+)
+
+
+def write_report(
+    result: Any,
+    folder: str | Path,
+    *,
+    draws: Any = None,
+    of_paper: bool = False,
+    command: str = "",
+    progress: Callable[[str, int, int], None] = lambda stage, done, total: None,
+) -> list[str]:
+    """Write all files of a fit, or none; returns their names.
+
+    Args:
+        result: a `FitResult`.
+        folder: made where it is not there.
+        draws: of its posterior.
+        of_paper: whether the data are the paper's, whose Table 1 and Fig. 2 stand beside the fit.
+        command: the command that makes the same files again.
+        progress: called as progress(stage, done, total).
+
+    Raises:
+        OSError: where the files cannot be written.
+    """
+    posterior = None
+    with files_into(folder, FILES) as staged:
+        result.save(staged / "fit.json")
+        if draws is not None:
+            from calibration.fitting.posterior.inference_data import write
+            from calibration.report.posterior import section
+
+            write(draws, staged / "posterior.nc")
+            posterior = section(draws, result.confidence)
+        pictures = {}
+        for done, (name, caption) in enumerate(PICTURES.items()):
+            progress("pictures", done, len(PICTURES))
+            figure = _figure(name, result, draws, of_paper)
+            if figure is not None:
+                plots.save(figure, staged / name)
+                pictures[caption] = name
+        more = {"pictures": pictures, "command": command, "posterior": posterior}
+        more["printed"] = printed_values() if of_paper else None
+        write_text(staged / "report.md", markdown_report(result, **more))
+        write_text(staged / "report.html", html_report(result, staged, **more))
+        return [name for name in FILES if (staged / name).exists()]
+
+
+def printed_values() -> dict[str, dict[str, float]]:
+    """Table 1 of the paper, {material: {parameter: value}}."""
+    from calibration.paper import TABLE_1
+
+    names = ("chi", "sigma", "psi", "critical_velocity", "limit_velocity", "yield_ratio")
+    return {entry.name: {name: getattr(entry, name) for name in names} for entry in TABLE_1}
+
+
+def _figure(name: str, result: Any, draws: Any, of_paper: bool) -> Any:
+    """A picture, or None where there is nothing to show."""
+    if name == "curves.png":
+        more: dict[str, Any] = {"ratio": True, "from_rest": True, "title": PAPER_TITLE}
+        more = more if of_paper else {}
+        return plots.curves_figure(result, plots.lines_of(result, with_paper=of_paper), **more)
+    if name == "profiles.png":
+        return plots.profiles_figure(result)
+    if name == "correlation.png":
+        return plots.correlation_figure(result)
+    return None if draws is None else plots.posterior_figure(draws, result)
