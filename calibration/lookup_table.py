@@ -114,10 +114,11 @@ def _promise(error: float) -> str:
 def _impacts(law: sj.ContactLaw, velocity: Velocities, route: Route) -> Iterator[Velocities]:
     """ε_p [-], duration [s], largest overlap [m] and peak force [N] of collisions of a law with a force."""
     hit = sj.restitution(law, velocity, route)
-    for column in (hit.plastic_coefficient, hit.duration, hit.peak_overlap):
+    overlap = np.asarray(hit.peak_overlap)
+    for column in (hit.plastic_coefficient, hit.duration, overlap):
         yield np.asarray(column)
     parts = (slice(k, k + ROWS) for k in range(0, len(velocity), ROWS))
-    yield np.concatenate([_peak_force(law, velocity[p], hit.peak_overlap[p], route) for p in parts])
+    yield np.concatenate([_peak_force(law, velocity[p], overlap[p], route) for p in parts])
 
 
 def _peak_force(law: sj.ContactLaw, velocity, overlap, route: Route):

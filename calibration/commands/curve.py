@@ -10,8 +10,7 @@ For a material of the paper (stainless-steel, chrome-steel, nylon: σ and ψ of 
     cut -d, -f1 shots.csv | softjax curve nylon --velocities -
     softjax curve nylon --law hertz-dashpot --set restitution=0.9
 
-At most a million rows; more are three lines of Python, `velocity = np.geomspace(0.1, 50, 10**7)`,
-`law = sj.Zhou(contact, chi, sigma, psi)`, `np.save("curve.npy", sj.restitution(law, velocity).coefficient)`.
+At most a million rows; of more, from Python: np.save("curve.npy", softjax.restitution(law, velocity).coefficient)
 
 A table (--table) has more columns: ε_p, duration, largest overlap and peak force; two rows at first
 yield, where ε may jump, and where ε ends; and in its header how far linear interpolation is from the law. Where a fit

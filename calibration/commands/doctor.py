@@ -61,10 +61,10 @@ def self_check() -> dict[str, float]:
     import numpy as np
 
     import softjax as sj
-    from calibration.speed.scene import stainless
+    from calibration.speed import scene_of
 
     sj.enable_x64()
-    scene = stainless()
+    scene = scene_of("zhou")
     few = slice(None, None, max(1, len(scene.exact) // 4))
     velocity, exact = scene.velocity[few], scene.exact[few]
 

@@ -13,7 +13,7 @@ from mpmath import mp, mpf
 from tests.oracles import closed_forms
 from tests.oracles import zhou_mp as z
 
-FOLDER = Path(__file__).parents[2] / "calibration" / "speed"
+FILE = Path(__file__).parents[2] / "calibration" / "speed.json"
 SPHERE = ("1.93e11", "0.35", "8030", "3.10e8", "0.0127")
 NAMES = ("chi", "E", "Y")
 LEAVES = ("E", "R", "M", "Y", "v_lim")
@@ -28,17 +28,19 @@ def effective_inputs() -> dict:
     return leaves | law | {"form": "first-order", "kappa": "consistent"}
 
 
-def plastic(inputs: dict, velocity: float) -> dict:
+def plastic(inputs: dict, velocity: float) -> list:
+    """Velocity, ε_p and θ ∂ε_p/∂θ by `NAMES`."""
     full = inputs | {"v": velocity}
     answer = z.coefficient(full, lasts=False)
     slopes = z.log_sensitivities(full, NAMES)
     with mp.workdps(30):
         twice = 2 * answer["eps_p"]
-        log = {n: mp.nstr(slopes[n]["eps_p_squared"] / twice, 20) for n in NAMES}
-        return {"velocity": velocity, "eps_p": mp.nstr(answer["eps_p"], 20), "slopes": log}
+        log = [slopes[n]["eps_p_squared"] / twice for n in NAMES]
+        return [velocity, *(mp.nstr(x, 20) for x in (answer["eps_p"], *log))]
 
 
-def damped(inputs: dict, velocity: float) -> dict:
+def damped(inputs: dict, velocity: float) -> list:
+    """Velocity, ε and its slope by ln w²."""
     with mp.workdps(closed_forms.DIGITS):
         E, R, M = (mpf(inputs[name]) for name in ("E", "R", "M"))
         rate = (mpf(4) / 3 * E * mp.sqrt(R) / M) ** mpf("0.4")
@@ -47,24 +49,25 @@ def damped(inputs: dict, velocity: float) -> dict:
         up, here, down = (
             closed_forms.of_squared(b * (1 + k * step)).restitution for k in (1, 0, -1)
         )
-        row = {"w_squared": b, "restitution": here, "slope": (up - down) / (2 * step)}
-        return {"velocity": velocity} | {name: mp.nstr(v, 20) for name, v in row.items()}
+        return [velocity, *(mp.nstr(x, 20) for x in (here, (up - down) / (2 * step)))]
 
 
-def write(name: str, inputs: dict, rows: list[dict]) -> None:
-    text = json.dumps({"inputs": inputs, "rows": rows}, indent=1)
-    (FOLDER / name).write_text(text + "\n", encoding="utf-8")
+def as_json(name: str, inputs: dict, rows: list) -> str:
+    """One row a line."""
+    lines = ",\n".join(json.dumps(row) for row in rows)
+    return f'"{name}": {{"inputs": {json.dumps(inputs)}, "rows": [\n{lines}\n]}}'
 
 
 def main() -> None:
     inputs = effective_inputs()
     critical = float(z.dimensionless(inputs | {"v": 1.0})["v_cr"])
     ratios = [1.5 + (250 - 1.5) * i / 127 for i in range(128)]
-    write("exact.json", inputs, [plastic(inputs, critical * ratio) for ratio in ratios])
+    zhou = as_json("zhou", inputs, [plastic(inputs, critical * ratio) for ratio in ratios])
     inputs = {name: inputs[name] for name in LEAVES}
     velocities = [SLOWEST * (FASTEST / SLOWEST) ** (i / (COUNT - 1)) for i in range(COUNT)]
     rows = [damped(inputs, v) for v in velocities]
-    write("exact_damped.json", inputs | {"dissipation_time": TIME}, rows)
+    other = as_json("viscoelastic", inputs | {"dissipation_time": TIME}, rows)
+    FILE.write_text(f"{{\n{zhou},\n{other}\n}}\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

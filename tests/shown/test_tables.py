@@ -11,7 +11,6 @@ import pytest
 
 import calibration as cal
 import softjax as sj
-from calibration.cli import main
 from tests.cases import fitted
 from tests.command import run
 from tests.decay import Decay
@@ -139,7 +138,7 @@ def test_speed_is_microseconds_a_collision(law, ticking, tmp_path):
         )
         setting = re.escape(row["family"]) + r"\s+" + re.escape(row["setting"])
         error = re.escape(f"{float(row['largest_error']):.0e}")
-        assert re.search(rf"{setting}\s+{row['precision']}\s+{told}\s+{error}", made.out)
+        assert re.search(rf"{setting}\s+{told}\s+{error}", made.out)
         if row["gradient_microseconds"]:
             seconds = 1e-6 * float(row["gradient_microseconds"]) * int(row["batch"])
             assert 1 <= seconds < 100
@@ -147,7 +146,7 @@ def test_speed_is_microseconds_a_collision(law, ticking, tmp_path):
             head = f"{row['family']}, {row['setting']}, batch {int(row['batch']):,}: value and gradient"
             assert f"{head} (3 parameters) {ratio:.2g} times the value" in made.out
             assert float(row["gradient_error"]) < 1e-4
-    exact = {"energy balance", "closed form", "energy balance, numba"}
+    exact = {"energy balance", "closed form"}
     for row in rows:
         error = float(row["largest_error"])
         if row["family"] in exact:
@@ -168,42 +167,16 @@ def test_speed_is_microseconds_a_collision(law, ticking, tmp_path):
                 seen += 1
             else:
                 assert not re.search(re.escape(told) + rf".* {re.escape(rival)}$", made.out, re.M)
-    theirs = [float(r["microseconds"]) for r in rows if r["family"] == "energy balance, numba"]
-    assert seen
-    assert made.out.count("times faster than") == seen + 2 * len(theirs)
-    for row in rows if theirs else ():
-        if row["family"] == "energy balance":
-            own = float(row["microseconds"])
-            told = f"{row['setting']}: {1e3 * own:.3g} ns, {theirs[0] / own:.3g} times faster than"
-            assert told in made.out
+    assert seen or law
+    assert made.out.count("times faster than") == seen
     (ax,) = made.figures["speed.png"].axes
     assert ax.get_xlabel() == "largest error of the plastic coefficient of restitution [-]"
     assert ax.get_ylabel() == "time a collision [µs]"
     assert (ax.get_xscale(), ax.get_yscale()) == ("log", "log")
     for family in dict.fromkeys(r["family"] for r in rows):
-        own = [r for r in rows if r["family"] == family and int(r["batch"]) >= 16]
+        own = [r for r in rows if r["family"] == family]
         points = [(max(float(r["largest_error"]), 1e-17), float(r["microseconds"])) for r in own]
         np.testing.assert_allclose(np.transpose(line(ax, family)), points)
-
-
-@pytest.mark.parametrize("options", [("--fits", "--law", "own"), ("--fits", "--quick")])
-def test_options_of_speed_that_would_do_nothing_are_refused(options, at, capsys):
-    try:
-        code = main(["speed", *options])
-    except SystemExit as stop:
-        code = stop.code
-    out, err = capsys.readouterr()
-    assert (code, out, len(err.splitlines())) == (2, "", 1)
-    assert "--fits" in err
-
-
-@pytest.mark.long
-def test_a_thousand_fits_find_the_minima_of_scipys_loop(capsys):
-    pytest.importorskip("numba")
-    code, out, _ = run("speed", "--fits")
-    assert code == 0
-    assert re.search(r"the same minimum +(100\.0|99\.\d)%", out)
-    assert run("speed", "--fits", "--quiet")[1] == ""
 
 
 def test_coverage_compares_errors_with_the_spread_of_estimates():

@@ -1,0 +1,529 @@
+"""Speed against error: the routes of this library, and what one would write instead.
+
+Every way computes ε_p of the same collisions: each route of the law, `scipy.integrate.solve_ivp` in a
+Python loop, and `diffrax.diffeqsolve` ended by events. Exact answers are 40-digit arithmetic (of damped laws
+60-digit) rounded to 20 digits, made by tests/oracles/speed_reference.py, or a closed form that no route is
+told, so that no way is compared with itself.
+"""
+
+import csv
+import io
+import json
+import math
+import os
+import statistics
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import astuple, dataclass, fields, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import softjax as sj
+
+LAWS = ("zhou", "viscoelastic", "hertz-dashpot", "linear", "own")
+BATCH, LARGE, FEW = 4096, 1_000_000, 16  # impacts; few of the slow loops in Python
+EXACT = "exact", "exact, no overlaps"  # the second: ε, ε_p and status alone
+REPEATS, SHORTEST, LONGEST = 9, 0.2, 0.5  # timings; after these seconds none is added or begun
+SLIGHTLY = 1.1  # a rival may err by so much more
+NEARLY = 3.0  # errors within this factor count as the one that was asked for
+LEAST = 1e-30  # of an overlap, whose root is taken
+ENDS = 20.0  # no contact lasts so long in its own units
+SCIPY, DIFFRAX = "SciPy loop", "diffrax, events"
+FAMILIES = ("energy balance", "closed form", "ODE", DIFFRAX, SCIPY)
+LENGTH = 2e-4  # [m] of `Hardening`
+RESTITUTION, STIFFNESS = 0.7, 1e6  # of the dashpots
+
+
+class Phase(NamedTuple):
+    """One part of a motion x'' = -force(x, x', x_m, c), x_m the largest overlap, up to its end.
+
+    Attributes:
+        force, end: functions of (x, x', x_m, c, larger), `larger` the greater of two numbers; the
+            phase ends where `end` falls through 0.
+        returning: whether the end counts only on the way back, x' < 0.
+    """
+
+    force: Callable
+    end: Callable
+    returning: bool = True
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Impact velocities, the law, and what is exact about them.
+
+    Attributes:
+        title: of the picture.
+        law_of: builds the law from the three numbers of which gradients are taken.
+        theta: these numbers.
+        velocity: [m/s], shape (n,).
+        exact: ε_p, shape (n,).
+        slopes: θ ∂ε_p/∂θ, shape (3, n).
+        reduced: the impact velocity y and the numbers c of the motion, in its own units, from the law
+            and velocities.
+        phases: of the motion.
+        routes: of this library: those of the quick table first.
+        quick: how many these are.
+    """
+
+    title: str
+    law_of: Callable[..., Any]
+    theta: tuple[float, ...]
+    velocity: np.ndarray
+    exact: np.ndarray
+    slopes: np.ndarray
+    reduced: Callable[[Any, Any], tuple[Any, Any]]
+    phases: tuple[Phase, ...]
+    routes: tuple[Any, ...]
+    quick: int
+
+    @property
+    def law(self) -> Any:
+        return self.law_of(*self.theta)
+
+
+@dataclass(frozen=True)
+class Way:
+    """One line of the table.
+
+    `value(velocity)` returns ε_p; `gradient(velocity)` returns Σ ε_p and θ ∂(Σ ε_p)/∂θ for the
+    three parameters. `batch` is the number of velocities it is timed with.
+    """
+
+    family: str
+    setting: str
+    batch: int
+    value: Callable[[np.ndarray], Any]
+    gradient: Callable | None = None
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table. Times are medians after a warm-up; `None` is what was not measured."""
+
+    family: str
+    setting: str
+    batch: int
+    microseconds: float  # a collision
+    largest_error: float  # of ε_p against the exact answer
+    compile_seconds: float  # the first call beyond a later one
+    gradient_microseconds: float | None = None  # value and gradient, a collision
+    gradient_error: float | None = None  # of θ ∂ε_p/∂θ, the mean of the batch
+
+
+class Hardening(sj.RateIndependentLaw):
+    """A law of one's own, by forces in SI: Hertz's, and back F_m (δ/δ_m)^{3/2 + δ_m/ℓ}.
+
+    The works of both are elementary: ε² = (5/2)/(5/2 + δ_m/ℓ).
+    """
+
+    contact: sj.Contact
+    length: float = sj.number_field("ℓ", "m", "length", within="(0, inf)")
+
+    def loading_force(self, overlap):
+        return self.contact.stiffness * sj.power_3_2(overlap)
+
+    def unloading_force(self, overlap, peak_overlap):
+        power = 1.5 + peak_overlap / self.length
+        return self.loading_force(peak_overlap) * (overlap / peak_overlap) ** power
+
+    def depth(self, velocity):
+        """δ_m/ℓ."""
+        return (
+            1.25 * self.contact.mass / self.contact.stiffness * velocity**2
+        ) ** 0.4 / self.length
+
+
+class HardeningToZero(Hardening):
+    """The same law, which states where its unloading force vanishes."""
+
+    def residual_overlap(self, peak_overlap):
+        return jnp.zeros_like(peak_overlap)
+
+
+def scene_of(name: str) -> Scene:
+    """The scene of one of `LAWS`."""
+    if name == "zhou":
+        return _zhou()
+    return _own(Hardening) if name == "own" else _damped(name)
+
+
+def _stored(name: str) -> tuple[dict[str, Any], np.ndarray]:
+    """Inputs and the columns of exact answers."""
+    path = Path(__file__).with_name("speed.json")
+    found = json.loads(path.read_text(encoding="utf-8"))[name]
+    return found["inputs"], np.array(found["rows"], float).T
+
+
+def _zhou() -> Scene:
+    """Gradients by χ̃, E and Y: all three numbers of the reduced collision move with these."""
+    x, (velocity, exact, *slopes) = _stored("zhou")
+
+    def law_of(chi, youngs_modulus, yield_strength):
+        leaves = youngs_modulus, x["R"], x["M"], yield_strength, x["v_lim"]
+        contact = sj.Contact(*leaves, area=x["area"])
+        return sj.Zhou(contact, chi, x["sigma"], x["psi"], form=x["form"], kappa=x["kappa"])
+
+    def loading(x, u, peak, c, larger):  # Eq. (8) in units of first yield
+        q = larger(x, 1.0)
+        return 1.25 * (x * larger(x, LEAST) ** 0.5 + c[0] * (q * q - 1) * (1 - q**0.5))
+
+    def unloading(x, u, peak, c, larger):  # Eq. (12)
+        d, steepness = c
+        hertz = (1 - d * peak) * x + d
+        line = 1 - steepness * (1 - x / peak)
+        return 1.25 * (hertz * larger(x, LEAST) ** 0.5 + d * (peak * peak - 1) * line)
+
+    def reduced(law, velocity):
+        numbers = law.plasticity(), law.chi * law.contact.yield_ratio
+        return velocity / law.contact.critical_velocity, numbers
+
+    two_steps = sj.ODE(solver="dopri5", steps=2)
+    more = (sj.ODE(rtol=1e-8), sj.ODE(solver="dopri5", steps=1), sj.ODE(solver="dopri8", steps=2))
+    return Scene(
+        "stainless steel, v from 1.5 to 250 critical velocities",
+        law_of,
+        tuple(float(x[name]) for name in ("chi", "E", "Y")),
+        velocity,
+        exact,
+        np.array(slopes),
+        reduced,
+        (Phase(loading, lambda x, u, *_: u, returning=False), Phase(unloading, unloading)),
+        (two_steps, sj.EnergyBalance(), *more, sj.ODE(rtol=1e-12)),
+        quick=2,
+    )
+
+
+def _damped(name: str) -> Scene:
+    """x'' = -x^p - c x^q x' in units of v and the spring; gradients by what damps, E and M."""
+    x, (velocity, exact, slope) = _stored("viscoelastic")
+    p, q = {"viscoelastic": (1.5, 0.5), "hertz-dashpot": (1.5, 0.25), "linear": (1.0, 0.0)}[name]
+    damping, powers = x["dissipation_time"], (1.0, 0.4, -0.4)
+    if name != "viscoelastic":
+        exact = slope = np.full_like(velocity, RESTITUTION)
+        damping, powers = RESTITUTION, (1.0, 0.0, 0.0)
+
+    def law_of(damping, youngs_modulus, mass) -> sj.ContactLaw:
+        contact = sj.Contact(youngs_modulus, x["R"], mass, x["Y"], x["v_lim"])
+        if name == "linear":
+            return sj.LinearSpringDashpot(contact, STIFFNESS, damping)
+        kind = sj.ViscoelasticHertz if name == "viscoelastic" else sj.HertzDashpot
+        return kind(contact, damping)
+
+    def reduced(law, velocity):
+        if name == "viscoelastic":
+            rate = (law.contact.stiffness / law.contact.mass) ** 0.4
+            return jnp.ones_like(velocity), 1.5 * law.dissipation_time * rate * velocity**0.2
+        loss = jnp.log(law.restitution)
+        fraction = -loss / jnp.hypot(jnp.pi, loss)
+        return jnp.ones_like(velocity), (2.0 if name == "linear" else 5**0.5) * fraction
+
+    def force(x, u, peak, c, larger):
+        return larger(x, LEAST) ** p + c * larger(x, LEAST) ** q * u
+
+    def end(x, u, peak, c, larger):
+        return larger(x, LEAST) ** (p - q) + c * u if name == "viscoelastic" else x
+
+    steps = (sj.ODE(solver=solver, steps=n) for solver, n in (("dopri5", 8), ("dopri8", 4)))
+    return Scene(
+        name,
+        law_of,
+        (damping, float(x["E"]), float(x["M"])),
+        velocity,
+        exact,
+        np.outer(powers, slope),
+        reduced,
+        (Phase(force, end),),
+        (sj.ODE(solver="dopri5", steps=4), sj.ClosedForm(), *steps, sj.ODE(rtol=1e-8)),
+        quick=2,
+    )
+
+
+def _own(kind: type[Hardening]) -> Scene:
+    """x'' = -(5/4) x^{3/2}, and with the power c back, in units of δ_m and v; gradients by ℓ, E and M."""
+    velocity, steel = np.geomspace(1e-2, 10.0, 32), _zhou().law.contact
+
+    def law_of(length, youngs_modulus, mass) -> Hardening:
+        return kind(replace(steel, youngs_modulus=youngs_modulus, mass=mass), length)
+
+    def force(x, u, peak, c, larger):
+        return 1.25 * larger(x, LEAST) ** (1.5 + (u <= 0) * (c - 1.5))
+
+    theta = (LENGTH, float(steel.youngs_modulus), float(steel.mass))
+    depth = np.asarray(law_of(*theta).depth(velocity))
+    exact = np.sqrt(2.5 / (2.5 + depth))
+    steps = (sj.ODE(solver=solver, steps=n) for solver, n in (("dopri8", 2), ("dopri5", 5)))
+    return Scene(
+        "a law of one's own in SI, v from 0.01 to 10 m/s",
+        law_of,
+        theta,
+        velocity,
+        exact,
+        np.outer((-1.0, -0.4, 0.4), -0.5 * exact * depth / (2.5 + depth)),
+        lambda law, velocity: (jnp.ones_like(velocity), 1.5 + law.depth(velocity)),
+        (Phase(force, lambda x, *_: x),),
+        (sj.ODE(solver="dopri5", steps=3), sj.EnergyBalance(), *steps, sj.ODE(rtol=1e-8)),
+        quick=2,
+    )
+
+
+def ways(name: str, quick: bool) -> Iterator[Callable[[], Way]]:
+    """The ways of one of `LAWS` as functions that build them, the largest batches last.
+
+    Some machines lend all their cores in full only after seconds of work.
+    """
+    scene = scene_of(name)
+    for rtol in (1e-6,) if quick else (1e-4, 1e-6, 1e-8):
+        yield partial(scipy_loop, scene, rtol)
+        yield partial(by_events, scene, rtol, gradient=rtol == 1e-6 and not quick)
+    for route in scene.routes[: scene.quick] if quick else scene.routes:
+        yield partial(by_route, scene, route, BATCH, gradient=not quick)
+        if name == "own":  # the rivals stop where the overlap vanishes
+            yield partial(by_route, _own(HardeningToZero), route, BATCH, ", end stated", not quick)
+    if name != "own":
+        exact = next(route for route in scene.routes if not isinstance(route, sj.ODE))
+        yield partial(by_route, scene, exact, LARGE, gradient=not quick)
+        if name == "zhou":
+            yield partial(by_route, scene, exact, LARGE, overlaps=False)
+
+
+def by_route(
+    scene: Scene, route: Any, batch: int, note: str = "", gradient: bool = False, overlaps=True
+) -> Way:
+    """A route as a user calls it outside of any `jit`: all fields of the result, not ε_p alone."""
+    law, family, setting = scene.law, route.name, EXACT[not overlaps]
+    if isinstance(route, sj.ODE):
+        fixed = route.rtol is None and route.steps
+        steps = f"{route.steps} steps" if fixed else f"rtol {route.tolerance:.0e}"
+        family, setting = "ODE", f"{route.solver}, {steps}"
+
+    def coefficient(theta, velocity):
+        return sj.restitution(scene.law_of(*theta), velocity, route).plastic_coefficient
+
+    def value(velocity):
+        return sj.restitution(law, velocity, route, overlaps=overlaps).plastic_coefficient
+
+    slopes = _with_gradient(scene, coefficient) if gradient else None
+    return Way(family, setting + note, batch, value, slopes)
+
+
+def scipy_loop(scene: Scene, rtol: float) -> Way:
+    """`solve_ivp` by DOP853 in a Python loop, with events."""
+
+    def value(velocity):
+        found = scene.reduced(scene.law, velocity)
+        found = jax.tree.map(lambda leaf: np.broadcast_to(leaf, velocity.shape).tolist(), found)
+        speeds, numbers = found
+        each = zip(*numbers, strict=True) if isinstance(numbers, tuple) else numbers
+        rows = zip(speeds, each, strict=True)
+        return np.array([_by_scipy(scene.phases, y, c, rtol) for y, c in rows])
+
+    return Way(SCIPY, f"DOP853, rtol {rtol:.0e}", FEW, value)
+
+
+def _by_scipy(phases: tuple[Phase, ...], y: float, c: Any, rtol: float) -> float:
+    from scipy.integrate import solve_ivp
+
+    state, peak = (0.0, y), 0.0
+    for phase in phases:
+
+        def field(t, state, phase=phase, peak=peak):
+            return state[1], -phase.force(*state, peak, c, max)
+
+        def ended(t, state, phase=phase, peak=peak):
+            waiting = phase.returning and state[1] >= 0
+            return 1.0 if waiting else phase.end(*state, peak, c, max)
+
+        ended.terminal, ended.direction = True, -1  # type: ignore[attr-defined]
+        tolerance = {"rtol": rtol, "atol": rtol * np.array([y**0.8, y])}
+        found = solve_ivp(field, (0.0, ENDS), state, "DOP853", events=ended, **tolerance)
+        state = found.y_events[0][0]
+        peak = state[0]
+    return -state[1] / y
+
+
+def by_events(scene: Scene, rtol: float, gradient: bool = False) -> Way:
+    """The plain way with diffrax: over time, each phase ended by an `Event` and a root find."""
+
+    def coefficient(theta, velocity):
+        y, c = scene.reduced(scene.law_of(*theta), velocity)
+        c = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, velocity.shape), c)
+        return jax.vmap(lambda y, c: _by_diffrax(scene.phases, y, c, rtol))(y, c)
+
+    value = jax.jit(coefficient)
+    slopes = _with_gradient(scene, coefficient) if gradient else None
+    return Way(DIFFRAX, f"tsit5, rtol {rtol:.0e}", BATCH, lambda v: value(scene.theta, v), slopes)
+
+
+def _by_diffrax(phases: tuple[Phase, ...], y, c, rtol: float):
+    import diffrax as dfx
+    import optimistix as optx
+
+    state, peak = (jnp.zeros_like(y), y), jnp.ones_like(y)
+    for phase in phases:
+
+        def field(t, y, args, phase=phase, peak=peak):
+            return y[1], -phase.force(*y, peak, c, jnp.maximum)
+
+        def ended(t, y, args, phase=phase, peak=peak, **kwargs):
+            left = phase.end(*y, peak, c, jnp.maximum)
+            return jnp.where(y[1] < 0, left, 1.0) if phase.returning else left
+
+        found = dfx.diffeqsolve(
+            dfx.ODETerm(field),
+            dfx.Tsit5(),
+            t0=0.0,
+            t1=ENDS,
+            dt0=None,
+            y0=state,
+            stepsize_controller=dfx.PIDController(rtol=rtol, atol=rtol),
+            event=dfx.Event(ended, optx.Newton(1e-10, 1e-10, optx.rms_norm), direction=False),
+            max_steps=4096,
+            throw=False,
+        )
+        state = jax.tree.map(lambda leaf: leaf[-1], found.ys)
+        peak = state[0]
+    return -state[1] / y
+
+
+def _with_gradient(scene: Scene, coefficient: Callable) -> Callable:
+    """Σ ε_p of `coefficient(theta, velocity)` and its gradient by ln θ, reverse mode."""
+
+    @jax.jit
+    def value_and_gradient(theta, velocity):
+        total = lambda theta: jnp.sum(coefficient(theta, velocity))  # noqa: E731
+        value, slopes = jax.value_and_grad(total)(theta)
+        return value, jnp.stack([t * s for t, s in zip(theta, slopes, strict=True)])
+
+    return lambda velocity: value_and_gradient(scene.theta, velocity)
+
+
+def measure(way: Way, scene: Scene) -> Row:
+    """Time a way on the velocities of a scene, repeated up to its batch, and compare it with what is exact."""
+    velocity = np.resize(scene.velocity, way.batch)
+    found, first = _timed(way.value, velocity)
+    seconds = _median_seconds(way.value, velocity)
+    error = np.max(np.abs(np.asarray(found) - np.resize(scene.exact, way.batch)))
+    row = Row(
+        way.family,
+        way.setting,
+        way.batch,
+        1e6 * seconds / way.batch,
+        float(error),
+        max(first - seconds, 0.0),
+    )
+    if way.gradient is None:
+        return row
+    (_, slopes), _ = _timed(way.gradient, velocity)
+    times_used = np.bincount(np.arange(way.batch) % scene.velocity.size)
+    off = np.abs(np.asarray(slopes) - scene.slopes[:, : times_used.size] @ times_used)
+    microseconds = 1e6 * _median_seconds(way.gradient, velocity) / way.batch
+    # of sums over the batch: divided by it, this is the mean error of one collision
+    error = float(np.max(off)) / way.batch
+    return replace(row, gradient_microseconds=microseconds, gradient_error=error)
+
+
+def _timed(function: Callable, velocity: np.ndarray) -> tuple[Any, float]:
+    start = time.perf_counter()
+    result = jax.block_until_ready(function(velocity))
+    return result, time.perf_counter() - start
+
+
+def _median_seconds(function: Callable, velocity: np.ndarray) -> float:
+    seconds: list[float] = []
+    while sum(seconds) < (LONGEST if len(seconds) < REPEATS else SHORTEST):
+        seconds.append(_timed(function, velocity)[1])
+    return statistics.median(seconds)
+
+
+def as_csv(rows: list[Row]) -> str:
+    """All columns, undefined ones empty."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([field.name for field in fields(Row)])
+    writer.writerows(["" if x is None else x for x in astuple(row)] for row in rows)
+    return text.getvalue()
+
+
+def as_text(rows: list[Row]) -> str:
+    """The table, each family together, and what its times mean as ratios within this run."""
+    import pandas as pd
+
+    from calibration.report.render import table_text
+
+    cells = [
+        (
+            row.family,
+            row.setting,
+            f"{row.batch:,}",
+            f"{row.microseconds:.3g}",
+            f"{row.largest_error:.0e}",
+            f"{row.compile_seconds:.1f}",
+            "" if row.gradient_microseconds is None else f"{row.gradient_microseconds:.3g}",
+        )
+        for row in sorted(rows, key=lambda row: FAMILIES.index(row.family))
+    ]
+    headings = ("way", "setting", "batch", "µs", "error", "compile s", "µs+grad")
+    table = table_text(pd.DataFrame(cells, columns=headings))
+    head = f"{os.cpu_count()} cores; time a collision, largest error of ε_p against exact answers"
+    return "\n".join([head, "", table, "", *_ratios(rows)])
+
+
+def _ratios(rows: list[Row]) -> Iterator[str]:
+    for error in (1e-3, 1e-6):
+        good = [r for r in rows if r.family == "ODE" and r.largest_error <= error]
+        for rival in (SCIPY, DIFFRAX):
+            theirs = time_at_error([row for row in rows if row.family == rival], error)
+            if good and theirs is not None:
+                ratio = theirs / min(row.microseconds for row in good)
+                yield f"ODE at error {error:.0e}: {ratio:.3g} times faster than {rival}"
+    for row in rows:
+        if row.gradient_microseconds is not None:
+            ratio = row.gradient_microseconds / row.microseconds
+            yield (
+                f"{row.family}, {row.setting}, batch {row.batch:,}: value and gradient (3 parameters) "
+                f"{ratio:.2g} times the value, mean error of the gradient {row.gradient_error:.0e}"
+            )
+
+
+def time_at_error(rows: list[Row], error: float) -> float | None:
+    """Microseconds of a rival where it errs so, interpolated between its settings as a power law.
+
+    None where it was not measured near that error: much tighter settings would be unfair.
+    """
+    points = sorted((row.largest_error, row.microseconds) for row in rows)
+    above = [p for p in points if p[0] > SLIGHTLY * error]
+    below = [p for p in points if p[0] <= SLIGHTLY * error]
+    if not below:
+        return None
+    if not above:
+        return min(t for _, t in below) if below[-1][0] > error / NEARLY else None
+    (e1, t1), (e2, t2) = below[-1], above[0]
+    weight = math.log(error / e1) / math.log(e2 / e1)
+    return min(t1, t1 ** (1 - weight) * t2**weight)
+
+
+def draw(rows: list[Row], title: str, ax: Any = None) -> Any:
+    """Time a collision against the largest error, both logarithmic; one marker a setting."""
+    from calibration.plots import style
+
+    ax = style.axes_or_new(ax, 9.0, 5.5)
+    # a colour and a marker each: told apart without colour too
+    colours = (style.GREEN, style.GREEN, style.BLUE, style.SKY, style.VERMILION)
+    for family, colour, marker in zip(FAMILIES, colours, "**os^", strict=True):
+        some = [row for row in rows if row.family == family]
+        if some:
+            errors = [max(row.largest_error, 1e-17) for row in some]
+            times = [row.microseconds for row in some]
+            ax.plot(errors, times, marker, color=colour, markersize=8, label=family)
+    ax.set(xscale="log", yscale="log", title=f"Speed against error: {title}")
+    ax.set_xlabel("largest error of the plastic coefficient of restitution [-]")
+    ax.set_ylabel("time a collision [µs]")
+    ax.grid(which="major", alpha=0.3)
+    ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+    return ax

@@ -1,1 +1,0 @@
-"""Speed against error: the routes of this library and what one would write instead."""
