@@ -158,6 +158,14 @@ class FitOptions(Strict):
         default=False, description="stated uncertainties are right up to a factor: scale by √(χ²/ν)"
     )
 
+    @model_validator(mode="before")
+    @classmethod
+    def _plain(cls, given: Any) -> Any:
+        """Scalars of NumPy and JAX as Python's."""
+        if not isinstance(given, dict):
+            return given
+        return {name: _as_python(value) for name, value in given.items()}
+
     @model_validator(mode="after")
     def _act(self) -> "FitOptions":
         """Refuse settings that would do nothing, or exclude each other."""
@@ -253,3 +261,8 @@ def _parsed(name: str, text: str) -> Any:
         known = f"one of {listed(words)}" if words else accepted(FitOptions, (name,))
         problem = f"{shown(repr(text))} is not {known}{did_you_mean(text, words)}"
         raise argparse.ArgumentTypeError(problem) from None
+
+
+def _as_python(value: Any) -> Any:
+    is_scalar = hasattr(value, "dtype") and getattr(value, "ndim", None) == 0
+    return value.item() if is_scalar else value

@@ -1,10 +1,18 @@
 """What the models of input have in common: strict fields, and faults in the words of the house."""
 
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar, cast
 
-from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    WithJsonSchema,
+)
 
 from calibration.errors import DataError, did_you_mean
 
@@ -16,11 +24,19 @@ NOUNS = {
     "array": "a list",
     "object": "a table",
 }
+MOST = 9  # words that a refusal lists
 Model = TypeVar("Model", bound="Strict")
+# a number, or NaN, which JSON tells by null
+Real = Annotated[
+    float,
+    Field(allow_inf_nan=True),
+    BeforeValidator(lambda value: math.nan if value is None else value),
+    WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "null"}]}),
+]
 
 
 class Strict(BaseModel):
-    """A frozen model that knows all its fields: nothing is converted but numbers of NumPy and JAX."""
+    """A frozen model that knows all its fields and converts nothing."""
 
     model_config = ConfigDict(
         extra="forbid",
@@ -29,14 +45,6 @@ class Strict(BaseModel):
         allow_inf_nan=False,
         arbitrary_types_allowed=True,
     )
-
-    @model_validator(mode="before")
-    @classmethod
-    def _plain(cls, given: Any) -> Any:
-        """Scalars of NumPy and JAX as Python's."""
-        if not isinstance(given, dict):
-            return given
-        return {name: _as_python(value) for name, value in given.items()}
 
     @classmethod
     def of(cls: type[Model], **given: Any) -> Model:
@@ -63,23 +71,46 @@ def faults(error: ValidationError, model: type[BaseModel]) -> Iterator[DataError
         if isinstance(cause, DataError):
             yield cause
         else:
-            place = ".".join(str(part) for part in one["loc"])
-            given, known = one["input"], accepted(model, one["loc"])
-            near = did_you_mean(given, known.split('"')) if isinstance(given, str) else ""
-            yield DataError(place, f'"{given}"' if isinstance(given, str) else given, known + near)
+            place, schema = _walk(model, one["loc"])
+            given, known = one["input"], words(schema)
+            if one["type"] == "missing":
+                given, known = "missing", "there"
+            elif one["type"] == "value_error":
+                known = one["msg"].removeprefix("Value error, ")
+            elif isinstance(given, str):
+                known += did_you_mean(given, known.split('"'))
+                given = f'"{given}"'
+            yield DataError(place, given, known)
 
 
 def accepted(model: type[BaseModel], place: tuple[Any, ...]) -> str:
     """What a field of a model accepts, in words."""
+    return words(_walk(model, place)[1])
+
+
+def _walk(model: type[BaseModel], place: Iterable[Any]) -> tuple[str, Mapping[str, Any]]:
+    """A place as `fits[0].rms`, without pydantic's names of alternatives, and its schema."""
     root = schema_of(model)
-    found: Mapping[str, Any] = root
+    name, found = "", cast(Mapping[str, Any], root)
     for part in place:
-        found = _resolved(found, root)
-        if isinstance(part, int):
-            found = found.get("items", {})
-        else:
-            found = found.get("properties", {}).get(part) or found.get("additionalProperties", {})
-    return words(_resolved(found, root))
+        inner = next(
+            (s for one in _parts(found) if (s := _inner(_resolved(one, root), part))), None
+        )
+        if inner is None and part not in _resolved(found, root).get("properties", {part: 0}):
+            name = f"{name}.{part}"  # a key that there is not
+        if inner is not None:
+            name += f"[{part}]" if isinstance(part, int) else f".{part}"
+            found = inner
+    return name.lstrip("."), _resolved(found, root)
+
+
+def _inner(schema: Mapping[str, Any], part: Any) -> Mapping[str, Any] | None:
+    """The schema of an entry, None where there is none."""
+    if isinstance(part, int):
+        every = schema.get("prefixItems", [])
+        return every[part] if part < len(every) else schema.get("items")
+    more = schema.get("additionalProperties")
+    return schema.get("properties", {}).get(part) or (more if isinstance(more, dict) else None)
 
 
 @cache
@@ -109,7 +140,9 @@ def _parts(schema: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 
 def _words(schema: Mapping[str, Any]) -> str:
     if _enum(schema):
-        return " or ".join(f'"{one}"' for one in _enum(schema))
+        every = [f'"{one}"' for one in _enum(schema)]
+        more = f" or {len(every) - MOST} more" if len(every) > MOST else ""
+        return " or ".join(every[:MOST]) + more
     noun = NOUNS.get(schema.get("type", ""), "a value")
     least, most = schema.get("minimum"), schema.get("maximum")
     above, below = schema.get("exclusiveMinimum"), schema.get("exclusiveMaximum")
@@ -132,8 +165,3 @@ def _resolved(schema: Mapping[str, Any], root: Mapping[str, Any]) -> Mapping[str
     if len(parts) == 1 and "$ref" in parts[0]:
         return root["$defs"][parts[0]["$ref"].rpartition("/")[2]]
     return schema
-
-
-def _as_python(value: Any) -> Any:
-    is_scalar = hasattr(value, "dtype") and getattr(value, "ndim", None) == 0
-    return value.item() if is_scalar else value

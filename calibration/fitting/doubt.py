@@ -1,7 +1,7 @@
 """Named reasons not to trust a fit, each with its cause and its remedy."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -54,7 +54,9 @@ class Doubt:
     `advice` takes the place of the remedy that all of one code have.
     """
 
-    code: str
+    __pydantic_config__: ClassVar = {"extra": "ignore"}  # what files hold besides
+
+    code: Literal[tuple(REMEDIES)]  # type: ignore[valid-type]
     cause: str
     material: str | None = None
     advice: str | None = None

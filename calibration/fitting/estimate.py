@@ -1,7 +1,6 @@
 """Numbers with their uncertainty: one of them, Eq. (18)'s line, a band around a curve."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -24,17 +23,6 @@ class Estimate:
     method: str = "fixed"
     free: bool = False
     at_bound: bool = False
-
-    def to_dict(self) -> dict[str, Any]:
-        """What `fit.json` holds of it."""
-        return {
-            "value": self.value,
-            "standard_error": self.standard_error,
-            "interval": [self.low, self.high],
-            "method": self.method,
-            "free": self.free,
-            "at_bound": self.at_bound,
-        }
 
     def __str__(self) -> str:
         return with_error(self.value, self.standard_error)

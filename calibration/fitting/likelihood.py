@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -23,6 +24,8 @@ class Likelihood:
         fitted: how many numbers were fitted, those noises among them.
         points: how many points.
     """
+
+    __pydantic_config__: ClassVar = {"extra": "ignore"}  # what files hold besides
 
     log: float
     fitted: int

@@ -17,6 +17,7 @@ from calibration.fitting.problem import Lanes, Problem
 from calibration.fitting.search import FARTHEST as FURTHEST
 from calibration.fitting.search import search
 from calibration.fitting.transform import NONE
+from calibration.schema import Real
 
 FARTHEST = 12.0  # in z from the estimate (factors of e): beyond, an interval is open
 STRIDE = 0.25  # in log units: where parameters make up for each other the way is curved
@@ -44,8 +45,8 @@ class Profile:
     """
 
     parameter: str
-    values: tuple[float, ...]
-    delta_chi_squared: tuple[float, ...]
+    values: tuple[Real, ...]
+    delta_chi_squared: tuple[Real, ...]
     low: float | None
     high: float | None
     threshold: float

@@ -15,6 +15,7 @@ from calibration.fitting.component_fit import ComponentFit
 from calibration.fitting.curves import as_empirical, band
 from calibration.fitting.doubt import Doubt, extrapolation
 from calibration.fitting.estimate import Band, Estimate, Line
+from calibration.fitting.fit_json import read_result, result_to_dict
 from calibration.fitting.freedom import Freedom, freedom_of
 from calibration.fitting.left_out import LeaveOneOut, leave_one_out
 from calibration.fitting.likelihood import Likelihood
@@ -22,7 +23,6 @@ from calibration.fitting.material import MaterialFit
 from calibration.fitting.profiles import Profile
 from calibration.fitting.refits import Bootstrap, bootstrap
 from calibration.fitting.request import Request
-from calibration.fitting.result_json import read_result, result_to_dict
 from calibration.fitting.result_text import fit_text
 from calibration.fitting.stages import Stage
 from calibration.fitting.zhou import LINE

@@ -18,6 +18,7 @@ from calibration.fitting.search import Found, guided_search, search
 from calibration.fitting.set_errors import SetErrors
 from calibration.fitting.starts import best_starts, candidates
 from calibration.options import FitOptions
+from calibration.schema import Real
 
 REFINED = 3  # of the screened starts
 # where the first starts miss the points: more per element, those refined, and how wide around the first
@@ -45,7 +46,7 @@ class Stage:
     evaluations: int
     iterations: int
     gradient_norm: float | None
-    cost: float
+    cost: Real
     converged: bool
     reason: str
     starts: int

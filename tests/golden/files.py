@@ -95,7 +95,7 @@ def record_json(numbers, path, name=""):
             scale = max(error or 0.0, 1e-3 * abs(value))
             numbers.estimate(f"{name}{fit['material']}: {key}", value, scale)
             if error and error > 1e-9 * abs(value):
-                ends = [error, *found["interval"]]
+                ends = [error, found["low"], found["high"]]
                 numbers.error(f"{name}{fit['material']}: {key} error, interval", ends, error)
     for key in ("c1", "c2"):
         if table["unloading_line"] is not None:

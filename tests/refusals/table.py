@@ -361,6 +361,8 @@ CALLS = {
 
 # entries of a fit.json: the place, and what is put there; nothing takes it out
 RESULTS = {
+    "another format": ("fit.json", "format 2|format 1", "format", 2),
+    "no format": ("fit.json", "without a format|format 1", "format", ...),
     "fits: []": ("fit.json", "fits", "fits", []),
     "fits 0: []": ("fit.json", "fits[0]|[]", "fits.0", []),
     "data: None": ("fit.json", "fits[0].data", "fits.0.data", None),
@@ -386,25 +388,25 @@ RESULTS = {
     "request route: {'name': 'energy bal": ("fit.json", "rtol|[1e-14, 0.1]", "request.options.rtol", 1),
     "freedom 0 relative 0 0: -1e-3": ("fit.json", "freedom[0].relative|variance", "freedom.0.relative.0.0", -1e-3),
     "covariance matrix 0 0: -1.0": ("fit.json", "covariance.matrix|variance", "covariance.matrix.0.0", -1.0),
-    "covariance matrix 0: [1, 2]": ("fit.json", "covariance.matrix|[2]", "covariance.matrix.0", [1, 2]),
+    "covariance matrix 0: [1, 2]": ("fit.json", "covariance.matrix|[1, 2]|square", "covariance.matrix.0", [1, 2]),
     "covariance_of_predictions 0 0: -1e-9": ("fit.json", "covariance_of_predictions", "covariance_of_predictions.0.0", -1e-9),
     "covariance: nothing": ("fit.json", "covariance|missing", "covariance", ...),
     "n: 2.5": ("fit.json", "fits[0].n|2.5|whole", "fits.0.n", 2.5),
-    "warnings: [{'code': 'x'}]": ("fit.json", "warnings[0].code|x|one of", "warnings", [{"code": "x"}]),
+    "warnings: [{'code': 'x'}]": ("fit.json", "warnings[0].code|x|at-bound", "warnings", [{"code": "x"}]),
 }  # fmt: skip
 
 # a fit.json that is none
 NO_RESULTS = {
-    "nested lists": ("fit.json", "deep", "[" * 100_000),
+    "nested lists": ("fit.json:1", "recursion", "[" * 100_000),
     "other quotation marks": ("fit.json:1", "JSON", "{'fits': 1}"),
     "a bracket in line 2": ("fit.json:2", "JSON", '{\n"fits": [}'),
-    "a NaN": ("fit.json", "NaN", '{"fits": NaN}'),
-    "5000 digits": ("fit.json", "limit", '{"fits": 1' + "0" * 5000 + "}"),
-    "an infinite number": ("fit.json", "fits|inf", '{"fits": 1e999}'),
-    "half a character": ("fit.json", r"fits|\ud800", '{"fits": "\\ud800"}'),
+    "a NaN": ("fit.json", "fits|nan|list", '{"format": 1, "fits": NaN}'),
+    "5000 digits": ("fit.json:1", "out of range", '{"fits": 1' + "0" * 5000 + "}"),
+    "an infinite number": ("fit.json", "fits|inf|list", '{"format": 1, "fits": 1e999}'),
+    "half a character": ("fit.json:1", "hex escape", '{"fits": "\\ud800"}'),
     "a result that is not UTF-8": ("fit.json:1", "UTF-8", b'{"fits": "\xfc"}'),
     "26 MB": ("fit.json", "24 MiB", b" " * 26_000_000),
-    "many lists": ("fit.json", "fits[0]|[]", '{"fits": [' + "[]," * 100_000 + "[]]}"),
+    "many lists": ("fit.json", "fits[0]|[]", '{"format": 1, "fits": [' + "[]," * 100_000 + "[]]}"),
 }  # fmt: skip
 
 

@@ -1,0 +1,399 @@
+"""`fit.json`: a result as JSON and back. What is undefined is null, never NaN.
+
+The models below, with the records that they hold, are the layout of the file:
+`ResultFile.model_json_schema()` is its JSON Schema.
+"""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field, PlainValidator, ValidationError, WithJsonSchema
+
+import softjax as sj
+from calibration.data import PointErrors, RestitutionData
+from calibration.data.bodies import Body
+from calibration.data.json_file import plain
+from calibration.data.measurements import LONGEST_NAME
+from calibration.data.text_file import MIB, read_text
+from calibration.errors import DataError, InputError, shown
+from calibration.fitting.collisions import ROUTES
+from calibration.fitting.doubt import Doubt
+from calibration.fitting.estimate import Estimate, Line
+from calibration.fitting.freedom import Freedom
+from calibration.fitting.known_laws import LAWS, law_name
+from calibration.fitting.likelihood import Likelihood
+from calibration.fitting.material import MaterialFit
+from calibration.fitting.profiles import Profile
+from calibration.fitting.request import Request, checked
+from calibration.fitting.rows import Tree
+from calibration.fitting.specs import law_model, said_of
+from calibration.fitting.stages import Stage
+from calibration.options import FitOptions
+from calibration.parameters import Parameter
+from calibration.schema import Real, Strict, faults
+
+FORMAT = 1
+LARGEST = 24 * MIB
+ROUNDING = 1e-4  # of a covariance scaled to ones: below it a negative eigenvalue is rounding's
+OWN = "only a fit's own fit.json is accepted"
+
+
+def as_covariance(rows: Any) -> np.ndarray:
+    """A square matrix without negative variances, NaN where it is not known."""
+    if not isinstance(rows, list) or [len(row) for row in rows] != [len(rows)] * len(rows):
+        raise ValueError("a square matrix, row by row")
+    matrix = np.array([[math.nan if x is None else x for x in row] for row in rows], float)
+    matrix = matrix.reshape(len(rows), len(rows))
+    variance = np.diag(matrix)
+    if np.any(variance < 0):
+        raise ValueError("without a negative variance")
+    if np.all(np.isfinite(matrix)):
+        scale = np.sqrt(np.where(variance > 0, variance, 1.0))
+        with np.errstate(over="ignore"):
+            scaled = matrix / scale[:, None] / scale
+        sound = np.all(np.isfinite(scaled)) and np.all(np.abs(scaled) <= 1 + ROUNDING)
+        if not sound or np.min(np.linalg.eigvalsh(scaled + scaled.T), initial=0) < -2 * ROUNDING:
+            raise ValueError("without a negative variance of a sum")
+    return matrix
+
+
+Count = Annotated[int, Field(ge=0)]
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+Column = list[float] | None
+Leaf = Positive | list[Positive]  # of the bodies: one number, or one an impact
+Covariance = Annotated[
+    np.ndarray,
+    PlainValidator(as_covariance),
+    WithJsonSchema({"type": "array", "items": {"type": "array"}, "accepted": "a covariance"}),
+]
+
+
+class DataRecord(Strict):
+    """One set of data; where it came from is not kept."""
+
+    velocity: list[Positive]
+    restitution: list[NotNegative]
+    limit_velocity: Leaf | None
+    degrees: Leaf | None
+    uncertainty: Column
+    velocity_uncertainty: Column
+    contact: dict[str, Leaf | str] | None
+    bodies: list[dict[str, float | list[float] | str | None]] = Field(default_factory=list)
+    remarks: tuple[str, ...]
+    group: list[str] | None
+    errors: dict[str, Any] | None
+
+    @classmethod
+    def told(cls, data: RestitutionData) -> dict[str, Any]:
+        """What a file holds of a set."""
+        contact, errors = data.contact, data.errors
+        table = {
+            "contact": contact and {**contact.leaves(), "area": contact.area},
+            "bodies": [
+                {"name": one.name, "radius": one.radius, **one.material.leaves()}
+                for one in data.bodies
+            ],
+            "errors": dict(vars(errors)) if np.any(errors.index >= 0) else None,
+        }
+        return _by_names(cls, data, table)
+
+    def data(self, name: str) -> RestitutionData:
+        """The same set again."""
+        entries = {key: _array(value) for key, value in self}
+        bodies, remarks, errors = self.bodies, entries.pop("remarks"), self.errors
+        if errors is not None:
+            entries |= {"uncertainty": None, "velocity_uncertainty": None}
+            entries["errors"] = PointErrors(**{k: _array(v) for k, v in errors.items()})
+        if self.contact is not None:
+            leaves = {key: _array(leaf) for key, leaf in self.contact.items()}
+            entries["contact"] = sj.Contact(**leaves)
+        entries |= {"group": self.group, "bodies": tuple(map(_body, bodies))}
+        # it was checked once
+        return RestitutionData(name=name, remarks=remarks, plausibility=False, **entries)
+
+
+class FitRecord(Strict):
+    """The fit of one data set."""
+
+    material: Annotated[str, Field(min_length=1, max_length=LONGEST_NAME, pattern=r"\S")]
+    n: Annotated[int, Field(ge=1)]
+    rms: float
+    rms_empirical: float | None
+    empirical: dict[str, float | None] | None
+    converged: bool
+    warnings: tuple[Doubt, ...]
+    parameters: dict[str, Estimate]
+    derived: dict[str, Estimate]
+    reduced_chi_squared: NotNegative | None
+    objective: Literal["model", "two-step"]
+    law: str
+    options: dict[str, str]
+    values: dict[str, float | list[float]]
+    labels: dict[str, str]
+    status: tuple[Count, ...]
+    known: tuple[NotNegative, NotNegative | None]
+    variances: dict[str, NotNegative | None]
+    timing: NotNegative | None
+    standardised: tuple[Real, ...]
+    leverage: tuple[Real, ...]
+    residual_degrees: NotNegative
+    chi_squared_probability: float | None
+    data: DataRecord
+
+    @classmethod
+    def told(cls, fit: MaterialFit) -> dict[str, Any]:
+        table = {
+            "material": fit.name,
+            "law": fit.model.key,
+            "options": fit.model.options,
+            "known": [fit.known_from, fit.known_to],
+            "chi_squared_probability": fit.probability,
+            "data": DataRecord.told(fit.data),
+        }
+        return _by_names(cls, fit, table)
+
+    def fit(self, data: RestitutionData, law: Any) -> MaterialFit:
+        values = {name: _array(value) for name, value in self.values.items()}
+        known_from, known_to = self.known
+        found = _made(
+            MaterialFit,
+            self,
+            data=data,
+            model=law_model(data, _law(self.law, law), self.options, values),
+            values=values,
+            trees=_trees(values, law),
+            known_from=known_from,
+            known_to=math.inf if known_to is None else known_to,
+        )
+        found.law  # noqa: B018  # that there can be one
+        return found
+
+
+class FreedomRecord(Strict):
+    labels: tuple[str, ...]
+    parts: list[Covariance]
+    relative: Covariance
+    sets: tuple[str, ...]
+    names: tuple[str, ...]
+
+
+class RequestRecord(Strict):
+    """What was asked for: options are those of `FitOptions`, with a law of one's own by its name."""
+
+    parameters: list[dict[str, Any]]
+    options: dict[str, Any]
+
+    @classmethod
+    def told(cls, request: Request) -> dict[str, Any]:
+        said = said_of(request.parameters, request.datasets)
+        options = request.options.model_dump(mode="json") | {"law": law_name(request.options.law)}
+        tables = [{name: _parameter_told(one) for name, one in each.items()} for each in said]
+        return {"parameters": tables, "options": options}
+
+    def request(self, datasets: tuple[RestitutionData, ...], law: Any) -> Request:
+        given = self.options | {"law": _law(self.options.get("law"), law)}
+        if isinstance(given.get("route"), dict):
+            route = dict(given["route"])
+            given["route"] = ROUTES[route.pop("name")](**route)
+        said = [{name: _parameter(one) for name, one in each.items()} for each in self.parameters]
+        return checked(Request(datasets, said, FitOptions.of(**given)))
+
+
+class CovarianceRecord(Strict):
+    names: tuple[str, ...]
+    matrix: Covariance
+
+
+class ResultFile(Strict):
+    """The layout of `fit.json`."""
+
+    format: Literal[1]
+    fits: Annotated[list[FitRecord], Field(min_length=1)]
+    unloading_line: Line | None
+    settings: dict[str, Any]
+    versions: dict[str, str]
+    converged: bool
+    warnings: tuple[Doubt, ...]
+    covariance: CovarianceRecord
+    covariance_of_predictions: Covariance
+    rank: Count
+    condition_number: float | None
+    likelihood: Likelihood | None
+    confidence: Annotated[float, Field(gt=0, lt=1)]
+    freedom: list[FreedomRecord]
+    profiles: dict[str, Profile]
+    optimiser_report: tuple[Stage, ...]
+    pooled: dict[str, Estimate]
+    request: RequestRecord
+    times: dict[str, NotNegative] = Field(default_factory=dict)
+
+
+def result_to_dict(result: Any, times: bool = True) -> dict[str, Any]:
+    """What `fit.json` holds."""
+    table = {
+        "format": FORMAT,
+        "fits": [FitRecord.told(material) for material in result.materials],
+        "covariance": {"names": result.covariance_names, "matrix": result.covariance},
+        "covariance_of_predictions": result.of_predictions,
+        "freedom": result.freedoms,
+        "request": RequestRecord.told(result.request),
+    }
+    found = plain(_by_names(ResultFile, result, table))
+    return found if times else {key: value for key, value in found.items() if key != "times"}
+
+
+def read_result(path: str | Path, law: Any = None) -> dict[str, Any]:
+    """What a `FitResult` is made of, as `save` wrote it.
+
+    Raises:
+        InputError: a ValueError, where the file is no result of a fit.
+        DataError: a ValueError, where it is of a law that was not given.
+    """
+    text = read_text(path, LARGEST)
+    try:
+        found = ResultFile.model_validate_json(text, strict=True)
+        _check(found)
+        return _parts(found, law)
+    except ValidationError as error:
+        raise _refusal(path, error) from None
+    except DataError as error:
+        if error.argument == "law":
+            raise
+        raise _no_result(path, error) from None
+    except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+        raise InputError(path, None, f"is no result of a fit ({shown(str(error))})", OWN) from None
+
+
+def _refusal(path: str | Path, error: ValidationError) -> InputError:
+    first = error.errors()[0]
+    if first["type"] == "json_invalid":
+        problem, _, line = first["msg"].partition(" at line ")
+        return InputError(path, int(line.split()[0]), problem, "a JSON file is needed")
+    if first["loc"] == ("format",):
+        given = "without a format" if first["type"] == "missing" else f"of format {first['input']}"
+        accepted = f"format {FORMAT} is read by this version: fit the data again"
+        return InputError(path, None, f"is a fit.json {shown(given)}", accepted)
+    return _no_result(path, next(faults(error, ResultFile)))
+
+
+def _no_result(path: str | Path, error: DataError) -> InputError:
+    problem = f"is no result of a fit: {error.argument} is {error.value}"
+    return InputError(path, None, problem, f"it must be {error.accepted}; {OWN}")
+
+
+def _parts(found: ResultFile, law: Any) -> dict[str, Any]:
+    datasets = tuple(one.data.data(one.material) for one in found.fits)
+    other = {"fits", "format", "converged", "confidence", "freedom", "covariance"}
+    other |= {"covariance_of_predictions"}
+    return {name: value for name, value in found if name not in other} | {
+        "request": found.request.request(datasets, law),
+        "materials": tuple(
+            one.fit(data, law) for one, data in zip(found.fits, datasets, strict=True)
+        ),
+        "covariance_names": found.covariance.names,
+        "covariance": found.covariance.matrix,
+        "of_predictions": found.covariance_of_predictions,
+        "freedoms": tuple(Freedom.from_dict(dict(one)) for one in found.freedom),
+    }
+
+
+def _check(found: ResultFile) -> None:
+    """Refuse numbers of entries that do not go together.
+
+    Raises:
+        DataError: naming the place, what stands there and what is accepted.
+    """
+    names, count = found.covariance.names, len(found.covariance.names)
+    materials = [fit.material for fit in found.fits]
+    for place, told in (("covariance.names", names), ("fits.material", materials)):
+        if len(set(told)) != len(told):
+            raise DataError(place, told, "each name once")
+    asked = found.request.options.get("confidence")
+    if found.confidence != asked:
+        raise DataError("confidence", found.confidence, f"{asked}, as request.options.confidence")
+    lengths: dict[str, tuple[Any, int]] = {
+        "request.parameters": (found.request.parameters, len(found.fits)),
+        "covariance.matrix": (found.covariance.matrix, count),
+        "covariance_of_predictions": (found.covariance_of_predictions, count),
+        "freedom.labels": ([name for one in found.freedom for name in one.labels], count),
+    }
+    for i, fit in enumerate(found.fits):
+        columns: dict[str, Any] = {"data.velocity": fit.data.velocity, "status": fit.status}
+        columns |= {"standardised": fit.standardised, "leverage": fit.leverage}
+        columns |= {f"values.{k}": v for k, v in fit.values.items() if isinstance(v, list)}
+        lengths |= {f"fits[{i}].{name}": (one, fit.n) for name, one in columns.items()}
+        for name, label in fit.labels.items():
+            if not isinstance(fit.values.get(name), float) or label not in names:
+                accepted = "of values and covariance.names"
+                raise DataError(f"fits[{i}].labels", f"{name}: {label}", accepted)
+    for i, one in enumerate(found.freedom):
+        parts: dict[str, Any] = {"parts": one.parts, "relative": one.relative, "sets": one.sets}
+        lengths |= {f"freedom[{i}].{k}": (part, len(one.names)) for k, part in parts.items()}
+        sizes = {f"freedom[{i}].parts[{k}]": part for k, part in enumerate(one.parts)}
+        lengths |= {place: (part, len(one.labels)) for place, part in sizes.items()}
+    for place, (values, expected) in lengths.items():
+        if len(values) != expected:
+            raise DataError(place, f"of {len(values)}", f"of {expected}")
+
+
+def _by_names(record: type[Strict], thing: Any, table: Mapping[str, Any]) -> dict[str, Any]:
+    """The entries of a record: those of `table`, else the thing's attributes."""
+    names = record.model_fields
+    return {name: table[name] if name in table else getattr(thing, name) for name in names}
+
+
+def _made(kind: type, record: Any, **more: Any) -> Any:
+    """A dataclass of the entries that have the names of its fields."""
+    names = [field.name for field in fields(kind)]
+    return kind(**{name: more[name] if name in more else getattr(record, name) for name in names})
+
+
+def _array(value: Any) -> Any:
+    return np.array(value) if isinstance(value, list) else value
+
+
+def _body(table: Mapping[str, Any]) -> Body:
+    leaves = {key: _array(leaf) for key, leaf in table.items()}
+    name, radius = leaves.pop("name"), leaves.pop("radius")
+    return Body(name, sj.Material(**leaves), radius)
+
+
+def _parameter_told(value: Any) -> Any:
+    if not isinstance(value, Parameter):
+        return value
+    table = {name: told for name, told in vars(value).items() if name != "origin"}
+    return table if value.is_number else table | {"value": None}  # of a network: what was found
+
+
+def _parameter(value: Any) -> Any:
+    if not isinstance(value, dict):
+        return value
+    table: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in value.items()}
+    if table.get("bounds") is not None:
+        low, high = table["bounds"]
+        table["bounds"] = -math.inf if low is None else low, math.inf if high is None else high
+    return Parameter(**table)
+
+
+def _law(name: str | None, law: Any) -> Any:
+    """The law that a file names: a built-in one, or the one that was given."""
+    if name is None or name in LAWS:
+        return name
+    if law is None:
+        accepted = "given: load(path, law=…)"
+        raise DataError("law", f"{name}, which is none of {', '.join(LAWS)}", accepted)
+    return type(law) if isinstance(law, sj.ContactLaw) else law
+
+
+def _trees(values: Iterable[str], law: Any) -> tuple[Tree, ...]:
+    """How the numbers of whole parameters make up pytrees: as in the law that was given."""
+    names = dict.fromkeys(name.partition("[")[0] for name in values if "[" in name)
+    if names and not isinstance(law, sj.ContactLaw):
+        accepted = "given as one such law, whose whole fields tell how their numbers are arranged"
+        raise DataError("law", law, accepted)
+    return tuple(Tree.of(name, getattr(law, name)) for name in names)
