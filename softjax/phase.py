@@ -127,7 +127,8 @@ def rates(plane: Plane, u: Array, radius: Array) -> tuple[Array, Array]:
     push = excess / whole / (0.25 * m * fourth ** (m - 4))  # over θ' on the circle, (k/2) X^{k/2-1}
     pace = 1 + push * sine**m  # θ' over that
     if plane.bounded:
-        pace = jnp.maximum(pace, LEAST_PACE)
+        # a force that pulls so hard that the angle would fall has no way over it: the solver gives up
+        pace = jnp.where(pace < -LEAST_PACE, jnp.nan, jnp.maximum(pace, LEAST_PACE))
     turn = 2 / (1 + u * u) / (root * pace)  # dψ/du, and from ψ to θ but for a power of sinψ
     lost = push * cosine * root * sine ** (m - 1) * turn
     return -radius * lost, 4 * sine**3 * turn / radius ** (m - 4)
