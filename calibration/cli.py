@@ -17,6 +17,7 @@ import importlib
 import logging
 import os
 import platform
+import re
 import sys
 import traceback
 import warnings
@@ -45,12 +46,13 @@ class Parser(argparse.ArgumentParser):
     """Say in one line what is wrong, with the nearest option, without the whole usage before it."""
 
     def error(self, message: str):
-        line = " ".join(message.split())
-        unknown = line.partition("unrecognized arguments: ")[2].partition("=")[0].partition(" ")[0]
-        near = did_you_mean(unknown, self._option_string_actions) if unknown[:2] == "--" else ""
-        self.exit(
-            UNUSABLE, f"{self.prog}: {line}{near}; {self.prog} --help lists what is accepted\n"
-        )
+        line, near = " ".join(message.split()), ""
+        if unknown := re.search(r"unrecognized arguments: (--[\w-]+)", line):
+            near = did_you_mean(unknown[1], self._option_string_actions)
+        elif choice := re.search(r"invalid choice: '(.*?)' \(choose from (.*)\)", line):
+            near = did_you_mean(choice[1], re.findall(r"[\w-]+", choice[2]))
+        accepted = f"{self.prog} --help lists what is accepted"
+        self.exit(UNUSABLE, printable(f"{self.prog}: {line}{near}; {accepted}") + "\n")
 
     def print_help(self, file=None) -> None:
         print(self.format_help(), end="", file=file or sys.stdout)  # argparse's own hides failures

@@ -55,27 +55,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     import softjax as sj
-    from calibration.commands.source import read_source, refusing, route_of
+    from calibration.commands.source import read_source, route_of
     from calibration.curves import curve_of
 
     sj.enable_x64()
-    with refusing("curve"):
-        source, route = read_source(arguments), route_of(arguments)
-        velocity = _velocities(arguments, source)
-        if source.result is not None and route is not None:
-            raise DataError("--route", arguments.route, "left out with --fit")
-        formats = set(arguments.format or ([] if arguments.table else ["csv", "png"]))
-        formats |= {"table"} if arguments.table else set()
-        if "table" in formats and arguments.velocities is None:
-            from calibration.lookup_table import with_knots
+    source, route = read_source(arguments), route_of(arguments)
+    velocity = _velocities(arguments, source)
+    if source.result is not None and route is not None:
+        raise DataError("--route", arguments.route, "left out with --fit")
+    formats = set(arguments.format or ([] if arguments.table else ["csv", "png"]))
+    formats |= {"table"} if arguments.table else set()
+    if "table" in formats and arguments.velocities is None:
+        from calibration.lookup_table import with_knots
 
-            velocity = with_knots(source, velocity, route)
-        rows = curve_of(source, velocity, route)
-        if not rows.known.any():
-            problem = f"nothing is known of {source.name} at these velocities"
-            raise InputError(None, None, problem, f"a fit knows {_known(source)}")
-        with files_into(arguments.out, FILES.values()) as folder:
-            _write(folder, formats, source, rows, route)
+        velocity = with_knots(source, velocity, route)
+    rows = curve_of(source, velocity, route)
+    if not rows.known.any():
+        problem = f"nothing is known of {source.name} at these velocities"
+        raise InputError(None, None, problem, f"a fit knows {_known(source)}")
+    with files_into(arguments.out, FILES.values()) as folder:
+        _write(folder, formats, source, rows, route)
     _tell(arguments, source, rows)
     return 0
 

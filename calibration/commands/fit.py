@@ -10,11 +10,10 @@ profiles.png and correlation.png.
 import argparse
 import shlex
 import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from collections.abc import Mapping
 from typing import Any
 
+from calibration.commands.source_options import read_material_file
 from calibration.console import Progress, print_first
 from calibration.errors import DataError, InputError, listed, printable
 from calibration.options import LAW_OPTIONS, add_options, flag, given_options, idle
@@ -26,91 +25,91 @@ INTRO = (
     "They have no scatter, so that standard errors are 0 and any misfit shows.\n"
     "Your own: softjax fit FILE.toml"
 )
-
-
-@dataclass(frozen=True)
-class Job:
-    """What is to be fitted, and how it is told."""
-
-    datasets: Sequence[Any]
-    parameters: Sequence[Mapping[str, Any]] | None = None
-    settings: Mapping[str, Any] = field(default_factory=dict)
-    file: str | None = None  # None: the embedded data
-    given: Mapping[str, Any] = field(default_factory=dict)  # on the command line
-    problem: Any = None  # the file, as it was read
-    draws: int | None = None  # of the posterior, a chain
-
-    @property
-    def embedded(self) -> bool:
-        return self.file is None
+FEWEST_DRAWS = 100
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of `softjax fit`; those given win over the file's `[fit]` table."""
     parser.add_argument("file", nargs="?", metavar="FILE.toml", help="the materials and their data")
     add_options(parser)
+    text = "sample the posterior: 4 chains of 1000 draws, or of as many as given (extra bayes)"
     parser.add_argument(
-        "--posterior",
-        nargs="?",
-        type=_whole(100),
-        const=1000,
-        metavar="DRAWS",
-        help="sample the posterior: 4 chains of 1000 draws, or of as many as told; needs the extra bayes",
+        "--posterior", nargs="?", type=_draws, const=1000, metavar="DRAWS", help=text
     )
+    text = "print fit.json to standard output in place of the tables"
+    parser.add_argument("--json", action="store_true", help=text)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Fit, write, print; 0, or 1 where the fit did not converge."""
-    check_writable(arguments.out)
-    job = replace(_job(arguments), draws=arguments.posterior)
-    if job.draws is not None:
-        from calibration.fitting.posterior.door import check_possible
-
-        check_possible(job.settings.get("objective"), job.settings.get("loss", "squared"))
     from calibration.report.folder import write_report
 
+    check_writable(arguments.out)
+    given, of_paper = given_options(arguments), arguments.file is None
     with Progress(arguments.quiet) as progress:
-        result = _fitted(job, progress)
-        draws = _sampled(result, job, progress)
-        text = [] if arguments.quiet else [_text(result, job, draws)]
-        with or_printed(text):
+        result = _fitted(arguments, given, progress)
+        draws = None
+        if arguments.posterior is not None:
+            more = {"seed": result.request.options.seed, "warmup": arguments.posterior}
+            draws = result.posterior(arguments.posterior, progress=progress, **more)
+        text = result.to_json() if arguments.json else _text(result, of_paper, draws)
+        shown = [text] if arguments.json or not arguments.quiet else []
+        with or_printed(shown):
             written = write_report(
                 result,
                 arguments.out,
                 draws=draws,
-                of_paper=job.embedded,
-                command=_command(job, arguments.out),
+                of_paper=of_paper,
+                command=_command(arguments, given),
                 progress=progress,
             )
-    if text:
-        print(f"{text[0]}\n\nWritten to {arguments.out}: {listed(written)}")
+    if arguments.json:
+        print(text, end="")
+    elif shown:
+        print(f"{text}\n\nWritten to {arguments.out}: {listed(written)}")
     if result.converged:
         return 0
     print("softjax fit: did not converge; the results are written and marked so", file=sys.stderr)
     return 1
 
 
-def _job(arguments: argparse.Namespace) -> Job:
-    given = given_options(arguments)
+def _fitted(arguments: argparse.Namespace, given: Mapping[str, Any], progress: Progress) -> Any:
+    """The fit of the file's data, or of the paper's."""
+    import softjax as sj
+    from calibration.data.paper import paper_materials
+    from calibration.fitting.door import fit
+    from calibration.fitting.posterior.door import check_possible
+
+    sj.enable_x64()
     if arguments.file is None:
-        from calibration.data.paper import paper_materials
+        problem, data, parameters = None, paper_materials(), None
+        stated = {"objective": "two-step"} if given.get("law", "zhou") == "zhou" else {}
+    else:
+        problem = read_material_file(arguments.file)
+        print_first(problem.implausible, arguments.quiet or arguments.json)
+        data, parameters, stated = problem.datasets, problem.parameters, dict(problem.settings)
+        stated.pop("area", None)  # the contacts have it
+    settings = _merged(stated, given)
+    if arguments.posterior is not None:
+        check_possible(settings.get("objective"), settings.get("loss", "squared"))
+    law = settings.pop("law", None)
+    try:
+        one = data[0] if len(data) == 1 else data
+        return fit(one, law, parameters, progress=progress, **settings)
+    except (DataError, sj.ArgumentError) as error:
+        of_file = problem is not None and isinstance(error, DataError)
+        if of_file and error.argument in stated.keys() - given.keys():
+            raise error.at(arguments.file, problem.line(error.argument)) from error
+        raise InputError(arguments.file, None, str(error), "nothing was fitted") from error
 
-        by_paper = given.get("law", "zhou") == "zhou"
-        settings = _heeded({"objective": "two-step"} if by_paper else {}, given)
-        return Job(paper_materials(), settings=settings, given=given)
-    from calibration.problem_file import read_problem
 
-    problem = read_problem(arguments.file)
-    print_first(problem.implausible, arguments.quiet)
-    settings = _heeded(problem.settings, given)
-    own = (problem.datasets, problem.parameters, settings, arguments.file)
-    return Job(*own, given=given, problem=problem)
+def _merged(stated: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """The settings of the file and of the command line, which wins.
 
-
-def _heeded(of_file: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
-    """The settings of both; of the file's not what was for another law, or would do nothing now."""
-    others = LAW_OPTIONS if given.get("law", of_file.get("law")) != of_file.get("law") else ()
-    settings = {name: value for name, value in of_file.items() if name not in others} | {**given}
+    Of the file's not what was for another law, or would do nothing now.
+    """
+    others = LAW_OPTIONS if given.get("law", stated.get("law")) != stated.get("law") else ()
+    settings = {name: value for name, value in stated.items() if name not in others} | {**given}
     for name, accepted in idle(settings).items():
         if name in given:
             raise DataError(flag(name), "given", f"left out: {accepted}")
@@ -118,68 +117,30 @@ def _heeded(of_file: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, A
     return settings
 
 
-def _fitted(job: Job, progress: Progress):
-    import softjax as sj
-    from calibration.fitting.door import fit
-
-    sj.enable_x64()
-    settings = {name: value for name, value in job.settings.items() if name != "area"}
-    data = job.datasets[0] if len(job.datasets) == 1 else list(job.datasets)
-    try:
-        return fit(
-            data,
-            settings.pop("law", None),
-            job.parameters,
-            progress=progress,
-            **settings,
-        )
-    except (DataError, sj.ArgumentError) as error:
-        raise _refusal(job, error) from error
-
-
-def _refusal(job: Job, error: ValueError) -> InputError:
-    """What the fit refuses, with the line of the file that says it."""
-    if isinstance(error, DataError) and job.problem is not None:
-        name = error.argument
-        if name in job.problem.settings and name not in job.given:
-            return error.at(job.file, job.problem.line(name))
-    return InputError(job.file, None, str(error), "nothing was fitted")
-
-
-def _sampled(result, job: Job, progress: Progress) -> Any:
-    """Draws from the posterior, where they were asked for."""
-    if job.draws is None:
-        return None
-    seed = job.settings.get("seed", 0)
-    return result.posterior(job.draws, seed=seed, warmup=job.draws, progress=progress)
-
-
-def _text(result, job: Job, draws: Any) -> str:
+def _text(result: Any, of_paper: bool, draws: Any) -> str:
     from calibration.report.folder import printed_values
     from calibration.report.render import terminal_report
 
-    more: dict[str, Any] = {"printed": printed_values()} if job.embedded else {}
+    more: dict[str, Any] = {"printed": printed_values()} if of_paper else {}
     if draws is not None:
         from calibration.report.posterior import section
 
         more["posterior"] = section(draws, result.confidence)
-    return terminal_report(result, INTRO if job.embedded else "", **more)
+    return terminal_report(result, INTRO if of_paper else "", **more)
 
 
-def _command(job: Job, out: Path) -> str:
+def _command(arguments: argparse.Namespace, given: Mapping[str, Any]) -> str:
     """The command that makes the same results again."""
-    parts = ["softjax", "fit", *([job.file] if job.file else [])]
-    for name, value in job.given.items():
+    parts = ["softjax", "fit", *([arguments.file] if arguments.file else [])]
+    for name, value in given.items():
         parts += [flag(name), *([] if isinstance(value, bool) else [str(value).replace(" ", "-")])]
-    parts += ["--posterior", str(job.draws)] * (job.draws is not None)
-    return printable(shlex.join([*parts, "--out", str(out)]))
+    if arguments.posterior is not None:
+        parts += ["--posterior", str(arguments.posterior)]
+    return printable(shlex.join([*parts, "--out", str(arguments.out)]))
 
 
-def _whole(least: int):
-    def number(text: str) -> int:
-        if not text.isascii() or not text.isdigit() or int(text) < least:
-            problem = f"{text!r} is no whole number of {least} or more"
-            raise argparse.ArgumentTypeError(problem)
-        return int(text)
-
-    return number
+def _draws(text: str) -> int:
+    if not text.isascii() or not text.isdigit() or int(text) < FEWEST_DRAWS:
+        problem = f"{text!r} is no whole number of {FEWEST_DRAWS} or more"
+        raise argparse.ArgumentTypeError(problem)
+    return int(text)

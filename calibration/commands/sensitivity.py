@@ -85,13 +85,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     import softjax as sj
-    from calibration.commands.source import read_source, refusing, route_of
+    from calibration.commands.source import read_source, route_of
 
     sj.enable_x64()
     studies = STUDIES if arguments.study == "all" else (arguments.study,)
     _check_options(arguments, studies)
-    with refusing("sensitivity"):
-        text = _Job(arguments, read_source(arguments), route_of(arguments)).run(studies)
+    text = _Job(arguments, read_source(arguments), route_of(arguments)).run(studies)
     if not arguments.quiet:
         print(text)
     return 0

@@ -2,14 +2,14 @@
 
 import argparse
 import dataclasses
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import softjax as sj
-from calibration.commands.source_options import COEFFICIENTS, VARIANTS
+from calibration.commands.source_options import COEFFICIENTS, VARIANTS, read_material_file
 from calibration.console import print_first
 from calibration.curves import Source
 from calibration.data.paper import CURVES, RADIUS, PaperCurve
@@ -38,23 +38,9 @@ def read_source(arguments: argparse.Namespace) -> Source:
     if getattr(arguments, "posterior", None) is not None:
         accepted = "given with --fit, whose draws they are"
         raise DataError("--posterior", str(arguments.posterior), accepted)
-    if arguments.source is not None and arguments.source.endswith(".toml"):
+    if arguments.source is not None and Path(arguments.source).suffix:
         return _of_file(arguments)
     return _of_paper(arguments)
-
-
-@contextmanager
-def refusing(command: str) -> Iterator[None]:
-    """Refuse in one line what a law itself refuses.
-
-    Raises:
-        InputError: for any `ArgumentError` of the block.
-    """
-    try:
-        yield
-    except sj.ArgumentError as error:
-        accepted = f"softjax {command} --help lists the options"
-        raise InputError(None, None, str(error), accepted) from None
 
 
 def route_of(arguments: argparse.Namespace) -> sj.EnergyBalance | sj.ClosedForm | sj.ODE | None:
@@ -114,9 +100,7 @@ def _paper_chi(curve: PaperCurve, arguments, area: str) -> tuple[float | None, s
 
 
 def _of_file(arguments: argparse.Namespace) -> Source:
-    from calibration.problem_file import read_problem
-
-    file = read_problem(arguments.source, needs_data=False)
+    file = read_material_file(arguments.source, needs_data=False)
     names = [entry.name for entry in file.materials]
     index = _chosen(arguments, names, arguments.source)
     entry = file.materials[index]

@@ -2,11 +2,15 @@
 
 import argparse
 from pathlib import Path
+from typing import Any
 
+from calibration.errors import InputError
 from calibration.options import LAW_OPTIONS, LAWS, add_options
 
 COEFFICIENTS = ("chi", "sigma", "psi")
 VARIANTS = tuple(name for name, laws in LAW_OPTIONS.items() if "zhou" in laws)
+
+TABLES = (".csv", ".tsv", ".txt", ".dat", ".xlsx", ".xls", ".ods")
 
 
 def add_source_arguments(parser: argparse.ArgumentParser, law_option: str = "--law") -> None:
@@ -41,3 +45,18 @@ def add_route_arguments(parser: argparse.ArgumentParser) -> None:
     routes = ("energy-balance", "closed-form", "ode")
     group.add_argument("--route", choices=routes, help="default: ode where the law has no other")
     group.add_argument("--rtol", type=float, metavar="X", help="tolerance of the ode (1e-8)")
+
+
+def read_material_file(path: str, needs_data: bool = True) -> Any:
+    """A material file; a table of measurements in its place is named as such.
+
+    Raises:
+        InputError: with file and line, what is wrong and what is accepted.
+    """
+    from calibration.problem_file import read_problem
+
+    if Path(path).suffix.lower() in TABLES:
+        problem = "is a table of measurements, no material file"
+        accepted = f"give the TOML file that names it, with data = {Path(path).name!r}"
+        raise InputError(path, None, problem, accepted)
+    return read_problem(path, needs_data)

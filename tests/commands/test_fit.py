@@ -226,6 +226,17 @@ def test_what_the_fit_refuses_is_one_line_and_exit_code_2(
     assert not (tmp_path / "results").exists()
 
 
+@pytest.mark.parametrize("command", ["fit", "compare"])
+def test_json_on_standard_output_is_the_file(command, tmp_path):
+    """And nothing else is there, so that it can be piped on."""
+    file = write_alloy(tmp_path, 'law = "constant"')
+    words = ["--laws", "constant"] if command == "compare" else []
+    code, out, err = run(command, file, *words, "--json", "--out", tmp_path / "out")
+    assert (code, err) == (0, "")
+    assert out == (tmp_path / "out" / f"{command}.json").read_text(encoding="utf-8")
+    assert json.loads(out)["versions"]
+
+
 def test_too_few_points_are_refused_and_nothing_is_written(tmp_path):
     file = tmp_path / "few.toml"
     file.write_text(ALLOY.format(settings="", below=""), encoding="utf-8")

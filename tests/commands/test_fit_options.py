@@ -239,7 +239,7 @@ OTHERS = {
     "no-cache",
     "help",
     "posterior",
-    "beside",
+    "json",
 }  # of the command, not of the fit
 
 
