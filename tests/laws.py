@@ -15,7 +15,7 @@ import mpmath as mp
 import numpy as np
 
 import softjax as sj
-from tests.cases import compiled_soon, fitted, pair
+from tests.cases import column, compiled_soon, fitted, pair
 from tests.oracles import laws_mp as exact
 
 PAIR = pair("stainless steel")
@@ -122,6 +122,18 @@ for _end in ("zero-overlap", "zero-force"):
     for _name, _row in zip(("linear dashpot", "hertz dashpot"), _dashpots(_end), strict=True):
         LAWS[f"{_name} to {_end}"] = _row
 WITH_FORCE = [name for name, case in LAWS.items() if not isinstance(case.law, sj.HardSphereLaw)]
+SIZE = 96  # impacts of a batch
+SYMBOLS = {  # of Zhou's law and the velocity, as the reference collisions call them
+    "chi": "chi",
+    "limit_velocity": "v_lim",
+    "mass": "M",
+    "psi": "psi",
+    "radius": "R",
+    "sigma": "sigma",
+    "velocity": "v",
+    "yield_strength": "Y",
+    "youngs_modulus": "E",
+}
 QUANTITIES = ("coefficient", "peak_overlap", "residual_overlap", "duration")
 
 
@@ -173,13 +185,21 @@ def expected_slopes(name: str) -> dict[str, np.ndarray]:
     return {key: np.array([row[key] for row in rows]) for key in rows[0]}
 
 
-@partial(compiled_soon, static_argnames="route")
-def graded(law, values: dict, route):
+def graded(law, values: dict, route=None):
     """Result, duration, and θ ∂q/∂θ of the four quantities forward and in reverse: (θ, 4, impacts).
 
-    `values` holds an array of one shape for each number of the law and the velocity.
+    `values` holds an array for each number of the law and the velocity, all of one length up to SIZE:
+    one program serves all tests of a law, route and precision.
     """
+    count = len(values["velocity"])
+    padded = {name: jnp.asarray(np.resize(x, SIZE)) for name, x in sorted(values.items())}
+    blank = jax.tree.map(lambda _: 0.0, law)
+    found = _graded(blank, padded, route or law.default_route())
+    return jax.tree.map(lambda x: x[..., :count], found)
 
+
+@partial(compiled_soon, static_argnames="route")
+def _graded(law, values: dict, route):
     def quantities(values):
         result = sj.restitution(with_numbers(law, values), values["velocity"], route)
         return jnp.stack([getattr(result, name) for name in QUANTITIES]), result
@@ -195,10 +215,15 @@ def graded(law, values: dict, route):
     return found, result, jax.lax.map(push, jnp.arange(len(values))), reverse
 
 
+def of_records(records: list[dict], dtype=np.float64) -> dict:
+    """What `graded` takes, of reference collisions by Zhou's law."""
+    return {name: column(records, "inputs", s).astype(dtype) for name, s in SYMBOLS.items()}
+
+
 def repeated(law, velocity, dtype=np.float64) -> dict:
     """What `graded` takes: every number repeated for each impact."""
     velocity = np.asarray(velocity, dtype)
     return {
-        name: jnp.broadcast_to(jnp.asarray(x, dtype), velocity.shape)
+        name: np.broadcast_to(np.asarray(x, dtype), velocity.shape).copy()
         for name, x in numbers(law, velocity).items()
     }
