@@ -1,18 +1,13 @@
-"""The only bridge to diffrax: solver, steps, adjoint, and how a batch is differentiated."""
+"""The only bridge to diffrax: its solvers and the control of their steps."""
 
-from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
 import diffrax as dfx
 import jax
 import jax.numpy as jnp
-import numpy as np
-from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array
 
-from softjax._checks import ArgumentError
-from softjax._impacts import Mapped, in_rows
 from softjax.routes import Stepping
 
 SOLVER_CLASSES = {
@@ -31,121 +26,6 @@ FIRST_STEP = {"dopri8": 0.1, "dopri5": 0.05, "tsit5": 0.05, "bosh3": 0.05}
 LARGEST_STEP = {"dopri8": 0.15, "dopri5": 0.1, "tsit5": 0.05, "bosh3": 0.1}
 SHARE = 0.1
 NEARLY = 100  # roundings before the end at which a step is taken to go all the way
-IN_CACHE = 2048  # impacts, each with its tangents counting as one more
-
-
-def forward_differentiated(f: Mapped, whole: list[bool], size: int = IN_CACHE) -> Mapped:
-    """f, of impacts one by one, with its derivatives taken forward whichever way the caller does.
-
-    A collision has few inputs (the law's numbers and the velocity) and few outputs: tangents ride
-    along one solve, and reverse mode is the transpose of the small matrix that they make. Only
-    the inputs that really are differentiated get a tangent, of what is whole every number one. The
-    matrix is differentiated in the same way again.
-    """
-
-    @jax.custom_jvp
-    def wrapped(*leaves):
-        _check_not_told_apart(leaves)
-        return in_rows(f, leaves, whole, size)
-
-    def rule(primals, tangents):
-        active = [i for i, t in enumerate(tangents) if not isinstance(t, SymbolicZero)]
-        change = _directions([tangents[i] for i in active], [whole[i] for i in active])
-        with_slopes = partial(_value_and_slopes, f, active, whole)
-        fewer = max(size // (1 + change.shape[-1]), 1)
-        value, slopes = forward_differentiated(with_slopes, whole, fewer)(*primals)
-
-        def contract(slope):
-            if not jnp.issubdtype(slope.dtype, jnp.inexact):
-                return slope[..., 0]
-            between = (1,) * (slope.ndim - change.ndim)
-            return jnp.sum(slope * change.reshape(len(change), *between, -1), -1)
-
-        return value, jax.tree.map(contract, slopes)
-
-    wrapped.defjvp(rule, symbolic_zeros=True)
-    return wrapped
-
-
-def along_what_moves_it(f: Callable, moves: Callable[[], list[bool]]) -> Callable:
-    """f, of one impact, with its derivatives along those of its inputs that move it.
-
-    A part of a collision that is differentiated along all of its inputs would carry a tangent for
-    each of them, zeros too: a number that acts on unloading alone costs nothing on loading.
-
-    Args:
-        moves: which of the inputs move what f gives; asked for where f is differentiated.
-    """
-
-    @jax.custom_jvp
-    def wrapped(*leaves):
-        return f(*leaves)
-
-    def rule(primals, tangents):
-        given = zip(tangents, moves(), strict=True)
-        active = [i for i, (t, m) in enumerate(given) if m and not isinstance(t, SymbolicZero)]
-        if not active:
-            value = wrapped(*primals)
-            return value, jax.tree.map(_no_change, value)
-        value, slopes = _value_and_slopes(f, active, [True] * len(primals), *primals)
-        change = [jnp.ravel(tangents[i]) for i in active]  # of an array every number one
-        ends = np.cumsum([len(one) for one in change])[:-1]
-
-        def contract(slope):
-            if not jnp.issubdtype(slope.dtype, jnp.inexact):
-                return slope[..., 0]
-            columns = jnp.split(slope, ends, axis=-1)
-            return sum(jnp.sum(a * b, -1) for a, b in zip(columns, change, strict=True))
-
-        return value, jax.tree.map(contract, slopes)
-
-    wrapped.defjvp(rule, symbolic_zeros=True)
-    return wrapped
-
-
-def _no_change(value):
-    kind = value.dtype if jnp.issubdtype(value.dtype, jnp.inexact) else jax.dtypes.float0
-    return np.zeros(value.shape, kind) if kind == jax.dtypes.float0 else jnp.zeros_like(value)
-
-
-def _check_not_told_apart(leaves) -> None:
-    """Raise where `shard_map` follows what differs between devices: diffrax's loops do not."""
-    for leaf in leaves:
-        kind = jax.typeof(leaf)
-        varying = getattr(kind, "vma", None) or getattr(getattr(kind, "mat", None), "varying", None)
-        if varying:
-            raise ArgumentError("`jax.shard_map` must have check_vma=False for the route ODE(...)")
-
-
-def _directions(tangents, whole):
-    """One column for each direction that `_value_and_slopes` takes, one row for each impact."""
-    count = next((len(t) for t, held in zip(tangents, whole, strict=True) if not held), 1)
-    columns = [
-        jnp.broadcast_to(t.ravel(), (count, t.size)) if held else t[:, None]
-        for t, held in zip(tangents, whole, strict=True)
-    ]
-    return jnp.concatenate(columns, -1)
-
-
-def _value_and_slopes(f, active, whole, *primals):
-    """f and its derivatives by the active inputs, which are a last axis; each impact by its own."""
-    chosen = [primals[i] for i in active]
-
-    def of_active(*some):
-        full = list(primals)
-        for i, value in zip(active, some, strict=True):
-            full[i] = value
-        return f(*full)
-
-    def push(seeds):
-        along = [jnp.broadcast_to(s, x.shape) for s, x in zip(seeds, chosen, strict=True)]
-        return jax.jvp(of_active, chosen, along)
-
-    sizes = [x.size if whole[i] else 1 for i, x in zip(active, chosen, strict=True)]
-    every = jnp.split(jnp.eye(sum(sizes), dtype=chosen[0].dtype), np.cumsum(sizes)[:-1], axis=1)
-    shapes = [x.shape if whole[i] else (1,) for i, x in zip(active, chosen, strict=True)]
-    seeds = [part.reshape(-1, *shape) for part, shape in zip(every, shapes, strict=True)]
-    return jax.vmap(push, out_axes=(None, -1))(seeds)
 
 
 def solve(field, start, end, state, args, route: Stepping, save=None, *, smooth: bool = False):
@@ -153,7 +33,7 @@ def solve(field, start, end, state, args, route: Stepping, save=None, *, smooth:
 
     Returns the last state, or the states at the fractions `save` of the way (increasing, in
     [0, 1]), and whether the solver got there. Differentiable forward only: see
-    `forward_differentiated`. `smooth` is for fields known to vary over the whole way alike: their
+    `_impacts`. `smooth` is for fields known to vary over the whole way alike: their
     steps have no upper bound.
 
     Step by step with diffrax's methods and its control of their steps. Its own `diffeqsolve` does so

@@ -1,71 +1,178 @@
-"""One impact after the other: a function of single numbers over a batch of any shape."""
+"""A function of one impact over a batch of any shape, and how the batch is differentiated.
 
-from collections.abc import Callable
+Here one impact becomes many, in one `vmap`: impacts in the axes of arrays, and those of a `vmap` of the
+caller's, are rows of the same program.
+"""
+
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
+from jax.custom_batching import custom_vmap
+from jax.custom_derivatives import SymbolicZero
+from jaxtyping import Array
 
-from softjax._rows import across_devices, in_chunks, shares
+from softjax._checks import ArgumentError
+from softjax.batching import in_chunks, on_several_devices
 from softjax.fields import whole_leaves
 
-Mapped = Callable[..., Any]
+Single = Callable[..., Any]  # of leaves of one impact
+Flags = Sequence[bool]  # which leaves are the same for all impacts
+
+BY_REVERSE = 64  # impacts, each with all nodes of a quadrature, stay in the cache
+FORWARD = 2048  # impacts, each with its tangents counting as one more
 
 
-def over_impacts(one: Callable, batch: tuple, around: Callable[[Mapped, list[bool]], Mapped]):
+def over_impacts(one: Callable, batch: tuple, *, forward: bool):
     """`one(*batch)` for each impact, whatever the shapes in which the leaves of `batch` broadcast.
 
     Args:
-        one: of pytrees whose leaves are single numbers; what is whole (`fields.array_field`) stays
+        one: of pytrees whose leaves are single numbers; what is shared (`fields.array_field`) stays
             as it is.
-        around: made of the function of flat leaves and of which are whole, what is called instead:
-            how it is cut into rows, and differentiated.
+        forward: whether derivatives are taken forward whichever way the caller does. Else the
+            reverse pass computes rows again, which is faster than to store and fetch them.
     """
     leaves, structure = jax.tree.flatten(batch)
     whole = whole_leaves(batch)
     parts = [leaf for leaf, held in zip(leaves, whole, strict=True) if not held]
     shape = jnp.broadcast_shapes(*(jnp.shape(leaf) for leaf in parts))
     # a number that all impacts have in common stays one: what follows from it is computed once
-    whole = [
+    shared = [
         held or (shape != () and jnp.shape(x) == ()) for x, held in zip(leaves, whole, strict=True)
     ]
     full = [
         jnp.asarray(leaf) if held else jnp.broadcast_to(leaf, shape)
-        for leaf, held in zip(leaves, whole, strict=True)
+        for leaf, held in zip(leaves, shared, strict=True)
     ]
 
     def single(*leaves):
         return one(*jax.tree.unflatten(structure, leaves))
 
-    axes = [None if held else 0 for held in whole]
-    run = around(jax.vmap(single, in_axes=axes), whole)
-    if len(shape) > 1 and across_devices():
+    around = forward_differentiated if forward else _recomputed
+    run = around(single, shared)
+    if len(shape) > 1 and on_several_devices():
         for _ in shape[1:]:  # in a row, what lies on one device would have to go to another
-            run = jax.vmap(run, in_axes=axes)
+            run = jax.vmap(run, in_axes=[None if held else 0 for held in shared])
         return run(*full)
-    flat = [leaf if held else leaf.ravel() for leaf, held in zip(full, whole, strict=True)]
+    flat = [leaf if held else leaf.ravel() for leaf, held in zip(full, shared, strict=True)]
     return jax.tree.map(lambda a: a.reshape(shape + a.shape[1:]), run(*flat))
 
 
-def in_rows(f: Mapped, leaves: tuple, whole: list[bool], size: int):
-    """`f(*leaves)`, so many impacts at a time: what is stored of them stays in the cache."""
-    each = [leaf for leaf, held in zip(leaves, whole, strict=True) if not held]
-    count = len(each[0])
-    rows = -(-(count // shares(count)) // size)
-    if rows <= 1:
+def _recomputed(single: Single, shared: Flags) -> Callable:
+    f = jax.checkpoint(jax.vmap(single, in_axes=[None if held else 0 for held in shared]))
+    return lambda *leaves: _in_rows(f, leaves, shared, BY_REVERSE)
+
+
+def _in_rows(f: Callable, leaves: Sequence, shared: Flags, size: int):
+    """`f(*leaves)` of a row of impacts, so many at a time: what is stored of them stays in the cache."""
+    each = [leaf for leaf, held in zip(leaves, shared, strict=True) if not held]
+    if on_several_devices():
         return f(*leaves)
 
     def of_row(*some):
         parts = iter(some)
-        return f(*(leaf if held else next(parts) for leaf, held in zip(leaves, whole, strict=True)))
+        return f(*(x if held else next(parts) for x, held in zip(leaves, shared, strict=True)))
 
-    return in_chunks(of_row, each, rows)
+    return in_chunks(of_row, each, -(-len(each[0]) // size))
 
 
-def recomputed_in_rows(size: int) -> Callable[[Mapped, list[bool]], Mapped]:
-    """Rows whose reverse pass computes them again, which is faster than to store and fetch them."""
+def _mapped(single: Single, shared: Flags, size: int) -> Callable:
+    """`single` of a row of impacts; under `vmap` of as many more impacts in the same row."""
 
-    def around(f, whole):
-        return lambda *leaves: in_rows(jax.checkpoint(f), leaves, whole, size)
+    @custom_vmap
+    def mapped(*leaves):
+        f = jax.vmap(single, in_axes=[None if held else 0 for held in shared])
+        return _in_rows(f, leaves, shared, size)
 
-    return around
+    @mapped.def_vmap
+    def rule(axis_size, batched, *leaves):
+        each = zip(leaves, batched, shared, strict=True)
+        if any(b and held and jnp.ndim(x) > 1 for x, b, held in each):  # a network each
+            found = jax.vmap(mapped.fun, in_axes=[0 if b else None for b in batched])(*leaves)
+            return found, jax.tree.map(lambda _: True, found)
+        still = [held and not b for held, b in zip(shared, batched, strict=True)]
+        rows = [x.shape[b:] for x, b, held in zip(leaves, batched, shared, strict=True) if not held]
+        shape = (axis_size, *rows[0])
+        flat = []
+        for leaf, is_batched, stays in zip(leaves, batched, still, strict=True):
+            if is_batched:  # by itself or beside each other impact's
+                leaf = leaf.reshape(axis_size, -1)
+            flat.append(leaf if stays else jnp.broadcast_to(leaf, shape).ravel())
+        found = _mapped(single, still, size)(*flat)
+        found = jax.tree.map(lambda x: x.reshape(*shape, *x.shape[1:]), found)
+        return found, jax.tree.map(lambda _: True, found)
+
+    return mapped
+
+
+def forward_differentiated(single: Single, shared: Flags, size: int = FORWARD) -> Callable:
+    """`single` of a row of impacts, its derivatives taken forward whichever way the caller does.
+
+    A collision has few inputs (the law's numbers and the velocity) and few outputs: tangents ride
+    along one solve, and reverse mode is the transpose of the small matrix that they make. Only
+    the inputs that really are differentiated get a tangent, of what is shared every number one. The
+    matrix is differentiated in the same way again.
+    """
+
+    @jax.custom_jvp
+    def wrapped(*leaves):
+        _check_not_told_apart(leaves)
+        return _mapped(single, shared, size)(*leaves)
+
+    def rule(primals, tangents):
+        active = [i for i, t in enumerate(tangents) if not isinstance(t, SymbolicZero)]
+        held = [shared[i] for i in active]
+        change = _directions([tangents[i] for i in active], held)
+        with_slopes = partial(value_and_slopes, single, active)
+        fewer = max(size // (1 + change.shape[-1]), 1)
+        value, slopes = forward_differentiated(with_slopes, shared, fewer)(*primals)
+
+        def contract(slope):
+            if not jnp.issubdtype(slope.dtype, jnp.inexact):
+                return slope[..., 0]
+            between = (1,) * (slope.ndim - change.ndim)
+            return jnp.sum(slope * change.reshape(len(change), *between, -1), -1)
+
+        return value, jax.tree.map(contract, slopes)
+
+    wrapped.defjvp(rule, symbolic_zeros=True)
+    return wrapped
+
+
+def _check_not_told_apart(leaves) -> None:
+    """Raise where `shard_map` follows what differs between devices: diffrax's loops do not."""
+    for leaf in leaves:
+        kind = jax.typeof(leaf)
+        varying = getattr(kind, "vma", None) or getattr(getattr(kind, "mat", None), "varying", None)
+        if varying:
+            raise ArgumentError("`jax.shard_map` must have check_vma=False for the route ODE(...)")
+
+
+def _directions(tangents, shared: Flags) -> Array:
+    """One column for each direction that `value_and_slopes` takes, one row for each impact."""
+    count = next((len(t) for t, held in zip(tangents, shared, strict=True) if not held), 1)
+    columns = [
+        jnp.broadcast_to(t.ravel(), (count, t.size)) if held else t[:, None]
+        for t, held in zip(tangents, shared, strict=True)
+    ]
+    return jnp.concatenate(columns, -1)
+
+
+def value_and_slopes(single: Single, active: Sequence[int], *primals):
+    """`single` and its derivatives by every number of the active leaves, which are a last axis."""
+    chosen = [primals[i] for i in active]
+
+    def of_active(*some):
+        full = list(primals)
+        for i, value in zip(active, some, strict=True):
+            full[i] = value
+        return single(*full)
+
+    sizes = [jnp.size(x) for x in chosen]
+    every = jnp.split(jnp.eye(sum(sizes), dtype=chosen[0].dtype), np.cumsum(sizes)[:-1], axis=1)
+    seeds = [part.reshape(-1, *jnp.shape(x)) for part, x in zip(every, chosen, strict=True)]
+    push = lambda seeds: jax.jvp(of_active, chosen, seeds)  # noqa: E731
+    return jax.vmap(push, out_axes=(None, -1))(seeds)

@@ -7,6 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jax.custom_batching import custom_vmap
+from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array
 
 
@@ -79,6 +81,76 @@ def third_order_root(
     Returns:
         `finish(x, change)`, where the root is x - change and 1 - x without rounding error.
     """
+
+    @elementwise
+    def solve(rough, *params):
+        return _third_order_root(expand, finish, rough, params, most, short_steps, within)
+
+    return solve(rough, *params)
+
+
+def elementwise(f: Callable) -> Callable:
+    """f, of arrays element by element, which under `vmap` takes a further axis like the others.
+
+    A branch or a loop that asks all elements would otherwise be computed whatever they answer.
+    """
+    wrapped = custom_vmap(f)
+
+    @wrapped.def_vmap
+    def rule(axis_size, batched, *values):
+        most = max(jnp.ndim(x) - b for x, b in zip(values, batched, strict=True))
+        aligned = [
+            x.reshape(axis_size, *(1,) * (most + 1 - x.ndim), *x.shape[1:]) if b else x
+            for x, b in zip(values, batched, strict=True)
+        ]
+        found = wrapped(*aligned)
+        return found, jax.tree.map(lambda _: True, found)
+
+    return wrapped
+
+
+def where_needed(f: Callable, needed: Array, *values: Array) -> Array:
+    """f(*values), element by element, computed only if `needed` holds anywhere; else zeros.
+
+    Differentiable to any order, and under `vmap` still computed only where some element needs it.
+    """
+
+    @jax.custom_jvp
+    def chosen(needed, *values):
+        return elementwise(branch)(needed, *values)
+
+    def branch(needed, *values):
+        kind = jax.eval_shape(f, *values)
+        shape = jnp.broadcast_shapes(needed.shape, *map(jnp.shape, values))
+        full = lambda *values: jnp.broadcast_to(f(*values), shape)  # noqa: E731
+        none = lambda *values: jnp.zeros(shape, kind.dtype)  # noqa: E731
+        return lax.cond(jnp.any(needed), full, none, *values)
+
+    def rule(primals, tangents):
+        changes = []
+        for k, tangent in enumerate(tangents[1:]):
+            if not isinstance(tangent, SymbolicZero):
+                slope = where_needed(_slope(f, k), *primals)
+                changes.append(jnp.broadcast_to(tangent, slope.shape) * slope)
+        return chosen(*primals), sum(changes[1:], start=changes[0])
+
+    chosen.defjvp(rule, symbolic_zeros=True)
+    return chosen(needed, *values)
+
+
+def _slope(f: Callable, k: int) -> Callable:
+    """The derivative of f, of arrays element by element, by its k-th argument."""
+
+    def slope(*values):
+        shape = jnp.broadcast_shapes(*map(jnp.shape, values))
+        at = jnp.broadcast_to(values[k], shape)
+        along = lambda x: f(*values[:k], x, *values[k + 1 :])  # noqa: E731
+        return jax.jvp(along, (at,), (jnp.ones_like(at),))[1]
+
+    return slope
+
+
+def _third_order_root(expand, finish, rough, params, most, short_steps, within):
     dtype = params[0].dtype
     short = tuple(param.astype(jnp.float32) for param in params)
     near = rough

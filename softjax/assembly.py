@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
 from softjax import energy
-from softjax._impacts import over_impacts, recomputed_in_rows
+from softjax._impacts import over_impacts
 from softjax.laws.reduced import Reduced, ReducedClosedForm, ReducedRateIndependent
 from softjax.outcome import Outcome, outcome, shrunk
 from softjax.parts import Pieces
@@ -41,12 +41,11 @@ def _each(what, impacts: Reduced, route: EnergyBalance | Stepping):
             return what(collision.pieces(law, route, y.dtype), law, y, below)
 
         batch = law, y, below, route
-        return over_impacts(by_time, batch, collision.forward_differentiated)
+        return over_impacts(by_time, batch, forward=True)
     if isinstance(law, ReducedClosedForm):
         return what(energy.closed_forms(y.dtype), law, y, below)
     pieces = energy.quadratures(y.dtype)
-    around = recomputed_in_rows(energy.IN_CACHE)
-    return over_impacts(partial(what, pieces), (law, y, below), around)
+    return over_impacts(partial(what, pieces), (law, y, below), forward=False)
 
 
 def _collide(pieces: Pieces, law: ReducedRateIndependent, y: Array, below: Array | None) -> Outcome:

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
 from softjax import assembly, energy
-from softjax._numerics import safe_power
+from softjax._numerics import safe_power, where_needed
 from softjax.impact import Impact
 from softjax.laws.base import HardSphereLaw, RateDependentLaw, RateIndependentLaw
 from softjax.laws.forces import asked
@@ -15,18 +15,18 @@ from softjax.routes import ClosedForm, EnergyBalance, Stepping
 Taken = EnergyBalance | ClosedForm | Stepping
 
 
-def collisions(impact: Impact, route: Taken, regime: str) -> Outcome:
+def collisions(impact: Impact, route: Taken) -> Outcome:
     """Elastic impacts by Hertz's or the law's own power law, the others by the route; in metres."""
     law = impact.law
     if isinstance(law, HardSphereLaw):
         squared = asked(law, "restitution_squared", impact.velocity)
         return _plain(0.0, 0.0, jnp.where(impact.elastic, 1.0, squared))
-    if regime == "elastic":
+    if _never_yields(law):
         return _elastic(impact)
-    return _merged(impact, _beyond_elastic(impact, route), regime)
+    return _merged(impact, _beyond_elastic(impact, route))
 
 
-def durations(impact: Impact, route: Taken, regime: str) -> tuple[Array, Bool[Array, "..."]]:
+def durations(impact: Impact, route: Taken) -> tuple[Array, Bool[Array, "..."]]:
     """Contact durations [s], and whether there is a contact that ends."""
     law, moving = impact.law, jnp.where(impact.velocity > 0, impact.velocity, 1.0)
     if isinstance(law, HardSphereLaw):
@@ -40,7 +40,7 @@ def durations(impact: Impact, route: Taken, regime: str) -> tuple[Array, Bool[Ar
         return time * reduced.scales.time, ends
     scales, exponent = law.elastic_scales()
     elastic = scales.time * energy.elastic_duration(exponent, moving / scales.velocity)
-    if regime == "elastic":
+    if _never_yields(law):
         return elastic, jnp.ones_like(impact.elastic)
     reduced = law.impacts(impact.acting)
     time, ends = assembly.duration(reduced, route)
@@ -48,7 +48,7 @@ def durations(impact: Impact, route: Taken, regime: str) -> tuple[Array, Bool[Ar
     return jnp.where(impact.elastic, elastic, time), impact.elastic | ends
 
 
-def histories(impact: Impact, fractions, route: Stepping, regime: str):
+def histories(impact: Impact, fractions, route: Stepping):
     """Time, overlap, velocity and force in SI at shares of the way, and the collisions they are of."""
     from softjax import collision, encke  # diffrax is imported when the ODE is asked for
 
@@ -56,19 +56,19 @@ def histories(impact: Impact, fractions, route: Stepping, regime: str):
     if isinstance(law, RateDependentLaw):
         reduced = law.impacts(impact.acting)
         parts, rebound = _rate_dependent().history(reduced, fractions, route)
-        found = _merged(impact, _damped(rebound, reduced.scales.overlap), regime)
+        found = _merged(impact, _damped(rebound, reduced.scales.overlap))
         return _in_si(law, reduced.scales, parts), found
     scales, exponent = law.elastic_scales()
     moving = jnp.where(impact.velocity > 0, impact.velocity, scales.velocity)
     elastic = encke.elastic_history(exponent, moving / scales.velocity, fractions)
     elastic = _in_si(law, scales, elastic)
-    if regime == "elastic":
+    if _never_yields(law):
         return elastic, _elastic(impact)
     reduced = law.impacts(impact.acting)
     parts, outcome = collision.history(reduced, fractions, route)
     stays_elastic = impact.elastic[..., None]
     both = zip(elastic, _in_si(law, reduced.scales, parts), strict=True)
-    found = _merged(impact, _in_metres(outcome, reduced.scales.overlap), regime)
+    found = _merged(impact, _in_metres(outcome, reduced.scales.overlap))
     return [jnp.where(stays_elastic, e, p) for e, p in both], found
 
 
@@ -77,9 +77,11 @@ def _in_si(law, scales, parts):
     return [part * jnp.expand_dims(unit, -1) for part, unit in zip(parts, units, strict=True)]
 
 
-def _merged(impact: Impact, by_route: Outcome, regime: str) -> Outcome:
-    if regime == "yielding":
-        return by_route
+def _never_yields(law) -> bool:
+    return isinstance(law, RateIndependentLaw) and law.never_yields
+
+
+def _merged(impact: Impact, by_route: Outcome) -> Outcome:
     elastic = _elastic(impact)
     return jax.tree.map(lambda e, p: jnp.where(impact.elastic, e, p), elastic, by_route)
 
@@ -110,7 +112,8 @@ def _elastic_peak(impact: Impact) -> Array | float:
     if not isinstance(impact.law, RateIndependentLaw):
         return 0.0  # elastic at rest alone
     scales, exponent = impact.law.elastic_scales()
-    return scales.overlap * safe_power(impact.velocity / scales.velocity, 2 / exponent)
+    y = impact.velocity / scales.velocity
+    return scales.overlap * where_needed(lambda y: safe_power(y, 2 / exponent), impact.elastic, y)
 
 
 def _beyond_elastic(impact: Impact, route: Taken) -> Outcome:

@@ -13,8 +13,7 @@ import numpy as np
 from jaxtyping import Array
 
 from softjax import encke, falls, phase
-from softjax._bridge import along_what_moves_it, forward_differentiated, solve
-from softjax._dependence import moving
+from softjax._bridge import solve
 from softjax._impacts import over_impacts
 from softjax._numerics import implicit_root, parabolic_step
 from softjax.falls import INSIDE, Fall
@@ -23,8 +22,6 @@ from softjax.outcome import Outcome, outcome
 from softjax.parts import Peak, Pieces, Rebound, loading_kinks, loading_reach, unloading_kinks
 from softjax.release import Release, release, searched
 from softjax.routes import Stepping
-
-__all__ = ["forward_differentiated", "history", "pieces"]
 
 RESIDUAL_STEPS = 16  # from the peak; the worst of 400 000 cases needed 13
 ROUNDING = 8.0  # a step this many times the rounding error was the last
@@ -58,18 +55,8 @@ def _begins_elastic(law) -> bool:
 
 
 def _loading(law: ReducedRateIndependent, y: Array, route: Stepping, clock: bool = False) -> Peak:
-    """Loading, differentiated along those of the law's numbers that move it."""
-    leaves, structure = jax.tree.flatten((law, y, route))
     loaded = encke.loading if _begins_elastic(law) else _staged
-
-    def one(*leaves):
-        return loaded(*jax.tree.unflatten(structure, leaves), clock)
-
-    def asked(*leaves):
-        law, y, _ = jax.tree.unflatten(structure, leaves)
-        return law.loading(y), law.end(), loading_kinks(law, y), y
-
-    return along_what_moves_it(one, lambda: moving(asked, *leaves))(*leaves)
+    return loaded(law, y, route, clock)
 
 
 def _followed(law: ReducedClosedForm, peak: Array) -> Release:
@@ -233,7 +220,7 @@ def history(
         Four arrays, a last axis of samples beyond the shape of y, and the collision that they are of.
     """
     one = partial(_history, fractions=fractions)
-    return over_impacts(one, (impacts.law, impacts.y, impacts.below, route), forward_differentiated)
+    return over_impacts(one, (impacts.law, impacts.y, impacts.below, route), forward=True)
 
 
 def _history(law, y, below, route: Stepping, fractions):

@@ -18,15 +18,13 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array
 
-from softjax._impacts import over_impacts, recomputed_in_rows
+from softjax._impacts import over_impacts
 from softjax._numerics import integrate, quotient, safe_sqrt
 from softjax._quadrature import Integral, falling_time, integral, smooth_falling_time
 from softjax._search import Reach
 from softjax.laws.reduced import ReducedClosedForm, ReducedRateIndependent
 from softjax.parts import Peak, Pieces, Rebound, loading_kinks, loading_reach, unloading_kinks
 from softjax.release import Release, as_told, release, searched
-
-IN_CACHE = 64  # impacts, each with all nodes of a quadrature
 
 MOST_STEPS = 60  # of Newton's method; a handful, but for halving beside a force that vanishes
 ELASTIC_NODES = 32
@@ -93,7 +91,7 @@ def _share_jvp(values, tangents):
 def _closed_time(law: ReducedClosedForm, peak: Peak, release: Release) -> Rebound:
     if len(law.breakpoints()):
         batch = (law, peak.overlap, release.residual, release.recovered)
-        time = over_impacts(_fall, batch, recomputed_in_rows(IN_CACHE))
+        time = over_impacts(_fall, batch, forward=False)
     else:
         time = _smooth_fall(law, peak.overlap, release)
     return Rebound(time, jnp.ones_like(peak.turns), jnp.zeros_like(time))
@@ -101,7 +99,7 @@ def _closed_time(law: ReducedClosedForm, peak: Peak, release: Release) -> Reboun
 
 def _closed_rise(law: ReducedClosedForm, peak: Peak) -> Array:
     if len(law.breakpoints()):
-        return over_impacts(_rise, (law, peak.overlap), recomputed_in_rows(IN_CACHE))
+        return over_impacts(_rise, (law, peak.overlap), forward=False)
     top = jnp.sqrt(peak.overlap)
     drop = _beyond_limit(law, peak) / (top + law.elastic_limit**0.5)
 

@@ -192,21 +192,22 @@ def _flags(tree) -> list[bool]:
     return [flag for child in children for flag in _flags(child)]
 
 
-class Held(eqx.Module):
-    """Something that is no number, kept beside a compiled function instead of within."""
-
-    value: Any = eqx.field(static=True)
-
-
-def held(law) -> Any:
-    """The same with all that is no number held: whole fields may hold options of any kind."""
-    return jax.tree.map(lambda leaf: leaf if hasattr(leaf, "dtype") else Held(leaf), law)
+def is_array(leaf) -> bool:
+    """Whether a leaf is made of numbers: shared fields may hold options of any kind."""
+    return hasattr(leaf, "dtype")
 
 
-def released(law) -> Any:
-    """What `held` was made from."""
-    is_held = lambda node: isinstance(node, Held)  # noqa: E731
-    return jax.tree.map(lambda leaf: leaf.value if is_held(leaf) else leaf, law, is_leaf=is_held)
+def partition(tree: Any) -> tuple[Any, Any]:
+    """The arrays of a pytree, and the rest of it, hashable; `combine` puts them together."""
+    arrays, rest = eqx.partition(tree, is_array)
+    leaves, structure = jax.tree.flatten(rest)
+    return arrays, (tuple(leaves), structure)
+
+
+def combine(arrays: Any, static: Any) -> Any:
+    """The pytree of which `partition` made this."""
+    leaves, structure = static
+    return eqx.combine(arrays, jax.tree.unflatten(structure, leaves))
 
 
 def check_fields(module: eqx.Module) -> None:

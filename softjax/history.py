@@ -1,16 +1,13 @@
 """One collision from touch to parting: overlap, velocity and force over time."""
 
-from functools import partial
-
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
-from softjax._batches import in_batches
 from softjax._checks import ArgumentError
 from softjax.batch import histories
+from softjax.batching import batched
 from softjax.impact import check_law, checked, common_precision, prepare
 from softjax.laws.base import ContactLaw, HardSphereLaw
 from softjax.restitution import told
@@ -79,19 +76,16 @@ def collide(
         )
     if not is_count(samples) or samples < 3:
         raise ArgumentError(f"`samples` must be a whole number >= 3, but is {samples!r}")
-    velocity, regime = checked(law, velocity)
-    law, velocity = common_precision(law, velocity)
-    regime = "mixed" if regime == "yielding" else regime  # one program less to compile
+    law, velocity = common_precision(law, checked(law, velocity))
     asked, tolerance = program_of(route)
-    return in_batches(_collide, (law, tolerance), velocity, int(samples), asked, regime, cut=False)
+    return batched(_collide, (law, tolerance), velocity, int(samples), asked, cut=False)
 
 
-@partial(jax.jit, static_argnames=("samples", "route", "regime"))
-def _collide(law_and_tolerance, velocity, samples, route, regime):
+def _collide(law_and_tolerance, velocity, samples, route):
     law, tolerance = law_and_tolerance
-    impact = prepare(law, velocity, regime)
+    impact = prepare(law, velocity)
     fractions = _fractions(samples, impact.velocity.dtype)
-    parts, found = histories(impact, fractions, taken(route, tolerance), regime)
+    parts, found = histories(impact, fractions, taken(route, tolerance))
     coefficient, plastic, _, _, status = told(impact, found)
     shown = impact.valid & (impact.velocity > 0) & found.turns & found.solved
     time, overlap, speed, force = (jnp.where(shown[..., None], part, 0.0) for part in parts)

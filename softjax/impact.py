@@ -6,11 +6,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from softjax._checks import ArgumentError, as_real, check, check_broadcast, is_elsewhere, is_traced
-from softjax.fields import check_fields, held, numbers_of, released, whole_leaves
+from softjax._checks import ArgumentError, as_real, check, check_broadcast
+from softjax.fields import check_fields, numbers_of, whole_leaves
 from softjax.laws.base import ContactLaw, ForceLaw, RateIndependentLaw
-
-LEAST = float(np.finfo(np.float32).tiny)
 
 
 def check_law(law) -> None:
@@ -18,20 +16,20 @@ def check_law(law) -> None:
         raise ArgumentError(f"`law` must be a contact law such as Zhou(...), but is {law!r}")
 
 
-def checked(law: ContactLaw, velocity) -> tuple[Array, str]:
-    """The velocity as an array or traced value, made sure of, and what is known of the impacts."""
+def checked(law: ContactLaw, velocity) -> Array:
+    """The velocity as an array or traced value, checked beside the law."""
     velocity = as_real(velocity)
     accepted = "a finite impact velocity in m/s, zero or more"
-    extremes = check("velocity", velocity, lambda v: v >= 0, accepted)
+    check("velocity", velocity, lambda v: v >= 0, accepted)
     numbers = numbers_of(law)
     if not all(type(value) is float or hasattr(value, "dtype") for value in numbers.values()):
         check_fields(law)  # raises, naming what has been put into a law that was made whole
     check_broadcast({"velocity": velocity} | numbers)
-    return velocity, known_regime(law, velocity, extremes)
+    return velocity
 
 
 def common_precision(law, velocity):
-    """All numbers in the precision of the widest, at least float32; what is none is held.
+    """All numbers in the precision of the widest, at least float32.
 
     They are copies where they were NumPy's: JAX computes on while its caller may write there again.
     """
@@ -41,8 +39,7 @@ def common_precision(law, velocity):
     dtype = jnp.result_type(*typed, jnp.float32) if typed else jnp.result_type(float)
     whole = whole_leaves((law, velocity))
     cast = [_as_dtype(leaf, dtype, held) for leaf, held in zip(leaves, whole, strict=True)]
-    law, velocity = jax.tree.unflatten(structure, cast)
-    return held(law), velocity
+    return jax.tree.unflatten(structure, cast)
 
 
 def _is_float(leaf) -> bool:
@@ -67,33 +64,6 @@ def _as_dtype(leaf, dtype, whole: bool):
     return np.array(leaf, dtype) if _is_float(leaf) or type(leaf) is float or not whole else leaf
 
 
-def known_regime(law: ContactLaw, velocity, extremes: np.ndarray | None = None) -> str:
-    """Whether all impacts are known beforehand to stay elastic, or to yield.
-
-    `extremes` of the velocities, where they are known already, save a pass over them.
-    """
-    if not isinstance(law, RateIndependentLaw) or np.size(velocity) == 0:
-        return "mixed"
-    if law.never_yields:
-        return "elastic"
-    # what other processes hold this one does not know, and all must compile the same
-    if any(is_traced(leaf) or is_elsewhere(leaf) for leaf in jax.tree.leaves((law, velocity))):
-        return "mixed"
-    limit = law.elastic_velocity()
-    if is_traced(limit):  # of constants within the caller's own program
-        return "mixed"
-    limit = np.asarray(limit)
-    if limit.size == 1 and np.isinf(limit):
-        return "elastic"
-    use_extremes = extremes is not None and limit.size == 1
-    speed = np.asarray(extremes if use_extremes else velocity)
-    # a margin of float32's rounding: compiled code decides what is on the edge
-    if np.all(speed < limit * (1 - 1e-5)):
-        return "elastic"
-    # compiled code takes what is smaller than `LEAST` for zero, which is at rest
-    return "yielding" if np.all(speed > np.maximum(limit * (1 + 1e-5), LEAST)) else "mixed"
-
-
 class Impact(eqx.Module):
     """One batch of impacts, with all invalid ones replaced by harmless.
 
@@ -111,14 +81,13 @@ class Impact(eqx.Module):
     elastic: Array
 
 
-def prepare(law: ContactLaw, velocity: Array, regime: str, branch: Array | None = None) -> Impact:
+def prepare(law: ContactLaw, velocity: Array, branch: Array | None = None) -> Impact:
     """The impacts, each on its branch.
 
     Args:
         branch: True where an impact is to be taken for elastic, False where for yielding, wherever
             its velocity is, of laws that have both; None: as the law has it.
     """
-    law = released(law)
     law_valid = law.is_valid()
     law = _harmless(law, law_valid)
     valid = law_valid & jnp.isfinite(velocity) & (velocity >= 0)
@@ -127,9 +96,8 @@ def prepare(law: ContactLaw, velocity: Array, regime: str, branch: Array | None 
     if not isinstance(law, RateIndependentLaw):
         elastic = velocity == 0  # at rest nothing is lost
         return Impact(law, velocity, jnp.where(elastic, some, velocity), valid, elastic)
-    if regime != "mixed":
-        elastic = jnp.full(velocity.shape, regime == "elastic")
-        return Impact(law, velocity, velocity, valid, elastic)
+    if law.never_yields:
+        return Impact(law, velocity, velocity, valid, jnp.ones(velocity.shape, bool))
     # not y <= 1: a quotient may be compiled into a product that rounds otherwise
     limit = law.elastic_velocity()
     elastic = velocity <= limit

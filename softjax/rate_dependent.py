@@ -13,7 +13,6 @@ import numpy as np
 from jaxtyping import Array, Bool
 
 from softjax import phase
-from softjax._bridge import forward_differentiated
 from softjax._impacts import over_impacts
 from softjax._search import reach
 from softjax.laws.reduced import Reduced, ReducedRateDependent
@@ -62,7 +61,7 @@ def history(
 
 def _each(what, impacts: Reduced, route: Stepping):
     batch = impacts.law, impacts.y, impacts.below, route
-    return over_impacts(what, batch, forward_differentiated)
+    return over_impacts(what, batch, forward=True)
 
 
 class _Scene(NamedTuple):

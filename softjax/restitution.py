@@ -1,6 +1,5 @@
 """The coefficient of restitution over impact velocities, by either route."""
 
-from functools import partial
 from typing import NamedTuple
 
 import equinox as eqx
@@ -9,13 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-from softjax._batches import in_batches
 from softjax._checks import ArgumentError, check_broadcast, is_elsewhere, is_traced, truth_values
 from softjax._numerics import safe_sqrt
-from softjax._spread import alike
 from softjax.batch import collisions, durations
-from softjax.fields import numbers_of, released, whole_leaves
-from softjax.impact import Impact, check_law, checked, common_precision, known_regime, prepare
+from softjax.batching import batched
+from softjax.fields import is_array, numbers_of, whole_leaves
+from softjax.impact import Impact, check_law, checked, common_precision, prepare
 from softjax.laws.base import ContactLaw, HardSphereLaw, RateDependentLaw
 from softjax.outcome import Outcome
 from softjax.routes import ODE, ClosedForm, EnergyBalance, Route, check_route, program_of, taken
@@ -57,10 +55,9 @@ class Restitution(eqx.Module):
         """
         law, velocity = common_precision(self.law, self.velocity)
         if self.each and any(whole_leaves(law)):
-            return _durations_of_each(law, velocity, self.route, "mixed")
-        regime = known_regime(self.law, self.velocity)
+            return _durations_of_each(law, velocity, self.route)
         route, tolerance = program_of(self.route)
-        return in_batches(_duration, (law, tolerance), velocity, route, regime)
+        return batched(_duration, (law, tolerance), velocity, route)
 
     @property
     def ok(self) -> Array:
@@ -140,12 +137,10 @@ def restitution(
     """
     check_law(law)
     route = _chosen(law, route)
-    velocity, regime = checked(law, velocity)
-    same_law, same_velocity = common_precision(law, velocity)
+    law, velocity = common_precision(law, checked(law, velocity))
     asked, tolerance = program_of(route)
-    several = (same_law, tolerance), same_velocity, asked, regime, overlaps
-    parts = in_batches(restitution_parts, *several)
-    kept, each = _kept((released(same_law), same_velocity))
+    parts = batched(restitution_parts, (law, tolerance), velocity, asked, overlaps)
+    kept, each = _kept((law, velocity))
     return Restitution(*kept, *parts, route, each)
 
 
@@ -161,16 +156,13 @@ def _kept(impacts):
     whole = whole_leaves(impacts)
     shapes = [np.shape(leaf) for leaf, held in zip(leaves, whole, strict=True) if not held]
     shape = np.broadcast_shapes(*shapes)
-    velocity = leaves[-1]
 
-    def spread(leaf, held):
-        if held and not hasattr(leaf, "dtype"):
+    def repeated(leaf, held):
+        if not is_array(leaf):
             return leaf
-        if held:
-            return jnp.broadcast_to(leaf, shape + np.shape(leaf))
-        return alike(jnp.broadcast_to(leaf, shape), velocity)
+        return jnp.broadcast_to(leaf, shape + np.shape(leaf) if held else shape)
 
-    kept = [spread(leaf, held) for leaf, held in zip(leaves, whole, strict=True)]
+    kept = [repeated(leaf, held) for leaf, held in zip(leaves, whole, strict=True)]
     return jax.tree.unflatten(structure, kept), True
 
 
@@ -208,29 +200,23 @@ def signed_restitution(
     """
     check_law(law)
     route = _chosen(law, route)
-    velocity, regime = checked(law, velocity)
+    velocity = checked(law, velocity)
     if elastic is not None:
-        elastic, regime = truth_values("elastic", elastic), "mixed"
+        elastic = truth_values("elastic", elastic)
         shape = check_broadcast({"velocity": velocity, "elastic": elastic} | numbers_of(law))
     law, velocity = common_precision(law, velocity)
     velocity = velocity if elastic is None else jnp.broadcast_to(velocity, shape)
     route, tolerance = program_of(route)
-    # a search traces it once, with its slopes: compiled by itself it would be traced without them too
-    traced = any(is_traced(leaf) for leaf in jax.tree.leaves((law, velocity)))
-    signed = _signed if traced else _compiled_signed
-    return signed((law, tolerance), velocity, route, regime, elastic)
+    return batched(_signed, (law, tolerance, elastic), velocity, route)
 
 
-def _signed(law_and_tolerance, velocity, route, regime, elastic):
-    law, tolerance = law_and_tolerance
-    impact = prepare(law, velocity, regime, elastic)
-    found = collisions(impact, taken(route, tolerance), regime)
+def _signed(parameters, velocity, route):
+    law, tolerance, elastic = parameters
+    impact = prepare(law, velocity, elastic)
+    found = collisions(impact, taken(route, tolerance))
     squared, status = _judged(impact, found)
     answered = impact.valid & found.turns & found.solved
     return SignedRestitution(jnp.where(answered, squared, 0.0), status)
-
-
-_compiled_signed = jax.jit(_signed, static_argnames=("route", "regime"))
 
 
 def _chosen(law: ContactLaw, route: Route | None) -> Route:
@@ -265,11 +251,10 @@ def _is_known(law: ContactLaw) -> bool:
     return hard or (isinstance(law, RateDependentLaw) and law.has_closed_form())
 
 
-@partial(jax.jit, static_argnames=("route", "regime", "overlaps"))
-def restitution_parts(law_and_tolerance, velocity, route, regime, overlaps=True):
+def restitution_parts(law_and_tolerance, velocity, route, overlaps=True):
     law, tolerance = law_and_tolerance
-    impact = prepare(law, velocity, regime)
-    return told(impact, collisions(impact, taken(route, tolerance), regime), overlaps)
+    impact = prepare(law, velocity)
+    return told(impact, collisions(impact, taken(route, tolerance)), overlaps)
 
 
 def told(impact: Impact, found: Outcome, overlaps: bool = True):
@@ -323,20 +308,19 @@ def _status(impact: Impact, found: Outcome, squared, at_limit) -> Array:
     return jnp.where(impact.valid, flags, jnp.int32(int(Status.INVALID_INPUT)))
 
 
-@partial(jax.jit, static_argnames=("route", "regime"))
-def _duration(law_and_tolerance, velocity, route, regime):
+def _duration(law_and_tolerance, velocity, route):
     law, tolerance = law_and_tolerance
-    impact = prepare(law, velocity, regime)
-    time, ends = durations(impact, taken(route, tolerance), regime)
+    impact = prepare(law, velocity)
+    time, ends = durations(impact, taken(route, tolerance))
     return jnp.where(ends & impact.valid & (impact.velocity > 0), time, 0.0)
 
 
-def _durations_of_each(law, velocity, route, regime):
+def _durations_of_each(law, velocity, route):
     """Of impacts that each have a law of their own, what is whole included."""
     asked, tolerance = program_of(route)
 
     def one(law, velocity):
-        return _duration((law, tolerance), velocity, asked, regime)
+        return batched(_duration, (law, tolerance), velocity, asked)
 
     for _ in velocity.shape:
         one = jax.vmap(one)

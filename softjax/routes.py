@@ -97,11 +97,11 @@ class Stepping(eqx.Module):
 Route = EnergyBalance | ClosedForm | ODE
 
 
-def program_of(route: Route) -> tuple[Route, float | None]:
+def program_of(route: Route) -> tuple[Route, np.ndarray | None]:
     """What a program is compiled for, and the tolerance, which it takes as a number."""
     if not isinstance(route, ODE) or route.steps is not None:
         return route, None
-    return replace(route, rtol=None), route.tolerance
+    return replace(route, rtol=None), np.asarray(route.tolerance)
 
 
 def taken(route: Route, tolerance: Any) -> EnergyBalance | ClosedForm | Stepping:

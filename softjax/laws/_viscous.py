@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from softjax._numerics import safe_sqrt
+from softjax._numerics import safe_sqrt, where_needed
 from softjax.laws._series import series, taylor
 
 MEDIUM, STRONG = 5.0, 24.0  # ln w² up to which the series go
@@ -86,7 +86,7 @@ def _weak(part: str, w_squared: Array, w: Array) -> Array:
 
 def _logarithm(part: str, log: Array, slope: float) -> Array:
     """Of ln w² > 0; beyond the series a straight line. Computed only where some impact needs it."""
-    return jax.lax.cond(jnp.any(log > 0), partial(_beyond, part, slope), jnp.zeros_like, log)
+    return where_needed(partial(_beyond, part, slope), log > 0, log)
 
 
 def _beyond(part: str, slope: float, log: Array) -> Array:

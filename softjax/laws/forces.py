@@ -6,18 +6,19 @@ forces and overlaps of the order of one, whatever the size of the bodies and how
 
 import math
 from collections.abc import Callable, Iterable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.extend.core import Literal
 from jaxtyping import Array
 
 from softjax._checks import ArgumentError
-from softjax._dependence import moving
 from softjax._numerics import quotient
 from softjax.contact import Contact
-from softjax.fields import held, numbers_of, released, whole_leaves
+from softjax.fields import combine, numbers_of, partition, whole_leaves
 from softjax.laws.reduced import Reduced, ReducedRateDependent, ReducedRateIndependent
 from softjax.laws.units import Scales, hertz_scales, hertz_scales_at
 
@@ -63,7 +64,7 @@ def asked(law, method: str, *values: Array):
         ValueError: in one line where the method cannot be traced or returns no numbers, with the law,
             the method and what to write instead.
     """
-    law, name = released(law), f"`{type(law).__name__}.{method}`"
+    name = f"`{type(law).__name__}.{method}`"
     try:
         answer = getattr(law, method)(*values)
     except (TypeError, ValueError, IndexError) as error:
@@ -112,53 +113,67 @@ def _described(value) -> str:
     return "None" if value is None else f"a {type(value).__name__}"
 
 
+class Forces(eqx.Module):
+    """A law whose numbers may be traced, beside what it has that is no number."""
+
+    arrays: Any
+    static: Any = eqx.field(static=True)
+
+    @property
+    def whole(self):
+        return combine(self.arrays, self.static)
+
+    def asked(self, method: str, *values: Array):
+        return asked(self.whole, method, *values)
+
+
 class ForcesOfImpact(ReducedRateIndependent):
     """The forces of a rate-independent law over L and (5/4) M V²/L."""
 
-    law: "RateIndependentLaw"  # type: ignore[name-defined]
+    law: "Forces"
     length: Array
     force: Array
 
     def loading(self, x: Array) -> Array:
-        return quotient(asked(self.law, "loading_force", x * self.length), self.force)
+        return quotient(self.law.asked("loading_force", x * self.length), self.force)
 
     def unloading(self, x: Array, peak: Array) -> Array:
-        force = asked(self.law, "unloading_force", x * self.length, peak * self.length)
+        force = self.law.asked("unloading_force", x * self.length, peak * self.length)
         return quotient(force, self.force)
 
     @property
     def elastic_limit(self) -> Array | float:  # type: ignore[override]
-        overlap = asked(self.law, "elastic_overlap")
+        overlap = self.law.asked("elastic_overlap")
         never_or_always = type(overlap) in (float, int) and overlap in (0, math.inf)
         # what is known beforehand is no kink, and so no stage of its own
         return float(overlap) if never_or_always else jnp.asarray(overlap) / self.length
 
     def breakpoints(self) -> tuple:
-        overlaps = asked(self.law, "breakpoints")
+        overlaps = self.law.asked("breakpoints")
         return tuple(jnp.asarray(overlap) / self.length for overlap in overlaps)
 
     def exponent_at(self, peak: Array) -> Array:
         return jax.lax.stop_gradient(_exponent(self.loading, peak))
 
     def residual(self, peak: Array) -> Array | None:
-        overlap = asked(self.law, "residual_overlap", peak * self.length)
+        overlap = self.law.asked("residual_overlap", peak * self.length)
         return None if overlap is None else jnp.asarray(overlap) / self.length
 
 
 class ForceOfImpact(ReducedRateDependent):
     """The force of a rate-dependent law over L, V and (5/4) M V²/L."""
 
-    law: "RateDependentLaw"  # type: ignore[name-defined]
+    law: "Forces"
     length: Array
     velocity: Array
     unit: Array
 
     @property
     def ends_at(self) -> str:  # type: ignore[override]
-        return self.law.end
+        return self.law.whole.end
 
     def force(self, x: Array, velocity: Array) -> Array:
-        force = asked(self.law, "force", x * self.length, velocity * self.velocity)
+        force = self.law.asked("force", x * self.length, velocity * self.velocity)
         return quotient(force, self.unit)
 
     def elastic(self, x: Array) -> Array:
@@ -183,41 +198,49 @@ def reduced_by_forces(law, velocity: Array) -> Reduced:
     The scales are units and no more: nothing depends on the overlap's, which is not differentiated,
     while the velocity's carries what the impact's own velocity moves.
     """
-    law = held(law)  # of what is no number the programs beneath could make nothing
     slowest = _slowest(law.contact, velocity)
     lifted = jnp.maximum(velocity, slowest)
     overlap, _ = hertz_scales_at(law.contact, lifted)
     scales = Scales(jax.lax.stop_gradient(overlap), lifted)
     unit = law.force_scale(scales)
+    reduced: ForcesOfImpact | ForceOfImpact
     if hasattr(law, "loading_force"):
-        forces = _still_where_silent(law, _all_that_is_asked)
-        reduced = ForcesOfImpact(forces, scales.overlap, unit)
+        reduced = ForcesOfImpact(_differentiable(law, _all_answers), scales.overlap, unit)
     else:
-        force = _still_where_silent(law, lambda law, x: asked(law, "force", x, x))
+        force = _differentiable(law, lambda law, x: asked(law, "force", x, x))
         reduced = ForceOfImpact(force, scales.overlap, lifted, unit)
     return Reduced(reduced, scales, jnp.ones_like(unit), jnp.minimum(velocity / slowest, 1.0))
 
 
-def _still_where_silent(law, told: Callable):
-    """The law, its numbers that move nothing of what it is asked not differentiated.
+def _differentiable(law, answers: Callable) -> Forces:
+    """The law without the derivatives of those of its numbers that its answers ignore.
 
     A mass or a yield strength of which a force says nothing would cost a tangent all the way.
     """
-    leaves, structure = jax.tree.flatten(law)
+    arrays, static = partition(law)
+    leaves, structure = jax.tree.flatten(arrays)
     kinds = [
         jax.ShapeDtypeStruct(jnp.shape(leaf) if whole else (), jnp.result_type(leaf))
-        for leaf, whole in zip(leaves, whole_leaves(law), strict=True)
+        for leaf, whole in zip(leaves, whole_leaves(arrays), strict=True)
     ]
     overlap = jax.ShapeDtypeStruct((), jnp.result_type(law.contact.radius))
-    moves = moving(lambda x, *one: told(jax.tree.unflatten(structure, one), x), overlap, *kinds)
+
+    def of_leaves(x, *leaves):
+        return answers(combine(jax.tree.unflatten(structure, leaves), static), x)
+
+    program = jax.make_jaxpr(of_leaves)(overlap, *kinds).jaxpr
+    used = {v for v in program.outvars if not isinstance(v, Literal)}
+    for equation in reversed(program.eqns):
+        if not used.isdisjoint(equation.outvars):
+            used.update(v for v in equation.invars if not isinstance(v, Literal))
     kept = [
-        leaf if moved else jax.lax.stop_gradient(leaf)
-        for leaf, moved in zip(leaves, moves[1:], strict=True)
+        leaf if variable in used else jax.lax.stop_gradient(leaf)
+        for leaf, variable in zip(leaves, program.invars[1:], strict=True)
     ]
-    return jax.tree.unflatten(structure, kept)
+    return Forces(jax.tree.unflatten(structure, kept), static)
 
 
-def _all_that_is_asked(law, x: Array) -> list:
+def _all_answers(law, x: Array) -> list:
     ends = asked(law, "elastic_overlap"), asked(law, "residual_overlap", x)
     forces = asked(law, "loading_force", x), asked(law, "unloading_force", x, x)
     return [*forces, *asked(law, "breakpoints"), *(end for end in ends if end is not None)]

@@ -16,7 +16,7 @@ import math
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from softjax._numerics import power_3_2, safe_sqrt
+from softjax._numerics import power_3_2, safe_sqrt, where_needed
 from softjax.contact import Contact
 from softjax.empirical import PSI, SIGMA, sound_and_heat_exponent
 from softjax.fields import Number, choice_field, number_field
@@ -86,12 +86,15 @@ class Zhou(RateIndependentLaw, final=True):
     def total_restitution(self, plastic_squared, velocity, elastic) -> tuple[Array, Array]:
         """ε² by Eq. (16) above yield and Eq. (17) below, and whether v >= v_lim."""
         limit, critical = self.contact.limit_velocity, self.contact.critical_velocity
-        # below yield Eq. (17) acts at v, above it at v_cr: one evaluation serves both
-        at = jnp.where(elastic, velocity, critical)
-        exponent = sound_and_heat_exponent(at, limit, self.sigma, self.psi)
-        above_yield = plastic_squared + jnp.expm1(-2 * exponent)  # Eq. (16)
-        squared = jnp.where(elastic, jnp.exp(-2 * exponent), above_yield)
-        return squared, velocity >= limit
+        limit, sigma, psi = (jnp.asarray(x) for x in (limit, self.sigma, self.psi))
+        below_yield = 1 + where_needed(_lost, elastic, velocity, limit, sigma, psi)
+        above_yield = plastic_squared + _lost(critical, limit, sigma, psi)  # Eq. (16)
+        return jnp.where(elastic, below_yield, above_yield), velocity >= limit
+
+
+def _lost(velocity, limit, sigma, psi) -> Array:
+    """ε_17² - 1."""
+    return jnp.expm1(-2 * sound_and_heat_exponent(velocity, limit, sigma, psi))
 
 
 class FirstOrder(ReducedClosedForm):

@@ -105,6 +105,25 @@ def test_derivatives_of_a_traced_batch():
     assert np.allclose(each, steep, rtol=1e-11, atol=0)
 
 
+class Spring(sj.HardSphereLaw):
+    """ε² = a b: two numbers, as many as a law and a route."""
+
+    a: float
+    b: float
+
+    def restitution_squared(self, velocity):
+        return self.a * self.b + 0 * velocity
+
+
+def test_a_large_traced_batch_of_a_law_of_two_numbers():
+    """In chunks: what is the law's was once taken for a pair of others."""
+    velocity = jnp.linspace(0.1, 5, 300_000)
+    of = jax.jit(lambda law, v: sj.restitution(law, v).coefficient)
+    assert np.allclose(of(Spring(0.5, 0.5), velocity), 0.5, rtol=1e-15)
+    each = of(Spring(np.full(300_000, 0.5), 0.5), velocity)
+    assert np.allclose(each, 0.5, rtol=1e-15)
+
+
 @pytest.mark.long
 def test_derivatives_of_zhous_law_in_a_traced_batch():
     velocity, chi = impacts(300_000)

@@ -15,13 +15,13 @@ HEAVY = ("diffrax", "optimistix", "optax", "lineax", "scipy", "matplotlib", "ric
 
 # softjax in layers: a module imports from earlier layers, or from its own where that says so
 LAYERS = [
-    {"_checks", "_dependence", "_numerics", "compiler", "status"},
+    {"_checks", "_numerics", "compiler", "status"},
     {"fields", "_quadrature", "_search"},
     {"materials"},
     {"contact", "empirical", "routes"},
-    {"_rows"},
-    {"laws", "_impacts", "_pieces", "_spread"},
-    {"impact", "_batches", "_bridge", "release"},
+    {"batching"},
+    {"laws", "_impacts"},
+    {"impact", "_bridge", "release"},
     {"parts", "phase", "falls"},
     {"encke", "outcome"},
     {"energy", "collision", "rate_dependent"},

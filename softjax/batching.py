@@ -1,0 +1,240 @@
+"""Pad, cut and compile: the one place that knows how many impacts there are.
+
+A function of impacts is compiled for a few sizes of batches, to which concrete batches are padded, so
+that few programs are compiled and kept. Large batches are cut: one pass over a million impacts would
+write every intermediate to memory and fetch it from there again. Which programs there are depends on
+shapes, dtypes and static fields, never on values. Arrays that are spread over devices, or that belong
+to the caller's own traced program on several devices, are neither cut nor reshaped: so they stay spread.
+"""
+
+import math
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache, partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from softjax._checks import is_traced
+from softjax.compiler import QUICK, accepted
+from softjax.fields import combine, partition, whole_leaves
+
+LEAST = (
+    16  # impacts in the smallest program: it takes a second to compile and an impact a microsecond
+)
+FINE = 256  # from here on four sizes an octave, else one
+SOON = 4096  # impacts that are computed sooner than a program that runs faster is compiled
+# Measured on two cores at 10^6 impacts: chunks of 2048 to 8192 stay in the cache and are as fast as
+# each other; 16 384 and more are slower. One call into compiled code computes a block of chunks.
+CHUNK, CHUNKS = 8192, 16
+BLOCK = CHUNK * CHUNKS
+TRACED_CHUNK = 65_536  # in the caller's own program, whose kernels two cores share
+# A thread computes a block, so no kernel of it need be shared out among threads, which costs half as
+# much again; vectors twice as wide as XLA prefers take 0.8 of the time.
+ONE_THREAD = (
+    ("xla_cpu_prefer_vector_width", 512),
+    ("xla_disable_hlo_passes", "cpu-parallel-task-assigner"),
+)
+KEPT = 32  # compiled functions, those that were used last
+
+
+class _Program(NamedTuple):
+    """A function of arrays: what it is compiled for."""
+
+    function: Callable
+    settings: tuple
+    structure: Any
+    static: Any  # the leaves of law and route that are no arrays
+
+    def __call__(self, *leaves):
+        arrays = jax.tree.unflatten(self.structure, leaves)
+        return self.function(*combine(arrays, self.static), *self.settings)
+
+
+@partial(jax.jit, static_argnums=0)
+def _compiled(program: _Program, *leaves):
+    return program(*leaves)
+
+
+def batched(function: Callable, parameters, velocity, *settings, cut: bool = True):
+    """`function(parameters, velocity, *settings)`, compiled, of impacts one by one.
+
+    Args:
+        parameters: a pytree whose leaves broadcast against the velocity, shared fields left out
+            (`fields.array_field`); leaves that are no arrays are compiled in.
+        settings: hashable, compiled in.
+        cut: whether large batches are cut: not where the result of an impact has axes of its own,
+            and is much more than what goes in.
+    """
+    arrays, static = partition((parameters, velocity))
+    leaves, structure = jax.tree.flatten(arrays)
+    program = _Program(function, settings, structure, static)
+    whole = whole_leaves(arrays)
+    shape = np.broadcast_shapes(*(np.shape(x) for x, w in zip(leaves, whole, strict=True) if not w))
+    # within the caller's own program whatever is computed is traced, of constants too
+    # (`device_put` tells without anything to compile)
+    if any(is_traced(leaf) for leaf in leaves) or is_traced(jax.device_put(0.0)):
+        return _of_traced(program, leaves, whole, shape, cut)
+    count = math.prod(shape)
+    if not count or any(_is_spread(leaf) for leaf in leaves):
+        return _compiled(program, *leaves)
+    home = next((leaf.device for leaf in leaves if getattr(leaf, "committed", False)), None)
+    many = [not w and np.size(leaf) > 1 for leaf, w in zip(leaves, whole, strict=True)]
+    many[-1] = True  # of velocities there is a row in any case
+    flat = [
+        _row(x, shape) if m else _single(x, w) for x, m, w in zip(leaves, many, whole, strict=True)
+    ]
+    if cut and count >= 2 * BLOCK and _on_cpu(home):
+        results = _in_blocks(program, flat, tuple(many), count)
+    else:
+        size = _size(max(count, LEAST))
+        padded = [_padded(leaf, size) if m else leaf for leaf, m in zip(flat, many, strict=True)]
+        compiled = _quick() if size <= SOON else _compiled
+        results = compiled(program, *jax.device_put(padded, home))
+        if shape == (size,):
+            return results
+    return jax.device_put(jax.tree.map(partial(_shaped, shape=shape), results), home)
+
+
+def _size(count: int) -> int:
+    """The size of the program for so many impacts: at most a quarter more, or twice a few."""
+    octave = 2 ** (count - 1).bit_length()
+    step = max(octave // 8, 1) if octave > FINE else octave
+    return -(-count // step) * step
+
+
+@lru_cache(maxsize=1)
+def _quick() -> Callable:
+    """`_compiled`, compiled sooner to run slower."""
+    return jax.jit(_compiled.__wrapped__, static_argnums=0, compiler_options=accepted(QUICK))
+
+
+def _on_cpu(home=None) -> bool:
+    return (home or jax.local_devices()[0]).platform == "cpu"
+
+
+def _is_spread(leaf) -> bool:
+    return isinstance(leaf, jax.Array) and len(leaf.sharding.device_set) > 1
+
+
+def _row(leaf, shape) -> np.ndarray:
+    """A value for each impact in a row."""
+    return np.broadcast_to(np.asarray(leaf), shape).reshape(-1)
+
+
+def _single(leaf, whole: bool):
+    return leaf if whole else np.asarray(leaf).reshape(())
+
+
+def _padded(values: np.ndarray, size: int) -> np.ndarray:
+    """The same, filled up by its last."""
+    missing = size - len(values)
+    return np.concatenate([values, np.repeat(values[-1:], missing)]) if missing else values
+
+
+def _shaped(result, shape) -> np.ndarray:
+    """Without the padding, in the batch's shape; further axes stay behind it."""
+    values = np.asarray(result)[: math.prod(shape)]
+    return values.reshape(shape + values.shape[1:])
+
+
+def _in_blocks(program: _Program, flat: list, many: tuple[bool, ...], count: int):
+    """The results of many impacts, block by block on all cores."""
+    compiled = _block(program, many, jax.config.jax_enable_x64)
+    kinds, structure = jax.tree.flatten(jax.eval_shape(compiled, *_cut(flat, many, 0)))
+    results = [_aligned(count, kind.dtype) for kind in kinds]
+    with_x64 = jax.config.jax_enable_x64  # which is the calling thread's own
+
+    def compute(start):
+        start = min(start, count - BLOCK)  # the last block overlaps, so that all have one size
+        with jax.enable_x64(with_x64):
+            values = jax.tree.leaves(compiled(*_cut(flat, many, start)))
+        for result, value in zip(results, values, strict=True):
+            result[start : start + BLOCK] = value
+
+    with ThreadPoolExecutor(_cores()) as pool:
+        list(pool.map(compute, range(0, count, BLOCK)))
+    return jax.tree.unflatten(structure, results)
+
+
+def _cut(flat, many, start: int) -> list:
+    return [leaf[start : start + BLOCK] if m else leaf for leaf, m in zip(flat, many, strict=True)]
+
+
+@lru_cache(maxsize=KEPT)
+def _block(program: _Program, many: tuple[bool, ...], _x64: bool) -> Callable:
+    """The compiled function of a block, which loops over chunks."""
+
+    def block(*leaves):
+        each = [leaf for leaf, m in zip(leaves, many, strict=True) if m]
+
+        def of_chunk(*rows):
+            row = iter(rows)
+            return program(*(next(row) if m else x for x, m in zip(leaves, many, strict=True)))
+
+        return in_chunks(of_chunk, each, CHUNKS)
+
+    return jax.jit(block, compiler_options=accepted(ONE_THREAD))
+
+
+def _cores() -> int:
+    affinity = getattr(os, "sched_getaffinity", None)  # not on every system
+    return len(affinity(0)) if affinity else os.cpu_count() or 1
+
+
+def _aligned(count: int, dtype) -> np.ndarray:
+    """An empty array that JAX takes over as it is: its data must begin at a cache line."""
+    line = 64
+    memory = np.empty(count * dtype.itemsize + line, np.uint8)
+    first = -memory.ctypes.data % line
+    return memory[first : first + count * dtype.itemsize].view(dtype)
+
+
+def _of_traced(program: _Program, leaves, whole, shape, cut: bool):
+    """Of impacts in the caller's own program: one call for all, or for chunk after chunk."""
+    count = math.prod(shape)
+    few = count < 2 * BLOCK or any(whole) or not cut
+    if few or on_several_devices() or not _on_cpu():
+        return _compiled(program, *leaves)
+    many = [np.size(leaf) > 1 for leaf in leaves]
+    flat = [
+        jnp.broadcast_to(x, shape).reshape(-1) if m else jnp.reshape(x, ())
+        for x, m in zip(leaves, many, strict=True)
+    ]
+
+    # the reverse pass computes a chunk again: faster than to fetch what it would have to store
+    @jax.checkpoint
+    def of_chunk(*rows):
+        row = iter(rows)
+        return _compiled(program, *(next(row) if m else x for x, m in zip(flat, many, strict=True)))
+
+    each = [leaf for leaf, m in zip(flat, many, strict=True) if m]
+    results = in_chunks(of_chunk, each, -(-count // TRACED_CHUNK))
+    return jax.tree.map(lambda result: result.reshape(shape), results)
+
+
+def on_several_devices() -> bool:
+    """Whether a traced array may be spread: where it lies only the compiled program knows."""
+    return jax.device_count() > 1
+
+
+def in_chunks(function: Callable, leaves: Sequence, chunks: int):
+    """`function(*leaves)` of arrays (count,), computed chunk by chunk in one program.
+
+    The last chunk is padded. What the function gives may have axes behind the one of impacts.
+    """
+    if chunks <= 1:
+        return function(*leaves)
+    count = len(leaves[0])
+    # if some number of chunks divides the impacts, nothing has to be copied to pad the last
+    chunks = next((k for k in range(chunks, 2 * chunks) if count % k == 0), chunks)
+    missing = -count % chunks
+
+    def rows(leaf):
+        return jnp.pad(leaf, (0, missing), mode="edge").reshape(chunks, -1)
+
+    results = jax.lax.map(lambda some: function(*some), [rows(leaf) for leaf in leaves])
+    return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:])[:count], results)
