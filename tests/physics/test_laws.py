@@ -1,4 +1,4 @@
-"""Every law by every route: ε, overlaps and durations against formulas in high precision; forces."""
+"""Every law by every route: ε, overlaps and durations against formulas in high precision."""
 
 from dataclasses import replace
 
@@ -7,7 +7,6 @@ import jax.numpy as jnp
 import mpmath as mp
 import numpy as np
 import pytest
-from scipy.special import beta
 
 import softjax as sj
 from tests.laws import KNOWN, LAWS, PAIR, PRECISE, QUANTITIES, WITH_FORCE, expected, numbers
@@ -156,93 +155,6 @@ def test_the_rebound_of_another_program():
     assert found[0] == pytest.approx(0.8534, abs=5e-5)
 
 
-def _hertz(x):
-    return PAIR.stiffness * x**1.5
-
-
-def _dashpot(law, damping):
-    loss = -np.log(law.restitution)
-    return loss / np.hypot(np.pi, loss) * damping
-
-
-def _thornton_pressure(law):
-    pressure = law.yield_factor * PAIR.yield_strength
-    start = PAIR.radius * (np.pi * pressure / (2 * PAIR.youngs_modulus)) ** 2
-    return np.pi * pressure * PAIR.radius, start
-
-
-def _thornton_loading(law, x):
-    slope, start = _thornton_pressure(law)
-    return np.where(x > start, _hertz(start) + slope * (x - start), _hertz(x))
-
-
-LOADING = {  # [N] of the overlap [m], as published
-    "hertz": lambda law, x: _hertz(x),
-    "thornton": _thornton_loading,
-    "walton-braun": lambda law, x: law.loading_stiffness * x,
-}
-RATE = {  # [N] of overlap and its rate
-    "linear": lambda law, x, v: (
-        law.stiffness * x + _dashpot(law, 2 * np.sqrt(law.stiffness * PAIR.mass)) * v
-    ),
-    "hertz dashpot": lambda law, x, v: (
-        _hertz(x) + _dashpot(law, np.sqrt(5 * PAIR.mass * PAIR.stiffness)) * x**0.25 * v
-    ),
-    "viscoelastic": lambda law, x, v: (
-        _hertz(x) + 1.5 * law.dissipation_time * PAIR.stiffness * np.sqrt(x) * v
-    ),
-}
-
-
-@pytest.mark.parametrize("name", LOADING)
-def test_loading_and_unloading_forces(name):
-    law, x = LAWS[name].law, np.geomspace(1e-8, 1e-4, 9)
-    assert np.allclose(law.loading_force(x), LOADING[name](law, x), rtol=1e-13, atol=0)
-    peak = 1e-4
-    force = float(LOADING[name](law, peak))
-    if name == "hertz":
-        back = _hertz(x)
-    elif name == "thornton":
-        radius = PAIR.radius * _hertz(peak) / force
-        stiffness = 4 / 3 * PAIR.youngs_modulus * np.sqrt(radius)
-        back = stiffness * np.maximum(x - peak + (force / stiffness) ** (2 / 3), 0) ** 1.5
-    else:
-        back = force - (law.unloading_stiffness + law.growth * force) * (peak - x)
-    assert np.allclose(law.unloading_force(x, peak), back, rtol=1e-11, atol=1e-13 * force)
-
-
-@pytest.mark.parametrize(
-    "name", [n for n in WITH_FORCE if isinstance(LAWS[n].law, sj.RateDependentLaw)]
-)
-def test_forces_with_damping(name):
-    law, formula = LAWS[name].law, next(RATE[key] for key in RATE if name.startswith(key))
-    x, v = np.meshgrid(np.geomspace(1e-8, 1e-4, 5), [-3.0, -1e-3, 0.0, 2.0])
-    exact = formula(law, x, v)
-    assert np.allclose(law.force(x, v), exact, rtol=1e-12, atol=1e-14 * np.max(np.abs(exact)))
-
-
-@pytest.mark.parametrize("name", ["thornton", "walton-braun", "zhou", "zhou full"])
-def test_the_loop_encloses_what_is_lost(name):
-    """∫ P dδ on loading is the impact energy, back ε_p² of it: by Gauss's rule over the forces."""
-    case = LAWS[name]
-    v = float(case.velocity[-1])
-    hit = sj.restitution(case.law, v)
-    peak, residual = float(hit.peak_overlap), float(hit.residual_overlap)
-    nodes, weights = np.polynomial.legendre.leggauss(200)
-    yields = float(sj.restitution(case.law, case.law.elastic_velocity()).peak_overlap)
-
-    def work(force, low, high):
-        way = 0.5 * (nodes + 1)  # in the root of what is left, where half powers are smooth
-        return np.sum(weights * way * np.asarray(force(low + (high - low) * way**2))) * (high - low)
-
-    loaded = work(case.law.loading_force, 0.0, yields) if yields > 0 else 0.0
-    loaded += work(case.law.loading_force, yields, peak)
-    back = work(lambda x: case.law.unloading_force(x, peak), residual, peak)
-    impact = 0.5 * case.law.contact.mass * v**2
-    assert loaded == pytest.approx(impact, rel=1e-11)
-    assert back == pytest.approx(float(hit.plastic_coefficient) ** 2 * impact, rel=1e-11)
-
-
 def test_hertz_does_not_know_of_yield_and_zhou_does():
     weak = sj.Contact(PAIR.youngs_modulus, PAIR.radius, PAIR.mass, 1.0, 1.0)
     found, strong = (sj.restitution(sj.Hertz(pair), 1.0) for pair in (weak, PAIR))
@@ -291,23 +203,9 @@ def test_hard_spheres():
     assert list(at.status) == [sj.Status.ELASTIC | sj.Status.ZERO_VELOCITY, limit, limit]
 
 
-def test_slow_impacts_of_laws_without_an_elastic_stage():
-    """A spring each way and Hertz's law by forces alone, at 1e-300 m/s: no square underflows."""
-
-    class HertzByForces(sj.RateIndependentLaw):
-        contact: sj.Contact
-
-        def loading_force(self, overlap):
-            return self.contact.stiffness * overlap**1.5
-
-        def unloading_force(self, overlap, peak_overlap):
-            return self.contact.stiffness * overlap**1.5
-
+def test_slow_impacts_on_a_spring():
+    """At 1e-300 m/s no square underflows."""
     v = np.array([1e-300, 1e-100])
-    found = sj.restitution(HertzByForces(PAIR), v)
-    peak = (1.25 * PAIR.mass / PAIR.stiffness) ** 0.4 * v**0.8
-    assert np.allclose(found.peak_overlap, peak, rtol=1e-11, atol=0)
-    assert np.allclose(found.duration, 0.8 * beta(0.4, 0.5) * peak / v, rtol=1e-11, atol=0)
     spring = sj.restitution(sj.WaltonBraun(PAIR, 1e6, 2e6), v)
     assert np.allclose(spring.peak_overlap, v * np.sqrt(PAIR.mass / 1e6), rtol=1e-12, atol=0)
     assert np.allclose(spring.coefficient, np.sqrt(0.5), rtol=1e-14, atol=0)
@@ -337,6 +235,3 @@ def test_the_closed_form_is_refused_where_there_is_none_and_may_be_ones_own():
     assert known.route == KNOWN
     assert np.allclose(known.coefficient, 0.99, rtol=1e-15)  # it is believed
     assert np.allclose(known.duration, np.pi * np.sqrt(PAIR.mass / 1e6), rtol=1e-14)
-    by_time = sj.restitution(Spring(PAIR, 1e6), [0.5, 2.0], sj.ODE(rtol=1e-9))
-    assert np.allclose(by_time.coefficient, 1, atol=1e-8)
-    assert np.allclose(by_time.duration, known.duration, rtol=1e-8)

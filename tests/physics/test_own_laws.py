@@ -19,6 +19,7 @@ from tests.physics.own_laws import (
     PLATEAU,
     STEEL,
     ByHand,
+    Impact,
     JacksonGreen,
     by_hand,
     published_fit,
@@ -125,7 +126,7 @@ def law_of(rows) -> ByHand:
 
 @both_routes
 def test_collisions_solved_by_hand(route):
-    """ε², both overlaps, the status; and by the energy balance ∂δ*/∂ρ of a zero that is searched for."""
+    """ε², both overlaps, durations, the status; and by the energy balance ∂δ*/∂ρ of a zero that is searched for."""
     law, velocity = law_of(ROWS), np.array([row.velocity for row in ROWS])
 
     def found(rest):
@@ -139,9 +140,8 @@ def test_collisions_solved_by_hand(route):
         assert np.allclose(slope[clipped], peaks, rtol=1e-4, atol=0)
     else:
         _, hit = compiled_soon(found)(law.rest)
-    squared, peak, residual, told, tolerance = (
-        np.array([getattr(row, name) for row in ROWS], float)
-        for name in ("squared", "peak", "residual", "status", "tolerance")
+    squared, peak, residual, told, tolerance, duration = (
+        np.array([getattr(row, name) for row in ROWS], float) for name in Impact._fields[2:]
     )
     hole = np.array([row.law.get("shape") == HOLE for row in ROWS])
     sure = ~(hole & (hit.status & int(sj.Status.SOLVER_FAILED) > 0))  # it may give up, but says so
@@ -152,6 +152,7 @@ def test_collisions_solved_by_hand(route):
         "squared": np.abs(hit.coefficient**2 - squared) > tolerance * np.maximum(squared, 1e-15),
         "peak": np.abs(hit.peak_overlap - peak) > 1e-9 * peak,
         "residual": np.abs(hit.residual_overlap - residual) > np.maximum(1e-9, tolerance) * peak,
+        "duration": np.abs(hit.duration / duration - 1) > 1e-8,
         "status": hit.status & ~int(sj.Status.ABOVE_LIMIT_VELOCITY) != told,
     }
     assert np.all(np.isfinite(hit.coefficient))

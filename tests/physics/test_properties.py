@@ -1,12 +1,8 @@
 """What holds for all impacts, over wide boxes of all inputs.
 
-Hypothesis draws the seed of a batch of fixed size, so that everything compiles once. The long run
-is `python -m tests.physics.long_run`: a million impacts, its count of violations 0.
+Hypothesis draws the seed of a batch of fixed size, so that everything compiles once.
 """
 
-from functools import partial
-
-import jax
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -15,7 +11,6 @@ from mpmath import mp
 
 import softjax as sj
 from tests import cases
-from tests.cases import compiled_soon
 from tests.oracles import zhou_mp as z
 from tests.physics import boxes
 from tests.physics.boxes import Choice, count, solve
@@ -45,6 +40,14 @@ def conditioning(inputs, result, slopes):
 def test_finite_flagged_right_and_falling(choice, seed):
     broken = count(boxes.sample(seed, SIZE, choice), choice)
     assert broken == dict.fromkeys(broken, 0)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("choice", boxes.CHOICES, ids=str)
+def test_a_million_impacts(choice):
+    for seed in range(17):
+        broken = count(boxes.sample(seed, 20_000, choice), choice)
+        assert broken == dict.fromkeys(broken, 0), seed
 
 
 def test_the_rules_can_be_broken():
@@ -141,24 +144,14 @@ def test_scales_do_not_matter(choice, seed):
     assert np.array_equal(one["status"][clear], two["status"][clear])
 
 
-@partial(compiled_soon, static_argnames="area")
-def between(materials, radii, v, area="zhou"):
-    one, two = (sj.Material(*material) for material in materials)
-    contact = sj.Contact.between_spheres(one, two, *radii, area=area)
-    result = sj.restitution(sj.Zhou(contact, 0.2, 0.4, 0.5), v * contact.critical_velocity)
-    return contact.leaves(), result.coefficient, result.peak_overlap
-
-
-@compiled_soon
-def on_wall(materials, radius, v):
-    one, two = (sj.Material(*material) for material in materials)
-    contact = sj.Contact.with_wall(one, two, radius)
-    result = sj.restitution(sj.Zhou(contact, 0.2, 0.4, 0.5), v * contact.critical_velocity)
-    return contact.leaves(), result.coefficient, result.peak_overlap
+def between(materials, radii):
+    """All that a law knows of two bodies."""
+    contact = sj.Contact.between_spheres(*(sj.Material(*m) for m in materials), *radii)
+    return contact.leaves() | {"v_cr": contact.critical_velocity}
 
 
 def some_bodies(seed):
-    """Two bodies of any materials, E/Y from 20 to 1e4; y from 0.1 to 10."""
+    """Two bodies of any materials, E/Y from 20 to 1e4."""
     rng = np.random.default_rng(seed)
 
     def material():
@@ -166,30 +159,32 @@ def some_bodies(seed):
         return ratio * Y, rng.uniform(-0.5, 0.5, SIZE), boxes.power(rng, 10, 2e4, SIZE), Y
 
     radii = boxes.power(rng, 1e-6, 10, SIZE), boxes.power(rng, 1e-6, 10, SIZE)
-    return (material(), material()), radii, boxes.power(rng, 0.1, 10, SIZE)
+    return (material(), material()), radii
 
 
-def assert_alike(one, two, rtol):
-    for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(two), strict=True):
-        assert np.allclose(a, b, rtol=rtol, atol=rtol * 1e-3)
+def assert_alike(one, two):
+    assert set(one) == set(two)
+    for name, value in one.items():
+        assert np.allclose(value, two[name], rtol=1e-12, atol=0), name
 
 
 @given(seed=seeds)
 @drawn(6)
 def test_swapping_the_bodies(seed):
     """Equal yield strengths among them, where v_lim takes the denser body's."""
-    (one, two), radii, v = some_bodies(seed)
+    (one, two), radii = some_bodies(seed)
     two = (*two[:3], np.where(np.arange(SIZE) % 3 == 0, one[3], two[3]))
-    assert_alike(between((one, two), radii, v), between((two, one), radii[::-1], v), 1e-12)
+    assert_alike(between((one, two), radii), between((two, one), radii[::-1]))
 
 
 @given(seed=seeds)
 @drawn(6)
 def test_a_wall_is_a_large_sphere(seed):
     """The difference goes as R1/R2, and is gone at 1e-14."""
-    materials, (radius, _), v = some_bodies(seed)
-    wall = on_wall(materials, radius, v)
-    assert_alike(between(materials, (radius, 1e14 * radius), v), wall, 1e-12)
-    (near, *_), (nearer, *_) = (between(materials, (radius, n * radius), v) for n in (1e3, 1e5))
-    off, less = (np.max(np.abs(leaves["radius"] / radius - 1)) for leaves in (near, nearer))
+    materials, (radius, _) = some_bodies(seed)
+    contact = sj.Contact.with_wall(*(sj.Material(*m) for m in materials), radius)
+    wall = contact.leaves() | {"v_cr": contact.critical_velocity}
+    assert_alike(between(materials, (radius, 1e14 * radius)), wall)
+    near, nearer = (between(materials, (radius, n * radius))["radius"] for n in (1e3, 1e5))
+    off, less = (np.max(np.abs(one / radius - 1)) for one in (near, nearer))
     assert off / less == pytest.approx(100, rel=0.01)

@@ -144,25 +144,6 @@ def test_up_to_the_last_turning_point(kind):
     assert turns.sum() > 120
 
 
-@pytest.mark.parametrize("form", FORMS)
-@pytest.mark.parametrize("d", [1e-5, 6.7e-3, 0.3])
-def test_forces(form, d):
-    """Both branches over k δ_cr^{3/2}; Hertz's below yield, and both meet at the peak."""
-    law = law_with(d, 7.6, form)
-    length = float(law.contact.critical_overlap)
-    unit = float(law.contact.stiffness) * length**1.5
-    end = min(float(zhou_mp.loading_end(form, d)), 80.0)
-    x = np.array([0.0, 0.3, 0.999, 1.001, *np.linspace(1.2, 0.99 * end, 12)])
-    exact = [float(zhou_mp.loading(form, d, float(value))) for value in x]
-    assert np.allclose(law.loading_force(x * length) / unit, exact, rtol=1e-11, atol=1e-12)
-    peak = 0.7 * end + 0.3
-    back = np.linspace(0.4, 1.0, 7) * peak
-    exact = [float(zhou_mp.unloading(form, d, 7.6, peak, float(at))) for at in back]
-    found = law.unloading_force(back * length, peak * length) / unit
-    assert np.allclose(found, exact, rtol=0, atol=1e-11 * max(exact))
-    assert found[-1] == pytest.approx(float(law.loading_force(peak * length)) / unit, rel=1e-12)
-
-
 @pytest.mark.parametrize(
     ("form", "dtype"),
     [
@@ -219,29 +200,27 @@ def test_signed_restitution():
     d, X, y = (column(records, name) for name in ("d", "X", "y"))
     law = law_with(d, X, sigma=np.full(40, 5.0), psi=np.full(40, 0.01))
     velocity = y * law.contact.critical_velocity
-    signed = sj.signed_restitution(law, velocity)
+
+    def found(sigma):
+        moved = law_with(d, X, sigma=sigma, psi=law.psi)
+        signed = sj.signed_restitution(moved, velocity)
+        return signed.squared, (signed.status, sj.restitution(moved, velocity))
+
+    square, slope, (status, hit) = cases.compiled_soon(
+        lambda sigma: jax.jvp(found, (sigma,), (jax.numpy.ones(40),), has_aux=True)
+    )(law.sigma)
     ratio = (1 / (law.contact.limit_velocity / law.contact.critical_velocity - 1)) ** 0.01
     up = np.exp(-2 * 5.0 * ratio)
     expected = column(records, "eps_p_squared") + up - 1
     bound = 1e-12 + 8 * EPS * column(records, "log_sensitivity_sum")
-    turned = (signed.status & int(sj.Status.NO_TURNING_POINT)) == 0
-    assert np.all(np.abs(signed.squared - expected)[turned] <= bound[turned])
+    turned = (status & int(sj.Status.NO_TURNING_POINT)) == 0
+    assert np.all(np.abs(square - expected)[turned] <= bound[turned])
     lost = turned & (expected < 0)
     assert np.sum(lost) > 20
-    assert np.all(signed.status[lost] & int(sj.Status.NO_REBOUND))
-
-    def total(sigma):
-        return sj.signed_restitution(
-            law_with(d, X, sigma=sigma, psi=law.psi), velocity
-        ).squared.sum()
-
-    slope = jax.jit(jax.grad(total))(law.sigma)
+    assert np.all(status[lost] & int(sj.Status.NO_REBOUND))
     assert np.allclose(slope[lost], (-2 * ratio * up)[lost], rtol=1e-9, atol=1e-12)
-    plain = fitted("nylon")
-    some = np.array([0.1, 2.0, 20.0]) * plain.contact.critical_velocity
-    hit, signed = sj.restitution(plain, some), sj.signed_restitution(plain, some)
-    assert np.allclose(signed.squared, np.square(hit.coefficient), rtol=1e-14, atol=0)
-    assert np.array_equal(signed.status, hit.status)
+    assert np.allclose(np.maximum(square, 0), np.square(hit.coefficient), rtol=1e-14, atol=1e-15)
+    assert np.array_equal(status, hit.status)
 
 
 @pytest.mark.parametrize(
