@@ -116,7 +116,7 @@ def _write(folder: Path, formats: set[str], source: Any, rows: Any, route: Any) 
 def _draw(path: Path, rows: Any, source: Any) -> None:
     from calibration.fitting.curves import yield_velocity
     from calibration.plots import style
-    from calibration.plots.restitution import plot_restitution
+    from calibration.plots.curves import plot_restitution
 
     kind = type(source.law).__name__
     label = source.name if kind == "Zhou" else f"{source.name}: {kind}"

@@ -96,10 +96,11 @@ def _fitted(arguments: argparse.Namespace, given: Mapping[str, Any], progress: P
     try:
         one = data[0] if len(data) == 1 else data
         return fit(one, law, parameters, progress=progress, **settings)
-    except (DataError, sj.ArgumentError) as error:
-        of_file = problem is not None and isinstance(error, DataError)
-        if of_file and error.argument in stated.keys() - given.keys():
+    except DataError as error:
+        if problem is not None and error.argument in stated.keys() - given.keys():
             raise error.at(arguments.file, problem.line(error.argument)) from error
+        raise InputError(arguments.file, None, str(error), "nothing was fitted") from error
+    except sj.ArgumentError as error:
         raise InputError(arguments.file, None, str(error), "nothing was fitted") from error
 
 

@@ -18,7 +18,7 @@ THIN = 0.02  # of a cell: the least half width of an ellipse
 
 
 def plot_correlations(
-    correlations, labels: Sequence[str], ax: Axes | None = None, told: Sequence[str] = ()
+    correlations, labels: Sequence[str], ax: Axes | None = None, texts: Sequence[str] = ()
 ) -> Axes:
     """Ellipses below the diagonal, correlations above it.
 
@@ -26,19 +26,22 @@ def plot_correlations(
         correlations: (p, p), from -1 to 1; NaN where undefined.
         labels: of the p parameters.
         ax: where to draw; a new figure's where None.
-        told: what stands on the diagonal, such as "1.79 ± 0.05".
+        texts: what stands on the diagonal, such as "1.79 ± 0.05".
     """
-    matrix = np.asarray(correlations, float)
-    count = len(labels)
+    matrix, count = np.asarray(correlations, float), len(labels)
     ax = style.axes_or_new(ax)
     for (row, column), value in np.ndenumerate(matrix):
         place = column, count - 1 - row
-        if row > column or (row < column and count > MOST_NUMBERS):
-            _ellipse(ax, place, value)
-        elif row < column:
-            _write(ax, place, _number(value))
-        elif told:
-            _write(ax, place, told[row].replace(" ± ", "\n± "))
+        text = f"{np.round(value, 2) + 0.0:.2f}".replace("-", "−") if np.isfinite(value) else "–"
+        if row == column:
+            text = texts[row].replace(" ± ", "\n± ") if texts else ""
+        elif (row > column or count > MOST_NUMBERS) and np.isfinite(value):
+            long, short = (2 * max(SIZE * np.sqrt(1 + s * abs(value)), THIN) for s in (1, -1))
+            color, angle = (style.BLUE, 45) if value >= 0 else (style.VERMILION, -45)
+            ax.add_patch(Ellipse(place, long, short, angle=angle, color=color, alpha=0.6))
+            continue
+        if text:
+            ax.text(*place, text, ha="center", va="center", fontsize=7.5)
     turned = 90 if any(", " in label for label in labels) else 0  # data sets are named
     ax.set_xticks(range(count), labels, rotation=turned)
     ax.set_yticks(range(count), labels[::-1])
@@ -48,23 +51,3 @@ def plot_correlations(
         ax.axhline(edge, color=style.GREY, linewidth=0.3)
         ax.axvline(edge, color=style.GREY, linewidth=0.3)
     return ax
-
-
-def _ellipse(ax: Axes, place: tuple[int, int], value: float) -> None:
-    if not np.isfinite(value):
-        _write(ax, place, _number(value))
-        return
-    long, short = (2 * max(SIZE * np.sqrt(1 + s * abs(value)), THIN) for s in (1, -1))
-    color = style.BLUE if value >= 0 else style.VERMILION
-    angle = 45 if value >= 0 else -45
-    look = {"facecolor": color, "edgecolor": color, "alpha": 0.6}
-    ax.add_patch(Ellipse(place, long, short, angle=angle, **look))
-
-
-def _write(ax: Axes, place: tuple[int, int], text: str) -> None:
-    ax.text(*place, text, ha="center", va="center", fontsize=7.5)
-
-
-def _number(value: float) -> str:
-    rounded = np.round(value, 2) + 0.0  # -0.00 would be a sign without a number
-    return f"{rounded:.2f}".replace("-", "−") if np.isfinite(value) else "–"

@@ -17,14 +17,16 @@ from calibration.fitting.curves import (
     yield_velocity,
 )
 from calibration.plots import style
-from calibration.plots.lines import Line
+from calibration.plots.lines import NO_VALUE, Line
 
 FINE = 240  # points of a curve
+FEW = 30  # points that are drawn as such
 EQ_17 = "Eq. (17)"
 ZHOU = "this model, fitted"
-ORDER = ("data", "this model, fitted", EQ_17)  # in a legend
+ORDER = ("data", ZHOU, EQ_17)  # in a legend
 INVISIBLE = 1e-6  # width of a band that nobody sees: data without scatter
 FLAGGED = ~(int(sj.Status.ELASTIC) | int(sj.Status.PLAIN))
+EPSILON = r"restitution $\varepsilon$"
 
 
 def plot_curve(
@@ -35,7 +37,7 @@ def plot_curve(
     ratio: bool = False,
     from_rest: bool = False,
 ) -> Axes:
-    """Data with error bars, Eq. (17), the fit with its band, and `lines` beside them.
+    """Data with error bars, Eq. (17), the fit with its bands, and `lines` beside them.
 
     Args:
         result: a `FitResult`.
@@ -47,20 +49,30 @@ def plot_curve(
     """
     ax = style.axes_or_new(ax)
     fit = result.material(name)
-    scale = _scale(fit, ratio)
-    logarithmic = style.spans_decades(fit.data.velocity) and not from_rest
-    velocity = fit.data.velocity if of_each_impact(fit) else _fine(fit, logarithmic, from_rest)
-    _fitted(ax, result, fit, velocity, scale)
+    data, scale = fit.data, _scale(fit, ratio)
+    logarithmic = style.spans_decades(data.velocity) and not from_rest
+    velocity = data.velocity if of_each_impact(fit) else _fine(data, logarithmic, from_rest)
+    _plot_fit(ax, result, fit, velocity, scale)
     for line in lines:
-        _beside(ax, line, velocity, scale)
-    plot_data(ax, fit.data, scale)
-    _flagged(ax, fit, scale)
+        x, value = _sorted(velocity / scale, line.value(velocity))
+        look: dict[str, Any] = {"color": line.color, "linestyle": line.linestyle, "linewidth": 1.4}
+        ax.plot(x, value, label=line.label, zorder=1.5, **look)
+        last = np.flatnonzero(np.isfinite(value))[-1:]
+        if last.size and last[0] < len(x) - 1:
+            look = {"color": line.color, "marker": "X", "markersize": 8, "linestyle": "none"}
+            ax.plot(x[last], value[last], label="no solution beyond", **look)
+    plot_data(ax, data, scale)
+    flagged = np.flatnonzero(np.asarray(fit.status, int) & FLAGGED)
+    if len(flagged):
+        label = "data where the law's status is not plain"
+        look = {"linestyle": "none", "marker": "x", "color": style.VERMILION}
+        ax.plot((data.velocity / scale)[flagged], data.restitution[flagged], label=label, **look)
     critical = yield_velocity(fit.law)
     yields = None if critical is None else critical / float(scale)
-    style.mark_velocity(ax, yields, fit.data.velocity / scale, "first yield")
+    style.mark_velocity(ax, yields, data.velocity / scale, "first yield")
     if logarithmic:
         style.logarithmic_x(ax)
-    ax.set(xlabel=velocity_label(ratio), ylabel=r"restitution $\varepsilon$")
+    ax.set(xlabel=velocity_label(ratio), ylabel=EPSILON)
     return ax
 
 
@@ -78,10 +90,8 @@ def plot_residuals(
     ax.axhline(0.0, color=style.GREY, linewidth=0.8)
     for line in lines:
         if line.residuals:
-            left = data.restitution - line.value(data.velocity)
-            ax.plot(
-                *_by_velocity(x, left), color=line.color, linestyle=line.linestyle, linewidth=1.2
-            )
+            left = _sorted(x, data.restitution - line.value(data.velocity))
+            ax.plot(*left, color=line.color, linestyle=line.linestyle, linewidth=1.2)
     left = data.restitution - result.band(data.velocity, fit.name).coefficient
     ax.errorbar(x, left, yerr=data.uncertainty, **_marks(style.BLUE, "s"))
     ax.set(xlabel=velocity_label(ratio), ylabel="data − fit")
@@ -89,90 +99,86 @@ def plot_residuals(
     return ax
 
 
-def velocity_label(ratio: bool) -> str:
+def plot_restitution(
+    rows: Any,
+    label: str,
+    ax: Axes | None = None,
+    yields_at: float | None = None,
+    result: Any = None,
+) -> Axes:
+    """ε over v; gaps where the law has no rebound; grey where a fit does not determine it.
+
+    Args:
+        rows: a curve, `calibration.curves.Rows` by ascending velocity.
+        label: what it is a curve of.
+        ax: where to draw; a new figure's where None.
+        yields_at: a velocity [m/s], marked where it lies inside.
+        result: `MaterialFit` and confidence of the fit that it is of, with its data; None for none.
+    """
+    ax = style.axes_or_new(ax, 6.0, 4.0)
+    v = rows.velocity
+    if result is not None:
+        fit, confidence = result
+        band: dict[str, Any] = {"color": style.BLUE, "alpha": 0.25, "linewidth": 0}
+        ax.fill_between(
+            v, rows.low, rows.high, label=f"{100 * confidence:g} %, of the mean", **band
+        )
+        plot_data(ax, fit.data)
+        known = np.flatnonzero(np.isfinite(rows.coefficient))
+        look: dict[str, Any] = {"color": style.GREY, "alpha": 0.15, "linewidth": 0}
+        for ends in ((v[0], v[known[0]]), (v[known[-1]], v[-1])):
+            if ends[0] < ends[1]:
+                ax.axvspan(*ends, label="not known", **look)
+    none = rows.status.astype(int) & int(NO_VALUE) != 0
+    look = {"color": style.BLUE, "marker": "o" if len(v) < FEW else "", "markersize": 4}
+    ax.plot(v, np.where(none, np.nan, rows.coefficient), label=style.plain(label), **look)
+    style.mark_velocity(ax, yields_at, v, "first yield")
+    ax.set(xlabel=velocity_label(), ylabel=EPSILON)
+    if style.spans_decades(v):
+        style.logarithmic_x(ax)
+    ax.legend(frameon=False)
+    return ax
+
+
+def plot_data(ax: Axes, data: RestitutionData, scale: np.ndarray | float = 1.0) -> None:
+    """Measured ε with its error bars over v/scale."""
+    across = None if data.velocity_uncertainty is None else data.velocity_uncertainty / scale
+    errors = {"yerr": data.uncertainty, "xerr": across}
+    look = _marks(style.BLACK, "o")
+    ax.errorbar(data.velocity / scale, data.restitution, label="data", **errors, **look)
+
+
+def velocity_label(ratio: bool = False) -> str:
     return r"$y = v/v_\mathrm{cr}$" if ratio else "impact velocity $v$ [m/s]"
 
 
-def _beside(ax: Axes, line: Line, velocity, scale) -> None:
-    """One further curve; a cross where it ends before the data do."""
-    x, value = _by_velocity(velocity / scale, line.value(velocity))
-    look: dict[str, Any] = {"color": line.color, "linestyle": line.linestyle, "linewidth": 1.4}
-    ax.plot(x, value, label=line.label, zorder=1.5, **look)
-    last = np.flatnonzero(np.isfinite(value))[-1:]
-    if last.size and last[0] < len(x) - 1:
-        ax.plot(
-            x[last],
-            value[last],
-            color=line.color,
-            marker="X",
-            markersize=8,
-            linestyle="none",
-            label="no solution beyond",
-        )
-
-
-def _fitted(ax: Axes, result, fit, velocity, scale) -> None:
+def _plot_fit(ax: Axes, result, fit, velocity, scale) -> None:
+    """Eq. (17), the fitted law, and its bands where they can be seen."""
     ratio, band = velocity / scale, result.band(velocity, fit.name)
     if fit.empirical is not None and fit.model.key != "eq-17":
         empirical = curve_and_slopes(as_empirical(fit), velocity)[0]
         look: dict[str, Any] = {"color": style.ORANGE, "linestyle": "--", "zorder": 4}
-        ax.plot(*_by_velocity(ratio, empirical), label=EQ_17, **look)
+        ax.plot(*_sorted(ratio, empirical), label=EQ_17, **look)
     label = ZHOU if fit.model.key == "zhou" else f"{label_of_law(fit.model)}, fitted"
-    ax.plot(*_by_velocity(ratio, band.coefficient), color=style.BLUE, label=label, linewidth=1.8)
+    ax.plot(*_sorted(ratio, band.coefficient), color=style.BLUE, label=label, linewidth=1.8)
     if not np.nanmax(band.high - band.low, initial=0.0) > INVISIBLE:
         return
     share = f"{100 * result.confidence:g} %"
     wide = result.band(velocity, fit.name, kind="prediction")
     for one, alpha, what in ((wide, 0.1, "one more measurement"), (band, 0.3, "of the mean")):
-        x, low, high = _by_velocity(ratio, one.low, one.high)
-        label = f"{share}, {what}"
-        ax.fill_between(x, low, high, color=style.BLUE, linewidth=0, alpha=alpha, label=label)
+        look = {"color": style.BLUE, "linewidth": 0, "alpha": alpha, "label": f"{share}, {what}"}
+        ax.fill_between(*_sorted(ratio, one.low, one.high), **look)
 
 
-def _by_velocity(velocity: np.ndarray, *columns: np.ndarray) -> list[np.ndarray]:
-    """Ascending, and what belongs to them."""
+def _sorted(velocity: np.ndarray, *columns: np.ndarray) -> list[np.ndarray]:
+    """Ascending velocities, and what belongs to them."""
     order = np.argsort(velocity, kind="stable")
     return [column[order] for column in (velocity, *columns)]
 
 
-def plot_data(ax: Axes, data: RestitutionData, scale: np.ndarray | float = 1.0) -> None:
-    """Measured ε with its error bars over v/scale."""
-    ax.errorbar(
-        data.velocity / scale,
-        data.restitution,
-        yerr=data.uncertainty,
-        xerr=None if data.velocity_uncertainty is None else data.velocity_uncertainty / scale,
-        label="data",
-        **_marks(style.BLACK, "o"),
-    )
-
-
-def _flagged(ax: Axes, fit, scale) -> None:
-    """Crosses over the points at which the law's status is not plain."""
-    x = fit.data.velocity / scale
-    status = np.asarray(fit.status, int)  # empty for a curve that no law is behind
-    flagged = np.flatnonzero(status & FLAGGED)
-    if len(flagged):
-        ax.plot(
-            x[flagged],
-            fit.data.restitution[flagged],
-            linestyle="none",
-            marker="x",
-            color=style.VERMILION,
-            label="data where the law's status is not plain",
-        )
-
-
 def _marks(color: str, marker: str) -> dict[str, Any]:
-    return {
-        "fmt": marker,
-        "color": color,
-        "markerfacecolor": "white",
-        "markersize": 3.5,
-        "markeredgewidth": 0.8,
-        "elinewidth": 0.8,
-        "zorder": 3,
-    }
+    look = {"fmt": marker, "color": color, "markerfacecolor": "white", "markersize": 3.5}
+    return {**look, "markeredgewidth": 0.8, "elinewidth": 0.8, "zorder": 3}
 
 
 def _scale(fit, ratio: bool) -> np.ndarray:
@@ -182,9 +188,9 @@ def _scale(fit, ratio: bool) -> np.ndarray:
     return np.asarray(fit.contact.critical_velocity if ratio else 1.0)
 
 
-def _fine(fit, logarithmic: bool, from_rest: bool) -> np.ndarray:
+def _fine(data: RestitutionData, logarithmic: bool, from_rest: bool) -> np.ndarray:
     """Velocities of a curve, closer together where it is steep."""
-    low, high = float(np.min(fit.data.velocity)), float(np.max(fit.data.velocity))
+    low, high = float(np.min(data.velocity)), float(np.max(data.velocity))
     if logarithmic:
         return np.geomspace(low, high, FINE)
     low = 0.0 if from_rest else low

@@ -1,10 +1,9 @@
-"""Whole figures: one panel a material, residuals below it, one legend for all."""
+"""Whole figures of a fit: one panel a data set or parameter, and one legend for all."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from calibration import symbols
@@ -14,11 +13,8 @@ from calibration.plots.curves import ORDER, plot_curve, plot_residuals
 from calibration.plots.lines import Line
 from calibration.plots.profiles import plot_profile
 
-PANEL = (4.2, 4.4)  # inches, residuals included
-LEGEND_ROW = 0.25  # inches
 CELL = 0.95  # inches, of two parameters' ellipse
 LETTER = 0.09  # inches, of a name beside it
-MOST = 24  # panels of one picture: nobody reads more, and a hundred take a minute to draw
 
 
 def curves_figure(
@@ -36,31 +32,26 @@ def curves_figure(
         ratio, from_rest: as `plot_curve` takes them.
         title: above all panels.
     """
-    lines = lines or {}
-    shown = result.materials[:MOST]
-    rows, columns = style.grid_shape(len(shown))
-    figure = style.new_figure(max(PANEL[0] * columns, 5.5), PANEL[1] * rows + 3 * LEGEND_ROW)
-    grid: Any = figure.subplots(2 * rows, columns, squeeze=False, height_ratios=[2.6, 1] * rows)
-    drawn = []
-    for i, fit in enumerate(shown):
-        row, column = divmod(i, columns)
-        upper, lower = grid[2 * row, column], grid[2 * row + 1, column]
-        more = lines.get(fit.name, ())
+    count = len(result.materials)
+    figure, grid = style.panels(count, (4.2, 4.4), "data sets", (2.6, 1), 0.75)
+    for fit, (upper, lower) in zip(result.materials, grid, strict=False):
+        more = (lines or {}).get(fit.name, ())
         plot_curve(result, fit.name, upper, more, ratio, from_rest)
         plot_residuals(result, fit.name, lower, more, ratio)
-        _join(upper, lower, fit, column)
-        drawn.append(upper)
-    _remove_empty(grid)
-    style.legend_below(figure, drawn, columns=4 if columns > 2 else 2, first=ORDER)
-    cut = _cut(len(shown), len(result.materials), "data sets")
-    if title or cut:
-        figure.suptitle(". ".join(filter(None, (title, cut))), fontsize="medium")
+        if upper.get_xscale() == "log":
+            style.logarithmic_x(lower)
+        lower.set_xlim(upper.get_xlim())
+        upper.tick_params(labelbottom=False)
+        mark = "" if fit.converged else " (NOT CONVERGED)"
+        upper.set(xlabel="", title=f"{style.plain(fit.name)}{mark}")
+        if not upper.get_subplotspec().is_first_col():
+            upper.set_ylabel("")
+            lower.set_ylabel("")
+    columns = upper.get_subplotspec().get_gridspec().ncols
+    style.legend_below(figure, list(grid[:, 0]), 4 if columns > 2 else 2, ORDER)
+    if title:
+        figure.suptitle(". ".join(filter(None, (title, figure.get_suptitle()))), fontsize="medium")
     return figure
-
-
-def _cut(shown: int, count: int, what: str) -> str | None:
-    """What is said above a picture that does not show all."""
-    return f"the first {shown} of {count} {what}: all are in fit.json" if shown < count else None
 
 
 def profiles_figure(result: Any) -> Figure | None:
@@ -68,17 +59,11 @@ def profiles_figure(result: Any) -> Figure | None:
     profiles = {label: one for label, one in result.profiles.items() if len(set(one.values)) > 1}
     if not profiles:
         return None
-    cut = _cut(min(len(profiles), MOST), len(profiles), "profiles")
-    profiles = dict(list(profiles.items())[:MOST])
-    rows, columns = style.grid_shape(len(profiles))
-    figure = style.new_figure(max(3.4 * columns, 5.5), 2.8 * rows + 2 * LEGEND_ROW)
-    grid = figure.subplots(rows, columns, squeeze=False)
-    for ax, (label, profile) in zip(grid.flat, profiles.items(), strict=False):
+    figure, grid = style.panels(len(profiles), (3.4, 2.8), "profiles")
+    for (label, profile), (ax,) in zip(profiles.items(), grid, strict=False):
         plot_profile(profile, result.estimates.get(label), ax, _model(result, label))
-    _remove_empty(grid)
-    style.legend_below(figure, list(figure.axes), columns=4 if columns > 2 else 2)
-    if cut:
-        figure.suptitle(cut, fontsize="medium")
+    columns = ax.get_subplotspec().get_gridspec().ncols
+    style.legend_below(figure, list(grid.flat), 4 if columns > 2 else 2)
     return figure
 
 
@@ -88,26 +73,25 @@ def correlation_figure(result: Any) -> Figure | None:
     A panel a data set; data sets that share parameters have one together. A parameter at its bound
     has no correlations.
     """
-    blocks = [block for block in _blocks(result) if _has_correlations(result, block[1])]
+    place = {label: k for k, label in enumerate(result.covariance_names)}
+    blocks = []
+    for owner, labels in _blocks(result):
+        order = [place[label] for label in labels]
+        matrix = result.correlations[np.ix_(order, order)]
+        if np.any(np.isfinite(np.triu(matrix, 1)) & np.triu(np.ones_like(matrix, bool), 1)):
+            blocks.append((owner, labels, matrix))
     if not blocks:
         return None
-    cut = _cut(min(len(blocks), MOST), len(blocks), "data sets")
-    blocks = blocks[:MOST]
-    rows, columns = style.grid_shape(len(blocks))
-    room = max(len(_symbol(result, label, not owner)) for owner, own in blocks for label in own)
-    size = max(0.8, LETTER * room) + CELL * max(len(labels) for _, labels in blocks)
-    figure = style.new_figure(size * columns, (size + LEGEND_ROW) * rows)
-    grid = figure.subplots(rows, columns, squeeze=False)
-    place = {label: k for k, label in enumerate(result.covariance_names)}
-    for ax, (owner, labels) in zip(grid.flat, blocks, strict=False):
-        order = [place[label] for label in labels]
-        names = [_symbol(result, label, not owner) for label in labels]
-        told = [str(result.estimates.get(label)) for label in labels]
-        plot_correlations(result.correlations[np.ix_(order, order)], names, ax, told)
+    names = [[_symbol(result, label, not owner) for label in own] for owner, own, _ in blocks]
+    room = max(len(name) for own in names for name in own)
+    size = max(0.8, LETTER * room) + CELL * max(map(len, names))
+    figure, grid = style.panels(len(blocks), (size, size + 0.25), "data sets", legend=0.0)
+    if len(blocks) == 1:
+        figure.set_figwidth(size)
+    for (owner, labels, matrix), own, (ax,) in zip(blocks, names, grid, strict=False):
+        texts = [str(result.estimates.get(label)) for label in labels]
+        plot_correlations(matrix, own, ax, texts)
         ax.set_title(style.plain(owner))
-    _remove_empty(grid)
-    if cut:
-        figure.suptitle(cut, fontsize="medium")
     return figure
 
 
@@ -125,14 +109,7 @@ def _blocks(result: Any) -> list[tuple[str, list[str]]]:
             owners, labels = block[0] + owners, list(dict.fromkeys(block[1] + labels))
         blocks.append((owners, labels))
     alone = len(result.materials) == 1
-    return [(names[0] if len(names) == 1 and not alone else "", of) for names, of in blocks]
-
-
-def _has_correlations(result: Any, labels: list[str]) -> bool:
-    """Whether two of them have one."""
-    place = [result.covariance_names.index(label) for label in labels]
-    known = np.isfinite(result.correlations[np.ix_(place, place)])
-    return bool(np.any(np.triu(known, 1)))
+    return [(names[0] if len(names) == 1 and not alone else "", own) for names, own in blocks]
 
 
 def _symbol(result: Any, label: str, with_owner: bool) -> str:
@@ -142,27 +119,7 @@ def _symbol(result: Any, label: str, with_owner: bool) -> str:
     return f"{symbol}, {style.plain(own)}" if with_owner and owner else symbol
 
 
-def _join(upper: Axes, lower: Axes, fit: Any, column: int) -> None:
-    """One x axis for a curve and its residuals, and the panel's title."""
-    if upper.get_xscale() == "log":
-        style.logarithmic_x(lower)
-    lower.set_xlim(upper.get_xlim())
-    upper.tick_params(labelbottom=False)
-    upper.set_xlabel("")
-    mark = "" if fit.converged else " (NOT CONVERGED)"
-    upper.set_title(f"{style.plain(fit.name)}{mark}")
-    if column:
-        upper.set_ylabel("")
-        lower.set_ylabel("")
-
-
-def _remove_empty(grid: Any) -> None:
-    for ax in grid.flat:
-        if not ax.has_data():
-            ax.remove()
-
-
 def _model(result: Any, label: str) -> Any:
-    """What is known of the law that a label belongs to."""
+    """The law that a label belongs to, as a fit sees it."""
     owners = [fit for fit in result.materials if label in fit.labels.values()]
     return (owners or result.materials)[0].model

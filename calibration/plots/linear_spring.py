@@ -10,6 +10,7 @@ Source: T. Schwager and T. Pöschel, Granular Matter 9, 465 (2007).
 """
 
 import math
+from typing import Any
 
 import numpy as np
 from jaxtyping import ArrayLike, Float
@@ -39,31 +40,15 @@ def linear_figure() -> Figure:
 def plot_duration(ax: Axes | None = None) -> Axes:
     """T ω0/π over the ε that goes in, for both ends: closed form, and the force law integrated."""
     ax = style.axes_or_new(ax)
-    restitution = np.geomspace(1e-3, 1.0, 400)
+    fine = np.geomspace(1e-3, 1.0, 400)
     for end, (color, linestyle, marker, label) in LOOKS.items():
-        ax.plot(
-            restitution,
-            duration(restitution, end) / np.pi,
-            color=color,
-            linestyle=linestyle,
-            label=label,
-        )
-        ax.plot(
-            INTEGRATED,
-            integrated_duration(INTEGRATED, end) / np.pi,
-            marker,
-            color=color,
-            markerfacecolor="white",
-            markersize=5,
-            label="the same, integrated",
-        )
+        ax.plot(fine, duration(fine, end) / np.pi, linestyle, color=color, label=label)
+        points = _integrated_duration(INTEGRATED, end) / np.pi
+        look: dict[str, Any] = {"color": color, "markerfacecolor": "white", "markersize": 5}
+        ax.plot(INTEGRATED, points, marker, label="the same, integrated", **look)
     ax.axhline(2 / np.pi, color=style.GREY, linestyle=":", label=r"$2/\omega_0$")
-    ax.set(
-        xlabel=r"restitution $\varepsilon$ that goes in",
-        ylabel=r"contact duration $T \omega_0/\pi$",
-        title="Linear spring with dashpot",
-        ylim=(0.5, 2.6),
-    )
+    across, up = r"restitution $\varepsilon$ that goes in", r"contact duration $T \omega_0/\pi$"
+    ax.set(xlabel=across, ylabel=up, title="Linear spring with dashpot", ylim=(0.5, 2.6))
     style.logarithmic_x(ax, room=2.0)
     ax.legend(frameon=False)
     return ax
@@ -84,26 +69,16 @@ def plot_forces(ax: Axes | None = None) -> Axes:
     hertz = np.asarray(sj.Hertz(pair).loading_force(overlap))
     # ½ K δ² = (2/5) k δ^{5/2}: another K for every impact velocity
     spring = 0.8 * float(pair.stiffness) * deepest**0.5 * overlap
-    ax.plot(
-        overlap / deepest, hertz / hertz[-1], color=style.BLACK, label=r"Hertz, $k\delta^{3/2}$"
-    )
-    ax.plot(
-        overlap / deepest,
-        spring / hertz[-1],
-        color=style.VERMILION,
-        linestyle="--",
-        label="linear spring of the same work",
-    )
-    ax.set(
-        xlabel=r"overlap $\delta/\delta_\mathrm{max}$",
-        ylabel=r"force $P/(k\delta_\mathrm{max}^{3/2})$",
-        title="Without a dashpot",
-    )
+    words = r"Hertz, $k\delta^{3/2}$", "linear spring of the same work"
+    ax.plot(overlap / deepest, hertz / hertz[-1], color=style.BLACK, label=words[0])
+    ax.plot(overlap / deepest, spring / hertz[-1], "--", color=style.VERMILION, label=words[1])
+    across, up = r"overlap $\delta/\delta_\mathrm{max}$", r"force $P/(k\delta_\mathrm{max}^{3/2})$"
+    ax.set(xlabel=across, ylabel=up, title="Without a dashpot")
     ax.legend(frameon=False)
     return ax
 
 
-def integrated_duration(restitution, end: str) -> np.ndarray:
+def _integrated_duration(restitution, end: str) -> np.ndarray:
     """ω0 T [-] of the law's equation of motion."""
     pair = _pair()
     law = sj.LinearSpringDashpot(pair, STIFFNESS, restitution, end)
@@ -112,5 +87,4 @@ def integrated_duration(restitution, end: str) -> np.ndarray:
 
 
 def _pair() -> sj.Contact:
-    steel = sj.STAINLESS_STEEL
-    return sj.Contact.between_spheres(steel, steel, 0.0127, 0.0127)
+    return sj.Contact.between_spheres(sj.STAINLESS_STEEL, sj.STAINLESS_STEEL, 0.0127, 0.0127)

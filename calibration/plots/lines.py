@@ -20,8 +20,6 @@ NO_VALUE = (
     | sj.Status.ABOVE_LIMIT_VELOCITY
     | sj.Status.INVALID_INPUT
 )
-
-
 PADDING = 256
 
 
@@ -49,29 +47,24 @@ def lines_of(result: Any, with_paper: bool = False) -> dict[str, tuple[Line, ...
     entries = {entry.name: entry for entry in paper.TABLE_1} if with_paper else {}
     lines: dict[str, tuple[Line, ...]] = {}
     for fit in result.materials:
-        own: tuple[Line, ...] = ()
-        if fit.name in entries:
-            own += paper_lines(fit.contact, entries[fit.name])
+        own = _paper_lines(fit.contact, entries[fit.name]) if fit.name in entries else ()
         if shared is not None and len(shared.chi) > 2 and fit.name in shared.chi:
-            own += (on_line(result, fit, shared.chi[fit.name].value),)
+            own += (_on_line(fit, shared.chi[fit.name].value),)
         lines[fit.name] = own
     return lines
 
 
-def padded(velocity: np.ndarray) -> np.ndarray:
-    """Velocities followed by some zeros: a curve and its residuals are compiled once for all."""
-    count = PADDING * (len(velocity) // PADDING + 1)
-    return np.concatenate([velocity, np.zeros(count - len(velocity))])
-
-
 def law_values(law: sj.ContactLaw, velocity: np.ndarray) -> np.ndarray:
     """ε of a law, NaN where its status says that it has none."""
-    curve = sj.restitution(law, padded(velocity))
+    count = len(velocity)
+    # followed by zeros: a curve and its residuals are compiled once for all
+    padded = np.pad(velocity, (0, PADDING * (count // PADDING + 1) - count))
+    curve = sj.restitution(law, padded)
     none = np.asarray(curve.status) & int(NO_VALUE) != 0
-    return np.where(none, np.nan, np.asarray(curve.coefficient))[: len(velocity)]
+    return np.where(none, np.nan, np.asarray(curve.coefficient))[:count]
 
 
-def on_line(result: Any, fit: Any, chi: float) -> Line:
+def _on_line(fit: Any, chi: float) -> Line:
     """The fitted law with χ̃ = c1 + c2 E/Y of Eq. (18) in place of its own."""
     moved = replace(fit, values={**fit.values, "chi": chi})
 
@@ -84,26 +77,26 @@ def on_line(result: Any, fit: Any, chi: float) -> Line:
     return Line(label, value, style.SKY, "-.", residuals=True)
 
 
-def paper_lines(contact: sj.Contact, entry: paper.TableEntry) -> tuple[Line, ...]:
+def _paper_lines(contact: sj.Contact, entry: paper.TableEntry) -> tuple[Line, ...]:
     """What Fig. 2 compares with: the model as printed, and Thornton's formula."""
     printed = sj.Zhou(contact, entry.chi, entry.sigma, entry.psi, kappa="printed")
     as_printed = replace(contact, area="zhou")
     thornton = jax.jit(thornton_restitution, static_argnames="area")
+    own = r"this model, printed $\kappa$ and Table 1's $\tilde\chi$"
+    at_paper, at_hertz = (
+        rf"Thornton, yield at {velocity}"
+        for velocity in (r"the paper's $v_\mathrm{cr}$", "Hertz's $V_y$")
+    )
     return (
+        Line(own, lambda v: law_values(printed, v), style.VERMILION, (0, (6, 2))),
         Line(
-            r"this model, printed $\kappa$ and Table 1's $\tilde\chi$",
-            lambda v: law_values(printed, v),
-            style.VERMILION,
-            (0, (6, 2)),
-        ),
-        Line(
-            r"Thornton, yield at the paper's $v_\mathrm{cr}$",
+            at_paper,
             lambda v: np.asarray(thornton(as_printed, v, area="contact")),
             style.GREEN,
             (0, (3, 1, 1, 1)),
         ),
         Line(
-            r"Thornton, yield at Hertz's $V_y$",
+            at_hertz,
             lambda v: np.asarray(thornton(contact, v, area="hertz")),
             style.PURPLE,
             (0, (1, 1)),

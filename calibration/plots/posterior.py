@@ -20,50 +20,46 @@ TAIL = 0.002  # of the draws, on either side, beyond the axis
 
 
 def posterior_figure(
-    posterior: Any,
-    result: Any = None,
-    names: Sequence[str] | None = None,
+    posterior: Any, result: Any = None, names: Sequence[str] | None = None
 ) -> Figure:
     """Histograms on the diagonal, draws of each pair below it.
 
     Args:
         posterior: draws as ArviZ data; those that diverged are marked.
         result: the `FitResult` whose values and intervals are drawn in.
-        names: which; the first eight where None.
+        names: which parameters; the first eight where None.
     """
-    draws = {str(k): v.values for k, v in dataset_of(posterior, "posterior").data_vars.items()}
-    diverging = np.asarray(dataset_of(posterior, "sample_stats")["diverging"])
+    draws = {str(k): np.ravel(v) for k, v in dataset_of(posterior, "posterior").data_vars.items()}
+    diverging = np.ravel(dataset_of(posterior, "sample_stats")["diverging"])
     names = list(draws)[:MOST] if names is None else list(names)
     count = len(names)
     figure = style.new_figure(max(CELL * count, 5.0), max(CELL * count, 4.0) + 0.4)
     grid = figure.subplots(count, count, squeeze=False)
-    values = {name: np.ravel(draws[name]) for name in names}
-    scales = {name: style.spans_decades(_middle(v)) for name, v in values.items()}
+    ends = {name: _ends(draws[name]) for name in names}
+    scales = {name: style.spans_decades(np.array(ends[name])) for name in names}
     for row, column in np.ndindex(count, count):
         ax, x, y = grid[row, column], names[column], names[row]
         if row < column:
             ax.remove()
             continue
         if row == column:
-            _histogram(ax, values[x], scales[x])
+            space = np.geomspace if scales[x] else np.linspace
+            ax.hist(draws[x], space(*ends[x], BINS), color=style.SKY, label="draws")
+            ax.set_yticks([])
         else:
-            _pair(ax, values[x], values[y], np.ravel(diverging))
-            _limits(ax, values[y], scales[y], "y")
-        _limits(ax, values[x], scales[x], "x")
-        _of_fit(ax, result, x, None if row == column else y)
-        _labelled(ax, x, y, row, column, count)
+            _plot_pair(ax, draws[x], draws[y], diverging)
+            _limit(ax, "y", ends[y], scales[y])
+        _limit(ax, "x", ends[x], scales[x])
+        if result is not None:
+            _plot_fit(ax, result.estimates.get(x), result.estimates.get(y), x != y)
+        ax.tick_params(labelbottom=row == count - 1, labelleft=column == 0 < row)
+        ax.set_xlabel(_label(x, result) if row == count - 1 else "")
+        ax.set_ylabel(_label(y, result) if column == 0 < row else "")
     style.legend_below(figure, list(figure.axes), columns=4)
     return figure
 
 
-def _histogram(ax: Axes, values: np.ndarray, logarithmic: bool) -> None:
-    low, high = _ends(values)
-    space = np.geomspace if logarithmic else np.linspace
-    ax.hist(values, space(low, high, BINS), color=style.SKY, label="draws")
-    ax.set_yticks([])
-
-
-def _pair(ax: Axes, x: np.ndarray, y: np.ndarray, diverging: np.ndarray) -> None:
+def _plot_pair(ax: Axes, x: np.ndarray, y: np.ndarray, diverging: np.ndarray) -> None:
     step = max(1, len(x) // SHOWN)
     look: dict[str, Any] = {"linestyle": "none", "marker": "."}
     ax.plot(x[::step], y[::step], color=style.SKY, markersize=2, alpha=0.5, **look)
@@ -71,46 +67,35 @@ def _pair(ax: Axes, x: np.ndarray, y: np.ndarray, diverging: np.ndarray) -> None
         ax.plot(x[diverging], y[diverging], color=style.VERMILION, label="diverged", **look)
 
 
-def _limits(ax: Axes, values: np.ndarray, logarithmic: bool, which: str) -> None:
+def _limit(ax: Axes, which: str, ends: tuple[float, float], logarithmic: bool) -> None:
     if logarithmic:
         getattr(ax, f"set_{which}scale")("log")
     else:
         getattr(ax, f"{which}axis").set_major_locator(MaxNLocator(3))
-    getattr(ax, f"set_{which}lim")(*_ends(values))
+    getattr(ax, f"set_{which}lim")(*ends)
 
 
-def _of_fit(ax: Axes, result: Any, x: str, y: str | None) -> None:
-    """The fit's value, a cross in a pair's panel, and its interval."""
-    if result is None or x not in result.estimates:
+def _plot_fit(ax: Axes, one: Any, other: Any, in_pair: bool) -> None:
+    """The fit's value, a cross in a pair's panel, else a line beside its interval's ends."""
+    if one is None or one.value is None:
         return
-    one = result.estimates[x]
-    if y is not None:
-        other = result.estimates.get(y)
-        if other is not None and None not in (one.value, other.value):
+    if in_pair:
+        if other is not None and other.value is not None:
             ax.plot(one.value, other.value, "+", color=style.BLACK, markersize=9, label="fit")
         return
-    if one.value is not None:
-        ax.axvline(one.value, color=style.BLACK, linewidth=1, label="fit")
+    ax.axvline(one.value, color=style.BLACK, linewidth=1, label="fit")
     for end in (one.low, one.high):
         if end is not None and np.isfinite(end):
             look: dict[str, Any] = {"linestyle": "-.", "linewidth": 1}
             ax.axvline(end, color=style.GREY, label="the fit's interval", **look)
 
 
-def _labelled(ax: Axes, x: str, y: str, row: int, column: int, count: int) -> None:
-    if row == count - 1:
-        ax.set_xlabel(symbols.math(x))
-    else:
-        ax.tick_params(labelbottom=False)
-    if column == 0 and row:
-        ax.set_ylabel(symbols.math(y))
-    else:
-        ax.tick_params(labelleft=False)
-
-
-def _middle(values: np.ndarray) -> np.ndarray:
-    low, high = np.quantile(values, [TAIL, 1 - TAIL])
-    return values[(values >= low) & (values <= high)]
+def _label(name: str, result: Any) -> str:
+    """The symbol with its unit, the data set below it."""
+    base, _, owner = name.removesuffix("]").partition("[")
+    fits = [] if result is None else [fit for fit in result.materials if owner in ("", fit.name)]
+    symbol = symbols.math(base, fits[0].model if fits else None)
+    return f"{symbol}\n{style.plain(style.shortened(owner))}" if owner else symbol
 
 
 def _ends(values: np.ndarray) -> tuple[float, float]:

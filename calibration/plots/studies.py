@@ -1,5 +1,6 @@
 """Sensitivities, designs and Sobol indices drawn."""
 
+from collections.abc import Sequence
 from itertools import cycle
 from typing import Any
 
@@ -8,48 +9,45 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from calibration.plots import style
-from calibration.studies.design import Design
-from calibration.studies.local import Sensitivities
-from calibration.studies.sobol import SobolIndices
+from calibration.plots.curves import velocity_label
 from calibration.symbols import in_math
 
-COLORS = (
-    style.BLUE,
-    style.ORANGE,
-    style.GREEN,
-    style.VERMILION,
-    style.SKY,
-    style.PURPLE,
-    style.BLACK,
-    style.GREY,
-)
+COLORS = (style.BLUE, style.ORANGE, style.GREEN, style.VERMILION)
+COLORS += (style.SKY, style.PURPLE, style.BLACK, style.GREY)
 STYLES = ("-", "--", "-.", (0, (1, 1)), (0, (5, 1, 1, 1, 1, 1)))
 NOTHING = 1e-12  # a sensitivity smaller than this is none
 EFFECT = r"$\theta\,\partial\varepsilon/\partial\theta$"
 
 
 def plot_sensitivities(
-    found: Sensitivities, ax: Axes | None = None, critical_velocity: float | None = None
+    found: Any, ax: Axes | None = None, critical_velocity: float | None = None
 ) -> Axes:
     """θ ∂ε/∂θ of every input over velocity; inputs that move nothing are named in the legend.
 
-    With a critical velocity the curves end there and begin anew: at yield they jump.
+    Args:
+        found: `Sensitivities`.
+        critical_velocity: where the curves end and begin anew: at yield they jump.
     """
     ax = style.axes_or_new(ax, 7.0, 4.2)
     letters = [in_math(one.symbol) for one in found.declared.values()]
     acts = np.max(np.abs(found.absolute), axis=0) >= NOTHING
     moving = [letter for letter, one in zip(letters, acts, strict=True) if one]
-    _curves(ax, found.velocity, found.absolute[:, acts], moving, critical_velocity)
+    velocity, slopes, jump = found.velocity, found.absolute[:, acts], critical_velocity
+    place = 0 if jump is None else int(np.searchsorted(velocity, jump))
+    if 0 < place < len(velocity):
+        velocity = np.insert(velocity, place, jump)
+        slopes = np.insert(slopes, place, np.nan, axis=0)
+    _plot_slopes(ax, velocity, slopes, moving)
     if not np.all(acts):
         silent = ", ".join(letter for letter in letters if letter not in moving)
         ax.plot([], [], linestyle="", label=f"none: {silent}")
-    style.mark_velocity(ax, critical_velocity, found.velocity, r"yield, $v_\mathrm{cr}$")
+    style.mark_velocity(ax, jump, found.velocity, r"yield, $v_\mathrm{cr}$")
     ax.axhline(0, color=style.GREY, linewidth=0.6)
     ax.legend(frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
     return ax
 
 
-def plot_tornado(found: Sensitivities, velocity: float, ax: Axes | None = None) -> Axes:
+def plot_tornado(found: Any, velocity: float, ax: Axes | None = None) -> Axes:
     """The inputs at one velocity, the strongest on top: change of ε for one percent of each."""
     ax = style.axes_or_new(ax, 4.0, 3.5)
     ranked = found.ranked(velocity)[::-1]
@@ -64,17 +62,36 @@ def plot_tornado(found: Sensitivities, velocity: float, ax: Axes | None = None) 
     return ax
 
 
-def plot_design(design: Design, ax: Axes | None = None) -> Axes:
-    """θ ∂ε/∂θ of every parameter, where the shots are, and where equally spaced ones would be."""
+def tornado_figure(found: Any) -> Figure:
+    """`plot_tornado` at every velocity."""
+    count = len(found.velocity)
+    figure = style.new_figure(max(3.4 * count, 4.5), 3.6)
+    for ax, v in zip(figure.subplots(1, count, squeeze=False)[0], found.velocity, strict=True):
+        plot_tornado(found, v, ax)
+    return figure
+
+
+def plot_design(design: Any, ax: Axes | None = None) -> Axes:
+    """θ ∂ε/∂θ of every parameter, the shots below them with their number, and equally spaced ones."""
     ax = style.axes_or_new(ax, 6.5, 4.0)
     letters = [in_math(symbol) for symbol in design.symbols]
-    _curves(ax, design.grid, design.slopes, [rf"{EFFECT}, $\theta$ = {one}" for one in letters])
-    _shots(ax, design)
-    told = {
+    labels = [rf"{EFFECT}, $\theta$ = {one}" for one in letters]
+    _plot_slopes(ax, design.grid, design.slopes, labels)
+    bottom, top = float(np.min(design.slopes)), float(np.max(design.slopes))
+    height = (top - bottom) or 1.0
+    ax.set_ylim(bottom - 0.3 * height, top + 0.08 * height)
+    velocity, at = [v for v, _ in design.support], bottom - 0.12 * height
+    ax.plot(velocity, [at] * len(velocity), "^", color=style.BLACK, markersize=9, label="shots")
+    for v, n in design.support:
+        ax.annotate(f"{n}", (v, at), (0, -15), textcoords="offset points", ha="center")
+    even = np.linspace(*design.bounds, len(design.velocity))
+    level = [bottom - 0.26 * height] * len(even)
+    ax.plot(even, level, "|", color=style.GREY, markersize=7, label="equally spaced")
+    criteria = {
         "c": f"standard error of {in_math(design.target_symbol)}",
         "I": "mean standard error of the curve",
     }
-    what = told.get(design.criterion, "criterion as a standard error")
+    what = criteria.get(design.criterion, "criterion as a standard error")
     title = f"{design.criterion}-optimal, {design.objective}:\n{what} is {100 / design.gain:.0f} %"
     ax.set_title(f"{title} of that with equal spacing", fontsize="medium")
     place = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.16), "ncols": 2}
@@ -82,25 +99,18 @@ def plot_design(design: Design, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def plot_sobol(found: SobolIndices, output: int = 0, ax: Axes | None = None) -> Axes:
+def plot_sobol(found: Any, output: int = 0, ax: Axes | None = None) -> Axes:
     """First-order and total indices with bootstrap limits, and the bound from derivatives."""
     ax = style.axes_or_new(ax, 5.0, 3.5)
     place = np.arange(len(found.names))
-    tables = (
-        ("first order", style.BLUE, found.first, found.first_low, found.first_high, -0.2),
-        ("total", style.ORANGE, found.total, found.total_low, found.total_high, 0.2),
-    )
-    for label, color, value, low, high, aside in tables:
-        middle = value[output]
-        reach = np.maximum([middle - low[output], high[output] - middle], 0)
-        bar: dict[str, Any] = {
-            "color": color,
-            "width": 0.36,
-            "label": label,
-            "capsize": 2,
-            "ecolor": style.BLACK,
-        }
-        ax.bar(place + aside, middle, yerr=reach, **bar)
+    for name, label, color, aside in (
+        ("first", "first order", style.BLUE, -0.2),
+        ("total", "total", style.ORANGE, 0.2),
+    ):
+        middle, low, high = (getattr(found, name + end)[output] for end in ("", "_low", "_high"))
+        reach = np.maximum([middle - low, high - middle], 0)
+        look: dict[str, Any] = {"color": color, "width": 0.36, "capsize": 2, "ecolor": style.BLACK}
+        ax.bar(place + aside, middle, yerr=reach, label=label, **look)
     bound = np.where(found.bound[output] <= 1, found.bound[output], np.nan)  # more says nothing
     ax.plot(place + 0.2, bound, "v", color=style.BLACK, label="bound of total")
     # the body of "E wall" below its letter, so that many inputs find room
@@ -112,19 +122,11 @@ def plot_sobol(found: SobolIndices, output: int = 0, ax: Axes | None = None) -> 
     return ax
 
 
-def tornado_figure(found: Sensitivities) -> Figure:
-    """`plot_tornado` at every velocity."""
-    count = len(found.velocity)
-    figure = style.new_figure(max(3.4 * count, 4.5), 3.6)
-    for ax, v in zip(figure.subplots(1, count, squeeze=False)[0], found.velocity, strict=True):
-        plot_tornado(found, v, ax)
-    return figure
-
-
-def sobol_figure(found: SobolIndices, assumed: str = "") -> Figure:
+def sobol_figure(found: Any, assumed: str = "") -> Figure:
     """`plot_sobol` of every output, with one scale that all of them fit, and one legend.
 
     Args:
+        found: `SobolIndices`.
         assumed: what stands above them all, such as how the inputs are spread.
     """
     count, width = len(found.first), max(4.2, 0.4 * len(found.names))
@@ -139,31 +141,11 @@ def sobol_figure(found: SobolIndices, assumed: str = "") -> Figure:
     return figure
 
 
-def _curves(ax: Axes, velocity, slopes, labels, jump: float | None = None) -> None:
-    """One curve a column over velocity, parted where they jump."""
-    place = 0 if jump is None else int(np.searchsorted(velocity, jump))
-    if 0 < place < len(velocity):
-        velocity, slopes = (
-            np.insert(velocity, place, jump),
-            np.insert(slopes, place, np.nan, axis=0),
-        )
-    marks = zip(cycle(COLORS), cycle(STYLES), labels, slopes.T, strict=False)
-    for color, line, label, values in marks:
+def _plot_slopes(ax: Axes, velocity, slopes, labels: Sequence[str]) -> None:
+    """One curve a column over velocity."""
+    looks = zip(cycle(COLORS), cycle(STYLES), labels, slopes.T, strict=False)
+    for color, line, label, values in looks:
         ax.plot(velocity, values, color=color, linestyle=line, label=label)
     if style.spans_decades(velocity):
         style.logarithmic_x(ax)
-    ax.set(xlabel="impact velocity $v$ [m/s]", ylabel=EFFECT)
-
-
-def _shots(ax: Axes, design: Design) -> None:
-    """Shots as marks below the curves, with their number; equally spaced ones beside them."""
-    bottom, top = float(np.min(design.slopes)), float(np.max(design.slopes))
-    height = (top - bottom) or 1.0
-    ax.set_ylim(bottom - 0.3 * height, top + 0.08 * height)
-    velocity, at = [v for v, _ in design.support], bottom - 0.12 * height
-    ax.plot(velocity, [at] * len(velocity), "^", color=style.BLACK, markersize=9, label="shots")
-    for v, n in design.support:
-        ax.annotate(f"{n}", (v, at), (0, -15), textcoords="offset points", ha="center")
-    even = np.linspace(*design.bounds, len(design.velocity))
-    level = [bottom - 0.26 * height] * len(even)
-    ax.plot(even, level, "|", color=style.GREY, markersize=7, label="equally spaced")
+    ax.set(xlabel=velocity_label(), ylabel=EFFECT)

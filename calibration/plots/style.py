@@ -25,6 +25,7 @@ GREY = "#777777"
 
 DPI = 150
 LONGEST = 20  # letters of a name beside a small panel
+MOST = 24  # panels of one picture: nobody reads more, and a hundred take a minute to draw
 LOG_DECADES = 1.5  # data that span more are drawn over a logarithmic axis
 
 
@@ -59,10 +60,40 @@ def shortened(text: str, most: int = LONGEST) -> str:
     return text if len(text) <= most else text[: most - 1] + "…"
 
 
-def grid_shape(count: int, most_columns: int = 3) -> tuple[int, int]:
-    """Rows and columns for `count` panels: as square as `most_columns` allows."""
-    columns = min(most_columns, math.ceil(math.sqrt(count))) if count != 3 else 3
-    return math.ceil(count / columns), columns
+def panels(
+    count: int,
+    size: tuple[float, float],
+    what: str,
+    heights: Sequence[float] = (1.0,),
+    legend: float = 0.5,
+) -> tuple[Figure, Any]:
+    """A figure of as square an array of panels as three columns allow, for `MOST` things at most.
+
+    Args:
+        count: of the things; that some are not shown stands above the panels.
+        size: width and height of a panel [inches].
+        what: the things are, in words.
+        heights: of the axes above each other in a panel, relative.
+        legend: room for the legend [inches].
+
+    Returns:
+        The figure, and its axes: (panels, len(heights)).
+    """
+    shown, deep = min(count, MOST), len(heights)
+    columns = 3 if shown == 3 else min(3, math.ceil(math.sqrt(shown)))
+    rows = math.ceil(shown / columns)
+    figure = new_figure(max(size[0] * columns, 5.5), size[1] * rows + legend)
+    grid: Any = figure.subplots(
+        deep * rows, columns, squeeze=False, height_ratios=[*heights] * rows
+    )
+    each = grid.reshape(rows, deep, columns).swapaxes(1, 2).reshape(-1, deep)
+    for ax in each[shown:].flat:
+        ax.remove()
+    if shown < count:
+        figure.suptitle(
+            f"the first {shown} of {count} {what}: all are in fit.json", fontsize="medium"
+        )
+    return figure, each[:shown]
 
 
 def logarithmic_x(ax: Axes, room: float = 3.2) -> None:
