@@ -15,6 +15,8 @@ from calibration.fitting.uncertainty import quantile
 from calibration.fitting.zhou import LINE
 from calibration.parameters import Parameter
 
+ROUNDING = 1e-10  # standard errors of χ̃, as a share of it, that tell nothing
+
 
 def fit_line(request: Request, fits: list[ComponentFit]) -> tuple[Line, StageFit | None] | None:
     """The line through all materials with a χ̃ of their own; None where there are fewer than two.
@@ -75,7 +77,8 @@ def _through_chi(own, confidence: float) -> dict[str, Estimate]:
     ratio = np.array([_ratio(spec) for _, spec, _ in own])
     chi = np.array([fit.theta[k] for fit, _, k in own])
     variance = np.array([_variance(fit, k) for fit, _, k in own])
-    usable = np.all(np.isfinite(variance)) and np.all(variance > 0)
+    # of data without scatter an error is what rounding left: no weight
+    usable = np.all(variance > (ROUNDING * chi) ** 2) and np.all(np.isfinite(variance))
     weight = 1 / variance if usable else np.ones(len(chi))
     design = np.stack([np.ones_like(ratio), ratio], axis=1)
     normal = np.linalg.pinv(design.T @ (design * weight[:, None]))
