@@ -192,7 +192,7 @@ def _of_fit(arguments: argparse.Namespace) -> Source:
 def _draws(arguments: argparse.Namespace) -> Any:
     if getattr(arguments, "posterior", None) is None:
         return None
-    from calibration.fitting.posterior.inference_data import read
+    from calibration.fitting.posterior.draws import read
 
     return read(arguments.posterior)
 

@@ -272,7 +272,7 @@ class FitResult:
         """Draws from the posterior of all parameters and of what is unknown of the noise, by NUTS.
 
         Needs `pip install -e ".[bayes]"`. Priors are those stated with `Parameter`, and
-        weak ones of `calibration.fitting.posterior.priors` elsewhere: the attribute "prior" of each variable.
+        weak ones of `calibration.fitting.posterior.density` elsewhere: the attribute "prior" of each variable.
 
         Args:
             draws, warmup: of each chain.
@@ -288,9 +288,9 @@ class FitResult:
             ValueError: naming the argument, its value and what is accepted; for fits that were no
                 likelihood (`two-step`, robust losses).
         """
-        from calibration.fitting.posterior.door import sampled
+        from calibration.fitting.posterior.draws import sampled
 
-        return sampled(self.request, self._refitted(), draws, chains, seed, warmup, progress)
+        return sampled(self, draws, chains, seed, warmup, progress)
 
     def at_draws(self, posterior: Any, count: int = 16) -> list["FitResult"]:
         """This fit at some draws of its posterior, evenly taken: its laws, and what a study asks of it.

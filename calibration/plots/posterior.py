@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from calibration import symbols
-from calibration.fitting.posterior.inference_data import dataset_of
+from calibration.fitting.posterior.draws import dataset_of
 from calibration.plots import style
 
 MOST = 8  # parameters: with more nothing can be read

@@ -47,7 +47,7 @@ def write_report(
     with files_into(folder, FILES) as staged:
         result.save(staged / "fit.json")
         if draws is not None:
-            from calibration.fitting.posterior.inference_data import write
+            from calibration.fitting.posterior.draws import write
             from calibration.report.posterior import section
 
             write(draws, staged / "posterior.nc")

@@ -6,8 +6,14 @@ from typing import Any
 import pandas as pd
 
 from calibration import symbols
-from calibration.fitting.posterior.diagnostics import FOLLOWS, Summary, doubts_of, summaries
-from calibration.fitting.posterior.inference_data import dataset_of
+from calibration.fitting.posterior.diagnostics import (
+    FOLLOWS,
+    Summary,
+    doubts_of,
+    not_converged,
+    summaries,
+)
+from calibration.fitting.posterior.draws import dataset_of
 from calibration.rounding import interval, number, with_error
 
 DETERMINED = 0.3  # of the prior's width, up to which the data determine a parameter
@@ -15,11 +21,11 @@ DETERMINED = 0.3  # of the prior's width, up to which the data determine a param
 
 def section(data: Any, confidence: float) -> dict[str, Any]:
     """How the draws were made, their table, what they say in words, and warnings about them."""
-    found = summaries(data, confidence)
+    found, failed = summaries(data, confidence), not_converged(data)
     return {
         "how": _how(data),
         "table": posterior_table(found, confidence),
-        "known": known(found),
+        "known": [failed] if failed else known(found),
         "warnings": doubts_of(data),
     }
 

@@ -1,50 +1,421 @@
-"""The density that is sampled: likelihood and priors, with the Jacobian of the map to parameters."""
+"""The density that is sampled: likelihood and priors, in coordinates in which it is nearly normal.
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+Priors where none was stated:
 
+    positive θ           ln(θ - lower) ~ N(ln(start - lower), 2²): a factor of 7 each way
+    χ̃                    the same with 3: what materials have spans that
+    σ, ψ                 ln σ ~ N(0, 2²), ln ψ ~ N(ln 0.5, 0.7²): published ones are 0.14 to 3.0, 0.31 to 0.54
+    a property of the contact that is free: with 1, around what was stated of the bodies
+    between two bounds   uniform
+    the whole line       N(start, (10 max(|start|, 1))²)
+    noise, group         half-normal of 0.1 in ε; timing: of as much time as makes 0.1 in ε
+    scale                ln κ^½ ~ N(0, 1)
+    pooled               ln θ_g ~ N(ln θ, τ²), θ as above; its spread τ half-normal of 0.5
+
+A start is the `Parameter`'s value, or what the library guesses for its laws.
+
+Each θ is mapped to the whole line, z = ln θ or the like; a pooled z_g is mean + τ q_g with q_g ~ N(0, 1),
+every other q is z. Unknowns that the data tell only together (χ̃ and ε_up far above yield, σ and ψ)
+lie along a curved ridge. With t the least known of those that belong together and r the others,
+
+    t = t(u₁),   r = r(u₁) + diag s(u₁) L u₂…,     u₁ = ± √(2 (ln p_max - ln p_profile(t)))
+
+where r(u₁) maximises the density at t, s are the errors of the others there and L the root of their
+correlations; where these are not nearly normal either, L u₂… is such a map again. So u₁ is standard
+normal where the profile tells t, and no ridge is left. The functions are cubic splines through a few
+points of the profile. What is nearly normal in q is scaled by the observed information alone.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array
+import numpy as np
+from jaxtyping import Array, Float, Int
 
-from calibration.fitting.component_fit import ComponentFit
-from calibration.fitting.posterior.coordinates import Scaling, Straight, scaling_of, straight_of
-from calibration.fitting.posterior.priors import Priors, priors_of
+from calibration.fitting.law_model import OF_CONTACT
+from calibration.fitting.problem import Element
 from calibration.fitting.traceable import Traceable
+from calibration.fitting.transform import FROM_ABOVE, LOG, LOGIT, NONE, Transform
+from calibration.rounding import number
+
+FACTOR = 2.0  # of a weak prior of what is positive, in its logarithm
+# of Zhou's law and Eq. (17): centre, None for the start, and spread
+PUBLISHED: dict[str, tuple[float | None, float]] = {
+    "chi": (None, 3.0),
+    "sigma": (1.0, 2.0),
+    "psi": (0.5, 0.7),
+}
+OF_BODIES = 1.0
+WIDE = 10.0
+NOISE = 0.1  # of ε
+SPREAD = 0.5  # of pooled parameters, in z
+LOGISTIC = math.pi / math.sqrt(3)  # standard deviation of the logit of what is uniform
+FARTHEST = 4.0  # standard deviations of the prior that the search for the largest density starts from its centre
+STEP = 1e-4  # of the prior's standard deviation, of differences of the gradient
+FLAT = 0.05  # curvature in units of the prior's below which a direction counts as level
+ROUNDS = 40  # of Newton's method
+ARRIVED = 1e-6  # of ln p, that another step is expected to gain
+REACH, KNOTS = 5.0, 16  # how far the profile is followed to each side, in u, and by how many points
+STRIDE = 0.5  # in u, between two of them
+ALIKE = 0.7  # of the largest bend, from which on two unknowns lie along one ridge
+PROBE = 1.5  # errors at which it is looked whether ln p is nearly normal
+NEARLY_NORMAL = 0.35  # how far it may be off there, in parts
+
+Vector = Float[np.ndarray, "p"]
+Slope = Callable[[Vector], tuple[float, Vector]]  # -ln p and its gradient
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Of one unknown.
+
+    Attributes:
+        label: of the unknown.
+        told: in words.
+        in_z: whether it is normal in z = ln θ and the like, else in θ.
+        centre, spread: of the normal distribution; infinite spread: uniform.
+        stated: whether the user stated it.
+    """
+
+    label: str
+    told: str
+    in_z: bool
+    centre: float
+    spread: float
+    stated: bool = False
+
+
+class Pool(NamedTuple):
+    """Places of pooled members, of their mean and of their spread τ."""
+
+    members: Int[np.ndarray, "k"]
+    mean: int
+    spread: int
+
+
+class Linear(NamedTuple):
+    """q = centre + root u."""
+
+    centre: Float[np.ndarray, "k"]
+    root: Float[np.ndarray, "k k"]
+
+    def q(self, u: Array) -> tuple[Array, Array]:
+        """With ln |∂q/∂u| up to a constant."""
+        return self.centre + self.root @ u, jnp.zeros(())
+
+
+class Path(NamedTuple):
+    """Along the profile of one of some unknowns.
+
+    Attributes:
+        order: places of t and of the others, (k,).
+        knots: values of u₁, ascending, (m,).
+        coefficients: of the cubics in u₁ between them, for t, r and ln s, (4, m - 1, 2 k - 1).
+        others: from u₂… to the others in units of s around r.
+    """
+
+    order: Int[np.ndarray, "k"]
+    knots: Float[np.ndarray, "m"]
+    coefficients: Float[np.ndarray, "4 intervals both"]
+    others: "Linear | Path"
+
+    def q(self, u: Array) -> tuple[Array, Array]:
+        """With ln |∂q/∂u| up to a constant; linear in u₁ beyond the knots."""
+        knots, count = jnp.asarray(self.knots), len(self.order)
+        inside = jnp.clip(u[0], knots[0], knots[-1])
+        k = jnp.clip(jnp.searchsorted(knots, inside) - 1, 0, len(knots) - 2)
+        cubic, x = jnp.asarray(self.coefficients)[:, k], inside - knots[k]
+        slope = (3 * cubic[0] * x + 2 * cubic[1]) * x + cubic[2]
+        value = ((cubic[0] * x + cubic[1]) * x + cubic[2]) * x + cubic[3] + slope * (u[0] - inside)
+        apart, log_jacobian = self.others.q(u[1:])
+        others = value[1:count] + jnp.exp(value[count:]) * apart
+        q = jnp.zeros(count).at[self.order].set(jnp.concatenate([value[:1], others]))
+        return q, log_jacobian + jnp.log(slope[0]) + jnp.sum(value[count:])
 
 
 @dataclass(frozen=True, eq=False)
 class Density:
-    """Of the parameters and noises of a problem."""
+    """ln p(data | θ) p(θ) |dθ/du| up to a constant, of all unknowns of a problem.
+
+    Attributes:
+        problem: the likelihood.
+        priors: of the problem's parameters, its noises, and the means and spreads of its pools.
+        transform: from z to θ.
+        pools: which z lie around a common mean.
+        coordinates: those that are sampled, of unknowns at some places of q; none: q itself.
+    """
 
     problem: Traceable
-    priors: Priors
-    straight: Straight
+    priors: tuple[Prior, ...]
+    transform: Transform
+    pools: tuple[Pool, ...]
+    coordinates: tuple[tuple[Int[np.ndarray, "k"], Linear | Path], ...] = ()
 
     @property
     def labels(self) -> list[str]:
         """Of all unknowns, in the order of z."""
-        return [one.label for one in self.priors.each]
+        return [one.label for one in self.priors]
 
-    def z(self, u: Array, scaling: Scaling) -> tuple[Array, Array]:
-        """Unconstrained unknowns of what is sampled, and ln |dz/du| up to a constant."""
-        return self.straight.z(scaling.centre + scaling.root @ u, scaling.loss)
+    def at(self, u: Array) -> tuple[dict[str, Array], Array, Array]:
+        """θ by label, ln p of q and ln |∂q/∂u|."""
+        q, log_jacobian = u, jnp.zeros(())
+        for places, part in self.coordinates:
+            own, slope = part.q(u[places])
+            q, log_jacobian = q.at[places].set(own), log_jacobian + slope
+        z = q
+        for pool in self.pools:
+            apart = jnp.exp(q[pool.spread]) * q[pool.members]
+            z = z.at[pool.members].set(q[pool.mean] + apart)
+        theta = self.transform.physical(z, jnp)
+        in_z, centre, spread = self._of_priors()
+        at = jnp.where(in_z, q, theta)
+        slope = jnp.where(in_z, 0.0, self.transform.log_slope(z))
+        log_prior = jnp.sum(slope - 0.5 * ((at - centre) / spread) ** 2)
+        return dict(zip(self.labels, theta, strict=True)), log_prior, log_jacobian
 
-    def theta(self, z: Array) -> dict[str, Array]:
-        """By name, in physical units."""
-        return dict(zip(self.labels, self.priors.transform.physical(z, jnp), strict=True))
+    def log_density(self, u: Array) -> Array:
+        """Of the coordinates that are sampled."""
+        theta, log_prior, log_jacobian = self.at(u)
+        return self.problem.log_likelihood(theta) + log_prior + log_jacobian
 
-    def log_density(self, u: Array, scaling: Scaling, measured: Array) -> Any:
-        """ln p(data | θ) p(θ) |dθ/du| up to a constant."""
-        z, log_slope = self.z(u, scaling)
-        log_likelihood = self.problem.log_likelihood(self.theta(z), measured)
-        return self.priors.log_density(z) + log_slope + log_likelihood
+    def spread_in_z(self, z: Vector) -> Vector:
+        """Standard deviations of the priors in z, about, where z is."""
+        in_z, _, spread = self._of_priors()
+        within = np.minimum(spread / np.maximum(self.transform.slope(z), 1e-300), LOGISTIC)
+        return np.where(in_z | (self.transform.kind == NONE), spread, within)
+
+    def straightened(self, values: Mapping[str, float]) -> "Density":
+        """The same in coordinates along its own profiles, found from θ near its largest value.
+
+        Args:
+            values: θ where a fit ended, of some of the unknowns.
+        """
+        q = self._start(values)
+        scale = self.spread_in_z(q)
+        gradient = jax.jit(jax.value_and_grad(lambda q: -self.log_density(q)))
+
+        def slope(q: Vector) -> tuple[float, Vector]:
+            value, found = gradient(q)
+            return float(value), np.asarray(found)
+
+        q, _ = _lowest(slope, q, np.arange(len(q)), scale)
+        blocks = self._blocks()
+        pooled = {int(pool.mean) for pool in self.pools}  # whose funnel has no profile worth a path
+        found = [
+            _coordinates(_of_some(slope, q, one), q[one], scale[one], bool(pooled & {*one}))
+            for one in blocks
+        ]
+        return replace(self, coordinates=tuple(zip(blocks, found, strict=True)))
+
+    def _of_priors(self):
+        columns = zip(*((one.in_z, one.centre, one.spread) for one in self.priors), strict=True)
+        return map(np.array, columns)
+
+    def _start(self, values: Mapping[str, float]) -> Vector:
+        """q of the values, and of the priors' centres where there are none, drawn in to the priors."""
+        theta = np.array([1.0 if one.in_z else one.centre for one in self.priors])
+        some = np.array([0.3 * one.spread for one in self.priors])
+        theta = np.where(theta > 0, theta, np.where(np.isfinite(some), some, 0.5))
+        in_z, centre, _ = self._of_priors()
+        centre = np.where(in_z, centre, self.transform.unconstrained(theta))
+        theta = self.transform.physical(centre)
+        theta = np.array([values.get(n, x) for n, x in zip(self.labels, theta, strict=True)])
+        z, reach = self.transform.unconstrained(theta), FARTHEST * self.spread_in_z(centre)
+        for pool in self.pools:
+            z[pool.members] = (z[pool.members] - z[pool.mean]) / np.exp(z[pool.spread])
+        return np.clip(z, centre - reach, centre + reach)
+
+    def _blocks(self) -> list[Int[np.ndarray, "k"]]:
+        """Places of unknowns that belong together: nothing else is correlated."""
+        found = []
+        for component in self.problem.components:
+            own = [e.label for e in component.elements]
+            own += [n for g in component.sets for n in self.problem.sets[g].labels.values()]
+            for pool in self.problem.pools:
+                if self.problem.names[pool.members[0]] in own:
+                    own += [pool.name, pool.spread_name]
+            if own:
+                found.append(np.array([self.labels.index(label) for label in own]))
+        return found
 
 
-def density_of(
-    problem: Traceable, fits: Sequence[ComponentFit], priors: Priors | None = None
-) -> tuple[Density, Scaling]:
-    """The density, and how it is scaled by where a fit ended."""
-    priors = priors_of(problem) if priors is None else priors
-    straight = straight_of(fits, problem, priors)
-    return Density(problem, priors, straight), scaling_of(fits, problem, priors, straight)
+def density_of(problem: Traceable) -> Density:
+    """The density of a problem's unknowns, in q."""
+    means = [problem.elements[pool.members[0]] for pool in problem.pools]
+    every, first = [*problem.elements, *means], len(problem.elements)
+    noises = [
+        _of_noise(kind, label, errors.per_second if kind == "timing" else 1.0)
+        for errors in problem.sets
+        for kind, label in errors.labels.items()
+    ]
+    spreads = [
+        Prior(pool.spread_name, f"half-normal, {number(SPREAD)}", False, 0.0, SPREAD)
+        for pool in problem.pools
+    ]
+    ranges = [e.range for e in every] + [(0.0, math.inf)] * len([*noises, *spreads])
+    transform = Transform.of(ranges, [None] * len(ranges))  # bounded where the range is
+    of_law = [_of_element(e, int(k)) for e, k in zip(every, transform.kind, strict=False)]
+    pools = []
+    for i, pool in enumerate(problem.pools):
+        of_law[first + i] = replace(of_law[first + i], label=pool.name)
+        for place in pool.members:
+            told = f"around {pool.name}, with {pool.spread_name}"
+            of_law[place] = Prior(problem.elements[place].label, told, True, 0.0, 1.0)
+        spread = len(every) + len(noises) + i
+        pools.append(Pool(np.array(pool.members), first + i, spread))
+    return Density(problem, (*of_law, *noises, *spreads), transform, tuple(pools))
+
+
+def _of_element(element: Element, kind: int) -> Prior:
+    label, (low, high) = element.label, element.range
+    if element.parameter.prior is not None:
+        mean, deviation = element.parameter.prior
+        told = f"normal, {number(mean)} ± {number(deviation)}"
+        return Prior(label, told, False, mean, deviation, stated=True)
+    if kind == LOGIT:
+        return Prior(label, f"uniform, {number(low)} to {number(high)}", False, 0.0, math.inf)
+    if kind == NONE:
+        spread = WIDE * max(abs(element.start), 1.0)
+        told = f"normal, {number(element.start)} ± {number(spread)}"
+        return Prior(label, told, False, element.start, spread)
+    weak = OF_BODIES if element.name.startswith(OF_CONTACT) else FACTOR
+    usual, spread = PUBLISHED.get(element.name, (None, weak))
+    is_start = usual is None or element.parameter.value is not None or not low < usual < high
+    median = element.start if is_start or usual is None else usual
+    size = max(median - low if kind == LOG else high - median, 1e-12)
+    centre = math.log(size) * (-1 if kind == FROM_ABOVE else 1)
+    told = f"log-normal, median {number(median)}, a factor of {math.exp(spread):.2g} each way"
+    return Prior(label, told, True, centre, spread)
+
+
+def _of_noise(kind: str, label: str, per_unit: float) -> Prior:
+    if kind == "scale":
+        return Prior(label, "log-normal, median 1, a factor of 2.7 each way", True, 0.0, 1.0)
+    size, unit = NOISE / per_unit, " s" if kind == "timing" else ""
+    return Prior(label, f"half-normal, {number(size, 1)}{unit}", False, 0.0, size)
+
+
+def _curvature(slope: Slope, q: Vector, places, scale: Vector) -> Float[np.ndarray, "k k"]:
+    """Second derivatives of -ln p along some unknowns, by differences of its gradient."""
+    found = []
+    for place in places:
+        step = np.zeros(len(q))
+        step[place] = STEP * scale[place]
+        up, down = slope(q + step)[1], slope(q - step)[1]
+        found.append((up - down)[places] / (2 * STEP * scale[place]))
+    return 0.5 * (np.array(found) + np.transpose(found))
+
+
+def _lowest(slope: Slope, q: Vector, places, scale: Vector):
+    """Where -ln p is least along some unknowns, by Newton's method, and the precision there."""
+    for _ in range(ROUNDS):
+        value, gradient = slope(q)
+        curvature = _curvature(slope, q, places, scale) * np.outer(scale[places], scale[places])
+        sizes, vectors = np.linalg.eigh(np.nan_to_num(curvature))
+        sizes = np.maximum(np.abs(sizes), FLAT)
+        step = -(vectors / sizes) @ (vectors.T @ (gradient[places] * scale[places]))
+        precision = (vectors * sizes) @ vectors.T / np.outer(scale[places], scale[places])
+        step = scale[places] * step / max(1.0, float(np.max(np.abs(step), initial=0.0)))
+        gain = -float(gradient[places] @ step)
+        for part in 0.5 ** np.arange(12):
+            moved = q.copy()
+            moved[places] += part * step
+            if slope(moved)[0] <= value - 1e-4 * part * gain:
+                break
+        else:
+            return q, precision
+        q = moved
+        if gain < ARRIVED:
+            break
+    return q, precision
+
+
+def _of_some(slope: Slope, q: Vector, places, unit: Vector | float = 1.0) -> Slope:
+    """-ln p as a function of x at some places, q + unit x there, and its gradient."""
+
+    def some(x: Vector) -> tuple[float, Vector]:
+        moved = q.copy()
+        moved[places] = x if np.ndim(unit) == 0 else q[places] + unit * x
+        value, gradient = slope(moved)
+        return value, gradient[places] * unit
+
+    return some
+
+
+def _coordinates(
+    slope: Slope, q: Vector, scale: Vector, is_straight: bool = False
+) -> Linear | Path:
+    """Of unknowns that belong together, from where their density is largest."""
+    every = np.arange(len(q))
+    _, precision = _lowest(slope, q, every, scale)
+    covariance = np.linalg.inv(precision)
+    sizes = np.sqrt(np.diag(covariance))
+    ahead = covariance / sizes  # what all move by where one moves by its error
+    lowest = slope(q)[0]
+    ends = [[slope(q + side * PROBE * one)[0] for side in (-1, 1)] for one in ahead.T]
+    bent = np.max(
+        np.abs((np.array(ends).reshape(-1, 2) - lowest) / (0.5 * PROBE**2) - 1), axis=1, initial=0.0
+    )
+    bent = np.where(np.isfinite(bent), bent, np.inf)
+    if is_straight or not np.any(bent > NEARLY_NORMAL):
+        return Linear(q, np.linalg.cholesky(covariance))
+    # all along one ridge bend alike: the least known of them
+    lead = max(np.flatnonzero(bent >= ALIKE * np.max(bent)), key=lambda k: sizes[k] / scale[k])
+    others = np.delete(every, lead)
+    order = np.array([lead, *others])
+    _, precision = _lowest(slope, q, others, scale)
+    errors = np.sqrt(np.diag(np.linalg.inv(precision)))
+    top = np.concatenate([q[order], np.log(errors)])
+    points = [(0.0, top)]
+    for side in (-1, 1):
+        followed = _followed(slope, q, order, scale, side * ahead[order, lead])
+        if not followed:  # nothing is known of the profile: as if normal
+            followed = [(1.0, top + side * np.append(ahead[order, lead], 0 * errors))]
+        points += [(side * u, values) for u, values in followed]
+    knots, values = zip(*sorted(points, key=lambda point: point[0]), strict=True)
+    rest = _of_some(slope, q, others, errors)
+    inner = _coordinates(rest, np.zeros(len(others)), scale[others] / errors)
+    return Path(order, np.array(knots), _cubics(knots, values), inner)
+
+
+def _cubics(knots: Sequence[float], values: Sequence[Vector]) -> Float[np.ndarray, "4 m k"]:
+    """Splines through the values whose first column ascends everywhere."""
+    from scipy.interpolate import CubicSpline, PchipInterpolator
+
+    spline = CubicSpline(knots, values, bc_type="natural")
+    between = np.linspace(knots[0], knots[-1], 20 * len(knots))
+    if np.min(spline(between, 1)[:, 0]) <= 0:
+        return PchipInterpolator(knots, values).c
+    return spline.c
+
+
+def _followed(slope: Slope, top: Vector, order, scale: Vector, ahead: Vector):
+    """Points (|u₁|, (t, r, ln s)) of the profile to one side, from the top on."""
+    found: list[tuple[float, Vector]] = []
+    lowest, q, u, stride = slope(top)[0], top, 0.0, STRIDE
+    for _ in range(3 * KNOTS):
+        moved = q.copy()
+        moved[order] += stride * ahead
+        moved, precision = _lowest(slope, moved, order[1:], scale)
+        rise = slope(moved)[0] - lowest
+        gone = math.sqrt(2 * rise) - u if np.isfinite(rise) and rise > 0 else math.nan
+        if not gone < 2 * STRIDE and stride > 1e-3:  # too far, or where there is no density
+            stride *= 0.4
+            continue
+        if not gone > 1e-3:  # level, or upwards again
+            if stride > 20 or gone < 0:
+                break
+            stride *= 2
+            continue
+        u += gone
+        errors = np.sqrt(np.diag(np.linalg.inv(precision)))
+        found.append((u, np.concatenate([moved[order], np.log(errors)])))
+        ahead = (moved - q)[order] / stride
+        q, stride = moved, stride * min(max(STRIDE / gone, 0.4), 2.0)
+        if u > REACH or len(found) == KNOTS:
+            break
+    return found

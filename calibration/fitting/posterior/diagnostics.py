@@ -1,4 +1,4 @@
-"""What to doubt about draws: whether the chains agree, and whether the data told anything.
+"""Whether draws can be trusted, and whether the data told anything: by ArviZ, in words.
 
 Source: Vehtari, Gelman, Simpson, Carpenter and Bürkner, Bayesian Anal. 16, 667 (2021), of R-hat and
 the effective sizes; Betancourt, arXiv:1604.00695 (2016), of the energy.
@@ -9,18 +9,19 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from calibration.fitting.doubt import Doubt
-from calibration.fitting.posterior.extra import needed
-from calibration.fitting.posterior.inference_data import dataset_of
+from calibration.fitting.posterior.draws import dataset_of
+from calibration.fitting.posterior.nuts import needed
 
 R_HAT = 1.01
 TAILS = (0.05, 0.95)  # the quantiles by which tails are judged, whatever ArviZ takes for granted
 EFFECTIVE = 400.0
+DIVERGING = 0.005  # of the draws, up to which their moments are hardly touched
 ENERGY = 0.3  # Bayesian fraction of missing information below which energies are badly explored
 NEAR = 0.01  # of the range, or of the median's distance: that near to a bound
 MASS = 0.05  # of the draws
 FOLLOWS = 0.7  # of the prior's standard deviation, from which on the posterior follows it
 MORE = "Sample longer: more `draws`, and as many of `warmup`."
-REMEDIES = {
+ADVICE = {
     "r-hat": f"{MORE} Where it stays, there are several modes: give bounds or a prior that decide.",
     "effective-size": f"{MORE} Limits of intervals are rough until then.",
     "divergences": (
@@ -52,8 +53,9 @@ class Summary(NamedTuple):
 
 def summaries(data: Any, confidence: float = 0.95) -> dict[str, Summary]:
     """Of every variable of the posterior."""
-    posterior = dataset_of(data, "posterior")
-    r_hat, bulk, tail = _diagnosed(posterior)
+    posterior, arviz = dataset_of(data, "posterior"), needed("arviz")
+    r_hat, bulk = arviz.rhat(posterior), arviz.ess(posterior, method="bulk")
+    tail = arviz.ess(posterior, method="tail", prob=TAILS)
     found = {}
     for name, values in posterior.data_vars.items():
         about, draws = values.attrs, np.asarray(values)
@@ -73,53 +75,49 @@ def summaries(data: Any, confidence: float = 0.95) -> dict[str, Summary]:
     return found
 
 
+def not_converged(data: Any) -> str:
+    """One line where the draws are not those of the posterior: chains that disagree, divergences.
+
+    Nothing is to be concluded from such draws.
+    """
+    told = {n: s.r_hat for n, s in summaries(data).items() if not s.r_hat <= R_HAT}
+    diverging = np.asarray(dataset_of(data, "sample_stats")["diverging"])
+    reasons = (
+        [f"R-hat {max(told.values()):.2f} of {max(told, key=told.__getitem__)}"] if told else []
+    )
+    if np.mean(diverging) > DIVERGING:
+        reasons.append(f"{np.sum(diverging)} of {diverging.size} draws diverged")
+    if not reasons:
+        return ""
+    return f"The chains did not converge ({', '.join(reasons)}): conclude nothing from these draws."
+
+
 def doubts_of(data: Any) -> list[Doubt]:
-    """The reasons not to trust these draws, or to make little of them."""
+    """Warnings: reasons not to trust these draws, or to make little of them."""
     told = summaries(data)
-    found = [
-        *_listed("r-hat", {n: s.r_hat for n, s in told.items() if not s.r_hat <= R_HAT}, "R-hat"),
-        *_listed(
-            "effective-size",
-            {n: s.effective for n, s in told.items() if not s.effective >= EFFECTIVE},
-            "effective sizes",
-        ),
-        *_of_statistics(dataset_of(data, "sample_stats")),
-        *_at_bounds(dataset_of(data, "posterior")),
-    ]
-    shares = {
-        n: s.prior_share for n, s in told.items() if s.prior_share and s.prior_share > FOLLOWS
+    slow = {n: s.r_hat for n, s in told.items() if not s.r_hat <= R_HAT}
+    few = {n: s.effective for n, s in told.items() if not s.effective >= EFFECTIVE}
+    follow = [n for n, s in told.items() if s.prior_share and s.prior_share > FOLLOWS]
+    statistics = dataset_of(data, "sample_stats")
+    diverging, energy = (np.asarray(statistics[name]) for name in ("diverging", "energy"))
+    missing = float(np.min(needed("arviz").bfmi(energy)))
+    near = _at_bounds(dataset_of(data, "posterior"))
+    causes = {
+        "r-hat": slow and "R-hat: " + ", ".join(f"{n} {v:.4g}" for n, v in slow.items()),
+        "effective-size": few
+        and "effective sizes: " + ", ".join(f"{n} {v:.4g}" for n, v in few.items()),
+        "divergences": np.any(diverging)
+        and f"{int(np.sum(diverging))} of {diverging.size} draws diverged",
+        "funnel": missing < ENERGY
+        and f"the energy's fraction of missing information is {missing:.2g}",
+        "mass-at-bound": ", ".join(near),
+        "follows-prior": follow
+        and f"as wide as the prior, or nearly: {', '.join(f'{n} ({told[n].prior})' for n in follow)}",
     }
-    if shares:
-        names = ", ".join(f"{n} ({told[n].prior})" for n in shares)
-        found.append(_doubt("follows-prior", f"as wide as the prior, or nearly: {names}"))
-    return found
+    return [Doubt(code, str(cause), advice=ADVICE[code]) for code, cause in causes.items() if cause]
 
 
-def _doubt(code: str, cause: str) -> Doubt:
-    return Doubt(code, cause, advice=REMEDIES[code])
-
-
-def _listed(code: str, values: dict[str, float], what: str) -> list[Doubt]:
-    if not values:
-        return []
-    return [_doubt(code, f"{what}: " + ", ".join(f"{n} {v:.4g}" for n, v in values.items()))]
-
-
-def _of_statistics(statistics: Any) -> list[Doubt]:
-    found = []
-    diverging = np.asarray(statistics["diverging"])
-    if np.any(diverging):
-        cause = f"{int(np.sum(diverging))} of {diverging.size} draws diverged"
-        found.append(_doubt("divergences", cause))
-    energy = np.asarray(statistics["energy"])
-    steps = np.mean(np.diff(energy, axis=1) ** 2, axis=1) / np.var(energy, axis=1)
-    if np.min(steps) < ENERGY:
-        cause = f"the energy's fraction of missing information is {np.min(steps):.2g}"
-        found.append(_doubt("funnel", cause))
-    return found
-
-
-def _at_bounds(posterior: Any) -> list[Doubt]:
+def _at_bounds(posterior: Any) -> list[str]:
     near = []
     for name, values in posterior.data_vars.items():
         if "lower" not in values.attrs:
@@ -132,11 +130,4 @@ def _at_bounds(posterior: Any) -> list[Doubt]:
             share = float(np.mean(away < NEAR * scale))
             if share > MASS:
                 near.append(f"{name} at {end:.4g} ({100 * share:.0f} % of the draws)")
-    return [_doubt("mass-at-bound", ", ".join(near))] if near else []
-
-
-def _diagnosed(posterior: Any):
-    """R-hat and effective sizes of the bulk and the tails, each by variable."""
-    arviz = needed("arviz")
-    bulk = arviz.ess(posterior, method="bulk")
-    return arviz.rhat(posterior), bulk, arviz.ess(posterior, method="tail", prob=TAILS)
+    return near

@@ -1,188 +1,127 @@
-"""NUTS by blackjax: window adaptation and draws in one compiled program, a thread for each chain.
-
-Compiling is most of the time, so that warm-up and draws share the program: a scan over steps, each
-with what is to be adapted after it. The schedule is Stan's.
+"""NUTS by blackjax, with its window adaptation: a thread for each chain.
 
 Source: Hoffman and Gelman, J. Mach. Learn. Res. 15, 1593 (2014); Stan Reference Manual, 15.2.
 """
 
+import importlib
 import os
-from collections.abc import Callable, Sequence
+import warnings
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
 from threading import Lock
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Array, Float
 
-from calibration.fitting.posterior.extra import needed
+from calibration.errors import InputError
 
-BLOCK = 100  # steps of one call: what the progress bar counts
-SMOOTH, SHARP = 0.8, 0.95  # acceptance that step sizes are adapted to, of a density with corners
-STEP = 0.5  # where it starts: what is sampled is nearly standard normal
-KEEP, FAST, SLOW, WINDOW_END, LAST = range(5)  # what is adapted after a step
-STATISTICS = ("lp", "diverging", "energy", "acceptance_rate", "n_steps", "tree_depth", "step_size")
+BLOCK = 100  # draws between two steps of the progress bar
+ACCEPTANCE = 0.9  # that step sizes are adapted to
+STEP_SIZE = 0.5  # where the adaptation starts: what is sampled is nearly standard normal
+INSTALL = 'pip install -e ".[bayes]" in its folder'
 Progress = Callable[[str, int, int], None] | None
 
 
-class Chain(NamedTuple):
-    """Draws of one chain, and what NUTS tells of each."""
-
-    draws: Float[np.ndarray, "draws p"]
-    statistics: dict[str, np.ndarray]
+class MissingExtra(InputError, ImportError):
+    """A package of the extra `bayes` is not installed; one line says what to do."""
 
 
-class _Carry(NamedTuple):
-    state: Any
-    step_sizes: Any
-    metric: Any
-    step_size: Any
+def needed(name: str) -> Any:
+    """A module of the extra.
 
-
-@dataclass
-class Sampler:
-    """NUTS on a density of u with arrays beside it; compiled once, for all arrays of one shape.
-
-    Attributes:
-        log_density: (u, *arrays) -> ln p.
-        acceptance: that step sizes are adapted to.
+    Raises:
+        MissingExtra: where it is not installed.
     """
-
-    log_density: Callable[..., Any]
-    acceptance: float = SHARP
-    _compiled: Any = field(default=None, repr=False)
-
-    def run(
-        self,
-        starts: Float[np.ndarray, "chains p"],
-        arrays: Sequence[Any],
-        draws: int,
-        warmup: int,
-        seed: int,
-        progress: Progress = None,
-    ) -> list[Chain]:
-        """A chain from each start; equal for equal seeds, however many run at once."""
-        stages = _stages(warmup, draws)
-        keys = jax.random.split(jax.random.key(seed), len(starts))
-        self._prepare(starts[0], arrays)
-        total, done, lock = len(starts) * len(stages) // BLOCK, [], Lock()
-
-        def told() -> None:
-            with lock:
-                done.append(1)
-                if progress is not None:
-                    progress("draws", len(done), total)
-
-        def chain(k: int) -> Chain:
-            with jax.enable_x64(True):  # a thread has settings of its own
-                return self._chain(keys[k], starts[k], arrays, stages, draws, told)
-
-        with ThreadPoolExecutor(min(len(starts), cores())) as threads:
-            return list(threads.map(chain, range(len(starts))))
-
-    def _prepare(self, start, arrays) -> None:
-        """Compile, before the threads begin."""
-        if self._compiled is None:
-            first = jax.jit(jax.value_and_grad(self.log_density))
-            carry = _begun(first, start, arrays)
-            stages = np.zeros(BLOCK, int)
-            step = jax.jit(lambda *some: _block(self.log_density, self.acceptance, *some))
-            lowered = step.lower(carry, jax.random.key(0), stages, tuple(arrays))
-            self._compiled = first, lowered.compile()
-
-    def _chain(self, key, start, arrays, stages, draws: int, told) -> Chain:
-        first, block = self._compiled
-        carry = _begun(first, start, arrays)
-        parts = []
-        for k, one in enumerate(jax.random.split(key, len(stages) // BLOCK)):
-            some = stages[k * BLOCK : (k + 1) * BLOCK]
-            carry, found = block(carry, one, some, tuple(arrays))
-            parts.append(jax.device_get(found))
-            told()
-        position, *rest = (np.concatenate(every)[-draws:] for every in zip(*parts, strict=True))
-        return Chain(position, dict(zip(STATISTICS, rest, strict=True)))
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", FutureWarning)  # ArviZ 0.23 announces 1.0
+            return importlib.import_module(name)
+    except ModuleNotFoundError as error:
+        package = name.partition(".")[0]
+        if error.name is None or error.name.partition(".")[0] != package:
+            raise
+        problem = f"a posterior needs {package}, which is not installed"
+        raise MissingExtra(None, None, problem, f"install it with {INSTALL}") from None
 
 
-def cores() -> int:
+def run_chains(
+    log_density: Callable[[Array], Array],
+    starts: Float[np.ndarray, "chains p"],
+    draws: int,
+    warmup: int,
+    seed: int,
+    progress: Progress = None,
+) -> tuple[Float[np.ndarray, "chains draws p"], Mapping[str, np.ndarray]]:
+    """Draws of a chain from each start, and NUTS' statistics of each, (chains, draws).
+
+    Equal for equal seeds, however many chains run at once.
+    """
+    blackjax = needed("blackjax")
+    nothing = needed("blackjax.adaptation.base").get_filter_adapt_info_fn()
+    adaptation = blackjax.window_adaptation(
+        blackjax.nuts,
+        log_density,
+        is_mass_matrix_diagonal=False,
+        initial_step_size=STEP_SIZE,
+        target_acceptance_rate=ACCEPTANCE,
+        adaptation_info_fn=nothing,
+    )
+
+    def warmed(key, start):
+        return adaptation.run(key, start, warmup)[0]
+
+    def block(keys, state, tuned):
+        step = blackjax.nuts(log_density, **tuned).step
+
+        def one(state, key):
+            state, info = step(key, state)
+            statistics = {
+                "lp": state.logdensity,
+                "diverging": info.is_divergent,
+                "energy": info.energy,
+                "acceptance_rate": info.acceptance_rate,
+                "n_steps": info.num_integration_steps,
+                "tree_depth": info.num_trajectory_expansions,
+                "step_size": tuned["step_size"],
+            }
+            return state, (state.position, statistics)
+
+        return jax.lax.scan(one, state, keys)
+
+    keys = jax.random.split(jax.random.key(seed), (len(starts), 2))
+    count = min(BLOCK, draws)
+    blocks = -(-draws // count)
+    # compiled before the threads begin
+    warm_up = jax.jit(warmed).lower(keys[0, 0], starts[0]).compile()
+    first = jax.eval_shape(warmed, keys[0, 0], starts[0])
+    sample = jax.jit(block).lower(jax.random.split(keys[0, 1], count), *first).compile()
+    total, done, lock = len(starts) * (blocks + 1), [], Lock()
+
+    def tell() -> None:
+        with lock:
+            done.append(1)
+            if progress is not None:
+                progress("draws", len(done), total)
+
+    def chain(k: int):
+        with jax.enable_x64(True):  # a thread has settings of its own
+            state, tuned = warm_up(keys[k, 0], starts[k])
+            tell()
+            parts = []
+            for key in jax.random.split(keys[k, 1], blocks):
+                state, found = sample(jax.random.split(key, count), state, tuned)
+                parts.append(jax.device_get(found))
+                tell()
+            return jax.tree.map(lambda *every: np.concatenate(every)[:draws], *parts)
+
+    with ThreadPoolExecutor(min(len(starts), _cores())) as threads:
+        chains = list(threads.map(chain, range(len(starts))))
+    return jax.tree.map(lambda *every: np.stack(every), *chains)
+
+
+def _cores() -> int:
     """Processor cores that this process may use."""
     has = getattr(os, "sched_getaffinity", None)
     return len(has(0)) if has else os.cpu_count() or 1
-
-
-def _stages(warmup: int, draws: int) -> Int[np.ndarray, "steps"]:
-    """What is adapted after each step; steps before the warm-up fill up the first block."""
-    schedule = needed("blackjax.adaptation.window_adaptation").build_schedule(warmup)
-    windows = np.asarray(schedule).reshape(-1, 2).astype(int)
-    adapted = FAST + windows[:, 0] + windows[:, 1]
-    adapted[-1] = LAST
-    filled = -(warmup + draws) % BLOCK
-    return np.concatenate([np.full(filled, FAST), adapted, np.full(draws, KEEP)])
-
-
-def _adaptation(acceptance: float = SHARP):
-    """blackjax's dual averaging of the step size and Welford's dense covariance."""
-    step_size = needed("blackjax.adaptation.step_size")
-    metric = needed("blackjax.adaptation.mass_matrix")
-    return step_size.dual_averaging_adaptation(acceptance), metric.mass_matrix_adaptation(False)
-
-
-def _begun(first, start, arrays) -> _Carry:
-    (begin_step, *_), (begin_metric, *_) = _adaptation()
-    start = jnp.asarray(start)
-    value, slope = first(start, *arrays)
-    state = needed("blackjax.mcmc.hmc").HMCState(start, value, slope)
-    return _Carry(state, begin_step(STEP), begin_metric(len(start)), jnp.asarray(STEP))
-
-
-def _block(log_density, target: float, carry: _Carry, key, stages, arrays):
-    """Some steps of a chain."""
-    kernel = needed("blackjax.mcmc.nuts").build_kernel()
-    density = lambda u: log_density(u, *arrays)  # noqa: E731
-
-    def one(carry: _Carry, told):
-        key, stage = told
-        inverse_mass = carry.metric.inverse_mass_matrix
-        state, info = kernel(key, carry.state, density, carry.step_size, inverse_mass)
-        statistics = (
-            state.logdensity,
-            info.is_divergent,
-            info.energy,
-            info.acceptance_rate,
-            info.num_integration_steps,
-            info.num_trajectory_expansions,
-            carry.step_size,
-        )
-        moved = carry._replace(state=state)
-        adapted = _adapted(moved, target, info.acceptance_rate, stage)
-        return adapted, (state.position, *statistics)
-
-    return jax.lax.scan(one, carry, (jax.random.split(key, len(stages)), stages))
-
-
-def _adapted(carry: _Carry, target: float, acceptance, stage) -> _Carry:
-    (begin, average, averaged), (_, seen, covariance) = _adaptation(target)
-
-    def keep() -> _Carry:
-        return carry
-
-    def fast() -> _Carry:
-        sizes = average(carry.step_sizes, acceptance)
-        return carry._replace(step_sizes=sizes, step_size=jnp.exp(sizes.log_step_size))
-
-    def slow() -> _Carry:
-        return fast()._replace(metric=seen(carry.metric, carry.state.position))
-
-    def window_end() -> _Carry:
-        after = slow()
-        sizes = begin(averaged(after.step_sizes))
-        size = jnp.exp(sizes.log_step_size)
-        return after._replace(step_sizes=sizes, step_size=size, metric=covariance(after.metric))
-
-    def last() -> _Carry:
-        after = fast()
-        return after._replace(step_size=averaged(after.step_sizes))
-
-    return jax.lax.switch(stage, [keep, fast, slow, window_end, last])
