@@ -516,7 +516,7 @@ def test_the_command_writes_draws_picture_and_words(command):
     assert "![Draws from the posterior, and the fit with its intervals](posterior.png)" in report
     assert f"{np.mean(draws):.4f}"[:5] in section
     assert "Posterior:\n" in printed
-    assert "width / prior's" in printed
+    assert "posterior/prior width" in printed
     for code in ("divergences", "funnel", "mass-at-bound", "follows-prior"):
         assert code not in section
 
