@@ -122,10 +122,12 @@ class Progress:
             return
         from rich.console import Console
         from rich.progress import Progress as Bars
+        from rich.progress import TimeElapsedColumn
 
         show_sign()
-        streams: dict[str, Any] = {"redirect_stdout": False, "redirect_stderr": False}
-        self._bar = Bars(console=Console(file=sys.stderr), transient=True, **streams)
+        look: dict[str, Any] = {"transient": True, "console": Console(file=sys.stderr)}
+        look |= {"redirect_stdout": False, "redirect_stderr": False}
+        self._bar = Bars(*Bars.get_default_columns(), TimeElapsedColumn(), **look)
         self._bar.add_task(stage, total=None)
         self._bar.start()
 
@@ -135,6 +137,19 @@ class Progress:
     def __exit__(self, *_) -> None:
         self.close()
         show_sign()
+
+
+@contextmanager
+def progress_of(progress: Any) -> Iterator[Any]:
+    """What `progress=` of a function stands for, while it is at work: True shows bars, or lines.
+
+    A function stays itself, and is called as progress(stage, done, total); False is None.
+    """
+    if progress is True:
+        with Progress(lines=True) as shown:
+            yield shown
+    else:
+        yield None if progress is False else progress
 
 
 def _is_terminal() -> bool:

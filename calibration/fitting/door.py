@@ -11,6 +11,7 @@ import jax
 import numpy as np
 
 import softjax as sj
+from calibration.console import progress_of
 from calibration.data import RestitutionData
 from calibration.fitting.component_fit import ComponentFit, fit_component
 from calibration.fitting.doubt import Doubt
@@ -39,7 +40,7 @@ def fit(
     law: str | type | Callable[..., sj.ContactLaw] | None = None,
     parameters: Mapping[str, Any] | Sequence[Mapping[str, Any]] | None = None,
     *,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
     **options: Any,
 ) -> FitResult:
     """Fit a contact law to one data set or several.
@@ -53,7 +54,8 @@ def fit(
             option such as {"form": "full"}; or a list of such mappings, one a data set. Those of
             the contact are "contact.yield_strength" and so on. All of a law's own are free, except
             what ε does not tell.
-        progress: called as progress(stage, done, total).
+        progress: True shows it, a bar on a terminal and else a line a stage; or a function that is
+            called as progress(stage, done, total).
         OPTIONS
 
     Returns:
@@ -72,10 +74,11 @@ def fit(
         >>> round(result.values["chi"], 4)
         1.7944
     """
-    request = Request(datasets_of(data), parameters, FitOptions.of(law=law, **options), progress)
-    checked(request)
     begun = time.perf_counter()
-    with jax.enable_x64(True):
+    with progress_of(progress) as shown, jax.enable_x64(True):
+        options_of_fit = FitOptions.of(law=law, **options)
+        request = Request(datasets_of(data), parameters, options_of_fit, shown)
+        checked(request)
         result = _fitted(request)
     result.times["total"] = time.perf_counter() - begun
     return replace(result, request=replace(request, progress=None))

@@ -90,7 +90,9 @@ def checked(request: Request) -> Request:
         ValueError: naming the argument, its value and what is accepted.
     """
     if request.progress is not None and not callable(request.progress):
-        raise DataError("progress", request.progress, "called as progress(stage, done, total)")
+        raise DataError(
+            "progress", request.progress, "True, or called as progress(stage, done, total)"
+        )
     if request.options.loss != "squared":
         for data in request.datasets:
             if plan_of(data, False, False).shares:

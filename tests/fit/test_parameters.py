@@ -321,7 +321,7 @@ REFUSED = {
     "profiles": ({"profiles": "no"}, "`profiles` must be true or false, but is"),
     "scatter": ({"extra_scatter": None}, "`extra_scatter` must be true or false"),
     "scale": ({"scale_uncertainty": np.ones(2)}, "`scale_uncertainty` must be true or false"),
-    "progress": ({"progress": "bar"}, r"`progress` must be called as progress\(stage, done, total\)"),
+    "progress": ({"progress": "bar"}, r"`progress` must be True, or called as progress\(stage, done, total\)"),
     "parameters": ({"parameters": 3}, "`parameters` must be a mapping"),
     "option": ({"parameters": {"form": "second"}}, "`form` must be 'first-order' or 'full'"),
     "no option": ({"parameters": {"end": "near"}}, "`option` must be an option of zhou: form"),

@@ -11,6 +11,7 @@ import sys
 
 import pytest
 
+import calibration as cal
 from calibration import cli
 from tests.command import write_alloy
 
@@ -68,6 +69,25 @@ def test_progress_is_for_terminals(monkeypatch, tmp_path, alloy):
     assert shown(monkeypatch, tmp_path, alloy, error=io.StringIO())[1] == ""
     quiet = shown(monkeypatch, tmp_path, alloy, None, "xterm", None, None, "--quiet")
     assert quiet == ("", "")
+
+
+def test_a_fit_in_python_shows_its_stages(monkeypatch):
+    """`progress=True`: a bar on a terminal, a line a stage in a pipe or a notebook; else nothing."""
+    data = cal.RestitutionData([1.0, 2.0, 3.0, 4.0], [0.8, 0.81, 0.79, 0.8])
+    found = {}
+    for name, error, progress in (
+        ("bar", Screen(), True),
+        ("lines", io.StringIO(), True),
+        ("nothing", Screen(), False),
+    ):
+        monkeypatch.setenv("TERM", "xterm")
+        with contextlib.redirect_stderr(error):
+            cal.fit(data, "constant", progress=progress)
+        found[name] = error.getvalue()
+    assert found["lines"].splitlines() == ["fit ...", "profiles ..."]
+    assert "profiles" in found["bar"]
+    assert "\x1b" in found["bar"]
+    assert found["nothing"] == ""
 
 
 def test_on_a_real_terminal_without_colours(tmp_path):
