@@ -143,7 +143,7 @@ def plot_restitution(
 def plot_data(ax: Axes, data: RestitutionData, scale: np.ndarray | float = 1.0) -> None:
     """Measured ε with its error bars over v/scale."""
     across = None if data.velocity_uncertainty is None else data.velocity_uncertainty / scale
-    errors = {"yerr": data.uncertainty, "xerr": across}
+    errors: dict[str, Any] = {"yerr": data.uncertainty, "xerr": across}
     look = _marks(style.BLACK, "o")
     ax.errorbar(data.velocity / scale, data.restitution, label="data", **errors, **look)
 
@@ -167,7 +167,8 @@ def _plot_fit(ax: Axes, result, fit, velocity, scale) -> None:
     wide = result.band(velocity, fit.name, kind="prediction")
     for one, alpha, what in ((wide, 0.1, "one more measurement"), (band, 0.3, "of the mean")):
         look = {"color": style.BLUE, "linewidth": 0, "alpha": alpha, "label": f"{share}, {what}"}
-        ax.fill_between(*_sorted(ratio, one.low, one.high), **look)
+        x, low, high = _sorted(ratio, one.low, one.high)
+        ax.fill_between(x, low, high, **look)
 
 
 def _sorted(velocity: np.ndarray, *columns: np.ndarray) -> list[np.ndarray]:

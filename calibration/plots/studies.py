@@ -12,8 +12,10 @@ from calibration.plots import style
 from calibration.plots.curves import velocity_label
 from calibration.symbols import in_math
 
-COLORS = (style.BLUE, style.ORANGE, style.GREEN, style.VERMILION)
-COLORS += (style.SKY, style.PURPLE, style.BLACK, style.GREY)
+COLORS = (
+    *(style.BLUE, style.ORANGE, style.GREEN, style.VERMILION),
+    *(style.SKY, style.PURPLE, style.BLACK, style.GREY),
+)
 STYLES = ("-", "--", "-.", (0, (1, 1)), (0, (5, 1, 1, 1, 1, 1)))
 NOTHING = 1e-12  # a sensitivity smaller than this is none
 EFFECT = r"$\theta\,\partial\varepsilon/\partial\theta$"
@@ -84,7 +86,7 @@ def plot_design(design: Any, ax: Axes | None = None) -> Axes:
     ax.plot(velocity, [at] * len(velocity), "^", color=style.BLACK, markersize=9, label="shots")
     for v, n in design.support:
         ax.annotate(f"{n}", (v, at), (0, -15), textcoords="offset points", ha="center")
-    even = np.linspace(*design.bounds, len(design.velocity))
+    even = np.linspace(design.bounds[0], design.bounds[1], len(design.velocity))
     level = [bottom - 0.26 * height] * len(even)
     ax.plot(even, level, "|", color=style.GREY, markersize=7, label="equally spaced")
     criteria = {
