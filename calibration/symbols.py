@@ -30,7 +30,7 @@ MATH = {
 }
 WORDS = {  # what a parameter is, where the law's field says less
     "chi": "unloading factor, how steeply the plastic part of the force unloads (Eq. 11)",
-    "sigma": "size of the losses to sound and heat (Eq. 17)",
+    "sigma": "size of the acoustic and thermal losses (Eq. 17)",
     "psi": "exponent of these losses, how fast they grow with the velocity (Eq. 17)",
     "eps_up": "restitution at first yield, Eq. (17) at v_cr: all that σ and ψ do above it",
     "critical_velocity": "velocity of first yield, from the bodies",

@@ -99,7 +99,7 @@ def test_the_report_names_the_pictures_that_are_there(main_job):
     for picture in ("curves.png", "profiles.png", "correlation.png"):
         assert (f"]({picture})" in report) == (directory / picture).exists()
     assert "published fit of measurements" in report
-    assert "- σ: size of the losses to sound and heat" in report
+    assert "- σ: size of the acoustic and thermal losses" in report
     page = (directory / "report.html").read_text(encoding="utf-8")
     assert page.count("data:image/png;base64,") == report.count(".png)")
     assert "published fit of measurements" in page
