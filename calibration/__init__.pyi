@@ -1,11 +1,12 @@
 # What type checkers and editors see of the names that are loaded when asked for.
-from calibration.data.csv_file import read_csv as read_csv
 from calibration.data.errors_of_points import PointErrors as PointErrors
+from calibration.data.materials import read_problem as read_problem
+from calibration.data.materials import read_toml as read_toml
 from calibration.data.measurements import RestitutionData as RestitutionData
 from calibration.data.paper import PAPER_NOTE as PAPER_NOTE
 from calibration.data.paper import paper_materials as paper_materials
 from calibration.data.plausible import plausibility as plausibility
-from calibration.data.toml_file import read_toml as read_toml
+from calibration.data.sheet import read_csv as read_csv
 from calibration.errors import DataError as DataError
 from calibration.errors import InputError as InputError
 from calibration.fitting.door import fit as fit
@@ -25,7 +26,6 @@ from calibration.handover.door import export as export
 from calibration.handover.exported import Export as Export
 from calibration.options import FitOptions as FitOptions
 from calibration.parameters import Parameter as Parameter
-from calibration.problem_file import read_problem as read_problem
 from calibration.studies.compare import Comparison as Comparison
 from calibration.studies.compare import compare as compare
 from calibration.studies.coverage import Coverage as Coverage

@@ -136,7 +136,8 @@ def _ended(line: str, code: int) -> int:
     """The exit code, after one line on standard error, where there is one."""
     console.show_sign()
     with suppress(OSError):
-        print(printable(" ".join(line.split())), file=sys.stderr, flush=True)
+        for one in line.splitlines():  # each fault of a file
+            print(printable(" ".join(one.split())), file=sys.stderr, flush=True)
     return code
 
 

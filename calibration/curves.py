@@ -175,7 +175,7 @@ def read_velocities(path: str) -> Velocities:
     head = [cell.strip() for cell in rows[0]]
     while not head[-1]:
         head.pop()
-    place, unit, below = 0, unit_of("m/s", "speed"), slice(0, None)
+    place, unit, below = 0, unit_of("m/s", "m/s"), slice(0, None)
     if len(head) > 1 or _number(head[0], mark) is None:
         place, unit = _velocity_column(head, Origin(name, lines[0][0]))
         below = slice(1, None)
@@ -230,7 +230,7 @@ def _velocity_column(head: list[str], origin: Origin) -> tuple[int, Any]:
         try:
             header = read_header(cell)
             if header.name == "velocity":
-                return position, unit_of(header.unit or "m/s", "speed")
+                return position, unit_of(header.unit or "m/s", "m/s")
         except DataError as error:
             raise origin.error(error) from None
     problem = f"no column named velocity in {shown(', '.join(head))!r}"

@@ -15,8 +15,9 @@ class InputError(ValueError):
         file: the file's path as the user gave it; None for data that came from no file.
         line: the line of the file, from 1; None where no line is to blame.
         problem, accepted: what is wrong and what is accepted.
+        others: further faults of the same input.
 
-    `str(error)` is the one line `file:line: problem; accepted`.
+    `str(error)` is the line `file:line: problem; accepted`, and one for each of the others.
     """
 
     def __init__(self, file: str | Path | None, line: int | None, problem: str, accepted: str):
@@ -25,8 +26,12 @@ class InputError(ValueError):
         self.line = line
         self.problem = problem
         self.accepted = accepted
+        self.others: tuple[InputError, ...] = ()
 
     def __str__(self) -> str:
+        return "\n".join([self._line(), *map(str, self.others)])
+
+    def _line(self) -> str:
         place = [str(part) for part in (self.file, self.line) if part is not None]
         text = f"{self.problem}; {self.accepted}"
         text = f"{':'.join(place)}: {text}" if place else text

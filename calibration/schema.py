@@ -64,23 +64,40 @@ class Strict(BaseModel):
             raise next(faults(error, cls)) from None
 
 
+class Refused(ValueError):
+    """What a validator of a whole table refuses: the place below it, what is wrong, what is accepted."""
+
+    def __init__(self, place: tuple[str | int, ...], problem: str, accepted: str):
+        super().__init__(problem)
+        self.place, self.problem, self.accepted = place, problem, accepted
+
+
 def faults(error: ValidationError, model: type[BaseModel]) -> Iterator[DataError]:
     """Each fault that pydantic found, with the place as its argument."""
     for one in error.errors():
         cause = one.get("ctx", {}).get("error")
-        if isinstance(cause, DataError):
-            yield cause
-        else:
-            place, schema = _walk(model, one["loc"])
-            given, known = one["input"], words(schema)
-            if one["type"] == "missing":
-                given, known = "missing", "there"
-            elif one["type"] == "value_error":
-                known = one["msg"].removeprefix("Value error, ")
-            elif isinstance(given, str):
-                known += did_you_mean(given, known.split('"'))
-                given = f'"{given}"'
-            yield DataError(place, given, known)
+        yield cause if isinstance(cause, DataError) else told_of(one, model)
+
+
+def told_of(one: Mapping[str, Any], model: type[BaseModel]) -> DataError:
+    """One of pydantic's errors in the words of the house."""
+    place, schema = _walk(model, one["loc"])
+    given, known = one["input"], words(schema)
+    if one["type"] == "missing":
+        given, known = "missing", "there"
+    elif one["type"] == "extra_forbidden":
+        given, known = "there", "left out: it is not known"
+    elif one["type"] == "value_error":
+        known = one["msg"].removeprefix("Value error, ")
+    if isinstance(one["input"], str):
+        known += did_you_mean(given, known.split('"'))
+        given = f'"{given}"'
+    return DataError(place, given, known)
+
+
+def known_below(model: type[BaseModel], place: tuple[Any, ...]) -> list[str]:
+    """The keys that a table may have."""
+    return list(_walk(model, place)[1].get("properties", {}))
 
 
 def accepted(model: type[BaseModel], place: tuple[Any, ...]) -> str:
@@ -140,7 +157,7 @@ def _parts(schema: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 
 def _words(schema: Mapping[str, Any]) -> str:
     if _enum(schema):
-        every = [f'"{one}"' for one in _enum(schema)]
+        every = [str(x).lower() if isinstance(x, bool) else f'"{x}"' for x in _enum(schema)]
         more = f" or {len(every) - MOST} more" if len(every) > MOST else ""
         return " or ".join(every[:MOST]) + more
     noun = NOUNS.get(schema.get("type", ""), "a value")

@@ -44,7 +44,7 @@ PACKAGES = {  # a file is of the first that it begins with
     "fitting": Package(("calibration/fitting/",), ("fit", "statistics", "refusals", "golden")),
     "studies": Package(("calibration/studies/",), ("statistics", "commands", "shown", "golden")),
     "data": Package(
-        ("calibration/data/", "calibration/problem_file.py"),
+        ("calibration/data/", "calibration/schema.py"),
         ("data", "refusals", "commands", "golden"),
     ),
     "report and plots": Package(

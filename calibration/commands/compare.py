@@ -135,7 +135,7 @@ def _problem(arguments: argparse.Namespace) -> tuple[list[Any], dict[str, str], 
     print_first(problem.implausible, arguments.quiet or arguments.json)
     stated = {name: problem.settings[name] for name in LAW_OPTIONS if name in problem.settings}
     unused = [name for name in problem.settings if name not in (*LAW_OPTIONS, "area")]
-    unused += sorted({name for parameters in problem.said for name in parameters})
+    unused += sorted({name for parameters in problem.parameters for name in parameters})
     remark = f"Of the file, this acts in `softjax fit` only: {listed(unused)}."
     return problem.datasets, stated | options, [remark] if unused else []
 

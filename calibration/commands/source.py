@@ -106,12 +106,13 @@ def _of_file(arguments: argparse.Namespace) -> Source:
     entry = file.materials[index]
     if entry.contact is None:
         problem = f"{entry.name!r} has no elastic properties"
-        raise entry.table.refusal(None, problem, "a law needs youngs_modulus and the others")
+        accepted = "a law needs youngs_modulus and the others"
+        raise InputError(entry.origin.file, entry.origin.line, problem, accepted)
     print_first(entry.implausible, arguments.quiet)
     contact = entry.contact
     if arguments.area is not None:
         contact = sj.Contact(**contact.leaves(), area=arguments.area)
-    said = file.said[index]
+    said = entry.said
     known = {name: one.value for name, one in said.items() if not one.free}
     known |= {name: file.settings[name] for name in LAW_OPTIONS if name in file.settings}
     free = {name: one for name, one in said.items() if one.free}
@@ -119,13 +120,13 @@ def _of_file(arguments: argparse.Namespace) -> Source:
     last = FAR_ABOVE_YIELD * critical
     if entry.data is not None:
         last = max(float(np.max(entry.data.velocity)), 2 * critical)
-    is_one = not {"radius_1", "diameter_1"} & entry.table.values.keys()
-    bodies, properties = _bodies(entry.bodies, "second" not in entry.table, is_one)
+    is_one = len(entry.table.radii) == 1
+    bodies, properties = _bodies(entry.bodies, entry.table.second is None, is_one)
     return Source(
         entry.name,
         _law(arguments, arguments.law or file.settings.get("law", "zhou"), contact, known, free),
         (DECADES_BELOW_YIELD * critical, min(last, 0.99 * float(contact.limit_velocity))),
-        None if "limit_velocity" in entry.table else properties,
+        None if entry.table.limit_velocity is not None else properties,
         bodies,
         remark=f"{printable(entry.name)}: {arguments.source}",
     )

@@ -53,7 +53,7 @@ def read_material_file(path: str, needs_data: bool = True) -> Any:
     Raises:
         InputError: with file and line, what is wrong and what is accepted.
     """
-    from calibration.problem_file import read_problem
+    from calibration.data.materials import read_problem
 
     if Path(path).suffix.lower() in TABLES:
         problem = "is a table of measurements, no material file"

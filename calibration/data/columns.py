@@ -18,7 +18,7 @@ from collections.abc import Iterable, Sequence
 from fractions import Fraction
 from typing import NamedTuple
 
-from calibration.data.names import AMBIGUOUS, DIMENSIONS, Header, read_header
+from calibration.data.names import AMBIGUOUS, SI_UNITS, Header, read_header
 from calibration.data.units import PERCENT, unit_of
 from calibration.errors import DataError, listed, shown
 
@@ -64,6 +64,7 @@ class Layout(NamedTuple):
         kind: what they are together.
         position: the place of each among the headers, by name.
         units: the size of each one's unit in SI, by name.
+        written: the unit of each as the header has it, None without one.
         relative: the uncertainties among them that are parts of the quantity itself, in percent.
         remarks: what names were taken for, and which columns are not used.
         assumed: the same of units that are not told; empty where all are.
@@ -72,6 +73,7 @@ class Layout(NamedTuple):
     kind: Kind
     position: dict[str, int]
     units: dict[str, Fraction]
+    written: dict[str, str | None]
     relative: frozenset[str]
     remarks: tuple[str, ...]
     assumed: str = ""
@@ -101,7 +103,8 @@ def layout_of(headers: Sequence[str], units: Sequence[str] | None = None) -> Lay
     }
     untold = [name for name in kind.needs if read[position[name]].unit is None]
     remarks = (*_remarks(read, names, used), *_of_percent(relative, percent & points))
-    return Layout(kind, position, sizes, relative, remarks, _assumed(untold))
+    written = {name: read[place].unit for name, place in position.items()}
+    return Layout(kind, position, sizes, written, relative, remarks, _assumed(untold))
 
 
 def accepts(kind: Kind, uncertainty: str) -> bool:
@@ -154,11 +157,12 @@ def _kind_of(names: Sequence[str | None], read: Sequence[Header]) -> Kind:
     for kind in KINDS:
         if set(kind.needs) <= set(names):
             return kind
-    found = [name for name in names if name in DIMENSIONS]
+    found = [name for name in names if name in SI_UNITS]
     asked = [_question(name) for name in names if name in AMBIGUOUS]
     accepted = ACCEPTED_SETS + "".join(f"; {question}" for question in asked[:TOLD])
-    unknown = f"{listed(repr(header.text) for header in read[:TOLD])}, of which none is known"
-    told = listed(sorted(found)) or (unknown if read else "empty")
+    others = [repr(h.text) for h, name in zip(read, names, strict=True) if name not in SI_UNITS]
+    unknown = f"not known: {listed(others[:TOLD])}" if others else ""
+    told = "; ".join(filter(None, [listed(sorted(found)), unknown])) or "empty"
     raise DataError("set of columns", told, accepted)
 
 
@@ -175,7 +179,7 @@ def _unit(header: Header, name: str) -> Fraction:
     if header.unit is None:
         return Fraction(1)
     try:
-        return unit_of(header.unit, DIMENSIONS[name])
+        return unit_of(header.unit, SI_UNITS[name])
     except DataError as error:
         accepted = error.accepted.replace("left out", "without a unit")
         raise DataError(f"unit of {name}", error.value, accepted) from None
@@ -189,9 +193,8 @@ def _of_percent(relative: Iterable[str], points: Iterable[str]) -> list[str]:
 
 def _assumed(names: Sequence[str]) -> str:
     """In which units columns are taken that tell none."""
-    units = {"speed": "m/s", "length": "m", "time": "s"}
-    told = [f"{name} in {units[one]}" for name in names if (one := DIMENSIONS[name]) in units]
-    return f"no unit in the header, taken for SI: {listed(told)}" if told else ""
+    told = [f"{name} in {SI_UNITS[name]}" for name in names if SI_UNITS[name] != "1"]
+    return f"no unit in the header, assuming {listed(told)}" if told else ""
 
 
 def _question(name: str) -> str:

@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Int
 
 import softjax as sj
-from calibration.data.above_one import check_above_one
 from calibration.data.checks import (
     Column,
     as_labels,
@@ -26,6 +25,8 @@ from calibration.data.repeats import average
 from calibration.data.tables import read_points
 from calibration.errors import DataError, InputError, Origin, printable
 
+LARGEST = 1.5  # restitution: further above 1 no noise brings it
+PERCENT = 10.0  # from here on 85 for 0.85 is the likeliest slip
 LONGEST_NAME = 200  # which pictures and tables can show
 
 
@@ -39,8 +40,8 @@ class RestitutionData:
 
     Attributes:
         velocity: v [m/s], shape (n,), relative impact speed, positive and below the limit velocity.
-        restitution: ε [-], shape (n,), as measured, zero or more. As far above 1 as noise brings it
-            (`calibration.data.above_one`) it is used as it is and noted.
+        restitution: ε [-], shape (n,), as measured, from 0 to 1.5. What is above 1 is used as it
+            is and noted.
         contact: the two bodies; None where their elastic properties are not known. Then Eq. (17)
             (with a limit velocity) or a constant ε can be fitted.
         uncertainty: standard uncertainty of ε [-], one number or (n,), positive; None: unknown.
@@ -144,16 +145,13 @@ class RestitutionData:
         except DataError as error:
             raise of_row(error, points.rows) from None
 
-    def averaged(self, pooled: bool = True) -> "RestitutionData":
+    def averaged(self) -> "RestitutionData":
         """One point for each velocity, the mean of its repeats; in the order of velocity.
 
         Repeats are those at exactly equal velocities, of one group where there are groups.
 
         Without uncertainties the mean's is s/√n, with s the scatter of all repeats about their
-        means, pooled; `degrees` is then the number of readings less that of velocities. Not
-        `pooled`, each velocity takes the scatter of its own repeats (the pooled one where it has
-        none), with `degrees` of its own: for scatter that depends on the velocity, and more than
-        about five repeats each. With stated uncertainties points are weighted by 1/u², and the
+        means, pooled; `degrees` is then the number of readings less that of velocities. With stated uncertainties points are weighted by 1/u², and the
         mean's is 1/√Σ(1/u²).
 
         Raises:
@@ -165,9 +163,11 @@ class RestitutionData:
                 "contact", "one of arrays", "of single numbers for repeats to be averaged"
             )
         with np.errstate(all="ignore"):
-            mean = average(self.velocity, self.restitution, self.errors, self.group, pooled)
+            mean = average(self.velocity, self.restitution, self.errors, self.group)
+        told = f"{len(self)} readings averaged to {len(mean.rows)} points, one for each velocity"
         return replace(
             self,
+            remarks=(*self.remarks, told + (" and group" if self.group is not None else "")),
             velocity=mean.velocity,
             restitution=mean.restitution,
             uncertainty=None,
@@ -312,7 +312,10 @@ class RestitutionData:
         if self.velocity_uncertainty is not None:
             u_v = self.velocity_uncertainty
             require("velocity_uncertainty", u_v, lambda u: u >= 0, "a speed of 0 m/s or more")
-        check_above_one(self.velocity, self.restitution, self.uncertainty)
+        accepted = f"at most {LARGEST}; above 1 it is noise, or a slip"
+        if np.max(self.restitution) > PERCENT:
+            accepted += " (is it in percent? then the unit is [%])"
+        require("restitution", self.restitution, lambda e: e <= LARGEST, accepted)
 
 
 def _per_point(name: str, value: Any, count: int) -> Column | None:

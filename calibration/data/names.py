@@ -12,24 +12,24 @@ from calibration.data.units import is_unit
 from calibration.errors import DataError
 
 MEASURED = {
-    "velocity": "speed",
-    "restitution": "ratio",
-    "impact_velocity": "speed",
-    "rebound_velocity": "speed",
-    "drop_height": "length",
-    "rebound_height": "length",
-    "interval": "time",
-    "time": "time",
+    "velocity": "m/s",
+    "restitution": "1",
+    "impact_velocity": "m/s",
+    "rebound_velocity": "m/s",
+    "drop_height": "m",
+    "rebound_height": "m",
+    "interval": "s",
+    "time": "s",
 }
 LABELS = ("launch", "group")
 UNCERTAINTIES = {
-    "uncertainty": "ratio",
+    "uncertainty": "1",
     **{f"{n}_uncertainty": d for n, d in MEASURED.items() if n != "restitution"},
-    "height_uncertainty": "length",  # of both heights
-    "timing_uncertainty": "time",  # of intervals, or of times
+    "height_uncertainty": "m",  # of both heights
+    "timing_uncertainty": "s",  # of intervals, or of times
 }
-# name: the dimension of its unit
-DIMENSIONS = {**MEASURED, **UNCERTAINTIES, **dict.fromkeys(LABELS, "label")}
+# name: its unit in SI
+SI_UNITS = {**MEASURED, **UNCERTAINTIES, **dict.fromkeys(LABELS, "")}
 
 SYNONYMS = {
     "restitution": "e ε eps epsilon cor e_n restitution_coefficient coefficient_of_restitution "
@@ -52,7 +52,7 @@ SYNONYMS = {
     "group": "specimen",
 }
 KNOWN = {word: name for name, words in SYNONYMS.items() for word in words.split()}
-KNOWN |= {name: name for name in DIMENSIONS}
+KNOWN |= {name: name for name in SI_UNITS}
 # what only the person who wrote it can tell, with the names that it may stand for
 AMBIGUOUS: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(("t", "t_n", "times"), ("interval", "time")),
@@ -64,6 +64,17 @@ AMBIGUOUS: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(("dv", "δv", "delta_v"), ("velocity_uncertainty",)),
     **dict.fromkeys(("de", "δe", "delta_e", "δε"), ("uncertainty",)),
     **dict.fromkeys(("dh", "δh", "delta_h"), ("height_uncertainty",)),
+    **dict.fromkeys(("geschwindigkeit", "vitesse", "velocidad", "velocità"), ("velocity",)),
+    **dict.fromkeys(("stosszahl", "stoßzahl", "restitutionskoeffizient"), ("restitution",)),
+    **dict.fromkeys(("coefficient_de_restitution", "coeficiente_de_restitución"), ("restitution",)),
+    **dict.fromkeys(("aufprallgeschwindigkeit", "vitesse_d'impact"), ("impact_velocity",)),
+    **dict.fromkeys(("rückprallgeschwindigkeit", "vitesse_de_rebond"), ("rebound_velocity",)),
+    **dict.fromkeys(("fallhöhe", "hauteur_de_chute"), ("drop_height",)),
+    **dict.fromkeys(("rücksprunghöhe", "sprunghöhe", "hauteur_de_rebond"), ("rebound_height",)),
+    **dict.fromkeys(("unsicherheit", "incertitude"), ("uncertainty",)),
+    **dict.fromkeys(("höhe", "hauteur", "altura"), ("drop_height", "rebound_height")),
+    **dict.fromkeys(("zeit", "temps", "tiempo"), ("interval", "time")),
+    **dict.fromkeys(("gruppe", "probe", "groupe"), ("group",)),
 }
 # an uncertainty is one of these words and the name of its quantity, in either order: u_v, v_err
 UNCERTAIN = ["uncertainty", "unc", "error", "err", "stdev", "std", "sd", "sigma", "σ", "±"]
@@ -85,7 +96,7 @@ class Header(NamedTuple):
 
     Attributes:
         text: as written.
-        name: one of `DIMENSIONS`, or a key of `AMBIGUOUS`, or None for a column that is not known.
+        name: one of `SI_UNITS`, or a key of `AMBIGUOUS`, or None for a column that is not known.
         words: `text` without its unit, as `plain` writes it.
         unit: as written, or None.
     """
@@ -107,7 +118,7 @@ def read_header(text: str) -> Header:
         return Header(text, None, "", None)
     for words, unit, is_sure in _readings(text):
         name = canonical(words) or (plain(words) if plain(words) in AMBIGUOUS else None)
-        if name is not None and (is_sure or is_unit(unit, dimension_of(name)) or unit == "%"):
+        if name is not None and (is_sure or is_unit(unit, si_unit_of(name)) or unit == "%"):
             return Header(text, name, plain(words), unit)
     base = re.split(r"[\[(]", text, maxsplit=1)[0]
     if canonical(base) is not None:
@@ -119,8 +130,8 @@ def read_header(text: str) -> Header:
     return Header(text, None, plain(text), None)
 
 
-def dimension_of(name: str) -> str:
-    return DIMENSIONS[AMBIGUOUS[name][0] if name in AMBIGUOUS else name]
+def si_unit_of(name: str) -> str:
+    return SI_UNITS[AMBIGUOUS[name][0] if name in AMBIGUOUS else name]
 
 
 def canonical(words: str) -> str | None:

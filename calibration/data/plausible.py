@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from calibration.data.above_one import scatter_of
+from calibration.data.checks import Column
 from calibration.data.measurements import RestitutionData
 from calibration.data.points import FALLEN, FALLS
 from calibration.data.ranges import Implausible, of_bodies
@@ -119,3 +119,16 @@ def _runs(data: RestitutionData) -> Implausible | None:
 def _spans(velocity, starts) -> np.ndarray:
     """Whether each run rises within itself: repeats at one velocity are no run."""
     return velocity[starts[1:] - 1] > velocity[starts[:-1]]
+
+
+def scatter_of(velocity: Column, restitution: Column) -> float:
+    """Robust standard deviation of ε about a smooth curve, of points in the order of velocity.
+
+    1.4826 times the median of |ε_i - line through its two neighbours|, each scaled to the
+    variance of one point (Gasser, Sroka and Jennen-Steinmetz, Biometrika 73, 625, 1986).
+    """
+    gap = velocity[2:] - velocity[:-2]
+    left = np.where(gap > 0, (velocity[2:] - velocity[1:-1]) / np.where(gap > 0, gap, 1.0), 0.5)
+    line = left * restitution[:-2] + (1 - left) * restitution[2:]
+    scale = np.sqrt(1 + left**2 + (1 - left) ** 2)
+    return 1.4826 * float(np.median(np.abs(restitution[1:-1] - line) / scale))

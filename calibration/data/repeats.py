@@ -27,20 +27,18 @@ class Repeats(NamedTuple):
 class Averaged(NamedTuple):
     """m means, in the order of their velocity, the first reading of each, and degrees of freedom.
 
-    `degrees` is None where uncertainties are stated or unknown, a number where one scatter, pooled
-    over all velocities, is behind every uncertainty, and (m,) where each has its own.
+    `degrees` is None where uncertainties are stated or unknown, else that of the scatter, pooled
+    over all velocities, that is behind every uncertainty.
     """
 
     velocity: Means
     restitution: Means
     errors: PointErrors
-    degrees: int | Int[np.ndarray, " m"] | None
+    degrees: int | None
     rows: Int[np.ndarray, " m"]
 
 
-def average(
-    velocity: Values, restitution: Values, errors: PointErrors, group=None, pooled: bool = True
-) -> Averaged:
+def average(velocity: Values, restitution: Values, errors: PointErrors, group=None) -> Averaged:
     """Average the readings of one group at equal velocities; see `RestitutionData.averaged`.
 
     Raises:
@@ -62,7 +60,7 @@ def average(
     moments = [repeats.sum(weight**2 * one) for one in np.broadcast_arrays(of_eps, of_v, joint)]
     degrees = None
     if errors.uncertainty is None:
-        moments[0], degrees = _scatter(repeats, restitution - mean[repeats.of], pooled)
+        moments[0], degrees = _scatter(repeats, restitution - mean[repeats.of])
     known = errors.velocity_uncertainty is not None
     found = _errors_of(moments[0], moments[1], moments[2], known)
     return Averaged(velocity[rows], mean, found, degrees, rows)
@@ -79,22 +77,15 @@ def _repeats(velocity: Values, group) -> tuple[Repeats, Int[np.ndarray, " m"]]:
     return Repeats(of, np.bincount(of)), order[fresh]
 
 
-def _scatter(repeats: Repeats, residuals: Values, pooled: bool):
-    """Variance of each mean from the scatter of its repeats, and its degrees of freedom.
+def _scatter(repeats: Repeats, residuals: Values):
+    """Variance of each mean from the pooled scatter of all repeats, and its degrees of freedom.
 
-    Means of one reading, or of readings all alike, take the pooled scatter in any case. None where
-    there are no repeats that differ.
+    None where there are no repeats that differ.
     """
-    squares, freedom = repeats.sum(residuals**2), repeats.counts - 1
-    total = int(np.sum(freedom))
+    total = int(np.sum(repeats.counts - 1))
     if not total or np.max(np.abs(residuals)) < ALIKE:
         return None, None
-    variance = np.full(len(freedom), np.sum(squares) / total)
-    if pooled:
-        return variance / repeats.counts, total
-    own = squares > ALIKE**2
-    variance[own] = squares[own] / freedom[own]
-    return variance / repeats.counts, np.where(own, freedom, total)
+    return np.sum(residuals**2) / total / repeats.counts, total
 
 
 def _errors_of(of_eps: Means | None, of_v: Means, joint: Means, velocity_known: bool):

@@ -7,11 +7,11 @@ import numpy as np
 
 from calibration.data.checks import as_labels, as_number, as_numbers, check_lengths
 from calibration.data.columns import Kind, Layout, accepts, layout_of
-from calibration.data.names import DIMENSIONS, LABELS, UNCERTAINTIES
+from calibration.data.names import LABELS, SI_UNITS, UNCERTAINTIES
 from calibration.data.points import STANDARD_GRAVITY, Measured, Points
 from calibration.data.singles import single_points
 from calibration.data.trains import train_points
-from calibration.data.units import Relative, in_si, quantity
+from calibration.data.units import Relative, in_si, quantity, unit_of
 from calibration.errors import DataError, did_you_mean
 
 
@@ -37,7 +37,7 @@ def read_points(
     count = len(columns[layout.kind.needs[0]])
     for name, value in uncertainties.items():
         if value is not None:
-            stated = _stated(name, value, columns, layout.kind)
+            stated = _stated(name, value, columns, layout)
             columns[name] = np.full(count, float(stated))
             relative |= {name} if isinstance(stated, Relative) else set()
     if group is not None:
@@ -59,18 +59,31 @@ def _column(name: str, values: Any, layout: Layout) -> np.ndarray:
         return in_si(as_numbers(name, values), layout.units[name])
 
 
-def _stated(name: str, value: Any, columns: Mapping[str, np.ndarray], kind: Kind) -> float:
+def _stated(name: str, value: Any, columns: Mapping[str, np.ndarray], layout: Layout) -> float:
     """An uncertainty that is told for all rows, in SI or `Relative`."""
     if name not in UNCERTAINTIES:
         raise TypeError(f"unexpected keyword argument {name!r}{did_you_mean(name, UNCERTAINTIES)}")
     if name in columns:
         raise DataError(name, "both a column and a number for the set", "given once")
-    if not accepts(kind, name):
-        raise DataError(name, "given", f"left out beside {' and '.join(kind.needs)}")
+    if not accepts(layout.kind, name):
+        raise DataError(name, "given", f"left out beside {' and '.join(layout.kind.needs)}")
     if isinstance(value, str):
-        value = quantity(value, DIMENSIONS[name])
+        value = quantity(value, SI_UNITS[name])
+    else:
+        _check_unit(name, value, layout)
     number = as_number(name, value, lambda u: u >= 0, "a number of 0 or more")
     return Relative(number) if isinstance(value, Relative) else number
+
+
+def _check_unit(name: str, value: Any, layout: Layout) -> None:
+    """Refuse a bare number, which is in SI, beside columns in another unit: either may be meant."""
+    si, base = SI_UNITS[name], name.removesuffix("_uncertainty")
+    own = [base] if base in layout.written else layout.kind.needs
+    units = [layout.written.get(one) for one in own if SI_UNITS.get(one) == si != "1"]
+    other = next((unit for unit in units if unit is not None and unit_of(unit, si) != 1), None)
+    if other is not None:
+        both = f'"{value} {si}" or "{value} {other}"'
+        raise DataError(name, f"{value}, without a unit beside [{other}]", f"one of {both}")
 
 
 def _gravity(gravity: float | None, kind: Kind) -> float:

@@ -1,80 +1,73 @@
-"""Text files as people save them, of a size that is known before they are read."""
+"""Files as people save them, of a size that is known before they are read."""
 
 import codecs
-import io
 import os
 import stat
-from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 from calibration.errors import InputError
 
 UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
-SPREADSHEETS = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")  # .xlsx and .ods, .xls
 MIB = 1 << 20
 
 
+class Text(NamedTuple):
+    """A file's text and the encoding that it is in."""
+
+    text: str
+    encoding: str
+
+
 def read_text(path: str | Path, limit: int) -> str:
-    """The file's text, each line ended by a newline character alone.
-
-    UTF-8, with or without a byte-order mark, or UTF-16 with one.
-
-    Args:
-        path: a regular file: a pipe or a device may never end.
-        limit: bytes that are accepted.
+    """The text of a file in UTF-8, with or without a byte-order mark, or in UTF-16 with one.
 
     Raises:
         InputError: where there is no such file, or it cannot be read, is too large or no text.
     """
-    return _stream(read_bytes(path, limit)).read()
-
-
-def text_lines(path: str | Path, limit: int) -> Iterator[str]:
-    """The lines of such a file one by one, without their ends."""
-    for line in _stream(read_bytes(path, limit)):
-        yield line.rstrip("\n")
+    return decoded(path, read_bytes(path, limit)).text
 
 
 def read_bytes(path: str | Path, limit: int) -> bytes:
-    """The text as UTF-8 without a mark; arguments and errors are those of `read_text`."""
-    raw = _read(path, limit)
-    if raw.startswith(SPREADSHEETS):
-        accepted = "save the sheet as CSV: in the spreadsheet, Save as, CSV UTF-8"
-        raise InputError(path, None, "is a spreadsheet or an archive, no text", accepted)
-    encoding, told = ("utf-16", "UTF-16") if raw.startswith(UTF_16) else ("utf-8-sig", "UTF-8")
-    try:
-        text = raw.decode(encoding)
-    except UnicodeDecodeError as error:
-        line = raw[: error.start].count(b"\n") + 1
-        raise InputError(path, line, f"is not {told} text", "save it as UTF-8") from None
-    if "\0" in text:
-        line = text[: text.index("\0")].count("\n") + 1
-        raise InputError(path, line, "a NUL character", "text is needed, saved as UTF-8")
-    return raw.removeprefix(codecs.BOM_UTF8) if told == "UTF-8" else text.encode()
+    """A regular file of at most `limit` bytes: a pipe or a device may never end.
 
-
-def _read(path: str | Path, limit: int) -> bytes:
+    Raises:
+        InputError: where there is none, or it cannot be read or is too large.
+    """
     try:
-        # before it is opened, as that may wait for ever
-        raw = None
-        if stat.S_ISREG(os.stat(path).st_mode):
-            with open(path, "rb") as file:
-                raw = file.read(limit + 1)
+        if not stat.S_ISREG(os.stat(path).st_mode):  # before it is opened, which may wait for ever
+            what = "a directory" if os.path.isdir(path) else "a device or a pipe"
+            raise InputError(path, None, f"is {what}", "a file is needed")
+        with open(path, "rb") as file:
+            raw = file.read(limit + 1)
     except FileNotFoundError:
         raise InputError(path, None, "no such file", "a file that exists is needed") from None
-    except (OSError, ValueError) as error:  # ValueError: a path with a NUL character in it
-        told = getattr(error, "strerror", None) or "no name of a file"
-        problem = f"cannot be read ({told})"
+    except OSError as error:
+        problem = f"cannot be read ({error.strerror})"
         raise InputError(path, None, problem, "a readable file is needed") from None
-    if raw is None:
-        what = "a directory" if os.path.isdir(path) else "a device or a pipe"
-        raise InputError(path, None, f"is {what}", "a file of text is needed")
     if len(raw) > limit:
-        raise InputError(
-            path, None, f"is larger than {limit // MIB} MiB", "a smaller file is needed"
-        )
+        problem = f"is larger than {limit // MIB} MiB"
+        raise InputError(path, None, problem, "a smaller file is needed")
     return raw
 
 
-def _stream(raw: bytes) -> io.TextIOWrapper:
-    return io.TextIOWrapper(io.BytesIO(raw), encoding="utf-8", newline=None)
+def decoded(path: str | Path, raw: bytes, otherwise: str | None = None) -> Text:
+    """Bytes as text; `otherwise` is tried where they are not UTF-8.
+
+    Raises:
+        InputError: with the line where they are no text.
+    """
+    encodings = ["utf-16"] if raw.startswith(UTF_16) else ["utf-8-sig"]
+    encodings += [otherwise] if otherwise and encodings == ["utf-8-sig"] else []
+    for encoding in encodings:
+        try:
+            text = raw.decode(encoding)
+        except UnicodeDecodeError as error:
+            line = raw[: error.start].count(b"\n") + 1
+            continue
+        if "\0" in text:
+            line = text[: text.index("\0")].count("\n") + 1
+            raise InputError(path, line, "a NUL character", "text is needed, saved as UTF-8")
+        return Text(text, encoding)
+    told = encodings[0].upper().removesuffix("-SIG")
+    raise InputError(path, line, f"is not {told} text", "save it as UTF-8")

@@ -1,71 +1,44 @@
 """Units of measured quantities, as people write them, and quantities with their unit as text.
 
-    unit_of("mm s⁻¹", "speed")          # 1/1000
-    quantity("69 GPa", "pressure")      # 6.9e10
-    quantity("5 %", "speed")            # Relative(0.05): of the quantity itself
+    unit_of("mm s⁻¹", "m/s")         # 1/1000
+    quantity("69 GPa", "Pa")         # 6.9e10
+    quantity("5 %", "m/s")           # Relative(0.05): of the quantity itself
 
-Micro is u, µ or μ; powers are ^-1, -1 or ⁻¹; factors are separated by a space, a point or nothing.
-Only of lengths, times and speeds may the case of letters be another (`KM/H`, but never mpa).
+What is a unit, and how large it is, pint knows. Sizes are exact fractions, so that 12 cm/s is the
+double nearest to 0.12 m/s. Only of lengths, times and speeds may the case of letters be another
+(`KM/H`, but never mpa).
 """
 
 import re
 from fractions import Fraction
-from itertools import product
+from functools import cache
 from typing import Any
 
 from calibration.errors import DataError, did_you_mean, listed, shown
 
 PERCENT = Fraction(1, 100)
-LENGTHS = {"m": Fraction(1), "cm": Fraction(1, 100), "mm": Fraction(1, 1000)}
-LENGTHS |= {"in": Fraction(254, 10000), "ft": Fraction(3048, 10000)}
-LENGTHS |= {"um": Fraction(1, 10**6), "km": Fraction(1000)}
-TIMES = {"s": Fraction(1), "ms": Fraction(1, 1000), "us": Fraction(1, 10**6)}
-TIMES |= {"sec": Fraction(1), "min": Fraction(60), "h": Fraction(3600)}
-MASSES = {"kg": Fraction(1), "g": Fraction(1, 1000), "t": Fraction(1000)}
-VOLUMES = {"m": Fraction(1), "cm": Fraction(1, 10**6), "dm": Fraction(1, 1000)}  # of such edges
-PSI = Fraction(8896443230521, 1290320000)  # 0.45359237 kg · 9.80665 m/s² over a square inch
-
-
-def _quotients(above: dict, below: dict, power: str = "") -> dict[str, Fraction]:
-    """`m/s`, `m s^-1`, `m s-1`, and `ms^-1`, `ms-1`, `m_s` where the lower unit is one letter."""
-    found = {}
-    for (one, size), (two, divisor) in product(above.items(), below.items()):
-        down = power or "1"
-        forms = [f"{one}/{two}^{power}", f"{one}/{two}{power}"] if power else [f"{one}/{two}"]
-        forms += [f"{one} {two}^-{down}", f"{one} {two}-{down}"]
-        if len(two) == 1:  # else mms-1 could be a metre a millisecond
-            forms += [f"{one}{two}^-{down}", f"{one}{two}-{down}", f"{one}_{two}{power}"]
-        found |= dict.fromkeys(forms, size / divisor)
-    return found
-
-
-# the first of each are those that a refusal names
-UNITS: dict[str, dict[str, Fraction]] = {
-    "speed": {"m/s": Fraction(1), "cm/s": Fraction(1, 100), "mm/s": Fraction(1, 1000)}
-    | {"km/h": Fraction(5, 18), "ft/s": LENGTHS["ft"], "in/s": LENGTHS["in"]}
-    | _quotients(LENGTHS, TIMES)
-    | {"mps": Fraction(1), "fps": LENGTHS["ft"], "kmh": Fraction(5, 18), "kph": Fraction(5, 18)}
-    | {"mph": Fraction(1609344, 3600000)},
-    "length": LENGTHS,
-    "time": TIMES,
-    "ratio": {"-": Fraction(1), "1": Fraction(1), "%": PERCENT},
-    "pressure": {"Pa": Fraction(1), "kPa": Fraction(10**3), "MPa": Fraction(10**6)}
-    | {"GPa": Fraction(10**9), "TPa": Fraction(10**12), "psi": PSI, "ksi": 1000 * PSI}
-    | _quotients({"N": Fraction(1)}, {"m": Fraction(1), "mm": Fraction(1, 10**6)}, "2"),
-    "density": {"kg/m^3": Fraction(1), "g/cm^3": Fraction(1000)}
-    | _quotients(MASSES, VOLUMES, "3")
-    | {"g/cc": Fraction(1000), "g/ml": Fraction(1000), "kg/l": Fraction(1000)},
-    "acceleration": _quotients({"m": Fraction(1), "cm": LENGTHS["cm"]}, {"s": Fraction(1)}, "2"),
-    "label": {},
+# units that a refusal names, for each unit of SI
+NAMED = {
+    "m/s": "m/s cm/s mm/s km/h ft/s in/s",
+    "m": "m cm mm in ft um",
+    "s": "s ms us min h",
+    "Pa": "Pa kPa MPa GPa TPa psi",
+    "kg/m^3": "kg/m^3 g/cm^3 kg/dm^3 t/m^3",
+    "m/s^2": "m/s^2 cm/s^2",
+    "N": "N kN mN",
+    "kg": "kg g mg",
+    "1": "- 1 %",
+    "": "",
 }
-TOLD = 6  # units of a dimension that a refusal names
-LONGEST = 100  # characters of a quantity that are looked at
-ANY_CASE = ("speed", "length", "time")
+ANY_CASE = ("m/s", "m", "s")
 SIGNS = str.maketrans(
-    {"⁻": "-", "−": "-", "¹": "1", "²": "2", "³": "3", "µ": "u", "μ": "u"}
+    {"⁻": "-", "−": "-", "¹": "1", "²": "2", "³": "3", "µ": "u", "μ": "u", "_": "/"}
     | dict.fromkeys("⋅·*,", " ")
     | dict.fromkeys("{}$\\", None)
 )
+UNIT = re.compile(r"[A-Za-z][A-Za-z/ ^0-9-]{0,39}")
+POWER = re.compile(r"(?<=[A-Za-z])\^?(-?[1-4])(?!\d)")
+LONGEST = 100  # characters of a quantity that are looked at
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 
 
@@ -73,36 +46,33 @@ class Relative(float):
     """An uncertainty told as a fraction of the quantity itself: 0.05 for 5 %."""
 
 
-def unit_of(text: str, dimension: str) -> Fraction:
-    """The unit's size in SI.
+def unit_of(text: str, si: str) -> Fraction:
+    """The unit's size in a unit of SI; that of "" is none.
 
     Raises:
-        DataError: for a unit that is not of this dimension, with those that are.
+        DataError: for a unit of another dimension, with some of those that are accepted.
     """
-    size = _find(text, dimension)
+    size = _find(text, si)
     if size is None:
-        accepted = f"in {listed(list(UNITS[dimension])[:TOLD])}" if UNITS[dimension] else "left out"
-        name = _plain(text)
-        alike = next((unit for unit in UNITS[dimension] if unit.lower() == name.lower()), None)
-        near = f" (did you mean {alike!r}?)" if alike else did_you_mean(name, UNITS[dimension])
+        named = NAMED.get(si, si).split()
+        alike = next((unit for unit in named if unit.lower() == _plain(text).lower()), None)
+        near = f" (did you mean {alike!r}?)" if alike else did_you_mean(_plain(text), named)
+        accepted = f"in {listed(named)}" if named else "left out"
         raise DataError("unit", f"[{shown(text)}]", accepted + near)
     return size
 
 
-def is_unit(text: str, dimension: str) -> bool:
-    return _find(text, dimension) is not None
+def is_unit(text: str, si: str) -> bool:
+    return _find(text, si) is not None
 
 
 def in_si(values: Any, unit: Fraction) -> Any:
-    """Values, a number or an array, in SI: one product and one quotient of whole numbers.
-
-    They round as well as can be: 12 cm/s is the double nearest to 0.12 m/s, so that repeats in
-    other units meet.
-    """
+    """Values, a number or an array, in SI: one product and one quotient of whole numbers, rounded
+    as well as can be, so that repeats in other units meet."""
     return values * unit.numerator / unit.denominator
 
 
-def quantity(text: str, dimension: str) -> float:
+def quantity(text: str, si: str) -> float:
     """A number with its unit, such as `12.7 mm`, in SI; a percentage is a `Relative`.
 
     Raises:
@@ -110,11 +80,11 @@ def quantity(text: str, dimension: str) -> float:
     """
     match = re.fullmatch(rf"({NUMBER})\s*([^\d\s.,eE+-].*)", text.strip()[:LONGEST])
     if match is None:
-        example = next(iter(UNITS[dimension]))
+        example = NAMED.get(si, si).split()[0]
         raise DataError("quantity", repr(text), f"a number, or one with its unit, `1.5 {example}`")
     if _plain(match[2]) == "%":
         return Relative(_exactly(match[1], PERCENT))
-    return _exactly(match[1], unit_of(match[2], dimension))
+    return _exactly(match[1], unit_of(match[2], si))
 
 
 def _exactly(text: str, unit: Fraction) -> float:
@@ -124,12 +94,41 @@ def _exactly(text: str, unit: Fraction) -> float:
     return in_si(float(text), unit)
 
 
-def _find(text: str, dimension: str) -> Fraction | None:
-    units, name = UNITS[dimension], _plain(text)
-    lower = units.get(name.lower()) if dimension in ANY_CASE else None
-    return units.get(name, lower)
-
-
 def _plain(text: str) -> str:
     """One spelling: no superscripts, no Greek, one space at most."""
     return " ".join(text.translate(SIGNS).replace(" per ", "/").replace(" / ", "/").split())
+
+
+@cache
+def _find(text: str, si: str) -> Fraction | None:
+    name = _plain(text)
+    if si in ("1", ""):
+        return {"-": Fraction(1), "1": Fraction(1), "%": PERCENT}.get(name) if si else None
+    if name == si:
+        return Fraction(1)
+    forms = [name, name.lower()] if si in ANY_CASE else [name]
+    # ms-1 is a millisecond's inverse, or a metre a second
+    forms += [re.sub(r"(?<=[a-zN])([a-z]\^?-[1-3])$", r" \1", form) for form in forms]
+    return next((size for form in forms if (size := _size(form, si)) is not None), None)
+
+
+def _size(name: str, si: str) -> Fraction | None:
+    if not UNIT.fullmatch(name) or re.search(r"\d\d", name):
+        return None
+    registry = _registry()
+    try:
+        one, other = (registry.parse_units(POWER.sub(r"**\1", unit)) for unit in (name, si))
+        if one.dimensionality != other.dimensionality:
+            return None
+        return Fraction(registry.Quantity(Fraction(1), one).m_as(other))
+    except Exception:  # for what is no unit pint raises errors of many kinds
+        return None
+
+
+@cache
+def _registry() -> Any:
+    import pint
+
+    registry = pint.UnitRegistry(non_int_type=Fraction)
+    registry.define("kmh = kilometer / hour")
+    return registry

@@ -15,8 +15,8 @@ from pydantic import Field, PlainValidator, ValidationError, WithJsonSchema
 
 import softjax as sj
 from calibration.data import PointErrors, RestitutionData
-from calibration.data.bodies import Body
 from calibration.data.json_file import plain
+from calibration.data.materials import Body
 from calibration.data.measurements import LONGEST_NAME
 from calibration.data.text_file import MIB, read_text
 from calibration.errors import DataError, InputError, shown

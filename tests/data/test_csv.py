@@ -38,6 +38,35 @@ def test_decimal_commas(read, delimiter):
     assert not any("commas" in one for one in read("v;e\n0.12;0.95\n").remarks)
 
 
+def test_what_windows_saves_is_read_and_told(read):
+    """German Excel's own: Windows-1252, semicolons, decimal commas."""
+    data = read("v [m/s];e;Prüfling\n0,12;0,95;µ1\n", "cp1252")
+    assert (data.velocity[0], data.restitution[0]) == (0.12, 0.95)
+    assert any("Windows-1252" in one for one in data.remarks)
+
+
+def test_a_cell_may_go_over_two_lines(read):
+    data = read('v,e,note\n1,0.9,"a\nb"\n\n2,0.8,c\n')
+    assert data.origin.lines == (2, 5)
+
+
+def test_a_spreadsheet_is_read_as_its_csv_is(read, tmp_path):
+    pandas = pytest.importorskip("pandas")
+    pytest.importorskip("openpyxl")
+    rows = [
+        ["velocity [cm/s]", "e", "note"],
+        [12, 0.95, "a"],
+        [None, None, None],
+        [300.5, 0.7, "b"],
+    ]
+    pandas.DataFrame(rows).to_excel(tmp_path / "b.xlsx", header=False, index=False)
+    text = "\n".join(",".join("" if c is None else str(c) for c in row) for row in rows)
+    sheet, plain = cal.read_csv(tmp_path / "b.xlsx"), read(text)
+    np.testing.assert_array_equal(sheet.velocity, plain.velocity)
+    np.testing.assert_array_equal(sheet.restitution, plain.restitution)
+    assert sheet.origin.lines == plain.origin.lines == (2, 4)
+
+
 def test_the_separator_line_of_a_spreadsheet_and_quoted_cells(read):
     text = 'sep=;\r\n"drop height (cm)";"rebound height (cm)";"remark, if any"\r\n'
     data = read(text + '"100";"64";"first; not ""clean"""\r\n50;32;\r\n')

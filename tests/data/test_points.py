@@ -231,10 +231,3 @@ def test_one_gross_error_is_refused_by_its_place(count):
         cal.RestitutionData(velocity, restitution)
     with pytest.raises(cal.DataError, match=r"percent.*\[%\]"):
         cal.RestitutionData(velocity, 100 * restitution)
-
-
-@pytest.mark.parametrize("stated", [0.01, [0.1, 0.01]])
-def test_stated_uncertainties_reach_to_four(stated):
-    assert len(cal.RestitutionData([1.0, 2.0], [0.9, 1.0399999], uncertainty=stated)) == 2
-    with pytest.raises(cal.DataError, match=r"restitution\[1\].*0\.04 here"):
-        cal.RestitutionData([1.0, 2.0], [0.9, 1.0400001], uncertainty=stated)

@@ -192,7 +192,7 @@ def test_importing_changes_no_setting():
 FLOORS = [
     {"lazily", "errors", "rounding", "schema", "options", "output", "console"},
     {"parameters", "paper", "data"},
-    {"problem_file", "fitting", "symbols"},
+    {"fitting", "symbols"},
     {"curves", "lookup_table", "studies"},
     {"plots"},
     {"report"},

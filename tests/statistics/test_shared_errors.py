@@ -249,23 +249,6 @@ def test_means_of_repeats_carry_their_degrees_of_freedom():
     assert high - low == pytest.approx(2 * stats.t.ppf(0.975, 6) * s / 3, rel=1e-6)
 
 
-def test_means_with_a_scatter_of_their_own_are_weighted_by_their_counts():
-    """Unpooled: Welch's and Satterthwaite's degrees of freedom."""
-    random, counts = np.random.default_rng(14), np.array([3, 4, 8])
-    velocity = np.repeat([1.0, 2.0, 3.0], counts)
-    spread = np.repeat([0.001, 0.01, 0.02], counts)
-    data = cal.RestitutionData(velocity, 0.8 + spread * random.standard_normal(15))
-    sets = np.split(data.restitution, np.cumsum(counts)[:-1])
-    variance = (counts / 15) ** 2 * [np.var(one, ddof=1) for one in sets] / counts
-    result = cal.fit(data.averaged(pooled=False), "constant", **QUICK)
-    assert result.values["restitution"] == pytest.approx(np.mean(data.restitution), rel=1e-9)
-    error = np.sqrt(np.sum(variance))
-    assert result.standard_errors["restitution"] == pytest.approx(error, rel=1e-9)
-    degrees = np.sum(variance) ** 2 / np.sum(variance**2 / (counts - 1))
-    low, high = result.intervals["restitution"]
-    assert high - low == pytest.approx(2 * stats.t.ppf(0.975, degrees) * error, rel=1e-3)
-
-
 def test_robust_losses_are_for_points_that_share_nothing():
     with pytest.raises(ValueError, match=r"loss.*'squared' where points share errors"):
         cal.fit(specimens(), "constant", loss="huber")

@@ -43,7 +43,7 @@ def test_the_authors_are_an_entity():
 
 def test_every_dependency_has_a_lower_bound():
     for name in PROJECT["dependencies"]:
-        assert re.fullmatch(r"[a-z]+>=[\d.]+", name), name
+        assert re.fullmatch(r"[a-z0-9]+>=[\d.]+", name), name
 
 
 def test_the_lowest_python_is_the_one_that_the_classifiers_begin_with():

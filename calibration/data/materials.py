@@ -1,0 +1,601 @@
+"""Material files: what is measured, of which bodies, and how it is to be fitted.
+
+    [fit]                        # settings of the fit: `calibration.FitOptions`, and `area`
+    objective = "two-step"
+
+    [parameters]                 # of all materials together; may be left out
+    c1 = { value = 0.0 }
+
+    [[material]]                 # two equal spheres
+    name = "my alloy"
+    youngs_modulus = "193 GPa"   # a number in SI, or text with its unit
+    poisson_ratio = 0.35
+    density = 8030               # kg/m³
+    yield_strength = 3.10e8      # Pa
+    radius = 0.0127              # m; or radius_1 and radius_2; or diameter, diameter_1, diameter_2
+    data = "my_alloy.csv"        # beside this file
+    # material = "nylon"         # of Table 1, in place of the four properties
+    # limit_velocity [m/s], area, gravity [m/s²]; uncertainties for all rows, as columns are called:
+    # uncertainty, velocity_uncertainty = "2 %", drop_height_uncertainty = "0.5 mm", ...
+    # average_repeats = true
+    # plausibility = false       # properties are right, though 100 times outside what is plausible
+
+    [material.second]            # the other sphere, where its properties differ; or
+    [material.wall]              # a flat wall, with its properties
+
+    [material.parameters]        # fixed by a number; free, with more said of it, by a table
+    psi = 0.5
+    chi = { value = 0.1, bounds = [0.01, 10.0], transform = "log" }
+    yield_strength = { prior = ["310 MPa", "20 MPa"] }
+
+Without elastic properties a set can be fitted by Eq. (17), where `limit_velocity` is given, or by
+a constant restitution. `MaterialTables.model_json_schema()` is the JSON Schema of these files.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple
+
+import numpy as np
+from pydantic import (
+    Field,
+    PlainValidator,
+    WithJsonSchema,
+    create_model,
+    model_validator,
+)
+from pydantic_core import core_schema
+
+import softjax as sj
+from calibration.data.measurements import RestitutionData
+from calibration.data.names import UNCERTAINTIES
+from calibration.data.paper import CURVES
+from calibration.data.ranges import AS_IT_IS, RANGES, of_bodies
+from calibration.data.sheet import read_csv
+from calibration.data.toml import FAULTS, Place, TomlFile, combined, read_toml_file
+from calibration.data.units import Relative, quantity
+from calibration.errors import (
+    DataError,
+    InputError,
+    Origin,
+    did_you_mean,
+    is_finite_number,
+    listed,
+    printable,
+    shown,
+)
+from calibration.options import FitOptions
+from calibration.parameters import Parameter
+from calibration.schema import Refused, Strict
+
+RADII = ("radius", "radius_1", "radius_2")
+DIAMETERS = tuple(name.replace("radius", "diameter") for name in RADII)
+PROPERTIES = ("youngs_modulus", "poisson_ratio", "density", "yield_strength")
+NAMED = {curve.name: curve.material for curve in CURVES}
+NAMED_SOURCE = "Table 1 of Zhou (2013)"
+KEYS = ("free", "value", "bounds", "prior", "transform", "shared")  # of a parameter
+# of parameters that may be told with their unit
+OF_PARAMETERS = {"youngs_modulus": "Pa", "yield_strength": "Pa", "radius": "m", "mass": "kg"}
+OF_PARAMETERS |= {"limit_velocity": "m/s", "dissipation_time": "s"}
+OF_PARAMETERS |= dict.fromkeys(("stiffness", "loading_stiffness", "unloading_stiffness"), "N/m")
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A quantity in a file: a number in SI, or text with its unit ("69 GPa").
+
+    Attributes:
+        si: its unit.
+        accepted: which numbers are.
+        least: the smallest; 0 itself only where `from_zero`.
+        may_be_part: whether a percentage is accepted, of the quantity itself.
+    """
+
+    si: str
+    accepted: str = "a positive number"
+    from_zero: bool = False
+    may_be_part: bool = False
+
+    def __call__(self, value: Any) -> float:
+        unit = f"{self.accepted} [{self.si}]".replace("^3", "³").replace("^2", "²")
+        told = unit
+        if isinstance(value, str):
+            try:
+                value = quantity(value, self.si)
+            except DataError as error:
+                told = unit if error.argument == "quantity" else f"{unit}, {error.accepted}"
+                raise ValueError(told) from None
+        is_part = isinstance(value, Relative) and not self.may_be_part
+        if (
+            is_part
+            or not is_finite_number(value)
+            or value < 0
+            or (value == 0 and not self.from_zero)
+        ):
+            raise ValueError(told)
+        return value if isinstance(value, Relative) else float(value)
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        return core_schema.no_info_plain_validator_function(self)
+
+    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
+        ends = {"minimum" if self.from_zero else "exclusiveMinimum": 0}
+        told = f"in {self.si}, or text with its unit"
+        return {"anyOf": [{"type": "number", **ends}, {"type": "string"}], "description": told}
+
+
+def _name_of_material(value: Any) -> str:
+    name = value.lower().replace("-", " ").replace("_", " ") if isinstance(value, str) else value
+    if name not in NAMED:
+        known = listed(f'"{one}"' for one in NAMED)
+        raise ValueError(f"{known} ({NAMED_SOURCE}); of any other give {listed(PROPERTIES)}")
+    return name
+
+
+Pressure = Annotated[float | None, Measure("Pa")]
+Length = Annotated[float | None, Measure("m")]
+Text = Annotated[str, Field(min_length=1, pattern=r"\S")]
+
+
+class BodyTable(Strict):
+    """A body: its four properties, or the name of a material of Table 1."""
+
+    material: Annotated[
+        str | None,
+        PlainValidator(_name_of_material),
+        WithJsonSchema({"type": "string", "examples": list(NAMED)}),
+    ] = None
+    youngs_modulus: Pressure = None
+    poisson_ratio: Annotated[
+        float | None, Field(gt=-1, le=0.5, json_schema_extra={"accepted": "a number in (-1, 0.5]"})
+    ] = None
+    density: Annotated[float | None, Measure("kg/m^3")] = None
+    yield_strength: Pressure = None
+
+    def check(self) -> None:
+        """Refuse a body of which something is missing."""
+        given = [name for name in PROPERTIES if getattr(self, name) is not None]
+        if self.material is not None and given:
+            accepted = "give either a known material, or its properties"
+            raise Refused((given[0],), f"{given[0]} beside material", accepted)
+        missing = next((name for name in PROPERTIES if name not in given), None)
+        if self.material is None and missing is not None:
+            accepted = "a body has youngs_modulus, poisson_ratio, density and yield_strength"
+            if missing == "yield_strength":
+                accepted += (
+                    "; it is needed only for v_cr with laws without yield: enter 10 MPa, say"
+                )
+            raise Refused((), f"{missing} is missing", accepted)
+
+    @property
+    def solid(self) -> sj.Material:
+        if self.material is not None:
+            return NAMED[self.material]
+        return sj.Material(**{name: getattr(self, name) for name in PROPERTIES})
+
+
+class OtherBody(BodyTable):
+    """A wall, or the second sphere."""
+
+    @model_validator(mode="after")
+    def _complete(self) -> "OtherBody":
+        self.check()
+        return self
+
+
+def _parameters(tables: Any) -> dict[str, Parameter]:
+    """`[parameters]` or `[material.parameters]`, by name: a number fixes."""
+    if not isinstance(tables, dict):
+        raise ValueError("a table: [parameters] and its keys below")
+    return {name: _parameter(name, table) for name, table in tables.items()}
+
+
+def _parameter(name: str, table: Any) -> Parameter:
+    given = table if isinstance(table, dict) else {"free": False, "value": table}
+    for key in given:
+        if key not in KEYS:
+            accepted = did_you_mean(key, KEYS).strip(" ()") or f"known here are {listed(KEYS)}"
+            raise Refused((name, key), f"unknown key {shown(repr(key))}", accepted)
+    try:
+        fields = {key: _in_si(name, value, key) for key, value in given.items()}
+        return Parameter(**fields)
+    except DataError as error:
+        if given is not table:
+            problem = (
+                f'{name} is "{table}"' if isinstance(table, str) else f"{name} is {shown(table)}"
+            )
+            accepted = "it must be a number, or a table such as { value = 1.0 }"
+            raise Refused((name,), problem, accepted) from None
+        problem = f"{error.argument} of {name} is {error.value}"
+        raise Refused((name, error.argument), problem, f"it must be {error.accepted}") from None
+
+
+def _in_si(name: str, value: Any, key: str) -> Any:
+    """A value, its bounds or its prior, with texts as numbers."""
+    if isinstance(value, list):
+        return [_in_si(name, one, key) for one in value]
+    si = OF_PARAMETERS.get(name.removeprefix("contact."))
+    if not isinstance(value, str) or key in ("transform", "shared", "free"):
+        return value
+    if si is None:
+        raise DataError(key, f'"{value}"', "a number in SI")
+    try:
+        return float(quantity(value, si))
+    except DataError as error:
+        raise DataError(key, f'"{value}"', error.accepted) from None
+
+
+Parameters = Annotated[
+    dict[str, Any],
+    PlainValidator(_parameters),
+    WithJsonSchema({"type": "object", "additionalProperties": {"type": ["number", "object"]}}),
+]
+
+
+class _Material(BodyTable):
+    """One `[[material]]`, but the uncertainties for all rows."""
+
+    name: Text | None = None
+    data: Text | None = None
+    radius: Length = None
+    radius_1: Length = None
+    radius_2: Length = None
+    diameter: Length = None
+    diameter_1: Length = None
+    diameter_2: Length = None
+    wall: OtherBody | None = None
+    second: OtherBody | None = None
+    area: Literal["zhou", "hertz"] | None = None
+    limit_velocity: Annotated[float | None, Measure("m/s")] = None
+    gravity: Annotated[float | None, Measure("m/s^2")] = None
+    average_repeats: Literal[True, False, "pooled"] = False
+    plausibility: bool = True
+    parameters: Parameters = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _bodies(self) -> "_Material":
+        if not self.has_bodies:
+            return self
+        self.check()
+        given = [name for name in (*RADII, *DIAMETERS) if getattr(self, name) is not None]
+        alone = [{names[0]} for names in (RADII, DIAMETERS)]
+        if set(given) not in (*alone, {*RADII[1:]}, {*DIAMETERS[1:]}):
+            accepted = "needed is radius, or radius_1 and radius_2, or the diameters in their place"
+            raise Refused((*given[:1],), f"radii given are {listed(given) or 'none'}", accepted)
+        if self.wall is not None and self.second is not None:
+            accepted = "give either [material.wall] or [material.second]"
+            raise Refused(("second",), "both a wall and a second body", accepted)
+        if self.wall is not None and len(given) > 1:
+            accepted = "needed is radius or diameter, of the sphere"
+            raise Refused((), "a wall without radius alone", accepted)
+        return self
+
+    @property
+    def has_bodies(self) -> bool:
+        names = {"material", *PROPERTIES, *RADII, *DIAMETERS, "wall", "second", "area"}
+        return bool(names & self.model_fields_set)
+
+    @property
+    def radii(self) -> list[float]:
+        """That of both spheres, or those of each [m]."""
+        pairs = [(name, 1.0) for name in RADII] + [(name, 0.5) for name in DIAMETERS]
+        return [
+            part * getattr(self, name) for name, part in pairs if getattr(self, name) is not None
+        ]
+
+    @property
+    def other(self) -> OtherBody | None:
+        return self.wall or self.second
+
+
+_ROWS: dict[str, Any] = {
+    name: (Annotated[float | None, Measure(si, "a number of 0 or more", True, True)], None)
+    for name, si in UNCERTAINTIES.items()
+}
+_ROWS["uncertainty"] = Annotated[float | None, Measure("1", may_be_part=True)], None
+MaterialTable: Any = create_model("MaterialTable", __base__=_Material, **_ROWS)
+
+
+class FileOptions(FitOptions):
+    """The `[fit]` table: the settings of a fit, and the contact area of all its materials."""
+
+    area: Literal["zhou", "hertz"] | None = None
+
+
+class MaterialTables(Strict):
+    """A material file."""
+
+    material: Annotated[
+        list[MaterialTable],
+        Field(json_schema_extra={"accepted": "an array of tables: write [[material]] for each"}),
+    ] = Field(default_factory=list)
+    fit: FileOptions = FileOptions()
+    parameters: Parameters = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _together(self) -> "MaterialTables":
+        if not self.material:
+            raise Refused((), "no material", "one [[material]] or more is needed")
+        seen: set[str] = set()
+        for i, name in enumerate(self.names):  # results are keyed by the name
+            if name in seen:
+                problem = f"a second material is named {name!r}"
+                accepted = "each material has a name of its own"
+                raise Refused(("material", i, "name"), problem, accepted)
+            seen.add(name)
+        for i, one in enumerate(self.material):
+            if {"c1", "c2"} & {*self.parameters} and "chi" in one.parameters:
+                accepted = "only one is possible, as chi = c1 + c2 E/Y"
+                place = ("material", i, "parameters", "chi")
+                raise Refused(place, "chi beside c1 and c2", accepted)
+        return self
+
+    @property
+    def names(self) -> list[str]:
+        """The name of each material, else that of its data file."""
+        every = enumerate(self.material, start=1)
+        told = [one.name or Path(one.data or "").stem or f"material {i}" for i, one in every]
+        return [printable(name) for name in told]
+
+
+class Body(NamedTuple):
+    """One of the two; a wall has no radius."""
+
+    name: str  # "sphere", "second sphere", "wall"
+    material: sj.Material
+    radius: float | None
+
+
+@dataclass(frozen=True)
+class MaterialEntry:
+    """What one `[[material]]` says.
+
+    Attributes:
+        name: its name, else that of its data file.
+        table: the entry as it stands.
+        contact: the two bodies, with the file's limit velocity; None without elastic properties.
+        bodies: the bodies themselves.
+        data: its measurements; None where it names no file.
+        said: what the file says of its parameters, those of `[parameters]` among them.
+        origin: the file and the line of the entry.
+    """
+
+    name: str
+    table: Any
+    contact: sj.Contact | None
+    bodies: tuple[Body, ...]
+    data: RestitutionData | None
+    said: dict[str, Parameter]
+    origin: Origin
+
+    @property
+    def implausible(self) -> list[str]:
+        """A line for each property of a body outside its plausible range."""
+        found = of_bodies(self.bodies, self.contact)
+        return [f"warning: plausibility ({self.name}): {one.cause}. {one.remedy}" for one in found]
+
+
+@dataclass(frozen=True)
+class ProblemFile:
+    """All that a material file says.
+
+    Attributes:
+        materials: its entries.
+        settings: what its `[fit]` table gives.
+        file: the file, with the line of each key.
+    """
+
+    materials: list[MaterialEntry]
+    settings: Mapping[str, Any]
+    file: TomlFile[MaterialTables]
+
+    @property
+    def datasets(self) -> list[RestitutionData]:
+        """The measurements of those that have any."""
+        return [entry.data for entry in self.materials if entry.data is not None]
+
+    @property
+    def parameters(self) -> list[dict[str, Parameter]]:
+        """What is said of the parameters of each of `datasets`."""
+        return [entry.said for entry in self.materials if entry.data is not None]
+
+    @property
+    def implausible(self) -> list[str]:
+        """A line for each property of a body outside its plausible range."""
+        return [line for entry in self.materials for line in entry.implausible]
+
+    def line(self, setting: str) -> int | None:
+        """The line that a setting stands on."""
+        return self.file.line(("fit", setting))
+
+
+def read_toml(path: str | Path, *, plausibility: bool = True) -> list[RestitutionData]:
+    """The data sets of a material file, one a `[[material]]`.
+
+    Args:
+        path: the file; data files are sought beside it.
+        plausibility: whether properties more than 100 times outside what is plausible are refused,
+            but of materials with `plausibility = false`.
+
+    Raises:
+        InputError: a ValueError with file and line, what is wrong and what is accepted.
+    """
+    return read_problem(path, plausibility=plausibility).datasets
+
+
+def read_problem(
+    path: str | Path, needs_data: bool = True, *, plausibility: bool = True
+) -> ProblemFile:
+    """A material file's data sets, parameters and settings.
+
+    Args:
+        path: the file; data files are sought beside it.
+        needs_data: whether every material must name its measurements.
+        plausibility: as of `read_toml`.
+
+    Raises:
+        InputError: a ValueError with file and line, what is wrong and what is accepted; where there
+            are several faults it lists them.
+    """
+    file = read_toml_file(path, MaterialTables)
+    tables = file.content
+    entries: list[MaterialEntry] = []
+    faults: list[InputError] = []
+    for i, name in enumerate(tables.names):
+        try:
+            entries.append(_Reader(file, i, name, plausibility).entry(needs_data))
+        except InputError as error:
+            faults.append(error)
+        if len(faults) > FAULTS:
+            break
+    if faults:
+        raise combined(faults)
+    settings = {name: getattr(tables.fit, name) for name in tables.fit.model_fields_set}
+    return ProblemFile(entries, settings, file)
+
+
+class _Reader:
+    """One `[[material]]` on its way in."""
+
+    def __init__(self, file: TomlFile[MaterialTables], i: int, name: str, plausibility: bool):
+        self.file, self.table, self.name = file, file.content.material[i], name
+        self.place: Place = ("material", i)
+        self.plausibility = plausibility and self.table.plausibility
+
+    def refusal(self, key: str | None, problem: str, accepted: str) -> InputError:
+        place = self.place if key is None else (*self.place, *key.split("."))
+        return self.file.refusal(place, problem, accepted)
+
+    def entry(self, needs_data: bool) -> MaterialEntry:
+        table = self.table
+        if needs_data and table.data is None:
+            raise self.refusal(None, "data is missing", "needed is the name of a CSV file")
+        contact, bodies = self._bodies() if table.has_bodies else (None, ())
+        data = None if table.data is None else self._data(contact, bodies)
+        origin = Origin(self.file.path, self.file.line(self.place))
+        return MaterialEntry(self.name, table, contact, bodies, data, dict(self._said()), origin)
+
+    def _said(self) -> Iterator[tuple[str, Parameter]]:
+        """What is said of the parameters, each with its line."""
+        for place, told in (
+            (("parameters",), self.file.content.parameters),
+            ((*self.place, "parameters"), self.table.parameters),
+        ):
+            for name, one in told.items():
+                line = self.file.line((*place, name))
+                yield name, replace(one, origin=Origin(self.file.path, line))
+
+    def _bodies(self) -> tuple[sj.Contact, tuple[Body, ...]]:
+        """Both bodies and their contact."""
+        table = self.table
+        area = table.area or self.file.content.fit.area or "zhou"
+        first, other, radii = table.solid, (table.other or table).solid, table.radii
+        try:
+            if table.wall is not None:
+                contact = sj.Contact.with_wall(first, other, radii[0], area)
+                bodies = Body("sphere", first, radii[0]), Body("wall", other, None)
+            else:
+                contact = sj.Contact.between_spheres(first, other, radii[0], radii[-1], area)
+                bodies = Body("sphere", first, radii[0]), Body("second sphere", other, radii[-1])
+        except (sj.ArgumentError, ArithmeticError) as error:  # each makes sense, but not together
+            problem = f"no contact of these bodies ({error})"
+            raise self.refusal(None, problem, "other sizes are needed") from None
+        if self.plausibility:
+            self._check_far()
+        limit = table.limit_velocity or float(np.asarray(contact.limit_velocity))
+        return replace(contact, limit_velocity=limit), bodies
+
+    def _check_far(self) -> None:
+        """Refuse what is more than 100 times outside its plausible range, at its line."""
+        told = [(name, name, self.table) for name in (*PROPERTIES, *RADII, *DIAMETERS)]
+        where = "wall" if self.table.wall is not None else "second"
+        if self.table.other is not None:
+            told += [(f"{where}.{name}", name, self.table.other) for name in PROPERTIES]
+        for key, name, table in told:
+            one, value = (
+                RANGES.get("radius" if name in DIAMETERS + RADII else name),
+                getattr(table, name),
+            )
+            if one is not None and value is not None and one.is_far(value):
+                problem = (
+                    f"{name} is {value:.3g} {one.unit}, more than 100 times outside {one.accepted}"
+                )
+                raise self.refusal(key, problem, f"is its unit right? {AS_IT_IS}")
+
+    def _data(self, contact: sj.Contact | None, bodies: tuple[Body, ...]) -> RestitutionData:
+        table = self.table
+        path, found, inside = self._data_file()
+        named = {one.material for one in (table, table.wall, table.second) if one is not None}
+        remarks = [f"properties of {name} from {NAMED_SOURCE}" for name in sorted(named - {None})]
+        options = {name: getattr(table, name) for name in (*UNCERTAINTIES, "gravity")}
+        options |= {"name": self.name, "plausibility": self.plausibility, "bodies": bodies}
+        options |= {"remarks": (*remarks, *found), "quoted": inside}
+        if contact is None or table.limit_velocity is not None:
+            data = read_csv(path, contact, limit_velocity=table.limit_velocity, **options)
+        else:  # the limit follows from what the file says of the bodies
+            data = self._below_limit(read_csv(path, None, **options), contact)
+        if not table.average_repeats:
+            return data
+        try:
+            return data.averaged()
+        except DataError as error:
+            line = self.file.line((*self.place, "average_repeats"))
+            raise error.at(self.file.path, line) from None
+
+    def _below_limit(self, data: RestitutionData, contact: sj.Contact) -> RestitutionData:
+        """The measurements of these bodies, all of them below √(3 Y/ρ).
+
+        Where a few are not they are to blame, where most are not the unit of the velocities if the
+        header tells none, or the yield strength.
+        """
+        limit = float(np.asarray(contact.limit_velocity))
+        beyond = data.velocity >= limit
+        if 2 * np.sum(beyond) > len(data):
+            raise self._too_fast(data, contact, limit, int(np.argmax(beyond)))
+        try:
+            return replace(data, contact=contact, limit_velocity=limit)
+        except InputError as error:
+            accepted = f"{error.accepted}, √(3 Y/ρ) of the bodies"
+            raise InputError(error.file, error.line, error.problem, accepted) from None
+
+    def _too_fast(self, data, contact, limit: float, row: int) -> InputError:
+        place = data.refusal("", "", row)
+        fastest = f"{data.velocity[row]:.4g} m/s"
+        strength = float(np.asarray(contact.yield_strength))
+        is_assumed = any("assuming" in one and "velocity in m/s" in one for one in data.remarks)
+        if is_assumed and RANGES["yield_strength"].lowest <= strength:
+            problem = f"velocity is {fastest}, beyond the limit √(3 Y/ρ) of {limit:.4g} m/s"
+            accepted = "no unit in the header, assuming m/s: is it `velocity [mm/s]`, say?"
+            return InputError(place.file, place.line, problem, accepted)
+        at = f"{place.file}:{place.line} has {fastest}"
+        problem = f"yield_strength makes the limit velocity √(3 Y/ρ) {limit:.4g} m/s, but {at}"
+        accepted = 'is it in Pa, or text with its unit as "310 MPa"? Or give limit_velocity'
+        one, two = (float(np.asarray(body.material.yield_strength)) for body in data.bodies)
+        where = "wall." if self.table.wall is not None else "second."
+        is_other = self.table.other is not None and two < one
+        return self.refusal(f"{where * is_other}yield_strength", problem, accepted)
+
+    def _data_file(self) -> tuple[Path, tuple[str, ...], bool]:
+        """Where the data file is, what to tell of that, and whether it lies below the file's folder.
+
+        A material file that is reached by a link means what lies beside itself, not beside the link;
+        where that is not there, what lies beside the link serves.
+        """
+        here = Path(self.file.path).parent
+        homes = list(dict.fromkeys([Path(self.file.path).resolve().parent, here.resolve()]))
+        name = self.table.data
+        places = [here / name] if len(homes) == 1 else [homes[0] / name, here / name]
+        try:
+            path = next((one for one in places if one.exists()), None)
+        except (OSError, ValueError):  # a name too long, or with a NUL
+            path = None
+        if path is None:
+            told = printable(" or ".join(repr(str(one)) for one in places))[:300]
+            accepted = "needed is the name of a CSV file beside this one"
+            raise self.refusal("data", f"data file {told} is not there", accepted)
+        inside = any(map(path.resolve().is_relative_to, homes))
+        if len(places) == 1:
+            return path, (), inside
+        beside = "the file that the link points to" if path == places[0] else "the link"
+        return path, (f"data file {str(path)!r} was found beside {beside}",), inside

@@ -1,0 +1,243 @@
+"""Measurements in a table: a header of columns with units, then one row a point.
+
+    # anything after a hash at the start of a line is a comment
+    velocity [m/s],restitution,uncertainty
+    0.12,0.95,0.004
+
+Commas, semicolons or tabs separate cells, whichever the header uses (or `sep=;` in a line above
+it). A decimal is a point; where semicolons or tabs separate cells it may be a comma in the whole
+file. Units stand in the header or in a row of their own below it. Thousands are not separated.
+UTF-8, UTF-16 with its mark, or Windows-1252, of at most 64 MiB; or the first sheet of an Excel file.
+What columns there may be tells `calibration.data.columns`.
+"""
+
+import csv
+import io
+import math
+import re
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from calibration.data.columns import ACCEPTED_SETS, layout_of
+from calibration.data.measurements import RestitutionData
+from calibration.data.names import LABELS, read_header
+from calibration.data.text_file import MIB, decoded, read_bytes
+from calibration.errors import DataError, InputError, Origin
+
+LARGEST = 64 * MIB
+SPREADSHEETS = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")  # .xlsx and .ods, .xls
+MISSING = {"na", "n/a", "#n/a", "nan", "null", "none", "nil", "missing"}  # no units
+WINDOWS = "read as Windows-1252, as it is not UTF-8: check letters such as µ and ±"
+COMMAS = "commas in numbers are taken for decimal points"
+
+
+class Row(NamedTuple):
+    """The cells of a row, and the line that it begins on."""
+
+    line: int
+    cells: list[str]
+
+
+def read_csv(
+    path: str | Path, contact=None, *, quoted: bool = True, **options: Any
+) -> RestitutionData:
+    """One set of data from a CSV, TSV or Excel file.
+
+    Args:
+        path: the file.
+        contact: the two bodies, or None.
+        quoted: whether a refusal may repeat a header that is none of measurements.
+        options: those of `RestitutionData.from_table`.
+
+    Raises:
+        InputError: with file and line, what is wrong and what is accepted.
+    """
+    table, remarks, origin = _Sheet(path).table(quoted)
+    options.setdefault("name", Path(path).stem or "data")
+    options["remarks"] = (*options.get("remarks", ()), *remarks)
+    return RestitutionData.from_table(table, contact, origin=origin, **options)
+
+
+class _Sheet:
+    """One file on its way in: its rows, but blank ones and comments, and what to tell of them."""
+
+    def __init__(self, path: str | Path):
+        self.path = path
+        self.delimiter, self.mark = "\t", "."
+        self.remarks: list[str] = []
+        raw = read_bytes(path, LARGEST)
+        rows = self._of_excel(raw) if raw.startswith(SPREADSHEETS) else self._of_text(raw)
+        self.rows = [row for row in rows if any(cell.strip() for cell in row.cells)]
+
+    def table(self, quoted: bool) -> tuple[dict[str, Any], tuple[str, ...], Origin]:
+        """The columns that are used, by their names and units; what to tell of them; their lines."""
+        headers = self._headers()
+        units = self._units(headers)
+        rows = self.rows[1 + (units is not None) :]
+        line = self.rows[0].line
+        try:
+            layout = layout_of(headers, units)
+        except DataError as error:
+            if quoted:
+                raise error.at(self.path, line) from None
+            problem = "no header of measurements (it is not shown, as the file lies elsewhere)"
+            raise InputError(self.path, line, problem, f"needed is {ACCEPTED_SETS}") from None
+        if not rows:
+            accepted = "one row a point is needed below the header"
+            raise InputError(self.path, line, "no rows of data", accepted)
+        rows = [self._full(row, len(headers)) for row in rows]
+        self._find_mark(rows, [at for name, at in layout.position.items() if name not in LABELS])
+        table: dict[str, Any] = {}
+        for name, at in layout.position.items():
+            unit = layout.written[name]
+            cells = [row.cells[at].strip() for row in rows]
+            key = name if unit is None else f"{name} [{unit}]"
+            table[key] = cells if name in LABELS else self._numbers(name, cells, rows)
+        remarks = (*layout.remarks, *filter(None, [layout.assumed]), *self.remarks)
+        return table, remarks, Origin(str(self.path), line, tuple(row.line for row in rows))
+
+    def _of_text(self, raw: bytes) -> Iterator[Row]:
+        text, encoding = decoded(self.path, raw, "cp1252")
+        self.remarks += [WINDOWS] * (encoding == "cp1252")
+        lines = [
+            "\n" if line.lstrip().startswith("#") else line
+            for line in io.StringIO(text, newline=None)
+        ]
+        first = next((k for k, line in enumerate(lines) if line.strip(" \t,;\r\n")), 0)
+        header = lines[first] if lines else ""
+        told = re.fullmatch(r"sep=([,;\t])\s*", header)
+        if told:
+            lines[first] = "\n"
+        self.delimiter = told[1] if told else delimiter_of(header)
+        reader = csv.reader(
+            lines, delimiter=self.delimiter, skipinitialspace=self.delimiter != "\t", strict=True
+        )
+        end = 0
+        try:
+            for cells in reader:
+                yield Row(end + 1, cells)
+                end = reader.line_num
+        except csv.Error as error:
+            problem = f"a quotation mark is not closed, or stands in a cell ({error})"
+            raise InputError(self.path, end + 1, problem, "close it") from None
+
+    def _of_excel(self, raw: bytes) -> Iterator[Row]:
+        """The first sheet, by pandas."""
+        accepted = "or save the sheet as CSV: in the spreadsheet, Save as, CSV UTF-8"
+        try:
+            import pandas
+
+            frame = pandas.read_excel(io.BytesIO(raw), header=None, dtype=object)
+        except ImportError:
+            problem = "is a spreadsheet, which needs `pip install softjax-contact[excel]`"
+            raise InputError(self.path, None, problem, accepted) from None
+        except Exception as error:  # each reader of spreadsheets raises others
+            problem = f"is a spreadsheet or an archive that cannot be read ({error})"
+            raise InputError(self.path, None, problem, accepted.removeprefix("or ")) from None
+        for line, cells in enumerate(frame.where(frame.notna(), "").to_numpy().tolist(), start=1):
+            if not str(cells[0]).lstrip().startswith("#"):
+                yield Row(line, [str(cell) for cell in cells])
+
+    def _headers(self) -> list[str]:
+        """The cells of the header; spreadsheets leave empty ones at its end."""
+        if not self.rows:
+            raise InputError(self.path, 1, "nothing in the file", "a header of columns is needed")
+        line, cells = self.rows[0]
+        headers = [cell.strip() for cell in cells]
+        while not headers[-1]:
+            headers.pop()
+        if all(map(_is_number, headers)):
+            accepted = "the first line names the columns, as in `velocity [m/s],restitution`"
+            raise InputError(self.path, line, "no header, only numbers", accepted)
+        return headers
+
+    def _units(self, headers: list[str]) -> list[str] | None:
+        """The row of units below the header, if there is one: it holds no number.
+
+        One of missing values alone is a row of data.
+        """
+        if len(self.rows) < 2:
+            return None
+        cells = self._full(self.rows[1], len(headers)).cells
+        try:
+            names = [read_header(header).name for header in headers]
+        except DataError:  # which is told with the others
+            return None
+        pairs = zip(cells, names, strict=True)
+        told = [c.strip() for c, name in pairs if name not in (None, *LABELS) and c.strip()]
+        is_one = {cell.casefold() for cell in told} - MISSING and not any(map(_is_number, told))
+        return cells if is_one else None
+
+    def _full(self, row: Row, width: int) -> Row:
+        """A row of as many cells as there are columns."""
+        cells = row.cells
+        while len(cells) > width and not cells[-1].strip():
+            cells = cells[:-1]
+        if len(cells) != width:
+            accepted = f"{width} are needed, one for each column of the header"
+            raise InputError(self.path, row.line, f"{len(cells)} cells", accepted)
+        return Row(row.line, cells)
+
+    def _find_mark(self, rows: list[Row], places: Iterable[int]) -> None:
+        """The mark of decimals: the first that there is."""
+        cells = (row.cells[at] for row in rows for at in places)
+        first = next((cell for cell in cells if "," in cell or "." in cell), "")
+        if self.delimiter != "," and "," in first and "." not in first:
+            self.mark = ","
+            self.remarks.append(COMMAS)
+
+    def _numbers(self, name: str, cells: list[str], rows: list[Row]) -> np.ndarray:
+        """Cells as numbers, NaN if empty."""
+        try:
+            found = np.array([float(self._pointed(cell)) if cell else math.nan for cell in cells])
+        except ValueError:
+            found = np.full(len(cells), math.nan)
+        if "_" not in "".join(cells) and len(cells) - np.sum(np.isfinite(found)) == cells.count(""):
+            return found
+        line, cell = next(
+            (row.line, cell)
+            for row, cell in zip(rows, cells, strict=True)
+            if cell and not self._is_finite(cell)
+        )
+        accepted = f"it must be a finite number{self._hint(cell)}"
+        raise InputError(self.path, line, f"{name} is {cell[:80]!r}", accepted)
+
+    def _pointed(self, cell: str) -> str:
+        """A number with a decimal point; no number where it has another mark."""
+        if self.mark == ".":
+            return cell
+        return "" if "." in cell else cell.replace(",", ".")
+
+    def _is_finite(self, cell: str) -> bool:
+        try:
+            return "_" not in cell and math.isfinite(float(self._pointed(cell)))
+        except ValueError:
+            return False
+
+    def _hint(self, cell: str) -> str:
+        if re.fullmatch(r"[+-]?\d+,\d+", cell) and self.delimiter == ",":
+            return " with a decimal point (a comma only where ; or tabs separate cells)"
+        if re.fullmatch(r"[+-]?\d+[.,]\d+", cell):
+            return ", decimals with a comma or with a point in the whole file"
+        if re.fullmatch(r"[+-]?\d{1,3}([.,' \xa0\u202f]\d{3})+([.,]\d+)?", cell):
+            return ", thousands not separated"
+        if cell.endswith("%"):
+            return " without its unit, which stands in the header: `restitution [%]`"
+        return ""
+
+
+def delimiter_of(text: str) -> str:
+    """What separates the cells of a header."""
+    return next((mark for mark in "\t;" if mark in text), ",")
+
+
+def _is_number(cell: str) -> bool:
+    """Whether it is meant as one, finite or not."""
+    try:
+        float(cell.replace(",", "."))
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,173 @@
+"""TOML files as pydantic models: every fault is told with file and line.
+
+`tomllib` does not tell on which line a key stands. A text is cut into statements by its strings,
+comments and brackets in one pass; what a key is called, quoted or dotted, is read by the parser.
+"""
+
+import re
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from pydantic import ValidationError
+
+from calibration.data.text_file import MIB, read_text
+from calibration.errors import DataError, InputError, did_you_mean, listed, shown
+from calibration.schema import Refused, Strict, known_below, told_of
+
+LARGEST = 2 * MIB
+MOST = 16  # keys that a refusal names
+FAULTS = 20  # that are listed at most
+Place = tuple[str | int, ...]
+Model = TypeVar("Model", bound=Strict)
+# strings of three quotes, of one, comments, and what structures the rest; nothing is tried twice
+TOKEN = re.compile(
+    r'"""(?:[^"\\]++|\\.|"{1,2}(?!"))*+"{0,5}'
+    r"|'''(?:[^']++|'{1,2}(?!'))*+'{0,5}"
+    r'|"(?:[^"\\\n]++|\\.)*+"?'
+    r"|'[^'\n]*+'?|#[^\n]*+|[][{}\n.,=]",
+    re.DOTALL,
+)
+BARE = re.compile(r"\s*([A-Za-z0-9_-]+)[ \t]*=[^{]*", re.DOTALL)
+
+
+@dataclass(frozen=True)
+class TomlFile(Generic[Model]):
+    """A file that was read: where it is, what it holds, and on which line each key stands.
+
+    The place of `radius` in the second `[[material]]` is ("material", 1, "radius").
+    """
+
+    path: str
+    content: Model
+    lines: Mapping[Place, int]
+
+    def line(self, place: Place) -> int | None:
+        return line_of(self.lines, place)
+
+    def refusal(self, place: Place, problem: str, accepted: str) -> InputError:
+        return InputError(self.path, self.line(place), problem, accepted)
+
+
+def read_toml_file(path: str | Path, model: type[Model]) -> TomlFile[Model]:
+    """A file of at most 2 MiB as a model.
+
+    Raises:
+        InputError: where it cannot be read or is no TOML, or with all that the model refuses.
+    """
+    text = "\n".join(read_text(path, LARGEST).splitlines()) + "\n"
+    try:
+        values = tomllib.loads(text)
+    except RecursionError:
+        raise InputError(path, None, "nested too deeply", "a plainer file is needed") from None
+    except ValueError as error:  # the parser's own, or Python's for a number of 5000 digits
+        raise _syntax_error(path, text, str(error)) from None
+    try:
+        content = model.model_validate(values)
+    except ValidationError as error:
+        raise _refused(path, lines_of(text), error, model) from None
+    return TomlFile(str(path), content, lines_of(text))
+
+
+def line_of(lines: Mapping[Place, int], place: Place) -> int | None:
+    """The line of a key, or of the nearest table above it."""
+    while place and place not in lines:
+        place = place[:-1]
+    return lines.get(place)
+
+
+def combined(faults: Iterable[InputError]) -> InputError:
+    """Several refusals as one, by file and line."""
+    first, *others = sorted(faults, key=lambda one: (one.file or "", one.line or 0))
+    first.others = tuple(others)
+    return first
+
+
+def _refused(path, lines: Mapping[Place, int], error: ValidationError, model) -> InputError:
+    """What pydantic found, each fault with its line."""
+    return combined(_fault(path, lines, one, model) for one in error.errors()[: FAULTS + 1])
+
+
+def _fault(path, lines: Mapping[Place, int], one: Any, model: type[Strict]) -> InputError:
+    place, cause = one["loc"], one.get("ctx", {}).get("error")
+    if isinstance(cause, Refused):
+        place = (*place, *cause.place)
+        return InputError(path, line_of(lines, place) or 1, cause.problem, cause.accepted)
+    if isinstance(cause, DataError):
+        key = cause.argument.partition(" of ")[0]
+        line = line_of(lines, (*place, key)) or 1
+        return cause.at(path, line)
+    line = line_of(lines, place) or 1
+    if one["type"] == "extra_forbidden":
+        known = known_below(model, place[:-1])
+        near = did_you_mean(str(place[-1]), known).strip(" ()")
+        more = f" and {len(known) - MOST} more" if len(known) > MOST else ""
+        accepted = near or f"known here are {listed(known[:MOST])}{more}"
+        return InputError(path, line, f"unknown key {shown(repr(place[-1]))}", accepted)
+    told = told_of(one, model)
+    value = told.value if not isinstance(one["input"], bool) else str(one["input"]).lower()
+    return InputError(path, line, f"{place[-1]} is {value}", f"it must be {told.accepted}")
+
+
+def _syntax_error(path: str | Path, text: str, message: str) -> InputError:
+    """The parser has its line in its words only (until Python 3.14)."""
+    match = re.fullmatch(r"(.*) \(at (?:line (\d+), column \d+|end of document)\)", message)
+    problem, line = (match[1], match[2]) if match else (message, None)
+    at_end = text.rstrip("\n").count("\n") + 1
+    accepted = "a TOML file is needed, `key = value` a line, text in quotation marks"
+    told = f"no valid TOML: {shown(problem)}"
+    return InputError(path, int(line) if line else at_end, told, accepted)
+
+
+def lines_of(text: str) -> dict[Place, int]:
+    """Line, from 1, of every table and key of a valid TOML text, by its place."""
+    found: dict[Place, int] = {}
+    last: dict[Place, int] = {}  # position of the latest entry of each array of tables
+    here: Place = ()
+    for line, statement in _statements(text):
+        bare = BARE.fullmatch(statement)
+        if bare:
+            found[(*here, bare[1])] = line
+        elif statement.lstrip().startswith("["):
+            here = _table_place(tomllib.loads(statement), last)
+            found.setdefault(here, line)
+        else:
+            found |= dict.fromkeys(_key_places(tomllib.loads(statement), here), line)
+    return found
+
+
+def _statements(text: str) -> Iterator[tuple[int, str]]:
+    """The line and text of each header, and of each key with its value."""
+    line, first, begin, depth = 1, 1, 0, 0
+    for match in TOKEN.finditer(text + "\n"):
+        token = match[0]
+        depth += {"[": 1, "{": 1, "]": -1, "}": -1}.get(token, 0)
+        line += token.count("\n")
+        if token == "\n" and not depth:
+            statement = text[begin : match.start()]
+            if statement.strip() and statement.lstrip()[0] != "#":
+                yield first, statement
+            first, begin = line, match.end()
+
+
+def _table_place(parsed: Mapping[str, Any], last: dict[Place, int]) -> Place:
+    """Where a header points: `[[material]]` opens the next entry, `[material.wall]` its table."""
+    place: Place = ()
+    inner: Any = parsed
+    while isinstance(inner, dict) and inner:
+        ((name, inner),) = inner.items()
+        place = (*place, name)
+        if isinstance(inner, list):
+            last[place] = last.get(place, -1) + 1
+        if place in last:
+            place = (*place, last[place])
+    return place
+
+
+def _key_places(parsed: Mapping[str, Any], here: Place) -> Iterator[Place]:
+    for name, value in parsed.items():
+        yield (*here, name)
+        if isinstance(value, dict):
+            yield from _key_places(value, (*here, name))
