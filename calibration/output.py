@@ -5,8 +5,7 @@ SECURITY
 What is read: the files that are named, and the data files that a material file names. A data file
 may lie anywhere, so a material file from somebody else can have any CSV of yours read; where it lies
 outside its folder nothing of its text is repeated. Each must be a regular file (velocities may come
-from a pipe) of a size that is bounded before it is read: 2 MiB of TOML, nested 50 deep; 64 MiB of
-CSV; 24 MiB of fit.json, whose layout is checked value by value (`calibration.fitting.fit_json`).
+from a pipe) of a size that is bounded before it is read: 2 MiB of TOML; 64 MiB of CSV; 24 MiB of fit.json, whose layout is checked value by value (`calibration.fitting.fit_json`).
 
 What is written: the files of a command, into `--out`, and what JAX compiled, into the user's cache
 folder. Files are made in a folder `.softjax-unfinished-*` beside `--out` and moved when all are

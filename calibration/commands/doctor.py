@@ -1,17 +1,20 @@
 """What a report of a fault should bring: versions, devices, settings, and a self-check.
 
     softjax doctor
+    softjax doctor --schema DIR      # the JSON Schemas of material files and of fit.json, and no check
 
 The self-check compares one impact on steel with 40-digit arithmetic: by the energy balance, its
-slopes, and by time integration. Exit code 1 where it fails. Nothing is written.
+slopes, and by time integration. Exit code 1 where it fails.
 """
 
 import argparse
+import json
 import platform
 import sys
 import time
 from functools import partial
 from importlib import metadata
+from pathlib import Path
 
 PACKAGES = (
     *("softjax-contact", "jax", "jaxlib", "diffrax", "equinox", "optax", "optimistix"),
@@ -21,11 +24,21 @@ LARGEST = {"energy balance": 1e-13, "its slopes": 1e-9, "time integration": 1e-8
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """None but the common ones."""
+    parser.add_argument(
+        "--schema",
+        metavar="DIR",
+        type=Path,
+        help="write the JSON Schemas of material files and of fit.json into a folder instead",
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Print, and check; 0, or 1 where a check failed."""
+    if arguments.schema is not None:
+        names = write_schemas(arguments.schema)
+        if not arguments.quiet:
+            print(f"written to {arguments.schema}: {', '.join(names)}")
+        return 0
     start = time.perf_counter()
     errors = self_check()
     held = all(errors[name] <= most for name, most in LARGEST.items())
@@ -37,6 +50,20 @@ def run(arguments: argparse.Namespace) -> int:
     elif not held:
         print("softjax doctor: the self-check failed", file=sys.stderr)
     return 0 if held else 1
+
+
+def write_schemas(directory: Path) -> list[str]:
+    """The JSON Schemas of the files that are read and written; their names."""
+    from calibration.data.materials import MaterialTables
+    from calibration.fitting.fit_json import ResultFile
+    from calibration.output import files_into, write_text
+
+    models = {"material_file.schema.json": MaterialTables, "fit.schema.json": ResultFile}
+    with files_into(directory) as staged:
+        for name, model in models.items():
+            text = json.dumps(model.model_json_schema(), indent=1, ensure_ascii=False)
+            write_text(staged / name, text + "\n")
+    return list(models)
 
 
 def surroundings(with_cache: bool = True) -> dict[str, str]:

@@ -89,24 +89,25 @@ class Measure:
         si: its unit.
         accepted: which numbers are.
         least: the smallest; 0 itself only where `from_zero`.
-        may_be_part: whether a percentage is accepted, of the quantity itself.
+        of_rows: whether it is of all rows of a table, in the unit that these have: a percentage is
+            accepted, and text stays text.
     """
 
     si: str
     accepted: str = "a positive number"
     from_zero: bool = False
-    may_be_part: bool = False
+    of_rows: bool = False
 
-    def __call__(self, value: Any) -> float:
+    def __call__(self, given: Any) -> float | str:
         unit = f"{self.accepted} [{self.si}]".replace("^3", "³").replace("^2", "²")
-        told = unit
+        value, told = given, unit
         if isinstance(value, str):
             try:
                 value = quantity(value, self.si)
             except DataError as error:
                 told = unit if error.argument == "quantity" else f"{unit}, {error.accepted}"
                 raise ValueError(told) from None
-        is_part = isinstance(value, Relative) and not self.may_be_part
+        is_part = isinstance(value, Relative) and not self.of_rows
         if (
             is_part
             or not is_finite_number(value)
@@ -114,7 +115,7 @@ class Measure:
             or (value == 0 and not self.from_zero)
         ):
             raise ValueError(told)
-        return value if isinstance(value, Relative) else float(value)
+        return given if self.of_rows and isinstance(given, str) else float(value)
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
         return core_schema.no_info_plain_validator_function(self)
@@ -127,7 +128,7 @@ class Measure:
 
 def _name_of_material(value: Any) -> str:
     name = value.lower().replace("-", " ").replace("_", " ") if isinstance(value, str) else value
-    if name not in NAMED:
+    if not isinstance(name, str) or name not in NAMED:
         known = listed(f'"{one}"' for one in NAMED)
         raise ValueError(f"{known} ({NAMED_SOURCE}); of any other give {listed(PROPERTIES)}")
     return name
@@ -293,7 +294,7 @@ _ROWS: dict[str, Any] = {
     name: (Annotated[float | None, Measure(si, "a number of 0 or more", True, True)], None)
     for name, si in UNCERTAINTIES.items()
 }
-_ROWS["uncertainty"] = Annotated[float | None, Measure("1", may_be_part=True)], None
+_ROWS["uncertainty"] = Annotated[float | None, Measure("1", of_rows=True)], None
 MaterialTable: Any = create_model("MaterialTable", __base__=_Material, **_ROWS)
 
 

@@ -125,7 +125,7 @@ class RestitutionData:
         """
         told = {key: value for key, value in uncertainties.items() if value is not None}
         try:
-            points = read_points(table, gravity, group, told)
+            points = read_points(table, gravity, group, told, of_file=origin is not None)
         except DataError as error:
             raise error if origin is None else origin.error(error) from None
         try:

@@ -20,8 +20,12 @@ def read_points(
     gravity: float | None,
     group: Sequence[Any] | None,
     uncertainties: Mapping[str, Any],
+    of_file: bool = False,
 ) -> Points:
     """The points of a table (see `RestitutionData.from_table`).
+
+    Args:
+        of_file: whether a bare number is refused beside a column in another unit than SI's.
 
     Raises:
         DataError: naming the column, and the row where one is to blame.
@@ -37,6 +41,8 @@ def read_points(
     count = len(columns[layout.kind.needs[0]])
     for name, value in uncertainties.items():
         if value is not None:
+            if of_file and not isinstance(value, str | Relative):
+                _check_unit(name, value, layout)
             stated = _stated(name, value, columns, layout)
             columns[name] = np.full(count, float(stated))
             relative |= {name} if isinstance(stated, Relative) else set()
@@ -69,8 +75,6 @@ def _stated(name: str, value: Any, columns: Mapping[str, np.ndarray], layout: La
         raise DataError(name, "given", f"left out beside {' and '.join(layout.kind.needs)}")
     if isinstance(value, str):
         value = quantity(value, SI_UNITS[name])
-    else:
-        _check_unit(name, value, layout)
     number = as_number(name, value, lambda u: u >= 0, "a number of 0 or more")
     return Relative(number) if isinstance(value, Relative) else number
 

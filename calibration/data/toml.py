@@ -57,7 +57,7 @@ def read_toml_file(path: str | Path, model: type[Model]) -> TomlFile[Model]:
     Raises:
         InputError: where it cannot be read or is no TOML, or with all that the model refuses.
     """
-    text = "\n".join(read_text(path, LARGEST).splitlines()) + "\n"
+    text = read_text(path, LARGEST).replace("\r\n", "\n").replace("\r", "\n")
     try:
         values = tomllib.loads(text)
     except RecursionError:

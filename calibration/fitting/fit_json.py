@@ -277,7 +277,7 @@ def _refusal(path: str | Path, error: ValidationError) -> InputError:
     if first["loc"] == ("format",):
         given = "without a format" if first["type"] == "missing" else f"of format {first['input']}"
         accepted = f"format {FORMAT} is read by this version: fit the data again"
-        return InputError(path, None, f"is a fit.json {shown(given)}", accepted)
+        return InputError(path, None, f"is no result of a fit: {shown(given)}", accepted)
     return _no_result(path, next(faults(error, ResultFile)))
 
 

@@ -101,8 +101,7 @@ class LawModel:
         for full in (name, OF_CONTACT + name):
             if self.accepts(full):
                 return full
-        known = [*self.parameters, *(OF_CONTACT + leaf for leaf in CONTACT_LEAVES)]
-        known = known if self.takes_contact else list(self.parameters)
+        known = [*self.parameters, *(CONTACT_LEAVES if self.takes_contact else ())]
         accepted = f"of {self.key}: {listed(known)}{did_you_mean(name, known)}"
         raise DataError("parameter", name, accepted)
 

@@ -3,6 +3,7 @@
 import shutil
 from pathlib import Path
 
+from calibration.commands.doctor import write_schemas
 from notebooks.reference import links, names, pages
 
 ROOT = Path(__file__).parents[2]
@@ -25,6 +26,7 @@ def build(out: Path) -> list[str]:
         path = out / f"{module.replace('.', '/')}.html"
         path.parent.mkdir(exist_ok=True)
         path.write_text(text, encoding="utf-8")
+    write_schemas(out)
     faults += [f"{name}: no docstring" for name in names.undocumented()]
     return faults + links.dead(out)
 

@@ -64,7 +64,7 @@ def test_stated_timing_by_a_file_by_python_and_by_a_column(read, read_toml):
         read(text, time_uncertainty="0.4 ms"),
         read(column),
         cal.RestitutionData.from_table(WAYS["times"], timing_uncertainty=4e-4),
-        *read_toml(MATERIAL + "time_uncertainty = 4e-4\n", text),
+        *read_toml(MATERIAL + "time_uncertainty = '400 us'\n", text),
     ]
     t, e = np.concatenate([part[:-1] for part in INTERVALS]), RESTITUTION
     for data in every:

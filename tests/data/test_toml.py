@@ -137,6 +137,23 @@ def test_an_uncertainty_for_all_rows_is_its_column(read_toml, key, header, full,
     assert np.any(sizes[0])
 
 
+def test_a_unit_in_the_file_goes_with_any_in_the_header(read_toml):
+    """Where a bare number would be refused, which may be meant in either."""
+    csv = "h0 [cm],h1 [cm]\n50,32\n"
+    (data,) = read_toml(entry('height_uncertainty = "2 mm"', properties=""), csv)
+    (same,) = read_toml(entry(properties=""), "h0 [cm],h1 [cm],u_h [mm]\n50,32,2\n")
+    assert data.uncertainty[0] == same.uncertainty[0]
+
+
+def test_priors_and_bounds_have_units(tmp_path):
+    (tmp_path / "m.csv").write_text("v,e\n1,0.9\n")
+    said = 'yield_strength = { value = "310 MPa", prior = ["310 MPa", "20 MPa"], bounds = ["0.1 GPa", inf] }'
+    (tmp_path / "m.toml").write_text(f"{entry(properties='')}[material.parameters]\n{said}\n")
+    (found,) = cal.read_problem(tmp_path / "m.toml").parameters
+    expected = cal.Parameter(3.1e8, prior=(3.1e8, 2e7), bounds=(1e8, math.inf))
+    assert found == {"yield_strength": expected}
+
+
 REPEATS = "velocity,restitution\n2.0,0.8\n1.0,0.90\n1.0,0.94\n2.0,0.82\n"
 
 
