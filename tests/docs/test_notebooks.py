@@ -82,16 +82,13 @@ def test_all_are_there():
     assert [path.stem[0] for path in NOTEBOOKS] == list("12345678")
 
 
-def test_the_kernel_is_this_interpreter(tmp_path, monkeypatch):
-    cell = nbformat.v4.new_code_cell("import sys\nprint(sys.executable)")
-    notebook = execute(nbformat.v4.new_notebook(cells=[cell]), tmp_path, monkeypatch)
-    assert printed(notebook).strip() == sys.executable
-
-
-def test_a_failing_cell_fails(tmp_path, monkeypatch):
-    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell("1 / 0")])
+def test_the_kernel_is_this_interpreter_and_a_failing_cell_fails(tmp_path, monkeypatch):
+    cells = ("import sys\nprint(sys.executable)", "1 / 0")
+    cells = [nbformat.v4.new_code_cell(cell) for cell in cells]
+    notebook = nbformat.v4.new_notebook(cells=cells)
     with pytest.raises(Exception, match="ZeroDivisionError"):
         execute(notebook, tmp_path, monkeypatch)
+    assert printed(notebook).strip() == sys.executable
 
 
 def marks(path):

@@ -3,7 +3,6 @@
 from functools import lru_cache, partial
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -155,10 +154,3 @@ def _moved(fields, velocity, name, step):
     if name == "velocity":
         return fields, velocity * (1 + step)
     return fields | {name: fields[name] * (1 + step)}, velocity
-
-
-def test_under_vmap_as_in_a_batch():
-    some = {k: jnp.asarray(v[:8]) for k, v in FIELDS.items()}
-    one = compiled_soon(jax.vmap(lambda f, v: sj.restitution(Declared(PAIR, **f), v).coefficient))
-    found = one(some, jnp.asarray(VELOCITY[:8]))
-    assert np.allclose(found, computed(Declared, "energy").coefficient[:8], rtol=0, atol=1e-13)

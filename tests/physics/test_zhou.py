@@ -12,6 +12,7 @@ import softjax as sj
 from tests import cases
 from tests.cases import EPS, FORMS, column, fitted, flags_of, law_with, of_form
 from tests.oracles import zhou_mp
+from tests.oracles.test_zhou_mp import ORIENTATION
 
 NUMBERS = zhou_mp.NUMBERS
 BY_TIME = sj.ODE(rtol=1e-11)
@@ -69,19 +70,6 @@ def test_curves_of_the_materials(form):
     assert np.all(error <= 1e-13 * result.peak_overlap + 8 * EPS * np.sum(np.abs(slopes), 0))
     assert np.allclose(result.duration, column(records, "duration"), rtol=1e-10, atol=0)
     assert np.array_equal(result.status, flags_of(records))
-
-
-# form, d, X, y: x_m, x*, ε_p from other code in 40-digit arithmetic
-ORIENTATION = """
-first-order 6.3e-5  640  1.5 1.38316264536192 0.104851623761796 0.98707820496367
-first-order 6.3e-5  640  250 82.9694609992926 31.1455251233123 0.856206183529395
-full        6.3e-5  640  250 82.9693766512144 31.1454180489435 0.856207589426904
-first-order 2.7e-3  5.36 25  13.2236523303197 1.49310978562765 0.973077876160826
-full        2.7e-3  5.36 25  13.2230226169831 1.49283613455876 0.9731302040906
-first-order 6.73e-3 7.6  80  35.3103668464788 12.3395408865264 0.841650713075325
-full        6.73e-3 7.6  80  35.2174790268749 12.2244525276861 0.84545462322109
-first-order 6.73e-3 0.55 40  19.6850448643677 0.0 0.995388270881036
-"""
 
 
 def orientation(form):
