@@ -1,7 +1,8 @@
-"""Tables read back from Markdown and from a terminal."""
+"""Tables read back from Markdown and from a terminal, and the tags of a page."""
 
 import html
 import re
+from html.parser import HTMLParser
 
 
 def markdown_tables(text: str) -> list[list[list[str]]]:
@@ -35,3 +36,26 @@ def terminal_table(text: str, head: str) -> list[list[str]]:
             break
         rows.append(cells(line))
     return rows
+
+
+class Tags(HTMLParser):
+    """Tags with their attributes, and the text between."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.tags, self.words, self.open = [], "", []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        if tag not in ("meta", "img"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.words += data
+
+    def named(self, name):
+        return [attrs for tag, attrs in self.tags if tag == name]

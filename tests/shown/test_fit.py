@@ -4,7 +4,6 @@ import datetime
 import html
 import re
 from functools import cache
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
@@ -18,7 +17,7 @@ from tests.decay import Decay
 from tests.fit_oracle import eq_17
 from tests.shown.capture import band, bars, drawn, labels, legend, line
 from tests.shown.conftest import MADE, MASS, VELOCITY, shown, write
-from tests.shown.tables import cells, markdown_tables
+from tests.shown.tables import Tags, cells, markdown_tables
 
 EPSILON, SPEED = r"restitution $\varepsilon$", "impact velocity $v$ [m/s]"
 NAMES = ["stainless steel", "chrome steel", "nylon"]
@@ -394,40 +393,6 @@ def test_a_value_is_rounded_to_its_error(value, error, text):
     assert str(cal.Estimate(value, error)) == text
 
 
-HOSTILE = (
-    "<script>alert(1)</script>",
-    "![x](http://example.org/x.png)",
-    "a|b",
-    "`x` *y* _z_ &amp;",
-    "$5 a_b^",
-)
-
-
-def test_names_are_shown_as_they_are_and_do_nothing(tmp_path):
-    """In the report, its page without a foreign tag or address, and pictures that are drawn."""
-    body = write(tmp_path).read_text(encoding="utf-8").partition("[[material]]")[2]
-    toml = "[fit]\n" + "".join(
-        "[[material]]" + body.replace('"alloy"', f"'{n}'", 1) for n in HOSTILE
-    )
-    write(tmp_path, toml=toml)
-    made = shown(tmp_path, "fit", tmp_path / "alloy.toml", "--law", "constant", "--no-profiles")
-    assert made.code == 0
-    page = Tags(made.text("report.html"))
-    for name in HOSTILE:
-        assert page.words.count(name) >= 3
-    assert page.open == page.named("script") == page.named("link") == []
-    addresses = [attrs.get("href") or attrs.get("src") for _, attrs in page.tags]
-    assert all(one is None or one.startswith(("data:image/png;base64,", "#")) for one in addresses)
-    assert len(page.named("img")) == 1
-    rows = markdown_tables(made.text("report.md"))[1]
-    assert [len(row) for row in rows] == [len(rows[0])] * 6
-    figure = made.figures["curves.png"]
-    figure.draw_without_rendering()
-    titles = [ax.get_title().replace("\\$", "$").strip("\u200b") for ax in figure.axes]
-    assert [title for title in titles if title] == list(HOSTILE)
-    assert len(figure.axes) == 10  # five of six panels
-
-
 def test_very_many_materials_are_drawn_as_far_as_anybody_reads(tmp_path):
     """24 panels and a line that says so."""
     body = write(tmp_path).read_text(encoding="utf-8").partition("[[material]]")[2]
@@ -503,26 +468,3 @@ def test_priors_bounds_groups_and_scatter_are_stated(tmp_path):
     assert fit.group_deviation == pytest.approx(np.std(offsets, ddof=1), rel=0.6)
     assert "χ²/ν" not in table
     assert "in 4 groups" in report
-
-
-class Tags(HTMLParser):
-    """Tags with their attributes, and the text between."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.tags, self.words, self.open = [], "", []
-        self.feed(text)
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append((tag, dict(attrs)))
-        if tag not in ("meta", "img"):
-            self.open.append(tag)
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        self.words += data
-
-    def named(self, name):
-        return [attrs for tag, attrs in self.tags if tag == name]

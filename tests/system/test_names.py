@@ -9,6 +9,8 @@ import subprocess
 import pytest
 
 from tests.command import run
+from tests.shown.capture import drawn
+from tests.shown.tables import Tags
 
 NAMES = {
     "newline": "steel\n9 0.5 0 0 0 0",
@@ -39,20 +41,22 @@ def told(tmp_path_factory):
     entries = "".join(MATERIAL.format(json.dumps(name)) for name in NAMES.values())
     text = '[fit]\nlaw = "constant"\nprofiles = false\n' + entries
     (folder / "m.toml").write_text(text.replace("\\u001b", "\\u001B"), encoding="utf-8")
-    code, out, error = run("--no-cache", "fit", folder / "m.toml", "--out", folder / "r")
+    with drawn() as figures:
+        code, out, error = run("--no-cache", "fit", folder / "m.toml", "--out", folder / "r")
     assert (code, error) == (0, "")
-    return folder, out, (folder / "r" / "report.md").read_text(encoding="utf-8")
+    report = (folder / "r" / "report.md").read_text(encoding="utf-8")
+    return folder, out, report, figures["curves.png"]
 
 
 def test_nothing_reaches_the_terminal_but_letters(told):
-    folder, out, _ = told
+    folder, out, *_ = told
     assert all(line.isprintable() for line in out.replace(str(folder), "").splitlines())
     for shown in (r"steel\n9 0.5 0 0 0 0", r"\x1b[2J", r"abc\u202edef"):
         assert shown in out
 
 
 def test_a_report_has_its_own_structure_alone(told):
-    _, _, report = told
+    report = told[2]
     lines = report.splitlines()
     assert all(line.isprintable() for line in lines)
     assert not any("heading" in line for line in lines if line.startswith("#"))
@@ -69,16 +73,22 @@ def test_a_report_has_its_own_structure_alone(told):
         assert f"- **{NAMES[name]}**" in shown
 
 
-def test_a_page_has_its_own_elements_alone(told):
-    page = (told[0] / "r" / "report.html").read_text(encoding="utf-8")
-    assert "<script" not in page
-    assert not re.search(r'(src|href)="http', page)
-    assert "<script>alert(1)</script>" in html.unescape(page)
+def test_a_page_and_a_picture_show_each_name_and_nothing_acts(told):
+    page = Tags((told[0] / "r" / "report.html").read_text(encoding="utf-8"))
+    assert page.open == page.named("script") == page.named("link") == []
+    addresses = [attrs.get("href") or attrs.get("src") for _, attrs in page.tags]
+    assert all(one is None or one.startswith("data:image/png;base64,") for one in addresses)
+    figure = told[3]
+    figure.draw_without_rendering()
+    titles = [ax.get_title().replace("\\$", "$").strip("\u200b") for ax in figure.axes]
+    for name in ("script", "entity", "image", "reference", "cell", "code", "dollars"):
+        assert page.words.count(NAMES[name]) >= 3
+        assert NAMES[name] in titles
 
 
 def test_the_line_of_the_report_is_the_command_again(told):
     """A shell reads the words that were given."""
-    folder, _, report = told
+    folder, _, report, _ = told
     line = next(line for line in report.splitlines() if "softjax fit " in line)
     command = re.search(r"(`+) ?(.*?) ?\1(?!`)", line)[2]
     printed = subprocess.run(
@@ -89,7 +99,7 @@ def test_the_line_of_the_report_is_the_command_again(told):
 
 
 def test_a_table_for_particle_codes_has_rows_of_numbers_alone(told):
-    folder, _, _ = told
+    folder = told[0]
     for name in (r"steel\n9 0.5 0 0 0 0", "# heading"):
         words = ["--fit", folder / "r" / "fit.json", "--material", name, "--table", "--points", 5]
         code, out, error = run("--no-cache", "curve", *words, "--out", folder / "c")
