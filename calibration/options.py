@@ -40,6 +40,7 @@ OBJECTIVES = ("model", "two-step")
 FORMER = {"empirical": "eq-17", "constant": "constant"}  # objectives that are laws now
 # options of a law, and the laws that have them
 LAW_OPTIONS = {"form": ("zhou",), "kappa": ("zhou",), "end": ("hertz-dashpot", "linear")}
+OF_ONE_FIT = ("law", "objective", "unloading_line", "profiles")  # settings that no comparison has
 # settings that act beside some values of another only
 ACTS_WITH: dict[str, tuple[str, tuple[Any, ...]]] = {
     "rtol": ("route", (None, "ode")),
@@ -211,6 +212,23 @@ def add_options(parser: Any, names: Iterable[str] = tuple(FitOptions.model_field
         parser.add_argument(flag(name), dest=name, help=help, **look)
 
 
+def merged(stated: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """The settings of a file and of the command line, which wins.
+
+    Of the file's not what was for another law, or would do nothing now.
+
+    Raises:
+        DataError: for an option that would do nothing.
+    """
+    others = LAW_OPTIONS if given.get("law", stated.get("law")) != stated.get("law") else ()
+    settings = {name: value for name, value in stated.items() if name not in others} | {**given}
+    for name, acting in idle(settings).items():
+        if name in given:
+            raise DataError(flag(name), "given", f"left out: {acting}")
+        del settings[name]
+    return settings
+
+
 def flag(name: str) -> str:
     """The command-line option of a setting; one that switches off what is on by default is `--no-…`."""
     is_on = FitOptions.model_fields[name].default is True
@@ -223,7 +241,7 @@ def given_options(arguments: argparse.Namespace) -> dict[str, Any]:
     return {name: value for name, value in table.items() if value is not None}
 
 
-def documented(function: Function) -> Function:
+def documented(function: Function, without: Iterable[str] = ()) -> Function:
     """Fill `**options` of a function: its signature and docstring list the settings one by one."""
     signature = inspect.signature(function)
     own = list(signature.parameters.values())[:-1]
@@ -231,7 +249,7 @@ def documented(function: Function) -> Function:
     more = [
         inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=field.default)
         for name, field in fields.items()
-        if name not in signature.parameters
+        if name not in {*signature.parameters, *without}
     ]
     own.sort(key=lambda one: one.kind)
     function.__signature__ = signature.replace(parameters=[*own, *more])  # type: ignore[attr-defined]

@@ -18,12 +18,21 @@ from typing import Any
 from calibration.commands.source_options import read_material_file
 from calibration.console import Progress, print_first
 from calibration.errors import DataError, did_you_mean, listed
-from calibration.options import LAW_OPTIONS, LAWS, add_options
+from calibration.options import (
+    LAW_OPTIONS,
+    LAWS,
+    OF_ONE_FIT,
+    FitOptions,
+    add_options,
+    given_options,
+    merged,
+)
 from calibration.output import check_writable, files_into, or_printed, write_text
 
 PICTURES = {"figure2": "figure2.png", "linear_spring": "linear_spring.png"}
 FILES = ("compare.json", "compare.png", *PICTURES.values())
 NAMES = (*LAWS, "thornton-fixed")
+OPTIONS = tuple(name for name in FitOptions.model_fields if name not in OF_ONE_FIT)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -32,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--laws", metavar="A,B,C", help=text)
     text = "one of them; may be repeated"
     parser.add_argument("--law", action="append", default=[], metavar="A", help=text)
-    add_options(parser, LAW_OPTIONS)
+    add_options(parser, OPTIONS)
     text = "print compare.json to standard output in place of the tables"
     parser.add_argument("--json", action="store_true", help=text)
     text = "only Fig. 2 of the paper again"
@@ -88,8 +97,8 @@ def _check_alone(name: str, arguments: argparse.Namespace) -> None:
     option = f"--{name.replace('_', '-')}"
     if arguments.file is not None:
         raise DataError(option, "given with a file", "left out with one: it needs no data")
-    for other in ("laws", "law", "json", *LAW_OPTIONS):
-        if getattr(arguments, other):
+    for other in ("laws", "law", "json", *OPTIONS):
+        if getattr(arguments, other) not in (None, [], False):
             raise DataError(f"--{other}", f"given with {option}", "left out with it")
 
 
@@ -103,12 +112,7 @@ def _compared(
     from calibration.studies.compare import compare
 
     datasets, options, remarks = _problem(arguments)
-    parameters: dict[str, dict[str, str]] = {}
-    for option, value in options.items():
-        for law in LAW_OPTIONS[option]:
-            if laws is None or law in laws:
-                parameters.setdefault(law, {})[option] = value
-    made = [compare(d, laws, parameters=parameters, watch=progress.over) for d in datasets]
+    made = [compare(d, laws, watch=progress.over, **options) for d in datasets]
     more = list(PICTURES) if arguments.file is None else []
     settings = {"file": arguments.file, "laws": laws, "options": options}
     json = comparison_json(made, settings)
@@ -124,20 +128,21 @@ def _compared(
     return converged and all(one.converged for one in made), text, names
 
 
-def _problem(arguments: argparse.Namespace) -> tuple[list[Any], dict[str, str], list[str]]:
-    """Data sets, options of laws, and a line on what of a file acts in `softjax fit` alone."""
-    options = {name: getattr(arguments, name) for name in LAW_OPTIONS if getattr(arguments, name)}
+def _problem(arguments: argparse.Namespace) -> tuple[list[Any], dict[str, Any], list[str]]:
+    """Data sets, settings, and a line on what of a file acts in `softjax fit` alone."""
+    given = given_options(arguments)
+    options = {name: value for name, value in given.items() if name in OPTIONS}
     if arguments.file is None:
         from calibration.data.paper import paper_materials
 
         return paper_materials(), options, []
     problem = read_material_file(arguments.file)
     print_first(problem.implausible, arguments.quiet or arguments.json)
-    stated = {name: problem.settings[name] for name in LAW_OPTIONS if name in problem.settings}
-    unused = [name for name in problem.settings if name not in (*LAW_OPTIONS, "area")]
+    stated = {name: value for name, value in problem.settings.items() if name in OPTIONS}
+    unused = [name for name in problem.settings if name not in (*OPTIONS, "area")]
     unused += sorted({name for parameters in problem.parameters for name in parameters})
     remark = f"Of the file, this acts in `softjax fit` only: {listed(unused)}."
-    return problem.datasets, stated | options, [remark] if unused else []
+    return problem.datasets, merged(stated, options), [remark] if unused else []
 
 
 def _draw(folder: Path, names: list[str], progress: Progress) -> bool:

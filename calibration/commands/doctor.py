@@ -54,11 +54,16 @@ def run(arguments: argparse.Namespace) -> int:
 
 def write_schemas(directory: Path) -> list[str]:
     """The JSON Schemas of the files that are read and written; their names."""
+    from pydantic import BaseModel
+
     from calibration.data.materials import MaterialTables
     from calibration.fitting.fit_json import ResultFile
     from calibration.output import files_into, write_text
 
-    models = {"material_file.schema.json": MaterialTables, "fit.schema.json": ResultFile}
+    models: dict[str, type[BaseModel]] = {
+        "material_file.schema.json": MaterialTables,
+        "fit.schema.json": ResultFile,
+    }
     with files_into(directory) as staged:
         for name, model in models.items():
             text = json.dumps(model.model_json_schema(), indent=1, ensure_ascii=False)

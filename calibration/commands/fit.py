@@ -16,7 +16,7 @@ from typing import Any
 from calibration.commands.source_options import read_material_file
 from calibration.console import Progress, print_first
 from calibration.errors import DataError, InputError, listed, printable
-from calibration.options import LAW_OPTIONS, add_options, flag, given_options, idle
+from calibration.options import add_options, flag, given_options, merged
 from calibration.output import check_writable, or_printed
 
 INTRO = (
@@ -89,7 +89,7 @@ def _fitted(arguments: argparse.Namespace, given: Mapping[str, Any], progress: P
         print_first(problem.implausible, arguments.quiet or arguments.json)
         data, parameters, stated = problem.datasets, problem.parameters, dict(problem.settings)
         stated.pop("area", None)  # the contacts have it
-    settings = _merged(stated, given)
+    settings = merged(stated, given)
     if arguments.posterior is not None:
         check_possible(settings.get("objective"), settings.get("loss", "squared"))
     law = settings.pop("law", None)
@@ -102,20 +102,6 @@ def _fitted(arguments: argparse.Namespace, given: Mapping[str, Any], progress: P
         raise InputError(arguments.file, None, str(error), "nothing was fitted") from error
     except sj.ArgumentError as error:
         raise InputError(arguments.file, None, str(error), "nothing was fitted") from error
-
-
-def _merged(stated: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
-    """The settings of the file and of the command line, which wins.
-
-    Of the file's not what was for another law, or would do nothing now.
-    """
-    others = LAW_OPTIONS if given.get("law", stated.get("law")) != stated.get("law") else ()
-    settings = {name: value for name, value in stated.items() if name not in others} | {**given}
-    for name, accepted in idle(settings).items():
-        if name in given:
-            raise DataError(flag(name), "given", f"left out: {accepted}")
-        del settings[name]
-    return settings
 
 
 def _text(result: Any, of_paper: bool, draws: Any) -> str:

@@ -12,19 +12,20 @@ and Gelman, Bayesian Anal. 13, 917 (2018).
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from calibration.data import RestitutionData
-from calibration.data.checks import check_whole
 from calibration.errors import DataError, InputError, did_you_mean, listed, printable
 from calibration.fitting.door import fit
 from calibration.fitting.doubt import Doubt
 from calibration.fitting.known_laws import KNOWN, WITHOUT_CONTACT, law_name
 from calibration.fitting.left_out import LeaveOneOut
 from calibration.fitting.result import FitResult
+from calibration.options import LAW_OPTIONS, OF_ONE_FIT, FitOptions, documented
 
 FIXED_YIELD = "thornton-fixed"  # Thornton's law without a free parameter
 FEWEST = 6  # points: three parameters, one point left out, and something to judge by
@@ -193,13 +194,14 @@ class Comparison:
     __repr__ = __str__
 
 
+@partial(documented, without=OF_ONE_FIT)
 def compare(
     data: RestitutionData,
     laws: Sequence[Any] | Mapping[str, Any] | None = None,
     *,
     parameters: Mapping[str, Mapping[str, Any]] | None = None,
-    seed: int = 0,
     watch: Watch = lambda items, stage: items,
+    **options: Any,
 ) -> Comparison:
     """Fit every law to one data set and rank them by how well they predict points left out.
 
@@ -208,8 +210,8 @@ def compare(
         laws: names of `LAWS` (and "thornton-fixed", p_y = Y), classes or functions that build a
             law, or {label: law}; all built-in ones that the data allow where left out.
         parameters: {label or name: what is said of that law's parameters}, as `fit` takes it.
-        seed: of the starts.
         watch: passes items on while it shows how many were gone through.
+        OPTIONS
 
     Returns:
         A `Comparison`, every entry a `FitResult` by `model`. Fits that did not converge are marked
@@ -229,7 +231,10 @@ def compare(
     begun = time.perf_counter()
     if not isinstance(data, RestitutionData):
         raise DataError("data", data, "one RestitutionData")
-    check_whole("seed", seed, 0)
+    FitOptions.of(**options)
+    alone = next((name for name in OF_ONE_FIT if name in options), None)
+    if alone is not None:
+        raise DataError(alone, options[alone], "left out of a comparison")
     if len(data) < FEWEST:
         raise data.refusal(f"{len(data)} points", f"a comparison needs {FEWEST} or more")
     candidates = _chosen(laws, parameters)
@@ -239,9 +244,9 @@ def compare(
         candidates = [one for one in candidates if one.key not in without]
     entries = []
     for one in watch(candidates, printable(data.name)):
-        told: dict[str, Any] = {"profiles": False, "seed": seed, "unloading_line": None}
+        own = {n: v for n, v in options.items() if one.key in LAW_OPTIONS.get(n, (one.key,))}
         try:
-            result = fit(data, one.law, one.said, **told)
+            result = fit(data, one.law, one.said, profiles=False, unloading_line=None, **own)
             entries.append(Entry(one, result, result.leave_one_out()))
         except (DataError, InputError) as error:
             if laws is not None:

@@ -11,7 +11,18 @@ import pytest
 import calibration as cal
 
 ROOT = Path(__file__).parents[2]
-HEAVY = ("diffrax", "optimistix", "optax", "lineax", "scipy", "matplotlib", "rich")
+HEAVY = (
+    "diffrax",
+    "optimistix",
+    "optax",
+    "lineax",
+    "scipy",
+    "matplotlib",
+    "rich",
+    "pandas",
+    "pint",
+    "jinja2",
+)
 
 # softjax in layers: a module imports from earlier layers, or from its own where that says so
 LAYERS = [

@@ -50,7 +50,7 @@ def test_every_cell_of_the_table(compared):
     elpd = [entry["elpd"] for entry in entries]
     assert elpd == sorted(elpd, reverse=True)
     text = " ".join(compared.out.split())
-    assert "acts in `softjax fit` only: seed" in text
+    assert "acts in `softjax fit` only: profiles" in text
     assert all(len(told) <= 100 for told in compared.out.partition("\nWritten")[0].splitlines())
 
 
