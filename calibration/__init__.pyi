@@ -22,10 +22,10 @@ from calibration.fitting.refits import Bootstrap as Bootstrap
 from calibration.fitting.result import FitResult as FitResult
 from calibration.fitting.stages import Stage as Stage
 from calibration.fitting.traceable import problem as problem
-from calibration.handover.door import export as export
-from calibration.handover.exported import Export as Export
 from calibration.options import FitOptions as FitOptions
 from calibration.parameters import Parameter as Parameter
+from calibration.particle_codes.entry import export as export
+from calibration.particle_codes.report import Export as Export
 from calibration.studies.compare import Comparison as Comparison
 from calibration.studies.compare import compare as compare
 from calibration.studies.coverage import Coverage as Coverage

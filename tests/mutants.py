@@ -50,9 +50,7 @@ PACKAGES = {  # a file is of the first that it begins with
     "report and plots": Package(
         ("calibration/report/", "calibration/plots/"), ("shown", "commands", "golden")
     ),
-    "export": Package(
-        ("calibration/handover/", "calibration/particle_codes/"), ("export", "refusals", "golden")
-    ),
+    "export": Package(("calibration/particle_codes/",), ("export", "refusals", "golden")),
     "commands": Package(
         ("calibration/",), ("commands", "system", "shown", "refusals", "export", "golden")
     ),

@@ -3,7 +3,7 @@
     softjax export --fit results/fit.json --material nylon --to lammps --range 0.1:5
     softjax export stainless-steel --to c --range 0.1:5 --tolerance 0.001
     softjax export my_alloy.toml --chi 0.2 --sigma 0.4 --psi 0.5 --to yade --range 0.5:2
-    softjax export nylon --to liggghts --range 1:2 --law hertz-dashpot --overlap 0.02
+    softjax export nylon --to liggghts --range 1:2 --export-law hertz-dashpot --overlap 0.02
 
 Written are input lines, or C source with what a code needs around it, and beside them export.json
 and export.png: ε wanted and given, their largest difference, the error in dissipated energy, the
@@ -19,7 +19,7 @@ CODES = ("c", "lammps", "liggghts", "yade")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_source_arguments(parser, law_option="--wanted-law")
+    add_source_arguments(parser)
     group = parser.add_argument_group("what the scene needs")
     group.add_argument(
         "--range", metavar="V:V", help="impact velocities [m/s] (default: those of the data)"
@@ -34,11 +34,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("for which code")
     group.add_argument("--to", choices=CODES, required=True, help="c: a header for one's own")
     group.add_argument(
-        "--law",
-        dest="handed",
+        "--export-law",
         default="auto",
         metavar="NAME",
-        help="auto (default), linear, hertz-dashpot, viscoelastic, walton-braun, or itself",
+        help="auto (default), linear, hertz-dashpot, viscoelastic, walton-braun, or exact",
     )
     group.add_argument(
         "--contact-force",
@@ -46,8 +45,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_false",
         help="the contact force alone, without what Eq. (17) takes: rebounds of ε_p",
     )
-    group.add_argument("--lammps-version", type=int, metavar="DATE", help="default: 20250722")
-    group.add_argument("--prefix", default="softjax", help="of all names in a C header")
+    group.add_argument(
+        "--prefix", default="softjax", help="of names in C, and of the law in LAMMPS"
+    )
+    group.add_argument(
+        "--types", nargs=2, type=int, metavar=("I", "J"), help="of atoms in LAMMPS (default: all)"
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -55,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     sj.enable_x64()
     from calibration.commands.source import read_source
-    from calibration.handover.door import export
+    from calibration.particle_codes.entry import export
 
     source = read_source(arguments)
     of_fit = source.result is not None
@@ -66,14 +69,14 @@ def run(arguments: argparse.Namespace) -> int:
         material=source.name,
         velocity_range=_range(arguments.range, None if of_fit else source.span),
         tolerance=arguments.tolerance,
-        law=arguments.handed,
+        law=arguments.export_law,
         steps=arguments.steps,
         overlap=arguments.overlap,
         radius=None if of_fit else _radius(source.properties),
         on_wall=None if of_fit else source.bodies == "wall",
         losses=arguments.losses,
-        version=arguments.lammps_version,
         prefix=arguments.prefix,
+        types=arguments.types and tuple(arguments.types),
     )
     if not arguments.quiet:
         print(source.remark)

@@ -159,8 +159,8 @@ def _numbers(body, suffix: str) -> dict[str, float]:
 def _of_fit(arguments: argparse.Namespace) -> Source:
     from calibration.fitting.result import FitResult
 
-    options = {name: f"--{name}" for name in (*COEFFICIENTS, *VARIANTS, "area", "set")}
-    for name, option in {**options, "law": arguments.law_option}.items():
+    options = {name: f"--{name}" for name in (*COEFFICIENTS, *VARIANTS, "area", "law", "set")}
+    for name, option in options.items():
         if getattr(arguments, name) not in (None, []):
             accepted = "left out with --fit, whose law is the fitted one"
             raise DataError(option, "given", accepted)
@@ -240,7 +240,7 @@ def _law(
         accepted = "given, or fitted first and read by --fit"
         raise DataError(f"--{needed[0]}", "missing", accepted)
     if needed:
-        raise DataError(arguments.law_option, name, f"given with --set {needed[0]}=…")
+        raise DataError("--law", name, f"given with --set {needed[0]}=…")
     return LAWS[name](**values)
 
 

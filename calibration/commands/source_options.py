@@ -13,8 +13,8 @@ VARIANTS = tuple(name for name, laws in LAW_OPTIONS.items() if "zhou" in laws)
 TABLES = (".csv", ".tsv", ".txt", ".dat", ".xlsx", ".xls", ".ods")
 
 
-def add_source_arguments(parser: argparse.ArgumentParser, law_option: str = "--law") -> None:
-    """The options that `read_source` reads; a command may call the one of the law otherwise."""
+def add_source_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options that `read_source` reads."""
     group = parser.add_argument_group("which collision")
     group.add_argument(
         "source",
@@ -29,8 +29,7 @@ def add_source_arguments(parser: argparse.ArgumentParser, law_option: str = "--l
     group.add_argument("--area", choices=("zhou", "hertz"), help="contact area (default: zhou)")
     add_options(group, VARIANTS)
     default = "default: that of the file, else zhou"
-    group.add_argument(law_option, dest="law", choices=LAWS, help=default)
-    parser.set_defaults(law_option=law_option)  # for what is told of it
+    group.add_argument("--law", choices=LAWS, help=default)
     group.add_argument(
         "--set",
         action="append",

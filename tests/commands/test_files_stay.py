@@ -11,14 +11,14 @@ RESULTS = (
     *("linear_spring.png", "curve.csv", "curve.npy", "curve.png", "curve.txt"),
     *("sensitivity.json", "sensitivity.csv", "sensitivity.png", "tornado.png", "design.png"),
     *("design.csv", "sobol.png", "export.json", "export.png", "in.softjax", "softjax_law.h"),
-    *("softjax_lammps.cpp", "softjax_memory.h", "build.sh", "softjax_yade.py", "softjax_shared.c"),
+    *("softjax_lammps.cpp", "build.sh", "softjax_yade.py"),
     *("speed.csv", "speed.png"),
 )
 STRANGERS = ("notes.txt", "fit.json.bak", ".hidden", "parts/thesis.tex", "parts/0123/000000")
 UNFINISHED = ".softjax-unfinished-mine"  # as a killed command leaves one
 CONSTANT = ("--law", "constant", "--set", "restitution=0.8")
 SENSITIVITY = ("sensitivity", "nylon", *CONSTANT)
-EXPORT = ("export", "nylon", "--wanted-law", *CONSTANT[1:])
+EXPORT = ("export", "nylon", "--law", *CONSTANT[1:])
 COMMANDS = {
     "fit": (("fit", "ALLOY"), {"fit.json", "report.md", "report.html", "curves.png"}),
     "compare": (("compare", "ALLOY", "--laws", "constant"), {"compare.json", "compare.png"}),

@@ -103,7 +103,7 @@ COMMANDS = {
     "compare": ("--laws", "constant"),
     "curve": (*LAW, "--points", "5"),
     "sensitivity": LAW,
-    "export": ("--wanted-law", *LAW[1:], "--to", "c"),
+    "export": ("--law", *LAW[1:], "--to", "c"),
 }
 SLIPS = {"density": 7.6, "radius": 6.0, "youngs_modulus": 1.5e12}
 

@@ -9,7 +9,6 @@ import math
 import re
 from collections.abc import Callable
 
-import numpy as np
 from scipy.integrate import solve_ivp
 
 from tests.export.laws import MASS, PAIR
@@ -51,10 +50,6 @@ def time_step(text: str) -> float:
     return float(found)
 
 
-# Tsuji (1992), the polynomial of LAMMPS' page of `pair_style granular`
-TSUJI = (1.2728, -4.2783, 11.087, -22.348, 27.467, -18.022, 4.8218)
-
-
 def ratio(restitution: float) -> float:
     """-ln e/√(π² + ln² e)."""
     return -math.log(restitution) / math.hypot(math.pi, math.log(restitution))
@@ -63,9 +58,8 @@ def ratio(restitution: float) -> float:
 def lammps_force(text: str, mass: float = MASS) -> Callable:
     """`pair_style granular`: hooke F = k δ, hertz F = k √R δ^{3/2}, less η δ' by the damping model.
 
-    mass_velocity: η = η0 M; viscoelastic: η = η0 a M, a = √(R δ); tsuji: η = α √(M k a) of hertz,
-    α √(M k) of hooke; coeff_restitution: 2 ξ √(M k) of hooke, √(5/6) 2 ξ √(M S), S = 3/2 k a, of
-    hertz. `limit_damping`: no attraction.
+    viscoelastic: η = η0 a M, a = √(R δ); coeff_restitution: 2 ξ √(M k) of hooke, √(5/6) 2 ξ √(M S),
+    S = 3/2 k a, of hertz. `limit_damping`: no attraction.
     """
     assert "pair_style granular" in lines_of(text)
     (coefficients,) = (line for line in lines_of(text) if line.startswith("pair_coeff"))
@@ -79,11 +73,7 @@ def lammps_force(text: str, mass: float = MASS) -> Callable:
     def force(overlap, rate):
         touch = math.sqrt(RADIUS * overlap) if hertz else 1.0
         eta = {
-            "mass_velocity": lambda: told * mass,
             "viscoelastic": lambda: told * touch * mass,
-            "tsuji": lambda: (
-                np.polynomial.polynomial.polyval(told, TSUJI) * math.sqrt(mass * k * touch)
-            ),
             "coeff_restitution": lambda: (
                 2 * ratio(told) * math.sqrt(mass * k * touch * (1.25 if hertz else 1.0))
             ),

@@ -27,9 +27,9 @@ def header(exported):
     """The C header of a law itself."""
 
     def text(source, /, **options):
-        told = {"law": "itself", "steps": 50, "tolerance": 0.5} | options
-        _, folder = exported(source, "c", **told)
-        return (folder / "softjax_law.h").read_text(encoding="utf-8")
+        told = {"law": "exact", "steps": 50, "tolerance": 0.5} | options
+        made, folder = exported(source, "c", **told)
+        return (folder / made.files[0]).read_text(encoding="utf-8")
 
     return text
 

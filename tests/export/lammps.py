@@ -49,9 +49,7 @@ def rebounds(scripts, folder: Path) -> np.ndarray:
     return np.concatenate(lammps(chain.from_iterable(scripts), folder))
 
 
-def impact(
-    velocity: float, settings, steps: int, newton="on", at=0.0, density=DENSITY
-) -> list[str]:
+def impact(velocity: float, settings, steps: int, at=0.0, density=DENSITY) -> list[str]:
     """Two equal spheres head-on, whose ε is printed; `settings` tell force and time step.
 
     At 0 they meet in the middle of a box without boundaries, at 1 across those of a periodic one.
@@ -62,7 +60,7 @@ def impact(
         "clear",
         *SPHERES,
         f"boundary {'p p p' if at else 'f f f'}",
-        f"newton {newton}",
+        "newton off",
         "region box block -1 1 -1 1 -1 1",
         "create_box 1 box",
         f"create_atoms 1 single {left!r} 0 0",
@@ -85,6 +83,7 @@ def onto_a_wall(velocity: float, settings, steps: int) -> list[str]:
         "clear",
         *SPHERES,
         "boundary f f f",
+        "newton off",
         "region box block -1 1 -1 1 -1 1",
         "create_box 1 box",
         f"create_atoms 1 single 0 0 {RADIUS * (1 + 1e-9)!r}",

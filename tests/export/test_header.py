@@ -188,14 +188,14 @@ def test_two_spheres_make_a_pair(tmp_path, header):
     assert subprocess.run([program]).returncode == 0
 
 
-OWN = {"plastic": Plastic(PAIR, 1e14), "viscous": Viscous(PAIR)}
+OWN = {"plastic": Plastic(PAIR, 1e14)}
 
 
-@pytest.mark.parametrize("name", [*LAWS, pytest.param("plastic", marks=pytest.mark.long)])
+@pytest.mark.parametrize("name", [*LAWS, "plastic"])
 def test_it_compiles_by_itself_without_a_warning(name, tmp_path, header):
     text = header((LAWS | OWN)[name])
     for language in ("c", "c++"):
-        for real in ("double", "float") if name in LAWS else ("double",):  # numbers in a table
+        for real in ("double", "float"):
             told = f"#define SOFTJAX_REAL {real}\n{text}"
             assert compiler_says(told, language, tmp_path) == ""
 
@@ -210,7 +210,7 @@ def test_it_may_be_included_twice_and_with_another(tmp_path, header):
 def test_a_softer_law_has_the_same_restitution_at_longer_steps(exported, header):
     """Overlaps and durations grow by a factor, forces fall by it."""
     expected, duration = (each[SOME] for each in wide(STEEL))
-    made, _ = exported(STEEL, "c", law="itself", steps=50, tolerance=0.5, overlap=0.05)
+    made, _ = exported(STEEL, "c", law="exact", steps=50, tolerance=0.5, overlap=0.05)
     factor = 0.05 * float(PAIR.radius) / float(sj.restitution(STEEL, 5.0).peak_overlap)
     one = compiled(header(STEEL, overlap=0.05))
     found = one.rebounds(WIDE[SOME], factor * duration / 1000)
@@ -227,7 +227,7 @@ def test_a_softer_law_has_the_same_restitution_at_longer_steps(exported, header)
 def test_a_users_law_goes_by_a_table_with_a_stated_error(exported, in_c):
     """Forces between the knots err by about what is stated, and ε with them."""
     law, velocity = OWN["plastic"], np.geomspace(0.1, 5, 64)
-    made, _ = exported(law, "c", law="itself", steps=50, tolerance=0.5)
+    made, _ = exported(law, "c", law="exact", steps=50, tolerance=0.5)
     one, hit = in_c(law), sj.restitution(law, velocity)
     found = one.rebounds(velocity, np.asarray(hit.duration) / 800)
     assert np.max(np.abs(found - hit.coefficient)) < made.choice.error + 1e-5 < 1e-3
@@ -241,15 +241,26 @@ def test_a_users_law_goes_by_a_table_with_a_stated_error(exported, in_c):
     assert 0.2 * made.interpolation_error < max(off) < 1.5 * made.interpolation_error < 1e-4
 
 
-def test_a_users_damped_law_too(exported, in_c):
-    law, velocity = OWN["viscous"], np.geomspace(0.1, 5, 64)
-    made, _ = exported(law, "c", law="itself", steps=50, tolerance=0.5)
-    one, hit = in_c(law), sj.restitution(law, velocity)
-    found = one.rebounds(velocity, np.asarray(hit.duration) / 3000)
-    assert np.max(np.abs(found - hit.coefficient)) < 3e-4
-    rng, top, k = np.random.default_rng(3), float(hit.peak_overlap[-1]), float(PAIR.stiffness)
-    overlap, rate = 1.1 * top * rng.uniform(0, 1, 2000), rng.uniform(-5, 5, 2000)
-    expected = np.maximum(k * overlap**1.5 * (1 + rate / 3), 0)
-    largest = k * (1.1 * top) ** 1.5 * (1 + 5.5 / 3)
-    off = np.max(np.abs(one.forces(overlap, rate)[0] - expected)) / largest
-    assert 0.1 * made.interpolation_error < off < 1.5 * made.interpolation_error < 1e-4
+class Kinked(sj.RateIndependentLaw):
+    """A spring that is stiffer beyond a kink, and unloads steeply."""
+
+    contact: sj.Contact
+
+    def loading_force(self, overlap):
+        return 1e7 * (overlap + 3 * jnp.maximum(overlap - 2e-5, 0))
+
+    def unloading_force(self, overlap, peak_overlap):
+        back = self.loading_force(peak_overlap) / 1.01
+        return back * (overlap / peak_overlap)
+
+    def breakpoints(self):
+        return (2e-5,)
+
+
+def test_a_table_gains_no_energy_at_a_kink(in_c):
+    """An impact gives back ε² of its energy, but for the sums of both works: 1.3e-4 of it at most, seen."""
+    law = Kinked(PAIR)
+    one = in_c(law, velocity_range=(0.05, 2.0))
+    for top in np.linspace(1e-5, 8e-5, 60):
+        gain, most = one.gained([0.0, top, 0.0], contact=PAIR)
+        assert gain <= 3e-4 * most

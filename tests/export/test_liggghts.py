@@ -88,10 +88,10 @@ def test_input_that_is_written_keeps_its_tolerance(law, tmp_path):
     made = cal.export(
         STEEL, "liggghts", tmp_path, velocity_range=(0.1, 5), law=law, tolerance=tolerance
     )
-    velocity = made.wanted.velocity[::16]
+    velocity = made.target.velocity[::16]
     steps = 2 * math.ceil(max(made.duration) / made.time_step) + 10
     found = rebounds(tmp_path, velocity, [["include in.softjax"]] * 5, [steps] * 5)
-    assert np.max(np.abs(found - made.wanted.restitution[::16])) <= tolerance
+    assert np.max(np.abs(found - made.target.restitution[::16])) <= tolerance
     given = made.choice.impacts.coefficient[::16]
     assert np.max(np.abs(found - given)) <= made.choice.steps.error + 1e-4
 
@@ -103,7 +103,7 @@ def test_what_was_wanted_of_a_wall_comes_out_at_a_wall(law, tmp_path):
     asked = sj.Zhou(wall, STEEL.chi, STEEL.sigma, STEEL.psi)
     options = {"velocity_range": (0.5, 2), "law": law, "tolerance": 0.08, "on_wall": True}
     made = cal.export(asked, "liggghts", tmp_path, **options)
-    velocity, given = made.wanted.velocity[::16], made.choice.impacts.coefficient[::16]
+    velocity, given = made.target.velocity[::16], made.choice.impacts.coefficient[::16]
     steps = 2 * math.ceil(max(made.duration) / made.time_step) + 10
     lines = [["include in.softjax"]] * 5
     found = rebounds(tmp_path, velocity, lines, [steps] * 5, onto_a_wall)

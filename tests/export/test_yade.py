@@ -60,7 +60,7 @@ def yade(script: str, folder) -> list[float]:
 def as_written(made, **where: bool) -> str:
     """Impacts with the module that was written, at every 16th velocity."""
     steps = 2 * math.ceil(max(made.duration) / made.time_step) + 10
-    if made.choice.carrier.name == "header":
+    if made.choice.backend.name == "header":
         engine = "PyRunner(command='softjax_yade.push()', iterPeriod=1, initRun=True)"
         make = f"lambda: (FrictMat(density={DENSITY}), {engine})"
     else:
@@ -69,21 +69,21 @@ def as_written(made, **where: bool) -> str:
 sys.path.insert(0, ".")
 import softjax_yade
 found = [impact(v, {make}, softjax_yade.time_step, {steps}, **{where})
-         for v in {made.wanted.velocity[::16].tolist()}]
+         for v in {made.target.velocity[::16].tolist()}]
 print("RESULT", json.dumps(found))
 """
 
 
 @pytest.mark.parametrize(
     ("law", "tolerance"),
-    [("linear", 0.08), ("hertz-dashpot", 0.08), ("walton-braun", 0.08), ("itself", 0.005)],
+    [("linear", 0.08), ("hertz-dashpot", 0.08), ("walton-braun", 0.08), ("exact", 0.005)],
 )
 def test_what_is_written_keeps_its_tolerance(law, tolerance, tmp_path):
     made = cal.export(
         STEEL, "yade", tmp_path, velocity_range=(0.1, 5), law=law, tolerance=tolerance
     )
     found = np.array(yade(as_written(made), tmp_path))
-    assert np.max(np.abs(found - made.wanted.restitution[::16])) <= tolerance
+    assert np.max(np.abs(found - made.target.restitution[::16])) <= tolerance
     given = made.choice.impacts.coefficient[::16]
     assert np.max(np.abs(found - given)) <= made.choice.steps.error + 1e-4
 
@@ -93,7 +93,7 @@ def test_the_header_against_a_wall_and_across_a_boundary(tmp_path):
     wall = sj.Contact.with_wall(sj.STAINLESS_STEEL, wall=sj.STAINLESS_STEEL, radius=RADIUS)
     law = sj.Zhou(wall, STEEL.chi, STEEL.sigma, STEEL.psi)
     for one, where in ((law, {"wall": True}), (STEEL, {"periodic": True})):
-        options = {"velocity_range": (0.1, 5), "law": "itself", "tolerance": 0.005}
+        options = {"velocity_range": (0.1, 5), "law": "exact", "tolerance": 0.005}
         made = cal.export(one, "yade", tmp_path, **options)
         found = np.array(yade(as_written(made, **where), tmp_path))
-        assert np.max(np.abs(found - made.wanted.restitution[::16])) <= 0.005
+        assert np.max(np.abs(found - made.target.restitution[::16])) <= 0.005

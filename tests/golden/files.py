@@ -175,7 +175,7 @@ def record_exports(numbers, folder, to, names):
     }
     for name in names:
         out = folder / f"{to} {name}"
-        given = "itself" if name == "zhou" else name
+        given = "exact" if name == "zhou" else name
         made = cal.export(laws[name], to, out, velocity_range=(0.2, 2.0), tolerance=0.2, law=given)
         record_export(numbers, made, out, f"{to}, {name}: ")
 
@@ -207,11 +207,11 @@ def substitutes(numbers, folder):
         "auto": (zhou, "lammps", {"tolerance": 0.03}),
         "softer": (zhou, "liggghts", {"tolerance": 0.1, "overlap": 0.02, "law": "hertz-dashpot"}),
         "force alone": (zhou, "yade", {"tolerance": 0.1, "losses": False}),
-        "own": (Hardening(contact(), 2e-4), "c", {"tolerance": 0.01, "law": "itself"}),
+        "own": (Hardening(contact(), 2e-4), "c", {"tolerance": 0.01, "law": "exact"}),
         "thornton": (
             sj.Thornton(contact(area="hertz"), 1.6),
             "c",
-            {"tolerance": 0.01, "law": "itself"},
+            {"tolerance": 0.01, "law": "exact"},
         ),
     }
     for name, (law, to, options) in cases.items():

@@ -207,7 +207,7 @@ FLOORS = [
     {"curves", "lookup_table", "studies"},
     {"plots"},
     {"report"},
-    {"commands", "speed", "handover"},
+    {"commands", "speed", "particle_codes"},
     {"cli", "__main__"},
 ]
 FLOOR = {name: floor for floor, names in enumerate(FLOORS) for name in names}

@@ -1,0 +1,94 @@
+"""A contact law as a C header: force, stiffness, one contact's memory.
+
+Lengths and forces of the library's own laws are in proportion to the sizes of the bodies, which
+the header takes at run time: one serves all sizes of a pair of materials. How a law of one's own
+goes with them is not known, so that its table (`c_table`) is of one pair of sizes.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+import softjax as sj
+from calibration.particle_codes.c_table import force_error, table_of, table_values
+from calibration.particle_codes.target import end_of, number_of
+from calibration.particle_codes.templates import rendered
+from softjax.fields import numbers_of
+from softjax.laws.linear_dashpot import damping_fraction
+
+FORMULAS = {
+    sj.Zhou: "zhou.h",
+    sj.Thornton: "thornton.h",
+    sj.WaltonBraun: "walton_braun.h",
+    sj.LinearSpringDashpot: "linear.h",
+    sj.HertzDashpot: "hertz_dashpot.h",
+    sj.ViscoelasticHertz: "viscoelastic.h",
+}
+
+
+class Header(NamedTuple):
+    """C source, and what interpolating forces costs of the largest force; 0 for formulas."""
+
+    source: str
+    interpolation_error: float
+
+
+def header_of(
+    law: Any,
+    notes: tuple[str, ...],
+    velocity_range: tuple[float, float],
+    step: float,
+    *,
+    softening_factor: float = 1.0,
+    losses: bool = True,
+    prefix: str = "softjax",
+) -> Header:
+    """The header of a law with a force.
+
+    Args:
+        notes: the first lines of its comment.
+        velocity_range: the impact velocities [m/s] that it is for; a table of forces ends there.
+        step: the time step [s] that it was tested with.
+        softening_factor: overlaps grow by this factor and forces fall by it, at the same energies.
+        losses: whether what is in ε and in no force, Eq. (17), is taken off the unloading force.
+        prefix: of all names, so that several headers fit into one program.
+    """
+    if type(law) is sj.Hertz:  # the dashpot that takes nothing
+        law = sj.HertzDashpot(law.contact, 1.0)
+    error = 0.0
+    if not is_tabulated(law):
+        name, values = FORMULAS[type(law)], _values(law, losses)
+    else:
+        table = table_of(law, velocity_range[1], losses)
+        name, values, error = "table.h", table_values(table), force_error(law, table)
+    independent = isinstance(law, sj.RateIndependentLaw)
+    values |= {"name": name, "end": None if independent else end_of(law)}
+    values |= {"slowest": velocity_range[0], "fastest": velocity_range[1], "step": step}
+    text = rendered("law.h", notes=notes, softening_factor=float(softening_factor), **values)
+    text = text.replace("softjax_", f"{prefix}_").replace("SOFTJAX_", f"{prefix.upper()}_")
+    return Header(text, error)
+
+
+def is_tabulated(law: Any) -> bool:
+    """Whether a law goes by a table of its forces."""
+    return type(law) not in FORMULAS and type(law) is not sj.Hertz
+
+
+def _values(law: Any, losses: bool) -> dict[str, Any]:
+    """Fields of a law and of its contact by their names, and the other values of its template."""
+    values: dict[str, Any] = {name: number_of(leaf) for name, leaf in numbers_of(law).items()}
+    if "restitution" in values:
+        values["damping"] = number_of(damping_fraction(law.restitution))
+    if isinstance(law, sj.Zhou | sj.Thornton):  # overlap and force of first yield over R and R²
+        values["overlap"] = number_of(law.scales().overlap) / values["radius"]
+        values["force"] = number_of(law.force_scale()) / values["radius"] ** 2
+    if isinstance(law, sj.Zhou):
+        compact = np.sqrt(values["mass"] / values["radius"] ** 3).item()
+        values |= {
+            "d": number_of(law.plasticity()),
+            "x": values["chi"] * number_of(law.contact.yield_ratio),
+            "velocity": number_of(law.contact.critical_velocity) * compact,
+            "losses": int(losses),
+            "form": law.form,
+        }
+    return values

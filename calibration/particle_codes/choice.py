@@ -1,0 +1,217 @@
+"""The cheapest law that a code has and that keeps the tolerance, with its time step."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+import softjax as sj
+from calibration.errors import DataError, InputError, did_you_mean, listed
+from calibration.fitting.known_laws import LAWS
+from calibration.particle_codes import surrogates
+from calibration.particle_codes.c_header import is_tabulated
+from calibration.particle_codes.c_table import table_of
+from calibration.particle_codes.steps import (
+    FEWEST,
+    NONE,
+    Steps,
+    steps_of,
+    steps_within,
+    table_error,
+)
+from calibration.particle_codes.target import Impacts, Target, impacts_of
+
+EXACT = "exact"
+DAMPED = 20  # steps in a contact at least: a step makes dashpots weaker, never stronger
+INPUT, HEADER = "input", "header"  # how a code takes a law: by what it has, or by generated source
+MOST_OVERLAP = 100.0  # over the radius: nothing that is meant is beyond
+ROOM = 0.1  # of the tolerance, that a law leaves at least for the time step
+LABELS = {
+    "linear": "constant ε, linear spring and dashpot",
+    "hertz-dashpot": "constant ε, Hertz's spring and a dashpot",
+    "viscoelastic": "viscoelastic spheres",
+    "walton-braun": "Walton and Braun's spring, k2 growing with the force",
+}
+
+
+@dataclass(frozen=True)
+class Backend:
+    """How a code takes a law.
+
+    Attributes:
+        name: `INPUT` or `HEADER`.
+        from_loading: whether k2 of Walton and Braun's spring can only grow from k1.
+        of_mass: whether the damping that is written holds for one effective mass alone.
+        fewest: time steps in the shortest contact, unless stated.
+    """
+
+    name: str
+    from_loading: bool = False
+    of_mass: bool = False
+    fewest: int = FEWEST
+
+
+@dataclass(frozen=True)
+class ExportOptions:
+    """What is requested beside the law: see `calibration.particle_codes.entry.export`."""
+
+    tolerance: float
+    law: str
+    steps: int | None
+    overlap: float | None
+    losses: bool
+    prefix: str = "softjax"
+    types: tuple[int, int] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """A law for a code.
+
+    Attributes:
+        key, label: which one.
+        law: with the contact's own stiffness.
+        backend: how the code takes it.
+        softening_factor: overlaps and durations in the code are this many times those of the law.
+        impacts: on the law, over the target velocities.
+        error: the largest difference of its ε from the target, without steps.
+        steps: the time step of the law; `NONE` where there is no room for its error.
+    """
+
+    key: str
+    label: str
+    law: Any
+    backend: Backend
+    softening_factor: float
+    impacts: Impacts
+    error: float
+    steps: Steps
+
+    @property
+    def total(self) -> float:
+        """The largest error of ε, steps included."""
+        return self.error + self.steps.error
+
+    @property
+    def step(self) -> float:
+        """Time step in the code [s]."""
+        return self.steps.step * self.softening_factor
+
+
+def choose(target: Target, code: Any, options: ExportOptions) -> tuple[Choice, list[Choice]]:
+    """The first law of the ladder that keeps the tolerance, and all that were tried.
+
+    Args:
+        code: a module with `BACKENDS`, the laws it takes in the order of their cost, and `REFUSED`,
+            the reasons why not of others.
+
+    Raises:
+        ValueError: where none does, naming the best, or where the law asked for is none of these.
+    """
+    keys = _keys(target, code, options.law)
+    tried = []
+    for key in keys:
+        tried.append(_tried(key, target, code.BACKENDS[key], options))
+        if tried[-1].total <= options.tolerance:
+            return tried[-1], tried
+    best = min(tried, key=lambda one: (one.total, one.error))
+    raise _refusal(best, options)
+
+
+def _refusal(best: Choice, options: ExportOptions) -> InputError:
+    problem = f"no law tried keeps the tolerance {options.tolerance:g}"
+    if best.steps is NONE:
+        least, told = best.error / (1 - ROOM), f"{best.error:.3g} off without steps"
+    else:
+        least, told = best.total, f"{best.total:.3g} off at {best.steps.count} steps"
+    accepted = f"--tolerance {_upwards(least)} writes it"
+    return InputError(None, None, f"{problem}: the best, {best.label}, is {told}", accepted)
+
+
+def _upwards(value: float) -> str:
+    """Two digits, rounded up."""
+    place = 10.0 ** (np.floor(np.log10(value)) - 1)
+    return f"{np.ceil(value / place) * place:.3g}"
+
+
+def _keys(target: Target, code: Any, asked: str) -> list[str]:
+    """Which laws to try, in the order of their cost."""
+    has_force = not isinstance(target.law, sj.HardSphereLaw)
+    keys = [key for key in code.BACKENDS if key != EXACT or has_force]
+    if asked == "auto":
+        return keys
+    own = [name for name, law in LAWS.items() if law is type(target.law)]
+    _refuse_unsayable(target, code, asked, own)
+    key = EXACT if asked in own and asked not in keys else asked
+    if key not in keys:
+        accepted = f"auto, {listed(keys)}{did_you_mean(asked, keys)}"
+        raise DataError("law", asked, accepted)
+    return [key]
+
+
+def _refuse_unsayable(target: Target, code: Any, asked: str, own: list[str]) -> None:
+    """What cannot be said in a code, in one line with the reason."""
+    backend = code.BACKENDS.get(asked)
+    name = own[0] if asked == EXACT and own else asked
+    if asked not in code.BACKENDS and name in code.REFUSED:
+        problem, accepted = code.REFUSED[name]
+        raise InputError(None, None, problem, accepted)
+    if backend is not None and backend.from_loading and type(target.law) is sj.WaltonBraun:
+        k1, k20 = (float(getattr(target.law, f"{n}_stiffness")) for n in ("loading", "unloading"))
+        if k20 > k1:
+            problem = f"a constant k2 > k1 (here {k20 / k1:.4g} k1) cannot be said there"
+            accepted = (
+                "k2 starts at k1 and grows with the overlap; --export-law auto takes the nearest"
+            )
+            raise InputError(None, None, problem, accepted)
+
+
+def _tried(key: str, target: Target, backend: Backend, options: ExportOptions) -> Choice:
+    law = _law(key, target, backend)
+    impacts = impacts_of(law, target.velocity, options.losses)
+    error = float(np.max(np.abs(impacts.coefficient - target.restitution)))
+    if backend.name == HEADER and is_tabulated(law):
+        error += table_error(law, table_of(law, target.range[1]), impacts)
+    label = LABELS.get(key, f"{type(target.law).__name__}'s law, exact")
+    steps = _steps(law, impacts, error, options, backend.fewest)
+    return Choice(
+        key, label, law, backend, _softening_factor(impacts, target, options), impacts, error, steps
+    )
+
+
+def _law(key: str, target: Target, backend: Backend) -> Any:
+    if key == "linear":
+        return surrogates.linear(target, _own_overlap(target))
+    if key == "hertz-dashpot":
+        return surrogates.hertz_dashpot(target)
+    if key == "viscoelastic":
+        return surrogates.viscoelastic(target)
+    if key == "walton-braun":
+        return surrogates.walton_braun(target, _own_overlap(target), backend.from_loading)
+    return target.law
+
+
+def _own_overlap(target: Target) -> float:
+    """The largest overlap of the target's law, or of Hertz's where it has none [m]."""
+    has_force = not isinstance(target.law, sj.HardSphereLaw)
+    law = target.law if has_force else sj.Hertz(target.contact)
+    return float(np.asarray(sj.restitution(law, target.velocity).peak_overlap)[-1])
+
+
+def _softening_factor(impacts: Impacts, target: Target, options: ExportOptions) -> float:
+    """The overlap asked for over that of the fastest impact."""
+    own = float(impacts.peak[-1]) / target.radius
+    if options.overlap is None:
+        return 1.0
+    if not own <= options.overlap <= MOST_OVERLAP:
+        least = f"above {own:.3g}, the largest overlap over the {target.radius_of} radius as it is"
+        raise DataError("overlap", options.overlap, f"{least}, and {MOST_OVERLAP:g} at most")
+    return options.overlap / own
+
+
+def _steps(law: Any, impacts: Impacts, error: float, options: ExportOptions, fewest: int) -> Steps:
+    if options.steps is not None:
+        return steps_of(law, impacts, options.steps)
+    if error > (1 - ROOM) * options.tolerance:
+        return NONE
+    return steps_within(law, impacts, options.tolerance - error, fewest)

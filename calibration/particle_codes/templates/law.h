@@ -1,0 +1,133 @@
+/* {{ notes[0] }}
+{% for note in notes[1:] %}
+{{ (" * " ~ note).rstrip() }}
+{% endfor %}
+ *
+ * C99 and C++; needs nothing but the mathematical library. Units are SI, the overlap and its rate
+ * (positive on approach) those of the two bodies, the force a repulsion along their line of centres.
+ *
+ *     softjax_pair pair = softjax_spheres(r1, m1, r2, m2);     once for each pair of sizes [m, kg]
+ *     softjax_contact memory = softjax_touch();                once for each contact
+ *     force = softjax_force(&pair, &memory, overlap, rate, &stiffness);             [N], [N/m]
+ *
+ * Call it once a step while the overlap is positive; it forgets the contact where it is not.
+ * -DSOFTJAX_REAL=float computes in single precision, -DSOFTJAX_INLINE=... qualifies the functions.
+ */
+#ifndef SOFTJAX_LAW_H
+#define SOFTJAX_LAW_H
+
+#include <math.h>
+
+#ifndef SOFTJAX_REAL
+#define SOFTJAX_REAL double
+#endif
+#ifndef SOFTJAX_INLINE
+#define SOFTJAX_INLINE static inline
+#endif
+
+typedef SOFTJAX_REAL softjax_real;
+
+/* overlaps are this many times those of the law, forces as many times less: eps is the same */
+#define SOFTJAX_STRETCH ((softjax_real){{ softening_factor }})
+
+/* impact velocities [m/s] for which this was written, and the time step [s] tested with them */
+#define SOFTJAX_SLOWEST {{ slowest }}
+#define SOFTJAX_FASTEST {{ fastest }}
+#define SOFTJAX_STEP {{ step }}
+
+/* of two bodies: what depends on their sizes alone */
+typedef struct {
+  softjax_real radius; /* R1 R2/(R1 + R2) [m] */
+  softjax_real mass;   /* M1 M2/(M1 + M2) [kg] */
+} softjax_pair;
+
+/* memory of one contact: largest overlap [m], and the factor of its unloading force (-1: not known yet) */
+typedef struct {
+  softjax_real peak, factor;
+} softjax_contact;
+
+SOFTJAX_INLINE softjax_pair softjax_spheres(softjax_real radius_1, softjax_real mass_1,
+                                            softjax_real radius_2, softjax_real mass_2) {
+  softjax_pair pair;
+  pair.radius = radius_1 / (1 + radius_1 / radius_2);
+  pair.mass = mass_1 / (1 + mass_1 / mass_2);
+  return pair;
+}
+
+/* a sphere and a flat, heavy wall */
+SOFTJAX_INLINE softjax_pair softjax_wall(softjax_real radius, softjax_real mass) {
+  softjax_pair pair;
+  pair.radius = radius;
+  pair.mass = mass;
+  return pair;
+}
+
+SOFTJAX_INLINE softjax_contact softjax_touch(void) {
+  softjax_contact contact;
+  contact.peak = 0;
+  contact.factor = -1;
+  return contact;
+}
+
+SOFTJAX_INLINE softjax_real softjax_sqrt(softjax_real x) {
+  return sizeof(softjax_real) == sizeof(float) ? (softjax_real)sqrtf((float)x)
+                                               : (softjax_real)sqrt((double)x);
+}
+
+{% include name %}
+
+/* whether the law is known for these sizes */
+SOFTJAX_INLINE int softjax_fits(const softjax_pair *pair) {
+{% if name == "table.h" %}
+  return fabs(pair->radius / SOFTJAX_RADIUS - 1) < 1e-6 && fabs(pair->mass / SOFTJAX_MASS - 1) < 1e-6;
+{% else %}
+  (void)pair;
+  return 1;
+{% endif %}
+}
+
+{% if end %}
+/* contact force [N] at `overlap` [m] and its `rate` [m/s], and its slope with the overlap [N/m];
+ * the force {{ "never pulls: the contact ends where it vanishes" if end == "zero-force" else "pulls before the overlap vanishes, as the law has it" }} */
+SOFTJAX_INLINE softjax_real softjax_force(const softjax_pair *pair, softjax_contact *contact,
+                                          softjax_real overlap, softjax_real rate,
+                                          softjax_real *stiffness) {
+  softjax_real force, slope = 0;
+  (void)contact;
+  *stiffness = 0;
+  if (!(overlap > 0)) return 0;
+  force = softjax_damped(pair, overlap / SOFTJAX_STRETCH, rate, &slope) / SOFTJAX_STRETCH;
+  if ({{ "!(force > 0)" if end == "zero-force" else "0" }}) return 0;
+  *stiffness = slope / (SOFTJAX_STRETCH * SOFTJAX_STRETCH);
+  return force;
+}
+{% else %}
+/* contact force [N] at `overlap` [m], and its slope [N/m]; the rate does not act */
+SOFTJAX_INLINE softjax_real softjax_force(const softjax_pair *pair, softjax_contact *contact,
+                                          softjax_real overlap, softjax_real rate,
+                                          softjax_real *stiffness) {
+  const softjax_real length = SOFTJAX_STRETCH * softjax_length(pair);
+  const softjax_real unit = softjax_unit(pair) / SOFTJAX_STRETCH;
+  softjax_real p, slope = 0;
+  (void)rate;
+  *stiffness = 0;
+  if (!(overlap > 0)) {
+    *contact = softjax_touch();
+    return 0;
+  }
+  if (overlap >= contact->peak) {
+    contact->peak = overlap;
+    contact->factor = -1;
+    p = softjax_loading(overlap / length, &slope);
+  } else {
+    p = softjax_unloading(overlap / length, contact->peak / length, &slope);
+    if (contact->factor < 0) contact->factor = softjax_factor(pair, contact->peak / length);
+    p *= contact->factor;
+    slope *= contact->factor;
+  }
+  if (!(p > 0)) return 0; /* released: the bodies part with what overlap remains */
+  *stiffness = slope * unit / length;
+  return p * unit;
+}
+{% endif %}
+#endif
