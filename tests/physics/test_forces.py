@@ -63,31 +63,6 @@ def test_zhous_forces_in_forty_digits(form, d):
     assert found[-1] == pytest.approx(float(law.loading_force(peak * length)) / unit, rel=1e-12)
 
 
-class Borrowed(sj.RateIndependentLaw):
-    """Zhou's two forces, in a law of the user's."""
-
-    contact: sj.Contact
-    zhou: sj.Zhou
-
-    def loading_force(self, overlap):
-        return self.zhou.loading_force(overlap)
-
-    def unloading_force(self, overlap, peak_overlap):
-        return self.zhou.unloading_force(overlap, peak_overlap)
-
-    def breakpoints(self):
-        return self.zhou.breakpoints()
-
-
-@pytest.mark.parametrize("form", [pytest.param("first-order", marks=pytest.mark.long), "full"])
-def test_a_law_of_a_built_in_ones_forces_is_elastic_where_that_is(form):
-    """ε_p = 1 below first yield; plastic unloading continued there gave NO_REBOUND and 1.0855."""
-    zhou, velocity = ZHOU[form], RATIOS * float(PAIR.critical_velocity)
-    found, wanted = sj.restitution(Borrowed(PAIR, zhou), velocity), sj.restitution(zhou, velocity)
-    assert np.allclose(found.plastic_coefficient, wanted.plastic_coefficient, rtol=1e-9, atol=0)
-    assert not np.any(found.status & int(sj.Status.NO_REBOUND))
-
-
 @pytest.mark.parametrize("form", ZHOU)
 def test_an_elastic_unloading_force_has_hertzs_slopes(form):
     """k δ^{3/2} below first yield: no slope in the peak nor in χ̃, (3/2) k √δ in the overlap."""
