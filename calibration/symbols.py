@@ -72,6 +72,13 @@ def in_math(written: str) -> str:
     return MATH.get(letter, plain) + written.removeprefix(letter)
 
 
+def model_of(label: str, result: Any) -> Any:
+    """The law that a label of a fit, such as "chi[nylon]", is a parameter of; None without a fit."""
+    owner = label.removesuffix("]").partition("[")[2]
+    fits = [] if result is None else [f for f in result.materials if owner in ("", f.name)]
+    return (fits or result.materials)[0].model if result is not None else None
+
+
 def words(name: str, model: Any = None) -> str:
     """What a parameter is; nothing where its law says nothing of it."""
     leaf = name.removeprefix(OF_CONTACT)

@@ -112,7 +112,7 @@ def _text(result: Any, of_paper: bool, draws: Any) -> str:
     if draws is not None:
         from calibration.report.posterior import section
 
-        more["posterior"] = section(draws, result.confidence)
+        more["posterior"] = section(draws, result)
     return terminal_report(result, INTRO if of_paper else "", **more)
 
 

@@ -61,7 +61,7 @@ def profiles_figure(result: Any) -> Figure | None:
         return None
     figure, grid = style.panels(len(profiles), (3.4, 2.8), "profiles")
     for (label, profile), (ax,) in zip(profiles.items(), grid, strict=False):
-        plot_profile(profile, result.estimates.get(label), ax, _model(result, label))
+        plot_profile(profile, result.estimates.get(label), ax, symbols.model_of(label, result))
     columns = ax.get_subplotspec().get_gridspec().ncols
     style.legend_below(figure, list(grid.flat), 4 if columns > 2 else 2)
     return figure
@@ -114,12 +114,6 @@ def _blocks(result: Any) -> list[tuple[str, list[str]]]:
 
 def _symbol(result: Any, label: str, with_owner: bool) -> str:
     name, _, owner = label.partition("[")
-    symbol = symbols.math(name, _model(result, label), unit=False)
+    symbol = symbols.math(name, symbols.model_of(label, result), unit=False)
     own = style.shortened(owner.removesuffix("]"))
     return f"{symbol}, {style.plain(own)}" if with_owner and owner else symbol
-
-
-def _model(result: Any, label: str) -> Any:
-    """The law that a label belongs to, as a fit sees it."""
-    owners = [fit for fit in result.materials if label in fit.labels.values()]
-    return (owners or result.materials)[0].model

@@ -93,8 +93,7 @@ def _plot_fit(ax: Axes, one: Any, other: Any, in_pair: bool) -> None:
 def _label(name: str, result: Any) -> str:
     """The symbol with its unit, the data set below it."""
     base, _, owner = name.removesuffix("]").partition("[")
-    fits = [] if result is None else [fit for fit in result.materials if owner in ("", fit.name)]
-    symbol = symbols.math(base, fits[0].model if fits else None)
+    symbol = symbols.math(base, symbols.model_of(name, result))
     return f"{symbol}\n{style.plain(style.shortened(owner))}" if owner else symbol
 
 

@@ -51,7 +51,7 @@ def write_report(
             from calibration.report.posterior import section
 
             write(draws, staged / "posterior.nc")
-            posterior = section(draws, result.confidence)
+            posterior = section(draws, result)
         pictures = {}
         for done, (name, caption) in enumerate(PICTURES.items()):
             progress("pictures", done, len(PICTURES))

@@ -19,22 +19,25 @@ from calibration.rounding import interval, number, with_error
 DETERMINED = 0.3  # of the prior's width, up to which the data determine a parameter
 
 
-def section(data: Any, confidence: float) -> dict[str, Any]:
+def section(data: Any, result: Any) -> dict[str, Any]:
     """How the draws were made, their table, what they say in words, and warnings about them."""
-    found, failed = summaries(data, confidence), not_converged(data)
+    found, failed = summaries(data, result.confidence), not_converged(data)
+    written = {name: _written(name, result) for name in found}
     return {
         "how": _how(data),
-        "table": posterior_table(found, confidence),
-        "known": [failed] if failed else known(found),
+        "table": posterior_table(found, written, result.confidence),
+        "known": [failed] if failed else known(found, written),
         "warnings": doubts_of(data),
     }
 
 
-def posterior_table(found: Mapping[str, Summary], confidence: float) -> pd.DataFrame:
+def posterior_table(
+    found: Mapping[str, Summary], written: Mapping[str, str], confidence: float
+) -> pd.DataFrame:
     """Each unknown's mean, standard deviation, central interval and convergence of the draws."""
     return pd.DataFrame(
         {
-            "parameter": _written(name) + (f" [{one.unit}]" if one.unit else ""),
+            "parameter": written[name] + (f" [{one.unit}]" if one.unit else ""),
             "mean ± std. deviation": with_error(one.mean, one.deviation),
             f"{100 * confidence:g} % interval": interval(one.low, one.high, one.deviation),
             "R-hat": f"{one.r_hat:.3f}",
@@ -46,16 +49,16 @@ def posterior_table(found: Mapping[str, Summary], confidence: float) -> pd.DataF
     )
 
 
-def known(found: Mapping[str, Summary]) -> list[str]:
+def known(found: Mapping[str, Summary], written: Mapping[str, str]) -> list[str]:
     """In words, what the data determine, and what they leave to the prior."""
     kinds: dict[str, list[str]] = {"determine": [], "narrow": [], "do not determine": []}
     for name, one in found.items():
         if one.prior_share is None or one.prior_share <= DETERMINED:
-            kinds["determine"].append(f"{_written(name)} = {with_error(one.mean, one.deviation)}")
+            kinds["determine"].append(f"{written[name]} = {with_error(one.mean, one.deviation)}")
         else:
             kind = "narrow" if one.prior_share <= FOLLOWS else "do not determine"
             share = f"{100 * one.prior_share:.0f} % of its prior's width left"
-            kinds[kind].append(f"{_written(name)} ({share})")
+            kinds[kind].append(f"{written[name]} ({share})")
     lines = [f"The data {kind} {', '.join(names)}." for kind, names in kinds.items() if names]
     wide = {name for name, one in found.items() if (one.prior_share or 0.0) > DETERMINED}
     if {"sigma", "psi"} & {name.partition("[")[0] for name in wide}:
@@ -77,6 +80,6 @@ def _how(data: Any) -> str:
     )
 
 
-def _written(name: str) -> str:
+def _written(name: str, result: Any) -> str:
     base, bracket, owner = name.partition("[")
-    return symbols.symbol(base).text + bracket + owner
+    return symbols.symbol(base, symbols.model_of(name, result)).text + bracket + owner
