@@ -26,6 +26,7 @@ from softjax.laws.thornton import Thornton, thornton_restitution
 from softjax.laws.viscoelastic import ViscoelasticHertz
 from softjax.laws.walton_braun import WaltonBraun
 from softjax.laws.zhou import Zhou
+from softjax.many_body import contact_force
 from softjax.materials import CHROME_STEEL, NYLON, STAINLESS_STEEL, Material
 from softjax.restitution import (
     Restitution,
@@ -72,6 +73,7 @@ __all__ = [
     "array_field",
     "choice_field",
     "collide",
+    "contact_force",
     "empirical_restitution",
     "enable_x64",
     "number_field",

@@ -39,7 +39,7 @@ LAYERS = [
     {"assembly"},
     {"batch"},
     {"restitution"},
-    {"history"},
+    {"history", "many_body"},
 ]
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
 ROUTES = {

@@ -1,0 +1,85 @@
+"""A contact law as a pure function, for many-body codes written in JAX."""
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from softjax.restitution import restitution
+
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(12)
+LEAST = 1e-30  # in place of no overlap [m]: laws are asked for forces at positive overlaps alone
+
+
+def contact_force(law: Any, overlap: Any, velocity: Any, memory: Any) -> tuple[Array, Array]:
+    """The force of a contact law at one instant, and what the contact remembers.
+
+    A rate-independent law loads up to the largest overlap δ_m so far and unloads below it, where its force
+    is multiplied by (ε/ε_p)²: the losses of Eq. (17), which are in ε and in no force, are taken there, so that
+    an impact that is stepped rebounds at ε, not at ε_p. ε is that of the impact whose energy reaches δ_m,
+    M v²/2 = ∫ P dδ; 1 at most. Contacts do not pull, but for laws that say so.
+
+    Works under `jit`, `vmap` and `grad`; arguments broadcast.
+
+    Args:
+        law: a contact law with a force; its fields and its contact's may be arrays, one a pair of bodies.
+        overlap: δ [m]; no contact where it is not positive.
+        velocity: its rate of change [m/s], positive on approach.
+        memory: the largest overlap so far [m], 0 for a new contact.
+
+    Returns:
+        The repulsive force [N], and the memory for the next call: 0 where the bodies are apart.
+    """
+    overlap, velocity, memory = jnp.broadcast_arrays(overlap, velocity, memory)
+    touching = overlap > 0
+    inside = jnp.where(touching, overlap, LEAST)
+    if not hasattr(law, "loading_force"):
+        force = law.force(inside, velocity)
+        ends = getattr(law, "end", None) or law.reduced().ends_at
+        force = jnp.maximum(force, 0.0) if ends == "zero-force" else force
+        return jnp.where(touching, force, 0.0), jnp.where(touching, overlap, 0.0)
+    loading = overlap >= memory
+    unloading = touching & ~loading
+    # where nothing unloads any peak serves: no slope of what is not asked may be infinite
+    peak = jnp.where(unloading, memory, jnp.maximum(inside, 1e-3 * law.contact.radius))
+    back = jnp.maximum(_unloading(law, inside, peak), 0.0) * _factor(law, peak)
+    force = jnp.where(loading, law.loading_force(inside), back)
+    kept = jnp.where(touching, jnp.maximum(overlap, memory), 0.0)
+    return jnp.where(touching, force, 0.0), kept
+
+
+def _elastic(law: Any) -> Any:
+    """The overlap up to which unloading is Hertz's, as loading [m]."""
+    if not hasattr(law, "elastic_velocity"):
+        return jnp.asarray(law.elastic_overlap())
+    energy = law.contact.mass * law.elastic_velocity() ** 2 / 2
+    return (2.5 * energy / law.contact.stiffness) ** 0.4
+
+
+def _unloading(law: Any, overlap: Array, peak: Array) -> Array:
+    yielded = peak > _elastic(law)
+    safe = jnp.where(yielded, peak, 1.1 * jnp.maximum(_elastic(law), peak))
+    after = law.unloading_force(jnp.minimum(overlap, safe), safe)
+    return jnp.where(yielded, after, law.loading_force(overlap))
+
+
+def _factor(law: Any, peak: Array) -> Array:
+    """(ε/ε_p)² of the impact that reaches this largest overlap."""
+    kink = jnp.minimum(_elastic(law), peak)
+    middle = jnp.where(kink > 0, jnp.sqrt(jnp.where(kink > 0, kink, 1.0)), 0.0)
+    work = _work(law, 0.0, middle) + _work(law, middle, jnp.sqrt(peak))
+    speed = jnp.sqrt(2 * work / law.contact.mass)
+    hit = restitution(law, speed)
+    rebounds = hit.plastic_coefficient > 0
+    plastic = jnp.where(rebounds, hit.plastic_coefficient, 1.0)
+    return jnp.where(rebounds, (jnp.minimum(hit.coefficient, 1.0) / plastic) ** 2, 0.0)
+
+
+def _work(law: Any, low: Any, high: Array) -> Array:
+    """∫ P dδ on loading [J] between two √δ, in which forces of contacts are smooth: Gauss and Legendre's."""
+    middle, half = (high + low) / 2, (high - low) / 2
+    shape = (-1,) + (1,) * middle.ndim
+    root = middle + half * jnp.asarray(NODES).reshape(shape)
+    force = 2 * root * law.loading_force(jnp.maximum(root**2, LEAST))
+    return half * jnp.sum(jnp.asarray(WEIGHTS).reshape(shape) * force, axis=0)

@@ -1,0 +1,71 @@
+"""`sj.contact_force`: stepped impacts rebound as the law does, under jit, vmap and grad."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import softjax as sj
+from tests.cases import fitted, pair
+
+PAIR = pair("stainless steel")
+LAWS = {
+    "zhou": fitted("stainless steel"),
+    "thornton": sj.Thornton(pair("stainless steel", "hertz"), 2.8),
+    "walton-braun": sj.WaltonBraun(PAIR, 4e7, 6e7, 100.0),
+    "viscoelastic": sj.ViscoelasticHertz(PAIR, 2e-6),
+    "hertz-dashpot": sj.HertzDashpot(PAIR, 0.8, end="zero-force"),
+}
+VELOCITY = np.array([0.1, 1.0, 5.0])
+
+
+def rebound(law, velocity, steps):
+    """ε of an impact by velocity Verlet with so many steps in Hertz's contact."""
+    mass, stiffness = law.contact.mass, law.contact.stiffness
+    peak = (1.25 * mass * velocity**2 / stiffness) ** 0.4
+    dt = 2.94 * peak / velocity / steps
+
+    def step(_, state):
+        overlap, rate, memory = state
+        overlap = overlap + dt * rate
+        force, memory = sj.contact_force(law, overlap, rate, memory)
+        return overlap, rate - dt * force / mass, memory
+
+    start = (-0.3 * dt * velocity, velocity, 0.0 * velocity)
+    return -jax.lax.fori_loop(0, 2 * steps, step, start)[1] / velocity
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_an_impact_that_is_stepped_rebounds_as_the_law_does(name):
+    law = LAWS[name]
+    found = jax.jit(lambda v: rebound(law, v, 1000))(jnp.asarray(VELOCITY))
+    if hasattr(law, "end"):  # constant ε, but with the end that never pulls
+        expected = sj.restitution(law, VELOCITY, sj.ODE()).coefficient
+    else:
+        expected = sj.restitution(law, VELOCITY).coefficient
+    memory = isinstance(law, sj.RateIndependentLaw)
+    np.testing.assert_allclose(found, expected, atol=5e-6 if memory else 2e-3)
+
+
+def test_its_gradient_is_that_of_the_restitution():
+    """∂ε/∂χ̃ through all steps, with vmap over the impacts."""
+    law = LAWS["zhou"]
+
+    def of(chi):
+        moved = sj.Zhou(PAIR, chi, law.sigma, law.psi)
+        return jax.vmap(lambda v: rebound(moved, v, 400))(jnp.asarray(VELOCITY[1:]))
+
+    found = jax.jacfwd(of)(law.chi)
+    exact = jax.jacfwd(
+        lambda chi: sj.restitution(sj.Zhou(PAIR, chi, law.sigma, law.psi), VELOCITY[1:]).coefficient
+    )(law.chi)
+    assert np.all(np.isfinite(found))
+    np.testing.assert_allclose(found, exact, rtol=0.05)
+
+
+def test_apart_there_is_no_force_and_no_memory():
+    force, memory = sj.contact_force(LAWS["zhou"], jnp.array([-1e-6, 0.0]), 1.0, 1e-5)
+    np.testing.assert_array_equal(force, 0)
+    np.testing.assert_array_equal(memory, 0)
+    slope = jax.grad(lambda x: sj.contact_force(LAWS["zhou"], x, 1.0, 0.0)[0])(-1e-6)
+    assert slope == 0
