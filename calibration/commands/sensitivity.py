@@ -164,7 +164,7 @@ class _Job:
         style.save(figure, folder / "sensitivity.png")
         style.save(pictures.tornado_figure(bars), folder / "tornado.png")
         table = {name: bars.of(name) for name in bars.names}
-        found = {"velocity": self.bars, "theta_d_epsilon_d_theta": table}
+        found: dict[str, Any] = {"velocity": self.bars, "theta_d_epsilon_d_theta": table}
         if self.draws:
             found["limits"] = self._limits()
             confidence = self.source.result.confidence
@@ -238,7 +238,11 @@ class _Job:
         from calibration.studies.text import sobol_table
 
         samples, seed = self.arguments.samples, self.arguments.seed or 0
-        more = {"samples": 4096 if samples is None else samples, "scale": self.scale, "seed": seed}
+        more: dict[str, Any] = {
+            "samples": 4096 if samples is None else samples,
+            "scale": self.scale,
+            "seed": seed,
+        }
         found = sobol_indices(
             self.inputs, self.ranges.of, self.bars, route=self.route, progress=progress, **more
         )
