@@ -7,9 +7,8 @@
     softjax sensitivity --fit results/fit.json --material nylon --study design
     softjax sensitivity --fit results/fit.json --posterior results/posterior.nc --study design
 
-With --fit, information and design count what was measured already, plan for the fit's own
-objective, parameters and priors, and repeat its warnings. A design's shots are in design.csv. With
-draws of its posterior a design is the best on average over some of them, and sensitivities have
+With --fit, information and design count what the fit knows already, plan points of the kind that its
+data are, and repeat its warnings. A design's shots are in design.csv. With draws of its posterior a design is the best on average over some of them, and sensitivities have
 limits.
 """
 
@@ -35,7 +34,7 @@ PLANS = ("information", "design")
 ACTS_ON = {
     "points": ("local",),
     "at": ("local", "global"),
-    **dict.fromkeys(("objective", "uncertainty", "shots", "free", "fix"), PLANS),
+    **dict.fromkeys(("uncertainty", "shots", "free", "fix"), PLANS),
     **dict.fromkeys(("criterion", "target", "over"), ("design",)),
     **dict.fromkeys(("range", "samples", "scale"), ("global",)),
     "seed": ("design", "global"),
@@ -57,7 +56,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--seed", type=int, metavar="N", help="default: 0")
     add("--posterior", metavar="FILE.nc", type=Path, help="draws of --fit")
     add = parser.add_argument_group("information and design").add_argument
-    add("--objective", choices=("model", "two-step"), help="the fit's, else model")
     add("--uncertainty", type=float, metavar="U", help="of ε (the fit's, or 0.01)")
     add("--shots", type=int, metavar="N", help="planned ones (30)")
     text = "a parameter to be fitted as well, such as yield_strength, known to SD beforehand"
@@ -272,7 +270,7 @@ class _Job:
         import calibration as cal
         from calibration.studies.asked import number
 
-        names = {name: getattr(self.arguments, name) for name in ("free", "fix", "objective")}
+        names = {name: getattr(self.arguments, name) for name in ("free", "fix")}
         if self.source.result is not None:
             for name in (name for name, given in names.items() if given):
                 raise DataError(f"--{name}", "given", "left out with --fit, which has its own")
@@ -282,5 +280,5 @@ class _Job:
             name, sign, deviation = text.partition("=")
             prior = (0.0, number("--free", text, deviation, "NAME=SD")) if sign else None
             parameters[name] = cal.Parameter(prior=prior)
-        options = {"objective": names["objective"], "parameters": parameters}
+        options = {"parameters": parameters}
         return {**options, "route": self.route}

@@ -94,7 +94,7 @@ def plot_design(design: Any, ax: Axes | None = None) -> Axes:
         "I": "mean standard error of the curve",
     }
     what = criteria.get(design.criterion, "criterion as a standard error")
-    title = f"{design.criterion}-optimal, {design.objective}:\n{what} is {100 / design.gain:.0f} %"
+    title = f"{design.criterion}-optimal:\n{what} is {100 / design.gain:.0f} %"
     ax.set_title(f"{title} of that with equal spacing", fontsize="medium")
     place = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.16), "ncols": 2}
     ax.legend(frameon=False, fontsize="small", **place)

@@ -1,32 +1,69 @@
-"""Where to measure next: velocities of further shots that tell most."""
+"""Where to measure next: velocities of further shots that tell most.
+
+What a shot adds to the information depends on its velocity alone, so it is tabulated over a grid once.
+Shots are exchanged over the grid, one at a time, from several starts, then placed more finely. Several
+laws, or draws of a posterior, stand side by side; the criterion's logarithm is averaged over them.
+"""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import ArrayLike, Float
+from jaxtyping import ArrayLike, Float, Int
 
 import softjax as sj
 from calibration.data.checks import check_whole
 from calibration.data.json_file import plain
-from calibration.errors import DataError
+from calibration.errors import DataError, listed
+from calibration.fitting.derived import chi_of, critical_velocity_of, eps_up_of
 from calibration.fitting.result import FitResult
-from calibration.studies.exchange import CRITERIA
-from calibration.studies.inputs import both_ends
-from calibration.studies.placing import Errors, Progress, Wanted, sought
-from calibration.studies.planned import USUAL_NOISE
-from calibration.studies.planning import checked_impacts, plan_of, taken_as_known
-from calibration.studies.targets import DERIVED
-
-TOGETHER = 0.01  # relative distance below which shots are told as one velocity
-ONE_VELOCITY = (
-    "One velocity tells one number, and this one tells {} best if the law holds; a few shots at "
-    "other velocities would show whether it does."
+from calibration.studies.information import (
+    ALMOST_NOTHING,
+    NO_BOUND,
+    USUAL_NOISE,
+    Plan,
+    covariance_of,
+    in_range,
+    plan_of,
 )
-ROUNDS = 3  # of a design in two steps, where what is found depends on the design
+from calibration.studies.inputs import both_ends
+
+CRITERIA = ("c", "D", "A", "E", "I")
+SPREAD = 112  # velocities of the grid on each of two scales
+NEAR_YIELD = 10.0 ** np.arange(-4, -0.9, 0.25)  # relative distances from yield that the grid has
+CURVE = 128  # velocities over which a predicted curve is averaged
+FINER = 9  # velocities around each shot when it is placed more finely
+REFINEMENTS = 5
+BETTER = 1e-10  # least decrease of a log criterion that is worth an exchange
+SHARPNESS = (np.inf, 1e3, 100.0, 30.0, 10.0, 3.0)  # of the weights among nearly equal directions
+MOVES = 500  # of a design's weights
+TOGETHER = 0.01  # relative distance below which shots are told as one velocity
+DIFFERENCE = 1e-4  # of θ, of what follows from it
+ONE_VELOCITY = (
+    "Shots at one velocity cannot test the law: they tell most only if it holds; add others."
+)
+
+Column = Float[np.ndarray, "n"]
+Places = Int[np.ndarray, "shots"]
+Errors = dict[str, float | None]
+Progress = Callable[[str, int, int], None]
+
+
+class Derived(NamedTuple):
+    """A number that follows from the parameters of Zhou's law."""
+
+    symbol: str
+    of: Callable[[sj.Zhou], float]
+
+
+DERIVED = {
+    "eps_up": Derived("ε_up", eps_up_of),
+    "chi": Derived("χ̃", chi_of),
+    "critical_velocity": Derived("v_cr", critical_velocity_of),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,45 +71,41 @@ class Design:
     """Velocities for further shots, and what they are expected to bring.
 
     Attributes:
-        objective, criterion, target: what was made small: "c" the standard error of the target,
-            "D" the determinant of the covariance of ln θ, "A" its mean variance, "E" its largest
+        criterion, target: what was made small: "c" the standard error of the target, "D" the
+            determinant of the covariance of ln θ, "A" its mean variance, "E" its largest
             eigenvalue, "I" the mean variance of the predicted curve.
-        names: the parameters.
+        names, symbols: the parameters.
         velocity: v [m/s] of the new shots, ascending.
-        uncertainty: of ε in each of them.
+        coefficient, uncertainty: ε expected of each of them, and its standard uncertainty.
         bounds: v [m/s] within which they were sought.
-        relative_errors: expected standard error of ln θ with the new shots, beside the old ones,
-            and of a target that follows from θ;
-            of several laws the root mean square; None for what is left open.
+        relative_errors: expected standard error of ln θ with the new shots, beside what was known
+            before, and of a target that follows from θ; of several laws the root mean square; None
+            for what is left open.
         equally_spaced: the same for as many shots equally spaced over the bounds.
-        before: the same without new shots; None where too little was measured yet.
+        before: the same without new shots; None where nothing was measured yet.
         gain: the criterion as a standard error (the target's for "c", the geometric mean of all for
             "D") with equally spaced shots over that with these.
         efficiency: what the design reaches at least of the best possible one of as many shots, by
-            the equivalence theorem; None for `two-step`, for which there is none.
-        symbols: of the parameters.
+            the equivalence theorem.
         grid, slopes: velocities [m/s], (k,), and θ ∂ε/∂θ there, (k, p), of the first law.
-        remark: what two steps find instead of the law's own parameters, if anything.
-        taken_as_known: a sentence for each parameter of the fit that has no standard error, and on
-            errors that its points share.
+        taken_as_known: a sentence for each parameter of the fit that has no standard error.
     """
 
-    objective: str
     criterion: str
     target: str
     names: tuple[str, ...]
+    symbols: tuple[str, ...]
     velocity: Float[np.ndarray, "n"]
-    uncertainty: float
+    coefficient: Float[np.ndarray, "n"]
+    uncertainty: Float[np.ndarray, "n"]
     bounds: tuple[float, float]
     relative_errors: Errors
     equally_spaced: Errors
     before: Errors | None
     gain: float
-    efficiency: float | None
-    symbols: tuple[str, ...]
+    efficiency: float
     grid: Float[np.ndarray, "k"]
     slopes: Float[np.ndarray, "k p"]
-    remark: str = ""
     taken_as_known: tuple[str, ...] = ()
 
     @property
@@ -100,18 +133,112 @@ class Design:
         return plain(table | {"support": support})
 
     def __str__(self) -> str:
-        shots = ", ".join(f"{n} at {v:.4g} m/s" for v, n in self.support)
+        shots = []
+        for v, n in self.support:
+            at = int(np.argmin(np.abs(self.velocity - v)))
+            expected = f"ε = {self.coefficient[at]:.3f} ± {self.uncertainty[at]:.2g}"
+            shots.append(f"{n} at {v:.4g} m/s ({expected})")
         here, even = (
             "left open" if error is None else f"{error:.3g}"
             for error in (e[self.target] for e in (self.relative_errors, self.equally_spaced))
         )
-        text = f"{self.criterion}-optimal for {self.objective}: {shots}; standard error of "
+        text = f"{self.criterion}-optimal: {', '.join(shots)}; standard error of "
         text += f"ln {self.target_symbol} {here}, equally spaced {even}"
-        if self.efficiency is not None:
-            percent = math.floor(1000 * self.efficiency) / 10
-            text += f"; at least {percent:.1f} % of the best"
-        lone = ONE_VELOCITY.format(self.target_symbol) if len(self.support) == 1 else ""
-        return "\n".join(filter(None, (text, lone, self.remark, *self.taken_as_known)))
+        text += f"; at least {math.floor(1000 * self.efficiency) / 10:.1f} % of the best"
+        sought = f"Sought from {self.bounds[0]:.4g} to {self.bounds[1]:.4g} m/s; planned"
+        lone = ONE_VELOCITY if len(self.support) == 1 else ""
+        lines = (
+            text,
+            lone,
+            sought + in_range(self.velocity, self.uncertainty).removeprefix(",") + ".",
+        )
+        return "\n".join(filter(None, (*lines, *self.taken_as_known)))
+
+
+class Table(NamedTuple):
+    """What shots at k velocities add to the information, of several laws side by side.
+
+    Attributes:
+        shots: G, so that a shot adds G Gᵀ, (laws, k, p).
+        before: A₀, (laws, p, p).
+    """
+
+    shots: Float[np.ndarray, "laws k p"]
+    before: Float[np.ndarray, "laws p p"]
+
+    def information(self, places: Places) -> Float[np.ndarray, "laws p p"]:
+        """Of a design."""
+        chosen = self.shots[:, places]
+        return self.before + np.swapaxes(chosen, 1, 2) @ chosen
+
+
+@dataclass(frozen=True, eq=False)
+class Criterion:
+    """What is made small: the logarithm of a variance.
+
+    Attributes:
+        name: c, A and I are a mean variance tr(L C), D the geometric mean of the variances with
+            correlations counted, E the largest variance of any direction.
+        weight: L of c, A and I, (laws, p, p).
+    """
+
+    name: str
+    weight: Float[np.ndarray, "laws p p"]
+
+    def value(self, information: Float[np.ndarray, "laws ... p p"]) -> Float[np.ndarray, "..."]:
+        """Its logarithm, averaged over the laws."""
+        covariance = covariance_of(information)
+        if self.name == "D":
+            level = np.linalg.slogdet(covariance)[1] / covariance.shape[-1]
+        elif self.name == "E":
+            level = np.log(np.linalg.eigvalsh(covariance)[..., -1])
+        else:
+            level = np.log(np.einsum("lij,l...ij->l...", self.weight, covariance))
+        return np.mean(level, axis=0)
+
+    def least(self, table: Table, count: int) -> float:
+        """A value that no design of `count` shots at the table's velocities is below.
+
+        With W = C L C / tr(L C) (D: C/p, E: weights on the worst known directions), 1/tr(L C)
+        and its like are concave in A. So whatever the weights w of a design without whole numbers,
+        A = A₀ + n Σ w_k G_k G_kᵀ, no design is better than this one by more than the factor
+        max_k tr(W (A₀ + n G_k G_kᵀ)); the weights are moved to where that is nearly one.
+
+        Source: Kiefer and Wolfowitz, Can. J. Math. 12, 363 (1960); Pukelsheim, Optimal Design of
+        Experiments (2006), chapter 5.
+        """
+        before = table.before + ALMOST_NOTHING * np.eye(table.before.shape[-1])
+        share = np.full(table.shots.shape[1], 1 / table.shots.shape[1])
+        least = -np.inf
+        for _ in range(MOVES):
+            scaled = table.shots * share[:, None]
+            there = table.before + count * np.swapaxes(scaled, 1, 2) @ table.shots
+            bounds = []
+            for weight in self._gradients(covariance_of(there)):
+                added = np.einsum("lki,lij,lkj->lk", table.shots, weight, table.shots)
+                first = np.einsum("lij,lij->l", weight, before)
+                bounds.append(np.mean(first[:, None] + count * added, axis=0))
+            factor = min(bounds, key=np.max)
+            least = max(least, float(self.value(there)) - float(np.log(np.max(factor))))
+            share = share * (factor if self.name == "D" else np.sqrt(factor))
+            share = share / np.sum(share)
+        return least
+
+    def _gradients(self, there: np.ndarray) -> list[np.ndarray]:
+        """W of each law; several valid ones for E."""
+        if self.name == "D":
+            return [there / there.shape[-1]]
+        if self.name != "E":
+            level = np.einsum("lij,lij->l", self.weight, there)
+            return [there @ self.weight @ there / level[:, None, None]]
+        size, direction = np.linalg.eigh(there)
+        worst, found = size[:, -1:], []
+        for sharp in SHARPNESS:
+            share = np.where(size == worst, 1.0, (size / worst) ** sharp)
+            share = share / np.sum(share, axis=1, keepdims=True)
+            scaled = direction * (share * worst)[:, None, :]
+            found.append(scaled @ np.swapaxes(direction, 1, 2))
+        return found
 
 
 def optimal_velocities(
@@ -135,10 +262,8 @@ def optimal_velocities(
 ) -> Design:
     """Velocities of `count` further shots that tell most of the parameters.
 
-    Shots are exchanged over a grid of velocities from several starts, then placed more finely.
-    Under `two-step`, where what is found depends on the shots, they are sought again around what
-    the last ones find. An optimum trusts the law: where it does not fit, what is fitted depends on
-    where one measures, and a few shots elsewhere would show it.
+    An optimum trusts the law: where it does not fit, what is fitted depends on where one measures,
+    and a few shots elsewhere would show it.
 
     Args:
         law: with the parameters as far as they are known; several laws of one kind, over which the
@@ -147,15 +272,14 @@ def optimal_velocities(
             errors.
         bounds: (lowest, highest) velocity [m/s] that can be shot.
         criterion: "c": the standard error of `target`; "D", "A", "E": determinant, trace and
-            largest eigenvalue of the covariance of ln θ (under `two-step` "D" takes those of each
-            step: over all three the covariance is singular for impacts at two velocities); "I":
-            the mean variance of the predicted curve between the velocities `over`.
-        target: a parameter, or a number that follows from them as a fit's table tells it, such as
+            largest eigenvalue of the covariance of ln θ; "I": the mean variance of the predicted
+            curve between the velocities `over`.
+        target: a parameter, or a number that follows from them as a fit's table has it, such as
             eps_up; chi where there is one, else the first parameter, if left out. For c alone.
         objective, parameters, material, route: as `fisher_information` takes them.
         over: where the curve is to be predicted by criterion I; the bounds if left out.
-        uncertainty: standard uncertainty of each new ε; 0.01 unless a fit has its own, the scatter
-            between its groups included.
+        uncertainty: standard uncertainty of each new ε; 0.01 unless a fit has its own, which is
+            that of a point of the same kind as its data at that velocity.
         measured, measured_uncertainty: v [m/s] and uncertainty of ε of what is there already; a
             fit has its own.
         starts, seed: of the search.
@@ -164,7 +288,13 @@ def optimal_velocities(
     Raises:
         ValueError: naming the argument, its value and what is accepted.
     """
-    _check_search(count, bounds, criterion, starts, seed)
+    for name, value, least in (("count", count, 1), ("starts", starts, 1), ("seed", seed, 0)):
+        check_whole(name, value, least)
+    if criterion not in CRITERIA:
+        raise DataError("criterion", criterion, f"one of {', '.join(CRITERIA)}")
+    low, high = both_ends("bounds", bounds)
+    if not (0 < low < high < np.inf):
+        raise DataError("bounds", bounds, "(lowest, highest) velocity above 0 m/s")
     acts = {
         "target": (target, criterion == "c", f"left out with criterion {criterion}"),
         "over": (over, criterion == "I", f"left out with criterion {criterion}"),
@@ -173,7 +303,9 @@ def optimal_velocities(
     for name, (value, acting, accepted) in acts.items():
         if value is not None and not acting:
             raise DataError(name, value, accepted)
-    over = bounds if over is None else both_ends("over", over)
+    if uncertainty is not None and not (np.isfinite(uncertainty) and uncertainty > 0):
+        raise DataError("uncertainty", uncertainty, "positive")
+    over = (low, high) if over is None else both_ends("over", over)
     there = None
     if measured is not None:
         u = uncertainty if measured_uncertainty is None else measured_uncertainty
@@ -181,65 +313,167 @@ def optimal_velocities(
     laws: Sequence[Any] = law if isinstance(law, Sequence) else [law]
     if not laws:
         raise DataError("law", law, "one law or more, or a FitResult")
-    plans = [
-        plan_of(
-            one,
-            [*bounds, *over] if criterion == "I" else bounds,
-            parameters=parameters,
-            objective=objective,
-            route=route,
-            material=material,
-            measured=there,
-        )
-        for one in laws
-    ]
-    error = plans[0].noise if uncertainty is None else uncertainty
-    errors = np.full(count, checked_impacts(np.zeros(1), error, "uncertainty")[1])
+    told: dict[str, Any] = {"parameters": parameters, "objective": objective, "route": route}
+    told |= {"material": material, "uncertainty": uncertainty, "measured": there}
+    plans = [plan_of(one, [low, high, *(over if criterion == "I" else ())], **told) for one in laws]
     with jax.enable_x64(True):
-        wanted = Wanted(plans, bounds, errors, criterion, target, over)
-        found = _designed(wanted, starts, seed, progress)
-    targets = [found.target] if criterion == "c" else found.names
-    return replace(found, taken_as_known=taken_as_known(laws[0], material, targets, plans[0]))
+        return _designed(plans, (low, high), count, criterion, target, over, starts, seed, progress)
 
 
-def _designed(wanted: Wanted, starts: int, seed: int, progress: Progress | None) -> Design:
-    even, grid = wanted.even, wanted.grid()
-    shots, is_likelihood = even, wanted.plans[0].is_likelihood
-    for _ in range(1 if is_likelihood else ROUNDS):
-        tried = sought(wanted, grid, wanted.found(shots), starts, seed, progress)
-        shots = min(shots, tried, key=wanted.level)
-    level, found = wanted.level(shots), wanted.found(shots)
-    efficiency = None
-    if is_likelihood:
-        least = wanted.criterion.least(wanted.table(np.union1d(grid, shots), found), len(shots))
-        efficiency = min(math.exp(least - level), 1.0)
-    errors, remark = wanted.errors_at(shots)
-    enough = all(len(v) > len(wanted.names) for v, _ in wanted.plans[0].measured)
+def _designed(
+    plans: list[Plan], bounds, count: int, criterion: str, target, over, *search
+) -> Design:
+    target = _target_of(target, plans[0])
+    aims = np.stack([_gradient_of(target, plan) for plan in plans])
+    p = len(plans[0].names)
+    weight = np.zeros((len(plans), p, p)) + np.eye(p) / p
+    if criterion == "c":
+        weight = aims[:, :, None] * aims[:, None, :]
+    elif criterion == "I":
+        curve = np.stack([plan.curve(np.linspace(*over, CURVE))[1] for plan in plans])
+        weight = np.swapaxes(curve, 1, 2) @ curve / CURVE
+    rule, even, grid = (
+        Criterion(criterion, weight),
+        np.linspace(*bounds, count),
+        _grid(plans, bounds),
+    )
+    shots = _sought(plans, rule, even, grid, *search)
+    tables = {
+        name: _table(plans, v) for name, v in (("new", shots), ("even", even), ("none", shots[:0]))
+    }
+    known = {name: one.information(np.arange(one.shots.shape[1])) for name, one in tables.items()}
+    level, of_even = (float(rule.value(known[name])) for name in ("new", "even"))
+    least = rule.least(_table(plans, np.union1d(grid, shots)), count)
+    coefficient, (_, error) = plans[0].curve(shots)[0], plans[0].shots(shots)
+    taken = plans[0].taken_as_known([target] if criterion == "c" else plans[0].names)
     return Design(
-        objective=wanted.plans[0].objective,
-        criterion=wanted.criterion.name,
-        target=wanted.target,
-        names=wanted.names,
-        velocity=shots,
-        uncertainty=float(wanted.errors[0]),
-        bounds=(float(grid[0]), float(grid[-1])),
-        relative_errors=errors,
-        equally_spaced=wanted.errors_at(even)[0],
-        before=wanted.errors_at(np.zeros(0))[0] if enough else None,
-        gain=math.exp(0.5 * (wanted.level(even) - level)),
-        efficiency=efficiency,
-        symbols=wanted.symbols,
-        grid=grid,
-        slopes=wanted.table(grid, found).curve[0],
-        remark=remark,
+        criterion,
+        target,
+        plans[0].names,
+        plans[0].symbols,
+        shots,
+        coefficient,
+        np.array(error),
+        (float(grid[0]), float(grid[-1])),
+        _errors(known["new"], plans[0].names, target, aims),
+        _errors(known["even"], plans[0].names, target, aims),
+        _errors(known["none"], plans[0].names, target, aims) if np.any(plans[0].before) else None,
+        math.exp(0.5 * (of_even - level)),
+        min(math.exp(least - level), 1.0),
+        grid,
+        plans[0].curve(grid)[1],
+        taken,
     )
 
 
-def _check_search(count: Any, bounds: Any, criterion: Any, starts: Any, seed: Any) -> None:
-    for name, value, least in (("count", count, 1), ("starts", starts, 1), ("seed", seed, 0)):
-        check_whole(name, value, least)
-    if criterion not in CRITERIA:
-        raise DataError("criterion", criterion, f"one of {', '.join(CRITERIA)}")
-    low, high = both_ends("bounds", bounds)
-    if not (0 < low < high < np.inf):
-        raise DataError("bounds", bounds, "(lowest, highest) velocity above 0 m/s")
+def _target_of(target: str | None, plan: Plan) -> str:
+    """Its label among the parameters, or its name among `DERIVED`.
+
+    Raises:
+        DataError: for another name, or a number that does not follow from this law.
+    """
+    own = dict(zip(plan.free, plan.names, strict=True))
+    if target is None:
+        return own.get("chi", plan.names[0])
+    if target in own or target in plan.names:
+        return own.get(target, target)
+    follow = []
+    if plan.material.model.law_type is sj.Zhou:
+        follow = [name for name in DERIVED if name not in own]
+    if target in follow:
+        return target
+    raise DataError("target", target, f"one of {listed([*plan.names, *follow])}")
+
+
+def _gradient_of(target: str, plan: Plan) -> Float[np.ndarray, "p"]:
+    """∂ ln q/∂ ln θ of a target q, which has the standard error of its product with ln θ.
+
+    Raises:
+        DataError: where nothing that is free moves it.
+    """
+    if target in plan.names:
+        return (np.array(plan.names) == target).astype(float)
+
+    def log(name: str, factor: float) -> float:
+        values = plan.material.model.inside(plan.material.values)
+        values = {**values, name: float(values[name]) * factor}
+        law = replace(plan.material, values=values).law
+        return math.log(max(DERIVED[target].of(law), np.finfo(float).tiny))  # type: ignore[arg-type]
+
+    ends = [[log(name, 1 + side * DIFFERENCE) for side in (-1, 1)] for name in plan.free]
+    found = np.array([(up - down) / (2 * DIFFERENCE) for down, up in ends])
+    if not np.any(found):
+        accepted = f"one of {listed(plan.names)}: these are free and none of them moves it"
+        raise DataError("target", target, accepted)
+    return found
+
+
+def _table(plans: Sequence[Plan], velocity: Column) -> Table:
+    """What shots at these velocities add."""
+    p = len(plans[0].names)
+    each = [plan.shots(velocity)[0] if len(velocity) else np.zeros((0, p)) for plan in plans]
+    return Table(np.stack(each), np.stack([plan.before for plan in plans]))
+
+
+def _errors(information, names: Sequence[str], target: str, aims) -> Errors:
+    """Expected standard errors, of the target too; root mean squares over the laws."""
+    covariance = covariance_of(information)
+    variances = np.diagonal(covariance, axis1=1, axis2=2)
+    found = dict(zip(names, np.sqrt(np.mean(variances, axis=0)).tolist(), strict=True))
+    found[target] = float(np.sqrt(np.mean(np.einsum("li,lij,lj->l", aims, covariance, aims))))
+    return {name: error if error < NO_BOUND else None for name, error in found.items()}
+
+
+def _grid(plans: Sequence[Plan], bounds: tuple[float, float]) -> Column:
+    """Velocities between the bounds, equally spaced on two scales, denser around yield."""
+    low, high = bounds
+    near = [plan.yields * (1 + side * NEAR_YIELD) for plan in plans for side in (-1, 1)]
+    inside = [v for v in np.concatenate(near) if low < v < high]
+    return np.unique([*np.linspace(low, high, SPREAD), *np.geomspace(low, high, SPREAD), *inside])
+
+
+def _sought(
+    plans: Sequence[Plan],
+    rule: Criterion,
+    even: Column,
+    grid: Column,
+    starts: int,
+    seed: int,
+    progress,
+) -> Column:
+    """The best shots from all starts: equally spaced ones, and a few velocities drawn at random."""
+    random, table, ends = np.random.default_rng(seed), _table(plans, grid), []
+    few = min(len(even), len(plans[0].names) + 1)
+    for k in range(starts):
+        start = np.clip(np.searchsorted(grid, even), 0, len(grid) - 1)
+        if k:
+            start = np.resize(random.choice(len(grid), few, replace=False), len(even))
+        ends.append(_exchanged(table, rule, start))
+        if progress is not None:
+            progress("velocities", k + 1, starts)
+    places, velocity = min(ends, key=lambda end: end[1])[0], grid
+    for _ in range(REFINEMENTS):
+        last, chosen = len(velocity) - 1, velocity[places]
+        around = [velocity[[max(k - 1, 0), min(k + 1, last)]] for k in np.unique(places)]
+        velocity = np.unique(
+            np.concatenate([*(np.linspace(*ends, FINER) for ends in around), chosen])
+        )
+        places, _ = _exchanged(_table(plans, velocity), rule, np.searchsorted(velocity, chosen))
+    return velocity[places]
+
+
+def _exchanged(table: Table, rule: Criterion, places: Places) -> tuple[Places, float]:
+    """The design after each shot has been moved to its best place until none moves any more."""
+    places = np.array(places)
+    gram = table.shots[..., :, None] * table.shots[..., None, :]
+    best = float(rule.value(table.information(places)))
+    while True:
+        before = best
+        for i in range(len(places)):
+            others = table.information(np.delete(places, i))
+            values = rule.value(others[:, None] + gram)
+            k = int(np.argmin(values))
+            if values[k] < best - BETTER:
+                places[i], best = k, float(values[k])
+        if best >= before - BETTER:
+            return np.sort(places), best

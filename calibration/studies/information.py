@@ -1,8 +1,16 @@
-"""What data can tell before they are taken: expected standard errors, and directions in words."""
+"""What data can tell before they are taken: expected standard errors, and directions in words.
+
+    A = A₀ + Σ_i ∇ε(v_i) ∇ε(v_i)ᵀ/V_i
+
+is the information on ln θ, with A₀ that of a fit (the inverse of its covariance) or of priors, and V_i
+the variance of a planned ε. A planned shot is a point of the kind that the fit's data are (a drop from
+a height, a pair of velocities, a bounce, an ε with its own uncertainty), whose V comes from the same
+code as that of the measured points.
+"""
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import jax
@@ -10,42 +18,402 @@ import numpy as np
 from jaxtyping import ArrayLike, Float
 
 import softjax as sj
+from calibration.data import PointErrors, RestitutionData
 from calibration.data.json_file import plain
 from calibration.errors import DataError
-from calibration.fitting.problem import Element
+from calibration.fitting.collisions import Route
+from calibration.fitting.curves import curve_and_slopes, yield_velocity
+from calibration.fitting.law_model import OF_CONTACT
+from calibration.fitting.material import MaterialFit
 from calibration.fitting.result import FitResult
-from calibration.studies.planned import Column, Plan, equations, relative_unit
-from calibration.studies.planning import checked_impacts, plan_of, taken_as_known
+from calibration.fitting.rows import numbers_in
+from calibration.fitting.specs import Local, specs_of
+from calibration.fitting.zhou import eps_up_of
+from calibration.parameters import Parameter, as_parameter
+from calibration.rounding import number
+from softjax.fields import numbers_of, options_of, whole_fields
 
+USUAL_NOISE = 0.01  # standard uncertainty of ε unless stated
+PLACEHOLDER = 0.5  # ε of data that have none yet
 NOT_KNOWN = 1.0  # relative standard error from which a combination counts as left open
 NO_BOUND = 100.0  # and from which no number is given for it
+ALMOST_NOTHING = 1e-6  # prior information on each ln θ: known to a factor e^1000 beforehand
 TAKES_PART = 0.2  # share of a parameter in a direction from which it is named
-ELSEWHERE = 0.01  # relative difference from which it is told that a fit finds other values
+STEP = 1e-4  # of a velocity, in the differences that give dε/dv
+LEAST_REBOUND = 1e-3  # of ε, of a bounce that is planned
+ALIKE = 1e-3  # relative spread up to which stated uncertainties count as equal
+BY_HAND = (
+    "to plan elsewhere take the law with values given by hand: `softjax sensitivity FILE.toml "
+    "--chi … --sigma … --psi … --study design --from …`"
+)
+
+Column = Float[np.ndarray, "n"]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A law whose parameters are to be known better, and what is known of them.
+
+    Attributes:
+        material: the law, and the data that planned shots are like.
+        names: the parameters, as results call them.
+        free: the same as the law calls them.
+        before: A₀, (p, p), on ln θ.
+        uncertainty: standard uncertainty of a planned ε; None: as the fit's data have it.
+        route: from the law to ε.
+        left_open: why each parameter that the fit did not determine is taken as known.
+        intervals: the fit's own, in words, by parameter.
+    """
+
+    material: MaterialFit
+    names: tuple[str, ...]
+    free: tuple[str, ...]
+    before: Float[np.ndarray, "p p"]
+    uncertainty: float | None
+    route: Route
+    left_open: tuple[str, ...] = ()
+    intervals: Mapping[str, str] = field(default_factory=dict)
+
+    def taken_as_known(self, targets: Iterable[str]) -> tuple[str, ...]:
+        """A sentence for each parameter that the fit did not determine, with intervals of the targets."""
+        targets = list(targets)
+        whose = "error" if len(targets) == 1 else "errors"
+        more = [f"; {self.intervals[name]}" for name in targets if name in self.intervals]
+        text = f": the {whose} of {', '.join(targets)} may be larger{''.join(more)}"
+        return tuple(why + text for why in self.left_open)
+
+    @property
+    def truth(self) -> Float[np.ndarray, "p"]:
+        """θ."""
+        values = self.material.model.inside(self.material.values)
+        return np.array([float(values[name]) for name in self.free])
+
+    @property
+    def unit(self) -> Float[np.ndarray, "p"]:
+        """|θ|, and 1 where θ = 0: slopes in θ times these are in ln θ."""
+        size = np.abs(self.truth)
+        return np.where(size > 0, size, 1.0)
+
+    @property
+    def symbols(self) -> tuple[str, ...]:
+        """χ̃, or χ̃[name] where there are several data sets."""
+        pairs = zip(self.free, self.names, strict=True)
+        return tuple(self._symbol(name) + label.removeprefix(name) for name, label in pairs)
+
+    def _symbol(self, name: str) -> str:
+        declared = None if "[" in name else self.material.model.declared(name)
+        return (declared.symbol if declared else "") or name
+
+    @property
+    def yields(self) -> float:
+        """The velocity at which an impact yields [m/s]; 0 for laws without."""
+        return yield_velocity(self.material.law) or 0.0
+
+    def curve(self, velocity: Column) -> tuple[Column, Float[np.ndarray, "n p"]]:
+        """ε, and θ ∂ε/∂θ."""
+        value, slope = curve_and_slopes(self.material, velocity, self.route)
+        columns = [list(self.material.free).index(name) for name in self.free]
+        return value, slope[:, columns] * self.unit
+
+    def shots(
+        self, velocity: Column, uncertainty: Column | float | None = None
+    ) -> tuple[Float[np.ndarray, "n p"], Column]:
+        """What each shot adds, G with G Gᵀ its information, and the uncertainty of its ε.
+
+        An impact that does not rebound adds nothing.
+        """
+        value, slope = self.curve(velocity)
+        stated = self.uncertainty if uncertainty is None else uncertainty
+        if stated is None:
+            error = np.sqrt(self._variance(velocity, value))
+        else:
+            error = np.broadcast_to(np.asarray(stated, float), velocity.shape)
+        return np.where(value > 0, 1 / error, 0.0)[:, None] * slope, error
+
+    def _variance(self, velocity: Column, value: Column) -> Column:
+        """Of one more ε like the data: what is stated of such a point, and what the fit found beside."""
+        found, data = dict(self.material.variances), self.material.data
+        errors = data.errors
+        stated = {kind: found.pop(kind) for kind in ("stated", "scale", "timing") if kind in found}
+        if not stated or errors.kind == "repeats":
+            return np.full(len(velocity), sum(found.values()) + sum(stated.values()))
+        ends = velocity * (1 + STEP * np.array([[-1.0], [1.0]]))
+        down, up = np.split(self.curve(ends.ravel())[0], 2)
+        like = like_measured(data, velocity, value, self.material.timing)
+        part = like.covariance((up - down) / (2 * STEP * velocity)).diagonal
+        if "scale" in stated and data.uncertainty is not None:
+            part = part * stated["scale"] / np.mean(data.uncertainty**2)
+        return part + sum(found.values())
+
+
+def like_measured(
+    data: RestitutionData, velocity: Column, restitution: Column, timing: float | None = None
+) -> PointErrors:
+    """The errors of impacts that are planned, measured as those of some data were.
+
+    Args:
+        velocity, restitution: v [m/s] and ε expected.
+        timing: standard uncertainty of a time [s] where the data state none.
+    """
+    errors, count = data.errors, len(velocity)
+    own: dict[str, Any] = {}
+    for name, alone, of, at in (
+        ("uncertainty", errors.restitution_alone, np.ones(len(data)), np.ones(count)),
+        ("velocity_uncertainty", errors.velocity_alone, data.velocity, velocity),
+    ):
+        if alone is not None:
+            own[name] = _sizes_like(alone, of, at)
+    bounce = np.maximum(restitution, LEAST_REBOUND)
+    if errors.kind == "heights":  # v = √(2 g h), so that v ∂v/∂h is g
+        gravity = float(np.median(data.velocity * errors.to_velocity[:, 0]))
+        drop = velocity**2 / (2 * gravity)
+        was = data.velocity**2 / (2 * gravity)
+        pairs = {
+            "drop_height": (drop, was),
+            "rebound_height": (bounce**2 * drop, data.restitution**2 * was),
+        }
+    elif errors.kind == "velocities":
+        gravity = None
+        before, after = (
+            (velocity, data.velocity),
+            (bounce * velocity, data.restitution * data.velocity),
+        )
+        pairs = {"impact_velocity": before, "rebound_velocity": after}
+    elif errors.kind in ("intervals", "times"):
+        return _bounces_like(data, velocity, bounce, timing, own)
+    else:
+        return PointErrors.alone(count, own.get("uncertainty"), own.get("velocity_uncertainty"))
+    sizes = errors.sizes(0.0)[errors.index[:, :2]]
+    table = {name: now for name, (now, _) in pairs.items()}
+    for k, (name, (now, then)) in enumerate(pairs.items()):
+        table[f"{name}_uncertainty"] = _sizes_like(sizes[:, k], then, now)
+    if errors.kind == "velocities":  # v is one of the two
+        own.pop("velocity_uncertainty", None)
+    return RestitutionData.from_table(
+        table | own, gravity=gravity, plausibility=False, name="the plan"
+    ).errors
+
+
+def _bounces_like(data: RestitutionData, velocity, restitution, timing, own) -> PointErrors:
+    """A launch of two intervals, or of three times, for each shot."""
+    errors, by_time = data.errors, data.errors.kind == "times"
+    gravity = 2 * float(np.median(np.max(errors.to_velocity, axis=1)))
+    first = 2 * velocity / gravity
+    steps = [first, restitution * first]
+    rows = np.array([0 * first, first, first * (1 + restitution)] if by_time else steps)
+    size = timing if errors.size is None else float(np.median(errors.size))
+    table = {
+        "launch": np.repeat([str(k) for k in range(len(velocity))], len(rows)),
+        "time" if by_time else "interval": rows.T.ravel(),
+    }
+    table |= {name: np.repeat(column, len(rows)) for name, column in own.items()}
+    return RestitutionData.from_table(
+        table, gravity=gravity, timing_uncertainty=size, plausibility=False, name="the plan"
+    ).errors
+
+
+def _sizes_like(sizes: Column, of: Column, at: Column) -> Column:
+    """Uncertainties of planned quantities: all alike, else the same part of the quantity."""
+    middle = float(np.median(sizes))
+    if np.ptp(sizes) <= ALIKE * middle:
+        return np.full(len(at), middle)
+    safe = np.where(of > 0, of, 1.0)
+    return at * float(np.median(np.where(of > 0, sizes, 0.0) / safe))
+
+
+def plan_of(
+    law: sj.ContactLaw | FitResult,
+    reach: ArrayLike,
+    *,
+    parameters: Mapping[str, Any] | None = None,
+    objective: str | None = None,
+    route: Route = None,
+    material: str | None = None,
+    uncertainty: float | None = None,
+    measured: tuple[ArrayLike, ArrayLike] | None = None,
+) -> Plan:
+    """The plan for a law, or for one of a fit's materials.
+
+    Args:
+        reach: velocities that are planned, or the ends of what can be [m/s].
+        measured: velocities and uncertainties of ε of what is there already, for a law.
+
+    The others are those of `fisher_information`.
+
+    Raises:
+        ValueError: naming the argument, its value and what is accepted.
+    """
+    reach = np.asarray(reach, float).ravel()
+    if objective not in (None, "model"):
+        accepted = "model: information and designs are those of the likelihood"
+        raise DataError("objective", objective, accepted)
+    with jax.enable_x64(True):
+        if isinstance(law, FitResult):
+            for name, value in (("parameters", parameters), ("measured", measured)):
+                if value is not None:
+                    raise DataError(name, value, "left out with a fit, which has its own")
+            plan = _of_fit(law, material, reach, uncertainty, route)
+        elif not isinstance(law, sj.ContactLaw):
+            raise DataError("law", law, "a contact law or a FitResult")
+        elif material is not None:
+            raise DataError("material", material, "left out with a law")
+        else:
+            there = checked_impacts(*(((), 1.0) if measured is None else measured), "measured")
+            every = np.concatenate([there[0], reach])
+            plan = _of_law(law, every, parameters or {}, uncertainty, route)
+            if len(there[0]):
+                added = plan.shots(*there)[0]
+                plan = replace(plan, before=plan.before + added.T @ added)
+    contact = plan.material.data.contact
+    if contact is not None and any(map(np.ndim, contact.leaves().values())):
+        raise DataError("contact", "other for each impact", "one for all impacts")
+    if not plan.names:
+        raise DataError("parameters", "none free", "at least one that is free and determined")
+    return plan
+
+
+def checked_impacts(velocity: ArrayLike, uncertainty: ArrayLike, name: str):
+    """Velocities and uncertainties of one length."""
+    v, u = np.asarray(velocity, float).ravel(), np.asarray(uncertainty, float)
+    if not (np.all(np.isfinite(u)) and np.all(u > 0)):
+        raise DataError("uncertainty", uncertainty, "positive")
+    if u.ndim and u.shape != v.shape:
+        raise DataError(name, f"{u.size} uncertainties", f"one for all, or {v.size}")
+    return v, np.broadcast_to(u, v.shape)
+
+
+def _of_law(law: sj.ContactLaw, every: Column, parameters, uncertainty, route: Route) -> Plan:
+    for name, value in numbers_of(law).items():
+        if np.ndim(value):
+            raise DataError(name, f"of shape {np.shape(value)}", "a single number")
+    contact = getattr(law, "contact", None)
+    data = RestitutionData(
+        every,
+        np.full(len(every), PLACEHOLDER),
+        contact,
+        name="the plan",
+        limit_velocity=None if contact else getattr(law, "limit_velocity", None),
+        plausibility=False,
+    )
+    said: dict[str, Any] = dict(parameters)
+    for name, value in parameters.items():
+        is_held = isinstance(value, Parameter) and not value.free and value.value is None
+        if is_held and hasattr(law, name):
+            said[name] = Parameter(getattr(law, name), free=False)
+    said |= {name: getattr(law, name) for name in options_of(type(law))}
+    for name in whole_fields(type(law)):
+        free = name in said and as_parameter(name, said[name]).free
+        said[name] = Parameter(getattr(law, name), free=free)
+    spec = specs_of((data,), type(law), [said], None)[0]
+    values = {one.name: _truth(law, one) for one in spec.local}
+    free = {one.name: one.name for one in spec.local if one.parameter.free}
+    material = MaterialFit(
+        data,
+        *("model", spec.model, {}, {}, values, free, spec.trees),
+        *(math.nan, None, None, None, True, ()),
+    )
+    sizes = [
+        one.parameter.prior[1] if one.parameter.prior else np.inf
+        for one in spec.local
+        if one.name in free
+    ]
+    stated = USUAL_NOISE if uncertainty is None else uncertainty
+    plan = Plan(material, tuple(free), tuple(free), np.zeros((0, 0)), stated, route)
+    return replace(plan, before=np.diag((plan.unit / sizes) ** 2))
+
+
+def _truth(law: Any, local: Local) -> Any:
+    """The law's own value of a parameter; what stands in for none keeps its own."""
+    name, parameter = local.name, local.parameter
+    stem, _, entry = name.partition("[")
+    if local.stands_in:
+        return local.start
+    if entry:
+        return numbers_in(getattr(law, stem))[int(entry[:-1])]
+    if name.startswith(OF_CONTACT):
+        value = getattr(law.contact, name.removeprefix(OF_CONTACT))
+    else:
+        value = float(eps_up_of(law)) if name == "eps_up" else getattr(law, name, None)
+    if value is None:  # such as c1
+        raise DataError("parameters", name, "of those whose value the law has")
+    if not parameter.free and parameter.value not in (None, value):
+        accepted = f"the law's own, {value:g}, to be held at"
+        raise DataError(f"parameters[{name!r}]", parameter.value, accepted)
+    if parameter.free and not local.declared.lower < value < local.declared.upper:
+        raise DataError(name, value, f"{local.declared.accepted}, inside its range, or fixed")
+    return float(value)
+
+
+def _of_fit(result: FitResult, name: str | None, reach: Column, uncertainty, route: Route) -> Plan:
+    material = result.material(name)
+    if material.objective != "model":
+        accepted = 'model: information and designs are those of the likelihood; fit with "model"'
+        raise DataError("objective", material.objective, accepted)
+    low, high = material.known_from, material.known_to
+    if np.any((reach < low) | (reach > high)):
+        end = f"up to {high:.4g} m/s" if low <= 0 else f"{low:.4g} m/s or more"
+        outside = np.min(reach) if np.min(reach) < low else np.max(reach)
+        raise DataError(
+            "velocity", float(outside), f"{end}, where this fit knows the law; {BY_HAND}"
+        )
+    places = {label: k for k, label in enumerate(result.covariance_names)}
+    known = {
+        own: label
+        for own, label in material.free.items()
+        if np.isfinite(result.covariance[places[label], places[label]])
+    }
+    rows = [places[label] for label in known.values()]
+    chosen = route or result.request.route_of_curve(material.model.law_type)
+    plan = Plan(
+        material, tuple(known.values()), tuple(known), np.zeros((0, 0)), uncertainty, chosen
+    )
+    covariance = result.covariance[np.ix_(rows, rows)] / np.outer(plan.unit, plan.unit)
+    left = tuple(
+        _left_open(own, material.parameters.get(own)) for own in material.free if own not in known
+    )
+    told = {label: text for label in known.values() if (text := _interval(label, result))}
+    return replace(plan, before=np.linalg.inv(covariance), left_open=left, intervals=told)
+
+
+def _left_open(name: str, estimate: Any) -> str:
+    at_bound = estimate is not None and estimate.at_bound and estimate.value is not None
+    why = f"stands at its bound {number(estimate.value, 4)}" if at_bound else "is not determined"
+    return f"{name} {why} and is taken as known"
+
+
+def _interval(label: str, result: FitResult) -> str:
+    """The fit's own, and in parts of the value as the promised errors are."""
+    estimate = result.estimates.get(label)
+    if estimate is None or estimate.low is None or estimate.high is None:
+        return ""
+    ends, value = (estimate.low, estimate.high), estimate.value
+    shown = " to ".join(number(x, 4) for x in ends)
+    text = f"the fit's {100 * result.confidence:g} % interval of {label} is {shown}"
+    parts = " to ".join(f"{100 * (x / value - 1):+.2g} %" for x in ends) if value else ""
+    return f"{text} ({parts})" if parts else text
+
+
+def covariance_of(information: Float[np.ndarray, "... p p"]) -> Float[np.ndarray, "... p p"]:
+    """Of ln θ, kept finite by next to no prior information where the data tell nothing."""
+    return np.linalg.inv(information + ALMOST_NOTHING * np.eye(information.shape[-1]))
 
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """What n impacts tell of p parameters θ through a fit.
+    """What impacts tell of p parameters θ through the likelihood.
 
     Attributes:
-        objective: "model" or "two-step".
         names, symbols: the parameters.
-        truth: θ of the law.
-        found: θ that the fit finds on the impacts without noise: the same under `model`.
-        velocity, uncertainty: v [m/s] and standard uncertainty of ε of each impact, (n,); those
-            measured first.
-        matrix: information on ln θ, (p, p): Fisher's for `model`; for `two-step` the inverse of
-            the stacked equations' covariance, Aᵀ (middle)⁻¹ A.
-        covariance: of ln θ, (p, p), as the fit's own; NaN for what the impacts do not determine.
-        taken_as_known: a sentence for each parameter of the fit that has no standard error, and on
-            errors that its points share.
+        truth: θ.
+        velocity, uncertainty: v [m/s] and standard uncertainty of ε of each planned impact, (n,).
+        matrix: Fisher's information on ln θ, (p, p), what was known before included.
+        covariance: of ln θ, (p, p); NaN for what is not determined.
+        taken_as_known: a sentence for each parameter of the fit that has no standard error.
     """
 
-    objective: str
     names: tuple[str, ...]
     symbols: tuple[str, ...]
     truth: Float[np.ndarray, "p"]
-    found: Float[np.ndarray, "p"]
     velocity: Float[np.ndarray, "n"]
     uncertainty: Float[np.ndarray, "n"]
     matrix: Float[np.ndarray, "p p"]
@@ -55,15 +423,14 @@ class Information:
     @property
     def relative_errors(self) -> dict[str, float | None]:
         """Expected standard error of ln θ; None where the impacts do not determine θ."""
-        errors = np.sqrt(np.maximum(np.diag(self.covariance), 0))
-        return {n: _finite(e) for n, e in zip(self.names, errors.tolist(), strict=True)}
+        errors = np.sqrt(np.diag(self.covariance)).tolist()
+        return {n: e if math.isfinite(e) else None for n, e in zip(self.names, errors, strict=True)}
 
     @property
     def standard_errors(self) -> dict[str, float | None]:
         """Expected standard error of θ; None where the impacts do not determine it."""
-        relative = self.relative_errors.values()
-        pairs = zip(self.names, self.found.tolist(), relative, strict=True)
-        return {name: None if e is None else abs(value or 1.0) * e for name, value, e in pairs}
+        pairs = zip(self.relative_errors.items(), self.truth.tolist(), strict=True)
+        return {n: None if e is None else abs(value or 1.0) * e for (n, e), value in pairs}
 
     @property
     def directions(self) -> tuple[Float[np.ndarray, "p"], Float[np.ndarray, "p p"]]:
@@ -82,26 +449,14 @@ class Information:
         values, vectors = self.directions
         return tuple(_sentence(self.symbols, *pair) for pair in zip(values, vectors.T, strict=True))
 
-    @property
-    def remark(self) -> str:
-        """A sentence where the fit would find other values than the law's; else nothing."""
-        moved = [
-            f"{symbol} = {found:.4g} instead of {truth:.4g}"
-            for symbol, found, truth in zip(self.symbols, self.found, self.truth, strict=True)
-            if abs(found - truth) > ELSEWHERE * abs(truth)
-        ]
-        if not moved:
-            return ""
-        return f"without noise {self.objective} finds {', '.join(moved)} from these impacts"
-
     def to_dict(self) -> dict[str, Any]:
         """For JSON: undefined numbers are None."""
         values, vectors = self.directions
         return plain(
             {
-                "objective": self.objective,
                 "parameters": dict(zip(self.names, self.truth, strict=True)),
-                "found": dict(zip(self.names, self.found, strict=True)),
+                "velocity": self.velocity,
+                "uncertainty": self.uncertainty,
                 "standard_errors": self.standard_errors,
                 "relative_standard_errors": self.relative_errors,
                 "information": self.matrix,
@@ -113,8 +468,8 @@ class Information:
         )
 
     def __str__(self) -> str:
-        lines = f"{len(self.velocity)} impacts, {self.objective}", *self.words
-        return "\n".join(filter(None, (*lines, self.remark, *self.taken_as_known)))
+        lines = [f"{len(self.velocity)} planned impacts{in_range(self.velocity, self.uncertainty)}"]
+        return "\n".join([*lines, *self.words, *self.taken_as_known])
 
 
 def fisher_information(
@@ -130,16 +485,14 @@ def fisher_information(
     """What measurements of ε at these velocities will tell of a law's parameters.
 
     Args:
-        law: with the parameters as far as they are known; or a fit, whose points count as well and
-            whose objective, free parameters, priors and uncertainties are its own, its loss taken
-            as squared. Errors that its points share (groups, bounce trains) count as in the fit,
-            without what Kenward and Roger add for variances that are estimates. Of the parameters
-            those count that it determined.
-        velocity: v [m/s] of the impacts, measured or planned; for a fit further ones, which share
-            no error: each is of a specimen, or launch, of its own.
+        law: with the parameters as far as they are known; or a fit by `model`, whose covariance is
+            what is known before. Of its parameters those count that it determined.
+        velocity: v [m/s] of the impacts; for a fit further ones, which share no error: each is of a
+            specimen, or launch, of its own.
         uncertainty: standard uncertainty of each ε, one number or (n,); 0.01 where left out, for a
-            fit the one that its points have, the scatter between its groups included.
-        objective: "model" (default) or, of Zhou's law, "two-step".
+            fit that of a point of the same kind as its data (a drop from that height with its
+            uncertainty, say), scatter and the offset of another group included.
+        objective: "model"; nothing else has information.
         route: from the law to ε; the energy balance where it can, unless told.
         parameters: which are free, and their priors, as `fit` takes them: {"psi": 0.54} holds ψ,
             {"contact.youngs_modulus": cal.Parameter(prior=(2e11, 1e10))} is a nuisance.
@@ -151,43 +504,30 @@ def fisher_information(
     plan = plan_of(
         law, velocity, parameters=parameters, objective=objective, route=route, material=material
     )
-    error = plan.noise if uncertainty is None else uncertainty
-    v, u = checked_impacts(velocity, error, "velocity")
-    if not v.size + plan.measured[plan.place][0].size:
+    v, u = checked_impacts(velocity, 1.0 if uncertainty is None else uncertainty, "velocity")
+    if not (v.size or isinstance(law, FitResult)):
         raise DataError("velocity", "empty", "one velocity [m/s] or more")
-    found = information_of(plan, v, u)
-    return replace(found, taken_as_known=taken_as_known(law, material, found.names, plan))
-
-
-def information_of(plan: Plan, velocity: Column, uncertainty: Column) -> Information:
-    """What a plan's fit makes of these impacts beside the measured ones."""
+    if not np.all(np.isfinite(v) & (v > 0)):
+        raise DataError("velocity", velocity, "positive speeds in m/s")
     with jax.enable_x64(True):
-        component, z, known = plan.fitted(velocity, uncertainty)
-        told = equations(plan, velocity, uncertainty, z)
-    slope = told.slope_before + np.sum(told.slope, axis=0)
-    middle = told.middle_before + told.score.T @ told.score
-    problem = component.stages[-1][1]
-    unit = relative_unit(problem, z)
-    return Information(
-        objective=plan.objective,
-        names=tuple(e.label for e in component.elements),
-        symbols=tuple(map(symbol_of, component.elements)),
-        truth=np.array([e.start for e in component.elements]),
-        found=problem.transform.physical(z),
-        velocity=problem.points.velocity,
-        uncertainty=known.noise.deviation[0],
-        matrix=slope if plan.is_likelihood else slope.T @ np.linalg.pinv(middle) @ slope,
-        covariance=known.covariance[0] * np.outer(unit, unit),
-    )
+        added, error = plan.shots(v, None if uncertainty is None else u) if v.size else (None, u)
+    matrix = plan.before if added is None else plan.before + added.T @ added
+    covariance = covariance_of(matrix)
+    is_open = np.sqrt(np.diag(covariance)) > NO_BOUND
+    covariance[is_open], covariance[:, is_open] = np.nan, np.nan
+    told = plan.names, plan.symbols, plan.truth, v, error, matrix, covariance
+    return Information(*told, plan.taken_as_known(plan.names))
 
 
-def symbol_of(element: Element) -> str:
-    """χ̃, or χ̃[name] where there are several data sets."""
-    return (element.declared.symbol or element.name) + element.label.removeprefix(element.name)
+def in_range(velocity: Iterable[float], uncertainty: Iterable[float]) -> str:
+    """ ", 0.5 to 6 m/s, uncertainty of ε 0.01 to 0.02"; nothing without impacts."""
+    v, u = np.asarray(velocity, float), np.asarray(uncertainty, float)
+    return f", {_span(v)} m/s, standard uncertainty of ε {_span(u)}" if v.size else ""
 
 
-def _finite(error: float) -> float | None:
-    return error if math.isfinite(error) and error < NO_BOUND else None
+def _span(values: Column) -> str:
+    low, high = f"{np.min(values):.3g}", f"{np.max(values):.3g}"
+    return low if low == high else f"{low} to {high}"
 
 
 def _sentence(symbols: Sequence[str], eigenvalue: float, direction: np.ndarray) -> str:

@@ -37,7 +37,6 @@ def information(numbers, folder):
     plans = {
         "law": found,
         "prior": cal.fisher_information(law, SHOTS, uncertainty=0.003, parameters=said),
-        "two-step": cal.fisher_information(law, SHOTS, uncertainty=0.003, objective="two-step"),
         "fit": cal.fisher_information(cal.fit(rebounds(), **QUICK), [0.05, 3.0]),
     }
     for name, plan in plans.items():

@@ -47,11 +47,10 @@ def curve_of(law, names, velocity):
     return curve
 
 
-def simulated(law, velocity, noise: float, objective: str, seed: int):
+def simulated(law, velocity, noise: float, seed: int):
     """Standard deviation of ln θ over fits of `SETS` noisy data sets that follow the law itself.
 
-    Gauss and Newton's steps in NumPy. Above yield σ stands for both losses, and is told as ε_up; by
-    two steps σ and ψ are of Eq. (17), and χ̃ of the law with these.
+    Gauss and Newton's steps in NumPy. Above yield σ stands for both losses, and is told as ε_up.
     """
     random = np.random.default_rng(seed)
     exact = np.asarray(sj.restitution(law, velocity).coefficient)
@@ -61,64 +60,34 @@ def simulated(law, velocity, noise: float, objective: str, seed: int):
         start = [float(getattr(law, name)) for name in names]
         z = gauss_newton(curve_of(law, names, velocity), start, drawn)
         return dict(zip(names, np.std(z, axis=0, ddof=1), strict=True))
-    if objective == "model":
-        start = [law.chi, law.sigma]
-        z = gauss_newton(curve_of(law, ["chi", "sigma"], velocity), start, drawn, 8)
-        critical, limit = law.contact.critical_velocity, law.contact.limit_velocity
-        eps_up = np.exp(z[:, 1]) * float(critical / (limit - critical)) ** law.psi  # -ln ε_up
-        return {"chi": np.std(z[:, 0], ddof=1), "eps_up": np.std(eps_up, ddof=1)}
-    ratio = velocity / (float(law.contact.limit_velocity) - velocity)
-
-    def eq_17(z):
-        return np.exp(-np.exp(z[:, :1]) * ratio ** np.exp(z[:, 1:]))
-
-    losses = gauss_newton(eq_17, [law.sigma, law.psi], drawn)
-    sigma, psi = np.exp(losses).T[..., None]
-    chi = gauss_newton(
-        curve_of(replace(law, sigma=sigma, psi=psi), ["chi"], velocity), [law.chi], drawn
-    )
-    found = np.std(np.concatenate([chi, losses], axis=1), axis=0, ddof=1)
-    return dict(zip(("chi", "sigma", "psi"), found, strict=True))
+    z = gauss_newton(curve_of(law, ["chi", "sigma"], velocity), [law.chi, law.sigma], drawn, 8)
+    critical, limit = law.contact.critical_velocity, law.contact.limit_velocity
+    eps_up = np.exp(z[:, 1]) * float(critical / (limit - critical)) ** law.psi  # -ln ε_up
+    return {"chi": np.std(z[:, 0], ddof=1), "eps_up": np.std(eps_up, ddof=1)}
 
 
 VISCOELASTIC = sj.ViscoelasticHertz(LAW.contact, 3e-6)
 CASES = {
-    "zhou by model": (STEEL, above(STEEL, 250.0), 0.003, "model"),
-    "zhou by two-step": (STEEL, above(STEEL, 250.0), 0.01, "two-step"),
-    "a law of one's own": (DECAY, np.linspace(1.0, 30.0, 12), 0.01, "model"),
-    "viscoelastic": (VISCOELASTIC, np.linspace(0.5, 20.0, 12), 0.01, "model"),
+    "zhou": (STEEL, above(STEEL, 250.0), 0.003),
+    "a law of one's own": (DECAY, np.linspace(1.0, 30.0, 12), 0.01),
+    "viscoelastic": (VISCOELASTIC, np.linspace(0.5, 20.0, 12), 0.01),
 }
 
 
 @pytest.mark.parametrize(
     "case",
     [
-        pytest.param(name, marks=[pytest.mark.long] * (name in ("viscoelastic", "zhou by model")))
+        pytest.param(name, marks=[pytest.mark.long] * (name in ("viscoelastic", "zhou")))
         for name in CASES
     ],
 )
 def test_promised_errors_are_those_that_simulation_reaches(case):
-    law, velocity, noise, objective = CASES[case]
-    promised = cal.fisher_information(law, velocity, noise, objective).relative_errors
-    reached = simulated(law, velocity, noise, objective, seed=3)
+    law, velocity, noise = CASES[case]
+    promised = cal.fisher_information(law, velocity, noise).relative_errors
+    reached = simulated(law, velocity, noise, seed=3)
     assert set(promised) == set(reached)
     for name, error in reached.items():
         assert promised[name] == pytest.approx(error, rel=0.1)
-
-
-def test_two_steps_find_another_law_and_say_so():
-    """What was promised once, 0.025, held for σ and ψ of the law put into Eq. (17)."""
-    velocity = above(STEEL, 250.0)
-    found = cal.fisher_information(STEEL, velocity, 0.01, "two-step")
-    curve = np.asarray(sj.restitution(STEEL, velocity).coefficient)
-    data = cal.RestitutionData(velocity, curve, STEEL.contact, 0.01)
-    result = cal.fit(data, objective="two-step", route=BALANCE, profiles=False)
-    for name, value in zip(found.names, found.found, strict=True):
-        assert value == pytest.approx(result.values[name], rel=1e-5)
-    assert found.truth[0] == STEEL.chi
-    assert "χ̃ = 1.383 instead of 1.794" in found.remark
-    assert found.relative_errors["chi"] == pytest.approx(0.0523, abs=1e-4)
-    assert not cal.fisher_information(STEEL, velocity, 0.01).remark
 
 
 def test_information_of_one_number_is_that_of_a_mean():
@@ -134,7 +103,7 @@ def test_information_of_one_number_is_that_of_a_mean():
     with_prior = cal.fisher_information(DECAY, v, u, parameters=known)
     expected = (total + (0.95 / 0.01) ** 2) ** -0.5
     assert with_prior.relative_errors["level"] == pytest.approx(expected, rel=1e-9)
-    assert with_prior.found[0] == pytest.approx(0.95)
+    assert with_prior.truth[0] == pytest.approx(0.95)
 
 
 def test_each_impact_counts_with_its_own_uncertainty():
@@ -144,7 +113,7 @@ def test_each_impact_counts_with_its_own_uncertainty():
     found = cal.fisher_information(DECAY, v, u)
     np.testing.assert_allclose(found.matrix, rows.T @ rows, rtol=1e-9)
     expected = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))
-    np.testing.assert_allclose(list(found.relative_errors.values()), expected, rtol=1e-9)
+    np.testing.assert_allclose(list(found.relative_errors.values()), expected, rtol=1e-8)
     np.testing.assert_allclose(found.uncertainty, u)
 
 
@@ -161,7 +130,7 @@ def test_information_of_the_model_is_that_of_least_squares():
     assert found.names == ("chi", "sigma", "psi", modulus)
     np.testing.assert_allclose(found.matrix, np.array(rows) @ np.transpose(rows), rtol=1e-5)
     expected = np.sqrt(np.diag(np.linalg.inv(found.matrix)))
-    np.testing.assert_allclose(list(found.relative_errors.values()), expected, rtol=1e-6)
+    np.testing.assert_allclose(list(found.relative_errors.values()), expected, rtol=1e-5)
 
 
 def moved(name: str, factor: float) -> sj.Zhou:
@@ -210,16 +179,14 @@ def test_what_impacts_do_not_tell_has_no_error():
 
 @pytest.fixture(scope="module")
 def fits():
-    """By `model` with stated errors and priors, by `two-step` without, and three together."""
+    """With stated errors and priors, two data sets together, and a law of one's own."""
     prior = {"chi": cal.Parameter(prior=(0.2, 0.01))}
     one = twin("nylon", noise=0.003, seed=1, uncertainty=0.003)
     two = twin("stainless steel", noise=0.003, seed=2, uncertainty=0.004)
     options = {"route": BALANCE, "profiles": False}
-    by_two = eq_17_data("nylon", noise=0.003, seed=1)
     shared = {"psi": cal.Parameter(0.54, shared=True)}
     return {
         "model": cal.fit(one, parameters=prior, **options),
-        "two-step": cal.fit(by_two, objective="two-step", **options),
         "together": cal.fit([one, two], parameters=shared, **options),
         "own": cal.fit(
             cal.RestitutionData(np.linspace(1, 9, 9), 0.9 - 0.03 * np.linspace(1, 9, 9)), Decay
@@ -229,16 +196,12 @@ def fits():
 
 @pytest.mark.parametrize(
     ("name", "material"),
-    [("model", None), ("two-step", None), ("together", "nylon"), ("own", None)],
+    [("model", None), ("together", "nylon"), ("own", None)],
 )
 def test_of_a_fit_without_further_shots_it_is_the_fits_own_covariance(name, material, fits):
-    """Objective, priors, shared parameters and uncertainties are the fit's own.
-
-    The fit's residuals enter its covariance by two-step, and by the noise that they tell.
-    """
+    """Priors, shared parameters and uncertainties are the fit's own."""
     result = fits[name]
     found = cal.fisher_information(result, material=material)
-    assert found.objective == result.settings["objective"]
     assert set(found.names) <= set(result.values)
     for label, error in found.standard_errors.items():
         assert error == pytest.approx(result.standard_errors[label], rel=1e-4)
@@ -304,11 +267,10 @@ def test_an_impact_without_rebound_tells_nothing():
         ({"velocity": []}, "velocity"),
         ({"velocity": [1.0, -1.0, 2.0, 3.0]}, "velocity"),
         ({"velocity": [1.0, 1e4, 2.0, 3.0]}, "velocity"),
-        ({"velocity": [0.5, 5.0]}, "2 points for 3 free parameters"),
         ({"uncertainty": 0.0}, "uncertainty"),
         ({"uncertainty": [0.1, 0.2]}, "velocity"),
         ({"objective": "both"}, "objective"),
-        ({"law": DECAY, "objective": "two-step"}, "objective"),
+        ({"objective": "two-step"}, "`objective` must be model: information and designs"),
         ({"material": "nylon"}, "material"),
         ({"parameters": {"colour": 1.0}}, "parameter"),
         ({"parameters": {"psi": 0.7}}, "the law's own, 0.5414"),
@@ -322,10 +284,13 @@ def test_what_makes_no_sense_is_named(changed, named):
     assert "\n" not in str(caught.value)
 
 
-def test_a_fit_has_its_own_objective(fits):
-    for name, value in (("objective", "two-step"), ("parameters", {"level": 0.9})):
-        with pytest.raises(ValueError, match=f"`{name}` must be left out"):
-            cal.fisher_information(fits["own"], **{name: value})
+def test_a_fit_has_parameters_of_its_own_and_has_to_be_one_by_the_likelihood(fits):
+    with pytest.raises(ValueError, match="`parameters` must be left out"):
+        cal.fisher_information(fits["own"], parameters={"level": 0.9})
+    data = eq_17_data("nylon", noise=0.003, seed=1)
+    by_two = cal.fit(data, objective="two-step", route=BALANCE, profiles=False)
+    with pytest.raises(ValueError, match=r"`objective` must be model: .*but is two-step"):
+        cal.optimal_velocities(by_two, 3, (5.0, 60.0))
 
 
 @pytest.mark.parametrize("law", ["zhou", "viscoelastic"])
@@ -358,8 +323,7 @@ def test_what_a_fit_pooled_holds_its_plan_together():
     result = cal.fit(decays(6, 0.03), Decay, {"rate": cal.Parameter(shared="pooled")})
     found = agrees_with_its_fit(result, "b")
     alone = cal.fisher_information(cal.fit(decays(6, 0.03), Decay), material="b")
-    assert found.standard_errors["rate[b]"] < 0.9 * alone.standard_errors["rate"]
-    assert not found.remark
+    assert found.standard_errors["rate[b]"] < 0.9 * alone.standard_errors["rate[b]"]
 
 
 def test_errors_of_velocities_count_in_a_plan_as_in_its_fit():
