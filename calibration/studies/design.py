@@ -295,14 +295,14 @@ def optimal_velocities(
     low, high = both_ends("bounds", bounds)
     if not (0 < low < high < np.inf):
         raise DataError("bounds", bounds, "(lowest, highest) velocity above 0 m/s")
-    acts = {
+    acts: dict[str, tuple[Any, bool, str]] = {
         "target": (target, criterion == "c", f"left out with criterion {criterion}"),
         "over": (over, criterion == "I", f"left out with criterion {criterion}"),
         "measured_uncertainty": (measured_uncertainty, measured is not None, "given with measured"),
     }
-    for name, (value, acting, accepted) in acts.items():
-        if value is not None and not acting:
-            raise DataError(name, value, accepted)
+    for name, (given, acting, accepted) in acts.items():
+        if given is not None and not acting:
+            raise DataError(name, given, accepted)
     if uncertainty is not None and not (np.isfinite(uncertainty) and uncertainty > 0):
         raise DataError("uncertainty", uncertainty, "positive")
     over = (low, high) if over is None else both_ends("over", over)
@@ -330,11 +330,11 @@ def _designed(
     if criterion == "c":
         weight = aims[:, :, None] * aims[:, None, :]
     elif criterion == "I":
-        curve = np.stack([plan.curve(np.linspace(*over, CURVE))[1] for plan in plans])
+        curve = np.stack([plan.curve(np.linspace(over[0], over[1], CURVE))[1] for plan in plans])
         weight = np.swapaxes(curve, 1, 2) @ curve / CURVE
     rule, even, grid = (
         Criterion(criterion, weight),
-        np.linspace(*bounds, count),
+        np.linspace(bounds[0], bounds[1], count),
         _grid(plans, bounds),
     )
     shots = _sought(plans, rule, even, grid, *search)
@@ -456,9 +456,11 @@ def _sought(
         last, chosen = len(velocity) - 1, velocity[places]
         around = [velocity[[max(k - 1, 0), min(k + 1, last)]] for k in np.unique(places)]
         velocity = np.unique(
-            np.concatenate([*(np.linspace(*ends, FINER) for ends in around), chosen])
+            np.concatenate([*(np.linspace(low, high, FINER) for low, high in around), chosen])
         )
-        places, _ = _exchanged(_table(plans, velocity), rule, np.searchsorted(velocity, chosen))
+        places, _ = _exchanged(
+            _table(plans, velocity), rule, np.asarray(np.searchsorted(velocity, chosen))
+        )
     return velocity[places]
 
 

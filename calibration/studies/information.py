@@ -258,7 +258,8 @@ def plan_of(
         elif material is not None:
             raise DataError("material", material, "left out with a law")
         else:
-            there = checked_impacts(*(((), 1.0) if measured is None else measured), "measured")
+            v, u = ((), 1.0) if measured is None else measured
+            there = checked_impacts(v, u, "measured")
             every = np.concatenate([there[0], reach])
             plan = _of_law(law, every, parameters or {}, uncertainty, route)
             if len(there[0]):
@@ -302,15 +303,26 @@ def _of_law(law: sj.ContactLaw, every: Column, parameters, uncertainty, route: R
             said[name] = Parameter(getattr(law, name), free=False)
     said |= {name: getattr(law, name) for name in options_of(type(law))}
     for name in whole_fields(type(law)):
-        free = name in said and as_parameter(name, said[name]).free
-        said[name] = Parameter(getattr(law, name), free=free)
+        is_free = name in said and as_parameter(name, said[name]).free
+        said[name] = Parameter(getattr(law, name), free=is_free)
     spec = specs_of((data,), type(law), [said], None)[0]
     values = {one.name: _truth(law, one) for one in spec.local}
     free = {one.name: one.name for one in spec.local if one.parameter.free}
     material = MaterialFit(
-        data,
-        *("model", spec.model, {}, {}, values, free, spec.trees),
-        *(math.nan, None, None, None, True, ()),
+        data=data,
+        objective="model",
+        model=spec.model,
+        parameters={},
+        derived={},
+        values=values,
+        labels=free,
+        trees=spec.trees,
+        rms=math.nan,
+        rms_empirical=None,
+        empirical=None,
+        reduced_chi_squared=None,
+        converged=True,
+        status=(),
     )
     sizes = [
         one.parameter.prior[1] if one.parameter.prior else np.inf
