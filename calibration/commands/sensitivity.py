@@ -280,5 +280,4 @@ class _Job:
             name, sign, deviation = text.partition("=")
             prior = (0.0, number("--free", text, deviation, "NAME=SD")) if sign else None
             parameters[name] = cal.Parameter(prior=prior)
-        options = {"parameters": parameters}
-        return {**options, "route": self.route}
+        return {"parameters": parameters, "route": self.route}
