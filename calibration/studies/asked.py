@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from calibration.errors import DataError, listed
-from calibration.studies.inputs import Inputs, OfBodies, OfLaw, check_ranges, of_law
+from calibration.studies.inputs import Inputs, OfBodies, OfLaw, as_fitted, check_ranges, of_law
 from calibration.symbols import in_math
 from softjax.fields import declarations, options_of, whole_fields
 
@@ -52,7 +52,17 @@ def _name_of(inputs: Inputs, name: str) -> str:
 
 
 def inputs_of(source: Any) -> Inputs:
-    """The bodies' properties where they make the law's contact, else the law's own fields."""
+    """The bodies' properties where they make the law's contact, else the law's own fields.
+
+    Of a fit that knows σ and ψ by ε_up alone, that in their place.
+    """
+    inputs = _inputs_of(source)
+    return (
+        inputs if source.result is None else as_fitted(inputs, source.result.material(source.name))
+    )
+
+
+def _inputs_of(source: Any) -> Inputs:
     law, contact = source.law, getattr(source.law, "contact", None)
     if source.properties is None or contact is None or whole_fields(type(law)):
         return of_law(law)

@@ -13,11 +13,14 @@ from typing import Any
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 import softjax as sj
 from calibration.errors import DataError, listed
+from calibration.fitting.material import MaterialFit
 from calibration.fitting.result import FitResult
+from calibration.fitting.zhou import eps_up_of
 from softjax.fields import Declared, declarations, whole_leaves
 
 VELOCITY = "velocity"
@@ -26,6 +29,7 @@ BODIES = {"spheres": ("", ""), "unlike spheres": ("_1", "_2"), "wall": ("", "_wa
 RADII = ("radius_1", "radius_2")
 OF_BODIES = declarations(sj.Material) | declarations(sj.Contact)
 OF_BODIES |= {VELOCITY: Declared("v", "m/s", "velocity")}
+OF_BODIES |= {"eps_up": Declared("ε_up", "-", "restitution", 0.0, 1.0)}
 
 
 @dataclass(frozen=True)
@@ -109,6 +113,34 @@ class OfLaw(eqx.Module):
         return jax.tree.unflatten(structure, chosen)
 
 
+class OfLoss(eqx.Module):
+    """Builds Zhou's law of ε_up = ε_17(v_cr) in place of σ and ψ, which act through it above yield.
+
+    Attributes:
+        build: the law of σ and ψ.
+        psi: ψ, which any number serves for.
+    """
+
+    build: Any
+    psi: float
+
+    def __call__(self, values: Mapping[str, Any]) -> sj.ContactLaw:
+        values = dict(values)
+        loss = -jnp.log(values.pop("eps_up"))
+        contact = self.build({**values, "sigma": 1.0, "psi": self.psi}).contact
+        ratio = contact.critical_velocity / (contact.limit_velocity - contact.critical_velocity)
+        return self.build({**values, "sigma": loss / ratio**self.psi, "psi": self.psi})
+
+
+def as_fitted(inputs: Inputs, material: MaterialFit) -> Inputs:
+    """The inputs with ε_up in place of σ and ψ where it is what the fit knows of them."""
+    if "eps_up" not in material.parameters or not {"sigma", "psi"} <= set(inputs.values):
+        return inputs
+    values = {n: x for n, x in inputs.values.items() if n not in ("sigma", "psi")}
+    values["eps_up"] = float(eps_up_of(inputs.law()))  # type: ignore[arg-type]
+    return Inputs(values, OfLoss(inputs.build, inputs["psi"]))
+
+
 def of_spheres(
     material: sj.Material,
     radius: float,
@@ -159,7 +191,8 @@ def as_inputs(inputs: Inputs | sj.ContactLaw | FitResult, material: str | None =
         ValueError: for anything else.
     """
     if isinstance(inputs, FitResult):
-        return of_law(inputs.material(material).law)
+        one = inputs.material(material)
+        return as_fitted(of_law(one.law), one)
     if material is not None:
         raise DataError("material", material, "left out, or given with a FitResult")
     if isinstance(inputs, sj.ContactLaw):

@@ -9,6 +9,7 @@ import softjax as sj
 from softjax.fields import array_field  # a field that is whole
 from tests.cases import FITTED, FORMS, MATERIALS, RADIUS, column, fitted, law_of, reference
 from tests.decay import Decay
+from tests.fit_data import twin
 
 PROPERTIES = {  # the oracle's names
     "youngs_modulus": "E",
@@ -271,6 +272,21 @@ def test_a_fits_inputs_are_those_of_its_law():
     result = cal.fit(data, Decay, profiles=False)
     found = cal.sensitivity(result, [2.0], material="balls")
     np.testing.assert_allclose(found.of("rate"), -0.1 * 0.9 * np.exp(-0.1), rtol=1e-6)
+
+
+def test_of_a_fit_above_yield_the_loss_is_one_input():
+    """σ and ψ act through ε_up alone: ε_up ∂ε/∂ε_up = -σ ∂ε/∂σ / (-ln ε_up)."""
+    data = twin("nylon", y=np.geomspace(1.3, 80, 20), noise=0.003, seed=1)
+    result = cal.fit(data, profiles=False)
+    v = np.array([5.0, 40.0])
+    found, law = cal.sensitivity(result, v), cal.sensitivity(result.law, v)
+    assert {"chi", "eps_up"} <= set(found.names)
+    assert not {"sigma", "psi"} & set(found.names)
+    assert found.declared["eps_up"].symbol == "ε_up"
+    np.testing.assert_allclose(found.coefficient, law.coefficient, rtol=1e-12)
+    np.testing.assert_allclose(found.of("chi"), law.of("chi"), rtol=1e-9)
+    loss = -np.log(result.values["eps_up"])
+    np.testing.assert_allclose(found.of("eps_up"), -law.of("sigma") / loss, rtol=1e-9)
 
 
 @pytest.mark.parametrize(
