@@ -2,6 +2,7 @@
 
 from softjax._checks import ArgumentError
 from softjax._numerics import power_3_2
+from softjax.branches import Collision
 from softjax.contact import Contact
 from softjax.fields import array_field, choice_field, number_field
 from softjax.history import History, collide
@@ -34,7 +35,7 @@ from softjax.restitution import (
     restitution,
     signed_restitution,
 )
-from softjax.routes import ODE, ClosedForm, EnergyBalance
+from softjax.routes import ODE, AbstractRoute, ClosedForm, EnergyBalance
 from softjax.status import Status
 
 __all__ = [
@@ -42,8 +43,10 @@ __all__ = [
     "NYLON",
     "ODE",
     "STAINLESS_STEEL",
+    "AbstractRoute",
     "ArgumentError",
     "ClosedForm",
+    "Collision",
     "ConstantRestitution",
     "Contact",
     "ContactLaw",

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from softjax.routes import Stepping
+from softjax._checks import ArgumentError
 
 SOLVER_CLASSES = {
     "dopri8": dfx.Dopri8,
@@ -19,16 +19,33 @@ SOLVER_CLASSES = {
 
 # of the way: at the default tolerance two or three larger ones follow. Methods of fifth order would take
 # a tenth at 1e-11 where their error estimate happens to pass through zero, and err by 1.3e-10.
-FIRST_STEP = {"dopri8": 0.1, "dopri5": 0.05, "tsit5": 0.05, "bosh3": 0.05}
+FIRST_STEP = {"dopri8": 0.1}
 # A field of forces may be flat where a contact begins or ends: the error estimate of a step there is
 # next to nothing, and without a bound the following step crosses all that is left. Largest steps, and
 # the share of the tolerance that a step may err by, for which 10 tolerances hold over laws of all kinds.
-LARGEST_STEP = {"dopri8": 0.15, "dopri5": 0.1, "tsit5": 0.05, "bosh3": 0.1}
+LARGEST_STEP = {"dopri8": 0.15, "dopri5": 0.1, "bosh3": 0.1}
 SHARE = 0.1
+SMALL_STEP = 0.05  # of any other method, the first one and the largest
 NEARLY = 100  # roundings before the end at which a step is taken to go all the way
 
 
-def solve(field, start, end, state, args, route: Stepping, save=None, *, smooth: bool = False):
+def check_solver(solver, adaptive: bool) -> None:
+    """Raise unless it is an explicit solver of diffrax, with an error estimate if steps are adapted.
+
+    Raises:
+        ValueError: naming the solver and what is accepted.
+    """
+    others = dfx.AbstractImplicitSolver | dfx.AbstractItoSolver | dfx.AbstractStratonovichSolver
+    explicit = isinstance(solver, dfx.AbstractSolver) and not isinstance(solver, others)
+    if not explicit and not isinstance(solver, dfx.Euler | dfx.AbstractERK):
+        raise ArgumentError(f"`solver` must be an explicit solver of diffrax, but is {solver!r}")
+    if adaptive and not isinstance(solver, dfx.AbstractAdaptiveSolver):
+        raise ArgumentError(
+            f"`solver` must have an error estimate unless `steps` are fixed, but is {solver!r}"
+        )
+
+
+def solve(field, start, end, state, args, route: Any, save=None, *, smooth: bool = False):
     """Integrate dstate/ds = field(s, state, args) from s = start to end, all scaled to one.
 
     Returns the last state, or the states at the fractions `save` of the way (increasing, in
@@ -61,11 +78,12 @@ class _Walk(NamedTuple):
     steps: Array
 
 
-def _walked(term, state, args, route: Stepping, save, smooth: bool):
+def _walked(term, state, args, route: Any, save, smooth: bool):
     """How far of the way from 0 to 1 the method came, the state there, and those at `save`."""
     zero, one = (jnp.asarray(t, state[0].dtype) for t in (0, 1))
     controller, dt0, most = _controller(route, zero.dtype, smooth)
-    solver = SOLVER_CLASSES[route.solver](scan_kind="lax")
+    named = isinstance(route.solver, str)
+    solver = SOLVER_CLASSES[route.solver](scan_kind="lax") if named else route.solver
     order = solver.error_order(term)
 
     def unfinished(walk: _Walk):
@@ -107,13 +125,14 @@ def _sampled(between, keep, save, samples):
     return jax.tree.map(partial(jnp.where, here), jax.vmap(between.evaluate)(save), samples)
 
 
-def _controller(route: Stepping, dtype, smooth: bool):
+def _controller(route: Any, dtype, smooth: bool):
     """What controls the steps, the first of them, and how many there may be."""
     if route.steps is not None:
         # one more: in float32 their sum may end short of the whole
         return dfx.ConstantStepSize(), jnp.asarray(1 / route.steps, dtype), route.steps + 1
     least = 4 * float(jnp.finfo(dtype).eps)
-    share, largest = (1.0, None) if smooth else (SHARE, LARGEST_STEP[route.solver])
+    share, largest = (1.0, None) if smooth else (SHARE, LARGEST_STEP.get(route.solver, SMALL_STEP))
     tolerance = jnp.maximum(share * jnp.asarray(route.tolerance, dtype), least)
     controller = dfx.PIDController(rtol=tolerance, atol=tolerance, dtmax=largest)
-    return controller, jnp.asarray(FIRST_STEP[route.solver], dtype), route.max_steps
+    first = FIRST_STEP.get(route.solver, SMALL_STEP)
+    return controller, jnp.asarray(first, dtype), route.max_steps

@@ -123,7 +123,13 @@ def where_needed(f: Callable, needed: Array, *values: Array) -> Array:
         kind = jax.eval_shape(f, *values)
         shape = jnp.broadcast_shapes(needed.shape, *map(jnp.shape, values))
         full = lambda *values: jnp.broadcast_to(f(*values), shape)  # noqa: E731
-        none = lambda *values: jnp.zeros(shape, kind.dtype)  # noqa: E731
+
+        def none(*values):
+            # made of the same arrays: within `shard_map` both branches have to vary alike
+            any_of = sum((x != x for x in values), start=needed)
+            zero = jnp.zeros((), kind.dtype)
+            return jnp.where(jnp.broadcast_to(any_of, shape), zero, zero)
+
         return lax.cond(jnp.any(needed), full, none, *values)
 
     def rule(primals, tangents):

@@ -266,3 +266,33 @@ def _shares(dtype) -> tuple[np.ndarray, np.ndarray]:
         np.exp2(np.arange(-6.0, -10.0, -1)), np.exp2(np.arange(-10.0, -digits, -2))
     )
     return near, np.append(np.arange(0.74, 0.0, -0.04), far)
+
+
+SAMPLES, SHORTENINGS = 33, 44  # of the way; golden sections from two of their gaps to rounding
+
+
+def largest(force: Callable[[Array], Array], end: Array) -> Array:
+    """The largest force on the way from 0 to `end`, of arrays of ways element by element.
+
+    Inside of the way it is where the force is stationary, so its place need not be differentiated.
+    """
+    shares = np.linspace(0, 1, SAMPLES) ** 2
+    column = (-1,) + (1,) * jnp.ndim(end)
+    still = lax.stop_gradient(end)
+    seen = jax.vmap(force)(jnp.asarray(shares, end.dtype).reshape(column) * still)
+    seen = jnp.where(jnp.isnan(seen), -jnp.inf, seen)
+    at = jnp.argmax(seen, axis=0)
+    shares = jnp.asarray(shares, end.dtype)
+    low = still * shares[jnp.maximum(at - 1, 0)]
+    high = still * shares[jnp.minimum(at + 1, SAMPLES - 1)]
+    golden = 0.5 * (5**0.5 - 1)
+
+    def shorten(_, ends):
+        low, high = ends
+        left, right = high - golden * (high - low), low + golden * (high - low)
+        rises = force(left) < force(right)
+        return jnp.where(rises, left, low), jnp.where(rises, high, right)
+
+    low, high = lax.fori_loop(0, SHORTENINGS, shorten, (low, high))
+    inside = lax.stop_gradient(force(0.5 * (low + high)) > force(still))
+    return force(jnp.where(inside, lax.stop_gradient(0.5 * (low + high)), end))

@@ -6,22 +6,29 @@ else in the phase plane (`phase`), stage by stage between its kinks; unloading a
 """
 
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from softjax import encke, falls, phase
+from softjax import branches, encke, falls, phase
 from softjax._bridge import solve
-from softjax._impacts import over_impacts
+from softjax._impacts import along_active
 from softjax._numerics import implicit_root, parabolic_step
+from softjax.branches import (
+    Collision,
+    Parts,
+    Peak,
+    Rebound,
+    loading_kinks,
+    loading_reach,
+    unloading_kinks,
+)
 from softjax.falls import INSIDE, Fall
-from softjax.laws.reduced import Reduced, ReducedClosedForm, ReducedRateIndependent
-from softjax.outcome import Outcome, outcome
-from softjax.parts import Peak, Pieces, Rebound, loading_kinks, loading_reach, unloading_kinks
+from softjax.laws.reduced import ReducedClosedForm, ReducedRateIndependent
 from softjax.release import Release, release, searched
-from softjax.routes import Stepping
 
 RESIDUAL_STEPS = 16  # from the peak; the worst of 400 000 cases needed 13
 ROUNDING = 8.0  # a step this many times the rounding error was the last
@@ -30,9 +37,13 @@ UNKNOWN = 1e-8  # the tolerance that fixed steps are taken to have: of fields th
 ROUGH = 4e-3  # of a user's forces, of which a few steps make an error that nothing estimates
 
 
-def pieces(law: ReducedRateIndependent, route: Stepping, dtype) -> Pieces:
-    """The pieces of one impact."""
-    return Pieces(
+def collide(law, y, below, route: Any, *, clock=False, force=False) -> Collision:
+    """One collision beyond the elastic stage."""
+    return branches.collide(_parts(law, route, y.dtype), law, y, below, clock, force)
+
+
+def _parts(law: ReducedRateIndependent, route: Any, dtype) -> Parts:
+    return Parts(
         loading=partial(_loading, route=route),
         release=_release,
         energy=partial(_energy, route=route),
@@ -41,7 +52,7 @@ def pieces(law: ReducedRateIndependent, route: Stepping, dtype) -> Pieces:
     )
 
 
-def _gain(law, route: Stepping, dtype) -> Array:
+def _gain(law, route: Any, dtype) -> Array:
     unknown = UNKNOWN if isinstance(law, ReducedClosedForm) else ROUGH
     return GAIN * route.error(unknown, dtype)
 
@@ -54,9 +65,14 @@ def _begins_elastic(law) -> bool:
     return isinstance(law, ReducedClosedForm) and not len(law.breakpoints())
 
 
-def _loading(law: ReducedRateIndependent, y: Array, route: Stepping, clock: bool = False) -> Peak:
+def _loading(law: ReducedRateIndependent, y: Array, route: Any, clock: bool = False) -> Peak:
+    leaves, structure = jax.tree.flatten((law.on_loading(), y, route))
     loaded = encke.loading if _begins_elastic(law) else _staged
-    return loaded(law, y, route, clock)
+
+    def one(*leaves):
+        return loaded(*jax.tree.unflatten(structure, leaves), clock)
+
+    return along_active(one, *leaves)
 
 
 def _followed(law: ReducedClosedForm, peak: Array) -> Release:
@@ -90,7 +106,7 @@ def _followed(law: ReducedClosedForm, peak: Array) -> Release:
     return Release(peak * r**2, peak * (1 - r) * (1 + r), sure, sure)
 
 
-def _staged(law: ReducedRateIndependent, y: Array, route: Stepping, clock: bool = False) -> Peak:
+def _staged(law: ReducedRateIndependent, y: Array, route: Any, clock: bool = False) -> Peak:
     """Loading by any force: stages that are passed over the overlap, the last one by its angle."""
     found = loading_reach(*jax.tree.map(jax.lax.stop_gradient, (law, y)))
     length, m = found.rough, round(2 * law.work_exponent)
@@ -136,7 +152,7 @@ def _staged(law: ReducedRateIndependent, y: Array, route: Stepping, clock: bool 
     return peak._replace(time=time, solved=peak.solved & ((reached.solved & timed) | ~turns))
 
 
-def _passed(pull, kinks, y, route: Stepping, smooth: bool):
+def _passed(pull, kinks, y, route: Any, smooth: bool):
     """X and U at the last kink before the peak, and whether the solver got there."""
     zero, one = jnp.zeros_like(y), jnp.ones_like(y)
     if not len(kinks):
@@ -188,28 +204,26 @@ def _unloading(law, peak: Peak, release: Release) -> Fall:
     )
 
 
-def _energy(law, peak: Peak, release: Release, route: Stepping) -> Rebound:
+def _energy(law, peak: Peak, release: Release, route: Any) -> Rebound:
     reached = falls.energies(_unloading(law, peak, release), peak.velocity, route)
     return Rebound(reached.value, reached.solved, jnp.zeros_like(reached.value))
 
 
-def _time(law, peak: Peak, release: Release, route: Stepping) -> Rebound:
+def _time(law, peak: Peak, release: Release, route: Any) -> Rebound:
     fall = _unloading(law, peak, release)
     reached = _energies_at_kinks(fall, peak.velocity, route)
     time, solved = falls.times(fall, reached, peak.velocity, route)
     return Rebound(time, solved & reached.solved, jnp.zeros_like(time))
 
 
-def _energies_at_kinks(fall: Fall, y, route: Stepping) -> falls.Energies:
+def _energies_at_kinks(fall: Fall, y, route: Any) -> falls.Energies:
     """Only where there are kinks does the time ask for them."""
     if len(fall.kinks):
         return falls.energies(fall, y, route)
     return falls.Energies(jnp.zeros(1, y.dtype), jnp.ones_like(y, dtype=bool))
 
 
-def history(
-    impacts: Reduced, fractions: tuple[np.ndarray, np.ndarray], route: Stepping
-) -> tuple[tuple[Array, ...], Outcome]:
+def history(law, y, below, route: Any, fractions: tuple[np.ndarray, np.ndarray]):
     """Time, overlap, velocity and force at fixed fractions of loading and of unloading; what rebounds.
 
     Args:
@@ -217,13 +231,8 @@ def history(
             sampled once, as the end of loading, and of the way back.
 
     Returns:
-        Four arrays, a last axis of samples beyond the shape of y, and the collision that they are of.
+        Four arrays of samples, and the collision that they are of.
     """
-    one = partial(_history, fractions=fractions)
-    return over_impacts(one, (impacts.law, impacts.y, impacts.below, route), forward=True)
-
-
-def _history(law, y, below, route: Stepping, fractions):
     along, back = fractions
     if _begins_elastic(law):
         peak, loading = encke.history(law, y, along, route)
@@ -238,14 +247,14 @@ def _history(law, y, below, route: Stepping, fractions):
     (time, x, recovered, speed), fell = falls.times(fall, reached, y, route, back)
     force = jax.vmap(fall.force)(x, recovered)
     unloading = (loading[0][-1] + time, x, speed, force)
-    joined = [jnp.concatenate(parts) for parts in zip(loading, unloading, strict=True)]
+    samples = [jnp.concatenate(parts) for parts in zip(loading, unloading, strict=True)]
     part = speed[-1] / y
-    back = Rebound(part * part, rose & reached.solved & fell, jnp.zeros_like(y))
-    found = outcome(law, peak, ending, back, below, _gain(law, route, y.dtype))
-    return tuple(_slowed(law, peak.overlap, below, joined)), found
+    rebound = Rebound(part * part, rose & reached.solved & fell, jnp.zeros_like(y))
+    found = branches.joined(law, peak, ending, rebound, below, _gain(law, route, y.dtype))
+    return tuple(_slowed(law, peak.overlap, below, samples)), found
 
 
-def _risen(law, peak: Peak, along, route: Stepping):
+def _risen(law, peak: Peak, along, route: Any):
     """Samples of loading: of the fall from the peak, the other way round."""
     rise = _rise(law, peak.overlap)
     reached = falls.energies(rise, peak.velocity, route)

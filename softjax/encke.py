@@ -7,6 +7,7 @@ elastic collision by (Encke's trick): 0 until the law leaves it, and smooth afte
 """
 
 from functools import partial
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -14,9 +15,8 @@ from jaxtyping import Array
 
 from softjax._bridge import solve
 from softjax._numerics import gauss_legendre, integrate, near_one_root, safe_sqrt
+from softjax.branches import Peak
 from softjax.laws.reduced import ReducedRateIndependent
-from softjax.parts import Peak
-from softjax.routes import Stepping
 
 HALF_PERIOD = {2.5: 1.4716375921622639, 2.0: 1.5707963267948966}  # ∫_0^1 dz/√(1 - z^k)
 # p_el/p is capped: where the loading force vanishes the overlap runs away instead of dividing by 0
@@ -26,7 +26,7 @@ FIRST_REACH = 1e-5  # ŝ at which a law without an elastic stage starts: 1e-10 o
 SOME_PEAK = 1.5  # of a collision that is computed where there is none
 
 
-def loading(law: ReducedRateIndependent, y: Array, route: Stepping, clock: bool = False) -> Peak:
+def loading(law: ReducedRateIndependent, y: Array, route: Any, clock: bool = False) -> Peak:
     """Largest overlap, whether there is one, and with a clock the time it takes."""
     (gain, *lag), reach, solved = _solved(law, y, route, clock)
     found = jnp.square(reach * near_one_root(1 + gain, _roots(law)))
@@ -36,7 +36,7 @@ def loading(law: ReducedRateIndependent, y: Array, route: Stepping, clock: bool 
     return peak._replace(time=(HALF_PERIOD[law.work_exponent] + lag[0]) * reach**2 / y)
 
 
-def history(law: ReducedRateIndependent, y: Array, along: np.ndarray, route: Stepping):
+def history(law: ReducedRateIndependent, y: Array, along: np.ndarray, route: Any):
     """The peak, and time, overlap, velocity and force at fixed shares of 1 - η."""
     (gain, lag), reach, solved = _solved(law, y, route, True, along)
     m = _roots(law)
@@ -85,7 +85,7 @@ def _holds(law, y, end):
     return 2.5 * (work / y) / y > 1
 
 
-def _solved(law, y, route: Stepping, clock: bool, along=None):
+def _solved(law, y, route: Any, clock: bool, along=None):
     reach, start = _elastic_reach(law, y)
     zero = jnp.zeros_like(y)
     # before yield, η > η_0, the deviation from the elastic collision is zero

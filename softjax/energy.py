@@ -22,8 +22,8 @@ from softjax._impacts import over_impacts
 from softjax._numerics import integrate, quotient, safe_sqrt
 from softjax._quadrature import Integral, falling_time, integral, smooth_falling_time
 from softjax._search import Reach
+from softjax.branches import Parts, Peak, Rebound, loading_kinks, loading_reach, unloading_kinks
 from softjax.laws.reduced import ReducedClosedForm, ReducedRateIndependent
-from softjax.parts import Peak, Pieces, Rebound, loading_kinks, loading_reach, unloading_kinks
 from softjax.release import Release, as_told, release, searched
 
 MOST_STEPS = 60  # of Newton's method; a handful, but for halving beside a force that vanishes
@@ -31,16 +31,16 @@ ELASTIC_NODES = 32
 ROUNDING = 4.0  # in eps: ε_p² of an elastic collision
 
 
-def closed_forms(dtype) -> Pieces:
+def closed_forms(dtype) -> Parts:
     """The pieces of a law that has them in closed form, for arrays of impacts."""
     gain = ROUNDING * float(jnp.finfo(dtype).eps)
-    return Pieces(_closed_loading, _closed_release, _closed_energy, _closed_time, gain)
+    return Parts(_closed_loading, _closed_release, _closed_energy, _closed_time, gain)
 
 
-def quadratures(dtype) -> Pieces:
+def quadratures(dtype) -> Parts:
     """The pieces of any law's forces, for one impact."""
     gain = ROUNDING * float(jnp.finfo(dtype).eps)
-    return Pieces(_loading, partial(release, search=searched), _energy, _time, gain)
+    return Parts(_loading, partial(release, search=searched), _energy, _time, gain)
 
 
 def elastic_duration(exponent: float, y: Array) -> Array:

@@ -10,7 +10,7 @@ Between two kinks of the force is a stage, solved by itself.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -19,7 +19,6 @@ from jaxtyping import Array, Bool
 
 from softjax._bridge import solve
 from softjax._numerics import safe_sqrt
-from softjax.routes import Stepping
 
 INSIDE = 1e-13  # of a stage: how far from its ends a force is computed, which may jump there
 
@@ -55,7 +54,7 @@ class Energies(NamedTuple):
         return self.at[-1]
 
 
-def energies(fall: Fall, y: Array, route: Stepping) -> Energies:
+def energies(fall: Fall, y: Array, route: Any) -> Energies:
     """Kinetic energy over that of an impact at y, stage by stage."""
     per_velocity = 1 / y  # twice: the derivative of a quotient by y² overflows float32 at y = 1e13
 
@@ -132,7 +131,7 @@ def _about_end(fall: Fall, high, low):
     return place
 
 
-def times(fall: Fall, reached: Energies, y: Array, route: Stepping, save=None):
+def times(fall: Fall, reached: Energies, y: Array, route: Any, save=None):
     """The time of the whole fall, or of the states at shares `save` of the angle; and its verdict.
 
     Returns:
@@ -178,7 +177,7 @@ def _sine_cosine(half):
     return 2 * half / below, (1 - half) * (1 + half) / below
 
 
-def _over_angle(field, start, end, state, route: Stepping, save, smooth: bool):
+def _over_angle(field, start, end, state, route: Any, save, smooth: bool):
     """Over the root of what is left of the way, in which half powers of x - x* are smooth."""
 
     def eased(t, state, args):

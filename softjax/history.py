@@ -1,17 +1,27 @@
 """One collision from touch to parting: overlap, velocity and force over time."""
 
+from functools import partial
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
 from softjax._checks import ArgumentError
-from softjax.batch import histories
+from softjax._impacts import over_impacts
 from softjax.batching import batched
-from softjax.impact import check_law, checked, common_precision, prepare
-from softjax.laws.base import ContactLaw, HardSphereLaw
+from softjax.impact import (
+    Impact,
+    check_law,
+    checked,
+    collisions,
+    common_precision,
+    prepare,
+    with_elastic,
+)
+from softjax.laws.base import ContactLaw, HardSphereLaw, RateIndependentLaw
 from softjax.restitution import told
-from softjax.routes import ODE, is_count, program_of, taken
+from softjax.routes import ODE, as_argument, is_count
 
 
 class History(eqx.Module):
@@ -77,17 +87,16 @@ def collide(
     if not is_count(samples) or samples < 3:
         raise ArgumentError(f"`samples` must be a whole number >= 3, but is {samples!r}")
     law, velocity = common_precision(law, checked(law, velocity))
-    asked, tolerance = program_of(route)
-    return batched(_collide, (law, tolerance), velocity, int(samples), asked, cut=False)
+    return batched(_collide, (law, as_argument(route)), velocity, int(samples), cut=False)
 
 
-def _collide(law_and_tolerance, velocity, samples, route):
-    law, tolerance = law_and_tolerance
+def _collide(parameters, velocity, samples):
+    law, route = parameters
     impact = prepare(law, velocity)
     fractions = _fractions(samples, impact.velocity.dtype)
-    parts, found = histories(impact, fractions, taken(route, tolerance))
+    parts, found = _histories(impact, fractions, route)
     coefficient, plastic, _, _, status = told(impact, found)
-    shown = impact.valid & (impact.velocity > 0) & found.turns & found.solved
+    shown = impact.valid & (impact.velocity > 0) & found.answered
     time, overlap, speed, force = (jnp.where(shown[..., None], part, 0.0) for part in parts)
     return History(time, overlap, speed, force, coefficient, plastic, status)
 
@@ -97,3 +106,33 @@ def _fractions(samples: int, dtype) -> tuple[np.ndarray, np.ndarray]:
     on_loading = (samples + 1) // 2
     along = np.linspace(0.0, 1.0, on_loading, dtype=dtype)
     return along, np.linspace(0.0, 1.0, samples - on_loading + 1, dtype=dtype)[1:]
+
+
+def _histories(impact: Impact, fractions, route: ODE):
+    """Time, overlap, velocity and force in SI at shares of the way, and the collisions they are of."""
+    from softjax import collision, encke, rate_dependent  # diffrax is imported when it is asked for
+
+    law = impact.law
+    independent = isinstance(law, RateIndependentLaw)
+    if independent:
+        scales, exponent = law.elastic_scales()
+        moving = jnp.where(impact.velocity > 0, impact.velocity, scales.velocity)
+        samples = encke.elastic_history(exponent, moving / scales.velocity, fractions)
+        elastic = _in_si(law, scales, samples)
+        if law.never_yields:
+            return elastic, collisions(impact, route)
+    history = collision.history if independent else rate_dependent.history
+    impacts = law.impacts(impact.acting)
+    one = partial(history, fractions=fractions)
+    batch = (impacts.law, impacts.y, impacts.below, route)
+    samples, found = over_impacts(one, batch, forward=True)
+    parts, found = _in_si(law, impacts.scales, samples), found.in_si(impacts, None)
+    if independent:
+        stays_elastic = impact.elastic[..., None]
+        parts = [jnp.where(stays_elastic, e, p) for e, p in zip(elastic, parts, strict=True)]
+    return parts, with_elastic(impact, found)
+
+
+def _in_si(law, scales, parts):
+    units = scales.time, scales.overlap, scales.velocity, law.force_scale(scales)
+    return [part * jnp.expand_dims(unit, -1) for part, unit in zip(parts, units, strict=True)]

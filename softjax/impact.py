@@ -1,4 +1,4 @@
-"""A batch of impacts made ready for either route: checked, owned, in one precision, reduced."""
+"""Validate and normalise a batch of impacts, and compute it: elastic ones here, the others by a route."""
 
 import equinox as eqx
 import jax
@@ -7,8 +7,13 @@ import numpy as np
 from jaxtyping import Array
 
 from softjax._checks import ArgumentError, as_real, check, check_broadcast
+from softjax._numerics import safe_power, where_needed
+from softjax.branches import Collision
+from softjax.energy import elastic_duration
 from softjax.fields import check_fields, numbers_of, whole_leaves
-from softjax.laws.base import ContactLaw, ForceLaw, RateIndependentLaw
+from softjax.laws.base import ContactLaw, ForceLaw, HardSphereLaw, RateIndependentLaw
+from softjax.laws.forces import asked
+from softjax.routes import AbstractRoute, stated
 
 
 def check_law(law) -> None:
@@ -138,3 +143,46 @@ def _some_velocity(law: ContactLaw):
     limit = jnp.asarray(law.elastic_velocity())
     yields = (limit > 0) & jnp.isfinite(limit)
     return jnp.where(yields, 2 * jnp.where(yields, limit, scale), scale)
+
+
+def collisions(
+    impact: Impact, route: AbstractRoute, *, clock: bool = False, force: bool = False
+) -> Collision:
+    """Elastic impacts by Hertz's or the law's own power law, the others by the route; in SI."""
+    law, zero = impact.law, jnp.zeros_like(impact.velocity)
+    if isinstance(law, HardSphereLaw):
+        squared = jnp.where(impact.elastic, 1.0, asked(law, "restitution_squared", impact.velocity))
+        found = stated(squared, 0.0, 0.0)
+        return found._replace(duration=zero if clock else None, force=zero if force else None)
+    if isinstance(law, RateIndependentLaw) and law.never_yields:
+        return _elastic(impact, clock, force)
+    found = route.collide(law, impact.acting, clock=clock, force=force)
+    return with_elastic(impact, found)
+
+
+def with_elastic(impact: Impact, found: Collision) -> Collision:
+    """Collisions by a route, elastic impacts among them as they are known."""
+    elastic = _elastic(impact, found.duration is not None, found.force is not None)
+    return jax.tree.map(lambda e, p: jnp.where(impact.elastic, e, p), elastic, found)
+
+
+def _elastic(impact: Impact, clock: bool, force: bool) -> Collision:
+    """Impacts that give back all they took, where some are; at rest if the law has damping."""
+    law, zero = impact.law, jnp.zeros_like(impact.velocity)
+    found = stated(zero + 1, zero, zero)
+    if not isinstance(law, RateIndependentLaw):
+        return found._replace(duration=zero if clock else None, force=zero if force else None)
+    scales, exponent = law.elastic_scales()
+    y = impact.velocity / scales.velocity
+
+    def power(of: float):
+        return where_needed(lambda y: safe_power(y, of), impact.elastic, y)
+
+    found = found._replace(peak=scales.overlap * power(2 / exponent))
+    if clock:
+        moving = jnp.where(impact.velocity > 0, y, 1.0)
+        found = found._replace(duration=scales.time * elastic_duration(exponent, moving))
+    if force:
+        pull = 0.4 * exponent * power(2 - 2 / exponent)
+        found = found._replace(force=law.force_scale(scales) * pull)
+    return found

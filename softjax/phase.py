@@ -12,7 +12,7 @@ asked for.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -20,7 +20,6 @@ import numpy as np
 from jaxtyping import Array, Bool
 
 from softjax._bridge import solve
-from softjax.routes import Stepping
 
 # how near to touch, and to zero overlap, the integration begins and ends: X is 1e-16 of its peak
 # there, and any power of it still a number. What happens before is less than rounding.
@@ -100,7 +99,7 @@ def samples(start: float, end: float, fractions: np.ndarray) -> np.ndarray:
 
 
 def over_angle(
-    plane: Plane, states: States, end: float, route: Stepping, save=None
+    plane: Plane, states: States, end: float, route: Any, save=None
 ) -> tuple[States, Bool[Array, ""]]:
     """From there to another u, or at shares `save` of the way; and the solver's verdict."""
     start = states.way
@@ -135,7 +134,7 @@ def rates(plane: Plane, u: Array, radius: Array) -> tuple[Array, Array]:
 
 
 def to_zero_force(
-    plane: Plane, ratio: Callable[[Array, Array], Array], states: States, route: Stepping, save=None
+    plane: Plane, ratio: Callable[[Array, Array], Array], states: States, route: Any, save=None
 ) -> tuple[States, Bool[Array, ""]]:
     """From the peak to where the force vanishes, or the overlap if that comes first.
 

@@ -4,8 +4,7 @@ Integrated in the phase plane of the law's elastic power law (`phase`): up to th
 where the overlap vanishes, or to where the force does.
 """
 
-from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -13,55 +12,17 @@ import numpy as np
 from jaxtyping import Array, Bool
 
 from softjax import phase
-from softjax._impacts import over_impacts
-from softjax._search import reach
-from softjax.laws.reduced import Reduced, ReducedRateDependent
-from softjax.outcome import shrunk
+from softjax._search import largest, reach
+from softjax.branches import Collision, flagged, shrunk
+from softjax.laws.reduced import ReducedRateDependent
 from softjax.phase import PARTING, PEAK, TOUCH, Plane, States
-from softjax.routes import Stepping
+from softjax.status import Status
 
 # How far ε_p² of an elastic collision may be off, in tolerances; of forces that are far from the
 # power law of the phase plane most, 85 at the default. Of fixed steps the tolerance is a guess.
 GAIN = 100.0
 UNKNOWN = 1e-4
-
-
-class Rebound(NamedTuple):
-    """A damped collision in reduced variables; arrays over impacts."""
-
-    peak: Array
-    residual: Array
-    plastic_squared: Array
-    turns: Bool[Array, "..."]
-    solved: Bool[Array, "..."]
-    gains: Bool[Array, "..."]
-
-
-def collide(impacts: Reduced, route: Stepping) -> Rebound:
-    """Overlaps and the part of the impact energy given back, one ODE for each velocity y > 0."""
-    return _each(_collide, impacts, route)
-
-
-def duration(impacts: Reduced, route: Stepping) -> tuple[Array, Bool[Array, "..."]]:
-    """Contact duration [L/V] and whether the contact ends."""
-    return _each(_duration, impacts, route)
-
-
-def history(
-    impacts: Reduced, fractions: tuple[np.ndarray, np.ndarray], route: Stepping
-) -> tuple[tuple[Array, ...], Rebound]:
-    """Time, overlap, velocity and force at fixed fractions of loading and of unloading; what rebounds.
-
-    Args:
-        fractions: two increasing arrays in [0, 1], of the angle of loading and of unloading; the
-            peak is sampled once, as the end of loading.
-    """
-    return _each(partial(_history, fractions=fractions), impacts, route)
-
-
-def _each(what, impacts: Reduced, route: Stepping):
-    batch = impacts.law, impacts.y, impacts.below, route
-    return over_impacts(what, batch, forward=True)
+FORCE_NODES = 33  # of the polynomial through the force on loading
 
 
 class _Scene(NamedTuple):
@@ -81,7 +42,7 @@ class _Scene(NamedTuple):
     def position(self, states: States):
         return phase.position(self.plane.m, states)
 
-    def ends(self, peak: States, route: Stepping, save=None):
+    def ends(self, peak: States, route: Any, save=None):
         """The end of the contact, or samples on the way there."""
         if self.law.ends_at == "zero-overlap":
             return phase.over_angle(self.plane, peak, PARTING, route, save)
@@ -109,38 +70,70 @@ def _scene(law: ReducedRateDependent, y: Array) -> _Scene:
     return _Scene(law, y, length, turns, Plane(excess, m))
 
 
-def _collide(law, y, below, route: Stepping) -> Rebound:
+def collide(law, y, below, route: Any, *, clock=False, force=False) -> Collision:
+    """One collision at y > 0."""
     scene = _scene(law, y)
-    touch = phase.at_touch(y, clock=False)
-    peak, reached = phase.over_angle(scene.plane, touch, PEAK, route)
+    peak, reached = phase.over_angle(scene.plane, phase.at_touch(y, clock), PEAK, route)
     end, ended = scene.ends(peak, route)
-    return _rebound(scene, peak, end, reached & ended, below, route)
+    arrived = reached & ended
+    found = _joined(scene, peak, end, arrived, below, route)
+    if clock:
+        ends = arrived & jnp.isfinite(end.clock)
+        time = jnp.where(ends, end.clock * _pace(scene, peak, below), 0.0)
+        found = found._replace(duration=time)
+    if force:
+        pull = _largest_force(scene, peak, route) * _weakness(scene, peak, below)
+        found = found._replace(force=jnp.where(found.answered, pull, 0.0))
+    return found
 
 
-def _rebound(scene: _Scene, peak: States, end: States, arrived, below, route) -> Rebound:
+def _joined(scene: _Scene, peak: States, end: States, arrived, below, route) -> Collision:
     far, (left, speed) = scene.position(peak)[0], scene.position(end)
     solved = arrived & jnp.isfinite(speed)
     length = scene.length * shrunk(scene.law, scene.length * far, below)
     stays = solved & (scene.law.ends_at == "zero-force")
-    return Rebound(
+    gains = speed * speed > 1 + GAIN * route.error(UNKNOWN, speed.dtype)
+    conditions = {
+        Status.ENERGY_GAIN: solved & gains,
+        Status.NO_TURNING_POINT: ~(solved | scene.turns),
+        Status.SOLVER_FAILED: ~solved,
+    }
+    return Collision(
+        energy=jnp.where(solved, speed * speed, 0.0),
         peak=jnp.where(solved, far * length, 0.0),
         residual=jnp.where(stays, left * length, 0.0),
-        plastic_squared=jnp.where(solved, speed * speed, 0.0),
-        turns=solved | scene.turns,
-        solved=solved,
-        gains=speed * speed > 1 + GAIN * route.error(UNKNOWN, speed.dtype),
+        flags=flagged(conditions),
     )
 
 
-def _duration(law, y, below, route: Stepping):
-    scene = _scene(law, y)
-    peak, reached = phase.over_angle(scene.plane, phase.at_touch(y, clock=True), PEAK, route)
-    end, ended = scene.ends(peak, route)
-    ends = reached & ended & jnp.isfinite(end.clock)
-    return jnp.where(ends, end.clock * _pace(scene, peak, below), 0.0), ends
+def _largest_force(scene: _Scene, peak: States, route: Any) -> Array:
+    """That of loading, where the bodies approach: of the polynomial through Chebyshev's points."""
+    nodes = np.sin(np.linspace(0, 0.5 * np.pi, FORCE_NODES)) ** 2
+    weights = (-1.0) ** np.arange(FORCE_NODES)
+    weights[[0, -1]] *= 0.5
+    touch = phase.at_touch(scene.y, clock=False)
+    ways = phase.TOUCH + (PEAK - phase.TOUCH) * nodes
+    dtype = scene.y.dtype
+    states, _ = phase.over_angle(scene.plane, touch, PEAK, route, nodes.astype(dtype))
+    X, U = scene.position(States(jnp.asarray(ways, dtype), states.radius))
+    force = jax.vmap(scene.law.force)(X * scene.length, U * scene.y)
+
+    def between(share):
+        away = share - jnp.asarray(nodes, dtype)
+        at = jnp.argmin(jnp.abs(away))
+        parts = jnp.asarray(weights, dtype) / jnp.where(away == 0, 1.0, away)
+        return jnp.where(away[at] == 0, force[at], jnp.sum(parts * force) / jnp.sum(parts))
+
+    return largest(between, jnp.ones_like(scene.y))
 
 
-def _history(law, y, below, route: Stepping, fractions):
+def history(law, y, below, route: Any, fractions: tuple[np.ndarray, np.ndarray]):
+    """Time, overlap, velocity and force at fixed fractions of loading and of unloading; what rebounds.
+
+    Args:
+        fractions: two increasing arrays in [0, 1], of the angle of loading and of unloading; the
+            peak is sampled once, as the end of loading.
+    """
     along, back = fractions
     scene = _scene(law, y)
     touch = phase.at_touch(y, clock=True)
@@ -163,7 +156,13 @@ def _history(law, y, below, route: Stepping, fractions):
     time = clock * _pace(scene, peak, below)
     samples = (time, x * far, u * slow, force * slow * slow / far)
     end = jax.tree.map(lambda state: state[-1], unloading)
-    return samples, _rebound(scene, peak, end, reached & ended, below, route)
+    return samples, _joined(scene, peak, end, reached & ended, below, route)
+
+
+def _weakness(scene: _Scene, peak: States, below):
+    """Forces of slow impacts over those of the lifted ones."""
+    x = scene.length * scene.position(peak)[0]
+    return 1.0 if below is None else below * below / shrunk(scene.law, x, below)
 
 
 def _pace(scene: _Scene, peak: States, below):

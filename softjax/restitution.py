@@ -1,5 +1,6 @@
 """The coefficient of restitution over impact velocities, by either route."""
 
+from functools import partial
 from typing import NamedTuple
 
 import equinox as eqx
@@ -10,17 +11,15 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from softjax._checks import ArgumentError, check_broadcast, is_elsewhere, is_traced, truth_values
 from softjax._numerics import safe_sqrt
-from softjax.batch import collisions, durations
 from softjax.batching import batched
+from softjax.branches import Collision, flagged
 from softjax.fields import is_array, numbers_of, whole_leaves
-from softjax.impact import Impact, check_law, checked, common_precision, prepare
-from softjax.laws.base import ContactLaw, HardSphereLaw, RateDependentLaw
-from softjax.outcome import Outcome
-from softjax.routes import ODE, ClosedForm, EnergyBalance, Route, check_route, program_of, taken
+from softjax.impact import Impact, check_law, checked, collisions, common_precision, prepare
+from softjax.laws.base import ContactLaw
+from softjax.routes import Route, as_argument, check_route
 from softjax.status import Status
 
 SHOWN = 16  # impacts whose numbers a printed result tells
-KNOWN = "LinearSpringDashpot, HertzDashpot and ViscoelasticHertz"
 
 
 class Restitution(eqx.Module):
@@ -53,11 +52,24 @@ class Restitution(eqx.Module):
         0 where there is no contact that ends: at v = 0, without a turning point, on invalid input,
         and where the solver gave up.
         """
+        return self._computed("duration")
+
+    @property
+    def peak_force(self) -> Array:
+        """The largest contact force [N], that of dashpots included, computed when asked for.
+
+        0 where there is no contact with a peak: at v = 0, without a turning point, on invalid input,
+        where the solver gave up, and for hard spheres.
+        """
+        return self._computed("force")
+
+    def _computed(self, quantity: str) -> Array:
         law, velocity = common_precision(self.law, self.velocity)
-        if self.each and any(whole_leaves(law)):
-            return _durations_of_each(law, velocity, self.route)
-        route, tolerance = program_of(self.route)
-        return batched(_duration, (law, tolerance), velocity, route)
+        one = partial(_computed, quantity, as_argument(self.route))
+        if self.each and any(whole_leaves(law)):  # impacts that each have a law of their own
+            for _ in velocity.shape:
+                one = jax.vmap(one)
+        return one(law, velocity)
 
     @property
     def ok(self) -> Array:
@@ -114,7 +126,7 @@ def restitution(
 
     Returns:
         A `Restitution`: `coefficient`, `plastic_coefficient`, `peak_overlap`,
-        `residual_overlap` [m], `duration` [s], `status` and `ok`.
+        `residual_overlap` [m], `duration` [s], `peak_force` [N], `status` and `ok`.
 
     Everything is differentiable, forward and reverse, in the law's fields and the velocity, and
     works under `jax.jit` and `jax.vmap`. Second derivatives: by the energy balance, forward and
@@ -138,8 +150,7 @@ def restitution(
     check_law(law)
     route = _chosen(law, route)
     law, velocity = common_precision(law, checked(law, velocity))
-    asked, tolerance = program_of(route)
-    parts = batched(restitution_parts, (law, tolerance), velocity, asked, overlaps)
+    parts = batched(_restitution, (law, as_argument(route)), velocity, overlaps)
     kept, each = _kept((law, velocity))
     return Restitution(*kept, *parts, route, each)
 
@@ -206,17 +217,15 @@ def signed_restitution(
         shape = check_broadcast({"velocity": velocity, "elastic": elastic} | numbers_of(law))
     law, velocity = common_precision(law, velocity)
     velocity = velocity if elastic is None else jnp.broadcast_to(velocity, shape)
-    route, tolerance = program_of(route)
-    return batched(_signed, (law, tolerance, elastic), velocity, route)
+    return batched(_signed, (law, as_argument(route), elastic), velocity)
 
 
-def _signed(parameters, velocity, route):
-    law, tolerance, elastic = parameters
+def _signed(parameters, velocity):
+    law, route, elastic = parameters
     impact = prepare(law, velocity, elastic)
-    found = collisions(impact, taken(route, tolerance))
+    found = collisions(impact, route)
     squared, status = _judged(impact, found)
-    answered = impact.valid & found.turns & found.solved
-    return SignedRestitution(jnp.where(answered, squared, 0.0), status)
+    return SignedRestitution(jnp.where(impact.valid & found.answered, squared, 0.0), status)
 
 
 def _chosen(law: ContactLaw, route: Route | None) -> Route:
@@ -226,102 +235,63 @@ def _chosen(law: ContactLaw, route: Route | None) -> Route:
         ValueError: where the law cannot take it.
     """
     route = law.default_route() if route is None else check_route(route)
-    name = type(law).__name__
-    if isinstance(route, ODE) and isinstance(law, HardSphereLaw):
-        raise ArgumentError(
-            f"`route` must be EnergyBalance() for {name}, which has no force to integrate, "
-            f"but is {route!r}"
-        )
-    if isinstance(route, EnergyBalance) and isinstance(law, RateDependentLaw):
-        either = "ClosedForm() or ODE(...)" if law.has_closed_form() else "ODE(...)"
-        raise ArgumentError(
-            f"`route` must be {either} for {name}, whose force depends on the velocity, "
-            "but is EnergyBalance()"
-        )
-    if isinstance(route, ClosedForm) and not _is_known(law):
-        raise ArgumentError(
-            f"`route` must be another than ClosedForm() for {name}: it is for laws with a "
-            f"`closed_form`, such as {KNOWN}"
-        )
+    accepted = route.refusal(law)
+    if accepted is not None:
+        raise ArgumentError(f"`route` must be {accepted}")
     return route
 
 
-def _is_known(law: ContactLaw) -> bool:
-    hard = isinstance(law, HardSphereLaw)
-    return hard or (isinstance(law, RateDependentLaw) and law.has_closed_form())
-
-
-def restitution_parts(law_and_tolerance, velocity, route, overlaps=True):
-    law, tolerance = law_and_tolerance
+def _restitution(parameters, velocity, overlaps: bool):
+    law, route = parameters
     impact = prepare(law, velocity)
-    return told(impact, collisions(impact, taken(route, tolerance)), overlaps)
+    return told(impact, collisions(impact, route), overlaps)
 
 
-def told(impact: Impact, found: Outcome, overlaps: bool = True):
+def told(impact: Impact, found: Collision, overlaps: bool = True):
     """ε, ε_p, largest and residual overlap [m] and the status."""
     squared, status = _judged(impact, found)
-    answered = impact.valid & found.turns & found.solved
+    turns = (found.flags & int(Status.NO_TURNING_POINT)) == 0
 
     def where_answered(x):
-        return jnp.where(answered, x, 0.0)
+        return jnp.where(impact.valid & found.answered, x, 0.0)
 
     def in_metres(x):
         # without a turning point the overlap is where the law ends: a number, but no answer
-        moving = jnp.where(found.turns, x, jax.lax.stop_gradient(x))
-        return jnp.where(impact.valid, moving, 0.0)
+        return jnp.where(impact.valid, jnp.where(turns, x, jax.lax.stop_gradient(x)), 0.0)
 
     return (
         where_answered(safe_sqrt(squared)),
-        where_answered(safe_sqrt(found.plastic_squared)),
+        where_answered(safe_sqrt(found.energy)),
         in_metres(found.peak) if overlaps else None,
         in_metres(found.residual) if overlaps else None,
         status,
     )
 
 
-def _judged(impact: Impact, found: Outcome):
+def _judged(impact: Impact, found: Collision):
     """ε² and the status."""
-    squared, at_limit = impact.law.total_restitution(
-        found.plastic_squared, impact.velocity, impact.elastic
-    )
-    return squared, _status(impact, found, squared, at_limit)
-
-
-def _status(impact: Impact, found: Outcome, squared, at_limit) -> Array:
+    squared, at_limit = impact.law.total_restitution(found.energy, impact.velocity, impact.elastic)
     yields = ~impact.elastic
-    answered = yields & found.turns & found.solved
     conditions = {
         Status.ELASTIC: impact.elastic,
-        Status.NO_RESIDUAL_OVERLAP: answered & ~found.released,
-        Status.ENERGY_GAIN: answered & found.gains,
-        Status.NO_REBOUND: answered & (squared < 0),
-        Status.BEYOND_EXPANSION: yields & found.solved & found.beyond,
-        Status.NO_TURNING_POINT: yields & ~found.turns,
+        Status.NO_REBOUND: yields & found.answered & (squared < 0),
         Status.ABOVE_LIMIT_VELOCITY: at_limit,
         Status.ZERO_VELOCITY: impact.velocity == 0,
-        Status.SOLVER_FAILED: yields & ~found.solved,
-        Status.INEXACT: answered & ~found.exact,
     }
-    flags = jnp.zeros(impact.velocity.shape, jnp.int32)
-    for flag, holds in conditions.items():
-        flags = flags | jnp.where(holds, jnp.int32(int(flag)), 0)
-    return jnp.where(impact.valid, flags, jnp.int32(int(Status.INVALID_INPUT)))
+    flags = flagged(conditions) | jnp.where(yields, found.flags, 0)
+    return squared, jnp.where(impact.valid, flags, jnp.int32(int(Status.INVALID_INPUT)))
 
 
-def _duration(law_and_tolerance, velocity, route):
-    law, tolerance = law_and_tolerance
+def _computed(quantity: str, route: Route, law: ContactLaw, velocity: Array) -> Array:
+    return batched(_asked_for, (law, route), velocity, quantity)
+
+
+def _asked_for(parameters, velocity, quantity: str):
+    """Duration or largest force, 0 without a contact that ends."""
+    law, route = parameters
     impact = prepare(law, velocity)
-    time, ends = durations(impact, taken(route, tolerance))
-    return jnp.where(ends & impact.valid & (impact.velocity > 0), time, 0.0)
-
-
-def _durations_of_each(law, velocity, route):
-    """Of impacts that each have a law of their own, what is whole included."""
-    asked, tolerance = program_of(route)
-
-    def one(law, velocity):
-        return batched(_duration, (law, tolerance), velocity, asked)
-
-    for _ in velocity.shape:
-        one = jax.vmap(one)
-    return one(law, velocity)
+    found = collisions(
+        impact, route, **{"duration": {"clock": True}, "force": {"force": True}}[quantity]
+    )
+    acts = impact.valid & (impact.velocity > 0)
+    return jnp.where(acts, getattr(found, quantity), 0.0)

@@ -1,21 +1,55 @@
-"""The routes from a contact law to its restitution. Importing them imports no solver."""
+"""The routes from a contact law to its collisions. Importing them imports no solver.
 
-from dataclasses import dataclass, replace
-from typing import Any
+A route of one's own is a class with two methods, `refusal` and `collide` (`AbstractRoute`).
+"""
+
+from abc import abstractmethod
+from functools import partial
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from softjax import branches, energy
 from softjax._checks import ArgumentError, check_choice
-from softjax.fields import array_field
+from softjax._impacts import over_impacts
+from softjax.branches import SETTLED, Collision, flagged
+from softjax.laws.base import ForceLaw, HardSphereLaw, RateDependentLaw
+from softjax.laws.forces import asked
+from softjax.laws.reduced import ReducedClosedForm
+from softjax.status import Status
 
 SOLVERS = ("dopri8", "dopri5", "tsit5", "bosh3")
+KNOWN = "LinearSpringDashpot, HertzDashpot and ViscoelasticHertz"
 
 
-@dataclass(frozen=True)
-class EnergyBalance:
+class AbstractRoute(eqx.Module):
+    """A way to compute collisions. Numbers of a route are fields, as those of a law are.
+
+    Attributes:
+        name: in words.
+    """
+
+    name: ClassVar[str]
+
+    @abstractmethod
+    def refusal(self, law) -> str | None:
+        """None where the route can compute this law, else what `route` must be instead."""
+
+    @abstractmethod
+    def collide(self, law, velocity: Array, *, clock=False, force=False) -> Collision:
+        """Impacts at v > 0 [m/s] beyond the law's elastic stage, in SI units.
+
+        Args:
+            law: as `restitution` was given it, its numbers valid.
+            velocity: an array, against which the law's numbers broadcast; JAX may trace both.
+            clock, force: whether the duration and the largest force are asked for.
+        """
+
+
+class EnergyBalance(AbstractRoute):
     """Works and roots in closed form or by quadrature, no time integration: exact, the default.
 
     For rate-independent laws.
@@ -23,26 +57,66 @@ class EnergyBalance:
 
     name = "energy balance"
 
+    def refusal(self, law) -> str | None:
+        if not isinstance(law, RateDependentLaw):
+            return None
+        either = "ClosedForm() or ODE(...)" if law.has_closed_form() else "ODE(...)"
+        return (
+            f"{either} for {type(law).__name__}, whose force depends on the velocity, "
+            "but is EnergyBalance()"
+        )
 
-@dataclass(frozen=True)
-class ClosedForm:
+    def collide(self, law, velocity: Array, *, clock=False, force=False) -> Collision:
+        impacts = law.impacts(velocity)
+        reduced, _, y, below = impacts
+        if isinstance(reduced, ReducedClosedForm):
+            parts = energy.closed_forms(y.dtype)
+            found = branches.collide(parts, reduced, y, below, clock, force)
+        else:
+            one = partial(branches.collide, energy.quadratures(y.dtype), clock=clock, force=force)
+            found = over_impacts(one, (reduced, y, below), forward=False)
+        return found.in_si(impacts, law.force_scale(impacts.scales))
+
+
+class ClosedForm(AbstractRoute):
     """What a law knows of its own collisions: formulas, and series of functions of one number.
 
     The default for `LinearSpringDashpot`, `HertzDashpot`, `ViscoelasticHertz`, and for any law of
-    one's own that tells its `closed_form`; error <= 1e-12. Hard spheres are formulas anyway.
+    one's own that gives its `closed_form`; error <= 1e-12. Hard spheres are formulas anyway. The
+    largest force is that of `ODE(rtol=1e-10)`.
     """
 
     name = "closed form"
 
+    def refusal(self, law) -> str | None:
+        known = isinstance(law, RateDependentLaw) and law.has_closed_form()
+        if known or isinstance(law, HardSphereLaw):
+            return None
+        return (
+            f"another than ClosedForm() for {type(law).__name__}: it is for laws with a "
+            f"`closed_form`, such as {KNOWN}"
+        )
 
-@dataclass(frozen=True)
-class ODE:
+    def collide(self, law, velocity: Array, *, clock=False, force=False) -> Collision:
+        known = asked(law, "closed_form", velocity)
+        energy = jnp.broadcast_to(jnp.square(known.coefficient), velocity.shape)
+        found = stated(energy, known.peak_overlap, known.residual_overlap)
+        if clock:
+            found = found._replace(duration=jnp.broadcast_to(known.duration, velocity.shape))
+        if force:
+            integrated = ODE(rtol=1e-10).collide(law, velocity, force=True)
+            found = found._replace(force=integrated.force)
+        return found
+
+
+class ODE(AbstractRoute):
     """The equation of motion integrated by diffrax, for any contact law.
 
     Args:
-        rtol: relative tolerance of the adaptive steps, in [1e-14, 0.1]. The absolute one is the
-            same, since the variables are scaled to one.
-        solver: explicit Runge–Kutta method: "dopri8", "dopri5", "tsit5" or "bosh3".
+        rtol: relative tolerance of the adaptive steps, in [1e-14, 0.1]; 1e-8 unless given. The
+            absolute one is the same, since the variables are scaled to one.
+        solver: explicit Runge–Kutta method: "dopri8", "dopri5", "tsit5" or "bosh3"; or any explicit
+            solver of diffrax, one without an error estimate for fixed `steps` alone.
         steps: a fixed number of equal steps for loading and as many for unloading, instead of the
             adaptive ones (then `rtol` acts no more): fastest, and without any loop over rejected
             steps.
@@ -52,15 +126,20 @@ class ODE:
         ValueError: naming the argument, its value and what is accepted.
     """
 
-    rtol: float | None = None
-    solver: str = "dopri8"
-    steps: int | None = None
-    max_steps: int = 4096
+    rtol: Any = eqx.field(default=None, metadata={"whole": True})
+    solver: Any = eqx.field(static=True, default="dopri8")
+    steps: int | None = eqx.field(static=True, default=None)
+    max_steps: int = eqx.field(static=True, default=4096)
 
     name = "ode"
 
-    def __post_init__(self):
-        check_choice("solver", self.solver, SOLVERS)
+    def __check_init__(self):
+        if isinstance(self.solver, eqx.Module):
+            from softjax import _bridge  # who has a solver of diffrax has imported it
+
+            _bridge.check_solver(self.solver, adaptive=self.steps is None)
+        else:
+            check_choice("solver", self.solver, SOLVERS)
         if self.rtol is not None and self.steps is not None:
             raise ArgumentError("`rtol` would be ignored: fixed `steps` have no tolerance")
         if self.rtol is not None and not _is_number_in(self.rtol, 1e-14, 0.1):
@@ -71,50 +150,61 @@ class ODE:
                 raise ArgumentError(f"`{name}` must be a whole number >= 1, but is {value!r}")
 
     @property
-    def tolerance(self) -> float:
-        """The tolerance in force, 1e-8 unless told."""
-        return 1e-8 if self.rtol is None else float(self.rtol)
-
-
-class Stepping(eqx.Module):
-    """`ODE` as compiled programs take it: of a tolerance they need the place, not the number."""
-
-    tolerance: Any = array_field()  # None where the steps are fixed
-    solver: str = eqx.field(static=True)
-    steps: int | None = eqx.field(static=True)
-    max_steps: int = eqx.field(static=True)
-
-    @classmethod
-    def of(cls, route: ODE, tolerance: Any) -> "Stepping":
-        return cls(tolerance, route.solver, route.steps, route.max_steps)
+    def tolerance(self) -> Any:
+        """The tolerance in force, 1e-8 unless given."""
+        return 1e-8 if self.rtol is None else self.rtol
 
     def error(self, unknown: float, dtype) -> Array:
         """What a step may be off: the tolerance, but for rounding; `unknown` if the steps are fixed."""
         tolerance = unknown if self.steps is not None else self.tolerance
         return jnp.maximum(jnp.asarray(tolerance, dtype), 4 * float(jnp.finfo(dtype).eps))
 
+    def refusal(self, law) -> str | None:
+        if isinstance(law, ForceLaw):
+            return None
+        name = type(law).__name__
+        return f"EnergyBalance() for {name}, which has no force to integrate, but is {self!r}"
 
-Route = EnergyBalance | ClosedForm | ODE
+    def collide(self, law, velocity: Array, *, clock=False, force=False) -> Collision:
+        from softjax import collision, rate_dependent  # diffrax is imported when it is asked for
+
+        impacts = law.impacts(velocity)
+        damped = isinstance(law, RateDependentLaw)
+        collide = rate_dependent.collide if damped else collision.collide
+        one = partial(collide, clock=clock, force=force)
+        found = over_impacts(one, (impacts.law, impacts.y, impacts.below, self), forward=True)
+        return found.in_si(impacts, law.force_scale(impacts.scales))
 
 
-def program_of(route: Route) -> tuple[Route, np.ndarray | None]:
-    """What a program is compiled for, and the tolerance, which it takes as a number."""
-    if not isinstance(route, ODE) or route.steps is not None:
-        return route, None
-    return replace(route, rtol=None), np.asarray(route.tolerance)
+Route = AbstractRoute
 
 
-def taken(route: Route, tolerance: Any) -> EnergyBalance | ClosedForm | Stepping:
-    """The route within a program."""
-    return Stepping.of(route, tolerance) if isinstance(route, ODE) else route
-
-
-def check_route(route) -> Route:
-    if not isinstance(route, Route):
+def check_route(route) -> AbstractRoute:
+    if not isinstance(route, AbstractRoute):
         raise ArgumentError(
             f"`route` must be EnergyBalance(), ClosedForm() or ODE(...), but is {route!r}"
         )
     return route
+
+
+def as_argument(route: AbstractRoute) -> AbstractRoute:
+    """The route as compiled programs take it: of a tolerance they need the place, not the number."""
+    if not isinstance(route, ODE) or route.steps is not None:
+        return route
+    tolerance = np.asarray(route.tolerance)
+    return eqx.tree_at(lambda r: r.rtol, route, tolerance, is_leaf=lambda leaf: leaf is None)
+
+
+def stated(energy: Array, peak, residual) -> Collision:
+    """Collisions of a law that gives their numbers itself."""
+    peak, residual = (
+        jnp.broadcast_to(x, energy.shape).astype(energy.dtype) for x in (peak, residual)
+    )
+    conditions = {
+        Status.ENERGY_GAIN: jnp.isfinite(energy) & (energy > 1 + SETTLED[str(energy.dtype)]),
+        Status.SOLVER_FAILED: ~jnp.isfinite(energy),
+    }
+    return Collision(energy, peak, residual, flagged(conditions))
 
 
 def _is_number_in(value, low: float, high: float) -> bool:

@@ -27,7 +27,7 @@ CHECKED = (
     "softjax._numerics",
     "softjax._quadrature",
     "softjax._search",
-    "softjax.assembly",
+    "softjax.branches",
     "softjax.collision",
     "softjax.empirical",
     "softjax.encke",

@@ -35,7 +35,6 @@ from softjax.laws.reduced import (
     lifted,
 )
 from softjax.laws.units import Scales, hertz_scales
-from softjax.routes import ODE, ClosedForm, EnergyBalance, Route
 
 __all__ = [
     "ContactLaw",
@@ -96,9 +95,11 @@ class ContactLaw(eqx.Module):
         return plastic_squared, jnp.zeros_like(elastic)
 
     @classmethod
-    def default_route(cls) -> Route:
+    def default_route(cls) -> Any:
         """The route that suits the law: the cheapest that it can take."""
-        return EnergyBalance()
+        import softjax  # routes are built on laws
+
+        return softjax.EnergyBalance()
 
 
 class ForceLaw(ContactLaw):
@@ -284,8 +285,10 @@ class RateDependentLaw(ForceLaw):
         return cls.closed_form is not RateDependentLaw.closed_form
 
     @classmethod
-    def default_route(cls) -> Route:
-        return ClosedForm() if cls.has_closed_form() else ODE()
+    def default_route(cls) -> Any:
+        import softjax
+
+        return softjax.ClosedForm() if cls.has_closed_form() else softjax.ODE()
 
 
 class HardSphereLaw(ContactLaw):

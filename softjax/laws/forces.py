@@ -6,6 +6,7 @@ forces and overlaps of the order of one, whatever the size of the bodies and how
 
 import math
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -152,6 +153,9 @@ class ForcesOfImpact(ReducedRateIndependent):
         overlaps = self.law.asked("breakpoints")
         return tuple(jnp.asarray(overlap) / self.length for overlap in overlaps)
 
+    def on_loading(self) -> "ForcesOfImpact":
+        return replace(self, law=_differentiable(self.law.whole, _answers_on_loading))
+
     def exponent_at(self, peak: Array) -> Array:
         return jax.lax.stop_gradient(_exponent(self.loading, peak))
 
@@ -240,10 +244,15 @@ def _differentiable(law, answers: Callable) -> Forces:
     return Forces(jax.tree.unflatten(structure, kept), static)
 
 
+def _answers_on_loading(law, x: Array) -> list:
+    ends = asked(law, "elastic_overlap"), *asked(law, "breakpoints")
+    return [asked(law, "loading_force", x), *ends]
+
+
 def _all_answers(law, x: Array) -> list:
-    ends = asked(law, "elastic_overlap"), asked(law, "residual_overlap", x)
-    forces = asked(law, "loading_force", x), asked(law, "unloading_force", x, x)
-    return [*forces, *asked(law, "breakpoints"), *(end for end in ends if end is not None)]
+    residual = asked(law, "residual_overlap", x)
+    unloading = asked(law, "unloading_force", x, x), *([] if residual is None else [residual])
+    return [*_answers_on_loading(law, x), *unloading]
 
 
 def _slowest(contact: Contact, velocity: Array) -> Array:

@@ -96,6 +96,10 @@ class ReducedRateIndependent(eqx.Module):
         """The overlap at which the loading force vanishes or ends; infinite where it never does."""
         return jnp.inf
 
+    def on_loading(self) -> "ReducedRateIndependent":
+        """The same, without the derivatives of numbers that act on unloading alone."""
+        return self
+
     def beyond_expansion(self, peak: Array) -> Array:
         """Whether the law was pushed beyond the range it was derived for."""
         return jnp.zeros_like(peak, dtype=bool)

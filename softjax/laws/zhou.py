@@ -12,7 +12,9 @@ In the units of first yield, x = δ/δ_cr and forces in k δ_cr^{3/2}, with
 """
 
 import math
+from dataclasses import replace
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
@@ -117,6 +119,9 @@ class FirstOrder(ReducedClosedForm):
         yielded = self.d * ((peak - 1) * (peak + 1))
         return elastic + yielded * (1 - self.X * (recovered / peak))  # Eq. (12)
 
+    def on_loading(self) -> "FirstOrder":
+        return replace(self, X=jax.lax.stop_gradient(self.X))
+
     def releases(self, peak: Array) -> Array:
         return jnp.broadcast_to(self.X > 1, peak.shape)
 
@@ -157,6 +162,9 @@ class Full(ReducedClosedForm):
         rim = (1 - 2 / 3 * self.d * peak) * x + 2 / 3 * self.d  # x x_m - 1 as in Eq. (12)
         yielded = self.d * ((peak - 1) * (peak + 1))
         return power_3_2(rim) + yielded * (1 - self.X * (recovered / peak))  # Eq. (11)
+
+    def on_loading(self) -> "Full":
+        return replace(self, X=jax.lax.stop_gradient(self.X))
 
     def releases(self, peak: Array) -> Array:
         return _full.has_root(peak, self.d, self.X)

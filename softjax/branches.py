@@ -1,0 +1,219 @@
+"""Load, release, unload: a rate-independent collision is put together here, and the same way by each route.
+
+A route gives how it computes the parts (`Parts`), the law its hooks: where loading ends, what remains,
+whether the unloading force vanishes, kinks, the range it was derived for.
+"""
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool
+
+from softjax._numerics import safe_power
+from softjax._search import Reach, largest, reach
+from softjax.laws.reduced import Reduced, ReducedClosedForm, ReducedRateIndependent
+from softjax.release import Release
+from softjax.status import Status
+
+SETTLED = {"float64": 1e-10, "float32": 1e-5}  # of the impact's energy
+UNANSWERED = int(Status.NO_TURNING_POINT | Status.SOLVER_FAILED)
+
+
+class Collision(NamedTuple):
+    """One collision, or arrays of them, whichever route computed it; reduced, or in SI.
+
+    Attributes:
+        energy: ε_p², the part of the impact energy that the force gives back.
+        peak: the largest overlap.
+        residual: the overlap at which the unloading force vanishes; 0 where it does not.
+        flags: those of `Status` that a route can know, as integers.
+        duration: of the contact, where it was asked for; 0 without an end.
+        force: the largest one, where it was asked for.
+    """
+
+    energy: Array
+    peak: Array
+    residual: Array
+    flags: Array
+    duration: Array | None = None
+    force: Array | None = None
+
+    @property
+    def answered(self) -> Array:
+        """Whether the bodies come to rest, and the solver got there."""
+        return (self.flags & UNANSWERED) == 0
+
+    def in_si(self, impacts: Reduced, force_unit) -> "Collision":
+        """The same of reduced impacts, slow ones scaled back; `force_unit` is (5/4) M V²/L [N]."""
+        scales = impacts.scales
+        return self._replace(
+            peak=self.peak * scales.overlap,
+            residual=self.residual * scales.overlap,
+            duration=None if self.duration is None else self.duration * scales.time,
+            force=None if self.force is None else self.force * force_unit,
+        )
+
+
+def flagged(conditions: dict[Status, Array]) -> Array:
+    """The flags whose conditions hold, as integers."""
+    flags = 0
+    for flag, holds in conditions.items():
+        flags = flags | jnp.where(holds, jnp.int32(int(flag)), 0)
+    return flags
+
+
+class Peak(NamedTuple):
+    """The end of loading.
+
+    Attributes:
+        overlap: x_m; where there is no answer that of another collision, so that all that follows
+            from it is a number.
+        velocity: y of the collision that this is the peak of.
+        end: where the loading force vanishes, 0 where it never does.
+        turns: whether the bodies come to rest at all.
+        solved: whether the solver got there.
+        error: of the impact's energy, relative to it.
+        time: since touch; None where it was not asked for.
+    """
+
+    overlap: Array
+    velocity: Array
+    end: Array
+    turns: Bool[Array, "..."]
+    solved: Bool[Array, "..."]
+    error: Array
+    time: Array | None = None
+
+
+class Rebound(NamedTuple):
+    """The end of unloading: the part ε_p² of the energy that is given back, or the time it took."""
+
+    value: Array
+    solved: Bool[Array, "..."]
+    error: Array
+
+
+class Parts(NamedTuple):
+    """How one route computes the parts of a collision.
+
+    Attributes:
+        loading: the peak of (law, y), and the time to it where `clock` is true.
+        release: the residual overlap of (law, peak overlap).
+        energy: ε_p² of (law, peak, release), as a `Rebound`.
+        time: from the peak to the end of the contact, likewise.
+        gain: how far ε_p² may exceed one by rounding, or by the tolerance.
+    """
+
+    loading: Callable[..., Peak]
+    release: Callable[[ReducedRateIndependent, Array], Release]
+    energy: Callable[[ReducedRateIndependent, Peak, Release], Rebound]
+    time: Callable[[ReducedRateIndependent, Peak, Release], Rebound]
+    gain: Array | float
+
+
+def collide(
+    parts: Parts,
+    law: ReducedRateIndependent,
+    y: Array,
+    below: Array | None,
+    clock: bool = False,
+    force: bool = False,
+) -> Collision:
+    """Collisions beyond the elastic stage.
+
+    Where there is no turning point the overlaps are where the loading force vanishes, or zero, and
+    ε_p is zero, without a gradient; where the solver gave up everything is zero.
+
+    Args:
+        below: y over that of the lifted impact, of laws that act down to rest.
+        clock, force: whether duration and largest force are asked for.
+    """
+    peak = parts.loading(law, y, clock=clock)
+    release = parts.release(law, peak.overlap)
+    found = joined(law, peak, release, parts.energy(law, peak, release), below, parts.gain)
+    if clock:
+        fall = parts.time(law, peak, release)
+        pace = 1.0 if below is None else shrunk(law, peak.overlap, below) / _positive(below)
+        ends = peak.turns & peak.solved & fall.solved
+        found = found._replace(duration=jnp.where(ends, (peak.time + fall.value) * pace, 0.0))
+    if force:
+        weak = 1.0 if below is None else below * below / shrunk(law, peak.overlap, below)
+        pull = largest(law.loading, peak.overlap) * weak
+        found = found._replace(force=jnp.where(found.answered, pull, 0.0))
+    return found
+
+
+def joined(
+    law: ReducedRateIndependent,
+    peak: Peak,
+    release: Release,
+    back: Rebound,
+    below: Array | None,
+    gain: Array | float,
+) -> Collision:
+    """The law's hooks and what a route computed, `back` of it ε_p², put together."""
+    solved = peak.solved & ((back.solved & jnp.isfinite(back.value)) | ~peak.turns)
+    answered = peak.turns & solved
+    end = jax.lax.stop_gradient(jnp.where(solved, peak.end, 0.0))
+    error = peak.error + back.error
+    far = shrunk(law, peak.overlap, below)
+    exact = (error <= SETTLED[str(peak.velocity.dtype)]) & release.clean
+    beyond = law.beyond_expansion(jnp.where(answered, peak.overlap, end))
+    conditions = {
+        Status.NO_RESIDUAL_OVERLAP: answered & ~release.released,
+        Status.ENERGY_GAIN: answered & (back.value > 1 + gain + back.error),
+        Status.BEYOND_EXPANSION: solved & beyond,
+        Status.NO_TURNING_POINT: ~peak.turns,
+        Status.SOLVER_FAILED: ~solved,
+        Status.INEXACT: answered & ~exact,
+    }
+    return Collision(
+        energy=jnp.where(answered, back.value, 0.0),
+        peak=jnp.where(answered, peak.overlap * far, end),
+        residual=jnp.where(answered, release.residual * far, end),
+        flags=flagged(conditions),
+    )
+
+
+def shrunk(law, peak: Array, below: Array | None):
+    """Overlaps of slow impacts over those of the lifted ones, by the power law near rest."""
+    return 1.0 if below is None else safe_power(below, 2 / law.exponent_at(peak))
+
+
+def _positive(below):
+    return jnp.where(below > 0, below, 1.0)
+
+
+def loading_reach(law: ReducedRateIndependent, y: Array) -> Reach:
+    """How far loading of one impact comes, roughly."""
+    end = jnp.asarray(law.end(), y.dtype)
+
+    def force(x):
+        return jnp.where(x <= end, law.loading(x), jnp.nan)
+
+    return reach(force, 0.4 * y * y, y ** (2 / law.work_exponent))
+
+
+def loading_kinks(law: ReducedRateIndependent, like: Array) -> Array:
+    """Where the loading force has kinks, as a vector."""
+    limit = law.elastic_limit
+    known = isinstance(limit, float | int)
+    points = [] if known and (limit == 0 or math.isinf(limit)) else [limit]
+    return _vector([*points, *law.breakpoints()], like)
+
+
+def unloading_kinks(law: ReducedRateIndependent, like: Array) -> Array:
+    """Where the unloading force has kinks, as a vector."""
+    if isinstance(law, ReducedClosedForm):
+        return _vector(law.breakpoints(), like)
+    return loading_kinks(law, like)
+
+
+def _vector(points, like: Array) -> Array:
+    if not len(points):
+        return jnp.zeros(0, like.dtype)
+    stacked = jnp.stack([jnp.asarray(point, like.dtype) for point in points])
+    return jnp.where(jnp.isnan(stacked), 0.0, stacked)  # none there
