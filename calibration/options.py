@@ -7,6 +7,7 @@ is one field here, beside the line that uses it.
 
 import argparse
 import inspect
+import math
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from typing import Annotated, Any, Literal, TypeVar, get_args
@@ -38,13 +39,14 @@ LAWS = (
 ROUTES = ("ode", "energy balance", "closed form")
 OBJECTIVES = ("model", "two-step")
 FORMER = {"empirical": "eq-17", "constant": "constant"}  # objectives that are laws now
+DOF = (2.0, 30.0, "a number in [2, 30]")  # of Student's t
 # options of a law, and the laws that have them
 LAW_OPTIONS = {"form": ("zhou",), "kappa": ("zhou",), "end": ("hertz-dashpot", "linear")}
 OF_ONE_FIT = ("law", "objective", "unloading_line", "profiles")  # settings that no comparison has
 # settings that act beside some values of another only
 ACTS_WITH: dict[str, tuple[str, tuple[Any, ...]]] = {
     "rtol": ("route", (None, "ode")),
-    "loss_scale": ("loss", ("huber", "soft-l1")),
+    "noise_dof": ("noise", ("student-t",)),
 }
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -82,6 +84,19 @@ def _check_route(route: Any) -> Any:
     return route if name == "ode" else name
 
 
+def _check_dof(dof: Any) -> Any:
+    """ν of Student's t: a number, also as the text of one, or "estimate"."""
+    if dof == "estimate":
+        return dof
+    try:
+        number = math.nan if isinstance(dof, bool) else float(dof)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not DOF[0] <= number <= DOF[1]:
+        raise DataError("noise_dof", dof, f'{DOF[2]}, or "estimate"')
+    return number
+
+
 def _route_to_json(route: Any) -> Any:
     if route is None or isinstance(route, str):
         return route
@@ -93,6 +108,9 @@ def _names(every: Iterable[str]) -> WithJsonSchema:
 
 
 Law = Annotated[Any, BeforeValidator(_check_law), PlainSerializer(_law_to_json), _names(LAWS)]
+Dof = Annotated[
+    Any, BeforeValidator(_check_dof), WithJsonSchema({"accepted": f'{DOF[2]}, or "estimate"'})
+]
 Objective = Annotated[Literal["model", "two-step"] | None, BeforeValidator(_check_objective)]
 Route = Annotated[
     Any, BeforeValidator(_check_route), PlainSerializer(_route_to_json), _names(ROUTES)
@@ -122,11 +140,13 @@ class FitOptions(Strict):
     optimiser: Literal["l-bfgs", "adam", "levenberg-marquardt"] = Field(
         default="l-bfgs", description="search; adam is followed by l-bfgs"
     )
-    loss: Literal["squared", "huber", "soft-l1"] = Field(
-        default="squared", description="squared, or a loss that resists outliers"
+    noise: Literal["normal", "student-t"] = Field(
+        default="normal",
+        description="distribution of independent errors; under student-t outliers lose their pull, "
+        "and a stated uncertainty is its scale, not its standard deviation",
     )
-    loss_scale: float = Field(
-        default=1.345, gt=0, description="of a robust loss, in standard errors of the residuals"
+    noise_dof: Dof = Field(
+        default=4.0, description='degrees of freedom of student-t, in [2, 30], or "estimate"'
     )
     form: Literal["first-order", "full"] | None = Field(
         default=None, description="form of Zhou's law (default: first-order)"
@@ -176,6 +196,8 @@ class FitOptions(Strict):
                 raise DataError(name, value, f"left out: {acting}")
         if self.extra_scatter and self.scale_uncertainty:
             raise DataError("scale_uncertainty", True, "left out beside extra_scatter")
+        if self.noise == "student-t" and self.objective == "two-step":
+            raise DataError("noise", self.noise, '"normal" with objective = "two-step"')
         return self
 
     @property
@@ -197,7 +219,7 @@ def idle(settings: Mapping[str, Any]) -> dict[str, str]:
 
 
 def add_options(parser: Any, names: Iterable[str] = tuple(FitOptions.model_fields)) -> None:
-    """The command-line options of some settings, `--loss-scale` for `loss_scale`."""
+    """The command-line options of some settings, `--max-steps` for `max_steps`."""
     for name in names:
         field = FitOptions.model_fields[name]
         help = (field.description or "").replace("%", "%%")

@@ -95,11 +95,22 @@ def fit(model, start, restitution, uncertainty=None):
         ftol=1e-15,
         gtol=1e-15,
     )
-    jacobian = found.jac
     scale = 1.0
     if uncertainty is None:
         scale = np.sum(found.fun**2) / (len(restitution) - len(start))
-    size = np.linalg.norm(jacobian, axis=0)
-    scaled = jacobian / size
-    covariance = np.linalg.inv(scaled.T @ scaled) / np.outer(size, size) * scale
-    return found.x, covariance, found.fun
+    off = lambda p: weight * (model(*p) - restitution)  # noqa: E731
+    return found.x, np.linalg.inv(curvature(off, found.x, found.jac)) * scale, found.fun
+
+
+def curvature(residual, at, jacobian):
+    """Second derivatives of ½ rᵀ r: JᵀJ + Σ r r″, with r″ by central differences."""
+    steps = 2e-3 * np.diag(np.abs(at) + 1e-12)
+    here, size = residual(at), len(at)
+    bent = np.empty((size, size))
+    for i in range(size):
+        for j in range(i + 1):
+            a, b = steps[i], steps[j]
+            ends = residual(at + a + b) - residual(at + a - b)
+            ends = ends - residual(at - a + b) + residual(at - a - b)
+            bent[i, j] = bent[j, i] = here @ ends / (4 * np.max(a) * np.max(b))
+    return jacobian.T @ jacobian + bent

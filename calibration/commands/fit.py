@@ -91,7 +91,7 @@ def _fitted(arguments: argparse.Namespace, given: Mapping[str, Any], progress: P
         stated.pop("area", None)  # the contacts have it
     settings = merged(stated, given)
     if arguments.posterior is not None:
-        check_possible(settings.get("objective"), settings.get("loss", "squared"))
+        check_possible(settings.get("objective"))
     law = settings.pop("law", None)
     try:
         one = data[0] if len(data) == 1 else data

@@ -35,7 +35,8 @@ class Alike(Problem):
         if len(problems) == 1:
             return problems[0]
         longest = max(problems, key=lambda one: one.count)
-        told = dict(vars(longest)) | {"laws": _joined(longest.laws, problems)}
+        told = {name: getattr(longest, name) for name in Problem.__dataclass_fields__}
+        told |= {"laws": _joined(longest.laws, problems), "errors": (), "variances": ()}
         tables = ([one.points[k] for one in problems] for k in range(3))
         velocity, restitution, weight = (_table(rows, longest.count) for rows in tables)
         for k, one in enumerate(problems):
@@ -66,9 +67,9 @@ class Alike(Problem):
 def structure(problem: Problem) -> Hashable:
     """What problems have in common that can be one; of others only they themselves have it."""
     laws, rows = problem.laws, problem.laws.rows
-    held = (problem.shared, problem.elastic, problem.scale)
-    special = any(part is not None for part in held) or problem.pools or problem.with_prior
-    if special or rows.size > 1 or any(laws.shape.whole):
+    special = problem.elastic is not None or problem.pools or problem.with_prior
+    normal = all(one.is_fixed and one.dof is None for one in problem.errors)
+    if special or not normal or rows.size > 1 or any(laws.shape.whole):
         return id(problem)
     arrays = (*problem.transform, problem.active, rows.element)
     of_law = (laws.shape, laws.free, laws.moving, rows.model.build, rows.area, rows.names)

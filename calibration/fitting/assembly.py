@@ -250,8 +250,8 @@ def _problem(
         rows.bind(theta, [*active, *more]),
         points,
         np.array(active, int),
-        tuple(spec.plan for spec in component.specs),
         route,
+        tuple(spec.errors for spec in component.specs),
         joint=component.specs[0].objective == "model",
         pools=pools_of(elements),
     )

@@ -5,9 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.fitting.assembly import Component
+from calibration.fitting.noise import stands_alone
 from calibration.fitting.problem import Problem
 from calibration.fitting.stages import StageFit, run_stage
-from calibration.fitting.uncertainty import Settled, Uncertainty, stacked, winsorised
+from calibration.fitting.uncertainty import Settled, Uncertainty, stacked
 from calibration.options import FitOptions
 
 
@@ -50,8 +51,8 @@ class ComponentFit:
 
     @property
     def is_likelihood(self) -> bool:
-        """Whether what was minimised is a likelihood: one stage, squared residuals."""
-        return len(self.stages) == 1 and self.final.problem.loss == "squared"
+        """Whether what was minimised is a likelihood: one stage."""
+        return len(self.stages) == 1
 
     @property
     def converged(self) -> bool:
@@ -66,25 +67,21 @@ def fit_component(component: Component, options: FitOptions) -> ComponentFit:
         if not fits:
             fits.append(run_stage(name, problem, z, options))
         else:
-            problem, own = _after(fits[0], problem, options)
-            fits.append(run_stage(name, problem, z, own, weigh=False))
+            fits.append(run_stage(name, _after(fits[0], problem), z, options, weigh=False))
         z = fits[-1].z
     settled = [Settled(stage.problem, stage.found.limits) for stage in fits]
     return ComponentFit(component, tuple(fits), z, stacked(settled, z[None]))
 
 
-def _after(first: StageFit, problem: Problem, options: FitOptions):
-    """A later stage's problem: the same points, weighed as the first's.
+def _after(first: StageFit, problem: Problem) -> Problem:
+    """A later stage's problem: each point weighs by its own variance, as the first stage found it.
 
-    Outliers are drawn in to the first's curve. Points that share errors weigh each by its own
-    variance: the law's misfit, which the first stage has none of, would enter whitened residuals
-    with the sizes of what is shared.
+    The law's misfit, which the first stage has none of, would enter whitened residuals with the sizes
+    of what points share.
     """
     told = first.problem
-    points = told.points
-    if told.shared is not None:
-        points = points._replace(weight=np.concatenate([e.diagonal for e in told.shared]) ** -0.5)
-    if options.loss != "squared":
-        points = points._replace(restitution=winsorised(told, first.z[None])[0])
-        options = replace(options, loss="squared")
-    return replace(problem, points=points, latent=told.latent), options
+    if all(stands_alone(told, g) for g in range(len(told.errors))):
+        return replace(problem, errors=(), variances=())  # all points weigh alike
+    weight = told.diagonal(first.z[None])[0] ** -0.5
+    points = problem.points._replace(weight=weight)
+    return replace(problem, points=points, errors=(), variances=())

@@ -14,7 +14,7 @@ class Condensed(NamedTuple):
     """J = Q R with the columns of R scaled to one, R = U S Vᵀ, of each fit.
 
     Attributes:
-        cost: half the sum of squares.
+        cost: what is minimised.
         gradient: Jᵀ r.
         size: lengths of the columns of J, 1 where there is none.
         singular, directions: S in falling order, and V (p, p).
@@ -72,8 +72,9 @@ def condense(
     residual: Float[np.ndarray, "fits m"],
     jacobian: Float[np.ndarray, "fits m p"],
     held: Bool[np.ndarray, "fits p"] | None = None,
+    cost: Float[np.ndarray, "fits"] | None = None,
 ) -> Condensed:
-    """Of each fit; columns that are held count as none."""
+    """Of each fit; columns that are held count as none. The cost, where not given, is ½ rᵀ r."""
     finite = np.all(np.isfinite(residual), 1) & np.all(np.isfinite(jacobian), (1, 2))
     residual = np.where(finite[:, None], residual, 0.0)
     jacobian = np.where(finite[:, None, None], jacobian, 0.0)
@@ -93,6 +94,6 @@ def condense(
     along = np.einsum("fji,fj->fi", left, triangle[:, :p, p])
     directions = np.swapaxes(right, 1, 2)
     gradient = size * np.einsum("fij,fj->fi", directions, singular * along)
-    cost = np.where(finite, 0.5 * norm**2, np.inf)
+    cost = np.where(finite, 0.5 * norm**2 if cost is None else cost, np.inf)
     silent = length <= SILENT * norm[:, None]
     return Condensed(cost, gradient, size, singular, directions, along, silent, finite)

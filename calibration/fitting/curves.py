@@ -12,11 +12,11 @@ import softjax as sj
 from calibration.data.checks import require
 from calibration.errors import DataError
 from calibration.fitting.collisions import Route
+from calibration.fitting.errors import Errors
 from calibration.fitting.estimate import Band
 from calibration.fitting.freedom import Freedom
 from calibration.fitting.law_model import OF_CONTACT, model_of_class
 from calibration.fitting.material import MaterialFit
-from calibration.fitting.plan import plan_of
 from calibration.fitting.problem import Element, Points, Problem
 from calibration.fitting.rows import Rows, SetRows
 from calibration.fitting.transform import Transform
@@ -24,6 +24,7 @@ from calibration.fitting.uncertainty import quantile
 from calibration.parameters import Parameter
 
 WIDE = (-np.inf, np.inf)
+STEP = 3e-3  # of a velocity, in the difference that gives dε/dv
 
 Velocity = Float[np.ndarray, "n"]
 
@@ -59,18 +60,54 @@ def band(
     """
     labels = tuple(material.free.values())
     rows = [names.index(label) for label in labels]
-    added = dict(material.variances) if kind == "prediction" else {}
+    at_data = stated_at(material, route) if kind == "prediction" else None
 
     def parts(velocity: Velocity) -> tuple[np.ndarray, ...]:
         value, slope = curve_and_slopes(material, velocity, route)
         carried = np.einsum("ni,ij,nj->n", slope, covariance[np.ix_(rows, rows)], slope)
+        added = {} if at_data is None else at_data(velocity)
         variance = np.maximum(carried, 0.0) + sum(added.values())
         degrees = freedom.degrees(labels, slope, variance, material.name, added)
+        if added and material.noise_dof is not None:
+            degrees = np.minimum(degrees, material.noise_dof)
         error = np.sqrt(variance)
         reach = quantile(confidence, degrees) * error
         return value, value - reach, value + reach, error
 
     return band_of(material, velocity, kind, parts)
+
+
+def stated_at(
+    material: MaterialFit, route: Route = None
+) -> Callable[[Velocity], dict[str, np.ndarray]]:
+    """Variances of one more measurement by where they come from, at any velocity.
+
+    What is stated of the points, or in proportion to it, is taken from those next to it in velocity.
+    """
+    data = material.data
+    kinds = ("stated", "repeats", "scale")
+    kind = next((name for name in kinds if name in material.variances), None)
+    if kind is None or data.uncertainty is None:
+        every = dict(material.variances)
+        return lambda velocity: {k: np.full(len(velocity), v) for k, v in every.items()}
+    errors = Errors.of(data)
+    slope = 0.0
+    if errors.has_slope:
+        sides = [
+            curve_and_slopes(material, data.velocity * (1 + s), route)[0] for s in (-STEP, STEP)
+        ]
+        slope = (sides[1] - sides[0]) / (2 * STEP * data.velocity)
+    variance = errors.variance({}, slope, 0.0) + np.zeros(len(data))
+    variance = variance * material.variances[kind] / np.mean(variance)
+    velocities, places = np.unique(data.velocity, return_inverse=True)
+    means = np.bincount(places, np.log(variance)) / np.bincount(places)
+
+    def at(velocity: Velocity) -> dict[str, np.ndarray]:
+        near = np.interp(np.log(np.maximum(velocity, 1e-300)), np.log(velocities), means)
+        rest = {k: np.full(len(velocity), v) for k, v in material.variances.items()}
+        return rest | {kind: np.exp(near)}
+
+    return at
 
 
 def band_of(
@@ -116,7 +153,6 @@ def curve_problem(
             velocity, np.zeros_like(velocity), np.ones_like(velocity), np.zeros(len(velocity), int)
         ),
         every,
-        (plan_of(data, False, False),),
         route,
     )
 

@@ -119,7 +119,7 @@ def _fitted(request: Request) -> FitResult:
         of_predictions=of_predictions,
         rank=sum(int(f.uncertainty.rank[0]) for f in fits),
         condition_number=condition if np.isfinite(condition) else None,
-        likelihood=likelihood_of(fits),
+        likelihood=likelihood_of(fits, request.options),
         warnings=tuple(dict.fromkeys(doubts)),
         optimiser_report=tuple(s.report for s in _stages(fits, stage)),
         profiles={label: curve for own in curves for label, curve in own.items()},
@@ -200,14 +200,14 @@ def _settings(request: Request, fits: list[ComponentFit]) -> dict[str, Any]:
         table |= spec.model.options
     table |= {
         "x64": True,
-        "loss": request.options.loss,
+        "noise": request.options.noise,
         "starts": request.options.starts,
         "seed": request.options.seed,
         "max_steps": request.options.max_steps,
         "given_law": law_name(request.options.law),
     }
-    if request.options.loss != "squared":
-        table["loss_scale"] = request.options.loss_scale
+    if request.options.noise == "student-t":
+        table["noise_dof"] = request.options.noise_dof
     integrated = fits[0].final.problem.route
     if isinstance(integrated, sj.ODE):
         steps = integrated.steps

@@ -26,7 +26,7 @@ from calibration.fitting.estimate import Estimate, Line
 from calibration.fitting.freedom import Freedom
 from calibration.fitting.known_laws import LAWS, law_name
 from calibration.fitting.likelihood import Likelihood
-from calibration.fitting.material import MaterialFit
+from calibration.fitting.material import MaterialFit, Outlier
 from calibration.fitting.profiles import Profile
 from calibration.fitting.request import Request, checked
 from calibration.fitting.rows import Tree
@@ -139,6 +139,8 @@ class FitRecord(Strict):
     known: tuple[NotNegative, NotNegative | None]
     variances: dict[str, NotNegative | None]
     timing: NotNegative | None
+    noise_dof: NotNegative | None
+    outliers: tuple[Outlier, ...]
     standardised: tuple[Real, ...]
     leverage: tuple[Real, ...]
     residual_degrees: NotNegative

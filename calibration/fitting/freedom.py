@@ -1,13 +1,13 @@
 """How well a fit's covariance is known, as a result keeps it: for quantiles of what follows from it."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from calibration.fitting.degrees import Parts, satterthwaite
+from calibration.fitting.uncertainty import Parts, satterthwaite
 
 ALL = "all"
 MOST = 50_000  # numbers that a result keeps of one component; beyond, its least degrees of freedom
@@ -51,7 +51,7 @@ class Freedom:
         slopes: Float[np.ndarray, "n p"],
         variance: Float[np.ndarray, "n"],
         material: str,
-        added: dict[str, float] | None = None,
+        added: Mapping[str, Any] | None = None,
     ) -> Float[np.ndarray, "n"]:
         """Degrees of freedom of a variance, infinite where the noise is known.
 
@@ -70,7 +70,7 @@ class Freedom:
                 for m, k in zip(self.sets, self.names, strict=True)
             ]
             if any(own):
-                parts[:, own] += value / sum(own)
+                parts[:, own] += np.reshape(value, (-1, 1)) / sum(own)
         return satterthwaite(variance[None], parts[None], self.relative[None])[0]
 
     @classmethod

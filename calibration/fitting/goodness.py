@@ -6,8 +6,13 @@ import numpy as np
 
 from calibration.fitting.component_fit import ComponentFit
 from calibration.fitting.intervals import weighted_deviation
-from calibration.fitting.noise import known_variances, leverages
+from calibration.fitting.material import Outlier
 from calibration.fitting.problem import Problem
+from calibration.fitting.uncertainty import leverages
+
+RARE = 0.05  # probability that the farthest of n normal errors is named
+MOST_OUTLIERS = 100  # of one data set
+ROUNDING = 1e-9  # of ε: residuals below are none
 
 
 def goodness_of(fit: ComponentFit, place: int) -> dict[str, Any]:
@@ -15,62 +20,85 @@ def goodness_of(fit: ComponentFit, place: int) -> dict[str, Any]:
     problem = fit.final.problem
     own = problem.points.set == place
     data = problem.datasets[place]
-    free = sum(fit.component.sets[place] in e.sets for e in fit.component.elements)
-    left = float(max(len(data) - free, 0))
     found = problem.linearise(fit.z[None])
     leverage = leverages(found.jacobian)[0, : problem.count][own]
+    left = float(max(len(data) - np.sum(leverage), 0.0))
     weighted = found.residual[0, : problem.count][own]
     spread = weighted_deviation(fit, problem)[own]
     allowed = np.sqrt(np.maximum(1 - leverage, 1e-12)) * np.where(spread > 0, spread, 1.0)
     first = fit.stages[0].problem  # which knows what the points share
+    off = found.prediction[0][own] - problem.points.restitution[own]
+    timing = first.variances[place].get("timing")
+    nu = first.errors[place].nu(first.variances[place])
     return {
         "standardised": tuple(map(float, weighted / allowed)),
         "leverage": tuple(map(float, leverage)),
         "residual_degrees": left,
-        "reduced_chi_squared": _reduced(first, problem, place, found.prediction[0][own], left),
-        "variances": _variances(fit, first, place),
-        "timing": _timing(first, place),
+        "reduced_chi_squared": _reduced(first, place, fit.z, off, left),
+        "variances": _variances(first, place, fit.z),
+        "noise_dof": None if nu is None else float(nu),
+        "outliers": _outliers(first, place, fit.z, off, leverage),
+        "timing": None if timing is None else float(timing) ** 0.5,
     }
 
 
-def _reduced(first: Problem, problem: Problem, place: int, predicted, left: float) -> float | None:
-    """χ² over its degrees of freedom, of errors as they are stated."""
-    data = problem.datasets[place]
-    if data.uncertainty is None or left < 1:
+def _outliers(first: Problem, place: int, z: np.ndarray, off, leverage) -> tuple[Outlier, ...]:
+    """Points beyond `RARE`: the one of n points that noise sends so far once in twenty data sets."""
+    from scipy import special
+
+    errors, s, data = first.errors[place], first.variances[place], first.datasets[place]
+    carried = first.carried(z[None])[place]
+    spread = np.sqrt(errors.diagonal(s, carried.slope, carried.bend) + np.zeros((1, len(errors))))[
+        0
+    ]
+    if errors.shares:  # without what the others of its group tell
+        solved = errors.solve(errors.factor(s, carried.slope, carried.bend), off[None, :, None])
+        factor = errors.factor(s, carried.slope, carried.bend)
+        residual = -(solved[0, :, 0] / np.sqrt(errors.precisions(factor).reshape(-1)))
+    else:
+        residual = -off / spread
+    size = np.abs(residual) / np.sqrt(np.maximum(1 - leverage, 1e-3))
+    limit, nu = special.ndtri(1 - 0.5 * RARE / len(data)), errors.nu(s)
+    size = np.where(np.max(np.abs(off)) > ROUNDING, size, 0.0)
+    weight = np.ones(len(data)) if nu is None else (nu + 1) / (nu + residual**2) * nu / (nu + 1)
+    found = [k for k in np.argsort(-size, kind="stable") if size[k] > limit]
+    lines = data.origin.lines if data.origin is not None else None
+    return tuple(
+        Outlier(
+            int(k) + 1,
+            None if lines is None or k >= len(lines) else int(lines[k]),
+            float(data.velocity[k]),
+            float(data.restitution[k]),
+            float(residual[k]),
+            float(weight[k]),
+        )
+        for k in found[:MOST_OUTLIERS]
+    )
+
+
+def _reduced(first: Problem, place: int, z: np.ndarray, off, left: float) -> float | None:
+    """χ² over its degrees of freedom, of errors as they are stated; None where they are not all that is."""
+    errors, data = first.errors[place], first.datasets[place]
+    told = errors.is_stated or errors.unknown == ("scale",)
+    if data.uncertainty is None or left < 1 or not told or errors.dof is not None:
         return None
-    off = predicted - problem.points.restitution[problem.points.set == place]
-    if first.shared is not None:
-        return float(np.sum(first.shared[place].whiten(off[:, None]) ** 2)) / left
-    return float(np.sum(off**2 / known_variances(problem, place))) / left
+    carried = first.carried(z[None])[place]
+    s = {**first.variances[place], "scale": 1.0}
+    factor = errors.factor(s, carried.slope, carried.bend)
+    return float(np.sum(errors.whiten(factor, off[None, :, None]) ** 2)) / left
 
 
-def _variances(fit: ComponentFit, problem: Problem, place: int) -> dict[str, float]:
-    """Mean variances of a point."""
-    plan, data = problem.plans[place], problem.datasets[place]
-    own = problem.points.set == place
-    if problem.shared is not None:
-        return _of_shared(problem, place)
-    total = float(np.mean(fit.uncertainty.noise.deviation[0, own] ** 2))
-    if data.uncertainty is None:
-        return {"scatter": total}
-    if "scale" in plan.unknown:
-        return {"scale": total}
-    if "scatter" in plan.unknown:
-        stated = float(np.mean(known_variances(problem, place)))
-        return {"stated": stated, "scatter": max(total - stated, 0.0)}
-    return {"stated" if data.degrees is None else "repeats": total}
-
-
-def _of_shared(problem: Problem, place: int) -> dict[str, float]:
-    assert problem.shared is not None
-    errors = problem.shared[place]
-    found = {k: v for k, v in errors.variance.items() if k in ("scatter", "group")}
-    rest = float(np.mean(errors.diagonal)) - sum(found.values())
-    kinds = [kind for kind in ("scale", "timing") if kind in errors.variance]
-    return {kinds[0] if kinds else "stated": max(rest, 0.0)} | found
-
-
-def _timing(problem: Problem, place: int) -> float | None:
-    if problem.shared is None or "timing" not in problem.shared[place].variance:
-        return None
-    return float(np.sqrt(problem.shared[place].variance["timing"]))
+def _variances(problem: Problem, place: int, z: np.ndarray) -> dict[str, float]:
+    """Mean variances of a point, by where they come from."""
+    errors, s = problem.errors[place], problem.variances[place]
+    carried = problem.carried(z[None])[place]
+    found = {kind: float(s[kind]) for kind in ("scatter", "group") if kind in s}
+    bare = {kind: value for kind, value in s.items() if kind not in ("scatter", "group")}
+    rest = float(
+        np.mean(errors.variance(bare, carried.slope, carried.bend) + np.zeros(len(errors)))
+    )
+    if rest <= 0:
+        return found
+    kinds = [kind for kind in ("scale", "timing") if kind in s]
+    name = kinds[0] if kinds else "stated" if errors.degrees is None else "repeats"
+    return {name: rest} | found

@@ -67,8 +67,7 @@ def _along_branches(fit: ComponentFit, asked: Asked) -> dict[str, Profile]:
 def _asked(fit: ComponentFit, confidence: float) -> Asked | None:
     """What is to be profiled of a fit; None where nothing is."""
     stage = fit.stages[0]
-    likelihood = stage.problem.loss == "squared" and bool(stage.found.converged[0])
-    if not likelihood or not len(stage.problem.active):
+    if not stage.found.converged[0] or not len(stage.problem.active):
         return None
     problem, known = stage.problem, fit.uncertainty
     variance = _variance(fit)
@@ -88,7 +87,7 @@ def _asked(fit: ComponentFit, confidence: float) -> Asked | None:
 
 def _left(fit: ComponentFit) -> float:
     """Degrees of freedom of the noise: of what has no standard error of its own."""
-    if all(plan.stated for plan in fit.stages[0].problem.plans):
+    if all(one.is_stated for one in fit.stages[0].problem.errors):
         return np.inf
     return float(np.min(fit.uncertainty.noise.left[0]))
 
@@ -103,7 +102,7 @@ def _variance(fit: ComponentFit) -> float | None:
 
 def weighted_deviation(fit: ComponentFit, problem: Problem) -> np.ndarray:
     """Standard deviation of each weighted residual of a stage's points."""
-    if problem.shared is not None:
+    if not problem.is_fixed:
         return np.ones(problem.count)
     return fit.uncertainty.noise.deviation[0] * problem.points.weight
 
@@ -128,8 +127,9 @@ def estimate_of(fit: ComponentFit, k: int, curve: Profile | None, confidence: fl
     transform = fit.final.problem.transform.part(np.array([k]))
     z_error = float(known.errors[0, k])
     slope = float(abs(transform.slope(fit.z[k : k + 1])[0]))
+    error = slope * z_error if known.definite[0] else None
     if curve is not None:
-        return Estimate(value, slope * z_error, curve.low, curve.high, "profile", True)
+        return Estimate(value, error, curve.low, curve.high, "profile", True)
     reach = quantile(confidence, known.degrees[0, k]) * z_error
     ends: list[float | None] = []
     for sign in (-1, 1):
@@ -137,7 +137,7 @@ def estimate_of(fit: ComponentFit, k: int, curve: Profile | None, confidence: fl
         end = transform.physical(fit.z[k : k + 1] + sign * reach)[0]
         ends.append(float(end) if told else None)
     method = "wald" if fit.is_likelihood else "sandwich"
-    return Estimate(value, slope * z_error, ends[0], ends[1], method, True)
+    return Estimate(value, error, ends[0], ends[1], method, True)
 
 
 def _at_an_end(fit: ComponentFit, k: int, curve: Profile | None) -> Estimate:

@@ -1,29 +1,22 @@
 """Each point, or each group, predicted by the fit to all others."""
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import partial
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from calibration.fitting.component_fit import ComponentFit
-from calibration.fitting.noise import (
-    LEAST,
-    as_measured,
-    known_variances,
-    level,
-    slopes_at,
-    with_slopes,
-)
-from calibration.fitting.plan import ErrorPlan
+from calibration.fitting.errors import log_density
 from calibration.fitting.problem import AT_ONCE, Lanes, Problem
-from calibration.fitting.refits import refit
+from calibration.fitting.search import search
+from calibration.fitting.variances import estimated, relative_covariance
 
 EXACT = 1_000_000  # impacts up to which every point is left out by a refit
 EXACT_BY_TIME = 20_000  # the same where every impact is integrated over time
 SEEN = 1e-9  # singular values below that of the largest are none
+STEPS = 200  # of one refit
 
 
 @dataclass(frozen=True)
@@ -31,12 +24,14 @@ class LeaveOneOut:
     """Each point predicted by the fit without it.
 
     Where data have groups all of a group is left out together. The density is that of the measured ε
-    at the measured velocity, whose error is carried into ε by the curve's slope.
+    at the measured velocity.
 
     Attributes:
         predicted: ε, (n,), in the order of the data sets' points.
         residual: predicted less measured.
         log_density: of each point under the prediction without it.
+        pointwise: ln p of each point by the fit to all of them, given the others where points share
+            errors: the terms of its likelihood.
         fold: points of equal number were left out together, 0, 1, 2, ...
         exact: whether refits were made; else the fit was continued to first order.
         converged: whether every refit arrived.
@@ -45,6 +40,7 @@ class LeaveOneOut:
     predicted: Float[np.ndarray, "n"]
     residual: Float[np.ndarray, "n"]
     log_density: Float[np.ndarray, "n"]
+    pointwise: Float[np.ndarray, "n"]
     fold: Int[np.ndarray, "n"]
     exact: bool
     converged: bool
@@ -88,42 +84,29 @@ def leave_one_out(fits: list[ComponentFit]) -> LeaveOneOut:
     def joined(name: str) -> np.ndarray:
         return np.concatenate([getattr(part, name)[own] for _, part, own in ordered])
 
-    return LeaveOneOut(
-        joined("predicted"),
-        joined("residual"),
-        joined("log_density"),
-        joined("fold"),
-        all(part.exact for _, part in parts),
-        all(part.converged for _, part in parts),
-    )
+    names = ("predicted", "residual", "log_density", "pointwise", "fold")
+    whole = {name: all(getattr(part, name) for _, part in parts) for name in ("exact", "converged")}
+    columns: dict[str, Any] = {name: joined(name) for name in names}
+    return LeaveOneOut(**columns, **whole)
 
 
 def _left_out(fit: ComponentFit) -> LeaveOneOut:
-    problem = fit.final.problem
-    if problem.shared is not None:
-        return _left_out_together(fit)
-    fold = folds_of(problem)
+    problem, first = fit.final.problem, fit.stages[0].problem
+    fold, shares = folds_of(first), any(one.shares for one in first.errors)
     most = EXACT_BY_TIME if fit.final.report.route == "ode" else EXACT
-    if problem.count * (1 + np.max(fold)) > most or not _apart(fit.stages[0].problem):
+    whole = problem.count * (1 + np.max(fold)) <= most
+    apart = all(e.group is not None for e in first.errors if e.shares)
+    if not whole or not apart:
         return _continued(fit, fold)
-    z, converged = _refitted_without(fit, fold)
-    return _scored(fit, z, converged, fold)
-
-
-def _apart(problem: Problem) -> bool:
-    """Whether what is left out shares no error with what stays."""
-    shared = problem.shared or ()
-    return all(len(errors.units()) > 1 and errors.group is not None for errors in shared)
+    return _without_groups(fit, fold) if shares else _without_points(fit, fold)
 
 
 def folds_of(problem: Problem) -> Int[np.ndarray, "n"]:
     """What is left out together: each point alone, or all of a group where the data have groups."""
-    fold = np.empty(problem.count, int)
-    first = 0
-    for g, data in enumerate(problem.datasets):
-        rows = np.flatnonzero(problem.points.set == g)
+    fold, first = np.empty(problem.count, int), 0
+    for data, rows in zip(problem.datasets, problem.own, strict=True):
         index = data.group_index
-        own = np.arange(len(rows)) if index is None else index
+        own = np.arange(len(data)) if index is None else index
         fold[rows] = first + own
         first += int(np.max(own)) + 1
     if first == 1:
@@ -131,243 +114,212 @@ def folds_of(problem: Problem) -> Int[np.ndarray, "n"]:
     return fold
 
 
-def _refitted_without(fit: ComponentFit, fold: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """z of the fit without each fold, through all stages; and which of them arrived."""
-    folds = int(np.max(fold)) + 1
-    z = np.repeat(fit.z[None], folds, axis=0)
-    converged = np.ones(folds, bool)
-    kept = fold != np.arange(folds)[:, None]
+def _pointwise(fit: ComponentFit) -> Float[np.ndarray, "n"]:
+    """ln p of each point by the likelihood of the fit."""
+    first = fit.stages[0].problem
+    curve = fit.final.problem.predict(fit.z[None])[0]
+    off = curve - first.points.restitution
+    every = zip(first.errors, first.variances, first.carried(fit.z[None]), first.own, strict=True)
+    parts = [e.by_point(s, off[None, own], c.slope, c.bend)[0] for e, s, c, own in every]
+    return np.concatenate(parts)
+
+
+def _without_points(fit: ComponentFit, fold: np.ndarray) -> LeaveOneOut:
+    """By refits, of points that share no errors; the noise is that of the points that are kept."""
+    folds, problem = int(np.max(fold)) + 1, fit.final.problem
+    z, converged = np.repeat(fit.z[None], folds, axis=0), np.ones(folds, bool)
+    kept = (fold != np.arange(folds)[:, None]).astype(float)
     for stage in fit.stages:
-        lanes = Lanes(weight=np.where(kept, stage.problem.points.weight, 0.0))
-        found = refit(fit, stage.problem, z, lanes)
+        lanes = Lanes(weight=kept * stage.problem.points.weight)
+        begun = np.broadcast_to(fit.begun, z.shape)
+        found = search(stage.problem, z, begun=begun, lanes=lanes, limit=STEPS)
         z, converged = found.z, converged & found.converged
-    return z, converged
-
-
-def _measured(problem: Problem) -> Float[np.ndarray, "n"]:
-    """ε as it was measured, outliers not drawn in."""
-    return np.concatenate([data.restitution for data in problem.datasets])
-
-
-def _scored(fit: ComponentFit, z: np.ndarray, converged: np.ndarray, fold) -> LeaveOneOut:
-    """Predictions and densities of what each refit left out, at the measured velocities."""
-    problem = as_measured(fit.final.problem, fit.z)
-    measured, residual, density = _measured(problem), *np.empty((2, problem.count))
+    predicted, density = np.empty((2, problem.count))
     most = max(1, AT_ONCE // problem.count)
-    for first in range(0, len(z), most):
-        some = z[first : first + most]
-        found = problem.linearise(some)
-        slope = None if problem.latent is None else slopes_at(problem, some)
-        searched = _searched(fit, found.jacobian)
-        for k, (prediction, jacobian) in enumerate(zip(found.prediction, searched, strict=True)):
-            rows, off = fold == first + k, prediction - measured
-            at = problem if slope is None else with_slopes(problem, slope[k])
-            residual[rows], density[rows] = off[rows], _densities(at, off, jacobian, rows)
-    return LeaveOneOut(residual + measured, residual, density, fold, True, bool(np.all(converged)))
+    for some in np.split(np.arange(folds), np.arange(most, folds, most)):
+        curve, scores = _scored(fit, z[some], kept[some])
+        for k, number in enumerate(some):
+            rows = fold == number
+            predicted[rows], density[rows] = curve[k, rows], scores[k, rows]
+    residual = predicted - problem.points.restitution
+    whole = bool(np.all(converged))
+    return LeaveOneOut(predicted, residual, density, _pointwise(fit), fold, True, whole)
 
 
-def _searched(fit: ComponentFit, jacobian: Float[np.ndarray, "fits m p"]) -> np.ndarray:
-    """Its columns of unit length, and 0 for what is held at an end of its range."""
-    held = fit.uncertainty.limits[0, fit.final.problem.active] != 0
-    size = np.linalg.norm(jacobian, axis=1, keepdims=True)
-    return np.where(held, 0.0, jacobian / np.where(size > 0, size, 1.0))
+def _scored(fit: ComponentFit, z: np.ndarray, kept: np.ndarray):
+    """Predictions of refits, and densities of what each left out."""
+    problem, first = fit.final.problem, fit.stages[0].problem
+    found = problem.linearise(z)
+    off = found.prediction - problem.points.restitution
+    variance, degrees = np.empty((2, *off.shape))
+    nus: list = []
+    held = fit.uncertainty.limits[0, problem.active] != 0
+    every = zip(first.errors, first.variances, first.seen(z), first.own, strict=True)
+    for errors, s, seen, own in every:
+        mask = np.where(np.any(kept[:, own] > 0, axis=1)[:, None], kept[:, own], 1.0)
+        columns = found.jacobian[:, : problem.count][:, own] / problem.points.weight[own][:, None]
+        raw = np.where(held, 0.0, seen.jacobian if problem is first else columns)
+        seen = seen._replace(off=off[:, own], jacobian=raw, kept=mask)
+        at = (seen.slope, seen.bend)
+        if errors.unknown:
+            s = estimated(errors, seen, True, s)
+            relative = relative_covariance(errors, s, seen)
+        total = errors.variance(s, *at) + np.zeros(off[:, own].shape)
+        variance[:, own], degrees[:, own] = total, np.inf
+        nus.append(errors.nu(s))
+        if errors.unknown and not errors.is_stated and errors.dof is None:
+            per = [
+                errors.variance({**s, kind: 2 * s[kind]}, *at) - total for kind in errors.unknown
+            ]
+            spread = np.einsum("cfn,fcd,dfn->fn", per, relative, per)
+            with np.errstate(divide="ignore"):
+                degrees[:, own] = np.where(spread > 0, 2 * total**2 / spread, np.inf)
+    weight = np.broadcast_to(problem.points.weight, off.shape)
+    raw = _searched(fit, found.jacobian, weight)
+    rows = raw[:, : problem.count]
+    there = rows * (kept * variance**-0.5)[..., None]
+    others = raw[:, problem.count :]
+    information = np.swapaxes(there, 1, 2) @ there + np.swapaxes(others, 1, 2) @ others
+    covariance = np.linalg.pinv(information, rcond=SEEN, hermitian=True)
+    spread = variance + np.einsum("fnp,fpq,fnq->fn", rows, covariance, rows)
+    if nus[0] is not None:
+        wide = [n + np.zeros(off[:, own].shape) for n, own in zip(nus, first.own, strict=True)]
+        return found.prediction, log_density(off, spread, np.concatenate(wide, axis=1))
+    deviation = np.sqrt(spread)
+    return found.prediction, student(off / deviation, degrees) - np.log(deviation)
 
 
-def _densities(problem: Problem, off, jacobian, rows) -> np.ndarray:
-    """ln of the predictive density of the points `rows` by a fit to all others.
-
-    Its variance is that of the point's own errors, and what the errors of the others make in the
-    prediction.
-    """
-    weight, kept = problem.points.weight, np.ones(len(jacobian), bool)
-    kept[: len(rows)] = ~rows
-    left, singular, right = np.linalg.svd(jacobian[kept], full_matrices=False)
-    seen = singular > SEEN * max(np.max(singular, initial=0.0), SEEN)
-    basis, leverage = left[:, seen], np.zeros(len(rows))
-    leverage[~rows] = np.sum(basis[: np.sum(~rows)] ** 2, axis=1)
-    variance, degrees = _noise_without(problem, off, leverage, ~rows)
-    errors = np.ones(len(basis))  # of the weighted points, and of the priors
-    errors[: np.sum(~rows)] = (variance * weight**2)[~rows]
-    influence = (jacobian[: len(rows)][rows] @ right[seen].T / singular[seen]) @ basis.T
-    deviation = np.sqrt(variance[rows] + influence**2 @ errors / weight[rows] ** 2)
-    return log_density(off[rows] / deviation, degrees[rows]) - np.log(deviation)
+def _searched(fit: ComponentFit, jacobian, weight) -> np.ndarray:
+    """Slopes of ε and of the priors' rows, columns of unit length; 0 for what is held at an end."""
+    problem = fit.final.problem
+    if problem.is_fixed:
+        safe = np.where(weight > 0, weight, 1.0)
+        points = jacobian[:, : problem.count] / safe[..., None]
+    else:
+        variance = problem.diagonal(np.repeat(fit.z[None], len(jacobian), axis=0))
+        points = jacobian[:, : problem.count] * np.sqrt(variance)[..., None]
+    end = jacobian.shape[1] - problem.more
+    rows = np.concatenate([points, jacobian[:, problem.count : end]], axis=1)
+    held = fit.uncertainty.limits[0, problem.active] != 0
+    size = np.linalg.norm(rows, axis=1, keepdims=True)
+    return np.where(held, 0.0, rows / np.where(size > 0, size, 1.0))
 
 
-def _noise_without(problem: Problem, off, leverage, kept) -> tuple[np.ndarray, np.ndarray]:
-    """The variance of each point's errors, each data set's from its kept points; degrees of freedom."""
-    variance, degrees = np.empty(len(off)), np.full(len(off), np.inf)
-    for g, plan in enumerate(problem.plans):
-        own = problem.points.set == g
-        known, some = known_variances(problem, g), kept[own]
-        some = some if np.any(some) else ~some
-        left = max(float(np.sum((1 - leverage[own])[some])), 1.0)
-        scatter, factor = level(plan, off[own][some], known[some], left)
-        total = scatter + factor * known
-        variance[own] = total
-        weight = np.sum(1 / total[some])
-        degrees[own] = _degrees(plan, total, scatter, left, np.sum(some) / weight)
-    return variance, degrees
+def _without_groups(fit: ComponentFit, fold: np.ndarray) -> LeaveOneOut:
+    """By refits without each group of points that share errors, under the variances of the fit."""
+    problem, first = fit.final.problem, fit.stages[0].problem
+    predicted, density, whole = np.empty(problem.count), np.empty(problem.count), True
+    held = fit.uncertainty.limits[0, problem.active] != 0
+    for number in range(int(np.max(fold)) + 1):
+        rows, z = fold == number, fit.z[None]
+        for stage in fit.stages:
+            own = stage.problem.kept(~rows)
+            found = search(own, z, begun=fit.begun[None], limit=STEPS)
+            z, whole = found.z, whole and bool(found.converged[0])
+        there = np.where(held, 0.0, own.linearise(z).jacobian[0])
+        inverse = np.linalg.pinv(there.T @ there, rcond=SEEN**2, hermitian=True)
+        left = replace(first.kept(rows), active=problem.active, laws=problem.kept(rows).laws)
+        seen, places = left.seen(z), [np.flatnonzero(rows[o]) for o in first.own]
+        curve = problem.kept(rows).predict(z)[0]
+        predicted[rows] = curve
+        off, k = curve - problem.points.restitution[rows], 0
+        for errors, s, one, some in zip(left.errors, left.variances, seen, places, strict=True):
+            if not len(some):
+                continue
+            part, slopes = slice(k, k + len(some)), np.where(held, 0.0, one.jacobian[0])
+            factor = errors.factor(s, one.slope, one.bend)
+            own_errors = errors.times(factor, np.eye(len(some))[None])[0]
+            place = np.flatnonzero(rows)[part]
+            density[place] = _joint(off[part], own_errors + slopes @ inverse @ slopes.T)
+            k = part.stop
+    residual = predicted - problem.points.restitution
+    return LeaveOneOut(predicted, residual, density, _pointwise(fit), fold, True, whole)
 
 
-def _degrees(plan: ErrorPlan, total, scatter, left, mean):
-    """Degrees of freedom of variances s² + known with s² an estimate (Satterthwaite).
-
-    Args:
-        mean: the harmonic mean of the variances that s² was estimated among.
-    """
-    if plan.stated:
-        return np.inf
-    if "scatter" not in plan.unknown:
-        return left
-    # the variance of s² by Paule and Mandel; one that is hardly told has one degree of freedom
-    spread = np.minimum(2 * mean**2 / left, 2 * scatter**2)
-    return 2 * total**2 / spread
+def _joint(residual: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """ln of the normal density of points together: of each, those before it given."""
+    lower = np.linalg.cholesky(0.5 * (covariance + covariance.T))
+    white = np.linalg.solve(lower, residual)
+    return -0.5 * (white**2 + math.log(2 * math.pi)) - np.log(np.diag(lower))
 
 
 def _continued(fit: ComponentFit, fold: Int[np.ndarray, "n"]) -> LeaveOneOut:
-    """The fit without each fold to first order: exact for a linear model.
+    """The same to first order; point by point where there is one train alone.
 
-    With U an orthonormal basis of the Jacobian's columns and B_f = (1 - U_fᵀ U_f)⁻¹, leaving the
-    fold f out moves the fit by c_f = B_f U_fᵀ r_f, and a weighted residual from r to r + u c_f. The
-    prediction has the variance u B_f M_f B_f uᵀ, M_f = Σ uᵀ var(r) u over the other rows.
+    With P = V⁻¹ - V⁻¹J (A₀ + JᵀV⁻¹J)⁻¹ JᵀV⁻¹ the residuals of a fold b by the fit to all others are
+    P_bb⁻¹ (P r)_b, of covariance P_bb⁻¹: exact for a linear model. An unknown noise is found from what
+    is left of rᵀ P r.
     """
-    problem = as_measured(fit.final.problem, fit.z)
-    measured, weight = _measured(problem), problem.points.weight
-    found = problem.linearise(fit.z[None])
-    left, singular, _ = np.linalg.svd(_searched(fit, found.jacobian)[0], full_matrices=False)
-    basis = left[: problem.count, singular > SEEN * max(np.max(singular, initial=0.0), SEEN)]
-    off, square = found.prediction[0] - measured, basis[:, :, None] * basis[:, None, :]
-    folds, one = int(np.max(fold)) + 1, np.eye(basis.shape[1])
-    inverse = np.linalg.pinv(one - _sums(square, fold, folds), rcond=SEEN, hermitian=True)
-    pull = _sums(basis * (off * weight)[:, None], fold, folds)
-    moved = np.einsum("fpq,fq->fp", inverse, pull)
-    turned = np.einsum("np,npq->nq", basis, inverse[fold])
-    residual = off + np.sum(basis * moved[fold], axis=1) / weight
-    variance, degrees = np.empty((2, problem.count))
-    middle = np.repeat((one - np.sum(square, axis=0))[None], folds, axis=0)  # of the priors
-    for g, plan in enumerate(problem.plans):
-        own, known = problem.points.set == g, known_variances(problem, g)
-        every, sums = np.sum(square[own], axis=0), partial(_sums, fold=fold[own], folds=folds)
-        scatter, factor = level(plan, off[own], known, max(len(known) - np.trace(every), 1.0))
-        total = scatter + factor * known
-        kept = len(known) - sums(np.ones(len(known)))
-        used = np.sum(inverse * every, axis=(1, 2)) - sums(np.sum((turned * basis)[own], axis=1))
-        free = np.maximum(kept - used, 1.0)
-        # Σ (r + u c)²/variance over the set less the fold
-        over = 1 / np.sqrt(total)
-        white, steep = off[own] * over, basis[own] * (over / weight[own])[:, None]
-        squares = (
-            np.sum(white**2) + 2 * moved @ (steep.T @ white) - sums((residual[own] * over) ** 2)
-        )
-        squares += np.sum(moved @ (steep.T @ steep) * moved, axis=1)
-        # a step of Newton's from the noise of all points, exact where nothing of it is known
-        excess = np.where((kept > 0) & (not plan.stated), squares / free - 1, 0.0)
-        others = np.maximum(np.sum(over**2) - sums(over**2), np.min(over**2))
-        mean = np.where(kept > 0, kept / others, scatter)
-        by_scale = "scale" in plan.unknown
-        unit, step, least = (total, 1.0, 1.0) if by_scale else (np.ones(len(known)), mean, scatter)
-        change = np.maximum(excess * step, (LEAST - 1) * least)
-        variance[own] = total + change[fold[own]] * unit
-        square_of = square[own] * weight[own, None, None] ** 2
-        middle += np.tensordot(total, square_of, 1) - sums(square_of * variance[own, None, None])
-        middle += change[:, None, None] * np.tensordot(unit, square_of, 1)
-        settled = [a[fold[own]] for a in (scatter + change, free, mean + change)]
-        degrees[own] = _degrees(plan, variance[own], *settled)
-    deviation = np.sqrt(
-        variance + np.einsum("np,npq,nq->n", turned, middle[fold], turned) / weight**2
-    )
-    density = log_density(residual / deviation, degrees) - np.log(deviation)
-    return LeaveOneOut(residual + measured, residual, density, fold, False, True)
-
-
-def _sums(values: np.ndarray, fold: np.ndarray, folds: int) -> np.ndarray:
-    """Of the points of each fold."""
-    found = np.zeros((folds, *values.shape[1:]))
-    np.add.at(found, fold, values)
-    return found
-
-
-def _left_out_together(fit: ComponentFit) -> LeaveOneOut:
-    """Without each group of points that share errors, by refits under the covariance of the fit."""
-    problem = as_measured(fit.final.problem, fit.z)
-    assert problem.shared is not None
-    fold = np.empty(problem.count, int)
-    for number, (rows, *_) in enumerate(_members(problem)):
-        fold[rows] = number
-    if not _apart(problem) or problem.count * (1 + np.max(fold)) > EXACT:
-        return _continued_together(fit, fold)
-    z, converged = _refitted_without(fit, fold)
-    bare = replace(problem, shared=None, loss="squared").weighed(np.ones(problem.count))
-    white, raw = problem.linearise(z), bare.linearise(z)
-    measured, residual, density = _measured(problem), *np.empty((2, problem.count))
-    for number, (rows, errors, members) in enumerate(_members(problem)):
-        kept = np.ones(white.jacobian.shape[1], bool)
-        kept[rows] = False
-        slopes = _searched(fit, white.jacobian[number : number + 1])[0][kept]
-        own = _searched(fit, raw.jacobian[number : number + 1])[0][rows]
-        size = [np.linalg.norm(j[number], axis=0) for j in (white.jacobian, raw.jacobian)]
-        own = own * size[1] / np.where(size[0] > 0, size[0], 1.0)
-        inverse = np.linalg.pinv(slopes.T @ slopes, rcond=SEEN, hermitian=True)
-        covariance = np.linalg.inv(errors.precision(members)) + own @ inverse @ own.T
-        residual[rows] = raw.prediction[number, rows] - measured[rows]
-        density[rows] = _joint_density(residual[rows], covariance)
-    return LeaveOneOut(residual + measured, residual, density, fold, True, bool(np.all(converged)))
-
-
-def _joint_density(residual: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """ln of the normal density of points together: of each, those before it given."""
-    lower = np.linalg.cholesky(0.5 * (covariance + covariance.T))
-    return log_density(np.linalg.solve(lower, residual), np.inf) - np.log(np.diag(lower))
-
-
-def _continued_together(fit: ComponentFit, fold: Int[np.ndarray, "n"]) -> LeaveOneOut:
-    """The same to first order; point by point where there is one group alone.
-
-    With P = V⁻¹ - V⁻¹J (A₀ + JᵀV⁻¹J)⁻¹ JᵀV⁻¹ the residuals of a group b by the fit to all others are
-    P_bb⁻¹ (P r)_b, of covariance P_bb⁻¹: exact for a linear model.
-    """
-    problem = as_measured(fit.final.problem, fit.z)
-    found, measured = problem.linearise(fit.z[None]), _measured(problem)
-    white, count = found.jacobian[0], problem.count
+    problem, first = fit.final.problem, fit.stages[0].problem
+    z, count = fit.z[None], fit.final.problem.count
+    found = problem.linearise(z)
+    held = fit.uncertainty.limits[0, problem.active] != 0
+    white = np.where(held, 0.0, found.jacobian[0])
     inverse = np.linalg.pinv(white.T @ white, hermitian=True)
-    gradient = white[:count].T @ found.residual[0, :count]
-    residual, density = np.empty(count), np.empty(count)
     off = found.prediction[0] - problem.points.restitution
-    for rows, precision, solved, slopes in _blocks(problem, off, white[:count]):
-        covariance = np.linalg.inv(precision - slopes @ inverse @ slopes.T)
-        without = covariance @ (solved - slopes @ (inverse @ gradient))
-        residual[rows], density[rows] = without, _joint_density(without, covariance)
-    return LeaveOneOut(residual + measured, residual, density, fold, False, True)
+    apart = any(e.shares and e.group is None for e in first.errors)
+    fold = np.arange(count) if apart else fold
+    residual, density = np.empty((2, count))
+    seen = first.seen(z)
+    factors = [
+        e.factor(s, one.slope, one.bend)
+        for e, s, one in zip(first.errors, first.variances, seen, strict=True)
+    ]
+    raw = [one.jacobian[0] for one in seen]
+    if problem is not first:
+        raw = [found.jacobian[0, own] / problem.points.weight[own, None] for own in first.own]
+    solved = [
+        e.solve(f, np.c_[o, j][None])[0]
+        for e, f, o, j in zip(
+            first.errors,
+            factors,
+            np.split(off, [o.stop for o in first.own[:-1]]),
+            (np.where(held, 0.0, j) for j in raw),
+            strict=True,
+        )
+    ]
+    pull = sum(
+        j.T @ s[:, 0] for j, s in zip((np.where(held, 0.0, j) for j in raw), solved, strict=True)
+    )
+    for g, (errors, s, factor, own) in enumerate(
+        zip(first.errors, first.variances, factors, first.own, strict=True)
+    ):
+        x, left_over = solved[g][:, 1:], solved[g][:, 0] - solved[g][:, 1:] @ (inverse @ pull)
+        quadratic = float(off[own] @ left_over)
+        left = max(float(fit.uncertainty.noise.left[0, g]) - 1.0, 1.0)
+        own_fold = fold[own]
+        if len(np.unique(own_fold)) == len(own_fold):
+            precision = errors.precisions(factor).reshape(-1) + np.zeros(len(errors))
+            precision = precision - np.einsum("np,pq,nq->n", x, inverse, x)
+            precision = np.maximum(precision, 1e-300)
+            residual[own] = left_over / precision
+            if errors.dof is not None:
+                density[own] = log_density(residual[own], 1 / precision, errors.nu(s))
+                continue
+            scale, degrees = np.ones(len(errors)), np.inf
+            if not errors.is_stated and not errors.shares:
+                scale = np.maximum(quadratic - left_over**2 / precision, 1e-3 * quadratic) / left
+                degrees = left
+            deviation = np.sqrt(scale / precision)
+            density[own] = student(residual[own] / deviation, degrees) - np.log(deviation)
+            continue
+        for number in np.unique(own_fold):
+            rows = np.flatnonzero(own_fold == number)
+            alone = errors.some(rows)
+            at = [a[0, rows] if np.ndim(a) else a for a in (seen[g].slope, seen[g].bend)]
+            variance = alone.times(alone.factor(s, *at), np.eye(len(rows)))
+            covariance = np.linalg.inv(np.linalg.inv(variance) - x[rows] @ inverse @ x[rows].T)
+            place = np.arange(own.start, own.stop)[rows]
+            residual[place] = covariance @ left_over[rows]
+            density[place] = _joint(residual[place], covariance)
+    predicted = residual + problem.points.restitution
+    return LeaveOneOut(predicted, residual, density, _pointwise(fit), fold, False, True)
 
 
-def _members(problem: Problem) -> Iterator[tuple]:
-    """What is left out together: its rows, the errors of its data set, its points among these."""
-    assert problem.shared is not None
-    first = 0
-    for errors in problem.shared:
-        for members in errors.units():
-            yield first + members, errors, members
-        first += len(errors.slope)
-
-
-def _blocks(problem: Problem, off: np.ndarray, white: np.ndarray) -> Iterator[tuple]:
-    """What is left out together: its rows, (V⁻¹)_bb, V⁻¹ r and V⁻¹ J there."""
-    assert problem.shared is not None
-    first = 0
-    for errors in problem.shared:
-        rows = slice(first, first + len(errors.slope))
-        solved = errors.solved(off[rows][:, None])[:, 0]
-        slopes = errors.unwhiten(white[rows])
-        for members in errors.units():
-            yield first + members, errors.precision(members), solved[members], slopes[members]
-        first = rows.stop
-
-
-def log_density(x: np.ndarray, degrees: float | np.ndarray) -> np.ndarray:
-    """ln of Student's density; of the normal one where the noise is known (infinite degrees)."""
-    from scipy import special
-
-    normal = -0.5 * (x**2 + math.log(2 * math.pi))
-    some = np.where(np.isinf(degrees), 1.0, degrees)
-    level = np.log(special.poch(0.5 * some, 0.5)) - 0.5 * np.log(math.pi * some)
-    return np.where(np.isinf(degrees), normal, level - 0.5 * (some + 1) * np.log1p(x**2 / some))
+def student(x: np.ndarray, degrees) -> np.ndarray:
+    """ln of Student's density of standardised x; the normal one of infinite degrees."""
+    degrees = np.broadcast_to(degrees, x.shape)
+    finite = np.where(np.isinf(degrees), 1.0, degrees)
+    return np.where(
+        np.isinf(degrees), log_density(x, 1.0, None), log_density(x, np.ones_like(x), finite)
+    )

@@ -16,6 +16,31 @@ from calibration.fitting.rows import Tree, with_trees
 
 
 @dataclass(frozen=True)
+class Outlier:
+    """A point that the noise does not explain.
+
+    Attributes:
+        row: of the data set, from 1.
+        line: of the file it came from, None where there is none.
+        velocity, restitution: as measured.
+        residual: measured less fitted ε over its standard deviation (of Student's t the scale).
+        weight: in the fit, over that of a point on the curve.
+    """
+
+    row: int
+    line: int | None
+    velocity: float
+    restitution: float
+    residual: float
+    weight: float
+
+    def __str__(self) -> str:
+        place = f"row {self.row}" if self.line is None else f"line {self.line}"
+        point = f"{place}, v = {self.velocity:.4g} m/s, ε = {self.restitution:.4g}"
+        return f"{point}: {self.residual:+.3g} standard deviations, weight {self.weight:.2g}"
+
+
+@dataclass(frozen=True)
 class MaterialFit:
     """The fit of one data set.
 
@@ -39,6 +64,8 @@ class MaterialFit:
         variances: mean variance of ε by where it comes from, of one more measurement: "stated",
             "scatter", "group" (of another specimen, launch or day), "timing", "scale", "repeats".
         timing: standard deviation of times that was found [s].
+        noise_dof: degrees of freedom of Student's t; None for normal errors.
+        outliers: the points beyond what the noise explains, the farthest first.
         standardised, leverage: of each point: residuals over their standard deviations, and how many
             parameters it pays for.
         residual_degrees: degrees of freedom of the residuals.
@@ -63,6 +90,8 @@ class MaterialFit:
     known_to: float = np.inf
     variances: Mapping[str, float] = field(default_factory=dict)
     timing: float | None = None
+    noise_dof: float | None = None
+    outliers: tuple[Outlier, ...] = ()
     standardised: tuple[float, ...] = field(default=(), repr=False)
     leverage: tuple[float, ...] = field(default=(), repr=False)
     residual_degrees: float = 0.0
@@ -84,7 +113,7 @@ class MaterialFit:
     @property
     def noise(self) -> float | None:
         """The standard deviation of a single ε that was estimated; None where it was stated."""
-        found = [v for kind, v in self.variances.items() if kind not in ("stated", "group")]
+        found = [v for k, v in self.variances.items() if k not in ("stated", "group", "scale")]
         return float(np.sqrt(sum(found))) if found else None
 
     @property

@@ -34,8 +34,6 @@ def other_minima(fit: ComponentFit, stage: StageFit, least: float) -> list[tuple
 
     Only where χ² is less than `least` above that of the best.
     """
-    if stage.problem.loss != "squared":
-        return []
     found: dict[int, float] = {}
     for other in stage.others:
         moved = _moved(fit, stage, other)
@@ -60,18 +58,16 @@ def _moved(fit: ComponentFit, stage: StageFit, other: Found) -> list[int]:
 
 
 def _rise(fit: ComponentFit, stage: StageFit, z) -> float:
-    """χ² there less χ² at the best: squares over the variance that noise gives them."""
+    """χ² there less χ² at the best: twice the difference of -ln p."""
     problem = stage.problem
     deviation = np.maximum(weighted_deviation(fit, problem), ROUNDING * problem.points.weight)
-    gain = _squares(problem, z) - _squares(problem, stage.z)
-    points, priors = gain[: problem.count], gain[problem.count :]
-    spread = np.mean(deviation**2)  # a prior weighs as a point
-    return float(np.sum(points / deviation**2) + np.sum(priors) / spread)
+    return 2 * (_cost(problem, z) - _cost(problem, stage.z)) / float(np.mean(deviation**2))
 
 
-def _squares(problem: Problem, z) -> np.ndarray:
-    """Of weighted residuals and priors, each point on the branch that it has at z."""
-    return problem.held(problem.elastic_at(z)).linearise(z[None], slopes=False).residual[0] ** 2
+def _cost(problem: Problem, z) -> float:
+    """Of the points, each on the branch that it has at z, and of the priors."""
+    held = problem.held(problem.elastic_at(z))
+    return float(held.linearise(z[None], slopes=False).cost[0])
 
 
 def rises_between(
@@ -84,6 +80,6 @@ def rises_between(
     shares = np.sin(np.linspace(0, np.pi / 2, STATIONS + 2)) ** 2
     places = first + shares[:, None] * (second - first)
     lanes = Lanes(elastic=problem.elastic_at(places))
-    cost = np.sum(problem.linearise(places, lanes, slopes=False).residual ** 2, axis=1)
+    cost = problem.linearise(places, lanes, slopes=False).cost
     allowed = max(cost[0], cost[-1]) * (1 + LEFT_UNDONE)
     return bool(np.any(cost[1:-1] > allowed))

@@ -50,8 +50,8 @@ def pooled_about(
 
 
 def _can_be_pooled(problem: Problem) -> bool:
-    alone = problem.shared is None and problem.latent is None and problem.elastic is None
-    return alone and problem.count >= MANY and problem.loss == "squared" and not problem.reweighed
+    normal = all(one.is_fixed and one.dof is None for one in problem.errors)
+    return normal and problem.elastic is None and problem.count >= MANY
 
 
 def _neighbourhoods(problem: Problem) -> Int[np.ndarray, "points"]:
@@ -84,4 +84,4 @@ def _pooled(problem: Problem, members, restitution) -> Problem:
     few = Points(velocity, mean(restitution), np.sqrt(weight), points.set[first])
     rows = replace(problem.laws.rows, row=problem.laws.rows.row[first])
     laws = replace(problem.laws, rows=rows)
-    return replace(problem, points=few, laws=laws)
+    return replace(problem, points=few, laws=laws, errors=(), variances=())

@@ -1,12 +1,18 @@
-"""One least-squares problem: weighted residuals of some laws, and their exact Jacobian.
+"""One problem: the likelihood of some laws' parameters as rows of residuals, and their exact Jacobian.
+
+With g = Jᵀ r the rows have the gradient of -ln p(data | θ, s) - ln p(θ), and JᵀJ is the information
+that the data are expected to have; their cost is that density itself. Where velocities have errors, V
+moves with the curve: two more rows a point stand for what ln det V and V⁻¹ add to either.
 
 Several fits of one problem stand side by side along a leading axis: starts, refits without a point,
 simulated data sets. Each has its own z, and may have its own restitutions and weights (`Lanes`).
 """
 
-from collections.abc import Callable, Sequence
+import itertools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -21,12 +27,10 @@ from calibration.fitting.collisions import (
     root,
     root_slope,
 )
-from calibration.fitting.latent import Latent
-from calibration.fitting.losses import transformed
-from calibration.fitting.plan import ErrorPlan
+from calibration.fitting.errors import Carried, Errors
 from calibration.fitting.rows import Laws, Leaves
-from calibration.fitting.set_errors import SetErrors
 from calibration.fitting.transform import Transform
+from calibration.fitting.variances import Seen
 from calibration.parameters import Parameter
 from softjax.fields import Declared
 
@@ -90,7 +94,7 @@ class Points(NamedTuple):
 
     velocity: Float[np.ndarray, "points"]
     restitution: Float[np.ndarray, "points"]
-    weight: Float[np.ndarray, "points"]  # 1/uncertainty, or what stands for it
+    weight: Float[np.ndarray, "points"]  # 1/√V_ii where V is fixed and diagonal; else 1, or 0
     set: Int[np.ndarray, "points"]
 
 
@@ -101,28 +105,40 @@ class Lanes(NamedTuple):
     weight: Float[np.ndarray, "fits points"] | None = None
     velocity: Float[np.ndarray, "fits points"] | None = None
     member: Int[np.ndarray, "fits"] | None = None  # which problem of several that are alike
+    variances: tuple[Mapping[str, np.ndarray], ...] | None = None  # of each data set, (fits,)
     elastic: Bool[np.ndarray, "fits points"] | None = None  # as `Problem.elastic`
     lower: Z | None = None  # as `Problem.within`
     upper: Z | None = None
 
     def some(self, which) -> "Lanes":
-        return Lanes(*(None if a is None else a[which] for a in self))
+        """Those of some fits."""
+        parts = {
+            k: None if v is None else v[which]
+            for k, v in self._asdict().items()
+            if k != "variances"
+        }
+        if self.variances is None:
+            return Lanes(**parts)
+        every = tuple({k: v[which] for k, v in one.items()} for one in self.variances)
+        return Lanes(**parts, variances=every)
 
 
 class Linear(NamedTuple):
     """Residuals around z.
 
     Attributes:
-        residual: weighted, through the loss, then those of the priors, (fits, m).
+        residual: of the points, of the priors and pools, then of what V adds, (fits, m).
         jacobian: along the active elements, (fits, m, p).
-        prediction: ε at each point, (fits, points).
+        prediction: E[ε] at each point, (fits, points).
         status: `softjax.Status` there.
+        cost: -ln p(data | θ, s) - ln p(θ) up to a constant, (fits,).
     """
 
     residual: Float[np.ndarray, "fits m"]
     jacobian: Float[np.ndarray, "fits m p"]
     prediction: Float[np.ndarray, "fits points"]
     status: Int[np.ndarray, "fits points"]
+    cost: Float[np.ndarray, "fits"]
 
 
 @dataclass(frozen=True)
@@ -136,18 +152,15 @@ class Problem:
         laws: parameters -> laws of all points.
         points: what is measured.
         active: which elements are searched.
-        plans: what of the errors of each data set is stated.
-        loss, scale: see `losses`; the scale at each point.
+        errors: V(s) of each data set; none where points weigh as `points` say.
+        variances: s of each data set.
         elastic: points that are held below yield, (points,), while a search moves what yield
             depends on; None: no law asks for it.
         within: lowest and highest z, (elements,) each, between which these points are where the law
             has them.
         guided: whether ε is continued below 0 where nothing rebounds. That guides a search; a fit is
             judged by the law's own ε.
-        reweighed: whether the weights depend on where the fit is.
         joint: whether data sets without stated uncertainties are weighed against each other.
-        shared: the errors of each data set, where points share some: residuals are whitened then.
-        latent: where points are taken to be, where velocities have errors.
         pools: which elements lie around a common mean.
     """
 
@@ -157,17 +170,13 @@ class Problem:
     laws: Laws
     points: Points
     active: Int[np.ndarray, "p"]
-    plans: tuple[ErrorPlan, ...]
     route: Route = None
-    loss: str = "squared"
-    scale: np.ndarray | None = None
+    errors: tuple[Errors, ...] = ()
+    variances: tuple[Mapping[str, Any], ...] = ()
     elastic: Bool[np.ndarray, "points"] | None = None
     within: tuple[np.ndarray, np.ndarray] | None = None
     guided: bool = False
-    reweighed: bool = False
     joint: bool = True
-    shared: tuple[SetErrors, ...] | None = None
-    latent: tuple[Latent, ...] | None = None
     pools: tuple[Pool, ...] = ()
 
     @property
@@ -179,60 +188,249 @@ class Problem:
     def count(self) -> int:
         return len(self.points.velocity)
 
+    @cached_property
+    def is_fixed(self) -> bool:
+        """Whether V is diagonal and does not move with the parameters: then `points` have it."""
+        return all(one.is_fixed for one in self.errors)
+
+    @cached_property
+    def moves(self) -> bool:
+        """Whether V moves with the parameters: velocities have errors."""
+        return any(one.has_slope for one in self.errors)
+
+    @cached_property
+    def own(self) -> tuple[slice, ...]:
+        """The points of each data set."""
+        ends = np.cumsum([0, *np.bincount(self.points.set, minlength=len(self.datasets))])
+        return tuple(slice(a, b) for a, b in itertools.pairwise(ends))
+
+    def with_variances(self, variances: Sequence[Mapping[str, Any]]) -> "Problem":
+        """The same with the errors of its data sets at some s."""
+        if not self.is_fixed:
+            return replace(self, variances=tuple(variances))
+        pairs = zip(self.errors, variances, strict=True)
+        every = [np.broadcast_to(e.variance(s, 0.0, 0.0), len(e)) for e, s in pairs]
+        points = self.points._replace(weight=np.concatenate(every) ** -0.5)
+        return replace(self, variances=tuple(variances), points=points)
+
     def linearise(self, z: Z, lanes: Lanes | None = None, slopes: bool = True) -> Linear:
-        """Residuals and Jacobian of each fit; without `slopes` the Jacobian has no columns."""
-        most = max(1, AT_ONCE // max(self.count, 1))
+        """Rows and Jacobian of each fit; without `slopes` the Jacobian has no columns."""
+        count = self.count * (5 if self.moves else 1)
+        most = max(1, AT_ONCE // max(count, 1))
         if len(z) > most:
             return self._in_parts(z, lanes or Lanes(), slopes, most)
         lanes = lanes or Lanes()
         theta, per_z = self.transform.physical(z), self.transform.slope(z)
-        prediction, local, status = self._predicted(theta, lanes)
-        jacobian = self._by_element(local, per_z if slopes else per_z[:, :0])
+        per_z = per_z if slopes else per_z[:, :0]
+        carried, per, status = self._carried(theta, per_z, lanes)
         measured = self.points.restitution if lanes.restitution is None else lanes.restitution
-        weight = self.points.weight if lanes.weight is None else lanes.weight
-        weight = np.broadcast_to(weight, prediction.shape)
-        residual = prediction - measured
-        if self.shared is not None:
-            residual = self.whitened(residual)
-            jacobian = self.whitened(jacobian) if slopes else jacobian
-        residual, per_raw = transformed(residual * weight, self.scale, self.loss)
-        jacobian *= (weight * per_raw)[:, :, None]
-        priors, their_slopes = self._held_together(z, *self._priors(theta, per_z))
-        if not priors.shape[1]:
-            return Linear(residual, jacobian, prediction, status)
+        off = carried.mean - measured
+        if self.is_fixed:
+            residual, jacobian, cost = self._by_weight(off, per.mean, lanes)
+            more: list[np.ndarray] = []
+        else:
+            residual, jacobian, cost, *more = self._by_covariance(off, carried, per, lanes)
+        priors, their_slopes = self._held_together(z, *self._priors(theta, self.transform.slope(z)))
+        rows, columns = [residual, priors], [jacobian, their_slopes[:, :, : jacobian.shape[2]]]
+        if more:
+            rows, columns = [*rows, more[0]], [*columns, more[1]]
+        cost = cost + 0.5 * np.sum(priors**2, axis=1)
         return Linear(
-            np.concatenate([residual, priors], axis=1),
-            np.concatenate([jacobian, their_slopes[:, :, : jacobian.shape[2]]], axis=1),
-            prediction,
+            np.concatenate(rows, axis=1),
+            np.concatenate(columns, axis=1),
+            carried.mean,
             status,
+            cost,
         )
 
-    def predict(self, z: Z) -> Float[np.ndarray, "fits points"]:
-        """ε at each point."""
-        return self._predicted(self.transform.physical(z), Lanes())[0]
+    def predict(self, z: Z, lanes: Lanes | None = None) -> Float[np.ndarray, "fits points"]:
+        """E[ε] at each point."""
+        none = np.zeros((len(z), 0))
+        return self._carried(self.transform.physical(z), none, lanes or Lanes())[0].mean
 
-    def raw_residuals(self, z: Z, lanes: Lanes | None = None) -> Float[np.ndarray, "fits points"]:
-        """Weighted residuals before the loss."""
-        own = None if lanes is None else lanes.restitution
-        measured = self.points.restitution if own is None else own
-        return (self.predict(z) - measured) * self.points.weight
+    def seen(self, z: Z, lanes: Lanes | None = None) -> list[Seen]:
+        """What judges the variances of each data set at z."""
+        lanes = lanes or Lanes()
+        found = self.linearise(z, lanes)
+        theta, per_z = self.transform.physical(z), self.transform.slope(z)
+        carried, per, _ = self._carried(theta, per_z, lanes)
+        measured = self.points.restitution if lanes.restitution is None else lanes.restitution
+        off, every = carried.mean - measured, np.arange(found.residual.shape[1])
+        more = every >= found.residual.shape[1] - (0 if self.is_fixed else self.more)
+        parts = []
+        for g, own in enumerate(self.own):
+            others = (every >= self.count) | (self.points.set != g)[
+                np.minimum(every, self.count - 1)
+            ]
+            others &= ~more
+            slopes, rest = found.jacobian[:, others], found.residual[:, others]
+            information = np.swapaxes(slopes, 1, 2) @ slopes
+            gradient = np.einsum("fmp,fm->fp", slopes, rest)
+            if not self.joint:  # each data set is judged by itself
+                information, gradient = 0 * information, 0 * gradient
+            elif len(self.errors) > 1:
+                gradient = None
+            of_curve = (a[:, own] if np.ndim(a) else a for a in (carried.slope, carried.bend))
+            parts.append(Seen(off[:, own], per.mean[:, own], *of_curve, information, gradient))
+        return parts
 
-    def whitened(self, values: np.ndarray) -> np.ndarray:
-        """(fits, points, ...) in units of the errors, without what points share of these."""
-        return self._by_set(lambda errors, part: errors.whiten(part), values)
+    def carried(self, z: Z, lanes: Lanes | None = None) -> list[Carried]:
+        """What the curve is at the points of each data set, (fits, n); see `errors`."""
+        none = np.zeros((len(z), 0))
+        found = self._carried(self.transform.physical(z), none, lanes or Lanes())[0]
+        return [Carried(*(a[:, own] if np.ndim(a) else a for a in found)) for own in self.own]
 
-    def coloured(self, values: np.ndarray) -> np.ndarray:
-        """What each of the errors that `whitened` takes apart makes in sums over (fits, points, ...)."""
-        return self._by_set(lambda errors, part: errors.coloured(part), values)
+    def deviance(self, z: Z, lanes: Lanes | None = None) -> Float[np.ndarray, "fits"]:
+        """-2 ln p(data | θ, s)."""
+        lanes = lanes or Lanes()
+        variances = self.variances if lanes.variances is None else lanes.variances
+        every = zip(self.errors, variances, self.carried(z, lanes), self.own, strict=True)
+        measured = self.points.restitution if lanes.restitution is None else lanes.restitution
+        measured = np.broadcast_to(measured, (len(z), self.count))
+        parts = [
+            e.deviance(s, c.mean - measured[:, own], c.slope, c.bend) for e, s, c, own in every
+        ]
+        return np.sum(parts, axis=0)
 
-    def _by_set(self, of: Callable[[SetErrors, np.ndarray], np.ndarray], values) -> np.ndarray:
-        assert self.shared is not None
-        rows = np.moveaxis(values, 1, 0)
-        flat = rows.reshape(len(rows), -1)
-        ends = np.cumsum([len(data) for data in self.datasets])[:-1]
-        parts = zip(self.shared, np.split(flat, ends), strict=True)
-        found = np.concatenate([of(errors, part) for errors, part in parts])
-        return np.moveaxis(found.reshape(rows.shape), 0, 1)
+    def kept(self, rows: Bool[np.ndarray, "points"]) -> "Problem":
+        """The same of some of its points, which share no error with the others."""
+        points = Points(*(a[rows] for a in self.points))
+        laws = replace(self.laws, rows=replace(self.laws.rows, row=self.laws.rows.row[rows]))
+        errors = tuple(
+            e.some(np.flatnonzero(rows[o])) for e, o in zip(self.errors, self.own, strict=True)
+        )
+        elastic = None if self.elastic is None else self.elastic[rows]
+        return replace(self, points=points, laws=laws, errors=errors, elastic=elastic)
+
+    def diagonal(self, z: Z, lanes: Lanes | None = None) -> Float[np.ndarray, "fits points"]:
+        """V_ii of each point."""
+        lanes = lanes or Lanes()
+        if not self.errors:
+            return np.broadcast_to(self.points.weight**-2.0, (len(z), self.count))
+        variances = self.variances if lanes.variances is None else lanes.variances
+        every = self.carried(z, lanes)
+        parts = [
+            e.diagonal(s, c.slope, c.bend) + np.zeros(c.mean.shape)
+            for e, s, c in zip(self.errors, variances, every, strict=True)
+        ]
+        return np.concatenate(parts, axis=1)
+
+    @property
+    def more(self) -> int:
+        """Rows that stand for what V adds."""
+        return 2 * self.count if self.moves else 0
+
+    def _carried(self, theta, per_z, lanes: Lanes) -> tuple[Carried, Carried, np.ndarray]:
+        """The curve at the points, its slopes along the active elements, and the status."""
+        if not self.moves:
+            value, local, status = self._predicted(theta, lanes)
+            return (
+                Carried(value, 0.0, 0.0),
+                Carried(self._by_element(local, per_z), 0.0, 0.0),
+                status,
+            )
+        wide, nodes = self._wide, len(self._wide.points.velocity) // self.count
+        elastic = None if lanes.elastic is None else np.tile(lanes.elastic, nodes)
+        value, local, status = wide._predicted(theta, lanes._replace(elastic=elastic))
+        jacobian = wide._by_element(local, per_z)
+        fits, p = len(theta), jacobian.shape[2]
+        value = value.reshape(fits, nodes, self.count)
+        jacobian = jacobian.reshape(fits, nodes, self.count, p)
+        found = []
+        for errors, own in zip(self.errors, self.own, strict=True):
+            one = errors.carried(value[..., own])
+            per = errors.carried_slopes(value[..., own], jacobian[:, :, own], one.slope)
+            found.append((one, per))
+        joined = [
+            np.concatenate(parts, axis=1) for parts in zip(*(c for c, _ in found), strict=True)
+        ]
+        slopes = [
+            np.concatenate(parts, axis=1) for parts in zip(*(s for _, s in found), strict=True)
+        ]
+        return Carried(*joined), Carried(*slopes), status[:, : self.count]
+
+    @cached_property
+    def _wide(self) -> "Problem":
+        """The same impacts at the nodes around their velocities."""
+        nodes = np.concatenate([one.nodes for one in self.errors], axis=1)
+        count = len(nodes)
+        points = Points(nodes.ravel(), *(np.tile(a, count) for a in self.points[1:]))
+        rows = replace(self.laws.rows, row=np.tile(self.laws.rows.row, count))
+        elastic = None if self.elastic is None else np.tile(self.elastic, count)
+        laws = replace(self.laws, rows=rows)
+        return replace(self, points=points, laws=laws, elastic=elastic, errors=())
+
+    def _by_weight(self, off, jacobian, lanes: Lanes):
+        """Rows and cost where V is fixed and diagonal."""
+        weight = self.points.weight if lanes.weight is None else lanes.weight
+        residual, jacobian = off * weight, jacobian * np.broadcast_to(weight, off.shape)[:, :, None]
+        nu = self._nu(lanes)
+        if nu is None:
+            return residual, jacobian, 0.5 * np.einsum("fn,fn->f", residual, residual)
+        share = np.sqrt((nu + 1) / (nu + residual**2))  # which tends to 1 as ν grows
+        cost = 0.5 * np.sum((nu + 1) * np.log1p(residual**2 / nu), axis=1)
+        return residual * share, jacobian * share[:, :, None], cost
+
+    def _nu(self, lanes: Lanes):
+        """ν at each point; None for normal errors."""
+        if not self.errors or self.errors[0].dof is None:
+            return None
+        variances = self.variances if lanes.variances is None else lanes.variances
+        every = [e.nu(s) for e, s in zip(self.errors, variances, strict=True)]
+        if all(np.ndim(nu) == 0 for nu in every):
+            return np.array(every)[self.points.set]
+        return np.concatenate(
+            [
+                nu + np.zeros((1, own.stop - own.start))
+                for nu, own in zip(every, self.own, strict=True)
+            ],
+            1,
+        )
+
+    def _by_covariance(self, off, carried: Carried, per: Carried, lanes: Lanes):
+        """Rows, cost, and the rows that ln det V and V⁻¹ add, where V moves or is not diagonal."""
+        weight = self.points.weight if lanes.weight is None else lanes.weight
+        weight = np.broadcast_to(weight, off.shape)
+        variances = self.variances if lanes.variances is None else lanes.variances
+        slopes = per.mean.shape[2] > 0
+        rows, columns, more, their = [], [], [], []
+        cost = np.zeros(len(off))
+        for errors, s, own in zip(self.errors, variances, self.own, strict=True):
+            kept, r = weight[:, own], off[:, own] * weight[:, own]
+            slope, bend = (a[:, own] if np.ndim(a) else a for a in carried[1:])
+            factor, nu = errors.factor(s, slope, bend), errors.nu(s)
+            white = errors.whiten(factor, r[..., None])[..., 0]
+            share = 1.0 if nu is None else np.sqrt((nu + 1) / (nu + white**2))
+            jacobian = per.mean[:, own]
+            if slopes:
+                jacobian = errors.whiten(factor, jacobian * kept[..., None])
+                jacobian = jacobian * np.broadcast_to(share, white.shape)[..., None]
+            rows.append(white * share)
+            columns.append(jacobian)
+            squares = white**2 if nu is None else (nu + 1) * np.log1p(white**2 / nu)
+            cost += 0.5 * np.sum(squares, axis=1)
+            if not self.moves:
+                continue
+            variance = errors.variance(s, slope, bend) + np.zeros(r.shape)
+            if errors.shares:
+                cost += 0.5 * (errors.log_det(factor) - np.sum(np.log(errors.steady(s)), axis=-1))
+                by_slope, by_bend = errors.scores(factor, s, slope, r)
+            else:
+                cost += 0.5 * np.sum(kept * np.log(variance / errors.steady(s)), axis=1)
+                changes = errors.changes(s, slope)
+                by_slope, by_bend = (a * (1 - (white * share) ** 2) / variance for a in changes)
+            for score, change, of_curve in zip(
+                (by_slope, by_bend), errors.changes(s, slope), per[1:], strict=True
+            ):
+                size = np.abs(change) * 2**0.5 / variance
+                size = np.maximum(size, 1e-6 * np.abs(score)) + 1e-300
+                more.append(kept * score / size)
+                their.append(of_curve[:, own] * (size * kept)[..., None])
+        found = [np.concatenate(rows, axis=1), np.concatenate(columns, axis=1), cost]
+        if not self.moves:
+            return found
+        # the rows of one data set's g and c stand together
+        return [*found, np.concatenate(more, axis=1), np.concatenate(their, axis=1)]
 
     def yields_at(self, z) -> Float[np.ndarray, "... points"] | None:
         """The velocity below which each impact is elastic at z [m/s]; None for a law without one."""
@@ -255,23 +453,6 @@ class Problem:
     def held(self, elastic, within=None) -> "Problem":
         """The same with these points held below yield."""
         return self if self.elastic is None else replace(self, elastic=elastic, within=within)
-
-    def weighed(self, weight: Float[np.ndarray, "points"]) -> "Problem":
-        """The same with other weights."""
-        return replace(self, points=self.points._replace(weight=weight))
-
-    def as_measured(self) -> "Problem":
-        """The same impacts at the velocities that were measured."""
-        if self.latent is None:
-            return self
-        velocity = np.concatenate([data.velocity for data in self.datasets])
-        restitution = np.concatenate([data.restitution for data in self.datasets])
-        points = self.points._replace(velocity=velocity, restitution=restitution)
-        return replace(self, points=points)
-
-    def at_velocity(self, velocity: Float[np.ndarray, "points"]) -> "Problem":
-        """The same impacts at other velocities."""
-        return replace(self, points=self.points._replace(velocity=velocity))
 
     def _in_parts(self, z, lanes: Lanes, slopes: bool, most: int) -> Linear:
         rows = [slice(k, k + most) for k in range(0, len(z), most)]

@@ -67,7 +67,7 @@ class Asked(NamedTuple):
         errors: their standard errors in z.
         limits: +1 or -1 for those held at an end of their range: only the other way is gone.
         quantiles: √Δχ² at the limits of each.
-        lowest: the sum of squares from which Δχ² counts; None: that at z.
+        lowest: twice the cost from which Δχ² counts; None: that at z.
     """
 
     problem: Problem
@@ -113,7 +113,7 @@ class _Walks:
         self.centre = self.z[every, self.positions]
         begin = problem.linearise(self.z, self._lanes(every), slopes=False)
         lowest = [asked[k].lowest for k in self.member]
-        at_z = np.sum(begin.residual**2, axis=1)
+        at_z = 2 * begin.cost
         self.lowest = np.array([b if a is None else a for a, b in zip(lowest, at_z, strict=True)])
         self.begin = self._rise(0.5 * at_z, np.arange(len(walks)))
         self.edge = self._edges()

@@ -7,23 +7,49 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from calibration.fitting.component_fit import ComponentFit
+from calibration.fitting.noise import needs_variances, variances_at
 from calibration.fitting.problem import Lanes, Problem
 from calibration.fitting.search import Found, search
-from calibration.fitting.uncertainty import Settled, winsorised
+from calibration.fitting.uncertainty import Settled
 
 STEPS = 200  # of one refit
+ROUNDS = 12  # in which a refit and its variances settle
+SETTLED = 1e-6  # change of z from round to round
 
 
 def settled(
     problems: Iterable[Problem], z: Float[np.ndarray, "fits p"], lanes: Lanes | None = None
-) -> tuple[Float[np.ndarray, "fits p"], list[Settled], Bool[np.ndarray, "fits"]]:
-    """Searches of one stage after the other from z: where they end, the stages, and which arrived."""
-    arrived, stages = np.ones(len(z), bool), []
+) -> tuple[Float[np.ndarray, "fits p"], list[Settled], Bool[np.ndarray, "fits"], Lanes]:
+    """Searches of one stage after the other from z, the noise of each fit its own.
+
+    Returns:
+        Where they end, the stages, which arrived, and the lanes with the variances of each fit.
+    """
+    arrived, stages, lanes = np.ones(len(z), bool), [], lanes or Lanes()
     for problem in problems:
-        found = search(problem, z, lanes=lanes)
+        found, lanes = with_own_noise(problem, z, lanes)
         z, arrived = found.z, arrived & found.converged
         stages.append(Settled(problem, found.limits))
-    return z, stages, arrived
+    return z, stages, arrived, lanes
+
+
+def with_own_noise(problem: Problem, z, lanes: Lanes, begun=None) -> tuple[Found, Lanes]:
+    """Searches from z, each with the variances that its own residuals tell."""
+    found = search(problem, z, begun=begun, lanes=lanes, limit=STEPS)
+    if not needs_variances(problem) or not any(one.unknown for one in problem.errors):
+        return found, lanes
+    for _ in range(ROUNDS):
+        variances = variances_at(problem, found.z, lanes)
+        lanes = lanes._replace(variances=variances)
+        if problem.is_fixed:
+            kept = 1.0 if lanes.weight is None else lanes.weight > 0
+            lanes = lanes._replace(weight=kept * problem.diagonal(found.z, lanes) ** -0.5)
+        again = search(problem, found.z, begun=found.begun, lanes=lanes, limit=STEPS, releases=0)
+        moved = float(np.max(np.abs(again.z - found.z), initial=0.0))
+        found = again
+        if moved <= SETTLED:
+            break
+    return found, lanes
 
 
 @dataclass(frozen=True)
@@ -43,13 +69,8 @@ class Bootstrap:
     intervals: dict[str, tuple[float, float]]
 
 
-def refit(fit: ComponentFit, problem: Problem, z: np.ndarray, lanes: Lanes) -> Found:
-    """Its search again from z, with other weights or other data."""
-    return search(problem, z, begun=fit.begun, lanes=lanes, limit=STEPS)
-
-
 def bootstrap(fits: list[ComponentFit], count: int, seed: int, confidence: float) -> Bootstrap:
-    """Simulate each point with the fitted curve and its noise, and fit that again."""
+    """Simulate each point with the fitted curve and its noise, and fit that again, the noise as well."""
     random = np.random.default_rng(seed)
     drawn = [_simulated(fit, count, random) for fit in fits]
     found = [_refitted(fit, data) for fit, data in zip(fits, drawn, strict=True)]
@@ -69,21 +90,20 @@ def bootstrap(fits: list[ComponentFit], count: int, seed: int, confidence: float
 def _simulated(fit: ComponentFit, count: int, random) -> Float[np.ndarray, "count n"]:
     """Data around the curve of the first stage."""
     first = fit.stages[0].problem
-    curve = first.predict(fit.z[None])[0]
-    if first.shared is not None:
-        noise = np.concatenate([one.simulate(random, count) for one in first.shared], axis=1)
-    else:
-        noise = random.standard_normal((count, first.count)) * fit.uncertainty.noise.deviation[0]
-    return np.maximum(curve + noise, 0.0)
+    parts = [
+        carried.mean + errors.simulate(s, carried, random, count)
+        for errors, s, carried in zip(
+            first.errors, first.variances, first.carried(fit.z[None]), strict=True
+        )
+    ]
+    return np.maximum(np.concatenate(parts, axis=1), 0.0)
 
 
 def _refitted(fit: ComponentFit, drawn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Physical values of fits to such data, and which of them arrived."""
-    first, count = fit.stages[0].problem, len(drawn)
-    z, converged = np.repeat(fit.z[None], count, axis=0), np.ones(count, bool)
-    for k, stage in enumerate(fit.stages):
-        if k and first.loss != "squared":
-            drawn = winsorised(first, z, Lanes(restitution=drawn))
-        found = refit(fit, stage.problem, z, Lanes(restitution=drawn))
+    z, converged = np.repeat(fit.z[None], len(drawn), axis=0), np.ones(len(drawn), bool)
+    for stage in fit.stages:
+        begun = np.broadcast_to(fit.begun, z.shape)
+        found, _ = with_own_noise(stage.problem, z, Lanes(restitution=drawn), begun)
         z, converged = found.z, converged & found.converged
     return fit.final.problem.transform.physical(z), converged

@@ -12,7 +12,7 @@ from calibration.errors import DataError
 from calibration.fitting.assembly import Component, assemble
 from calibration.fitting.collisions import ROUTES, Route
 from calibration.fitting.component_fit import ComponentFit, fit_component
-from calibration.fitting.plan import plan_of
+from calibration.fitting.errors import Errors
 from calibration.fitting.specs import SetSpec, said_of, specs_of
 from calibration.options import FitOptions
 
@@ -60,8 +60,12 @@ class Request:
         options = self.options
         said = [{**own, **options.law_options} for own in said_of(self.parameters, self.datasets)]
         specs = specs_of(self.datasets, options.law, said, options.objective)
-        open_ = (options.extra_scatter, options.scale_uncertainty)
-        return [replace(s, extra_scatter=open_[0], scale_uncertainty=open_[1]) for s in specs]
+        told: dict[str, Any] = {
+            "extra_scatter": options.extra_scatter,
+            "scale_uncertainty": options.scale_uncertainty,
+            "dof": options.noise_dof if options.noise == "student-t" else None,
+        }
+        return [replace(spec, **told) for spec in specs]
 
     def components(self) -> list[Component]:
         """The problems behind it."""
@@ -93,11 +97,11 @@ def checked(request: Request) -> Request:
         raise DataError(
             "progress", request.progress, "True, or called as progress(stage, done, total)"
         )
-    if request.options.loss != "squared":
+    if request.options.noise == "student-t":
         for data in request.datasets:
-            if plan_of(data, False, False).shares:
-                accepted = "'squared' where points share errors (groups, bounce trains)"
-                raise DataError("loss", request.options.loss, accepted)
+            if Errors.of(data).shares:
+                accepted = '"normal" where points share errors (groups, bounce trains)'
+                raise DataError("noise", "student-t", accepted)
     return request
 
 

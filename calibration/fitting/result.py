@@ -119,7 +119,7 @@ class FitResult:
 
     @property
     def log_likelihood(self) -> float | None:
-        """ln L; None under `two-step`, with robust losses, and for data without noise."""
+        """ln L; None under `two-step`, for pooled parameters, and for data without noise."""
         return None if self.likelihood is None else self.likelihood.log
 
     @property
@@ -136,6 +136,11 @@ class FitResult:
     def rms(self):
         """Root mean square of curve minus data; for several data sets by name."""
         return self._each(lambda material: material.rms)
+
+    @property
+    def outliers(self):
+        """The points that the noise does not explain; for several data sets by name."""
+        return self._each(lambda material: material.outliers)
 
     @property
     def rms_empirical(self):
@@ -247,7 +252,7 @@ class FitResult:
     def leave_one_out(self) -> LeaveOneOut:
         """Each point predicted by the fit without it; see `LeaveOneOut`."""
         with jax.enable_x64(True):
-            return leave_one_out(self._refitted())
+            return leave_one_out(self.searched())
 
     def bootstrap(self, count: int = 1000, seed: int = 0) -> Bootstrap:
         """Fits of data simulated with the fitted curve and noise; see `Bootstrap`.
@@ -258,7 +263,7 @@ class FitResult:
         check_whole("count", count, 1)
         check_whole("seed", seed, 0)
         with jax.enable_x64(True):
-            return bootstrap(self._refitted(), count, seed, self.confidence)
+            return bootstrap(self.searched(), count, seed, self.confidence)
 
     def posterior(
         self,
@@ -286,7 +291,7 @@ class FitResult:
         Raises:
             ImportError: without the extra.
             ValueError: naming the argument, its value and what is accepted; for fits that were no
-                likelihood (`two-step`, robust losses).
+                likelihood (`two-step`).
         """
         from calibration.fitting.posterior.draws import sampled
 
@@ -303,7 +308,7 @@ class FitResult:
 
         return at_draws(self, posterior, count)
 
-    def _refitted(self) -> list[ComponentFit]:
+    def searched(self) -> list[ComponentFit]:
         """The searches; a result that was loaded makes them again."""
         return list(self.fits) if self.fits is not None else self.request.fitted()
 
@@ -381,4 +386,6 @@ def _compared(result: FitResult) -> dict[str, Any]:
     table = result.to_dict(times=False)
     for fit in table["fits"]:
         del fit["data"]["bodies"]
+        for outlier in fit["outliers"]:
+            del outlier["line"]  # of the file
     return table

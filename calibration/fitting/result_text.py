@@ -19,6 +19,7 @@ def fit_text(result: Any) -> str:
     if line is not None:
         lines.append(f"Eq. (18): c1 = {line.c1}, c2 = {line.c2}")
         lines += [f"  rms {name}: {rms:.4g}" for name, rms in line.rms.items()]
+    lines += [f"outlier: {one}" for material in result.materials for one in material.outliers]
     lines.append("converged" if result.converged else "NOT CONVERGED")
     return "\n".join([*lines, *(f"warning: {doubt}" for doubt in result.warnings)])
 

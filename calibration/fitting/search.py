@@ -38,7 +38,7 @@ class Found(NamedTuple):
 
     Attributes:
         z: all elements.
-        cost: half the sum of squares.
+        cost: -ln of likelihood and priors, up to a constant: half the sum of squares of normal errors.
         gradient_norm: of the cost, along the active elements.
         converged, reason: whether and why it stopped.
         limits: for the active elements, +1 or -1 where one is held at an end of its range, else 0.
@@ -85,7 +85,7 @@ class _Search:
         self.lower, self.upper = self._ends()
         self.edge = np.zeros((fits, p), bool)
         self.at: Condensed
-        self.value, self.jacobian = self._at(self.z, np.ones(fits, bool))
+        self.value, self.jacobian, self.cost = self._at(self.z, np.ones(fits, bool))
         self._condense(np.ones(fits, bool))
 
     def _ends(self) -> tuple[np.ndarray, np.ndarray]:
@@ -159,11 +159,12 @@ class _Search:
     def _at(self, z, fits):
         self.evaluations += int(np.sum(fits))
         found = self.problem.linearise(z[fits], self.lanes.some(fits))
-        return found.residual, found.jacobian
+        return found.residual, found.jacobian, found.cost
 
     def _condense(self, fits: np.ndarray) -> None:
         """Anew, where something has changed."""
-        found = condense(self.value[fits], self.jacobian[fits], self._frozen[fits])
+        rows = self.value[fits], self.jacobian[fits], self._frozen[fits]
+        found = condense(*rows, self.cost[fits])
         self.at = found if np.all(fits) else self.at.replaced(fits, found)
 
     def _try(self, step) -> tuple[np.ndarray, np.ndarray]:
@@ -172,16 +173,16 @@ class _Search:
         trial = np.array(self.z)
         inside = np.clip(self.x + step, self.lower, self.upper)
         step, trial[:, self.problem.active] = inside - self.x, inside
-        value, jacobian = self._at(trial, fits)
+        value, jacobian, found = self._at(trial, fits)
         cost = np.full(len(fits), np.inf)
-        with np.errstate(over="ignore", invalid="ignore"):
-            cost[fits] = 0.5 * np.einsum("fm,fm->f", value, value)
+        cost[fits] = np.where(np.isfinite(found), found, np.inf)
         slope = np.einsum("fp,fp->f", self.at.gradient, step)
-        allowed = self.at.cost * (1 + ROUNDING) + 1e-4 * np.minimum(slope, 0.0)
+        allowed = self.at.cost + ROUNDING * np.abs(self.at.cost) + 1e-4 * np.minimum(slope, 0.0)
         moved = fits & (cost <= allowed)
         before = self.at
         self.z[moved] = trial[moved]
         self.value[moved], self.jacobian[moved] = value[moved[fits]], jacobian[moved[fits]]
+        self.cost[moved] = cost[moved]
         self.iterations += moved
         self._condense(moved)
         return moved, _gain(before, self.at, step)
@@ -207,7 +208,9 @@ class _Search:
 
     def _arrived(self) -> np.ndarray:
         left = np.max(np.abs(self.at.newton) / self.unit, axis=1, initial=0.0)
-        return (left <= STEP_TOLERANCE) | (self.at.promised <= COST_TOLERANCE * 2 * self.at.cost)
+        return (left <= STEP_TOLERANCE) | (
+            self.at.promised <= COST_TOLERANCE * 2 * np.abs(self.at.cost)
+        )
 
     @property
     def _way(self) -> np.ndarray:
@@ -230,7 +233,7 @@ class _Search:
         self.z[:, self.problem.active] = np.where(which & by_way, inside, self.x)
         fits = np.any(which, axis=1) & self.going
         if np.any(fits):
-            self.value[fits], self.jacobian[fits] = self._at(self.z, fits)
+            self.value[fits], self.jacobian[fits], self.cost[fits] = self._at(self.z, fits)
         self._condense(np.any(which, axis=1))
 
     def _release(self, arrived) -> np.ndarray:
@@ -243,7 +246,7 @@ class _Search:
                 self.z[f], back[f] = inner, True
                 self.limits[f], self.released[f] = 0, self.released[f] + 1
         if np.any(back):
-            self.value[back], self.jacobian[back] = self._at(self.z, back)
+            self.value[back], self.jacobian[back], self.cost[back] = self._at(self.z, back)
             self._condense(back)
         return back
 
@@ -259,8 +262,7 @@ class _Search:
                 places.append(z)
         one = np.full(len(places), f)
         self.evaluations += len(places)
-        found = self.problem.linearise(np.array(places), self.lanes.some(one), slopes=False)
-        cost = 0.5 * np.sum(found.residual**2, axis=1)
+        cost = self.problem.linearise(np.array(places), self.lanes.some(one), slopes=False).cost
         best = int(np.argmin(cost))
         return places[best] if cost[best] < self.at.cost[f] * (1 - 1e-9) else None
 
@@ -361,9 +363,8 @@ def _by_adam(problem: Problem, z, lanes: Lanes) -> np.ndarray:
     best, lowest = np.array(z), np.full(len(z), np.inf)
     for _ in range(Adam.STEPS):
         found = problem.linearise(z, lanes)
-        cost = np.sum(found.residual**2, axis=1)
-        better = cost < lowest
-        best[better], lowest[better] = z[better], cost[better]
+        better = found.cost < lowest
+        best[better], lowest[better] = z[better], found.cost[better]
         gradient = np.einsum("fmp,fm->fp", found.jacobian, found.residual)
         z = np.array(z)
         z[:, problem.active] += method.step(gradient)

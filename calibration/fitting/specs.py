@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 import softjax as sj
 from calibration.data import RestitutionData
 from calibration.errors import DataError, did_you_mean, is_finite_number, listed
+from calibration.fitting.errors import Errors
 from calibration.fitting.known_laws import KNOWN, LAWS, WITHOUT_CONTACT, Known
 from calibration.fitting.law_model import (
     MOVE_YIELD,
@@ -18,7 +20,6 @@ from calibration.fitting.law_model import (
     model_of_class,
     model_of_function,
 )
-from calibration.fitting.plan import ErrorPlan, plan_of
 from calibration.fitting.rows import Tree, numbers_in
 from calibration.fitting.zhou import EXTRA, LINE, several_yields, zhou_model
 from calibration.options import OBJECTIVES
@@ -69,6 +70,7 @@ class SetSpec:
         local: the law's parameters, free and held.
         trees: how the numbers of whole parameters make up pytrees.
         extra_scatter, scale_uncertainty: as `fit` takes them.
+        dof: degrees of freedom of Student's t, or "estimate"; None for normal errors.
     """
 
     data: RestitutionData
@@ -78,11 +80,12 @@ class SetSpec:
     trees: tuple[Tree, ...] = ()
     extra_scatter: bool = False
     scale_uncertainty: bool = False
+    dof: float | str | None = None
 
-    @property
-    def plan(self) -> ErrorPlan:
-        """What of the errors is stated."""
-        return plan_of(self.data, self.extra_scatter, self.scale_uncertainty)
+    @cached_property
+    def errors(self) -> Errors:
+        """The errors of the points: what is stated of them, and what is to be found."""
+        return Errors.of(self.data, self.extra_scatter, self.scale_uncertainty, self.dof)
 
     @property
     def by_eps_up(self) -> bool:

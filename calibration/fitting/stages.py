@@ -1,21 +1,24 @@
 """One stage of a fit: starts, searches, and what settles only together with where they end."""
 
 import time
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
 import softjax as sj
 from calibration.fitting.branches import Branches, by_branches, held_at
 from calibration.fitting.doubt import CONFIDENCE, runs
-from calibration.fitting.losses import scale_of
 from calibration.fitting.methods import OPTIMISERS
 from calibration.fitting.neighbours import pooled
-from calibration.fitting.noise import first_weights, needs_weights, reweighed
+from calibration.fitting.noise import (
+    first_variances,
+    have_settled,
+    needs_variances,
+    renewed,
+    with_noise,
+)
 from calibration.fitting.problem import Problem
 from calibration.fitting.search import Found, guided_search, search
-from calibration.fitting.set_errors import SetErrors
 from calibration.fitting.starts import best_starts, candidates
 from calibration.options import FitOptions
 from calibration.schema import Real
@@ -29,10 +32,8 @@ ODE_SHARE = 0.05  # of these where each is integrated over time
 QUICKEST = "levenberg-marquardt"
 AS_LOW = 1e-6  # share of a cost within which two ends are one minimum
 ROUNDS = 30
-SETTLED = 1e-7  # relative change of weights and scales
 CHANGED = 1e-9  # share of a cost by which another is lower
-ALIKE = 1e-5  # the same of variances, which are known far less well
-UNSETTLED = "weights, variances or scales of the loss keep changing"
+UNSETTLED = "variances keep changing"
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ class StageFit:
     """Where a stage ended.
 
     Attributes:
-        problem: with the weights, scales and branches that it settled on.
+        problem: with the variances and branches that it settled on.
         z: of the whole component.
         found: the search that ended there, of one fit.
         others: where the other starts ended.
@@ -95,12 +96,12 @@ def run_stage(
     """Minimise from the best starts, and settle what depends on where that is.
 
     Args:
-        weigh: whether weights are found here; else they are the problem's.
+        weigh: whether variances are found here; else points weigh as they do.
     """
     begun = time.perf_counter()
     first = problem.elastic
-    problem = replace(problem, reweighed=weigh and needs_weights(problem))
-    problem = first_weights(problem, z) if weigh else problem
+    problem = first_variances(problem, z) if weigh else problem
+    unsettled = weigh and needs_variances(problem)
     places = candidates(problem, z, options.starts, options.seed)
     few = pooled(problem)
     starts = best_starts(few, places, REFINED)
@@ -115,18 +116,21 @@ def run_stage(
     else:
         ends, branches = _along_branches(problem, np.unique([z, *starts], axis=0), options)
         problem = held_at(problem, ends[0].z[0])
-    evaluations = sum(end.evaluations for end in ends)
-    found = ends[0]
-    robust = replace(problem, loss=options.loss)
-    found, problem, more = _settle(robust, found, options)
-    if branches is not None:
+    evaluations, found = sum(end.evaluations for end in ends), ends[0]
+    if unsettled:
+        found, problem, more = _lowest(problem, _minima(ends), options)
+        evaluations += more
+    if unsettled and branches is not None:
         for _ in range(ROUNDS):
             (again,), branches = _along_branches(problem, found.z, options)
             if again.cost[0] >= found.cost[0] * (1 - CHANGED):
                 break
-            found, problem, more = _settle(held_at(problem, again.z[0]), again, options)
+            found, problem, more = settle(held_at(problem, again.z[0]), again, options)
+            evaluations += more
     crossings = 0 if first is None else int(np.sum(first != problem.elastic))
-    report = _report(name, problem, found, options, len(places), evaluations + more)
+    report = _report(name, problem, found, options, len(places), evaluations)
+    if weigh and not unsettled and any(one.unknown for one in problem.errors):
+        problem, found, ends = _in_units(problem, found, ends)
     seconds = time.perf_counter() - begun
     others = tuple(ends[1:])
     return StageFit(problem, found.z[0], found, others, report, crossings, seconds, branches, alone)
@@ -186,7 +190,7 @@ def _misses(problem: Problem, found: Found) -> bool:
     left = len(residual) - len(problem.active)
     if left < 1:
         return False
-    if all(plan.stated and not plan.shares for plan in problem.plans):
+    if all(one.is_stated and one.is_fixed and one.dof is None for one in problem.errors):
         return bool(np.sum(residual**2) > special.chdtri(left, 1 - CONFIDENCE))
     sets = [problem.points.set == g for g in range(len(problem.datasets))]
     off = residual[: problem.count]
@@ -209,12 +213,40 @@ def _rank(found: Found) -> tuple[float, bool]:
     return (float(f"{cost:.6g}"), not found.converged[0])
 
 
-def _settle(problem: Problem, found: Found, options: FitOptions) -> tuple[Found, Problem, int]:
-    """Search again until weights, robust scales and branches are those of where the search ends."""
+def _in_units(problem: Problem, found: Found, ends: list[Found]):
+    """Problem and searches in units of the noise, which was weighed against nothing."""
+    problem = with_noise(problem, found.z[0])
+    scale = float(np.mean(problem.points.weight)) ** 2
+    told = [
+        one._replace(cost=scale * one.cost, gradient_norm=scale * one.gradient_norm)
+        for one in [found, *ends]
+    ]
+    return problem, told[0], told[1:]
+
+
+def _lowest(problem: Problem, ends: list[Found], options: FitOptions) -> tuple[Found, Problem, int]:
+    """Each minimum with its own variances settled; the one of the highest likelihood."""
+    settled = [settle(held_at(problem, end.z[0]), end, options) for end in ends]
+    likely = [_minus_two_log(one, found) for found, one, _ in settled]
+    best = int(np.argmin([float(f"{value:.9g}") for value in likely]))
+    found, problem, _ = settled[best]
+    return found, problem, sum(more for _, _, more in settled)
+
+
+def _minus_two_log(problem: Problem, found: Found) -> float:
+    """-2 ln p(data | θ, s) p(θ) where a search ended."""
+    linear = problem.linearise(found.z, slopes=False)
+    priors = linear.residual[:, problem.count : linear.residual.shape[1] - problem.more]
+    spreads = sum(2 * len(pool.members) * np.log(pool.spread) for pool in problem.pools)
+    return float(problem.deviance(found.z)[0] + np.sum(priors**2) + spreads)
+
+
+def settle(problem: Problem, found: Found, options: FitOptions, restricted: bool = True):
+    """Search again until the variances are those of where the search ends: (found, problem, evaluations)."""
     evaluations = 0
     for _ in range(ROUNDS):
-        adapted = _adapted(problem, found.z[0], options)
-        if _same(adapted, problem):
+        adapted = renewed(problem, found.z[0], restricted)
+        if have_settled(adapted, problem):
             return found, problem, evaluations
         problem = adapted
         optimiser, most = options.optimiser, options.max_steps
@@ -222,44 +254,9 @@ def _settle(problem: Problem, found: Found, options: FitOptions) -> tuple[Found,
         again = search(problem, found.z, optimiser, begun=found.begun, limit=most, releases=0)
         evaluations += again.evaluations
         found = again._replace(iterations=found.iterations + again.iterations)
-    adapted = _adapted(problem, found.z[0], options)
-    if not _same(adapted, problem):
+    if not have_settled(renewed(problem, found.z[0], restricted), problem):
         found = found._replace(converged=np.array([False]), reason=(UNSETTLED,))
     return found, problem, evaluations
-
-
-def _adapted(problem: Problem, z, options: FitOptions) -> Problem:
-    """The problem with what depends on z at its value there."""
-    if problem.reweighed:
-        problem = reweighed(problem, z)
-    if problem.loss != "squared":
-        scale = scale_of(problem.raw_residuals(z[None])[0], problem.points.set) * options.loss_scale
-        problem = replace(problem, scale=scale)
-    return problem
-
-
-def _same(one: Problem, other: Problem) -> bool:
-    """Whether two problems hold, place and weigh their points alike."""
-    if (one.shared is None) != (other.shared is None) or (one.scale is None) != (
-        other.scale is None
-    ):
-        return False
-    pairs: list[Any] = [(a, b, SETTLED) for a, b in zip(one.points, other.points, strict=True)]
-    pairs += [(a.spread, b.spread, ALIKE) for a, b in zip(one.pools, other.pools, strict=True)]
-    pairs += [] if one.scale is None else [(one.scale, other.scale, SETTLED)]
-    shared = zip(one.shared or (), other.shared or (), strict=True)
-    return all(np.allclose(a, b, rtol=near, atol=0) for a, b, near in pairs) and all(
-        _alike(a, b) for a, b in shared
-    )
-
-
-def _alike(one: SetErrors, other: SetErrors) -> bool:
-    """Equal in what each variance adds to that of ε."""
-    scale = float(np.mean(one.diagonal))
-    parts = [(one.variance.get(k, 0.0), other.variance.get(k, 0.0)) for k in ("scatter", "group")]
-    return np.allclose(one.diagonal, other.diagonal, rtol=ALIKE, atol=0) and all(
-        abs(a - b) <= ALIKE * scale for a, b in parts
-    )
 
 
 def _report(name, problem: Problem, found: Found, options, starts, evaluations) -> Stage:

@@ -28,9 +28,8 @@ def summarise_material(
     place = fit.component.sets.index(g)
     spec, problem = fit.component.specs[place], fit.final.problem
     points = problem.points.set == place
-    measured = problem.as_measured()
-    status = measured.linearise(fit.z[None]).status[0][points]
-    residual = measured.predict(fit.z[None])[0][points] - spec.data.restitution
+    found = problem.linearise(fit.z[None], slopes=False)
+    status, residual = found.status[0][points], found.prediction[0][points] - spec.data.restitution
     known_from, known_to = _known(fit, spec, g)
     values, labels = _values(fit, spec, g)
     part = MaterialFit(
@@ -54,7 +53,7 @@ def summarise_material(
     rms_empirical, empirical, apart = _eq_17(fit, spec, part, g)
     part = replace(part, rms_empirical=rms_empirical, empirical=empirical)
     own = [d for d in shared if d.material == spec.data.name] + apart
-    own += material_doubts(part, residual, fit.final.problem.plans[place])
+    own += material_doubts(part, residual, spec.errors)
     return replace(part, warnings=tuple(own))
 
 

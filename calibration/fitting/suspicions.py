@@ -7,10 +7,10 @@ from calibration.data import plausibility
 from calibration.fitting import doubt as doubts
 from calibration.fitting.component_fit import ComponentFit
 from calibration.fitting.doubt import Doubt
+from calibration.fitting.errors import Errors
 from calibration.fitting.estimate import Estimate
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.minima import other_minima
-from calibration.fitting.plan import ErrorPlan
 from calibration.fitting.profiles import Profile
 
 ROUNDING = 1e-12  # of ε
@@ -117,19 +117,19 @@ def _yields(law: sj.ContactLaw) -> bool:
     return bool(np.any((velocity > 0) & (velocity < np.inf)))
 
 
-def material_doubts(part: MaterialFit, residual, plan: ErrorPlan) -> list[Doubt]:
+def material_doubts(part: MaterialFit, residual, errors: Errors) -> list[Doubt]:
     """Doubts about one data set's curve.
 
     Args:
         residual: fitted less measured ε.
-        plan: what of the errors is stated.
+        errors: those of its points.
     """
     data, name, left = part.data, part.name, part.residual_degrees
     found: list[Doubt | None] = [
         Doubt("data", note, name) for note in data.notes if "above 1" in note
     ]
     found += _implausible(part)
-    if plan.stated and part.reduced_chi_squared is not None:
+    if errors.is_stated and part.reduced_chi_squared is not None:
         of_noise = None if data.degrees is None else float(np.mean(data.degrees))
         reduced = part.reduced_chi_squared
         found.append(doubts.misfit(reduced, left, of_noise, name))
@@ -147,7 +147,7 @@ def material_doubts(part: MaterialFit, residual, plan: ErrorPlan) -> list[Doubt]
         found.append(
             doubts.unequal_scatter(data.velocity, data.restitution + residual, standardised, name)
         )
-        if not plan.shares:
+        if not errors.shares:
             found.append(doubts.alike_neighbours(data.velocity, standardised, name))
     stated = data.uncertainty
     found.append(doubts.no_velocity_dependence(data.velocity, data.restitution, stated, name))

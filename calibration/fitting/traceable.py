@@ -49,15 +49,44 @@ from calibration.data import RestitutionData
 from calibration.errors import DataError
 from calibration.fitting.assembly import Component
 from calibration.fitting.collisions import root
+from calibration.fitting.errors import CALLED, LN_2PI, Carried, Errors
 from calibration.fitting.problem import Element, Pool, pools_of
-from calibration.fitting.request import Request, datasets_of
+from calibration.fitting.request import Request, checked, datasets_of
 from calibration.fitting.rows import with_trees
-from calibration.fitting.set_likelihood import CALLED, LN_2PI, SetLikelihood
 from calibration.fitting.specs import SetSpec
 from calibration.fitting.transform import Transform
 from calibration.options import FitOptions
 
 START_SPREAD = 0.3  # of a pool
+
+
+@dataclass(frozen=True, eq=False)
+class NamedErrors:
+    """The errors of one data set with what θ calls the square root of each unknown variance, and ν."""
+
+    data: RestitutionData
+    errors: Errors
+    labels: Mapping[str, str]
+
+    @property
+    def per_second(self) -> float:
+        """What errors of 1 s of all times make in ε, root mean square."""
+        factors = self.data.errors.to_restitution * self.data.errors.sizes_at(1.0)
+        return max(float(np.sqrt(np.mean(np.sum(factors**2, axis=1)))), 1e-300)
+
+    def variances(self, theta: Mapping[str, Any], off: Any) -> dict[str, Any]:
+        """s as θ has it; plain noise that it does not have is put where the likelihood is largest."""
+        found = {}
+        for kind, label in self.labels.items():
+            if label in theta:
+                value = jnp.asarray(theta[label])
+                found[kind] = value if kind == "dof" else value**2
+            elif self.errors.is_plain and self.errors.dof is None:
+                found[kind] = jnp.mean(off**2)
+            else:
+                accepted = "with it: only plain normal noise is profiled"
+                raise DataError("theta", f"without {label!r}", accepted)
+        return found
 
 
 @dataclass(frozen=True)
@@ -70,9 +99,10 @@ class Traceable:
         start: where a search would begin, by name.
         noises: names of what is not stated of the errors: "noise", the standard deviation of ε;
             "group", that of the groups' offsets in ε; "timing" [s], that of times of bounces;
-            "scale", the factor on stated uncertainties. "noise[name]" where there are several.
-            Plain noise that θ does not have is profiled: put where the likelihood is largest.
-        sets: data sets and the likelihoods of their residuals, in their order.
+            "scale", the factor on stated uncertainties; "dof", ν of Student's t. "noise[name]" where
+            there are several. Plain normal noise that θ does not have is profiled: put where the
+            likelihood is largest.
+        sets: data sets and their errors, in their order.
         components: parameters and laws.
         pools: which of the parameters lie around a common mean.
         route: from a law to ε.
@@ -81,21 +111,28 @@ class Traceable:
     names: tuple[str, ...]
     start: Mapping[str, float]
     noises: tuple[str, ...]
-    sets: tuple[SetLikelihood, ...]
+    sets: tuple[NamedErrors, ...]
     components: tuple[Component, ...]
     pools: tuple[Pool, ...]
     route: Any
 
     def predict(self, theta: Mapping[str, Any]) -> list[Array]:
-        """ε at the points of each data set."""
-        return [self._curve(theta, *one)(one[2].data.velocity) for one in self._members()]
+        """E[ε] at the points of each data set; see `calibration.fitting.errors`."""
+        return [carried.mean for _, _, carried in self._at(theta)]
 
     def residuals(self, theta: Mapping[str, Any]) -> Array:
         """Predicted less measured ε over the standard deviation of each, then those of the priors.
 
         Where points share errors, without what they share. Over 1 where θ tells no noise.
         """
-        parts = [errors.whitened(theta, *rest) for errors, *rest in self._off(theta)]
+        parts = []
+        for one, off, carried in self._at(theta):
+            if one.errors.is_plain and not set(one.labels.values()) <= set(theta):
+                parts.append(off)
+                continue
+            s = one.variances(theta, off)
+            factor = one.errors.factor(s, carried.slope, carried.bend, jnp)
+            parts.append(one.errors.whiten(factor, off[:, None], jnp)[:, 0])
         return jnp.concatenate([*parts, self._prior_residuals(theta)])
 
     def log_likelihood(self, theta: Mapping[str, Any], measured: Array | None = None) -> Array:
@@ -104,23 +141,33 @@ class Traceable:
         Args:
             measured: restitutions in place of the measured ones, all data sets in a row.
         """
-        off = self._off(theta, measured)
-        return jnp.sum(jnp.stack([e.log_likelihood(theta, *rest) for e, *rest in off]))
+        parts = []
+        for one, off, carried in self._at(theta, measured):
+            s = one.variances(theta, off)
+            parts.append(one.errors.deviance(s, off, carried.slope, carried.bend, jnp))
+        return -0.5 * jnp.sum(jnp.stack(parts))
 
     def point_log_likelihood(self, theta: Mapping[str, Any]) -> Array:
         """ln p(ε_i | θ) of every point, in the order of the data sets.
 
-        Where points share errors, of each where the others are known; see `SetLikelihood.by_point`.
+        Where points share errors, of each where the others are known; see `Errors.by_point`.
         """
-        return jnp.concatenate([e.by_point(theta, *rest) for e, *rest in self._off(theta)])
+        parts = []
+        for one, off, carried in self._at(theta):
+            s = one.variances(theta, off)
+            found = one.errors.by_point(s, off, carried.slope, carried.bend, jnp)
+            parts.append(jnp.broadcast_to(found, off.shape))
+        return jnp.concatenate(parts)
 
     def simulated(self, theta: Mapping[str, Any], normal: Array) -> Array:
         """Measurements as the law and its errors make them, from standard normal numbers, one a point."""
         parts = []
-        for (errors, off, slope), some in zip(self._off(theta), self._split(normal), strict=True):
-            root = errors.root(theta, off, slope)
-            error = root @ some if errors.plan.shares else root * some
-            parts.append(off + errors.data.restitution + error)
+        for (one, off, carried), some in zip(self._at(theta), self._split(normal), strict=True):
+            s = one.variances(theta, off)
+            factor = one.errors.factor(s, carried.slope, carried.bend, jnp)
+            nu = one.errors.nu(s)
+            heavy = some if nu is None else as_student(some, nu)
+            parts.append(carried.mean + one.errors.colour(factor, heavy, jnp))
         return jnp.concatenate(parts)
 
     def log_prior(self, theta: Mapping[str, Any]) -> Array:
@@ -183,24 +230,18 @@ class Traceable:
         ]
         return sorted(rows, key=lambda row: row[1])
 
-    def _curve(self, theta, _: Component, g: int, spec: SetSpec) -> Callable[[Any], Array]:
-        law = self.law(theta, g)
-        return lambda v: root(sj.signed_restitution(law, v, self.route).squared, jnp)
-
-    def _off(self, theta, measured=None) -> list[tuple[SetLikelihood, Array, Any]]:
-        """Of each data set its errors, predicted less measured ε, and the curve's slope."""
-        found = []
+    def _at(self, theta, measured=None) -> list[tuple[NamedErrors, Array, Carried]]:
+        """Of each data set its errors, predicted less measured ε, and what the curve is there."""
         if measured is None:
             measured = jnp.concatenate([jnp.asarray(one.data.restitution) for one in self.sets])
+        found = []
         every = zip(self.sets, self._members(), self._split(measured), strict=True)
-        for errors, member, restitution in every:
-            curve, velocity = self._curve(theta, *member), jnp.asarray(errors.data.velocity)
-            slope: Any = 0.0
-            if errors.needs_slope:
-                value, slope = jax.jvp(curve, (velocity,), (jnp.ones_like(velocity),))
-            else:
-                value = curve(velocity)
-            found.append((errors, value - restitution, slope))
+        for one, (_, g, _), restitution in every:
+            law, errors = self.law(theta, g), one.errors
+            velocity = errors.nodes if errors.has_slope else errors.velocity
+            value = root(sj.signed_restitution(law, jnp.asarray(velocity), self.route).squared, jnp)
+            carried = errors.carried(value) if errors.has_slope else Carried(value, 0.0, 0.0)
+            found.append((one, carried.mean - restitution, carried))
         return found
 
     def _prior_residuals(self, theta) -> Array:
@@ -226,11 +267,14 @@ def problem(
     route: sj.EnergyBalance | sj.ClosedForm | sj.ODE | None = None,
     extra_scatter: bool = False,
     scale_uncertainty: bool = False,
+    noise: str = "normal",
+    noise_dof: float | str = 4.0,
 ) -> Traceable:
     """A law against data as JAX-traceable functions: residuals, likelihood, prior.
 
     Args:
-        data, law, parameters, extra_scatter, scale_uncertainty: as `fit` takes them.
+        data, law, parameters, extra_scatter, scale_uncertainty, noise, noise_dof: as `fit` takes
+            them.
         route: what suits the law where left out.
 
     Returns:
@@ -239,18 +283,15 @@ def problem(
     Raises:
         ValueError: naming the argument, its value and what is accepted.
     """
-    return traceable(
-        Request(
-            datasets_of(data),
-            parameters,
-            FitOptions.of(
-                law=law,
-                route=route,
-                extra_scatter=extra_scatter,
-                scale_uncertainty=scale_uncertainty,
-            ),
-        )
+    options = FitOptions.of(
+        law=law,
+        route=route,
+        extra_scatter=extra_scatter,
+        scale_uncertainty=scale_uncertainty,
+        noise=noise,
+        noise_dof=noise_dof,
     )
+    return traceable(checked(Request(datasets_of(data), parameters, options)))
 
 
 def traceable(request: Request) -> Traceable:
@@ -276,14 +317,23 @@ def traceable(request: Request) -> Traceable:
     return Traceable(tuple(start), start, noises, sets, tuple(components), pools, route)
 
 
-def _likelihoods(specs: Sequence[SetSpec]) -> tuple[SetLikelihood, ...]:
+def _likelihoods(specs: Sequence[SetSpec]) -> tuple[NamedErrors, ...]:
     """What is unknown of the errors has a name, with that of the data set where several have it."""
-    counts = {kind: sum(kind in spec.plan.unknown for spec in specs) for kind in CALLED}
+    counts = {kind: sum(kind in spec.errors.unknown for spec in specs) for kind in CALLED}
     found = []
     for spec in specs:
         labels = {
             kind: CALLED[kind] if counts[kind] == 1 else f"{CALLED[kind]}[{spec.data.name}]"
-            for kind in spec.plan.unknown
+            for kind in spec.errors.unknown
         }
-        found.append(SetLikelihood(spec.data, spec.plan, labels))
+        found.append(NamedErrors(spec.data, spec.errors, labels))
     return tuple(found)
+
+
+def as_student(normal: Array, nu: Any) -> Array:
+    """About Student's t of ν degrees of freedom, from standard normal numbers.
+
+    Source: Wallace, Ann. Math. Stat. 30, 1124 (1959).
+    """
+    stretched = normal * (8 * nu + 3) / (8 * nu + 1)
+    return jnp.sign(normal) * jnp.sqrt(nu * jnp.expm1(stretched**2 / nu))

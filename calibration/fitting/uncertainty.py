@@ -1,22 +1,30 @@
-"""How well the parameters are known: the estimating equations of all stages, stacked.
+"""How well the parameters are known.
 
-Each stage's estimate solves g_k(z) = Σ_i J_i r_i = 0. With A = ∂g/∂z and G_i = ∂g/∂ε_i of all stages
-together, noise of variance u_i² in ε moves the estimate by covariance
+Of one likelihood: the inverse of the observed information, the second derivatives of -ln p(data | θ, s)
+and of the priors (differences of the exact gradient). Where that is not positive definite in the
+directions that show, Gauss and Newton's JᵀJ takes its place and standard errors are not told.
 
-    C = A⁻¹ (Σ_i G_i G_iᵀ u_i²) A⁻ᵀ
+Of `two-step`: the estimating equations of both stages, stacked. Each stage's estimate solves
+g_k(z) = Σ_i J_i r_i = 0. With A = ∂g/∂z and G = ∂g/∂ε of both together, noise of covariance V moves
+the estimate by covariance
 
-For one least-squares stage with A = JᵀJ it is the usual (JᵀJ)⁻¹ u². For `two-step` the second
-stage's equations contain what the first gave, and the same noise enters both: that is the sandwich.
-There A is the exact derivative of the gradient, curvature of the residuals included, because the
-model's misfit is no noise and does not average out.
+    C = A⁻¹ (Gᵀ V G + priors) A⁻ᵀ
 
-Where the noise is itself an estimate, C is a sum of parts, one for each variance, and a quantile is
-Student's with the degrees of freedom that these have together (Satterthwaite).
+There A is the exact derivative of the gradient: the model's misfit is no noise and does not average out.
+
+Where the noise is itself an estimate, C is a function of variances s_c with covariance R of their
+logarithms. A quantile is Student's with (Satterthwaite)
+
+    ν = 2 C² / Σ_cd C_c C_d R_cd,     C_c = s_c ∂C/∂s_c
+
+and C, which takes s for known, is on the average too small by - Σ R_cd s_c s_d ∂²C/∂s_c∂s_d (Kenward and
+Roger); both from differences of Gauss and Newton's C, for normal noise.
 
 All of it for many fits side by side; one fit is one of one.
 
 Source: Newey and McFadden, Handbook of Econometrics 4, 2111 (1994), section 6; Satterthwaite,
-Biometrics Bulletin 2, 110 (1946).
+Biometrics Bulletin 2, 110 (1946); Kenward and Roger, Biometrics 53, 983 (1997); Efron and Hinkley,
+Biometrika 65, 457 (1978), of the observed information.
 """
 
 from collections.abc import Sequence
@@ -25,21 +33,71 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from calibration.fitting.degrees import Parts, inflation, noise_parts, shared_of
-from calibration.fitting.losses import influence
-from calibration.fitting.noise import Noise, noise_of
+from calibration.fitting.noise import in_units
 from calibration.fitting.problem import Lanes, Problem
 from calibration.fitting.transform import NONE
+from calibration.fitting.variances import Seen, relative_covariance
 
 RANK_TOLERANCE = 1e-9  # smallest over largest singular value, columns scaled to one
 NO_ERROR = 50.0  # a standard error in log units that says nothing
 DIFFERENCE = 2e-3  # step in z of the fourth-order differences of the exact gradient
-NEAR_KINKS = 1e-6  # the same where a robust loss bends between points
 NULL_SHARE = 1e-3  # of a null direction, from which on an element counts as undetermined
 SIDES = np.array([-2, -1, 1, 2])
+LEAST_CURVATURE = 0.02  # observed over expected information, below which it counts as none
+MOST = 4_000_000  # impacts of second derivatives
+NUMBERS = 20_000_000  # of Jacobians that are in memory at once
+BY_TIME = 0.1  # of these where each is integrated over time
+OF_VARIANCE = 1e-2  # step in the logarithm of a variance
+FEWEST = 1.0  # degrees of freedom
 
 Fits = Bool[np.ndarray, "fits p"]
 Matrices = Float[np.ndarray, "fits p p"]
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Errors of ε at each point of a problem, of fits side by side.
+
+    Attributes:
+        deviation: standard deviation (of Student's t the scale), (fits, points).
+        left: residual degrees of freedom of each data set, (fits, sets).
+    """
+
+    deviation: Float[np.ndarray, "fits points"]
+    left: Float[np.ndarray, "fits sets"]
+
+
+@dataclass(frozen=True)
+class Parts:
+    """What of a covariance goes with each variance that is an estimate; of fits side by side.
+
+    Attributes:
+        whole: the covariance, 0 for what is not determined, (fits, p, p).
+        parts: C_c, (fits, c, p, p).
+        relative: R, (fits, c, c).
+        sets: the data set of each part, (c,).
+        names: what each part's variance is of.
+    """
+
+    whole: Float[np.ndarray, "fits p p"]
+    parts: Float[np.ndarray, "fits c p p"]
+    relative: Float[np.ndarray, "fits c c"]
+    sets: Int[np.ndarray, "c"]
+    names: tuple[str, ...]
+
+    def along(self, directions: Float[np.ndarray, "n p"]) -> Float[np.ndarray, "fits n"]:
+        """Degrees of freedom of aᵀ C a, infinite where nothing of it is estimated."""
+        whole = np.einsum("np,fpq,nq->fn", directions, self.whole, directions)
+        parts = np.einsum("np,fcpq,nq->fnc", directions, self.parts, directions)
+        return satterthwaite(whole, parts, self.relative)
+
+
+def satterthwaite(whole, parts, relative) -> Float[np.ndarray, "fits n"]:
+    """ν of variances (fits, n) with parts (fits, n, c), see above."""
+    spread = np.einsum("fnc,fcd,fnd->fn", parts, relative, parts)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        degrees = np.where(spread > 0, 2 * whole**2 / spread, np.inf)
+    return np.maximum(np.where(np.isnan(degrees), np.inf, degrees), FEWEST)
 
 
 @dataclass(frozen=True)
@@ -54,9 +112,10 @@ class Uncertainty:
         rank, condition_number: of the weighted Jacobian, columns scaled to one; the worst stage's.
         undetermined: elements that lie in a null direction.
         limits: elements held at an end of their range, +1 or -1, else 0.
+        definite: whether the observed information is, or nothing depends on it, (fits,).
         noise: the errors of ε that were used.
         parts: of `covariance`, by the variances that are estimates.
-        widened: the errors over those of known variances, 1 where points share none.
+        widened: the errors over those of known variances, 1 where none shares an error.
     """
 
     covariance: Matrices
@@ -65,13 +124,14 @@ class Uncertainty:
     condition_number: Float[np.ndarray, "fits"]
     undetermined: Fits
     limits: Int[np.ndarray, "fits p"]
+    definite: Bool[np.ndarray, "fits"]
     noise: Noise
     parts: Parts
     widened: Float[np.ndarray, "fits p"]
 
     @property
     def known(self) -> Fits:
-        """What has a standard error."""
+        """What is determined, and at no end of its range."""
         return ~self.undetermined & (self.limits == 0)
 
     @property
@@ -101,139 +161,325 @@ def stacked(
     Args:
         lanes: the restitutions that each fit is one to, where they differ.
     """
-    lanes = lanes or Lanes()
+    lanes = in_units(stages[0].problem, z, lanes or Lanes())
+    found = _of_likelihood if len(stages) == 1 else _of_equations
+    return found(stages, z, lanes)
+
+
+def _of_likelihood(stages: Sequence[Settled], z, lanes: Lanes) -> Uncertainty:
+    """By the observed information of one stage."""
+    problem, limits = stages[0].problem, stages[0].limits
+    held, size = limits != 0, z.shape[1]
+    linear = problem.linearise(z, lanes)
+    jacobian = np.where(held[:, None], 0.0, linear.jacobian)
+    rank, condition, nulls = diagnose(jacobian, held)
+    basis, seen = _basis(jacobian)
+    identity = np.eye(basis.shape[2])
+    curved, definite = np.repeat(identity[None], len(z), axis=0), np.ones(len(z), bool)
+    if _asks_for_curvature(problem, len(z)):
+        slopes = gradient_slopes(problem, z, problem.active, lanes)
+        turned = np.swapaxes(basis, 1, 2)
+        curvature = turned @ (0.5 * (slopes + np.swapaxes(slopes, 1, 2))) @ basis
+        curvature += np.where(seen[:, :, None] & seen[:, None], 0.0, identity)
+        with np.errstate(invalid="ignore"):
+            finite = np.all(np.isfinite(curvature), axis=(1, 2))
+        curvature = np.where(finite[:, None, None], curvature, identity)
+        definite = finite & (np.linalg.eigvalsh(curvature)[:, 0] > LEAST_CURVATURE)
+        curved = np.where(definite[:, None, None], curvature, identity)
+    else:
+        definite[:] = not any("[" in problem.elements[k].name for k in problem.active)
+    values, vectors = np.linalg.eigh(curved)
+    root = basis @ (vectors * values[:, None] ** -0.5) @ np.swapaxes(vectors, 1, 2)
+    covariance = root @ np.swapaxes(root, 1, 2)
+    noise, parts, added = _of_noise(problem, z, lanes, basis, root, jacobian)
+    before = np.diagonal(covariance, axis1=1, axis2=2)
+    covariance = covariance + added
+    ratio = np.diagonal(covariance, axis1=1, axis2=2) / np.where(before > 0, before, 1.0)
+    widened = np.sqrt(np.where(before > 0, np.maximum(ratio, 1.0), 1.0))
+    order = np.argsort(problem.active)
+    if len(order) < size:
+        raise AssertionError("a likelihood searches all its elements")
+    left_out = nulls | held
+    told = np.where(left_out[:, :, None] | left_out[:, None], np.nan, covariance)
+    scaled = problem.transform.kind[problem.active] != NONE
+    error = np.diagonal(told, axis1=1, axis2=2)
+    nulls = nulls | (scaled & ~held & ~(error < NO_ERROR**2))
+    back = lambda a: a[:, order]  # noqa: E731
+    both = lambda a: a[:, order][:, :, order]  # noqa: E731
+    parts = replace(parts, whole=both(parts.whole), parts=parts.parts[:, :, order][..., order])
+    return Uncertainty(
+        both(told),
+        both(covariance),
+        rank,
+        condition,
+        back(nulls),
+        back(limits),
+        definite,
+        noise,
+        parts,
+        back(widened),
+    )
+
+
+def _asks_for_curvature(problem: Problem, fits: int) -> bool:
+    """Whether second derivatives are taken: not of a network, and not where they would take long."""
+    import softjax as sj
+
+    if any("[" in problem.elements[k].name for k in problem.active) or not len(problem.active):
+        return False
+    impacts = 4 * len(problem.active) * problem.count * (5 if problem.moves else 1)
+    return impacts <= MOST * (BY_TIME if isinstance(problem.route, sj.ODE) else 1.0)
+
+
+def _basis(jacobian: Float[np.ndarray, "fits m p"]):
+    """W with Wᵀ JᵀJ W = 1 along what the rows move with, 0 elsewhere; and which columns are such."""
+    size = np.linalg.norm(jacobian, axis=1)
+    size = np.where(size > 0, size, 1.0)
+    missing = max(jacobian.shape[2] - jacobian.shape[1], 0)
+    filled = np.pad(jacobian / size[:, None], ((0, 0), (0, missing), (0, 0)))
+    _, singular, directions = np.linalg.svd(filled, full_matrices=False)
+    seen = singular > RANK_TOLERANCE * np.max(singular, axis=1, keepdims=True, initial=0.0)
+    per = np.where(seen, 1 / np.where(seen, singular, 1.0), 0.0)
+    return np.swapaxes(directions, 1, 2) * per[:, None] / size[:, :, None], seen
+
+
+def _of_noise(problem: Problem, z, lanes: Lanes, basis, root, jacobian):
+    """The noise, what of the covariance goes with each estimated variance, and what that adds to it."""
+    deviation = np.sqrt(problem.diagonal(z, lanes))
+    white = jacobian @ basis
+    squares = np.einsum("fnk,fnk->fn", white, white)[:, : problem.count]
+    counts = [own.stop - own.start - np.sum(squares[:, own], axis=1) for own in problem.own]
+    left = np.maximum(np.stack(counts, axis=1), 1.0)
+    variances = problem.variances if lanes.variances is None else lanes.variances
+    parts, sets, names, blocks = [], [], [], []
+    k, fits = basis.shape[2], len(z)
+    added = np.zeros((fits, k, k))
+    unknown = any(e.unknown or e.degrees is not None for e in problem.errors)
+    every = problem.seen(z, lanes) if unknown else []
+    for g, (errors, s, seen) in enumerate(zip(problem.errors, variances, every, strict=False)):
+        kinds, relative = _estimates(errors, s, seen, left[:, g])
+        if not kinds:
+            continue
+        own = seen._replace(jacobian=seen.jacobian @ basis)
+        first, second = _changes(errors, s, own, kinds, jacobian[:, problem.own[g]] @ basis)
+        parts += [-one for one in first]
+        sets += [g] * len(kinds)
+        names += kinds
+        blocks.append(relative)
+        if errors.dof is not None:
+            continue
+        for c in range(len(kinds)):
+            for d in range(len(kinds)):
+                bent = first[c] @ first[d] + first[d] @ first[c] - second[c][d]
+                bent += first[c] if c == d else 0.0  # - δ_cd ∂C/∂ln s
+                added -= relative[:, c, d, None, None] * bent
+    relative = _diagonal(blocks, fits)
+    carried = lambda m: root @ m @ np.swapaxes(root, 1, 2)  # noqa: E731
+    found = (
+        np.stack([carried(p) for p in parts], 1)
+        if parts
+        else np.zeros((fits, 0, *[root.shape[1]] * 2))
+    )
+    whole = root @ np.swapaxes(root, 1, 2)
+    of_noise = Parts(whole, found, relative, np.array(sets, int), tuple(names))
+    return Noise(deviation, left), of_noise, carried(added)
+
+
+def _estimates(errors, s, seen: Seen, left):
+    """Which variances of a data set are estimates, and the covariance R of their logarithms."""
+    if not errors.unknown:
+        if errors.degrees is None:
+            return [], np.zeros((len(left), 0, 0))
+        return ["repeats"], np.full((len(left), 1, 1), 2 / errors.degrees)
+    kinds = [kind for kind in errors.unknown if kind != "dof"]
+    if errors.dof is not None:  # of Student's t: as if from that many residuals
+        return kinds[:1], np.broadcast_to(
+            (2 / left)[:, None, None], (len(left), len(kinds[:1]), len(kinds[:1]))
+        )
+    return kinds, relative_covariance(errors, s, seen)
+
+
+def _changes(errors, s, seen: Seen, kinds: list[str], white):
+    """∂A/∂ln s and ∂²A/∂ln s∂ln s of A = Jᵀ V⁻¹ J of one data set."""
+    if kinds == ["repeats"] or errors.dof is not None:
+        own = np.swapaxes(white, 1, 2) @ white
+        return [-own], [[own]]
+    h = OF_VARIANCE
+
+    def information(*moves: tuple[str, float]):
+        at = dict(s)
+        for kind, step in moves:
+            at[kind] = at[kind] * np.exp(step)
+        factor = errors.factor(at, seen.slope, seen.bend)
+        columns = errors.whiten(factor, seen.jacobian)
+        return np.swapaxes(columns, 1, 2) @ columns
+
+    here = information()
+    first, second = [], [[0 * here for _ in kinds] for _ in kinds]
+    for c, kind in enumerate(kinds):
+        far_down, down, up, far_up = (information((kind, n * h)) for n in SIDES)
+        first.append((8 * (up - down) - (far_up - far_down)) / (12 * h))
+        second[c][c] = (16 * (up + down) - (far_up + far_down) - 30 * here) / (12 * h**2)
+        for d, other in enumerate(kinds[:c]):
+            ends = [
+                information((kind, a * h), (other, b * h))
+                for a, b in ((1, 1), (1, -1), (-1, 1), (-1, -1))
+            ]
+            second[c][d] = second[d][c] = (ends[0] - ends[1] - ends[2] + ends[3]) / (4 * h**2)
+    return first, second
+
+
+def _diagonal(blocks, fits: int):
+    """Matrices of each fit in a row along the diagonal."""
+    size = sum(one.shape[1] for one in blocks)
+    found, first = np.zeros((fits, size, size)), 0
+    for one in blocks:
+        rows = slice(first, first + one.shape[1])
+        found[:, rows, rows], first = one, rows.stop
+    return found
+
+
+def _of_equations(stages: Sequence[Settled], z, lanes: Lanes) -> Uncertainty:
+    """By the stacked estimating equations of several stages."""
     first_problem = stages[0].problem
-    noise = noise_of(first_problem, z, lanes)
     order = np.concatenate([stage.problem.active for stage in stages]).astype(int)
     fits, size, points = len(z), len(order), first_problem.count
     bread, prior = np.zeros((2, fits, size, size))
     scores = np.zeros((fits, points, size))
     nulls, limits = np.zeros((fits, size), bool), np.zeros((fits, size), int)
     rank, condition = np.zeros(fits, int), np.ones(fits)
-    first, seen = 0, None
+    leverage, first = np.zeros((fits, points)), 0
     for k, stage in enumerate(stages):
         problem = stage.problem
         columns = slice(first, first + len(problem.active))
-        first = columns.stop
-        held = stage.limits != 0
-        plain = replace(problem, loss="squared").linearise(z, lanes).jacobian
-        jacobian = np.where(held[:, None, :], 0.0, plain)
-        drawn = first_problem if k and first_problem.loss != "squared" else None
-        if k or problem.loss != "squared":
-            bread[:, columns] = np.sum(gradient_slopes(problem, z, order, drawn, lanes), axis=1)
+        first, held = columns.stop, stage.limits != 0
+        own = lanes if k == 0 else Lanes(restitution=lanes.restitution, weight=lanes.weight)
+        jacobian = np.where(held[:, None], 0.0, problem.linearise(z, own).jacobian)
+        if k:
+            bread[:, columns] = gradient_slopes(problem, z, order, own)
         else:
             bread[:, columns, columns] = np.swapaxes(jacobian, 1, 2) @ jacobian
-        spread = _score_spread(problem if drawn is None else drawn, z, noise, lanes)
-        if problem.shared is None and first_problem.shared is not None:
-            weight = problem.points.weight[None, :, None]
-            scores[:, :, columns] = first_problem.coloured(weight * jacobian[:, :points])
-        else:
-            scores[:, :, columns] = jacobian[:, :points] * spread[:, :, None]
+            leverage = leverages(jacobian)[:, :points]
+        scores[:, :, columns] = _scores(problem, z, own, jacobian[:, :points], held)
         of_priors = jacobian[:, points:]
         prior[:, columns, columns] = np.swapaxes(of_priors, 1, 2) @ of_priors
         told = diagnose(jacobian, held)
         rank, condition = rank + told[0], np.maximum(condition, told[1])
         nulls[:, columns], limits[:, columns] = told[2], stage.limits
-        seen = (
-            _along_seen(jacobian, spread)
-            if len(stages) == 1 and problem.loss == "squared"
-            else None
-        )
-    middle = np.swapaxes(scores, 1, 2) @ scores + prior
+    left = np.stack([o.stop - o.start - np.sum(leverage[:, o], 1) for o in first_problem.own], 1)
+    noise = Noise(np.sqrt(first_problem.diagonal(z, lanes)), np.maximum(left, 1.0))
+    middles, relative, sets, names = _middles(first_problem, z, lanes, scores, noise.left)
     left_out = nulls | (limits != 0)
     inverse = _inverse(bread, left_out)
-    covariance = inverse @ middle @ np.swapaxes(inverse, 1, 2)
-    covariance[left_out[:, :, None] | left_out[:, None, :]] = np.nan
+    carried = lambda m: inverse @ m @ np.swapaxes(inverse, 1, 2)  # noqa: E731
+    whole = carried(sum(middles[0]) + prior)
+    covariance = np.where(left_out[:, :, None] | left_out[:, None], np.nan, whole)
     scaled = first_problem.transform.kind[order] != NONE
     error = np.diagonal(covariance, axis1=1, axis2=2)
     nulls |= scaled & (limits == 0) & ~(error < NO_ERROR**2)
-    if seen is None:
-        seen = np.nan_to_num(covariance)
-    else:  # what is known for sure is known whatever lies along the null directions
-        covariance = np.where(np.isnan(covariance), np.nan, seen)
-    widened = np.ones((fits, size))
-    shared = shared_of(first_problem, z[0])
-    if shared and len(stages) == 1:
-        added = inflation(shared, inverse)
-        before = np.diagonal(seen, axis1=1, axis2=2)
-        covariance, seen = covariance + added, seen + added
-        ratio = np.diagonal(seen, axis1=1, axis2=2) / np.where(before > 0, before, 1.0)
-        widened = np.sqrt(np.where(before > 0, ratio, 1.0))
     back = np.argsort(order)
-    covariance, seen = (a[:, back][:, :, back] for a in (covariance, seen))
-    parts = noise_parts(first_problem, noise, shared, scores, inverse).turned(back)
-    nulls, limits, widened = nulls[:, back], limits[:, back], widened[:, back]
-    return Uncertainty(covariance, seen, rank, condition, nulls, limits, noise, parts, widened)
+    both = lambda a: a[..., back, :][..., back]  # noqa: E731
+    parts = (
+        np.stack([carried(m) for m in middles[1]], 1)
+        if middles[1]
+        else np.zeros((fits, 0, size, size))
+    )
+    of_noise = Parts(both(whole), both(parts), relative, np.array(sets, int), tuple(names))
+    return Uncertainty(
+        both(covariance),
+        np.nan_to_num(both(covariance)),
+        rank,
+        condition,
+        nulls[:, back],
+        limits[:, back],
+        np.ones(fits, bool),
+        noise,
+        of_noise,
+        np.ones((fits, size)),
+    )
 
 
-def _along_seen(jacobian, spread) -> Matrices:
-    """The covariance along the directions that the residuals move with."""
-    size = np.linalg.norm(jacobian, axis=1)
-    size = np.where(size > 0, size, 1.0)
-    inverse = np.linalg.pinv(jacobian / size[:, None, :], rcond=RANK_TOLERANCE) / size[:, :, None]
-    extra = np.ones((len(jacobian), jacobian.shape[1] - spread.shape[1]))  # of the priors
-    inverse = inverse * np.concatenate([spread, extra], axis=1)[:, None, :]
-    return inverse @ np.swapaxes(inverse, 1, 2)
+def _scores(problem: Problem, z, lanes: Lanes, white, held):
+    """What an error in each ε adds to a stage's equations."""
+    if problem.is_fixed:
+        weight = problem.points.weight if lanes.weight is None else lanes.weight
+        return white * np.broadcast_to(weight, white.shape[:2])[..., None]
+    variances = problem.variances if lanes.variances is None else lanes.variances
+    found = []
+    for errors, s, seen in zip(problem.errors, variances, problem.seen(z, lanes), strict=True):
+        factor = errors.factor(s, seen.slope, seen.bend)
+        found.append(errors.solve(factor, np.where(held[:, None], 0.0, seen.jacobian)))
+    return np.concatenate(found, axis=1)
 
 
-def _score_spread(problem: Problem, z, noise: Noise, lanes: Lanes) -> Float[np.ndarray, "fits n"]:
-    """Standard deviation of what noise adds to each point's equation, over its Jacobian's row.
+def _middles(problem: Problem, z, lanes: Lanes, scores, left):
+    """Gᵀ V G of each data set, its parts by the variances that are estimates, and how well these are known."""
+    variances = problem.variances if lanes.variances is None else lanes.variances
+    whole, parts, sets, names, blocks = [], [], [], [], []
+    every = problem.seen(z, lanes) if problem.errors else []
+    if not problem.errors:
+        weight = problem.points.weight
+        white = scores / np.where(weight > 0, weight, 1.0)[:, None]
+        whole.append(np.swapaxes(white, 1, 2) @ white)
+    for g, (errors, s, seen) in enumerate(zip(problem.errors, variances, every, strict=True)):
+        own = scores[:, problem.own[g]]
 
-    Least squares: w u; one where points are whitened. A robust loss lets an outlier add no more than
-    its ψ: the mean of ψ².
-    """
-    if problem.shared is not None:
-        return np.ones(noise.deviation.shape)
-    weighted = problem.points.weight * noise.deviation
-    if problem.loss == "squared":
-        return weighted
-    told = influence(problem.raw_residuals(z, lanes), problem.scale, problem.loss)
-    for g in range(len(problem.datasets)):
-        own = problem.points.set == g
-        lost = max(int(np.sum(own)) - len(problem.active), 1)
-        weighted[:, own] = np.sqrt(np.sum(told[:, own] ** 2, axis=1) / lost)[:, None]
-    return weighted
+        def middle(at, errors=errors, seen=seen, own=own):
+            factor = errors.factor(at, seen.slope, seen.bend)
+            return np.swapaxes(own, 1, 2) @ errors.times(factor, own)
 
-
-def winsorised(first: Problem, z, lanes: Lanes | None = None) -> Float[np.ndarray, "fits n"]:
-    """Every ε as far from the first stage's robust curve as its influence reaches, no farther.
-
-    So the second step sees the same bounded noise as the first, and its own misfit is not taken for
-    outliers.
-    """
-    residual = first.raw_residuals(z, lanes)
-    drawn = influence(residual, first.scale, first.loss) / first.points.weight
-    return first.predict(z) - drawn
+        whole.append(middle(s))
+        kinds, relative = _estimates(errors, s, seen, left[:, g])
+        if errors.is_plain:
+            relative = (2 / left[:, g])[:, None, None]
+        blocks.append(relative)
+        for kind in kinds:
+            if kind == "repeats":
+                parts.append(middle(s))
+            else:  # V is linear in it
+                twice = {**s, kind: 2 * np.asarray(s[kind])}
+                parts.append(middle(twice) - whole[-1])
+        sets += [g] * len(kinds)
+        names += kinds
+    return (whole, parts), _diagonal(blocks, len(z)), sets, names
 
 
 def gradient_slopes(
-    problem: Problem, z, order, drawn: Problem | None = None, lanes: Lanes | None = None
-) -> Float[np.ndarray, "fits m own p"]:
-    """∂(J_i r_i)/∂z of each residual: what it adds to the slope of a stage's own equations.
+    problem: Problem, z, order, lanes: Lanes | None = None, by_row: bool = False
+) -> np.ndarray:
+    """∂(Jᵀ r)/∂z: the curvature of -ln p, or the slope of a stage's own equations in other elements.
 
-    `drawn` is the robust stage that winsorised the data of this one.
+    (fits, own, p); what each row adds to that, (fits, m, own, p), `by_row`.
 
     Fourth-order differences of the exact gradient, all in one batch: no second derivative of a time
     integration is compiled, and the error stays near 1e-11.
     """
     fits, size = len(z), len(order)
     scaled = problem.transform.kind[order] != NONE
-    bent = problem.loss != "squared" or drawn is not None
-    step = NEAR_KINKS if bent else DIFFERENCE
-    steps = step * np.where(scaled, 1.0, np.maximum(np.abs(z[:, order]), 1e-6))
+    steps = DIFFERENCE * np.where(scaled, 1.0, np.maximum(np.abs(z[:, order]), 1e-6))
     places = np.repeat(z[:, None, None], size, axis=1).repeat(4, axis=2)
     for k, position in enumerate(order):
         places[:, k, :, position] += steps[:, k, None] * SIDES
-    flat = places.reshape(fits * size * 4, -1)
     repeated = (lanes or Lanes()).some(np.repeat(np.arange(fits), size * 4))
-    if drawn is not None:
-        repeated = Lanes(restitution=winsorised(drawn, flat, repeated))
-    found = problem.linearise(flat, repeated)
-    gradient = found.jacobian * found.residual[:, :, None]
-    shaped = gradient.reshape(fits, size, 4, *gradient.shape[1:])
-    far_down, down, up, far_up = np.moveaxis(shaped, 2, 0)
-    slope = (8 * (up - down) - (far_up - far_down)) / (12 * steps)[:, :, None, None]
-    return np.moveaxis(slope, 1, 3)
+    flat = places.reshape(fits * size * 4, z.shape[1])
+    most = max(1, NUMBERS // (problem.count * max(len(problem.active), 1)))
+    parts = []
+    product = "fmp,fm->fmp" if by_row else "fmp,fm->fp"
+    for first in range(0, len(flat), most):
+        some = np.arange(first, min(first + most, len(flat)))
+        found = problem.linearise(flat[some], repeated.some(some))
+        parts.append(np.einsum(product, found.jacobian, found.residual))
+    gradient = np.concatenate(parts).reshape(fits, size, 4, *parts[0].shape[1:])
+    far_down, down, up, far_up = np.moveaxis(gradient, 2, 0)
+    steps = steps.reshape(*steps.shape, *[1] * (up.ndim - 2))
+    slope = (8 * (up - down) - (far_up - far_down)) / (12 * steps)
+    return np.moveaxis(slope, 1, -1)
+
+
+def leverages(jacobian: Float[np.ndarray, "fits m p"]) -> Float[np.ndarray, "fits m"]:
+    """Diagonal of J (JᵀJ)⁺ Jᵀ: how many parameters each row pays for."""
+    white = jacobian @ _basis(jacobian)[0]
+    return np.einsum("fmk,fmk->fm", white, white)
 
 
 def diagnose(jacobian: Float[np.ndarray, "fits m p"], held: Fits):

@@ -135,13 +135,24 @@ def notes(result: Any) -> list[str]:
 def quality_words(result: Any) -> list[str]:
     """What the columns of the table of goodness of fit are."""
     header = tables.quality_table(result).columns
-    return [f"{name}: {text}" for name, text in tables.QUALITY.items() if name in header]
+    words = [f"{name}: {text}" for name, text in tables.QUALITY.items() if name in header]
+    return words + outlier_lines(result)
+
+
+def outlier_lines(result: Any) -> list[str]:
+    """The points that the noise does not explain, one a line."""
+    several = len(result.materials) > 1
+    return [
+        (f"outlier, {fit.name}: " if several else "outlier: ") + str(one)
+        for fit in result.materials
+        for one in fit.outliers
+    ]
 
 
 def settings_line(result: Any) -> str:
     """The settings of a fit in one line."""
     settings, options = result.settings, result.request.options
-    known = ("law", "objective", "optimiser", "route", "loss", "loss_scale", "form", "kappa", "end")
+    known = ("law", "objective", "optimiser", "route", "noise", "noise_dof", "form", "kappa", "end")
     names = [name for name in (*known, "starts", "seed") if settings.get(name) is not None]
     parts = [f"{name.replace('_', ' ')} {settings[name]}" for name in names]
     parts += ["scatter beside the stated uncertainties"] * options.extra_scatter

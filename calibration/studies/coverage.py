@@ -17,11 +17,12 @@ import softjax as sj
 from calibration.data import RestitutionData
 from calibration.data.checks import check_whole, checked_confidence
 from calibration.fitting.component_fit import ComponentFit, fit_component
+from calibration.fitting.noise import in_units
 from calibration.fitting.problem import Lanes
 from calibration.fitting.refits import settled
 from calibration.fitting.request import Request
 from calibration.fitting.search import Found, search
-from calibration.fitting.uncertainty import Settled, Uncertainty, quantile, stacked
+from calibration.fitting.uncertainty import Settled, quantile, stacked
 from calibration.options import FitOptions
 
 PLAIN = FitOptions(optimiser="levenberg-marquardt", starts=1)
@@ -124,13 +125,15 @@ def _study(case: CoverageCase, sets: int, seed, confidence: float) -> Coverage:
     ideal = Request((case.data(),), case.parameters, options)
     component = ideal.components()[0]
     exact = fit_component(component, PLAIN)
-    lanes = Lanes(restitution=_simulated(case, sets, seed))
+    drawn = _simulated(case, sets, seed)
+    lanes = Lanes(drawn, None if case.stated else np.ones(drawn.shape))
     begin = np.repeat(exact.z[None], sets, axis=0)
-    z, stages, arrived = settled((stage.problem for stage in exact.stages), begin, lanes)
+    z, stages, arrived, lanes = settled((stage.problem for stage in exact.stages), begin, lanes)
+    lanes = in_units(stages[0].problem, z, lanes)
     known = stacked(stages, z, lanes)
     reach = quantile(confidence, known.degrees)
     off = np.abs(z - exact.z) <= reach * known.errors
-    held = off if len(stages) > 1 else _profiled(exact, stages[0], z, lanes, known, reach)
+    held = off if len(stages) > 1 else _profiled(exact, stages[0], z, lanes, reach)
     labels = [e.label for e in component.elements]
     by = lambda table: {label: table[:, k] for k, label in enumerate(labels)}  # noqa: E731
     sound = known.known
@@ -151,16 +154,15 @@ def _study(case: CoverageCase, sets: int, seed, confidence: float) -> Coverage:
     )
 
 
-def _profiled(exact: ComponentFit, stage: Settled, z, lanes: Lanes, known: Uncertainty, reach):
+def _profiled(exact: ComponentFit, stage: Settled, z, lanes: Lanes, reach):
     """Which likelihood intervals hold the truth: those in which the cost there is low enough."""
     problem, held = stage.problem, np.zeros(z.shape, bool)
-    lowest = np.sum(problem.linearise(z, lanes, slopes=False).residual ** 2, axis=1)
-    variance = (known.noise.deviation[:, 0] * problem.points.weight[0]) ** 2
+    lowest = problem.linearise(z, lanes, slopes=False).cost
     for column, k in enumerate(problem.active):
         risen = np.min(
             [found.cost for found in _at_truth(exact, problem, z, lanes, column)], axis=0
         )
-        held[:, k] = (2 * risen - lowest) / variance <= reach[:, k] ** 2
+        held[:, k] = 2 * (risen - lowest) <= reach[:, k] ** 2
     return held
 
 

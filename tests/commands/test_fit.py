@@ -177,7 +177,7 @@ def test_residuals_and_what_each_point_pays_for_are_written(uncertainty, tmp_pat
 
 
 def test_the_same_seed_gives_the_same_bytes(tmp_path):
-    file = write_alloy(tmp_path, 'law = "walton-braun"\nloss = "huber"\nloss_scale = 2.0')
+    file = write_alloy(tmp_path, 'law = "walton-braun"\nnoise = "student-t"\nnoise_dof = 3.0')
     tables = []
     for name in ("one", "two"):
         assert run("fit", file, "--quiet", "--out", tmp_path / name)[0] == 0

@@ -78,7 +78,7 @@ def test_values_errors_and_bands_are_scipy_s(name, stated):
     labels = result.covariance_names
     assert len(labels) == len(truth) == result.rank
     np.testing.assert_allclose([result.values[n] for n in labels], values, rtol=1e-6)
-    np.testing.assert_allclose(result.covariance, covariance, rtol=2e-5)
+    np.testing.assert_allclose(result.covariance, covariance, rtol=1e-4)
     degrees = np.inf if stated else len(data) - len(truth)
     t = stats.t.ppf(0.975, degrees)
     band = result.band(VELOCITY)
@@ -161,7 +161,7 @@ def test_a_link_over_three_materials_is_one_fit():
     result = cal.fit(sets, linked, shared, **QUICK)
     off = lambda x: np.concatenate([(curve(d.name, *x) - d.restitution) / 0.003 for d in sets])  # noqa: E731
     found = optimize.least_squares(off, [0.8, 0.1], "3-point", xtol=1e-14)
-    covariance = np.linalg.inv(found.jac.T @ found.jac)
+    covariance = np.linalg.inv(fit_oracle.curvature(off, found.x, found.jac))
     assert result.covariance_names == ("a", "b")
     for k, name in enumerate("ab"):
         assert result.values[f"{name}[nylon]"] == pytest.approx(found.x[k], rel=1e-6)
@@ -262,17 +262,51 @@ def test_a_law_of_one_s_own_is_no_built_in_one():
         cal.fit(data, lambda contact, chi: zhou(contact, chi), objective="two-step")
 
 
-def test_a_robust_loss_solves_its_estimating_equations():
-    """soft-l1: Σ r/√(1 + (r/s)²) ∂ε/∂θ = 0, s the median deviation, about outliers that squares follow."""
+@pytest.mark.parametrize("stated", [True, False])
+def test_outliers_lose_their_pull_under_student_s_t(stated):
+    """Against SciPy's largest density; its curvature; those that stick out are named with their weight."""
     noise = 0.005 * np.random.default_rng(7).standard_normal(60)
     noise[::9] -= 0.04
     v = np.linspace(1, 40, 60)
-    data = cal.RestitutionData(v, decay(v, 0.9, 0.01) + noise)
-    result = cal.fit(data, Decay, OWN["decay"][1], loss="soft-l1", loss_scale=1.0, **QUICK)
+    told = {"uncertainty": 0.005} if stated else {}
+    data = cal.RestitutionData(v, decay(v, 0.9, 0.01) + noise, **told)
+    result = cal.fit(data, Decay, OWN["decay"][1], noise="student-t", **QUICK)
+    scale = 0.005 if stated else result.materials[0].noise
+
+    def cost(x):
+        return -np.sum(stats.t.logpdf((decay(v, *x) - data.restitution) / scale, 4))
+
     values = np.array([result.values[n] for n in ("level", "rate")])
-    off = decay(v, *values) - data.restitution
-    size = np.median(np.abs(off)) / stats.norm.ppf(0.75)
-    slopes = np.stack([np.exp(-values[1] * v), -v * decay(v, *values)])
-    pull = slopes * off
-    assert np.all(np.abs(pull @ (1 / np.sqrt(1 + (off / size) ** 2))) < 1e-6 * np.sum(np.abs(pull)))
-    assert abs(values[0] - 0.9) < 0.005 < 0.9 - cal.fit(data, Decay, **QUICK).values["level"]
+    best = optimize.minimize(cost, values, method="Nelder-Mead", options={"xatol": 1e-10}).x
+    np.testing.assert_allclose(values, best, rtol=1e-6)
+    steps = 1e-4 * np.diag(best)
+    second = [
+        [
+            cost(best + a + b) - cost(best + a - b) - cost(best - a + b) + cost(best - a - b)
+            for b in steps
+        ]
+        for a in steps
+    ]
+    covariance = np.linalg.inv(second / (4e-8 * np.outer(best, best)))
+    np.testing.assert_allclose(result.covariance, covariance, rtol=1e-3)
+    assert abs(values[0] - 0.9) < 0.004 < 0.9 - cal.fit(data, Decay, **QUICK).values["level"]
+    named = {one.row - 1: one for one in result.outliers}
+    assert set(named) == set(range(0, 60, 9))
+    for row, one in named.items():
+        off = (data.restitution[row] - decay(v[row], *values)) / scale
+        assert one.residual == pytest.approx(off, rel=1e-5)
+        assert one.weight == pytest.approx(4 / (4 + off**2), rel=1e-4)
+        assert (one.velocity, one.line) == (v[row], None)
+
+
+def test_student_s_t_is_for_independent_errors_of_a_likelihood():
+    v = np.linspace(1, 4, 12)
+    data = cal.RestitutionData(v, decay(v, 0.9, 0.01), group=list("aabbccddeeff"))
+    with pytest.raises(ValueError, match='`noise` must be "normal" where points share errors'):
+        cal.fit(data, Decay, OWN["decay"][1], noise="student-t")
+    with pytest.raises(ValueError, match='`noise` must be "normal" with objective = "two-step"'):
+        cal.fit(eq_17_data("nylon"), objective="two-step", noise="student-t")
+    with pytest.raises(
+        ValueError, match=r"`noise_dof` must be a number in \[2, 30\], or .estimate"
+    ):
+        cal.fit(data, Decay, noise="student-t", noise_dof=1.0)

@@ -225,7 +225,7 @@ def test_profiles_of_eq_17_are_lmfit_s_and_eps_up_has_the_error_of_its_losses():
     slope = -np.exp(-loss) * loss * np.array([1 / values[0], np.log(ratio)])
     derived = result.estimates["eps_up"]
     assert derived.value == pytest.approx(np.exp(-loss), rel=1e-6)
-    assert derived.standard_error == pytest.approx(np.sqrt(slope @ covariance @ slope), rel=1e-4)
+    assert derived.standard_error == pytest.approx(np.sqrt(slope @ covariance @ slope), rel=0.01)
 
 
 def three(names=NAMES):

@@ -293,6 +293,9 @@ def _of_element(element: Element, kind: int) -> Prior:
 
 
 def _of_noise(kind: str, label: str, per_unit: float) -> Prior:
+    if kind == "dof":
+        told = "log-normal, median 8, a factor of 2.2 each way"
+        return Prior(label, told, True, math.log(8.0), 0.8)
     if kind == "scale":
         return Prior(label, "log-normal, median 1, a factor of 2.7 each way", True, 0.0, 1.0)
     size, unit = NOISE / per_unit, " s" if kind == "timing" else ""

@@ -19,11 +19,11 @@ import softjax as sj
 from calibration.data.checks import check_whole
 from calibration.errors import DataError, InputError
 from calibration.fitting.curves import band_of, curve_problem
+from calibration.fitting.errors import CALLED
 from calibration.fitting.estimate import Band
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.posterior.density import Density, density_of
 from calibration.fitting.posterior.nuts import Progress, needed, run_chains
-from calibration.fitting.set_likelihood import CALLED
 from calibration.fitting.traceable import Traceable, traceable
 from calibration.fitting.zhou import eps_up_of
 from calibration.output import replacing
@@ -48,7 +48,7 @@ def sampled(
     """Draws from the posterior of a fit; see `FitResult.posterior`."""
     for name, value in {"draws": draws, "chains": chains, "seed": seed, "warmup": warmup}.items():
         check_whole(name, value, LEAST[name])
-    check_possible(result.request.options.objective, result.request.options.loss)
+    check_possible(result.request.options.objective)
     with jax.enable_x64(True):
         problem = traceable(result.request)
         if not (problem.names or problem.noises):
@@ -63,7 +63,7 @@ def sampled(
         return _as_data(density, position, statistics, seed, _about(density, seed, warmup))
 
 
-def check_possible(objective: str | None, loss: str) -> None:
+def check_possible(objective: str | None) -> None:
     """Refuse what has no posterior, or cannot be sampled here.
 
     Raises:
@@ -74,8 +74,6 @@ def check_possible(objective: str | None, loss: str) -> None:
         needed(package)
     if objective == "two-step":
         raise DataError("objective", "two-step", "model for a posterior: it has a likelihood")
-    if loss != "squared":
-        raise DataError("loss", loss, "squared for a posterior")
 
 
 def _found(result: Any, problem: Traceable) -> dict[str, float]:
@@ -86,6 +84,8 @@ def _found(result: Any, problem: Traceable) -> dict[str, float]:
             found[label] = material.variances.get(kind, 0.0) ** 0.5
         if "timing" in errors.labels:
             found[errors.labels["timing"]] = material.timing
+        if "dof" in errors.labels:
+            found[errors.labels["dof"]] = material.noise_dof
         if "scale" in errors.labels:
             found[errors.labels["scale"]] = None  # its own prior's centre is near enough
     return {name: float(value) for name, value in found.items() if value}

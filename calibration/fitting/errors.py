@@ -1,0 +1,532 @@
+"""The errors of one data set, V(s), and the density of its residuals: the one likelihood of a fit.
+
+    V = κ (stated) + s_t² (times of bounces) + s² 1 + τ² Z Zᵀ
+
+A velocity with an error u_v enters ε through the curve. With δ ~ N(0, u_v²), by five Gauss–Hermite
+nodes around the measured velocity,
+
+    E[ε] = E f(v + δ),   g = E[f δ]/u_v²,   c = Var f - g² u_v²,
+    V_ii = var(δε) - 2 g cov(δε, δv) + g² u_v² + c
+
+which is f + ½ f″ u_v² and f′² u_v² + ½ f″² u_v⁴ where f bends little, and stays right at a kink.
+
+    -2 ln p = ln det V + rᵀ V⁻¹ r + n ln 2π                                        normal
+    -2 ln p = Σ (ν + 1) ln(1 + r_i²/(ν V_ii)) + ln V_ii - 2 ln c_ν                 Student's t
+
+Everything here works for NumPy and for jax.numpy (`xp`), and for many fits side by side, whose axis
+leads: variances (fits,), residuals and slopes (fits, n), columns (fits, n, k).
+
+Source: Woodbury's identity and its square root for a term of rank one in each group; Särkkä, Bayesian
+Filtering and Smoothing (2013), section 5.3, of the statistical linearisation; Lange, Little and Taylor,
+J. Am. Stat. Assoc. 84, 881 (1989), of t errors.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Int
+
+from calibration.data import PointErrors, RestitutionData
+
+LN_2PI = math.log(2 * math.pi)
+NODES = np.array(
+    [0.0, -2.8569700138728056, -1.3556261799742659, 1.3556261799742659, 2.8569700138728056]
+)
+SHARES = np.array(
+    [8 / 15, 0.011257411327720689, 0.2220759220056126, 0.2220759220056126, 0.011257411327720689]
+)
+STEP = 1e-4  # of a velocity: least distance of the nodes, so that differences are no rounding
+SLOWEST = 0.02  # of a velocity: no node lies below
+# what θ calls the square root of each unknown variance, and ν
+CALLED = {"scatter": "noise", "scale": "scale", "timing": "timing", "group": "group", "dof": "dof"}
+Variances = Mapping[str, Any]
+
+
+class Carried(NamedTuple):
+    """What a velocity's error makes of a curve: the mean of ε, g = dε/dv, and c; see above."""
+
+    mean: Any
+    slope: Any
+    bend: Any
+
+
+class Factor(NamedTuple):
+    """V = K Kᵀ with K = L (1 + τ² l lᵀ)^½ in each group.
+
+    Attributes:
+        lower: L; deviations where no points share elementary errors, else of launches by their size.
+        level: l = L⁻¹ 1, and `per` its square over each group; None without groups.
+        offset: τ².
+    """
+
+    lower: Any
+    level: Any = None
+    per: Any = None
+    offset: Any = None
+
+
+@dataclass(frozen=True, eq=False)
+class Errors:
+    """Of one data set.
+
+    Attributes:
+        points: how what was measured enters ε and v.
+        group: the group of each point, None where no offset of groups is unknown.
+        unknown: variances that are not stated: "scale" κ, "timing" s_t² [s²], "scatter" s², "group" τ²;
+            "dof", the degrees of freedom of Student's t.
+        dof: ν of Student's t, None for normal errors.
+        degrees: degrees of freedom behind stated uncertainties, None where they are known.
+        velocity, fastest: the measured velocities, and up to where a node may lie [m/s].
+    """
+
+    points: PointErrors
+    group: Int[np.ndarray, "n"] | None
+    unknown: tuple[str, ...]
+    dof: float | None
+    degrees: float | None
+    velocity: np.ndarray
+    fastest: Any
+
+    @classmethod
+    def of(
+        cls,
+        data: RestitutionData,
+        extra_scatter: bool = False,
+        scale: bool = False,
+        dof: float | str | None = None,
+    ) -> "Errors":
+        """What the data tell, and what was asked for.
+
+        Args:
+            extra_scatter: scatter beside the stated uncertainties is unknown.
+            scale: these are right up to a factor.
+            dof: of Student's t, or "estimate"; None for normal errors.
+        """
+        stated = data.uncertainty is not None
+        has_groups = 1 < len(data.groups) < len(data)
+        asked = {
+            "scale": stated and scale,
+            "timing": data.errors.size_is_unknown,
+            "scatter": not stated or extra_scatter,
+            "group": has_groups,
+            "dof": dof == "estimate",
+        }
+        degrees = None if data.degrees is None else float(np.mean(data.degrees))
+        limit = np.inf if data.limit_velocity is None else np.asarray(data.limit_velocity)
+        return cls(
+            data.errors,
+            data.group_index if has_groups else None,
+            tuple(kind for kind, is_unknown in asked.items() if is_unknown),
+            None if dof is None else (4.0 if isinstance(dof, str) else float(dof)),
+            degrees,
+            data.velocity,
+            limit * (1 - 1e-9),
+        )
+
+    def __len__(self) -> int:
+        return len(self.velocity)
+
+    @property
+    def is_stated(self) -> bool:
+        """Whether the uncertainties are stated and used as they are."""
+        return not {"scatter", "timing", "scale"} & set(self.unknown)
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether one scatter of single points is all that there is."""
+        nothing = self.points.uncertainty is None and not self.has_slope
+        return nothing and set(self.unknown) <= {"scatter", "dof"} and not self.shares
+
+    @property
+    def shares(self) -> bool:
+        """Whether points share errors: those of a group, or of a bounce train."""
+        return self.group is not None or self.points.shares
+
+    @cached_property
+    def has_slope(self) -> bool:
+        """Whether V depends on the curve: velocities have errors."""
+        return bool(np.any(self.points.to_velocity)) or bool(np.any(self._velocity_alone))
+
+    @property
+    def is_fixed(self) -> bool:
+        """Whether V is diagonal and does not move with the law's parameters."""
+        return not (self.shares or self.has_slope)
+
+    # ------------------------------------------------------------------ errors of velocities
+
+    @cached_property
+    def steps(self) -> np.ndarray:
+        """Distance of the nodes over their standard abscissae, (n,) [m/s]."""
+        return np.maximum(self._of_velocity, STEP * self.velocity)
+
+    @cached_property
+    def nodes(self) -> np.ndarray:
+        """Velocities at which the curve is wanted, (5, n) [m/s]; the first are those measured."""
+        wanted = self.velocity + NODES[:, None] * self.steps
+        return np.clip(wanted, SLOWEST * self.velocity, self.fastest)
+
+    def carried(self, value: Any) -> Carried:
+        """Of ε at the nodes, (..., 5, n)."""
+        shares, ratio = SHARES[:, None], (self._of_velocity / self.steps) ** 2
+        mean = (shares * value).sum(-2)
+        slope = (shares * NODES[:, None] * value).sum(-2) / self.steps
+        beyond = (shares * (value - mean[..., None, :]) ** 2).sum(-2) - (slope * self.steps) ** 2
+        first = value[..., 0, :]
+        return Carried(first + ratio * (mean - first), slope, ratio**2 * beyond)
+
+    def carried_slopes(self, value: Any, per: Any, slope: Any) -> Carried:
+        """The same of its derivatives, (..., 5, n, p); `slope` is g."""
+        shares, ratio = SHARES[:, None, None], ((self._of_velocity / self.steps) ** 2)[:, None]
+        steps, x = self.steps[:, None], NODES[:, None, None]
+        mean = (SHARES[:, None] * value).sum(-2)
+        of_mean = (shares * per).sum(-3)
+        of_slope = (shares * x * per).sum(-3) / steps
+        off = (value - mean[..., None, :])[..., None]
+        beyond = 2 * (shares * off * per).sum(-3) - 2 * slope[..., None] * steps**2 * of_slope
+        first = per[..., 0, :, :]
+        return Carried(first + ratio * (of_mean - first), of_slope, ratio**2 * beyond)
+
+    def changes(self, s: Variances, slope: Any) -> tuple[Any, Any]:
+        """½ ∂V_ii/∂g and ½ ∂V_ii/∂c of each point."""
+        half = 0.5 * self._size(s)
+        return 2 * half * (slope * self._moments[1] - self._moments[2]), half
+
+    # ------------------------------------------------------------------ V
+
+    def variance(self, s: Variances, slope: Any, bend: Any) -> Any:
+        """V_ii without the groups' part."""
+        u_eps, u_v, both = self._moments
+        stated = u_eps + slope * (slope * u_v - 2 * both) + bend
+        return self._size(s) * stated + _over(s.get("scatter", 0.0))
+
+    def steady(self, s: Variances) -> Any:
+        """The least V_ii that any slope of the curve makes; the zero of ln det V for a search."""
+        u_eps, u_v, both = self._moments
+        least = u_eps - both**2 / np.where(u_v > 0, u_v, 1.0)
+        least = np.maximum(least, 1e-6 * (u_eps + u_v))
+        return np.maximum(self._size(s) * least + _over(s.get("scatter", 0.0)), 1e-300)
+
+    def diagonal(self, s: Variances, slope: Any = 0.0, bend: Any = 0.0) -> Any:
+        """V_ii."""
+        return self.variance(s, slope, bend) + _over(s.get("group", 0.0))
+
+    def factor(self, s: Variances, slope: Any = 0.0, bend: Any = 0.0, xp: Any = np) -> Factor:
+        """Of V at some variances and slopes of the curve."""
+        variance = self.variance(s, slope, bend)
+        lower = xp.sqrt(variance + xp.zeros(len(self)))
+        if self.points.shares:
+            lower = tuple(xp.linalg.cholesky(block) for block in self._blocks(s, slope, bend, xp))
+        if self.group is None or "group" not in s:
+            return Factor(lower)
+        level = self._solved(lower, xp.ones((len(self), 1)), xp)[..., 0]
+        per = self._sums(level[..., None] ** 2, xp)[..., 0]
+        return Factor(lower, level, per, _over(xp.asarray(s["group"])))
+
+    def whiten(self, factor: Factor, x: Any, xp: Any = np) -> Any:
+        """K⁻¹ x of columns (..., n, k); each row mixes points of one group only."""
+        return self._levelled(factor, self._solved(factor.lower, x, xp), -0.5, xp)
+
+    def solve(self, factor: Factor, x: Any, xp: Any = np) -> Any:
+        """V⁻¹ x."""
+        levelled = self._levelled(factor, self._solved(factor.lower, x, xp), -1.0, xp)
+        return self._solved(factor.lower, levelled, xp, turned=True)
+
+    def colour(self, factor: Factor, x: Any, xp: Any = np) -> Any:
+        """K x: errors of covariance V from standard normal numbers (..., n)."""
+        rows = self._levelled(factor, x[..., None], 0.5, xp)
+        return self._applied(factor.lower, rows, xp)[..., 0]
+
+    def spread(self, factor: Factor, x: Any, xp: Any = np) -> Any:
+        """Kᵀ x: what each standard normal error of `colour` makes in xᵀ."""
+        return self._levelled(factor, self._applied(factor.lower, x, xp, turned=True), 0.5, xp)
+
+    def times(self, factor: Factor, x: Any, xp: Any = np) -> Any:
+        """V x."""
+        rows = self._levelled(factor, self._applied(factor.lower, x, xp, turned=True), 1.0, xp)
+        return self._applied(factor.lower, rows, xp)
+
+    def log_det(self, factor: Factor, xp: Any = np) -> Any:
+        """ln det V."""
+        if self.points.shares:
+            of_block = lambda a: xp.log(xp.diagonal(a, axis1=-2, axis2=-1)).sum((-2, -1))  # noqa: E731
+            total = 2 * sum(of_block(lower) for lower in factor.lower)
+        else:
+            total = 2 * xp.log(factor.lower).sum(-1)
+        if factor.level is None:
+            return total
+        return total + xp.log1p(factor.offset * factor.per).sum(-1)
+
+    def precisions(self, factor: Factor, xp: Any = np) -> Any:
+        """(V⁻¹)_ii, (..., n)."""
+        if self.points.shares:
+            rows = []
+            for lower in factor.lower:
+                inverse = xp.linalg.inv(lower)
+                rows.append((inverse**2).sum(-2).reshape(*lower.shape[:-3], -1))
+            alone = xp.concatenate(rows, -1)[..., self._back]
+        else:
+            alone = factor.lower**-2.0
+        if factor.level is None:
+            return alone
+        own = self._solved(factor.lower, factor.level[..., None], xp, turned=True)[..., 0]
+        share = factor.offset / (1 + factor.offset * factor.per)
+        return alone - share[..., self.group] * own**2
+
+    def scores(self, factor: Factor, s: Variances, slope: Any, off: Any) -> tuple[Any, Any]:
+        """∂(-ln p)/∂g and ∂(-ln p)/∂c of each point, of normal errors; for NumPy."""
+        solved = self.solve(factor, off[..., None])[..., 0]
+        own = self.precisions(factor) - solved**2
+        by_slope, by_bend = self.changes(s, slope)
+        if not self.points.shares:
+            return own * by_slope, own * by_bend
+        alone = self._size(s) * slope * self._velocity_alone**2
+        sizes = np.sqrt(self._size(s) + np.zeros(1))[..., None] * self.points.sizes_at(1.0)
+        f, w = self._factors(s, slope, np), -self.points.to_velocity * sizes
+        level = None
+        if factor.level is not None:
+            level = self._solved(factor.lower, factor.level[..., None], np, turned=True)
+            share = factor.offset / (1 + factor.offset * factor.per)
+        parts = []
+        for lower, (members, incidence) in zip(factor.lower, self._launches, strict=True):
+            inverse, q = np.linalg.inv(lower), _gathered(solved[..., None], members, np)
+            inner = np.swapaxes(inverse, -1, -2) @ inverse - q @ np.swapaxes(q, -1, -2)
+            if level is not None:
+                h = _gathered(level, members, np)
+                of_group = share[..., self.group[members[:, 0]], None, None]  # type: ignore[index]
+                inner -= of_group * h @ np.swapaxes(h, -1, -2)
+            spread, turned = (
+                np.einsum("...bik,bike->...bie", _gathered(a, members, np), incidence)
+                for a in (f, w)
+            )
+            mixed = turned @ np.swapaxes(spread, -1, -2)
+            parts.append((inner * mixed).sum(-1).reshape(*lower.shape[:-3], -1))
+        return alone * own + np.concatenate(parts, -1)[..., self._back], own * by_bend
+
+    # ------------------------------------------------------------------ densities
+
+    def deviance(self, s: Variances, off: Any, slope=0.0, bend=0.0, xp: Any = np) -> Any:
+        """-2 ln p of all points together."""
+        if not self.shares:
+            return -2 * self.by_point(s, off, slope, bend, xp).sum(-1)
+        factor = self.factor(s, slope, bend, xp)
+        white = self.whiten(factor, off[..., None], xp)[..., 0]
+        return self.log_det(factor, xp) + (white**2).sum(-1) + len(self) * LN_2PI
+
+    def by_point(self, s: Variances, off: Any, slope=0.0, bend=0.0, xp: Any = np) -> Any:
+        """ln p of each point; where points share errors, of each where the others are known.
+
+        Source: Bürkner, Gabry and Vehtari, Comput. Stat. 36, 1243 (2021), Eq. 8.
+        """
+        if not self.shares:
+            return log_density(off, self.variance(s, slope, bend), self.nu(s), xp)
+        factor = self.factor(s, slope, bend, xp)
+        precision = self.precisions(factor, xp)
+        solved = self.solve(factor, off[..., None], xp)[..., 0]
+        return -0.5 * (solved**2 / precision - xp.log(precision) + LN_2PI)
+
+    def nu(self, s: Variances) -> Any:
+        """ν of Student's t; None for normal errors."""
+        return None if self.dof is None else _over(s.get("dof", self.dof))
+
+    def simulate(self, s: Variances, carried: Carried, random, count: int) -> np.ndarray:
+        """Errors of ε, (count, n)."""
+        normal = random.standard_normal((count, len(self)))
+        drawn = self.colour(self.factor(s, carried.slope, carried.bend), normal)
+        nu = self.nu(s)
+        if nu is None:
+            return drawn
+        return drawn / np.sqrt(random.chisquare(float(np.max(nu)), drawn.shape) / np.max(nu))
+
+    def some(self, rows: np.ndarray) -> "Errors":
+        """Of some of the points, which share nothing with the others."""
+        every = self.points
+        parts = {
+            name: None if getattr(every, name) is None else getattr(every, name)[rows]
+            for name in ("restitution_alone", "velocity_alone")
+        }
+        index, back = np.unique(every.index[rows], return_inverse=True)
+        index, back = index[index >= 0], back.reshape(len(rows), -1) - np.any(index < 0)
+        points = replace(
+            every,
+            index=back,
+            to_restitution=every.to_restitution[rows],
+            to_velocity=every.to_velocity[rows],
+            size=None if every.size is None else every.size[index],
+            **parts,
+        )
+        group = None if self.group is None else np.unique(self.group[rows], return_inverse=True)[1]
+        fastest = np.broadcast_to(self.fastest, len(self))[rows]
+        return replace(
+            self, points=points, group=group, velocity=self.velocity[rows], fastest=fastest
+        )
+
+    def units(self) -> list[np.ndarray]:
+        """The points of each group; single points where there are no groups."""
+        if self.group is None:
+            return list(np.arange(len(self))[:, None])
+        return np.split(self._order, self._starts[1:])
+
+    # ------------------------------------------------------------------ inside
+
+    def _size(self, s: Variances) -> Any:
+        """Of what is stated, or of the times where their uncertainty is unknown."""
+        return _over(s.get("timing" if self.points.size_is_unknown else "scale", 1.0))
+
+    @cached_property
+    def _velocity_alone(self) -> np.ndarray:
+        alone = self.points.velocity_alone
+        return np.zeros(len(self)) if alone is None else alone
+
+    @cached_property
+    def _moments(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Variance of each ε, of its v, and their covariance; of times of 1 s where that is unknown."""
+        points, sizes = self.points, self.points.sizes_at(1.0)
+        to_eps, to_v = points.to_restitution * sizes, points.to_velocity * sizes
+        alone = 0.0 if points.restitution_alone is None else points.restitution_alone**2
+        return (
+            np.sum(to_eps**2, axis=1) + alone,
+            np.sum(to_v**2, axis=1) + self._velocity_alone**2,
+            np.sum(to_eps * to_v, axis=1),
+        )
+
+    @cached_property
+    def _of_velocity(self) -> np.ndarray:
+        """Standard uncertainty of each v; 0 where it is not stated."""
+        if self.points.size_is_unknown:
+            return np.zeros(len(self))
+        return np.sqrt(self._moments[1])
+
+    @cached_property
+    def _launches(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Points joined by elementary errors, those of about one size together.
+
+        Members (b, m), filled up by n, and which elementary error of the launch each enters, (b, m, 3, e).
+        """
+        from scipy.sparse import coo_matrix, csgraph
+
+        index, n = self.points.index, len(self)
+        used = index >= 0
+        at = np.broadcast_to(np.arange(n)[:, None], index.shape)[used]
+        size = (n + int(index.max(initial=-1)) + 1,) * 2
+        ties = coo_matrix((np.ones(len(at)), (at, n + index[used])), size)
+        codes = np.unique(csgraph.connected_components(ties, False)[1][:n], return_inverse=True)[1]
+        order = np.argsort(codes, kind="stable")
+        every = np.split(order, np.flatnonzero(np.diff(codes[order])) + 1)
+        widths = np.array([1 << (len(one) - 1).bit_length() for one in every])
+        found = []
+        for width in np.unique(widths):
+            chosen = [every[k] for k in np.flatnonzero(widths == width)]
+            m = max(map(len, chosen))
+            members = np.array([np.append(one, np.full(m - len(one), n)) for one in chosen])
+            local = np.full((len(chosen), m, index.shape[1]), -1)
+            for b, one in enumerate(chosen):
+                own = index[one]
+                names = np.unique(own[own >= 0])
+                local[b, : len(one)] = np.where(own >= 0, np.searchsorted(names, own), -1)
+            incidence = local[..., None] == np.arange(int(local.max()) + 1)
+            found.append((members, incidence.astype(float)))
+        return found
+
+    @cached_property
+    def _back(self) -> np.ndarray:
+        """Where each point stands among the launches' members."""
+        members = np.concatenate([one.ravel() for one, _ in self._launches])
+        place = np.empty(len(self) + 1, int)
+        place[members] = np.arange(len(members))
+        return place[: len(self)]
+
+    @cached_property
+    def _order(self) -> np.ndarray:
+        return np.argsort(self.group, kind="stable")  # type: ignore[arg-type]
+
+    @cached_property
+    def _starts(self) -> np.ndarray:
+        group = self.group[self._order]  # type: ignore[index]
+        return np.flatnonzero(np.diff(group, prepend=-1))
+
+    def _factors(self, s: Variances, slope: Any, xp: Any) -> Any:
+        """What one standard deviation of each elementary error makes in ε, (..., n, 3)."""
+        size = xp.sqrt(self._size(s) + xp.zeros(1))
+        slope = slope + xp.zeros(len(self))
+        f = self.points.to_restitution - slope[..., None] * self.points.to_velocity
+        return f * self.points.sizes_at(1.0) * size[..., None]
+
+    def _blocks(self, s: Variances, slope: Any, bend: Any, xp: Any) -> list[Any]:
+        """V of the launches without the groups' part; points that fill a block up count for nothing."""
+        f = self._factors(s, slope, xp)
+        alone = self.variance(s, slope, bend) + xp.zeros(len(self)) - (f**2).sum(-1)
+        found = []
+        for members, incidence in self._launches:
+            spread = xp.einsum("...bik,bike->...bie", _gathered(f, members, xp), incidence)
+            own = _gathered(alone[..., None], members, xp, 1.0)
+            block = spread @ xp.swapaxes(spread, -1, -2)
+            found.append(block + own * np.eye(members.shape[1]))
+        return found
+
+    def _solved(self, lower: Any, x: Any, xp: Any, turned: bool = False) -> Any:
+        """L⁻¹ x, or L⁻ᵀ x."""
+        if not self.points.shares:
+            return x / lower[..., None]
+        of_block = lambda a, rows: xp.linalg.solve(xp.swapaxes(a, -1, -2) if turned else a, rows)  # noqa: E731
+        return self._by_launch(of_block, lower, x, xp)
+
+    def _applied(self, lower: Any, x: Any, xp: Any, turned: bool = False) -> Any:
+        """L x, or Lᵀ x."""
+        if not self.points.shares:
+            return x * lower[..., None]
+        of_block = lambda a, rows: (xp.swapaxes(a, -1, -2) if turned else a) @ rows  # noqa: E731
+        return self._by_launch(of_block, lower, x, xp)
+
+    def _by_launch(self, of_block: Any, lower: Any, x: Any, xp: Any) -> Any:
+        parts = []
+        for one, (members, _) in zip(lower, self._launches, strict=True):
+            rows = of_block(one, _gathered(x, members, xp))
+            parts.append(rows.reshape(*rows.shape[:-3], -1, rows.shape[-1]))
+        return xp.concatenate(parts, -2)[..., self._back, :]
+
+    def _levelled(self, factor: Factor, white: Any, power: float, xp: Any) -> Any:
+        """(1 + τ² l lᵀ)^power x in each group."""
+        if factor.level is None:
+            return white
+        level = factor.level[..., None]
+        gain = ((1 + factor.offset * factor.per) ** power - 1) / factor.per
+        share = gain[..., None] * self._sums(level * white, xp)
+        return white + level * share[..., self.group, :]
+
+    def _sums(self, values: Any, xp: Any) -> Any:
+        """Over the points of each group, (..., groups, k)."""
+        if xp is np:
+            return np.add.reduceat(values[..., self._order, :], self._starts, axis=-2)
+        import jax
+
+        assert self.group is not None
+        rows = xp.moveaxis(values, -2, 0)
+        summed = jax.ops.segment_sum(rows, self.group, int(np.max(self.group)) + 1)
+        return xp.moveaxis(summed, 0, -2)
+
+
+def log_density(off: Any, variance: Any, nu: Any, xp: Any = np) -> Any:
+    """ln p of residuals of a scale √variance: normal (ν None), else Student's t."""
+    if nu is None:
+        return -0.5 * (off**2 / variance + xp.log(variance) + LN_2PI)
+    if xp is np:
+        from scipy.special import gammaln
+    else:
+        from jax.scipy.special import gammaln
+    level = gammaln(0.5 * (nu + 1)) - gammaln(0.5 * nu) - 0.5 * xp.log(math.pi * nu)
+    return level - 0.5 * xp.log(variance) - 0.5 * (nu + 1) * xp.log1p(off**2 / (nu * variance))
+
+
+def _over(value: Any) -> Any:
+    """A variance of each fit beside its points."""
+    return value[..., None] if np.ndim(value) else value
+
+
+def _gathered(x: Any, members: np.ndarray, xp: Any, filled: float = 0.0) -> Any:
+    """Rows of (..., n, k) by launch, (..., b, m, k)."""
+    last = xp.full((*x.shape[:-2], 1, x.shape[-1]), filled)
+    return xp.concatenate([x, last], -2)[..., members, :]

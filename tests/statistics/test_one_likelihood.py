@@ -1,0 +1,161 @@
+"""Fit, problem and leave-one-out are one likelihood: that of dense algebra, for every sort of noise."""
+
+import numpy as np
+import pytest
+from scipy import optimize, stats
+
+import calibration as cal
+from tests.decay import Decay
+
+N = 20
+V = np.linspace(0.5, 8.0, N)
+STATED = np.linspace(0.5, 1.5, N) * 0.004
+DAYS = np.repeat(np.arange(5), 4)
+# five points of Gauss and Hermite, for a standard normal weight
+NODES, WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
+SHARES = WEIGHTS / np.sum(WEIGHTS)
+TIMED = np.stack([np.arange(N), np.arange(N) + 1, np.full(N, -1)], axis=1)
+TO_EPS = np.stack([-0.9 * np.ones(N), np.ones(N), np.zeros(N)], axis=1)
+
+
+def curve(v, level, rate):
+    return level * np.exp(-rate * v)
+
+
+def measured(seed=2, tails=False, **told):
+    random = np.random.default_rng(seed)
+    errors = stats.t.rvs(3, size=N, random_state=random) if tails else random.standard_normal(N)
+    e = curve(V, 0.92, 0.09) + 0.006 * errors
+    if "group" in told:
+        e = e + 0.01 * random.standard_normal(5)[DAYS]
+    return cal.RestitutionData(V, e, **told)
+
+
+def bounces(size):
+    """A train: each interval is in two points; of stated uncertainty, or unknown."""
+    alone = None if size is None else STATED
+    told = None if size is None else np.full(N + 1, size)
+    errors = cal.PointErrors(TIMED, TO_EPS, np.zeros((N, 3)), told, "times", alone)
+    return measured(errors=errors)
+
+
+DAY = [f"day {k}" for k in DAYS]
+MOVED = {"velocity_uncertainty": 0.06 * V}
+U = {"uncertainty": STATED}
+T = {"noise": "student-t"}
+CASES = {
+    "stated": (measured(**U), {}),
+    "unknown": (measured(), {}),
+    "extra": (measured(**U), {"extra_scatter": True}),
+    "scale": (measured(**U), {"scale_uncertainty": True}),
+    "velocities": (measured(**U, **MOVED), {}),
+    "velocities, unknown": (measured(**MOVED), {}),
+    "velocities, scale": (measured(**U, **MOVED), {"scale_uncertainty": True}),
+    "groups": (measured(group=DAY), {}),
+    "groups, stated": (measured(group=DAY, **U), {}),
+    "groups, extra": (measured(group=DAY, **U), {"extra_scatter": True}),
+    "groups, velocities": (measured(group=DAY, **U, **MOVED), {}),
+    "bounces": (bounces(0.004), {}),
+    "bounces, extra": (bounces(0.002), {"extra_scatter": True}),
+    "bounces, times unknown": (bounces(None), {}),
+    "student-t": (measured(tails=True, **U), T | {"noise_dof": 3}),
+    "student-t, unknown": (measured(tails=True), T),
+    "student-t, extra": (measured(tails=True, **U), T | {"extra_scatter": True}),
+    "student-t, scale": (measured(tails=True, **U), T | {"scale_uncertainty": True}),
+    "student-t, velocities": (measured(tails=True, **U, **MOVED), T),
+    "student-t, dof": (measured(tails=True), T | {"noise_dof": "estimate"}),
+}
+
+
+def dense(case, theta):
+    """ln p, and ln p of each point where the others are known."""
+    data, asked = CASES[case]
+    level, rate = theta["level"], theta["rate"]
+    mean, slope, variance = curve(V, level, rate), np.zeros(N), np.zeros(N)
+    if data.velocity_uncertainty is not None:
+        u = data.velocity_uncertainty
+        ends = curve(V + NODES[:, None] * u, level, rate)
+        mean = SHARES @ ends
+        variance += SHARES @ (ends - mean) ** 2
+    covariance = np.diag(variance)
+    if "bounces" in case:
+        spread = np.zeros((N, N + 1))
+        size = theta.get("timing", None if data.errors.size is None else data.errors.size[0])
+        for k in range(2):
+            spread[np.arange(N), TIMED[:, k]] += (TO_EPS[:, k] - slope) * size
+        covariance = covariance + spread @ spread.T
+    if "uncertainty" in case or case != "bounces, times unknown":
+        alone = STATED if data.uncertainty is not None else np.zeros(N)
+        covariance = covariance + np.diag(alone**2)
+    covariance = covariance * theta.get("scale", 1.0) ** 2 + np.eye(N) * theta.get("noise", 0) ** 2
+    covariance = covariance + theta.get("group", 0.0) ** 2 * (DAYS[:, None] == DAYS)
+    off = data.restitution - mean
+    if asked.get("noise") == "student-t":
+        dof = theta.get("dof", asked.get("noise_dof", 4))
+        points = stats.t.logpdf(off, dof, 0, np.sqrt(np.diag(covariance)))
+        return np.sum(points), points
+    whole = stats.multivariate_normal(np.zeros(N), covariance).logpdf(off)
+    inverse = np.linalg.inv(covariance)
+    deviation = np.diag(inverse) ** -0.5
+    return whole, stats.norm.logpdf(inverse @ off * deviation**2, 0, deviation)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_problem_is_the_dense_density_wherever_it_is_asked(case):
+    data, asked = CASES[case]
+    problem = cal.problem(data, Decay, **asked)
+    noises = {"noise": 0.006, "scale": 1.3, "timing": 0.004, "group": 0.008, "dof": 5.0}
+    for level, rate, factor in ((0.9, 0.1, 1.0), (0.97, 0.05, 2.0), (0.7, 0.2, 0.5)):
+        theta = {"level": level, "rate": rate}
+        theta |= {name: factor * noises[name] for name in problem.noises}
+        theta |= {"dof": 2.0 + 3 * factor} if "dof" in theta else {}
+        whole, points = dense(case, theta)
+        assert float(problem.log_likelihood(theta)) == pytest.approx(whole, rel=1e-10)
+        found = problem.point_log_likelihood(theta)
+        np.testing.assert_allclose(found, points, rtol=1e-8, atol=1e-8)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_fit_has_its_largest_value_and_leaves_points_out_by_the_same(case):
+    """ln L over parameters and noise by SciPy; what is told of each point at the fit itself."""
+    data, asked = CASES[case]
+    result = cal.fit(data, Decay, profiles=False, starts=4, **asked)
+    problem = cal.problem(data, Decay, **asked)
+    names = ["level", "rate", *problem.noises]
+
+    def cost(x):
+        theta = dict(zip(names, np.exp(x), strict=True))
+        if "dof" in theta and not 2 <= theta["dof"] <= 30:
+            return np.inf
+        return -dense(case, theta)[0]
+
+    start = {"noise": 0.005, "scale": 1.5, "timing": 0.004, "group": 0.008, "dof": 4.0}
+    begin = np.log([0.92, 0.09, *(start[name] for name in problem.noises)])
+    options = {"xatol": 1e-9, "fatol": 1e-12, "maxiter": 8000, "maxfev": 8000}
+    best = optimize.minimize(cost, begin, method="Nelder-Mead", options=options)
+    best = optimize.minimize(cost, best.x, method="Nelder-Mead", options=options)
+    assert result.log_likelihood == pytest.approx(-best.fun, abs=2e-6)
+    fitted = len(names)
+    assert result.aic == pytest.approx(2 * fitted - 2 * result.log_likelihood)
+    assert result.bic == pytest.approx(fitted * np.log(N) - 2 * result.log_likelihood)
+    material = result.materials[0]
+    theta = {name: result.values[name] for name in ("level", "rate")}
+    for kind, name in (("scatter", "noise"), ("group", "group")):
+        if name in problem.noises:
+            theta[name] = material.variances.get(kind, 0.0) ** 0.5
+    theta |= {"timing": material.timing} if "timing" in problem.noises else {}
+    theta |= {"dof": material.noise_dof} if "dof" in problem.noises else {}
+    if "scale" in problem.noises:
+        ratio = material.variances["scale"] / float(np.mean(unscaled(data, theta)))
+        theta["scale"] = ratio**0.5
+    found = result.leave_one_out().pointwise
+    np.testing.assert_allclose(found, dense(case, theta)[1], rtol=1e-8, atol=1e-8)
+
+
+def unscaled(data, theta):
+    """Variances of ε as stated, those of the velocities included."""
+    if data.velocity_uncertainty is None:
+        return STATED**2
+    u = data.velocity_uncertainty
+    ends = curve(V + NODES[:, None] * u, theta["level"], theta["rate"])
+    return STATED**2 + SHARES @ (ends - SHARES @ ends) ** 2
