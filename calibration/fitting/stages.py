@@ -1,7 +1,7 @@
 """One stage of a fit: starts, searches, and what settles only together with where they end."""
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -107,6 +107,10 @@ def run_stage(
     starts = best_starts(few, places, REFINED)
     if few is not problem:
         starts = np.concatenate([end.z for end in _from_starts(few, starts, options)])
+    if (
+        problem.moves
+    ):  # far from the points a steep curve would explain them by errors of velocities
+        starts = np.concatenate([end.z for end in _from_starts(_level(problem), starts, options)])
     branches = None
     alone = False
     if problem.elastic is None:
@@ -134,6 +138,14 @@ def run_stage(
     seconds = time.perf_counter() - begun
     others = tuple(ends[1:])
     return StageFit(problem, found.z[0], found, others, report, crossings, seconds, branches, alone)
+
+
+def _level(problem: Problem) -> Problem:
+    """The problem with the errors that points of a level curve have: where a search begins."""
+    pairs = zip(problem.errors, problem.variances, strict=True)
+    every = [errors.diagonal(s) + np.zeros(len(errors)) for errors, s in pairs]
+    points = problem.points._replace(weight=np.concatenate(every) ** -0.5)
+    return replace(problem, points=points, errors=(), variances=())
 
 
 def _from_starts(problem: Problem, starts, options: FitOptions) -> list[Found]:

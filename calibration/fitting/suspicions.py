@@ -14,6 +14,7 @@ from calibration.fitting.minima import other_minima
 from calibration.fitting.profiles import Profile
 
 ROUNDING = 1e-12  # of ε
+AT_ONE = "The data show no loss beside the plastic one: eps_up cannot exceed 1; its interval is one-sided."
 
 
 def shared_doubts(
@@ -50,7 +51,9 @@ def _of_estimate(name: str, estimate: Estimate, owner: str | None) -> list[Doubt
     if "[" in name:  # a number of a network is no parameter that anybody reads
         return []
     if estimate.at_bound and estimate.value is not None:
-        return [Doubt("at-bound", f"{name} is at its bound {estimate.value:.4g}", owner)]
+        # no bound that somebody gave: ε_17 is 1 at most
+        advice = AT_ONE if name == "eps_up" and estimate.value == 1 else None
+        return [Doubt("at-bound", f"{name} is at its bound {estimate.value:.4g}", owner, advice)]
     if estimate.value is None:
         # the cost falls, ever less, however large the parameter gets
         return [Doubt("at-bound", f"{name} grows without bound: any large value is as good", owner)]

@@ -68,7 +68,8 @@ def test_a_planned_point_has_the_errors_of_a_measured_one(kind):
     data = KINDS[kind](np.linspace(1.0, 6.0, 9), Exact())
     found = cal.fisher_information(cal.fit(data, Decay, **QUICK), data.velocity)
     expected = data.errors.covariance(-RATE * curve(data.velocity)).diagonal
-    np.testing.assert_allclose(found.uncertainty**2, expected, rtol=1e-4)
+    # to first order in the error of the velocity
+    np.testing.assert_allclose(found.uncertainty**2, expected, rtol=5e-3)
 
 
 def test_a_drop_of_some_centimetres_is_known_worse_than_one_of_metres():
