@@ -344,10 +344,8 @@ class Errors:
     def some(self, rows: np.ndarray) -> "Errors":
         """Of some of the points, which share nothing with the others."""
         every = self.points
-        parts = {
-            name: None if getattr(every, name) is None else getattr(every, name)[rows]
-            for name in ("restitution_alone", "velocity_alone")
-        }
+        alone = (every.restitution_alone, every.velocity_alone)
+        restitution, velocity = (None if u is None else u[rows] for u in alone)
         index, back = np.unique(every.index[rows], return_inverse=True)
         index, back = index[index >= 0], back.reshape(len(rows), -1) - np.any(index < 0)
         points = replace(
@@ -356,7 +354,8 @@ class Errors:
             to_restitution=every.to_restitution[rows],
             to_velocity=every.to_velocity[rows],
             size=None if every.size is None else every.size[index],
-            **parts,
+            restitution_alone=restitution,
+            velocity_alone=velocity,
         )
         group = None if self.group is None else np.unique(self.group[rows], return_inverse=True)[1]
         fastest = np.broadcast_to(self.fastest, len(self))[rows]

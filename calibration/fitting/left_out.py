@@ -85,9 +85,10 @@ def leave_one_out(fits: list[ComponentFit]) -> LeaveOneOut:
         return np.concatenate([getattr(part, name)[own] for _, part, own in ordered])
 
     names = ("predicted", "residual", "log_density", "pointwise", "fold")
-    whole = {name: all(getattr(part, name) for _, part in parts) for name in ("exact", "converged")}
     columns: dict[str, Any] = {name: joined(name) for name in names}
-    return LeaveOneOut(**columns, **whole)
+    for name in ("exact", "converged"):
+        columns[name] = all(getattr(part, name) for _, part in parts)
+    return LeaveOneOut(**columns)
 
 
 def _left_out(fit: ComponentFit) -> LeaveOneOut:

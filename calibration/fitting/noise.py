@@ -39,7 +39,7 @@ def first_variances(problem: Problem, z: np.ndarray) -> Problem:
     return renewed(problem, z) if needs_variances(problem) else problem
 
 
-def _first(errors: Errors, square: float) -> dict[str, float]:
+def _first(errors: Errors, square: float) -> dict[str, float | None]:
     square = max(square, 1e-30)
     of_second = np.mean(errors.variance({"timing": 1.0}, 0.0, 0.0) + np.zeros(len(errors)))
     first = {

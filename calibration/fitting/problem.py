@@ -270,8 +270,8 @@ class Problem:
                 information, gradient = 0 * information, 0 * gradient
             elif len(self.errors) > 1:
                 gradient = None
-            of_curve = (a[:, own] if np.ndim(a) else a for a in (carried.slope, carried.bend))
-            parts.append(Seen(off[:, own], per.mean[:, own], *of_curve, information, gradient))
+            slope, bend = (a[:, own] if np.ndim(a) else a for a in (carried.slope, carried.bend))
+            parts.append(Seen(off[:, own], per.mean[:, own], slope, bend, information, gradient))
         return parts
 
     def carried(self, z: Z, lanes: Lanes | None = None) -> list[Carried]:
