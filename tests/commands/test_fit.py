@@ -210,7 +210,7 @@ def test_a_fit_that_does_not_converge_is_written_marked_and_ends_with_1(tmp_path
         ("", ["--law", "thornton", "--objective", "two-step"], "", "two-step with thornton"),
         ('law = "hertz"\nobjective = "two-step"', [], "", "alloy.toml:4: objective is"),
         ("", ["--rtol", "1e-6", "--route", "energy-balance"], "", "`--rtol` must be left out"),
-        ("", ["--loss-scale", "2"], "", "`--loss-scale` must be left out"),
+        ("", ["--noise-dof", "5"], "", "`--noise-dof` must be left out"),
         ("", ["--law", "hertz", "--form", "full"], "", "form"),
         ("", ["--extra-scatter", "--scale-uncertainty"], "", "scale_uncertainty"),
     ],

@@ -22,7 +22,7 @@ from tests.export.lammps import (
     onto_a_wall,
 )
 from tests.export.laws import DENSITY, PAIR, STEEL
-from tests.physics.own_laws import ThorntonSI
+from tests.physics.own_laws import Borrowed
 
 pytestmark = needs_lammps
 long = pytest.mark.long
@@ -202,11 +202,12 @@ def test_a_periodic_box_of_less_than_two_diameters_is_refused(folder):
 @long
 def test_a_table_is_of_one_pair_of_sizes(tmp_path):
     options = {"velocity_range": (0.1, 5), "law": "exact", "steps": 100}
-    cal.export(ThorntonSI(PAIR, 2.8), "lammps", tmp_path, **options)
+    law = Borrowed(PAIR, sj.Thornton(PAIR, 2.8))
+    cal.export(law, "lammps", tmp_path, **options)
     build(tmp_path)
     settings = [*LOAD, "timestep 1e-6"]
     (found,) = lammps(impact(1.0, settings, 300), tmp_path)
-    wanted = float(sj.restitution(ThorntonSI(PAIR, 2.8), 1.0).coefficient)
+    wanted = float(sj.restitution(law, 1.0).coefficient)
     assert found[0] == pytest.approx(wanted, abs=1e-3)
     said = error_of(impact(1.0, [*settings, "set group all diameter 0.026"], 300), tmp_path)
     assert "a table for one pair of sizes" in said

@@ -34,9 +34,13 @@ def curve(x, v=VELOCITY):
 
 @cache
 def best():
-    """a and b of 1/ε² = a + b v by SciPy, their covariance, and Σ r²/u²."""
+    """a and b of 1/ε² = a + b v by SciPy, their covariance by second derivatives, and Σ r²/u²."""
     found = optimize.least_squares(lambda x: (curve(x) - MADE) / 0.01, [1.1, 0.02], xtol=1e-15)
-    return found.x, np.linalg.inv(found.jac.T @ found.jac), 2 * found.cost
+    powers = np.stack([VELOCITY**0, VELOCITY])
+    epsilon = curve(found.x)
+    size = 0.25 * epsilon**6 + (epsilon - MADE) * 0.75 * epsilon**5
+    information = (powers * size) @ powers.T / 0.01**2
+    return found.x, np.linalg.inv(information), 2 * found.cost
 
 
 def spring(alloy):

@@ -408,7 +408,7 @@ def test_data_that_cannot_be_compared_are_refused():
         cal.compare(data_of(0.8 + 0.01 * NOISE[:5], velocity=VELOCITY[:5]))
     with pytest.raises(ValueError, match="one RestitutionData"):
         cal.compare([growing()])
-    with pytest.raises(ValueError, match="`seed` must be a whole number >= 0, but is -1"):
+    with pytest.raises(ValueError, match="`seed` must be a whole number of 0 or more, but is -1"):
         cal.compare(growing(), seed=-1)
     with pytest.raises(ValueError, match="one group; two or more"):
         cal.compare(growing(group=["a"] * 30), ["constant"])
