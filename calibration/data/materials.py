@@ -32,6 +32,7 @@ Without elastic properties a set can be fitted by Eq. (17), where `limit_velocit
 a constant restitution. `MaterialTables.model_json_schema()` is the JSON Schema of these files.
 """
 
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -585,7 +586,7 @@ class _Reader:
         """
         here = Path(self.file.path).parent
         homes = list(dict.fromkeys([Path(self.file.path).resolve().parent, here.resolve()]))
-        name = self.table.data
+        name = os.fsdecode((self.table.data or "").encode())  # UTF-8 also where the locale is ASCII
         places = [here / name] if len(homes) == 1 else [homes[0] / name, here / name]
         try:
             path = next((one for one in places if one.exists()), None)
