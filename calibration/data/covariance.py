@@ -64,35 +64,13 @@ class Covariance:
         Raises:
             DataError: where C is not positive definite.
         """
-        columns = np.asarray(values, float)[self.order].reshape(len(self.order), -1)
-        return self._triangular(columns, "N").reshape(np.shape(values))
-
-    def _triangular(self, columns: np.ndarray, which: str) -> np.ndarray:
         from scipy.linalg import lapack
 
-        solved, info = lapack.dtbtrs(self._cholesky, columns, uplo="L", trans=which)
+        columns = np.asarray(values, float)[self.order].reshape(len(self.order), -1)
+        solved, info = lapack.dtbtrs(self._cholesky, columns, uplo="L")
         if info:
             raise _not_definite()
-        return solved
-
-    def unwhiten(self, white: np.ndarray) -> np.ndarray:
-        """L⁻ᵀ x, for x of shape (n, p) with rows in the order of the band; of the result's in the
-        order of the points. Σ whiten(r) whiten(s) = r C⁻¹ s, so this of `whiten` is C⁻¹ r.
-
-        Raises:
-            DataError: where C is not positive definite.
-        """
-        solved = np.empty(np.shape(white))
-        solved[self.order] = self._triangular(white, "T")
-        return solved
-
-    def coloured(self, values: np.ndarray) -> np.ndarray:
-        """Lᵀ x, for x of shape (n, p), the inverse of `unwhiten`; rows in the order of the band."""
-        columns = values[self.order]
-        found = self._cholesky[0, :, None] * columns
-        for d in range(1, min(1 + WIDTH, len(columns))):
-            found[:-d] += self._cholesky[d, :-d, None] * columns[d:]
-        return found
+        return solved.reshape(np.shape(values))
 
     @property
     def log_determinant(self) -> float:

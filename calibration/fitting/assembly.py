@@ -88,12 +88,6 @@ def assemble(specs: Sequence[SetSpec], route: Route, bound: Sequence[str] = ()) 
     ]
 
 
-def sets_beside(place: int, specs: Sequence[SetSpec]) -> tuple[int, ...]:
-    """The data sets that are fitted together with one of them, that one included."""
-    every = _together(len(specs), _gathered(specs))
-    return next(sets for sets in every if place in sets)
-
-
 def _gathered(specs) -> list[_Drafted]:
     """The free parameters of all data sets, those that are shared only once."""
     found: dict[tuple[str, str], _Drafted] = {}
