@@ -8,12 +8,13 @@ from functools import partial
 from typing import Any, ClassVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
 from softjax import branches, energy
-from softjax._checks import ArgumentError, check_choice
+from softjax._checks import ArgumentError, check_choice, is_traced
 from softjax._impacts import over_impacts
 from softjax.branches import SETTLED, Collision, flagged
 from softjax.laws.base import ForceLaw, HardSphereLaw, RateDependentLaw
@@ -109,6 +110,12 @@ class ClosedForm(AbstractRoute):
         return found
 
 
+def _plain(number):
+    """A single number of NumPy's or JAX's as Python's own: results keep their route as it is."""
+    concrete = isinstance(number, np.generic | np.ndarray | jax.Array) and not is_traced(number)
+    return number.item() if concrete and number.ndim == 0 else number
+
+
 class ODE(AbstractRoute):
     """The equation of motion integrated by diffrax, for any contact law.
 
@@ -126,7 +133,7 @@ class ODE(AbstractRoute):
         ValueError: naming the argument, its value and what is accepted.
     """
 
-    rtol: Any = eqx.field(default=None, metadata={"whole": True})
+    rtol: Any = eqx.field(default=None, converter=_plain, metadata={"whole": True})
     solver: Any = eqx.field(static=True, default="dopri8")
     steps: int | None = eqx.field(static=True, default=None)
     max_steps: int = eqx.field(static=True, default=4096)
