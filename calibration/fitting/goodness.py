@@ -59,7 +59,8 @@ def _outliers(first: Problem, place: int, z: np.ndarray, off, leverage) -> tuple
         residual = -off / spread
     size = np.abs(residual) / np.sqrt(np.maximum(1 - leverage, 1e-3))
     limit, nu = special.ndtri(1 - 0.5 * RARE / len(data)), errors.nu(s)
-    size = np.where(np.max(np.abs(off)) > ROUNDING, size, 0.0)
+    # noise of no more than rounding, of data without scatter, explains nothing and names nothing
+    size = np.where((spread > ROUNDING) & (np.max(np.abs(off)) > ROUNDING), size, 0.0)
     weight = np.ones(len(data)) if nu is None else (nu + 1) / (nu + residual**2) * nu / (nu + 1)
     found = [k for k in np.argsort(-size, kind="stable") if size[k] > limit]
     lines = data.origin.lines if data.origin is not None else None

@@ -48,6 +48,7 @@ def test_the_main_job_is_done_without_a_bar_in_a_pipe(main_job):
     assert out.startswith("These data are a published fit of measurements, not measurements")
     files = {"fit.json", "report.md", "report.html", "curves.png", "correlation.png"}
     assert {path.name for path in directory.iterdir()} == files
+    assert "outlier" not in out  # of data without scatter none is one
     assert size_of(directory / "curves.png")[0] > 1500
 
 
