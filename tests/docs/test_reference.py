@@ -64,7 +64,7 @@ def test_every_warning_is_documented():
     source = (CHAPTERS.parents[1] / "calibration" / "fitting" / "doubt.py").read_text("utf-8")
     (table,) = re.findall(r"^REMEDIES.*?= \{$(.*?)^\}$", source, re.M | re.S)
     codes = re.findall(r'^    "([a-z0-9-]+)":', table, re.M)
-    text = (CHAPTERS / "fits.md").read_text(encoding="utf-8")
+    text = (CHAPTERS / "symptoms.md").read_text(encoding="utf-8")
     assert len(codes) > 15
     assert [code for code in codes if f"`{code}`" not in text] == []
 
