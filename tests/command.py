@@ -3,7 +3,6 @@
 import contextlib
 import io
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -35,16 +34,6 @@ def run(*argv) -> tuple[int, str, str]:
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         code = cli.main([str(word) for word in argv])
     return code, out.getvalue(), err.getvalue()
-
-
-def as_on_windows(monkeypatch) -> None:
-    """Text that is written without a word on its line ends gets those of Windows."""
-    write = Path.write_text
-
-    def written(path, text, encoding=None, errors=None, newline=None):
-        return write(path, text, encoding, errors, "\r\n" if newline is None else newline)
-
-    monkeypatch.setattr(Path, "write_text", written)
 
 
 def noisy(uncertainty=0.01, name="my alloy", yield_strength=4.0e7) -> cal.RestitutionData:

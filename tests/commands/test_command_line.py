@@ -53,14 +53,6 @@ def test_unusable_command_lines_are_refused(argv, blamed, capsys, at):
     assert list(at.iterdir()) == []
 
 
-def test_an_output_that_is_a_file_is_refused_before_any_work(at):
-    (at / "taken").write_text("mine", encoding="utf-8")
-    code, out, err = run("fit", "--out", at / "taken" / "below")
-    assert (code, out, err.count("\n")) == (2, "", 1)
-    assert "taken" in err
-    assert (at / "taken").read_text(encoding="utf-8") == "mine"
-
-
 CURVE = ["nylon", "--points", "3", "--format", "csv"]
 
 
@@ -101,15 +93,3 @@ def test_help_lists_every_command_and_imports_nothing_heavy():
         if argv == ["--help"]:
             listed = re.search(r"commands:\n(.*?)\n\n", ended.stdout, re.S)[1]
             assert tuple(line.split()[0] for line in listed.splitlines()) == COMMANDS
-
-
-def test_python_m_calibration_is_the_same_command():
-    ended = subprocess.run(
-        [sys.executable, "-m", "calibration", "fit", "--objective", "absolute"],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert ended.returncode == 2
-    assert ended.stderr.startswith("softjax fit: ")
-    assert "two-step" in ended.stderr

@@ -6,8 +6,6 @@ import sys
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
-from scipy.optimize import brentq
 
 import calibration as cal
 import softjax as sj
@@ -106,55 +104,42 @@ def test_statuses_are_written_by_name(at):
         "ELASTIC",
         "NO_RESIDUAL_OVERLAP|ENERGY_GAIN",
     ]
-    curve("nylon", "--from", 10, "--to", 20, "--points", 2, "--format", "csv")
-    assert [row[2] for row in rows_of(at / "results" / "curve.csv")[1:]] == ["PLAIN", "PLAIN"]
 
 
-ZHOU_OPTIONS = [
-    (["--chi", "0.3"], {"chi": 0.3}),
-    (["--set", "chi=0.3"], {"chi": 0.3}),
-    (["--sigma", "0.1"], {"sigma": 0.1}),
-    (["--psi", "0.9"], {"psi": 0.9}),
-    (["--form", "full"], {"form": "full"}),
-    (["--kappa", "printed"], {"kappa": "printed", "chi": 0.016}),
-    (["--kappa", "printed", "--chi", "0.21998"], {"kappa": "printed"}),
-]
+def zhou(area="zhou", **changed):
+    return sj.Zhou(pair("nylon", area=area), **(FITTED["nylon"] | changed))
 
 
-@pytest.mark.parametrize(("options", "changed"), ZHOU_OPTIONS)
-def test_each_option_of_zhous_law_acts(at, options, changed):
-    range_ = ["--from", "3", "--to", "10", "--points", "4", "--format", "csv"]
-    curve("nylon", *options, *range_)
-    agrees(at, sj.Zhou(pair("nylon"), **(FITTED["nylon"] | changed)))
+LAWS = {
+    "--chi 0.3": zhou(chi=0.3),
+    "--set chi=0.3": zhou(chi=0.3),
+    "--sigma 0.1": zhou(sigma=0.1),
+    "--psi 0.9": zhou(psi=0.9),
+    "--form full": zhou(form="full"),
+    "--kappa printed": zhou(kappa="printed", chi=0.016),
+    "--kappa printed --chi 0.21998": zhou(kappa="printed"),
+    "--area hertz --chi 0.3": zhou("hertz", chi=0.3),
+    "--law constant --set restitution=0.75": sj.ConstantRestitution(None, 0.75),
+    "--law hertz": sj.Hertz(pair("nylon")),
+    "--law thornton --set yield_factor=2.5 --set area=contact": sj.Thornton(
+        pair("nylon"), 2.5, "contact"
+    ),
+    "--law walton-braun --set loading_stiffness=1e6 --set unloading-stiffness=2e6 --set growth=3": (
+        sj.WaltonBraun(pair("nylon"), 1e6, 2e6, 3.0)
+    ),
+    "--law eq-17 --set sigma=0.3 --psi 0.5414": sj.EmpiricalRestitution(
+        pair("nylon").limit_velocity, 0.3, 0.5414
+    ),
+}
+
+
+@pytest.mark.parametrize("options", LAWS)
+def test_each_option_of_a_law_acts(at, options):
+    grid = ["--from", "3", "--to", "10", "--points", "4", "--format", "csv"]
+    curve("nylon", *options.split(), *grid)
+    agrees(at, LAWS[options])
     plain = sj.restitution(fitted("nylon"), column(at, 0)).coefficient
     assert np.max(np.abs(column(at, 1) - plain)) > 1e-5
-
-
-def test_the_contact_area_acts(at):
-    options = ["--chi", "0.3", "--from", "3", "--to", "9", "--points", "3", "--format", "csv"]
-    curve("nylon", "--area", "hertz", *options)
-    agrees(at, sj.Zhou(pair("nylon", area="hertz"), 0.3, 0.4355, 0.5414))
-
-
-@pytest.mark.parametrize(
-    ("options", "law"),
-    [
-        ("constant restitution=0.75", lambda c: sj.ConstantRestitution(c, 0.75)),
-        ("hertz", sj.Hertz),
-        ("thornton yield_factor=2.5 area=contact", lambda c: sj.Thornton(c, 2.5, "contact")),
-        (
-            "walton-braun loading_stiffness=1e6 unloading-stiffness=2e6 growth=3",
-            lambda c: sj.WaltonBraun(c, 1e6, 2e6, 3.0),
-        ),
-        ("eq-17 sigma=0.3", lambda c: sj.EmpiricalRestitution(c.limit_velocity, 0.3, 0.5414)),
-    ],
-)
-def test_any_law_is_chosen_by_name(at, options, law):
-    name, *fields = options.split()
-    words = [word for field in fields for word in ("--set", field)]
-    words += [] if name != "eq-17" else ["--psi", "0.5414"]
-    curve("nylon", "--law", name, *words, "--points", "5", "--format", "csv")
-    agrees(at, law(pair("nylon")))
 
 
 def test_the_route_acts_in_curves_and_tables(at):
@@ -167,16 +152,13 @@ def test_the_route_acts_in_curves_and_tables(at):
             assert low <= np.max(np.abs(found - exact)) <= high, words
 
 
-def test_a_material_file_needs_the_coefficients_that_it_lacks(at):
+def test_a_material_file_needs_the_coefficients_that_it_lacks_and_options_win(at):
+    few = ["--points", "5", "--format", "csv"]
     (at / "alloy.toml").write_text(BODIES, encoding="utf-8")
     curve("alloy.toml", error="--chi")
     assert not (at / "results").exists()
-    words = ["--chi", "0.21998", "--sigma", "0.4355", "--psi", "0.5414"]
-    curve("alloy.toml", *words, "--points", "30", "--from", "0.5", "--format", "csv")
+    curve("alloy.toml", "--chi", "0.21998", "--sigma", "0.4355", "--psi", "0.5414", *few)
     agrees(at, fitted("nylon"))
-
-
-def test_the_law_of_a_file_acts_and_options_win(at):
     text = BODIES + "[material.parameters]\nyield_factor = 2.5\n[fit]\nlaw = 'thornton'\n"
     (at / "alloy.toml").write_text(text, encoding="utf-8")
     contact = pair("nylon")
@@ -185,7 +167,7 @@ def test_the_law_of_a_file_acts_and_options_win(at):
         (["--set", "yield_factor=2"], sj.Thornton(contact, 2.0)),
         (["--law", "hertz"], sj.Hertz(contact)),
     ):
-        curve("alloy.toml", *options, "--points", "5", "--format", "csv")
+        curve("alloy.toml", *options, *few)
         agrees(at, law)
 
 
@@ -273,48 +255,6 @@ def test_a_table_has_durations_overlaps_and_forces(at):
     assert found[1, 4] == pytest.approx(0.5**0.8 * depth, rel=1e-12)
 
 
-def test_a_table_of_yielding_impacts_has_their_peak(at):
-    """x_m and ε_p² of the same works by SciPy."""
-    contact = pair("nylon")
-    law = fitted("nylon")
-    critical, depth = float(contact.critical_velocity), float(contact.critical_overlap)
-    d, y = 1.5 * depth / (np.pi ** (2 / 3) * float(contact.radius)), 25.0
-
-    def work(x):
-        plastic = (x**3 - 1) / 3 - (x - 1) - 2 / 7 * (x**3.5 - 1) + 2 / 3 * (x**1.5 - 1)
-        return 0.4 * x**2.5 + d * plastic
-
-    x = brentq(lambda x: work(x) - 0.4 * y**2, 1, 50, xtol=1e-13)
-    velocity = y * critical
-    curve("nylon", "--from", velocity, "--to", velocity, "--points", 1, "--table")
-    (row,) = table(at)[1]
-    force = x**1.5 + d * (x**2 - 1) * (1 - x**0.5)
-    assert row[4] == pytest.approx(x * depth, rel=1e-10)
-    assert row[5] == pytest.approx(float(law.contact.stiffness) * depth**1.5 * force, rel=1e-10)
-
-
-def test_the_peak_force_of_a_damped_law_is_that_of_its_motion(at):
-    """By SciPy over the contact's duration that the table states."""
-    words = ["--set", "stiffness=1e6", "--set", "restitution=0.3"]
-    curve("nylon", "--law", "linear", *words, "--from", 0.5, "--to", 2, "--points", 2, "--table")
-    mass = float(pair("nylon").mass)
-    loss = -np.log(0.3)
-    damping = 2 * loss / np.hypot(np.pi, loss) * np.sqrt(1e6 * mass)
-
-    def force(x, v):
-        return 1e6 * x + damping * v
-
-    for velocity, _, _, duration, _, peak in table(at)[1]:
-        path = solve_ivp(
-            lambda t, y: [y[1], -force(*y) / mass],
-            (0, duration),
-            [0, velocity],
-            rtol=1e-9,
-            max_step=duration / 500,
-        )
-        assert peak == pytest.approx(np.max(force(*path.y)), rel=1e-3)
-
-
 def test_a_law_without_a_force_has_two_columns(at):
     curve(*CONSTANT, "--from", 1, "--to", 2, "--points", 2, "--spacing", "lin", "--table")
     header, found = table(at)
@@ -326,16 +266,6 @@ def test_a_table_needs_ascending_velocities(at):
     for text in ("1\n1\n", "2\n1\n", "1\n2\n2\n3\n"):
         (at / "v.csv").write_text(text, encoding="utf-8")
         curve(*CONSTANT, "--velocities", "v.csv", "--table", error="ascend")
-
-
-@pytest.mark.parametrize("name", ["ny\\nlon 1 2", "ny\\rlon", "ny\u2028lon", "ny\\u0085lon"])
-def test_the_name_of_a_material_makes_no_row_of_a_table(name, at):
-    text = BODIES.replace('"alloy"', f'"{name}"') + "[fit]\nlaw = 'hertz'\n"
-    (at / "alloy.toml").write_text(text, encoding="utf-8")
-    curve("alloy.toml", "--points", 3, "--to", 2, "--table")
-    header, found = table(at)
-    lines = (at / "results" / "curve.txt").read_text(encoding="utf-8").splitlines()
-    assert len(lines) == len(header) + len(found)
 
 
 def test_a_fit_gives_its_band_and_says_where_its_data_end(at, above_yield):

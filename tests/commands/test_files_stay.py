@@ -22,14 +22,16 @@ EXPORT = ("export", "nylon", "--law", *CONSTANT[1:])
 COMMANDS = {
     "fit": (("fit", "ALLOY"), {"fit.json", "report.md", "report.html", "curves.png"}),
     "compare": (("compare", "ALLOY", "--laws", "constant"), {"compare.json", "compare.png"}),
-    "one picture": (("compare", "--linear-spring"), {"linear_spring.png"}),
+    "pictures": (
+        ("compare", "--linear-spring", "--figure2"),
+        {"linear_spring.png", "figure2.png"},
+    ),
     "curve": (("curve", "nylon", *CONSTANT, "--points", "9"), {"curve.csv", "curve.png"}),
     "table": (("curve", "nylon", *CONSTANT, "--points", "9", "--table"), {"curve.txt"}),
     "local": (
         (*SENSITIVITY, "--study", "local"),
         {"sensitivity.json", "sensitivity.csv", "sensitivity.png", "tornado.png"},
     ),
-    "information": ((*SENSITIVITY, "--study", "information"), {"sensitivity.json"}),
     "design": (
         (*SENSITIVITY, "--study", "design", "--shots", "2"),
         {"sensitivity.json", "design.png", "design.csv"},
@@ -41,10 +43,6 @@ COMMANDS = {
     "c": (
         (*EXPORT, "--to", "c"),
         {"export.json", "export.png", "softjax_law.h"},
-    ),
-    "liggghts": (
-        (*EXPORT, "--to", "liggghts"),
-        {"export.json", "export.png", "in.softjax"},
     ),
     "lammps": (
         (*EXPORT, "--to", "lammps"),

@@ -1,5 +1,7 @@
 """Bodies, data sets and laws that several scenarios share, and what is recorded of a fit."""
 
+from functools import cache
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -23,6 +25,12 @@ def rebounds(uncertainty=0.003, name="alloy", material=simulated.ALLOY, measured
     """A data set that follows Zhou's law, or the measured (v, ε)."""
     velocity, restitution = measured or simulated.rebounds(material, **made)
     return cal.RestitutionData(velocity, restitution, contact(material), uncertainty, name)
+
+
+@cache
+def plain_fit():
+    """Of Zhou's law to the data set as it is, for what is made of a fit."""
+    return cal.fit(rebounds(), **QUICK)
 
 
 class Hardening(sj.RateIndependentLaw):

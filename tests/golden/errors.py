@@ -5,7 +5,7 @@ import numpy as np
 import calibration as cal
 import softjax as sj
 from tests.golden import simulated
-from tests.golden.cases import QUICK, contact, rebounds, record_band, record_fit
+from tests.golden.cases import QUICK, contact, plain_fit, rebounds, record_band, record_fit
 from tests.golden.numbers import scenario
 
 AT = np.array([0.005, 0.05, 0.3, 2.0, 20.0])  # m/s
@@ -147,47 +147,19 @@ def two_step(numbers, folder):
         numbers.error(f"line: {name} error", found.standard_error, found.standard_error)
 
 
-def record_likelihood(numbers, name, data, errors, **options):
-    """ln L, ln prior and residuals at given parameters."""
-    prior = {"chi": cal.Parameter(prior=(1.0, 0.3))}
-    problem = cal.problem(data, None, prior, **options)
-    at = {"chi": 1.1, "sigma": 0.8, "psi": 0.45} | errors
-    # how errors of velocities are allowed for is a matter of the model of errors
-    record = numbers.error if name == "velocities" else numbers.physics
-    more = (1e-6,) if name == "velocities" else ()
-    record(f"{name}: ln L", problem.log_likelihood(at), *more)
-    residuals = problem.residuals(at)
-    if name == "groups":  # of those that points share any root of V will do
-        record(f"{name}: residuals", (residuals[:-1] ** 2).sum(), *more)
-    else:
-        record(f"{name}: residuals", residuals, *more)
-    numbers.physics(f"{name}: ln prior", problem.log_prior(at))
-
-
 @scenario()
 def likelihood(numbers, folder):
-    """At given parameters, with stated errors."""
-    record_likelihood(numbers, "stated", rebounds(), {})
-
-
-@scenario(long=True)
-def likelihoods(numbers, folder):
-    """At given parameters, with every sort of error."""
-    velocity, restitution = simulated.rebounds()
-    points = (velocity, restitution, contact(), 0.003)
-    group = np.arange(simulated.POINTS) % 3
-    record_likelihood(numbers, "unknown", rebounds(None), {"noise": 0.005})
-    record_likelihood(numbers, "extra", rebounds(), {"noise": 0.002}, extra_scatter=True)
-    record_likelihood(numbers, "scaled", rebounds(), {"scale": 1.7}, scale_uncertainty=True)
-    grouped = cal.RestitutionData(*points, group=group)
-    record_likelihood(numbers, "groups", grouped, {"group": 0.004})
-    moving = cal.RestitutionData(*points, velocity_uncertainty=0.02 * velocity)
-    record_likelihood(numbers, "velocities", moving, {})
+    """ln L, ln prior and residuals at given parameters, with stated errors."""
+    problem = cal.problem(rebounds(), None, {"chi": cal.Parameter(prior=(1.0, 0.3))})
+    at = {"chi": 1.1, "sigma": 0.8, "psi": 0.45}
+    numbers.physics("stated: ln L", problem.log_likelihood(at))
+    numbers.physics("stated: residuals", problem.residuals(at))
+    numbers.physics("stated: ln prior", problem.log_prior(at))
 
 
 @scenario()
 def refits(numbers, folder):
     """A bootstrap by its seed."""
-    found = cal.fit(rebounds(), **QUICK).bootstrap(40, seed=5)
+    found = plain_fit().bootstrap(40, seed=5)
     for name, (low, high) in found.intervals.items():
         numbers.error(f"limits of {name}", [low, high], (high - low) / 4)

@@ -142,19 +142,6 @@ def tables(numbers, folder):
         record_rows(numbers, folder / name)
 
 
-@scenario(long=True)
-def tables_of_studies(numbers, folder):
-    """What the other studies of `sensitivity` print."""
-    studies = {
-        "information": ("--shots", "6", "--uncertainty", "0.005"),
-        "design": ("--shots", "4"),
-        "global": ("--samples", "64", "--at", "2", "20"),
-    }
-    for study, options in studies.items():
-        words = ("--study", study, *options, "--out", folder, "--no-cache")
-        record_printed(numbers, command("sensitivity", "nylon", *words), f"{study} ")
-
-
 def record_rows(numbers, path):
     """The columns of a file of numbers; what is no number in a row is left aside."""
     lines = path.read_text(encoding="utf-8").splitlines()
@@ -188,14 +175,6 @@ def exports(numbers, folder):
     record_exports(numbers, folder, "liggghts", springs)
     record_exports(numbers, folder, "yade", springs)
     record_exports(numbers, folder, "c", ["zhou"])
-
-
-@scenario(long=True)
-def headers(numbers, folder):
-    """The other laws as headers, and LAMMPS' viscoelastic spheres."""
-    others = ("linear", "hertz-dashpot", "viscoelastic", "walton-braun")
-    record_exports(numbers, folder, "c", others)
-    record_exports(numbers, folder, "lammps", ["viscoelastic"])
 
 
 @scenario(long=True)

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import jax
 import numpy as np
 
 import calibration as cal
@@ -25,7 +24,6 @@ from tests.golden.numbers import scenario
 VELOCITIES = np.array([0.0, 1e-4, 0.02, 0.0836, 0.09, 0.3, 1.0, 4.0, 15.0, 60.0])
 SPRING = 4e7  # N/m
 INTEGRATED = "own, damped"  # by default to a tolerance of 1e-8
-TOLERANCE = (1e-10, 1e-6)  # of derivatives
 
 
 def every_law():
@@ -63,40 +61,6 @@ def restitutions(numbers, folder):
             numbers.physics(f"{name}: {part}", getattr(hit, part), relative)
         numbers.physics(f"{name}: duration", hit.duration, relative)
         numbers.physics(f"{name}: status", hit.status)
-
-
-@scenario(long=True)
-def by_the_equation_of_motion(numbers, folder):
-    """ε, durations and a history by time integration, to its tolerance."""
-    route = sj.ODE(rtol=1e-11)
-    laws = every_law()
-    for name in ("zhou", "thornton", "viscoelastic", "own", "own, damped"):
-        hit = sj.restitution(laws[name], VELOCITIES[2:], route=route)
-        numbers.physics(f"{name}: coefficient", hit.coefficient, relative=1e-8)
-        numbers.physics(f"{name}: duration", hit.duration, relative=1e-7)
-    history = sj.collide(laws["zhou"], 1.0, samples=9, route=route)
-    for part in ("time", "overlap", "velocity", "force"):
-        values = np.asarray(getattr(history, part))
-        numbers.physics(f"history: {part}", values[1:-1], relative=1e-7)
-
-
-@scenario(long=True)
-def derivatives(numbers, folder):
-    """θ ∂ε/∂θ of every field of every law, and a second derivative of Zhou's."""
-    velocity = np.array([0.02, 0.3, 4.0])
-    for name, law in every_law().items():
-        slopes = jax.jacfwd(lambda law: sj.restitution(law, velocity).coefficient)(law)
-        fields = zip(jax.tree_util.tree_leaves_with_path(slopes), jax.tree.leaves(law), strict=True)
-        for (path, slope), value in fields:
-            label = jax.tree_util.keystr(path, simple=True, separator=".")
-            relative = np.asarray(slope) * np.asarray(value)
-            numbers.physics(f"{name}: {label}", relative, least=TOLERANCE[name == INTEGRATED])
-
-    def of_factor(chi):
-        law = sj.Zhou(contact(), chi, 0.9, 0.5)
-        return sj.restitution(law, 1.0).coefficient
-
-    numbers.physics("second in chi", jax.hessian(of_factor)(1.2))
 
 
 @scenario()

@@ -4,7 +4,7 @@ import numpy as np
 
 import calibration as cal
 import softjax as sj
-from tests.golden.cases import QUICK, contact, rebounds
+from tests.golden.cases import contact, plain_fit, rebounds
 from tests.golden.numbers import scenario
 
 LAW = (1.2, 0.9, 0.5)
@@ -37,7 +37,7 @@ def information(numbers, folder):
     plans = {
         "law": found,
         "prior": cal.fisher_information(law, SHOTS, uncertainty=0.003, parameters=said),
-        "fit": cal.fisher_information(cal.fit(rebounds(), **QUICK), [0.05, 3.0]),
+        "fit": cal.fisher_information(plain_fit(), [0.05, 3.0]),
     }
     for name, plan in plans.items():
         for parameter, error in plan.standard_errors.items():

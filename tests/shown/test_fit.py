@@ -21,6 +21,11 @@ from tests.shown.tables import Tags, cells, markdown_tables
 
 EPSILON, SPEED = r"restitution $\varepsilon$", "impact velocity $v$ [m/s]"
 NAMES = ["stainless steel", "chrome steel", "nylon"]
+LEAST_SQUARES = {  # χ̃, rms, rms on the line of Eq. (18), by SciPy
+    "stainless steel": (1.7944, 0.01502, 0.0167),
+    "chrome steel": (0.09867, 0.000965, 0.0345),
+    "nylon": (0.21998, 0.00935, 0.0162),
+}
 TRUTH = {
     "stainless steel": (3.0432, 0.54),
     "chrome steel": (0.1418, 0.3114),
@@ -181,6 +186,30 @@ def test_correlations_are_ellipses_with_their_numbers(alloy, main_job):
         place = sorted(order.index(symbol) for symbol in (r"$\tilde\chi$", r"$\sigma$"))
         i, j = (names.index(f"{one}[{name}]") for one in ("chi", "sigma"))
         assert correlation_of(ax)[tuple(place)] == pytest.approx(fit.correlations[i, j], abs=0.01)
+
+
+def test_the_main_job_finds_what_least_squares_found(main_job):
+    """χ̃ and the rms by SciPy; σ and ψ are Table 1's; the line of Eq. (18) follows less closely."""
+    assert (main_job.code, main_job.err) == (0, "")
+    assert main_job.out.startswith("These data are a published fit of measurements, not")
+    fit, report = cal.FitResult.load(main_job.folder / "fit.json"), main_job.text("report.md")
+    for name, (chi, rms, on_line) in LEAST_SQUARES.items():
+        found = fit.material(name)
+        assert found.values["chi"] == pytest.approx(chi, rel=1e-4)
+        assert found.rms == pytest.approx(rms, rel=5e-3)
+        assert found.rms_empirical < 1e-9
+        assert fit.unloading_line.rms[name] == pytest.approx(on_line, abs=6e-5)
+        assert found.outliers == ()
+        assert [f"{found.values[key]:.4f}" for key in ("sigma", "psi")] == [
+            f"{value:.4f}" for value in TRUTH[name]
+        ]
+    for printed in ("0.1368", "0.0239", "3.0432", "0.8352", "54.25", "χ̃: unloading"):
+        assert printed in main_job.out
+    assert max(map(len, main_job.out.partition("\nWritten to")[0].splitlines())) <= 100
+    assert {*main_job.figures} == {"curves.png", "correlation.png"}
+    assert "](curves.png)" in report
+    assert "](profiles.png)" not in report
+    assert main_job.text("report.html").count("data:image/png;base64,") == 2
 
 
 def test_the_main_picture_has_each_curve_that_its_legend_names(main_job):
@@ -431,16 +460,8 @@ def test_first_yield_velocity_errors_and_a_linear_axis(tmp_path):
 
 def test_a_fit_that_did_not_converge_is_marked_everywhere(tmp_path):
     """Title, table, first line of the report, message and exit code."""
-    made = shown(
-        tmp_path,
-        "fit",
-        write(tmp_path),
-        "--law",
-        "walton-braun",
-        "--max-steps",
-        "1",
-        "--no-profiles",
-    )
+    few = ("--law", "walton-braun", "--max-steps", "1", "--no-profiles")
+    made = shown(tmp_path, "fit", write(tmp_path), *few)
     assert made.code == 1
     assert made.err.splitlines()[-1].startswith("softjax fit: did not converge")
     assert made.figures["curves.png"].axes[0].get_title() == "alloy (NOT CONVERGED)"

@@ -1,4 +1,4 @@
-"""Other tables and pictures: curves, look-up tables, speed, coverage, the self-check."""
+"""Other tables and pictures: curves, speed, coverage, refits."""
 
 import csv
 import itertools
@@ -17,27 +17,6 @@ from tests.decay import Decay
 from tests.shown.capture import band, labels, line
 from tests.shown.conftest import shown
 from tests.shown.test_fit import EPSILON, SPEED, best, curve
-
-SLOPPY = sj.ODE(rtol=1e-3)
-
-
-def test_the_route_of_a_look_up_table_acts(tmp_path):
-    """By the ODE at a coarse tolerance ε, duration and overlap differ from the energy balance's."""
-    grid = ("--from", "2", "--to", "9", "--points", "4", "--table")
-    made = shown(tmp_path, "curve", "nylon", *grid, "--route", "ode", "--rtol", "1e-3")
-    (name,) = (p.name for p in made.folder.iterdir())
-    rows = [x for x in made.text(name).splitlines() if x[0].isdigit()]
-    v, *columns = np.array([re.split(r"[\s,]+", x)[:5] for x in rows], float).T
-    by_ode, exact = (sj.restitution(fitted("nylon"), v, r) for r in (SLOPPY, None))
-    for value, column in (
-        ("coefficient", 0),
-        ("plastic_coefficient", 1),
-        ("duration", 2),
-        ("peak_overlap", 3),
-    ):
-        np.testing.assert_allclose(columns[column], getattr(by_ode, value), rtol=1e-8)
-    for value in ("coefficient", "duration"):
-        assert np.max(np.abs(getattr(by_ode, value) / getattr(exact, value) - 1)) > 1e-7
 
 
 def test_the_picture_of_a_fits_curve(tmp_path, alloy):
@@ -98,77 +77,32 @@ def ticking(monkeypatch):
     monkeypatch.setattr(time, "perf_counter", lambda: (lambda k: k + 1e-4 * k * k)(next(counted)))
 
 
-def power_law(rows, family, error):
-    """Microseconds of a method where it errs so, between its settings by a straight line in logarithms."""
-    points = sorted(
-        (float(r["largest_error"]), float(r["microseconds"])) for r in rows if r["family"] == family
-    )
-    below, above = ([p for p in points if (p[0] > 1.1 * error) == side] for side in (False, True))
-    if not below:
-        return None
-    if not above:
-        return min(t for _, t in below) if below[-1][0] > error / 3 else None
-    (e1, t1), (e2, t2) = below[-1], above[0]
-    return min(t1, np.exp(np.interp(np.log(error), np.log([e1, e2]), np.log([t1, t2]))))
-
-
 @pytest.mark.parametrize(
-    "law",
-    [
-        None,
-        *(
-            pytest.param(n, marks=pytest.mark.long)
-            for n in ("own", "linear", "viscoelastic", "hertz-dashpot")
-        ),
-    ],
+    "law", [None, *(pytest.param(n, marks=pytest.mark.long) for n in ("own", "linear"))]
 )
 def test_speed_is_microseconds_a_collision(law, ticking, tmp_path):
-    """By a clock of a second a call; errors against exact answers; ratios and picture of these rows."""
+    """By a clock of a second a call; errors against exact answers; the table and picture of these rows."""
     made = shown(tmp_path, "speed", "--quick", *(() if law is None else ("--law", law)))
     assert made.code == 0
-    assert "\r" not in made.text("speed.csv")
     rows = list(csv.DictReader(made.text("speed.csv").splitlines()))
-    for row in rows:
-        seconds = 1e-6 * float(row["microseconds"]) * int(row["batch"])
-        assert 1 <= seconds < 100
-        told = (
-            re.escape(f"{int(row['batch']):,}")
-            + r"\s+"
-            + re.escape(f"{float(row['microseconds']):.3g}")
-        )
-        setting = re.escape(row["family"]) + r"\s+" + re.escape(row["setting"])
-        error = re.escape(f"{float(row['largest_error']):.0e}")
-        assert re.search(rf"{setting}\s+{told}\s+{error}", made.out)
-        if row["gradient_microseconds"]:
-            seconds = 1e-6 * float(row["gradient_microseconds"]) * int(row["batch"])
-            assert 1 <= seconds < 100
-            ratio = float(row["gradient_microseconds"]) / float(row["microseconds"])
-            head = f"{row['family']}, {row['setting']}, batch {int(row['batch']):,}: value and gradient"
-            assert f"{head} (3 parameters) {ratio:.2g} times the value" in made.out
-            assert float(row["gradient_error"]) < 1e-4
-    exact = {"energy balance", "closed form"}
-    for row in rows:
-        error = float(row["largest_error"])
-        if row["family"] in exact:
-            assert error < 1e-13
-        else:
-            assert 1e-14 < error < 0.2
     ours = [r for r in rows if r["family"] == "ODE" and r["batch"] == "4096"]
-    seen = 0
-    for error in (1e-3, 1e-6):
-        good = [float(r["microseconds"]) for r in ours if float(r["largest_error"]) <= error]
-        for rival in dict.fromkeys(r["family"] for r in rows):
-            theirs = power_law(rows, rival, error)
-            told = f"ODE at error {error:.0e}: "
-            if rival not in exact | {"ODE"} and good and theirs is not None:
-                assert (
-                    f"{told}{theirs / min(good):.3g} times faster than {rival}\n" in made.out + "\n"
-                )
-                seen += 1
-            else:
-                assert not re.search(re.escape(told) + rf".* {re.escape(rival)}$", made.out, re.M)
-    assert seen or law
-    assert made.out.count("times faster than") == seen
+    for row in rows:
+        batch, error = int(row["batch"]), float(row["largest_error"])
+        for name in ("microseconds", "gradient_microseconds"):
+            assert not row[name] or 1 <= 1e-6 * float(row[name]) * batch < 100
+        told = [row["family"], row["setting"], f"{batch:,}", f"{float(row['microseconds']):.3g}"]
+        assert re.search(r"\s+".join(map(re.escape, [*told, f"{error:.0e}"])), made.out)
+        exact = row["family"] in {"energy balance", "closed form"}
+        assert error < 1e-13 if exact else 1e-14 < error < 0.2
+    for error, ratio, other in re.findall(
+        r"ODE at error (\S+): (\S+) times faster than (.*)", made.out
+    ):
+        best = min(
+            float(r["microseconds"]) for r in ours if float(r["largest_error"]) <= float(error)
+        )
+        theirs = [float(r["microseconds"]) for r in rows if r["family"] == other]
+        assert min(theirs) / best * 0.99 <= float(ratio) <= max(theirs) / best * 1.01
+    assert ("times faster" in made.out) or law
     (ax,) = made.figures["speed.png"].axes
     assert ax.get_xlabel() == "largest error of the plastic coefficient of restitution [-]"
     assert ax.get_ylabel() == "time a collision [µs]"

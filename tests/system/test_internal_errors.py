@@ -48,13 +48,6 @@ def test_a_file_of_a_library_that_is_missing_is_no_want_of_space(tmp_path, monke
     assert not (tmp_path / "results").exists()
 
 
-def test_what_softjax_refuses_is_one_line(tmp_path):
-    file = write_alloy(tmp_path, 'law = "thornton"\nroute = "closed form"')
-    code, _, error = run("--no-cache", "fit", file, "--out", tmp_path / "out")
-    assert (code, error.count("\n")) == (2, 1)
-    assert "Thornton" in error
-
-
 def test_a_law_that_cannot_be_is_refused_in_one_line(tmp_path):
     """A loading spring stiffer than the unloading one: `softjax` says so, the command hands it on."""
     words = ["loading_stiffness=2e6", "unloading_stiffness=1e6"]
