@@ -15,7 +15,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from calibration.commands.source_options import read_material_file
+from calibration.commands.source_options import add_air_argument, read_material_file
 from calibration.console import Progress, print_first
 from calibration.errors import DataError, did_you_mean, listed
 from calibration.options import (
@@ -42,6 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = "one of them; may be repeated"
     parser.add_argument("--law", action="append", default=[], metavar="A", help=text)
     add_options(parser, OPTIONS)
+    add_air_argument(parser)
     text = "print compare.json to standard output in place of the tables"
     parser.add_argument("--json", action="store_true", help=text)
     text = "only Fig. 2 of the paper again"
@@ -136,7 +137,7 @@ def _problem(arguments: argparse.Namespace) -> tuple[list[Any], dict[str, Any], 
         from calibration.data.paper import paper_materials
 
         return paper_materials(), options, []
-    problem = read_material_file(arguments.file)
+    problem = read_material_file(arguments.file, air=arguments.air)
     print_first(problem.implausible, arguments.quiet or arguments.json)
     stated = {name: value for name, value in problem.settings.items() if name in OPTIONS}
     unused = [name for name in problem.settings if name not in (*OPTIONS, "area")]

@@ -36,6 +36,11 @@ class Kind(NamedTuple):
     def is_train(self) -> bool:
         return self.needs in (("interval",), ("time",))
 
+    @property
+    def is_flight(self) -> bool:
+        """Whether velocities are those of free flights."""
+        return self.is_train or self.needs == HEIGHTS
+
 
 VELOCITIES = ("impact_velocity", "rebound_velocity")
 HEIGHTS = ("drop_height", "rebound_height")

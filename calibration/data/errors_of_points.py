@@ -35,6 +35,8 @@ class PointErrors:
             "repeats"; "" where there are none.
         restitution_alone: (n,), standard uncertainty of each ε by itself; None: not stated.
         velocity_alone: (n,) [m/s], the same of each v.
+        by_drag: (n, 2), ∂ε_i/∂c and ∂v_i/∂c [m/s] of points from flights in air, where the drag
+            coefficient is (1 + c) that of `calibration.data.air`, with one c for all; None without.
 
     Raises:
         DataError: for an uncertainty that is none, or an elementary error that enters points which
@@ -48,6 +50,7 @@ class PointErrors:
     kind: str = ""
     restitution_alone: Column | None = None
     velocity_alone: Column | None = None
+    by_drag: Float[np.ndarray, "n 2"] | None = None
 
     def __post_init__(self):
         for name, array in list(vars(self).items()):

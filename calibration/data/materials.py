@@ -15,6 +15,7 @@
     radius = 0.0127              # m; or radius_1 and radius_2; or diameter, diameter_1, diameter_2
     data = "my_alloy.csv"        # beside this file
     # material = "nylon"         # of Table 1, in place of the four properties
+    # air = false, or "1.2 kg/m³": of drops and bounces; default true
     # limit_velocity [m/s], area, gravity [m/s²]; uncertainties for all rows, as columns are called:
     # uncertainty, velocity_uncertainty = "2 %", drop_height_uncertainty = "0.5 mm", ...
     # average_repeats = true
@@ -29,7 +30,7 @@
     yield_strength = { prior = ["310 MPa", "20 MPa"] }
 
 Without elastic properties a set can be fitted by Eq. (17), where `limit_velocity` is given, or by
-a constant restitution. `MaterialTables.model_json_schema()` is the JSON Schema of these files.
+a constant restitution; the ball's `diameter` and `mass` (or `density`) then tell its drag. `MaterialTables.model_json_schema()` is the JSON Schema of these files.
 """
 
 import os
@@ -49,6 +50,7 @@ from pydantic import (
 from pydantic_core import core_schema
 
 import softjax as sj
+from calibration.data.air import checked_air
 from calibration.data.measurements import RestitutionData
 from calibration.data.names import UNCERTAINTIES
 from calibration.data.paper import CURVES
@@ -135,6 +137,19 @@ def _name_of_material(value: Any) -> str:
     return name
 
 
+def _air(value: Any) -> Any:
+    try:
+        checked_air(value)
+    except DataError as error:
+        raise ValueError(error.accepted) from None
+    return value
+
+
+AirOption = Annotated[
+    bool | float | str | None,
+    PlainValidator(_air),
+    WithJsonSchema({"anyOf": [{"type": "boolean"}, {"type": "number"}, {"type": "string"}]}),
+]
 Pressure = Annotated[float | None, Measure("Pa")]
 Length = Annotated[float | None, Measure("m")]
 Text = Annotated[str, Field(min_length=1, pattern=r"\S")]
@@ -251,6 +266,8 @@ class _Material(BodyTable):
     area: Literal["zhou", "hertz"] | None = None
     limit_velocity: Annotated[float | None, Measure("m/s")] = None
     gravity: Annotated[float | None, Measure("m/s^2")] = None
+    air: AirOption = None
+    mass: Annotated[float | None, Measure("kg")] = None
     average_repeats: Literal[True, False, "pooled"] = False
     plausibility: bool = True
     parameters: Parameters = Field(default_factory=dict)
@@ -259,6 +276,9 @@ class _Material(BodyTable):
     def _bodies(self) -> "_Material":
         if not self.has_bodies:
             return self
+        if self.mass is not None:
+            accepted = "left out where the bodies' properties are given, which tell it"
+            raise Refused(("mass",), "mass beside the bodies", accepted)
         self.check()
         given = [name for name in (*RADII, *DIAMETERS) if getattr(self, name) is not None]
         alone = [{names[0]} for names in (RADII, DIAMETERS)]
@@ -275,8 +295,16 @@ class _Material(BodyTable):
 
     @property
     def has_bodies(self) -> bool:
-        names = {"material", *PROPERTIES, *RADII, *DIAMETERS, "wall", "second", "area"}
-        return bool(names & self.model_fields_set)
+        names = {"material", *PROPERTIES, *RADII, *DIAMETERS, "wall", "second", "area", "mass"}
+        told = names & self.model_fields_set
+        return bool(told) and not self.is_ball
+
+    @property
+    def is_ball(self) -> bool:
+        """Whether nothing but a ball's size and mass is told of the bodies."""
+        names = {"material", *PROPERTIES, *RADII, *DIAMETERS, "wall", "second", "area", "mass"}
+        told = names & self.model_fields_set
+        return told in [{a, b} for a in ("radius", "diameter") for b in ("mass", "density")]
 
     @property
     def radii(self) -> list[float]:
@@ -300,9 +328,10 @@ MaterialTable: Any = create_model("MaterialTable", __base__=_Material, **_ROWS)
 
 
 class FileOptions(FitOptions):
-    """The `[fit]` table: the settings of a fit, and the contact area of all its materials."""
+    """The `[fit]` table: the settings of a fit, contact area and air of all its materials."""
 
     area: Literal["zhou", "hertz"] | None = None
+    air: AirOption = None
 
 
 class MaterialTables(Strict):
@@ -412,29 +441,36 @@ class ProblemFile:
         return self.file.line(("fit", setting))
 
 
-def read_toml(path: str | Path, *, plausibility: bool = True) -> list[RestitutionData]:
+def read_toml(
+    path: str | Path, *, plausibility: bool = True, air: bool | float | str | None = None
+) -> list[RestitutionData]:
     """The data sets of a material file, one a `[[material]]`.
 
     Args:
         path: the file; data files are sought beside it.
         plausibility: whether properties more than 100 times outside what is plausible are refused,
             but of materials with `plausibility = false`.
+        air: in place of what the file says of it, as `RestitutionData.from_table` takes it.
 
     Raises:
         InputError: a ValueError with file and line, what is wrong and what is accepted.
     """
-    return read_problem(path, plausibility=plausibility).datasets
+    return read_problem(path, plausibility=plausibility, air=air).datasets
 
 
 def read_problem(
-    path: str | Path, needs_data: bool = True, *, plausibility: bool = True
+    path: str | Path,
+    needs_data: bool = True,
+    *,
+    plausibility: bool = True,
+    air: bool | float | str | None = None,
 ) -> ProblemFile:
     """A material file's data sets, parameters and settings.
 
     Args:
         path: the file; data files are sought beside it.
         needs_data: whether every material must name its measurements.
-        plausibility: as of `read_toml`.
+        plausibility, air: as of `read_toml`.
 
     Raises:
         InputError: a ValueError with file and line, what is wrong and what is accepted; where there
@@ -446,22 +482,27 @@ def read_problem(
     faults: list[InputError] = []
     for i, name in enumerate(tables.names):
         try:
-            entries.append(_Reader(file, i, name, plausibility).entry(needs_data))
+            entries.append(_Reader(file, i, name, plausibility, air).entry(needs_data))
         except InputError as error:
             faults.append(error)
         if len(faults) > FAULTS:
             break
     if faults:
         raise combined(faults)
-    settings = {name: getattr(tables.fit, name) for name in tables.fit.model_fields_set}
+    stated = tables.fit.model_fields_set - {"air"}  # the data have it
+    settings = {name: getattr(tables.fit, name) for name in stated}
     return ProblemFile(entries, settings, file)
 
 
 class _Reader:
     """One `[[material]]` on its way in."""
 
-    def __init__(self, file: TomlFile[MaterialTables], i: int, name: str, plausibility: bool):
+    def __init__(
+        self, file: TomlFile[MaterialTables], i: int, name: str, plausibility: bool, air: Any
+    ):
         self.file, self.table, self.name = file, file.content.material[i], name
+        told = (air, self.table.air, file.content.fit.air)
+        self.air = next((one for one in told if one is not None), None)
         self.place: Place = ("material", i)
         self.plausibility = plausibility and self.table.plausibility
 
@@ -531,6 +572,13 @@ class _Reader:
         named = {one.material for one in (table, table.wall, table.second) if one is not None}
         remarks = [f"properties of {name} from {NAMED_SOURCE}" for name in sorted(named - {None})]
         options = {name: getattr(table, name) for name in (*UNCERTAINTIES, "gravity")}
+        options["air"] = self.air
+        if table.is_ball:
+            options |= {
+                "diameter": 2 * table.radii[0],
+                "mass": table.mass,
+                "density": table.density,
+            }
         options |= {"name": self.name, "plausibility": self.plausibility, "bodies": bodies}
         options |= {"remarks": (*remarks, *found), "quoted": inside}
         if contact is None or table.limit_velocity is not None:

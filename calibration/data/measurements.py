@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Int
 
 import softjax as sj
+from calibration.data.air import ball_of
 from calibration.data.checks import (
     Column,
     as_labels,
@@ -99,6 +100,10 @@ class RestitutionData:
         name: str = "data",
         limit_velocity: Any = None,
         gravity: float | None = None,
+        air: bool | float | str | None = None,
+        diameter: float | None = None,
+        mass: float | None = None,
+        density: float | None = None,
         group: Sequence[Any] | None = None,
         remarks: Sequence[str] = (),
         bodies: Sequence[Any] = (),
@@ -112,6 +117,12 @@ class RestitutionData:
             table: the sets of columns and the names that `calibration.data.columns` tells of. SI
                 without a unit; NaN for what was not measured.
             gravity: g [m/s²] for heights, intervals and times, 9.80665 where left out.
+            air: whether heights, intervals and times are those of flights in air: True (as where
+                left out: 1.2 kg/m³), False, or the density, as a number in kg/m³ or text. See
+                `calibration.data.air`.
+            diameter, mass, density: of the ball that flies [m, kg, kg/m³], the density in place of
+                the mass; where left out, those of the first of `bodies`, else of a sphere that
+                meets a wall with the radius and mass of `contact`.
             group: a label for each row, in place of a column.
             origin: file and line of each row of the table.
             uncertainties: `uncertainty`, `velocity_uncertainty`, `interval_uncertainty` and so on,
@@ -125,7 +136,9 @@ class RestitutionData:
         """
         told = {key: value for key, value in uncertainties.items() if value is not None}
         try:
-            points = read_points(table, gravity, group, told, of_file=origin is not None)
+            ball = _ball(diameter, mass, density, bodies, contact)
+            of_file = origin is not None
+            points = read_points(table, gravity, group, told, of_file, air, ball)
         except DataError as error:
             raise error if origin is None else origin.error(error) from None
         try:
@@ -316,6 +329,16 @@ class RestitutionData:
         if np.max(self.restitution) > PERCENT:
             accepted += " (is it in percent? then the unit is [%])"
         require("restitution", self.restitution, lambda e: e <= LARGEST, accepted)
+
+
+def _ball(diameter: Any, mass: Any, density: Any, bodies: Sequence[Any], contact: Any):
+    """What flies, None where it is not known: as given, the first body, or the sphere of a contact."""
+    if (diameter, mass, density) != (None, None, None) or (not bodies and contact is None):
+        return ball_of(diameter, mass, density)
+    if bodies:
+        return ball_of(2 * np.asarray(bodies[0].radius), None, bodies[0].material.density)
+    radius, mass = (np.asarray(leaf) for leaf in (contact.radius, contact.mass))
+    return None if radius.ndim or mass.ndim else ball_of(2 * radius, mass, None)
 
 
 def _per_point(name: str, value: Any, count: int) -> Column | None:

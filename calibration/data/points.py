@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Int
 
+from calibration.data.air import Air
 from calibration.data.checks import Column
 from calibration.data.columns import Kind
 from calibration.data.errors_of_points import PointErrors
@@ -26,12 +27,14 @@ class Measured(NamedTuple):
         columns: by name, in SI; NaN where a cell is empty; those of labels are text.
         relative: names of uncertainties that are parts of the quantity itself.
         gravity: g [m/s²].
+        air: what balls fly in; None: their flights are taken as if in vacuum.
     """
 
     kind: Kind
     columns: Mapping[str, np.ndarray]
     relative: frozenset[str] = frozenset()
     gravity: float = STANDARD_GRAVITY
+    air: Air | None = None
 
     def uncertainty(self, name: str, of: Column) -> Column | None:
         """The uncertainty of `of` in the column of that name, None where there is none."""
@@ -40,7 +43,8 @@ class Measured(NamedTuple):
         return self.columns[name] * np.abs(of) if name in self.relative else self.columns[name]
 
     def take(self, rows) -> "Measured":
-        return self._replace(columns={name: one[rows] for name, one in self.columns.items()})
+        columns = {name: one[rows] for name, one in self.columns.items()}
+        return self._replace(columns=columns, air=None if self.air is None else self.air.take(rows))
 
 
 class Points(NamedTuple):
@@ -64,7 +68,7 @@ def with_own(errors: PointErrors, table: Measured, velocity: Column, restitution
     of_velocity = table.uncertainty("velocity_uncertainty", velocity)
     told: tuple[str, ...] = ()
     if alone is not None and errors.size_is_unknown:  # told of each ε: nothing is left to estimate
-        errors = PointErrors.alone(len(errors))
+        errors = replace(PointErrors.alone(len(errors)), by_drag=errors.by_drag)
     elif alone is not None and errors.kind:
         told = (f"uncertainty is taken to come on top of that of the {errors.kind}",)
     if errors.kind == "velocities":  # of which v is one: see `singles`

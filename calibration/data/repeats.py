@@ -1,5 +1,6 @@
 """The mean of repeats at one velocity, and how well it is known."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -63,6 +64,9 @@ def average(velocity: Values, restitution: Values, errors: PointErrors, group=No
         moments[0], degrees = _scatter(repeats, restitution - mean[repeats.of])
     known = errors.velocity_uncertainty is not None
     found = _errors_of(moments[0], moments[1], moments[2], known)
+    if errors.by_drag is not None:
+        by_drag = np.stack([repeats.sum(weight * one) for one in errors.by_drag.T], axis=1)
+        found = replace(found, by_drag=by_drag)
     return Averaged(velocity[rows], mean, found, degrees, rows)
 
 

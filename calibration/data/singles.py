@@ -4,10 +4,13 @@
     two velocities    v = v_in,         ε = v_out/v_in     δε = (δv_out - ε δv_in)/v_in
     two heights       v = √(2 g h₁),    ε = √(h₂/h₁)       δε = ε (δh₂/h₂ - δh₁/h₁)/2
 
+in vacuum; in air heights become velocities by `calibration.data.air`.
+
 Rows of which something needed was not measured (NaN) are left out, and told.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -37,10 +40,18 @@ def single_points(table: Measured) -> Points:
     try:
         velocity, restitution, errors, told = _MAKERS[table.kind.needs](table)
         if set(HEIGHTS) <= set(columns):
-            _check_heights(table)
+            _check_heights(table, restitution)
         elif table.kind.needs == VELOCITIES and "restitution" in columns:
             _check(table, restitution, f"{VELOCITIES[1]}/{VELOCITIES[0]}")
-        restitution = columns.get("restitution", restitution)
+        if "restitution" in columns and not (
+            table.air is not None and _without_air(table, restitution)
+        ):
+            restitution = columns["restitution"]
+        elif "restitution" in columns:
+            told = (
+                *told,
+                "restitution is √(rebound_height/drop_height): it is corrected for air too",
+            )
         errors, added = with_own(errors, table, velocity, restitution)
     except DataError as error:
         raise of_row(error, rows) from None
@@ -93,8 +104,17 @@ def _two_heights(table: Measured):
     # the slope of √h is infinite at h = 0: there u(ε) is to be the ε that a height of u gives
     least = rebound if sizes is None else np.maximum(rebound, sizes[1] / 4)
     to_rebound = np.where(least > 0, 0.5 / np.sqrt(drop * np.where(least > 0, least, 1)), 0.0)
-    to_restitution = three(-restitution / (2 * drop), to_rebound)
-    errors = _paired(to_restitution, three(velocity / (2 * drop)), sizes, "heights")
+    by_drop, faster, by_drag = -restitution / (2 * drop), velocity / (2 * drop), None
+    if (air := table.air) is not None:
+        before, velocity = (velocity, restitution), air.fall(drop)
+        restitution, faster = air.rise(rebound) / velocity, air.slope("fall", drop)
+        by_drop, to_rebound = -restitution * faster / velocity, air.slope("rise", least) / velocity
+        slower = air.by_drag("fall", drop)
+        of_rebound = air.by_drag("rise", rebound) - restitution * slower
+        by_drag = np.stack([of_rebound / velocity, slower], axis=1)
+        told = (*told, *air.remarks(velocity, restitution, before))
+    errors = _paired(three(by_drop, to_rebound), three(faster), sizes, "heights")
+    errors = replace(errors, by_drag=by_drag)
     return velocity, restitution, errors, (*told, *of_falls(velocity, table.gravity))
 
 
@@ -145,14 +165,26 @@ def _paired(to_restitution, to_velocity, sizes, kind: str) -> PointErrors:
     return PointErrors(paired(count), to_restitution, to_velocity, size, kind)
 
 
-def _check_heights(table: Measured) -> None:
+def _check_heights(table: Measured, restitution: Column) -> None:
     """A restitution beside both heights must be the root of their ratio, not the ratio (ε²)."""
     drop, rebound = (table.columns[name] for name in HEIGHTS)
     if "restitution" in table.columns:
         require(HEIGHTS[0], drop, lambda h: h > 0, "a positive height in m")
         require(HEIGHTS[1], rebound, lambda h: h >= 0, HEIGHT)
         ratio = rebound / drop
-        _check(table, np.sqrt(ratio), f"√({HEIGHTS[1]}/{HEIGHTS[0]})", ratio)
+        expected = np.sqrt(ratio) if table.kind.needs != HEIGHTS else restitution
+        told = f"√({HEIGHTS[1]}/{HEIGHTS[0]})" + (" in air" if table.air is not None else "")
+        _check(table, expected, told, ratio)
+
+
+def _without_air(table: Measured, in_air: Column) -> bool:
+    """Whether the restitutions beside two heights were computed from these as if in vacuum."""
+    drop, rebound = (table.columns[name] for name in HEIGHTS)
+    off = [
+        np.median(np.abs(table.columns["restitution"] - one))
+        for one in (np.sqrt(rebound / drop), in_air)
+    ]
+    return bool(off[0] < off[1])
 
 
 def _check(table: Measured, expected: Column, told: str, slip: Column | None = None) -> None:

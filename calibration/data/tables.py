@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from calibration.data.air import Air, Ball, checked_air
 from calibration.data.checks import as_labels, as_number, as_numbers, check_lengths
 from calibration.data.columns import Kind, Layout, accepts, layout_of
 from calibration.data.names import LABELS, SI_UNITS, UNCERTAINTIES
@@ -14,6 +15,11 @@ from calibration.data.trains import train_points
 from calibration.data.units import Relative, in_si, quantity, unit_of
 from calibration.errors import DataError, did_you_mean
 
+NOT_CORRECTED = (
+    "not corrected for air: the ball's diameter, and its mass or density, are not given "
+    "(air = false says that no correction is needed)"
+)
+
 
 def read_points(
     table: Mapping[str, Any],
@@ -21,11 +27,15 @@ def read_points(
     group: Sequence[Any] | None,
     uncertainties: Mapping[str, Any],
     of_file: bool = False,
+    air: Any = None,
+    ball: Ball | None = None,
 ) -> Points:
     """The points of a table (see `RestitutionData.from_table`).
 
     Args:
         of_file: whether a bare number is refused beside a column in another unit than SI's.
+        air: True or None, False, or the density of air.
+        ball: what flies, where that is known.
 
     Raises:
         DataError: naming the column, and the row where one is to blame.
@@ -52,10 +62,11 @@ def read_points(
         columns["group"] = as_labels("group", group)
     check_lengths(columns)
     g = _gravity(gravity, layout.kind)
-    measured = Measured(layout.kind, columns, frozenset(relative), g)
+    around, told = _air(air, ball, layout.kind, g)
+    measured = Measured(layout.kind, columns, frozenset(relative), g, around)
     with np.errstate(all="ignore"):  # what is not finite in the end is refused
         points = train_points(measured) if layout.kind.is_train else single_points(measured)
-    return points._replace(remarks=(*layout.remarks, *points.remarks))
+    return points._replace(remarks=(*layout.remarks, *points.remarks, *told))
 
 
 def _column(name: str, values: Any, layout: Layout) -> np.ndarray:
@@ -93,6 +104,18 @@ def _check_unit(name: str, value: Any, layout: Layout) -> None:
 def _gravity(gravity: float | None, kind: Kind) -> float:
     if gravity is None:
         return STANDARD_GRAVITY
-    if kind.needs[0] in ("velocity", "impact_velocity"):
+    if not kind.is_flight:
         raise DataError("gravity", "given", "left out where velocities are given")
     return as_number("gravity", gravity, lambda g: g > 0, "a positive acceleration in m/s²")
+
+
+def _air(air: Any, ball: Ball | None, kind: Kind, gravity: float):
+    """What balls fly in, None where that is not taken into account, and what to tell of it."""
+    density = checked_air(air)
+    if density is None or not kind.is_flight:
+        return None, ()
+    if ball is not None:
+        return Air(ball, gravity, density), ()
+    if isinstance(air, bool | None):
+        return None, (NOT_CORRECTED,)
+    raise DataError("ball", "not told", "given with air: its diameter, and its mass or density")

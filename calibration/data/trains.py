@@ -3,9 +3,13 @@
     intervals    v = g tₙ/2,  ε = tₙ₊₁/tₙ            δε = (δtₙ₊₁ - ε δtₙ)/tₙ,  δv = g δtₙ/2
     times        tₙ = Tₙ₊₁ - Tₙ in these: the point is that of the bounce at Tₙ₊₁
 
+in vacuum; in air a flight begins and ends with other velocities (`calibration.data.air`).
+
 The rows of one launch, and group, stand together and leave no gap. Cells of `uncertainty` and
 `velocity_uncertainty` are read in the row of tₙ, or of Tₙ₊₁, alone.
 """
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -36,9 +40,21 @@ def train_points(table: Measured) -> Points:
         accepted = f"of {span + 1} rows or more, which stand together"
         raise DataError("launch", f"of {span} row(s) everywhere", accepted)
     rows, before = first + span - 1, interval[first]
-    velocity, restitution = table.gravity * before / 2, interval[first + 1] / before
-    errors = _errors(first, before, restitution, table.gravity, sizes, name)
-    used = table.take(rows)
+    used, after = table.take(rows), interval[first + 1]
+    velocity, restitution = table.gravity * before / 2, after / before
+    # derivatives of ε in tₙ and in tₙ₊₁, of v in tₙ, and of both in the drag
+    slopes = -restitution / before, 1 / before, np.full(len(first), table.gravity / 2)
+    by_drag = None
+    in_air: tuple[str, ...] = ()
+    if (air := used.air) is not None:
+        in_vacuum, velocity = (velocity, restitution), air.landing(before)
+        restitution, faster = air.take_off(after) / velocity, air.slope("landing", before)
+        slopes = -restitution * faster / velocity, air.slope("take_off", after) / velocity, faster
+        slower = air.by_drag("landing", before)
+        of_next = air.by_drag("take_off", after) - restitution * slower
+        by_drag = np.stack([of_next / velocity, slower], axis=1)
+        in_air = air.remarks(velocity, restitution, in_vacuum)
+    errors = replace(_errors(first, slopes, sizes, name), by_drag=by_drag)
     try:
         errors, told = with_own(errors, used, velocity, restitution)
     except DataError as error:
@@ -46,7 +62,7 @@ def train_points(table: Measured) -> Points:
     group = used.columns.get("group")
     if group is None and "launch" in table.columns:
         group = runs(table.columns["launch"])[rows]
-    told = (*_lonely(train, span), *told, *of_falls(velocity, table.gravity))
+    told = (*_lonely(train, span), *told, *in_air, *of_falls(velocity, table.gravity))
     return Points(velocity, restitution, errors, rows, group, told)
 
 
@@ -115,11 +131,10 @@ def _sizes(table: Measured, name: str) -> Column | None:
     return sizes
 
 
-def _errors(first, before, restitution, gravity: float, sizes, name: str) -> PointErrors:
+def _errors(first, slopes, sizes, name: str) -> PointErrors:
     """Those of tₙ and tₙ₊₁, or of Tₙ, Tₙ₊₁ and Tₙ₊₂, of each point."""
     index = first[:, None] + np.arange(TOUCHED)
-    down, up = -restitution / before, 1 / before  # of tₙ and of tₙ₊₁
-    faster = np.full(len(first), gravity / 2)
+    down, up, faster = slopes
     if name == "interval":
         index[:, 2] = -1
         to_restitution, to_velocity = three(down, up), three(faster)

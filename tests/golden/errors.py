@@ -97,12 +97,28 @@ def bounce_trains(numbers, folder):
     wall = sj.Contact.with_wall(ball, sj.Material(*simulated.PLATE), simulated.RADIUS, area="hertz")
     table = {"time [s]": times, "launch": launch}
     for name, told in (("unknown", {}), ("stated", {"time_uncertainty": 1e-4})):
-        data = cal.RestitutionData.from_table(table, wall, **told)
+        data = cal.RestitutionData.from_table(table, wall, air=False, **told)
         numbers.physics(f"{name}: velocity", data.velocity)
         numbers.physics(f"{name}: restitution", data.restitution)
         result = cal.fit(data, "viscoelastic", **QUICK)
         record_fit(numbers, result, f"{name}: ", weighted=True)
         record_band(numbers, result.band([2.0, 3.0]), f"{name}: band", weighted=True)
+
+
+@scenario()
+def flights_in_air(numbers, folder):
+    """A 6 mm nylon ball in air of two densities, by heights and by flight times."""
+    tables = {
+        "heights": {"drop_height": [0.5, 0.8, 1.2], "rebound_height": [0.3, 0.5, 0.7]},
+        "intervals": {"interval": [0.62, 0.55, 0.49]},
+    }
+    for name, table in tables.items():
+        for air in (1.2, 1.0):
+            told = {"diameter": 6e-3, "density": 1140.0}
+            data = cal.RestitutionData.from_table(table, air=air, **told)
+            numbers.physics(f"{name}, {air} kg/m³: velocity", data.velocity)
+            numbers.physics(f"{name}, {air} kg/m³: restitution", data.restitution)
+            numbers.physics(f"{name}, {air} kg/m³: by drag", data.errors.by_drag)
 
 
 @scenario()

@@ -23,6 +23,7 @@ density = "7600 kg/m3"
 yield_strength = "300 MPa"
 diameter = "12 mm"
 height_uncertainty = "2 mm"
+air = false  # as the rebounds were simulated
 data = "drops.csv"
 
 [material.wall]

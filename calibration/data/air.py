@@ -1,0 +1,218 @@
+"""Flights of a ball in air: heights and times as velocities.
+
+With quadratic drag, buoyancy, and the added mass of the air that moves along,
+
+    g' = g (1 - ρ_a/ρ)/(1 + ρ_a/2ρ),    v_t² = 2 (1 - ρ_a/ρ) m g/(ρ_a C_d A)
+    fall from h      v₁ = v_t √(1 - e^{-2 g' h/v_t²})
+    rise to h        v₀ = v_t √(e^{2 g' h/v_t²} - 1)
+    flight of T      T = (v_t/g') [arctan(v₀/v_t) + arsinh(v₀/v_t)],    v₁ = v₀/√(1 + v₀²/v_t²)
+
+which is exact for a constant C_d. That of a smooth sphere depends on Re = ρ_a v D/μ,
+
+    C_d = 24/Re (1 + 0.150 Re^0.681) + 0.407/(1 + 8710/Re),    Re < 2·10⁵
+
+and enters heights, times and velocities alike, to first order, by its mean over the flight with the
+weight v³ (about C_d at 0.77 of the largest speed).
+
+Source: Brown and Lawler, J. Environ. Eng. 129, 222 (2003), Eq. 19, of C_d; Timmerman and van der
+Weele, Am. J. Phys. 67, 538 (1999), of flights with quadratic drag.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from calibration.data.checks import Column, as_number, require
+from calibration.data.units import Relative, quantity
+from calibration.errors import DataError, is_finite_number
+
+DENSITY = 1.2  # kg/m³, dry air of 20 °C and 1013 hPa
+VISCOSITY = 1.81e-5  # Pa s, at 20 °C; hardly of the pressure
+FASTEST = 2e5  # Reynolds number up to which C_d was correlated
+UNCERTAIN = 0.1  # standard uncertainty of C_d as a part of it, of one ball and day
+ROUNDS = 12  # for C_d and speed to settle, each a factor of 4 or more closer
+NEWTON = 8
+STEP = 1e-4  # of differences, in parts
+ACCEPTED = 'true, false, or a density of air such as "1.2 kg/m³", of 1e-4 to 20 kg/m³'
+NODES, SHARES = np.polynomial.legendre.leggauss(5)
+NODES = 0.5 * (NODES + 1)
+SHARES = 2 * SHARES * NODES**3  # of ∫ 4 s³ C_d(s v) ds
+
+
+def drag_coefficient(reynolds: Any) -> Any:
+    """C_d of a smooth sphere; see above."""
+    return 24 / reynolds * (1 + 0.150 * reynolds**0.681) + 0.407 / (1 + 8710 / reynolds)
+
+
+@dataclass(frozen=True)
+class Ball:
+    """What flies; numbers, or one for each row.
+
+    Attributes:
+        diameter: D [m].
+        mass: m [kg].
+    """
+
+    diameter: Any
+    mass: Any
+
+    def take(self, rows) -> "Ball":
+        """That of some rows."""
+        return Ball(*(one[rows] if np.ndim(one) else one for one in (self.diameter, self.mass)))
+
+
+@dataclass(frozen=True)
+class Air:
+    """The air that a ball flies in.
+
+    Attributes:
+        ball: what flies.
+        gravity: g [m/s²].
+        density: ρ_a [kg/m³].
+        drag: factor on C_d.
+    """
+
+    ball: Ball
+    gravity: float
+    density: float = DENSITY
+    drag: float = 1.0
+
+    def take(self, rows) -> "Air":
+        """That of some rows."""
+        return replace(self, ball=self.ball.take(rows))
+
+    def fall(self, height: Column) -> Column:
+        """Speed at the end of a fall from `height` [m], (n,) [m/s]."""
+        return self._settled(height, _fall)
+
+    def rise(self, height: Column) -> Column:
+        """Speed with which a ball that rises to `height` [m] starts, (n,) [m/s]."""
+        return self._settled(height, _rise)
+
+    def take_off(self, time: Column) -> Column:
+        """Speed with which a flight of `time` [s] to the same height starts, (n,) [m/s]."""
+        return self._settled(time, _take_off)
+
+    def landing(self, time: Column) -> Column:
+        """Speed at the end of a flight of `time` [s] to the same height, (n,) [m/s]."""
+        start = self.take_off(time)
+        return start / np.sqrt(1 + start**2 / self._terminal(start) ** 2)
+
+    def slope(self, speed: str, x: Column) -> Column:
+        """Derivative of one of the speeds above, by its name, in the height or time."""
+        of = getattr(self, speed)
+        return (of(x * (1 + STEP)) - of(x * (1 - STEP))) / np.where(x > 0, 2 * STEP * x, 1.0)
+
+    def by_drag(self, speed: str, x: Column) -> Column:
+        """Derivative of one of the speeds in c, with a drag coefficient of (1 + c) C_d."""
+        more, less = (replace(self, drag=self.drag * (1 + s * STEP)) for s in (1, -1))
+        return (getattr(more, speed)(x) - getattr(less, speed)(x)) / (2 * STEP)
+
+    def reynolds(self, speed: Column) -> Column:
+        """Re at a speed."""
+        return self.density * speed * self.ball.diameter / VISCOSITY
+
+    def remarks(self, velocity: Column, restitution: Column, before: Any) -> tuple[str, ...]:
+        """What the correction did to v and ε; `before`: what they are without air."""
+        by_v, by_eps = velocity - before[0], restitution - before[1]
+        most, much = (float(by[np.argmax(np.abs(by))]) for by in (by_eps, by_v / before[0]))
+        told = [
+            f"corrected for air of {self.density:g} kg/m³ (drag, buoyancy, added mass): "
+            f"ε by {most:+.2g} and v by {100 * much:+.2g} % at most"
+        ]
+        fastest = float(np.max(self.reynolds(velocity)))
+        if fastest > FASTEST:
+            told.append(
+                f"Reynolds numbers of up to {fastest:.2g} lie beyond those of the drag "
+                f"coefficient, {FASTEST:.0e}: drag is uncertain there"
+            )
+        return tuple(told)
+
+    @property
+    def _buoyancy(self) -> Any:
+        """1 - ρ_a/ρ."""
+        return 1 - self._lightness
+
+    @property
+    def _lightness(self) -> Any:
+        """ρ_a/ρ."""
+        return self.density * np.pi / 6 * self.ball.diameter**3 / self.ball.mass
+
+    @property
+    def _pull(self) -> Any:
+        """g'."""
+        return self.gravity * self._buoyancy / (1 + 0.5 * self._lightness)
+
+    def _terminal(self, fastest: Column) -> Column:
+        """v_t of a flight by its largest speed."""
+        reynolds = np.maximum(self.reynolds(fastest)[..., None] * NODES, 1e-12)
+        drag = self.drag * np.sum(SHARES * drag_coefficient(reynolds), axis=-1)
+        area = np.pi / 4 * self.ball.diameter**2
+        weight = self.ball.mass * self.gravity * self._buoyancy
+        return np.sqrt(2 * weight / (self.density * drag * area))
+
+    def _settled(self, x: Column, formula: Any) -> Column:
+        """The speed of a formula with the C_d that belongs to it."""
+        x = np.asarray(x, float)
+        speed = 0.5 * self._pull * x if formula is _take_off else np.sqrt(2 * self._pull * x)
+        for _ in range(ROUNDS):
+            speed = formula(x, self._pull, self._terminal(speed))
+        return speed
+
+
+def _fall(height: Column, pull: Any, terminal: Column) -> Column:
+    return terminal * np.sqrt(-np.expm1(-2 * pull * height / terminal**2))
+
+
+def _rise(height: Column, pull: Any, terminal: Column) -> Column:
+    return terminal * np.sqrt(np.expm1(2 * pull * height / terminal**2))
+
+
+def _take_off(time: Column, pull: Any, terminal: Column) -> Column:
+    """By Newton's method from below: the time is a concave function of the speed."""
+    speed = 0.5 * pull * time
+    for _ in range(NEWTON):
+        x = speed / terminal
+        took = terminal * (np.arctan(x) + np.arcsinh(x))
+        speed = speed + (pull * time - took) / (1 / (1 + x**2) + 1 / np.sqrt(1 + x**2))
+    return speed
+
+
+def checked_air(air: Any) -> float | None:
+    """The density of the air [kg/m³] that `air` tells; None for False.
+
+    Raises:
+        DataError: for anything but True, False, None (as True), a density in kg/m³, or one with its
+            unit.
+    """
+    if air is None or air is True:
+        return DENSITY
+    if air is False:
+        return None
+    value = air
+    if isinstance(air, str):
+        try:
+            value = quantity(air, "kg/m^3")
+        except DataError:
+            raise DataError("air", f'"{air}"', ACCEPTED) from None
+    if isinstance(value, Relative) or not is_finite_number(value):
+        raise DataError("air", air, ACCEPTED)
+    return as_number("air", value, lambda rho: 1e-4 <= rho <= 20, ACCEPTED)
+
+
+def ball_of(diameter: Any, mass: Any, density: Any) -> Ball | None:
+    """A ball by its diameter [m] and its mass [kg] or density [kg/m³]; None where they do not tell it.
+
+    Raises:
+        DataError: for a number that is none of these.
+    """
+    told = {"diameter": diameter, "mass": mass, "density": density}
+    for name, value in told.items():
+        if value is not None:
+            require(name, np.atleast_1d(value), lambda x: x > 0, "a positive number")
+    if diameter is None or (mass is None and density is None):
+        return None
+    if mass is None:
+        mass = np.pi / 6 * np.asarray(diameter) ** 3 * density
+    return Ball(diameter, mass)

@@ -1,0 +1,183 @@
+"""Drops and bounces in air, against flights integrated with a drag that depends on Reynolds' number."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import calibration as cal
+import softjax as sj
+from calibration.data.air import FASTEST, VISCOSITY, Air, Ball, ball_of, drag_coefficient
+
+G, RHO = 9.80665, 1.2
+# diameter [m], density [kg/m³], fall [m], ε
+BALLS = {
+    "3 mm plastic": (3e-3, 1100.0, 0.8, 0.9),
+    "1 mm glass": (1e-3, 2500.0, 0.002, 0.9),
+    "6 mm nylon": (6e-3, 1140.0, 1.2, 0.9),
+    "12.7 mm nylon": (12.7e-3, 1140.0, 0.5, 0.9),
+    "40 mm table tennis": (40e-3, 85.0, 1.0, 0.8),
+    "25 mm steel": (25e-3, 7800.0, 1.3, 0.7),
+    "40 mm steel": (40e-3, 7800.0, 45.0, 0.6),
+}
+
+
+def flight(ball, height=0.0, speed=0.0):
+    """The time to the top and the height there, or the time to the ground and the speed there."""
+    volume, area = np.pi / 6 * ball.diameter**3, np.pi / 4 * ball.diameter**2
+    moved = ball.mass + 0.5 * RHO * volume
+
+    def rate(time, state):
+        v = state[1]
+        drag = drag_coefficient(max(RHO * abs(v) * ball.diameter / VISCOSITY, 1e-9))
+        push = (ball.mass - RHO * volume) * G + 0.5 * RHO * drag * area * v * abs(v)
+        return [v, -push / moved]
+
+    def end(time, state):
+        return state[1] if speed else state[0]
+
+    end.terminal, end.direction = True, -1
+    found = solve_ivp(rate, [0, 100], [height, speed], events=end, rtol=1e-9, atol=1e-12)
+    return found.t[-1], found.y[0, -1] if speed else -found.y[1, -1]
+
+
+@pytest.mark.parametrize("name", BALLS)
+def test_restitutions_of_simulated_flights_come_back(name):
+    """Two bounces: by heights, by flight times and by times, with what is left of the correction."""
+    diameter, density, height, restitution = BALLS[name]
+    ball = ball_of(diameter, None, density)
+    heights, times, speeds = [height], [], []
+    for _ in range(3):
+        down, v = flight(ball, height=heights[-1])
+        up, top = flight(ball, speed=restitution * v)
+        speeds.append(v)
+        heights.append(top)
+        times += [down, up]
+    assert 10 < RHO * speeds[0] * diameter / VISCOSITY < FASTEST
+    told = {"diameter": diameter, "density": density}
+    intervals = [times[1] + times[2], times[3] + times[4]]
+    tables = {
+        "heights": ({"drop_height": heights[:2], "rebound_height": heights[1:3]}, 0),
+        "intervals": ({"interval": intervals}, 1),
+        "times": ({"time": np.cumsum([0.1, *intervals])}, 1),
+    }
+    for kind, (table, first) in tables.items():
+        data = cal.RestitutionData.from_table(table, **told)
+        bare = cal.RestitutionData.from_table(table, air=False, **told)
+        expected = np.array(speeds[first : first + len(data)])
+        assert np.all(np.abs(data.restitution / restitution - 1) < 0.03), kind
+        off, correction = data.restitution - restitution, bare.restitution - restitution
+        assert np.all(np.abs(off) < 0.03 * np.abs(correction)), kind
+        off, correction = data.velocity - expected, bare.velocity - expected
+        assert np.all(np.abs(off) < 0.03 * np.abs(correction) + 1e-6 * expected), kind
+        assert any(note.startswith("corrected for air of 1.2 kg/m³") for note in data.remarks)
+        vacuum = (
+            np.sqrt(2 * G * np.array(heights[:2])),
+            np.sqrt(np.divide(heights[1:3], heights[:2])),
+        )
+        if kind == "heights":
+            np.testing.assert_array_equal(bare.velocity, vacuum[0])
+            np.testing.assert_array_equal(bare.restitution, vacuum[1])
+
+
+TABLES = {
+    "heights": {"drop_height": [0.5, 0.8], "rebound_height": [0.3, 0.5]},
+    "interval": {"interval": [0.62, 0.55, 0.49]},
+    "time": {"time": [0.0, 0.62, 1.17, 1.66]},
+}
+
+
+@pytest.mark.parametrize("kind", TABLES)
+def test_errors_follow_the_derivatives(kind):
+    """Of ε and v in what was measured, and in the drag coefficient."""
+
+    def points(**changed):
+        table = {**TABLES[kind], **changed}
+        return cal.RestitutionData.from_table(table, diameter=6e-3, mass=1.3e-4, **told)
+
+    told = {} if kind == "heights" else {f"{kind}_uncertainty": 1e-3}
+    told = told or {"height_uncertainty": 1e-3}
+    data, step = points(), 1e-6
+    e = data.errors
+    for name, values in TABLES[kind].items():
+        for row in range(len(values)):
+            values = np.array(TABLES[kind][name])
+            values[row] += step
+            off = points(**{name: values})
+            column = 2 * row + list(TABLES[kind]).index(name) if kind == "heights" else row
+            for slopes, to in ((e.to_restitution, "restitution"), (e.to_velocity, "velocity")):
+                found = np.sum(np.where(e.index == column, slopes, 0.0), axis=1)
+                by = (getattr(off, to) - getattr(data, to)) / step
+                np.testing.assert_allclose(found, by, rtol=2e-5, atol=2e-6)
+
+
+def test_a_restitution_computed_as_if_in_vacuum_is_corrected_and_one_in_air_is_not():
+    told = {"diameter": 6e-3, "mass": 1.3e-4}
+    table = TABLES["heights"]
+    in_air = cal.RestitutionData.from_table(table, **told)
+    bare = cal.RestitutionData.from_table(table, air=False, **told)
+    for given in (in_air, bare):
+        beside = {**table, "restitution": given.restitution}
+        data = cal.RestitutionData.from_table(beside, **told)
+        np.testing.assert_allclose(data.restitution, in_air.restitution, rtol=1e-14)
+
+
+def test_drag_enters_all_points_by_one_coefficient(monkeypatch):
+    told = {"diameter": 6e-3, "mass": 1.3e-4}
+    for table in TABLES.values():
+        data = cal.RestitutionData.from_table(table, **told)
+        with monkeypatch.context() as patched:
+            more = lambda re: 1.001 * drag_coefficient(re)  # noqa: E731
+            patched.setattr("calibration.data.air.drag_coefficient", more)
+            off = cal.RestitutionData.from_table(table, **told)
+        by = np.stack([off.restitution - data.restitution, off.velocity - data.velocity], 1) / 1e-3
+        np.testing.assert_allclose(data.errors.by_drag, by, rtol=2e-3)
+    repeats = {"drop_height": [0.5, 0.5, 0.8], "rebound_height": [0.3, 0.3, 0.5]}
+    every = cal.RestitutionData.from_table(repeats, **told)
+    mean = every.averaged()
+    np.testing.assert_allclose(mean.errors.by_drag, every.errors.by_drag[1:])
+
+
+def test_what_is_measured_in_a_vacuum_or_directly_stays():
+    speeds = {"impact_velocity": [1.0, 2.0], "rebound_velocity": [0.8, 1.6]}
+    told = {"diameter": 6e-3, "mass": 1.3e-4}
+    data = cal.RestitutionData.from_table(speeds, **told)
+    np.testing.assert_array_equal(data.restitution, [0.8, 0.8])
+    assert data.errors.by_drag is None
+    assert not any("air" in note for note in data.remarks)
+    heavy = cal.RestitutionData.from_table(TABLES["heights"], diameter=6e-3, mass=100.0)
+    bare = cal.RestitutionData.from_table(TABLES["heights"], air=False, **told)
+    np.testing.assert_allclose(heavy.restitution, bare.restitution, rtol=1e-7)
+
+
+def test_the_ball_is_that_of_the_bodies_or_of_a_contact_with_a_wall():
+    ball = sj.Material(3e9, 0.35, 1140.0, 6e7)
+    wall = sj.Contact.with_wall(ball, sj.STAINLESS_STEEL, 3e-3)
+    of_contact = cal.RestitutionData.from_table(TABLES["heights"], wall)
+    told = cal.RestitutionData.from_table(TABLES["heights"], diameter=6e-3, density=1140.0)
+    np.testing.assert_allclose(of_contact.restitution, told.restitution, rtol=1e-14)
+    unknown = cal.RestitutionData.from_table(TABLES["heights"])
+    assert unknown.remarks[-1].startswith(
+        "not corrected for air: the ball's diameter, and its mass"
+    )
+    assert unknown.errors.by_drag is None
+    beyond = Air(Ball(0.2, 5.0), G).remarks(np.array([20.0]), np.array([0.5]), (19.9, 0.49))
+    assert "lie beyond those of the drag coefficient" in beyond[1]
+
+
+@pytest.mark.parametrize(
+    ("lines", "factor"),
+    [("", 1.0), ('air = "0.6 kg/m³"\n', 0.5), ("air = 2.4\n", 2.0), ("air = false\n", 0.0)],
+)
+def test_a_file_says_what_the_balls_fly_in(read_toml, lines, factor):
+    csv = "drop_height [m],rebound_height [m]\n0.5,0.3\n0.8,0.5\n"
+    toml = '[[material]]\nname = "a"\ndata = "m.csv"\ndiameter = "6 mm"\nmass = "0.13 g"\n' + lines
+    (data,) = read_toml(toml, csv)
+    air = replace(Air(Ball(6e-3, 1.3e-4), G), density=RHO * factor)
+    expected = np.sqrt(np.divide([0.3, 0.5], [0.5, 0.8]))
+    if factor:
+        expected = air.rise(np.array([0.3, 0.5])) / air.fall(np.array([0.5, 0.8]))
+    np.testing.assert_allclose(data.restitution, expected, rtol=1e-14)
+    with pytest.raises(ValueError, match='air is "5 %"; it must be true, false, or a density'):
+        read_toml(toml.replace(lines or "\x00", "") + 'air = "5 %"\n', csv)
