@@ -22,6 +22,9 @@ HEAVY = (
     "pandas",
     "pint",
     "jinja2",
+    "blackjax",
+    "arviz",
+    "xarray",
 )
 
 # softjax in layers: a module imports from earlier layers, or from its own where that says so

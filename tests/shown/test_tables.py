@@ -13,7 +13,6 @@ import calibration as cal
 import softjax as sj
 from tests.cases import fitted
 from tests.command import run
-from tests.decay import Decay
 from tests.shown.capture import band, labels, line
 from tests.shown.conftest import shown
 from tests.shown.test_fit import EPSILON, SPEED, best, curve
@@ -111,30 +110,6 @@ def test_speed_is_microseconds_a_collision(law, ticking, tmp_path):
         own = [r for r in rows if r["family"] == family]
         points = [(max(float(r["largest_error"]), 1e-17), float(r["microseconds"])) for r in own]
         np.testing.assert_allclose(np.transpose(line(ax, family)), points)
-
-
-def test_coverage_compares_errors_with_the_spread_of_estimates():
-    """Fisher's errors by hand, scatter of the estimates, and their ratio that way round."""
-    v = np.linspace(1.0, 12.0, 12)
-    case = cal.CoverageCase("decay", Decay(0.9, 0.05), v, noise=0.01, stated=True)
-    (found,) = cal.coverage_study([case], 100, 3)
-    curve = 0.9 * np.exp(-0.05 * v)
-    slopes = np.stack([curve, -0.05 * v * curve], axis=1) / 0.01
-    expected = np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes)))
-    for name, error in zip(("level", "rate"), expected, strict=True):
-        assert found.error[name] == pytest.approx(error, rel=0.05)
-        spread = np.std(found.estimates[name])
-        assert found.spread[name] == pytest.approx(spread)
-        rms = np.sqrt(np.mean(found.errors[name] ** 2))
-        assert found.ratio[name] == pytest.approx(rms / spread, rel=1e-9)
-        assert abs(found.ratio[name] - 1) > 0.01  # or its inverse would do
-        inside = np.mean(
-            np.abs(found.estimates[name] - np.log({"level": 0.9, "rate": 0.05}[name]))
-            <= 1.96 * found.errors[name]
-        )
-        assert found.by_error[name] == pytest.approx(inside, abs=0.011)
-        assert found.covered[name] == pytest.approx(inside, abs=0.03)
-    assert found.converged == 1
 
 
 class Kinked(sj.HardSphereLaw):
