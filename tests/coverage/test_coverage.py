@@ -198,7 +198,7 @@ CASES = {
 }
 QUICKLY = {
     "zhou above yield": 25,
-    "trains": 20,
+    "trains, stated": 20,
     "velocities of 10 %, zhou": 20,
     "extra scatter": 40,
 }
