@@ -1,16 +1,15 @@
 """A contact law as a C header: force, stiffness, one contact's memory.
 
 Lengths and forces of the library's own laws are in proportion to the sizes of the bodies, which
-the header takes at run time: one serves all sizes of a pair of materials. How a law of one's own
-goes with them is not known, so that its table (`c_table`) is of one pair of sizes.
+the header takes at run time: one serves all sizes of a pair of materials. How a user's law
+depends on them is not known, so that its table (`c_table`) is of one pair of sizes.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 import softjax as sj
-from calibration.particle_codes.c_table import force_error, table_of, table_values
 from calibration.particle_codes.target import end_of, number_of
 from calibration.particle_codes.templates import rendered
 from softjax.fields import numbers_of
@@ -26,47 +25,37 @@ FORMULAS = {
 }
 
 
-class Header(NamedTuple):
-    """C source, and what interpolating forces costs of the largest force; 0 for formulas."""
-
-    source: str
-    interpolation_error: float
-
-
 def header_of(
     law: Any,
     notes: tuple[str, ...],
     velocity_range: tuple[float, float],
     step: float,
+    table: dict[str, Any] | None = None,
     *,
     softening_factor: float = 1.0,
     losses: bool = True,
     prefix: str = "softjax",
-) -> Header:
+) -> str:
     """The header of a law with a force.
 
     Args:
         notes: the first lines of its comment.
-        velocity_range: the impact velocities [m/s] that it is for; a table of forces ends there.
+        velocity_range: the impact velocities [m/s] that it is for.
         step: the time step [s] that it was tested with.
+        table: of a user's law, by `c_table`.
         softening_factor: overlaps grow by this factor and forces fall by it, at the same energies.
         losses: whether what is in ε and in no force, Eq. (17), is taken off the unloading force.
         prefix: of all names, so that several headers fit into one program.
     """
     if type(law) is sj.Hertz:  # the dashpot that takes nothing
         law = sj.HertzDashpot(law.contact, 1.0)
-    error = 0.0
-    if not is_tabulated(law):
-        name, values = FORMULAS[type(law)], _values(law, losses)
-    else:
-        table = table_of(law, velocity_range[1], losses)
-        name, values, error = "table.h", table_values(table), force_error(law, table)
+    name = FORMULAS.get(type(law), "table.h")
+    values = _values(law, losses) if table is None else dict(table)
     independent = isinstance(law, sj.RateIndependentLaw)
     values |= {"name": name, "end": None if independent else end_of(law)}
     values |= {"slowest": velocity_range[0], "fastest": velocity_range[1], "step": step}
     text = rendered("law.h", notes=notes, softening_factor=float(softening_factor), **values)
-    text = text.replace("softjax_", f"{prefix}_").replace("SOFTJAX_", f"{prefix.upper()}_")
-    return Header(text, error)
+    return text.replace("softjax_", f"{prefix}_").replace("SOFTJAX_", f"{prefix.upper()}_")
 
 
 def is_tabulated(law: Any) -> bool:

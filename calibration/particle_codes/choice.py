@@ -11,14 +11,7 @@ from calibration.fitting.known_laws import LAWS
 from calibration.particle_codes import surrogates
 from calibration.particle_codes.c_header import is_tabulated
 from calibration.particle_codes.c_table import table_of
-from calibration.particle_codes.steps import (
-    FEWEST,
-    NONE,
-    Steps,
-    steps_of,
-    steps_within,
-    table_error,
-)
+from calibration.particle_codes.steps import FEWEST, NONE, Steps, steps_of, steps_within
 from calibration.particle_codes.target import Impacts, Target, impacts_of
 
 EXACT = "exact"
@@ -76,6 +69,7 @@ class Choice:
         impacts: on the law, over the target velocities.
         error: the largest difference of its ε from the target, without steps.
         steps: the time step of the law; `NONE` where there is no room for its error.
+        table: of a user's law for its template, else None.
     """
 
     key: str
@@ -86,6 +80,7 @@ class Choice:
     impacts: Impacts
     error: float
     steps: Steps
+    table: dict[str, Any] | None = None
 
     @property
     def total(self) -> float:
@@ -170,13 +165,14 @@ def _tried(key: str, target: Target, backend: Backend, options: ExportOptions) -
     law = _law(key, target, backend)
     impacts = impacts_of(law, target.velocity, options.losses)
     error = float(np.max(np.abs(impacts.coefficient - target.restitution)))
+    table = None
     if backend.name == HEADER and is_tabulated(law):
-        error += table_error(law, table_of(law, target.range[1]), impacts)
+        table, interpolation = table_of(law, impacts, options.losses)
+        error += interpolation
     label = LABELS.get(key, f"{type(target.law).__name__}'s law, exact")
     steps = _steps(law, impacts, error, options, backend.fewest)
-    return Choice(
-        key, label, law, backend, _softening_factor(impacts, target, options), impacts, error, steps
-    )
+    softer = _softening_factor(impacts, target, options)
+    return Choice(key, label, law, backend, softer, impacts, error, steps, table)
 
 
 def _law(key: str, target: Target, backend: Backend) -> Any:

@@ -99,16 +99,16 @@ def export(
         made = Export(to, target, *choose(target, code, options), options)
         choice, source = made.choice, ""
         if choice.backend.name == HEADER:
-            source, error = header_of(
+            source = header_of(
                 choice.law,
                 made.notes,
                 target.range,
                 made.time_step,
+                choice.table,
                 softening_factor=choice.softening_factor,
                 losses=losses,
                 prefix=prefix,
             )
-            made = dataclasses.replace(made, interpolation_error=error)
     files = code.files(made, source)
     report, picture = _reports(prefix)
     made = dataclasses.replace(made, files=(*files, report, picture))

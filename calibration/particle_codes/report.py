@@ -33,7 +33,6 @@ class Export:
         choice: the law that the code gets, its impacts and its time step.
         tried: all laws looked at, in the order of their cost.
         options: the tolerance and what else was requested.
-        interpolation_error: of a table of forces, over the largest force; 0 for formulas.
         files: their names.
     """
 
@@ -42,7 +41,6 @@ class Export:
     choice: Choice
     tried: list[Choice]
     options: ExportOptions
-    interpolation_error: float = 0.0
     files: tuple[str, ...] = ()
 
     @property
@@ -180,7 +178,6 @@ class Export:
             "error_of_law": choice.error,
             "error_of_time_step": steps.error,
             "error_of_dissipated_energy": self.energy_error,
-            "interpolation_error": self.interpolation_error,
             "energy_gain": impacts.gain,
             "largest_overlap_over_radius": self.overlap,
             "radius": {"value": self.target.radius, "of": self.target.radius_of},
@@ -226,8 +223,6 @@ class Export:
         if choice.softening_factor != 1:
             times = number(choice.softening_factor, 3)
             rows["softer"] = f"overlaps and time step {times} times, forces 1/{times}"
-        if self.interpolation_error:
-            rows["table"] = f"forces off by {number(self.interpolation_error, 2)} of the largest"
         if choice.impacts.gain:
             rows["energy gain"] = f"{number(choice.impacts.gain, 2)} of the impact's energy at most"
         width = max(map(len, rows))

@@ -70,12 +70,6 @@ def steps_of(law: Any, impacts: Impacts, count: int, order: float | None = None)
     return Steps(count, step, float(error), order_of(law, impacts) if order is None else order)
 
 
-def table_error(law: Any, table: Any, impacts: Impacts) -> float:
-    """What interpolating a law's forces costs in ε at most, beside the same steps of the law."""
-    exact, found = (rebounds(one, impacts, TRIED[-1]) for one in (law, table))
-    return float(np.max(np.abs(found - exact)))
-
-
 def order_of(law: Any, impacts: Impacts) -> float | None:
     """The slope of ln error over ln step."""
     errors = [

@@ -85,9 +85,13 @@ def test_a_fit_is_exported_material_by_material(at, fit_file):
     assert set(expected) <= set(report()["cautions"])
     for told in (text("softjax_law.h"), out):
         assert all(caution in told for caution in expected)
-    code, _, err = run("export", *options, "--material", "steel", "--law", "zhou")
-    assert code == 2
-    assert "`--law` must be left out with --fit" in err
+    for more, said in (
+        (("steel", "--law", "zhou"), "`--law` must be left out with --fit"),
+        (("nylon", "--range", "0.05:20"), "within what the fit knows"),
+    ):
+        code, _, err = run("export", *options, "--material", *more)
+        assert code == 2
+        assert said in err
 
 
 def test_a_file_of_materials_with_given_parameters(at):
@@ -151,14 +155,6 @@ def test_no_name_of_a_material_acts_in_a_code(code, at):
         export("a.toml", *told)
         found.append(acting(code, Path("results", file).read_bytes(), at))
     assert found[0] == found[1]
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("code", ["lammps", "yade", "c"])
-def test_none_of_them_alone_does(code, name, at, monkeypatch):
-    monkeypatch.setattr("tests.export.test_command.NAMES", (name,))
-    test_no_name_of_a_material_acts_in_a_code(code, at)
 
 
 def test_a_wall_of_the_file_makes_its_line_act(at):

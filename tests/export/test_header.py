@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import softjax as sj
-from tests.cases import MATERIALS, fitted, pair
+from tests.cases import MATERIALS, pair
 from tests.export.laws import (
     DAMPED,
     FRACTION,
@@ -25,34 +25,28 @@ from tests.export.laws import (
 )
 
 pytestmark = needs_compiler
-WIDE = np.geomspace(1e-3, 50, 512)  # m/s, of which
-SOME = slice(160, 512, 16)  # from 0.03 m/s
+WIDE = np.geomspace(1e-3, 50, 128)  # m/s, of which
+SOME = slice(40, 128, 4)  # from 0.03 m/s
 # χ̃ of Table 1, with which nylon gains energy just above yield and has no residual overlap
 GAINING = sj.Zhou(pair("nylon"), 0.0160, 0.4355, 0.5414)
 
 
-class Plastic(sj.RateIndependentLaw):
-    """A law without a formula in C: a user's class."""
+class Kinked(sj.RateIndependentLaw):
+    """A user's law: a spring that is stiffer beyond a kink, ε² = 0.99."""
 
     contact: sj.Contact
-    hardness: float  # [N/m²]
 
     def loading_force(self, overlap):
-        return self.hardness * overlap**2
+        return 1e7 * (overlap + 3 * jnp.maximum(overlap - 2e-5, 0))
 
     def unloading_force(self, overlap, peak_overlap):
-        part = jnp.maximum(1 - (peak_overlap - overlap) / (0.3 * peak_overlap), 0)
-        return self.hardness * peak_overlap**2 * sj.power_3_2(part)
+        return 0.99 * self.loading_force(overlap)
+
+    def breakpoints(self):
+        return (2e-5,)
 
 
-class Viscous(sj.RateDependentLaw):
-    """The same with damping: P = k δ^{3/2} (1 + v/(3 m/s)), no attraction."""
-
-    contact: sj.Contact
-    end = "zero-force"
-
-    def force(self, overlap, velocity):
-        return self.contact.stiffness * overlap * jnp.sqrt(overlap) * (1 + velocity / 3)
+KINKED = Kinked(PAIR)
 
 
 @lru_cache
@@ -68,6 +62,10 @@ def test_the_rebound_is_that_of_the_law_and_of_second_order_in_the_step(name, in
     errors = {n: one.largest_error(WIDE, expected, duration / n) for n in (50, 100, 800)}
     assert errors[100] < 2e-4
     assert 1.8 < np.log(errors[50] / errors[800]) / np.log(16) < 2.2
+    single = in_c(INDEPENDENT[name], ("-DSOFTJAX_REAL=float",))
+    assert single.library.size_of_real() == 4
+    found = single.rebounds(WIDE[SOME], duration[SOME] / 100)
+    assert np.max(np.abs(found - expected[SOME])) < 3e-4
 
 
 def damped(name, velocity):
@@ -87,7 +85,7 @@ def damped(name, velocity):
 
 @pytest.mark.parametrize("name", DAMPED)
 def test_damping_by_the_velocity_half_a_step_before_is_of_first_order(name, in_c):
-    velocity, phases = np.geomspace(0.05, 5, 16), np.arange(20) / 20
+    velocity, phases = np.geomspace(0.05, 5, 12), np.arange(20) / 20
     one, (expected, duration) = in_c(DAMPED[name]), damped(name, velocity)
     coarse, fine = (
         one.largest_error(velocity, expected, duration / n, phases) for n in (400, 4000)
@@ -151,34 +149,20 @@ def test_where_nothing_rebounds_the_bodies_stay_in_touch(in_c):
     """Eq. (16) without a real root: v_cr near v_lim; the header of such a contact."""
     contact = dataclasses.replace(PAIR, limit_velocity=1.001 * float(PAIR.critical_velocity))
     law = dataclasses.replace(STEEL, contact=contact)
-    hit, some = sj.restitution(law, WIDE), slice(287, 363, 12)  # from 0.4 to 2 m/s
+    hit, some = sj.restitution(law, WIDE), slice(71, 90, 3)  # from 0.4 to 2 m/s
     assert np.all(np.asarray(hit.status)[some] & int(sj.Status.NO_REBOUND))
     step = np.asarray(hit.duration)[some] / 400
     found = in_c(law, velocity_range=(0.4, 2.0)).rebounds(WIDE[some], step, contact=contact)
     assert np.all(np.abs(found) < 0.02)  # what the last step of loading leaves
 
 
-def test_one_header_serves_all_sizes_in_either_precision(in_c):
-    one, steel = in_c(STEEL), MATERIALS["stainless steel"]
-    others = (
-        sj.Contact.between_spheres(steel, steel, 1e-3, 4e-3),
-        sj.Contact.with_wall(steel, steel, 0.05),
-    )
-    for contact in others:
-        expected, duration = (
-            each[SOME] for each in wide(dataclasses.replace(STEEL, contact=contact))
-        )
-        found = one.rebounds(WIDE[SOME], duration / 1000, contact=contact)
-        assert np.max(np.abs(found - expected)) < 3e-6
-    for law in INDEPENDENT.values():
-        expected, duration = (each[SOME] for each in wide(law))
-        single = in_c(law, ("-DSOFTJAX_REAL=float",))
-        assert single.library.size_of_real() == 4
-        assert np.max(np.abs(single.rebounds(WIDE[SOME], duration / 100) - expected)) < 3e-4
-
-
-def test_two_spheres_make_a_pair(tmp_path, header):
-    """1/R = 1 + 1/3 and 1/M = 1/2 + 1/6."""
+def test_one_header_serves_all_sizes(in_c, tmp_path, header):
+    """And makes a pair of two spheres: 1/R = 1 + 1/3 and 1/M = 1/2 + 1/6."""
+    steel = MATERIALS["stainless steel"]
+    contact = sj.Contact.between_spheres(steel, steel, 1e-3, 4e-3)
+    expected, duration = wide(dataclasses.replace(STEEL, contact=contact))
+    found = in_c(STEEL).rebounds(WIDE[SOME], duration[SOME] / 1000, contact=contact)
+    assert np.max(np.abs(found - expected[SOME])) < 3e-6
     check = (
         "softjax_pair p = softjax_spheres(1, 2, 3, 6); return !(p.radius == .75 && p.mass == 1.5);"
     )
@@ -188,23 +172,18 @@ def test_two_spheres_make_a_pair(tmp_path, header):
     assert subprocess.run([program]).returncode == 0
 
 
-OWN = {"plastic": Plastic(PAIR, 1e14)}
-
-
-@pytest.mark.parametrize("name", [*LAWS, "plastic"])
+@pytest.mark.parametrize("name", [*LAWS, "kinked"])
 def test_it_compiles_by_itself_without_a_warning(name, tmp_path, header):
-    text = header((LAWS | OWN)[name])
-    for language in ("c", "c++"):
-        for real in ("double", "float"):
-            told = f"#define SOFTJAX_REAL {real}\n{text}"
-            assert compiler_says(told, language, tmp_path) == ""
-
-
-def test_it_may_be_included_twice_and_with_another(tmp_path, header):
-    text, other = header(STEEL), header(fitted("nylon"), prefix="nylon")
-    assert compiler_says(text + text + other + other, "c", tmp_path) == ""
-    assert "nylon_force(" in other
-    assert "softjax" not in other.lower()
+    """In either precision; included twice, and beside another of another prefix."""
+    text = header(KINKED if name == "kinked" else LAWS[name])
+    for language, real in (("c", "float"), ("c", "double"), ("c++", "float")):
+        stated = f"#define SOFTJAX_REAL {real}\n{text}"
+        if language == "c":
+            other = header(DAMPED["linear"], prefix="nylon")
+            assert "nylon_force(" in other
+            assert "softjax" not in other.lower()
+            stated += text + other + other
+        assert compiler_says(stated, language, tmp_path) == ""
 
 
 def test_a_softer_law_has_the_same_restitution_at_longer_steps(exported, header):
@@ -223,44 +202,16 @@ def test_a_softer_law_has_the_same_restitution_at_longer_steps(exported, header)
     )
 
 
-@pytest.mark.long
-def test_a_users_law_goes_by_a_table_with_a_stated_error(exported, in_c):
-    """Forces between the knots err by about what is stated, and ε with them."""
-    law, velocity = OWN["plastic"], np.geomspace(0.1, 5, 64)
-    made, _ = exported(law, "c", law="exact", steps=50, tolerance=0.5)
-    one, hit = in_c(law), sj.restitution(law, velocity)
-    found = one.rebounds(velocity, np.asarray(hit.duration) / 800)
-    assert np.max(np.abs(found - hit.coefficient)) < made.choice.error + 1e-5 < 1e-3
-    rng, top = np.random.default_rng(3), float(hit.peak_overlap[-1])
-    off = []
-    for peak in 1.1 * top * rng.uniform(0.05, 1, 200):
-        overlaps = np.array([peak, *peak * rng.uniform(0.7, 1, 5)])
-        part = np.maximum(1 - (peak - overlaps) / (0.3 * peak), 0)
-        expected = 1e14 * peak**2 * part**1.5
-        off.extend(np.abs(one.forces(overlaps)[0] - expected) / (1e14 * (1.1 * top) ** 2))
-    assert 0.2 * made.interpolation_error < max(off) < 1.5 * made.interpolation_error < 1e-4
-
-
-class Kinked(sj.RateIndependentLaw):
-    """A spring that is stiffer beyond a kink, and unloads steeply."""
-
-    contact: sj.Contact
-
-    def loading_force(self, overlap):
-        return 1e7 * (overlap + 3 * jnp.maximum(overlap - 2e-5, 0))
-
-    def unloading_force(self, overlap, peak_overlap):
-        back = self.loading_force(peak_overlap) / 1.01
-        return back * (overlap / peak_overlap)
-
-    def breakpoints(self):
-        return (2e-5,)
-
-
-def test_a_table_gains_no_energy_at_a_kink(in_c):
-    """An impact gives back ε² of its energy, but for the sums of both works: 1.3e-4 of it at most, seen."""
-    law = Kinked(PAIR)
-    one = in_c(law, velocity_range=(0.05, 2.0))
-    for top in np.linspace(1e-5, 8e-5, 60):
+def test_a_users_law_goes_by_a_table_that_gains_no_energy(exported, in_c):
+    """An impact returns ε² of its energy but for the sums of both works: at most 1.3e-4 of it was seen."""
+    velocity = np.geomspace(0.1, 5, 128)
+    made, _ = exported(KINKED, "c", law="exact", steps=50, tolerance=0.5)
+    one, hit = in_c(KINKED), sj.restitution(KINKED, velocity)
+    off = np.max(np.abs(one.rebounds(velocity, np.asarray(hit.duration) / 800) - hit.coefficient))
+    assert off < made.choice.error < 1e-3
+    overlaps = 0.7 * float(hit.peak_overlap[-1]) * np.linspace(1, 0.2, 9)
+    expected = 0.99e7 * (4 * overlaps - 6e-5)
+    np.testing.assert_allclose(one.forces(overlaps)[0][1:], expected[1:], rtol=2e-3)
+    for top in np.linspace(1e-5, 8e-5, 20):
         gain, most = one.gained([0.0, top, 0.0], contact=PAIR)
         assert gain <= 3e-4 * most

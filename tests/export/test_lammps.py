@@ -1,8 +1,10 @@
-"""LAMMPS: what it makes of its own input, and of the input that is written for it."""
+"""LAMMPS: the input that is written for it, and the plugin alone, among many, over ranks and restarts."""
 
+import dataclasses
 import json
 import math
 import re
+import subprocess
 
 import numpy as np
 import pytest
@@ -10,16 +12,45 @@ import pytest
 import calibration as cal
 import softjax as sj
 from tests.cases import RADIUS
-from tests.export.lammps import build, impact, needs_lammps, onto_a_wall, rebounds
-from tests.export.laws import PAIR, STEEL, VELOCITIES
+from tests.export.lammps import (
+    ENVIRONMENT,
+    MOVES,
+    NEEDED,
+    SPHERES,
+    build,
+    impact,
+    lammps,
+    needs_lammps,
+    onto_a_wall,
+    rebounds,
+)
+from tests.export.laws import DENSITY, PAIR, RANGE, STEEL, VELOCITIES
+from tests.physics.own_laws import Borrowed
 
 pytestmark = needs_lammps
-TIME = 2e-6  # s
 long = pytest.mark.long
+PLATE = sj.WaltonBraun(PAIR, 4e7, 1.5 * 4e7, 100.0)
+WALL = sj.Contact.with_wall(sj.STAINLESS_STEEL, wall=sj.STAINLESS_STEEL, radius=RADIUS)
+LOAD = ["plugin load ./softjaxplugin.so", "pair_style softjax", "pair_coeff * * softjax"]
 
 
-def measured(folder, velocities, wall=None):
-    """ε of impacts with in.softjax as it was written, onto a wall that a line tells."""
+@pytest.fixture(scope="module")
+def plugin(tmp_path_factory):
+    """A plugin of two laws, steel and `plate`, for impacts of 0.1 to 5 m/s at 100 steps."""
+    folder = tmp_path_factory.mktemp("plugin")
+    options = {"velocity_range": RANGE, "law": "exact", "steps": 100}
+    made = cal.export(STEEL, "lammps", folder, **options)
+    cal.export(PLATE, "lammps", folder, prefix="plate", types=(1, 2), **options)
+    build(folder)
+    return folder, made
+
+
+def restitution(law, velocity) -> np.ndarray:
+    return np.asarray(sj.restitution(law, np.asarray(velocity, float)).coefficient)
+
+
+def measured(folder, velocities, wall=None) -> np.ndarray:
+    """ε of impacts with in.softjax as it was written, onto a wall that a line states."""
     report = json.loads((folder / "export.json").read_text(encoding="utf-8"))
     steps = 2 * math.ceil(report["contact_duration"]["longest"] / report["time_step"]) + 10
     settings, of = ["include in.softjax", wall or ""], onto_a_wall if wall else impact
@@ -31,100 +62,247 @@ def measured(folder, velocities, wall=None):
     ("law", "tolerance"), [("linear", 0.08), ("hertz-dashpot", 0.08), ("viscoelastic", 0.03)]
 )
 def test_input_that_is_written_keeps_its_tolerance(law, tolerance, tmp_path):
-    made = cal.export(
-        STEEL, "lammps", tmp_path, velocity_range=(0.1, 5), law=law, tolerance=tolerance
-    )  # fmt: skip
-    velocity = made.target.velocity[::16]
-    found = measured(tmp_path, velocity)
+    """Between two balls; at a wall by the line that stands there as a comment."""
+    options = {"velocity_range": RANGE, "law": law, "tolerance": tolerance}
+    made = cal.export(STEEL, "lammps", tmp_path, **options)
+    found, given = measured(tmp_path, made.target.velocity[::16]), made.choice.impacts.coefficient
     assert np.max(np.abs(found - made.target.restitution[::16])) <= tolerance
-    given = made.choice.impacts.coefficient[::16]
-    assert np.max(np.abs(found - given)) <= made.choice.steps.error + 1e-6
+    assert np.max(np.abs(found - given[::16])) <= made.choice.steps.error + 1e-6
+    if law != "viscoelastic":  # which is of one mass
+        text = (tmp_path / "in.softjax").read_text(encoding="utf-8")
+        (line,) = re.findall(r"^# (fix ID .*)$", text, re.M)
+        found = measured(tmp_path, VELOCITIES, line.replace("fix ID group", "fix wall all"))
+        np.testing.assert_allclose(found, given[0], atol=made.choice.steps.error + 1e-6)
 
 
 @long
-@pytest.mark.parametrize("law", ["hertz-dashpot", "linear"])
-def test_the_line_that_is_written_for_a_wall(law, tmp_path):
-    made = cal.export(
-        STEEL, "lammps", tmp_path, velocity_range=(0.1, 5), law=law, tolerance=0.1, steps=400
-    )
-    text = (tmp_path / "in.softjax").read_text(encoding="utf-8")
-    (line,) = re.findall(r"^# (fix ID .*)$", text, re.M)
-    found = measured(tmp_path, VELOCITIES, line.replace("fix ID group", "fix wall all"))
-    np.testing.assert_allclose(found, made.choice.impacts.coefficient[0], atol=1e-3)
-
-
-@long
-def test_what_was_wanted_of_a_wall_comes_out_at_a_wall(tmp_path):
-    """Its damping is told for the mass of a ball on a wall, and its line acts as it stands."""
-    steel = sj.STAINLESS_STEEL
-    wall = sj.Contact.with_wall(steel, wall=steel, radius=RADIUS)
-    law, options = sj.ViscoelasticHertz(wall, TIME), {"velocity_range": (0.1, 5), "steps": 400}
+def test_a_law_of_a_wall_acts_at_the_wall_as_written(tmp_path):
+    """Its damping is for the mass of a ball on a wall."""
+    law, options = sj.ViscoelasticHertz(WALL, 2e-6), {"velocity_range": RANGE, "steps": 400}
     made = cal.export(law, "lammps", tmp_path, on_wall=True, tolerance=0.01, **options)
     found = measured(tmp_path, VELOCITIES, "# as it was written")
-    wanted = sj.restitution(law, np.array(VELOCITIES)).coefficient
     assert made.choice.key == "viscoelastic"
-    np.testing.assert_allclose(found, wanted, atol=1e-3)
-
-
-@pytest.fixture(scope="module")
-def plugin(tmp_path_factory):
-    """A folder with the plugin of steel, built, for impacts of 0.1 to 5 m/s at 100 steps."""
-    folder = tmp_path_factory.mktemp("plugin")
-    made = cal.export(STEEL, "lammps", folder, velocity_range=(0.1, 5), law="exact", steps=100)
-    build(folder)
-    return folder, made
-
-
-LOAD = ["plugin load ./softjaxplugin.so", "pair_style softjax", "pair_coeff * * softjax"]
+    np.testing.assert_allclose(found, restitution(law, VELOCITIES), atol=1e-3)
 
 
 def with_steps(law, velocity, count):
     """Settings for a number of steps in this impact's contact."""
-    duration = float(sj.restitution(law, velocity).duration)
-    return [*LOAD, f"timestep {duration / count!r}"]
+    return [*LOAD, f"timestep {float(sj.restitution(law, velocity).duration) / count!r}"]
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        pytest.param({}, marks=long),
-        {"at": 1.0},
-    ],
-    ids=["plain", "periodic"],
-)
-def test_the_plugin_gives_the_restitution_of_the_law(plugin, options):
-    lines = [impact(v, with_steps(STEEL, v, 100), 150, **options) for v in VELOCITIES]
-    found = rebounds(lines, plugin[0])
-    wanted = [float(sj.restitution(STEEL, v).coefficient) for v in VELOCITIES]
-    assert np.max(np.abs(found - wanted)) < 2e-4
-
-
-def test_the_plugin_keeps_the_tolerance_at_its_time_step_and_more_at_finer_ones(plugin):
+def test_the_plugin_gives_the_restitution_of_the_law(plugin):
+    """Across periodic boundaries, at a wall, at its own time step within its tolerance, and at finer ones."""
     folder, made = plugin
+    lines = [impact(v, with_steps(STEEL, v, 100), 150, at=1.0) for v in VELOCITIES]
+    law = dataclasses.replace(STEEL, contact=WALL)
+    wall = ["fix wall all softjax/wall softjax zplane 0.0 NULL"]
+    lines += [onto_a_wall(v, with_steps(law, v, 100) + wall, 150) for v in VELOCITIES]
+    lines += [impact(1.0, with_steps(STEEL, 1.0, 2000), 3000)]
+    *found, fine = rebounds(lines, folder)
+    expected = [*restitution(STEEL, VELOCITIES), *restitution(law, VELOCITIES)]
+    assert np.max(np.abs(np.array(found) - expected)) < 2e-4
+    assert fine == pytest.approx(restitution(STEEL, 1.0), abs=3e-7)
     found = measured(folder, made.target.velocity[::16])
     assert np.max(np.abs(found - made.target.restitution[::16])) <= made.choice.total
-    (fine,) = rebounds([impact(1.0, with_steps(STEEL, 1.0, 2000), 3000)], folder)
-    assert fine == pytest.approx(float(sj.restitution(STEEL, 1.0).coefficient), abs=3e-7)
-
-
-def test_a_sphere_bounces_off_a_wall(plugin):
-    wall = sj.Contact.with_wall(sj.STAINLESS_STEEL, wall=sj.STAINLESS_STEEL, radius=RADIUS)
-    law = sj.Zhou(wall, STEEL.chi, STEEL.sigma, STEEL.psi)
-    extra = ["fix wall all softjax/wall softjax zplane 0.0 NULL"]
-    lines = [onto_a_wall(v, with_steps(law, v, 100) + extra, 150) for v in VELOCITIES]
-    found = rebounds(lines, plugin[0])
-    wanted = [float(sj.restitution(law, v).coefficient) for v in VELOCITIES]
-    assert np.max(np.abs(found - wanted)) < 2e-4
 
 
 @long
 @pytest.mark.parametrize("law", ["exact", "walton-braun"])
 def test_other_laws_by_the_plugin_keep_their_tolerance(law, tmp_path):
     source = STEEL if law == "walton-braun" else sj.ViscoelasticHertz(PAIR, 2e-6)
-    made = cal.export(
-        source, "lammps", tmp_path, velocity_range=(0.1, 5), law=law, tolerance=0.02, overlap=0.03
-    )
+    options = {"velocity_range": RANGE, "law": law, "tolerance": 0.02, "overlap": 0.03}
+    made = cal.export(source, "lammps", tmp_path, **options)
     assert made.choice.backend.name == "header"
     build(tmp_path)
     found = measured(tmp_path, made.target.velocity[::16])
     assert np.max(np.abs(found - made.target.restitution[::16])) <= made.choice.total <= 0.02
+
+
+def test_two_pairs_of_materials_have_their_own_laws(plugin):
+    """Between types by `pair_coeff`, at a wall by the wall's own law."""
+    folder, _ = plugin
+    text = [(folder / name).read_text(encoding="utf-8") for name in ("in.softjax", "in.plate")]
+    assert "\npair_coeff * * softjax\n" in text[0]
+    assert "\npair_coeff 1 2 plate\n" in text[1]
+    step = min(float(re.search(r"^timestep (\S+)", one, re.M)[1]) for one in text)
+    both = ["include in.softjax", "include in.plate", f"timestep {step}"]
+    lines = [line.replace("create_box 1", "create_box 2") for line in impact(1.0, both, 400)]
+    second = [k for k, line in enumerate(lines) if line.startswith("create_atoms")][1]
+    wall = [*LOAD, "fix floor all softjax/wall plate zplane 0.0 NULL", f"timestep {step}"]
+    scripts = [lines, list(lines), onto_a_wall(1.0, wall, 400)]
+    scripts[1][second] = lines[second].replace("create_atoms 1", "create_atoms 2")
+    heavy = dataclasses.replace(PLATE, contact=WALL)
+    expected = [restitution(law, 1.0) for law in (STEEL, PLATE, heavy)]
+    np.testing.assert_allclose(rebounds(scripts, folder), expected, atol=3e-4)
+
+
+def gas(steps: int = 600) -> list[str]:
+    """1000 spheres at a volume fraction of 0.43 with relative velocities of metres a second."""
+    momentum = "".join(f" $(vcm(all,{axis})*mass(all):%.17g)" for axis in "xyz")
+    return [
+        *SPHERES,
+        "boundary p p p",
+        "newton off",
+        "lattice sc 0.0270",
+        "region box block 0 10 0 10 0 10",
+        "create_box 1 box",
+        "create_atoms 1 box",
+        f"set group all diameter {2 * RADIUS} density {DENSITY}",
+        "velocity all create 1.0 12345 dist uniform rot no",
+        "velocity all scale 5.0e21",
+        *LOAD,
+        *MOVES,
+        "timestep 1e-6",
+        "neighbor 2e-3 bin",
+        "run 0",
+        f'print "RESULT{momentum}"',
+        f"run {steps}",
+        f'print "RESULT{momentum}"',
+        "compute touching all contact/atom",
+        "compute contacts all reduce sum c_touching",
+        "run 0",
+        'print "RESULT $(c_contacts)"',
+        "write_dump all custom gas.dump id x y z vx vy vz modify sort id format float %20.15g",
+    ]
+
+
+def states(folder) -> np.ndarray:
+    """Positions and velocities in the order of their IDs."""
+    return np.loadtxt(folder / "gas.dump", skiprows=9)[:, 1:]
+
+
+def test_a_gas_conserves_its_momentum_and_is_the_same_by_two_processes(plugin):
+    folder, _ = plugin
+    before, after, contacts = lammps(gas(), folder)
+    alone = states(folder)
+    assert contacts[0] > 30
+    speed = np.sqrt(np.mean(np.sum(alone[:, 3:] ** 2, axis=1)))
+    assert 0.1 < speed < 5
+    mass = DENSITY * 4 / 3 * np.pi * RADIUS**3
+    assert np.max(np.abs(after - before)) < 1e-10 * 1000 * mass * speed
+    _, _, by_two = lammps(gas(), folder, ranks=2)
+    assert by_two == contacts
+    np.testing.assert_allclose(states(folder), alone, atol=1e-9)
+
+
+def meeting(x: float, y: float, velocity: float, drift_x: float, drift_y: float) -> list[str]:
+    """Two spheres just before their impact in a periodic box, that drift meanwhile."""
+    gap = RADIUS * (1 + 1e-9)
+    return [
+        *SPHERES,
+        "boundary p p p",
+        "newton off",
+        "region box block -.1 .1 -.1 .1 -.1 .1",
+        "create_box 1 box",
+        f"create_atoms 1 single {x - gap!r} {y} 0",
+        f"create_atoms 1 single {x + gap!r} {y} 0",
+        f"set group all diameter {2 * RADIUS} density {DENSITY} vy {drift_y}",
+        f"set atom 1 vx {drift_x + velocity / 2!r}",
+        f"set atom 2 vx {drift_x - velocity / 2!r}",
+        *LOAD,
+        *MOVES,
+        "neighbor 1e-4 bin",
+        "neigh_modify every 1 delay 0 check yes",
+    ]
+
+
+@pytest.mark.parametrize("drift", [300.0, *(pytest.param(d, marks=long) for d in (0.0, -300.0))])
+def test_a_contact_that_crosses_the_boundary_of_two_processes(drift, plugin):
+    """They meet where processors do, at x = 0; at 300 m/s both change their processor."""
+    duration = float(sj.restitution(STEEL, 1.0).duration)
+    lines = ["processors * 1 1", *meeting(-drift * duration / 2, 0, 1.0, drift, 0)]
+    lines += [f"timestep {duration / 400!r}", "run 600", "variable e equal vx[2]-vx[1]"]
+    (found,) = lammps([*lines, 'print "RESULT $(v_e:%.15g)"'], plugin[0], ranks=2)
+    assert found[0] == pytest.approx(restitution(STEEL, 1.0), abs=1e-5)
+
+
+@pytest.mark.parametrize(  # loading, at the peak, unloading
+    "at", [pytest.param(20, marks=long), pytest.param(45, marks=long), 75]
+)
+def test_a_restart_in_mid_contact_changes_nothing(at, plugin):
+    folder, stated = plugin[0], 'print "RESULT $(vx[1]:%.17g) $(vx[2]:%.17g) $(x[1]:%.17g)"'
+    step = f"timestep {float(sj.restitution(STEEL, 5.0).duration) / 100!r}"
+    start = [*meeting(0, 0.0995, 5.0, 20.0, 20.0), step]
+    (whole,) = lammps([*start, "run 150", stated], folder)
+    lammps([*start, f"run {at}", "write_restart mid.restart"], folder)  # between runs
+    lammps([*start, f"restart {at} during.*", f"run {at + 3}"], folder)  # and during one
+    law = start[start.index(LOAD[0]) :]
+    for name in ("mid.restart", f"during.{at}"):
+        again = ["atom_modify map array", "newton off", f"read_restart {name}", *law]
+        (found,) = lammps([*again, f"run {150 - at}", stated], folder)
+        np.testing.assert_allclose(found, whole, rtol=0, atol=1e-13)
+
+
+def test_a_box_is_filled_by_pouring(plugin):
+    """From nothing, with spheres of two sizes: none is lost, none falls through; warnings at the end."""
+    lines = [
+        *SPHERES,
+        "boundary p p f",
+        "newton off",
+        "region box block -.15 .15 -.15 .15 0 .6",
+        "create_box 1 box",
+        "region above block -.15 .15 -.15 .15 .05 .35",
+        *LOAD,
+        "fix floor all softjax/wall plate zplane 0.0 NULL",
+        "timestep 4e-6",
+        *MOVES,
+        "fix down all gravity 9.81 vector 0 0 -1",
+        f"fix pour all pour 200 1 4711 region above vol 0.2 50 dens {DENSITY} {DENSITY} "
+        f"vel -.5 .5 -.5 .5 -2 diam poly 2 {2 * RADIUS} 0.5 {RADIUS} 0.5",
+        "neighbor 2e-3 bin",
+        "run 20000",
+        'print "RESULT $(atoms) $(bound(all,zmin))"',
+    ]
+    code, said = output_of(lines, plugin[0])
+    assert code == 0
+    atoms, lowest = map(float, re.search(r"^RESULT (\S+) (\S+)", said, re.M).groups())
+    assert atoms == 200
+    assert 0.9 * RADIUS / 2 < lowest < 0.3
+    assert "impacts were outside the velocities of their softjax law" in said
+    assert "times the one that a softjax law was tested with" in said
+
+
+def output_of(lines, folder) -> tuple[int, str]:
+    """LAMMPS' exit code and what it prints."""
+    (folder / "in.run").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    command = [NEEDED[2], "-in", "in.run", "-log", "none"]
+    ended = subprocess.run(command, cwd=folder, env=ENVIRONMENT, capture_output=True, text=True)
+    return ended.returncode, ended.stdout + ended.stderr
+
+
+@pytest.mark.parametrize(
+    ("line", "other", "said"),
+    [
+        ("units si", "units cgs", "The laws of softjax need units si"),
+        ("newton off", "newton on", "The laws of softjax need newton off"),
+        ("block -1 1 -1 1", f"block -1 1 -0.02 {RADIUS}", "longer than two diameters"),
+        ("* * softjax", "* * brass", "No law brass in this softjax plugin; it has plate softjax"),
+    ],
+)
+def test_what_the_plugin_cannot_do_is_refused(line, other, said, plugin):
+    text = "\n".join(impact(1.0, [*LOAD, "timestep 1e-6"], 1, at=1.0))
+    assert line in text
+    code, output = output_of(text.replace(line, other).splitlines(), plugin[0])
+    assert code != 0
+    assert said in output
+
+
+@long
+def test_it_will_not_load_into_another_version(tmp_path):
+    cal.export(STEEL, "lammps", tmp_path, velocity_range=RANGE, law="exact", steps=100)
+    build(tmp_path, LAMMPS_VERSION="20220101")
+    code, said = output_of(impact(1.0, LOAD, 1), tmp_path)
+    assert code != 0
+    assert "softjax plugin was built for LAMMPS 20220101" in said
+
+
+@long
+def test_a_table_is_of_one_pair_of_sizes(tmp_path):
+    law = Borrowed(PAIR, sj.Thornton(PAIR, 2.8))
+    cal.export(law, "lammps", tmp_path, velocity_range=RANGE, law="exact", steps=100)
+    build(tmp_path)
+    settings = [*LOAD, "timestep 1e-6"]
+    (found,) = lammps(impact(1.0, settings, 300), tmp_path)
+    assert found[0] == pytest.approx(restitution(law, 1.0), abs=1e-3)
+    larger = impact(1.0, [*settings, "set group all diameter 0.026"], 300)
+    assert "a table for one pair of sizes" in output_of(larger, tmp_path)[1]

@@ -167,39 +167,35 @@ def test_calibration_uses_public_names_alone():
         assert not private, f"calibration.{name} imports softjax.{private}"
 
 
-def loaded_after(code):
-    """Which heavy packages a fresh Python has after this code."""
-    check = f"import sys; print(*[m for m in {HEAVY!r} if m in sys.modules])"
-    done = subprocess.run(
-        [sys.executable, "-c", f"{code}\n{check}"], capture_output=True, text=True, cwd=ROOT
-    )
-    assert done.returncode == 0, done.stderr
-    return set(done.stdout.split())
-
-
-CURVE = """
+STAGES = """
+import sys
+def stage():
+    print(*[name for name in HEAVY if name in sys.modules], sep=",")
+import jax
+before = dict(jax.config.values)
 import softjax as sj
+assert dict(jax.config.values) == before
+stage()
+sj.enable_x64()
+assert jax.config.jax_enable_x64
 steel = sj.STAINLESS_STEEL
 law = sj.Zhou(sj.Contact.between_spheres(steel, steel, 0.0127, 0.0127), 1.8, 3.0, 0.54)
-result = sj.restitution(law, [0.001, 0.1, 1.0])
-assert result.coefficient.shape == (3,)
+assert sj.restitution(law, [0.001, 0.1, 1.0]).coefficient.shape == (3,)
+import calibration
+from calibration import RestitutionData, read_csv, read_toml
+stage()
+sj.restitution(law, 1.0, sj.ODE())
+stage()
 """
 
 
-@pytest.mark.parametrize("code", ["import softjax", CURVE], ids=["import", "curve"])
-def test_nothing_heavy_is_imported(code):
-    assert loaded_after(code) == set()
-
-
-def test_the_ode_imports_diffrax():
-    assert "diffrax" in loaded_after("import softjax, softjax.collision")
-
-
-def test_importing_changes_no_setting():
-    code = "import jax\nbefore = dict(jax.config.values)\nimport softjax\n"
-    code += "assert dict(jax.config.values) == before"
-    loaded_after(code)
-    loaded_after("import softjax as sj, jax\nsj.enable_x64()\nassert jax.config.jax_enable_x64")
+def test_importing_changes_no_setting_and_nothing_heavy_is_imported_before_it_is_used():
+    code = STAGES.replace("HEAVY", repr(HEAVY))
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    imported, used, integrated = done.stdout.splitlines()
+    assert imported == used == ""
+    assert "diffrax" in integrated
 
 
 # calibration in floors: a module imports from lower ones, or from its own; also inside functions
@@ -254,13 +250,6 @@ def test_no_module_takes_a_name_from_the_package_it_is_in():
         package = name.rpartition(".")[0]
         taken = {t for t in imported(path, "calibration") if t.rpartition(".")[0] == package}
         assert not package or taken <= CALIBRATION.keys(), f"{name} imports {taken}"
-
-
-@pytest.mark.parametrize(
-    "code", ["import calibration", "from calibration import RestitutionData, read_csv, read_toml"]
-)
-def test_calibration_imports_nothing_heavy(code):
-    assert loaded_after(code) == set()
 
 
 def test_every_public_name_is_what_it_says_after_every_module_was_imported():
