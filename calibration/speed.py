@@ -454,7 +454,7 @@ def as_text(rows: list[Row]) -> str:
     """The table, each family together, and what its times mean as ratios within this run."""
     import pandas as pd
 
-    from calibration.report.render import table_text
+    from calibration.report.layout import table_text
 
     cells = [
         (

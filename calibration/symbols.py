@@ -1,5 +1,6 @@
 """How parameters are written: in text, and in pictures; their units."""
 
+import re
 from typing import Any, NamedTuple
 
 from calibration.fitting.known_laws import LAWS
@@ -15,6 +16,7 @@ class Symbol(NamedTuple):
 MATH = {
     "χ̃": r"$\tilde\chi$",
     "μ": r"$\mu$",
+    "ν": r"$\nu$",
     "ρ": r"$\rho$",
     "σ": r"$\sigma$",
     "ψ": r"$\psi$",
@@ -50,6 +52,10 @@ WORDS = {  # what a parameter is, where the law's field says less
 }
 DERIVED = {"critical_velocity": ("v_cr", "m/s"), "eps_up": ("ε_up", ""), "yield_ratio": ("E/Y", "")}
 DERIVED |= {"chi": ("χ̃", ""), "sigma": ("σ", ""), "psi": ("ψ", "")}
+LETTERS = {"chi squared": "χ²"} | {
+    name: DERIVED[name][0] for name in ("chi", "sigma", "psi", "eps_up")
+}
+NAMES = re.compile(rf"(?<![\w`-])({'|'.join(LETTERS)})(?![\w`-])")
 
 
 def symbol(name: str, model: Any = None) -> Symbol:
@@ -77,6 +83,17 @@ def model_of(label: str, result: Any) -> Any:
     owner = label.removesuffix("]").partition("[")[2]
     fits = [] if result is None else [f for f in result.materials if owner in ("", f.name)]
     return (fits or result.materials)[0].model if result is not None else None
+
+
+def of_label(label: str, result: Any) -> str:
+    """A label of a fit, such as "chi[nylon]", as tables write it: χ̃[nylon]."""
+    name, bracket, owner = label.partition("[")
+    return symbol(name, model_of(label, result)).text + bracket + owner
+
+
+def written(text: str) -> str:
+    """A sentence with symbols in place of the names of parameters: χ̃ for chi, χ² for chi squared."""
+    return NAMES.sub(lambda name: LETTERS[name[0]], text)
 
 
 def words(name: str, model: Any = None) -> str:

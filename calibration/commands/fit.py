@@ -106,8 +106,8 @@ def _fitted(arguments: argparse.Namespace, given: Mapping[str, Any], progress: P
 
 
 def _text(result: Any, of_paper: bool, draws: Any) -> str:
+    from calibration.report.fit import terminal_report
     from calibration.report.folder import printed_values
-    from calibration.report.render import terminal_report
 
     more: dict[str, Any] = {"printed": printed_values()} if of_paper else {}
     if draws is not None:

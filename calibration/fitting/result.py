@@ -23,7 +23,6 @@ from calibration.fitting.material import MaterialFit
 from calibration.fitting.profiles import Profile
 from calibration.fitting.refits import Bootstrap, bootstrap
 from calibration.fitting.request import Request
-from calibration.fitting.result_text import fit_text
 from calibration.fitting.stages import Stage
 from calibration.fitting.zhou import LINE
 from calibration.output import replacing, write_text
@@ -339,8 +338,8 @@ class FitResult:
         return cls(**read_result(path, law))
 
     def to_frame(self) -> Any:
-        """All estimates as a pandas DataFrame, one a row; see `calibration.report.tables`."""
-        from calibration.report.tables import estimates
+        """All estimates as a pandas DataFrame, one a row; see `calibration.report.fit`."""
+        from calibration.report.fit import estimates
 
         return estimates(self)
 
@@ -364,9 +363,9 @@ class FitResult:
         return curves_figure(self, lines_of(self))
 
     def _repr_html_(self) -> str:
-        from calibration.report.render import html_result
+        from calibration.report.fit import result_html
 
-        return html_result(self)
+        return result_html(self)
 
     def __eq__(self, other) -> bool:
         if not isinstance(other, FitResult):
@@ -376,7 +375,9 @@ class FitResult:
     __hash__ = None  # type: ignore[assignment]
 
     def __str__(self) -> str:
-        return fit_text(self)
+        from calibration.report.fit import result_text
+
+        return result_text(self)
 
     __repr__ = __str__
 

@@ -6,15 +6,13 @@ from typing import Any
 import pandas as pd
 
 from calibration import symbols
-from calibration.console import wrapped
 from calibration.data.json_file import dumps
-from calibration.errors import printable
 from calibration.fitting.doubt import OTHER_LAWS
-from calibration.report.render import table_text
-from calibration.report.tables import estimate_text
+from calibration.report.fit import estimate_text
+from calibration.report.layout import Block, Item, terminal
 from calibration.rounding import ABSENT, number
 
-WHOLE = 1000  # scores from here on are rounded to whole numbers
+WHOLE = 1000  # elpd, AIC and BIC from here on are rounded to whole numbers
 EXPLAINED = (
     "Sorted by elpd, the expected log predictive density: each point predicted by the fit without "
     "it. Δelpd: the difference to the best and its standard error, a tie below two of them. "
@@ -35,20 +33,22 @@ def comparison_text(
         causes: where the causes of warnings are found; in Python unless stated.
     """
     common = [n for n in comparisons[0].notes if all(n in other.notes for other in comparisons)]
-    blocks = [wrapped(map(printable, [*common, *remarks, EXPLAINED]))]
+    blocks = [Block("text", "\n".join([*common, *remarks, EXPLAINED]))]
     for one in comparisons:
         data, groups = one.data, len(one.data.groups)
         span = f"{number(min(data.velocity), 3)} to {number(max(data.velocity), 3)} m/s"
         together = f", {groups} groups, each left out together" if groups else ""
-        title = f"{printable(data.name)}: {len(data)} points, {span}{together}"
-        parameters = parameter_table(one)
+        parameters, own = parameter_table(one), list(_remarks(one, common))
         blocks += [
-            [title, table_text(ranking_table(one))],
-            [] if parameters.empty else [table_text(parameters)],
-            wrapped(map(printable, _remarks(one, common))),
-            _warnings(one, causes),
+            Block("text", f"{data.name}: {len(data)} points, {span}{together}"),
+            Block("table", ranking_table(one)),
+            *([] if parameters.empty else [Block("table", parameters)]),
+            *([Block("text", "\n".join(own))] if own else []),
+            Block("warnings", _warnings(one)),
         ]
-    return "\n\n".join("\n".join(block) for block in blocks if block)
+    if any(entry.doubts for one in comparisons for entry in one.entries):
+        blocks.append(Block("text", f"The causes of warnings are in {causes}."))
+    return terminal(blocks)
 
 
 def ranking_table(comparison: Any) -> pd.DataFrame:
@@ -120,24 +120,20 @@ def _remarks(one: Any, common: Sequence[str]) -> Iterable[str]:
     yield from (f"Left out: {why}." for why in one.left_out)
 
 
-def _warnings(one: Any, causes: str) -> list[str]:
+def _warnings(one: Any) -> list[Item]:
     """Each kind of warning once, with the laws that have it."""
-    laws: dict[str, list[str]] = {}
+    laws: dict[str, dict[str, None]] = {}
     advice = {}
     for entry in one.entries:
-        for doubt in entry.doubts:
-            labels = laws.setdefault(doubt.code, [])
-            labels += [entry.label] * (entry.label not in labels)
-            advice[doubt.code] = _advice(doubt)
-    if not laws:
-        return ["No warnings."]
-    lines = (f"{code}: {'; '.join(labels)}. {advice[code]}" for code, labels in laws.items())
-    return [f"Warnings (their causes are in {causes}):", *wrapped(lines, "  ! ", "    ")]
+        for warning in entry.doubts:
+            laws.setdefault(warning.code, {})[entry.label] = None
+            advice[warning.code] = symbols.written(_advice(warning))
+    return [Item(code, f": {'; '.join(names)}.", advice[code]) for code, names in laws.items()]
 
 
-def _advice(doubt: Any) -> str:
+def _advice(warning: Any) -> str:
     """Without the advice to compare laws, which is what was done."""
-    return doubt.remedy.replace(f" ({OTHER_LAWS})", "").replace(f" {OTHER_LAWS}.", "")
+    return warning.remedy.replace(f" ({OTHER_LAWS})", "").replace(f" {OTHER_LAWS}.", "")
 
 
 def _as_dict(one: Any) -> dict[str, Any]:
@@ -161,8 +157,8 @@ def _entry_dict(entry: Any) -> dict[str, Any]:
         "options": dict(fit.model.options),
         "elpd": left_out.elpd if scored else None,
         "elpd_standard_error": left_out.elpd_se if scored else None,
-        "behind": behind and behind.value,
-        "behind_standard_error": behind and behind.standard_error,
+        "delta_elpd": behind and behind.value,
+        "delta_elpd_standard_error": behind and behind.standard_error,
         "tie": behind and behind.is_tie,
         "weight": entry.weight,
         "rms_leave_one_out": left_out.rms,
@@ -177,5 +173,7 @@ def _entry_dict(entry: Any) -> dict[str, Any]:
             for name, e in fit.parameters.items()
         },
         "remark": entry.candidate.remark,
-        "doubts": [{"code": d.code, "cause": d.cause, "remedy": _advice(d)} for d in entry.doubts],
+        "warnings": [
+            {"code": w.code, "cause": w.cause, "remedy": _advice(w)} for w in entry.doubts
+        ],
     }

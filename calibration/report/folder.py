@@ -6,12 +6,16 @@ from typing import Any
 
 from calibration import plots
 from calibration.output import files_into, write_text
-from calibration.report.render import html_report, markdown_report
+from calibration.report.fit import report_blocks
+from calibration.report.layout import markdown, page
 
 PICTURES = {
     "curves.png": "Data, fitted curves with their bands, and residuals below",
-    "profiles.png": "Profiles of the cost: its rise when one parameter is fixed elsewhere",
-    "correlation.png": "Correlations of the fitted parameters",
+    "profiles.png": "Profile likelihoods: the rise of χ² when one parameter is fixed elsewhere",
+    "correlation.png": (
+        "Correlations of the fitted parameters: ellipses of equal probability, blue and leaning right "
+        "for positive ones, orange and leaning left for negative ones"
+    ),
     "posterior.png": "Draws from the posterior, and the fit with its intervals",
 }
 FILES = ("fit.json", "report.md", "report.html", *PICTURES, "posterior.nc")
@@ -36,13 +40,22 @@ def write_report(
         result: a `FitResult`.
         folder: made where it is not there.
         draws: of its posterior.
-        of_paper: whether the data are the paper's, whose Table 1 and Fig. 2 stand beside the fit.
+        of_paper: whether the data are the paper's: Table 1 and the curves of Fig. 2 are shown too.
         command: the command that makes the same files again.
         progress: called as progress(stage, done, total).
 
     Raises:
         OSError: where the files cannot be written.
     """
+    more: dict[str, Any] = {"title": PAPER_TITLE, "ratio": True, "from_rest": True}
+    figures = {
+        "curves.png": lambda: plots.curves_figure(
+            result, plots.lines_of(result, with_paper=of_paper), **more if of_paper else {}
+        ),
+        "profiles.png": lambda: plots.profiles_figure(result),
+        "correlation.png": lambda: plots.correlation_figure(result),
+        "posterior.png": lambda: None if draws is None else plots.posterior_figure(draws, result),
+    }
     posterior = None
     with files_into(folder, FILES) as staged:
         result.save(staged / "fit.json")
@@ -55,14 +68,14 @@ def write_report(
         pictures = {}
         for done, (name, caption) in enumerate(PICTURES.items()):
             progress("pictures", done, len(PICTURES))
-            figure = _figure(name, result, draws, of_paper)
+            figure = figures[name]()
             if figure is not None:
                 plots.save(figure, staged / name)
                 pictures[caption] = name
-        more = {"pictures": pictures, "command": command, "posterior": posterior}
-        more["printed"] = printed_values() if of_paper else None
-        write_text(staged / "report.md", markdown_report(result, **more))
-        write_text(staged / "report.html", html_report(result, staged, **more))
+        printed = printed_values() if of_paper else None
+        blocks = report_blocks(result, pictures, command, printed, posterior)
+        write_text(staged / "report.md", markdown(blocks))
+        write_text(staged / "report.html", page(blocks, staged))
         return [name for name in FILES if (staged / name).exists()]
 
 
@@ -72,16 +85,3 @@ def printed_values() -> dict[str, dict[str, float]]:
 
     names = ("chi", "sigma", "psi", "critical_velocity", "limit_velocity", "yield_ratio")
     return {entry.name: {name: getattr(entry, name) for name in names} for entry in TABLE_1}
-
-
-def _figure(name: str, result: Any, draws: Any, of_paper: bool) -> Any:
-    """A picture, or None where there is nothing to show."""
-    if name == "curves.png":
-        more: dict[str, Any] = {"ratio": True, "from_rest": True, "title": PAPER_TITLE}
-        more = more if of_paper else {}
-        return plots.curves_figure(result, plots.lines_of(result, with_paper=of_paper), **more)
-    if name == "profiles.png":
-        return plots.profiles_figure(result)
-    if name == "correlation.png":
-        return plots.correlation_figure(result)
-    return None if draws is None else plots.posterior_figure(draws, result)

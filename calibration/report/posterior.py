@@ -14,21 +14,24 @@ from calibration.fitting.posterior.diagnostics import (
     summaries,
 )
 from calibration.fitting.posterior.draws import dataset_of
+from calibration.report.fit import warning_items
+from calibration.report.layout import Block
 from calibration.rounding import interval, number, with_error
 
 DETERMINED = 0.3  # of the prior's width, up to which the data determine a parameter
 
 
-def section(data: Any, result: Any) -> dict[str, Any]:
+def section(data: Any, result: Any) -> list[Block]:
     """How the draws were made, their table, what they say in words, and warnings about them."""
     found, failed = summaries(data, result.confidence), not_converged(data)
-    written = {name: _written(name, result) for name in found}
-    return {
-        "how": _how(data),
-        "table": posterior_table(found, written, result.confidence),
-        "known": [failed] if failed else known(found, written),
-        "warnings": doubts_of(data),
-    }
+    written = {name: symbols.of_label(name, result) for name in found}
+    return [
+        Block("heading", "Posterior"),
+        Block("text", _how(data)),
+        Block("table", posterior_table(found, written, result.confidence)),
+        Block("list", [failed] if failed else known(found, written)),
+        Block("warnings", warning_items(doubts_of(data))),
+    ]
 
 
 def posterior_table(
@@ -43,7 +46,7 @@ def posterior_table(
             "R-hat": f"{one.r_hat:.3f}",
             "ESS": f"{one.effective:.0f}",
             "posterior/prior width": number(one.prior_share, 2),
-            "prior": one.prior or "follows from the others",
+            "prior": one.prior or "derived",
         }
         for name, one in found.items()
     )
@@ -52,15 +55,15 @@ def posterior_table(
 def known(found: Mapping[str, Summary], written: Mapping[str, str]) -> list[str]:
     """In words, what the data determine, and what they leave to the prior."""
     kinds: dict[str, list[str]] = {"determine": [], "narrow": [], "do not determine": []}
+    wide = {name for name, one in found.items() if (one.prior_share or 0.0) > DETERMINED}
     for name, one in found.items():
-        if one.prior_share is None or one.prior_share <= DETERMINED:
+        if name not in wide:
             kinds["determine"].append(f"{written[name]} = {with_error(one.mean, one.deviation)}")
         else:
-            kind = "narrow" if one.prior_share <= FOLLOWS else "do not determine"
-            share = f"{100 * one.prior_share:.0f} % of its prior's width left"
+            kind = "narrow" if one.prior_share <= FOLLOWS else "do not determine"  # type: ignore[operator]
+            share = f"{100 * one.prior_share:.0f} % of its prior's width left"  # type: ignore[operator]
             kinds[kind].append(f"{written[name]} ({share})")
     lines = [f"The data {kind} {', '.join(names)}." for kind, names in kinds.items() if names]
-    wide = {name for name, one in found.items() if (one.prior_share or 0.0) > DETERMINED}
     if {"sigma", "psi"} & {name.partition("[")[0] for name in wide}:
         lines.append(
             "σ and ψ act through the loss that they make together: at the critical velocity it is "
@@ -78,8 +81,3 @@ def _how(data: Any) -> str:
         f"of warm-up each, seed {about['seed']}; intervals are central. Widths are compared on the "
         "scale that is sampled, ln θ where θ is positive."
     )
-
-
-def _written(name: str, result: Any) -> str:
-    base, bracket, owner = name.partition("[")
-    return symbols.symbol(base, symbols.model_of(name, result)).text + bracket + owner

@@ -31,11 +31,11 @@ def test_every_cell_of_the_table(compared):
     assert compared.code == 0
     entries = ranking(compared)
     for row, entry in zip(rows, entries, strict=True):
-        behind = f"{score(entry['behind'])} ± {score(entry['behind_standard_error'])}"
+        behind = f"{score(entry['delta_elpd'])} ± {score(entry['delta_elpd_standard_error'])}"
         expected = [
             entry["label"],
             score(entry["elpd"]),
-            (behind + " tie" * entry["tie"]) if entry["behind"] else "best",
+            (behind + " tie" * entry["tie"]) if entry["delta_elpd"] else "best",
             f"{entry['weight']:.2f}",
             f"{entry['rms_leave_one_out']:.3g}",
             f"{entry['rms']:.3g}",
@@ -133,7 +133,9 @@ def test_exact_data_have_no_scores_and_json_no_nan(tmp_path):
     exact = shown(tmp_path, "compare", path, "--law", "constant", "--law", "hertz", quiet=True)
     entry = ranking(exact)[0]
     assert entry["law"] == "constant"
-    assert [entry[name] for name in ("elpd", "behind", "tie", "weight", "aic", "bic")] == [None] * 6
+    assert [entry[name] for name in ("elpd", "delta_elpd", "tie", "weight", "aic", "bic")] == [
+        None
+    ] * 6
     assert "NaN" not in exact.text("compare.json")
     assert exact.out == ""
 

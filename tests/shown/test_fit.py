@@ -303,9 +303,9 @@ def test_the_tables_of_a_report_have_the_fits_numbers(alloy):
     expected = {
         "material": "alloy",
         "points": "24",
-        "ν": "22",
+        "dof": "22",
         "rms": f"{rms:.4g}",
-        "χ²/ν": f"{chi_squared / 22:.3g}",
+        "χ²/dof": f"{chi_squared / 22:.3g}",
         "P": f"{stats.chi2.sf(chi_squared, 22):.3g}",
         "converged": "yes",
     }
@@ -344,7 +344,7 @@ def test_a_result_shows_itself(alloy, tmp_path):
     assert axes_of(figures["curves.png"]) == axes_of(fit.plot()) == PICTURES["curves"]
     told, own = (
         re.sub(
-            "`softjax fit .*`, with\n|, from [^;]*alloy.csv",
+            "`softjax fit .*`\n\n|, from [^;]*alloy.csv",
             "",
             (folder / "report.md").read_text(encoding="utf-8"),
         )
@@ -466,7 +466,7 @@ def test_a_fit_that_did_not_converge_is_marked_everywhere(tmp_path):
     assert made.err.splitlines()[-1].startswith("softjax fit: did not converge")
     assert made.figures["curves.png"].axes[0].get_title() == "alloy (NOT CONVERGED)"
     report = made.text("report.md")
-    assert "**The fit did not converge. Its values are not to be used.**" in report
+    assert "**NOT CONVERGED: do not use these values.**" in report
     assert markdown_tables(report)[2][1][-1] == "NO"
     assert "NOT CONVERGED: do not use these values." in made.out
 
@@ -491,5 +491,5 @@ def test_priors_bounds_groups_and_scatter_are_stated(tmp_path):
     assert table["between groups"] == f"{fit.group_deviation:.3g}"
     assert fit.noise == pytest.approx(0.01, rel=0.4)
     assert fit.group_deviation == pytest.approx(np.std(offsets, ddof=1), rel=0.6)
-    assert "χ²/ν" not in table
+    assert "χ²/dof" not in table
     assert "in 4 groups" in report

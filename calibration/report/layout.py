@@ -1,0 +1,176 @@
+"""Blocks of a report laid out: as text for a terminal by rich, as Markdown and HTML by templates."""
+
+import base64
+import html
+import io
+import math
+import re
+from collections.abc import Iterable, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jinja2
+import pandas as pd
+from markupsafe import Markup
+from rich import box
+from rich.cells import cell_len
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from calibration import console
+from calibration.errors import printable
+from calibration.rounding import ABSENT
+
+# signs of structure in Markdown; an underscore between letters is none, brackets are a link's where
+# another follows
+STRUCTURE = re.compile(r"[<>&`*\\#~$]|!(?=\[)|\](?=[\[(:])|:(?=//)|(?<![^\W_])_|_(?![^\W_])")
+CODE = re.compile(r"(`(?:softjax )?[\w-]+`)")  # a word between backticks, in sentences of our own
+
+
+class Block(NamedTuple):
+    """A part of a report.
+
+    Attributes:
+        kind: title, heading, lead, about, text, strong, code, list, items, warnings, table or picture.
+        value: a text; of a list texts; of items and warnings `Item`s; a DataFrame of texts; a picture's
+            caption and file.
+    """
+
+    kind: str
+    value: Any
+
+
+class Item(NamedTuple):
+    """An entry of a list: a name, what is said of it, and advice."""
+
+    name: str
+    text: str
+    advice: str = ""
+
+
+def terminal(blocks: Iterable[Block]) -> str:
+    """Blocks as text as wide as the terminal; titles and pictures are left out."""
+    lines = filter(None, map(_lines, blocks))
+    return "\n\n".join("\n".join(block) for block in lines)
+
+
+def markdown(blocks: Iterable[Block]) -> str:
+    """Blocks as a Markdown page."""
+    text = _template("report.md").render(blocks=blocks)
+    return re.sub(r"\n{3,}", "\n\n", text).strip() + "\n"
+
+
+def page(blocks: Sequence[Block], folder: Path | None = None) -> str:
+    """Blocks as HTML: a whole page with the pictures of a folder inside; a part of one without."""
+    shown = []
+    for block in blocks:
+        if block.kind == "picture" and folder is not None:
+            caption, name = block.value
+            coded = base64.b64encode((folder / name).read_bytes()).decode("ascii")
+            block = Block("picture", (caption, coded))
+        shown.append(block)
+    return _template("report.html").render(blocks=shown, whole=folder is not None)
+
+
+def table_text(table: pd.DataFrame) -> str:
+    """A table for a terminal; one cell a line where the terminal is narrower.
+
+    Columns of numbers end on a common edge.
+    """
+    look: dict[str, Any] = {"show_edge": False, "pad_edge": False, "padding": (0, 1, 0, 0)}
+    shown = Table(box=box.SIMPLE_HEAD, header_style="", **look)
+    cells = [[printable(str(cell)) for cell in row] for row in table.itertuples(index=False)]
+    for name, column in zip(table.columns, zip(*cells, strict=True), strict=False):
+        right = all(map(_is_number, column))
+        shown.add_column(Text(printable(name)), justify="right" if right else "left", no_wrap=True)
+    for row in cells:
+        shown.add_row(*map(Text, row))
+    file = io.StringIO()
+    Console(file=file, width=10_000, color_system=None).print(shown)
+    lines = [line.rstrip() for line in file.getvalue().splitlines()]
+    if max(map(cell_len, lines)) <= (console.columns() or math.inf):
+        return "\n".join(lines)
+    below = []
+    for first, *rest in cells:
+        below.append(f"{table.columns[0]}: {first}" if first else "")
+        pairs = zip(table.columns[1:], rest, strict=True)
+        below += [f"  {name}: {cell}" for name, cell in pairs if cell]
+    return "\n".join(below)
+
+
+def _lines(block: Block) -> list[str]:
+    kind, value = block
+    if kind in ("title", "heading", "picture"):
+        return []
+    if kind == "table":
+        return [table_text(value)]
+    if kind == "list":
+        return console.wrapped(map(printable, value), "  ", "    ")
+    if kind in ("items", "warnings"):
+        texts = (printable(f"{one.name}{one.text} {one.advice}") for one in value)
+        lines = console.wrapped(texts, "  ! ", "    ")
+        return ["Warnings:", *lines] if lines else ["No warnings."]
+    return console.wrapped(map(printable, value.splitlines()))
+
+
+@cache
+def _template(name: str) -> jinja2.Template:
+    """A template that shows every text as it is: what would be structure is escaped."""
+    is_page = name.endswith(".html")
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).with_name("templates")),
+        autoescape=True,
+        finalize=_shown if is_page else _escaped,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    environment.filters["prose"] = _prose_html if is_page else _prose
+    environment.filters["advice"] = lambda text: Markup(f" *{_prose(text)}*" if text else "")
+    environment.filters["code"] = _code
+    environment.filters["row"] = lambda cells: Markup(f"| {' | '.join(map(_escaped, cells))} |")
+    environment.tests["of_numbers"] = lambda column: all(map(_is_number, column))
+    return environment.get_template(name)
+
+
+def _shown(value: Any) -> Any:
+    return value if isinstance(value, Markup) else printable(str(value))
+
+
+def _escaped(value: Any) -> Markup:
+    """Text that Markdown, and HTML made of it, show as it is: what would be structure as entities."""
+    if isinstance(value, Markup):
+        return value
+    shown = STRUCTURE.sub(lambda match: f"&#{ord(match[0])};", printable(str(value)))
+    return Markup(shown.replace("|", "\\|"))
+
+
+def _prose(text: str) -> Markup:
+    parts = CODE.split(text)
+    return Markup("".join(part if k % 2 else _escaped(part) for k, part in enumerate(parts)))
+
+
+def _prose_html(text: str) -> Markup:
+    parts = [html.escape(printable(part)) for part in CODE.split(text)]
+    shown = (f"<code>{p.strip('`')}</code>" if k % 2 else p for k, p in enumerate(parts))
+    return Markup("".join(shown))
+
+
+def _code(text: str) -> Markup:
+    """Markdown's code, between more backticks than the text has in a row."""
+    marks = "`" * (max(map(len, re.findall("`+", text)), default=0) + 1)
+    space = " " * ("`" in text)
+    return Markup(f"{marks}{space}{printable(text)}{space}{marks}")
+
+
+def _is_number(cell: Any) -> bool:
+    if cell in ("", ABSENT):
+        return True
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
