@@ -3,6 +3,7 @@
 import csv
 import io
 import sys
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,13 +13,15 @@ from jaxtyping import Float, Int
 
 import softjax as sj
 from calibration.data.names import read_header
+from calibration.data.sheet import delimiter_of
+from calibration.data.text_file import decoded
 from calibration.data.units import in_si, unit_of
 from calibration.errors import DataError, InputError, Origin, printable, shown
 
 MOST = 10**6  # rows of one curve
 BLOCK = 1 << 16  # rows of a band that are computed at once: one may be made of thousands of draws
 LARGEST = 64 << 20  # bytes of a file of velocities
-NOT_KNOWN = "NOT_KNOWN"
+NOT_DETERMINED = "NOT_DETERMINED"
 FROM_PYTHON = (
     f"at most {MOST} rows; more from Python by `softjax.restitution(law, velocity).coefficient`"
 )
@@ -88,13 +91,13 @@ class Rows(NamedTuple):
 
         Numbers have the digits that a reader needs for the same float64. The status is the names of
         its flags joined by |, or PLAIN; where a fit does not determine ε cells are empty, and the
-        status is NOT_KNOWN.
+        status is NOT_DETERMINED.
         """
         names = ["velocity [m/s]", "restitution", "restitution_low", "restitution_high"]
         columns = [self.velocity, self.coefficient, self.low, self.high]
         pairs = [(n, c) for n, c in zip(names, columns, strict=True) if c is not None]
         codes, index = np.unique(np.where(self.known, self.status, -1), return_inverse=True)
-        words = [NOT_KNOWN if code < 0 else status_names(int(code)) for code in codes]
+        words = [NOT_DETERMINED if code < 0 else status_names(int(code)) for code in codes]
         header = ",".join([*(name for name, _ in pairs), "status"])
         lines = text_rows([column for _, column in pairs], ",", [words[k] for k in index])
         return f"{header}\n{lines}"
@@ -102,13 +105,9 @@ class Rows(NamedTuple):
     def as_array(self) -> np.ndarray:
         """A structured array with fields velocity, restitution, status (and low, high)."""
         columns = {"velocity": self.velocity, "restitution": self.coefficient}
-        columns |= {"status": self.status.astype("<i4")}
-        if self.low is not None and self.high is not None:
-            columns |= {"low": self.low, "high": self.high}
-        array = np.empty(len(self.velocity), [(n, c.dtype) for n, c in columns.items()])
-        for name, column in columns.items():
-            array[name] = column
-        return array
+        columns |= {"status": self.status.astype("<i4"), "low": self.low, "high": self.high}
+        columns = {name: column for name, column in columns.items() if column is not None}
+        return np.rec.fromarrays(list(columns.values()), names=list(columns))
 
 
 def text_rows(columns: list[np.ndarray], mark: str, last: list[str] | None = None) -> str:
@@ -165,50 +164,47 @@ def read_velocities(path: str) -> Velocities:
         InputError: with file and line, what is wrong and what is accepted.
     """
     name = "standard input" if path == "-" else path
-    text = _text(path, name)
+    text = io.StringIO(decoded(name, _bytes(path, name)).text, newline=None).read()
     lines = [(k, line) for k, line in enumerate(text.split("\n"), 1) if line.strip(" \t,;")]
     lines = [(k, line) for k, line in lines if line.strip()[0] != "#"]
     if not lines:
         raise InputError(name, None, "no velocities", "one number a line is needed")
-    mark = next((mark for mark in "\t;" if mark in lines[0][1]), ",")
+    mark = delimiter_of(lines[0][1])
     rows = [row for _, line in lines for row in csv.reader([line], delimiter=mark)]
     head = [cell.strip() for cell in rows[0]]
     while not head[-1]:
         head.pop()
     place, unit, below = 0, unit_of("m/s", "m/s"), slice(0, None)
-    if len(head) > 1 or _number(head[0], mark) is None:
+    if len(head) > 1 or _number(head[0], ".") is None:
         place, unit = _velocity_column(head, Origin(name, lines[0][0]))
         below = slice(1, None)
     if len(rows[below]) > MOST:
         raise InputError(name, None, f"{len(rows[below])} velocities", FROM_PYTHON)
+    marks = (c for row in rows[below] for c in "".join(row[place : place + 1]) if c in ",.")
+    decimal = "." if mark == "," else next(marks, ".")
     found = []
     for (line, whole), row in zip(lines[below], rows[below], strict=True):
         if len(row) < len(head) or any(cell.strip() for cell in row[len(head) :]):
             problem = f"{len(row)} cells in {shown(whole)!r}"
             raise InputError(name, line, problem, f"{len(head)} are needed, as in the first line")
-        value = _number(row[place], mark)
+        value = _number(row[place], decimal)
         if value is None or not 0 <= value < np.inf:
             problem = f"{shown(whole)!r} holds no velocity"
-            raise InputError(name, line, problem, "a finite number of 0 m/s or more")
+            accepted = "a finite number of 0 m/s or more"
+            accepted += ", all with a decimal comma or all with a point" * (mark != ",")
+            raise InputError(name, line, problem, accepted)
         found.append(value)
     if not found:
         accepted = "one number a line is needed below the header"
         raise InputError(name, lines[0][0], "no velocities", accepted)
-    if mark != ",":
-        _check_decimals(
-            [row[place] for row in rows[below]], [line for line, _ in lines[below]], name
-        )
     return in_si(np.array(found), unit)
 
 
-def _text(path: str, name: str) -> str:
-    """The whole file."""
+def _bytes(path: str, name: str) -> bytes:
+    """The whole file, which may be a pipe."""
     try:
-        if path == "-":
-            raw = sys.stdin.buffer.read(LARGEST + 1)
-        else:
-            with Path(path).open("rb") as file:
-                raw = file.read(LARGEST + 1)
+        with nullcontext(sys.stdin.buffer) if path == "-" else Path(path).open("rb") as file:
+            raw = file.read(LARGEST + 1)
     except FileNotFoundError:
         accepted = "a file that exists, or - for standard input"
         raise InputError(name, None, "no such file", accepted) from None
@@ -217,11 +213,7 @@ def _text(path: str, name: str) -> str:
         raise InputError(name, None, problem, "a readable file is needed") from None
     if len(raw) > LARGEST:
         raise InputError(name, None, f"more than {LARGEST >> 20} MiB", FROM_PYTHON)
-    try:
-        return io.TextIOWrapper(io.BytesIO(raw), encoding="utf-8-sig").read()
-    except UnicodeDecodeError as error:
-        line = raw[: error.start].count(b"\n") + 1
-        raise InputError(name, line, "is not UTF-8 text", "save it as UTF-8") from None
+    return raw
 
 
 def _velocity_column(head: list[str], origin: Origin) -> tuple[int, Any]:
@@ -229,28 +221,20 @@ def _velocity_column(head: list[str], origin: Origin) -> tuple[int, Any]:
     for position, cell in enumerate(head):
         try:
             header = read_header(cell)
-            if header.name == "velocity":
-                return position, unit_of(header.unit or "m/s", "m/s")
         except DataError as error:
             raise origin.error(error) from None
+        if header.name == "velocity":
+            return position, unit_of(header.unit or "m/s", "m/s")
     problem = f"no column named velocity in {shown(', '.join(head))!r}"
     accepted = "one number a line, or a header with velocity"
     raise InputError(origin.file, origin.line, problem, accepted)
 
 
-def _number(cell: str, mark: str) -> float | None:
-    """A cell's number; None where it is none."""
+def _number(cell: str, decimal: str) -> float | None:
+    """A cell's number; None where it is none, or has another decimal mark."""
+    if "_" in cell or (decimal == "," and "." in cell):
+        return None
     try:
-        return None if "_" in cell else float(cell if mark == "," else cell.replace(",", "."))
+        return float(cell.replace(decimal, "."))
     except ValueError:
         return None
-
-
-def _check_decimals(cells: list[str], lines: list[int], name: str) -> None:
-    """Refuse decimal commas and points in one file: 1.500 beside 0,5 is one thousand and a half."""
-    marks = ["," if "," in cell else "." if "." in cell else None for cell in cells]
-    used = [(one, line) for one, line in zip(marks, lines, strict=True) if one]
-    for one, line in used:
-        if one != used[0][0]:
-            problem = "a decimal comma and a decimal point in one file"
-            raise InputError(name, line, problem, "either a comma or a point is accepted")

@@ -7,7 +7,6 @@ and two where ε comes to 0, and its header says how far that leaves it from the
 import math
 from collections.abc import Callable, Iterator
 
-import jax.numpy as jnp
 import numpy as np
 
 import softjax as sj
@@ -15,15 +14,17 @@ from calibration.curves import Route, Rows, Source, Velocities, curve_of, text_r
 from calibration.errors import InputError, printable
 from calibration.fitting.curves import yield_velocity
 
-COLUMNS = ("plastic_restitution", "duration[s]", "largest_overlap[m]", "peak_force[N]")
+COLUMNS = {
+    "plastic_coefficient": "plastic_restitution",
+    "duration": "duration[s]",
+    "peak_overlap": "largest_overlap[m]",
+    "peak_force": "peak_force[N]",
+}
 ASIDE = 1e-12  # of the velocity of a jump or of the end of ε, from there to the rows next to it
 # where between two rows the law is compared; then about the largest difference, ever closer
 INSIDE = np.linspace(0, 1, 9)[1:-1, None]
 CLOSER = np.linspace(-1, 1, 9)[:, None]
 INTERVALS, TIMES = 64, 10  # that are compared more closely, and how often by a quarter
-LOADING = np.linspace(0, 1, 65)[1:]  # of the largest overlap: where the force may be largest
-SAMPLES = 201  # of a history, where the force depends on the velocity
-ROWS = 4096  # that are computed at once, each with its history or some of its forces
 
 Exact = Callable[[Velocities], Velocities]
 
@@ -37,7 +38,7 @@ def with_knots(source: Source, velocity: Velocities, route: Route = None) -> Vel
 
 
 def table_text(source: Source, rows: Rows, route: Route = None) -> str:
-    """v [m/s] ascending, ε, and of laws with a force `COLUMNS`; blanks between, comments behind #.
+    """v [m/s] ascending, ε, and of laws with a force `COLUMNS`; separated by blanks, comments after #.
 
     Rows whose ε a fit does not determine are left out, and the header says so.
 
@@ -50,7 +51,9 @@ def table_text(source: Source, rows: Rows, route: Route = None) -> str:
         raise InputError(None, None, problem, "--table takes each velocity once, ascending")
     columns, names = [rows.velocity, rows.coefficient], ["velocity[m/s]", "restitution"]
     if not isinstance(source.law, sj.HardSphereLaw):
-        columns, names = [*columns, *_impacts(source.law, rows.velocity, route)], [*names, *COLUMNS]
+        hit = sj.restitution(source.law, rows.velocity, route)
+        columns += [np.asarray(getattr(hit, name)) for name in COLUMNS]
+        names += COLUMNS.values()
     error = _error(_restitution(source, route), rows.velocity, rows.coefficient)
     head = [*_head(source, rows.velocity), _promise(error), " ".join(names)]
     return "".join(f"# {line}\n" for line in head) + text_rows(columns, " ")
@@ -111,23 +114,6 @@ def _promise(error: float) -> str:
     )
 
 
-def _impacts(law: sj.ContactLaw, velocity: Velocities, route: Route) -> Iterator[Velocities]:
-    """ε_p [-], duration [s], largest overlap [m] and peak force [N] of collisions of a law with a force."""
-    hit = sj.restitution(law, velocity, route)
-    overlap = np.asarray(hit.peak_overlap)
-    for column in (hit.plastic_coefficient, hit.duration, overlap):
-        yield np.asarray(column)
-    parts = (slice(k, k + ROWS) for k in range(0, len(velocity), ROWS))
-    yield np.concatenate([_peak_force(law, velocity[p], overlap[p], route) for p in parts])
-
-
-def _peak_force(law: sj.ContactLaw, velocity, overlap, route: Route):
-    if isinstance(law, sj.RateIndependentLaw):
-        return jnp.max(law.loading_force(LOADING[:, None] * overlap), axis=0)
-    history = sj.collide(law, velocity, SAMPLES, route if isinstance(route, sj.ODE) else None)
-    return jnp.max(history.force, axis=-1)
-
-
 def _head(source: Source, velocity: Velocities) -> Iterator[str]:
     yield f"restitution of {printable(source.name)}"
     at = yield_velocity(source.law)
@@ -137,6 +123,6 @@ def _head(source: Source, velocity: Velocities) -> Iterator[str]:
         fit = source.result.material(source.name)
         for word, end in (("below", fit.known_from), ("above", fit.known_to)):
             if 0 < end < np.inf:
-                yield f"nothing is known {word} {end:.6g} m/s, where no points are: no rows"
+                yield f"the data do not determine restitution {word} {end:.6g} m/s: no rows"
         if len(velocity):
             yield source.extrapolation(velocity) or "all rows lie between the fit's data"

@@ -13,8 +13,8 @@ For a material of the paper (stainless-steel, chrome-steel, nylon: σ and ψ of 
 At most a million rows; of more, from Python: np.save("curve.npy", softjax.restitution(law, velocity).coefficient)
 
 A table (--table) has more columns: ε_p, duration, largest overlap and peak force; two rows at first
-yield, where ε may jump, and where ε ends; and in its header how far linear interpolation is from the law. Where a fit
-knows nothing, cells are empty and rows of a table are left out.
+yield, where ε may jump, and where ε ends; and in its header the largest error of linear interpolation. Where the data of a
+fit do not determine the curve, cells are empty and rows of a table are left out.
 """
 
 import argparse
@@ -71,8 +71,8 @@ def run(arguments: argparse.Namespace) -> int:
         velocity = with_knots(source, velocity, route)
     rows = curve_of(source, velocity, route)
     if not rows.known.any():
-        problem = f"nothing is known of {source.name} at these velocities"
-        raise InputError(None, None, problem, f"a fit knows {_known(source)}")
+        problem = f"the data do not determine {source.name} at these velocities"
+        raise InputError(None, None, problem, f"they determine {_known(source)}")
     with files_into(arguments.out, FILES.values()) as folder:
         _write(folder, formats, source, rows, route)
     _tell(arguments, source, rows)
@@ -127,7 +127,7 @@ def _draw(path: Path, rows: Any, source: Any) -> None:
 
 
 def _known(source: Any) -> str:
-    """Where a fit knows anything of its curve."""
+    """The velocities at which the data determine the curve."""
     fit = source.result.material(source.name)
     if fit.known_from > 0:
         return f"the curve from {fit.known_from:.4g} m/s on"
@@ -138,7 +138,9 @@ def _tell(arguments: argparse.Namespace, source: Any, rows: Any) -> None:
     count, missing = len(rows.velocity), int((~rows.known).sum())
     if missing:
         text = f"of {count} velocities {missing} are left empty"
-        print(f"warning: not-known: {text}; the fit knows {_known(source)}", file=sys.stderr)
+        print(
+            f"warning: not-determined: {text}; the data determine {_known(source)}", file=sys.stderr
+        )
     beyond = source.extrapolation(rows.velocity)
     if beyond is not None:
         print(f"warning: {beyond}", file=sys.stderr)

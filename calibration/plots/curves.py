@@ -128,7 +128,7 @@ def plot_restitution(
         look: dict[str, Any] = {"color": style.GREY, "alpha": 0.15, "linewidth": 0}
         for ends in ((v[0], v[known[0]]), (v[known[-1]], v[-1])):
             if ends[0] < ends[1]:
-                ax.axvspan(*ends, label="not known", **look)
+                ax.axvspan(*ends, label="not determined", **look)
     none = rows.status.astype(int) & int(NO_VALUE) != 0
     look = {"color": style.BLUE, "marker": "o" if len(v) < FEW else "", "markersize": 4}
     ax.plot(v, np.where(none, np.nan, rows.coefficient), label=style.plain(label), **look)

@@ -306,7 +306,7 @@ def test_curve_band_and_table_agree_on_what_the_data_do_not_determine(at, above_
     grid = ["--from", "0.2", "--to", "20", "--points", "12"]
     code, _, said = run("curve", "--fit", path, *grid, "--format", "csv", "npy", "table", "png")
     assert code == 0
-    assert "not-known: of 14 velocities" in said
+    assert "not-determined: of 14 velocities" in said
     out, velocity = at / "results", column(at, 0)
     known = velocity >= float(result.law.contact.critical_velocity)
     assert 0 < np.sum(known) < 14
@@ -314,12 +314,12 @@ def test_curve_band_and_table_agree_on_what_the_data_do_not_determine(at, above_
     np.testing.assert_array_equal(np.isfinite(result.band(velocity).low), known)
     np.testing.assert_array_equal(np.isfinite(np.load(out / "curve.npy")["low"]), known)
     written = rows_of(out / "curve.csv")[1:]
-    np.testing.assert_array_equal([row[-1] == "NOT_KNOWN" for row in written], ~known)
+    np.testing.assert_array_equal([row[-1] == "NOT_DETERMINED" for row in written], ~known)
     assert {tuple(row[1:4]) for row, k in zip(written, known, strict=True) if not k} == {("",) * 3}
     np.testing.assert_array_equal(table(at)[1][:, 0], velocity[known])
     assert f"{float(result.law.contact.critical_velocity):.6g} m/s" in " ".join(table(at)[0])
     words = ["--fit", path, "--from", "0.1", "--to", "0.2", "--out", "none"]
-    curve(*words, error="nothing is known")
+    curve(*words, error="do not determine")
     assert not (at / "none").exists()
 
 

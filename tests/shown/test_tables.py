@@ -64,7 +64,7 @@ def test_what_a_fit_does_not_determine_is_grey(tmp_path):
     grid = np.geomspace(0.1, 20, 30)
     first = grid[grid >= float(law.contact.critical_velocity)][0]
     assert (grey.get_x(), grey.get_x() + grey.get_width()) == pytest.approx((0.1, first))
-    assert grey.get_label() == "not known"
+    assert grey.get_label() == "not determined"
     shown_line = line(ax, "nylon")[1]
     np.testing.assert_array_equal(np.isfinite(shown_line), grid >= first)
 
