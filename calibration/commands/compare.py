@@ -1,18 +1,16 @@
-"""Which contact law a data set prefers: every law fitted, and ranked by how well it predicts.
+"""Fit every contact law to a data set and rank the laws by how well they predict.
 
     softjax compare my_alloy.toml
     softjax compare my_alloy.toml --laws zhou,thornton,walton-braun
     softjax compare                 # the three materials of Zhou (2013)
 
 Ranked by the expected log predictive density: each point (each group, where the data have groups)
-predicted by the fit without it. Written are compare.json and compare.png. Without a file also
-figure2.png, Fig. 2 of the paper again, and linear_spring.png, the paper's argument against the
-linear model; `--figure2` and `--linear-spring` make these alone.
+predicted by the fit without it. Written are compare.json and compare.png, without a file also
+figure2.png, Fig. 2 of the paper again, and linear_spring.png, its argument against the linear model.
 """
 
 import argparse
 import sys
-from pathlib import Path
 from typing import Any
 
 from calibration.commands.source_options import add_air_argument, read_material_file
@@ -29,15 +27,14 @@ from calibration.options import (
 )
 from calibration.output import check_writable, files_into, or_printed, write_text
 
-PICTURES = {"figure2": "figure2.png", "linear_spring": "linear_spring.png"}
-FILES = ("compare.json", "compare.png", *PICTURES.values())
+FILES = ("compare.json", "compare.png", "figure2.png", "linear_spring.png")
 NAMES = (*LAWS, "thornton-fixed")
 OPTIONS = tuple(name for name in FitOptions.model_fields if name not in OF_ONE_FIT)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", nargs="?", metavar="FILE.toml", help="the materials and their data")
-    text = f"which ones, by commas: {', '.join(NAMES)} (default: all)"
+    text = f"the laws to compare, separated by commas: {', '.join(NAMES)} (default: all)"
     parser.add_argument("--laws", metavar="A,B,C", help=text)
     text = "one of them; may be repeated"
     parser.add_argument("--law", action="append", default=[], metavar="A", help=text)
@@ -45,33 +42,45 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_air_argument(parser)
     text = "print compare.json to standard output in place of the tables"
     parser.add_argument("--json", action="store_true", help=text)
-    text = "only Fig. 2 of the paper again"
-    parser.add_argument("--figure2", action="store_true", help=text)
-    text = "only the case against the linear spring"
-    parser.add_argument("--linear-spring", action="store_true", help=text)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Fit, write, print; 0, or 1 where a law's fit did not converge."""
     import softjax as sj
+    from calibration.plots.comparison import comparison_figure
+    from calibration.plots.style import save
+    from calibration.report.comparison import comparison_json, comparison_text
+    from calibration.studies.compare import compare
 
     laws = _laws(arguments)
-    alone = [name for name in PICTURES if getattr(arguments, name)]
-    for name in alone:
-        _check_alone(name, arguments)
     check_writable(arguments.out)
     sj.enable_x64()
+    datasets, options, remarks = _problem(arguments)
     with Progress(arguments.quiet) as progress:
-        if alone:
-            with files_into(arguments.out, FILES) as folder:
-                converged = _draw(folder, alone, progress)
-            text, names = "", [PICTURES[name] for name in alone]
-        else:
-            converged, text, names = _compared(arguments, laws, progress)
+        made = [compare(d, laws, watch=progress.over, **options) for d in datasets]
+        settings = {"file": arguments.file, "laws": laws, "options": options}
+        json = comparison_json(made, settings)
+        text = json if arguments.json else f"{comparison_text(made, remarks, 'compare.json')}\n"
+        figures = {"compare.png": comparison_figure(made)}
+        converged = all(one.converged for one in made)
+        if arguments.file is None:
+            from calibration.plots.figure_2 import figure_2, fit_materials
+            from calibration.plots.linear_spring import linear_figure
+
+            of_paper = fit_materials(progress)
+            converged = converged and of_paper.converged
+            figures |= {"figure2.png": figure_2(of_paper), "linear_spring.png": linear_figure()}
+        with (
+            or_printed([text] if arguments.json or not arguments.quiet else []),
+            files_into(arguments.out, FILES) as folder,
+        ):
+            write_text(folder / "compare.json", json)
+            for name, figure in figures.items():
+                save(figure, folder / name)
     if arguments.json:
         print(text, end="")
     elif not arguments.quiet:
-        print(f"{text}\nWritten to {arguments.out}: {listed(names)}")
+        print(f"{text}\nWritten to {arguments.out}: {listed(['compare.json', *figures])}")
     if converged:
         return 0
     print("softjax compare: a fit did not converge; it is written and marked so", file=sys.stderr)
@@ -93,44 +102,8 @@ def _laws(arguments: argparse.Namespace) -> list[str] | None:
     return names or None
 
 
-def _check_alone(name: str, arguments: argparse.Namespace) -> None:
-    """Refuse what a picture without data would ignore."""
-    option = f"--{name.replace('_', '-')}"
-    if arguments.file is not None:
-        raise DataError(option, "given with a file", "left out with one: it needs no data")
-    for other in ("laws", "law", "json", *OPTIONS):
-        if getattr(arguments, other) not in (None, [], False):
-            raise DataError(f"--{other}", f"given with {option}", "left out with it")
-
-
-def _compared(
-    arguments: argparse.Namespace, laws: list[str] | None, progress: Progress
-) -> tuple[bool, str, list[str]]:
-    """Whether all fits converged, what is printed, and the names of the files."""
-    from calibration.plots.comparison import comparison_figure
-    from calibration.plots.style import save
-    from calibration.report.comparison import comparison_json, comparison_text
-    from calibration.studies.compare import compare
-
-    datasets, options, remarks = _problem(arguments)
-    made = [compare(d, laws, watch=progress.over, **options) for d in datasets]
-    more = list(PICTURES) if arguments.file is None else []
-    settings = {"file": arguments.file, "laws": laws, "options": options}
-    json = comparison_json(made, settings)
-    text = json if arguments.json else f"{comparison_text(made, remarks, 'compare.json')}\n"
-    with (
-        or_printed([text] if arguments.json or not arguments.quiet else []),
-        files_into(arguments.out, FILES) as folder,
-    ):
-        write_text(folder / "compare.json", json)
-        save(comparison_figure(made), folder / "compare.png")
-        converged = _draw(folder, more, progress)
-    names = ["compare.json", "compare.png", *(PICTURES[name] for name in more)]
-    return converged and all(one.converged for one in made), text, names
-
-
 def _problem(arguments: argparse.Namespace) -> tuple[list[Any], dict[str, Any], list[str]]:
-    """Data sets, settings, and a line on what of a file acts in `softjax fit` alone."""
+    """Data sets, settings, and a line on entries of a file that only `softjax fit` uses."""
     given = given_options(arguments)
     options = {name: value for name, value in given.items() if name in OPTIONS}
     if arguments.file is None:
@@ -142,23 +115,5 @@ def _problem(arguments: argparse.Namespace) -> tuple[list[Any], dict[str, Any], 
     stated = {name: value for name, value in problem.settings.items() if name in OPTIONS}
     unused = [name for name in problem.settings if name not in (*OPTIONS, "area")]
     unused += sorted({name for parameters in problem.parameters for name in parameters})
-    remark = f"Of the file, this acts in `softjax fit` only: {listed(unused)}."
+    remark = f"Only `softjax fit` uses these entries of the file: {listed(unused)}."
     return problem.datasets, merged(stated, options), [remark] if unused else []
-
-
-def _draw(folder: Path, names: list[str], progress: Progress) -> bool:
-    """The pictures that need no file; whether the fits behind them converged."""
-    from calibration.plots.style import save
-
-    converged = True
-    if "figure2" in names:
-        from calibration.plots.figure_2 import figure_2, fit_materials
-
-        result = fit_materials(progress)
-        converged = result.converged
-        save(figure_2(result), folder / PICTURES["figure2"])
-    if "linear_spring" in names:
-        from calibration.plots.linear_spring import linear_figure
-
-        save(linear_figure(), folder / PICTURES["linear_spring"])
-    return converged

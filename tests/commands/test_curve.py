@@ -143,12 +143,13 @@ def test_each_option_of_a_law_acts(at, options):
 
 
 def test_the_route_acts_in_curves_and_tables(at):
-    """A coarse tolerance of the time integration errs in both; the energy balance in neither."""
-    grid = ["nylon", "--from", 5, "--to", 20, "--points", 4, "--format", "csv", "table"]
-    exact = np.asarray(sj.restitution(fitted("nylon"), np.linspace(5, 20, 4)).coefficient)
-    for words, low, high in (([], 0, 1e-13), (["--route", "ode", "--rtol", "1e-3"], 1e-12, 1e-2)):
+    """A coarse tolerance of the time integration errs; the energy balance does not."""
+    grid = ["nylon", "--from", 5, "--to", 20, "--points", 2, "--format", "csv", "table"]
+    coarse = ["--route", "ode", "--rtol", "1e-3"]
+    for words, low, high in (([], 0, 1e-13), (coarse, 1e-12, 1e-2)):
         curve(*grid, "--spacing", "lin", *words)
         for found in (column(at, 1), table(at)[1][:, 1]):
+            exact = np.asarray(sj.restitution(fitted("nylon"), np.array([5.0, 20.0])).coefficient)
             assert low <= np.max(np.abs(found - exact)) <= high, words
 
 

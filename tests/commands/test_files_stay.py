@@ -3,6 +3,7 @@
 import pytest
 
 from tests.command import run, write_alloy
+from tests.shown.capture import drawn
 
 # all that a command may write, whichever command it is
 RESULTS = (
@@ -22,10 +23,6 @@ EXPORT = ("export", "nylon", "--law", *CONSTANT[1:])
 COMMANDS = {
     "fit": (("fit", "ALLOY"), {"fit.json", "report.md", "report.html", "curves.png"}),
     "compare": (("compare", "ALLOY", "--laws", "constant"), {"compare.json", "compare.png"}),
-    "pictures": (
-        ("compare", "--linear-spring", "--figure2"),
-        {"linear_spring.png", "figure2.png"},
-    ),
     "curve": (("curve", "nylon", *CONSTANT, "--points", "9"), {"curve.csv", "curve.png"}),
     "table": (("curve", "nylon", *CONSTANT, "--points", "9", "--table"), {"curve.txt"}),
     "local": (
@@ -72,7 +69,8 @@ def test_only_what_is_written_again_changes(name, alloy, tmp_path):
         (out / one).parent.mkdir(parents=True, exist_ok=True)
         (out / one).write_text(f"old {one}")
     words = [str(alloy) if word == "ALLOY" else word for word in words]
-    code, _, error = run("--no-cache", *words, "--out", out)
+    with drawn():
+        code, _, error = run("--no-cache", *words, "--out", out)
     assert code == 0, error
     kept = {one for one in every if (out / one).read_bytes() == f"old {one}".encode()}
     assert every - kept == expected
@@ -94,5 +92,6 @@ def test_what_this_run_did_not_write_is_named(name, alloy, tmp_path):
     for one in ("notes.txt", *line.partition(": not")[2].split(": ")[-1].split(", ")):
         (tmp_path / one).write_text("old")
     words = [str(alloy) if word == "ALLOY" else word for word in COMMANDS[name][0]]
-    assert run(*words, "--out", tmp_path)[2] == f"softjax {line}\n"
-    assert run(*words, "--out", tmp_path, "--quiet")[2] == ""
+    with drawn():
+        assert run(*words, "--out", tmp_path)[2] == f"softjax {line}\n"
+        assert run(*words, "--out", tmp_path, "--quiet")[2] == ""

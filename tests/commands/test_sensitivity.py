@@ -13,12 +13,20 @@ from calibration.cli import main
 from tests.cases import fitted
 from tests.command import BODIES
 from tests.fit_data import twin
+from tests.shown.capture import drawn
 
 DESIGN = ("nylon", "--study", "design", "--from", "2", "--to", "60", "--shots", "6")
 GLOBAL = ("nylon", "--study", "global", "--at", "20", "--samples", "64")
 STIFF = ("--law", "walton-braun", "--set", "loading_stiffness=1e6")
 STIFF += ("--set", "unloading_stiffness=1.05e6")  # a tenth less is no law
 DEAD = ["--range", "chi=1000:1100", "--range", "density=1100:1200", "--at", "60"]
+
+
+@pytest.fixture(autouse=True)
+def without_drawing():
+    """Pictures are named and not drawn: what they show is tested elsewhere."""
+    with drawn():
+        yield
 
 
 def told_by(*options: str) -> dict:
