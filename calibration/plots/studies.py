@@ -30,7 +30,7 @@ def plot_sensitivities(
         found: `Sensitivities`.
         critical_velocity: where the curves end and begin anew: at yield they jump.
     """
-    ax = style.axes_or_new(ax, 7.0, 4.2)
+    ax = style.axes_or_new(ax, 7.2, 4.2)
     letters = [in_math(one.symbol) for one in found.declared.values()]
     acts = np.max(np.abs(found.absolute), axis=0) >= NOTHING
     moving = [letter for letter, one in zip(letters, acts, strict=True) if one]
@@ -75,7 +75,7 @@ def tornado_figure(found: Any) -> Figure:
 
 def plot_design(design: Any, ax: Axes | None = None) -> Axes:
     """θ ∂ε/∂θ of every parameter, the shots below them with their number, and equally spaced ones."""
-    ax = style.axes_or_new(ax, 6.5, 4.0)
+    ax = style.axes_or_new(ax, 6.8, 4.8)
     letters = [in_math(symbol) for symbol in design.symbols]
     labels = [rf"{EFFECT}, $\theta$ = {one}" for one in letters]
     _plot_slopes(ax, design.grid, design.slopes, labels)

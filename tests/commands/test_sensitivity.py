@@ -166,10 +166,10 @@ def test_a_plan_repeats_what_is_doubted_of_its_fit(at, capsys, fit):
     doubt = cal.Doubt("residual-runs", "2 runs where 6 are expected", fit.material().name)
     replace(fit, warnings=(doubt, replace(doubt, material="another"))).save("doubted.json")
     planned = told_by("--fit", "doubted.json", "--study", "information")
-    assert planned["doubts"] == [str(doubt)]
+    assert planned["warnings"] == [str(doubt)]
     told = " ".join(capsys.readouterr().out.split())
     assert "The plan trusts this fit, of which is doubted: ! residual-runs" in told
-    assert "doubts" not in told_by("--fit", "doubted.json", "--points", "3")
+    assert "warnings" not in told_by("--fit", "doubted.json", "--points", "3")
 
 
 def at_its_bound(fit: cal.FitResult, name: str, value: float) -> cal.FitResult:
