@@ -221,10 +221,10 @@ def _velocity_column(head: list[str], origin: Origin) -> tuple[int, Any]:
     for position, cell in enumerate(head):
         try:
             header = read_header(cell)
+            if header.name == "velocity":
+                return position, unit_of(header.unit or "m/s", "m/s")
         except DataError as error:
             raise origin.error(error) from None
-        if header.name == "velocity":
-            return position, unit_of(header.unit or "m/s", "m/s")
     problem = f"no column named velocity in {shown(', '.join(head))!r}"
     accepted = "one number a line, or a header with velocity"
     raise InputError(origin.file, origin.line, problem, accepted)
