@@ -22,8 +22,8 @@ from calibration.plots.lines import NO_VALUE, Line
 FINE = 240  # points of a curve
 FEW = 30  # points that are drawn as such
 EQ_17 = "Eq. (17)"
-ZHOU = "this model, fitted"
-ORDER = ("data", ZHOU, EQ_17)  # in a legend
+FITTED = "{}, fitted"
+ORDER = ("data", FITTED.format("Zhou"), EQ_17)  # in a legend
 INVISIBLE = 1e-6  # width of a band that nobody sees: data without scatter
 FLAGGED = ~(int(sj.Status.ELASTIC) | int(sj.Status.PLAIN))
 EPSILON = r"restitution $\varepsilon$"
@@ -159,7 +159,7 @@ def _plot_fit(ax: Axes, result, fit, velocity, scale) -> None:
         empirical = curve_and_slopes(as_empirical(fit), velocity)[0]
         look: dict[str, Any] = {"color": style.ORANGE, "linestyle": "--", "zorder": 4}
         ax.plot(*_sorted(ratio, empirical), label=EQ_17, **look)
-    label = ZHOU if fit.model.key == "zhou" else f"{label_of_law(fit.model)}, fitted"
+    label = FITTED.format(label_of_law(fit.model))
     ax.plot(*_sorted(ratio, band.coefficient), color=style.BLUE, label=label, linewidth=1.8)
     if not np.nanmax(band.high - band.low, initial=0.0) > INVISIBLE:
         return

@@ -73,7 +73,7 @@ def _on_line(fit: Any, chi: float) -> Line:
         coefficient = curve_and_slopes(moved, velocity)[0]
         return np.where((coefficient > 0) & moved.known(velocity), coefficient, np.nan)
 
-    label = r"this model, $\tilde\chi$ by Eq. (18) fitted to all"
+    label = r"Zhou, $\tilde\chi$ by Eq. (18) fitted to all"
     return Line(label, value, style.SKY, "-.", residuals=True)
 
 
@@ -82,7 +82,7 @@ def _paper_lines(contact: sj.Contact, entry: paper.TableEntry) -> tuple[Line, ..
     printed = sj.Zhou(contact, entry.chi, entry.sigma, entry.psi, kappa="printed")
     as_printed = replace(contact, area="zhou")
     thornton = jax.jit(thornton_restitution, static_argnames="area")
-    own = r"this model, printed $\kappa$ and Table 1's $\tilde\chi$"
+    own = r"Zhou, printed $\kappa$ and Table 1's $\tilde\chi$"
     at_paper, at_hertz = (
         rf"Thornton, yield at {velocity}"
         for velocity in (r"the paper's $v_\mathrm{cr}$", "Hertz's $V_y$")

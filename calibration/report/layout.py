@@ -26,6 +26,7 @@ from calibration.rounding import ABSENT
 # signs of structure in Markdown; an underscore between letters is none, brackets are a link's where
 # another follows
 STRUCTURE = re.compile(r"[<>&`*\\#~$]|!(?=\[)|\](?=[\[(:])|:(?=//)|(?<![^\W_])_|_(?![^\W_])")
+LEAST = 0.36  # of its width, to which a picture shrinks on a narrow screen before it scrolls
 CODE = re.compile(r"(`(?:softjax )?[\w-]+`)")  # a word between backticks, in sentences of our own
 
 
@@ -68,8 +69,9 @@ def page(blocks: Sequence[Block], folder: Path | None = None) -> str:
     for block in blocks:
         if block.kind == "picture" and folder is not None:
             caption, name = block.value
-            coded = base64.b64encode((folder / name).read_bytes()).decode("ascii")
-            block = Block("picture", (caption, coded))
+            png = (folder / name).read_bytes()
+            least = int(LEAST * int.from_bytes(png[16:20], "big"))
+            block = Block("picture", (caption, base64.b64encode(png).decode("ascii"), least))
         shown.append(block)
     return _template("report.html").render(blocks=shown, whole=folder is not None)
 

@@ -215,12 +215,12 @@ def test_the_main_job_finds_what_least_squares_found(main_job):
 def test_the_main_picture_has_each_curve_that_its_legend_names(main_job):
     """Over v/v_cr; Eq. (17) and Table 1 by the paper's numbers, Thornton's formula by hand."""
     figure, fit = main_job.figures["curves.png"], cal.FitResult.load(main_job.folder / "fit.json")
-    printed = r"this model, printed $\kappa$ and Table 1's $\tilde\chi$"
-    by_line = r"this model, $\tilde\chi$ by Eq. (18) fitted to all"
+    printed = r"Zhou, printed $\kappa$ and Table 1's $\tilde\chi$"
+    by_line = r"Zhou, $\tilde\chi$ by Eq. (18) fitted to all"
     paper, hertz = (
         rf"Thornton, yield at {s}" for s in (r"the paper's $v_\mathrm{cr}$", "Hertz's $V_y$")
     )
-    expected = ["data", "this model, fitted", "Eq. (17)", printed, paper, hertz]
+    expected = ["data", "Zhou, fitted", "Eq. (17)", printed, paper, hertz]
     assert [x for x in legend(figure) if x != "no solution beyond"] == [*expected, by_line]
     slope = fit.unloading_line
     for ax, below, name in zip(figure.axes[:3], figure.axes[3:], NAMES, strict=True):
@@ -231,7 +231,7 @@ def test_the_main_picture_has_each_curve_that_its_legend_names(main_job):
         np.testing.assert_allclose(y[[0, -1]] * critical, [0, np.max(data.velocity)])
         np.testing.assert_allclose(shown_17, eq_17(v, limit, *TRUTH[name]), rtol=1e-6)
         law = sj.Zhou(contact, fit.values[f"chi[{name}]"], *TRUTH[name])
-        model = line(ax, "this model, fitted")[1]
+        model = line(ax, "Zhou, fitted")[1]
         np.testing.assert_allclose(model, sj.restitution(law, v).coefficient, atol=1e-7)
         chi = slope.c1.value + slope.c2.value * float(contact.yield_ratio)
         moved = sj.restitution(sj.Zhou(contact, chi, *TRUTH[name]), v).coefficient
