@@ -111,20 +111,17 @@ def drops(numbers, folder):
     (folder / "drops.toml").write_text(DROPS, encoding="utf-8")
     for name, options in (("", ()), ("extra: ", ("--extra-scatter",))):
         out = folder / (name or "plain")
-        printed = command("fit", folder / "drops.toml", "--out", out, "--no-cache", *options)
+        command("fit", folder / "drops.toml", "--out", out, "--no-cache", *options)
         record_json(numbers, out / "fit.json", name)
         record_report(numbers, out / "report.md", name)
-        if not name:
-            record_printed(numbers, printed)
 
 
 @scenario()
 def main_job(numbers, folder):
     """`softjax fit` alone: the three materials of the paper."""
-    printed = command("fit", "--out", folder, "--no-cache")
+    command("fit", "--out", folder, "--no-cache")
     record_json(numbers, folder / "fit.json")
     record_report(numbers, folder / "report.md")
-    record_printed(numbers, printed)
 
 
 @scenario()
