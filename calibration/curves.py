@@ -107,7 +107,7 @@ class Rows(NamedTuple):
         columns = {"velocity": self.velocity, "restitution": self.coefficient}
         columns |= {"status": self.status.astype("<i4"), "low": self.low, "high": self.high}
         columns = {name: column for name, column in columns.items() if column is not None}
-        return np.rec.fromarrays(list(columns.values()), names=list(columns))
+        return np.rec.fromarrays(list(columns.values()), names=",".join(columns))
 
 
 def text_rows(columns: list[np.ndarray], mark: str, last: list[str] | None = None) -> str:

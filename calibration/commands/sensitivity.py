@@ -188,7 +188,7 @@ def _local(job: _Job, folder: Path, progress: Progress) -> dict[str, Any]:
     job.text.append(local_table(bars))
     write_text(folder / "sensitivity.csv", sensitivities_csv(curve))
     ax = pictures.plot_sensitivities(curve, critical_velocity=job.of_contact("critical_velocity"))
-    save(ax.get_figure(root=True), folder / "sensitivity.png")
+    save(ax, folder / "sensitivity.png")
     save(pictures.tornado_figure(bars), folder / "tornado.png")
     table = {name: bars.of(name) for name in bars.names}
     found: dict[str, Any] = {"velocity": job.bars, "theta_d_epsilon_d_theta": table}
@@ -254,7 +254,7 @@ def _design(job: _Job, folder: Path, progress: Progress) -> dict[str, Any]:
         progress=progress,
         **job.options,
     )
-    save(plot_design(found).get_figure(root=True), folder / "design.png")
+    save(plot_design(found), folder / "design.png")
     write_text(folder / "design.csv", design_csv(found))
     count = len(job.draws)
     average = f"on average over {count} draws of the posterior: " if count else ""

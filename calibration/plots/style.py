@@ -40,8 +40,10 @@ def axes_or_new(ax: Axes | None, width: float = 5.0, height: float = 4.0) -> Axe
     return new_figure(width, height).add_subplot() if ax is None else ax
 
 
-def save(figure: Figure, path: str | Path) -> None:
-    """Write a PNG; nothing in it tells when, so that equal figures are equal files."""
+def save(picture: Figure | Axes, path: str | Path) -> None:
+    """Write a figure, or that of some axes, as PNG; without a date, so that equal figures are equal files."""
+    figure = picture if isinstance(picture, Figure) else picture.get_figure(root=True)
+    assert figure is not None
     engine = figure.get_layout_engine()
     if engine is not None:  # once: saving would do it twice
         engine.execute(figure)
