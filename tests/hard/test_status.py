@@ -6,42 +6,11 @@ import numpy as np
 import pytest
 
 import softjax as sj
-from tests.cases import compiled_soon, fitted, pair
-from tests.laws import LAWS, QUANTITIES, graded, numbers, repeated, with_numbers
+from tests.cases import fitted, pair
+from tests.laws import LAWS, QUANTITIES, repeated, with_numbers
 
 STEEL = pair("stainless steel")
 FAILED, ELASTIC, GAIN = sj.Status.SOLVER_FAILED, sj.Status.ELASTIC, sj.Status.ENERGY_GAIN
-BAD = dict.fromkeys(numbers(fitted("nylon")), (np.nan, -1.0, np.inf, 0.0))
-BAD |= {"velocity": (np.nan, -1.0, np.inf, -np.inf), "chi": (np.nan, -1.0, np.inf, -1e-300)}
-BAD["sigma"] = BAD["chi"]
-ROUTES = [
-    pytest.param(sj.EnergyBalance(), id="energy"),
-    pytest.param(sj.ODE(steps=4), id="ode", marks=pytest.mark.long),
-]
-
-
-@pytest.mark.parametrize("route", ROUTES)
-def test_bad_impacts_leave_their_neighbours_alone(route):
-    """Each of the nine numbers bad in its places of a batch: 0 without a slope; the others bit for bit."""
-    law = fitted("nylon")
-    count = 4 * len(BAD)
-    y = np.linspace(1.5, 40, 2 * count)
-    plain = repeated(law, y * law.contact.critical_velocity)
-    bad = {name: np.array(value) for name, value in plain.items()}
-    for k, (name, values) in enumerate(BAD.items()):
-        bad[name][4 * k : 4 * k + 4] = values
-    with_good, with_bad = (graded(law, values, route) for values in (plain, bad))
-    for one, two in zip(with_good[2:], with_bad[2:], strict=True):
-        assert np.array_equal(one[..., count:], two[..., count:])
-        slopes = np.asarray(two)[..., :count]  # times the number itself, which may be none
-        assert np.all((slopes == 0) | np.isnan(slopes))
-        assert np.mean(slopes == 0) > 0.9
-    assert np.array_equal(with_good[0][:, count:], with_bad[0][:, count:])
-    assert np.all(with_bad[0][:, :count] == 0)
-    result = with_bad[1]
-    assert np.all(result.status[:count] == sj.Status.INVALID_INPUT)
-    assert np.all(result.status[count:] == with_good[1].status[count:])
-    assert not np.any(result.ok[:count])
 
 
 def test_each_flag_but_plain_and_elastic_has_a_remedy():
@@ -79,34 +48,22 @@ def test_a_printed_result_tells_the_numbers_of_a_few_impacts():
 # the solver
 
 
-def test_a_low_order_at_a_high_tolerance_gives_up():
-    """And an elastic neighbour does not suffer."""
-    law = fitted("stainless steel")
-    velocity = STEEL.critical_velocity * np.array([0.5, 1.01, 30.0])
-    result = sj.restitution(law, velocity, sj.ODE(rtol=1e-13, solver="bosh3"))
-    assert list(result.status) == [ELASTIC, FAILED, FAILED]
-    assert list(result.plastic_coefficient) == [1, 0, 0]
-    assert "max_steps" in FAILED.remedy
-
-
-@pytest.mark.parametrize("name", ["zhou", pytest.param("viscoelastic", marks=pytest.mark.long)])
+@pytest.mark.parametrize("name", ["thornton", pytest.param("viscoelastic", marks=pytest.mark.long)])
 def test_nothing_of_an_integration_that_did_not_arrive_looks_like_physics(name):
-    """Numbers, slopes and histories are 0; bodies that do not stop are no failure of the solver."""
-    law = fitted("stainless steel") if name == "zhou" else LAWS[name].law
-    velocity = np.append(STEEL.critical_velocity * np.array([0.5, 1.01, 30.0]), 1e3)
+    """Numbers, slopes and histories are 0; an elastic neighbour does not suffer."""
+    law, velocity = LAWS[name].law, LAWS[name].velocity
     route = sj.ODE(rtol=1e-8, solver="bosh3", max_steps=8)
-    failed = slice(1, 3) if name == "zhou" else slice(0, 4)  # Zhou's first impact stays elastic
+    failed = slice(1 if name == "thornton" else 0, 3)  # Thornton's first impact stays elastic
 
     def found(values):
         hit = sj.restitution(with_numbers(law, values), values["velocity"], route)
         return jnp.stack([getattr(hit, name) for name in QUANTITIES]), hit
 
     values = {key: jnp.asarray(x) for key, x in repeated(law, velocity).items()}
-    numbers, slopes, hit = compiled_soon(lambda x: jax.jvp(found, (x,), (x,), has_aux=True))(values)
+    numbers, slopes, hit = jax.jit(lambda x: jax.jvp(found, (x,), (x,), has_aux=True))(values)
     assert np.all(hit.status[failed] == FAILED)
     assert not np.any(hit.ok[failed])
-    if name == "zhou":
-        assert hit.status[3] & (sj.Status.NO_TURNING_POINT | FAILED) == sj.Status.NO_TURNING_POINT
+    assert np.all(hit.ok[: failed.start])
     for number in (numbers, slopes, hit.plastic_coefficient):
         assert np.all(number[..., failed] == 0)
         assert np.all(np.isfinite(number))
@@ -114,6 +71,7 @@ def test_nothing_of_an_integration_that_did_not_arrive_looks_like_physics(name):
     assert np.all(path.status[failed] == FAILED)
     for number in (path.time, path.overlap, path.velocity, path.force, path.coefficient[:, None]):
         assert np.all(number[failed] == 0)
+    assert "max_steps" in FAILED.remedy
 
 
 # gains, and formulas that give no number
@@ -187,10 +145,9 @@ def test_the_slowest_impact_is_at_rest_alone_and_among_others():
         assert found.status[0] == ELASTIC | sj.Status.ZERO_VELOCITY
 
 
-@pytest.mark.parametrize("name", ["constant", "walton-braun"])
-def test_velocities_that_no_law_takes_under_jit(name):
+def test_velocities_that_no_law_takes_under_jit():
     """Even where nothing of the law depends on the velocity, and outside of any gradient."""
-    result = compiled_soon(lambda v: sj.restitution(LAWS[name].law, v))(
+    result = jax.jit(lambda v: sj.restitution(LAWS["walton-braun"].law, v))(
         jnp.array([np.nan, -1.0, np.inf])
     )
     assert np.all(result.status == sj.Status.INVALID_INPUT)

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 import softjax as sj
-from tests.cases import compiled_soon, fitted, pair
+from tests.cases import pair
 from tests.laws import LAWS, QUANTITIES, numbers, with_numbers
 
 FIELDS = ("coefficient", "plastic_coefficient", "peak_overlap", "residual_overlap", "status", "ok")
+SPRING = LAWS["walton-braun"].law
 ROUTES = {"energy": None, "ode": sj.ODE(steps=4)}
 over_routes = pytest.mark.parametrize(
     "route",
@@ -29,7 +30,7 @@ KINDS = [2, 2.0, np.int32(2), np.float64(2.0), np.array(2), jnp.array(2), jnp.ar
 
 def test_kinds_of_numbers_and_lists():
     """Integers and floats of Python, NumPy and JAX mean the same, traced ones in float64 too."""
-    law = fitted("nylon")
+    law = SPRING
     alone = sj.restitution(law, np.array([2.0]))
     traced = jax.jit(lambda v: sj.restitution(law, v).coefficient)
     for velocity in KINDS:
@@ -48,7 +49,7 @@ def test_kinds_of_numbers_and_lists():
 
 @pytest.mark.parametrize("shape", [(6, 1), (3, 1, 2)])
 def test_any_shape(shape):
-    law, velocity = fitted("nylon"), np.linspace(0.1, 30.0, 6)
+    law, velocity = SPRING, np.linspace(0.1, 30.0, 6)
     flat, shaped = sj.restitution(law, velocity), sj.restitution(law, velocity.reshape(shape))
     for name in (*FIELDS, "duration"):
         assert getattr(shaped, name).shape == shape, name
@@ -57,7 +58,7 @@ def test_any_shape(shape):
 
 @over_routes
 def test_no_impacts_at_all(route):
-    law = fitted("nylon")
+    law = SPRING
     for shape in ((0,), (3, 0)):
         result = sj.restitution(law, np.zeros(shape), route)
         for name in (*FIELDS, "duration"):
@@ -73,17 +74,17 @@ def test_another_material_radius_and_factor_for_each_impact(route):
     both = jax.tree.map(lambda *leaves: np.array(leaves), steel, nylon)
     radii, chi = np.array([0.001, 0.02, 0.3]), np.array([0.3, 0.6])
     contact = sj.Contact.between_spheres(both, nylon, radii[:, None], 0.01)
-    together = sj.restitution(sj.Zhou(contact, chi, sigma=0.4, psi=0.5), 5.0, route)
+    together = sj.restitution(sj.Thornton(contact, chi), 5.0, route)
     assert together.coefficient.shape == (3, 2)
     for i, radius in enumerate(radii):
         for j, material in enumerate((steel, nylon)):
             alone = sj.Contact.between_spheres(material, nylon, float(radius), 0.01)
-            one = sj.restitution(sj.Zhou(alone, float(chi[j]), 0.4, 0.5), 5.0, route)
+            one = sj.restitution(sj.Thornton(alone, float(chi[j])), 5.0, route)
             assert together.coefficient[i, j] == pytest.approx(float(one.coefficient), abs=1e-13)
             assert together.status[i, j] == one.status
 
 
-QUICK = ("zhou", "thornton", "hertz dashpot to zero-force", "eq. 17")
+QUICK = ("zhou", "walton-braun", "hertz dashpot to zero-force", "eq. 17")
 
 
 @pytest.mark.parametrize(
@@ -101,14 +102,14 @@ def test_vmap_and_jit_are_what_arrays_are(name):
         hit = sj.restitution(law, v)
         return jnp.stack([getattr(hit, quantity) for quantity in QUANTITIES])
 
-    outer = compiled_soon(jax.vmap(jax.vmap(of, (None, 0)), (0, None)))
+    outer = jax.jit(jax.vmap(jax.vmap(of, (None, 0)), (0, None)))
     mapped = outer(factors, jnp.asarray(case.velocity))
     array = of(factors[:, None], case.velocity)
     assert mapped.shape == (2, len(case.velocity), 4)
     assert np.allclose(np.moveaxis(mapped, -1, 0), array, rtol=1e-12, atol=1e-300)
 
 
-@pytest.mark.parametrize("count", [3, 2])
+@pytest.mark.parametrize("count", [3, pytest.param(2, marks=pytest.mark.long)])
 def test_results_may_leave_vmap_and_be_read_there(count):
     """Of as many laws as velocities, and of fewer: `duration` and `ok` go along the law's own axis."""
     contact, velocity = pair("stainless steel"), np.array([0.1, 0.5, 2.0])[:count]
@@ -133,8 +134,8 @@ def test_results_may_leave_vmap_and_be_read_there(count):
 def test_precision_is_that_of_the_arguments(route):
     """Of arrays; Python's numbers take that of the velocity."""
     velocity = np.array([0.5, 5.0], np.float32)
-    short = jax.tree.map(lambda leaf: np.asarray(leaf, np.float32), fitted("nylon"))
-    for law in (short, fitted("nylon")):
+    short = jax.tree.map(lambda leaf: np.asarray(leaf, np.float32), SPRING)
+    for law in (short, SPRING):
         result = sj.restitution(law, velocity, route)
         for name in FIELDS[:4]:
             assert getattr(result, name).dtype == np.float32, name
@@ -142,16 +143,16 @@ def test_precision_is_that_of_the_arguments(route):
 
 
 def test_a_gradient_is_a_law():
-    law = fitted("nylon")
-    slopes = jax.grad(lambda law: sj.restitution(law, jnp.array([5.0, 9.0])).coefficient.sum())(law)
-    assert isinstance(slopes, sj.Zhou)
-    assert slopes.chi < 0 < slopes.contact.limit_velocity
+    total = lambda law: sj.restitution(law, jnp.array([5.0, 9.0])).coefficient.sum()  # noqa: E731
+    slopes = jax.grad(total)(SPRING)
+    assert isinstance(slopes, sj.WaltonBraun)
+    assert slopes.growth < 0 < slopes.loading_stiffness
     assert slopes.contact.radius.shape == ()
 
 
 def test_what_is_constant_within_a_traced_function():
     """The law and the velocities take no part in what the caller differentiates and compiles."""
-    law, velocity = fitted("nylon"), np.array([2.0, 5.0, 20.0])
+    law, velocity = SPRING, np.array([2.0, 5.0, 20.0])
     hit = sj.restitution(law, velocity)
 
     @jax.jit
@@ -177,18 +178,18 @@ def test_lists_in_lists_of_traced_velocities():
 def test_an_array_that_is_written_again(count):
     """A result owns what it was made of, though the computation is dispatched asynchronously."""
     steel = pair("stainless steel")
-    plain = sj.Zhou(steel, 1.7944, 3.0432, 0.54)
-    velocity, chi = np.empty(count), np.full(count, 1.7944)
-    law = sj.Zhou(steel, chi, 3.0432, 0.54)
+    plain = sj.WaltonBraun(steel, 1e6, 2e6, 10.0)
+    velocity, growth = np.empty(count), np.full(count, 10.0)
+    law = sj.WaltonBraun(steel, 1e6, 2e6, growth)
     results = []
     for k in range(10):
         velocity[:] = 0.5 * (k + 1)
         results.append(sj.restitution(law, velocity))
-        chi[:] = 1.7944 + k  # the law took a copy: nothing of it reaches a result
+        growth[:] = 10.0 + k  # the law took a copy: nothing of it reaches a result
     velocity[:] = np.nan
     for k, result in enumerate(results):
         alone = sj.restitution(plain, 0.5 * (k + 1))
         assert np.allclose(result.coefficient, alone.coefficient, rtol=1e-14, atol=0)
         assert np.all(result.velocity == 0.5 * (k + 1))
-        assert np.all(result.law.chi == 1.7944)
+        assert np.all(result.law.growth == 10.0)
     assert np.allclose(results[3].duration, sj.restitution(plain, 2.0).duration, rtol=1e-14)

@@ -8,7 +8,7 @@ import pytest
 from scipy.special import beta
 
 import softjax as sj
-from tests.cases import compiled_soon, pair
+from tests.cases import pair
 
 STEEL = pair("stainless steel", area="hertz")
 VELOCITY = np.array([0.05, 0.4, 3.0])
@@ -155,7 +155,7 @@ def test_a_network(route):
         hit = sj.restitution(moved(t), VELOCITY, route)
         return hit.coefficient.sum(), (hit.coefficient, hit.status, hit.duration)
 
-    (_, (found, status, lasts)), slope = compiled_soon(jax.value_and_grad(total, has_aux=True))(0.0)
+    (_, (found, status, lasts)), slope = jax.jit(jax.value_and_grad(total, has_aux=True))(0.0)
     peaks, step = VELOCITY * PACE, 1e-4
     exact = [[by_gauss(moved(t), x) ** 0.5 for x in peaks] for t in (-step, 0.0, step)]
     assert np.allclose(found, exact[1], rtol=1e-8 if route else 1e-10, atol=0)
@@ -164,14 +164,14 @@ def test_a_network(route):
     steep = (np.sum(exact[2]) - np.sum(exact[0])) / (2 * step)
     assert abs(steep) > 1e-3
     assert np.isclose(slope, steep, rtol=1e-6)
-    forward = compiled_soon(jax.jacfwd(lambda t: total(t)[0]))(0.0)
+    forward = jax.jit(jax.jacfwd(lambda t: total(t)[0]))(0.0)
     assert np.isclose(forward, steep, rtol=1e-6)
 
 
 def test_networks_that_are_no_numbers():
     assert bool(NETWORK.is_valid())
     broken = eqx.tree_at(lambda law: law.network.layers[0].bias, NETWORK, np.full(8, np.nan))
-    found = compiled_soon(sj.restitution)(broken, VELOCITY)
+    found = jax.jit(sj.restitution)(broken, VELOCITY)
     assert np.all(found.status == sj.Status.INVALID_INPUT)
     law = eqx.tree_at(lambda law: law.a, Shared(0.5, [0.2]), np.array([0.5, np.inf]))
     found = jax.jit(sj.restitution)(law, 1.0)  # a bad number beside a good one
@@ -196,7 +196,7 @@ def test_each_of_many_lasts_as_long_as_alone():
 def test_slopes_of_loading_in_shared_numbers(route):
     """ε² = P_m δ_m (w0/2 + w1/3)/(½ M v²), differentiated by hand through the cubic for δ_m."""
 
-    @compiled_soon
+    @jax.jit
     @jax.value_and_grad
     def graded(bend):
         return sj.restitution(Weighted(STEEL, [0.3, 0.6], bend), 1.0, route).coefficient

@@ -1,12 +1,11 @@
 """The oracle against what is not its own: known digits, limits, quadrature, an ODE solver."""
 
-from __future__ import annotations
-
 import pytest
 from mpmath import mp, mpf
 from scipy.integrate import solve_ivp
 
-from . import zhou_mp as zhou
+from tests.oracles import write
+from tests.oracles import zhou_mp as zhou
 
 FORMS = ("first-order", "full")
 STEEL = {
@@ -130,3 +129,24 @@ def test_conditions_coincide_and_keep_their_values() -> None:
     assert eps == 0
     assert -1 < square < 0
     assert flags(v="0.002", v_lim="0.001") == ({"ELASTIC", "ABOVE_LIMIT_VELOCITY"}, 0, 0)
+
+
+LONG = pytest.mark.long
+SOLVED = [
+    ("reference.json", "boxes", 160, write.box),
+    ("reference.json", "curves", 20, write.of_contact),
+    pytest.param("reference.json", "materials", 3, write.of_spheres, marks=LONG),
+    ("hard_cases.json", None, 0, write.hard),
+    pytest.param("hard_cases.json", None, 120, write.hard, marks=LONG),
+    ("turning_point.json", "float64", 3, write.turning),
+]
+
+
+@pytest.mark.parametrize(("file", "section", "k", "solve"), SOLVED)
+def test_stored_records_are_what_the_script_gives(file, section, k, solve):
+    records = write.stored(write.HERE / file)
+    record = (records[section] if section else records)[k]
+    found = solve(record)
+    assert (record | found if isinstance(found, dict) else found) == record
+    if file == "hard_cases.json":
+        assert all(row["reason"] for row in records)

@@ -10,7 +10,6 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import softjax as sj
-from tests.cases import compiled_soon
 from tests.laws import LAWS, PRECISE, WITH_FORCE, expected
 
 HISTORY = ("time", "overlap", "velocity", "force")
@@ -148,13 +147,13 @@ def test_slopes_along_a_history(name):
 
     step, sides, one = 1e-3, np.array([-2, -1, 1, 2]), jnp.ones(2)
     points = np.concatenate([1 + step * sides[:, None] * np.eye(2)[k] for k in range(2)])
-    values = np.asarray(compiled_soon(jax.vmap(path))(jnp.asarray(points))).reshape(2, 4, -1)
+    values = np.asarray(jax.jit(jax.vmap(path))(jnp.asarray(points))).reshape(2, 4, -1)
     far_down, down, up, far_up = np.moveaxis(values, 1, 0)
     expected = (8 * (up - down) - (far_up - far_down)) / (12 * step)
     size = np.max(np.abs(values), axis=(0, 1))
     size = np.where(size > 0, size, 1.0)
     assert np.max(np.abs(expected) / size, axis=1).min() > 1e-3  # each input acts
-    found = np.asarray(compiled_soon(jax.jacfwd(path))(one)).T
+    found = np.asarray(jax.jit(jax.jacfwd(path))(one)).T
     assert np.allclose(found / size, expected / size, rtol=0, atol=2e-8)
-    back = np.asarray(compiled_soon(jax.jacrev(path))(one)).T
+    back = np.asarray(jax.jit(jax.jacrev(path))(one)).T
     assert np.allclose(back / size, found / size, rtol=0, atol=1e-11)

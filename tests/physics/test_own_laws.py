@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import softjax as sj
-from tests.cases import compiled_soon
 from tests.laws import LAWS, QUANTITIES, WITH_FORCE
 from tests.oracles.by_scipy import by_works
 from tests.physics.own_laws import (
@@ -66,7 +65,7 @@ def test_laws_of_borrowed_forces_are_the_built_in_ones(name, route):
     numbers = [velocity, *(np.full_like(velocity, x) for x in jax.tree.leaves(law))]
     along = [np.cos(1.0 + k) * x for k, x in enumerate(numbers)]
     both = [
-        compiled_soon(
+        jax.jit(
             lambda x, a, own=own: jax.jvp(partial(quantities, own=own), (x,), (a,), has_aux=True)
         )
         for own in (True, False)
@@ -135,12 +134,12 @@ def test_collisions_solved_by_hand(route):
         return hit.residual_overlap.sum(), hit
 
     if route == ROUTES["energy"]:
-        (_, hit), slope = compiled_soon(jax.value_and_grad(found, has_aux=True))(law.rest)
+        (_, hit), slope = jax.jit(jax.value_and_grad(found, has_aux=True))(law.rest)
         clipped = np.array([set(r.law) == {"bend", "rest"} and r.law["rest"] < 1 for r in ROWS])
         peaks = np.array([row.peak for row in ROWS])[clipped]
         assert np.allclose(slope[clipped], peaks, rtol=1e-4, atol=0)
     else:
-        _, hit = compiled_soon(found)(law.rest)
+        _, hit = jax.jit(found)(law.rest)
     squared, peak, residual, told, tolerance, duration = (
         np.array([getattr(row, name) for row in ROWS], float) for name in Impact._fields[2:]
     )

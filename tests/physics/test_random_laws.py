@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import softjax as sj
-from tests.cases import compiled_soon
 from tests.physics import random_laws
 from tests.physics.random_laws import LENGTH, PAIR, Declared, Drawn
 
@@ -97,7 +96,7 @@ def test_durations_against_scipy(route):
     assert np.allclose(found, exact, rtol=2e-7, atol=0)
 
 
-@partial(compiled_soon, static_argnames="route")
+@partial(jax.jit, static_argnames="route")
 def value_and_slopes(fields, velocity, route):
     def total(fields, velocity):
         result = sj.restitution(Declared(PAIR, **fields), velocity, route)

@@ -1,0 +1,404 @@
+"""Derivatives of every law, forward and reverse, and the table of hard impacts by Zhou's.
+
+Against central differences in 40 and more digits; all as θ ∂q/∂θ. One program for each law, route and
+precision serves the whole file: plain, hard and invalid impacts in batches of one size.
+"""
+
+import json
+from functools import lru_cache
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import mpmath as mp
+import numpy as np
+import pytest
+
+import softjax as sj
+from tests import laws
+from tests.cases import EPS, FORMS, RADIUS, column, fitted, flags_of, of_form, stacked_inputs
+from tests.laws import LAWS, PRECISE, SYMBOLS, graded, numbers, of_records, with_numbers
+
+LONG = pytest.mark.long
+ENERGY = sj.EnergyBalance()
+
+# laws
+
+HARD = np.array([0.0, 1e-100, 1e-6, 1.0, 1e5])  # dT/dv itself overflows at 1e-300
+INVALID = np.array([np.nan, -1.0, np.inf, 0.5])  # the last one by a number of the law
+BY_TIME = ("viscoelastic",)
+CASES = [
+    pytest.param(
+        name,
+        route,
+        id=f"{name}-{route.name}",
+        marks=[LONG] if route == PRECISE and name not in BY_TIME else [],
+    )
+    for name, case in LAWS.items()
+    for route in case.routes
+]
+
+
+@lru_cache
+def solved(name, route):
+    """What `graded` gives of the whole batch; the slopes by number: (4, impacts)."""
+    case = LAWS[name]
+    field, wrong = case.invalid
+    values = laws.repeated(case.law, np.concatenate([case.velocity, HARD, INVALID]))
+    values[field][-1] = wrong
+    found, result, *both = graded(case.law, values, route)
+    slopes = [dict(zip(values, np.asarray(s), strict=True)) for s in both]
+    return np.asarray(found), result, *slopes
+
+
+@pytest.mark.parametrize(("name", "route"), CASES)
+def test_first_derivatives_of_laws(name, route):
+    """Of ε, both overlaps and the duration, over the size of q; Eq. (17) at v_lim, ε = 1e-29, over 1."""
+    exact, expected = laws.expected(name), laws.expected_slopes(name)
+    count = len(exact)
+    size = np.where(exact > 0, np.abs(exact), 1.0).T
+    size[0] = 1.0
+    size[2] = np.maximum(size[1], 1e-300)  # an overlap left is known to rounding of the peak
+    tolerance = 2e-12 if route != PRECISE else 1e-9
+    values, _, *both = solved(name, route)
+    assert np.all(np.abs(values[:, :count] - exact.T) <= tolerance * size)
+    for slopes in both:
+        assert set(slopes) == set(expected)
+        for key, exact_slope in expected.items():
+            found = slopes[key][:, :count]
+            each = len(found)  # reverse without the duration
+            error = np.abs(found - exact_slope.T[:each]) / size[:each]
+            assert np.all(error <= tolerance), (key, error)
+            zero = np.all(exact_slope == 0, axis=0)[:each]
+            assert np.all(np.abs(found[zero] / size[:each][zero]) <= 1e-13), key
+
+
+@pytest.mark.parametrize(("name", "route"), CASES)
+def test_hard_and_invalid_impacts_of_laws(name, route):
+    """From rest to 1e5 m/s numbers with finite slopes; at rest ε = 1; invalid ones are 0 and told."""
+    count = len(LAWS[name].velocity)
+    found, result, *both = solved(name, route)
+    status = np.asarray(result.status)
+    assert np.all(np.isfinite(found))
+    coefficient = found[0, count : count + len(HARD)]
+    gains = status[count : count + len(HARD)] & int(sj.Status.ENERGY_GAIN) > 0
+    assert np.all((coefficient >= 0) & ((coefficient <= 1 + 2 * EPS) | gains))
+    assert coefficient[0] == 1
+    assert status[count] == sj.Status.ELASTIC | sj.Status.ZERO_VELOCITY
+    assert not np.any(status[count + 1 : count + 5] & int(sj.Status.ZERO_VELOCITY))
+    assert np.all(status[-4:] == sj.Status.INVALID_INPUT)
+    assert np.all(found[:, -4:] == 0)
+    for slopes in both:
+        for key, slope in slopes.items():
+            known = slope[:, :-4] if key != LAWS[name].invalid[0] else slope[:, :-5]
+            assert np.all(np.isfinite(known)), key
+            # times the number itself, which is no number where it is invalid
+            assert np.all((slope[:, -4:] == 0) | np.isnan(slope[:, -4:])), key
+
+
+BAD = dict.fromkeys(numbers(fitted("nylon")), (np.nan, -1.0, np.inf, 0.0))
+BAD |= {"velocity": (np.nan, -1.0, np.inf, -np.inf), "chi": (np.nan, -1.0, np.inf, -1e-300)}
+BAD["sigma"] = BAD["chi"]
+
+
+@pytest.mark.parametrize(
+    "route", [ENERGY, pytest.param(PRECISE, marks=LONG)], ids=["energy", "ode"]
+)
+def test_bad_impacts_leave_their_neighbours_alone(route):
+    """Each of the nine numbers bad in its places of a batch: 0 without a slope; the others bit for bit."""
+    law = fitted("nylon")
+    count = 4 * len(BAD)
+    y = np.linspace(1.5, 40, 2 * count)
+    plain = laws.repeated(law, y * law.contact.critical_velocity)
+    bad = {name: np.array(value) for name, value in plain.items()}
+    for k, (name, values) in enumerate(BAD.items()):
+        bad[name][4 * k : 4 * k + 4] = values
+    with_good, with_bad = (graded(law, values, route) for values in (plain, bad))
+    for one, two in zip(with_good[2:], with_bad[2:], strict=True):
+        assert np.array_equal(one[..., count:], two[..., count:])
+        slopes = np.asarray(two)[..., :count]  # times the number itself, which may be none
+        assert np.all((slopes == 0) | np.isnan(slopes))
+        assert np.mean(slopes == 0) > 0.9
+    assert np.array_equal(with_good[0][:, count:], with_bad[0][:, count:])
+    assert np.all(with_bad[0][:, :count] == 0)
+    result = with_bad[1]
+    assert np.all(result.status[:count] == sj.Status.INVALID_INPUT)
+    assert np.all(result.status[count:] == with_good[1].status[count:])
+    assert not np.any(result.ok[:count])
+
+
+def _along(name):
+    """A direction in the logarithms of all numbers and the velocity."""
+    names = list(numbers(LAWS[name].law, 1.0))
+    return dict(zip(names, np.cos(1.0 + np.arange(len(names))), strict=True))
+
+
+QUICK = ("thornton", "viscoelastic", "hertz dashpot to zero-force", "eq. 17")
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=() if n in QUICK else LONG) for n in LAWS])
+def test_second_derivatives_along_a_direction(name):
+    """d²q/dt² with every number times e^{a t}: by forward over reverse, against differences."""
+    case, along = LAWS[name], _along(name)
+
+    def moved(t, v):
+        at = numbers(case.law, v)
+        at = {key: value * jnp.exp(along[key] * t) for key, value in at.items()}
+        hit = sj.restitution(with_numbers(case.law, at), at["velocity"])
+        return jnp.stack([hit.coefficient, hit.peak_overlap])
+
+    second = jax.jit(jax.vmap(jax.jacfwd(jax.jacrev(moved)), (None, 0)))
+    found = np.asarray(second(0.0, jnp.asarray(case.velocity)))
+    with mp.workdps(60):
+        step = mp.mpf("1e-12")
+        for i, v in enumerate(case.velocity):
+            at = {key: mp.mpf(float(x)) for key, x in numbers(case.law, float(v)).items()}
+            up, here, down = (
+                case.exact({k: x * mp.exp(along[k] * s) for k, x in at.items()})
+                for s in (step, 0, -step)
+            )
+            exact = [(a - 2 * b + c) / step**2 for a, b, c in zip(up, here, down, strict=True)][:2]
+            size = np.array([1.0, float(here.peak) or 1.0])
+            assert np.allclose(found[i] / size, np.array(exact, float) / size, atol=1e-8), (v, i)
+
+
+def test_second_derivative_where_damping_begins():
+    """ε = 1 - 1.15345 w² + 0.79826 w⁴ + …: a series of w², whose root has no second derivative."""
+    pair = laws.PAIR
+    unit = 1.5 * (pair.stiffness / pair.mass) ** 0.4
+
+    def restitution(b):
+        return sj.restitution(sj.ViscoelasticHertz(pair, b / unit), 1.0).coefficient
+
+    slope = lambda b: jax.jvp(restitution, (b,), (1.0,))[1]  # noqa: E731
+    first, second = jax.jit(lambda b: jax.jvp(slope, (b,), (1.0,)))(0.0)
+    assert first == pytest.approx(-1.153449, abs=1e-6)
+    assert second == pytest.approx(2 * 0.798267, abs=2e-6)
+
+
+# Zhou's law over the curves of three materials
+
+OVERLAPS = ("eps", "peak_overlap", "residual_overlap")
+CURVES = [
+    pytest.param("first-order", ENERGY, 1e-9, id="first-order-energy"),
+    pytest.param("full", ENERGY, 1e-9, id="full-energy"),
+    pytest.param("first-order", PRECISE, 1e-6, id="first-order-ode"),
+    pytest.param("full", PRECISE, 1e-6, id="full-ode", marks=LONG),
+]
+
+
+@pytest.mark.parametrize(("form", "route", "bound"), CURVES)
+def test_first_derivatives_over_the_curves(form, route, bound):
+    """ε and both overlaps in all nine inputs, forward and reverse; at 75 velocities of three materials."""
+    records = of_form("curves", form)
+    values = of_records(records)
+    *_, forward, reverse = graded(fitted("nylon", form), values, route)
+    peak = column(records, "peak_overlap")
+    below = np.array(["ELASTIC" in record["flags"] for record in records])
+    assert 0 < np.sum(below) < len(below)
+    for slopes in (forward, reverse):
+        for name, slope in zip(values, np.asarray(slopes), strict=True):
+            exact = [column(records, "log_sensitivities", SYMBOLS[name], q) for q in OVERLAPS]
+            assert np.max(np.abs(slope[0] - exact[0])) <= bound, name
+            assert np.all(np.abs(slope[0][exact[0] == 0]) <= 1e-13), name
+            assert np.max(np.abs(slope[1] - exact[1]) / peak) <= 100 * bound, name
+            assert np.max(np.abs(slope[2] - exact[2]) / peak) <= 100 * bound, name
+            if name not in ("limit_velocity", "sigma", "psi", "velocity"):
+                assert np.all(slope[0][below] == 0), name
+
+
+PROPERTIES = ("E", "nu", "rho", "Y", "R", "chi", "sigma", "psi", "v")  # of two equal spheres
+PAIRED = ("chi", "sigma", "psi", "E", "Y", "v")
+SECOND = {
+    "forward over forward": lambda f: jax.jacfwd(jax.jacfwd(f)),
+    "forward over reverse": lambda f: jax.jacfwd(jax.jacrev(f)),
+    "reverse over forward": lambda f: jax.jacrev(jax.jacfwd(f)),
+    "reverse over reverse": lambda f: jax.jacrev(jax.jacrev(f)),
+}
+IN_DEFAULT = ("first-order", "forward over forward")
+
+
+@pytest.mark.parametrize(
+    ("form", "order"),
+    [
+        pytest.param(form, order, marks=() if (form, order) == IN_DEFAULT else LONG)
+        for form in FORMS
+        for order in SECOND
+    ],
+)
+def test_in_properties_of_a_material(form, order):
+    """First and second derivatives through the contact of two equal spheres.
+
+    One Newton step on a frozen root would give first derivatives right and second ones wrong.
+    """
+    records = of_form("materials", form)
+    choices = stacked_inputs(records)
+    theta = jnp.stack([jnp.asarray(choices[name]) for name in PROPERTIES], -1)
+
+    def outputs(theta):
+        E, nu, rho, Y, R, chi, sigma, psi, v = theta
+        material = sj.Material(E, nu, rho, Y)
+        contact = sj.Contact.between_spheres(material, material, R, R, area=choices["area"])
+        law = sj.Zhou(contact, chi, sigma, psi, form=form, kappa=choices["kappa"])
+        hit = sj.restitution(law, v)
+        found = jnp.stack([hit.coefficient, hit.residual_overlap])
+        return found, found
+
+    def slopes(theta):
+        """With the slopes themselves beside what is differentiated again."""
+        first, value = (jax.jacrev if "reverse" in order.split()[2] else jax.jacfwd)(
+            outputs, has_aux=True
+        )(theta)
+        return first, (first, value)
+
+    outer = jax.jacrev if order.startswith("reverse") else jax.jacfwd
+    second, (first, _) = jax.jit(jax.vmap(outer(slopes, has_aux=True)))(theta)
+    scale = np.stack([np.ones(len(records)), column(records, "peak_overlap")], -1)
+    for i, name in enumerate(PROPERTIES):
+        scaled = np.asarray(first[:, :, i] * theta[:, i : i + 1])
+        exact = [column(records, "log_sensitivities", name, q) for q in ("eps", "residual_overlap")]
+        error = np.abs(scaled - np.transpose(exact)) / scale
+        assert np.all(np.max(error, axis=0) <= [1e-9, 1e-7]), name
+        if name == "R":  # whose radius does not matter to ε
+            assert np.all(np.abs(scaled[:, 0]) <= 1e-13)
+    for pair in records[0]["second"]:
+        i, j = (PROPERTIES.index(name) for name in pair.split(","))
+        scaled = np.asarray(second[:, :, i, j] * (theta[:, i] * theta[:, j])[:, None])
+        exact = [column(records, "second", pair, q) for q in ("eps", "residual_overlap")]
+        assert np.max(np.abs(scaled - np.transpose(exact)) / scale) <= 1e-7, pair
+    assert np.all(theta[:, PROPERTIES.index("R")] == RADIUS)
+
+
+@pytest.mark.parametrize(
+    "mode", ["forward over forward", pytest.param("reverse over reverse", marks=LONG)]
+)
+def test_second_derivatives_by_the_equation_of_motion(mode):
+    """Of a spring that unloads the more steeply the deeper: ε = √(k1/(k2 + s v √(k1 M)))."""
+    law, v = LAWS["walton-braun"].law, 1.0
+
+    def coefficient(v):
+        return sj.restitution(law, v, sj.ODE(steps=4, solver="dopri5")).coefficient
+
+    found = jax.jit(SECOND[mode](coefficient))(v)
+    steep = law.growth * np.sqrt(law.loading_stiffness * law.contact.mass)
+    exact = (
+        0.75 * law.loading_stiffness**0.5 * steep**2 / (law.unloading_stiffness + steep * v) ** 2.5
+    )
+    assert found == pytest.approx(exact, rel=1e-2)
+
+
+def test_overlaps_do_not_move_without_a_turning_point():
+    """δ_max is where the law ends then: a number to look at, and no answer."""
+    law = fitted("nylon")
+    velocity = np.array([2e3, 20.0]) * law.contact.critical_velocity
+    *_, forward, reverse = graded(law, laws.repeated(law, velocity))
+    for slopes in (forward, reverse):
+        assert np.all(slopes[:, 1:3, 0] == 0)
+        assert np.sum(np.any(slopes[:, 1:3, 1] != 0, axis=1)) >= 5
+
+
+# the table of hard impacts
+
+KINDS = {"float64": np.float64, "float32": np.float32}
+TOLERANCE = {"float64": PRECISE.tolerance, "float32": 1e-6}
+QUICK_GROUPS = [("energy", "float64", "first-order"), ("ode", "float64", "first-order")]
+GROUPS = [
+    pytest.param(*group, marks=() if group in QUICK_GROUPS else LONG)
+    for route in ("energy", "ode")
+    for precision in KINDS
+    for form in FORMS
+    for group in [(route, precision, form)]
+]
+
+
+@lru_cache
+def hard_rows(precision: str, form: str) -> list[dict]:
+    path = Path(__file__).parents[1] / "oracles" / "hard_cases.json"
+    rows = json.loads(path.read_text(encoding="utf-8"))
+    return [r for r in rows if (r["precision"], r["inputs"]["form"]) == (precision, form)]
+
+
+def squares(values, form, route, dtype):
+    """ε², which is what can be compared near ε = 0, ε_p², the status, and both slopes of ε²."""
+    law = jax.tree.map(dtype, fitted("nylon", form))
+    by = ENERGY if route == "energy" else sj.ODE(TOLERANCE[np.dtype(dtype).name])
+    found, result, *both = graded(law, values, by)
+    coefficient = np.asarray(found[0], float)
+    slopes = [2 * coefficient * np.asarray(s, float)[:, 0] for s in both]
+    plastic = np.asarray(result.plastic_coefficient, float) ** 2
+    return coefficient**2, plastic, np.asarray(result.status), slopes
+
+
+def bounds(route: str, precision: str, rows: list[dict], exact_slopes):
+    """What ε² may be off: 1e-12 + 8 eps Σ|∂ε²/∂ln θ|; its slopes: likewise; the ODE's tolerance.
+
+    In float32 the 1e-12 becomes 8 eps, since ε² itself rounds at eps/2. `ode` of a row is by how many
+    tolerances more its gradient may be off: where √x* has just left 0 it moves up to 1e7 times faster
+    than θ.
+    """
+    eps = float(np.finfo(KINDS[precision]).eps)
+    tolerance = TOLERANCE[precision] if route == "ode" else 0.0
+    value = max(1e-12, 8 * eps) + (8 * eps + tolerance) * column(rows, "sensitivity")
+    curvatures = np.array([column(rows, "curvatures", SYMBOLS[name]) for name in SYMBOLS])
+    more = np.array([row.get("ode", 0.0) for row in rows])
+    added = tolerance * (20 * (1 + curvatures) + more)
+    spread = np.abs(exact_slopes) + curvatures
+    return value + tolerance, max(1e-12, 32 * eps) + 8 * eps * spread + added
+
+
+def failing(rows: list[dict], holds) -> list[str]:
+    return [row["name"] for row, good in zip(rows, holds, strict=True) if not good]
+
+
+@pytest.mark.parametrize(("route", "precision", "form"), GROUPS)
+def test_hard_impacts(route, precision, form):
+    """All rows in one batch: neighbours of every kind, none of which touches another."""
+    rows, dtype = hard_rows(precision, form), KINDS[precision]
+    value, plastic, status, gradients = squares(of_records(rows, dtype), form, route, dtype)
+    signed = column(rows, "eps_squared")
+    alive = signed > 0  # ε² is clipped at 0
+    least = TOLERANCE[precision] if route == "ode" else 0.0
+    told = (signed == 0) | (np.abs(signed) > least)  # its sign
+    exact = np.where(alive, [column(rows, "slopes", SYMBOLS[name]) for name in SYMBOLS], 0.0)
+    allowed, allowed_slope = bounds(route, precision, rows, exact)
+    expected = np.maximum(signed, 0)
+    assert failing(rows, np.abs(value - expected) <= allowed) == []
+    expected = column(rows, "eps_p_squared")
+    assert failing(rows, np.abs(plastic - expected) <= allowed) == []
+    known = np.full(len(rows), -1)
+    if route == "ode":  # it cannot tell a gain within its tolerance from rounding
+        unknown = (expected > 1) & (expected - 1 < 3 * TOLERANCE[precision])
+        assert np.sum(unknown) <= 2
+        assert np.sum(~told) <= 2
+        known = np.where(unknown, ~int(sj.Status.ENERGY_GAIN), -1)
+        known = np.where(told, known, ~int(sj.Status.NO_REBOUND))
+    assert failing(rows, status & known == flags_of(rows) & known) == []
+    for slopes in gradients:
+        assert failing(rows, ~told | np.all(np.abs(slopes - exact) <= allowed_slope, axis=0)) == []
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_hard_impacts_in_float32(form):
+    """Values and statuses."""
+    rows = hard_rows("float32", form)
+    values = of_records(rows, np.float32)
+    law = with_numbers(jax.tree.map(np.float32, fitted("nylon", form)), values)
+    result = sj.restitution(law, values["velocity"])
+    allowed, _ = bounds("energy", "float32", rows, 0.0)
+    for found, name in (("coefficient", "eps_squared"), ("plastic_coefficient", "eps_p_squared")):
+        error = np.asarray(getattr(result, found), float) ** 2 - np.maximum(column(rows, name), 0)
+        assert failing(rows, np.abs(error) <= allowed) == []
+    assert failing(rows, result.status == flags_of(rows)) == []
+
+
+def test_hard_impacts_alone_are_as_in_the_batch():
+    """Neighbours do not touch each other: of a batch that is one row again and again."""
+    rows = hard_rows("float64", "first-order")
+    values = of_records(rows)
+    batch = squares(values, "first-order", "energy", np.float64)
+    for k in range(0, len(rows), 7):
+        same = {name: np.full(laws.SIZE, x[k]) for name, x in values.items()}
+        value, _, status, slopes = squares(same, "first-order", "energy", np.float64)
+        assert value[0] == pytest.approx(batch[0][k], rel=1e-14, abs=1e-15), rows[k]["name"]
+        assert status[0] == batch[2][k], rows[k]["name"]
+        assert np.allclose(slopes[1][:, 0], batch[3][1][:, k], rtol=1e-12, atol=1e-15)

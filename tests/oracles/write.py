@@ -1,0 +1,240 @@
+"""Solves the stored collisions anew, from their inputs: `python -m tests.oracles.write`.
+
+`reference.json`, `hard_cases.json` and `turning_point.json` beside this file, and the answers of
+`softjax speed`, hold collisions by Zhou's law: numbers as float64 or float32 hold them, and what
+exactly these come out as. Answers are strings of 25 digits, null where there is none (the duration of
+an impact at rest). For a further collision add a record with its inputs, and run this.
+"""
+
+import json
+from collections.abc import Callable
+from itertools import combinations_with_replacement
+from pathlib import Path
+from typing import Any
+
+from mpmath import mp, mpf
+
+from tests.oracles import closed_forms
+from tests.oracles import zhou_mp as z
+
+HERE = Path(__file__).parent
+SPEED = HERE.parents[1] / "calibration" / "speed.json"
+PROPERTIES = ("E", "nu", "rho", "Y", "R", "chi", "sigma", "psi", "v")  # of two equal spheres
+PAIRED = ("chi", "sigma", "psi", "E", "Y", "v")
+BESIDE_YIELD = mpf("1e-20")  # which side of y = 1 an impact is on, beyond any difference's step
+STEP = mpf("1e-25")
+Record = dict[str, Any]
+
+# How ln d, ln X and ln y move with the logarithms of the inputs (y = v/v_cr, Eqs. 2 and 5)
+SLOPES = {
+    "E": (-2, 1, 2),
+    "R": (0, 0, mpf(-3) / 2),
+    "M": (0, 0, mpf(1) / 2),
+    "Y": (2, -1, mpf(-5) / 2),
+    "v_lim": (0, 0, 0),
+    "chi": (0, 1, 0),
+    "sigma": (0, 0, 0),
+    "psi": (0, 0, 0),
+    "v": (0, 0, 1),
+}
+
+
+def text(value: mpf) -> str | None:
+    """25 digits; the rounding noise of a derivative that is exactly zero becomes zero."""
+    if not mp.isfinite(value):
+        return None
+    return mp.nstr(value if abs(value) > mpf("1e-50") else mpf(0), 25)
+
+
+def texts(values: dict[str, Any]) -> Record:
+    """The same for a table of numbers, whatever its depth; flags in the order of the alphabet."""
+    kinds = {dict: texts, set: sorted}
+    return {k: kinds.get(type(v), text)(v) for k, v in values.items()}
+
+
+def plastic_slopes(form: str, *at: float) -> list[mpf]:
+    """∂ε_p²/∂ln θ for θ = d, X, y, by central differences."""
+
+    def value(k, sign):
+        moved = (mpf(x) * (1 + (sign * z.STEP if i == k else 0)) for i, x in enumerate(at))
+        return z.plastic_squared(form, *moved)
+
+    with mp.workdps(140):
+        return [(value(k, 1) - value(k, -1)) / (2 * z.STEP) for k in range(3)]
+
+
+def box(record: Record) -> Record:
+    """One collision of given d, X and y."""
+    form, d, X, y = (record[k] for k in ("form", "d", "X", "y"))
+    x_m = z.peak(form, d, y)
+    slopes = plastic_slopes(form, d, X, y)
+    return texts(
+        {
+            "x_m": z.loading_end(form, d) if x_m is None else x_m,
+            "x_star": z.loading_end(form, d) if x_m is None else z.residual(form, d, X, x_m),
+            "eps_p_squared": z.plastic_squared(form, d, X, y),
+            "duration": z.duration(form, d, X, y),
+            "log_sensitivities": dict(zip(("d", "X", "y"), slopes, strict=True)),
+            "log_sensitivity_sum": sum(map(abs, slopes), mpf(0)),
+            "flags": z.flags(form, d, X, y),
+        }
+    )
+
+
+def of_contact(record: Record) -> Record:
+    """ε, overlaps, duration and flags of an impact, and their sensitivities."""
+    inputs = record["inputs"]
+    return texts(z.coefficient(inputs) | {"log_sensitivities": z.log_sensitivities(inputs)})
+
+
+def of_spheres(record: Record) -> Record:
+    """The same of two equal spheres in the properties of their material, with second derivatives."""
+    inputs = record["inputs"]
+    pairs = combinations_with_replacement(PAIRED, 2)
+    derivatives = {
+        "log_sensitivities": z.log_sensitivities(inputs, PROPERTIES, z.equal_spheres),
+        "second": {f"{a},{b}": z.second(inputs, a, b, z.equal_spheres) for a, b in pairs},
+    }
+    return texts(z.coefficient(z.equal_spheres(inputs)) | derivatives)
+
+
+def hard(record: Record) -> Record:
+    """ε² unclipped, ε_p², θ ∂ε²/∂θ, and Σ|∂²ε²/∂ln θ ∂ln θ'| over θ': what rounding does to those.
+
+    At yield the velocity is on the `side` of y = 1 that the record means.
+    """
+    inputs = dict(record["inputs"])
+    if "side" in record:
+        with mp.workdps(140):
+            inputs["v"] = z.dimensionless(inputs)["v_cr"] * (1 + record["side"] * BESIDE_YIELD)
+    result = z.coefficient(inputs, lasts=False)
+    slopes = sums = dict.fromkeys(z.NUMBERS, mpf(0))
+    if "NO_TURNING_POINT" not in result["flags"]:
+        slopes = {n: s["eps_squared"] for n, s in z.log_sensitivities(inputs).items()}
+        sums = curvature_sums(inputs)
+    return texts(
+        {
+            "eps_squared": result["eps_squared"],
+            "eps_p_squared": result["eps_p_squared"],
+            "slopes": slopes,
+            "sensitivity": sum(map(abs, slopes.values()), mpf(0)),
+            "flags": result["flags"],
+        }
+    ) | {"curvatures": {name: f"{float(total):.6g}" for name, total in sums.items()}}
+
+
+def curvature_sums(inputs: Record) -> dict[str, mpf]:
+    """By central differences; STEP² over (1 - y/y_max)² is their error."""
+    with mp.workdps(140):
+        scale = z.dimensionless(inputs)
+        at = [scale[name] for name in ("d", "X", "y")]
+
+        def plastic(steps):
+            moved = (a * mp.exp(steps.get(i, 0)) for i, a in enumerate(at))
+            return z.plastic_squared(inputs["form"], *moved)
+
+        def lost(steps):
+            moved = {k: mpf(inputs[k]) * mp.exp(steps.get(k, 0)) for k in z.NUMBERS}
+            v_cr = z.scales(*(moved[k] for k in ("E", "R", "M", "Y")), inputs["area"])["v_cr"]
+            return z.empirical(min(moved["v"], v_cr), *(moved[k] for k in LOSSES)) ** 2
+
+        P = {(i, j): mixed(plastic, i, j) for i in range(3) for j in range(3)}
+
+        def second(a, b):
+            return mixed(lost, a, b) + sum(SLOPES[a][i] * P[i, j] * SLOPES[b][j] for i, j in P)
+
+        return {a: sum((abs(second(a, b)) for b in z.NUMBERS), mpf(0)) for a in z.NUMBERS}
+
+
+LOSSES = ("v_lim", "sigma", "psi")
+
+
+def mixed(value: Callable, a, b) -> mpf:
+    """The second derivative of `value` of logarithmic steps with those of a and b."""
+
+    def corner(i, j):
+        steps = {a: i * STEP}
+        return i * j * value(steps | {b: steps.get(b, 0) + j * STEP})
+
+    return sum(corner(i, j) for i in (1, -1) for j in (1, -1)) / (4 * STEP**2)
+
+
+def turning(row: list[float]) -> list[float]:
+    """Beside y_max: d, X, y, 1 - y/y_max, ε_p², x_m, and Σ|∂ε_p²/∂ln θ| over d, X and y."""
+    d, X, y = row[:3]
+    form = "first-order"
+    with mp.workdps(120):
+        answers = (
+            1 - y / z.y_max(form, d),
+            z.plastic_squared(form, d, X, y),
+            z.peak(form, d, y),
+            sum(map(abs, plastic_slopes(form, d, X, y))),
+        )
+    return [d, X, y, *map(float, answers)]
+
+
+def timed(inputs: Record, row: list) -> list:
+    """Velocity, ε_p and θ ∂ε_p/∂θ for θ = χ̃, E, Y by Zhou's law."""
+    full = inputs | {"v": row[0]}
+    answer = z.coefficient(full, lasts=False)
+    slopes = z.log_sensitivities(full, ("chi", "E", "Y")).values()
+    with mp.workdps(30):
+        log = [slope["eps_p_squared"] / (2 * answer["eps_p"]) for slope in slopes]
+        return [row[0], *(mp.nstr(x, 20) for x in (answer["eps_p"], *log))]
+
+
+def timed_viscoelastic(inputs: Record, row: list) -> list:
+    """Velocity, ε and its slope by ln w² of viscoelastic spheres."""
+    with mp.workdps(closed_forms.DIGITS):
+        E, R, M, time, v = (
+            mpf(x) for x in (*(inputs[k] for k in ("E", "R", "M", "dissipation_time")), row[0])
+        )
+        w_squared = mpf("1.5") * time * (4 * E * mp.sqrt(R) / 3 / M) ** mpf("0.4") * v ** mpf("0.2")
+        step = mpf("1e-18")
+        up, here, down = (
+            closed_forms.of_squared(w_squared * (1 + k * step)).restitution for k in (1, 0, -1)
+        )
+        return [row[0], *(mp.nstr(x, 20) for x in (here, (up - down) / (2 * step)))]
+
+
+SOLVERS = {"boxes": box, "curves": of_contact, "materials": of_spheres}
+TIMED = {"zhou": timed, "viscoelastic": timed_viscoelastic}
+
+
+def stored(path: Path) -> Any:
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+def lines(records: list) -> str:
+    """One record a line."""
+    return "[\n" + ",\n".join(json.dumps(r, ensure_ascii=False) for r in records) + "\n]"
+
+
+def replace(path: Path, sections: dict[str, str] | str) -> None:
+    if isinstance(sections, dict):
+        sections = "{\n" + ",\n".join(f'"{k}": {v}' for k, v in sections.items()) + "\n}"
+    beside = path.with_suffix(".tmp")
+    beside.write_text(sections + "\n", encoding="utf-8")
+    beside.replace(path)
+
+
+def main() -> None:
+    reference = stored(HERE / "reference.json")
+    found = {k: lines([r | f(r) for r in reference[k]]) for k, f in SOLVERS.items()}
+    source = json.dumps(reference["source"], ensure_ascii=False)
+    replace(HERE / "reference.json", {"source": source} | found)
+    rows = stored(HERE / "hard_cases.json")
+    replace(HERE / "hard_cases.json", lines([r | hard(r) for r in rows]))
+    points = stored(HERE / "turning_point.json")
+    replace(
+        HERE / "turning_point.json", {k: lines(list(map(turning, v))) for k, v in points.items()}
+    )
+    speed = {}
+    for name, part in stored(SPEED).items():
+        rows = lines([TIMED[name](part["inputs"], row) for row in part["rows"]])
+        speed[name] = f'{{"inputs": {json.dumps(part["inputs"])}, "rows": {rows}}}'
+    replace(SPEED, speed)
+
+
+if __name__ == "__main__":
+    main()
