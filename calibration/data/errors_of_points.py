@@ -1,6 +1,6 @@
 """How the errors of what was measured enter the restitution and the velocity of each point."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -75,6 +75,22 @@ class PointErrors:
         index = np.broadcast_to(-1, (count, TOUCHED))  # takes no memory
         none = np.broadcast_to(0.0, (count, TOUCHED))
         return cls(index, none, none, np.zeros(0), "", restitution, velocity)
+
+    def some(self, rows: Int[np.ndarray, "k"]) -> "PointErrors":
+        """Of some points, which share no elementary error with the others."""
+        own = (self.restitution_alone, self.velocity_alone)
+        restitution, velocity = (None if u is None else u[rows] for u in own)
+        index, back = np.unique(self.index[rows], return_inverse=True)
+        index, back = index[index >= 0], back.reshape(len(rows), -1) - np.any(index < 0)
+        return replace(
+            self,
+            index=back,
+            to_restitution=self.to_restitution[rows],
+            to_velocity=self.to_velocity[rows],
+            size=None if self.size is None else self.size[index],
+            restitution_alone=restitution,
+            velocity_alone=velocity,
+        )
 
     def __len__(self) -> int:
         return len(self.index)

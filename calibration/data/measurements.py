@@ -25,6 +25,7 @@ from calibration.data.ranges import check_far
 from calibration.data.repeats import average
 from calibration.data.tables import read_points
 from calibration.errors import DataError, InputError, Origin, printable
+from calibration.observables import Observed
 
 LARGEST = 1.5  # restitution: further above 1 no noise brings it
 PERCENT = 10.0  # from here on 85 for 0.85 is the likeliest slip
@@ -61,6 +62,8 @@ class RestitutionData:
             for `plausibility`, and not compared.
         degrees: degrees of freedom behind `uncertainty`: a number where one scatter is behind all,
             (n,) where each point has its own; None where they are stated, or unknown.
+        observed: what else than ε was measured, see `calibration.observables`; ε is NaN where it was
+            not measured itself.
         origin: file and lines the points came from, for messages.
         plausibility: False accepts bodies with properties more than 100 times outside what is
             plausible (`calibration.data.ranges.RANGES`), which are refused otherwise.
@@ -82,6 +85,7 @@ class RestitutionData:
     errors: PointErrors = field(default=None, kw_only=True)  # type: ignore[assignment]  # filled in
     degrees: Any = field(default=None, kw_only=True)
     bodies: tuple[Any, ...] = field(default=(), kw_only=True)
+    observed: tuple[Observed, ...] = field(default=(), kw_only=True)
     origin: Origin | None = field(default=None, kw_only=True)
     plausibility: bool = field(default=True, kw_only=True)
 
@@ -235,6 +239,8 @@ class RestitutionData:
             (self.name, self.remarks) == (other.name, other.remarks)
             and all(same(getattr(self, one), getattr(other, one)) for one in arrays)
             and self.errors.same_as(other.errors)
+            and len(self.observed) == len(other.observed)
+            and all(a.same_as(b) for a, b in zip(self.observed, other.observed, strict=True))
             and bool(self.contact == other.contact)
         )
 

@@ -21,12 +21,12 @@ class Alike(Problem):
     """The longest of some problems, and the points of all; `Lanes.member` tells them apart.
 
     Attributes:
-        velocity, restitution, weight: of the points; where a problem has fewer than the longest, its
+        velocity, value, weight: of the points; where a problem has fewer than the longest, its
             last is repeated without weight.
     """
 
     velocity: Table
-    restitution: Table
+    value: Table
     weight: Table
 
     @classmethod
@@ -38,15 +38,15 @@ class Alike(Problem):
         told = {name: getattr(longest, name) for name in Problem.__dataclass_fields__}
         told |= {"laws": _joined(longest.laws, problems), "errors": (), "variances": ()}
         tables = ([one.points[k] for one in problems] for k in range(3))
-        velocity, restitution, weight = (_table(rows, longest.count) for rows in tables)
+        velocity, value, weight = (_table(rows, longest.count) for rows in tables)
         for k, one in enumerate(problems):
             weight[k, one.count :] = 0.0
-        return cls(**told, velocity=velocity, restitution=restitution, weight=weight)
+        return cls(**told, velocity=velocity, value=value, weight=weight)
 
     def linearise(self, z: Z, lanes: Lanes | None = None, slopes: bool = True) -> Linear:
         assert lanes is not None
         k = lanes.member
-        told = Lanes(self.restitution[k], self.weight[k], self.velocity[k], k)
+        told = Lanes(self.value[k], self.weight[k], self.velocity[k], k)
         return super().linearise(z, told, slopes)
 
     def _leaves(self, theta, lanes: Lanes) -> Leaves:
@@ -69,7 +69,8 @@ def structure(problem: Problem) -> Hashable:
     laws, rows = problem.laws, problem.laws.rows
     special = problem.elastic is not None or problem.pools or problem.with_prior
     normal = all(one.is_fixed and one.dof is None for one in problem.errors)
-    if special or not normal or rows.size > 1 or any(laws.shape.whole):
+    others = np.any(problem.points.observable)
+    if special or others or not normal or rows.size > 1 or any(laws.shape.whole):
         return id(problem)
     arrays = (*problem.transform, problem.active, rows.element)
     of_law = (laws.shape, laws.free, laws.moving, rows.model.build, rows.area, rows.names)

@@ -22,6 +22,7 @@ from calibration.fitting.rows import Rows, SetRows, Tree
 from calibration.fitting.specs import Local, SetSpec
 from calibration.fitting.transform import Transform
 from calibration.fitting.zhou import NOT_GIVEN, zhou_model
+from calibration.observables import PLACES, RESTITUTION
 from calibration.parameters import Parameter
 
 LIMIT = OF_CONTACT + "limit_velocity"
@@ -202,9 +203,11 @@ def _check_counts(component: Component) -> None:
         own = [e for e in component.elements if e.sets == (g,) and not _is_told(e)]
         # a network may have as many weights as it likes: it is told by its predictions
         own = [e for e in own if e.name.partition("[")[0] not in whole]
-        if len(spec.data) <= len(own):
+        count = len(spec.data.restitution) + sum(map(len, spec.data.observed))
+        count -= int(np.sum(np.isnan(spec.data.restitution)))
+        if count <= len(own):
             names = ", ".join(e.name for e in own)
-            problem = f"{len(spec.data)} points for {len(own)} free parameters ({names})"
+            problem = f"{count} points for {len(own)} free parameters ({names})"
             raise spec.data.refusal(problem, "more points than free parameters")
 
 
@@ -235,7 +238,8 @@ def _problem(
     elements = component.elements
     transform = Transform.of([e.range for e in elements], [e.parameter.transform for e in elements])
     data = [spec.data for spec in component.specs]
-    points = points_of(data)
+    points, impact = points_of(data)
+    rows = replace(rows, row=rows.row[impact])
     theta = np.array([e.start for e in elements])
     problem = Problem(
         tuple(data),
@@ -245,7 +249,7 @@ def _problem(
         points,
         np.array(active, int),
         route,
-        tuple(spec.errors for spec in component.specs),
+        tuple(errors for spec in component.specs for errors in spec.errors),
         joint=component.specs[0].objective == "model",
         pools=pools_of(elements),
     )
@@ -262,12 +266,27 @@ def _asks_to_be_held(model: LawModel, elements) -> bool:
     return jumps and any(e.name.removeprefix(OF_CONTACT) in MOVE_YIELD for e in elements)
 
 
-def points_of(data: Sequence[RestitutionData]) -> Points:
-    """All points in a row, each weighing one."""
-    sets = np.repeat(np.arange(len(data)), [len(one) for one in data])
-    velocity = np.concatenate([one.velocity for one in data])
-    restitution = np.concatenate([one.restitution for one in data])
-    return Points(velocity, restitution, np.ones(len(velocity)), sets)
+def points_of(data: Sequence[RestitutionData]) -> tuple[Points, np.ndarray]:
+    """All points in a row, each weighing one; and which impact each is, those of all sets in a row."""
+    parts, impacts, first = [], [], 0
+    for g, one in enumerate(data):
+        for name, rows, value, unit in blocks_of(one):
+            count = len(rows)
+            code = np.full(count, PLACES[name])
+            parts.append((one.velocity[rows], value, np.ones(count), np.full(count, g), code, unit))
+            impacts.append(first + rows)
+        first += len(one)
+    columns = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return Points(*columns), np.concatenate(impacts)
+
+
+def blocks_of(data: RestitutionData):
+    """Of each observable its name, which impacts, the values, and their unit."""
+    rows = np.flatnonzero(np.isfinite(data.restitution))
+    if len(rows):
+        yield RESTITUTION, rows, data.restitution[rows], np.ones(len(rows))
+    for one in sorted(data.observed, key=lambda one: PLACES[one.name]):
+        yield one.name, one.rows, np.ones(len(one)), one.value
 
 
 def _law_rows(component: Component) -> Rows:

@@ -1,8 +1,9 @@
-"""ε² of impacts and its slopes in the law's leaves: the only place where a fit computes collisions.
+"""What impacts show, with slopes in the law's leaves: the only place where a fit computes collisions.
 
 Impacts are independent of each other, so they go through one compiled function in blocks of one
-size. It is compiled once for a type of law, a route and a set of leaves that move: any number of
-impacts, of fits side by side, of data sets and of parameters behind the leaves.
+size. It is compiled once for a type of law, a route, an observable and a set of leaves that move: any number
+of impacts, of fits side by side, of data sets and of parameters behind the leaves. Of ε it is ε², signed;
+the others are in SI.
 """
 
 from collections.abc import Iterator, Sequence
@@ -14,6 +15,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 import softjax as sj
+from calibration.observables import RESTITUTION, predicted
 from softjax.compiler import quick_to_compile
 from softjax.fields import whole_fields
 
@@ -56,15 +58,15 @@ class LawShape(NamedTuple):
 
 
 class Expansion(NamedTuple):
-    """ε² of m impacts around the leaves they have.
+    """An observable of m impacts around the leaves they have.
 
     Attributes:
-        squared: signed, (m,).
+        value: ε², signed, or another observable in SI, (m,).
         slopes: along each moving number of the leaves, (a, m).
         status: `softjax.Status`, (m,).
     """
 
-    squared: Float[np.ndarray, "m"]
+    value: Float[np.ndarray, "m"]
     slopes: Float[np.ndarray, "a m"]
     status: Int[np.ndarray, "m"]
 
@@ -76,6 +78,7 @@ def expand(
     moving: tuple[int, ...],
     route: Route,
     elastic: np.ndarray | None = None,
+    observable: str = RESTITUTION,
 ) -> Expansion:
     """Values and slopes, impact by impact.
 
@@ -84,7 +87,8 @@ def expand(
             impact, (m, ...), if it moves, else the array itself.
         moving: positions of the leaves along which slopes are wanted; each number of a whole leaf
             has its own.
-        elastic: the branch that each impact is held on, None: as the law has it.
+        elastic: the branch that each impact's ε is held on, None: as the law has it.
+        observable: what is wanted, of `calibration.observables`.
     """
     begun, filled = [], []
     route = shape.route if route is None else route  # one name for one program
@@ -94,8 +98,9 @@ def expand(
             for k, leaf in enumerate(leaves)
         ]
         held = None if elastic is None else _filled(elastic[rows], size)
-        block = _large_block if size == LARGE else quick_to_compile(_block, (3, 4, 5))
-        begun.append(block(some, _filled(velocity[rows], size), held, shape, moving, route))
+        block = _large_block if size == LARGE else quick_to_compile(_block, (3, 4, 5, 6))
+        at = _filled(velocity[rows], size)
+        begun.append(block(some, at, held, shape, moving, route, observable))
         filled.append(rows.stop - rows.start)
     # all blocks have begun before the first is waited for
     pairs = zip(begun, filled, strict=True)
@@ -122,7 +127,15 @@ def _filled(values: np.ndarray, size: int) -> np.ndarray:
     return np.concatenate([values, np.repeat(values[-1:], missing, 0)]) if missing else values
 
 
-def _block(leaves, velocity, elastic, shape: LawShape, moving: tuple[int, ...], route: Route):
+def _block(
+    leaves,
+    velocity,
+    elastic,
+    shape: LawShape,
+    moving: tuple[int, ...],
+    route: Route,
+    observable: str,
+):
     """Values, slopes and statuses of one block, by one forward pass."""
     each = [k for k in range(len(leaves)) if not shape.whole[k] or k in moving]
 
@@ -131,6 +144,9 @@ def _block(leaves, velocity, elastic, shape: LawShape, moving: tuple[int, ...], 
         for k, values in zip(each, some, strict=True):
             every[k] = values
         law = jax.tree.unflatten(shape.tree, every)
+        if observable != RESTITUTION:
+            hit = sj.restitution(law, velocity, route)
+            return predicted(observable, hit), hit.status
         return tuple(sj.signed_restitution(law, velocity, route, elastic=elastic))
 
     if any(shape.whole[k] for k in moving):  # each impact has a network of its own
@@ -148,18 +164,17 @@ def _block(leaves, velocity, elastic, shape: LawShape, moving: tuple[int, ...], 
 
     chosen = [leaves[k] for k in moving]
     if not chosen:
-        squared, status = of_moving()
-        return squared, jnp.zeros((0, len(velocity))), status
+        value, status = of_moving()
+        return value, jnp.zeros((0, len(velocity))), status
 
     def along(seed):
         tangents = [jnp.broadcast_to(s, x.shape) for s, x in zip(seed, chosen, strict=True)]
         return jax.jvp(lambda *some: of_moving(*some), chosen, tangents, has_aux=True)
 
-    squared, slopes, status = jax.vmap(along, out_axes=(None, 0, None))(_seeds(chosen))
-    return squared, slopes, status
+    return jax.vmap(along, out_axes=(None, 0, None))(_seeds(chosen))
 
 
-_large_block = jax.jit(_block, static_argnums=(3, 4, 5))
+_large_block = jax.jit(_block, static_argnums=(3, 4, 5, 6))
 
 
 def _seeds(chosen):

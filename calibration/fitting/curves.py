@@ -10,17 +10,18 @@ from jaxtyping import Float
 
 import softjax as sj
 from calibration.data.checks import require
-from calibration.errors import DataError
+from calibration.errors import DataError, listed
 from calibration.fitting.collisions import Route
 from calibration.fitting.errors import Errors
 from calibration.fitting.estimate import Band
 from calibration.fitting.freedom import Freedom
 from calibration.fitting.law_model import OF_CONTACT, model_of_class
-from calibration.fitting.material import MaterialFit
+from calibration.fitting.material import Goodness, MaterialFit
 from calibration.fitting.problem import Element, Points, Problem
 from calibration.fitting.rows import Rows, SetRows
 from calibration.fitting.transform import Transform
 from calibration.fitting.uncertainty import quantile
+from calibration.observables import PLACES, RESTITUTION
 from calibration.parameters import Parameter
 
 WIDE = (-np.inf, np.inf)
@@ -30,11 +31,17 @@ Velocity = Float[np.ndarray, "n"]
 
 
 def curve_and_slopes(
-    material: MaterialFit, velocity: Float[np.ndarray, "n"], route: Route = None
+    material: MaterialFit,
+    velocity: Float[np.ndarray, "n"],
+    route: Route = None,
+    observable: str = RESTITUTION,
 ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n free"]]:
-    """ε of the fitted law and its slopes in the free parameters, physical units; 0 without rebound."""
+    """ε, or another observable in SI, of the fitted law, and its slopes in the free parameters.
+
+    In physical units; ε is 0 without rebound.
+    """
     with jax.enable_x64(True):
-        problem = curve_problem(material, velocity, route)
+        problem = curve_problem(material, velocity, route, observable)
         theta = np.array([e.start for e in problem.elements])
         found = problem.linearise(theta[None])
     return found.prediction[0], found.jacobian[0]
@@ -49,27 +56,36 @@ def band(
     confidence: float,
     kind: str = "mean",
     route: Route = None,
+    observable: str = RESTITUTION,
 ) -> Band:
-    """ε(v) with a confidence band; NaN where the fit knows nothing.
+    """ε(v), or another observable, with a confidence band; NaN where the fit knows nothing.
 
     Args:
         names, covariance: of the free parameters, in physical units.
         freedom: how well the covariance is known.
         kind: "mean", of the curve itself, or "prediction", of one more measurement.
         route: from the law to ε; None: what suits the law.
+        observable: of `calibration.observables`, in SI.
     """
     labels = tuple(material.free.values())
     rows = [names.index(label) for label in labels]
-    at_data = stated_at(material, route) if kind == "prediction" else None
+    at_data = stated_at(material, route, observable) if kind == "prediction" else None
+    block, dof = material.name, material.noise_dof
+    if observable != RESTITUTION:
+        if kind == "prediction":
+            dof = _of_observable(material, observable).noise_dof
+        block = block_name(material.name, observable)
 
     def parts(velocity: Velocity) -> tuple[np.ndarray, ...]:
-        value, slope = curve_and_slopes(material, velocity, route)
+        value, slope = curve_and_slopes(material, velocity, route, observable)
         carried = np.einsum("ni,ij,nj->n", slope, covariance[np.ix_(rows, rows)], slope)
         added = {} if at_data is None else at_data(velocity)
+        if observable != RESTITUTION:  # relative variances
+            added = {name: value**2 * one for name, one in added.items()}
         variance = np.maximum(carried, 0.0) + sum(added.values())
-        degrees = freedom.degrees(labels, slope, variance, material.name, added)
-        if added and material.noise_dof is not None:
-            degrees = np.minimum(degrees, material.noise_dof)
+        degrees = freedom.degrees(labels, slope, variance, block, added)
+        if added and dof is not None:
+            degrees = np.minimum(degrees, dof)
         error = np.sqrt(variance)
         reach = quantile(confidence, degrees) * error
         return value, value - reach, value + reach, error
@@ -77,34 +93,51 @@ def band(
     return band_of(material, velocity, kind, parts)
 
 
+def _of_observable(material: MaterialFit, observable: str) -> Goodness:
+    if observable not in material.observed:
+        accepted = f"one that was measured: {listed([RESTITUTION, *material.observed])}"
+        raise DataError("observable", observable, accepted)
+    return material.observed[observable]
+
+
+def block_name(name: str, observable: str) -> str:
+    """What an observable of a data set is called beside the sets themselves."""
+    return name if observable == RESTITUTION else f"{name}: {observable}"
+
+
 def stated_at(
-    material: MaterialFit, route: Route = None
+    material: MaterialFit, route: Route = None, observable: str = RESTITUTION
 ) -> Callable[[Velocity], dict[str, np.ndarray]]:
-    """Variances of one more measurement by where they come from, at any velocity.
+    """Variances of one more measurement by where they come from, at any velocity; relative but for ε.
 
     What is stated of the points, or in proportion to it, is taken from those next to it in velocity.
     """
-    data = material.data
+    data, variances, observed = material.data, material.variances, None
+    if observable != RESTITUTION:
+        variances = _of_observable(material, observable).variances
+        observed = next(one for one in data.observed if one.name == observable)
     kinds = ("stated", "repeats", "scale")
-    kind = next((name for name in kinds if name in material.variances), None)
-    if kind is None or data.uncertainty is None:
-        every = dict(material.variances)
+    kind = next((name for name in kinds if name in variances), None)
+    stated = data.uncertainty if observed is None else observed.uncertainty
+    if kind is None or stated is None:
+        every = dict(variances)
         return lambda velocity: {k: np.full(len(velocity), v) for k, v in every.items()}
-    errors = Errors.of(data)
-    slope = 0.0
+    errors, slope = Errors.of(data, observed=observed), 0.0
     if errors.has_slope:
         sides = [
-            curve_and_slopes(material, data.velocity * (1 + s), route)[0] for s in (-STEP, STEP)
+            curve_and_slopes(material, errors.velocity * (1 + s), route, observable)[0]
+            for s in (-STEP, STEP)
         ]
-        slope = (sides[1] - sides[0]) / (2 * STEP * data.velocity)
-    variance = errors.variance({}, slope, 0.0) + np.zeros(len(data))
-    variance = variance * material.variances[kind] / np.mean(variance)
-    velocities, places = np.unique(data.velocity, return_inverse=True)
+        slope = (sides[1] - sides[0]) / (2 * STEP * errors.velocity)
+        slope = slope if observed is None else slope / observed.value
+    variance = errors.variance({}, slope, 0.0) + np.zeros(len(errors))
+    variance = variance * variances[kind] / np.mean(variance)
+    velocities, places = np.unique(errors.velocity, return_inverse=True)
     means = np.bincount(places, np.log(variance)) / np.bincount(places)
 
     def at(velocity: Velocity) -> dict[str, np.ndarray]:
         near = np.interp(np.log(np.maximum(velocity, 1e-300)), np.log(velocities), means)
-        rest = {k: np.full(len(velocity), v) for k, v in material.variances.items()}
+        rest = {k: np.full(len(velocity), v) for k, v in variances.items()}
         return rest | {kind: np.exp(near)}
 
     return at
@@ -120,7 +153,7 @@ def band_of(
     velocity = np.asarray(velocity, float)
     flat = velocity.ravel()
     require("velocity", flat, lambda v: v >= 0, "a speed of 0 m/s or more")
-    known = material.known(flat)
+    known = material.determined(flat)
     value, low, high, error = (
         np.where(known, part, np.nan).reshape(velocity.shape) for part in parts(flat)
     )
@@ -128,7 +161,10 @@ def band_of(
 
 
 def curve_problem(
-    material: MaterialFit, velocity: Float[np.ndarray, "n"], route: Route = None
+    material: MaterialFit,
+    velocity: Float[np.ndarray, "n"],
+    route: Route = None,
+    observable: str = RESTITUTION,
 ) -> Problem:
     """The fitted law at other velocities, its free parameters searched as they are.
 
@@ -144,14 +180,13 @@ def curve_problem(
     rows = Rows.of(model, [SetRows(len(velocity), data.contact, local)], material.trees)
     theta = np.array([e.start for e in elements])
     every = np.arange(len(free))
+    ones, code = np.ones(len(velocity)), np.full(len(velocity), PLACES[observable])
     return Problem(
         (data,),
         elements,
         Transform.of([WIDE] * len(free), [None] * len(free)),
         rows.bind(theta, every),
-        Points(
-            velocity, np.zeros_like(velocity), np.ones_like(velocity), np.zeros(len(velocity), int)
-        ),
+        Points(velocity, 0 * ones, ones, np.zeros(len(ones), int), code, ones),
         every,
         route,
     )

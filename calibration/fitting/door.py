@@ -14,6 +14,7 @@ import softjax as sj
 from calibration.console import progress_of
 from calibration.data import RestitutionData
 from calibration.fitting.component_fit import ComponentFit, fit_component
+from calibration.fitting.curves import block_name
 from calibration.fitting.doubt import Doubt
 from calibration.fitting.freedom import Freedom
 from calibration.fitting.intervals import estimates, profiles_of
@@ -169,7 +170,8 @@ def _covariances(fits: list[ComponentFit]):
 
 def _freedom(fit: ComponentFit) -> Freedom:
     labels = tuple(e.label for e in fit.component.elements)
-    names = tuple(spec.data.name for spec in fit.component.specs)
+    sets = [spec.data.name for spec in fit.component.specs]
+    names = tuple(block_name(sets[b.set], b.observable) for b in fit.final.problem.blocks)
     slope = fit.final.problem.transform.slope(fit.z)
     return Freedom.of(fit.uncertainty.parts, slope, labels, names)
 

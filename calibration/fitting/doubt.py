@@ -7,6 +7,7 @@ import numpy as np
 
 import softjax as sj
 
+COLLINEAR = 0.99  # correlation from which on two parameters count as one number
 CONDITION_LIMIT = 1e5  # of the Jacobian with unit columns: half of float64's digits are gone
 SEPARATE = 1.0  # standard error of ln σ from which on σ and ψ count as one number
 SEVERAL_DELTA = 4.0  # Δχ² below which another minimum is nearly as good
@@ -20,6 +21,11 @@ REMEDIES = {
     "sigma-psi-not-separate": (
         "Use eps_up, which is determined; or measure below the critical velocity, or more precisely."
     ),
+    "skewed": (
+        "The likelihood is no parabola there: use the interval, or the posterior; a standard error "
+        "describes neither side."
+    ),
+    "collinear": "Report what is known, or fix one of them, give it a prior, or measure where they differ.",
     "ill-conditioned": "Fix a parameter or give it a prior; intervals of single parameters mislead.",
     "not-converged": "Use more starts or steps, or another optimiser; do not use the values.",
     "several-minima": "Give bounds or a prior that decide, or measure where the curves differ.",

@@ -21,20 +21,20 @@ NOISELESS = 1e-9  # rms of ε about Eq. (17) below which data are a curve and no
 
 def eq_17_alone(data: RestitutionData) -> ComponentFit | None:
     """Eq. (17) against all points; None without a limit velocity."""
-    if data.limit_velocity is None or len(data) <= 2:
+    if data.limit_velocity is None or np.sum(np.isfinite(data.restitution)) <= 2:
         return None
-    plain = replace(data, contact=None)
+    plain = replace(data, contact=None, observed=())
     return fit_component(assemble(specs_of([plain], "eq-17", None, None), None)[0], PLAIN)
 
 
 def eq_17_of(fit: ComponentFit, g: int) -> tuple[float, dict[str, float]]:
     """Root mean square of ε about the first stage's Eq. (17), and its coefficients."""
     problem, place = fit.stages[0].problem, fit.component.sets.index(g)
-    residual = problem.predict(fit.z[None])[0] - problem.points.restitution
+    residual = problem.predict(fit.z[None])[0] - problem.points.value
     law = problem.law_of(fit.theta, place)
     names = ("limit_velocity", "sigma", "psi")
     values = {name: float(getattr(law, name)) for name in names}
-    return float(np.sqrt(np.mean(residual[problem.points.set == place] ** 2))), values
+    return float(np.sqrt(np.mean(residual[problem.of_restitution(place)] ** 2))), values
 
 
 def disagreements(two: ComponentFit, g: int, parameters: dict[str, Estimate]) -> list[Doubt]:

@@ -1,4 +1,7 @@
-"""The errors of one data set, V(s), and the density of its residuals: the one likelihood of a fit.
+"""The errors of one observable of one data set, V(s), and the density of its residuals.
+
+This is the one likelihood of a fit. Values other than ε are in units of what was measured, and so are
+their errors: a scatter of theirs is relative.
 
     V = κ (stated) + s_t² (times of bounces) + s² 1 + τ² Z Zᵀ
 
@@ -31,6 +34,7 @@ import numpy as np
 from jaxtyping import Int
 
 from calibration.data import PointErrors, RestitutionData
+from calibration.observables import Observed
 
 LN_2PI = math.log(2 * math.pi)
 NODES = np.array(
@@ -81,6 +85,8 @@ class Errors:
         dof: ν of Student's t, None for normal errors.
         degrees: degrees of freedom behind stated uncertainties, None where they are known.
         velocity, fastest: the measured velocities, and up to where a node may lie [m/s].
+        log_unit: ln of the unit of each value, so that densities are those of values in SI.
+        labels: the group of each point, whether or not they have an offset; None without groups.
     """
 
     points: PointErrors
@@ -90,6 +96,8 @@ class Errors:
     degrees: float | None
     velocity: np.ndarray
     fastest: Any
+    log_unit: Any = 0.0
+    labels: Int[np.ndarray, "n"] | None = None
 
     @classmethod
     def of(
@@ -98,33 +106,52 @@ class Errors:
         extra_scatter: bool = False,
         scale: bool = False,
         dof: float | str | None = None,
+        observed: Observed | None = None,
     ) -> "Errors":
         """What the data tell, and what was asked for.
 
         Args:
+            observed: what else than ε it is of.
             extra_scatter: scatter beside the stated uncertainties is unknown.
             scale: these are right up to a factor.
             dof: of Student's t, or "estimate"; None for normal errors.
         """
-        stated = data.uncertainty is not None
-        has_groups = 1 < len(data.groups) < len(data)
+        rows = np.flatnonzero(np.isfinite(data.restitution)) if observed is None else observed.rows
+        points, degrees = data.errors, data.degrees
+        log_unit: Any = 0.0
+        if observed is not None:
+            alone = None if observed.uncertainty is None else observed.uncertainty / observed.value
+            u_v = data.velocity_uncertainty
+            of_velocity = None if u_v is None else u_v[rows]
+            points = PointErrors.alone(len(rows), alone, of_velocity)
+            degrees, log_unit = None, np.log(observed.value)
+        elif len(rows) < len(data):
+            points = points.some(rows)
+            degrees = degrees if np.ndim(degrees) == 0 else degrees[rows]
+        stated = points.uncertainty is not None
+        group = data.group_index
+        if group is not None:
+            group = np.unique(group[rows], return_inverse=True)[1]
+        has_groups = group is not None and 1 < np.max(group, initial=0) + 1 < len(rows)
         asked = {
             "scale": stated and scale,
-            "timing": data.errors.size_is_unknown,
+            "timing": points.size_is_unknown,
             "scatter": not stated or extra_scatter,
             "group": has_groups,
             "dof": dof == "estimate",
         }
-        degrees = None if data.degrees is None else float(np.mean(data.degrees))
-        limit = np.inf if data.limit_velocity is None else np.asarray(data.limit_velocity)
+        limit = np.asarray(np.inf if data.limit_velocity is None else data.limit_velocity)
+        limit = limit[rows] if limit.ndim else limit
         return cls(
-            data.errors,
-            data.group_index if has_groups else None,
+            points,
+            group if has_groups else None,
             tuple(kind for kind, is_unknown in asked.items() if is_unknown),
             None if dof is None else (4.0 if isinstance(dof, str) else float(dof)),
-            degrees,
-            data.velocity,
+            None if degrees is None else float(np.mean(degrees)),
+            data.velocity[rows],
             limit * (1 - 1e-9),
+            log_unit,
+            group,
         )
 
     def __len__(self) -> int:
@@ -314,7 +341,8 @@ class Errors:
             return -2 * self.by_point(s, off, slope, bend, xp).sum(-1)
         factor = self.factor(s, slope, bend, xp)
         white = self.whiten(factor, off[..., None], xp)[..., 0]
-        return self.log_det(factor, xp) + (white**2).sum(-1) + len(self) * LN_2PI
+        known = len(self) * LN_2PI + 2 * np.sum(self.log_unit)
+        return self.log_det(factor, xp) + (white**2).sum(-1) + known
 
     def by_point(self, s: Variances, off: Any, slope=0.0, bend=0.0, xp: Any = np) -> Any:
         """ln p of each point; where points share errors, of each where the others are known.
@@ -322,11 +350,11 @@ class Errors:
         Source: Bürkner, Gabry and Vehtari, Comput. Stat. 36, 1243 (2021), Eq. 8.
         """
         if not self.shares:
-            return log_density(off, self.variance(s, slope, bend), self.nu(s), xp)
+            return log_density(off, self.variance(s, slope, bend), self.nu(s), xp) - self.log_unit
         factor = self.factor(s, slope, bend, xp)
         precision = self.precisions(factor, xp)
         solved = self.solve(factor, off[..., None], xp)[..., 0]
-        return -0.5 * (solved**2 / precision - xp.log(precision) + LN_2PI)
+        return -0.5 * (solved**2 / precision - xp.log(precision) + LN_2PI) - self.log_unit
 
     def nu(self, s: Variances) -> Any:
         """ν of Student's t; None for normal errors."""
@@ -343,24 +371,16 @@ class Errors:
 
     def some(self, rows: np.ndarray) -> "Errors":
         """Of some of the points, which share nothing with the others."""
-        every = self.points
-        alone = (every.restitution_alone, every.velocity_alone)
-        restitution, velocity = (None if u is None else u[rows] for u in alone)
-        index, back = np.unique(every.index[rows], return_inverse=True)
-        index, back = index[index >= 0], back.reshape(len(rows), -1) - np.any(index < 0)
-        points = replace(
-            every,
-            index=back,
-            to_restitution=every.to_restitution[rows],
-            to_velocity=every.to_velocity[rows],
-            size=None if every.size is None else every.size[index],
-            restitution_alone=restitution,
-            velocity_alone=velocity,
-        )
         group = None if self.group is None else np.unique(self.group[rows], return_inverse=True)[1]
         fastest = np.broadcast_to(self.fastest, len(self))[rows]
         return replace(
-            self, points=points, group=group, velocity=self.velocity[rows], fastest=fastest
+            self,
+            points=self.points.some(rows),
+            group=group,
+            labels=None if self.labels is None else self.labels[rows],
+            velocity=self.velocity[rows],
+            fastest=fastest,
+            log_unit=self.log_unit if np.ndim(self.log_unit) == 0 else self.log_unit[rows],
         )
 
     def units(self) -> list[np.ndarray]:

@@ -14,6 +14,9 @@ class Estimate:
     `method` says where the interval comes from: "profile" (profile likelihood), "sandwich" (stacked
     estimating equations), "wald" (least squares), "derived" (carried over), "undetermined", or
     "fixed".
+
+    `skewed`: whether the likelihood is so skewed that the standard error, though it is the curvature's,
+    describes no interval: it is not printed then. None: that was not looked at.
     """
 
     value: float | None
@@ -23,9 +26,15 @@ class Estimate:
     method: str = "fixed"
     free: bool = False
     at_bound: bool = False
+    skewed: bool | None = False
+
+    @property
+    def printed_error(self) -> float | None:
+        """The standard error where it describes the interval; else None."""
+        return None if self.skewed else self.standard_error
 
     def __str__(self) -> str:
-        return with_error(self.value, self.standard_error)
+        return with_error(self.value, self.printed_error)
 
 
 @dataclass(frozen=True)

@@ -26,12 +26,13 @@ from calibration.fitting.estimate import Estimate, Line
 from calibration.fitting.freedom import Freedom
 from calibration.fitting.known_laws import LAWS, law_name
 from calibration.fitting.likelihood import Likelihood
-from calibration.fitting.material import MaterialFit, Outlier
+from calibration.fitting.material import Goodness, MaterialFit, Outlier
 from calibration.fitting.profiles import Profile
 from calibration.fitting.request import Request, checked
 from calibration.fitting.rows import Tree
 from calibration.fitting.specs import law_model, said_of
 from calibration.fitting.stages import Stage
+from calibration.observables import OBSERVABLES, Observed
 from calibration.options import FitOptions
 from calibration.parameters import Parameter
 from calibration.schema import Real, Strict, faults
@@ -73,11 +74,20 @@ Covariance = Annotated[
 ]
 
 
+class ObservedRecord(Strict):
+    """What else than ε was measured."""
+
+    name: Literal[tuple(OBSERVABLES)]  # type: ignore[valid-type]
+    rows: list[Count]
+    value: list[Positive]
+    uncertainty: list[Positive] | None
+
+
 class DataRecord(Strict):
     """One set of data; where it came from is not kept."""
 
     velocity: list[Positive]
-    restitution: list[NotNegative]
+    restitution: list[NotNegative | None]  # None where ε was not measured
     limit_velocity: Leaf | None
     degrees: Leaf | None
     uncertainty: Column
@@ -87,6 +97,7 @@ class DataRecord(Strict):
     remarks: tuple[str, ...]
     group: list[str] | None
     errors: dict[str, Any] | None
+    observed: list[ObservedRecord] = Field(default_factory=list)
 
     @classmethod
     def told(cls, data: RestitutionData) -> dict[str, Any]:
@@ -99,6 +110,7 @@ class DataRecord(Strict):
                 for one in data.bodies
             ],
             "errors": dict(vars(errors)) if np.any(errors.index >= 0) else None,
+            "observed": [dict(vars(one)) for one in data.observed],
         }
         return _by_names(cls, data, table)
 
@@ -106,6 +118,10 @@ class DataRecord(Strict):
         """The same set again."""
         entries = {key: _array(value) for key, value in self}
         bodies, remarks, errors = self.bodies, entries.pop("remarks"), self.errors
+        entries["restitution"] = np.array(self.restitution, float)
+        entries["observed"] = tuple(
+            Observed(**{key: _array(value) for key, value in one}) for one in self.observed
+        )
         if errors is not None:
             entries |= {"uncertainty": None, "velocity_uncertainty": None}
             entries["errors"] = PointErrors(**{k: _array(v) for k, v in errors.items()})
@@ -136,6 +152,7 @@ class FitRecord(Strict):
     values: dict[str, float | list[float]]
     labels: dict[str, str]
     status: tuple[Count, ...]
+    observed: dict[str, Goodness]
     known: tuple[NotNegative, NotNegative | None]
     variances: dict[str, NotNegative | None]
     timing: NotNegative | None
@@ -325,8 +342,10 @@ def _check(found: ResultFile) -> None:
         "freedom.labels": ([name for one in found.freedom for name in one.labels], count),
     }
     for i, fit in enumerate(found.fits):
-        columns: dict[str, Any] = {"data.velocity": fit.data.velocity, "status": fit.status}
-        columns |= {"standardised": fit.standardised, "leverage": fit.leverage}
+        columns: dict[str, Any] = {"data.velocity": fit.data.velocity}
+        if not fit.data.observed:
+            columns |= {"status": fit.status, "standardised": fit.standardised}
+            columns |= {"leverage": fit.leverage}
         columns |= {f"values.{k}": v for k, v in fit.values.items() if isinstance(v, list)}
         lengths |= {f"fits[{i}].{name}": (one, fit.n) for name, one in columns.items()}
         for name, label in fit.labels.items():

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from calibration.fitting.uncertainty import Parts, satterthwaite
 
 ALL = "all"
+ROUNDING = 1e-10  # of a variance: a part below is none
 MOST = 50_000  # numbers that a result keeps of one component; beyond, its least degrees of freedom
 
 
@@ -40,7 +41,10 @@ class Freedom:
         both = np.outer(slope, slope)
         sets = tuple(datasets[g] for g in parts.sets)
         if parts.parts[0].size <= MOST:
-            return cls(labels, parts.parts[0] * both, parts.relative[0], sets, parts.names)
+            own = np.diagonal(parts.parts[0], axis1=1, axis2=2)
+            acts = own > ROUNDING * np.abs(np.diagonal(parts.whole[0]))
+            found = np.where(acts[:, :, None] & acts[:, None], parts.parts[0], 0.0)
+            return cls(labels, found * both, parts.relative[0], sets, parts.names)
         least = np.min(parts.along(np.eye(len(labels))))
         whole = (parts.whole[0] * both)[None]
         return cls(labels, whole, np.array([[2 / least]]), ("",), (ALL,))

@@ -1,6 +1,7 @@
 """Values, standard errors and intervals of what was searched, in physical units."""
 
 from collections.abc import Callable, Hashable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,10 +12,12 @@ from calibration.fitting.neighbours import pooled_about
 from calibration.fitting.problem import Problem
 from calibration.fitting.profiles import FARTHEST, Asked, Profile, joined, profiles
 from calibration.fitting.transform import NONE
-from calibration.fitting.uncertainty import quantile
+from calibration.fitting.uncertainty import asks_for_curvature, quantile
 
 LEAST_ERROR = 1e-12  # of data without noise: the interval is a point
 SIDE_BY_SIDE = 100  # fits whose profiles are one batch: progress is told between batches
+SKEWED = 1 / 8  # of an interval's width, see `is_skewed`
+BEND_STEP = 0.1  # in standard errors, of the third derivative
 FROM_END = 0.5  # first stride of a walk that begins at an end of the range, in z
 
 
@@ -111,10 +114,60 @@ def estimates(
     fit: ComponentFit, curves: dict[str, Profile], confidence: float
 ) -> dict[int, Estimate]:
     """Of each element of the component."""
-    return {
-        k: estimate_of(fit, k, curves.get(e.label), confidence)
-        for k, e in enumerate(fit.component.elements)
-    }
+    bends = None if curves or not fit.is_likelihood else third_derivatives(fit)
+    found = {}
+    for k, e in enumerate(fit.component.elements):
+        one = estimate_of(fit, k, curves.get(e.label), confidence)
+        if one.method == "wald" and one.standard_error is not None and "[" not in e.name:
+            one = replace(one, skewed=_is_skewed_by(fit, k, one, confidence, bends))
+        found[k] = one
+    return found
+
+
+def third_derivatives(fit: ComponentFit) -> np.ndarray | None:
+    """Of -ln p along the direction in which the others follow each element, in standard errors.
+
+    That of the profile likelihood is the same. From the exact gradient on both sides; None where second
+    derivatives were not taken either.
+    """
+    problem, known = fit.final.problem, fit.uncertainty
+    if not known.definite[0] or not asks_for_curvature(problem, 1):
+        return None
+    bends = np.zeros(len(fit.z))
+    covariance = np.nan_to_num(known.covariance[0])
+    every = [k for k in problem.active if known.known[0, k] and covariance[k, k] > 0]
+    if not every:
+        return bends
+    ways = covariance[every] / np.sqrt(np.diag(covariance)[every])[:, None]
+    places = fit.z + BEND_STEP * np.concatenate([ways, -ways])
+    found = problem.linearise(places)
+    gradient = np.einsum("fmp,fm->fp", found.jacobian, found.residual)
+    along = np.einsum("fp,fp->f", gradient, np.tile(ways[:, problem.active], (2, 1)))
+    bends[every] = along.reshape(2, -1).sum(axis=0) / BEND_STEP**2
+    return bends
+
+
+def _is_skewed_by(
+    fit: ComponentFit, k: int, one: Estimate, confidence: float, bends
+) -> bool | None:
+    """Judged by the third derivative: where ends of the profile would lie, to first order in it."""
+    if bends is None:
+        return None
+    q = float(quantile(confidence, fit.uncertainty.degrees[0, k]))
+    shift = -bends[k] * q**2 / 6
+    transform = fit.final.problem.transform.part(np.array([k]))
+    error = float(fit.uncertainty.errors[0, k])
+    ends = transform.physical(fit.z[k] + error * np.array([[shift - q], [shift + q]]))[:, 0]
+    low, high = sorted(map(float, ends))
+    return is_skewed(one.value, one.standard_error, low, high, q)
+
+
+def is_skewed(value, error, low: float | None, high: float | None, quantile: float) -> bool:
+    """Whether an end of an interval is an eighth of its width from value ± quantile · error."""
+    if low is None or high is None:
+        return True
+    apart = max(abs(low - (value - quantile * error)), abs(high - (value + quantile * error)))
+    return bool(apart > SKEWED * (high - low))
 
 
 def estimate_of(fit: ComponentFit, k: int, curve: Profile | None, confidence: float) -> Estimate:
@@ -129,7 +182,9 @@ def estimate_of(fit: ComponentFit, k: int, curve: Profile | None, confidence: fl
     slope = float(abs(transform.slope(fit.z[k : k + 1])[0]))
     error = slope * z_error if known.definite[0] else None
     if curve is not None:
-        return Estimate(value, error, curve.low, curve.high, "profile", True)
+        q = float(quantile(confidence, known.degrees[0, k]))
+        skewed = error is not None and is_skewed(value, error, curve.low, curve.high, q)
+        return Estimate(value, error, curve.low, curve.high, "profile", True, False, skewed)
     reach = quantile(confidence, known.degrees[0, k]) * z_error
     ends: list[float | None] = []
     for sign in (-1, 1):

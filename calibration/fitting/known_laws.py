@@ -41,13 +41,26 @@ class Known:
     remark: str = ""
 
 
+def _measured(data: RestitutionData) -> tuple[np.ndarray, np.ndarray]:
+    """v and ε of the impacts with an ε; one of a half where there is none."""
+    known = np.isfinite(data.restitution)
+    if not np.any(known):
+        return data.velocity[:1], np.array([0.5])
+    return data.velocity[known], data.restitution[known]
+
+
 def _mean(data: RestitutionData) -> float:
-    return float(np.clip(np.mean(data.restitution), 1e-3, 0.999))
+    return float(np.clip(np.mean(_measured(data)[1]), 1e-3, 0.999))
 
 
 def _one(values: Any) -> float:
     """A single number for what may differ from impact to impact."""
     return float(np.mean(np.asarray(values)))
+
+
+def _unless_observed(name: str) -> Callable[[RestitutionData], Numbers]:
+    """A stiffness, which ε does not tell, and forces, times and overlaps do."""
+    return lambda data: {} if data.observed else {name: _spring(data)}
 
 
 def _spring(data: RestitutionData) -> float:
@@ -58,12 +71,14 @@ def _spring(data: RestitutionData) -> float:
 
 def _losses(data: RestitutionData) -> Numbers:
     """σ and ψ from the straight line ln(-ln ε) = ln σ + ψ ln[v/(v_lim - v)]."""
-    inside = (data.restitution > 0) & (data.restitution < 1)
+    velocity, restitution = _measured(data)
+    inside = (restitution > 0) & (restitution < 1)
     if np.sum(inside) < 2 or data.limit_velocity is None:
         return {"sigma": 0.5, "psi": 0.5}
-    ratio = data.velocity / (np.asarray(data.limit_velocity) - data.velocity)
-    x = np.log(ratio[inside])
-    loss = -np.log(data.restitution[inside])
+    limit = np.broadcast_to(np.asarray(data.limit_velocity, float), len(data))
+    limit = limit[np.isfinite(data.restitution)]
+    x = np.log((velocity / (limit - velocity))[inside])
+    loss = -np.log(restitution[inside])
     centred = x - np.average(x, weights=loss)
     spread = np.sum(loss * centred**2)
     slope = np.sum(loss * centred * np.log(loss)) / spread if spread > 0 else 0.5
@@ -76,7 +91,7 @@ def guess_zhou(data: RestitutionData) -> Numbers:
     """χ̃ of X = 10, in the middle of what materials have, and Eq. (17)'s coefficients."""
     assert data.contact is not None
     ratio = _one(data.contact.yield_ratio)
-    up = float(np.clip(np.max(data.restitution), 0.1, 0.999))
+    up = float(np.clip(np.max(_measured(data)[1]), 0.1, 0.999))
     line = {"c1": 0.0, "c2": 10 / ratio**2}
     return {"chi": 10 / ratio, "eps_up": up, **line, **_losses(data)}
 
@@ -85,26 +100,32 @@ def _guess_thornton(data: RestitutionData) -> Numbers:
     """ε ≈ 1.185 (V_y/v)^{1/4} far above yield, and V_y ∝ p_y^{5/2}."""
     assert data.contact is not None
     at_one = _one(sj.Thornton(data.contact).elastic_velocity())
-    yields = np.median(data.velocity * (np.clip(data.restitution, 0.05, 0.99) / 1.185) ** 4)
+    velocity, restitution = _measured(data)
+    yields = np.median(velocity * (np.clip(restitution, 0.05, 0.99) / 1.185) ** 4)
     return {"yield_factor": float(np.clip((yields / at_one) ** 0.4, 1e-3, 1e3))}
 
 
 def _guess_walton_braun(data: RestitutionData) -> Numbers:
     """1/ε² = k20/k1 + s v √(M/k1), a straight line."""
     assert data.contact is not None
-    inverse = np.clip(data.restitution, 0.05, 1.0) ** -2
-    slope, level = np.polyfit(data.velocity, inverse, 1) if np.ptp(data.velocity) else (0, 1.5)
+    velocity, restitution = _measured(data)
+    inverse = np.clip(restitution, 0.05, 1.0) ** -2
+    slope, level = np.polyfit(velocity, inverse, 1) if np.ptp(velocity) else (0, 1.5)
     stiffness = _spring(data)
-    growth = max(slope, 0.01 * float(np.mean(inverse)) / float(np.max(data.velocity)))
+    growth = max(slope, 0.01 * float(np.mean(inverse)) / float(np.max(velocity)))
     per_velocity = (stiffness / _one(data.contact.mass)) ** 0.5
-    return {"unloading_stiffness": max(level, 1.01) * stiffness, "growth": growth * per_velocity}
+    unloading = max(level, 1.01) * stiffness
+    told = {"unloading_stiffness": unloading, "growth": growth * per_velocity}
+    return told | {"loading_stiffness": stiffness}
 
 
 def _guess_viscoelastic(data: RestitutionData) -> Numbers:
     """1 - ε ≈ 1.15345 · 3/2 A (k/M)^{2/5} v^{1/5} of slow impacts."""
     assert data.contact is not None
-    rate = np.asarray(data.contact.stiffness / data.contact.mass) ** 0.4 * data.velocity**0.2
-    lost = np.clip(1 - data.restitution, 1e-3, 0.9)
+    velocity, restitution = _measured(data)
+    rate = np.asarray(data.contact.stiffness / data.contact.mass) ** 0.4
+    rate = np.broadcast_to(rate, len(data))[: len(velocity)] * velocity**0.2
+    lost = np.clip(1 - restitution, 1e-3, 0.9)
     return {"dissipation_time": float(np.median(lost / (1.5 * 1.15345 * rate)))}
 
 
@@ -137,8 +158,10 @@ KNOWN: dict[str, Known] = {
         sj.WaltonBraun,
         "Walton–Braun",
         _guess_walton_braun,
-        held=lambda data: {"loading_stiffness": _spring(data)},
-        ranges=lambda data: {"unloading_stiffness": (_spring(data), np.inf)},
+        held=_unless_observed("loading_stiffness"),
+        ranges=lambda data: (
+            {} if data.observed else {"unloading_stiffness": (_spring(data), np.inf)}
+        ),
         remark="ε does not tell k1, which is held at k √R; k20 and s are in proportion to it.",
     ),
     "viscoelastic": Known(sj.ViscoelasticHertz, "viscoelastic Hertz", _guess_viscoelastic),
@@ -152,8 +175,8 @@ KNOWN: dict[str, Known] = {
     "linear": Known(
         sj.LinearSpringDashpot,
         "linear spring–dashpot",
-        _set_restitution,
-        held=lambda data: {"stiffness": _spring(data)},
+        lambda data: {"restitution": _mean(data), "stiffness": _spring(data)},
+        held=_unless_observed("stiffness"),
         remark="ε is an input of the law, the same at all velocities; it does not tell K.",
     ),
     "constant": Known(

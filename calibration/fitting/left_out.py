@@ -27,7 +27,8 @@ class LeaveOneOut:
     at the measured velocity.
 
     Attributes:
-        predicted: ε, (n,), in the order of the data sets' points.
+        predicted: ε, or another observable over its measured value, (n,), in the order of the data
+            sets, in each that of `calibration.observables`.
         residual: predicted less measured.
         log_density: of each point under the prediction without it.
         pointwise: ln p of each point by the fit to all of them, given the others where points share
@@ -105,9 +106,8 @@ def _left_out(fit: ComponentFit) -> LeaveOneOut:
 def folds_of(problem: Problem) -> Int[np.ndarray, "n"]:
     """What is left out together: each point alone, or all of a group where the data have groups."""
     fold, first = np.empty(problem.count, int), 0
-    for data, rows in zip(problem.datasets, problem.own, strict=True):
-        index = data.group_index
-        own = np.arange(len(data)) if index is None else index
+    for errors, rows in zip(problem.errors, problem.own, strict=True):
+        own = np.arange(len(errors)) if errors.labels is None else errors.labels
         fold[rows] = first + own
         first += int(np.max(own)) + 1
     if first == 1:
@@ -119,7 +119,7 @@ def _pointwise(fit: ComponentFit) -> Float[np.ndarray, "n"]:
     """ln p of each point by the likelihood of the fit."""
     first = fit.stages[0].problem
     curve = fit.final.problem.predict(fit.z[None])[0]
-    off = curve - first.points.restitution
+    off = curve - first.points.value
     every = zip(first.errors, first.variances, first.carried(fit.z[None]), first.own, strict=True)
     parts = [e.by_point(s, off[None, own], c.slope, c.bend)[0] for e, s, c, own in every]
     return np.concatenate(parts)
@@ -136,13 +136,14 @@ def _without_points(fit: ComponentFit, fold: np.ndarray) -> LeaveOneOut:
         found = search(stage.problem, z, begun=begun, lanes=lanes, limit=STEPS)
         z, converged = found.z, converged & found.converged
     predicted, density = np.empty((2, problem.count))
+    known = np.log(problem.points.unit)
     most = max(1, AT_ONCE // problem.count)
     for some in np.split(np.arange(folds), np.arange(most, folds, most)):
         curve, scores = _scored(fit, z[some], kept[some])
         for k, number in enumerate(some):
             rows = fold == number
-            predicted[rows], density[rows] = curve[k, rows], scores[k, rows]
-    residual = predicted - problem.points.restitution
+            predicted[rows], density[rows] = curve[k, rows], scores[k, rows] - known[rows]
+    residual = predicted - problem.points.value
     whole = bool(np.all(converged))
     return LeaveOneOut(predicted, residual, density, _pointwise(fit), fold, True, whole)
 
@@ -151,7 +152,7 @@ def _scored(fit: ComponentFit, z: np.ndarray, kept: np.ndarray):
     """Predictions of refits, and densities of what each left out."""
     problem, first = fit.final.problem, fit.stages[0].problem
     found = problem.linearise(z)
-    off = found.prediction - problem.points.restitution
+    off = found.prediction - problem.points.value
     variance, degrees = np.empty((2, *off.shape))
     nus: list = []
     held = fit.uncertainty.limits[0, problem.active] != 0
@@ -223,7 +224,7 @@ def _without_groups(fit: ComponentFit, fold: np.ndarray) -> LeaveOneOut:
         seen, places = left.seen(z), [np.flatnonzero(rows[o]) for o in first.own]
         curve = problem.kept(rows).predict(z)[0]
         predicted[rows] = curve
-        off, k = curve - problem.points.restitution[rows], 0
+        off, k = curve - problem.points.value[rows], 0
         for errors, s, one, some in zip(left.errors, left.variances, seen, places, strict=True):
             if not len(some):
                 continue
@@ -231,9 +232,10 @@ def _without_groups(fit: ComponentFit, fold: np.ndarray) -> LeaveOneOut:
             factor = errors.factor(s, one.slope, one.bend)
             own_errors = errors.times(factor, np.eye(len(some))[None])[0]
             place = np.flatnonzero(rows)[part]
-            density[place] = _joint(off[part], own_errors + slopes @ inverse @ slopes.T)
+            joint = _joint(off[part], own_errors + slopes @ inverse @ slopes.T)
+            density[place] = joint - np.log(problem.points.unit[place])
             k = part.stop
-    residual = predicted - problem.points.restitution
+    residual = predicted - problem.points.value
     return LeaveOneOut(predicted, residual, density, _pointwise(fit), fold, True, whole)
 
 
@@ -257,7 +259,7 @@ def _continued(fit: ComponentFit, fold: Int[np.ndarray, "n"]) -> LeaveOneOut:
     held = fit.uncertainty.limits[0, problem.active] != 0
     white = np.where(held, 0.0, found.jacobian[0])
     inverse = np.linalg.pinv(white.T @ white, hermitian=True)
-    off = found.prediction[0] - problem.points.restitution
+    off = found.prediction[0] - problem.points.value
     apart = any(e.shares and e.group is None for e in first.errors)
     fold = np.arange(count) if apart else fold
     residual, density = np.empty((2, count))
@@ -313,7 +315,8 @@ def _continued(fit: ComponentFit, fold: Int[np.ndarray, "n"]) -> LeaveOneOut:
             place = np.arange(own.start, own.stop)[rows]
             residual[place] = covariance @ left_over[rows]
             density[place] = _joint(residual[place], covariance)
-    predicted = residual + problem.points.restitution
+    predicted = residual + problem.points.value
+    density = density - np.log(problem.points.unit)
     return LeaveOneOut(predicted, residual, density, _pointwise(fit), fold, False, True)
 
 

@@ -122,8 +122,8 @@ def _weighted(joint: ComponentFit, own, through: dict[str, Estimate]) -> Line:
 def _rms(joint: ComponentFit, z: np.ndarray) -> dict[str, float]:
     """Of each material's curve with χ̃ from the line."""
     problem = joint.final.problem
-    residual = problem.predict(z[None])[0] - problem.points.restitution
+    residual = problem.predict(z[None])[0] - problem.points.value
     return {
-        data.name: float(np.sqrt(np.mean(residual[problem.points.set == g] ** 2)))
+        data.name: float(np.sqrt(np.mean(residual[problem.of_restitution(g)] ** 2)))
         for g, data in enumerate(problem.datasets)
     }

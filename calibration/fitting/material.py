@@ -13,6 +13,7 @@ from calibration.fitting.doubt import Doubt
 from calibration.fitting.estimate import Estimate
 from calibration.fitting.law_model import LawModel
 from calibration.fitting.rows import Tree, with_trees
+from calibration.observables import OBSERVABLES, RESTITUTION
 
 
 @dataclass(frozen=True)
@@ -22,22 +23,66 @@ class Outlier:
     Attributes:
         row: of the data set, from 1.
         line: of the file it came from, None where there is none.
-        velocity, restitution: as measured.
-        residual: measured less fitted ε over its standard deviation (of Student's t the scale).
+        velocity, value: as measured, in SI.
+        residual: measured less fitted value over its standard deviation (of Student's t the scale).
         weight: in the fit, over that of a point on the curve.
+        observable: what was measured, of `calibration.observables`.
     """
 
     row: int
     line: int | None
     velocity: float
-    restitution: float
+    value: float
     residual: float
     weight: float
+    observable: str = RESTITUTION
+
+    @property
+    def restitution(self) -> float | None:
+        """ε; None for another observable."""
+        return self.value if self.observable == RESTITUTION else None
 
     def __str__(self) -> str:
         place = f"row {self.row}" if self.line is None else f"line {self.line}"
-        point = f"{place}, v = {self.velocity:.4g} m/s, ε = {self.restitution:.4g}"
+        symbol, unit, _ = OBSERVABLES[self.observable]
+        what = f"{symbol} = {self.value:.4g}" + ("" if unit == "-" else f" {unit}")
+        point = f"{place}, v = {self.velocity:.4g} m/s, {what}"
         return f"{point}: {self.residual:+.3g} standard deviations, weight {self.weight:.2g}"
+
+
+@dataclass(frozen=True)
+class Goodness:
+    """How closely a curve follows one observable of a data set, and what is known of its errors.
+
+    Attributes:
+        rms: of fitted less measured values; relative but for ε.
+        reduced_chi_squared: with the stated uncertainties; None without.
+        variances: mean variance by where it comes from, of one more measurement: "stated",
+            "scatter", "group" (of another specimen, launch or day), "timing", "scale", "repeats";
+            relative but for ε.
+        timing: standard deviation of times that was found [s].
+        noise_dof: degrees of freedom of Student's t; None for normal errors.
+        outliers: the points beyond what the noise explains, the farthest first.
+        standardised, leverage: of each point: residuals over their standard deviations, and how many
+            parameters it pays for.
+        residual_degrees: degrees of freedom of the residuals.
+    """
+
+    rms: float
+    reduced_chi_squared: float | None
+    variances: Mapping[str, float]
+    timing: float | None
+    noise_dof: float | None
+    outliers: tuple[Outlier, ...]
+    standardised: tuple[float, ...] = field(default=(), repr=False)
+    leverage: tuple[float, ...] = field(default=(), repr=False)
+    residual_degrees: float = 0.0
+
+    @property
+    def noise(self) -> float | None:
+        """The standard deviation of a single value that was estimated; None where it was stated."""
+        found = [v for k, v in self.variances.items() if k not in ("stated", "group", "scale")]
+        return float(np.sqrt(sum(found))) if found else None
 
 
 @dataclass(frozen=True)
@@ -61,14 +106,9 @@ class MaterialFit:
         status: `softjax.Status` at each point.
         known_from, known_to: velocities between which the fit knows anything of the curve [m/s], of
             all bodies where they differ.
-        variances: mean variance of ε by where it comes from, of one more measurement: "stated",
-            "scatter", "group" (of another specimen, launch or day), "timing", "scale", "repeats".
-        timing: standard deviation of times that was found [s].
-        noise_dof: degrees of freedom of Student's t; None for normal errors.
-        outliers: the points beyond what the noise explains, the farthest first.
-        standardised, leverage: of each point: residuals over their standard deviations, and how many
-            parameters it pays for.
-        residual_degrees: degrees of freedom of the residuals.
+        variances, timing, noise_dof, standardised, leverage, residual_degrees: of ε, as in `Goodness`.
+        outliers: the points beyond what the noise explains, of all observables.
+        observed: how the curve follows what else than ε was measured, by name.
         warnings: the doubts about this data set.
     """
 
@@ -95,6 +135,7 @@ class MaterialFit:
     standardised: tuple[float, ...] = field(default=(), repr=False)
     leverage: tuple[float, ...] = field(default=(), repr=False)
     residual_degrees: float = 0.0
+    observed: Mapping[str, Goodness] = field(default_factory=dict)
     warnings: tuple[Doubt, ...] = field(default=())
 
     @property
@@ -148,8 +189,8 @@ class MaterialFit:
         """The two bodies with what was fitted of them; None for a law without them."""
         return getattr(self.law, "contact", None)
 
-    def known(self, velocity: Any) -> np.ndarray:
-        """Whether the fit knows anything of ε at these velocities [m/s]."""
+    def determined(self, velocity: Any) -> np.ndarray:
+        """Whether the data determine ε at these velocities [m/s]."""
         velocity = np.asarray(velocity, float)
         return (velocity >= self.known_from) & (velocity <= self.known_to)
 

@@ -21,7 +21,7 @@ def pooled(problem: Problem) -> Problem:
     """The problem with neighbours as one; itself where points are few, or share errors."""
     if not _can_be_pooled(problem):
         return problem
-    return _pooled(problem, _neighbourhoods(problem), problem.points.restitution)
+    return _pooled(problem, _neighbourhoods(problem), problem.points.value)
 
 
 def pooled_about(
@@ -38,11 +38,11 @@ def pooled_about(
     if not _can_be_pooled(problem):
         return problem
     members = _neighbourhoods(problem)
-    residual = problem.predict(z[None])[0] - problem.points.restitution
+    residual = problem.predict(z[None])[0] - problem.points.value
     few = _pooled(problem, members, residual)
     # each neighbourhood keeps its mean residual, whatever ε does inside of it
-    measured = few.predict(z[None])[0] - few.points.restitution
-    few = replace(few, points=few.points._replace(restitution=measured))
+    measured = few.predict(z[None])[0] - few.points.value
+    few = replace(few, points=few.points._replace(value=measured))
     found = few.linearise(z[None])
     known = np.isfinite(errors) & (errors > 0)  # the others are held at an end of their range
     step = condense(found.residual, found.jacobian, ~known[None]).newton[0]
@@ -51,7 +51,8 @@ def pooled_about(
 
 def _can_be_pooled(problem: Problem) -> bool:
     normal = all(one.is_fixed and one.dof is None for one in problem.errors)
-    return normal and problem.elastic is None and problem.count >= MANY
+    alone = normal and problem.elastic is None and not np.any(problem.points.observable)
+    return alone and problem.count >= MANY
 
 
 def _neighbourhoods(problem: Problem) -> Int[np.ndarray, "points"]:
@@ -69,8 +70,8 @@ def _neighbourhoods(problem: Problem) -> Int[np.ndarray, "points"]:
     return members
 
 
-def _pooled(problem: Problem, members, restitution) -> Problem:
-    """Weighted means; of what is passed in the place of the restitutions."""
+def _pooled(problem: Problem, members, value) -> Problem:
+    """Weighted means; of what is passed in the place of the values."""
     points, count = problem.points, int(members.max()) + 1
     square = points.weight**2
     weight = np.bincount(members, square, count)
@@ -81,7 +82,7 @@ def _pooled(problem: Problem, members, restitution) -> Problem:
 
     _, first = np.unique(members, return_index=True)
     velocity = np.where(weight > 0, mean(points.velocity), points.velocity[first])
-    few = Points(velocity, mean(restitution), np.sqrt(weight), points.set[first])
+    few = Points(velocity, mean(value), np.sqrt(weight), *(a[first] for a in points[3:]))
     rows = replace(problem.laws.rows, row=problem.laws.rows.row[first])
     laws = replace(problem.laws, rows=rows)
     return replace(problem, points=few, laws=laws, errors=(), variances=())

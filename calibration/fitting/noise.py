@@ -23,16 +23,16 @@ def needs_variances(problem: Problem) -> bool:
 
 
 def stands_alone(problem: Problem, g: int) -> bool:
-    """Whether one scatter is all that is unknown of a data set, and nothing is weighed against it."""
+    """Whether one scatter is all that is unknown of a block, and nothing is weighed against it."""
     priors = bool(problem.pools) or any(e.parameter.prior is not None for e in problem.elements)
-    several = problem.joint and len(problem.datasets) > 1
+    several = problem.joint and len(problem.errors) > 1
     errors = problem.errors[g]
     return errors.is_plain and errors.dof is None and not (priors or several)
 
 
 def first_variances(problem: Problem, z: np.ndarray) -> Problem:
     """To begin with: what z leaves unexplained."""
-    off = problem.predict(z[None])[0] - problem.points.restitution
+    off = problem.predict(z[None])[0] - problem.points.value
     pairs = zip(problem.errors, problem.own, strict=True)
     start = [_first(errors, float(np.mean(off[own] ** 2))) for errors, own in pairs]
     problem = problem.with_variances(start)

@@ -31,10 +31,12 @@ from calibration.fitting.errors import Carried, Errors
 from calibration.fitting.rows import Laws, Leaves
 from calibration.fitting.transform import Transform
 from calibration.fitting.variances import Seen
+from calibration.observables import OBSERVABLES, RESTITUTION
 from calibration.parameters import Parameter
 from softjax.fields import Declared
 
 Z = Float[np.ndarray, "fits elements"]
+NAMES = tuple(OBSERVABLES)
 FIRST_SPREAD = 3.0  # of a pool, in z: factors of 20
 AT_ONCE = 2_000_000  # impacts that are computed at once: what bounds the memory
 
@@ -90,18 +92,39 @@ def pools_of(elements: Sequence[Element]) -> tuple[Pool, ...]:
 
 
 class Points(NamedTuple):
-    """All points of a problem in a row, each (points,)."""
+    """All points of a problem in a row, each (points,): (velocity, observable, value).
+
+    Those of one data set and observable, a block, are neighbours.
+
+    Attributes:
+        velocity: [m/s].
+        value: as measured, in `unit`.
+        weight: 1/√V_ii where V is fixed and diagonal; else 1, or 0.
+        set: the data set.
+        observable: place in `calibration.observables.OBSERVABLES`; 0 is ε.
+        unit: 1 for ε, else the measured value in SI, so that all values are numbers near one.
+    """
 
     velocity: Float[np.ndarray, "points"]
-    restitution: Float[np.ndarray, "points"]
-    weight: Float[np.ndarray, "points"]  # 1/√V_ii where V is fixed and diagonal; else 1, or 0
+    value: Float[np.ndarray, "points"]
+    weight: Float[np.ndarray, "points"]
     set: Int[np.ndarray, "points"]
+    observable: Int[np.ndarray, "points"]
+    unit: Float[np.ndarray, "points"]
+
+
+class Block(NamedTuple):
+    """Where the points of one observable of one data set stand."""
+
+    set: int
+    observable: str
+    own: slice
 
 
 class Lanes(NamedTuple):
     """What differs between fits side by side; None: nothing."""
 
-    restitution: Float[np.ndarray, "fits points"] | None = None
+    value: Float[np.ndarray, "fits points"] | None = None
     weight: Float[np.ndarray, "fits points"] | None = None
     velocity: Float[np.ndarray, "fits points"] | None = None
     member: Int[np.ndarray, "fits"] | None = None  # which problem of several that are alike
@@ -129,7 +152,7 @@ class Linear(NamedTuple):
     Attributes:
         residual: of the points, of the priors and pools, then of what V adds, (fits, m).
         jacobian: along the active elements, (fits, m, p).
-        prediction: E[ε] at each point, (fits, points).
+        prediction: the mean expected at each point, in its unit, (fits, points).
         status: `softjax.Status` there.
         cost: -ln p(data | θ, s) - ln p(θ) up to a constant, (fits,).
     """
@@ -152,8 +175,8 @@ class Problem:
         laws: parameters -> laws of all points.
         points: what is measured.
         active: which elements are searched.
-        errors: V(s) of each data set; none where points weigh as `points` say.
-        variances: s of each data set.
+        errors: V(s) of each block; none where points weigh as `points` say.
+        variances: s of each block.
         elastic: points that are held below yield, (points,), while a search moves what yield
             depends on; None: no law asks for it.
         within: lowest and highest z, (elements,) each, between which these points are where the law
@@ -199,10 +222,24 @@ class Problem:
         return any(one.has_slope for one in self.errors)
 
     @cached_property
+    def blocks(self) -> tuple[Block, ...]:
+        """The data sets' observables, in the order of the points."""
+        code = self.points.set * len(NAMES) + self.points.observable
+        ends = [*np.flatnonzero(np.diff(code, prepend=-1)), len(code)]
+        return tuple(
+            Block(int(code[a]) // len(NAMES), NAMES[code[a] % len(NAMES)], slice(int(a), int(b)))
+            for a, b in itertools.pairwise(ends)
+        )
+
+    @property
     def own(self) -> tuple[slice, ...]:
-        """The points of each data set."""
-        ends = np.cumsum([0, *np.bincount(self.points.set, minlength=len(self.datasets))])
-        return tuple(slice(a, b) for a, b in itertools.pairwise(ends))
+        """The points of each block."""
+        return tuple(block.own for block in self.blocks)
+
+    def of_restitution(self, place: int) -> slice:
+        """The ε of the data set at a place; of another observable where it has none."""
+        own = [block.own for block in self.blocks if block.set == place]
+        return own[0]
 
     def with_variances(self, variances: Sequence[Mapping[str, Any]]) -> "Problem":
         """The same with the errors of its data sets at some s."""
@@ -223,7 +260,7 @@ class Problem:
         theta, per_z = self.transform.physical(z), self.transform.slope(z)
         per_z = per_z if slopes else per_z[:, :0]
         carried, per, status = self._carried(theta, per_z, lanes)
-        measured = self.points.restitution if lanes.restitution is None else lanes.restitution
+        measured = self.points.value if lanes.value is None else lanes.value
         off = carried.mean - measured
         if self.is_fixed:
             residual, jacobian, cost = self._by_weight(off, per.mean, lanes)
@@ -249,20 +286,17 @@ class Problem:
         return self._carried(self.transform.physical(z), none, lanes or Lanes())[0].mean
 
     def seen(self, z: Z, lanes: Lanes | None = None) -> list[Seen]:
-        """What judges the variances of each data set at z."""
+        """What judges the variances of each block at z."""
         lanes = lanes or Lanes()
         found = self.linearise(z, lanes)
         theta, per_z = self.transform.physical(z), self.transform.slope(z)
         carried, per, _ = self._carried(theta, per_z, lanes)
-        measured = self.points.restitution if lanes.restitution is None else lanes.restitution
+        measured = self.points.value if lanes.value is None else lanes.value
         off, every = carried.mean - measured, np.arange(found.residual.shape[1])
         more = every >= found.residual.shape[1] - (0 if self.is_fixed else self.more)
         parts = []
-        for g, own in enumerate(self.own):
-            others = (every >= self.count) | (self.points.set != g)[
-                np.minimum(every, self.count - 1)
-            ]
-            others &= ~more
+        for own in self.own:
+            others = ~more & ((every < own.start) | (every >= own.stop))
             slopes, rest = found.jacobian[:, others], found.residual[:, others]
             information = np.swapaxes(slopes, 1, 2) @ slopes
             gradient = np.einsum("fmp,fm->fp", slopes, rest)
@@ -274,8 +308,13 @@ class Problem:
             parts.append(Seen(off[:, own], per.mean[:, own], slope, bend, information, gradient))
         return parts
 
+    def curve(self, theta, per_z, lanes: Lanes | None = None):
+        """The curve itself at the measured velocities, its slopes along the active elements, the status."""
+        value, local, status = self._predicted(theta, lanes or Lanes())
+        return value, self._by_element(local, per_z), status
+
     def carried(self, z: Z, lanes: Lanes | None = None) -> list[Carried]:
-        """What the curve is at the points of each data set, (fits, n); see `errors`."""
+        """What the curve is at the points of each block, (fits, n); see `errors`."""
         none = np.zeros((len(z), 0))
         found = self._carried(self.transform.physical(z), none, lanes or Lanes())[0]
         return [Carried(*(a[:, own] if np.ndim(a) else a for a in found)) for own in self.own]
@@ -285,7 +324,7 @@ class Problem:
         lanes = lanes or Lanes()
         variances = self.variances if lanes.variances is None else lanes.variances
         every = zip(self.errors, variances, self.carried(z, lanes), self.own, strict=True)
-        measured = self.points.restitution if lanes.restitution is None else lanes.restitution
+        measured = self.points.value if lanes.value is None else lanes.value
         measured = np.broadcast_to(measured, (len(z), self.count))
         parts = [
             e.deviance(s, c.mean - measured[:, own], c.slope, c.bend) for e, s, c, own in every
@@ -296,11 +335,12 @@ class Problem:
         """The same of some of its points, which share no error with the others."""
         points = Points(*(a[rows] for a in self.points))
         laws = replace(self.laws, rows=replace(self.laws.rows, row=self.laws.rows.row[rows]))
-        errors = tuple(
-            e.some(np.flatnonzero(rows[o])) for e, o in zip(self.errors, self.own, strict=True)
-        )
+        left = [k for k, own in enumerate(self.own) if np.any(rows[own])] if self.errors else []
+        errors = tuple(self.errors[k].some(np.flatnonzero(rows[self.own[k]])) for k in left)
+        variances = tuple(self.variances[k] for k in left)
         elastic = None if self.elastic is None else self.elastic[rows]
-        return replace(self, points=points, laws=laws, errors=errors, elastic=elastic)
+        of_errors = replace(self, errors=errors, variances=variances)
+        return replace(of_errors, points=points, laws=laws, elastic=elastic)
 
     def diagonal(self, z: Z, lanes: Lanes | None = None) -> Float[np.ndarray, "fits points"]:
         """V_ii of each point."""
@@ -323,12 +363,8 @@ class Problem:
     def _carried(self, theta, per_z, lanes: Lanes) -> tuple[Carried, Carried, np.ndarray]:
         """The curve at the points, its slopes along the active elements, and the status."""
         if not self.moves:
-            value, local, status = self._predicted(theta, lanes)
-            return (
-                Carried(value, 0.0, 0.0),
-                Carried(self._by_element(local, per_z), 0.0, 0.0),
-                status,
-            )
+            value, slope, status = self.curve(theta, per_z, lanes)
+            return Carried(value, 0.0, 0.0), Carried(slope, 0.0, 0.0), status
         wide, nodes = self._wide, len(self._wide.points.velocity) // self.count
         elastic = None if lanes.elastic is None else np.tile(lanes.elastic, nodes)
         value, local, status = wide._predicted(theta, lanes._replace(elastic=elastic))
@@ -464,27 +500,44 @@ class Problem:
         return self.laws.leaves(theta)
 
     def _predicted(self, theta, lanes: Lanes):
-        """ε of each fit and point, its slopes in the local parameters, and the status."""
-        fits = len(theta)
-        rows, leaves = self.laws.rows, self._leaves(theta, lanes)
+        """The value at each fit and point, its slopes in the local parameters, and the status."""
+        leaves, seen = self._leaves(theta, lanes), np.unique(self.points.observable)
+        if len(seen) == 1:
+            value, slopes, status = self._of_observable(leaves, slice(None), NAMES[seen[0]], lanes)
+            return value, self._local_slopes(slopes, leaves.slopes), status
+        fits, parts = len(theta), []
+        for code in seen:
+            at = np.flatnonzero(self.points.observable == code)
+            parts.append((at, *self._of_observable(leaves, at, NAMES[code], lanes)))
+        value = np.empty((fits, self.count))
+        slopes, status = np.empty((len(parts[0][2]), *value.shape)), np.empty(value.shape, int)
+        for at, *found in parts:
+            value[:, at], slopes[:, :, at], status[:, at] = found
+        return value, self._local_slopes(slopes, leaves.slopes), status
+
+    def _of_observable(self, leaves: Leaves, at, name: str, lanes: Lanes):
+        """The same at points of one observable, with slopes in the moving leaves."""
+        row, fits = self.laws.rows.row[at], len(leaves.values[0])
         flat = []
         for k, leaf in enumerate(leaves.values):
             fixed = self.laws.shape.whole[k] and k not in self.laws.moving
-            at_points = leaf[:, rows.row]
-            whole = leaf[0, 0] if fixed else at_points.reshape(-1, *leaf.shape[2:])
+            whole = leaf[0, 0] if fixed else leaf[:, row].reshape(-1, *leaf.shape[2:])
             flat.append(np.asarray(whole, float))
         velocity = self.points.velocity if lanes.velocity is None else lanes.velocity
-        velocity = np.broadcast_to(velocity, (fits, self.count)).ravel()
+        velocity = np.broadcast_to(velocity, (fits, self.count))[:, at].ravel()
         elastic = self.elastic if lanes.elastic is None else lanes.elastic
         if elastic is not None:
-            elastic = np.broadcast_to(elastic, (fits, self.count)).ravel()
-        found = expand(self.laws.shape, flat, velocity, self.laws.moving, self.route, elastic)
-        squared, slopes, status = (a.reshape(*a.shape[:-1], fits, self.count) for a in found)
+            elastic = np.broadcast_to(elastic, (fits, self.count))[:, at].ravel()
+        shape, moving = self.laws.shape, self.laws.moving
+        if name != RESTITUTION:
+            found = expand(shape, flat, velocity, moving, self.route, None, name)
+            value, slopes, status = (a.reshape(*a.shape[:-1], fits, len(row)) for a in found)
+            return value / self.points.unit[at], slopes / self.points.unit[at], status
+        found = expand(shape, flat, velocity, moving, self.route, elastic)
+        squared, slopes, status = (a.reshape(*a.shape[:-1], fits, len(row)) for a in found)
         if self.guided:
-            value, slope = extended_root(squared), extended_root_slope(squared)
-        else:
-            value, slope = root(squared), root_slope(squared)
-        return value, self._local_slopes(slopes * slope, leaves.slopes), status
+            return extended_root(squared), slopes * extended_root_slope(squared), status
+        return root(squared), slopes * root_slope(squared), status
 
     def _local_slopes(self, slopes, of_leaves) -> Float[np.ndarray, "free fits points"]:
         """dε/d(local parameter), from the slopes in the leaves."""

@@ -104,6 +104,6 @@ def _refitted(fit: ComponentFit, drawn: np.ndarray) -> tuple[np.ndarray, np.ndar
     z, converged = np.repeat(fit.z[None], len(drawn), axis=0), np.ones(len(drawn), bool)
     for stage in fit.stages:
         begun = np.broadcast_to(fit.begun, z.shape)
-        found, _ = with_own_noise(stage.problem, z, Lanes(restitution=drawn), begun)
+        found, _ = with_own_noise(stage.problem, z, Lanes(value=drawn), begun)
         z, converged = found.z, converged & found.converged
     return fit.final.problem.transform.physical(z), converged

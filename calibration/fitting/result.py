@@ -1,5 +1,6 @@
 """What a fit found, how well it is known, and what to doubt about it."""
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,7 +11,7 @@ import numpy as np
 
 from calibration.data.checks import check_whole, checked_confidence
 from calibration.data.json_file import dumps
-from calibration.errors import DataError
+from calibration.errors import DataError, did_you_mean, listed
 from calibration.fitting.component_fit import ComponentFit
 from calibration.fitting.curves import as_empirical, band
 from calibration.fitting.doubt import Doubt, extrapolation
@@ -25,6 +26,7 @@ from calibration.fitting.refits import Bootstrap, bootstrap
 from calibration.fitting.request import Request
 from calibration.fitting.stages import Stage
 from calibration.fitting.zhou import LINE
+from calibration.observables import OBSERVABLES, RESTITUTION
 from calibration.output import replacing, write_text
 
 KINDS = ("mean", "prediction")
@@ -181,13 +183,18 @@ class FitResult:
         names = ", ".join(repr(material.name) for material in self.materials)
         raise DataError("name", repr(name), f"one of {names}")
 
-    def known(self, velocity, name: str | None = None) -> np.ndarray:
-        """Whether the fit knows anything of ε at these velocities [m/s].
+    def determined(self, velocity, name: str | None = None) -> np.ndarray:
+        """Whether the data determine ε at these velocities [m/s].
 
-        Zhou's law by `model`, without points below the critical velocity, knows nothing below it;
-        without points above, nothing above.
+        Zhou's law by `model`, without points below the critical velocity, is not determined below it;
+        without points above, not above.
         """
-        return self.material(name).known(velocity)
+        return self.material(name).determined(velocity)
+
+    def known(self, velocity, name: str | None = None) -> np.ndarray:
+        """The former name of `determined`, until version 0.2."""
+        warnings.warn("known(v) is determined(v) now", DeprecationWarning, stacklevel=2)
+        return self.determined(velocity, name)
 
     def band(
         self,
@@ -197,8 +204,9 @@ class FitResult:
         *,
         kind: str = "mean",
         draws: Any = None,
+        observable: str = RESTITUTION,
     ) -> Band:
-        """ε(v) of the fitted curve with a confidence band; NaN where `known` is False.
+        """ε(v) of the fitted curve with a confidence band; NaN where `determined` is False.
 
         Args:
             velocity: [m/s], any shape.
@@ -206,30 +214,41 @@ class FitResult:
             confidence: that of the fit where left out.
             kind: "mean", of the curve itself, or "prediction", of one more measurement.
             draws: a posterior, whose mean, standard deviation and central limits are then told.
+            observable: another than ε, "contact_time" and so on, in SI: see `calibration.observables`;
+                its prediction where the fit had values of it.
 
         Raises:
             ValueError: naming the argument, its value and what is accepted.
         """
         if kind not in KINDS:
             raise DataError("kind", kind, " or ".join(map(repr, KINDS)))
+        if observable not in OBSERVABLES:
+            accepted = f"one of {listed(OBSERVABLES)}{did_you_mean(observable, OBSERVABLES)}"
+            raise DataError("observable", observable, accepted)
         if draws is not None:
+            if observable != RESTITUTION:
+                raise DataError("draws", "given", f"left out for {observable}")
             from calibration.fitting.posterior.draws import band_of_draws
 
             level = self._level(confidence)
             return band_of_draws(draws, self.material(name), velocity, level, kind)
-        return self._band(self.material(name), velocity, confidence, kind)
+        return self._band(self.material(name), velocity, confidence, kind, observable)
 
     def empirical_band(self, velocity, name=None, confidence: float | None = None) -> Band:
         """The same for Eq. (17), under `two-step`."""
         return self._band(as_empirical(self.material(name)), velocity, confidence, "mean")
 
-    def _band(self, material: MaterialFit, velocity, confidence, kind: str) -> Band:
+    def _band(
+        self, material: MaterialFit, velocity, confidence, kind: str, observable: str = RESTITUTION
+    ) -> Band:
         names, covariance = self.covariance_names, self.of_predictions
         freedom = freedom_of(self.freedoms, material.name, material.labels.values())
         level = self._level(confidence)
         route = self.request.route_of_curve(material.model.law_type)
         with np.errstate(over="ignore", invalid="ignore"):  # of numbers near the end of floats
-            return band(material, velocity, names, covariance, freedom, level, kind, route)
+            return band(
+                material, velocity, names, covariance, freedom, level, kind, route, observable
+            )
 
     def _level(self, confidence: float | None) -> float:
         return self.confidence if confidence is None else checked_confidence(confidence)

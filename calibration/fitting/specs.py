@@ -22,6 +22,7 @@ from calibration.fitting.law_model import (
 )
 from calibration.fitting.rows import Tree, numbers_in
 from calibration.fitting.zhou import EXTRA, LINE, several_yields, zhou_model
+from calibration.observables import PLACES
 from calibration.options import OBJECTIVES
 from calibration.parameters import Parameter, as_parameter
 from softjax.fields import Declared
@@ -83,9 +84,12 @@ class SetSpec:
     dof: float | str | None = None
 
     @cached_property
-    def errors(self) -> Errors:
-        """The errors of the points: what is stated of them, and what is to be found."""
-        return Errors.of(self.data, self.extra_scatter, self.scale_uncertainty, self.dof)
+    def errors(self) -> tuple[Errors, ...]:
+        """The errors of each observable's points: what is stated of them, and what is to be found."""
+        data, asked = self.data, (self.extra_scatter, self.scale_uncertainty, self.dof)
+        others = sorted(data.observed, key=lambda one: PLACES[one.name])
+        every = [None, *others] if np.any(np.isfinite(data.restitution)) else others
+        return tuple(Errors.of(data, *asked, one) for one in every)
 
     @property
     def by_eps_up(self) -> bool:
@@ -113,6 +117,8 @@ def _spec(data: RestitutionData, law, said: dict[str, Any], objective) -> SetSpe
     objective = objective or "model"
     if objective == "two-step" and data.contact is None:
         objective = "model"  # Eq. (17), or a constant, by itself
+    if data.observed:
+        _check_observed(data, model, objective)
     if objective == "two-step" and model.key != "zhou":
         raise DataError("objective", f"two-step with {model.key}", 'Zhou\'s law, or "model"')
     given = {}
@@ -124,6 +130,16 @@ def _spec(data: RestitutionData, law, said: dict[str, Any], objective) -> SetSpe
     if model.key == "zhou" and objective == "model":
         given, model = _identified(data, given, model, options)
     return _located(data, objective, model, given)
+
+
+def _check_observed(data: RestitutionData, model: LawModel, objective: str) -> None:
+    """What else than ε was measured is of a collision with a force, and of its likelihood."""
+    names = listed(one.name for one in data.observed)
+    if objective == "two-step":
+        raise DataError("objective", f"two-step with {names}", "model, which takes all of them")
+    if issubclass(model.law_type, sj.HardSphereLaw):
+        refused = f"{names}, of which {model.key} tells nothing"
+        raise data.refusal(refused, "a law with a contact force")
 
 
 def _full_name(model: LawModel, name: str, value: Any) -> str:
@@ -190,9 +206,14 @@ def _identified(data, given: dict[str, Parameter], model: LawModel, options):
     """
     free = {name for name, parameter in given.items() if parameter.free}
     moves = bool(free & {OF_CONTACT + name for name in MOVE_YIELD})
-    below = data.velocity <= _highest_yield(data.contact, given)
+    highest = _highest_yield(data.contact, given)
     told = {"sigma", "psi", "eps_up"} & set(given)
-    if not moves and np.all(below):
+    measured = np.isfinite(data.restitution)
+    if not np.any(measured):  # neither enters the force
+        given = {"sigma": Parameter(free=False), "psi": Parameter(free=False)} | given
+        return given, model
+    below = (data.velocity <= highest)[measured]
+    if not moves and not data.observed and np.all(below):
         held = {"c1", "c2"} if set(LINE) & set(given) else {"chi"}
         fixed = {name: Parameter(free=False) for name in held}
         return given | fixed, model

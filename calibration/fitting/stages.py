@@ -204,9 +204,8 @@ def _misses(problem: Problem, found: Found) -> bool:
         return False
     if all(one.is_stated and one.is_fixed and one.dof is None for one in problem.errors):
         return bool(np.sum(residual**2) > special.chdtri(left, 1 - CONFIDENCE))
-    sets = [problem.points.set == g for g in range(len(problem.datasets))]
     off = residual[: problem.count]
-    return any(runs(problem.points.velocity[own], off[own], "") for own in sets)
+    return any(runs(problem.points.velocity[own], off[own], "") for own in problem.own)
 
 
 def _along_branches(

@@ -1,6 +1,6 @@
 """One data set's part of a result: its parameters, what follows from them, how closely it fits."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 
@@ -11,10 +11,13 @@ from calibration.fitting.doubt import Doubt
 from calibration.fitting.eq_17 import disagreements, eq_17_alone, eq_17_of
 from calibration.fitting.estimate import Estimate
 from calibration.fitting.goodness import goodness_of
-from calibration.fitting.material import MaterialFit
+from calibration.fitting.material import Goodness, MaterialFit
 from calibration.fitting.specs import SetSpec
-from calibration.fitting.suspicions import material_doubts
+from calibration.fitting.suspicions import material_doubts, observed_doubts
 from calibration.fitting.zhou import several_yields
+from calibration.observables import RESTITUTION
+
+OF_RESTITUTION = [one.name for one in fields(Goodness)]
 
 
 def summarise_material(
@@ -27,9 +30,13 @@ def summarise_material(
     """One data set's part of the result."""
     place = fit.component.sets.index(g)
     spec, problem = fit.component.specs[place], fit.final.problem
-    points = problem.points.set == place
     found = problem.linearise(fit.z[None], slopes=False)
-    status, residual = found.status[0][points], found.prediction[0][points] - spec.data.restitution
+    goodness = goodness_of(fit, place)
+    first = problem.of_restitution(place)
+    residual = found.prediction[0][first] - problem.points.value[first]
+    of_eps = goodness.get(RESTITUTION) or next(iter(goodness.values()))
+    every = {name: getattr(of_eps, name) for name in OF_RESTITUTION}
+    every["outliers"] = tuple(one for own in goodness.values() for one in own.outliers)
     known_from, known_to = _known(fit, spec, g)
     values, labels = _values(fit, spec, g)
     part = MaterialFit(
@@ -41,19 +48,23 @@ def summarise_material(
         values=values,
         labels=labels,
         trees=spec.trees,
-        rms=float(np.sqrt(np.mean(residual**2))),
         rms_empirical=None,
         empirical=None,
         converged=fit.converged,
-        status=tuple(int(flag) for flag in status),
+        status=tuple(map(int, found.status[0][first])),
         known_from=known_from,
         known_to=known_to,
-        **goodness_of(fit, place),
+        observed={name: one for name, one in goodness.items() if name != RESTITUTION},
+        **every,
     )
     rms_empirical, empirical, apart = _eq_17(fit, spec, part, g)
     part = replace(part, rms_empirical=rms_empirical, empirical=empirical)
     own = [d for d in shared if d.material == spec.data.name] + apart
-    own += material_doubts(part, residual, spec.errors)
+    errors = dict(zip(goodness, spec.errors, strict=True))
+    if RESTITUTION in errors:
+        own += material_doubts(part, residual, errors[RESTITUTION])
+    for name, one in part.observed.items():
+        own += observed_doubts(part, name, one, errors[name])
     return replace(part, warnings=tuple(own))
 
 

@@ -1,5 +1,7 @@
 """Which doubts a fit raises: about its parameters, its searches, and each data set's curve."""
 
+from dataclasses import replace
+
 import numpy as np
 
 import softjax as sj
@@ -9,9 +11,11 @@ from calibration.fitting.component_fit import ComponentFit
 from calibration.fitting.doubt import Doubt
 from calibration.fitting.errors import Errors
 from calibration.fitting.estimate import Estimate
-from calibration.fitting.material import MaterialFit
+from calibration.fitting.material import Goodness, MaterialFit
 from calibration.fitting.minima import other_minima
 from calibration.fitting.profiles import Profile
+from calibration.observables import OBSERVABLES
+from calibration.rounding import with_error
 
 ROUNDING = 1e-12  # of ε
 AT_ONE = "The data show no loss beside the plastic one: eps_up cannot exceed 1; its interval is one-sided."
@@ -24,6 +28,8 @@ def shared_doubts(
     found: list[Doubt] = []
     for k, element in enumerate(fit.component.elements):
         found += _of_estimate(element.name, estimates[k], _owner(fit, element.sets))
+    separation = _separation(fit, curves)
+    found += _collinear(fit, separation)
     for stage in fit.stages:
         names = [data.name for data in stage.problem.datasets]
         if not stage.found.converged[0]:
@@ -44,7 +50,7 @@ def shared_doubts(
     if condition > doubts.CONDITION_LIMIT and not _has_whole(fit):
         cause = f"the Jacobian's condition number is {condition:.2g}"
         found.append(Doubt("ill-conditioned", cause, _owner(fit, fit.component.sets)))
-    return found + _separation(fit, curves)
+    return found + separation
 
 
 def _of_estimate(name: str, estimate: Estimate, owner: str | None) -> list[Doubt]:
@@ -60,7 +66,52 @@ def _of_estimate(name: str, estimate: Estimate, owner: str | None) -> list[Doubt
     if estimate.method == "undetermined":
         cause = f"{name} does not show in these data, or only together with another"
         return [Doubt("rank-deficient", cause, owner)]
+    if estimate.skewed:
+        cause = f"the interval of {name} is not its standard error's: the likelihood is skewed"
+        return [Doubt("skewed", cause, owner)]
     return []
+
+
+def _collinear(fit: ComponentFit, separation: list[Doubt]) -> list[Doubt]:
+    """Two parameters of a likelihood that are told together only, and what of them is known."""
+    if not fit.is_likelihood or _has_whole(fit):
+        return []
+    known, problem, elements = fit.uncertainty, fit.final.problem, fit.component.elements
+    apart = {doubt.material for doubt in separation if doubt.code == "sigma-psi-not-separate"}
+    covariance = np.where(known.known[0][:, None] & known.known[0], known.covariance[0], 0.0)
+    size = np.sqrt(np.where(np.diag(covariance) > 0, np.diag(covariance), np.inf))
+    correlation = np.triu(covariance / np.outer(size, size), 1)
+    found: list[Doubt] = []
+    for i, j in np.argwhere(np.abs(correlation) > doubts.COLLINEAR):
+        one, other = elements[i], elements[j]
+        shared = set(one.sets) & set(other.sets)
+        owner = _owner(fit, tuple(sorted(shared))) if shared else None
+        if not shared or (owner in apart and {one.name, other.name} == {"sigma", "psi"}):
+            continue
+        if any(doubt.material == owner for doubt in found):
+            continue  # one is enough of a data set
+        place = fit.component.sets.index(min(shared))
+        points = np.flatnonzero((problem.points.set == place) & (problem.points.observable == 0))
+        told = ""
+        if len(points):
+            told = f"; known is ε in the middle of the data, {_in_the_middle(fit, points)}"
+        names = f"{one.name} and {other.name}"
+        cause = f"{names} are correlated by {correlation[i, j]:.4f}{told}"
+        found.append(Doubt("collinear", cause, owner))
+    return found
+
+
+def _in_the_middle(fit: ComponentFit, points: np.ndarray) -> str:
+    """ε of the curve at the middle of some points, with its standard error."""
+    problem, known = fit.final.problem, fit.uncertainty
+    velocity = problem.points.velocity[points]
+    middle = points[np.argmin(np.abs(np.log(velocity / np.median(velocity))))]
+    theta, per_z = problem.transform.physical(fit.z[None]), problem.transform.slope(fit.z[None])
+    value, slope, _ = problem.curve(theta, per_z)
+    own = known.of_predictions[0][np.ix_(problem.active, problem.active)]
+    error = float(np.sqrt(max(slope[0, middle] @ own @ slope[0, middle], 0.0)))
+    told = with_error(float(value[0, middle]), error)
+    return f"{told} at {problem.points.velocity[middle]:.3g} m/s"
 
 
 def _has_whole(fit: ComponentFit) -> bool:
@@ -128,6 +179,7 @@ def material_doubts(part: MaterialFit, residual, errors: Errors) -> list[Doubt]:
         errors: those of its points.
     """
     data, name, left = part.data, part.name, part.residual_degrees
+    velocity, restitution = errors.velocity, data.restitution[np.isfinite(data.restitution)]
     found: list[Doubt | None] = [
         Doubt("data", note, name) for note in data.notes if "above 1" in note
     ]
@@ -143,19 +195,29 @@ def material_doubts(part: MaterialFit, residual, errors: Errors) -> list[Doubt]:
         found.append(doubts.misfit_against_scatter(rms, scatter, max(left, 1), max(n - 2, 1), name))
     standardised = np.array(part.standardised)
     found.append(
-        doubts.runs(data.velocity, np.where(np.abs(residual) < ROUNDING, 0.0, standardised), name)
+        doubts.runs(velocity, np.where(np.abs(residual) < ROUNDING, 0.0, standardised), name)
     )
     if np.max(np.abs(residual)) > ROUNDING and not any(found):
         # where the curve misses the points neither says anything of the errors
-        found.append(
-            doubts.unequal_scatter(data.velocity, data.restitution + residual, standardised, name)
-        )
+        found.append(doubts.unequal_scatter(velocity, restitution + residual, standardised, name))
         if not errors.shares:
-            found.append(doubts.alike_neighbours(data.velocity, standardised, name))
-    stated = data.uncertainty
-    found.append(doubts.no_velocity_dependence(data.velocity, data.restitution, stated, name))
-    found += doubts.statuses(part.status, data.velocity, name)
+            found.append(doubts.alike_neighbours(velocity, standardised, name))
+    stated = errors.points.uncertainty
+    found.append(doubts.no_velocity_dependence(velocity, restitution, stated, name))
+    found += doubts.statuses(part.status, velocity, name)
     if part.known_to < np.inf:
         cause = "all velocities are below the critical velocity"
         found.append(Doubt("all-below-yield", cause, name))
     return [one for one in found if one is not None]
+
+
+def observed_doubts(
+    part: MaterialFit, observable: str, one: Goodness, errors: Errors
+) -> list[Doubt]:
+    """Whether the curve misses what else than ε was measured."""
+    found: list[Doubt | None] = []
+    if errors.is_stated and one.reduced_chi_squared is not None:
+        found.append(doubts.misfit(one.reduced_chi_squared, one.residual_degrees, None, part.name))
+    found.append(doubts.runs(errors.velocity, np.array(one.standardised), part.name))
+    words = OBSERVABLES[observable].words
+    return [replace(doubt, cause=f"{words}: {doubt.cause}") for doubt in found if doubt is not None]

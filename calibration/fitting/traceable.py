@@ -47,7 +47,7 @@ from jaxtyping import Array
 import softjax as sj
 from calibration.data import RestitutionData
 from calibration.errors import DataError
-from calibration.fitting.assembly import Component
+from calibration.fitting.assembly import Component, blocks_of
 from calibration.fitting.collisions import root
 from calibration.fitting.errors import CALLED, LN_2PI, Carried, Errors
 from calibration.fitting.problem import Element, Pool, pools_of
@@ -55,23 +55,40 @@ from calibration.fitting.request import Request, checked, datasets_of
 from calibration.fitting.rows import with_trees
 from calibration.fitting.specs import SetSpec
 from calibration.fitting.transform import Transform
+from calibration.observables import RESTITUTION, predicted
 from calibration.options import FitOptions
+from softjax.fields import whole_leaves
 
 START_SPREAD = 0.3  # of a pool
 
 
 @dataclass(frozen=True, eq=False)
 class NamedErrors:
-    """The errors of one data set with what θ calls the square root of each unknown variance, and ν."""
+    """The errors of one observable of a data set, and what θ calls each unknown of them.
+
+    Attributes:
+        data, errors: the data set, and the errors of this observable.
+        labels: names of the square root of each unknown variance, and of ν.
+        set: which data set it is.
+        observable: what was measured.
+        rows: which impacts of the set have a value.
+        value, unit: as measured, in `unit` [SI].
+    """
 
     data: RestitutionData
     errors: Errors
     labels: Mapping[str, str]
+    set: int
+    observable: str
+    rows: np.ndarray
+    value: np.ndarray
+    unit: np.ndarray
 
     @property
     def per_second(self) -> float:
         """What errors of 1 s of all times make in ε, root mean square."""
-        factors = self.data.errors.to_restitution * self.data.errors.sizes_at(1.0)
+        points = self.errors.points
+        factors = points.to_restitution * points.sizes_at(1.0)
         return max(float(np.sqrt(np.mean(np.sum(factors**2, axis=1)))), 1e-300)
 
     def variances(self, theta: Mapping[str, Any], off: Any) -> dict[str, Any]:
@@ -100,9 +117,9 @@ class Traceable:
         noises: names of what is not stated of the errors: "noise", the standard deviation of ε;
             "group", that of the groups' offsets in ε; "timing" [s], that of times of bounces;
             "scale", the factor on stated uncertainties; "dof", ν of Student's t. "noise[name]" where
-            there are several. Plain normal noise that θ does not have is profiled: put where the
+            there are several sets; "contact_time_noise" and so on, relative, of other observables. Plain normal noise that θ does not have is profiled: put where the
             likelihood is largest.
-        sets: data sets and their errors, in their order.
+        sets: the errors of each data set and observable, in their order.
         components: parameters and laws.
         pools: which of the parameters lie around a common mean.
         route: from a law to ε.
@@ -117,8 +134,8 @@ class Traceable:
     route: Any
 
     def predict(self, theta: Mapping[str, Any]) -> list[Array]:
-        """E[ε] at the points of each data set; see `calibration.fitting.errors`."""
-        return [carried.mean for _, _, carried in self._at(theta)]
+        """E[ε] at the points of each data set, or another observable in SI; see `calibration.fitting.errors`."""
+        return [carried.mean * one.unit for one, _, carried in self._at(theta)]
 
     def residuals(self, theta: Mapping[str, Any]) -> Array:
         """Predicted less measured ε over the standard deviation of each, then those of the priors.
@@ -139,7 +156,7 @@ class Traceable:
         """ln p(data | θ).
 
         Args:
-            measured: restitutions in place of the measured ones, all data sets in a row.
+            measured: values in place of the measured ones, of all `sets` in a row, in their units.
         """
         parts = []
         for one, off, carried in self._at(theta, measured):
@@ -220,7 +237,7 @@ class Traceable:
 
     def _split(self, values: Array) -> list[Array]:
         """Values of all points by data set."""
-        ends = np.cumsum([len(one.data) for one in self.sets])
+        ends = np.cumsum([len(one.errors) for one in self.sets])
         return jnp.split(values, ends[:-1])
 
     def _members(self) -> list[tuple[Component, int, SetSpec]]:
@@ -233,15 +250,19 @@ class Traceable:
     def _at(self, theta, measured=None) -> list[tuple[NamedErrors, Array, Carried]]:
         """Of each data set its errors, predicted less measured ε, and what the curve is there."""
         if measured is None:
-            measured = jnp.concatenate([jnp.asarray(one.data.restitution) for one in self.sets])
-        found = []
-        every = zip(self.sets, self._members(), self._split(measured), strict=True)
-        for one, (_, g, _), restitution in every:
-            law, errors = self.law(theta, g), one.errors
-            velocity = errors.nodes if errors.has_slope else errors.velocity
-            value = root(sj.signed_restitution(law, jnp.asarray(velocity), self.route).squared, jnp)
+            measured = jnp.concatenate([jnp.asarray(one.value) for one in self.sets])
+        found, laws = [], [self.law(theta, g) for g in range(len(self._members()))]
+        for one, own in zip(self.sets, self._split(measured), strict=True):
+            errors = one.errors
+            velocity = jnp.asarray(errors.nodes if errors.has_slope else errors.velocity)
+            law = _of_impacts(laws[one.set], one)
+            if one.observable == RESTITUTION:
+                value = root(sj.signed_restitution(law, velocity, self.route).squared, jnp)
+            else:
+                hit = sj.restitution(law, velocity, self.route)
+                value = predicted(one.observable, hit) / one.unit
             carried = errors.carried(value) if errors.has_slope else Carried(value, 0.0, 0.0)
-            found.append((one, carried.mean - restitution, carried))
+            found.append((one, carried.mean - own, carried))
         return found
 
     def _prior_residuals(self, theta) -> Array:
@@ -317,16 +338,35 @@ def traceable(request: Request) -> Traceable:
     return Traceable(tuple(start), start, noises, sets, tuple(components), pools, route)
 
 
+def _of_impacts(law: sj.ContactLaw, one: NamedErrors) -> sj.ContactLaw:
+    """The law of the impacts that have a value of an observable, where each impact has its own."""
+    count, whole = len(one.data), whole_leaves(law)
+    if count == len(one.errors):
+        return law
+    leaves, structure = jax.tree.flatten(law)
+    own = [
+        leaf if held or jnp.shape(leaf) != (count,) else jnp.asarray(leaf)[one.rows]
+        for leaf, held in zip(leaves, whole, strict=True)
+    ]
+    return jax.tree.unflatten(structure, own)
+
+
 def _likelihoods(specs: Sequence[SetSpec]) -> tuple[NamedErrors, ...]:
     """What is unknown of the errors has a name, with that of the data set where several have it."""
-    counts = {kind: sum(kind in spec.errors.unknown for spec in specs) for kind in CALLED}
+    blocks = [
+        (spec, errors, g, *block)
+        for g, spec in enumerate(specs)
+        for errors, block in zip(spec.errors, blocks_of(spec.data), strict=True)
+    ]
+    told = [(name, kind) for _, errors, _, name, *_ in blocks for kind in errors.unknown]
     found = []
-    for spec in specs:
-        labels = {
-            kind: CALLED[kind] if counts[kind] == 1 else f"{CALLED[kind]}[{spec.data.name}]"
-            for kind in spec.errors.unknown
-        }
-        found.append(NamedErrors(spec.data, spec.errors, labels))
+    for spec, errors, g, name, rows, value, unit in blocks:
+        labels = {}
+        for kind in errors.unknown:
+            label = CALLED[kind] if name == RESTITUTION else f"{name}_{CALLED[kind]}"
+            several = told.count((name, kind)) > 1
+            labels[kind] = f"{label}[{spec.data.name}]" if several else label
+        found.append(NamedErrors(spec.data, errors, labels, g, name, rows, value, unit))
     return tuple(found)
 
 

@@ -60,11 +60,11 @@ class Noise:
 
     Attributes:
         deviation: standard deviation (of Student's t the scale), (fits, points).
-        left: residual degrees of freedom of each data set, (fits, sets).
+        left: residual degrees of freedom of each block, (fits, blocks).
     """
 
     deviation: Float[np.ndarray, "fits points"]
-    left: Float[np.ndarray, "fits sets"]
+    left: Float[np.ndarray, "fits blocks"]
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class Parts:
         whole: the covariance, 0 for what is not determined, (fits, p, p).
         parts: C_c, (fits, c, p, p).
         relative: R, (fits, c, c).
-        sets: the data set of each part, (c,).
+        sets: the block of each part, (c,).
         names: what each part's variance is of.
     """
 
@@ -159,7 +159,7 @@ def stacked(
     """The covariance of all stages' elements together, at the estimates z.
 
     Args:
-        lanes: the restitutions that each fit is one to, where they differ.
+        lanes: the values that each fit is one to, where they differ.
     """
     lanes = in_units(stages[0].problem, z, lanes or Lanes())
     found = _of_likelihood if len(stages) == 1 else _of_equations
@@ -176,7 +176,7 @@ def _of_likelihood(stages: Sequence[Settled], z, lanes: Lanes) -> Uncertainty:
     basis, seen = _basis(jacobian)
     identity = np.eye(basis.shape[2])
     curved, definite = np.repeat(identity[None], len(z), axis=0), np.ones(len(z), bool)
-    if _asks_for_curvature(problem, len(z)):
+    if asks_for_curvature(problem, len(z)):
         slopes = gradient_slopes(problem, z, problem.active, lanes)
         turned = np.swapaxes(basis, 1, 2)
         curvature = turned @ (0.5 * (slopes + np.swapaxes(slopes, 1, 2))) @ basis
@@ -221,7 +221,7 @@ def _of_likelihood(stages: Sequence[Settled], z, lanes: Lanes) -> Uncertainty:
     )
 
 
-def _asks_for_curvature(problem: Problem, fits: int) -> bool:
+def asks_for_curvature(problem: Problem, fits: int) -> bool:
     """Whether second derivatives are taken: not of a network, and not where they would take long."""
     import softjax as sj
 
@@ -353,7 +353,7 @@ def _of_equations(stages: Sequence[Settled], z, lanes: Lanes) -> Uncertainty:
         problem = stage.problem
         columns = slice(first, first + len(problem.active))
         first, held = columns.stop, stage.limits != 0
-        own = lanes if k == 0 else Lanes(restitution=lanes.restitution, weight=lanes.weight)
+        own = lanes if k == 0 else Lanes(value=lanes.value, weight=lanes.weight)
         jacobian = np.where(held[:, None], 0.0, problem.linearise(z, own).jacobian)
         if k:
             bread[:, columns] = gradient_slopes(problem, z, order, own)

@@ -159,7 +159,7 @@ def _range(fit: Any, velocity_range: Range | None) -> Range:
         low, high = map(float, velocity_range)
     if not 0 < low < high < np.inf:
         raise DataError("velocity_range", f"{low:g}:{high:g}", "lowest:highest in m/s, 0 < lowest")
-    if isinstance(fit, MaterialFit) and not np.all(fit.known([low, high])):
+    if isinstance(fit, MaterialFit) and not np.all(fit.determined([low, high])):
         known = f"{fit.known_from:.4g} to {fit.known_to:.4g} m/s"
         raise DataError(
             "velocity_range", f"{low:g}:{high:g}", f"within what the fit knows, {known}"

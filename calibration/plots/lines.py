@@ -71,7 +71,7 @@ def _on_line(fit: Any, chi: float) -> Line:
     def value(velocity: np.ndarray) -> np.ndarray:
         # as the fit's own band: compiled already; 0 stands for no value
         coefficient = curve_and_slopes(moved, velocity)[0]
-        return np.where((coefficient > 0) & moved.known(velocity), coefficient, np.nan)
+        return np.where((coefficient > 0) & moved.determined(velocity), coefficient, np.nan)
 
     label = r"Zhou, $\tilde\chi$ by Eq. (18) fitted to all"
     return Line(label, value, style.SKY, "-.", residuals=True)

@@ -42,6 +42,8 @@ METHODS = {
     "wald": "from the standard error, on the scale of the search",
     "derived": "from the covariance of the fitted parameters",
 }
+MISFIT = 0.1  # share of the points from which on outliers are a misfit
+NOT_JUDGED = "not checked, without profiles: whether standard errors describe the intervals"
 QUALITY = {
     "dof": "degrees of freedom of the residuals",
     "scatter": "estimated standard deviation of one ε (under `two-step` about Eq. (17))",
@@ -275,7 +277,7 @@ def estimate_text(estimate: Any) -> str:
         return "not determined" if estimate.free else ABSENT
     if estimate.method == "fixed" and not estimate.free:
         return f"{number(estimate.value, 5)} (fixed)"
-    text = with_error(estimate.value, estimate.standard_error)
+    text = with_error(estimate.value, estimate.printed_error)
     return text + " (at its bound)" * estimate.at_bound
 
 
@@ -283,7 +285,7 @@ def interval_text(estimate: Any) -> str:
     """The interval, or a dash."""
     if estimate.standard_error is None and estimate.low is None and estimate.high is None:
         return ABSENT
-    return interval(estimate.low, estimate.high, estimate.standard_error)
+    return interval(estimate.low, estimate.high, estimate.printed_error)
 
 
 def meanings(result: Any) -> list[str]:
@@ -326,14 +328,22 @@ def quality_words(result: Any) -> list[str]:
     return [f"{name}: {text}" for name, text in QUALITY.items() if name in header]
 
 
-def outlier_lines(result: Any) -> list[str]:
-    """The points that the noise does not explain, one a line."""
-    several = len(result.materials) > 1
-    return [
-        f"outlier{f', {fit.name}' if several else ''}: {one}"
-        for fit in result.materials
-        for one in fit.outliers
-    ]
+def outlier_lines(result: Any, most: int = 5) -> list[str]:
+    """The farthest points that the noise does not explain; where they are many, that alone."""
+    lines: list[str] = []
+    for fit in result.materials:
+        outliers = sorted(fit.outliers, key=lambda one: -abs(one.residual))
+        owner = f", {fit.name}" if len(result.materials) > 1 else ""
+        count = fit.n + sum(len(one) for one in fit.data.observed)
+        if len(outliers) > max(MISFIT * count, 3):
+            told = f"{len(outliers)} of {count} points are farther off than noise explains"
+            lines.append(f"misfit{owner}: {told}: the law or the stated errors do not hold")
+            continue
+        lines += [f"outlier{owner}: {one}" for one in outliers[:most]]
+        more = len(outliers) - most
+        lines += [f"outlier{owner}: and {more} more, all in fit.json"] if more > 0 else []
+    every = [e for fit in result.materials for e in fit.parameters.values()]
+    return [*lines, NOT_JUDGED] if any(e.skewed is None for e in every) else lines
 
 
 def settings_line(result: Any) -> str:

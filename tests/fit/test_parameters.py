@@ -16,7 +16,7 @@ from tests.fit_data import TRUTH, eq_17_data, twin
 
 QUICK = {"profiles": False, "starts": 4}
 Free = cal.Parameter
-FEW = settings(max_examples=3, derandomize=True, deadline=None, database=None)
+FEW = settings(max_examples=1, derandomize=True, deadline=None, database=None)
 V = np.linspace(1, 40, 24)
 
 
@@ -54,38 +54,31 @@ def test_a_number_fixes_and_a_bound_is_kept():
         assert result.standard_errors["level"] is None
         assert ("at-bound" in {one.code for one in result.warnings}) == free
         assert ("level" in result.covariance_names) == free
-    plain, wide = (
-        cal.fit(data, Decay, {"level": b}, **QUICK) for b in (Free(), Free(bounds=(0, 5)))
-    )
-    np.testing.assert_allclose(wide.covariance, plain.covariance, rtol=1e-6)
-    assert wide.values["level"] == pytest.approx(plain.values["level"], rel=1e-9)
 
 
-@pytest.mark.parametrize("scale", ["log", "logit", "none"])
+@pytest.mark.parametrize("scale", ["logit", "none"])
 def test_limits_without_profiles_are_symmetric_on_the_scale_that_is_searched(scale):
     data = decays(uncertainty=0.005)
     spec = {
-        "log": Free(transform="log"),
         "logit": Free(bounds=(0.5, 1.0)),
         "none": Free(transform="none"),
     }
     result = cal.fit(data, Decay, {"level": spec[scale]}, **QUICK)
-    to = {"log": np.log, "logit": lambda x: np.log((x - 0.5) / (1 - x)), "none": lambda x: x}[scale]
+    to = {"logit": lambda x: np.log((x - 0.5) / (1 - x)), "none": lambda x: x}[scale]
     value, error = result.values["level"], result.standard_errors["level"]
-    slope = {"log": 1 / value, "logit": 1 / (value - 0.5) + 1 / (1 - value), "none": 1.0}[scale]
+    slope = {"logit": 1 / (value - 0.5) + 1 / (1 - value), "none": 1.0}[scale]
     reach = stats.norm.ppf(0.975) * error * slope
     low, high = (to(end) - to(value) for end in result.intervals["level"])
     np.testing.assert_allclose([-low, high], reach, rtol=1e-6)
 
 
-@pytest.mark.parametrize("stated", [True, False])
-def test_a_prior_is_one_more_measurement(stated):
+def test_a_prior_is_one_more_measurement():
     """By SciPy's least squares with one more row; an unknown noise and the fit take turns."""
-    data = decays(200, uncertainty=0.005 if stated else None)
+    data = decays(200)
     said = {"level": Free(0.8), "rate": Free(0.02, prior=(0.0105, 0.0001))}
     result, v = cal.fit(data, Decay, said, **QUICK), data.velocity
     size = 0.005
-    for _ in range(1 if stated else 30):
+    for _ in range(30):
 
         def residual(x, size=size):
             return np.append((decay(v, *x) - data.restitution) / size, (x[1] - 0.0105) / 0.0001)
@@ -96,17 +89,14 @@ def test_a_prior_is_one_more_measurement(stated):
         expected = np.linalg.inv(found.jac.T @ found.jac)
         covariance = np.linalg.inv(fit_oracle.curvature(residual, found.x, found.jac))
         paid = np.sum((found.jac[:200] @ expected) * found.jac[:200])
-        size = 0.005 if stated else np.sqrt(np.sum((found.fun[:200] * size) ** 2) / (200 - paid))
+        size = np.sqrt(np.sum((found.fun[:200] * size) ** 2) / (200 - paid))
     np.testing.assert_allclose([result.values[n] for n in ("level", "rate")], found.x, rtol=1e-6)
     errors = [result.standard_errors[n] for n in ("level", "rate")]
     # an unknown noise makes them larger by what Kenward and Roger allow for
-    near = 1e-4 if stated else 2e-3
-    np.testing.assert_allclose(errors, np.sqrt(np.diag(covariance)), rtol=near)
-    if not stated:
-        assert result.materials[0].noise == pytest.approx(size, rel=1e-5)
+    np.testing.assert_allclose(errors, np.sqrt(np.diag(covariance)), rtol=2e-3)
+    assert result.materials[0].noise == pytest.approx(size, rel=1e-5)
     profiled = cal.fit(data, Decay, said, starts=4).intervals["rate"]
-    degrees = np.inf if stated else 200 - paid
-    reach = stats.t.ppf(0.975, degrees) * np.sqrt(covariance[1, 1])
+    reach = stats.t.ppf(0.975, 200 - paid) * np.sqrt(covariance[1, 1])
     assert profiled == pytest.approx((found.x[1] - reach, found.x[1] + reach), abs=0.02 * reach)
 
 
@@ -140,11 +130,10 @@ def test_what_is_shared_is_one_parameter():
     assert error == pytest.approx(alone.standard_errors["rate"], rel=1e-6)
 
 
-@pytest.mark.parametrize("without", [0, 2])
-def test_sets_with_bodies_and_without_share_a_constant(without):
+def test_sets_with_bodies_and_without_share_a_constant():
     """Weighted means, each set's own scatter about the common one: found by hand."""
     sets = list(cal.paper_materials(10))
-    sets[without] = replace(sets[without], contact=None)
+    sets[0] = replace(sets[0], contact=None)
     result = cal.fit(sets, "constant", {"restitution": Free(shared=True)}, **QUICK)
     mean = result.values["restitution"]
     for _ in range(300):
@@ -171,7 +160,7 @@ def test_what_is_said_of_one_set_s_bodies_is_of_that_set_alone():
 
 
 def test_a_yield_strength_that_is_free_is_found_and_crossings_are_said():
-    data = twin("nylon", y=np.linspace(0.2, 30, 40))
+    data = twin("nylon", y=np.linspace(0.2, 30, 24))
     strength = float(data.contact.yield_strength)
     wrong = replace(data, contact=replace(data.contact, yield_strength=1.25 * strength))
     specs = {"yield_strength": Free(), "sigma": TRUTH["nylon"][2], "psi": TRUTH["nylon"][3]}

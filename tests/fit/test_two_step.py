@@ -3,7 +3,6 @@
 import json
 from dataclasses import replace
 
-import jax
 import lmfit
 import numpy as np
 import pytest
@@ -99,20 +98,11 @@ def test_the_file_has_the_layout_of_the_interface_and_loads_back_equal(result, t
 
 def test_equal_seeds_give_equal_files_and_the_text_says_what_matters(result):
     data = cal.paper_materials()[1]
-    one, two, other = (cal.fit(data, **QUICK | {"starts": 3, "seed": s}) for s in (0, 0, 3))
+    one, two = (cal.fit(data, **QUICK | {"starts": 3, "seed": 0}) for _ in range(2))
     assert one.to_json(times=False) == two.to_json(times=False)
-    assert other.values["chi"] == pytest.approx(CHI["chrome steel"], rel=1e-4)
     text = str(result)
-    for part in ("stainless steel", "chi", "1.79", "Eq. (18)", "converged", "model-misfit"):
+    for part in ("stainless steel", "χ̃", "1.79", "Eq. (18)", "converged", "model-misfit"):
         assert part in text
-
-
-def test_x64_is_used_whatever_jax_is_set_to_and_left_as_it_was():
-    with jax.enable_x64(False):
-        found = cal.fit(cal.paper_materials()[2], **QUICK)
-        assert not jax.config.jax_enable_x64
-    assert found.values["chi"] == pytest.approx(CHI["nylon"], rel=1e-4)
-    assert found.rms_empirical < 1e-12
 
 
 def test_each_step_recovers_its_parameters_from_far_off():
@@ -150,15 +140,12 @@ def grouped(groups, each, seed=0):
     return replace(data, restitution=data.restitution + off, group=names), of
 
 
-@pytest.mark.parametrize(
-    "kind", ["plain", "groups", pytest.param("stated", marks=pytest.mark.long)]
-)
+@pytest.mark.parametrize("kind", ["plain", "groups"])
 def test_the_error_of_chi_is_what_noise_in_each_point_does(kind):
     """Both steps refitted by SciPy with every point moved: dχ̃/dε_i, and V of the points."""
-    told = 0.006 if kind == "stated" else None
     name = "stainless steel" if kind == "groups" else "nylon"
     data, of = grouped(4, 3) if kind == "groups" else (None, None)
-    data = data or eq_17_data(name, points=12, noise=0.006, seed=2, uncertainty=told)
+    data = data or eq_17_data(name, points=12, noise=0.006, seed=2)
     result = cal.fit(data, **QUICK)
     model, eq_17 = own_model(data), own_eq_17(data)
     _, chi, sigma, psi, _ = TRUTH[name]
@@ -167,7 +154,7 @@ def test_the_error_of_chi_is_what_noise_in_each_point_does(kind):
         covariance = found["scatter"] * np.eye(12) + found["group"] * (of[:, None] == of)
     else:
         off = fit_oracle.fit(eq_17, [sigma, psi], data.restitution)[2]
-        covariance = np.eye(12) * (np.sum(off**2) / 10 if told is None else told**2)
+        covariance = np.eye(12) * np.sum(off**2) / 10
     lower = np.linalg.cholesky(covariance)
     white = lambda x: np.linalg.solve(lower, eq_17(*x) - data.restitution)  # noqa: E731
     losses = least_squares(white, [sigma, psi], x_scale=[sigma, psi], xtol=1e-14, ftol=1e-14).x
@@ -189,18 +176,9 @@ def test_the_error_of_chi_is_what_noise_in_each_point_does(kind):
     assert result.values["chi"] == pytest.approx(value, rel=1e-5)
     assert result.standard_errors["chi"] == pytest.approx(error, rel=2e-4)
     if kind != "groups":
-        reach = stats.norm.ppf(0.975) if told else stats.t.ppf(0.975, 10)
+        reach = stats.t.ppf(0.975, 10)
         high = result.intervals["chi"][1]
         assert np.log(high / value) == pytest.approx(reach * error / value, rel=1e-3)
-
-
-@pytest.mark.long
-def test_errors_of_groups_are_those_of_simulated_sets():
-    """All that is estimated anew in each, the covariance of the points included."""
-    fits = [cal.fit(grouped(6, 5, seed)[0], **QUICK) for seed in range(200)]
-    error = np.sqrt(np.mean([fit.standard_errors["chi"] ** 2 for fit in fits]))
-    scatter = np.std([fit.values["chi"] for fit in fits])
-    assert error / scatter == pytest.approx(1, abs=3 / np.sqrt(400))
 
 
 def test_profiles_of_eq_17_are_lmfit_s_and_eps_up_has_the_error_of_its_losses():
@@ -233,12 +211,11 @@ def three(names=NAMES):
     return [eq_17_data(name, noise=0.01, seed=len(name)) for name in names]
 
 
-@pytest.mark.parametrize("said", [{}, {"bounds": (0.01, 2.5)}], ids=["log", "logit"])
-def test_the_line_weighs_what_is_fitted_on_any_scale(said):
+def test_the_line_weighs_what_is_fitted_on_any_scale():
     """NumPy's weighted line through the fitted χ̃ and their standard errors."""
     sets = three()
     result, again = (
-        cal.fit(sets, parameters={"chi": Free(**said)}, unloading_line=line, **QUICK)
+        cal.fit(sets, parameters={"chi": Free(bounds=(0.01, 2.5))}, unloading_line=line, **QUICK)
         for line in ("curves", "weighted")
     )
     ratio = [float(pair(name).yield_ratio) for name in NAMES]

@@ -8,10 +8,7 @@ from scipy import stats
 from scipy.optimize import approx_fprime, minimize_scalar
 
 import calibration as cal
-import softjax as sj
-from tests import fit_oracle
 from tests.decay import Decay
-from tests.fit_data import TRUTH, twin
 
 V = np.linspace(0.5, 4.0, 12)
 ABOUT = {"level": 0.9, "rate": 0.1}
@@ -25,27 +22,6 @@ def decaying(seed=0, noise=0.02, **told):
 
 def off(data, theta=ABOUT):
     return theta["level"] * np.exp(-theta["rate"] * data.velocity) - data.restitution
-
-
-def test_zhou_s_likelihood_is_the_normal_density_about_scipy_s_curve():
-    name = "nylon"
-    _, chi, sigma, psi, _ = TRUTH[name]
-    data = twin(name, noise=0.01)
-    problem = cal.problem(data)
-    assert problem.names == ("chi", "sigma", "psi")
-    assert problem.noises == ("noise",)
-    theta = {"chi": 1.1 * chi, "sigma": 0.8 * sigma, "psi": psi, "noise": 0.013}
-    curve = fit_oracle.curve(
-        data.velocity, fit_oracle.numbers(data.contact), 1.1 * chi, 0.8 * sigma, psi
-    )
-    expected = stats.norm.logpdf(data.restitution, curve, 0.013)
-    points, whole, residuals = (
-        jax.jit(f)(theta)
-        for f in (problem.point_log_likelihood, problem.log_likelihood, problem.residuals)
-    )
-    np.testing.assert_allclose(points, expected, rtol=1e-6)
-    np.testing.assert_allclose(whole, np.sum(expected), rtol=1e-7)
-    np.testing.assert_allclose(residuals, (curve - data.restitution) / 0.013, atol=1e-6)
 
 
 def test_slopes_are_those_of_differences():
@@ -69,41 +45,11 @@ def test_slopes_are_those_of_differences():
 
 def test_noise_that_is_left_out_is_where_the_likelihood_is_largest():
     problem = cal.problem(decaying(), Decay)
-    of_noise = lambda s: -float(problem.log_likelihood({**ABOUT, "noise": s}))  # noqa: E731
+    density = jax.jit(problem.log_likelihood)
+    of_noise = lambda s: -float(density({**ABOUT, "noise": s}))  # noqa: E731
     best = minimize_scalar(of_noise, bounds=(1e-4, 1.0), method="bounded", options={"xatol": 1e-10})
-    np.testing.assert_allclose(problem.log_likelihood(ABOUT), -best.fun, rtol=1e-9)
+    np.testing.assert_allclose(density(ABOUT), -best.fun, rtol=1e-9)
     np.testing.assert_allclose(problem.residuals(ABOUT), off(decaying()))
-
-
-@pytest.mark.parametrize("kind", ["stated", "scale", "extra scatter"])
-def test_stated_uncertainties_and_what_they_leave_open(kind):
-    stated = np.linspace(0.01, 0.03, len(V))
-    data = decaying(uncertainty=stated)
-    told = {"scale": {"scale_uncertainty": True}, "extra scatter": {"extra_scatter": True}}
-    problem = cal.problem(data, Decay, **told.get(kind, {}))
-    theta, deviation = {
-        "stated": ({}, stated),
-        "scale": ({"scale": 1.7}, 1.7 * stated),
-        "extra scatter": ({"noise": 0.02}, np.hypot(stated, 0.02)),
-    }[kind]
-    assert problem.noises == tuple(theta)
-    found = problem.log_likelihood({**ABOUT, **theta})
-    expected = np.sum(stats.norm.logpdf(off(data), 0, deviation))
-    assert float(found) == pytest.approx(expected, rel=1e-12)
-
-
-def test_groups_share_an_offset():
-    group = np.repeat(["a", "b", "c"], 4)
-    data = decaying(group=list(group))
-    problem = cal.problem(data, Decay)
-    assert problem.noises == ("noise", "group")
-    theta = {**ABOUT, "noise": 0.02, "group": 0.03}
-    covariance = 0.02**2 * np.eye(len(V)) + 0.03**2 * (group[:, None] == group)
-    check_joint(problem, theta, off(data), covariance)
-    with pytest.raises(
-        ValueError, match="with it: only plain normal noise is profiled, but is without 'group"
-    ):
-        problem.log_likelihood({**ABOUT, "noise": 0.02})
 
 
 def test_times_of_bounces_enter_two_restitutions():
@@ -128,10 +74,6 @@ def test_times_of_bounces_enter_two_restitutions():
     bend = shares @ (ends - mean) ** 2 - (0.008 * slope) ** 2
     covariance = 0.004**2 * spread @ spread.T + np.diag(alone**2 + bend)
     check_joint(problem, ABOUT, mean - data.restitution, covariance)
-    density = jax.jit(problem.log_likelihood)
-    gradient = jax.jit(jax.grad(problem.log_likelihood))(ABOUT)["rate"]
-    ends = [float(density(ABOUT | {"rate": 0.1 + h})) for h in (-1e-6, 1e-6)]
-    assert float(gradient) == pytest.approx((ends[1] - ends[0]) / 2e-6, rel=1e-4)
 
 
 def check_joint(problem, theta, residual, covariance):
@@ -162,20 +104,3 @@ def test_simulated_measurements_take_the_place_of_the_measured_ones():
     other = problem.simulated(ABOUT, np.linspace(-1, 1, len(V)))
     expected = np.sum(stats.norm.logpdf(np.linspace(-1, 1, len(V)) * 0.02, 0, 0.02))
     assert float(problem.log_likelihood(ABOUT, other)) == pytest.approx(expected, rel=1e-12)
-
-
-@pytest.mark.long
-def test_several_laws_side_by_side_and_time_integration():
-    """Reverse mode through the ODE of a viscoelastic contact; two data sets that share A."""
-    sets = []
-    for name in ("nylon", "chrome steel"):
-        data = twin(name, y=[0.2, 0.5, 0.9])
-        sets.append(cal.RestitutionData(data.velocity, [0.9, 0.88, 0.87], data.contact, name=name))
-    problem = cal.problem(
-        sets, sj.ViscoelasticHertz, {"dissipation_time": cal.Parameter(shared=True)}
-    )
-    (name,) = problem.names
-    density = lambda log: problem.log_likelihood({name: jnp.exp(log)})  # noqa: E731
-    at = np.log(3e-6)
-    ends = [float(density(at + h)) for h in (-1e-4, 1e-4)]
-    assert float(jax.grad(density)(at)) == pytest.approx((ends[1] - ends[0]) / 2e-4, rel=1e-4)

@@ -5,7 +5,6 @@ import pytest
 from scipy import optimize, stats
 
 import calibration as cal
-from tests.decay import Decay
 
 TIMING = 3e-4
 QUICK = {"starts": 1}
@@ -78,33 +77,6 @@ def test_variances_of_trains_are_those_of_the_largest_restricted_likelihood(stat
     assert known <= result.standard_errors["restitution"] * (1 + 1e-6) < 1.3 * known
     apart = 1 / np.sqrt(np.sum(1 / np.diag(matrix(found))))  # as if consecutive ε shared nothing
     assert apart > 1.3 * known
-
-
-def test_trains_of_a_law_that_falls_are_fitted_by_generalised_least_squares():
-    """Timing enters ε and v: two parameters and their covariance by SciPy with V written down."""
-    truth, random = (0.93, 0.03), np.random.default_rng(3)
-    times, labels = [], []
-    for k in range(5):
-        train = [0.6 + 0.05 * k]
-        for _ in range(5):
-            train.append(train[-1] * truth[0] * np.exp(-truth[1] * 9.80665 * train[-1] / 2))
-        times += list(np.array(train) + TIMING * random.standard_normal(6))
-        labels += [f"l{k}"] * 6
-    table = {"launch": labels, "interval": times}
-    data = cal.RestitutionData.from_table(table, timing_uncertainty=TIMING)
-    result = cal.fit(data, Decay, **QUICK)
-    variances, v = result.materials[0].variances, data.velocity
-    assert result.materials[0].group_deviation < 1e-4
-    theta = np.array([result.values["level"], result.values["rate"]])
-    curve = lambda x: x[0] * np.exp(-x[1] * v)  # noqa: E731
-    matrix = dense(data, -theta[1] * curve(theta), {"scatter": 0.0, "group": 0.0} | dict(variances))
-    lower = np.linalg.cholesky(matrix)
-    white = lambda x: np.linalg.solve(lower, curve(x) - data.restitution)  # noqa: E731
-    best = optimize.least_squares(white, truth, "3-point", xtol=1e-15, ftol=1e-15)
-    errors = np.sqrt(np.diag(np.linalg.inv(best.jac.T @ best.jac)))
-    assert np.all(np.abs(theta - best.x) < 0.02 * errors)
-    found = [result.standard_errors[name] for name in ("level", "rate")]
-    np.testing.assert_allclose(found, errors, rtol=0.05)
 
 
 def specimens(groups=6, each=5, offset=0.003, scatter=0.0015, seed=2, u=None):
@@ -190,17 +162,6 @@ def test_another_specimen_s_band_has_the_specimens_spread():
     assert stats.t.ppf(0.975, degrees) < reach < stats.t.ppf(0.975, 5)
 
 
-def test_without_groups_that_differ_nothing_changes():
-    data = specimens(offset=0.0, seed=4)
-    grouped = cal.fit(data, "constant", **QUICK)
-    plain = cal.fit(cal.RestitutionData(data.velocity, data.restitution), "constant", **QUICK)
-    assert grouped.materials[0].group_deviation == 0
-    assert grouped.values["restitution"] == pytest.approx(plain.values["restitution"], rel=1e-12)
-    assert grouped.intervals["restitution"] == pytest.approx(
-        plain.intervals["restitution"], rel=1e-5
-    )
-
-
 def test_scatter_beside_stated_uncertainties_is_of_the_largest_restricted_likelihood():
     random = np.random.default_rng(11)
     u = random.uniform(0.001, 0.004, 25)
@@ -269,12 +230,6 @@ def test_leaving_out_a_group_is_a_fit_without_it():
             data.restitution[out], [np.mean(others)] * 5, spread + of_mean
         )
         assert np.sum(left.log_density[out]) == pytest.approx(told, rel=1e-7)
-
-
-def test_bootstrapped_fits_of_groups_scatter_as_their_error_says():
-    result = cal.fit(specimens(), "constant", **QUICK)
-    spread = np.std(result.bootstrap(400, seed=1).values[:, 0])
-    assert spread == pytest.approx(result.standard_errors["restitution"], rel=0.12)
 
 
 def test_groups_go_into_the_file_and_back(tmp_path):

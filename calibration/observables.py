@@ -1,0 +1,92 @@
+"""What can be measured of an impact, and which output of the collision predicts it.
+
+A data set is rows of (velocity, observable, value). ε is the one that every set may have; the others
+are `RestitutionData.observed`, one `Observed` each, and a fit takes all of them as rows of one
+likelihood (`calibration.fitting.problem.Points`). A further observable is a row of `OBSERVABLES`, with
+its prediction in `_PREDICTED`.
+
+ε is told as it is. The others have a dimension: a fit works with value/measured value, so that their
+scatter, where none is stated, is relative.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Int
+
+RESTITUTION = "restitution"
+
+
+class Observable(NamedTuple):
+    """Symbol, SI unit, and what it is in words."""
+
+    symbol: str
+    unit: str
+    words: str
+
+
+OBSERVABLES: dict[str, Observable] = {
+    RESTITUTION: Observable("ε", "-", "coefficient of restitution"),
+    "contact_time": Observable("t_c", "s", "contact time"),
+    "peak_force": Observable("F_max", "N", "largest force"),
+    "peak_overlap": Observable("δ_max", "m", "largest penetration"),
+    "dent_diameter": Observable("d", "m", "diameter of the dent, 2√(A δ_max)"),
+    "residual_dent_diameter": Observable("d", "m", "diameter of the dent, 2√(2R δ*)"),
+}
+PLACES = {name: k for k, name in enumerate(OBSERVABLES)}
+
+
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """Values of one observable beside ε.
+
+    Attributes:
+        name: of `OBSERVABLES`.
+        rows: which impacts of the data set, ascending, (k,).
+        value: positive, in SI, (k,).
+        uncertainty: standard uncertainty in SI, (k,), positive; None: a relative scatter is estimated.
+    """
+
+    name: str
+    rows: Int[np.ndarray, "k"]
+    value: Float[np.ndarray, "k"]
+    uncertainty: Float[np.ndarray, "k"] | None = None
+
+    def __len__(self) -> int:
+        return len(self.value)
+
+    def same_as(self, other: "Observed") -> bool:
+        """Equal in every number."""
+        mine, theirs = (self.uncertainty, other.uncertainty)
+        stated = (mine is None and theirs is None) or np.array_equal(mine, theirs)  # type: ignore[arg-type]
+        equal = np.array_equal(self.rows, other.rows) and np.array_equal(self.value, other.value)
+        return self.name == other.name and equal and stated
+
+
+def _diameter(area: Any, overlap: Any) -> Any:
+    """2√(A δ) with a derivative of 0 at δ = 0."""
+    product = area * overlap
+    positive = product > 0
+    return jnp.where(positive, 2 * jnp.sqrt(jnp.where(positive, product, 1.0)), 0.0)
+
+
+_PREDICTED: dict[str, Callable[[Any], Any]] = {
+    RESTITUTION: lambda hit: hit.coefficient,
+    "contact_time": lambda hit: hit.duration,
+    "peak_force": lambda hit: hit.peak_force,
+    "peak_overlap": lambda hit: hit.peak_overlap,
+    "dent_diameter": lambda hit: _diameter(
+        hit.law.contact.area_factor * hit.law.contact.radius, hit.peak_overlap
+    ),
+    "residual_dent_diameter": lambda hit: _diameter(
+        2 * hit.law.contact.radius, hit.residual_overlap
+    ),
+}
+
+
+def predicted(name: str, hit: Any) -> Any:
+    """An observable in SI from a `softjax.Restitution`; differentiable. 0 where there is none."""
+    return _PREDICTED[name](hit)

@@ -1,0 +1,126 @@
+"""What else than ε a collision shows (`calibration.observables`): rows of one likelihood, against SciPy."""
+
+import jax
+import numpy as np
+import pytest
+from scipy import optimize, stats
+
+import calibration as cal
+import softjax as sj
+from calibration.observables import OBSERVABLES, Observed, predicted
+from tests.fit_data import pair
+
+PAIR = pair("stainless steel")
+V = np.geomspace(0.05, 3, 20)
+SPRING, EPS = 3e6, 0.8
+# of a linear spring with a dashpot that is left at zero overlap
+LOSS = -np.log(EPS) / np.hypot(np.pi, np.log(EPS))
+TIME = np.pi * np.sqrt(float(PAIR.mass) / SPRING / (1 - LOSS**2))
+U = 0.03  # of forces, in parts
+QUICK = {"profiles": False, "starts": 4}
+
+
+@pytest.fixture(scope="module")
+def data():
+    """ε of all impacts, contact times whose scatter is unknown, some forces of a known one."""
+    random = np.random.default_rng(0)
+    hit = sj.restitution(sj.LinearSpringDashpot(PAIR, SPRING, EPS), V)
+    eps = np.asarray(hit.coefficient) + 0.01 * random.standard_normal(20)
+    times = TIME * (1 + 0.02 * random.standard_normal(20))
+    rows = np.arange(5, 20)
+    forces = np.asarray(hit.peak_force)[rows] * (1 + U * random.standard_normal(15))
+    observed = (
+        Observed("contact_time", np.arange(20), times),
+        Observed("peak_force", rows, forces, U * forces),
+    )
+    return cal.RestitutionData(V, eps, PAIR, observed=observed)
+
+
+@pytest.fixture(scope="module")
+def result(data):
+    return cal.fit(data, "linear", **QUICK)
+
+
+def dense(data, stiffness, eps, noise, of_times):
+    """ln p in SI of the three, by SciPy."""
+    times, forces = data.observed
+    hit = sj.restitution(sj.LinearSpringDashpot(PAIR, stiffness, eps), V)
+    found = stats.norm.logpdf(data.restitution, eps, noise).sum()
+    found += stats.norm.logpdf(times.value, hit.duration, of_times * times.value).sum()
+    return found + stats.norm.logpdf(forces.value, hit.peak_force[5:], forces.uncertainty).sum()
+
+
+def test_times_and_forces_are_rows_of_the_likelihood(data, result):
+    """Of ε alone a spring's stiffness is held; here it is found as SciPy finds it, each noise beside."""
+    cost = lambda x: -dense(data, *np.exp(x))  # noqa: E731
+    start = np.log([2.9e6, 0.81, 0.012, 0.025])
+    best = optimize.minimize(cost, start, method="Nelder-Mead", options={"xatol": 1e-8})
+    assert result.converged
+    assert result.log_likelihood == pytest.approx(-best.fun, abs=1e-5)
+    assert result.values["stiffness"] == pytest.approx(np.exp(best.x[0]), rel=2e-3)
+    # one time tells K to twice its relative scatter, one force as well
+    scatter = result.materials[0].observed["contact_time"].noise
+    expected = SPRING * (20 / (2 * scatter) ** 2 + 15 / (2 * U) ** 2) ** -0.5
+    assert result.standard_errors["stiffness"] == pytest.approx(expected, rel=0.05)
+    held = cal.fit(cal.RestitutionData(V, data.restitution, PAIR), "linear", **QUICK)
+    assert "stiffness" not in held.covariance_names
+
+
+def test_problem_and_leave_one_out_are_the_same_density(data, result):
+    problem = cal.problem(data, "linear")
+    assert problem.noises == ("noise", "contact_time_noise")
+    theta = {"stiffness": 2.8e6, "restitution": 0.82, "noise": 0.013, "contact_time_noise": 0.03}
+    expected = dense(data, *theta.values())
+    assert float(jax.jit(problem.log_likelihood)(theta)) == pytest.approx(expected, rel=1e-9)
+    left = result.leave_one_out()
+    material = result.materials[0]
+    noises = material.noise, material.observed["contact_time"].noise
+    at_fit = dense(data, result.values["stiffness"], result.values["restitution"], *noises)
+    assert np.sum(left.pointwise) == pytest.approx(at_fit, rel=1e-9)
+    assert left.log_density.shape == (55,)
+
+
+def test_bands_are_in_si_and_outliers_are_named(data, result, tmp_path):
+    times = data.observed[0]
+    band = result.band(V, observable="contact_time")
+    slope = -0.5 * band.coefficient / result.values["stiffness"]
+    expected = np.abs(slope) * result.standard_errors["stiffness"]
+    np.testing.assert_allclose(band.coefficient, TIME, rtol=0.02)
+    np.testing.assert_allclose(band.standard_error, expected, rtol=2e-2)
+    one = result.band(V, observable="contact_time", kind="prediction")
+    scatter = result.materials[0].observed["contact_time"].noise * band.coefficient
+    np.testing.assert_allclose(one.standard_error, np.hypot(band.standard_error, scatter))
+    value = times.value.copy()
+    value[7] *= 1.5
+    slip = Observed("contact_time", times.rows, value)
+    moved = cal.RestitutionData(V, data.restitution, PAIR, observed=(slip,))
+    found = cal.fit(moved, "linear", noise="student-t", **QUICK)
+    named = max(found.outliers, key=lambda one: abs(one.residual))
+    assert (named.row, named.observable, named.value) == (8, "contact_time", value[7])
+    assert "t_c" in str(named)
+    found.save(tmp_path / "fit.json")
+    assert cal.FitResult.load(tmp_path / "fit.json") == found
+
+
+def test_slopes_of_every_observable_are_those_of_differences():
+    law = sj.Zhou(PAIR, 1.8, 3.0, 0.54)
+
+    @jax.jit
+    def every(chi):
+        hit = sj.restitution(sj.Zhou(PAIR, chi, law.sigma, law.psi), V)
+        return [predicted(name, hit) for name in OBSERVABLES]
+
+    slopes = jax.jit(jax.jacfwd(every))(1.8)
+    for slope, low, high in zip(slopes, every(1.8 - 1e-5), every(1.8 + 1e-5), strict=True):
+        np.testing.assert_allclose(slope, (high - low) / 2e-5, rtol=1e-6, atol=1e-12)
+
+
+def test_what_a_law_cannot_tell_is_refused(data):
+    with pytest.raises(ValueError, match="contact_time, peak_force, of which constant tells"):
+        cal.fit(data, "constant")
+    with pytest.raises(ValueError, match="`objective` must be model, which takes all of them"):
+        cal.fit(data, objective="two-step")
+    with pytest.raises(ValueError, match=r"`observable` must be .*did you mean 'contact_time'"):
+        cal.fit(cal.paper_materials()[2], profiles=False, starts=1).band(
+            1.0, observable="contact_tim"
+        )
