@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
@@ -9,10 +10,13 @@ from jaxtyping import Array
 from softjax.restitution import restitution
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(12)
+NEWTON = 6  # steps to ξ, which is then 8e-7 off at ε = 0.1
 LEAST = 1e-30  # in place of no overlap [m]: laws are asked for forces at positive overlaps alone
 
 
-def contact_force(law: Any, overlap: Any, velocity: Any, memory: Any) -> tuple[Array, Array]:
+def contact_force(
+    law: Any, overlap: Any, velocity: Any, memory: Any, *, hold: Any = None
+) -> tuple[Array, Array]:
     """The force of a contact law at one instant, and what the contact remembers.
 
     A rate-independent law loads up to the largest overlap δ_m so far and unloads below it, where its force
@@ -27,6 +31,9 @@ def contact_force(law: Any, overlap: Any, velocity: Any, memory: Any) -> tuple[A
         overlap: δ [m]; no contact where it is not positive.
         velocity: its rate of change [m/s], positive on approach.
         memory: the largest overlap so far [m], 0 for a new contact.
+        hold: impacts slower than this [m/s] rebound at its ε: along the loading curve, with a dashpot
+            c = ξ √(2 M (P/δ + dP/dδ)) inside the largest overlap, so that ln ε = -ξ arccos ξ/√(1 - ξ²). Faster contacts
+            feel it where they load again, so that a bed settles. Of rate-independent laws alone.
 
     Returns:
         The repulsive force [N], and the memory for the next call: 0 where the bodies are apart.
@@ -43,7 +50,16 @@ def contact_force(law: Any, overlap: Any, velocity: Any, memory: Any) -> tuple[A
     unloading = touching & ~loading
     # where nothing unloads any peak serves: no slope of what is not asked may be infinite
     peak = jnp.where(unloading, memory, jnp.maximum(inside, 1e-3 * law.contact.radius))
-    back = jnp.maximum(_unloading(law, inside, peak), 0.0) * _factor(law, peak)
+    speed = _speed(law, peak)
+    factor = _factor(law, speed)
+
+    def unloads(overlap):
+        return jnp.maximum(_unloading(law, overlap, peak), 0.0) * factor
+
+    if hold is None:
+        back = unloads(inside)
+    else:
+        back = _held(law, unloads, inside, velocity, speed < hold, hold)
     force = jnp.where(loading, law.loading_force(inside), back)
     kept = jnp.where(touching, jnp.maximum(overlap, memory), 0.0)
     return jnp.where(touching, force, 0.0), kept
@@ -64,16 +80,48 @@ def _unloading(law: Any, overlap: Array, peak: Array) -> Array:
     return jnp.where(yielded, after, law.loading_force(overlap))
 
 
-def _factor(law: Any, peak: Array) -> Array:
-    """(ε/ε_p)² of the impact that reaches this largest overlap."""
+def _speed(law: Any, peak: Array) -> Array:
+    """The impact velocity that reaches this largest overlap [m/s]."""
     kink = jnp.minimum(_elastic(law), peak)
     middle = jnp.where(kink > 0, jnp.sqrt(jnp.where(kink > 0, kink, 1.0)), 0.0)
     work = _work(law, 0.0, middle) + _work(law, middle, jnp.sqrt(peak))
-    speed = jnp.sqrt(2 * work / law.contact.mass)
+    return jnp.sqrt(2 * work / law.contact.mass)
+
+
+def _factor(law: Any, speed: Array) -> Array:
+    """(ε/ε_p)² of an impact."""
     hit = restitution(law, speed)
     rebounds = hit.plastic_coefficient > 0
     plastic = jnp.where(rebounds, hit.plastic_coefficient, 1.0)
     return jnp.where(rebounds, (jnp.minimum(hit.coefficient, 1.0) / plastic) ** 2, 0.0)
+
+
+def _held(law: Any, unloads: Any, overlap: Array, velocity: Array, slow: Array, hold: Any) -> Array:
+    """The force inside the largest overlap with the dashpot of `hold`."""
+
+    def spring(overlap):
+        return jnp.where(slow, law.loading_force(overlap), unloads(overlap))
+
+    force, slope = jax.jvp(spring, (overlap,), (jnp.ones_like(overlap),))
+    damped = (slow | (velocity > 0)) & (force > 0) & (slope > 0)
+    stiffness = jnp.where(damped, force / overlap + slope, 1.0)
+    fraction = _dashpot(restitution(law, hold).coefficient)
+    damping = fraction * jnp.sqrt(2 * law.contact.mass * stiffness) * velocity
+    return jnp.where(damped, jnp.maximum(force + damping, 0.0), force)
+
+
+def _dashpot(restitution: Array) -> Array:
+    """ξ of ln ε = -ξ arccos ξ/√(1 - ξ²), by Newton's method from below."""
+    loss = -jnp.log(jnp.clip(restitution, 1e-3, 1.0))
+    node = (1 + jnp.asarray(NODES).reshape((-1,) + (1,) * loss.ndim)) / 2
+    weight = jnp.asarray(WEIGHTS).reshape(node.shape) / 2
+    fraction = 2 * loss / jnp.pi
+    for _ in range(NEWTON):  # arccos ξ/√(1 - ξ²) is ∫ 2 dt/(t² + 2 ξ t + 1) from 0 to 1
+        below = node**2 + 2 * fraction * node + 1
+        angle = jnp.sum(2 * weight / below, axis=0)
+        slope = angle - fraction * jnp.sum(4 * weight * node / below**2, axis=0)
+        fraction = fraction + (loss - fraction * angle) / slope
+    return fraction
 
 
 def _work(law: Any, low: Any, high: Array) -> Array:

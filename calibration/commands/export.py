@@ -31,6 +31,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--overlap", type=float, metavar="X", help="largest overlap over radius: softer springs"
     )
     group.add_argument("--steps", type=int, metavar="N", help="time steps in the shortest contact")
+    group.add_argument(
+        "--below",
+        choices=("none", "hold"),
+        default="none",
+        help="below the range: the law as it is (none), or the ε of the lowest velocity (hold)",
+    )
+    group.add_argument(
+        "--sizes", nargs="+", type=float, metavar="R", help="radii of atom types 1, 2, … [m]"
+    )
     group = parser.add_argument_group("for which code")
     group.add_argument("--to", choices=CODES, required=True, help="c: a header for one's own")
     group.add_argument(
@@ -77,6 +86,8 @@ def run(arguments: argparse.Namespace) -> int:
         losses=arguments.losses,
         prefix=arguments.prefix,
         types=arguments.types and tuple(arguments.types),
+        below=arguments.below,
+        sizes=arguments.sizes and tuple(arguments.sizes),
     )
     if not arguments.quiet:
         print(source.remark)

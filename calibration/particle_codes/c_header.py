@@ -35,6 +35,7 @@ def header_of(
     softening_factor: float = 1.0,
     losses: bool = True,
     prefix: str = "softjax",
+    hold: float = 0.0,
 ) -> str:
     """The header of a law with a force.
 
@@ -46,6 +47,7 @@ def header_of(
         softening_factor: overlaps grow by this factor and forces fall by it, at the same energies.
         losses: whether what is in ε and in no force, Eq. (17), is taken off the unloading force.
         prefix: of all names, so that several headers fit into one program.
+        hold: the fraction of critical damping that holds ε below the range, 0 where nothing does.
     """
     if type(law) is sj.Hertz:  # the dashpot that takes nothing
         law = sj.HertzDashpot(law.contact, 1.0)
@@ -53,7 +55,12 @@ def header_of(
     values = _values(law, losses) if table is None else dict(table)
     independent = isinstance(law, sj.RateIndependentLaw)
     values |= {"name": name, "end": None if independent else end_of(law)}
-    values |= {"slowest": velocity_range[0], "fastest": velocity_range[1], "step": step}
+    values |= {"hold": hold, "hold_below": velocity_range[0] if hold else 0.0}
+    values |= {
+        "slowest": 0.0 if hold else velocity_range[0],
+        "fastest": velocity_range[1],
+        "step": step,
+    }
     text = rendered("law.h", notes=notes, softening_factor=float(softening_factor), **values)
     return text.replace("softjax_", f"{prefix}_").replace("SOFTJAX_", f"{prefix.upper()}_")
 

@@ -1,6 +1,6 @@
 """The cheapest law that a code has and that keeps the tolerance, with its time step."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,11 +11,25 @@ from calibration.fitting.known_laws import LAWS
 from calibration.particle_codes import surrogates
 from calibration.particle_codes.c_header import is_tabulated
 from calibration.particle_codes.c_table import table_of
-from calibration.particle_codes.steps import FEWEST, NONE, Steps, steps_of, steps_within
-from calibration.particle_codes.target import Impacts, Target, impacts_of
+from calibration.particle_codes.steps import (
+    FEWEST,
+    NONE,
+    Steps,
+    hold_error,
+    steps_of,
+    steps_within,
+)
+from calibration.particle_codes.target import (
+    Impacts,
+    Target,
+    impacts_of,
+    restitution_of,
+    with_contact,
+)
 
 EXACT = "exact"
 DAMPED = 20  # steps in a contact at least: a step makes dashpots weaker, never stronger
+CONSTANT = "linear", "hertz-dashpot"  # the same ε at all velocities
 INPUT, HEADER = "input", "header"  # how a code takes a law: by what it has, or by generated source
 MOST_OVERLAP = 100.0  # over the radius: nothing that is meant is beyond
 ROOM = 0.1  # of the tolerance, that a law leaves at least for the time step
@@ -36,12 +50,14 @@ class Backend:
         from_loading: whether k2 of Walton and Braun's spring can only grow from k1.
         of_mass: whether the damping that is written holds for one effective mass alone.
         fewest: time steps in the shortest contact, unless stated.
+        lines_of_pairs: whether each pair of types of atoms has a line of its own.
     """
 
     name: str
     from_loading: bool = False
     of_mass: bool = False
     fewest: int = FEWEST
+    lines_of_pairs: bool = False
 
 
 @dataclass(frozen=True)
@@ -55,6 +71,8 @@ class ExportOptions:
     losses: bool
     prefix: str = "softjax"
     types: tuple[int, int] | None = None
+    below: str = "none"
+    sizes: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +88,9 @@ class Choice:
         error: the largest difference of its ε from the target, without steps.
         steps: the time step of the law; `NONE` where there is no room for its error.
         table: of a user's law for its template, else None.
+        hold: the fraction of critical damping that holds ε below the range, 0 where nothing does.
+        hold_error: the error of that ε by the time step.
+        shortest: the shortest contact of all sizes over that of the law's own.
     """
 
     key: str
@@ -81,6 +102,9 @@ class Choice:
     error: float
     steps: Steps
     table: dict[str, Any] | None = None
+    hold: float = 0.0
+    hold_error: float = 0.0
+    shortest: float = 1.0
 
     @property
     def total(self) -> float:
@@ -90,7 +114,7 @@ class Choice:
     @property
     def step(self) -> float:
         """Time step in the code [s]."""
-        return self.steps.step * self.softening_factor
+        return self.steps.step * self.softening_factor * self.shortest
 
 
 def choose(target: Target, code: Any, options: ExportOptions) -> tuple[Choice, list[Choice]]:
@@ -104,13 +128,31 @@ def choose(target: Target, code: Any, options: ExportOptions) -> tuple[Choice, l
         ValueError: where none does, naming the best, or where the law asked for is none of these.
     """
     keys = _keys(target, code, options.law)
-    tried = []
-    for key in keys:
+    tried: list[Choice] = []
+    reasons = {key: _unsuited(key, target, code.BACKENDS[key], options) for key in keys}
+    if all(reasons.values()):
+        raise InputError(None, None, *reasons[keys[-1]])
+    for key in (key for key in keys if not reasons[key]):
         tried.append(_tried(key, target, code.BACKENDS[key], options))
         if tried[-1].total <= options.tolerance:
             return tried[-1], tried
     best = min(tried, key=lambda one: (one.total, one.error))
     raise _refusal(best, options)
+
+
+def _unsuited(key: str, target: Target, backend: Backend, options: ExportOptions) -> Any:
+    """Why a law cannot be held below the range or be of several sizes, and what to do; None where it can."""
+    if options.below == "hold" and key not in CONSTANT:
+        rate_independent = key == "walton-braun" or isinstance(target.law, sj.RateIndependentLaw)
+        if key == "viscoelastic" or backend.name == INPUT or not rate_independent:
+            problem = f"the ε of {key} cannot be held below the range by what the code has"
+            return problem, f"--export-law {' or '.join(CONSTANT)}, whose ε is constant"
+    if options.sizes and key == EXACT and is_tabulated(target.law):
+        accepted = "each pair exported by itself, with --prefix and --types"
+        return "a table of forces is for one pair of sizes", accepted
+    if options.sizes and backend.of_mass and not backend.lines_of_pairs:
+        return f"the damping of {key} is for one mass there", "--export-law hertz-dashpot"
+    return None
 
 
 def _refusal(best: Choice, options: ExportOptions) -> InputError:
@@ -169,10 +211,29 @@ def _tried(key: str, target: Target, backend: Backend, options: ExportOptions) -
     if backend.name == HEADER and is_tabulated(law):
         table, interpolation = table_of(law, impacts, options.losses)
         error += interpolation
+    off, shortest = _of_pairs(law, target, options.losses)
+    error, shortest = max(error, off), min(shortest / float(np.min(impacts.duration)), 1.0)
     label = LABELS.get(key, f"{type(target.law).__name__}'s law, exact")
-    steps = _steps(law, impacts, error, options, backend.fewest)
+    held = options.below == "hold" and key not in CONSTANT
+    steps = _steps(law, impacts, error, options, max(backend.fewest, DAMPED * held))
     softer = _softening_factor(impacts, target, options)
-    return Choice(key, label, law, backend, softer, impacts, error, steps, table)
+    made = Choice(key, label, law, backend, softer, impacts, error, steps, table, shortest=shortest)
+    if not held or steps is NONE:
+        return made
+    fraction = surrogates.hold_for(float(impacts.coefficient[0]))
+    off = hold_error(law, impacts, fraction, steps.step)
+    return replace(made, hold=fraction, hold_error=off)
+
+
+def _of_pairs(law: Any, target: Target, losses: bool) -> tuple[float, float]:
+    """The largest error of ε over all pairs of sizes, and their shortest contact [s]."""
+    errors, durations = [0.0], [np.inf]
+    for _, _, contact in target.pairs:
+        found = impacts_of(with_contact(law, contact), target.velocity, losses)
+        wanted = restitution_of(with_contact(target.law, contact), target.velocity, losses)
+        errors.append(float(np.max(np.abs(found.coefficient - wanted))))
+        durations.append(float(np.min(found.duration)))
+    return max(errors), min(durations)
 
 
 def _law(key: str, target: Target, backend: Backend) -> Any:

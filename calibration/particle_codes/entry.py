@@ -53,6 +53,8 @@ def export(
     losses: bool = True,
     prefix: str = "softjax",
     types: tuple[int, int] | None = None,
+    below: str = "none",
+    sizes: tuple[float, ...] | None = None,
 ) -> Export:
     """Write a law for a particle code, the cheapest one that keeps a tolerance of ε.
 
@@ -78,6 +80,10 @@ def export(
         prefix: of all names in C, and of the law in LAMMPS. Exports with several prefixes into one folder
             make one plugin with several laws.
         types: the two types of atoms in LAMMPS between which the law acts; all where left out.
+        below: the law of impacts slower than the range: "none", the law as it is, which may lose next to nothing
+            there; or "hold", the ε of the lowest velocity, by a dashpot inside the largest overlap.
+        sizes: radii [m] of the types of atoms 1, 2, … of the scene, all of this material: the tolerance
+            holds for all their pairs, and damping that depends on the mass is written for each.
 
     Returns:
         An `Export`; it prints itself.
@@ -91,11 +97,11 @@ def export(
         >>> result = cal.fit(cal.paper_materials()[0])
         >>> print(cal.export(result, to="lammps", velocity_range=(0.5, 2.0)))  # doctest: +SKIP
     """
-    code = _code(to, tolerance, steps, prefix, types)
+    code = _code(to, tolerance, steps, prefix, types, below, sizes)
     check_writable(out)
-    options = ExportOptions(tolerance, law, steps, overlap, losses, prefix, types)
+    options = ExportOptions(tolerance, law, steps, overlap, losses, prefix, types, below, sizes)
     with jax.enable_x64(True):
-        target = target_of(result_or_law, material, velocity_range, losses, radius, on_wall)
+        target = target_of(result_or_law, material, velocity_range, losses, radius, on_wall, sizes)
         made = Export(to, target, *choose(target, code, options), options)
         choice, source = made.choice, ""
         if choice.backend.name == HEADER:
@@ -108,6 +114,7 @@ def export(
                 softening_factor=choice.softening_factor,
                 losses=losses,
                 prefix=prefix,
+                hold=choice.hold,
             )
     files = code.files(made, source)
     report, picture = _reports(prefix)
@@ -127,7 +134,9 @@ def _reports(prefix: str) -> tuple[str, str]:
     return f"{name}.json", f"{name}.png"
 
 
-def _code(to: str, tolerance: float, steps: int | None, prefix: str, types: Any) -> Any:
+def _code(
+    to: str, tolerance: float, steps: int | None, prefix: str, types: Any, below: str, sizes: Any
+) -> Any:
     if to not in CODES:
         raise DataError("to", to, listed(CODES))
     if not 0 < tolerance < 1:
@@ -138,6 +147,10 @@ def _code(to: str, tolerance: float, steps: int | None, prefix: str, types: Any)
         raise DataError("prefix", prefix, f"left out with {to}, whose files go by softjax")
     if not re.fullmatch("[a-z][a-z0-9_]*", prefix):
         raise DataError("prefix", prefix, "a name in C, of small letters")
+    if below not in ("none", "hold"):
+        raise DataError("below", below, "none or hold")
+    if sizes is not None and types is not None:
+        raise DataError("types", types, "left out with sizes, which are those of types 1, 2, …")
     if types is not None and to != "lammps":
         raise DataError("types", types, f"left out with {to}")
     if types is not None and (

@@ -13,13 +13,14 @@ from typing import Any
 import softjax as sj
 from calibration.particle_codes.choice import DAMPED, EXACT, HEADER, INPUT, Backend
 from calibration.particle_codes.report import Export
-from calibration.particle_codes.target import number_of
+from calibration.particle_codes.softening import softened
+from calibration.particle_codes.target import number_of, with_contact
 from calibration.particle_codes.templates import rendered, source
 
 BACKENDS = {
     "linear": Backend(INPUT, fewest=DAMPED),
     "hertz-dashpot": Backend(INPUT, fewest=DAMPED),
-    "viscoelastic": Backend(INPUT, of_mass=True, fewest=DAMPED),
+    "viscoelastic": Backend(INPUT, of_mass=True, fewest=DAMPED, lines_of_pairs=True),
     "walton-braun": Backend(HEADER),
     EXACT: Backend(HEADER),
 }
@@ -38,12 +39,19 @@ def files(export: Export, header: str) -> dict[str, str]:
     plugin = export.choice.backend.name == HEADER
     coefficients = prefix if plugin else coefficients_of(export.code_law)
     wall = f"softjax/wall {prefix}" if plugin else f"wall/gran granular {coefficients}"
+    types = " ".join(map(str, export.options.types or ("*", "*")))
+    pairs = {types: coefficients}
+    if export.choice.backend.of_mass and export.target.pairs:
+        law, factor = export.choice.law, export.choice.softening_factor
+        pairs = {
+            f"{i} {j}": coefficients_of(softened(with_contact(law, contact), factor))
+            for i, j, contact in export.target.pairs
+        }
     text = rendered(
         "in.lammps",
         export=export,
         plugin=plugin,
-        coefficients=coefficients,
-        types=" ".join(map(str, export.options.types or ("*", "*"))),
+        pairs=pairs,
         wall=f"{wall} zplane 0.0 NULL",
         fix="softjax_wall" if prefix == "softjax" else f"softjax_wall_{prefix}",
     )

@@ -8,7 +8,7 @@ import numpy as np
 
 import softjax as sj
 from calibration.errors import printable
-from calibration.particle_codes.choice import Choice, ExportOptions
+from calibration.particle_codes.choice import CONSTANT, Choice, ExportOptions
 from calibration.particle_codes.softening import softened
 from calibration.particle_codes.target import Target, impacts_of, number_of
 from calibration.rounding import number
@@ -108,14 +108,32 @@ class Export:
             told.append(
                 f"Overlaps reach {100 * self.overlap:.0f} % of the radius: laws are for small ones."
             )
-        below = low / SLOWER
-        slow = float(impacts_of(self.law, np.array([below]), self.options.losses).coefficient[0])
-        if slow > NEARLY_ELASTIC:
-            eps = f"eps {number(slow, 4)} at {number(below, 2)} m/s"
-            told.append(f"Slower impacts lose nearly nothing, {eps}: a bed settles slowly.")
+        told += self._below()
         if target.doubts:
             told.append(f"Warnings about the fit: {', '.join(target.doubts)}; its report has them.")
         return tuple(told)
+
+    def _below(self) -> list[str]:
+        """The law of impacts slower than the range."""
+        choice, (low, _) = self.choice, self.target.range
+        held = f"eps is held at {number(float(choice.impacts.coefficient[0]))}"
+        if choice.key in CONSTANT:
+            return []
+        if choice.hold:
+            error = number(choice.hold_error, 2)
+            return [f"Below {number(low)} m/s {held} by a dashpot, within {error} at this step."]
+        below = low / SLOWER
+        slow = float(impacts_of(self.law, np.array([below]), self.options.losses).coefficient[0])
+        lines = []
+        if slow > NEARLY_ELASTIC:
+            eps = f"eps {number(slow, 4)} at {number(below, 2)} m/s"
+            lines.append(f"Slower impacts lose nearly nothing, {eps}: a bed settles slowly.")
+        if below < self.target.determined_from:
+            known = number(self.target.determined_from)
+            lines.append(f"Below {known} m/s the data do not determine eps.")
+        if lines:
+            lines.append(f"With --below hold {held} below {number(low)} m/s.")
+        return lines
 
     @property
     def energy_error(self) -> float:
@@ -141,11 +159,14 @@ class Export:
             f"Effective radius {number(number_of(contact.radius))} m and mass "
             f"{number(number_of(contact.mass))} kg.",
         ]
-        if choice.backend.of_mass:
+        if target.pairs:
+            radii = ", ".join(number(one) for one in self.options.sizes or ())
+            notes.append(f"That error is of all pairs of spheres of radius {radii} m.")
+        elif choice.backend.of_mass:
             notes.append(
                 f"Its damping is for that mass, of {these}: other sizes, or {others}, need"
             )
-            notes.append("an export of their own.")
+            notes.append("an export of their own, or --sizes.")
         else:
             notes.append(f"That error is of {these}: other sizes, or {others}, have another.")
         if choice.softening_factor != 1:
@@ -184,6 +205,12 @@ class Export:
             "bodies": SCENES.get(self.target.on_wall),
             "cautions": list(self.cautions),
             "contact_duration": {"longest": max(self.duration), "shortest": min(self.duration)},
+            "below": {
+                "law": self.options.below,
+                "restitution": float(impacts.coefficient[0]) if choice.hold else None,
+                "error_of_time_step": choice.hold_error,
+            },
+            "sizes": self.options.sizes and list(self.options.sizes),
             "time_step": self.time_step,
             "steps_in_shortest_contact": steps.count,
             "order_of_time_step": steps.order,

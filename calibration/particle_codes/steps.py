@@ -28,6 +28,7 @@ FEWEST, MOST = 10, 20_000
 LONGEST = 3  # times the longest contact that is stepped at most
 BETWEEN = 1.1  # other velocities and beginnings may be worse by this factor; seen: 1.03
 MORE = 1.1  # errors go up and down with the beginning; the order is an average
+SLOWER = 100.0  # below the range, where what is held there is looked at
 NO_OVERLAP = 1e-30  # in place of none [m]: laws are asked for forces at positive overlaps alone
 
 
@@ -55,8 +56,19 @@ def rebounds(law: Any, impacts: Impacts, count: int) -> Float[np.ndarray, "phase
     """ε as a code gives it with `count` steps in the shortest contact, for several beginnings."""
     step = float(np.min(impacts.duration)) / count
     steps = int(np.ceil(LONGEST * np.max(impacts.duration) / step)) + 2
-    arrays = (jnp.asarray(impacts.velocity), jnp.asarray(impacts.factor), jnp.asarray(step))
+    arrays = map(jnp.asarray, (impacts.velocity, impacts.factor, 0.0, step))
     return np.asarray(_stepped(law, *arrays, steps, _phases(len(impacts.velocity))))
+
+
+def hold_error(law: Any, impacts: Impacts, fraction: float, step: float) -> float:
+    """The largest error of ε held below the range with this fraction of critical damping."""
+    slowest, expected = impacts.velocity[0], impacts.coefficient[0]
+    velocity = np.geomspace(slowest / SLOWER, slowest, len(impacts.velocity))
+    longest = float(np.max(impacts.duration)) * SLOWER**0.2  # of Hertz's contacts
+    steps = int(np.ceil(LONGEST * longest / step)) + 2
+    arrays = map(jnp.asarray, (velocity, impacts.factor, fraction, step))
+    found = _stepped(law, *arrays, steps, _phases(len(velocity)))
+    return BETWEEN * float(np.max(np.abs(np.asarray(found) - expected)))
 
 
 def _phases(count: int) -> Float[Array, "phases n"]:
@@ -101,6 +113,7 @@ def _stepped(
     law: Any,
     velocity: Float[Array, " n"],
     factor: Float[Array, " n"],
+    hold: Array,
     step: Array,
     steps: int,
     phases: Float[Array, "p n"],
@@ -109,28 +122,32 @@ def _stepped(
 
     Args:
         factor: of the unloading force, one an impact.
+        hold: above 0, ε is held: by the loading force with this fraction of critical damping inside the peak.
         phases: the parts of a step between the last free one and touch.
     """
     start = -phases * velocity * step
     state = (start, velocity + 0 * start, 0 * start)
-    body = partial(_advance, law, factor, step)
+    body = partial(_advance, law, factor, hold, step)
     _, last, _ = lax.fori_loop(0, steps, lambda _, state: body(state), state)
     return -last / velocity
 
 
-def _advance(law, factor, step, state):
+def _advance(law, factor, hold, step, state):
     overlap, velocity, peak = state
     overlap = overlap + step * velocity
     touching = overlap > 0
     peak = jnp.where(touching, jnp.maximum(peak, overlap), 0.0)
     inside = jnp.maximum(overlap, NO_OVERLAP), velocity, jnp.maximum(peak, NO_OVERLAP)
-    force = jnp.where(touching, _force(law, factor, *inside), 0.0)
+    force = jnp.where(touching, _force(law, factor, hold, *inside), 0.0)
     return overlap, velocity - step * force / law.contact.mass, peak
 
 
-def _force(law, factor, overlap, velocity, peak):
+def _force(law, factor, hold, overlap, velocity, peak):
     if not hasattr(law, "loading_force"):
         force = law.force(overlap, velocity)
         return force if end_of(law) == "zero-overlap" else jnp.maximum(force, 0.0)
     unloading = factor * jnp.maximum(unloading_force(law, overlap, peak), 0.0)
-    return jnp.where(overlap >= peak, law.loading_force(overlap), unloading)
+    loading, slope = jax.jvp(law.loading_force, (overlap,), (jnp.ones_like(overlap),))
+    damping = hold * jnp.sqrt(2 * law.contact.mass * (loading / overlap + slope))
+    inside = jnp.where(hold > 0, jnp.maximum(loading + damping * velocity, 0.0), unloading)
+    return jnp.where(overlap >= peak, loading, inside)

@@ -5,6 +5,7 @@ viscoelastic spheres, Walton and Braun's spring. Springs that ε says nothing of
 gives the largest overlap asked for at the fastest impact.
 """
 
+import cmath
 import math
 
 import numpy as np
@@ -48,6 +49,22 @@ def dashpot_for(restitution: float) -> float:
         return math.log(restitution) + 2 * loss / math.pi * math.atan2(math.pi, loss)
 
     return math.exp(-brentq(off, 0.0, MOST_DAMPING, xtol=1e-15))
+
+
+def hold_for(restitution: float) -> float:
+    """The fraction ξ of critical damping with which a contact at rest at its peak returns ε of its speed.
+
+    A dashpot c = ξ √(2 M (P/δ + dP/dδ)) beside a force P ∝ δⁿ is a linear oscillator; it ends where the force
+    vanishes:
+
+        ln ε = -ξ arccos ξ/√(1 - ξ²)
+    """
+
+    def off(fraction: float) -> float:
+        angle = abs(cmath.acos(fraction) / cmath.sqrt(1 - fraction**2))
+        return math.log(restitution) + fraction * angle
+
+    return brentq(off, 0.0, MOST_DAMPING, xtol=1e-15) if restitution < 1 else 0.0
 
 
 def _set(target: Target) -> float:

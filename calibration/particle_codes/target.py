@@ -1,5 +1,6 @@
 """What is exported: a law, its ε over a range of velocities, and its forces as codes follow them."""
 
+import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
@@ -36,7 +37,9 @@ class Target:
             contact is known.
         velocity, restitution: [m/s] and [-], shape (POINTS,).
         measured: lowest and highest velocity of the data [m/s]; None without data.
-        doubts: codes of what is doubted of the fit.
+        doubts: codes of the fit's warnings.
+        determined_from: the velocity [m/s] below which the fit does not determine ε.
+        pairs: of the sizes that were named: two types of atoms and their contact.
     """
 
     law: Any
@@ -51,6 +54,8 @@ class Target:
     restitution: np.ndarray
     measured: Range | None = None
     doubts: tuple[str, ...] = ()
+    determined_from: float = 0.0
+    pairs: tuple[tuple[int, int, sj.Contact], ...] = ()
 
     @property
     def range(self) -> Range:
@@ -64,6 +69,7 @@ def target_of(
     losses: bool = True,
     radius: float | None = None,
     on_wall: bool | None = None,
+    sizes: tuple[float, ...] | None = None,
 ) -> Target:
     """What a fit's or a law's ε is over a range of velocities.
 
@@ -74,6 +80,7 @@ def target_of(
         losses: False wants ε_p, what the force alone gives back.
         radius: what overlaps are told over [m].
         on_wall: whether the law is of a ball on a wall; as a fit knows where left out.
+        sizes: radii [m] of the types of atoms of the scene, all of this material.
 
     Raises:
         ValueError: naming the argument, its value and what is accepted.
@@ -101,6 +108,41 @@ def target_of(
         restitution_of(law, velocity, losses),
         None if data is None else (float(np.min(data.velocity)), float(np.max(data.velocity))),
         _doubts(fit),
+        fit.known_from if isinstance(fit, MaterialFit) else 0.0,
+        _pairs(contact, sizes, None if smaller is None else smaller.material.density, on_wall),
+    )
+
+
+def _pairs(contact: sj.Contact, sizes: Any, density: Any, on_wall: bool | None) -> tuple:
+    """Contacts of all pairs of types; without a density of two like spheres with this contact."""
+    if sizes is None:
+        return ()
+    if on_wall:
+        raise DataError("sizes", sizes, "left out for a ball on a wall: export each size by itself")
+    radii = np.array(sizes, float)
+    if not np.all((radii > 0) & (radii < np.inf)):
+        raise DataError("sizes", sizes, "radii of the types of atoms in m")
+    sphere = 4 / 3 * np.pi * (2 * number_of(contact.radius)) ** 3
+    masses = 4 / 3 * np.pi * radii**3 * (density or 2 * number_of(contact.mass) / sphere)
+
+    def of_both(values, i, j):
+        return float(values[i] * values[j] / (values[i] + values[j]))
+
+    return tuple(
+        (
+            i + 1,
+            j + 1,
+            dataclasses.replace(contact, radius=of_both(radii, i, j), mass=of_both(masses, i, j)),
+        )
+        for i in range(len(radii))
+        for j in range(i, len(radii))
+    )
+
+
+def with_contact(law: Any, contact: sj.Contact) -> Any:
+    """The law between bodies of other sizes."""
+    return (
+        law if getattr(law, "contact", None) is None else dataclasses.replace(law, contact=contact)
     )
 
 

@@ -55,15 +55,16 @@ def ratio(restitution: float) -> float:
     return -math.log(restitution) / math.hypot(math.pi, math.log(restitution))
 
 
-def lammps_force(text: str, mass: float = MASS) -> Callable:
+def lammps_force(text: str, mass: float = MASS, types="* *", radius: float = RADIUS) -> Callable:
     """`pair_style granular`: hooke F = k δ, hertz F = k √R δ^{3/2}, less η δ' by the damping model.
 
     viscoelastic: η = η0 a M, a = √(R δ); coeff_restitution: 2 ξ √(M k) of hooke, √(5/6) 2 ξ √(M S),
     S = 3/2 k a, of hertz. `limit_damping`: no attraction.
     """
     assert "pair_style granular" in lines_of(text)
-    (coefficients,) = (line for line in lines_of(text) if line.startswith("pair_coeff"))
-    model, *words = coefficients.removeprefix("pair_coeff * *").split()
+    start = f"pair_coeff {types} "
+    (coefficients,) = (line for line in lines_of(text) if line.startswith(start))
+    model, *words = coefficients.removeprefix(start).split()
     k, told = float(words[0]), float(words[1])
     assert words[2:7] == ["tangential", "linear_nohistory", "0.0", "0.0", "damping"]
     kind, limited = words[7], words[8:]
@@ -71,7 +72,7 @@ def lammps_force(text: str, mass: float = MASS) -> Callable:
     hertz = {"hertz": True, "hooke": False}[model]
 
     def force(overlap, rate):
-        touch = math.sqrt(RADIUS * overlap) if hertz else 1.0
+        touch = math.sqrt(radius * overlap) if hertz else 1.0
         eta = {
             "viscoelastic": lambda: told * touch * mass,
             "coeff_restitution": lambda: (

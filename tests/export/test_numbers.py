@@ -100,6 +100,26 @@ def test_damping_for_one_mass_alone_is_said_to_be_so(code, law, options, exporte
     assert ("Its damping is for that mass" in text) == ((code, law) in OF_MASS)
 
 
+def test_sizes_that_are_named_have_a_line_for_each_pair(exported):
+    """Spheres of two radii: ε of each pair is that of its own contact, at a step for the smallest."""
+    law, radii = sj.ViscoelasticHertz(PAIR, 2e-6), (RADIUS, RADIUS / 2)
+    alone, _ = exported(law, "lammps", law="viscoelastic", tolerance=0.1, steps=400)
+    made, folder = exported(
+        law, "lammps", law="viscoelastic", tolerance=0.1, steps=400, sizes=radii
+    )
+    text, _ = read(folder, "lammps")
+    assert made.choice.error == 0
+    assert made.time_step == pytest.approx(alone.time_step / 2, rel=0.05)
+    assert "all pairs of spheres of radius 0.0127, 0.00635 m" in text
+    steel = sj.STAINLESS_STEEL
+    for i, j in ((1, 1), (1, 2), (2, 2)):
+        contact = sj.Contact.between_spheres(steel, steel, radii[i - 1], radii[j - 1])
+        mass, radius = float(contact.mass), float(contact.radius)
+        force = codes.lammps_force(text, mass, f"{i} {j}", radius)
+        expected = sj.restitution(sj.ViscoelasticHertz(contact, 2e-6), 1.0).coefficient
+        assert codes.rebound(force, 1.0, mass) == pytest.approx(float(expected), abs=1e-6)
+
+
 @pytest.mark.parametrize(
     ("code", "law"), [("lammps", "viscoelastic"), ("liggghts", "hertz-dashpot")]
 )

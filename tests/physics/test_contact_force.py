@@ -19,7 +19,7 @@ LAWS = {
 VELOCITY = np.array([0.1, 1.0, 5.0])
 
 
-def rebound(law, velocity, steps):
+def rebound(law, velocity, steps, **options):
     """ε of an impact by velocity Verlet with so many steps in Hertz's contact."""
     mass, stiffness = law.contact.mass, law.contact.stiffness
     peak = (1.25 * mass * velocity**2 / stiffness) ** 0.4
@@ -28,7 +28,7 @@ def rebound(law, velocity, steps):
     def step(_, state):
         overlap, rate, memory = state
         overlap = overlap + dt * rate
-        force, memory = sj.contact_force(law, overlap, rate, memory)
+        force, memory = sj.contact_force(law, overlap, rate, memory, **options)
         return overlap, rate - dt * force / mass, memory
 
     start = (-0.3 * dt * velocity, velocity, 0.0 * velocity)
@@ -69,3 +69,16 @@ def test_apart_there_is_no_force_and_no_memory():
     np.testing.assert_array_equal(memory, 0)
     slope = jax.grad(lambda x: sj.contact_force(LAWS["zhou"], x, 1.0, 0.0)[0])(-1e-6)
     assert slope == 0
+
+
+def test_below_a_velocity_its_restitution_is_held():
+    """Faster impacts are as they were, but where they load again a dashpot pushes."""
+    law, velocity = LAWS["zhou"], np.array([1e-3, 0.05, 1.0, 5.0])
+    found = jax.jit(lambda v: rebound(law, v, 2000, hold=0.1))(jnp.asarray(velocity))
+    expected = sj.restitution(law, np.maximum(velocity, 0.1)).coefficient
+    np.testing.assert_allclose(found[:2], expected[:2], atol=1e-3)
+    np.testing.assert_allclose(found[2:], expected[2:], atol=3e-6)
+    peak = float(sj.restitution(law, 1.0).peak_overlap)
+    rates = jnp.array([-0.1, 0.0, 0.1])
+    force, _ = sj.contact_force(law, 0.9 * peak, rates, peak, hold=0.1)
+    assert force[0] == force[1] < force[2]

@@ -34,6 +34,12 @@ typedef SOFTJAX_REAL softjax_real;
 #define SOFTJAX_SLOWEST {{ slowest }}
 #define SOFTJAX_FASTEST {{ fastest }}
 #define SOFTJAX_STEP {{ step }}
+{% if not end %}
+/* an impact slower than this [m/s] unloads along the loading curve, with a dashpot of this fraction of critical
+ * damping that makes its eps the one of that velocity; 0: no such impact. A faster one feels it where it loads again. */
+#define SOFTJAX_HOLD_BELOW {{ hold_below }}
+#define SOFTJAX_HOLD ((softjax_real){{ hold }})
+{% endif %}
 
 /* of two bodies: what depends on their sizes alone */
 typedef struct {
@@ -41,7 +47,7 @@ typedef struct {
   softjax_real mass;   /* M1 M2/(M1 + M2) [kg] */
 } softjax_pair;
 
-/* memory of one contact: largest overlap [m], and the factor of its unloading force (-1: not known yet) */
+/* memory of one contact: largest overlap [m], and the factor of its unloading force (-1: not known yet, -2: held) */
 typedef struct {
   softjax_real peak, factor;
 } softjax_contact;
@@ -102,14 +108,13 @@ SOFTJAX_INLINE softjax_real softjax_force(const softjax_pair *pair, softjax_cont
   return force;
 }
 {% else %}
-/* contact force [N] at `overlap` [m], and its slope [N/m]; the rate does not act */
+/* contact force [N] at `overlap` [m], and its slope [N/m]; {{ "the rate acts where eps is held" if hold else "the rate does not act" }} */
 SOFTJAX_INLINE softjax_real softjax_force(const softjax_pair *pair, softjax_contact *contact,
                                           softjax_real overlap, softjax_real rate,
                                           softjax_real *stiffness) {
   const softjax_real length = SOFTJAX_STRETCH * softjax_length(pair);
   const softjax_real unit = softjax_unit(pair) / SOFTJAX_STRETCH;
   softjax_real p, slope = 0;
-  (void)rate;
   *stiffness = 0;
   if (!(overlap > 0)) {
     *contact = softjax_touch();
@@ -120,10 +125,20 @@ SOFTJAX_INLINE softjax_real softjax_force(const softjax_pair *pair, softjax_cont
     contact->factor = -1;
     p = softjax_loading(overlap / length, &slope);
   } else {
-    p = softjax_unloading(overlap / length, contact->peak / length, &slope);
-    if (contact->factor < 0) contact->factor = softjax_factor(pair, contact->peak / length);
-    p *= contact->factor;
-    slope *= contact->factor;
+    const softjax_real peak = contact->peak / length;
+    const double speed = SOFTJAX_HOLD_BELOW, energy = 0.5 * (double)pair->mass * speed * speed;
+    int held;
+    if (contact->factor < 0) {
+      held = speed > 0 && (double)unit * (double)length * (double)softjax_loading_work(peak) < energy;
+      contact->factor = held ? -2 : softjax_factor(pair, peak);
+    }
+    held = contact->factor < 0;
+    p = held ? softjax_loading(overlap / length, &slope)
+             : contact->factor * softjax_unloading(overlap / length, peak, &slope);
+    if (!held) slope *= contact->factor;
+    if (SOFTJAX_HOLD > 0 && (held || rate > 0) && p > 0 && slope > 0)
+      p += SOFTJAX_HOLD * rate / unit *
+           softjax_sqrt(2 * pair->mass * unit * (p / overlap + slope / length));
   }
   if (!(p > 0)) return 0; /* released: the bodies part with what overlap remains */
   *stiffness = slope * unit / length;

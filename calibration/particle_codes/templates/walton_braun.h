@@ -18,6 +18,10 @@ SOFTJAX_INLINE softjax_real softjax_loading(softjax_real overlap, softjax_real *
   return SOFTJAX_LOADING_STIFFNESS * overlap;
 }
 
+SOFTJAX_INLINE softjax_real softjax_loading_work(softjax_real overlap) {
+  return SOFTJAX_LOADING_STIFFNESS * overlap * overlap / 2;
+}
+
 SOFTJAX_INLINE softjax_real softjax_unloading(softjax_real overlap, softjax_real peak,
                                               softjax_real *slope) {
   const softjax_real largest = SOFTJAX_LOADING_STIFFNESS * peak;
