@@ -104,10 +104,11 @@ class Rows(NamedTuple):
 
     def as_array(self) -> np.ndarray:
         """A structured array with fields velocity, restitution, status (and low, high)."""
-        columns = {"velocity": self.velocity, "restitution": self.coefficient}
-        columns |= {"status": self.status.astype("<i4"), "low": self.low, "high": self.high}
-        columns = {name: column for name, column in columns.items() if column is not None}
-        return np.rec.fromarrays(list(columns.values()), names=",".join(columns))
+        own = [self.velocity, self.coefficient, self.status.astype("<i4"), self.low, self.high]
+        names = ["velocity", "restitution", "status", "low", "high"]
+        columns = [column for column in own if column is not None]
+        kinds = [(name, column.dtype) for name, column in zip(names, columns, strict=False)]
+        return np.rec.fromarrays(columns, dtype=kinds)
 
 
 def text_rows(columns: list[np.ndarray], mark: str, last: list[str] | None = None) -> str:

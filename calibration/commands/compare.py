@@ -64,8 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
         figures = {"compare.png": comparison_figure(made)}
         converged = all(one.converged for one in made)
         if arguments.file is None:
-            from calibration.plots.figure_2 import figure_2, fit_materials
-            from calibration.plots.linear_spring import linear_figure
+            from calibration.plots.paper import figure_2, fit_materials, linear_figure
 
             of_paper = fit_materials(progress)
             converged = converged and of_paper.converged

@@ -1,11 +1,14 @@
 """Pictures of fits. matplotlib is imported here and nowhere above; no pyplot, no global state."""
 
-from calibration.plots.correlation import plot_correlations
-from calibration.plots.curves import plot_curve, plot_residuals
-from calibration.plots.figures import correlation_figure, curves_figure, profiles_figure
+from calibration.plots.curves import curves_figure, plot_curve, plot_residuals
 from calibration.plots.lines import Line, lines_of
+from calibration.plots.parameters import (
+    correlation_figure,
+    plot_correlations,
+    plot_profile,
+    profiles_figure,
+)
 from calibration.plots.posterior import posterior_figure
-from calibration.plots.profiles import plot_profile
 from calibration.plots.style import save
 
 __all__ = [

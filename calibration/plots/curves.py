@@ -1,10 +1,11 @@
 """Restitution over impact velocity: data, what was fitted to them, and what is left over."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 import softjax as sj
 from calibration.data import RestitutionData
@@ -27,6 +28,43 @@ ORDER = ("data", FITTED.format("Zhou"), EQ_17)  # in a legend
 INVISIBLE = 1e-6  # width of a band that nobody sees: data without scatter
 FLAGGED = ~(int(sj.Status.ELASTIC) | int(sj.Status.PLAIN))
 EPSILON = r"restitution $\varepsilon$"
+
+
+def curves_figure(
+    result: Any,
+    lines: Mapping[str, Sequence[Line]] | None = None,
+    ratio: bool = False,
+    from_rest: bool = False,
+    title: str | None = None,
+) -> Figure:
+    """Every data set with its fit, and the residuals below each.
+
+    Args:
+        result: a `FitResult`.
+        lines: further curves for data sets, by name.
+        ratio, from_rest: as `plot_curve` takes them.
+        title: above all panels.
+    """
+    count = len(result.materials)
+    figure, grid = style.panels(count, (4.2, 4.4), "data sets", (2.6, 1), 0.75)
+    for fit, (upper, lower) in zip(result.materials, grid, strict=False):
+        more = (lines or {}).get(fit.name, ())
+        plot_curve(result, fit.name, upper, more, ratio, from_rest)
+        plot_residuals(result, fit.name, lower, more, ratio)
+        if upper.get_xscale() == "log":
+            style.logarithmic_x(lower)
+        lower.set_xlim(upper.get_xlim())
+        upper.tick_params(labelbottom=False)
+        mark = "" if fit.converged else " (NOT CONVERGED)"
+        upper.set(xlabel="", title=f"{style.plain(fit.name)}{mark}")
+        if not upper.get_subplotspec().is_first_col():
+            upper.set_ylabel("")
+            lower.set_ylabel("")
+    columns = upper.get_subplotspec().get_gridspec().ncols
+    style.legend_below(figure, list(grid[:, 0]), 4 if columns > 2 else 2, ORDER)
+    if title:
+        figure.suptitle(". ".join(filter(None, (title, figure.get_suptitle()))), fontsize="medium")
+    return figure
 
 
 def plot_curve(

@@ -4,6 +4,7 @@ import numpy as np
 
 import calibration as cal
 import softjax as sj
+from tests import fit_oracle
 from tests.golden import simulated
 from tests.golden.cases import QUICK, contact, plain_fit, rebounds, record_band, record_fit
 from tests.golden.numbers import scenario
@@ -126,7 +127,7 @@ def repeats(numbers, folder):
     """Three shots at each of eight velocities, pooled."""
     velocity = np.repeat(simulated.around_yield()[::3], 3)
     pair = simulated.equal_spheres(simulated.ALLOY)
-    exact = simulated.zhou(velocity, pair, 1.2, 0.9, 0.5)
+    exact = fit_oracle.curve(velocity, pair, 1.2, 0.9, 0.5)
     data = rebounds(None, measured=(velocity, simulated.noisy(exact, 0.004, 31))).averaged()
     numbers.physics("restitution", data.restitution)
     numbers.physics("uncertainty", data.uncertainty)

@@ -6,6 +6,7 @@ import numpy as np
 
 import calibration as cal
 import softjax as sj
+from tests import fit_oracle
 from tests.golden import simulated
 from tests.golden.cases import (
     QUICK,
@@ -69,7 +70,7 @@ def built_in_laws(numbers, folder):
     pair = simulated.equal_spheres(simulated.ALLOY)
     above = np.geomspace(0.15, 8.0, simulated.POINTS).round(4)
     spring = float(contact().stiffness) * np.sqrt(float(contact().radius))
-    growth = 300.0 * above / np.sqrt(spring / pair[2])
+    growth = 300.0 * above / np.sqrt(spring / pair["M"])
     power = above**0.2
     exact = {
         "zhou": (None, None),
@@ -80,7 +81,7 @@ def built_in_laws(numbers, folder):
         "hertz-dashpot": (above, 0.83 + 0 * above),
         "linear": (above, 0.62 + 0 * above),
         "constant": (above, 0.9 + 0 * above),
-        "eq-17": (above, simulated.eq_17(above, pair[4], 0.9, 0.5)),
+        "eq-17": (above, fit_oracle.eq_17(above, pair["v_lim"], 0.9, 0.5)),
     }
     for seed, (law, (velocity, curve)) in enumerate(exact.items()):
         measured = None if velocity is None else (velocity, simulated.noisy(curve, 0.004, seed))

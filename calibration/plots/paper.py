@@ -1,10 +1,13 @@
-"""The case against the linear spring: how long its contact lasts, and how its force grows.
+"""Pictures of the paper: Fig. 2 of Zhou (2013) again, and its case against the linear spring.
+
+Fig. 2 has three panels over y = v/v_cr: the model with the constants that follow from its forces and χ̃
+fitted to the curve, the model as printed (κ = 120 (Y/E)² and Table 1's χ̃, drawn as far as it has a
+solution), Thornton's formula with yield at the paper's v_cr and at Hertz's V_y, and Eq. (17).
 
 The paper argues that T → ∞ as ε → 0. That belongs to a contact that ends at δ = 0; one that ends
-where the force vanishes lasts 2/ω0 there. Neither has Hertz's force or duration.
-
-With the angle a of the damping, ξ = cos a and √(1 - ξ²) = sin a, the motion is
-δ ∝ e^{-ω0 t cos a} sin(ω0 t sin a), and the two ends are at ω0 T sin a = π and = 2a.
+where the force vanishes lasts 2/ω0 there. Neither has Hertz's force or duration. With the angle a of
+the damping, ξ = cos a and √(1 - ξ²) = sin a, the motion is δ ∝ e^{-ω0 t cos a} sin(ω0 t sin a), and the
+two ends are at ω0 T sin a = π and = 2a.
 
 Source: T. Schwager and T. Pöschel, Granular Matter 9, 465 (2007).
 """
@@ -19,13 +22,37 @@ from matplotlib.figure import Figure
 
 import softjax as sj
 from calibration.plots import style
+from calibration.plots.curves import curves_figure
+from calibration.plots.lines import lines_of
 
+TITLE = "Fig. 2 of Zhou (2013) again; data: Eq. (17) with Table 1's σ, ψ, a published fit"
 STIFFNESS = 1e6  # N/m; scaled out
 INTEGRATED = np.array([0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 0.95])
 LOOKS = {
     "zero-overlap": (style.VERMILION, "-", "o", r"contact ends at $\delta = 0$"),
     "zero-force": (style.BLUE, "--", "s", "contact ends at zero force"),
 }
+
+
+def fit_materials(progress: Any = None):
+    """χ̃ of the three materials by `two-step`: σ and ψ of Eq. (17), then χ̃ of the model."""
+    from calibration.data.paper import paper_materials
+    from calibration.fitting.door import fit
+
+    return fit(
+        paper_materials(),
+        objective="two-step",
+        route=sj.EnergyBalance(),
+        unloading_line=None,
+        profiles=False,
+        progress=progress,
+    )
+
+
+def figure_2(result: Any) -> Figure:
+    """The picture of a fit of the three materials."""
+    lines = lines_of(result, with_paper=True)
+    return curves_figure(result, lines, ratio=True, from_rest=True, title=TITLE)
 
 
 def linear_figure() -> Figure:
