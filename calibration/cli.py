@@ -59,7 +59,7 @@ class Parser(argparse.ArgumentParser):
 
 
 class Version(argparse.Action):
-    """Looks the version up when it is asked for: it is in a file of the installed distribution."""
+    """Look the version up in the installed distribution."""
 
     def __call__(self, parser, *_):
         from importlib.metadata import version
@@ -184,7 +184,7 @@ def _top_parser() -> Parser:
 
 
 def common_options(parser: argparse.ArgumentParser) -> None:
-    """`--out`, `--quiet` and `--no-cache`, before or behind the command."""
+    """`--out`, `--quiet` and `--no-cache`, before or after the command."""
     group = parser.add_argument_group("common options", argument_default=argparse.SUPPRESS)
     text = "where results are written (default: results)"
     group.add_argument("--out", type=Path, metavar="DIR", help=text)

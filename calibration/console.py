@@ -22,7 +22,7 @@ def open_streams() -> None:
     """Make the three standard streams usable: letters that one lacks become "?".
 
     A stream that was closed (`2>&-`) becomes the null device, or a file of results would take its
-    number. Writing to a closed standard output stays an error, as something was asked for.
+    number. Writing to a closed standard output stays an error.
     """
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         try:
@@ -59,7 +59,7 @@ def columns() -> int | None:
 
 
 def wrapped(paragraphs: Iterable[str], first: str = "", rest: str = "") -> list[str]:
-    """Paragraphs as lines that fit the terminal, the first of each and the rest behind a margin."""
+    """Paragraphs as lines that fit the terminal, with margins for the first of each and the rest."""
     width = max(20, min(WIDTH, columns() or WIDTH))
     wrapper = textwrap.TextWrapper(width, initial_indent=first, subsequent_indent=rest)
     return [line for text in paragraphs for line in wrapper.wrap(text)]

@@ -60,7 +60,7 @@ class DataError(ValueError):
         return f"`{self.argument}{place}` must be {self.accepted}, but is {self.value}"
 
     def at(self, file: str | Path | None, line: int | None) -> InputError:
-        """The same refusal, told by file and line."""
+        """The same refusal with file and line."""
         problem = f"{self.argument} is {self.value}"
         return InputError(file, line, problem, f"it must be {self.accepted}")
 
@@ -75,8 +75,8 @@ class NotWritten(OSError):
         self.path = path
         if isinstance(reason, OSError):
             super().__init__(reason.errno, reason.strerror)
-        told = getattr(reason, "reason", None) or getattr(reason, "strerror", None)
-        self.reason: str = told or str(reason)
+        words = getattr(reason, "reason", None) or getattr(reason, "strerror", None)
+        self.reason: str = words or str(reason)
 
     def __str__(self) -> str:
         reason = printable(" ".join(self.reason.split()))
@@ -92,7 +92,7 @@ class Origin:
     lines: tuple[int, ...] = ()
 
     def select(self, rows: Iterable[int]) -> "Origin":
-        """The same origin for some of its rows, in the order asked for."""
+        """The same origin for some of its rows, in this order."""
         return Origin(self.file, self.line, tuple(self.lines[row] for row in rows))
 
     def line_of(self, index: int | None) -> int | None:
@@ -100,7 +100,7 @@ class Origin:
         return self.line if index is None else self.lines[index]
 
     def error(self, error: DataError) -> InputError:
-        """The same refusal, told by file and line."""
+        """The same refusal with file and line."""
         return error.at(self.file, self.line_of(error.index))
 
 
@@ -112,7 +112,7 @@ def shown(value: Any) -> str:
 
 
 def printable(text: str) -> str:
-    """Text from a file as it may be shown: what would move a cursor or a line is told by its code.
+    """Text from a file with codes in place of what would move a cursor or a line.
 
     Control and format characters (escape sequences, changes of direction, line breaks) and halves
     of characters (bytes of a path that are not UTF-8) become such as `\\x1b`.

@@ -1,4 +1,4 @@
-"""Names of a package that are loaded when they are asked for, so that importing it costs little.
+"""Names of a package that are loaded when they are first used, so that importing it costs little.
 
 Which module has each of them is written once, in the package's `__init__.pyi`, where type checkers
 and editors look too.
@@ -17,7 +17,7 @@ IMPORT = re.compile(r"^from (\S+) import (\w+) as \2$", re.M)
 def public(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
     """`__getattr__`, `__dir__` and `__all__` of a package, from its stub.
 
-    What was asked for once is kept in the package.
+    Each is loaded once.
     """
     origin = sys.modules[package].__file__
     assert origin is not None  # packages are folders of files

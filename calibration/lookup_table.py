@@ -88,10 +88,10 @@ def _error(exact: Exact, velocity: Velocities, coefficient: Velocities) -> float
         return 0.0
 
     def apart(share, rows):
-        inner, told = (
+        inner, linear = (
             (1 - share) * ends[rows] + share * ends[rows + 1] for ends in (velocity, coefficient)
         )
-        return np.nan_to_num(np.abs(exact(np.ravel(inner)).reshape(inner.shape) - told))
+        return np.nan_to_num(np.abs(exact(np.ravel(inner)).reshape(inner.shape) - linear))
 
     found = apart(INSIDE, wide)
     rows = np.argsort(np.max(found, axis=0))[-INTERVALS:]

@@ -72,7 +72,7 @@ def symbol(name: str, model: Any = None) -> Symbol:
 
 
 def in_math(written: str) -> str:
-    """A symbol for matplotlib; what stands behind it ("E wall", "χ̃[nylon]") is kept."""
+    """A symbol for matplotlib; what follows it ("E wall", "χ̃[nylon]") is kept."""
     letter = written.partition(" ")[0].partition("[")[0]
     plain = f"${letter}$" if len(letter) == 1 and letter.isascii() else letter.replace("_", " ")
     return MATH.get(letter, plain) + written.removeprefix(letter)
@@ -100,9 +100,9 @@ def words(name: str, model: Any = None) -> str:
     """What a parameter is; nothing where its law says nothing of it."""
     leaf = name.removeprefix(OF_CONTACT)
     declared = None if model is None else model.parameters.get(name)
-    said = "" if declared is None or declared.what == "number" else declared.what
+    what = "" if declared is None or declared.what == "number" else declared.what
     built_in = model is None or model.key in LAWS or leaf in CONTACT_LEAVES
-    return WORDS.get(leaf, said) if built_in else said
+    return WORDS.get(leaf, what) if built_in else what
 
 
 def text(name: str, model: Any = None) -> str:

@@ -1,4 +1,4 @@
-"""What a report of a fault should bring: versions, devices, settings, and a self-check.
+"""Versions, devices, settings and a self-check, for reports of faults.
 
     softjax doctor
     softjax doctor --schema DIR      # the JSON Schemas of material files and of fit.json, and no check
@@ -43,7 +43,8 @@ def run(arguments: argparse.Namespace) -> int:
     errors = self_check()
     held = all(errors[name] <= most for name, most in LARGEST.items())
     if not arguments.quiet:
-        for name, value in {**surroundings(arguments.cache), **told(errors)}.items():
+        limits = {n: f"error {errors[n]:.0e}, at most {most:.0e}" for n, most in LARGEST.items()}
+        for name, value in {**surroundings(arguments.cache), **limits}.items():
             print(f"{name + ':':<18} {value}")
         verdict = "passed" if held else "FAILED"
         print(f"self-check {verdict} in {time.perf_counter() - start:.1f} s")
@@ -112,8 +113,3 @@ def self_check() -> dict[str, float]:
         "its slopes": float(np.max(np.abs(steepness / scene.slopes[:, few] - 1))),
         "time integration": float(np.max(np.abs(by_time / exact - 1))),
     }
-
-
-def told(errors: dict[str, float]) -> dict[str, str]:
-    """Each error beside what it may be at most."""
-    return {name: f"error {errors[name]:.0e}, at most {most:.0e}" for name, most in LARGEST.items()}

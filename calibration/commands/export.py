@@ -1,14 +1,14 @@
-"""A law for a particle code: the cheapest that keeps a tolerance of ε over a range of velocities.
+"""Write a law for a particle code: the cheapest that meets a tolerance of ε over a range of velocities.
 
     softjax export --fit results/fit.json --material nylon --to lammps --range 0.1:5
     softjax export stainless-steel --to c --range 0.1:5 --tolerance 0.001
     softjax export my_alloy.toml --chi 0.2 --sigma 0.4 --psi 0.5 --to yade --range 0.5:2
     softjax export nylon --to liggghts --range 1:2 --export-law hertz-dashpot --overlap 0.02
 
-Written are input lines, or C source with what a code needs around it, and beside them export.json
-and export.png: ε wanted and given, their largest difference, the error in dissipated energy, the
-largest overlap, contact durations, and the time step that the tolerance needs. Where nothing that
-the code has keeps the tolerance, the best law is named and its error, and nothing is written.
+Written are input lines or source code, and export.json and export.png: ε of the law and of what the code
+gets, their largest difference, the error in dissipated energy, the largest overlap, contact durations,
+and the time step that the tolerance needs. Where no law of the code meets the tolerance, the best one
+and its error are named, and nothing is written.
 """
 
 import argparse
@@ -20,7 +20,7 @@ CODES = ("c", "lammps", "liggghts", "yade")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_source_arguments(parser)
-    group = parser.add_argument_group("what the scene needs")
+    group = parser.add_argument_group("requirements")
     group.add_argument(
         "--range", metavar="V:V", help="impact velocities [m/s] (default: those of the data)"
     )
@@ -40,8 +40,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--sizes", nargs="+", type=float, metavar="R", help="radii of atom types 1, 2, … [m]"
     )
-    group = parser.add_argument_group("for which code")
-    group.add_argument("--to", choices=CODES, required=True, help="c: a header for one's own")
+    group = parser.add_argument_group("particle code")
+    group.add_argument(
+        "--to", choices=CODES, required=True, help="the code; c is a header for any other"
+    )
     group.add_argument(
         "--export-law",
         default="auto",
@@ -52,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--contact-force",
         dest="losses",
         action="store_false",
-        help="the contact force alone, without what Eq. (17) takes: rebounds of ε_p",
+        help="the contact force alone, without acoustic and thermal losses: rebounds of ε_p",
     )
     group.add_argument(
         "--prefix", default="softjax", help="of names in C, and of the law in LAMMPS"

@@ -1,9 +1,8 @@
 """Measure speed against error on this machine.
 
-Every way computes ε_p of the same collisions: the routes of this library, and what one would
-write instead (SciPy in a loop, diffrax with events). Errors are against 40-digit arithmetic. Written are
-speed.csv and speed.png. `--law` does the same for a law with damping, by its closed form and by the
-ODE, or for one's own, given by forces in SI.
+Every method computes ε_p of the same collisions: the routes of this library, SciPy in a loop, and
+diffrax with events. Errors are against 40-digit arithmetic. Written are speed.csv and speed.png. `--law`
+does the same for a law with damping, by its closed form and by the ODE, or for a user's law in SI.
 """
 
 import argparse
@@ -16,7 +15,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     laws = ("viscoelastic", "hertz-dashpot", "linear", "own")
     parser.add_argument(
-        "--law", choices=laws, help="a law with damping, or one's own in SI (default: zhou)"
+        "--law", choices=laws, help="a law with damping, or a user's law in SI (default: zhou)"
     )
 
 
@@ -32,15 +31,15 @@ def run(arguments: argparse.Namespace) -> int:
     name = arguments.law or "zhou"
     scene, builders = scene_of(name), list(ways(name, arguments.quick))
     with warnings.catch_warnings(), Progress(arguments.quiet) as progress:
-        warnings.simplefilter("ignore")  # of rivals, about what they were asked to do
+        warnings.simplefilter("ignore")  # of the baselines
         rows = [measure(build(), scene) for build in progress.over(builders, "measuring")]
-    told = [] if arguments.quiet else [as_text(rows)]
-    with or_printed(told), files_into(arguments.out) as folder:
+    text = [] if arguments.quiet else [as_text(rows)]
+    with or_printed(text), files_into(arguments.out) as folder:
         write_text(folder / "speed.csv", as_csv(rows))
         figure = draw(rows, scene.title).get_figure(root=True)
         assert figure is not None
         save(figure, folder / "speed.png")
-    if told:
-        print(told[0])
+    if text:
+        print(text[0])
         print(f"\nwrote {arguments.out / 'speed.csv'} and {arguments.out / 'speed.png'}")
     return 0

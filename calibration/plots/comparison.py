@@ -24,7 +24,7 @@ LOOKS: dict[str, tuple[str, Any]] = {
     "constant": (style.GREY, (0, (8, 3))),
     "hertz": (style.BLACK, ":"),
 }
-# of laws of one's own, and of dashpot laws whose end of contact sets them apart from a constant ε
+# of users' laws, and of dashpot laws with another end of contact
 OTHERS: tuple[tuple[str, Any], ...] = (
     (style.BLACK, (0, (5, 1))),
     (style.VERMILION, "-"),

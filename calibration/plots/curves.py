@@ -1,4 +1,4 @@
-"""Restitution over impact velocity: data, what was fitted to them, and what is left over."""
+"""Restitution over impact velocity: data, fitted curves and residuals."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -25,7 +25,7 @@ FEW = 30  # points that are drawn as such
 EQ_17 = "Eq. (17)"
 FITTED = "{}, fitted"
 ORDER = ("data", FITTED.format("Zhou"), EQ_17)  # in a legend
-INVISIBLE = 1e-6  # width of a band that nobody sees: data without scatter
+INVISIBLE = 1e-6  # width of a band that is not drawn: data without scatter
 FLAGGED = ~(int(sj.Status.ELASTIC) | int(sj.Status.PLAIN))
 EPSILON = r"restitution $\varepsilon$"
 
@@ -75,7 +75,7 @@ def plot_curve(
     ratio: bool = False,
     from_rest: bool = False,
 ) -> Axes:
-    """Data with error bars, Eq. (17), the fit with its bands, and `lines` beside them.
+    """Data with error bars, Eq. (17), the fit with its bands, and `lines`.
 
     Args:
         result: a `FitResult`.
@@ -221,7 +221,7 @@ def _marks(color: str, marker: str) -> dict[str, Any]:
 
 
 def _scale(fit, ratio: bool) -> np.ndarray:
-    """v_cr [m/s] of the fitted law, or of each impact; 1 m/s where no ratio is asked for."""
+    """v_cr [m/s] of the fitted law, or of each impact; 1 m/s without a ratio."""
     if ratio and fit.contact is None:
         raise DataError("ratio", ratio, "False where there is no contact")
     return np.asarray(fit.contact.critical_velocity if ratio else 1.0)

@@ -1,4 +1,4 @@
-"""Curves to draw beside a fit: which they are, and where they have a value."""
+"""Further curves in the picture of a fit."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -35,7 +35,7 @@ class Line:
 
 
 def lines_of(result: Any, with_paper: bool = False) -> dict[str, tuple[Line, ...]]:
-    """What to draw beside each material's fit: Eq. (18)'s line, and the paper's other curves.
+    """Further curves for each material: Eq. (18)'s line, and the paper's other curves.
 
     A line through two materials goes through both their χ̃ and is not drawn.
 

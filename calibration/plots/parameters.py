@@ -38,7 +38,7 @@ def plot_profile(profile, estimate=None, ax: Axes | None = None, model: Any = No
 
     Args:
         profile: a `Profile` of a fit.
-        estimate: the parameter's `Estimate`; its standard error's parabola is drawn beside.
+        estimate: the parameter's `Estimate`, whose standard error is drawn as a parabola.
         ax: where to draw; a new figure's where None.
         model: of the law that it is a parameter of, which knows its symbol.
     """
@@ -168,7 +168,7 @@ def plot_correlations(
 def _blocks(result: Any) -> list[tuple[str, list[str]]]:
     """(data set, labels) of parameters that belong together; "" for several data sets, or the only one.
 
-    The numbers of a network are no parameters that anybody reads.
+    The numbers of a network are left out.
     """
     blocks: list[tuple[list[str], list[str]]] = []
     for fit in result.materials:

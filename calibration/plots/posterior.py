@@ -76,7 +76,7 @@ def _limit(ax: Axes, which: str, ends: tuple[float, float], logarithmic: bool) -
 
 
 def _plot_fit(ax: Axes, one: Any, other: Any, in_pair: bool) -> None:
-    """The fit's value, a cross in a pair's panel, else a line beside its interval's ends."""
+    """The fit's value, a cross in a pair's panel, else a line with its interval's ends."""
     if one is None or one.value is None:
         return
     if in_pair:

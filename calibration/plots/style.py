@@ -24,8 +24,8 @@ PURPLE = "#CC79A7"
 GREY = "#777777"
 
 DPI = 150
-LONGEST = 20  # letters of a name beside a small panel
-MOST = 24  # panels of one picture: nobody reads more, and a hundred take a minute to draw
+LONGEST = 20  # letters of a name in a small panel
+MOST = 24  # panels of one picture: a hundred take a minute to draw
 LOG_DECADES = 1.5  # data that span more are drawn over a logarithmic axis
 
 
@@ -124,7 +124,7 @@ def mark_velocity(ax: Axes, velocity: float | None, of: np.ndarray, label: str) 
 def legend_below(figure: Figure, axes: list[Axes], columns: int, first: Sequence[str] = ()) -> None:
     """One legend for all axes, each label once, those of `first` first.
 
-    In as many columns as asked for, or in as many fewer as the figure's width takes.
+    In this number of columns, or in as many fewer as the figure's width takes.
     """
     found: dict[str, Any] = {}
     for ax in axes:

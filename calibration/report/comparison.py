@@ -96,7 +96,7 @@ def comparison_json(comparisons: Sequence[Any], settings: Mapping[str, Any]) -> 
 
 
 def _score(value: float | None) -> str:
-    """Tenths, as far as anybody reads them."""
+    """To tenths, large scores to whole numbers."""
     if value is None:
         return ABSENT
     return f"{round(value, 1) + 0.0:.1f}" if abs(value) < WHOLE else f"{value:.0f}"

@@ -44,7 +44,7 @@ class Block(NamedTuple):
 
 
 class Item(NamedTuple):
-    """An entry of a list: a name, what is said of it, and advice."""
+    """An entry of a list: a name, a text and advice."""
 
     name: str
     text: str
