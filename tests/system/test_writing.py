@@ -20,7 +20,9 @@ CURVE = ["curve", *CONSTANT, "--points", 20]
 
 @contextlib.contextmanager
 def files_of_at_most(size):
-    """No file grows beyond so many bytes, as on a full disk; JAX's cache is left alone."""
+    """No file grows beyond so many bytes, as on a full disk; caches of JAX and Python are left alone."""
+    monkeypatch = pytest.MonkeyPatch()
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
     before = jax.config.jax_persistent_cache_min_compile_time_secs
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 1e9)
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -28,6 +30,7 @@ def files_of_at_most(size):
     try:
         yield
     finally:
+        monkeypatch.undo()
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", before)
 
