@@ -11,7 +11,7 @@ same with ln θ_i in place of θ_i. ε jumps by about d/3 where the impact veloc
 that jump contributes is in the indices and not in the bound.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -31,12 +31,11 @@ from calibration.studies.inputs import Inputs, as_inputs, both_ends, check_range
 SCALES = ("uniform", "log")
 NO_ANSWER = sj.Status.INVALID_INPUT | sj.Status.SOLVER_FAILED
 NO_VARIANCE = 1e-24  # of the squared mean: rounding
-LARGEST_BLOCK = 1 << 13  # samples evaluated at once
-RESAMPLED = 32  # bootstrap samples drawn at once
+AT_ONCE = 1 << 13  # samples evaluated together
+RESAMPLED = 32  # bootstrap samples drawn together
 
 Model = Callable[[Mapping[str, Array]], Any]
 Progress = Callable[[str, int, int], None]
-Outputs = Float[np.ndarray, "q n"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,37 +162,49 @@ def model_indices(
     names, ends = tuple(ranges), np.array(list(ranges.values()), float)
     ends = np.log(ends) if scale == "log" else ends
     random = np.random.default_rng(seed)
-    a, b = _drawn(ends, scale, samples, random)
-    points = [a, b, *(_mixed(a, b, i) for i in range(len(names)))]
+    points = _drawn(ends, scale, samples, random)
+    sets = []
     with jax.enable_x64(True):
-        sets, squares = _sampled(model, names, scale, points, progress)
-    lost, (f_a, f_b, *mixed) = sum(np.sum(~np.isfinite(one)) for one in sets), sets
+        for k, one in enumerate(points):
+            value, slope = map(np.asarray, _evaluated(model, names, one, k == 0))
+            if k == 0:  # with ln θ in place of θ on a logarithmic scale
+                per = one.T[:, None] if scale == "log" else 1.0
+                squares = np.mean((slope * per) ** 2, axis=0)
+            sets.append(value.T)
+            if progress is not None:
+                progress("Sobol indices", (k + 1) * samples, len(points) * samples)
+    lost = sum(np.sum(~np.isfinite(one)) for one in sets)
     if lost:
-        accepted = "such that every sample has a finite output"
-        raise DataError(
-            "ranges", f"such that {lost} of {sum(map(np.size, sets))} have none", accepted
-        )
-    f_ab = np.stack(mixed)
-    variance = np.var([f_a, f_b], axis=(0, 2))
-    mean = np.mean([f_a, f_b], axis=(0, 2))
+        told = f"such that {lost} of {sum(map(np.size, sets))} have none"
+        raise DataError("ranges", told, "such that every sample has a finite output")
+    f_a, f_b, f_ab = sets[0], sets[1], np.stack(sets[2:])
+    variance, mean = (of([f_a, f_b], axis=(0, 2)) for of in (np.var, np.mean))
     varies = variance > NO_VARIANCE * mean**2
     if not np.any(varies):
         accepted = "wide enough for the output to vary"
         raise DataError("ranges", f"such that it is {mean[0]:.6g} everywhere", accepted)
-    all_once = np.full((1, samples), 1 / samples)
-    both = indices(all_once, f_a, f_b, f_ab)[:, 0]
-    tables = np.split(both, 2, axis=1)
-    tables += percentiles(f_a, f_b, f_ab, confidence, resamples, random)
-    width = ends[:, 1] - ends[:, 0]
+    drawn = [np.full((1, samples), 1 / samples)]
+    for first in range(0, resamples, RESAMPLED):
+        rows = range(min(RESAMPLED, resamples - first))
+        picked = (random.integers(0, samples, samples) for _ in rows)
+        drawn.append(np.array([np.bincount(k, minlength=samples) for k in picked]) / samples)
+    tables = np.concatenate([_indices(share, f_a, f_b, f_ab) for share in drawn], axis=2)
+    part = [0.5 * (1 - confidence), 0.5 * (1 + confidence)]
+    first, total = tables[:, :, 0]
+    (first_low, first_high), (total_low, total_high) = np.quantile(
+        tables[:, :, 1:], part, axis=2
+    ).swapaxes(0, 1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        tables.append(width**2 * squares / (np.pi**2 * variance[:, None]))
-    keys = ("first", "total", "first_low", "first_high", "total_low", "total_high", "bound")
-    told = [np.where(varies[:, None], table, np.nan) for table in tables]
+        bound = (ends[:, 1] - ends[:, 0]) ** 2 * squares / (np.pi**2 * variance[:, None])
+    told = {
+        **{"first": first, "first_low": first_low, "first_high": first_high},
+        **{"total": total, "total_low": total_low, "total_high": total_high, "bound": bound},
+    }
     return SobolIndices(
         names=names,
         ranges=dict(ranges),
         scale=scale,
-        **dict(zip(keys, told, strict=True)),
+        **{key: np.where(varies[:, None], table, np.nan) for key, table in told.items()},
         mean=mean,
         variance=variance,
         samples=samples,
@@ -203,23 +214,11 @@ def model_indices(
     )
 
 
-def _drawn(ends: np.ndarray, scale: str, samples: int, random) -> np.ndarray:
-    """Two independent sets of samples, (2, p, n)."""
-    from scipy.stats import qmc
-
-    sequence = qmc.Sobol(2 * len(ends), rng=random, bits=64).random(samples)
-    unit = sequence.T.reshape(2, len(ends), samples)
-    points = ends[:, :1] + (ends[:, 1:] - ends[:, :1]) * unit
-    return np.exp(points) if scale == "log" else points
-
-
 def _check(ranges, samples, scale) -> None:
     if not ranges:
         raise DataError("ranges", "empty", "of one input or more")
-    is_power = (
-        isinstance(samples, int | np.integer) and samples >= 2 and not samples & (samples - 1)
-    )
-    if not is_power:
+    is_whole = isinstance(samples, int | np.integer) and samples >= 2
+    if not is_whole or samples & (samples - 1):
         raise DataError("samples", samples, "a power of two")
     if scale not in SCALES:
         raise DataError("scale", scale, "uniform or log")
@@ -230,38 +229,20 @@ def _check(ranges, samples, scale) -> None:
             raise DataError(f"ranges[{name!r}]", (low, high), accepted)
 
 
-def _sampled(
-    model: Model,
-    names: tuple[str, ...],
-    scale: str,
-    points: Sequence[Float[np.ndarray, "p n"]],
-    progress: Progress | None,
-) -> tuple[list[Outputs], np.ndarray]:
-    """Outputs at each set of points, and E[(∂f/∂θ)²] (q, p) over the first of them.
+def _drawn(ends: np.ndarray, scale: str, samples: int, random) -> list[np.ndarray]:
+    """Samples A and B, and A with one input of B for each input, (p, n)."""
+    from scipy.stats import qmc
 
-    In blocks of one shape. On a logarithmic scale with ln θ in place of θ.
-    """
-    count = points[0].shape[1]
-    sets, squares = [], np.zeros(())
-    for which, every in enumerate(points):
-        found = []
-        for first in range(0, count, LARGEST_BLOCK):
-            block = every[:, first : first + LARGEST_BLOCK]
-            outputs, slope = map(np.asarray, _evaluated(model, names, block, which == 0))
-            found.append(outputs)
-            if which == 0:
-                per = block.T if scale == "log" else 1.0
-                squares = squares + np.sum((slope * per) ** 2, axis=1)
-            if progress is not None:
-                done = which * count + first + block.shape[1]
-                progress("Sobol indices", done, count * len(points))
-        sets.append(np.concatenate(found, axis=1))
-    return sets, squares / count
+    unit = qmc.Sobol(2 * len(ends), rng=random, bits=64).random(samples)
+    both = ends[:, :1] + (ends[:, 1:] - ends[:, :1]) * unit.T.reshape(2, len(ends), samples)
+    a, b = np.exp(both) if scale == "log" else both
+    own = np.eye(len(ends), dtype=bool)[:, :, None]
+    return [a, b, *np.where(own, b, a)]
 
 
 @eqx.filter_jit
 def _evaluated(model: Model, names: tuple[str, ...], points, with_slopes: bool):
-    """Outputs (q, n), and derivatives (q, n, p) where asked for."""
+    """Outputs (n, q), and derivatives (n, q, p) where asked for."""
 
     def outputs(x):
         y = jnp.atleast_1d(model(dict(zip(names, x, strict=True))))
@@ -271,44 +252,17 @@ def _evaluated(model: Model, names: tuple[str, ...], points, with_slopes: bool):
         slope, y = jax.jacfwd(outputs, has_aux=True)(x) if with_slopes else outputs(x)
         return y, slope
 
-    return jax.vmap(one, in_axes=1, out_axes=1)(points)
+    return jax.lax.map(one, points.T, batch_size=AT_ONCE)
 
 
-def _mixed(a: np.ndarray, b: np.ndarray, i: int) -> np.ndarray:
-    """A with one input of B."""
-    mixed = np.array(a)
-    mixed[i] = b[i]
-    return mixed
+def _indices(share: np.ndarray, f_a, f_b, f_ab) -> Float[np.ndarray, "2 q resamples p"]:
+    """Saltelli's estimates, first-order and total, by the weight of each sample in each resample.
 
-
-def percentiles(f_a, f_b, f_ab, confidence: float, resamples: int, random) -> list[np.ndarray]:
-    """Bootstrap limits of both indices, (q, p) each: low and high of the first, then of the total.
-
-    Both are ratios of means over the samples, so that a resample is no more than how often each
-    sample is drawn.
+    Both are ratios of means over the samples, so that a resample is how often each was drawn.
     """
-    n, p = f_a.shape[1], len(f_ab)
-    drawn = []
-    for first in range(0, resamples, RESAMPLED):
-        rows = min(RESAMPLED, resamples - first)
-        counts = [np.bincount(random.integers(0, n, n), minlength=n) for _ in range(rows)]
-        drawn.append(indices(np.array(counts, float) / n, f_a, f_b, f_ab))
-    part = [0.5 * (1 - confidence), 0.5 * (1 + confidence)]
-    low, high = np.quantile(np.concatenate(drawn, axis=1), part, axis=1)
-    return [low[:, :p], high[:, :p], low[:, p:], high[:, p:]]
-
-
-def indices(share: np.ndarray, f_a, f_b, f_ab) -> Float[np.ndarray, "q resamples both"]:
-    """Saltelli's estimates of first-order and total indices by the weight of each sample."""
-    return np.stack(
-        [_of_output(share, *one) for one in zip(f_a, f_b, np.swapaxes(f_ab, 0, 1), strict=True)]
-    )
-
-
-def _of_output(share: np.ndarray, a: np.ndarray, b: np.ndarray, ab: np.ndarray) -> np.ndarray:
-    centre = 0.5 * (np.mean(a) + np.mean(b))
-    a, b, ab = a - centre, b - centre, ab - centre
-    variance = 0.5 * share @ (a**2 + b**2) - (0.5 * share @ (a + b)) ** 2
-    both = np.concatenate([b * (ab - a), 0.5 * (a - ab) ** 2])
+    centre = 0.5 * (np.mean(f_a, axis=1) + np.mean(f_b, axis=1))[:, None]
+    a, b, ab = f_a - centre, f_b - centre, f_ab - centre
+    variance = 0.5 * (a**2 + b**2) @ share.T - (0.5 * (a + b) @ share.T) ** 2
     with np.errstate(divide="ignore", invalid="ignore"):
-        return share @ both.T / variance[:, None]
+        both = [(x @ share.T) / variance for x in (b * (ab - a), 0.5 * (a - ab) ** 2)]
+    return np.moveaxis(both, 1, -1)
