@@ -37,7 +37,7 @@ OPTIONS: dict[str, tuple[tuple[str, ...], Any, str, str]] = {
     "shots": (PLANS, int, "N", "planned ones (30)"),
     "free": (PLANS, str, "NAME[=SD]", "a further parameter to fit, known to SD beforehand"),
     "fix": (PLANS, str, "NAME", "one that is not fitted"),
-    "criterion": (("design",), str, "c|D|A|E|I", "of the design (c)"),
+    "criterion": (("design",), str, "c|D|A|I", "of the design (c)"),
     "target": (("design",), str, "NAME", "of criterion c (chi, or the first; eps_up)"),
     "over": (("design",), str, "LOW:HIGH", "where criterion I predicts [m/s]"),
     "range": (("global",), str, "NAME=LOW:HIGH", "of an input (10 % about each independent one)"),

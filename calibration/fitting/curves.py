@@ -12,9 +12,9 @@ import softjax as sj
 from calibration.data.checks import require
 from calibration.errors import DataError, listed
 from calibration.fitting.collisions import Route
-from calibration.fitting.errors import Errors
 from calibration.fitting.estimate import Band
 from calibration.fitting.freedom import Freedom
+from calibration.fitting.further import further_variances
 from calibration.fitting.law_model import OF_CONTACT, model_of_class
 from calibration.fitting.material import Goodness, MaterialFit
 from calibration.fitting.problem import Element, Points, Problem
@@ -25,7 +25,6 @@ from calibration.observables import PLACES, RESTITUTION
 from calibration.parameters import Parameter
 
 WIDE = (-np.inf, np.inf)
-STEP = 3e-3  # of a velocity, in the difference that gives dε/dv
 
 Velocity = Float[np.ndarray, "n"]
 
@@ -69,7 +68,6 @@ def band(
     """
     labels = tuple(material.free.values())
     rows = [names.index(label) for label in labels]
-    at_data = stated_at(material, route, observable) if kind == "prediction" else None
     block, dof = material.name, material.noise_dof
     if observable != RESTITUTION:
         if kind == "prediction":
@@ -79,7 +77,10 @@ def band(
     def parts(velocity: Velocity) -> tuple[np.ndarray, ...]:
         value, slope = curve_and_slopes(material, velocity, route, observable)
         carried = np.einsum("ni,ij,nj->n", slope, covariance[np.ix_(rows, rows)], slope)
-        added = {} if at_data is None else at_data(velocity)
+        at = lambda v: curve_and_slopes(material, v, route, observable)[0]  # noqa: E731
+        added = (
+            further_variances(material, velocity, at, observable) if kind == "prediction" else {}
+        )
         if observable != RESTITUTION:  # relative variances
             added = {name: value**2 * one for name, one in added.items()}
         variance = np.maximum(carried, 0.0) + sum(added.values())
@@ -103,44 +104,6 @@ def _of_observable(material: MaterialFit, observable: str) -> Goodness:
 def block_name(name: str, observable: str) -> str:
     """What an observable of a data set is called beside the sets themselves."""
     return name if observable == RESTITUTION else f"{name}: {observable}"
-
-
-def stated_at(
-    material: MaterialFit, route: Route = None, observable: str = RESTITUTION
-) -> Callable[[Velocity], dict[str, np.ndarray]]:
-    """Variances of one more measurement by where they come from, at any velocity; relative but for ε.
-
-    What is stated of the points, or in proportion to it, is taken from those next to it in velocity.
-    """
-    data, variances, observed = material.data, material.variances, None
-    if observable != RESTITUTION:
-        variances = _of_observable(material, observable).variances
-        observed = next(one for one in data.observed if one.name == observable)
-    kinds = ("stated", "repeats", "scale")
-    kind = next((name for name in kinds if name in variances), None)
-    stated = data.uncertainty if observed is None else observed.uncertainty
-    if kind is None or stated is None:
-        every = dict(variances)
-        return lambda velocity: {k: np.full(len(velocity), v) for k, v in every.items()}
-    errors, slope = Errors.of(data, observed=observed), 0.0
-    if errors.has_slope:
-        sides = [
-            curve_and_slopes(material, errors.velocity * (1 + s), route, observable)[0]
-            for s in (-STEP, STEP)
-        ]
-        slope = (sides[1] - sides[0]) / (2 * STEP * errors.velocity)
-        slope = slope if observed is None else slope / observed.value
-    variance = errors.variance({}, slope, 0.0) + np.zeros(len(errors))
-    variance = variance * variances[kind] / np.mean(variance)
-    velocities, places = np.unique(errors.velocity, return_inverse=True)
-    means = np.bincount(places, np.log(variance)) / np.bincount(places)
-
-    def at(velocity: Velocity) -> dict[str, np.ndarray]:
-        near = np.interp(np.log(np.maximum(velocity, 1e-300)), np.log(velocities), means)
-        rest = {k: np.full(len(velocity), v) for k, v in variances.items()}
-        return rest | {kind: np.exp(near)}
-
-    return at
 
 
 def band_of(

@@ -31,19 +31,18 @@ from calibration.studies.information import (
 )
 from calibration.studies.inputs import both_ends
 
-CRITERIA = ("c", "D", "A", "E", "I")
+CRITERIA = ("c", "D", "A", "I")
 SPREAD = 112  # velocities of the grid on each of two scales
 NEAR_YIELD = 10.0 ** np.arange(-4, -0.9, 0.25)  # relative distances from yield that the grid has
 CURVE = 128  # velocities over which a predicted curve is averaged
 FINER = 9  # velocities around each shot when it is placed more finely
 REFINEMENTS = 5
 BETTER = 1e-10  # least decrease of a log criterion that is worth an exchange
-SHARPNESS = (np.inf, 1e3, 100.0, 30.0, 10.0, 3.0)  # of the weights among nearly equal directions
 MOVES = 500  # of a design's weights
 TOGETHER = 0.01  # relative distance below which shots are told as one velocity
 DIFFERENCE = 1e-4  # of θ, of what follows from it
 ONE_VELOCITY = (
-    "Shots at one velocity cannot test the law: they tell most only if it holds; add others."
+    "Shots at one velocity cannot test the law, and are best only if it holds: add others."
 )
 
 Column = Float[np.ndarray, "n"]
@@ -72,8 +71,8 @@ class Design:
 
     Attributes:
         criterion, target: what was made small: "c" the standard error of the target, "D" the
-            determinant of the covariance of ln θ, "A" its mean variance, "E" its largest
-            eigenvalue, "I" the mean variance of the predicted curve.
+            determinant of the covariance of ln θ, "A" its mean variance, "I" the mean variance of
+            the predicted curve.
         names, symbols: the parameters.
         velocity: v [m/s] of the new shots, ascending.
         coefficient, uncertainty: ε expected of each of them, and its standard uncertainty.
@@ -145,14 +144,10 @@ class Design:
         text = f"{self.criterion}-optimal: {', '.join(shots)}; standard error of "
         text += f"ln {self.target_symbol} {here}, equally spaced {even}"
         text += f"; at least {math.floor(1000 * self.efficiency) / 10:.1f} % of the best"
-        sought = f"Sought from {self.bounds[0]:.4g} to {self.bounds[1]:.4g} m/s; planned"
-        lone = ONE_VELOCITY if len(self.support) == 1 else ""
-        lines = (
-            text,
-            lone,
-            sought + in_range(self.velocity, self.uncertainty).removeprefix(",") + ".",
-        )
-        return "\n".join(filter(None, (*lines, *self.taken_as_known)))
+        planned = in_range(self.velocity, self.uncertainty).removeprefix(",")
+        sought = f"Sought from {self.bounds[0]:.4g} to {self.bounds[1]:.4g} m/s; planned{planned}."
+        lone = [ONE_VELOCITY] if len(self.support) == 1 else []
+        return "\n".join([text, *lone, sought, *self.taken_as_known])
 
 
 class Table(NamedTuple):
@@ -166,32 +161,27 @@ class Table(NamedTuple):
     shots: Float[np.ndarray, "laws k p"]
     before: Float[np.ndarray, "laws p p"]
 
-    def information(self, places: Places) -> Float[np.ndarray, "laws p p"]:
-        """Of a design."""
+    def information(self, places: Any = slice(None)) -> Float[np.ndarray, "laws p p"]:
+        """Of a shot at each of the places."""
         chosen = self.shots[:, places]
         return self.before + np.swapaxes(chosen, 1, 2) @ chosen
 
 
 @dataclass(frozen=True, eq=False)
 class Criterion:
-    """What is made small: the logarithm of a variance.
+    """What is made small: the logarithm of a mean variance tr(L C), averaged over the laws.
 
     Attributes:
-        name: c, A and I are a mean variance tr(L C), D the geometric mean of the variances with
-            correlations counted, E the largest variance of any direction.
-        weight: L of c, A and I, (laws, p, p).
+        weight: L, (laws, p, p); None for D: the geometric mean of the variances, correlations counted.
     """
 
-    name: str
-    weight: Float[np.ndarray, "laws p p"]
+    weight: Float[np.ndarray, "laws p p"] | None
 
     def value(self, information: Float[np.ndarray, "laws ... p p"]) -> Float[np.ndarray, "..."]:
         """Its logarithm, averaged over the laws."""
         covariance = covariance_of(information)
-        if self.name == "D":
+        if self.weight is None:
             level = np.linalg.slogdet(covariance)[1] / covariance.shape[-1]
-        elif self.name == "E":
-            level = np.log(np.linalg.eigvalsh(covariance)[..., -1])
         else:
             level = np.log(np.einsum("lij,l...ij->l...", self.weight, covariance))
         return np.mean(level, axis=0)
@@ -199,10 +189,10 @@ class Criterion:
     def least(self, table: Table, count: int) -> float:
         """A value that no design of `count` shots at the table's velocities is below.
 
-        With W = C L C / tr(L C) (D: C/p, E: weights on the worst known directions), 1/tr(L C)
-        and its like are concave in A. So whatever the weights w of a design without whole numbers,
-        A = A₀ + n Σ w_k G_k G_kᵀ, no design is better than this one by more than the factor
-        max_k tr(W (A₀ + n G_k G_kᵀ)); the weights are moved to where that is nearly one.
+        With W = C L C / tr(L C) (D: C/p), 1/tr(L C) and its like are concave in A. So whatever the
+        weights w of a design without whole numbers, A = A₀ + n Σ w_k G_k G_kᵀ, no design is better
+        than this one by more than the factor max_k tr(W (A₀ + n G_k G_kᵀ)); the weights are moved
+        to where that is nearly one.
 
         Source: Kiefer and Wolfowitz, Can. J. Math. 12, 363 (1960); Pukelsheim, Optimal Design of
         Experiments (2006), chapter 5.
@@ -211,34 +201,24 @@ class Criterion:
         share = np.full(table.shots.shape[1], 1 / table.shots.shape[1])
         least = -np.inf
         for _ in range(MOVES):
-            scaled = table.shots * share[:, None]
-            there = table.before + count * np.swapaxes(scaled, 1, 2) @ table.shots
-            bounds = []
-            for weight in self._gradients(covariance_of(there)):
-                added = np.einsum("lki,lij,lkj->lk", table.shots, weight, table.shots)
-                first = np.einsum("lij,lij->l", weight, before)
-                bounds.append(np.mean(first[:, None] + count * added, axis=0))
-            factor = min(bounds, key=np.max)
-            least = max(least, float(self.value(there)) - float(np.log(np.max(factor))))
-            share = share * (factor if self.name == "D" else np.sqrt(factor))
+            there = table._replace(
+                shots=table.shots * np.sqrt(count * share)[:, None]
+            ).information()
+            weight = self._gradient(covariance_of(there))
+            added = np.einsum("lki,lij,lkj->lk", table.shots, weight, table.shots)
+            first = np.einsum("lij,lij->l", weight, before)
+            factor = np.mean(first[:, None] + count * added, axis=0)
+            least = max(least, float(self.value(there)) - math.log(np.max(factor)))
+            share = share * (factor if self.weight is None else np.sqrt(factor))
             share = share / np.sum(share)
         return least
 
-    def _gradients(self, there: np.ndarray) -> list[np.ndarray]:
-        """W of each law; several valid ones for E."""
-        if self.name == "D":
-            return [there / there.shape[-1]]
-        if self.name != "E":
-            level = np.einsum("lij,lij->l", self.weight, there)
-            return [there @ self.weight @ there / level[:, None, None]]
-        size, direction = np.linalg.eigh(there)
-        worst, found = size[:, -1:], []
-        for sharp in SHARPNESS:
-            share = np.where(size == worst, 1.0, (size / worst) ** sharp)
-            share = share / np.sum(share, axis=1, keepdims=True)
-            scaled = direction * (share * worst)[:, None, :]
-            found.append(scaled @ np.swapaxes(direction, 1, 2))
-        return found
+    def _gradient(self, there: Float[np.ndarray, "laws p p"]) -> Float[np.ndarray, "laws p p"]:
+        """W of each law."""
+        if self.weight is None:
+            return there / there.shape[-1]
+        level = np.einsum("lij,lij->l", self.weight, there)
+        return there @ self.weight @ there / level[:, None, None]
 
 
 def optimal_velocities(
@@ -271,9 +251,9 @@ def optimal_velocities(
         count: number of new shots, each of a specimen, or launch, of its own where these share
             errors.
         bounds: (lowest, highest) velocity [m/s] that can be shot.
-        criterion: "c": the standard error of `target`; "D", "A", "E": determinant, trace and
-            largest eigenvalue of the covariance of ln θ; "I": the mean variance of the predicted
-            curve between the velocities `over`.
+        criterion: "c": the standard error of `target`; "D", "A": determinant and trace of the
+            covariance of ln θ; "I": the mean variance of the predicted curve between the
+            velocities `over`.
         target: a parameter, or a number that follows from them as a fit's table has it, such as
             eps_up; chi where there is one, else the first parameter, if left out. For c alone.
         objective, parameters, material, route: as `fisher_information` takes them.
@@ -323,46 +303,40 @@ def optimal_velocities(
 def _designed(
     plans: list[Plan], bounds, count: int, criterion: str, target, over, *search
 ) -> Design:
-    target = _target_of(target, plans[0])
+    first, target = plans[0], _target_of(target, plans[0])
     aims = np.stack([_gradient_of(target, plan) for plan in plans])
-    p = len(plans[0].names)
-    weight = np.zeros((len(plans), p, p)) + np.eye(p) / p
+    p = len(first.names)
+    weight: Any = np.zeros((len(plans), p, p)) + np.eye(p) / p
     if criterion == "c":
         weight = aims[:, :, None] * aims[:, None, :]
     elif criterion == "I":
         curve = np.stack([plan.curve(np.linspace(over[0], over[1], CURVE))[1] for plan in plans])
         weight = np.swapaxes(curve, 1, 2) @ curve / CURVE
-    rule, even, grid = (
-        Criterion(criterion, weight),
-        np.linspace(bounds[0], bounds[1], count),
-        _grid(plans, bounds),
-    )
+    rule, grid = Criterion(None if criterion == "D" else weight), _grid(plans, bounds)
+    even = np.linspace(bounds[0], bounds[1], count)
     shots = _sought(plans, rule, even, grid, *search)
-    tables = {
-        name: _table(plans, v) for name, v in (("new", shots), ("even", even), ("none", shots[:0]))
-    }
-    known = {name: one.information(np.arange(one.shots.shape[1])) for name, one in tables.items()}
+    known = {"new": _table(plans, shots).information(), "even": _table(plans, even).information()}
+    known["none"] = np.stack([plan.before for plan in plans])
+    errors = {name: _errors(one, first.names, target, aims) for name, one in known.items()}
     level, of_even = (float(rule.value(known[name])) for name in ("new", "even"))
     least = rule.least(_table(plans, np.union1d(grid, shots)), count)
-    coefficient, (_, error) = plans[0].curve(shots)[0], plans[0].shots(shots)
-    taken = plans[0].taken_as_known([target] if criterion == "c" else plans[0].names)
     return Design(
-        criterion,
-        target,
-        plans[0].names,
-        plans[0].symbols,
-        shots,
-        coefficient,
-        np.array(error),
-        (float(grid[0]), float(grid[-1])),
-        _errors(known["new"], plans[0].names, target, aims),
-        _errors(known["even"], plans[0].names, target, aims),
-        _errors(known["none"], plans[0].names, target, aims) if np.any(plans[0].before) else None,
-        math.exp(0.5 * (of_even - level)),
-        min(math.exp(least - level), 1.0),
-        grid,
-        plans[0].curve(grid)[1],
-        taken,
+        criterion=criterion,
+        target=target,
+        names=first.names,
+        symbols=first.symbols,
+        velocity=shots,
+        coefficient=first.curve(shots)[0],
+        uncertainty=np.array(first.shots(shots)[1]),
+        bounds=(float(grid[0]), float(grid[-1])),
+        relative_errors=errors["new"],
+        equally_spaced=errors["even"],
+        before=errors["none"] if np.any(first.before) else None,
+        gain=math.exp(0.5 * (of_even - level)),
+        efficiency=min(math.exp(least - level), 1.0),
+        grid=grid,
+        slopes=first.curve(grid)[1],
+        taken_as_known=first.taken_as_known([target] if criterion == "c" else first.names),
     )
 
 
@@ -372,7 +346,7 @@ def _target_of(target: str | None, plan: Plan) -> str:
     Raises:
         DataError: for another name, or a number that does not follow from this law.
     """
-    own = dict(zip(plan.free, plan.names, strict=True))
+    own = dict(plan.free)
     if target is None:
         return own.get("chi", plan.names[0])
     if target in own or target in plan.names:
@@ -410,9 +384,8 @@ def _gradient_of(target: str, plan: Plan) -> Float[np.ndarray, "p"]:
 
 def _table(plans: Sequence[Plan], velocity: Column) -> Table:
     """What shots at these velocities add."""
-    p = len(plans[0].names)
-    each = [plan.shots(velocity)[0] if len(velocity) else np.zeros((0, p)) for plan in plans]
-    return Table(np.stack(each), np.stack([plan.before for plan in plans]))
+    before = np.stack([plan.before for plan in plans])
+    return Table(np.stack([plan.shots(velocity)[0] for plan in plans]), before)
 
 
 def _errors(information, names: Sequence[str], target: str, aims) -> Errors:

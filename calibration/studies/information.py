@@ -4,8 +4,7 @@
 
 is the information on ln θ, with A₀ that of a fit (the inverse of its covariance) or of priors, and V_i
 the variance of a planned ε. A planned shot is a point of the kind that the fit's data are (a drop from
-a height, a pair of velocities, a bounce, an ε with its own uncertainty), whose V comes from the same
-code as that of the measured points.
+a height, a pair of velocities, a bounce, an ε with its own uncertainty); see `calibration.fitting.further`.
 """
 
 import math
@@ -18,11 +17,12 @@ import numpy as np
 from jaxtyping import ArrayLike, Float
 
 import softjax as sj
-from calibration.data import PointErrors, RestitutionData
+from calibration.data import RestitutionData
 from calibration.data.json_file import plain
 from calibration.errors import DataError
 from calibration.fitting.collisions import Route
 from calibration.fitting.curves import curve_and_slopes, yield_velocity
+from calibration.fitting.further import further_variances
 from calibration.fitting.law_model import OF_CONTACT
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.result import FitResult
@@ -39,13 +39,11 @@ NOT_KNOWN = 1.0  # relative standard error from which a combination counts as le
 NO_BOUND = 100.0  # and from which no number is given for it
 ALMOST_NOTHING = 1e-6  # prior information on each ln θ: known to a factor e^1000 beforehand
 TAKES_PART = 0.2  # share of a parameter in a direction from which it is named
-STEP = 1e-4  # of a velocity, in the differences that give dε/dv
-LEAST_REBOUND = 1e-3  # of ε, of a bounce that is planned
-ALIKE = 1e-3  # relative spread up to which stated uncertainties count as equal
 BY_HAND = (
     "to plan elsewhere take the law with values given by hand: `softjax sensitivity FILE.toml "
     "--chi … --sigma … --psi … --study design --from …`"
 )
+NO_MODEL = "model: information and designs are those of the likelihood"
 
 Column = Float[np.ndarray, "n"]
 
@@ -56,8 +54,7 @@ class Plan:
 
     Attributes:
         material: the law, and the data that planned shots are like.
-        names: the parameters, as results call them.
-        free: the same as the law calls them.
+        free: name of each parameter in the law -> as results call it.
         before: A₀, (p, p), on ln θ.
         uncertainty: standard uncertainty of a planned ε; None: as the fit's data have it.
         route: from the law to ε.
@@ -66,13 +63,16 @@ class Plan:
     """
 
     material: MaterialFit
-    names: tuple[str, ...]
-    free: tuple[str, ...]
+    free: Mapping[str, str]
     before: Float[np.ndarray, "p p"]
-    uncertainty: float | None
+    uncertainty: Column | float | None
     route: Route
     left_open: tuple[str, ...] = ()
     intervals: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(self.free.values())
 
     def taken_as_known(self, targets: Iterable[str]) -> tuple[str, ...]:
         """A sentence for each parameter that the fit did not determine, with intervals of the targets."""
@@ -91,18 +91,15 @@ class Plan:
     @property
     def unit(self) -> Float[np.ndarray, "p"]:
         """|θ|, and 1 where θ = 0: slopes in θ times these are in ln θ."""
-        size = np.abs(self.truth)
-        return np.where(size > 0, size, 1.0)
+        return np.abs(self.truth) + (self.truth == 0)
 
     @property
     def symbols(self) -> tuple[str, ...]:
         """χ̃, or χ̃[name] where there are several data sets."""
-        pairs = zip(self.free, self.names, strict=True)
-        return tuple(self._symbol(name) + label.removeprefix(name) for name, label in pairs)
-
-    def _symbol(self, name: str) -> str:
-        declared = None if "[" in name else self.material.model.declared(name)
-        return (declared.symbol if declared else "") or name
+        model = self.material.model
+        declared = {name: None if "[" in name else model.declared(name) for name in self.free}
+        short = {name: (one.symbol if one else "") or name for name, one in declared.items()}
+        return tuple(short[name] + label.removeprefix(name) for name, label in self.free.items())
 
     @property
     def yields(self) -> float:
@@ -125,100 +122,10 @@ class Plan:
         value, slope = self.curve(velocity)
         stated = self.uncertainty if uncertainty is None else uncertainty
         if stated is None:
-            error = np.sqrt(self._variance(velocity, value))
-        else:
-            error = np.broadcast_to(np.asarray(stated, float), velocity.shape)
+            every = further_variances(self.material, velocity, lambda v: self.curve(v)[0])
+            stated = np.sqrt(sum(every.values()))
+        error = np.broadcast_to(np.asarray(stated, float), velocity.shape)
         return np.where(value > 0, 1 / error, 0.0)[:, None] * slope, error
-
-    def _variance(self, velocity: Column, value: Column) -> Column:
-        """Of one more ε like the data: what is stated of such a point, and what the fit found beside."""
-        found, data = dict(self.material.variances), self.material.data
-        errors = data.errors
-        stated = {kind: found.pop(kind) for kind in ("stated", "scale", "timing") if kind in found}
-        if not stated or errors.kind == "repeats":
-            return np.full(len(velocity), sum(found.values()) + sum(stated.values()))
-        ends = velocity * (1 + STEP * np.array([[-1.0], [1.0]]))
-        down, up = np.split(self.curve(ends.ravel())[0], 2)
-        like = like_measured(data, velocity, value, self.material.timing)
-        part = like.covariance((up - down) / (2 * STEP * velocity)).diagonal
-        if "scale" in stated and data.uncertainty is not None:
-            part = part * stated["scale"] / np.mean(data.uncertainty**2)
-        return part + sum(found.values())
-
-
-def like_measured(
-    data: RestitutionData, velocity: Column, restitution: Column, timing: float | None = None
-) -> PointErrors:
-    """The errors of impacts that are planned, measured as those of some data were.
-
-    Args:
-        velocity, restitution: v [m/s] and ε expected.
-        timing: standard uncertainty of a time [s] where the data state none.
-    """
-    errors, count = data.errors, len(velocity)
-    own: dict[str, Any] = {}
-    for name, alone, of, at in (
-        ("uncertainty", errors.restitution_alone, np.ones(len(data)), np.ones(count)),
-        ("velocity_uncertainty", errors.velocity_alone, data.velocity, velocity),
-    ):
-        if alone is not None:
-            own[name] = _sizes_like(alone, of, at)
-    bounce = np.maximum(restitution, LEAST_REBOUND)
-    if errors.kind == "heights":  # v = √(2 g h), so that v ∂v/∂h is g
-        gravity = float(np.median(data.velocity * errors.to_velocity[:, 0]))
-        drop = velocity**2 / (2 * gravity)
-        was = data.velocity**2 / (2 * gravity)
-        pairs = {
-            "drop_height": (drop, was),
-            "rebound_height": (bounce**2 * drop, data.restitution**2 * was),
-        }
-    elif errors.kind == "velocities":
-        gravity = None
-        before, after = (
-            (velocity, data.velocity),
-            (bounce * velocity, data.restitution * data.velocity),
-        )
-        pairs = {"impact_velocity": before, "rebound_velocity": after}
-    elif errors.kind in ("intervals", "times"):
-        return _bounces_like(data, velocity, bounce, timing, own)
-    else:
-        return PointErrors.alone(count, own.get("uncertainty"), own.get("velocity_uncertainty"))
-    sizes = errors.sizes(0.0)[errors.index[:, :2]]
-    table = {name: now for name, (now, _) in pairs.items()}
-    for k, (name, (now, then)) in enumerate(pairs.items()):
-        table[f"{name}_uncertainty"] = _sizes_like(sizes[:, k], then, now)
-    if errors.kind == "velocities":  # v is one of the two
-        own.pop("velocity_uncertainty", None)
-    return RestitutionData.from_table(
-        table | own, gravity=gravity, plausibility=False, name="the plan"
-    ).errors
-
-
-def _bounces_like(data: RestitutionData, velocity, restitution, timing, own) -> PointErrors:
-    """A launch of two intervals, or of three times, for each shot."""
-    errors, by_time = data.errors, data.errors.kind == "times"
-    gravity = 2 * float(np.median(np.max(errors.to_velocity, axis=1)))
-    first = 2 * velocity / gravity
-    steps = [first, restitution * first]
-    rows = np.array([0 * first, first, first * (1 + restitution)] if by_time else steps)
-    size = timing if errors.size is None else float(np.median(errors.size))
-    table = {
-        "launch": np.repeat([str(k) for k in range(len(velocity))], len(rows)),
-        "time" if by_time else "interval": rows.T.ravel(),
-    }
-    table |= {name: np.repeat(column, len(rows)) for name, column in own.items()}
-    return RestitutionData.from_table(
-        table, gravity=gravity, timing_uncertainty=size, plausibility=False, name="the plan"
-    ).errors
-
-
-def _sizes_like(sizes: Column, of: Column, at: Column) -> Column:
-    """Uncertainties of planned quantities: all alike, else the same part of the quantity."""
-    middle = float(np.median(sizes))
-    if np.ptp(sizes) <= ALIKE * middle:
-        return np.full(len(at), middle)
-    safe = np.where(of > 0, of, 1.0)
-    return at * float(np.median(np.where(of > 0, sizes, 0.0) / safe))
 
 
 def plan_of(
@@ -245,8 +152,7 @@ def plan_of(
     """
     reach = np.asarray(reach, float).ravel()
     if objective not in (None, "model"):
-        accepted = "model: information and designs are those of the likelihood"
-        raise DataError("objective", objective, accepted)
+        raise DataError("objective", objective, NO_MODEL)
     with jax.enable_x64(True):
         if isinstance(law, FitResult):
             for name, value in (("parameters", parameters), ("measured", measured)):
@@ -258,8 +164,7 @@ def plan_of(
         elif material is not None:
             raise DataError("material", material, "left out with a law")
         else:
-            v, u = ((), 1.0) if measured is None else measured
-            there = checked_impacts(v, u, "measured")
+            there = checked_impacts(*(((), 1.0) if measured is None else measured), "measured")
             every = np.concatenate([there[0], reach])
             plan = _of_law(law, every, parameters or {}, uncertainty, route)
             if len(there[0]):
@@ -306,31 +211,17 @@ def _of_law(law: sj.ContactLaw, every: Column, parameters, uncertainty, route: R
         is_free = name in said and as_parameter(name, said[name]).free
         said[name] = Parameter(getattr(law, name), free=is_free)
     spec = specs_of((data,), type(law), [said], None)[0]
-    values = {one.name: _truth(law, one) for one in spec.local}
     free = {one.name: one.name for one in spec.local if one.parameter.free}
     material = MaterialFit(
-        data=data,
-        objective="model",
-        model=spec.model,
-        parameters={},
-        derived={},
-        values=values,
+        **{"data": data, "objective": "model", "model": spec.model, "trees": spec.trees},
+        values={one.name: _truth(law, one) for one in spec.local},
         labels=free,
-        trees=spec.trees,
-        rms=math.nan,
-        rms_empirical=None,
-        empirical=None,
-        reduced_chi_squared=None,
-        converged=True,
-        status=(),
+        **dict.fromkeys(("rms_empirical", "empirical", "reduced_chi_squared"), None),
+        **{"parameters": {}, "derived": {}, "rms": math.nan, "converged": True, "status": ()},
     )
-    sizes = [
-        one.parameter.prior[1] if one.parameter.prior else np.inf
-        for one in spec.local
-        if one.name in free
-    ]
-    stated = USUAL_NOISE if uncertainty is None else uncertainty
-    plan = Plan(material, tuple(free), tuple(free), np.zeros((0, 0)), stated, route)
+    plan = Plan(material, free, np.zeros((0, 0)), uncertainty or USUAL_NOISE, route)
+    priors = (one.parameter.prior for one in spec.local if one.name in free)
+    sizes = [prior[1] if prior else np.inf for prior in priors]
     return replace(plan, before=np.diag((plan.unit / sizes) ** 2))
 
 
@@ -359,32 +250,27 @@ def _truth(law: Any, local: Local) -> Any:
 def _of_fit(result: FitResult, name: str | None, reach: Column, uncertainty, route: Route) -> Plan:
     material = result.material(name)
     if material.objective != "model":
-        accepted = 'model: information and designs are those of the likelihood; fit with "model"'
-        raise DataError("objective", material.objective, accepted)
+        raise DataError("objective", material.objective, f'{NO_MODEL}; fit with "model"')
     low, high = material.known_from, material.known_to
-    if np.any((reach < low) | (reach > high)):
+    for outside in reach[(reach < low) | (reach > high)][:1]:
         end = f"up to {high:.4g} m/s" if low <= 0 else f"{low:.4g} m/s or more"
-        outside = np.min(reach) if np.min(reach) < low else np.max(reach)
-        raise DataError(
-            "velocity", float(outside), f"{end}, where this fit knows the law; {BY_HAND}"
-        )
+        accepted = f"{end}, where this fit knows the law; {BY_HAND}"
+        raise DataError("velocity", float(outside), accepted)
     places = {label: k for k, label in enumerate(result.covariance_names)}
-    known = {
-        own: label
-        for own, label in material.free.items()
-        if np.isfinite(result.covariance[places[label], places[label]])
-    }
-    rows = [places[label] for label in known.values()]
+    size = np.diag(result.covariance)
+    free = {own: label for own, label in material.free.items() if np.isfinite(size[places[label]])}
     chosen = route or result.request.route_of_curve(material.model.law_type)
-    plan = Plan(
-        material, tuple(known.values()), tuple(known), np.zeros((0, 0)), uncertainty, chosen
-    )
+    plan = Plan(material, free, np.zeros((0, 0)), uncertainty, chosen)
+    rows = [places[label] for label in plan.names]
     covariance = result.covariance[np.ix_(rows, rows)] / np.outer(plan.unit, plan.unit)
-    left = tuple(
-        _left_open(own, material.parameters.get(own)) for own in material.free if own not in known
+    left = [name for name in material.free if name not in free]
+    told = {label: text for label in plan.names if (text := _interval(label, result))}
+    return replace(
+        plan,
+        before=np.linalg.inv(covariance),
+        left_open=tuple(_left_open(own, material.parameters.get(own)) for own in left),
+        intervals=told,
     )
-    told = {label: text for label in known.values() if (text := _interval(label, result))}
-    return replace(plan, before=np.linalg.inv(covariance), left_open=left, intervals=told)
 
 
 def _left_open(name: str, estimate: Any) -> str:

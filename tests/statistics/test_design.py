@@ -35,7 +35,6 @@ VARIANCES = {
     "c": lambda c: c[1, 1],
     "D": lambda c: math.sqrt(np.linalg.det(c)),
     "A": lambda c: 0.5 * np.trace(c),
-    "E": lambda c: np.linalg.eigvalsh(c)[-1],
     "I": lambda c: float(np.mean(np.einsum("ki,ij,kj->k", CURVE, c, CURVE))),
 }
 

@@ -261,6 +261,9 @@ def test_a_drop_of_some_centimetres_is_known_worse_than_one_of_metres():
     of_drop = -e / (2 * h) + rate * e * v / (2 * h)
     expected = 0.002 * np.hypot(of_drop, 1 / (2 * h * e))
     np.testing.assert_allclose(found.uncertainty, expected, rtol=1e-5)
+    both = (result.band(v, kind=kind).standard_error for kind in ("mean", "prediction"))
+    curve_s, one_s = both  # one measurement model: a band of predictions has the same errors
+    np.testing.assert_allclose(np.sqrt(one_s**2 - curve_s**2), expected, rtol=1e-5)
     design = cal.optimal_velocities(result, 4, (0.3, 8.0), target="level", starts=2)
     assert np.min(design.velocity) > 1.0
     assert "Sought from 0.3 to 8 m/s; planned" in str(design)
