@@ -10,6 +10,7 @@ from jaxtyping import Float
 import softjax as sj
 from calibration.data import RestitutionData
 from calibration.data.checks import check_whole, checked_confidence
+from calibration.errors import DataError
 from calibration.fitting.door import fit
 from calibration.fitting.result import FitResult
 
@@ -49,6 +50,8 @@ class CoverageCase:
         """A simulated data set; without a generator the noise-free one."""
         if self.simulate is not None and random is not None:
             return self.simulate(random)
+        if self.truth is None:
+            raise DataError("truth", None, "a law, or `simulate` and `values` in its place")
         velocity = np.asarray(self.velocity, float)
         restitution = np.asarray(sj.restitution(self.truth, velocity).coefficient)
         if random is not None:
@@ -169,5 +172,5 @@ def _study(case: CoverageCase, sets: int, seed, confidence: float, progress: Any
         if progress is not None:
             progress(case.name, k + 1, sets)
     table = np.array(rows, float)  # None becomes NaN
-    columns = [dict(zip(truth, table[:, :, k].T, strict=True)) for k in range(4)]
-    return Coverage(case.name, truth, *columns, converged / sets)
+    found, errors, low, high = (dict(zip(truth, table[:, :, k].T, strict=True)) for k in range(4))
+    return Coverage(case.name, truth, found, errors, low, high, converged / sets)

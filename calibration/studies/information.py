@@ -164,7 +164,8 @@ def plan_of(
         elif material is not None:
             raise DataError("material", material, "left out with a law")
         else:
-            there = checked_impacts(*(((), 1.0) if measured is None else measured), "measured")
+            v, u = ((), 1.0) if measured is None else measured
+            there = checked_impacts(v, u, "measured")
             every = np.concatenate([there[0], reach])
             plan = _of_law(law, every, parameters or {}, uncertainty, route)
             if len(there[0]):
@@ -213,11 +214,20 @@ def _of_law(law: sj.ContactLaw, every: Column, parameters, uncertainty, route: R
     spec = specs_of((data,), type(law), [said], None)[0]
     free = {one.name: one.name for one in spec.local if one.parameter.free}
     material = MaterialFit(
-        **{"data": data, "objective": "model", "model": spec.model, "trees": spec.trees},
+        data=data,
+        objective="model",
+        model=spec.model,
+        parameters={},
+        derived={},
         values={one.name: _truth(law, one) for one in spec.local},
         labels=free,
-        **dict.fromkeys(("rms_empirical", "empirical", "reduced_chi_squared"), None),
-        **{"parameters": {}, "derived": {}, "rms": math.nan, "converged": True, "status": ()},
+        trees=spec.trees,
+        rms=math.nan,
+        rms_empirical=None,
+        empirical=None,
+        reduced_chi_squared=None,
+        converged=True,
+        status=(),
     )
     plan = Plan(material, free, np.zeros((0, 0)), uncertainty or USUAL_NOISE, route)
     priors = (one.parameter.prior for one in spec.local if one.name in free)

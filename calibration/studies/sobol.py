@@ -196,7 +196,7 @@ def model_indices(
     ).swapaxes(0, 1)
     with np.errstate(divide="ignore", invalid="ignore"):
         bound = (ends[:, 1] - ends[:, 0]) ** 2 * squares / (np.pi**2 * variance[:, None])
-    told = {
+    tables_of = {
         **{"first": first, "first_low": first_low, "first_high": first_high},
         **{"total": total, "total_low": total_low, "total_high": total_high, "bound": bound},
     }
@@ -204,7 +204,7 @@ def model_indices(
         names=names,
         ranges=dict(ranges),
         scale=scale,
-        **{key: np.where(varies[:, None], table, np.nan) for key, table in told.items()},
+        **{key: np.where(varies[:, None], table, np.nan) for key, table in tables_of.items()},
         mean=mean,
         variance=variance,
         samples=samples,
@@ -265,4 +265,4 @@ def _indices(share: np.ndarray, f_a, f_b, f_ab) -> Float[np.ndarray, "2 q resamp
     variance = 0.5 * (a**2 + b**2) @ share.T - (0.5 * (a + b) @ share.T) ** 2
     with np.errstate(divide="ignore", invalid="ignore"):
         both = [(x @ share.T) / variance for x in (b * (ab - a), 0.5 * (a - ab) ** 2)]
-    return np.moveaxis(both, 1, -1)
+    return np.moveaxis(np.array(both), 1, -1)
