@@ -3,8 +3,7 @@
 import re
 from typing import Any, NamedTuple
 
-from calibration.fitting.known_laws import LAWS
-from calibration.fitting.law_model import CONTACT_LEAVES, OF_CONTACT
+from calibration.fitting.laws import CONTACT_LEAVES, LAWS, OF_CONTACT
 
 
 class Symbol(NamedTuple):

@@ -78,7 +78,7 @@ def _fitted(arguments: argparse.Namespace, given: Mapping[str, Any], progress: P
     """The fit of the file's data, or of the paper's."""
     import softjax as sj
     from calibration.data.paper import paper_materials
-    from calibration.fitting.door import fit
+    from calibration.fitting.entry import fit
     from calibration.fitting.posterior.draws import check_possible
 
     sj.enable_x64()

@@ -15,7 +15,7 @@ from calibration.curves import Source
 from calibration.data.paper import CURVES, RADIUS, PaperCurve
 from calibration.errors import DataError, InputError, Origin, did_you_mean, listed, printable
 from calibration.fitting.collisions import ROUTES
-from calibration.fitting.known_laws import LAWS
+from calibration.fitting.laws import LAWS
 from calibration.options import LAW_OPTIONS
 from calibration.paper import TABLE_1
 from calibration.parameters import Parameter

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from calibration.fitting.law_model import MOVE_YIELD, OF_CONTACT
+from calibration.fitting.laws import MOVE_YIELD, OF_CONTACT
 from calibration.fitting.problem import Lanes, Problem
 from calibration.fitting.search import guided_search
 

@@ -13,14 +13,13 @@ from calibration.data.checks import require
 from calibration.errors import DataError, listed
 from calibration.fitting.collisions import Route
 from calibration.fitting.estimate import Band
-from calibration.fitting.freedom import Freedom
 from calibration.fitting.further import further_variances
-from calibration.fitting.law_model import OF_CONTACT, model_of_class
+from calibration.fitting.laws import OF_CONTACT, model_of_class
 from calibration.fitting.material import Goodness, MaterialFit
 from calibration.fitting.problem import Element, Points, Problem
 from calibration.fitting.rows import Rows, SetRows
 from calibration.fitting.transform import Transform
-from calibration.fitting.uncertainty import quantile
+from calibration.fitting.uncertainty import Freedom, quantile
 from calibration.observables import PLACES, RESTITUTION
 from calibration.parameters import Parameter
 

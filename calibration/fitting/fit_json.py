@@ -21,17 +21,16 @@ from calibration.data.measurements import LONGEST_NAME
 from calibration.data.text_file import MIB, read_text
 from calibration.errors import DataError, InputError, shown
 from calibration.fitting.collisions import ROUTES
-from calibration.fitting.doubt import Doubt
 from calibration.fitting.estimate import Estimate, Line
-from calibration.fitting.freedom import Freedom
-from calibration.fitting.known_laws import LAWS, law_name
-from calibration.fitting.likelihood import Likelihood
+from calibration.fitting.laws import LAWS, law_name
+from calibration.fitting.layout import law_model, said_of
 from calibration.fitting.material import Goodness, MaterialFit, Outlier
 from calibration.fitting.profiles import Profile
 from calibration.fitting.request import Request, checked
 from calibration.fitting.rows import Tree
-from calibration.fitting.specs import law_model, said_of
-from calibration.fitting.stages import Stage
+from calibration.fitting.stages import Likelihood, Stage
+from calibration.fitting.uncertainty import Freedom
+from calibration.fitting.warnings import FitWarning
 from calibration.observables import OBSERVABLES, Observed
 from calibration.options import FitOptions
 from calibration.parameters import Parameter
@@ -142,7 +141,7 @@ class FitRecord(Strict):
     rms_empirical: float | None
     empirical: dict[str, float | None] | None
     converged: bool
-    warnings: tuple[Doubt, ...]
+    warnings: tuple[FitWarning, ...]
     parameters: dict[str, Estimate]
     derived: dict[str, Estimate]
     reduced_chi_squared: NotNegative | None
@@ -237,7 +236,7 @@ class ResultFile(Strict):
     settings: dict[str, Any]
     versions: dict[str, str]
     converged: bool
-    warnings: tuple[Doubt, ...]
+    warnings: tuple[FitWarning, ...]
     covariance: CovarianceRecord
     covariance_of_predictions: Covariance
     rank: Count

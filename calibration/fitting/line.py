@@ -4,15 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.fitting.component_fit import ComponentFit
-from calibration.fitting.derived import derived_of
 from calibration.fitting.estimate import Estimate, Line
-from calibration.fitting.intervals import estimate_of
+from calibration.fitting.laws import LINE
+from calibration.fitting.layout import SetSpec
+from calibration.fitting.profiles import estimate_of
 from calibration.fitting.request import Request
-from calibration.fitting.specs import SetSpec
-from calibration.fitting.stages import StageFit
+from calibration.fitting.stages import ComponentFit, StageFit
+from calibration.fitting.summary import derived_of
 from calibration.fitting.uncertainty import quantile
-from calibration.fitting.zhou import LINE
 from calibration.parameters import Parameter
 
 ROUNDING = 1e-10  # standard errors of χ̃, as a share of it, that tell nothing

@@ -9,10 +9,10 @@ import numpy as np
 
 import softjax as sj
 from calibration.data import RestitutionData
-from calibration.fitting.doubt import Doubt
 from calibration.fitting.estimate import Estimate
-from calibration.fitting.law_model import LawModel
+from calibration.fitting.laws import LawModel
 from calibration.fitting.rows import Tree, with_trees
+from calibration.fitting.warnings import FitWarning
 from calibration.observables import OBSERVABLES, RESTITUTION
 
 
@@ -136,7 +136,7 @@ class MaterialFit:
     leverage: tuple[float, ...] = field(default=(), repr=False)
     residual_degrees: float = 0.0
     observed: Mapping[str, Goodness] = field(default_factory=dict)
-    warnings: tuple[Doubt, ...] = field(default=())
+    warnings: tuple[FitWarning, ...] = field(default=())
 
     @property
     def name(self) -> str:

@@ -30,7 +30,6 @@ from calibration.fitting.collisions import (
 from calibration.fitting.errors import Carried, Errors
 from calibration.fitting.rows import Laws, Leaves
 from calibration.fitting.transform import Transform
-from calibration.fitting.variances import Seen
 from calibration.observables import OBSERVABLES, RESTITUTION
 from calibration.parameters import Parameter
 from softjax.fields import Declared
@@ -164,6 +163,30 @@ class Linear(NamedTuple):
     cost: Float[np.ndarray, "fits"]
 
 
+class Residuals(NamedTuple):
+    """What a block's variances are judged by, of fits side by side.
+
+    Attributes:
+        off, jacobian: predicted less measured ε, and its slopes; not weighted.
+        slope, bend: of the curve, see `Carried`.
+        information, gradient: A₀ and b₀; no b₀ where several sets take turns, whose residuals stay.
+        kept: 0 for points that are left out, which share no error with others; None: all are there.
+    """
+
+    off: Float[np.ndarray, "fits n"]
+    jacobian: Float[np.ndarray, "fits n p"]
+    slope: Any
+    bend: Any
+    information: Float[np.ndarray, "fits p p"]
+    gradient: Float[np.ndarray, "fits p"] | None
+    kept: Any = None
+
+    @property
+    def counted(self) -> Any:
+        """1 for every point that is there."""
+        return np.ones(self.off.shape) if self.kept is None else self.kept
+
+
 @dataclass(frozen=True)
 class Problem:
     """Residuals of one stage as functions of its active elements.
@@ -285,7 +308,7 @@ class Problem:
         none = np.zeros((len(z), 0))
         return self._carried(self.transform.physical(z), none, lanes or Lanes())[0].mean
 
-    def seen(self, z: Z, lanes: Lanes | None = None) -> list[Seen]:
+    def seen(self, z: Z, lanes: Lanes | None = None) -> list[Residuals]:
         """What judges the variances of each block at z."""
         lanes = lanes or Lanes()
         found = self.linearise(z, lanes)
@@ -305,7 +328,9 @@ class Problem:
             elif len(self.errors) > 1:
                 gradient = None
             slope, bend = (a[:, own] if np.ndim(a) else a for a in (carried.slope, carried.bend))
-            parts.append(Seen(off[:, own], per.mean[:, own], slope, bend, information, gradient))
+            parts.append(
+                Residuals(off[:, own], per.mean[:, own], slope, bend, information, gradient)
+            )
         return parts
 
     def curve(self, theta, per_z, lanes: Lanes | None = None):

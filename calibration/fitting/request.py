@@ -9,11 +9,10 @@ import numpy as np
 import softjax as sj
 from calibration.data import RestitutionData
 from calibration.errors import DataError
-from calibration.fitting.assembly import Component, assemble
 from calibration.fitting.collisions import ROUTES, Route
-from calibration.fitting.component_fit import ComponentFit, fit_component
 from calibration.fitting.errors import Errors
-from calibration.fitting.specs import SetSpec, said_of, specs_of
+from calibration.fitting.layout import Component, SetSpec, assemble, said_of, specs_of
+from calibration.fitting.stages import ComponentFit, fit_component
 from calibration.options import FitOptions
 
 # ε to 1e-11, compiled in half of dopri8's time

@@ -12,20 +12,17 @@ import numpy as np
 from calibration.data.checks import check_whole, checked_confidence
 from calibration.data.json_file import dumps
 from calibration.errors import DataError, did_you_mean, listed
-from calibration.fitting.component_fit import ComponentFit
 from calibration.fitting.curves import as_empirical, band
-from calibration.fitting.doubt import Doubt, extrapolation
 from calibration.fitting.estimate import Band, Estimate, Line
 from calibration.fitting.fit_json import read_result, result_to_dict
-from calibration.fitting.freedom import Freedom, freedom_of
-from calibration.fitting.left_out import LeaveOneOut, leave_one_out
-from calibration.fitting.likelihood import Likelihood
+from calibration.fitting.laws import LINE
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.profiles import Profile
-from calibration.fitting.refits import Bootstrap, bootstrap
+from calibration.fitting.refits import Bootstrap, LeaveOneOut, bootstrap, leave_one_out
 from calibration.fitting.request import Request
-from calibration.fitting.stages import Stage
-from calibration.fitting.zhou import LINE
+from calibration.fitting.stages import ComponentFit, Likelihood, Stage
+from calibration.fitting.uncertainty import Freedom, freedom_of
+from calibration.fitting.warnings import FitWarning, extrapolation
 from calibration.observables import OBSERVABLES, RESTITUTION
 from calibration.output import replacing, write_text
 
@@ -45,7 +42,7 @@ class FitResult:
             parameters together.
         rank, condition_number: of the weighted Jacobian with columns scaled to one.
         likelihood: None where what was minimised is none, or the data have no noise.
-        warnings: all doubts.
+        warnings: all of them.
         optimiser_report: what each stage took.
         profiles: by parameter label.
         freedoms: how well the noise is known that the covariance comes from, of each component.
@@ -64,7 +61,7 @@ class FitResult:
     rank: int
     condition_number: float | None
     likelihood: Likelihood | None
-    warnings: tuple[Doubt, ...]
+    warnings: tuple[FitWarning, ...]
     optimiser_report: tuple[Stage, ...]
     profiles: dict[str, Profile]
     freedoms: tuple[Freedom, ...]
@@ -263,8 +260,8 @@ class FitResult:
         degrees = freedom.degrees((label,), np.ones((1, 1)), np.array([variance]), "")[0]
         return float(degrees) if np.isfinite(degrees * variance) else None
 
-    def extrapolation(self, velocity, name: str | None = None) -> Doubt | None:
-        """A doubt where velocities lie outside the data."""
+    def extrapolation(self, velocity, name: str | None = None) -> FitWarning | None:
+        """A warning where velocities lie outside the data."""
         return extrapolation(velocity, self.material(name).data)
 
     def leave_one_out(self) -> LeaveOneOut:

@@ -19,7 +19,7 @@ from jaxtyping import Float, Int
 import softjax as sj
 from calibration.errors import DataError
 from calibration.fitting.collisions import LawShape
-from calibration.fitting.law_model import CONTACT_LEAVES, OF_CONTACT, LawModel
+from calibration.fitting.laws import CONTACT_LEAVES, OF_CONTACT, LawModel
 
 PROBES = 3  # places at which it is looked which leaves move
 FEW_ROWS = 128  # that are built at once

@@ -14,9 +14,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from calibration.fitting.collisions import TINY_SQUARED
-from calibration.fitting.condensed import TINY, Condensed, condense
-from calibration.fitting.methods import Adam, Lbfgs, Marquardt, Method
 from calibration.fitting.problem import Lanes, Problem
+from calibration.fitting.steps import TINY, Adam, Condensed, Lbfgs, Marquardt, Method, condense
 from calibration.fitting.transform import NONE
 
 STEP_TOLERANCE = 1e-9  # of the Gauss–Newton step left, in log units for most elements

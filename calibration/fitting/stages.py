@@ -1,27 +1,128 @@
-"""One stage of a fit: starts, searches, and what settles only together with where they end."""
+"""The stages of one component: starts, searches, and what settles only with where they end."""
 
+import math
 import time
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
+from jaxtyping import Float
 
 import softjax as sj
+from calibration.fitting.batches import pooled
 from calibration.fitting.branches import Branches, by_branches, held_at
-from calibration.fitting.doubt import CONFIDENCE, runs
-from calibration.fitting.methods import OPTIMISERS
-from calibration.fitting.neighbours import pooled
-from calibration.fitting.noise import (
+from calibration.fitting.laws import OF_CONTACT
+from calibration.fitting.layout import Component
+from calibration.fitting.problem import Element, Lanes, Problem
+from calibration.fitting.search import Found, guided_search, search
+from calibration.fitting.steps import OPTIMISERS
+from calibration.fitting.transform import LOGIT, NONE
+from calibration.fitting.uncertainty import Settled, Uncertainty, stacked
+from calibration.fitting.variances import (
     first_variances,
     have_settled,
     needs_variances,
     renewed,
+    stands_alone,
     with_noise,
 )
-from calibration.fitting.problem import Problem
-from calibration.fitting.search import Found, guided_search, search
-from calibration.fitting.starts import best_starts, candidates
+from calibration.fitting.warnings import CONFIDENCE, runs
 from calibration.options import FitOptions
 from calibration.schema import Real
+
+DECADES = 3 * np.log(10)  # on either side of the start of a positive parameter
+# how far around the start it is worth looking, in z: a factor of 30 below and 300 above for χ̃
+WIDTHS = {
+    "chi": (-3.5, 5.7),
+    "sigma": (-3.5, 3.5),
+    "psi": (-2.5, 1.5),
+    "limit_velocity": (-1.0, 1.0),
+    OF_CONTACT + "limit_velocity": (-1.0, 1.0),
+}
+OF_A_CONTACT = (-0.3, 0.3)  # properties that were measured
+LOGIT_SPREAD = (-4.0, 4.0)
+APART = 1.0  # in z: starts nearer than that would be one search made twice
+
+Places = Float[np.ndarray, "starts elements"]
+
+
+def candidates(
+    problem: Problem, z: Float[np.ndarray, "elements"], count: int, seed: int, wide: float = 1.0
+) -> Places:
+    """`count` starts: z itself, then Sobol points around it along the active elements.
+
+    Args:
+        wide: how many times its own size an element of any sign may change.
+    """
+    active = problem.active
+    if count <= 1 or not len(active):
+        return z[None]
+    from scipy.stats import qmc
+
+    low, high = np.transpose([_range_of(problem, int(k), z[k], wide) for k in active])
+    power = int(np.ceil(np.log2(count)))
+    unit = qmc.Sobol(len(active), seed=seed).random_base2(power)[: count - 1]
+    places = np.repeat(z[None], count, axis=0)
+    places[1:, active] = low + (high - low) * unit
+    return places
+
+
+def _range_of(problem: Problem, k: int, start: float, wide: float) -> tuple[float, float]:
+    kind, name = problem.transform.kind[k], problem.elements[k].name
+    if kind == LOGIT:
+        return LOGIT_SPREAD
+    if kind == NONE:
+        low, high = float(problem.transform.lower[k]), float(problem.transform.upper[k])
+        size = wide * (abs(start) + 1e-3)
+        return max(start - size, low), min(start + size, high)
+    below, above = WIDTHS.get(
+        name, OF_A_CONTACT if name.startswith(OF_CONTACT) else (-DECADES, DECADES)
+    )
+    return start + below, start + above
+
+
+def best_starts(problem: Problem, places: Places, keep: int) -> Places:
+    """The `keep` best that are not neighbours, best first; each data set ranks its own elements."""
+    if len(places) == 1:
+        return places
+    costs = screen(problem, places)
+    keep = min(keep, len(places))
+    starts = np.repeat(places[:1], keep, axis=0)
+    for group in {_sets(problem, problem.elements[k]) for k in problem.active}:
+        members = [k for k in problem.active if _sets(problem, problem.elements[k]) == group]
+        ranked = costs[:, group[0]] if len(group) == 1 else costs.sum(axis=1)
+        chosen = _apart(np.argsort(ranked, kind="stable"), places[:, members], keep)
+        starts[:, members] = places[chosen][:, members]
+    return starts
+
+
+def _sets(problem: Problem, element: Element) -> tuple[int, ...]:
+    """The data sets of an element, as the problem counts them."""
+    places = {g: i for i, g in enumerate(sorted({g for e in problem.elements for g in e.sets}))}
+    return tuple(places[g] for g in element.sets)
+
+
+def _apart(order, places, keep: int) -> list[int]:
+    """The first `keep` of an order that are `APART` from each other, filled up by those that are not."""
+    chosen: list[int] = []
+    for i in order:
+        if all(np.max(np.abs(places[i] - places[j])) > APART for j in chosen):
+            chosen.append(int(i))
+        if len(chosen) == keep:
+            return chosen
+    chosen += [int(i) for i in order if int(i) not in chosen]
+    return chosen[:keep]
+
+
+def screen(problem: Problem, places: Places) -> Float[np.ndarray, "starts sets"]:
+    """Cost of each start and data set, priors added to all, in one batch."""
+    lanes = Lanes(elastic=problem.elastic_at(places))
+    found = problem.linearise(places, lanes, slopes=False)
+    squares = np.nan_to_num(found.residual, nan=np.inf) ** 2
+    points, sets = problem.points.set, len(problem.datasets)
+    by_set = np.stack([squares[:, : problem.count][:, points == g].sum(1) for g in range(sets)], 1)
+    return by_set + squares[:, problem.count :].sum(axis=1)[:, None]
+
 
 REFINED = 3  # of the screened starts
 # where the first starts miss the points: more per element, those refined, and how wide around the first
@@ -295,3 +396,132 @@ def route_name(problem: Problem) -> str:
     if problem.route is not None:
         return problem.route.name
     return law.default_route().name if issubclass(law, sj.ContactLaw) else sj.EnergyBalance.name
+
+
+@dataclass(frozen=True)
+class ComponentFit:
+    """A fitted component.
+
+    Attributes:
+        component: what was asked.
+        stages: where each stage ended.
+        z: of all elements.
+        uncertainty: of z; of one fit.
+    """
+
+    component: Component
+    stages: tuple[StageFit, ...]
+    z: np.ndarray
+    uncertainty: Uncertainty
+
+    @property
+    def final(self) -> StageFit:
+        """The stage whose law is the result's."""
+        return self.stages[-1]
+
+    @property
+    def theta(self) -> np.ndarray:
+        """The elements in physical units; those at an end of their range that is a bound, there."""
+        transform = self.final.problem.transform
+        theta, limits = transform.physical(self.z), self.uncertainty.limits[0]
+        bound = transform.bound_beyond(limits)
+        return np.where((limits != 0) & np.isfinite(bound), bound, theta)
+
+    @property
+    def begun(self) -> np.ndarray:
+        """Where elements that are held at an end of their range came from; NaN for the others.
+
+        A search from here then knows them for what they are.
+        """
+        return np.where(self.uncertainty.limits[0] != 0, self.component.start, np.nan)
+
+    @property
+    def is_likelihood(self) -> bool:
+        """Whether what was minimised is a likelihood: one stage."""
+        return len(self.stages) == 1
+
+    @property
+    def converged(self) -> bool:
+        return all(bool(stage.found.converged[0]) for stage in self.stages)
+
+
+def fit_component(component: Component, options: FitOptions) -> ComponentFit:
+    """Run the stages, each from where the one before it ended."""
+    z = component.start
+    fits: list[StageFit] = []
+    for name, problem in component.stages:
+        if not fits:
+            fits.append(run_stage(name, problem, z, options))
+        else:
+            fits.append(run_stage(name, _after(fits[0], problem), z, options, weigh=False))
+        z = fits[-1].z
+    settled = [Settled(stage.problem, stage.found.limits) for stage in fits]
+    return ComponentFit(component, tuple(fits), z, stacked(settled, z[None]))
+
+
+def _after(first: StageFit, problem: Problem) -> Problem:
+    """A later stage's problem: each point weighs by its own variance, as the first stage found it.
+
+    The law's misfit, which the first stage has none of, would enter whitened residuals with the sizes
+    of what points share.
+    """
+    told = first.problem
+    if all(stands_alone(told, g) for g in range(len(told.errors))):
+        return replace(problem, errors=(), variances=())  # all points weigh alike
+    weight = told.diagonal(first.z[None])[0] ** -0.5
+    points = problem.points._replace(weight=weight)
+    return replace(problem, points=points, errors=(), variances=())
+
+
+NO_NOISE = 1e-10  # rms of ε below which there is no noise to speak of
+
+
+@dataclass(frozen=True)
+class Likelihood:
+    """ln L at its maximum, and what Akaike's and Schwarz's criteria take of it.
+
+    Attributes:
+        log: ln L, parameters and unknown variances where it is largest.
+        fitted: how many numbers were fitted, those variances among them.
+        points: how many points.
+    """
+
+    __pydantic_config__: ClassVar = {"extra": "ignore"}  # what files hold besides
+
+    log: float
+    fitted: int
+    points: int
+
+    @property
+    def aic(self) -> float:
+        return 2 * self.fitted - 2 * self.log
+
+    @property
+    def bic(self) -> float:
+        return self.fitted * math.log(self.points) - 2 * self.log
+
+    def to_dict(self) -> dict[str, float]:
+        """What `fit.json` holds of it."""
+        return {**vars(self), "aic": self.aic, "bic": self.bic}
+
+
+def likelihood_of(fits: list[ComponentFit], options: FitOptions) -> Likelihood | None:
+    """Of all components; None where what was minimised is none, or the data have no noise.
+
+    None where parameters are pooled, too: how many numbers were fitted is then no whole number.
+    """
+    log, fitted, points = 0.0, 0, 0
+    for fit in fits:
+        if not fit.is_likelihood or fit.final.problem.pools:
+            return None
+        problem, found = fit.final.problem, fit.final.found
+        if needs_variances(problem) and found.converged[0]:
+            found, problem, _ = settle(problem, found, options, restricted=False)
+        else:
+            problem = renewed(problem, fit.z, restricted=False)
+        unknown = sum(len(one.unknown) for one in problem.errors)
+        if unknown and np.min(problem.diagonal(found.z)) <= NO_NOISE**2:
+            return None
+        log -= 0.5 * float(problem.deviance(found.z)[0])
+        fitted, points = fitted + len(fit.z) + unknown, points + problem.count
+    return Likelihood(log, fitted, points)

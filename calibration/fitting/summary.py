@@ -1,21 +1,555 @@
-"""One data set's part of a result: its parameters, what follows from them, how closely it fits."""
+"""One data set's part of a result: estimates, what follows from them, goodness of fit, warnings.
 
+Another end of a search counts as another minimum only if the gradient vanishes there and the cost rises
+on the straight way from it to the best. A straight way that rises does not prove that every bent one
+does; of a valley so level that the gradient vanishes at two places along it no other minima are told."""
+
+from collections.abc import Callable
 from dataclasses import fields, replace
 
 import numpy as np
+from jaxtyping import Float
 
 import softjax as sj
-from calibration.fitting.component_fit import ComponentFit
-from calibration.fitting.derived import derived_of
-from calibration.fitting.doubt import Doubt
-from calibration.fitting.eq_17 import disagreements, eq_17_alone, eq_17_of
+from calibration.data import RestitutionData, plausibility
+from calibration.data.paper import eq_17
+from calibration.fitting import warnings
+from calibration.fitting.errors import Errors
 from calibration.fitting.estimate import Estimate
-from calibration.fitting.goodness import goodness_of
-from calibration.fitting.material import Goodness, MaterialFit
-from calibration.fitting.specs import SetSpec
-from calibration.fitting.suspicions import material_doubts, observed_doubts
-from calibration.fitting.zhou import several_yields
-from calibration.observables import RESTITUTION
+from calibration.fitting.laws import several_yields
+from calibration.fitting.layout import SetSpec, assemble, specs_of
+from calibration.fitting.material import Goodness, MaterialFit, Outlier
+from calibration.fitting.problem import Lanes, Problem
+from calibration.fitting.profiles import Profile, estimate_of, weighted_deviation
+from calibration.fitting.search import Found
+from calibration.fitting.stages import ComponentFit, StageFit, fit_component
+from calibration.fitting.transform import NONE
+from calibration.fitting.uncertainty import leverages, quantile
+from calibration.fitting.warnings import FitWarning
+from calibration.observables import OBSERVABLES, RESTITUTION
+from calibration.options import FitOptions
+from calibration.rounding import with_error
+
+RARE = 0.05  # probability that the farthest of n normal errors is named
+MOST_OUTLIERS = 100  # of one data set
+NO_ERRORS = 1e-9  # of ε: residuals below are none
+
+
+def goodness_of(fit: ComponentFit, place: int) -> dict[str, Goodness]:
+    """Of each observable of the data set at a place of a component."""
+    blocks = fit.final.problem.blocks
+    return {b.observable: _of_block(fit, k) for k, b in enumerate(blocks) if b.set == place}
+
+
+def _of_block(fit: ComponentFit, k: int) -> Goodness:
+    problem = fit.final.problem
+    own = problem.own[k]
+    found = problem.linearise(fit.z[None])
+    leverage = leverages(found.jacobian)[0, : problem.count][own]
+    left = float(max(len(leverage) - np.sum(leverage), 0.0))
+    weighted = found.residual[0, : problem.count][own]
+    spread = weighted_deviation(fit, problem)[own]
+    allowed = np.sqrt(np.maximum(1 - leverage, 1e-12)) * np.where(spread > 0, spread, 1.0)
+    first = fit.stages[0].problem  # which knows what the points share
+    off = found.prediction[0][own] - problem.points.value[own]
+    timing = first.variances[k].get("timing")
+    nu = first.errors[k].nu(first.variances[k])
+    return Goodness(
+        float(np.sqrt(np.mean(off**2))),
+        _reduced(first, k, fit.z, off, left),
+        _variances(first, k, fit.z),
+        None if timing is None else float(timing) ** 0.5,
+        None if nu is None else float(nu),
+        _outliers(first, k, fit.z, off, leverage),
+        tuple(map(float, weighted / allowed)),
+        tuple(map(float, leverage)),
+        left,
+    )
+
+
+def _outliers(first: Problem, k: int, z: np.ndarray, off, leverage) -> tuple[Outlier, ...]:
+    """Points beyond `RARE`: the one of n points that noise sends so far once in twenty data sets."""
+    from scipy import special
+
+    errors, s, block = first.errors[k], first.variances[k], first.blocks[k]
+    carried, own = first.carried(z[None])[k], block.own
+    spread = np.sqrt(errors.diagonal(s, carried.slope, carried.bend) + np.zeros((1, len(errors))))[
+        0
+    ]
+    if errors.shares:  # without what the others of its group tell
+        solved = errors.solve(errors.factor(s, carried.slope, carried.bend), off[None, :, None])
+        factor = errors.factor(s, carried.slope, carried.bend)
+        residual = -(solved[0, :, 0] / np.sqrt(errors.precisions(factor).reshape(-1)))
+    else:
+        residual = -off / spread
+    size = np.abs(residual) / np.sqrt(np.maximum(1 - leverage, 1e-3))
+    limit, nu = special.ndtri(1 - 0.5 * RARE / len(off)), errors.nu(s)
+    # noise of no more than rounding, of data without scatter, explains nothing and names nothing
+    size = np.where((spread > NO_ERRORS) & (np.max(np.abs(off)) > NO_ERRORS), size, 0.0)
+    weight = np.ones(len(off)) if nu is None else (nu + 1) / (nu + residual**2) * nu / (nu + 1)
+    found = [i for i in np.argsort(-size, kind="stable") if size[i] > limit]
+    data = first.datasets[block.set]
+    lines = data.origin.lines if data.origin is not None else None
+    rows = _rows(data, block.observable)
+    values = (first.points.value * first.points.unit)[own]
+    return tuple(
+        Outlier(
+            int(rows[i]) + 1,
+            None if lines is None or rows[i] >= len(lines) else int(lines[rows[i]]),
+            float(first.points.velocity[own][i]),
+            float(values[i]),
+            float(residual[i]),
+            float(weight[i]),
+            block.observable,
+        )
+        for i in found[:MOST_OUTLIERS]
+    )
+
+
+def _rows(data: RestitutionData, observable: str) -> np.ndarray:
+    """Which impacts have a value of an observable."""
+    if observable == RESTITUTION:
+        return np.flatnonzero(np.isfinite(data.restitution))
+    return next(one.rows for one in data.observed if one.name == observable)
+
+
+def _reduced(first: Problem, k: int, z: np.ndarray, off, left: float) -> float | None:
+    """χ² over its degrees of freedom, of errors as they are stated; None where they are not all that is."""
+    errors = first.errors[k]
+    told = errors.is_stated or errors.unknown == ("scale",)
+    if errors.points.uncertainty is None or left < 1 or not told or errors.dof is not None:
+        return None
+    carried = first.carried(z[None])[k]
+    s = {**first.variances[k], "scale": 1.0}
+    factor = errors.factor(s, carried.slope, carried.bend)
+    return float(np.sum(errors.whiten(factor, off[None, :, None]) ** 2)) / left
+
+
+def _variances(problem: Problem, k: int, z: np.ndarray) -> dict[str, float]:
+    """Mean variances of a point, by where they come from."""
+    errors, s = problem.errors[k], problem.variances[k]
+    carried = problem.carried(z[None])[k]
+    found = {kind: float(s[kind]) for kind in ("scatter", "group") if kind in s}
+    bare = {kind: value for kind, value in s.items() if kind not in ("scatter", "group")}
+    rest = float(
+        np.mean(errors.variance(bare, carried.slope, carried.bend) + np.zeros(len(errors)))
+    )
+    if rest <= 0:
+        return found
+    kinds = [kind for kind in ("scale", "timing") if kind in s]
+    name = kinds[0] if kinds else "stated" if errors.degrees is None else "repeats"
+    return {name: rest} | found
+
+
+DIFFERENCE = 1e-3  # in z, of fourth-order differences: their error is near 1e-12
+
+
+def critical_velocity_of(law: sj.Zhou) -> float:
+    return float(np.mean(np.asarray(law.contact.critical_velocity)))
+
+
+def eps_up_of(law: sj.Zhou) -> float:
+    """ε_17(v_cr), Eq. (16)."""
+    limit = float(np.mean(np.asarray(law.contact.limit_velocity)))
+    critical = critical_velocity_of(law)
+    if critical >= limit:
+        return 0.0
+    return float(eq_17(critical, limit, float(law.sigma), float(law.psi)))
+
+
+def chi_of(law: sj.Zhou) -> float:
+    return float(law.chi)
+
+
+def derived_of(fit: ComponentFit, spec: SetSpec, g: int, confidence: float) -> dict[str, Estimate]:
+    """What follows from Zhou's law of one data set; nothing for others.
+
+    Of bodies that differ from impact to impact v_cr is the highest, and ε_up none.
+    """
+    if spec.model.law_type is not sj.Zhou:
+        return {}
+    problem = fit.final.problem
+    critical = np.asarray(problem.yields_at(fit.z))[
+        problem.points.set == fit.component.sets.index(g)
+    ]
+    found = {"critical_velocity": Estimate(float(np.max(critical)), method="derived")}
+    names = spec.model.parameters
+    if not (spec.by_eps_up or several_yields(spec.data.contact)):
+        found["eps_up"] = _carried(fit, g, eps_up_of, confidence, (0.0, 1.0))
+    if "chi" not in names:
+        found["chi"] = _carried(fit, g, chi_of, confidence, (0.0, np.inf))
+    return found
+
+
+def _law_at(fit: ComponentFit, z: np.ndarray, g: int) -> sj.Zhou:
+    problem, place = fit.final.problem, fit.component.sets.index(g)
+    return problem.law_of(problem.transform.physical(z), place)  # type: ignore[return-value]
+
+
+def _carried(fit: ComponentFit, g: int, what: Callable, confidence, ends) -> Estimate:
+    """A number with the error that the covariance gives it."""
+    value = what(_law_at(fit, fit.z, g))
+    gradient = np.zeros(len(fit.z))
+    for k, element in enumerate(fit.component.elements):
+        if g in element.sets:
+            gradient[k] = _slope_of(fit, k, g, what)
+    acting = (gradient != 0) & (fit.uncertainty.limits[0] == 0)
+    covariance = fit.uncertainty.covariance[0][np.ix_(acting, acting)]
+    variance = float(gradient[acting] @ covariance @ gradient[acting]) if np.any(acting) else np.nan
+    if not (np.isfinite(variance) and variance >= 0):
+        return Estimate(value, method="derived")
+    error = variance**0.5
+    direction = np.where(acting, gradient, 0.0)
+    degrees = fit.uncertainty.parts.along(direction[None])[0, 0]
+    reach = quantile(confidence, degrees) * error
+    low, high = float(max(value - reach, ends[0])), float(min(value + reach, ends[1]))
+    return Estimate(value, error, low, high, "derived")
+
+
+def _slope_of(fit: ComponentFit, k: int, g: int, what: Callable) -> float:
+    def at(step: float) -> float:
+        z = np.array(fit.z)
+        z[k] += step
+        return what(_law_at(fit, z, g))
+
+    scaled = fit.final.problem.transform.kind[k] != NONE
+    h = DIFFERENCE * (1.0 if scaled else max(abs(float(fit.z[k])), 1e-6))
+    return (8 * (at(h) - at(-h)) - (at(2 * h) - at(-2 * h))) / (12 * h)
+
+
+PLAIN = FitOptions(optimiser="levenberg-marquardt", starts=4)
+NOISELESS = 1e-9  # rms of ε about Eq. (17) below which data are a curve and no measurement
+
+
+def eq_17_alone(data: RestitutionData) -> ComponentFit | None:
+    """Eq. (17) against all points; None without a limit velocity."""
+    if data.limit_velocity is None or np.sum(np.isfinite(data.restitution)) <= 2:
+        return None
+    plain = replace(data, contact=None, observed=())
+    return fit_component(assemble(specs_of([plain], "eq-17", None, None), None)[0], PLAIN)
+
+
+def eq_17_of(fit: ComponentFit, g: int) -> tuple[float, dict[str, float]]:
+    """Root mean square of ε about the first stage's Eq. (17), and its coefficients."""
+    problem, place = fit.stages[0].problem, fit.component.sets.index(g)
+    residual = problem.predict(fit.z[None])[0] - problem.points.value
+    law = problem.law_of(fit.theta, place)
+    names = ("limit_velocity", "sigma", "psi")
+    values = {name: float(getattr(law, name)) for name in names}
+    return float(np.sqrt(np.mean(residual[problem.of_restitution(place)] ** 2))), values
+
+
+def disagreements(two: ComponentFit, g: int, parameters: dict[str, Estimate]) -> list[FitWarning]:
+    """Doubts where a fit by `model` has another ε_up or χ̃, by more than their errors.
+
+    Args:
+        two: the fit by `two-step`, of data with noise; of a curve without any nothing is compared.
+        g: the data set.
+        parameters: what that fit found, derived numbers included.
+    """
+    component = two.component
+    free = {e.name: e.parameter.prior for e in component.elements}
+    plainly_free = set(free) == {"chi", "sigma", "psi"} and not any(free.values())
+    if len(component.sets) > 1 or not plainly_free or eq_17_of(two, g)[0] < NOISELESS:
+        return []
+    spec = component.specs[0]
+    own = specs_of([spec.data], "zhou", dict(spec.model.options), "model")
+    fit = fit_component(assemble(own, None)[0], PLAIN)
+    others = derived_of(fit, fit.component.specs[0], 0, 0.95)
+    for k, element in enumerate(fit.component.elements):
+        others[element.name] = estimate_of(fit, k, None, 0.95)
+    found = []
+    for name in ("eps_up", "chi"):
+        one, other = others.get(name), parameters.get(name)
+        if one is None or other is None:
+            continue
+        first, second = ((e.value, e.standard_error) for e in (one, other))
+        if None not in first and None not in second:
+            found.append(warnings.disagreement(name, first, second, spec.data.name))
+    return [one for one in found if one is not None]
+
+
+MOVED = 1e-2  # in z, from which on values are others to a reader
+STATIONS = 32
+# Share of the cost that the next step may still promise where the gradient counts as vanished. A
+# rise no larger than that may be made of what the two searches left undone.
+LEFT_UNDONE = 1e-8
+LEAST_NOISE = 1e-10  # of ε: less is no noise
+
+
+def other_minima(fit: ComponentFit, stage: StageFit, least: float) -> list[tuple[int, float]]:
+    """Elements with another value at another minimum, and how much higher χ² is there.
+
+    Only where χ² is less than `least` above that of the best.
+    """
+    found: dict[int, float] = {}
+    for other in stage.others:
+        moved = _moved_elements(fit, stage, other)
+        if not moved:
+            continue
+        rise = _rise(fit, stage, other.z[0])
+        if rise < least and rises_between(stage.problem, stage.z, other.z[0]):
+            for k in moved:
+                found.setdefault(k, rise)
+    return list(found.items())
+
+
+def _moved_elements(fit: ComponentFit, stage: StageFit, other: Found) -> list[int]:
+    """Elements that are determined and elsewhere.
+
+    None where an element is at an end of its range: a valley without an end has no second minimum.
+    """
+    if not other.converged[0] or np.any(stage.limits) or np.any(other.limits):
+        return []
+    apart = np.abs(other.z[0] - stage.z) > MOVED
+    return [int(k) for k in stage.problem.active if apart[k] and fit.uncertainty.known[0, k]]
+
+
+def _rise(fit: ComponentFit, stage: StageFit, z) -> float:
+    """χ² there less χ² at the best: twice the difference of -ln p."""
+    problem = stage.problem
+    deviation = np.maximum(weighted_deviation(fit, problem), LEAST_NOISE * problem.points.weight)
+    return 2 * (_cost_at(problem, z) - _cost_at(problem, stage.z)) / float(np.mean(deviation**2))
+
+
+def _cost_at(problem: Problem, z) -> float:
+    """Of the points, each on the branch that it has at z, and of the priors."""
+    held = problem.held(problem.elastic_at(z))
+    return float(held.linearise(z[None], slopes=False).cost[0])
+
+
+def rises_between(
+    problem: Problem, first: Float[np.ndarray, "elements"], second: Float[np.ndarray, "elements"]
+) -> bool:
+    """Whether the cost rises above both ends on the straight way from one to the other.
+
+    Looked at the more closely the nearer to an end: the rise around a shallow minimum is there.
+    """
+    shares = np.sin(np.linspace(0, np.pi / 2, STATIONS + 2)) ** 2
+    places = first + shares[:, None] * (second - first)
+    lanes = Lanes(elastic=problem.elastic_at(places))
+    cost = problem.linearise(places, lanes, slopes=False).cost
+    allowed = max(cost[0], cost[-1]) * (1 + LEFT_UNDONE)
+    return bool(np.any(cost[1:-1] > allowed))
+
+
+NO_RESIDUAL = 1e-12  # of ε
+AT_ONE = "The data show no loss beside the plastic one: eps_up cannot exceed 1; its interval is one-sided."
+
+
+def component_warnings(
+    fit: ComponentFit, estimates: dict[int, Estimate], curves: dict[str, Profile]
+) -> list[FitWarning]:
+    """Doubts about a component's parameters and searches."""
+    found: list[FitWarning] = []
+    for k, element in enumerate(fit.component.elements):
+        found += _of_estimate(element.name, estimates[k], _owner(fit, element.sets))
+    separation = _separation(fit, curves)
+    found += _collinear(fit, separation)
+    for stage in fit.stages:
+        names = [data.name for data in stage.problem.datasets]
+        if not stage.found.converged[0]:
+            cause = f"{stage.report.stage}: {stage.report.reason}"
+            found += [FitWarning("not-converged", cause, name) for name in names]
+        if stage.crossings:
+            cause = f"{stage.crossings} points changed between elastic and plastic on the way"
+            found += [FitWarning("branch-change", cause, name) for name in names]
+        if stage.alone:
+            cause = f"{stage.report.stage}: one search alone ended so low, and it misses the points"
+            found += [FitWarning("several-minima", cause, name) for name in names]
+        for k, rise in other_minima(fit, stage, warnings.SEVERAL_DELTA):
+            element = fit.component.elements[k]
+            told = f"only {rise:.2g} higher" if rise >= 0 else f"{-rise:.2g} lower"
+            cause = f"another minimum for {element.name} has a chi squared {told}"
+            found.append(FitWarning("several-minima", cause, _owner(fit, element.sets)))
+    condition = float(fit.uncertainty.condition_number[0])
+    if condition > warnings.CONDITION_LIMIT and not _has_whole(fit):
+        cause = f"the Jacobian's condition number is {condition:.2g}"
+        found.append(FitWarning("ill-conditioned", cause, _owner(fit, fit.component.sets)))
+    return found + separation
+
+
+def _of_estimate(name: str, estimate: Estimate, owner: str | None) -> list[FitWarning]:
+    if "[" in name:  # a number of a network is no parameter that anybody reads
+        return []
+    if estimate.at_bound and estimate.value is not None:
+        # no bound that somebody gave: ε_17 is 1 at most
+        advice = AT_ONE if name == "eps_up" and estimate.value == 1 else ""
+        return [
+            FitWarning("at-bound", f"{name} is at its bound {estimate.value:.4g}", owner, advice)
+        ]
+    if estimate.value is None:
+        # the cost falls, ever less, however large the parameter gets
+        return [
+            FitWarning("at-bound", f"{name} grows without bound: any large value is as good", owner)
+        ]
+    if estimate.method == "undetermined":
+        cause = f"{name} does not show in these data, or only together with another"
+        return [FitWarning("rank-deficient", cause, owner)]
+    if estimate.skewed:
+        cause = f"the interval of {name} is not its standard error's: the likelihood is skewed"
+        return [FitWarning("skewed", cause, owner)]
+    return []
+
+
+def _collinear(fit: ComponentFit, separation: list[FitWarning]) -> list[FitWarning]:
+    """Two parameters of a likelihood that are told together only, and what of them is known."""
+    if not fit.is_likelihood or _has_whole(fit):
+        return []
+    known, problem, elements = fit.uncertainty, fit.final.problem, fit.component.elements
+    apart = {warning.material for warning in separation if warning.code == "sigma-psi-not-separate"}
+    covariance = np.where(known.known[0][:, None] & known.known[0], known.covariance[0], 0.0)
+    size = np.sqrt(np.where(np.diag(covariance) > 0, np.diag(covariance), np.inf))
+    correlation = np.triu(covariance / np.outer(size, size), 1)
+    found: list[FitWarning] = []
+    for i, j in np.argwhere(np.abs(correlation) > warnings.COLLINEAR):
+        one, other = elements[i], elements[j]
+        shared = set(one.sets) & set(other.sets)
+        owner = _owner(fit, tuple(sorted(shared))) if shared else None
+        if not shared or (owner in apart and {one.name, other.name} == {"sigma", "psi"}):
+            continue
+        if any(warning.material == owner for warning in found):
+            continue  # one is enough of a data set
+        place = fit.component.sets.index(min(shared))
+        points = np.flatnonzero((problem.points.set == place) & (problem.points.observable == 0))
+        told = ""
+        if len(points):
+            told = f"; known is ε in the middle of the data, {_in_the_middle(fit, points)}"
+        names = f"{one.name} and {other.name}"
+        cause = f"{names} are correlated by {correlation[i, j]:.4f}{told}"
+        found.append(FitWarning("collinear", cause, owner))
+    return found
+
+
+def _in_the_middle(fit: ComponentFit, points: np.ndarray) -> str:
+    """ε of the curve at the middle of some points, with its standard error."""
+    problem, known = fit.final.problem, fit.uncertainty
+    velocity = problem.points.velocity[points]
+    middle = points[np.argmin(np.abs(np.log(velocity / np.median(velocity))))]
+    theta, per_z = problem.transform.physical(fit.z[None]), problem.transform.slope(fit.z[None])
+    value, slope, _ = problem.curve(theta, per_z)
+    own = known.of_predictions[0][np.ix_(problem.active, problem.active)]
+    error = float(np.sqrt(max(slope[0, middle] @ own @ slope[0, middle], 0.0)))
+    told = with_error(float(value[0, middle]), error)
+    return f"{told} at {problem.points.velocity[middle]:.3g} m/s"
+
+
+def _has_whole(fit: ComponentFit) -> bool:
+    return any(spec.trees for spec in fit.component.specs)
+
+
+def _owner(fit: ComponentFit, sets: tuple[int, ...]) -> str | None:
+    """The data set that something is about; None for several."""
+    if len(sets) != 1:
+        return None
+    return fit.component.specs[fit.component.sets.index(sets[0])].data.name
+
+
+def _separation(fit: ComponentFit, curves: dict[str, Profile]) -> list[FitWarning]:
+    """σ and ψ of Zhou's law that only their combination ε_up is known of; ε_up in their place."""
+    found = []
+    for g, spec in zip(fit.component.sets, fit.component.specs, strict=True):
+        if spec.model.law_type is not sj.Zhou or spec.objective != "model":
+            continue
+        if spec.by_eps_up:
+            cause = "no points below the critical velocity: sigma and psi act through eps_up alone"
+            found.append(FitWarning("eps-up-only", cause, spec.data.name))
+        places = fit.component.places(g)
+        pair = [places[name] for name in ("sigma", "psi") if name in places]
+        if len(pair) == 2:
+            errors = fit.uncertainty.errors[0, pair]
+            labels = [fit.component.elements[k].label for k in pair]
+            wide = [warnings.is_wide(curves[label]) for label in labels if label in curves]
+            if not np.max(errors) <= warnings.SEPARATE or any(wide):
+                cause = (
+                    f"the standard error of ln sigma is {errors[0]:.2g}"
+                    if np.isfinite(errors[0])
+                    else "only one combination of sigma and psi shows"
+                )
+                found.append(FitWarning("sigma-psi-not-separate", cause, spec.data.name))
+    return found
+
+
+def _implausible(part: MaterialFit) -> list[FitWarning | None]:
+    """What looks like a slip in the data; of yield only where the law yields."""
+    found = plausibility(part.data)
+    if not _yields(part.law):
+        found = tuple(one for one in found if one.code != "yield-beyond-limit")
+    return [
+        FitWarning(
+            "groups" if one.code == "groups" else "plausibility", one.cause, part.name, one.remedy
+        )
+        for one in found
+    ]
+
+
+def _yields(law: sj.ContactLaw) -> bool:
+    """Whether there is a velocity from which on something yields."""
+    if not isinstance(law, sj.RateIndependentLaw):
+        return False
+    velocity = np.asarray(law.elastic_velocity())
+    return bool(np.any((velocity > 0) & (velocity < np.inf)))
+
+
+def restitution_warnings(part: MaterialFit, residual, errors: Errors) -> list[FitWarning]:
+    """Doubts about one data set's curve.
+
+    Args:
+        residual: fitted less measured ε.
+        errors: those of its points.
+    """
+    data, name, left = part.data, part.name, part.residual_degrees
+    velocity, restitution = errors.velocity, data.restitution[np.isfinite(data.restitution)]
+    found: list[FitWarning | None] = [
+        FitWarning("data", note, name) for note in data.notes if "above 1" in note
+    ]
+    found += _implausible(part)
+    if errors.is_stated and part.reduced_chi_squared is not None:
+        of_noise = None if data.degrees is None else float(np.mean(data.degrees))
+        reduced = part.reduced_chi_squared
+        found.append(warnings.misfit(reduced, left, of_noise, name))
+    elif part.objective == "two-step" and part.rms_empirical is not None:
+        n = part.n
+        scatter = part.rms_empirical * np.sqrt(n / max(n - 2, 1))
+        rms = part.rms * np.sqrt(n / max(left, 1))
+        found.append(
+            warnings.misfit_against_scatter(rms, scatter, max(left, 1), max(n - 2, 1), name)
+        )
+    standardised = np.array(part.standardised)
+    found.append(
+        warnings.runs(velocity, np.where(np.abs(residual) < NO_RESIDUAL, 0.0, standardised), name)
+    )
+    if np.max(np.abs(residual)) > NO_RESIDUAL and not any(found):
+        # where the curve misses the points neither says anything of the errors
+        found.append(warnings.unequal_scatter(velocity, restitution + residual, standardised, name))
+        if not errors.shares:
+            found.append(warnings.alike_neighbours(velocity, standardised, name))
+    stated = errors.points.uncertainty
+    found.append(warnings.no_velocity_dependence(velocity, restitution, stated, name))
+    found += warnings.statuses(part.status, velocity, name)
+    if part.known_to < np.inf:
+        cause = "all velocities are below the critical velocity"
+        found.append(FitWarning("all-below-yield", cause, name))
+    return [one for one in found if one is not None]
+
+
+def observable_warnings(
+    part: MaterialFit, observable: str, one: Goodness, errors: Errors
+) -> list[FitWarning]:
+    """Whether the curve misses what else than ε was measured."""
+    found: list[FitWarning | None] = []
+    if errors.is_stated and one.reduced_chi_squared is not None:
+        found.append(
+            warnings.misfit(one.reduced_chi_squared, one.residual_degrees, None, part.name)
+        )
+    found.append(warnings.runs(errors.velocity, np.array(one.standardised), part.name))
+    words = OBSERVABLES[observable].words
+    return [
+        replace(warning, cause=f"{words}: {warning.cause}")
+        for warning in found
+        if warning is not None
+    ]
+
 
 OF_RESTITUTION = [one.name for one in fields(Goodness)]
 
@@ -25,7 +559,7 @@ def summarise_material(
     g: int,
     estimates: dict[int, Estimate],
     confidence: float,
-    shared: list[Doubt],
+    shared: list[FitWarning],
 ) -> MaterialFit:
     """One data set's part of the result."""
     place = fit.component.sets.index(g)
@@ -37,7 +571,7 @@ def summarise_material(
     of_eps = goodness.get(RESTITUTION) or next(iter(goodness.values()))
     every = {name: getattr(of_eps, name) for name in OF_RESTITUTION}
     every["outliers"] = tuple(one for own in goodness.values() for one in own.outliers)
-    known_from, known_to = _known(fit, spec, g)
+    known_from, known_to = _determined_between(fit, spec, g)
     values, labels = _values(fit, spec, g)
     part = MaterialFit(
         data=spec.data,
@@ -57,14 +591,14 @@ def summarise_material(
         observed={name: one for name, one in goodness.items() if name != RESTITUTION},
         **every,
     )
-    rms_empirical, empirical, apart = _eq_17(fit, spec, part, g)
+    rms_empirical, empirical, apart = _beside_eq_17(fit, spec, part, g)
     part = replace(part, rms_empirical=rms_empirical, empirical=empirical)
     own = [d for d in shared if d.material == spec.data.name] + apart
     errors = dict(zip(goodness, spec.errors, strict=True))
     if RESTITUTION in errors:
-        own += material_doubts(part, residual, errors[RESTITUTION])
+        own += restitution_warnings(part, residual, errors[RESTITUTION])
     for name, one in part.observed.items():
-        own += observed_doubts(part, name, one, errors[name])
+        own += observable_warnings(part, name, one, errors[name])
     return replace(part, warnings=tuple(own))
 
 
@@ -100,7 +634,7 @@ def _values(fit: ComponentFit, spec: SetSpec, g: int):
     return values, labels
 
 
-def _known(fit: ComponentFit, spec: SetSpec, g: int) -> tuple[float, float]:
+def _determined_between(fit: ComponentFit, spec: SetSpec, g: int) -> tuple[float, float]:
     """Between which velocities the fit knows anything of the curve.
 
     By `model` σ and ψ are known from points below yield, or from pairs that yield at several
@@ -124,7 +658,7 @@ def _known(fit: ComponentFit, spec: SetSpec, g: int) -> tuple[float, float]:
     return known_from, (np.inf if chi_told else float(np.min(critical)))
 
 
-def _eq_17(fit: ComponentFit, spec: SetSpec, part: MaterialFit, g: int):
+def _beside_eq_17(fit: ComponentFit, spec: SetSpec, part: MaterialFit, g: int):
     """Eq. (17) beside Zhou's law: its rms and coefficients, and whether `model` disagrees with `two-step`."""
     if spec.model.law_type is sj.EmpiricalRestitution:
         return part.rms, part.values, []

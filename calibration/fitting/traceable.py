@@ -47,13 +47,12 @@ from jaxtyping import Array
 import softjax as sj
 from calibration.data import RestitutionData
 from calibration.errors import DataError
-from calibration.fitting.assembly import Component, blocks_of
 from calibration.fitting.collisions import root
 from calibration.fitting.errors import CALLED, LN_2PI, Carried, Errors
+from calibration.fitting.layout import Component, SetSpec, blocks_of
 from calibration.fitting.problem import Element, Pool, pools_of
 from calibration.fitting.request import Request, checked, datasets_of
 from calibration.fitting.rows import with_trees
-from calibration.fitting.specs import SetSpec
 from calibration.fitting.transform import Transform
 from calibration.observables import RESTITUTION, predicted
 from calibration.options import FitOptions

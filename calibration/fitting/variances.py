@@ -1,25 +1,31 @@
-"""Variances that are not stated, of one data set beside others: by restricted maximum likelihood.
+"""What is not stated of the errors, by restricted maximum likelihood; and the spread of pools.
 
     -2 ln L_R = -2 ln p(data | θ, s) + ln det (A₀ + Jᵀ V⁻¹ J) - bᵀ (A₀ + Jᵀ V⁻¹ J)⁻¹ b
 
-with J the slopes of ε in θ, A₀ and b₀ what the other data sets and the priors know of the parameters,
-b = b₀ + Jᵀ V⁻¹ r. The parameters that the curve costs are accounted for, so that the variance of
-residuals of n points and p parameters is Σ r²/(n - p). Student's t has information (ν + 1)/(ν + 3)
-Jᵀ V⁻¹ J, and no b: the residuals are those at the minimum once all has settled.
+with J the slopes of the predictions in θ, A₀ and b₀ what the other data and the priors know of the
+parameters, b = b₀ + Jᵀ V⁻¹ r. The parameters that the curve costs are accounted for, so that the variance
+of residuals of n points and p parameters is Σ r²/(n - p). Student's t has information (ν + 1)/(ν + 3)
+Jᵀ V⁻¹ J, and no b: the residuals are those at the minimum once all has settled. Many fits go side by side,
+in a damped Newton search of the logarithms.
 
-Many fits go side by side, in a damped Newton search of the logarithms.
+Pooled parameters of several sets lie around a common mean, z_g ~ N(μ, τ²) on the scale that is searched.
+The data tell ẑ with covariance A⁻¹, all other parameters at their best; then ẑ ~ N(μ 1, Σ) with
+Σ = A⁻¹ + τ² 1, and τ is where -2 ln L_R = ln det Σ + ln 1ᵀ Σ⁻¹ 1 + (ẑ - μ)ᵀ Σ⁻¹ (ẑ - μ) is least.
 
 Source: Patterson and Thompson, Biometrika 58, 545 (1971); Lange, Little and Taylor, J. Am. Stat. Assoc.
-84, 881 (1989), of the information of t errors.
-"""
+84, 881 (1989), of the information of t errors; Harville, J. Am. Stat. Assoc. 72, 320 (1977), of pools."""
 
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from calibration.fitting.errors import Errors
+from calibration.fitting.estimate import Estimate
+from calibration.fitting.problem import Lanes, Pool, Problem, Residuals
+from calibration.fitting.transform import Transform
 from calibration.options import DOF
 
 LEAST, MOST = 1e-9, 1e3  # of a variance, over the mean square of the residuals
@@ -34,31 +40,7 @@ FEW = 20_000  # points of all fits, up to which the search begins from several p
 Estimated = dict[str, np.ndarray]
 
 
-class Seen(NamedTuple):
-    """What a data set's variances are judged by, of fits side by side.
-
-    Attributes:
-        off, jacobian: predicted less measured ε, and its slopes; not weighted.
-        slope, bend: of the curve, see `Carried`.
-        information, gradient: A₀ and b₀; no b₀ where several sets take turns, whose residuals stay.
-        kept: 0 for points that are left out, which share no error with others; None: all are there.
-    """
-
-    off: Float[np.ndarray, "fits n"]
-    jacobian: Float[np.ndarray, "fits n p"]
-    slope: Any
-    bend: Any
-    information: Float[np.ndarray, "fits p p"]
-    gradient: Float[np.ndarray, "fits p"] | None
-    kept: Any = None
-
-    @property
-    def counted(self) -> Any:
-        """1 for every point that is there."""
-        return np.ones(self.off.shape) if self.kept is None else self.kept
-
-
-def criterion(errors: Errors, s: Mapping[str, Any], seen: Seen, restricted: bool = True):
+def criterion(errors: Errors, s: Mapping[str, Any], seen: Residuals, restricted: bool = True):
     """-2 ln L_R, or with what is not restricted -2 ln L, (fits,)."""
     at = (s, seen.off, seen.slope, seen.bend)
     if seen.kept is None:
@@ -84,7 +66,10 @@ def criterion(errors: Errors, s: Mapping[str, Any], seen: Seen, restricted: bool
 
 
 def estimated(
-    errors: Errors, seen: Seen, restricted: bool = True, before: Mapping[str, Any] | None = None
+    errors: Errors,
+    seen: Residuals,
+    restricted: bool = True,
+    before: Mapping[str, Any] | None = None,
 ) -> Estimated:
     """The variances of the largest (restricted) likelihood, (fits,) each; searched from `before`."""
     if _is_proportional(errors, seen):
@@ -101,7 +86,7 @@ def estimated(
     return search.variances(best)
 
 
-def relative_covariance(errors: Errors, s: Mapping[str, Any], seen: Seen):
+def relative_covariance(errors: Errors, s: Mapping[str, Any], seen: Residuals):
     """Of the logarithms of the variances, (fits, k, k), from the criterion's curvature; 0 of one that is 0."""
     if _is_proportional(errors, seen):
         return (2 / _left(errors, seen))[:, None, None]
@@ -115,7 +100,7 @@ def relative_covariance(errors: Errors, s: Mapping[str, Any], seen: Seen):
     return np.where(both, inverse, 0.0)
 
 
-def _is_proportional(errors: Errors, seen: Seen) -> bool:
+def _is_proportional(errors: Errors, seen: Residuals) -> bool:
     """Whether V is one unknown number times what is known, and nothing else is known of the parameters."""
     scales = errors.unknown in (("scale",), ("timing",)) or (
         errors.unknown == ("scatter",) and errors.is_plain
@@ -123,7 +108,7 @@ def _is_proportional(errors: Errors, seen: Seen) -> bool:
     return scales and errors.dof is None and not np.any(seen.information)
 
 
-def _by_squares(errors: Errors, seen: Seen, restricted: bool) -> Estimated:
+def _by_squares(errors: Errors, seen: Residuals, restricted: bool) -> Estimated:
     """rᵀ V₁⁻¹ r over the residuals' degrees of freedom, of the residuals at the minimum."""
     kind = errors.unknown[0]
     factor = errors.factor({kind: 1.0}, seen.slope, seen.bend)
@@ -131,7 +116,7 @@ def _by_squares(errors: Errors, seen: Seen, restricted: bool) -> Estimated:
     return {kind: np.maximum(np.sum(off**2, axis=1) / _left(errors, seen, restricted), 1e-300)}
 
 
-def _left(errors: Errors, seen: Seen, restricted: bool = True) -> np.ndarray:
+def _left(errors: Errors, seen: Residuals, restricted: bool = True) -> np.ndarray:
     """Points less what the parameters cost."""
     left = np.sum(seen.counted, axis=1)
     if restricted and seen.jacobian.shape[2]:
@@ -147,7 +132,7 @@ def _left(errors: Errors, seen: Seen, restricted: bool = True) -> np.ndarray:
 class _Search:
     """The criterion over y = ln of the variances, in units of the residuals' mean square."""
 
-    def __init__(self, errors: Errors, seen: Seen, restricted: bool):
+    def __init__(self, errors: Errors, seen: Residuals, restricted: bool):
         self.errors, self.seen, self.restricted = errors, seen, restricted
         counted = seen.counted
         squares = np.sum(counted * seen.off**2, axis=1) / np.sum(counted, axis=1)
@@ -250,3 +235,251 @@ class _Search:
             going &= moved & np.any(trial != y, axis=1)
             y = np.where(moved[:, None], trial, y)
         return y
+
+
+ALIKE = 1e-6  # of V_ii: variances that have settled
+
+
+def needs_variances(problem: Problem) -> bool:
+    """Whether variances are found together with the parameters, as something is weighed against them."""
+    if all(stands_alone(problem, g) for g in range(len(problem.errors))):
+        return False
+    return any(one.unknown for one in problem.errors) or bool(problem.pools)
+
+
+def stands_alone(problem: Problem, g: int) -> bool:
+    """Whether one scatter is all that is unknown of a block, and nothing is weighed against it."""
+    priors = bool(problem.pools) or any(e.parameter.prior is not None for e in problem.elements)
+    several = problem.joint and len(problem.errors) > 1
+    errors = problem.errors[g]
+    return errors.is_plain and errors.dof is None and not (priors or several)
+
+
+def first_variances(problem: Problem, z: np.ndarray) -> Problem:
+    """To begin with: what z leaves unexplained."""
+    off = problem.predict(z[None])[0] - problem.points.value
+    pairs = zip(problem.errors, problem.own, strict=True)
+    start = [_first_guess(errors, float(np.mean(off[own] ** 2))) for errors, own in pairs]
+    problem = problem.with_variances(start)
+    return renewed(problem, z) if needs_variances(problem) else problem
+
+
+def _first_guess(errors: Errors, square: float) -> dict[str, float | None]:
+    square = max(square, 1e-30)
+    of_second = np.mean(errors.variance({"timing": 1.0}, 0.0, 0.0) + np.zeros(len(errors)))
+    first = {
+        "scatter": 1.0 if errors.unknown == ("scatter",) and errors.is_plain else square,
+        "group": square,
+        "scale": 1.0,
+        "timing": square / max(float(of_second), 1e-300),
+        "dof": errors.dof,
+    }
+    return {kind: first[kind] for kind in errors.unknown}
+
+
+def variances_at(
+    problem: Problem, z: Float[np.ndarray, "fits p"], lanes: Lanes | None = None, restricted=True
+) -> tuple[dict[str, np.ndarray], ...]:
+    """s of each data set and fit, from the residuals at z."""
+    lanes = lanes or Lanes()
+    before = problem.variances if lanes.variances is None else lanes.variances
+    found = []
+    for errors, s, seen in zip(problem.errors, before, problem.seen(z, lanes), strict=True):
+        found.append(estimated(errors, seen, restricted, s) if errors.unknown else {})
+    return tuple(found)
+
+
+def renewed(problem: Problem, z: np.ndarray, restricted: bool = True) -> Problem:
+    """The problem with variances and spreads of pools as of z."""
+    if any(one.unknown for one in problem.errors):
+        found = variances_at(problem, z[None], None, restricted)
+        problem = problem.with_variances([_single(one) for one in found])
+    return respread(problem, z)
+
+
+def with_noise(problem: Problem, z: np.ndarray) -> Problem:
+    """A problem whose scatter is weighed against nothing, in units of it as z tells it."""
+    found = [_single(one) for one in variances_at(problem, z[None])]
+    if problem.joint or len(problem.errors) == 1:
+        return problem.with_variances(found)
+    return replace(problem, variances=tuple(found))  # each set weighs as it did
+
+
+def in_units(problem: Problem, z: Float[np.ndarray, "fits p"], lanes: Lanes) -> Lanes:
+    """Fits side by side, each in units of its own noise: where nothing is weighed against it."""
+    if lanes.variances is not None or needs_variances(problem) or problem.elastic is not None:
+        return lanes
+    if not any(one.unknown for one in problem.errors) or lanes.member is not None:
+        return lanes
+    found = variances_at(problem, z, lanes)
+    if not problem.joint and len(problem.errors) > 1:
+        return lanes._replace(variances=found)
+    every = problem.diagonal(z, lanes._replace(variances=found))
+    return lanes._replace(variances=found, weight=every**-0.5)
+
+
+def have_settled(one: Problem, other: Problem) -> bool:
+    """Whether two problems have the same variances and spreads of pools."""
+    pools = zip(one.pools, other.pools, strict=True)
+    return all(np.isclose(a.spread, b.spread, rtol=1e-5, atol=0) for a, b in pools) and all(
+        _same_variances(errors, a, b)
+        for errors, a, b in zip(one.errors, one.variances, other.variances, strict=True)
+    )
+
+
+def _same_variances(errors: Errors, one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+    """Equal in what each variance adds to that of ε."""
+    if set(one) != set(other):
+        return False
+    whole = float(np.mean(errors.diagonal(one) + np.zeros(len(errors))))
+    for kind in one:
+        apart = {**one, kind: other[kind]}
+        moved = float(np.mean(errors.diagonal(apart) + np.zeros(len(errors))))
+        same = abs(moved - whole) <= ALIKE * whole
+        if kind == "dof":
+            same = abs(other[kind] - one[kind]) <= 1e-3 * one[kind]
+        if not same:
+            return False
+    return True
+
+
+def _single(s: Mapping[str, np.ndarray]) -> dict[str, float]:
+    return {kind: float(value[0]) for kind, value in s.items()}
+
+
+LEAST_SPREAD, MOST_SPREAD = 1e-4, 30.0  # of a spread, in z
+POOL_RIDGE = 1e-10  # of the largest information: a data set that tells nothing of its own
+
+
+@dataclass(frozen=True)
+class PoolEstimate:
+    """What the data tell of a pool's members: ẑ and its covariance."""
+
+    place: np.ndarray
+    covariance: np.ndarray
+
+    def criterion(self, spread: float) -> float:
+        """-2 ln L_R."""
+        total = self.covariance + spread**2 * np.eye(len(self.place))
+        inverse = np.linalg.inv(total)
+        information = float(np.sum(inverse))
+        off = self.place - float(np.sum(inverse @ self.place)) / information
+        logs = float(np.linalg.slogdet(total)[1]) + float(np.log(information))
+        return logs + float(off @ inverse @ off)
+
+    @property
+    def spread(self) -> float:
+        """Where L_R is largest."""
+        from scipy.optimize import minimize_scalar
+
+        at = lambda log: self.criterion(float(np.exp(log)))  # noqa: E731
+        ends = np.log(LEAST_SPREAD), np.log(MOST_SPREAD)
+        places = np.linspace(*ends, 25)
+        best = places[int(np.argmin([at(x) for x in places]))]
+        near = (max(best - 0.6, ends[0]), min(best + 0.6, ends[1]))
+        found = minimize_scalar(at, bounds=near, method="bounded", options={"xatol": 1e-8})
+        return float(np.exp(found.x)) if found.fun < at(ends[0]) else LEAST_SPREAD
+
+    @property
+    def error(self) -> float:
+        """Of a member by its data alone, the median of all."""
+        return float(np.sqrt(np.median(np.diagonal(self.covariance))))
+
+    def mean(self, spread: float) -> tuple[float, float]:
+        """μ and its standard error."""
+        inverse = np.linalg.inv(self.covariance + spread**2 * np.eye(len(self.place)))
+        information = float(np.sum(inverse))
+        return float(np.sum(inverse @ self.place)) / information, information**-0.5
+
+
+def respread(problem: Problem, z: np.ndarray) -> Problem:
+    """The problem with the spread of each pool as the data tell it at z."""
+    pools = []
+    for pool in problem.pools:
+        pools.append(pool._replace(spread=seen_by_pool(problem, z, pool).spread))
+    return replace(problem, pools=tuple(pools)) if pools else problem
+
+
+def pooled_estimates(problem: Problem, z: np.ndarray, confidence: float) -> dict[str, Estimate]:
+    """Mean, in physical units, and spread of each pool, "chi" and "chi_spread"."""
+    from scipy import special
+
+    found = {}
+    for pool in problem.pools:
+        seen = seen_by_pool(problem, z, pool)
+        transform = problem.transform.part(np.array(pool.members[:1]))
+        mean, error = seen.mean(pool.spread)
+        reach = float(special.stdtrit(len(pool.members) - 1, 0.5 * (1 + confidence))) * error
+        low, high = (_physical(transform, mean + sign * reach) for sign in (-1, 1))
+        slope = abs(float(transform.slope(np.array([mean]))[0]))
+        value = _physical(transform, mean)
+        found[pool.name] = Estimate(value, slope * error, low, high, "wald", True)
+        found[pool.spread_name] = _spread_estimate(seen, pool, confidence)
+    return found
+
+
+def seen_by_pool(problem: Problem, z: np.ndarray, pool: Pool) -> PoolEstimate:
+    """What the data and the priors of other parameters tell, without what the pool adds."""
+    found = problem.linearise(z[None])
+    kept = np.ones(found.residual.shape[1], bool)
+    kept[_rows_of(problem, pool)] = False
+    jacobian, residual = found.jacobian[0, kept], found.residual[0, kept]
+    place = {int(k): column for column, k in enumerate(problem.active)}
+    own = [place[k] for k in pool.members]
+    rest = [column for column in range(jacobian.shape[1]) if column not in own]
+    orthogonal = _without(jacobian[:, rest])
+    slopes, off = orthogonal(jacobian[:, own]), orthogonal(residual[:, None])[:, 0]
+    information = slopes.T @ slopes
+    information += POOL_RIDGE * max(float(np.max(np.diag(information))), 1e-300) * np.eye(len(own))
+    covariance = np.linalg.inv(information)
+    return PoolEstimate(z[list(pool.members)] - covariance @ slopes.T @ off, covariance)
+
+
+def _without(columns: np.ndarray) -> Any:
+    """What is left of values beside all that the columns can make."""
+    left, singular, _ = np.linalg.svd(columns, full_matrices=False)
+    basis = left[:, singular > 1e-9 * np.max(singular, initial=0.0)]
+    return lambda values: values - basis @ (basis.T @ values)
+
+
+def _rows_of(problem: Problem, pool: Pool) -> slice:
+    """Where a pool's rows stand among the residuals: behind the points and the priors."""
+    first = problem.count + len(problem.with_prior)
+    for one in problem.pools:
+        if one.name == pool.name:
+            break
+        first += len(one.members)
+    return slice(first, first + len(pool.members))
+
+
+def _spread_estimate(seen: PoolEstimate, pool: Pool, confidence: float) -> Estimate:
+    """With the limits where the restricted likelihood falls by the χ² quantile's half."""
+    from scipy import special
+
+    value = pool.spread if pool.spread > 2 * LEAST_SPREAD else 0.0
+    level = seen.criterion(pool.spread) + float(special.chdtri(1, 1 - confidence))
+    low, high = (_crossing(seen, pool.spread, end, level) for end in (LEAST_SPREAD, MOST_SPREAD))
+    return Estimate(value, None, 0.0 if low is None else low, high, "profile", True)
+
+
+def _crossing(seen: PoolEstimate, start: float, end: float, level: float) -> float | None:
+    from scipy.optimize import brentq
+
+    excess = lambda log: seen.criterion(float(np.exp(log))) - level  # noqa: E731
+    first, last = float(np.log(start)), float(np.log(end))
+    if excess(last) <= 0 or first == last:
+        return None
+    return float(np.exp(brentq(excess, first, last, xtol=1e-10)))
+
+
+def _physical(transform: Transform, z: float) -> float:
+    return float(transform.physical(np.array([z]))[0])
+
+
+def of_all(fits: Sequence[Any], confidence: float) -> dict[str, Estimate]:
+    """Of all components of a fit."""
+    return {
+        name: estimate
+        for fit in fits
+        for name, estimate in pooled_estimates(fit.final.problem, fit.z, confidence).items()
+    }

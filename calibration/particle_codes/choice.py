@@ -7,7 +7,7 @@ import numpy as np
 
 import softjax as sj
 from calibration.errors import DataError, InputError, did_you_mean, listed
-from calibration.fitting.known_laws import LAWS
+from calibration.fitting.laws import LAWS
 from calibration.particle_codes import surrogates
 from calibration.particle_codes.c_header import is_tabulated
 from calibration.particle_codes.c_table import table_of

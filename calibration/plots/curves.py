@@ -10,13 +10,13 @@ from matplotlib.figure import Figure
 import softjax as sj
 from calibration.data import RestitutionData
 from calibration.errors import DataError
-from calibration.fitting.assembly import label_of_law
 from calibration.fitting.curves import (
     as_empirical,
     curve_and_slopes,
     of_each_impact,
     yield_velocity,
 )
+from calibration.fitting.layout import label_of_law
 from calibration.plots import style
 from calibration.plots.lines import NO_VALUE, Line
 

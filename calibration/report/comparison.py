@@ -7,7 +7,7 @@ import pandas as pd
 
 from calibration import symbols
 from calibration.data.json_file import dumps
-from calibration.fitting.doubt import OTHER_LAWS
+from calibration.fitting.warnings import OTHER_LAWS
 from calibration.report.fit import estimate_text
 from calibration.report.layout import Block, Item, terminal
 from calibration.rounding import ABSENT, number
@@ -133,7 +133,7 @@ def _warnings(one: Any) -> list[Item]:
 
 def _advice(warning: Any) -> str:
     """Without the advice to compare laws, which is what was done."""
-    return warning.remedy.replace(f" ({OTHER_LAWS})", "").replace(f" {OTHER_LAWS}.", "")
+    return warning.advice.replace(f" ({OTHER_LAWS})", "").replace(f" {OTHER_LAWS}.", "")
 
 
 def _as_dict(one: Any) -> dict[str, Any]:
@@ -174,6 +174,6 @@ def _entry_dict(entry: Any) -> dict[str, Any]:
         },
         "remark": entry.candidate.remark,
         "warnings": [
-            {"code": w.code, "cause": w.cause, "remedy": _advice(w)} for w in entry.doubts
+            {"code": w.code, "cause": w.cause, "advice": _advice(w)} for w in entry.doubts
         ],
     }

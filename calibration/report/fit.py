@@ -12,9 +12,8 @@ import numpy as np
 import pandas as pd
 
 from calibration import symbols
-from calibration.fitting.assembly import label_of_law
 from calibration.fitting.estimate import Estimate
-from calibration.fitting.specs import said_of
+from calibration.fitting.layout import label_of_law, said_of
 from calibration.parameters import Parameter
 from calibration.report.layout import Block, Item, page, terminal
 from calibration.rounding import ABSENT, interval, number, with_error
@@ -158,7 +157,7 @@ def warning_items(warnings: Any) -> list[Item]:
         Item(
             one.code,
             f"{f' ({one.material})' if one.material else ''}: {symbols.written(one.cause)}.",
-            symbols.written(one.remedy),
+            symbols.written(one.advice),
         )
         for one in warnings
     ]

@@ -20,11 +20,11 @@ from jaxtyping import Float
 
 from calibration.data import RestitutionData
 from calibration.errors import DataError, InputError, did_you_mean, listed, printable
-from calibration.fitting.door import fit
-from calibration.fitting.doubt import Doubt
-from calibration.fitting.known_laws import KNOWN, WITHOUT_CONTACT, law_name
-from calibration.fitting.left_out import LeaveOneOut
+from calibration.fitting.entry import fit
+from calibration.fitting.laws import KNOWN, WITHOUT_CONTACT, law_name
+from calibration.fitting.refits import LeaveOneOut
 from calibration.fitting.result import FitResult
+from calibration.fitting.warnings import FitWarning
 from calibration.options import LAW_OPTIONS, OF_ONE_FIT, FitOptions, documented
 
 FIXED_YIELD = "thornton-fixed"  # Thornton's law without a free parameter
@@ -133,11 +133,11 @@ class Entry:
         return len(self.result.covariance_names)
 
     @property
-    def doubts(self) -> tuple[Doubt, ...]:
+    def doubts(self) -> tuple[FitWarning, ...]:
         """Warnings of the fit, and of the fits without a point."""
         if self.leave_one_out.converged:
             return self.result.warnings
-        why = Doubt("not-converged", "not every fit without a point ended at a minimum")
+        why = FitWarning("not-converged", "not every fit without a point ended at a minimum")
         return (*self.result.warnings, why)
 
 

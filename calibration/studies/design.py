@@ -18,8 +18,8 @@ import softjax as sj
 from calibration.data.checks import check_whole
 from calibration.data.json_file import plain
 from calibration.errors import DataError, listed
-from calibration.fitting.derived import chi_of, critical_velocity_of, eps_up_of
 from calibration.fitting.result import FitResult
+from calibration.fitting.summary import chi_of, critical_velocity_of, eps_up_of
 from calibration.studies.information import (
     ALMOST_NOTHING,
     NO_BOUND,

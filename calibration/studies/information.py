@@ -23,12 +23,11 @@ from calibration.errors import DataError
 from calibration.fitting.collisions import Route
 from calibration.fitting.curves import curve_and_slopes, yield_velocity
 from calibration.fitting.further import further_variances
-from calibration.fitting.law_model import OF_CONTACT
+from calibration.fitting.laws import OF_CONTACT, eps_up_of
+from calibration.fitting.layout import Local, specs_of
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.result import FitResult
 from calibration.fitting.rows import numbers_in
-from calibration.fitting.specs import Local, specs_of
-from calibration.fitting.zhou import eps_up_of
 from calibration.parameters import Parameter, as_parameter
 from calibration.rounding import number
 from softjax.fields import numbers_of, options_of, whole_fields

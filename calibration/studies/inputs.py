@@ -18,9 +18,9 @@ import numpy as np
 
 import softjax as sj
 from calibration.errors import DataError, listed
+from calibration.fitting.laws import eps_up_of
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.result import FitResult
-from calibration.fitting.zhou import eps_up_of
 from softjax.fields import Declared, declarations, whole_leaves
 
 VELOCITY = "velocity"

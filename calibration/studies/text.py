@@ -8,7 +8,7 @@ from calibration import console
 from calibration.curves import status_names
 from calibration.data.points import STANDARD_GRAVITY
 from calibration.errors import listed
-from calibration.fitting.doubt import Doubt
+from calibration.fitting.warnings import FitWarning
 from calibration.studies.design import Design
 from calibration.studies.information import Information
 from calibration.studies.local import Sensitivities
@@ -77,7 +77,7 @@ def design_csv(found: Design) -> str:
     return "\n".join([header, *rows]) + "\n"
 
 
-def doubts_text(doubts: Sequence[Doubt]) -> str:
+def doubts_text(doubts: Sequence[FitWarning]) -> str:
     """What is doubted of the fit that a plan starts from."""
     head = "The plan trusts this fit, of which is doubted:"
     return "\n".join([head, *console.wrapped(map(str, doubts), "  ! ", "    ")])

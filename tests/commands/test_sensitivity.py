@@ -163,7 +163,7 @@ def test_a_fit_is_planned_with_its_own_points(at, fit):
 
 
 def test_a_plan_repeats_what_is_doubted_of_its_fit(at, capsys, fit):
-    doubt = cal.Doubt("residual-runs", "2 runs where 6 are expected", fit.material().name)
+    doubt = cal.FitWarning("residual-runs", "2 runs where 6 are expected", fit.material().name)
     replace(fit, warnings=(doubt, replace(doubt, material="another"))).save("doubted.json")
     planned = told_by("--fit", "doubted.json", "--study", "information")
     assert planned["warnings"] == [str(doubt)]

@@ -221,11 +221,11 @@ def test_raised_by_one_and_not_by_its_neighbour(case):
     assert code not in codes(quiet)
     (one, *_) = (doubt for doubt in raised.warnings if doubt.code == code)
     assert one.cause
-    assert one.remedy.endswith((".", "?"))
-    assert str(one) in str(raised)
+    assert one.advice.endswith((".", "?"))
+    assert f"{code} (" in str(raised)
     assert code in raised.to_json()
     if code in ("residual-runs", "model-misfit"):
-        assert "`softjax compare` tries other laws" in one.remedy
+        assert "`softjax compare` tries other laws" in one.advice
 
 
 # thresholds, by constants fitted to residuals that are made to measure

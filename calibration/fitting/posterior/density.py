@@ -36,7 +36,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from calibration.fitting.law_model import OF_CONTACT
+from calibration.fitting.laws import OF_CONTACT
 from calibration.fitting.problem import Element
 from calibration.fitting.traceable import Traceable
 from calibration.fitting.transform import FROM_ABOVE, LOG, LOGIT, NONE, Transform

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from calibration.fitting.doubt import Doubt
 from calibration.fitting.posterior.draws import dataset_of
 from calibration.fitting.posterior.nuts import needed
+from calibration.fitting.warnings import FitWarning
 
 R_HAT = 1.01
 TAILS = (0.05, 0.95)  # the quantiles by which tails are judged, whatever ArviZ takes for granted
@@ -92,7 +92,7 @@ def not_converged(data: Any) -> str:
     return f"The chains did not converge ({', '.join(reasons)}): conclude nothing from these draws."
 
 
-def doubts_of(data: Any) -> list[Doubt]:
+def doubts_of(data: Any) -> list[FitWarning]:
     """Warnings: reasons not to trust these draws, or to make little of them."""
     told = summaries(data)
     slow = {n: s.r_hat for n, s in told.items() if not s.r_hat <= R_HAT}
@@ -114,7 +114,9 @@ def doubts_of(data: Any) -> list[Doubt]:
         "follows-prior": follow
         and f"as wide as the prior, or nearly: {', '.join(f'{n} ({told[n].prior})' for n in follow)}",
     }
-    return [Doubt(code, str(cause), advice=ADVICE[code]) for code, cause in causes.items() if cause]
+    return [
+        FitWarning(code, str(cause), advice=ADVICE[code]) for code, cause in causes.items() if cause
+    ]
 
 
 def _at_bounds(posterior: Any) -> list[str]:

@@ -21,11 +21,11 @@ from calibration.errors import DataError, InputError
 from calibration.fitting.curves import band_of, curve_problem
 from calibration.fitting.errors import CALLED
 from calibration.fitting.estimate import Band
+from calibration.fitting.laws import eps_up_of
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.posterior.density import Density, density_of
 from calibration.fitting.posterior.nuts import Progress, needed, run_chains
 from calibration.fitting.traceable import Traceable, traceable
-from calibration.fitting.zhou import eps_up_of
 from calibration.output import replacing
 
 APART = 1.0  # standard deviations that chains start apart

@@ -13,23 +13,19 @@ import numpy as np
 import softjax as sj
 from calibration.console import progress_of
 from calibration.data import RestitutionData
-from calibration.fitting.component_fit import ComponentFit, fit_component
 from calibration.fitting.curves import block_name
-from calibration.fitting.doubt import Doubt
-from calibration.fitting.freedom import Freedom
-from calibration.fitting.intervals import estimates, profiles_of
-from calibration.fitting.known_laws import law_name
-from calibration.fitting.likelihood import likelihood_of
+from calibration.fitting.laws import law_name
 from calibration.fitting.line import fit_line
 from calibration.fitting.material import MaterialFit
-from calibration.fitting.methods import OPTIMISERS
-from calibration.fitting.pooling import of_all as pooled_of
-from calibration.fitting.profiles import Profile
+from calibration.fitting.profiles import Profile, estimates, profiles_of
 from calibration.fitting.request import Progress, Request, checked, datasets_of
 from calibration.fitting.result import FitResult
-from calibration.fitting.stages import StageFit
-from calibration.fitting.summary import summarise_material
-from calibration.fitting.suspicions import shared_doubts
+from calibration.fitting.stages import ComponentFit, StageFit, fit_component, likelihood_of
+from calibration.fitting.steps import OPTIMISERS
+from calibration.fitting.summary import component_warnings, summarise_material
+from calibration.fitting.uncertainty import Freedom
+from calibration.fitting.variances import of_all as pooled_of
+from calibration.fitting.warnings import FitWarning
 from calibration.options import FitOptions, documented
 
 PACKAGES = ("softjax-contact", "jax", "diffrax", "optax", "optimistix", "numpy", "scipy")
@@ -94,23 +90,23 @@ def _fitted(request: Request) -> FitResult:
     request.tell("fit", len(components), len(components))
     line = fit_line(request, fits)
     curves = _profiles(request, fits)
-    doubts: list[Doubt] = []
+    found_warnings: list[FitWarning] = []
     materials: dict[int, MaterialFit] = {}
     for fit_, own in zip(fits, curves, strict=True):
         found = estimates(fit_, own, request.options.confidence)
-        shared = shared_doubts(fit_, found, own)
-        doubts += [d for d in shared if d.material is None]
+        shared = component_warnings(fit_, found, own)
+        found_warnings += [d for d in shared if d.material is None]
         for g in fit_.component.sets:
             materials[g] = summarise_material(fit_, g, found, request.options.confidence, shared)
     ordered = tuple(materials[g] for g in sorted(materials))
     stage = None if line is None else line[1]
     for material in ordered:
-        doubts += material.warnings
+        found_warnings += material.warnings
     if stage is not None and not stage.found.converged[0]:
-        doubts.append(Doubt("not-converged", f"Eq. (18): {stage.report.reason}"))
+        found_warnings.append(FitWarning("not-converged", f"Eq. (18): {stage.report.reason}"))
     names, covariance, of_predictions = _covariances(fits)
     condition = max(float(f.uncertainty.condition_number[0]) for f in fits)
-    doubts.sort(key=lambda one: one.code != "plausibility")  # whose numbers are all wrong
+    found_warnings.sort(key=lambda one: one.code != "plausibility")  # whose numbers are all wrong
     return FitResult(
         request=request,
         materials=ordered,
@@ -121,7 +117,7 @@ def _fitted(request: Request) -> FitResult:
         rank=sum(int(f.uncertainty.rank[0]) for f in fits),
         condition_number=condition if np.isfinite(condition) else None,
         likelihood=likelihood_of(fits, request.options),
-        warnings=tuple(dict.fromkeys(doubts)),
+        warnings=tuple(dict.fromkeys(found_warnings)),
         optimiser_report=tuple(s.report for s in _stages(fits, stage)),
         profiles={label: curve for own in curves for label, curve in own.items()},
         freedoms=tuple(_freedom(one) for one in fits),

@@ -1,4 +1,7 @@
-"""Named reasons not to trust a fit, each with its cause and its remedy."""
+"""Named reasons not to trust a fit, each with its cause and what to do about it.
+
+A new one is an entry of `ADVICE` and a function that looks for it, called in `summary`.
+"""
 
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
@@ -15,7 +18,7 @@ CONFIDENCE = 0.99  # of the tests on residuals
 APART = 2.0  # standard errors between the two objectives
 OUTSIDE = 1e-3  # of a velocity: less beyond the data's is no extrapolation, as ends are rounded
 OTHER_LAWS = "`softjax compare` tries other laws"
-REMEDIES = {
+ADVICE = {
     "at-bound": "Widen the bound if it was given, or fix the parameter there; its interval is one-sided.",
     "rank-deficient": "Fix one of the parameters, give it a prior, or measure where it acts.",
     "sigma-psi-not-separate": (
@@ -54,30 +57,30 @@ REMEDIES = {
 
 
 @dataclass(frozen=True)
-class Doubt:
+class FitWarning:
     """A warning: `code` is its name, `material` the data set it is about (None: all).
 
-    `advice` takes the place of the remedy that all of one code have.
+    `advice` is what to do about it; of its code where left out.
     """
 
     __pydantic_config__: ClassVar = {"extra": "ignore"}  # what files hold besides
 
-    code: Literal[tuple(REMEDIES)]  # type: ignore[valid-type]
+    code: Literal[tuple(ADVICE)]  # type: ignore[valid-type]
     cause: str
     material: str | None = None
-    advice: str | None = None
+    advice: str = ""
 
-    @property
-    def remedy(self) -> str:
-        return self.advice or REMEDIES[self.code]
+    def __post_init__(self):
+        if not self.advice:
+            object.__setattr__(self, "advice", ADVICE[self.code])
 
     def to_dict(self) -> dict[str, Any]:
         """What files hold of it."""
-        return {**vars(self), "remedy": self.remedy}
+        return dict(vars(self))
 
     def __str__(self) -> str:
         where = "" if self.material is None else f" ({self.material})"
-        return f"{self.code}{where}: {self.cause}. {self.remedy}"
+        return f"{self.code}{where}: {self.cause}. {self.advice}"
 
 
 def is_wide(profile) -> bool:
@@ -87,7 +90,7 @@ def is_wide(profile) -> bool:
     return bool(np.log(profile.high / profile.low) > 4 * SEPARATE)
 
 
-def misfit(reduced: float, degrees, of_noise, material) -> Doubt | None:
+def misfit(reduced: float, degrees, of_noise, material) -> FitWarning | None:
     """χ² of the residuals larger than noise makes it once in a hundred.
 
     Args:
@@ -104,10 +107,12 @@ def misfit(reduced: float, degrees, of_noise, material) -> Doubt | None:
         return None
     # of points that count unequally rms and noise are no measure of it
     cause = f"residuals of {reduced**0.5:.3g} times the noise (reduced chi squared {reduced:.3g})"
-    return Doubt("model-misfit", cause, material)
+    return FitWarning("model-misfit", cause, material)
 
 
-def misfit_against_scatter(rms, scatter, rms_degrees, scatter_degrees, material) -> Doubt | None:
+def misfit_against_scatter(
+    rms, scatter, rms_degrees, scatter_degrees, material
+) -> FitWarning | None:
     """The same where the noise is itself an estimate: the scatter about Eq. (17), an F test.
 
     Scatter at rounding level is no noise estimate, but then a larger rms is a misfit all the same.
@@ -118,10 +123,10 @@ def misfit_against_scatter(rms, scatter, rms_degrees, scatter_degrees, material)
     if ratio <= special.fdtri(rms_degrees, scatter_degrees, CONFIDENCE) or rms < 1e-9:
         return None
     cause = f"rms {rms:.3g} where the scatter about Eq. (17) is {scatter:.3g}"
-    return Doubt("model-misfit", cause, material)
+    return FitWarning("model-misfit", cause, material)
 
 
-def disagreement(what: str, model, two_step, material) -> Doubt | None:
+def disagreement(what: str, model, two_step, material) -> FitWarning | None:
     """Two estimates (value, standard error) of one number apart by more than their errors."""
     (one, error_1), (other, error_2) = model, two_step
     apart, error = abs(one - other), np.hypot(error_1, error_2)
@@ -130,10 +135,10 @@ def disagreement(what: str, model, two_step, material) -> Doubt | None:
     cause = (
         f"{what} is {one:.4g} ± {error_1:.2g} by `model`, {other:.4g} ± {error_2:.2g} by `two-step`"
     )
-    return Doubt("objectives-disagree", cause, material)
+    return FitWarning("objectives-disagree", cause, material)
 
 
-def runs(velocity, residual, material) -> Doubt | None:
+def runs(velocity, residual, material) -> FitWarning | None:
     """Wald and Wolfowitz: fewer changes of sign along the velocity than chance makes."""
     from scipy import special
 
@@ -153,10 +158,10 @@ def runs(velocity, residual, material) -> Doubt | None:
     if score >= special.ndtri(1 - CONFIDENCE):
         return None
     cause = f"{count} runs of one sign in {n} residuals where {mean:.0f} are expected"
-    return Doubt("residual-runs", cause, material)
+    return FitWarning("residual-runs", cause, material)
 
 
-def unequal_scatter(velocity, restitution, standardised, material) -> Doubt | None:
+def unequal_scatter(velocity, restitution, standardised, material) -> FitWarning | None:
     """The size of the residuals goes with the velocity, or with ε: Spearman's rank correlation."""
     from scipy import stats
 
@@ -170,11 +175,11 @@ def unequal_scatter(velocity, restitution, standardised, material) -> Doubt | No
         if told.pvalue < 0.5 * (1 - CONFIDENCE):  # of two that are looked at
             way = "grow" if told.statistic > 0 else "shrink"
             cause = f"the residuals {way} with the {name} (rank correlation {told.statistic:.2f})"
-            return Doubt("unequal-scatter", cause, material)
+            return FitWarning("unequal-scatter", cause, material)
     return None
 
 
-def alike_neighbours(velocity, standardised, material) -> Doubt | None:
+def alike_neighbours(velocity, standardised, material) -> FitWarning | None:
     """Residuals of neighbouring rows go together, in a file that is not in the order of velocity."""
     from scipy import special
 
@@ -187,7 +192,7 @@ def alike_neighbours(velocity, standardised, material) -> Doubt | None:
     if correlation * np.sqrt(n) < special.ndtri(CONFIDENCE):
         return None
     cause = f"residuals of neighbouring rows are alike (correlation {correlation:.2f})"
-    return Doubt("groups", cause, material)
+    return FitWarning("groups", cause, material)
 
 
 def slope_of(velocity, restitution, uncertainty) -> tuple[float, float, float]:
@@ -210,19 +215,19 @@ def slope_of(velocity, restitution, uncertainty) -> tuple[float, float, float]:
     return float(fit[1]), error, float(special.stdtrit(left, 0.975))
 
 
-def no_velocity_dependence(velocity, restitution, uncertainty, material) -> Doubt | None:
+def no_velocity_dependence(velocity, restitution, uncertainty, material) -> FitWarning | None:
     """A straight line's slope is zero within its 95 % interval."""
     slope, error, t = slope_of(velocity, restitution, uncertainty)
     scale = np.ptp(velocity)
     if abs(slope) > t * error or (np.isfinite(error) and abs(slope) * scale > 1e-9 and error == 0):
         return None
     cause = f"the slope of restitution is {slope:.2g} ± {error:.2g} per m/s, 0 within its error"
-    return Doubt("no-velocity-dependence", cause, material)
+    return FitWarning("no-velocity-dependence", cause, material)
 
 
-def statuses(status, velocity, material) -> list[Doubt]:
-    """One doubt for each flag that is raised at data points, other than elastic."""
-    doubts = []
+def statuses(status, velocity, material) -> list[FitWarning]:
+    """One warning for each flag that is raised at data points, other than elastic."""
+    found = []
     for flag in sj.Status:
         if flag in (sj.Status.PLAIN, sj.Status.ELASTIC):
             continue
@@ -234,11 +239,11 @@ def statuses(status, velocity, material) -> list[Doubt]:
             )
             count = int(np.sum(raised))
             cause = f"{flag.name} at {count} of {len(status)} points ({span})"
-            doubts.append(Doubt("status", cause, material))
-    return doubts
+            found.append(FitWarning("status", cause, material))
+    return found
 
 
-def extrapolation(velocity, data) -> Doubt | None:
+def extrapolation(velocity, data) -> FitWarning | None:
     """Velocities outside the data's, by more than rounding."""
     low, high = float(np.min(data.velocity)), float(np.max(data.velocity))
     velocity = np.asarray(velocity)
@@ -247,4 +252,4 @@ def extrapolation(velocity, data) -> Doubt | None:
         return None
     count = int(np.sum(outside))
     cause = f"{count} velocities lie outside the data's {low:.3g} to {high:.3g} m/s"
-    return Doubt("extrapolation", cause, data.name)
+    return FitWarning("extrapolation", cause, data.name)

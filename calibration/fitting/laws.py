@@ -1,0 +1,473 @@
+"""What a fit knows of laws: how one is built, what of it is a parameter, where a search starts.
+
+A law is a class, the name of a built-in one, or any function that builds one:
+
+    parameters -> build(contact, **parameters) -> a contact law
+
+A class's parameters are its numeric fields beside `contact`, a function's its arguments beside
+`contact`. Range, symbol and unit of each are what the law's field of that name declares.
+
+What ε does not tell of a built-in law is fixed at a value of the right size: Walton and Braun's loading
+stiffness and that of a linear spring at k √R, unless forces, times or overlaps were measured. Eq. (17)
+takes its limit velocity from the data. Zhou's law may have c1 and c2 in place of χ̃, and ε_up in place
+of σ and ψ, which above yield act only through ε_up = ε_17(v_cr): ψ is then fixed at a guess, and σ such
+that Eq. (17) gives ε_up at v_cr."""
+
+import dataclasses
+import inspect
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import softjax as sj
+from calibration.data import RestitutionData
+from calibration.errors import DataError, did_you_mean, listed
+from softjax.fields import Declared, declarations, options_of, whole_fields
+
+CONTACT_LEAVES = declarations(sj.Contact)
+OF_CONTACT = "contact."
+MOVE_YIELD = ("yield_strength", "youngs_modulus", "radius", "mass")  # what v_cr depends on
+
+
+@dataclass(frozen=True)
+class LawModel:
+    """A law as a fit sees it.
+
+    Attributes:
+        key: its name in files: that of `LAWS`, else the class's or function's own.
+        build: build(contact, **parameters), or build(**parameters) where it takes no contact;
+            equal for equal models, so that what is compiled with it is compiled once.
+        law_type: the class of what it builds.
+        parameters: what is known of each parameter, by name.
+        defaults: of fields or arguments that have one.
+        options: its options in words, with their values.
+        whole: parameters that are arrays or pytrees, whole for all impacts.
+        takes_contact, direct: whether it needs a contact; whether a parameter is the field itself.
+    """
+
+    key: str
+    build: Callable[..., sj.ContactLaw]
+    law_type: type
+    parameters: Mapping[str, Declared]
+    defaults: Mapping[str, Any] = field(default_factory=dict)
+    options: Mapping[str, str] = field(default_factory=dict)
+    whole: tuple[str, ...] = ()
+    takes_contact: bool = True
+    direct: bool = True
+
+    @property
+    def needs_contact(self) -> bool:
+        """Whether it cannot do without: laws without a force can."""
+        return self.takes_contact and not issubclass(self.law_type, sj.HardSphereLaw)
+
+    def law(self, contact: sj.Contact | None, values: Mapping[str, Any]) -> sj.ContactLaw:
+        """The law with these parameters, those of the contact ("contact.radius") among them."""
+        of_contact = {k: v for k, v in values.items() if k.startswith(OF_CONTACT)}
+        others = {k: v for k, v in values.items() if k not in of_contact}
+        if not self.takes_contact:
+            return self.build(**others)
+        if of_contact and contact is not None:
+            leaves = {k.removeprefix(OF_CONTACT): v for k, v in of_contact.items()}
+            contact = dataclasses.replace(contact, **leaves)
+        return self.build(contact, **others)
+
+    def inside(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """The same numbers; for an end that its range leaves out, where a fit may end, the number beside it."""
+        return {name: self._inside(name, value) for name, value in values.items()}
+
+    def _inside(self, name: str, value: Any) -> Any:
+        if "[" in name or np.ndim(value):
+            return value
+        declared = self.declared(name)
+        if value == declared.lower and not declared.with_lower:
+            return np.nextafter(value, np.inf) if value else float(np.finfo(float).tiny)
+        at_top = value == declared.upper and not declared.with_upper
+        return np.nextafter(value, -np.inf) if at_top else value
+
+    def declared(self, name: str) -> Declared:
+        """What is known of a parameter."""
+        if name.startswith(OF_CONTACT):
+            return CONTACT_LEAVES[name.removeprefix(OF_CONTACT)]
+        return self.parameters[name]
+
+    def accepts(self, name: str) -> bool:
+        leaf = name.removeprefix(OF_CONTACT)
+        of_contact = name.startswith(OF_CONTACT) and leaf in CONTACT_LEAVES
+        return name in self.parameters or (of_contact and self.takes_contact)
+
+    def canonical(self, name: str) -> str:
+        """The parameter's full name: that of a contact's leaf may be given without "contact.".
+
+        Raises:
+            ValueError: for a name the law does not have.
+        """
+        for full in (name, OF_CONTACT + name):
+            if self.accepts(full):
+                return full
+        known = [*self.parameters, *(CONTACT_LEAVES if self.takes_contact else ())]
+        accepted = f"of {self.key}: {listed(known)}{did_you_mean(name, known)}"
+        raise DataError("parameter", name, accepted)
+
+
+@dataclass(frozen=True)
+class With:
+    """A class or function with its options: build(contact, **parameters)."""
+
+    build: Callable[..., Any]
+    options: tuple[tuple[str, Any], ...] = ()
+
+    def __call__(self, *contact: sj.Contact | None, **values: Any) -> sj.ContactLaw:
+        named = {"contact": contact[0]} if contact else {}
+        return self.build(**named, **values, **dict(self.options))
+
+
+def model_of_class(law: type, key: str, options: Mapping[str, str]) -> LawModel:
+    """A law class; its fields beside `contact` are its parameters."""
+    chosen = _options(law, key, options)
+    fields = {f.name: f for f in dataclasses.fields(law)}
+    has_contact = "contact" in fields
+    whole = whole_fields(law)
+    parameters = dict(declarations(law)) | {name: Declared(name) for name in whole}
+    defaults = {n: f.default for n, f in fields.items() if f.default is not dataclasses.MISSING}
+    return LawModel(
+        key,
+        With(law, tuple(chosen.items())),
+        law,
+        parameters,
+        {name: value for name, value in defaults.items() if name in parameters},
+        chosen,
+        whole,
+        has_contact,
+    )
+
+
+def model_of_function(
+    build: Callable[..., Any], key: str, contact: sj.Contact | None, options: Mapping[str, Any]
+) -> LawModel:
+    """A function that builds a law; its arguments beside `contact` are its parameters.
+
+    What type of law it builds is found by building one abstractly.
+    """
+    arguments = inspect.signature(build).parameters
+    kinds = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
+    odd = [name for name, one in arguments.items() if one.kind not in kinds]
+    if odd:
+        raise DataError("law", f"{key} with the argument {odd[0]}", "a function of named arguments")
+    defaults = {n: a.default for n, a in arguments.items() if a.default is not a.empty}
+    words = {n: v for n, v in defaults.items() if isinstance(v, str | bool)} | dict(options)
+    names = [name for name in arguments if name != "contact" and name not in words]
+    takes_contact = "contact" in arguments
+
+    with_options = With(build, tuple(options.items()))
+    ones = {name: defaults.get(name, 1.0) for name in names}
+    law = _built(with_options, contact if takes_contact else None, takes_contact, ones, key)
+    fields = declarations(type(law))
+    whole = tuple(n for n in names if not np.isscalar(ones[n]) and np.ndim(ones[n]) != 0)
+    return LawModel(
+        key,
+        with_options,
+        type(law),
+        {name: fields.get(name, Declared(name)) for name in names},
+        {name: value for name, value in defaults.items() if name in names},
+        words,
+        whole,
+        takes_contact,
+        direct=False,
+    )
+
+
+def _built(build, contact, takes_contact: bool, ones, key: str) -> sj.ContactLaw:
+    before = (contact,) if takes_contact else ()
+    with jax.enable_x64(True):
+        law = jax.eval_shape(lambda values: build(*before, **values), ones)
+    if not isinstance(law, sj.ContactLaw):
+        raise DataError("law", f"{key}, which builds {law!r}", "a function that builds a law")
+    return law
+
+
+def _options(law: type, key: str, options: Mapping[str, str]) -> dict[str, str]:
+    """All options of a class with their values; raises for one it does not have."""
+    choices = options_of(law)
+    for name, value in options.items():
+        if name not in choices:
+            accepted = f"an option of {key}: {listed(choices) or 'it has none'}"
+            raise DataError("option", name, accepted)
+        if value not in choices[name]:
+            raise DataError(name, repr(value), " or ".join(map(repr, choices[name])))
+    return {name: options.get(name, values[0]) for name, values in choices.items()}
+
+
+Numbers = Mapping[str, Any]
+Ranges = Mapping[str, tuple[float, float]]
+
+
+def _nothing(_: RestitutionData) -> dict[str, Any]:
+    return {}
+
+
+@dataclass(frozen=True)
+class Known:
+    """What is known of a built-in law.
+
+    Attributes:
+        law, label: its class, and its name in tables and pictures.
+        guess: where a search starts, from the data.
+        held: what ε does not tell, with the value it is held at.
+        ranges: ends of a parameter's range that depend on the data.
+        remark: what a reader of a comparison should know.
+    """
+
+    law: type
+    label: str
+    guess: Callable[[RestitutionData], Numbers] = _nothing
+    held: Callable[[RestitutionData], Numbers] = _nothing
+    ranges: Callable[[RestitutionData], Ranges] = _nothing
+    remark: str = ""
+
+
+def _measured(data: RestitutionData) -> tuple[np.ndarray, np.ndarray]:
+    """v and ε of the impacts with an ε; one of a half where there is none."""
+    known = np.isfinite(data.restitution)
+    if not np.any(known):
+        return data.velocity[:1], np.array([0.5])
+    return data.velocity[known], data.restitution[known]
+
+
+def _mean(data: RestitutionData) -> float:
+    return float(np.clip(np.mean(_measured(data)[1]), 1e-3, 0.999))
+
+
+def _one(values: Any) -> float:
+    """A single number for what may differ from impact to impact."""
+    return float(np.mean(np.asarray(values)))
+
+
+def _unless_observed(name: str) -> Callable[[RestitutionData], Numbers]:
+    """A stiffness, which ε does not tell, and forces, times and overlaps do."""
+    return lambda data: {} if data.observed else {name: _spring(data)}
+
+
+def _spring(data: RestitutionData) -> float:
+    """k √R [N/m], the size of a linear spring that is as stiff as Hertz's contact."""
+    assert data.contact is not None
+    return _one(data.contact.stiffness) * _one(data.contact.radius) ** 0.5
+
+
+def _losses(data: RestitutionData) -> Numbers:
+    """σ and ψ from the straight line ln(-ln ε) = ln σ + ψ ln[v/(v_lim - v)]."""
+    velocity, restitution = _measured(data)
+    inside = (restitution > 0) & (restitution < 1)
+    if np.sum(inside) < 2 or data.limit_velocity is None:
+        return {"sigma": 0.5, "psi": 0.5}
+    limit = np.broadcast_to(np.asarray(data.limit_velocity, float), len(data))
+    limit = limit[np.isfinite(data.restitution)]
+    x = np.log((velocity / (limit - velocity))[inside])
+    loss = -np.log(restitution[inside])
+    centred = x - np.average(x, weights=loss)
+    spread = np.sum(loss * centred**2)
+    slope = np.sum(loss * centred * np.log(loss)) / spread if spread > 0 else 0.5
+    psi = float(np.clip(slope, 0.05, 3.0))
+    level = np.average(np.log(loss) - psi * x, weights=loss)
+    return {"sigma": float(np.exp(np.clip(level, -20, 20))), "psi": psi}
+
+
+def guess_zhou(data: RestitutionData) -> Numbers:
+    """χ̃ of X = 10, in the middle of what materials have, and Eq. (17)'s coefficients."""
+    assert data.contact is not None
+    ratio = _one(data.contact.yield_ratio)
+    up = float(np.clip(np.max(_measured(data)[1]), 0.1, 0.999))
+    line = {"c1": 0.0, "c2": 10 / ratio**2}
+    return {"chi": 10 / ratio, "eps_up": up, **line, **_losses(data)}
+
+
+def _guess_thornton(data: RestitutionData) -> Numbers:
+    """ε ≈ 1.185 (V_y/v)^{1/4} far above yield, and V_y ∝ p_y^{5/2}."""
+    assert data.contact is not None
+    at_one = _one(sj.Thornton(data.contact).elastic_velocity())
+    velocity, restitution = _measured(data)
+    yields = np.median(velocity * (np.clip(restitution, 0.05, 0.99) / 1.185) ** 4)
+    return {"yield_factor": float(np.clip((yields / at_one) ** 0.4, 1e-3, 1e3))}
+
+
+def _guess_walton_braun(data: RestitutionData) -> Numbers:
+    """1/ε² = k20/k1 + s v √(M/k1), a straight line."""
+    assert data.contact is not None
+    velocity, restitution = _measured(data)
+    inverse = np.clip(restitution, 0.05, 1.0) ** -2
+    slope, level = np.polyfit(velocity, inverse, 1) if np.ptp(velocity) else (0, 1.5)
+    stiffness = _spring(data)
+    growth = max(slope, 0.01 * float(np.mean(inverse)) / float(np.max(velocity)))
+    per_velocity = (stiffness / _one(data.contact.mass)) ** 0.5
+    unloading = max(level, 1.01) * stiffness
+    told = {"unloading_stiffness": unloading, "growth": growth * per_velocity}
+    return told | {"loading_stiffness": stiffness}
+
+
+def _guess_viscoelastic(data: RestitutionData) -> Numbers:
+    """1 - ε ≈ 1.15345 · 3/2 A (k/M)^{2/5} v^{1/5} of slow impacts."""
+    assert data.contact is not None
+    velocity, restitution = _measured(data)
+    rate = np.asarray(data.contact.stiffness / data.contact.mass) ** 0.4
+    rate = np.broadcast_to(rate, len(data))[: len(velocity)] * velocity**0.2
+    lost = np.clip(1 - restitution, 1e-3, 0.9)
+    return {"dissipation_time": float(np.median(lost / (1.5 * 1.15345 * rate)))}
+
+
+def _limit(data: RestitutionData) -> Numbers:
+    return {} if data.limit_velocity is None else {"limit_velocity": data.limit_velocity}
+
+
+def _beyond_fastest(data: RestitutionData) -> Ranges:
+    return {"limit_velocity": (float(np.max(data.velocity)), np.inf)}
+
+
+def _set_restitution(data: RestitutionData) -> Numbers:
+    return {"restitution": _mean(data)}
+
+
+KNOWN: dict[str, Known] = {
+    "zhou": Known(
+        sj.Zhou,
+        "Zhou",
+        guess_zhou,
+        ranges=lambda data: {"contact." + k: v for k, v in _beyond_fastest(data).items()},
+    ),
+    "thornton": Known(
+        sj.Thornton,
+        "Thornton, p_y/Y free",
+        _guess_thornton,
+        remark="Hertz's contact area; the literature's p_y/Y are 1.6 to 2.8.",
+    ),
+    "walton-braun": Known(
+        sj.WaltonBraun,
+        "Walton–Braun",
+        _guess_walton_braun,
+        held=_unless_observed("loading_stiffness"),
+        ranges=lambda data: (
+            {} if data.observed else {"unloading_stiffness": (_spring(data), np.inf)}
+        ),
+        remark="ε does not tell k1, which is held at k √R; k20 and s are in proportion to it.",
+    ),
+    "viscoelastic": Known(sj.ViscoelasticHertz, "viscoelastic Hertz", _guess_viscoelastic),
+    "hertz": Known(sj.Hertz, "Hertz", remark="Nothing to fit: ε = 1."),
+    "hertz-dashpot": Known(
+        sj.HertzDashpot,
+        "Hertz with dashpot",
+        _set_restitution,
+        remark="ε is an input of the law, the same at all velocities.",
+    ),
+    "linear": Known(
+        sj.LinearSpringDashpot,
+        "linear spring–dashpot",
+        lambda data: {"restitution": _mean(data), "stiffness": _spring(data)},
+        held=_unless_observed("stiffness"),
+        remark="ε is an input of the law, the same at all velocities; it does not tell K.",
+    ),
+    "constant": Known(
+        sj.ConstantRestitution,
+        "constant ε (hard spheres)",
+        _set_restitution,
+        remark="ε is an input of the law; fitted is its mean.",
+    ),
+    "eq-17": Known(
+        sj.EmpiricalRestitution,
+        "Eq. (17), empirical",
+        _losses,
+        held=_limit,
+        ranges=_beyond_fastest,
+        remark="A formula without a collision, as a baseline.",
+    ),
+}
+LAWS: dict[str, type] = {key: known.law for key, known in KNOWN.items()}
+"""The built-in contact laws by the names that `fit`, `compare` and the commands take."""
+WITHOUT_CONTACT = ("constant", "eq-17")  # laws that need no elastic properties
+
+
+def law_name(law: Any) -> str | None:
+    """The name by which files call a law."""
+    if law is None or isinstance(law, str):
+        return law
+    built_in = next((key for key, one in LAWS.items() if one is law), None)
+    return built_in or getattr(law, "__name__", type(law).__name__)
+
+
+LINE = ("c1", "c2")  # χ̃ = c1 + c2 E/Y, Eq. (18)
+LEAST_CHI = 1e-9  # a line that dips below zero on the way has no collision to offer there
+EXTRA = {
+    "c1": Declared("c1"),
+    "c2": Declared("c2"),
+    "eps_up": Declared("ε_up", "-", "coefficient of restitution", 0.0, 1.0, True, True),
+}
+ALIKE = 0.01  # of v_cr/(v_lim - v_cr): pairs that differ by less have one ε_up to 1e-3 at most
+NOT_GIVEN = -1.0  # ε_up of data sets that have σ, beside others that have ε_up
+
+
+@dataclass(frozen=True)
+class ByOthers:
+    """build(contact, **parameters) of Zhou's law by c1 and c2, or by ε_up."""
+
+    options: tuple[tuple[str, str], ...] = ()
+
+    def __call__(self, contact: sj.Contact, **values: Any) -> sj.ContactLaw:
+        chi = values["chi"] if "chi" in values else chi_on_line(contact, values)
+        psi = values["psi"]
+        sigma = values.get("sigma")
+        if "eps_up" in values:
+            given = jnp.asarray(values["eps_up"]) != NOT_GIVEN
+            of_eps_up = sigma_of(contact, jnp.where(given, values["eps_up"], 0.5), psi)
+            sigma = of_eps_up if sigma is None else jnp.where(given, of_eps_up, sigma)
+        return sj.Zhou(contact, chi=chi, sigma=sigma, psi=psi, **dict(self.options))
+
+
+def zhou_model(names: Iterable[str], options: Mapping[str, str]) -> LawModel:
+    """Zhou's law by the parameters that are named: c1 and c2 for χ̃, ε_up for σ."""
+    names = tuple(names)
+    plain = model_of_class(sj.Zhou, "zhou", options)
+    by_line, by_eps_up = any(name in LINE for name in names), "eps_up" in names
+    if not (by_line or by_eps_up):
+        return plain
+    losses = [name for name in ("eps_up", "sigma") if name in names] or ["sigma"]
+    chosen = [*(LINE if by_line else ("chi",)), *losses, "psi"]
+    known = declarations(sj.Zhou) | EXTRA
+    return LawModel(
+        "zhou",
+        ByOthers(tuple(plain.options.items())),
+        sj.Zhou,
+        {name: known[name] for name in chosen},
+        options=plain.options,
+        direct=False,
+    )
+
+
+def chi_on_line(contact: sj.Contact, values: Mapping[str, Any]) -> Any:
+    """c1 + c2 E/Y, Eq. (18), kept from vanishing."""
+    return jnp.maximum(values["c1"] + values["c2"] * contact.yield_ratio, LEAST_CHI)
+
+
+def sigma_of(contact: sj.Contact, eps_up: Any, psi: Any) -> Any:
+    """σ with which Eq. (17) is ε_up at the critical velocity."""
+    critical, limit = contact.critical_velocity, contact.limit_velocity
+    below = critical < limit
+    ratio = jnp.where(below, critical / jnp.where(below, limit - critical, 1.0), 1.0)
+    return -jnp.log(jnp.maximum(eps_up, 1e-300)) / ratio**psi
+
+
+def several_yields(contact: sj.Contact | None) -> bool:
+    """Whether impacts are of pairs whose ε_up = ε_17(v_cr) differ."""
+    if contact is None:
+        return False
+    critical = np.asarray(contact.critical_velocity)
+    ratio = critical / np.maximum(np.asarray(contact.limit_velocity) - critical, 1e-300)
+    return bool(np.max(ratio) > (1 + ALIKE) * np.min(ratio))
+
+
+def eps_up_of(law: sj.Zhou) -> Any:
+    """ε_up = ε_17(v_cr), Eq. (16)."""
+    contact = law.contact
+    return sj.empirical_restitution(
+        contact.critical_velocity, contact.limit_velocity, law.sigma, law.psi
+    )
