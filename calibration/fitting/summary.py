@@ -345,7 +345,7 @@ def component_warnings(
     for k, element in enumerate(fit.component.elements):
         found += _of_estimate(element.name, estimates[k], _owner(fit, element.sets))
     separation = _separation(fit, curves)
-    found += _collinear(fit, separation)
+    found += _skewed(fit, estimates) + _collinear(fit, separation)
     for stage in fit.stages:
         names = [data.name for data in stage.problem.datasets]
         if not stage.found.converged[0]:
@@ -386,10 +386,19 @@ def _of_estimate(name: str, estimate: Estimate, owner: str | None) -> list[FitWa
     if estimate.method == "undetermined":
         cause = f"{name} does not show in these data, or only together with another"
         return [FitWarning("rank-deficient", cause, owner)]
-    if estimate.skewed:
-        cause = f"the interval of {name} is not its standard error's: the likelihood is skewed"
-        return [FitWarning("skewed", cause, owner)]
     return []
+
+
+def _skewed(fit: ComponentFit, estimates: dict[int, Estimate]) -> list[FitWarning]:
+    """One for all parameters of a data set whose standard errors describe no interval."""
+    names: dict[str | None, list[str]] = {}
+    for k, element in enumerate(fit.component.elements):
+        if estimates[k].skewed and "[" not in element.name:
+            names.setdefault(_owner(fit, element.sets), []).append(element.name)
+    return [
+        FitWarning("skewed", f"the likelihood is skewed in {' and '.join(own)}", owner)
+        for owner, own in names.items()
+    ]
 
 
 def _collinear(fit: ComponentFit, separation: list[FitWarning]) -> list[FitWarning]:
@@ -416,7 +425,7 @@ def _collinear(fit: ComponentFit, separation: list[FitWarning]) -> list[FitWarni
         if len(points):
             told = f"; known is ε in the middle of the data, {_in_the_middle(fit, points)}"
         names = f"{one.name} and {other.name}"
-        cause = f"{names} are correlated by {correlation[i, j]:.4f}{told}"
+        cause = f"{names} are correlated by {correlation[i, j]:.5f}{told}"
         found.append(FitWarning("collinear", cause, owner))
     return found
 

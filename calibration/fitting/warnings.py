@@ -25,8 +25,8 @@ ADVICE = {
         "Use eps_up, which is determined; or measure below the critical velocity, or more precisely."
     ),
     "skewed": (
-        "The likelihood is no parabola there: use the interval, or the posterior; a standard error "
-        "describes neither side."
+        "Use the interval, or the posterior: a standard error, the curvature at the best, describes "
+        "neither side."
     ),
     "collinear": "Report what is known, or fix one of them, give it a prior, or measure where they differ.",
     "ill-conditioned": "Fix a parameter or give it a prior; intervals of single parameters mislead.",

@@ -106,10 +106,12 @@ def record_json(numbers, path, name=""):
 
 @scenario()
 def drops(numbers, folder):
-    """A drop test: a 12 mm bronze ball on steel, heights to 2 mm, with scatter."""
-    (folder / "drops.csv").write_text(simulated.drops(), encoding="utf-8")
+    """Drop tests: a 12 mm bronze ball on steel, heights to 2 mm, with scatter; and of a skewed likelihood."""
     (folder / "drops.toml").write_text(DROPS, encoding="utf-8")
-    for name, options in (("", ()), ("extra: ", ("--extra-scatter",))):
+    far = {"truth": (6.0, 3.0, 0.5), "scatter": 0.0, "seed": 0}
+    cases = (("", {}, ()), ("extra: ", {}, ("--extra-scatter",)), ("skewed: ", far, ()))
+    for name, made, options in cases:
+        (folder / "drops.csv").write_text(simulated.drops(**made), encoding="utf-8")
         out = folder / (name or "plain")
         command("fit", folder / "drops.toml", "--out", out, "--no-cache", *options)
         record_json(numbers, out / "fit.json", name)

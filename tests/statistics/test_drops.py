@@ -1,0 +1,113 @@
+"""26 drops of a bronze ball far above first yield: χ̃ and ε_up are told together, and χ̃ is skewed.
+
+All that tells χ̃ agrees: table, profile, bootstrap, comparison, band and plan; the posterior in test_posterior.
+"""
+
+import io
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import optimize, stats
+
+import calibration as cal
+import softjax as sj
+from tests import fit_oracle
+from tests.golden import simulated
+
+HEIGHTS = {f"{name}_height_uncertainty": "2 mm" for name in ("drop", "rebound")}
+
+
+@pytest.fixture(scope="module")
+def data():
+    ball, plate = (sj.Material(*one) for one in (simulated.BRONZE, simulated.PLATE))
+    contact = sj.Contact.with_wall(ball, plate, 0.006)
+    table = pd.read_csv(io.StringIO(simulated.drops(0, (6.0, 3.0, 0.5), 0.0)))
+    return cal.RestitutionData.from_table(table, contact, air=False, **HEIGHTS)
+
+
+@pytest.fixture(scope="module")
+def result(data):
+    return cal.fit(data)
+
+
+def width(result):
+    low, high = result.intervals["chi"]
+    return high - low
+
+
+def test_the_table_prints_the_interval_and_what_is_known(data, result):
+    """No ± where the standard error describes no interval, with profiles and without."""
+    for fit in (result, cal.fit(data, profiles=False)):
+        assert fit.estimates["chi"].skewed
+        assert fit.standard_errors["chi"] > 0
+        row = next(line for line in str(fit).splitlines() if " χ̃ " in line and "…" in line)
+        assert "±" not in row
+        codes = [one.code for one in fit.warnings]
+        assert codes.count("skewed") == codes.count("collinear") == 1
+    (told,) = (one.cause for one in result.warnings if one.code == "collinear")
+    middle = float(np.median(data.velocity))
+    band = result.band(middle)
+    known = float(told.partition("the data, ")[2].partition(" ±")[0])
+    assert known == pytest.approx(float(band.coefficient), abs=0.1 * float(band.standard_error))
+    assert band.standard_error < 0.002
+
+
+def test_the_profile_is_scipy_s(data, result):
+    """χ² with ε_up refitted at its ends, of heights carried into ε by GUM's rule, as ε = √(h₂/h₁)."""
+    numbers = fit_oracle.numbers(data.contact)
+    ratio = float(data.contact.critical_velocity) / float(data.contact.limit_velocity)
+
+    def curve(chi, up, v=data.velocity):
+        sigma = -np.log(up) / (ratio / (1 - ratio)) ** 0.5
+        return fit_oracle.curve(v, numbers, chi, sigma, 0.5)
+
+    drop = data.velocity**2 / (2 * simulated.GRAVITY)
+    rebound = data.restitution**2 * drop
+
+    def deviance(chi, up):
+        step = 1e-3 * data.velocity
+        value = curve(chi, up)
+        slope = (curve(chi, up, data.velocity + step) - curve(chi, up, data.velocity - step)) / (
+            2 * step
+        )
+        of_rebound = data.restitution / (2 * rebound)
+        of_drop = -data.restitution / (2 * drop) - slope * data.velocity / (2 * drop)
+        variance = 0.002**2 * (of_rebound**2 + of_drop**2)
+        return np.sum((value - data.restitution) ** 2 / variance + np.log(variance))
+
+    def lowest(chi):
+        ends = {"bounds": (0.85, 1.0), "options": {"xatol": 1e-7}}
+        return optimize.minimize_scalar(lambda up: deviance(chi, up), **ends).fun
+
+    best = lowest(result.values["chi"])
+    for end in result.intervals["chi"]:
+        assert lowest(end) - best == pytest.approx(stats.chi2.ppf(0.95, 1), rel=0.05)
+
+
+def test_bootstrap_and_comparison_agree(data, result):
+    """Within a tenth of the interval's width; a percentile of refits falls short of the long tail's end."""
+    near = 0.1 * width(result)
+    found = result.bootstrap(400, seed=1)
+    assert np.median(found.values[:, 0]) == pytest.approx(result.values["chi"], abs=near)
+    low, high = result.intervals["chi"]
+    assert found.intervals["chi"][0] == pytest.approx(low, abs=near)
+    assert 0.7 * high < found.intervals["chi"][1] < high
+    comparison = cal.compare(data, ["zhou", "constant"])
+    assert comparison.ranking[0] == "Zhou"
+    assert comparison["Zhou"].values["chi"] == pytest.approx(result.values["chi"], abs=1e-5)
+
+
+def test_band_and_plan_take_the_errors_of_heights(data, result):
+    """One more drop from the same height scatters as those measured did; none is planned from low down."""
+    low, high = np.min(data.velocity), np.max(data.velocity)
+    one = result.band(np.array([low, high]), kind="prediction")
+    mean = result.band(np.array([low, high]))
+    added = one.standard_error**2 - mean.standard_error**2
+    rebound = data.restitution**2 * data.velocity**2 / (2 * simulated.GRAVITY)
+    expected = (0.002 * data.restitution / (2 * rebound)) ** 2
+    assert added[0] / added[1] == pytest.approx(
+        np.mean(expected[data.velocity == low]) / np.mean(expected[data.velocity == high]), rel=0.4
+    )
+    design = cal.optimal_velocities(result, 6, (0.3, float(high)))
+    assert np.min(design.velocity) > low
