@@ -42,6 +42,7 @@ class Source:
         bodies: "spheres", "unlike spheres" or "wall": how `properties` are to be read.
         result: the fit; None without one.
         draws: of the fit's posterior; None without.
+        prediction: by the line through a fit's materials; None without.
         remark: a line on where its numbers come from.
     """
 
@@ -52,6 +53,7 @@ class Source:
     bodies: str = "spheres"
     result: Any = None
     draws: Any = None
+    prediction: "Prediction | None" = None
     remark: str = ""
 
     def extrapolation(self, velocity: Velocities) -> str | None:
@@ -63,6 +65,17 @@ class Source:
         curve, measured = (f"{np.min(v):.4g} to {np.max(v):.4g} m/s" for v in (velocity, data))
         name = printable(self.name)
         return f"extrapolation: the curve goes from {curve}, the data of {name} from {measured}"
+
+
+class Prediction(NamedTuple):
+    """Eq. (18)'s line, and what is stated of the further material: ε_up, or σ and ψ."""
+
+    line: Any
+    losses: dict[str, float | None]
+
+    def band(self, contact: Any, velocity: Velocities) -> Any:
+        """The curve of the further material with its band."""
+        return self.line.band(contact, velocity, **self.losses)
 
 
 class Rows(NamedTuple):
@@ -127,6 +140,9 @@ def curve_of(source: Source, velocity: Velocities, route: Route = None) -> Rows:
     """ε at velocities [m/s]: by the law's first route, unless stated; of a fit with its band."""
     hit = sj.restitution(source.law, velocity, route)
     status = np.asarray(hit.status)
+    if source.prediction is not None:
+        found = source.prediction.band(source.law.contact, velocity)
+        return Rows(velocity, found.coefficient, status, found.low, found.high)
     if source.result is None:
         return Rows(velocity, np.asarray(hit.coefficient), status)
     blocks = np.split(velocity, range(BLOCK, len(velocity), BLOCK))

@@ -6,6 +6,7 @@ For a material of the paper (stainless-steel, chrome-steel, nylon: σ and ψ of 
     softjax curve nylon --from 0.1 --to 50 --points 500 --spacing log --format csv png
     softjax curve my_alloy.toml --chi 0.2 --sigma 0.4 --psi 0.5 --table
     softjax curve --fit results/fit.json --material nylon
+    softjax curve third.toml --line results/fit.json
     softjax curve --fit results/fit.json --posterior results/posterior.nc
     cut -d, -f1 shots.csv | softjax curve nylon --velocities -
     softjax curve nylon --law hertz-dashpot --set restitution=0.9
@@ -28,6 +29,7 @@ from calibration.output import files_into, write_text
 
 FORMATS = ("csv", "npy", "png", "table")
 FILES = {"csv": "curve.csv", "npy": "curve.npy", "png": "curve.png", "table": "curve.txt"}
+OF_LINE = "line.png"
 POINTS = 400
 DRAWN = 4096  # rows of a picture
 
@@ -61,8 +63,8 @@ def run(arguments: argparse.Namespace) -> int:
     sj.enable_x64()
     source, route = read_source(arguments), route_of(arguments)
     velocity = _velocities(arguments, source)
-    if source.result is not None and route is not None:
-        raise DataError("--route", arguments.route, "left out with --fit")
+    if route is not None and (source.result, source.prediction) != (None, None):
+        raise DataError("--route", arguments.route, "left out with --fit and --line")
     formats = set(arguments.format or ([] if arguments.table else ["csv", "png"]))
     formats |= {"table"} if arguments.table else set()
     if "table" in formats and arguments.velocities is None:
@@ -73,7 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
     if not rows.known.any():
         problem = f"the data do not determine {source.name} at these velocities"
         raise InputError(None, None, problem, f"they determine {_known(source)}")
-    with files_into(arguments.out, FILES.values()) as folder:
+    with files_into(arguments.out, [*FILES.values(), OF_LINE]) as folder:
         _write(folder, formats, source, rows, route)
     _tell(arguments, source, rows)
     return 0
@@ -111,6 +113,11 @@ def _write(folder: Path, formats: set[str], source: Any, rows: Any, route: Any) 
 
         shown = rows.some(slice(None, None, -(-len(rows.velocity) // DRAWN)))
         _draw(folder / FILES["png"], shown.some(np.argsort(shown.velocity, kind="stable")), source)
+        if source.prediction is not None:
+            from calibration.plots import save, unloading_line_figure
+
+            line, contact = source.prediction.line, source.law.contact
+            save(unloading_line_figure(line, contact, source.name), folder / OF_LINE)
 
 
 def _draw(path: Path, rows: Any, source: Any) -> None:
@@ -127,7 +134,10 @@ def _draw(path: Path, rows: Any, source: Any) -> None:
 
 
 def _known(source: Any) -> str:
-    """The velocities at which the data determine the curve."""
+    """The velocities at which the data, or the line through a fit's materials, determine the curve."""
+    if source.result is None:
+        critical = float(source.law.contact.critical_velocity)
+        return f"the curve from first yield on, {critical:.4g} m/s"
     fit = source.result.material(source.name)
     if fit.known_from > 0:
         return f"the curve from {fit.known_from:.4g} m/s on"

@@ -11,7 +11,7 @@ import numpy as np
 import softjax as sj
 from calibration.commands.source_options import COEFFICIENTS, VARIANTS, read_material_file
 from calibration.console import print_first
-from calibration.curves import Source
+from calibration.curves import Prediction, Source
 from calibration.data.paper import CURVES, RADIUS, PaperCurve
 from calibration.errors import DataError, InputError, Origin, did_you_mean, listed, printable
 from calibration.fitting.collisions import ROUTES
@@ -24,6 +24,7 @@ from calibration.parameters import Parameter
 # `area="zhou"` and `kappa="consistent"`.
 FITTED_CHI = {"stainless steel": 1.7944, "chrome steel": 0.09867, "nylon": 0.21998}
 DECADES_BELOW_YIELD = 0.1  # where a grid starts unless told, in critical velocities
+LOSSES = ("sigma", "psi")
 FAR_ABOVE_YIELD = 100.0  # and where it ends if nothing else says so
 
 
@@ -33,7 +34,11 @@ def read_source(arguments: argparse.Namespace) -> Source:
     Raises:
         InputError, DataError: what is wrong and what is accepted.
     """
-    if arguments.fit is not None:
+    if arguments.eps_up is not None and arguments.line is None:
+        raise DataError("--eps-up", arguments.eps_up, "given with --line")
+    if arguments.line is not None:
+        _check_line(arguments)
+    elif arguments.fit is not None:
         return _of_fit(arguments)
     if getattr(arguments, "posterior", None) is not None:
         accepted = "given with --fit, whose draws they are"
@@ -120,16 +125,45 @@ def _of_file(arguments: argparse.Namespace) -> Source:
     last = FAR_ABOVE_YIELD * critical
     if entry.data is not None:
         last = max(float(np.max(entry.data.velocity)), 2 * critical)
+    last = min(last, 0.99 * float(contact.limit_velocity))
     is_one = len(entry.table.radii) == 1
-    bodies, properties = _bodies(entry.bodies, entry.table.second is None, is_one)
-    return Source(
-        entry.name,
-        _law(arguments, arguments.law or file.settings.get("law", "zhou"), contact, known, free),
-        (DECADES_BELOW_YIELD * critical, min(last, 0.99 * float(contact.limit_velocity))),
-        None if entry.table.limit_velocity is not None else properties,
-        bodies,
-        remark=f"{printable(entry.name)}: {arguments.source}",
-    )
+    bodies, numbers = _bodies(entry.bodies, entry.table.second is None, is_one)
+    properties = None if entry.table.limit_velocity is not None else numbers
+    remark = f"{printable(entry.name)}: {arguments.source}"
+    if arguments.line is not None:
+        line, losses = _line(arguments), {n: getattr(arguments, n) for n in ("eps_up", *LOSSES)}
+        law = line.law(contact, **losses)
+        remark = "\n".join([f"{remark}, by {arguments.line}", *line.remarks(contact, **losses)])
+        span = (critical, last)
+        of_line = Prediction(line, losses)
+        return Source(entry.name, law, span, properties, bodies, prediction=of_line, remark=remark)
+    law = _law(arguments, arguments.law or file.settings.get("law", "zhou"), contact, known, free)
+    span = (DECADES_BELOW_YIELD * critical, last)
+    return Source(entry.name, law, span, properties, bodies, remark=remark)
+
+
+def _check_line(arguments: argparse.Namespace) -> None:
+    """Refuse what does not go with --line."""
+    options = ("fit", "posterior", "chi", "law", *VARIANTS, "area", "set")
+    for name in options:
+        if getattr(arguments, name, None) not in (None, []):
+            accepted = "left out with --line, whose law is Zhou's as it was fitted"
+            raise DataError(f"--{name}", "given", accepted)
+    if arguments.source is None or not Path(arguments.source).suffix:
+        given = arguments.source or "missing"
+        raise DataError("MATERIAL", given, "a material file FILE.toml with --line")
+
+
+def _line(arguments: argparse.Namespace) -> Any:
+    """Eq. (18) of a fit's materials."""
+    from calibration.fitting.result import FitResult
+
+    line = FitResult.load(arguments.line).unloading_line
+    if line is None or len(line.materials) < 2:
+        problem = "has no line of Eq. (18)"
+        accepted = "a fit of two or more materials, each with an unloading factor, is needed"
+        raise InputError(arguments.line, None, problem, accepted)
+    return line
 
 
 def _bodies(pair, alike: bool, one_radius: bool) -> tuple[str, dict[str, float]]:

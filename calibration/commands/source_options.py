@@ -24,6 +24,10 @@ def add_source_arguments(parser: argparse.ArgumentParser) -> None:
         help="stainless-steel (default), chrome-steel, nylon, or a material file FILE.toml",
     )
     group.add_argument("--fit", metavar="FIT.json", type=Path, help="a result of softjax fit")
+    text = "of FILE.toml's material by Eq. (18) through the materials of a fit"
+    group.add_argument("--line", metavar="FIT.json", type=Path, help=text)
+    text = "restitution at first yield, with --line (default: mean of the fitted materials)"
+    group.add_argument("--eps-up", type=float, metavar="X", help=text)
     group.add_argument("--material", metavar="NAME", help="which one of a file's or a fit's")
     for name in COEFFICIENTS:
         group.add_argument(f"--{name}", type=float, metavar="X", help=f"{name} of Zhou's law")

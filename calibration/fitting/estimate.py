@@ -1,4 +1,4 @@
-"""Numbers with their uncertainty: one of them, Eq. (18)'s line, a band around a curve."""
+"""Numbers with their uncertainty: one of them, and a band around a curve."""
 
 from dataclasses import dataclass
 
@@ -35,28 +35,6 @@ class Estimate:
 
     def __str__(self) -> str:
         return with_error(self.value, self.printed_error)
-
-
-@dataclass(frozen=True)
-class Line:
-    """Eq. (18), χ̃ = c1 + c2 E/Y, through all materials.
-
-    Attributes:
-        c1, c2: fitted directly to all curves at once (None where that was not asked for, then
-            through the fitted χ̃).
-        rms: of each material's curve with χ̃ from the line.
-        chi: what the line gives for each material.
-        through_chi: c1 and c2 through the fitted χ̃ with their weights instead.
-        method: "curves" or "weighted".
-    """
-
-    c1: Estimate
-    c2: Estimate
-    rms: dict[str, float]
-    chi: dict[str, Estimate]
-    through_chi: dict[str, Estimate] | None
-    converged: bool
-    method: str = "curves"
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from calibration.data.measurements import LONGEST_NAME
 from calibration.data.text_file import MIB, read_text
 from calibration.errors import DataError, InputError, shown
 from calibration.fitting.collisions import ROUTES
-from calibration.fitting.estimate import Estimate, Line
+from calibration.fitting.estimate import Estimate
 from calibration.fitting.laws import LAWS, law_name
 from calibration.fitting.layout import law_model, said_of
 from calibration.fitting.material import Goodness, MaterialFit, Outlier
@@ -30,6 +30,7 @@ from calibration.fitting.request import Request, checked
 from calibration.fitting.rows import Tree
 from calibration.fitting.stages import Likelihood, Stage
 from calibration.fitting.uncertainty import Freedom
+from calibration.fitting.unloading_line import Line
 from calibration.fitting.warnings import FitWarning
 from calibration.observables import OBSERVABLES, Observed
 from calibration.options import FitOptions

@@ -4,14 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.fitting.estimate import Estimate, Line
-from calibration.fitting.laws import LINE
+from calibration.fitting.estimate import Estimate
+from calibration.fitting.laws import LINE, several_yields
 from calibration.fitting.layout import SetSpec
 from calibration.fitting.profiles import estimate_of
 from calibration.fitting.request import Request
 from calibration.fitting.stages import ComponentFit, StageFit
-from calibration.fitting.summary import derived_of
+from calibration.fitting.summary import derived_of, eps_up_of
 from calibration.fitting.uncertainty import quantile
+from calibration.fitting.unloading_line import Line, LineMaterial
 from calibration.parameters import Parameter
 
 ROUNDING = 1e-10  # standard errors of χ̃, as a share of it, that tell nothing
@@ -26,10 +27,10 @@ def fit_line(request: Request, fits: list[ComponentFit]) -> tuple[Line, StageFit
     own = _with_chi(fits)
     if request.options.unloading_line is None or len(own) < 2:
         return None
-    through = _through_chi(own, request.options.confidence)
+    through, normal = _through_chi(own, request.options.confidence)
     joint = _joint(request, [spec for _, spec, _ in own], through)
     if request.options.unloading_line == "weighted":
-        return _weighted(joint, own, through), None
+        return _with_materials(_weighted(joint, own, through), own, normal, request), None
     names = [e.name for e in joint.component.elements]
     c1, c2 = (
         estimate_of(joint, names.index(name), None, request.options.confidence) for name in LINE
@@ -37,7 +38,44 @@ def fit_line(request: Request, fits: list[ComponentFit]) -> tuple[Line, StageFit
     sets = zip(joint.component.sets, joint.component.specs, strict=True)
     chi = {s.data.name: derived_of(joint, s, g, request.options.confidence)["chi"] for g, s in sets}
     line = Line(c1, c2, _rms(joint, joint.z), chi, through, bool(joint.final.found.converged[0]))
-    return line, joint.final
+    places = [names.index(name) for name in LINE]
+    slope = joint.final.problem.transform.slope(joint.z)[places]
+    covariance = joint.uncertainty.covariance[0][np.ix_(places, places)] * np.outer(slope, slope)
+    return _with_materials(line, own, covariance, request), joint.final
+
+
+def _with_materials(line: Line, own, covariance: np.ndarray | None, request: Request) -> Line:
+    """The same with what a further material's prediction needs."""
+    materials = []
+    for fit, spec, k in own:
+        place = next(i for i, one in enumerate(fit.component.specs) if one is spec)
+        law = fit.final.problem.law_of(fit.theta, place)
+        variance = _variance(fit, k)
+        separate = not spec.by_eps_up and not several_yields(spec.data.contact)
+        materials.append(
+            LineMaterial(
+                spec.data.name,
+                _ratio(spec),
+                float(fit.theta[k]),
+                variance**0.5 if np.isfinite(variance) else None,
+                eps_up_of(law),
+                float(law.sigma) if separate else None,
+                float(law.psi) if separate else None,
+            )
+        )
+    noisy = covariance is not None and np.all(np.isfinite(covariance)) and np.any(covariance)
+    told = None
+    if noisy and covariance is not None:
+        (a, b), (_, d) = covariance.tolist()
+        told = ((a, b), (b, d))
+    return replace(
+        line,
+        covariance=told,
+        materials=tuple(materials),
+        options=dict(own[0][1].model.options),
+        area=own[0][1].data.contact.area,
+        confidence=request.options.confidence,
+    )
 
 
 def _with_chi(fits: list[ComponentFit]) -> list[tuple[ComponentFit, SetSpec, int]]:
@@ -71,8 +109,8 @@ def _said(spec: SetSpec, through: dict[str, Estimate]) -> dict:
     return kept | values | dict(spec.model.options)
 
 
-def _through_chi(own, confidence: float) -> dict[str, Estimate]:
-    """Weighted least squares through the fitted χ̃; equal weights where they have no errors."""
+def _through_chi(own, confidence: float) -> tuple[dict[str, Estimate], np.ndarray | None]:
+    """Weighted least squares through the fitted χ̃, and the covariance; equal weights without errors."""
     ratio = np.array([_ratio(spec) for _, spec, _ in own])
     chi = np.array([fit.theta[k] for fit, _, k in own])
     variance = np.array([_variance(fit, k) for fit, _, k in own])
@@ -90,7 +128,7 @@ def _through_chi(own, confidence: float) -> dict[str, Estimate]:
         ends = (None, None) if error is None else (c[i] - reach * error, c[i] + reach * error)
         low, high = (None if end is None else float(end) for end in ends)
         table[name] = Estimate(float(c[i]), error, low, high, "wald", True)
-    return table
+    return table, normal if usable else None
 
 
 def _variance(fit: ComponentFit, k: int) -> float:

@@ -13,7 +13,7 @@ from calibration.data.checks import check_whole, checked_confidence
 from calibration.data.json_file import dumps
 from calibration.errors import DataError, did_you_mean, listed
 from calibration.fitting.curves import as_empirical, band
-from calibration.fitting.estimate import Band, Estimate, Line
+from calibration.fitting.estimate import Band, Estimate
 from calibration.fitting.fit_json import read_result, result_to_dict
 from calibration.fitting.laws import LINE
 from calibration.fitting.material import MaterialFit
@@ -22,6 +22,7 @@ from calibration.fitting.refits import Bootstrap, LeaveOneOut, bootstrap, leave_
 from calibration.fitting.request import Request
 from calibration.fitting.stages import ComponentFit, Likelihood, Stage
 from calibration.fitting.uncertainty import Freedom, freedom_of
+from calibration.fitting.unloading_line import Line
 from calibration.fitting.warnings import FitWarning, extrapolation
 from calibration.observables import OBSERVABLES, RESTITUTION
 from calibration.output import replacing, write_text

@@ -10,6 +10,7 @@ from calibration.plots.parameters import (
 )
 from calibration.plots.posterior import posterior_figure
 from calibration.plots.style import save
+from calibration.plots.unloading_line import unloading_line_figure
 
 __all__ = [
     "Line",
@@ -23,4 +24,5 @@ __all__ = [
     "posterior_figure",
     "profiles_figure",
     "save",
+    "unloading_line_figure",
 ]

@@ -1,0 +1,189 @@
+"""Eq. (18) for a further material: six simulated ones that scatter about a line by 8 %."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import calibration as cal
+import softjax as sj
+from calibration import cli
+
+C1, C2, SCATTER = 0.05, 0.004, 0.08
+STRENGTHS = np.array([2.2e8, 3.0e8, 4.0e8, 5.5e8, 8.0e8, 1.2e9])
+NAMES = [f"alloy {k}" for k in range(6)]
+
+
+def contact_of(strength):
+    alloy = sj.Material(1.05e11, 0.33, 8500.0, float(strength))
+    return sj.Contact.between_spheres(alloy, alloy, 0.01, 0.01)
+
+
+CONTACTS = [contact_of(strength) for strength in STRENGTHS]
+RATIOS = np.array([float(contact.yield_ratio) for contact in CONTACTS])
+
+
+def simulated(seed=4):
+    """χ̃ and ε_up of each material, and its rebounds above yield with a noise of 0.002."""
+    random = np.random.default_rng(seed)
+    chi = (C1 + C2 * RATIOS) * (1 + SCATTER * random.standard_normal(6))
+    up = 1 / (1 + np.exp(-(3.5 + 0.3 * random.standard_normal(6))))
+    sets = []
+    for k, contact in enumerate(CONTACTS):
+        critical = float(contact.critical_velocity)
+        ratio = critical / (float(contact.limit_velocity) - critical)
+        law = sj.Zhou(contact, float(chi[k]), float(-np.log(up[k]) / ratio**0.5), 0.5)
+        v = np.round(critical * np.geomspace(1.5, 60, 14), 4)
+        e = np.asarray(sj.restitution(law, v).coefficient) + 0.002 * random.standard_normal(14)
+        sets.append(cal.RestitutionData(v, np.round(e, 5), contact, 0.002, name=NAMES[k]))
+    return chi, up, sets
+
+
+@pytest.fixture(scope="module")
+def six():
+    chi, up, sets = simulated()
+    return chi, up, cal.fit(sets, starts=4, profiles=False)
+
+
+def test_the_law_has_the_lines_factor_and_the_mean_restitution_at_yield(six):
+    _, _, result = six
+    line, contact = result.unloading_line, contact_of(6.5e8)
+    law = line.law(contact)
+    c1, c2 = line.c1.value, line.c2.value
+    assert float(law.chi) == pytest.approx(c1 + c2 * float(contact.yield_ratio), rel=1e-14)
+    up = np.array([result.values[f"eps_up[{name}]"] for name in NAMES])
+    told = sj.empirical_restitution(
+        contact.critical_velocity, contact.limit_velocity, law.sigma, law.psi
+    )
+    mean = np.mean(np.log(up / (1 - up)))
+    assert float(told) == pytest.approx(1 / (1 + np.exp(-mean)), rel=1e-9)
+    given = line.law(contact, sigma=0.7, psi=0.4)
+    assert (float(given.sigma), float(given.psi)) == pytest.approx((0.7, 0.4), rel=1e-14)
+
+
+def test_the_scatter_and_the_intervals_are_those_of_weighted_least_squares(six):
+    _, _, result = six
+    line = result.unloading_line
+    chi, error = (np.array([getattr(m, n) for m in line.materials]) for n in ("chi", "chi_error"))
+    mean = line.c1.value + line.c2.value * RATIOS
+    variance = error**2 + (line.scatter * mean) ** 2
+    assert np.sum((chi - mean) ** 2 / variance) == pytest.approx(4.0, rel=1e-6)  # n - 2
+    low, high = np.sqrt(4 / stats.chi2.ppf([0.999, 0.001], 4)) * SCATTER
+    assert low < line.scatter < high
+    design = np.stack([np.ones(6), RATIOS], axis=1)
+    covariance = np.linalg.inv(design.T @ (design / variance[:, None]))
+    contact = contact_of(6.5e8)
+    at = np.array([1.0, float(contact.yield_ratio)])
+    found = line.unloading_factor(contact, confidence=0.9)
+    size = np.sqrt(at @ covariance @ at + (line.scatter * found.value) ** 2)
+    assert found.standard_error == pytest.approx(size, rel=1e-9)
+    reach = stats.t.ppf(0.95, 4) * size / found.value
+    assert np.log([found.low, found.high]) == pytest.approx(
+        np.log(found.value) + np.array([-reach, reach]), rel=1e-9
+    )
+
+
+def test_each_material_is_predicted_by_the_others(six):
+    chi, up, result = six
+    line = result.unloading_line
+    left = line.left_out()
+    held = [left[name].low < chi[k] < left[name].high for k, name in enumerate(NAMES)]
+    assert all(held)
+    widths = [np.log(one.high / one.low) for one in left.values()]
+    assert max(widths) < 1.5  # and they tell something: within a factor of two
+    others = np.arange(6) != 2
+    expected = np.polyfit(RATIOS[others], chi[others], 1)
+    assert left[NAMES[2]].value == pytest.approx(np.polyval(expected, RATIOS[2]), rel=0.1)
+    contact, v = CONTACTS[2], result.material(NAMES[2]).data.velocity
+    band = line.band(contact, v, eps_up=float(up[2]))
+    truth = result.material(NAMES[2]).data.restitution
+    assert np.all((band.low - 0.006 < truth) & (truth < band.high + 0.006))
+
+
+def test_a_band_is_what_each_unknown_does(six):
+    _, _, result = six
+    line, contact = result.unloading_line, contact_of(6.5e8)
+    v = float(contact.critical_velocity) * np.array([0.5, 2.0, 20.0])
+    chi = line.unloading_factor(contact)
+    known = line.band(contact, v, eps_up=0.97)
+    law = line.law(contact, eps_up=0.97)
+
+    def curve(value):
+        other = sj.Zhou(contact, value, float(law.sigma), float(law.psi))
+        return np.asarray(sj.restitution(other, v[1:]).coefficient)
+
+    assert np.all(np.isnan([known.coefficient[0], known.low[0], known.high[0]]))
+    np.testing.assert_allclose(known.coefficient[1:], curve(chi.value), rtol=1e-12)
+    np.testing.assert_allclose(known.low[1:], curve(chi.high), rtol=1e-9)
+    np.testing.assert_allclose(known.high[1:], np.minimum(curve(chi.low), 1), rtol=1e-9)
+    wider = line.band(contact, v)
+    assert np.all(wider.high[1:] - wider.low[1:] > known.high[1:] - known.low[1:])
+    below = line.band(contact, v, sigma=0.7, psi=0.4).coefficient
+    expected = sj.restitution(line.law(contact, sigma=0.7, psi=0.4), v).coefficient
+    np.testing.assert_allclose(below, expected, rtol=1e-12)
+
+
+def test_two_materials_leave_no_freedom_and_what_makes_no_sense_is_refused():
+    _, _, sets = simulated()
+    result = cal.fit(sets[::3], starts=4, profiles=False)
+    line, contact = result.unloading_line, contact_of(6.5e8)
+    assert line.scatter is None
+    assert "scatter about the line: unknown, as two materials" in line.remarks(contact)[1]
+    at = np.array([1.0, float(contact.yield_ratio)])
+    covariance = np.array(line.covariance)
+    assert covariance[0, 0] == pytest.approx(line.c1.standard_error**2, rel=1e-9)
+    found = line.unloading_factor(contact)
+    assert found.standard_error == pytest.approx(np.sqrt(at @ covariance @ at), rel=1e-9)
+    hertz = sj.Contact(**contact.leaves(), area="hertz")
+    for call, message in (
+        (lambda: line.law(hertz), "`area` must be zhou, as of the fitted materials, but is hertz"),
+        (lambda: line.law(contact, eps_up=1.2), "`eps_up` must be between 0 and 1, but is 1.2"),
+        (lambda: line.law(contact, sigma=0.5), "`psi` must be given, as the fit knows ε_up only"),
+        (lambda: line.law(contact, eps_up=0.9, psi=0.5), "`eps_up` must be left out beside sigma"),
+        (line.left_out, "`materials` must be 3 or more, to leave one out, but is 2"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            call()
+    one = cal.fit(sets[0], starts=4, profiles=False)
+    assert one.unloading_line is None
+
+
+TOML = """
+[[material]]
+name = "next"
+youngs_modulus = "105 GPa"
+poisson_ratio = 0.33
+density = 8500
+yield_strength = "1.5 GPa"
+radius = "10 mm"
+"""
+
+
+def test_the_command_draws_the_curve_of_a_material_without_data(six, tmp_path, capsys):
+    _, _, result = six
+    result.save(tmp_path / "fit.json")
+    loaded = cal.FitResult.load(tmp_path / "fit.json")
+    assert loaded.unloading_line == result.unloading_line
+    file = tmp_path / "next.toml"
+    file.write_text(TOML, encoding="utf-8")
+    out = tmp_path / "out"
+    words = ["curve", str(file), "--line", str(tmp_path / "fit.json"), "--out", str(out)]
+    assert cli.main(words) == 0
+    told = capsys.readouterr().out
+    assert "warning: extrapolation: E/Y = 39.28, the fitted materials have 49.1 to 267.8" in told
+    assert "eps_up 0.9" in told
+    assert sorted(path.name for path in out.iterdir()) == ["curve.csv", "curve.png", "line.png"]
+    rows = np.genfromtxt(out / "curve.csv", delimiter=",", skip_header=1, usecols=range(4))
+    band = result.unloading_line.band(contact_of(1.5e9), rows[:, 0])
+    np.testing.assert_allclose(rows[:, 1:4].T, [band.coefficient, band.low, band.high], rtol=1e-12)
+    for more, message in (
+        (["--chi", "1"], "`--chi` must be left out with --line"),
+        (["--eps-up", "2"], "`eps_up` must be between 0 and 1"),
+    ):
+        assert cli.main([*words, *more]) == 2
+        assert message in capsys.readouterr().err
+    table = json.loads((tmp_path / "fit.json").read_text(encoding="utf-8"))
+    (tmp_path / "fit.json").write_text(json.dumps(table | {"unloading_line": None}), "utf-8")
+    assert cli.main(words) == 2
+    assert "has no line of Eq. (18); a fit of two or more materials" in capsys.readouterr().err
