@@ -340,7 +340,7 @@ AT_ONE = "The data show no loss beside the plastic one: eps_up cannot exceed 1; 
 def component_warnings(
     fit: ComponentFit, estimates: dict[int, Estimate], curves: dict[str, Profile]
 ) -> list[FitWarning]:
-    """Doubts about a component's parameters and searches."""
+    """Warnings about a component's parameters and searches."""
     found: list[FitWarning] = []
     for k, element in enumerate(fit.component.elements):
         found += _of_estimate(element.name, estimates[k], _owner(fit, element.sets))
@@ -423,7 +423,7 @@ def _collinear(fit: ComponentFit, separation: list[FitWarning]) -> list[FitWarni
         points = np.flatnonzero((problem.points.set == place) & (problem.points.observable == 0))
         told = ""
         if len(points):
-            told = f"; known is ε in the middle of the data, {_in_the_middle(fit, points)}"
+            told = f"; the data determine ε in their middle, {_in_the_middle(fit, points)}"
         names = f"{one.name} and {other.name}"
         cause = f"{names} are correlated by {correlation[i, j]:.5f}{told}"
         found.append(FitWarning("collinear", cause, owner))

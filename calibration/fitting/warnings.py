@@ -24,20 +24,20 @@ ADVICE = {
     "sigma-psi-not-separate": (
         "Use eps_up, which is determined; or measure below the critical velocity, or more precisely."
     ),
-    "skewed": (
-        "Use the interval, or the posterior: a standard error, the curvature at the best, describes "
-        "neither side."
+    "skewed": "Use the interval, or the posterior: no standard error describes both sides.",
+    "collinear": (
+        "Report what is determined; or fix one of them, give it a prior, or measure where they differ."
     ),
-    "collinear": "Report what is known, or fix one of them, give it a prior, or measure where they differ.",
     "ill-conditioned": "Fix a parameter or give it a prior; intervals of single parameters mislead.",
     "not-converged": "Use more starts or steps, or another optimiser; do not use the values.",
     "several-minima": "Give bounds or a prior that decide, or measure where the curves differ.",
     "model-misfit": (
-        f"The law does not follow these data within their noise; intervals omit that. {OTHER_LAWS}."
+        f"The misfit exceeds the noise: these intervals are too narrow. {OTHER_LAWS}; "
+        "`extra_scatter` estimates what the stated uncertainties lack."
     ),
     "residual-runs": (
         f"The law misses a trend ({OTHER_LAWS}), or points belong together "
-        "(a `group` column tells which); intervals are too narrow."
+        "(name them in a `group` column); intervals are too narrow."
     ),
     "unequal-scatter": "State each point's own uncertainty; intervals take errors to be as stated, else equal.",
     "groups": "Say which points belong together (specimen, launch, day) in a `group` column.",
@@ -46,7 +46,7 @@ ADVICE = {
     "status": "Look at the velocities named and at the law's range; leave them out if need be.",
     "extrapolation": "Measure there before relying on it.",
     "all-below-yield": "Measure above the critical velocity; the unloading factor acts only there.",
-    "eps-up-only": "Measure below the critical velocity to tell sigma from psi.",
+    "eps-up-only": "Measure below the critical velocity to separate sigma from psi.",
     "objectives-disagree": (
         "Eq. (17) does not hold over the whole curve, or the law does not: look at both curves; "
         "`model` is the law's own likelihood."

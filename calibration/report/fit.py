@@ -327,20 +327,21 @@ def quality_words(result: Any) -> list[str]:
     return [f"{name}: {text}" for name, text in QUALITY.items() if name in header]
 
 
-def outlier_lines(result: Any, most: int = 5) -> list[str]:
-    """The farthest points that the noise does not explain; where they are many, that alone."""
+def outlier_lines(result: Any, most: int = 3) -> list[str]:
+    """The farthest points that the noise does not explain; where they are many, a misfit."""
     lines: list[str] = []
     for fit in result.materials:
         outliers = sorted(fit.outliers, key=lambda one: -abs(one.residual))
         owner = f", {fit.name}" if len(result.materials) > 1 else ""
         count = fit.n + sum(len(one) for one in fit.data.observed)
         if len(outliers) > max(MISFIT * count, 3):
-            told = f"{len(outliers)} of {count} points are farther off than noise explains"
-            lines.append(f"misfit{owner}: {told}: the law or the stated errors do not hold")
-            continue
+            lines.append(
+                f"misfit{owner}: noise does not explain {len(outliers)} of {count} points: "
+                "the law or the stated errors are wrong"
+            )
         lines += [f"outlier{owner}: {one}" for one in outliers[:most]]
         more = len(outliers) - most
-        lines += [f"outlier{owner}: and {more} more, all in fit.json"] if more > 0 else []
+        lines += [f"outlier{owner}: {more} more in fit.json"] if more > 0 else []
     every = [e for fit in result.materials for e in fit.parameters.values()]
     return [*lines, NOT_JUDGED] if any(e.skewed is None for e in every) else lines
 
