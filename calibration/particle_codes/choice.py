@@ -51,6 +51,8 @@ class Backend:
         of_mass: whether the damping that is written holds for one effective mass alone.
         fewest: time steps in the shortest contact, unless stated.
         lines_of_pairs: whether each pair of types of atoms has a line of its own.
+        scheme_error: the error of ε by N steps in a contact is this over N² at least.
+        at_walls: whether it acts at walls too.
     """
 
     name: str
@@ -58,6 +60,8 @@ class Backend:
     of_mass: bool = False
     fewest: int = FEWEST
     lines_of_pairs: bool = False
+    scheme_error: float = 0.0
+    at_walls: bool = True
 
 
 @dataclass(frozen=True)
@@ -147,6 +151,8 @@ def _unsuited(key: str, target: Target, backend: Backend, options: ExportOptions
         if key == "viscoelastic" or backend.name == INPUT or not rate_independent:
             problem = f"the ε of {key} cannot be held below the range by what the code has"
             return problem, f"--export-law {' or '.join(CONSTANT)}, whose ε is constant"
+    if target.on_wall and not backend.at_walls:
+        return f"{key} loses nothing at a wall there", f"--export-law {' or '.join(CONSTANT)}"
     if options.sizes and key == EXACT and is_tabulated(target.law):
         accepted = "each pair exported by itself, with --prefix and --types"
         return "a table of forces is for one pair of sizes", accepted
@@ -215,7 +221,8 @@ def _tried(key: str, target: Target, backend: Backend, options: ExportOptions) -
     error, shortest = max(error, off), min(shortest / float(np.min(impacts.duration)), 1.0)
     label = LABELS.get(key, f"{type(target.law).__name__}'s law, exact")
     held = options.below == "hold" and key not in CONSTANT
-    steps = _steps(law, impacts, error, options, max(backend.fewest, DAMPED * held))
+    fewest = max(backend.fewest, DAMPED * held)
+    steps = _steps(law, impacts, error, options, backend, fewest)
     softer = _softening_factor(impacts, target, options)
     made = Choice(key, label, law, backend, softer, impacts, error, steps, table, shortest=shortest)
     if not held or steps is NONE:
@@ -266,9 +273,15 @@ def _softening_factor(impacts: Impacts, target: Target, options: ExportOptions) 
     return options.overlap / own
 
 
-def _steps(law: Any, impacts: Impacts, error: float, options: ExportOptions, fewest: int) -> Steps:
+def _steps(
+    law: Any, impacts: Impacts, error: float, options: ExportOptions, backend: Backend, fewest: int
+) -> Steps:
+    room = options.tolerance - error
     if options.steps is not None:
-        return steps_of(law, impacts, options.steps)
-    if error > (1 - ROOM) * options.tolerance:
+        steps = steps_of(law, impacts, options.steps)
+    elif room < ROOM * options.tolerance:
         return NONE
-    return steps_within(law, impacts, options.tolerance - error, fewest)
+    else:
+        fewest = max(fewest, int(np.ceil(np.sqrt(backend.scheme_error / room))))
+        steps = steps_within(law, impacts, room, fewest)
+    return replace(steps, error=max(steps.error, backend.scheme_error / steps.count**2))

@@ -1,0 +1,168 @@
+"""All promises of files that are written for LAMMPS, LIGGGHTS and YADE, kept at all starting phases.
+
+Each file runs once in its code: 24 pairs of balls, or balls on a wall, side by side, at three velocities, with
+eight parts of a time step before they touch.
+"""
+
+import json
+import math
+import os
+import shutil
+import subprocess
+from itertools import product
+
+import numpy as np
+import pytest
+
+import calibration as cal
+import softjax as sj
+from tests.cases import RADIUS
+from tests.export.lammps import ENVIRONMENT, NEEDED, build, needs_lammps
+from tests.export.laws import DENSITY, RANGE, STEEL
+
+PHASES = (np.arange(8) + 0.5) / 8
+WALL = sj.Contact.with_wall(sj.STAINLESS_STEEL, wall=sj.STAINLESS_STEEL, radius=RADIUS)
+SCRIPT = """
+atom_style {style}
+atom_modify map array
+boundary f f f
+newton off
+{before}
+units si
+region box block -0.2 0.2 -0.1 {width} -0.2 0.2 units box
+create_box 1 box
+neighbor 0.001 bin
+neigh_modify delay 0
+{settings}
+{atoms}
+fix move all nve/sphere
+dump last all custom {steps} out.* id vx vz
+dump_modify last sort id format {format}
+run {steps}
+"""
+YADE = """
+import json, sys
+sys.path.insert(0, ".")
+import softjax_yade
+from yade import *
+ball = softjax_yade.material(density={density})
+O.materials.append(ball)
+for k, (v, gap) in enumerate({impacts}):
+    where = -{radius} - gap
+    if {wall}:
+        O.bodies.append(utils.sphere((where, k*{width}, 0), {radius}, material=ball))
+        O.bodies[-1].state.vel = (v, 0, 0)
+    else:
+        for side in (1, -1):
+            O.bodies.append(utils.sphere((side*(where + gap/2), k*{width}, 0), {radius}, material=ball))
+            O.bodies[-1].state.vel = (side*v/2, 0, 0)
+if {wall}:
+    O.bodies.append(utils.wall(0, axis=0, sense=0, material=ball))
+collider = InsertionSortCollider(softjax_yade.bounds(), verletDist=0.05*{radius})
+O.engines = [ForceResetter(), collider, softjax_yade.interactions(),
+             NewtonIntegrator(damping=0, gravity=(0, 0, 0))]
+O.dt = softjax_yade.time_step
+O.run({steps}, True)
+print("RESULT", json.dumps([b.state.vel[0] for b in O.bodies if isinstance(b.shape, Sphere)]))
+"""
+
+
+def in_script(code, folder, impacts, wall, steps) -> np.ndarray:
+    """Velocities [m/s] of all balls after a run of LAMMPS or LIGGGHTS, in the order of their IDs."""
+    atoms, motions = [], []
+    for k, (v, gap) in enumerate(impacts):
+        places = [f"0 {k * 4 * RADIUS} {RADIUS + gap!r}"]
+        if not wall:
+            places = [f"{s * (RADIUS + gap / 2)!r} {k * 4 * RADIUS} 0" for s in (-1, 1)]
+        atoms += [f"create_atoms 1 single {place} units box" for place in places]
+        speeds = [(0, -v)] if wall else [(v / 2, 0), (-v / 2, 0)]
+        for vx, vz in speeds:
+            one = len(motions) // 2 + 1
+            motions += [f"group one id {one}", f"velocity one set {vx!r} 0 {vz!r} units box"]
+            motions[-1] += "\ngroup one delete"
+    liggghts = code == "liggghts"
+    text = SCRIPT.format(
+        style="granular" if liggghts else "sphere",
+        before="communicate single vel yes\nhard_particles yes" if liggghts else "",
+        settings="" if liggghts else "include in.softjax",
+        atoms="\n".join(
+            [
+                *(["include in.softjax"] if liggghts else []),
+                *atoms,
+                f"set group all diameter {2 * RADIUS} density {DENSITY}",
+                *motions,
+            ]
+        ),
+        width=len(impacts) * 4 * RADIUS,
+        steps=steps,
+        format='"%d %.16g %.16g"' if liggghts else 'line "%d %.16g %.16g"',
+    )
+    if not liggghts:  # units stand first there
+        text = "units si\n" + text.replace("units si\nregion", "region")
+    (folder / "in.matrix").write_text(text, encoding="utf-8")
+    command = ["liggghts"] if liggghts else [NEEDED[2]]
+    environment = dict(os.environ) if liggghts else ENVIRONMENT
+    environment = {
+        k: v for k, v in environment.items() if not (liggghts and k == "LD_LIBRARY_PATH")
+    }
+    command += ["-in", "in.matrix", "-log", "none"]
+    ended = subprocess.run(command, cwd=folder, env=environment, capture_output=True)
+    assert ended.returncode == 0, (ended.stdout + ended.stderr)[-1500:]
+    _, vx, vz = np.loadtxt(folder / f"out.{steps}", skiprows=9).T
+    return vz if wall else vx
+
+
+def in_yade(folder, impacts, wall, steps) -> np.ndarray:
+    text = YADE.format(
+        density=DENSITY, impacts=impacts, radius=RADIUS, wall=wall, width=4 * RADIUS, steps=steps
+    )
+    (folder / "script.py").write_text(text, encoding="utf-8")
+    command = ["yade", "-n", "-x", "-j1", "script.py"]
+    ended = subprocess.run(command, cwd=folder, capture_output=True, text=True, errors="replace")
+    lines = [line for line in ended.stdout.splitlines() if line.startswith("RESULT")]
+    assert len(lines) == 1, (ended.stdout + ended.stderr)[-2000:]
+    return np.array(json.loads(lines[0].removeprefix("RESULT")))
+
+
+LAWS = {
+    "lammps": ("linear", "hertz-dashpot", "viscoelastic", "walton-braun", "exact"),
+    "liggghts": ("linear", "hertz-dashpot", "walton-braun"),
+    "yade": ("linear", "hertz-dashpot", "walton-braun"),
+}
+MARKS = {"lammps": [needs_lammps]}
+for name in ("liggghts", "yade"):
+    MARKS[name] = [pytest.mark.skipif(shutil.which(name) is None, reason=f"no {name}")]
+
+
+@pytest.mark.codes
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("code", "law", "wall"),
+    [
+        pytest.param(code, law, wall, marks=MARKS[code])
+        for code, laws in LAWS.items()
+        for law in laws
+        for wall in (False, True)
+        if (code, law, wall) != ("yade", "walton-braun", True)  # refused
+    ],
+)
+def test_what_is_written_keeps_its_promise(code, law, wall, tmp_path):
+    source = sj.Zhou(WALL, STEEL.chi, STEEL.sigma, STEEL.psi) if wall else STEEL
+    options = {"velocity_range": RANGE, "law": law, "tolerance": 0.08, "on_wall": wall}
+    if law == "exact":
+        options["tolerance"] = 0.005
+    made = cal.export(source, code, tmp_path, **options)
+    if made.choice.backend.name == "header":
+        build(tmp_path)
+    some = slice(None, None, 32)
+    cases = list(product(made.target.velocity[some].tolist(), PHASES.tolist()))
+    impacts = [(v, phase * v * made.time_step) for v, phase in cases]
+    steps = 2 * math.ceil(max(made.duration) / made.time_step) + 10
+    run = in_yade if code == "yade" else lambda *args: in_script(code, *args)
+    found = run(tmp_path, impacts, wall, steps)
+    velocity = np.array(cases)[:, 0]
+    rebound = (-found if code == "yade" else found) if wall else found[1::2] - found[::2]
+    restitution = (rebound / velocity).reshape(-1, len(PHASES))
+    given, wanted = made.choice.impacts.coefficient[some], made.target.restitution[some]
+    assert np.max(np.abs(restitution - given[:, None])) <= made.choice.steps.error + 1e-4
+    assert np.max(np.abs(restitution - wanted[:, None])) <= made.choice.total + 1e-4 <= 0.0801
