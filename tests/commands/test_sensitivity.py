@@ -10,7 +10,6 @@ import pytest
 import calibration as cal
 import softjax as sj
 from calibration.cli import main
-from tests.cases import fitted
 from tests.command import BODIES
 from tests.fit_data import twin
 from tests.shown.capture import drawn
@@ -37,14 +36,6 @@ def told_by(*options: str) -> dict:
 
 def files() -> set[str]:
     return {path.name for path in Path("results").iterdir()}
-
-
-def test_information_is_that_of_equally_spaced_shots(at, capsys):
-    options = ("--from", "2", "--to", "60", "--shots", "6", "--uncertainty", "0.003")
-    result = told_by("nylon", "--study", "information", *options)["information"]
-    expected = cal.fisher_information(fitted("nylon"), np.linspace(2, 60, 6), 0.003)
-    assert result["relative_standard_errors"] == pytest.approx(expected.relative_errors)
-    assert "expected standard error of χ̃" in capsys.readouterr().out
 
 
 def test_parameters_are_freed_and_fixed_as_asked(at):

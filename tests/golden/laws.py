@@ -1,11 +1,8 @@
-"""Scenarios: restitutions at given parameters, and every sort of law fitted."""
-
-from dataclasses import replace
+"""Scenarios: every sort of law fitted."""
 
 import numpy as np
 
 import calibration as cal
-import softjax as sj
 from tests import fit_oracle
 from tests.golden import simulated
 from tests.golden.cases import (
@@ -21,47 +18,6 @@ from tests.golden.cases import (
     record_fit,
 )
 from tests.golden.numbers import scenario
-
-VELOCITIES = np.array([0.0, 1e-4, 0.02, 0.0836, 0.09, 0.3, 1.0, 4.0, 15.0, 60.0])
-SPRING = 4e7  # N/m
-INTEGRATED = "own, damped"  # by default to a tolerance of 1e-8
-
-
-def every_law():
-    """All built-in laws and two others, with given parameters."""
-    pair, hertz = contact(), contact(area="hertz")
-    zhou = sj.Zhou(pair, 1.2, 0.9, 0.5)
-    return {
-        "zhou": zhou,
-        "zhou full": replace(zhou, form="full"),
-        "zhou printed": replace(zhou, chi=0.1, kappa="printed"),
-        "zhou hertz": replace(zhou, contact=hertz),
-        "thornton": sj.Thornton(hertz, 1.6),
-        "walton-braun": sj.WaltonBraun(pair, SPRING, 1.3 * SPRING, 200.0),
-        "viscoelastic": sj.ViscoelasticHertz(pair, 2e-6),
-        "hertz": sj.Hertz(pair),
-        "hertz-dashpot": sj.HertzDashpot(pair, 0.8),
-        "hertz-dashpot, zero force": sj.HertzDashpot(pair, 0.8, end="zero-force"),
-        "linear": sj.LinearSpringDashpot(pair, SPRING, 0.7),
-        "linear, zero force": sj.LinearSpringDashpot(pair, SPRING, 0.7, end="zero-force"),
-        "constant": sj.ConstantRestitution(pair, 0.9),
-        "eq-17": sj.EmpiricalRestitution(340.0, 0.9, 0.5),
-        "own": Hardening(pair, 2e-4),
-        "own, damped": Rubbing(pair, 1e8),
-        "learned": Learned(pair, network()),
-    }
-
-
-@scenario(long=True)
-def restitutions(numbers, folder):
-    """ε, ε_p, overlaps, durations and statuses of every law by its default route."""
-    for name, law in every_law().items():
-        hit = sj.restitution(law, VELOCITIES)
-        relative = 1e-7 if name == INTEGRATED else 1e-9
-        for part in ("coefficient", "plastic_coefficient", "peak_overlap", "residual_overlap"):
-            numbers.physics(f"{name}: {part}", getattr(hit, part), relative)
-        numbers.physics(f"{name}: duration", hit.duration, relative)
-        numbers.physics(f"{name}: status", hit.status)
 
 
 @scenario()
