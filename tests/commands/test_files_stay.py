@@ -49,7 +49,6 @@ COMMANDS = {
         (*EXPORT, "--to", "yade"),
         {"export.json", "export.png", "softjax_yade.py"},
     ),
-    "doctor": (("doctor",), set()),
 }
 
 
