@@ -80,7 +80,8 @@ def plot_comparison(
     if style.spans_decades(data.velocity):
         style.logarithmic_x(ax)
     ax.set(xlabel=velocity_label(), ylabel=EPSILON, title=style.plain(data.name))
-    ax.set_ylim(min(0.0, ax.get_ylim()[0]), None)
+    low, high = ax.get_ylim()
+    ax.set_ylim(min(0.0, low), 1.04 * high)
     return ax
 
 

@@ -74,7 +74,7 @@ def plot_duration(ax: Axes | None = None) -> Axes:
         look: dict[str, Any] = {"color": color, "markerfacecolor": "white", "markersize": 5}
         ax.plot(INTEGRATED, points, marker, label="the same, integrated", **look)
     ax.axhline(2 / np.pi, color=style.GREY, linestyle=":", label=r"$2/\omega_0$")
-    across, up = r"restitution $\varepsilon$ that goes in", r"contact duration $T \omega_0/\pi$"
+    across, up = r"input restitution $\varepsilon$", r"contact duration $T \omega_0/\pi$"
     ax.set(xlabel=across, ylabel=up, title="Linear spring with dashpot", ylim=(0.5, 2.6))
     style.logarithmic_x(ax, room=2.0)
     ax.legend(frameon=False)

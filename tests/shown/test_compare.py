@@ -148,7 +148,7 @@ def test_the_case_against_the_linear_spring(tmp_path):
     assert axes == [
         (
             "Linear spring with dashpot",
-            r"restitution $\varepsilon$ that goes in",
+            r"input restitution $\varepsilon$",
             r"contact duration $T \omega_0/\pi$",
         ),
         (
