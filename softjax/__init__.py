@@ -1,9 +1,8 @@
 """softjax: differentiable soft-sphere collisions after Zhou (2013)."""
 
-from softjax._checks import ArgumentError
-from softjax._numerics import power_3_2
-from softjax.branches import Collision
+from softjax.checks import ArgumentError
 from softjax.contact import Contact
+from softjax.engine.branches import Collision
 from softjax.fields import array_field, choice_field, number_field
 from softjax.history import History, collide
 from softjax.laws.base import (
@@ -29,6 +28,7 @@ from softjax.laws.walton_braun import WaltonBraun
 from softjax.laws.zhou import Zhou
 from softjax.many_body import contact_force
 from softjax.materials import CHROME_STEEL, NYLON, STAINLESS_STEEL, Material
+from softjax.numerics.powers import power_3_2
 from softjax.restitution import (
     Restitution,
     SignedRestitution,

@@ -11,15 +11,14 @@ import math
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import lru_cache, partial
+from functools import cache, lru_cache, partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from softjax._checks import is_traced
-from softjax.compiler import QUICK, accepted
+from softjax.checks import is_traced
 from softjax.fields import combine, partition, whole_leaves
 
 LEAST = (
@@ -38,7 +37,36 @@ ONE_THREAD = (
     ("xla_cpu_prefer_vector_width", 512),
     ("xla_disable_hlo_passes", "cpu-parallel-task-assigner"),
 )
+# Code is made an older way, kernel by kernel: two thirds of the time to compile, and for large
+# batches of the energy balance twice the time to run. Where few impacts are computed it pays.
+# LLVM's first level of optimisation takes another sixth of it off and costs a few percent at most.
+QUICK = (("xla_cpu_use_fusion_emitters", False), ("xla_backend_optimization_level", 1))
 KEPT = 32  # compiled functions, those that were used last
+
+
+@cache
+def accepted(options: tuple[tuple[str, bool | int | str], ...]) -> dict[str, bool | int | str]:
+    """The options, or none where the compiler refuses one of them: it works without, slower.
+
+    Any other error of the compiler is raised, and nothing concluded from it: the next call tries again.
+    """
+    try:
+        jax.jit(lambda x: x + 1, compiler_options=dict(options))(np.zeros(1, np.float32))
+    except jax.errors.JaxRuntimeError as error:
+        if not str(error).startswith("INVALID_ARGUMENT"):
+            raise
+        return {}
+    return dict(options)
+
+
+@cache
+def quick_to_compile(function: Callable, static: tuple[int, ...]) -> Callable:
+    """The function compiled sooner, to run slower; not to be called in a traced one.
+
+    Args:
+        static: positions of what is no array.
+    """
+    return jax.jit(function, static_argnums=static, compiler_options=accepted(QUICK))
 
 
 class _Program(NamedTuple):

@@ -5,10 +5,10 @@ import math
 import equinox as eqx
 import jax.numpy as jnp
 
-from softjax._checks import ArgumentError, as_real, check_broadcast, check_positive, check_type
-from softjax._numerics import quotient
+from softjax.checks import ArgumentError, as_real, check_broadcast, check_positive, check_type
 from softjax.fields import Number, check_fields, choice_field, number_field, numbers_of
 from softjax.materials import Material
+from softjax.numerics.powers import quotient
 
 # Contact radius a² = A δ with A = factor · R. The paper's printed b = (3πR/4E)^{1/3} of Eq. (2)
 # gives π^{2/3} R, Hertz's own b gives R; Table 1's critical velocities need the printed one.

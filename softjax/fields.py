@@ -20,7 +20,7 @@ import numpy as np
 from jax.tree_util import SequenceKey
 from jaxtyping import Array, ArrayLike, Float
 
-from softjax._checks import ArgumentError, as_real, check, check_broadcast, check_choice
+from softjax.checks import ArgumentError, as_real, check, check_broadcast, check_choice
 
 Number = Float[ArrayLike, "..."]
 

@@ -7,10 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
-from softjax._checks import ArgumentError
-from softjax._impacts import over_impacts
 from softjax.batching import batched
-from softjax.impact import (
+from softjax.checks import ArgumentError
+from softjax.engine.impact import (
     Impact,
     check_law,
     checked,
@@ -19,6 +18,7 @@ from softjax.impact import (
     prepare,
     with_elastic,
 )
+from softjax.engine.rows import over_impacts
 from softjax.laws.base import ContactLaw, HardSphereLaw, RateIndependentLaw
 from softjax.restitution import told
 from softjax.routes import ODE, as_argument, is_count
@@ -110,7 +110,7 @@ def _fractions(samples: int, dtype) -> tuple[np.ndarray, np.ndarray]:
 
 def _histories(impact: Impact, fractions, route: ODE):
     """Time, overlap, velocity and force in SI at shares of the way, and the collisions they are of."""
-    from softjax import collision, encke, rate_dependent  # diffrax is imported when it is asked for
+    from softjax.engine import damped, encke, motion  # diffrax is imported when it is asked for
 
     law = impact.law
     independent = isinstance(law, RateIndependentLaw)
@@ -121,7 +121,7 @@ def _histories(impact: Impact, fractions, route: ODE):
         elastic = _in_si(law, scales, samples)
         if law.never_yields:
             return elastic, collisions(impact, route)
-    history = collision.history if independent else rate_dependent.history
+    history = (motion if independent else damped).history
     impacts = law.impacts(impact.acting)
     one = partial(history, fractions=fractions)
     batch = (impacts.law, impacts.y, impacts.below, route)

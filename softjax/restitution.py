@@ -9,13 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-from softjax._checks import ArgumentError, check_broadcast, is_elsewhere, is_traced, truth_values
-from softjax._numerics import safe_sqrt
 from softjax.batching import batched
-from softjax.branches import Collision, flagged
+from softjax.checks import ArgumentError, check_broadcast, is_elsewhere, is_traced, truth_values
+from softjax.engine.branches import Collision, flagged
+from softjax.engine.impact import Impact, check_law, checked, collisions, common_precision, prepare
 from softjax.fields import is_array, numbers_of, whole_leaves
-from softjax.impact import Impact, check_law, checked, collisions, common_precision, prepare
 from softjax.laws.base import ContactLaw
+from softjax.numerics.powers import safe_sqrt
 from softjax.routes import Route, as_argument, check_route
 from softjax.status import Status
 

@@ -13,10 +13,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from softjax import branches, energy
-from softjax._checks import ArgumentError, check_choice, is_traced
-from softjax._impacts import over_impacts
-from softjax.branches import SETTLED, Collision, flagged
+from softjax.checks import ArgumentError, check_choice, is_traced
+from softjax.engine import branches, energy
+from softjax.engine.branches import SETTLED, Collision, flagged
+from softjax.engine.rows import over_impacts
 from softjax.laws.base import ForceLaw, HardSphereLaw, RateDependentLaw
 from softjax.laws.forces import asked
 from softjax.laws.reduced import ReducedClosedForm
@@ -142,9 +142,7 @@ class ODE(AbstractRoute):
 
     def __check_init__(self):
         if isinstance(self.solver, eqx.Module):
-            from softjax import _bridge  # who has a solver of diffrax has imported it
-
-            _bridge.check_solver(self.solver, adaptive=self.steps is None)
+            bridge.check_solver(self.solver, adaptive=self.steps is None)
         else:
             check_choice("solver", self.solver, SOLVERS)
         if self.rtol is not None and self.steps is not None:
@@ -173,11 +171,10 @@ class ODE(AbstractRoute):
         return f"EnergyBalance() for {name}, which has no force to integrate, but is {self!r}"
 
     def collide(self, law, velocity: Array, *, clock=False, force=False) -> Collision:
-        from softjax import collision, rate_dependent  # diffrax is imported when it is asked for
+        from softjax.engine import damped, motion  # diffrax is imported when it is asked for
 
         impacts = law.impacts(velocity)
-        damped = isinstance(law, RateDependentLaw)
-        collide = rate_dependent.collide if damped else collision.collide
+        collide = (damped if isinstance(law, RateDependentLaw) else motion).collide
         one = partial(collide, clock=clock, force=force)
         found = over_impacts(one, (impacts.law, impacts.y, impacts.below, self), forward=True)
         return found.in_si(impacts, law.force_scale(impacts.scales))

@@ -24,18 +24,17 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
 # The physics behind the public names, where every annotation is meant literally. The names that
 # users call say what they accept themselves, with a ValueError (refusals).
 CHECKED = (
-    "softjax._numerics",
-    "softjax._quadrature",
-    "softjax._search",
-    "softjax.branches",
-    "softjax.collision",
-    "softjax.empirical",
-    "softjax.encke",
-    "softjax.energy",
-    "softjax.falls",
-    "softjax.phase",
-    "softjax.rate_dependent",
-    "softjax.release",
+    "softjax.numerics.powers",
+    "softjax.numerics.roots",
+    "softjax.numerics.quadrature",
+    "softjax.numerics.search",
+    "softjax.engine.branches",
+    "softjax.engine.motion",
+    "softjax.engine.encke",
+    "softjax.engine.energy",
+    "softjax.engine.falls",
+    "softjax.engine.phase",
+    "softjax.engine.damped",
     "softjax.laws._first_order",
     "softjax.laws._full",
 )
@@ -44,8 +43,8 @@ with install_import_hook(CHECKED, "beartype.beartype"):
     import jax
 
     import softjax as sj
-    import softjax.collision  # loaded late otherwise, past the hook
-    import softjax.rate_dependent  # the same
+    import softjax.engine.damped  # the same
+    import softjax.engine.motion  # loaded late otherwise, past the hook
 
 sj.enable_x64()
 gc.set_threshold(50_000, 20, 100)  # traces are many objects, and live: looked through less often

@@ -16,7 +16,7 @@ from jaxtyping import Float, Int
 
 import softjax as sj
 from calibration.observables import RESTITUTION, predicted
-from softjax.compiler import quick_to_compile
+from softjax.batching import quick_to_compile
 from softjax.fields import whole_fields
 
 # A block costs what it costs, filled or not, and each size is compiled for itself: small ones for

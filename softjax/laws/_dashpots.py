@@ -12,8 +12,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from softjax._numerics import safe_power
 from softjax.laws._series import series
+from softjax.numerics.powers import safe_power
 
 RELEASED = 0.799  # acos ξ up to which the zero-force end has a series of its own
 

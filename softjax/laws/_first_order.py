@@ -15,13 +15,8 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array
 
-from softjax._numerics import (
-    guessed_power,
-    implicit_fraction,
-    implicit_root,
-    rough_power,
-    third_order_root,
-)
+from softjax.numerics.powers import guessed_power, rough_power
+from softjax.numerics.roots import implicit_fraction, implicit_root, third_order_root
 
 # Enough for 200 000 impacts at 1 - y/y_max from 1e-16 to 1e-1, the hardest: rounding error is left.
 MOST_STEPS = 12

@@ -13,16 +13,9 @@ rounding over the whole range, its end included, since the integrand is a trigon
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from softjax._numerics import (
-    implicit_fraction,
-    implicit_root,
-    integrate,
-    parabolic_step,
-    power_3_2,
-    refine,
-    safe_power,
-    safe_sqrt,
-)
+from softjax.numerics.gauss import integrate
+from softjax.numerics.powers import power_3_2, safe_power, safe_sqrt
+from softjax.numerics.roots import implicit_fraction, implicit_root, parabolic_step, refine
 
 # More steps than any case takes of E/Y from 2 to 1e6 and y from 1 to y_max, and nodes that bring
 # them to rounding error.

@@ -17,8 +17,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from softjax._numerics import safe_sqrt, where_needed
 from softjax.laws._series import series, taylor
+from softjax.numerics.powers import safe_sqrt
+from softjax.numerics.roots import where_needed
 
 MEDIUM, STRONG = 5.0, 24.0  # ln w² up to which the series go
 FREE = 10 / 3 / 1.5 ** (1 / 3)  # d(duration · w^{4/3})/d ln w² where damping is all

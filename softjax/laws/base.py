@@ -21,8 +21,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from softjax._checks import ArgumentError, check_choice, check_type
-from softjax._numerics import quotient
+from softjax.checks import ArgumentError, check_choice, check_type
 from softjax.contact import Contact
 from softjax.fields import are_valid, check_fields
 from softjax.laws.forces import KnownCollision, asked, reduced_by_forces
@@ -35,6 +34,7 @@ from softjax.laws.reduced import (
     lifted,
 )
 from softjax.laws.units import Scales, hertz_scales
+from softjax.numerics.powers import quotient
 
 __all__ = [
     "ContactLaw",

@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from softjax._checks import check_type
+from softjax.checks import check_type
 from softjax.contact import Contact
 from softjax.fields import Number, number_field
 from softjax.laws.base import HardSphereLaw

@@ -16,12 +16,12 @@ import numpy as np
 from jax.extend.core import Literal
 from jaxtyping import Array
 
-from softjax._checks import ArgumentError
-from softjax._numerics import quotient
+from softjax.checks import ArgumentError
 from softjax.contact import Contact
 from softjax.fields import combine, numbers_of, partition, whole_leaves
 from softjax.laws.reduced import Reduced, ReducedRateDependent, ReducedRateIndependent
 from softjax.laws.units import Scales, hertz_scales, hertz_scales_at
+from softjax.numerics.powers import quotient
 
 # forces are kept above this power of the smallest number, so that a small part of one is still one
 LEAST = 0.75

@@ -8,9 +8,9 @@ import math
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from softjax._numerics import power_3_2, safe_sqrt
 from softjax.contact import Contact
 from softjax.laws.base import RateIndependentLaw, ReducedClosedForm
+from softjax.numerics.powers import power_3_2, safe_sqrt
 
 
 class Hertz(RateIndependentLaw, final=True):

@@ -12,8 +12,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from softjax._checks import as_real, check
-from softjax._numerics import safe_power
+from softjax.checks import as_real, check
 from softjax.contact import Contact
 from softjax.fields import Number, choice_field, number_field
 from softjax.laws._dashpots import damped, hertz_duration
@@ -21,6 +20,7 @@ from softjax.laws.base import KnownCollision, RateDependentLaw
 from softjax.laws.linear_dashpot import SET_RESTITUTION, damping_fraction
 from softjax.laws.reduced import ENDS, End, Reduced, ReducedRateDependent
 from softjax.laws.units import hertz_motion, hertz_scales_at
+from softjax.numerics.powers import safe_power
 
 
 class HertzDashpot(RateDependentLaw, final=True):

@@ -11,13 +11,13 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from softjax._numerics import quotient
 from softjax.contact import Contact
 from softjax.fields import Number, choice_field, number_field
 from softjax.laws._dashpots import damped, root
 from softjax.laws.base import KnownCollision, RateDependentLaw
 from softjax.laws.reduced import ENDS, End, Reduced, ReducedRateDependent
 from softjax.laws.units import Scales
+from softjax.numerics.powers import quotient
 
 # what a dashpot law is set to: no finite damping gives ε = 0
 SET_RESTITUTION = ("ε", "-", "coefficient of restitution", "(0, 1]")

@@ -19,8 +19,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from softjax._numerics import safe_power
 from softjax.laws.units import Scales
+from softjax.numerics.powers import safe_power
 
 End = Literal["zero-overlap", "zero-force"]  # where a contact with damping ends
 ENDS = ("zero-overlap", "zero-force")

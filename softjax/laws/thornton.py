@@ -13,11 +13,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from softjax._checks import as_real, check, check_broadcast
-from softjax._numerics import power_3_2, quotient
+from softjax.checks import as_real, check, check_broadcast
 from softjax.contact import Contact
 from softjax.fields import Number, choice_field, number_field, numbers_of
 from softjax.laws.base import RateIndependentLaw, ReducedClosedForm, Scales
+from softjax.numerics.powers import power_3_2, quotient
 
 Area = Literal["hertz", "contact"]
 AREAS = ("hertz", "contact")

@@ -6,8 +6,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from softjax._numerics import quotient, safe_power
 from softjax.contact import Contact
+from softjax.numerics.powers import quotient, safe_power
 
 
 class Scales(NamedTuple):

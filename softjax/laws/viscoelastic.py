@@ -11,13 +11,13 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from softjax._numerics import quotient, safe_sqrt
 from softjax.contact import Contact
 from softjax.fields import Number, number_field
 from softjax.laws import _viscous
 from softjax.laws.base import KnownCollision, RateDependentLaw
 from softjax.laws.reduced import End, Reduced, ReducedRateDependent
 from softjax.laws.units import Scales, hertz_motion, hertz_scales_at
+from softjax.numerics.powers import quotient, safe_sqrt
 
 
 class ViscoelasticHertz(RateDependentLaw, final=True):

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from softjax._checks import ArgumentError, is_traced, shown
+from softjax.checks import ArgumentError, is_traced, shown
 from softjax.contact import Contact
 from softjax.fields import Number, number_field
 from softjax.laws.base import RateIndependentLaw, Reduced, ReducedClosedForm, Scales

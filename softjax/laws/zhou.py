@@ -18,12 +18,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from softjax._numerics import power_3_2, safe_sqrt, where_needed
 from softjax.contact import Contact
-from softjax.empirical import PSI, SIGMA, sound_and_heat_exponent
 from softjax.fields import Number, choice_field, number_field
 from softjax.laws import _first_order, _full
 from softjax.laws.base import RateIndependentLaw, ReducedClosedForm, Scales
+from softjax.laws.empirical import PSI, SIGMA, sound_and_heat_exponent
+from softjax.numerics.powers import power_3_2, safe_sqrt
+from softjax.numerics.roots import where_needed
 
 
 class Zhou(RateIndependentLaw, final=True):

@@ -112,9 +112,9 @@ def test_no_test_reaches_behind_the_public_names(file):
         ("def f():\n    from calibration.data import checks", "calibration.data"),
         ("import_module(f'calibration.commands.{name}')", "calibration.commands"),
         ("from calibration.fitting import rows  # a reason is none here", "calibration.fitting"),
-        ("from softjax.energy import restitution", "softjax.energy"),
-        ("from softjax import energy", "softjax.energy"),
-        ("import softjax as sj\nsj.energy", "softjax.energy"),
+        ("from softjax.engine.energy import restitution", "softjax.engine.energy"),
+        ("from softjax.engine import energy", "softjax.engine"),
+        ("import softjax as sj\nsj.engine", "softjax.engine"),
     ],
 )
 def test_ways_behind_are_noticed(text, module):
@@ -128,9 +128,9 @@ def test_ways_behind_are_noticed(text, module):
         "import calibration as cal\nimport softjax as sj\ncal.fit\nsj.restitution",
         "from calibration import fit, cli\nfrom calibration.cli import main",
         "from softjax import Zhou, restitution",
-        "from softjax.energy import x  # works are compared with quadrature",
-        "# roots have a contract of their own\nfrom softjax import _search",
-        '"""Tests `softjax.energy` as it is."""\nfrom softjax import energy',
+        "from softjax.engine.energy import x  # works are compared with quadrature",
+        "# roots have a contract of their own\nfrom softjax.numerics import search",
+        '"""Tests `softjax.engine.energy` as it is."""\nfrom softjax.engine import energy',
         "from softjaxes import energy\nimport calibrations.x",
     ],
 )

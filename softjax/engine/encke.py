@@ -13,10 +13,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from softjax._bridge import solve
-from softjax._numerics import gauss_legendre, integrate, near_one_root, safe_sqrt
-from softjax.branches import Peak
+from softjax.engine.branches import Peak
+from softjax.engine.bridge import solve
 from softjax.laws.reduced import ReducedRateIndependent
+from softjax.numerics.gauss import gauss_legendre, integrate
+from softjax.numerics.powers import near_one_root, safe_sqrt
 
 HALF_PERIOD = {2.5: 1.4716375921622639, 2.0: 1.5707963267948966}  # ∫_0^1 dz/√(1 - z^k)
 # p_el/p is capped: where the loading force vanishes the overlap runs away instead of dividing by 0

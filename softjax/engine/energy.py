@@ -18,13 +18,24 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array
 
-from softjax._impacts import over_impacts
-from softjax._numerics import integrate, quotient, safe_sqrt
-from softjax._quadrature import Integral, falling_time, integral, smooth_falling_time
-from softjax._search import Reach
-from softjax.branches import Parts, Peak, Rebound, loading_kinks, loading_reach, unloading_kinks
+from softjax.engine.branches import (
+    Parts,
+    Peak,
+    Rebound,
+    Release,
+    as_told,
+    loading_kinks,
+    loading_reach,
+    release,
+    searched,
+    unloading_kinks,
+)
+from softjax.engine.rows import over_impacts
 from softjax.laws.reduced import ReducedClosedForm, ReducedRateIndependent
-from softjax.release import Release, as_told, release, searched
+from softjax.numerics.gauss import integrate
+from softjax.numerics.powers import quotient, safe_sqrt
+from softjax.numerics.quadrature import Integral, falling_time, integral, smooth_falling_time
+from softjax.numerics.search import Reach
 
 MOST_STEPS = 60  # of Newton's method; a handful, but for halving beside a force that vanishes
 ELASTIC_NODES = 32

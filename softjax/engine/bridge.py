@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from softjax._checks import ArgumentError
+from softjax.checks import ArgumentError
 
 SOLVER_CLASSES = {
     "dopri8": dfx.Dopri8,
@@ -50,7 +50,7 @@ def solve(field, start, end, state, args, route: Any, save=None, *, smooth: bool
 
     Returns the last state, or the states at the fractions `save` of the way (increasing, in
     [0, 1]), and whether the solver got there. Differentiable forward only: see
-    `_impacts`. `smooth` is for fields known to vary over the whole way alike: their
+    `engine.rows`. `smooth` is for fields known to vary over the whole way alike: their
     steps have no upper bound.
 
     Step by step with diffrax's methods and its control of their steps. Its own `diffeqsolve` does so

@@ -15,8 +15,8 @@ from jax.custom_batching import custom_vmap
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array
 
-from softjax._checks import ArgumentError
 from softjax.batching import in_chunks, on_several_devices
+from softjax.checks import ArgumentError
 from softjax.fields import whole_leaves
 
 Single = Callable[..., Any]  # of leaves of one impact

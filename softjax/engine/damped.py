@@ -11,11 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool
 
-from softjax import phase
-from softjax._search import largest, reach
-from softjax.branches import Collision, flagged, shrunk
+from softjax.engine import phase
+from softjax.engine.branches import Collision, flagged, shrunk
+from softjax.engine.phase import PARTING, PEAK, TOUCH, Plane, States
 from softjax.laws.reduced import ReducedRateDependent
-from softjax.phase import PARTING, PEAK, TOUCH, Plane, States
+from softjax.numerics.search import largest, reach
 from softjax.status import Status
 
 # How far ε_p² of an elastic collision may be off, in tolerances; of forces that are far from the

@@ -17,8 +17,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool
 
-from softjax._bridge import solve
-from softjax._numerics import safe_sqrt
+from softjax.engine.bridge import solve
+from softjax.numerics.powers import safe_sqrt
 
 INSIDE = 1e-13  # of a stage: how far from its ends a force is computed, which may jump there
 

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool
 
-from softjax._bridge import solve
+from softjax.engine.bridge import solve
 
 # how near to touch, and to zero overlap, the integration begins and ends: X is 1e-16 of its peak
 # there, and any power of it still a number. What happens before is less than rounding.

@@ -13,22 +13,24 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from softjax import branches, encke, falls, phase
-from softjax._bridge import solve
-from softjax._impacts import along_active
-from softjax._numerics import implicit_root, parabolic_step
-from softjax.branches import (
+from softjax.engine import branches, encke, falls, phase
+from softjax.engine.branches import (
     Collision,
     Parts,
     Peak,
     Rebound,
+    Release,
     loading_kinks,
     loading_reach,
+    release,
+    searched,
     unloading_kinks,
 )
-from softjax.falls import INSIDE, Fall
+from softjax.engine.bridge import solve
+from softjax.engine.falls import INSIDE, Fall
+from softjax.engine.rows import along_active
 from softjax.laws.reduced import ReducedClosedForm, ReducedRateIndependent
-from softjax.release import Release, release, searched
+from softjax.numerics.roots import implicit_root, parabolic_step
 
 RESIDUAL_STEPS = 16  # from the peak; the worst of 400 000 cases needed 13
 ROUNDING = 8.0  # a step this many times the rounding error was the last

@@ -6,13 +6,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from softjax._checks import ArgumentError, as_real, check, check_broadcast
-from softjax._numerics import safe_power, where_needed
-from softjax.branches import Collision
-from softjax.energy import elastic_duration
+from softjax.checks import ArgumentError, as_real, check, check_broadcast
+from softjax.engine.branches import Collision
+from softjax.engine.energy import elastic_duration
 from softjax.fields import check_fields, numbers_of, whole_leaves
 from softjax.laws.base import ContactLaw, ForceLaw, HardSphereLaw, RateIndependentLaw
 from softjax.laws.forces import asked
+from softjax.numerics.powers import safe_power
+from softjax.numerics.roots import where_needed
 from softjax.routes import AbstractRoute, stated
 
 

@@ -20,7 +20,8 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array
 
-from softjax._numerics import gauss_legendre, safe_sqrt
+from softjax.numerics.gauss import gauss_legendre
+from softjax.numerics.powers import safe_sqrt
 
 Force = Callable[[Array, Array], Array]  # of the way r from the start, and of what is left, L - r
 
