@@ -142,6 +142,8 @@ class ODE(AbstractRoute):
 
     def __check_init__(self):
         if isinstance(self.solver, eqx.Module):
+            from softjax.engine import bridge  # who has a solver of diffrax has imported it
+
             bridge.check_solver(self.solver, adaptive=self.steps is None)
         else:
             check_choice("solver", self.solver, SOLVERS)
