@@ -42,6 +42,15 @@ TO_FIRST_ORDER = (
     "So many points were left out to first order, not by fitting again: exact for a law that is "
     "linear in its parameters."
 )
+# of `MaterialFit.variances`, in words
+ERRORS = {
+    "stated": "uncertainties as stated",
+    "scale": "stated uncertainties times a factor",
+    "repeats": "the scatter of repeats",
+    "timing": "an error of times",
+    "scatter": "scatter",
+    "group": "an offset of each group",
+}
 Watch = Callable[[Iterable, str], Iterable]
 
 
@@ -259,7 +268,42 @@ def compare(
     notes = [*data.notes, *([EXACT.format(" and ".join(exact))] if exact else [])]
     if not all(entry.leave_one_out.exact for entry in ranked):
         notes.append(TO_FIRST_ORDER)
+    notes += [*_noise_told(ranked), *_why_best(data, ranked)]
     return Comparison(data, ranked, tuple(left_out), tuple(notes), time.perf_counter() - begun)
+
+
+def _noise_told(ranked: Sequence[Entry]) -> list[str]:
+    """Which errors the fits took, the same of all laws; what of them was found is each law's own."""
+    entry = next((one for one in ranked if not one.is_exact), None)
+    if entry is None:
+        return []
+    material = entry.result.materials[0]
+    estimated = {"scale", "timing", "scatter", "group"} & set(material.variances)
+    told = " and ".join(ERRORS[kind] for kind in material.variances)
+    found = (
+        f"; {listed(ERRORS[k] for k in ERRORS if k in estimated)} estimated" if estimated else ""
+    )
+    dof = material.noise_dof
+    family = "normal errors" if dof is None else f"Student's t of {dof:.3g} degrees of freedom"
+    return [f"Noise of every fit: {told}, {family}{found} for each law."]
+
+
+def _why_best(data: RestitutionData, ranked: Sequence[Entry]) -> list[str]:
+    """By how much, in how many points, and where the best law is ahead of the next one."""
+    scored = [one for one in ranked if not one.is_exact and one.same_as is None]
+    if len(scored) < 2:
+        return []
+    best, second = scored[:2]
+    apart = best.leave_one_out.log_density - second.leave_one_out.log_density
+    ahead = Difference(float(np.sum(apart)), best.leave_one_out.error_of_sum(apart))
+    by = f"{ahead.value:.2g} ± {ahead.standard_error:.2g} in elpd"
+    if Difference(-ahead.value, ahead.standard_error).is_tie:
+        return [f"The data do not decide between {best.label} and {second.label}, {by} behind."]
+    wins = f"it predicts {int(np.sum(apart > 0))} of {len(apart)} points better"
+    if len(apart) == len(data):  # ε of each impact, and nothing else
+        most = data.velocity[np.argsort(-apart)[: max(len(apart) // 5, 1)]]
+        wins += f", most at {np.min(most):.3g} to {np.max(most):.3g} m/s"
+    return [f"{best.label} is best: ahead of {second.label} by {by}; {wins}."]
 
 
 def _chosen(laws: Any, parameters: Mapping[str, Any] | None) -> list[Candidate]:

@@ -205,6 +205,31 @@ def test_weights_make_the_mixture_predict_best_and_ties_are_below_two_standard_e
     assert ties == [True, False, True]
 
 
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"extra_scatter": True}, "uncertainties as stated, scatter, normal errors; scatter estimated"),
+        ({"noise": "student-t"}, "uncertainties as stated, Student's t of 4 degrees of freedom"),
+    ],
+)  # fmt: skip
+def test_laws_are_compared_under_the_noise_of_the_fit_and_it_is_said(options, told):
+    data = growing(UNEQUAL, noise=0.01)
+    comparison = cal.compare(data, CHEAP, **options)
+    for key in CHEAP:
+        alone = cal.fit(data, key, profiles=False, **options)
+        entry = comparison.entry(key)
+        assert entry.result.values == pytest.approx(alone.values, rel=1e-6)
+        assert entry.leave_one_out.elpd == pytest.approx(alone.leave_one_out().elpd, rel=1e-9)
+    assert f"Noise of every fit: {told} for each law." in comparison.notes
+    best, second = comparison.entries[:2]
+    apart = best.leave_one_out.log_density - second.leave_one_out.log_density
+    (why,) = (note for note in comparison.notes if "is best: ahead of" in note)
+    by = f"by {np.sum(apart):.2g} ± {second.behind.standard_error:.2g} in elpd"
+    assert why.startswith(f"{best.label} is best: ahead of {second.label} {by}")
+    assert f"it predicts {np.sum(apart > 0)} of 30 points better, most at " in why
+    assert why in str(comparison)
+
+
 def test_thornton_stands_with_its_factor_free_and_fixed():
     critical = float(pair("nylon", area="hertz").critical_velocity)
     data = data_of(thornton(VELOCITY, 2.2, critical) + 0.003 * NOISE, 0.003)
