@@ -280,12 +280,10 @@ def _noise_told(ranked: Sequence[Entry]) -> list[str]:
     material = entry.result.materials[0]
     estimated = {"scale", "timing", "scatter", "group"} & set(material.variances)
     told = " and ".join(ERRORS[kind] for kind in material.variances)
-    found = (
-        f"; {listed(ERRORS[k] for k in ERRORS if k in estimated)} estimated" if estimated else ""
-    )
+    found = f"; {listed(ERRORS[k] for k in ERRORS if k in estimated)} estimated for each law"
     dof = material.noise_dof
     family = "normal errors" if dof is None else f"Student's t of {dof:.3g} degrees of freedom"
-    return [f"Noise of every fit: {told}, {family}{found} for each law."]
+    return [f"Noise of every fit: {told}, {family}{found if estimated else ''}."]
 
 
 def _why_best(data: RestitutionData, ranked: Sequence[Entry]) -> list[str]:
