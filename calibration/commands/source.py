@@ -180,6 +180,7 @@ def _bodies(pair, alike: bool, one_radius: bool) -> tuple[str, dict[str, float]]
 def _bodies_of_fit(fit) -> tuple[str, dict[str, float] | None]:
     """The same of a fit's data; no properties where the bodies are not known, or not the same."""
     leaves = [leaf for body in fit.data.bodies for leaf in body.material.leaves().values()]
+    leaves += [body.radius for body in fit.data.bodies]
     if not leaves or any(np.ndim(leaf) for leaf in leaves):
         return "spheres", None
     one, two = fit.data.bodies

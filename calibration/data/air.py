@@ -116,7 +116,7 @@ class Air:
     def remarks(self, velocity: Column, restitution: Column, before: Any) -> tuple[str, ...]:
         """What the correction did to v and ε; `before`: what they are without air."""
         by_v, by_eps = velocity - before[0], restitution - before[1]
-        most, much = (float(by[np.argmax(np.abs(by))]) for by in (by_eps, by_v / before[0]))
+        most, much = (float(by[np.nanargmax(np.abs(by))]) for by in (by_eps, by_v / before[0]))
         told = [
             f"corrected for air of {self.density:g} kg/m³ (drag, buoyancy, added mass): "
             f"ε by {most:+.2g} and v by {100 * much:+.2g} % at most"

@@ -7,18 +7,21 @@ Accepted together are
     drop_height, rebound_height         v = √(2 g h₁), ε = √(h₂/h₁); the same
     interval                            v = g tₙ/2, ε = tₙ₊₁/tₙ of bounces that follow each other
     time                                of the bounces themselves: the intervals between them
+    velocity, or drop_height            with one or more of contact_time, peak_force, peak_overlap
+                                        (penetration) and dent_diameter, without a restitution
 
 where several are complete the first of these. Beside each: `uncertainty` (of ε),
 `velocity_uncertainty`, `<column>_uncertainty` of what is measured (`height_uncertainty`: of both
 heights, `timing_uncertainty`: of intervals or times), `group` (also `specimen`): rows with a
-common error, and `launch`: rows of one bounce train, which are a group too.
+common error, and `launch`: rows of one bounce train, which are a group too; contact_time and so on,
+empty where not measured; `diameter`, `radius` or `mass` of the sphere where it changes.
 """
 
 from collections.abc import Iterable, Sequence
 from fractions import Fraction
 from typing import NamedTuple
 
-from calibration.data.names import AMBIGUOUS, SI_UNITS, Header, read_header
+from calibration.data.names import AMBIGUOUS, OBSERVED, SI_UNITS, SIZES, Header, read_header
 from calibration.data.units import PERCENT, unit_of
 from calibration.errors import DataError, listed, shown
 
@@ -39,7 +42,12 @@ class Kind(NamedTuple):
     @property
     def is_flight(self) -> bool:
         """Whether velocities are those of free flights."""
-        return self.is_train or self.needs == HEIGHTS
+        return self.is_train or HEIGHTS[0] in self.needs
+
+    @property
+    def has_restitution(self) -> bool:
+        """Whether ε is measured."""
+        return self.is_train or len(self.needs) > 1
 
 
 VELOCITIES = ("impact_velocity", "rebound_velocity")
@@ -55,9 +63,15 @@ KINDS = (
     Kind(("interval",), ("interval_uncertainty", "timing_uncertainty")),
     Kind(("time",), ("time_uncertainty", "timing_uncertainty")),
 )
+# accepted where something else than ε was measured
+WITHOUT_RESTITUTION = (
+    Kind(("velocity",), ()),
+    Kind(HEIGHTS[:1], ("drop_height_uncertainty", "height_uncertainty")),
+)
 ACCEPTED_SETS = (
     "velocity with restitution, impact_velocity with rebound_velocity, drop_height with "
-    "rebound_height, interval (with launch), or time (with launch)"
+    "rebound_height, interval (with launch), or time (with launch); or velocity, or drop_height, with "
+    "contact_time, peak_force, penetration or dent_diameter"
 )
 OF_EACH_POINT = ("uncertainty", "velocity_uncertainty")
 
@@ -112,9 +126,12 @@ def layout_of(headers: Sequence[str], units: Sequence[str] | None = None) -> Lay
     return Layout(kind, position, sizes, written, relative, remarks, _assumed(untold))
 
 
-def accepts(kind: Kind, uncertainty: str) -> bool:
-    """Whether an uncertainty of this name acts for data of this kind."""
-    return uncertainty in (*OF_EACH_POINT, *kind.uncertainties)
+def accepts(kind: Kind, uncertainty: str, names: Iterable[str | None]) -> bool:
+    """Whether an uncertainty of this name acts for data of this kind, of columns of these names."""
+    if uncertainty.removesuffix("_uncertainty") in OBSERVED:
+        return uncertainty.removesuffix("_uncertainty") in names
+    own = OF_EACH_POINT if kind.has_restitution else OF_EACH_POINT[1:]
+    return uncertainty in (*own, *kind.uncertainties)
 
 
 def _with_unit(header: Header, unit: str) -> Header:
@@ -159,7 +176,7 @@ def _check_once(read: Sequence[Header], names: Sequence[str | None], used: set[s
 
 
 def _kind_of(names: Sequence[str | None], read: Sequence[Header]) -> Kind:
-    for kind in KINDS:
+    for kind in (*KINDS, *(WITHOUT_RESTITUTION if {*OBSERVED} & {*names} else ())):
         if set(kind.needs) <= set(names):
             return kind
     found = [name for name in names if name in SI_UNITS]
@@ -172,7 +189,8 @@ def _kind_of(names: Sequence[str | None], read: Sequence[Header]) -> Kind:
 
 
 def _used(kind: Kind, names: Sequence[str | None]) -> set[str]:
-    used = {*kind.needs, *(name for name in names if name and accepts(kind, name))}
+    used = {*kind.needs, *(name for name in names if name and accepts(kind, name, names))}
+    used |= {name for name in (*OBSERVED, *SIZES) if name in names}
     if set(kind.beside) <= set(names):
         used |= set(kind.beside)
     if kind.is_train or "group" not in names:

@@ -19,6 +19,7 @@
     # limit_velocity [m/s], area, gravity [m/s²]; uncertainties for all rows, as columns are called:
     # uncertainty, velocity_uncertainty = "2 %", drop_height_uncertainty = "0.5 mm", ...
     # average_repeats = true
+    # dent = "residual"          # dents are those of the residual overlap
     # plausibility = false       # properties are right, though 100 times outside what is plausible
 
     [material.second]            # the other sphere, where its properties differ; or
@@ -268,6 +269,7 @@ class _Material(BodyTable):
     gravity: Annotated[float | None, Measure("m/s^2")] = None
     air: AirOption = None
     mass: Annotated[float | None, Measure("kg")] = None
+    dent: Literal["largest", "residual"] = "largest"
     average_repeats: Literal[True, False, "pooled"] = False
     plausibility: bool = True
     parameters: Parameters = Field(default_factory=dict)
@@ -282,7 +284,10 @@ class _Material(BodyTable):
         self.check()
         given = [name for name in (*RADII, *DIAMETERS) if getattr(self, name) is not None]
         alone = [{names[0]} for names in (RADII, DIAMETERS)]
-        if set(given) not in (*alone, {*RADII[1:]}, {*DIAMETERS[1:]}):
+        if not given and self.data is not None:
+            return self  # they may be a column of it
+        second = [{"radius_2"}, {"diameter_2"}] if self.second is not None else []
+        if set(given) not in (*alone, {*RADII[1:]}, {*DIAMETERS[1:]}, *second):
             accepted = "needed is radius, or radius_1 and radius_2, or the diameters in their place"
             raise Refused((*given[:1],), f"radii given are {listed(given) or 'none'}", accepted)
         if self.wall is not None and self.second is not None:
@@ -313,6 +318,13 @@ class _Material(BodyTable):
         return [
             part * getattr(self, name) for name, part in pairs if getattr(self, name) is not None
         ]
+
+    @property
+    def in_rows(self) -> bool:
+        """Whether the size of the sphere is left to the rows of the data; a second one stays."""
+        named = [name for name in (*RADII, *DIAMETERS) if getattr(self, name) is not None]
+        is_second = self.second is not None and named in (["radius_2"], ["diameter_2"])
+        return self.has_bodies and self.data is not None and (not named or is_second)
 
     @property
     def other(self) -> OtherBody | None:
@@ -514,8 +526,11 @@ class _Reader:
         table = self.table
         if needs_data and table.data is None:
             raise self.refusal(None, "data is missing", "needed is the name of a CSV file")
-        contact, bodies = self._bodies() if table.has_bodies else (None, ())
+        has_one = table.has_bodies and not table.in_rows
+        contact, bodies = self._bodies() if has_one else (None, ())
         data = None if table.data is None else self._data(contact, bodies)
+        if data is not None and table.in_rows:
+            contact, bodies = data.contact, data.bodies
         origin = Origin(self.file.path, self.file.line(self.place))
         return MaterialEntry(self.name, table, contact, bodies, data, dict(self._said()), origin)
 
@@ -572,7 +587,7 @@ class _Reader:
         named = {one.material for one in (table, table.wall, table.second) if one is not None}
         remarks = [f"properties of {name} from {NAMED_SOURCE}" for name in sorted(named - {None})]
         options = {name: getattr(table, name) for name in (*UNCERTAINTIES, "gravity")}
-        options["air"] = self.air
+        options |= {"air": self.air, "dent": table.dent}
         if table.is_ball:
             options |= {
                 "diameter": 2 * table.radii[0],
@@ -581,7 +596,10 @@ class _Reader:
             }
         options |= {"name": self.name, "plausibility": self.plausibility, "bodies": bodies}
         options |= {"remarks": (*remarks, *found), "quoted": inside}
-        if contact is None or table.limit_velocity is not None:
+        options["one_size"] = table.has_bodies and not table.in_rows
+        if table.in_rows:
+            data = self._of_sizes(path, options)
+        elif contact is None or table.limit_velocity is not None:
             data = read_csv(path, contact, limit_velocity=table.limit_velocity, **options)
         else:  # the limit follows from what the file says of the bodies
             data = self._below_limit(read_csv(path, None, **options), contact)
@@ -592,6 +610,38 @@ class _Reader:
         except DataError as error:
             line = self.file.line((*self.place, "average_repeats"))
             raise error.at(self.file.path, line) from None
+
+    def _of_sizes(self, path: Path, options: dict[str, Any]) -> RestitutionData:
+        """Measurements of spheres of several sizes, each of which its row tells."""
+        table, area = self.table, self.table.area or self.file.content.fit.area or "zhou"
+        first, other = table.solid, (table.other or table).solid
+
+        def contact_of(radius: np.ndarray) -> sj.Contact:
+            if table.wall is not None:
+                return sj.Contact.with_wall(first, other, radius, area)
+            second = table.radii[0] if table.radii else radius
+            return sj.Contact.between_spheres(first, other, radius, second, area)
+
+        options |= {"density": first.density, "limit_velocity": table.limit_velocity, "bodies": ()}
+        try:
+            data = read_csv(path, contact_of, **options)
+        except InputError as error:
+            if "contact that is a function" not in error.problem:
+                raise
+            accepted = "needed is radius, or radius_1 and radius_2, or the diameters in their place"
+            accepted += ", or a column diameter, radius or mass"
+            raise self.refusal(None, "radii given are none", accepted) from None
+        assert data.contact is not None
+        effective = np.asarray(data.contact.radius)  # 1/R = 1/R1 + 1/R2
+        if table.wall is not None:
+            bodies = Body("sphere", first, effective), Body("wall", other, None)
+        else:
+            radius = 1 / (1 / effective - 1 / table.radii[0]) if table.radii else 2 * effective
+            second = table.radii[0] if table.radii else radius
+            bodies = Body("sphere", first, radius), Body("second sphere", other, second)
+        if self.plausibility:
+            self._check_far()
+        return replace(data, bodies=bodies)
 
     def _below_limit(self, data: RestitutionData, contact: sj.Contact) -> RestitutionData:
         """The measurements of these bodies, all of them below √(3 Y/ρ).

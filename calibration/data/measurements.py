@@ -1,14 +1,16 @@
 """Measured restitutions of one pair of bodies, checked once when they are taken in."""
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Int
 
 import softjax as sj
-from calibration.data.air import ball_of
+from calibration.data.air import Ball, ball_of
 from calibration.data.checks import (
     Column,
     as_labels,
@@ -20,13 +22,15 @@ from calibration.data.checks import (
 )
 from calibration.data.covariance import Covariance
 from calibration.data.errors_of_points import PointErrors, same
+from calibration.data.names import OBSERVED, SI_UNITS, SIZES
 from calibration.data.points import of_row
 from calibration.data.ranges import check_far
 from calibration.data.repeats import average
 from calibration.data.tables import read_points
-from calibration.errors import DataError, InputError, Origin, printable
+from calibration.errors import DataError, InputError, Origin, listed, printable
 from calibration.observables import Observed
 
+DENTS = {"largest": "dent_diameter", "residual": "residual_dent_diameter"}
 LARGEST = 1.5  # restitution: further above 1 no noise brings it
 PERCENT = 10.0  # from here on 85 for 0.85 is the likeliest slip
 LONGEST_NAME = 200  # which pictures and tables can show
@@ -36,6 +40,9 @@ LONGEST_NAME = 200  # which pictures and tables can show
 class RestitutionData:
     """n impacts: at which velocity, with which coefficient of restitution, how well known.
 
+    Beside ε, or in its place, what else an impact shows: contact time, largest force, largest overlap,
+    diameter of the dent; NaN where it was not measured.
+
     Arrays may be anything that `np.asarray` takes (a frame's columns too); they are held as
     read-only float64 arrays. Two sets are equal when all that is below is but `bodies` and
     `origin`.
@@ -43,7 +50,7 @@ class RestitutionData:
     Attributes:
         velocity: v [m/s], shape (n,), relative impact speed, positive and below the limit velocity.
         restitution: ε [-], shape (n,), as measured, from 0 to 1.5. What is above 1 is used as it
-            is and noted.
+            is and noted. NaN, or None for all, where something else was measured in its place.
         contact: the two bodies; None where their elastic properties are not known. Then Eq. (17)
             (with a limit velocity) or a constant ε can be fitted.
         uncertainty: standard uncertainty of ε [-], one number or (n,), positive; None: unknown.
@@ -62,8 +69,12 @@ class RestitutionData:
             for `plausibility`, and not compared.
         degrees: degrees of freedom behind `uncertainty`: a number where one scatter is behind all,
             (n,) where each point has its own; None where they are stated, or unknown.
-        observed: what else than ε was measured, see `calibration.observables`; ε is NaN where it was
-            not measured itself.
+        contact_time, peak_force, peak_overlap, dent_diameter: [s, N, m, m], (n,), positive, or None.
+        contact_time_uncertainty, peak_force_uncertainty, peak_overlap_uncertainty,
+            dent_diameter_uncertainty: standard uncertainties of these, one number or (n,); None: a
+            relative scatter is estimated.
+        dent: "largest": dents are as wide as the contact was at most, 2√(A δ_max), as indentations
+            hardly recover in diameter; "residual": 2√(2R δ*), of the overlap that stays.
         origin: file and lines the points came from, for messages.
         plausibility: False accepts bodies with properties more than 100 times outside what is
             plausible (`calibration.data.ranges.RANGES`), which are refused otherwise.
@@ -74,7 +85,7 @@ class RestitutionData:
     """
 
     velocity: Column
-    restitution: Column
+    restitution: Column = None  # type: ignore[assignment]  # NaN then
     contact: sj.Contact | None = None
     uncertainty: Column | None = None
     name: str = "data"
@@ -85,7 +96,15 @@ class RestitutionData:
     errors: PointErrors = field(default=None, kw_only=True)  # type: ignore[assignment]  # filled in
     degrees: Any = field(default=None, kw_only=True)
     bodies: tuple[Any, ...] = field(default=(), kw_only=True)
-    observed: tuple[Observed, ...] = field(default=(), kw_only=True)
+    contact_time: Column | None = field(default=None, kw_only=True)
+    contact_time_uncertainty: Column | None = field(default=None, kw_only=True)
+    peak_force: Column | None = field(default=None, kw_only=True)
+    peak_force_uncertainty: Column | None = field(default=None, kw_only=True)
+    peak_overlap: Column | None = field(default=None, kw_only=True)
+    peak_overlap_uncertainty: Column | None = field(default=None, kw_only=True)
+    dent_diameter: Column | None = field(default=None, kw_only=True)
+    dent_diameter_uncertainty: Column | None = field(default=None, kw_only=True)
+    dent: str = field(default="largest", kw_only=True)
     origin: Origin | None = field(default=None, kw_only=True)
     plausibility: bool = field(default=True, kw_only=True)
 
@@ -99,7 +118,7 @@ class RestitutionData:
     def from_table(
         cls,
         table: Mapping[str, Any],
-        contact: sj.Contact | None = None,
+        contact: sj.Contact | Callable[[Column], sj.Contact] | None = None,
         *,
         name: str = "data",
         limit_velocity: Any = None,
@@ -109,6 +128,8 @@ class RestitutionData:
         mass: float | None = None,
         density: float | None = None,
         group: Sequence[Any] | None = None,
+        dent: str = "largest",
+        one_size: bool = False,
         remarks: Sequence[str] = (),
         bodies: Sequence[Any] = (),
         origin: Origin | None = None,
@@ -120,6 +141,10 @@ class RestitutionData:
         Args:
             table: the sets of columns and the names that `calibration.data.columns` tells of. SI
                 without a unit; NaN for what was not measured.
+            contact: the two bodies; where the table has the `diameter`, `radius` or `mass` of the sphere
+                in each row, a function that gives the contact of an array of radii [m].
+            dent: as of `RestitutionData`.
+            one_size: whether sizes in the rows are refused.
             gravity: g [m/s²] for heights, intervals and times, 9.80665 where left out.
             air: whether heights, intervals and times are those of flights in air: True (as where
                 left out: 1.2 kg/m³), False, or the density, as a number in kg/m³ or text. See
@@ -140,17 +165,20 @@ class RestitutionData:
         """
         told = {key: value for key, value in uncertainties.items() if value is not None}
         try:
-            ball = _ball(diameter, mass, density, bodies, contact)
+            sphere = _Sphere(diameter, mass, density, bodies, contact, one_size)
             of_file = origin is not None
-            points = read_points(table, gravity, group, told, of_file, air, ball)
+            points = read_points(table, gravity, group, told, of_file, air, sphere.ball)
+            found = sphere.contact_of(points.more)
         except DataError as error:
             raise error if origin is None else origin.error(error) from None
         try:
             return cls(
                 points.velocity,
                 points.restitution,
-                contact,
+                found,
                 name=name,
+                dent=dent,
+                **{key: one for key, one in points.more.items() if key not in SIZES},
                 limit_velocity=limit_velocity,
                 remarks=(*remarks, *points.remarks),
                 group=points.group,
@@ -175,6 +203,9 @@ class RestitutionData:
             ValueError: where the contact has other properties at each impact, or points share
                 intervals.
         """
+        if self.observed:
+            accepted = f"left out beside {listed(one.name for one in self.observed)}"
+            raise DataError("average of repeats", "asked for", accepted)
         if self.contact is not None and any(map(np.ndim, self.contact.leaves().values())):
             raise DataError(
                 "contact", "one of arrays", "of single numbers for repeats to be averaged"
@@ -199,6 +230,26 @@ class RestitutionData:
         """Covariance of δε - slope δv, with slope = dε/dv [s/m] (see `PointErrors.covariance`)."""
         return self.errors.covariance(slope, **options)
 
+    @cached_property
+    def observed(self) -> tuple[Observed, ...]:
+        """What else than ε was measured, in the order of `calibration.observables`."""
+        found = []
+        for name in OBSERVED:
+            values, uncertainty = getattr(self, name), getattr(self, f"{name}_uncertainty")
+            if values is not None:
+                rows = np.flatnonzero(np.isfinite(values))
+                known = name if name != "dent_diameter" else DENTS[self.dent]
+                of_rows = None if uncertainty is None else uncertainty[rows]
+                found.append(Observed(known, rows, values[rows], of_rows))
+        return tuple(one for one in found if len(one))
+
+    def of_restitution(self) -> "RestitutionData":
+        """The same without what else was measured."""
+        nothing: dict[str, Any] = {
+            name: None for one in OBSERVED for name in (one, f"{one}_uncertainty")
+        }
+        return replace(self, **nothing) if self.observed else self
+
     @property
     def groups(self) -> tuple[str, ...]:
         """The labels of `group`, each once, in the order in which they appear."""
@@ -215,7 +266,7 @@ class RestitutionData:
         above = self.restitution > 1
         if not np.any(above):
             return self.remarks
-        most = float(np.max(self.restitution)) - 1
+        most = float(np.nanmax(self.restitution)) - 1
         note = (
             f"{np.sum(above)} of {len(self)} restitutions are above 1, by {most:.2g} at most: "
             "taken for noise and used as measured"
@@ -234,9 +285,10 @@ class RestitutionData:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, RestitutionData):
             return NotImplemented
-        arrays = ("velocity", "restitution", "group", "degrees", "limit_velocity")
+        arrays = ("velocity", "group", "degrees", "limit_velocity")
         return (
             (self.name, self.remarks) == (other.name, other.remarks)
+            and np.array_equal(self.restitution, other.restitution, equal_nan=True)
             and all(same(getattr(self, one), getattr(other, one)) for one in arrays)
             and self.errors.same_as(other.errors)
             and len(self.observed) == len(other.observed)
@@ -249,10 +301,14 @@ class RestitutionData:
     def __repr__(self) -> str:
         known = "stated" if self.uncertainty is not None else "not stated"
         low, high = np.min(self.velocity), np.max(self.velocity)
-        groups = f"{len(self.groups)} groups, " if self.group is not None else ""
+        ends = "not measured"
+        if not np.all(np.isnan(self.restitution)):
+            ends = f"{np.nanmin(self.restitution):.4g} to {np.nanmax(self.restitution):.4g}"
+        groups = "".join(f"{len(one)} of {one.name}, " for one in self.observed)
+        groups += f"{len(self.groups)} groups, " if self.group is not None else ""
         return (
             f"RestitutionData({self.name!r}: {len(self)} points, v {low:.4g} to {high:.4g} m/s, "
-            f"ε {np.min(self.restitution):.4g} to {np.max(self.restitution):.4g}, {groups}"
+            f"ε {ends}, {groups}"
             f"uncertainty {known}, {'no contact' if self.contact is None else 'with contact'})"
         )
 
@@ -263,7 +319,10 @@ class RestitutionData:
             raise DataError("name", repr(self.name), accepted)
         self._set("name", printable(self.name))
         self._set("velocity", as_numbers("velocity", self.velocity))
-        self._set("restitution", as_numbers("restitution", self.restitution))
+        told: Any = self.restitution
+        none = np.full(len(self.velocity), np.nan)
+        self._set("restitution", none if told is None else as_numbers("restitution", told))
+        self._take_in_observed()
         self._take_in_errors()
         columns = {"velocity": self.velocity, "restitution": self.restitution}
         if self.group is not None:
@@ -281,11 +340,46 @@ class RestitutionData:
             value.setflags(write=False)
         object.__setattr__(self, name, value)
 
+    def _take_in_observed(self) -> None:
+        """What else than ε was measured, and which ε were not."""
+        count, seen = len(self.velocity), np.zeros(len(self.velocity), bool)
+        if self.dent not in DENTS:
+            raise DataError("dent", self.dent, " or ".join(map(repr, DENTS)))
+        for name in OBSERVED:
+            told = getattr(self, name)
+            stated = f"{name}_uncertainty"
+            if told is None:
+                if getattr(self, stated) is not None:
+                    raise DataError(stated, "given", f"left out without {name}")
+                continue
+            values = as_numbers(name, told)
+            check_lengths({"velocity": self.velocity, name: values})
+            there, accepted = ~np.isnan(values), f"a positive number in {SI_UNITS[name]}"
+            require(name, np.where(there, values, 1.0), lambda x: x > 0, accepted)
+            self._set(name, values)
+            seen |= there
+            uncertainty = _per_point(stated, getattr(self, stated), count)
+            if uncertainty is not None:
+                check_lengths({name: values, stated: uncertainty})
+                require(stated, np.where(there, uncertainty, 1.0), lambda u: u > 0, accepted)
+                self._set(stated, uncertainty)
+        missing = np.isnan(self.restitution)
+        if np.any(missing & ~seen):
+            row = int(np.argmax(missing & ~seen))
+            others = listed(name for name in OBSERVED if getattr(self, name) is not None)
+            accepted = "a number" + (f", or measured by {others}" if others else " of 0 or more")
+            raise DataError("restitution", math.nan, accepted, row)
+
     def _take_in_errors(self) -> None:
         """The errors of the two uncertainties, or the two uncertainties of the errors."""
         names = ("uncertainty", "velocity_uncertainty")
         told = {n: _per_point(n, getattr(self, n), len(self.velocity)) for n in names}
         if self.errors is None:
+            if told["uncertainty"] is not None and len(self.restitution) == len(
+                told["uncertainty"]
+            ):
+                missing = np.isnan(self.restitution)
+                told["uncertainty"] = np.where(missing, 1.0, told["uncertainty"])
             stated = {n: u for n, u in told.items() if u is not None}
             check_lengths({"velocity": self.velocity} | stated)
             self._set("errors", PointErrors.alone(len(self.velocity), *told.values()))
@@ -325,26 +419,81 @@ class RestitutionData:
         if limit is not None:
             accepted = f"below the limit velocity, {np.min(limit):.6g} m/s"
             require("velocity", self.velocity, lambda v: v < limit, accepted)
-        require("restitution", self.restitution, lambda e: e >= 0, "a number of 0 or more")
+        measured = np.where(np.isnan(self.restitution), 0.5, self.restitution)
+        require("restitution", measured, lambda e: e >= 0, "a number of 0 or more")
         if self.uncertainty is not None:
             require("uncertainty", self.uncertainty, lambda u: u > 0, "a positive number")
         if self.velocity_uncertainty is not None:
             u_v = self.velocity_uncertainty
             require("velocity_uncertainty", u_v, lambda u: u >= 0, "a speed of 0 m/s or more")
         accepted = f"at most {LARGEST}; above 1 it is noise, or a slip"
-        if np.max(self.restitution) > PERCENT:
+        if np.max(measured) > PERCENT:
             accepted += " (is it in percent? then the unit is [%])"
-        require("restitution", self.restitution, lambda e: e <= LARGEST, accepted)
+        require("restitution", measured, lambda e: e <= LARGEST, accepted)
 
 
-def _ball(diameter: Any, mass: Any, density: Any, bodies: Sequence[Any], contact: Any):
-    """What flies, None where it is not known: as given, the first body, or the sphere of a contact."""
-    if (diameter, mass, density) != (None, None, None) or (not bodies and contact is None):
-        return ball_of(diameter, mass, density)
-    if bodies:
-        return ball_of(2 * np.asarray(bodies[0].radius), None, bodies[0].material.density)
-    radius, mass = (np.asarray(leaf) for leaf in (contact.radius, contact.mass))
-    return None if radius.ndim or mass.ndim else ball_of(2 * radius, mass, None)
+class _Sphere(NamedTuple):
+    """What flies, as it is stated for all rows: its size and mass, the bodies, their contact."""
+
+    diameter: Any
+    mass: Any
+    density: Any
+    bodies: Sequence[Any]
+    contact: Any
+    one_size: bool
+
+    def ball(self, columns: Mapping[str, Any]) -> Ball | None:
+        """What flies, None where it is not known: as stated, the first body, or the contact's sphere."""
+        if {*SIZES} & {*columns}:
+            diameter = self.diameter
+            if {"radius", "diameter", "mass"} & {*columns}:
+                radius = self._radius(columns)
+                diameter = self.diameter if radius is None else 2 * radius
+            return ball_of(diameter, columns.get("mass", self.mass), self._density)
+        if (self.diameter, self.mass, self.density) != (None, None, None) or not self.has_contact:
+            return ball_of(self.diameter, self.mass, self.density)
+        if self.bodies:
+            return ball_of(2 * np.asarray(self.bodies[0].radius), None, self._density)
+        radius, mass = (np.asarray(leaf) for leaf in (self.contact.radius, self.contact.mass))
+        return None if radius.ndim or mass.ndim else ball_of(2 * radius, mass, None)
+
+    def contact_of(self, columns: Mapping[str, Any]) -> sj.Contact | None:
+        """The contact of each point.
+
+        Raises:
+            DataError: for sizes in the rows beside a contact of one size, or the other way round.
+        """
+        sizes = [name for name in SIZES if name in columns]
+        if not callable(self.contact):
+            if sizes and (self.one_size or self.contact is not None):
+                accepted = (
+                    "left out, or the size left out beside the bodies (in Python, `contact` a "
+                )
+                accepted += "function of the radii)"
+                raise DataError(sizes[0], "a column beside a contact of one size", accepted)
+            return self.contact
+        radius = self._radius(columns)
+        if radius is None:
+            accepted = "a column diameter, radius or mass (with the density)"
+            raise DataError("size", "missing beside a contact that is a function of it", accepted)
+        return self.contact(radius)
+
+    @property
+    def has_contact(self) -> bool:
+        return bool(self.bodies) or isinstance(self.contact, sj.Contact)
+
+    @property
+    def _density(self) -> Any:
+        return self.bodies[0].material.density if self.bodies else self.density
+
+    def _radius(self, columns: Mapping[str, Any]) -> Any:
+        if "radius" in columns:
+            return columns["radius"]
+        if "diameter" in columns:
+            return columns["diameter"] / 2
+        if "mass" in columns and self._density is not None:
+            return (3 * columns["mass"] / (4 * np.pi * self._density)) ** (1 / 3)
+        return None
 
 
 def _per_point(name: str, value: Any, count: int) -> Column | None:

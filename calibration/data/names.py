@@ -21,15 +21,18 @@ MEASURED = {
     "interval": "s",
     "time": "s",
 }
+OBSERVED = {"contact_time": "s", "peak_force": "N", "peak_overlap": "m", "dent_diameter": "m"}
+SIZES = {"diameter": "m", "radius": "m", "mass": "kg"}  # of the sphere that flies, row by row
 LABELS = ("launch", "group")
 UNCERTAINTIES = {
     "uncertainty": "1",
     **{f"{n}_uncertainty": d for n, d in MEASURED.items() if n != "restitution"},
     "height_uncertainty": "m",  # of both heights
     "timing_uncertainty": "s",  # of intervals, or of times
+    **{f"{name}_uncertainty": unit for name, unit in OBSERVED.items()},
 }
 # name: its unit in SI
-SI_UNITS = {**MEASURED, **UNCERTAINTIES, **dict.fromkeys(LABELS, "")}
+SI_UNITS = {**MEASURED, **OBSERVED, **SIZES, **UNCERTAINTIES, **dict.fromkeys(LABELS, "")}
 
 SYNONYMS = {
     "restitution": "e ε eps epsilon cor e_n restitution_coefficient coefficient_of_restitution "
@@ -48,6 +51,10 @@ SYNONYMS = {
     "interval": "dt δt delta_t flight_time time_of_flight tof time_interval bounce_interval "
     "interval_time time_between_bounces",
     "time": "bounce_time impact_time event_time time_of_bounce",
+    "contact_time": "contact_duration collision_time collision_duration t_c tc t_contact",
+    "peak_force": "f_max fmax max_force maximum_force force_max impact_force",
+    "peak_overlap": "penetration max_penetration penetration_depth max_overlap δ_max delta_max",
+    "dent_diameter": "crater_diameter imprint_diameter d_dent",
     "launch": "train",
     "group": "specimen",
 }
@@ -80,7 +87,7 @@ AMBIGUOUS: dict[str, tuple[str, ...]] = {
 UNCERTAIN = ["uncertainty", "unc", "error", "err", "stdev", "std", "sd", "sigma", "σ", "±"]
 BEFORE = (*UNCERTAIN, "u", *(f"{word}_{of}" for word in UNCERTAIN for of in ("of", "in")))
 OF = {"h": "height", "height": "height", "t": "timing", "timing": "timing"}
-OF |= {word: name for word, name in KNOWN.items() if name in MEASURED}
+OF |= {word: name for word, name in KNOWN.items() if name in (*MEASURED, *OBSERVED)}
 OF = {w: "uncertainty" if n == "restitution" else f"{n}_uncertainty" for w, n in OF.items()}
 SPELLED = {f"{before}_{word}": name for before in BEFORE for word, name in OF.items()}
 SPELLED |= {f"{word}_{behind}": name for behind in UNCERTAIN for word, name in OF.items()}

@@ -1,9 +1,12 @@
 """What looks like a slip in measurements that are accepted: units, columns, groups without a label."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from calibration.data.checks import Column
 from calibration.data.measurements import RestitutionData
+from calibration.data.names import SI_UNITS
 from calibration.data.points import FALLEN, FALLS
 from calibration.data.ranges import Implausible, of_bodies
 
@@ -12,6 +15,8 @@ LOWEST_RESTITUTION = 0.02  # all of them below this: a percentage taken of a fra
 SURE = 4.0  # standard errors by which a median lies above 1
 FEWEST = 8  # points in which an order may show
 SHORTEST = 3  # points of a run
+FAR_FROM_HERTZ = 30.0  # times what an elastic impact of the bodies shows
+EXAMPLES = {"contact_time": "us", "peak_force": "N", "peak_overlap": "um", "dent_diameter": "mm"}
 
 
 def plausibility(data: RestitutionData) -> tuple[Implausible, ...]:
@@ -26,6 +31,7 @@ def plausibility(data: RestitutionData) -> tuple[Implausible, ...]:
             _divided(data),
             _above_one(data),
             _runs(data),
+            *_far_from_hertz(data),
         ]
     return tuple(dict.fromkeys(doubt for doubt in found if doubt is not None))
 
@@ -76,8 +82,8 @@ def _no_wall(data: RestitutionData) -> Implausible | None:
 
 
 def _divided(data: RestitutionData) -> Implausible | None:
-    largest = float(np.max(data.restitution))
-    if largest >= LOWEST_RESTITUTION:
+    largest = float(np.nanmax(data.restitution, initial=-1.0))
+    if largest < 0 or largest >= LOWEST_RESTITUTION:
         return None
     cause = f"all restitutions are below {LOWEST_RESTITUTION}, {largest:.3g} at most"
     return Implausible("percent", cause, "Are they fractions whose unit says percent?")
@@ -85,18 +91,49 @@ def _divided(data: RestitutionData) -> Implausible | None:
 
 def _above_one(data: RestitutionData) -> Implausible | None:
     """A median above 1 by more than its standard error explains: no noise, but a slip in all."""
-    n, excess = len(data), float(np.median(data.restitution)) - 1
+    seen = np.isfinite(data.restitution)
+    n, excess = int(np.sum(seen)), float(np.median(data.restitution[seen])) - 1
     if n < FEWEST or excess <= 0:
         return None
-    order = np.argsort(data.velocity, kind="stable")
+    order = np.flatnonzero(seen)[np.argsort(data.velocity[seen], kind="stable")]
     error = np.sqrt(np.pi / 2 / n) * scatter_of(data.velocity[order], data.restitution[order])
     if data.uncertainty is not None:
-        error = max(error, np.sqrt(np.pi / 2 / n) * float(np.median(data.uncertainty)))
+        error = max(error, np.sqrt(np.pi / 2 / n) * float(np.median(data.uncertainty[seen])))
     if excess <= SURE * error:
         return None
     cause = f"half of the restitutions are above {1 + excess:.4g}, which noise would not do"
     remedy = "Are impact and rebound exchanged, or is a scale off?"
     return Implausible("above-one", cause, remedy)
+
+
+def _far_from_hertz(data: RestitutionData) -> Iterator[Implausible]:
+    """What else was measured, against an elastic impact of the bodies.
+
+    δ_max = (5 M v²/4k)^(2/5), F = k δ^(3/2), t = 2.9432 δ/v, a² = A δ (Johnson, Contact Mechanics, 1985).
+    """
+    if data.contact is None:
+        return
+    one = data.contact
+    stiffness, mass = np.asarray(one.stiffness), np.asarray(one.mass)
+    overlap = (1.25 * mass * data.velocity**2 / stiffness) ** 0.4
+    elastic = {
+        "contact_time": 2.9432 * overlap / data.velocity,
+        "peak_force": stiffness * overlap**1.5,
+        "peak_overlap": overlap,
+        "dent_diameter": 2 * np.sqrt(one.area_factor * np.asarray(one.radius) * overlap),
+    }
+    for name, expected in elastic.items():
+        values = getattr(data, name)
+        if values is None or not np.any(np.isfinite(values)):
+            continue
+        ratio = float(np.nanmedian(values / expected))
+        if not 1 / FAR_FROM_HERTZ < ratio < FAR_FROM_HERTZ:
+            value, unit = float(np.nanmedian(values)), SI_UNITS[name]
+            cause = (
+                f"{name} is {value:.3g} {unit} at the median, {ratio:.2g} times an elastic impact's"
+            )
+            remedy = f"Which unit has it? The header says it: `{name} [{EXAMPLES[name]}]`"
+            yield Implausible(name.replace("_", "-"), cause, remedy)
 
 
 def _runs(data: RestitutionData) -> Implausible | None:

@@ -56,6 +56,7 @@ class Points(NamedTuple):
     rows: Int[np.ndarray, " n"]
     group: Sequence[str] | np.ndarray | None
     remarks: tuple[str, ...] = ()
+    more: Mapping[str, Column] = {}  # what else was measured, its uncertainties, and sizes
 
 
 def with_own(errors: PointErrors, table: Measured, velocity: Column, restitution: Column):
@@ -65,6 +66,8 @@ def with_own(errors: PointErrors, table: Measured, velocity: Column, restitution
         DataError: for an uncertainty that is none.
     """
     alone = table.uncertainty("uncertainty", restitution)
+    if alone is not None:
+        alone = np.where(np.isnan(restitution), 1.0, alone)  # of what was not measured
     of_velocity = table.uncertainty("velocity_uncertainty", velocity)
     told: tuple[str, ...] = ()
     if alone is not None and errors.size_is_unknown:  # told of each ε: nothing is left to estimate

@@ -18,6 +18,7 @@ import numpy as np
 from calibration.data.checks import Column, require
 from calibration.data.columns import HEIGHTS, VELOCITIES
 from calibration.data.errors_of_points import PointErrors, paired, three
+from calibration.data.names import OBSERVED
 from calibration.data.points import Measured, Points, of_falls, of_row, with_own
 from calibration.data.trains import runs
 from calibration.errors import DataError, listed
@@ -62,8 +63,11 @@ def single_points(table: Measured) -> Points:
 
 
 def _complete(table: Measured) -> tuple[np.ndarray, tuple[str, ...]]:
-    """The rows where all that is needed was measured."""
-    missing = np.any([np.isnan(table.columns[name]) for name in table.kind.needs], axis=0)
+    """The rows where all that is needed was measured; something else may stand for a rebound."""
+    first, *others = (np.isnan(table.columns[name]) for name in table.kind.needs)
+    seen = [np.isfinite(table.columns[name]) for name in OBSERVED if name in table.columns]
+    other, nothing = np.any(seen, axis=0), not table.kind.has_restitution
+    missing = first | ((np.any(others, axis=0) | nothing) & ~other)
     if not np.any(missing):
         return np.arange(len(missing)), ()
     if np.all(missing):
@@ -78,8 +82,24 @@ def _as_they_are(table: Measured):
     return velocity, restitution, PointErrors.alone(len(velocity)), ()
 
 
+def _velocity_alone(table: Measured):
+    velocity = table.columns["velocity"]
+    return velocity, np.full(len(velocity), np.nan), PointErrors.alone(len(velocity)), ()
+
+
+def _fall_alone(table: Measured):
+    """The fall of two heights of which the second was not measured."""
+    rebound = np.zeros(len(table.columns[HEIGHTS[0]]))
+    both = table._replace(columns={**table.columns, HEIGHTS[1]: rebound})
+    velocity, _, errors, told = _two_heights(both)
+    told = tuple(one for one in told if HEIGHTS[1] not in one)
+    return velocity, np.full(len(velocity), np.nan), errors, told
+
+
 def _two_velocities(table: Measured):
     before, after = (table.columns[name] for name in VELOCITIES)
+    seen = np.isfinite(after)
+    after = np.where(seen, after, 0.0)
     told: tuple[str, ...] = ()
     if np.all(before * after <= 0) and (np.all(before > 0) or np.all(before < 0)):
         before, after = np.abs(before), np.abs(after)
@@ -87,15 +107,17 @@ def _two_velocities(table: Measured):
     require(VELOCITIES[0], before, lambda v: v > 0, "a positive speed in m/s")
     require(VELOCITIES[1], after, lambda v: v >= 0, "a speed of 0 m/s or more")
     _require_less(VELOCITIES, before, after, SWAPPED)
-    restitution = after / before
+    restitution = np.where(seen, after / before, np.nan)
     sizes, more = _sizes(table, VELOCITIES, "velocity_uncertainty", (before, after))
-    to_restitution = three(-restitution / before, 1 / before)
+    to_restitution = three(-(after / before) / before, 1 / before)
     errors = _paired(to_restitution, three(np.ones(len(before))), sizes, "velocities")
     return before, restitution, errors, told + more
 
 
 def _two_heights(table: Measured):
     drop, rebound = (table.columns[name] for name in HEIGHTS)
+    seen = np.isfinite(rebound)
+    rebound = np.where(seen, rebound, 0.0)
     require(HEIGHTS[0], drop, lambda h: h > 0, "a positive height in m")
     require(HEIGHTS[1], rebound, lambda h: h >= 0, HEIGHT)
     _require_less(HEIGHTS, drop, rebound, SWAPPED**2)
@@ -114,7 +136,7 @@ def _two_heights(table: Measured):
         by_drag = np.stack([of_rebound / velocity, slower], axis=1)
         told = (*told, *air.remarks(velocity, restitution, before))
     errors = _paired(three(by_drop, to_rebound), three(faster), sizes, "heights")
-    errors = replace(errors, by_drag=by_drag)
+    errors, restitution = replace(errors, by_drag=by_drag), np.where(seen, restitution, np.nan)
     return velocity, restitution, errors, (*told, *of_falls(velocity, table.gravity))
 
 
@@ -133,6 +155,8 @@ def _require_less(names, before: Column, after: Column, most: float) -> None:
 
 _MAKERS: dict[tuple[str, ...], Callable[[Measured], Any]] = {
     ("velocity", "restitution"): _as_they_are,
+    ("velocity",): _velocity_alone,
+    HEIGHTS[:1]: _fall_alone,
     VELOCITIES: _two_velocities,
     HEIGHTS: _two_heights,
 }

@@ -1,14 +1,14 @@
 """A mapping or a frame of named columns, as points."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from calibration.data.air import Air, Ball, checked_air
-from calibration.data.checks import as_labels, as_number, as_numbers, check_lengths
+from calibration.data.checks import as_labels, as_number, as_numbers, check_lengths, require
 from calibration.data.columns import Kind, Layout, accepts, layout_of
-from calibration.data.names import LABELS, SI_UNITS, UNCERTAINTIES
+from calibration.data.names import LABELS, OBSERVED, SI_UNITS, SIZES, UNCERTAINTIES
 from calibration.data.points import STANDARD_GRAVITY, Measured, Points
 from calibration.data.singles import single_points
 from calibration.data.trains import train_points
@@ -28,14 +28,14 @@ def read_points(
     uncertainties: Mapping[str, Any],
     of_file: bool = False,
     air: Any = None,
-    ball: Ball | None = None,
+    ball: Callable[[Mapping[str, Any]], Ball | None] = lambda columns: None,
 ) -> Points:
     """The points of a table (see `RestitutionData.from_table`).
 
     Args:
         of_file: whether a bare number is refused beside a column in another unit than SI's.
         air: True or None, False, or the density of air.
-        ball: what flies, where that is known.
+        ball: from the columns, what flies, where that is known.
 
     Raises:
         DataError: naming the column, and the row where one is to blame.
@@ -62,11 +62,30 @@ def read_points(
         columns["group"] = as_labels("group", group)
     check_lengths(columns)
     g = _gravity(gravity, layout.kind)
-    around, told = _air(air, ball, layout.kind, g)
+    around, told = _air(air, ball(columns), layout.kind, g)
     measured = Measured(layout.kind, columns, frozenset(relative), g, around)
+    for name in {*SIZES} & {*columns}:
+        require(name, columns[name], lambda x: x > 0, "a positive number in each row")
     with np.errstate(all="ignore"):  # what is not finite in the end is refused
         points = train_points(measured) if layout.kind.is_train else single_points(measured)
-    return points._replace(remarks=(*layout.remarks, *points.remarks, *told))
+    more = _more(measured.take(points.rows), points)
+    return points._replace(remarks=(*layout.remarks, *points.remarks, *told), more=more)
+
+
+def _more(table: Measured, points: Points) -> dict[str, np.ndarray]:
+    """What else than ε was measured at the points, its uncertainties, and sizes."""
+    found = {name: table.columns[name] for name in (*OBSERVED, *SIZES) if name in table.columns}
+    for name in {*OBSERVED} & {*found}:
+        uncertainty = table.uncertainty(f"{name}_uncertainty", found[name])
+        if uncertainty is not None:
+            found[f"{name}_uncertainty"] = uncertainty
+    if table.kind.is_flight and "contact_time" in found:
+        flight = 2 * points.velocity / table.gravity
+        for row in np.flatnonzero(found["contact_time"] >= flight):
+            accepted = f"shorter than the flight, {flight[row]:.3g} s"
+            value = float(found["contact_time"][row])
+            raise DataError("contact_time", value, accepted, int(points.rows[row]))
+    return found
 
 
 def _column(name: str, values: Any, layout: Layout) -> np.ndarray:
@@ -82,7 +101,7 @@ def _stated(name: str, value: Any, columns: Mapping[str, np.ndarray], layout: La
         raise TypeError(f"unexpected keyword argument {name!r}{did_you_mean(name, UNCERTAINTIES)}")
     if name in columns:
         raise DataError(name, "both a column and a number for the set", "given once")
-    if not accepts(layout.kind, name):
+    if not accepts(layout.kind, name, layout.position):
         raise DataError(name, "given", f"left out beside {' and '.join(layout.kind.needs)}")
     if isinstance(value, str):
         value = quantity(value, SI_UNITS[name])

@@ -18,6 +18,7 @@ from calibration.data import PointErrors, RestitutionData
 from calibration.data.json_file import plain
 from calibration.data.materials import Body
 from calibration.data.measurements import LONGEST_NAME
+from calibration.data.names import OBSERVED
 from calibration.data.text_file import MIB, read_text
 from calibration.errors import DataError, InputError, shown
 from calibration.fitting.collisions import ROUTES
@@ -32,12 +33,12 @@ from calibration.fitting.stages import Likelihood, Stage
 from calibration.fitting.uncertainty import Freedom
 from calibration.fitting.unloading_line import Line
 from calibration.fitting.warnings import FitWarning
-from calibration.observables import OBSERVABLES, Observed
 from calibration.options import FitOptions
 from calibration.parameters import Parameter
 from calibration.schema import Real, Strict, faults
 
 FORMAT = 1
+BESIDE = tuple(name for one in OBSERVED for name in (one, f"{one}_uncertainty"))
 LARGEST = 24 * MIB
 ROUNDING = 1e-4  # of a covariance scaled to ones: below it a negative eigenvalue is rounding's
 OWN = "only a fit's own fit.json is accepted"
@@ -74,15 +75,6 @@ Covariance = Annotated[
 ]
 
 
-class ObservedRecord(Strict):
-    """What else than ε was measured."""
-
-    name: Literal[tuple(OBSERVABLES)]  # type: ignore[valid-type]
-    rows: list[Count]
-    value: list[Positive]
-    uncertainty: list[Positive] | None
-
-
 class DataRecord(Strict):
     """One set of data; where it came from is not kept."""
 
@@ -97,7 +89,8 @@ class DataRecord(Strict):
     remarks: tuple[str, ...]
     group: list[str] | None
     errors: dict[str, Any] | None
-    observed: list[ObservedRecord] = Field(default_factory=list)
+    observed: dict[Literal[BESIDE], list[Real]] = Field(default_factory=dict)  # type: ignore[valid-type]
+    dent: Literal["largest", "residual"] = "largest"
 
     @classmethod
     def told(cls, data: RestitutionData) -> dict[str, Any]:
@@ -110,7 +103,9 @@ class DataRecord(Strict):
                 for one in data.bodies
             ],
             "errors": dict(vars(errors)) if np.any(errors.index >= 0) else None,
-            "observed": [dict(vars(one)) for one in data.observed],
+            "observed": {
+                name: getattr(data, name) for name in BESIDE if getattr(data, name) is not None
+            },
         }
         return _by_names(cls, data, table)
 
@@ -119,9 +114,7 @@ class DataRecord(Strict):
         entries = {key: _array(value) for key, value in self}
         bodies, remarks, errors = self.bodies, entries.pop("remarks"), self.errors
         entries["restitution"] = np.array(self.restitution, float)
-        entries["observed"] = tuple(
-            Observed(**{key: _array(value) for key, value in one}) for one in self.observed
-        )
+        entries |= {name: np.array(one) for name, one in entries.pop("observed").items()}
         if errors is not None:
             entries |= {"uncertainty": None, "velocity_uncertainty": None}
             entries["errors"] = PointErrors(**{k: _array(v) for k, v in errors.items()})

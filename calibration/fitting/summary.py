@@ -225,7 +225,7 @@ def eq_17_alone(data: RestitutionData) -> ComponentFit | None:
     """Eq. (17) against all points; None without a limit velocity."""
     if data.limit_velocity is None or np.sum(np.isfinite(data.restitution)) <= 2:
         return None
-    plain = replace(data, contact=None, observed=())
+    plain = replace(data.of_restitution(), contact=None)
     return fit_component(assemble(specs_of([plain], "eq-17", None, None), None)[0], PLAIN)
 
 

@@ -7,7 +7,7 @@ from scipy import optimize, stats
 
 import calibration as cal
 import softjax as sj
-from calibration.observables import OBSERVABLES, Observed, predicted
+from calibration.observables import OBSERVABLES, predicted
 from tests.fit_data import pair
 
 PAIR = pair("stainless steel")
@@ -29,11 +29,10 @@ def data():
     times = TIME * (1 + 0.02 * random.standard_normal(20))
     rows = np.arange(5, 20)
     forces = np.asarray(hit.peak_force)[rows] * (1 + U * random.standard_normal(15))
-    observed = (
-        Observed("contact_time", np.arange(20), times),
-        Observed("peak_force", rows, forces, U * forces),
-    )
-    return cal.RestitutionData(V, eps, PAIR, observed=observed)
+    every = np.full(20, np.nan)
+    every[rows] = forces
+    told = {"contact_time": times, "peak_force": every, "peak_force_uncertainty": U * every}
+    return cal.RestitutionData(V, eps, PAIR, **told)
 
 
 @pytest.fixture(scope="module")
@@ -92,8 +91,7 @@ def test_bands_are_in_si_and_outliers_are_named(data, result, tmp_path):
     np.testing.assert_allclose(one.standard_error, np.hypot(band.standard_error, scatter))
     value = times.value.copy()
     value[7] *= 1.5
-    slip = Observed("contact_time", times.rows, value)
-    moved = cal.RestitutionData(V, data.restitution, PAIR, observed=(slip,))
+    moved = cal.RestitutionData(V, data.restitution, PAIR, contact_time=value)
     found = cal.fit(moved, "linear", noise="student-t", **QUICK)
     named = max(found.outliers, key=lambda one: abs(one.residual))
     assert (named.row, named.observable, named.value) == (8, "contact_time", value[7])

@@ -1,0 +1,55 @@
+"""What a contact time and a second size tell that restitutions of one size do not."""
+
+import numpy as np
+import pytest
+
+import calibration as cal
+import softjax as sj
+from tests.fit_data import pair
+
+QUICK = {"profiles": False, "starts": 4}
+PAIR = pair("stainless steel")
+V = np.geomspace(0.1, 2.0, 24)
+
+
+@pytest.mark.parametrize(
+    ("law", "name", "truth", "power"),
+    [
+        (lambda: sj.LinearSpringDashpot(PAIR, 3e6, 0.8), "stiffness", 3e6, 2.0),
+        (lambda: sj.Hertz(PAIR), "contact.youngs_modulus", float(PAIR.youngs_modulus), 2.5),
+    ],
+)
+def test_contact_times_alone_tell_what_restitutions_do_not(law, name, truth, power):
+    """t ∝ K^-1/2 and E^-2/5: times of 2 % give a stiffness to 4 %/√n, E to 5 %/√n."""
+    random = np.random.default_rng(3)
+    times = np.asarray(sj.restitution(law(), V).duration)
+    times = times * (1 + 0.02 * random.standard_normal(len(V)))
+    data = cal.RestitutionData(
+        V, contact=PAIR, contact_time=times, contact_time_uncertainty=0.02 * times
+    )
+    said = {name: cal.Parameter(), **({"restitution": 0.8} if name == "stiffness" else {})}
+    result = cal.fit(data, type(law()), said, **QUICK)
+    expected = power * 0.02 / len(V) ** 0.5 * truth
+    assert result.standard_errors[name] == pytest.approx(expected, rel=0.05)
+    assert abs(result.values[name] - truth) < 4 * expected
+
+
+def sized(radii, seed=2):
+    """Rebounds of nylon as a viscoelastic law has them, one size or two."""
+    random = np.random.default_rng(seed)
+    v = np.tile(np.geomspace(0.2, 3.0, 20), len(radii))
+    radius = np.repeat(radii, 20)
+    contact = sj.Contact.between_spheres(sj.NYLON, sj.NYLON, radius, radius)
+    law = sj.ViscoelasticHertz(contact, 2e-6)
+    eps = np.asarray(sj.restitution(law, v).coefficient) + 0.003 * random.standard_normal(len(v))
+    return cal.RestitutionData(v, eps, contact, 0.003)
+
+
+def test_two_sizes_tell_a_viscoelastic_law_from_one_without_the_size():
+    """1 - ε ∝ v^(1/5)/R at equal v; of one size Zhou's law, which has no R, follows it as well."""
+    laws = ["viscoelastic", "zhou"]
+    one, two = (cal.compare(sized(radii), laws, starts=4) for radii in ([0.008], [0.004, 0.012]))
+    label = next(name for name in two.ranking if name.startswith("Zhou"))
+    assert two.ranking[1] == label
+    assert -one.entry(label).behind.value < 10
+    assert -two.entry(label).behind.value > 1000
