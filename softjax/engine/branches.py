@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool
 
 from softjax.laws.reduced import Reduced, ReducedClosedForm, ReducedRateIndependent
 from softjax.numerics.powers import safe_power
-from softjax.numerics.search import Reach, largest, reach
+from softjax.numerics.search import Reach, largest, last_zero, reach
 from softjax.status import Status
 
 JUMP = 1e-3  # of the peak force: what is left of a force that vanishes there, but for a jump
