@@ -39,6 +39,7 @@ WORDS = {  # what a parameter is, where the law's field says less
     "c1": "χ̃ at E/Y = 0 (Eq. 18)",
     "c2": "slope of χ̃ over E/Y (Eq. 18)",
     "limit_velocity": "velocity at which nothing rebounds, √(3 Y/ρ) if not given",
+    "air_drag": "what the drag coefficient of flights in air is off by, in parts (0 ± 0.1 before)",
     "yield_factor": "pressure at yield over yield strength",
     "loading_stiffness": "stiffness of loading",
     "unloading_stiffness": "stiffness of unloading after the slowest impacts",

@@ -167,7 +167,8 @@ def _pooled(problem: Problem, members, value) -> Problem:
 
     _, first = np.unique(members, return_index=True)
     velocity = np.where(weight > 0, mean(points.velocity), points.velocity[first])
-    few = Points(velocity, mean(value), np.sqrt(weight), *(a[first] for a in points[3:]))
+    others = (*(a[first] for a in points[3:-1]), mean(points.by_drag))
+    few = Points(velocity, mean(value), np.sqrt(weight), *others)
     rows = replace(problem.laws.rows, row=problem.laws.rows.row[first])
     laws = replace(problem.laws, rows=rows)
     return replace(problem, points=few, laws=laws, errors=(), variances=())

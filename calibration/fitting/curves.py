@@ -148,7 +148,7 @@ def curve_problem(
         elements,
         Transform.of([WIDE] * len(free), [None] * len(free)),
         rows.bind(theta, every),
-        Points(velocity, 0 * ones, ones, np.zeros(len(ones), int), code, ones),
+        Points(velocity, 0 * ones, ones, np.zeros(len(ones), int), code, ones, 0 * ones),
         every,
         route,
     )

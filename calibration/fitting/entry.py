@@ -14,9 +14,11 @@ import softjax as sj
 from calibration.console import progress_of
 from calibration.data import RestitutionData
 from calibration.fitting.curves import block_name
+from calibration.fitting.estimate import Estimate
 from calibration.fitting.laws import law_name
 from calibration.fitting.line import fit_line
 from calibration.fitting.material import MaterialFit
+from calibration.fitting.problem import DRAG
 from calibration.fitting.profiles import Profile, estimates, profiles_of
 from calibration.fitting.request import Progress, Request, checked, datasets_of
 from calibration.fitting.result import FitResult
@@ -92,9 +94,12 @@ def _fitted(request: Request) -> FitResult:
     curves = _profiles(request, fits)
     found_warnings: list[FitWarning] = []
     materials: dict[int, MaterialFit] = {}
+    of_drag: dict[str, Estimate] = {}
     for fit_, own in zip(fits, curves, strict=True):
         found = estimates(fit_, own, request.options.confidence)
         shared = component_warnings(fit_, found, own)
+        elements = enumerate(fit_.component.elements)
+        of_drag |= {e.label: found[k] for k, e in elements if e.name == DRAG}
         found_warnings += [d for d in shared if d.material is None]
         for g in fit_.component.sets:
             materials[g] = summarise_material(fit_, g, found, request.options.confidence, shared)
@@ -124,7 +129,7 @@ def _fitted(request: Request) -> FitResult:
         settings=_settings(request, fits),
         versions=dict(_versions()),
         times=_times(_stages(fits, stage)),
-        pooled=pooled_of(fits, request.options.confidence),
+        pooled=pooled_of(fits, request.options.confidence) | of_drag,
         fits=tuple(fits),
     )
 

@@ -14,6 +14,7 @@ import numpy as np
 
 import softjax as sj
 from calibration.data import RestitutionData
+from calibration.data.air import UNCERTAIN
 from calibration.errors import DataError, did_you_mean, is_finite_number, listed
 from calibration.fitting.branches import held_at
 from calibration.fitting.collisions import Route
@@ -34,7 +35,7 @@ from calibration.fitting.laws import (
     several_yields,
     zhou_model,
 )
-from calibration.fitting.problem import Element, Points, Problem, pools_of
+from calibration.fitting.problem import DRAG, Element, Points, Problem, pools_of
 from calibration.fitting.rows import Rows, SetRows, Tree, numbers_in
 from calibration.fitting.transform import Transform
 from calibration.observables import PLACES, RESTITUTION
@@ -42,6 +43,7 @@ from calibration.options import OBJECTIVES
 from calibration.parameters import Parameter, as_parameter
 from softjax.fields import Declared
 
+LEAST_RANGE, POWERS = 0.2, (-1.0, 0.0)  # of ln v, and of what power of v a curve may be
 REACH = 5.0  # standard deviations of a prior within which a search is expected to end
 
 Specs = Mapping[str, Any] | Sequence[Any] | None
@@ -105,6 +107,12 @@ class SetSpec:
         others = sorted(data.observed, key=lambda one: PLACES[one.name])
         every = [None, *others] if np.any(np.isfinite(data.restitution)) else others
         return tuple(Errors.of(data, *asked, one) for one in every)
+
+    @property
+    def is_in_air(self) -> bool:
+        """Whether drag was taken out of its ε, with a coefficient that is not known exactly."""
+        is_measured = bool(np.any(np.isfinite(self.data.restitution)))
+        return self.objective == "model" and is_measured and self.data.errors.by_drag is not None
 
     @property
     def by_eps_up(self) -> bool:
@@ -513,6 +521,13 @@ def _component(sets, specs, drafted, many: int, route: Route, bound) -> Componen
         told = ", ".join(f"{spec.data.name}: {spec.model.key}" for spec in specs)
         raise DataError("parameters", f"shared between {told}", "shared within one law")
     elements = tuple(_element(one, specs, sets, many) for one in drafted)
+    flights = tuple(g for g, spec in zip(sets, specs, strict=True) if spec.is_in_air)
+    if flights:
+        name = specs[sets.index(flights[0])].data.name
+        label = f"{DRAG}[{name}]" if many > len(sets) else DRAG
+        known = Parameter(0.0, prior=(0.0, UNCERTAIN), transform="none")
+        ends = (-np.inf, np.inf)
+        elements += (Element(label, DRAG, flights, known, Declared(DRAG), 0.0, ends),)
     component = Component(tuple(sets), tuple(specs), elements, ())
     _check_counts(component)
     stages = _stages(component, route, bound)
@@ -637,11 +652,28 @@ def points_of(data: Sequence[RestitutionData]) -> tuple[Points, np.ndarray]:
         for name, rows, value, unit in blocks_of(one):
             count = len(rows)
             code = np.full(count, PLACES[name])
-            parts.append((one.velocity[rows], value, np.ones(count), np.full(count, g), code, unit))
+            by_drag = by_drag_of(one)[rows] if name == RESTITUTION else np.zeros(count)
+            ones, sets = np.ones(count), np.full(count, g)
+            parts.append((one.velocity[rows], value, ones, sets, code, unit, by_drag))
             impacts.append(first + rows)
         first += len(one)
     columns = (np.concatenate(column) for column in zip(*parts, strict=True))
     return Points(*columns), np.concatenate(impacts)
+
+
+def by_drag_of(data: RestitutionData) -> np.ndarray:
+    """∂(expected - measured ε)/∂c, (n,), for flights with a drag coefficient of (1 + c) C_d.
+
+    The measured velocity moves too: the curve is taken as the power of v that the points follow.
+    """
+    by_drag = data.errors.by_drag
+    if by_drag is None:
+        return np.zeros(len(data))
+    seen = (data.restitution > 0) & np.isfinite(data.restitution)
+    power, v = 0.0, np.log(data.velocity[seen])
+    if len(v) > 2 and np.ptp(v) > LEAST_RANGE:
+        power = float(np.clip(np.polyfit(v, np.log(data.restitution[seen]), 1)[0], *POWERS))
+    return power * data.restitution / data.velocity * by_drag[:, 1] - by_drag[:, 0]
 
 
 def blocks_of(data: RestitutionData):

@@ -36,6 +36,7 @@ from softjax.fields import Declared
 
 Z = Float[np.ndarray, "fits elements"]
 NAMES = tuple(OBSERVABLES)
+DRAG = "air_drag"  # c, what the drag coefficient of flights in air is off by, in parts
 FIRST_SPREAD = 3.0  # of a pool, in z: factors of 20
 AT_ONCE = 2_000_000  # impacts that are computed at once: what bounds the memory
 
@@ -102,6 +103,7 @@ class Points(NamedTuple):
         set: the data set.
         observable: place in `calibration.observables.OBSERVABLES`; 0 is ε.
         unit: 1 for ε, else the measured value in SI, so that all values are numbers near one.
+        by_drag: ∂(expected - measured)/∂c of flights in air, for a drag coefficient of (1 + c) C_d.
     """
 
     velocity: Float[np.ndarray, "points"]
@@ -110,6 +112,7 @@ class Points(NamedTuple):
     set: Int[np.ndarray, "points"]
     observable: Int[np.ndarray, "points"]
     unit: Float[np.ndarray, "points"]
+    by_drag: Float[np.ndarray, "points"]
 
 
 class Block(NamedTuple):
@@ -385,7 +388,27 @@ class Problem:
         """Rows that stand for what V adds."""
         return 2 * self.count if self.moves else 0
 
+    @cached_property
+    def drag(self) -> int | None:
+        """Which element is c of `Points.by_drag`; None without flights in air."""
+        names = [element.name for element in self.elements]
+        return names.index(DRAG) if DRAG in names else None
+
     def _carried(self, theta, per_z, lanes: Lanes) -> tuple[Carried, Carried, np.ndarray]:
+        """What is expected at the points, its slopes along the active elements, and the status."""
+        carried, per, status = self._of_curve(theta, per_z, lanes)
+        if self.drag is None:
+            return carried, per, status
+        by_drag = self.points.by_drag
+        carried = carried._replace(mean=carried.mean + theta[:, self.drag, None] * by_drag)
+        column = np.flatnonzero(self.active == self.drag)
+        if per.mean.shape[2] and len(column):
+            slope = np.array(per.mean)
+            slope[:, :, column[0]] += by_drag * per_z[:, self.drag, None]
+            per = per._replace(mean=slope)
+        return carried, per, status
+
+    def _of_curve(self, theta, per_z, lanes: Lanes) -> tuple[Carried, Carried, np.ndarray]:
         """The curve at the points, its slopes along the active elements, and the status."""
         if not self.moves:
             value, slope, status = self.curve(theta, per_z, lanes)

@@ -49,8 +49,8 @@ from calibration.data import RestitutionData
 from calibration.errors import DataError
 from calibration.fitting.collisions import root
 from calibration.fitting.errors import CALLED, LN_2PI, Carried, Errors
-from calibration.fitting.layout import Component, SetSpec, blocks_of
-from calibration.fitting.problem import Element, Pool, pools_of
+from calibration.fitting.layout import Component, SetSpec, blocks_of, by_drag_of
+from calibration.fitting.problem import DRAG, Element, Pool, pools_of
 from calibration.fitting.request import Request, checked, datasets_of
 from calibration.fitting.rows import with_trees
 from calibration.fitting.transform import Transform
@@ -261,8 +261,19 @@ class Traceable:
                 hit = sj.restitution(law, velocity, self.route)
                 value = predicted(one.observable, hit) / one.unit
             carried = errors.carried(value) if errors.has_slope else Carried(value, 0.0, 0.0)
+            by_drag = self._by_drag(theta, one)
+            if by_drag is not None:
+                carried = carried._replace(mean=carried.mean + by_drag)
             found.append((one, carried.mean - own, carried))
         return found
+
+    def _by_drag(self, theta, one: NamedErrors) -> Array | None:
+        """What another drag coefficient does to ε of flights in air; None without."""
+        component, g, _ = self._members()[one.set]
+        label = next((e.label for e in component.elements if e.name == DRAG and g in e.sets), None)
+        if label is None or one.observable != RESTITUTION:
+            return None
+        return jnp.asarray(theta[label]) * by_drag_of(one.data)[one.rows]
 
     def _prior_residuals(self, theta) -> Array:
         rows = []

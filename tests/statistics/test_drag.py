@@ -1,0 +1,55 @@
+"""One drag coefficient of all flights in air, (1 + c) C_d with c ~ N(0, 0.1), against dense algebra."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import calibration as cal
+
+U, N = 0.004, 40
+BALL = {"diameter": 6e-3, "density": 1140.0}
+QUICK = {"profiles": False, "starts": 4}
+
+
+@pytest.fixture(scope="module")
+def data():
+    """Drops of a 6 mm nylon ball from 5 cm to 2 m, ε 0.85 with a scatter of 0.004."""
+    drop = np.geomspace(0.05, 2.0, N)
+    table = {"drop_height": drop, "rebound_height": 0.7 * drop}
+    exact = cal.RestitutionData.from_table(table, **BALL)
+    random = np.random.default_rng(5)
+    noise = U * random.standard_normal(N)
+    # rebounds with which the corrected ε is 0.85 and its noise, to first order
+    off = (0.85 + noise - exact.restitution) / exact.restitution
+    table["rebound_height"] = 0.7 * drop * (1 + off) ** 2
+    return cal.RestitutionData.from_table(table, uncertainty=U, **BALL)
+
+
+def test_the_error_of_the_drag_is_shared_by_all_points(data):
+    """Generalised least squares with V = u² + 0.1² w wᵀ, and the likelihood with c as it is."""
+    result = cal.fit(data, "constant", **QUICK)
+    w = data.errors.by_drag[:, 0]
+    power = min(np.polyfit(np.log(data.velocity), np.log(data.restitution), 1)[0], 0.0)
+    w = w - power * data.restitution / data.velocity * data.errors.by_drag[:, 1]
+    design = np.stack([np.ones(N), -w], axis=1)  # ε = e + c w
+    normal = design.T @ design / U**2 + np.diag([0.0, 100.0])
+    covariance = np.linalg.inv(normal)
+    expected = covariance @ (design.T @ data.restitution / U**2)
+    assert result.values["restitution"] == pytest.approx(expected[0], abs=1e-7)
+    assert result.values["air_drag"] == pytest.approx(expected[1], abs=1e-6)
+    errors = np.sqrt(np.diag(covariance))
+    assert result.standard_errors["restitution"] == pytest.approx(errors[0], rel=1e-4)
+    assert result.standard_errors["air_drag"] == pytest.approx(errors[1], rel=1e-4)
+    assert errors[0] > 1.4 * U / np.sqrt(N)
+    problem = cal.problem(data, "constant")
+    theta = {"restitution": 0.84, "air_drag": 0.05}
+    density = stats.norm.logpdf(data.restitution, 0.84 - 0.05 * w, U).sum()
+    assert float(problem.log_likelihood(theta)) == pytest.approx(density, rel=1e-9)
+    assert float(problem.log_prior(theta)) == pytest.approx(stats.norm.logpdf(0.05, 0, 0.1))
+
+
+def test_flights_in_a_vacuum_have_no_drag():
+    bare = cal.RestitutionData.from_table(
+        {"drop_height": [0.5, 0.8, 1.2], "rebound_height": [0.3, 0.5, 0.7]}, air=False, **BALL
+    )
+    assert "air_drag" not in cal.fit(bare, "constant", **QUICK).values
