@@ -24,7 +24,8 @@ class Outlier:
         row: of the data set, from 1.
         line: of the file it came from, None where there is none.
         velocity, value: as measured, in SI.
-        residual: measured less fitted value over its standard deviation (of Student's t the scale).
+        residual: measured less fitted value, over the standard deviation of that difference: of the
+            noise (of Student's t the scale), less what the point itself moves the curve.
         weight: in the fit, over that of a point on the curve.
         observable: what was measured, of `calibration.observables`.
     """

@@ -98,7 +98,7 @@ def _outliers(first: Problem, k: int, z: np.ndarray, off, leverage) -> tuple[Out
             None if lines is None or rows[i] >= len(lines) else int(lines[rows[i]]),
             float(first.points.velocity[own][i]),
             float(values[i]),
-            float(residual[i]),
+            float(np.copysign(size[i], residual[i])),
             float(weight[i]),
             block.observable,
         )

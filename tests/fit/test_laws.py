@@ -274,9 +274,19 @@ def test_outliers_lose_their_pull_under_student_s_t():
     assert set(named) == set(range(0, 60, 9))
     for row, one in named.items():
         off = (data.restitution[row] - decay(v[row], *values)) / scale
-        assert one.residual == pytest.approx(off, rel=1e-5)
+        assert one.residual == pytest.approx(off, rel=5e-3)  # their leverages are small
         assert one.weight == pytest.approx(4 / (4 + off**2), rel=1e-4)
         assert (one.velocity, one.line) == (v[row], None)
+
+
+def test_an_outlier_s_residual_is_over_what_such_a_residual_scatters_by():
+    """Of n points about their mean, u √(1 - 1/n)."""
+    e = np.full(20, 0.85) + 0.004 * np.cos(np.arange(20.0))
+    e[6] = 0.90
+    data = cal.RestitutionData(np.linspace(1, 5, 20), e, uncertainty=0.01)
+    (one,) = cal.fit(data, "constant", **QUICK).outliers
+    assert (one.row, one.value) == (7, 0.90)
+    assert one.residual == pytest.approx((0.90 - np.mean(e)) / (0.01 * np.sqrt(0.95)), rel=1e-6)
 
 
 def test_student_s_t_is_for_independent_errors_of_a_likelihood():
