@@ -90,6 +90,7 @@ class PointErrors:
             size=None if self.size is None else self.size[index],
             restitution_alone=restitution,
             velocity_alone=velocity,
+            by_drag=None if self.by_drag is None else self.by_drag[rows],
         )
 
     def __len__(self) -> int:

@@ -138,7 +138,8 @@ def _far_from_hertz(data: RestitutionData) -> Iterator[Implausible]:
 
 def _runs(data: RestitutionData) -> Implausible | None:
     """Velocities that go all through their range several times over, and no `group`."""
-    if data.group is not None or data.errors.shares or len(data) < FEWEST:
+    sized = data.contact is not None and any(map(np.ndim, data.contact.leaves().values()))
+    if sized or data.group is not None or data.errors.shares or len(data) < FEWEST:
         return None
     for sign, word in ((1, "ascend"), (-1, "descend")):
         velocity = sign * data.velocity

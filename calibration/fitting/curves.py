@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -23,6 +23,8 @@ from calibration.fitting.uncertainty import Freedom, quantile
 from calibration.observables import PLACES, RESTITUTION
 from calibration.parameters import Parameter
 
+MODULUS_STEP = 1e-4  # of E, in the difference that gives ∂ ln t/∂ ln E
+LEAST_SLOPE = 1e-3  # of ln t in ln E, below which contact times do not depend on E
 WIDE = (-np.inf, np.inf)
 
 Velocity = Float[np.ndarray, "n"]
@@ -166,6 +168,72 @@ def of_each_impact(material: MaterialFit) -> set[int]:
     if material.data.contact is not None:
         values += list(material.data.contact.leaves().values())
     return {np.size(value) for value in values if np.ndim(value)}
+
+
+def of_impact(material: MaterialFit, impact: int) -> MaterialFit:
+    """The fit with the bodies and parameters of one of its impacts for all velocities."""
+
+    def one(value: Any) -> Any:
+        return value[impact] if np.ndim(value) else value
+
+    data, contact = material.data, material.data.contact
+    if contact is not None:
+        leaves = {name: float(one(leaf)) for name, leaf in contact.leaves().items()}
+        contact = sj.Contact(**leaves, area=contact.area)
+    limit = data.limit_velocity
+    limit = None if limit is None else float(one(limit))
+    data = replace(data, contact=contact, limit_velocity=limit, bodies=(), plausibility=False)
+    values = {name: one(value) for name, value in material.values.items()}
+    return replace(material, data=data, values=values)
+
+
+def distinct_impacts(material: MaterialFit) -> list[int]:
+    """The first impact of each kind of bodies and parameters; none where all impacts share them."""
+    if not of_each_impact(material):
+        return []
+    values = [*material.values.values()]
+    if material.data.contact is not None:
+        values += list(material.data.contact.leaves().values())
+    columns = [np.broadcast_to(value, len(material.data)) for value in values if np.ndim(value)]
+    rounded = [np.round(np.log(np.abs(np.asarray(c, float)) + 1e-300), 9) for c in columns]
+    return sorted(np.unique(np.stack(rounded, axis=1), axis=0, return_index=True)[1].tolist())
+
+
+class ModulusByTimes(NamedTuple):
+    """What contact times say of E: how far off the stated one, and with which error, in parts."""
+
+    off: float
+    error: float
+
+
+def modulus_by_times(material: MaterialFit) -> ModulusByTimes | None:
+    """ln of E by the contact times alone, less that of the stated one, everything else as fitted.
+
+    With s = ∂ ln t/∂ ln E and r = ln(t/predicted), Σ s r/u² / Σ s²/u². None where E is free, or was not
+    stated, nothing is known of contact times, or these do not depend on E.
+    """
+    name = OF_CONTACT + "youngs_modulus"
+    contact = material.data.contact
+    if contact is None or name in material.labels or "contact_time" not in material.observed:
+        return None
+    one = next(one for one in material.data.observed if one.name == "contact_time")
+    velocity = material.data.velocity
+
+    def times(factor: float) -> np.ndarray:
+        moved = replace(contact, youngs_modulus=np.asarray(contact.youngs_modulus) * factor)
+        law = replace(material, data=replace(material.data, contact=moved)).law
+        with jax.enable_x64(True):
+            return np.log(np.asarray(sj.restitution(law, velocity).duration)[one.rows])
+
+    slope = (times(1 + MODULUS_STEP) - times(1 - MODULUS_STEP)) / (2 * MODULUS_STEP)
+    scatter = material.observed["contact_time"].noise or 0.0
+    stated = 0.0 if one.uncertainty is None else one.uncertainty / one.value
+    weight = 1 / (scatter**2 + stated**2 + np.zeros(len(one)))
+    total = float(np.sum(weight * slope**2))
+    if not total > 0 or np.max(np.abs(slope)) < LEAST_SLOPE:
+        return None
+    off = float(np.sum(weight * slope * (np.log(one.value) - times(1.0)))) / total
+    return ModulusByTimes(off, total**-0.5)
 
 
 def _check_length(material: MaterialFit, count: int) -> None:

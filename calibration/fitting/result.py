@@ -12,7 +12,7 @@ import numpy as np
 from calibration.data.checks import check_whole, checked_confidence
 from calibration.data.json_file import dumps
 from calibration.errors import DataError, did_you_mean, listed
-from calibration.fitting.curves import as_empirical, band
+from calibration.fitting.curves import as_empirical, band, of_impact
 from calibration.fitting.estimate import Band, Estimate
 from calibration.fitting.fit_json import read_result, result_to_dict
 from calibration.fitting.laws import LINE
@@ -203,6 +203,7 @@ class FitResult:
         kind: str = "mean",
         draws: Any = None,
         observable: str = RESTITUTION,
+        impact: int | None = None,
     ) -> Band:
         """ε(v) of the fitted curve with a confidence band; NaN where `determined` is False.
 
@@ -214,6 +215,8 @@ class FitResult:
             draws: a posterior, whose mean, standard deviation and central limits are then told.
             observable: another than ε, "contact_time" and so on, in SI: see `calibration.observables`;
                 its prediction where the fit had values of it.
+            impact: with the bodies of this one of the data, where they differ; without it as many
+                velocities as impacts are needed then.
 
         Raises:
             ValueError: naming the argument, its value and what is accepted.
@@ -223,14 +226,20 @@ class FitResult:
         if observable not in OBSERVABLES:
             accepted = f"one of {listed(OBSERVABLES)}{did_you_mean(observable, OBSERVABLES)}"
             raise DataError("observable", observable, accepted)
+        material = self.material(name)
+        if impact is not None:
+            count = len(material.data)
+            if not 0 <= impact < count:
+                raise DataError("impact", impact, f"from 0 to {count - 1}")
+            material = of_impact(material, impact)
         if draws is not None:
             if observable != RESTITUTION:
                 raise DataError("draws", "given", f"left out for {observable}")
             from calibration.fitting.posterior.draws import band_of_draws
 
             level = self._level(confidence)
-            return band_of_draws(draws, self.material(name), velocity, level, kind)
-        return self._band(self.material(name), velocity, confidence, kind, observable)
+            return band_of_draws(draws, material, velocity, level, kind)
+        return self._band(material, velocity, confidence, kind, observable)
 
     def empirical_band(self, velocity, name=None, confidence: float | None = None) -> Band:
         """The same for Eq. (17), under `two-step`."""

@@ -14,6 +14,7 @@ import softjax as sj
 from calibration.data import RestitutionData, plausibility
 from calibration.data.paper import eq_17
 from calibration.fitting import warnings
+from calibration.fitting.curves import modulus_by_times
 from calibration.fitting.errors import Errors
 from calibration.fitting.estimate import Estimate
 from calibration.fitting.laws import several_yields
@@ -218,6 +219,7 @@ def _slope_of(fit: ComponentFit, k: int, g: int, what: Callable) -> float:
 
 
 PLAIN = FitOptions(optimiser="levenberg-marquardt", starts=4)
+MODULUS_OFF = 2.0  # errors by which the modulus of the contact times is off
 NOISELESS = 1e-9  # rms of ε about Eq. (17) below which data are a curve and no measurement
 
 
@@ -608,6 +610,13 @@ def summarise_material(
         own += restitution_warnings(part, residual, errors[RESTITUTION])
     for name, one in part.observed.items():
         own += observable_warnings(part, name, one, errors[name])
+    modulus = modulus_by_times(part)
+    if modulus is not None and abs(modulus.off) > MODULUS_OFF * modulus.error:
+        cause = (
+            f"the contact times are those of a modulus E {100 * modulus.off:+.2g} % from the stated one, "
+            f"which they tell to {100 * modulus.error:.2g} %"
+        )
+        own.append(FitWarning("modulus", cause, part.name))
     return replace(part, warnings=tuple(own))
 
 

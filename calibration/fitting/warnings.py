@@ -51,6 +51,10 @@ ADVICE = {
         "Eq. (17) does not hold over the whole curve, or the law does not: look at both curves; "
         "`model` is the law's own likelihood."
     ),
+    "modulus": (
+        "Check Young's modulus of the bodies and the unit of the times; name youngs_modulus free, or give it "
+        "a prior."
+    ),
     "branch-change": "Check the data near the critical velocity; fix the strength or the modulus.",
     "data": "Check the data.",
 }

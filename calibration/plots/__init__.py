@@ -2,6 +2,7 @@
 
 from calibration.plots.curves import curves_figure, plot_curve, plot_residuals
 from calibration.plots.lines import Line, lines_of
+from calibration.plots.observables import observables_figure
 from calibration.plots.parameters import (
     correlation_figure,
     plot_correlations,
@@ -17,6 +18,7 @@ __all__ = [
     "correlation_figure",
     "curves_figure",
     "lines_of",
+    "observables_figure",
     "plot_correlations",
     "plot_curve",
     "plot_profile",

@@ -13,13 +13,17 @@ from calibration.errors import DataError
 from calibration.fitting.curves import (
     as_empirical,
     curve_and_slopes,
-    of_each_impact,
+    distinct_impacts,
+    of_impact,
     yield_velocity,
 )
 from calibration.fitting.layout import label_of_law
+from calibration.observables import RESTITUTION
 from calibration.plots import style
 from calibration.plots.lines import NO_VALUE, Line
+from calibration.rounding import number
 
+SHADES = (style.BLUE, style.VERMILION, style.GREEN, style.PURPLE, style.ORANGE, style.SKY)
 FINE = 240  # points of a curve
 FEW = 30  # points that are drawn as such
 EQ_17 = "Eq. (17)"
@@ -89,8 +93,13 @@ def plot_curve(
     fit = result.material(name)
     data, scale = fit.data, _scale(fit, ratio)
     logarithmic = style.spans_decades(data.velocity) and not from_rest
-    velocity = data.velocity if of_each_impact(fit) else _fine(data, logarithmic, from_rest)
-    _plot_fit(ax, result, fit, velocity, scale)
+    sizes = distinct_impacts(fit)
+    velocity = data.velocity if sizes else _fine(data, logarithmic, from_rest)
+    if 1 < len(sizes) <= len(SHADES) and not ratio:
+        for impact, color in zip(sizes, SHADES, strict=False):
+            plot_size(ax, result, fit, impact, color, RESTITUTION, logarithmic)
+    else:
+        _plot_fit(ax, result, fit, velocity, scale)
     for line in lines:
         x, value = _sorted(velocity / scale, line.value(velocity))
         look: dict[str, Any] = {"color": line.color, "linestyle": line.linestyle, "linewidth": 1.4}
@@ -184,6 +193,24 @@ def plot_data(ax: Axes, data: RestitutionData, scale: np.ndarray | float = 1.0) 
     errors: dict[str, Any] = {"yerr": data.uncertainty, "xerr": across}
     look = _marks(style.BLACK, "o")
     ax.errorbar(data.velocity / scale, data.restitution, label="data", **errors, **look)
+
+
+def plot_size(
+    ax: Axes, result: Any, fit: Any, impact: int, color: str, observable: str, logarithmic: bool
+) -> None:
+    """The fitted curve of an observable with the bodies of one impact, its band, and where it yields."""
+    one = of_impact(fit, impact)
+    fine = _fine(one.data, logarithmic, False)
+    band = result.band(fine, fit.name, observable=observable, impact=impact)
+    label = None
+    if distinct_impacts(fit) and one.data.contact is not None:
+        label = f"R = {number(1e3 * float(one.data.contact.radius), 3)} mm"
+    ax.plot(fine, band.coefficient, color=color, label=label, linewidth=1.5)
+    look: dict[str, Any] = {"color": color, "alpha": 0.25, "linewidth": 0}
+    ax.fill_between(fine, band.low, band.high, **look)
+    critical = yield_velocity(one.law)
+    if critical is not None and fine[0] < critical < fine[-1]:
+        ax.axvline(critical, color=color, linestyle=":", linewidth=1)
 
 
 def velocity_label(ratio: bool = False) -> str:

@@ -12,8 +12,10 @@ import numpy as np
 import pandas as pd
 
 from calibration import symbols
+from calibration.fitting.curves import modulus_by_times
 from calibration.fitting.estimate import Estimate
 from calibration.fitting.layout import label_of_law, said_of
+from calibration.observables import OBSERVABLES
 from calibration.parameters import Parameter
 from calibration.report.layout import Block, Item, page, terminal
 from calibration.rounding import ABSENT, interval, number, with_error
@@ -137,6 +139,7 @@ def sections(
         ],
         "quality": [
             *_headed("Goodness of fit", Block("table", quality_table(result))),
+            *_observed(result),
             *_optional("list", quality_words(result) + outlier_lines(result)),
         ],
         "pictures": [Block("picture", pair) for pair in (pictures or {}).items()],
@@ -256,6 +259,39 @@ def quality_table(result: Any) -> pd.DataFrame:
         "converged": ["yes" if fit.converged else "NO" for fit in fits],
     }
     return pd.DataFrame({name: column for name, column in columns.items() if column})
+
+
+def _observed(result: Any) -> list[Block]:
+    """How closely the curves follow what else than ε was measured; nothing where nothing was."""
+    rows = [
+        [
+            fit.name,
+            f"{name.replace('_', ' ')} {OBSERVABLES[name].symbol}",
+            str(next(len(data) for data in fit.data.observed if data.name == name)),
+            number(100 * one.rms, 3),
+            "stated" if one.noise is None else number(100 * one.noise, 3),
+            "" if one.reduced_chi_squared is None else number(one.reduced_chi_squared, 3),
+        ]
+        for fit in result.materials
+        for name, one in fit.observed.items()
+    ]
+    header = ["material", "observable", "points", "rms [%]", "scatter [%]", "χ²/dof"]
+    words = {OBSERVABLES[name].words for fit in result.materials for name in fit.observed}
+    told = [*sorted(words), *modulus_lines(result)]
+    return [Block("table", pd.DataFrame(rows, columns=header)), Block("list", told)] if rows else []
+
+
+def modulus_lines(result: Any) -> list[str]:
+    """To what the contact times of each data set would determine E."""
+    lines = []
+    for fit in result.materials:
+        found = modulus_by_times(fit)
+        if found is not None:
+            lines.append(
+                f"{fit.name}: the contact times would determine E to {100 * found.error:.2g} %, at "
+                f"{100 * found.off:+.2g} % of the stated one; name youngs_modulus free, or give it a prior"
+            )
+    return lines
 
 
 def bodies_table(result: Any) -> pd.DataFrame | None:

@@ -11,6 +11,7 @@ from calibration.report.layout import markdown, page
 
 PICTURES = {
     "curves.png": "Data, fitted curves with their bands, and residuals below",
+    "observables.png": "What else was measured, fitted curves with their bands, and residuals below",
     "profiles.png": "Profile likelihoods: the rise of χ² when one parameter is fixed elsewhere",
     "correlation.png": (
         "Correlations of the fitted parameters: ellipses of equal probability, blue and leaning right "
@@ -52,6 +53,7 @@ def write_report(
         "curves.png": lambda: plots.curves_figure(
             result, plots.lines_of(result, with_paper=of_paper), **more if of_paper else {}
         ),
+        "observables.png": lambda: plots.observables_figure(result),
         "profiles.png": lambda: plots.profiles_figure(result),
         "correlation.png": lambda: plots.correlation_figure(result),
         "posterior.png": lambda: None if draws is None else plots.posterior_figure(draws, result),

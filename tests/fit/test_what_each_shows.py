@@ -53,3 +53,35 @@ def test_two_sizes_tell_a_viscoelastic_law_from_one_without_the_size():
     assert two.ranking[1] == label
     assert -one.entry(label).behind.value < 10
     assert -two.entry(label).behind.value > 1000
+
+
+def test_what_contact_times_say_of_the_modulus_is_told(tmp_path):
+    """E stays as stated: off by 10 % it is warned of; and the pictures draw a curve for each size."""
+    random = np.random.default_rng(1)
+    radius = np.repeat([0.004, 0.012], 12)
+    v = np.tile(np.geomspace(0.2, 2.0, 12), 2)
+    contact = sj.Contact.between_spheres(sj.NYLON, sj.NYLON, radius, radius)
+    hit = sj.restitution(sj.ViscoelasticHertz(contact, 2e-6), v)
+    times = np.asarray(hit.duration) * (1 + 0.02 * random.standard_normal(24))
+    eps = np.asarray(hit.coefficient) + 0.003 * random.standard_normal(24)
+    told = {"contact_time": times, "contact_time_uncertainty": 0.02 * times}
+    for factor, off in ((1.0, False), (1.1, True)):
+        stated = sj.Contact(
+            **{**contact.leaves(), "youngs_modulus": factor * contact.youngs_modulus}
+        )
+        data = cal.RestitutionData(v, eps, stated, 0.003, **told)
+        result = cal.fit(data, "viscoelastic", profiles=False, starts=4)
+        (found,) = [w.cause for w in result.warnings if w.code == "modulus"] or [""]
+        assert bool(found) == off
+    assert "E -9" in found or "E -8" in found
+    assert "which they tell to 1 %" in found  # 2.5 · 2 %/√24
+    assert "observables.png" in result.report(tmp_path)
+    report = (tmp_path / "report.md").read_text(encoding="utf-8")
+    assert "the contact times would determine E to 1 %" in report
+    assert "| contact time t_c | 24 |" in report
+    band = result.band(v[:12], impact=20)
+    pair = sj.Contact.between_spheres(sj.NYLON, sj.NYLON, 0.012, 0.012)
+    one = sj.Contact(**{**pair.leaves(), "youngs_modulus": 1.1 * pair.youngs_modulus})
+    law = sj.ViscoelasticHertz(one, result.values["dissipation_time"])
+    expected = sj.restitution(law, v[:12]).coefficient
+    np.testing.assert_allclose(band.coefficient, expected, rtol=1e-9)
