@@ -22,13 +22,10 @@ Table = Float[np.ndarray, "members points"]
 
 @dataclass(frozen=True, kw_only=True)
 class Alike(Problem):
-    """The longest of some problems, and the points of all; `Lanes.member` tells them apart.
+    """The longest of some problems, and the points of all; `Lanes.member` tells them apart."""
 
-    Attributes:
-        velocity, value, weight: of the points; where a problem has fewer than the longest, its
-            last is repeated without weight.
-    """
-
+    # of the points; where a problem has fewer than the longest, its last is repeated without
+    # weight
     velocity: Table
     value: Table
     weight: Table

@@ -26,22 +26,14 @@ Z = Float[np.ndarray, "fits elements"]
 
 
 class Branches(NamedTuple):
-    """Places between neighbouring jumps of the cost, each array with a leading axis of these.
+    """Places between neighbouring jumps of the cost, each array with a leading axis of these."""
 
-    Attributes:
-        lower, upper: the ends in z of every element.
-        elastic: which points are below yield.
-        z: a start there, and later the place of the lowest cost.
-        cost: half the sum of squares there.
-        limits: of the active elements, see `Found`.
-    """
-
-    lower: Z
+    lower: Z  # the ends in z of every element
     upper: Z
-    elastic: Bool[np.ndarray, "fits points"]
-    z: Z
-    cost: Float[np.ndarray, "fits"]
-    limits: Int[np.ndarray, "fits p"]
+    elastic: Bool[np.ndarray, "fits points"]  # which points are below yield
+    z: Z  # a start there, and later the place of the lowest cost
+    cost: Float[np.ndarray, "fits"]  # half the sum of squares there
+    limits: Int[np.ndarray, "fits p"]  # of the active elements, see `Found`
 
     def some(self, which) -> "Branches":
         return Branches(*(part[which] for part in self))

@@ -34,19 +34,12 @@ ROUTES: dict[str, Any] = {route.name: route for route in (sj.ODE, sj.EnergyBalan
 
 
 class LawShape(NamedTuple):
-    """The structure of a law, hashable: what is compiled for.
+    """The structure of a law, hashable: what is compiled for."""
 
-    Attributes:
-        tree: its structure.
-        names: of its leaves, "contact.radius", "chi".
-        whole: which leaves are whole for all impacts.
-        route: what suits the law.
-    """
-
-    tree: Any
-    names: tuple[str, ...]
-    whole: tuple[bool, ...]
-    route: Route
+    tree: Any  # its structure
+    names: tuple[str, ...]  # of its leaves, "contact.radius", "chi"
+    whole: tuple[bool, ...]  # which leaves are whole for all impacts
+    route: Route  # what suits the law
 
     @classmethod
     def of(cls, law: sj.ContactLaw) -> "LawShape":
@@ -58,17 +51,11 @@ class LawShape(NamedTuple):
 
 
 class Expansion(NamedTuple):
-    """An observable of m impacts around the leaves they have.
+    """An observable of m impacts around the leaves they have."""
 
-    Attributes:
-        value: ε², signed, or another observable in SI, (m,).
-        slopes: along each moving number of the leaves, (a, m).
-        status: `softjax.Status`, (m,).
-    """
-
-    value: Float[np.ndarray, "m"]
-    slopes: Float[np.ndarray, "a m"]
-    status: Int[np.ndarray, "m"]
+    value: Float[np.ndarray, "m"]  # ε², signed, or another observable in SI, (m,)
+    slopes: Float[np.ndarray, "a m"]  # along each moving number of the leaves, (a, m)
+    status: Int[np.ndarray, "m"]  # `softjax.Status`, (m,)
 
 
 def expand(

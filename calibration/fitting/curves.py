@@ -16,7 +16,7 @@ from calibration.fitting.estimate import Band
 from calibration.fitting.further import further_variances
 from calibration.fitting.laws import OF_CONTACT, model_of_class
 from calibration.fitting.material import Goodness, MaterialFit
-from calibration.fitting.problem import Element, Points, Problem
+from calibration.fitting.problem import Element, Points, Problem, block_name
 from calibration.fitting.rows import Rows, SetRows
 from calibration.fitting.transform import Transform
 from calibration.fitting.uncertainty import Freedom, quantile
@@ -102,11 +102,6 @@ def _of_observable(material: MaterialFit, observable: str) -> Goodness:
     return material.observed[observable]
 
 
-def block_name(name: str, observable: str) -> str:
-    """What an observable of a data set is called beside the sets themselves."""
-    return name if observable == RESTITUTION else f"{name}: {observable}"
-
-
 def band_of(
     material: MaterialFit,
     velocity: Any,
@@ -141,7 +136,7 @@ def curve_problem(
     elements = tuple(_element(material, name) for name in free)
     places = {name: k for k, name in enumerate(free)}
     local = {name: (places.get(name, -1), value) for name, value in material.values.items()}
-    rows = Rows.of(model, [SetRows(len(velocity), data.contact, local)], material.trees)
+    rows = Rows.of(model, [SetRows(len(velocity), data.contact, local)])
     theta = np.array([e.start for e in elements])
     every = np.arange(len(free))
     ones, code = np.ones(len(velocity)), np.full(len(velocity), PLACES[observable])
@@ -159,7 +154,7 @@ def curve_problem(
 def _element(material: MaterialFit, name: str) -> Element:
     declared = material.model.declared(name) if "[" not in name else None
     start = material.model.inside({name: material.values[name]})[name]
-    return Element(name, name, (0,), Parameter(), declared, float(start), WIDE)  # type: ignore[arg-type]
+    return Element(name, Parameter(), declared, float(start), WIDE, False, name, (0,))  # type: ignore[arg-type]
 
 
 def of_each_impact(material: MaterialFit) -> set[int]:

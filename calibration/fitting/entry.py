@@ -13,7 +13,6 @@ import numpy as np
 import softjax as sj
 from calibration.console import progress_of
 from calibration.data import RestitutionData
-from calibration.fitting.curves import block_name
 from calibration.fitting.estimate import Estimate
 from calibration.fitting.laws import law_name
 from calibration.fitting.line import fit_line
@@ -110,7 +109,7 @@ def _fitted(request: Request) -> FitResult:
     if stage is not None and not stage.found.converged[0]:
         found_warnings.append(FitWarning("not-converged", f"Eq. (18): {stage.report.reason}"))
     names, covariance, of_predictions = _covariances(fits)
-    condition = max(float(f.uncertainty.condition_number[0]) for f in fits)
+    condition = max(float(f.uncertainty.condition_number) for f in fits)
     found_warnings.sort(key=lambda one: one.code != "plausibility")  # whose numbers are all wrong
     return FitResult(
         request=request,
@@ -119,13 +118,13 @@ def _fitted(request: Request) -> FitResult:
         covariance_names=names,
         covariance=covariance,
         of_predictions=of_predictions,
-        rank=sum(int(f.uncertainty.rank[0]) for f in fits),
+        rank=sum(int(f.uncertainty.rank) for f in fits),
         condition_number=condition if np.isfinite(condition) else None,
         likelihood=likelihood_of(fits, request.options),
         warnings=tuple(dict.fromkeys(found_warnings)),
         optimiser_report=tuple(s.report for s in _stages(fits, stage)),
         profiles={label: curve for own in curves for label, curve in own.items()},
-        freedoms=tuple(_freedom(one) for one in fits),
+        freedoms=tuple(map(_freedom, fits)),
         settings=_settings(request, fits),
         versions=dict(_versions()),
         times=_times(_stages(fits, stage)),
@@ -161,20 +160,17 @@ def _covariances(fits: list[ComponentFit]):
         rows = slice(first, first + len(one.z))
         slope = one.final.problem.transform.slope(one.z)
         both = np.outer(slope, slope)
-        covariance[rows, rows] = one.uncertainty.covariance[0] * both
-        of_predictions[rows, rows] = one.uncertainty.of_predictions[0] * both
-        unknown = ~one.uncertainty.known[0]
+        covariance[rows, rows] = one.uncertainty.covariance * both
+        of_predictions[rows, rows] = one.uncertainty.of_predictions * both
+        unknown = ~one.uncertainty.known
         covariance[rows][unknown], covariance[:, rows][:, unknown] = np.nan, np.nan
         first = rows.stop
     return names, covariance, of_predictions
 
 
 def _freedom(fit: ComponentFit) -> Freedom:
-    labels = tuple(e.label for e in fit.component.elements)
-    sets = [spec.data.name for spec in fit.component.specs]
-    names = tuple(block_name(sets[b.set], b.observable) for b in fit.final.problem.blocks)
     slope = fit.final.problem.transform.slope(fit.z)
-    return Freedom.of(fit.uncertainty.parts, slope, labels, names)
+    return fit.uncertainty.freedom.physical(slope, fit.uncertainty.whole)
 
 
 @cache

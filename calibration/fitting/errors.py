@@ -16,6 +16,9 @@ which is f + ½ f″ u_v² and f′² u_v² + ½ f″² u_v⁴ where f bends lit
     -2 ln p = ln det V + rᵀ V⁻¹ r + n ln 2π                                        normal
     -2 ln p = Σ (ν + 1) ln(1 + r_i²/(ν V_ii)) + ln V_ii - 2 ln c_ν                 Student's t
 
+A further family of noise is another density in `log_density`, drawn from in `simulate`, with the weights
+of its residuals in `Problem` and its information in `variances.criterion`.
+
 Everything here works for NumPy and for jax.numpy (`xp`), and for many fits side by side, whose axis
 leads: variances (fits,), residuals and slopes (fits, n), columns (fits, n, k).
 
@@ -59,44 +62,32 @@ class Carried(NamedTuple):
 
 
 class Factor(NamedTuple):
-    """V = K Kᵀ with K = L (1 + τ² l lᵀ)^½ in each group.
+    """V = K Kᵀ with K = L (1 + τ² l lᵀ)^½ in each group."""
 
-    Attributes:
-        lower: L; deviations where no points share elementary errors, else of launches by their size.
-        level: l = L⁻¹ 1, and `per` its square over each group; None without groups.
-        offset: τ².
-    """
-
+    # L; deviations where no points share elementary errors, else of launches by their size
     lower: Any
-    level: Any = None
+    level: Any = None  # l = L⁻¹ 1, and `per` its square over each group; None without groups
     per: Any = None
-    offset: Any = None
+    offset: Any = None  # τ²
 
 
 @dataclass(frozen=True, eq=False)
 class Errors:
-    """Of one data set.
+    """Of one data set."""
 
-    Attributes:
-        points: how what was measured enters ε and v.
-        group: the group of each point, None where no offset of groups is unknown.
-        unknown: variances that are not stated: "scale" κ, "timing" s_t² [s²], "scatter" s², "group" τ²;
-            "dof", the degrees of freedom of Student's t.
-        dof: ν of Student's t, None for normal errors.
-        degrees: degrees of freedom behind stated uncertainties, None where they are known.
-        velocity, fastest: the measured velocities, and up to where a node may lie [m/s].
-        log_unit: ln of the unit of each value, so that densities are those of values in SI.
-        labels: the group of each point, whether or not they have an offset; None without groups.
-    """
-
-    points: PointErrors
+    points: PointErrors  # how what was measured enters ε and v
+    # the group of each point, None where no offset of groups is unknown
     group: Int[np.ndarray, "n"] | None
+    # variances that are not stated: "scale" κ, "timing" s_t² [s²], "scatter" s², "group" τ²;
+    # "dof", the degrees of freedom of Student's t
     unknown: tuple[str, ...]
-    dof: float | None
+    dof: float | None  # ν of Student's t, None for normal errors
+    # degrees of freedom behind stated uncertainties, None where they are known
     degrees: float | None
-    velocity: np.ndarray
+    velocity: np.ndarray  # the measured velocities, and up to where a node may lie [m/s]
     fastest: Any
-    log_unit: Any = 0.0
+    log_unit: Any = 0.0  # ln of the unit of each value, so that densities are those of values in SI
+    # the group of each point, whether or not they have an offset; None without groups
     labels: Int[np.ndarray, "n"] | None = None
 
     @classmethod

@@ -6,7 +6,7 @@ The models below, with the records that they hold, are the layout of the file:
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -23,12 +23,11 @@ from calibration.data.text_file import MIB, read_text
 from calibration.errors import DataError, InputError, shown
 from calibration.fitting.collisions import ROUTES
 from calibration.fitting.estimate import Estimate
-from calibration.fitting.laws import LAWS, law_name
+from calibration.fitting.laws import LAWS, Tree, law_name
 from calibration.fitting.layout import law_model, said_of
 from calibration.fitting.material import Goodness, MaterialFit, Outlier
 from calibration.fitting.profiles import Profile
 from calibration.fitting.request import Request, checked
-from calibration.fitting.rows import Tree
 from calibration.fitting.stages import Likelihood, Stage
 from calibration.fitting.uncertainty import Freedom
 from calibration.fitting.unloading_line import Line
@@ -172,13 +171,13 @@ class FitRecord(Strict):
     def fit(self, data: RestitutionData, law: Any) -> MaterialFit:
         values = {name: _array(value) for name, value in self.values.items()}
         known_from, known_to = self.known
+        model = law_model(data, _law(self.law, law), self.options, values)
         found = _made(
             MaterialFit,
             self,
             data=data,
-            model=law_model(data, _law(self.law, law), self.options, values),
+            model=replace(model, trees=_trees(values, law)),
             values=values,
-            trees=_trees(values, law),
             known_from=known_from,
             known_to=math.inf if known_to is None else known_to,
         )

@@ -15,10 +15,11 @@ that Eq. (17) gives ε_up at v_cr."""
 
 import dataclasses
 import inspect
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -33,31 +34,98 @@ OF_CONTACT = "contact."
 MOVE_YIELD = ("yield_strength", "youngs_modulus", "radius", "mass")  # what v_cr depends on
 
 
+class Tree(NamedTuple):
+    """How the numbers of a whole parameter make up its pytree; hashable."""
+
+    name: str  # of the parameter
+    structure: Any  # of its pytree
+    # the shape of each leaf of numbers; what is none, an activation function, itself
+    leaves: tuple[Any, ...]
+
+    @classmethod
+    def of(cls, name: str, value: Any) -> "Tree":
+        leaves, structure = jax.tree.flatten(value)
+        told = (np.shape(leaf) if eqx.is_array_like(leaf) else leaf for leaf in leaves)
+        return cls(name, structure, tuple(told))
+
+    @property
+    def size(self) -> int:
+        shapes = (leaf for leaf in self.leaves if isinstance(leaf, tuple))
+        return sum(int(np.prod(shape, dtype=int)) for shape in shapes)
+
+    @property
+    def entries(self) -> list[str]:
+        return [f"{self.name}[{k}]" for k in range(self.size)]
+
+    def assembled(self, numbers: Sequence[Any]) -> Any:
+        """The pytree of its numbers in a row."""
+        leaves, first = [], 0
+        for leaf in self.leaves:
+            if isinstance(leaf, tuple):
+                size = int(np.prod(leaf, dtype=int))
+                leaf, first = _block(numbers[first : first + size], leaf), first + size
+            leaves.append(leaf)
+        return jax.tree.unflatten(self.structure, leaves)
+
+
+def _block(numbers: Sequence[Any], shape: tuple[int, ...]) -> jax.Array:
+    return jnp.stack(list(numbers)).reshape(shape)
+
+
+def numbers_in(value: Any) -> np.ndarray:
+    """All numbers of a pytree in a row."""
+    leaves = filter(eqx.is_array_like, jax.tree.leaves(value))
+    return np.concatenate([np.ravel(np.asarray(leaf, float)) for leaf in leaves])
+
+
+def with_trees(numbers: Mapping[str, Any], trees: Sequence[Tree]) -> dict[str, Any]:
+    """Parameters by name, those that are whole put together."""
+    values = dict(numbers)
+    for tree in trees:
+        values[tree.name] = tree.assembled([values.pop(entry) for entry in tree.entries])
+    return values
+
+
+def built(
+    build: Callable[..., sj.ContactLaw],
+    takes_contact: bool,
+    trees: Sequence[Tree],
+    contact: sj.Contact | None,
+    values: Mapping[str, Any],
+) -> sj.ContactLaw:
+    """From parameters to a law: the one way there is, for fits, results and traced likelihoods.
+
+    Parameters of the contact ("contact.radius") are among them, and each number of a whole one.
+    """
+    others = with_trees(values, trees)
+    moved = {name: others.pop(name) for name in list(others) if name.startswith(OF_CONTACT)}
+    if not takes_contact:
+        return build(**others)
+    if moved and contact is not None:
+        leaves = {name.removeprefix(OF_CONTACT): value for name, value in moved.items()}
+        contact = dataclasses.replace(contact, **leaves)
+    return build(contact, **others)
+
+
 @dataclass(frozen=True)
 class LawModel:
-    """A law as a fit sees it.
+    """A law as a fit sees it."""
 
-    Attributes:
-        key: its name in files: that of `LAWS`, else the class's or function's own.
-        build: build(contact, **parameters), or build(**parameters) where it takes no contact;
-            equal for equal models, so that what is compiled with it is compiled once.
-        law_type: the class of what it builds.
-        parameters: what is known of each parameter, by name.
-        defaults: of fields or arguments that have one.
-        options: its options in words, with their values.
-        whole: parameters that are arrays or pytrees, whole for all impacts.
-        takes_contact, direct: whether it needs a contact; whether a parameter is the field itself.
-    """
-
-    key: str
+    key: str  # its name in files: that of `LAWS`, else the class's or function's own
+    # build(contact, **parameters), or build(**parameters) where it takes no contact; equal for
+    # equal models, so that what is compiled with it is compiled once
     build: Callable[..., sj.ContactLaw]
-    law_type: type
-    parameters: Mapping[str, Declared]
+    law_type: type  # the class of what it builds
+    parameters: Mapping[str, Declared]  # what is known of each parameter, by name
+    # of fields or arguments that have one
     defaults: Mapping[str, Any] = field(default_factory=dict)
+    # its options in words, with their values
     options: Mapping[str, str] = field(default_factory=dict)
-    whole: tuple[str, ...] = ()
+    whole: tuple[str, ...] = ()  # parameters that are arrays or pytrees, whole for all impacts
+    # whether it needs a contact; whether a parameter is the field itself
     takes_contact: bool = True
     direct: bool = True
+    trees: tuple[Tree, ...] = ()  # how the numbers of whole parameters make up pytrees
 
     @property
     def needs_contact(self) -> bool:
@@ -65,15 +133,8 @@ class LawModel:
         return self.takes_contact and not issubclass(self.law_type, sj.HardSphereLaw)
 
     def law(self, contact: sj.Contact | None, values: Mapping[str, Any]) -> sj.ContactLaw:
-        """The law with these parameters, those of the contact ("contact.radius") among them."""
-        of_contact = {k: v for k, v in values.items() if k.startswith(OF_CONTACT)}
-        others = {k: v for k, v in values.items() if k not in of_contact}
-        if not self.takes_contact:
-            return self.build(**others)
-        if of_contact and contact is not None:
-            leaves = {k.removeprefix(OF_CONTACT): v for k, v in of_contact.items()}
-            contact = dataclasses.replace(contact, **leaves)
-        return self.build(contact, **others)
+        """The law with these parameters, of NumPy or of JAX; see `built`."""
+        return built(self.build, self.takes_contact, self.trees, contact, values)
 
     def inside(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """The same numbers; for an end that its range leaves out, where a fit may end, the number beside it."""
@@ -211,22 +272,16 @@ def _nothing(_: RestitutionData) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Known:
-    """What is known of a built-in law.
+    """What is known of a built-in law."""
 
-    Attributes:
-        law, label: its class, and its name in tables and pictures.
-        guess: where a search starts, from the data.
-        held: what ε does not tell, with the value it is held at.
-        ranges: ends of a parameter's range that depend on the data.
-        remark: what a reader of a comparison should know.
-    """
-
-    law: type
+    law: type  # its class, and its name in tables and pictures
     label: str
-    guess: Callable[[RestitutionData], Numbers] = _nothing
+    guess: Callable[[RestitutionData], Numbers] = _nothing  # where a search starts, from the data
+    # what ε does not tell, with the value it is held at
     held: Callable[[RestitutionData], Numbers] = _nothing
+    # ends of a parameter's range that depend on the data
     ranges: Callable[[RestitutionData], Ranges] = _nothing
-    remark: str = ""
+    remark: str = ""  # what a reader of a comparison should know
 
 
 def _measured(data: RestitutionData) -> tuple[np.ndarray, np.ndarray]:

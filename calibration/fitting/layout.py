@@ -6,7 +6,7 @@ and one problem a stage, which searches some of them."""
 
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -30,13 +30,15 @@ from calibration.fitting.laws import (
     WITHOUT_CONTACT,
     Known,
     LawModel,
+    Tree,
     model_of_class,
     model_of_function,
+    numbers_in,
     several_yields,
     zhou_model,
 )
 from calibration.fitting.problem import DRAG, Element, Points, Problem, pools_of
-from calibration.fitting.rows import Rows, SetRows, Tree, numbers_in
+from calibration.fitting.rows import Rows, SetRows
 from calibration.fitting.transform import Transform
 from calibration.observables import PLACES, RESTITUTION
 from calibration.options import OBJECTIVES
@@ -50,63 +52,24 @@ Specs = Mapping[str, Any] | Sequence[Any] | None
 
 
 @dataclass(frozen=True)
-class Local:
-    """One parameter of one data set's law.
-
-    Attributes:
-        name: in full, an entry of a whole parameter as "weights[3]".
-        parameter, declared: what was said of it, and what its law says.
-        start: where it starts, or what it is held at; one number, or one an impact.
-        range: (lowest, highest).
-        stands_in: whether it is held at a number that nobody asked for and that acts nowhere in the
-            data: ψ where ε_up is fitted in its place.
-    """
-
-    name: str
-    parameter: Parameter
-    declared: Declared
-    start: Any
-    range: tuple[float, float]
-    stands_in: bool = False
-
-    @property
-    def group(self) -> str | None:
-        """The group of data sets that it is shared in: "" for all of them, None for none."""
-        shared = self.parameter.shared
-        if self.parameter.pooled:
-            return None
-        return ("" if shared else None) if isinstance(shared, bool) else shared
-
-
-@dataclass(frozen=True)
 class SetSpec:
-    """What is asked of one data set.
+    """What is asked of one data set."""
 
-    Attributes:
-        data, objective: the measurements, "model" or "two-step".
-        model: its law.
-        local: the law's parameters, free and held.
-        trees: how the numbers of whole parameters make up pytrees.
-        extra_scatter, scale_uncertainty: as `fit` takes them.
-        dof: degrees of freedom of Student's t, or "estimate"; None for normal errors.
-    """
-
-    data: RestitutionData
+    data: RestitutionData  # the measurements, "model" or "two-step"
     objective: str
-    model: LawModel
-    local: tuple[Local, ...]
-    trees: tuple[Tree, ...] = ()
-    extra_scatter: bool = False
+    model: LawModel  # its law
+    local: tuple[Element, ...]  # the law's parameters, free and held
+    extra_scatter: bool = False  # as `fit` takes them
     scale_uncertainty: bool = False
+    # degrees of freedom of Student's t, or "estimate"; None for normal errors
     dof: float | str | None = None
 
     @cached_property
     def errors(self) -> tuple[Errors, ...]:
         """The errors of each observable's points: what is stated of them, and what is to be found."""
         data, asked = self.data, (self.extra_scatter, self.scale_uncertainty, self.dof)
-        others = sorted(data.observed, key=lambda one: PLACES[one.name])
-        every = [None, *others] if np.any(np.isfinite(data.restitution)) else others
-        return tuple(Errors.of(data, *asked, one) for one in every)
+        observed = {one.name: one for one in data.observed}
+        return tuple(Errors.of(data, *asked, observed.get(name)) for name, *_ in blocks_of(data))
 
     @property
     def is_in_air(self) -> bool:
@@ -274,7 +237,7 @@ def _located(data, objective: str, model: LawModel, given: dict[str, Parameter])
     guess = dict(known.guess(data)) if known and _guessable(known, data) else {}
     held = dict(known.held(data)) if known and _guessable(known, data) else {}
     ranges = dict(known.ranges(data)) if known and _guessable(known, data) else {}
-    local: list[Local] = []
+    local: list[Element] = []
     trees: list[Tree] = []
     for name in model.whole:
         if name not in given and name not in model.defaults:
@@ -290,7 +253,7 @@ def _located(data, objective: str, model: LawModel, given: dict[str, Parameter])
         one = _local(data, model, name, parameter, guess | held, ranges)
         by_eps_up = name == "psi" and "eps_up" in model.parameters
         local.append(replace(one, stands_in=by_eps_up and name not in given))
-    return SetSpec(data, objective, model, tuple(local), tuple(trees))
+    return SetSpec(data, objective, replace(model, trees=tuple(trees)), tuple(local))
 
 
 def _guessable(known: Known, data: RestitutionData) -> bool:
@@ -304,7 +267,7 @@ def _unsaid(name: str, held, model: LawModel) -> Parameter:
     return Parameter(shared=name in LINE)
 
 
-def _local(data, model: LawModel, name: str, parameter: Parameter, guess, ranges) -> Local:
+def _local(data, model: LawModel, name: str, parameter: Parameter, guess, ranges) -> Element:
     declared = model.declared(name)
     try:
         low, high = parameter.range_within(declared)
@@ -316,7 +279,7 @@ def _local(data, model: LawModel, name: str, parameter: Parameter, guess, ranges
     start = _start(data, model, name, parameter, guess, (low, high))
     if name in LINE and not parameter.shared and parameter.free:
         parameter = replace(parameter, shared=True)  # Eq. (18)'s line belongs to all materials
-    return Local(name, parameter, declared, start, (low, high))
+    return Element(name, parameter, declared, start, (low, high))
 
 
 def _placed(parameter: Parameter, name: str, error: DataError) -> Exception:
@@ -350,7 +313,7 @@ def _inside(value: float | None, ends: tuple[float, float]) -> float:
     return high - max(abs(high), 1.0) if np.isfinite(high) else 1.0
 
 
-def _whole(name: str, parameter: Parameter) -> tuple[list[Local], Tree]:
+def _whole(name: str, parameter: Parameter) -> tuple[list[Element], Tree]:
     """The numbers of a whole parameter, each a parameter of its own."""
     if parameter.value is None:
         told = DataError("value", "missing", "an array or a pytree of them, where a search starts")
@@ -359,7 +322,7 @@ def _whole(name: str, parameter: Parameter) -> tuple[list[Local], Tree]:
     one = Parameter(free=parameter.free, shared=parameter.shared)
     wide = (-np.inf, np.inf)
     pairs = zip(tree.entries, numbers, strict=True)
-    return [Local(entry, one, Declared(entry), float(x), wide) for entry, x in pairs], tree
+    return [Element(entry, one, Declared(entry), float(x), wide) for entry, x in pairs], tree
 
 
 def said_of(parameters: Specs, datasets) -> list[dict[str, Any]]:
@@ -403,19 +366,12 @@ EMPIRICAL = ("sigma", "psi", LIMIT)  # searched by Eq. (17)'s stage
 
 @dataclass(frozen=True)
 class Component:
-    """Data sets that share parameters, and the stages of their fit.
+    """Data sets that share parameters, and the stages of their fit."""
 
-    Attributes:
-        sets: which of the fit's data sets these are.
-        specs: what is asked of each.
-        elements: the free parameters.
-        stages: names and problems, in their order.
-    """
-
-    sets: tuple[int, ...]
+    sets: tuple[int, ...]  # which of the fit's data sets these are, and what is asked of each
     specs: tuple[SetSpec, ...]
-    elements: tuple[Element, ...]
-    stages: tuple[tuple[str, Problem], ...]
+    elements: tuple[Element, ...]  # the free parameters
+    stages: tuple[tuple[str, Problem], ...] = ()  # names and problems, in their order
 
     @property
     def start(self) -> np.ndarray:
@@ -428,21 +384,8 @@ class Component:
         return {e.name: k for k, e in enumerate(self.elements) if g in e.sets}
 
 
-@dataclass
-class _Drafted:
-    """An element while its data sets are being gathered."""
-
-    local: Local
-    group: str | None
-    sets: list[int] = field(default_factory=list)
-
-
-def assemble(specs: Sequence[SetSpec], route: Route, bound: Sequence[str] = ()) -> list[Component]:
+def assemble(specs: Sequence[SetSpec], route: Route) -> list[Component]:
     """The components of a fit.
-
-    Args:
-        bound: parameters along which slopes are computed though the law's stage does not search
-            them: what is compiled for another fit then serves this one.
 
     Raises:
         ValueError: naming what does not fit together and what is accepted.
@@ -450,88 +393,78 @@ def assemble(specs: Sequence[SetSpec], route: Route, bound: Sequence[str] = ()) 
     names = [spec.data.name for spec in specs]
     if len(set(names)) < len(names):
         raise DataError("data", names, "sets of different names")
-    drafted = _gathered(specs)
-    _check_pooled(specs, drafted)
-    _check_groups(names, drafted)
+    elements = _elements(specs)
+    _check_shared(specs, elements)
     return [
-        _component(
-            sets, [specs[g] for g in sets], _of_sets(drafted, sets), len(specs), route, bound
-        )
-        for sets in _together(len(specs), drafted)
+        _component(sets, specs, [e for e in elements if e.sets[0] in sets], route)
+        for sets in _together(len(specs), elements)
     ]
 
 
-def _gathered(specs) -> list[_Drafted]:
+def _elements(specs: Sequence[SetSpec]) -> list[Element]:
     """The free parameters of all data sets, those that are shared only once."""
-    found: dict[tuple[str, str], _Drafted] = {}
+    found: dict[tuple[str, str], Element] = {}
     for g, spec in enumerate(specs):
-        for local in spec.local:
-            if local.parameter.free:
-                where = f"set {g}" if local.group is None else f"group {local.group}"
-                one = found.setdefault((local.name, where), _Drafted(local, local.group))
-                one.sets.append(g)
+        for one in spec.local:
+            if not one.parameter.free:
+                continue
+            where = f"set {g}" if one.group is None else f"group {one.group}"
+            owner = spec.data.name if one.group is None else one.group
+            label = f"{one.name}[{owner}]" if len(specs) > 1 and owner else one.name
+            first = found.get((one.name, where), replace(one, label=label))
+            found[one.name, where] = replace(first, sets=(*first.sets, g))
     return list(found.values())
 
 
-def _check_pooled(specs, drafted: Iterable[_Drafted]) -> None:
-    for name, sets in _pooled(drafted).items():
+def _check_shared(specs: Sequence[SetSpec], elements: Sequence[Element]) -> None:
+    """Pools are of several sets by `model`; no group is named like a data set outside it.
+
+    Results call "chi[name]" what either has.
+    """
+    for name, sets in _pooled(elements).items():
         if len(sets) < 2:
             raise DataError(f"shared of {name}", "pooled", "left out for one data set alone")
         if any(specs[g].objective != "model" for g in sets):
             raise DataError(f"shared of {name}", "pooled", 'left out, or objective="model"')
-
-
-def _check_groups(names: list[str], drafted: Iterable[_Drafted]) -> None:
-    """No group has the name of a data set outside it: results call "chi[name]" what either has."""
-    for one in drafted:
+    names = [spec.data.name for spec in specs]
+    for one in elements:
         if one.group in names and names.index(one.group) not in one.sets:
             accepted = "the name of a group that no data set outside the group has"
-            refused = DataError(f"shared of {one.local.name}", one.group, accepted)
-            origin = one.local.parameter.origin
-            raise refused if origin is None else origin.error(refused)
+            raise _placed(one.parameter, one.name, DataError("shared", one.group, accepted))
 
 
-def _pooled(drafted: Iterable[_Drafted]) -> dict[str, list[int]]:
+def _pooled(elements: Iterable[Element]) -> dict[str, list[int]]:
     """The data sets of each parameter that is pooled."""
     found: dict[str, list[int]] = {}
-    for one in drafted:
-        if one.local.parameter.pooled:
-            found.setdefault(one.local.name, []).extend(one.sets)
+    for one in elements:
+        if one.parameter.pooled:
+            found.setdefault(one.name, []).extend(one.sets)
     return found
 
 
-def _together(count: int, drafted: Sequence[_Drafted]) -> list[tuple[int, ...]]:
+def _together(count: int, elements: Sequence[Element]) -> list[tuple[int, ...]]:
     """Data sets that share or pool a parameter, directly or through others, in their order."""
     group = list(range(count))
-    for sets in [*(one.sets for one in drafted), *_pooled(drafted).values()]:
+    for sets in [*(one.sets for one in elements), *_pooled(elements).values()]:
         joined = {group[g] for g in sets}
-        lowest = min(joined)
-        group = [lowest if own in joined else own for own in group]
+        group = [min(joined) if own in joined else own for own in group]
     return [tuple(g for g in range(count) if group[g] == first) for first in sorted(set(group))]
 
 
-def _of_sets(drafted: Iterable[_Drafted], sets) -> list[_Drafted]:
-    return [one for one in drafted if one.sets[0] in sets]
-
-
-def _component(sets, specs, drafted, many: int, route: Route, bound) -> Component:
-    specs = _of_one_kind(specs)
-    kinds = {(spec.model.key, spec.objective) for spec in specs}
-    if len(kinds) > 1:
-        told = ", ".join(f"{spec.data.name}: {spec.model.key}" for spec in specs)
+def _component(sets, specs, elements, route: Route) -> Component:
+    own = _of_one_kind([specs[g] for g in sets])
+    if len({(spec.model.key, spec.objective) for spec in own}) > 1:
+        told = ", ".join(f"{spec.data.name}: {spec.model.key}" for spec in own)
         raise DataError("parameters", f"shared between {told}", "shared within one law")
-    elements = tuple(_element(one, specs, sets, many) for one in drafted)
-    flights = tuple(g for g, spec in zip(sets, specs, strict=True) if spec.is_in_air)
+    flights = tuple(g for g, spec in zip(sets, own, strict=True) if spec.is_in_air)
     if flights:
-        name = specs[sets.index(flights[0])].data.name
-        label = f"{DRAG}[{name}]" if many > len(sets) else DRAG
+        label = f"{DRAG}[{specs[flights[0]].data.name}]" if len(specs) > len(sets) else DRAG
         known = Parameter(0.0, prior=(0.0, UNCERTAIN), transform="none")
-        ends = (-np.inf, np.inf)
-        elements += (Element(label, DRAG, flights, known, Declared(DRAG), 0.0, ends),)
-    component = Component(tuple(sets), tuple(specs), elements, ())
+        ends, declared = (-np.inf, np.inf), Declared(DRAG)
+        elements = [*elements, Element(DRAG, known, declared, 0.0, ends, False, label, flights)]
+    component = Component(tuple(sets), tuple(own), tuple(elements))
     _check_counts(component)
-    stages = _stages(component, route, bound)
-    return Component(tuple(sets), tuple(specs), elements, tuple(stages))
+    return replace(component, stages=tuple(_stages(component, route)))
 
 
 def _of_one_kind(specs: Sequence[SetSpec]) -> Sequence[SetSpec]:
@@ -540,74 +473,48 @@ def _of_one_kind(specs: Sequence[SetSpec]) -> Sequence[SetSpec]:
     if len(set(names)) == 1 or {spec.model.key for spec in specs} != {"zhou"}:
         return specs
     model = zhou_model({"sigma", *(name for own in names for name in own)}, specs[0].model.options)
-    dummies = {"sigma": 0.0, "eps_up": NOT_GIVEN}
+    dummies, wide = {"sigma": 0.0, "eps_up": NOT_GIVEN}, (-np.inf, np.inf)
     unified = []
     for spec in specs:
-        local = {one.name: one for one in spec.local}
-        missing = [name for name in model.parameters if name not in local]
-        held = Parameter(free=False)
-        more = [
-            Local(name, held, model.declared(name), dummies[name], (-np.inf, np.inf), True)
-            for name in missing
-            if name in dummies
-        ]
-        every = {**local, **{one.name: one for one in more}}
+        every = {one.name: one for one in spec.local}
+        for name in dummies.keys() & set(model.parameters) - set(every):
+            fixed, declared = Parameter(free=False), model.declared(name)
+            every[name] = Element(name, fixed, declared, dummies[name], wide, True)
         order = [*model.parameters, *(name for name in every if name not in model.parameters)]
-        told = tuple(every[name] for name in order)
-        unified.append(replace(spec, model=model, local=told))
+        unified.append(replace(spec, model=model, local=tuple(every[name] for name in order)))
     return unified
 
 
-def _element(one: _Drafted, specs, sets, many: int) -> Element:
-    local = one.local
-    name, _, entry = local.name.partition("[")
-    entry = f"[{entry}" if entry else ""
-    owner = specs[sets.index(one.sets[0])].data.name if one.group is None else one.group
-    label = f"{name}{entry}[{owner}]" if many > 1 and owner else f"{name}{entry}"
-    return Element(
-        label,
-        local.name,
-        tuple(one.sets),
-        local.parameter,
-        local.declared,
-        float(local.start),
-        local.range,
-    )
-
-
 def _check_counts(component: Component) -> None:
-    """More points than free parameters in every data set (a prior counts as a point)."""
-    whole = {tree.name for spec in component.specs for tree in spec.trees}
+    """More values than free parameters in every data set; not of those that more than these tell.
+
+    A prior does, the other sets of a pool, and of a network its predictions.
+    """
+    whole = {tree.name for spec in component.specs for tree in spec.model.trees}
     for g, spec in zip(component.sets, component.specs, strict=True):
-        own = [e for e in component.elements if e.sets == (g,) and not _is_told(e)]
-        # a network may have as many weights as it likes: it is told by its predictions
-        own = [e for e in own if e.name.partition("[")[0] not in whole]
-        count = len(spec.data.restitution) + sum(map(len, spec.data.observed))
-        count -= int(np.sum(np.isnan(spec.data.restitution)))
+        own = [
+            e.name
+            for e in component.elements
+            if e.sets == (g,) and e.parameter.prior is None and not e.parameter.pooled
+            if e.name.partition("[")[0] not in whole
+        ]
+        count = sum(len(rows) for _, rows, *_ in blocks_of(spec.data))
         if count <= len(own):
-            names = ", ".join(e.name for e in own)
-            problem = f"{count} points for {len(own)} free parameters ({names})"
+            problem = f"{count} points for {len(own)} free parameters ({', '.join(own)})"
             raise spec.data.refusal(problem, "more points than free parameters")
 
 
-def _is_told(element: Element) -> bool:
-    """By more than the points: a prior, or the other data sets of a pool."""
-    return element.parameter.prior is not None or element.parameter.pooled
-
-
-def _stages(component: Component, route: Route, bound: Sequence[str]):
+def _stages(component: Component, route: Route):
     """One stage by `model`; by `two-step` Eq. (17)'s, then the law's with what that gave."""
-    names = [e.name for e in component.elements]
-    every = range(len(names))
+    every = range(len(component.elements))
     if component.specs[0].objective == "model":
         yield "model", _problem(component, _law_rows(component), list(every), route)
         return
-    first = [k for k in every if names[k] in EMPIRICAL]
+    first = [k for k in every if component.elements[k].name in EMPIRICAL]
     yield "Eq. (17)", _problem(component, _empirical_rows(component), first, None)
     rest = [k for k in every if k not in first]
     # by the energy balance more slopes cost next to nothing: then curve and band share the program
-    cheap = not isinstance(route, sj.ODE)
-    more = [k for k in every if names[k] in bound or cheap]
+    more = [] if isinstance(route, sj.ODE) else every
     yield "model", _problem(component, _law_rows(component), rest, route, more)
 
 
@@ -618,13 +525,12 @@ def _problem(
     transform = Transform.of([e.range for e in elements], [e.parameter.transform for e in elements])
     data = [spec.data for spec in component.specs]
     points, impact = points_of(data)
-    rows = replace(rows, row=rows.row[impact])
     theta = np.array([e.start for e in elements])
     problem = Problem(
         tuple(data),
         elements,
         transform,
-        rows.bind(theta, [*active, *more]),
+        replace(rows, row=rows.row[impact]).bind(theta, [*active, *more]),
         points,
         np.array(active, int),
         route,
@@ -632,17 +538,14 @@ def _problem(
         joint=component.specs[0].objective == "model",
         pools=pools_of(elements),
     )
-    if not _asks_to_be_held(rows.model, [elements[k] for k in active]):
+    # where ε jumps at yield, and the search moves yield, points are held on their branches
+    jumps = getattr(rows.model.law_type, "jumps_at_yield", False)
+    if not jumps or not any(
+        elements[k].name.removeprefix(OF_CONTACT) in MOVE_YIELD for k in active
+    ):
         return problem
-    z = transform.unconstrained(theta)
     holding = replace(problem, elastic=np.zeros(len(points.velocity), bool))
-    return held_at(holding, z)
-
-
-def _asks_to_be_held(model: LawModel, elements) -> bool:
-    """Whether ε jumps at yield, and the search moves yield."""
-    jumps = getattr(model.law_type, "jumps_at_yield", False)
-    return jumps and any(e.name.removeprefix(OF_CONTACT) in MOVE_YIELD for e in elements)
+    return held_at(holding, transform.unconstrained(theta))
 
 
 def points_of(data: Sequence[RestitutionData]) -> tuple[Points, np.ndarray]:
@@ -650,10 +553,9 @@ def points_of(data: Sequence[RestitutionData]) -> tuple[Points, np.ndarray]:
     parts, impacts, first = [], [], 0
     for g, one in enumerate(data):
         for name, rows, value, unit in blocks_of(one):
-            count = len(rows)
-            code = np.full(count, PLACES[name])
-            by_drag = by_drag_of(one)[rows] if name == RESTITUTION else np.zeros(count)
-            ones, sets = np.ones(count), np.full(count, g)
+            ones, code = np.ones(len(rows)), np.full(len(rows), PLACES[name])
+            by_drag = by_drag_of(one)[rows] if name == RESTITUTION else 0 * ones
+            sets = np.full(len(rows), g)
             parts.append((one.velocity[rows], value, ones, sets, code, unit, by_drag))
             impacts.append(first + rows)
         first += len(one)
@@ -686,18 +588,15 @@ def blocks_of(data: RestitutionData):
 
 
 def _law_rows(component: Component) -> Rows:
+    """Of each data set's law; what is said for others alone has the value of this one's contact."""
     first = component.specs[0]
-    names = dict.fromkeys(local.name for spec in component.specs for local in spec.local)
+    names = dict.fromkeys(one.name for spec in component.specs for one in spec.local)
     every = []
     for spec in component.specs:
-        start = {local.name: local.start for local in spec.local}
-        every.append({n: (n, start[n] if n in start else _of_bodies(spec, n)) for n in names})
-    return _rows(component, first.model, every, first.trees)
-
-
-def _of_bodies(spec: SetSpec, name: str) -> object:
-    """What something is said of for other data sets alone: the value that this one's contact has."""
-    return getattr(spec.data.contact, name.removeprefix(OF_CONTACT))
+        start = {one.name: one.start for one in spec.local}
+        bodies = {n: getattr(spec.data.contact, n.removeprefix(OF_CONTACT), None) for n in names}
+        every.append({n: (n, start.get(n, bodies[n])) for n in names})
+    return _rows(component, first.model, every)
 
 
 def _empirical_rows(component: Component) -> Rows:
@@ -706,23 +605,21 @@ def _empirical_rows(component: Component) -> Rows:
     every = []
     for spec in component.specs:
         told = {"limit_velocity": (LIMIT, spec.data.limit_velocity)}
-        told |= {
-            local.name.removeprefix(OF_CONTACT): (local.name, local.start)
-            for local in spec.local
-            if local.name in EMPIRICAL
-        }
+        for one in spec.local:
+            if one.name in EMPIRICAL:
+                told[one.name.removeprefix(OF_CONTACT)] = (one.name, one.start)
         every.append(told)
     return _rows(component, model, every)
 
 
-def _rows(component: Component, model: LawModel, every, trees: tuple[Tree, ...] = ()) -> Rows:
+def _rows(component: Component, model: LawModel, every) -> Rows:
     """Of one law for all data sets, from the element's name and the value of each parameter."""
     sets = []
     for g, spec, told in zip(component.sets, component.specs, every, strict=True):
         places = component.places(g)
         local = {name: (places.get(full, -1), value) for name, (full, value) in told.items()}
         sets.append(SetRows(len(spec.data), spec.data.contact, local))
-    return Rows.of(model, sets, trees)
+    return Rows.of(model, sets)
 
 
 def label_of_law(model: LawModel) -> str:

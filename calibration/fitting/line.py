@@ -40,7 +40,7 @@ def fit_line(request: Request, fits: list[ComponentFit]) -> tuple[Line, StageFit
     line = Line(c1, c2, _rms(joint, joint.z), chi, through, bool(joint.final.found.converged[0]))
     places = [names.index(name) for name in LINE]
     slope = joint.final.problem.transform.slope(joint.z)[places]
-    covariance = joint.uncertainty.covariance[0][np.ix_(places, places)] * np.outer(slope, slope)
+    covariance = joint.uncertainty.covariance[np.ix_(places, places)] * np.outer(slope, slope)
     return _with_materials(line, own, covariance, request), joint.final
 
 
@@ -120,7 +120,7 @@ def _through_chi(own, confidence: float) -> tuple[dict[str, Estimate], np.ndarra
     design = np.stack([np.ones_like(ratio), ratio], axis=1)
     normal = np.linalg.pinv(design.T @ (design * weight[:, None]))
     c = normal @ (design.T @ (weight * chi))
-    degrees = min(float(fit.uncertainty.degrees[0, k]) for fit, _, k in own)
+    degrees = min(float(fit.uncertainty.degrees[k]) for fit, _, k in own)
     reach = quantile(confidence, degrees)
     table = {}
     for i, name in enumerate(LINE):
@@ -134,7 +134,7 @@ def _through_chi(own, confidence: float) -> tuple[dict[str, Estimate], np.ndarra
 def _variance(fit: ComponentFit, k: int) -> float:
     """Of an element in physical units."""
     slope = fit.final.problem.transform.slope(fit.z)[k]
-    return float(fit.uncertainty.covariance[0, k, k] * slope**2)
+    return float(fit.uncertainty.covariance[k, k] * slope**2)
 
 
 def _ratio(spec: SetSpec) -> float:

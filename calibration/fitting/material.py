@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import jax
@@ -10,8 +11,7 @@ import numpy as np
 import softjax as sj
 from calibration.data import RestitutionData
 from calibration.fitting.estimate import Estimate
-from calibration.fitting.laws import LawModel
-from calibration.fitting.rows import Tree, with_trees
+from calibration.fitting.laws import LawModel, Tree
 from calibration.fitting.warnings import FitWarning
 from calibration.observables import OBSERVABLES, RESTITUTION
 
@@ -99,7 +99,6 @@ class MaterialFit:
             bodies that differ from impact to impact the highest v_cr (`law.contact` has each), no ε_up.
         values: all parameters that make the law, physical, the numbers of whole ones too.
         labels: what the covariance calls those that were free.
-        trees: how the numbers of whole parameters make up pytrees.
         rms, rms_empirical: of the fitted curve, and of Eq. (17) (None for other laws than Zhou's).
         empirical: limit_velocity, sigma and psi of Eq. (17) against all points; None as well.
         reduced_chi_squared: with the stated uncertainties; None without.
@@ -120,7 +119,6 @@ class MaterialFit:
     derived: dict[str, Estimate]
     values: Mapping[str, Any]
     labels: Mapping[str, str]
-    trees: tuple[Tree, ...]
     rms: float
     rms_empirical: float | None
     empirical: Mapping[str, float] | None
@@ -142,6 +140,11 @@ class MaterialFit:
     @property
     def name(self) -> str:
         return self.data.name
+
+    @property
+    def trees(self) -> tuple[Tree, ...]:
+        """How the numbers of whole parameters make up pytrees."""
+        return self.model.trees
 
     @property
     def n(self) -> int:
@@ -173,16 +176,15 @@ class MaterialFit:
         left = self.residual_degrees
         return float(special.chdtrc(left, left * self.reduced_chi_squared))
 
-    @property
+    @cached_property
     def law(self) -> sj.ContactLaw:
         """The fitted law.
 
         Where ε_up was fitted in place of σ and ψ, ψ is a guess from the data and σ such that
         Eq. (17) gives ε_up at v_cr: above yield the law is the fitted one, below it is not known.
         """
-        values = self.model.inside(self.values)
-        with jax.enable_x64(True):
-            law = self.model.law(self.data.contact, with_trees(values, self.trees))
+        with jax.enable_x64(True), jax.ensure_compile_time_eval():  # within a trace too
+            law = self.model.law(self.data.contact, self.model.inside(self.values))
             return jax.tree.map(_plain, law)
 
     @property

@@ -43,43 +43,53 @@ AT_ONCE = 2_000_000  # impacts that are computed at once: what bounds the memory
 
 @dataclass(frozen=True)
 class Element:
-    """One number that a fit searches.
+    """One parameter of a data set's law; one number that a fit searches, where it is free.
 
     Attributes:
-        label: what results call it: "chi", or "chi[name]" where there are several data sets.
-        name: the parameter it is, or is an entry of.
-        sets: the data sets that it belongs to.
+        name: in full, an entry of a whole parameter as "weights[3]".
         parameter, declared: what was said of it, and what its law says.
-        start: in physical units.
+        start: where it starts, or what it is fixed at, in physical units; one number, or one an impact.
         range: (lowest, highest).
+        stands_in: whether it is fixed at a number that nobody asked for and that acts nowhere in the
+            data: ψ where ε_up is fitted in its place.
+        label: what results call it: "chi", or "chi[name]" where there are several data sets.
+        sets: the data sets that it belongs to.
     """
 
-    label: str
     name: str
-    sets: tuple[int, ...]
     parameter: Parameter
     declared: Declared
-    start: float
+    start: Any
     range: tuple[float, float]
+    stands_in: bool = False
+    label: str = ""
+    sets: tuple[int, ...] = ()
+
+    @property
+    def group(self) -> str | None:
+        """The group of data sets that it is shared in: "" for all of them, None for none."""
+        shared = self.parameter.shared
+        if self.parameter.pooled:
+            return None
+        return ("" if shared else None) if isinstance(shared, bool) else shared
 
 
 class Pool(NamedTuple):
-    """Elements of several data sets that lie around a common mean, on the scale that is searched.
+    """Elements of several data sets that lie around a common mean, on the scale that is searched."""
 
-    Attributes:
-        name: of the parameter.
-        members: places of the elements.
-        spread: standard deviation of the members in z.
-    """
-
-    name: str
-    members: tuple[int, ...]
-    spread: float
+    name: str  # of the parameter
+    members: tuple[int, ...]  # places of the elements
+    spread: float  # standard deviation of the members in z
 
     @property
     def spread_name(self) -> str:
         """What results call the spread; the mean has the name of the parameter."""
         return f"{self.name}_spread"
+
+
+def block_name(name: str, observable: str) -> str:
+    """What an observable of a data set is called beside the sets themselves."""
+    return name if observable == RESTITUTION else f"{name}: {observable}"
 
 
 def pools_of(elements: Sequence[Element]) -> tuple[Pool, ...]:
@@ -95,23 +105,16 @@ class Points(NamedTuple):
     """All points of a problem in a row, each (points,): (velocity, observable, value).
 
     Those of one data set and observable, a block, are neighbours.
-
-    Attributes:
-        velocity: [m/s].
-        value: as measured, in `unit`.
-        weight: 1/√V_ii where V is fixed and diagonal; else 1, or 0.
-        set: the data set.
-        observable: place in `calibration.observables.OBSERVABLES`; 0 is ε.
-        unit: 1 for ε, else the measured value in SI, so that all values are numbers near one.
-        by_drag: ∂(expected - measured)/∂c of flights in air, for a drag coefficient of (1 + c) C_d.
     """
 
-    velocity: Float[np.ndarray, "points"]
-    value: Float[np.ndarray, "points"]
-    weight: Float[np.ndarray, "points"]
-    set: Int[np.ndarray, "points"]
-    observable: Int[np.ndarray, "points"]
+    velocity: Float[np.ndarray, "points"]  # [m/s]
+    value: Float[np.ndarray, "points"]  # as measured, in `unit`
+    weight: Float[np.ndarray, "points"]  # 1/√V_ii where V is fixed and diagonal; else 1, or 0
+    set: Int[np.ndarray, "points"]  # the data set
+    observable: Int[np.ndarray, "points"]  # place in `calibration.observables.OBSERVABLES`; 0 is ε
+    # 1 for ε, else the measured value in SI, so that all values are numbers near one
     unit: Float[np.ndarray, "points"]
+    # ∂(expected - measured)/∂c of flights in air, for a drag coefficient of (1 + c) C_d
     by_drag: Float[np.ndarray, "points"]
 
 
@@ -149,39 +152,28 @@ class Lanes(NamedTuple):
 
 
 class Linear(NamedTuple):
-    """Residuals around z.
+    """Residuals around z."""
 
-    Attributes:
-        residual: of the points, of the priors and pools, then of what V adds, (fits, m).
-        jacobian: along the active elements, (fits, m, p).
-        prediction: the mean expected at each point, in its unit, (fits, points).
-        status: `softjax.Status` there.
-        cost: -ln p(data | θ, s) - ln p(θ) up to a constant, (fits,).
-    """
-
+    # of the points, of the priors and pools, then of what V adds, (fits, m)
     residual: Float[np.ndarray, "fits m"]
-    jacobian: Float[np.ndarray, "fits m p"]
+    jacobian: Float[np.ndarray, "fits m p"]  # along the active elements, (fits, m, p)
+    # the mean expected at each point, in its unit, (fits, points)
     prediction: Float[np.ndarray, "fits points"]
-    status: Int[np.ndarray, "fits points"]
-    cost: Float[np.ndarray, "fits"]
+    status: Int[np.ndarray, "fits points"]  # `softjax.Status` there
+    cost: Float[np.ndarray, "fits"]  # -ln p(data | θ, s) - ln p(θ) up to a constant, (fits,)
 
 
 class Residuals(NamedTuple):
-    """What a block's variances are judged by, of fits side by side.
+    """What a block's variances are judged by, of fits side by side."""
 
-    Attributes:
-        off, jacobian: predicted less measured ε, and its slopes; not weighted.
-        slope, bend: of the curve, see `Carried`.
-        information, gradient: A₀ and b₀; no b₀ where several sets take turns, whose residuals stay.
-        kept: 0 for points that are left out, which share no error with others; None: all are there.
-    """
-
-    off: Float[np.ndarray, "fits n"]
+    off: Float[np.ndarray, "fits n"]  # predicted less measured ε, and its slopes; not weighted
     jacobian: Float[np.ndarray, "fits n p"]
-    slope: Any
+    slope: Any  # of the curve, see `Carried`
     bend: Any
+    # A₀ and b₀; no b₀ where several sets take turns, whose residuals stay
     information: Float[np.ndarray, "fits p p"]
     gradient: Float[np.ndarray, "fits p"] | None
+    # 0 for points that are left out, which share no error with others; None: all are there
     kept: Any = None
 
     @property
@@ -192,41 +184,29 @@ class Residuals(NamedTuple):
 
 @dataclass(frozen=True)
 class Problem:
-    """Residuals of one stage as functions of its active elements.
+    """Residuals of one stage as functions of its active elements."""
 
-    Attributes:
-        datasets: the measurements.
-        elements: of all stages; `z` has one number for each.
-        transform: of all elements.
-        laws: parameters -> laws of all points.
-        points: what is measured.
-        active: which elements are searched.
-        errors: V(s) of each block; none where points weigh as `points` say.
-        variances: s of each block.
-        elastic: points that are held below yield, (points,), while a search moves what yield
-            depends on; None: no law asks for it.
-        within: lowest and highest z, (elements,) each, between which these points are where the law
-            has them.
-        guided: whether ε is continued below 0 where nothing rebounds. That guides a search; a fit is
-            judged by the law's own ε.
-        joint: whether data sets without stated uncertainties are weighed against each other.
-        pools: which elements lie around a common mean.
-    """
-
-    datasets: tuple[RestitutionData, ...]
-    elements: tuple[Element, ...]
-    transform: Transform
-    laws: Laws
-    points: Points
-    active: Int[np.ndarray, "p"]
+    datasets: tuple[RestitutionData, ...]  # the measurements
+    elements: tuple[Element, ...]  # of all stages; `z` has one number for each
+    transform: Transform  # of all elements
+    laws: Laws  # parameters -> laws of all points
+    points: Points  # what is measured
+    active: Int[np.ndarray, "p"]  # which elements are searched
     route: Route = None
-    errors: tuple[Errors, ...] = ()
-    variances: tuple[Mapping[str, Any], ...] = ()
+    errors: tuple[Errors, ...] = ()  # V(s) of each block; none where points weigh as `points` say
+    variances: tuple[Mapping[str, Any], ...] = ()  # s of each block
+    # points that are held below yield, (points,), while a search moves what yield depends on;
+    # None: no law asks for it
     elastic: Bool[np.ndarray, "points"] | None = None
+    # lowest and highest z, (elements,) each, between which these points are where the law has
+    # them
     within: tuple[np.ndarray, np.ndarray] | None = None
+    # whether ε is continued below 0 where nothing rebounds. That guides a search; a fit is judged
+    # by the law's own ε
     guided: bool = False
+    # whether data sets without stated uncertainties are weighed against each other
     joint: bool = True
-    pools: tuple[Pool, ...] = ()
+    pools: tuple[Pool, ...] = ()  # which elements lie around a common mean
 
     @property
     def with_prior(self) -> list[int]:
@@ -256,6 +236,11 @@ class Problem:
             Block(int(code[a]) // len(NAMES), NAMES[code[a] % len(NAMES)], slice(int(a), int(b)))
             for a, b in itertools.pairwise(ends)
         )
+
+    @property
+    def block_names(self) -> list[str]:
+        """What each block is called beside the others."""
+        return [block_name(self.datasets[b.set].name, b.observable) for b in self.blocks]
 
     @property
     def own(self) -> tuple[slice, ...]:

@@ -61,27 +61,18 @@ class Profile:
 
 
 class Asked(NamedTuple):
-    """What is to be profiled of one fit.
+    """What is to be profiled of one fit."""
 
-    Attributes:
-        problem, z, begun: where it ended, as `search` takes it.
-        variance: of a weighted residual.
-        columns: which of the active elements.
-        errors: their standard errors in z.
-        limits: +1 or -1 for those held at an end of their range: only the other way is gone.
-        quantiles: √Δχ² at the limits of each.
-        lowest: twice the cost from which Δχ² counts; None: that at z.
-    """
-
-    problem: Problem
+    problem: Problem  # where it ended, as `search` takes it
     z: Float[np.ndarray, "elements"]
     begun: Float[np.ndarray, "elements"]
-    variance: float
-    columns: Int[np.ndarray, "some"]
-    errors: Float[np.ndarray, "some"]
+    variance: float  # of a weighted residual
+    columns: Int[np.ndarray, "some"]  # which of the active elements
+    errors: Float[np.ndarray, "some"]  # their standard errors in z
+    # +1 or -1 for those held at an end of their range: only the other way is gone
     limits: Int[np.ndarray, "some"]
-    quantiles: Float[np.ndarray, "some"]
-    lowest: float | None = None
+    quantiles: Float[np.ndarray, "some"]  # √Δχ² at the limits of each
+    lowest: float | None = None  # twice the cost from which Δχ² counts; None: that at z
 
 
 class _Walks:
@@ -378,15 +369,15 @@ def _requested(fit: ComponentFit, confidence: float) -> Asked | None:
     variance = _variance(fit)
     if variance is None:
         return None
-    errors = known.errors[0, problem.active]
-    limits = known.limits[0, problem.active]
+    errors = known.errors[problem.active]
+    limits = known.limits[problem.active]
     errors = np.where(limits != 0, FROM_END, errors)
     entry = np.array(["[" in problem.elements[k].name for k in problem.active])
-    wanted = (errors > LEAST_ERROR) & ~known.undetermined[0, problem.active] & ~entry
+    wanted = (errors > LEAST_ERROR) & ~known.undetermined[problem.active] & ~entry
     columns = np.flatnonzero(wanted)
-    degrees = np.where(limits != 0, _left(fit), known.degrees[0, problem.active])[columns]
-    reach = np.atleast_1d(quantile(confidence, degrees)) * known.widened[0, problem.active[columns]]
-    few = pooled_about(problem, fit.z, known.errors[0, problem.active])
+    degrees = np.where(limits != 0, _left(fit), known.degrees[problem.active])[columns]
+    reach = np.atleast_1d(quantile(confidence, degrees)) * known.widened[problem.active[columns]]
+    few = pooled_about(problem, fit.z, known.errors[problem.active])
     return Asked(few, fit.z, fit.begun, variance, columns, errors[columns], limits[columns], reach)
 
 
@@ -394,7 +385,7 @@ def _left(fit: ComponentFit) -> float:
     """Degrees of freedom of the noise: of what has no standard error of its own."""
     if all(one.is_stated for one in fit.stages[0].problem.errors):
         return np.inf
-    return float(np.min(fit.uncertainty.noise.left[0]))
+    return float(np.min(fit.uncertainty.left))
 
 
 def _variance(fit: ComponentFit) -> float | None:
@@ -409,7 +400,7 @@ def weighted_deviation(fit: ComponentFit, problem: Problem) -> np.ndarray:
     """Standard deviation of each weighted residual of a stage's points."""
     if not problem.is_fixed:
         return np.ones(problem.count)
-    return fit.uncertainty.noise.deviation[0] * problem.points.weight
+    return fit.uncertainty.deviation * problem.points.weight
 
 
 def estimates(
@@ -433,11 +424,11 @@ def third_derivatives(fit: ComponentFit) -> np.ndarray | None:
     derivatives were not taken either.
     """
     problem, known = fit.final.problem, fit.uncertainty
-    if not known.definite[0] or not asks_for_curvature(problem, 1):
+    if not known.definite or not asks_for_curvature(problem):
         return None
     bends = np.zeros(len(fit.z))
-    covariance = np.nan_to_num(known.covariance[0])
-    every = [k for k in problem.active if known.known[0, k] and covariance[k, k] > 0]
+    covariance = np.nan_to_num(known.covariance)
+    every = [k for k in problem.active if known.known[k] and covariance[k, k] > 0]
     if not every:
         return bends
     ways = covariance[every] / np.sqrt(np.diag(covariance)[every])[:, None]
@@ -455,10 +446,10 @@ def _is_skewed_by(
     """Judged by the third derivative: where ends of the profile would lie, to first order in it."""
     if bends is None:
         return None
-    q = float(quantile(confidence, fit.uncertainty.degrees[0, k]))
+    q = float(quantile(confidence, fit.uncertainty.degrees[k]))
     shift = -bends[k] * q**2 / 6
     transform = fit.final.problem.transform.part(np.array([k]))
-    error = float(fit.uncertainty.errors[0, k])
+    error = float(fit.uncertainty.errors[k])
     ends = transform.physical(fit.z[k] + error * np.array([[shift - q], [shift + q]]))[:, 0]
     low, high = sorted(map(float, ends))
     return is_skewed(one.value, one.standard_error, low, high, q)
@@ -475,19 +466,19 @@ def is_skewed(value, error, low: float | None, high: float | None, quantile: flo
 def estimate_of(fit: ComponentFit, k: int, curve: Profile | None, confidence: float) -> Estimate:
     """Value, standard error and interval: the profile's where there is one."""
     known, value = fit.uncertainty, float(fit.theta[k])
-    if known.limits[0, k]:
+    if known.limits[k]:
         return _at_an_end(fit, k, curve)
-    if known.undetermined[0, k]:
+    if known.undetermined[k]:
         return Estimate(value, method="undetermined", free=True)
     transform = fit.final.problem.transform.part(np.array([k]))
-    z_error = float(known.errors[0, k])
+    z_error = float(known.errors[k])
     slope = float(abs(transform.slope(fit.z[k : k + 1])[0]))
-    error = slope * z_error if known.definite[0] else None
+    error = slope * z_error if known.definite else None
     if curve is not None:
-        q = float(quantile(confidence, known.degrees[0, k]))
+        q = float(quantile(confidence, known.degrees[k]))
         skewed = error is not None and is_skewed(value, error, curve.low, curve.high, q)
         return Estimate(value, error, curve.low, curve.high, "profile", True, False, skewed)
-    reach = quantile(confidence, known.degrees[0, k]) * z_error
+    reach = quantile(confidence, known.degrees[k]) * z_error
     ends: list[float | None] = []
     for sign in (-1, 1):
         told = transform.kind[0] == NONE or reach < FARTHEST
@@ -499,7 +490,7 @@ def estimate_of(fit: ComponentFit, k: int, curve: Profile | None, confidence: fl
 
 def _at_an_end(fit: ComponentFit, k: int, curve: Profile | None) -> Estimate:
     """At a bound, with a one-sided interval where there is a profile; or grown without bound."""
-    limit = fit.uncertainty.limits[0, k]
+    limit = fit.uncertainty.limits[k]
     bound = float(fit.final.problem.transform.bound_beyond(limit)[k])
     low, high = (None, None) if curve is None else (curve.low, curve.high)
     method = "undetermined" if curve is None else "profile"

@@ -1,7 +1,6 @@
 """Many fits of one problem side by side: to simulated data, and without each point or group."""
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,7 +11,6 @@ from calibration.fitting.errors import log_density
 from calibration.fitting.problem import AT_ONCE, Lanes, Problem
 from calibration.fitting.search import Found, search
 from calibration.fitting.stages import ComponentFit
-from calibration.fitting.uncertainty import Settled
 from calibration.fitting.variances import (
     estimated,
     needs_variances,
@@ -25,27 +23,11 @@ ROUNDS = 12  # in which a refit and its variances settle
 SETTLED = 1e-6  # change of z from round to round
 
 
-def settled(
-    problems: Iterable[Problem], z: Float[np.ndarray, "fits p"], lanes: Lanes | None = None
-) -> tuple[Float[np.ndarray, "fits p"], list[Settled], Bool[np.ndarray, "fits"], Lanes]:
-    """Searches of one stage after the other from z, the noise of each fit its own.
-
-    Returns:
-        Where they end, the stages, which arrived, and the lanes with the variances of each fit.
-    """
-    arrived, stages, lanes = np.ones(len(z), bool), [], lanes or Lanes()
-    for problem in problems:
-        found, lanes = with_own_noise(problem, z, lanes)
-        z, arrived = found.z, arrived & found.converged
-        stages.append(Settled(problem, found.limits))
-    return z, stages, arrived, lanes
-
-
-def with_own_noise(problem: Problem, z, lanes: Lanes, begun=None) -> tuple[Found, Lanes]:
+def with_own_noise(problem: Problem, z, lanes: Lanes, begun=None) -> Found:
     """Searches from z, each with the variances that its own residuals tell."""
     found = search(problem, z, begun=begun, lanes=lanes, limit=STEPS)
     if not needs_variances(problem) or not any(one.unknown for one in problem.errors):
-        return found, lanes
+        return found
     for _ in range(ROUNDS):
         variances = variances_at(problem, found.z, lanes)
         lanes = lanes._replace(variances=variances)
@@ -57,7 +39,7 @@ def with_own_noise(problem: Problem, z, lanes: Lanes, begun=None) -> tuple[Found
         found = again
         if moved <= SETTLED:
             break
-    return found, lanes
+    return found
 
 
 @dataclass(frozen=True)
@@ -112,7 +94,7 @@ def _refitted(fit: ComponentFit, drawn: np.ndarray) -> tuple[np.ndarray, np.ndar
     z, converged = np.repeat(fit.z[None], len(drawn), axis=0), np.ones(len(drawn), bool)
     for stage in fit.stages:
         begun = np.broadcast_to(fit.begun, z.shape)
-        found, _ = with_own_noise(stage.problem, z, Lanes(value=drawn), begun)
+        found = with_own_noise(stage.problem, z, Lanes(value=drawn), begun)
         z, converged = found.z, converged & found.converged
     return fit.final.problem.transform.physical(z), converged
 
@@ -199,11 +181,15 @@ def _left_out(fit: ComponentFit) -> LeaveOneOut:
     problem, first = fit.final.problem, fit.stages[0].problem
     fold, shares = folds_of(first), any(one.shares for one in first.errors)
     most = EXACT_BY_TIME if fit.final.report.route == "ode" else EXACT
-    whole = problem.count * (1 + np.max(fold)) <= most
     apart = all(e.group is not None for e in first.errors if e.shares)
-    if not whole or not apart:
-        return _continued(fit, fold)
-    return _without_groups(fit, fold) if shares else _without_points(fit, fold)
+    exact = apart and problem.count * (1 + np.max(fold)) <= most
+    if not apart:  # one train alone: point by point
+        fold = np.arange(problem.count)
+    way = (_without_groups if shares else _without_points) if exact else _continued
+    off, density, arrived = way(fit, fold)
+    density = density - np.log(problem.points.unit)
+    predicted = off + problem.points.value
+    return LeaveOneOut(predicted, off, density, _pointwise(fit), fold, exact, arrived)
 
 
 def folds_of(problem: Problem) -> Int[np.ndarray, "n"]:
@@ -221,15 +207,23 @@ def folds_of(problem: Problem) -> Int[np.ndarray, "n"]:
 def _pointwise(fit: ComponentFit) -> Float[np.ndarray, "n"]:
     """ln p of each point by the likelihood of the fit."""
     first = fit.stages[0].problem
-    curve = fit.final.problem.predict(fit.z[None])[0]
-    off = curve - first.points.value
+    off = fit.final.problem.predict(fit.z[None])[0] - first.points.value
     every = zip(first.errors, first.variances, first.carried(fit.z[None]), first.own, strict=True)
     parts = [e.by_point(s, off[None, own], c.slope, c.bend)[0] for e, s, c, own in every]
     return np.concatenate(parts)
 
 
-def _without_points(fit: ComponentFit, fold: np.ndarray) -> LeaveOneOut:
-    """By refits, of points that share no errors; the noise is that of the points that are kept."""
+def _held(fit: ComponentFit) -> Bool[np.ndarray, "p"]:
+    """What stays at an end of its range."""
+    return fit.uncertainty.limits[fit.final.problem.active] != 0
+
+
+def _without_points(fit: ComponentFit, fold: np.ndarray):
+    """By refits, of points that share no errors; the noise is that of the points that are kept.
+
+    Returns:
+        Predicted less measured, densities, and whether all refits arrived; as the others.
+    """
     folds, problem = int(np.max(fold)) + 1, fit.final.problem
     z, converged = np.repeat(fit.z[None], folds, axis=0), np.ones(folds, bool)
     kept = (fold != np.arange(folds)[:, None]).astype(float)
@@ -238,108 +232,89 @@ def _without_points(fit: ComponentFit, fold: np.ndarray) -> LeaveOneOut:
         begun = np.broadcast_to(fit.begun, z.shape)
         found = search(stage.problem, z, begun=begun, lanes=lanes, limit=STEPS)
         z, converged = found.z, converged & found.converged
-    predicted, density = np.empty((2, problem.count))
-    known = np.log(problem.points.unit)
+    off, density = np.empty((2, problem.count))
     most = max(1, AT_ONCE // problem.count)
     for some in np.split(np.arange(folds), np.arange(most, folds, most)):
-        curve, scores = _scored(fit, z[some], kept[some])
-        for k, number in enumerate(some):
-            rows = fold == number
-            predicted[rows], density[rows] = curve[k, rows], scores[k, rows] - known[rows]
-    residual = predicted - problem.points.value
-    whole = bool(np.all(converged))
-    return LeaveOneOut(predicted, residual, density, _pointwise(fit), fold, True, whole)
+        of_all, scores = _scored(fit, z[some], kept[some])
+        own = np.isin(fold, some)
+        at = fold[own] - some[0], np.flatnonzero(own)
+        off[own], density[own] = of_all[at], scores[at]
+    return off, density, bool(np.all(converged))
 
 
 def _scored(fit: ComponentFit, z: np.ndarray, kept: np.ndarray):
-    """Predictions of refits, and densities of what each left out."""
-    problem, first = fit.final.problem, fit.stages[0].problem
+    """Predicted less measured by refits, and densities of what each left out."""
+    problem, first, held = fit.final.problem, fit.stages[0].problem, _held(fit)
     found = problem.linearise(z)
     off = found.prediction - problem.points.value
-    variance, degrees = np.empty((2, *off.shape))
-    nus: list = []
-    held = fit.uncertainty.limits[0, problem.active] != 0
-    every = zip(first.errors, first.variances, first.seen(z), first.own, strict=True)
-    for errors, s, seen, own in every:
+    variance, degrees, nu = np.empty((3, *off.shape))
+    for errors, s, one, own in zip(
+        first.errors, first.variances, first.seen(z), first.own, strict=True
+    ):
         mask = np.where(np.any(kept[:, own] > 0, axis=1)[:, None], kept[:, own], 1.0)
         columns = found.jacobian[:, : problem.count][:, own] / problem.points.weight[own][:, None]
-        raw = np.where(held, 0.0, seen.jacobian if problem is first else columns)
-        seen = seen._replace(off=off[:, own], jacobian=raw, kept=mask)
-        at = (seen.slope, seen.bend)
-        if errors.unknown:
-            s = estimated(errors, seen, True, s)
-            relative = relative_covariance(errors, s, seen)
-        total = errors.variance(s, *at) + np.zeros(off[:, own].shape)
-        variance[:, own], degrees[:, own] = total, np.inf
-        nus.append(errors.nu(s))
+        raw = np.where(held, 0.0, one.jacobian if problem is first else columns)
+        one, at = one._replace(off=off[:, own], jacobian=raw, kept=mask), (one.slope, one.bend)
+        s = estimated(errors, one, True, s) if errors.unknown else s
+        variance[:, own] = total = errors.variance(s, *at) + np.zeros(off[:, own].shape)
+        degrees[:, own], nu[:, own] = np.inf, np.inf if errors.dof is None else errors.nu(s)
         if errors.unknown and not errors.is_stated and errors.dof is None:
-            per = [
-                errors.variance({**s, kind: 2 * s[kind]}, *at) - total for kind in errors.unknown
-            ]
+            relative = relative_covariance(errors, s, one)
+            per = [errors.variance({**s, k: 2 * s[k]}, *at) - total for k in errors.unknown]
             spread = np.einsum("cfn,fcd,dfn->fn", per, relative, per)
             with np.errstate(divide="ignore"):
                 degrees[:, own] = np.where(spread > 0, 2 * total**2 / spread, np.inf)
-    weight = np.broadcast_to(problem.points.weight, off.shape)
-    raw = _searched(fit, found.jacobian, weight)
-    rows = raw[:, : problem.count]
+    raw = _slopes(fit, found.jacobian)
+    rows, others = raw[:, : problem.count], raw[:, problem.count :]
     there = rows * (kept * variance**-0.5)[..., None]
-    others = raw[:, problem.count :]
     information = np.swapaxes(there, 1, 2) @ there + np.swapaxes(others, 1, 2) @ others
     covariance = np.linalg.pinv(information, rcond=SEEN, hermitian=True)
     spread = variance + np.einsum("fnp,fpq,fnq->fn", rows, covariance, rows)
-    if nus[0] is not None:
-        wide = [n + np.zeros(off[:, own].shape) for n, own in zip(nus, first.own, strict=True)]
-        return found.prediction, log_density(off, spread, np.concatenate(wide, axis=1))
+    if first.errors[0].dof is not None:
+        return off, log_density(off, spread, nu)
     deviation = np.sqrt(spread)
-    return found.prediction, student(off / deviation, degrees) - np.log(deviation)
+    return off, student(off / deviation, degrees) - np.log(deviation)
 
 
-def _searched(fit: ComponentFit, jacobian, weight) -> np.ndarray:
-    """Slopes of ε and of the priors' rows, columns of unit length; 0 for what is held at an end."""
+def _slopes(fit: ComponentFit, jacobian) -> np.ndarray:
+    """Of the predictions and of the priors' rows, columns of unit length; 0 for what is held."""
     problem = fit.final.problem
+    points = jacobian[:, : problem.count]
     if problem.is_fixed:
-        safe = np.where(weight > 0, weight, 1.0)
-        points = jacobian[:, : problem.count] / safe[..., None]
+        weight = problem.points.weight
+        points = points / np.where(weight > 0, weight, 1.0)[:, None]
     else:
-        variance = problem.diagonal(np.repeat(fit.z[None], len(jacobian), axis=0))
-        points = jacobian[:, : problem.count] * np.sqrt(variance)[..., None]
-    end = jacobian.shape[1] - problem.more
-    rows = np.concatenate([points, jacobian[:, problem.count : end]], axis=1)
-    held = fit.uncertainty.limits[0, problem.active] != 0
+        points = points * np.sqrt(problem.diagonal(fit.z[None]))[..., None]
+    priors = jacobian[:, problem.count : jacobian.shape[1] - problem.more]
+    rows = np.concatenate([points, priors], axis=1)
     size = np.linalg.norm(rows, axis=1, keepdims=True)
-    return np.where(held, 0.0, rows / np.where(size > 0, size, 1.0))
+    return np.where(_held(fit), 0.0, rows / np.where(size > 0, size, 1.0))
 
 
-def _without_groups(fit: ComponentFit, fold: np.ndarray) -> LeaveOneOut:
+def _without_groups(fit: ComponentFit, fold: np.ndarray):
     """By refits without each group of points that share errors, under the variances of the fit."""
-    problem, first = fit.final.problem, fit.stages[0].problem
-    predicted, density, whole = np.empty(problem.count), np.empty(problem.count), True
-    held = fit.uncertainty.limits[0, problem.active] != 0
+    problem, first, held = fit.final.problem, fit.stages[0].problem, _held(fit)
+    off, density = np.empty((2, problem.count))
+    arrived = True
     for number in range(int(np.max(fold)) + 1):
         rows, z = fold == number, fit.z[None]
         for stage in fit.stages:
             own = stage.problem.kept(~rows)
             found = search(own, z, begun=fit.begun[None], limit=STEPS)
-            z, whole = found.z, whole and bool(found.converged[0])
+            z, arrived = found.z, arrived and bool(found.converged[0])
         there = np.where(held, 0.0, own.linearise(z).jacobian[0])
         inverse = np.linalg.pinv(there.T @ there, rcond=SEEN**2, hermitian=True)
-        left = replace(first.kept(rows), active=problem.active, laws=problem.kept(rows).laws)
-        seen, places = left.seen(z), [np.flatnonzero(rows[o]) for o in first.own]
-        curve = problem.kept(rows).predict(z)[0]
-        predicted[rows] = curve
-        off, k = curve - problem.points.value[rows], 0
-        for errors, s, one, some in zip(left.errors, left.variances, seen, places, strict=True):
-            if not len(some):
-                continue
-            part, slopes = slice(k, k + len(some)), np.where(held, 0.0, one.jacobian[0])
+        mine = problem.kept(rows)
+        left = replace(first.kept(rows), active=problem.active, laws=mine.laws)
+        off[rows] = mine.predict(z)[0] - mine.points.value
+        for errors, s, one, part in zip(
+            left.errors, left.variances, left.seen(z), left.own, strict=True
+        ):
+            slopes, place = np.where(held, 0.0, one.jacobian[0]), np.flatnonzero(rows)[part]
             factor = errors.factor(s, one.slope, one.bend)
-            own_errors = errors.times(factor, np.eye(len(some))[None])[0]
-            place = np.flatnonzero(rows)[part]
-            joint = _joint(off[part], own_errors + slopes @ inverse @ slopes.T)
-            density[place] = joint - np.log(problem.points.unit[place])
-            k = part.stop
-    residual = predicted - problem.points.value
-    return LeaveOneOut(predicted, residual, density, _pointwise(fit), fold, True, whole)
+            variance = errors.times(factor, np.eye(len(errors))[None])[0]
+            density[place] = _joint(off[place], variance + slopes @ inverse @ slopes.T)
+    return off, density, arrived
 
 
 def _joint(residual: np.ndarray, covariance: np.ndarray) -> np.ndarray:
@@ -349,78 +324,59 @@ def _joint(residual: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     return -0.5 * (white**2 + math.log(2 * math.pi)) - np.log(np.diag(lower))
 
 
-def _continued(fit: ComponentFit, fold: Int[np.ndarray, "n"]) -> LeaveOneOut:
-    """The same to first order; point by point where there is one train alone.
+def _continued(fit: ComponentFit, fold: Int[np.ndarray, "n"]):
+    """The same to first order.
 
     With P = V⁻¹ - V⁻¹J (A₀ + JᵀV⁻¹J)⁻¹ JᵀV⁻¹ the residuals of a fold b by the fit to all others are
     P_bb⁻¹ (P r)_b, of covariance P_bb⁻¹: exact for a linear model. An unknown noise is found from what
     is left of rᵀ P r.
     """
-    problem, first = fit.final.problem, fit.stages[0].problem
-    z, count = fit.z[None], fit.final.problem.count
-    found = problem.linearise(z)
-    held = fit.uncertainty.limits[0, problem.active] != 0
+    problem, first, held = fit.final.problem, fit.stages[0].problem, _held(fit)
+    found = problem.linearise(fit.z[None])
     white = np.where(held, 0.0, found.jacobian[0])
     inverse = np.linalg.pinv(white.T @ white, hermitian=True)
-    off = found.prediction[0] - problem.points.value
-    apart = any(e.shares and e.group is None for e in first.errors)
-    fold = np.arange(count) if apart else fold
-    residual, density = np.empty((2, count))
-    seen = first.seen(z)
-    factors = [
-        e.factor(s, one.slope, one.bend)
-        for e, s, one in zip(first.errors, first.variances, seen, strict=True)
-    ]
-    raw = [one.jacobian[0] for one in seen]
-    if problem is not first:
-        raw = [found.jacobian[0, own] / problem.points.weight[own, None] for own in first.own]
-    solved = [
-        e.solve(f, np.c_[o, j][None])[0]
-        for e, f, o, j in zip(
-            first.errors,
-            factors,
-            np.split(off, [o.stop for o in first.own[:-1]]),
-            (np.where(held, 0.0, j) for j in raw),
-            strict=True,
-        )
-    ]
-    pull = sum(
-        j.T @ s[:, 0] for j, s in zip((np.where(held, 0.0, j) for j in raw), solved, strict=True)
-    )
-    for g, (errors, s, factor, own) in enumerate(
-        zip(first.errors, first.variances, factors, first.own, strict=True)
+    measured = found.prediction[0] - problem.points.value
+    off, density = np.empty((2, problem.count))
+    blocks, pull = [], np.zeros(len(held))
+    for errors, s, one, own in zip(
+        first.errors, first.variances, first.seen(fit.z[None]), first.own, strict=True
     ):
-        x, left_over = solved[g][:, 1:], solved[g][:, 0] - solved[g][:, 1:] @ (inverse @ pull)
-        quadratic = float(off[own] @ left_over)
-        left = max(float(fit.uncertainty.noise.left[0, g]) - 1.0, 1.0)
-        own_fold = fold[own]
-        if len(np.unique(own_fold)) == len(own_fold):
+        raw = one.jacobian[0]
+        if problem is not first:
+            raw = found.jacobian[0, own] / problem.points.weight[own, None]
+        raw = np.where(held, 0.0, raw)
+        solved = errors.solve(
+            errors.factor(s, one.slope, one.bend), np.c_[measured[own], raw][None]
+        )
+        blocks.append((errors, s, one, own, solved[0]))
+        pull += raw.T @ solved[0, :, 0]
+    for g, (errors, s, one, own, solved) in enumerate(blocks):
+        x, left = solved[:, 1:], solved[:, 0] - solved[:, 1:] @ (inverse @ pull)
+        if len(np.unique(fold[own])) == len(errors):
+            factor = errors.factor(s, one.slope, one.bend)
             precision = errors.precisions(factor).reshape(-1) + np.zeros(len(errors))
-            precision = precision - np.einsum("np,pq,nq->n", x, inverse, x)
-            precision = np.maximum(precision, 1e-300)
-            residual[own] = left_over / precision
+            precision = np.maximum(precision - np.einsum("np,pq,nq->n", x, inverse, x), 1e-300)
+            off[own] = left / precision
             if errors.dof is not None:
-                density[own] = log_density(residual[own], 1 / precision, errors.nu(s))
+                density[own] = log_density(off[own], 1 / precision, errors.nu(s))
                 continue
             scale, degrees = np.ones(len(errors)), np.inf
             if not errors.is_stated and not errors.shares:
-                scale = np.maximum(quadratic - left_over**2 / precision, 1e-3 * quadratic) / left
-                degrees = left
+                degrees = max(float(fit.uncertainty.left[g]) - 1.0, 1.0)
+                total = float(measured[own] @ left)
+                scale = np.maximum(total - left**2 / precision, 1e-3 * total) / degrees
             deviation = np.sqrt(scale / precision)
-            density[own] = student(residual[own] / deviation, degrees) - np.log(deviation)
+            density[own] = student(off[own] / deviation, degrees) - np.log(deviation)
             continue
-        for number in np.unique(own_fold):
-            rows = np.flatnonzero(own_fold == number)
-            alone = errors.some(rows)
-            at = [a[0, rows] if np.ndim(a) else a for a in (seen[g].slope, seen[g].bend)]
+        for number in np.unique(fold[own]):
+            rows = np.flatnonzero(fold[own] == number)
+            alone, place = errors.some(rows), own.start + rows
+            at = [a[0, rows] if np.ndim(a) else a for a in (one.slope, one.bend)]
             variance = alone.times(alone.factor(s, *at), np.eye(len(rows)))
             covariance = np.linalg.inv(np.linalg.inv(variance) - x[rows] @ inverse @ x[rows].T)
-            place = np.arange(own.start, own.stop)[rows]
-            residual[place] = covariance @ left_over[rows]
-            density[place] = _joint(residual[place], covariance)
-    predicted = residual + problem.points.value
-    density = density - np.log(problem.points.unit)
-    return LeaveOneOut(predicted, residual, density, _pointwise(fit), fold, False, True)
+            off[place] = covariance @ left[rows]
+            density[place] = _joint(off[place], covariance)
+    return off, density, True
 
 
 def student(x: np.ndarray, degrees) -> np.ndarray:

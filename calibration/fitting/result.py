@@ -267,7 +267,7 @@ class FitResult:
         k = self.covariance_names.index(label)
         freedom = next(one for one in self.freedoms if label in one.labels)
         variance = self.covariance[k, k]
-        degrees = freedom.degrees((label,), np.ones((1, 1)), np.array([variance]), "")[0]
+        degrees = freedom.degrees((label,), np.ones((1, 1)), np.array([variance]))[0]
         return float(degrees) if np.isfinite(degrees * variance) else None
 
     def extrapolation(self, velocity, name: str | None = None) -> FitWarning | None:

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -19,102 +18,38 @@ from jaxtyping import Float, Int
 import softjax as sj
 from calibration.errors import DataError
 from calibration.fitting.collisions import LawShape
-from calibration.fitting.laws import CONTACT_LEAVES, OF_CONTACT, LawModel
+from calibration.fitting.laws import CONTACT_LEAVES, OF_CONTACT, LawModel, built
 
 PROBES = 3  # places at which it is looked which leaves move
 FEW_ROWS = 128  # that are built at once
 
 
-class Tree(NamedTuple):
-    """How the numbers of a whole parameter make up its pytree; hashable.
-
-    Attributes:
-        name: of the parameter.
-        structure: of its pytree.
-        leaves: the shape of each leaf of numbers; what is none, an activation function, itself.
-    """
-
-    name: str
-    structure: Any
-    leaves: tuple[Any, ...]
-
-    @classmethod
-    def of(cls, name: str, value: Any) -> "Tree":
-        leaves, structure = jax.tree.flatten(value)
-        told = (np.shape(leaf) if eqx.is_array_like(leaf) else leaf for leaf in leaves)
-        return cls(name, structure, tuple(told))
-
-    @property
-    def size(self) -> int:
-        shapes = (leaf for leaf in self.leaves if isinstance(leaf, tuple))
-        return sum(int(np.prod(shape, dtype=int)) for shape in shapes)
-
-    @property
-    def entries(self) -> list[str]:
-        return [f"{self.name}[{k}]" for k in range(self.size)]
-
-    def assembled(self, numbers: Sequence[Any]) -> Any:
-        """The pytree of its numbers in a row."""
-        leaves, first = [], 0
-        for leaf in self.leaves:
-            if isinstance(leaf, tuple):
-                size = int(np.prod(leaf, dtype=int))
-                leaf, first = _block(numbers[first : first + size], leaf), first + size
-            leaves.append(leaf)
-        return jax.tree.unflatten(self.structure, leaves)
-
-
-def _block(numbers: Sequence[Any], shape: tuple[int, ...]) -> jax.Array:
-    return jnp.stack(list(numbers)).reshape(shape)
-
-
-def numbers_in(value: Any) -> np.ndarray:
-    """All numbers of a pytree in a row."""
-    leaves = filter(eqx.is_array_like, jax.tree.leaves(value))
-    return np.concatenate([np.ravel(np.asarray(leaf, float)) for leaf in leaves])
-
-
 class SetRows(NamedTuple):
-    """What the rows of one data set are made of.
+    """What the rows of one data set are made of."""
 
-    Attributes:
-        points: how many it has.
-        contact: of its bodies; None without.
-        local: of each local parameter, by name, which element of the fit it is (-1: held), and at
-            what it is held, one number or one a point.
-    """
-
-    points: int
-    contact: sj.Contact | None
+    points: int  # how many it has
+    contact: sj.Contact | None  # of its bodies; None without
+    # of each local parameter, by name, which element of the fit it is (-1: held), and at what it
+    # is held, one number or one a point
     local: Mapping[str, tuple[int, Any]]
 
 
 @dataclass(frozen=True)
 class Rows:
-    """The laws of one problem's rows.
+    """The laws of one problem's rows."""
 
-    Attributes:
-        model: what builds a law.
-        contact: leaves of the contact by name, each (rows,); None without.
-        area: of all contacts.
-        names: the local parameters, those of the contact among them; q of them.
-        element: which element of the fit each is, (q, rows), -1 where it is held.
-        held: at what, (q, rows).
-        trees: how the numbers of whole parameters make up pytrees.
-        row: of each point, (points,).
-    """
-
-    model: LawModel
+    model: LawModel  # what builds a law
+    # leaves of the contact by name, each (rows,); None without
     contact: Mapping[str, np.ndarray] | None
-    area: str
-    names: tuple[str, ...]
+    area: str  # of all contacts
+    names: tuple[str, ...]  # the local parameters, those of the contact among them; q of them
+    # which element of the fit each is, (q, rows), -1 where it is held
     element: Int[np.ndarray, "q rows"]
-    held: Float[np.ndarray, "q rows"]
-    trees: tuple[Tree, ...]
-    row: Int[np.ndarray, "points"]
+    held: Float[np.ndarray, "q rows"]  # at what, (q, rows)
+    row: Int[np.ndarray, "points"]  # of each point, (points,)
 
     @classmethod
-    def of(cls, model: LawModel, sets: Sequence[SetRows], trees: tuple[Tree, ...] = ()) -> "Rows":
+    def of(cls, model: LawModel, sets: Sequence[SetRows]) -> "Rows":
         """Of some data sets: one a set, or one a point where contact or parameters differ in it.
 
         Without contacts where a set has none: a law that can do without is the same with one.
@@ -142,9 +77,7 @@ class Rows:
         if len(areas) > 1:
             raise DataError("area", areas, "the same for contacts that share a parameter")
         area = areas[0] if areas else "zhou"
-        return cls(
-            model, contact, area, names, elements.astype(int), numbers, trees, np.concatenate(row)
-        )
+        return cls(model, contact, area, names, elements.astype(int), numbers, np.concatenate(row))
 
     @property
     def size(self) -> int:
@@ -164,7 +97,7 @@ class Rows:
             leaves = {name: float(leaf[row]) for name, leaf in self.contact.items()}
             contact = sj.Contact(**leaves, area=self.area)
         numbers = {name: float(value) for name, value in zip(self.names, values, strict=True)}
-        return self.model.law(contact, with_trees(self.model.inside(numbers), self.trees))
+        return self.model.law(contact, self.model.inside(numbers))
 
     def bind(self, theta: Float[np.ndarray, "p"], active: Sequence[int] | np.ndarray) -> "Laws":
         """The structure of the laws, and which of their leaves move with the active elements."""
@@ -173,7 +106,7 @@ class Rows:
         sizes = tuple(int(np.size(leaf)) for leaf in jax.tree.leaves(law))
         searched = np.any(np.isin(self.element, list(active)), axis=1)
         free = tuple(int(k) for k in np.flatnonzero(searched))
-        if self.model.direct and not self.trees:
+        if self.model.direct and not self.model.trees:
             moving = tuple(shape.names.index(self.names[k]) for k in free)
             return Laws(self, shape, sizes, free, moving, False)
         if not free:
@@ -188,34 +121,23 @@ def _spread(values: Sequence[Any], count: int) -> Float[np.ndarray, "q count"]:
 
 
 class Leaves(NamedTuple):
-    """The laws' leaves for some fits, and their slopes in the local parameters.
+    """The laws' leaves for some fits, and their slopes in the local parameters."""
 
-    Attributes:
-        values: a leaf each, (fits, rows, ...).
-        slopes: of the moving numbers, (fits, rows, a, free); None where a moving leaf is a parameter.
-    """
-
-    values: list[np.ndarray]
+    values: list[np.ndarray]  # a leaf each, (fits, rows, ...)
+    # of the moving numbers, (fits, rows, a, free); None where a moving leaf is a parameter
     slopes: Float[np.ndarray, "fits rows a free"] | None
 
 
 @dataclass(frozen=True)
 class Laws:
-    """Rows with the structure of their laws.
-
-    Attributes:
-        shape, sizes: the structure, and how many numbers each leaf has.
-        free: which local parameters are differentiated.
-        moving: which leaves of the law move with them.
-        built: whether leaves have to be built, or are the parameters themselves.
-    """
+    """Rows with the structure of their laws."""
 
     rows: Rows
-    shape: LawShape
+    shape: LawShape  # the structure, and how many numbers each leaf has
     sizes: tuple[int, ...]
-    free: tuple[int, ...]
-    moving: tuple[int, ...]
-    built: bool
+    free: tuple[int, ...]  # which local parameters are differentiated
+    moving: tuple[int, ...]  # which leaves of the law move with them
+    built: bool  # whether leaves have to be built, or are the parameters themselves
 
     def leaves(self, theta: Float[np.ndarray, "fits p"]) -> Leaves:
         """Of each fit and row."""
@@ -258,7 +180,7 @@ class Laws:
             rows.model.takes_contact,
             rows.area,
             tuple(rows.names[k] for k in self.free),
-            rows.trees,
+            rows.model.trees,
         )
         apart = lambda a: np.asarray(a)[: fits * count].reshape(fits, count, *a.shape[1:])  # noqa: E731
         leaves = [apart(leaf) for leaf in values]
@@ -269,14 +191,6 @@ class Laws:
         return Leaves(leaves, np.concatenate(joined, axis=2))
 
 
-def with_trees(numbers: Mapping[str, Any], trees: Sequence[Tree]) -> dict[str, Any]:
-    """Parameters by name, those that are whole put together."""
-    values = dict(numbers)
-    for tree in trees:
-        values[tree.name] = tree.assembled([values.pop(entry) for entry in tree.entries])
-    return values
-
-
 def _padded(values: np.ndarray) -> np.ndarray:
     """Filled up to a power of eight rows by the last, so that few sizes are compiled."""
     size = FEW_ROWS
@@ -285,23 +199,13 @@ def _padded(values: np.ndarray) -> np.ndarray:
     return np.concatenate([values, np.repeat(values[-1:], size - len(values))])
 
 
-def _contact(leaves, moved, area: str) -> sj.Contact | None:
-    """The contact of a row, its moved leaves in their place; None where the data have none."""
-    if leaves is None:
-        return None
-    moved = {name.removeprefix(OF_CONTACT): value for name, value in moved.items()}
-    return sj.Contact(**{name: (leaves | moved)[name] for name in CONTACT_LEAVES}, area=area)
-
-
 @partial(jax.jit, static_argnames=("build", "takes_contact", "area", "free", "trees"))
 def _build(contact, values, build, takes_contact: bool, area: str, free, trees):
     """The leaves of the laws of many rows, and their slopes in the free local parameters."""
 
     def leaves_of(some, contact, values):
-        every = with_trees(values | some, trees)
-        of_contact = {n: every.pop(n) for n in list(every) if n.startswith(OF_CONTACT)}
-        before = [_contact(contact, of_contact, area)] if takes_contact else []
-        law = build(*before, **every)
+        pair = None if contact is None else sj.Contact(**contact, area=area)
+        law = built(build, takes_contact, trees, pair, values | some)
         return [jnp.asarray(leaf, float) for leaf in jax.tree.leaves(law)]
 
     def one(contact, values):

@@ -33,28 +33,20 @@ NO_NUMBERS = "residuals are not finite"
 
 
 class Found(NamedTuple):
-    """Where searches ended, each array with a leading axis of fits.
+    """Where searches ended, each array with a leading axis of fits."""
 
-    Attributes:
-        z: all elements.
-        cost: -ln of likelihood and priors, up to a constant: half the sum of squares of normal errors.
-        gradient_norm: of the cost, along the active elements.
-        converged, reason: whether and why it stopped.
-        limits: for the active elements, +1 or -1 where one is held at an end of its range, else 0.
-        begun: from where it was measured whether an element runs to an end.
-        iterations: steps taken.
-        evaluations: sets of residuals with their Jacobian, of all fits together.
-    """
-
-    z: Float[np.ndarray, "fits elements"]
+    z: Float[np.ndarray, "fits elements"]  # all elements
+    # -ln of likelihood and priors, up to a constant: half the sum of squares of normal errors
     cost: Float[np.ndarray, "fits"]
-    gradient_norm: Float[np.ndarray, "fits"]
-    converged: Bool[np.ndarray, "fits"]
+    gradient_norm: Float[np.ndarray, "fits"]  # of the cost, along the active elements
+    converged: Bool[np.ndarray, "fits"]  # whether and why it stopped
     reason: tuple[str, ...]
+    # for the active elements, +1 or -1 where one is held at an end of its range, else 0
     limits: Int[np.ndarray, "fits p"]
+    # from where it was measured whether an element runs to an end
     begun: Float[np.ndarray, "fits elements"]
-    iterations: Int[np.ndarray, "fits"]
-    evaluations: int
+    iterations: Int[np.ndarray, "fits"]  # steps taken
+    evaluations: int  # sets of residuals with their Jacobian, of all fits together
 
     def one(self, k: int) -> "Found":
         """One of several searches side by side; what all took is told with the first."""

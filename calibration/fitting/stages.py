@@ -17,7 +17,7 @@ from calibration.fitting.problem import Element, Lanes, Problem
 from calibration.fitting.search import Found, guided_search, search
 from calibration.fitting.steps import OPTIMISERS
 from calibration.fitting.transform import LOGIT, NONE
-from calibration.fitting.uncertainty import Settled, Uncertainty, stacked
+from calibration.fitting.uncertainty import Uncertainty, uncertainty_of
 from calibration.fitting.variances import (
     first_variances,
     have_settled,
@@ -161,29 +161,18 @@ class Stage:
 
 @dataclass(frozen=True)
 class StageFit:
-    """Where a stage ended.
+    """Where a stage ended."""
 
-    Attributes:
-        problem: with the variances and branches that it settled on.
-        z: of the whole component.
-        found: the search that ended there, of one fit.
-        others: where the other starts ended.
-        report: what it took.
-        crossings: how many points changed branch on the way.
-        seconds: how long.
-        branches: where ε jumps at yield, the lowest cost for each way to tell elastic points.
-        alone: whether one search alone of many ended so low, and misses the points.
-    """
-
-    problem: Problem
-    z: np.ndarray
-    found: Found
-    others: tuple[Found, ...]
-    report: Stage
-    crossings: int
-    seconds: float
+    problem: Problem  # with the variances and branches that it settled on
+    z: np.ndarray  # of the whole component
+    found: Found  # the search that ended there, of one fit
+    others: tuple[Found, ...]  # where the other starts ended
+    report: Stage  # what it took
+    crossings: int  # how many points changed branch on the way
+    seconds: float  # how long
+    # where ε jumps at yield, the lowest cost for each way to tell elastic points
     branches: Branches | None = None
-    alone: bool = False
+    alone: bool = False  # whether one search alone of many ended so low, and misses the points
 
     @property
     def limits(self) -> np.ndarray:
@@ -400,19 +389,12 @@ def route_name(problem: Problem) -> str:
 
 @dataclass(frozen=True)
 class ComponentFit:
-    """A fitted component.
+    """A fitted component."""
 
-    Attributes:
-        component: what was asked.
-        stages: where each stage ended.
-        z: of all elements.
-        uncertainty: of z; of one fit.
-    """
-
-    component: Component
-    stages: tuple[StageFit, ...]
-    z: np.ndarray
-    uncertainty: Uncertainty
+    component: Component  # what was asked
+    stages: tuple[StageFit, ...]  # where each stage ended
+    z: np.ndarray  # of all elements
+    uncertainty: Uncertainty  # of z; of one fit
 
     @property
     def final(self) -> StageFit:
@@ -423,7 +405,7 @@ class ComponentFit:
     def theta(self) -> np.ndarray:
         """The elements in physical units; those at an end of their range that is a bound, there."""
         transform = self.final.problem.transform
-        theta, limits = transform.physical(self.z), self.uncertainty.limits[0]
+        theta, limits = transform.physical(self.z), self.uncertainty.limits
         bound = transform.bound_beyond(limits)
         return np.where((limits != 0) & np.isfinite(bound), bound, theta)
 
@@ -433,7 +415,7 @@ class ComponentFit:
 
         A search from here then knows them for what they are.
         """
-        return np.where(self.uncertainty.limits[0] != 0, self.component.start, np.nan)
+        return np.where(self.uncertainty.limits != 0, self.component.start, np.nan)
 
     @property
     def is_likelihood(self) -> bool:
@@ -455,8 +437,8 @@ def fit_component(component: Component, options: FitOptions) -> ComponentFit:
         else:
             fits.append(run_stage(name, _after(fits[0], problem), z, options, weigh=False))
         z = fits[-1].z
-    settled = [Settled(stage.problem, stage.found.limits) for stage in fits]
-    return ComponentFit(component, tuple(fits), z, stacked(settled, z[None]))
+    ends = [(stage.problem, stage.limits) for stage in fits]
+    return ComponentFit(component, tuple(fits), z, uncertainty_of(ends, z))
 
 
 def _after(first: StageFit, problem: Problem) -> Problem:

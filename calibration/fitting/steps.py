@@ -20,26 +20,16 @@ SILENT = 1e-9  # a column of the Jacobian so small against the residuals acts on
 
 
 class Condensed(NamedTuple):
-    """J = Q R with the columns of R scaled to one, R = U S Vᵀ, of each fit.
+    """J = Q R with the columns of R scaled to one, R = U S Vᵀ, of each fit."""
 
-    Attributes:
-        cost: what is minimised.
-        gradient: Jᵀ r.
-        size: lengths of the columns of J, 1 where there is none.
-        singular, directions: S in falling order, and V (p, p).
-        along: Uᵀ Qᵀ r.
-        silent: columns that act on nothing.
-        finite: whether residuals and Jacobian are numbers.
-    """
-
-    cost: Float[np.ndarray, "fits"]
-    gradient: Float[np.ndarray, "fits p"]
-    size: Float[np.ndarray, "fits p"]
-    singular: Float[np.ndarray, "fits p"]
+    cost: Float[np.ndarray, "fits"]  # what is minimised
+    gradient: Float[np.ndarray, "fits p"]  # Jᵀ r
+    size: Float[np.ndarray, "fits p"]  # lengths of the columns of J, 1 where there is none
+    singular: Float[np.ndarray, "fits p"]  # S in falling order, and V (p, p)
     directions: Float[np.ndarray, "fits p p"]
-    along: Float[np.ndarray, "fits p"]
-    silent: Bool[np.ndarray, "fits p"]
-    finite: Bool[np.ndarray, "fits"]
+    along: Float[np.ndarray, "fits p"]  # Uᵀ Qᵀ r
+    silent: Bool[np.ndarray, "fits p"]  # columns that act on nothing
+    finite: Bool[np.ndarray, "fits"]  # whether residuals and Jacobian are numbers
 
     @property
     def seen(self) -> Bool[np.ndarray, "fits p"]:

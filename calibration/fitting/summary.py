@@ -4,7 +4,7 @@ Another end of a search counts as another minimum only if the gradient vanishes 
 on the straight way from it to the best. A straight way that rises does not prove that every bent one
 does; of a valley so level that the gradient vanishes at two places along it no other minima are told."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
 
 import numpy as np
@@ -15,10 +15,10 @@ from calibration.data import RestitutionData, plausibility
 from calibration.data.paper import eq_17
 from calibration.fitting import warnings
 from calibration.fitting.curves import modulus_by_times
-from calibration.fitting.errors import Errors
+from calibration.fitting.errors import Carried, Errors
 from calibration.fitting.estimate import Estimate
 from calibration.fitting.laws import several_yields
-from calibration.fitting.layout import SetSpec, assemble, specs_of
+from calibration.fitting.layout import SetSpec, assemble, blocks_of, specs_of
 from calibration.fitting.material import Goodness, MaterialFit, Outlier
 from calibration.fitting.problem import Lanes, Problem
 from calibration.fitting.profiles import Profile, estimate_of, weighted_deviation
@@ -34,6 +34,7 @@ from calibration.rounding import with_error
 RARE = 0.05  # probability that the farthest of n normal errors is named
 MOST_OUTLIERS = 100  # of one data set
 NO_ERRORS = 1e-9  # of ε: residuals below are none
+DIFFERENCE = 1e-3  # in z, of fourth-order differences: their error is near 1e-12
 
 
 def goodness_of(fit: ComponentFit, place: int) -> dict[str, Goodness]:
@@ -43,106 +44,77 @@ def goodness_of(fit: ComponentFit, place: int) -> dict[str, Goodness]:
 
 
 def _of_block(fit: ComponentFit, k: int) -> Goodness:
-    problem = fit.final.problem
-    own = problem.own[k]
-    found = problem.linearise(fit.z[None])
-    leverage = leverages(found.jacobian)[0, : problem.count][own]
+    problem, first = fit.final.problem, fit.stages[0].problem  # which knows what the points share
+    own, errors, s = problem.own[k], first.errors[k], first.variances[k]
+    found, one = problem.linearise(fit.z[None]), first.carried(fit.z[None])[k]
+    leverage = leverages(found.jacobian[0])[: problem.count][own]
     left = float(max(len(leverage) - np.sum(leverage), 0.0))
-    weighted = found.residual[0, : problem.count][own]
     spread = weighted_deviation(fit, problem)[own]
     allowed = np.sqrt(np.maximum(1 - leverage, 1e-12)) * np.where(spread > 0, spread, 1.0)
-    first = fit.stages[0].problem  # which knows what the points share
     off = found.prediction[0][own] - problem.points.value[own]
-    timing = first.variances[k].get("timing")
-    nu = first.errors[k].nu(first.variances[k])
+    stated = errors.is_stated or errors.unknown == ("scale",)
+    reduced = None
+    if errors.points.uncertainty is not None and left >= 1 and stated and errors.dof is None:
+        factor = errors.factor({**s, "scale": 1.0}, one.slope, one.bend)
+        reduced = float(np.sum(errors.whiten(factor, off[None, :, None]) ** 2)) / left
+    nu = errors.nu(s)
     return Goodness(
         float(np.sqrt(np.mean(off**2))),
-        _reduced(first, k, fit.z, off, left),
-        _variances(first, k, fit.z),
-        None if timing is None else float(timing) ** 0.5,
+        reduced,
+        _variances(errors, s, one),
+        float(s["timing"]) ** 0.5 if "timing" in s else None,
         None if nu is None else float(nu),
-        _outliers(first, k, fit.z, off, leverage),
-        tuple(map(float, weighted / allowed)),
+        _outliers(first, k, one, off, leverage),
+        tuple(map(float, found.residual[0, : problem.count][own] / allowed)),
         tuple(map(float, leverage)),
         left,
     )
 
 
-def _outliers(first: Problem, k: int, z: np.ndarray, off, leverage) -> tuple[Outlier, ...]:
+def _outliers(first: Problem, k: int, one: Carried, off, leverage) -> tuple[Outlier, ...]:
     """Points beyond `RARE`: the one of n points that noise sends so far once in twenty data sets."""
     from scipy import special
 
-    errors, s, block = first.errors[k], first.variances[k], first.blocks[k]
-    carried, own = first.carried(z[None])[k], block.own
-    spread = np.sqrt(errors.diagonal(s, carried.slope, carried.bend) + np.zeros((1, len(errors))))[
-        0
-    ]
+    errors, s, (place, observable, own) = first.errors[k], first.variances[k], first.blocks[k]
+    spread = np.sqrt(errors.diagonal(s, one.slope, one.bend) + np.zeros(len(off))).reshape(-1)
+    residual = -off / spread
     if errors.shares:  # without what the others of its group tell
-        solved = errors.solve(errors.factor(s, carried.slope, carried.bend), off[None, :, None])
-        factor = errors.factor(s, carried.slope, carried.bend)
-        residual = -(solved[0, :, 0] / np.sqrt(errors.precisions(factor).reshape(-1)))
-    else:
-        residual = -off / spread
+        factor = errors.factor(s, one.slope, one.bend)
+        solved = errors.solve(factor, off[None, :, None])[0, :, 0]
+        residual = -solved / np.sqrt(errors.precisions(factor).reshape(-1))
     size = np.abs(residual) / np.sqrt(np.maximum(1 - leverage, 1e-3))
-    limit, nu = special.ndtri(1 - 0.5 * RARE / len(off)), errors.nu(s)
     # noise of no more than rounding, of data without scatter, explains nothing and names nothing
     size = np.where((spread > NO_ERRORS) & (np.max(np.abs(off)) > NO_ERRORS), size, 0.0)
-    weight = np.ones(len(off)) if nu is None else (nu + 1) / (nu + residual**2) * nu / (nu + 1)
+    limit, nu = special.ndtri(1 - 0.5 * RARE / len(off)), errors.nu(s)
+    weight = np.ones(len(off)) if nu is None else nu / (nu + residual**2)
     found = [i for i in np.argsort(-size, kind="stable") if size[i] > limit]
-    data = first.datasets[block.set]
-    lines = data.origin.lines if data.origin is not None else None
-    rows = _rows(data, block.observable)
+    data = first.datasets[place]
+    rows = next(rows for name, rows, *_ in blocks_of(data) if name == observable)
+    lines = () if data.origin is None else data.origin.lines
     values = (first.points.value * first.points.unit)[own]
     return tuple(
         Outlier(
             int(rows[i]) + 1,
-            None if lines is None or rows[i] >= len(lines) else int(lines[rows[i]]),
+            int(lines[rows[i]]) if rows[i] < len(lines) else None,
             float(first.points.velocity[own][i]),
             float(values[i]),
             float(np.copysign(size[i], residual[i])),
             float(weight[i]),
-            block.observable,
+            observable,
         )
         for i in found[:MOST_OUTLIERS]
     )
 
 
-def _rows(data: RestitutionData, observable: str) -> np.ndarray:
-    """Which impacts have a value of an observable."""
-    if observable == RESTITUTION:
-        return np.flatnonzero(np.isfinite(data.restitution))
-    return next(one.rows for one in data.observed if one.name == observable)
-
-
-def _reduced(first: Problem, k: int, z: np.ndarray, off, left: float) -> float | None:
-    """χ² over its degrees of freedom, of errors as they are stated; None where they are not all that is."""
-    errors = first.errors[k]
-    told = errors.is_stated or errors.unknown == ("scale",)
-    if errors.points.uncertainty is None or left < 1 or not told or errors.dof is not None:
-        return None
-    carried = first.carried(z[None])[k]
-    s = {**first.variances[k], "scale": 1.0}
-    factor = errors.factor(s, carried.slope, carried.bend)
-    return float(np.sum(errors.whiten(factor, off[None, :, None]) ** 2)) / left
-
-
-def _variances(problem: Problem, k: int, z: np.ndarray) -> dict[str, float]:
+def _variances(errors: Errors, s: Mapping[str, float], one: Carried) -> dict[str, float]:
     """Mean variances of a point, by where they come from."""
-    errors, s = problem.errors[k], problem.variances[k]
-    carried = problem.carried(z[None])[k]
     found = {kind: float(s[kind]) for kind in ("scatter", "group") if kind in s}
-    bare = {kind: value for kind, value in s.items() if kind not in ("scatter", "group")}
-    rest = float(
-        np.mean(errors.variance(bare, carried.slope, carried.bend) + np.zeros(len(errors)))
-    )
+    bare = {kind: value for kind, value in s.items() if kind not in found}
+    rest = float(np.mean(errors.variance(bare, one.slope, one.bend)))
     if rest <= 0:
         return found
-    kinds = [kind for kind in ("scale", "timing") if kind in s]
-    name = kinds[0] if kinds else "stated" if errors.degrees is None else "repeats"
-    return {name: rest} | found
-
-
-DIFFERENCE = 1e-3  # in z, of fourth-order differences: their error is near 1e-12
+    stated = "stated" if errors.degrees is None else "repeats"
+    return {next((kind for kind in ("scale", "timing") if kind in s), stated): rest} | found
 
 
 def critical_velocity_of(law: sj.Zhou) -> float:
@@ -194,14 +166,14 @@ def _carried(fit: ComponentFit, g: int, what: Callable, confidence, ends) -> Est
     for k, element in enumerate(fit.component.elements):
         if g in element.sets:
             gradient[k] = _slope_of(fit, k, g, what)
-    acting = (gradient != 0) & (fit.uncertainty.limits[0] == 0)
-    covariance = fit.uncertainty.covariance[0][np.ix_(acting, acting)]
+    acting = (gradient != 0) & (fit.uncertainty.limits == 0)
+    covariance = fit.uncertainty.covariance[np.ix_(acting, acting)]
     variance = float(gradient[acting] @ covariance @ gradient[acting]) if np.any(acting) else np.nan
     if not (np.isfinite(variance) and variance >= 0):
         return Estimate(value, method="derived")
     error = variance**0.5
     direction = np.where(acting, gradient, 0.0)
-    degrees = fit.uncertainty.parts.along(direction[None])[0, 0]
+    degrees = fit.uncertainty.along(direction[None])[0]
     reach = quantile(confidence, degrees) * error
     low, high = float(max(value - reach, ends[0])), float(min(value + reach, ends[1]))
     return Estimate(value, error, low, high, "derived")
@@ -304,7 +276,7 @@ def _moved_elements(fit: ComponentFit, stage: StageFit, other: Found) -> list[in
     if not other.converged[0] or np.any(stage.limits) or np.any(other.limits):
         return []
     apart = np.abs(other.z[0] - stage.z) > MOVED
-    return [int(k) for k in stage.problem.active if apart[k] and fit.uncertainty.known[0, k]]
+    return [int(k) for k in stage.problem.active if apart[k] and fit.uncertainty.known[k]]
 
 
 def _rise(fit: ComponentFit, stage: StageFit, z) -> float:
@@ -364,7 +336,7 @@ def component_warnings(
             told = f"only {rise:.2g} higher" if rise >= 0 else f"{-rise:.2g} lower"
             cause = f"another minimum for {element.name} has a chi squared {told}"
             found.append(FitWarning("several-minima", cause, _owner(fit, element.sets)))
-    condition = float(fit.uncertainty.condition_number[0])
+    condition = float(fit.uncertainty.condition_number)
     if condition > warnings.CONDITION_LIMIT and not _has_whole(fit):
         cause = f"the Jacobian's condition number is {condition:.2g}"
         found.append(FitWarning("ill-conditioned", cause, _owner(fit, fit.component.sets)))
@@ -409,7 +381,7 @@ def _collinear(fit: ComponentFit, separation: list[FitWarning]) -> list[FitWarni
         return []
     known, problem, elements = fit.uncertainty, fit.final.problem, fit.component.elements
     apart = {warning.material for warning in separation if warning.code == "sigma-psi-not-separate"}
-    covariance = np.where(known.known[0][:, None] & known.known[0], known.covariance[0], 0.0)
+    covariance = np.where(known.known[:, None] & known.known, known.covariance, 0.0)
     size = np.sqrt(np.where(np.diag(covariance) > 0, np.diag(covariance), np.inf))
     correlation = np.triu(covariance / np.outer(size, size), 1)
     found: list[FitWarning] = []
@@ -439,14 +411,14 @@ def _in_the_middle(fit: ComponentFit, points: np.ndarray) -> str:
     middle = points[np.argmin(np.abs(np.log(velocity / np.median(velocity))))]
     theta, per_z = problem.transform.physical(fit.z[None]), problem.transform.slope(fit.z[None])
     value, slope, _ = problem.curve(theta, per_z)
-    own = known.of_predictions[0][np.ix_(problem.active, problem.active)]
+    own = known.of_predictions[np.ix_(problem.active, problem.active)]
     error = float(np.sqrt(max(slope[0, middle] @ own @ slope[0, middle], 0.0)))
     told = with_error(float(value[0, middle]), error)
     return f"{told} at {problem.points.velocity[middle]:.3g} m/s"
 
 
 def _has_whole(fit: ComponentFit) -> bool:
-    return any(spec.trees for spec in fit.component.specs)
+    return any(spec.model.trees for spec in fit.component.specs)
 
 
 def _owner(fit: ComponentFit, sets: tuple[int, ...]) -> str | None:
@@ -468,7 +440,7 @@ def _separation(fit: ComponentFit, curves: dict[str, Profile]) -> list[FitWarnin
         places = fit.component.places(g)
         pair = [places[name] for name in ("sigma", "psi") if name in places]
         if len(pair) == 2:
-            errors = fit.uncertainty.errors[0, pair]
+            errors = fit.uncertainty.errors[pair]
             labels = [fit.component.elements[k].label for k in pair]
             wide = [warnings.is_wide(curves[label]) for label in labels if label in curves]
             if not np.max(errors) <= warnings.SEPARATE or any(wide):
@@ -592,7 +564,6 @@ def summarise_material(
         derived=derived_of(fit, spec, g, confidence),
         values=values,
         labels=labels,
-        trees=spec.trees,
         rms_empirical=None,
         empirical=None,
         converged=fit.converged,

@@ -52,7 +52,6 @@ from calibration.fitting.errors import CALLED, LN_2PI, Carried, Errors
 from calibration.fitting.layout import Component, SetSpec, blocks_of, by_drag_of
 from calibration.fitting.problem import DRAG, Element, Pool, pools_of
 from calibration.fitting.request import Request, checked, datasets_of
-from calibration.fitting.rows import with_trees
 from calibration.fitting.transform import Transform
 from calibration.observables import RESTITUTION, predicted
 from calibration.options import FitOptions
@@ -63,24 +62,15 @@ START_SPREAD = 0.3  # of a pool
 
 @dataclass(frozen=True, eq=False)
 class NamedErrors:
-    """The errors of one observable of a data set, and what θ calls each unknown of them.
+    """The errors of one observable of a data set, and what θ calls each unknown of them."""
 
-    Attributes:
-        data, errors: the data set, and the errors of this observable.
-        labels: names of the square root of each unknown variance, and of ν.
-        set: which data set it is.
-        observable: what was measured.
-        rows: which impacts of the set have a value.
-        value, unit: as measured, in `unit` [SI].
-    """
-
-    data: RestitutionData
+    data: RestitutionData  # the data set, and the errors of this observable
     errors: Errors
-    labels: Mapping[str, str]
-    set: int
-    observable: str
-    rows: np.ndarray
-    value: np.ndarray
+    labels: Mapping[str, str]  # names of the square root of each unknown variance, and of ν
+    set: int  # which data set it is
+    observable: str  # what was measured
+    rows: np.ndarray  # which impacts of the set have a value
+    value: np.ndarray  # as measured, in `unit` [SI]
     unit: np.ndarray
 
     @property
@@ -232,7 +222,7 @@ class Traceable:
             else local.start
             for local in spec.local
         }
-        return spec.model.law(spec.data.contact, with_trees(numbers, spec.trees))
+        return spec.model.law(spec.data.contact, numbers)
 
     def _split(self, values: Array) -> list[Array]:
         """Values of all points by data set."""

@@ -20,8 +20,6 @@ logarithms. A quantile is Student's with (Satterthwaite)
 and C, which takes s for known, is on the average too small by - Σ R_cd s_c s_d ∂²C/∂s_c∂s_d (Kenward and
 Roger); both from differences of Gauss and Newton's C, for normal noise.
 
-All of it for many fits side by side; one fit is one of one.
-
 Source: Newey and McFadden, Handbook of Econometrics 4, 2111 (1994), section 6; Satterthwaite,
 Biometrics Bulletin 2, 110 (1946); Kenward and Roger, Biometrics 53, 983 (1997); Efron and Hinkley,
 Biometrika 65, 457 (1978), of the observed information."""
@@ -33,9 +31,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from calibration.fitting.problem import Lanes, Problem, Residuals
+from calibration.fitting.errors import Errors
+from calibration.fitting.problem import Problem, Residuals
 from calibration.fitting.transform import NONE
-from calibration.fitting.variances import in_units, relative_covariance
+from calibration.fitting.variances import relative_covariance
 
 RANK_TOLERANCE = 1e-9  # smallest over largest singular value, columns scaled to one
 NO_ERROR = 50.0  # a standard error in log units that says nothing
@@ -49,548 +48,70 @@ BY_TIME = 0.1  # of these where each is integrated over time
 OF_VARIANCE = 1e-2  # step in the logarithm of a variance
 FEWEST = 1.0  # degrees of freedom
 
-Fits = Bool[np.ndarray, "fits p"]
-Matrices = Float[np.ndarray, "fits p p"]
-
-
-@dataclass(frozen=True)
-class Noise:
-    """Errors of ε at each point of a problem, of fits side by side.
-
-    Attributes:
-        deviation: standard deviation (of Student's t the scale), (fits, points).
-        left: residual degrees of freedom of each block, (fits, blocks).
-    """
-
-    deviation: Float[np.ndarray, "fits points"]
-    left: Float[np.ndarray, "fits blocks"]
-
-
-@dataclass(frozen=True)
-class Parts:
-    """What of a covariance goes with each variance that is an estimate; of fits side by side.
-
-    Attributes:
-        whole: the covariance, 0 for what is not determined, (fits, p, p).
-        parts: C_c, (fits, c, p, p).
-        relative: R, (fits, c, c).
-        sets: the block of each part, (c,).
-        names: what each part's variance is of.
-    """
-
-    whole: Float[np.ndarray, "fits p p"]
-    parts: Float[np.ndarray, "fits c p p"]
-    relative: Float[np.ndarray, "fits c c"]
-    sets: Int[np.ndarray, "c"]
-    names: tuple[str, ...]
-
-    def along(self, directions: Float[np.ndarray, "n p"]) -> Float[np.ndarray, "fits n"]:
-        """Degrees of freedom of aᵀ C a, infinite where nothing of it is estimated."""
-        whole = np.einsum("np,fpq,nq->fn", directions, self.whole, directions)
-        parts = np.einsum("np,fcpq,nq->fnc", directions, self.parts, directions)
-        return satterthwaite(whole, parts, self.relative)
-
-
-def satterthwaite(whole, parts, relative) -> Float[np.ndarray, "fits n"]:
-    """ν of variances (fits, n) with parts (fits, n, c), see above."""
-    spread = np.einsum("fnc,fcd,fnd->fn", parts, relative, parts)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        degrees = np.where(spread > 0, 2 * whole**2 / spread, np.inf)
-    return np.maximum(np.where(np.isnan(degrees), np.inf, degrees), FEWEST)
-
-
-@dataclass(frozen=True)
-class Uncertainty:
-    """Covariance in z of a component's elements, of some fits side by side.
-
-    Attributes:
-        covariance: (fits, elements, elements), NaN for what is undetermined or at an end of its
-            range.
-        of_predictions: the same with 0 in its place and along null directions, for what follows
-            from the elements together.
-        rank, condition_number: of the weighted Jacobian, columns scaled to one; the worst stage's.
-        undetermined: elements that lie in a null direction.
-        limits: elements held at an end of their range, +1 or -1, else 0.
-        definite: whether the observed information is, or nothing depends on it, (fits,).
-        noise: the errors of ε that were used.
-        parts: of `covariance`, by the variances that are estimates.
-        widened: the errors over those of known variances, 1 where none shares an error.
-    """
-
-    covariance: Matrices
-    of_predictions: Matrices
-    rank: Int[np.ndarray, "fits"]
-    condition_number: Float[np.ndarray, "fits"]
-    undetermined: Fits
-    limits: Int[np.ndarray, "fits p"]
-    definite: Bool[np.ndarray, "fits"]
-    noise: Noise
-    parts: Parts
-    widened: Float[np.ndarray, "fits p"]
-
-    @property
-    def known(self) -> Fits:
-        """What is determined, and at no end of its range."""
-        return ~self.undetermined & (self.limits == 0)
-
-    @property
-    def errors(self) -> Float[np.ndarray, "fits p"]:
-        """Standard errors in z."""
-        return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
-
-    @property
-    def degrees(self) -> Float[np.ndarray, "fits p"]:
-        """Degrees of freedom of each standard error; infinite where the noise is known."""
-        return self.parts.along(np.eye(self.covariance.shape[1]))
-
-
-@dataclass(frozen=True)
-class Settled:
-    """One stage of fits side by side: its problem, and what is held at an end of its range."""
-
-    problem: Problem
-    limits: Int[np.ndarray, "fits p"]
-
-
-def stacked(
-    stages: Sequence[Settled], z: Float[np.ndarray, "fits p"], lanes: Lanes | None = None
-) -> Uncertainty:
-    """The covariance of all stages' elements together, at the estimates z.
-
-    Args:
-        lanes: the values that each fit is one to, where they differ.
-    """
-    lanes = in_units(stages[0].problem, z, lanes or Lanes())
-    found = _of_likelihood if len(stages) == 1 else _of_equations
-    return found(stages, z, lanes)
-
-
-def _of_likelihood(stages: Sequence[Settled], z, lanes: Lanes) -> Uncertainty:
-    """By the observed information of one stage."""
-    problem, limits = stages[0].problem, stages[0].limits
-    held, size = limits != 0, z.shape[1]
-    linear = problem.linearise(z, lanes)
-    jacobian = np.where(held[:, None], 0.0, linear.jacobian)
-    rank, condition, nulls = diagnose(jacobian, held)
-    basis, seen = _basis(jacobian)
-    identity = np.eye(basis.shape[2])
-    curved, definite = np.repeat(identity[None], len(z), axis=0), np.ones(len(z), bool)
-    if asks_for_curvature(problem, len(z)):
-        slopes = gradient_slopes(problem, z, problem.active, lanes)
-        turned = np.swapaxes(basis, 1, 2)
-        curvature = turned @ (0.5 * (slopes + np.swapaxes(slopes, 1, 2))) @ basis
-        curvature += np.where(seen[:, :, None] & seen[:, None], 0.0, identity)
-        with np.errstate(invalid="ignore"):
-            finite = np.all(np.isfinite(curvature), axis=(1, 2))
-        curvature = np.where(finite[:, None, None], curvature, identity)
-        definite = finite & (np.linalg.eigvalsh(curvature)[:, 0] > LEAST_CURVATURE)
-        curved = np.where(definite[:, None, None], curvature, identity)
-    else:
-        definite[:] = not any("[" in problem.elements[k].name for k in problem.active)
-    values, vectors = np.linalg.eigh(curved)
-    root = basis @ (vectors * values[:, None] ** -0.5) @ np.swapaxes(vectors, 1, 2)
-    covariance = root @ np.swapaxes(root, 1, 2)
-    noise, parts, added = _of_noise(problem, z, lanes, basis, root, jacobian)
-    before = np.diagonal(covariance, axis1=1, axis2=2)
-    covariance = covariance + added
-    ratio = np.diagonal(covariance, axis1=1, axis2=2) / np.where(before > 0, before, 1.0)
-    widened = np.sqrt(np.where(before > 0, np.maximum(ratio, 1.0), 1.0))
-    order = np.argsort(problem.active)
-    if len(order) < size:
-        raise AssertionError("a likelihood searches all its elements")
-    left_out = nulls | held
-    told = np.where(left_out[:, :, None] | left_out[:, None], np.nan, covariance)
-    scaled = problem.transform.kind[problem.active] != NONE
-    error = np.diagonal(told, axis1=1, axis2=2)
-    nulls = nulls | (scaled & ~held & ~(error < NO_ERROR**2))
-    back = lambda a: a[:, order]  # noqa: E731
-    both = lambda a: a[:, order][:, :, order]  # noqa: E731
-    parts = replace(parts, whole=both(parts.whole), parts=parts.parts[:, :, order][..., order])
-    return Uncertainty(
-        both(told),
-        both(covariance),
-        rank,
-        condition,
-        back(nulls),
-        back(limits),
-        definite,
-        noise,
-        parts,
-        back(widened),
-    )
-
-
-def asks_for_curvature(problem: Problem, fits: int) -> bool:
-    """Whether second derivatives are taken: not of a network, and not where they would take long."""
-    import softjax as sj
-
-    if any("[" in problem.elements[k].name for k in problem.active) or not len(problem.active):
-        return False
-    impacts = 4 * len(problem.active) * problem.count * (5 if problem.moves else 1)
-    return impacts <= MOST * (BY_TIME if isinstance(problem.route, sj.ODE) else 1.0)
-
-
-def _basis(jacobian: Float[np.ndarray, "fits m p"]):
-    """W with Wᵀ JᵀJ W = 1 along what the rows move with, 0 elsewhere; and which columns are such."""
-    size = np.linalg.norm(jacobian, axis=1)
-    size = np.where(size > 0, size, 1.0)
-    missing = max(jacobian.shape[2] - jacobian.shape[1], 0)
-    filled = np.pad(jacobian / size[:, None], ((0, 0), (0, missing), (0, 0)))
-    _, singular, directions = np.linalg.svd(filled, full_matrices=False)
-    seen = singular > RANK_TOLERANCE * np.max(singular, axis=1, keepdims=True, initial=0.0)
-    per = np.where(seen, 1 / np.where(seen, singular, 1.0), 0.0)
-    return np.swapaxes(directions, 1, 2) * per[:, None] / size[:, :, None], seen
-
-
-def _of_noise(problem: Problem, z, lanes: Lanes, basis, root, jacobian):
-    """The noise, what of the covariance goes with each estimated variance, and what that adds to it."""
-    deviation = np.sqrt(problem.diagonal(z, lanes))
-    white = jacobian @ basis
-    squares = np.einsum("fnk,fnk->fn", white, white)[:, : problem.count]
-    counts = [own.stop - own.start - np.sum(squares[:, own], axis=1) for own in problem.own]
-    left = np.maximum(np.stack(counts, axis=1), 1.0)
-    variances = problem.variances if lanes.variances is None else lanes.variances
-    parts, sets, names, blocks = [], [], [], []
-    k, fits = basis.shape[2], len(z)
-    added = np.zeros((fits, k, k))
-    unknown = any(e.unknown or e.degrees is not None for e in problem.errors)
-    every = problem.seen(z, lanes) if unknown else []
-    for g, (errors, s, seen) in enumerate(zip(problem.errors, variances, every, strict=False)):
-        kinds, relative = _estimates(errors, s, seen, left[:, g])
-        if not kinds:
-            continue
-        own = seen._replace(jacobian=seen.jacobian @ basis)
-        first, second = _changes(errors, s, own, kinds, jacobian[:, problem.own[g]] @ basis)
-        parts += [-one for one in first]
-        sets += [g] * len(kinds)
-        names += kinds
-        blocks.append(relative)
-        if errors.dof is not None:
-            continue
-        for c in range(len(kinds)):
-            for d in range(len(kinds)):
-                bent = first[c] @ first[d] + first[d] @ first[c] - second[c][d]
-                bent += first[c] if c == d else 0.0  # - δ_cd ∂C/∂ln s
-                added -= relative[:, c, d, None, None] * bent
-    relative = _diagonal(blocks, fits)
-    carried = lambda m: root @ m @ np.swapaxes(root, 1, 2)  # noqa: E731
-    found = (
-        np.stack([carried(p) for p in parts], 1)
-        if parts
-        else np.zeros((fits, 0, *[root.shape[1]] * 2))
-    )
-    whole = root @ np.swapaxes(root, 1, 2)
-    of_noise = Parts(whole, found, relative, np.array(sets, int), tuple(names))
-    return Noise(deviation, left), of_noise, carried(added)
-
-
-def _estimates(errors, s, seen: Residuals, left):
-    """Which variances of a data set are estimates, and the covariance R of their logarithms."""
-    if not errors.unknown:
-        if errors.degrees is None:
-            return [], np.zeros((len(left), 0, 0))
-        return ["repeats"], np.full((len(left), 1, 1), 2 / errors.degrees)
-    kinds = [kind for kind in errors.unknown if kind != "dof"]
-    if errors.dof is not None:  # of Student's t: as if from that many residuals
-        return kinds[:1], np.broadcast_to(
-            (2 / left)[:, None, None], (len(left), len(kinds[:1]), len(kinds[:1]))
-        )
-    return kinds, relative_covariance(errors, s, seen)
-
-
-def _changes(errors, s, seen: Residuals, kinds: list[str], white):
-    """∂A/∂ln s and ∂²A/∂ln s∂ln s of A = Jᵀ V⁻¹ J of one data set."""
-    if kinds == ["repeats"] or errors.dof is not None:
-        own = np.swapaxes(white, 1, 2) @ white
-        return [-own], [[own]]
-    h = OF_VARIANCE
-
-    def information(*moves: tuple[str, float]):
-        at = dict(s)
-        for kind, step in moves:
-            at[kind] = at[kind] * np.exp(step)
-        factor = errors.factor(at, seen.slope, seen.bend)
-        columns = errors.whiten(factor, seen.jacobian)
-        return np.swapaxes(columns, 1, 2) @ columns
-
-    here = information()
-    first, second = [], [[0 * here for _ in kinds] for _ in kinds]
-    for c, kind in enumerate(kinds):
-        far_down, down, up, far_up = (information((kind, n * h)) for n in SIDES)
-        first.append((8 * (up - down) - (far_up - far_down)) / (12 * h))
-        second[c][c] = (16 * (up + down) - (far_up + far_down) - 30 * here) / (12 * h**2)
-        for d, other in enumerate(kinds[:c]):
-            ends = [
-                information((kind, a * h), (other, b * h))
-                for a, b in ((1, 1), (1, -1), (-1, 1), (-1, -1))
-            ]
-            second[c][d] = second[d][c] = (ends[0] - ends[1] - ends[2] + ends[3]) / (4 * h**2)
-    return first, second
-
-
-def _diagonal(blocks, fits: int):
-    """Matrices of each fit in a row along the diagonal."""
-    size = sum(one.shape[1] for one in blocks)
-    found, first = np.zeros((fits, size, size)), 0
-    for one in blocks:
-        rows = slice(first, first + one.shape[1])
-        found[:, rows, rows], first = one, rows.stop
-    return found
-
-
-def _of_equations(stages: Sequence[Settled], z, lanes: Lanes) -> Uncertainty:
-    """By the stacked estimating equations of several stages."""
-    first_problem = stages[0].problem
-    order = np.concatenate([stage.problem.active for stage in stages]).astype(int)
-    fits, size, points = len(z), len(order), first_problem.count
-    bread, prior = np.zeros((2, fits, size, size))
-    scores = np.zeros((fits, points, size))
-    nulls, limits = np.zeros((fits, size), bool), np.zeros((fits, size), int)
-    rank, condition = np.zeros(fits, int), np.ones(fits)
-    leverage, first = np.zeros((fits, points)), 0
-    for k, stage in enumerate(stages):
-        problem = stage.problem
-        columns = slice(first, first + len(problem.active))
-        first, held = columns.stop, stage.limits != 0
-        own = lanes if k == 0 else Lanes(value=lanes.value, weight=lanes.weight)
-        jacobian = np.where(held[:, None], 0.0, problem.linearise(z, own).jacobian)
-        if k:
-            bread[:, columns] = gradient_slopes(problem, z, order, own)
-        else:
-            bread[:, columns, columns] = np.swapaxes(jacobian, 1, 2) @ jacobian
-            leverage = leverages(jacobian)[:, :points]
-        scores[:, :, columns] = _scores(problem, z, own, jacobian[:, :points], held)
-        of_priors = jacobian[:, points:]
-        prior[:, columns, columns] = np.swapaxes(of_priors, 1, 2) @ of_priors
-        told = diagnose(jacobian, held)
-        rank, condition = rank + told[0], np.maximum(condition, told[1])
-        nulls[:, columns], limits[:, columns] = told[2], stage.limits
-    left = np.stack([o.stop - o.start - np.sum(leverage[:, o], 1) for o in first_problem.own], 1)
-    noise = Noise(np.sqrt(first_problem.diagonal(z, lanes)), np.maximum(left, 1.0))
-    middles, relative, sets, names = _middles(first_problem, z, lanes, scores, noise.left)
-    left_out = nulls | (limits != 0)
-    inverse = _inverse(bread, left_out)
-    carried = lambda m: inverse @ m @ np.swapaxes(inverse, 1, 2)  # noqa: E731
-    whole = carried(sum(middles[0]) + prior)
-    covariance = np.where(left_out[:, :, None] | left_out[:, None], np.nan, whole)
-    scaled = first_problem.transform.kind[order] != NONE
-    error = np.diagonal(covariance, axis1=1, axis2=2)
-    nulls |= scaled & (limits == 0) & ~(error < NO_ERROR**2)
-    back = np.argsort(order)
-    both = lambda a: a[..., back, :][..., back]  # noqa: E731
-    parts = (
-        np.stack([carried(m) for m in middles[1]], 1)
-        if middles[1]
-        else np.zeros((fits, 0, size, size))
-    )
-    of_noise = Parts(both(whole), both(parts), relative, np.array(sets, int), tuple(names))
-    return Uncertainty(
-        both(covariance),
-        np.nan_to_num(both(covariance)),
-        rank,
-        condition,
-        nulls[:, back],
-        limits[:, back],
-        np.ones(fits, bool),
-        noise,
-        of_noise,
-        np.ones((fits, size)),
-    )
-
-
-def _scores(problem: Problem, z, lanes: Lanes, white, held):
-    """What an error in each ε adds to a stage's equations."""
-    if problem.is_fixed:
-        weight = problem.points.weight if lanes.weight is None else lanes.weight
-        return white * np.broadcast_to(weight, white.shape[:2])[..., None]
-    variances = problem.variances if lanes.variances is None else lanes.variances
-    found = []
-    for errors, s, seen in zip(problem.errors, variances, problem.seen(z, lanes), strict=True):
-        factor = errors.factor(s, seen.slope, seen.bend)
-        found.append(errors.solve(factor, np.where(held[:, None], 0.0, seen.jacobian)))
-    return np.concatenate(found, axis=1)
-
-
-def _middles(problem: Problem, z, lanes: Lanes, scores, left):
-    """Gᵀ V G of each data set, its parts by the variances that are estimates, and how well these are known."""
-    variances = problem.variances if lanes.variances is None else lanes.variances
-    whole, parts, sets, names, blocks = [], [], [], [], []
-    every = problem.seen(z, lanes) if problem.errors else []
-    if not problem.errors:
-        weight = problem.points.weight
-        white = scores / np.where(weight > 0, weight, 1.0)[:, None]
-        whole.append(np.swapaxes(white, 1, 2) @ white)
-    for g, (errors, s, seen) in enumerate(zip(problem.errors, variances, every, strict=True)):
-        own = scores[:, problem.own[g]]
-
-        def middle(at, errors=errors, seen=seen, own=own):
-            factor = errors.factor(at, seen.slope, seen.bend)
-            return np.swapaxes(own, 1, 2) @ errors.times(factor, own)
-
-        whole.append(middle(s))
-        kinds, relative = _estimates(errors, s, seen, left[:, g])
-        if errors.is_plain:
-            relative = (2 / left[:, g])[:, None, None]
-        blocks.append(relative)
-        for kind in kinds:
-            if kind == "repeats":
-                parts.append(middle(s))
-            else:  # V is linear in it
-                twice = {**s, kind: 2 * np.asarray(s[kind])}
-                parts.append(middle(twice) - whole[-1])
-        sets += [g] * len(kinds)
-        names += kinds
-    return (whole, parts), _diagonal(blocks, len(z)), sets, names
-
-
-def gradient_slopes(
-    problem: Problem, z, order, lanes: Lanes | None = None, by_row: bool = False
-) -> np.ndarray:
-    """∂(Jᵀ r)/∂z: the curvature of -ln p, or the slope of a stage's own equations in other elements.
-
-    (fits, own, p); what each row adds to that, (fits, m, own, p), `by_row`.
-
-    Fourth-order differences of the exact gradient, all in one batch: no second derivative of a time
-    integration is compiled, and the error stays near 1e-11.
-    """
-    fits, size = len(z), len(order)
-    scaled = problem.transform.kind[order] != NONE
-    steps = DIFFERENCE * np.where(scaled, 1.0, np.maximum(np.abs(z[:, order]), 1e-6))
-    places = np.repeat(z[:, None, None], size, axis=1).repeat(4, axis=2)
-    for k, position in enumerate(order):
-        places[:, k, :, position] += steps[:, k, None] * SIDES
-    repeated = (lanes or Lanes()).some(np.repeat(np.arange(fits), size * 4))
-    flat = places.reshape(fits * size * 4, z.shape[1])
-    most = max(1, NUMBERS // (problem.count * max(len(problem.active), 1)))
-    parts = []
-    product = "fmp,fm->fmp" if by_row else "fmp,fm->fp"
-    for first in range(0, len(flat), most):
-        some = np.arange(first, min(first + most, len(flat)))
-        found = problem.linearise(flat[some], repeated.some(some))
-        parts.append(np.einsum(product, found.jacobian, found.residual))
-    gradient = np.concatenate(parts).reshape(fits, size, 4, *parts[0].shape[1:])
-    far_down, down, up, far_up = np.moveaxis(gradient, 2, 0)
-    steps = steps.reshape(*steps.shape, *[1] * (up.ndim - 2))
-    slope = (8 * (up - down) - (far_up - far_down)) / (12 * steps)
-    return np.moveaxis(slope, 1, -1)
-
-
-def leverages(jacobian: Float[np.ndarray, "fits m p"]) -> Float[np.ndarray, "fits m"]:
-    """Diagonal of J (JᵀJ)⁺ Jᵀ: how many parameters each row pays for."""
-    white = jacobian @ _basis(jacobian)[0]
-    return np.einsum("fmk,fmk->fm", white, white)
-
-
-def diagnose(jacobian: Float[np.ndarray, "fits m p"], held: Fits):
-    """Rank, condition number, and which columns lie in null directions; held ones count for none."""
-    fits, _, p = jacobian.shape
-    if not p:
-        return np.zeros(fits, int), np.ones(fits), np.zeros((fits, 0), bool)
-    size = np.linalg.norm(jacobian, axis=1)
-    silent = (size == 0) & ~held
-    scaled = jacobian / np.where(size == 0, 1.0, size)[:, None, :]
-    _, singular, directions = np.linalg.svd(scaled, full_matrices=False)
-    kept = np.arange(singular.shape[1]) < np.sum(~held, axis=1)[:, None]
-    largest = singular[:, :1]
-    seen = kept & (singular > RANK_TOLERANCE * largest)
-    unseen = np.where((kept & ~seen)[:, :, None], directions, 0.0)
-    share = np.sqrt(np.sum(unseen**2, axis=1))
-    smallest = np.min(np.where(kept, singular, np.inf), axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        condition = np.where(np.isfinite(smallest), largest[:, 0] / smallest, 1.0)
-    return np.sum(seen, axis=1), condition, ~held & (silent | (share > NULL_SHARE))
-
-
-def _inverse(bread: Matrices, left_out: Fits) -> Matrices:
-    """A⁻¹ on what is determined, 0 on the rest."""
-    both = left_out[:, :, None] | left_out[:, None, :]
-    a = np.where(both, np.eye(bread.shape[1]), bread)
-    size = np.sqrt(np.abs(np.diagonal(a, axis1=1, axis2=2)))
-    size = np.where(size > 0, size, 1.0)
-    outer = size[:, :, None] * size[:, None, :]
-    return np.where(both, 0.0, np.linalg.pinv(a / outer, rcond=1e-16) / outer)
-
-
-def quantile(confidence: float, degrees: float | np.ndarray | None):
-    """Two-sided: Student's t, or the normal one where the noise is known (None, or infinite)."""
-    from scipy import special
-
-    at = 0.5 * (1 + confidence)
-    if degrees is None:
-        return float(special.ndtri(at))
-    found = np.where(np.isinf(degrees), special.ndtri(at), special.stdtrit(degrees, at))
-    return float(found) if found.ndim == 0 else found
-
-
 ALL = "all"
 NO_PART = 1e-10  # of a variance: a part below is none
-MOST_NUMBERS = (
-    50_000  # numbers that a result keeps of one component; beyond, its least degrees of freedom
-)
+MOST_NUMBERS = 50_000  # that a result keeps of one component; beyond, its least degrees of freedom
+
+Matrix = Float[np.ndarray, "p p"]
+Stages = Sequence[
+    tuple[Problem, np.ndarray]
+]  # each with +1 or -1 for what is at an end of its range
 
 
 @dataclass(frozen=True, eq=False)
 class Freedom:
-    """The parts of a component's covariance, in physical units.
+    """How well a component's covariance is known: what of it goes with each variance that is an estimate."""
 
-    Attributes:
-        labels: of its parameters.
-        parts: (c, p, p), one for each variance that is an estimate.
-        relative: covariance of the logarithms of these variances, (c, c).
-        sets: names of the data sets that they belong to.
-        names: what each is of: "scatter", "group", "timing", "scale" or "repeats"; "all" where one
-            stands for all variances of all sets.
-    """
-
-    labels: tuple[str, ...]
-    parts: Float[np.ndarray, "c p p"]
-    relative: Float[np.ndarray, "c c"]
-    sets: tuple[str, ...]
+    labels: tuple[str, ...]  # of its parameters
+    parts: Float[np.ndarray, "c p p"]  # C_c, (c, p, p)
+    relative: Float[np.ndarray, "c c"]  # R, covariance of the logarithms of these variances, (c, c)
+    sets: tuple[str, ...]  # the data set and observable that each belongs to
+    # what each is of: "scatter", "group", "timing", "scale" or "repeats"; "all" where one stands
+    # for all variances of all sets
     names: tuple[str, ...]
-
-    @classmethod
-    def of(
-        cls, parts: Parts, slope, labels: tuple[str, ...], datasets: tuple[str, ...]
-    ) -> "Freedom":
-        """Of a fit's parts in z, with dθ/dz."""
-        both = np.outer(slope, slope)
-        sets = tuple(datasets[g] for g in parts.sets)
-        if parts.parts[0].size <= MOST_NUMBERS:
-            own = np.diagonal(parts.parts[0], axis1=1, axis2=2)
-            acts = own > NO_PART * np.abs(np.diagonal(parts.whole[0]))
-            found = np.where(acts[:, :, None] & acts[:, None], parts.parts[0], 0.0)
-            return cls(labels, found * both, parts.relative[0], sets, parts.names)
-        least = np.min(parts.along(np.eye(len(labels))))
-        whole = (parts.whole[0] * both)[None]
-        return cls(labels, whole, np.array([[2 / least]]), ("",), (ALL,))
 
     def degrees(
         self,
-        labels: tuple[str, ...],
+        labels: Sequence[str],
         slopes: Float[np.ndarray, "n p"],
         variance: Float[np.ndarray, "n"],
-        material: str,
+        block: str = "",
         added: Mapping[str, Any] | None = None,
     ) -> Float[np.ndarray, "n"]:
-        """Degrees of freedom of a variance, infinite where the noise is known.
+        """Satterthwaite's ν of a variance, see above; infinite where the noise is known.
 
         Args:
             labels, slopes: of the parameters that it follows from, and in these.
             variance: itself.
-            material, added: the data set, and what its errors add to the variance, by their names.
+            block, added: the data set (and observable), and what its errors add to the variance, by
+                their names.
         """
-        if not len(self.names):
-            return np.full(len(variance), np.inf)
         place = [self.labels.index(label) for label in labels]
-        parts = np.einsum("np,cpq,nq->nc", slopes, self.parts[:, place][:, :, place], slopes)
+        own = self.parts[:, place][:, :, place]
+        parts = np.einsum("np,cpq,nq->nc", slopes, own, slopes)
         for name, value in (added or {}).items():
-            own = [
-                (m == material and k == name) or (k == ALL and name != "stated")
-                for m, k in zip(self.sets, self.names, strict=True)
+            acting = [
+                (one == block and kind == name) or (kind == ALL and name != "stated")
+                for one, kind in zip(self.sets, self.names, strict=True)
             ]
-            if any(own):
-                parts[:, own] += np.reshape(value, (-1, 1)) / sum(own)
-        return satterthwaite(variance[None], parts[None], self.relative[None])[0]
+            if any(acting):
+                parts[:, acting] += np.reshape(value, (-1, 1)) / sum(acting)
+        spread = np.einsum("nc,cd,nd->n", parts, self.relative, parts)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            degrees = np.where(spread > 0, 2 * variance**2 / spread, np.inf)
+        return np.maximum(np.where(np.isnan(degrees), np.inf, degrees), FEWEST)
+
+    def physical(self, slope: Float[np.ndarray, "p"], whole: Matrix) -> "Freedom":
+        """The same of parameters with dθ/dz, as a result keeps it; `whole` is the covariance in z."""
+        both = np.outer(slope, slope)
+        if self.parts.size <= MOST_NUMBERS:
+            own = np.diagonal(self.parts, axis1=1, axis2=2)
+            acts = own > NO_PART * np.abs(np.diagonal(whole))
+            parts = np.where(acts[:, :, None] & acts[:, None], self.parts, 0.0)
+            return replace(self, parts=parts * both)
+        least = np.min(self.degrees(self.labels, np.eye(len(whole)), np.diagonal(whole)))
+        kept = {"parts": (whole * both)[None], "relative": np.array([[2 / least]])}
+        return replace(self, **kept, sets=("",), names=(ALL,))
 
     @classmethod
     def from_dict(cls, table: dict[str, Any]) -> "Freedom":
@@ -612,3 +133,354 @@ def freedom_of(freedoms: Sequence[Freedom], dataset: str, labels: Iterable[str])
     own = set(labels)
     told = (one for one in freedoms if own & set(one.labels) or dataset in one.sets)
     return next(told, freedoms[0])
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """Covariance in z of a component's elements."""
+
+    covariance: Matrix  # NaN for what is undetermined or at an end of its range
+    # the same with 0 in its place and along null directions, for what follows from the elements
+    # together
+    of_predictions: Matrix
+    whole: Matrix  # the same of known variances
+    freedom: Freedom  # how well it is known
+    rank: int  # of the weighted Jacobian, columns scaled to one; the worst stage's
+    condition_number: float
+    undetermined: Bool[np.ndarray, "p"]  # elements that lie in a null direction
+    limits: Int[np.ndarray, "p"]  # elements at an end of their range, +1 or -1, else 0
+    definite: bool  # whether the observed information is, or nothing depends on it
+    # standard deviation of the errors of each point (of Student's t the scale)
+    deviation: Float[np.ndarray, "points"]
+    left: Float[np.ndarray, "blocks"]  # residual degrees of freedom of each block
+    # the errors over those of known variances, 1 where none shares an error
+    widened: Float[np.ndarray, "p"]
+
+    @property
+    def known(self) -> Bool[np.ndarray, "p"]:
+        """What is determined, and at no end of its range."""
+        return ~self.undetermined & (self.limits == 0)
+
+    @property
+    def errors(self) -> Float[np.ndarray, "p"]:
+        """Standard errors in z."""
+        return np.sqrt(np.diagonal(self.covariance))
+
+    @property
+    def degrees(self) -> Float[np.ndarray, "p"]:
+        """Degrees of freedom of each standard error; infinite where the noise is known."""
+        return self.along(np.eye(len(self.limits)))
+
+    def along(self, directions: Float[np.ndarray, "n p"]) -> Float[np.ndarray, "n"]:
+        """Degrees of freedom of aᵀ C a."""
+        whole = np.einsum("np,pq,nq->n", directions, self.whole, directions)
+        return self.freedom.degrees(self.freedom.labels, directions, whole)
+
+
+def uncertainty_of(stages: Stages, z: Float[np.ndarray, "p"]) -> Uncertainty:
+    """The covariance of all stages' elements together, at the estimates z."""
+    return _of_likelihood(*stages[0], z) if len(stages) == 1 else _of_equations(stages, z)
+
+
+def _of_likelihood(problem: Problem, limits, z) -> Uncertainty:
+    """By the observed information; a likelihood searches all its elements."""
+    held, identity = limits != 0, np.eye(len(z))
+    jacobian = np.where(held, 0.0, problem.linearise(z[None]).jacobian[0])
+    rank, condition, nulls = diagnose(jacobian, held)
+    basis, seen = _basis(jacobian)
+    curved, definite = identity, True
+    if asks_for_curvature(problem):
+        slopes = gradient_slopes(problem, z, problem.active)
+        curvature = basis.T @ (0.5 * (slopes + slopes.T)) @ basis
+        curvature += np.where(seen[:, None] & seen, 0.0, identity)
+        finite = bool(np.all(np.isfinite(curvature)))
+        definite = finite and np.linalg.eigvalsh(curvature)[0] > LEAST_CURVATURE
+        curved = curvature if definite else identity
+    else:
+        definite = not _has_network(problem)
+    values, vectors = np.linalg.eigh(curved)
+    root = basis @ (vectors * values**-0.5) @ vectors.T
+    squares = np.sum((jacobian @ basis) ** 2, axis=1)
+    left = _left(problem, squares)
+    freedom, added = _of_noise(problem, z, left, basis, root, jacobian)
+    whole = root @ root.T
+    covariance, before = whole + added, np.diagonal(whole)
+    ratio = np.diagonal(covariance) / np.where(before > 0, before, 1.0)
+    widened = np.sqrt(np.where(before > 0, np.maximum(ratio, 1.0), 1.0))
+    left_out = nulls | held
+    told = np.where(left_out[:, None] | left_out, np.nan, covariance)
+    scaled = problem.transform.kind[problem.active] != NONE
+    nulls = nulls | (scaled & ~held & ~(np.diagonal(told) < NO_ERROR**2))
+    deviation = np.sqrt(problem.diagonal(z[None])[0])
+    of_errors = (bool(definite), deviation, left, widened)
+    return Uncertainty(told, covariance, whole, freedom, rank, condition, nulls, limits, *of_errors)
+
+
+def _has_network(problem: Problem) -> bool:
+    return any("[" in problem.elements[k].name for k in problem.active)
+
+
+def asks_for_curvature(problem: Problem) -> bool:
+    """Whether second derivatives are taken: not of a network, and not where they would take long."""
+    import softjax as sj
+
+    if _has_network(problem) or not len(problem.active):
+        return False
+    impacts = 4 * len(problem.active) * problem.count * (5 if problem.moves else 1)
+    return impacts <= MOST * (BY_TIME if isinstance(problem.route, sj.ODE) else 1.0)
+
+
+def _basis(jacobian: Float[np.ndarray, "m p"]):
+    """W with Wᵀ JᵀJ W = 1 along what the rows move with, 0 elsewhere; and which columns are such."""
+    size = np.linalg.norm(jacobian, axis=0)
+    size = np.where(size > 0, size, 1.0)
+    missing = max(jacobian.shape[1] - jacobian.shape[0], 0)
+    filled = np.pad(jacobian / size, ((0, missing), (0, 0)))
+    _, singular, directions = np.linalg.svd(filled, full_matrices=False)
+    seen = singular > RANK_TOLERANCE * np.max(singular, initial=0.0)
+    per = np.where(seen, 1 / np.where(seen, singular, 1.0), 0.0)
+    return directions.T * per / size[:, None], seen
+
+
+def _left(problem: Problem, leverage) -> Float[np.ndarray, "blocks"]:
+    """Residual degrees of freedom of each block."""
+    counts = [own.stop - own.start - np.sum(leverage[own]) for own in problem.own]
+    return np.maximum(counts, 1.0)
+
+
+def _of_noise(problem: Problem, z, left, basis, root, jacobian) -> tuple[Freedom, Matrix]:
+    """What of the covariance goes with each estimated variance, and what that adds to it."""
+    parts, sets, names, blocks = [], [], [], []
+    added = np.zeros(root.shape)
+    unknown = any(e.unknown or e.degrees is not None for e in problem.errors)
+    residuals = problem.seen(z[None]) if unknown else []
+    called = problem.block_names
+    for g, (errors, s, own) in enumerate(
+        zip(problem.errors, problem.variances, residuals, strict=False)
+    ):
+        kinds, relative = _estimates(errors, s, own, left[g])
+        if not kinds:
+            continue
+        turned = own._replace(jacobian=own.jacobian @ basis)
+        first, second = _changes(errors, s, turned, kinds, jacobian[problem.own[g]] @ basis)
+        parts += [-one for one in first]
+        sets += [called[g]] * len(kinds)
+        names += kinds
+        blocks.append(relative)
+        if errors.dof is not None:
+            continue
+        for c, d in np.ndindex(relative.shape):
+            bent = first[c] @ first[d] + first[d] @ first[c] - second[c][d]
+            bent += first[c] if c == d else 0.0  # - δ_cd ∂C/∂ln s
+            added -= relative[c, d] * bent
+    carried = np.array([root @ part @ root.T for part in parts]).reshape(len(parts), *root.shape)
+    labels = tuple(e.label for e in problem.elements)
+    freedom = Freedom(labels, carried, _diagonal(blocks), tuple(sets), tuple(names))
+    return freedom, root @ added @ root.T
+
+
+def _estimates(errors: Errors, s, own: Residuals, left: float) -> tuple[list[str], np.ndarray]:
+    """Which variances of a block are estimates, and the covariance R of their logarithms."""
+    if not errors.unknown:
+        if errors.degrees is None:
+            return [], np.zeros((0, 0))
+        return ["repeats"], np.array([[2 / errors.degrees]])
+    kinds = [kind for kind in errors.unknown if kind != "dof"]
+    if errors.dof is not None:  # of Student's t: as if from that many residuals
+        return kinds[:1], np.full((len(kinds[:1]),) * 2, 2 / left)
+    return kinds, relative_covariance(errors, s, own)[0]
+
+
+def _changes(errors: Errors, s, own: Residuals, kinds: list[str], white):
+    """∂A/∂ln s and ∂²A/∂ln s∂ln s of A = Jᵀ V⁻¹ J of one block."""
+    if kinds == ["repeats"] or errors.dof is not None:
+        return [-white.T @ white], [[white.T @ white]]
+    h = OF_VARIANCE
+
+    def information(*moves: tuple[str, float]):
+        at = dict(s)
+        for kind, step in moves:
+            at[kind] = at[kind] * np.exp(step)
+        columns = errors.whiten(errors.factor(at, own.slope, own.bend), own.jacobian)[0]
+        return columns.T @ columns
+
+    here = information()
+    first, second = [], [[0 * here for _ in kinds] for _ in kinds]
+    for c, kind in enumerate(kinds):
+        far_down, down, up, far_up = (information((kind, n * h)) for n in SIDES)
+        first.append((8 * (up - down) - (far_up - far_down)) / (12 * h))
+        second[c][c] = (16 * (up + down) - (far_up + far_down) - 30 * here) / (12 * h**2)
+        for d, other in enumerate(kinds[:c]):
+            ends = [
+                information((kind, a * h), (other, b * h))
+                for a, b in ((1, 1), (1, -1), (-1, 1), (-1, -1))
+            ]
+            second[c][d] = second[d][c] = (ends[0] - ends[1] - ends[2] + ends[3]) / (4 * h**2)
+    return first, second
+
+
+def _diagonal(blocks: Sequence[np.ndarray]) -> np.ndarray:
+    """Matrices in a row along the diagonal."""
+    from scipy.linalg import block_diag
+
+    return block_diag(*blocks) if blocks else np.zeros((0, 0))
+
+
+def _of_equations(stages: Stages, z) -> Uncertainty:
+    """By the stacked estimating equations of several stages."""
+    first_problem = stages[0][0]
+    order = np.concatenate([problem.active for problem, _ in stages]).astype(int)
+    size, points = len(order), first_problem.count
+    bread, prior = np.zeros((2, size, size))
+    scores = np.zeros((points, size))
+    nulls, limits = np.zeros(size, bool), np.zeros(size, int)
+    rank, condition, first, leverage = 0, 1.0, 0, np.zeros(points)
+    for k, (problem, own_limits) in enumerate(stages):
+        columns = slice(first, first + len(problem.active))
+        first, held = columns.stop, own_limits != 0
+        jacobian = np.where(held, 0.0, problem.linearise(z[None]).jacobian[0])
+        if k:
+            bread[columns] = gradient_slopes(problem, z, order)
+        else:
+            bread[columns, columns] = jacobian.T @ jacobian
+            leverage = leverages(jacobian)[:points]
+        scores[:, columns] = _scores(problem, z, jacobian[:points], held)
+        prior[columns, columns] = jacobian[points:].T @ jacobian[points:]
+        own_rank, own_condition, nulls[columns] = diagnose(jacobian, held)
+        rank, condition = rank + own_rank, max(condition, own_condition)
+        limits[columns] = own_limits
+    left = _left(first_problem, leverage)
+    middle, parts, relative, sets, names = _middles(first_problem, z, scores, left)
+    left_out = nulls | (limits != 0)
+    inverse = _inverse(bread, left_out)
+    whole = inverse @ (middle + prior) @ inverse.T
+    covariance = np.where(left_out[:, None] | left_out, np.nan, whole)
+    scaled = first_problem.transform.kind[order] != NONE
+    nulls |= scaled & (limits == 0) & ~(np.diagonal(covariance) < NO_ERROR**2)
+    back = np.argsort(order)
+    both = lambda a: a[..., back, :][..., back]  # noqa: E731
+    carried = np.array([inverse @ part @ inverse.T for part in parts])
+    carried = carried.reshape(len(parts), size, size)
+    labels = tuple(e.label for e in first_problem.elements)
+    freedom = Freedom(labels, both(carried), relative, tuple(sets), tuple(names))
+    told = both(covariance)
+    return Uncertainty(
+        covariance=told,
+        of_predictions=np.nan_to_num(told),
+        whole=both(whole),
+        freedom=freedom,
+        rank=rank,
+        condition_number=condition,
+        undetermined=nulls[back],
+        limits=limits[back],
+        definite=True,
+        deviation=np.sqrt(first_problem.diagonal(z[None])[0]),
+        left=left,
+        widened=np.ones(size),
+    )
+
+
+def _scores(problem: Problem, z, white, held) -> Float[np.ndarray, "points own"]:
+    """What an error in each value adds to a stage's equations."""
+    if problem.is_fixed:
+        return white * problem.points.weight[:, None]
+    found = []
+    for errors, s, own in zip(
+        problem.errors, problem.variances, problem.seen(z[None]), strict=True
+    ):
+        factor = errors.factor(s, own.slope, own.bend)
+        found.append(errors.solve(factor, np.where(held, 0.0, own.jacobian))[0])
+    return np.concatenate(found)
+
+
+def _middles(problem: Problem, z, scores, left):
+    """Gᵀ V G, its parts by the variances that are estimates, and how well these are known."""
+    parts, sets, names, blocks = [], [], [], []
+    if not problem.errors:
+        weight = problem.points.weight
+        white = scores / np.where(weight > 0, weight, 1.0)[:, None]
+        return white.T @ white, parts, _diagonal(blocks), sets, names
+    total, called = np.zeros((scores.shape[1],) * 2), problem.block_names
+    every = zip(problem.errors, problem.variances, problem.seen(z[None]), strict=True)
+    for g, (errors, s, one) in enumerate(every):
+        own = scores[problem.own[g]]
+
+        def middle(at, errors=errors, one=one, own=own):
+            factor = errors.factor(at, one.slope, one.bend)
+            return own.T @ errors.times(factor, own[None])[0]
+
+        whole = middle(s)
+        total = total + whole
+        kinds, relative = _estimates(errors, s, one, left[g])
+        blocks.append(np.array([[2 / left[g]]]) if errors.is_plain else relative)
+        for kind in kinds:  # V is linear in it
+            twice = {**s, kind: 2 * np.asarray(s.get(kind, 0.0))}
+            parts.append(whole if kind == "repeats" else middle(twice) - whole)
+        sets += [called[g]] * len(kinds)
+        names += kinds
+    return total, parts, _diagonal(blocks), sets, names
+
+
+def gradient_slopes(problem: Problem, z, order) -> Float[np.ndarray, "own p"]:
+    """∂(Jᵀ r)/∂z: the curvature of -ln p, or the slope of a stage's own equations in other elements.
+
+    Fourth-order differences of the exact gradient, all in one batch: no second derivative of a time
+    integration is compiled, and the error stays near 1e-11.
+    """
+    size = len(order)
+    scaled = problem.transform.kind[order] != NONE
+    steps = DIFFERENCE * np.where(scaled, 1.0, np.maximum(np.abs(z[order]), 1e-6))
+    places = np.tile(z, (size, 4, 1))
+    for k, position in enumerate(order):
+        places[k, :, position] += steps[k] * SIDES
+    flat = places.reshape(size * 4, len(z))
+    most = max(1, NUMBERS // (problem.count * max(len(problem.active), 1)))
+    parts = []
+    for first in range(0, len(flat), most):
+        found = problem.linearise(flat[first : first + most])
+        parts.append(np.einsum("fmp,fm->fp", found.jacobian, found.residual))
+    gradient = np.concatenate(parts).reshape(size, 4, -1)
+    far_down, down, up, far_up = np.moveaxis(gradient, 1, 0)
+    return ((8 * (up - down) - (far_up - far_down)) / (12 * steps[:, None])).T
+
+
+def leverages(jacobian: Float[np.ndarray, "m p"]) -> Float[np.ndarray, "m"]:
+    """Diagonal of J (JᵀJ)⁺ Jᵀ: how many parameters each row pays for."""
+    return np.sum((jacobian @ _basis(jacobian)[0]) ** 2, axis=1)
+
+
+def diagnose(jacobian: Float[np.ndarray, "m p"], held) -> tuple[int, float, np.ndarray]:
+    """Rank, condition number, and which columns lie in null directions; held ones count for none."""
+    if not jacobian.shape[1]:
+        return 0, 1.0, np.zeros(0, bool)
+    size = np.linalg.norm(jacobian, axis=0)
+    scaled = jacobian / np.where(size == 0, 1.0, size)
+    _, singular, directions = np.linalg.svd(scaled, full_matrices=False)
+    kept = np.arange(len(singular)) < np.sum(~held)
+    seen = kept & (singular > RANK_TOLERANCE * singular[0])
+    share = np.sqrt(np.sum(np.where((kept & ~seen)[:, None], directions, 0.0) ** 2, axis=0))
+    smallest = np.min(singular[kept], initial=np.inf)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        condition = float(singular[0] / smallest) if np.isfinite(smallest) else 1.0
+    return int(np.sum(seen)), condition, ~held & ((size == 0) | (share > NULL_SHARE))
+
+
+def _inverse(bread: Matrix, left_out) -> Matrix:
+    """A⁻¹ on what is determined, 0 on the rest."""
+    both = left_out[:, None] | left_out
+    a = np.where(both, np.eye(len(bread)), bread)
+    size = np.sqrt(np.abs(np.diagonal(a)))
+    size = np.where(size > 0, size, 1.0)
+    outer = np.outer(size, size)
+    return np.where(both, 0.0, np.linalg.pinv(a / outer, rcond=1e-16) / outer)
+
+
+def quantile(confidence: float, degrees: float | np.ndarray | None):
+    """Two-sided: Student's t, or the normal one where the noise is known (None, or infinite)."""
+    from scipy import special
+
+    at = 0.5 * (1 + confidence)
+    if degrees is None:
+        return float(special.ndtri(at))
+    found = np.where(np.isinf(degrees), special.ndtri(at), special.stdtrit(degrees, at))
+    return float(found) if found.ndim == 0 else found

@@ -305,19 +305,6 @@ def with_noise(problem: Problem, z: np.ndarray) -> Problem:
     return replace(problem, variances=tuple(found))  # each set weighs as it did
 
 
-def in_units(problem: Problem, z: Float[np.ndarray, "fits p"], lanes: Lanes) -> Lanes:
-    """Fits side by side, each in units of its own noise: where nothing is weighed against it."""
-    if lanes.variances is not None or needs_variances(problem) or problem.elastic is not None:
-        return lanes
-    if not any(one.unknown for one in problem.errors) or lanes.member is not None:
-        return lanes
-    found = variances_at(problem, z, lanes)
-    if not problem.joint and len(problem.errors) > 1:
-        return lanes._replace(variances=found)
-    every = problem.diagonal(z, lanes._replace(variances=found))
-    return lanes._replace(variances=found, weight=every**-0.5)
-
-
 def have_settled(one: Problem, other: Problem) -> bool:
     """Whether two problems have the same variances and spreads of pools."""
     pools = zip(one.pools, other.pools, strict=True)

@@ -23,11 +23,11 @@ from calibration.errors import DataError
 from calibration.fitting.collisions import Route
 from calibration.fitting.curves import curve_and_slopes, yield_velocity
 from calibration.fitting.further import further_variances
-from calibration.fitting.laws import OF_CONTACT, eps_up_of
-from calibration.fitting.layout import Local, specs_of
+from calibration.fitting.laws import OF_CONTACT, eps_up_of, numbers_in
+from calibration.fitting.layout import specs_of
 from calibration.fitting.material import MaterialFit
+from calibration.fitting.problem import Element
 from calibration.fitting.result import FitResult
-from calibration.fitting.rows import numbers_in
 from calibration.parameters import Parameter, as_parameter
 from calibration.rounding import number
 from softjax.fields import numbers_of, options_of, whole_fields
@@ -220,7 +220,6 @@ def _of_law(law: sj.ContactLaw, every: Column, parameters, uncertainty, route: R
         derived={},
         values={one.name: _truth(law, one) for one in spec.local},
         labels=free,
-        trees=spec.trees,
         rms=math.nan,
         rms_empirical=None,
         empirical=None,
@@ -234,7 +233,7 @@ def _of_law(law: sj.ContactLaw, every: Column, parameters, uncertainty, route: R
     return replace(plan, before=np.diag((plan.unit / sizes) ** 2))
 
 
-def _truth(law: Any, local: Local) -> Any:
+def _truth(law: Any, local: Element) -> Any:
     """The law's own value of a parameter; what stands in for none keeps its own."""
     name, parameter = local.name, local.parameter
     stem, _, entry = name.partition("[")
