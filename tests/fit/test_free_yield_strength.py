@@ -99,18 +99,6 @@ def test_no_start_is_better_than_the_fit_and_no_branch_is_better():
         assert own == pytest.approx(by_brute_force(measured, 0.85), abs=0.05)
 
 
-@pytest.mark.long
-def test_the_lowest_cost_of_all_branches_is_found_in_60_sets():
-    worse = above = 0
-    for seed in range(60):
-        measured = data(seed)
-        own = chi_squared(measured, found_by(fitted(measured, profiles=False)))
-        worse += own > by_brute_force(measured) + 1.0
-        above += own > chi_squared(measured, [*TRUTH.values()])
-    assert above == 0
-    assert worse <= 1
-
-
 def test_an_interval_of_the_strength_ends_where_the_cost_does():
     """χ² with the strength at the ends, all else by SciPy, is the limit's there or jumps over it."""
     measured = data(3)

@@ -113,30 +113,6 @@ def test_a_viscoelastic_contact_is_fitted_through_its_closed_form():
     assert relative == pytest.approx(error, rel=1e-4)
 
 
-def test_profiles_of_another_law_are_where_the_cost_has_risen():
-    data = measured(walton_braun, LAWS["walton-braun"][1], uncertainty=NOISE)
-    result = cal.fit(data, "walton-braun", starts=4)
-    names = ("unloading_stiffness", "growth")
-    best = np.array([result.values[name] for name in names])
-
-    def cost(values):
-        return np.sum(((walton_braun(VELOCITY, *values) - data.restitution) / NOISE) ** 2)
-
-    for k, name in enumerate(names):
-        assert result.estimates[name].method == "profile"
-        for end in result.intervals[name]:
-
-            def at(x, end=end, k=k):
-                return cost(np.where(np.arange(2) == k, end, best * x))
-
-            told = {"bounds": (0.2, 5), "method": "bounded", "options": {"xatol": 1e-10}}
-            rise = optimize.minimize_scalar(at, **told).fun - cost(best)
-            assert rise == pytest.approx(stats.chi2.ppf(0.95, 1), rel=2e-3)
-        curve = result.profiles[name]
-        assert curve.threshold == pytest.approx(stats.chi2.ppf(0.95, 1), rel=1e-9)
-        assert max(curve.delta_chi_squared) > curve.threshold
-
-
 def linked(contact, a, b):
     """p_y/Y = a + b ln(E/Y) of Thornton's law."""
     return sj.Thornton(contact, a + b * jnp.log(contact.yield_ratio))

@@ -87,7 +87,8 @@ def test_what_the_data_do_not_determine_is_said_without_nan():
     said = with_yield(prior=(YIELD, 0.05 * YIELD)) | {"sigma": cal.Parameter(2.0)}
     result = cal.fit(drops(20), "zhou", said)
     assert result.standard_errors["sigma"] is None
-    assert "sigma-psi-not-separate" in {one.code for one in result.warnings}
+    codes = {one.code for one in result.warnings}
+    assert {"sigma-psi-not-separate", "rank-deficient"} <= codes
     assert "nan" not in str(result).lower()
 
 
@@ -121,18 +122,8 @@ def by_noise(noise=0.9):
     return Decay(noise, 0.1)
 
 
-def by_scale(scale=0.9):
-    return Decay(scale, 0.1)
-
-
-def by_group(group=0.9):
-    return Decay(group, 0.1)
-
-
 CLASHES = {
     "noise": (by_noise, {}, {}),
-    "scale": (by_scale, {"uncertainty": 0.01}, {"scale_uncertainty": True}),
-    "group": (by_group, {"group": [f"day {k}" for k in np.arange(12) // 3]}, {}),
 }
 
 
