@@ -53,9 +53,9 @@ def solve(field, start, end, state, args, route: Any, save=None, *, smooth: bool
     `engine.rows`. `smooth` is for fields known to vary over the whole way alike: their
     steps have no upper bound.
 
-    Step by step with diffrax's methods and its control of their steps. Its own `diffeqsolve` does so
-    too, with much that is not asked for here: it takes twice as long to trace and a fifth longer to
-    compile.
+    Step by step with diffrax's methods and its control of their steps. Its own `diffeqsolve` gives the
+    same numbers as fast; the first call takes 2.7 s of processor time instead of 1.5 (the reference,
+    how it works, says where).
     """
     span = end - start
 
