@@ -2,8 +2,8 @@
 
 Every way computes ε_p of the same collisions: each route of the law, `scipy.integrate.solve_ivp` in a
 Python loop, and `diffrax.diffeqsolve` ended by events. Exact answers are 40-digit arithmetic (of damped laws
-60-digit) rounded to 20 digits, made by tests/oracles/write.py, or a closed form that no route is
-told, so that no way is compared with itself.
+60-digit) rounded to 20 digits, made by tests/oracles/write.py, or a closed form that no route
+uses, so that no way is compared with itself.
 """
 
 import csv
@@ -30,7 +30,7 @@ BATCH, LARGE, FEW = 4096, 1_000_000, 16  # impacts; few of the slow loops in Pyt
 EXACT = "exact", "exact, no overlaps"  # the second: ε, ε_p and status alone
 REPEATS, SHORTEST, LONGEST = 9, 0.2, 0.5  # timings; after these seconds none is added or begun
 SLIGHTLY = 1.1  # a rival may err by so much more
-NEARLY = 3.0  # errors within this factor count as the one that was asked for
+NEARLY = 3.0  # errors within this factor count as the requested one
 LEAST = 1e-30  # of an overlap, whose root is taken
 ENDS = 20.0  # no contact lasts so long in its own units
 SCIPY, DIFFRAX = "SciPy loop", "diffrax, events"
@@ -117,7 +117,7 @@ class Row:
 
 
 class Hardening(sj.RateIndependentLaw):
-    """A law of one's own, by forces in SI: Hertz's, and back F_m (δ/δ_m)^{3/2 + δ_m/ℓ}.
+    """A law as a user writes it, by forces in SI: Hertz's, and back F_m (δ/δ_m)^{3/2 + δ_m/ℓ}.
 
     The works of both are elementary: ε² = (5/2)/(5/2 + δ_m/ℓ).
     """
@@ -259,7 +259,7 @@ def _own(kind: type[Hardening]) -> Scene:
     exact = np.sqrt(2.5 / (2.5 + depth))
     steps = (sj.ODE(solver=solver, steps=n) for solver, n in (("dopri8", 2), ("dopri5", 5)))
     return Scene(
-        "a law of one's own in SI, v from 0.01 to 10 m/s",
+        "a user's law in SI, v from 0.01 to 10 m/s",
         law_of,
         theta,
         velocity,
@@ -513,7 +513,7 @@ def draw(rows: list[Row], title: str, ax: Any = None) -> Any:
     from calibration.plots import style
 
     ax = style.axes_or_new(ax, 9.0, 5.5)
-    # a colour and a marker each: told apart without colour too
+    # a colour and a marker each: distinct without colour too
     colours = (style.GREEN, style.GREEN, style.BLUE, style.SKY, style.VERMILION)
     for family, colour, marker in zip(FAMILIES, colours, "**os^", strict=True):
         some = [row for row in rows if row.family == family]

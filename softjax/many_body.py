@@ -11,7 +11,7 @@ from softjax.restitution import restitution
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(12)
 NEWTON = 6  # steps to ξ, which is then 8e-7 off at ε = 0.1
-LEAST = 1e-30  # in place of no overlap [m]: laws are asked for forces at positive overlaps alone
+LEAST = 1e-30  # in place of 0 [m]: forces of laws are of positive overlaps
 
 
 def contact_force(
@@ -48,7 +48,7 @@ def contact_force(
         return jnp.where(touching, force, 0.0), jnp.where(touching, overlap, 0.0)
     loading = overlap >= memory
     unloading = touching & ~loading
-    # where nothing unloads any peak serves: no slope of what is not asked may be infinite
+    # where nothing unloads any peak serves, if slopes there are finite
     peak = jnp.where(unloading, memory, jnp.maximum(inside, 1e-3 * law.contact.radius))
     speed = _speed(law, peak)
     factor = _factor(law, speed)

@@ -140,7 +140,7 @@ def _with_unit(header: Header, unit: str) -> Header:
         return header
     if header.unit is not None and header.unit != unit:
         problem = f"[{header.unit}] in its name and [{shown(unit)}] below"
-        raise DataError(f"unit of {header.name}", problem, "told once")
+        raise DataError(f"unit of {header.name}", problem, "given once")
     return header._replace(unit=unit)
 
 

@@ -389,7 +389,7 @@ class RestitutionData:
         for name in names:
             value = getattr(self.errors, name)
             if told[name] is not None and not same(told[name], value):
-                raise DataError(name, "told beside other `errors`", "left out, or errors=None")
+                raise DataError(name, "given with other `errors`", "left out, or errors=None")
             self._set(name, value)
 
     def _take_in_contact(self) -> None:

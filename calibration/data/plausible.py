@@ -75,7 +75,7 @@ def _no_wall(data: RestitutionData) -> Implausible | None:
     spheres = [body for body in data.bodies if body.radius is not None]
     if FALLEN not in data.remarks or len(spheres) < 2:
         return None
-    cause = "the dropped balls met a sphere like them, as no wall is told"
+    cause = "the dropped balls met a sphere like them, as no wall is given"
     return Implausible(
         "no-wall", cause, "If it was a wall, `[material.wall]` tells its properties."
     )

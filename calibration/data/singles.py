@@ -174,7 +174,7 @@ def _sizes(table: Measured, names, of_both: str, values):
     exact = [name for name, one in zip(names, each, strict=True) if one is None]
     if len(exact) == len(names):
         return None, ()
-    guessed = tuple(f"{name} is taken for exact: no uncertainty of it is told" for name in exact)
+    guessed = tuple(f"{name} is taken for exact: no uncertainty of it is stated" for name in exact)
     return [np.zeros(len(values[0])) if one is None else one for one in each], guessed
 
 

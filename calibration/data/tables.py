@@ -137,4 +137,4 @@ def _air(air: Any, ball: Ball | None, kind: Kind, gravity: float):
         return Air(ball, gravity, density), ()
     if isinstance(air, bool | None):
         return None, (NOT_CORRECTED,)
-    raise DataError("ball", "not told", "given with air: its diameter, and its mass or density")
+    raise DataError("ball", "missing", "given with air: its diameter, and its mass or density")

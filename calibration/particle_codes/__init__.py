@@ -4,8 +4,8 @@ target       the law and its ε over the range of velocities
 surrogates   cheaper laws in its place; softening: the same ε by softer springs
 steps        impacts stepped as codes step them: what a time step costs
 choice       the first law that keeps the tolerance
-c_header     a law as C source;  c_table: a law of one's own as a table of forces
+c_header     a law as C source;  c_table: a user's law as a table of forces
 lammps, liggghts, yade    the files of each code
-report       what was exported, printed, drawn and as export.json
+report       the result of an export, printed, drawn and as export.json
 entry        `export`
 """

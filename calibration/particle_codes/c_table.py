@@ -18,7 +18,7 @@ ROWS, COLUMNS = 129, 33
 BEYOND = 1.1  # the table ends at this many times the largest overlap of the range
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)
 AT_KINKS = 5e-5  # error of ε at a kink of the force, where 2e-5 was seen
-FINE = 16  # midpoint sums of works with this many times the header's points are exact beside them
+FINE = 16  # midpoint sums of works with this many times the header's points are exact in comparison
 
 
 def table_of(law: Any, impacts: Impacts, losses: bool = True) -> tuple[dict[str, Any], float]:

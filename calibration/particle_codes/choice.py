@@ -66,7 +66,7 @@ class Backend:
 
 @dataclass(frozen=True)
 class ExportOptions:
-    """What is requested beside the law: see `calibration.particle_codes.entry.export`."""
+    """Options of an export: see `calibration.particle_codes.entry.export`."""
 
     tolerance: float
     law: str
@@ -129,7 +129,7 @@ def choose(target: Target, code: Any, options: ExportOptions) -> tuple[Choice, l
             the reasons why not of others.
 
     Raises:
-        ValueError: where none does, naming the best, or where the law asked for is none of these.
+        ValueError: where none does, naming the best, or where the requested law is none of these.
     """
     keys = _keys(target, code, options.law)
     tried: list[Choice] = []
@@ -162,13 +162,13 @@ def _unsuited(key: str, target: Target, backend: Backend, options: ExportOptions
 
 
 def _refusal(best: Choice, options: ExportOptions) -> InputError:
-    problem = f"no law tried keeps the tolerance {options.tolerance:g}"
+    problem = f"no law meets the tolerance {options.tolerance:g}"
     if best.steps is NONE:
-        least, told = best.error / (1 - ROOM), f"{best.error:.3g} off without steps"
+        least, found = best.error / (1 - ROOM), f"{best.error:.3g} off without steps"
     else:
-        least, told = best.total, f"{best.total:.3g} off at {best.steps.count} steps"
-    accepted = f"--tolerance {_upwards(least)} writes it"
-    return InputError(None, None, f"{problem}: the best, {best.label}, is {told}", accepted)
+        least, found = best.total, f"{best.total:.3g} off at {best.steps.count} steps"
+    accepted = f"try --tolerance {_upwards(least)}"
+    return InputError(None, None, f"{problem}: the best, {best.label}, is {found}", accepted)
 
 
 def _upwards(value: float) -> str:
@@ -177,26 +177,26 @@ def _upwards(value: float) -> str:
     return f"{np.ceil(value / place) * place:.3g}"
 
 
-def _keys(target: Target, code: Any, asked: str) -> list[str]:
+def _keys(target: Target, code: Any, law: str) -> list[str]:
     """Which laws to try, in the order of their cost."""
     has_force = not isinstance(target.law, sj.HardSphereLaw)
     keys = [key for key in code.BACKENDS if key != EXACT or has_force]
-    if asked == "auto":
+    if law == "auto":
         return keys
-    own = [name for name, law in LAWS.items() if law is type(target.law)]
-    _refuse_unsayable(target, code, asked, own)
-    key = EXACT if asked in own and asked not in keys else asked
+    own = [name for name, one in LAWS.items() if one is type(target.law)]
+    _refuse_unsayable(target, code, law, own)
+    key = EXACT if law in own and law not in keys else law
     if key not in keys:
-        accepted = f"auto, {listed(keys)}{did_you_mean(asked, keys)}"
-        raise DataError("law", asked, accepted)
+        accepted = f"auto, {listed(keys)}{did_you_mean(law, keys)}"
+        raise DataError("law", law, accepted)
     return [key]
 
 
-def _refuse_unsayable(target: Target, code: Any, asked: str, own: list[str]) -> None:
+def _refuse_unsayable(target: Target, code: Any, law: str, own: list[str]) -> None:
     """What cannot be said in a code, in one line with the reason."""
-    backend = code.BACKENDS.get(asked)
-    name = own[0] if asked == EXACT and own else asked
-    if asked not in code.BACKENDS and name in code.REFUSED:
+    backend = code.BACKENDS.get(law)
+    name = own[0] if law == EXACT and own else law
+    if law not in code.BACKENDS and name in code.REFUSED:
         problem, accepted = code.REFUSED[name]
         raise InputError(None, None, problem, accepted)
     if backend is not None and backend.from_loading and type(target.law) is sj.WaltonBraun:
@@ -237,8 +237,8 @@ def _of_pairs(law: Any, target: Target, losses: bool) -> tuple[float, float]:
     errors, durations = [0.0], [np.inf]
     for _, _, contact in target.pairs:
         found = impacts_of(with_contact(law, contact), target.velocity, losses)
-        wanted = restitution_of(with_contact(target.law, contact), target.velocity, losses)
-        errors.append(float(np.max(np.abs(found.coefficient - wanted))))
+        requested = restitution_of(with_contact(target.law, contact), target.velocity, losses)
+        errors.append(float(np.max(np.abs(found.coefficient - requested))))
         durations.append(float(np.min(found.duration)))
     return max(errors), min(durations)
 
@@ -263,7 +263,7 @@ def _own_overlap(target: Target) -> float:
 
 
 def _softening_factor(impacts: Impacts, target: Target, options: ExportOptions) -> float:
-    """The overlap asked for over that of the fastest impact."""
+    """The requested overlap over that of the fastest impact."""
     own = float(impacts.peak[-1]) / target.radius
     if options.overlap is None:
         return 1.0

@@ -17,11 +17,11 @@ from calibration.output import check_writable, files_into, write_text
 from calibration.particle_codes import lammps, liggghts, yade
 from calibration.particle_codes.c_header import header_of
 from calibration.particle_codes.choice import EXACT, HEADER, Backend, ExportOptions, choose
-from calibration.particle_codes.report import Export, draw_export
+from calibration.particle_codes.report import Export
 from calibration.particle_codes.target import target_of
 from calibration.plots import style
 
-# one's own code: the C header alone, of whatever law
+# a code of the user: the C header alone, of any law
 C_CODE = SimpleNamespace(
     BACKENDS={
         key: Backend(
@@ -60,7 +60,7 @@ def export(
 
     Args:
         result_or_law: a fit, or a contact law with single numbers for its fields.
-        to: "c" (a header for one's own code), "lammps", "liggghts" or "yade".
+        to: "c" (a header for your own code), "lammps", "liggghts" or "yade".
         out: the folder for input lines or source, export.json and export.png.
         material: which data set of a fit of several; a name for a law.
         velocity_range: lowest and highest impact velocity of the scene [m/s]; that of the data
@@ -72,11 +72,11 @@ def export(
         steps: time steps in the shortest contact; as many as the tolerance needs where left out.
         overlap: the largest overlap over the radius that the scene bears: springs are made softer
             until it is reached, at the same ε. As stiff as the law is where left out.
-        radius: what overlaps are told over [m]; where left out that of the smaller sphere if a fit
-            knows the bodies, else the effective one.
+        radius: the radius [m] that overlaps are compared with; where left out that of the smaller sphere
+            if a fit knows the bodies, else the effective one.
         on_wall: whether the law is of a ball on a flat wall, whose lines are then the active ones, or
             of two balls; where left out as a fit knows.
-        losses: whether what is in ε and in no force, Eq. (17), is taken off the unloading force.
+        losses: whether the losses of Eq. (17), which enter ε, are taken off the unloading force.
         prefix: of all names in C, and of the law in LAMMPS. Exports with several prefixes into one folder
             make one plugin with several laws.
         types: the two types of atoms in LAMMPS between which the law acts; all where left out.
@@ -124,7 +124,7 @@ def export(
         for name, text in files.items():
             write_text(folder / name, text)
         write_text(folder / report, dumps(made.to_dict(), indent=2))
-        style.save(draw_export(made), folder / picture)
+        style.save(made.draw(), folder / picture)
     return made
 
 

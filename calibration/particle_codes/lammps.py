@@ -3,8 +3,8 @@
     linear, hertz-dashpot, viscoelastic    pair_style granular
     any other law                          pair_style softjax, a plugin around the C headers of a folder
 
-"Restitution in, restitution out" fails by the end of the contact (`limit_damping` gives more than
-is asked) and by the unit (damping over mass, 1/s and 1/(s m)). Releases since 27 June 2024, the first with
+"Restitution in, restitution out" fails by the end of the contact (`limit_damping` gives a larger one
+than requested) and by the unit (damping over mass, 1/s and 1/(s m)). Releases since 27 June 2024, the first with
 `coeff_restitution`; measured with that of 22 July 2025: see tests.
 """
 

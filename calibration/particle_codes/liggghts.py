@@ -4,7 +4,7 @@
     hertz-dashpot   model hertz
     walton-braun    model hooke/hysteresis, where k2 grows from k1
 
-`limitForce on` ends a contact where its force vanishes and gives more than is asked. A modulus
+`limitForce on` ends a contact where its force vanishes and gives a larger ε than requested. A modulus
 above 1 GPa needs `hard_particles yes`. Measured with 3.8.0; see tests.
 """
 
@@ -69,11 +69,11 @@ def model_of(law: Any, poisson_ratio: float, peak: float) -> tuple[str, Properti
         return "hooke/stiffness limitForce on", elastic | _spring(law)
     if isinstance(law, sj.WaltonBraun):
         return "hooke/hysteresis", elastic | _hysteresis(law, peak)
-    asked = number_of(law.restitution)
-    if asked <= LEAST_RESTITUTION:
-        problem = f"LIGGGHTS takes no coefficientRestitution of {asked:.3g}"
+    restitution = number_of(law.restitution)
+    if restitution <= LEAST_RESTITUTION:
+        problem = f"LIGGGHTS takes no coefficientRestitution of {restitution:.3g}"
         raise InputError(None, None, problem, f"above {LEAST_RESTITUTION}, or --export-law linear")
-    return "hertz limitForce on", elastic | {"coefficientRestitution": _pair(asked)}
+    return "hertz limitForce on", elastic | {"coefficientRestitution": _pair(restitution)}
 
 
 def _pair(value: float) -> tuple[str, float]:

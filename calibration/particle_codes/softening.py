@@ -1,4 +1,4 @@
-"""Springs as codes are told them: softer at the same ε, or unloading steeper the deeper they were.
+"""Springs as codes take them: softer at the same ε, or unloading more steeply from deeper overlaps.
 
 Softer: overlaps and durations grow by a factor, forces fall by it. With P'(δ, δ') = P(δ/μ, δ')/μ
 every impact is the old one with lengths and times μ times as large, so that ε(v) is untouched. What
@@ -11,33 +11,25 @@ from typing import Any
 import softjax as sj
 from calibration.particle_codes.target import number_of
 
-BEYOND = 2.0  # the overlap up to which k2 grows, over the largest wanted
+BEYOND = 2.0  # the overlap up to which k2 grows, over the largest of the range
+POWERS = {  # of the factor, by which a field is multiplied
+    sj.LinearSpringDashpot: {"stiffness": -2},
+    sj.WaltonBraun: {"loading_stiffness": -2, "unloading_stiffness": -2, "growth": -1},
+    sj.HertzDashpot: {},
+    sj.ViscoelasticHertz: {"dissipation_time": 1},
+}
+OF_MODULUS = sj.HertzDashpot, sj.ViscoelasticHertz
 
 
 def softened(law: Any, factor: float) -> Any:
-    """A law whose fields can say it, softer by `factor`.
-
-    Raises:
-        TypeError: for laws that are handed over by a header, which softens by itself.
-    """
+    """A law softer by `factor`, by its fields; headers soften any law by themselves."""
     if factor == 1:
         return law
-    if isinstance(law, sj.LinearSpringDashpot):
-        return dataclasses.replace(law, stiffness=law.stiffness / factor**2)
-    if isinstance(law, sj.WaltonBraun):
-        return dataclasses.replace(
-            law,
-            loading_stiffness=law.loading_stiffness / factor**2,
-            unloading_stiffness=law.unloading_stiffness / factor**2,
-            growth=law.growth / factor,
-        )
-    if not isinstance(law, sj.HertzDashpot | sj.ViscoelasticHertz):
-        raise TypeError(f"no fields of {type(law).__name__} say how soft it is")
-    modulus = law.contact.youngs_modulus / factor**2.5
-    law = dataclasses.replace(law, contact=dataclasses.replace(law.contact, youngs_modulus=modulus))
-    if isinstance(law, sj.HertzDashpot):
-        return law
-    return dataclasses.replace(law, dissipation_time=law.dissipation_time * factor)
+    fields = {name: getattr(law, name) * factor**power for name, power in POWERS[type(law)].items()}
+    if isinstance(law, OF_MODULUS):
+        modulus = law.contact.youngs_modulus / factor**2.5
+        fields["contact"] = dataclasses.replace(law.contact, youngs_modulus=modulus)
+    return dataclasses.replace(law, **fields)
 
 
 def growth_of(law: sj.WaltonBraun, peak: float) -> tuple[float, float]:

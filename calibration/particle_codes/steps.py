@@ -29,7 +29,7 @@ LONGEST = 3  # times the longest contact that is stepped at most
 BETWEEN = 1.1  # other velocities and beginnings may be worse by this factor; seen: 1.03
 MORE = 1.1  # errors go up and down with the beginning; the order is an average
 SLOWER = 100.0  # below the range, where what is held there is looked at
-NO_OVERLAP = 1e-30  # in place of none [m]: laws are asked for forces at positive overlaps alone
+NO_OVERLAP = 1e-30  # in place of 0 [m]: forces of laws are of positive overlaps
 
 
 @dataclass(frozen=True)

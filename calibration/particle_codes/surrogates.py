@@ -2,7 +2,7 @@
 
 In the order of what they cost a code: constant ε by a linear spring, by Hertz's spring,
 viscoelastic spheres, Walton and Braun's spring. Springs that ε says nothing of are as stiff as
-gives the largest overlap asked for at the fastest impact.
+gives the requested overlap at the fastest impact.
 """
 
 import cmath
@@ -54,7 +54,7 @@ def dashpot_for(restitution: float) -> float:
 def hold_for(restitution: float) -> float:
     """The fraction ξ of critical damping with which a contact at rest at its peak returns ε of its speed.
 
-    A dashpot c = ξ √(2 M (P/δ + dP/dδ)) beside a force P ∝ δⁿ is a linear oscillator; it ends where the force
+    A dashpot c = ξ √(2 M (P/δ + dP/dδ)) and a force P ∝ δⁿ are a linear oscillator; it ends where the force
     vanishes:
 
         ln ε = -ξ arccos ξ/√(1 - ξ²)

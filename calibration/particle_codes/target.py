@@ -2,6 +2,7 @@
 
 import dataclasses
 from dataclasses import dataclass
+from itertools import combinations_with_replacement
 from typing import Any
 
 import jax
@@ -10,7 +11,6 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import softjax as sj
-from calibration.data import RestitutionData
 from calibration.errors import DataError, printable
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.result import FitResult
@@ -24,22 +24,21 @@ Curve = Float[np.ndarray, " n"]
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """A law, the velocities at which a scene needs it, and its ε there.
+    """A law, the velocities of a scene, and ε there.
 
     Attributes:
         law: with single numbers for all its fields, and a contact.
         name: of the material.
-        radius: what overlaps are told over: the radius [m] of the smaller sphere, or the effective
-            one where only the contact is known (`radius_of` says which).
-        poisson_ratio, density: of the smaller sphere [-], [kg/m³]; None where only the contact is
-            known.
+        radius, radius_of: the radius [m] of the smaller sphere, or the effective one where only the
+            contact is known, and which of them it is.
+        poisson_ratio, density: of the smaller sphere [-], [kg/m³]; None where only the contact is known.
         on_wall: whether the law is of a ball on a flat wall, or of two balls; None where only the
             contact is known.
         velocity, restitution: [m/s] and [-], shape (POINTS,).
         measured: lowest and highest velocity of the data [m/s]; None without data.
-        doubts: codes of the fit's warnings.
+        warnings: codes of the fit's warnings.
         determined_from: the velocity [m/s] below which the fit does not determine ε.
-        pairs: of the sizes that were named: two types of atoms and their contact.
+        pairs: two types of atoms and their contact, of the sizes that were named.
     """
 
     law: Any
@@ -53,7 +52,7 @@ class Target:
     velocity: np.ndarray
     restitution: np.ndarray
     measured: Range | None = None
-    doubts: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
     determined_from: float = 0.0
     pairs: tuple[tuple[int, int, sj.Contact], ...] = ()
 
@@ -71,88 +70,94 @@ def target_of(
     on_wall: bool | None = None,
     sizes: tuple[float, ...] | None = None,
 ) -> Target:
-    """What a fit's or a law's ε is over a range of velocities.
-
-    Args:
-        source: a fit or a law.
-        material: the data set of a fit of several; a name for a law.
-        velocity_range: lowest and highest [m/s]; the data's where left out.
-        losses: False wants ε_p, what the force alone gives back.
-        radius: what overlaps are told over [m].
-        on_wall: whether the law is of a ball on a wall; as a fit knows where left out.
-        sizes: radii [m] of the types of atoms of the scene, all of this material.
+    """ε of a fit or a law over a range of velocities; arguments as in `entry.export`.
 
     Raises:
         ValueError: naming the argument, its value and what is accepted.
     """
-    fit = source.material(material) if isinstance(source, FitResult) else source
-    law = fit.law if isinstance(fit, MaterialFit) else fit
+    found = source.material(material) if isinstance(source, FitResult) else source
+    fit = found if isinstance(found, MaterialFit) else None
+    law = fit.law if fit else found
     if not isinstance(law, sj.ContactLaw):
         raise DataError("result_or_law", law, "a FitResult, a MaterialFit or a contact law")
-    data = fit.data if isinstance(fit, MaterialFit) else None
-    contact = _contact(law, data)
+    contact = getattr(law, "contact", None) or (fit.data.contact if fit else None)
+    if contact is None:
+        accepted = "one with a contact: a code needs elastic properties and sizes of the bodies"
+        raise DataError("result_or_law", type(law).__name__, accepted)
+    if any(np.size(leaf) != 1 for leaf in jax.tree.leaves((law, contact))):
+        raise DataError("result_or_law", "a law of several pairs of bodies", "a law of one pair")
     velocity = np.geomspace(*_range(fit, velocity_range), POINTS)
-    spheres = [body for body in data.bodies if body.radius is not None] if data else []
+    spheres = [body for body in fit.data.bodies if body.radius is not None] if fit else []
     smaller = min(spheres, key=lambda body: body.radius, default=None)
     if on_wall is None and spheres:
         on_wall = len(spheres) == 1
+    if radius is not None and not 0 < radius < np.inf:
+        raise DataError("radius", radius, "a positive length in m")
+    known = radius or (smaller.radius if smaller else None)
+    density = float(smaller.material.density) if smaller else None
     return Target(
         law,
         contact,
-        printable(data.name if data is not None else material or type(law).__name__),
-        *_radius(radius, None if smaller is None else smaller.radius, contact),
-        None if smaller is None else float(smaller.material.poisson_ratio),
-        None if smaller is None else float(smaller.material.density),
+        printable(fit.data.name if fit else material or type(law).__name__),
+        float(known or number_of(contact.radius)),
+        "sphere's" if known else "effective",
+        float(smaller.material.poisson_ratio) if smaller else None,
+        density,
         on_wall,
         velocity,
         restitution_of(law, velocity, losses),
-        None if data is None else (float(np.min(data.velocity)), float(np.max(data.velocity))),
-        _doubts(fit),
-        fit.known_from if isinstance(fit, MaterialFit) else 0.0,
-        _pairs(contact, sizes, None if smaller is None else smaller.material.density, on_wall),
+        (float(np.min(fit.data.velocity)), float(np.max(fit.data.velocity))) if fit else None,
+        tuple(dict.fromkeys(warning.code for warning in fit.warnings)) if fit else (),
+        fit.known_from if fit else 0.0,
+        _pairs(contact, sizes, density, on_wall) if sizes is not None else (),
     )
 
 
+def _range(fit: MaterialFit | None, velocity_range: Range | None) -> Range:
+    if velocity_range is not None:
+        low, high = map(float, velocity_range)
+    elif fit is not None:
+        low = max(float(np.min(fit.data.velocity)), fit.known_from)
+        high = min(float(np.max(fit.data.velocity)), fit.known_to)
+    else:
+        raise DataError("velocity_range", None, "given with a law: (lowest, highest) in m/s")
+    text = f"{low:g}:{high:g}"
+    if not 0 < low < high < np.inf:
+        raise DataError("velocity_range", text, "lowest:highest in m/s, 0 < lowest")
+    if fit is not None and not np.all(fit.determined([low, high])):
+        known = f"{fit.known_from:.4g} to {fit.known_to:.4g} m/s"
+        raise DataError("velocity_range", text, f"where the data determine ε, {known}")
+    return low, high
+
+
 def _pairs(contact: sj.Contact, sizes: Any, density: Any, on_wall: bool | None) -> tuple:
-    """Contacts of all pairs of types; without a density of two like spheres with this contact."""
-    if sizes is None:
-        return ()
+    """Contacts of all pairs of types. Without a density it is that of two like spheres with this contact."""
     if on_wall:
         raise DataError("sizes", sizes, "left out for a ball on a wall: export each size by itself")
     radii = np.array(sizes, float)
     if not np.all((radii > 0) & (radii < np.inf)):
         raise DataError("sizes", sizes, "radii of the types of atoms in m")
-    sphere = 4 / 3 * np.pi * (2 * number_of(contact.radius)) ** 3
-    masses = 4 / 3 * np.pi * radii**3 * (density or 2 * number_of(contact.mass) / sphere)
+    like = 2 * number_of(contact.mass) / (2 * number_of(contact.radius)) ** 3
+    masses = radii**3 * (4 / 3 * np.pi * density if density else like)
 
-    def of_both(values, i, j):
+    def reduced(values: np.ndarray, i: int, j: int) -> float:
         return float(values[i] * values[j] / (values[i] + values[j]))
 
-    return tuple(
-        (
-            i + 1,
-            j + 1,
-            dataclasses.replace(contact, radius=of_both(radii, i, j), mass=of_both(masses, i, j)),
-        )
-        for i in range(len(radii))
-        for j in range(i, len(radii))
-    )
+    found = []
+    for i, j in combinations_with_replacement(range(len(radii)), 2):
+        size = {"radius": reduced(radii, i, j), "mass": reduced(masses, i, j)}
+        found.append((i + 1, j + 1, dataclasses.replace(contact, **size)))
+    return tuple(found)
 
 
 def with_contact(law: Any, contact: sj.Contact) -> Any:
     """The law between bodies of other sizes."""
-    return (
-        law if getattr(law, "contact", None) is None else dataclasses.replace(law, contact=contact)
-    )
-
-
-def _doubts(fit: Any) -> tuple[str, ...]:
-    found = fit.warnings if isinstance(fit, MaterialFit) else ()
-    return tuple(dict.fromkeys(doubt.code for doubt in found))
+    has_contact = getattr(law, "contact", None) is not None
+    return dataclasses.replace(law, contact=contact) if has_contact else law
 
 
 def restitution_of(law: Any, velocity: np.ndarray, losses: bool = True) -> np.ndarray:
-    """ε, or ε_p without the losses that are in no force.
+    """ε, or ε_p: without the losses that are in no force.
 
     Raises:
         ValueError: at the first velocity where the law has no answer.
@@ -165,48 +170,9 @@ def restitution_of(law: Any, velocity: np.ndarray, losses: bool = True) -> np.nd
     return np.asarray(hit.coefficient if losses else hit.plastic_coefficient)
 
 
-def _radius(told: float | None, sphere: float | None, contact: sj.Contact) -> tuple[float, str]:
-    """What overlaps are told over, and whose radius that is."""
-    if told is not None:
-        if not 0 < told < np.inf:
-            raise DataError("radius", told, "a positive length in m")
-        return float(told), "sphere's"
-    if sphere is not None:
-        return float(sphere), "sphere's"
-    return number_of(contact.radius), "effective"
-
-
-def _contact(law: Any, data: RestitutionData | None) -> sj.Contact:
-    contact = getattr(law, "contact", None) or (data.contact if data is not None else None)
-    if contact is None:
-        accepted = "one with a contact: a code needs elastic properties and sizes of the bodies"
-        raise DataError("result_or_law", type(law).__name__, accepted)
-    if any(np.size(leaf) != 1 for leaf in jax.tree.leaves((law, contact))):
-        raise DataError("result_or_law", "a law of several pairs of bodies", "a law of one pair")
-    return contact
-
-
 def number_of(leaf: Any) -> float:
     """A single number of a law or contact."""
     return float(np.asarray(leaf).reshape(()))
-
-
-def _range(fit: Any, velocity_range: Range | None) -> Range:
-    if velocity_range is None:
-        if not isinstance(fit, MaterialFit):
-            raise DataError("velocity_range", None, "given with a law: (lowest, highest) in m/s")
-        low, high = float(np.min(fit.data.velocity)), float(np.max(fit.data.velocity))
-        low, high = max(low, fit.known_from), min(high, fit.known_to)
-    else:
-        low, high = map(float, velocity_range)
-    if not 0 < low < high < np.inf:
-        raise DataError("velocity_range", f"{low:g}:{high:g}", "lowest:highest in m/s, 0 < lowest")
-    if isinstance(fit, MaterialFit) and not np.all(fit.determined([low, high])):
-        known = f"{fit.known_from:.4g} to {fit.known_to:.4g} m/s"
-        raise DataError(
-            "velocity_range", f"{low:g}:{high:g}", f"within what the fit knows, {known}"
-        )
-    return low, high
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,18 +195,18 @@ class Impacts:
 
     @property
     def gain(self) -> float:
-        """The most energy that an impact brings back above what it had, over that."""
+        """The largest relative gain of energy in an impact."""
         return float(max(np.max(self.coefficient) ** 2 - 1, 0.0))
 
 
 def impacts_of(law: Any, velocity: Curve, losses: bool = True) -> Impacts:
-    """Impacts on a law with a force; `losses`: with what is in ε and in no force."""
+    """Impacts on a law with a force; `losses`: with those that are in ε and in no force."""
     hit = sj.restitution(law, velocity)
-    plastic = np.asarray(hit.plastic_coefficient)
-    coefficient = np.minimum(np.asarray(hit.coefficient), 1.0) if losses else plastic
-    return Impacts(
-        velocity, coefficient, plastic, np.asarray(hit.peak_overlap), np.asarray(hit.duration)
+    plastic, peak, duration = map(
+        np.asarray, (hit.plastic_coefficient, hit.peak_overlap, hit.duration)
     )
+    coefficient = np.minimum(np.asarray(hit.coefficient), 1.0) if losses else plastic
+    return Impacts(velocity, coefficient, plastic, peak, duration)
 
 
 def end_of(law: Any) -> str:
@@ -249,15 +215,10 @@ def end_of(law: Any) -> str:
 
 
 def unloading_force(law: Any, overlap: Any, peak_overlap: Any) -> Array:
-    """That of a law [N]; where nothing has yielded that of Hertz, as on loading."""
+    """The unloading force of a law [N]; Hertz's, as on loading, where nothing has yielded."""
     after_yield = law.unloading_force(overlap, peak_overlap)
     if not hasattr(law, "elastic_velocity"):
         return after_yield
-    yielded = peak_overlap > _elastic_overlap(law)
-    return jnp.where(yielded, after_yield, law.loading_force(overlap))
-
-
-def _elastic_overlap(law: Any) -> Array:
-    """The largest overlap of an impact that just does not yield, by Hertz's force [m]."""
     energy = law.contact.mass * law.elastic_velocity() ** 2 / 2
-    return (2.5 * energy / law.contact.stiffness) ** 0.4
+    elastic = (2.5 * energy / law.contact.stiffness) ** 0.4  # the largest overlap without yield
+    return jnp.where(peak_overlap > elastic, after_yield, law.loading_force(overlap))

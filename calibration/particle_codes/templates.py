@@ -1,4 +1,4 @@
-"""Source text and input lines of particle codes, by the templates beside this file."""
+"""Source text and input lines of particle codes, by the templates in `templates`."""
 
 from functools import cache
 from pathlib import Path

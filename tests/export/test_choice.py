@@ -197,13 +197,13 @@ def test_what_cannot_be_exported_is_refused(law, options, accepted, tmp_path):
 def test_where_nothing_keeps_the_tolerance_the_best_is_named(options, tmp_path):
     told = {"to": "c", "velocity_range": RANGE} | options
     code = told.pop("to")
-    with pytest.raises(ValueError, match=r"no law tried keeps the tolerance 0\.001") as error:
+    with pytest.raises(ValueError, match=r"no law meets the tolerance 0\.001") as error:
         cal.export(STEEL, code, tmp_path / "out", tolerance=0.001, **told)
     assert not (tmp_path / "out").exists()
-    needed = float(re.search(r"--tolerance (\S+) writes it", str(error.value))[1])
+    needed = float(re.search(r"try --tolerance (\S+)", str(error.value))[1])
     made = cal.export(STEEL, code, tmp_path / "out", tolerance=needed, **told)
     assert made.choice.total <= needed
-    with pytest.raises(ValueError, match="no law tried"):
+    with pytest.raises(ValueError, match="no law meets"):
         cal.export(STEEL, code, tmp_path / "out", tolerance=0.9 * needed, **told)
 
 
@@ -213,7 +213,7 @@ def test_export_json_has_all_numbers(exported):
     report = json.loads((folder / "export.json").read_text(encoding="utf-8"))
     assert (report["to"], report["law"]) == ("c", "walton-braun")
     assert report["largest_error"] == report["error_of_law"] + report["error_of_time_step"] <= 0.02
-    given, wanted = (np.array(report["curve"][name]) for name in ("given", "wanted"))
+    given, wanted = (np.array(report["curve"][name]) for name in ("exported", "requested"))
     assert np.max(np.abs(given - wanted)) == pytest.approx(report["error_of_law"])
     velocity = np.array(report["curve"]["velocity"])
     np.testing.assert_allclose(velocity, np.geomspace(*RANGE, 65))
@@ -248,11 +248,11 @@ def test_the_picture_shows_both_curves_their_difference_and_the_tolerance(tmp_pa
     curves, errors = figures["export.png"].axes
     assert curves.get_ylabel() == r"restitution $\varepsilon$"
     assert errors.get_xlabel() == "impact velocity $v$ [m/s]"
-    assert errors.get_ylabel() == r"given $-$ wanted"
+    assert errors.get_ylabel() == r"exported $-$ requested"
     assert errors.get_xscale() == curves.get_xscale() == "log"
     (legend,) = figures["export.png"].legends
     assert [text.get_text() for text in legend.get_texts()] == [
-        "wanted, Zhou",
+        "requested, Zhou",
         "c: Walton and Braun's spring, k2 growing with the force",
         "time step",
         "tolerance",
@@ -270,15 +270,15 @@ def test_the_picture_shows_both_curves_their_difference_and_the_tolerance(tmp_pa
     assert width == pytest.approx(2 * export.choice.steps.error, rel=1e-6)
 
 
-def test_deep_overlaps_are_cautioned(exported):
+def test_deep_overlaps_are_warned_of(exported):
     """Over 10 % of the radius; Hertz's largest overlap by hand."""
     peak = (1.25 * MASS * 25 / float(PAIR.stiffness)) ** 0.4
-    for share, cautions in ((0.0999, 0), (0.1001, 1)):
+    for share, count in ((0.0999, 0), (0.1001, 1)):
         made, _ = exported(sj.Hertz(PAIR), radius=peak / share, tolerance=0.5)
         assert made.overlap == pytest.approx(share, rel=1e-6)
-        told = "Overlaps reach 10 % of the radius: laws are for small ones."
-        assert made.cautions.count(told) == cautions
+        told = "Overlaps reach 10 % of the radius: contact laws are for small ones."
+        assert made.warnings.count(told) == count
     steel, _ = exported(tolerance=3e-4)
-    slow, held = steel.cautions
-    assert slow.startswith("Slower impacts lose nearly nothing, eps 0.98")
-    assert held.startswith("With --below hold eps is held at 0.9")
+    slow, held = steel.warnings
+    assert slow.startswith("Slower impacts lose nearly nothing (ε is 0.98")
+    assert held.startswith("With --below hold ε is held at 0.9")

@@ -74,20 +74,20 @@ def test_a_fit_is_exported_material_by_material(at, fit_file):
     assert (steel["material"], nylon["material"]) == ("steel", "nylon")
     assert steel["velocity_range"] == pytest.approx([0.1, 3.0])
     assert nylon["velocity_range"] == pytest.approx([1.5, 20.0])
-    assert not any(caution.startswith("Measured") for caution in nylon["cautions"])
+    assert not any(one.startswith("Measured") for one in nylon["warnings"])
     exact = sj.restitution(fitted("nylon"), np.array(nylon["curve"]["velocity"])).coefficient
-    np.testing.assert_allclose(nylon["curve"]["wanted"], exact, atol=1e-6)
+    np.testing.assert_allclose(nylon["curve"]["requested"], exact, atol=1e-6)
     code, out, _ = run("export", *options[:-1], "--material", "nylon", "--range", "1.5:21")
     assert code == 0
     codes = dict.fromkeys(d.code for d in cal.FitResult.load(fit_file).material("nylon").warnings)
-    expected = ["Measured were 1.5 to 20 m/s: beyond them the curve is the law's alone."]
-    expected += [f"Warnings about the fit: {', '.join(codes)}; its report has them."] * bool(codes)
-    assert set(expected) <= set(report()["cautions"])
+    expected = ["Measured: 1.5 to 20 m/s. Outside, ε is that of the law."]
+    expected += [f"Warnings of the fit: {', '.join(codes)}; see its report."] * bool(codes)
+    assert set(expected) <= set(report()["warnings"])
     for told in (text("softjax_law.h"), out):
-        assert all(caution in told for caution in expected)
+        assert all(one.replace("ε", "eps") in told.replace("ε", "eps") for one in expected)
     for more, said in (
         (("steel", "--law", "zhou"), "`--law` must be left out with --fit"),
-        (("nylon", "--range", "0.05:20"), "within what the fit knows"),
+        (("nylon", "--range", "0.05:20"), "where the data determine"),
     ):
         code, _, err = run("export", *options, "--material", *more)
         assert code == 2
@@ -109,7 +109,7 @@ def test_a_file_of_materials_with_given_parameters(at):
     export("alloy.toml", *NYLON, *options, "--quiet")
     made = report()
     assert (made["material"], made["law"]) == ("alloy", "viscoelastic")
-    assert [made["wanted"][name] for name in ("chi", "sigma", "psi")] == [0.2, 0.4, 0.5]
+    assert [made["requested"][name] for name in ("chi", "sigma", "psi")] == [0.2, 0.4, 0.5]
 
 
 NAMES = (
@@ -167,21 +167,21 @@ def test_a_wall_of_the_file_makes_its_line_act(at):
         options = ("--to", "lammps", "--range", "0.5:5", "--tolerance", "0.3", "--out", name)
         export(f"{name}.toml", *law, *options, "--quiet")
     pair, wall = text("in.softjax", "pair"), text("in.softjax", "wall")
-    heading = "# between {}, as wanted:\n"
+    heading = "# between {}, as requested:\n"
     assert heading.format("two balls") + "pair_style" in pair
-    assert "needs numbers of its own:\n# fix ID group " in pair
+    assert "needs an export of its own:\n# fix ID group " in pair
     assert heading.format("a ball and a flat wall") + "fix softjax_wall all " in wall
-    assert "# between two balls, which needs numbers of its own:\npair_style" in wall
+    assert "# between two balls, which needs an export of its own:\npair_style" in wall
     assert [report(name)["bodies"] for name in bodies] == ["two balls", "a ball on a flat wall"]
 
 
-def test_another_wanted_law_and_names_of_a_header(at):
+def test_another_law_and_names_of_a_header(at):
     options = ("--law", "hertz-dashpot", "--set", "restitution=0.8", "--prefix", "steel")
     export(*STEEL, *options, "--to", "c", "--tolerance", "1e-2")
     made = report(name="export_steel")
-    assert made["wanted"]["law"] == "HertzDashpot"
+    assert made["requested"]["law"] == "HertzDashpot"
     assert made["error_of_law"] < 1e-6
-    np.testing.assert_allclose(made["curve"]["wanted"], 0.8)
+    np.testing.assert_allclose(made["curve"]["requested"], 0.8)
     assert "steel_force(" in text("steel_law.h")
     assert "softjax" not in text("steel_law.h").lower()
 

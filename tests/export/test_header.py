@@ -233,7 +233,7 @@ def test_below_the_range_the_restitution_of_its_end_is_held(name, exported):
     assert off < 1.02 * made.choice.hold_error < 0.03
     assert one.largest_error(velocity, held, made.time_step / 100) < 6e-3
     assert one.largest_error(np.array([0.2, 3.0]), fast, made.time_step / 10) < 2e-4
-    assert f"eps is held at {float(held):.4g} by a dashpot" in " ".join(made.cautions)
+    assert f"ε is held at {float(held):.4g} by a dashpot" in " ".join(made.warnings)
     peak = float(sj.restitution(law, 1.0).peak_overlap)
     again = [one.forces([peak, 0.9 * peak], rate)[0][1] for rate in (-0.1, 0.0, 0.1)]
     assert again[0] == again[1] < again[2]

@@ -36,7 +36,7 @@ def read(folder, code: str) -> tuple[str, dict]:
     return text, json.loads((folder / "export.json").read_text(encoding="utf-8"))
 
 
-def at(report: dict, velocity: float, of: str = "given") -> float:
+def at(report: dict, velocity: float, of: str = "exported") -> float:
     curve = report["curve"]
     return float(CubicSpline(np.log(curve["velocity"]), curve[of])(math.log(velocity)))
 
@@ -144,4 +144,4 @@ def test_the_line_of_a_wall_has_the_same_numbers_and_acts_where_a_wall_was_measu
     text, _ = read(folder, code)
     assert not any("wall" in line for line in codes.lines_of(text))
     assert "# fix ID group wall/gran " in text
-    assert "# between two balls, as wanted:\n" in text
+    assert "# between two balls, as requested:\n" in text

@@ -293,8 +293,8 @@ class PairSoftjax : public Pair {
     for (int i = 0; i < atom->nlocal; i++) largest = std::max(largest, atom->radius[i]);
     for (const char *style : {"^pour", "^deposit"}) /* spheres that are still to come */
       for (auto *fix : modify->get_fix_by_style(style))
-        for (int type = 1, asked; asked = type, type <= atom->ntypes; type++)
-          if (auto *radius = (double *)fix->extract("radius", asked))
+        for (int type = 1, of; of = type, type <= atom->ntypes; type++)
+          if (auto *radius = (double *)fix->extract("radius", of))
             largest = std::max(largest, *radius);
     MPI_Allreduce(&largest, &largest_radius, 1, MPI_DOUBLE, MPI_MAX, world);
     for (int d = 0; d < 3; d++) /* or two spheres would touch twice, and remember once */

@@ -1,4 +1,4 @@
-/* of this pair of bodies alone: how a law of one's own goes with their sizes is not known */
+/* of this pair of bodies alone: how a user's law depends on their sizes is not known */
 #define SOFTJAX_RADIUS {{ radius }} /* R1 R2/(R1 + R2) [m] */
 #define SOFTJAX_MASS {{ mass }}     /* M1 M2/(M1 + M2) [kg] */
 #define SOFTJAX_TOP {{ top }} /* largest overlap of the table [m] */

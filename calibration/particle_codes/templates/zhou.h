@@ -7,7 +7,7 @@
 #define SOFTJAX_LIMIT_VELOCITY {{ limit_velocity }}     /* v_lim [m/s] */
 #define SOFTJAX_SIGMA {{ sigma }}
 #define SOFTJAX_PSI {{ psi }}
-/* 1: what sound and heat take, Eq. (17), comes off the unloading force, so that the rebound is
+/* 1: acoustic and thermal losses, Eq. (17), are taken off the unloading force, so that the rebound is
  * eps v. 0: the contact force alone, whose rebound is eps_p v. */
 #ifndef SOFTJAX_LOSSES
 #define SOFTJAX_LOSSES {{ losses }}

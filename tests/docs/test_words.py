@@ -1,0 +1,66 @@
+"""Pages, notebooks and messages in plain technical English: words of a private idiom are absent.
+
+`ALLOWED` has the places where a word stands in its ordinary sense, by the text around it.
+"""
+
+import ast
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "notebooks" / "reference").glob("*.md"))]
+NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+MODULES = sorted(
+    path for package in ("softjax", "calibration") for path in (ROOT / package).rglob("*.py")
+)
+IDIOM = re.compile(
+    r"\b(told|heeded|beside|wanted|doubts?|suspicions?|remedy|of one's own|one's own|"
+    r"what is none|a formality|a wish|stand for themselves|hangs on|sound and heat)\b",
+    re.I,
+)
+ALLOWED = ("no doubt",)
+
+
+def idioms(text: str) -> list[str]:
+    """Words of the idiom in a text, with what stands around them."""
+    text = " ".join(text.split())
+    found = [text[max(m.start() - 25, 0) : m.end() + 15] for m in IDIOM.finditer(text)]
+    return [one for one in found if not any(allowed in one for allowed in ALLOWED)]
+
+
+def prose(path: Path) -> str:
+    """Text of a page, or of a notebook's cells without code."""
+    if path.suffix == ".md":
+        return path.read_text(encoding="utf-8")
+    cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+    return "\n".join("".join(c["source"]) for c in cells if c["cell_type"] == "markdown")
+
+
+def messages(path: Path) -> str:
+    """Texts of a module with more than one word that are no docstrings: messages, headings, helps."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    alone = {id(n.value) for n in ast.walk(tree) if isinstance(n, ast.Expr)}
+    texts = [n for n in ast.walk(tree) if isinstance(n, ast.Constant) and id(n) not in alone]
+    return "\n".join(n.value for n in texts if isinstance(n.value, str) and " " in n.value.strip())
+
+
+@pytest.mark.parametrize("path", [*PAGES, *NOTEBOOKS], ids=lambda path: path.stem)
+def test_pages_and_notebooks_are_in_plain_words(path):
+    assert idioms(prose(path)) == []
+
+
+def test_messages_are_in_plain_words():
+    """In which "beside" may have its ordinary sense."""
+    found = {
+        path.relative_to(ROOT).as_posix(): [w for w in idioms(messages(path)) if "beside" not in w]
+        for path in MODULES
+    }
+    assert {name: words for name, words in found.items() if words} == {}
+
+
+def test_the_idiom_is_noticed():
+    assert idioms("No error is told of it") == ["No error is told of it"]
+    assert idioms("The file's own units") == []
