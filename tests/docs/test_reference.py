@@ -61,8 +61,8 @@ def test_every_option_of_a_command_is_told(command):
 
 def test_every_warning_is_documented():
     """The codes that the source lists with their advice."""
-    source = (CHAPTERS.parents[1] / "calibration" / "fitting" / "doubt.py").read_text("utf-8")
-    (table,) = re.findall(r"^REMEDIES.*?= \{$(.*?)^\}$", source, re.M | re.S)
+    source = (CHAPTERS.parents[1] / "calibration" / "fitting" / "warnings.py").read_text("utf-8")
+    (table,) = re.findall(r"^ADVICE.*?= \{$(.*?)^\}$", source, re.M | re.S)
     codes = re.findall(r'^    "([a-z0-9-]+)":', table, re.M)
     text = (CHAPTERS / "symptoms.md").read_text(encoding="utf-8")
     assert len(codes) > 15

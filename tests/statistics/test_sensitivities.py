@@ -6,7 +6,6 @@ import pytest
 
 import calibration as cal
 import softjax as sj
-from softjax.fields import array_field
 from tests.cases import FITTED, FORMS, MATERIALS, RADIUS, column, fitted, law_of, reference
 from tests.decay import Decay
 from tests.fit_data import twin
@@ -122,7 +121,7 @@ class Sized(sj.HardSphereLaw):
 
     contact: sj.Contact
     radius: float
-    weights: np.ndarray = array_field()
+    weights: np.ndarray = sj.array_field()
 
     def restitution_squared(self, velocity):
         return self.radius**2 * jnp.exp(-velocity * jnp.mean(self.weights))
