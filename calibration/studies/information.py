@@ -18,8 +18,9 @@ from jaxtyping import ArrayLike, Float
 
 import softjax as sj
 from calibration.data import RestitutionData
+from calibration.data.checks import as_number
 from calibration.data.json_file import plain
-from calibration.errors import DataError
+from calibration.errors import DataError, did_you_mean
 from calibration.fitting.collisions import Route
 from calibration.fitting.curves import curve_and_slopes, yield_velocity
 from calibration.fitting.further import further_variances
@@ -28,6 +29,7 @@ from calibration.fitting.layout import specs_of
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.problem import Element
 from calibration.fitting.result import FitResult
+from calibration.observables import OBSERVABLES, RESTITUTION
 from calibration.parameters import Parameter, as_parameter
 from calibration.rounding import number
 from softjax.fields import numbers_of, options_of, whole_fields
@@ -111,6 +113,15 @@ class Plan:
         columns = [list(self.material.free).index(name) for name in self.free]
         return value, slope[:, columns] * self.unit
 
+    def relative_slopes(self, velocity: Column, observable: str) -> Float[np.ndarray, "n p"]:
+        """∂ ln O/∂ ln θ of what else an impact shows; 0 where it does not show it."""
+        value, slope = curve_and_slopes(self.material, velocity, self.route, observable)
+        columns = [list(self.material.free).index(name) for name in self.free]
+        shown = (value > 0)[:, None]
+        return np.where(
+            shown, slope[:, columns] * self.unit / np.where(shown, value[:, None], 1), 0
+        )
+
     def shots(
         self, velocity: Column, uncertainty: Column | float | None = None
     ) -> tuple[Float[np.ndarray, "n p"], Column]:
@@ -137,12 +148,14 @@ def plan_of(
     material: str | None = None,
     uncertainty: float | None = None,
     measured: tuple[ArrayLike, ArrayLike] | None = None,
+    sensors: tuple[str, ...] = (),
 ) -> Plan:
     """The plan for a law, or for one of a fit's materials.
 
     Args:
         reach: velocities that are planned, or the ends of what can be [m/s].
         measured: velocities and uncertainties of ε of what is there already, for a law.
+        sensors: what else is measured: of a law, it decides what is free.
 
     The others are those of `fisher_information`.
 
@@ -166,7 +179,7 @@ def plan_of(
             v, u = ((), 1.0) if measured is None else measured
             there = checked_impacts(v, u, "measured")
             every = np.concatenate([there[0], reach])
-            plan = _of_law(law, every, parameters or {}, uncertainty, route)
+            plan = _of_law(law, every, parameters or {}, uncertainty, route, sensors)
             if len(there[0]):
                 added = plan.shots(*there)[0]
                 plan = replace(plan, before=plan.before + added.T @ added)
@@ -188,11 +201,15 @@ def checked_impacts(velocity: ArrayLike, uncertainty: ArrayLike, name: str):
     return v, np.broadcast_to(u, v.shape)
 
 
-def _of_law(law: sj.ContactLaw, every: Column, parameters, uncertainty, route: Route) -> Plan:
+def _of_law(
+    law: sj.ContactLaw, every: Column, parameters, uncertainty, route: Route, sensors=()
+) -> Plan:
     for name, value in numbers_of(law).items():
         if np.ndim(value):
             raise DataError(name, f"of shape {np.shape(value)}", "a single number")
     contact = getattr(law, "contact", None)
+    columns = (one.replace("residual_", "") for one in sensors)
+    shown: dict[str, Any] = dict.fromkeys(columns, np.ones(len(every)))
     data = RestitutionData(
         every,
         np.full(len(every), PLACEHOLDER),
@@ -200,6 +217,7 @@ def _of_law(law: sj.ContactLaw, every: Column, parameters, uncertainty, route: R
         name="the plan",
         limit_velocity=None if contact else getattr(law, "limit_velocity", None),
         plausibility=False,
+        **shown,
     )
     said: dict[str, Any] = dict(parameters)
     for name, value in parameters.items():
@@ -315,6 +333,8 @@ class Information:
         matrix: Fisher's information on ln θ, (p, p), what was known before included.
         covariance: of ln θ, (p, p); NaN for what is not determined.
         taken_as_known: a sentence for each parameter of the fit that has no standard error.
+        sensors: what else is measured, and its relative uncertainty.
+        without: the same without the sensors; None where there are none.
     """
 
     names: tuple[str, ...]
@@ -325,6 +345,8 @@ class Information:
     matrix: Float[np.ndarray, "p p"]
     covariance: Float[np.ndarray, "p p"]
     taken_as_known: tuple[str, ...] = ()
+    sensors: Mapping[str, float] = field(default_factory=dict)
+    without: "Information | None" = None
 
     @property
     def relative_errors(self) -> dict[str, float | None]:
@@ -375,7 +397,17 @@ class Information:
 
     def __str__(self) -> str:
         lines = [f"{len(self.velocity)} planned impacts{in_range(self.velocity, self.uncertainty)}"]
+        if self.without is not None:
+            told = ", ".join(f"{n} to {100 * u:.2g} %" for n, u in self.sensors.items())
+            lines.append(f"with {told} of each impact")
+            for name, error in self.relative_errors.items():
+                with_, without = map(_per_cent, (error, self.without.relative_errors[name]))
+                lines.append(f"  {name}: {with_}; without: {without}")
         return "\n".join([*lines, *self.words, *self.taken_as_known])
+
+
+def _per_cent(error: float | None) -> str:
+    return "not determined" if error is None else f"to {100 * error:.2g} %"
 
 
 def fisher_information(
@@ -387,6 +419,7 @@ def fisher_information(
     *,
     parameters: Mapping[str, Any] | None = None,
     material: str | None = None,
+    sensors: Mapping[str, float] | None = None,
 ) -> Information:
     """What measurements of ε at these velocities will tell of a law's parameters.
 
@@ -403,12 +436,21 @@ def fisher_information(
         parameters: which are free, and their priors, as `fit` takes them: {"psi": 0.54} holds ψ,
             {"contact.youngs_modulus": cal.Parameter(prior=(2e11, 1e10))} is a nuisance.
         material: which one of a fit's.
+        sensors: what else each impact is to show, and its relative standard uncertainty, as
+            {"contact_time": 0.02}; of `calibration.observables`. The errors without are told beside.
 
     Raises:
         ValueError: naming the argument, its value and what is accepted.
     """
+    more = _checked_sensors(sensors or {})
     plan = plan_of(
-        law, velocity, parameters=parameters, objective=objective, route=route, material=material
+        law,
+        velocity,
+        parameters=parameters,
+        objective=objective,
+        route=route,
+        material=material,
+        sensors=tuple(more),
     )
     v, u = checked_impacts(velocity, 1.0 if uncertainty is None else uncertainty, "velocity")
     if not (v.size or isinstance(law, FitResult)):
@@ -418,11 +460,35 @@ def fisher_information(
     with jax.enable_x64(True):
         added, error = plan.shots(v, None if uncertainty is None else u) if v.size else (None, u)
     matrix = plan.before if added is None else plan.before + added.T @ added
+    told = plan.names, plan.symbols, plan.truth, v, error
+    alone = Information(*told, matrix, _closed(matrix), plan.taken_as_known(plan.names))
+    if not more:
+        return alone
+    for name, size in more.items():
+        with jax.enable_x64(True):
+            slope = plan.relative_slopes(v, name)
+        matrix = matrix + slope.T @ slope / size**2
+    return replace(alone, matrix=matrix, covariance=_closed(matrix), sensors=more, without=alone)
+
+
+def _closed(matrix: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
+    """The covariance, NaN for what is not determined."""
     covariance = covariance_of(matrix)
     is_open = np.sqrt(np.diag(covariance)) > NO_BOUND
     covariance[is_open], covariance[:, is_open] = np.nan, np.nan
-    told = plan.names, plan.symbols, plan.truth, v, error, matrix, covariance
-    return Information(*told, plan.taken_as_known(plan.names))
+    return covariance
+
+
+def _checked_sensors(sensors: Mapping[str, float]) -> dict[str, float]:
+    names = [name for name in OBSERVABLES if name != RESTITUTION]
+    for name in sensors:
+        if name not in names:
+            raise DataError("sensors", name, f"of {', '.join(names)}{did_you_mean(name, names)}")
+    positive = "a positive relative uncertainty"
+    return {
+        name: as_number(f"sensors[{name!r}]", size, lambda u: u > 0, positive)
+        for name, size in sensors.items()
+    }
 
 
 def in_range(velocity: Iterable[float], uncertainty: Iterable[float]) -> str:
