@@ -173,7 +173,7 @@ class FitOptions(Strict):
         default=True, description="profile likelihoods; without them intervals from standard errors"
     )
     extra_scatter: bool = Field(
-        default=False, description="estimate scatter beside the stated uncertainties"
+        default=False, description="estimate scatter in addition to the stated uncertainties"
     )
     scale_uncertainty: bool = Field(
         default=False, description="stated uncertainties are right up to a factor: scale by √(χ²/ν)"
@@ -195,7 +195,7 @@ class FitOptions(Strict):
             if value != type(self).model_fields[name].default:
                 raise DataError(name, value, f"left out: {acting}")
         if self.extra_scatter and self.scale_uncertainty:
-            raise DataError("scale_uncertainty", True, "left out beside extra_scatter")
+            raise DataError("scale_uncertainty", True, "left out with extra_scatter")
         if self.noise == "student-t" and self.objective == "two-step":
             raise DataError("noise", self.noise, '"normal" with objective = "two-step"')
         return self

@@ -176,7 +176,7 @@ class BodyTable(Strict):
         given = [name for name in PROPERTIES if getattr(self, name) is not None]
         if self.material is not None and given:
             accepted = "give either a known material, or its properties"
-            raise Refused((given[0],), f"{given[0]} beside material", accepted)
+            raise Refused((given[0],), f"{given[0]} with material", accepted)
         missing = next((name for name in PROPERTIES if name not in given), None)
         if self.material is None and missing is not None:
             accepted = "a body has youngs_modulus, poisson_ratio, density and yield_strength"
@@ -279,8 +279,8 @@ class _Material(BodyTable):
         if not self.has_bodies:
             return self
         if self.mass is not None:
-            accepted = "left out where the bodies' properties are given, which tell it"
-            raise Refused(("mass",), "mass beside the bodies", accepted)
+            accepted = "left out where the bodies' properties are given, from which it follows"
+            raise Refused(("mass",), "mass in addition to the bodies", accepted)
         self.check()
         given = [name for name in (*RADII, *DIAMETERS) if getattr(self, name) is not None]
         alone = [{names[0]} for names in (RADII, DIAMETERS)]
@@ -371,7 +371,7 @@ class MaterialTables(Strict):
             if {"c1", "c2"} & {*self.parameters} and "chi" in one.parameters:
                 accepted = "only one is possible, as chi = c1 + c2 E/Y"
                 place = ("material", i, "parameters", "chi")
-                raise Refused(place, "chi beside c1 and c2", accepted)
+                raise Refused(place, "chi with c1 and c2", accepted)
         return self
 
     @property
@@ -692,10 +692,10 @@ class _Reader:
             path = None
         if path is None:
             told = printable(" or ".join(repr(str(one)) for one in places))[:300]
-            accepted = "needed is the name of a CSV file beside this one"
+            accepted = "needed is the name of a CSV file next to this one"
             raise self.refusal("data", f"data file {told} is not there", accepted)
         inside = any(map(path.resolve().is_relative_to, homes))
         if len(places) == 1:
             return path, (), inside
         beside = "the file that the link points to" if path == places[0] else "the link"
-        return path, (f"data file {str(path)!r} was found beside {beside}",), inside
+        return path, (f"data file {str(path)!r} was found next to {beside}",), inside

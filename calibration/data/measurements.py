@@ -204,8 +204,8 @@ class RestitutionData:
                 intervals.
         """
         if self.observed:
-            accepted = f"left out beside {listed(one.name for one in self.observed)}"
-            raise DataError("average of repeats", "asked for", accepted)
+            accepted = f"left out with {listed(one.name for one in self.observed)}"
+            raise DataError("average of repeats", "requested", accepted)
         if self.contact is not None and any(map(np.ndim, self.contact.leaves().values())):
             raise DataError(
                 "contact", "one of arrays", "of single numbers for repeats to be averaged"
@@ -466,16 +466,14 @@ class _Sphere(NamedTuple):
         sizes = [name for name in SIZES if name in columns]
         if not callable(self.contact):
             if sizes and (self.one_size or self.contact is not None):
-                accepted = (
-                    "left out, or the size left out beside the bodies (in Python, `contact` a "
-                )
+                accepted = "left out, or the size left out with the bodies (in Python, `contact` a "
                 accepted += "function of the radii)"
-                raise DataError(sizes[0], "a column beside a contact of one size", accepted)
+                raise DataError(sizes[0], "a column with a contact of one size", accepted)
             return self.contact
         radius = self._radius(columns)
         if radius is None:
             accepted = "a column diameter, radius or mass (with the density)"
-            raise DataError("size", "missing beside a contact that is a function of it", accepted)
+            raise DataError("size", "missing with a contact that is a function of it", accepted)
         return self.contact(radius)
 
     @property

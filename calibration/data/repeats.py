@@ -47,7 +47,7 @@ def average(velocity: Values, restitution: Values, errors: PointErrors, group=No
     """
     if errors.shares:
         accepted = "left out for bounce trains, whose points share intervals"
-        raise DataError("average of repeats", "asked for", accepted)
+        raise DataError("average of repeats", "requested", accepted)
     repeats, rows = _repeats(velocity, group)
     of_eps, of_v, joint = errors.moments()
     if errors.uncertainty is None:

@@ -99,7 +99,7 @@ def _intervals(table: Measured, name: str, train: np.ndarray) -> Column:
         back = (steps <= 0) & (train[1:] == train[:-1])
         if np.any(back):
             row = int(np.argmax(back)) + 1
-            accepted = "later than the one above it (a launch column tells launches apart)"
+            accepted = "later than the one above it (a launch column separates launches)"
             raise DataError(name, float(values[row]), accepted, row)
     if "launch" not in table.columns and "group" not in table.columns:
         _check_one_launch(values, steps, name)
@@ -112,7 +112,7 @@ def _check_one_launch(values: Column, steps: Column, name: str) -> None:
     if np.any(higher):
         row = int(np.argmax(higher)) + 1 + len(values) - len(steps)
         what = "shorter than the one above" if name == "interval" else "sooner"
-        accepted = f"{what} (a launch column tells launches apart)"
+        accepted = f"{what} (a launch column separates launches)"
         raise DataError(name, float(values[row]), accepted, row)
 
 
@@ -120,7 +120,7 @@ def _sizes(table: Measured, name: str) -> Column | None:
     """The timing uncertainty of each row; None where it is unknown, one for all."""
     told = [one for one in (f"{name}_uncertainty", "timing_uncertainty") if one in table.columns]
     if len(told) == 2:
-        raise DataError(told[1], f"given beside {told[0]}", "given once")
+        raise DataError(told[1], f"given with {told[0]}", "given once")
     if not told:
         return None
     if name == "time" and told[0] in table.relative:

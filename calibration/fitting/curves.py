@@ -258,7 +258,7 @@ def as_empirical(material: MaterialFit) -> MaterialFit:
     if material.model.key == "eq-17":
         return material
     if material.empirical is None:
-        accepted = "Zhou's law, beside which Eq. (17) is fitted"
+        accepted = "Zhou's law, with which Eq. (17) is fitted"
         raise DataError("law", material.model.key, accepted)
     names = {"sigma": "sigma", "psi": "psi", "limit_velocity": OF_CONTACT + "limit_velocity"}
     own = material.labels if material.objective == "two-step" else {}

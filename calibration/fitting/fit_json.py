@@ -339,6 +339,9 @@ def _check(found: ResultFile) -> None:
             columns |= {"status": fit.status, "standardised": fit.standardised}
             columns |= {"leverage": fit.leverage}
         columns |= {f"values.{k}": v for k, v in fit.values.items() if isinstance(v, list)}
+        for k, body in enumerate(fit.data.bodies):
+            each = {key: leaf for key, leaf in body.items() if isinstance(leaf, list)}
+            columns |= {f"data.bodies[{k}].{key}": leaf for key, leaf in each.items()}
         lengths |= {f"fits[{i}].{name}": (one, fit.n) for name, one in columns.items()}
         for name, label in fit.labels.items():
             if not isinstance(fit.values.get(name), float) or label not in names:
@@ -407,6 +410,6 @@ def _trees(values: Iterable[str], law: Any) -> tuple[Tree, ...]:
     """How the numbers of whole parameters make up pytrees: as in the law that was given."""
     names = dict.fromkeys(name.partition("[")[0] for name in values if "[" in name)
     if names and not isinstance(law, sj.ContactLaw):
-        accepted = "given as one such law, whose whole fields tell how their numbers are arranged"
+        accepted = "given as one such law, whose array fields show how their numbers are arranged"
         raise DataError("law", law, accepted)
     return tuple(Tree.of(name, getattr(law, name)) for name in names)

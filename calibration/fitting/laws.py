@@ -405,7 +405,7 @@ KNOWN: dict[str, Known] = {
         ranges=lambda data: (
             {} if data.observed else {"unloading_stiffness": (_spring(data), np.inf)}
         ),
-        remark="ε does not tell k1, which is held at k √R; k20 and s are in proportion to it.",
+        remark="ε does not determine k1, which is fixed at k √R; k20 and s are in proportion to it.",
     ),
     "viscoelastic": Known(sj.ViscoelasticHertz, "viscoelastic Hertz", _guess_viscoelastic),
     "hertz": Known(sj.Hertz, "Hertz", remark="Nothing to fit: ε = 1."),
@@ -420,7 +420,7 @@ KNOWN: dict[str, Known] = {
         "linear spring–dashpot",
         lambda data: {"restitution": _mean(data), "stiffness": _spring(data)},
         held=_unless_observed("stiffness"),
-        remark="ε is an input of the law, the same at all velocities; it does not tell K.",
+        remark="ε is an input of the law, the same at all velocities; it does not determine K.",
     ),
     "constant": Known(
         sj.ConstantRestitution,

@@ -124,7 +124,7 @@ def _check_observed(data: RestitutionData, model: LawModel, objective: str) -> N
     if objective == "two-step":
         raise DataError("objective", f"two-step with {names}", "model, which takes all of them")
     if issubclass(model.law_type, sj.HardSphereLaw):
-        refused = f"{names}, of which {model.key} tells nothing"
+        refused = f"{names}, of which {model.key} determines nothing"
         raise data.refusal(refused, "a law with a contact force")
 
 

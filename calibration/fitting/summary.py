@@ -308,7 +308,9 @@ def rises_between(
 
 
 NO_RESIDUAL = 1e-12  # of ε
-AT_ONE = "The data show no loss beside the plastic one: eps_up cannot exceed 1; its interval is one-sided."
+AT_ONE = (
+    "The data show no loss but the plastic one: eps_up cannot exceed 1; its interval is one-sided."
+)
 
 
 def component_warnings(
@@ -585,7 +587,7 @@ def summarise_material(
     if modulus is not None and abs(modulus.off) > MODULUS_OFF * modulus.error:
         cause = (
             f"the contact times are those of a modulus E {100 * modulus.off:+.2g} % from the stated one, "
-            f"which they tell to {100 * modulus.error:.2g} %"
+            f"which they determine to {100 * modulus.error:.2g} %"
         )
         own.append(FitWarning("modulus", cause, part.name))
     return replace(part, warnings=tuple(own))

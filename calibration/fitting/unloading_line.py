@@ -309,7 +309,7 @@ class Line:
             stated[name] = _scaled(name, as_number(name, value, inside, accepted))
         if "eps_up" in stated:
             if len(stated) > 1:
-                raise DataError("eps_up", eps_up, "left out beside sigma and psi")
+                raise DataError("eps_up", eps_up, "left out with sigma and psi")
             return [], stated
         separate = all(None not in (one.sigma, one.psi) for one in self.materials)
         if stated and not separate and len(stated) < 2:

@@ -202,7 +202,7 @@ def _refuse_unsayable(target: Target, code: Any, law: str, own: list[str]) -> No
     if backend is not None and backend.from_loading and type(target.law) is sj.WaltonBraun:
         k1, k20 = (float(getattr(target.law, f"{n}_stiffness")) for n in ("loading", "unloading"))
         if k20 > k1:
-            problem = f"a constant k2 > k1 (here {k20 / k1:.4g} k1) cannot be said there"
+            problem = f"a constant k2 > k1 (here {k20 / k1:.4g} k1) cannot be written there"
             accepted = (
                 "k2 starts at k1 and grows with the overlap; --export-law auto takes the nearest"
             )

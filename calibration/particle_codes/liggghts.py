@@ -28,7 +28,7 @@ BACKENDS = {
 PREFIXED = False
 REFUSED = {
     "thornton": (
-        "Thornton (1997) cannot be said by thornton_ning, which unloads with the old radius: "
+        "Thornton (1997) cannot be written as thornton_ning, which unloads with the old radius: "
         "0.701 for 0.735, 0.259 for 0.282",
         "--export-law auto, or --to c",
     ),

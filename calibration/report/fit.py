@@ -517,7 +517,7 @@ def _bodies(data: Any) -> Iterator[tuple[Any, ...]]:
         yield "the pair, effective", *own, None, None, pair["yield_strength"]
     else:
         one, two = data.bodies
-        equal = one[1:] == two[1:]
+        equal = one.material == two.material and np.array_equal(one.radius, two.radius)
         for body in data.bodies[: 1 if equal else 2]:
             of, mass = body.material.leaves(), None
             if body.radius is not None:

@@ -516,7 +516,7 @@ def _sentence(symbols: Sequence[str], eigenvalue: float, direction: np.ndarray) 
 
 def _open(error: float) -> str:
     if error >= NO_BOUND:
-        return "these impacts do not tell it"
+        return "these impacts do not determine it"
     return f"standard error of its logarithm {error:.2g}"
 
 

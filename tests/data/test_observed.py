@@ -116,7 +116,7 @@ def test_a_contact_is_shorter_than_the_flight_and_repeats_stay():
         ValueError, match=r"`contact_time\[1\]` must be shorter than the flight, 0.80"
     ):
         READ({**drops, "contact_time [ms]": [30, 900]}, air=False)
-    with pytest.raises(ValueError, match="must be left out beside contact_time, but is asked for"):
+    with pytest.raises(ValueError, match="must be left out with contact_time, but is requested"):
         READ(drops, air=False).averaged()
     with pytest.raises(
         ValueError, match=r"`restitution\[1\]` must be a number, or measured by peak"
@@ -164,7 +164,7 @@ def test_sizes_in_the_rows_make_a_contact_for_each(read_toml):
     table = {"velocity": [1.0, 2.0], "restitution": [0.9, 0.8], "diameter": 2 * radii}
     same = READ(table, lambda r: sj.Contact.with_wall(STEEL, STEEL, r))
     np.testing.assert_array_equal(same.contact.mass, expected.mass)
-    with pytest.raises(ValueError, match="diameter is a column beside a contact of one size"):
+    with pytest.raises(ValueError, match="diameter is a column with a contact of one size"):
         read_toml(TOML + "radius = 0.01\n" + wall, csv.format("diameter [mm]", 10, 20))
     with pytest.raises(ValueError, match="radii given are none; needed is radius"):
         read_toml(TOML + wall, "velocity,restitution\n1,0.9\n")

@@ -140,7 +140,7 @@ def test_two_materials_leave_no_freedom_and_what_makes_no_sense_is_refused():
         (lambda: line.law(hertz), "`area` must be zhou, as of the fitted materials, but is hertz"),
         (lambda: line.law(contact, eps_up=1.2), "`eps_up` must be between 0 and 1, but is 1.2"),
         (lambda: line.law(contact, sigma=0.5), "`psi` must be given, as the fit knows ε_up only"),
-        (lambda: line.law(contact, eps_up=0.9, psi=0.5), "`eps_up` must be left out beside sigma"),
+        (lambda: line.law(contact, eps_up=0.9, psi=0.5), "`eps_up` must be left out with sigma"),
         (line.left_out, "`materials` must be 3 or more, to leave one out, but is 2"),
     ):
         with pytest.raises(ValueError, match=message):

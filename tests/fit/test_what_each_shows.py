@@ -74,7 +74,7 @@ def test_what_contact_times_say_of_the_modulus_is_told(tmp_path):
         (found,) = [w.cause for w in result.warnings if w.code == "modulus"] or [""]
         assert bool(found) == off
     assert "E -9" in found or "E -8" in found
-    assert "which they tell to 1 %" in found  # 2.5 · 2 %/√24
+    assert "which they determine to 1 %" in found  # 2.5 · 2 %/√24
     assert "observables.png" in result.report(tmp_path)
     report = (tmp_path / "report.md").read_text(encoding="utf-8")
     assert "the contact times would determine E to 1 %" in report

@@ -26,14 +26,14 @@ ADVICE = {
     "effective-size": f"{MORE} Limits of intervals are rough until then.",
     "divergences": (
         "A corner is too sharp for the steps and draws miss part of it: give a prior to what the "
-        "data do not tell, or fit fewer parameters."
+        "data do not determine, or fit fewer parameters."
     ),
     "funnel": (
         "Energies are badly explored, as where a spread may be 0: give the spread or the noise a "
         "prior, or measure more data sets."
     ),
     "mass-at-bound": "Widen the bound if it was given; else the data do not keep it off: say so.",
-    "follows-prior": "The data do not tell it: measure where it acts, or state a prior you stand by.",
+    "follows-prior": "The data do not determine it: measure where it acts, or state a prior you stand by.",
 }
 
 
