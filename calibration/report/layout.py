@@ -90,7 +90,8 @@ def table_text(table: pd.DataFrame) -> str:
     for row in cells:
         shown.add_row(*map(Text, row))
     file = io.StringIO()
-    Console(file=file, width=10_000, color_system=None).print(shown)
+    # in a notebook too: Console would display it there and leave the file empty
+    Console(file=file, width=10_000, color_system=None, force_jupyter=False).print(shown)
     lines = [line.rstrip() for line in file.getvalue().splitlines()]
     if max(map(cell_len, lines)) <= (console.columns() or math.inf):
         return "\n".join(lines)
