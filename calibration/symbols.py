@@ -1,6 +1,7 @@
 """How parameters are written: in text, and in pictures; their units."""
 
 import re
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 from calibration.fitting.laws import CONTACT_LEAVES, LAWS, OF_CONTACT
@@ -55,7 +56,6 @@ DERIVED |= {"chi": ("χ̃", ""), "sigma": ("σ", ""), "psi": ("ψ", "")}
 LETTERS = {"chi squared": "χ²"} | {
     name: DERIVED[name][0] for name in ("chi", "sigma", "psi", "eps_up")
 }
-NAMES = re.compile(rf"(?<![\w`-])({'|'.join(LETTERS)})(?![\w`-])")
 
 
 def symbol(name: str, model: Any = None) -> Symbol:
@@ -91,9 +91,19 @@ def of_label(label: str, result: Any) -> str:
     return symbol(name, model_of(label, result)).text + bracket + owner
 
 
-def written(text: str) -> str:
-    """A sentence with symbols in place of the names of parameters: χ̃ for chi, χ² for chi squared."""
-    return NAMES.sub(lambda name: LETTERS[name[0]], text)
+def written(text: str, models: Iterable[Any] = ()) -> str:
+    """A sentence with symbols in place of the names of parameters: χ̃ for chi, χ² for chi squared.
+
+    Names of other parameters of laws are replaced where an underscore sets them apart from words.
+    """
+    letters = LETTERS | {
+        name: symbol(name, model).text
+        for model in models
+        for name in model.parameters
+        if "_" in name
+    }
+    names = "|".join(map(re.escape, letters))
+    return re.sub(rf"(?<![\w`-])({names})(?![\w`-])", lambda name: letters[name[0]], text)
 
 
 def words(name: str, model: Any = None) -> str:

@@ -84,53 +84,45 @@ def run(arguments: argparse.Namespace) -> int:
 def _velocities(arguments: argparse.Namespace, source: Any) -> Any:
     from calibration.curves import grid, read_velocities
 
-    given = {n: getattr(arguments, n) for n in ("first", "last", "points", "spacing")}
-    if arguments.velocities is not None:
-        if any(value is not None for value in given.values()):
-            accepted = "left out with --from, --to, --points or --spacing"
-            raise DataError("--velocities", arguments.velocities, accepted)
-        return read_velocities(arguments.velocities)
-    first = source.span[0] if given["first"] is None else given["first"]
-    last = source.span[1] if given["last"] is None else given["last"]
-    return grid(
-        first, last, POINTS if given["points"] is None else given["points"], given["spacing"]
-    )
+    given = [arguments.first, arguments.last, arguments.points, arguments.spacing]
+    if arguments.velocities is None:
+        default = [*source.span, POINTS, None]
+        return grid(
+            *(d if value is None else value for value, d in zip(given, default, strict=True))
+        )
+    if given != [None] * 4:
+        accepted = "left out with --from, --to, --points or --spacing"
+        raise DataError("--velocities", arguments.velocities, accepted)
+    return read_velocities(arguments.velocities)
 
 
 def _write(folder: Path, formats: set[str], source: Any, rows: Any, route: Any) -> None:
+    import numpy as np
+
+    from calibration.fitting.curves import yield_velocity
+    from calibration.lookup_table import table_text
+
     if "csv" in formats:
         write_text(folder / FILES["csv"], rows.as_csv())
     if "npy" in formats:
-        import numpy as np
-
         np.save(folder / FILES["npy"], rows.as_array())
     if "table" in formats:
-        from calibration.lookup_table import table_text
-
         write_text(folder / FILES["table"], table_text(source, rows, route))
     if "png" in formats:
-        import numpy as np
+        from calibration import plots
+        from calibration.plots.curves import plot_restitution
 
-        shown = rows.some(slice(None, None, -(-len(rows.velocity) // DRAWN)))
-        _draw(folder / FILES["png"], shown.some(np.argsort(shown.velocity, kind="stable")), source)
+        kind = type(source.law).__name__
+        label = source.name if kind == "Zhou" else f"{source.name}: {kind}"
+        result = source.result and (source.result.material(source.name), source.result.confidence)
+        some = rows.some(slice(None, None, -(-len(rows.velocity) // DRAWN)))
+        some = some.some(np.argsort(some.velocity, kind="stable"))
+        ax = plot_restitution(some, label, None, yield_velocity(source.law), result)
+        plots.save(ax, folder / FILES["png"])
         if source.prediction is not None:
-            from calibration.plots import save, unloading_line_figure
-
             line, contact = source.prediction.line, source.law.contact
-            save(unloading_line_figure(line, contact, source.name), folder / OF_LINE)
-
-
-def _draw(path: Path, rows: Any, source: Any) -> None:
-    from calibration.fitting.curves import yield_velocity
-    from calibration.plots import style
-    from calibration.plots.curves import plot_restitution
-
-    kind = type(source.law).__name__
-    label = source.name if kind == "Zhou" else f"{source.name}: {kind}"
-    result = source.result and (source.result.material(source.name), source.result.confidence)
-    figure = style.new_figure(6.0, 4.0)
-    plot_restitution(rows, label, figure.add_subplot(), yield_velocity(source.law), result)
-    style.save(figure, path)
+            figure = plots.unloading_line_figure(line, contact, source.name)
+            plots.save(figure, folder / OF_LINE)
 
 
 def _known(source: Any) -> str:

@@ -5,7 +5,7 @@
 
 import datetime
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -112,19 +112,19 @@ def sections(
         posterior: `posterior.section` of draws.
     """
     versions = ", ".join(f"{name} {version}" for name, version in result.versions.items())
-    implausible = warning_items(w for w in result.warnings if w.code == "plausibility")
+    implausible = [w for w in result.warnings if w.code == "plausibility"]
     bodies, line = bodies_table(result), result.unloading_line
     condition = result.condition_number
     rank = f"Rank {result.rank} of {len(result.covariance_names)} free parameters, "
     rank += "condition number " + ("infinite" if condition is None else number(condition, 2))
-    methods, warned = interval_methods(result), warning_items(result.warnings)
+    methods, warned = interval_methods(result), warning_items(result.warnings, result)
     confidence = (
         f"Intervals hold {100 * result.confidence:g} % of true values where the law is right; dof are "
         "the degrees of freedom of Student's t where the noise is estimated from the residuals:"
     )
     return {
         "title": [Block("title", "Coefficients of restitution, fitted")],
-        "implausible": _optional("items", implausible),
+        "implausible": _optional("items", warning_items(implausible, result)),
         "result": [Block("lead", result_sentence(result))],
         "about": [Block("about", f"{datetime.date.today().isoformat()}; {versions}")],
         "verdict": [_verdict(result)],
@@ -154,13 +154,14 @@ def sections(
     }
 
 
-def warning_items(warnings: Any) -> list[Item]:
+def warning_items(warnings: Iterable[Any], result: Any) -> list[Item]:
     """Warnings with parameters written as in the tables: χ̃, not chi."""
+    models = [fit.model for fit in result.materials]
     return [
         Item(
             one.code,
-            f"{f' ({one.material})' if one.material else ''}: {symbols.written(one.cause)}.",
-            symbols.written(one.advice),
+            f"{f' ({one.material})' if one.material else ''}: {symbols.written(one.cause, models)}.",
+            symbols.written(one.remedy, models),
         )
         for one in warnings
     ]

@@ -30,7 +30,7 @@ def section(data: Any, result: Any) -> list[Block]:
         Block("text", _how(data)),
         Block("table", posterior_table(found, written, result.confidence)),
         Block("list", [failed] if failed else known(found, written)),
-        Block("warnings", warning_items(doubts_of(data))),
+        Block("warnings", warning_items(doubts_of(data), result)),
     ]
 
 
