@@ -115,7 +115,7 @@ def _check_options(arguments: argparse.Namespace, studies: tuple[str, ...]) -> N
 
 
 class _Job:
-    """One law and what is asked of it; `text` grows by what each study prints."""
+    """One law and the options of its studies; each study appends to `text` what is printed."""
 
     def __init__(self, arguments: argparse.Namespace, source: Any, route: Any):
         from calibration.studies.asked import inputs_of, ranges_of

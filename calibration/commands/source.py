@@ -1,8 +1,9 @@
-"""Whose law is asked for: a material of the paper, one of a file, or a fit."""
+"""The law of a command: of a material of the paper, of a file, or of a fit."""
 
 import argparse
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -23,13 +24,13 @@ from calibration.parameters import Parameter
 # What `softjax fit` finds for the paper's materials with its default settings. They go with
 # `area="zhou"` and `kappa="consistent"`.
 FITTED_CHI = {"stainless steel": 1.7944, "chrome steel": 0.09867, "nylon": 0.21998}
-DECADES_BELOW_YIELD = 0.1  # where a grid starts unless told, in critical velocities
+DECADES_BELOW_YIELD = 0.1  # default start of a grid, in critical velocities
 LOSSES = ("sigma", "psi")
-FAR_ABOVE_YIELD = 100.0  # and where it ends if nothing else says so
+FAR_ABOVE_YIELD = 100.0  # and its end without data
 
 
 def read_source(arguments: argparse.Namespace) -> Source:
-    """The law that the options ask for.
+    """The law that the options state.
 
     Raises:
         InputError, DataError: what is wrong and what is accepted.
@@ -49,7 +50,7 @@ def read_source(arguments: argparse.Namespace) -> Source:
 
 
 def route_of(arguments: argparse.Namespace) -> sj.EnergyBalance | sj.ClosedForm | sj.ODE | None:
-    """The route asked for, None where none was.
+    """The route that the options state; None without one.
 
     Raises:
         DataError: for a tolerance without the route that takes it.
@@ -71,7 +72,7 @@ def _of_paper(arguments: argparse.Namespace) -> Source:
     known = {"sigma": curve.sigma, "psi": curve.psi}
     name, origin = arguments.law or "zhou", ""
     if name == "zhou" and arguments.chi is None:
-        chi, origin = _paper_chi(curve, arguments, area)
+        chi, origin = _paper_chi(curve, arguments.kappa, area)
         known |= {} if chi is None else {"chi": chi}
     critical = float(contact.critical_velocity)
     properties = {name: float(leaf) for name, leaf in material.leaves().items()}
@@ -80,7 +81,7 @@ def _of_paper(arguments: argparse.Namespace) -> Source:
         _law(arguments, name, contact, known),
         (DECADES_BELOW_YIELD * critical, curve.y_end * critical),
         properties | {"radius": RADIUS},
-        remark=f"{curve.name}: two spheres of Table 1" + (f", {origin}" if origin else ""),
+        remark=f"{curve.name}: two spheres of Table 1{origin}",
     )
 
 
@@ -93,22 +94,19 @@ def _paper_curve(text: str) -> PaperCurve:
     raise DataError("MATERIAL", text, f"{known}, or a material file FILE.toml")
 
 
-def _paper_chi(curve: PaperCurve, arguments, area: str) -> tuple[float | None, str]:
-    """χ̃ that goes with the law's variant, and a word on it."""
-    if arguments.kappa == "printed":
-        printed = next(entry.chi for entry in TABLE_1 if entry.name == curve.name)
-        return printed, f"Table 1's χ̃ = {printed:g}"
-    if area != "zhou":
-        return None, ""
+def _paper_chi(curve: PaperCurve, kappa: str | None, area: str) -> tuple[float | None, str]:
+    """χ̃ that goes with the law's variant, and where it comes from."""
+    if kappa == "printed":
+        chi = next(entry.chi for entry in TABLE_1 if entry.name == curve.name)
+        return chi, f", Table 1's χ̃ = {chi:g}"
     chi = FITTED_CHI[curve.name]
-    return chi, f"χ̃ = {chi:g} as softjax fit finds it"
+    return (chi, f", χ̃ = {chi:g} as softjax fit finds it") if area == "zhou" else (None, "")
 
 
 def _of_file(arguments: argparse.Namespace) -> Source:
     file = read_material_file(arguments.source, needs_data=False)
     names = [entry.name for entry in file.materials]
-    index = _chosen(arguments, names, arguments.source)
-    entry = file.materials[index]
+    entry = file.materials[names.index(_chosen(arguments.material, names, arguments.source))]
     if entry.contact is None:
         problem = f"{entry.name!r} has no elastic properties"
         accepted = "a law needs youngs_modulus and the others"
@@ -117,10 +115,9 @@ def _of_file(arguments: argparse.Namespace) -> Source:
     contact = entry.contact
     if arguments.area is not None:
         contact = sj.Contact(**contact.leaves(), area=arguments.area)
-    said = entry.said
-    known = {name: one.value for name, one in said.items() if not one.free}
+    known = {name: one.value for name, one in entry.said.items() if not one.free}
     known |= {name: file.settings[name] for name in LAW_OPTIONS if name in file.settings}
-    free = {name: one for name, one in said.items() if one.free}
+    free = {name: one for name, one in entry.said.items() if one.free}
     critical = float(np.asarray(contact.critical_velocity))
     last = FAR_ABOVE_YIELD * critical
     if entry.data is not None:
@@ -145,13 +142,18 @@ def _of_file(arguments: argparse.Namespace) -> Source:
 def _check_line(arguments: argparse.Namespace) -> None:
     """Refuse what does not go with --line."""
     options = ("fit", "posterior", "chi", "law", *VARIANTS, "area", "set")
-    for name in options:
-        if getattr(arguments, name, None) not in (None, []):
-            accepted = "left out with --line, whose law is Zhou's as it was fitted"
-            raise DataError(f"--{name}", "given", accepted)
+    _check_left_out(
+        arguments, options, "left out with --line, whose law is Zhou's as it was fitted"
+    )
     if arguments.source is None or not Path(arguments.source).suffix:
         given = arguments.source or "missing"
         raise DataError("MATERIAL", given, "a material file FILE.toml with --line")
+
+
+def _check_left_out(arguments: argparse.Namespace, names: Iterable[str], accepted: str) -> None:
+    for name in names:
+        if getattr(arguments, name, None) not in (None, []):
+            raise DataError(f"--{name}", "given", accepted)
 
 
 def _line(arguments: argparse.Namespace) -> Any:
@@ -194,51 +196,40 @@ def _numbers(body, suffix: str) -> dict[str, float]:
 def _of_fit(arguments: argparse.Namespace) -> Source:
     from calibration.fitting.result import FitResult
 
-    options = {name: f"--{name}" for name in (*COEFFICIENTS, *VARIANTS, "area", "law", "set")}
-    for name, option in options.items():
-        if getattr(arguments, name) not in (None, []):
-            accepted = "left out with --fit, whose law is the fitted one"
-            raise DataError(option, "given", accepted)
+    options = (*COEFFICIENTS, *VARIANTS, "area", "law", "set")
+    _check_left_out(arguments, options, "left out with --fit, whose law is the fitted one")
     if None not in (arguments.source, arguments.material):
         raise DataError("MATERIAL", arguments.source, "left out with --fit and --material")
     try:
         result = FitResult.load(arguments.fit)
-    except DataError as error:  # a law of one's own, which no file brings along
+    except DataError as error:  # a user's law, which no file contains
         accepted = "a fit.json of a built-in law is needed"
         raise InputError(arguments.fit, None, str(error), accepted) from None
     names = [material.name for material in result.materials]
     name = arguments.source if arguments.material is None else arguments.material
-    matches = [n for n in names if name is None or n == name or n == name.replace("-", " ")]
-    if not matches or (name is None and len(names) > 1):
-        raise DataError(
-            "--material", "missing" if name is None else name, f"one of the fit's: {listed(names)}"
-        )
-    fit = result.material(matches[0])
+    plain = name if name is None or name in names else name.replace("-", " ")
+    fit = result.material(_chosen(plain, names, "the fit"))
     velocity = fit.data.velocity
     span = (float(np.min(velocity)), float(np.max(velocity)))
     if span[0] == span[1]:
         span = (0.5 * span[0], 2 * span[0])
     remark = f"{printable(fit.name)}: {arguments.fit}" + " (NOT CONVERGED)" * (not fit.converged)
+    draws = None
+    if getattr(arguments, "posterior", None) is not None:
+        from calibration.fitting.posterior.draws import read
+
+        draws = read(arguments.posterior)
     bodies, properties = _bodies_of_fit(fit)
-    return Source(
-        fit.name, fit.law, span, properties, bodies, result, _draws(arguments), remark=remark
-    )
+    return Source(fit.name, fit.law, span, properties, bodies, result, draws, remark=remark)
 
 
-def _draws(arguments: argparse.Namespace) -> Any:
-    if getattr(arguments, "posterior", None) is None:
-        return None
-    from calibration.fitting.posterior.draws import read
-
-    return read(arguments.posterior)
-
-
-def _chosen(arguments, names: list[str], where: str) -> int:
-    if arguments.material is None and len(names) == 1:
-        return 0
-    if arguments.material in names:
-        return names.index(arguments.material)
-    value = "missing" if arguments.material is None else arguments.material
+def _chosen(name: str | None, names: list[str], where: str) -> str:
+    """A material of a file or a fit, which need not be named where it is the only one."""
+    if name in names:
+        return str(name)
+    if name is None and len(names) == 1:
+        return names[0]
+    value = "missing" if name is None else name
     raise DataError("--material", value, f"one of {where}'s: {listed(names)}")
 
 
@@ -249,7 +240,7 @@ def _law(
     known: Mapping[str, Any],
     free: Mapping[str, Parameter] | None = None,
 ) -> sj.ContactLaw:
-    """A law of a contact: its fields as the options tell, else as is `known` of the material.
+    """A law of a contact: its fields as the options state, else as `known` of the material.
 
     Args:
         free: parameters that a file leaves to a fit: neither a start nor a default is their value.
@@ -261,15 +252,20 @@ def _law(
     fields = {f.name: f for f in dataclasses.fields(LAWS[name])}
     own = {"contact": contact, "limit_velocity": contact.limit_velocity} | dict(known)
     values = {field: value for field, value in own.items() if field in fields}
-    for field, (option, value) in _told(arguments).items():
+    stated = _stated(arguments)
+    for field, (option, value) in stated.items():
         if field not in fields or field == "contact":
             names = [one for one in fields if one != "contact"]
             accepted = f"a field of {name}: {listed(names) or 'none'}{did_you_mean(field, names)}"
             raise DataError(option, field, accepted)
         values[field] = value
     for field, one in (free or {}).items():
-        if field in fields and field not in _told(arguments):
-            raise _no_value(field, one)
+        if field in fields and field not in stated:
+            problem = f"{field} is free" + ", and its value a start" * (one.value is not None)
+            option = f"--{field} X" if field in COEFFICIENTS else f"--set {field}=X"
+            accepted = f"give {option}, fix it by a plain number, or read its fit by --fit"
+            place = one.origin or Origin("")  # a file's parameters have one
+            raise InputError(place.file, place.line, problem, accepted)
     needed = [n for n, f in fields.items() if f.default is dataclasses.MISSING and n not in values]
     if needed and name == "zhou":
         accepted = "given, or fitted first and read by --fit"
@@ -279,30 +275,16 @@ def _law(
     return LAWS[name](**values)
 
 
-def _no_value(name: str, parameter: Parameter) -> InputError:
-    """The refusal of a parameter that a file leaves to a fit."""
-    problem = f"{name} is free" + ", and its value a start" * (parameter.value is not None)
-    option = f"--{name} X" if name in COEFFICIENTS else f"--set {name}=X"
-    accepted = f"give {option}, fix it by a plain number, or read its fit by --fit"
-    place = parameter.origin or Origin("")  # a file's parameters have one
-    return InputError(place.file, place.line, problem, accepted)
-
-
-def _told(arguments: argparse.Namespace) -> dict[str, tuple[str, float | str]]:
-    """Fields of the law that the options give: {field: (option, value)}."""
-    names = (*COEFFICIENTS, *VARIANTS)
-    told = {name: (f"--{name}", getattr(arguments, name)) for name in names}
-    told = {name: pair for name, pair in told.items() if pair[1] is not None}
+def _stated(arguments: argparse.Namespace) -> dict[str, tuple[str, float | str]]:
+    """Fields of the law that the options state: {field: (option, value)}."""
+    options = {name: getattr(arguments, name) for name in (*COEFFICIENTS, *VARIANTS)}
+    stated = {name: (f"--{name}", x) for name, x in options.items() if x is not None}
     for assignment in arguments.set:
-        name, mark, value = assignment.partition("=")
+        name, mark, text = (part.strip() for part in assignment.partition("="))
         if not mark or not name:
             raise DataError("--set", assignment, "name=value")
-        told[name.strip().replace("-", "_")] = ("--set", _number_or_text(value.strip()))
-    return told
-
-
-def _number_or_text(value: str) -> float | str:
-    try:
-        return float(value)
-    except ValueError:
-        return value
+        value: float | str = text
+        with suppress(ValueError):
+            value = float(text)
+        stated[name.replace("-", "_")] = ("--set", value)
+    return stated
