@@ -149,8 +149,7 @@ def test_the_route_and_its_tolerance_are_those_that_are_set(tmp_path):
     closed = fitted(tmp_path, settings=base)
     coarse = cal.fit(noisy(), "viscoelastic", profiles=False, starts=1, route=sj.ODE(rtol=1e-2))
     for options, settings, route, expected in (
-        (["--route", "ode", "--rtol", "1e-2"], {}, "ode", coarse),
-        ([], {"route": "ode", "rtol": 1e-2}, "ode", coarse),
+        (["--route", "ode"], {"rtol": 1e-2}, "ode", coarse),
         (["--route", "closed-form"], {"route": "ode", "rtol": 1e-2}, "closed form", closed),
     ):
         found = fitted(tmp_path, options, base | settings)
