@@ -161,7 +161,7 @@ def warning_items(warnings: Iterable[Any], result: Any) -> list[Item]:
         Item(
             one.code,
             f"{f' ({one.material})' if one.material else ''}: {symbols.written(one.cause, models)}.",
-            symbols.written(one.remedy, models),
+            symbols.written(one.advice, models),
         )
         for one in warnings
     ]
