@@ -30,7 +30,8 @@ from calibration.output import replacing
 
 APART = 1.0  # standard deviations that chains start apart
 LEAST = {"draws": 4, "chains": 1, "seed": 0, "warmup": 50}
-AT_ONCE = 256  # draws that are carried over to measurements side by side
+AT_ONCE = 256  # draws that are carried over to measurements side by side, of at most
+IMPACTS = 1 << 20  # points together
 OF_BAND = 1000  # draws of a band
 UNITS = {"timing": "s"}
 POINTS = "restitution"  # what the variable of all points is called
@@ -123,7 +124,7 @@ def _as_data(density: Density, position, statistics, seed: int, about: Mapping[s
     }
 
     def one(some):
-        u, normal = some
+        u, key = some
         theta, log_prior, log_jacobian = density.at(u)
         laws = [problem.law(theta, g) for g in range(len(problem.sets))]
         return {
@@ -132,12 +133,13 @@ def _as_data(density: Density, position, statistics, seed: int, about: Mapping[s
             "log_jacobian": log_jacobian,
             "eps_up": [_eps_up(law) for law in laws],
             "by_point": problem.point_log_likelihood(theta),
-            "predicted": problem.simulated(theta, normal),
+            "predicted": problem.simulated(theta, jax.random.normal(key, (len(measured),))),
         }
 
     flat = position.reshape(-1, position.shape[-1])
-    normal = np.random.default_rng(seed).standard_normal((len(flat), len(measured)))
-    found = jax.jit(lambda *some: jax.lax.map(one, some, batch_size=AT_ONCE))(flat, normal)
+    keys = jax.random.split(jax.random.key(seed), len(flat))
+    size = max(min(AT_ONCE, IMPACTS // len(measured)), 1)
+    found = jax.jit(lambda *some: jax.lax.map(one, some, batch_size=size))(flat, keys)
     shape = position.shape[:2]
     found = jax.tree.map(lambda a: np.asarray(a).reshape(*shape, *a.shape[1:]), found)
     statistics = {**statistics, **{n: found[n] for n in ("log_prior", "log_jacobian")}}
