@@ -63,7 +63,9 @@ def drops(random, scatter=0.0, share=0.0, fixed=False):
         u = 0.001 * np.hypot(e, 1 / e) / h  # of ε = √(h₂/h₁)
         away = 20.0 * (np.arange(26) == 9) if fixed else 10 * random.standard_normal(26)
         e = e + u * away * (fixed or random.random(26) < share)
-    drop, back = (x + 0.002 * random.standard_normal(26) for x in (h, np.clip(e, 0.1, 0.98) ** 2 * h))
+    drop, back = (
+        x + 0.002 * random.standard_normal(26) for x in (h, np.clip(e, 0.1, 0.98) ** 2 * h)
+    )
     table = {"drop_height": drop, "rebound_height": back}
     return cal.RestitutionData.from_table(table, BRONZE.contact, height_uncertainty=0.002)
 
