@@ -12,7 +12,7 @@ import numpy as np
 from calibration.data.checks import check_whole, checked_confidence
 from calibration.data.json_file import dumps
 from calibration.errors import DataError, did_you_mean, listed
-from calibration.fitting.curves import as_empirical, band, of_impact
+from calibration.fitting.curves import band, of_impact
 from calibration.fitting.estimate import Band, Estimate
 from calibration.fitting.fit_json import read_result, result_to_dict
 from calibration.fitting.laws import LINE
@@ -240,10 +240,6 @@ class FitResult:
             level = self._level(confidence)
             return band_of_draws(draws, material, velocity, level, kind)
         return self._band(material, velocity, confidence, kind, observable)
-
-    def empirical_band(self, velocity, name=None, confidence: float | None = None) -> Band:
-        """The same for Eq. (17), under `two-step`."""
-        return self._band(as_empirical(self.material(name)), velocity, confidence, "mean")
 
     def _band(
         self, material: MaterialFit, velocity, confidence, kind: str, observable: str = RESTITUTION
