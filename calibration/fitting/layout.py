@@ -566,16 +566,24 @@ def points_of(data: Sequence[RestitutionData]) -> tuple[Points, np.ndarray]:
 def by_drag_of(data: RestitutionData) -> np.ndarray:
     """∂(expected - measured ε)/∂c, (n,), for flights with a drag coefficient of (1 + c) C_d.
 
-    The measured velocity moves too: the curve is taken as the power of v that the points follow.
+    Take-off speeds move with their third power, ∂ε/∂c = a ε³ - ε v_c/v, and the measured velocity moves
+    too. ε in that is a smooth curve through the points: their own noise would be taken for drag.
     """
     by_drag = data.errors.by_drag
     if by_drag is None:
         return np.zeros(len(data))
-    seen = (data.restitution > 0) & np.isfinite(data.restitution)
-    power, v = 0.0, np.log(data.velocity[seen])
-    if len(v) > 2 and np.ptp(v) > LEAST_RANGE:
-        power = float(np.clip(np.polyfit(v, np.log(data.restitution[seen]), 1)[0], *POWERS))
-    return power * data.restitution / data.velocity * by_drag[:, 1] - by_drag[:, 0]
+    eps, v = data.restitution, np.log(data.velocity)
+    seen = np.isfinite(eps) & (eps > 0)
+    if not np.any(seen):
+        return np.zeros(len(data))
+    degree = min(2, int(np.sum(seen)) // 4) if np.ptp(v[seen]) > LEAST_RANGE else 0
+    curve = np.polyfit(v[seen], np.log(eps[seen]), degree)
+    smooth, power = np.exp(np.polyval(curve, v)), np.polyval(np.polyder(curve), v)
+    slower = by_drag[:, 1] / data.velocity
+    known = np.where(seen, eps, 1.0)
+    cubic = np.where(seen, (by_drag[:, 0] + eps * slower) / known**3, 0.0)
+    of_eps = cubic * smooth**3 - smooth * slower
+    return np.where(np.isfinite(eps), np.clip(power, *POWERS) * smooth * slower - of_eps, 0.0)
 
 
 def blocks_of(data: RestitutionData):

@@ -67,7 +67,9 @@ def drops(random, scatter=0.0, share=0.0, fixed=False):
         x + 0.002 * random.standard_normal(26) for x in (h, np.clip(e, 0.1, 0.98) ** 2 * h)
     )
     table = {"drop_height": drop, "rebound_height": back}
-    return cal.RestitutionData.from_table(table, BRONZE.contact, height_uncertainty=0.002)
+    return cal.RestitutionData.from_table(
+        table, BRONZE.contact, height_uncertainty=0.002, air=False
+    )
 
 
 def repeats(random):
