@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 
 from calibration.fitting.batches import Alike, pooled_about, structure
 from calibration.fitting.estimate import Estimate
-from calibration.fitting.problem import Lanes, Problem
+from calibration.fitting.problem import DRAG, Lanes, Problem
 from calibration.fitting.search import FARTHEST as FURTHEST
 from calibration.fitting.search import search
 from calibration.fitting.stages import ComponentFit
@@ -372,8 +372,11 @@ def _requested(fit: ComponentFit, confidence: float) -> Asked | None:
     errors = known.errors[problem.active]
     limits = known.limits[problem.active]
     errors = np.where(limits != 0, FROM_END, errors)
-    entry = np.array(["[" in problem.elements[k].name for k in problem.active])
-    wanted = (errors > LEAST_ERROR) & ~known.undetermined[problem.active] & ~entry
+    # a number of a network, or the error of the drag coefficient, which has a Gaussian prior, is no
+    # parameter of whose profile anybody makes use
+    names = [problem.elements[k].name for k in problem.active]
+    unread = np.array(["[" in name or name == DRAG for name in names])
+    wanted = (errors > LEAST_ERROR) & ~known.undetermined[problem.active] & ~unread
     columns = np.flatnonzero(wanted)
     degrees = np.where(limits != 0, _left(fit), known.degrees[problem.active])[columns]
     reach = np.atleast_1d(quantile(confidence, degrees)) * known.widened[problem.active[columns]]
@@ -411,7 +414,8 @@ def estimates(
     found = {}
     for k, e in enumerate(fit.component.elements):
         one = estimate_of(fit, k, curves.get(e.label), confidence)
-        if one.method == "wald" and one.standard_error is not None and "[" not in e.name:
+        is_read = "[" not in e.name and e.name != DRAG
+        if one.method == "wald" and one.standard_error is not None and is_read:
             one = replace(one, skewed=_is_skewed_by(fit, k, one, confidence, bends))
         found[k] = one
     return found
