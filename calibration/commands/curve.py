@@ -114,10 +114,12 @@ def _write(folder: Path, formats: set[str], source: Any, rows: Any, route: Any) 
 
         kind = type(source.law).__name__
         label = source.name if kind == "Zhou" else f"{source.name}: {kind}"
-        result = source.result and (source.result.material(source.name), source.result.confidence)
+        fit = source.result and source.result.material(source.name)
+        banded = source.result or (source.prediction and source.prediction.line)
         some = rows.some(slice(None, None, -(-len(rows.velocity) // DRAWN)))
         some = some.some(np.argsort(some.velocity, kind="stable"))
-        ax = plot_restitution(some, label, None, yield_velocity(source.law), result)
+        confidence = banded and banded.confidence
+        ax = plot_restitution(some, label, None, yield_velocity(source.law), fit, confidence)
         plots.save(ax, folder / FILES["png"])
         if source.prediction is not None:
             line, contact = source.prediction.line, source.law.contact

@@ -466,9 +466,9 @@ class _Sphere(NamedTuple):
         sizes = [name for name in SIZES if name in columns]
         if not callable(self.contact):
             if sizes and (self.one_size or self.contact is not None):
-                accepted = "left out, or the size left out with the bodies (in Python, `contact` a "
-                accepted += "function of the radii)"
-                raise DataError(sizes[0], "a column with a contact of one size", accepted)
+                accepted = "given once: as a column, or with the bodies (in Python `contact` is a function "
+                accepted += "of the radii where they are a column)"
+                raise DataError(sizes[0], "a column, and the bodies have one size", accepted)
             return self.contact
         radius = self._radius(columns)
         if radius is None:

@@ -586,7 +586,7 @@ def summarise_material(
     modulus = modulus_by_times(part)
     if modulus is not None and abs(modulus.off) > MODULUS_OFF * modulus.error:
         cause = (
-            f"the contact times are those of a modulus E {100 * modulus.off:+.2g} % from the stated one, "
+            f"the contact times are those of {np.exp(modulus.off):.3g} times the stated modulus E, "
             f"which they determine to {100 * modulus.error:.2g} %"
         )
         own.append(FitWarning("modulus", cause, part.name))

@@ -240,11 +240,12 @@ class Line:
             freedom = f"{count} materials, {count - 2} degree{'s' * (count > 3)} of freedom"
             lines.append(f"scatter about the line: {100 * scatter:.2g} % ({freedom})")
         for one in self._losses(eps_up, sigma, psi)[0]:
-            low, high = (_plain(one.name, one.centre + s * one.error) for s in (-1, 1))
+            reach = float(quantile(self.confidence, one.degrees)) * one.error
+            low, high = (_plain(one.name, one.centre + s * reach) for s in (-1, 1))
             value = _plain(one.name, one.centre)
             lines.append(
-                f"{one.name} {value:.4g} ({low:.4g} to {high:.4g}), the mean of the fitted materials"
-                " with their scatter"
+                f"{one.name} {value:.4g}, {100 * self.confidence:g} % interval {low:.4g} to {high:.4g}: "
+                "the mean of the fitted materials and their scatter"
             )
         least, most = self.range
         if not least <= ratio <= most:

@@ -151,7 +151,8 @@ def plot_restitution(
     label: str,
     ax: Axes | None = None,
     yields_at: float | None = None,
-    result: Any = None,
+    fit: Any = None,
+    confidence: float | None = None,
 ) -> Axes:
     """ε over v; gaps where the law has no rebound; grey where a fit does not determine it.
 
@@ -160,22 +161,23 @@ def plot_restitution(
         label: what it is a curve of.
         ax: where to draw; a new figure's where None.
         yields_at: a velocity [m/s], marked where it lies inside.
-        result: `MaterialFit` and confidence of the fit that it is of, with its data; None for none.
+        fit: `MaterialFit` that it is of, whose data are drawn; None for none.
+        confidence: of the band that `rows` has; None for none.
     """
     ax = style.axes_or_new(ax, 6.0, 4.0)
     v = rows.velocity
-    if result is not None:
-        fit, confidence = result
+    if confidence is not None:
         band: dict[str, Any] = {"color": style.BLUE, "alpha": 0.25, "linewidth": 0}
         ax.fill_between(
             v, rows.low, rows.high, label=f"{100 * confidence:g} %, of the mean", **band
         )
-        plot_data(ax, fit.data)
         known = np.flatnonzero(np.isfinite(rows.coefficient))
         look: dict[str, Any] = {"color": style.GREY, "alpha": 0.15, "linewidth": 0}
         for ends in ((v[0], v[known[0]]), (v[known[-1]], v[-1])):
             if ends[0] < ends[1]:
                 ax.axvspan(*ends, label="not determined", **look)
+    if fit is not None:
+        plot_data(ax, fit.data)
     none = rows.status.astype(int) & int(NO_VALUE) != 0
     look = {"color": style.BLUE, "marker": "o" if len(v) < FEW else "", "markersize": 4}
     ax.plot(v, np.where(none, np.nan, rows.coefficient), label=style.plain(label), **look)

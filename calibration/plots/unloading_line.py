@@ -36,7 +36,9 @@ def unloading_line_figure(line: Any, contact: Any = None, name: str = "") -> Fig
         label = f"fitted, {100 * line.confidence:g} % intervals" if k == 0 else None
         ax.errorbar(one.yield_ratio, one.chi, error, label=label, **look)
         text = style.plain(style.shortened(one.name))
-        ax.annotate(text, (one.yield_ratio, one.chi), (5, 5), textcoords="offset points")
+        below = (one.yield_ratio, max(one.chi - error, 0.0))  # clear of the line
+        where: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "va": "top"}
+        ax.annotate(text, below, (0, -5), **where)
     if contact is not None:
         chi = line.unloading_factor(contact)
         ends_of = np.array([[chi.value - _end(chi.low, chi)], [_end(chi.high, chi) - chi.value]])
@@ -46,7 +48,11 @@ def unloading_line_figure(line: Any, contact: Any = None, name: str = "") -> Fig
     top = max(one.chi + reach * (one.chi_error or 0.0) for one in line.materials)
     if contact is not None:
         top = max(top, chi.value)
-    ax.set(xlabel="$E/Y$", ylabel=r"unloading factor $\tilde\chi$", ylim=(0, 1.5 * top))
+    ax.set(
+        xlabel="effective modulus over yield strength, $E/Y$",
+        ylabel=r"unloading factor $\tilde\chi$",
+        ylim=(0, 1.5 * top),
+    )
     ax.legend(loc="upper left", fontsize="small")
     return figure
 

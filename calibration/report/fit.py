@@ -290,7 +290,7 @@ def modulus_lines(result: Any) -> list[str]:
         if found is not None:
             lines.append(
                 f"{fit.name}: the contact times would determine E to {100 * found.error:.2g} %, at "
-                f"{100 * found.off:+.2g} % of the stated one; name youngs_modulus free, or give it a prior"
+                f"{np.exp(found.off):.3g} times the stated one; name youngs_modulus free, or give it a prior"
             )
     return lines
 

@@ -78,8 +78,8 @@ def design_csv(found: Design) -> str:
 
 
 def doubts_text(doubts: Sequence[FitWarning]) -> str:
-    """What is doubted of the fit that a plan starts from."""
-    head = "The plan trusts this fit, of which is doubted:"
+    """Warnings of the fit that a plan starts from."""
+    head = "The plan trusts this fit, which has these warnings:"
     return "\n".join([head, *console.wrapped(map(str, doubts), "  ! ", "    ")])
 
 

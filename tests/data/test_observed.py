@@ -164,7 +164,7 @@ def test_sizes_in_the_rows_make_a_contact_for_each(read_toml):
     table = {"velocity": [1.0, 2.0], "restitution": [0.9, 0.8], "diameter": 2 * radii}
     same = READ(table, lambda r: sj.Contact.with_wall(STEEL, STEEL, r))
     np.testing.assert_array_equal(same.contact.mass, expected.mass)
-    with pytest.raises(ValueError, match="diameter is a column with a contact of one size"):
+    with pytest.raises(ValueError, match="diameter is a column, and the bodies have one size"):
         read_toml(TOML + "radius = 0.01\n" + wall, csv.format("diameter [mm]", 10, 20))
     with pytest.raises(ValueError, match="radii given are none; needed is radius"):
         read_toml(TOML + wall, "velocity,restitution\n1,0.9\n")
