@@ -39,12 +39,12 @@ class Status(enum.IntFlag):
     INEXACT = 1024
 
     @property
-    def remedy(self) -> str:
+    def advice(self) -> str:
         """What a user can do about it, in one sentence (empty where nothing is wrong)."""
-        return " ".join(text for flag, text in _REMEDIES.items() if flag in self)
+        return " ".join(text for flag, text in _ADVICE.items() if flag in self)
 
 
-_REMEDIES = {
+_ADVICE = {
     Status.NO_RESIDUAL_OVERLAP: "Check the unloading factor: X = chi E/Y is about 1 or below.",
     Status.ENERGY_GAIN: "The law returns more than it took; a larger unloading factor loses more.",
     Status.NO_REBOUND: "The losses exceed the impact energy: lower sigma or the unloading factor.",

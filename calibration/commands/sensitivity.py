@@ -144,12 +144,12 @@ class _Job:
 
     def warnings(self) -> dict[str, list[str]]:
         """The warnings of the fit, of this material or of all together."""
-        from calibration.studies.text import doubts_text
+        from calibration.studies.text import warnings_text
 
         every = [] if self.source.result is None else self.source.result.warnings
         own = [one for one in every if one.material in (None, self.source.name)]
         if own:
-            self.text.append(doubts_text(own))
+            self.text.append(warnings_text(own))
         return {"warnings": [str(one) for one in own]} if own else {}
 
     def _options(self) -> dict[str, Any]:

@@ -416,7 +416,7 @@ class MaterialEntry:
     def implausible(self) -> list[str]:
         """A line for each property of a body outside its plausible range."""
         found = of_bodies(self.bodies, self.contact)
-        return [f"warning: plausibility ({self.name}): {one.cause}. {one.remedy}" for one in found]
+        return [f"warning: plausibility ({self.name}): {one.cause}. {one.advice}" for one in found]
 
 
 @dataclass(frozen=True)

@@ -44,11 +44,11 @@ def _yield_beyond_limit(data: RestitutionData) -> Implausible | None:
     if not np.any(critical > limit):
         return None
     cause = f"first yield at {np.max(critical):.3g} m/s is beyond v_lim = {np.min(limit):.3g} m/s"
-    remedy = (
+    advice = (
         "Are the yield strength and Young's modulus in the same unit? "
         "What does not yield has other laws: `--law viscoelastic` for rubber."
     )
-    return Implausible("yield-beyond-limit", cause, remedy)
+    return Implausible("yield-beyond-limit", cause, advice)
 
 
 def _too_fast(data: RestitutionData) -> Implausible | None:
@@ -66,8 +66,8 @@ def _too_deep(data: RestitutionData) -> Implausible | None:
     cause = next((note for note in data.remarks if note.startswith(FALLS)), None)
     if cause is None:
         return None
-    remedy = "Which unit is it? The header says it: `drop_height [mm]`, `interval [ms]`"
-    return Implausible("height", cause, remedy)
+    advice = "Which unit is it? The header says it: `drop_height [mm]`, `interval [ms]`"
+    return Implausible("height", cause, advice)
 
 
 def _no_wall(data: RestitutionData) -> Implausible | None:
@@ -102,8 +102,8 @@ def _above_one(data: RestitutionData) -> Implausible | None:
     if excess <= SURE * error:
         return None
     cause = f"half of the restitutions are above {1 + excess:.4g}, which noise would not do"
-    remedy = "Are impact and rebound exchanged, or is a scale off?"
-    return Implausible("above-one", cause, remedy)
+    advice = "Are impact and rebound exchanged, or is a scale off?"
+    return Implausible("above-one", cause, advice)
 
 
 def _far_from_hertz(data: RestitutionData) -> Iterator[Implausible]:
@@ -132,8 +132,8 @@ def _far_from_hertz(data: RestitutionData) -> Iterator[Implausible]:
             cause = (
                 f"{name} is {value:.3g} {unit} at the median, {ratio:.2g} times an elastic impact's"
             )
-            remedy = f"Which unit has it? The header says it: `{name} [{EXAMPLES[name]}]`"
-            yield Implausible(name.replace("_", "-"), cause, remedy)
+            advice = f"Which unit has it? The header says it: `{name} [{EXAMPLES[name]}]`"
+            yield Implausible(name.replace("_", "-"), cause, advice)
 
 
 def _runs(data: RestitutionData) -> Implausible | None:

@@ -13,7 +13,7 @@ class Implausible(NamedTuple):
 
     code: str
     cause: str
-    remedy: str
+    advice: str
 
 
 class Range(NamedTuple):

@@ -98,8 +98,8 @@ def _spec(data: RestitutionData, law, said: dict[str, Any], objective) -> SetSpe
     named = {name: value for name, value in said.items() if name not in options}
     model = law_model(data, law, options, named)
     if model.needs_contact and data.contact is None:
-        remedy = f"laws that need none are {listed(WITHOUT_CONTACT)}"
-        raise data.refusal(f"no elastic properties, which {model.key} needs", remedy)
+        advice = f"laws that need none are {listed(WITHOUT_CONTACT)}"
+        raise data.refusal(f"no elastic properties, which {model.key} needs", advice)
     objective = objective or "model"
     if objective == "two-step" and data.contact is None:
         objective = "model"  # Eq. (17), or a constant, by itself

@@ -109,7 +109,7 @@ class MaterialFit:
         variances, timing, noise_dof, standardised, leverage, residual_degrees: of ε, as in `Goodness`.
         outliers: the points beyond what the noise explains, of all observables.
         observed: how the curve follows what else than ε was measured, by name.
-        warnings: the doubts about this data set.
+        warnings: those about this data set.
     """
 
     data: RestitutionData

@@ -462,7 +462,7 @@ def _implausible(part: MaterialFit) -> list[FitWarning | None]:
         found = tuple(one for one in found if one.code != "yield-beyond-limit")
     return [
         FitWarning(
-            "groups" if one.code == "groups" else "plausibility", one.cause, part.name, one.remedy
+            "groups" if one.code == "groups" else "plausibility", one.cause, part.name, one.advice
         )
         for one in found
     ]

@@ -24,6 +24,7 @@ from calibration.plots.lines import NO_VALUE, Line
 from calibration.rounding import number
 
 SHADES = (style.BLUE, style.VERMILION, style.GREEN, style.PURPLE, style.ORANGE, style.SKY)
+DASHES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (1, 1)))  # of these: curves may coincide
 FINE = 240  # points of a curve
 FEW = 30  # points that are drawn as such
 EQ_17 = "Eq. (17)"
@@ -207,7 +208,8 @@ def plot_size(
     label = None
     if distinct_impacts(fit) and one.data.contact is not None:
         label = f"R = {number(1e3 * float(one.data.contact.radius), 3)} mm"
-    ax.plot(fine, band.coefficient, color=color, label=label, linewidth=1.5)
+    dashes = DASHES[SHADES.index(color)]
+    ax.plot(fine, band.coefficient, color=color, label=label, linewidth=1.5, linestyle=dashes)
     look: dict[str, Any] = {"color": color, "alpha": 0.25, "linewidth": 0}
     ax.fill_between(fine, band.low, band.high, **look)
     critical = yield_velocity(one.law)

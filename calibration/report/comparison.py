@@ -24,7 +24,7 @@ EXPLAINED = (
 def comparison_text(
     comparisons: Sequence[Any],
     remarks: Sequence[str] = (),
-    causes: str = "comparison.entry(law).doubts",
+    causes: str = "comparison.entry(law).warnings",
 ) -> str:
     """Everything that a terminal shows of some `Comparison`s.
 
@@ -46,7 +46,7 @@ def comparison_text(
             *([Block("text", "\n".join(own))] if own else []),
             Block("warnings", _warnings(one)),
         ]
-    if any(entry.doubts for one in comparisons for entry in one.entries):
+    if any(entry.warnings for one in comparisons for entry in one.entries):
         blocks.append(Block("text", f"The causes of warnings are in {causes}."))
     return terminal(blocks)
 
@@ -125,7 +125,7 @@ def _warnings(one: Any) -> list[Item]:
     laws: dict[str, dict[str, None]] = {}
     advice = {}
     for entry in one.entries:
-        for warning in entry.doubts:
+        for warning in entry.warnings:
             laws.setdefault(warning.code, {})[entry.label] = None
             advice[warning.code] = symbols.written(_advice(warning))
     return [Item(code, f": {'; '.join(names)}.", advice[code]) for code, names in laws.items()]
@@ -174,6 +174,6 @@ def _entry_dict(entry: Any) -> dict[str, Any]:
         },
         "remark": entry.candidate.remark,
         "warnings": [
-            {"code": w.code, "cause": w.cause, "advice": _advice(w)} for w in entry.doubts
+            {"code": w.code, "cause": w.cause, "advice": _advice(w)} for w in entry.warnings
         ],
     }

@@ -142,7 +142,7 @@ class Entry:
         return len(self.result.covariance_names)
 
     @property
-    def doubts(self) -> tuple[FitWarning, ...]:
+    def warnings(self) -> tuple[FitWarning, ...]:
         """Warnings of the fit, and of the fits without a point."""
         if self.leave_one_out.converged:
             return self.result.warnings

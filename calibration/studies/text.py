@@ -77,10 +77,10 @@ def design_csv(found: Design) -> str:
     return "\n".join([header, *rows]) + "\n"
 
 
-def doubts_text(doubts: Sequence[FitWarning]) -> str:
+def warnings_text(found: Sequence[FitWarning]) -> str:
     """Warnings of the fit that a plan starts from."""
     head = "The plan trusts this fit, which has these warnings:"
-    return "\n".join([head, *console.wrapped(map(str, doubts), "  ! ", "    ")])
+    return "\n".join([head, *console.wrapped(map(str, found), "  ! ", "    ")])
 
 
 def wrapped(text: str) -> str:

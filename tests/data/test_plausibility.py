@@ -56,7 +56,7 @@ def test_falls_from_higher_than_anybody_drops_a_ball():
     assert found.code == "height"
     assert "76.7 m/s" in found.cause  # √(2 · 9.80665 · 300)
     assert "300 m" in found.cause
-    assert "[mm]" in found.remedy
+    assert "[mm]" in found.advice
     # 20 m/s is the fall of 20.39 m
     for height, doubted in ((20.3, False), (20.5, True)):
         data = cal.RestitutionData.from_table({"h0": [height], "hf": [1.0]})

@@ -16,11 +16,11 @@ FAILED, ELASTIC, GAIN = sj.Status.SOLVER_FAILED, sj.Status.ELASTIC, sj.Status.EN
 def test_each_flag_but_plain_and_elastic_has_a_remedy():
     for flag in sj.Status:
         expected = flag in (sj.Status.ELASTIC, sj.Status.ZERO_VELOCITY)
-        assert (flag.remedy == "") == expected, flag
+        assert (flag.advice == "") == expected, flag
     both = GAIN | sj.Status.NO_RESIDUAL_OVERLAP
-    assert GAIN.remedy in both.remedy
-    assert sj.Status.NO_RESIDUAL_OVERLAP.remedy in both.remedy
-    assert sj.Status.PLAIN.remedy == ""
+    assert GAIN.advice in both.advice
+    assert sj.Status.NO_RESIDUAL_OVERLAP.advice in both.advice
+    assert sj.Status.PLAIN.advice == ""
 
 
 def chosen(hit, places):
@@ -71,7 +71,7 @@ def test_nothing_of_an_integration_that_did_not_arrive_looks_like_physics(name):
     assert np.all(path.status[failed] == FAILED)
     for number in (path.time, path.overlap, path.velocity, path.force, path.coefficient[:, None]):
         assert np.all(number[failed] == 0)
-    assert "max_steps" in FAILED.remedy
+    assert "max_steps" in FAILED.advice
 
 
 # gains, and formulas that give no number

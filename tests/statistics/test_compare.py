@@ -294,7 +294,7 @@ def test_the_ranking_of_nylon(nylon):
     assert zhou.result.rms == pytest.approx(0.00588, abs=5e-6)
     assert zhou.result.values["eps_up"] == pytest.approx(1.0, abs=1e-6)
     assert zhou.result.values["chi"] == pytest.approx(0.27019, abs=2e-5)
-    assert {"eps-up-only", "at-bound"} <= {doubt.code for doubt in zhou.doubts}
+    assert {"eps-up-only", "at-bound"} <= {doubt.code for doubt in zhou.warnings}
     off = np.sqrt(np.mean((1 - nylon.data.restitution) ** 2))
     assert nylon["hertz"].rms == pytest.approx(off, rel=1e-12)
     assert nylon.converged
