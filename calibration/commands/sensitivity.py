@@ -144,12 +144,14 @@ class _Job:
 
     def warnings(self) -> dict[str, list[str]]:
         """The warnings of the fit, of this material or of all together."""
+        from calibration import symbols
         from calibration.studies.text import warnings_text
 
         every = [] if self.source.result is None else self.source.result.warnings
         own = [one for one in every if one.material in (None, self.source.name)]
         if own:
-            self.text.append(warnings_text(own))
+            models = [fit.model for fit in self.source.result.materials]
+            self.text.append(symbols.written(warnings_text(own), models))
         return {"warnings": [str(one) for one in own]} if own else {}
 
     def _options(self) -> dict[str, Any]:

@@ -511,6 +511,7 @@ def restitution_warnings(part: MaterialFit, residual, errors: Errors) -> list[Fi
             found.append(warnings.alike_neighbours(velocity, standardised, name))
     stated = errors.points.uncertainty
     found.append(warnings.no_velocity_dependence(velocity, restitution, stated, name))
+    found.append(warnings.velocity_errors(data.velocity, data.velocity_uncertainty, name))
     found += warnings.statuses(part.status, velocity, name)
     if part.known_to < np.inf:
         cause = "all velocities are below the critical velocity"

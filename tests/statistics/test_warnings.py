@@ -160,7 +160,25 @@ def plausibility():
     return (falling(cal.RestitutionData(velocity, e, pair)) for pair in pairs)
 
 
+def velocity_errors():
+    one = twin("nylon", noise=0.002, uncertainty=0.002)
+    return (
+        cal.fit(
+            cal.RestitutionData(
+                one.velocity,
+                one.restitution,
+                one.contact,
+                uncertainty=0.002,
+                velocity_uncertainty=part * one.velocity,
+            ),
+            **QUICK,
+        )
+        for part in (0.071, 0.069)
+    )
+
+
 CASES = {
+    "velocity-errors": velocity_errors,
     "at-bound, at zero": runs_to_zero,
     "at-bound, at infinity": grows_without_bound,
     "eps-up-only": eps_up_only,
