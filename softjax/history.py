@@ -67,7 +67,7 @@ def collide(
         no turning point, invalid input): the status says so.
 
     The force–overlap loop encloses the plastic loss ½ M v² (1 - ε_p²), and `velocity` ends at
-    -ε_p v. What sound and heat take (Eq. 17) is in ε and in no force. A particle code that
+    -ε_p v. Acoustic and thermal losses (Eq. 17) enter ε, not the force. A particle code that
     integrates this force therefore gets ε_p; to get ε, scale the relative velocity at the end of
     the contact by ε/ε_p (`restitution` gives both), or let it rebound with ε v and skip the
     contact.

@@ -1,6 +1,6 @@
 """The routes from a contact law to its collisions. Importing them imports no solver.
 
-A route of one's own is a class with two methods, `refusal` and `collide` (`AbstractRoute`).
+Your own route is a class with two methods, `refusal` and `collide` (`AbstractRoute`).
 """
 
 from abc import abstractmethod
@@ -83,7 +83,7 @@ class ClosedForm(AbstractRoute):
     """What a law knows of its own collisions: formulas, and series of functions of one number.
 
     The default for `LinearSpringDashpot`, `HertzDashpot`, `ViscoelasticHertz`, and for any law of
-    one's own that gives its `closed_form`; error <= 1e-12. Hard spheres are formulas anyway. The
+    your own that gives its `closed_form`; error <= 1e-12. Hard spheres are formulas anyway. The
     largest force is that of `ODE(rtol=1e-10)`.
     """
 

@@ -194,7 +194,7 @@ class FreedomRecord(Strict):
 
 
 class RequestRecord(Strict):
-    """What was asked for: options are those of `FitOptions`, with a law of one's own by its name."""
+    """What was requested: options are those of `FitOptions`, with an own law by its name."""
 
     parameters: list[dict[str, Any]]
     options: dict[str, Any]

@@ -163,7 +163,7 @@ def law_model(data: RestitutionData | None, law, options, named) -> LawModel:
 
 
 def _own_name(law: Any) -> str:
-    """What files call a law of one's own."""
+    """The name of an own law in files."""
     name = getattr(law, "__name__", type(law).__name__)
     if name in LAWS:
         raise DataError("law", f"your own {name!r}", "named otherwise than the built-in laws")

@@ -351,7 +351,7 @@ class FitResult:
         """The result that `save` wrote.
 
         Args:
-            law: the class or function of a law of one's own: a file names it, and nothing is
+            law: the class or function of your own law: a file names it, and nothing is
                 imported or run because a file says so.
 
         Raises:

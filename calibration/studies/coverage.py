@@ -1,4 +1,4 @@
-"""Do confidence intervals hold the truth as often as they say? Simulated experiments, fitted as any other."""
+"""Do confidence intervals contain the truth as often as they say? Simulated experiments, fitted as any other."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -102,7 +102,7 @@ class Coverage:
 
     @property
     def covered(self) -> dict[str, float]:
-        """Share of the confidence intervals that hold the truth; an open end holds all on its side."""
+        """Share of the confidence intervals that contain the truth; an open end contains all on its side."""
         return self._each(lambda truth, x, error, low, high: np.mean(
             (~(low > truth) & ~(high < truth))[~(np.isnan(low) & np.isnan(high))]
         ))  # fmt: skip
@@ -146,7 +146,7 @@ def coverage_study(
     confidence: float = 0.95,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> list[Coverage]:
-    """Simulate every case, fit every set as `fit` does, and count how often intervals hold the truth.
+    """Simulate every case, fit every set as `fit` does, and count how often intervals contain the truth.
 
     Raises:
         ValueError: naming the argument, its value and what is accepted.

@@ -5,7 +5,7 @@
     ├── RateDependentLaw      force depends on the velocity as well: ODE, or the law's closed form
     └── HardSphereLaw         no force, only ε(v): nothing to integrate, no history, no contact
 
-A law of one's own gives its forces in newtons over overlaps in metres and needs no more. Those of
+Your own law gives its forces in newtons over overlaps in metres and needs no more. Those of
 this library give a reduced form (`laws.reduced`) instead, which is faster and loses fewer digits.
 
 Numbers, options and whole fields of a law are declared (`softjax.fields`): their checks, validity
@@ -152,7 +152,7 @@ class ForceLaw(ContactLaw):
 class RateIndependentLaw(ForceLaw):
     """A law whose force depends on the overlap and its largest value: either route.
 
-    To bring one's own, give both forces [N]; they are asked for one overlap [m] at a time.
+    To write your own, give both forces [N]; they are called with one overlap [m] at a time.
 
         class Cone(sj.RateIndependentLaw):
             contact: sj.Contact
@@ -235,7 +235,7 @@ class RateIndependentLaw(ForceLaw):
 class RateDependentLaw(ForceLaw):
     """A law whose force depends on the velocity too: no energy balance, but the ODE.
 
-    To bring one's own, give the force [N] and say where the contact ends; it is asked for one
+    To write your own, give the force [N] and say where the contact ends; it is called with one
     overlap [m] and its rate [m/s] at a time.
 
         class HuntCrossley(sj.RateDependentLaw):

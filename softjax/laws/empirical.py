@@ -29,7 +29,7 @@ class EmpiricalRestitution(HardSphereLaw, final=True):
 
     Symbols: v impact velocity, v_lim = `limit_velocity` [m/s]; σ = `sigma`, ψ = `psi` [-].
 
-    Not to be confused with `Zhou`, which takes from this curve only what sound and heat cost, below
+    Not to be confused with `Zhou`, which takes from this curve only the acoustic and thermal losses, below
     yield and at it.
 
     Attributes:

@@ -28,7 +28,7 @@ from softjax.numerics.roots import where_needed
 
 
 class Zhou(RateIndependentLaw, final=True):
-    """Elastic–plastic loading, plastic unloading and the losses of sound and heat, Zhou (2013).
+    """Elastic–plastic loading, plastic unloading, acoustic and thermal losses, Zhou (2013).
 
     Loading is Hertz's until the peak pressure reaches Y; then a central region carries Y and the
     rim the rest of Hertz's pressure (Eqs. 6, 8). Unloading follows the elastic part and a straight
