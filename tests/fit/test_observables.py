@@ -114,7 +114,7 @@ def test_slopes_of_every_observable_are_those_of_differences():
 
 
 def test_what_a_law_cannot_tell_is_refused(data):
-    with pytest.raises(ValueError, match="contact_time, peak_force, of which constant tells"):
+    with pytest.raises(ValueError, match="contact_time, peak_force, of which constant determines"):
         cal.fit(data, "constant")
     with pytest.raises(ValueError, match="`objective` must be model, which takes all of them"):
         cal.fit(data, objective="two-step")
