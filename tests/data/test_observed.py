@@ -96,7 +96,7 @@ def test_velocities_and_drops_serve_without_a_rebound():
         (
             {"peak_force": [1, 2], "radius": [1e-2, 2e-2]},
             {"contact": WALL},
-            "`radius` must be left out",
+            "`radius` must be given once",
         ),
         ({"peak_force": [1, 2]}, {"contact": lambda r: WALL}, "a column diameter, radius or mass"),
     ],

@@ -71,7 +71,9 @@ def test_indices_and_limits_are_those_that_scipy_finds_on_the_same_samples(scale
                 getattr(found, f"{which}_{end}"),
                 getattr(limits.confidence_interval, end),
             )
-            np.testing.assert_allclose(ours, theirs, atol=0.15 * width)
+            np.testing.assert_allclose(
+                ours, theirs, atol=0.25 * width
+            )  # theirs are corrected for bias
         high = f"{which}_high"
         wide, narrow = (getattr(x, high) - getattr(x, which) for x in (found, half))
         np.testing.assert_allclose(
