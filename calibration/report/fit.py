@@ -70,6 +70,8 @@ def terminal_report(result: Any, intro: str = "", **more: Any) -> str:
         more: as `sections` takes it.
     """
     of = sections(result, **more)
+    if of["posterior"]:  # a heading is not printed, and its table would look like the fit's
+        of["posterior"] = [Block("text", "Posterior:"), *of["posterior"]]
     names = ("parameters", "quality", "line", "posterior", "computed", "verdict", "warnings")
     first = [Block("text", intro)] if intro else of["notes"]
     return terminal([*first, *(block for name in names for block in of[name])])

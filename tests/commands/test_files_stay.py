@@ -29,6 +29,7 @@ COMMANDS = {
         (*SENSITIVITY, "--study", "local"),
         {"sensitivity.json", "sensitivity.csv", "sensitivity.png", "tornado.png"},
     ),
+    "information": ((*SENSITIVITY, "--study", "information"), {"sensitivity.json"}),
     "design": (
         (*SENSITIVITY, "--study", "design", "--shots", "2"),
         {"sensitivity.json", "design.png", "design.csv"},
@@ -41,6 +42,10 @@ COMMANDS = {
         (*EXPORT, "--to", "c"),
         {"export.json", "export.png", "softjax_law.h"},
     ),
+    "liggghts": (
+        (*EXPORT, "--to", "liggghts"),
+        {"export.json", "export.png", "in.softjax"},
+    ),
     "lammps": (
         (*EXPORT, "--to", "lammps"),
         {"export.json", "export.png", "in.softjax"},
@@ -49,6 +54,7 @@ COMMANDS = {
         (*EXPORT, "--to", "yade"),
         {"export.json", "export.png", "softjax_yade.py"},
     ),
+    "doctor": (("doctor",), set()),
 }
 
 

@@ -8,7 +8,7 @@ from tests.command import BODIES, run
 
 COMMANDS = {
     "curve": ("--points", "5", "--format", "csv"),
-    "export": ("--to", "c"),
+    "export": ("--to", "c", "--tolerance", "0.05"),
     "sensitivity": ("--points", "5"),
 }
 GIVEN = ("--sigma", "1", "--psi", "0.5")
@@ -36,6 +36,10 @@ def test_a_start_is_refused(command, file, at):
         accepted = "give --chi X, fix it by a plain number, or read its fit by --fit"
         assert (code, out, error) == (2, "", f"my.toml:9: {said}; {accepted}\n")
         assert not (at / "results").exists()
+    code, _, error = run(
+        command, "my.toml", "--chi", "0.2", *GIVEN, *COMMANDS[command], "--out", "results"
+    )
+    assert code == 0, error
 
 
 def test_a_field_with_a_default_is_free_too(file):

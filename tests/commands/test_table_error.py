@@ -43,14 +43,18 @@ def largest_error(law, velocity, coefficient, low, high):
     return np.max(np.abs(np.interp(some, velocity, coefficient) - law_says))
 
 
+@pytest.mark.parametrize(
+    "points",
+    [9, pytest.param(24, marks=pytest.mark.long), pytest.param(61, marks=pytest.mark.long)],
+)
 @pytest.mark.parametrize("name", TABLES)
-def test_no_velocity_errs_by_more(name, at):
+def test_no_velocity_errs_by_more(name, points, at):
     """Fails where the law is compared at three places between two rows: by up to a third."""
     options, law, low, high = TABLES[name]
     if law is None:
         law, extra = sj.EmpiricalRestitution(ALLOY.limit_velocity, 0.4, 0.54), "--sigma 0.4"
         options = f"{options} {extra}"
-    words = ("--from", low, "--to", high, "--points", 9, "--spacing", "lin", "--table")
+    words = ("--from", low, "--to", high, "--points", points, "--spacing", "lin", "--table")
     code, _, error = run("curve", "nylon", *options.split(), *words)
     assert code == 0, error
     velocity, coefficient, promised = table_of(at)
@@ -60,7 +64,9 @@ def test_no_velocity_errs_by_more(name, at):
     assert promised < 1.25 * found + 1e-12  # no empty promise
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(
+    "seed", [*range(3), *(pytest.param(seed, marks=pytest.mark.long) for seed in range(3, 8))]
+)
 def test_velocities_of_the_users_own(seed, at):
     """Rows are his alone: a step, or the end of ε, lies anywhere between two of them."""
     random = np.random.default_rng(seed)

@@ -251,9 +251,13 @@ def test_outliers_lose_their_pull_under_student_s_t():
     assert abs(values[0] - 0.9) < 0.004 < 0.9 - cal.fit(data, Decay, **QUICK).values["level"]
     named = {one.row - 1: one for one in result.outliers}
     assert set(named) == set(range(0, 60, 9))
+    standard = (data.restitution - decay(v, *values)) / scale
+    slopes = np.stack([np.exp(-values[1] * v), -v * decay(v, *values)], axis=1)
+    rows = slopes * np.sqrt(5 / (4 + standard**2))[:, None]  # the weights of maximum likelihood
+    leverage = np.sum(rows @ np.linalg.inv(rows.T @ rows) * rows, axis=1)
     for row, one in named.items():
-        off = (data.restitution[row] - decay(v[row], *values)) / scale
-        assert one.residual == pytest.approx(off, rel=5e-3)  # their leverages are small
+        off = standard[row]
+        assert one.residual == pytest.approx(off / np.sqrt(1 - leverage[row]), rel=1e-5)
         assert one.weight == pytest.approx(4 / (4 + off**2), rel=1e-4)
         assert (one.velocity, one.line) == (v[row], None)
 

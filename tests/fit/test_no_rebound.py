@@ -51,3 +51,12 @@ def test_a_search_finds_its_way_back_from_where_nothing_rebounds():
     result = cal.fit(measured, None, parameters, starts=1, profiles=False)
     assert result.converged
     assert result.values["chi"] == pytest.approx(0.6, abs=0.06)
+
+
+@pytest.mark.long
+def test_intervals_hold_the_truth_in_40_sets():
+    inside = 0
+    for seed in range(40):
+        low, high = cal.fit(data(seed)[0]).intervals["chi"]
+        inside += low <= 0.6 <= high
+    assert inside >= 34

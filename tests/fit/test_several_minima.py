@@ -2,6 +2,7 @@
 
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 import calibration as cal
 import softjax as sj
@@ -40,10 +41,14 @@ def chi_squared(result):
     return float(result.rms**2 * len(result.data) / U**2)
 
 
+def count_elsewhere(seeds):
+    found = [(fitted(measured), truth) for measured, truth in map(data, seeds)]
+    return sum(chi_squared(result) > truth + 1e-6 for result, truth in found)
+
+
 def test_a_lowest_minimum_far_from_the_start_is_found():
     """Of these sets none was by 32 starts around the first."""
-    for measured, truth in map(data, (2, 5)):
-        assert chi_squared(fitted(measured)) <= truth + 1e-6
+    assert count_elsewhere((2, 5)) == 0
 
 
 def test_an_end_that_one_search_alone_found_and_that_misses_is_doubted():
@@ -58,3 +63,8 @@ def test_an_end_that_one_search_alone_found_and_that_misses_is_doubted():
 def test_one_start_alone_is_searched_where_one_is_asked_for():
     measured, truth = data(2)
     assert chi_squared(fitted(measured, starts=1)) > truth + 100
+
+
+@pytest.mark.long
+def test_the_lowest_minimum_is_found_in_12_sets():
+    assert count_elsewhere(range(12)) == 0

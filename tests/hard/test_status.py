@@ -48,6 +48,16 @@ def test_a_printed_result_tells_the_numbers_of_a_few_impacts():
 # the solver
 
 
+def test_a_low_order_at_a_high_tolerance_gives_up():
+    """And an elastic neighbour does not suffer."""
+    law = fitted("stainless steel")
+    velocity = STEEL.critical_velocity * np.array([0.5, 1.01, 30.0])
+    result = sj.restitution(law, velocity, sj.ODE(rtol=1e-13, solver="bosh3"))
+    assert list(result.status) == [ELASTIC, FAILED, FAILED]
+    assert list(result.plastic_coefficient) == [1, 0, 0]
+    assert "max_steps" in FAILED.advice
+
+
 @pytest.mark.parametrize("name", ["thornton", pytest.param("viscoelastic", marks=pytest.mark.long)])
 def test_nothing_of_an_integration_that_did_not_arrive_looks_like_physics(name):
     """Numbers, slopes and histories are 0; an elastic neighbour does not suffer."""

@@ -68,10 +68,16 @@ def test_a_prior_on_yield_keeps_what_the_points_above_it_determine():
     np.testing.assert_allclose(of_found, errors * unit, rtol=1e-3)
 
 
-def test_sigma_and_psi_stay_where_yield_may_reach_the_points():
-    """v_cr reaches 3^2.5 = 15.6 times as high."""
-    told = with_yield(bounds=(0.5 * YIELD, 3 * YIELD))
-    result = cal.fit(drops(12), "zhou", told, **QUICK)
+@pytest.mark.parametrize(
+    ("told", "lowest"),
+    [
+        ({"prior": (YIELD, 0.05 * YIELD)}, 1.5),  # five deviations up v_cr is 1.75 times as high
+        ({"bounds": (0.5 * YIELD, 3 * YIELD)}, 12),  # v_cr reaches 3^2.5 = 15.6 times as high
+        ({"value": YIELD}, 20),
+    ],
+)
+def test_sigma_and_psi_stay_where_yield_may_reach_the_points(told, lowest):
+    result = cal.fit(drops(lowest), "zhou", with_yield(**told), **QUICK)
     assert {"sigma", "psi"} <= set(result.covariance_names)
 
 
@@ -122,8 +128,18 @@ def by_noise(noise=0.9):
     return Decay(noise, 0.1)
 
 
+def by_scale(scale=0.9):
+    return Decay(scale, 0.1)
+
+
+def by_group(group=0.9):
+    return Decay(group, 0.1)
+
+
 CLASHES = {
     "noise": (by_noise, {}, {}),
+    "scale": (by_scale, {"uncertainty": 0.01}, {"scale_uncertainty": True}),
+    "group": (by_group, {"group": [f"day {k}" for k in np.arange(12) // 3]}, {}),
 }
 
 

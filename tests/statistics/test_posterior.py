@@ -501,6 +501,7 @@ def test_the_command_writes_draws_picture_and_words_and_says_what_is_wrong(tmp_p
         draws = np.asarray(found["restitution[balls 0]"])
     assert "4 chains of 100 draws by NUTS (blackjax" in section
     assert f"{np.mean(draws):.4f}"[:5] in section
+    assert "Posterior:\n" in printed
     assert "posterior/prior width" in printed
     lines = {line.split("**")[1]: line for line in section.splitlines() if "**" in line}
     assert {"effective-size", "mass-at-bound", "follows-prior"} <= set(lines)

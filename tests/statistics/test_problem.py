@@ -8,7 +8,10 @@ from scipy import stats
 from scipy.optimize import approx_fprime, minimize_scalar
 
 import calibration as cal
+import softjax as sj
+from tests import fit_oracle
 from tests.decay import Decay
+from tests.fit_data import TRUTH, twin
 
 V = np.linspace(0.5, 4.0, 12)
 ABOUT = {"level": 0.9, "rate": 0.1}
@@ -104,3 +107,41 @@ def test_simulated_measurements_take_the_place_of_the_measured_ones():
     other = problem.simulated(ABOUT, np.linspace(-1, 1, len(V)))
     expected = np.sum(stats.norm.logpdf(np.linspace(-1, 1, len(V)) * 0.02, 0, 0.02))
     assert float(problem.log_likelihood(ABOUT, other)) == pytest.approx(expected, rel=1e-12)
+
+
+def test_zhou_s_likelihood_is_the_normal_density_about_scipy_s_curve():
+    name = "nylon"
+    _, chi, sigma, psi, _ = TRUTH[name]
+    data = twin(name, noise=0.01)
+    problem = cal.problem(data)
+    assert problem.names == ("chi", "sigma", "psi")
+    assert problem.noises == ("noise",)
+    theta = {"chi": 1.1 * chi, "sigma": 0.8 * sigma, "psi": psi, "noise": 0.013}
+    curve = fit_oracle.curve(
+        data.velocity, fit_oracle.numbers(data.contact), 1.1 * chi, 0.8 * sigma, psi
+    )
+    expected = stats.norm.logpdf(data.restitution, curve, 0.013)
+    points, whole, residuals = (
+        jax.jit(f)(theta)
+        for f in (problem.point_log_likelihood, problem.log_likelihood, problem.residuals)
+    )
+    np.testing.assert_allclose(points, expected, rtol=1e-6)
+    np.testing.assert_allclose(whole, np.sum(expected), rtol=1e-7)
+    np.testing.assert_allclose(residuals, (curve - data.restitution) / 0.013, atol=1e-6)
+
+
+@pytest.mark.long
+def test_several_laws_side_by_side_and_time_integration():
+    """Reverse mode through the ODE of a viscoelastic contact; two data sets that share A."""
+    sets = []
+    for name in ("nylon", "chrome steel"):
+        data = twin(name, y=[0.2, 0.5, 0.9])
+        sets.append(cal.RestitutionData(data.velocity, [0.9, 0.88, 0.87], data.contact, name=name))
+    problem = cal.problem(
+        sets, sj.ViscoelasticHertz, {"dissipation_time": cal.Parameter(shared=True)}
+    )
+    (name,) = problem.names
+    density = lambda log: problem.log_likelihood({name: jnp.exp(log)})  # noqa: E731
+    at = np.log(3e-6)
+    ends = [float(density(at + h)) for h in (-1e-4, 1e-4)]
+    assert float(jax.grad(density)(at)) == pytest.approx((ends[1] - ends[0]) / 2e-4, rel=1e-4)

@@ -312,3 +312,14 @@ def test_extrapolation_below_and_above(velocity, count):
     assert (found is not None) == bool(count)
     assert found is None or found.code == "extrapolation"
     assert found is None or "1 velocities lie outside" in found.cause
+
+
+@pytest.mark.long
+def test_each_data_set_has_minima_of_its_own():
+    """What another set's minima cost does not enter, and each is named once."""
+    alone, both, one = torn(1.04), torn(1.04, 1.04), torn(2.08, 1.04)
+    (cause,) = (w.cause for w in alone.warnings if w.code == "several-minima")
+    for result, names in ((both, ["set 0", "set 1"]), (one, ["set 1"])):
+        told = [w for w in result.warnings if w.code == "several-minima"]
+        assert sorted(w.material for w in told) == names
+        assert {w.cause for w in told} == {cause}
