@@ -5,8 +5,8 @@ are `RestitutionData.observed`, one `Observed` each, and a fit takes all of them
 likelihood (`calibration.fitting.problem.Points`). A further observable is a row of `OBSERVABLES`, with
 its prediction in `_PREDICTED`.
 
-ε is told as it is. The others have a dimension: a fit works with value/measured value, so that their
-scatter, where none is stated, is relative.
+The others have a dimension: a fit works with them in parts of a power law of v through the measured
+values, so that scatter, where none is stated, is relative.
 """
 
 from collections.abc import Callable
@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 RESTITUTION = "restitution"
+ALIKE = 1e-6  # relative spread up to which uncertainties are the same part of each value
 
 
 class Observable(NamedTuple):
@@ -48,12 +49,22 @@ class Observed:
         rows: which impacts of the data set, ascending, (k,).
         value: positive, in SI, (k,).
         uncertainty: standard uncertainty in SI, (k,), positive; None: a relative scatter is estimated.
+        scale: what relative errors are parts of, in SI, (k,).
     """
 
     name: str
     rows: Int[np.ndarray, "k"]
     value: Float[np.ndarray, "k"]
-    uncertainty: Float[np.ndarray, "k"] | None = None
+    uncertainty: Float[np.ndarray, "k"] | None
+    scale: Float[np.ndarray, "k"]
+
+    @property
+    def in_parts(self) -> Float[np.ndarray, "k"] | None:
+        """The stated uncertainty in parts of `scale`; one stated as the same part of each value is that part."""
+        if self.uncertainty is None:
+            return None
+        parts = self.uncertainty / self.value
+        return parts if np.ptp(parts) <= ALIKE * parts[0] else self.uncertainty / self.scale
 
     def __len__(self) -> int:
         return len(self.value)
@@ -64,6 +75,22 @@ class Observed:
         stated = (mine is None and theirs is None) or np.array_equal(mine, theirs)  # type: ignore[arg-type]
         equal = np.array_equal(self.rows, other.rows) and np.array_equal(self.value, other.value)
         return self.name == other.name and equal and stated
+
+
+def scale_of(value: np.ndarray, velocity: np.ndarray, radius: Any = None) -> np.ndarray:
+    """A power law of v, and of R where it differs, through the logarithms of values.
+
+    Relative errors as parts of the values themselves would weigh small values more, and lower all that
+    is fitted by 2 u². Of fewer points than twice its coefficients the values themselves.
+    """
+    columns = [np.ones(len(value))]
+    for one in (velocity, radius):
+        if np.ndim(one) and np.ptp(np.log(one)) > 0:
+            columns.append(np.log(one))
+    if len(value) < 2 * len(columns):
+        return value
+    design, logs = np.stack(columns, axis=1), np.log(value)
+    return np.exp(design @ np.linalg.lstsq(design, logs, rcond=None)[0])
 
 
 def _diameter(area: Any, overlap: Any) -> Any:

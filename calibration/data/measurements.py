@@ -28,7 +28,7 @@ from calibration.data.ranges import check_far
 from calibration.data.repeats import average
 from calibration.data.tables import read_points
 from calibration.errors import DataError, InputError, Origin, listed, printable
-from calibration.observables import Observed
+from calibration.observables import Observed, scale_of
 
 DENTS = {"largest": "dent_diameter", "residual": "residual_dent_diameter"}
 LARGEST = 1.5  # restitution: further above 1 no noise brings it
@@ -240,7 +240,10 @@ class RestitutionData:
                 rows = np.flatnonzero(np.isfinite(values))
                 known = name if name != "dent_diameter" else DENTS[self.dent]
                 of_rows = None if uncertainty is None else uncertainty[rows]
-                found.append(Observed(known, rows, values[rows], of_rows))
+                radius = None if self.contact is None else self.contact.radius
+                radius = radius[rows] if np.ndim(radius) else None
+                scale = scale_of(values[rows], self.velocity[rows], radius)
+                found.append(Observed(known, rows, values[rows], of_rows, scale))
         return tuple(one for one in found if len(one))
 
     def of_restitution(self) -> "RestitutionData":

@@ -111,11 +111,11 @@ class Errors:
         points, degrees = data.errors, data.degrees
         log_unit: Any = 0.0
         if observed is not None:
-            alone = None if observed.uncertainty is None else observed.uncertainty / observed.value
+            alone = observed.in_parts
             u_v = data.velocity_uncertainty
             of_velocity = None if u_v is None else u_v[rows]
             points = PointErrors.alone(len(rows), alone, of_velocity)
-            degrees, log_unit = None, np.log(observed.value)
+            degrees, log_unit = None, np.log(observed.scale)
         elif len(rows) < len(data):
             points = points.some(rows)
             degrees = degrees if np.ndim(degrees) == 0 else degrees[rows]

@@ -592,7 +592,7 @@ def blocks_of(data: RestitutionData):
     if len(rows):
         yield RESTITUTION, rows, data.restitution[rows], np.ones(len(rows))
     for one in sorted(data.observed, key=lambda one: PLACES[one.name]):
-        yield one.name, one.rows, np.ones(len(one)), one.value
+        yield one.name, one.rows, one.value / one.scale, one.scale
 
 
 def _law_rows(component: Component) -> Rows:

@@ -112,7 +112,7 @@ class Points(NamedTuple):
     weight: Float[np.ndarray, "points"]  # 1/√V_ii where V is fixed and diagonal; else 1, or 0
     set: Int[np.ndarray, "points"]  # the data set
     observable: Int[np.ndarray, "points"]  # place in `calibration.observables.OBSERVABLES`; 0 is ε
-    # 1 for ε, else the measured value in SI, so that all values are numbers near one
+    # 1 for ε, else `Observed.scale` [SI], so that all values are numbers near one
     unit: Float[np.ndarray, "points"]
     # ∂(expected - measured)/∂c of flights in air, for a drag coefficient of (1 + c) C_d
     by_drag: Float[np.ndarray, "points"]

@@ -112,7 +112,7 @@ class LeaveOneOut:
     at the measured velocity.
 
     Attributes:
-        predicted: ε, or another observable over its measured value, (n,), in the order of the data
+        predicted: ε, or another observable over its scale, (n,), in the order of the data
             sets, in each that of `calibration.observables`.
         residual: predicted less measured.
         log_density: of each point under the prediction without it.

@@ -16,12 +16,14 @@ from scipy import stats
 
 import calibration as cal
 import softjax as sj
+from calibration.observables import predicted
 from tests.decay import Decay
 from tests.fit_data import TRUTH, pair, y_values
 
 PAIR = pair("nylon")
 CRITICAL = float(PAIR.critical_velocity)
 ABOVE = np.geomspace(1.3, 80, 30) * CRITICAL
+SENSED = np.geomspace(1.5, 60, 24) * CRITICAL
 GRAVITY = 9.80665
 QUICK = {"profiles": False, "starts": 1}
 PROFILED = {"starts": 1}
@@ -46,6 +48,10 @@ ZHOU = sj.Zhou(PAIR, 0.22, 0.4355, 0.5414)
 BY_UP = {"chi": 0.22, "eps_up": up_of(ZHOU)}
 THORNTON = sj.Thornton(PAIR, 1.6)
 SPRING = float(PAIR.stiffness) * float(PAIR.radius) ** 0.5
+LINEAR, WALTON = (
+    sj.LinearSpringDashpot(PAIR, SPRING, 0.8),
+    sj.WaltonBraun(PAIR, SPRING, 1.2 * SPRING, 60.0),
+)
 BRONZE = with_up(
     sj.Contact.with_wall(
         sj.Material(115e9, 0.33, 7600.0, 300e6), sj.Material(210e9, 0.3, 7850.0, 355e6), 0.006
@@ -114,6 +120,18 @@ def trains(random, stated):
     return cal.RestitutionData.from_table(table, **{"timing_uncertainty": 7e-4} if stated else {})
 
 
+def sensed(random, law, **sensors):
+    """ε to 0.005 of 24 impacts, and what sensors show of each: a relative error each, unstated or stated."""
+    hit = sj.restitution(law, SENSED)
+    shown = {}
+    for name, (error, stated) in sensors.items():
+        exact = np.asarray(predicted(name, hit))
+        shown[name] = exact * (1 + error * random.standard_normal(len(SENSED)))
+        shown |= {f"{name}_uncertainty": error * exact} if stated else {}
+    e = np.asarray(hit.coefficient) + 0.005 * random.standard_normal(len(SENSED))
+    return cal.RestitutionData(SENSED, e, PAIR, **shown)
+
+
 CONTACTS = {name: pair(name) for name in ("stainless steel", "chrome steel")}
 
 
@@ -179,8 +197,26 @@ CASES = {
         **{"truth": ZHOU, "velocity": BOTH, "noise": 0.0005, "options": PROFILED},
         "values": {"chi": 0.22, "sigma": 0.4355, "psi": 0.5414},
     },
-    "walton-braun": {"truth": sj.WaltonBraun(PAIR, SPRING, 1.2 * SPRING, 60.0), "velocity": ABOVE},
+    "walton-braun": {"truth": WALTON, "velocity": ABOVE},
     "viscoelastic": {"truth": VISCOELASTIC, "velocity": ABOVE},
+    "sensors, linear spring, contact times": {
+        "simulate": partial(sensed, law=LINEAR, contact_time=(0.02, False)),
+        "law": "linear",
+        "values": {"stiffness": SPRING, "restitution": 0.8},
+    },
+    "sensors, walton-braun, peak forces": {
+        "simulate": partial(sensed, law=WALTON, peak_force=(0.03, True)),
+        "law": "walton-braun",
+        "values": {"loading_stiffness": SPRING, "unloading_stiffness": 1.2 * SPRING, "growth": 60.0},
+    },
+    "sensors, zhou, contact times and dents": {
+        "simulate": partial(
+            sensed, law=ZHOU, contact_time=(0.02, False), dent_diameter=(0.03, False)
+        ),
+        "law": "zhou",
+        "parameters": {"contact.youngs_modulus": cal.Parameter()},
+        "values": {"chi": 0.22, "contact.youngs_modulus": float(PAIR.youngs_modulus)},
+    },
     "bronze drops, stated": OF_DROPS | {"simulate": drops, "options": PROFILED},
     "bronze drops, scatter estimated": OF_DROPS
     | {"simulate": partial(drops, scatter=0.01), "options": PROFILED | {"extra_scatter": True}},
