@@ -22,20 +22,21 @@ ALIKE = 1e-6  # relative spread up to which uncertainties are the same part of e
 
 
 class Observable(NamedTuple):
-    """Symbol, SI unit, and what it is in words."""
+    """Symbol, SI unit, what it is in words, and the power of v that it goes with under Hertz's law."""
 
     symbol: str
     unit: str
     words: str
+    power: float = 0.0
 
 
 OBSERVABLES: dict[str, Observable] = {
     RESTITUTION: Observable("ε", "-", "coefficient of restitution"),
-    "contact_time": Observable("t_c", "s", "contact time"),
-    "peak_force": Observable("F_max", "N", "largest force"),
-    "peak_overlap": Observable("δ_max", "m", "largest penetration"),
-    "dent_diameter": Observable("d", "m", "diameter of the dent, 2√(A δ_max)"),
-    "residual_dent_diameter": Observable("d", "m", "diameter of the dent, 2√(2R δ*)"),
+    "contact_time": Observable("t_c", "s", "contact time", -0.2),
+    "peak_force": Observable("F_max", "N", "largest force", 1.2),
+    "peak_overlap": Observable("δ_max", "m", "largest penetration", 0.8),
+    "dent_diameter": Observable("d", "m", "diameter of the dent, 2√(A δ_max)", 0.4),
+    "residual_dent_diameter": Observable("d", "m", "diameter of the dent, 2√(2R δ*)", 0.4),
 }
 PLACES = {name: k for k, name in enumerate(OBSERVABLES)}
 

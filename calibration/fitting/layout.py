@@ -40,7 +40,7 @@ from calibration.fitting.laws import (
 from calibration.fitting.problem import DRAG, Element, Points, Problem, pools_of
 from calibration.fitting.rows import Rows, SetRows
 from calibration.fitting.transform import Transform
-from calibration.observables import PLACES, RESTITUTION
+from calibration.observables import OBSERVABLES, PLACES, RESTITUTION
 from calibration.options import OBJECTIVES
 from calibration.parameters import Parameter, as_parameter
 from softjax.fields import Declared
@@ -73,9 +73,8 @@ class SetSpec:
 
     @property
     def is_in_air(self) -> bool:
-        """Whether drag was taken out of its ε, with a coefficient that is not known exactly."""
-        is_measured = bool(np.any(np.isfinite(self.data.restitution)))
-        return self.objective == "model" and is_measured and self.data.errors.by_drag is not None
+        """Whether drag was taken out of its flights, with a coefficient that is not known exactly."""
+        return self.objective == "model" and self.data.errors.by_drag is not None
 
     @property
     def by_eps_up(self) -> bool:
@@ -554,7 +553,7 @@ def points_of(data: Sequence[RestitutionData]) -> tuple[Points, np.ndarray]:
     for g, one in enumerate(data):
         for name, rows, value, unit in blocks_of(one):
             ones, code = np.ones(len(rows)), np.full(len(rows), PLACES[name])
-            by_drag = by_drag_of(one)[rows] if name == RESTITUTION else 0 * ones
+            by_drag = by_drag_of(one, name)[rows]
             sets = np.full(len(rows), g)
             parts.append((one.velocity[rows], value, ones, sets, code, unit, by_drag))
             impacts.append(first + rows)
@@ -563,15 +562,18 @@ def points_of(data: Sequence[RestitutionData]) -> tuple[Points, np.ndarray]:
     return Points(*columns), np.concatenate(impacts)
 
 
-def by_drag_of(data: RestitutionData) -> np.ndarray:
-    """∂(expected - measured ε)/∂c, (n,), for flights with a drag coefficient of (1 + c) C_d.
+def by_drag_of(data: RestitutionData, observable: str = RESTITUTION) -> np.ndarray:
+    """∂(expected - measured)/∂c of ε, (n,), for flights with a drag coefficient of (1 + c) C_d.
 
     Take-off speeds move with their third power, ∂ε/∂c = a ε³ - ε v_c/v, and the measured velocity moves
-    too. ε in that is a smooth curve through the points: their own noise would be taken for drag.
+    too. ε in that is a smooth curve through the points: their own noise would be taken for drag. Of
+    other observables, in parts, the velocity alone moves, and they with their power of it under Hertz's law.
     """
     by_drag = data.errors.by_drag
     if by_drag is None:
         return np.zeros(len(data))
+    if observable != RESTITUTION:
+        return OBSERVABLES[observable].power * by_drag[:, 1] / data.velocity
     eps, v = data.restitution, np.log(data.velocity)
     seen = np.isfinite(eps) & (eps > 0)
     if not np.any(seen):

@@ -258,12 +258,12 @@ class Traceable:
         return found
 
     def _by_drag(self, theta, one: NamedErrors) -> Array | None:
-        """What another drag coefficient does to ε of flights in air; None without."""
+        """What another drag coefficient does to impacts of flights in air; None without."""
         component, g, _ = self._members()[one.set]
         label = next((e.label for e in component.elements if e.name == DRAG and g in e.sets), None)
-        if label is None or one.observable != RESTITUTION:
+        if label is None:
             return None
-        return jnp.asarray(theta[label]) * by_drag_of(one.data)[one.rows]
+        return jnp.asarray(theta[label]) * by_drag_of(one.data, one.observable)[one.rows]
 
     def _prior_residuals(self, theta) -> Array:
         rows = []

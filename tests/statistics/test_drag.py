@@ -5,6 +5,8 @@ import pytest
 from scipy import stats
 
 import calibration as cal
+import softjax as sj
+from calibration.data.air import Air, Ball
 
 U, N = 0.004, 40
 BALL = {"diameter": 6e-3, "density": 1140.0}
@@ -74,3 +76,24 @@ def test_the_noise_of_the_points_is_not_taken_for_drag():
     assert error < 0.05
     assert abs(result.values["air_drag"]) < 3 * error
     assert abs(result.values["restitution"] - 0.85) < 3 * result.standard_errors["restitution"]
+
+
+def test_drag_moves_the_velocity_that_other_observables_are_compared_at():
+    """Falls of a 3 mm ball with 5 % more drag are slower, so Hertz's times longer by v^-1/5, forces smaller."""
+    drop, radius = np.geomspace(0.2, 2.0, 12), 1.5e-3
+    contact = sj.Contact.with_wall(sj.NYLON, sj.STAINLESS_STEEL, radius)
+    ball = Ball(2 * radius, 4 / 3 * np.pi * radius**3 * float(sj.NYLON.density))
+    slow, fast = (Air(ball, 9.80665, drag=1 + c).fall(drop) for c in (0.05, 0.0))
+    hits = [sj.restitution(sj.Hertz(contact), v) for v in (slow, fast)]
+    assert np.max(np.abs(slow / fast - 1)) > 2e-3
+    for name in ("duration", "peak_force"):
+        column = {"duration": "contact_time"}.get(name, name)
+        value = np.asarray(getattr(hits[1], name))
+        # measured exactly: what c adds is all that is off
+        table = {"drop_height": drop, column: value, f"{column}_uncertainty": 0.01 * value}
+        data = cal.RestitutionData.from_table(table, contact, **BALL | {"diameter": 2 * radius})
+        problem = cal.problem(data, "hertz", {"contact.youngs_modulus": cal.Parameter()})
+        theta = {"contact.youngs_modulus": float(contact.youngs_modulus), "air_drag": 0.05}
+        off = np.asarray(problem.residuals(theta))[:12] * 0.01
+        expected = np.asarray(getattr(hits[0], name)) / value - 1
+        np.testing.assert_allclose(off, expected, rtol=0.02, atol=1e-9)
