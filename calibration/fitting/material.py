@@ -45,8 +45,8 @@ class Outlier:
 
     def __str__(self) -> str:
         place = f"row {self.row}" if self.line is None else f"line {self.line}"
-        symbol, unit, _ = OBSERVABLES[self.observable]
-        what = f"{symbol} = {self.value:.4g}" + ("" if unit == "-" else f" {unit}")
+        of = OBSERVABLES[self.observable]
+        what = f"{of.symbol} = {self.value:.4g}" + ("" if of.unit == "-" else f" {of.unit}")
         point = f"{place}, v = {self.velocity:.4g} m/s, {what}"
         return f"{point}: {self.residual:+.3g} standard deviations, weight {self.weight:.2g}"
 
