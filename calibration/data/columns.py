@@ -120,7 +120,8 @@ def layout_of(headers: Sequence[str], units: Sequence[str] | None = None) -> Lay
         name: PERCENT if name in relative else _unit(read[place], name)
         for name, place in position.items()
     }
-    untold = [name for name in kind.needs if read[position[name]].unit is None]
+    measured = (*kind.needs, *OBSERVED, *SIZES)
+    untold = [name for name in measured if name in position and read[position[name]].unit is None]
     remarks = (*_remarks(read, names, used), *_of_percent(relative, percent & points))
     written = {name: read[place].unit for name, place in position.items()}
     return Layout(kind, position, sizes, written, relative, remarks, _assumed(untold))

@@ -180,7 +180,7 @@ class RestitutionData:
                 dent=dent,
                 **{key: one for key, one in points.more.items() if key not in SIZES},
                 limit_velocity=limit_velocity,
-                remarks=(*remarks, *points.remarks),
+                remarks=tuple(dict.fromkeys((*remarks, *points.remarks))),
                 group=points.group,
                 errors=points.errors,
                 bodies=tuple(bodies),

@@ -194,7 +194,8 @@ def _check_heights(table: Measured, restitution: Column) -> None:
     drop, rebound = (table.columns[name] for name in HEIGHTS)
     if "restitution" in table.columns:
         require(HEIGHTS[0], drop, lambda h: h > 0, "a positive height in m")
-        require(HEIGHTS[1], rebound, lambda h: h >= 0, HEIGHT)
+        measured = np.isfinite(table.columns["restitution"])
+        require(HEIGHTS[1], np.where(measured, rebound, 0.0), lambda h: h >= 0, HEIGHT)
         ratio = rebound / drop
         expected = np.sqrt(ratio) if table.kind.needs != HEIGHTS else restitution
         told = f"√({HEIGHTS[1]}/{HEIGHTS[0]})" + (" in air" if table.air is not None else "")
@@ -205,7 +206,7 @@ def _without_air(table: Measured, in_air: Column) -> bool:
     """Whether the restitutions beside two heights were computed from these as if in vacuum."""
     drop, rebound = (table.columns[name] for name in HEIGHTS)
     off = [
-        np.median(np.abs(table.columns["restitution"] - one))
+        np.nanmedian(np.abs(table.columns["restitution"] - one))
         for one in (np.sqrt(rebound / drop), in_air)
     ]
     return bool(off[0] < off[1])
@@ -214,7 +215,8 @@ def _without_air(table: Measured, in_air: Column) -> bool:
 def _check(table: Measured, expected: Column, told: str, slip: Column | None = None) -> None:
     """The restitutions beside what was measured must be as expected, and not the likely slip."""
     given = table.columns["restitution"]
-    require("restitution", given, lambda e: e >= 0, "a number of 0 or more")
+    measured = np.where(np.isnan(expected), 0.0, given)
+    require("restitution", measured, lambda e: e >= 0, "a number of 0 or more")
     stated = table.uncertainty("uncertainty", given)
     noise = OFF_UNKNOWN if stated is None else OFF * stated
     off = np.abs(given - expected)

@@ -48,6 +48,9 @@ def read_points(
         name: _column(name, table[headers[at]], layout) for name, at in layout.position.items()
     }
     relative = set(layout.relative)
+    for name in layout.written if of_file else ():
+        if name.endswith("uncertainty") and layout.written[name] is None:
+            _check_unit(name, None, layout)
     count = len(columns[layout.kind.needs[0]])
     for name, value in uncertainties.items():
         if value is not None:
@@ -110,14 +113,28 @@ def _stated(name: str, value: Any, columns: Mapping[str, np.ndarray], layout: La
 
 
 def _check_unit(name: str, value: Any, layout: Layout) -> None:
-    """Refuse a bare number, which is in SI, beside columns in another unit: either may be meant."""
-    si, base = SI_UNITS[name], name.removesuffix("_uncertainty")
-    own = [base] if base in layout.written else layout.kind.needs
-    units = [layout.written.get(one) for one in own if SI_UNITS.get(one) == si != "1"]
+    """Refuse a bare number, which is in SI, beside columns in another unit: either may be meant.
+
+    Args:
+        value: the number, or None for a column without a unit.
+    """
+    if name == "uncertainty":
+        own: Sequence[str] = ("restitution",)
+    else:
+        base = name.removesuffix("_uncertainty")
+        own = [base] if base in layout.written else layout.kind.needs
+    si = SI_UNITS[name]
+    units = [layout.written.get(one) for one in own if SI_UNITS.get(one) == si]
     other = next((unit for unit in units if unit is not None and unit_of(unit, si) != 1), None)
-    if other is not None:
+    if other is None:
+        return
+    if value is None:
+        accepted = f"`{name} [{si}]` or `{name} [{other}]`"
+        raise DataError(name, f"without a unit beside [{other}]", accepted)
+    if si != "1":
         both = f'"{value} {si}" or "{value} {other}"'
         raise DataError(name, f"{value}, without a unit beside [{other}]", f"one of {both}")
+    require(name, np.atleast_1d(value), lambda u: u <= 1, f"of ε itself, 0.02 for 2 [{other}]")
 
 
 def _gravity(gravity: float | None, kind: Kind) -> float:

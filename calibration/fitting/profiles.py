@@ -18,7 +18,7 @@ from calibration.fitting.search import FARTHEST as FURTHEST
 from calibration.fitting.search import search
 from calibration.fitting.stages import ComponentFit
 from calibration.fitting.steps import condense
-from calibration.fitting.transform import NONE
+from calibration.fitting.transform import LOGIT, NONE
 from calibration.fitting.uncertainty import asks_for_curvature, quantile
 from calibration.schema import Real
 
@@ -112,6 +112,9 @@ class _Walks:
         self.begin = self._rise(0.5 * at_z, np.arange(len(walks)))
         self.edge = self._edges()
         reach = np.where(self.from_end, FURTHEST + FARTHEST, FARTHEST)
+        # a search that began at an end is farther off: the middle of two bounds is z = 0
+        bounded = self.from_end & (problem.transform.kind[self.positions] == LOGIT)
+        reach = np.where(bounded, np.maximum(reach, np.abs(self.centre) + FARTHEST), reach)
         reach = np.where(self.scaled, reach, 100 * self.steps)
         self.reach = np.minimum(reach, np.abs(self.edge - self.centre))
         self.way: list[list[tuple[float, float]]] = [[] for _ in walks]

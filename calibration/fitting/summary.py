@@ -509,7 +509,7 @@ def restitution_warnings(part: MaterialFit, residual, errors: Errors) -> list[Fi
         found.append(warnings.unequal_scatter(velocity, restitution + residual, standardised, name))
         if not errors.shares:
             found.append(warnings.alike_neighbours(velocity, standardised, name))
-    stated = errors.points.uncertainty
+    stated = errors.points.uncertainty if errors.is_stated else None
     found.append(warnings.no_velocity_dependence(velocity, restitution, stated, name))
     found.append(warnings.velocity_errors(data.velocity, data.velocity_uncertainty, name))
     found += warnings.statuses(part.status, velocity, name)

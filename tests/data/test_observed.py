@@ -72,6 +72,15 @@ def test_velocities_and_drops_serve_without_a_rebound():
     np.testing.assert_array_equal(both.velocity, fall.velocity)
     speeds = {"impact_velocity": [1.0, 2.0], "rebound_velocity": [0.8, NAN], "peak_force": [1, 2]}
     np.testing.assert_array_equal(READ(speeds).restitution, [0.8, NAN])
+    for air in (False, True):  # a restitution that is stated too is missing with its rebound
+        again = READ(
+            {**table, "rebound_height": [0.3, NAN, 0.6], "restitution": [0.775, NAN, 0.775]},
+            air=air,
+            **told,
+        )
+        np.testing.assert_allclose(again.restitution, [0.775, NAN, 0.775], atol=3e-3)
+    again = READ({**speeds, "restitution": [0.8, NAN]})
+    np.testing.assert_array_equal(again.restitution, [0.8, NAN])
     unmeasured = READ({"velocity": [1.0, 2.0], "restitution": [0.8, NAN], "peak_force": [1.0, NAN]})
     assert len(unmeasured) == 1
 

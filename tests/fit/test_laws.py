@@ -269,6 +269,7 @@ def test_an_outlier_s_residual_is_over_what_such_a_residual_scatters_by():
     data = cal.RestitutionData(np.linspace(1, 5, 20), e, uncertainty=0.01)
     (one,) = cal.fit(data, "constant", **QUICK).outliers
     assert (one.row, one.value) == (7, 0.90)
+    assert str(one).startswith("row 7, v = 2.263 m/s, ε = 0.9: +")  # 1 + 4 · 6/19 m/s
     assert one.residual == pytest.approx((0.90 - np.mean(e)) / (0.01 * np.sqrt(0.95)), rel=1e-6)
 
 

@@ -56,6 +56,15 @@ def test_a_number_fixes_and_a_bound_is_kept():
         assert ("level" in result.covariance_names) == free
 
 
+@pytest.mark.parametrize("end", [0.0, 1.0])
+def test_an_interval_from_an_end_of_the_range_is_closed(end):
+    """Of n points at the bound itself: Δχ² = n (ε - bound)²/u² reaches the quantile."""
+    data = cal.RestitutionData([1.0, 2.0, 3.0], np.full(3, end), uncertainty=0.01)
+    low, high = cal.fit(data, "constant", starts=4).intervals["restitution"]
+    limit = abs(end - 0.01 * np.sqrt(stats.chi2.ppf(0.95, 1) / 3))
+    assert (low, high) == pytest.approx(sorted((end, limit)), rel=1e-3)
+
+
 @pytest.mark.parametrize("scale", ["logit", "none"])
 def test_limits_without_profiles_are_symmetric_on_the_scale_that_is_searched(scale):
     data = decays(uncertainty=0.005)

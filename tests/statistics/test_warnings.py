@@ -305,6 +305,18 @@ def test_a_slope_is_told_from_none_by_student_s_t(by, is_raised):
         assert ("no-velocity-dependence" in codes(result)) == is_raised
 
 
+def test_a_slope_s_error_has_the_scatter_that_is_estimated_in_addition():
+    """Stated errors far below the scatter make no line of noise significant."""
+    velocity = np.linspace(1, 5, 12)
+    noise = 0.02 * np.random.default_rng(1).standard_normal(12)
+    line = stats.linregress(velocity, 0.8 + noise)
+    assert 1e-4 / np.sqrt(np.sum((velocity - 3) ** 2)) < 0.1 * abs(line.slope) < line.stderr
+    data = cal.RestitutionData(velocity, 0.8 + noise, uncertainty=1e-4)
+    result = cal.fit(data, "constant", extra_scatter=True, profiles=False, starts=4)
+    (warning,) = (one for one in result.warnings if one.code == "no-velocity-dependence")
+    assert f"{line.slope:.2g} ± {line.stderr:.2g} per m/s" in warning.cause
+
+
 @pytest.mark.parametrize(("velocity", "count"), [(0.99, 1), (0.9995, 0), (5.004, 0), (5.01, 1)])
 def test_extrapolation_below_and_above(velocity, count):
     result = constant(np.array([1.0, -1.0, 0.0]), np.array([1.0, 2.0, 5.0]))
