@@ -46,7 +46,7 @@ from jaxtyping import Array
 
 import softjax as sj
 from calibration.data import RestitutionData
-from calibration.errors import DataError
+from calibration.errors import DataError, listed
 from calibration.fitting.collisions import root
 from calibration.fitting.errors import CALLED, LN_2PI, Carried, Errors
 from calibration.fitting.layout import Component, SetSpec, blocks_of, by_drag_of
@@ -178,6 +178,7 @@ class Traceable:
 
     def log_prior(self, theta: Mapping[str, Any]) -> Array:
         """ln p(θ) of the priors that were stated and of pools; 0 without, -∞ outside the ranges."""
+        self._check_names(theta)
         total = -0.5 * jnp.sum(self._prior_residuals(theta) ** 2)
         for element in self.elements:
             value = jnp.asarray(theta[element.label])
@@ -236,10 +237,17 @@ class Traceable:
         ]
         return sorted(rows, key=lambda row: row[1])
 
+    def _check_names(self, theta: Mapping[str, Any]) -> None:
+        names = [element.label for element in self.elements]
+        missing = [name for name in names if name not in theta]
+        if missing:
+            raise DataError("theta", f"without {missing[0]!r}", f"with {listed(names)}")
+
     def _at(self, theta, measured=None) -> list[tuple[NamedErrors, Array, Carried]]:
         """Of each data set its errors, predicted less measured ε, and what the curve is there."""
         if measured is None:
             measured = jnp.concatenate([jnp.asarray(one.value) for one in self.sets])
+        self._check_names(theta)
         found, laws = [], [self.law(theta, g) for g in range(len(self._members()))]
         for one, own in zip(self.sets, self._split(measured), strict=True):
             errors = one.errors

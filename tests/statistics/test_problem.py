@@ -55,6 +55,13 @@ def test_noise_that_is_left_out_is_where_the_likelihood_is_largest():
     np.testing.assert_allclose(problem.residuals(ABOUT), off(decaying()))
 
 
+def test_a_parameter_that_is_left_out_is_named():
+    problem = cal.problem(decaying(), Decay)
+    for ask in (problem.log_likelihood, problem.residuals, problem.log_prior):
+        with pytest.raises(ValueError, match="`theta` must be with level, rate, .* 'rate'"):
+            ask({"level": 0.9, "rates": 0.1})
+
+
 def test_times_of_bounces_enter_two_restitutions():
     """Each interval is in two points, and in their velocities: V by dense algebra from the factors."""
     count = len(V)
