@@ -58,7 +58,7 @@ def test_noise_that_is_left_out_is_where_the_likelihood_is_largest():
 def test_a_parameter_that_is_left_out_is_named():
     problem = cal.problem(decaying(), Decay)
     for ask in (problem.log_likelihood, problem.residuals, problem.log_prior):
-        with pytest.raises(ValueError, match="`theta` must be with level, rate, .* 'rate'"):
+        with pytest.raises(ValueError, match=r"`theta` must be with level, rate, .* 'rate'"):
             ask({"level": 0.9, "rates": 0.1})
 
 
