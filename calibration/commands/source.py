@@ -13,12 +13,11 @@ import softjax as sj
 from calibration.commands.source_options import COEFFICIENTS, VARIANTS, read_material_file
 from calibration.console import print_first
 from calibration.curves import Prediction, Source
-from calibration.data.paper import CURVES, RADIUS, PaperCurve
 from calibration.errors import DataError, InputError, Origin, did_you_mean, listed, printable
 from calibration.fitting.collisions import ROUTES
 from calibration.fitting.laws import LAWS
 from calibration.options import LAW_OPTIONS
-from calibration.paper import TABLE_1
+from calibration.paper import RADIUS, TABLE_1, TableEntry
 from calibration.parameters import Parameter
 
 # What `softjax fit` finds for the paper's materials with its default settings. They go with
@@ -66,40 +65,39 @@ def route_of(arguments: argparse.Namespace) -> sj.EnergyBalance | sj.ClosedForm 
 def _of_paper(arguments: argparse.Namespace) -> Source:
     if arguments.material is not None:
         raise DataError("--material", arguments.material, "left out without a file or a fit")
-    curve = _paper_curve("stainless-steel" if arguments.source is None else arguments.source)
-    material, area = curve.material, arguments.area or "zhou"
+    entry = _paper_entry("stainless-steel" if arguments.source is None else arguments.source)
+    material, area = entry.material, arguments.area or "zhou"
     contact = sj.Contact.between_spheres(material, material, RADIUS, RADIUS, area=area)
-    known = {"sigma": curve.sigma, "psi": curve.psi}
+    known = {"sigma": entry.sigma, "psi": entry.psi}
     name, origin = arguments.law or "zhou", ""
     if name == "zhou" and arguments.chi is None:
-        chi, origin = _paper_chi(curve, arguments.kappa, area)
+        chi, origin = _paper_chi(entry, arguments.kappa, area)
         known |= {} if chi is None else {"chi": chi}
     critical = float(contact.critical_velocity)
     properties = {name: float(leaf) for name, leaf in material.leaves().items()}
     return Source(
-        curve.name,
+        entry.name,
         _law(arguments, name, contact, known),
-        (DECADES_BELOW_YIELD * critical, curve.y_end * critical),
+        (DECADES_BELOW_YIELD * critical, entry.largest_ratio * critical),
         properties | {"radius": RADIUS},
-        remark=f"{curve.name}: two spheres of Table 1{origin}",
+        remark=f"{entry.name}: two spheres of Table 1{origin}",
     )
 
 
-def _paper_curve(text: str) -> PaperCurve:
+def _paper_entry(text: str) -> TableEntry:
     name = text.lower().replace("-", " ").replace("_", " ")
-    for curve in CURVES:
-        if curve.name == name:
-            return curve
-    known = listed(curve.name.replace(" ", "-") for curve in CURVES)
+    for entry in TABLE_1:
+        if entry.name == name:
+            return entry
+    known = listed(entry.name.replace(" ", "-") for entry in TABLE_1)
     raise DataError("MATERIAL", text, f"{known}, or a material file FILE.toml")
 
 
-def _paper_chi(curve: PaperCurve, kappa: str | None, area: str) -> tuple[float | None, str]:
+def _paper_chi(entry: TableEntry, kappa: str | None, area: str) -> tuple[float | None, str]:
     """χ̃ that goes with the law's variant, and where it comes from."""
     if kappa == "printed":
-        chi = next(entry.chi for entry in TABLE_1 if entry.name == curve.name)
-        return chi, f", Table 1's χ̃ = {chi:g}"
-    chi = FITTED_CHI[curve.name]
+        return entry.chi, f", Table 1's χ̃ = {entry.chi:g}"
+    chi = FITTED_CHI[entry.name]
     return (chi, f", χ̃ = {chi:g} as softjax fit finds it") if area == "zhou" else (None, "")
 
 

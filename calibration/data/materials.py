@@ -54,7 +54,6 @@ import softjax as sj
 from calibration.data.air import checked_air
 from calibration.data.measurements import RestitutionData
 from calibration.data.names import UNCERTAINTIES
-from calibration.data.paper import CURVES
 from calibration.data.ranges import AS_IT_IS, RANGES, of_bodies
 from calibration.data.sheet import read_csv
 from calibration.data.toml import FAULTS, Place, TomlFile, combined, read_toml_file
@@ -70,13 +69,14 @@ from calibration.errors import (
     shown,
 )
 from calibration.options import FitOptions
+from calibration.paper import TABLE_1
 from calibration.parameters import Parameter
 from calibration.schema import Refused, Strict
 
 RADII = ("radius", "radius_1", "radius_2")
 DIAMETERS = tuple(name.replace("radius", "diameter") for name in RADII)
 PROPERTIES = ("youngs_modulus", "poisson_ratio", "density", "yield_strength")
-NAMED = {curve.name: curve.material for curve in CURVES}
+NAMED = {entry.name: entry.material for entry in TABLE_1}
 NAMED_SOURCE = "Table 1 of Zhou (2013)"
 KEYS = ("free", "value", "bounds", "prior", "transform", "shared")  # of a parameter
 # of parameters that may be told with their unit

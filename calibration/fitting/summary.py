@@ -12,7 +12,6 @@ from jaxtyping import Float
 
 import softjax as sj
 from calibration.data import RestitutionData, plausibility
-from calibration.data.paper import eq_17
 from calibration.fitting import warnings
 from calibration.fitting.curves import modulus_by_times
 from calibration.fitting.errors import Carried, Errors
@@ -127,7 +126,7 @@ def eps_up_of(law: sj.Zhou) -> float:
     critical = critical_velocity_of(law)
     if critical >= limit:
         return 0.0
-    return float(eq_17(critical, limit, float(law.sigma), float(law.psi)))
+    return float(np.exp(-float(law.sigma) * (critical / (limit - critical)) ** float(law.psi)))
 
 
 def chi_of(law: sj.Zhou) -> float:
