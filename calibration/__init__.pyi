@@ -10,9 +10,10 @@ from calibration.data.sheet import read_csv as read_csv
 from calibration.errors import DataError as DataError
 from calibration.errors import InputError as InputError
 from calibration.fitting.entry import fit as fit
-from calibration.fitting.estimate import Band as Band
-from calibration.fitting.estimate import Estimate as Estimate
 from calibration.fitting.laws import LAWS as LAWS
+from calibration.fitting.line import Line as Line
+from calibration.fitting.material import Band as Band
+from calibration.fitting.material import Estimate as Estimate
 from calibration.fitting.material import MaterialFit as MaterialFit
 from calibration.fitting.profiles import Profile as Profile
 from calibration.fitting.refits import Bootstrap as Bootstrap
@@ -20,7 +21,6 @@ from calibration.fitting.refits import LeaveOneOut as LeaveOneOut
 from calibration.fitting.result import FitResult as FitResult
 from calibration.fitting.stages import Stage as Stage
 from calibration.fitting.traceable import problem as problem
-from calibration.fitting.unloading_line import Line as Line
 from calibration.fitting.warnings import FitWarning as FitWarning
 from calibration.options import FitOptions as FitOptions
 from calibration.parameters import Parameter as Parameter

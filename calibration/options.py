@@ -36,6 +36,7 @@ LAWS = (
     "constant",
     "eq-17",
 )
+KINDS_OF_LAW = f"a name ({listed(LAWS)}), a class of contact laws, or a function that builds one"
 ROUTES = ("ode", "energy balance", "closed form")
 OBJECTIVES = ("model", "two-step")
 FORMER = {"empirical": "eq-17", "constant": "constant"}  # objectives that are laws now
@@ -51,15 +52,14 @@ ACTS_WITH: dict[str, tuple[str, tuple[Any, ...]]] = {
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
-def _check_law(law: Any) -> Any:
+def checked_law(law: Any) -> Any:
     if isinstance(law, str) and law in OBJECTIVES:
         raise DataError("law", law, f"left out: that is an objective, objective={law!r}")
     if law is None or (isinstance(law, str) and law in LAWS) or callable(law):
         return law
     if isinstance(law, str):
         raise DataError("law", law, f"one of {listed(LAWS)}{did_you_mean(law, LAWS)}")
-    kinds = f"a name ({listed(LAWS)}), a class of contact laws, or a function that builds one"
-    raise DataError("law", law, kinds)
+    raise DataError("law", law, KINDS_OF_LAW)
 
 
 def _law_to_json(law: Any) -> str | None:
@@ -107,7 +107,7 @@ def _names(every: Iterable[str]) -> WithJsonSchema:
     return WithJsonSchema({"enum": [*every, None]})
 
 
-Law = Annotated[Any, BeforeValidator(_check_law), PlainSerializer(_law_to_json), _names(LAWS)]
+Law = Annotated[Any, BeforeValidator(checked_law), PlainSerializer(_law_to_json), _names(LAWS)]
 Dof = Annotated[
     Any, BeforeValidator(_check_dof), WithJsonSchema({"accepted": f'{DOF[2]}, or "estimate"'})
 ]

@@ -12,10 +12,9 @@ import softjax as sj
 from calibration.data.checks import require
 from calibration.errors import DataError, listed
 from calibration.fitting.collisions import Route
-from calibration.fitting.estimate import Band
 from calibration.fitting.further import further_variances
 from calibration.fitting.laws import OF_CONTACT, model_of_class
-from calibration.fitting.material import Goodness, MaterialFit
+from calibration.fitting.material import Band, Goodness, MaterialFit
 from calibration.fitting.problem import Element, Points, Problem, block_name
 from calibration.fitting.rows import Rows, SetRows
 from calibration.fitting.transform import Transform

@@ -13,13 +13,14 @@ import numpy as np
 import softjax as sj
 from calibration.console import progress_of
 from calibration.data import RestitutionData
-from calibration.fitting.estimate import Estimate
+from calibration.errors import DataError
 from calibration.fitting.laws import law_name
+from calibration.fitting.layout import assemble
 from calibration.fitting.line import fit_line
-from calibration.fitting.material import MaterialFit
+from calibration.fitting.material import Estimate, MaterialFit
 from calibration.fitting.problem import DRAG
 from calibration.fitting.profiles import Profile, estimates, profiles_of
-from calibration.fitting.request import Progress, Request, checked, datasets_of
+from calibration.fitting.request import Progress, Request, datasets_of
 from calibration.fitting.result import FitResult
 from calibration.fitting.stages import ComponentFit, StageFit, fit_component, likelihood_of
 from calibration.fitting.steps import OPTIMISERS
@@ -75,8 +76,10 @@ def fit(
     begun = time.perf_counter()
     with progress_of(progress) as shown, jax.enable_x64(True):
         options_of_fit = FitOptions.of(law=law, **options)
+        if not (shown is None or callable(shown)):
+            accepted = "True, or called as progress(stage, done, total)"
+            raise DataError("progress", shown, accepted)
         request = Request(datasets_of(data), parameters, options_of_fit, shown)
-        checked(request)
         result = _fitted(request)
     result.times["total"] = time.perf_counter() - begun
     return replace(result, request=replace(request, progress=None))
@@ -84,7 +87,7 @@ def fit(
 
 def _fitted(request: Request) -> FitResult:
     fits = []
-    components = request.components()
+    components = assemble(request)
     for k, component in enumerate(components):
         request.tell("fit", k, len(components))
         fits.append(fit_component(component, request.options))

@@ -22,15 +22,13 @@ from calibration.data.names import OBSERVED
 from calibration.data.text_file import MIB, read_text
 from calibration.errors import DataError, InputError, shown
 from calibration.fitting.collisions import ROUTES
-from calibration.fitting.estimate import Estimate
 from calibration.fitting.laws import LAWS, Tree, law_name
-from calibration.fitting.layout import law_model, said_of
-from calibration.fitting.material import Goodness, MaterialFit, Outlier
+from calibration.fitting.line import Line
+from calibration.fitting.material import Estimate, Goodness, MaterialFit, Outlier
 from calibration.fitting.profiles import Profile
-from calibration.fitting.request import Request, checked
+from calibration.fitting.request import Request, law_model, said_of
 from calibration.fitting.stages import Likelihood, Stage
 from calibration.fitting.uncertainty import Freedom
-from calibration.fitting.unloading_line import Line
 from calibration.fitting.warnings import FitWarning
 from calibration.options import FitOptions
 from calibration.parameters import Parameter
@@ -212,7 +210,7 @@ class RequestRecord(Strict):
             route = dict(given["route"])
             given["route"] = ROUTES[route.pop("name")](**route)
         said = [{name: _parameter(one) for name, one in each.items()} for each in self.parameters]
-        return checked(Request(datasets, said, FitOptions.of(**given)))
+        return Request(datasets, said, FitOptions.of(**given))
 
 
 class CovarianceRecord(Strict):

@@ -132,6 +132,11 @@ class LawModel:
         """Whether it cannot do without: laws without a force can."""
         return self.takes_contact and not issubclass(self.law_type, sj.HardSphereLaw)
 
+    @property
+    def label(self) -> str:
+        """Its name in tables and pictures."""
+        return KNOWN[self.key].label if self.key in KNOWN else self.key
+
     def law(self, contact: sj.Contact | None, values: Mapping[str, Any]) -> sj.ContactLaw:
         """The law with these parameters, of NumPy or of JAX; see `built`."""
         return built(self.build, self.takes_contact, self.trees, contact, values)

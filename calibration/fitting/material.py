@@ -1,4 +1,4 @@
-"""The fit of one data set: its parameters, its law, how closely the law follows."""
+"""The fit of one data set: estimates with their uncertainty, its law, how closely the law follows."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -10,10 +10,56 @@ import numpy as np
 
 import softjax as sj
 from calibration.data import RestitutionData
-from calibration.fitting.estimate import Estimate
 from calibration.fitting.laws import LawModel, Tree
 from calibration.fitting.warnings import FitWarning
 from calibration.observables import OBSERVABLES, RESTITUTION
+from calibration.rounding import with_error
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One number with its uncertainty; what is undefined, or an open end, is None.
+
+    `method` says where the interval comes from: "profile" (profile likelihood), "sandwich" (stacked
+    estimating equations), "wald" (least squares), "derived" (carried over), "undetermined", or
+    "fixed".
+
+    `skewed`: whether the likelihood is so skewed that the standard error, though it is the curvature's,
+    describes no interval: it is not printed then. None: that was not looked at.
+    """
+
+    value: float | None
+    standard_error: float | None = None
+    low: float | None = None
+    high: float | None = None
+    method: str = "fixed"
+    free: bool = False
+    at_bound: bool = False
+    skewed: bool | None = False
+
+    @property
+    def printed_error(self) -> float | None:
+        """The standard error where it describes the interval; else None."""
+        return None if self.skewed else self.standard_error
+
+    def __str__(self) -> str:
+        return with_error(self.value, self.printed_error)
+
+
+@dataclass(frozen=True)
+class Band:
+    """A fitted curve and its confidence band; all as long as `velocity` [m/s], NaN where the fit
+    knows nothing.
+
+    `kind` says of what: "mean", the curve itself, or "prediction", one more measurement.
+    """
+
+    velocity: np.ndarray
+    coefficient: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    standard_error: np.ndarray
+    kind: str = "mean"
 
 
 @dataclass(frozen=True)
@@ -70,11 +116,11 @@ class Goodness:
     """
 
     rms: float
-    reduced_chi_squared: float | None
-    variances: Mapping[str, float]
-    timing: float | None
-    noise_dof: float | None
-    outliers: tuple[Outlier, ...]
+    reduced_chi_squared: float | None = None
+    variances: Mapping[str, float] = field(default_factory=dict)
+    timing: float | None = None
+    noise_dof: float | None = None
+    outliers: tuple[Outlier, ...] = ()
     standardised: tuple[float, ...] = field(default=(), repr=False)
     leverage: tuple[float, ...] = field(default=(), repr=False)
     residual_degrees: float = 0.0
@@ -86,9 +132,9 @@ class Goodness:
         return float(np.sqrt(sum(found))) if found else None
 
 
-@dataclass(frozen=True)
-class MaterialFit:
-    """The fit of one data set.
+@dataclass(frozen=True, kw_only=True)
+class MaterialFit(Goodness):
+    """The fit of one data set; as a `Goodness` that of ε, with the outliers of all observables.
 
     Attributes:
         data: the measurements.
@@ -99,15 +145,12 @@ class MaterialFit:
             bodies that differ from impact to impact the highest v_cr (`law.contact` has each), no ε_up.
         values: all parameters that make the law, physical, the numbers of whole ones too.
         labels: what the covariance calls those that were free.
-        rms, rms_empirical: of the fitted curve, and of Eq. (17) (None for other laws than Zhou's).
+        rms_empirical: of Eq. (17); None for other laws than Zhou's.
         empirical: limit_velocity, sigma and psi of Eq. (17) against all points; None as well.
-        reduced_chi_squared: with the stated uncertainties; None without.
         converged: whether the searches arrived.
         status: `softjax.Status` at each point.
         known_from, known_to: velocities between which the fit knows anything of the curve [m/s], of
             all bodies where they differ.
-        variances, timing, noise_dof, standardised, leverage, residual_degrees: of ε, as in `Goodness`.
-        outliers: the points beyond what the noise explains, of all observables.
         observed: how the curve follows what else than ε was measured, by name.
         warnings: those about this data set.
     """
@@ -119,21 +162,12 @@ class MaterialFit:
     derived: dict[str, Estimate]
     values: Mapping[str, Any]
     labels: Mapping[str, str]
-    rms: float
     rms_empirical: float | None
     empirical: Mapping[str, float] | None
-    reduced_chi_squared: float | None
     converged: bool
     status: tuple[int, ...]
     known_from: float = 0.0
     known_to: float = np.inf
-    variances: Mapping[str, float] = field(default_factory=dict)
-    timing: float | None = None
-    noise_dof: float | None = None
-    outliers: tuple[Outlier, ...] = ()
-    standardised: tuple[float, ...] = field(default=(), repr=False)
-    leverage: tuple[float, ...] = field(default=(), repr=False)
-    residual_degrees: float = 0.0
     observed: Mapping[str, Goodness] = field(default_factory=dict)
     warnings: tuple[FitWarning, ...] = field(default=())
 
@@ -154,12 +188,6 @@ class MaterialFit:
     def free(self) -> dict[str, str]:
         """What was free, in the order of `values`, and what the covariance calls it."""
         return {name: self.labels[name] for name in self.values if name in self.labels}
-
-    @property
-    def noise(self) -> float | None:
-        """The standard deviation of a single ε that was estimated; None where it was stated."""
-        found = [v for k, v in self.variances.items() if k not in ("stated", "group", "scale")]
-        return float(np.sqrt(sum(found))) if found else None
 
     @property
     def group_deviation(self) -> float | None:

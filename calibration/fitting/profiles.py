@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from calibration.fitting.batches import Alike, pooled_about, structure
-from calibration.fitting.estimate import Estimate
+from calibration.fitting.material import Estimate
 from calibration.fitting.problem import DRAG, Lanes, Problem
 from calibration.fitting.search import FARTHEST as FURTHEST
 from calibration.fitting.search import search

@@ -1,23 +1,79 @@
-"""What was asked of a fit: everything that is needed to make it again."""
+"""What was asked of a fit: everything that is needed to make it again.
 
-from collections.abc import Callable, Mapping
+Each data set has its law, and what is said of the law's parameters (`SetSpec`)."""
+
+import itertools
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 import softjax as sj
 from calibration.data import RestitutionData
-from calibration.errors import DataError
+from calibration.errors import DataError, is_finite_number, listed
 from calibration.fitting.collisions import ROUTES, Route
 from calibration.fitting.errors import Errors
-from calibration.fitting.layout import Component, SetSpec, assemble, said_of, specs_of
-from calibration.fitting.stages import ComponentFit, fit_component
-from calibration.options import FitOptions
+from calibration.fitting.laws import (
+    EXTRA,
+    KNOWN,
+    LAWS,
+    LINE,
+    MOVE_YIELD,
+    OF_CONTACT,
+    WITHOUT_CONTACT,
+    Known,
+    LawModel,
+    Tree,
+    law_name,
+    model_of_class,
+    model_of_function,
+    numbers_in,
+    several_yields,
+    zhou_model,
+)
+from calibration.fitting.problem import Element
+from calibration.observables import PLACES, RESTITUTION
+from calibration.options import KINDS_OF_LAW, FitOptions, checked_law
+from calibration.parameters import Parameter, as_parameter
+from softjax.fields import Declared
 
 # ε to 1e-11, compiled in half of dopri8's time
 DEFAULT_ODE = sj.ODE(steps=16, solver="dopri5")
+REACH = 5.0  # standard deviations of a prior within which a search is expected to end
 Progress = Callable[[str, int, int], None]
+Specs = Mapping[str, Any] | Sequence[Any] | None
+
+
+@dataclass(frozen=True)
+class SetSpec:
+    """What is asked of one data set."""
+
+    data: RestitutionData  # the measurements, "model" or "two-step"
+    objective: str
+    model: LawModel  # its law
+    local: tuple[Element, ...]  # the law's parameters, free and held
+    options: FitOptions  # how to fit it
+
+    @cached_property
+    def errors(self) -> tuple[Errors, ...]:
+        """The errors of each observable's points: what is stated of them, and what is to be found."""
+        data, options = self.data, self.options
+        dof = options.noise_dof if options.noise == "student-t" else None
+        asked = options.extra_scatter, options.scale_uncertainty, dof
+        observed = {one.name: one for one in data.observed}
+        return tuple(Errors.of(data, *asked, observed.get(name)) for name, *_ in blocks_of(data))
+
+    @property
+    def is_in_air(self) -> bool:
+        """Whether drag was taken out of its flights, with a coefficient that is not known exactly."""
+        return self.objective == "model" and self.data.errors.by_drag is not None
+
+    @property
+    def by_eps_up(self) -> bool:
+        """Whether ε_up is what it has in place of σ and ψ."""
+        return any(one.name == "eps_up" and not one.stands_in for one in self.local)
 
 
 @dataclass(frozen=True)
@@ -55,23 +111,16 @@ class Request:
             self.progress(stage, done, total)
 
     def specs(self) -> list[SetSpec]:
-        """The law and parameters of each data set."""
-        options = self.options
-        said = [{**own, **options.law_options} for own in said_of(self.parameters, self.datasets)]
-        specs = specs_of(self.datasets, options.law, said, options.objective)
-        told: dict[str, Any] = {
-            "extra_scatter": options.extra_scatter,
-            "scale_uncertainty": options.scale_uncertainty,
-            "dof": options.noise_dof if options.noise == "student-t" else None,
-        }
-        return [replace(spec, **told) for spec in specs]
+        """The law and parameters of each data set.
 
-    def components(self) -> list[Component]:
-        """The problems behind it."""
-        specs = self.specs()
-        return assemble(specs, self.chosen_route(specs))
+        Raises:
+            ValueError: naming what does not fit together and what is accepted.
+        """
+        said = said_of(self.parameters, self.datasets)
+        more, pairs = self.options.law_options, zip(self.datasets, said, strict=True)
+        return [_spec(data, {**own, **more}, self.options) for data, own in pairs]
 
-    def chosen_route(self, specs: list[SetSpec]) -> Route:
+    def chosen_route(self, specs: Sequence[SetSpec]) -> Route:
         """The route asked for; else time integration for the paper's procedure, or what suits the law."""
         if self.route is not None:
             return self.route
@@ -81,28 +130,6 @@ class Request:
         """From a fitted law to its curve: the energy balance, or the route that its fit went."""
         return self.route if issubclass(law, sj.RateDependentLaw) else None
 
-    def fitted(self) -> list[ComponentFit]:
-        """All components, one after the other."""
-        return [fit_component(component, self.options) for component in self.components()]
-
-
-def checked(request: Request) -> Request:
-    """The same request, if its options go with the data.
-
-    Raises:
-        ValueError: naming the argument, its value and what is accepted.
-    """
-    if request.progress is not None and not callable(request.progress):
-        raise DataError(
-            "progress", request.progress, "True, or called as progress(stage, done, total)"
-        )
-    if request.options.noise == "student-t":
-        for data in request.datasets:
-            if Errors.of(data).shares:
-                accepted = '"normal" where points share errors (groups, bounce trains)'
-                raise DataError("noise", "student-t", accepted)
-    return request
-
 
 def datasets_of(data: Any) -> tuple[RestitutionData, ...]:
     """One data set, or several, as a tuple."""
@@ -111,3 +138,268 @@ def datasets_of(data: Any) -> tuple[RestitutionData, ...]:
     if not datasets or not all(isinstance(one, RestitutionData) for one in datasets):
         raise DataError("data", data, "RestitutionData or a list of them")
     return datasets
+
+
+def _spec(data: RestitutionData, said: dict[str, Any], asked: FitOptions) -> SetSpec:
+    if asked.noise == "student-t" and Errors.of(data).shares:
+        accepted = '"normal" where points share errors (groups, bounce trains)'
+        raise DataError("noise", "student-t", accepted)
+    options = {name: value for name, value in said.items() if isinstance(value, str)}
+    named = {name: value for name, value in said.items() if name not in options}
+    model = law_model(data, asked.law, options, named)
+    if model.needs_contact and data.contact is None:
+        advice = f"laws that need none are {listed(WITHOUT_CONTACT)}"
+        raise data.refusal(f"no elastic properties, which {model.key} needs", advice)
+    objective = asked.objective or "model"
+    if objective == "two-step" and data.contact is None:
+        objective = "model"  # Eq. (17), or a constant, by itself
+    if data.observed:
+        _check_observed(data, model, objective)
+    if objective == "two-step" and model.key != "zhou":
+        raise DataError("objective", f"two-step with {model.key}", 'Zhou\'s law, or "model"')
+    given = {}
+    for name, value in named.items():
+        full = _full_name(model, name, value)
+        is_whole = full in model.whole and not isinstance(value, Parameter)
+        given[full] = Parameter(value, free=False) if is_whole else as_parameter(name, value)
+        _check_fixed(model, data, full, given[full])
+    if model.key == "zhou" and objective == "model":
+        given, model = _identified(data, given, model, options)
+    local, trees = _located(data, model, given)
+    return SetSpec(data, objective, replace(model, trees=trees), local, asked)
+
+
+def _check_observed(data: RestitutionData, model: LawModel, objective: str) -> None:
+    """What else than ε was measured is of a collision with a force, and of its likelihood."""
+    names = listed(one.name for one in data.observed)
+    if objective == "two-step":
+        raise DataError("objective", f"two-step with {names}", "model, which takes all of them")
+    if issubclass(model.law_type, sj.HardSphereLaw):
+        refused = f"{names}, of which {model.key} determines nothing"
+        raise data.refusal(refused, "a law with a contact force")
+
+
+def _full_name(model: LawModel, name: str, value: Any) -> str:
+    try:
+        return model.canonical(name)
+    except DataError as error:
+        origin = getattr(value, "origin", None)
+        raise error if origin is None else origin.error(error) from None
+
+
+def _check_fixed(model: LawModel, data: RestitutionData, name: str, parameter: Parameter) -> None:
+    """What is fixed has a value: its own, the data's or the law's, and no guess from the data."""
+    known = KNOWN.get(model.key)
+    told = name.startswith(OF_CONTACT) or name in model.defaults
+    if parameter.free or parameter.value is not None or told:
+        return
+    if known is None or name not in known.held(data):
+        raise placed(parameter, name, DataError("value", "missing", "given where it is fixed"))
+
+
+def law_model(data: RestitutionData | None, law, options, named) -> LawModel:
+    """The law that was asked for: a name, a class, a function; None: what suits the data."""
+    law = checked_law(_default_law(data) if law is None else law)
+    law = LAWS[law] if isinstance(law, str) else law
+    if law is sj.Zhou:
+        return zhou_model([name for name in named if name in EXTRA], options)
+    key = law_name(law)
+    assert key is not None
+    if key in LAWS and LAWS[key] is not law:
+        raise DataError("law", f"your own {key!r}", "named otherwise than the built-in laws")
+    if isinstance(law, type) and issubclass(law, sj.ContactLaw):
+        return model_of_class(law, key, options)
+    if isinstance(law, type):
+        raise DataError("law", law, KINDS_OF_LAW)
+    return model_of_function(law, key, None if data is None else data.contact, options)
+
+
+def _default_law(data: RestitutionData | None) -> str:
+    if data is None or data.contact is not None:
+        return "zhou"
+    return "constant" if data.limit_velocity is None else "eq-17"
+
+
+def _identified(data, given: dict[str, Parameter], model: LawModel, options):
+    """What of Zhou's law these data can tell: ε_up without points below yield, no χ̃ without any above.
+
+    Only where nothing was said of σ, ψ or ε_up; of ε_up wherever prior and bounds let yield be. Bodies
+    that yield at several velocities have an ε_up each, and these tell σ from ψ.
+    """
+    free = {name for name, parameter in given.items() if parameter.free}
+    moves = bool(free & {OF_CONTACT + name for name in MOVE_YIELD})
+    highest = _highest_yield(data.contact, given)
+    told = {"sigma", "psi", "eps_up"} & set(given)
+    measured = np.isfinite(data.restitution)
+    if not np.any(measured):  # neither enters the force
+        given = {"sigma": Parameter(free=False), "psi": Parameter(free=False)} | given
+        return given, model
+    below = (data.velocity <= highest)[measured]
+    if not moves and not data.observed and np.all(below):
+        held = {"c1", "c2"} if set(LINE) & set(given) else {"chi"}
+        fixed = {name: Parameter(free=False) for name in held}
+        return given | fixed, model
+    if told or np.any(below) or several_yields(data.contact):
+        return given, model
+    names = [*(name for name in LINE if name in given), "eps_up"]
+    return given, zhou_model(names, options)
+
+
+def _highest_yield(contact: sj.Contact, given: Mapping[str, Parameter]) -> np.ndarray:
+    """The highest critical velocity that prior and bounds of the contact's numbers allow [m/s]."""
+    leaves = [name for name in MOVE_YIELD if OF_CONTACT + name in given]
+    ends = [_reach(given[OF_CONTACT + name], getattr(contact, name)) for name in leaves]
+    if not all(np.all(np.isfinite(pair)) for pair in ends):
+        return np.array(np.inf)  # anywhere
+    corners = [dict(zip(leaves, values, strict=True)) for values in itertools.product(*ends)]
+    return np.max([replace(contact, **one).critical_velocity for one in corners], axis=0)
+
+
+def _reach(parameter: Parameter, own: Any) -> tuple[Any, Any]:
+    """Between which values a search looks for a positive number; infinite where nothing says so."""
+    if not parameter.free:
+        value = own if parameter.value is None else parameter.value
+        return value, value
+    low, high = parameter.bounds or (0.0, np.inf)
+    if parameter.prior is not None:
+        mean, deviation = parameter.prior
+        low, high = max(low, mean - REACH * deviation), min(high, mean + REACH * deviation)
+    return max(low, 1e-9 * high), high
+
+
+def _located(data, model: LawModel, given: dict[str, Parameter]):
+    """Start and range of every parameter, and how those that are whole are put together."""
+    known = KNOWN.get(model.key)
+    guess = dict(known.guess(data)) if known and _guessable(known, data) else {}
+    held = dict(known.held(data)) if known and _guessable(known, data) else {}
+    ranges = dict(known.ranges(data)) if known and _guessable(known, data) else {}
+    local: list[Element] = []
+    trees: list[Tree] = []
+    for name in model.whole:
+        if name not in given and name not in model.defaults:
+            raise DataError(f"parameters[{name!r}]", "missing", "given, as the law has no default")
+    names = [name for name in model.parameters if name not in model.whole or name in given]
+    names += [name for name in given if name not in names]
+    for name in names:
+        if name in model.whole:
+            entries, tree = _whole(name, given[name])
+            local, trees = [*local, *entries], [*trees, tree]
+            continue
+        parameter = given.get(name) or _unsaid(name, held, model)
+        one = _local(data, model, name, parameter, guess | held, ranges)
+        by_eps_up = name == "psi" and "eps_up" in model.parameters
+        local.append(replace(one, stands_in=by_eps_up and name not in given))
+    return tuple(local), tuple(trees)
+
+
+def _guessable(known: Known, data: RestitutionData) -> bool:
+    return data.contact is not None or known.law in (LAWS[name] for name in WITHOUT_CONTACT)
+
+
+def _unsaid(name: str, held, model: LawModel) -> Parameter:
+    """A parameter of which nothing was said: free, unless ε does not tell it."""
+    if name in held or (name == "psi" and "eps_up" in model.parameters):
+        return Parameter(free=False)
+    return Parameter(shared=name in LINE)
+
+
+def _local(data, model: LawModel, name: str, parameter: Parameter, guess, ranges) -> Element:
+    declared = model.declared(name)
+    try:
+        low, high = parameter.range_within(declared)
+    except DataError as error:
+        raise placed(parameter, name, error) from None
+    if name in ranges:
+        own = ranges[name]
+        low, high = max(low, own[0]), min(high, own[1])
+    start = _start(data, model, name, parameter, guess, (low, high))
+    if name in LINE and not parameter.shared and parameter.free:
+        parameter = replace(parameter, shared=True)  # Eq. (18)'s line belongs to all materials
+    return Element(name, parameter, declared, start, (low, high))
+
+
+def placed(parameter: Parameter, name: str, error: DataError) -> Exception:
+    told = DataError(f"{error.argument} of {name}", error.value, error.accepted)
+    return told if parameter.origin is None else parameter.origin.error(told)
+
+
+def _start(data, model: LawModel, name: str, parameter: Parameter, guess, ends) -> Any:
+    """Where a parameter starts, or what it is held at."""
+    if parameter.value is not None:
+        return float(parameter.value)
+    if name.startswith(OF_CONTACT):
+        values = getattr(data.contact, name.removeprefix(OF_CONTACT))
+        return float(np.mean(values)) if parameter.free else values
+    if parameter.prior is not None:
+        return _inside(parameter.prior[0], ends)
+    default = model.defaults.get(name)
+    value = guess.get(name, default if is_finite_number(default) else None)
+    return _inside(value, ends) if parameter.free else value
+
+
+def _inside(value: float | None, ends: tuple[float, float]) -> float:
+    """A guess that respects the bounds; their middle, or 1, where there is none."""
+    low, high = ends
+    if value is not None and low < float(np.mean(value)) < high:
+        return float(np.mean(value))
+    if np.isfinite(low) and np.isfinite(high):
+        return 0.5 * (low + high)
+    if np.isfinite(low):
+        return low + max(abs(low), 1.0)
+    return high - max(abs(high), 1.0) if np.isfinite(high) else 1.0
+
+
+def _whole(name: str, parameter: Parameter) -> tuple[list[Element], Tree]:
+    """The numbers of a whole parameter, each a parameter of its own."""
+    if parameter.value is None:
+        told = DataError("value", "missing", "an array or a pytree of them, where a search starts")
+        raise placed(parameter, name, told)
+    tree, numbers = Tree.of(name, parameter.value), numbers_in(parameter.value)
+    one = Parameter(free=parameter.free, shared=parameter.shared)
+    wide = (-np.inf, np.inf)
+    pairs = zip(tree.entries, numbers, strict=True)
+    return [Element(entry, one, Declared(entry), float(x), wide) for entry, x in pairs], tree
+
+
+def said_of(parameters: Specs, datasets) -> list[dict[str, Any]]:
+    """What is said of each data set's parameters: {name: what}, one dict a set.
+
+    `parameters` is a mapping ("chi" for all sets, "chi[name]" for one; a number fixes, a text is an
+    option), or one such mapping per data set.
+    """
+    if parameters is None:
+        return [{} for _ in datasets]
+    if isinstance(parameters, Mapping):
+        return _from_mapping(parameters, datasets)
+    several = isinstance(parameters, Iterable) and not isinstance(parameters, str)
+    given = list(parameters) if several else []
+    if len(given) != len(datasets) or not all(isinstance(p, Mapping) for p in given):
+        raise DataError("parameters", parameters, "a mapping, or one mapping per data set")
+    return [_from_mapping(own, [d])[0] for own, d in zip(given, datasets, strict=True)]
+
+
+def _from_mapping(parameters: Mapping[str, Any], datasets) -> list[dict[str, Any]]:
+    said: list[dict[str, Any]] = [{} for _ in datasets]
+    odd = [key for key in parameters if not isinstance(key, str)]
+    if odd:
+        raise DataError("parameters", odd[0], "by the parameters' names")
+    # names for one set come last, so that they win over those for all
+    for key in sorted(parameters, key=lambda key: "[" in key):
+        name, _, owner = key.partition("[")
+        owner = owner.removesuffix("]")
+        owners = [g for g, data in enumerate(datasets) if owner in ("", data.name)]
+        if not owners:
+            known = listed(data.name for data in datasets)
+            raise DataError(f"parameters[{key!r}]", owner, f"named after one of: {known}")
+        for g in owners:
+            said[g][name] = parameters[key]
+    return said
+
+
+def blocks_of(data: RestitutionData):
+    """Of each observable its name, which impacts, the values, and their unit."""
+    rows = np.flatnonzero(np.isfinite(data.restitution))
+    if len(rows):
+        yield RESTITUTION, rows, data.restitution[rows], np.ones(len(rows))
+    for one in sorted(data.observed, key=lambda one: PLACES[one.name]):
+        yield one.name, one.rows, one.value / one.scale, one.scale

@@ -13,16 +13,15 @@ from calibration.data.checks import check_whole, checked_confidence
 from calibration.data.json_file import dumps
 from calibration.errors import DataError, did_you_mean, listed
 from calibration.fitting.curves import band, of_impact
-from calibration.fitting.estimate import Band, Estimate
 from calibration.fitting.fit_json import read_result, result_to_dict
 from calibration.fitting.laws import LINE
-from calibration.fitting.material import MaterialFit
+from calibration.fitting.line import Line
+from calibration.fitting.material import Band, Estimate, MaterialFit
 from calibration.fitting.profiles import Profile
 from calibration.fitting.refits import Bootstrap, LeaveOneOut, bootstrap, leave_one_out
 from calibration.fitting.request import Request
-from calibration.fitting.stages import ComponentFit, Likelihood, Stage
+from calibration.fitting.stages import ComponentFit, Likelihood, Stage, fitted
 from calibration.fitting.uncertainty import Freedom, freedom_of
-from calibration.fitting.unloading_line import Line
 from calibration.fitting.warnings import FitWarning, extrapolation
 from calibration.observables import OBSERVABLES, RESTITUTION
 from calibration.output import replacing, write_text
@@ -331,7 +330,7 @@ class FitResult:
 
     def searched(self) -> list[ComponentFit]:
         """The searches; a result that was loaded makes them again."""
-        return list(self.fits) if self.fits is not None else self.request.fitted()
+        return list(self.fits) if self.fits is not None else fitted(self.request)
 
     def to_dict(self, times: bool = True) -> dict[str, Any]:
         """What `fit.json` holds; without `times` equal for equal fits."""

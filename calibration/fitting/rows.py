@@ -89,15 +89,26 @@ class Rows:
         found = np.moveaxis(padded[:, self.element], 1, 0)
         return np.where(self.element[:, None] >= 0, found, self.held[:, None])
 
-    def law(self, theta: Float[np.ndarray, "p"], row: int) -> sj.ContactLaw:
-        """The law of one row, of single numbers."""
-        values = self.local(np.asarray(theta, float)[None])[:, 0, row]
+    def law(self, theta: Any, rows: Any, xp: Any = np) -> sj.ContactLaw:
+        """The law of one row, of single numbers, or of several, of arrays; of NumPy or JAX."""
+        values: dict[str, Any] = {}
+        for name, element, held in zip(self.names, self.element, self.held, strict=True):
+            at = np.ravel(rows)[0] if "[" in name else rows  # networks are whole for all rows
+            place, values[name] = element[at], held[at]
+            if np.any(place >= 0):
+                values[name] = xp.where(place >= 0, theta[place], held[at])
         contact = None
         if self.contact is not None:
-            leaves = {name: float(leaf[row]) for name, leaf in self.contact.items()}
+            leaves = {name: leaf[rows] for name, leaf in self.contact.items()}
             contact = sj.Contact(**leaves, area=self.area)
-        numbers = {name: float(value) for name, value in zip(self.names, values, strict=True)}
-        return self.model.law(contact, self.model.inside(numbers))
+        if xp is np:
+            values = self.model.inside({name: float(value) for name, value in values.items()})
+        return self.model.law(contact, values)
+
+    def of_points(self, theta: Any, points: Any) -> sj.ContactLaw:
+        """The law of some points in JAX, of single numbers where they have one row."""
+        rows = self.row[points]
+        return self.law(theta, rows[0] if np.all(rows == rows[0]) else rows, jnp)
 
     def bind(self, theta: Float[np.ndarray, "p"], active: Sequence[int] | np.ndarray) -> "Laws":
         """The structure of the laws, and which of their leaves move with the active elements."""

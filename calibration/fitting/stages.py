@@ -12,8 +12,9 @@ import softjax as sj
 from calibration.fitting.batches import pooled
 from calibration.fitting.branches import Branches, by_branches, held_at
 from calibration.fitting.laws import OF_CONTACT
-from calibration.fitting.layout import Component
+from calibration.fitting.layout import Component, assemble
 from calibration.fitting.problem import Element, Lanes, Problem
+from calibration.fitting.request import Request
 from calibration.fitting.search import Found, guided_search, search
 from calibration.fitting.steps import OPTIMISERS
 from calibration.fitting.transform import LOGIT, NONE
@@ -425,6 +426,11 @@ class ComponentFit:
     @property
     def converged(self) -> bool:
         return all(bool(stage.found.converged[0]) for stage in self.stages)
+
+
+def fitted(request: Request) -> list[ComponentFit]:
+    """All components, one after the other."""
+    return [fit_component(component, request.options) for component in assemble(request)]
 
 
 def fit_component(component: Component, options: FitOptions) -> ComponentFit:

@@ -1,4 +1,4 @@
-"""How a search steps: optimistix's damped Newton descent, optax's L-BFGS and Adam, for many fits.
+"""How a search steps: Levenberg and Marquardt's way, optax's L-BFGS and Adam, for many fits.
 
 Residuals and Jacobian of each fit are condensed to a triangle; a method proposes a direction for the
 fits that need one, and learns which steps were taken. The loop that tries them, `search`, is the same
@@ -105,7 +105,7 @@ SOONEST = (*QUICK, ("xla_backend_optimization_level", 0))  # a quarter of the ti
 OPTIMISERS = {
     "l-bfgs": "optax L-BFGS",
     "adam": "optax Adam, then L-BFGS",
-    "levenberg-marquardt": "optimistix Levenberg–Marquardt",
+    "levenberg-marquardt": "Levenberg–Marquardt",
 }
 
 
@@ -147,9 +147,8 @@ class Marquardt:
         self.direction = np.zeros((fits, p))
 
     def propose(self, need: Fits, z: Steps, at: Condensed) -> Steps:
-        scaled = at.directions * at.singular[:, None, :]
-        normal = scaled @ np.swapaxes(scaled, 1, 2)
-        step = _damped_newton(normal, at.gradient / at.size, self.size) / at.size
+        along = at.along * at.singular / (at.singular**2 + 1 / self.size[:, None])
+        step = -np.einsum("fij,fj->fi", at.directions, along) / at.size
         self.direction = np.where(need[:, None], step, self.direction)
         return self.direction
 
@@ -186,7 +185,7 @@ class Lbfgs:
         self.exhausted = np.zeros(fits, bool)
         self.direction = np.zeros((fits, p))
         self.basis = self.inverse = np.zeros((fits, p, p))
-        self.memory = _empty_memory(_many(fits), _sized(p, 8))
+        self.memory = _lbfgs_tools()[0](np.zeros((_many(fits), _sized(p, 8))))
 
     def propose(self, need: Fits, z: Steps, at: Condensed) -> Steps:
         renewed = need & (self.age % self.PERIOD == 0)
@@ -260,32 +259,6 @@ def _filled(array: np.ndarray, *sizes: int) -> np.ndarray:
     return np.pad(array, widths + [(0, 0)] * (array.ndim - len(widths)))
 
 
-def _damped_newton(normal, gradient, size) -> np.ndarray:
-    fits, p = gradient.shape
-    many, wide = _many(fits), _sized(p, 4)
-    filled = _filled(normal, many, wide, wide)
-    extra = np.arange(p, wide)
-    filled[:, extra, extra] = 1.0
-    step = _marquardt_tool()(filled, _filled(gradient, many, wide), _filled(size, many))
-    return np.asarray(step)[:fits, :p]
-
-
-@lru_cache
-def _marquardt_tool():
-    import lineax
-    import optimistix as optx
-
-    descent = optx.DampedNewtonDescent()
-
-    def one(normal, gradient, size):
-        matrix = lineax.MatrixLinearOperator(normal, lineax.positive_semidefinite_tag)
-        info = optx.FunctionInfo.EvalGradHessian(jnp.zeros(()), gradient, matrix)
-        state = descent.query(gradient, info, descent.init(gradient, info))
-        return descent.step(size, state)[0]
-
-    return jax.jit(jax.vmap(one))
-
-
 @lru_cache
 def _lbfgs_tools():
     import optax
@@ -306,10 +279,6 @@ def _where(fits, yes, no):
     """One tree or the other, fit by fit."""
     pick = lambda a, b: jnp.where(fits.reshape(-1, *(1,) * (a.ndim - 1)), a, b)  # noqa: E731
     return jax.tree.map(pick, yes, no)
-
-
-def _empty_memory(fits: int, p: int):
-    return _lbfgs_tools()[0](np.zeros((fits, p)))
 
 
 def _lbfgs(memory, gradient, place, need, renewed):

@@ -6,6 +6,7 @@ does; of a valley so level that the gradient vanishes at two places along it no 
 
 from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -15,19 +16,17 @@ from calibration.data import RestitutionData, plausibility
 from calibration.fitting import warnings
 from calibration.fitting.curves import modulus_by_times
 from calibration.fitting.errors import Carried, Errors
-from calibration.fitting.estimate import Estimate
 from calibration.fitting.laws import several_yields
-from calibration.fitting.layout import SetSpec, assemble, blocks_of, specs_of
-from calibration.fitting.material import Goodness, MaterialFit, Outlier
+from calibration.fitting.material import Estimate, Goodness, MaterialFit, Outlier
 from calibration.fitting.problem import Lanes, Problem
 from calibration.fitting.profiles import Profile, estimate_of, weighted_deviation
+from calibration.fitting.request import Request, SetSpec, blocks_of
 from calibration.fitting.search import Found
-from calibration.fitting.stages import ComponentFit, StageFit, fit_component
+from calibration.fitting.stages import ComponentFit, StageFit, fitted
 from calibration.fitting.transform import NONE
 from calibration.fitting.uncertainty import leverages, quantile
 from calibration.fitting.warnings import FitWarning
 from calibration.observables import OBSERVABLES, RESTITUTION
-from calibration.options import FitOptions
 from calibration.rounding import with_error
 
 RARE = 0.05  # probability that the farthest of n normal errors is named
@@ -189,7 +188,7 @@ def _slope_of(fit: ComponentFit, k: int, g: int, what: Callable) -> float:
     return (8 * (at(h) - at(-h)) - (at(2 * h) - at(-2 * h))) / (12 * h)
 
 
-PLAIN = FitOptions(optimiser="levenberg-marquardt", starts=4)
+PLAIN: dict[str, Any] = {"optimiser": "levenberg-marquardt", "starts": 4}
 MODULUS_OFF = 2.0  # errors by which the modulus of the contact times is off
 NOISELESS = 1e-9  # rms of ε about Eq. (17) below which data are a curve and no measurement
 
@@ -199,7 +198,7 @@ def eq_17_alone(data: RestitutionData) -> ComponentFit | None:
     if data.limit_velocity is None or np.sum(np.isfinite(data.restitution)) <= 2:
         return None
     plain = replace(data.of_restitution(), contact=None)
-    return fit_component(assemble(specs_of([plain], "eq-17", None, None), None)[0], PLAIN)
+    return fitted(Request((plain,)).with_options(law="eq-17", **PLAIN))[0]
 
 
 def eq_17_of(fit: ComponentFit, g: int) -> tuple[float, dict[str, float]]:
@@ -226,8 +225,8 @@ def disagreements(two: ComponentFit, g: int, parameters: dict[str, Estimate]) ->
     if len(component.sets) > 1 or not plainly_free or eq_17_of(two, g)[0] < NOISELESS:
         return []
     spec = component.specs[0]
-    own = specs_of([spec.data], "zhou", dict(spec.model.options), "model")
-    fit = fit_component(assemble(own, None)[0], PLAIN)
+    plain = Request((spec.data,), spec.model.options).with_options(law="zhou", **PLAIN)
+    fit = fitted(plain)[0]
     others = derived_of(fit, fit.component.specs[0], 0, 0.95)
     for k, element in enumerate(fit.component.elements):
         others[element.name] = estimate_of(fit, k, None, 0.95)

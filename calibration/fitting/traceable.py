@@ -36,7 +36,7 @@ With BlackJAX, in the logarithms of the parameters (their sum is that of ln |dθ
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import jax
@@ -49,29 +49,31 @@ from calibration.data import RestitutionData
 from calibration.errors import DataError, listed
 from calibration.fitting.collisions import root
 from calibration.fitting.errors import CALLED, LN_2PI, Carried, Errors
-from calibration.fitting.layout import Component, SetSpec, blocks_of, by_drag_of
-from calibration.fitting.problem import DRAG, Element, Pool, pools_of
-from calibration.fitting.request import Request, checked, datasets_of
+from calibration.fitting.layout import Component, assemble
+from calibration.fitting.problem import Block, Element, Points, Pool, Problem, pools_of
+from calibration.fitting.request import Request, SetSpec, datasets_of
 from calibration.fitting.transform import Transform
 from calibration.observables import RESTITUTION, predicted
 from calibration.options import FitOptions
-from softjax.fields import whole_leaves
 
 START_SPREAD = 0.3  # of a pool
 
 
 @dataclass(frozen=True, eq=False)
 class NamedErrors:
-    """The errors of one observable of a data set, and what θ calls each unknown of them."""
+    """One observable of a data set, and what θ calls each unknown of its errors."""
 
-    data: RestitutionData  # the data set, and the errors of this observable
+    problem: Problem  # the likelihood that it is a part of
+    block: Block  # where its points stand in that
     errors: Errors
+    data: RestitutionData  # the data set, and which of all it is
+    set: int
     labels: Mapping[str, str]  # names of the square root of each unknown variance, and of ν
-    set: int  # which data set it is
-    observable: str  # what was measured
-    rows: np.ndarray  # which impacts of the set have a value
-    value: np.ndarray  # as measured, in `unit` [SI]
-    unit: np.ndarray
+
+    @property
+    def points(self) -> Points:
+        """Values as measured, and their units."""
+        return Points(*(a[self.block.own] for a in self.problem.points))
 
     @property
     def per_second(self) -> float:
@@ -93,6 +95,27 @@ class NamedErrors:
                 accepted = "with it: only plain normal noise is profiled"
                 raise DataError("theta", f"without {label!r}", accepted)
         return found
+
+    def carried(self, theta: Mapping[str, Any], route: Any) -> Carried:
+        """What the law and the air make of its points, in their units."""
+        errors, points = self.errors, self.points
+        vector = _vector(self.problem, theta)
+        velocity = jnp.asarray(errors.nodes if errors.has_slope else errors.velocity)
+        law = self.problem.laws.rows.of_points(vector, self.block.own)
+        if self.block.observable == RESTITUTION:
+            value = root(sj.signed_restitution(law, velocity, route).squared, jnp)
+        else:
+            hit = sj.restitution(law, velocity, route)
+            value = predicted(self.block.observable, hit) / points.unit
+        found = errors.carried(value) if errors.has_slope else Carried(value, 0.0, 0.0)
+        if self.problem.drag is None or not np.any(points.by_drag):
+            return found
+        return found._replace(mean=found.mean + vector[self.problem.drag] * points.by_drag)
+
+
+def _vector(problem: Problem, theta: Mapping[str, Any]) -> Array:
+    """θ in the order of a problem's elements."""
+    return jnp.array([jnp.asarray(theta[e.label]) for e in problem.elements], float)
 
 
 @dataclass(frozen=True)
@@ -124,7 +147,7 @@ class Traceable:
 
     def predict(self, theta: Mapping[str, Any]) -> list[Array]:
         """E[ε] at the points of each data set, or another observable in SI; see `calibration.fitting.errors`."""
-        return [carried.mean * one.unit for one, _, carried in self._at(theta)]
+        return [carried.mean * one.points.unit for one, _, carried in self._at(theta)]
 
     def residuals(self, theta: Mapping[str, Any]) -> Array:
         """Predicted less measured ε over the standard deviation of each, then those of the priors.
@@ -211,31 +234,20 @@ class Traceable:
     @property
     def specs(self) -> list[SetSpec]:
         """What is asked of each data set, in their order."""
-        return [spec for _, _, spec in self._members()]
+        pairs = [pair for c in self.components for pair in zip(c.sets, c.specs, strict=True)]
+        return [spec for _, spec in sorted(pairs, key=lambda pair: pair[0])]
 
     def law(self, theta: Mapping[str, Any], g: int) -> sj.ContactLaw:
-        """The law of a data set."""
-        component, g, spec = self._members()[g]
-        labels = {e.name: e.label for e in component.elements if g in e.sets}
-        numbers = {
-            local.name: jnp.asarray(theta[labels[local.name]])
-            if local.name in labels
-            else local.start
-            for local in spec.local
-        }
-        return spec.model.law(spec.data.contact, numbers)
+        """The law of a data set, of all its impacts where they differ."""
+        own = next(c for c in self.components if g in c.sets)
+        problem = own.stages[0][1]
+        points = np.flatnonzero(problem.points.set == own.sets.index(g))
+        return problem.laws.rows.of_points(_vector(problem, theta), points)
 
     def _split(self, values: Array) -> list[Array]:
         """Values of all points by data set."""
         ends = np.cumsum([len(one.errors) for one in self.sets])
         return jnp.split(values, ends[:-1])
-
-    def _members(self) -> list[tuple[Component, int, SetSpec]]:
-        """Every data set, in the order in which they were given."""
-        rows = [
-            (c, g, spec) for c in self.components for g, spec in zip(c.sets, c.specs, strict=True)
-        ]
-        return sorted(rows, key=lambda row: row[1])
 
     def _check_names(self, theta: Mapping[str, Any]) -> None:
         names = [element.label for element in self.elements]
@@ -246,32 +258,13 @@ class Traceable:
     def _at(self, theta, measured=None) -> list[tuple[NamedErrors, Array, Carried]]:
         """Of each data set its errors, predicted less measured ε, and what the curve is there."""
         if measured is None:
-            measured = jnp.concatenate([jnp.asarray(one.value) for one in self.sets])
+            measured = jnp.concatenate([jnp.asarray(one.points.value) for one in self.sets])
         self._check_names(theta)
-        found, laws = [], [self.law(theta, g) for g in range(len(self._members()))]
+        found = []
         for one, own in zip(self.sets, self._split(measured), strict=True):
-            errors = one.errors
-            velocity = jnp.asarray(errors.nodes if errors.has_slope else errors.velocity)
-            law = _of_impacts(laws[one.set], one)
-            if one.observable == RESTITUTION:
-                value = root(sj.signed_restitution(law, velocity, self.route).squared, jnp)
-            else:
-                hit = sj.restitution(law, velocity, self.route)
-                value = predicted(one.observable, hit) / one.unit
-            carried = errors.carried(value) if errors.has_slope else Carried(value, 0.0, 0.0)
-            by_drag = self._by_drag(theta, one)
-            if by_drag is not None:
-                carried = carried._replace(mean=carried.mean + by_drag)
+            carried = one.carried(theta, self.route)
             found.append((one, carried.mean - own, carried))
         return found
-
-    def _by_drag(self, theta, one: NamedErrors) -> Array | None:
-        """What another drag coefficient does to impacts of flights in air; None without."""
-        component, g, _ = self._members()[one.set]
-        label = next((e.label for e in component.elements if e.name == DRAG and g in e.sets), None)
-        if label is None:
-            return None
-        return jnp.asarray(theta[label]) * by_drag_of(one.data, one.observable)[one.rows]
 
     def _prior_residuals(self, theta) -> Array:
         rows = []
@@ -320,7 +313,7 @@ def problem(
         noise=noise,
         noise_dof=noise_dof,
     )
-    return traceable(checked(Request(datasets_of(data), parameters, options)))
+    return traceable(Request(datasets_of(data), parameters, options))
 
 
 def traceable(request: Request) -> Traceable:
@@ -329,8 +322,8 @@ def traceable(request: Request) -> Traceable:
         specs = request.specs()
         if any(spec.objective != "model" for spec in specs):
             raise DataError("objective", "two-step", "model, which has a likelihood")
-        components = request.components()
-    sets = _likelihoods(specs)
+        components = assemble(request)
+    sets = _named(components)
     noises = tuple(label for one in sets for label in one.labels.values())
     start = {e.label: e.start for component in components for e in component.elements}
     route = request.chosen_route(specs)
@@ -346,36 +339,26 @@ def traceable(request: Request) -> Traceable:
     return Traceable(tuple(start), start, noises, sets, tuple(components), pools, route)
 
 
-def _of_impacts(law: sj.ContactLaw, one: NamedErrors) -> sj.ContactLaw:
-    """The law of the impacts that have a value of an observable, where each impact has its own."""
-    count, whole = len(one.data), whole_leaves(law)
-    if count == len(one.errors):
-        return law
-    leaves, structure = jax.tree.flatten(law)
-    own = [
-        leaf if held or jnp.shape(leaf) != (count,) else jnp.asarray(leaf)[one.rows]
-        for leaf, held in zip(leaves, whole, strict=True)
-    ]
-    return jax.tree.unflatten(structure, own)
-
-
-def _likelihoods(specs: Sequence[SetSpec]) -> tuple[NamedErrors, ...]:
+def _named(components: Sequence[Component]) -> tuple[NamedErrors, ...]:
     """What is unknown of the errors has a name, with that of the data set where several have it."""
-    blocks = [
-        (spec, errors, g, *block)
-        for g, spec in enumerate(specs)
-        for errors, block in zip(spec.errors, blocks_of(spec.data), strict=True)
-    ]
-    told = [(name, kind) for _, errors, _, name, *_ in blocks for kind in errors.unknown]
     found = []
-    for spec, errors, g, name, rows, value, unit in blocks:
-        labels = {}
-        for kind in errors.unknown:
-            label = CALLED[kind] if name == RESTITUTION else f"{name}_{CALLED[kind]}"
-            several = told.count((name, kind)) > 1
-            labels[kind] = f"{label}[{spec.data.name}]" if several else label
-        found.append(NamedErrors(spec.data, errors, labels, g, name, rows, value, unit))
-    return tuple(found)
+    for component in components:
+        problem = component.stages[0][1]
+        for block, errors in zip(problem.blocks, problem.errors, strict=True):
+            data, g = problem.datasets[block.set], component.sets[block.set]
+            found.append(NamedErrors(problem, block, errors, data, g, {}))
+    found.sort(key=lambda one: one.set)
+    told = [(one.block.observable, kind) for one in found for kind in one.errors.unknown]
+
+    def label(one: NamedErrors, kind: str) -> str:
+        name = one.block.observable
+        text = CALLED[kind] if name == RESTITUTION else f"{name}_{CALLED[kind]}"
+        return f"{text}[{one.data.name}]" if told.count((name, kind)) > 1 else text
+
+    return tuple(
+        replace(one, labels={kind: label(one, kind) for kind in one.errors.unknown})
+        for one in found
+    )
 
 
 def as_student(normal: Array, nu: Any) -> Array:

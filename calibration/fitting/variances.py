@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Float
 
 from calibration.fitting.errors import Errors
-from calibration.fitting.estimate import Estimate
+from calibration.fitting.material import Estimate
 from calibration.fitting.problem import Lanes, Pool, Problem, Residuals
 from calibration.fitting.transform import Transform
 from calibration.options import DOF

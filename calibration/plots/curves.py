@@ -17,7 +17,6 @@ from calibration.fitting.curves import (
     of_impact,
     yield_velocity,
 )
-from calibration.fitting.layout import label_of_law
 from calibration.observables import RESTITUTION
 from calibration.plots import style
 from calibration.plots.lines import NO_VALUE, Line
@@ -228,7 +227,7 @@ def _plot_fit(ax: Axes, result, fit, velocity, scale) -> None:
         empirical = curve_and_slopes(as_empirical(fit), velocity)[0]
         look: dict[str, Any] = {"color": style.ORANGE, "linestyle": "--", "zorder": 4}
         ax.plot(*_sorted(ratio, empirical), label=EQ_17, **look)
-    label = FITTED.format(label_of_law(fit.model))
+    label = FITTED.format(fit.model.label)
     ax.plot(*_sorted(ratio, band.coefficient), color=style.BLUE, label=label, linewidth=1.8)
     if not np.nanmax(band.high - band.low, initial=0.0) > INVISIBLE:
         return

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from calibration.errors import DataError
-from calibration.fitting.estimate import Estimate
+from calibration.fitting.material import Estimate
 from calibration.fitting.uncertainty import quantile
 from calibration.plots import style
 

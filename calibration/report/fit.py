@@ -13,8 +13,8 @@ import pandas as pd
 
 from calibration import symbols
 from calibration.fitting.curves import modulus_by_times
-from calibration.fitting.estimate import Estimate
-from calibration.fitting.layout import label_of_law, said_of
+from calibration.fitting.material import Estimate
+from calibration.fitting.request import said_of
 from calibration.observables import OBSERVABLES
 from calibration.parameters import Parameter
 from calibration.report.layout import Block, Item, page, terminal
@@ -171,7 +171,7 @@ def warning_items(warnings: Iterable[Any], result: Any) -> list[Item]:
 
 def result_sentence(result: Any) -> str:
     """The fit in one sentence: law, data, fitted values and how closely the curve follows."""
-    laws = dict.fromkeys(label_of_law(fit.model) for fit in result.materials)
+    laws = dict.fromkeys(fit.model.label for fit in result.materials)
     impacts = sum(fit.n for fit in result.materials)
     law = f"{' and '.join(laws)} fitted to {impacts} impacts"
     count = len(result.materials)
@@ -243,7 +243,7 @@ def interval_methods(result: Any) -> dict[str, str]:
 def quality_table(result: Any) -> pd.DataFrame:
     """How closely each curve follows its data, and the scatter that was found."""
     line, fits = result.unloading_line, result.materials
-    laws = [label_of_law(fit.model) for fit in fits]
+    laws = [fit.model.label for fit in fits]
     on_line = None if line is None else [line.rms.get(fit.name) for fit in fits]
     timing = [None if fit.timing is None else 1e3 * fit.timing for fit in fits]
     columns = {
@@ -423,7 +423,7 @@ def _data_set(fit: Any) -> Item:
         text += f"uncertainty of the restitution {_range_text(data.uncertainty, 2)}"
     text += f" in {len(data.groups)} groups" if data.groups else ""
     text += "" if origin is None else f", from {origin.file}"
-    text += f"; {label_of_law(fit.model)}: {OBJECTIVES[fit.objective]}."
+    text += f"; {fit.model.label}: {OBJECTIVES[fit.objective]}."
     below, above = fit.known_from > 0, fit.known_to < math.inf
     side, at = ("below", fit.known_from) if below else ("above", fit.known_to)
     unknown = f"The data do not constrain the curve {side} the critical velocity, {at:.4g} m/s."

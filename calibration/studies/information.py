@@ -25,9 +25,9 @@ from calibration.fitting.collisions import Route
 from calibration.fitting.curves import curve_and_slopes, yield_velocity
 from calibration.fitting.further import further_variances
 from calibration.fitting.laws import OF_CONTACT, eps_up_of, numbers_in
-from calibration.fitting.layout import specs_of
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.problem import Element
+from calibration.fitting.request import Request
 from calibration.fitting.result import FitResult
 from calibration.observables import OBSERVABLES, RESTITUTION
 from calibration.parameters import Parameter, as_parameter
@@ -228,7 +228,7 @@ def _of_law(
     for name in whole_fields(type(law)):
         is_free = name in said and as_parameter(name, said[name]).free
         said[name] = Parameter(getattr(law, name), free=is_free)
-    spec = specs_of((data,), type(law), [said], None)[0]
+    spec = Request((data,), said).with_options(law=type(law)).specs()[0]
     free = {one.name: one.name for one in spec.local if one.parameter.free}
     material = MaterialFit(
         data=data,
@@ -241,7 +241,6 @@ def _of_law(
         rms=math.nan,
         rms_empirical=None,
         empirical=None,
-        reduced_chi_squared=None,
         converged=True,
         status=(),
     )

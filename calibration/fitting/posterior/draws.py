@@ -20,9 +20,8 @@ from calibration.data.checks import check_whole
 from calibration.errors import DataError, InputError
 from calibration.fitting.curves import band_of, curve_problem
 from calibration.fitting.errors import CALLED
-from calibration.fitting.estimate import Band
 from calibration.fitting.laws import eps_up_of
-from calibration.fitting.material import MaterialFit
+from calibration.fitting.material import Band, MaterialFit
 from calibration.fitting.posterior.density import Density, density_of
 from calibration.fitting.posterior.nuts import Progress, needed, run_chains
 from calibration.fitting.traceable import Traceable, traceable
