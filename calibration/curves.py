@@ -1,7 +1,5 @@
 """ε(v) of a law or a fit: velocities in, rows of a curve out."""
 
-import csv
-import io
 import sys
 from contextlib import nullcontext
 from dataclasses import dataclass
@@ -13,8 +11,7 @@ from jaxtyping import Float, Int
 
 import softjax as sj
 from calibration.data.names import read_header
-from calibration.data.sheet import delimiter_of
-from calibration.data.text_file import decoded
+from calibration.data.sheet import Sheet, is_number
 from calibration.data.units import in_si, unit_of
 from calibration.errors import DataError, InputError, Origin, printable, shown
 
@@ -181,40 +178,29 @@ def read_velocities(path: str) -> Velocities:
         InputError: with file and line, what is wrong and what is accepted.
     """
     name = "standard input" if path == "-" else path
-    text = io.StringIO(decoded(name, _bytes(path, name)).text, newline=None).read()
-    lines = [(k, line) for k, line in enumerate(text.split("\n"), 1) if line.strip(" \t,;")]
-    lines = [(k, line) for k, line in lines if line.strip()[0] != "#"]
-    if not lines:
+    sheet = Sheet(name, _bytes(path, name))
+    if not sheet.rows:
         raise InputError(name, None, "no velocities", "one number a line is needed")
-    mark = delimiter_of(lines[0][1])
-    rows = [row for _, line in lines for row in csv.reader([line], delimiter=mark)]
-    head = [cell.strip() for cell in rows[0]]
+    first = sheet.rows[0]
+    head = [cell.strip() for cell in first.cells]
     while not head[-1]:
         head.pop()
-    place, unit, below = 0, unit_of("m/s", "m/s"), slice(0, None)
-    if len(head) > 1 or _number(head[0], ".") is None:
-        place, unit = _velocity_column(head, Origin(name, lines[0][0]))
-        below = slice(1, None)
-    if len(rows[below]) > MOST:
-        raise InputError(name, None, f"{len(rows[below])} velocities", FROM_PYTHON)
-    marks = (c for row in rows[below] for c in "".join(row[place : place + 1]) if c in ",.")
-    decimal = "." if mark == "," else next(marks, ".")
-    found = []
-    for (line, whole), row in zip(lines[below], rows[below], strict=True):
-        if len(row) < len(head) or any(cell.strip() for cell in row[len(head) :]):
-            problem = f"{len(row)} cells in {shown(whole)!r}"
-            raise InputError(name, line, problem, f"{len(head)} are needed, as in the first line")
-        value = _number(row[place], decimal)
-        if value is None or not 0 <= value < np.inf:
-            problem = f"{shown(whole)!r} holds no velocity"
-            accepted = "a finite number of 0 m/s or more"
-            accepted += ", all with a decimal comma or all with a point" * (mark != ",")
-            raise InputError(name, line, problem, accepted)
-        found.append(value)
-    if not found:
+    place, unit, rows = 0, unit_of("m/s", "m/s"), sheet.rows
+    if len(head) > 1 or not is_number(head[0]):
+        place, unit = _velocity_column(head, Origin(name, first.line))
+        rows = rows[1:]
+    if not rows:
         accepted = "one number a line is needed below the header"
-        raise InputError(name, lines[0][0], "no velocities", accepted)
-    return in_si(np.array(found), unit)
+        raise InputError(name, first.line, "no velocities", accepted)
+    if len(rows) > MOST:
+        raise InputError(name, None, f"{len(rows)} velocities", FROM_PYTHON)
+    rows = [sheet.full(row, len(head)) for row in rows]
+    sheet.find_mark(rows, [place])
+    found = sheet.numbers("velocity", [row.cells[place].strip() for row in rows], rows)
+    for k in np.flatnonzero(~(found >= 0))[:1]:
+        problem = f"{shown(sheet.delimiter.join(rows[k].cells))!r} holds no velocity"
+        raise InputError(name, rows[k].line, problem, "a finite number of 0 m/s or more")
+    return in_si(found, unit)
 
 
 def _bytes(path: str, name: str) -> bytes:
@@ -245,13 +231,3 @@ def _velocity_column(head: list[str], origin: Origin) -> tuple[int, Any]:
     problem = f"no column named velocity in {shown(', '.join(head))!r}"
     accepted = "one number a line, or a header with velocity"
     raise InputError(origin.file, origin.line, problem, accepted)
-
-
-def _number(cell: str, decimal: str) -> float | None:
-    """A cell's number; None where it is none, or has another decimal mark."""
-    if "_" in cell or (decimal == "," and "." in cell):
-        return None
-    try:
-        return float(cell.replace(decimal, "."))
-    except ValueError:
-        return None

@@ -1,22 +1,12 @@
-"""JSON files: written in one way; from anybody of bounded size, and of a layout that is checked first.
-
-A layout is made of functions `kind(value, place)` that raise a `DataError` naming the place, as in
-`fits[0].data.velocity`.
-"""
+"""JSON as it is written: what is undefined is null, never NaN."""
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import is_dataclass
 from typing import Any
 
 import numpy as np
-
-from calibration.data.text_file import MIB
-
-LARGEST = 24 * MIB  # which take less than a GiB of memory as Python's objects
-
-Kind = Callable[[Any, str], None]
 
 
 def plain(value: Any) -> Any:

@@ -55,20 +55,20 @@ def read_csv(
     Raises:
         InputError: with file and line, what is wrong and what is accepted.
     """
-    table, remarks, origin = _Sheet(path).table(quoted)
+    table, remarks, origin = Sheet(path).table(quoted)
     options.setdefault("name", Path(path).stem or "data")
     options["remarks"] = (*options.get("remarks", ()), *remarks)
     return RestitutionData.from_table(table, contact, origin=origin, **options)
 
 
-class _Sheet:
+class Sheet:
     """One file on its way in: its rows, but blank ones and comments, and what to tell of them."""
 
-    def __init__(self, path: str | Path):
+    def __init__(self, path: str | Path, raw: bytes | None = None):
         self.path = path
         self.delimiter, self.mark = "\t", "."
         self.remarks: list[str] = []
-        raw = read_bytes(path, LARGEST)
+        raw = read_bytes(path, LARGEST) if raw is None else raw
         rows = self._of_excel(raw) if raw.startswith(SPREADSHEETS) else self._of_text(raw)
         self.rows = [row for row in rows if any(cell.strip() for cell in row.cells)]
 
@@ -88,14 +88,14 @@ class _Sheet:
         if not rows:
             accepted = "one row a point is needed below the header"
             raise InputError(self.path, line, "no rows of data", accepted)
-        rows = [self._full(row, len(headers)) for row in rows]
-        self._find_mark(rows, [at for name, at in layout.position.items() if name not in LABELS])
+        rows = [self.full(row, len(headers)) for row in rows]
+        self.find_mark(rows, [at for name, at in layout.position.items() if name not in LABELS])
         table: dict[str, Any] = {}
         for name, at in layout.position.items():
             unit = layout.written[name]
             cells = [row.cells[at].strip() for row in rows]
             key = name if unit is None else f"{name} [{unit}]"
-            table[key] = cells if name in LABELS else self._numbers(name, cells, rows)
+            table[key] = cells if name in LABELS else self.numbers(name, cells, rows)
         remarks = (*layout.remarks, *filter(None, [layout.assumed]), *self.remarks)
         return table, remarks, Origin(str(self.path), line, tuple(row.line for row in rows))
 
@@ -111,7 +111,8 @@ class _Sheet:
         told = re.fullmatch(r"sep=([,;\t])\s*", header)
         if told:
             lines[first] = "\n"
-        self.delimiter = told[1] if told else delimiter_of(header)
+        self.delimiter = next((mark for mark in "\t;" if mark in header), ",")
+        self.delimiter = told[1] if told else self.delimiter
         reader = csv.reader(
             lines, delimiter=self.delimiter, skipinitialspace=self.delimiter != "\t", strict=True
         )
@@ -149,7 +150,7 @@ class _Sheet:
         headers = [cell.strip() for cell in cells]
         while not headers[-1]:
             headers.pop()
-        if all(map(_is_number, headers)):
+        if all(map(is_number, headers)):
             accepted = "the first line names the columns, as in `velocity [m/s],restitution`"
             raise InputError(self.path, line, "no header, only numbers", accepted)
         return headers
@@ -161,17 +162,17 @@ class _Sheet:
         """
         if len(self.rows) < 2:
             return None
-        cells = self._full(self.rows[1], len(headers)).cells
+        cells = self.full(self.rows[1], len(headers)).cells
         try:
             names = [read_header(header).name for header in headers]
         except DataError:  # which is told with the others
             return None
         pairs = zip(cells, names, strict=True)
         told = [c.strip() for c, name in pairs if name not in (None, *LABELS) and c.strip()]
-        is_one = {cell.casefold() for cell in told} - MISSING and not any(map(_is_number, told))
+        is_one = {cell.casefold() for cell in told} - MISSING and not any(map(is_number, told))
         return cells if is_one else None
 
-    def _full(self, row: Row, width: int) -> Row:
+    def full(self, row: Row, width: int) -> Row:
         """A row of as many cells as there are columns."""
         cells = row.cells
         while len(cells) > width and not cells[-1].strip():
@@ -181,7 +182,7 @@ class _Sheet:
             raise InputError(self.path, row.line, f"{len(cells)} cells", accepted)
         return Row(row.line, cells)
 
-    def _find_mark(self, rows: list[Row], places: Iterable[int]) -> None:
+    def find_mark(self, rows: list[Row], places: Iterable[int]) -> None:
         """The mark of decimals: the first that there is."""
         cells = (row.cells[at] for row in rows for at in places)
         first = next((cell for cell in cells if "," in cell or "." in cell), "")
@@ -189,7 +190,7 @@ class _Sheet:
             self.mark = ","
             self.remarks.append(COMMAS)
 
-    def _numbers(self, name: str, cells: list[str], rows: list[Row]) -> np.ndarray:
+    def numbers(self, name: str, cells: list[str], rows: list[Row]) -> np.ndarray:
         """Cells as numbers, NaN if empty."""
         try:
             found = np.array([float(self._pointed(cell)) if cell else math.nan for cell in cells])
@@ -229,12 +230,7 @@ class _Sheet:
         return ""
 
 
-def delimiter_of(text: str) -> str:
-    """What separates the cells of a header."""
-    return next((mark for mark in "\t;" if mark in text), ",")
-
-
-def _is_number(cell: str) -> bool:
+def is_number(cell: str) -> bool:
     """Whether it is meant as one, finite or not."""
     try:
         float(cell.replace(",", "."))
