@@ -22,10 +22,9 @@ from calibration.fitting.problem import DRAG
 from calibration.fitting.profiles import Profile, estimates, profiles_of
 from calibration.fitting.request import Progress, Request, datasets_of
 from calibration.fitting.result import FitResult
-from calibration.fitting.stages import ComponentFit, StageFit, fit_component, likelihood_of
+from calibration.fitting.stages import ComponentFit, fit_component, likelihood_of
 from calibration.fitting.steps import OPTIMISERS
 from calibration.fitting.summary import component_warnings, summarise_material
-from calibration.fitting.uncertainty import Freedom
 from calibration.fitting.variances import of_all as pooled_of
 from calibration.fitting.warnings import FitWarning
 from calibration.options import FitOptions, documented
@@ -106,7 +105,10 @@ def _fitted(request: Request) -> FitResult:
         for g in fit_.component.sets:
             materials[g] = summarise_material(fit_, g, found, request.options.confidence, shared)
     ordered = tuple(materials[g] for g in sorted(materials))
+    stages = [stage for one in fits for stage in one.stages]
     stage = None if line is None else line[1]
+    if stage is not None:
+        stages.append(replace(stage, report=replace(stage.report, stage="Eq. (18)")))
     for material in ordered:
         found_warnings += material.warnings
     if stage is not None and not stage.found.converged[0]:
@@ -125,12 +127,12 @@ def _fitted(request: Request) -> FitResult:
         condition_number=condition if np.isfinite(condition) else None,
         likelihood=likelihood_of(fits, request.options),
         warnings=tuple(dict.fromkeys(found_warnings)),
-        optimiser_report=tuple(s.report for s in _stages(fits, stage)),
+        optimiser_report=tuple(one.report for one in stages),
         profiles={label: curve for own in curves for label, curve in own.items()},
-        freedoms=tuple(map(_freedom, fits)),
+        freedoms=tuple(f.uncertainty.freedom.physical(f.slope, f.uncertainty.whole) for f in fits),
         settings=_settings(request, fits),
-        versions=dict(_versions()),
-        times=_times(_stages(fits, stage)),
+        versions={name: _version(name) for name in PACKAGES},
+        times={stage.report.label: stage.seconds for stage in stages},
         pooled=pooled_of(fits, request.options.confidence) | of_drag,
         fits=tuple(fits),
     )
@@ -145,44 +147,21 @@ def _profiles(request: Request, fits: list[ComponentFit]) -> list[dict[str, Prof
     return curves
 
 
-def _stages(fits: list[ComponentFit], line: StageFit | None) -> list[StageFit]:
-    every = [stage for one in fits for stage in one.stages]
-    return (
-        every
-        if line is None
-        else [*every, replace(line, report=replace(line.report, stage="Eq. (18)"))]
-    )
-
-
 def _covariances(fits: list[ComponentFit]):
     """Of all free parameters in physical units: D C D with D = ∂θ/∂z; components share none."""
+    from scipy.linalg import block_diag
+
     names = tuple(e.label for one in fits for e in one.component.elements)
-    covariance, of_predictions = (np.zeros((len(names), len(names))) for _ in range(2))
-    first = 0
-    for one in fits:
-        rows = slice(first, first + len(one.z))
-        slope = one.final.problem.transform.slope(one.z)
-        both = np.outer(slope, slope)
-        covariance[rows, rows] = one.uncertainty.covariance * both
-        of_predictions[rows, rows] = one.uncertainty.of_predictions * both
-        unknown = ~one.uncertainty.known
-        covariance[rows][unknown], covariance[:, rows][:, unknown] = np.nan, np.nan
-        first = rows.stop
-    return names, covariance, of_predictions
-
-
-def _freedom(fit: ComponentFit) -> Freedom:
-    slope = fit.final.problem.transform.slope(fit.z)
-    return fit.uncertainty.freedom.physical(slope, fit.uncertainty.whole)
+    both = block_diag(*(np.outer(one.slope, one.slope) for one in fits))
+    known = np.concatenate([one.uncertainty.known for one in fits])
+    covariance = both * block_diag(*(np.nan_to_num(one.uncertainty.covariance) for one in fits))
+    covariance[~known], covariance[:, ~known] = np.nan, np.nan
+    return names, covariance, both * block_diag(*(one.uncertainty.of_predictions for one in fits))
 
 
 @cache
-def _versions() -> dict[str, str]:
-    return {name: importlib.metadata.version(name) for name in PACKAGES}
-
-
-def _times(stages: list[StageFit]) -> dict[str, float]:
-    return {stage.report.label: stage.seconds for stage in stages}
+def _version(package: str) -> str:
+    return importlib.metadata.version(package)
 
 
 def _settings(request: Request, fits: list[ComponentFit]) -> dict[str, Any]:

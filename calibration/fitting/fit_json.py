@@ -170,15 +170,15 @@ class FitRecord(Strict):
         values = {name: _array(value) for name, value in self.values.items()}
         known_from, known_to = self.known
         model = law_model(data, _law(self.law, law), self.options, values)
-        found = _made(
-            MaterialFit,
-            self,
-            data=data,
-            model=replace(model, trees=_trees(values, law)),
-            values=values,
-            known_from=known_from,
-            known_to=math.inf if known_to is None else known_to,
-        )
+        own = {field.name for field in fields(MaterialFit)} & set(FitRecord.model_fields)
+        table = {name: getattr(self, name) for name in own}
+        table |= {
+            "data": data,
+            "model": replace(model, trees=_trees(values, law)),
+            "values": values,
+        }
+        table |= {"known_from": known_from, "known_to": math.inf if known_to is None else known_to}
+        found = MaterialFit(**table)
         found.law  # noqa: B018  # that there can be one
         return found
 
@@ -359,12 +359,6 @@ def _by_names(record: type[Strict], thing: Any, table: Mapping[str, Any]) -> dic
     """The entries of a record: those of `table`, else the thing's attributes."""
     names = record.model_fields
     return {name: table[name] if name in table else getattr(thing, name) for name in names}
-
-
-def _made(kind: type, record: Any, **more: Any) -> Any:
-    """A dataclass of the entries that have the names of its fields."""
-    names = [field.name for field in fields(kind)]
-    return kind(**{name: more[name] if name in more else getattr(record, name) for name in names})
 
 
 def _array(value: Any) -> Any:

@@ -129,7 +129,12 @@ def _component(sets, specs, elements, route: Route) -> Component:
     if len({(spec.model.key, spec.objective) for spec in own}) > 1:
         told = ", ".join(f"{spec.data.name}: {spec.model.key}" for spec in own)
         raise DataError("parameters", f"shared between {told}", "shared within one law")
-    flights = tuple(g for g, spec in zip(sets, own, strict=True) if spec.is_in_air)
+    # drag was taken out of these with a coefficient that is not known exactly
+    flights = tuple(
+        g
+        for g, spec in zip(sets, own, strict=True)
+        if spec.objective == "model" and spec.data.errors.by_drag is not None
+    )
     if flights:
         label = f"{DRAG}[{specs[flights[0]].data.name}]" if len(specs) > len(sets) else DRAG
         known = Parameter(0.0, prior=(0.0, UNCERTAIN), transform="none")

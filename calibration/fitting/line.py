@@ -408,7 +408,7 @@ def fit_line(request: Request, fits: list[ComponentFit]) -> tuple[Line, StageFit
     chi = {s.data.name: derived_of(joint, s, g, request.options.confidence)["chi"] for g, s in sets}
     line = Line(c1, c2, _rms(joint, joint.z), chi, through, bool(joint.final.found.converged[0]))
     places = [names.index(name) for name in LINE]
-    slope = joint.final.problem.transform.slope(joint.z)[places]
+    slope = joint.slope[places]
     covariance = joint.uncertainty.covariance[np.ix_(places, places)] * np.outer(slope, slope)
     return _with_materials(line, own, covariance, request), joint.final
 
@@ -498,8 +498,7 @@ def _through_chi(own, confidence: float) -> tuple[dict[str, Estimate], np.ndarra
 
 def _variance(fit: ComponentFit, k: int) -> float:
     """Of an element in physical units."""
-    slope = fit.final.problem.transform.slope(fit.z)[k]
-    return float(fit.uncertainty.covariance[k, k] * slope**2)
+    return float(fit.uncertainty.covariance[k, k] * fit.slope[k] ** 2)
 
 
 def _mean_ratio(spec: SetSpec) -> float:

@@ -249,8 +249,7 @@ class Problem:
 
     def of_restitution(self, place: int) -> slice:
         """The ε of the data set at a place; of another observable where it has none."""
-        own = [block.own for block in self.blocks if block.set == place]
-        return own[0]
+        return next(block.own for block in self.blocks if block.set == place)
 
     def with_variances(self, variances: Sequence[Mapping[str, Any]]) -> "Problem":
         """The same with the errors of its data sets at some s."""
@@ -263,33 +262,34 @@ class Problem:
 
     def linearise(self, z: Z, lanes: Lanes | None = None, slopes: bool = True) -> Linear:
         """Rows and Jacobian of each fit; without `slopes` the Jacobian has no columns."""
+        lanes = lanes or Lanes()
         count = self.count * (5 if self.moves else 1)
         most = max(1, AT_ONCE // max(count, 1))
-        if len(z) > most:
-            return self._in_parts(z, lanes or Lanes(), slopes, most)
-        lanes = lanes or Lanes()
+        rows = [slice(k, k + most) for k in range(0, max(len(z), 1), most)]
+        parts = [self._linear(z[some], lanes.some(some), slopes)[0] for some in rows]
+        if len(parts) == 1:
+            return parts[0]
+        return Linear(*(np.concatenate(every) for every in zip(*parts, strict=True)))
+
+    def _linear(self, z: Z, lanes: Lanes, slopes: bool) -> tuple[Linear, Carried, Carried]:
+        """The same, and what is expected at the points with its slopes."""
         theta, per_z = self.transform.physical(z), self.transform.slope(z)
-        per_z = per_z if slopes else per_z[:, :0]
-        carried, per, status = self._carried(theta, per_z, lanes)
-        measured = self.points.value if lanes.value is None else lanes.value
-        off = carried.mean - measured
+        carried, per, status = self._carried(theta, per_z if slopes else per_z[:, :0], lanes)
+        off = carried.mean - self._measured(lanes)
+        more: list[np.ndarray] = []
         if self.is_fixed:
             residual, jacobian, cost = self._by_weight(off, per.mean, lanes)
-            more: list[np.ndarray] = []
         else:
             residual, jacobian, cost, *more = self._by_covariance(off, carried, per, lanes)
-        priors, their_slopes = self._held_together(z, *self._priors(theta, self.transform.slope(z)))
-        rows, columns = [residual, priors], [jacobian, their_slopes[:, :, : jacobian.shape[2]]]
-        if more:
-            rows, columns = [*rows, more[0]], [*columns, more[1]]
+        priors, their_slopes = self._held_together(z, *self._priors(theta, per_z))
+        rows = [residual, priors, *more[:1]]
+        columns = [jacobian, their_slopes[:, :, : jacobian.shape[2]], *more[1:]]
         cost = cost + 0.5 * np.sum(priors**2, axis=1)
-        return Linear(
-            np.concatenate(rows, axis=1),
-            np.concatenate(columns, axis=1),
-            carried.mean,
-            status,
-            cost,
-        )
+        joined = np.concatenate(rows, axis=1), np.concatenate(columns, axis=1)
+        return Linear(*joined, carried.mean, status, cost), carried, per
+
+    def _measured(self, lanes: Lanes) -> np.ndarray:
+        return self.points.value if lanes.value is None else lanes.value
 
     def predict(self, z: Z, lanes: Lanes | None = None) -> Float[np.ndarray, "fits points"]:
         """E[ε] at each point."""
@@ -299,11 +299,8 @@ class Problem:
     def seen(self, z: Z, lanes: Lanes | None = None) -> list[Residuals]:
         """What judges the variances of each block at z."""
         lanes = lanes or Lanes()
-        found = self.linearise(z, lanes)
-        theta, per_z = self.transform.physical(z), self.transform.slope(z)
-        carried, per, _ = self._carried(theta, per_z, lanes)
-        measured = self.points.value if lanes.value is None else lanes.value
-        off, every = carried.mean - measured, np.arange(found.residual.shape[1])
+        found, carried, per = self._linear(z, lanes, True)
+        off, every = carried.mean - self._measured(lanes), np.arange(found.residual.shape[1])
         more = every >= found.residual.shape[1] - (0 if self.is_fixed else self.more)
         parts = []
         for own in self.own:
@@ -337,8 +334,7 @@ class Problem:
         lanes = lanes or Lanes()
         variances = self.variances if lanes.variances is None else lanes.variances
         every = zip(self.errors, variances, self.carried(z, lanes), self.own, strict=True)
-        measured = self.points.value if lanes.value is None else lanes.value
-        measured = np.broadcast_to(measured, (len(z), self.count))
+        measured = np.broadcast_to(self._measured(lanes), (len(z), self.count))
         parts = [
             e.deviance(s, c.mean - measured[:, own], c.slope, c.bend) for e, s, c, own in every
         ]
@@ -507,7 +503,10 @@ class Problem:
         if not hasattr(rows.model.law_type, "elastic_velocity"):
             return None
         theta = self.transform.physical(np.atleast_2d(z))
-        limits = [[_yields_at(rows.law(one, k)) for k in range(rows.size)] for one in theta]
+        limits = [
+            [float(np.asarray(rows.law(one, k).elastic_velocity())) for k in range(rows.size)]  # type: ignore[attr-defined]
+            for one in theta
+        ]
         return np.array(limits)[:, rows.row].reshape(*np.shape(z)[:-1], self.count)
 
     def law_of(self, theta: Float[np.ndarray, "elements"], g: int) -> sj.ContactLaw:
@@ -522,11 +521,6 @@ class Problem:
     def held(self, elastic, within=None) -> "Problem":
         """The same with these points held below yield."""
         return self if self.elastic is None else replace(self, elastic=elastic, within=within)
-
-    def _in_parts(self, z, lanes: Lanes, slopes: bool, most: int) -> Linear:
-        rows = [slice(k, k + most) for k in range(0, len(z), most)]
-        parts = [self.linearise(z[some], lanes.some(some), slopes) for some in rows]
-        return Linear(*(np.concatenate(every) for every in zip(*parts, strict=True)))
 
     def _leaves(self, theta, lanes: Lanes) -> Leaves:
         """The laws' leaves, (fits, rows, ...)."""
@@ -621,7 +615,3 @@ class Problem:
             value = np.concatenate([value, off / pool.spread], axis=1)
             slope = np.concatenate([slope, per], axis=1)
         return value, slope
-
-
-def _yields_at(law: sj.ContactLaw) -> float:
-    return float(np.asarray(law.elastic_velocity()))  # type: ignore[attr-defined]

@@ -66,11 +66,6 @@ class SetSpec:
         return tuple(Errors.of(data, *asked, observed.get(name)) for name, *_ in blocks_of(data))
 
     @property
-    def is_in_air(self) -> bool:
-        """Whether drag was taken out of its flights, with a coefficient that is not known exactly."""
-        return self.objective == "model" and self.data.errors.by_drag is not None
-
-    @property
     def by_eps_up(self) -> bool:
         """Whether ε_up is what it has in place of σ and ψ."""
         return any(one.name == "eps_up" and not one.stands_in for one in self.local)
@@ -159,7 +154,11 @@ def _spec(data: RestitutionData, said: dict[str, Any], asked: FitOptions) -> Set
         raise DataError("objective", f"two-step with {model.key}", 'Zhou\'s law, or "model"')
     given = {}
     for name, value in named.items():
-        full = _full_name(model, name, value)
+        try:
+            full = model.canonical(name)
+        except DataError as error:
+            origin = getattr(value, "origin", None)
+            raise error if origin is None else origin.error(error) from None
         is_whole = full in model.whole and not isinstance(value, Parameter)
         given[full] = Parameter(value, free=False) if is_whole else as_parameter(name, value)
         _check_fixed(model, data, full, given[full])
@@ -179,14 +178,6 @@ def _check_observed(data: RestitutionData, model: LawModel, objective: str) -> N
         raise data.refusal(refused, "a law with a contact force")
 
 
-def _full_name(model: LawModel, name: str, value: Any) -> str:
-    try:
-        return model.canonical(name)
-    except DataError as error:
-        origin = getattr(value, "origin", None)
-        raise error if origin is None else origin.error(error) from None
-
-
 def _check_fixed(model: LawModel, data: RestitutionData, name: str, parameter: Parameter) -> None:
     """What is fixed has a value: its own, the data's or the law's, and no guess from the data."""
     known = KNOWN.get(model.key)
@@ -199,7 +190,9 @@ def _check_fixed(model: LawModel, data: RestitutionData, name: str, parameter: P
 
 def law_model(data: RestitutionData | None, law, options, named) -> LawModel:
     """The law that was asked for: a name, a class, a function; None: what suits the data."""
-    law = checked_law(_default_law(data) if law is None else law)
+    if law is None and data is not None and data.contact is None:
+        law = "constant" if data.limit_velocity is None else "eq-17"
+    law = checked_law(law or "zhou")
     law = LAWS[law] if isinstance(law, str) else law
     if law is sj.Zhou:
         return zhou_model([name for name in named if name in EXTRA], options)
@@ -212,12 +205,6 @@ def law_model(data: RestitutionData | None, law, options, named) -> LawModel:
     if isinstance(law, type):
         raise DataError("law", law, KINDS_OF_LAW)
     return model_of_function(law, key, None if data is None else data.contact, options)
-
-
-def _default_law(data: RestitutionData | None) -> str:
-    if data is None or data.contact is not None:
-        return "zhou"
-    return "constant" if data.limit_velocity is None else "eq-17"
 
 
 def _identified(data, given: dict[str, Parameter], model: LawModel, options):
@@ -285,22 +272,18 @@ def _located(data, model: LawModel, given: dict[str, Parameter]):
             entries, tree = _whole(name, given[name])
             local, trees = [*local, *entries], [*trees, tree]
             continue
-        parameter = given.get(name) or _unsaid(name, held, model)
-        one = _local(data, model, name, parameter, guess | held, ranges)
         by_eps_up = name == "psi" and "eps_up" in model.parameters
+        unsaid = (
+            Parameter(free=False) if name in held or by_eps_up else Parameter(shared=name in LINE)
+        )
+        parameter = given.get(name, unsaid)
+        one = _local(data, model, name, parameter, guess | held, ranges)
         local.append(replace(one, stands_in=by_eps_up and name not in given))
     return tuple(local), tuple(trees)
 
 
 def _guessable(known: Known, data: RestitutionData) -> bool:
     return data.contact is not None or known.law in (LAWS[name] for name in WITHOUT_CONTACT)
-
-
-def _unsaid(name: str, held, model: LawModel) -> Parameter:
-    """A parameter of which nothing was said: free, unless ε does not tell it."""
-    if name in held or (name == "psi" and "eps_up" in model.parameters):
-        return Parameter(free=False)
-    return Parameter(shared=name in LINE)
 
 
 def _local(data, model: LawModel, name: str, parameter: Parameter, guess, ranges) -> Element:

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Int
 
 from calibration.fitting.collisions import TINY_SQUARED
 from calibration.fitting.problem import Lanes, Problem
-from calibration.fitting.steps import TINY, Adam, Condensed, Lbfgs, Marquardt, Method, condense
+from calibration.fitting.steps import TINY, Adam, Condensed, Lbfgs, Marquardt, condense
 from calibration.fitting.transform import NONE
 
 STEP_TOLERANCE = 1e-9  # of the Gauss–Newton step left, in log units for most elements
@@ -40,7 +40,7 @@ class Found(NamedTuple):
     cost: Float[np.ndarray, "fits"]
     gradient_norm: Float[np.ndarray, "fits"]  # of the cost, along the active elements
     converged: Bool[np.ndarray, "fits"]  # whether and why it stopped
-    reason: tuple[str, ...]
+    reason: np.ndarray  # (fits,) of text
     # for the active elements, +1 or -1 where one is held at an end of its range, else 0
     limits: Int[np.ndarray, "fits p"]
     # from where it was measured whether an element runs to an end
@@ -106,7 +106,7 @@ class _Search:
     def going(self) -> np.ndarray:
         return self.reason == ""
 
-    def run(self, method: Method) -> None:
+    def run(self, method: Marquardt | Lbfgs) -> None:
         """Step until every fit has arrived, or cannot."""
         fits = len(self.z)
         length = np.ones(fits)
@@ -176,7 +176,9 @@ class _Search:
         self.cost[moved] = cost[moved]
         self.iterations += moved
         self._condense(moved)
-        return moved, _gain(before, self.at, step)
+        # over what straight lines promised
+        with np.errstate(over="ignore", invalid="ignore"):
+            return moved, (before.cost - self.at.cost) / np.maximum(before.fall(step), TINY)
 
     def _judge(self, moved) -> None:
         """Hold what is at an end of its range, and see which fits have arrived."""
@@ -184,7 +186,10 @@ class _Search:
         if np.any(held):
             self._hold(held)
         self._stop(moved & ~self.at.finite, NO_NUMBERS)
-        arrived = self._arrived() & moved & self.going
+        arrived = moved & self.going & (self._left <= STEP_TOLERANCE)
+        arrived |= (
+            moved & self.going & (self.at.promised <= COST_TOLERANCE * 2 * np.abs(self.at.cost))
+        )
         silent = arrived & np.any(self.at.silent & ~self._frozen, axis=1)
         far = silent[:, None] & self.at.silent & (self._way > NEARLY) & ~self._frozen
         if np.any(far):
@@ -193,15 +198,13 @@ class _Search:
             self._judge(np.any(far, axis=1))
         back = arrived & (self.released < self.releases) & self._release(arrived)
         arrived &= ~back
-        small = np.max(np.abs(self.at.newton) / self.unit, axis=1, initial=0.0) <= STEP_TOLERANCE
-        self._stop(arrived & small, ARRIVED[0])
+        self._stop(arrived & (self._left <= STEP_TOLERANCE), ARRIVED[0])
         self._stop(arrived, ARRIVED[1])
 
-    def _arrived(self) -> np.ndarray:
-        left = np.max(np.abs(self.at.newton) / self.unit, axis=1, initial=0.0)
-        return (left <= STEP_TOLERANCE) | (
-            self.at.promised <= COST_TOLERANCE * 2 * np.abs(self.at.cost)
-        )
+    @property
+    def _left(self) -> np.ndarray:
+        """The longest element of the Gauss–Newton step that is left."""
+        return np.max(np.abs(self.at.newton) / self.unit, axis=1, initial=0.0)
 
     @property
     def _way(self) -> np.ndarray:
@@ -261,24 +264,17 @@ class _Search:
         self.reason[fits & self.going] = reason
 
     def result(self) -> Found:
-        reason = tuple(self.reason)
         return Found(
             z=self.z,
             cost=self.at.cost,
             gradient_norm=np.linalg.norm(self.at.gradient, axis=1),
             converged=np.isin(self.reason, ARRIVED),
-            reason=reason,
+            reason=self.reason,
             limits=np.where(self.edge, 0, self.limits),
             begun=self.begun,
             iterations=self.iterations,
             evaluations=self.evaluations,
         )
-
-
-def _gain(before: Condensed, after: Condensed, step) -> Float[np.ndarray, "fits"]:
-    """By how much a step lowered the cost, over what straight lines promised."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        return (before.cost - after.cost) / np.maximum(before.fall(step), TINY)
 
 
 def search(
@@ -341,9 +337,8 @@ def guided_search(
     again = search(problem, places, lanes=twice, limit=3 * limit)
     lower = again.cost[: len(z)] <= again.cost[len(z) :]
     best = np.where(lower, 0, len(z)) + np.arange(len(z))
-    parts = {name: getattr(again, name)[best] for name in again._fields[:-1] if name != "reason"}
-    reason = tuple(again.reason[k] for k in best)
-    return Found(**parts, reason=reason, evaluations=found.evaluations + again.evaluations)
+    parts: list[Any] = [a[best] for a in again[:-1]]
+    return Found._make([*parts, found.evaluations + again.evaluations])
 
 
 def _by_adam(problem: Problem, z, lanes: Lanes) -> np.ndarray:

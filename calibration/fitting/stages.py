@@ -357,7 +357,7 @@ def settle(problem: Problem, found: Found, options: FitOptions, restricted: bool
         evaluations += again.evaluations
         found = again._replace(iterations=found.iterations + again.iterations)
     if not have_settled(renewed(problem, found.z[0], restricted), problem):
-        found = found._replace(converged=np.array([False]), reason=(UNSETTLED,))
+        found = found._replace(converged=np.array([False]), reason=np.array([UNSETTLED]))
     return found, problem, evaluations
 
 
@@ -373,7 +373,7 @@ def _report(name, problem: Problem, found: Found, options, starts, evaluations) 
         gradient_norm=norm if np.isfinite(norm) else None,
         cost=float(found.cost[0]),
         converged=bool(found.converged[0]),
-        reason=found.reason[0],
+        reason=str(found.reason[0]),
         starts=starts,
     )
 
@@ -409,6 +409,11 @@ class ComponentFit:
         theta, limits = transform.physical(self.z), self.uncertainty.limits
         bound = transform.bound_beyond(limits)
         return np.where((limits != 0) & np.isfinite(bound), bound, theta)
+
+    @property
+    def slope(self) -> np.ndarray:
+        """dθ/dz."""
+        return self.final.problem.transform.slope(self.z)
 
     @property
     def begun(self) -> np.ndarray:

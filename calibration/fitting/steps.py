@@ -1,11 +1,13 @@
 """How a search steps: Levenberg and Marquardt's way, optax's L-BFGS and Adam, for many fits.
 
-Residuals and Jacobian of each fit are condensed to a triangle; a method proposes a direction for the
-fits that need one, and learns which steps were taken. The loop that tries them, `search`, is the same
-for all; collisions are none of a method's affair."""
+Residuals and Jacobian of each fit are condensed to a triangle. A method proposes a direction for the
+fits that need one, and learns which of them have moved (`taken`: by a whole step or a shortened one, and
+by how much the cost fell over what the linear model promised) and whose step raised the cost (`refused`:
+which of them want another direction, not a shorter step); `stuck` are those that no direction helps. The
+loop that tries the steps, `search`, is the same for all."""
 
 from functools import lru_cache, partial
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -107,26 +109,6 @@ OPTIMISERS = {
     "adam": "optax Adam, then L-BFGS",
     "levenberg-marquardt": "Levenberg–Marquardt",
 }
-
-
-class Method(Protocol):
-    """What a search asks of it."""
-
-    def propose(self, need: Fits, z: Steps, at: Condensed) -> Steps:
-        """A direction for the fits in need of one; the others keep theirs."""
-
-    def taken(self, fits: Fits, whole: Fits, gain: Numbers) -> None:
-        """These fits have moved, by a whole step or a shortened one; they need a direction.
-
-        Args:
-            gain: by how much the cost fell, over what the linear model promised.
-        """
-
-    def refused(self, fits: Fits) -> Fits:
-        """Their step raised the cost: which of them want another direction, not a shorter step."""
-
-    def stuck(self) -> Fits:
-        """Fits that no direction helps any more."""
 
 
 class Marquardt:

@@ -16,7 +16,7 @@ from calibration.data import RestitutionData, plausibility
 from calibration.fitting import warnings
 from calibration.fitting.curves import modulus_by_times
 from calibration.fitting.errors import Carried, Errors
-from calibration.fitting.laws import several_yields
+from calibration.fitting.laws import LINE, several_yields
 from calibration.fitting.material import Estimate, Goodness, MaterialFit, Outlier
 from calibration.fitting.problem import Lanes, Problem
 from calibration.fitting.profiles import Profile, estimate_of, weighted_deviation
@@ -35,13 +35,8 @@ NO_ERRORS = 1e-9  # of ε: residuals below are none
 DIFFERENCE = 1e-3  # in z, of fourth-order differences: their error is near 1e-12
 
 
-def goodness_of(fit: ComponentFit, place: int) -> dict[str, Goodness]:
-    """Of each observable of the data set at a place of a component."""
-    blocks = fit.final.problem.blocks
-    return {b.observable: _of_block(fit, k) for k, b in enumerate(blocks) if b.set == place}
-
-
 def _of_block(fit: ComponentFit, k: int) -> Goodness:
+    """Of one observable of a data set."""
     problem, first = fit.final.problem, fit.stages[0].problem  # which knows what the points share
     own, errors, s = problem.own[k], first.errors[k], first.variances[k]
     found, one = problem.linearise(fit.z[None]), first.carried(fit.z[None])[k]
@@ -549,19 +544,20 @@ def summarise_material(
     place = fit.component.sets.index(g)
     spec, problem = fit.component.specs[place], fit.final.problem
     found = problem.linearise(fit.z[None], slopes=False)
-    goodness = goodness_of(fit, place)
+    blocks = [(k, b) for k, b in enumerate(problem.blocks) if b.set == place]
+    goodness = {b.observable: _of_block(fit, k) for k, b in blocks}
     first = problem.of_restitution(place)
     residual = found.prediction[0][first] - problem.points.value[first]
     of_eps = goodness.get(RESTITUTION) or next(iter(goodness.values()))
     every = {name: getattr(of_eps, name) for name in OF_RESTITUTION}
     every["outliers"] = tuple(one for own in goodness.values() for one in own.outliers)
     known_from, known_to = _determined_between(fit, spec, g)
-    values, labels = _values(fit, spec, g)
+    parameters, values, labels = _parameters(fit, spec, g, estimates, known_to)
     part = MaterialFit(
         data=spec.data,
         objective=spec.objective,
         model=spec.model,
-        parameters=_parameters(fit, spec, g, estimates, known_to),
+        parameters=parameters,
         derived=derived_of(fit, spec, g, confidence),
         values=values,
         labels=labels,
@@ -592,36 +588,24 @@ def summarise_material(
     return replace(part, warnings=tuple(own))
 
 
-def _parameters(
-    fit: ComponentFit, spec: SetSpec, g: int, estimates, known_to
-) -> dict[str, Estimate]:
-    """Those that were free, and those that were held; numbers of a whole parameter left out."""
-    found, places = {}, fit.component.places(g)
-    for local in spec.local:
-        if "[" in local.name:
-            continue
-        place = places.get(local.name)
-        if place is not None:
-            found[local.name] = estimates[place]
-        elif not local.stands_in:
-            acts = np.isinf(known_to) or local.name not in ("chi", "c1", "c2")
-            value = float(np.mean(np.asarray(local.start))) if acts else None
-            found[local.name] = Estimate(value, method="fixed")
-    return found
-
-
-def _values(fit: ComponentFit, spec: SetSpec, g: int):
-    """All that makes the law, and what the covariance calls what was free."""
-    values, labels = {}, {}
+def _parameters(fit: ComponentFit, spec: SetSpec, g: int, estimates, known_to: float):
+    """Estimates of what was free and what was held, without the numbers of whole parameters; all that
+    makes the law; and what the covariance calls what was free."""
+    parameters, values, labels = {}, {}, {}
     places = fit.component.places(g)
     for local in spec.local:
-        place = places.get(local.name)
-        if place is None:
-            values[local.name] = local.start
-        else:
-            values[local.name] = float(fit.theta[place])
-            labels[local.name] = fit.component.elements[place].label
-    return values, labels
+        name, place, shown = local.name, places.get(local.name), "[" not in local.name
+        if place is not None:
+            values[name] = float(fit.theta[place])
+            labels[name] = fit.component.elements[place].label
+            parameters |= {name: estimates[place]} if shown else {}
+            continue
+        values[name] = local.start
+        if shown and not local.stands_in:
+            acts = np.isinf(known_to) or name not in ("chi", *LINE)
+            value = float(np.mean(np.asarray(local.start))) if acts else None
+            parameters[name] = Estimate(value, method="fixed")
+    return parameters, values, labels
 
 
 def _determined_between(fit: ComponentFit, spec: SetSpec, g: int) -> tuple[float, float]:

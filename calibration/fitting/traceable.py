@@ -5,33 +5,8 @@
 
 Everything here is traceable: `jax.jit`, `vmap`, `grad` and `hessian` work through it.
 
-With NumPyro (in float64, `sj.enable_x64()`):
-
-    def model():
-        chi = numpyro.sample("chi", dist.LogNormal(0.0, 1.0))
-        eps_up = numpyro.sample("eps_up", dist.Uniform(0.0, 1.0))
-        noise = numpyro.sample("noise", dist.HalfNormal(0.1))
-        theta = {"chi": chi, "eps_up": eps_up, "noise": noise}
-        numpyro.factor("likelihood", problem.log_likelihood(theta))
-
-    mcmc = MCMC(NUTS(model), num_warmup=500, num_samples=500)
-    mcmc.run(jax.random.key(0))
-
-With BlackJAX, in the logarithms of the parameters (their sum is that of ln |dθ/dz|):
-
-    def log_density(z):
-        theta = {name: jnp.exp(value) for name, value in z.items()}
-        prior = sum(-0.5 * value**2 / 4 for value in z.values())
-        return problem.log_likelihood(theta) + prior
-
-    z = {name: jnp.log(value) for name, value in {**problem.start, "noise": 0.01}.items()}
-    warmup = blackjax.window_adaptation(blackjax.nuts, log_density)
-    (state, tuned), _ = warmup.run(jax.random.key(0), z, 500)
-    step = jax.jit(blackjax.nuts(log_density, **tuned).step)
-    for key in jax.random.split(jax.random.key(1), 500):
-        state, info = step(key, state)
-
-`FitResult.posterior` does the latter with priors, transforms and diagnostics of its own.
+The reference's page `how_to` samples it by NumPyro and BlackJAX; `FitResult.posterior` does the latter
+with priors, transforms and diagnostics of its own.
 """
 
 import math

@@ -8,7 +8,6 @@ none     θ = z, kept within its bounds
 import math
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
@@ -50,24 +49,16 @@ class Transform(NamedTuple):
 
     def slope(self, z: Vector) -> Vector:
         """dθ/dz."""
-        low, high = self._finite()
-        theta = self.physical(z)
         inside = (self.lower <= z) & (z <= self.upper)
-        # not θ - lower, which cancels near the bound
-        log = np.exp(np.clip(np.where(self.kind == LOG, z, 0.0), -690, 690))
-        above = np.exp(-np.clip(np.where(self.kind == FROM_ABOVE, z, 0.0), -690, 690))
-        size = np.exp(-np.abs(np.where(self.kind == LOGIT, np.clip(z, -690, 690), 0.0)))
-        logit = (high - low) * size / (1 + size) ** 2
-        by_kind = [np.where(inside, 1.0, 0.0), log, logit, above]
-        return np.choose(np.broadcast_to(self.kind, theta.shape), by_kind)
+        return np.where(self.kind == NONE, inside, np.exp(self.log_slope(z, np)))
 
-    def log_slope(self, z: Any) -> Any:
-        """ln |dθ/dz| of (..., p), in JAX: what a density of θ is multiplied by in z."""
+    def log_slope(self, z: Any, xp: Any = jnp) -> Any:
+        """ln |dθ/dz| of (..., p): what a density of θ is multiplied by in z."""
         low, high = self._finite()
-        at = jnp.clip(z, -LARGEST_EXPONENT, LARGEST_EXPONENT)
-        logit = np.log(np.where(self.kind == LOGIT, high - low, 1.0)) - jax.nn.softplus(at)
-        by_kind = [jnp.zeros_like(at), at, logit - jax.nn.softplus(-at), -at]
-        return jnp.choose(np.broadcast_to(self.kind, at.shape), by_kind, mode="clip")
+        at = xp.clip(z, -LARGEST_EXPONENT, LARGEST_EXPONENT)
+        logit = np.log(np.where(self.kind == LOGIT, high - low, 1.0)) - xp.logaddexp(0.0, at)
+        by_kind = [xp.zeros_like(at), at, logit - xp.logaddexp(0.0, -at), -at]
+        return xp.choose(np.broadcast_to(self.kind, at.shape), by_kind, mode="clip")
 
     def unconstrained(self, theta: Any, xp: Any = np) -> Any:
         """z(θ), the inverse; values at a bound or beyond are moved just inside."""

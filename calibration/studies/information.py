@@ -4,7 +4,7 @@
 
 is the information on ln θ, with A₀ that of a fit (the inverse of its covariance) or of priors, and V_i
 the variance of a planned ε. A planned shot is a point of the kind that the fit's data are (a drop from
-a height, a pair of velocities, a bounce, an ε with its own uncertainty); see `calibration.fitting.further`.
+a height, a pair of velocities, a bounce, an ε with its own uncertainty); see `calibration.fitting.curves`.
 """
 
 import math
@@ -22,8 +22,7 @@ from calibration.data.checks import as_number
 from calibration.data.json_file import plain
 from calibration.errors import DataError, did_you_mean
 from calibration.fitting.collisions import Route
-from calibration.fitting.curves import curve_and_slopes, yield_velocity
-from calibration.fitting.further import further_variances
+from calibration.fitting.curves import curve_and_slopes, further_variances, yield_velocity
 from calibration.fitting.laws import OF_CONTACT, eps_up_of, numbers_in
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.problem import Element

@@ -207,7 +207,11 @@ CASES = {
     "sensors, walton-braun, peak forces": {
         "simulate": partial(sensed, law=WALTON, peak_force=(0.03, True)),
         "law": "walton-braun",
-        "values": {"loading_stiffness": SPRING, "unloading_stiffness": 1.2 * SPRING, "growth": 60.0},
+        "values": {
+            "loading_stiffness": SPRING,
+            "unloading_stiffness": 1.2 * SPRING,
+            "growth": 60.0,
+        },
     },
     "sensors, zhou, contact times and dents": {
         "simulate": partial(
