@@ -40,8 +40,18 @@ def file_names(prefix: str) -> tuple[str, ...]:
 def files(export: Export, header: str) -> dict[str, str]:
     """The files of an export by name."""
     values = functors_of(export.code_law, export.poisson_ratio, export.peak)
-    density = export.target.density or 1000.0
-    return {"softjax_yade.py": rendered("yade.py.in", export=export, density=density, **values)}
+    return {"softjax_yade.py": rendered("yade.py.in", export=export, **values, **_example(export))}
+
+
+def _example(export: Export) -> dict[str, Any]:
+    """A ball that hits a wall, or a like ball: of the mass that damping is written for."""
+    target, wall = export.target, bool(export.target.on_wall)
+    like = 1 if wall else 2  # radius and mass over the effective ones
+    radius = like * number_of(target.contact.radius)
+    density = like * number_of(target.contact.mass) / (4 / 3 * math.pi * radius**3)
+    height = radius * (0.1 + like)
+    speed = math.sqrt(target.range[0] * target.range[1])
+    return {"wall": wall, "radius": radius, "density": density, "height": height, "speed": speed}
 
 
 def functors_of(law: Any, poisson_ratio: float, peak: float) -> dict[str, str]:

@@ -4,6 +4,7 @@ Each file runs once in its code: 24 pairs of balls, or balls on a wall, side by 
 eight parts of a time step before they touch.
 """
 
+import ast
 import json
 import math
 import os
@@ -113,9 +114,21 @@ def in_script(code, folder, impacts, wall, steps) -> np.ndarray:
 
 
 def in_yade(folder, impacts, wall, steps) -> np.ndarray:
-    text = YADE.format(
-        density=DENSITY, impacts=impacts, radius=RADIUS, wall=wall, width=4 * RADIUS, steps=steps
+    return yade(
+        folder,
+        YADE.format(
+            density=DENSITY,
+            impacts=impacts,
+            radius=RADIUS,
+            wall=wall,
+            width=4 * RADIUS,
+            steps=steps,
+        ),
     )
+
+
+def yade(folder, text: str) -> np.ndarray:
+    """The numbers of the line RESULT … that a script prints."""
     (folder / "script.py").write_text(text, encoding="utf-8")
     command = ["yade", "-n", "-x", "-j1", "script.py"]
     ended = subprocess.run(command, cwd=folder, capture_output=True, text=True, errors="replace")
@@ -166,3 +179,29 @@ def test_what_is_written_keeps_its_promise(code, law, wall, tmp_path):
     given, wanted = made.choice.impacts.coefficient[some], made.target.restitution[some]
     assert np.max(np.abs(restitution - given[:, None])) <= made.choice.steps.error + 1e-4
     assert np.max(np.abs(restitution - wanted[:, None])) <= made.choice.total + 1e-4 <= 0.0801
+
+
+AFTER = """
+O.run(round(2*0.1*{radius}/{speed}/O.dt), True)
+import json
+print("RESULT", json.dumps([b.state.vel[2] for b in O.bodies] + [ball.density, O.bodies[1].shape.radius]))
+"""
+
+
+@pytest.mark.codes
+@MARKS["yade"][0]
+@pytest.mark.parametrize("law", ["linear", "hertz-dashpot"])
+@pytest.mark.parametrize("wall", [True, False])
+def test_the_example_of_the_file_runs_as_pasted(law, wall, tmp_path):
+    """A nylon ball, 0.1 R away from a wall or from a like ball, rebounds at ε."""
+    contact = sj.Contact.with_wall(sj.NYLON, wall=sj.NYLON, radius=0.004)
+    if not wall:
+        contact = sj.Contact.between_spheres(sj.NYLON, sj.NYLON, 0.004, 0.004)
+    options = {"velocity_range": (1.0, 4.0), "law": law, "on_wall": wall, "tolerance": 0.02}
+    made = cal.export(sj.ConstantRestitution(contact, 0.8), "yade", tmp_path, **options)
+    example = ast.get_docstring(ast.parse((tmp_path / "softjax_yade.py").read_text("utf-8")))
+    *velocity, density, radius = yade(tmp_path, example + AFTER.format(radius=0.004, speed=2.0))
+    assert density == pytest.approx(float(sj.NYLON.density), rel=1e-6)
+    assert radius == pytest.approx(0.004, rel=1e-6)
+    found = (velocity[1] - velocity[0]) / 2.0  # gravity adds 0.1 % to the speed
+    assert found == pytest.approx(0.8, abs=made.choice.total + 1e-3)

