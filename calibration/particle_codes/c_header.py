@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 import softjax as sj
+from calibration.particle_codes.c_table import PANELS
 from calibration.particle_codes.target import end_of, number_of
 from calibration.particle_codes.templates import rendered
 from softjax.fields import numbers_of
@@ -54,7 +55,11 @@ def header_of(
     name = FORMULAS.get(type(law), "table.h")
     values = _values(law, losses) if table is None else dict(table)
     independent = isinstance(law, sj.RateIndependentLaw)
-    values |= {"name": name, "end": None if independent else end_of(law)}
+    values |= {
+        "name": name,
+        "end": None if independent else end_of(law),
+        "panels": 1 if table is None else PANELS,
+    }
     values |= {"hold": hold, "hold_below": velocity_range[0] if hold else 0.0}
     values |= {
         "slowest": 0.0 if hold else velocity_range[0],

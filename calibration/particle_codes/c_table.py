@@ -18,7 +18,11 @@ ROWS, COLUMNS = 129, 33
 BEYOND = 1.1  # the table ends at this many times the largest overlap of the range
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)
 AT_KINKS = 5e-5  # error of ε at a kink of the force, where 2e-5 was seen
-FINE = 16  # midpoint sums of works with this many times the header's points are exact in comparison
+PANELS, FINE = (
+    16,
+    16,
+)  # of the header's sums of works; with as many times more they are exact in comparison
+TEN = np.polynomial.legendre.leggauss(10)
 
 
 def table_of(law: Any, impacts: Impacts, losses: bool = True) -> tuple[dict[str, Any], float]:
@@ -46,7 +50,7 @@ def table_of(law: Any, impacts: Impacts, losses: bool = True) -> tuple[dict[str,
     at_knots = np.gradient(squared, edge_order=2)  # Catmull and Rom's cubic, as in the header
     curve = CubicHermiteSpline(np.linspace(0, 1, ROWS), squared, (ROWS - 1) * at_knots)
     by_table = np.sqrt(np.clip(curve(np.sqrt(impacts.peak / top)), 0, 1))
-    sums = _returned(law, impacts.peak, FINE * ROWS) / _returned(law, impacts.peak, ROWS)
+    sums = _returned(law, impacts.peak, FINE * PANELS) / _returned(law, impacts.peak, PANELS)
     error = float(np.max(np.abs(by_table * np.sqrt(sums) - impacts.coefficient)))
     return values | {name: _text(table) for name, table in tables.items()}, error + AT_KINKS
 
@@ -78,12 +82,13 @@ def _velocities(law: Any, peaks: np.ndarray) -> np.ndarray:
     return np.sqrt(2 * np.append(0.0, np.cumsum(work)) / number_of(law.contact.mass))
 
 
-def _returned(law: Any, peak: np.ndarray, points: int) -> np.ndarray:
-    """Work on unloading over work on loading, by the header's midpoint rule in √δ."""
-    root = (np.arange(points)[:, None] + 0.5) / points
-    overlap = peak * root**2
+def _returned(law: Any, peak: np.ndarray, panels: int) -> np.ndarray:
+    """Work on unloading over work on loading, by the header's rule in √δ."""
+    nodes, weights = TEN
+    root = np.ravel(np.arange(panels)[:, None] + (1 + nodes) / 2)[:, None] / panels
+    weight, overlap = np.tile(weights, panels)[:, None] * root, peak * root**2
     unloading = np.maximum(np.asarray(unloading_force(law, overlap, peak)), 0.0)
-    return np.sum(root * unloading, axis=0) / np.sum(root * _loading(law, overlap), axis=0)
+    return np.sum(weight * unloading, axis=0) / np.sum(weight * _loading(law, overlap), axis=0)
 
 
 def _text(array: np.ndarray) -> str:

@@ -203,7 +203,7 @@ def test_a_softer_law_has_the_same_restitution_at_longer_steps(exported, header)
 
 
 def test_a_users_law_goes_by_a_table_that_gains_no_energy(exported, in_c):
-    """An impact returns ε² of its energy but for the sums of both works: at most 1.3e-4 of it was seen."""
+    """An impact returns ε² of its energy but for the sums of both works: 6e-6 of it were seen, at the kink."""
     velocity = np.geomspace(0.1, 5, 128)
     made, _ = exported(KINKED, "c", law="exact", steps=50, tolerance=0.5)
     one, hit = in_c(KINKED), sj.restitution(KINKED, velocity)
@@ -214,7 +214,7 @@ def test_a_users_law_goes_by_a_table_that_gains_no_energy(exported, in_c):
     np.testing.assert_allclose(one.forces(overlaps)[0][1:], expected[1:], rtol=2e-3)
     for top in np.linspace(1e-5, 8e-5, 20):
         gain, most = one.gained([0.0, top, 0.0], contact=PAIR)
-        assert gain <= 3e-4 * most
+        assert gain == pytest.approx(-0.01 * most, abs=2e-5 * most)
 
 
 @pytest.mark.parametrize("name", [*INDEPENDENT, "kinked"])

@@ -81,31 +81,11 @@ SOFTJAX_INLINE softjax_real softjax_unloading(softjax_real x, softjax_real peak,
   return (softjax_real)force;
 }
 
-/* works by the midpoint rule over sqrt(overlap) */
-SOFTJAX_INLINE double softjax_works(double peak, double *down) {
-  double up = 0, slope;
-  int i;
-  *down = 0;
-  for (i = 0; i < SOFTJAX_ROWS; i++) {
-    const double root = (i + 0.5) / SOFTJAX_ROWS, x = peak * root * root;
-    const double force = softjax_unloading_at(x, peak, &slope);
-    up += root * softjax_loading_at(x, &slope);
-    if (force > 0) *down += root * force;
-  }
-  *down *= 2 * peak / SOFTJAX_ROWS;
-  return up * 2 * peak / SOFTJAX_ROWS;
-}
-
-SOFTJAX_INLINE softjax_real softjax_loading_work(softjax_real peak) {
-  double down;
-  return (softjax_real)softjax_works((double)peak, &down);
-}
-
 /* so that an impact on these very tables gives eps^2 of its energy back: no cycle gains any */
 SOFTJAX_INLINE softjax_real softjax_factor(const softjax_pair *pair, softjax_real largest) {
   const double peak = (double)largest;
-  double down, slope, squared;
-  const double up = softjax_works(peak, &down);
+  const double up = softjax_loading_work(peak), down = softjax_work(0, peak, peak);
+  double slope, squared;
   (void)pair;
   squared = softjax_cubic(softjax_squared_table, SOFTJAX_ROWS, sqrt(peak) * (SOFTJAX_ROWS - 1), &slope);
   squared = squared > 1 ? 1 : squared < 0 ? 0 : squared;

@@ -17,11 +17,6 @@ SOFTJAX_INLINE softjax_real softjax_loading(softjax_real x, softjax_real *slope)
   return x > 1 ? 1 + 3 * (x - 1) / 2 : x * root;
 }
 
-SOFTJAX_INLINE softjax_real softjax_loading_work(softjax_real x) {
-  if (x <= 1) return 2 * x * x * softjax_sqrt(x) / 5;
-  return (x - 1) * (1 + 3 * (x - 1) / 4) + (softjax_real)0.4;
-}
-
 /* Hertz's force about what remains, with the contact radius of the peak */
 SOFTJAX_INLINE softjax_real softjax_unloading(softjax_real x, softjax_real peak,
                                               softjax_real *slope) {
@@ -33,10 +28,4 @@ SOFTJAX_INLINE softjax_real softjax_unloading(softjax_real x, softjax_real peak,
   root = part > 0 ? softjax_sqrt(part) : 0;
   *slope = 3 * largest * root / (2 * back);
   return largest * part * root;
-}
-
-SOFTJAX_INLINE softjax_real softjax_factor(const softjax_pair *pair, softjax_real peak) {
-  (void)pair;
-  (void)peak;
-  return 1; /* no losses but those of the force */
 }

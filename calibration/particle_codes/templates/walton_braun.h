@@ -18,19 +18,9 @@ SOFTJAX_INLINE softjax_real softjax_loading(softjax_real overlap, softjax_real *
   return SOFTJAX_LOADING_STIFFNESS * overlap;
 }
 
-SOFTJAX_INLINE softjax_real softjax_loading_work(softjax_real overlap) {
-  return SOFTJAX_LOADING_STIFFNESS * overlap * overlap / 2;
-}
-
 SOFTJAX_INLINE softjax_real softjax_unloading(softjax_real overlap, softjax_real peak,
                                               softjax_real *slope) {
   const softjax_real largest = SOFTJAX_LOADING_STIFFNESS * peak;
   *slope = SOFTJAX_UNLOADING_STIFFNESS + SOFTJAX_GROWTH * largest;
   return largest - *slope * (peak - overlap);
-}
-
-SOFTJAX_INLINE softjax_real softjax_factor(const softjax_pair *pair, softjax_real peak) {
-  (void)pair;
-  (void)peak;
-  return 1; /* no losses but those of the force */
 }
