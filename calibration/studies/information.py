@@ -39,6 +39,8 @@ NOT_KNOWN = 1.0  # relative standard error from which a combination counts as le
 NO_BOUND = 100.0  # and from which no number is given for it
 ALMOST_NOTHING = 1e-6  # prior information on each ln θ: known to a factor e^1000 beforehand
 TAKES_PART = 0.2  # share of a parameter in a direction from which it is named
+ROUNDED = 1.1  # times the error of a direction: that of its product with the exponents as written
+DECIMALS = range(2, 9)
 BY_HAND = (
     "to plan elsewhere take the law with values given by hand: `softjax sensitivity FILE.toml "
     "--chi … --sigma … --psi … --study design --from …`"
@@ -373,7 +375,13 @@ class Information:
     def words(self) -> tuple[str, ...]:
         """Each direction in a sentence, the best known first."""
         values, vectors = self.directions
-        return tuple(_sentence(self.symbols, *pair) for pair in zip(values, vectors.T, strict=True))
+        errors = np.maximum(values, NO_BOUND**-2) ** -0.5
+        return tuple(
+            _sentence(
+                self.symbols, value, *_exponents(direction, errors[:, None] * vectors.T, error)
+            )
+            for value, direction, error in zip(values, vectors.T, errors, strict=True)
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON: undefined numbers are None."""
@@ -500,10 +508,28 @@ def _span(values: Column) -> str:
     return low if low == high else f"{low} to {high}"
 
 
-def _sentence(symbols: Sequence[str], eigenvalue: float, direction: np.ndarray) -> str:
+def _exponents(direction: np.ndarray, factor: np.ndarray, error: float) -> tuple[np.ndarray, int]:
+    """Exponents of a direction with as few letters and decimals as leave its error what it is.
+
+    A letter of a small exponent matters where its own error is large.
+
+    Args:
+        factor: F with Fᵀ F the covariance of ln θ.
+    """
+    few = np.where(np.abs(direction) > TAKES_PART, direction, 0.0).round(2)
+    if error >= NOT_KNOWN:
+        return few, 2
+    tries = [(few, 2), *((direction.round(k), k) for k in DECIMALS)]
+    enough = (one for one in tries if np.linalg.norm(factor @ one[0]) < ROUNDED * error)
+    return next(enough, tries[-1])
+
+
+def _sentence(
+    symbols: Sequence[str], eigenvalue: float, exponents: np.ndarray, decimals: int
+) -> str:
     error = math.inf if eigenvalue <= 0 else eigenvalue**-0.5
-    taking_part = [i for i, share in enumerate(direction) if abs(share) > TAKES_PART]
-    product = " · ".join(_power(symbols[i], float(direction[i])) for i in taking_part)
+    taking_part = np.flatnonzero(exponents)
+    product = " · ".join(_power(symbols[i], float(exponents[i]), decimals) for i in taking_part)
     letters = " and ".join(symbols[i] for i in taking_part)
     if error < NOT_KNOWN:
         return f"{product} will be known to {100 * error:.2g} %"
@@ -518,5 +544,5 @@ def _open(error: float) -> str:
     return f"standard error of its logarithm {error:.2g}"
 
 
-def _power(symbol: str, exponent: float) -> str:
-    return symbol if abs(exponent - 1) < 0.005 else f"{symbol}^{exponent:.2f}"
+def _power(symbol: str, exponent: float, decimals: int) -> str:
+    return symbol if exponent == 1 else f"{symbol}^{exponent:.{decimals}f}"

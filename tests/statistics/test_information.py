@@ -106,6 +106,31 @@ def test_directions_are_told_in_words():
     )
 
 
+@pytest.mark.parametrize("below", [0, 4])
+def test_a_product_is_known_as_its_sentence_says(below):
+    """By the covariance of differences: a letter of a small exponent counts where its error is large."""
+    v = np.append(np.geomspace(0.03, 0.6, below), np.geomspace(6.0, 250.0, 5)) * CRITICAL
+    found = cal.fisher_information(LAW, v, 0.003)
+    assert len(found.names) == (3 if below else 2)
+    if below:
+        h, slopes = 1e-6, []
+        for name in found.names:
+            values = [sj.restitution(moved(name, 1 + s), v).coefficient for s in (h, -h)]
+            slopes.append(np.asarray(values[0] - values[1]) / (2 * h) / 0.003)
+        covariance = np.linalg.inv(np.array(slopes) @ np.transpose(slopes))
+    else:
+        covariance = found.covariance
+    for sentence in (one for one in found.words if "will be known" in one):
+        product, error = sentence.removesuffix(" %").split(" will be known to ")
+        exponents = dict.fromkeys(found.symbols, 0.0)
+        for factor in product.split(" · "):
+            symbol, _, exponent = factor.partition("^")
+            exponents[symbol] = float(exponent or 1)
+        power = np.array(list(exponents.values()))
+        known = 100 * np.sqrt(power @ covariance @ power)
+        assert known == pytest.approx(float(error), rel=0.15)
+
+
 def test_an_impact_without_rebound_tells_nothing():
     """Far above what a soft, lossy contact gives back: ε = 0 whatever χ̃ is."""
     law, v = fitted("nylon", chi=3.0, sigma=3.0), np.append(np.linspace(1.0, 20.0, 11), 180.0)
