@@ -97,12 +97,6 @@ def _check_dof(dof: Any) -> Any:
     return number
 
 
-def _route_to_json(route: Any) -> Any:
-    if route is None or isinstance(route, str):
-        return route
-    return {"name": route.name, **vars(route)}
-
-
 def _names(every: Iterable[str]) -> WithJsonSchema:
     return WithJsonSchema({"enum": [*every, None]})
 
@@ -113,7 +107,10 @@ Dof = Annotated[
 ]
 Objective = Annotated[Literal["model", "two-step"] | None, BeforeValidator(_check_objective)]
 Route = Annotated[
-    Any, BeforeValidator(_check_route), PlainSerializer(_route_to_json), _names(ROUTES)
+    Any,
+    BeforeValidator(_check_route),
+    PlainSerializer(lambda one: {"name": one.name, **vars(one)} if hasattr(one, "name") else one),
+    _names(ROUTES),
 ]
 Line = Annotated[
     Literal["curves", "weighted"] | None,

@@ -240,8 +240,9 @@ class RestitutionData:
                 rows = np.flatnonzero(np.isfinite(values))
                 known = name if name != "dent_diameter" else DENTS[self.dent]
                 of_rows = None if uncertainty is None else uncertainty[rows]
-                radius = None if self.contact is None else self.contact.radius
-                radius = radius[rows] if np.ndim(radius) else None
+                radius = None
+                if self.contact is not None and np.ndim(self.contact.radius):
+                    radius = self.contact.radius[rows]
                 scale = scale_of(values[rows], self.velocity[rows], radius)
                 found.append(Observed(known, rows, values[rows], of_rows, scale))
         return tuple(one for one in found if len(one))

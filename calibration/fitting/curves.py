@@ -23,10 +23,9 @@ from calibration.fitting.laws import OF_CONTACT, model_of_class
 from calibration.fitting.material import Band, Goodness, MaterialFit
 from calibration.fitting.problem import Element, Points, Problem, block_name
 from calibration.fitting.rows import Rows, SetRows
-from calibration.fitting.transform import Transform
 from calibration.fitting.uncertainty import Freedom, quantile
 from calibration.observables import PLACES, RESTITUTION
-from calibration.parameters import Parameter
+from calibration.parameters import Parameter, Transform
 
 MODULUS_STEP = 1e-4  # of E, in the difference that gives ∂ ln t/∂ ln E
 LEAST_SLOPE = 1e-3  # of ln t in ln E, below which contact times do not depend on E

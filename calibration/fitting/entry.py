@@ -4,7 +4,7 @@ import importlib.metadata
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import jax
@@ -92,7 +92,11 @@ def _fitted(request: Request) -> FitResult:
         fits.append(fit_component(component, request.options))
     request.tell("fit", len(components), len(components))
     line = fit_line(request, fits)
-    curves = _profiles(request, fits)
+    curves: list[dict[str, Profile]] = [{} for _ in fits]
+    if request.options.profiles:
+        tell = partial(request.tell, "profiles", total=len(fits))
+        curves = profiles_of(fits, request.options.confidence, tell)
+        tell(len(fits))
     found_warnings: list[FitWarning] = []
     materials: dict[int, MaterialFit] = {}
     of_drag: dict[str, Estimate] = {}
@@ -136,15 +140,6 @@ def _fitted(request: Request) -> FitResult:
         pooled=pooled_of(fits, request.options.confidence) | of_drag,
         fits=tuple(fits),
     )
-
-
-def _profiles(request: Request, fits: list[ComponentFit]) -> list[dict[str, Profile]]:
-    if not request.options.profiles:
-        return [{} for _ in fits]
-    tell = lambda done: request.tell("profiles", done, len(fits))  # noqa: E731
-    curves = profiles_of(fits, request.options.confidence, tell)
-    tell(len(fits))
-    return curves
 
 
 def _covariances(fits: list[ComponentFit]):

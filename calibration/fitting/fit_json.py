@@ -267,7 +267,18 @@ def read_result(path: str | Path, law: Any = None) -> dict[str, Any]:
     try:
         found = ResultFile.model_validate_json(text, strict=True)
         _check(found)
-        return _parts(found, law)
+        datasets = tuple(one.data.data(one.material) for one in found.fits)
+        other = {"fits", "format", "converged", "confidence", "freedom", "covariance"}
+        other |= {"covariance_of_predictions"}
+        pairs = zip(found.fits, datasets, strict=True)
+        return {name: value for name, value in found if name not in other} | {
+            "request": found.request.request(datasets, law),
+            "materials": tuple(one.fit(data, law) for one, data in pairs),
+            "covariance_names": found.covariance.names,
+            "covariance": found.covariance.matrix,
+            "of_predictions": found.covariance_of_predictions,
+            "freedoms": tuple(Freedom.from_dict(dict(one)) for one in found.freedom),
+        }
     except ValidationError as error:
         raise _refusal(path, error) from None
     except DataError as error:
@@ -293,22 +304,6 @@ def _refusal(path: str | Path, error: ValidationError) -> InputError:
 def _no_result(path: str | Path, error: DataError) -> InputError:
     problem = f"is no result of a fit: {error.argument} is {error.value}"
     return InputError(path, None, problem, f"it must be {error.accepted}; {OWN}")
-
-
-def _parts(found: ResultFile, law: Any) -> dict[str, Any]:
-    datasets = tuple(one.data.data(one.material) for one in found.fits)
-    other = {"fits", "format", "converged", "confidence", "freedom", "covariance"}
-    other |= {"covariance_of_predictions"}
-    return {name: value for name, value in found if name not in other} | {
-        "request": found.request.request(datasets, law),
-        "materials": tuple(
-            one.fit(data, law) for one, data in zip(found.fits, datasets, strict=True)
-        ),
-        "covariance_names": found.covariance.names,
-        "covariance": found.covariance.matrix,
-        "of_predictions": found.covariance_of_predictions,
-        "freedoms": tuple(Freedom.from_dict(dict(one)) for one in found.freedom),
-    }
 
 
 def _check(found: ResultFile) -> None:

@@ -466,21 +466,17 @@ ALIKE = 0.01  # of v_cr/(v_lim - v_cr): pairs that differ by less have one ε_up
 NOT_GIVEN = -1.0  # ε_up of data sets that have σ, beside others that have ε_up
 
 
-@dataclass(frozen=True)
-class ByOthers:
-    """build(contact, **parameters) of Zhou's law by c1 and c2, or by ε_up."""
-
-    options: tuple[tuple[str, str], ...] = ()
-
-    def __call__(self, contact: sj.Contact, **values: Any) -> sj.ContactLaw:
-        chi = values["chi"] if "chi" in values else chi_on_line(contact, values)
-        psi = values["psi"]
-        sigma = values.get("sigma")
-        if "eps_up" in values:
-            given = jnp.asarray(values["eps_up"]) != NOT_GIVEN
-            of_eps_up = sigma_of(contact, jnp.where(given, values["eps_up"], 0.5), psi)
-            sigma = of_eps_up if sigma is None else jnp.where(given, of_eps_up, sigma)
-        return sj.Zhou(contact, chi=chi, sigma=sigma, psi=psi, **dict(self.options))
+def zhou_by_others(contact: sj.Contact, **values: Any) -> sj.ContactLaw:
+    """Zhou's law by c1 and c2, or by ε_up."""
+    given = {name: values.pop(name) for name in (*LINE, "eps_up") if name in values}
+    if "chi" not in values:
+        values["chi"] = chi_on_line(contact, given)
+    if "eps_up" in given:
+        is_given = jnp.asarray(given["eps_up"]) != NOT_GIVEN
+        sigma = sigma_of(contact, jnp.where(is_given, given["eps_up"], 0.5), values["psi"])
+        has_both = "sigma" in values
+        values["sigma"] = jnp.where(is_given, sigma, values["sigma"]) if has_both else sigma
+    return sj.Zhou(contact, **values)
 
 
 def zhou_model(names: Iterable[str], options: Mapping[str, str]) -> LawModel:
@@ -495,7 +491,7 @@ def zhou_model(names: Iterable[str], options: Mapping[str, str]) -> LawModel:
     known = declarations(sj.Zhou) | EXTRA
     return LawModel(
         "zhou",
-        ByOthers(tuple(plain.options.items())),
+        With(zhou_by_others, tuple(plain.options.items())),
         sj.Zhou,
         {name: known[name] for name in chosen},
         options=plain.options,

@@ -3,7 +3,7 @@
 Sets that share no parameter are fits of their own, whatever else is fitted beside them: components. A
 component has one vector z of all its elements, and one problem a stage, which searches some of them."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +15,7 @@ from calibration.errors import DataError
 from calibration.fitting.branches import held_at
 from calibration.fitting.collisions import Route
 from calibration.fitting.laws import (
+    CONTACT_LEAVES,
     MOVE_YIELD,
     NOT_GIVEN,
     OF_CONTACT,
@@ -25,9 +26,8 @@ from calibration.fitting.laws import (
 from calibration.fitting.problem import DRAG, Element, Points, Problem, pools_of
 from calibration.fitting.request import Request, SetSpec, blocks_of, placed
 from calibration.fitting.rows import Rows, SetRows
-from calibration.fitting.transform import Transform
 from calibration.observables import OBSERVABLES, PLACES, RESTITUTION
-from calibration.parameters import Parameter
+from calibration.parameters import Parameter, Transform
 from softjax.fields import Declared
 
 LEAST_RANGE, POWERS = 0.2, (-1.0, 0.0)  # of ln v, and of what power of v a curve may be
@@ -185,15 +185,19 @@ def _check_counts(component: Component) -> None:
 def _stages(component: Component, route: Route):
     """One stage by `model`; by `two-step` Eq. (17)'s, then the law's with what that gave."""
     every = range(len(component.elements))
+    names = (one.name for spec in component.specs for one in spec.local)
+    rows = _rows(component, component.specs[0].model, {name: name for name in names})
     if component.specs[0].objective == "model":
-        yield "model", _problem(component, _law_rows(component), list(every), route)
+        yield "model", _problem(component, rows, list(every), route)
         return
     first = [k for k in every if component.elements[k].name in EMPIRICAL]
-    yield "Eq. (17)", _problem(component, _empirical_rows(component), first, None)
+    eq_17 = model_of_class(sj.EmpiricalRestitution, "eq-17", {})
+    names_17 = {name.removeprefix(OF_CONTACT): name for name in EMPIRICAL}
+    yield "Eq. (17)", _problem(component, _rows(component, eq_17, names_17), first, None)
     rest = [k for k in every if k not in first]
     # by the energy balance more slopes cost next to nothing: then curve and band share the program
     more = [] if isinstance(route, sj.ODE) else every
-    yield "model", _problem(component, _law_rows(component), rest, route, more)
+    yield "model", _problem(component, rows, rest, route, more)
 
 
 def _problem(
@@ -267,36 +271,20 @@ def by_drag_of(data: RestitutionData, observable: str = RESTITUTION) -> np.ndarr
     return np.where(np.isfinite(eps), np.clip(power, *POWERS) * smooth * slower - of_eps, 0.0)
 
 
-def _law_rows(component: Component) -> Rows:
-    """Of each data set's law; what is said for others alone has the value of this one's contact."""
-    first = component.specs[0]
-    names = dict.fromkeys(one.name for spec in component.specs for one in spec.local)
-    every = []
-    for spec in component.specs:
-        start = {one.name: one.start for one in spec.local}
-        bodies = {n: getattr(spec.data.contact, n.removeprefix(OF_CONTACT), None) for n in names}
-        every.append({n: (n, start.get(n, bodies[n])) for n in names})
-    return _rows(component, first.model, every)
+def _rows(component: Component, model: LawModel, names: Mapping[str, str]) -> Rows:
+    """Of one law for all data sets, from the element behind each of its parameters.
 
-
-def _empirical_rows(component: Component) -> Rows:
-    """The rows of Eq. (17) with the σ, ψ and limit velocity of each data set's own law."""
-    model = model_of_class(sj.EmpiricalRestitution, "eq-17", {})
-    every = []
-    for spec in component.specs:
-        told = {"limit_velocity": (LIMIT, spec.data.limit_velocity)}
-        for one in spec.local:
-            if one.name in EMPIRICAL:
-                told[one.name.removeprefix(OF_CONTACT)] = (one.name, one.start)
-        every.append(told)
-    return _rows(component, model, every)
-
-
-def _rows(component: Component, model: LawModel, every) -> Rows:
-    """Of one law for all data sets, from the element's name and the value of each parameter."""
+    What is said for other sets alone has the value of this one's contact.
+    """
     sets = []
-    for g, spec, told in zip(component.sets, component.specs, every, strict=True):
-        places = component.places(g)
-        local = {name: (places.get(full, -1), value) for name, (full, value) in told.items()}
+    for g, spec in zip(component.sets, component.specs, strict=True):
+        places, start = component.places(g), {one.name: one.start for one in spec.local}
+        bodies = {
+            OF_CONTACT + leaf: getattr(spec.data.contact, leaf, None) for leaf in CONTACT_LEAVES
+        }
+        if "limit_velocity" in names:  # Eq. (17)'s own
+            bodies[LIMIT] = spec.data.limit_velocity
+        known = bodies | start
+        local = {name: (places.get(full, -1), known.get(full)) for name, full in names.items()}
         sets.append(SetRows(len(spec.data), spec.data.contact, local))
     return Rows.of(model, sets)

@@ -29,9 +29,8 @@ from calibration.fitting.collisions import (
 )
 from calibration.fitting.errors import Carried, Errors
 from calibration.fitting.rows import Laws, Leaves
-from calibration.fitting.transform import Transform
 from calibration.observables import OBSERVABLES, RESTITUTION
-from calibration.parameters import Parameter
+from calibration.parameters import Parameter, Transform
 from softjax.fields import Declared
 
 Z = Float[np.ndarray, "fits elements"]
@@ -556,15 +555,14 @@ class Problem:
         if elastic is not None:
             elastic = np.broadcast_to(elastic, (fits, self.count))[:, at].ravel()
         shape, moving = self.laws.shape, self.laws.moving
-        if name != RESTITUTION:
-            found = expand(shape, flat, velocity, moving, self.route, None, name)
-            value, slopes, status = (a.reshape(*a.shape[:-1], fits, len(row)) for a in found)
+        is_eps = name == RESTITUTION
+        found = expand(shape, flat, velocity, moving, self.route, elastic if is_eps else None, name)
+        value, slopes, status = (a.reshape(*a.shape[:-1], fits, len(row)) for a in found)
+        if not is_eps:
             return value / self.points.unit[at], slopes / self.points.unit[at], status
-        found = expand(shape, flat, velocity, moving, self.route, elastic)
-        squared, slopes, status = (a.reshape(*a.shape[:-1], fits, len(row)) for a in found)
         if self.guided:
-            return extended_root(squared), slopes * extended_root_slope(squared), status
-        return root(squared), slopes * root_slope(squared), status
+            return extended_root(value), slopes * extended_root_slope(value), status
+        return root(value), slopes * root_slope(value), status
 
     def _local_slopes(self, slopes, of_leaves) -> Float[np.ndarray, "free fits points"]:
         """dε/d(local parameter), from the slopes in the leaves."""

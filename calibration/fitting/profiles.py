@@ -18,8 +18,8 @@ from calibration.fitting.search import FARTHEST as FURTHEST
 from calibration.fitting.search import search
 from calibration.fitting.stages import ComponentFit
 from calibration.fitting.steps import condense
-from calibration.fitting.transform import LOGIT, NONE
 from calibration.fitting.uncertainty import asks_for_curvature, quantile
+from calibration.parameters import LOGIT, NONE
 from calibration.schema import Real
 
 FARTHEST = 12.0  # in z from the estimate (factors of e): beyond, an interval is open

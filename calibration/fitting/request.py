@@ -257,9 +257,9 @@ def _reach(parameter: Parameter, own: Any) -> tuple[Any, Any]:
 def _located(data, model: LawModel, given: dict[str, Parameter]):
     """Start and range of every parameter, and how those that are whole are put together."""
     known = KNOWN.get(model.key)
-    guess = dict(known.guess(data)) if known and _guessable(known, data) else {}
-    held = dict(known.held(data)) if known and _guessable(known, data) else {}
-    ranges = dict(known.ranges(data)) if known and _guessable(known, data) else {}
+    if known is None or (data.contact is None and model.key not in WITHOUT_CONTACT):
+        known = Known(model.law_type, "")
+    guess, held, ranges = dict(known.guess(data)), known.held(data), known.ranges(data)
     local: list[Element] = []
     trees: list[Tree] = []
     for name in model.whole:
@@ -277,13 +277,9 @@ def _located(data, model: LawModel, given: dict[str, Parameter]):
             Parameter(free=False) if name in held or by_eps_up else Parameter(shared=name in LINE)
         )
         parameter = given.get(name, unsaid)
-        one = _local(data, model, name, parameter, guess | held, ranges)
+        one = _local(data, model, name, parameter, guess | {**held}, ranges)
         local.append(replace(one, stands_in=by_eps_up and name not in given))
     return tuple(local), tuple(trees)
-
-
-def _guessable(known: Known, data: RestitutionData) -> bool:
-    return data.contact is not None or known.law in (LAWS[name] for name in WITHOUT_CONTACT)
 
 
 def _local(data, model: LawModel, name: str, parameter: Parameter, guess, ranges) -> Element:

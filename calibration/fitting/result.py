@@ -231,29 +231,20 @@ class FitResult:
             if not 0 <= impact < count:
                 raise DataError("impact", impact, f"from 0 to {count - 1}")
             material = of_impact(material, impact)
+        level = self.confidence if confidence is None else checked_confidence(confidence)
         if draws is not None:
             if observable != RESTITUTION:
                 raise DataError("draws", "given", f"left out for {observable}")
             from calibration.fitting.posterior.draws import band_of_draws
 
-            level = self._level(confidence)
             return band_of_draws(draws, material, velocity, level, kind)
-        return self._band(material, velocity, confidence, kind, observable)
-
-    def _band(
-        self, material: MaterialFit, velocity, confidence, kind: str, observable: str = RESTITUTION
-    ) -> Band:
         names, covariance = self.covariance_names, self.of_predictions
         freedom = freedom_of(self.freedoms, material.name, material.labels.values())
-        level = self._level(confidence)
         route = self.request.route_of_curve(material.model.law_type)
         with np.errstate(over="ignore", invalid="ignore"):  # of numbers near the end of floats
             return band(
                 material, velocity, names, covariance, freedom, level, kind, route, observable
             )
-
-    def _level(self, confidence: float | None) -> float:
-        return self.confidence if confidence is None else checked_confidence(confidence)
 
     def degrees_of_freedom(self, label: str) -> float | None:
         """Of the noise behind a free parameter's standard error; None where the noise is stated."""

@@ -15,8 +15,8 @@ from jaxtyping import Bool, Float, Int
 
 from calibration.fitting.collisions import TINY_SQUARED
 from calibration.fitting.problem import Lanes, Problem
-from calibration.fitting.steps import TINY, Adam, Condensed, Lbfgs, Marquardt, condense
-from calibration.fitting.transform import NONE
+from calibration.fitting.steps import ADAM_STEPS, TINY, Condensed, Lbfgs, Marquardt, adam, condense
+from calibration.parameters import NONE
 
 STEP_TOLERANCE = 1e-9  # of the Gauss–Newton step left, in log units for most elements
 COST_TOLERANCE = 1e-15  # of the decrease it promises, relative to the cost
@@ -304,7 +304,7 @@ def search(
     if optimiser == "adam":
         z = _by_adam(problem, z, lanes)
     state = _Search(problem, z, np.nan if begun is None else begun, held, lanes, limit, releases)
-    state.evaluations += len(z) * Adam.STEPS * (optimiser == "adam")
+    state.evaluations += len(z) * ADAM_STEPS * (optimiser == "adam")
     if len(problem.active):
         fits, p = state.start.shape
         state.run(Marquardt(fits, p) if optimiser == "levenberg-marquardt" else Lbfgs(fits, p))
@@ -342,16 +342,19 @@ def guided_search(
 
 
 def _by_adam(problem: Problem, z, lanes: Lanes) -> np.ndarray:
-    """The best that Adam meets."""
+    """The best that Adam meets, in units of each element's own size."""
     x = z[:, problem.active]
     plain = problem.transform.kind[problem.active] == NONE
-    method = Adam(x, np.where(plain, np.abs(x) + 1e-3, 1.0))
+    unit = np.where(plain, np.abs(x) + 1e-3, 1.0)
+    begin, update = adam()
+    state = begin(x)
     best, lowest = np.array(z), np.full(len(z), np.inf)
-    for _ in range(Adam.STEPS):
+    for _ in range(ADAM_STEPS):
         found = problem.linearise(z, lanes)
         better = found.cost < lowest
         best[better], lowest[better] = z[better], found.cost[better]
         gradient = np.einsum("fmp,fm->fp", found.jacobian, found.residual)
+        change, state = update(unit * gradient, state)
         z = np.array(z)
-        z[:, problem.active] += method.step(gradient)
+        z[:, problem.active] += unit * np.asarray(change)
     return best

@@ -17,7 +17,6 @@ from calibration.fitting.problem import Element, Lanes, Problem
 from calibration.fitting.request import Request
 from calibration.fitting.search import Found, guided_search, search
 from calibration.fitting.steps import OPTIMISERS
-from calibration.fitting.transform import LOGIT, NONE
 from calibration.fitting.uncertainty import Uncertainty, uncertainty_of
 from calibration.fitting.variances import (
     first_variances,
@@ -29,6 +28,7 @@ from calibration.fitting.variances import (
 )
 from calibration.fitting.warnings import CONFIDENCE, runs
 from calibration.options import FitOptions
+from calibration.parameters import LOGIT, NONE
 from calibration.schema import Real
 
 DECADES = 3 * np.log(10)  # on either side of the start of a positive parameter

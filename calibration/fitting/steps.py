@@ -207,23 +207,6 @@ class Lbfgs:
         self.age = np.where(fits, 0, self.age)
 
 
-class Adam:
-    """optax's Adam with a cosine schedule, in units of each element's own size."""
-
-    STEPS = 200
-
-    def __init__(self, z: Steps, unit: Steps):
-        self.unit = unit
-        self.start, self.update = _adam_tools()
-        self.state = self.start(_filled(z, _many(len(z)), _sized(z.shape[1], 8)))
-
-    def step(self, gradient: Steps) -> Steps:
-        fits, p = gradient.shape
-        scaled = _filled(self.unit * gradient, _many(fits), _sized(p, 8))
-        change, self.state = self.update(scaled, self.state)
-        return self.unit * np.asarray(change)[:fits, :p]
-
-
 def _sized(count: int, least: int, ratio: int = 2) -> int:
     """Sizes are rounded up to powers of some ratio, so that few of them are compiled."""
     while least < count:
@@ -272,9 +255,13 @@ def _lbfgs(memory, gradient, place, need, renewed):
     return np.asarray(step)[:fits, :p], memory
 
 
+ADAM_STEPS = 200
+
+
 @lru_cache
-def _adam_tools():
+def adam():
+    """optax's Adam with a cosine schedule: what starts it, and what steps."""
     import optax
 
-    tool = optax.adam(optax.cosine_decay_schedule(0.1, Adam.STEPS))
-    return jax.jit(tool.init), jax.jit(tool.update)
+    tool = optax.adam(optax.cosine_decay_schedule(0.1, ADAM_STEPS))
+    return tool.init, jax.jit(tool.update)

@@ -23,10 +23,10 @@ from calibration.fitting.profiles import Profile, estimate_of, weighted_deviatio
 from calibration.fitting.request import Request, SetSpec, blocks_of
 from calibration.fitting.search import Found
 from calibration.fitting.stages import ComponentFit, StageFit, fitted
-from calibration.fitting.transform import NONE
 from calibration.fitting.uncertainty import leverages, quantile
 from calibration.fitting.warnings import FitWarning
 from calibration.observables import OBSERVABLES, RESTITUTION
+from calibration.parameters import NONE
 from calibration.rounding import with_error
 
 RARE = 0.05  # probability that the farthest of n normal errors is named

@@ -27,9 +27,9 @@ from calibration.fitting.errors import CALLED, LN_2PI, Carried, Errors
 from calibration.fitting.layout import Component, assemble
 from calibration.fitting.problem import Block, Element, Points, Pool, Problem, pools_of
 from calibration.fitting.request import Request, SetSpec, datasets_of
-from calibration.fitting.transform import Transform
 from calibration.observables import RESTITUTION, predicted
 from calibration.options import FitOptions
+from calibration.parameters import Transform
 
 START_SPREAD = 0.3  # of a pool
 

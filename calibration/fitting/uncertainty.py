@@ -33,8 +33,8 @@ from jaxtyping import Bool, Float, Int
 
 from calibration.fitting.errors import Errors
 from calibration.fitting.problem import Problem, Residuals
-from calibration.fitting.transform import NONE
 from calibration.fitting.variances import relative_covariance
+from calibration.parameters import NONE
 
 RANK_TOLERANCE = 1e-9  # smallest over largest singular value, columns scaled to one
 NO_ERROR = 50.0  # a standard error in log units that says nothing

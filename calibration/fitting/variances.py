@@ -25,8 +25,8 @@ from jaxtyping import Float
 from calibration.fitting.errors import Errors
 from calibration.fitting.material import Estimate
 from calibration.fitting.problem import Lanes, Pool, Problem, Residuals
-from calibration.fitting.transform import Transform
 from calibration.options import DOF
+from calibration.parameters import Transform
 
 LEAST, MOST = 1e-9, 1e3  # of a variance, over the mean square of the residuals
 NONE = 1e-7  # the same, below which it counts as none

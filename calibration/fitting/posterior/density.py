@@ -39,7 +39,7 @@ from jaxtyping import Array, Float, Int
 from calibration.fitting.laws import OF_CONTACT
 from calibration.fitting.problem import Element
 from calibration.fitting.traceable import Traceable
-from calibration.fitting.transform import FROM_ABOVE, LOG, LOGIT, NONE, Transform
+from calibration.parameters import FROM_ABOVE, LOG, LOGIT, NONE, Transform
 from calibration.rounding import number
 
 FACTOR = 2.0  # of a weak prior of what is positive, in its logarithm
