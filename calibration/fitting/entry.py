@@ -162,34 +162,24 @@ def _version(package: str) -> str:
 def _settings(request: Request, fits: list[ComponentFit]) -> dict[str, Any]:
     specs = [spec for one in fits for spec in one.component.specs]
     contacts = [spec.data.contact for spec in specs if spec.data.contact is not None]
-    objectives = sorted({spec.objective for spec in specs})
-    laws = list(dict.fromkeys(spec.model.key for spec in specs))
-    route = fits[0].final.report.route
+    options, integrated = request.options, fits[0].final.problem.route
+    asked = ["noise", "starts", "seed", "max_steps"]
+    asked += ["noise_dof"] * (options.noise == "student-t")
     table: dict[str, Any] = {
-        "objective": ", ".join(objectives),
-        "law": ", ".join(laws),
-        "route": route,
-        "optimiser": OPTIMISERS[request.options.optimiser],
+        "objective": ", ".join(sorted({spec.objective for spec in specs})),
+        "law": ", ".join(dict.fromkeys(spec.model.key for spec in specs)),
+        "route": fits[0].final.report.route,
+        "optimiser": OPTIMISERS[options.optimiser],
         "area": contacts[0].area if contacts else None,
-    }
-    for spec in specs:
-        table |= spec.model.options
-    table |= {
+        **{name: value for spec in specs for name, value in spec.model.options.items()},
         "x64": True,
-        "noise": request.options.noise,
-        "starts": request.options.starts,
-        "seed": request.options.seed,
-        "max_steps": request.options.max_steps,
-        "given_law": law_name(request.options.law),
+        **{name: getattr(options, name) for name in asked},
+        "given_law": law_name(options.law),
     }
-    if request.options.noise == "student-t":
-        table["noise_dof"] = request.options.noise_dof
-    integrated = fits[0].final.problem.route
     if isinstance(integrated, sj.ODE):
         steps = integrated.steps
         how = {"rtol": integrated.tolerance} if steps is None else {"steps": steps}
         table |= {"solver": integrated.solver, **how}
     elements = [e for one in fits for e in one.component.elements if len(e.sets) > 1]
-    names = [data.name for data in request.datasets]
-    groups = {e.label: [names[g] for g in e.sets] for e in elements}
+    groups = {e.label: [request.datasets[g].name for g in e.sets] for e in elements}
     return table | ({"shared": groups} if groups else {})

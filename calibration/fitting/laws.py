@@ -63,27 +63,16 @@ class Tree(NamedTuple):
         for leaf in self.leaves:
             if isinstance(leaf, tuple):
                 size = int(np.prod(leaf, dtype=int))
-                leaf, first = _block(numbers[first : first + size], leaf), first + size
+                some = jnp.stack(list(numbers[first : first + size]))
+                leaf, first = some.reshape(leaf), first + size
             leaves.append(leaf)
         return jax.tree.unflatten(self.structure, leaves)
-
-
-def _block(numbers: Sequence[Any], shape: tuple[int, ...]) -> jax.Array:
-    return jnp.stack(list(numbers)).reshape(shape)
 
 
 def numbers_in(value: Any) -> np.ndarray:
     """All numbers of a pytree in a row."""
     leaves = filter(eqx.is_array_like, jax.tree.leaves(value))
     return np.concatenate([np.ravel(np.asarray(leaf, float)) for leaf in leaves])
-
-
-def with_trees(numbers: Mapping[str, Any], trees: Sequence[Tree]) -> dict[str, Any]:
-    """Parameters by name, those that are whole put together."""
-    values = dict(numbers)
-    for tree in trees:
-        values[tree.name] = tree.assembled([values.pop(entry) for entry in tree.entries])
-    return values
 
 
 def built(
@@ -97,7 +86,9 @@ def built(
 
     Parameters of the contact ("contact.radius") are among them, and each number of a whole one.
     """
-    others = with_trees(values, trees)
+    others = dict(values)
+    for tree in trees:
+        others[tree.name] = tree.assembled([others.pop(entry) for entry in tree.entries])
     moved = {name: others.pop(name) for name in list(others) if name.startswith(OF_CONTACT)}
     if not takes_contact:
         return build(**others)
