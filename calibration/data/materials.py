@@ -52,7 +52,7 @@ from pydantic_core import core_schema
 
 import softjax as sj
 from calibration.data.air import checked_air
-from calibration.data.measurements import RestitutionData
+from calibration.data.measurements import LONGEST_NAME, RestitutionData
 from calibration.data.names import UNCERTAINTIES
 from calibration.data.ranges import AS_IT_IS, RANGES, of_bodies
 from calibration.data.sheet import read_csv
@@ -366,6 +366,11 @@ class MaterialTables(Strict):
                 problem = f"a second material is named {name!r}"
                 accepted = "each material has a name of its own"
                 raise Refused(("material", i, "name"), problem, accepted)
+            if len(name) > LONGEST_NAME:
+                accepted = f"of {LONGEST_NAME} characters at most"
+                raise Refused(
+                    ("material", i, "name"), f"name is of {len(name)} characters", accepted
+                )
             seen.add(name)
         for i, one in enumerate(self.material):
             if {"c1", "c2"} & {*self.parameters} and "chi" in one.parameters:

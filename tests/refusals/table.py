@@ -171,6 +171,7 @@ TOML_FILES = {
     ),
     "two of one name": ("m.toml:10", "'my alloy'|name", TOML + TOML),
     "a name that is a number": ("m.toml:2", "name is 3|text", key(2, "name = 3")),
+    "a name too long for a table": ("m.toml:2", "201 characters|200 characters at most", key(2, f'name = "{"n" * 201}"')),
     "no data": ("m.toml:1", "data|missing|CSV", key(8, "")),
     "missing data file": ("m.toml:8", "n.csv|not there|CSV", key(8, 'data = "n.csv"')),
     "number for a file": ("m.toml:8", "data is 3|text", key(8, "data = 3")),
