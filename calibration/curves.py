@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 import softjax as sj
+from calibration.data.air import Fall
 from calibration.data.names import read_header
 from calibration.data.sheet import Sheet, is_number
 from calibration.data.units import in_si, unit_of
@@ -41,6 +42,7 @@ class Source:
         draws: of the fit's posterior; None without.
         prediction: by the line through a fit's materials; None without.
         remark: a line on where its numbers come from.
+        fall: how the heights of its data became velocities; None without heights.
     """
 
     name: str
@@ -52,6 +54,7 @@ class Source:
     draws: Any = None
     prediction: "Prediction | None" = None
     remark: str = ""
+    fall: Fall | None = None
 
     def extrapolation(self, velocity: Velocities) -> str | None:
         """A line where velocities go beyond the data of a fit; else None."""

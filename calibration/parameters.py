@@ -40,6 +40,7 @@ class Parameter:
         transform: "log", "logit" or "none": the scale it is searched on.
         shared: whether all data sets have one value of it, or the name of a group of those that do;
             "pooled": each has its own, around a common mean with a spread that is fitted.
+        unit: as tables and pictures write it, of a parameter whose law declares none; converts nothing.
 
     Raises:
         ValueError: naming what is wrong, its value and what is accepted.
@@ -51,6 +52,7 @@ class Parameter:
     prior: tuple[float, float] | None = field(default=None, kw_only=True)
     transform: str | None = field(default=None, kw_only=True)
     shared: bool | str = field(default=False, kw_only=True)
+    unit: str = field(default="", kw_only=True)
     origin: Origin | None = field(default=None, compare=False, kw_only=True, repr=False)
 
     def __post_init__(self):
@@ -66,6 +68,8 @@ class Parameter:
         if self.transform is not None and self.transform not in TRANSFORMS:
             raise DataError("transform", self.transform, f"one of {listed(TRANSFORMS)}")
         _check_shared(self.shared)
+        if not isinstance(self.unit, str):
+            raise DataError("unit", self.unit, 'a text such as "N/m"')
         if self.pooled and self.prior is not None:
             raise DataError("prior", "given", "left out where shared is pooled")
         if not self.free:

@@ -34,6 +34,12 @@ OPTIONS: dict[str, tuple[tuple[str, ...], Any, str, str]] = {
     "at": (("local", "global"), float, "V", "velocities of bars [m/s]"),
     "seed": (("design", "global"), int, "N", "default: 0"),
     "uncertainty": (PLANS, float, "U", "of ε (the fit's, or 0.01)"),
+    "sensor": (
+        PLANS,
+        str,
+        "NAME=U",
+        "what else each shot shows, and its relative uncertainty: contact_time=2%",
+    ),
     "shots": (PLANS, int, "N", "planned ones (30)"),
     "free": (PLANS, str, "NAME[=SD]", "a further parameter to fit, known to SD beforehand"),
     "fix": (PLANS, str, "NAME", "one that is not fitted"),
@@ -44,7 +50,7 @@ OPTIONS: dict[str, tuple[tuple[str, ...], Any, str, str]] = {
     "samples": (("global",), int, "N", "a power of two (4096)"),
     "scale": (("global",), str, "uniform|log", "default: uniform"),
 }
-REPEATED = ("free", "fix", "range")
+REPEATED = ("free", "fix", "range", "sensor")
 BARS = (0.02, 0.2, 1.0)  # where bars are drawn by default, in parts of the highest velocity
 SHOTS = 30
 LAWS_OF_LIMITS = 200  # draws that sensitivities are computed at
@@ -160,16 +166,22 @@ class _Job:
         from calibration.studies.asked import number
 
         names = {name: getattr(self.arguments, name) or [] for name in ("free", "fix")}
+        sensors = {}
+        for text in self.arguments.sensor or []:
+            name, _, size = (part.strip() for part in text.partition("="))
+            part = number("--sensor", text, size.removesuffix("%"), "NAME=U, as contact_time=2%")
+            name = "peak_overlap" if name == "penetration" else name.replace("-", "_")
+            sensors[name] = part / (100 if size.endswith("%") else 1)
         if self.source.result is not None:
             for name in (name for name, given in names.items() if given):
                 raise DataError(f"--{name}", "given", "left out with --fit, which has its own")
-            return {"material": self.source.name, "route": self.route}
+            return {"material": self.source.name, "route": self.route, "sensors": sensors}
         parameters = {name: cal.Parameter(free=False) for name in names["fix"]}
         for text in names["free"]:
             name, sign, deviation = text.partition("=")
             prior = (0.0, number("--free", text, deviation, "NAME=SD")) if sign else None
             parameters[name] = cal.Parameter(prior=prior)
-        return {"parameters": parameters, "route": self.route}
+        return {"parameters": parameters, "route": self.route, "sensors": sensors}
 
 
 def _local(job: _Job, folder: Path, progress: Progress) -> dict[str, Any]:
@@ -257,7 +269,7 @@ def _design(job: _Job, folder: Path, progress: Progress) -> dict[str, Any]:
         **job.options,
     )
     save(plot_design(found), folder / "design.png")
-    write_text(folder / "design.csv", design_csv(found))
+    write_text(folder / "design.csv", design_csv(found, job.source.fall))
     count = len(job.draws)
     average = f"on average over {count} draws of the posterior: " if count else ""
     job.text.append(wrapped(f"{average}{found}"))

@@ -134,7 +134,8 @@ def _of_file(arguments: argparse.Namespace) -> Source:
         return Source(entry.name, law, span, properties, bodies, prediction=of_line, remark=remark)
     law = _law(arguments, arguments.law or file.settings.get("law", "zhou"), contact, known, free)
     span = (DECADES_BELOW_YIELD * critical, last)
-    return Source(entry.name, law, span, properties, bodies, remark=remark)
+    fall = None if entry.data is None else entry.data.fall
+    return Source(entry.name, law, span, properties, bodies, remark=remark, fall=fall)
 
 
 def _check_line(arguments: argparse.Namespace) -> None:
@@ -218,7 +219,8 @@ def _of_fit(arguments: argparse.Namespace) -> Source:
 
         draws = read(arguments.posterior)
     bodies, properties = _bodies_of_fit(fit)
-    return Source(fit.name, fit.law, span, properties, bodies, result, draws, remark=remark)
+    one = (fit.name, fit.law, span, properties, bodies, result, draws)
+    return Source(*one, remark=remark, fall=fit.data.fall)
 
 
 def _chosen(name: str | None, names: list[str], where: str) -> str:

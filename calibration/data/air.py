@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from calibration.data.checks import Column, as_number, require
-from calibration.data.units import Relative, quantity
+from calibration.data.units import Relative, quantity, unit_of
 from calibration.errors import DataError, is_finite_number
 
 DENSITY = 1.2  # kg/m³, dry air of 20 °C and 1013 hPa
@@ -60,6 +60,31 @@ class Ball:
     def take(self, rows) -> "Ball":
         """That of some rows."""
         return Ball(*(one[rows] if np.ndim(one) else one for one in (self.diameter, self.mass)))
+
+
+@dataclass(frozen=True)
+class Fall:
+    """How velocities of a data set came from heights, so that further drops are told as the file has them.
+
+    Attributes:
+        unit: of the file's heights.
+        gravity: g [m/s²].
+        density: of the air [kg/m³]; None: no correction.
+        diameter, mass: of the ball [m, kg]; None where they are not known.
+    """
+
+    unit: str = "m"
+    gravity: float = 9.80665
+    density: float | None = None
+    diameter: float | None = None
+    mass: float | None = None
+
+    def height(self, velocity: Column) -> Column:
+        """Drop heights, in `unit`, of impacts at `velocity` [m/s]."""
+        found = velocity * (velocity / (2 * self.gravity))
+        if self.density is not None:
+            found = Air(Ball(self.diameter, self.mass), self.gravity, self.density).height(velocity)
+        return found / float(unit_of(self.unit, "m"))
 
 
 @dataclass(frozen=True)
@@ -108,6 +133,13 @@ class Air:
         """Derivative of one of the speeds in c, with a drag coefficient of (1 + c) C_d."""
         more, less = (replace(self, drag=self.drag * (1 + s * STEP)) for s in (1, -1))
         return (getattr(more, speed)(x) - getattr(less, speed)(x)) / (2 * STEP)
+
+    def height(self, speed: Column) -> Column:
+        """The height [m] from which a ball falls to reach `speed` [m/s], (n,); infinite from v_t on."""
+        square = self._terminal(speed) ** 2
+        share = np.minimum(speed**2 / square, 1.0)
+        with np.errstate(divide="ignore"):
+            return -square / (2 * self._pull) * np.log1p(-share)
 
     def reynolds(self, speed: Column) -> Column:
         """Re at a speed."""

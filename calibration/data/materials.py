@@ -78,7 +78,7 @@ DIAMETERS = tuple(name.replace("radius", "diameter") for name in RADII)
 PROPERTIES = ("youngs_modulus", "poisson_ratio", "density", "yield_strength")
 NAMED = {entry.name: entry.material for entry in TABLE_1}
 NAMED_SOURCE = "Table 1 of Zhou (2013)"
-KEYS = ("free", "value", "bounds", "prior", "transform", "shared")  # of a parameter
+KEYS = ("free", "value", "bounds", "prior", "transform", "shared", "unit")  # of a parameter
 # of parameters that may be told with their unit
 OF_PARAMETERS = {"youngs_modulus": "Pa", "yield_strength": "Pa", "radius": "m", "mass": "kg"}
 OF_PARAMETERS |= {"limit_velocity": "m/s", "dissipation_time": "s"}
@@ -234,7 +234,7 @@ def _in_si(name: str, value: Any, key: str) -> Any:
     if isinstance(value, list):
         return [_in_si(name, one, key) for one in value]
     si = OF_PARAMETERS.get(name.removeprefix("contact."))
-    if not isinstance(value, str) or key in ("transform", "shared", "free"):
+    if not isinstance(value, str) or key in ("transform", "shared", "free", "unit"):
         return value
     if si is None:
         raise DataError(key, f'"{value}"', "a number in SI")

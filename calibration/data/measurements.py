@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Int
 
 import softjax as sj
-from calibration.data.air import Ball, ball_of
+from calibration.data.air import Ball, Fall, ball_of
 from calibration.data.checks import (
     Column,
     as_labels,
@@ -44,8 +44,8 @@ class RestitutionData:
     diameter of the dent; NaN where it was not measured.
 
     Arrays may be anything that `np.asarray` takes (a frame's columns too); they are held as
-    read-only float64 arrays. Two sets are equal when all that is below is but `bodies` and
-    `origin`.
+    read-only float64 arrays. Two sets are equal when all that is below is but `bodies`,
+    `fall` and `origin`.
 
     Attributes:
         velocity: v [m/s], shape (n,), relative impact speed, positive and below the limit velocity.
@@ -75,6 +75,7 @@ class RestitutionData:
             relative scatter is estimated.
         dent: "largest": dents are as wide as the contact was at most, 2√(A δ_max), as indentations
             hardly recover in diameter; "residual": 2√(2R δ*), of the overlap that stays.
+        fall: how drop heights became velocities; not compared.
         origin: file and lines the points came from, for messages.
         plausibility: False accepts bodies with properties more than 100 times outside what is
             plausible (`calibration.data.ranges.RANGES`), which are refused otherwise.
@@ -105,6 +106,7 @@ class RestitutionData:
     dent_diameter: Column | None = field(default=None, kw_only=True)
     dent_diameter_uncertainty: Column | None = field(default=None, kw_only=True)
     dent: str = field(default="largest", kw_only=True)
+    fall: Fall | None = field(default=None, kw_only=True)
     origin: Origin | None = field(default=None, kw_only=True)
     plausibility: bool = field(default=True, kw_only=True)
 
@@ -184,6 +186,7 @@ class RestitutionData:
                 group=points.group,
                 errors=points.errors,
                 bodies=tuple(bodies),
+                fall=points.fall,
                 origin=None if origin is None else origin.select(points.rows),
                 plausibility=plausibility,
             )

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Int
 
-from calibration.data.air import Air
+from calibration.data.air import Air, Fall
 from calibration.data.checks import Column
 from calibration.data.columns import Kind
 from calibration.data.errors_of_points import PointErrors
@@ -57,6 +57,7 @@ class Points(NamedTuple):
     group: Sequence[str] | np.ndarray | None
     remarks: tuple[str, ...] = ()
     more: Mapping[str, Column] = {}  # what else was measured, its uncertainties, and sizes
+    fall: Fall | None = None
 
 
 def with_own(errors: PointErrors, table: Measured, velocity: Column, restitution: Column):

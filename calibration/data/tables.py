@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration.data.air import Air, Ball, checked_air
+from calibration.data.air import Air, Ball, Fall, checked_air
 from calibration.data.checks import as_labels, as_number, as_numbers, check_lengths, require
 from calibration.data.columns import Kind, Layout, accepts, layout_of
 from calibration.data.names import LABELS, OBSERVED, SI_UNITS, SIZES, UNCERTAINTIES
@@ -72,7 +72,19 @@ def read_points(
     with np.errstate(all="ignore"):  # what is not finite in the end is refused
         points = train_points(measured) if layout.kind.is_train else single_points(measured)
     more = _more(measured.take(points.rows), points)
-    return points._replace(remarks=(*layout.remarks, *points.remarks, *told), more=more)
+    remarks = (*layout.remarks, *points.remarks, *told)
+    return points._replace(remarks=remarks, more=more, fall=_fall(layout, around, g))
+
+
+def _fall(layout: Layout, air: Air | None, gravity: float) -> Fall | None:
+    """How heights became velocities; None for other columns, and balls of several sizes."""
+    if "drop_height" not in layout.kind.needs:
+        return None
+    unit = layout.written.get("drop_height") or "m"
+    if air is None:
+        return Fall(unit, gravity)
+    size = air.ball.diameter, air.ball.mass
+    return None if any(map(np.ndim, size)) else Fall(unit, gravity, air.density, *map(float, size))
 
 
 def _more(table: Measured, points: Points) -> dict[str, np.ndarray]:

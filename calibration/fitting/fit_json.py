@@ -15,6 +15,7 @@ from pydantic import Field, PlainValidator, ValidationError, WithJsonSchema
 
 import softjax as sj
 from calibration.data import PointErrors, RestitutionData
+from calibration.data.air import Fall
 from calibration.data.json_file import plain
 from calibration.data.materials import Body
 from calibration.data.measurements import LONGEST_NAME
@@ -88,6 +89,7 @@ class DataRecord(Strict):
     errors: dict[str, Any] | None
     observed: dict[Literal[BESIDE], list[Real]] = Field(default_factory=dict)  # type: ignore[valid-type]
     dent: Literal["largest", "residual"] = "largest"
+    fall: dict[str, float | str | None] | None = None
 
     @classmethod
     def told(cls, data: RestitutionData) -> dict[str, Any]:
@@ -99,6 +101,7 @@ class DataRecord(Strict):
                 {"name": one.name, "radius": one.radius, **one.material.leaves()}
                 for one in data.bodies
             ],
+            "fall": data.fall and dict(vars(data.fall)),
             "errors": dict(vars(errors)) if np.any(errors.index >= 0) else None,
             "observed": {
                 name: getattr(data, name) for name in BESIDE if getattr(data, name) is not None
@@ -119,6 +122,7 @@ class DataRecord(Strict):
             leaves = {key: _array(leaf) for key, leaf in self.contact.items()}
             entries["contact"] = sj.Contact(**leaves)
         entries |= {"group": self.group, "bodies": tuple(map(_body, bodies))}
+        entries["fall"] = self.fall and Fall(**self.fall)  # type: ignore[arg-type]
         # it was checked once
         return RestitutionData(name=name, remarks=remarks, plausibility=False, **entries)
 
@@ -139,6 +143,7 @@ class FitRecord(Strict):
     objective: Literal["model", "two-step"]
     law: str
     options: dict[str, str]
+    units: dict[str, str] = Field(default_factory=dict)  # of an own law's parameters
     values: dict[str, float | list[float]]
     labels: dict[str, str]
     status: tuple[Count, ...]
@@ -160,6 +165,11 @@ class FitRecord(Strict):
             "material": fit.name,
             "law": fit.model.key,
             "options": fit.model.options,
+            "units": {
+                name: one.unit
+                for name, one in fit.model.parameters.items()
+                if fit.model.key not in LAWS and one.unit != "-"
+            },
             "known": [fit.known_from, fit.known_to],
             "chi_squared_probability": fit.probability,
             "data": DataRecord.told(fit.data),
@@ -169,7 +179,7 @@ class FitRecord(Strict):
     def fit(self, data: RestitutionData, law: Any) -> MaterialFit:
         values = {name: _array(value) for name, value in self.values.items()}
         known_from, known_to = self.known
-        model = law_model(data, _law(self.law, law), self.options, values)
+        model = law_model(data, _law(self.law, law), self.options, values).with_units(self.units)
         own = {field.name for field in fields(MaterialFit)} & set(FitRecord.model_fields)
         table = {name: getattr(self, name) for name in own}
         table |= {

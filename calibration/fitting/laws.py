@@ -16,7 +16,7 @@ that Eq. (17) gives ε_up at v_cr."""
 import dataclasses
 import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -150,6 +150,22 @@ class LawModel:
         if name.startswith(OF_CONTACT):
             return CONTACT_LEAVES[name.removeprefix(OF_CONTACT)]
         return self.parameters[name]
+
+    def with_units(self, units: Mapping[str, str]) -> "LawModel":
+        """The law with units of parameters for which its fields declare none.
+
+        Raises:
+            DataError: for another one than is declared.
+        """
+        if not units:
+            return self
+        known = dict(self.parameters)
+        for name, unit in units.items():
+            declared = self.declared(name)
+            if declared.unit not in ("-", unit):
+                raise DataError(f"unit of {name}", unit, f"{declared.unit}, as declared")
+            known[name] = declared._replace(symbol=declared.symbol or name, unit=unit)
+        return replace(self, parameters=known)
 
     def accepts(self, name: str) -> bool:
         leaf = name.removeprefix(OF_CONTACT)

@@ -162,6 +162,7 @@ def _spec(data: RestitutionData, said: dict[str, Any], asked: FitOptions) -> Set
         is_whole = full in model.whole and not isinstance(value, Parameter)
         given[full] = Parameter(value, free=False) if is_whole else as_parameter(name, value)
         _check_fixed(model, data, full, given[full])
+    model = model.with_units({name: one.unit for name, one in given.items() if one.unit})
     if model.key == "zhou" and objective == "model":
         given, model = _identified(data, given, model, options)
     local, trees = _located(data, model, given)

@@ -15,7 +15,16 @@ from jaxtyping import Bool, Float, Int
 
 from calibration.fitting.collisions import TINY_SQUARED
 from calibration.fitting.problem import Lanes, Problem
-from calibration.fitting.steps import ADAM_STEPS, TINY, Condensed, Lbfgs, Marquardt, adam, condense
+from calibration.fitting.steps import (
+    ADAM_STEPS,
+    TINY,
+    Condensed,
+    Lbfgs,
+    Marquardt,
+    acts_on_nothing,
+    adam,
+    condense,
+)
 from calibration.parameters import NONE
 
 STEP_TOLERANCE = 1e-9  # of the Gauss–Newton step left, in log units for most elements
@@ -99,8 +108,11 @@ class _Search:
     @property
     def unit(self) -> np.ndarray:
         """What a step of one means: a factor of e, or the element's own size."""
-        size = np.maximum(np.abs(self.x), np.abs(self.start))
-        return np.where(self.scaled, 1.0, np.where(size > 0, size, 1.0))
+        return np.where(self._size > 0, self._size, 1.0)
+
+    @property
+    def _size(self) -> np.ndarray:
+        return np.where(self.scaled, 1.0, np.maximum(np.abs(self.x), np.abs(self.start)))
 
     @property
     def going(self) -> np.ndarray:
@@ -154,7 +166,8 @@ class _Search:
 
     def _condense(self, fits: np.ndarray) -> None:
         """Anew, where something has changed."""
-        rows = self.value[fits], self.jacobian[fits], self._frozen[fits]
+        none = acts_on_nothing(self.jacobian, self._size)
+        rows = self.value[fits], self.jacobian[fits], (self._frozen | none)[fits]
         found = condense(*rows, self.cost[fits])
         self.at = found if np.all(fits) else self.at.replaced(fits, found)
 

@@ -19,6 +19,7 @@ from softjax.batching import QUICK, accepted
 TINY = 1e-150  # a column so short that its square underflows is none
 SEEN = 1e-10  # singular values, columns scaled to one, below which a direction is not seen
 SILENT = 1e-9  # a column of the Jacobian so small against the residuals acts on nothing
+ROUNDED = 1e-10  # of the strongest element, below which the effect of one is rounding
 
 
 class Condensed(NamedTuple):
@@ -67,6 +68,14 @@ class Condensed(NamedTuple):
         for part, new in zip(parts, by, strict=True):
             part[fits] = new
         return Condensed(*parts)
+
+
+def acts_on_nothing(
+    jacobian: Float[np.ndarray, "fits m p"], size: Float[np.ndarray, "fits p"]
+) -> Bool[np.ndarray, "fits p"]:
+    """Which elements' columns are rounding, for changes of `size`; none where that is 0."""
+    acts = np.linalg.norm(jacobian, axis=1) * size
+    return (size > 0) & (acts <= ROUNDED * np.max(acts, axis=1, keepdims=True, initial=0.0))
 
 
 def condense(

@@ -33,6 +33,7 @@ from jaxtyping import Bool, Float, Int
 
 from calibration.fitting.errors import Errors
 from calibration.fitting.problem import Problem, Residuals
+from calibration.fitting.steps import acts_on_nothing
 from calibration.fitting.variances import relative_covariance
 from calibration.parameters import NONE
 
@@ -185,7 +186,10 @@ def uncertainty_of(stages: Stages, z: Float[np.ndarray, "p"]) -> Uncertainty:
 def _of_likelihood(problem: Problem, limits, z) -> Uncertainty:
     """By the observed information; a likelihood searches all its elements."""
     held, identity = limits != 0, np.eye(len(z))
-    jacobian = np.where(held, 0.0, problem.linearise(z[None]).jacobian[0])
+    scaled = problem.transform.kind[problem.active] != NONE
+    jacobian = problem.linearise(z[None]).jacobian
+    size = np.where(scaled, 1.0, np.abs(z[problem.active]))
+    jacobian = np.where(held | acts_on_nothing(jacobian, size[None]), 0.0, jacobian[0])
     rank, condition, nulls = diagnose(jacobian, held)
     basis, seen = _basis(jacobian)
     curved, definite = identity, True
@@ -209,7 +213,6 @@ def _of_likelihood(problem: Problem, limits, z) -> Uncertainty:
     widened = np.sqrt(np.where(before > 0, np.maximum(ratio, 1.0), 1.0))
     left_out = nulls | held
     told = np.where(left_out[:, None] | left_out, np.nan, covariance)
-    scaled = problem.transform.kind[problem.active] != NONE
     nulls = nulls | (scaled & ~held & ~(np.diagonal(told) < NO_ERROR**2))
     deviation = np.sqrt(problem.diagonal(z[None])[0])
     of_errors = (bool(definite), deviation, left, widened)

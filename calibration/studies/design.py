@@ -7,7 +7,7 @@ laws, or draws of a posterior, stand side by side; the criterion's logarithm is 
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import jax
@@ -27,7 +27,9 @@ from calibration.studies.information import (
     Plan,
     covariance_of,
     in_range,
+    of_sensors,
     plan_of,
+    sensors_text,
 )
 from calibration.studies.inputs import both_ends
 
@@ -88,6 +90,8 @@ class Design:
             the equivalence theorem.
         grid, slopes: velocities [m/s], (k,), and θ ∂ε/∂θ there, (k, p), of the first law.
         taken_as_known: a sentence for each parameter of the fit that has no standard error.
+        sensors: what else each new shot shows, and its relative uncertainty.
+        without: relative errors of the best design of as many shots without the sensors.
     """
 
     criterion: str
@@ -106,6 +110,8 @@ class Design:
     grid: Float[np.ndarray, "k"]
     slopes: Float[np.ndarray, "k p"]
     taken_as_known: tuple[str, ...] = ()
+    sensors: Mapping[str, float] = field(default_factory=dict)
+    without: Errors | None = None
 
     @property
     def support(self) -> list[tuple[float, int]]:
@@ -126,10 +132,10 @@ class Design:
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON."""
-        left_out = ("symbols", "grid", "slopes")
+        left_out = ("symbols", "grid", "slopes", "sensors", "without")
         table = {name: value for name, value in vars(self).items() if name not in left_out}
         support = [{"velocity": v, "shots": n} for v, n in self.support]
-        return plain(table | {"support": support})
+        return plain(table | {"support": support} | of_sensors(self.sensors, self.without))
 
     def __str__(self) -> str:
         shots = []
@@ -137,34 +143,37 @@ class Design:
             at = int(np.argmin(np.abs(self.velocity - v)))
             expected = f"ε = {self.coefficient[at]:.3f} ± {self.uncertainty[at]:.2g}"
             shots.append(f"{n} at {v:.4g} m/s ({expected})")
-        here, even = (
+        known = self.relative_errors, self.equally_spaced, self.before or {}
+        here, even, now = (
             "left open" if error is None else f"{error:.3g}"
-            for error in (e[self.target] for e in (self.relative_errors, self.equally_spaced))
+            for error in (one.get(self.target) for one in known)
         )
         text = f"{self.criterion}-optimal: {', '.join(shots)}; standard error of "
-        text += f"ln {self.target_symbol} {here}, equally spaced {even}"
+        text += f"ln {self.target_symbol} {here}, " + (f"now {now}, " if self.before else "")
+        text += f"equally spaced {even}"
         text += f"; at least {math.floor(1000 * self.efficiency) / 10:.1f} % of the best"
         planned = in_range(self.velocity, self.uncertainty).removeprefix(",")
         sought = f"Sought from {self.bounds[0]:.4g} to {self.bounds[1]:.4g} m/s; planned{planned}."
         lone = [ONE_VELOCITY] if len(self.support) == 1 else []
-        return "\n".join([text, *lone, sought, *self.taken_as_known])
+        sensed = sensors_text(self.sensors, self.relative_errors, self.without)
+        return "\n".join([text, *lone, sought, *sensed, *self.taken_as_known])
 
 
 class Table(NamedTuple):
     """What shots at k velocities add to the information, of several laws side by side.
 
     Attributes:
-        shots: G, so that a shot adds G Gᵀ, (laws, k, p).
+        shots: G, so that a shot adds Gᵀ G, (laws, k, r, p).
         before: A₀, (laws, p, p).
     """
 
-    shots: Float[np.ndarray, "laws k p"]
+    shots: Float[np.ndarray, "laws k r p"]
     before: Float[np.ndarray, "laws p p"]
 
     def information(self, places: Any = slice(None)) -> Float[np.ndarray, "laws p p"]:
         """Of a shot at each of the places."""
         chosen = self.shots[:, places]
-        return self.before + np.swapaxes(chosen, 1, 2) @ chosen
+        return self.before + np.einsum("lkri,lkrj->lij", chosen, chosen)
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,8 +199,8 @@ class Criterion:
         """A value that no design of `count` shots at the table's velocities is below.
 
         With W = C L C / tr(L C) (D: C/p), 1/tr(L C) and its like are concave in A. So whatever the
-        weights w of a design without whole numbers, A = A₀ + n Σ w_k G_k G_kᵀ, no design is better
-        than this one by more than the factor max_k tr(W (A₀ + n G_k G_kᵀ)); the weights are moved
+        weights w of a design without whole numbers, A = A₀ + n Σ w_k G_kᵀ G_k, no design is better
+        than this one by more than the factor max_k tr(W (A₀ + n G_kᵀ G_k)); the weights are moved
         to where that is nearly one.
 
         Source: Kiefer and Wolfowitz, Can. J. Math. 12, 363 (1960); Pukelsheim, Optimal Design of
@@ -202,10 +211,10 @@ class Criterion:
         least = -np.inf
         for _ in range(MOVES):
             there = table._replace(
-                shots=table.shots * np.sqrt(count * share)[:, None]
+                shots=table.shots * np.sqrt(count * share)[:, None, None]
             ).information()
             weight = self._gradient(covariance_of(there))
-            added = np.einsum("lki,lij,lkj->lk", table.shots, weight, table.shots)
+            added = np.einsum("lkri,lij,lkrj->lk", table.shots, weight, table.shots)
             first = np.einsum("lij,lij->l", weight, before)
             factor = np.mean(first[:, None] + count * added, axis=0)
             least = max(least, float(self.value(there)) - math.log(np.max(factor)))
@@ -233,6 +242,7 @@ def optimal_velocities(
     material: str | None = None,
     over: tuple[float, float] | None = None,
     uncertainty: float | None = None,
+    sensors: Mapping[str, float] | None = None,
     measured: ArrayLike | None = None,
     measured_uncertainty: ArrayLike | None = None,
     route: sj.EnergyBalance | sj.ClosedForm | sj.ODE | None = None,
@@ -256,7 +266,7 @@ def optimal_velocities(
             velocities `over`.
         target: a parameter, or a number that follows from them as a fit's table has it, such as
             eps_up; chi where there is one, else the first parameter, if left out. For c alone.
-        objective, parameters, material, route: as `fisher_information` takes them.
+        objective, parameters, material, route, sensors: as `fisher_information` takes them.
         over: where the curve is to be predicted by criterion I; the bounds if left out.
         uncertainty: standard uncertainty of each new ε; 0.01 unless a fit has its own, which is
             that of a point of the same kind as its data at that velocity.
@@ -295,9 +305,15 @@ def optimal_velocities(
         raise DataError("law", law, "one law or more, or a FitResult")
     told: dict[str, Any] = {"parameters": parameters, "objective": objective, "route": route}
     told |= {"material": material, "uncertainty": uncertainty, "measured": there}
+    told["sensors"] = sensors
     plans = [plan_of(one, [low, high, *(over if criterion == "I" else ())], **told) for one in laws]
     with jax.enable_x64(True):
-        return _designed(plans, (low, high), count, criterion, target, over, starts, seed, progress)
+        search = (low, high), count, criterion, target, over, starts, seed, progress
+        found = _designed(plans, *search)
+        if not sensors:
+            return found
+        without = _designed([replace(plan, sensors={}) for plan in plans], *search)
+        return replace(found, sensors=plans[0].sensors, without=without.relative_errors)
 
 
 def _designed(
@@ -440,7 +456,7 @@ def _sought(
 def _exchanged(table: Table, rule: Criterion, places: Places) -> tuple[Places, float]:
     """The design after each shot has been moved to its best place until none moves any more."""
     places = np.array(places)
-    gram = table.shots[..., :, None] * table.shots[..., None, :]
+    gram = np.einsum("lkri,lkrj->lkij", table.shots, table.shots)
     best = float(rule.value(table.information(places)))
     while True:
         before = best

@@ -62,6 +62,7 @@ class Plan:
         route: from the law to ε.
         left_open: why each parameter that the fit did not determine is taken as known.
         intervals: the fit's own, in words, by parameter.
+        sensors: what else each shot shows, and its relative standard uncertainty.
     """
 
     material: MaterialFit
@@ -71,6 +72,7 @@ class Plan:
     route: Route
     left_open: tuple[str, ...] = ()
     intervals: Mapping[str, str] = field(default_factory=dict)
+    sensors: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -125,10 +127,10 @@ class Plan:
 
     def shots(
         self, velocity: Column, uncertainty: Column | float | None = None
-    ) -> tuple[Float[np.ndarray, "n p"], Column]:
-        """What each shot adds, G with G Gᵀ its information, and the uncertainty of its ε.
+    ) -> tuple[Float[np.ndarray, "n r p"], Column]:
+        """What each shot adds, G with Gᵀ G its information, a row for ε and each sensor; and u(ε).
 
-        An impact that does not rebound adds nothing.
+        The ε of an impact that does not rebound adds nothing.
         """
         value, slope = self.curve(velocity)
         stated = self.uncertainty if uncertainty is None else uncertainty
@@ -136,7 +138,16 @@ class Plan:
             every = further_variances(self.material, velocity, lambda v: self.curve(v)[0])
             stated = np.sqrt(sum(every.values()))
         error = np.broadcast_to(np.asarray(stated, float), velocity.shape)
-        return np.where(value > 0, 1 / error, 0.0)[:, None] * slope, error
+        rows = [np.where(value > 0, 1 / error, 0.0)[:, None] * slope]
+        rows += [self.relative_slopes(velocity, name) / u for name, u in self.sensors.items()]
+        return np.stack(rows, axis=1), error
+
+    def information(
+        self, velocity: Column, uncertainty: Column | float | None = None
+    ) -> tuple[Float[np.ndarray, "p p"], Column]:
+        """A₀ and what shots add, and u(ε)."""
+        added, error = self.shots(velocity, uncertainty)
+        return self.before + np.einsum("nri,nrj->ij", added, added), error
 
 
 def plan_of(
@@ -149,21 +160,19 @@ def plan_of(
     material: str | None = None,
     uncertainty: float | None = None,
     measured: tuple[ArrayLike, ArrayLike] | None = None,
-    sensors: tuple[str, ...] = (),
+    sensors: Mapping[str, float] | None = None,
 ) -> Plan:
     """The plan for a law, or for one of a fit's materials.
 
     Args:
         reach: velocities that are planned, or the ends of what can be [m/s].
         measured: velocities and uncertainties of ε of what is there already, for a law.
-        sensors: what else is measured: of a law, it decides what is free.
-
     The others are those of `fisher_information`.
 
     Raises:
         ValueError: naming the argument, its value and what is accepted.
     """
-    reach = np.asarray(reach, float).ravel()
+    reach, sensors = np.asarray(reach, float).ravel(), _checked_sensors(sensors or {})
     if objective not in (None, "model"):
         raise DataError("objective", objective, NO_MODEL)
     with jax.enable_x64(True):
@@ -171,7 +180,7 @@ def plan_of(
             for name, value in (("parameters", parameters), ("measured", measured)):
                 if value is not None:
                     raise DataError(name, value, "left out with a fit, which has its own")
-            plan = _of_fit(law, material, reach, uncertainty, route)
+            plan = replace(_of_fit(law, material, reach, uncertainty, route), sensors=sensors)
         elif not isinstance(law, sj.ContactLaw):
             raise DataError("law", law, "a contact law or a FitResult")
         elif material is not None:
@@ -182,8 +191,8 @@ def plan_of(
             every = np.concatenate([there[0], reach])
             plan = _of_law(law, every, parameters or {}, uncertainty, route, sensors)
             if len(there[0]):
-                added = plan.shots(*there)[0]
-                plan = replace(plan, before=plan.before + added.T @ added)
+                plan = replace(plan, before=plan.information(*there)[0])
+            plan = replace(plan, sensors=sensors)
     contact = plan.material.data.contact
     if contact is not None and any(map(np.ndim, contact.leaves().values())):
         raise DataError("contact", "other for each impact", "one for all impacts")
@@ -335,6 +344,7 @@ class Information:
         taken_as_known: a sentence for each parameter of the fit that has no standard error.
         sensors: what else is measured, and its relative uncertainty.
         without: the same without the sensors; None where there are none.
+        before: relative errors that are known now, by a fit or priors; None where nothing is.
     """
 
     names: tuple[str, ...]
@@ -347,12 +357,13 @@ class Information:
     taken_as_known: tuple[str, ...] = ()
     sensors: Mapping[str, float] = field(default_factory=dict)
     without: "Information | None" = None
+    before: Mapping[str, float | None] | None = None
 
     @property
     def relative_errors(self) -> dict[str, float | None]:
         """Expected standard error of ln θ; None where the impacts do not determine θ."""
         errors = np.sqrt(np.diag(self.covariance)).tolist()
-        return {n: e if math.isfinite(e) else None for n, e in zip(self.names, errors, strict=True)}
+        return _finite(self.names, errors)
 
     @property
     def standard_errors(self) -> dict[str, float | None]:
@@ -398,18 +409,36 @@ class Information:
                 "directions": vectors.T,
                 "words": self.words,
                 "taken_as_known": self.taken_as_known,
+                "before": self.before,
             }
+            | of_sensors(
+                self.sensors, None if self.without is None else self.without.relative_errors
+            )
         )
 
     def __str__(self) -> str:
         lines = [f"{len(self.velocity)} planned impacts{in_range(self.velocity, self.uncertainty)}"]
         if self.without is not None:
-            told = ", ".join(f"{n} to {100 * u:.2g} %" for n, u in self.sensors.items())
-            lines.append(f"with {told} of each impact")
-            for name, error in self.relative_errors.items():
-                with_, without = map(_per_cent, (error, self.without.relative_errors[name]))
-                lines.append(f"  {name}: {with_}; without: {without}")
+            without = self.without.relative_errors
+            lines += sensors_text(self.sensors, self.relative_errors, without)
         return "\n".join([*lines, *self.words, *self.taken_as_known])
+
+
+def sensors_text(sensors: Mapping[str, float], errors, without) -> list[str]:
+    """Relative errors with sensors and without them, a parameter a line; nothing without sensors."""
+    if not sensors:
+        return []
+    shown = ", ".join(f"{name} to {100 * u:.2g} %" for name, u in sensors.items())
+    pairs = ((name, *map(_per_cent, (e, without[name]))) for name, e in errors.items())
+    return [
+        f"with {shown} of each impact",
+        *(f"  {name}: {a}; without: {b}" for name, a, b in pairs),
+    ]
+
+
+def of_sensors(sensors: Mapping[str, float], without: Mapping[str, Any] | None) -> dict[str, Any]:
+    """The same for JSON."""
+    return {"sensors": dict(sensors), "without_sensors": without} if sensors else {}
 
 
 def _per_cent(error: float | None) -> str:
@@ -443,12 +472,11 @@ def fisher_information(
             {"contact.youngs_modulus": cal.Parameter(prior=(2e11, 1e10))} is a nuisance.
         material: which one of a fit's.
         sensors: what else each impact is to show, and its relative standard uncertainty, as
-            {"contact_time": 0.02}; of `calibration.observables`. The errors without are told beside.
+            {"contact_time": 0.02}; of `calibration.observables`. The errors without it are given too.
 
     Raises:
         ValueError: naming the argument, its value and what is accepted.
     """
-    more = _checked_sensors(sensors or {})
     plan = plan_of(
         law,
         velocity,
@@ -456,25 +484,31 @@ def fisher_information(
         objective=objective,
         route=route,
         material=material,
-        sensors=tuple(more),
+        sensors=sensors,
     )
     v, u = checked_impacts(velocity, 1.0 if uncertainty is None else uncertainty, "velocity")
     if not (v.size or isinstance(law, FitResult)):
         raise DataError("velocity", "empty", "one velocity [m/s] or more")
     if not np.all(np.isfinite(v) & (v > 0)):
         raise DataError("velocity", velocity, "positive speeds in m/s")
-    with jax.enable_x64(True):
-        added, error = plan.shots(v, None if uncertainty is None else u) if v.size else (None, u)
-    matrix = plan.before if added is None else plan.before + added.T @ added
-    told = plan.names, plan.symbols, plan.truth, v, error
-    alone = Information(*told, matrix, _closed(matrix), plan.taken_as_known(plan.names))
-    if not more:
-        return alone
-    for name, size in more.items():
-        with jax.enable_x64(True):
-            slope = plan.relative_slopes(v, name)
-        matrix = matrix + slope.T @ slope / size**2
-    return replace(alone, matrix=matrix, covariance=_closed(matrix), sensors=more, without=alone)
+
+    def expected(plan: Plan, **more: Any) -> Information:
+        matrix, error = plan.before, u
+        if v.size:
+            with jax.enable_x64(True):
+                matrix, error = plan.information(v, None if uncertainty is None else u)
+        known = plan.taken_as_known(plan.names)
+        one = plan.names, plan.symbols, plan.truth, v, error, matrix, _closed(matrix), known
+        errors = np.sqrt(np.diag(_closed(plan.before))).tolist()
+        before = _finite(plan.names, errors) if np.any(plan.before) else None
+        return Information(*one, before=before, **more)
+
+    without = expected(replace(plan, sensors={}))
+    return expected(plan, sensors=plan.sensors, without=without) if plan.sensors else without
+
+
+def _finite(names: Sequence[str], errors: Sequence[float]) -> dict[str, float | None]:
+    return {n: e if math.isfinite(e) else None for n, e in zip(names, errors, strict=True)}
 
 
 def _closed(matrix: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from calibration import console
 from calibration.curves import status_names
-from calibration.data.points import STANDARD_GRAVITY
+from calibration.data.air import Fall
 from calibration.errors import listed
 from calibration.fitting.warnings import FitWarning
 from calibration.studies.design import Design
@@ -51,10 +51,18 @@ def sobol_table(found: SobolIndices) -> str:
 def information_text(found: Information) -> str:
     """Directions in words, then the standard errors."""
     lines = [wrapped(str(found))]
-    for symbol, error in zip(found.symbols, found.standard_errors.values(), strict=True):
-        told = "not determined" if error is None else f"{error:.3g}"
-        lines.append(f"expected standard error of {symbol}: {told}")
+    every = zip(found.symbols, found.truth, found.standard_errors.items(), strict=True)
+    for symbol, value, (name, error) in every:
+        text = f"expected standard error of {symbol}: {_error(error)}"
+        if found.before is not None:
+            now = found.before[name]
+            text += f" (now {_error(None if now is None else now * abs(value or 1.0))})"
+        lines.append(text)
     return "\n".join(lines)
+
+
+def _error(error: float | None) -> str:
+    return "not determined" if error is None else f"{error:.3g}"
 
 
 def sensitivities_csv(found: Sensitivities) -> str:
@@ -69,12 +77,14 @@ def sensitivities_csv(found: Sensitivities) -> str:
     return "\n".join(lines) + "\n"
 
 
-def design_csv(found: Design) -> str:
-    """The velocities to shoot at, how often, and for who drops what is shot from how high."""
-    fall = 2 * STANDARD_GRAVITY
-    rows = [f"{v:.6g},{shots},{v * (v / fall):.6g}" for v, shots in found.support]
-    header = "velocity [m/s],shots,drop height without air [m]"
-    return "\n".join([header, *rows]) + "\n"
+def design_csv(found: Design, fall: Fall | None) -> str:
+    """The velocities to shoot at, how often, and drop heights in the unit of the data, in their air."""
+    fall = fall or Fall()
+    velocity = np.array([v for v, _ in found.support])
+    pairs = zip(found.support, fall.height(velocity), strict=True)
+    rows = [f"{v:.6g},{shots},{height:.6g}" for (v, shots), height in pairs]
+    where = " without air" * (fall.density is None)
+    return "\n".join([f"velocity [m/s],shots,drop height{where} [{fall.unit}]", *rows]) + "\n"
 
 
 def warnings_text(found: Sequence[FitWarning]) -> str:

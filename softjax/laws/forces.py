@@ -7,6 +7,7 @@ forces and overlaps of the order of one, whatever the size of the bodies and how
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from traceback import walk_tb
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -74,8 +75,15 @@ def asked(law, method: str, *values: Array):
         )
         if not known:
             raise
+        codes = [frame.f_code for frame, _ in walk_tb(error.__traceback__)]
+        # the innermost method of the law: a force may call another one
+        methods = (
+            one.co_name
+            for one in reversed(codes)
+            if getattr(getattr(type(law), one.co_name, None), "__code__", None) is one
+        )
         raise ArgumentError(
-            f"{name} must be written with jax.numpy, as JAX traces its values: "
+            f"`{type(law).__name__}.{next(methods, method)}` must be written with jax.numpy, as JAX traces its values: "
             "jnp.exp in place of math.exp or np.exp, jnp.where in place of `if`"
         ) from error
     if method == "breakpoints" and isinstance(answer, Iterable) and getattr(answer, "ndim", True):

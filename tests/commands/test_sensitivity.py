@@ -75,6 +75,33 @@ def test_the_design_follows_its_options(at, capsys):
     assert np.mean(slow["velocity"]) < np.mean(fast["velocity"])
 
 
+def test_plans_of_drops_are_in_their_unit_and_air_and_say_what_is_known_now(at, capsys):
+    """The planned height of a measured drop's velocity is that drop's; sensors are named by their column."""
+    drop = [5.0, 10.0, 20.0, 40.0, 80.0, 150.0]
+    rows = zip(drop, [4.4, 8.5, 16.4, 32.6, 63.0, 115.1], strict=True)
+    text = "\n".join(["drop_height [cm],rebound_height [cm]", *(f"{a},{b}" for a, b in rows)])
+    Path("drops.csv").write_text(text, encoding="utf-8")
+    file = BODIES.replace("radius = 0.0127", 'radius = 0.0127\nheight_uncertainty = "1 mm"')
+    Path("drops.toml").write_text(file.rstrip() + '\ndata = "drops.csv"\n', encoding="utf-8")
+    law = ("--law", "viscoelastic", "--quiet", "--starts", "1", "--no-profiles")
+    assert main(["fit", "drops.toml", "--out", "fitted", *law]) == 0
+    data = cal.FitResult.load("fitted/fit.json").materials[0].data
+    np.testing.assert_allclose(data.fall.height(data.velocity), drop, rtol=1e-9)
+    plan = ("--fit", "fitted/fit.json", "--shots", "2")
+    both = told_by(*plan, "--study", "design", "--sensor", "contact_time=2%")
+    assert both["design"]["without_sensors"].keys() == both["design"]["relative_errors"].keys()
+    header, *lines = Path("results/design.csv").read_text(encoding="utf-8").splitlines()
+    assert header == "velocity [m/s],shots,drop height [cm]"
+    for line in lines:
+        v, _, height = map(float, line.split(","))
+        assert height == pytest.approx(np.interp(v, data.velocity, drop), rel=0.05)
+    assert "now " in capsys.readouterr().out
+    known = told_by(*plan, "--study", "information")["information"]
+    result = cal.FitResult.load("fitted/fit.json")
+    error = result.standard_errors["dissipation_time"] / result.values["dissipation_time"]
+    assert known["before"]["dissipation_time"] == pytest.approx(error, rel=1e-3)
+
+
 def test_global_indices_follow_their_options(at, capsys):
     ranges = ("--range", "chi=0.1:0.4", "--range", "density=1100:1200")
     wide = told_by(*GLOBAL, *ranges)["global"]

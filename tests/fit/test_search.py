@@ -6,7 +6,7 @@ import pytest
 
 import calibration as cal
 import softjax as sj
-from tests.fit_data import TRUTH, twin
+from tests.fit_data import TRUTH, pair, twin
 
 NAMES = ("chi", "sigma", "psi")
 FAR = (10.0, 0.1, 2.0)
@@ -84,3 +84,36 @@ def test_a_second_fit_of_the_same_shapes_compiles_nothing():
     finally:
         jax.monitoring.clear_event_listeners()
     assert compiled == []
+
+
+def test_a_parameter_that_moves_nothing_but_rounding_stays_where_it_is():
+    """A scale of both forces leaves ε as it is to 1e-13: the others are found, and it has no error."""
+
+    class Scaled(sj.RateIndependentLaw):
+        contact: sj.Contact
+        scale: float
+        steeper: float
+
+        def loading_force(self, overlap):
+            return 1e6 * self.scale * overlap
+
+        def unloading_force(self, overlap, peak_overlap):
+            back = (1 + self.steeper) * (peak_overlap - overlap)
+            return 1e6 * self.scale * (peak_overlap - back)
+
+    random = np.random.default_rng(0)
+    restitution = 0.6 + 0.01 * random.standard_normal(12)
+    data = cal.RestitutionData(np.geomspace(0.5, 5, 12), restitution, pair("stainless steel"))
+    for bounds in (None, (0.0, np.inf)):
+        said = {"scale": cal.Parameter(1.0, bounds=bounds)}
+        result = cal.fit(data, Scaled, said, profiles=False, starts=4)
+        assert result.converged
+        assert result.standard_errors["scale"] is None
+        assert 1e-4 < abs(result.values["scale"]) < 1e4
+        assert "rank-deficient" in {one.code for one in result.warnings}
+        # ε² = 1/(1 + steeper)
+        error = np.std(restitution, ddof=1) / 12**0.5
+        slope = 2 / np.mean(restitution) ** 3
+        expected = np.mean(restitution) ** -2 - 1
+        assert result.values["steeper"] == pytest.approx(expected, rel=1e-6)
+        assert result.standard_errors["steeper"] == pytest.approx(slope * error, rel=0.05)

@@ -87,6 +87,19 @@ def test_what_contact_times_say_of_the_modulus_is_told(tmp_path):
     np.testing.assert_allclose(band.coefficient, expected, rtol=1e-9)
 
 
+def test_a_design_counts_what_sensors_show():
+    """Its errors are those of its shots with the sensors; the best without them is given too."""
+    law, sensors = sj.LinearSpringDashpot(PAIR, 3e6, 0.8), {"contact_time": 0.02}
+    found = cal.optimal_velocities(law, 6, (0.1, 3.0), criterion="D", sensors=sensors)
+    again = cal.fisher_information(law, found.velocity, sensors=sensors)
+    for name, error in again.relative_errors.items():
+        assert found.relative_errors[name] == pytest.approx(error, rel=1e-6)
+    assert found.without["stiffness"] is None
+    assert found.efficiency > 0.99
+    assert "stiffness: to 1.6 %; without: not determined" in str(found)
+    assert found.to_dict()["without_sensors"] == found.without
+
+
 def test_information_says_whether_a_sensor_is_worth_buying():
     """Contact times of 2 % tell a spring's stiffness to 4 %/√n; ε alone does not tell it."""
     law = sj.LinearSpringDashpot(PAIR, 3e6, 0.8)

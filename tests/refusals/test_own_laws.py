@@ -215,3 +215,19 @@ def test_a_field_named_like_one_of_the_contact_hides_no_shape():
     with pytest.raises(ValueError, match=r"^shapes must broadcast .*`contact.radius` \(2,\)"):
         Bumper(spheres, np.ones(3))
     assert sj.restitution(Bumper(spheres, 0.1), [0.1, 0.2]).coefficient.shape == (2,)
+
+
+def test_the_force_that_is_to_be_rewritten_is_named_though_another_one_calls_it():
+    class Rooted(sj.RateIndependentLaw):
+        contact: sj.Contact
+
+        def loading_force(self, overlap):
+            return 1e6 * math.sqrt(overlap)
+
+        def unloading_force(self, overlap, peak_overlap):
+            return self.loading_force(peak_overlap) - 2e6 * (peak_overlap - overlap)
+
+    with pytest.raises(
+        ValueError, match=r"^`Rooted\.loading_force` must be written with jax.numpy"
+    ):
+        sj.restitution(Rooted(PAIR), 1.0)
