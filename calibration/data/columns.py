@@ -73,6 +73,7 @@ ACCEPTED_SETS = (
     "rebound_height, interval (with launch), or time (with launch); or velocity, or drop_height, with "
     "contact_time, peak_force, penetration or dent_diameter"
 )
+NO_UNIT = "no unit in the header"  # how a remark begins
 OF_EACH_POINT = ("uncertainty", "velocity_uncertainty")
 
 
@@ -218,7 +219,7 @@ def _of_percent(relative: Iterable[str], points: Iterable[str]) -> list[str]:
 def _assumed(names: Sequence[str]) -> str:
     """In which units columns are taken that tell none."""
     told = [f"{name} in {SI_UNITS[name]}" for name in names if SI_UNITS[name] != "1"]
-    return f"no unit in the header, assuming {listed(told)}" if told else ""
+    return f"{NO_UNIT}, assuming {listed(told)}" if told else ""
 
 
 def _question(name: str) -> str:

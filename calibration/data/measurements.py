@@ -20,6 +20,7 @@ from calibration.data.checks import (
     codes_of,
     require,
 )
+from calibration.data.columns import NO_UNIT
 from calibration.data.covariance import Covariance
 from calibration.data.errors_of_points import PointErrors, same
 from calibration.data.names import OBSERVED, SI_UNITS, SIZES
@@ -114,6 +115,7 @@ class RestitutionData:
         try:
             self._take_in()
         except DataError as error:
+            error = _with_note(error, self.remarks)
             raise error if self.origin is None else self.origin.error(error) from None
 
     @classmethod
@@ -172,6 +174,7 @@ class RestitutionData:
             points = read_points(table, gravity, group, told, of_file, air, sphere.ball)
             found = sphere.contact_of(points.more)
         except DataError as error:
+            error = _with_note(error, remarks)
             raise error if origin is None else origin.error(error) from None
         try:
             return cls(
@@ -437,6 +440,17 @@ class RestitutionData:
         if np.max(measured) > PERCENT:
             accepted += " (is it in percent? then the unit is [%])"
         require("restitution", measured, lambda e: e <= LARGEST, accepted)
+
+
+def _with_note(error: DataError, remarks: Sequence[str]) -> DataError:
+    """The refusal of a row, with the units that were assumed where the header has none."""
+    note = next((one for one in remarks if one.startswith(NO_UNIT)), None)
+    if note is None or error.index is None:
+        return error
+    # a restitution that was given is of no unit
+    if error.argument not in note and not ("height" in note or "_velocity" in note):
+        return error
+    return DataError(error.argument, error.value, f"{error.accepted}; {note}", error.index)
 
 
 class _Sphere(NamedTuple):

@@ -120,6 +120,7 @@ CSV_FILES = {
     "one interval a launch": ("m.csv:1", "launch|1 row|2 rows", under("interval,launch", "0.6,1", "0.5,2")),
     "two times a launch": ("m.csv:1", "launch|2 row|3 rows", under("time", "0.6", "0.9")),
     "times that go back": ("m.csv:4", "time|0.1|launch", under("time", "0.2", "0.9", "0.1", "0.7")),
+    "a rebound far above its drop without a unit": ("m.csv:2", "rebound_height|9|drop_height, 2|no unit in the header, assuming drop_height in m, rebound_height in m", under("drop_height,rebound_height", "2,9", "4,3")),
     "a new drop without its label": ("m.csv:4", "interval|1.5|launch", under("interval", "1", ".9", "1.5")),
     "a new drop among times": ("m.csv:5", "time|3.4|launch", under("time", "0", "1", "1.9", "3.4")),
     "interval longer than the one before": ("m.csv:4", "restitution|1.6|at most 1", under("interval,launch", "0.6,1", "0.5,1", "0.5,2", "0.8,2")),
