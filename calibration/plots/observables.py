@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import numpy as np
 from matplotlib.figure import Figure
 
 from calibration.fitting.curves import distinct_impacts
@@ -40,8 +39,8 @@ def observables_figure(result: Any) -> Figure | None:
         what = OBSERVABLES[one.name]
         upper.tick_params(labelbottom=False)
         name = one.name.replace("_", " ")
-        upper.set(title=style.plain(fit.name), ylabel=f"{name} [{what.unit}]", yscale="log")
+        unit = style.in_prefixed_unit(upper, what.unit, one.value)
+        upper.set(title=style.plain(fit.name), ylabel=f"{name} [{unit}]")
         lower.set(xlabel=velocity_label(), ylabel="data/fit − 1 [%]", xlim=upper.get_xlim())
         upper.legend(frameon=False, fontsize="small")
-        assert np.all(one.value > 0)  # which the data promise: the axis is logarithmic
     return figure

@@ -22,6 +22,9 @@ from calibration.rounding import ABSENT, interval, number, with_error
 
 Printed = Mapping[str, Mapping[str, float]]  # {material: {parameter: published value}}
 MANY = 1000  # degrees of freedom, from where on Student's t is the normal distribution
+UNEVEN = (
+    0.1  # relative difference of an interval's halves from which the first sentence has both ends
+)
 MOST_NAMED = 3  # data sets that the first sentence names one by one
 MOST_SEARCHES = 12  # that are listed one by one
 NOT_CONVERGED = "NOT CONVERGED: do not use these values."
@@ -180,7 +183,7 @@ def result_sentence(result: Any) -> str:
     parts = []
     for fit in result.materials:
         values = [
-            f"{one.text} = {estimate_text(estimate)} {one.unit}".rstrip()
+            f"{one.text} = {_with_interval(estimate, result.confidence)} {one.unit}".rstrip()
             for name, estimate in fit.parameters.items()
             if estimate.free and (one := symbols.symbol(name, fit.model))
         ]
@@ -188,6 +191,17 @@ def result_sentence(result: Any) -> str:
         owner = f"on {fit.name}: " if count == 1 else f"{fit.name}, "
         parts.append(owner + ", ".join([*values, f"rms {number(fit.rms)}"]))
     return f"{law}{' ' if count == 1 else ': '}{'; '.join(parts)}."
+
+
+def _with_interval(estimate: Any, confidence: float) -> str:
+    """A value with its error; with its interval where that is not symmetric, as the error says less then."""
+    text, value = estimate_text(estimate), estimate.value
+    low, high = estimate.low, estimate.high
+    if value is None or estimate.standard_error is None or (low is None and high is None):
+        return text
+    if None not in (low, high) and abs((high - value) / (value - low) - 1) < UNEVEN:
+        return text
+    return f"{text} ({100 * confidence:g} % interval {interval_text(estimate)})"
 
 
 def estimates(result: Any) -> pd.DataFrame:
