@@ -6,7 +6,7 @@
     result = cal.fit(data)
     print(result)
 
-Importing this imports no solver and no optimiser; each name is loaded when it is asked for.
+Importing this imports no solver and no optimiser; each name is loaded when it is used.
 """
 
 from calibration.lazily import public

@@ -143,7 +143,7 @@ def listed(names: Iterable[str]) -> str:
 
 
 def _plain(value: Any) -> str:
-    if isinstance(value, int) and abs(value) >= 10**100:  # Python tells no more than 4300 digits
+    if isinstance(value, int) and abs(value) >= 10**100:  # Python writes no more than 4300 digits
         return "a whole number of more than 100 digits"
     try:
         return f"{value:.10g}" if isinstance(value, float) else repr(value)

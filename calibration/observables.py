@@ -43,7 +43,7 @@ PLACES = {name: k for k, name in enumerate(OBSERVABLES)}
 
 @dataclass(frozen=True, eq=False)
 class Observed:
-    """Values of one observable beside ε.
+    """Values of one observable other than ε.
 
     Attributes:
         name: of `OBSERVABLES`.

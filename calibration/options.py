@@ -2,7 +2,7 @@
 
 `FitOptions` is the `[fit]` table of a material file, the options of `softjax fit` and `softjax
 compare`, the keyword arguments of `calibration.fit`, and what `fit.json` keeps of them. A new setting
-is one field here, beside the line that uses it.
+is one field here, and the line that uses it.
 """
 
 import argparse
@@ -44,7 +44,7 @@ DOF = (2.0, 30.0, "a number in [2, 30]")  # of Student's t
 # options of a law, and the laws that have them
 LAW_OPTIONS = {"form": ("zhou",), "kappa": ("zhou",), "end": ("hertz-dashpot", "linear")}
 OF_ONE_FIT = ("law", "objective", "unloading_line", "profiles")  # settings that no comparison has
-# settings that act beside some values of another only
+# settings that act with some values of another only
 ACTS_WITH: dict[str, tuple[str, tuple[Any, ...]]] = {
     "rtol": ("route", (None, "ode")),
     "noise_dof": ("noise", ("student-t",)),
@@ -119,7 +119,7 @@ Line = Annotated[
 
 
 class FitOptions(Strict):
-    """Settings of a fit; what is None is chosen to suit the law and the data."""
+    """Settings of a fit; None is chosen to suit the law and the data."""
 
     law: Law = Field(default=None, description="contact law to fit (default: zhou)")
     objective: Objective = Field(
@@ -205,7 +205,7 @@ class FitOptions(Strict):
 
 
 def idle(settings: Mapping[str, Any]) -> dict[str, str]:
-    """Settings that would do nothing beside the others, each with what they act with."""
+    """Settings that would do nothing with the others, each with what they act with."""
     found = {}
     for name, (other, acting) in ACTS_WITH.items():
         value = settings.get(other)
@@ -292,7 +292,7 @@ def _parsed(name: str, text: str) -> Any:
     adapter = TypeAdapter(Annotated[(field.annotation, Field(), *field.metadata)])  # type: ignore[arg-type]
     try:
         found = adapter.validate_python(text, strict=False)
-        return text if found is None else found  # "none": left out is what is None
+        return text if found is None else found  # "none": None is left out
     except ValidationError:
         words = _words(name)
         known = f"one of {listed(words)}" if words else accepted(FitOptions, (name,))

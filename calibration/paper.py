@@ -70,7 +70,7 @@ TABLE_1 = (
 
 
 class Misprint(NamedTuple):
-    """A printed constant beside the one that follows from the paper's own equations."""
+    """A printed constant and the one that follows from the paper's own equations."""
 
     place: str
     printed: str

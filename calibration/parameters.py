@@ -29,7 +29,7 @@ Vector = Float[np.ndarray, "... p"]
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter of a law; what is None is left to the fit.
+    """One parameter of a law; None is left to the fit.
 
     Attributes:
         value: its start where free, its value where not; SI. For a field that is whole, an array
@@ -174,7 +174,7 @@ class Transform(NamedTuple):
 
     @classmethod
     def of(cls, ranges, asked) -> "Transform":
-        """For (lowest, highest) of each element and the transform asked for, or None."""
+        """For (lowest, highest) of each element and the requested transform, or None."""
         kinds = [_kind(low, high, name) for (low, high), name in zip(ranges, asked, strict=True)]
         low, high = np.array(ranges, float).reshape(-1, 2).T
         return cls(np.array(kinds, int), low, high)
@@ -232,7 +232,7 @@ class Transform(NamedTuple):
 
 
 def _kind(low: float, high: float, asked: str | None) -> int:
-    """The transform asked for, or the one that the bounds ask for.
+    """The requested transform, or the one that suits the bounds.
 
     A logarithm between two bounds is the logit, which nears it at small values.
     """

@@ -26,7 +26,7 @@ NOUNS = {
 }
 MOST = 9  # words that a refusal lists
 Model = TypeVar("Model", bound="Strict")
-# a number, or NaN, which JSON tells by null
+# a number, or NaN, which JSON writes as null
 Real = Annotated[
     float,
     Field(allow_inf_nan=True),

@@ -103,7 +103,7 @@ def batched(function: Callable, parameters, velocity, *settings, cut: bool = Tru
     whole = whole_leaves(arrays)
     shape = np.broadcast_shapes(*(np.shape(x) for x, w in zip(leaves, whole, strict=True) if not w))
     # within the caller's own program whatever is computed is traced, of constants too
-    # (`device_put` tells without anything to compile)
+    # (`device_put` knows without anything to compile)
     if any(is_traced(leaf) for leaf in leaves) or is_traced(jax.device_put(0.0)):
         return _of_traced(program, leaves, whole, shape, cut)
     count = math.prod(shape)

@@ -63,7 +63,7 @@ def check(name: str, value, holds, accepted: str) -> np.ndarray | None:
     """Raise unless `value` is a real number or array with `holds(value)` true everywhere.
 
     Returns its extremes, if any could be looked at. What is accepted is an interval each time, so
-    they tell all, NaN included.
+    they decide, NaN included.
     """
     if is_traced(value) or type(value) is object:  # object(): a placeholder of JAX's own
         return None

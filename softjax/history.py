@@ -110,7 +110,7 @@ def _fractions(samples: int, dtype) -> tuple[np.ndarray, np.ndarray]:
 
 def _histories(impact: Impact, fractions, route: ODE):
     """Time, overlap, velocity and force in SI at shares of the way, and the collisions they are of."""
-    from softjax.engine import damped, encke, motion  # diffrax is imported when it is asked for
+    from softjax.engine import damped, encke, motion  # diffrax is imported when it is used
 
     law = impact.law
     independent = isinstance(law, RateIndependentLaw)

@@ -19,7 +19,7 @@ from softjax.numerics.powers import safe_sqrt
 from softjax.routes import Route, as_argument, check_route
 from softjax.status import Status
 
-SHOWN = 16  # impacts whose numbers a printed result tells
+SHOWN = 16  # impacts whose numbers a printed result has
 
 
 class Restitution(eqx.Module):
@@ -28,9 +28,9 @@ class Restitution(eqx.Module):
     Attributes (arrays of the shape of `velocity`, broadcast against the law's fields):
         coefficient: ε [-].
         plastic_coefficient: ε_p [-], what the contact force alone gives back.
-        peak_overlap, residual_overlap: δ_max and δ* [m]; None where they were not asked for.
+        peak_overlap, residual_overlap: δ_max and δ* [m]; None where not requested.
         status: `Status` flags, one integer per velocity.
-        law, velocity, route: what was asked for, the result's own: nobody else writes there. Under
+        law, velocity, route: copies of the inputs. Under
             `jit`, `vmap` or `grad` the numbers of the law have the shape of `velocity` too.
         each: whether what is whole in the law is there for each impact, as under `vmap`.
     """
@@ -47,7 +47,7 @@ class Restitution(eqx.Module):
 
     @property
     def duration(self) -> Array:
-        """Contact duration [s], computed when asked for.
+        """Contact duration [s], computed when used.
 
         0 where there is no contact that ends: at v = 0, without a turning point, on invalid input,
         and where the solver gave up.
@@ -56,7 +56,7 @@ class Restitution(eqx.Module):
 
     @property
     def peak_force(self) -> Array:
-        """The largest contact force [N], that of dashpots included, computed when asked for.
+        """The largest contact force [N], that of dashpots included, computed when used.
 
         0 where there is no contact with a peak: at v = 0, without a turning point, on invalid input,
         where the solver gave up, and for hard spheres.
@@ -229,7 +229,7 @@ def _signed(parameters, velocity):
 
 
 def _chosen(law: ContactLaw, route: Route | None) -> Route:
-    """The route asked for, or the law's default.
+    """The requested route, or the law's default.
 
     Raises:
         ValueError: where the law cannot take it.

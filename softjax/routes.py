@@ -46,7 +46,7 @@ class AbstractRoute(eqx.Module):
         Args:
             law: as `restitution` was given it, its numbers valid.
             velocity: an array, against which the law's numbers broadcast; JAX may trace both.
-            clock, force: whether the duration and the largest force are asked for.
+            clock, force: whether the duration and the largest force are requested.
         """
 
 
@@ -173,7 +173,7 @@ class ODE(AbstractRoute):
         return f"EnergyBalance() for {name}, which has no force to integrate, but is {self!r}"
 
     def collide(self, law, velocity: Array, *, clock=False, force=False) -> Collision:
-        from softjax.engine import damped, motion  # diffrax is imported when it is asked for
+        from softjax.engine import damped, motion  # diffrax is imported when it is used
 
         impacts = law.impacts(velocity)
         collide = (damped if isinstance(law, RateDependentLaw) else motion).collide

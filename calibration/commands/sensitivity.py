@@ -1,7 +1,7 @@
 """Sensitivities of the restitution, the information in data, and where to measure next.
 
     softjax sensitivity nylon                        # θ ∂ε/∂θ over velocity: table, CSV, pictures
-    softjax sensitivity nylon --study information    # what 30 shots would tell of χ̃, σ, ψ
+    softjax sensitivity nylon --study information    # how well 30 shots would determine χ̃, σ, ψ
     softjax sensitivity nylon --study design --shots 10 --criterion D --free yield_strength=2e6
     softjax sensitivity nylon --study global --range chi=0.1:0.4 --range density=1100:1200
     softjax sensitivity --fit results/fit.json --material nylon --study design
@@ -230,7 +230,7 @@ def _limits(job: _Job) -> dict[str, Any]:
 
 
 def _information(job: _Job, folder: Path, progress: Progress) -> dict[str, Any]:
-    """What equally spaced shots would tell."""
+    """Expected standard errors of equally spaced shots."""
     import numpy as np
 
     from calibration.studies.information import fisher_information

@@ -64,7 +64,7 @@ class Ball:
 
 @dataclass(frozen=True)
 class Fall:
-    """How velocities of a data set came from heights, so that further drops are told as the file has them.
+    """How velocities of a data set came from heights, so that further drops are given as the file has them.
 
     Attributes:
         unit: of the file's heights.
@@ -212,7 +212,7 @@ def _take_off(time: Column, pull: Any, terminal: Column) -> Column:
 
 
 def checked_air(air: Any) -> float | None:
-    """The density of the air [kg/m³] that `air` tells; None for False.
+    """The density of the air [kg/m³] that `air` states; None for False.
 
     Raises:
         DataError: for anything but True, False, None (as True), a density in kg/m³, or one with its
@@ -234,10 +234,10 @@ def checked_air(air: Any) -> float | None:
 
 
 def ball_of(diameter: Any, mass: Any, density: Any) -> Ball | None:
-    """A ball by its diameter [m] and its mass [kg] or density [kg/m³]; None where they do not tell it.
+    """A ball by its diameter [m] and its mass [kg] or density [kg/m³]; None where they do not determine it.
 
     Raises:
-        DataError: for a number that is none of these.
+        DataError: for a number that is not positive.
     """
     told = {"diameter": diameter, "mass": mass, "density": density}
     for name, value in told.items():

@@ -1,16 +1,16 @@
-"""Which columns of a table are used, what they mean together, and what is told of the others.
+"""Which columns of a table are used, what they mean together, and what is remarked of the others.
 
 Accepted together are
 
-    velocity, restitution               and the two heights beside them, to check against
-    impact_velocity, rebound_velocity   ε = v_out/v_in; a restitution beside is checked and used
+    velocity, restitution               with the two heights, to check against
+    impact_velocity, rebound_velocity   ε = v_out/v_in; a restitution as well is checked and used
     drop_height, rebound_height         v = √(2 g h₁), ε = √(h₂/h₁); the same
     interval                            v = g tₙ/2, ε = tₙ₊₁/tₙ of bounces that follow each other
     time                                of the bounces themselves: the intervals between them
     velocity, or drop_height            with one or more of contact_time, peak_force, peak_overlap
                                         (penetration) and dent_diameter, without a restitution
 
-where several are complete the first of these. Beside each: `uncertainty` (of ε),
+where several are complete the first of these. With each: `uncertainty` (of ε),
 `velocity_uncertainty`, `<column>_uncertainty` of what is measured (`height_uncertainty`: of both
 heights, `timing_uncertainty`: of intervals or times), `group` (also `specimen`): rows with a
 common error, and `launch`: rows of one bounce train, which are a group too; contact_time and so on,
@@ -32,7 +32,7 @@ class Kind(NamedTuple):
     """Columns that make a set of data together."""
 
     needs: tuple[str, ...]
-    uncertainties: tuple[str, ...]  # beside those of ε and of v
+    uncertainties: tuple[str, ...]  # in addition to those of ε and of v
     beside: tuple[str, ...] = ()  # used where all of them are there
 
     @property
@@ -87,7 +87,7 @@ class Layout(NamedTuple):
         written: the unit of each as the header has it, None without one.
         relative: the uncertainties among them that are parts of the quantity itself, in percent.
         remarks: what names were taken for, and which columns are not used.
-        assumed: the same of units that are not told; empty where all are.
+        assumed: the same of missing units; empty where none is missing.
     """
 
     kind: Kind
@@ -147,7 +147,7 @@ def _with_unit(header: Header, unit: str) -> Header:
 
 
 def _resolved(read: Sequence[Header]) -> list[str | None]:
-    """The name of each column, pairs told apart by each other."""
+    """The name of each column, pairs identified by each other."""
     names = [header.name for header in read]
     if "rebound_height" not in names:
         first, second = ("h1", "h_1"), ("h2", "h_2")
@@ -217,7 +217,7 @@ def _of_percent(relative: Iterable[str], points: Iterable[str]) -> list[str]:
 
 
 def _assumed(names: Sequence[str]) -> str:
-    """In which units columns are taken that tell none."""
+    """Which units are assumed for columns without one."""
     told = [f"{name} in {SI_UNITS[name]}" for name in names if SI_UNITS[name] != "1"]
     return f"{NO_UNIT}, assuming {listed(told)}" if told else ""
 

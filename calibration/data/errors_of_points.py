@@ -39,7 +39,7 @@ class PointErrors:
             coefficient is (1 + c) that of `calibration.data.air`, with one c for all; None without.
 
     Raises:
-        DataError: for an uncertainty that is none, or an elementary error that enters points which
+        DataError: for an invalid uncertainty, or an elementary error that enters points which
             do not follow each other.
     """
 
@@ -120,10 +120,10 @@ class PointErrors:
             slope: dε/dv [s/m] of the curve at each point.
             size: standard deviation of the elementary errors where that is unknown, in the SI
                 unit of what was measured; refused where the sizes are stated.
-            added: variance of ε beside all that, one number or (n,): noise that is estimated.
+            added: further variance of ε, one number or (n,): noise that is estimated.
 
         Raises:
-            DataError: for a size that is missing, or beside stated ones.
+            DataError: for a size that is missing, or given with stated ones.
         """
         slopes = np.broadcast_to(np.asarray(slope, float), (len(self),))
         if self.size_is_unknown != (size is not None):

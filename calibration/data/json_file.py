@@ -10,7 +10,7 @@ import numpy as np
 
 
 def plain(value: Any) -> Any:
-    """JSON's own types; what is not finite becomes None, a record its fields or what it tells itself."""
+    """JSON's own types; what is not finite becomes None, a record its fields or its `to_dict`."""
     if hasattr(value, "to_dict"):
         return plain(value.to_dict())
     if is_dataclass(value):

@@ -13,7 +13,7 @@
     density = 8030               # kg/m³
     yield_strength = 3.10e8      # Pa
     radius = 0.0127              # m; or radius_1 and radius_2; or diameter, diameter_1, diameter_2
-    data = "my_alloy.csv"        # beside this file
+    data = "my_alloy.csv"        # next to this file
     # material = "nylon"         # of Table 1, in place of the four properties
     # air = false, or "1.2 kg/m³": of drops and bounces; default true
     # limit_velocity [m/s], area, gravity [m/s²]; uncertainties for all rows, as columns are called:
@@ -31,7 +31,7 @@
     yield_strength = { prior = ["310 MPa", "20 MPa"] }
 
 Without elastic properties a set can be fitted by Eq. (17), where `limit_velocity` is given, or by
-a constant restitution; the ball's `diameter` and `mass` (or `density`) then tell its drag. `MaterialTables.model_json_schema()` is the JSON Schema of these files.
+a constant restitution; the ball's `diameter` and `mass` (or `density`) then determine its drag. `MaterialTables.model_json_schema()` is the JSON Schema of these files.
 """
 
 import os
@@ -79,7 +79,7 @@ PROPERTIES = ("youngs_modulus", "poisson_ratio", "density", "yield_strength")
 NAMED = {entry.name: entry.material for entry in TABLE_1}
 NAMED_SOURCE = "Table 1 of Zhou (2013)"
 KEYS = ("free", "value", "bounds", "prior", "transform", "shared", "unit")  # of a parameter
-# of parameters that may be told with their unit
+# of parameters that may have their unit in the file
 OF_PARAMETERS = {"youngs_modulus": "Pa", "yield_strength": "Pa", "radius": "m", "mass": "kg"}
 OF_PARAMETERS |= {"limit_velocity": "m/s", "dissipation_time": "s"}
 OF_PARAMETERS |= dict.fromkeys(("stiffness", "loading_stiffness", "unloading_stiffness"), "N/m")
@@ -306,7 +306,7 @@ class _Material(BodyTable):
 
     @property
     def is_ball(self) -> bool:
-        """Whether nothing but a ball's size and mass is told of the bodies."""
+        """Whether nothing but a ball's size and mass is known of the bodies."""
         names = {"material", *PROPERTIES, *RADII, *DIAMETERS, "wall", "second", "area", "mass"}
         told = names & self.model_fields_set
         return told in [{a, b} for a in ("radius", "diameter") for b in ("mass", "density")]
@@ -464,7 +464,7 @@ def read_toml(
     """The data sets of a material file, one a `[[material]]`.
 
     Args:
-        path: the file; data files are sought beside it.
+        path: the file; data files are sought next to it.
         plausibility: whether properties more than 100 times outside what is plausible are refused,
             but of materials with `plausibility = false`.
         air: in place of what the file says of it, as `RestitutionData.from_table` takes it.
@@ -485,7 +485,7 @@ def read_problem(
     """A material file's data sets, parameters and settings.
 
     Args:
-        path: the file; data files are sought beside it.
+        path: the file; data files are sought next to it.
         needs_data: whether every material must name its measurements.
         plausibility, air: as of `read_toml`.
 
@@ -617,7 +617,7 @@ class _Reader:
             raise error.at(self.file.path, line) from None
 
     def _of_sizes(self, path: Path, options: dict[str, Any]) -> RestitutionData:
-        """Measurements of spheres of several sizes, each of which its row tells."""
+        """Measurements of spheres of several sizes, each given in its row."""
         table, area = self.table, self.table.area or self.file.content.fit.area or "zhou"
         first, other = table.solid, (table.other or table).solid
 
@@ -652,7 +652,7 @@ class _Reader:
         """The measurements of these bodies, all of them below √(3 Y/ρ).
 
         Where a few are not they are to blame, where most are not the unit of the velocities if the
-        header tells none, or the yield strength.
+        header has none, or the yield strength.
         """
         limit = float(np.asarray(contact.limit_velocity))
         beyond = data.velocity >= limit
@@ -682,10 +682,10 @@ class _Reader:
         return self.refusal(f"{where * is_other}yield_strength", problem, accepted)
 
     def _data_file(self) -> tuple[Path, tuple[str, ...], bool]:
-        """Where the data file is, what to tell of that, and whether it lies below the file's folder.
+        """Where the data file is, a remark on that, and whether it lies below the file's folder.
 
-        A material file that is reached by a link means what lies beside itself, not beside the link;
-        where that is not there, what lies beside the link serves.
+        A material file that is reached by a link means what lies next to itself, not next to the link;
+        where that is not there, what lies next to the link serves.
         """
         here = Path(self.file.path).parent
         homes = list(dict.fromkeys([Path(self.file.path).resolve().parent, here.resolve()]))

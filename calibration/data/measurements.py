@@ -41,7 +41,7 @@ LONGEST_NAME = 200  # which pictures and tables can show
 class RestitutionData:
     """n impacts: at which velocity, with which coefficient of restitution, how well known.
 
-    Beside ε, or in its place, what else an impact shows: contact time, largest force, largest overlap,
+    With ε, or in its place, what else an impact shows: contact time, largest force, largest overlap,
     diameter of the dent; NaN where it was not measured.
 
     Arrays may be anything that `np.asarray` takes (a frame's columns too); they are held as
@@ -66,7 +66,7 @@ class RestitutionData:
             have an error in common whose size is not known. None: no groups.
         errors: how the errors of what was measured enter ε and v, and what points share of them;
             made of the two uncertainties where left out.
-        bodies: the bodies of the contact (`calibration.data.bodies.Body`) where a file told of them;
+        bodies: the bodies of the contact (`calibration.data.bodies.Body`) where a file has them;
             for `plausibility`, and not compared.
         degrees: degrees of freedom behind `uncertainty`: a number where one scatter is behind all,
             (n,) where each point has its own; None where they are stated, or unknown.
@@ -143,7 +143,7 @@ class RestitutionData:
         """Data from named columns: a mapping or a frame, headers as in a file, `"velocity [cm/s]"`.
 
         Args:
-            table: the sets of columns and the names that `calibration.data.columns` tells of. SI
+            table: the sets of columns and the names of `calibration.data.columns`. SI
                 without a unit; NaN for what was not measured.
             contact: the two bodies; where the table has the `diameter`, `radius` or `mass` of the sphere
                 in each row, a function that gives the contact of an array of radii [m].
@@ -160,7 +160,7 @@ class RestitutionData:
             origin: file and line of each row of the table.
             uncertainties: `uncertainty`, `velocity_uncertainty`, `interval_uncertainty` and so on,
                 for all rows, in place of a column: a number in SI, or text with its unit, "0.5 mm"
-                or "2 %"; None is not told.
+                or "2 %"; None: not stated.
 
         The other arguments are those of `RestitutionData`.
 
@@ -403,7 +403,7 @@ class RestitutionData:
             self._set(name, value)
 
     def _take_in_contact(self) -> None:
-        """One limit velocity, in the contact and beside it."""
+        """One limit velocity, in the contact and in the data."""
         if self.contact is not None and not isinstance(self.contact, sj.Contact):
             raise DataError("contact", self.contact, "a softjax.Contact or None")
         if self.limit_velocity is not None:
@@ -482,7 +482,7 @@ class _Sphere(NamedTuple):
         """The contact of each point.
 
         Raises:
-            DataError: for sizes in the rows beside a contact of one size, or the other way round.
+            DataError: for sizes in the rows with a contact of one size, or the other way round.
         """
         sizes = [name for name in SIZES if name in columns]
         if not callable(self.contact):

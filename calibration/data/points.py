@@ -48,7 +48,7 @@ class Measured(NamedTuple):
 
 
 class Points(NamedTuple):
-    """n impacts: v [m/s], ε, their errors, the row each came from, its group, what to tell."""
+    """n impacts: v [m/s], ε, their errors, the row each came from, its group, remarks."""
 
     velocity: Column
     restitution: Column
@@ -61,17 +61,19 @@ class Points(NamedTuple):
 
 
 def with_own(errors: PointErrors, table: Measured, velocity: Column, restitution: Column):
-    """The errors with what is stated of each ε and each v, and what to tell of it.
+    """The errors with what is stated of each ε and each v, and remarks on it.
 
     Raises:
-        DataError: for an uncertainty that is none.
+        DataError: for an invalid uncertainty.
     """
     alone = table.uncertainty("uncertainty", restitution)
     if alone is not None:
         alone = np.where(np.isnan(restitution), 1.0, alone)  # of what was not measured
     of_velocity = table.uncertainty("velocity_uncertainty", velocity)
     told: tuple[str, ...] = ()
-    if alone is not None and errors.size_is_unknown:  # told of each ε: nothing is left to estimate
+    if (
+        alone is not None and errors.size_is_unknown
+    ):  # stated of each ε: nothing is left to estimate
         errors = replace(PointErrors.alone(len(errors)), by_drag=errors.by_drag)
     elif alone is not None and errors.kind:
         told = (f"uncertainty is taken to come on top of that of the {errors.kind}",)

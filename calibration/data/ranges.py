@@ -9,7 +9,7 @@ from calibration.errors import DataError
 
 
 class Implausible(NamedTuple):
-    """A doubt about what was read: a name for it, the numbers it rests on, and what to look at."""
+    """A warning about what was read: a name for it, the numbers it rests on, and what to look at."""
 
     code: str
     cause: str

@@ -8,7 +8,7 @@ Commas, semicolons or tabs separate cells, whichever the header uses (or `sep=;`
 it). A decimal is a point; where semicolons or tabs separate cells it may be a comma in the whole
 file. Units stand in the header or in a row of their own below it. Thousands are not separated.
 UTF-8, UTF-16 with its mark, or Windows-1252, of at most 64 MiB; or the first sheet of an Excel file.
-What columns there may be tells `calibration.data.columns`.
+The possible columns are in `calibration.data.columns`.
 """
 
 import csv
@@ -49,7 +49,7 @@ def read_csv(
     Args:
         path: the file.
         contact: the two bodies, or None.
-        quoted: whether a refusal may repeat a header that is none of measurements.
+        quoted: whether a refusal may repeat a header that is not of measurements.
         options: those of `RestitutionData.from_table`.
 
     Raises:
@@ -62,7 +62,7 @@ def read_csv(
 
 
 class Sheet:
-    """One file on its way in: its rows, but blank ones and comments, and what to tell of them."""
+    """One file on its way in: its rows, but blank ones and comments, and remarks on them."""
 
     def __init__(self, path: str | Path, raw: bytes | None = None):
         self.path = path
@@ -73,7 +73,7 @@ class Sheet:
         self.rows = [row for row in rows if any(cell.strip() for cell in row.cells)]
 
     def table(self, quoted: bool) -> tuple[dict[str, Any], tuple[str, ...], Origin]:
-        """The columns that are used, by their names and units; what to tell of them; their lines."""
+        """The columns that are used, by their names and units; remarks on them; their lines."""
         headers = self._headers()
         units = self._units(headers)
         rows = self.rows[1 + (units is not None) :]
@@ -165,7 +165,7 @@ class Sheet:
         cells = self.full(self.rows[1], len(headers)).cells
         try:
             names = [read_header(header).name for header in headers]
-        except DataError:  # which is told with the others
+        except DataError:  # which is reported with the others
             return None
         pairs = zip(cells, names, strict=True)
         told = [c.strip() for c, name in pairs if name not in (None, *LABELS) and c.strip()]

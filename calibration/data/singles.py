@@ -1,4 +1,4 @@
-"""Points that stand for themselves, one a row.
+"""One independent impact per row.
 
     velocity, restitution
     two velocities    v = v_in,         ε = v_out/v_in     δε = (δv_out - ε δv_in)/v_in
@@ -6,7 +6,7 @@
 
 in vacuum; in air heights become velocities by `calibration.data.air`.
 
-Rows of which something needed was not measured (NaN) are left out, and told.
+Rows of which something needed was not measured (NaN) are left out, with a remark.
 """
 
 from collections.abc import Callable
@@ -23,7 +23,7 @@ from calibration.data.points import Measured, Points, of_falls, of_row, with_own
 from calibration.data.trains import runs
 from calibration.errors import DataError, listed
 
-OFF = 4.0  # standard uncertainties by which ε may differ from what stands beside it
+OFF = 4.0  # standard uncertainties by which ε may differ from the other columns of its row
 OFF_UNKNOWN = 0.05  # the same where none is stated
 SWAPPED = 1.25  # ε beyond which two columns are exchanged or not in one unit
 HEIGHT = "a height of 0 m or more"
@@ -163,7 +163,7 @@ _MAKERS: dict[tuple[str, ...], Callable[[Measured], Any]] = {
 
 
 def _sizes(table: Measured, names, of_both: str, values):
-    """Standard uncertainties of two measured columns; None where neither is told."""
+    """Standard uncertainties of two measured columns; None where neither is stated."""
     each = [table.uncertainty(f"{n}_uncertainty", x) for n, x in zip(names, values, strict=True)]
     if of_both in table.columns:
         twice = [name for name, one in zip(names, each, strict=True) if one is not None]
@@ -190,7 +190,7 @@ def _paired(to_restitution, to_velocity, sizes, kind: str) -> PointErrors:
 
 
 def _check_heights(table: Measured, restitution: Column) -> None:
-    """A restitution beside both heights must be the root of their ratio, not the ratio (ε²)."""
+    """A restitution given with both heights must be the root of their ratio, not the ratio (ε²)."""
     drop, rebound = (table.columns[name] for name in HEIGHTS)
     if "restitution" in table.columns:
         require(HEIGHTS[0], drop, lambda h: h > 0, "a positive height in m")
@@ -203,7 +203,7 @@ def _check_heights(table: Measured, restitution: Column) -> None:
 
 
 def _without_air(table: Measured, in_air: Column) -> bool:
-    """Whether the restitutions beside two heights were computed from these as if in vacuum."""
+    """Whether the restitutions given with two heights were computed from these as if in vacuum."""
     drop, rebound = (table.columns[name] for name in HEIGHTS)
     off = [
         np.nanmedian(np.abs(table.columns["restitution"] - one))
@@ -213,7 +213,7 @@ def _without_air(table: Measured, in_air: Column) -> bool:
 
 
 def _check(table: Measured, expected: Column, told: str, slip: Column | None = None) -> None:
-    """The restitutions beside what was measured must be as expected, and not the likely slip."""
+    """The restitutions given with other measurements must be as expected, and not the likely slip."""
     given = table.columns["restitution"]
     measured = np.where(np.isnan(expected), 0.0, given)
     require("restitution", measured, lambda e: e >= 0, "a number of 0 or more")

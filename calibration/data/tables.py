@@ -33,7 +33,7 @@ def read_points(
     """The points of a table (see `RestitutionData.from_table`).
 
     Args:
-        of_file: whether a bare number is refused beside a column in another unit than SI's.
+        of_file: whether a bare number is refused with a column in another unit than SI's.
         air: True or None, False, or the density of air.
         ball: from the columns, what flies, where that is known.
 
@@ -111,7 +111,7 @@ def _column(name: str, values: Any, layout: Layout) -> np.ndarray:
 
 
 def _stated(name: str, value: Any, columns: Mapping[str, np.ndarray], layout: Layout) -> float:
-    """An uncertainty that is told for all rows, in SI or `Relative`."""
+    """An uncertainty that is stated for all rows, in SI or `Relative`."""
     if name not in UNCERTAINTIES:
         raise TypeError(f"unexpected keyword argument {name!r}{did_you_mean(name, UNCERTAINTIES)}")
     if name in columns:
@@ -125,7 +125,7 @@ def _stated(name: str, value: Any, columns: Mapping[str, np.ndarray], layout: La
 
 
 def _check_unit(name: str, value: Any, layout: Layout) -> None:
-    """Refuse a bare number, which is in SI, beside columns in another unit: either may be meant.
+    """Refuse a bare number, which is in SI, next to columns in another unit: either may be meant.
 
     Args:
         value: the number, or None for a column without a unit.
@@ -158,7 +158,7 @@ def _gravity(gravity: float | None, kind: Kind) -> float:
 
 
 def _air(air: Any, ball: Ball | None, kind: Kind, gravity: float):
-    """What balls fly in, None where that is not taken into account, and what to tell of it."""
+    """What balls fly in, None where that is not taken into account, and a remark."""
     density = checked_air(air)
     if density is None or not kind.is_flight:
         return None, ()

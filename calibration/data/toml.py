@@ -1,6 +1,6 @@
-"""TOML files as pydantic models: every fault is told with file and line.
+"""TOML files as pydantic models: every fault has its file and line.
 
-`tomllib` does not tell on which line a key stands. A text is cut into statements by its strings,
+`tomllib` does not say on which line a key stands. A text is cut into statements by its strings,
 comments and brackets in one pass; what a key is called, quoted or dotted, is read by the parser.
 """
 

@@ -43,7 +43,7 @@ NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 
 
 class Relative(float):
-    """An uncertainty told as a fraction of the quantity itself: 0.05 for 5 %."""
+    """An uncertainty stated as a fraction of the quantity itself: 0.05 for 5 %."""
 
 
 def unit_of(text: str, si: str) -> Fraction:

@@ -4,7 +4,7 @@ Data sets that share nothing have a problem each, but mostly the same law, param
 searches go side by side.
 
 Between neighbours in velocity ε is a straight line to far less than its error: neighbours that a fit
-cannot tell apart stand as one, with all their weight. Where searches begin, and how cost rises along a
+cannot distinguish stand as one, with all their weight. Where searches begin, and how cost rises along a
 profile, need no more; where a search ends is always found on all points."""
 
 from collections.abc import Hashable, Sequence
@@ -22,7 +22,7 @@ Table = Float[np.ndarray, "members points"]
 
 @dataclass(frozen=True, kw_only=True)
 class Alike(Problem):
-    """The longest of some problems, and the points of all; `Lanes.member` tells them apart."""
+    """The longest of some problems, and the points of all; `Lanes.member` identifies them."""
 
     # of the points; where a problem has fewer than the longest, its last is repeated without
     # weight

@@ -72,10 +72,10 @@ def expand(
     Args:
         leaves: of the law; each of one value an impact, (m,), or, where it is whole, an array an
             impact, (m, ...), if it moves, else the array itself.
-        moving: positions of the leaves along which slopes are wanted; each number of a whole leaf
+        moving: positions of the leaves along which slopes are computed; each number of a whole leaf
             has its own.
         elastic: the branch that each impact's ε is held on, None: as the law has it.
-        observable: what is wanted, of `calibration.observables`.
+        observable: what is predicted, of `calibration.observables`.
     """
     begun, filled = [], []
     route = shape.route if route is None else route  # one name for one program

@@ -1,4 +1,4 @@
-"""Fit a law's parameters to measured restitutions: `fit` is the door to everything here."""
+"""Fit a law's parameters to measured restitutions: `fit` is the entry to everything here."""
 
 import importlib.metadata
 import time
@@ -51,7 +51,7 @@ def fit(
             {"chi[name]": ...} for one; a `Parameter`, a number that fixes it, or a text for an
             option such as {"form": "full"}; or a list of such mappings, one a data set. Those of
             the contact are "contact.yield_strength" and so on. All of a law's own are free, except
-            what ε does not tell.
+            what ε does not determine.
         progress: True shows it, a bar on a terminal and else a line a stage; or a function that is
             called as progress(stage, done, total).
         OPTIONS

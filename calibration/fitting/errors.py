@@ -99,11 +99,11 @@ class Errors:
         dof: float | str | None = None,
         observed: Observed | None = None,
     ) -> "Errors":
-        """What the data tell, and what was asked for.
+        """The errors that the data state, and those that the options add.
 
         Args:
             observed: what else than ε it is of.
-            extra_scatter: scatter beside the stated uncertainties is unknown.
+            extra_scatter: scatter in addition to the stated uncertainties is unknown.
             scale: these are right up to a factor.
             dof: of Student's t, or "estimate"; None for normal errors.
         """
@@ -183,7 +183,7 @@ class Errors:
 
     @cached_property
     def nodes(self) -> np.ndarray:
-        """Velocities at which the curve is wanted, (5, n) [m/s]; the first are those measured."""
+        """Velocities at which the curve is computed, (5, n) [m/s]; the first are those measured."""
         wanted = self.velocity + NODES[:, None] * self.steps
         return np.clip(wanted, SLOWEST * self.velocity, self.fastest)
 
@@ -532,7 +532,7 @@ def log_density(off: Any, variance: Any, nu: Any, xp: Any = np) -> Any:
 
 
 def _over(value: Any) -> Any:
-    """A variance of each fit beside its points."""
+    """A variance of each fit, shaped to broadcast against its points."""
     return value[..., None] if np.ndim(value) else value
 
 

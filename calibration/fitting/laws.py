@@ -4,10 +4,10 @@ A law is a class, the name of a built-in one, or any function that builds one:
 
     parameters -> build(contact, **parameters) -> a contact law
 
-A class's parameters are its numeric fields beside `contact`, a function's its arguments beside
+A class's parameters are its numeric fields except `contact`, a function's its arguments except
 `contact`. Range, symbol and unit of each are what the law's field of that name declares.
 
-What ε does not tell of a built-in law is fixed at a value of the right size: Walton and Braun's loading
+What ε does not determine of a built-in law is fixed at a value of the right size: Walton and Braun's loading
 stiffness and that of a linear spring at k √R, unless forces, times or overlaps were measured. Eq. (17)
 takes its limit velocity from the data. Zhou's law may have c1 and c2 in place of χ̃, and ε_up in place
 of σ and ψ, which above yield act only through ε_up = ε_17(v_cr): ψ is then fixed at a guess, and σ such
@@ -39,7 +39,7 @@ class Tree(NamedTuple):
 
     name: str  # of the parameter
     structure: Any  # of its pytree
-    # the shape of each leaf of numbers; what is none, an activation function, itself
+    # the shape of each leaf of numbers; what is no number, an activation function, itself
     leaves: tuple[Any, ...]
 
     @classmethod
@@ -133,7 +133,7 @@ class LawModel:
         return built(self.build, self.takes_contact, self.trees, contact, values)
 
     def inside(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """The same numbers; for an end that its range leaves out, where a fit may end, the number beside it."""
+        """The same numbers; for an end that its range leaves out, where a fit may end, the nearest number inside."""
         return {name: self._inside(name, value) for name, value in values.items()}
 
     def _inside(self, name: str, value: Any) -> Any:
@@ -199,7 +199,7 @@ class With:
 
 
 def model_of_class(law: type, key: str, options: Mapping[str, str]) -> LawModel:
-    """A law class; its fields beside `contact` are its parameters."""
+    """A law class; its fields except `contact` are its parameters."""
     chosen = _options(law, key, options)
     fields = {f.name: f for f in dataclasses.fields(law)}
     has_contact = "contact" in fields
@@ -221,7 +221,7 @@ def model_of_class(law: type, key: str, options: Mapping[str, str]) -> LawModel:
 def model_of_function(
     build: Callable[..., Any], key: str, contact: sj.Contact | None, options: Mapping[str, Any]
 ) -> LawModel:
-    """A function that builds a law; its arguments beside `contact` are its parameters.
+    """A function that builds a law; its arguments except `contact` are its parameters.
 
     What type of law it builds is found by building one abstractly.
     """
@@ -289,7 +289,7 @@ class Known:
     law: type  # its class, and its name in tables and pictures
     label: str
     guess: Callable[[RestitutionData], Numbers] = _nothing  # where a search starts, from the data
-    # what ε does not tell, with the value it is held at
+    # what ε does not determine, with the value it is held at
     held: Callable[[RestitutionData], Numbers] = _nothing
     # ends of a parameter's range that depend on the data
     ranges: Callable[[RestitutionData], Ranges] = _nothing
@@ -314,7 +314,7 @@ def _one(values: Any) -> float:
 
 
 def _unless_observed(name: str) -> Callable[[RestitutionData], Numbers]:
-    """A stiffness, which ε does not tell, and forces, times and overlaps do."""
+    """A stiffness, which ε does not determine, and forces, times and overlaps do."""
     return lambda data: {} if data.observed else {name: _spring(data)}
 
 
@@ -470,7 +470,7 @@ EXTRA = {
     "eps_up": Declared("ε_up", "-", "coefficient of restitution", 0.0, 1.0, True, True),
 }
 ALIKE = 0.01  # of v_cr/(v_lim - v_cr): pairs that differ by less have one ε_up to 1e-3 at most
-NOT_GIVEN = -1.0  # ε_up of data sets that have σ, beside others that have ε_up
+NOT_GIVEN = -1.0  # ε_up of data sets that have σ, next to others that have ε_up
 
 
 def zhou_by_others(contact: sj.Contact, **values: Any) -> sj.ContactLaw:

@@ -1,6 +1,6 @@
 """From data, laws and parameters to problems that can be searched.
 
-Sets that share no parameter are fits of their own, whatever else is fitted beside them: components. A
+Sets that share no parameter are fits of their own, whatever else is fitted with them: components. A
 component has one vector z of all its elements, and one problem a stage, which searches some of them."""
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -39,7 +39,7 @@ EMPIRICAL = ("sigma", "psi", LIMIT)  # searched by Eq. (17)'s stage
 class Component:
     """Data sets that share parameters, and the stages of their fit."""
 
-    sets: tuple[int, ...]  # which of the fit's data sets these are, and what is asked of each
+    sets: tuple[int, ...]  # which of the fit's data sets these are, and the options of each
     specs: tuple[SetSpec, ...]
     elements: tuple[Element, ...]  # the free parameters
     stages: tuple[tuple[str, Problem], ...] = ()  # names and problems, in their order
@@ -146,7 +146,7 @@ def _component(sets, specs, elements, route: Route) -> Component:
 
 
 def _of_one_kind(specs: Sequence[SetSpec]) -> Sequence[SetSpec]:
-    """Zhou's law by ε_up for some data sets and by σ for others, told as one law of both."""
+    """Zhou's law by ε_up for some data sets and by σ for others, as one law of both."""
     names = [tuple(spec.model.parameters) for spec in specs]
     if len(set(names)) == 1 or {spec.model.key for spec in specs} != {"zhou"}:
         return specs
@@ -164,7 +164,7 @@ def _of_one_kind(specs: Sequence[SetSpec]) -> Sequence[SetSpec]:
 
 
 def _check_counts(component: Component) -> None:
-    """More values than free parameters in every data set; not of those that more than these tell.
+    """More values than free parameters in every data set; not of those that other sets determine too.
 
     A prior does, the other sets of a pool, and of a network its predictions.
     """

@@ -35,7 +35,7 @@ from calibration.fitting.uncertainty import quantile
 from calibration.parameters import Parameter
 
 PSI = 0.5  # stands in where ε_up is what is known: above yield it acts through ε_up alone
-ROUNDING = 1e-9  # of χ̃: errors below tell nothing
+ROUNDING = 1e-9  # of χ̃: errors below are not used
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class Line:
     """Eq. (18), χ̃ = c1 + c2 E/Y, through all materials.
 
     Attributes:
-        c1, c2: fitted directly to all curves at once (None where that was not asked for, then
+        c1, c2: fitted directly to all curves at once (None where that was not requested, then
             through the fitted χ̃).
         rms: of each material's curve with χ̃ from the line.
         chi: what the line gives for each material.
@@ -100,7 +100,7 @@ class Line:
 
     @property
     def scatter(self) -> float | None:
-        """Relative standard deviation of χ̃ about the line beside the fits' errors; None: unknown."""
+        """Relative standard deviation of χ̃ about the line in addition to the fits' errors; None: unknown."""
         if len(self.materials) < 3:
             return None
         return _scatter(self._line(self._ratios), self._chi, self._errors, len(self.materials) - 2)
@@ -332,7 +332,7 @@ class Line:
         return [self._mean(name) for name in names if name not in stated], stated
 
     def _mean(self, name: str) -> Loss:
-        """Of the fitted materials; those at an end of the range tell no mean."""
+        """Of the fitted materials; those at an end of the range do not enter the mean."""
         values = np.array([getattr(one, name) for one in self.materials], float)
         inside = (values > 0) & (values < (1 if name == "eps_up" else np.inf))
         scaled = np.array([_scaled(name, float(value)) for value in values[inside]])
@@ -447,7 +447,7 @@ def _with_materials(line: Line, own, covariance: np.ndarray | None, request: Req
 
 
 def _with_chi(fits: list[ComponentFit]) -> list[tuple[ComponentFit, SetSpec, int]]:
-    """Data sets of Zhou's law with a χ̃ of their own: the fit, what was asked, its element."""
+    """Data sets of Zhou's law with a χ̃ of their own: the fit, its options, its element."""
     found = {}
     for fit in fits:
         for g, spec in zip(fit.component.sets, fit.component.specs, strict=True):
@@ -458,7 +458,7 @@ def _with_chi(fits: list[ComponentFit]) -> list[tuple[ComponentFit, SetSpec, int
 
 
 def _joint(request: Request, specs: list[SetSpec], through: dict[str, Estimate]) -> ComponentFit:
-    """All curves with every χ̃ on one line; everything else as it was asked for."""
+    """All curves with every χ̃ on one line; everything else as requested."""
     names = {spec.data.name for spec in specs}
     datasets = tuple(data for data in request.datasets if data.name in names)
     said = [_said(spec, through) for spec in specs]

@@ -140,7 +140,7 @@ class MaterialFit(Goodness):
         data: the measurements.
         objective: "model" or "two-step".
         model: its law, as a fit sees it.
-        parameters: estimates by name, the fixed ones too; a whole parameter is told by none.
+        parameters: estimates by name, the fixed ones too; a whole parameter has none.
         derived: numbers that follow from them, of Zhou's law eps_up and critical_velocity [m/s]; of
             bodies that differ from impact to impact the highest v_cr (`law.contact` has each), no ε_up.
         values: all parameters that make the law, physical, the numbers of whole ones too.

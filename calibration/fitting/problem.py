@@ -49,7 +49,7 @@ class Element:
         parameter, declared: what was said of it, and what its law says.
         start: where it starts, or what it is fixed at, in physical units; one number, or one an impact.
         range: (lowest, highest).
-        stands_in: whether it is fixed at a number that nobody asked for and that acts nowhere in the
+        stands_in: whether it is fixed at a number that nobody stated and that acts nowhere in the
             data: ψ where ε_up is fitted in its place.
         label: what results call it: "chi", or "chi[name]" where there are several data sets.
         sets: the data sets that it belongs to.
@@ -87,7 +87,7 @@ class Pool(NamedTuple):
 
 
 def block_name(name: str, observable: str) -> str:
-    """What an observable of a data set is called beside the sets themselves."""
+    """What an observable of a data set is called next to the sets themselves."""
     return name if observable == RESTITUTION else f"{name}: {observable}"
 
 
@@ -238,7 +238,7 @@ class Problem:
 
     @property
     def block_names(self) -> list[str]:
-        """What each block is called beside the others."""
+        """What each block is called, to tell it from the others."""
         return [block_name(self.datasets[b.set].name, b.observable) for b in self.blocks]
 
     @property

@@ -311,7 +311,7 @@ def _profile(state: _Walks, label: str, members, crossing, limit: int) -> Profil
 
 
 LEAST_ERROR = 1e-12  # of data without noise: the interval is a point
-SIDE_BY_SIDE = 100  # fits whose profiles are one batch: progress is told between batches
+SIDE_BY_SIDE = 100  # fits whose profiles are one batch: progress is reported between batches
 SKEWED = 1 / 8  # of an interval's width, see `is_skewed`
 BEND_STEP = 0.1  # in standard errors, of the third derivative
 FROM_END = 0.5  # first stride of a walk that begins at an end of the range, in z

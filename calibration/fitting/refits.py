@@ -24,7 +24,7 @@ SETTLED = 1e-6  # change of z from round to round
 
 
 def with_own_noise(problem: Problem, z, lanes: Lanes, begun=None) -> Found:
-    """Searches from z, each with the variances that its own residuals tell."""
+    """Searches from z, each with the variances of its own residuals."""
     found = search(problem, z, begun=begun, lanes=lanes, limit=STEPS)
     if not needs_variances(problem) or not any(one.unknown for one in problem.errors):
         return found

@@ -1,4 +1,4 @@
-"""What was asked of a fit: everything that is needed to make it again.
+"""The request of a fit: everything that is needed to make it again.
 
 Each data set has its law, and what is said of the law's parameters (`SetSpec`)."""
 
@@ -48,7 +48,7 @@ Specs = Mapping[str, Any] | Sequence[Any] | None
 
 @dataclass(frozen=True)
 class SetSpec:
-    """What is asked of one data set."""
+    """Law, parameters and options of one data set."""
 
     data: RestitutionData  # the measurements, "model" or "two-step"
     objective: str
@@ -73,7 +73,7 @@ class SetSpec:
 
 @dataclass(frozen=True)
 class Request:
-    """A fit that was asked for.
+    """A requested fit.
 
     Attributes:
         datasets: the measurements.
@@ -116,7 +116,7 @@ class Request:
         return [_spec(data, {**own, **more}, self.options) for data, own in pairs]
 
     def chosen_route(self, specs: Sequence[SetSpec]) -> Route:
-        """The route asked for; else time integration for the paper's procedure, or what suits the law."""
+        """The requested route; else time integration for the paper's procedure, or what suits the law."""
         if self.route is not None:
             return self.route
         return DEFAULT_ODE if any(spec.objective == "two-step" for spec in specs) else None
@@ -190,7 +190,7 @@ def _check_fixed(model: LawModel, data: RestitutionData, name: str, parameter: P
 
 
 def law_model(data: RestitutionData | None, law, options, named) -> LawModel:
-    """The law that was asked for: a name, a class, a function; None: what suits the data."""
+    """The requested law: a name, a class, a function; None: what suits the data."""
     if law is None and data is not None and data.contact is None:
         law = "constant" if data.limit_velocity is None else "eq-17"
     law = checked_law(law or "zhou")
@@ -209,10 +209,10 @@ def law_model(data: RestitutionData | None, law, options, named) -> LawModel:
 
 
 def _identified(data, given: dict[str, Parameter], model: LawModel, options):
-    """What of Zhou's law these data can tell: ε_up without points below yield, no χ̃ without any above.
+    """What of Zhou's law these data can determine: ε_up without points below yield, no χ̃ without any above.
 
     Only where nothing was said of σ, ψ or ε_up; of ε_up wherever prior and bounds let yield be. Bodies
-    that yield at several velocities have an ε_up each, and these tell σ from ψ.
+    that yield at several velocities have an ε_up each, and these separate σ from ψ.
     """
     free = {name for name, parameter in given.items() if parameter.free}
     moves = bool(free & {OF_CONTACT + name for name in MOVE_YIELD})

@@ -1,4 +1,4 @@
-"""What a fit found, how well it is known, and what to doubt about it."""
+"""What a fit found, how well it is known, and its warnings."""
 
 import warnings
 from collections.abc import Callable
@@ -34,14 +34,14 @@ class FitResult:
     """A fit; prints itself as a table. See `MaterialFit` for one data set of it.
 
     Attributes:
-        request: what was asked for.
+        request: data, parameters and options.
         materials: one `MaterialFit` a data set.
         unloading_line: Eq. (18) through several materials of Zhou's law, or None.
         covariance_names, covariance: of the free parameters, in physical units.
         of_predictions: the covariance with 0 along what is undetermined: of what follows from the
             parameters together.
         rank, condition_number: of the weighted Jacobian with columns scaled to one.
-        likelihood: None where what was minimised is none, or the data have no noise.
+        likelihood: None where what was minimised is no likelihood, or the data have no noise.
         warnings: all of them.
         optimiser_report: what each stage took.
         profiles: by parameter label.
@@ -211,7 +211,7 @@ class FitResult:
             name: of the data set, where there are several.
             confidence: that of the fit where left out.
             kind: "mean", of the curve itself, or "prediction", of one more measurement.
-            draws: a posterior, whose mean, standard deviation and central limits are then told.
+            draws: a posterior, whose mean, standard deviation and central limits are then given.
             observable: another than ε, "contact_time" and so on, in SI: see `calibration.observables`;
                 its prediction where the fit had values of it.
             impact: with the bodies of this one of the data, where they differ; without it as many

@@ -58,7 +58,7 @@ class Found(NamedTuple):
     evaluations: int  # sets of residuals with their Jacobian, of all fits together
 
     def one(self, k: int) -> "Found":
-        """One of several searches side by side; what all took is told with the first."""
+        """One of several searches side by side; what all took is counted with the first."""
         parts: list[Any] = [a[k : k + 1] for a in self[:-1]]
         return Found._make([*parts, self.evaluations if k == 0 else 0])
 

@@ -127,7 +127,7 @@ def screen(problem: Problem, places: Places) -> Float[np.ndarray, "starts sets"]
 
 REFINED = 3  # of the screened starts
 # where the first starts miss the points: more per element, those refined, and how wide around the first
-FEWEST = 8  # starts that are asked for: of fewer no more are made
+FEWEST = 8  # requested starts: of fewer no more are made
 MORE = ((8, 16, 3.0), (16, 32, 10.0))
 MOST_SCREENED = 400_000  # impacts
 ODE_SHARE = 0.05  # of these where each is integrated over time
@@ -171,7 +171,7 @@ class StageFit:
     report: Stage  # what it took
     crossings: int  # how many points changed branch on the way
     seconds: float  # how long
-    # where ε jumps at yield, the lowest cost for each way to tell elastic points
+    # where ε jumps at yield, the lowest cost for each choice of elastic points
     branches: Branches | None = None
     alone: bool = False  # whether one search alone of many ended so low, and misses the points
 
@@ -392,7 +392,7 @@ def route_name(problem: Problem) -> str:
 class ComponentFit:
     """A fitted component."""
 
-    component: Component  # what was asked
+    component: Component  # the request
     stages: tuple[StageFit, ...]  # where each stage ended
     z: np.ndarray  # of all elements
     uncertainty: Uncertainty  # of z; of one fit
@@ -499,7 +499,7 @@ class Likelihood:
 
 
 def likelihood_of(fits: list[ComponentFit], options: FitOptions) -> Likelihood | None:
-    """Of all components; None where what was minimised is none, or the data have no noise.
+    """Of all components; None where what was minimised is no likelihood, or the data have no noise.
 
     None where parameters are pooled, too: how many numbers were fitted is then no whole number.
     """

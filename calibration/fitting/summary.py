@@ -2,7 +2,7 @@
 
 Another end of a search counts as another minimum only if the gradient vanishes there and the cost rises
 on the straight way from it to the best. A straight way that rises does not prove that every bent one
-does; of a valley so level that the gradient vanishes at two places along it no other minima are told."""
+does; of a valley so level that the gradient vanishes at two places along it no other minima are reported."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
@@ -71,7 +71,7 @@ def _outliers(first: Problem, k: int, one: Carried, off, leverage) -> tuple[Outl
     errors, s, (place, observable, own) = first.errors[k], first.variances[k], first.blocks[k]
     spread = np.sqrt(errors.diagonal(s, one.slope, one.bend) + np.zeros(len(off))).reshape(-1)
     residual = -off / spread
-    if errors.shares:  # without what the others of its group tell
+    if errors.shares:  # without the information of the others of its group
         factor = errors.factor(s, one.slope, one.bend)
         solved = errors.solve(factor, off[None, :, None])[0, :, 0]
         residual = -solved / np.sqrt(errors.precisions(factor).reshape(-1))
@@ -207,7 +207,7 @@ def eq_17_of(fit: ComponentFit, g: int) -> tuple[float, dict[str, float]]:
 
 
 def disagreements(two: ComponentFit, g: int, parameters: dict[str, Estimate]) -> list[FitWarning]:
-    """Doubts where a fit by `model` has another ε_up or χ̃, by more than their errors.
+    """Warnings where a fit by `model` has another ε_up or χ̃, by more than their errors.
 
     Args:
         two: the fit by `two-step`, of data with noise; of a curve without any nothing is compared.
@@ -371,7 +371,7 @@ def _skewed(fit: ComponentFit, estimates: dict[int, Estimate]) -> list[FitWarnin
 
 
 def _collinear(fit: ComponentFit, separation: list[FitWarning]) -> list[FitWarning]:
-    """Two parameters of a likelihood that are told together only, and what of them is known."""
+    """Two parameters of a likelihood that are determined together only, and what of them is known."""
     if not fit.is_likelihood or _has_whole(fit):
         return []
     known, problem, elements = fit.uncertainty, fit.final.problem, fit.component.elements
@@ -470,7 +470,7 @@ def _yields(law: sj.ContactLaw) -> bool:
 
 
 def restitution_warnings(part: MaterialFit, residual, errors: Errors) -> list[FitWarning]:
-    """Doubts about one data set's curve.
+    """Warnings about one data set's curve.
 
     Args:
         residual: fitted less measured ε.
@@ -633,7 +633,7 @@ def _determined_between(fit: ComponentFit, spec: SetSpec, g: int) -> tuple[float
 
 
 def _beside_eq_17(fit: ComponentFit, spec: SetSpec, part: MaterialFit, g: int):
-    """Eq. (17) beside Zhou's law: its rms and coefficients, and whether `model` disagrees with `two-step`."""
+    """Eq. (17) next to Zhou's law: its rms and coefficients, and whether `model` disagrees with `two-step`."""
     if spec.model.law_type is sj.EmpiricalRestitution:
         return part.rms, part.values, []
     if spec.model.law_type is not sj.Zhou:

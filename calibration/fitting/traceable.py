@@ -127,7 +127,7 @@ class Traceable:
     def residuals(self, theta: Mapping[str, Any]) -> Array:
         """Predicted less measured ε over the standard deviation of each, then those of the priors.
 
-        Where points share errors, without what they share. Over 1 where θ tells no noise.
+        Where points share errors, without what they share. Over 1 where θ has no noise.
         """
         parts = []
         for one, off, carried in self._at(theta):
@@ -208,7 +208,7 @@ class Traceable:
 
     @property
     def specs(self) -> list[SetSpec]:
-        """What is asked of each data set, in their order."""
+        """Law, parameters and options of each data set, in their order."""
         pairs = [pair for c in self.components for pair in zip(c.sets, c.specs, strict=True)]
         return [spec for _, spec in sorted(pairs, key=lambda pair: pair[0])]
 
@@ -292,7 +292,7 @@ def problem(
 
 
 def traceable(request: Request) -> Traceable:
-    """The same of what was asked of a fit."""
+    """The same of a fit's request."""
     with jax.enable_x64(True):
         specs = request.specs()
         if any(spec.objective != "model" for spec in specs):

@@ -2,7 +2,7 @@
 
 Of one likelihood: the inverse of the observed information, the second derivatives of -ln p(data | θ, s)
 and of the priors (differences of the exact gradient). Where that is not positive definite in the
-directions that show, Gauss and Newton's JᵀJ takes its place and standard errors are not told.
+directions that show, Gauss and Newton's JᵀJ takes its place and standard errors are not given.
 
 Of `two-step`: the estimating equations of both stages, stacked. Each stage's estimate solves
 g_k(z) = Σ_i J_i r_i = 0. With A = ∂g/∂z and G = ∂g/∂ε of both together, noise of covariance V moves

@@ -9,7 +9,7 @@ Jᵀ V⁻¹ J, and no b: the residuals are those at the minimum once all has set
 in a damped Newton search of the logarithms.
 
 Pooled parameters of several sets lie around a common mean, z_g ~ N(μ, τ²) on the scale that is searched.
-The data tell ẑ with covariance A⁻¹, all other parameters at their best; then ẑ ~ N(μ 1, Σ) with
+The data give ẑ with covariance A⁻¹, all other parameters at their best; then ẑ ~ N(μ 1, Σ) with
 Σ = A⁻¹ + τ² 1, and τ is where -2 ln L_R = ln det Σ + ln 1ᵀ Σ⁻¹ 1 + (ẑ - μ)ᵀ Σ⁻¹ (ẑ - μ) is least.
 
 Source: Patterson and Thompson, Biometrika 58, 545 (1971); Lange, Little and Taylor, J. Am. Stat. Assoc.
@@ -31,7 +31,7 @@ from calibration.parameters import Transform
 LEAST, MOST = 1e-9, 1e3  # of a variance, over the mean square of the residuals
 NONE = 1e-7  # the same, below which it counts as none
 STEP = 1e-2  # in the logarithm of a variance, of differences of fourth order
-RIDGE = 1e-12  # of the information, where parameters are not told apart
+RIDGE = 1e-12  # of the information, where parameters are not separate
 LONGEST = 2.0  # step in a logarithm
 ROUNDS, HALVINGS = 60, 25
 ARRIVED = 1e-8  # of a step
@@ -98,7 +98,7 @@ def relative_covariance(errors: Errors, s: Mapping[str, Any], seen: Residuals):
     inside = np.stack([np.broadcast_to(s[kind], len(seen.off)) > 0 for kind in errors.unknown], 1)
     both = inside[:, :, None] & inside[:, None]
     values, vectors = np.linalg.eigh(np.where(both, curvature, np.eye(len(errors.unknown))))
-    # a variance that the data hardly tell: as if from one degree of freedom
+    # a variance that the data hardly determine: as if from one degree of freedom
     inverse = (vectors / np.maximum(values, 0.5)[:, None]) @ np.swapaxes(vectors, 1, 2)
     return np.where(both, inverse, 0.0)
 
@@ -301,7 +301,7 @@ def renewed(problem: Problem, z: np.ndarray, restricted: bool = True) -> Problem
 
 
 def with_noise(problem: Problem, z: np.ndarray) -> Problem:
-    """A problem whose scatter is weighed against nothing, in units of it as z tells it."""
+    """A problem whose scatter is weighed against nothing, in units of its estimate at z."""
     found = [_single(one) for one in variances_at(problem, z[None])]
     if problem.joint or len(problem.errors) == 1:
         return problem.with_variances(found)
@@ -338,12 +338,12 @@ def _single(s: Mapping[str, np.ndarray]) -> dict[str, float]:
 
 
 LEAST_SPREAD, MOST_SPREAD = 1e-4, 30.0  # of a spread, in z
-POOL_RIDGE = 1e-10  # of the largest information: a data set that tells nothing of its own
+POOL_RIDGE = 1e-10  # of the largest information: a data set without information of its own
 
 
 @dataclass(frozen=True)
 class PoolEstimate:
-    """What the data tell of a pool's members: ẑ and its covariance."""
+    """The data's estimate of a pool's members: ẑ and its covariance."""
 
     place: np.ndarray
     covariance: np.ndarray
@@ -383,7 +383,7 @@ class PoolEstimate:
 
 
 def respread(problem: Problem, z: np.ndarray) -> Problem:
-    """The problem with the spread of each pool as the data tell it at z."""
+    """The problem with the spread of each pool estimated at z."""
     pools = []
     for pool in problem.pools:
         pools.append(pool._replace(spread=seen_by_pool(problem, z, pool).spread))
@@ -409,7 +409,7 @@ def pooled_estimates(problem: Problem, z: np.ndarray, confidence: float) -> dict
 
 
 def seen_by_pool(problem: Problem, z: np.ndarray, pool: Pool) -> PoolEstimate:
-    """What the data and the priors of other parameters tell, without what the pool adds."""
+    """What the data and the priors of other parameters give, without what the pool adds."""
     found = problem.linearise(z[None])
     kept = np.ones(found.residual.shape[1], bool)
     kept[_rows_of(problem, pool)] = False
@@ -426,7 +426,7 @@ def seen_by_pool(problem: Problem, z: np.ndarray, pool: Pool) -> PoolEstimate:
 
 
 def _without(columns: np.ndarray) -> Any:
-    """What is left of values beside all that the columns can make."""
+    """What the columns cannot make of values."""
     left, singular, _ = np.linalg.svd(columns, full_matrices=False)
     basis = left[:, singular > 1e-9 * np.max(singular, initial=0.0)]
     return lambda values: values - basis @ (basis.T @ values)

@@ -1,7 +1,9 @@
 """What else than ε was measured: data, fitted curves with their bands, and residuals."""
 
+from collections.abc import Iterator, Sequence
 from typing import Any
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from calibration.fitting.curves import distinct_impacts
@@ -30,9 +32,11 @@ def observables_figure(result: Any) -> Figure | None:
         upper.errorbar(velocity, one.value, one.uncertainty, **look)
         band = result.band(fit.data.velocity, fit.name, observable=one.name)
         off = 100 * (one.value / band.coefficient[one.rows] - 1)
-        size = None if one.uncertainty is None else 100 * one.uncertainty / one.value
+        parts = None if one.uncertainty is None else 100 * one.uncertainty / one.value
         lower.axhline(0.0, color=style.GREY, linewidth=0.8)
-        lower.errorbar(velocity, off, size, **(look | {"fmt": "s", "color": style.BLUE}))
+        for color, rows in _by_size(fit, one.rows, sizes):
+            size = None if parts is None else parts[rows]
+            lower.errorbar(velocity[rows], off[rows], size, **(look | {"fmt": "s", "color": color}))
         for ax in (upper, lower):
             if logarithmic:
                 style.logarithmic_x(ax)
@@ -44,3 +48,14 @@ def observables_figure(result: Any) -> Figure | None:
         lower.set(xlabel=velocity_label(), ylabel="data/fit − 1 [%]", xlim=upper.get_xlim())
         upper.legend(frameon=False, fontsize="small")
     return figure
+
+
+def _by_size(fit: Any, impacts: np.ndarray, sizes: Sequence[int]) -> Iterator[tuple[str, Any]]:
+    """The colour of each size's curve, and the rows of its impacts."""
+    radius = np.asarray(1.0 if fit.data.contact is None else fit.data.contact.radius)
+    if not radius.ndim or len(sizes) < 2:
+        yield style.BLUE, slice(None)
+        return
+    nearest = np.argmin(np.abs(np.log(radius[impacts, None] / radius[sizes])), axis=1)
+    for k, color in zip(range(len(sizes)), SHADES, strict=False):
+        yield color, nearest == k

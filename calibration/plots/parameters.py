@@ -15,6 +15,7 @@ from calibration.plots import style
 TOP = 1.6  # of a profile's picture, in thresholds
 CELL = 0.95  # inches, of two parameters' ellipse
 LETTER = 0.09  # inches, of a name next to it
+NEARLY_ONE = 0.995  # a correlation that two digits would call 1
 MOST_NUMBERS = 12  # with more parameters the numbers in the cells would overlap
 SIZE = 0.3  # of a cell: the radius of uncorrelated estimates
 THIN = 0.02  # of a cell: the least half width of an ellipse
@@ -144,7 +145,9 @@ def plot_correlations(
     ax = style.axes_or_new(ax)
     for (row, column), value in np.ndenumerate(matrix):
         place = column, count - 1 - row
-        text = f"{np.round(value, 2) + 0.0:.2f}".replace("-", "−") if np.isfinite(value) else "–"
+        digits = 2 if abs(value) < NEARLY_ONE else 4
+        text = f"{np.round(value, digits) + 0.0:.{digits}f}" if np.isfinite(value) else "–"
+        text = text.replace("-", "−")
         if row == column:
             text = texts[row].replace(" ± ", "\n± ") if texts else ""
         elif (row > column or count > MOST_NUMBERS) and np.isfinite(value):

@@ -1,4 +1,4 @@
-"""Colours that colour-blind readers tell apart, and figures without pyplot."""
+"""Colours that colour-blind readers distinguish, and figures without pyplot."""
 
 import math
 from collections.abc import Sequence

@@ -180,10 +180,10 @@ def result_sentence(result: Any) -> str:
     count = len(result.materials)
     if count > MOST_NAMED:
         return f"{law} of {count} data sets."
-    parts = []
+    parts, level = [], f"{100 * result.confidence:g} % interval "
     for fit in result.materials:
         values = [
-            f"{one.text} = {_with_interval(estimate, result.confidence)} {one.unit}".rstrip()
+            f"{one.text} = {_with_interval(estimate, level)} {one.unit}".rstrip()
             for name, estimate in fit.parameters.items()
             if estimate.free and (one := symbols.symbol(name, fit.model))
         ]
@@ -193,15 +193,10 @@ def result_sentence(result: Any) -> str:
     return f"{law}{' ' if count == 1 else ': '}{'; '.join(parts)}."
 
 
-def _with_interval(estimate: Any, confidence: float) -> str:
-    """A value with its error; with its interval where that is not symmetric, as the error says less then."""
-    text, value = estimate_text(estimate), estimate.value
-    low, high = estimate.low, estimate.high
-    if value is None or estimate.standard_error is None or (low is None and high is None):
-        return text
-    if None not in (low, high) and abs((high - value) / (value - low) - 1) < UNEVEN:
-        return text
-    return f"{text} ({100 * confidence:g} % interval {interval_text(estimate)})"
+def _with_interval(estimate: Any, confidence: str) -> str:
+    """A value with its error and its interval, which need not be symmetric."""
+    text, ends = estimate_text(estimate), interval_text(estimate)
+    return text if ABSENT in (ends, text) else f"{text} ({confidence}{ends})"
 
 
 def estimates(result: Any) -> pd.DataFrame:

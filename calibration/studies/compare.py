@@ -229,7 +229,7 @@ def compare(
         fitted to these data `left_out` says why.
 
     Raises:
-        ValueError: for fewer points, or naming the law that was asked for and cannot be used.
+        ValueError: for fewer points, or naming the requested law that cannot be used.
 
     Example:
         >>> import calibration as cal
@@ -305,7 +305,7 @@ def _why_best(data: RestitutionData, ranked: Sequence[Entry]) -> list[str]:
 
 
 def _chosen(laws: Any, parameters: Mapping[str, Any] | None) -> list[Candidate]:
-    """The laws that were asked for; all built-in ones where none were.
+    """The requested laws; all built-in ones where none were.
 
     Raises:
         ValueError: naming the law or label that cannot be used.
@@ -367,7 +367,7 @@ def _ranked(entries: list[Entry]) -> tuple[Entry, ...]:
     if not others:
         return tuple(exact)
     scores = {one.label: one.leave_one_out.elpd for one in others}
-    # laws of one curve differ by rounding, and stay in the order in which they were asked for
+    # laws of one curve differ by rounding, and stay in the order in which they were requested
     order = sorted(others, key=lambda one: -scores[one.same_as or one.label])
     densities = np.stack([one.leave_one_out.log_density for one in order])
     ranked = []

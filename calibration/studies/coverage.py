@@ -84,7 +84,7 @@ class Coverage:
         name: of the case.
         truth: the true values.
         estimates, errors, low, high: of each set, (sets,): value, standard error and interval; NaN for
-            what the fit does not tell, and for open ends.
+            what the fit does not determine, and for open ends.
         converged: share of the fits that did.
     """
 
@@ -109,7 +109,7 @@ class Coverage:
 
     @property
     def without_interval(self) -> dict[str, float]:
-        """Share of the fits that tell none (at a bound, or not determined): they are not counted."""
+        """Share of the fits without any (at a bound, or not determined): they are not counted."""
         return self._each(
             lambda truth, x, error, low, high: np.mean(np.isnan(low) & np.isnan(high))
         )

@@ -1,4 +1,4 @@
-"""Where to measure next: velocities of further shots that tell most.
+"""Where to measure next: velocities of the most informative further shots.
 
 What a shot adds to the information depends on its velocity alone, so it is tabulated over a grid once.
 Shots are exchanged over the grid, one at a time, from several starts, then placed more finely. Several
@@ -41,7 +41,7 @@ FINER = 9  # velocities around each shot when it is placed more finely
 REFINEMENTS = 5
 BETTER = 1e-10  # least decrease of a log criterion that is worth an exchange
 MOVES = 500  # of a design's weights
-TOGETHER = 0.01  # relative distance below which shots are told as one velocity
+TOGETHER = 0.01  # relative distance below which shots count as one velocity
 DIFFERENCE = 1e-4  # of θ, of what follows from it
 ONE_VELOCITY = (
     "Shots at one velocity cannot test the law, and are best only if it holds: add others."
@@ -79,7 +79,7 @@ class Design:
         velocity: v [m/s] of the new shots, ascending.
         coefficient, uncertainty: ε expected of each of them, and its standard uncertainty.
         bounds: v [m/s] within which they were sought.
-        relative_errors: expected standard error of ln θ with the new shots, beside what was known
+        relative_errors: expected standard error of ln θ with the new shots and what was known
             before, and of a target that follows from θ; of several laws the root mean square; None
             for what is left open.
         equally_spaced: the same for as many shots equally spaced over the bounds.
@@ -250,7 +250,7 @@ def optimal_velocities(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Design:
-    """Velocities of `count` further shots that tell most of the parameters.
+    """Velocities of `count` further shots that determine the parameters best.
 
     An optimum trusts the law: where it does not fit, what is fitted depends on where one measures,
     and a few shots elsewhere would show it.

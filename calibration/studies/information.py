@@ -1,4 +1,4 @@
-"""What data can tell before they are taken: expected standard errors, and directions in words.
+"""What data will determine, before they are taken: expected standard errors, and directions in words.
 
     A = A₀ + Σ_i ∇ε(v_i) ∇ε(v_i)ᵀ/V_i
 
@@ -327,13 +327,13 @@ def _interval(label: str, result: FitResult) -> str:
 
 
 def covariance_of(information: Float[np.ndarray, "... p p"]) -> Float[np.ndarray, "... p p"]:
-    """Of ln θ, kept finite by next to no prior information where the data tell nothing."""
+    """Of ln θ, kept finite by next to no prior information where the data determine nothing."""
     return np.linalg.inv(information + ALMOST_NOTHING * np.eye(information.shape[-1]))
 
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """What impacts tell of p parameters θ through the likelihood.
+    """What impacts determine of p parameters θ through the likelihood.
 
     Attributes:
         names, symbols: the parameters.
@@ -456,7 +456,7 @@ def fisher_information(
     material: str | None = None,
     sensors: Mapping[str, float] | None = None,
 ) -> Information:
-    """What measurements of ε at these velocities will tell of a law's parameters.
+    """What measurements of ε at these velocities will determine of a law's parameters.
 
     Args:
         law: with the parameters as far as they are known; or a fit by `model`, whose covariance is
@@ -467,7 +467,7 @@ def fisher_information(
             fit that of a point of the same kind as its data (a drop from that height with its
             uncertainty, say), scatter and the offset of another group included.
         objective: "model"; nothing else has information.
-        route: from the law to ε; the energy balance where it can, unless told.
+        route: from the law to ε; the energy balance where it can, unless stated.
         parameters: which are free, and their priors, as `fit` takes them: {"psi": 0.54} holds ψ,
             {"contact.youngs_modulus": cal.Parameter(prior=(2e11, 1e10))} is a nuisance.
         material: which one of a fit's.
@@ -562,7 +562,7 @@ def _sentence(
     symbols: Sequence[str], eigenvalue: float, exponents: np.ndarray, decimals: int
 ) -> str:
     error = math.inf if eigenvalue <= 0 else eigenvalue**-0.5
-    taking_part = np.flatnonzero(exponents)
+    taking_part = np.flatnonzero(exponents).tolist()
     product = " · ".join(_power(symbols[i], float(exponents[i]), decimals) for i in taking_part)
     letters = " and ".join(symbols[i] for i in taking_part)
     if error < NOT_KNOWN:

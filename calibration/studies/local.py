@@ -94,7 +94,7 @@ class Sensitivities:
         return self.absolute @ np.array([DIMENSIONS[unit] for unit in units.values()], float)
 
     def ranked(self, velocity: float) -> list[tuple[str, float]]:
-        """(name, θ ∂ε/∂θ) at the velocity nearest to the one asked for, the largest first."""
+        """(name, θ ∂ε/∂θ) at the velocity nearest to the given one, the largest first."""
         row = self.absolute[np.argmin(np.abs(self.velocity - velocity))]
         order = np.argsort(-np.abs(row), kind="stable")
         return [(self.names[i], float(row[i])) for i in order]
@@ -118,7 +118,7 @@ def sensitivity(
             ρ, Y, R are those of the bodies), or a law, or a fit, whose law's stored fields are then
             the inputs.
         velocity: v [m/s], a number or any shape (taken flat).
-        route: as `softjax.restitution` takes it: the energy balance where the law can, if not told.
+        route: as `softjax.restitution` takes it: the energy balance where the law can, if not stated.
         material: which one of a fit's.
 
     Where two bodies have the same yield strength, ε has a kink in each body's own: it is given

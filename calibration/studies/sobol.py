@@ -98,7 +98,7 @@ def sobol_indices(
         inputs: as `sensitivity` takes them; those without a range keep their value.
         ranges: name -> (low, high); "velocity" is no input here.
         velocity: v [m/s], (q,).
-        route: the energy balance, or the ODE for a law that needs it, unless told.
+        route: the energy balance, or the ODE for a law that needs it, unless stated.
         material: which one of a fit's.
         options: `samples`, `scale`, `seed`, `confidence`, `resamples`, `progress` of
             `model_indices`.
@@ -242,7 +242,7 @@ def _drawn(ends: np.ndarray, scale: str, samples: int, random) -> list[np.ndarra
 
 @eqx.filter_jit
 def _evaluated(model: Model, names: tuple[str, ...], points, with_slopes: bool):
-    """Outputs (n, q), and derivatives (n, q, p) where asked for."""
+    """Outputs (n, q), and derivatives (n, q, p) where requested."""
 
     def outputs(x):
         y = jnp.atleast_1d(model(dict(zip(names, x, strict=True))))

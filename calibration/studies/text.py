@@ -1,4 +1,4 @@
-"""Studies told: tables for the terminal, and sensitivities over velocity as CSV."""
+"""Studies in words: tables for the terminal, and sensitivities over velocity as CSV."""
 
 from collections.abc import Iterable, Mapping, Sequence
 

@@ -31,8 +31,8 @@ class Collision(NamedTuple):
         peak: the largest overlap.
         residual: the overlap at which the unloading force vanishes; 0 where it does not.
         flags: those of `Status` that a route can know, as integers.
-        duration: of the contact, where it was asked for; 0 without an end.
-        force: the largest one, where it was asked for.
+        duration: of the contact, where requested; 0 without an end.
+        force: the largest one, where requested.
     """
 
     energy: Array
@@ -77,7 +77,7 @@ class Peak(NamedTuple):
         turns: whether the bodies come to rest at all.
         solved: whether the solver got there.
         error: of the impact's energy, relative to it.
-        time: since touch; None where it was not asked for.
+        time: since touch; None where not requested.
     """
 
     overlap: Array
@@ -148,7 +148,7 @@ def collide(
 
     Args:
         below: y over that of the lifted impact, of laws that act down to rest.
-        clock, force: whether duration and largest force are asked for.
+        clock, force: whether duration and largest force are requested.
     """
     peak = parts.loading(law, y, clock=clock)
     release = parts.release(law, peak.overlap)

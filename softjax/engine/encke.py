@@ -68,7 +68,7 @@ def _peak(law, y, found, solved) -> Peak:
     end = jnp.asarray(law.end(), y.dtype)
     ends = jnp.isfinite(end)
     arrived = solved & jnp.isfinite(found)
-    # where the solver gave up a rough look tells whether there was anything to arrive at
+    # where the solver gave up a rough look decides whether there was anything to arrive at
     turns = jnp.where(arrived, found < end, ~ends | _holds(law, y, jnp.where(ends, end, 1.0)))
     return Peak(
         overlap=jnp.where(arrived & turns, found, SOME_PEAK),

@@ -37,7 +37,7 @@ from softjax.numerics.powers import quotient, safe_sqrt
 from softjax.numerics.quadrature import Integral, falling_time, integral, smooth_falling_time
 from softjax.numerics.search import Reach
 
-MOST_STEPS = 60  # of Newton's method; a handful, but for halving beside a force that vanishes
+MOST_STEPS = 60  # of Newton's method; a handful, but for halving next to a force that vanishes
 ELASTIC_NODES = 32
 ROUNDING = 4.0  # in eps: ε_p² of an elastic collision
 
@@ -190,7 +190,7 @@ def _overlap_of_work(law, energy, found: Reach):
     """x_m with W_L(x_m) = energy."""
     leaves, structure = jax.tree.flatten(law)
 
-    # what was found is an argument too: what is traced must not come in by the back door
+    # what was found is an argument too: what is traced must not come in unnoticed
     @jax.custom_jvp
     def root(energy, found, *leaves):
         return _solve(jax.tree.unflatten(structure, leaves), energy, found)

@@ -23,7 +23,7 @@ def check_law(law) -> None:
 
 
 def checked(law: ContactLaw, velocity) -> Array:
-    """The velocity as an array or traced value, checked beside the law."""
+    """The velocity as an array or traced value, checked together with the law."""
     velocity = as_real(velocity)
     accepted = "a finite impact velocity in m/s, zero or more"
     check("velocity", velocity, lambda v: v >= 0, accepted)
@@ -62,7 +62,7 @@ def _is_weak(leaf) -> bool:
 
 def _as_dtype(leaf, dtype, whole: bool):
     if isinstance(leaf, jax.Array):
-        # a whole number that is one of each impact's would overflow: beside it all have a point
+        # a whole number that is one of each impact's would overflow: with it all have a point
         keeps_its_kind = not _is_float(leaf) and (whole or not _is_integer(leaf))
         as_it_is = keeps_its_kind or (leaf.dtype == dtype and not leaf.weak_type)
         return leaf if as_it_is else jnp.asarray(leaf, dtype)
@@ -74,9 +74,9 @@ class Impact(eqx.Module):
     """One batch of impacts, with all invalid ones replaced by harmless.
 
     Attributes:
-        law, velocity: as asked for.
+        law, velocity: as requested.
         acting: the velocity [m/s] at which the law beyond its elastic stage is computed, which is
-            another one where that is not asked for.
+            another one where that is not requested.
         valid, elastic: truth values.
     """
 
@@ -117,7 +117,7 @@ def prepare(law: ContactLaw, velocity: Array, branch: Array | None = None) -> Im
 
 
 def _harmless(law: ContactLaw, valid) -> ContactLaw:
-    """The law with ones where its numbers are none."""
+    """The law with invalid parameters replaced by 1, so that masked impacts stay finite."""
     leaves, structure = jax.tree.flatten(law)
 
     def other(leaf, whole):

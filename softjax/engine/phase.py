@@ -7,8 +7,8 @@ With X = x/L, U = x'/V and m = 2k, the elastic motion of work ∝ X^k is a circl
 which ψ runs through from touch (0) over the peak (π/2) to zero overlap (π), whatever the force is,
 while R changes by what the force differs from that of the circle. ψ instead of θ makes all powers
 of X smooth at both ends. What is integrated over is u = tan(ψ/2 - π/4), from -1 over 0 to 1, in
-which neither sine nor cosine is more than a quotient. The state is R, and the time where it is
-asked for.
+which neither sine nor cosine is more than a quotient. The state is R, and the time where
+requested.
 """
 
 from collections.abc import Callable

@@ -98,7 +98,7 @@ def _mapped(single: Single, shared: Flags, size: int) -> Callable:
         shape = (axis_size, *rows[0])
         flat = []
         for leaf, is_batched, stays in zip(leaves, batched, still, strict=True):
-            if is_batched:  # by itself or beside each other impact's
+            if is_batched:  # by itself or next to each other impact's
                 leaf = leaf.reshape(axis_size, -1)
             flat.append(leaf if stays else jnp.broadcast_to(leaf, shape).ravel())
         found = _mapped(single, still, size)(*flat)

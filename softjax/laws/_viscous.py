@@ -60,7 +60,7 @@ def _least(x: Array) -> float:
 
 def collision(of: Damping) -> Viscous:
     w_squared, log = of.weak, of.log
-    # where its series tells nothing its derivatives might leave the range of numbers
+    # where its series is not used its derivatives might leave the range of numbers
     tells = w_squared > float(jnp.finfo(w_squared.dtype).eps) ** 2
     w = safe_sqrt(jnp.where(tells, w_squared, 0.0))
     restitution = _logarithm("restitution", log, -5 / 3)

@@ -251,7 +251,7 @@ class RateDependentLaw(ForceLaw):
     vanishes first). The force at rest is what the bodies store, the rest is what they lose.
 
     Where all of a collision is known, `closed_form` gives it, and is the default then. It belongs to
-    the force beside which it is defined: a subclass with another force is integrated, unless it
+    the force with which it is defined: a subclass with another force is integrated, unless it
     gives another closed form too.
     """
 

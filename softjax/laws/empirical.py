@@ -60,8 +60,8 @@ def empirical_restitution(
 ) -> Array:
     """ε_17 = exp{-σ [v/(v_lim - v)]^ψ}, Eq. (17) of Zhou (2013).
 
-    The explicit fit to measurements over all velocities; the model takes from it what sound and
-    heat cost, below yield and at v_cr (Eq. 16).
+    The explicit fit to measurements over all velocities; the model takes from it what acoustic and
+    thermal losses cost, below yield and at v_cr (Eq. 16).
 
     Args:
         velocity: impact velocity v >= 0 [m/s], a number or an array of any shape.
@@ -71,7 +71,7 @@ def empirical_restitution(
     Returns:
         The coefficient of restitution; 1 at v = 0, 0 at and above the limit velocity, in both
         cases with gradient 0. Under `jit`, where nothing can be raised, invalid arguments give 0;
-        `restitution` of an `EmpiricalRestitution` has a status beside it.
+        `restitution` of an `EmpiricalRestitution` has a status as well.
 
     Raises:
         ValueError: naming the argument, its value and what is accepted.

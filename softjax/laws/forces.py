@@ -123,7 +123,7 @@ def _described(value) -> str:
 
 
 class Forces(eqx.Module):
-    """A law whose numbers may be traced, beside what it has that is no number."""
+    """A law whose numbers may be traced, apart from what is no number."""
 
     arrays: Any
     static: Any = eqx.field(static=True)

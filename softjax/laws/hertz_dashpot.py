@@ -24,7 +24,7 @@ from softjax.numerics.powers import safe_power
 
 
 class HertzDashpot(RateDependentLaw, final=True):
-    """Hertz's force beside a dashpot ∝ δ^{1/4}, set to a wanted ε: ε is an input.
+    """Hertz's force and a dashpot ∝ δ^{1/4}, set to a given ε: ε is an input.
 
         P = k δ^{3/2} + α √(M k) δ^{1/4} δ',    α = √5 (-ln ε)/√(π² + ln²ε)
 

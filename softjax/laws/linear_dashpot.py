@@ -24,7 +24,7 @@ SET_RESTITUTION = ("ε", "-", "coefficient of restitution", "(0, 1]")
 
 
 class LinearSpringDashpot(RateDependentLaw, final=True):
-    """A linear spring beside a linear dashpot, set to a wanted ε: ε is an input.
+    """A linear spring and a linear dashpot, set to a given ε: ε is an input.
 
         P = K δ + 2 ξ √(K M) δ',    ξ = -ln ε/√(π² + ln²ε),    ω0 = √(K/M)
 

@@ -73,7 +73,7 @@ class ReducedRateIndependent(eqx.Module):
         return self.unloading(x, peak)
 
     def breakpoints(self) -> tuple:
-        """Overlaps at which a force has a kink, beside the elastic limit; each broadcasts."""
+        """Overlaps at which a force has a kink, except the elastic limit; each broadcasts."""
         return ()
 
     def residual(self, peak: Array) -> Array | None:
@@ -89,7 +89,7 @@ class ReducedRateIndependent(eqx.Module):
         return None
 
     def exponent_at(self, peak: Array) -> Array | float:
-        """The exponent k of the law's work, with which slow impacts are told from lifted ones."""
+        """The exponent k of the law's work, with which slow impacts are distinguished from lifted ones."""
         return self.work_exponent
 
     def end(self) -> Array | float:
@@ -106,7 +106,7 @@ class ReducedRateIndependent(eqx.Module):
 
 
 class ReducedClosedForm(ReducedRateIndependent):
-    """A rate-independent law whose collisions are known in closed form, beside its forces.
+    """A rate-independent law whose collisions are known in closed form, with its forces.
 
     Both forces are smooth beyond the elastic limit, or `breakpoints` says where they are not.
     """
@@ -123,7 +123,7 @@ class ReducedClosedForm(ReducedRateIndependent):
     def release(self, peak: Array) -> tuple[Array, Array, Array]:
         """Residual overlap x* (p_U(x*) = 0, or 0), what is recovered x_m - x*, and its work.
 
-        The difference is given beside its terms because it would cancel where x* nears x_m.
+        The difference is given with its terms because it would cancel where x* nears x_m.
         """
 
 
@@ -151,7 +151,7 @@ class ReducedRateDependent(eqx.Module):
         return self.elastic(x) + self.dissipative(x, velocity)
 
     def exponent_at(self, peak: Array) -> Array | float:
-        """The exponent k of the elastic work, with which slow impacts are told from lifted ones."""
+        """The exponent k of the elastic work, with which slow impacts are distinguished from lifted ones."""
         return self.work_exponent
 
 

@@ -99,7 +99,7 @@ def thornton_restitution(
 
     Raises:
         ValueError: naming the argument, its value and what is accepted. Under `jit` nothing is
-            raised: there 0 with gradient 0 tells of arguments that are none.
+            raised: there 0 with gradient 0 marks invalid arguments.
     """
     law = Thornton(contact, yield_factor, area)  # its checks are those of the arguments
     velocity = as_real(velocity)
@@ -119,7 +119,7 @@ def thornton_restitution(
 
 
 def _yielding_contact(contact: Contact, yield_factor, area: Area) -> Contact:
-    """The contact whose first yield is δ_y and V_y: at the pressure p_y, of the area asked for."""
+    """The contact whose first yield is δ_y and V_y: at the pressure p_y, of the requested area."""
     pressure = yield_factor * contact.yield_strength
     return replace(
         contact,

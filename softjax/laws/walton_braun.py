@@ -83,7 +83,7 @@ def _check_stiffer(loading, unloading) -> None:
     if not known or is_traced(loading) or is_traced(unloading):
         return
     stiff = np.asarray(loading)
-    if np.any((np.asarray(unloading) < stiff) & np.isfinite(stiff)):  # else told by its own check
+    if np.any((np.asarray(unloading) < stiff) & np.isfinite(stiff)):  # else found by its own check
         raise ArgumentError(
             "`unloading_stiffness` must be at least `loading_stiffness` "
             f"({shown(loading)} N/m), but is {shown(unloading)}"

@@ -3,7 +3,7 @@
 Tanh–sinh (H. Takahasi and M. Mori, Double exponential formulas for numerical integration, Publ.
 RIMS Kyoto Univ. 9, 721, 1974): with the way r = L/(1 + e^{-π sinh t}) the trapezoidal rule in t
 converges exponentially whatever power of r or L - r the integrand is. Halving its step doubles the
-correct digits, unless there is a kink between, where the error falls fourfold only: that tells one
+correct digits, unless there is a kink between, where the error falls fourfold only: that marks one
 from the other (after D. H. Bailey, K. Jeyabalan and X. S. Li, Experimental Mathematics 14, 317,
 2005).
 

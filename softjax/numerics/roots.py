@@ -169,7 +169,7 @@ def _third_order_root(expand, finish, rough, params, most, short_steps, within):
     def mended(near, change, done, rough, params):
         step = lambda x: jnp.clip(x - parabolic_step(*expand(x, *params)), *within)  # noqa: E731
         begin = jnp.where(done, near, rough).astype(dtype)
-        # to the end: beside a double root a step may be small and the root as near on either side
+        # to the end: near a double root a step may be small and the root as near on either side
         x = refine(step, begin, ~done, most, settled=8 * float(jnp.finfo(dtype).eps))
         last = _halley(*expand(x, *params), otherwise=0.0)
         # what is done stays as it is to the last digit, whatever its neighbours need

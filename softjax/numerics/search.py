@@ -29,7 +29,7 @@ class Reach(NamedTuple):
         rough: the overlap, to some percent, where the loading work reaches the impact's energy, or
             where it is largest if it never does.
         end: where the loading force vanishes next; infinite where it does not within an octave.
-        turns: whether the work reaches the energy, as far as the rough look tells.
+        turns: whether the work reaches the energy, as far as the rough look shows.
         top: an overlap safely beyond the first, no farther than `end`.
     """
 
@@ -40,14 +40,14 @@ class Reach(NamedTuple):
 
 
 class _Look(NamedTuple):
-    """What one grid of overlaps tells, and where to look next.
+    """What one grid of overlaps shows, and where to look next.
 
     Attributes:
         window: octaves from the guess between which to look next, and the work up to the first.
         rough, turns, top: see `Reach`.
         inside, outside: about the end of the force; the same where none is seen.
         ends: whether the force vanishes on this grid, not far beyond the peak.
-        settled: whether a finer grid would tell no more.
+        settled: whether a finer grid would show no more.
     """
 
     window: tuple[Array, Array, Array]
@@ -106,7 +106,7 @@ def _look(force, energy, x, octave, below) -> _Look:
     x = jnp.minimum(x, float(info.max))
     pull = jax.vmap(force)(x)
     index, undefined = np.arange(len(octave)), jnp.isnan(pull)
-    # where not even the smallest overlap can be told from none, there is no force yet
+    # where not even the smallest overlap can be distinguished from 0, there is no force yet
     lost = undefined & (index > jnp.argmax(~undefined))
     known = index < jnp.where(jnp.any(lost), jnp.argmax(lost), len(octave))
     # over the energy before anything is multiplied: products of tiny numbers are none

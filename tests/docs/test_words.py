@@ -4,8 +4,10 @@
 """
 
 import ast
+import io
 import json
 import re
+import tokenize
 from pathlib import Path
 
 import pytest
@@ -18,9 +20,10 @@ MODULES = sorted(
 )
 IDIOM = re.compile(
     r"\b(told|heeded|beside|wanted|doubts?|suspicions?|remedy|of one's own|one's own|"
-    r"what is none|a formality|a wish|stand for themselves|hangs on|sound and heat)\b",
+    r"what is none|asked for|(?:back )?door|a formality|a wish|stand for themselves|hangs on|sound and heat)\b",
     re.I,
 )
+DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef)
 ALLOWED = ("no doubt",)
 
 
@@ -47,6 +50,16 @@ def messages(path: Path) -> str:
     return "\n".join(n.value for n in texts if isinstance(n.value, str) and " " in n.value.strip())
 
 
+def explanations(path: Path) -> str:
+    """Docstrings and comments of a module."""
+    text = path.read_text(encoding="utf-8")
+    tree = ast.parse(text)
+    every = [n for n in ast.walk(tree) if isinstance(n, DOCUMENTED)]
+    docstrings = [doc for n in every if (doc := ast.get_docstring(n))]
+    tokens = tokenize.generate_tokens(io.StringIO(text).readline)
+    return "\n".join([*docstrings, *(t.string for t in tokens if t.type == tokenize.COMMENT)])
+
+
 @pytest.mark.parametrize("path", [*PAGES, *NOTEBOOKS], ids=lambda path: path.stem)
 def test_pages_and_notebooks_are_in_plain_words(path):
     assert idioms(prose(path)) == []
@@ -58,6 +71,11 @@ def test_messages_are_in_plain_words():
         path.relative_to(ROOT).as_posix(): [w for w in idioms(messages(path)) if "beside" not in w]
         for path in MODULES
     }
+    assert {name: words for name, words in found.items() if words} == {}
+
+
+def test_docstrings_and_comments_are_in_plain_words():
+    found = {p.relative_to(ROOT).as_posix(): idioms(explanations(p)) for p in MODULES}
     assert {name: words for name, words in found.items() if words} == {}
 
 

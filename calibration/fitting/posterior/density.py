@@ -15,14 +15,14 @@ Priors where none was stated:
 A start is the `Parameter`'s value, or what the library guesses for its laws.
 
 Each θ is mapped to the whole line, z = ln θ or the like; a pooled z_g is mean + τ q_g with q_g ~ N(0, 1),
-every other q is z. Unknowns that the data tell only together (χ̃ and ε_up far above yield, σ and ψ)
+every other q is z. Unknowns that the data determine only together (χ̃ and ε_up far above yield, σ and ψ)
 lie along a curved ridge. With t the least known of those that belong together and r the others,
 
     t = t(u₁),   r = r(u₁) + diag s(u₁) L u₂…,     u₁ = ± √(2 (ln p_max - ln p_profile(t)))
 
 where r(u₁) maximises the density at t, s are the errors of the others there and L the root of their
 correlations; where these are not nearly normal either, L u₂… is such a map again. So u₁ is standard
-normal where the profile tells t, and no ridge is left. The functions are cubic splines through a few
+normal where the profile determines t, and no ridge is left. The functions are cubic splines through a few
 points of the profile. What is nearly normal in q is scaled by the observed information alone.
 """
 
@@ -75,14 +75,14 @@ class Prior:
 
     Attributes:
         label: of the unknown.
-        told: in words.
+        text: in words.
         in_z: whether it is normal in z = ln θ and the like, else in θ.
         centre, spread: of the normal distribution; infinite spread: uniform.
         stated: whether the user stated it.
     """
 
     label: str
-    told: str
+    text: str
     in_z: bool
     centre: float
     spread: float
@@ -263,8 +263,8 @@ def density_of(problem: Traceable) -> Density:
     for i, pool in enumerate(problem.pools):
         of_law[first + i] = replace(of_law[first + i], label=pool.name)
         for place in pool.members:
-            told = f"around {pool.name}, with {pool.spread_name}"
-            of_law[place] = Prior(problem.elements[place].label, told, True, 0.0, 1.0)
+            text = f"around {pool.name}, with {pool.spread_name}"
+            of_law[place] = Prior(problem.elements[place].label, text, True, 0.0, 1.0)
         spread = len(every) + len(noises) + i
         pools.append(Pool(np.array(pool.members), first + i, spread))
     return Density(problem, (*of_law, *noises, *spreads), transform, tuple(pools))
@@ -274,28 +274,28 @@ def _of_element(element: Element, kind: int) -> Prior:
     label, (low, high) = element.label, element.range
     if element.parameter.prior is not None:
         mean, deviation = element.parameter.prior
-        told = f"normal, {number(mean)} ± {number(deviation)}"
-        return Prior(label, told, False, mean, deviation, stated=True)
+        text = f"normal, {number(mean)} ± {number(deviation)}"
+        return Prior(label, text, False, mean, deviation, stated=True)
     if kind == LOGIT:
         return Prior(label, f"uniform, {number(low)} to {number(high)}", False, 0.0, math.inf)
     if kind == NONE:
         spread = WIDE * max(abs(element.start), 1.0)
-        told = f"normal, {number(element.start)} ± {number(spread)}"
-        return Prior(label, told, False, element.start, spread)
+        text = f"normal, {number(element.start)} ± {number(spread)}"
+        return Prior(label, text, False, element.start, spread)
     weak = OF_BODIES if element.name.startswith(OF_CONTACT) else FACTOR
     usual, spread = PUBLISHED.get(element.name, (None, weak))
     is_start = usual is None or element.parameter.value is not None or not low < usual < high
     median = element.start if is_start or usual is None else usual
     size = max(median - low if kind == LOG else high - median, 1e-12)
     centre = math.log(size) * (-1 if kind == FROM_ABOVE else 1)
-    told = f"log-normal, median {number(median)}, a factor of {math.exp(spread):.2g} each way"
-    return Prior(label, told, True, centre, spread)
+    text = f"log-normal, median {number(median)}, a factor of {math.exp(spread):.2g} each way"
+    return Prior(label, text, True, centre, spread)
 
 
 def _of_noise(kind: str, label: str, per_unit: float) -> Prior:
     if kind == "dof":
-        told = "log-normal, median 8, a factor of 2.2 each way"
-        return Prior(label, told, True, math.log(8.0), 0.8)
+        text = "log-normal, median 8, a factor of 2.2 each way"
+        return Prior(label, text, True, math.log(8.0), 0.8)
     if kind == "scale":
         return Prior(label, "log-normal, median 1, a factor of 2.7 each way", True, 0.0, 1.0)
     size, unit = NOISE / per_unit, " s" if kind == "timing" else ""

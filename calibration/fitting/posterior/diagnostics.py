@@ -1,4 +1,4 @@
-"""Whether draws can be trusted, and whether the data told anything: by ArviZ, in words.
+"""Whether draws can be trusted, and whether the data were informative: by ArviZ, in words.
 
 Source: Vehtari, Gelman, Simpson, Carpenter and Bürkner, Bayesian Anal. 16, 667 (2021), of R-hat and
 the effective sizes; Betancourt, arXiv:1604.00695 (2016), of the energy.

@@ -94,7 +94,7 @@ def _found(result: Any, problem: Traceable) -> dict[str, float]:
 def _about(density: Density, seed: int, warmup: int) -> dict[str, Any]:
     """How the draws were made, for the posterior's attributes."""
     versions = {name: importlib.metadata.version(name) for name in ("blackjax", "arviz", "jax")}
-    priors = {one.label: one.told for one in density.priors}
+    priors = {one.label: one.text for one in density.priors}
     return {
         "inference_library": "blackjax",
         "inference_library_version": versions["blackjax"],
@@ -172,7 +172,7 @@ def _variables(density: Density, found: Mapping[str, Any]) -> dict[str, Any]:
     for k, one in enumerate(density.priors):
         about = {
             "unit": units.get(one.label, UNITS.get(one.label.partition("[")[0], "-")),
-            "prior": f"{one.told}, stated" if one.stated else one.told,
+            "prior": f"{one.text}, stated" if one.stated else one.text,
             "lower": float(transform.lower[k]),
             "upper": float(transform.upper[k]),
         }
