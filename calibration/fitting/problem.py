@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
@@ -139,15 +140,7 @@ class Lanes(NamedTuple):
 
     def some(self, which) -> "Lanes":
         """Those of some fits."""
-        parts = {
-            k: None if v is None else v[which]
-            for k, v in self._asdict().items()
-            if k != "variances"
-        }
-        if self.variances is None:
-            return Lanes(**parts)
-        every = tuple({k: v[which] for k, v in one.items()} for one in self.variances)
-        return Lanes(**parts, variances=every)
+        return jax.tree.map(lambda one: one[which], self)
 
 
 class Linear(NamedTuple):
@@ -440,16 +433,8 @@ class Problem:
         if not self.errors or self.errors[0].dof is None:
             return None
         variances = self.variances if lanes.variances is None else lanes.variances
-        every = [e.nu(s) for e, s in zip(self.errors, variances, strict=True)]
-        if all(np.ndim(nu) == 0 for nu in every):
-            return np.array(every)[self.points.set]
-        return np.concatenate(
-            [
-                nu + np.zeros((1, own.stop - own.start))
-                for nu, own in zip(every, self.own, strict=True)
-            ],
-            1,
-        )
+        pairs = zip(self.errors, variances, strict=True)
+        return np.concatenate([e.nu(s) + np.zeros((1, len(e))) for e, s in pairs], axis=1)
 
     def _by_covariance(self, off, carried: Carried, per: Carried, lanes: Lanes):
         """Rows, cost, and the rows that ln det V and V⁻¹ add, where V moves or is not diagonal."""
