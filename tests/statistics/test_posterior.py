@@ -119,6 +119,34 @@ def test_members_of_a_pool_have_the_density_of_the_hierarchy():
     check_grid(draws, log_density, restitution=mean, restitution_spread=spread)
 
 
+def test_what_else_was_measured_is_sampled_with_a_noise_of_its_own():
+    random, velocity = np.random.default_rng(1), V[::2]
+    contact = cal.paper_materials()[2].contact
+    noise = 0.02 * random.standard_normal((2, len(velocity)))
+    law = sj.HertzDashpot(contact, restitution=jnp.full((1, 1), 0.8))
+    times = np.asarray(sj.restitution(law, velocity[None]).duration)[0] * (1 + noise[1])
+    data = cal.RestitutionData(velocity, 0.8 + noise[0], contact, contact_time=times)
+    result = cal.fit(data, "hertz-dashpot", profiles=False)
+    draws = result.posterior(draws=50, chains=2, seed=0, warmup=100)
+    observed = draws["observed_data"]["restitution"]
+    names = ["restitution"] * len(velocity) + ["contact_time"] * len(velocity)
+    assert list(observed["observable"].values) == names
+    np.testing.assert_allclose(observed, [*(0.8 + noise[0]), *times], rtol=1e-14)
+    value, error, of_times = (
+        np.asarray(draws["posterior"][name]).reshape(-1, 1)
+        for name in ("restitution", "noise", "contact_time_noise")
+    )
+    law = sj.HertzDashpot(contact, restitution=value)
+    expected = np.asarray(sj.restitution(law, velocity[None]).duration)
+    scale = of_times * data.observed[0].scale
+    parts = [
+        stats.norm.logpdf(0.8 + noise[0], value, error),
+        stats.norm.logpdf(times, expected, scale),
+    ]
+    found = np.asarray(draws["log_likelihood"]["restitution"]).reshape(len(value), -1)
+    np.testing.assert_allclose(found, np.concatenate(parts, axis=1), rtol=1e-8)
+
+
 def test_every_group_is_there_with_units_and_priors(posterior):
     found = posterior["posterior"]
     assert (found.sizes["chain"], found.sizes["draw"]) == (2, 1000)

@@ -234,7 +234,8 @@ class Density:
         found = []
         for component in self.problem.components:
             own = [e.label for e in component.elements]
-            own += [n for g in component.sets for n in self.problem.sets[g].labels.values()]
+            sets = [one for one in self.problem.sets if one.set in component.sets]
+            own += [name for one in sets for name in one.labels.values()]
             for pool in self.problem.pools:
                 if self.problem.names[pool.members[0]] in own:
                     own += [pool.name, pool.spread_name]

@@ -79,13 +79,15 @@ def check_possible(objective: str | None) -> None:
 def _found(result: Any, problem: Traceable) -> dict[str, float]:
     """Values of the unknowns where the fit ended, as far as it has any."""
     found = {name: result.values.get(name) for name in problem.names}
-    for errors, material in zip(problem.sets, result.materials, strict=True):
+    for errors in problem.sets:
+        material = result.materials[errors.set]
+        known = material.observed.get(errors.block.observable, material)
         for kind, label in errors.labels.items():
-            found[label] = material.variances.get(kind, 0.0) ** 0.5
+            found[label] = known.variances.get(kind, 0.0) ** 0.5
         if "timing" in errors.labels:
-            found[errors.labels["timing"]] = material.timing
+            found[errors.labels["timing"]] = known.timing
         if "dof" in errors.labels:
-            found[errors.labels["dof"]] = material.noise_dof
+            found[errors.labels["dof"]] = known.noise_dof
         if "scale" in errors.labels:
             found[errors.labels["scale"]] = None  # its own prior's centre is near enough
     return {name: float(value) for name, value in found.items() if value}
@@ -114,25 +116,31 @@ def _as_data(density: Density, position, statistics, seed: int, about: Mapping[s
     coordinates.
     """
     problem = density.problem
-    measured = np.concatenate([one.data.restitution for one in problem.sets])
-    names = np.concatenate([[one.data.name] * len(one.data) for one in problem.sets])
-    velocity = np.concatenate([one.data.velocity for one in problem.sets])
+    velocity, value, unit = (
+        np.concatenate([getattr(one.points, name) for one in problem.sets])
+        for name in ("velocity", "value", "unit")
+    )
+    measured = value * unit
+    counts = [len(one.errors) for one in problem.sets]
+    names = np.repeat(np.array([one.data.name for one in problem.sets], object), counts)
+    what = np.repeat(np.array([one.block.observable for one in problem.sets], object), counts)
     points = {
         "velocity": ("point", velocity, {"unit": "m/s"}),
-        "data_set": ("point", names.astype(object)),
+        "data_set": ("point", names),
+        "observable": ("point", what),
     }
 
     def one(some):
         u, key = some
         theta, log_prior, log_jacobian = density.at(u)
-        laws = [problem.law(theta, g) for g in range(len(problem.sets))]
+        laws = [problem.law(theta, g) for g in range(len(problem.specs))]
         return {
             "theta": jnp.stack(list(theta.values())),
             "log_prior": log_prior,
             "log_jacobian": log_jacobian,
             "eps_up": [_eps_up(law) for law in laws],
             "by_point": problem.point_log_likelihood(theta),
-            "predicted": problem.simulated(theta, jax.random.normal(key, (len(measured),))),
+            "predicted": unit * problem.simulated(theta, jax.random.normal(key, (len(measured),))),
         }
 
     flat = position.reshape(-1, position.shape[-1])
@@ -181,7 +189,7 @@ def _variables(density: Density, found: Mapping[str, Any]) -> dict[str, Any]:
         variables[variable(one.label)] = (DIMS, found["theta"][..., k], about)
     for g, spec in enumerate(problem.specs):
         if spec.model.law_type is sj.Zhou and not spec.by_eps_up:
-            owner = f"[{spec.data.name}]" if len(problem.sets) > 1 else ""
+            owner = f"[{spec.data.name}]" if len(problem.specs) > 1 else ""
             values = found["eps_up"][g]
             variables[variable(f"eps_up{owner}")] = (DIMS, values, {"unit": "-", "derived": 1})
     return variables
