@@ -504,7 +504,9 @@ def restitution_warnings(part: MaterialFit, residual, errors: Errors) -> list[Fi
             found.append(warnings.alike_neighbours(velocity, standardised, name))
     stated = errors.points.uncertainty if errors.is_stated else None
     found.append(warnings.no_velocity_dependence(velocity, restitution, stated, name))
-    found.append(warnings.velocity_errors(data.velocity, data.velocity_uncertainty, name))
+    yields = part.law.elastic_velocity() if _yields(part.law) else np.nan
+    uncertain = data.velocity_uncertainty
+    found.append(warnings.velocity_errors(data.velocity, uncertain, np.asarray(yields), name))
     found += warnings.statuses(part.status, velocity, name)
     if part.known_to < np.inf:
         cause = "all velocities are below the critical velocity"

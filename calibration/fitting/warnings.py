@@ -15,7 +15,8 @@ CONDITION_LIMIT = 1e5  # of the Jacobian with unit columns: half of float64's di
 SEPARATE = 1.0  # standard error of ln σ from which on σ and ψ count as one number
 SEVERAL_DELTA = 4.0  # Δχ² below which another minimum is nearly as good
 CONFIDENCE = 0.99  # of the tests on residuals
-VELOCITY_ERRORS = 0.07  # of a velocity, up to which a curve's slope and bend carry them
+VELOCITY_ERRORS = 0.15  # of a velocity, up to which intervals were seen to be right
+NEAR_YIELD = 2.0  # standard uncertainties of a velocity around the kink at first yield
 APART = 2.0  # standard errors between the two objectives
 OUTSIDE = 1e-3  # of a velocity: less beyond the data's is no extrapolation, as ends are rounded
 OTHER_LAWS = "`softjax compare` tries other laws"
@@ -58,7 +59,7 @@ ADVICE = {
     ),
     "branch-change": "Check the data near the critical velocity; fix the strength or the modulus.",
     "velocity-errors": (
-        "Measure velocities to 5 % or better: at 10 % the intervals contain the truth in 90 to 93 % of all cases."
+        "Measure velocities to 10 % or better; leave points out that may lie on either side of first yield."
     ),
     "data": "Check the data.",
 }
@@ -233,16 +234,26 @@ def no_velocity_dependence(velocity, restitution, uncertainty, material) -> FitW
     return FitWarning("no-velocity-dependence", cause, material)
 
 
-def velocity_errors(velocity, uncertainty, material) -> FitWarning | None:
-    """Velocities so uncertain that the likelihood, of second order in their errors, is biased."""
+def velocity_errors(velocity, uncertainty, yields, material) -> FitWarning | None:
+    """Errors of velocities that their treatment to second order does not carry.
+
+    Args:
+        yields: the velocity of first yield [m/s], where the curve has a kink; NaN without one.
+    """
     if uncertainty is None:
         return None
-    most = float(np.max(np.asarray(uncertainty) / velocity))
-    if not most > VELOCITY_ERRORS:
-        return None
-    return FitWarning(
-        "velocity-errors", f"velocities are uncertain by up to {100 * most:.2g} %", material
-    )
+    uncertainty = np.asarray(uncertainty)
+    most = float(np.max(uncertainty / velocity))
+    near = int(np.sum(np.abs(velocity - yields) < NEAR_YIELD * uncertainty))
+    causes = []
+    if most > VELOCITY_ERRORS:
+        causes.append(f"velocities are uncertain by up to {100 * most:.2g} %")
+    if near:
+        causes.append(
+            f"{near} of {len(velocity)} points are nearer to first yield than {NEAR_YIELD:g} "
+            "standard uncertainties of their velocity"
+        )
+    return FitWarning("velocity-errors", "; ".join(causes), material) if causes else None
 
 
 def statuses(status, velocity, material) -> list[FitWarning]:

@@ -102,12 +102,13 @@ def specimens(random, law, blocks):
     )
 
 
-def imprecise(random, law, share):
-    """Velocities with errors of a share of them, stated."""
+def imprecise(random, law, share, of_measured=False):
+    """Velocities with errors of a share of them, stated: of the true ones, or of those measured."""
     true = np.geomspace(1.5, 60, 30) * CRITICAL
     e = curve(law, true) + 0.003 * random.standard_normal(30)
     v = true * (1 + share * random.standard_normal(30))
-    return cal.RestitutionData(v, e, PAIR, uncertainty=0.003, velocity_uncertainty=share * true)
+    u_v = share * (v if of_measured else true)
+    return cal.RestitutionData(v, e, PAIR, uncertainty=0.003, velocity_uncertainty=u_v)
 
 
 def trains(random, stated):
@@ -175,12 +176,13 @@ CASES = {
     "trains": {"simulate": partial(trains, stated=False), "law": Decay, "values": DECAY},
     "trains, stated": {"simulate": partial(trains, stated=True), "law": Decay, "values": DECAY},
     **{
-        f"velocities of {100 * share:g} %, {name}": {
-            "simulate": partial(imprecise, law=law, share=share),
+        f"velocities of {100 * share:g} %{', measured' * of_measured}, {name}": {
+            "simulate": partial(imprecise, law=law, share=share, of_measured=of_measured),
             "law": name,
             "values": values,
         }
         for share in (0.05, 0.1)
+        for of_measured in (False, True)
         for name, law, values in (
             ("zhou", ZHOU, BY_UP),
             ("viscoelastic", VISCOELASTIC, {"dissipation_time": 2e-5}),
@@ -272,6 +274,8 @@ def test_intervals_hold_the_truth_as_often_as_they_say(name, sets):
     for label in counted:
         assert low <= found.covered[label] * sets <= high, label
         assert found.ratio[label] == pytest.approx(1, abs=3.3 / np.sqrt(2 * sets)), label
+        if name.startswith("velocities"):
+            assert abs(found.bias[label]) < 0.2 + 3.3 / np.sqrt(sets) * (sets < 100), label
 
 
 @pytest.mark.long

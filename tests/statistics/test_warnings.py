@@ -161,7 +161,9 @@ def plausibility():
 
 
 def velocity_errors():
-    one = twin("nylon", noise=0.002, uncertainty=0.002)
+    """Of points far from the critical velocity."""
+    y = np.append(np.linspace(0.1, 0.7, 8), np.geomspace(1.5, TRUTH["nylon"][4], 20))
+    one = twin("nylon", y, noise=0.002, uncertainty=0.002)
     return (
         cal.fit(
             cal.RestitutionData(
@@ -173,12 +175,30 @@ def velocity_errors():
             ),
             **QUICK,
         )
-        for part in (0.071, 0.069)
+        for part in (0.151, 0.149)
+    )
+
+
+def velocity_errors_near_yield():
+    """The nearest point 1.99 and 2.01 of its uncertainties from the critical velocity."""
+    one = twin("nylon", noise=0.002, uncertainty=0.002)
+    far = np.abs(one.velocity - float(one.contact.critical_velocity))
+    return (
+        cal.fit(
+            cal.RestitutionData(
+                one.velocity, one.restitution, one.contact, 0.002, velocity_uncertainty=u
+            ),
+            **QUICK,
+        )
+        for u in (
+            np.where(far == np.min(far), far / by, 1e-3 * one.velocity) for by in (1.99, 2.01)
+        )
     )
 
 
 CASES = {
     "velocity-errors": velocity_errors,
+    "velocity-errors, near yield": velocity_errors_near_yield,
     "at-bound, at zero": runs_to_zero,
     "at-bound, at infinity": grows_without_bound,
     "eps-up-only": eps_up_only,
