@@ -161,7 +161,9 @@ class Errors:
             log_unit=log_unit,
             labels=group,
         )
-        return replace(errors, shift=_expected_shift(velocity, errors._of_velocity, power))
+        # times of a train, good to parts of a thousand, are in two points each
+        u_v = 0.0 * velocity if points.shares else errors._of_velocity
+        return replace(errors, shift=_expected_shift(velocity, u_v, power))
 
     def __len__(self) -> int:
         return len(self.velocity)
