@@ -15,7 +15,6 @@ class Symbol(NamedTuple):
 
 MATH = {
     "χ̃": r"$\tilde\chi$",
-    "μ": r"$\mu$",
     "ν": r"$\nu$",
     "ρ": r"$\rho$",
     "σ": r"$\sigma$",

@@ -19,7 +19,7 @@ class Material(eqx.Module):
     """
 
     youngs_modulus: Number = number_field("E", "Pa", "modulus", within="(0, inf)")
-    poisson_ratio: Number = number_field("μ", "-", "ratio", within="(-1, 0.5]")
+    poisson_ratio: Number = number_field("ν", "-", "ratio", within="(-1, 0.5]")
     density: Number = number_field("ρ", "kg/m³", "density", within="(0, inf)")
     yield_strength: Number = number_field("Y", "Pa", "strength", within="(0, inf)")
 

@@ -12,6 +12,7 @@ from calibration import symbols
 from calibration.fitting.posterior.draws import dataset_of
 from calibration.plots import style
 
+NOISES = {"noise": "scatter", "group": "between groups", "timing": "of times [s]"}  # as tables say
 MOST = 8  # parameters: with more nothing can be read
 SHOWN = 2000  # draws of a panel
 CELL = 1.9  # inches
@@ -93,7 +94,7 @@ def _plot_fit(ax: Axes, one: Any, other: Any, in_pair: bool) -> None:
 def _label(name: str, result: Any) -> str:
     """The symbol with its unit, the data set below it."""
     base, _, owner = name.removesuffix("]").partition("[")
-    symbol = symbols.math(base, symbols.model_of(name, result))
+    symbol = NOISES.get(base) or symbols.math(base, symbols.model_of(name, result))
     return f"{symbol}\n{style.plain(style.shortened(owner))}" if owner else symbol
 
 

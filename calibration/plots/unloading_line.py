@@ -22,7 +22,7 @@ def unloading_line_figure(line: Any, contact: Any = None, name: str = "") -> Fig
         contact: of a further material, whose place is marked.
         name: of the further material.
     """
-    figure = style.new_figure(6.0, 4.0)
+    figure = style.new_figure(6.0, 4.6)
     ax = figure.add_subplot()
     low, high = line.range
     new = None if contact is None else float(np.asarray(contact.yield_ratio))
@@ -36,9 +36,11 @@ def unloading_line_figure(line: Any, contact: Any = None, name: str = "") -> Fig
         label = f"fitted, {100 * line.confidence:g} % intervals" if k == 0 else None
         ax.errorbar(one.yield_ratio, one.chi, error, label=label, **look)
         text = style.plain(style.shortened(one.name))
-        below = (one.yield_ratio, max(one.chi - error, 0.0))  # clear of the line
-        where: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "va": "top"}
-        ax.annotate(text, below, (0, -5), **where)
+        is_last = one.yield_ratio > 0.7 * max(ends)
+        where: dict[str, Any] = {"textcoords": "offset points", "va": "center", "zorder": 3}
+        where |= {"ha": "right"} if is_last else {"ha": "left"}
+        where["bbox"] = {"facecolor": "white", "alpha": 0.7, "pad": 1, "linewidth": 0}
+        ax.annotate(text, (one.yield_ratio, one.chi), (-8 if is_last else 8, 0), **where)
     if contact is not None:
         chi = line.unloading_factor(contact)
         ends_of = np.array([[chi.value - _end(chi.low, chi)], [_end(chi.high, chi) - chi.value]])
@@ -51,9 +53,9 @@ def unloading_line_figure(line: Any, contact: Any = None, name: str = "") -> Fig
     ax.set(
         xlabel="effective modulus over yield strength, $E/Y$",
         ylabel=r"unloading factor $\tilde\chi$",
-        ylim=(0, 1.5 * top),
+        ylim=(-0.05 * top, 1.3 * top),
     )
-    ax.legend(loc="upper left", fontsize="small")
+    style.legend_below(figure, [ax], columns=2)
     return figure
 
 

@@ -149,7 +149,7 @@ def of_spheres(
     area: str = "zhou",
     **fields: Any,
 ) -> Inputs:
-    """Two equal spheres: E, μ, ρ, Y and R of both moved together, and the fields of a law.
+    """Two equal spheres: E, ν, ρ, Y and R of both moved together, and the fields of a law.
 
     Args:
         material, radius: of both; R [m].

@@ -114,7 +114,7 @@ def sensitivity(
     """θ ∂ε/∂θ of every input at every velocity, from one forward pass for all of them.
 
     Args:
-        inputs: `Inputs` (e.g. `of_spheres(material, radius, chi=…, sigma=…, psi=…)`, whose E, μ,
+        inputs: `Inputs` (e.g. `of_spheres(material, radius, chi=…, sigma=…, psi=…)`, whose E, ν,
             ρ, Y, R are those of the bodies), or a law, or a fit, whose law's stored fields are then
             the inputs.
         velocity: v [m/s], a number or any shape (taken flat).

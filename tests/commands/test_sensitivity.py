@@ -134,7 +134,7 @@ def test_what_has_no_logarithm_is_left_out_of_a_logarithmic_scale(at, capsys):
     found = told_by("foam.toml", *law, *few, "--scale", "log")["global"]
     assert "poisson_ratio" not in found["inputs"]
     told = capsys.readouterr().out
-    assert "Left out (below 0, where there is no logarithm): μ (poisson_ratio)." in told
+    assert "Left out (below 0, where there is no logarithm): ν (poisson_ratio)." in told
     assert "poisson_ratio" in told_by("foam.toml", *law, *few)["global"]["inputs"]
 
 

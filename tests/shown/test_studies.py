@@ -71,7 +71,7 @@ def test_sensitivities_over_velocity(studied):
     table = {row[0]: [float(x) for x in row[1:]] for row in map(cells, lines[1:10])}
     told = json.loads(studied.text("sensitivity.json"))["local"]
     assert told["velocity"] == [1.0, 10.0]
-    symbols = ("E", "μ", "ρ", "Y", "R", "χ̃", "σ", "ψ", "v")
+    symbols = ("E", "ν", "ρ", "Y", "R", "χ̃", "σ", "ψ", "v")
     for (name, letter), symbol in zip(LETTERS.items(), symbols, strict=True):
         slope = effect(name, velocity)
         in_csv = [float(row[f"{name} d(eps)/d({name})"]) for row in rows]
