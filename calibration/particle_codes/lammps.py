@@ -13,9 +13,9 @@ from typing import Any
 import softjax as sj
 from calibration.particle_codes.choice import DAMPED, EXACT, HEADER, INPUT, Backend
 from calibration.particle_codes.report import Export
-from calibration.particle_codes.softening import softened
+from calibration.particle_codes.surrogates import softened
 from calibration.particle_codes.target import number_of, with_contact
-from calibration.particle_codes.templates import rendered, source
+from calibration.particle_codes.templates import rendered
 
 BACKENDS = {
     "linear": Backend(INPUT, fewest=DAMPED),
@@ -57,8 +57,7 @@ def files(export: Export, header: str) -> dict[str, str]:
     )
     if not plugin:
         return {f"in.{prefix}": text}
-    names = ("lammps.cpp", "build.sh")
-    sources = dict(zip(("softjax_lammps.cpp", "build.sh"), map(source, names), strict=True))
+    sources = {"softjax_lammps.cpp": rendered("lammps.cpp"), "build.sh": rendered("build.sh")}
     return {f"in.{prefix}": text, f"{prefix}_law.h": header, **sources}
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import softjax as sj
 from calibration.errors import printable
 from calibration.particle_codes.choice import CONSTANT, Choice, ExportOptions
-from calibration.particle_codes.softening import softened
+from calibration.particle_codes.surrogates import softened
 from calibration.particle_codes.target import Target, impacts_of, number_of
 from calibration.rounding import number
 from softjax.fields import numbers_of, options_of

@@ -3,10 +3,15 @@
 In the order of what they cost a code: constant ε by a linear spring, by Hertz's spring,
 viscoelastic spheres, Walton and Braun's spring. Springs that ε says nothing of are as stiff as
 gives the requested overlap at the fastest impact.
+
+Softer springs at the same ε: overlaps and durations grow by a factor μ, forces fall by it. With
+P'(δ, δ') = P(δ/μ, δ')/μ every impact is the old one with lengths and times μ times as large.
 """
 
 import cmath
+import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq, minimize
@@ -19,6 +24,14 @@ LEAST = math.exp(-2)  # ε of critical damping with this end
 MOST_DAMPING = 500.0  # Λ, of ε within 3e-5 of the least
 # w² = 3/2 A (k/M)^{2/5} v^{1/5}, the one number of viscoelastic spheres: ε from 1 - 1e-9 to 3e-7
 LEAST_LOSS, MOST_LOSS = 1e-9, 1e4
+BEYOND = 2.0  # the overlap up to which k2 grows, over the largest of the range
+POWERS = {  # of the factor, by which a field is multiplied
+    sj.LinearSpringDashpot: {"stiffness": -2},
+    sj.WaltonBraun: {"loading_stiffness": -2, "unloading_stiffness": -2, "growth": -1},
+    sj.HertzDashpot: {},
+    sj.ViscoelasticHertz: {"dissipation_time": 1},
+}
+OF_MODULUS = sj.HertzDashpot, sj.ViscoelasticHertz
 
 
 def constant_restitution(target: Target) -> float:
@@ -125,3 +138,23 @@ def walton_braun(target: Target, overlap: float, starts_at_loading: bool) -> sj.
 
 def _largest(found: np.ndarray, target: Target) -> float:
     return float(np.max(np.abs(found - target.restitution)))
+
+
+def softened(law: Any, factor: float) -> Any:
+    """A law softer by `factor`, by its fields; headers soften any law by themselves."""
+    if factor == 1:
+        return law
+    fields = {name: getattr(law, name) * factor**power for name, power in POWERS[type(law)].items()}
+    if isinstance(law, OF_MODULUS):
+        modulus = law.contact.youngs_modulus / factor**2.5
+        fields["contact"] = dataclasses.replace(law.contact, youngs_modulus=modulus)
+    return dataclasses.replace(law, **fields)
+
+
+def growth_of(law: sj.WaltonBraun, peak: float) -> tuple[float, float]:
+    """k_p/k1 and the plasticity depth over the radii, where k2 = k1 (1 + s δ) up to `BEYOND` peaks.
+
+    As LIGGGHTS and YADE take them, without adhesion.
+    """
+    most = 1 + number_of(law.growth) * BEYOND * peak
+    return most, BEYOND * peak * (most - 1) / most / (2 * number_of(law.contact.radius))

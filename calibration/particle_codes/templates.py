@@ -7,11 +7,6 @@ from typing import Any
 FOLDER = Path(__file__).with_name("templates")
 
 
-def source(name: str) -> str:
-    """The text of a file that needs no values."""
-    return (FOLDER / name).read_text(encoding="utf-8")
-
-
 def rendered(name: str, /, **values: Any) -> str:
     """A template with its values; numbers keep all their digits."""
     return _environment().get_template(name).render(values)

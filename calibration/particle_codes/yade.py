@@ -14,7 +14,7 @@ from typing import Any
 import softjax as sj
 from calibration.particle_codes.choice import DAMPED, INPUT, Backend
 from calibration.particle_codes.report import Export
-from calibration.particle_codes.softening import growth_of
+from calibration.particle_codes.surrogates import growth_of
 from calibration.particle_codes.target import number_of
 from calibration.particle_codes.templates import rendered
 from softjax.laws.linear_dashpot import damping_fraction

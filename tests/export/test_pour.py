@@ -14,12 +14,9 @@ pytestmark = [needs_lammps, pytest.mark.long, pytest.mark.codes]
 BALLS = ("stainless steel", "nylon")  # types 1 and 2
 PLATE = "chrome steel"
 RADII = (0.005, 0.006)
-COUNT, POURED, WIDE = 10_000, 11_000, 0.24  # spheres at least, and asked for; the plate [m]
-HIGH, TOPS, SPEED = (
-    1.2,
-    (0.68, 1.18),
-    1.0,
-)  # of the box, where each type is poured from [m], how fast [m/s]
+COUNT, POURED = 10_000, (6_300, 4_000)  # spheres at least, and asked for of each type
+WIDE, HIGH = 0.24, 1.2  # the plate and the box at the start [m]
+TOPS, SPEED = (0.68, 1.18), 1.0  # from where each type is poured [m], and how fast [m/s]
 SOON = 300  # steps: a few contacts, before rounding grows
 BOOK_CLOUD = 'print "RESULT $(ke:%.17g) $(pe+f_floor_one+f_floor_two:%.17g)"'
 SOME, LID, EACH = 180, 0.12, 4  # spheres and the height of the cloud [m], steps between frames
@@ -137,7 +134,7 @@ def poured(request, scene):
         rho, region = float(MATERIALS[BALLS[kind - 1]].density), f"above{kind}"
         lines.append(f"region {region} block 0 {WIDE} 0 {WIDE} {top - 0.48} {top}")
         lines.append(
-            f"fix pour{kind} {name} pour {POURED // 2} {kind} {4711 + kind} region {region} vol 0.25 500 "
+            f"fix pour{kind} {name} pour {POURED[kind - 1]} {kind} {4711 + kind} region {region} vol 0.25 500 "
             f"dens {rho} {rho} vel 0 0 0 0 {-SPEED} diam one {2 * RADII[kind - 1]}"
         )
     lines += [f"run {int(0.4 / step)}", BOOK, "unfix pour1", "unfix pour2"]

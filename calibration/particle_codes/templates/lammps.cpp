@@ -78,7 +78,7 @@ struct Law {
     record.factor = contact.factor;                                                              \
     return name##_fits(&pair);                                                                   \
   }                                                                                              \
-  const Law name##_entry = {#name, NAME##_SLOWEST, NAME##_FASTEST, NAME##_STEP, name##_evaluated};
+  const Law name##_entry = { #name, NAME##_SLOWEST, NAME##_FASTEST, NAME##_STEP, name##_evaluated};
 SOFTJAX_LAWS
 #undef LAW
 #define LAW(name, NAME) &name##_entry,
@@ -450,14 +450,6 @@ struct Plugin {
 };
 using Register = void (*)(Plugin *, void *);
 
-void *new_pair(LAMMPS *lmp) { return (Pair *)new PairSoftjax(lmp); }
-void *new_wall(LAMMPS *lmp, int narg, char **arg) {
-  return (Fix *)new FixSoftjaxWall(lmp, narg, arg);
-}
-void *new_memory(LAMMPS *lmp, int narg, char **arg) {
-  return (Fix *)new FixSoftjaxMemory(lmp, narg, arg);
-}
-
 /* By LAMMPS' C interface, which is the same for all versions. */
 bool built_for(void *lmp) {
   const bool same = lammps_version(lmp) == SOFTJAX_LAMMPS &&
@@ -483,13 +475,17 @@ extern "C" void lammpsplugin_init(void *lmp, void *handle, void *registers) {
   plugin.handle = handle;
   plugin.style = "pair";
   plugin.name = "softjax";
-  plugin.creator.of_pair = new_pair;
+  plugin.creator.of_pair = [](LAMMPS *lmp) -> void * { return (Pair *)new PairSoftjax(lmp); };
   ((Register)registers)(&plugin, lmp);
   plugin.style = "fix";
   plugin.name = "softjax/wall";
-  plugin.creator.of_fix = new_wall;
+  plugin.creator.of_fix = [](LAMMPS *lmp, int narg, char **arg) -> void * {
+    return (Fix *)new FixSoftjaxWall(lmp, narg, arg);
+  };
   ((Register)registers)(&plugin, lmp);
   plugin.name = "softjax/memory";
-  plugin.creator.of_fix = new_memory;
+  plugin.creator.of_fix = [](LAMMPS *lmp, int narg, char **arg) -> void * {
+    return (Fix *)new FixSoftjaxMemory(lmp, narg, arg);
+  };
   ((Register)registers)(&plugin, lmp);
 }

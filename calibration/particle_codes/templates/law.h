@@ -88,6 +88,18 @@ SOFTJAX_INLINE double softjax_loading_work(double x);
 {% endif %}
 {% include name %}
 {% if not end %}
+{% set of_yield = name in ("zhou.h", "thornton.h") %}
+
+/* the units of overlaps [m] and forces [N] above */
+SOFTJAX_INLINE softjax_real softjax_length(const softjax_pair *pair) {
+  (void)pair;
+  return (softjax_real){{ "SOFTJAX_YIELD_OVERLAP * pair->radius" if of_yield else "SOFTJAX_TOP" if name == "table.h" else 1 }};
+}
+
+SOFTJAX_INLINE softjax_real softjax_unit(const softjax_pair *pair) {
+  (void)pair;
+  return (softjax_real){{ "SOFTJAX_YIELD_FORCE * pair->radius * pair->radius" if of_yield else 1 }};
+}
 
 /* integral from `low` to `high` of the force on loading, or on unloading where there is a peak: Gauss and Legendre's ten
  * points in the square root of the overlap, in which forces are smooth; once a contact */

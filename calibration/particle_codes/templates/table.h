@@ -29,16 +29,6 @@ static const double softjax_squared_table[SOFTJAX_ROWS] = {
 static const double softjax_unloading_table[SOFTJAX_ROWS * SOFTJAX_COLUMNS] = {
 {{ unloading }}};
 
-SOFTJAX_INLINE softjax_real softjax_length(const softjax_pair *pair) {
-  (void)pair;
-  return (softjax_real)SOFTJAX_TOP;
-}
-
-SOFTJAX_INLINE softjax_real softjax_unit(const softjax_pair *pair) {
-  (void)pair;
-  return 1;
-}
-
 SOFTJAX_INLINE double softjax_loading_at(double x, double *slope) {
   const double root = sqrt(x);
   const double force =

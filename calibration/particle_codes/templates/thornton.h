@@ -2,14 +2,6 @@
 #define SOFTJAX_YIELD_OVERLAP {{ overlap }} /* delta_y/R [-] */
 #define SOFTJAX_YIELD_FORCE {{ force }}     /* k delta_y^{3/2}/R^2 [Pa] */
 
-SOFTJAX_INLINE softjax_real softjax_length(const softjax_pair *pair) {
-  return (softjax_real)SOFTJAX_YIELD_OVERLAP * pair->radius;
-}
-
-SOFTJAX_INLINE softjax_real softjax_unit(const softjax_pair *pair) {
-  return (softjax_real)SOFTJAX_YIELD_FORCE * pair->radius * pair->radius;
-}
-
 /* Hertz's force, from first yield on a straight line */
 SOFTJAX_INLINE softjax_real softjax_loading(softjax_real x, softjax_real *slope) {
   const softjax_real root = x > 1 ? 1 : softjax_sqrt(x);

@@ -2,17 +2,6 @@
 #define SOFTJAX_UNLOADING_STIFFNESS ((softjax_real){{ unloading_stiffness }})  /* k20 [N/m] */
 #define SOFTJAX_GROWTH ((softjax_real){{ growth }})                  /* s [1/m], k2 = k20 + s P_max */
 
-/* forces are in newtons and overlaps in metres already */
-SOFTJAX_INLINE softjax_real softjax_length(const softjax_pair *pair) {
-  (void)pair;
-  return 1;
-}
-
-SOFTJAX_INLINE softjax_real softjax_unit(const softjax_pair *pair) {
-  (void)pair;
-  return 1;
-}
-
 SOFTJAX_INLINE softjax_real softjax_loading(softjax_real overlap, softjax_real *slope) {
   *slope = SOFTJAX_LOADING_STIFFNESS;
   return SOFTJAX_LOADING_STIFFNESS * overlap;

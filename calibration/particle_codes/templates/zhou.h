@@ -13,14 +13,6 @@
 #define SOFTJAX_LOSSES {{ losses }}
 #endif
 
-SOFTJAX_INLINE softjax_real softjax_length(const softjax_pair *pair) {
-  return (softjax_real)SOFTJAX_YIELD_OVERLAP * pair->radius;
-}
-
-SOFTJAX_INLINE softjax_real softjax_unit(const softjax_pair *pair) {
-  return (softjax_real)SOFTJAX_YIELD_FORCE * pair->radius * pair->radius;
-}
-
 {% if form == "full" %}
 /* y^{3/2}; where cos(theta) is not real the rim carries nothing */
 SOFTJAX_INLINE softjax_real softjax_rim(softjax_real y, softjax_real rise, softjax_real *slope) {
