@@ -256,6 +256,8 @@ def compare(
         own = {n: v for n, v in options.items() if one.key in LAW_OPTIONS.get(n, (one.key,))}
         try:
             result = fit(data, one.law, one.said, profiles=False, unloading_line=None, **own)
+            if any(estimate.skewed for estimate in result.estimates.values()):  # no ± describes it
+                result = fit(data, one.law, one.said, unloading_line=None, **own)
             entries.append(Entry(one, result, result.leave_one_out()))
         except (DataError, InputError) as error:
             if laws is not None:
