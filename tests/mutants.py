@@ -117,18 +117,8 @@ def tried(copy: Path, change: Change, tests: list[str], limit: int) -> Outcome:
     path = copy / change.file
     source = path.read_bytes()
     path.write_bytes(change.applied(source))
-    words = ["-x", "-q", "-n", "0", "-p", "no:cacheprovider", "--tb=line"]
-    env = os.environ | {"PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
     try:
-        done = subprocess.run(
-            [sys.executable, "-c", LIMITED, str(limit), *words, *tests],
-            cwd=copy,
-            env=env,
-            capture_output=True,
-            text=True,
-            errors="replace",
-            timeout=10 * limit,
-        )
+        done = tests_run(copy, tests, limit)
     except subprocess.TimeoutExpired:
         return Outcome(change, TIMEOUT, "")
     finally:
@@ -138,7 +128,26 @@ def tried(copy: Path, change: Change, tests: list[str], limit: int) -> Outcome:
     failed = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
     if not failed and done.returncode in (pytest.ExitCode.OK, pytest.ExitCode.INTERRUPTED):
         return Outcome(change, SURVIVED, "")
+    if not failed:  # the change, or the place where the tests are run
+        plain = tests_run(copy, ["--collect-only", *tests], limit)
+        if plain.returncode:
+            raise RuntimeError(
+                f"no test runs in {copy}: {plain.stdout[-500:]}{plain.stderr[-500:]}"
+            )
     return Outcome(change, NOTICED, [*failed, "not even collected"][0].partition(" - ")[0])
+
+
+def tests_run(copy: Path, tests: list[str], limit: int) -> subprocess.CompletedProcess:
+    words = ["-x", "-q", "-n", "0", "-p", "no:cacheprovider", "--tb=line"]
+    return subprocess.run(
+        [sys.executable, "-c", LIMITED, str(limit), *words, *tests],
+        cwd=copy,
+        env=os.environ | {"PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"},
+        capture_output=True,
+        text=True,
+        errors="replace",
+        timeout=10 * limit,
+    )
 
 
 def main() -> int:
