@@ -17,7 +17,7 @@ from tests.shown.test_fit import SPEED
 EFFECT = r"$\theta\,\partial\varepsilon/\partial\theta$"
 LETTERS = {
     "youngs_modulus": "$E$",
-    "poisson_ratio": r"$\mu$",
+    "poisson_ratio": r"$\nu$",
     "density": r"$\rho$",
     "yield_strength": "$Y$",
     "radius": "$R$",
