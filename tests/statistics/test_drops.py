@@ -96,7 +96,9 @@ def test_bootstrap_and_comparison_agree(data, result):
     comparison = cal.compare(data, ["zhou", "constant"])
     assert comparison.ranking[0] == "Zhou"
     assert comparison["Zhou"].values["chi"] == pytest.approx(result.values["chi"], abs=1e-5)
-    assert comparison["Zhou"].intervals["chi"] == pytest.approx((low, high), abs=0.01 * (high - low))
+    assert comparison["Zhou"].intervals["chi"] == pytest.approx(
+        (low, high), abs=0.01 * (high - low)
+    )
 
 
 def test_band_and_plan_take_the_errors_of_heights(data, result):
