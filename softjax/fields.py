@@ -18,11 +18,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.tree_util import SequenceKey
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, ArrayLike, Bool, Float
 
 from softjax.checks import ArgumentError, as_real, check, check_broadcast, check_choice
 
 Number = Float[ArrayLike, "..."]
+Numbers = Float[Array, "..."]  # one an impact, or a single one
+Flags = Bool[Array, "..."]
 
 _WITHIN = re.compile(r"([\[(])\s*(\S+)\s*,\s*(\S+?)\s*([\])])")
 
@@ -45,7 +47,7 @@ class Declared(NamedTuple):
     with_lower: bool = False
     with_upper: bool = False
 
-    def holds(self, value) -> Array:
+    def holds(self, value) -> Flags:
         """Whether `value` is finite and in the range, elementwise."""
         above = value >= self.lower if self.with_lower else value > self.lower
         below = value <= self.upper if self.with_upper else value < self.upper
@@ -227,6 +229,22 @@ def check_fields(module: eqx.Module) -> None:
     check_broadcast(numbers_of(module))
 
 
+def checked(law: eqx.Module, velocity) -> Any:
+    """The impact velocity as an array or traced value, checked together with the law.
+
+    Raises:
+        ValueError: naming the argument, its value and what is accepted.
+    """
+    velocity = as_real(velocity)
+    accepted = "a finite impact velocity in m/s, zero or more"
+    check("velocity", velocity, lambda v: v >= 0, accepted)
+    numbers = numbers_of(law)
+    if not all(type(value) is float or hasattr(value, "dtype") for value in numbers.values()):
+        check_fields(law)  # raises, naming what has been put into a law that was made whole
+    check_broadcast({"velocity": velocity} | numbers)
+    return velocity
+
+
 def _is_floating(leaf) -> bool:
     return hasattr(leaf, "dtype") and np.issubdtype(leaf.dtype, np.floating)
 
@@ -243,7 +261,7 @@ def numbers_of(module: eqx.Module) -> dict[str, Any]:
     return found
 
 
-def are_valid(module: eqx.Module) -> Array:
+def are_valid(module: eqx.Module) -> Flags:
     """Whether all numbers are in their ranges, one truth value an impact.
 
     Where tracing kept them unchecked. A whole field is valid where all of its numbers are finite.

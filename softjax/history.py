@@ -12,13 +12,13 @@ from softjax.checks import ArgumentError
 from softjax.engine.impact import (
     Impact,
     check_law,
-    checked,
     collisions,
     common_precision,
     prepare,
     with_elastic,
 )
 from softjax.engine.rows import over_impacts
+from softjax.fields import checked
 from softjax.laws.base import ContactLaw, HardSphereLaw, RateIndependentLaw
 from softjax.restitution import told
 from softjax.routes import ODE, as_argument, is_count

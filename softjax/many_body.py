@@ -5,8 +5,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
 
+from softjax.fields import Flags, Numbers
 from softjax.restitution import restitution
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(12)
@@ -16,7 +16,7 @@ LEAST = 1e-30  # in place of 0 [m]: forces of laws are of positive overlaps
 
 def contact_force(
     law: Any, overlap: Any, velocity: Any, memory: Any, *, hold: Any = None
-) -> tuple[Array, Array]:
+) -> tuple[Numbers, Numbers]:
     """The force of a contact law at one instant, and what the contact remembers.
 
     A rate-independent law loads up to the largest overlap δ_m so far and unloads below it, where its force
@@ -73,14 +73,14 @@ def _elastic(law: Any) -> Any:
     return (2.5 * energy / law.contact.stiffness) ** 0.4
 
 
-def _unloading(law: Any, overlap: Array, peak: Array) -> Array:
+def _unloading(law: Any, overlap: Numbers, peak: Numbers) -> Numbers:
     yielded = peak > _elastic(law)
     safe = jnp.where(yielded, peak, 1.1 * jnp.maximum(_elastic(law), peak))
     after = law.unloading_force(jnp.minimum(overlap, safe), safe)
     return jnp.where(yielded, after, law.loading_force(overlap))
 
 
-def _speed(law: Any, peak: Array) -> Array:
+def _speed(law: Any, peak: Numbers) -> Numbers:
     """The impact velocity that reaches this largest overlap [m/s]."""
     kink = jnp.minimum(_elastic(law), peak)
     middle = jnp.where(kink > 0, jnp.sqrt(jnp.where(kink > 0, kink, 1.0)), 0.0)
@@ -88,7 +88,7 @@ def _speed(law: Any, peak: Array) -> Array:
     return jnp.sqrt(2 * work / law.contact.mass)
 
 
-def _factor(law: Any, speed: Array) -> Array:
+def _factor(law: Any, speed: Numbers) -> Numbers:
     """(ε/ε_p)² of an impact."""
     hit = restitution(law, speed)
     rebounds = hit.plastic_coefficient > 0
@@ -96,7 +96,9 @@ def _factor(law: Any, speed: Array) -> Array:
     return jnp.where(rebounds, (jnp.minimum(hit.coefficient, 1.0) / plastic) ** 2, 0.0)
 
 
-def _held(law: Any, unloads: Any, overlap: Array, velocity: Array, slow: Array, hold: Any) -> Array:
+def _held(
+    law: Any, unloads: Any, overlap: Numbers, velocity: Numbers, slow: Flags, hold: Any
+) -> Numbers:
     """The force inside the largest overlap with the dashpot of `hold`."""
 
     def spring(overlap):
@@ -110,7 +112,7 @@ def _held(law: Any, unloads: Any, overlap: Array, velocity: Array, slow: Array, 
     return jnp.where(damped, jnp.maximum(force + damping, 0.0), force)
 
 
-def _dashpot(restitution: Array) -> Array:
+def _dashpot(restitution: Numbers) -> Numbers:
     """ξ of ln ε = -ξ arccos ξ/√(1 - ξ²), by Newton's method from below."""
     loss = -jnp.log(jnp.clip(restitution, 1e-3, 1.0))
     node = (1 + jnp.asarray(NODES).reshape((-1,) + (1,) * loss.ndim)) / 2
@@ -124,7 +126,7 @@ def _dashpot(restitution: Array) -> Array:
     return fraction
 
 
-def _work(law: Any, low: Any, high: Array) -> Array:
+def _work(law: Any, low: Any, high: Numbers) -> Numbers:
     """∫ P dδ on loading [J] between two √δ, in which forces of contacts are smooth: Gauss and Legendre's."""
     middle, half = (high + low) / 2, (high - low) / 2
     shape = (-1,) + (1,) * middle.ndim

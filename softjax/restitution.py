@@ -1,6 +1,5 @@
 """The coefficient of restitution over impact velocities, by either route."""
 
-from functools import partial
 from typing import NamedTuple
 
 import equinox as eqx
@@ -12,8 +11,8 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 from softjax.batching import batched
 from softjax.checks import ArgumentError, check_broadcast, is_elsewhere, is_traced, truth_values
 from softjax.engine.branches import Collision, flagged
-from softjax.engine.impact import Impact, check_law, checked, collisions, common_precision, prepare
-from softjax.fields import is_array, numbers_of, whole_leaves
+from softjax.engine.impact import Impact, check_law, collisions, common_precision, prepare
+from softjax.fields import Flags, Numbers, checked, is_array, numbers_of, whole_leaves
 from softjax.laws.base import ContactLaw
 from softjax.numerics.powers import safe_sqrt
 from softjax.routes import Route, as_argument, check_route
@@ -30,23 +29,23 @@ class Restitution(eqx.Module):
         plastic_coefficient: ε_p [-], what the contact force alone gives back.
         peak_overlap, residual_overlap: δ_max and δ* [m]; None where not requested.
         status: `Status` flags, one integer per velocity.
-        law, velocity, route: copies of the inputs. Under
-            `jit`, `vmap` or `grad` the numbers of the law have the shape of `velocity` too.
+        law, velocity, route: copies of the inputs. Under `jit`, `vmap` or `grad` the numbers of the
+            law and of the route have the shape of `velocity` too.
         each: whether what is whole in the law is there for each impact, as under `vmap`.
     """
 
     law: ContactLaw
-    velocity: Float[Array, "..."]
-    coefficient: Float[Array, "..."]
-    plastic_coefficient: Float[Array, "..."]
-    peak_overlap: Float[Array, "..."] | None
-    residual_overlap: Float[Array, "..."] | None
+    velocity: Numbers
+    coefficient: Numbers
+    plastic_coefficient: Numbers
+    peak_overlap: Numbers | None
+    residual_overlap: Numbers | None
     status: Int[Array, "..."]
-    route: Route = eqx.field(static=True)
+    route: Route
     each: bool = eqx.field(static=True, default=False)
 
     @property
-    def duration(self) -> Array:
+    def duration(self) -> Numbers:
         """Contact duration [s], computed when used.
 
         0 where there is no contact that ends: at v = 0, without a turning point, on invalid input,
@@ -55,7 +54,7 @@ class Restitution(eqx.Module):
         return self._computed("duration")
 
     @property
-    def peak_force(self) -> Array:
+    def peak_force(self) -> Numbers:
         """The largest contact force [N], that of dashpots included, computed when used.
 
         0 where there is no contact with a peak: at v = 0, without a turning point, on invalid input,
@@ -63,16 +62,20 @@ class Restitution(eqx.Module):
         """
         return self._computed("force")
 
-    def _computed(self, quantity: str) -> Array:
+    def _computed(self, quantity: str) -> Numbers:
         law, velocity = common_precision(self.law, self.velocity)
-        one = partial(_computed, quantity, as_argument(self.route))
-        if self.each and any(whole_leaves(law)):  # impacts that each have a law of their own
+
+        def computed(law, route, velocity):
+            return batched(_asked_for, (law, as_argument(route)), velocity, quantity)
+
+        # impacts that each have a law of their own
+        if self.each and any(whole_leaves((law, self.route))):
             for _ in velocity.shape:
-                one = jax.vmap(one)
-        return one(law, velocity)
+                computed = jax.vmap(computed)
+        return computed(law, self.route, velocity)
 
     @property
-    def ok(self) -> Array:
+    def ok(self) -> Flags:
         """True where the status is plain or elastic and nothing else."""
         return (self.status == Status.PLAIN) | (self.status == Status.ELASTIC)
 
@@ -151,12 +154,12 @@ def restitution(
     route = _chosen(law, route)
     law, velocity = common_precision(law, checked(law, velocity))
     parts = batched(_restitution, (law, as_argument(route)), velocity, overlaps)
-    kept, each = _kept((law, velocity))
-    return Restitution(*kept, *parts, route, each)
+    (law, velocity, route), each = _kept((law, velocity, route))
+    return Restitution(law, velocity, *parts, route, each)
 
 
 def _kept(impacts):
-    """Law and velocity as a result keeps them, and whether what is whole is repeated.
+    """Law, velocity and route as a result keeps them, and whether what is whole is repeated.
 
     Where they are traced, `vmap` may stack them along an axis that a result of another shape would
     take for another one: there every number is repeated for each impact.
@@ -169,7 +172,7 @@ def _kept(impacts):
     shape = np.broadcast_shapes(*shapes)
 
     def repeated(leaf, held):
-        if not is_array(leaf):
+        if not is_array(leaf) and not isinstance(leaf, float):
             return leaf
         return jnp.broadcast_to(leaf, shape + np.shape(leaf) if held else shape)
 
@@ -186,7 +189,7 @@ class SignedRestitution(NamedTuple):
         status: `Status` flags, one integer per velocity.
     """
 
-    squared: Float[Array, "..."]
+    squared: Numbers
     status: Int[Array, "..."]
 
 
@@ -280,10 +283,6 @@ def _judged(impact: Impact, found: Collision):
     }
     flags = flagged(conditions) | jnp.where(yields, found.flags, 0)
     return squared, jnp.where(impact.valid, flags, jnp.int32(int(Status.INVALID_INPUT)))
-
-
-def _computed(quantity: str, route: Route, law: ContactLaw, velocity: Array) -> Array:
-    return batched(_asked_for, (law, route), velocity, quantity)
 
 
 def _asked_for(parameters, velocity, quantity: str):

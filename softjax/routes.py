@@ -3,6 +3,7 @@
 Your own route is a class with two methods, `refusal` and `collide` (`AbstractRoute`).
 """
 
+import dataclasses
 from abc import abstractmethod
 from functools import partial
 from typing import Any, ClassVar
@@ -11,17 +12,18 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
 
 from softjax.checks import ArgumentError, check_choice, is_traced
 from softjax.engine import branches, energy
 from softjax.engine.branches import SETTLED, Collision, flagged
 from softjax.engine.rows import over_impacts
+from softjax.fields import Numbers
 from softjax.laws.base import ForceLaw, HardSphereLaw, RateDependentLaw
 from softjax.laws.forces import asked
 from softjax.laws.reduced import ReducedClosedForm
 from softjax.status import Status
 
+TOLERANCES = 1e-14, 0.1
 SOLVERS = ("dopri8", "dopri5", "tsit5", "bosh3")
 KNOWN = "LinearSpringDashpot, HertzDashpot and ViscoelasticHertz"
 
@@ -40,7 +42,7 @@ class AbstractRoute(eqx.Module):
         """None where the route can compute this law, else what `route` must be instead."""
 
     @abstractmethod
-    def collide(self, law, velocity: Array, *, clock=False, force=False) -> Collision:
+    def collide(self, law, velocity: Numbers, *, clock=False, force=False) -> Collision:
         """Impacts at v > 0 [m/s] beyond the law's elastic stage, in SI units.
 
         Args:
@@ -67,7 +69,7 @@ class EnergyBalance(AbstractRoute):
             "but is EnergyBalance()"
         )
 
-    def collide(self, law, velocity: Array, *, clock=False, force=False) -> Collision:
+    def collide(self, law, velocity: Numbers, *, clock=False, force=False) -> Collision:
         impacts = law.impacts(velocity)
         reduced, _, y, below = impacts
         if isinstance(reduced, ReducedClosedForm):
@@ -98,7 +100,7 @@ class ClosedForm(AbstractRoute):
             f"`closed_form`, such as {KNOWN}"
         )
 
-    def collide(self, law, velocity: Array, *, clock=False, force=False) -> Collision:
+    def collide(self, law, velocity: Numbers, *, clock=False, force=False) -> Collision:
         known = asked(law, "closed_form", velocity)
         energy = jnp.broadcast_to(jnp.square(known.coefficient), velocity.shape)
         found = stated(energy, known.peak_overlap, known.residual_overlap)
@@ -121,7 +123,8 @@ class ODE(AbstractRoute):
 
     Args:
         rtol: relative tolerance of the adaptive steps, in [1e-14, 0.1]; 1e-8 unless given. The
-            absolute one is the same, since the variables are scaled to one.
+            absolute one is the same, since the variables are scaled to one. JAX may trace it; no
+            derivative is taken of it.
         solver: explicit Runge–Kutta method: "dopri8", "dopri5", "tsit5" or "bosh3"; or any explicit
             solver of diffrax, one without an error estimate for fixed `steps` alone.
         steps: a fixed number of equal steps for loading and as many for unloading, instead of the
@@ -139,6 +142,7 @@ class ODE(AbstractRoute):
     max_steps: int = eqx.field(static=True, default=4096)
 
     name = "ode"
+    by_reverse: ClassVar[bool] = False
 
     def __check_init__(self):
         if isinstance(self.solver, eqx.Module):
@@ -149,7 +153,8 @@ class ODE(AbstractRoute):
             check_choice("solver", self.solver, SOLVERS)
         if self.rtol is not None and self.steps is not None:
             raise ArgumentError("`rtol` would be ignored: fixed `steps` have no tolerance")
-        if self.rtol is not None and not _is_number_in(self.rtol, 1e-14, 0.1):
+        known = self.rtol is not None and not is_traced(self.rtol)
+        if known and not _is_number_in(self.rtol, *TOLERANCES):
             raise ArgumentError(f"`rtol` must be a number in [1e-14, 0.1], but is {self.rtol!r}")
         for name in ("steps", "max_steps"):
             value = getattr(self, name)
@@ -158,10 +163,12 @@ class ODE(AbstractRoute):
 
     @property
     def tolerance(self) -> Any:
-        """The tolerance in force, 1e-8 unless given."""
-        return 1e-8 if self.rtol is None else self.rtol
+        """The tolerance in force, 1e-8 unless given; of a traced one the nearest that is accepted."""
+        if not is_traced(self.rtol):
+            return 1e-8 if self.rtol is None else self.rtol
+        return jax.lax.stop_gradient(jnp.clip(self.rtol, *TOLERANCES))
 
-    def error(self, unknown: float, dtype) -> Array:
+    def error(self, unknown: float, dtype) -> Numbers:
         """What a step may be off: the tolerance, but for rounding; `unknown` if the steps are fixed."""
         tolerance = unknown if self.steps is not None else self.tolerance
         return jnp.maximum(jnp.asarray(tolerance, dtype), 4 * float(jnp.finfo(dtype).eps))
@@ -172,14 +179,27 @@ class ODE(AbstractRoute):
         name = type(law).__name__
         return f"EnergyBalance() for {name}, which has no force to integrate, but is {self!r}"
 
-    def collide(self, law, velocity: Array, *, clock=False, force=False) -> Collision:
+    def collide(self, law, velocity: Numbers, *, clock=False, force=False) -> Collision:
         from softjax.engine import damped, motion  # diffrax is imported when it is used
 
         impacts = law.impacts(velocity)
         collide = (damped if isinstance(law, RateDependentLaw) else motion).collide
         one = partial(collide, clock=clock, force=force)
-        found = over_impacts(one, (impacts.law, impacts.y, impacts.below, self), forward=True)
+        batch = (impacts.law, impacts.y, impacts.below, self)
+        found = over_impacts(one, batch, forward=True, reversible=partial(_reversible, one))
         return found.in_si(impacts, law.force_scale(impacts.scales))
+
+
+class _Reversible(ODE):
+    """Its solves are differentiable in reverse, as a law of many numbers needs it."""
+
+    by_reverse = True
+
+
+def _reversible(collide, law, y, below, route: ODE) -> Collision:
+    """One impact, differentiable in reverse."""
+    fields = (getattr(route, field.name) for field in dataclasses.fields(ODE))
+    return collide(law, y, below, _Reversible(*fields))
 
 
 Route = AbstractRoute
@@ -195,13 +215,13 @@ def check_route(route) -> AbstractRoute:
 
 def as_argument(route: AbstractRoute) -> AbstractRoute:
     """The route as compiled programs take it: of a tolerance they need the place, not the number."""
-    if not isinstance(route, ODE) or route.steps is not None:
+    if not isinstance(route, ODE) or route.steps is not None or is_traced(route.rtol):
         return route
     tolerance = np.asarray(route.tolerance)
     return eqx.tree_at(lambda r: r.rtol, route, tolerance, is_leaf=lambda leaf: leaf is None)
 
 
-def stated(energy: Array, peak, residual) -> Collision:
+def stated(energy: Numbers, peak, residual) -> Collision:
     """Collisions of a law that gives their numbers itself."""
     peak, residual = (
         jnp.broadcast_to(x, energy.shape).astype(energy.dtype) for x in (peak, residual)

@@ -6,9 +6,11 @@ from typing import Any, NamedTuple
 import diffrax as dfx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from softjax.checks import ArgumentError
+from softjax.engine.rows import along_active
 
 SOLVER_CLASSES = {
     "dopri8": dfx.Dopri8,
@@ -26,6 +28,7 @@ FIRST_STEP = {"dopri8": 0.1}
 LARGEST_STEP = {"dopri8": 0.15, "dopri5": 0.1, "bosh3": 0.1}
 SHARE = 0.1
 SMALL_STEP = 0.05  # of any other method, the first one and the largest
+REMEMBERED = 64  # steps that reverse mode goes back by at once: ten are usual
 NEARLY = 100  # roundings before the end at which a step is taken to go all the way
 
 
@@ -45,13 +48,13 @@ def check_solver(solver, adaptive: bool) -> None:
         )
 
 
-def solve(field, start, end, state, args, route: Any, save=None, *, smooth: bool = False):
-    """Integrate dstate/ds = field(s, state, args) from s = start to end, all scaled to one.
+def solve(field, start, end, state, route: Any, save=None, *, smooth: bool = False):
+    """Integrate dstate/ds = field(s, state) from s = start to end, all scaled to one.
 
     Returns the last state, or the states at the fractions `save` of the way (increasing, in
-    [0, 1]), and whether the solver got there. Differentiable forward only: see
-    `engine.rows`. `smooth` is for fields known to vary over the whole way alike: their
-    steps have no upper bound.
+    [0, 1]), and whether the solver got there. Differentiable forward only, unless the route is
+    reversible (`engine.rows` says when). `smooth` is for fields known to vary over the whole way
+    alike: their steps have no upper bound.
 
     Step by step with diffrax's methods and its control of their steps. Its own `diffeqsolve` gives the
     same numbers as fast; the first call takes 2.7 s of processor time instead of 1.5 (the reference,
@@ -59,11 +62,31 @@ def solve(field, start, end, state, args, route: Any, save=None, *, smooth: bool
     """
     span = end - start
 
-    def scaled(t, state, args):
-        return jax.tree.map(lambda rate: span * rate, field(start + span * t, state, args))
+    def scaled(t, state, _):
+        return tuple(span * rate for rate in field(start + span * t, state))
 
-    reached, last, samples = _walked(dfx.ODETerm(scaled), state, args, route, save, smooth)
-    return (last if save is None else samples), reached >= 1
+    if not route.by_reverse:
+        walk = _walked(scaled, state, route, save, smooth)
+        return (walk.state if save is None else walk.samples), walk.before >= 1
+
+    closed, held = jax.closure_convert(scaled, jnp.zeros_like(span), state, None)
+    count = len(state)
+
+    def whole(*leaves):
+        walk = _walked(_around(closed, leaves[count:]), leaves[:count], route, save, smooth)
+        return (walk.state if save is None else walk.samples), walk.before >= 1
+
+    solver, backwards = (
+        _solver(route),
+        None,
+    )  # of samples on the way, and by Euler's method: forward
+    if isinstance(solver, dfx.AbstractERK) and save is None:
+        backwards = partial(_swept, closed, count, route, smooth, solver.tableau)
+    return along_active(whole, *state, *held, slopes=backwards)
+
+
+def _around(closed, held):
+    return lambda t, state, args: closed(t, state, args, *held)
 
 
 class _Walk(NamedTuple):
@@ -74,21 +97,24 @@ class _Walk(NamedTuple):
     state: tuple[Array, ...]
     memory: Any  # of the method
     pace: Any  # of what controls the steps
-    samples: tuple[Array, ...] | None
     steps: Array
+    samples: tuple[Array, ...] | None
+    taken: Any = None  # beginnings, ends and first states of the last steps that were kept
+    kept: Any = None  # how many were
 
 
-def _walked(term, state, args, route: Any, save, smooth: bool):
-    """How far of the way from 0 to 1 the method came, the state there, and those at `save`."""
+def _walked(field, state, route: Any, save, smooth: bool, until: Array | None = None) -> _Walk:
+    """As far of the way from 0 to 1 as the method comes; steps are remembered up to the last of `until`."""
     zero, one = (jnp.asarray(t, state[0].dtype) for t in (0, 1))
     controller, dt0, most = _controller(route, zero.dtype, smooth)
-    named = isinstance(route.solver, str)
-    solver = SOLVER_CLASSES[route.solver](scan_kind="lax") if named else route.solver
+    term: dfx.ODETerm = dfx.ODETerm(field)
+    solver, args = _solver(route), None
     order = solver.error_order(term)
 
     def unfinished(walk: _Walk):
         # a step that is shorter than rounding leads nowhere
-        return (walk.before < walk.after) & (walk.before < one) & (walk.steps < most)
+        going = (walk.before < walk.after) & (walk.before < one) & (walk.steps < most)
+        return going if until is None else going & (walk.kept < until)
 
     def step(walk: _Walk) -> _Walk:
         tried = walk.before, walk.after
@@ -104,18 +130,103 @@ def _walked(term, state, args, route: Any, save, smooth: bool):
         if samples is not None:
             between = solver.interpolation_cls(t0=tried[0], t1=tried[1], **dense)
             samples = _sampled(between, keep, save, samples)
-        kept = partial(jnp.where, keep)
-        state, memory = jax.tree.map(kept, (new, memory), (walk.state, walk.memory))
+        taken, kept = walk.taken, walk.kept
+        if until is not None:  # of one that is not kept the next one takes the place
+            at, here = kept % REMEMBERED, jnp.stack([*tried, *walk.state])
+            taken, kept = taken.at[at].set(here), kept + keep
+        chosen = partial(jnp.where, keep)
+        state, memory = jax.tree.map(chosen, (new, memory), (walk.state, walk.memory))
         ends = after > 1 - NEARLY * jnp.finfo(after.dtype).eps
         after = jnp.where(ends, jnp.where(keep, one, 0.5 * (before + one)), after)
-        return _Walk(before, after, state, memory, pace, samples, walk.steps + 1)
+        return _Walk(before, after, state, memory, pace, walk.steps + 1, samples, taken, kept)
 
     first, pace = controller.init(term, zero, one, state, dt0, args, solver.func, order)
     memory = solver.init(term, zero, first, state, args)
     samples = None if save is None else tuple(jnp.broadcast_to(y, save.shape) for y in state)
-    begin = _Walk(zero, jnp.minimum(first, one), state, memory, pace, samples, jnp.asarray(0))
-    end = jax.lax.while_loop(unfinished, step, jax.tree.map(jnp.asarray, begin))
-    return end.before, end.state, end.samples
+    begin = _Walk(zero, jnp.minimum(first, one), state, memory, pace, jnp.asarray(0), samples)
+    if until is not None:
+        nothing = jnp.zeros((REMEMBERED, 2 + len(state)), zero.dtype)
+        begin = begin._replace(taken=nothing, kept=jnp.asarray(0))
+    return jax.lax.while_loop(unfinished, step, jax.tree.map(jnp.asarray, begin))
+
+
+def _solver(route: Any):
+    named = isinstance(route.solver, str)
+    return SOLVER_CLASSES[route.solver](scan_kind="lax") if named else route.solver
+
+
+def _swept(closed, count: int, route: Any, smooth: bool, tableau, active, *leaves):
+    """The last state, whether it was reached, and its derivatives by every number of the active leaves.
+
+    A state is two numbers at most: the steps are remembered, and gone through backwards, each
+    differentiated in reverse as it was taken. Where there were more than `REMEMBERED`, the way is gone
+    once more for those before. What controls the steps is no function of what is differentiated.
+
+    Args:
+        closed: the field, of `leaves` beyond the first `count`, which are the state.
+    """
+    start, held = leaves[:count], leaves[count:]
+    of_field = [i - count for i in active if i >= count]
+    walked = partial(_walked, _around(closed, held), start, route, None, smooth)
+
+    def stepped(before, after, state, chosen):
+        full = list(held)
+        for i, value in zip(of_field, chosen, strict=True):
+            full[i] = value
+        return _step(tableau, _around(closed, full), before, after - before, state)
+
+    chosen = [held[i] for i in of_field]
+
+    def back(taken):
+        """The derivatives of the state after a step, from those of the state before it."""
+        before, after, state = taken[0], taken[1], taken[2:]
+        _, pull = jax.vjp(partial(stepped, before, after), state, chosen)
+        return jax.vmap(pull)
+
+    def portion(state):
+        until, first, *slopes = state
+        walk = walked(until)
+        left = jnp.maximum(walk.kept - REMEMBERED, 0)
+
+        def undo(state):
+            at, by_state, by_field = state
+            by_state, more = back(walk.taken[(at - 1) % REMEMBERED])(by_state)
+            return at - 1, by_state, jax.tree.map(jnp.add, by_field, more)
+
+        _, *slopes = jax.lax.while_loop(lambda s: s[0] > left, undo, (walk.kept, *slopes))
+        reached = walk.state, walk.before >= 1
+        first = jax.tree.map(partial(jnp.where, until > route.max_steps), reached, first)
+        return left, first, *slopes
+
+    by_state = jnp.eye(count, dtype=start[0].dtype)
+    by_field = [jnp.zeros((count, *jnp.shape(x)), x.dtype) for x in chosen]
+    none = (start, jnp.asarray(False))
+    begin = jnp.asarray(2 * REMEMBERED + route.max_steps), none, by_state, by_field
+    _, (last, solved), by_state, by_field = jax.lax.while_loop(lambda s: s[0] > 0, portion, begin)
+    parts = [by_state[:, i : i + 1] for i in active if i < count]
+    parts += [x.reshape(count, -1) for x in by_field]
+    slopes = jnp.where(solved, jnp.concatenate(parts, 1), 0.0)
+    return (last, solved), (tuple(slopes), np.zeros(1, jax.dtypes.float0))
+
+
+def _step(tableau, field, t, dt, state):
+    """One explicit Runge–Kutta step of a vector, written to be differentiated: stages are a `scan`."""
+    used = 1 + max(np.flatnonzero(tableau.b_sol))  # a stage that is the next step's first is not
+    lower = np.zeros((used, used))
+    for i, row in enumerate(tableau.a_lower[: used - 1]):
+        lower[i + 1, : i + 1] = row
+    nodes = np.append(0.0, tableau.c)[:used]
+    rows = (jnp.asarray(x, state.dtype) for x in (lower, nodes))
+
+    def stage(rates, row):
+        at, weights, node = row
+        here = state + dt * (weights @ rates)
+        rate = jnp.stack(field(t + node * dt, tuple(here), None))
+        return rates.at[at].set(rate), None
+
+    none = jnp.zeros((used, len(state)), state.dtype)
+    rates, _ = jax.lax.scan(stage, none, (np.arange(used), *rows))
+    return state + dt * (jnp.asarray(tableau.b_sol[:used], state.dtype) @ rates)
 
 
 def _sampled(between, keep, save, samples):

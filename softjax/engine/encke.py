@@ -1,8 +1,8 @@
-"""Loading that begins along a power law, integrated by diffrax: what it differs from that by.
+"""Loading by Encke's method: integrate the deviation from the elastic collision, by diffrax.
 
 Over what is left of the velocity, x' = y √(1 - ŝ^{2k}), where ŝ = 1 - η² is √x of the elastic
 collision at that velocity relative to its peak. The state is what x^k/y² exceeds that of the
-elastic collision by (Encke's trick): 0 until the law leaves it, and smooth after. The end is known
+elastic collision by: 0 until the law leaves it, and smooth after. The end is known
 (Hénon's trick), so that no event has to be searched for.
 """
 
@@ -91,9 +91,9 @@ def _solved(law, y, route: Any, clock: bool, along=None):
     zero = jnp.zeros_like(y)
     # before yield, η > η_0, the deviation from the elastic collision is zero
     save = None if along is None else jnp.clip(1 - (1 - along) / start, 0.0, 1.0)
-    field = partial(_field, clock=clock)
+    field = partial(_field, law, reach, clock)
     state = (zero, zero) if clock else (zero,)
-    states, solved = solve(field, start, zero, state, (law, reach), route, save, smooth=True)
+    states, solved = solve(field, start, zero, state, route, save, smooth=True)
     return states, reach, solved
 
 
@@ -110,9 +110,8 @@ def _elastic_reach(law, y):
     return reach, safe_sqrt(1 - law.elastic_limit**0.5 / reach)
 
 
-def _field(eta, state, args, *, clock):
+def _field(law, reach, clock: bool, eta, state):
     """dζ/dη and, with a clock, the lag behind the elastic collision d(t - t_el)/dη [reach²/y]."""
-    law, reach = args
     m = _roots(law)
     s_hat = 1 - eta**2
     # √x over that of the elastic collision; ŝ^m is a denominator whose square underflows float32

@@ -35,6 +35,7 @@ from softjax.laws.reduced import ReducedClosedForm, ReducedRateIndependent
 from softjax.numerics.gauss import integrate
 from softjax.numerics.powers import quotient, safe_sqrt
 from softjax.numerics.quadrature import Integral, falling_time, integral, smooth_falling_time
+from softjax.numerics.roots import implicit_root
 from softjax.numerics.search import Reach
 
 MOST_STEPS = 60  # of Newton's method; a handful, but for halving next to a force that vanishes
@@ -191,20 +192,16 @@ def _overlap_of_work(law, energy, found: Reach):
     leaves, structure = jax.tree.flatten(law)
 
     # what was found is an argument too: what is traced must not come in unnoticed
-    @jax.custom_jvp
-    def root(energy, found, *leaves):
+    def solve(energy, found, *leaves):
         return _solve(jax.tree.unflatten(structure, leaves), energy, found)
 
-    @root.defjvp
-    def rule(params, tangents):
-        x = root(*params)
-        leaves, changes = params[2:], tangents[2:]
-        force = jax.tree.unflatten(structure, leaves).loading(x)
-        work = lambda *leaves: work_to(jax.tree.unflatten(structure, leaves), x).value  # noqa: E731
-        _, change = jax.jvp(work, leaves, changes)
-        return x, (tangents[0] - change) / jnp.where(force > 0, force, jnp.inf)
+    def residual(x, energy, found, *leaves):
+        return work_to(jax.tree.unflatten(structure, leaves), x).value - energy
 
-    return root(energy, found, *leaves)
+    def slope(x, energy, found, *leaves):
+        return jnp.maximum(jax.tree.unflatten(structure, leaves).loading(x), 0.0)
+
+    return implicit_root(solve, residual, slope)(energy, found, *leaves)
 
 
 def _solve(law, energy, found: Reach):

@@ -62,21 +62,22 @@ def energies(fall: Fall, y: Array, route: Any) -> Energies:
         """From x_m - high to x_m - low."""
         place = _about_zero(fall, high, low) if fall.about_zero else _about_end(fall, high, low)
 
-        def field(t, _, args):
+        def field(t, _):
             x, recovered, pace = place(t)
             return (2.5 * (pace * per_velocity) * (fall.force(x, recovered) * per_velocity),)
 
         zero, one = jnp.zeros_like(y), jnp.ones_like(y)
-        (gained,), solved = solve(field, zero, one, (zero,), None, route, smooth=fall.smooth)
+        (gained,), solved = solve(field, zero, one, (zero,), route, smooth=fall.smooth)
         return gained, solved
 
-    return _summed(stage, _depths(fall))
+    return _summed(stage, _depths(fall), route.by_reverse)
 
 
-def _summed(stage, depth: Array) -> Energies:
+def _summed(stage, depth: Array, by_reverse: bool) -> Energies:
     """What `stage` gains between each two of the depths, of which one program serves all.
 
-    Stages without a width come first and last; that no impact of a batch has any costs nothing.
+    Stages without a width come first and last; that no impact of a batch has any costs nothing, but
+    where it is to be differentiated in reverse.
     """
     count = len(depth) - 1
     if count == 1:
@@ -96,7 +97,11 @@ def _summed(stage, depth: Array) -> Energies:
     first, last = jnp.argmax(wide), count - jnp.argmax(wide[::-1])
     zero = jnp.zeros_like(depth[0])
     begin = first, zero, jnp.zeros_like(depth[1:]), zero == zero
-    _, _, gained, solved = jax.lax.while_loop(unfinished, following, begin)
+    if by_reverse:
+        begin = (0 * first, *begin[1:])
+        _, _, gained, solved = jax.lax.fori_loop(0, count, lambda _, state: following(state), begin)
+    else:
+        _, _, gained, solved = jax.lax.while_loop(unfinished, following, begin)
     return Energies(gained, solved)
 
 
@@ -180,14 +185,14 @@ def _sine_cosine(half):
 def _over_angle(field, start, end, state, route: Any, save, smooth: bool):
     """Over the root of what is left of the way, in which half powers of x - x* are smooth."""
 
-    def eased(t, state, args):
+    def eased(t, state):
         left = 1 - t
         rates = field(start + (end - start) * t * (1 + left), state)
         pace = 2 * (end - start) * left
         return tuple(pace * rate for rate in rates)
 
     zero, one = jnp.zeros_like(end), jnp.ones_like(end)
-    return solve(eased, zero, one, state, None, route, save, smooth=smooth)
+    return solve(eased, zero, one, state, route, save, smooth=smooth)
 
 
 def _share(start, end, at):

@@ -6,10 +6,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from softjax.checks import ArgumentError, as_real, check, check_broadcast
+from softjax.checks import ArgumentError
 from softjax.engine.branches import Collision
 from softjax.engine.energy import elastic_duration
-from softjax.fields import check_fields, numbers_of, whole_leaves
+from softjax.fields import whole_leaves
 from softjax.laws.base import ContactLaw, ForceLaw, HardSphereLaw, RateIndependentLaw
 from softjax.laws.forces import asked
 from softjax.numerics.powers import safe_power
@@ -20,18 +20,6 @@ from softjax.routes import AbstractRoute, stated
 def check_law(law) -> None:
     if not isinstance(law, ContactLaw):
         raise ArgumentError(f"`law` must be a contact law such as Zhou(...), but is {law!r}")
-
-
-def checked(law: ContactLaw, velocity) -> Array:
-    """The velocity as an array or traced value, checked together with the law."""
-    velocity = as_real(velocity)
-    accepted = "a finite impact velocity in m/s, zero or more"
-    check("velocity", velocity, lambda v: v >= 0, accepted)
-    numbers = numbers_of(law)
-    if not all(type(value) is float or hasattr(value, "dtype") for value in numbers.values()):
-        check_fields(law)  # raises, naming what has been put into a law that was made whole
-    check_broadcast({"velocity": velocity} | numbers)
-    return velocity
 
 
 def common_precision(law, velocity):

@@ -30,7 +30,7 @@ from softjax.engine.bridge import solve
 from softjax.engine.falls import INSIDE, Fall
 from softjax.engine.rows import along_active
 from softjax.laws.reduced import ReducedClosedForm, ReducedRateIndependent
-from softjax.numerics.roots import implicit_root, parabolic_step
+from softjax.numerics.roots import implicit_root, parabolic_step, refine
 
 RESIDUAL_STEPS = 16  # from the peak; the worst of 400 000 cases needed 13
 ROUNDING = 8.0  # a step this many times the rounding error was the last
@@ -74,7 +74,7 @@ def _loading(law: ReducedRateIndependent, y: Array, route: Any, clock: bool = Fa
     def one(*leaves):
         return loaded(*jax.tree.unflatten(structure, leaves), clock)
 
-    return along_active(one, *leaves)
+    return one(*leaves) if route.by_reverse else along_active(one, *leaves)
 
 
 def _followed(law: ReducedClosedForm, peak: Array) -> Release:
@@ -86,22 +86,17 @@ def _followed(law: ReducedClosedForm, peak: Array) -> Release:
         return law.unloading(peak * r**2, peak)
 
     def search(peak, *leaves):
+        one = jnp.ones_like(peak)
+
         def with_slope(r):
             return jax.jvp(lambda r: force(r, peak, *leaves), (r,), (one,))
 
-        def step(carry):
-            r, _, count = carry
+        def step(r):
             (f, slope), (_, curvature) = jax.jvp(with_slope, (r,), (one,))
-            lower = r - parabolic_step(f, jnp.maximum(slope, 0.0), curvature)
-            lower = jnp.clip(lower, 1e-12, 1.0)
-            return lower, jnp.abs(lower - r), count + 1
+            return jnp.clip(r - parabolic_step(f, jnp.maximum(slope, 0.0), curvature), 1e-12, 1.0)
 
-        def unfinished(carry):
-            r, change, count = carry
-            return (count < RESIDUAL_STEPS) & (change > ROUNDING * jnp.finfo(r.dtype).eps)
-
-        one = jnp.ones_like(peak)
-        return jax.lax.while_loop(unfinished, step, (one, one, 0))[0]
+        settled = ROUNDING * float(jnp.finfo(peak.dtype).eps)
+        return refine(step, one, one > 0, RESIDUAL_STEPS, settled)
 
     r = implicit_root(search, force)(peak, *leaves)
     sure = jnp.ones_like(peak, dtype=bool)
@@ -164,12 +159,12 @@ def _passed(pull, kinks, y, route: Any, smooth: bool):
         start, energy, going, sure = state
         width = jnp.maximum(end - start, 0.0)
 
-        def field(t, _, args):
+        def field(t, _):
             # half powers of the overlap above the last kink are smooth over the root of it
             x = start + width * (t * t if smooth else jnp.minimum(t * t, 1 - INSIDE))
             return (-2 * pull(x) * 2 * width * t,)
 
-        (lost,), solved = solve(field, zero, one, (zero,), None, route, smooth=smooth)
+        (lost,), solved = solve(field, zero, one, (zero,), route, smooth=smooth)
         passes = going & (energy + lost > 0) & (jnp.isfinite(lost))
         state = jnp.where(passes, start + width, start), jnp.where(passes, energy + lost, energy)
         return (*state, passes, sure & (solved | ~going)), None

@@ -105,12 +105,12 @@ def over_angle(
     start = states.way
     stop = jnp.full_like(start, end)
 
-    def field(u, state, _):
+    def field(u, state):
         u = jnp.minimum(u, -ASIDE) if end == PEAK else jnp.where(start < PEAK, u, _after(u))
         return rates(plane, u, state[0])[: len(state)]
 
     begin = (states.radius,) if states.clock is None else (states.radius, states.clock)
-    found, solved = solve(field, start, stop, begin, None, route, save, smooth=plane.smooth)
+    found, solved = solve(field, start, stop, begin, route, save, smooth=plane.smooth)
     way = stop if save is None else start + (stop - start) * save
     return States(way, *found), solved
 
@@ -145,7 +145,7 @@ def to_zero_force(
     """
     first = ratio(*position(plane.m, States(_after(states.way), states.radius)))
 
-    def field(_, state, args):
+    def field(_, state):
         u, radius = jnp.minimum(_after(state[0]), PARTING), state[1]
         along = rates(plane, u, radius)
         g, change = _ratio_slope(plane, ratio, u, radius, along)
@@ -156,7 +156,7 @@ def to_zero_force(
 
     begin = tuple(state for state in states if state is not None)
     way = jnp.maximum(first, ASIDE)  # a force that pulls at once ends the contact at its peak
-    found, solved = solve(field, jnp.zeros_like(way), way, begin, None, route, save)
+    found, solved = solve(field, jnp.zeros_like(way), way, begin, route, save)
     return States(*found), solved & jnp.all(jnp.isfinite(found[0]))
 
 

@@ -20,13 +20,15 @@ from softjax.checks import ArgumentError
 from softjax.fields import whole_leaves
 
 Single = Callable[..., Any]  # of leaves of one impact
-Flags = Sequence[bool]  # which leaves are the same for all impacts
+Shared = Sequence[bool]  # which leaves are the same for all impacts
 
 BY_REVERSE = 64  # impacts, each with all nodes of a quadrature, stay in the cache
 FORWARD = 2048  # impacts, each with its tangents counting as one more
+GRADIENTS = 64  # impacts, each with a long gradient
+MANY = 7  # directions: of more, as of a network, derivatives are taken by reverse mode, which costs less
 
 
-def over_impacts(one: Callable, batch: tuple, *, forward: bool):
+def over_impacts(one: Callable, batch: tuple, *, forward: bool, reversible: Callable | None = None):
     """`one(*batch)` for each impact, whatever the shapes in which the leaves of `batch` broadcast.
 
     Args:
@@ -34,6 +36,7 @@ def over_impacts(one: Callable, batch: tuple, *, forward: bool):
             as it is.
         forward: whether derivatives are taken forward whichever way the caller does. Else the
             reverse pass computes rows again, which is faster than to store and fetch them.
+        reversible: the same as `one`, differentiable in reverse, for more directions than `MANY`.
     """
     leaves, structure = jax.tree.flatten(batch)
     whole = whole_leaves(batch)
@@ -48,11 +51,15 @@ def over_impacts(one: Callable, batch: tuple, *, forward: bool):
         for leaf, held in zip(leaves, shared, strict=True)
     ]
 
-    def single(*leaves):
-        return one(*jax.tree.unflatten(structure, leaves))
+    def of_leaves(function, *leaves):
+        return function(*jax.tree.unflatten(structure, leaves))
 
-    around = forward_differentiated if forward else _recomputed
-    run = around(single, shared)
+    single = partial(of_leaves, one)
+    if forward:
+        backwards = None if reversible is None else partial(of_leaves, reversible)
+        run = forward_differentiated(single, shared, reversible=backwards)
+    else:
+        run = _recomputed(single, shared)
     if len(shape) > 1 and on_several_devices():
         for _ in shape[1:]:  # in a row, what lies on one device would have to go to another
             run = jax.vmap(run, in_axes=[None if held else 0 for held in shared])
@@ -61,12 +68,12 @@ def over_impacts(one: Callable, batch: tuple, *, forward: bool):
     return jax.tree.map(lambda a: a.reshape(shape + a.shape[1:]), run(*flat))
 
 
-def _recomputed(single: Single, shared: Flags) -> Callable:
+def _recomputed(single: Single, shared: Shared) -> Callable:
     f = jax.checkpoint(jax.vmap(single, in_axes=[None if held else 0 for held in shared]))
     return lambda *leaves: _in_rows(f, leaves, shared, BY_REVERSE)
 
 
-def _in_rows(f: Callable, leaves: Sequence, shared: Flags, size: int):
+def _in_rows(f: Callable, leaves: Sequence, shared: Shared, size: int):
     """`f(*leaves)` of a row of impacts, so many at a time: what is stored of them stays in the cache."""
     each = [leaf for leaf, held in zip(leaves, shared, strict=True) if not held]
     if on_several_devices():
@@ -79,7 +86,7 @@ def _in_rows(f: Callable, leaves: Sequence, shared: Flags, size: int):
     return in_chunks(of_row, each, -(-len(each[0]) // size))
 
 
-def _mapped(single: Single, shared: Flags, size: int) -> Callable:
+def _mapped(single: Single, shared: Shared, size: int) -> Callable:
     """`single` of a row of impacts; under `vmap` of as many more impacts in the same row."""
 
     @custom_vmap
@@ -108,13 +115,16 @@ def _mapped(single: Single, shared: Flags, size: int) -> Callable:
     return mapped
 
 
-def forward_differentiated(single: Single, shared: Flags, size: int = FORWARD) -> Callable:
-    """`single` of a row of impacts, its derivatives taken forward whichever way the caller does.
+def forward_differentiated(
+    single: Single, shared: Shared, size: int = FORWARD, reversible: Single | None = None
+) -> Callable:
+    """`single` of a row of impacts, whose matrix of derivatives serves either mode of the caller.
 
     A collision has few inputs (the law's numbers and the velocity) and few outputs: tangents ride
     along one solve, and reverse mode is the transpose of the small matrix that they make. Only
-    the inputs that really are differentiated get a tangent, of what is shared every number one. The
-    matrix is differentiated in the same way again.
+    the inputs that really are differentiated get a tangent, of what is shared every number one. If
+    these are more than `MANY`, the rows of the matrix come from `reversible` by reverse mode. The
+    matrix is differentiated forward again.
     """
 
     @jax.custom_jvp
@@ -126,17 +136,14 @@ def forward_differentiated(single: Single, shared: Flags, size: int = FORWARD) -
         active = [i for i, t in enumerate(tangents) if not isinstance(t, SymbolicZero)]
         held = [shared[i] for i in active]
         change = _directions([tangents[i] for i in active], held)
-        with_slopes = partial(value_and_slopes, single, active)
-        fewer = max(size // (1 + change.shape[-1]), 1)
+        if reversible is not None and change.shape[-1] > MANY:
+            with_slopes = partial(value_and_gradients, reversible, active)
+            fewer = GRADIENTS
+        else:
+            with_slopes = partial(value_and_slopes, single, active)
+            fewer = max(size // (1 + change.shape[-1]), 1)
         value, slopes = forward_differentiated(with_slopes, shared, fewer)(*primals)
-
-        def contract(slope):
-            if not jnp.issubdtype(slope.dtype, jnp.inexact):
-                return slope[..., 0]
-            between = (1,) * (slope.ndim - change.ndim)
-            return jnp.sum(slope * change.reshape(len(change), *between, -1), -1)
-
-        return value, jax.tree.map(contract, slopes)
+        return value, _contracted(slopes, change)
 
     wrapped.defjvp(rule, symbolic_zeros=True)
     return wrapped
@@ -151,7 +158,7 @@ def _check_not_told_apart(leaves) -> None:
             raise ArgumentError("`jax.shard_map` must have check_vma=False for the route ODE(...)")
 
 
-def _directions(tangents, shared: Flags) -> Array:
+def _directions(tangents, shared: Shared) -> Array:
     """One column for each direction that `value_and_slopes` takes, one row for each impact."""
     count = next((len(t) for t, held in zip(tangents, shared, strict=True) if not held), 1)
     columns = [
@@ -161,12 +168,29 @@ def _directions(tangents, shared: Flags) -> Array:
     return jnp.concatenate(columns, -1)
 
 
-def along_active(f: Callable, *leaves):
+def _contracted(slopes, change: Array):
+    """Tangents of all outputs, from derivatives by every direction, their last axis."""
+
+    def contract(slope):
+        if not jnp.issubdtype(slope.dtype, jnp.inexact):
+            return slope[..., 0]
+        between = (1,) * (slope.ndim - change.ndim)
+        return jnp.sum(slope * change.reshape(*change.shape[:-1], *between, -1), -1)
+
+    return jax.tree.map(contract, slopes)
+
+
+def along_active(f: Callable, *leaves, slopes: Callable | None = None):
     """`f(*leaves)` of one impact, differentiated along those of its leaves alone that have a tangent.
 
     A part of a collision would carry a tangent for each number of the law, zeros too: one that acts
     on unloading alone costs nothing on loading.
+
+    Args:
+        slopes: of the positions of these leaves and all leaves the value and its derivatives, as
+            `value_and_slopes` gives them.
     """
+    slopes = partial(value_and_slopes, f) if slopes is None else slopes
 
     @jax.custom_jvp
     def wrapped(*leaves):
@@ -174,15 +198,8 @@ def along_active(f: Callable, *leaves):
 
     def rule(primals, tangents):
         active = [i for i, t in enumerate(tangents) if not isinstance(t, SymbolicZero)]
-        value, slopes = value_and_slopes(f, active, *primals)
-        change = jnp.concatenate([jnp.ravel(tangents[i]) for i in active])
-
-        def contract(slope):
-            if not jnp.issubdtype(slope.dtype, jnp.inexact):
-                return slope[..., 0]
-            return jnp.sum(slope * change, -1)
-
-        return value, jax.tree.map(contract, slopes)
+        value, matrix = slopes(active, *primals)
+        return value, _contracted(matrix, jnp.concatenate([jnp.ravel(tangents[i]) for i in active]))
 
     wrapped.defjvp(rule, symbolic_zeros=True)
     return wrapped(*leaves)
@@ -190,7 +207,35 @@ def along_active(f: Callable, *leaves):
 
 def value_and_slopes(single: Single, active: Sequence[int], *primals):
     """`single` and its derivatives by every number of the active leaves, which are a last axis."""
-    chosen = [primals[i] for i in active]
+    of_active, chosen = _of_active(single, active, primals)
+    sizes = [jnp.size(x) for x in chosen]
+    every = jnp.split(jnp.eye(sum(sizes), dtype=chosen[0].dtype), np.cumsum(sizes)[:-1], axis=1)
+    seeds = [part.reshape(-1, *jnp.shape(x)) for part, x in zip(every, chosen, strict=True)]
+    push = lambda seeds: jax.jvp(of_active, chosen, seeds)  # noqa: E731
+    return jax.vmap(push, out_axes=(None, -1))(seeds)
+
+
+def value_and_gradients(single: Single, active: Sequence[int], *primals):
+    """The same by reverse mode, output by output, each a single number."""
+    of_active, chosen = _of_active(single, active, primals)
+    value, pull = jax.vjp(of_active, *chosen)
+    outputs, structure = jax.tree.flatten(value)
+    numbers = [k for k, x in enumerate(outputs) if jnp.issubdtype(x.dtype, jnp.inexact)]
+    none = np.zeros(1, jax.dtypes.float0)
+
+    def along(row):
+        seeds = [np.zeros((), jax.dtypes.float0)] * len(outputs)
+        for place, k in enumerate(numbers):
+            seeds[k] = row[place]
+        return jnp.concatenate([jnp.ravel(g) for g in pull(jax.tree.unflatten(structure, seeds))])
+
+    rows = iter(jax.vmap(along)(jnp.eye(len(numbers), dtype=chosen[0].dtype)))
+    slopes = [next(rows) if k in numbers else none for k in range(len(outputs))]
+    return value, jax.tree.unflatten(structure, slopes)
+
+
+def _of_active(single: Single, active: Sequence[int], primals):
+    """`single` as a function of the active leaves alone, and these."""
 
     def of_active(*some):
         full = list(primals)
@@ -198,8 +243,4 @@ def value_and_slopes(single: Single, active: Sequence[int], *primals):
             full[i] = value
         return single(*full)
 
-    sizes = [jnp.size(x) for x in chosen]
-    every = jnp.split(jnp.eye(sum(sizes), dtype=chosen[0].dtype), np.cumsum(sizes)[:-1], axis=1)
-    seeds = [part.reshape(-1, *jnp.shape(x)) for part, x in zip(every, chosen, strict=True)]
-    push = lambda seeds: jax.jvp(of_active, chosen, seeds)  # noqa: E731
-    return jax.vmap(push, out_axes=(None, -1))(seeds)
+    return of_active, [primals[i] for i in active]

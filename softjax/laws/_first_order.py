@@ -16,7 +16,7 @@ from jax import lax
 from jaxtyping import Array
 
 from softjax.numerics.powers import guessed_power, rough_power
-from softjax.numerics.roots import implicit_fraction, implicit_root, third_order_root
+from softjax.numerics.roots import implicit_root, third_order_root
 
 # Enough for 200 000 impacts at 1 - y/y_max from 1e-16 to 1e-1, the hardest: rounding error is left.
 MOST_STEPS = 12
@@ -178,4 +178,4 @@ def _release_start(c3, c1, yielded, X):
     return jnp.minimum(quadratic * lax.rsqrt(1 + cubic), 1.0)
 
 
-_release_ratio = implicit_fraction(_solve_release, _release_residual)
+_release_ratio = implicit_root(_solve_release, _release_residual)

@@ -15,7 +15,7 @@ from jaxtyping import Array
 
 from softjax.numerics.gauss import integrate
 from softjax.numerics.powers import power_3_2, safe_power, safe_sqrt
-from softjax.numerics.roots import implicit_fraction, implicit_root, parabolic_step, refine
+from softjax.numerics.roots import implicit_root, parabolic_step, refine
 
 # More steps than any case takes of E/Y from 2 to 1e6 and y from 1 to y_max, and nodes that bring
 # them to rounding error.
@@ -158,4 +158,4 @@ def _release_start(a, b, c, X):
     return jnp.clip(jnp.where(a > 0, jnp.minimum(line, curve), line), 0.0, 1.0)
 
 
-_release_fraction = implicit_fraction(_solve_release, _release_residual)
+_release_fraction = implicit_root(_solve_release, _release_residual)

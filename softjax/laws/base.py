@@ -19,11 +19,10 @@ from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array
 
 from softjax.checks import ArgumentError, check_choice, check_type
 from softjax.contact import Contact
-from softjax.fields import are_valid, check_fields
+from softjax.fields import Flags, Numbers, are_valid, check_fields
 from softjax.laws.forces import KnownCollision, asked, reduced_by_forces
 from softjax.laws.reduced import (
     ENDS,
@@ -83,11 +82,11 @@ class ContactLaw(eqx.Module):
     def __check_init__(self):
         check_fields(self)
 
-    def is_valid(self) -> Array:
+    def is_valid(self) -> Flags:
         """Whether all fields are numbers the law accepts (where tracing kept them unchecked)."""
         return are_valid(self)
 
-    def total_restitution(self, plastic_squared, velocity, elastic) -> tuple[Array, Array]:
+    def total_restitution(self, plastic_squared, velocity, elastic) -> tuple[Numbers, Flags]:
         """ε² from ε_p², and whether a loss outside the force law is at its limit.
 
         A law that knows of no losses but those of its force gives back what it was given.
@@ -119,11 +118,11 @@ class ForceLaw(ContactLaw):
         name = type(self).__name__
         raise ArgumentError(f"`{name}` is given by its forces: it has no reduced form of its own")
 
-    def reduced_at(self, velocity: Array) -> Reduced:
+    def reduced_at(self, velocity: Numbers) -> Reduced:
         """Impacts at v > 0 [m/s] of a law that is given reduced."""
         return lifted(self.reduced(), self.scales(), velocity)
 
-    def impacts(self, velocity: Array) -> Reduced:
+    def impacts(self, velocity: Numbers) -> Reduced:
         """Impacts at v > 0 [m/s] as the routes take them."""
         reduced = self.reduced_at if self.is_reduced() else partial(reduced_by_forces, self)
         return reduced(velocity)
@@ -184,12 +183,12 @@ class RateIndependentLaw(ForceLaw):
         if not self.is_reduced() and missing:
             raise ArgumentError(f"`{type(self).__name__}` must define {' and '.join(missing)}")
 
-    def loading_force(self, overlap) -> Array:
+    def loading_force(self, overlap) -> Numbers:
         """Contact force [N] on loading at `overlap` [m]."""
         x = jnp.asarray(overlap) / self.scales().overlap
         return self.force_scale() * self.reduced().loading(x)
 
-    def unloading_force(self, overlap, peak_overlap) -> Array:
+    def unloading_force(self, overlap, peak_overlap) -> Numbers:
         """Contact force [N] on unloading at `overlap` [m] after the largest overlap [m].
 
         After an elastic impact, with its peak below first yield, that is the loading force.
@@ -205,11 +204,11 @@ class RateIndependentLaw(ForceLaw):
         """Overlaps [m] at which a force has a kink; each is one value, or one an impact."""
         return ()
 
-    def elastic_overlap(self) -> Array | float:
+    def elastic_overlap(self) -> Numbers | float:
         """The overlap [m] up to which loading and unloading are Hertz's; infinite: always."""
         return 0.0
 
-    def residual_overlap(self, peak_overlap) -> Array | None:
+    def residual_overlap(self, peak_overlap) -> Numbers | None:
         """The last zero [m] of the unloading force below its peak, where it is known.
 
         None leaves it to a search, which finds it to rounding, and its derivative to 1e-9.
@@ -269,13 +268,13 @@ class RateDependentLaw(ForceLaw):
                 raise ArgumentError(f"`{name}` must define force")
             check_choice("end", getattr(self, "end", None), ENDS)
 
-    def force(self, overlap, velocity) -> Array:
+    def force(self, overlap, velocity) -> Numbers:
         """Contact force [N] at `overlap` [m] and its rate `velocity` [m/s]."""
         scales = self.scales()
         x, u = jnp.asarray(overlap) / scales.overlap, jnp.asarray(velocity) / scales.velocity
         return self.force_scale() * self.reduced().force(x, u)
 
-    def closed_form(self, velocity: Array) -> KnownCollision:
+    def closed_form(self, velocity: Numbers) -> KnownCollision:
         """The collisions at v > 0 [m/s], where the law knows them."""
         raise NotImplementedError
 
@@ -295,12 +294,12 @@ class HardSphereLaw(ContactLaw):
     """A law that gives ε without a force: instantaneous, without overlap, without a history."""
 
     @abstractmethod
-    def restitution_squared(self, velocity: Array) -> Array:
+    def restitution_squared(self, velocity: Numbers) -> Numbers:
         """ε² at the impact velocity v > 0 [m/s]."""
 
-    def limit(self) -> Array:
+    def limit(self) -> Numbers:
         """The velocity [m/s] from which on the law has no value but 0; infinite without one."""
         return jnp.asarray(jnp.inf)
 
-    def total_restitution(self, plastic_squared, velocity, elastic) -> tuple[Array, Array]:
+    def total_restitution(self, plastic_squared, velocity, elastic) -> tuple[Numbers, Flags]:
         return plastic_squared, velocity >= self.limit()

@@ -1,11 +1,10 @@
 """Hard spheres that rebound with one coefficient of restitution at every velocity."""
 
 import jax.numpy as jnp
-from jaxtyping import Array
 
 from softjax.checks import check_type
 from softjax.contact import Contact
-from softjax.fields import Number, number_field
+from softjax.fields import Number, Numbers, number_field
 from softjax.laws.base import HardSphereLaw
 
 
@@ -39,5 +38,5 @@ class ConstantRestitution(HardSphereLaw, final=True):
         if self.contact is not None:
             check_type("contact", self.contact, Contact, "a Contact or None")
 
-    def restitution_squared(self, velocity: Array) -> Array:
+    def restitution_squared(self, velocity: Numbers) -> Numbers:
         return jnp.square(self.restitution) + jnp.zeros_like(velocity)

@@ -8,10 +8,9 @@ import math
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import ArrayLike, Float
 
-from softjax.checks import as_real, check, check_broadcast
-from softjax.fields import Number, number_field, numbers_of
+from softjax.fields import Number, Numbers, checked, number_field
 from softjax.laws.base import HardSphereLaw
 from softjax.numerics.powers import quotient
 
@@ -47,17 +46,17 @@ class EmpiricalRestitution(HardSphereLaw, final=True):
     sigma: Number = number_field(*SIGMA)
     psi: Number = number_field(*PSI)
 
-    def restitution_squared(self, velocity: Array) -> Array:
+    def restitution_squared(self, velocity: Numbers) -> Numbers:
         limit = jnp.asarray(self.limit_velocity)
         return jnp.exp(-2 * sound_and_heat_exponent(velocity, limit, self.sigma, self.psi))
 
-    def limit(self) -> Array:
+    def limit(self) -> Numbers:
         return jnp.asarray(self.limit_velocity)
 
 
 def empirical_restitution(
     velocity: Float[ArrayLike, "..."], limit_velocity: Number, sigma: Number, psi: Number
-) -> Array:
+) -> Numbers:
     """ε_17 = exp{-σ [v/(v_lim - v)]^ψ}, Eq. (17) of Zhou (2013).
 
     The explicit fit to measurements over all velocities; the model takes from it what acoustic and
@@ -77,10 +76,7 @@ def empirical_restitution(
         ValueError: naming the argument, its value and what is accepted.
     """
     law = EmpiricalRestitution(limit_velocity, sigma, psi)
-    velocity = as_real(velocity)
-    check("velocity", velocity, lambda v: v >= 0, "a finite impact velocity in m/s, zero or more")
-    check_broadcast(numbers_of(law) | {"velocity": velocity})
-    velocity = jnp.asarray(velocity)
+    velocity = jnp.asarray(checked(law, velocity))
     valid = law.is_valid() & jnp.isfinite(velocity) & (velocity >= 0)
     # harmless numbers where the answer is not used
     numbers = (velocity, law.limit_velocity, law.sigma, law.psi)
@@ -89,7 +85,7 @@ def empirical_restitution(
     return jnp.where(valid, jnp.exp(-exponent), 0.0)
 
 
-def sound_and_heat_exponent(velocity, limit_velocity, sigma, psi) -> Array:
+def sound_and_heat_exponent(velocity, limit_velocity, sigma, psi) -> Numbers:
     """-ln ε_17 = σ [v/(v_lim - v)]^ψ, Eq. (17) [-].
 
     Infinite at and above the limit velocity, and just below it where nothing would be left; there
@@ -110,7 +106,7 @@ def sound_and_heat_exponent(velocity, limit_velocity, sigma, psi) -> Array:
 
 
 @jax.custom_jvp
-def _log_ratio(velocity, gap) -> Array:
+def _log_ratio(velocity, gap) -> Numbers:
     """ln(v/(v_lim - v)), whose derivative takes no square of a tiny velocity."""
     ratio = jnp.asarray(velocity) / gap
     # a velocity of 1e-300 is no zero, but its ratio may round to one

@@ -15,11 +15,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.extend.core import Literal
-from jaxtyping import Array
 
 from softjax.checks import ArgumentError
 from softjax.contact import Contact
-from softjax.fields import combine, numbers_of, partition, whole_leaves
+from softjax.fields import Numbers, combine, numbers_of, partition, whole_leaves
 from softjax.laws.reduced import Reduced, ReducedRateDependent, ReducedRateIndependent
 from softjax.laws.units import Scales, hertz_scales, hertz_scales_at
 from softjax.numerics.powers import quotient
@@ -37,10 +36,10 @@ class KnownCollision(NamedTuple):
         duration: of the contact [s].
     """
 
-    coefficient: Array
-    peak_overlap: Array
-    residual_overlap: Array
-    duration: Array
+    coefficient: Numbers
+    peak_overlap: Numbers
+    residual_overlap: Numbers
+    duration: Numbers
 
 
 ANSWERS = {
@@ -59,7 +58,7 @@ NOT_OF_MANY = (  # the same, of many impacts at once
 )
 
 
-def asked(law, method: str, *values: Array):
+def asked(law, method: str, *values: Numbers):
     """The answer of a method of the user's law.
 
     Raises:
@@ -132,7 +131,7 @@ class Forces(eqx.Module):
     def whole(self):
         return combine(self.arrays, self.static)
 
-    def asked(self, method: str, *values: Array):
+    def asked(self, method: str, *values: Numbers):
         return asked(self.whole, method, *values)
 
 
@@ -140,18 +139,18 @@ class ForcesOfImpact(ReducedRateIndependent):
     """The forces of a rate-independent law over L and (5/4) M V²/L."""
 
     law: "Forces"
-    length: Array
-    force: Array
+    length: Numbers
+    force: Numbers
 
-    def loading(self, x: Array) -> Array:
+    def loading(self, x: Numbers) -> Numbers:
         return quotient(self.law.asked("loading_force", x * self.length), self.force)
 
-    def unloading(self, x: Array, peak: Array) -> Array:
+    def unloading(self, x: Numbers, peak: Numbers) -> Numbers:
         force = self.law.asked("unloading_force", x * self.length, peak * self.length)
         return quotient(force, self.force)
 
     @property
-    def elastic_limit(self) -> Array | float:  # type: ignore[override]
+    def elastic_limit(self) -> Numbers | float:  # type: ignore[override]
         overlap = self.law.asked("elastic_overlap")
         never_or_always = type(overlap) in (float, int) and overlap in (0, math.inf)
         # what is known beforehand is no kink, and so no stage of its own
@@ -164,10 +163,10 @@ class ForcesOfImpact(ReducedRateIndependent):
     def on_loading(self) -> "ForcesOfImpact":
         return replace(self, law=_differentiable(self.law.whole, _answers_on_loading))
 
-    def exponent_at(self, peak: Array) -> Array:
+    def exponent_at(self, peak: Numbers) -> Numbers:
         return jax.lax.stop_gradient(_exponent(self.loading, peak))
 
-    def residual(self, peak: Array) -> Array | None:
+    def residual(self, peak: Numbers) -> Numbers | None:
         overlap = self.law.asked("residual_overlap", peak * self.length)
         return None if overlap is None else jnp.asarray(overlap) / self.length
 
@@ -176,35 +175,35 @@ class ForceOfImpact(ReducedRateDependent):
     """The force of a rate-dependent law over L, V and (5/4) M V²/L."""
 
     law: "Forces"
-    length: Array
-    velocity: Array
-    unit: Array
+    length: Numbers
+    velocity: Numbers
+    unit: Numbers
 
     @property
     def ends_at(self) -> str:  # type: ignore[override]
         return self.law.whole.end
 
-    def force(self, x: Array, velocity: Array) -> Array:
+    def force(self, x: Numbers, velocity: Numbers) -> Numbers:
         force = self.law.asked("force", x * self.length, velocity * self.velocity)
         return quotient(force, self.unit)
 
-    def elastic(self, x: Array) -> Array:
+    def elastic(self, x: Numbers) -> Numbers:
         return self.force(x, jnp.zeros_like(x))
 
-    def dissipative(self, x: Array, velocity: Array) -> Array:
+    def dissipative(self, x: Numbers, velocity: Numbers) -> Numbers:
         return self.force(x, velocity) - self.elastic(x)
 
-    def exponent_at(self, peak: Array) -> Array:
+    def exponent_at(self, peak: Numbers) -> Numbers:
         return jax.lax.stop_gradient(_exponent(self.elastic, peak))
 
 
-def _exponent(force, x: Array) -> Array:
+def _exponent(force, x: Numbers) -> Numbers:
     """k of a work ∝ x^k, from the slope of the force there."""
     pull, slope = jax.jvp(force, (x,), (jnp.ones_like(x),))
     return 1 + jnp.clip(x * slope / pull, 0.0, 10.0)
 
 
-def reduced_by_forces(law, velocity: Array) -> Reduced:
+def reduced_by_forces(law, velocity: Numbers) -> Reduced:
     """Impacts of a law in SI.
 
     The scales are units and no more: nothing depends on the overlap's, which is not differentiated,
@@ -252,18 +251,18 @@ def _differentiable(law, answers: Callable) -> Forces:
     return Forces(jax.tree.unflatten(structure, kept), static)
 
 
-def _answers_on_loading(law, x: Array) -> list:
+def _answers_on_loading(law, x: Numbers) -> list:
     ends = asked(law, "elastic_overlap"), *asked(law, "breakpoints")
     return [asked(law, "loading_force", x), *ends]
 
 
-def _all_answers(law, x: Array) -> list:
+def _all_answers(law, x: Numbers) -> list:
     residual = asked(law, "residual_overlap", x)
     unloading = asked(law, "unloading_force", x, x), *([] if residual is None else [residual])
     return [*_answers_on_loading(law, x), *unloading]
 
 
-def _slowest(contact: Contact, velocity: Array) -> Array:
+def _slowest(contact: Contact, velocity: Numbers) -> Numbers:
     """The velocity [m/s] below which forces of Hertz's order leave the range of numbers."""
     scales = hertz_scales(contact)
     force = contact.stiffness * scales.overlap * jnp.sqrt(scales.overlap)

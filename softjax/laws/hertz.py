@@ -6,9 +6,9 @@ H. Hertz, Über die Berührung fester elastischer Körper, J. reine angew. Math.
 import math
 
 import jax.numpy as jnp
-from jaxtyping import Array
 
 from softjax.contact import Contact
+from softjax.fields import Numbers
 from softjax.laws.base import RateIndependentLaw, ReducedClosedForm
 from softjax.numerics.powers import power_3_2, safe_sqrt
 
@@ -48,17 +48,17 @@ class ReducedHertz(ReducedClosedForm):
 
     elastic_limit = math.inf
 
-    def loading(self, x: Array) -> Array:
+    def loading(self, x: Numbers) -> Numbers:
         return power_3_2(x)
 
-    def unloading(self, x: Array, peak: Array) -> Array:
+    def unloading(self, x: Numbers, peak: Numbers) -> Numbers:
         return power_3_2(x)
 
-    def largest_velocity(self) -> Array:
+    def largest_velocity(self) -> Numbers:
         return jnp.asarray(jnp.inf)
 
-    def peak(self, y: Array) -> Array:
+    def peak(self, y: Numbers) -> Numbers:
         return y**0.8
 
-    def release(self, peak: Array) -> tuple[Array, Array, Array]:
+    def release(self, peak: Numbers) -> tuple[Numbers, Numbers, Numbers]:
         return jnp.zeros_like(peak), peak, 0.4 * peak * peak * safe_sqrt(peak)

@@ -10,11 +10,10 @@ import math
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array
 
 from softjax.checks import as_real, check
 from softjax.contact import Contact
-from softjax.fields import Number, choice_field, number_field
+from softjax.fields import Number, Numbers, choice_field, number_field
 from softjax.laws._dashpots import damped, hertz_duration
 from softjax.laws.base import KnownCollision, RateDependentLaw
 from softjax.laws.linear_dashpot import SET_RESTITUTION, damping_fraction
@@ -77,11 +76,11 @@ class HertzDashpot(RateDependentLaw, final=True):
     def reduced(self) -> "ReducedHertzDashpot":
         return ReducedHertzDashpot(damping_fraction(self.restitution), self.end)
 
-    def reduced_at(self, velocity: Array) -> Reduced:
+    def reduced_at(self, velocity: Numbers) -> Reduced:
         scales = hertz_scales_at(self.contact, velocity)
         return Reduced(self.reduced(), scales, jnp.ones_like(scales.overlap))
 
-    def closed_form(self, velocity: Array) -> KnownCollision:
+    def closed_form(self, velocity: Numbers) -> KnownCollision:
         motion = hertz_motion(self.contact, velocity)
         found = damped(self.restitution, self.end)
         return KnownCollision(
@@ -95,8 +94,8 @@ class HertzDashpot(RateDependentLaw, final=True):
 class ReducedHertzDashpot(ReducedRateDependent):
     """x'' = -(5/4) (x^{3/2} + 2ξ x^{1/4} x')."""
 
-    damping: Array
+    damping: Numbers
     ends_at: End = eqx.field(static=True)
 
-    def dissipative(self, x: Array, velocity: Array) -> Array:
+    def dissipative(self, x: Numbers, velocity: Numbers) -> Numbers:
         return 2 * self.damping * safe_power(x, 0.25) * velocity

@@ -9,10 +9,9 @@ import math
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array
 
 from softjax.contact import Contact
-from softjax.fields import Number, choice_field, number_field
+from softjax.fields import Number, Numbers, choice_field, number_field
 from softjax.laws._dashpots import damped, root
 from softjax.laws.base import KnownCollision, RateDependentLaw
 from softjax.laws.reduced import ENDS, End, Reduced, ReducedRateDependent
@@ -72,13 +71,13 @@ class LinearSpringDashpot(RateDependentLaw, final=True):
     def reduced(self) -> "ReducedLinearDashpot":
         return ReducedLinearDashpot(damping_fraction(self.restitution), self.end)
 
-    def reduced_at(self, velocity: Array) -> Reduced:
+    def reduced_at(self, velocity: Numbers) -> Reduced:
         """In units of each impact: v/ω0 and v."""
         radius, pace = self.scales()
         scales = Scales(radius * (velocity / pace), jnp.asarray(velocity))
         return Reduced(self.reduced(), scales, jnp.ones_like(scales.overlap))
 
-    def closed_form(self, velocity: Array) -> KnownCollision:
+    def closed_form(self, velocity: Numbers) -> KnownCollision:
         found = damped(self.restitution, self.end)
         radian = quotient(*self.scales())  # 1/ω0 [s]
         return KnownCollision(
@@ -94,14 +93,14 @@ class ReducedLinearDashpot(ReducedRateDependent):
 
     work_exponent = 2.0
 
-    damping: Array
+    damping: Numbers
     ends_at: End = eqx.field(static=True)
 
-    def dissipative(self, x: Array, velocity: Array) -> Array:
+    def dissipative(self, x: Numbers, velocity: Numbers) -> Numbers:
         return 1.6 * self.damping * velocity
 
 
-def damping_fraction(restitution) -> Array:
+def damping_fraction(restitution) -> Numbers:
     """ξ = -ln ε/√(π² + ln²ε), the fraction of critical damping that gives ε [-]."""
     loss = -jnp.log(restitution)
     return loss / jnp.sqrt(math.pi**2 + loss**2)

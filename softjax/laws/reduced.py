@@ -17,8 +17,8 @@ from typing import Any, ClassVar, Literal, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array
 
+from softjax.fields import Flags, Numbers
 from softjax.laws.units import Scales
 from softjax.numerics.powers import safe_power
 
@@ -40,8 +40,8 @@ class Reduced(NamedTuple):
 
     law: Any
     scales: Scales
-    y: Array
-    below: Array | None = None
+    y: Numbers
+    below: Numbers | None = None
 
 
 class ReducedRateIndependent(eqx.Module):
@@ -61,14 +61,14 @@ class ReducedRateIndependent(eqx.Module):
     powers_about: ClassVar[Origin] = "zero-overlap"
 
     @abstractmethod
-    def loading(self, x: Array) -> Array:
+    def loading(self, x: Numbers) -> Numbers:
         """p_L(x) >= 0 for 0 <= x <= `end()`."""
 
     @abstractmethod
-    def unloading(self, x: Array, peak: Array) -> Array:
+    def unloading(self, x: Numbers, peak: Numbers) -> Numbers:
         """p_U(x; x_m), equal to p_L(x_m) at x = x_m."""
 
-    def unloading_at(self, x: Array, recovered: Array, peak: Array) -> Array:
+    def unloading_at(self, x: Numbers, recovered: Numbers, peak: Numbers) -> Numbers:
         """p_U(x; x_m) with x_m - x known to its own precision, which nearly plastic impacts need."""
         return self.unloading(x, peak)
 
@@ -76,23 +76,23 @@ class ReducedRateIndependent(eqx.Module):
         """Overlaps at which a force has a kink, except the elastic limit; each broadcasts."""
         return ()
 
-    def residual(self, peak: Array) -> Array | None:
+    def residual(self, peak: Numbers) -> Numbers | None:
         """x*, the last zero of the unloading force below the peak; None leaves it to search."""
         return None
 
-    def recovered(self, peak: Array) -> Array | None:
+    def recovered(self, peak: Numbers) -> Numbers | None:
         """x_m - x* where the law knows it to better precision than the difference."""
         return None
 
-    def releases(self, peak: Array) -> Array | None:
+    def releases(self, peak: Numbers) -> Flags | None:
         """Whether the unloading force vanishes at some positive overlap; None: as is found."""
         return None
 
-    def exponent_at(self, peak: Array) -> Array | float:
+    def exponent_at(self, peak: Numbers) -> Numbers | float:
         """The exponent k of the law's work, with which slow impacts are distinguished from lifted ones."""
         return self.work_exponent
 
-    def end(self) -> Array | float:
+    def end(self) -> Numbers | float:
         """The overlap at which the loading force vanishes or ends; infinite where it never does."""
         return jnp.inf
 
@@ -100,7 +100,7 @@ class ReducedRateIndependent(eqx.Module):
         """The same, without the derivatives of numbers that act on unloading alone."""
         return self
 
-    def beyond_expansion(self, peak: Array) -> Array:
+    def beyond_expansion(self, peak: Numbers) -> Flags:
         """Whether the law was pushed beyond the range it was derived for."""
         return jnp.zeros_like(peak, dtype=bool)
 
@@ -112,15 +112,15 @@ class ReducedClosedForm(ReducedRateIndependent):
     """
 
     @abstractmethod
-    def largest_velocity(self) -> Array:
+    def largest_velocity(self) -> Numbers:
         """y_max, from which on no collision turns: W_L(end) = (2/5) y_max²."""
 
     @abstractmethod
-    def peak(self, y: Array) -> Array:
+    def peak(self, y: Numbers) -> Numbers:
         """x_m with W_L(x_m) = (2/5) y², for 1 <= y < y_max."""
 
     @abstractmethod
-    def release(self, peak: Array) -> tuple[Array, Array, Array]:
+    def release(self, peak: Numbers) -> tuple[Numbers, Numbers, Numbers]:
         """Residual overlap x* (p_U(x*) = 0, or 0), what is recovered x_m - x*, and its work.
 
         The difference is given with its terms because it would cancel where x* nears x_m.
@@ -139,23 +139,23 @@ class ReducedRateDependent(eqx.Module):
     ends_at: eqx.AbstractVar[str]
 
     @abstractmethod
-    def dissipative(self, x: Array, velocity: Array) -> Array:
+    def dissipative(self, x: Numbers, velocity: Numbers) -> Numbers:
         """p_D(x, x'), of the sign of x' and zero with it."""
 
-    def elastic(self, x: Array) -> Array:
+    def elastic(self, x: Numbers) -> Numbers:
         """p_E(x)."""
         return 0.4 * self.work_exponent * safe_power(x, self.work_exponent - 1)
 
-    def force(self, x: Array, velocity: Array) -> Array:
+    def force(self, x: Numbers, velocity: Numbers) -> Numbers:
         """p(x, x') = p_E + p_D."""
         return self.elastic(x) + self.dissipative(x, velocity)
 
-    def exponent_at(self, peak: Array) -> Array | float:
+    def exponent_at(self, peak: Numbers) -> Numbers | float:
         """The exponent k of the elastic work, with which slow impacts are distinguished from lifted ones."""
         return self.work_exponent
 
 
-def lifted(law, scales: Scales, velocity: Array) -> Reduced:
+def lifted(law, scales: Scales, velocity: Numbers) -> Reduced:
     """Impacts of a law in units that are the same for all, those lifted whose squares underflow.
 
     Laws without an elastic stage act down to rest; near it they follow their elastic power law, by

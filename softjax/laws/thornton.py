@@ -11,11 +11,10 @@ from typing import Literal
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import ArrayLike, Float
 
-from softjax.checks import as_real, check, check_broadcast
 from softjax.contact import Contact
-from softjax.fields import Number, choice_field, number_field, numbers_of
+from softjax.fields import Flags, Number, Numbers, checked, choice_field, number_field
 from softjax.laws.base import RateIndependentLaw, ReducedClosedForm, Scales
 from softjax.numerics.powers import power_3_2, quotient
 
@@ -82,7 +81,7 @@ def thornton_restitution(
     velocity: Float[ArrayLike, "..."],
     yield_factor: Number = 1.0,
     area: Area = "hertz",
-) -> Array:
+) -> Numbers:
     """ε = √(6√3/5) √(1 - r²/6) [r/(r + 2√(6/5 - r²/5))]^{1/4}, r = V_y/v; 1 for v <= V_y.
 
     The closed form of Thornton, J. Appl. Mech. 64, 383 (1997); `Thornton` is its force law.
@@ -102,10 +101,7 @@ def thornton_restitution(
             raised: there 0 with gradient 0 marks invalid arguments.
     """
     law = Thornton(contact, yield_factor, area)  # its checks are those of the arguments
-    velocity = as_real(velocity)
-    check("velocity", velocity, lambda v: v >= 0, "a finite impact velocity in m/s, zero or more")
-    check_broadcast(numbers_of(law) | {"velocity": velocity})
-    velocity = jnp.asarray(velocity)
+    velocity = jnp.asarray(checked(law, velocity))
     sound = law.is_valid()
     valid = sound & jnp.isfinite(velocity) & (velocity >= 0)
     # harmless numbers where the answer is not used
@@ -136,35 +132,35 @@ class ReducedThornton(ReducedClosedForm):
 
     powers_about = "residual-overlap"
 
-    def loading(self, x: Array) -> Array:
+    def loading(self, x: Numbers) -> Numbers:
         return jnp.where(x > 1, 1 + 1.5 * (x - 1), power_3_2(jnp.minimum(x, 1.0)))
 
-    def unloading(self, x: Array, peak: Array) -> Array:
+    def unloading(self, x: Numbers, peak: Numbers) -> Numbers:
         return self.unloading_at(x, peak - x, peak)
 
-    def unloading_at(self, x: Array, recovered: Array, peak: Array) -> Array:
+    def unloading_at(self, x: Numbers, recovered: Numbers, peak: Numbers) -> Numbers:
         return self.loading(peak) * power_3_2(1 - recovered / self.recovered(peak))
 
-    def releases(self, peak: Array) -> Array:
+    def releases(self, peak: Numbers) -> Flags:
         return jnp.ones_like(peak, dtype=bool)  # at yield too, where x* rounds to zero
 
-    def residual(self, peak: Array) -> Array:
+    def residual(self, peak: Numbers) -> Numbers:
         excess = jnp.maximum(peak - 1, 0.0) / (jnp.sqrt(peak) + 1)  # √x_m - 1
         # x_m^{3/2} - p_m, its cancelling terms multiplied out
         return excess * excess * ((excess + 1.5) / jnp.sqrt(peak))
 
-    def largest_velocity(self) -> Array:
+    def largest_velocity(self) -> Numbers:
         return jnp.asarray(jnp.inf)
 
-    def peak(self, y: Array) -> Array:
+    def peak(self, y: Numbers) -> Numbers:
         slow = quotient(1.0, y)  # the square of y itself leaves float32's range at 1e19
         force = y * jnp.sqrt(1.2 - 0.2 * slow * slow)  # p_m
         return 1 + 0.8 * (y - 1) * quotient(y + 1, force + 1)
 
-    def release(self, peak: Array) -> tuple[Array, Array, Array]:
+    def release(self, peak: Numbers) -> tuple[Numbers, Numbers, Numbers]:
         recovered = self.recovered(peak)
         return self.residual(peak), recovered, 0.4 * self.loading(peak) * recovered
 
-    def recovered(self, peak: Array) -> Array:
+    def recovered(self, peak: Numbers) -> Numbers:
         """x_m - x*."""
         return self.loading(peak) / jnp.sqrt(peak)

@@ -4,20 +4,20 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array
 
 from softjax.contact import Contact
+from softjax.fields import Numbers
 from softjax.numerics.powers import quotient, safe_power
 
 
 class Scales(NamedTuple):
     """The units of a reduced collision."""
 
-    overlap: Array  # L [m]
-    velocity: Array  # V [m/s]
+    overlap: Numbers  # L [m]
+    velocity: Numbers  # V [m/s]
 
     @property
-    def time(self) -> Array:
+    def time(self) -> Numbers:
         """L/V [s]."""
         return quotient(self.overlap, self.velocity)
 
@@ -42,17 +42,17 @@ class HertzMotion(NamedTuple):
         whole: R and V.
     """
 
-    overlap: Array
-    pace: Array
+    overlap: Numbers
+    pace: Numbers
     whole: Scales
 
     @property
-    def time(self) -> Array:
+    def time(self) -> Numbers:
         """L/v [s]."""
         return quotient(self.whole.time, jnp.where(self.pace > 0, self.pace, 1.0))
 
 
-def hertz_motion(contact: Contact, velocity: Array) -> HertzMotion:
+def hertz_motion(contact: Contact, velocity: Numbers) -> HertzMotion:
     """Of impacts at v [m/s], by one power."""
     whole = hertz_scales(contact)
     pace = _fifth_root(velocity) / _fifth_root(whole.velocity)
@@ -60,7 +60,7 @@ def hertz_motion(contact: Contact, velocity: Array) -> HertzMotion:
 
 
 @jax.custom_jvp
-def _fifth_root(x: Array) -> Array:
+def _fifth_root(x: Numbers) -> Numbers:
     """x^{1/5} of x >= 0; where its derivatives would leave the range of numbers they are 0."""
     return safe_power(x, 0.2)
 

@@ -9,10 +9,9 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array
 
 from softjax.contact import Contact
-from softjax.fields import Number, number_field
+from softjax.fields import Number, Numbers, number_field
 from softjax.laws import _viscous
 from softjax.laws.base import KnownCollision, RateDependentLaw
 from softjax.laws.reduced import End, Reduced, ReducedRateDependent
@@ -55,11 +54,11 @@ class ViscoelasticHertz(RateDependentLaw, final=True):
     def reduced(self) -> "ReducedViscoelastic":
         return _over(self, self.scales())
 
-    def reduced_at(self, velocity: Array) -> Reduced:
+    def reduced_at(self, velocity: Numbers) -> Reduced:
         scales = hertz_scales_at(self.contact, velocity)
         return Reduced(_over(self, scales), scales, jnp.ones_like(scales.overlap))
 
-    def closed_form(self, velocity: Array) -> KnownCollision:
+    def closed_form(self, velocity: Numbers) -> KnownCollision:
         motion = hertz_motion(self.contact, velocity)
         # (k/M)^{2/5} v^{1/5} is (5/4)^{2/5} over the time of Hertz's collision
         rate = quotient(motion.whole.velocity, motion.whole.overlap)
@@ -86,7 +85,7 @@ class ReducedViscoelastic(ReducedRateDependent):
 
     ends_at: End = eqx.field(static=True, init=False, default="zero-force")
 
-    dissipation: Array
+    dissipation: Numbers
 
-    def dissipative(self, x: Array, velocity: Array) -> Array:
+    def dissipative(self, x: Numbers, velocity: Numbers) -> Numbers:
         return 1.5 * self.dissipation * safe_sqrt(x) * velocity

@@ -6,11 +6,10 @@ shearing assemblies of inelastic, frictional disks, J. Rheol. 30, 949 (1986).
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
 
 from softjax.checks import ArgumentError, is_traced, shown
 from softjax.contact import Contact
-from softjax.fields import Number, number_field
+from softjax.fields import Flags, Number, Numbers, number_field
 from softjax.laws.base import RateIndependentLaw, Reduced, ReducedClosedForm, Scales
 
 
@@ -63,7 +62,7 @@ class WaltonBraun(RateIndependentLaw, final=True):
     def reduced(self) -> "ReducedWaltonBraun":
         return self._over(self.scales().overlap)
 
-    def reduced_at(self, velocity: Array) -> Reduced:
+    def reduced_at(self, velocity: Numbers) -> Reduced:
         """In units of each impact: v √(M/k1), the largest overlap, and v."""
         radius, pace = self.scales()
         scales = Scales(radius * (velocity / pace), jnp.asarray(velocity))
@@ -97,39 +96,39 @@ class ReducedWaltonBraun(ReducedClosedForm):
     elastic_limit = 0.0  # unloading differs from the first touch on
     powers_about = "residual-overlap"
 
-    ratio: Array
-    growth: Array
+    ratio: Numbers
+    growth: Numbers
 
-    def loading(self, x: Array) -> Array:
+    def loading(self, x: Numbers) -> Numbers:
         return 0.8 * x
 
-    def unloading(self, x: Array, peak: Array) -> Array:
+    def unloading(self, x: Numbers, peak: Numbers) -> Numbers:
         return self.unloading_at(x, peak - x, peak)
 
-    def unloading_at(self, x: Array, recovered: Array, peak: Array) -> Array:
+    def unloading_at(self, x: Numbers, recovered: Numbers, peak: Numbers) -> Numbers:
         return 0.8 * (peak - self._stiffening(peak) * recovered)
 
-    def releases(self, peak: Array) -> Array:
+    def releases(self, peak: Numbers) -> Flags:
         return self._stiffening(peak) >= 1
 
-    def residual(self, peak: Array) -> Array:
+    def residual(self, peak: Numbers) -> Numbers:
         return jnp.maximum(peak - self.recovered(peak), 0.0)
 
-    def largest_velocity(self) -> Array:
+    def largest_velocity(self) -> Numbers:
         return jnp.asarray(jnp.inf)
 
-    def peak(self, y: Array) -> Array:
+    def peak(self, y: Numbers) -> Numbers:
         return y * jnp.ones_like(self.ratio)
 
-    def release(self, peak: Array) -> tuple[Array, Array, Array]:
+    def release(self, peak: Numbers) -> tuple[Numbers, Numbers, Numbers]:
         recovered = self.recovered(peak)
         work = 0.8 * recovered * (peak - 0.5 * self._stiffening(peak) * recovered)
         return self.residual(peak), recovered, work
 
-    def _stiffening(self, peak: Array) -> Array:
+    def _stiffening(self, peak: Numbers) -> Numbers:
         """K = k2/k1."""
         return self.ratio + self.growth * peak
 
-    def recovered(self, peak: Array) -> Array:
+    def recovered(self, peak: Numbers) -> Numbers:
         """x_m - x*: all of x_m where the unloading spring is the softer one."""
         return peak / jnp.maximum(self._stiffening(peak), 1.0)

@@ -16,10 +16,9 @@ from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array
 
 from softjax.contact import Contact
-from softjax.fields import Number, choice_field, number_field
+from softjax.fields import Flags, Number, Numbers, choice_field, number_field
 from softjax.laws import _first_order, _full
 from softjax.laws.base import RateIndependentLaw, ReducedClosedForm, Scales
 from softjax.laws.empirical import PSI, SIGMA, sound_and_heat_exponent
@@ -86,7 +85,7 @@ class Zhou(RateIndependentLaw, final=True):
         law = FirstOrder if self.form == "first-order" else Full
         return law(jnp.asarray(self.plasticity()), jnp.asarray(steepness))
 
-    def total_restitution(self, plastic_squared, velocity, elastic) -> tuple[Array, Array]:
+    def total_restitution(self, plastic_squared, velocity, elastic) -> tuple[Numbers, Flags]:
         """ε² by Eq. (16) above yield and Eq. (17) below, and whether v >= v_lim."""
         limit, critical = self.contact.limit_velocity, self.contact.critical_velocity
         limit, sigma, psi = (jnp.asarray(x) for x in (limit, self.sigma, self.psi))
@@ -95,7 +94,7 @@ class Zhou(RateIndependentLaw, final=True):
         return jnp.where(elastic, below_yield, above_yield), velocity >= limit
 
 
-def _lost(velocity, limit, sigma, psi) -> Array:
+def _lost(velocity, limit, sigma, psi) -> Numbers:
     """ε_17² - 1."""
     return jnp.expm1(-2 * sound_and_heat_exponent(velocity, limit, sigma, psi))
 
@@ -103,18 +102,18 @@ def _lost(velocity, limit, sigma, psi) -> Array:
 class FirstOrder(ReducedClosedForm):
     """Eqs. (8) and (12), each divided by k δ_cr^{3/2}: first order in the plastic region."""
 
-    d: Array
-    X: Array
+    d: Numbers
+    X: Numbers
 
-    def loading(self, x: Array) -> Array:
+    def loading(self, x: Numbers) -> Numbers:
         root = safe_sqrt(x)
         yielded = self.d * (x**2 - 1) * (1 - root)  # Eq. (8)
         return x * root + jnp.where(x > 1, yielded, 0.0)
 
-    def unloading(self, x: Array, peak: Array) -> Array:
+    def unloading(self, x: Numbers, peak: Numbers) -> Numbers:
         return self.unloading_at(x, peak - x, peak)
 
-    def unloading_at(self, x: Array, recovered: Array, peak: Array) -> Array:
+    def unloading_at(self, x: Numbers, recovered: Numbers, peak: Numbers) -> Numbers:
         root = safe_sqrt(x)
         elastic = (1 - self.d * peak) * x * root + self.d * root  # Eq. (12)
         yielded = self.d * ((peak - 1) * (peak + 1))
@@ -123,22 +122,22 @@ class FirstOrder(ReducedClosedForm):
     def on_loading(self) -> "FirstOrder":
         return replace(self, X=jax.lax.stop_gradient(self.X))
 
-    def releases(self, peak: Array) -> Array:
+    def releases(self, peak: Numbers) -> Flags:
         return jnp.broadcast_to(self.X > 1, peak.shape)
 
-    def end(self) -> Array:
+    def end(self) -> Numbers:
         return _first_order.end(self.d) ** 2
 
-    def beyond_expansion(self, peak: Array) -> Array:
+    def beyond_expansion(self, peak: Numbers) -> Flags:
         return self.d * peak > 1
 
-    def largest_velocity(self) -> Array:
+    def largest_velocity(self) -> Numbers:
         return _first_order.largest_velocity(self.d)
 
-    def peak(self, y: Array) -> Array:
+    def peak(self, y: Numbers) -> Numbers:
         return _first_order.peak(y, self.d)
 
-    def release(self, peak: Array) -> tuple[Array, Array, Array]:
+    def release(self, peak: Numbers) -> tuple[Numbers, Numbers, Numbers]:
         return _first_order.release(peak, self.d, self.X)
 
 
@@ -148,18 +147,18 @@ class Full(ReducedClosedForm):
     Ends where the plastic region fills the contact, x = (2d/3)(x² - 1): beyond, cosθ is not real.
     """
 
-    d: Array
-    X: Array
+    d: Numbers
+    X: Numbers
 
-    def loading(self, x: Array) -> Array:
+    def loading(self, x: Numbers) -> Numbers:
         rim = jnp.where(x > 1, x - 2 / 3 * self.d * (x**2 - 1), x)  # x cos²θ, Eq. (7)
         yielded = jnp.where(x > 1, self.d * (x**2 - 1), 0.0)
         return power_3_2(rim) + yielded  # Eq. (6)
 
-    def unloading(self, x: Array, peak: Array) -> Array:
+    def unloading(self, x: Numbers, peak: Numbers) -> Numbers:
         return self.unloading_at(x, peak - x, peak)
 
-    def unloading_at(self, x: Array, recovered: Array, peak: Array) -> Array:
+    def unloading_at(self, x: Numbers, recovered: Numbers, peak: Numbers) -> Numbers:
         rim = (1 - 2 / 3 * self.d * peak) * x + 2 / 3 * self.d  # x x_m - 1 as in Eq. (12)
         yielded = self.d * ((peak - 1) * (peak + 1))
         return power_3_2(rim) + yielded * (1 - self.X * (recovered / peak))  # Eq. (11)
@@ -167,20 +166,20 @@ class Full(ReducedClosedForm):
     def on_loading(self) -> "Full":
         return replace(self, X=jax.lax.stop_gradient(self.X))
 
-    def releases(self, peak: Array) -> Array:
+    def releases(self, peak: Numbers) -> Flags:
         return _full.has_root(peak, self.d, self.X)
 
-    def end(self) -> Array:
+    def end(self) -> Numbers:
         return _full.end(self.d)
 
-    def beyond_expansion(self, peak: Array) -> Array:
+    def beyond_expansion(self, peak: Numbers) -> Flags:
         return peak >= self.end()
 
-    def largest_velocity(self) -> Array:
+    def largest_velocity(self) -> Numbers:
         return _full.largest_velocity(self.d)
 
-    def peak(self, y: Array) -> Array:
+    def peak(self, y: Numbers) -> Numbers:
         return _full.peak(y, self.d)
 
-    def release(self, peak: Array) -> tuple[Array, Array, Array]:
+    def release(self, peak: Numbers) -> tuple[Numbers, Numbers, Numbers]:
         return _full.release(peak, self.d, self.X)

@@ -1,6 +1,7 @@
 """Roots with one implicit rule, element by element, and what is computed only where it is needed."""
 
 from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -10,54 +11,38 @@ from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array
 
 
-def implicit_root(
-    solve: Callable[..., Array], residual: Callable[..., Array]
-) -> Callable[..., Array]:
+def implicit_root(solve: Callable, residual: Callable, slope: Callable | None = None) -> Callable:
     """A function `root(*params)` with `residual(root, *params) = 0`, differentiated implicitly.
 
     `solve(*params)` finds the root by any means and is never differentiated. The derivative is
-    -(dF/dp)/(dF/dx) at the root, and since the rule asks for the root again it is right to any
-    order; one Newton step on a frozen root is right to first order only. Elementwise: parameters
-    broadcast, each element of the result is a root of its own.
+    -(dF/dp)/(dF/dx) at the root, zero where F does not move with x; since the rule asks for the root
+    again it is right to any order; one Newton step on a frozen root is right to first order only.
+    Elementwise: parameters broadcast, each element of the result is a root of its own.
+
+    Args:
+        solve: of a root in [0, 1] it may return the pair (f, 1 - f), each to its own precision: where f
+            nears 1 the difference would be lost to rounding.
+        slope: dF/dx of (x, *params), where it is known.
     """
 
     @jax.custom_jvp
-    def root(*params: Array) -> Array:
+    def root(*params: Any) -> Any:
         return solve(*params)
 
     @root.defjvp
-    def root_jvp(params, tangents):
-        x = root(*params)
-        return x, implicit_tangent(residual, x, params, tangents)
+    def rule(params, tangents):
+        found = root(*params)
+        x = found[0] if isinstance(found, tuple) else found
+        if slope is None:
+            _, steep = jax.jvp(lambda x: residual(x, *params), (x,), (jnp.ones_like(x),))
+        else:
+            steep = slope(x, *params)
+        _, moved = jax.jvp(lambda *p: residual(x, *p), params, tangents)
+        flat = steep == 0
+        change = jnp.where(flat, 0.0, -moved / jnp.where(flat, 1.0, steep))
+        return found, (change, -change) if isinstance(found, tuple) else change
 
     return root
-
-
-def implicit_fraction(solve: Callable, residual: Callable) -> Callable:
-    """As `implicit_root` for a root f in [0, 1], as the pair (f, 1 - f), each to its own precision.
-
-    Where f nears 1 the difference 1 - f would be lost to rounding; `solve` returns both.
-    """
-
-    @jax.custom_jvp
-    def root(*params: Array) -> tuple[Array, Array]:
-        return solve(*params)
-
-    @root.defjvp
-    def root_jvp(params, tangents):
-        fraction, rest = root(*params)
-        change = implicit_tangent(residual, fraction, params, tangents)
-        return (fraction, rest), (change, -change)
-
-    return root
-
-
-def implicit_tangent(residual, x, params, tangents):
-    """dx = -(dF/dp · dp)/(dF/dx), zero where F does not move with x."""
-    _, slope = jax.jvp(lambda x: residual(x, *params), (x,), (jnp.ones_like(x),))
-    _, change = jax.jvp(lambda *p: residual(x, *p), params, tangents)
-    flat = slope == 0
-    return jnp.where(flat, 0.0, -change / jnp.where(flat, 1.0, slope))
 
 
 def third_order_root(

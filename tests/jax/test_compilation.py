@@ -76,6 +76,32 @@ def test_another_tolerance_is_no_other_program(compiled):
     assert errors[0] < 1e-12 < errors[1] < errors[2] < 1e-5
 
 
+def test_a_traced_tolerance(compiled):
+    """As an argument of the caller's program, alone, in a route and under `vmap`; what it gives lasts as it should."""
+    velocity = np.linspace(1.0, 20.0, 3)
+    law = sj.ViscoelasticHertz(pair("nylon", "zhou"), 1e-5)
+    exact = sj.restitution(law, velocity)
+
+    def by(rtol):
+        return sj.restitution(law, velocity, sj.ODE(rtol=rtol))
+
+    of = jax.jit(by)
+    strict = of(1e-12)
+    compiled.clear()
+    loose = of(1e-6)
+    assert compiled == []
+    at_once = jax.vmap(by)(np.array([1e-12, 1e-6]))
+    in_route = jax.jit(lambda route: sj.restitution(law, velocity, route))(sj.ODE(rtol=1e-6))
+    for found in (loose, in_route, jax.tree.map(lambda x: x[1], at_once)):
+        assert np.allclose(found.coefficient, by(1e-6).coefficient, rtol=0, atol=1e-14)
+        assert 1e-9 < np.max(np.abs(found.coefficient - exact.coefficient)) < 1e-5
+    assert np.allclose(strict.coefficient, exact.coefficient, rtol=0, atol=1e-12)
+    assert np.allclose(at_once.duration, exact.duration, rtol=1e-5, atol=0)
+    assert np.allclose(strict.duration, exact.duration, rtol=1e-11, atol=0)
+    assert np.all(of(np.nan).status == sj.Status.SOLVER_FAILED)
+    assert jax.grad(lambda rtol: by(rtol).coefficient.sum())(1e-6) == 0
+
+
 def test_a_history_compiles_one_program(compiled):
     """And another of the same shape none."""
     velocity = np.linspace(0.1, 3.0, 5)

@@ -1,5 +1,6 @@
 """Fields that all impacts share: a network's weights and a table's knots beside numbers of each impact."""
 
+import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -47,6 +48,28 @@ class Networked(Spring):
     def share(self, s, peak):
         bend = jnp.tanh(self.network(jnp.stack([s, peak / 1e-4])))
         return s**2 * (1 + 0.5 * (1 - s) * bend)
+
+
+class Layered(Spring):
+    """The same with all weights in one array, a hidden layer of a fourth as many."""
+
+    weights: jax.Array = sj.array_field()
+
+    def share(self, s, peak):
+        at, of_peak, shift, out = jnp.reshape(self.weights, (4, -1))
+        bend = jnp.tanh(out @ jnp.tanh(at * s + of_peak * peak / 1e-4 + shift))
+        return s**2 * (1 + 0.5 * (1 - s) * bend)
+
+
+class Damped(sj.RateDependentLaw):
+    """1e6 N/m beside a linear dashpot, ξ the sum of many numbers."""
+
+    contact: sj.Contact
+    parts: jax.Array = sj.array_field()
+    end: str = sj.choice_field("zero-overlap", "zero-force")
+
+    def force(self, overlap, velocity):
+        return 1e6 * overlap + 2 * jnp.sum(self.parts) * 1e6 * PACE * velocity
 
 
 class Weighted(Spring):
@@ -168,6 +191,79 @@ def test_a_network(route):
     assert np.isclose(forward, steep, rtol=1e-6)
 
 
+MODES = {"jacfwd": jax.jacfwd, "jacrev": jax.jacrev, "hessian": jax.hessian}
+
+
+@pytest.mark.parametrize(
+    ("count", "mode", "stacked"),
+    [
+        (8, "jacfwd", False),
+        (8, "jacrev", True),
+        (8, "hessian", False),
+        (128, "jacrev", False),
+        pytest.param(8, "jacrev", False, marks=LONG),
+        pytest.param(8, "jacfwd", True, marks=LONG),
+        pytest.param(8, "hessian", True, marks=LONG),
+        pytest.param(128, "jacfwd", False, marks=LONG),
+        pytest.param(128, "jacfwd", True, marks=LONG),
+        pytest.param(128, "jacrev", True, marks=LONG),
+        pytest.param(128, "hessian", False, marks=LONG),
+        pytest.param(128, "hessian", True, marks=LONG),
+    ],
+)
+def test_derivatives_by_every_weight(count, mode, stacked):
+    """Of ε by the equation of motion, against those of Gauss's rule; of several networks under `vmap`."""
+
+    def total(weights):
+        return sj.restitution(Layered(STEEL, weights), VELOCITY, sj.ODE()).coefficient.sum()
+
+    def exact(weights):
+        law = Layered(STEEL, weights)
+        return sum(by_gauss(law, peak) ** 0.5 for peak in VELOCITY * PACE)
+
+    weights = 0.5 * np.random.default_rng(count).normal(size=(2, count))
+    slopes, expected = jax.jit(jax.vmap(MODES[mode](total))), jax.vmap(MODES[mode](exact))(weights)
+    if not stacked:
+        slopes, weights, expected = jax.jit(MODES[mode](total)), weights[0], expected[0]
+    found = slopes(weights)
+    assert found.shape == expected.shape
+    assert np.max(np.abs(found - expected)) < 1e-6 * np.max(np.abs(expected))
+
+
+@pytest.mark.parametrize(
+    ("route", "end", "bound"),
+    [
+        (sj.ODE(), "zero-force", 1e-6),
+        (sj.ODE(rtol=1e-9, solver="bosh3"), "zero-overlap", 1e-6),  # some hundred steps
+        pytest.param(sj.ODE(rtol=1e-9, solver="bosh3"), "zero-force", 1e-6, marks=LONG),
+        pytest.param(sj.ODE(rtol=1e-9, solver="tsit5"), "zero-overlap", 1e-6, marks=LONG),
+        pytest.param(sj.ODE(solver="dopri5", steps=100), "zero-overlap", 1e-6, marks=LONG),
+        pytest.param(sj.ODE(solver=diffrax.Heun(), steps=400), "zero-overlap", 1e-4, marks=LONG),
+        pytest.param(sj.ODE(solver=diffrax.Euler(), steps=4000), "zero-overlap", 1e-2, marks=LONG),
+    ],
+)
+def test_slopes_in_many_numbers_of_a_dashpot(route, end, bound):
+    """ε = exp(-ξ/w · φ), w = √(1 - ξ²), φ = π where the overlap vanishes or atan2(2ξw, 2ξ² - 1) where the force does.
+
+    Those of the duration φ/(ω0 w), and of the largest overlap exp(-ξ/w acos ξ) v/ω0.
+    """
+    parts = np.linspace(0.001, 0.03, 12)  # more than are differentiated forward
+    fraction = parts.sum()
+
+    def known(x):
+        w = jnp.sqrt(1 - x * x)
+        angle = np.pi if end == "zero-overlap" else jnp.arctan2(2 * x * w, 2 * x * x - 1)
+        return jnp.exp(-x / w * angle), PACE * angle / w, PACE * jnp.exp(-x / w * jnp.arccos(x))
+
+    def found(parts):
+        hit = sj.restitution(Damped(STEEL, parts, end), 1.0, route)
+        return hit.coefficient, hit.duration, hit.peak_overlap
+
+    slopes, exact = jax.jit(jax.jacrev(found))(parts), jax.jacfwd(known)(fraction)
+    for slope, expected in zip(slopes, exact, strict=True):
+        assert np.allclose(slope, float(expected), rtol=bound, atol=0)
+
+
 def test_networks_that_are_no_numbers():
     assert bool(NETWORK.is_valid())
     broken = eqx.tree_at(lambda law: law.network.layers[0].bias, NETWORK, np.full(8, np.nan))
@@ -191,9 +287,14 @@ def test_each_of_many_lasts_as_long_as_alone():
 
 
 @pytest.mark.parametrize(
-    "route", [None, pytest.param(sj.ODE(rtol=1e-11), marks=LONG)], ids=["energy", "ode"]
+    ("route", "count"),
+    [
+        pytest.param(None, 2, id="energy"),
+        pytest.param(sj.ODE(rtol=1e-11), 2, id="ode", marks=LONG),
+        pytest.param(sj.ODE(rtol=1e-11), 12, id="ode, many"),
+    ],
 )
-def test_slopes_of_loading_in_shared_numbers(route):
+def test_slopes_of_loading_in_shared_numbers(route, count):
     """ε² = P_m δ_m (w0/2 + w1/3)/(½ M v²), differentiated by hand through the cubic for δ_m."""
 
     @jax.jit
@@ -201,7 +302,7 @@ def test_slopes_of_loading_in_shared_numbers(route):
     def graded(bend):
         return sj.restitution(Weighted(STEEL, [0.3, 0.6], bend), 1.0, route).coefficient
 
-    bend = np.array([0.1, 0.2])
+    bend = np.linspace(0.1, 0.2, count)
 
     def exact(bend):
         c = np.sum(bend**2) / 1e-4
@@ -213,7 +314,7 @@ def test_slopes_of_loading_in_shared_numbers(route):
     value, slopes = graded(jnp.asarray(bend))
     assert value == pytest.approx(exact(bend), rel=1e-8)
     step = 1e-5
-    for k, along in enumerate(np.eye(2) * step):
+    for k, along in enumerate(np.eye(count) * step):
         steep = (exact(bend + along) - exact(bend - along)) / (2 * step)
         assert abs(steep) > 1e-3
         assert slopes[k] == pytest.approx(steep, rel=1e-6)
