@@ -10,7 +10,8 @@ from softjax import CHROME_STEEL, NYLON, STAINLESS_STEEL, Material
 UNLOADING_LINE = (3.518e-3, 3.757e-4)
 """c1, c2 of Eq. (18), χ̃ = c1 + c2 E/Y; the exponent of c1 as Table 1's χ̃ need it (printed: 10³)."""
 
-RADIUS = 0.0127  # m, of both spheres; the critical velocity of equal spheres does not depend on it
+RADIUS = 0.0127
+"""Of both spheres [m]; the critical velocity of equal spheres does not depend on it."""
 
 
 class TableEntry(NamedTuple):
