@@ -440,6 +440,21 @@ def test_a_band_of_draws_is_their_quantiles(decay, draws):
         decay.band(VELOCITY, draws=drawn(restitution=(0.9, 0.01)))
 
 
+@pytest.mark.parametrize("dof", [4, "estimate"])
+def test_one_more_measurement_has_the_tails_of_its_noise(dof):
+    """The middle half and 90 % of Student's t about a curve that draws hardly move."""
+    errors = 0.02 * np.random.default_rng(0).standard_t(3, len(MEASURED))
+    data = cal.RestitutionData(MEASURED, 0.92 * np.exp(-0.3 * MEASURED) + errors)
+    told = {"noise": "student-t", "noise_dof": dof}
+    fit = cal.fit(data, Decay, profiles=False, **told)
+    known = {"level": 0.92, "rate": 0.3, "noise": 0.05, "dof": 3.0}
+    draws = drawn(**{n: (x, 1e-9) for n, x in known.items() if n != "dof" or dof == "estimate"})
+    for confidence in (0.5, 0.9):
+        band = fit.band(VELOCITY, kind="prediction", confidence=confidence, draws=draws)
+        reach = 0.05 * stats.t.ppf(0.5 + confidence / 2, 4 if dof == 4 else 3)
+        assert np.mean(band.high - band.low) / 2 == pytest.approx(reach, rel=0.1)
+
+
 def test_a_fit_at_draws_has_their_laws(decay, draws):
     fits, which = decay.at_draws(draws, 3), [0, 300, 599]
     for name in ("rate", "level"):

@@ -279,8 +279,12 @@ def band_of_draws(
         with jax.enable_x64(True):
             curves = curve_problem(material, velocity).predict(values)
         if kind == "prediction":
-            normal = np.random.default_rng(0).standard_normal(curves.shape)
-            curves = curves + normal * np.sqrt(_variance(data, material))[:, None]
+            random, scale = np.random.default_rng(0), np.sqrt(_variance(data, material))
+            if material.noise_dof is None:
+                noise = random.standard_normal(curves.shape)
+            else:
+                noise = random.standard_t(_noise_dof(data, material)[:, None], curves.shape)
+            curves = curves + scale[:, None] * noise
         ends = np.quantile(curves, [0.5 - confidence / 2, 0.5 + confidence / 2], axis=0)
         return np.mean(curves, axis=0), *ends, np.std(curves, axis=0, ddof=1)
 
@@ -313,10 +317,21 @@ def _variance(data: Any, material: MaterialFit) -> np.ndarray:
     posterior = dataset_of(data, "posterior")
     total: Any = 0.0
     for kind, variance in material.variances.items():
-        labels = [f"{CALLED.get(kind, kind)}{owner}" for owner in ("", f"[{material.name}]")]
-        drawn = [n for n in map(variable, labels) if n in posterior]
-        if drawn and kind in ("scatter", "group"):
-            total = total + np.ravel(np.asarray(posterior[drawn[0]])) ** 2
-        else:
-            total = total + variance
+        drawn = _drawn(posterior, kind, material) if kind in ("scatter", "group") else None
+        total = total + (variance if drawn is None else drawn**2)
     return _thinned(np.broadcast_to(total, posterior.sizes["chain"] * posterior.sizes["draw"]))
+
+
+def _noise_dof(data: Any, material: MaterialFit) -> np.ndarray:
+    """ν of Student's t, likewise."""
+    posterior = dataset_of(data, "posterior")
+    drawn = _drawn(posterior, "dof", material)
+    nu = material.noise_dof if drawn is None else drawn
+    return _thinned(np.broadcast_to(nu, posterior.sizes["chain"] * posterior.sizes["draw"]))
+
+
+def _drawn(posterior: Any, kind: str, material: MaterialFit) -> np.ndarray | None:
+    """Draws of an error of the data, all chains in a row; None where it was not sampled."""
+    labels = [f"{CALLED.get(kind, kind)}{owner}" for owner in ("", f"[{material.name}]")]
+    found = [n for n in map(variable, labels) if n in posterior]
+    return np.ravel(np.asarray(posterior[found[0]])) if found else None
