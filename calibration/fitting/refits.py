@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from calibration.fitting.errors import log_density
 from calibration.fitting.problem import AT_ONCE, Lanes, Problem
 from calibration.fitting.search import Found, search
-from calibration.fitting.stages import ComponentFit
+from calibration.fitting.stages import ComponentFit, along_valley
 from calibration.fitting.variances import (
     estimated,
     needs_variances,
@@ -95,8 +95,28 @@ def _refitted(fit: ComponentFit, drawn: np.ndarray) -> tuple[np.ndarray, np.ndar
     for stage in fit.stages:
         begun = np.broadcast_to(fit.begun, z.shape)
         found = with_own_noise(stage.problem, z, Lanes(value=drawn), begun)
+        if stage.problem.moves and not needs_variances(stage.problem):
+            found = _lowest_along_valley(stage.problem, found, drawn, begun)
         z, converged = found.z, converged & found.converged
     return fit.final.problem.transform.physical(z), converged
+
+
+def _lowest_along_valley(problem: Problem, found: Found, drawn: np.ndarray, begun) -> Found:
+    """The lowest of each fit's minima from where it ended and from both sides of there."""
+    starts = along_valley(problem, found.z)
+    if not len(starts):
+        return found
+    twice = Lanes(value=np.concatenate([drawn, drawn]))
+    more = search(problem, starts, begun=np.concatenate([begun, begun]), lanes=twice, limit=STEPS)
+    fits = len(drawn)
+    cost = np.stack([found.cost, more.cost[:fits], more.cost[fits:]])
+    arrived = np.stack([found.converged, more.converged[:fits], more.converged[fits:]])
+    best = np.argmin(np.where(arrived, cost, np.inf), axis=0)
+    place = best * fits + np.arange(fits)
+    parts: list[Any] = [
+        np.concatenate(pair)[place] for pair in zip(found[:-1], more[:-1], strict=True)
+    ]
+    return Found._make([*parts, found.evaluations + more.evaluations])
 
 
 EXACT = 1_000_000  # impacts up to which every point is left out by a refit

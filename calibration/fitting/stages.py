@@ -15,8 +15,8 @@ from calibration.fitting.laws import OF_CONTACT
 from calibration.fitting.layout import Component, assemble
 from calibration.fitting.problem import Element, Lanes, Problem
 from calibration.fitting.request import Request
-from calibration.fitting.search import Found, guided_search, search
-from calibration.fitting.steps import OPTIMISERS
+from calibration.fitting.search import LARGEST_STEP, Found, guided_search, search
+from calibration.fitting.steps import OPTIMISERS, TINY
 from calibration.fitting.uncertainty import Uncertainty, uncertainty_of
 from calibration.fitting.variances import (
     first_variances,
@@ -201,7 +201,9 @@ def run_stage(
     if (
         problem.moves
     ):  # far from the points a steep curve would explain them by errors of velocities
-        starts = np.concatenate([end.z for end in _from_starts(_level(problem), starts, options)])
+        level = _level(problem)
+        starts = np.concatenate([end.z for end in _from_starts(level, starts, options)])
+        starts = np.concatenate([starts, along_valley(level, starts[:1])])
     branches = None
     alone = False
     if problem.elastic is None:
@@ -237,6 +239,25 @@ def _level(problem: Problem) -> Problem:
     every = [errors.diagonal(s) + np.zeros(len(errors)) for errors, s in pairs]
     points = problem.points._replace(weight=np.concatenate(every) ** -0.5)
     return replace(problem, points=points, errors=(), variances=())
+
+
+def along_valley(problem: Problem, z: Float[np.ndarray, "fits elements"]) -> Places:
+    """Two standard errors to both sides of z along what the points leave most open, (2 fits, elements).
+
+    Errors of velocities, whose variance moves with the curve, may give the likelihood several minima there.
+    """
+    active, transform = problem.active, problem.transform
+    if not len(active):
+        return z[:0]
+    jacobian = np.nan_to_num(problem.linearise(z).jacobian)
+    _, size, axes = np.linalg.svd(jacobian, full_matrices=False)
+    step = 2 * axes[:, -1] / np.maximum(size[:, -1:], TINY)
+    unit = np.where(transform.kind[active] == NONE, np.abs(z[:, active]) + TINY, 1.0)
+    step /= np.maximum(np.max(np.abs(step) / unit, axis=1, keepdims=True) / LARGEST_STEP, 1.0)
+    places = np.concatenate([z, z])
+    places[:, active] += np.concatenate([step, -step])
+    inside = np.clip(places, transform.lower, transform.upper)
+    return np.where(transform.kind == NONE, inside, places)
 
 
 def _from_starts(problem: Problem, starts, options: FitOptions) -> list[Found]:
