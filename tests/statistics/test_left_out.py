@@ -35,17 +35,36 @@ def imprecise(overstated=1.0, count=40, seed=3, share=0.1, **told):
     return cal.RestitutionData(measured, e, velocity_uncertainty=share * v, **told)
 
 
+def errors_of_velocity(data):
+    """Of each measured velocity, along a power of these; and the power."""
+    line = np.polyfit(np.log(data.velocity), np.log(data.velocity_uncertainty), 1)
+    return np.exp(np.polyval(line, np.log(data.velocity))), line[0]
+
+
+def expected_at(data, level, rate):
+    """ε where the true velocities are expected: ln v normal, errors along a power of v."""
+    v, (of_v, power) = data.velocity, errors_of_velocity(data)
+    share = of_v / v
+    of_true = np.var(np.log(v), ddof=1) - np.mean(share**2)
+    towards = np.mean(np.log(v)) - np.log(v) + (2 * power - 1) * of_true
+    off = v * towards * share**2 / (of_true + share**2)
+    bend = 0.5 * rate**2 * of_v**2 * curve(v, level, rate)
+    return curve(v, level, rate) + bend + slope(v, level, rate) * off
+
+
 def without(data, k):
     """θ of the likelihood of all points but one, its covariance, and the variance of every point.
 
     Velocities are carried into ε by the slope.
     """
-    v, e, of_v = data.velocity, data.restitution, data.velocity_uncertainty
+    v, e, of_v = data.velocity, data.restitution, errors_of_velocity(data)[0]
     kept = np.arange(len(v)) != k
 
     def cost(theta):
         variance = NOISE**2 + (slope(v, *theta) * of_v) ** 2
-        return 0.5 * np.sum(((curve(v, *theta) - e) ** 2 / variance + np.log(variance))[kept])
+        return 0.5 * np.sum(
+            ((expected_at(data, *theta) - e) ** 2 / variance + np.log(variance))[kept]
+        )
 
     told = {"xatol": 1e-8, "fatol": 1e-10}
     theta = optimize.minimize(cost, TRUTH, method="Nelder-Mead", options=told).x
@@ -54,7 +73,7 @@ def without(data, k):
 
 def spread_at(data, kept, theta):
     """The covariance of θ by some of the points, and the variance of every point."""
-    variance = NOISE**2 + (slope(data.velocity, *theta) * data.velocity_uncertainty) ** 2
+    variance = NOISE**2 + (slope(data.velocity, *theta) * errors_of_velocity(data)[0]) ** 2
     rows = gradient(data.velocity, *theta)[kept]
     return np.linalg.inv((rows / variance[kept, None]).T @ rows), variance
 
@@ -68,7 +87,7 @@ def test_a_velocity_with_an_error_is_not_corrected_by_the_point_left_out(oversta
     for k in range(len(data)):
         theta, covariance, variance = without(data, k)
         row = gradient(data.velocity[k], *theta)
-        middle = curve(data.velocity[k], *theta)
+        middle = expected_at(data, *theta)[k]
         spread = np.sqrt(variance[k] + row @ covariance @ row)
         expected.append(stats.norm.logpdf(data.restitution[k], middle, spread))
         predicted.append(middle)
@@ -80,23 +99,32 @@ def test_a_velocity_with_an_error_is_not_corrected_by_the_point_left_out(oversta
 
 @pytest.mark.long
 def test_the_density_is_that_of_the_integral_over_the_true_velocity():
+    """But for what a normal density about the expected velocity errs by, 0.03 a point."""
     data = imprecise(uncertainty=NOISE)
     left = cal.fit(data, Decay, **QUICK).leave_one_out()
-    expected = []
+    expected, place = [], np.log(data.velocity)
+    of_true = np.sqrt(np.var(place, ddof=1) - 0.1**2)
     for k in range(len(data)):
         theta, covariance, _ = without(data, k)
         v, e, of_v = data.velocity[k], data.restitution[k], data.velocity_uncertainty[k]
 
-        def density(x, theta=theta, covariance=covariance, v=v, e=e, of_v=of_v):
+        def of_velocity(x, v=v):
+            prior = stats.norm.pdf(np.log(x), np.mean(place), of_true) / x
+            return prior * stats.norm.pdf(v, x, 0.1 * x)
+
+        def density(x, theta=theta, covariance=covariance, e=e, of_velocity=of_velocity):
             row = gradient(x, *theta)
             spread = np.sqrt(NOISE**2 + row @ covariance @ row)
-            return stats.norm.pdf(x, v, of_v) * stats.norm.pdf(e, curve(x, *theta), spread)
+            return of_velocity(x) * stats.norm.pdf(e, curve(x, *theta), spread)
 
         near = v + (e - curve(v, *theta)) / slope(v, *theta)
         ends = max(v - 8 * of_v, 1e-6), v + 8 * of_v
         points = [v, np.clip(near, *ends)]
-        expected.append(np.log(integrate.quad(density, *ends, points=points, limit=200)[0]))
-    assert left.elpd == pytest.approx(np.sum(expected), abs=0.5)
+        parts = (
+            integrate.quad(f, *ends, points=points, limit=200)[0] for f in (density, of_velocity)
+        )
+        expected.append(np.subtract(*map(np.log, parts)))
+    assert left.elpd == pytest.approx(np.sum(expected), abs=0.04 * len(data))
 
 
 class Straight(sj.HardSphereLaw):
@@ -256,14 +284,20 @@ def test_many_points_are_left_out_to_first_order_by_the_same_density(kind):
     for k in (0, 300, 1099):
         other = fitted(np.arange(1100) != k)
         theta = other.values["level"], other.values["rate"]
-        middle = curve(data.velocity[k], *theta)
-        kept = np.arange(1100) != k
-        squares = (curve(data.velocity, *theta) - data.restitution)[kept] ** 2
-        carried = (slope(data.velocity, *theta) * data.velocity_uncertainty) ** 2
+        uncertain = kind in ("stated", "bare")
+        predicted = (expected_at if uncertain else curve)(
+            data if uncertain else data.velocity, *theta
+        )
+        middle, kept = predicted[k], np.arange(1100) != k
+        squares = (predicted - data.restitution)[kept] ** 2
+        of_v = errors_of_velocity(data)[0]
+        carried = (slope(data.velocity, *theta) * of_v) ** 2
+        bend = theta[1] ** 2 * curve(data.velocity, *theta) * of_v**2
+        carried = carried + 0.5 * bend**2
         variance = noise_by_hand(kind, u, carried, squares, kept)[k]
         expected = stats.norm.logpdf(data.restitution[k], middle, np.sqrt(variance))
         # errors of velocities enter by more than the slope
-        near = 0.1 if kind in ("stated", "bare") else 0.02
+        near = 0.1 if uncertain else 0.02
         assert left.log_density[k] == pytest.approx(expected, abs=near)
         moved = whole.band(data.velocity[k]).coefficient - middle
         if kind in ("scatter", "scaled"):  # else the mean is not the curve itself
@@ -271,7 +305,7 @@ def test_many_points_are_left_out_to_first_order_by_the_same_density(kind):
 
 
 def test_a_day_left_out_does_not_correct_its_velocities():
-    """Against the fit to the other days, at the measured velocities."""
+    """Against the fit to the other days, where velocities are expected without their ε."""
     data = imprecise(count=24)
     days = np.arange(24) % 6
     restitution = data.restitution + 0.01 * np.array([1.0, -1.2, 0.3, 0.8, -0.9, 0.0])[days]
@@ -287,5 +321,5 @@ def test_a_day_left_out_does_not_correct_its_velocities():
     left = cal.fit(of(days >= 0), Decay, **QUICK).leave_one_out()
     for day in (0, 3):
         other = cal.fit(of(days != day), Decay, **QUICK)
-        expected = other.band(data.velocity[days == day]).coefficient
+        expected = expected_at(data, other.values["level"], other.values["rate"])[days == day]
         np.testing.assert_allclose(left.predicted[days == day], expected, atol=0.005)

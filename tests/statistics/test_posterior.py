@@ -1,10 +1,8 @@
 """Draws from the posterior: against grids, other samplers and refits; what is said and made of them."""
 
-import inspect
 import json
-import sys
-import textwrap
-from itertools import pairwise
+import re
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -205,16 +203,13 @@ def test_what_cannot_be_sampled_is_refused(result, told, message):
         fit.posterior(**told)
 
 
-# other samplers, on `cal.problem`, by the examples of its module's documentation
+# other samplers, on `cal.problem`, by the examples of the reference
 
 
 def example(which):
-    """The n-th block of code that follows a line "With …"."""
-    lines = inspect.cleandoc(sys.modules[cal.problem.__module__].__doc__).splitlines()
-    starts = [k for k, line in enumerate(lines) if line.startswith("With ")] + [len(lines)]
-    first, last = list(pairwise(starts))[which]
-    block = [line for line in lines[first + 1 : last] if line.startswith("    ") or not line]
-    return textwrap.dedent("\n".join(block))
+    """The n-th block of code that is run here alone."""
+    page = Path(__file__).parents[2] / "notebooks" / "reference" / "how_to.md"
+    return re.findall(r"```py\n(.*?)```", page.read_text(encoding="utf-8"), re.S)[which]
 
 
 @pytest.fixture(scope="module")
