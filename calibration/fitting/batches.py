@@ -69,7 +69,7 @@ def structure(problem: Problem) -> Hashable:
     """What problems have in common that can be one; of others only they themselves have it."""
     laws, rows = problem.laws, problem.laws.rows
     special = problem.elastic is not None or problem.pools or problem.with_prior
-    normal = all(one.is_fixed and one.dof is None for one in problem.errors)
+    normal = all(one.is_fixed and one.is_normal for one in problem.errors)
     others = np.any(problem.points.observable)
     if special or others or not normal or rows.size > 1 or any(laws.shape.whole):
         return id(problem)
@@ -132,7 +132,7 @@ def pooled_about(
 
 
 def _can_be_pooled(problem: Problem) -> bool:
-    normal = all(one.is_fixed and one.dof is None for one in problem.errors)
+    normal = all(one.is_fixed and one.is_normal for one in problem.errors)
     alone = normal and problem.elastic is None and not np.any(problem.points.observable)
     return alone and problem.count >= MANY
 

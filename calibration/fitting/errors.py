@@ -23,23 +23,19 @@ which adds (g - cov(δε, δv)/u_v²) d to E[ε]. Without it curves are too flat
 from 30 velocities to 10 %. m is that of a straight line through ln u_v over ln v, and u_v is taken from
 that line, where it misses them by no more than the errors of v do; else m = ½, which favours no velocity.
 
-    -2 ln p = ln det V + rᵀ V⁻¹ r + n ln 2π                                        normal
-    -2 ln p = Σ (ν + 1) ln(1 + r_i²/(ν V_ii)) + ln V_ii - 2 ln c_ν                 Student's t
+The density of residuals that share nothing is that of a family in `noise.py`; normal residuals that do have
 
-A further family of noise is another density in `log_density`, drawn from in `simulate`, with the weights
-of its residuals in `Problem` and its information in `variances.criterion`.
+    -2 ln p = ln det V + rᵀ V⁻¹ r + n ln 2π
 
 Everything here works for NumPy and for jax.numpy (`xp`), and for many fits side by side, whose axis
 leads: variances (fits,), residuals and slopes (fits, n), columns (fits, n, k).
 
 Source: Woodbury's identity and its square root for a term of rank one in each group; Särkkä, Bayesian
-Filtering and Smoothing (2013), section 5.3, of the statistical linearisation; Lange, Little and Taylor,
-J. Am. Stat. Assoc. 84, 881 (1989), of t errors; Gull, in Maximum Entropy and Bayesian Methods (1989),
-p. 511, and Carroll, Ruppert, Stefanski and Crainiceanu, Measurement Error in Nonlinear Models (2006),
+Filtering and Smoothing (2013), section 5.3, of the statistical linearisation; Gull, in Maximum Entropy
+and Bayesian Methods (1989), p. 511, and Carroll, Ruppert, Stefanski and Crainiceanu, Measurement Error in Nonlinear Models (2006),
 section 4.5, of the distribution of the true velocities.
 """
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -49,9 +45,9 @@ import numpy as np
 from jaxtyping import Int
 
 from calibration.data import PointErrors, RestitutionData
+from calibration.fitting.noise import LN_2PI, Normal, StudentT
 from calibration.observables import Observed
 
-LN_2PI = math.log(2 * math.pi)
 NODES = np.array(
     [0.0, -2.8569700138728056, -1.3556261799742659, 1.3556261799742659, 2.8569700138728056]
 )
@@ -363,24 +359,26 @@ class Errors:
         Source: Bürkner, Gabry and Vehtari, Comput. Stat. 36, 1243 (2021), Eq. 8.
         """
         if not self.shares:
-            return log_density(off, self.variance(s, slope, bend), self.nu(s), xp) - self.log_unit
+            variance = self.variance(s, slope, bend)
+            return self.family(s).log_density(off, variance, xp) - self.log_unit
         factor = self.factor(s, slope, bend, xp)
         precision = self.precisions(factor, xp)
         solved = self.solve(factor, off[..., None], xp)[..., 0]
         return -0.5 * (solved**2 / precision - xp.log(precision) + LN_2PI) - self.log_unit
 
-    def nu(self, s: Variances) -> Any:
-        """ν of Student's t; None for normal errors."""
-        return None if self.dof is None else _over(s.get("dof", self.dof))
+    @property
+    def is_normal(self) -> bool:
+        return self.dof is None
+
+    def family(self, s: Variances) -> Normal:
+        """The distribution of a residual."""
+        return Normal() if self.dof is None else StudentT(_over(s.get("dof", self.dof)))
 
     def simulate(self, s: Variances, carried: Carried, random, count: int) -> np.ndarray:
         """Errors of ε, (count, n)."""
         normal = random.standard_normal((count, len(self)))
         drawn = self.colour(self.factor(s, carried.slope, carried.bend), normal)
-        nu = self.nu(s)
-        if nu is None:
-            return drawn
-        return drawn / np.sqrt(random.chisquare(float(np.max(nu)), drawn.shape) / np.max(nu))
+        return self.family(s).drawn(drawn, random)
 
     def some(self, rows: np.ndarray) -> "Errors":
         """Of some of the points, which share nothing with the others."""
@@ -546,18 +544,6 @@ class Errors:
         rows = xp.moveaxis(values, -2, 0)
         summed = jax.ops.segment_sum(rows, self.group, int(np.max(self.group)) + 1)
         return xp.moveaxis(summed, 0, -2)
-
-
-def log_density(off: Any, variance: Any, nu: Any, xp: Any = np) -> Any:
-    """ln p of residuals of a scale √variance: normal (ν None), else Student's t."""
-    if nu is None:
-        return -0.5 * (off**2 / variance + xp.log(variance) + LN_2PI)
-    if xp is np:
-        from scipy.special import gammaln
-    else:
-        from jax.scipy.special import gammaln
-    level = gammaln(0.5 * (nu + 1)) - gammaln(0.5 * nu) - 0.5 * xp.log(math.pi * nu)
-    return level - 0.5 * xp.log(variance) - 0.5 * (nu + 1) * xp.log1p(off**2 / (nu * variance))
 
 
 def _expected_shift(velocity: np.ndarray, uncertainty: np.ndarray, power: float) -> np.ndarray:

@@ -29,6 +29,7 @@ from calibration.fitting.collisions import (
     root_slope,
 )
 from calibration.fitting.errors import Carried, Errors
+from calibration.fitting.noise import Normal, StudentT
 from calibration.fitting.rows import Laws, Leaves
 from calibration.observables import OBSERVABLES, RESTITUTION
 from calibration.parameters import Parameter, Transform
@@ -420,21 +421,19 @@ class Problem:
     def _by_weight(self, off, jacobian, lanes: Lanes):
         """Rows and cost where V is fixed and diagonal."""
         weight = self.points.weight if lanes.weight is None else lanes.weight
-        residual, jacobian = off * weight, jacobian * np.broadcast_to(weight, off.shape)[:, :, None]
-        nu = self._nu(lanes)
-        if nu is None:
-            return residual, jacobian, 0.5 * np.einsum("fn,fn->f", residual, residual)
-        share = np.sqrt((nu + 1) / (nu + residual**2))  # which tends to 1 as ν grows
-        cost = 0.5 * np.sum((nu + 1) * np.log1p(residual**2 / nu), axis=1)
-        return residual * share, jacobian * share[:, :, None], cost
+        residual, family = off * weight, self._family(lanes)
+        share = np.sqrt(family.weight(residual))
+        cost = 0.5 * np.sum(family.squares(residual), axis=1)
+        return residual * share, jacobian * (weight * share)[:, :, None], cost
 
-    def _nu(self, lanes: Lanes):
-        """ν at each point; None for normal errors."""
-        if not self.errors or self.errors[0].dof is None:
-            return None
+    def _family(self, lanes: Lanes) -> Normal:
+        """That of all points together, which have one family."""
+        if not self.errors or self.errors[0].is_normal:
+            return Normal()
         variances = self.variances if lanes.variances is None else lanes.variances
         pairs = zip(self.errors, variances, strict=True)
-        return np.concatenate([e.nu(s) + np.zeros((1, len(e))) for e, s in pairs], axis=1)
+        dof = [e.family(s).dof + np.zeros((1, len(e))) for e, s in pairs]
+        return StudentT(np.concatenate(dof, axis=1))
 
     def _by_covariance(self, off, carried: Carried, per: Carried, lanes: Lanes):
         """Rows, cost, and the rows that ln det V and V⁻¹ add, where V moves or is not diagonal."""
@@ -447,17 +446,16 @@ class Problem:
         for errors, s, own in zip(self.errors, variances, self.own, strict=True):
             kept, r = weight[:, own], off[:, own] * weight[:, own]
             slope, bend = (a[:, own] if np.ndim(a) else a for a in carried[1:])
-            factor, nu = errors.factor(s, slope, bend), errors.nu(s)
+            factor, family = errors.factor(s, slope, bend), errors.family(s)
             white = errors.whiten(factor, r[..., None])[..., 0]
-            share = 1.0 if nu is None else np.sqrt((nu + 1) / (nu + white**2))
+            share = np.sqrt(family.weight(white))
             jacobian = per.mean[:, own]
             if slopes:
                 jacobian = errors.whiten(factor, jacobian * kept[..., None])
-                jacobian = jacobian * np.broadcast_to(share, white.shape)[..., None]
+                jacobian = jacobian * share[..., None]
             rows.append(white * share)
             columns.append(jacobian)
-            squares = white**2 if nu is None else (nu + 1) * np.log1p(white**2 / nu)
-            cost += 0.5 * np.sum(squares, axis=1)
+            cost += 0.5 * np.sum(family.squares(white), axis=1)
             if not self.moves:
                 continue
             variance = errors.variance(s, slope, bend) + np.zeros(r.shape)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from calibration.fitting.errors import log_density
+from calibration.fitting.noise import Normal, StudentT
 from calibration.fitting.problem import AT_ONCE, Lanes, Problem
 from calibration.fitting.search import Found, search
 from calibration.fitting.stages import ComponentFit, along_valley
@@ -277,8 +277,8 @@ def _scored(fit: ComponentFit, z: np.ndarray, kept: np.ndarray):
         one, at = one._replace(off=off[:, own], jacobian=raw, kept=mask), (one.slope, one.bend)
         s = estimated(errors, one, True, s) if errors.unknown else s
         variance[:, own] = total = errors.variance(s, *at) + np.zeros(off[:, own].shape)
-        degrees[:, own], nu[:, own] = np.inf, np.inf if errors.dof is None else errors.nu(s)
-        if errors.unknown and not errors.is_stated and errors.dof is None:
+        degrees[:, own], nu[:, own] = np.inf, np.inf if errors.is_normal else errors.family(s).dof
+        if errors.unknown and not errors.is_stated and errors.is_normal:
             relative = relative_covariance(errors, s, one)
             per = [errors.variance({**s, k: 2 * s[k]}, *at) - total for k in errors.unknown]
             spread = np.einsum("cfn,fcd,dfn->fn", per, relative, per)
@@ -290,8 +290,8 @@ def _scored(fit: ComponentFit, z: np.ndarray, kept: np.ndarray):
     information = np.swapaxes(there, 1, 2) @ there + np.swapaxes(others, 1, 2) @ others
     covariance = np.linalg.pinv(information, rcond=SEEN, hermitian=True)
     spread = variance + np.einsum("fnp,fpq,fnq->fn", rows, covariance, rows)
-    if first.errors[0].dof is not None:
-        return off, log_density(off, spread, nu)
+    if not first.errors[0].is_normal:
+        return off, StudentT(nu).log_density(off, spread)
     deviation = np.sqrt(spread)
     return off, student(off / deviation, degrees) - np.log(deviation)
 
@@ -377,8 +377,8 @@ def _continued(fit: ComponentFit, fold: Int[np.ndarray, "n"]):
             precision = errors.precisions(factor).reshape(-1) + np.zeros(len(errors))
             precision = np.maximum(precision - np.einsum("np,pq,nq->n", x, inverse, x), 1e-300)
             off[own] = left / precision
-            if errors.dof is not None:
-                density[own] = log_density(off[own], 1 / precision, errors.nu(s))
+            if not errors.is_normal:
+                density[own] = errors.family(s).log_density(off[own], 1 / precision)
                 continue
             scale, degrees = np.ones(len(errors)), np.inf
             if not errors.is_stated and not errors.shares:
@@ -403,6 +403,5 @@ def student(x: np.ndarray, degrees) -> np.ndarray:
     """ln of Student's density of standardised x; the normal one of infinite degrees."""
     degrees = np.broadcast_to(degrees, x.shape)
     finite = np.where(np.isinf(degrees), 1.0, degrees)
-    return np.where(
-        np.isinf(degrees), log_density(x, 1.0, None), log_density(x, np.ones_like(x), finite)
-    )
+    normal, heavy = (one.log_density(x, 1.0) for one in (Normal(), StudentT(finite)))
+    return np.where(np.isinf(degrees), normal, heavy)

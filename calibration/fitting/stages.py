@@ -314,7 +314,7 @@ def _misses(problem: Problem, found: Found) -> bool:
     left = len(residual) - len(problem.active)
     if left < 1:
         return False
-    if all(one.is_stated and one.is_fixed and one.dof is None for one in problem.errors):
+    if all(one.is_stated and one.is_fixed and one.is_normal for one in problem.errors):
         return bool(np.sum(residual**2) > special.chdtri(left, 1 - CONFIDENCE))
     off = residual[: problem.count]
     return any(runs(problem.points.velocity[own], off[own], "") for own in problem.own)

@@ -47,10 +47,10 @@ def _of_block(fit: ComponentFit, k: int) -> Goodness:
     off = found.prediction[0][own] - problem.points.value[own]
     stated = errors.is_stated or errors.unknown == ("scale",)
     reduced = None
-    if errors.points.uncertainty is not None and left >= 1 and stated and errors.dof is None:
+    if errors.points.uncertainty is not None and left >= 1 and stated and errors.is_normal:
         factor = errors.factor({**s, "scale": 1.0}, one.slope, one.bend)
         reduced = float(np.sum(errors.whiten(factor, off[None, :, None]) ** 2)) / left
-    nu = errors.nu(s)
+    nu = errors.family(s).dof
     return Goodness(
         float(np.sqrt(np.mean(off**2))),
         reduced,
@@ -78,8 +78,8 @@ def _outliers(first: Problem, k: int, one: Carried, off, leverage) -> tuple[Outl
     size = np.abs(residual) / np.sqrt(np.maximum(1 - leverage, 1e-3))
     # noise of no more than rounding, of data without scatter, explains nothing and names nothing
     size = np.where((spread > NO_ERRORS) & (np.max(np.abs(off)) > NO_ERRORS), size, 0.0)
-    limit, nu = special.ndtri(1 - 0.5 * RARE / len(off)), errors.nu(s)
-    weight = np.ones(len(off)) if nu is None else nu / (nu + residual**2)
+    limit, family = special.ndtri(1 - 0.5 * RARE / len(off)), errors.family(s)
+    weight = family.weight(residual) / family.weight(0 * residual)
     found = [i for i in np.argsort(-size, kind="stable") if size[i] > limit]
     data = first.datasets[place]
     rows = next(rows for name, rows, *_ in blocks_of(data) if name == observable)

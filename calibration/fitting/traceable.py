@@ -23,8 +23,9 @@ import softjax as sj
 from calibration.data import RestitutionData
 from calibration.errors import DataError, listed
 from calibration.fitting.collisions import root
-from calibration.fitting.errors import CALLED, LN_2PI, Carried, Errors
+from calibration.fitting.errors import CALLED, Carried, Errors
 from calibration.fitting.layout import Component, assemble
+from calibration.fitting.noise import LN_2PI
 from calibration.fitting.problem import Block, Element, Points, Pool, Problem, pools_of
 from calibration.fitting.request import Request, SetSpec, datasets_of
 from calibration.observables import RESTITUTION, predicted
@@ -64,7 +65,7 @@ class NamedErrors:
             if label in theta:
                 value = jnp.asarray(theta[label])
                 found[kind] = value if kind == "dof" else value**2
-            elif self.errors.is_plain and self.errors.dof is None:
+            elif self.errors.is_plain and self.errors.is_normal:
                 found[kind] = jnp.mean(off**2)
             else:
                 accepted = "with it: only plain normal noise is profiled"
@@ -169,8 +170,7 @@ class Traceable:
         for (one, off, carried), some in zip(self._at(theta), self._split(normal), strict=True):
             s = one.variances(theta, off)
             factor = one.errors.factor(s, carried.slope, carried.bend, jnp)
-            nu = one.errors.nu(s)
-            heavy = some if nu is None else as_student(some, nu)
+            heavy = one.errors.family(s).from_normal(some, jnp)
             parts.append(carried.mean + one.errors.colour(factor, heavy, jnp))
         return jnp.concatenate(parts)
 
@@ -334,12 +334,3 @@ def _named(components: Sequence[Component]) -> tuple[NamedErrors, ...]:
         replace(one, labels={kind: label(one, kind) for kind in one.errors.unknown})
         for one in found
     )
-
-
-def as_student(normal: Array, nu: Any) -> Array:
-    """About Student's t of ν degrees of freedom, from standard normal numbers.
-
-    Source: Wallace, Ann. Math. Stat. 30, 1124 (1959).
-    """
-    stretched = normal * (8 * nu + 3) / (8 * nu + 1)
-    return jnp.sign(normal) * jnp.sqrt(nu * jnp.expm1(stretched**2 / nu))

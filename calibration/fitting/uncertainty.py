@@ -270,7 +270,7 @@ def _of_noise(problem: Problem, z, left, basis, root, jacobian) -> tuple[Freedom
         sets += [called[g]] * len(kinds)
         names += kinds
         blocks.append(relative)
-        if errors.dof is not None:
+        if not errors.is_normal:
             continue
         for c, d in np.ndindex(relative.shape):
             bent = first[c] @ first[d] + first[d] @ first[c] - second[c][d]
@@ -289,14 +289,14 @@ def _estimates(errors: Errors, s, own: Residuals, left: float) -> tuple[list[str
             return [], np.zeros((0, 0))
         return ["repeats"], np.array([[2 / errors.degrees]])
     kinds = [kind for kind in errors.unknown if kind != "dof"]
-    if errors.dof is not None:  # of Student's t: as if from that many residuals
+    if not errors.is_normal:  # of Student's t: as if from that many residuals
         return kinds[:1], np.full((len(kinds[:1]),) * 2, 2 / left)
     return kinds, relative_covariance(errors, s, own)[0]
 
 
 def _changes(errors: Errors, s, own: Residuals, kinds: list[str], white):
     """∂A/∂ln s and ∂²A/∂ln s∂ln s of A = Jᵀ V⁻¹ J of one block."""
-    if kinds == ["repeats"] or errors.dof is not None:
+    if kinds == ["repeats"] or not errors.is_normal:
         return [-white.T @ white], [[white.T @ white]]
     h = OF_VARIANCE
 

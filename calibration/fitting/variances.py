@@ -52,9 +52,8 @@ def criterion(errors: Errors, s: Mapping[str, Any], seen: Residuals, restricted:
     factor = errors.factor(s, seen.slope, seen.bend)
     columns = np.concatenate([seen.jacobian, seen.off[..., None]], axis=2)
     white = errors.whiten(factor, columns * seen.counted[..., None])
-    jacobian, off, nu = white[..., :-1], white[..., -1], errors.nu(s)
-    if nu is not None:
-        jacobian = jacobian * np.sqrt((nu + 1) / (nu + 3))[..., None]
+    off, shares = white[..., -1], np.sqrt(errors.family(s).information)
+    jacobian = white[..., :-1] * np.asarray(shares)[..., None]
     information = seen.information + np.swapaxes(jacobian, 1, 2) @ jacobian
     size = np.sqrt(np.maximum(np.diagonal(information, axis1=1, axis2=2), 1e-300))
     scaled = information / (size[:, :, None] * size[:, None])
@@ -62,7 +61,7 @@ def criterion(errors: Errors, s: Mapping[str, Any], seen: Residuals, restricted:
     values, vectors = np.linalg.eigh(scaled)
     values = np.maximum(values, RIDGE)
     value = value + np.sum(np.log(values), axis=1) + 2 * np.sum(np.log(size), axis=1)
-    if nu is not None or seen.gradient is None:
+    if not errors.is_normal or seen.gradient is None:
         return value
     b = (seen.gradient + np.einsum("fnp,fn->fp", jacobian, off)) / size
     return value - np.sum(np.einsum("fpq,fp->fq", vectors, b) ** 2 / values, axis=1)
@@ -108,7 +107,7 @@ def _is_proportional(errors: Errors, seen: Residuals) -> bool:
     scales = errors.unknown in (("scale",), ("timing",)) or (
         errors.unknown == ("scatter",) and errors.is_plain
     )
-    return scales and errors.dof is None and not np.any(seen.information)
+    return scales and errors.is_normal and not np.any(seen.information)
 
 
 def _by_squares(errors: Errors, seen: Residuals, restricted: bool) -> Estimated:
@@ -255,7 +254,7 @@ def stands_alone(problem: Problem, g: int) -> bool:
     priors = bool(problem.pools) or any(e.parameter.prior is not None for e in problem.elements)
     several = problem.joint and len(problem.errors) > 1
     errors = problem.errors[g]
-    return errors.is_plain and errors.dof is None and not (priors or several)
+    return errors.is_plain and errors.is_normal and not (priors or several)
 
 
 def first_variances(problem: Problem, z: np.ndarray) -> Problem:

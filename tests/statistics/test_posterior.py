@@ -222,7 +222,7 @@ def nylon():
     expected = {n: (np.log(e.value), e.standard_error / e.value) for n, e in found.items()}
     material = fit.materials[0]
     of_noise = np.log(material.noise), (2 * material.residual_degrees) ** -0.5
-    return cal.problem(data), expected | {"noise": of_noise}
+    return data, expected | {"noise": of_noise}
 
 
 def check(draws, expected):
@@ -236,14 +236,15 @@ def check(draws, expected):
 
 @pytest.mark.long
 def test_numpyro_samples_it(nylon):
-    numpyro, (problem, expected) = needed("numpyro"), nylon
+    numpyro, (data, expected) = needed("numpyro"), nylon
     names = {
         "numpyro": numpyro,
         "dist": numpyro.distributions,
         "MCMC": numpyro.infer.MCMC,
         "NUTS": numpyro.infer.NUTS,
         "jax": jax,
-        "problem": problem,
+        "cal": cal,
+        "data": data,
     }
     exec(example(0).replace("NUTS(model)", "NUTS(model), progress_bar=False"), names)
     check(names["mcmc"].get_samples(), expected)
@@ -251,7 +252,7 @@ def test_numpyro_samples_it(nylon):
 
 @pytest.mark.long
 def test_blackjax_samples_it(nylon):
-    names = {"jax": jax, "jnp": jnp, "blackjax": blackjax, "problem": nylon[0]}
+    names = {"jax": jax, "jnp": jnp, "blackjax": blackjax, "problem": cal.problem(nylon[0])}
     code, draws = example(1), []
     assert "state, info = step(key, state)" in code
     exec(code + "\n    draws.append(state.position)", names | {"draws": draws})
