@@ -31,18 +31,24 @@ DENSITY = 1.2  # kg/m³, dry air of 20 °C and 1013 hPa
 VISCOSITY = 1.81e-5  # Pa s, at 20 °C; hardly of the pressure
 FASTEST = 2e5  # Reynolds number up to which C_d was correlated
 UNCERTAIN = 0.1  # standard uncertainty of C_d as a part of it, of one ball and day
-ROUNDS = 12  # for C_d and speed to settle, each a factor of 4 or more closer
+ROUNDS = 12  # for C_d and speed to settle at most, each a factor of 4 or more closer
+SETTLED = 2e-15  # of a speed: less is rounding
 NEWTON = 8
 STEP = 1e-4  # of differences, in parts
 ACCEPTED = 'true, false, or a density of air such as "1.2 kg/m³", of 1e-4 to 20 kg/m³'
 NODES, SHARES = np.polynomial.legendre.leggauss(5)
 NODES = 0.5 * (NODES + 1)
 SHARES = 2 * SHARES * NODES**3  # of ∫ 4 s³ C_d(s v) ds
+OF_POWERS = [float(SHARES @ NODES**power) for power in (-1.0, 0.681 - 1)]
 
 
-def drag_coefficient(reynolds: Any) -> Any:
-    """C_d of a smooth sphere; see above."""
-    return 24 / reynolds * (1 + 0.150 * reynolds**0.681) + 0.407 / (1 + 8710 / reynolds)
+def mean_drag_coefficient(fastest: Any) -> Any:
+    """∫₀¹ 4 s³ C_d(s Re) ds of a smooth sphere, by its largest Re; see above."""
+    slow = 24 * OF_POWERS[0] / fastest + 24 * 0.150 * OF_POWERS[1] * fastest ** (0.681 - 1)
+    return slow + sum(
+        0.407 * share * node * fastest / (node * fastest + 8710)
+        for node, share in zip(NODES, SHARES, strict=True)
+    )
 
 
 @dataclass(frozen=True)
@@ -178,8 +184,7 @@ class Air:
 
     def _terminal(self, fastest: Column) -> Column:
         """v_t of a flight by its largest speed."""
-        reynolds = np.maximum(self.reynolds(fastest)[..., None] * NODES, 1e-12)
-        drag = self.drag * np.sum(SHARES * drag_coefficient(reynolds), axis=-1)
+        drag = self.drag * mean_drag_coefficient(np.maximum(self.reynolds(fastest), 1e-12))
         area = np.pi / 4 * self.ball.diameter**2
         weight = self.ball.mass * self.gravity * self._buoyancy
         return np.sqrt(2 * weight / (self.density * drag * area))
@@ -189,7 +194,9 @@ class Air:
         x = np.asarray(x, float)
         speed = 0.5 * self._pull * x if formula is _take_off else np.sqrt(2 * self._pull * x)
         for _ in range(ROUNDS):
-            speed = formula(x, self._pull, self._terminal(speed))
+            before, speed = speed, formula(x, self._pull, self._terminal(speed))
+            if np.all(np.abs(speed - before) <= SETTLED * speed):
+                break
         return speed
 
 
@@ -207,7 +214,10 @@ def _take_off(time: Column, pull: Any, terminal: Column) -> Column:
     for _ in range(NEWTON):
         x = speed / terminal
         took = terminal * (np.arctan(x) + np.arcsinh(x))
-        speed = speed + (pull * time - took) / (1 / (1 + x**2) + 1 / np.sqrt(1 + x**2))
+        step = (pull * time - took) / (1 / (1 + x**2) + 1 / np.sqrt(1 + x**2))
+        speed = speed + step
+        if np.all(np.abs(step) <= SETTLED * speed):
+            break
     return speed
 
 
