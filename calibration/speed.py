@@ -470,7 +470,7 @@ def as_text(rows: list[Row]) -> str:
     ]
     headings = ("way", "setting", "batch", "µs", "error", "compile s", "µs+grad")
     table = table_text(pd.DataFrame(cells, columns=headings))
-    head = f"{os.cpu_count()} cores; time a collision, largest error of ε_p against exact answers"
+    head = f"{os.cpu_count()} cores; time per collision, largest error of ε_p against exact answers"
     return "\n".join([head, "", table, "", *_ratios(rows)])
 
 
@@ -523,7 +523,7 @@ def draw(rows: list[Row], title: str, ax: Any = None) -> Any:
             ax.plot(errors, times, marker, color=colour, markersize=8, label=family)
     ax.set(xscale="log", yscale="log", title=f"Speed against error: {title}")
     ax.set_xlabel("largest error of the plastic coefficient of restitution [-]")
-    ax.set_ylabel("time a collision [µs]")
+    ax.set_ylabel("time per collision [µs]")
     ax.grid(which="major", alpha=0.3)
     ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
     return ax

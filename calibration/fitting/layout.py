@@ -178,7 +178,10 @@ def _check_counts(component: Component) -> None:
         ]
         count = sum(len(rows) for _, rows, *_ in blocks_of(spec.data))
         if count <= len(own):
-            problem = f"{count} points for {len(own)} free parameters ({', '.join(own)})"
+            points = f"{count} point{'s' * (count != 1)}"
+            problem = (
+                f"{points} for {len(own)} free parameter{'s' * (len(own) != 1)} ({', '.join(own)})"
+            )
             raise spec.data.refusal(problem, "more points than free parameters")
 
 

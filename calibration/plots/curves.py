@@ -1,6 +1,6 @@
 """Restitution over impact velocity: data, fitted curves and residuals."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -29,6 +29,8 @@ FEW = 30  # points that are drawn as such
 EQ_17 = "Eq. (17)"
 FITTED = "{}, fitted"
 ORDER = ("data", FITTED.format("Zhou"), EQ_17)  # in a legend
+WIDEST = 0.5  # room for a band above and below its curve, in heights of the curve
+LEAST_SPAN = 0.05  # of ε: a curve's height is at least this for that purpose
 INVISIBLE = 1e-6  # width of a band that is not drawn: data without scatter
 FLAGGED = ~(int(sj.Status.ELASTIC) | int(sj.Status.PLAIN))
 EPSILON = r"restitution $\varepsilon$"
@@ -98,6 +100,8 @@ def plot_curve(
     if 1 < len(sizes) <= len(SHADES) and not ratio:
         for impact, color in zip(sizes, SHADES, strict=False):
             plot_size(ax, result, fit, impact, color, RESTITUTION, logarithmic)
+        share = f"{100 * result.confidence:g} %, of the mean"
+        ax.fill_between([], [], [], color=style.GREY, alpha=0.25, linewidth=0, label=share)
     else:
         _plot_fit(ax, result, fit, velocity, scale)
     for line in lines:
@@ -111,7 +115,7 @@ def plot_curve(
     plot_data(ax, data, scale)
     flagged = np.flatnonzero(np.asarray(fit.status, int) & FLAGGED)
     if len(flagged):
-        label = "data where the law's status is not plain"
+        label = "flagged by the law: see the warnings"
         look = {"linestyle": "none", "marker": "x", "color": style.VERMILION}
         ax.plot((data.velocity / scale)[flagged], data.restitution[flagged], label=label, **look)
     critical = yield_velocity(fit.law)
@@ -140,7 +144,10 @@ def plot_residuals(
             left = _sorted(x, data.restitution - line.value(data.velocity))
             ax.plot(*left, color=line.color, linestyle=line.linestyle, linewidth=1.2)
     left = data.restitution - result.band(data.velocity, fit.name).coefficient
-    ax.errorbar(x, left, yerr=data.uncertainty, **_marks(style.BLUE, "s"))
+    sizes = [] if ratio else distinct_impacts(fit)
+    for color, rows in by_size(fit, np.arange(len(x)), sizes):
+        error = None if data.uncertainty is None else data.uncertainty[rows]
+        ax.errorbar(x[rows], left[rows], yerr=error, **_marks(color, "s"))
     ax.set(xlabel=velocity_label(ratio), ylabel="data − fit")
     ax.ticklabel_format(axis="y", scilimits=(-3, 3))
     return ax
@@ -166,11 +173,16 @@ def plot_restitution(
     """
     ax = style.axes_or_new(ax, 6.0, 4.0)
     v = rows.velocity
+    limits = None
     if confidence is not None:
+        limits = _limits(rows)
         band: dict[str, Any] = {"color": style.BLUE, "alpha": 0.25, "linewidth": 0}
-        ax.fill_between(
-            v, rows.low, rows.high, label=f"{100 * confidence:g} %, of the mean", **band
-        )
+        share = f"{100 * confidence:g} %, of the mean"
+        if limits is not None:
+            least = number(float(np.nanmin(rows.low)), 3)
+            most = number(float(np.nanmax(rows.high)), 3)
+            share += f"\n(wider than the picture: {least} to {most})"
+        ax.fill_between(v, rows.low, rows.high, label=share, **band)
         known = np.flatnonzero(np.isfinite(rows.coefficient))
         look: dict[str, Any] = {"color": style.GREY, "alpha": 0.15, "linewidth": 0}
         for ends in ((v[0], v[known[0]]), (v[known[-1]], v[-1])):
@@ -185,8 +197,20 @@ def plot_restitution(
     ax.set(xlabel=velocity_label(), ylabel=EPSILON)
     if style.spans_decades(v):
         style.logarithmic_x(ax)
+    if limits is not None:
+        ax.set_ylim(*limits)
     ax.legend(frameon=False)
     return ax
+
+
+def _limits(rows: Any) -> tuple[float, float] | None:
+    """Of the axis where a band is so wide that the curve could not be read; None where it is not."""
+    low, high = np.nanmin(rows.coefficient), np.nanmax(rows.coefficient)
+    room = WIDEST * max(high - low, LEAST_SPAN)
+    below, above = np.nanmin(rows.low), np.nanmax(rows.high)
+    if not (below < low - room or above > high + room):
+        return None
+    return max(below, low - room), min(above, high + room)
 
 
 def plot_data(ax: Axes, data: RestitutionData, scale: np.ndarray | float = 1.0) -> None:
@@ -214,6 +238,22 @@ def plot_size(
     critical = yield_velocity(one.law)
     if critical is not None and fine[0] < critical < fine[-1]:
         ax.axvline(critical, color=color, linestyle=":", linewidth=1)
+
+
+def by_size(
+    fit: Any, impacts: np.ndarray, sizes: Sequence[int]
+) -> Iterator[tuple[str, np.ndarray | slice]]:
+    """The colour of each size's curve, and which of these impacts have that size.
+
+    All of them in one colour where there is one size, or more than colours.
+    """
+    radius = np.asarray(1.0 if fit.data.contact is None else fit.data.contact.radius)
+    if not radius.ndim or not 1 < len(sizes) <= len(SHADES):
+        yield style.BLUE, slice(None)
+        return
+    nearest = np.argmin(np.abs(np.log(radius[impacts, None] / radius[sizes])), axis=1)
+    for k, color in zip(range(len(sizes)), SHADES, strict=False):
+        yield color, nearest == k
 
 
 def velocity_label(ratio: bool = False) -> str:

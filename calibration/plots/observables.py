@@ -1,15 +1,13 @@
 """What else than ε was measured: data, fitted curves with their bands, and residuals."""
 
-from collections.abc import Iterator, Sequence
 from typing import Any
 
-import numpy as np
 from matplotlib.figure import Figure
 
 from calibration.fitting.curves import distinct_impacts
 from calibration.observables import OBSERVABLES
 from calibration.plots import style
-from calibration.plots.curves import SHADES, plot_size, velocity_label
+from calibration.plots.curves import SHADES, by_size, plot_size, velocity_label
 
 
 def observables_figure(result: Any) -> Figure | None:
@@ -34,7 +32,7 @@ def observables_figure(result: Any) -> Figure | None:
         off = 100 * (one.value / band.coefficient[one.rows] - 1)
         parts = None if one.uncertainty is None else 100 * one.uncertainty / one.value
         lower.axhline(0.0, color=style.GREY, linewidth=0.8)
-        for color, rows in _by_size(fit, one.rows, sizes):
+        for color, rows in by_size(fit, one.rows, sizes):
             size = None if parts is None else parts[rows]
             lower.errorbar(velocity[rows], off[rows], size, **(look | {"fmt": "s", "color": color}))
         for ax in (upper, lower):
@@ -48,14 +46,3 @@ def observables_figure(result: Any) -> Figure | None:
         lower.set(xlabel=velocity_label(), ylabel="data/fit − 1 [%]", xlim=upper.get_xlim())
         upper.legend(frameon=False, fontsize="small")
     return figure
-
-
-def _by_size(fit: Any, impacts: np.ndarray, sizes: Sequence[int]) -> Iterator[tuple[str, Any]]:
-    """The colour of each size's curve, and the rows of its impacts."""
-    radius = np.asarray(1.0 if fit.data.contact is None else fit.data.contact.radius)
-    if not radius.ndim or len(sizes) < 2:
-        yield style.BLUE, slice(None)
-        return
-    nearest = np.argmin(np.abs(np.log(radius[impacts, None] / radius[sizes])), axis=1)
-    for k, color in zip(range(len(sizes)), SHADES, strict=False):
-        yield color, nearest == k

@@ -18,6 +18,7 @@ LETTER = 0.09  # inches, of a name next to it
 NEARLY_ONE = 0.995  # a correlation that two digits would call 1
 MOST_NUMBERS = 12  # with more parameters the numbers in the cells would overlap
 SIZE = 0.3  # of a cell: the radius of uncorrelated estimates
+COLOURS = "blue: positive; orange: negative"  # of correlations
 THIN = 0.02  # of a cell: the least half width of an ellipse
 
 
@@ -45,7 +46,8 @@ def plot_profile(profile, estimate=None, ax: Axes | None = None, model: Any = No
     """
     ax = style.axes_or_new(ax)
     values, rise = _points(profile)
-    logarithmic = style.spans_decades(values)
+    at_bound = estimate is not None and estimate.at_bound
+    logarithmic = style.spans_decades(values) and not at_bound  # a bound of 0 is decades away
     fine = (np.geomspace if logarithmic else np.linspace)(values[0], values[-1], 200)
     ax.plot(*_smooth(values, rise, fine, logarithmic), color=style.BLUE)
     look: dict[str, Any] = {"color": style.BLUE, "marker": "o", "markersize": 3}
@@ -127,6 +129,7 @@ def correlation_figure(result: Any) -> Figure | None:
         texts = [str(result.estimates.get(label)) for label in labels]
         plot_correlations(matrix, own, ax, texts)
         ax.set_title(style.plain(owner))
+    figure.supxlabel(COLOURS, fontsize="small")
     return figure
 
 

@@ -72,7 +72,7 @@ def _limit(ax: Axes, which: str, ends: tuple[float, float], logarithmic: bool) -
     if logarithmic:
         getattr(ax, f"set_{which}scale")("log")
     else:
-        getattr(ax, f"{which}axis").set_major_locator(MaxNLocator(3))
+        getattr(ax, f"{which}axis").set_major_locator(MaxNLocator(3 if which == "y" else 2))
     getattr(ax, f"set_{which}lim")(*ends)
 
 

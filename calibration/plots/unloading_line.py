@@ -37,10 +37,11 @@ def unloading_line_figure(line: Any, contact: Any = None, name: str = "") -> Fig
         ax.errorbar(one.yield_ratio, one.chi, error, label=label, **look)
         text = style.plain(style.shortened(one.name))
         is_last = one.yield_ratio > 0.7 * max(ends)
-        where: dict[str, Any] = {"textcoords": "offset points", "va": "center", "zorder": 3}
-        where |= {"ha": "right"} if is_last else {"ha": "left"}
-        where["bbox"] = {"facecolor": "white", "alpha": 0.7, "pad": 1, "linewidth": 0}
-        ax.annotate(text, (one.yield_ratio, one.chi), (-8 if is_last else 8, 0), **where)
+        where: dict[str, Any] = {"textcoords": "offset points", "zorder": 3}
+        # the line rises: a name fits below it on its right, and above it on its left
+        where |= {"ha": "right", "va": "bottom"} if is_last else {"ha": "left", "va": "top"}
+        aside = (-8, 8) if is_last else (8, -8)
+        ax.annotate(text, (one.yield_ratio, one.chi), aside, **where)
     if contact is not None:
         chi = line.unloading_factor(contact)
         ends_of = np.array([[chi.value - _end(chi.low, chi)], [_end(chi.high, chi) - chi.value]])

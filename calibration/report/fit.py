@@ -22,9 +22,6 @@ from calibration.rounding import ABSENT, interval, number, with_error
 
 Printed = Mapping[str, Mapping[str, float]]  # {material: {parameter: published value}}
 MANY = 1000  # degrees of freedom, from where on Student's t is the normal distribution
-UNEVEN = (
-    0.1  # relative difference of an interval's halves from which the first sentence has both ends
-)
 MOST_NAMED = 3  # data sets that the first sentence names one by one
 MOST_SEARCHES = 12  # that are listed one by one
 NOT_CONVERGED = "NOT CONVERGED: do not use these values."
@@ -183,7 +180,7 @@ def result_sentence(result: Any) -> str:
     parts, level = [], f"{100 * result.confidence:g} % interval "
     for fit in result.materials:
         values = [
-            f"{one.text} = {_with_interval(estimate, level)} {one.unit}".rstrip()
+            f"{one.text} = {_with_interval(estimate, level, one.unit)}"
             for name, estimate in fit.parameters.items()
             if estimate.free and (one := symbols.symbol(name, fit.model))
         ]
@@ -193,10 +190,12 @@ def result_sentence(result: Any) -> str:
     return f"{law}{' ' if count == 1 else ': '}{'; '.join(parts)}."
 
 
-def _with_interval(estimate: Any, confidence: str) -> str:
-    """A value with its error and its interval, which need not be symmetric."""
-    text, ends = estimate_text(estimate), interval_text(estimate)
-    return text if ABSENT in (ends, text) else f"{text} ({confidence}{ends})"
+def _with_interval(estimate: Any, confidence: str, unit: str) -> str:
+    """A value with its error and its interval, which need not be symmetric, in their unit."""
+    text, ends = (
+        f"{s} {unit}".rstrip() for s in (estimate_text(estimate), interval_text(estimate))
+    )
+    return text if ABSENT in (ends.split()[0], text.split()[0]) else f"{text} ({confidence}{ends})"
 
 
 def estimates(result: Any) -> pd.DataFrame:

@@ -104,7 +104,7 @@ def test_speed_is_microseconds_a_collision(law, ticking, tmp_path):
     assert ("times faster" in made.out) or law
     (ax,) = made.figures["speed.png"].axes
     assert ax.get_xlabel() == "largest error of the plastic coefficient of restitution [-]"
-    assert ax.get_ylabel() == "time a collision [µs]"
+    assert ax.get_ylabel() == "time per collision [µs]"
     assert (ax.get_xscale(), ax.get_yscale()) == ("log", "log")
     for family in dict.fromkeys(r["family"] for r in rows):
         own = [r for r in rows if r["family"] == family]
