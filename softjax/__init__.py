@@ -2,26 +2,28 @@
 
 from softjax.checks import ArgumentError
 from softjax.contact import Contact
-from softjax.engine.branches import Collision
+from softjax.engine.outcome import Collision
 from softjax.fields import array_field, choice_field, number_field
 from softjax.history import History, collide
 from softjax.laws.base import (
     ContactLaw,
     HardSphereLaw,
-    KnownCollision,
     RateDependentLaw,
     RateIndependentLaw,
+)
+from softjax.laws.constant import ConstantRestitution
+from softjax.laws.empirical import EmpiricalRestitution, empirical_restitution
+from softjax.laws.forces import KnownCollision
+from softjax.laws.hertz import Hertz
+from softjax.laws.hertz_dashpot import HertzDashpot
+from softjax.laws.linear_dashpot import LinearSpringDashpot
+from softjax.laws.reduced import (
     Reduced,
     ReducedClosedForm,
     ReducedRateDependent,
     ReducedRateIndependent,
     Scales,
 )
-from softjax.laws.constant import ConstantRestitution
-from softjax.laws.empirical import EmpiricalRestitution, empirical_restitution
-from softjax.laws.hertz import Hertz
-from softjax.laws.hertz_dashpot import HertzDashpot
-from softjax.laws.linear_dashpot import LinearSpringDashpot
 from softjax.laws.thornton import Thornton, thornton_restitution
 from softjax.laws.viscoelastic import ViscoelasticHertz
 from softjax.laws.walton_braun import WaltonBraun

@@ -1,6 +1,7 @@
-"""Pad, cut and compile: the one place that knows how many impacts there are.
+"""Pad, cut, compile and map: the one place that knows how many impacts there are.
 
-A function of impacts is compiled for a few sizes of batches, to which concrete batches are padded, so
+An impact is a function of single numbers, which `over_impacts` maps over a batch in one `vmap`: impacts
+in the axes of arrays, and those of a `vmap` of the caller's, are rows of the same program. A function of impacts is compiled for a few sizes of batches, to which concrete batches are padded, so
 that few programs are compiled and kept. Large batches are cut: one pass over a million impacts would
 write every intermediate to memory and fetch it from there again. Which programs there are depends on
 shapes, dtypes and static fields, never on values. Arrays that are spread over devices, or that belong
@@ -17,9 +18,19 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.custom_batching import custom_vmap
+from jax.custom_derivatives import SymbolicZero
 
-from softjax.checks import is_traced
+from softjax.checks import ArgumentError, is_traced
 from softjax.fields import combine, partition, whole_leaves
+from softjax.numerics.derivatives import (
+    Shared,
+    Single,
+    contracted,
+    directions,
+    value_and_gradients,
+    value_and_slopes,
+)
 
 LEAST = (
     16  # impacts in the smallest program: it takes a second to compile and an impact a microsecond
@@ -42,6 +53,11 @@ ONE_THREAD = (
 # LLVM's first level of optimisation takes another sixth of it off and costs a few percent at most.
 QUICK = (("xla_cpu_use_fusion_emitters", False), ("xla_backend_optimization_level", 1))
 KEPT = 32  # compiled functions, those that were used last
+# Rows of impacts within a program: how many at a time.
+BY_REVERSE = 64  # impacts, each with all nodes of a quadrature, stay in the cache
+FORWARD = 2048  # impacts, each with its tangents counting as one more
+GRADIENTS = 64  # impacts, each with a long gradient
+MANY = 7  # directions: of more, as of a network, derivatives are taken by reverse mode, which costs less
 
 
 @cache
@@ -77,14 +93,13 @@ class _Program(NamedTuple):
     structure: Any
     static: Any  # the leaves of law and route that are no arrays
 
-    def __call__(self, *leaves):
-        arrays = jax.tree.unflatten(self.structure, leaves)
-        return self.function(*combine(arrays, self.static), *self.settings)
+
+def _computed(program: _Program, *leaves):
+    arrays = jax.tree.unflatten(program.structure, leaves)
+    return program.function(*combine(arrays, program.static), *program.settings)
 
 
-@partial(jax.jit, static_argnums=0)
-def _compiled(program: _Program, *leaves):
-    return program(*leaves)
+_compiled = jax.jit(_computed, static_argnums=0)
 
 
 def batched(function: Callable, parameters, velocity, *settings, cut: bool = True):
@@ -107,14 +122,19 @@ def batched(function: Callable, parameters, velocity, *settings, cut: bool = Tru
     if any(is_traced(leaf) for leaf in leaves) or is_traced(jax.device_put(0.0)):
         return _of_traced(program, leaves, whole, shape, cut)
     count = math.prod(shape)
-    if not count or any(_is_spread(leaf) for leaf in leaves):
+    arrays_of_jax = [leaf for leaf in leaves if isinstance(leaf, jax.Array)]
+    if not count or any(len(leaf.sharding.device_set) > 1 for leaf in arrays_of_jax):
         return _compiled(program, *leaves)
     home = next((leaf.device for leaf in leaves if getattr(leaf, "committed", False)), None)
     many = [not w and np.size(leaf) > 1 for leaf, w in zip(leaves, whole, strict=True)]
     many[-1] = True  # of velocities there is a row in any case
-    flat = [
-        _row(x, shape) if m else _single(x, w) for x, m, w in zip(leaves, many, whole, strict=True)
-    ]
+
+    def flattened(leaf, many: bool, whole: bool):
+        if many:
+            return np.broadcast_to(np.asarray(leaf), shape).reshape(-1)
+        return leaf if whole else np.asarray(leaf).reshape(())
+
+    flat = list(map(flattened, leaves, many, whole))
     if cut and count >= 2 * BLOCK and _on_cpu(home):
         results = _in_blocks(program, flat, tuple(many), count)
     else:
@@ -137,24 +157,11 @@ def _size(count: int) -> int:
 @lru_cache(maxsize=1)
 def _quick() -> Callable:
     """`_compiled`, compiled sooner to run slower."""
-    return jax.jit(_compiled.__wrapped__, static_argnums=0, compiler_options=accepted(QUICK))
+    return jax.jit(_computed, static_argnums=0, compiler_options=accepted(QUICK))
 
 
 def _on_cpu(home=None) -> bool:
     return (home or jax.local_devices()[0]).platform == "cpu"
-
-
-def _is_spread(leaf) -> bool:
-    return isinstance(leaf, jax.Array) and len(leaf.sharding.device_set) > 1
-
-
-def _row(leaf, shape) -> np.ndarray:
-    """A value for each impact in a row."""
-    return np.broadcast_to(np.asarray(leaf), shape).reshape(-1)
-
-
-def _single(leaf, whole: bool):
-    return leaf if whole else np.asarray(leaf).reshape(())
 
 
 def _padded(values: np.ndarray, size: int) -> np.ndarray:
@@ -183,7 +190,8 @@ def _in_blocks(program: _Program, flat: list, many: tuple[bool, ...], count: int
         for result, value in zip(results, values, strict=True):
             result[start : start + BLOCK] = value
 
-    with ThreadPoolExecutor(_cores()) as pool:
+    affinity = getattr(os, "sched_getaffinity", None)  # not on every system
+    with ThreadPoolExecutor(len(affinity(0)) if affinity else os.cpu_count() or 1) as pool:
         list(pool.map(compute, range(0, count, BLOCK)))
     return jax.tree.unflatten(structure, results)
 
@@ -201,16 +209,12 @@ def _block(program: _Program, many: tuple[bool, ...], _x64: bool) -> Callable:
 
         def of_chunk(*rows):
             row = iter(rows)
-            return program(*(next(row) if m else x for x, m in zip(leaves, many, strict=True)))
+            some = (next(row) if m else x for x, m in zip(leaves, many, strict=True))
+            return _computed(program, *some)
 
         return in_chunks(of_chunk, each, CHUNKS)
 
     return jax.jit(block, compiler_options=accepted(ONE_THREAD))
-
-
-def _cores() -> int:
-    affinity = getattr(os, "sched_getaffinity", None)  # not on every system
-    return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
 def _aligned(count: int, dtype) -> np.ndarray:
@@ -266,3 +270,132 @@ def in_chunks(function: Callable, leaves: Sequence, chunks: int):
 
     results = jax.lax.map(lambda some: function(*some), [rows(leaf) for leaf in leaves])
     return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:])[:count], results)
+
+
+# within a program: from one impact to many, in one `vmap`, and how many are differentiated
+
+
+def over_impacts(one: Callable, batch: tuple, *, forward: bool, reversible: Callable | None = None):
+    """`one(*batch)` for each impact, whatever the shapes in which the leaves of `batch` broadcast.
+
+    Args:
+        one: of pytrees whose leaves are single numbers; what is shared (`fields.array_field`) stays
+            as it is.
+        forward: whether derivatives are taken forward whichever way the caller does. Else the
+            reverse pass computes rows again, which is faster than to store and fetch them.
+        reversible: the same as `one`, differentiable in reverse, for more directions than `MANY`.
+    """
+    leaves, structure = jax.tree.flatten(batch)
+    whole = whole_leaves(batch)
+    parts = [leaf for leaf, held in zip(leaves, whole, strict=True) if not held]
+    shape = jnp.broadcast_shapes(*(jnp.shape(leaf) for leaf in parts))
+    # a number that all impacts have in common stays one: what follows from it is computed once
+    shared = [
+        held or (shape != () and jnp.shape(x) == ()) for x, held in zip(leaves, whole, strict=True)
+    ]
+    full = [
+        jnp.asarray(leaf) if held else jnp.broadcast_to(leaf, shape)
+        for leaf, held in zip(leaves, shared, strict=True)
+    ]
+
+    def of_leaves(function, *leaves):
+        return function(*jax.tree.unflatten(structure, leaves))
+
+    single = partial(of_leaves, one)
+    if forward:
+        backwards = None if reversible is None else partial(of_leaves, reversible)
+        run = forward_differentiated(single, shared, reversible=backwards)
+    else:
+        f = jax.checkpoint(jax.vmap(single, in_axes=[None if held else 0 for held in shared]))
+        run = lambda *leaves: _in_rows(f, leaves, shared, BY_REVERSE)  # noqa: E731
+    if len(shape) > 1 and on_several_devices():
+        for _ in shape[1:]:  # in a row, what lies on one device would have to go to another
+            run = jax.vmap(run, in_axes=[None if held else 0 for held in shared])
+        return run(*full)
+    flat = [leaf if held else leaf.ravel() for leaf, held in zip(full, shared, strict=True)]
+    return jax.tree.map(lambda a: a.reshape(shape + a.shape[1:]), run(*flat))
+
+
+def _in_rows(f: Callable, leaves: Sequence, shared: Shared, size: int):
+    """`f(*leaves)` of a row of impacts, so many at a time: what is stored of them stays in the cache."""
+    each = [leaf for leaf, held in zip(leaves, shared, strict=True) if not held]
+    if on_several_devices():
+        return f(*leaves)
+
+    def of_row(*some):
+        parts = iter(some)
+        return f(*(x if held else next(parts) for x, held in zip(leaves, shared, strict=True)))
+
+    return in_chunks(of_row, each, -(-len(each[0]) // size))
+
+
+def _mapped(single: Single, shared: Shared, size: int) -> Callable:
+    """`single` of a row of impacts; under `vmap` of as many more impacts in the same row."""
+
+    @custom_vmap
+    def mapped(*leaves):
+        f = jax.vmap(single, in_axes=[None if held else 0 for held in shared])
+        return _in_rows(f, leaves, shared, size)
+
+    @mapped.def_vmap
+    def rule(axis_size, batched, *leaves):
+        each = zip(leaves, batched, shared, strict=True)
+        if any(b and held and jnp.ndim(x) > 1 for x, b, held in each):  # a network each
+            found = jax.vmap(mapped.fun, in_axes=[0 if b else None for b in batched])(*leaves)
+            return found, jax.tree.map(lambda _: True, found)
+        still = [held and not b for held, b in zip(shared, batched, strict=True)]
+        rows = [x.shape[b:] for x, b, held in zip(leaves, batched, shared, strict=True) if not held]
+        shape = (axis_size, *rows[0])
+        flat = []
+        for leaf, is_batched, stays in zip(leaves, batched, still, strict=True):
+            if is_batched:  # by itself or next to each other impact's
+                leaf = leaf.reshape(axis_size, -1)
+            flat.append(leaf if stays else jnp.broadcast_to(leaf, shape).ravel())
+        found = _mapped(single, still, size)(*flat)
+        found = jax.tree.map(lambda x: x.reshape(*shape, *x.shape[1:]), found)
+        return found, jax.tree.map(lambda _: True, found)
+
+    return mapped
+
+
+def forward_differentiated(
+    single: Single, shared: Shared, size: int = FORWARD, reversible: Single | None = None
+) -> Callable:
+    """`single` of a row of impacts, whose matrix of derivatives serves either mode of the caller.
+
+    A collision has few inputs (the law's numbers and the velocity) and few outputs: tangents ride
+    along one solve, and reverse mode is the transpose of the small matrix that they make. Only
+    the inputs that really are differentiated get a tangent, of what is shared every number one. If
+    these are more than `MANY`, the rows of the matrix come from `reversible` by reverse mode. The
+    matrix is differentiated forward again.
+    """
+
+    @jax.custom_jvp
+    def wrapped(*leaves):
+        _check_not_varying(leaves)
+        return _mapped(single, shared, size)(*leaves)
+
+    def rule(primals, tangents):
+        active = [i for i, t in enumerate(tangents) if not isinstance(t, SymbolicZero)]
+        held = [shared[i] for i in active]
+        change = directions([tangents[i] for i in active], held)
+        if reversible is not None and change.shape[-1] > MANY:
+            with_slopes = partial(value_and_gradients, reversible, active)
+            fewer = GRADIENTS
+        else:
+            with_slopes = partial(value_and_slopes, single, active)
+            fewer = max(size // (1 + change.shape[-1]), 1)
+        value, slopes = forward_differentiated(with_slopes, shared, fewer)(*primals)
+        return value, contracted(slopes, change)
+
+    wrapped.defjvp(rule, symbolic_zeros=True)
+    return wrapped
+
+
+def _check_not_varying(leaves) -> None:
+    """Raise where `shard_map` follows what differs between devices: diffrax's loops do not."""
+    for leaf in leaves:
+        kind = jax.typeof(leaf)
+        varying = getattr(kind, "vma", None) or getattr(getattr(kind, "mat", None), "varying", None)
+        if varying:
+            raise ArgumentError("`jax.shard_map` must have check_vma=False for the route ODE(...)")

@@ -39,7 +39,10 @@ def as_real(value):
     if hasattr(value, "dtype") and _is_short(value.dtype):
         return value.astype(np.float32)
     if isinstance(value, np.ndarray):
-        return value if _real_array(value) is None else np.array(value, _float_of(value.dtype))
+        if _real_array(value) is None:
+            return value
+        is_integer = np.issubdtype(value.dtype, np.integer)
+        return np.array(value, np.result_type(float) if is_integer else value.dtype)
     if getattr(value, "dtype", None) is not None and np.issubdtype(value.dtype, np.integer):
         return value * 1.0
     return value
@@ -53,10 +56,6 @@ def _stacked(value):
 def _is_short(dtype) -> bool:
     """Whether these are floats that NumPy has no name for, as bfloat16; float32 computes with them."""
     return jnp.issubdtype(dtype, jnp.floating) and not np.issubdtype(dtype, np.floating)
-
-
-def _float_of(dtype):
-    return np.result_type(float) if np.issubdtype(dtype, np.integer) else dtype
 
 
 def check(name: str, value, holds, accepted: str) -> np.ndarray | None:

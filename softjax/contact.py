@@ -135,7 +135,9 @@ class Contact(eqx.Module):
         # impact at exactly `critical_velocity` is elastic by all three.
         strain = self.yield_strain
         volume = self.radius * self.radius * self.radius
-        speed_squared = 16 / 15 * self.youngs_modulus * _quotient(volume, self.mass) * strain
+        numbers = isinstance(volume, float) and isinstance(self.mass, float)
+        per_mass = volume / self.mass if numbers else quotient(volume, self.mass)
+        speed_squared = 16 / 15 * self.youngs_modulus * per_mass * strain
         return _sqrt(speed_squared) * (strain * strain)
 
 
@@ -146,10 +148,6 @@ def _named(**materials: Material) -> dict[str, Number]:
         for which, material in materials.items()
         for name, leaf in material.leaves().items()
     }
-
-
-def _quotient(a, b):
-    return a / b if isinstance(a, float) and isinstance(b, float) else quotient(a, b)
 
 
 def _sphere_mass(material: Material, radius, name: str):

@@ -57,16 +57,13 @@ class Declared(NamedTuple):
     def accepted(self) -> str:
         """The range in words: "a positive modulus in Pa"."""
         what = self.what if self.unit == "-" else f"{self.what} in {self.unit}"
+        noun = f"an {what}" if what[0] in "aeiou" else f"a {what}"
         if (self.lower, self.upper) == (0, float("inf")):
-            return f"{_a(what)} of zero or more" if self.with_lower else f"a positive {what}"
+            return f"{noun} of zero or more" if self.with_lower else f"a positive {what}"
         if (self.lower, self.upper) == (-float("inf"), float("inf")):
             return f"a finite {what}"
         left, right = "[" if self.with_lower else "(", "]" if self.with_upper else ")"
-        return f"{_a(what)} in {left}{self.lower:g}, {self.upper:g}{right}"
-
-
-def _a(noun: str) -> str:
-    return f"an {noun}" if noun[0] in "aeiou" else f"a {noun}"
+        return f"{noun} in {left}{self.lower:g}, {self.upper:g}{right}"
 
 
 def number_field(
@@ -84,20 +81,15 @@ def number_field(
     Raises:
         ValueError: where `within` is no range.
     """
-    declared = Declared(symbol, unit, what, *_range(within))
-    return eqx.field(converter=as_real, metadata={"declared": declared}, **options)
-
-
-def _range(within: str) -> tuple[float, float, bool, bool]:
-    """Both ends, and whether they are in it themselves."""
     found = _WITHIN.fullmatch(within)
     try:
         left, low, high, right = found.groups()  # type: ignore[union-attr]
-        lower, upper = float(low), float(high)
+        ends = float(low), float(high), left == "[", right == "]"
     except (AttributeError, ValueError):
         accepted = 'a range such as "(0, inf)" or "[0, 1]"'
         raise ArgumentError(f"`within` must be {accepted}, but is {within!r}") from None
-    return lower, upper, left == "[", right == "]"
+    declared = Declared(symbol, unit, what, *ends)
+    return eqx.field(converter=as_real, metadata={"declared": declared}, **options)
 
 
 def choice_field(*choices: str) -> Any:
@@ -128,25 +120,14 @@ def _as_whole(value):
 
 
 def _as_part(path, leaf):
-    if _is_function(leaf):
-        return _static(leaf)
+    dtype = getattr(leaf, "dtype", None)
+    if callable(leaf) and dtype is None:
+        return jax.tree_util.Partial(leaf)
     named = any(not isinstance(key, SequenceKey) for key in path)
-    if named and _is_whole_number(leaf):
+    is_whole_number = isinstance(leaf, int) if dtype is None else jnp.issubdtype(dtype, jnp.integer)
+    if named and is_whole_number:
         return leaf.copy() if isinstance(leaf, np.ndarray) else leaf
     return as_real(leaf)
-
-
-def _is_whole_number(leaf) -> bool:
-    dtype = getattr(leaf, "dtype", None)
-    return isinstance(leaf, int) if dtype is None else jnp.issubdtype(dtype, jnp.integer)
-
-
-def _is_function(leaf) -> bool:
-    return callable(leaf) and not hasattr(leaf, "dtype")
-
-
-def _static(function) -> jax.tree_util.Partial:
-    return jax.tree_util.Partial(function)
 
 
 def declarations(kind: type) -> dict[str, Declared]:
@@ -175,23 +156,25 @@ def whole_leaves(tree: Any) -> list[bool]:
 
 @lru_cache(maxsize=256)
 def _whole_leaves(structure) -> list[bool]:
-    return _flags(jax.tree.unflatten(structure, [0.0] * structure.num_leaves))
+    tree = jax.tree.unflatten(structure, [0.0] * structure.num_leaves)
+    return [_is_in_whole_field(tree, path) for path, _ in jax.tree_util.tree_leaves_with_path(tree)]
 
 
-def _flags(tree) -> list[bool]:
-    if isinstance(tree, eqx.Module):
-        held = whole_fields(type(tree))
-        flags = []
-        for field in dataclasses.fields(tree):
-            if not field.metadata.get("static"):
-                value = getattr(tree, field.name)
-                inside = _flags(value)
-                flags += [True] * len(inside) if field.name in held else inside
-        return flags
-    children = jax.tree.leaves(tree, is_leaf=lambda node: node is not tree)
-    if len(children) == 1 and children[0] is tree:
-        return [False]
-    return [flag for child in children for flag in _flags(child)]
+def _is_in_whole_field(node, path) -> bool:
+    for key in path:
+        if isinstance(node, eqx.Module):
+            if key.name in whole_fields(type(node)):
+                return True
+            node = getattr(node, key.name)
+        else:
+            (node,) = (child for other, child in _children(node) if other == key)
+    return False
+
+
+def _children(node):
+    """The children of a pytree, each with its key."""
+    found = jax.tree_util.tree_leaves_with_path(node, is_leaf=lambda child: child is not node)
+    return [(path[0], child) for path, child in found]
 
 
 def is_array(leaf) -> bool:
@@ -224,7 +207,9 @@ def check_fields(module: eqx.Module) -> None:
         check(name, value, declared.holds, declared.accepted)
     for name in whole_fields(type(module)):
         for leaf in jax.tree.leaves(getattr(module, name)):
-            if isinstance(leaf, float) or _is_floating(leaf):
+            if isinstance(leaf, float) or (
+                is_array(leaf) and np.issubdtype(leaf.dtype, np.floating)
+            ):
                 check(name, leaf, np.isfinite, "finite numbers")
     check_broadcast(numbers_of(module))
 
@@ -243,10 +228,6 @@ def checked(law: eqx.Module, velocity) -> Any:
         check_fields(law)  # raises, naming what has been put into a law that was made whole
     check_broadcast({"velocity": velocity} | numbers)
     return velocity
-
-
-def _is_floating(leaf) -> bool:
-    return hasattr(leaf, "dtype") and np.issubdtype(leaf.dtype, np.floating)
 
 
 def numbers_of(module: eqx.Module) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
-from softjax.batching import batched
+from softjax.batching import batched, over_impacts
 from softjax.checks import ArgumentError
 from softjax.engine.impact import (
     Impact,
@@ -15,12 +15,11 @@ from softjax.engine.impact import (
     collisions,
     common_precision,
     prepare,
+    results,
     with_elastic,
 )
-from softjax.engine.rows import over_impacts
 from softjax.fields import checked
 from softjax.laws.base import ContactLaw, HardSphereLaw, RateIndependentLaw
-from softjax.restitution import told
 from softjax.routes import ODE, as_argument, is_count
 
 
@@ -87,28 +86,24 @@ def collide(
     if not is_count(samples) or samples < 3:
         raise ArgumentError(f"`samples` must be a whole number >= 3, but is {samples!r}")
     law, velocity = common_precision(law, checked(law, velocity))
-    return batched(_collide, (law, as_argument(route)), velocity, int(samples), cut=False)
+    return batched(_history, (law, as_argument(route)), velocity, int(samples), cut=False)
 
 
-def _collide(parameters, velocity, samples):
+def _history(parameters, velocity, samples):
     law, route = parameters
     impact = prepare(law, velocity)
-    fractions = _fractions(samples, impact.velocity.dtype)
-    parts, found = _histories(impact, fractions, route)
-    coefficient, plastic, _, _, status = told(impact, found)
+    # the peak belongs to loading
+    on_loading, dtype = (samples + 1) // 2, impact.velocity.dtype
+    along = np.linspace(0.0, 1.0, on_loading, dtype=dtype)
+    back = np.linspace(0.0, 1.0, samples - on_loading + 1, dtype=dtype)[1:]
+    parts, found = _samples(impact, (along, back), route)
+    coefficient, plastic, _, _, status = results(impact, found)
     shown = impact.valid & (impact.velocity > 0) & found.answered
     time, overlap, speed, force = (jnp.where(shown[..., None], part, 0.0) for part in parts)
     return History(time, overlap, speed, force, coefficient, plastic, status)
 
 
-def _fractions(samples: int, dtype) -> tuple[np.ndarray, np.ndarray]:
-    """Where loading and unloading are sampled; the peak belongs to loading."""
-    on_loading = (samples + 1) // 2
-    along = np.linspace(0.0, 1.0, on_loading, dtype=dtype)
-    return along, np.linspace(0.0, 1.0, samples - on_loading + 1, dtype=dtype)[1:]
-
-
-def _histories(impact: Impact, fractions, route: ODE):
+def _samples(impact: Impact, fractions, route: ODE):
     """Time, overlap, velocity and force in SI at shares of the way, and the collisions they are of."""
     from softjax.engine import damped, encke, motion  # diffrax is imported when it is used
 

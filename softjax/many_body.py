@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from softjax.fields import Flags, Numbers
+from softjax.numerics.powers import safe_sqrt
 from softjax.restitution import restitution
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(12)
@@ -50,11 +51,22 @@ def contact_force(
     unloading = touching & ~loading
     # where nothing unloads any peak serves, if slopes there are finite
     peak = jnp.where(unloading, memory, jnp.maximum(inside, 1e-3 * law.contact.radius))
-    speed = _speed(law, peak)
-    factor = _factor(law, speed)
+    kink = _elastic(law)
+    # the impact that reaches this largest overlap: its velocity, and (ε/ε_p)²
+    middle = safe_sqrt(jnp.minimum(kink, peak))
+    work = _work(law, 0.0, middle) + _work(law, middle, jnp.sqrt(peak))
+    speed = jnp.sqrt(2 * work / law.contact.mass)
+    hit = restitution(law, speed)
+    rebounds = hit.plastic_coefficient > 0
+    plastic = jnp.where(rebounds, hit.plastic_coefficient, 1.0)
+    factor = jnp.where(rebounds, (jnp.minimum(hit.coefficient, 1.0) / plastic) ** 2, 0.0)
 
     def unloads(overlap):
-        return jnp.maximum(_unloading(law, overlap, peak), 0.0) * factor
+        yielded = peak > kink
+        safe = jnp.where(yielded, peak, 1.1 * jnp.maximum(kink, peak))
+        after = law.unloading_force(jnp.minimum(overlap, safe), safe)
+        pull = jnp.where(yielded, after, law.loading_force(overlap))
+        return jnp.maximum(pull, 0.0) * factor
 
     if hold is None:
         back = unloads(inside)
@@ -71,29 +83,6 @@ def _elastic(law: Any) -> Any:
         return jnp.asarray(law.elastic_overlap())
     energy = law.contact.mass * law.elastic_velocity() ** 2 / 2
     return (2.5 * energy / law.contact.stiffness) ** 0.4
-
-
-def _unloading(law: Any, overlap: Numbers, peak: Numbers) -> Numbers:
-    yielded = peak > _elastic(law)
-    safe = jnp.where(yielded, peak, 1.1 * jnp.maximum(_elastic(law), peak))
-    after = law.unloading_force(jnp.minimum(overlap, safe), safe)
-    return jnp.where(yielded, after, law.loading_force(overlap))
-
-
-def _speed(law: Any, peak: Numbers) -> Numbers:
-    """The impact velocity that reaches this largest overlap [m/s]."""
-    kink = jnp.minimum(_elastic(law), peak)
-    middle = jnp.where(kink > 0, jnp.sqrt(jnp.where(kink > 0, kink, 1.0)), 0.0)
-    work = _work(law, 0.0, middle) + _work(law, middle, jnp.sqrt(peak))
-    return jnp.sqrt(2 * work / law.contact.mass)
-
-
-def _factor(law: Any, speed: Numbers) -> Numbers:
-    """(ε/ε_p)² of an impact."""
-    hit = restitution(law, speed)
-    rebounds = hit.plastic_coefficient > 0
-    plastic = jnp.where(rebounds, hit.plastic_coefficient, 1.0)
-    return jnp.where(rebounds, (jnp.minimum(hit.coefficient, 1.0) / plastic) ** 2, 0.0)
 
 
 def _held(

@@ -10,11 +10,16 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from softjax.batching import batched
 from softjax.checks import ArgumentError, check_broadcast, is_elsewhere, is_traced, truth_values
-from softjax.engine.branches import Collision, flagged
-from softjax.engine.impact import Impact, check_law, collisions, common_precision, prepare
+from softjax.engine.impact import (
+    check_law,
+    collisions,
+    common_precision,
+    judged,
+    prepare,
+    results,
+)
 from softjax.fields import Flags, Numbers, checked, is_array, numbers_of, whole_leaves
 from softjax.laws.base import ContactLaw
-from softjax.numerics.powers import safe_sqrt
 from softjax.routes import Route, as_argument, check_route
 from softjax.status import Status
 
@@ -66,7 +71,7 @@ class Restitution(eqx.Module):
         law, velocity = common_precision(self.law, self.velocity)
 
         def computed(law, route, velocity):
-            return batched(_asked_for, (law, as_argument(route)), velocity, quantity)
+            return batched(_observable, (law, as_argument(route)), velocity, quantity)
 
         # impacts that each have a law of their own
         if self.each and any(whole_leaves((law, self.route))):
@@ -99,8 +104,8 @@ def _is_here(array) -> bool:
 def _flags(status: np.ndarray) -> str:
     """Each kind of status once, with how many impacts have it."""
     kinds, counts = np.unique(status, return_counts=True)
-    told = [f"{Status(int(k)).name or 'PLAIN'} {n}" for k, n in zip(kinds, counts, strict=True)]
-    return told[0].rpartition(" ")[0] if len(told) == 1 else f"({', '.join(told)})"
+    named = [f"{Status(int(k)).name or 'PLAIN'} {n}" for k, n in zip(kinds, counts, strict=True)]
+    return named[0].rpartition(" ")[0] if len(named) == 1 else f"({', '.join(named)})"
 
 
 def restitution(
@@ -227,7 +232,7 @@ def _signed(parameters, velocity):
     law, route, elastic = parameters
     impact = prepare(law, velocity, elastic)
     found = collisions(impact, route)
-    squared, status = _judged(impact, found)
+    squared, status = judged(impact, found)
     return SignedRestitution(jnp.where(impact.valid & found.answered, squared, 0.0), status)
 
 
@@ -247,50 +252,13 @@ def _chosen(law: ContactLaw, route: Route | None) -> Route:
 def _restitution(parameters, velocity, overlaps: bool):
     law, route = parameters
     impact = prepare(law, velocity)
-    return told(impact, collisions(impact, route), overlaps)
+    return results(impact, collisions(impact, route), overlaps)
 
 
-def told(impact: Impact, found: Collision, overlaps: bool = True):
-    """ε, ε_p, largest and residual overlap [m] and the status."""
-    squared, status = _judged(impact, found)
-    turns = (found.flags & int(Status.NO_TURNING_POINT)) == 0
-
-    def where_answered(x):
-        return jnp.where(impact.valid & found.answered, x, 0.0)
-
-    def in_metres(x):
-        # without a turning point the overlap is where the law ends: a number, but no answer
-        return jnp.where(impact.valid, jnp.where(turns, x, jax.lax.stop_gradient(x)), 0.0)
-
-    return (
-        where_answered(safe_sqrt(squared)),
-        where_answered(safe_sqrt(found.energy)),
-        in_metres(found.peak) if overlaps else None,
-        in_metres(found.residual) if overlaps else None,
-        status,
-    )
-
-
-def _judged(impact: Impact, found: Collision):
-    """ε² and the status."""
-    squared, at_limit = impact.law.total_restitution(found.energy, impact.velocity, impact.elastic)
-    yields = ~impact.elastic
-    conditions = {
-        Status.ELASTIC: impact.elastic,
-        Status.NO_REBOUND: yields & found.answered & (squared < 0),
-        Status.ABOVE_LIMIT_VELOCITY: at_limit,
-        Status.ZERO_VELOCITY: impact.velocity == 0,
-    }
-    flags = flagged(conditions) | jnp.where(yields, found.flags, 0)
-    return squared, jnp.where(impact.valid, flags, jnp.int32(int(Status.INVALID_INPUT)))
-
-
-def _asked_for(parameters, velocity, quantity: str):
+def _observable(parameters, velocity, quantity: str):
     """Duration or largest force, 0 without a contact that ends."""
     law, route = parameters
     impact = prepare(law, velocity)
-    found = collisions(
-        impact, route, **{"duration": {"clock": True}, "force": {"force": True}}[quantity]
-    )
+    found = collisions(impact, route, clock=quantity == "duration", force=quantity == "force")
     acts = impact.valid & (impact.velocity > 0)
     return jnp.where(acts, getattr(found, quantity), 0.0)

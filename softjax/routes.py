@@ -13,13 +13,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from softjax.batching import over_impacts
 from softjax.checks import ArgumentError, check_choice, is_traced
-from softjax.engine import branches, energy
-from softjax.engine.branches import SETTLED, Collision, flagged
-from softjax.engine.rows import over_impacts
+from softjax.engine import energy
+from softjax.engine.outcome import SETTLED, Collision, flagged
 from softjax.fields import Numbers
 from softjax.laws.base import ForceLaw, HardSphereLaw, RateDependentLaw
-from softjax.laws.forces import asked
+from softjax.laws.forces import answer
 from softjax.laws.reduced import ReducedClosedForm
 from softjax.status import Status
 
@@ -73,10 +73,9 @@ class EnergyBalance(AbstractRoute):
         impacts = law.impacts(velocity)
         reduced, _, y, below = impacts
         if isinstance(reduced, ReducedClosedForm):
-            parts = energy.closed_forms(y.dtype)
-            found = branches.collide(parts, reduced, y, below, clock, force)
+            found = energy.in_closed_form(reduced, y, below, clock=clock, force=force)
         else:
-            one = partial(branches.collide, energy.quadratures(y.dtype), clock=clock, force=force)
+            one = partial(energy.by_quadrature, clock=clock, force=force)
             found = over_impacts(one, (reduced, y, below), forward=False)
         return found.in_si(impacts, law.force_scale(impacts.scales))
 
@@ -101,7 +100,7 @@ class ClosedForm(AbstractRoute):
         )
 
     def collide(self, law, velocity: Numbers, *, clock=False, force=False) -> Collision:
-        known = asked(law, "closed_form", velocity)
+        known = answer(law, "closed_form", velocity)
         energy = jnp.broadcast_to(jnp.square(known.coefficient), velocity.shape)
         found = stated(energy, known.peak_overlap, known.residual_overlap)
         if clock:
@@ -153,9 +152,12 @@ class ODE(AbstractRoute):
             check_choice("solver", self.solver, SOLVERS)
         if self.rtol is not None and self.steps is not None:
             raise ArgumentError("`rtol` would be ignored: fixed `steps` have no tolerance")
-        known = self.rtol is not None and not is_traced(self.rtol)
-        if known and not _is_number_in(self.rtol, *TOLERANCES):
-            raise ArgumentError(f"`rtol` must be a number in [1e-14, 0.1], but is {self.rtol!r}")
+        if self.rtol is not None and not is_traced(self.rtol):
+            is_number = isinstance(self.rtol, int | float | np.number)
+            if not (is_number and TOLERANCES[0] <= float(self.rtol) <= TOLERANCES[1]):
+                raise ArgumentError(
+                    f"`rtol` must be a number in [1e-14, 0.1], but is {self.rtol!r}"
+                )
         for name in ("steps", "max_steps"):
             value = getattr(self, name)
             if not (value is None and name == "steps") and not is_count(value):
@@ -180,13 +182,20 @@ class ODE(AbstractRoute):
         return f"EnergyBalance() for {name}, which has no force to integrate, but is {self!r}"
 
     def collide(self, law, velocity: Numbers, *, clock=False, force=False) -> Collision:
-        from softjax.engine import damped, motion  # diffrax is imported when it is used
+        # diffrax is imported when it is used
+        from softjax.engine.damped import rate_dependent
+        from softjax.engine.motion import rate_independent
 
         impacts = law.impacts(velocity)
-        collide = (damped if isinstance(law, RateDependentLaw) else motion).collide
-        one = partial(collide, clock=clock, force=force)
+        one = rate_dependent if isinstance(law, RateDependentLaw) else rate_independent
+        one = partial(one, clock=clock, force=force)
         batch = (impacts.law, impacts.y, impacts.below, self)
-        found = over_impacts(one, batch, forward=True, reversible=partial(_reversible, one))
+
+        def reversible(law, y, below, route: ODE) -> Collision:
+            fields = (getattr(route, field.name) for field in dataclasses.fields(ODE))
+            return one(law, y, below, _Reversible(*fields))
+
+        found = over_impacts(one, batch, forward=True, reversible=reversible)
         return found.in_si(impacts, law.force_scale(impacts.scales))
 
 
@@ -194,12 +203,6 @@ class _Reversible(ODE):
     """Its solves are differentiable in reverse, as a law of many numbers needs it."""
 
     by_reverse = True
-
-
-def _reversible(collide, law, y, below, route: ODE) -> Collision:
-    """One impact, differentiable in reverse."""
-    fields = (getattr(route, field.name) for field in dataclasses.fields(ODE))
-    return collide(law, y, below, _Reversible(*fields))
 
 
 Route = AbstractRoute
@@ -231,10 +234,6 @@ def stated(energy: Numbers, peak, residual) -> Collision:
         Status.SOLVER_FAILED: ~jnp.isfinite(energy),
     }
     return Collision(energy, peak, residual, flagged(conditions))
-
-
-def _is_number_in(value, low: float, high: float) -> bool:
-    return isinstance(value, int | float | np.number) and bool(low <= float(value) <= high)
 
 
 def is_count(value) -> bool:

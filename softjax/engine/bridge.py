@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array
 
 from softjax.checks import ArgumentError
-from softjax.engine.rows import along_active
+from softjax.numerics.derivatives import along_active
 
 SOLVER_CLASSES = {
     "dopri8": dfx.Dopri8,
@@ -53,7 +53,7 @@ def solve(field, start, end, state, route: Any, save=None, *, smooth: bool = Fal
 
     Returns the last state, or the states at the fractions `save` of the way (increasing, in
     [0, 1]), and whether the solver got there. Differentiable forward only, unless the route is
-    reversible (`engine.rows` says when). `smooth` is for fields known to vary over the whole way
+    reversible (`softjax.batching` says when). `smooth` is for fields known to vary over the whole way
     alike: their steps have no upper bound.
 
     Step by step with diffrax's methods and its control of their steps. Its own `diffeqsolve` gives the
@@ -76,10 +76,7 @@ def solve(field, start, end, state, route: Any, save=None, *, smooth: bool = Fal
         walk = _walked(_around(closed, leaves[count:]), leaves[:count], route, save, smooth)
         return (walk.state if save is None else walk.samples), walk.before >= 1
 
-    solver, backwards = (
-        _solver(route),
-        None,
-    )  # of samples on the way, and by Euler's method: forward
+    solver, backwards = _solver(route), None  # of samples, and by Euler's method: forward
     if isinstance(solver, dfx.AbstractERK) and save is None:
         backwards = partial(_swept, closed, count, route, smooth, solver.tableau)
     return along_active(whole, *state, *held, slopes=backwards)
@@ -129,7 +126,11 @@ def _walked(field, state, route: Any, save, smooth: bool, until: Array | None = 
         samples = walk.samples
         if samples is not None:
             between = solver.interpolation_cls(t0=tried[0], t1=tried[1], **dense)
-            samples = _sampled(between, keep, save, samples)
+            at = jnp.asarray(save)
+            here = keep & (at > between.t0) & (at <= between.t1)
+            samples = jax.tree.map(
+                partial(jnp.where, here), jax.vmap(between.evaluate)(at), samples
+            )
         taken, kept = walk.taken, walk.kept
         if until is not None:  # of one that is not kept the next one takes the place
             at, here = kept % REMEMBERED, jnp.stack([*tried, *walk.state])
@@ -227,13 +228,6 @@ def _step(tableau, field, t, dt, state):
     none = jnp.zeros((used, len(state)), state.dtype)
     rates, _ = jax.lax.scan(stage, none, (np.arange(used), *rows))
     return state + dt * (jnp.asarray(tableau.b_sol[:used], state.dtype) @ rates)
-
-
-def _sampled(between, keep, save, samples):
-    """The samples, those of this step put in if it is kept."""
-    save = jnp.asarray(save)
-    here = keep & (save > between.t0) & (save <= between.t1)
-    return jax.tree.map(partial(jnp.where, here), jax.vmap(between.evaluate)(save), samples)
 
 
 def _controller(route: Any, dtype, smooth: bool):

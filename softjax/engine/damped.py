@@ -11,11 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool
 
-from softjax.engine import phase
-from softjax.engine.branches import Collision, flagged, shrunk
+from softjax.engine import outcome, phase
+from softjax.engine.outcome import Collision, flagged
 from softjax.engine.phase import PARTING, PEAK, TOUCH, Plane, States
 from softjax.laws.reduced import ReducedRateDependent
-from softjax.numerics.search import largest, reach
+from softjax.numerics.roots import largest, reach
 from softjax.status import Status
 
 # How far ε_p² of an elastic collision may be off, in tolerances; of forces that are far from the
@@ -70,27 +70,25 @@ def _scene(law: ReducedRateDependent, y: Array) -> _Scene:
     return _Scene(law, y, length, turns, Plane(excess, m))
 
 
-def collide(law, y, below, route: Any, *, clock=False, force=False) -> Collision:
+def rate_dependent(law, y, below, route: Any, *, clock=False, force=False) -> Collision:
     """One collision at y > 0."""
     scene = _scene(law, y)
     peak, reached = phase.over_angle(scene.plane, phase.at_touch(y, clock), PEAK, route)
     end, ended = scene.ends(peak, route)
-    arrived = reached & ended
-    found = _joined(scene, peak, end, arrived, below, route)
+    found = _assembled(scene, peak, end, reached & ended, route)
     if clock:
-        ends = arrived & jnp.isfinite(end.clock)
-        time = jnp.where(ends, end.clock * _pace(scene, peak, below), 0.0)
+        ends = reached & ended & jnp.isfinite(end.clock)
+        time = jnp.where(ends, end.clock * (scene.length / y), 0.0)
         found = found._replace(duration=time)
     if force:
-        pull = _largest_force(scene, peak, route) * _weakness(scene, peak, below)
-        found = found._replace(force=jnp.where(found.answered, pull, 0.0))
-    return found
+        pull = jnp.where(found.answered, _largest_force(scene, route), 0.0)
+        found = found._replace(force=pull)
+    return outcome.slowed(law, found, below)
 
 
-def _joined(scene: _Scene, peak: States, end: States, arrived, below, route) -> Collision:
+def _assembled(scene: _Scene, peak: States, end: States, arrived, route) -> Collision:
     far, (left, speed) = scene.position(peak)[0], scene.position(end)
     solved = arrived & jnp.isfinite(speed)
-    length = scene.length * shrunk(scene.law, scene.length * far, below)
     stays = solved & (scene.law.ends_at == "zero-force")
     gains = speed * speed > 1 + GAIN * route.error(UNKNOWN, speed.dtype)
     conditions = {
@@ -100,13 +98,13 @@ def _joined(scene: _Scene, peak: States, end: States, arrived, below, route) -> 
     }
     return Collision(
         energy=jnp.where(solved, speed * speed, 0.0),
-        peak=jnp.where(solved, far * length, 0.0),
-        residual=jnp.where(stays, left * length, 0.0),
+        peak=jnp.where(solved, far * scene.length, 0.0),
+        residual=jnp.where(stays, left * scene.length, 0.0),
         flags=flagged(conditions),
     )
 
 
-def _largest_force(scene: _Scene, peak: States, route: Any) -> Array:
+def _largest_force(scene: _Scene, route: Any) -> Array:
     """That of loading, where the bodies approach: of the polynomial through Chebyshev's points."""
     nodes = np.sin(np.linspace(0, 0.5 * np.pi, FORCE_NODES)) ** 2
     weights = (-1.0) ** np.arange(FORCE_NODES)
@@ -151,22 +149,7 @@ def history(law, y, below, route: Any, fractions: tuple[np.ndarray, np.ndarray])
     x, u = X * scene.length, U * y
     force = jax.vmap(law.force)(x, u)
     clock = jnp.where(states.way <= TOUCH, 0.0, states.clock)
-    far = shrunk(law, jnp.max(x), below)
-    slow = 1.0 if below is None else below
-    time = clock * _pace(scene, peak, below)
-    samples = (time, x * far, u * slow, force * slow * slow / far)
     end = jax.tree.map(lambda state: state[-1], unloading)
-    return samples, _joined(scene, peak, end, reached & ended, below, route)
-
-
-def _weakness(scene: _Scene, peak: States, below):
-    """Forces of slow impacts over those of the lifted ones."""
-    x = scene.length * scene.position(peak)[0]
-    return 1.0 if below is None else below * below / shrunk(scene.law, x, below)
-
-
-def _pace(scene: _Scene, peak: States, below):
-    """Time [L/V] over that of the scene."""
-    x = scene.length * scene.position(peak)[0]
-    slower = 1.0 if below is None else shrunk(scene.law, x, below) / below
-    return scene.length / scene.y * slower
+    found = _assembled(scene, peak, end, reached & ended, route)
+    samples = clock * (scene.length / y), x, u, force
+    return outcome.slowed_samples(law, found, below, samples), outcome.slowed(law, found, below)

@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from softjax.engine.branches import Peak
 from softjax.engine.bridge import solve
+from softjax.engine.outcome import Peak
 from softjax.laws.reduced import ReducedRateIndependent
 from softjax.numerics.gauss import gauss_legendre, integrate
 from softjax.numerics.powers import near_one_root, safe_sqrt
@@ -55,21 +55,26 @@ def elastic_history(
     along, back = fractions
     m = round(2 * exponent)
     # of both at once: what is compiled for one serves the other
-    time, overlap, speed, force = _elastic_states(
-        m, y[..., None], np.concatenate([along, 1 - back])
-    )
+    fraction = np.concatenate([along, 1 - back])
+    s_hat, share = _elastic_speed(fraction, m)
+    reach, y = y[..., None] ** (2 / m), y[..., None]
+    s, speed = reach * s_hat, y * share
+    time, force = reach**2 / y * _elastic_clock(m, fraction), 0.2 * m * s ** (m - 2)
     returns = np.arange(len(along) + len(back)) >= len(along)
-    period = 2 * HALF_PERIOD[exponent] * y[..., None] ** (4 / m - 1)
+    period = 2 * HALF_PERIOD[exponent] * y ** (4 / m - 1)
     time = jnp.where(returns, period - time, time)
-    return time, overlap, jnp.where(returns, -speed, speed), force
+    return time, s**2, jnp.where(returns, -speed, speed), force
 
 
 def _peak(law, y, found, solved) -> Peak:
     end = jnp.asarray(law.end(), y.dtype)
     ends = jnp.isfinite(end)
     arrived = solved & jnp.isfinite(found)
-    # where the solver gave up a rough look decides whether there was anything to arrive at
-    turns = jnp.where(arrived, found < end, ~ends | _holds(law, y, jnp.where(ends, end, 1.0)))
+    # where the solver gave up a rough look decides whether there was anything to arrive at: whether
+    # the work of loading up to the law's end is more than the impact's energy
+    top = jnp.sqrt(jnp.where(ends, end, 1.0))
+    work = integrate(lambda s: 2 * s * law.loading(s * s), jnp.zeros_like(y), top, 20)
+    turns = jnp.where(arrived, found < end, ~ends | (2.5 * (work / y) / y > 1))
     return Peak(
         overlap=jnp.where(arrived & turns, found, SOME_PEAK),
         velocity=y,
@@ -80,14 +85,12 @@ def _peak(law, y, found, solved) -> Peak:
     )
 
 
-def _holds(law, y, end):
-    """Whether the work of loading up to its end is more than the impact's energy."""
-    work = integrate(lambda s: 2 * s * law.loading(s * s), jnp.zeros_like(y), jnp.sqrt(end), 20)
-    return 2.5 * (work / y) / y > 1
-
-
 def _solved(law, y, route: Any, clock: bool, along=None):
-    reach, start = _elastic_reach(law, y)
+    reach = y ** (2 / _roots(law))  # √x at the peak of the elastic collision
+    if law.elastic_limit == 0:
+        start = jnp.full_like(y, (1 - FIRST_REACH) ** 0.5)
+    else:  # η at which the law stops being elastic
+        start = safe_sqrt(1 - law.elastic_limit**0.5 / reach)
     zero = jnp.zeros_like(y)
     # before yield, η > η_0, the deviation from the elastic collision is zero
     save = None if along is None else jnp.clip(1 - (1 - along) / start, 0.0, 1.0)
@@ -100,14 +103,6 @@ def _solved(law, y, route: Any, clock: bool, along=None):
 def _roots(law) -> int:
     """m = 2k, in which the elastic work is s^m with s = √x."""
     return round(2 * law.work_exponent)
-
-
-def _elastic_reach(law, y):
-    """√x at the peak of the elastic collision, and the η at which the law stops being elastic."""
-    reach = y ** (2 / _roots(law))
-    if law.elastic_limit == 0:
-        return reach, jnp.full_like(y, (1 - FIRST_REACH) ** 0.5)
-    return reach, safe_sqrt(1 - law.elastic_limit**0.5 / reach)
 
 
 def _field(law, reach, clock: bool, eta, state):
@@ -134,15 +129,6 @@ def _slowness(s_hat, m: int):
     for _ in range(m - 1):
         total = 1 + s_hat * total
     return total**-0.5
-
-
-def _elastic_states(m: int, y, fraction):
-    """Time, overlap, velocity and force on elastic loading at 1 - η = fraction."""
-    s_hat, speed = _elastic_speed(fraction, m)
-    reach = y ** (2 / m)
-    s = reach * s_hat
-    time = reach**2 / y * _elastic_clock(m, fraction)
-    return time, s**2, y * speed, 0.2 * m * s ** (m - 2)
 
 
 def _elastic_speed(fraction, m: int):

@@ -11,48 +11,29 @@ duration is ∫ dx/|x'| over both branches, of the forces alone.
 """
 
 import math
-from functools import partial
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array
 
-from softjax.engine.branches import (
-    Parts,
-    Peak,
-    Rebound,
-    Release,
-    as_told,
-    loading_kinks,
-    loading_reach,
-    release,
-    searched,
-    unloading_kinks,
-)
-from softjax.engine.rows import over_impacts
+from softjax.batching import over_impacts
+from softjax.engine import outcome
+from softjax.engine.outcome import Collision, Peak, Rebound, Release, loading_kinks, unloading_kinks
 from softjax.laws.reduced import ReducedClosedForm, ReducedRateIndependent
 from softjax.numerics.gauss import integrate
 from softjax.numerics.powers import quotient, safe_sqrt
-from softjax.numerics.quadrature import Integral, falling_time, integral, smooth_falling_time
-from softjax.numerics.roots import implicit_root
-from softjax.numerics.search import Reach
+from softjax.numerics.quadrature import (
+    Integral,
+    falling_time,
+    integral,
+    smooth_falling_time,
+)
+from softjax.numerics.roots import Reach, implicit_root
 
 MOST_STEPS = 60  # of Newton's method; a handful, but for halving next to a force that vanishes
 ELASTIC_NODES = 32
 ROUNDING = 4.0  # in eps: ε_p² of an elastic collision
-
-
-def closed_forms(dtype) -> Parts:
-    """The pieces of a law that has them in closed form, for arrays of impacts."""
-    gain = ROUNDING * float(jnp.finfo(dtype).eps)
-    return Parts(_closed_loading, _closed_release, _closed_energy, _closed_time, gain)
-
-
-def quadratures(dtype) -> Parts:
-    """The pieces of any law's forces, for one impact."""
-    gain = ROUNDING * float(jnp.finfo(dtype).eps)
-    return Parts(_loading, partial(release, search=searched), _energy, _time, gain)
 
 
 def elastic_duration(exponent: float, y: Array) -> Array:
@@ -61,28 +42,48 @@ def elastic_duration(exponent: float, y: Array) -> Array:
     return 2 * half * y ** (2 / exponent - 1)
 
 
-def _closed_loading(law: ReducedClosedForm, y: Array, clock: bool = False) -> Peak:
+def in_closed_form(law: ReducedClosedForm, y, below, *, clock=False, force=False) -> Collision:
+    """Collisions beyond the elastic stage of a law that knows them, arrays of impacts."""
     largest = law.largest_velocity()
-    turns = y < largest
+    turns, sure = y < largest, jnp.ones_like(y, dtype=bool)
     # collisions without an answer compute another one, whose gradient is not used
     some = jnp.where(jnp.isfinite(largest), 0.5 * (1 + largest), 2.0)
     velocity = jnp.where(turns, y, lax.stop_gradient(some))
-    overlap, sure = law.peak(velocity), jnp.ones_like(turns)
+    overlap = law.peak(velocity)
     peak = Peak(overlap, velocity, _finite(law.end()), turns, sure, jnp.zeros_like(velocity))
-    if not clock:
-        return peak
-    return peak._replace(time=_closed_rise(law, peak))
+    residual, recovered, work = law.release(overlap)
+    release = outcome.decided(law, overlap, Release(residual, recovered, residual > 0, sure))
+    fall = None
+    if clock:
+        rise, fall = _closed_times(law, peak, release)
+        peak = peak._replace(time=rise)
+    back = Rebound(_share(work, velocity))
+    found = outcome.assemble(law, peak, release, back, _gain(y), fall, force)
+    return outcome.slowed(law, found, below)
 
 
-def _closed_release(law: ReducedClosedForm, peak: Array) -> Release:
-    residual, recovered, work = law.release(peak)
-    sure = jnp.ones_like(peak, dtype=bool)
-    return as_told(law, peak, Release(residual, recovered, residual > 0, sure, work))
+def by_quadrature(law: ReducedRateIndependent, y, below, *, clock=False, force=False) -> Collision:
+    """A collision beyond the elastic stage by any law's forces, one impact."""
+    peak = _loading(law, y)
+    x_m = peak.overlap
+    release = outcome.release(law, x_m, outcome.searched)
+    fall = None
+    if clock:
+        peak = peak._replace(time=_rise(law, x_m))
+        fall = Rebound(_fall(law, x_m, release.residual, release.recovered))
+
+    def unloading(r, rest):
+        return law.unloading_at(release.residual + rest, r, x_m)
+
+    work = integral(unloading, release.recovered, x_m - unloading_kinks(law, x_m))
+    part = 2.5 / (y * y)
+    back = Rebound(part * work.value, error=part * work.error)
+    found = outcome.assemble(law, peak, release, back, _gain(y), fall, force)
+    return outcome.slowed(law, found, below)
 
 
-def _closed_energy(law: ReducedClosedForm, peak: Peak, release: Release) -> Rebound:
-    squared = _share(release.work, peak.velocity)
-    return Rebound(squared, jnp.ones_like(peak.turns), jnp.zeros_like(squared))
+def _gain(y: Array) -> float:
+    return ROUNDING * float(jnp.finfo(y.dtype).eps)
 
 
 @jax.custom_jvp
@@ -100,18 +101,12 @@ def _share_jvp(values, tangents):
     return share, quotient(2.5 * quotient(gained, y) - slope * faster, y)
 
 
-def _closed_time(law: ReducedClosedForm, peak: Peak, release: Release) -> Rebound:
+def _closed_times(law: ReducedClosedForm, peak: Peak, release: Release) -> tuple[Array, Rebound]:
+    """The times [L/V] from touch to the peak, and from there to the end of the contact."""
     if len(law.breakpoints()):
         batch = (law, peak.overlap, release.residual, release.recovered)
-        time = over_impacts(_fall, batch, forward=False)
-    else:
-        time = _smooth_fall(law, peak.overlap, release)
-    return Rebound(time, jnp.ones_like(peak.turns), jnp.zeros_like(time))
-
-
-def _closed_rise(law: ReducedClosedForm, peak: Peak) -> Array:
-    if len(law.breakpoints()):
-        return over_impacts(_rise, (law, peak.overlap), forward=False)
+        fall = over_impacts(_fall, batch, forward=False)
+        return over_impacts(_rise, (law, peak.overlap), forward=False), Rebound(fall)
     top = jnp.sqrt(peak.overlap)
     drop = _beyond_limit(law, peak) / (top + law.elastic_limit**0.5)
 
@@ -119,7 +114,8 @@ def _closed_rise(law: ReducedClosedForm, peak: Peak) -> Array:
         root = top - drop * eta**2
         return root, 1.25 * law.loading(root * root)
 
-    return _elastic_stage(law, peak.velocity) + smooth_falling_time(place, drop)
+    rise = _elastic_stage(law, peak.velocity) + smooth_falling_time(place, drop)
+    return rise, Rebound(_smooth_fall(law, peak.overlap, release))
 
 
 def _beyond_limit(law: ReducedClosedForm, peak: Peak) -> Array:
@@ -169,17 +165,16 @@ def _finite(end) -> Array:
     return jnp.where(jnp.isfinite(end), end, 0.0)
 
 
-def _loading(law: ReducedRateIndependent, y: Array, clock: bool = False) -> Peak:
+def _loading(law: ReducedRateIndependent, y: Array) -> Peak:
     energy = 0.4 * y * y
-    found = loading_reach(*jax.tree.map(lax.stop_gradient, (law, y)))
+    found = outcome.loading_reach(*jax.tree.map(lax.stop_gradient, (law, y)))
     enough = work_to(law, found.top).value >= energy
     turns = jnp.where(jnp.isfinite(found.end), enough, found.turns)
     overlap = _overlap_of_work(law, energy, found._replace(turns=turns))
     # those without an answer take another one, which comes half as far
     overlap = jnp.where(turns, overlap, 0.5 * found.rough)
     error = work_to(law, lax.stop_gradient(overlap)).error / energy
-    peak = Peak(overlap, y, _finite(found.end), turns, jnp.ones_like(turns), error)
-    return peak._replace(time=_rise(law, overlap)) if clock else peak
+    return Peak(overlap, y, _finite(found.end), turns, jnp.ones_like(turns), error)
 
 
 def work_to(law: ReducedRateIndependent, x: Array) -> Integral:
@@ -224,22 +219,6 @@ def _solve(law, energy, found: Reach):
     change = jnp.where(found.turns, jnp.ones_like(energy), 0.0)
     start = (jnp.minimum(found.rough, found.top), jnp.zeros_like(energy), found.top, change, 0)
     return lax.while_loop(unfinished, step, start)[0]
-
-
-def _energy(law: ReducedRateIndependent, peak: Peak, release: Release) -> Rebound:
-    x_m = peak.overlap
-
-    def force(r, rest):
-        return law.unloading_at(release.residual + rest, r, x_m)
-
-    work = integral(force, release.recovered, x_m - unloading_kinks(law, x_m))
-    part = 2.5 / (peak.velocity * peak.velocity)
-    return Rebound(part * work.value, jnp.ones_like(peak.turns), part * work.error)
-
-
-def _time(law: ReducedRateIndependent, peak: Peak, release: Release) -> Rebound:
-    time = _fall(law, peak.overlap, release.residual, release.recovered)
-    return Rebound(time, jnp.ones_like(peak.turns), jnp.zeros_like(time))
 
 
 def _rise(law: ReducedRateIndependent, peak: Array) -> Array:

@@ -43,19 +43,8 @@ class Fall(NamedTuple):
     smooth: bool = False
 
 
-class Energies(NamedTuple):
-    """x'²/y² at the lower ends of all stages, the last of which is the whole fall."""
-
-    at: Array
-    solved: Bool[Array, ""]
-
-    @property
-    def value(self) -> Array:
-        return self.at[-1]
-
-
-def energies(fall: Fall, y: Array, route: Any) -> Energies:
-    """Kinetic energy over that of an impact at y, stage by stage."""
+def energies(fall: Fall, y: Array, route: Any) -> tuple[Array, Bool[Array, ""]]:
+    """x'²/y² at the lower ends of all stages, the last of which is the whole fall; and the verdict."""
     per_velocity = 1 / y  # twice: the derivative of a quotient by y² overflows float32 at y = 1e13
 
     def stage(high, low):
@@ -73,7 +62,7 @@ def energies(fall: Fall, y: Array, route: Any) -> Energies:
     return _summed(stage, _depths(fall), route.by_reverse)
 
 
-def _summed(stage, depth: Array, by_reverse: bool) -> Energies:
+def _summed(stage, depth: Array, by_reverse: bool):
     """What `stage` gains between each two of the depths, of which one program serves all.
 
     Stages without a width come first and last; that no impact of a batch has any costs nothing, but
@@ -82,7 +71,7 @@ def _summed(stage, depth: Array, by_reverse: bool) -> Energies:
     count = len(depth) - 1
     if count == 1:
         gained, solved = stage(depth[0], depth[1])
-        return Energies(gained[None], solved)
+        return gained[None], solved
 
     def unfinished(state):
         return state[0] < last
@@ -102,7 +91,7 @@ def _summed(stage, depth: Array, by_reverse: bool) -> Energies:
         _, _, gained, solved = jax.lax.fori_loop(0, count, lambda _, state: following(state), begin)
     else:
         _, _, gained, solved = jax.lax.while_loop(unfinished, following, begin)
-    return Energies(gained, solved)
+    return gained, solved
 
 
 def _depths(fall: Fall) -> Array:
@@ -136,7 +125,7 @@ def _about_end(fall: Fall, high, low):
     return place
 
 
-def times(fall: Fall, reached: Energies, y: Array, route: Any, save=None):
+def times(fall: Fall, y: Array, route: Any, save=None):
     """The time of the whole fall, or of the states at shares `save` of the angle; and its verdict.
 
     Returns:
@@ -145,10 +134,13 @@ def times(fall: Fall, reached: Energies, y: Array, route: Any, save=None):
     pull = 1.25 * fall.force(fall.top, jnp.zeros_like(fall.top))
     frequency = jnp.sqrt(pull / fall.span)
     depth = _depths(fall)
-    # the angle at which the fall meets a kink follows from its speed there
-    speed, left = y * safe_sqrt(reached.at[:-1]) / frequency, fall.span - depth[1:-1]
-    inner = speed / (left + jnp.sqrt(speed * speed + left * left))
-    halves = jnp.concatenate([jnp.zeros(1, y.dtype), inner, jnp.ones(1, y.dtype)])
+    halves, sure = jnp.arange(2, dtype=y.dtype), jnp.ones_like(y, dtype=bool)
+    if len(fall.kinks):
+        # the angle at which the fall meets a kink follows from its speed there
+        reached, sure = energies(fall, y, route)
+        speed, left = y * safe_sqrt(reached[:-1]) / frequency, fall.span - depth[1:-1]
+        inner = speed / (left + jnp.sqrt(speed * speed + left * left))
+        halves = jnp.concatenate([halves[:1], inner, halves[1:]])
     at = None if save is None else np.tan(0.25 * np.pi * save)
     field = _angle_field(fall, frequency)
 
@@ -165,15 +157,20 @@ def times(fall: Fall, reached: Energies, y: Array, route: Any, save=None):
         states = states if at is None else jax.tree.map(lambda s: s[:-1], states)
     else:
         last, (states, solved) = jax.lax.scan(stage, begin, (halves[:-1], halves[1:]))
-        states = last if at is None else _joined(states, halves, at)
+        if at is None:
+            states = last
+        else:  # of each stage the samples that are inside of it
+            inside = jnp.searchsorted(halves, at, side="right") - 1
+            inside = jnp.clip(inside, 0, len(halves) - 2)
+            states = jax.tree.map(lambda s: s[inside, jnp.arange(len(at))], states)
     if at is None:
-        return states[1] / frequency, jnp.all(solved)
+        return states[1] / frequency, sure & jnp.all(solved)
     stretch, phase = states
     sin, cos = _sine_cosine(at)
     radius = fall.span * stretch
     left = jnp.minimum(radius * cos, fall.span)
     x, speed = fall.bottom + left, -frequency * radius * sin
-    return (phase / frequency, x, fall.span - left, speed), jnp.all(solved)
+    return (phase / frequency, x, fall.span - left, speed), sure & jnp.all(solved)
 
 
 def _sine_cosine(half):
@@ -202,12 +199,6 @@ def _share(start, end, at):
     share = 1 - safe_sqrt(left)
     # to the very end, whatever rounding made of it: the next stage begins with the last sample
     return jnp.append(share, 1.0)
-
-
-def _joined(states, halves, at):
-    """The samples of each stage that are inside of it."""
-    stage = jnp.clip(jnp.searchsorted(halves, at, side="right") - 1, 0, len(halves) - 2)
-    return jax.tree.map(lambda s: s[stage, jnp.arange(len(at))], states)
 
 
 def _angle_field(fall: Fall, frequency):

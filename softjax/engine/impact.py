@@ -7,14 +7,15 @@ import numpy as np
 from jaxtyping import Array
 
 from softjax.checks import ArgumentError
-from softjax.engine.branches import Collision
 from softjax.engine.energy import elastic_duration
+from softjax.engine.outcome import Collision, flagged
 from softjax.fields import whole_leaves
 from softjax.laws.base import ContactLaw, ForceLaw, HardSphereLaw, RateIndependentLaw
-from softjax.laws.forces import asked
-from softjax.numerics.powers import safe_power
+from softjax.laws.forces import answer
+from softjax.numerics.powers import safe_power, safe_sqrt
 from softjax.numerics.roots import where_needed
 from softjax.routes import AbstractRoute, stated
+from softjax.status import Status
 
 
 def check_law(law) -> None:
@@ -29,33 +30,25 @@ def common_precision(law, velocity):
     """
     leaves, structure = jax.tree.flatten((law, velocity))
     # a Python number, traced or not, has no precision of its own; alone they take JAX's
-    typed = [leaf for leaf in leaves if _is_float(leaf) and not _is_weak(leaf)]
+    typed = [x for x in leaves if _is_float(x) and not getattr(x, "weak_type", False)]
     dtype = jnp.result_type(*typed, jnp.float32) if typed else jnp.result_type(float)
-    whole = whole_leaves((law, velocity))
-    cast = [_as_dtype(leaf, dtype, held) for leaf, held in zip(leaves, whole, strict=True)]
-    return jax.tree.unflatten(structure, cast)
+
+    def cast(leaf, whole: bool):
+        if isinstance(leaf, jax.Array):
+            # a whole number that is one of each impact's would overflow: with it all have a point
+            is_integer = jnp.issubdtype(leaf.dtype, jnp.integer)
+            keeps_its_kind = not _is_float(leaf) and (whole or not is_integer)
+            as_it_is = keeps_its_kind or (leaf.dtype == dtype and not leaf.weak_type)
+            return leaf if as_it_is else jnp.asarray(leaf, dtype)
+        # what is whole may hold other things than numbers with a point, which keep their kind
+        is_number = _is_float(leaf) or type(leaf) is float or not whole
+        return np.array(leaf, dtype) if is_number else leaf
+
+    return jax.tree.unflatten(structure, map(cast, leaves, whole_leaves((law, velocity))))
 
 
 def _is_float(leaf) -> bool:
     return hasattr(leaf, "dtype") and jnp.issubdtype(leaf.dtype, jnp.floating)
-
-
-def _is_integer(leaf) -> bool:
-    return jnp.issubdtype(leaf.dtype, jnp.integer)
-
-
-def _is_weak(leaf) -> bool:
-    return getattr(leaf, "weak_type", False)
-
-
-def _as_dtype(leaf, dtype, whole: bool):
-    if isinstance(leaf, jax.Array):
-        # a whole number that is one of each impact's would overflow: with it all have a point
-        keeps_its_kind = not _is_float(leaf) and (whole or not _is_integer(leaf))
-        as_it_is = keeps_its_kind or (leaf.dtype == dtype and not leaf.weak_type)
-        return leaf if as_it_is else jnp.asarray(leaf, dtype)
-    # what is whole may hold other things than numbers with a point, which keep their kind
-    return np.array(leaf, dtype) if _is_float(leaf) or type(leaf) is float or not whole else leaf
 
 
 class Impact(eqx.Module):
@@ -85,7 +78,8 @@ def prepare(law: ContactLaw, velocity: Array, branch: Array | None = None) -> Im
     law_valid = law.is_valid()
     law = _harmless(law, law_valid)
     valid = law_valid & jnp.isfinite(velocity) & (velocity >= 0)
-    some = _some_velocity(_still(law))
+    still = jax.tree.map(lambda x: jax.lax.stop_gradient(x) if hasattr(x, "dtype") else x, law)
+    some = _some_velocity(still)
     velocity = jnp.where(valid, velocity, 0.25 * some)
     if not isinstance(law, RateIndependentLaw):
         elastic = velocity == 0  # at rest nothing is lost
@@ -108,18 +102,13 @@ def _harmless(law: ContactLaw, valid) -> ContactLaw:
     """The law with invalid parameters replaced by 1, so that masked impacts stay finite."""
     leaves, structure = jax.tree.flatten(law)
 
-    def other(leaf, whole):
+    def mended(leaf, whole):
         if not _is_float(leaf):
             return leaf
         # of what is whole only those numbers: it serves the valid impacts too
         return jnp.where(jnp.isfinite(leaf) if whole else valid, leaf, 1.0).astype(leaf.dtype)
 
-    mended = [other(leaf, whole) for leaf, whole in zip(leaves, whole_leaves(law), strict=True)]
-    return jax.tree.unflatten(structure, mended)
-
-
-def _still(law: ContactLaw) -> ContactLaw:
-    return jax.tree.map(lambda x: jax.lax.stop_gradient(x) if hasattr(x, "dtype") else x, law)
+    return jax.tree.unflatten(structure, map(mended, leaves, whole_leaves(law)))
 
 
 def _some_velocity(law: ContactLaw):
@@ -140,13 +129,12 @@ def collisions(
     """Elastic impacts by Hertz's or the law's own power law, the others by the route; in SI."""
     law, zero = impact.law, jnp.zeros_like(impact.velocity)
     if isinstance(law, HardSphereLaw):
-        squared = jnp.where(impact.elastic, 1.0, asked(law, "restitution_squared", impact.velocity))
-        found = stated(squared, 0.0, 0.0)
+        squared = answer(law, "restitution_squared", impact.velocity)
+        found = stated(jnp.where(impact.elastic, 1.0, squared), 0.0, 0.0)
         return found._replace(duration=zero if clock else None, force=zero if force else None)
     if isinstance(law, RateIndependentLaw) and law.never_yields:
         return _elastic(impact, clock, force)
-    found = route.collide(law, impact.acting, clock=clock, force=force)
-    return with_elastic(impact, found)
+    return with_elastic(impact, route.collide(law, impact.acting, clock=clock, force=force))
 
 
 def with_elastic(impact: Impact, found: Collision) -> Collision:
@@ -172,6 +160,41 @@ def _elastic(impact: Impact, clock: bool, force: bool) -> Collision:
         moving = jnp.where(impact.velocity > 0, y, 1.0)
         found = found._replace(duration=scales.time * elastic_duration(exponent, moving))
     if force:
-        pull = 0.4 * exponent * power(2 - 2 / exponent)
-        found = found._replace(force=law.force_scale(scales) * pull)
+        largest = 0.4 * exponent * power(2 - 2 / exponent)
+        found = found._replace(force=law.force_scale(scales) * largest)
     return found
+
+
+def judged(impact: Impact, found: Collision):
+    """ε² and the status."""
+    squared, at_limit = impact.law.total_restitution(found.energy, impact.velocity, impact.elastic)
+    yields = ~impact.elastic
+    conditions = {
+        Status.ELASTIC: impact.elastic,
+        Status.NO_REBOUND: yields & found.answered & (squared < 0),
+        Status.ABOVE_LIMIT_VELOCITY: at_limit,
+        Status.ZERO_VELOCITY: impact.velocity == 0,
+    }
+    flags = flagged(conditions) | jnp.where(yields, found.flags, 0)
+    return squared, jnp.where(impact.valid, flags, jnp.int32(int(Status.INVALID_INPUT)))
+
+
+def results(impact: Impact, found: Collision, overlaps: bool = True):
+    """ε, ε_p, largest and residual overlap [m] and the status."""
+    squared, status = judged(impact, found)
+    turns = (found.flags & int(Status.NO_TURNING_POINT)) == 0
+
+    def where_answered(x):
+        return jnp.where(impact.valid & found.answered, x, 0.0)
+
+    def in_metres(x):
+        # without a turning point the overlap is where the law ends: a number, but no answer
+        return jnp.where(impact.valid, jnp.where(turns, x, jax.lax.stop_gradient(x)), 0.0)
+
+    return (
+        where_answered(safe_sqrt(squared)),
+        where_answered(safe_sqrt(found.energy)),
+        in_metres(found.peak) if overlaps else None,
+        in_metres(found.residual) if overlaps else None,
+        status,
+    )

@@ -5,7 +5,6 @@ integrated as what it differs from an elastic collision by, where the law begins
 else in the phase plane (`phase`), stage by stage between its kinks; unloading as a fall (`falls`).
 """
 
-from functools import partial
 from typing import Any
 
 import jax
@@ -13,23 +12,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from softjax.engine import branches, encke, falls, phase
-from softjax.engine.branches import (
-    Collision,
-    Parts,
-    Peak,
-    Rebound,
-    Release,
-    loading_kinks,
-    loading_reach,
-    release,
-    searched,
-    unloading_kinks,
-)
+from softjax.engine import encke, falls, outcome, phase
 from softjax.engine.bridge import solve
 from softjax.engine.falls import INSIDE, Fall
-from softjax.engine.rows import along_active
+from softjax.engine.outcome import Collision, Peak, Rebound, Release, loading_kinks, unloading_kinks
 from softjax.laws.reduced import ReducedClosedForm, ReducedRateIndependent
+from softjax.numerics.derivatives import along_active
 from softjax.numerics.roots import implicit_root, parabolic_step, refine
 
 RESIDUAL_STEPS = 16  # from the peak; the worst of 400 000 cases needed 13
@@ -39,19 +27,16 @@ UNKNOWN = 1e-8  # the tolerance that fixed steps are taken to have: of fields th
 ROUGH = 4e-3  # of a user's forces, of which a few steps make an error that nothing estimates
 
 
-def collide(law, y, below, route: Any, *, clock=False, force=False) -> Collision:
+def rate_independent(law, y, below, route: Any, *, clock=False, force=False) -> Collision:
     """One collision beyond the elastic stage."""
-    return branches.collide(_parts(law, route, y.dtype), law, y, below, clock, force)
-
-
-def _parts(law: ReducedRateIndependent, route: Any, dtype) -> Parts:
-    return Parts(
-        loading=partial(_loading, route=route),
-        release=_release,
-        energy=partial(_energy, route=route),
-        time=partial(_time, route=route),
-        gain=_gain(law, route, dtype),
-    )
+    peak = _loading(law, y, route, clock)
+    release = _release(law, peak.overlap)
+    fall = _unloading(law, peak, release)
+    reached, solved = falls.energies(fall, y, route)
+    back = Rebound(reached[-1], solved)
+    time = Rebound(*falls.times(fall, y, route)) if clock else None
+    found = outcome.assemble(law, peak, release, back, _gain(law, route, y.dtype), time, force)
+    return outcome.slowed(law, found, below)
 
 
 def _gain(law, route: Any, dtype) -> Array:
@@ -60,7 +45,8 @@ def _gain(law, route: Any, dtype) -> Array:
 
 
 def _release(law: ReducedRateIndependent, peak: Array) -> Release:
-    return release(law, peak, _followed if isinstance(law, ReducedClosedForm) else searched)
+    search = _followed if isinstance(law, ReducedClosedForm) else outcome.searched
+    return outcome.release(law, peak, search)
 
 
 def _begins_elastic(law) -> bool:
@@ -105,7 +91,7 @@ def _followed(law: ReducedClosedForm, peak: Array) -> Release:
 
 def _staged(law: ReducedRateIndependent, y: Array, route: Any, clock: bool = False) -> Peak:
     """Loading by any force: stages that are passed over the overlap, the last one by its angle."""
-    found = loading_reach(*jax.tree.map(jax.lax.stop_gradient, (law, y)))
+    found = outcome.loading_reach(*jax.tree.map(jax.lax.stop_gradient, (law, y)))
     length, m = found.rough, round(2 * law.work_exponent)
     unit = 1.25 * (length / y) / y
 
@@ -143,10 +129,8 @@ def _staged(law: ReducedRateIndependent, y: Array, route: Any, clock: bool = Fal
     )
     if not clock:
         return peak
-    rise = _rise(law, peak.overlap)
-    reached = falls.energies(rise, y, route)
-    time, timed = falls.times(rise, reached, y, route)
-    return peak._replace(time=time, solved=peak.solved & ((reached.solved & timed) | ~turns))
+    time, timed = falls.times(_rise(law, peak.overlap), y, route)
+    return peak._replace(time=time, solved=peak.solved & (timed | ~turns))
 
 
 def _passed(pull, kinks, y, route: Any, smooth: bool):
@@ -201,25 +185,6 @@ def _unloading(law, peak: Peak, release: Release) -> Fall:
     )
 
 
-def _energy(law, peak: Peak, release: Release, route: Any) -> Rebound:
-    reached = falls.energies(_unloading(law, peak, release), peak.velocity, route)
-    return Rebound(reached.value, reached.solved, jnp.zeros_like(reached.value))
-
-
-def _time(law, peak: Peak, release: Release, route: Any) -> Rebound:
-    fall = _unloading(law, peak, release)
-    reached = _energies_at_kinks(fall, peak.velocity, route)
-    time, solved = falls.times(fall, reached, peak.velocity, route)
-    return Rebound(time, solved & reached.solved, jnp.zeros_like(time))
-
-
-def _energies_at_kinks(fall: Fall, y, route: Any) -> falls.Energies:
-    """Only where there are kinks does the time ask for them."""
-    if len(fall.kinks):
-        return falls.energies(fall, y, route)
-    return falls.Energies(jnp.zeros(1, y.dtype), jnp.ones_like(y, dtype=bool))
-
-
 def history(law, y, below, route: Any, fractions: tuple[np.ndarray, np.ndarray]):
     """Time, overlap, velocity and force at fixed fractions of loading and of unloading; what rebounds.
 
@@ -235,38 +200,18 @@ def history(law, y, below, route: Any, fractions: tuple[np.ndarray, np.ndarray])
         peak, loading = encke.history(law, y, along, route)
         peak = peak._replace(overlap=jnp.where(peak.turns & peak.solved, loading[1][-1], 1.5))
         rose = peak.solved
-    else:
+    else:  # the fall from the peak, the other way round
         peak = _loading(law, y, route)
-        loading, rose = _risen(law, peak, along, route)
-    ending = _release(law, peak.overlap)
-    fall = _unloading(law, peak, ending)
-    reached = _energies_at_kinks(fall, y, route)
-    (time, x, recovered, speed), fell = falls.times(fall, reached, y, route, back)
-    force = jax.vmap(fall.force)(x, recovered)
-    unloading = (loading[0][-1] + time, x, speed, force)
+        rise = _rise(law, peak.overlap)
+        (time, x, _, speed), rose = falls.times(rise, y, route, 1 - along[::-1])
+        force = jax.vmap(law.loading)(x)
+        loading = (time[-1] - time[::-1], x[::-1], -speed[::-1], force[::-1])
+    release = _release(law, peak.overlap)
+    fall = _unloading(law, peak, release)
+    (time, x, recovered, speed), fell = falls.times(fall, y, route, back)
+    unloading = (loading[0][-1] + time, x, speed, jax.vmap(fall.force)(x, recovered))
     samples = [jnp.concatenate(parts) for parts in zip(loading, unloading, strict=True)]
     part = speed[-1] / y
-    rebound = Rebound(part * part, rose & reached.solved & fell, jnp.zeros_like(y))
-    found = branches.joined(law, peak, ending, rebound, below, _gain(law, route, y.dtype))
-    return tuple(_slowed(law, peak.overlap, below, samples)), found
-
-
-def _risen(law, peak: Peak, along, route: Any):
-    """Samples of loading: of the fall from the peak, the other way round."""
-    rise = _rise(law, peak.overlap)
-    reached = falls.energies(rise, peak.velocity, route)
-    (time, x, recovered, speed), solved = falls.times(
-        rise, reached, peak.velocity, route, 1 - along[::-1]
-    )
-    force = jax.vmap(rise.force)(x, recovered)
-    samples = (time[-1] - time[::-1], x[::-1], -speed[::-1], force[::-1])
-    return samples, solved & reached.solved
-
-
-def _slowed(law, peak, below, samples):
-    """Of slow impacts, from those of the lifted ones, by the power law near rest."""
-    if below is None:
-        return samples
-    far = below ** (2 / law.exponent_at(peak))
-    time, x, speed, force = samples
-    return time * far / below, x * far, speed * below, force * below * below / far
+    rebound = Rebound(part * part, rose & fell)
+    found = outcome.assemble(law, peak, release, rebound, _gain(law, route, y.dtype))
+    return outcome.slowed_samples(law, found, below, samples), outcome.slowed(law, found, below)

@@ -148,11 +148,13 @@ def to_zero_force(
     def field(_, state):
         u, radius = jnp.minimum(_after(state[0]), PARTING), state[1]
         along = rates(plane, u, radius)
-        g, change = _ratio_slope(plane, ratio, u, radius, along)
+        of_state = lambda u, radius: ratio(*position(plane.m, States(u, radius)))  # noqa: E731
+        ones = jnp.ones_like(u)
+        g, change = jax.jvp(of_state, (u, radius), (ones, along[0]))  # and dg/du on the way
         falls = change * (1 - u) - g  # dz/du
         # where z does not fall the way leads nowhere: the solver is to give up
         pace = -1 / jnp.where(falls < 0, falls, 0.0)
-        return tuple(pace * rate for rate in (jnp.ones_like(u), *along)[: len(state)])
+        return tuple(pace * rate for rate in (ones, *along)[: len(state)])
 
     begin = tuple(state for state in states if state is not None)
     way = jnp.maximum(first, ASIDE)  # a force that pulls at once ends the contact at its peak
@@ -163,12 +165,3 @@ def to_zero_force(
 def _after(u: Array) -> Array:
     """u just beyond the peak, where the overlap falls."""
     return jnp.maximum(u, ASIDE)
-
-
-def _ratio_slope(plane, ratio, u, radius, along):
-    """g and dg/du on the way."""
-
-    def of_state(u, radius):
-        return ratio(*position(plane.m, States(u, radius)))
-
-    return jax.jvp(of_state, (u, radius), (jnp.ones_like(u), along[0]))

@@ -1,4 +1,4 @@
-"""Works and roots of the full form (Zhou, Eqs. 6 and 11), arranged against rounding.
+"""The full form of Zhou's law (Eqs. 6 and 11, cos³θ kept): forces, works and roots.
 
 With ε = 2d/3 the rim's part of the loading force is (x - ε(x² - 1))^{3/2} and
 
@@ -13,6 +13,8 @@ rounding over the whole range, its end included, since the integrand is a trigon
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from softjax.fields import Flags, Numbers
+from softjax.laws._first_order import PlasticCore
 from softjax.numerics.gauss import integrate
 from softjax.numerics.powers import power_3_2, safe_power, safe_sqrt
 from softjax.numerics.roots import implicit_root, parabolic_step, refine
@@ -23,16 +25,61 @@ MOST_STEPS = 20
 NODES = 20
 
 
-def end(d: Array) -> Array:
+class Full(PlasticCore):
+    """Eqs. (6) and (11), each divided by k δ_cr^{3/2}.
+
+    Ends where the plastic region fills the contact, x = (2d/3)(x² - 1): beyond, cosθ is not real.
+    """
+
+    def loading(self, x: Numbers) -> Numbers:
+        return loading_force(x, jnp.where(x > 1, self.d, 0.0))  # Eq. (6)
+
+    def unloading_at(self, x: Numbers, recovered: Numbers, peak: Numbers) -> Numbers:
+        rim = (1 - 2 / 3 * self.d * peak) * x + 2 / 3 * self.d  # x x_m - 1 as in Eq. (12)
+        yielded = self.d * ((peak - 1) * (peak + 1))
+        return power_3_2(rim) + yielded * (1 - self.X * (recovered / peak))  # Eq. (11)
+
+    def releases(self, peak: Numbers) -> Flags:
+        """Whether p_U(0) < 0: (x_m² - 1)(X - 1) > (2/3)^{3/2} √d."""
+        return (peak - 1) * (peak + 1) * (self.X - 1) > (2 / 3) ** 1.5 * jnp.sqrt(self.d)
+
+    def end(self) -> Numbers:
+        return full_contact(self.d)
+
+    def beyond_expansion(self, peak: Numbers) -> Flags:
+        return peak >= self.end()
+
+    def largest_velocity(self) -> Numbers:
+        return jnp.sqrt(2.5 * loading_work(self.end(), self.d))
+
+    def peak(self, y: Numbers) -> Numbers:
+        return jnp.square(_peak_root(y, self.d))
+
+    def release(self, peak: Numbers) -> tuple[Numbers, Numbers, Numbers]:
+        """With p_U = (a f + b)^{3/2} + c (1 - X (1 - f)) and f = x/x_m, Eq. (11)."""
+        released = self.releases(peak)
+        steepness = jnp.where(released, self.X, 2.0)
+        b = 2 / 3 * self.d
+        a, c = (1 - b * peak) * peak, self.d * (peak - 1) * (peak + 1)
+        f, g = _release_fraction(a, b, jnp.where(released, c, 2 * b**1.5 + a**2), steepness)
+        f, g = jnp.where(released, f, 0.0), jnp.where(released, g, 1.0)
+        # ∫ (af+b)^{3/2} df = (2/5)(high⁵ - low⁵)/a, and a g = high² - low²
+        high, low = safe_sqrt(a + b), safe_sqrt(a * f + b)
+        quintic = (((high + low) * high + low**2) * high + low**3) * high + low**4
+        both = jnp.maximum(high + low, jnp.finfo(g.dtype).tiny)
+        work = peak * g * (0.4 * quintic / both + c * (1 - 0.5 * self.X * g))
+        return peak * f, peak * g, work
+
+
+def loading_force(x, d):
+    """p_L(x) of Eq. (6) for x >= 1, with x cos²θ of Eq. (7) as its rim."""
+    return power_3_2(x - 2 / 3 * d * (x**2 - 1)) + d * (x**2 - 1)
+
+
+def full_contact(d: Array) -> Array:
     """x_e, where the plastic region fills the contact."""
     e = 2 / 3 * d
     return (1 + jnp.sqrt(1 + 4 * e**2)) / (2 * e)
-
-
-def _angle(x, d):
-    """φ of x + 1/x_e = ℓ sin²φ."""
-    x_e = end(d)
-    return jnp.arctan2(safe_sqrt(x + 1 / x_e), safe_sqrt(x_e - x))
 
 
 def loading_work(x: Array, d: Array) -> Array:
@@ -46,33 +93,16 @@ def loading_work(x: Array, d: Array) -> Array:
 
 def _rim_work(x, d):
     """∫_1^x (x - ε(x² - 1))^{3/2} dx, scaled by the power of x that it is for small ε."""
-    first, last = _angle(1.0, d), _angle(x, d)
+    x_e = full_contact(d)
+    width = safe_sqrt(x + 1 / x_e)  # √ℓ sinφ
+    first = jnp.arctan2(safe_sqrt(1 + 1 / x_e), safe_sqrt(x_e - 1.0))
+    last = jnp.arctan2(width, safe_sqrt(x_e - x))
     sine = jnp.sin(last)
     start = first / last
     power = lambda t: (jnp.sin(2 * last * t) / (2 * sine)) ** 4  # noqa: E731
     integral = integrate(power, start, jnp.ones_like(start), NODES)
     span = jnp.sqrt(1 + 4 * (2 / 3 * d) ** 2)  # ε ℓ
-    width = safe_sqrt(x + 1 / end(d))  # √ℓ sinφ
     return 2 * span * jnp.sqrt(span) * width**5 * (last / sine) * integral
-
-
-def largest_velocity(d: Array) -> Array:
-    """y_max of W_L(x_e) = (2/5) y_max²."""
-    return jnp.sqrt(2.5 * loading_work(end(d), d))
-
-
-def _force(x, d):
-    return power_3_2(x - 2 / 3 * d * (x**2 - 1)) + d * (x**2 - 1)
-
-
-def _force_slope(x, d):
-    e = 2 / 3 * d
-    return 1.5 * safe_sqrt(x - e * (x**2 - 1)) * (1 - 2 * e * x) + 2 * d * x
-
-
-def peak(y: Array, d: Array) -> Array:
-    """x_m of W_L(x_m) = (2/5) y², for 1 <= y < y_max."""
-    return jnp.square(_peak_root(y, d))
 
 
 def _peak_residual(s, y, d):
@@ -81,54 +111,20 @@ def _peak_residual(s, y, d):
 
 
 def _solve_peak(y, d):
-    limit = jnp.sqrt(end(d))
+    limit = jnp.sqrt(full_contact(d))
 
     def step(s):
-        x = s**2
-        force = _force(x, d)
-        slope = 5 * s * force / y**2
-        curvature = 5 * (force + 2 * x * _force_slope(x, d)) / y**2
-        return jnp.clip(s - parabolic_step(_peak_residual(s, y, d), slope, curvature), 1.0, limit)
+        x, e = s**2, 2 / 3 * d
+        force = loading_force(x, d)
+        slope = 1.5 * safe_sqrt(x - e * (x**2 - 1)) * (1 - 2 * e * x) + 2 * d * x
+        first, second = 5 * s * force / y**2, 5 * (force + 2 * x * slope) / y**2
+        return jnp.clip(s - parabolic_step(_peak_residual(s, y, d), first, second), 1.0, limit)
 
     start = jnp.minimum(y**0.4, limit)
     return refine(step, start, start == start, MOST_STEPS)
 
 
 _peak_root = implicit_root(_solve_peak, _peak_residual)
-
-
-def release(peak: Array, d: Array, X: Array) -> tuple[Array, Array, Array]:
-    """x* of p_U(x*) = 0, what is recovered x_m - x*, and the work from x* to x_m.
-
-    Without a root x* = 0.
-    """
-    released = has_root(peak, d, X)
-    steepness = jnp.where(released, X, 2.0)
-    elastic, rest, yielded = _coefficients(peak, d)
-    yielded_safe = jnp.where(released, yielded, 2 * rest**1.5 + elastic**2)
-    f, g = _release_fraction(elastic, rest, yielded_safe, steepness)
-    f, g = jnp.where(released, f, 0.0), jnp.where(released, g, 1.0)
-    return peak * f, peak * g, _work(peak, f, g, elastic, rest, yielded, X)
-
-
-def has_root(peak: Array, d: Array, X: Array) -> Array:
-    """Whether p_U(0) < 0: (x_m² - 1)(X - 1) > (2/3)^{3/2} √d."""
-    return (peak - 1) * (peak + 1) * (X - 1) > (2 / 3) ** 1.5 * jnp.sqrt(d)
-
-
-def _coefficients(peak, d):
-    """a, b, c of p_U = (a f + b)^{3/2} + c (1 - X (1 - f)) with f = x/x_m, Eq. (11)."""
-    e = 2 / 3 * d
-    return (1 - e * peak) * peak, e, d * (peak - 1) * (peak + 1)
-
-
-def _work(peak, f, g, a, b, c, X):
-    """∫ p_U over x_m - x = x_m g, in factors of g = 1 - f."""
-    high, low = safe_sqrt(a + b), safe_sqrt(a * f + b)
-    # ∫ (af+b)^{3/2} df = (2/5)(high⁵ - low⁵)/a, and a g = high² - low²
-    quintic = (((high + low) * high + low**2) * high + low**3) * high + low**4
-    both = jnp.maximum(high + low, jnp.finfo(g.dtype).tiny)
-    return peak * g * (0.4 * quintic / both + c * (1 - 0.5 * X * g))
 
 
 def _release_residual(f, a, b, c, X):
@@ -143,19 +139,15 @@ def _solve_release(a, b, c, X):
         change = parabolic_step(_release_residual(f, a, b, c, X), slope, curvature)
         return jnp.clip(f - change, 0.0, 1.0)
 
-    start = _release_start(a, b, c, X)
+    # either term alone bounds the root from above (for a > 0; else the line does)
+    line = 1 - 1 / X
+    curve = (safe_power(c * (X - 1), 2 / 3) - b) / jnp.where(a > 0, a, 1.0)
+    start = jnp.clip(jnp.where(a > 0, jnp.minimum(line, curve), line), 0.0, 1.0)
     f = refine(step, start, start == start, MOST_STEPS)
     g = 1 - f  # to full relative precision: one step of the same equation written in g
     residual = power_3_2(a + b - a * g) + c * (1 - X * g)
     slope = 1.5 * a * safe_sqrt(a * f + b) + c * X
     return f, jnp.where(g < 0.5, g + residual / slope, g)
-
-
-def _release_start(a, b, c, X):
-    """Either term alone bounds the root from above (for a > 0; else the line does)."""
-    line = 1 - 1 / X
-    curve = (safe_power(c * (X - 1), 2 / 3) - b) / jnp.where(a > 0, a, 1.0)
-    return jnp.clip(jnp.where(a > 0, jnp.minimum(line, curve), line), 0.0, 1.0)
 
 
 _release_fraction = implicit_root(_solve_release, _release_residual)

@@ -50,9 +50,5 @@ def _clenshaw(coefficients: tuple[float, ...], x: Array) -> Array:
 @_clenshaw.defjvp
 def _clenshaw_jvp(coefficients, values, tangents):
     (x,), (change,) = values, tangents
-    return _clenshaw(coefficients, x), _clenshaw(_derivative(coefficients), x) * change
-
-
-@lru_cache
-def _derivative(coefficients: tuple[float, ...]) -> tuple[float, ...]:
-    return tuple(np.polynomial.chebyshev.chebder(coefficients).tolist())
+    slope = tuple(np.polynomial.chebyshev.chebder(coefficients).tolist())
+    return _clenshaw(coefficients, x), _clenshaw(slope, x) * change

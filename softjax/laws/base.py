@@ -23,32 +23,9 @@ import jax.numpy as jnp
 from softjax.checks import ArgumentError, check_choice, check_type
 from softjax.contact import Contact
 from softjax.fields import Flags, Numbers, are_valid, check_fields
-from softjax.laws.forces import KnownCollision, asked, reduced_by_forces
-from softjax.laws.reduced import (
-    ENDS,
-    Reduced,
-    ReducedClosedForm,
-    ReducedRateDependent,
-    ReducedRateIndependent,
-    lifted,
-)
-from softjax.laws.units import Scales, hertz_scales
+from softjax.laws.forces import KnownCollision, answer, reduced_by_forces
+from softjax.laws.reduced import ENDS, Reduced, Scales, hertz_scales, lifted
 from softjax.numerics.powers import quotient
-
-__all__ = [
-    "ContactLaw",
-    "ForceLaw",
-    "HardSphereLaw",
-    "KnownCollision",
-    "RateDependentLaw",
-    "RateIndependentLaw",
-    "Reduced",
-    "ReducedClosedForm",
-    "ReducedRateDependent",
-    "ReducedRateIndependent",
-    "Scales",
-]
-
 
 FORCES = ("loading_force", "unloading_force")
 
@@ -221,7 +198,7 @@ class RateIndependentLaw(ForceLaw):
         if self.is_reduced():
             limit = self.reduced().elastic_limit
         else:
-            limit = jnp.asarray(asked(self, "elastic_overlap")) / scales.overlap
+            limit = jnp.asarray(answer(self, "elastic_overlap")) / scales.overlap
         return scales.velocity * limit ** (exponent / 2)
 
     def elastic_scales(self) -> tuple[Scales, float]:

@@ -48,7 +48,7 @@ class EmpiricalRestitution(HardSphereLaw, final=True):
 
     def restitution_squared(self, velocity: Numbers) -> Numbers:
         limit = jnp.asarray(self.limit_velocity)
-        return jnp.exp(-2 * sound_and_heat_exponent(velocity, limit, self.sigma, self.psi))
+        return jnp.exp(-2 * loss_exponent(velocity, limit, self.sigma, self.psi))
 
     def limit(self) -> Numbers:
         return jnp.asarray(self.limit_velocity)
@@ -81,11 +81,11 @@ def empirical_restitution(
     # harmless numbers where the answer is not used
     numbers = (velocity, law.limit_velocity, law.sigma, law.psi)
     some = (jnp.where(valid, number, 1.0) for number in numbers)
-    exponent = sound_and_heat_exponent(*some)
+    exponent = loss_exponent(*some)
     return jnp.where(valid, jnp.exp(-exponent), 0.0)
 
 
-def sound_and_heat_exponent(velocity, limit_velocity, sigma, psi) -> Numbers:
+def loss_exponent(velocity, limit_velocity, sigma, psi) -> Numbers:
     """-ln ε_17 = σ [v/(v_lim - v)]^ψ, Eq. (17) [-].
 
     Infinite at and above the limit velocity, and just below it where nothing would be left; there

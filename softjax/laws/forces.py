@@ -17,10 +17,15 @@ import numpy as np
 from jax.extend.core import Literal
 
 from softjax.checks import ArgumentError
-from softjax.contact import Contact
 from softjax.fields import Numbers, combine, numbers_of, partition, whole_leaves
-from softjax.laws.reduced import Reduced, ReducedRateDependent, ReducedRateIndependent
-from softjax.laws.units import Scales, hertz_scales, hertz_scales_at
+from softjax.laws.reduced import (
+    Reduced,
+    ReducedRateDependent,
+    ReducedRateIndependent,
+    Scales,
+    hertz_scales,
+    hertz_scales_at,
+)
 from softjax.numerics.powers import quotient
 
 # forces are kept above this power of the smallest number, so that a small part of one is still one
@@ -58,7 +63,7 @@ NOT_OF_MANY = (  # the same, of many impacts at once
 )
 
 
-def asked(law, method: str, *values: Numbers):
+def answer(law, method: str, *values: Numbers):
     """The answer of a method of the user's law.
 
     Raises:
@@ -131,8 +136,8 @@ class Forces(eqx.Module):
     def whole(self):
         return combine(self.arrays, self.static)
 
-    def asked(self, method: str, *values: Numbers):
-        return asked(self.whole, method, *values)
+    def answer(self, method: str, *values: Numbers):
+        return answer(self.whole, method, *values)
 
 
 class ForcesOfImpact(ReducedRateIndependent):
@@ -143,21 +148,21 @@ class ForcesOfImpact(ReducedRateIndependent):
     force: Numbers
 
     def loading(self, x: Numbers) -> Numbers:
-        return quotient(self.law.asked("loading_force", x * self.length), self.force)
+        return quotient(self.law.answer("loading_force", x * self.length), self.force)
 
     def unloading(self, x: Numbers, peak: Numbers) -> Numbers:
-        force = self.law.asked("unloading_force", x * self.length, peak * self.length)
+        force = self.law.answer("unloading_force", x * self.length, peak * self.length)
         return quotient(force, self.force)
 
     @property
     def elastic_limit(self) -> Numbers | float:  # type: ignore[override]
-        overlap = self.law.asked("elastic_overlap")
+        overlap = self.law.answer("elastic_overlap")
         never_or_always = type(overlap) in (float, int) and overlap in (0, math.inf)
         # what is known beforehand is no kink, and so no stage of its own
         return float(overlap) if never_or_always else jnp.asarray(overlap) / self.length
 
     def breakpoints(self) -> tuple:
-        overlaps = self.law.asked("breakpoints")
+        overlaps = self.law.answer("breakpoints")
         return tuple(jnp.asarray(overlap) / self.length for overlap in overlaps)
 
     def on_loading(self) -> "ForcesOfImpact":
@@ -167,7 +172,7 @@ class ForcesOfImpact(ReducedRateIndependent):
         return jax.lax.stop_gradient(_exponent(self.loading, peak))
 
     def residual(self, peak: Numbers) -> Numbers | None:
-        overlap = self.law.asked("residual_overlap", peak * self.length)
+        overlap = self.law.answer("residual_overlap", peak * self.length)
         return None if overlap is None else jnp.asarray(overlap) / self.length
 
 
@@ -184,7 +189,7 @@ class ForceOfImpact(ReducedRateDependent):
         return self.law.whole.end
 
     def force(self, x: Numbers, velocity: Numbers) -> Numbers:
-        force = self.law.asked("force", x * self.length, velocity * self.velocity)
+        force = self.law.answer("force", x * self.length, velocity * self.velocity)
         return quotient(force, self.unit)
 
     def elastic(self, x: Numbers) -> Numbers:
@@ -209,7 +214,11 @@ def reduced_by_forces(law, velocity: Numbers) -> Reduced:
     The scales are units and no more: nothing depends on the overlap's, which is not differentiated,
     while the velocity's carries what the impact's own velocity moves.
     """
-    slowest = _slowest(law.contact, velocity)
+    # below the slowest forces of Hertz's order leave the range of numbers: P_max ∝ v^{6/5}
+    hertz = hertz_scales(law.contact)
+    force = law.contact.stiffness * hertz.overlap * jnp.sqrt(hertz.overlap)
+    least = float(jnp.finfo(velocity.dtype).tiny) ** LEAST
+    slowest = jax.lax.stop_gradient(hertz.velocity * (least / force) ** (5 / 6))
     lifted = jnp.maximum(velocity, slowest)
     overlap, _ = hertz_scales_at(law.contact, lifted)
     scales = Scales(jax.lax.stop_gradient(overlap), lifted)
@@ -218,8 +227,8 @@ def reduced_by_forces(law, velocity: Numbers) -> Reduced:
     if hasattr(law, "loading_force"):
         reduced = ForcesOfImpact(_differentiable(law, _all_answers), scales.overlap, unit)
     else:
-        force = _differentiable(law, lambda law, x: asked(law, "force", x, x))
-        reduced = ForceOfImpact(force, scales.overlap, lifted, unit)
+        acting = _differentiable(law, lambda law, x: answer(law, "force", x, x))
+        reduced = ForceOfImpact(acting, scales.overlap, lifted, unit)
     return Reduced(reduced, scales, jnp.ones_like(unit), jnp.minimum(velocity / slowest, 1.0))
 
 
@@ -252,20 +261,11 @@ def _differentiable(law, answers: Callable) -> Forces:
 
 
 def _answers_on_loading(law, x: Numbers) -> list:
-    ends = asked(law, "elastic_overlap"), *asked(law, "breakpoints")
-    return [asked(law, "loading_force", x), *ends]
+    ends = answer(law, "elastic_overlap"), *answer(law, "breakpoints")
+    return [answer(law, "loading_force", x), *ends]
 
 
 def _all_answers(law, x: Numbers) -> list:
-    residual = asked(law, "residual_overlap", x)
-    unloading = asked(law, "unloading_force", x, x), *([] if residual is None else [residual])
+    residual = answer(law, "residual_overlap", x)
+    unloading = answer(law, "unloading_force", x, x), *([] if residual is None else [residual])
     return [*_answers_on_loading(law, x), *unloading]
-
-
-def _slowest(contact: Contact, velocity: Numbers) -> Numbers:
-    """The velocity [m/s] below which forces of Hertz's order leave the range of numbers."""
-    scales = hertz_scales(contact)
-    force = contact.stiffness * scales.overlap * jnp.sqrt(scales.overlap)
-    least = float(jnp.finfo(velocity.dtype).tiny) ** LEAST
-    # P_max ∝ v^{6/5}
-    return jax.lax.stop_gradient(scales.velocity * (least / force) ** (5 / 6))

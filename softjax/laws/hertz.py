@@ -9,7 +9,8 @@ import jax.numpy as jnp
 
 from softjax.contact import Contact
 from softjax.fields import Numbers
-from softjax.laws.base import RateIndependentLaw, ReducedClosedForm
+from softjax.laws.base import RateIndependentLaw
+from softjax.laws.reduced import ReducedClosedForm
 from softjax.numerics.powers import power_3_2, safe_sqrt
 
 

@@ -10,16 +10,32 @@ import math
 
 import equinox as eqx
 import jax.numpy as jnp
+from jaxtyping import Array
 
 from softjax.checks import as_real, check
 from softjax.contact import Contact
 from softjax.fields import Number, Numbers, choice_field, number_field
-from softjax.laws._dashpots import damped, hertz_duration
-from softjax.laws.base import KnownCollision, RateDependentLaw
-from softjax.laws.linear_dashpot import SET_RESTITUTION, damping_fraction
-from softjax.laws.reduced import ENDS, End, Reduced, ReducedRateDependent
-from softjax.laws.units import hertz_motion, hertz_scales_at
+from softjax.laws._series import series
+from softjax.laws.base import RateDependentLaw
+from softjax.laws.forces import KnownCollision
+from softjax.laws.linear_dashpot import (
+    SET_RESTITUTION,
+    Damped,
+    damped,
+    damping_fraction,
+    root,
+)
+from softjax.laws.reduced import (
+    ENDS,
+    End,
+    Reduced,
+    ReducedRateDependent,
+    hertz_motion,
+    hertz_scales_at,
+)
 from softjax.numerics.powers import safe_power
+
+RELEASED = 0.799  # acos ξ up to which the zero-force end has a series of its own
 
 
 class HertzDashpot(RateDependentLaw, final=True):
@@ -87,7 +103,7 @@ class HertzDashpot(RateDependentLaw, final=True):
             coefficient=found.restitution,
             peak_overlap=motion.overlap * found.peak**0.8,
             residual_overlap=motion.overlap * safe_power(found.residual, 0.8),
-            duration=motion.time * hertz_duration(found, self.end),
+            duration=motion.time * _duration(found, self.end),
         )
 
 
@@ -99,3 +115,19 @@ class ReducedHertzDashpot(ReducedRateDependent):
 
     def dissipative(self, x: Numbers, velocity: Numbers) -> Numbers:
         return 2 * self.damping * safe_power(x, 0.25) * velocity
+
+
+def _duration(of: Damped, end: str) -> Array:
+    """Of Hertz's spring over its own largest overlap without damping, and v.
+
+    (4/5) w^{-4/5} ∫ e^{Λφ/(5π)} (sin φ)^{-1/5} dφ, up to either end.
+    """
+    a = of.loss / (5 * math.pi)
+    slow = (root(of.loss) / math.pi) ** 0.8 * jnp.exp(of.loss / 5)
+    whole = slow * series("falling", a / (a + 8)) * (2 + a) ** -0.8
+    if end == "zero-overlap":
+        return whole
+    strong = of.to_peak < RELEASED
+    left = jnp.where(strong, 0.0, 2 * jnp.arctan2(of.loss, math.pi))
+    early = whole - safe_power(left, 0.8) * series("unreleased", left)
+    return jnp.where(strong, series("released", jnp.where(strong, of.to_peak, 0.0)), early)

@@ -3,19 +3,25 @@
 P. A. Cundall and O. D. L. Strack, A discrete numerical model for granular assemblies,
 Géotechnique 29, 47 (1979); for the two ends of the contact T. Schwager and T. Pöschel, Coefficient
 of restitution and linear-dashpot model revisited, Granular Matter 9, 465 (2007).
+
+Collisions of dashpots in closed form are functions of Λ = -ln ε of the zero-overlap end alone. A linear
+spring's motion is e^{-ξωt} sin(wωt)/w with ξ = Λ/√(π² + Λ²) and w = π/√(π² + Λ²). Over the phase
+φ = wωt its overlap is largest at acos ξ = atan(π/Λ); it vanishes at π, the force at twice the former.
 """
 
 import math
+from typing import NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
+from jaxtyping import Array
 
 from softjax.contact import Contact
 from softjax.fields import Number, Numbers, choice_field, number_field
-from softjax.laws._dashpots import damped, root
-from softjax.laws.base import KnownCollision, RateDependentLaw
-from softjax.laws.reduced import ENDS, End, Reduced, ReducedRateDependent
-from softjax.laws.units import Scales
+from softjax.laws.base import RateDependentLaw
+from softjax.laws.forces import KnownCollision
+from softjax.laws.reduced import ENDS, End, Reduced, ReducedRateDependent, Scales
 from softjax.numerics.powers import quotient
 
 # what a dashpot law is set to: no finite damping gives ε = 0
@@ -104,3 +110,47 @@ def damping_fraction(restitution) -> Numbers:
     """ξ = -ln ε/√(π² + ln²ε), the fraction of critical damping that gives ε [-]."""
     loss = -jnp.log(restitution)
     return loss / jnp.sqrt(math.pi**2 + loss**2)
+
+
+class Damped(NamedTuple):
+    """A collision over v and ω: overlaps over v/ω, phases over wω."""
+
+    loss: Array
+    restitution: Array
+    peak: Array
+    residual: Array
+    to_peak: Array
+    end: Array
+
+
+def damped(restitution: Array, end: str) -> Damped:
+    """The linear spring's collision, set to ε of the zero-overlap end."""
+    loss = _loss(restitution)
+    to_peak = jnp.arctan2(math.pi, loss)
+    lost = loss / math.pi  # ξ/w
+    peak = jnp.exp(-lost * to_peak)
+    if end == "zero-overlap":
+        whole = jnp.full_like(to_peak, math.pi)
+        return Damped(loss, restitution, peak, jnp.zeros_like(peak), to_peak, whole)
+    found = peak * peak
+    residual = 2 * loss * found / root(loss)
+    return Damped(loss, found, peak, residual, to_peak, 2 * to_peak)
+
+
+@jax.custom_jvp
+def _loss(restitution: Array) -> Array:
+    """Λ = -ln ε; where squares of its derivative would leave the range of numbers it has none."""
+    return -jnp.log(restitution)
+
+
+@_loss.defjvp
+def _loss_jvp(values, tangents):
+    (restitution,), (change,) = values, tangents
+    moves = restitution > float(jnp.finfo(restitution.dtype).tiny) ** 0.45
+    slope = -1 / jnp.where(moves, restitution, 1.0)
+    return _loss(restitution), slope * jnp.where(moves, change, 0.0)
+
+
+def root(loss: Array) -> Array:
+    """√(π² + Λ²), π/w."""
+    return jnp.sqrt(math.pi**2 + loss * loss)

@@ -15,7 +15,8 @@ from jaxtyping import ArrayLike, Float
 
 from softjax.contact import Contact
 from softjax.fields import Flags, Number, Numbers, checked, choice_field, number_field
-from softjax.laws.base import RateIndependentLaw, ReducedClosedForm, Scales
+from softjax.laws.base import RateIndependentLaw
+from softjax.laws.reduced import ReducedClosedForm, Scales
 from softjax.numerics.powers import power_3_2, quotient
 
 Area = Literal["hertz", "contact"]
@@ -65,7 +66,12 @@ class Thornton(RateIndependentLaw, final=True):
 
     def scales(self) -> Scales:
         """δ_y and V_y."""
-        yielding = _yielding_contact(self.contact, self.yield_factor, self.area)
+        # the contact that first yields at the pressure p_y, of the requested area
+        yielding = replace(
+            self.contact,
+            yield_strength=self.yield_factor * self.contact.yield_strength,
+            area="hertz" if self.area == "hertz" else self.contact.area,
+        )
         return Scales(yielding.critical_overlap, yielding.critical_velocity)
 
     def elastic_velocity(self):
@@ -112,16 +118,6 @@ def thornton_restitution(
     # √(6√3/5) √(1 - r²/6) = 3^{1/4} √(6/5 - r²/5)
     yielded = root * (3 * r / (r + 2 * root)) ** 0.25
     return jnp.where(valid, jnp.where(yields, yielded, 1.0), 0.0)
-
-
-def _yielding_contact(contact: Contact, yield_factor, area: Area) -> Contact:
-    """The contact whose first yield is δ_y and V_y: at the pressure p_y, of the requested area."""
-    pressure = yield_factor * contact.yield_strength
-    return replace(
-        contact,
-        yield_strength=pressure,
-        area="hertz" if area == "hertz" else contact.area,
-    )
 
 
 class ReducedThornton(ReducedClosedForm):

@@ -3,20 +3,44 @@
 G. Kuwabara and K. Kono, Restitution coefficient in a collision between two spheres, Jpn. J. Appl.
 Phys. 26, 1230 (1987); N. V. Brilliantov, F. Spahn, J.-M. Hertzsch and T. Pöschel, Model for
 collisions in granular gases, Phys. Rev. E 53, 5382 (1996).
+
+The collision in closed form is a function of w² alone. In units of the impact velocity v, of (M v²/k)^{2/5} and of their quotient the motion is
+
+    x'' = -x^{3/2} - w² √x x',  x(0) = 0,  x'(0) = 1,    until x^{3/2} + w² √x x' = 0.
+
+Up to w = 1 what a collision has is a polynomial in w², up to w⁴, and w⁵ times a series in w. Beyond,
+logarithms are series in ln w², and from w² = 3e10 on what damping alone does: the bodies come to rest
+at (3/(2w²))^{2/3}, creep back at x' = -x/w², and are free after a time that grows as a logarithm.
 """
 
-from typing import ClassVar
+import math
+from functools import partial
+from typing import ClassVar, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
+from jaxtyping import Array
 
 from softjax.contact import Contact
 from softjax.fields import Number, Numbers, number_field
-from softjax.laws import _viscous
-from softjax.laws.base import KnownCollision, RateDependentLaw
-from softjax.laws.reduced import End, Reduced, ReducedRateDependent
-from softjax.laws.units import Scales, hertz_motion, hertz_scales_at
+from softjax.laws._series import series, taylor
+from softjax.laws.base import RateDependentLaw
+from softjax.laws.forces import KnownCollision
+from softjax.laws.reduced import (
+    End,
+    Reduced,
+    ReducedRateDependent,
+    Scales,
+    hertz_motion,
+    hertz_scales_at,
+)
 from softjax.numerics.powers import quotient, safe_sqrt
+from softjax.numerics.roots import where_needed
+
+UNIT = 1.25**0.4  # Hertz's largest overlap over (M v²/k)^{2/5}
+MEDIUM, STRONG = 5.0, 24.0  # ln w² up to which the series go
+FREE = 10 / 3 / 1.5 ** (1 / 3)  # d(duration · w^{4/3})/d ln w² where damping is all
 
 
 class ViscoelasticHertz(RateDependentLaw, final=True):
@@ -62,18 +86,13 @@ class ViscoelasticHertz(RateDependentLaw, final=True):
         motion = hertz_motion(self.contact, velocity)
         # (k/M)^{2/5} v^{1/5} is (5/4)^{2/5} over the time of Hertz's collision
         rate = quotient(motion.whole.velocity, motion.whole.overlap)
-        found = _viscous.collision(
-            _viscous.damping(1.5 * UNIT * self.dissipation_time, motion.pace, rate)
-        )
+        found = _collision(_damping(1.5 * UNIT * self.dissipation_time, motion.pace, rate))
         return KnownCollision(
             coefficient=found.restitution,
             peak_overlap=motion.overlap / UNIT * found.peak,
             residual_overlap=motion.overlap / UNIT * found.residual,
             duration=motion.time / UNIT * found.duration,
         )
-
-
-UNIT = 1.25**0.4  # Hertz's largest overlap over (M v²/k)^{2/5}
 
 
 def _over(law: ViscoelasticHertz, scales: Scales) -> "ReducedViscoelastic":
@@ -89,3 +108,74 @@ class ReducedViscoelastic(ReducedRateDependent):
 
     def dissipative(self, x: Numbers, velocity: Numbers) -> Numbers:
         return 1.5 * self.dissipation * safe_sqrt(x) * velocity
+
+
+class _Viscous(NamedTuple):
+    """A collision in the units above."""
+
+    restitution: Array
+    peak: Array
+    residual: Array
+    duration: Array
+
+
+class _Damping(NamedTuple):
+    """w² where it is weak, 0 elsewhere, and its logarithm where it is strong, 0 elsewhere."""
+
+    weak: Array
+    log: Array
+    is_strong: Array
+
+
+def _damping(*factors: Array) -> _Damping:
+    """w² as a product of factors, which may leave the range of numbers where it is strong."""
+    still = [jax.lax.stop_gradient(factor) for factor in factors]
+    is_strong = math.prod(still[1:], start=still[0]) > 1
+    first, *others = factors
+    weak = math.prod(others, start=jnp.where(is_strong, 0.0, first))
+    # each by itself: of what is the same for all impacts there is one logarithm for all; factors
+    # whose squares underflow make no strong damping
+    factors = tuple(map(jnp.asarray, factors))
+    least = [float(jnp.finfo(factor.dtype).tiny) ** 0.49 for factor in factors]
+    log = sum(jnp.log(jnp.where(f > x, f, 1.0)) for f, x in zip(factors, least, strict=True))
+    return _Damping(weak, jnp.where(is_strong, log, 0.0), is_strong)
+
+
+def _collision(of: _Damping) -> _Viscous:
+    w_squared, log = of.weak, of.log
+    # where its series is not used its derivatives might leave the range of numbers
+    tells = w_squared > float(jnp.finfo(w_squared.dtype).eps) ** 2
+    w = safe_sqrt(jnp.where(tells, w_squared, 0.0))
+    restitution = _logarithm("restitution", log, -5 / 3)
+    pick = lambda strong, weak: jnp.where(of.is_strong, strong, weak)  # noqa: E731
+    found = pick(jnp.exp(restitution), _weak("restitution", w_squared, w))
+    return _Viscous(
+        restitution=found,
+        peak=pick(jnp.exp(_logarithm("peak", log, -2 / 3)), series("weak peak", w_squared)),
+        # where the force vanishes, x = -w² x'
+        residual=pick(jnp.exp(restitution + log), w_squared * found),
+        duration=pick(
+            _logarithm("duration", log, FREE) * jnp.exp(-2 / 3 * log),
+            _weak("duration", w_squared, w),
+        ),
+    )
+
+
+def _weak(part: str, w_squared: Array, w: Array) -> Array:
+    """Not of w alone: its derivative by w² is infinite at rest, where the polynomial's is none."""
+    one, first, second = taylor(part)
+    beyond = second + w * series(f"weak {part}", w)
+    return one + w_squared * (first + w_squared * beyond)
+
+
+def _logarithm(part: str, log: Array, slope: float) -> Array:
+    """Of ln w² > 0; beyond the series a straight line. Computed only where some impact needs it."""
+    return where_needed(partial(_beyond, part, slope), log > 0, log)
+
+
+def _beyond(part: str, slope: float, log: Array) -> Array:
+    medium, far = log <= MEDIUM, log > STRONG
+    first = series(f"medium {part}", jnp.where(medium, log, MEDIUM))
+    second = series(f"strong {part}", jnp.where(medium | far, STRONG, log))
+    last = second + slope * jnp.where(far, log - STRONG, 0.0)
+    return jnp.where(medium, first, last)

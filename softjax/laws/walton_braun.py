@@ -10,7 +10,8 @@ import numpy as np
 from softjax.checks import ArgumentError, is_traced, shown
 from softjax.contact import Contact
 from softjax.fields import Flags, Number, Numbers, number_field
-from softjax.laws.base import RateIndependentLaw, Reduced, ReducedClosedForm, Scales
+from softjax.laws.base import RateIndependentLaw
+from softjax.laws.reduced import Reduced, ReducedClosedForm, Scales
 
 
 class WaltonBraun(RateIndependentLaw, final=True):

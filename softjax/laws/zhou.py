@@ -12,17 +12,16 @@ In the units of first yield, x = δ/δ_cr and forces in k δ_cr^{3/2}, with
 """
 
 import math
-from dataclasses import replace
 
-import jax
 import jax.numpy as jnp
 
 from softjax.contact import Contact
 from softjax.fields import Flags, Number, Numbers, choice_field, number_field
-from softjax.laws import _first_order, _full
-from softjax.laws.base import RateIndependentLaw, ReducedClosedForm, Scales
-from softjax.laws.empirical import PSI, SIGMA, sound_and_heat_exponent
-from softjax.numerics.powers import power_3_2, safe_sqrt
+from softjax.laws._first_order import FirstOrder
+from softjax.laws._full import Full
+from softjax.laws.base import RateIndependentLaw
+from softjax.laws.empirical import PSI, SIGMA, loss_exponent
+from softjax.laws.reduced import Scales
 from softjax.numerics.roots import where_needed
 
 
@@ -80,7 +79,7 @@ class Zhou(RateIndependentLaw, final=True):
         # 3 δ_cr/(2A): κ = π² b² Y²/k^{4/3} with the b that belongs to A
         return 1.5 * self.contact.yield_strain**2 / self.contact.area_factor
 
-    def reduced(self) -> "FirstOrder | Full":
+    def reduced(self) -> FirstOrder | Full:
         steepness = self.chi * self.contact.yield_ratio  # X = χ̃ E/Y
         law = FirstOrder if self.form == "first-order" else Full
         return law(jnp.asarray(self.plasticity()), jnp.asarray(steepness))
@@ -96,90 +95,4 @@ class Zhou(RateIndependentLaw, final=True):
 
 def _lost(velocity, limit, sigma, psi) -> Numbers:
     """ε_17² - 1."""
-    return jnp.expm1(-2 * sound_and_heat_exponent(velocity, limit, sigma, psi))
-
-
-class FirstOrder(ReducedClosedForm):
-    """Eqs. (8) and (12), each divided by k δ_cr^{3/2}: first order in the plastic region."""
-
-    d: Numbers
-    X: Numbers
-
-    def loading(self, x: Numbers) -> Numbers:
-        root = safe_sqrt(x)
-        yielded = self.d * (x**2 - 1) * (1 - root)  # Eq. (8)
-        return x * root + jnp.where(x > 1, yielded, 0.0)
-
-    def unloading(self, x: Numbers, peak: Numbers) -> Numbers:
-        return self.unloading_at(x, peak - x, peak)
-
-    def unloading_at(self, x: Numbers, recovered: Numbers, peak: Numbers) -> Numbers:
-        root = safe_sqrt(x)
-        elastic = (1 - self.d * peak) * x * root + self.d * root  # Eq. (12)
-        yielded = self.d * ((peak - 1) * (peak + 1))
-        return elastic + yielded * (1 - self.X * (recovered / peak))  # Eq. (12)
-
-    def on_loading(self) -> "FirstOrder":
-        return replace(self, X=jax.lax.stop_gradient(self.X))
-
-    def releases(self, peak: Numbers) -> Flags:
-        return jnp.broadcast_to(self.X > 1, peak.shape)
-
-    def end(self) -> Numbers:
-        return _first_order.end(self.d) ** 2
-
-    def beyond_expansion(self, peak: Numbers) -> Flags:
-        return self.d * peak > 1
-
-    def largest_velocity(self) -> Numbers:
-        return _first_order.largest_velocity(self.d)
-
-    def peak(self, y: Numbers) -> Numbers:
-        return _first_order.peak(y, self.d)
-
-    def release(self, peak: Numbers) -> tuple[Numbers, Numbers, Numbers]:
-        return _first_order.release(peak, self.d, self.X)
-
-
-class Full(ReducedClosedForm):
-    """Eqs. (6) and (11), each divided by k δ_cr^{3/2}: cos³θ kept.
-
-    Ends where the plastic region fills the contact, x = (2d/3)(x² - 1): beyond, cosθ is not real.
-    """
-
-    d: Numbers
-    X: Numbers
-
-    def loading(self, x: Numbers) -> Numbers:
-        rim = jnp.where(x > 1, x - 2 / 3 * self.d * (x**2 - 1), x)  # x cos²θ, Eq. (7)
-        yielded = jnp.where(x > 1, self.d * (x**2 - 1), 0.0)
-        return power_3_2(rim) + yielded  # Eq. (6)
-
-    def unloading(self, x: Numbers, peak: Numbers) -> Numbers:
-        return self.unloading_at(x, peak - x, peak)
-
-    def unloading_at(self, x: Numbers, recovered: Numbers, peak: Numbers) -> Numbers:
-        rim = (1 - 2 / 3 * self.d * peak) * x + 2 / 3 * self.d  # x x_m - 1 as in Eq. (12)
-        yielded = self.d * ((peak - 1) * (peak + 1))
-        return power_3_2(rim) + yielded * (1 - self.X * (recovered / peak))  # Eq. (11)
-
-    def on_loading(self) -> "Full":
-        return replace(self, X=jax.lax.stop_gradient(self.X))
-
-    def releases(self, peak: Numbers) -> Flags:
-        return _full.has_root(peak, self.d, self.X)
-
-    def end(self) -> Numbers:
-        return _full.end(self.d)
-
-    def beyond_expansion(self, peak: Numbers) -> Flags:
-        return peak >= self.end()
-
-    def largest_velocity(self) -> Numbers:
-        return _full.largest_velocity(self.d)
-
-    def peak(self, y: Numbers) -> Numbers:
-        return _full.peak(y, self.d)
-
-    def release(self, peak: Numbers) -> tuple[Numbers, Numbers, Numbers]:
-        return _full.release(peak, self.d, self.X)
+    return jnp.expm1(-2 * loss_exponent(velocity, limit, sigma, psi))

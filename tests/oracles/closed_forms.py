@@ -5,8 +5,8 @@ w², and the duration of Hertz's dashpot of the restitution it is set to. Viscoe
 integrated by Taylor series of 50 terms in 60 digits; the duration is a Beta function, or quadratures.
 Coefficients are kept until they no longer change a float64.
 
-The functions beside each series say what is scaled by what, and are what `softjax.laws._viscous`
-and `softjax.laws._dashpots` put together again.
+The functions beside each series say what is scaled by what, and are what `softjax.laws.viscoelastic`
+and `softjax.laws.hertz_dashpot` put together again.
 """
 
 import json

@@ -30,13 +30,13 @@ HEAVY = (
 # softjax in layers: a module imports from earlier layers, or from its own where that says so
 LAYERS = [
     {"checks", "engine", "numerics", "numerics.powers", "numerics.roots", "status"},
-    {"fields", "numerics.gauss", "numerics.quadrature", "numerics.search"},
+    {"fields", "numerics.derivatives", "numerics.gauss", "numerics.quadrature"},
     {"materials"},
     {"contact"},
     {"batching"},
-    {"laws", "engine.rows"},
+    {"laws"},
     {"engine.bridge"},
-    {"engine.branches", "engine.phase", "engine.falls"},
+    {"engine.outcome", "engine.phase", "engine.falls"},
     {"engine.encke"},
     {"engine.energy", "engine.motion", "engine.damped"},
     {"routes"},

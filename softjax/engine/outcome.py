@@ -1,7 +1,8 @@
-"""Load, release, unload: a rate-independent collision is put together here, and the same way by each route.
+"""What a collision comes to: its parts, how a rate-independent one is put together, and its release.
 
-A route gives how it computes the parts (`Parts`), the law its hooks: where loading ends, what remains,
-whether the unloading force vanishes, kinks, the range it was derived for.
+A route computes `Peak`, `Release` and what is given back; `assemble` makes a `Collision` of them with
+the hooks of the law: where loading ends, what remains, whether the unloading force vanishes, the range
+it was derived for.
 """
 
 import math
@@ -14,7 +15,7 @@ from jaxtyping import Array, Bool
 
 from softjax.laws.reduced import Reduced, ReducedClosedForm, ReducedRateIndependent
 from softjax.numerics.powers import safe_power
-from softjax.numerics.search import Reach, largest, last_zero, reach
+from softjax.numerics.roots import Reach, largest, last_zero, reach
 from softjax.status import Status
 
 JUMP = 1e-3  # of the peak force: what is left of a force that vanishes there, but for a jump
@@ -48,7 +49,7 @@ class Collision(NamedTuple):
         return (self.flags & UNANSWERED) == 0
 
     def in_si(self, impacts: Reduced, force_unit) -> "Collision":
-        """The same of reduced impacts, slow ones scaled back; `force_unit` is (5/4) M V²/L [N]."""
+        """The same of reduced impacts; `force_unit` is (5/4) M V²/L [N]."""
         scales = impacts.scales
         return self._replace(
             peak=self.peak * scales.overlap,
@@ -90,11 +91,11 @@ class Peak(NamedTuple):
 
 
 class Rebound(NamedTuple):
-    """The end of unloading: the part ε_p² of the energy that is given back, or the time it took."""
+    """The end of unloading: ε_p², the part of the energy that is given back, or the time it took."""
 
     value: Array
-    solved: Bool[Array, "..."]
-    error: Array
+    solved: Array | bool = True
+    error: Array | float = 0.0
 
 
 class Release(NamedTuple):
@@ -105,105 +106,92 @@ class Release(NamedTuple):
         recovered: x_m - x*.
         released: whether x* is positive.
         clean: whether its derivative is known: not where the force jumps to zero.
-        work: what is given back from the peak to there, of a law that knows it.
     """
 
     residual: Array
     recovered: Array
     released: Bool[Array, "..."]
     clean: Bool[Array, "..."]
-    work: Array | None = None
 
 
-class Parts(NamedTuple):
-    """How one route computes the parts of a collision.
-
-    Attributes:
-        loading: the peak of (law, y), and the time to it where `clock` is true.
-        release: the residual overlap of (law, peak overlap).
-        energy: ε_p² of (law, peak, release), as a `Rebound`.
-        time: from the peak to the end of the contact, likewise.
-        gain: how far ε_p² may exceed one by rounding, or by the tolerance.
-    """
-
-    loading: Callable[..., Peak]
-    release: Callable[[ReducedRateIndependent, Array], Release]
-    energy: Callable[[ReducedRateIndependent, Peak, Release], Rebound]
-    time: Callable[[ReducedRateIndependent, Peak, Release], Rebound]
-    gain: Array | float
-
-
-def collide(
-    parts: Parts,
+def assemble(
     law: ReducedRateIndependent,
-    y: Array,
-    below: Array | None,
-    clock: bool = False,
+    peak: Peak,
+    release: Release,
+    back: Rebound,
+    gain: Array | float,
+    fall: Rebound | None = None,
     force: bool = False,
 ) -> Collision:
-    """Collisions beyond the elastic stage.
+    """A collision beyond the elastic stage, from what a route computed and the law's hooks.
 
     Where there is no turning point the overlaps are where the loading force vanishes, or zero, and
     ε_p is zero, without a gradient; where the solver gave up everything is zero.
 
     Args:
-        below: y over that of the lifted impact, of laws that act down to rest.
-        clock, force: whether duration and largest force are requested.
+        back: ε_p².
+        gain: how far ε_p² may exceed one by rounding, or by the tolerance.
+        fall: the time from the peak to the end of the contact, where the duration is requested.
+        force: whether the largest force is requested.
     """
-    peak = parts.loading(law, y, clock=clock)
-    release = parts.release(law, peak.overlap)
-    found = joined(law, peak, release, parts.energy(law, peak, release), below, parts.gain)
-    if clock:
-        fall = parts.time(law, peak, release)
-        pace = 1.0 if below is None else shrunk(law, peak.overlap, below) / _positive(below)
-        ends = peak.turns & peak.solved & fall.solved
-        found = found._replace(duration=jnp.where(ends, (peak.time + fall.value) * pace, 0.0))
-    if force:
-        weak = 1.0 if below is None else below * below / shrunk(law, peak.overlap, below)
-        pull = largest(law.loading, peak.overlap) * weak
-        found = found._replace(force=jnp.where(found.answered, pull, 0.0))
-    return found
-
-
-def joined(
-    law: ReducedRateIndependent,
-    peak: Peak,
-    release: Release,
-    back: Rebound,
-    below: Array | None,
-    gain: Array | float,
-) -> Collision:
-    """The law's hooks and what a route computed, `back` of it ε_p², put together."""
     solved = peak.solved & ((back.solved & jnp.isfinite(back.value)) | ~peak.turns)
     answered = peak.turns & solved
     end = jax.lax.stop_gradient(jnp.where(solved, peak.end, 0.0))
-    error = peak.error + back.error
-    far = shrunk(law, peak.overlap, below)
-    exact = (error <= SETTLED[str(peak.velocity.dtype)]) & release.clean
-    beyond = law.beyond_expansion(jnp.where(answered, peak.overlap, end))
+    exact = (peak.error + back.error <= SETTLED[str(peak.velocity.dtype)]) & release.clean
     conditions = {
         Status.NO_RESIDUAL_OVERLAP: answered & ~release.released,
         Status.ENERGY_GAIN: answered & (back.value > 1 + gain + back.error),
-        Status.BEYOND_EXPANSION: solved & beyond,
+        Status.BEYOND_EXPANSION: solved
+        & law.beyond_expansion(jnp.where(answered, peak.overlap, end)),
         Status.NO_TURNING_POINT: ~peak.turns,
         Status.SOLVER_FAILED: ~solved,
         Status.INEXACT: answered & ~exact,
     }
-    return Collision(
+    found = Collision(
         energy=jnp.where(answered, back.value, 0.0),
-        peak=jnp.where(answered, peak.overlap * far, end),
-        residual=jnp.where(answered, release.residual * far, end),
+        peak=jnp.where(answered, peak.overlap, end),
+        residual=jnp.where(answered, release.residual, end),
         flags=flagged(conditions),
+    )
+    if fall is not None:
+        ends = peak.turns & peak.solved & fall.solved
+        found = found._replace(duration=jnp.where(ends, peak.time + fall.value, 0.0))
+    if force:
+        pull = largest(law.loading, peak.overlap)
+        found = found._replace(force=jnp.where(answered, pull, 0.0))
+    return found
+
+
+def slow_factors(law, found: Collision, below: Array) -> tuple[Array, Array]:
+    """Overlaps and times of slow impacts over those of the lifted ones, by the power law near rest."""
+    answered = found.answered
+    far = safe_power(below, 2 / law.exponent_at(jnp.where(answered, found.peak, 1.0)))
+    return jnp.where(answered, far, 1.0), far / jnp.where(below > 0, below, 1.0)
+
+
+def slowed(law, found: Collision, below: Array | None) -> Collision:
+    """The collision of a slow impact, from that of the lifted one.
+
+    Args:
+        below: y over that of the lifted impact, of laws that act down to rest.
+    """
+    if below is None:
+        return found
+    far, later = slow_factors(law, found, below)
+    return found._replace(
+        peak=found.peak * far,
+        residual=found.residual * far,
+        duration=None if found.duration is None else found.duration * later,
+        force=None if found.force is None else found.force * below * below / far,
     )
 
 
-def shrunk(law, peak: Array, below: Array | None):
-    """Overlaps of slow impacts over those of the lifted ones, by the power law near rest."""
-    return 1.0 if below is None else safe_power(below, 2 / law.exponent_at(peak))
-
-
-def _positive(below):
-    return jnp.where(below > 0, below, 1.0)
+def slowed_samples(law, found: Collision, below: Array | None, samples) -> tuple:
+    """Time, overlap, velocity and force along the same collision; `found` is the lifted one."""
+    if below is None:
+        return tuple(samples)
+    (time, x, speed, force), (far, later) = samples, slow_factors(law, found, below)
+    return time * later, x * far, speed * below, force * below * below / far
 
 
 def loading_reach(law: ReducedRateIndependent, y: Array) -> Reach:
@@ -238,24 +226,21 @@ def _vector(points, like: Array) -> Array:
     return jnp.where(jnp.isnan(stacked), 0.0, stacked)  # none there
 
 
-# the end of unloading
-
-
 def release(law: ReducedRateIndependent, peak: Array, search: Callable) -> Release:
     """The residual overlap as the law knows it, else by `search`: the zero of its unloading force."""
     residual = law.residual(peak)
     if residual is None:
-        return as_told(law, peak, search(law, peak))
+        return decided(law, peak, search(law, peak))
     recovered = law.recovered(peak)
     recovered = peak - residual if recovered is None else recovered
     found = Release(residual, recovered, residual > 0, jnp.ones_like(peak, dtype=bool))
-    return as_told(law, peak, found)
+    return decided(law, peak, found)
 
 
-def as_told(law: ReducedRateIndependent, peak: Array, found: Release) -> Release:
-    """The same where the law itself says whether the unloading force vanishes."""
-    says = law.releases(peak)
-    released = found.released if says is None else jnp.broadcast_to(says, peak.shape)
+def decided(law: ReducedRateIndependent, peak: Array, found: Release) -> Release:
+    """The same where the law itself states whether the unloading force vanishes."""
+    stated = law.releases(peak)
+    released = found.released if stated is None else jnp.broadcast_to(stated, peak.shape)
     return found._replace(
         residual=jnp.where(released, found.residual, 0.0),
         recovered=jnp.where(released, found.recovered, peak),
@@ -273,8 +258,7 @@ def searched(law: ReducedRateIndependent, peak: Array) -> Release:
 
     @jax.custom_jvp
     def root(peak, *leaves):
-        zero = last_zero(lambda x, recovered: force(x, recovered, peak, *leaves), peak)
-        return zero.x, zero.recovered
+        return last_zero(lambda x, recovered: force(x, recovered, peak, *leaves), peak)
 
     @root.defjvp
     def rule(params, tangents):
