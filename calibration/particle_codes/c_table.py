@@ -2,7 +2,8 @@
 
 Rows are even in the square root of the overlap, in which power laws of contacts are smooth; columns of
 the unloading force in the square root of the overlap that is left to recover. The unloading force is scaled
-so that an impact on the table itself returns ε² of its energy.
+so that an impact on the table itself returns ε² of its energy. How a user's law depends on the sizes of
+the bodies is not known: a table is of one pair of them.
 """
 
 from typing import Any
@@ -14,15 +15,25 @@ import softjax as sj
 from calibration.errors import InputError
 from calibration.particle_codes.target import Impacts, impacts_of, number_of, unloading_force
 
+FORMULAS = {  # laws that need no table, and their templates
+    sj.Zhou: "zhou.h",
+    sj.Thornton: "thornton.h",
+    sj.WaltonBraun: "walton_braun.h",
+    **dict.fromkeys(
+        (sj.LinearSpringDashpot, sj.Hertz, sj.HertzDashpot, sj.ViscoelasticHertz), "damped.h"
+    ),
+}
 ROWS, COLUMNS = 129, 33
 BEYOND = 1.1  # the table ends at this many times the largest overlap of the range
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)
+EIGHT, TEN = map(np.polynomial.legendre.leggauss, (8, 10))
 AT_KINKS = 5e-5  # error of ε at a kink of the force, where 2e-5 was seen
-PANELS, FINE = (
-    16,
-    16,
-)  # of the header's sums of works; with as many times more they are exact in comparison
-TEN = np.polynomial.legendre.leggauss(10)
+PANELS = 16  # of the header's sums of works
+FINE = 16  # times as many panels are exact in comparison
+
+
+def is_tabulated(law: Any) -> bool:
+    """Whether a law goes by a table of its forces."""
+    return type(law) not in FORMULAS
 
 
 def table_of(law: Any, impacts: Impacts, losses: bool = True) -> tuple[dict[str, Any], float]:
@@ -35,23 +46,28 @@ def table_of(law: Any, impacts: Impacts, losses: bool = True) -> tuple[dict[str,
         problem = f"{type(law).__name__} depends on the rate, which no table of forces holds well"
         raise InputError(None, None, problem, "--export-law auto, or write its force in C yourself")
     top = BEYOND * float(impacts.peak[-1])
-    peaks = top * np.linspace(0, 1, ROWS) ** 2
-    velocity = _velocities(law, peaks)[1:]
+    roots = np.linspace(0, 1, ROWS)
+    peaks = top * roots[1:] ** 2
+    velocity = _velocities(law, np.sqrt(top) * roots)
     residual = np.asarray(sj.restitution(law, velocity).residual_overlap)
+    part = np.linspace(0, 1, COLUMNS) ** 2  # of what is left to recover
+    peak, rest = peaks[:, None], residual[:, None]
+    force = np.asarray(unloading_force(law, rest + (peak - rest) * part, peak))
+    shape = np.maximum(force / _loading(law, peak), 0.0)
     squared = _first_twice(impacts_of(law, velocity, losses).coefficient ** 2)
     tables = {
-        "loading": _loading(law, peaks),
-        "residual": np.append(0.0, residual / peaks[1:]),
+        "loading": np.append(0.0, _loading(law, peaks)),
+        "residual": np.append(0.0, residual / peaks),
         "squared": squared,
-        "unloading": _first_twice(_shape(law, peaks[1:], residual)),
+        "unloading": _first_twice(shape),
     }
-    values: dict[str, Any] = {"rows": ROWS, "columns": COLUMNS, "top": top}
-    values |= {name: number_of(getattr(law.contact, name)) for name in ("radius", "mass")}
     at_knots = np.gradient(squared, edge_order=2)  # Catmull and Rom's cubic, as in the header
-    curve = CubicHermiteSpline(np.linspace(0, 1, ROWS), squared, (ROWS - 1) * at_knots)
+    curve = CubicHermiteSpline(roots, squared, (ROWS - 1) * at_knots)
     by_table = np.sqrt(np.clip(curve(np.sqrt(impacts.peak / top)), 0, 1))
     sums = _returned(law, impacts.peak, FINE * PANELS) / _returned(law, impacts.peak, PANELS)
     error = float(np.max(np.abs(by_table * np.sqrt(sums) - impacts.coefficient)))
+    values: dict[str, Any] = {"rows": ROWS, "columns": COLUMNS, "top": top, "panels": PANELS}
+    values |= {name: number_of(getattr(law.contact, name)) for name in ("radius", "mass")}
     return values | {name: _text(table) for name, table in tables.items()}, error + AT_KINKS
 
 
@@ -61,25 +77,16 @@ def _first_twice(rows: np.ndarray) -> np.ndarray:
 
 
 def _loading(law: Any, overlap: np.ndarray) -> np.ndarray:
-    force = np.asarray(law.loading_force(np.where(overlap > 0, overlap, 1.0)))
-    return np.where(overlap > 0, force, 0.0)
+    return np.asarray(law.loading_force(overlap))
 
 
-def _shape(law: Any, peaks: np.ndarray, residual: np.ndarray) -> np.ndarray:
-    """Unloading force over that at the peak, rows over peaks and columns over what is left."""
-    part = np.linspace(0, 1, COLUMNS) ** 2
-    peak, rest = peaks[:, None], residual[:, None]
-    force = np.asarray(unloading_force(law, rest + (peak - rest) * part, peak))
-    return np.maximum(force / _loading(law, peak), 0.0)
-
-
-def _velocities(law: Any, peaks: np.ndarray) -> np.ndarray:
-    """The impact velocities of these largest overlaps, ½ M v² = ∫ P dδ."""
-    roots = np.sqrt(peaks)
+def _velocities(law: Any, roots: np.ndarray) -> np.ndarray:
+    """The impact velocities of the largest overlaps after the first, given by √δ: ½ M v² = ∫ P dδ."""
+    nodes, weights = EIGHT
     middle, half = (roots[1:] + roots[:-1]) / 2, (roots[1:] - roots[:-1]) / 2
-    root = middle[:, None] + half[:, None] * NODES
-    work = np.sum(WEIGHTS * 2 * root * _loading(law, root**2), axis=1) * half
-    return np.sqrt(2 * np.append(0.0, np.cumsum(work)) / number_of(law.contact.mass))
+    root = middle[:, None] + half[:, None] * nodes
+    work = np.sum(weights * 2 * root * _loading(law, root**2), axis=1) * half
+    return np.sqrt(2 * np.cumsum(work) / number_of(law.contact.mass))
 
 
 def _returned(law: Any, peak: np.ndarray, panels: int) -> np.ndarray:

@@ -1,10 +1,9 @@
 """Export a contact law to a particle code."""
 
 import dataclasses
+import math
 import re
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import jax
 
@@ -14,27 +13,12 @@ from calibration.errors import DataError, listed
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.result import FitResult
 from calibration.output import check_writable, files_into, write_text
-from calibration.particle_codes import lammps, liggghts, yade
-from calibration.particle_codes.c_header import header_of
-from calibration.particle_codes.choice import EXACT, HEADER, Backend, ExportOptions, choose
+from calibration.particle_codes.choice import choose
+from calibration.particle_codes.codes import BACKENDS
+from calibration.particle_codes.files import files_of, possible_names
 from calibration.particle_codes.report import Export
-from calibration.particle_codes.target import target_of
+from calibration.particle_codes.target import ExportOptions, target_of
 from calibration.plots import style
-
-# a code of the user: the C header alone, of any law
-C_CODE = SimpleNamespace(
-    BACKENDS={
-        key: Backend(
-            HEADER, fewest=20 if key in ("linear", "hertz-dashpot", "viscoelastic") else 10
-        )
-        for key in ("linear", "hertz-dashpot", "viscoelastic", "walton-braun", EXACT)
-    },
-    REFUSED={},
-    PREFIXED=True,
-    file_names=lambda prefix: (f"{prefix}_law.h",),
-    files=lambda export, header: {f"{export.options.prefix}_law.h": header},
-)
-CODES: dict[str, Any] = {"c": C_CODE, "lammps": lammps, "liggghts": liggghts, "yade": yade}
 
 
 def export(
@@ -97,64 +81,60 @@ def export(
         >>> result = cal.fit(cal.paper_materials()[0])
         >>> print(cal.export(result, to="lammps", velocity_range=(0.5, 2.0)))  # doctest: +SKIP
     """
-    code = _code(to, tolerance, steps, prefix, types, below, sizes)
+    options = ExportOptions(
+        *(material, velocity_range, tolerance, law, steps, overlap, radius, on_wall),
+        *(losses, prefix, types, below, sizes),
+    )
+    _check(to, options)
     check_writable(out)
-    options = ExportOptions(tolerance, law, steps, overlap, losses, prefix, types, below, sizes)
     with jax.enable_x64(True):
-        target = target_of(result_or_law, material, velocity_range, losses, radius, on_wall, sizes)
-        made = Export(to, target, *choose(target, code, options), options)
-        choice, source = made.choice, ""
-        if choice.backend.name == HEADER:
-            source = header_of(
-                choice.law,
-                made.notes,
-                target.range,
-                made.time_step,
-                choice.table,
-                softening_factor=choice.softening_factor,
-                losses=losses,
-                prefix=prefix,
-                hold=choice.hold,
-            )
-    files = code.files(made, source)
-    report, picture = _reports(prefix)
+        target = target_of(result_or_law, options)
+        made = Export(to, target, *choose(target, to))
+        files = files_of(made)
+    name = "export" if prefix == "softjax" else f"export_{prefix}"  # several laws in one folder
+    report, picture = f"{name}.json", f"{name}.png"
     made = dataclasses.replace(made, files=(*files, report, picture))
-    every = {name for one in CODES.values() for name in one.file_names(prefix)}
-    with files_into(out, sorted(every | {report, picture})) as folder:
-        for name, text in files.items():
-            write_text(folder / name, text)
+    with files_into(out, sorted(possible_names(prefix) | {report, picture})) as folder:
+        for file, text in files.items():
+            write_text(folder / file, text)
         write_text(folder / report, dumps(made.to_dict(), indent=2))
         style.save(made.draw(), folder / picture)
     return made
 
 
-def _reports(prefix: str) -> tuple[str, str]:
-    """Names of the report and the picture: several laws may go into one folder."""
-    name = "export" if prefix == "softjax" else f"export_{prefix}"
-    return f"{name}.json", f"{name}.png"
-
-
-def _code(
-    to: str, tolerance: float, steps: int | None, prefix: str, types: Any, below: str, sizes: Any
-) -> Any:
-    if to not in CODES:
-        raise DataError("to", to, listed(CODES))
-    if not 0 < tolerance < 1:
-        raise DataError("tolerance", tolerance, "a number in (0, 1)")
-    if steps is not None and (isinstance(steps, bool) or not isinstance(steps, int) or steps < 2):
-        raise DataError("steps", steps, "a whole number of 2 or more")
-    if prefix != "softjax" and not CODES[to].PREFIXED:
-        raise DataError("prefix", prefix, f"left out with {to}, whose files go by softjax")
-    if not re.fullmatch("[a-z][a-z0-9_]*", prefix):
-        raise DataError("prefix", prefix, "a name in C, of small letters")
-    if below not in ("none", "hold"):
-        raise DataError("below", below, "none or hold")
-    if sizes is not None and types is not None:
-        raise DataError("types", types, "left out with sizes, which are those of types 1, 2, …")
-    if types is not None and to != "lammps":
-        raise DataError("types", types, f"left out with {to}")
-    if types is not None and (
-        len(types) != 2 or not all(isinstance(t, int) and t > 0 for t in types)
-    ):
-        raise DataError("types", types, "two types of atoms, such as 1 2")
-    return CODES[to]
+def _check(to: str, options: ExportOptions) -> None:
+    """Refuse the first option that makes no sense."""
+    steps, prefix, types = options.steps, options.prefix, options.types
+    named = prefix == "softjax" or to in ("c", "lammps")
+    two = types is None or (len(types) == 2 and all(isinstance(t, int) and t > 0 for t in types))
+    sized = types is None or options.sizes is None
+    checks = (
+        ("to", to, to in BACKENDS, listed(BACKENDS)),
+        ("tolerance", options.tolerance, 0 < options.tolerance < 1, "a number in (0, 1)"),
+        (
+            "steps",
+            steps,
+            steps is None or (type(steps) is int and steps >= 2),
+            "a whole number of 2 or more",
+        ),
+        ("prefix", prefix, named, f"left out with {to}, whose files go by softjax"),
+        (
+            "prefix",
+            prefix,
+            re.fullmatch("[a-z][a-z0-9_]*", prefix),
+            "a name in C, of small letters",
+        ),
+        ("below", options.below, options.below in ("none", "hold"), "none or hold"),
+        ("types", types, sized, "left out with sizes, which are those of types 1, 2, …"),
+        ("types", types, types is None or to == "lammps", f"left out with {to}"),
+        ("types", types, two, "two types of atoms, such as 1 2"),
+        (
+            "radius",
+            options.radius,
+            options.radius is None or 0 < options.radius < math.inf,
+            "a positive length in m",
+        ),
+    )
+    for argument, value, good, accepted in checks:
+        if not good:
+            raise DataError(argument, value, accepted)

@@ -1,5 +1,6 @@
 """The result of an export: its law, errors and time step; printed, drawn and as export.json."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.metadata import version as version_of
 from typing import Any
@@ -8,17 +9,22 @@ import numpy as np
 
 import softjax as sj
 from calibration.errors import printable
-from calibration.particle_codes.choice import CONSTANT, Choice, ExportOptions
-from calibration.particle_codes.surrogates import softened
-from calibration.particle_codes.target import Target, impacts_of, number_of
+from calibration.particle_codes.choice import Choice
+from calibration.particle_codes.codes import CONSTANT
+from calibration.particle_codes.target import ExportOptions, Target, impacts_of, number_of
 from calibration.rounding import number
 from softjax.fields import numbers_of, options_of
 
-POISSON_RATIO = 0.3  # where only the contact is known: the modulus that is written goes with it
 DEEP = 0.1  # of the radius: contact laws are for small overlaps
 SLACK = 1e-3  # of a velocity: text rounds
 SCENES: dict[bool | None, str] = {True: "a ball on a flat wall", False: "two balls"}
-REQUESTED, OTHER = ", as requested", ", which needs an export of its own"
+REQUESTED, OTHER, SAME = (
+    ", as requested",
+    ", which needs an export of its own",
+    " of the same material",
+)
+# of the line of two balls, and of that of a wall, by whether a wall was measured
+LINES = {None: ("", SAME), True: (OTHER, REQUESTED), False: (REQUESTED, SAME + OTHER)}
 SLOWER, NEARLY_ELASTIC = 10.0, 0.98  # below the range, and an ε that leaves beds bouncing
 
 
@@ -31,7 +37,6 @@ class Export:
         target: the law and the velocities that were requested.
         choice: the law that the code gets, its impacts and its time step.
         tried: all laws that were tried, in the order of their cost.
-        options: the tolerance and the other options.
         files: names of the files.
     """
 
@@ -39,7 +44,6 @@ class Export:
     target: Target
     choice: Choice
     tried: list[Choice]
-    options: ExportOptions
     files: tuple[str, ...] = ()
 
     @property
@@ -48,14 +52,14 @@ class Export:
         return self.choice.law
 
     @property
-    def code_law(self) -> Any:
-        """The law in the code, as soft as was requested."""
-        return softened(self.choice.law, self.choice.softening_factor)
+    def options(self) -> ExportOptions:
+        """The tolerance and the other options."""
+        return self.target.options
 
     @property
     def peak(self) -> float:
         """The largest overlap in the code [m]."""
-        return float(np.max(self.choice.impacts.peak)) * self.choice.softening_factor
+        return float(np.max(self.choice.impacts.peak))
 
     @property
     def overlap(self) -> float:
@@ -65,17 +69,12 @@ class Export:
     @property
     def time_step(self) -> float:
         """[s]"""
-        return self.choice.step
+        return self.choice.steps.step
 
     @property
     def duration(self) -> np.ndarray:
         """Contact durations in the code over the velocities of the target [s]."""
-        return self.choice.impacts.duration * self.choice.softening_factor
-
-    @property
-    def poisson_ratio(self) -> float:
-        ratio = self.target.poisson_ratio
-        return POISSON_RATIO if ratio is None else ratio
+        return self.choice.impacts.duration
 
     @property
     def energy_error(self) -> float:
@@ -86,94 +85,75 @@ class Export:
         return dissipated / requested - 1 if requested > 0 else 0.0
 
     @property
-    def lines(self) -> tuple[str, str]:
-        """Whether the line of two balls, and that of a wall, is the one that was requested."""
-        same = " of the same material"
-        return {
-            None: ("", same),
-            True: (OTHER, REQUESTED),
-            False: (REQUESTED, same + OTHER),
-        }[self.target.on_wall]
-
-    @property
     def warnings(self) -> tuple[str, ...]:
         """What to know before it is used: extrapolation, deep overlaps, slow impacts, warnings of the fit."""
-        found, target = [], self.target
-        low, high = target.range
-        least, most = target.measured or target.range
+        return tuple(self._warnings())
+
+    def _warnings(self) -> Iterator[str]:
+        fit, (low, high) = self.target.fit, self.target.range
+        least, most = (low, high) if fit is None else np.sort(fit.data.velocity)[[0, -1]].tolist()
         if low < (1 - SLACK) * least or high > (1 + SLACK) * most:
-            found.append(
-                f"Measured: {number(least)} to {number(most)} m/s. Outside, ε is that of the law."
-            )
+            ends = f"{number(least)} to {number(most)} m/s"
+            yield f"Measured: {ends}. Outside, ε is that of the law."
         if self.overlap > DEEP:
             percent = f"{100 * self.overlap:.0f} %"
-            found.append(
-                f"Overlaps reach {percent} of the radius: contact laws are for small ones."
-            )
-        found += self._below()
-        if target.warnings:
-            found.append(f"Warnings of the fit: {', '.join(target.warnings)}; see its report.")
-        return tuple(found)
+            yield f"Overlaps reach {percent} of the radius: contact laws are for small ones."
+        if self.choice.key not in CONSTANT:
+            yield from self._below(low)
+        if fit is not None and fit.warnings:
+            names = dict.fromkeys(warning.code for warning in fit.warnings)
+            yield f"Warnings of the fit: {', '.join(names)}; see its report."
 
-    def _below(self) -> list[str]:
+    def _below(self, low: float) -> Iterator[str]:
         """The law of impacts slower than the range."""
-        choice, (low, _) = self.choice, self.target.range
+        choice, fit, below = self.choice, self.target.fit, low / SLOWER
         held = f"ε is held at {number(float(choice.impacts.coefficient[0]))}"
-        if choice.key in CONSTANT:
-            return []
         if choice.hold:
-            error = number(choice.hold_error, 2)
-            return [
-                f"Below {number(low)} m/s {held} by a dashpot, within {error} at this time step."
-            ]
-        below, lines = low / SLOWER, []
+            within = f"within {number(choice.hold_error, 2)} at this time step"
+            yield f"Below {number(low)} m/s {held} by a dashpot, {within}."
+            return
         slow = float(impacts_of(self.law, np.array([below]), self.options.losses).coefficient[0])
-        if slow > NEARLY_ELASTIC:
+        elastic, unknown = slow > NEARLY_ELASTIC, fit is not None and below < fit.known_from
+        if elastic:
             where = f"ε is {number(slow, 4)} at {number(below, 2)} m/s"
-            lines.append(f"Slower impacts lose nearly nothing ({where}): a bed settles slowly.")
-        if below < self.target.determined_from:
-            known = number(self.target.determined_from)
-            lines.append(f"Below {known} m/s the data do not determine ε.")
-        if lines:
-            lines.append(f"With --below hold {held} below {number(low)} m/s.")
-        return lines
+            yield f"Slower impacts lose nearly nothing ({where}): a bed settles slowly."
+        if fit is not None and unknown:
+            yield f"Below {number(fit.known_from)} m/s the data do not determine ε."
+        if elastic or unknown:
+            yield f"With --below hold {held} below {number(low)} m/s."
 
     @property
     def notes(self) -> tuple[str, ...]:
         """The first lines of every file."""
+        return tuple(map(_harmless, (*self._notes(), *self.warnings)))
+
+    def _notes(self) -> Iterator[str]:
         choice, target, contact = self.choice, self.target, self.target.contact
-        low, high = target.range
+        low, high = map(number, target.range)
         others = "two balls" if target.on_wall else "a wall in place of a ball"
         this = SCENES.get(target.on_wall, "this pair")
-        notes = [
-            f"{choice.label}, for {target.name}",
-            "",
-            f"Impacts of {number(low)} to {number(high)} m/s: ε within {number(choice.total, 2)} of the "
-            f"requested {_ends(target.restitution)},",
-            f"at time steps of {number(choice.step, 3)} s, {choice.steps.count} in the shortest contact.",
-            f"Effective radius {number(number_of(contact.radius))} m, effective mass "
-            f"{number(number_of(contact.mass))} kg.",
-        ]
+        yield from (f"{choice.label}, for {target.name}", "")
+        within, requested = number(choice.total, 2), _ends(target.restitution)
+        yield f"Impacts of {low} to {high} m/s: ε within {within} of the requested {requested},"
+        step, count = number(self.time_step, 3), choice.steps.count
+        yield f"at time steps of {step} s, {count} in the shortest contact."
+        radius, mass = (number(number_of(one)) for one in (contact.radius, contact.mass))
+        yield f"Effective radius {radius} m, effective mass {mass} kg."
         if target.pairs:
             radii = ", ".join(number(one) for one in self.options.sizes or ())
-            notes.append(f"That error is of all pairs of spheres of radius {radii} m.")
+            yield f"That error is of all pairs of spheres of radius {radii} m."
         elif choice.backend.of_mass:
-            notes.append(f"Its damping is for that mass, of {this}: other sizes, or {others}, need")
-            notes.append("an export of their own, or --sizes.")
+            yield f"Its damping is for that mass, of {this}: other sizes, or {others}, need"
+            yield "an export of their own, or --sizes."
         else:
-            notes.append(f"That error is of {this}: other sizes, or {others}, have another.")
+            yield f"That error is of {this}: other sizes, or {others}, have another."
         if choice.softening_factor != 1:
-            notes.append(
-                f"Softer: overlaps are {number(choice.softening_factor, 3)} times the law's."
-            )
+            times = number(choice.softening_factor, 3)
+            yield f"Softer: overlaps are {times} times the law's."
         if isinstance(choice.law, sj.RateIndependentLaw):
-            gain = 0.0 if self.options.losses else choice.impacts.gain
-            notes.append(
-                f"An impact gains at most {number(gain, 2)} of its energy (just above yield)."
-                if gain
-                else "No history of loading and unloading gains energy."
-            )
-        return tuple(map(_harmless, (*notes, *self.warnings)))
+            gain = f"An impact gains at most {number(choice.impacts.gain, 2)} of its energy"
+            none = "No history of loading and unloading gains energy."
+            yield f"{gain} (just above yield)." if choice.impacts.gain else none
 
     def to_dict(self) -> dict[str, Any]:
         """The content of export.json."""

@@ -9,8 +9,7 @@ so that damped laws are of first order only. How far into a step an impact begin
 largest error over several beginnings counts.
 """
 
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
 from typing import Any
 
 import jax
@@ -24,7 +23,7 @@ from calibration.particle_codes.target import Impacts, end_of, unloading_force
 PHASES = 8  # beginnings of each impact, as parts of a step between the last free one and touch
 GOLDEN = (5**0.5 - 1) / 2  # spreads them: impacts on a linear spring differ in nothing else
 TRIED = (32, 64, 128, 256)  # steps in the shortest contact, for the order
-FEWEST, MOST = 10, 20_000
+MOST = 20_000
 LONGEST = 3  # times the longest contact that is stepped at most
 BETWEEN = 1.1  # other velocities and beginnings may be worse by this factor; seen: 1.03
 MORE = 1.1  # errors go up and down with the beginning; the order is an average
@@ -52,54 +51,47 @@ class Steps:
 NONE = Steps(0, 0.0, np.inf, None)  # where no time step was looked for
 
 
-def rebounds(law: Any, impacts: Impacts, count: int) -> Float[np.ndarray, "phases n"]:
-    """ε as a code gives it with `count` steps in the shortest contact, for several beginnings."""
-    step = float(np.min(impacts.duration)) / count
-    steps = int(np.ceil(LONGEST * np.max(impacts.duration) / step)) + 2
-    arrays = map(jnp.asarray, (impacts.velocity, impacts.factor, 0.0, step))
-    return np.asarray(_stepped(law, *arrays, steps, _phases(len(impacts.velocity))))
+def rebounds(
+    law: Any, impacts: Impacts, step: float, hold: float = 0.0, longest: float | None = None
+) -> Float[np.ndarray, "phases n"]:
+    """ε as a code gives it with time steps [s], for several beginnings of each impact.
+
+    Args:
+        hold: above 0, ε is held: by the loading force with this fraction of critical damping inside the peak.
+        longest: the longest contact [s], where it is not among the impacts.
+    """
+    steps = int(np.ceil(LONGEST * (longest or np.max(impacts.duration)) / step)) + 2
+    count = len(impacts.velocity)
+    phases = (np.arange(PHASES)[:, None] + np.arange(count) * GOLDEN % 1) / PHASES
+    arrays = map(jnp.asarray, (impacts.velocity, impacts.factor, hold, step, phases))
+    return np.asarray(_stepped(law, *arrays, steps))
 
 
-def hold_error(law: Any, impacts: Impacts, fraction: float, step: float) -> float:
+def hold_error(law: Any, impacts: Impacts, hold: float, step: float) -> float:
     """The largest error of ε held below the range with this fraction of critical damping."""
     slowest, expected = impacts.velocity[0], impacts.coefficient[0]
     velocity = np.geomspace(slowest / SLOWER, slowest, len(impacts.velocity))
     longest = float(np.max(impacts.duration)) * SLOWER**0.2  # of Hertz's contacts
-    steps = int(np.ceil(LONGEST * longest / step)) + 2
-    arrays = map(jnp.asarray, (velocity, impacts.factor, fraction, step))
-    found = _stepped(law, *arrays, steps, _phases(len(velocity)))
-    return BETWEEN * float(np.max(np.abs(np.asarray(found) - expected)))
-
-
-def _phases(count: int) -> Float[Array, "phases n"]:
-    return (jnp.arange(PHASES)[:, None] + jnp.arange(count) * GOLDEN % 1) / PHASES
+    found = rebounds(law, replace(impacts, velocity=velocity), step, hold, longest)
+    return BETWEEN * float(np.max(np.abs(found - expected)))
 
 
 def steps_of(law: Any, impacts: Impacts, count: int, order: float | None = None) -> Steps:
     """What a number of steps in the shortest contact costs."""
-    error = BETWEEN * np.max(np.abs(rebounds(law, impacts, count) - impacts.coefficient))
     step = float(np.min(impacts.duration)) / count
-    return Steps(count, step, float(error), order_of(law, impacts) if order is None else order)
+    error = BETWEEN * np.max(np.abs(rebounds(law, impacts, step) - impacts.coefficient))
+    return Steps(count, step, float(error), order)
 
 
-def order_of(law: Any, impacts: Impacts) -> float | None:
-    """The slope of ln error over ln step."""
-    errors = [
-        float(np.max(np.abs(rebounds(law, impacts, count) - impacts.coefficient)))
-        for count in TRIED
-    ]
-    if min(errors) < 1e-12:
-        return None
-    return float(-np.polyfit(np.log(TRIED), np.log(errors), 1)[0])
-
-
-def steps_within(law: Any, impacts: Impacts, tolerance: float, fewest: int = FEWEST) -> Steps:
-    """The fewest steps, from `fewest` on, whose error stays within; `MOST` where none does."""
-    order = order_of(law, impacts)
-    last = steps_of(law, impacts, TRIED[-1], order)
-    if order is None:
-        return last
-    count = max(TRIED[-1] * (last.error / tolerance) ** (1 / order), fewest)
+def steps_within(
+    law: Any, impacts: Impacts, tolerance: float, fewest: int, requested: int | None = None
+) -> Steps:
+    """The fewest steps, from `fewest` on, whose error stays within, `MOST` where none does; or those requested."""
+    errors = [steps_of(law, impacts, count).error for count in TRIED]
+    order = float(-np.polyfit(np.log(TRIED), np.log(errors), 1)[0]) if min(errors) > 1e-12 else None
+    if order is None or requested is not None:
+        return steps_of(law, impacts, requested or TRIED[-1], order)
+    count = max(TRIED[-1] * (errors[-1] / tolerance) ** (1 / order), fewest)
     while count <= MOST:
         found = steps_of(law, impacts, int(np.ceil(count)), order)
         if found.error <= tolerance:
@@ -115,31 +107,22 @@ def _stepped(
     factor: Float[Array, " n"],
     hold: Array,
     step: Array,
-    steps: int,
     phases: Float[Array, "p n"],
+    steps: int,
 ) -> Float[Array, "p n"]:
-    """ε of impacts at `velocity` [m/s] after `steps` steps of one length [s].
+    """ε of impacts after `steps` steps; `factor` multiplies the unloading force of each."""
 
-    Args:
-        factor: of the unloading force, one an impact.
-        hold: above 0, ε is held: by the loading force with this fraction of critical damping inside the peak.
-        phases: the parts of a step between the last free one and touch.
-    """
+    def advanced(_, state):
+        overlap, velocity, peak = state
+        overlap = overlap + step * velocity
+        peak = jnp.where(overlap > 0, jnp.maximum(peak, overlap), 0.0)
+        inside = jnp.maximum(overlap, NO_OVERLAP), velocity, jnp.maximum(peak, NO_OVERLAP)
+        force = jnp.where(overlap > 0, _force(law, factor, hold, *inside), 0.0)
+        return overlap, velocity - step * force / law.contact.mass, peak
+
     start = -phases * velocity * step
     state = (start, velocity + 0 * start, 0 * start)
-    body = partial(_advance, law, factor, hold, step)
-    _, last, _ = lax.fori_loop(0, steps, lambda _, state: body(state), state)
-    return -last / velocity
-
-
-def _advance(law, factor, hold, step, state):
-    overlap, velocity, peak = state
-    overlap = overlap + step * velocity
-    touching = overlap > 0
-    peak = jnp.where(touching, jnp.maximum(peak, overlap), 0.0)
-    inside = jnp.maximum(overlap, NO_OVERLAP), velocity, jnp.maximum(peak, NO_OVERLAP)
-    force = jnp.where(touching, _force(law, factor, hold, *inside), 0.0)
-    return overlap, velocity - step * force / law.contact.mass, peak
+    return -lax.fori_loop(0, steps, advanced, state)[1] / velocity
 
 
 def _force(law, factor, hold, overlap, velocity, peak):

@@ -1,4 +1,4 @@
-"""What is exported: a law, its ε over a range of velocities, and its forces as codes follow them."""
+"""What is exported: a law, its ε over a range of velocities, and its impacts as codes follow them."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -16,10 +16,30 @@ from calibration.fitting.material import MaterialFit
 from calibration.fitting.result import FitResult
 
 POINTS = 65  # velocities at which ε is compared, evenly in the logarithm
+POISSON_RATIO = 0.3  # where only the contact is known: the modulus that is written goes with it
 UNANSWERED = int(sj.Status.NO_TURNING_POINT | sj.Status.INVALID_INPUT)
 
 Range = tuple[float, float]
 Curve = Float[np.ndarray, " n"]
+
+
+@dataclass(frozen=True)
+class ExportOptions:
+    """Options of an export, by their names in `calibration.particle_codes.entry.export`."""
+
+    material: str | None
+    velocity_range: Range | None
+    tolerance: float
+    law: str
+    steps: int | None
+    overlap: float | None
+    radius: float | None
+    on_wall: bool | None
+    losses: bool
+    prefix: str
+    types: tuple[int, int] | None
+    below: str
+    sizes: tuple[float, ...] | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,55 +47,49 @@ class Target:
     """A law, the velocities of a scene, and ε there.
 
     Attributes:
-        law: with single numbers for all its fields, and a contact.
+        options: of the export.
+        law: with single numbers for all its fields.
+        contact: of the law, or of the fit.
         name: of the material.
         radius, radius_of: the radius [m] of the smaller sphere, or the effective one where only the
             contact is known, and which of them it is.
-        poisson_ratio, density: of the smaller sphere [-], [kg/m³]; None where only the contact is known.
+        poisson_ratio: of the smaller sphere [-].
         on_wall: whether the law is of a ball on a flat wall, or of two balls; None where only the
             contact is known.
         velocity, restitution: [m/s] and [-], shape (POINTS,).
-        measured: lowest and highest velocity of the data [m/s]; None without data.
-        warnings: codes of the fit's warnings.
-        determined_from: the velocity [m/s] below which the fit does not determine ε.
         pairs: two types of atoms and their contact, of the sizes that were named.
+        fit: of the law, where it is of one.
     """
 
+    options: ExportOptions
     law: Any
     contact: sj.Contact
     name: str
     radius: float
     radius_of: str
-    poisson_ratio: float | None
-    density: float | None
+    poisson_ratio: float
     on_wall: bool | None
     velocity: np.ndarray
     restitution: np.ndarray
-    measured: Range | None = None
-    warnings: tuple[str, ...] = ()
-    determined_from: float = 0.0
-    pairs: tuple[tuple[int, int, sj.Contact], ...] = ()
+    pairs: tuple[tuple[int, int, sj.Contact], ...]
+    fit: MaterialFit | None
 
     @property
     def range(self) -> Range:
         return float(self.velocity[0]), float(self.velocity[-1])
 
+    @property
+    def has_force(self) -> bool:
+        return not isinstance(self.law, sj.HardSphereLaw)
 
-def target_of(
-    source: FitResult | MaterialFit | sj.ContactLaw,
-    material: str | None = None,
-    velocity_range: Range | None = None,
-    losses: bool = True,
-    radius: float | None = None,
-    on_wall: bool | None = None,
-    sizes: tuple[float, ...] | None = None,
-) -> Target:
-    """ε of a fit or a law over a range of velocities; arguments as in `entry.export`.
+
+def target_of(source: FitResult | MaterialFit | sj.ContactLaw, options: ExportOptions) -> Target:
+    """ε of a fit or a law over a range of velocities.
 
     Raises:
         ValueError: naming the argument, its value and what is accepted.
     """
-    found = source.material(material) if isinstance(source, FitResult) else source
+    found = source.material(options.material) if isinstance(source, FitResult) else source
     fit = found if isinstance(found, MaterialFit) else None
     law = fit.law if fit else found
     if not isinstance(law, sj.ContactLaw):
@@ -86,30 +100,25 @@ def target_of(
         raise DataError("result_or_law", type(law).__name__, accepted)
     if any(np.size(leaf) != 1 for leaf in jax.tree.leaves((law, contact))):
         raise DataError("result_or_law", "a law of several pairs of bodies", "a law of one pair")
-    velocity = np.geomspace(*_range(fit, velocity_range), POINTS)
+    velocity = np.geomspace(*_range(fit, options.velocity_range), POINTS)
     spheres = [body for body in fit.data.bodies if body.radius is not None] if fit else []
     smaller = min(spheres, key=lambda body: body.radius, default=None)
-    if on_wall is None and spheres:
-        on_wall = len(spheres) == 1
-    if radius is not None and not 0 < radius < np.inf:
-        raise DataError("radius", radius, "a positive length in m")
-    known = radius or (smaller.radius if smaller else None)
+    on_wall = len(spheres) == 1 if options.on_wall is None and spheres else options.on_wall
+    known = options.radius or (smaller.radius if smaller else None)
     density = float(smaller.material.density) if smaller else None
     return Target(
+        options,
         law,
         contact,
-        printable(fit.data.name if fit else material or type(law).__name__),
+        printable(fit.data.name if fit else options.material or type(law).__name__),
         float(known or number_of(contact.radius)),
         "sphere's" if known else "effective",
-        float(smaller.material.poisson_ratio) if smaller else None,
-        density,
+        float(smaller.material.poisson_ratio) if smaller else POISSON_RATIO,
         on_wall,
         velocity,
-        restitution_of(law, velocity, losses),
-        (float(np.min(fit.data.velocity)), float(np.max(fit.data.velocity))) if fit else None,
-        tuple(dict.fromkeys(warning.code for warning in fit.warnings)) if fit else (),
-        fit.known_from if fit else 0.0,
-        _pairs(contact, sizes, density, on_wall) if sizes is not None else (),
+        restitution_of(law, velocity, options.losses),
+        _pairs(contact, options.sizes, density, on_wall),
+        fit,
     )
 
 
@@ -132,21 +141,19 @@ def _range(fit: MaterialFit | None, velocity_range: Range | None) -> Range:
 
 def _pairs(contact: sj.Contact, sizes: Any, density: Any, on_wall: bool | None) -> tuple:
     """Contacts of all pairs of types. Without a density it is that of two like spheres with this contact."""
+    if sizes is None:
+        return ()
     if on_wall:
         raise DataError("sizes", sizes, "left out for a ball on a wall: export each size by itself")
     radii = np.array(sizes, float)
     if not np.all((radii > 0) & (radii < np.inf)):
         raise DataError("sizes", sizes, "radii of the types of atoms in m")
     like = 2 * number_of(contact.mass) / (2 * number_of(contact.radius)) ** 3
-    masses = radii**3 * (4 / 3 * np.pi * density if density else like)
-
-    def reduced(values: np.ndarray, i: int, j: int) -> float:
-        return float(values[i] * values[j] / (values[i] + values[j]))
-
+    bodies = {"radius": radii, "mass": radii**3 * (4 / 3 * np.pi * density if density else like)}
     found = []
     for i, j in combinations_with_replacement(range(len(radii)), 2):
-        size = {"radius": reduced(radii, i, j), "mass": reduced(masses, i, j)}
-        found.append((i + 1, j + 1, dataclasses.replace(contact, **size)))
+        reduced = {name: float(x[i] * x[j] / (x[i] + x[j])) for name, x in bodies.items()}
+        found.append((i + 1, j + 1, dataclasses.replace(contact, **reduced)))
     return tuple(found)
 
 
@@ -154,6 +161,11 @@ def with_contact(law: Any, contact: sj.Contact) -> Any:
     """The law between bodies of other sizes."""
     has_contact = getattr(law, "contact", None) is not None
     return dataclasses.replace(law, contact=contact) if has_contact else law
+
+
+def number_of(leaf: Any) -> float:
+    """A single number of a law or contact."""
+    return float(np.asarray(leaf).reshape(()))
 
 
 def restitution_of(law: Any, velocity: np.ndarray, losses: bool = True) -> np.ndarray:
@@ -168,11 +180,6 @@ def restitution_of(law: Any, velocity: np.ndarray, losses: bool = True) -> np.nd
         accepted = "one over which the law has a turning point"
         raise DataError("velocity_range", f"one with {velocity[np.argmax(none)]:.4g} m/s", accepted)
     return np.asarray(hit.coefficient if losses else hit.plastic_coefficient)
-
-
-def number_of(leaf: Any) -> float:
-    """A single number of a law or contact."""
-    return float(np.asarray(leaf).reshape(()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,11 +209,9 @@ class Impacts:
 def impacts_of(law: Any, velocity: Curve, losses: bool = True) -> Impacts:
     """Impacts on a law with a force; `losses`: with those that are in ε and in no force."""
     hit = sj.restitution(law, velocity)
-    plastic, peak, duration = map(
-        np.asarray, (hit.plastic_coefficient, hit.peak_overlap, hit.duration)
-    )
-    coefficient = np.minimum(np.asarray(hit.coefficient), 1.0) if losses else plastic
-    return Impacts(velocity, coefficient, plastic, peak, duration)
+    numbers = hit.coefficient, hit.plastic_coefficient, hit.peak_overlap, hit.duration
+    total, plastic, peak, duration = map(np.asarray, numbers)
+    return Impacts(velocity, np.minimum(total, 1.0) if losses else plastic, plastic, peak, duration)
 
 
 def end_of(law: Any) -> str:

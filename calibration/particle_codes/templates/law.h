@@ -1,5 +1,7 @@
-/* {{ notes[0] }}
-{% for note in notes[1:] %}
+{% set choice, (low, high) = export.choice, export.target.range %}
+{% set hold = choice.hold %}
+/* {{ export.notes[0] }}
+{% for note in export.notes[1:] %}
 {{ (" * " ~ note).rstrip() }}
 {% endfor %}
  *
@@ -28,16 +30,16 @@
 typedef SOFTJAX_REAL softjax_real;
 
 /* overlaps are this many times those of the law, forces as many times less: eps is the same */
-#define SOFTJAX_STRETCH ((softjax_real){{ softening_factor }})
+#define SOFTJAX_STRETCH ((softjax_real){{ choice.softening_factor }})
 
 /* impact velocities [m/s] for which this was written, and the time step [s] tested with them */
-#define SOFTJAX_SLOWEST {{ slowest }}
-#define SOFTJAX_FASTEST {{ fastest }}
-#define SOFTJAX_STEP {{ step }}
+#define SOFTJAX_SLOWEST {{ 0.0 if hold else low }}
+#define SOFTJAX_FASTEST {{ high }}
+#define SOFTJAX_STEP {{ export.time_step }}
 {% if not end %}
 /* an impact slower than this [m/s] unloads along the loading curve, with a dashpot of this fraction of critical
  * damping that makes its eps the one of that velocity; 0: no such impact. A faster one feels it where it loads again. */
-#define SOFTJAX_HOLD_BELOW {{ hold_below }}
+#define SOFTJAX_HOLD_BELOW {{ low if hold else 0.0 }}
 #define SOFTJAX_HOLD ((softjax_real){{ hold }})
 {% endif %}
 
