@@ -233,6 +233,20 @@ def test_a_restart_in_mid_contact_changes_nothing(at, plugin):
         np.testing.assert_allclose(found, whole, rtol=0, atol=1e-13)
 
 
+def test_a_restart_has_room_for_the_contacts_of_every_process(plugin):
+    """The first of two processes has no contact, the second two spheres that touch."""
+    folder, stated = plugin[0], 'print "RESULT $(vx[1]:%.17g) $(vx[2]:%.17g) $(x[1]:%.17g)"'
+    step = f"timestep {float(sj.restitution(STEEL, 5.0).duration) / 100!r}"
+    start = ["processors 2 1 1", *meeting(0.05, 0, 5.0, 0.0, 0.0), step]
+    (whole,) = lammps([*start, "run 150", stated], folder, ranks=2)
+    lammps([*start, "run 75", "write_restart second.restart"], folder, ranks=2)
+    again = ["atom_modify map array", "newton off", "read_restart second.restart"]
+    again += [*start[start.index(LOAD[0]) :], "run 75", stated]
+    for ranks in (1, 2):
+        (found,) = lammps(again, folder, ranks)
+        np.testing.assert_allclose(found, whole, rtol=0, atol=1e-13)
+
+
 def test_a_box_is_filled_by_pouring(plugin):
     """From nothing, with spheres of two sizes: none is lost, none falls through; warnings at the end."""
     lines = [

@@ -218,15 +218,11 @@ class FixSoftjaxMemory : public Fix {
     for (auto &record : records[i]) record.call = calls;
   }
   int size_restart(int i) override { return 2 + VALUES * (int)records[i].size(); }
-  int maxsize_restart() override {
-    int most = 0;
-    for (int i = 0; i < atom->nlocal; i++) most = std::max(most, size_restart(i));
+  int maxsize_restart() override { /* of all processes: the first one's is written to the file */
+    int mine = 0, most;
+    for (int i = 0; i < atom->nlocal; i++) mine = std::max(mine, size_restart(i));
+    MPI_Allreduce(&mine, &most, 1, MPI_INT, MPI_MAX, world);
     return most;
-  }
-  double memory_usage() override {
-    double bytes = 0;
-    for (auto &mine : records) bytes += (double)(sizeof(mine) + mine.capacity() * sizeof(Record));
-    return bytes;
   }
 
  protected:
