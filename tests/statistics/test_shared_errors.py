@@ -162,6 +162,21 @@ def test_another_specimen_s_band_has_the_specimens_spread():
     assert stats.t.ppf(0.975, degrees) < reach < stats.t.ppf(0.975, 5)
 
 
+def test_one_more_measurement_is_no_surer_than_the_mean():
+    """Two specimens leave the mean one degree of freedom; large stated errors, which are known, leave more."""
+    v = np.tile(np.geomspace(1, 10, 8), 2)
+    u = 0.02 / v**2
+    off = np.repeat([0.006, -0.006], 8)
+    e = 0.8 + off + u * np.tile([0.5, -0.5], 8)
+    group = np.repeat(["a", "b"], 8)
+    result = cal.fit(cal.RestitutionData(v, e, uncertainty=u, group=group), "constant", **QUICK)
+    mean, one = (result.band(np.array([1.0, 10.0]), kind=kind) for kind in ("mean", "prediction"))
+    assert np.all(one.low <= mean.low)
+    assert np.all(one.high >= mean.high)
+    by_its_own = stats.t.ppf(0.975, 10) * one.standard_error[0]
+    assert by_its_own < float(mean.high[0] - mean.low[0]) / 2
+
+
 def test_scatter_beside_stated_uncertainties_is_of_the_largest_restricted_likelihood():
     random = np.random.default_rng(11)
     u = random.uniform(0.001, 0.004, 25)
