@@ -100,7 +100,9 @@ def band(
         reach = quantile(confidence, degrees) * error
         if added:  # more degrees of freedom do not make one measurement surer than the mean
             of_mean = freedom.degrees(labels, slope, carried, block, {})
-            reach = np.maximum(reach, quantile(confidence, of_mean) * np.sqrt(np.maximum(carried, 0)))
+            reach = np.maximum(
+                reach, quantile(confidence, of_mean) * np.sqrt(np.maximum(carried, 0))
+            )
         return value, value - reach, value + reach, error
 
     return band_of(material, velocity, kind, parts)

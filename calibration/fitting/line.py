@@ -36,6 +36,7 @@ from calibration.parameters import Parameter
 
 PSI = 0.5  # stands in where ε_up is what is known: above yield it acts through ε_up alone
 ROUNDING = 1e-9  # of χ̃: errors below are not used
+TINY = np.finfo(float).tiny
 
 
 @dataclass(frozen=True)
@@ -334,7 +335,8 @@ class Line:
     def _mean(self, name: str) -> Loss:
         """Of the fitted materials; those at an end of the range do not enter the mean."""
         values = np.array([getattr(one, name) for one in self.materials], float)
-        inside = (values > 0) & (values < (1 if name == "eps_up" else np.inf))
+        # a law at an open end of its range has the least number there is
+        inside = (values > TINY) & (values < (1 if name == "eps_up" else np.inf))
         scaled = np.array([_scaled(name, float(value)) for value in values[inside]])
         if len(scaled) < 2:
             accepted = "given: fewer than two of the fitted materials have one"

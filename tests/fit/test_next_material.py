@@ -1,6 +1,7 @@
 """Eq. (18) for a further material: six simulated ones that scatter about a line by 8 %."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -122,6 +123,21 @@ def test_a_band_is_what_each_unknown_does(six):
     below = line.band(contact, v, sigma=0.7, psi=0.4).coefficient
     expected = sj.restitution(line.law(contact, sigma=0.7, psi=0.4), v).coefficient
     np.testing.assert_allclose(below, expected, rtol=1e-12)
+
+
+def test_a_material_whose_psi_is_at_its_bound_is_left_out_of_the_mean(six):
+    """A fit that ends at ψ = 0 has the least number there is, which would make any geometric mean nothing."""
+    line = six[2].unloading_line
+    psi = [0.4, 0.9, np.finfo(float).tiny]
+    materials = tuple(
+        replace(one, sigma=0.3, psi=value)
+        for one, value in zip(line.materials[:3], psi, strict=True)
+    )
+    contact = contact_of(6.5e8)
+    law = replace(line, materials=materials).law(contact)
+    assert float(law.psi) == pytest.approx(0.6, rel=1e-12)
+    with pytest.raises(ValueError, match=r"psi.*fewer than two"):
+        replace(line, materials=materials[1:]).law(contact)
 
 
 def test_two_materials_leave_no_freedom_and_what_makes_no_sense_is_refused():
