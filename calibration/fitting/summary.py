@@ -524,6 +524,10 @@ def observable_warnings(
             warnings.misfit(one.reduced_chi_squared, one.residual_degrees, None, part.name)
         )
     found.append(warnings.runs(errors.velocity, np.array(one.standardised), part.name))
+    if one.rms > MOST_OFF:  # an estimated scatter takes a wrong unit or size as it is
+        cause = f"the law misses the values by {100 * one.rms:.3g} % (rms)"
+        advice = "Check the unit and the bodies; of dents, which diameter was measured (`dent`)."
+        found.append(FitWarning("plausibility", cause, part.name, advice))
     words = OBSERVABLES[observable].words
     return [
         replace(warning, cause=f"{words}: {warning.cause}")
@@ -532,6 +536,7 @@ def observable_warnings(
     ]
 
 
+MOST_OFF = 0.5  # rms of an observable other than ε, in parts of its values
 OF_RESTITUTION = [one.name for one in fields(Goodness)]
 
 

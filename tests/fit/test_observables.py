@@ -117,6 +117,17 @@ def test_relative_errors_do_not_lower_what_is_fitted():
         assert found.standard_errors["stiffness"] == pytest.approx(0.01 * SPRING, rel=0.1)
 
 
+@pytest.mark.parametrize(("factor", "is_raised"), [(1.3, False), (2.5, True)])
+def test_times_far_from_a_law_without_freedom_are_named(factor, is_raised):
+    """Their scatter is estimated, and so large that nothing else is noticed."""
+    hit = sj.restitution(sj.Hertz(PAIR), V)
+    times = factor * np.asarray(hit.duration)
+    result = cal.fit(cal.RestitutionData(V, contact_time=times, contact=PAIR), "hertz", **QUICK)
+    causes = [one.cause for one in result.warnings if one.code == "plausibility"]
+    off = 100 * (1 - 1 / factor)
+    assert causes == [f"contact time: the law misses the values by {off:.3g} % (rms)"] * is_raised
+
+
 def test_slopes_of_every_observable_are_those_of_differences():
     law = sj.Zhou(PAIR, 1.8, 3.0, 0.54)
 
