@@ -124,7 +124,7 @@ class _Job:
     """One law and the options of its studies; each study appends to `text` what is printed."""
 
     def __init__(self, arguments: argparse.Namespace, source: Any, route: Any):
-        from calibration.studies.asked import inputs_of, ranges_of
+        from calibration.studies.input_ranges import inputs_of, ranges_of
 
         self.arguments, self.source, self.route = arguments, source, route
         stated = zip((arguments.first, arguments.last), source.span, strict=True)
@@ -163,7 +163,7 @@ class _Job:
     def _options(self) -> dict[str, Any]:
         """The options of information and design: of a fit its own parameters, else the free ones."""
         import calibration as cal
-        from calibration.studies.asked import number
+        from calibration.studies.input_ranges import number
 
         names = {name: getattr(self.arguments, name) or [] for name in ("free", "fix")}
         sensors = {}
@@ -216,7 +216,7 @@ def _limits(job: _Job) -> dict[str, Any]:
     """Central limits of θ ∂ε/∂θ over draws, {name: (low, high)}, each at the bars' velocities."""
     import numpy as np
 
-    from calibration.studies.asked import inputs_of
+    from calibration.studies.input_ranges import inputs_of
     from calibration.studies.local import sensitivity
 
     source, half = job.source, 0.5 * job.source.result.confidence
@@ -250,7 +250,7 @@ def _design(job: _Job, folder: Path, progress: Progress) -> dict[str, Any]:
     """Where to measure next."""
     from calibration.plots.studies import plot_design
     from calibration.plots.style import save
-    from calibration.studies.asked import pair
+    from calibration.studies.input_ranges import pair
     from calibration.studies.design import optimal_velocities
     from calibration.studies.text import design_csv, wrapped
 
