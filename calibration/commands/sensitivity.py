@@ -250,8 +250,8 @@ def _design(job: _Job, folder: Path, progress: Progress) -> dict[str, Any]:
     """Where to measure next."""
     from calibration.plots.studies import plot_design
     from calibration.plots.style import save
-    from calibration.studies.input_ranges import pair
     from calibration.studies.design import optimal_velocities
+    from calibration.studies.input_ranges import pair
     from calibration.studies.text import design_csv, wrapped
 
     arguments = job.arguments

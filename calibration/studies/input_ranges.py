@@ -1,4 +1,4 @@
-"""What a command asks a study: which numbers are inputs, over which ranges, and what is left out."""
+"""Inputs of a study on the command line: which numbers, over which ranges, and what is left out."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
