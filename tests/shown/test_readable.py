@@ -1,19 +1,13 @@
 """Pictures and sentences that a reader takes in without the text around them."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 
 import calibration as cal
 import softjax as sj
-from calibration import plots
-from calibration.curves import Rows
-from calibration.fitting.material import Estimate
-from calibration.plots.curves import plot_restitution
-from calibration.report.fit import result_sentence
-from tests.shown.capture import labels, line
+from tests.command import run
+from tests.shown.capture import band, drawn, labels
 
 STEEL = sj.STAINLESS_STEEL
 SMALL, LARGE = 0.004, 0.012  # radii [m]
@@ -31,58 +25,73 @@ def two_sizes():
     return cal.fit(data, sj.ViscoelasticHertz, profiles=False)
 
 
-def test_residuals_have_the_colour_of_their_size(two_sizes):
-    upper, lower = plots.curves_figure(two_sizes).axes
+def test_residuals_have_the_colour_of_their_size(two_sizes, tmp_path):
+    with drawn() as figures:
+        two_sizes.report(tmp_path / "out")
+    upper, lower = figures["curves.png"].axes
     curves = [one for one in upper.get_lines() if str(one.get_label()).startswith("R = ")]
     colours = [to_hex(one.get_color()) for one in curves]
     assert [one.get_label() for one in curves] == ["R = 2 mm", "R = 6 mm"]  # effective: half
     assert len(set(colours)) == 2
-    drawn = [one[0] for one in lower.containers]
-    assert [to_hex(one.get_color()) for one in drawn] == colours
+    of_size = [one[0] for one in lower.containers]
+    assert [to_hex(one.get_color()) for one in of_size] == colours
     data = two_sizes.material().data
-    for points, rows in zip(drawn, (slice(0, 6), slice(6, 12)), strict=True):
+    for points, rows in zip(of_size, (slice(0, 6), slice(6, 12)), strict=True):
         np.testing.assert_allclose(points.get_xdata(), data.velocity[rows])
     assert "95 %, of the mean" in labels(upper)
 
 
 def test_a_unit_stands_at_the_value_and_at_the_interval(two_sizes):
-    values, interval = result_sentence(two_sizes).split(" (95 % interval ")
+    sentence = " ".join(str(two_sizes).split())
+    values, interval = sentence.split(" (95 % interval ")[:2]
     assert values.endswith(" s")
     assert interval.split(")")[0].endswith(" s")
 
 
-def rows(low, high):
-    v = np.linspace(1.0, 2.0, 5)
-    curve = np.linspace(0.95, 0.85, 5)
-    return Rows(v, curve, np.zeros(5, int), curve - low, curve + high)
+@pytest.mark.parametrize("noise", [0.1, 0.0005])
+def test_a_band_much_wider_than_its_curve_is_cut_and_the_picture_says_so(noise, tmp_path):
+    """At half the curve's height below and above it."""
+    contact = sj.Contact.between_spheres(STEEL, STEEL, SMALL, SMALL)
+    v = np.geomspace(0.5, 5.0, 6)
+    e = np.asarray(sj.restitution(sj.ViscoelasticHertz(contact, 2e-6), v).coefficient)
+    e = e + noise * np.array([1, -1, -1, 1, 1, -1])
+    fit = cal.fit(cal.RestitutionData(v, e, contact), sj.ViscoelasticHertz, profiles=False)
+    fit.save(tmp_path / "fit.json")
+    with drawn() as figures:
+        words = ("--from", 0.5, "--to", 5, "--format", "png", "--out", tmp_path / "out")
+        code, _, err = run("curve", "--fit", tmp_path / "fit.json", *words)
+    assert code == 0, err
+    ((ax,),) = (figure.axes for figure in figures.values())
+    (name,) = [one for one in labels(ax) if one.startswith("95 %, of the mean")]
+    (curve,) = [one.get_ydata() for one in ax.get_lines() if len(one.get_ydata()) > 100]
+    half = (np.nanmax(curve) - np.nanmin(curve)) / 2
+    _, below, above = band(ax, name)
+    room = np.nanmin(curve) - half, np.nanmax(curve) + half
+    is_wider = np.min(below) < room[0] or np.max(above) > room[1]
+    assert (noise == 0.1) == is_wider == ("wider than the picture" in name)
+    if is_wider:
+        ends = max(np.min(below), room[0]), min(np.max(above), room[1])
+        assert ax.get_ylim() == pytest.approx(ends, abs=1e-9)
+    else:
+        assert ax.get_ylim()[0] < np.min(below)
 
 
-def test_a_band_much_wider_than_its_curve_is_cut_and_the_picture_says_so():
-    """The curve spans 0.10, and has half of that above and below it."""
-    ax = plot_restitution(rows(0.3, 0.01), "alloy", confidence=0.95)
-    assert ax.get_ylim() == pytest.approx((0.80, 0.96))
-    assert "95 %, of the mean\n(wider than the picture: 0.55 to 0.96)" in labels(ax)
-    ax = plot_restitution(rows(0.02, 0.01), "alloy", confidence=0.95)
-    assert "95 %, of the mean" in labels(ax)
-    assert ax.get_ylim()[0] < 0.83
-
-
-def test_the_profile_of_a_parameter_at_its_bound_is_drawn_over_a_linear_axis():
-    """Its points come within 1e-10 of the bound, the interval ends at 0.03."""
-    values = np.array([1e-10, 1e-6, 1e-3, 0.01, 0.03, 0.04])
-    found = SimpleNamespace(
-        parameter="chi",
-        values=values,
-        delta_chi_squared=values / 0.03 * 3.84,
-        threshold=3.84,
-        low=None,
-        high=0.03,
-    )
-    ax = plots.plot_profile(found, Estimate(0.0, at_bound=True))
+def test_the_profile_of_a_parameter_at_its_bound_is_drawn_over_a_linear_axis(tmp_path):
+    """Its first points come within 1e-8 of the bound; it crosses the threshold where the interval ends."""
+    contact = sj.Contact.with_wall(sj.NYLON, sj.STAINLESS_STEEL, 0.0127)
+    v = float(contact.critical_velocity) * np.geomspace(2.0, 40.0, 12)
+    e = 0.88 + 1e-3 * np.log(v) + 0.001 * np.tile([1.0, -1.0, -1.0, 1.0], 3)
+    result = cal.fit(cal.RestitutionData(v, e, contact), starts=1)
+    assert result.estimates["chi"].at_bound
+    with drawn() as figures:
+        result.report(tmp_path / "out")
+    (ax,) = [one for one in figures["profiles.png"].axes if "chi" in one.get_xlabel()]
     assert ax.get_xscale() == "linear"
+    profile = result.profiles["chi"]
     x, y = ax.get_lines()[0].get_data()
-    assert np.interp(0.03, x, y) == pytest.approx(3.84, rel=1e-3)
-    assert line(ax, "interval")[0][0] == 0.03
+    assert np.interp(profile.high, x, y) == pytest.approx(profile.threshold, rel=0.01)
+    ends = [one.get_xdata()[0] for one in ax.get_lines() if one.get_label() == "interval"]
+    assert ends[-1] == pytest.approx(profile.high)
 
 
 def test_the_colours_of_correlations_are_explained_in_the_picture(alloy):
