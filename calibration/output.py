@@ -79,8 +79,9 @@ def files_into(directory: str | Path, names: Iterable[str] = ()) -> Iterator[Pat
                     _replace(staged, target, new)
                 else:
                     os.rename(Path(folder, missing.parts[0]), there / missing.parts[0])
-            older = [name for name in names if (target / name).exists() and name not in new]
-            written[directory] = older
+            if not any(part.startswith(UNFINISHED) for part in target.parts):
+                older = [name for name in names if (target / name).exists() and name not in new]
+                written[directory] = older
     except OSError as error:
         if error.filename is not None and not _concerns(error.filename, target):
             raise

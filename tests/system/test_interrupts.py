@@ -7,10 +7,12 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
+from pathlib import Path
 
 import pytest
+from matplotlib.figure import Figure
 
-from tests.command import write_alloy
+from tests.command import run, write_alloy
 
 CODES = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGHUP: 129}
 COMMAND = [sys.executable, "-m", "calibration", "--no-cache"]
@@ -20,8 +22,8 @@ MORE_THAN_A_PIPE_HOLDS = b"velocity\n" + b"1.0\n" * 50_000
 
 def at_work(folder, *before):
     """A command that has begun to read its velocities, and waits for their end."""
-    # tests that were started in the background ignore SIGINT, and a command that inherits this does too
-    inherited = signal.signal(signal.SIGINT, signal.default_int_handler)
+    # tests in the background ignore SIGINT, those under nohup SIGHUP, and a command inherits this
+    inherited = {number: signal.signal(number, signal.SIG_DFL) for number in CODES}
     try:
         process = subprocess.Popen(
             [*before, *COMMAND, *CURVE, "--velocities", "-", "--out", "results"],
@@ -32,7 +34,8 @@ def at_work(folder, *before):
             env=os.environ | {"PYTHONPATH": os.getcwd()},
         )
     finally:
-        signal.signal(signal.SIGINT, inherited)
+        for number, handler in inherited.items():
+            signal.signal(number, handler)
     assert process.stdin is not None
     process.stdin.write(MORE_THAN_A_PIPE_HOLDS)
     process.stdin.flush()  # returns once most of it was read
@@ -83,6 +86,20 @@ def test_a_reader_that_has_gone_is_no_error():
     done = subprocess.run([*COMMAND, "--help"], stdout=write, stderr=subprocess.PIPE, check=False)
     os.close(write)
     assert (done.returncode, done.stderr) == (0, b"")
+
+
+def test_what_is_not_in_its_place_yet_is_not_written(tmp_path, monkeypatch):
+    """Stopped while a picture is drawn, when other files of the report are ready in a folder of their own."""
+    file = write_alloy(tmp_path, 'law = "walton-braun"')
+
+    def save(figure, path, **_):
+        assert (Path(path).parent / "fit.json").exists()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Figure, "savefig", save)
+    code, _, error = run("fit", file, "--out", tmp_path / "results", "--no-cache", "--quiet")
+    assert (code, error) == (130, "softjax: interrupted, nothing written\n")
+    assert sorted(os.listdir(tmp_path)) == ["alloy.toml", "my_alloy.csv"]
 
 
 @pytest.mark.long
