@@ -32,8 +32,8 @@ leads: variances (fits,), residuals and slopes (fits, n), columns (fits, n, k).
 
 Source: Woodbury's identity and its square root for a term of rank one in each group; Särkkä, Bayesian
 Filtering and Smoothing (2013), section 5.3, of the statistical linearisation; Gull, in Maximum Entropy
-and Bayesian Methods (1989), p. 511, and Carroll, Ruppert, Stefanski and Crainiceanu, Measurement Error in Nonlinear Models (2006),
-section 4.5, of the distribution of the true velocities.
+and Bayesian Methods (1989), p. 511, and Carroll, Ruppert, Stefanski and Crainiceanu, Measurement
+Error in Nonlinear Models (2006), section 4.5, of the distribution of the true velocities.
 """
 
 from collections.abc import Mapping

@@ -4,7 +4,7 @@ A further family is a class with the methods of `Normal`, chosen in `Errors.fami
 `FitOptions.noise`. A parameter of its own that is estimated gets its start in `variances._first_guess`,
 its name in `errors.CALLED` and its prior in `posterior/density.py`, as "dof" has.
 
-Everything works for NumPy and for jax.numpy (`xp`).
+Methods with `xp` work for NumPy and for jax.numpy; the others are for searches, in NumPy.
 """
 
 import math

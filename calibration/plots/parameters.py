@@ -122,7 +122,7 @@ def correlation_figure(result: Any) -> Figure | None:
     names = [[_symbol(result, label, not owner) for label in own] for owner, own, _ in blocks]
     room = max(len(name) for own in names for name in own)
     size = max(0.8, LETTER * room) + CELL * max(map(len, names))
-    figure, grid = style.panels(len(blocks), (size, size + 0.25), "data sets", legend=0.0)
+    figure, grid = style.panels(len(blocks), (size, size + 0.25), "data sets", legend=0.4)
     if len(blocks) == 1:
         figure.set_figwidth(size)
     for (owner, labels, matrix), own, (ax,) in zip(blocks, names, grid, strict=False):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
+from matplotlib.image import imread
 
 import calibration as cal
 import softjax as sj
@@ -97,6 +98,13 @@ def test_the_profile_of_a_parameter_at_its_bound_is_drawn_over_a_linear_axis(tmp
 def test_the_colours_of_correlations_are_explained_in_the_picture(alloy):
     figure = alloy.figures["correlation.png"]
     assert figure.get_supxlabel() == "blue: positive; orange: negative"
+
+
+def test_titles_of_correlations_are_inside_the_picture(tmp_path):
+    """Of three materials in one row, with the explanation of the colours below them."""
+    assert run("fit", "--out", tmp_path / "out")[0] == 0
+    edge = imread(tmp_path / "out" / "correlation.png")[:5, :, :3]
+    assert np.all(edge == 1.0)  # nothing is cut at the upper edge
 
 
 def test_one_point_and_one_parameter_are_no_plural():
