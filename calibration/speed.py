@@ -1,9 +1,9 @@
-"""Speed against error: the routes of this library, and what one would write instead.
+"""Speed against error: the routes of this library and their baselines.
 
-Every way computes ε_p of the same collisions: each route of the law, `scipy.integrate.solve_ivp` in a
-Python loop, and `diffrax.diffeqsolve` ended by events. Exact answers are 40-digit arithmetic (of damped laws
-60-digit) rounded to 20 digits, made by tests/oracles/write.py, or a closed form that no route
-uses, so that no way is compared with itself.
+Every method computes ε_p of the same collisions: each route of the law, `scipy.integrate.solve_ivp` in a
+Python loop, and `diffrax.diffeqsolve` ended by events. Exact values come from 40-digit arithmetic (60-digit
+for damped laws), rounded to 20 digits by tests/oracles/write.py, or from a closed form that no route
+uses, so that no method is compared with itself.
 """
 
 import csv
@@ -26,13 +26,13 @@ import numpy as np
 import softjax as sj
 
 LAWS = ("zhou", "viscoelastic", "hertz-dashpot", "linear", "own")
-BATCH, LARGE, FEW = 4096, 1_000_000, 16  # impacts; few of the slow loops in Python
+BATCH, LARGE, FEW = 4096, 1_000_000, 16  # impacts; the last for the slow loops in Python
 EXACT = "exact", "exact, no overlaps"  # the second: ε, ε_p and status alone
-REPEATS, SHORTEST, LONGEST = 9, 0.2, 0.5  # timings; after these seconds none is added or begun
-SLIGHTLY = 1.1  # a rival may err by so much more
+REPEATS, SHORTEST, LONGEST = 9, 0.2, 0.5  # timings; least and largest total time [s]
+SLIGHTLY = 1.1  # factor by which the error of a baseline may exceed the requested one
 NEARLY = 3.0  # errors within this factor count as the requested one
-LEAST = 1e-30  # of an overlap, whose root is taken
-ENDS = 20.0  # no contact lasts so long in its own units
+LEAST = 1e-30  # smallest overlap under a root
+ENDS = 20.0  # longer than any contact, in reduced units
 SCIPY, DIFFRAX = "SciPy loop", "diffrax, events"
 FAMILIES = ("energy balance", "closed form", "ODE", DIFFRAX, SCIPY)
 LENGTH = 2e-4  # [m] of `Hardening`
@@ -40,12 +40,12 @@ RESTITUTION, STIFFNESS = 0.7, 1e6  # of the dashpots
 
 
 class Phase(NamedTuple):
-    """One part of a motion x'' = -force(x, x', x_m, c), x_m the largest overlap, up to its end.
+    """One phase of a motion x'' = -force(x, x', x_m, c), where x_m is the largest overlap.
 
     Attributes:
         force, end: functions of (x, x', x_m, c, larger), `larger` the greater of two numbers; the
             phase ends where `end` falls through 0.
-        returning: whether the end counts only on the way back, x' < 0.
+        returning: whether the end counts only while the bodies separate, x' < 0.
     """
 
     force: Callable
@@ -55,20 +55,20 @@ class Phase(NamedTuple):
 
 @dataclass(frozen=True)
 class Scene:
-    """Impact velocities, the law, and what is exact about them.
+    """Impact velocities, a law, and the exact results.
 
     Attributes:
-        title: of the picture.
-        law_of: builds the law from the three numbers of which gradients are taken.
-        theta: these numbers.
+        title: title of the picture.
+        law_of: builds the law from the three parameters of the gradients.
+        theta: these parameters.
         velocity: [m/s], shape (n,).
         exact: ε_p, shape (n,).
         slopes: θ ∂ε_p/∂θ, shape (3, n).
-        reduced: the impact velocity y and the numbers c of the motion, in its own units, from the law
-            and velocities.
-        phases: of the motion.
-        routes: of this library: those of the quick table first.
-        quick: how many these are.
+        reduced: from a law and velocities, the impact velocity y and the numbers c of the motion, in
+            reduced units.
+        phases: the phases of the motion.
+        routes: routes of this library, those of the quick table first.
+        quick: number of routes in the quick table.
     """
 
     title: str
@@ -88,11 +88,11 @@ class Scene:
 
 
 @dataclass(frozen=True)
-class Way:
-    """One line of the table.
+class Method:
+    """One method to compute ε_p, and its batch: one row of the table.
 
     `value(velocity)` returns ε_p; `gradient(velocity)` returns Σ ε_p and θ ∂(Σ ε_p)/∂θ for the
-    three parameters. `batch` is the number of velocities it is timed with.
+    three parameters. `batch` is the number of velocities in the timed call.
     """
 
     family: str
@@ -104,22 +104,22 @@ class Way:
 
 @dataclass(frozen=True)
 class Row:
-    """One line of the table. Times are medians after a warm-up; `None` is what was not measured."""
+    """One row of the table. Times are medians after a warm-up; None was not measured."""
 
     family: str
     setting: str
     batch: int
     microseconds: float  # a collision
-    largest_error: float  # of ε_p against the exact answer
+    largest_error: float  # of ε_p against the exact value
     compile_seconds: float  # the first call beyond a later one
     gradient_microseconds: float | None = None  # value and gradient, a collision
     gradient_error: float | None = None  # of θ ∂ε_p/∂θ, the mean of the batch
 
 
 class Hardening(sj.RateIndependentLaw):
-    """A law as a user writes it, by forces in SI: Hertz's, and back F_m (δ/δ_m)^{3/2 + δ_m/ℓ}.
+    """A law as a user writes it, in SI units: Hertz's loading, unloading F_m (δ/δ_m)^{3/2 + δ_m/ℓ}.
 
-    The works of both are elementary: ε² = (5/2)/(5/2 + δ_m/ℓ).
+    The works of both forces are elementary: ε² = (5/2)/(5/2 + δ_m/ℓ).
     """
 
     contact: sj.Contact
@@ -154,14 +154,14 @@ def scene_of(name: str) -> Scene:
 
 
 def _stored(name: str) -> tuple[dict[str, Any], np.ndarray]:
-    """Inputs and the columns of exact answers."""
+    """Inputs and the columns of exact values."""
     path = Path(__file__).with_name("speed.json")
-    found = json.loads(path.read_text(encoding="utf-8"))[name]
-    return found["inputs"], np.array(found["rows"], float).T
+    stored = json.loads(path.read_text(encoding="utf-8"))[name]
+    return stored["inputs"], np.array(stored["rows"], float).T
 
 
 def _zhou() -> Scene:
-    """Gradients by χ̃, E and Y: all three numbers of the reduced collision move with these."""
+    """Zhou's law; gradients in χ̃, E and Y, which move all three numbers of the reduced collision."""
     x, (velocity, exact, *slopes) = _stored("zhou")
 
     def law_of(chi, youngs_modulus, yield_strength):
@@ -200,7 +200,7 @@ def _zhou() -> Scene:
 
 
 def _damped(name: str) -> Scene:
-    """x'' = -x^p - c x^q x' in units of v and the spring; gradients by what damps, E and M."""
+    """x'' = -x^p - c x^q x' in units of v and the spring; gradients in the damping, E and M."""
     x, (velocity, exact, slope) = _stored("viscoelastic")
     p, q = {"viscoelastic": (1.5, 0.5), "hertz-dashpot": (1.5, 0.25), "linear": (1.0, 0.0)}[name]
     damping, powers = x["dissipation_time"], (1.0, 0.4, -0.4)
@@ -245,7 +245,7 @@ def _damped(name: str) -> Scene:
 
 
 def _own(kind: type[Hardening]) -> Scene:
-    """x'' = -(5/4) x^{3/2}, and with the power c back, in units of δ_m and v; gradients by ℓ, E and M."""
+    """x'' = -(5/4) x^{3/2}, with the power c on unloading, in units of δ_m and v; gradients in ℓ, E and M."""
     velocity, steel = np.geomspace(1e-2, 10.0, 32), _zhou().law.contact
 
     def law_of(length, youngs_modulus, mass) -> Hardening:
@@ -272,10 +272,10 @@ def _own(kind: type[Hardening]) -> Scene:
     )
 
 
-def ways(name: str, quick: bool) -> Iterator[Callable[[], Way]]:
-    """The ways of one of `LAWS` as functions that build them, the largest batches last.
+def methods(name: str, quick: bool) -> Iterator[Callable[[], Method]]:
+    """Functions that build the methods of one of `LAWS`, the largest batches last.
 
-    Some machines lend all their cores in full only after seconds of work.
+    Some machines give all their cores only after seconds of work.
     """
     scene = scene_of(name)
     for rtol in (1e-6,) if quick else (1e-4, 1e-6, 1e-8):
@@ -283,7 +283,7 @@ def ways(name: str, quick: bool) -> Iterator[Callable[[], Way]]:
         yield partial(by_events, scene, rtol, gradient=rtol == 1e-6 and not quick)
     for route in scene.routes[: scene.quick] if quick else scene.routes:
         yield partial(by_route, scene, route, BATCH, gradient=not quick)
-        if name == "own":  # the rivals stop where the overlap vanishes
+        if name == "own":  # the baselines stop where the overlap vanishes
             yield partial(by_route, _own(HardeningToZero), route, BATCH, ", end stated", not quick)
     if name != "own":
         exact = next(route for route in scene.routes if not isinstance(route, sj.ODE))
@@ -294,8 +294,8 @@ def ways(name: str, quick: bool) -> Iterator[Callable[[], Way]]:
 
 def by_route(
     scene: Scene, route: Any, batch: int, note: str = "", gradient: bool = False, overlaps=True
-) -> Way:
-    """A route as a user calls it outside of any `jit`: all fields of the result, not ε_p alone."""
+) -> Method:
+    """A route as a user calls it without `jit`: all fields of the result, not only ε_p."""
     law, family, setting = scene.law, route.name, EXACT[not overlaps]
     if isinstance(route, sj.ODE):
         fixed = route.rtol is None and route.steps
@@ -309,21 +309,21 @@ def by_route(
         return sj.restitution(law, velocity, route, overlaps=overlaps).plastic_coefficient
 
     slopes = _with_gradient(scene, coefficient) if gradient else None
-    return Way(family, setting + note, batch, value, slopes)
+    return Method(family, setting + note, batch, value, slopes)
 
 
-def scipy_loop(scene: Scene, rtol: float) -> Way:
+def scipy_loop(scene: Scene, rtol: float) -> Method:
     """`solve_ivp` by DOP853 in a Python loop, with events."""
 
     def value(velocity):
-        found = scene.reduced(scene.law, velocity)
-        found = jax.tree.map(lambda leaf: np.broadcast_to(leaf, velocity.shape).tolist(), found)
-        speeds, numbers = found
+        motion = scene.reduced(scene.law, velocity)
+        motion = jax.tree.map(lambda leaf: np.broadcast_to(leaf, velocity.shape).tolist(), motion)
+        speeds, numbers = motion
         each = zip(*numbers, strict=True) if isinstance(numbers, tuple) else numbers
         rows = zip(speeds, each, strict=True)
         return np.array([_by_scipy(scene.phases, y, c, rtol) for y, c in rows])
 
-    return Way(SCIPY, f"DOP853, rtol {rtol:.0e}", FEW, value)
+    return Method(SCIPY, f"DOP853, rtol {rtol:.0e}", FEW, value)
 
 
 def _by_scipy(phases: tuple[Phase, ...], y: float, c: Any, rtol: float) -> float:
@@ -341,14 +341,14 @@ def _by_scipy(phases: tuple[Phase, ...], y: float, c: Any, rtol: float) -> float
 
         ended.terminal, ended.direction = True, -1  # type: ignore[attr-defined]
         tolerance = {"rtol": rtol, "atol": rtol * np.array([y**0.8, y])}
-        found = solve_ivp(field, (0.0, ENDS), state, "DOP853", events=ended, **tolerance)
-        state = found.y_events[0][0]
+        solution = solve_ivp(field, (0.0, ENDS), state, "DOP853", events=ended, **tolerance)
+        state = solution.y_events[0][0]
         peak = state[0]
     return -state[1] / y
 
 
-def by_events(scene: Scene, rtol: float, gradient: bool = False) -> Way:
-    """The plain way with diffrax: over time, each phase ended by an `Event` and a root find."""
+def by_events(scene: Scene, rtol: float, gradient: bool = False) -> Method:
+    """The plain method with diffrax: integrate over time, end each phase by an `Event` and a root find."""
 
     def coefficient(theta, velocity):
         y, c = scene.reduced(scene.law_of(*theta), velocity)
@@ -357,7 +357,9 @@ def by_events(scene: Scene, rtol: float, gradient: bool = False) -> Way:
 
     value = jax.jit(coefficient)
     slopes = _with_gradient(scene, coefficient) if gradient else None
-    return Way(DIFFRAX, f"tsit5, rtol {rtol:.0e}", BATCH, lambda v: value(scene.theta, v), slopes)
+    return Method(
+        DIFFRAX, f"tsit5, rtol {rtol:.0e}", BATCH, lambda v: value(scene.theta, v), slopes
+    )
 
 
 def _by_diffrax(phases: tuple[Phase, ...], y, c, rtol: float):
@@ -374,7 +376,7 @@ def _by_diffrax(phases: tuple[Phase, ...], y, c, rtol: float):
             left = phase.end(*y, peak, c, jnp.maximum)
             return jnp.where(y[1] < 0, left, 1.0) if phase.returning else left
 
-        found = dfx.diffeqsolve(
+        solution = dfx.diffeqsolve(
             dfx.ODETerm(field),
             dfx.Tsit5(),
             t0=0.0,
@@ -386,13 +388,13 @@ def _by_diffrax(phases: tuple[Phase, ...], y, c, rtol: float):
             max_steps=4096,
             throw=False,
         )
-        state = jax.tree.map(lambda leaf: leaf[-1], found.ys)
+        state = jax.tree.map(lambda leaf: leaf[-1], solution.ys)
         peak = state[0]
     return -state[1] / y
 
 
 def _with_gradient(scene: Scene, coefficient: Callable) -> Callable:
-    """Σ ε_p of `coefficient(theta, velocity)` and its gradient by ln θ, reverse mode."""
+    """Σ ε_p of `coefficient(theta, velocity)` and its gradient in ln θ, by reverse mode."""
 
     @jax.jit
     def value_and_gradient(theta, velocity):
@@ -403,28 +405,28 @@ def _with_gradient(scene: Scene, coefficient: Callable) -> Callable:
     return lambda velocity: value_and_gradient(scene.theta, velocity)
 
 
-def measure(way: Way, scene: Scene) -> Row:
-    """Time a way on the velocities of a scene, repeated up to its batch, and compare it with what is exact."""
-    velocity = np.resize(scene.velocity, way.batch)
-    found, first = _timed(way.value, velocity)
-    seconds = _median_seconds(way.value, velocity)
-    error = np.max(np.abs(np.asarray(found) - np.resize(scene.exact, way.batch)))
+def measure(method: Method, scene: Scene) -> Row:
+    """Time a method on the velocities of a scene, repeated to fill its batch; compare with exact values."""
+    velocity = np.resize(scene.velocity, method.batch)
+    value, first = _timed(method.value, velocity)
+    seconds = _median_seconds(method.value, velocity)
+    error = np.max(np.abs(np.asarray(value) - np.resize(scene.exact, method.batch)))
     row = Row(
-        way.family,
-        way.setting,
-        way.batch,
-        1e6 * seconds / way.batch,
+        method.family,
+        method.setting,
+        method.batch,
+        1e6 * seconds / method.batch,
         float(error),
         max(first - seconds, 0.0),
     )
-    if way.gradient is None:
+    if method.gradient is None:
         return row
-    (_, slopes), _ = _timed(way.gradient, velocity)
-    times_used = np.bincount(np.arange(way.batch) % scene.velocity.size)
+    (_, slopes), _ = _timed(method.gradient, velocity)
+    times_used = np.bincount(np.arange(method.batch) % scene.velocity.size)
     off = np.abs(np.asarray(slopes) - scene.slopes[:, : times_used.size] @ times_used)
-    microseconds = 1e6 * _median_seconds(way.gradient, velocity) / way.batch
+    microseconds = 1e6 * _median_seconds(method.gradient, velocity) / method.batch
     # of sums over the batch: divided by it, this is the mean error of one collision
-    error = float(np.max(off)) / way.batch
+    error = float(np.max(off)) / method.batch
     return replace(row, gradient_microseconds=microseconds, gradient_error=error)
 
 
@@ -442,7 +444,7 @@ def _median_seconds(function: Callable, velocity: np.ndarray) -> float:
 
 
 def as_csv(rows: list[Row]) -> str:
-    """All columns, undefined ones empty."""
+    """CSV text with all columns; undefined cells are empty."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([field.name for field in fields(Row)])
@@ -451,7 +453,7 @@ def as_csv(rows: list[Row]) -> str:
 
 
 def as_text(rows: list[Row]) -> str:
-    """The table, each family together, and what its times mean as ratios within this run."""
+    """The table, sorted by family, and the ratios of times within this run."""
     import pandas as pd
 
     from calibration.report.layout import table_text
@@ -468,20 +470,20 @@ def as_text(rows: list[Row]) -> str:
         )
         for row in sorted(rows, key=lambda row: FAMILIES.index(row.family))
     ]
-    headings = ("way", "setting", "batch", "µs", "error", "compile s", "µs+grad")
+    headings = ("method", "setting", "batch", "µs", "error", "compile s", "µs+grad")
     table = table_text(pd.DataFrame(cells, columns=headings))
-    head = f"{os.cpu_count()} cores; time per collision, largest error of ε_p against exact answers"
+    head = f"{os.cpu_count()} cores; time per collision, largest error of ε_p against exact values"
     return "\n".join([head, "", table, "", *_ratios(rows)])
 
 
 def _ratios(rows: list[Row]) -> Iterator[str]:
     for error in (1e-3, 1e-6):
         good = [r for r in rows if r.family == "ODE" and r.largest_error <= error]
-        for rival in (SCIPY, DIFFRAX):
-            theirs = time_at_error([row for row in rows if row.family == rival], error)
+        for baseline in (SCIPY, DIFFRAX):
+            theirs = time_at_error([row for row in rows if row.family == baseline], error)
             if good and theirs is not None:
                 ratio = theirs / min(row.microseconds for row in good)
-                yield f"ODE at error {error:.0e}: {ratio:.3g} times faster than {rival}"
+                yield f"ODE at error {error:.0e}: {ratio:.3g} times faster than {baseline}"
     for row in rows:
         if row.gradient_microseconds is not None:
             ratio = row.gradient_microseconds / row.microseconds
@@ -492,9 +494,9 @@ def _ratios(rows: list[Row]) -> Iterator[str]:
 
 
 def time_at_error(rows: list[Row], error: float) -> float | None:
-    """Microseconds of a rival where it errs so, interpolated between its settings as a power law.
+    """Microseconds of a baseline at an error, interpolated between its settings as a power law.
 
-    None where it was not measured near that error: much tighter settings would be unfair.
+    None if it was not measured near that error: a much tighter setting would be unfair.
     """
     points = sorted((row.largest_error, row.microseconds) for row in rows)
     above = [p for p in points if p[0] > SLIGHTLY * error]
@@ -508,8 +510,17 @@ def time_at_error(rows: list[Row], error: float) -> float | None:
     return min(t1, t1 ** (1 - weight) * t2**weight)
 
 
+def _note(row: Row) -> str:
+    """Label of a marker: its batch, if this is large, and whether the overlaps are omitted."""
+    omitted = row.setting.removeprefix(EXACT[0]) if row.setting in EXACT else ""
+    return f"{row.batch:,} impacts{omitted}" if row.batch > BATCH else ""
+
+
 def draw(rows: list[Row], title: str, ax: Any = None) -> Any:
-    """Time a collision against the largest error, both logarithmic; one marker a setting."""
+    """Plot time per collision against the largest error, both logarithmic; one marker for each setting.
+
+    Markers of batches other than `BATCH` have a label: the number of impacts, and what is omitted.
+    """
     from calibration.plots import style
 
     ax = style.axes_or_new(ax, 9.0, 5.5)
@@ -521,8 +532,12 @@ def draw(rows: list[Row], title: str, ax: Any = None) -> Any:
             errors = [max(row.largest_error, 1e-17) for row in some]
             times = [row.microseconds for row in some]
             ax.plot(errors, times, marker, color=colour, markersize=8, label=family)
+            for row, error in zip(some, errors, strict=True):
+                note = _note(row)
+                look: dict[str, Any] = {"textcoords": "offset points", "fontsize": "small"}
+                ax.annotate(note, (error, row.microseconds), (8, 0), va="center", **look)
     ax.set(xscale="log", yscale="log", title=f"Speed against error: {title}")
-    ax.set_xlabel("largest error of the plastic coefficient of restitution [-]")
+    ax.set_xlabel(r"largest error of $\varepsilon_p$ [-]")
     ax.set_ylabel("time per collision [µs]")
     ax.grid(which="major", alpha=0.3)
     ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)

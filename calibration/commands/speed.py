@@ -1,8 +1,8 @@
 """Measure speed against error on this machine.
 
 Every method computes ε_p of the same collisions: the routes of this library, SciPy in a loop, and
-diffrax with events. Errors are against 40-digit arithmetic. Written are speed.csv and speed.png. `--law`
-does the same for a law with damping, by its closed form and by the ODE, or for a user's law in SI.
+diffrax with events. Errors are against 40-digit arithmetic. The command writes speed.csv and speed.png.
+With `--law` it measures a law with damping, in closed form and by the ODE, or a user's law in SI units.
 """
 
 import argparse
@@ -15,7 +15,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     laws = ("viscoelastic", "hertz-dashpot", "linear", "own")
     parser.add_argument(
-        "--law", choices=laws, help="a law with damping, or a user's law in SI (default: zhou)"
+        "--law",
+        choices=laws,
+        help="a law with damping, or a user's law in SI units (default: zhou)",
     )
 
 
@@ -24,14 +26,14 @@ def run(arguments: argparse.Namespace) -> int:
     from calibration.console import Progress
     from calibration.output import check_writable, files_into, or_printed, write_text
     from calibration.plots.style import save
-    from calibration.speed import as_csv, as_text, draw, measure, scene_of, ways
+    from calibration.speed import as_csv, as_text, draw, measure, methods, scene_of
 
     sj.enable_x64()
     check_writable(arguments.out)
     name = arguments.law or "zhou"
-    scene, builders = scene_of(name), list(ways(name, arguments.quick))
+    scene, builders = scene_of(name), list(methods(name, arguments.quick))
     with warnings.catch_warnings(), Progress(arguments.quiet) as progress:
-        warnings.simplefilter("ignore")  # of the baselines
+        warnings.simplefilter("ignore")  # from the baselines
         rows = [measure(build(), scene) for build in progress.over(builders, "measuring")]
     text = [] if arguments.quiet else [as_text(rows)]
     with or_printed(text), files_into(arguments.out) as folder:
@@ -41,5 +43,5 @@ def run(arguments: argparse.Namespace) -> int:
         save(figure, folder / "speed.png")
     if text:
         print(text[0])
-        print(f"\nwrote {arguments.out / 'speed.csv'} and {arguments.out / 'speed.png'}")
+        print(f"\nWritten: {arguments.out / 'speed.csv'} and {arguments.out / 'speed.png'}")
     return 0

@@ -1,7 +1,7 @@
 """Measure everything and write the reference's table of speed: `python -m tests.benchmarks`.
 
-`softjax speed` measures the library, SciPy's loop and diffrax with events; compiled loops and refits are beside
-it (`pip install numba pytest-benchmark`). What stands between the two marks of the page is replaced.
+`softjax speed` measures the library, SciPy's loop and diffrax with events; compiled loops and refits are measured
+here (`pip install numba pytest-benchmark`). The text between the two marks of the page is replaced.
 """
 
 import csv
@@ -29,13 +29,13 @@ def main() -> None:
         found = json.loads(text)["benchmarks"]
     before, rest = PAGE.read_text(encoding="utf-8").split(MARKS[0])
     after = rest.split(MARKS[1])[1]
-    lines = "\n".join([MARKS[0], *table(rows, found), "", *said_of_refits(found), MARKS[1]])
+    lines = "\n".join([MARKS[0], *table(rows, found), "", *text_of_refits(found), MARKS[1]])
     PAGE.write_text(before + lines + after, encoding="utf-8")
     print(lines)
 
 
 def table(rows: list[dict], found: list[dict]) -> list[str]:
-    """Markdown, a way a line."""
+    """Markdown, one method in each row."""
     cells = [
         (
             row["family"],
@@ -53,7 +53,7 @@ def table(rows: list[dict], found: list[dict]) -> list[str]:
             each = 1e6 * one["stats"]["median"] / more["batch"]
             cells.append((more["family"], more["setting"], more["batch"], each, more["error"], ""))
     heads = [
-        "way",
+        "method",
         "setting",
         "batch",
         "µs a collision",
@@ -61,13 +61,15 @@ def table(rows: list[dict], found: list[dict]) -> list[str]:
         "value and gradient, µs",
     ]
     lines = [f"| {' | '.join(heads)} |", "|" + "---|" * len(heads)]
-    for way, setting, batch, each, error, gradient in cells:
-        lines.append(f"| {way} | {setting} | {batch:,} | {each:.2g} | {error:.0e} | {gradient} |")
+    for method, setting, batch, each, error, gradient in cells:
+        lines.append(
+            f"| {method} | {setting} | {batch:,} | {each:.2g} | {error:.0e} | {gradient} |"
+        )
     return lines
 
 
-def said_of_refits(found: list[dict]) -> list[str]:
-    """A thousand refits by both ways."""
+def text_of_refits(found: list[dict]) -> list[str]:
+    """A thousand refits by both methods."""
     seconds = {
         one["extra_info"]["refits"]: one["stats"]["median"]
         for one in found
@@ -76,7 +78,7 @@ def said_of_refits(found: list[dict]) -> list[str]:
     share = min(one["extra_info"].get("share", 1.0) for one in found)
     return [
         f"A thousand refits of a bootstrap, 30 points and three parameters each, take "
-        f"{seconds['refits']:.2f} s side by side, {seconds['scipys_refits']:.2f} s by SciPy's loop over the "
+        f"{seconds['refits']:.2f} s as one batch, {seconds['scipys_refits']:.2f} s by SciPy's loop over the "
         f"same formulas in numba with exact derivatives; {share:.1%} end at the same minimum."
     ]
 

@@ -48,12 +48,14 @@ def test_links_between_chapters_become_links_between_pages(built):
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_option_of_a_command_is_told(command):
-    """In its own section, or in those of several commands."""
+    """In its section, or in those of several commands."""
     text = (CHAPTERS / "commands.md").read_text(encoding="utf-8")
     sections = {part.partition("\n")[0]: part for part in re.split(r"^##+ ", text, flags=re.M)}
     common = sections["Common to all"] + sections["Which collision"]
     names = [name for name in sections if name.startswith(f"`softjax {command}")]
-    own = "".join(sections[name] for name in names) + sections["Of a curve"] * (command == "curve")
+    own = "".join(sections[name] for name in names) + sections["Velocities and files"] * (
+        command == "curve"
+    )
     options = set(re.findall(r"(?<!\S)(--[a-z0-9-]+)", helped(command)))
     documented = set(re.findall(r"`(--[a-z0-9-]+)", common + own))
     assert options - documented == {"--help"}
