@@ -158,9 +158,9 @@ def _parsed(argv: Sequence[str]):
     )
     command.add_arguments(parser)
     common_options(parser)
-    own = vars(parser.parse_args(before.rest))
-    given = {key: value for key, value in vars(before).items() if key in COMMON}
-    return before.command, command, argparse.Namespace(**(COMMON | given | own))
+    parsed = vars(parser.parse_args(before.rest))
+    common = {key: value for key, value in vars(before).items() if key in COMMON}
+    return before.command, command, argparse.Namespace(**(COMMON | common | parsed))
 
 
 def _top_parser() -> Parser:

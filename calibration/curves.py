@@ -117,9 +117,9 @@ class Rows(NamedTuple):
 
     def as_array(self) -> np.ndarray:
         """A structured array with fields velocity, restitution, status (and low, high)."""
-        own = [self.velocity, self.coefficient, self.status.astype("<i4"), self.low, self.high]
+        stored = [self.velocity, self.coefficient, self.status.astype("<i4"), self.low, self.high]
         names = ["velocity", "restitution", "status", "low", "high"]
-        columns = [column for column in own if column is not None]
+        columns = [column for column in stored if column is not None]
         kinds = [(name, column.dtype) for name, column in zip(names, columns, strict=False)]
         return np.rec.fromarrays(columns, dtype=kinds)
 

@@ -57,7 +57,9 @@ class DataError(ValueError):
 
     def __str__(self) -> str:
         place = "" if self.index is None else f"[{self.index}]"
-        return f"`{self.argument}{place}` must be {self.accepted}, but is {self.value}"
+        # "must be left out, but is given" says the same twice
+        value = "" if self.value == "given" else f", but is {self.value}"
+        return f"`{self.argument}{place}` must be {self.accepted}{value}"
 
     def at(self, file: str | Path | None, line: int | None) -> InputError:
         """The same refusal with file and line."""

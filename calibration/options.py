@@ -178,11 +178,11 @@ class FitOptions(Strict):
 
     @model_validator(mode="before")
     @classmethod
-    def _plain(cls, given: Any) -> Any:
+    def _plain(cls, values: Any) -> Any:
         """Scalars of NumPy and JAX as Python's."""
-        if not isinstance(given, dict):
-            return given
-        return {name: _as_python(value) for name, value in given.items()}
+        if not isinstance(values, dict):
+            return values
+        return {name: _as_python(value) for name, value in values.items()}
 
     @model_validator(mode="after")
     def _act(self) -> "FitOptions":
@@ -200,8 +200,8 @@ class FitOptions(Strict):
     @property
     def law_options(self) -> dict[str, str]:
         """Those of the law itself that are given, by name."""
-        given = {name: getattr(self, name) for name in LAW_OPTIONS}
-        return {name: value for name, value in given.items() if value is not None}
+        options = {name: getattr(self, name) for name in LAW_OPTIONS}
+        return {name: value for name, value in options.items() if value is not None}
 
 
 def idle(settings: Mapping[str, Any]) -> dict[str, str]:
@@ -231,7 +231,7 @@ def add_options(parser: Any, names: Iterable[str] = tuple(FitOptions.model_field
         parser.add_argument(flag(name), dest=name, help=help, **look)
 
 
-def merged(stated: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+def merged(stated: Mapping[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:
     """The settings of a file and of the command line, which wins.
 
     Of the file's not what was for another law, or would do nothing now.
@@ -239,10 +239,10 @@ def merged(stated: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any
     Raises:
         DataError: for an option that would do nothing.
     """
-    others = LAW_OPTIONS if given.get("law", stated.get("law")) != stated.get("law") else ()
-    settings = {name: value for name, value in stated.items() if name not in others} | {**given}
+    others = LAW_OPTIONS if overrides.get("law", stated.get("law")) != stated.get("law") else ()
+    settings = {name: value for name, value in stated.items() if name not in others} | {**overrides}
     for name, acting in idle(settings).items():
-        if name in given:
+        if name in overrides:
             raise DataError(flag(name), "given", f"left out: {acting}")
         del settings[name]
     return settings
@@ -263,15 +263,15 @@ def given_options(arguments: argparse.Namespace) -> dict[str, Any]:
 def documented(function: Function, without: Iterable[str] = ()) -> Function:
     """Fill `**options` of a function: its signature and docstring list the settings one by one."""
     signature = inspect.signature(function)
-    own = list(signature.parameters.values())[:-1]
+    parameters = list(signature.parameters.values())[:-1]
     fields = FitOptions.model_fields
     more = [
         inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=field.default)
         for name, field in fields.items()
         if name not in {*signature.parameters, *without}
     ]
-    own.sort(key=lambda one: one.kind)
-    function.__signature__ = signature.replace(parameters=[*own, *more])  # type: ignore[attr-defined]
+    parameters.sort(key=lambda one: one.kind)
+    function.__signature__ = signature.replace(parameters=[*parameters, *more])  # type: ignore[attr-defined]
     table = "\n".join(f"        {one.name}: {fields[one.name].description}." for one in more)
     function.__doc__ = (function.__doc__ or "").replace("        OPTIONS", table)
     return function

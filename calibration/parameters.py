@@ -98,8 +98,8 @@ class Parameter:
         """
         low, high = self.bounds or (-math.inf, math.inf)
         least, most = max(low, declared.lower), min(high, declared.upper)
-        for given, drawn in ((low, least), (high, most)):
-            if given != drawn and math.isfinite(given):
+        for bound, drawn in ((low, least), (high, most)):
+            if bound != drawn and math.isfinite(bound):
                 raise DataError("bounds", f"[{low:g}, {high:g}]", f"within {_interval(declared)}")
         if self.value is not None and self.is_number and not declared.holds(float(self.value)):
             raise DataError("value", self.value, declared.accepted)
@@ -127,8 +127,8 @@ def _check_value(value: Any) -> None:
         raise DataError("value", value, "a finite number")
 
 
-def _bounds(given: Any, value: Any) -> tuple[float, float]:
-    low, high = _pair("bounds", given, "[lowest, highest]")
+def _bounds(bounds: Any, value: Any) -> tuple[float, float]:
+    low, high = _pair("bounds", bounds, "[lowest, highest]")
     if not low < high:
         raise DataError("bounds", f"[{low}, {high}]", "[lowest, highest], lowest below highest")
     if is_finite_number(value) and not low <= value <= high:
@@ -136,8 +136,8 @@ def _bounds(given: Any, value: Any) -> tuple[float, float]:
     return low, high
 
 
-def _prior(given: Any) -> tuple[float, float]:
-    prior = _pair("prior", given, "[mean, standard deviation]")
+def _prior(stated: Any) -> tuple[float, float]:
+    prior = _pair("prior", stated, "[mean, standard deviation]")
     if not (all(map(math.isfinite, prior)) and prior[1] > 0):
         raise DataError("prior", f"{list(prior)}", "[mean, positive standard deviation]")
     return prior
@@ -173,9 +173,11 @@ class Transform(NamedTuple):
     upper: np.ndarray
 
     @classmethod
-    def of(cls, ranges, asked) -> "Transform":
+    def of(cls, ranges, requested) -> "Transform":
         """For (lowest, highest) of each element and the requested transform, or None."""
-        kinds = [_kind(low, high, name) for (low, high), name in zip(ranges, asked, strict=True)]
+        kinds = [
+            _kind(low, high, name) for (low, high), name in zip(ranges, requested, strict=True)
+        ]
         low, high = np.array(ranges, float).reshape(-1, 2).T
         return cls(np.array(kinds, int), low, high)
 
@@ -231,11 +233,11 @@ class Transform(NamedTuple):
         return low, np.where(np.isfinite(self.upper), self.upper, 1.0)
 
 
-def _kind(low: float, high: float, asked: str | None) -> int:
+def _kind(low: float, high: float, requested: str | None) -> int:
     """The requested transform, or the one that suits the bounds.
 
     A logarithm between two bounds is the logit, which nears it at small values.
     """
     ends = math.isfinite(low), math.isfinite(high)
     natural = {(True, True): LOGIT, (True, False): LOG, (False, True): FROM_ABOVE}
-    return NONE if asked == "none" else natural.get(ends, NONE)
+    return NONE if requested == "none" else natural.get(ends, NONE)

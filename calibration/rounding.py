@@ -1,11 +1,11 @@
-"""Numbers as a reader wants them: rounded to their errors, never more digits than they hold."""
+"""Round numbers to their errors, never to more digits than are known."""
 
 import math
 from typing import TypeGuard
 
 ABSENT = "–"
-MOST_DIGITS = 7  # more say nothing: printed constants have four
-NO_ERROR = 1e-9  # of the value: below, a standard error is rounding
+MOST_DIGITS = 7  # published constants have four
+NO_ERROR = 1e-9  # relative: a smaller standard error is rounding, and is not shown
 ERROR_DIGITS = 2
 
 
@@ -17,13 +17,13 @@ def number(value: float | None, digits: int = 4) -> str:
 
 
 def with_error(value: float | None, error: float | None) -> str:
-    """`1.794 ± 0.052`: the error to two digits, the value to the same place."""
+    """`1.794 ± 0.052`: the error to two digits, the value to the same place; no error below `NO_ERROR`."""
     if not _finite(value):
         return ABSENT
     if not _finite(error):
         return number(value, 5)
     if error <= NO_ERROR * abs(value):
-        return f"{number(value, MOST_DIGITS)} ± 0"
+        return number(value, MOST_DIGITS)
     exponent, places = _scale(value, error)
     if places is None:
         return f"{number(value, MOST_DIGITS)} ± {error:.0e}"
@@ -33,7 +33,7 @@ def with_error(value: float | None, error: float | None) -> str:
 
 
 def interval(low: float | None, high: float | None, error: float | None = None) -> str:
-    """`1.69 … 1.90`, an open end as a dash; rounded to `error`, the standard error, where given."""
+    """`1.69 … 1.90`, an open end as a dash; rounded to the standard error `error`, if any."""
     if not _finite(low) and not _finite(high):
         return ABSENT
     if _finite(low) and _finite(high) and high - low <= 4 * NO_ERROR * abs(high):
@@ -50,13 +50,13 @@ def _end(value: float | None, error: float | None) -> str:
     if places is None:
         return number(value, MOST_DIGITS)
     scaled = value / 10.0**exponent
-    # an end far below the error is no zero: it keeps two digits of its own
-    own = ERROR_DIGITS - 1 - _leading_place(abs(scaled)) if scaled else places
-    return _fixed(scaled, max(places, own)) + (f"e{exponent}" if exponent else "")
+    # an end far below the error is not shown as zero: it keeps two digits
+    least = ERROR_DIGITS - 1 - _leading_place(abs(scaled)) if scaled else places
+    return _fixed(scaled, max(places, least)) + (f"e{exponent}" if exponent else "")
 
 
 def _scale(value: float, error: float) -> tuple[int, int | None]:
-    """Power of ten to take out, and the last decimal; None: more digits than can be meant."""
+    """Power of ten to take out, and the last decimal; None for more than `MOST_DIGITS` digits."""
     size = math.floor(math.log10(max(abs(value), error)))
     last = _leading_place(error) - ERROR_DIGITS + 1
     if size - last + 1 > MOST_DIGITS:

@@ -47,19 +47,19 @@ class Strict(BaseModel):
     )
 
     @classmethod
-    def of(cls: type[Model], **given: Any) -> Model:
+    def of(cls: type[Model], **values: Any) -> Model:
         """The model of these values.
 
         Raises:
             DataError: a ValueError for the first that is not accepted.
             TypeError: for a name that there is not.
         """
-        for name in given:
+        for name in values:
             if name not in cls.model_fields:
                 near = did_you_mean(name, cls.model_fields)
                 raise TypeError(f"unknown option {name!r}{near}")
         try:
-            return cls(**given)
+            return cls(**values)
         except ValidationError as error:
             raise next(faults(error, cls)) from None
 
@@ -76,23 +76,23 @@ def faults(error: ValidationError, model: type[BaseModel]) -> Iterator[DataError
     """Each fault that pydantic found, with the place as its argument."""
     for one in error.errors():
         cause = one.get("ctx", {}).get("error")
-        yield cause if isinstance(cause, DataError) else told_of(one, model)
+        yield cause if isinstance(cause, DataError) else fault_of(one, model)
 
 
-def told_of(one: Mapping[str, Any], model: type[BaseModel]) -> DataError:
+def fault_of(one: Mapping[str, Any], model: type[BaseModel]) -> DataError:
     """One of pydantic's errors in the words of the house."""
     place, schema = _walk(model, one["loc"])
-    given, known = one["input"], words(schema)
+    value, known = one["input"], words(schema)
     if one["type"] == "missing":
-        given, known = "missing", "there"
+        value, known = "missing", "there"
     elif one["type"] == "extra_forbidden":
-        given, known = "there", "left out: it is not known"
+        value, known = "there", "left out: it is not known"
     elif one["type"] == "value_error":
         known = one["msg"].removeprefix("Value error, ")
     if isinstance(one["input"], str):
-        known += did_you_mean(given, known.split('"'))
-        given = f'"{given}"'
-    return DataError(place, given, known)
+        known += did_you_mean(value, known.split('"'))
+        value = f'"{value}"'
+    return DataError(place, value, known)
 
 
 def known_below(model: type[BaseModel], place: tuple[Any, ...]) -> list[str]:

@@ -150,7 +150,7 @@ def scene_of(name: str) -> Scene:
     """The scene of one of `LAWS`."""
     if name == "zhou":
         return _zhou()
-    return _own(Hardening) if name == "own" else _damped(name)
+    return _user_law(Hardening) if name == "own" else _damped(name)
 
 
 def _stored(name: str) -> tuple[dict[str, Any], np.ndarray]:
@@ -244,7 +244,7 @@ def _damped(name: str) -> Scene:
     )
 
 
-def _own(kind: type[Hardening]) -> Scene:
+def _user_law(kind: type[Hardening]) -> Scene:
     """x'' = -(5/4) x^{3/2}, with the power c on unloading, in units of δ_m and v; gradients in ℓ, E and M."""
     velocity, steel = np.geomspace(1e-2, 10.0, 32), _zhou().law.contact
 
@@ -284,7 +284,9 @@ def methods(name: str, quick: bool) -> Iterator[Callable[[], Method]]:
     for route in scene.routes[: scene.quick] if quick else scene.routes:
         yield partial(by_route, scene, route, BATCH, gradient=not quick)
         if name == "own":  # the baselines stop where the overlap vanishes
-            yield partial(by_route, _own(HardeningToZero), route, BATCH, ", end stated", not quick)
+            yield partial(
+                by_route, _user_law(HardeningToZero), route, BATCH, ", end stated", not quick
+            )
     if name != "own":
         exact = next(route for route in scene.routes if not isinstance(route, sj.ODE))
         yield partial(by_route, scene, exact, LARGE, gradient=not quick)

@@ -103,8 +103,8 @@ def _laws(arguments: argparse.Namespace) -> list[str] | None:
 
 def _problem(arguments: argparse.Namespace) -> tuple[list[Any], dict[str, Any], list[str]]:
     """Data sets, settings, and a line on entries of a file that only `softjax fit` uses."""
-    given = given_options(arguments)
-    options = {name: value for name, value in given.items() if name in OPTIONS}
+    command_options = given_options(arguments)
+    options = {name: value for name, value in command_options.items() if name in OPTIONS}
     if arguments.file is None:
         from calibration.data.paper import paper_materials
 

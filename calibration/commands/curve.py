@@ -84,13 +84,16 @@ def run(arguments: argparse.Namespace) -> int:
 def _velocities(arguments: argparse.Namespace, source: Any) -> Any:
     from calibration.curves import grid, read_velocities
 
-    given = [arguments.first, arguments.last, arguments.points, arguments.spacing]
+    range_options = [arguments.first, arguments.last, arguments.points, arguments.spacing]
     if arguments.velocities is None:
         default = [*source.span, POINTS, None]
         return grid(
-            *(d if value is None else value for value, d in zip(given, default, strict=True))
+            *(
+                d if value is None else value
+                for value, d in zip(range_options, default, strict=True)
+            )
         )
-    if given != [None] * 4:
+    if range_options != [None] * 4:
         accepted = "left out with --from, --to, --points or --spacing"
         raise DataError("--velocities", arguments.velocities, accepted)
     return read_velocities(arguments.velocities)

@@ -41,16 +41,16 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     start = time.perf_counter()
     errors = self_check()
-    held = all(errors[name] <= most for name, most in LARGEST.items())
+    passed = all(errors[name] <= most for name, most in LARGEST.items())
     if not arguments.quiet:
         limits = {n: f"error {errors[n]:.0e}, at most {most:.0e}" for n, most in LARGEST.items()}
         for name, value in {**surroundings(arguments.cache), **limits}.items():
             print(f"{name + ':':<18} {value}")
-        verdict = "passed" if held else "FAILED"
+        verdict = "passed" if passed else "FAILED"
         print(f"self-check {verdict} in {time.perf_counter() - start:.1f} s")
-    elif not held:
+    elif not passed:
         print("softjax doctor: the self-check failed", file=sys.stderr)
-    return 0 if held else 1
+    return 0 if passed else 1
 
 
 def write_schemas(directory: Path) -> list[str]:
@@ -78,13 +78,13 @@ def surroundings(with_cache: bool = True) -> dict[str, str]:
 
     versions = {name: metadata.version(name) for name in PACKAGES}
     devices = ", ".join(f"{one.platform}:{one.id} {one.device_kind}" for one in jax.devices())
-    kept = jax.config.jax_compilation_cache_dir if with_cache else None
+    cache_folder = jax.config.jax_compilation_cache_dir if with_cache else None
     return versions | {
         "Python": f"{platform.python_version()} ({sys.executable})",
         "system": f"{platform.system()} {platform.release()}, {platform.machine()}",
         "devices": devices,
         "float64": "on" if jax.config.jax_enable_x64 else "off",
-        "compiled programs": f"kept in {kept}" if kept else "not kept",
+        "compiled programs": f"kept in {cache_folder}" if cache_folder else "not kept",
     }
 
 

@@ -111,7 +111,7 @@ def _range(text: str | None, otherwise: tuple[float, float] | None) -> tuple[flo
 
 
 def _radius(properties: dict[str, float] | None) -> float | None:
-    """That of the smaller sphere [m], where it is known."""
+    """Radius of the smaller sphere [m], if it is known."""
     known = properties or {}
     radii = [known[name] for name in ("radius", "radius_1", "radius_2") if name in known]
     return min(radii, default=None)

@@ -22,7 +22,7 @@ from calibration.output import check_writable, or_printed
 INTRO = (
     "These data are a published fit of measurements, not measurements: Eq. (17) with Table 1's σ "
     "and ψ (Zhou, Theor. Appl. Mech. Lett. 3, 021003, 2013) at 40 velocities a material. "
-    "They have no scatter, so that standard errors are 0 and any misfit shows.\n"
+    "They have no scatter: standard errors are zero and not shown, and any misfit is the law's.\n"
     "Your own: softjax fit FILE.toml"
 )
 FEWEST_DRAWS = 100
@@ -46,9 +46,9 @@ def run(arguments: argparse.Namespace) -> int:
     from calibration.report.folder import write_report
 
     check_writable(arguments.out)
-    given, of_paper = given_options(arguments), arguments.file is None
+    options, of_paper = given_options(arguments), arguments.file is None
     with Progress(arguments.quiet) as progress:
-        result = _fitted(arguments, given, progress)
+        result = _fitted(arguments, options, progress)
         draws = None
         if arguments.posterior is not None:
             more = {"seed": result.request.options.seed, "warmup": arguments.posterior}
@@ -61,7 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
                 arguments.out,
                 draws=draws,
                 of_paper=of_paper,
-                command=_command(arguments, given),
+                command=_command(arguments, options),
                 progress=progress,
             )
     if arguments.json:
@@ -74,7 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 1
 
 
-def _fitted(arguments: argparse.Namespace, given: Mapping[str, Any], progress: Progress) -> Any:
+def _fitted(arguments: argparse.Namespace, options: Mapping[str, Any], progress: Progress) -> Any:
     """The fit of the file's data, or of the paper's."""
     import softjax as sj
     from calibration.data.paper import paper_materials
@@ -84,13 +84,13 @@ def _fitted(arguments: argparse.Namespace, given: Mapping[str, Any], progress: P
     sj.enable_x64()
     if arguments.file is None:
         problem, data, parameters = None, paper_materials(), None
-        stated = {"objective": "two-step"} if given.get("law", "zhou") == "zhou" else {}
+        stated = {"objective": "two-step"} if options.get("law", "zhou") == "zhou" else {}
     else:
         problem = read_material_file(arguments.file, air=arguments.air)
         print_first(problem.implausible, arguments.quiet or arguments.json)
         data, parameters, stated = problem.datasets, problem.parameters, dict(problem.settings)
         stated.pop("area", None)  # the contacts have it
-    settings = merged(stated, given)
+    settings = merged(stated, options)
     if arguments.posterior is not None:
         check_possible(settings.get("objective"))
     law = settings.pop("law", None)
@@ -98,7 +98,7 @@ def _fitted(arguments: argparse.Namespace, given: Mapping[str, Any], progress: P
         one = data[0] if len(data) == 1 else data
         return fit(one, law, parameters, progress=progress, **settings)
     except DataError as error:
-        if problem is not None and error.argument in stated.keys() - given.keys():
+        if problem is not None and error.argument in stated.keys() - options.keys():
             raise error.at(arguments.file, problem.line(error.argument)) from error
         raise InputError(arguments.file, None, str(error), "nothing was fitted") from error
     except sj.ArgumentError as error:
@@ -117,10 +117,10 @@ def _text(result: Any, of_paper: bool, draws: Any) -> str:
     return terminal_report(result, INTRO if of_paper else "", **more)
 
 
-def _command(arguments: argparse.Namespace, given: Mapping[str, Any]) -> str:
+def _command(arguments: argparse.Namespace, options: Mapping[str, Any]) -> str:
     """The command that makes the same results again."""
     parts = ["softjax", "fit", *([arguments.file] if arguments.file else [])]
-    for name, value in given.items():
+    for name, value in options.items():
         parts += [flag(name), *([] if isinstance(value, bool) else [str(value).replace(" ", "-")])]
     if arguments.air is not None:
         parts += ["--air", str(arguments.air).lower()]

@@ -102,17 +102,17 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _check_options(arguments: argparse.Namespace, studies: tuple[str, ...]) -> None:
     """Refuse options that would not act, and values that no study accepts."""
-    given = {name for name in OPTIONS if getattr(arguments, name) is not None}
-    for name in given:
+    stated = {name for name in OPTIONS if getattr(arguments, name) is not None}
+    for name in stated:
         acts_on = OPTIONS[name][0]
         if not {*acts_on} & {*studies}:
             raise DataError(f"--{name}", "given", f"left out, or --study {' or '.join(acts_on)}")
     for name, criteria in (("over", ("I",)), ("target", (None, "c"))):
-        if name in given and arguments.criterion not in criteria:
+        if name in stated and arguments.criterion not in criteria:
             accepted = f"given with --criterion {criteria[-1]} only"
             raise DataError(f"--{name}", getattr(arguments, name), accepted)
     for name, least in (("seed", 0), ("points", 2)):
-        if name in given and getattr(arguments, name) < least:
+        if name in stated and getattr(arguments, name) < least:
             value, accepted = getattr(arguments, name), f"a whole number of {least} or more"
             raise DataError(f"--{name}", value, accepted)
     for v in arguments.at or ():
@@ -128,7 +128,7 @@ class _Job:
 
         self.arguments, self.source, self.route = arguments, source, route
         stated = zip((arguments.first, arguments.last), source.span, strict=True)
-        self.low, self.high = (float(of if given is None else given) for given, of in stated)
+        self.low, self.high = (float(of if value is None else value) for value, of in stated)
         if not 0 < self.high < math.inf:
             raise DataError("--to", self.high, "a finite velocity above 0 m/s")
         if not 0 < self.low < self.high:
@@ -154,11 +154,11 @@ class _Job:
         from calibration.studies.text import warnings_text
 
         every = [] if self.source.result is None else self.source.result.warnings
-        own = [one for one in every if one.material in (None, self.source.name)]
-        if own:
+        about_material = [one for one in every if one.material in (None, self.source.name)]
+        if about_material:
             models = [fit.model for fit in self.source.result.materials]
-            self.text.append(symbols.written(warnings_text(own), models))
-        return {"warnings": [str(one) for one in own]} if own else {}
+            self.text.append(symbols.written(warnings_text(about_material), models))
+        return {"warnings": [str(one) for one in about_material]} if about_material else {}
 
     def _options(self) -> dict[str, Any]:
         """The options of information and design: of a fit its own parameters, else the free ones."""
@@ -173,7 +173,7 @@ class _Job:
             name = "peak_overlap" if name == "penetration" else name.replace("-", "_")
             sensors[name] = part / (100 if size.endswith("%") else 1)
         if self.source.result is not None:
-            for name in (name for name, given in names.items() if given):
+            for name in (name for name, texts in names.items() if texts):
                 raise DataError(f"--{name}", "given", "left out with --fit, which has its own")
             return {"material": self.source.name, "route": self.route, "sensors": sensors}
         parameters = {name: cal.Parameter(free=False) for name in names["fix"]}
@@ -185,7 +185,7 @@ class _Job:
 
 
 def _local(job: _Job, folder: Path, progress: Progress) -> dict[str, Any]:
-    """Sensitivities over velocity, and bars at some."""
+    """Sensitivities over velocity, and bars at some velocities."""
     import numpy as np
 
     from calibration.plots import studies as pictures
@@ -247,7 +247,7 @@ def _information(job: _Job, folder: Path, progress: Progress) -> dict[str, Any]:
 
 
 def _design(job: _Job, folder: Path, progress: Progress) -> dict[str, Any]:
-    """Where to measure next."""
+    """Velocities of the next measurements."""
     from calibration.plots.studies import plot_design
     from calibration.plots.style import save
     from calibration.studies.design import optimal_velocities

@@ -113,9 +113,9 @@ def _of_file(arguments: argparse.Namespace) -> Source:
     contact = entry.contact
     if arguments.area is not None:
         contact = sj.Contact(**contact.leaves(), area=arguments.area)
-    known = {name: one.value for name, one in entry.said.items() if not one.free}
+    known = {name: one.value for name, one in entry.stated.items() if not one.free}
     known |= {name: file.settings[name] for name in LAW_OPTIONS if name in file.settings}
-    free = {name: one for name, one in entry.said.items() if one.free}
+    free = {name: one for name, one in entry.stated.items() if one.free}
     critical = float(np.asarray(contact.critical_velocity))
     last = FAR_ABOVE_YIELD * critical
     if entry.data is not None:
@@ -145,8 +145,8 @@ def _check_line(arguments: argparse.Namespace) -> None:
         arguments, options, "left out with --line, whose law is Zhou's as it was fitted"
     )
     if arguments.source is None or not Path(arguments.source).suffix:
-        given = arguments.source or "missing"
-        raise DataError("MATERIAL", given, "a material file FILE.toml with --line")
+        source = arguments.source or "missing"
+        raise DataError("MATERIAL", source, "a material file FILE.toml with --line")
 
 
 def _check_left_out(arguments: argparse.Namespace, names: Iterable[str], accepted: str) -> None:
@@ -167,19 +167,19 @@ def _line(arguments: argparse.Namespace) -> Any:
     return line
 
 
-def _bodies(pair, alike: bool, one_radius: bool) -> tuple[str, dict[str, float]]:
+def _bodies(pair, same_material: bool, one_radius: bool) -> tuple[str, dict[str, float]]:
     """Names and numbers of two bodies: of one material or not, of one radius or not."""
     one, two = pair
     if two.radius is None:
         return "wall", _numbers(one, "") | {"radius": one.radius} | _numbers(two, "_wall")
     radii = {"radius_1": one.radius, "radius_2": two.radius}
-    if not alike:
+    if not same_material:
         return "unlike spheres", _numbers(one, "_1") | _numbers(two, "_2") | radii
     return "spheres", _numbers(one, "") | ({"radius": one.radius} if one_radius else radii)
 
 
 def _bodies_of_fit(fit) -> tuple[str, dict[str, float] | None]:
-    """The same of a fit's data; no properties where the bodies are not known, or not the same."""
+    """Bodies and properties of a fit's data; no properties if the bodies are unknown or differ."""
     leaves = [leaf for body in fit.data.bodies for leaf in body.material.leaves().values()]
     leaves += [body.radius for body in fit.data.bodies]
     if not leaves or any(np.ndim(leaf) for leaf in leaves):
@@ -250,8 +250,8 @@ def _law(
         InputError: for a free parameter that no option gives, with its line.
     """
     fields = {f.name: f for f in dataclasses.fields(LAWS[name])}
-    own = {"contact": contact, "limit_velocity": contact.limit_velocity} | dict(known)
-    values = {field: value for field, value in own.items() if field in fields}
+    available = {"contact": contact, "limit_velocity": contact.limit_velocity} | dict(known)
+    values = {field: value for field, value in available.items() if field in fields}
     stated = _stated(arguments)
     for field, (option, value) in stated.items():
         if field not in fields or field == "contact":

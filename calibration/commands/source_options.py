@@ -52,7 +52,7 @@ def add_route_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_air_argument(parser: argparse.ArgumentParser) -> None:
-    """What drops and bounces fly in, in place of what the file says."""
+    """Add `--air`: the air of drops and bounces; overrides the file."""
     text = 'of drops and bounces: "false", or its density ("1.2 kg/m³", the default)'
     parser.add_argument("--air", metavar="DENSITY", type=_air, help=text)
 

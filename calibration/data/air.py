@@ -53,7 +53,7 @@ def mean_drag_coefficient(fastest: Any) -> Any:
 
 @dataclass(frozen=True)
 class Ball:
-    """What flies; numbers, or one for each row.
+    """Size and mass of the flying ball: numbers, or one for each row.
 
     Attributes:
         diameter: D [m].
@@ -70,7 +70,7 @@ class Ball:
 
 @dataclass(frozen=True)
 class Fall:
-    """How velocities of a data set came from heights, so that further drops are given as the file has them.
+    """Conversion from velocities to drop heights, in the unit and the air of a data set.
 
     Attributes:
         unit: of the file's heights.
@@ -152,20 +152,20 @@ class Air:
         return self.density * speed * self.ball.diameter / VISCOSITY
 
     def remarks(self, velocity: Column, restitution: Column, before: Any) -> tuple[str, ...]:
-        """What the correction did to v and ε; `before`: what they are without air."""
+        """Sentences about the largest correction of v and ε; `before`: the values without air."""
         by_v, by_eps = velocity - before[0], restitution - before[1]
         most, much = (float(by[np.nanargmax(np.abs(by))]) for by in (by_eps, by_v / before[0]))
-        told = [
+        remarks = [
             f"corrected for air of {self.density:g} kg/m³ (drag, buoyancy, added mass): "
             f"ε by {most:+.2g} and v by {100 * much:+.2g} % at most"
         ]
         fastest = float(np.max(self.reynolds(velocity)))
         if fastest > FASTEST:
-            told.append(
+            remarks.append(
                 f"Reynolds numbers of up to {fastest:.2g} lie beyond those of the drag "
                 f"coefficient, {FASTEST:.0e}: drag is uncertain there"
             )
-        return tuple(told)
+        return tuple(remarks)
 
     @property
     def _buoyancy(self) -> Any:
@@ -209,7 +209,7 @@ def _rise(height: Column, pull: Any, terminal: Column) -> Column:
 
 
 def _take_off(time: Column, pull: Any, terminal: Column) -> Column:
-    """By Newton's method from below: the time is a concave function of the speed."""
+    """Solve by Newton's method from below: the time is a concave function of the speed."""
     speed = 0.5 * pull * time
     for _ in range(NEWTON):
         x = speed / terminal
@@ -249,8 +249,8 @@ def ball_of(diameter: Any, mass: Any, density: Any) -> Ball | None:
     Raises:
         DataError: for a number that is not positive.
     """
-    told = {"diameter": diameter, "mass": mass, "density": density}
-    for name, value in told.items():
+    stated = {"diameter": diameter, "mass": mass, "density": density}
+    for name, value in stated.items():
         if value is not None:
             require(name, np.atleast_1d(value), lambda x: x > 0, "a positive number")
     if diameter is None or (mass is None and density is None):

@@ -44,8 +44,8 @@ def checked_confidence(value: Any) -> float:
 
 def check_whole(name: str, value: Any, least: int) -> None:
     """Raise DataError for what is no whole number, or less than `least`."""
-    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
-    if not whole or value < least:
+    is_whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not is_whole or value < least:
         raise DataError(name, value, f"a whole number >= {least}")
 
 
@@ -66,7 +66,7 @@ def _label(name: str, value: Any, row: int) -> str:
     is_number = isinstance(value, float | np.floating)
     text = f"{value:g}" if is_number else str(value).strip()
     if not text or value is None or (is_number and math.isnan(value)):
-        raise DataError(name, "empty", "a label, of a specimen, a launch, a day", row)
+        raise DataError(name, "empty", "a label of the specimen, the launch or the day", row)
     return printable(text)
 
 

@@ -1,4 +1,4 @@
-"""Which columns of a table are used, what they mean together, and what is remarked of the others.
+"""Columns of a table: which are used, what they mean together, and remarks about the others.
 
 Accepted together are
 
@@ -13,7 +13,7 @@ Accepted together are
 where several are complete the first of these. With each: `uncertainty` (of ε),
 `velocity_uncertainty`, `<column>_uncertainty` of what is measured (`height_uncertainty`: of both
 heights, `timing_uncertainty`: of intervals or times), `group` (also `specimen`): rows with a
-common error, and `launch`: rows of one bounce train, which are a group too; contact_time and so on,
+common error, and `launch`: rows of one bounce sequence, which are a group too; contact_time and so on,
 empty where not measured; `diameter`, `radius` or `mass` of the sphere where it changes.
 """
 
@@ -100,7 +100,7 @@ class Layout(NamedTuple):
 
 
 def layout_of(headers: Sequence[str], units: Sequence[str] | None = None) -> Layout:
-    """What a table's headers say, with units that stand in a row of their own.
+    """Meaning of a table's headers, with units that stand in a separate row.
 
     Raises:
         DataError: for columns that make no set together, a name twice or near to a known one, an
@@ -132,8 +132,8 @@ def accepts(kind: Kind, uncertainty: str, names: Iterable[str | None]) -> bool:
     """Whether an uncertainty of this name acts for data of this kind, of columns of these names."""
     if uncertainty.removesuffix("_uncertainty") in OBSERVED:
         return uncertainty.removesuffix("_uncertainty") in names
-    own = OF_EACH_POINT if kind.has_restitution else OF_EACH_POINT[1:]
-    return uncertainty in (*own, *kind.uncertainties)
+    extra = OF_EACH_POINT if kind.has_restitution else OF_EACH_POINT[1:]
+    return uncertainty in (*extra, *kind.uncertainties)
 
 
 def _with_unit(header: Header, unit: str) -> Header:
@@ -171,9 +171,9 @@ def _rename(names: list, old: Sequence[str], new: str) -> None:
 def _check_once(read: Sequence[Header], names: Sequence[str | None], used: set[str]) -> None:
     """Refuse a name that two columns have, where it is used."""
     for name in used:
-        told = [header.text for header, one in zip(read, names, strict=True) if one == name]
-        if len(told) > 1:
-            both = " and ".join(map(repr, told[:2]))
+        repeated = [header.text for header, one in zip(read, names, strict=True) if one == name]
+        if len(repeated) > 1:
+            both = " and ".join(map(repr, repeated[:2]))
             raise DataError("column", f"{name} twice, {both}", "there once")
 
 
@@ -182,12 +182,12 @@ def _kind_of(names: Sequence[str | None], read: Sequence[Header]) -> Kind:
         if set(kind.needs) <= set(names):
             return kind
     found = [name for name in names if name in SI_UNITS]
-    asked = [_question(name) for name in names if name in AMBIGUOUS]
-    accepted = ACCEPTED_SETS + "".join(f"; {question}" for question in asked[:TOLD])
+    questions = [_question(name) for name in names if name in AMBIGUOUS]
+    accepted = ACCEPTED_SETS + "".join(f"; {question}" for question in questions[:TOLD])
     others = [repr(h.text) for h, name in zip(read, names, strict=True) if name not in SI_UNITS]
     unknown = f"not known: {listed(others[:TOLD])}" if others else ""
-    told = "; ".join(filter(None, [listed(sorted(found)), unknown])) or "empty"
-    raise DataError("set of columns", told, accepted)
+    description = "; ".join(filter(None, [listed(sorted(found)), unknown])) or "empty"
+    raise DataError("set of columns", description, accepted)
 
 
 def _used(kind: Kind, names: Sequence[str | None]) -> set[str]:
@@ -211,15 +211,15 @@ def _unit(header: Header, name: str) -> Fraction:
 
 
 def _of_percent(relative: Iterable[str], points: Iterable[str]) -> list[str]:
-    """What a percentage is of, which may be two things."""
-    told = [f"{name} in % is taken of the value itself" for name in sorted(relative)]
-    return told + [f"{name} in % is taken in the percentage points of ε" for name in points]
+    """Quantity that a percentage refers to; there are two possibilities."""
+    remarks = [f"{name} in % is taken of the value itself" for name in sorted(relative)]
+    return remarks + [f"{name} in % is taken in the percentage points of ε" for name in points]
 
 
 def _assumed(names: Sequence[str]) -> str:
-    """Which units are assumed for columns without one."""
-    told = [f"{name} in {SI_UNITS[name]}" for name in names if SI_UNITS[name] != "1"]
-    return f"{NO_UNIT}, assuming {listed(told)}" if told else ""
+    """Remark on units that are assumed for columns without one."""
+    remarks = [f"{name} in {SI_UNITS[name]}" for name in names if SI_UNITS[name] != "1"]
+    return f"{NO_UNIT}, assuming {listed(remarks)}" if remarks else ""
 
 
 def _question(name: str) -> str:

@@ -108,7 +108,7 @@ def band_order(index: Int[np.ndarray, "n k"]) -> Order:
 
 
 def _shared(index: Int[np.ndarray, "n k"], distance: int) -> np.ndarray:
-    """Which errors of each point are which errors of the one `distance` further, (n - d, k, k)."""
+    """Equality of the errors of each point and of the point `distance` rows later, (n - d, k, k)."""
     one, other = index[:-distance, :, None], index[distance:, None, :]
     return (one == other) & (one >= 0)
 

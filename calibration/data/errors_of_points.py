@@ -1,4 +1,4 @@
-"""How the errors of what was measured enter the restitution and the velocity of each point."""
+"""Errors of measured quantities, propagated to the restitution and the velocity of each point."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -55,9 +55,9 @@ class PointErrors:
     def __post_init__(self):
         for name, array in list(vars(self).items()):
             if isinstance(array, np.ndarray):
-                held = array.view()  # the caller's own stays as it is
-                held.setflags(write=False)
-                object.__setattr__(self, name, held)
+                view = array.view()  # the caller's own stays as it is
+                view.setflags(write=False)
+                object.__setattr__(self, name, view)
         band_order(self.index)  # refuses what has no narrow band
         if self.restitution_alone is not None:
             positive = "a positive number"
@@ -71,15 +71,15 @@ class PointErrors:
 
     @classmethod
     def alone(cls, count: int, restitution=None, velocity=None) -> "PointErrors":
-        """Points that share nothing."""
+        """Points without shared errors."""
         index = np.broadcast_to(-1, (count, TOUCHED))  # takes no memory
         none = np.broadcast_to(0.0, (count, TOUCHED))
         return cls(index, none, none, np.zeros(0), "", restitution, velocity)
 
     def some(self, rows: Int[np.ndarray, "k"]) -> "PointErrors":
-        """Of some points, which share no elementary error with the others."""
-        own = (self.restitution_alone, self.velocity_alone)
-        restitution, velocity = (None if u is None else u[rows] for u in own)
+        """Select points, which share no input error with the others."""
+        independent = (self.restitution_alone, self.velocity_alone)
+        restitution, velocity = (None if u is None else u[rows] for u in independent)
         index, back = np.unique(self.index[rows], return_inverse=True)
         index, back = index[index >= 0], back.reshape(len(rows), -1) - np.any(index < 0)
         return replace(
@@ -98,17 +98,17 @@ class PointErrors:
 
     @property
     def size_is_unknown(self) -> bool:
-        """Whether there are elementary errors whose size is to be estimated."""
+        """Whether the size of the input errors is to be estimated."""
         return self.size is None
 
     @property
     def uncertainty(self) -> Column | None:
-        """Standard uncertainty of ε, (n,), of all that is stated; None where nothing is."""
+        """Standard uncertainty of ε, (n,), of all stated errors; None if none is stated."""
         return _total(self.restitution_alone, self._sized(self.to_restitution))
 
     @property
     def velocity_uncertainty(self) -> Column | None:
-        """The same of v [m/s]."""
+        """Standard uncertainty of v [m/s], (n,), of all stated errors; None if none is stated."""
         return _total(self.velocity_alone, self._sized(self.to_velocity))
 
     def covariance(
@@ -157,15 +157,15 @@ class PointErrors:
 
     @property
     def count(self) -> int:
-        """How many elementary errors there are."""
+        """Number of input errors."""
         return int(np.max(self.index, initial=-1)) + 1
 
     def sizes(self, unknown: float) -> Column:
-        """Standard deviation of each elementary error, (m,); `unknown` where that is to be estimated."""
+        """Standard deviation of each input error, (m,); `unknown` where it is to be estimated."""
         return np.full(self.count, unknown) if self.size is None else self.size
 
     def sizes_at(self, unknown: float) -> Slopes:
-        """The same of those that each point has, (n, 3), 0 where there is none."""
+        """Standard deviations of the input errors of each point, (n, 3), 0 where there is none."""
         return np.concatenate([self.sizes(unknown), [0.0]])[self.index]  # -1 is the last
 
     def factors(self, slope: Any) -> Any:

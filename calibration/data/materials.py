@@ -102,15 +102,15 @@ class Measure:
     from_zero: bool = False
     of_rows: bool = False
 
-    def __call__(self, given: Any) -> float | str:
+    def __call__(self, stated: Any) -> float | str:
         unit = f"{self.accepted} [{self.si}]".replace("^3", "³").replace("^2", "²")
-        value, told = given, unit
+        value, accepted = stated, unit
         if isinstance(value, str):
             try:
                 value = quantity(value, self.si)
             except DataError as error:
-                told = unit if error.argument == "quantity" else f"{unit}, {error.accepted}"
-                raise ValueError(told) from None
+                accepted = unit if error.argument == "quantity" else f"{unit}, {error.accepted}"
+                raise ValueError(accepted) from None
         is_part = isinstance(value, Relative) and not self.of_rows
         if (
             is_part
@@ -118,16 +118,19 @@ class Measure:
             or value < 0
             or (value == 0 and not self.from_zero)
         ):
-            raise ValueError(told)
-        return given if self.of_rows and isinstance(given, str) else float(value)
+            raise ValueError(accepted)
+        return stated if self.of_rows and isinstance(stated, str) else float(value)
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
         return core_schema.no_info_plain_validator_function(self)
 
     def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
         ends = {"minimum" if self.from_zero else "exclusiveMinimum": 0}
-        told = f"in {self.si}, or text with its unit"
-        return {"anyOf": [{"type": "number", **ends}, {"type": "string"}], "description": told}
+        description = f"in {self.si}, or text with its unit"
+        return {
+            "anyOf": [{"type": "number", **ends}, {"type": "string"}],
+            "description": description,
+        }
 
 
 def _name_of_material(value: Any) -> str:
@@ -173,11 +176,11 @@ class BodyTable(Strict):
 
     def check(self) -> None:
         """Refuse a body of which something is missing."""
-        given = [name for name in PROPERTIES if getattr(self, name) is not None]
-        if self.material is not None and given:
+        properties = [name for name in PROPERTIES if getattr(self, name) is not None]
+        if self.material is not None and properties:
             accepted = "give either a known material, or its properties"
-            raise Refused((given[0],), f"{given[0]} with material", accepted)
-        missing = next((name for name in PROPERTIES if name not in given), None)
+            raise Refused((properties[0],), f"{properties[0]} with material", accepted)
+        missing = next((name for name in PROPERTIES if name not in properties), None)
         if self.material is None and missing is not None:
             accepted = "a body has youngs_modulus, poisson_ratio, density and yield_strength"
             if missing == "yield_strength":
@@ -210,16 +213,16 @@ def _parameters(tables: Any) -> dict[str, Parameter]:
 
 
 def _parameter(name: str, table: Any) -> Parameter:
-    given = table if isinstance(table, dict) else {"free": False, "value": table}
-    for key in given:
+    entry = table if isinstance(table, dict) else {"free": False, "value": table}
+    for key in entry:
         if key not in KEYS:
             accepted = did_you_mean(key, KEYS).strip(" ()") or f"known here are {listed(KEYS)}"
             raise Refused((name, key), f"unknown key {shown(repr(key))}", accepted)
     try:
-        fields = {key: _in_si(name, value, key) for key, value in given.items()}
+        fields = {key: _in_si(name, value, key) for key, value in entry.items()}
         return Parameter(**fields)
     except DataError as error:
-        if given is not table:
+        if entry is not table:
             problem = (
                 f'{name} is "{table}"' if isinstance(table, str) else f"{name} is {shown(table)}"
             )
@@ -282,18 +285,18 @@ class _Material(BodyTable):
             accepted = "left out where the bodies' properties are given, from which it follows"
             raise Refused(("mass",), "mass in addition to the bodies", accepted)
         self.check()
-        given = [name for name in (*RADII, *DIAMETERS) if getattr(self, name) is not None]
+        sizes = [name for name in (*RADII, *DIAMETERS) if getattr(self, name) is not None]
         alone = [{names[0]} for names in (RADII, DIAMETERS)]
-        if not given and self.data is not None:
+        if not sizes and self.data is not None:
             return self  # they may be a column of it
         second = [{"radius_2"}, {"diameter_2"}] if self.second is not None else []
-        if set(given) not in (*alone, {*RADII[1:]}, {*DIAMETERS[1:]}, *second):
-            accepted = "needed is radius, or radius_1 and radius_2, or the diameters in their place"
-            raise Refused((*given[:1],), f"radii given are {listed(given) or 'none'}", accepted)
+        if set(sizes) not in (*alone, {*RADII[1:]}, {*DIAMETERS[1:]}, *second):
+            accepted = "needed is radius, or radius_1 and radius_2, or the diameters instead"
+            raise Refused((*sizes[:1],), f"radii given are {listed(sizes) or 'none'}", accepted)
         if self.wall is not None and self.second is not None:
             accepted = "give either [material.wall] or [material.second]"
             raise Refused(("second",), "both a wall and a second body", accepted)
-        if self.wall is not None and len(given) > 1:
+        if self.wall is not None and len(sizes) > 1:
             accepted = "needed is radius or diameter, of the sphere"
             raise Refused((), "a wall without radius alone", accepted)
         return self
@@ -301,19 +304,19 @@ class _Material(BodyTable):
     @property
     def has_bodies(self) -> bool:
         names = {"material", *PROPERTIES, *RADII, *DIAMETERS, "wall", "second", "area", "mass"}
-        told = names & self.model_fields_set
-        return bool(told) and not self.is_ball
+        stated = names & self.model_fields_set
+        return bool(stated) and not self.is_ball
 
     @property
     def is_ball(self) -> bool:
-        """Whether nothing but a ball's size and mass is known of the bodies."""
+        """Whether only the size and mass of a ball are stated."""
         names = {"material", *PROPERTIES, *RADII, *DIAMETERS, "wall", "second", "area", "mass"}
-        told = names & self.model_fields_set
-        return told in [{a, b} for a in ("radius", "diameter") for b in ("mass", "density")]
+        stated = names & self.model_fields_set
+        return stated in [{a, b} for a in ("radius", "diameter") for b in ("mass", "density")]
 
     @property
     def radii(self) -> list[float]:
-        """That of both spheres, or those of each [m]."""
+        """Stated radii [m]: one for both spheres, or one for each."""
         pairs = [(name, 1.0) for name in RADII] + [(name, 0.5) for name in DIAMETERS]
         return [
             part * getattr(self, name) for name, part in pairs if getattr(self, name) is not None
@@ -364,7 +367,7 @@ class MaterialTables(Strict):
         for i, name in enumerate(self.names):  # results are keyed by the name
             if name in seen:
                 problem = f"a second material is named {name!r}"
-                accepted = "each material has a name of its own"
+                accepted = "each material needs a different name"
                 raise Refused(("material", i, "name"), problem, accepted)
             if len(name) > LONGEST_NAME:
                 accepted = f"of {LONGEST_NAME} characters at most"
@@ -383,8 +386,10 @@ class MaterialTables(Strict):
     def names(self) -> list[str]:
         """The name of each material, else that of its data file."""
         every = enumerate(self.material, start=1)
-        told = [one.name or Path(one.data or "").stem or f"material {i}" for i, one in every]
-        return [printable(name) for name in told]
+        stated_names = [
+            one.name or Path(one.data or "").stem or f"material {i}" for i, one in every
+        ]
+        return [printable(name) for name in stated_names]
 
 
 class Body(NamedTuple):
@@ -397,7 +402,7 @@ class Body(NamedTuple):
 
 @dataclass(frozen=True)
 class MaterialEntry:
-    """What one `[[material]]` says.
+    """Contents of one `[[material]]`.
 
     Attributes:
         name: its name, else that of its data file.
@@ -405,7 +410,7 @@ class MaterialEntry:
         contact: the two bodies, with the file's limit velocity; None without elastic properties.
         bodies: the bodies themselves.
         data: its measurements; None where it names no file.
-        said: what the file says of its parameters, those of `[parameters]` among them.
+        stated: its parameters as the file states them, those of `[parameters]` among them.
         origin: the file and the line of the entry.
     """
 
@@ -414,7 +419,7 @@ class MaterialEntry:
     contact: sj.Contact | None
     bodies: tuple[Body, ...]
     data: RestitutionData | None
-    said: dict[str, Parameter]
+    stated: dict[str, Parameter]
     origin: Origin
 
     @property
@@ -426,7 +431,7 @@ class MaterialEntry:
 
 @dataclass(frozen=True)
 class ProblemFile:
-    """All that a material file says.
+    """Contents of a material file.
 
     Attributes:
         materials: its entries.
@@ -440,13 +445,13 @@ class ProblemFile:
 
     @property
     def datasets(self) -> list[RestitutionData]:
-        """The measurements of those that have any."""
+        """Measurements of the materials that have any."""
         return [entry.data for entry in self.materials if entry.data is not None]
 
     @property
     def parameters(self) -> list[dict[str, Parameter]]:
-        """What is said of the parameters of each of `datasets`."""
-        return [entry.said for entry in self.materials if entry.data is not None]
+        """Stated parameters of each of `datasets`."""
+        return [entry.stated for entry in self.materials if entry.data is not None]
 
     @property
     def implausible(self) -> list[str]:
@@ -518,8 +523,8 @@ class _Reader:
         self, file: TomlFile[MaterialTables], i: int, name: str, plausibility: bool, air: Any
     ):
         self.file, self.table, self.name = file, file.content.material[i], name
-        told = (air, self.table.air, file.content.fit.air)
-        self.air = next((one for one in told if one is not None), None)
+        stated_air = (air, self.table.air, file.content.fit.air)
+        self.air = next((one for one in stated_air if one is not None), None)
         self.place: Place = ("material", i)
         self.plausibility = plausibility and self.table.plausibility
 
@@ -537,15 +542,15 @@ class _Reader:
         if data is not None and table.in_rows:
             contact, bodies = data.contact, data.bodies
         origin = Origin(self.file.path, self.file.line(self.place))
-        return MaterialEntry(self.name, table, contact, bodies, data, dict(self._said()), origin)
+        return MaterialEntry(self.name, table, contact, bodies, data, dict(self._stated()), origin)
 
-    def _said(self) -> Iterator[tuple[str, Parameter]]:
-        """What is said of the parameters, each with its line."""
-        for place, told in (
+    def _stated(self) -> Iterator[tuple[str, Parameter]]:
+        """Read the stated parameters, each with its line."""
+        for place, table in (
             (("parameters",), self.file.content.parameters),
             ((*self.place, "parameters"), self.table.parameters),
         ):
-            for name, one in told.items():
+            for name, one in table.items():
                 line = self.file.line((*place, name))
                 yield name, replace(one, origin=Origin(self.file.path, line))
 
@@ -571,11 +576,11 @@ class _Reader:
 
     def _check_far(self) -> None:
         """Refuse what is more than 100 times outside its plausible range, at its line."""
-        told = [(name, name, self.table) for name in (*PROPERTIES, *RADII, *DIAMETERS)]
+        properties = [(name, name, self.table) for name in (*PROPERTIES, *RADII, *DIAMETERS)]
         where = "wall" if self.table.wall is not None else "second"
         if self.table.other is not None:
-            told += [(f"{where}.{name}", name, self.table.other) for name in PROPERTIES]
-        for key, name, table in told:
+            properties += [(f"{where}.{name}", name, self.table.other) for name in PROPERTIES]
+        for key, name, table in properties:
             one, value = (
                 RANGES.get("radius" if name in DIAMETERS + RADII else name),
                 getattr(table, name),
@@ -633,7 +638,7 @@ class _Reader:
         except InputError as error:
             if "contact that is a function" not in error.problem:
                 raise
-            accepted = "needed is radius, or radius_1 and radius_2, or the diameters in their place"
+            accepted = "needed is radius, or radius_1 and radius_2, or the diameters instead"
             accepted += ", or a column diameter, radius or mass"
             raise self.refusal(None, "radii given are none", accepted) from None
         assert data.contact is not None
@@ -682,7 +687,7 @@ class _Reader:
         return self.refusal(f"{where * is_other}yield_strength", problem, accepted)
 
     def _data_file(self) -> tuple[Path, tuple[str, ...], bool]:
-        """Where the data file is, a remark on that, and whether it lies below the file's folder.
+        """Path of the data file, a remark on it, and whether it lies below the folder of the material file.
 
         A material file that is reached by a link means what lies next to itself, not next to the link;
         where that is not there, what lies next to the link serves.
@@ -696,11 +701,11 @@ class _Reader:
         except (OSError, ValueError):  # a name too long, or with a NUL
             path = None
         if path is None:
-            told = printable(" or ".join(repr(str(one)) for one in places))[:300]
+            tried = printable(" or ".join(repr(str(one)) for one in places))[:300]
             accepted = "needed is the name of a CSV file next to this one"
-            raise self.refusal("data", f"data file {told} is not there", accepted)
+            raise self.refusal("data", f"data file {tried} is not there", accepted)
         inside = any(map(path.resolve().is_relative_to, homes))
         if len(places) == 1:
             return path, (), inside
-        beside = "the file that the link points to" if path == places[0] else "the link"
-        return path, (f"data file {str(path)!r} was found next to {beside}",), inside
+        link = "the file that the link points to" if path == places[0] else "the link"
+        return path, (f"data file {str(path)!r} was found next to {link}",), inside

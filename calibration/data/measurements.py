@@ -167,11 +167,11 @@ class RestitutionData:
         Raises:
             ValueError: naming the column or argument, its value and what is accepted.
         """
-        told = {key: value for key, value in uncertainties.items() if value is not None}
+        stated = {key: value for key, value in uncertainties.items() if value is not None}
         try:
             sphere = _Sphere(diameter, mass, density, bodies, contact, one_size)
             of_file = origin is not None
-            points = read_points(table, gravity, group, told, of_file, air, sphere.ball)
+            points = read_points(table, gravity, group, stated, of_file, air, sphere.ball)
             found = sphere.contact_of(points.more)
         except DataError as error:
             error = _with_note(error, remarks)
@@ -218,10 +218,10 @@ class RestitutionData:
             )
         with np.errstate(all="ignore"):
             mean = average(self.velocity, self.restitution, self.errors, self.group)
-        told = f"{len(self)} readings averaged to {len(mean.rows)} points, one for each velocity"
+        remark = f"{len(self)} readings averaged to {len(mean.rows)} points, one for each velocity"
         return replace(
             self,
-            remarks=(*self.remarks, told + (" and group" if self.group is not None else "")),
+            remarks=(*self.remarks, remark + (" and group" if self.group is not None else "")),
             velocity=mean.velocity,
             restitution=mean.restitution,
             uncertainty=None,
@@ -238,7 +238,7 @@ class RestitutionData:
 
     @cached_property
     def observed(self) -> tuple[Observed, ...]:
-        """What else than ε was measured, in the order of `calibration.observables`."""
+        """Measured observables other than ε, in the order of `calibration.observables`."""
         found = []
         for name in OBSERVED:
             values, uncertainty = getattr(self, name), getattr(self, f"{name}_uncertainty")
@@ -254,7 +254,7 @@ class RestitutionData:
         return tuple(one for one in found if len(one))
 
     def of_restitution(self) -> "RestitutionData":
-        """The same without what else was measured."""
+        """A copy with ε only."""
         nothing: dict[str, Any] = {
             name: None for one in OBSERVED for name in (one, f"{one}_uncertainty")
         }
@@ -272,7 +272,7 @@ class RestitutionData:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a reader of the fit should know: the remarks, and how many ε are above 1."""
+        """Remarks for the reader of a fit, and the number of ε above 1."""
         above = self.restitution > 1
         if not np.any(above):
             return self.remarks
@@ -329,9 +329,9 @@ class RestitutionData:
             raise DataError("name", repr(self.name), accepted)
         self._set("name", printable(self.name))
         self._set("velocity", as_numbers("velocity", self.velocity))
-        told: Any = self.restitution
+        stated: Any = self.restitution
         none = np.full(len(self.velocity), np.nan)
-        self._set("restitution", none if told is None else as_numbers("restitution", told))
+        self._set("restitution", none if stated is None else as_numbers("restitution", stated))
         self._take_in_observed()
         self._take_in_errors()
         columns = {"velocity": self.velocity, "restitution": self.restitution}
@@ -356,13 +356,13 @@ class RestitutionData:
         if self.dent not in DENTS:
             raise DataError("dent", self.dent, " or ".join(map(repr, DENTS)))
         for name in OBSERVED:
-            told = getattr(self, name)
+            raw = getattr(self, name)
             stated = f"{name}_uncertainty"
-            if told is None:
+            if raw is None:
                 if getattr(self, stated) is not None:
                     raise DataError(stated, "given", f"left out without {name}")
                 continue
-            values = as_numbers(name, told)
+            values = as_numbers(name, raw)
             check_lengths({"velocity": self.velocity, name: values})
             there, accepted = ~np.isnan(values), f"a positive number in {SI_UNITS[name]}"
             require(name, np.where(there, values, 1.0), lambda x: x > 0, accepted)
@@ -383,22 +383,22 @@ class RestitutionData:
     def _take_in_errors(self) -> None:
         """The errors of the two uncertainties, or the two uncertainties of the errors."""
         names = ("uncertainty", "velocity_uncertainty")
-        told = {n: _per_point(n, getattr(self, n), len(self.velocity)) for n in names}
+        sizes = {n: _per_point(n, getattr(self, n), len(self.velocity)) for n in names}
         if self.errors is None:
-            if told["uncertainty"] is not None and len(self.restitution) == len(
-                told["uncertainty"]
+            if sizes["uncertainty"] is not None and len(self.restitution) == len(
+                sizes["uncertainty"]
             ):
                 missing = np.isnan(self.restitution)
-                told["uncertainty"] = np.where(missing, 1.0, told["uncertainty"])
-            stated = {n: u for n, u in told.items() if u is not None}
+                sizes["uncertainty"] = np.where(missing, 1.0, sizes["uncertainty"])
+            stated = {n: u for n, u in sizes.items() if u is not None}
             check_lengths({"velocity": self.velocity} | stated)
-            self._set("errors", PointErrors.alone(len(self.velocity), *told.values()))
+            self._set("errors", PointErrors.alone(len(self.velocity), *sizes.values()))
         elif len(self.errors) != len(self.velocity):
             accepted = f"of as many points as `velocity`, {len(self.velocity)}"
             raise DataError("errors", f"of {len(self.errors)}", accepted)
         for name in names:
             value = getattr(self.errors, name)
-            if told[name] is not None and not same(told[name], value):
+            if sizes[name] is not None and not same(sizes[name], value):
                 raise DataError(name, "given with other `errors`", "left out, or errors=None")
             self._set(name, value)
 
@@ -436,7 +436,7 @@ class RestitutionData:
         if self.velocity_uncertainty is not None:
             u_v = self.velocity_uncertainty
             require("velocity_uncertainty", u_v, lambda u: u >= 0, "a speed of 0 m/s or more")
-        accepted = f"at most {LARGEST}; above 1 it is noise, or a slip"
+        accepted = f"at most {LARGEST}; above 1 it is noise or an input error"
         if np.max(measured) > PERCENT:
             accepted += " (is it in percent? then the unit is [%])"
         require("restitution", measured, lambda e: e <= LARGEST, accepted)
@@ -454,7 +454,7 @@ def _with_note(error: DataError, remarks: Sequence[str]) -> DataError:
 
 
 class _Sphere(NamedTuple):
-    """What flies, as it is stated for all rows: its size and mass, the bodies, their contact."""
+    """Flying ball as stated for all rows: size and mass, the bodies, their contact."""
 
     diameter: Any
     mass: Any
@@ -464,7 +464,7 @@ class _Sphere(NamedTuple):
     one_size: bool
 
     def ball(self, columns: Mapping[str, Any]) -> Ball | None:
-        """What flies, None where it is not known: as stated, the first body, or the contact's sphere."""
+        """The flying ball: as stated, or the first body, or the sphere of the contact; None if unknown."""
         if {*SIZES} & {*columns}:
             diameter = self.diameter
             if {"radius", "diameter", "mass"} & {*columns}:

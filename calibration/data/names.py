@@ -90,7 +90,7 @@ OF = {"h": "height", "height": "height", "t": "timing", "timing": "timing"}
 OF |= {word: name for word, name in KNOWN.items() if name in (*MEASURED, *OBSERVED)}
 OF = {w: "uncertainty" if n == "restitution" else f"{n}_uncertainty" for w, n in OF.items()}
 SPELLED = {f"{before}_{word}": name for before in BEFORE for word, name in OF.items()}
-SPELLED |= {f"{word}_{behind}": name for behind in UNCERTAIN for word, name in OF.items()}
+SPELLED |= {f"{word}_{after}": name for after in UNCERTAIN for word, name in OF.items()}
 SPELLED |= {f"±{word}": name for word, name in OF.items()}
 ALONE = "unc error err stdev std sd ± standard_deviation standard_uncertainty standard_error"
 KNOWN |= dict.fromkeys(ALONE.split(), "uncertainty")
@@ -132,7 +132,7 @@ def read_header(text: str) -> Header:
         raise DataError("column", repr(text), "a name and one unit, as in `velocity [m/s]`")
     near = get_close_matches(plain(base), [n for n in KNOWN if len(n) > 3], n=1, cutoff=NEAR)
     if near:
-        accepted = f"a known name (did you mean {near[0]!r}?), or quite another one"
+        accepted = f"a known name (did you mean {near[0]!r}?), or a clearly different name"
         raise DataError("column", repr(text), accepted)
     return Header(text, None, plain(text), None)
 

@@ -1,4 +1,4 @@
-"""What looks like a slip in measurements that are accepted: units, columns, groups without a label."""
+"""Signs of mistakes in accepted measurements: units, columns, unlabelled groups."""
 
 from collections.abc import Iterator
 
@@ -20,7 +20,7 @@ EXAMPLES = {"contact_time": "us", "peak_force": "N", "peak_overlap": "um", "dent
 
 
 def plausibility(data: RestitutionData) -> tuple[Implausible, ...]:
-    """What looks like a slip, each with the question to ask; nothing where all is well."""
+    """Likely mistakes in data, each with a question; empty if there are none."""
     with np.errstate(all="ignore"):
         found: list[Implausible | None] = [
             *of_bodies(data.bodies, data.contact),
@@ -107,7 +107,7 @@ def _above_one(data: RestitutionData) -> Implausible | None:
 
 
 def _far_from_hertz(data: RestitutionData) -> Iterator[Implausible]:
-    """What else was measured, against an elastic impact of the bodies.
+    """Compare observables with an elastic impact of the bodies.
 
     δ_max = (5 M v²/4k)^(2/5), F = k δ^(3/2), t = 2.9432 δ/v, a² = A δ (Johnson, Contact Mechanics, 1985).
     """

@@ -70,16 +70,16 @@ def with_own(errors: PointErrors, table: Measured, velocity: Column, restitution
     if alone is not None:
         alone = np.where(np.isnan(restitution), 1.0, alone)  # of what was not measured
     of_velocity = table.uncertainty("velocity_uncertainty", velocity)
-    told: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
     if (
         alone is not None and errors.size_is_unknown
     ):  # stated of each ε: nothing is left to estimate
         errors = replace(PointErrors.alone(len(errors)), by_drag=errors.by_drag)
     elif alone is not None and errors.kind:
-        told = (f"uncertainty is taken to come on top of that of the {errors.kind}",)
+        remarks = (f"uncertainty is taken to come on top of that of the {errors.kind}",)
     if errors.kind == "velocities":  # of which v is one: see `singles`
         of_velocity = None
-    return replace(errors, restitution_alone=alone, velocity_alone=of_velocity), told
+    return replace(errors, restitution_alone=alone, velocity_alone=of_velocity), remarks
 
 
 def of_falls(velocity: Column, gravity: float) -> tuple[str, ...]:

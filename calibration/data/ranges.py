@@ -1,4 +1,4 @@
-"""Where properties of bodies plausibly lie: outside they are doubted, far outside refused."""
+"""Plausible ranges of material properties: outside them a warning, far outside a refusal."""
 
 from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
@@ -17,7 +17,7 @@ class Implausible(NamedTuple):
 
 
 class Range(NamedTuple):
-    """Where a property of a body lies: from foam and gel to diamond and osmium, and beyond."""
+    """Plausible range of a property, from foam and gel to diamond and osmium, and its hard limits."""
 
     name: str
     lowest: float
@@ -79,16 +79,16 @@ def check_far(bodies: Iterable[Any], contact: Any) -> None:
     for name, properties in _properties(bodies, contact):
         for key, value in properties.items():
             if RANGES[key].is_far(value):
-                told = f"{float(np.ravel(value)[0]):.3g} {RANGES[key].unit}"
+                quantity = f"{float(np.ravel(value)[0]):.3g} {RANGES[key].unit}"
                 accepted = f"{RANGES[key].accepted}, or 100 times outside at most; {AS_IT_IS}"
-                raise DataError(f"{RANGES[key].name} of the {name}", told, accepted)
+                raise DataError(f"{RANGES[key].name} of the {name}", quantity, accepted)
 
 
 def _properties(bodies: Iterable[Any], contact: Any) -> list[tuple[str, dict[str, Any]]]:
     """Name and properties of each body, or of the two equal spheres (of ν = 0.3) that the contact
     could be."""
     if bodies:
-        found = [(name, {"radius": radius, **one.leaves()}) for name, one, radius in bodies]
+        bodies_of = [(name, {"radius": radius, **one.leaves()}) for name, one, radius in bodies]
     elif contact is None:
         return []
     else:
@@ -97,7 +97,8 @@ def _properties(bodies: Iterable[Any], contact: Any) -> list[tuple[str, dict[str
         equal = {"radius": radius, "density": 2 * leaves["mass"] / (4 / 3 * np.pi * radius**3)}
         equal["youngs_modulus"] = 2 * (1 - 0.3**2) * leaves["youngs_modulus"]
         equal["yield_strength"] = leaves["yield_strength"]
-        found = [("spheres, if they are equal,", equal)]
+        bodies_of = [("spheres, if they are equal,", equal)]
     return [
-        (name, {key: told[key] for key in RANGES if told[key] is not None}) for name, told in found
+        (name, {key: values[key] for key in RANGES if values[key] is not None})
+        for name, values in bodies_of
     ]  # a wall has no radius

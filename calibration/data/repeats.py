@@ -46,7 +46,7 @@ def average(velocity: Values, restitution: Values, errors: PointErrors, group=No
         DataError: where readings share errors with each other.
     """
     if errors.shares:
-        accepted = "left out for bounce trains, whose points share intervals"
+        accepted = "left out for bounce sequences, whose points share intervals"
         raise DataError("average of repeats", "requested", accepted)
     repeats, rows = _repeats(velocity, group)
     of_eps, of_v, joint = errors.moments()

@@ -108,11 +108,11 @@ class Sheet:
         ]
         first = next((k for k, line in enumerate(lines) if line.strip(" \t,;\r\n")), 0)
         header = lines[first] if lines else ""
-        told = re.fullmatch(r"sep=([,;\t])\s*", header)
-        if told:
+        separator = re.fullmatch(r"sep=([,;\t])\s*", header)
+        if separator:
             lines[first] = "\n"
         self.delimiter = next((mark for mark in "\t;" if mark in header), ",")
-        self.delimiter = told[1] if told else self.delimiter
+        self.delimiter = separator[1] if separator else self.delimiter
         reader = csv.reader(
             lines, delimiter=self.delimiter, skipinitialspace=self.delimiter != "\t", strict=True
         )
@@ -168,8 +168,8 @@ class Sheet:
         except DataError:  # which is reported with the others
             return None
         pairs = zip(cells, names, strict=True)
-        told = [c.strip() for c, name in pairs if name not in (None, *LABELS) and c.strip()]
-        is_one = {cell.casefold() for cell in told} - MISSING and not any(map(is_number, told))
+        units = [c.strip() for c, name in pairs if name not in (None, *LABELS) and c.strip()]
+        is_one = {cell.casefold() for cell in units} - MISSING and not any(map(is_number, units))
         return cells if is_one else None
 
     def full(self, row: Row, width: int) -> Row:

@@ -39,7 +39,7 @@ def single_points(table: Measured) -> Points:
     table = table.take(rows)
     columns = table.columns
     try:
-        velocity, restitution, errors, told = _MAKERS[table.kind.needs](table)
+        velocity, restitution, errors, remarks = _MAKERS[table.kind.needs](table)
         if set(HEIGHTS) <= set(columns):
             _check_heights(table, restitution)
         elif table.kind.needs == VELOCITIES and "restitution" in columns:
@@ -49,8 +49,8 @@ def single_points(table: Measured) -> Points:
         ):
             restitution = columns["restitution"]
         elif "restitution" in columns:
-            told = (
-                *told,
+            remarks = (
+                *remarks,
                 "restitution is √(rebound_height/drop_height): it is corrected for air too",
             )
         errors, added = with_own(errors, table, velocity, restitution)
@@ -59,7 +59,7 @@ def single_points(table: Measured) -> Points:
     group = columns.get("group")
     if group is None and "launch" in columns:
         group = runs(columns["launch"])
-    return Points(velocity, restitution, errors, rows, group, (*left_out, *told, *added))
+    return Points(velocity, restitution, errors, rows, group, (*left_out, *remarks, *added))
 
 
 def _complete(table: Measured) -> tuple[np.ndarray, tuple[str, ...]]:
@@ -73,8 +73,8 @@ def _complete(table: Measured) -> tuple[np.ndarray, tuple[str, ...]]:
     if np.all(missing):
         raise DataError("set of rows", "empty", f"one with {listed(table.kind.needs)}, or more")
     count, first = int(np.sum(missing)), int(np.argmax(missing)) + 1
-    told = f"{count} row(s) without a measurement are left out, the first of them row {first}"
-    return np.flatnonzero(~missing), (told,)
+    remark = f"{count} row(s) without a measurement are left out, the first of them row {first}"
+    return np.flatnonzero(~missing), (remark,)
 
 
 def _as_they_are(table: Measured):
@@ -91,19 +91,19 @@ def _fall_alone(table: Measured):
     """The fall of two heights of which the second was not measured."""
     rebound = np.zeros(len(table.columns[HEIGHTS[0]]))
     both = table._replace(columns={**table.columns, HEIGHTS[1]: rebound})
-    velocity, _, errors, told = _two_heights(both)
-    told = tuple(one for one in told if HEIGHTS[1] not in one)
-    return velocity, np.full(len(velocity), np.nan), errors, told
+    velocity, _, errors, remarks = _two_heights(both)
+    remarks = tuple(one for one in remarks if HEIGHTS[1] not in one)
+    return velocity, np.full(len(velocity), np.nan), errors, remarks
 
 
 def _two_velocities(table: Measured):
     before, after = (table.columns[name] for name in VELOCITIES)
     seen = np.isfinite(after)
     after = np.where(seen, after, 0.0)
-    told: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
     if np.all(before * after <= 0) and (np.all(before > 0) or np.all(before < 0)):
         before, after = np.abs(before), np.abs(after)
-        told = ("velocities of opposite sign are taken without it",)
+        remarks = ("velocities of opposite sign are taken without it",)
     require(VELOCITIES[0], before, lambda v: v > 0, "a positive speed in m/s")
     require(VELOCITIES[1], after, lambda v: v >= 0, "a speed of 0 m/s or more")
     _require_less(VELOCITIES, before, after, SWAPPED)
@@ -111,7 +111,7 @@ def _two_velocities(table: Measured):
     sizes, more = _sizes(table, VELOCITIES, "velocity_uncertainty", (before, after))
     to_restitution = three(-(after / before) / before, 1 / before)
     errors = _paired(to_restitution, three(np.ones(len(before))), sizes, "velocities")
-    return before, restitution, errors, told + more
+    return before, restitution, errors, remarks + more
 
 
 def _two_heights(table: Measured):
@@ -122,7 +122,7 @@ def _two_heights(table: Measured):
     require(HEIGHTS[1], rebound, lambda h: h >= 0, HEIGHT)
     _require_less(HEIGHTS, drop, rebound, SWAPPED**2)
     restitution, velocity = np.sqrt(rebound / drop), np.sqrt(2 * table.gravity * drop)
-    sizes, told = _sizes(table, HEIGHTS, "height_uncertainty", (drop, rebound))
+    sizes, remarks = _sizes(table, HEIGHTS, "height_uncertainty", (drop, rebound))
     # the slope of √h is infinite at h = 0: there u(ε) is to be the ε that a height of u gives
     least = rebound if sizes is None else np.maximum(rebound, sizes[1] / 4)
     to_rebound = np.where(least > 0, 0.5 / np.sqrt(drop * np.where(least > 0, least, 1)), 0.0)
@@ -134,10 +134,10 @@ def _two_heights(table: Measured):
         slower = air.by_drag("fall", drop)
         of_rebound = air.by_drag("rise", rebound) - restitution * slower
         by_drag = np.stack([of_rebound / velocity, slower], axis=1)
-        told = (*told, *air.remarks(velocity, restitution, before))
+        remarks = (*remarks, *air.remarks(velocity, restitution, before))
     errors = _paired(three(by_drop, to_rebound), three(faster), sizes, "heights")
     errors, restitution = replace(errors, by_drag=by_drag), np.where(seen, restitution, np.nan)
-    return velocity, restitution, errors, (*told, *of_falls(velocity, table.gravity))
+    return velocity, restitution, errors, (*remarks, *of_falls(velocity, table.gravity))
 
 
 def _require_less(names, before: Column, after: Column, most: float) -> None:
@@ -169,8 +169,8 @@ def _sizes(table: Measured, names, of_both: str, values):
         twice = [name for name, one in zip(names, each, strict=True) if one is not None]
         if twice:
             raise DataError(f"{twice[0]}_uncertainty", f"given beside {of_both}", "given once")
-        told = (f"{of_both} is taken for that of both {names[0]} and {names[1]}",)
-        return [table.uncertainty(of_both, x) for x in values], told
+        remarks = (f"{of_both} is taken for that of both {names[0]} and {names[1]}",)
+        return [table.uncertainty(of_both, x) for x in values], remarks
     exact = [name for name, one in zip(names, each, strict=True) if one is None]
     if len(exact) == len(names):
         return None, ()
@@ -198,8 +198,8 @@ def _check_heights(table: Measured, restitution: Column) -> None:
         require(HEIGHTS[1], np.where(measured, rebound, 0.0), lambda h: h >= 0, HEIGHT)
         ratio = rebound / drop
         expected = np.sqrt(ratio) if table.kind.needs != HEIGHTS else restitution
-        told = f"√({HEIGHTS[1]}/{HEIGHTS[0]})" + (" in air" if table.air is not None else "")
-        _check(table, expected, told, ratio)
+        formula = f"√({HEIGHTS[1]}/{HEIGHTS[0]})" + (" in air" if table.air is not None else "")
+        _check(table, expected, formula, ratio)
 
 
 def _without_air(table: Measured, in_air: Column) -> bool:
@@ -212,21 +212,23 @@ def _without_air(table: Measured, in_air: Column) -> bool:
     return bool(off[0] < off[1])
 
 
-def _check(table: Measured, expected: Column, told: str, slip: Column | None = None) -> None:
+def _check(table: Measured, expected: Column, formula: str, slip: Column | None = None) -> None:
     """The restitutions given with other measurements must be as expected, and not the likely slip."""
-    given = table.columns["restitution"]
-    measured = np.where(np.isnan(expected), 0.0, given)
+    listed_values = table.columns["restitution"]
+    measured = np.where(np.isnan(expected), 0.0, listed_values)
     require("restitution", measured, lambda e: e >= 0, "a number of 0 or more")
-    stated = table.uncertainty("uncertainty", given)
+    stated = table.uncertainty("uncertainty", listed_values)
     noise = OFF_UNKNOWN if stated is None else OFF * stated
-    off = np.abs(given - expected)
-    wrong, is_slip = off > noise, np.zeros(len(given), bool)
+    off = np.abs(listed_values - expected)
+    wrong, is_slip = off > noise, np.zeros(len(listed_values), bool)
     if slip is not None:
-        is_slip = (np.abs(given - slip) < off) & (np.abs(given - slip) <= noise)
-        if 2 * np.sum(is_slip) > len(given):  # noise hides it in a point near ε = 1, not in most
+        is_slip = (np.abs(listed_values - slip) < off) & (np.abs(listed_values - slip) <= noise)
+        if 2 * np.sum(is_slip) > len(
+            listed_values
+        ):  # noise hides it in a point near ε = 1, not in most
             wrong = is_slip
     if np.any(wrong):
         row = int(np.argmax(wrong))
         blame = "the ratio of the heights" if is_slip[row] else "not what stands beside it"
-        accepted = f"{told}, {expected[row]:.6g}, or left out"
-        raise DataError("restitution", f"{given[row]:.6g}, {blame}", accepted, row)
+        accepted = f"{formula}, {expected[row]:.6g}, or left out"
+        raise DataError("restitution", f"{listed_values[row]:.6g}, {blame}", accepted, row)

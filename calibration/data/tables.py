@@ -65,19 +65,19 @@ def read_points(
         columns["group"] = as_labels("group", group)
     check_lengths(columns)
     g = _gravity(gravity, layout.kind)
-    around, told = _air(air, ball(columns), layout.kind, g)
+    around, remark = _air(air, ball(columns), layout.kind, g)
     measured = Measured(layout.kind, columns, frozenset(relative), g, around)
     for name in {*SIZES} & {*columns}:
         require(name, columns[name], lambda x: x > 0, "a positive number in each row")
     with np.errstate(all="ignore"):  # what is not finite in the end is refused
         points = train_points(measured) if layout.kind.is_train else single_points(measured)
     more = _more(measured.take(points.rows), points)
-    remarks = (*layout.remarks, *points.remarks, *told)
+    remarks = (*layout.remarks, *points.remarks, *remark)
     return points._replace(remarks=remarks, more=more, fall=_fall(layout, around, g))
 
 
 def _fall(layout: Layout, air: Air | None, gravity: float) -> Fall | None:
-    """How heights became velocities; None for other columns, and balls of several sizes."""
+    """Conversion of heights to velocities; None for other columns, and for balls of several sizes."""
     if "drop_height" not in layout.kind.needs:
         return None
     unit = layout.written.get("drop_height") or "m"
@@ -88,7 +88,7 @@ def _fall(layout: Layout, air: Air | None, gravity: float) -> Fall | None:
 
 
 def _more(table: Measured, points: Points) -> dict[str, np.ndarray]:
-    """What else than ε was measured at the points, its uncertainties, and sizes."""
+    """Observables other than ε, their uncertainties, and sizes."""
     found = {name: table.columns[name] for name in (*OBSERVED, *SIZES) if name in table.columns}
     for name in {*OBSERVED} & {*found}:
         uncertainty = table.uncertainty(f"{name}_uncertainty", found[name])
@@ -117,7 +117,7 @@ def _stated(name: str, value: Any, columns: Mapping[str, np.ndarray], layout: La
     if name in columns:
         raise DataError(name, "both a column and a number for the set", "given once")
     if not accepts(layout.kind, name, layout.position):
-        raise DataError(name, "given", f"left out beside {' and '.join(layout.kind.needs)}")
+        raise DataError(name, "given", f"left out with {' and '.join(layout.kind.needs)}")
     if isinstance(value, str):
         value = quantity(value, SI_UNITS[name])
     number = as_number(name, value, lambda u: u >= 0, "a number of 0 or more")
@@ -131,12 +131,12 @@ def _check_unit(name: str, value: Any, layout: Layout) -> None:
         value: the number, or None for a column without a unit.
     """
     if name == "uncertainty":
-        own: Sequence[str] = ("restitution",)
+        values: Sequence[str] = ("restitution",)
     else:
         base = name.removesuffix("_uncertainty")
-        own = [base] if base in layout.written else layout.kind.needs
+        values = [base] if base in layout.written else layout.kind.needs
     si = SI_UNITS[name]
-    units = [layout.written.get(one) for one in own if SI_UNITS.get(one) == si]
+    units = [layout.written.get(one) for one in values if SI_UNITS.get(one) == si]
     other = next((unit for unit in units if unit is not None and unit_of(unit, si) != 1), None)
     if other is None:
         return
@@ -158,7 +158,7 @@ def _gravity(gravity: float | None, kind: Kind) -> float:
 
 
 def _air(air: Any, ball: Ball | None, kind: Kind, gravity: float):
-    """What balls fly in, None where that is not taken into account, and a remark."""
+    """The air of flights, or None if it is ignored, and a remark."""
     density = checked_air(air)
     if density is None or not kind.is_flight:
         return None, ()

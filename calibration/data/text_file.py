@@ -69,5 +69,5 @@ def decoded(path: str | Path, raw: bytes, otherwise: str | None = None) -> Text:
             line = text[: text.index("\0")].count("\n") + 1
             raise InputError(path, line, "a NUL character", "text is needed, saved as UTF-8")
         return Text(text, encoding)
-    told = encodings[0].upper().removesuffix("-SIG")
-    raise InputError(path, line, f"is not {told} text", "save it as UTF-8")
+    label = encodings[0].upper().removesuffix("-SIG")
+    raise InputError(path, line, f"is not {label} text", "save it as UTF-8")

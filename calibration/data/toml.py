@@ -15,7 +15,7 @@ from pydantic import ValidationError
 
 from calibration.data.text_file import MIB, read_text
 from calibration.errors import DataError, InputError, did_you_mean, listed, shown
-from calibration.schema import Refused, Strict, known_below, told_of
+from calibration.schema import Refused, Strict, known_below, fault_of
 
 LARGEST = 2 * MIB
 MOST = 16  # keys that a refusal names
@@ -86,7 +86,7 @@ def combined(faults: Iterable[InputError]) -> InputError:
 
 
 def _refused(path, lines: Mapping[Place, int], error: ValidationError, model) -> InputError:
-    """What pydantic found, each fault with its line."""
+    """The faults that pydantic found, each with its line."""
     return combined(_fault(path, lines, one, model) for one in error.errors()[: FAULTS + 1])
 
 
@@ -106,9 +106,9 @@ def _fault(path, lines: Mapping[Place, int], one: Any, model: type[Strict]) -> I
         more = f" and {len(known) - MOST} more" if len(known) > MOST else ""
         accepted = near or f"known here are {listed(known[:MOST])}{more}"
         return InputError(path, line, f"unknown key {shown(repr(place[-1]))}", accepted)
-    told = told_of(one, model)
-    value = told.value if not isinstance(one["input"], bool) else str(one["input"]).lower()
-    return InputError(path, line, f"{place[-1]} is {value}", f"it must be {told.accepted}")
+    fault = fault_of(one, model)
+    value = fault.value if not isinstance(one["input"], bool) else str(one["input"]).lower()
+    return InputError(path, line, f"{place[-1]} is {value}", f"it must be {fault.accepted}")
 
 
 def _syntax_error(path: str | Path, text: str, message: str) -> InputError:
@@ -116,9 +116,9 @@ def _syntax_error(path: str | Path, text: str, message: str) -> InputError:
     match = re.fullmatch(r"(.*) \(at (?:line (\d+), column \d+|end of document)\)", message)
     problem, line = (match[1], match[2]) if match else (message, None)
     at_end = text.rstrip("\n").count("\n") + 1
-    accepted = "a TOML file is needed, `key = value` a line, text in quotation marks"
-    told = f"no valid TOML: {shown(problem)}"
-    return InputError(path, int(line) if line else at_end, told, accepted)
+    accepted = "a TOML file is needed, one `key = value` in each line, text in quotation marks"
+    fault = f"no valid TOML: {shown(problem)}"
+    return InputError(path, int(line) if line else at_end, fault, accepted)
 
 
 def lines_of(text: str) -> dict[Place, int]:
@@ -153,7 +153,7 @@ def _statements(text: str) -> Iterator[tuple[int, str]]:
 
 
 def _table_place(parsed: Mapping[str, Any], last: dict[Place, int]) -> Place:
-    """Where a header points: `[[material]]` opens the next entry, `[material.wall]` its table."""
+    """Place of a header: `[[material]]` opens the next entry, `[material.wall]` its table."""
     place: Place = ()
     inner: Any = parsed
     while isinstance(inner, dict) and inner:

@@ -56,25 +56,25 @@ def train_points(table: Measured) -> Points:
         in_air = air.remarks(velocity, restitution, in_vacuum)
     errors = replace(_errors(first, slopes, sizes, name), by_drag=by_drag)
     try:
-        errors, told = with_own(errors, used, velocity, restitution)
+        errors, remarks = with_own(errors, used, velocity, restitution)
     except DataError as error:
         raise of_row(error, rows) from None
     group = used.columns.get("group")
     if group is None and "launch" in table.columns:
         group = runs(table.columns["launch"])[rows]
-    told = (*_lonely(train, span), *told, *in_air, *of_falls(velocity, table.gravity))
-    return Points(velocity, restitution, errors, rows, group, told)
+    remarks = (*_lonely(train, span), *remarks, *in_air, *of_falls(velocity, table.gravity))
+    return Points(velocity, restitution, errors, rows, group, remarks)
 
 
 def runs(labels: np.ndarray) -> np.ndarray:
     """Labels of launches, rows that stand together: one that comes back is another, `1 (2)`."""
     fresh = np.concatenate([[True], labels[1:] != labels[:-1]])
     count: dict[str, int] = {}
-    told = []
+    names = []
     for label in labels[fresh]:
         count[label] = count.get(label, 0) + 1
-        told.append(label if count[label] == 1 else f"{label} ({count[label]})")
-    return np.array(told, dtype=object)[np.cumsum(fresh) - 1]
+        names.append(label if count[label] == 1 else f"{label} ({count[label]})")
+    return np.array(names, dtype=object)[np.cumsum(fresh) - 1]
 
 
 def _trains(table: Measured) -> np.ndarray:
@@ -91,10 +91,10 @@ def _intervals(table: Measured, name: str, train: np.ndarray) -> Column:
     """Times from each bounce to the next; those from one launch to another mean nothing."""
     values = table.columns[name]
     if name == "interval":
-        require(name, values, lambda t: t > 0, "a positive time in s: a launch leaves no gap")
+        require(name, values, lambda t: t > 0, "a positive time in s: no gap within a launch")
         steps = values
     else:
-        require(name, values, np.isfinite, "a time in s: a launch leaves no gap")
+        require(name, values, np.isfinite, "a time in s: no gap within a launch")
         steps = np.diff(values)
         back = (steps <= 0) & (train[1:] == train[:-1])
         if np.any(back):
@@ -118,21 +118,21 @@ def _check_one_launch(values: Column, steps: Column, name: str) -> None:
 
 def _sizes(table: Measured, name: str) -> Column | None:
     """The timing uncertainty of each row; None where it is unknown, one for all."""
-    told = [one for one in (f"{name}_uncertainty", "timing_uncertainty") if one in table.columns]
-    if len(told) == 2:
-        raise DataError(told[1], f"given with {told[0]}", "given once")
-    if not told:
+    columns = [one for one in (f"{name}_uncertainty", "timing_uncertainty") if one in table.columns]
+    if len(columns) == 2:
+        raise DataError(columns[1], f"given with {columns[0]}", "given once")
+    if not columns:
         return None
-    if name == "time" and told[0] in table.relative:
-        raise DataError(told[0], "in percent", "in s, ms or us, as times have no zero")
-    sizes = table.uncertainty(told[0], table.columns[name])
+    if name == "time" and columns[0] in table.relative:
+        raise DataError(columns[0], "in percent", "in s, ms or us, as times have no zero")
+    sizes = table.uncertainty(columns[0], table.columns[name])
     assert sizes is not None  # its column is there
-    require(told[0], sizes, lambda u: u > 0, "a positive time in s")
+    require(columns[0], sizes, lambda u: u > 0, "a positive time in s")
     return sizes
 
 
 def _errors(first, slopes, sizes, name: str) -> PointErrors:
-    """Those of tₙ and tₙ₊₁, or of Tₙ, Tₙ₊₁ and Tₙ₊₂, of each point."""
+    """Errors of tₙ and tₙ₊₁, or of Tₙ, Tₙ₊₁ and Tₙ₊₂, for each point."""
     index = first[:, None] + np.arange(TOUCHED)
     down, up, faster = slopes
     if name == "interval":

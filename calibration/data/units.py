@@ -55,8 +55,8 @@ def unit_of(text: str, si: str) -> Fraction:
     size = _find(text, si)
     if size is None:
         named = NAMED.get(si, si).split()
-        alike = next((unit for unit in named if unit.lower() == _plain(text).lower()), None)
-        near = f" (did you mean {alike!r}?)" if alike else did_you_mean(_plain(text), named)
+        same = next((unit for unit in named if unit.lower() == _plain(text).lower()), None)
+        near = f" (did you mean {same!r}?)" if same else did_you_mean(_plain(text), named)
         accepted = f"in {listed(named)}" if named else "left out"
         raise DataError("unit", f"[{shown(text)}]", accepted + near)
     return size

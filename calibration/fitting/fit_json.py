@@ -27,7 +27,7 @@ from calibration.fitting.laws import LAWS, Tree, law_name
 from calibration.fitting.line import Line
 from calibration.fitting.material import Estimate, Goodness, MaterialFit, Outlier
 from calibration.fitting.profiles import Profile
-from calibration.fitting.request import Request, law_model, said_of
+from calibration.fitting.request import Request, law_model, stated_parameters
 from calibration.fitting.stages import Likelihood, Stage
 from calibration.fitting.uncertainty import Freedom
 from calibration.fitting.warnings import FitWarning
@@ -209,7 +209,7 @@ class RequestRecord(Strict):
 
     @classmethod
     def told(cls, request: Request) -> dict[str, Any]:
-        said = said_of(request.parameters, request.datasets)
+        said = stated_parameters(request.parameters, request.datasets)
         options = request.options.model_dump(mode="json") | {"law": law_name(request.options.law)}
         tables = [{name: _parameter_told(one) for name, one in each.items()} for each in said]
         return {"parameters": tables, "options": options}

@@ -111,7 +111,7 @@ class Request:
         Raises:
             ValueError: naming what does not fit together and what is accepted.
         """
-        said = said_of(self.parameters, self.datasets)
+        said = stated_parameters(self.parameters, self.datasets)
         more, pairs = self.options.law_options, zip(self.datasets, said, strict=True)
         return [_spec(data, {**own, **more}, self.options) for data, own in pairs]
 
@@ -341,7 +341,7 @@ def _whole(name: str, parameter: Parameter) -> tuple[list[Element], Tree]:
     return [Element(entry, one, Declared(entry), float(x), wide) for entry, x in pairs], tree
 
 
-def said_of(parameters: Specs, datasets) -> list[dict[str, Any]]:
+def stated_parameters(parameters: Specs, datasets) -> list[dict[str, Any]]:
     """What is said of each data set's parameters: {name: what}, one dict a set.
 
     `parameters` is a mapping ("chi" for all sets, "chi[name]" for one; a number fixes, a text is an

@@ -1,4 +1,4 @@
-"""All laws of a comparison over the data, one column a data set."""
+"""Curves of all laws of a comparison, one column for each data set."""
 
 from collections.abc import Mapping, Sequence
 from itertools import cycle
@@ -13,7 +13,8 @@ from calibration.plots import style
 from calibration.plots.curves import EPSILON, plot_data, velocity_label
 
 FINE = 256  # points of a curve
-ROOM = 0.5  # of the data's height, above and below them in the close-up
+ROOM = 0.5  # room above and below the data in the close-up, relative to their height
+WIDTHS = (3.4, 0.3, 1.2)  # of the first line drawn, how much less of each further one, the least
 LOOKS: dict[str, tuple[str, Any]] = {
     "zhou": (style.BLUE, "-"),
     "eq-17": (style.ORANGE, "--"),
@@ -24,7 +25,7 @@ LOOKS: dict[str, tuple[str, Any]] = {
     "constant": (style.GREY, (0, (8, 3))),
     "hertz": (style.BLACK, ":"),
 }
-# of users' laws, and of dashpot laws with another end of contact
+# for users' laws, and for dashpot laws with another end of contact
 OTHERS: tuple[tuple[str, Any], ...] = (
     (style.BLACK, (0, (5, 1))),
     (style.VERMILION, "-"),
@@ -36,7 +37,7 @@ OTHERS: tuple[tuple[str, Any], ...] = (
 
 
 def comparison_figure(comparisons: Sequence[Any]) -> Figure:
-    """Every `Comparison` in a column of its own: all curves, and below a close-up of the data."""
+    """Draw each `Comparison` in one column: all curves, and below a close-up of the data."""
     columns, same = len(comparisons), _same_curves(comparisons)
     figure = style.new_figure(max(4.4 * columns, 6.5), 7.1)
     grid = figure.subplots(2, columns, squeeze=False)
@@ -57,23 +58,24 @@ def comparison_figure(comparisons: Sequence[Any]) -> Figure:
 def plot_comparison(
     comparison: Any, ax: Axes | None = None, same: Mapping[str, str] | None = None
 ) -> Axes:
-    """One data set with its curves.
+    """Draw one data set and the curves of all laws, each thinner than those below it.
 
     Args:
         comparison: a `Comparison`.
-        ax: where to draw; a new figure's where None.
-        same: labels of laws that are not drawn, as their curve is that of another, which each is
-            mapped to; those of the comparison itself where None.
+        ax: axes to draw in; a new figure if None.
+        same: labels of laws that are not drawn because their curve is that of another law, mapped to
+            the label of that law; None: those of this comparison.
     """
     ax = style.axes_or_new(ax)
     same = _same_curves([comparison]) if same is None else same
     others, seen = cycle(OTHERS), set()
     for entry in comparison.entries:
+        width = max(WIDTHS[0] - WIDTHS[1] * len(ax.lines), WIDTHS[2])
         first = entry.key in LOOKS and entry.key not in seen
         color, linestyle = LOOKS[entry.key] if first else next(others)
         seen.add(entry.key)
         if entry.label not in same:
-            look: dict[str, Any] = {"color": color, "linestyle": linestyle, "lw": 1.6}
+            look: dict[str, Any] = {"color": color, "linestyle": linestyle, "lw": width}
             ax.plot(*_curve(entry), label=_label(entry.label, same), **look)
     data = comparison.data
     plot_data(ax, data)
@@ -86,22 +88,23 @@ def plot_comparison(
 
 
 def _same_curves(comparisons: Sequence[Any]) -> dict[str, str]:
-    """Laws that have the curve of another one in every comparison, and of which."""
-    found = [{e.label: e.same_as for e in one.entries if e.same_as} for one in comparisons]
-    pairs = found[0].items()
-    return {law: other for law, other in pairs if all(one.get(law) == other for one in found)}
+    """Laws that have the curve of another law in every comparison, mapped to that law."""
+    equal = [{e.label: e.same_as for e in one.entries if e.same_as} for one in comparisons]
+    pairs = equal[0].items()
+    return {law: other for law, other in pairs if all(one.get(law) == other for one in equal)}
 
 
 def _label(label: str, same: Mapping[str, str]) -> str:
-    """A law's name, with those of laws that are drawn by its line below it."""
+    """Name of a law, and below it the names of laws with the same curve; p_y as a formula."""
     below = [other for other, drawn in same.items() if drawn == label]
-    return "\n= ".join(style.plain(one) for one in (label, *below))
+    text = "\n= ".join(style.plain(one) for one in (label, *below))
+    return text.replace("p_y/Y", "$p_y/Y$").replace("p_y = Y", "$p_y = Y$")
 
 
 def _curve(entry: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Velocities and ε, NaN where it is not determined and where nothing rebounds.
+    """Velocities and ε; NaN where ε is not determined and where nothing rebounds.
 
-    Where each impact has bodies of its own, at those impacts alone.
+    If the bodies differ from impact to impact, only at these impacts.
     """
     fit = entry.result.material()
     velocity = np.sort(fit.data.velocity)

@@ -204,7 +204,7 @@ def plot_restitution(
 
 
 def _limits(rows: Any) -> tuple[float, float] | None:
-    """Of the axis where a band is so wide that the curve could not be read; None where it is not."""
+    """Limits of the y axis if the band is so wide that the curve could not be read, else None."""
     low, high = np.nanmin(rows.coefficient), np.nanmax(rows.coefficient)
     room = WIDEST * max(high - low, LEAST_SPAN)
     below, above = np.nanmin(rows.low), np.nanmax(rows.high)

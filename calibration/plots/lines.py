@@ -47,10 +47,10 @@ def lines_of(result: Any, with_paper: bool = False) -> dict[str, tuple[Line, ...
     entries = {entry.name: entry for entry in paper.TABLE_1} if with_paper else {}
     lines: dict[str, tuple[Line, ...]] = {}
     for fit in result.materials:
-        own = _paper_lines(fit.contact, entries[fit.name]) if fit.name in entries else ()
+        drawn = _paper_lines(fit.contact, entries[fit.name]) if fit.name in entries else ()
         if shared is not None and len(shared.chi) > 2 and fit.name in shared.chi:
-            own += (_on_line(fit, shared.chi[fit.name].value),)
-        lines[fit.name] = own
+            drawn += (_on_line(fit, shared.chi[fit.name].value),)
+        lines[fit.name] = drawn
     return lines
 
 
@@ -78,17 +78,17 @@ def _on_line(fit: Any, chi: float) -> Line:
 
 
 def _paper_lines(contact: sj.Contact, entry: paper.TableEntry) -> tuple[Line, ...]:
-    """What Fig. 2 compares with: the model as printed, and Thornton's formula."""
+    """Curves of Fig. 2: the model as printed, and Thornton's formula."""
     printed = sj.Zhou(contact, entry.chi, entry.sigma, entry.psi, kappa="printed")
     as_printed = replace(contact, area="zhou")
     thornton = jax.jit(thornton_restitution, static_argnames="area")
-    own = r"Zhou, printed $\kappa$ and Table 1's $\tilde\chi$"
+    label = r"Zhou, printed $\kappa$ and Table 1's $\tilde\chi$"
     at_paper, at_hertz = (
         rf"Thornton, yield at {velocity}"
         for velocity in (r"the paper's $v_\mathrm{cr}$", "Hertz's $V_y$")
     )
     return (
-        Line(own, lambda v: law_values(printed, v), style.VERMILION, (0, (6, 2))),
+        Line(label, lambda v: law_values(printed, v), style.VERMILION, (0, (6, 2))),
         Line(
             at_paper,
             lambda v: np.asarray(thornton(as_printed, v, area="contact")),

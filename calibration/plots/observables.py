@@ -1,4 +1,4 @@
-"""What else than ε was measured: data, fitted curves with their bands, and residuals."""
+"""Observables other than ε: data, fitted curves with their bands, and residuals."""
 
 from typing import Any
 

@@ -50,13 +50,13 @@ def fit_materials(progress: Any = None):
 
 
 def figure_2(result: Any) -> Figure:
-    """The picture of a fit of the three materials."""
+    """Draw Fig. 2 from a fit of the three materials."""
     lines = lines_of(result, with_paper=True)
     return curves_figure(result, lines, ratio=True, from_rest=True, title=TITLE)
 
 
 def linear_figure() -> Figure:
-    """Both panels."""
+    """Draw the duration and the force of the linear spring in two panels."""
     figure = style.new_figure(9.0, 4.0)
     left, right = figure.subplots(1, 2)
     plot_duration(left)

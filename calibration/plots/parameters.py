@@ -1,4 +1,4 @@
-"""How well parameters are determined: their profile likelihoods, and how they depend on each other."""
+"""Profile likelihoods of parameters, and their correlations."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -76,7 +76,7 @@ def plot_profile(profile, estimate=None, ax: Axes | None = None, model: Any = No
 
 
 def _points(profile) -> tuple[np.ndarray, np.ndarray]:
-    """What the picture has room for, and one point beyond either end where that is near."""
+    """Points of a profile that fit into the picture, and one beyond either end if it is near."""
     values = np.asarray(profile.values, float)
     rise = np.asarray(profile.delta_chi_squared, float)
     finite = np.isfinite(values) & np.isfinite(rise)
@@ -105,7 +105,7 @@ def _smooth(values: np.ndarray, rise: np.ndarray, fine: np.ndarray, logarithmic:
 
 
 def correlation_figure(result: Any) -> Figure | None:
-    """How the fitted parameters depend on each other; None where no two have a correlation.
+    """Draw the correlations of the fitted parameters; None if there are no two of them.
 
     A panel a data set; data sets that share parameters have one together. A parameter at its bound
     has no correlations.
@@ -185,11 +185,14 @@ def _blocks(result: Any) -> list[tuple[str, list[str]]]:
             owners, labels = block[0] + owners, list(dict.fromkeys(block[1] + labels))
         blocks.append((owners, labels))
     alone = len(result.materials) == 1
-    return [(names[0] if len(names) == 1 and not alone else "", own) for names, own in blocks]
+    return [
+        (names[0] if len(names) == 1 and not alone else "", labels_of)
+        for names, labels_of in blocks
+    ]
 
 
 def _symbol(result: Any, label: str, with_owner: bool) -> str:
     name, _, owner = label.partition("[")
     symbol = symbols.math(name, symbols.model_of(label, result), unit=False)
-    own = style.shortened(owner.removesuffix("]"))
-    return f"{symbol}, {style.plain(own)}" if with_owner and owner else symbol
+    material = style.shortened(owner.removesuffix("]"))
+    return f"{symbol}, {style.plain(material)}" if with_owner and owner else symbol

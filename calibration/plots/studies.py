@@ -1,4 +1,4 @@
-"""Sensitivities, designs and Sobol indices drawn."""
+"""Pictures of sensitivities, designs and Sobol indices."""
 
 from collections.abc import Sequence
 from itertools import cycle
@@ -17,22 +17,27 @@ COLORS = (
     *(style.SKY, style.PURPLE, style.BLACK, style.GREY),
 )
 STYLES = ("-", "--", "-.", (0, (1, 1)), (0, (5, 1, 1, 1, 1, 1)))
-NOTHING = 1e-12  # a sensitivity smaller than this is none
+NOTHING = 1e-12  # a smaller sensitivity is zero
+VISIBLE = 2e-3  # a sensitivity smaller than this part of the largest looks like zero
 EFFECT = r"$\theta\,\partial\varepsilon/\partial\theta$"
 
 
 def plot_sensitivities(
     found: Any, ax: Axes | None = None, critical_velocity: float | None = None
 ) -> Axes:
-    """θ ∂ε/∂θ of every input over velocity; inputs that move nothing are named in the legend.
+    """Draw θ ∂ε/∂θ of every input over velocity.
+
+    The legend names inputs without effect, and those whose effect is too small to see.
 
     Args:
         found: `Sensitivities`.
-        critical_velocity: where the curves end and begin anew: at yield they jump.
+        critical_velocity: where the curves jump, at first yield.
     """
     ax = style.axes_or_new(ax, 7.2, 4.2)
     letters = [in_math(one.symbol) for one in found.declared.values()]
-    acts = np.max(np.abs(found.absolute), axis=0) >= NOTHING
+    size = np.max(np.abs(found.absolute), axis=0)
+    least = VISIBLE * np.max(size, initial=0.0)
+    acts = (size >= NOTHING) & (size >= least)
     moving = [letter for letter, one in zip(letters, acts, strict=True) if one]
     velocity, slopes, jump = found.velocity, found.absolute[:, acts], critical_velocity
     place = 0 if jump is None else int(np.searchsorted(velocity, jump))
@@ -40,9 +45,15 @@ def plot_sensitivities(
         velocity = np.insert(velocity, place, jump)
         slopes = np.insert(slopes, place, np.nan, axis=0)
     _plot_slopes(ax, velocity, slopes, moving)
-    if not np.all(acts):
-        silent = ", ".join(letter for letter in letters if letter not in moving)
-        ax.plot([], [], linestyle="", label=f"none: {silent}")
+    for hidden, text in (
+        (size < NOTHING, "none"),
+        (~acts & (size >= NOTHING), f"below {least:.0e}"),
+    ):
+        if np.any(hidden):
+            names = ", ".join(
+                one for one, is_hidden in zip(letters, hidden, strict=True) if is_hidden
+            )
+            ax.plot([], [], linestyle="", label=f"{text}: {names}")
     style.mark_velocity(ax, jump, found.velocity, r"yield, $v_\mathrm{cr}$")
     ax.axhline(0, color=style.GREY, linewidth=0.6)
     ax.legend(frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
@@ -50,7 +61,7 @@ def plot_sensitivities(
 
 
 def plot_tornado(found: Any, velocity: float, ax: Axes | None = None) -> Axes:
-    """The inputs at one velocity, the strongest on top: change of ε for one percent of each."""
+    """Draw the change of ε for +1 % of each input at one velocity, the largest on top."""
     ax = style.axes_or_new(ax, 4.0, 3.5)
     ranked = found.ranked(velocity)[::-1]
     percents = np.array([value for _, value in ranked]) / 100
@@ -65,7 +76,7 @@ def plot_tornado(found: Any, velocity: float, ax: Axes | None = None) -> Axes:
 
 
 def tornado_figure(found: Any) -> Figure:
-    """`plot_tornado` at every velocity."""
+    """Draw `plot_tornado` at every velocity."""
     count = len(found.velocity)
     figure = style.new_figure(max(3.4 * count, 4.5), 3.6)
     for ax, v in zip(figure.subplots(1, count, squeeze=False)[0], found.velocity, strict=True):
@@ -74,7 +85,7 @@ def tornado_figure(found: Any) -> Figure:
 
 
 def plot_design(design: Any, ax: Axes | None = None) -> Axes:
-    """θ ∂ε/∂θ of every parameter, the shots below them with their number, and equally spaced ones."""
+    """Draw θ ∂ε/∂θ of every parameter, the planned shots with their number, and equally spaced ones."""
     ax = style.axes_or_new(ax, 6.8, 4.8)
     letters = [in_math(symbol) for symbol in design.symbols]
     labels = [rf"{EFFECT}, $\theta$ = {one}" for one in letters]
@@ -102,7 +113,7 @@ def plot_design(design: Any, ax: Axes | None = None) -> Axes:
 
 
 def plot_sobol(found: Any, output: int = 0, ax: Axes | None = None) -> Axes:
-    """First-order and total indices with bootstrap limits, and the bound from derivatives."""
+    """Draw first-order and total indices with bootstrap limits, and the upper bound from derivatives."""
     ax = style.axes_or_new(ax, 5.0, 3.5)
     place = np.arange(len(found.names))
     for name, label, color, aside in (
@@ -114,8 +125,8 @@ def plot_sobol(found: Any, output: int = 0, ax: Axes | None = None) -> Axes:
         look: dict[str, Any] = {"color": color, "width": 0.36, "capsize": 2, "ecolor": style.BLACK}
         ax.bar(place + aside, middle, yerr=reach, label=label, **look)
     bound = np.where(found.bound[output] <= 1, found.bound[output], np.nan)  # more says nothing
-    ax.plot(place + 0.2, bound, "v", color=style.BLACK, label="bound of total")
-    # the body of "E wall" below its letter, so that many inputs find room
+    ax.plot(place + 0.2, bound, "v", color=style.BLACK, label="upper bound of total")
+    # the body of "E wall" goes below its letter, to make room for many inputs
     ax.set_xticks(place, [in_math(letter).replace(" ", "\n") for letter in found.symbols])
     ax.axhline(0, color=style.GREY, linewidth=0.6)
     ax.set_ylabel(r"share of the variance of $\varepsilon$")
@@ -125,11 +136,11 @@ def plot_sobol(found: Any, output: int = 0, ax: Axes | None = None) -> Axes:
 
 
 def sobol_figure(found: Any, assumed: str = "") -> Figure:
-    """`plot_sobol` of every output, with one scale that all of them fit, and one legend.
+    """Draw `plot_sobol` of every output, with a common scale and legend.
 
     Args:
         found: `SobolIndices`.
-        assumed: what stands above them all, such as how the inputs are spread.
+        assumed: title above all panels, such as the distribution of the inputs.
     """
     count, width = len(found.first), max(4.2, 0.4 * len(found.names))
     figure = style.new_figure(max(width * count, 5.0), 3.8)
@@ -144,7 +155,7 @@ def sobol_figure(found: Any, assumed: str = "") -> Figure:
 
 
 def _plot_slopes(ax: Axes, velocity, slopes, labels: Sequence[str]) -> None:
-    """One curve a column over velocity."""
+    """Draw each column of `slopes` over velocity."""
     looks = zip(cycle(COLORS), cycle(STYLES), labels, slopes.T, strict=False)
     for color, line, label, values in looks:
         ax.plot(velocity, values, color=color, linestyle=line, label=label)

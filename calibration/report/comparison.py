@@ -1,4 +1,4 @@
-"""A comparison of laws as a table, as text for a terminal, and as JSON."""
+"""A comparison of laws as table, terminal text and JSON."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -12,12 +12,12 @@ from calibration.report.fit import estimate_text
 from calibration.report.layout import Block, Item, terminal
 from calibration.rounding import ABSENT, number
 
-WHOLE = 1000  # elpd, AIC and BIC from here on are rounded to whole numbers
+WHOLE = 1000  # larger elpd, AIC and BIC are rounded to whole numbers
 EXPLAINED = (
-    "Sorted by elpd, the expected log predictive density: each point predicted by the fit without "
-    "it. Δelpd: the difference to the best and its standard error, a tie below two of them. "
-    "Weight: in the mixture of laws that predicts best. LOO rms: rms of the predictions of points "
-    "left out. k: fitted parameters."
+    "Sorted by elpd, the expected log predictive density: each point is predicted by the fit without "
+    "it. Δelpd: difference to the best law ± its standard error; below two standard errors it is a "
+    "tie. Weight: share in the mixture of laws that predicts best. LOO rms: rms of the predictions of "
+    "points left out. k: number of fitted parameters."
 )
 
 
@@ -26,11 +26,11 @@ def comparison_text(
     remarks: Sequence[str] = (),
     causes: str = "comparison.entry(law).warnings",
 ) -> str:
-    """Everything that a terminal shows of some `Comparison`s.
+    """Terminal text of some `Comparison`s.
 
     Args:
-        remarks: lines about all of them.
-        causes: where the causes of warnings are found; in Python unless stated.
+        remarks: lines about all comparisons.
+        causes: where to find the causes of warnings.
     """
     common = [n for n in comparisons[0].notes if all(n in other.notes for other in comparisons)]
     blocks = [Block("text", "\n".join([*common, *remarks, EXPLAINED]))]
@@ -38,12 +38,12 @@ def comparison_text(
         data, groups = one.data, len(one.data.groups)
         span = f"{number(min(data.velocity), 3)} to {number(max(data.velocity), 3)} m/s"
         together = f", {groups} groups, each left out together" if groups else ""
-        parameters, own = parameter_table(one), list(_remarks(one, common))
+        parameters, lines = parameter_table(one), list(_remarks(one, common))
         blocks += [
             Block("text", f"{data.name}: {len(data)} points, {span}{together}"),
             Block("table", ranking_table(one)),
             *([] if parameters.empty else [Block("table", parameters)]),
-            *([Block("text", "\n".join(own))] if own else []),
+            *([Block("text", "\n".join(lines))] if lines else []),
             Block("warnings", _warnings(one)),
         ]
     if any(entry.warnings for one in comparisons for entry in one.entries):
@@ -52,12 +52,12 @@ def comparison_text(
 
 
 def ranking_table(comparison: Any) -> pd.DataFrame:
-    """The laws, the best first, with their scores as rounded text."""
+    """Laws from best to worst, with their scores as rounded text."""
     return pd.DataFrame(
         {
             "law": entry.label + ("" if entry.converged else " (NOT CONVERGED)"),
             "elpd": _score(None if entry.is_exact else entry.leave_one_out.elpd),
-            "Δelpd": _difference(entry.behind),
+            "Δelpd": _difference(entry.delta_elpd),
             "weight": number(entry.weight) if entry.weight is None else f"{entry.weight:.2f}",
             "LOO rms": number(entry.leave_one_out.rms, 3),
             "rms": number(entry.result.rms, 3),
@@ -70,7 +70,7 @@ def ranking_table(comparison: Any) -> pd.DataFrame:
 
 
 def parameter_table(comparison: Any) -> pd.DataFrame:
-    """What was fitted of each law, with errors and units; numbers of networks counted."""
+    """Fitted parameters of each law, with errors and units; of networks, the number of weights."""
     rows = []
     for entry in comparison.entries:
         fit = entry.result.material()
@@ -86,7 +86,7 @@ def parameter_table(comparison: Any) -> pd.DataFrame:
 
 
 def comparison_json(comparisons: Sequence[Any], settings: Mapping[str, Any]) -> str:
-    """The whole of them; what is undefined is null."""
+    """JSON of some `Comparison`s; undefined numbers are null."""
     table = {
         "comparisons": [_as_dict(one) for one in comparisons],
         "settings": dict(settings),
@@ -96,32 +96,32 @@ def comparison_json(comparisons: Sequence[Any], settings: Mapping[str, Any]) -> 
 
 
 def _score(value: float | None) -> str:
-    """To tenths, large scores to whole numbers."""
+    """Text with one decimal; large scores as whole numbers."""
     if value is None:
         return ABSENT
     return f"{round(value, 1) + 0.0:.1f}" if abs(value) < WHOLE else f"{value:.0f}"
 
 
-def _difference(behind: Any) -> str:
-    if behind is None:
+def _difference(delta: Any) -> str:
+    if delta is None:
         return ABSENT
-    if behind == (0.0, 0.0):
+    if delta == (0.0, 0.0):
         return "best"
-    return f"{_score(behind.value)} ± {_score(behind.standard_error)}" + " tie" * behind.is_tie
+    return f"{_score(delta.value)} ± {_score(delta.standard_error)}" + " tie" * delta.is_tie
 
 
 def _remarks(one: Any, common: Sequence[str]) -> Iterable[str]:
-    """What holds for this data set alone, and which curves are alike."""
+    """Notes on this data set alone, and laws with equal curves."""
     yield from (note for note in one.notes if note not in common)
     for first in one.ranking:
-        alike = [entry.label for entry in one.entries if entry.same_as == first]
-        if alike:
-            yield f"The same curve as {first}: {'; '.join(alike)}. They share its weight."
+        equal = [entry.label for entry in one.entries if entry.same_as == first]
+        if equal:
+            yield f"The same curve as {first}: {'; '.join(equal)}. They share its weight."
     yield from (f"Left out: {why}." for why in one.left_out)
 
 
 def _warnings(one: Any) -> list[Item]:
-    """Each kind of warning once, with the laws that have it."""
+    """Each warning code once, with the laws that have it."""
     laws: dict[str, dict[str, None]] = {}
     advice = {}
     for entry in one.entries:
@@ -132,7 +132,7 @@ def _warnings(one: Any) -> list[Item]:
 
 
 def _advice(warning: Any) -> str:
-    """Without the advice to compare laws, which is what was done."""
+    """Advice without the suggestion to compare laws."""
     return warning.advice.replace(f" ({OTHER_LAWS})", "").replace(f" {OTHER_LAWS}.", "")
 
 
@@ -149,7 +149,7 @@ def _as_dict(one: Any) -> dict[str, Any]:
 
 
 def _entry_dict(entry: Any) -> dict[str, Any]:
-    left_out, behind, fit = entry.leave_one_out, entry.behind, entry.result.material()
+    left_out, delta, fit = entry.leave_one_out, entry.delta_elpd, entry.result.material()
     scored = not entry.is_exact
     return {
         "law": entry.key,
@@ -157,9 +157,9 @@ def _entry_dict(entry: Any) -> dict[str, Any]:
         "options": dict(fit.model.options),
         "elpd": left_out.elpd if scored else None,
         "elpd_standard_error": left_out.elpd_se if scored else None,
-        "delta_elpd": behind and behind.value,
-        "delta_elpd_standard_error": behind and behind.standard_error,
-        "tie": behind and behind.is_tie,
+        "delta_elpd": delta and delta.value,
+        "delta_elpd_standard_error": delta and delta.standard_error,
+        "tie": delta and delta.is_tie,
         "weight": entry.weight,
         "rms_leave_one_out": left_out.rms,
         "refitted": left_out.exact,

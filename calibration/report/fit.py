@@ -1,6 +1,6 @@
-"""What a report of a fit says: its tables, and the sentences around them.
+"""Tables and sentences of the report of a fit.
 
-`estimates` has numbers; the other tables have text rounded for a reader.
+`estimates` returns numbers; the other tables contain rounded text.
 """
 
 import datetime
@@ -14,16 +14,16 @@ import pandas as pd
 from calibration import symbols
 from calibration.fitting.curves import modulus_by_times
 from calibration.fitting.material import Estimate
-from calibration.fitting.request import said_of
+from calibration.fitting.request import stated_parameters
 from calibration.observables import OBSERVABLES
 from calibration.parameters import Parameter
 from calibration.report.layout import Block, Item, page, terminal
 from calibration.rounding import ABSENT, interval, number, with_error
 
 Printed = Mapping[str, Mapping[str, float]]  # {material: {parameter: published value}}
-MANY = 1000  # degrees of freedom, from where on Student's t is the normal distribution
-MOST_NAMED = 3  # data sets that the first sentence names one by one
-MOST_SEARCHES = 12  # that are listed one by one
+MANY = 1000  # degrees of freedom: with more, Student's t counts as the normal distribution
+MOST_NAMED = 3  # data sets that the first sentence describes one by one
+MOST_SEARCHES = 12  # searches that are listed one by one
 NOT_CONVERGED = "NOT CONVERGED: do not use these values."
 OBJECTIVES = {
     "two-step": "σ and ψ from Eq. (17), then χ̃ from the law with them fixed (`two-step`)",
@@ -39,11 +39,11 @@ METHODS = {
         "from the stacked estimating equations of both steps of `two-step`, as the same noise "
         "enters both"
     ),
-    "profile": "where the profile likelihood crosses its threshold; open where it never does",
+    "profile": "where the profile likelihood crosses its threshold; open if it never does",
     "wald": "from the standard error, on the scale of the search",
     "derived": "from the covariance of the fitted parameters",
 }
-MISFIT = 0.1  # share of the points from which on outliers are a misfit
+MISFIT = 0.1  # share of the points above which outliers are reported as a misfit
 NOT_JUDGED = "not checked, without profiles: whether standard errors describe the intervals"
 QUALITY = {
     "dof": "degrees of freedom of the residuals",
@@ -66,8 +66,8 @@ def terminal_report(result: Any, intro: str = "", **more: Any) -> str:
 
     Args:
         result: a `FitResult`.
-        intro: what the reader must know of the data before anything else.
-        more: as `sections` takes it.
+        intro: a remark about the data, printed first.
+        more: further arguments of `sections`.
     """
     of = sections(result, **more)
     if of["posterior"]:  # a heading is not printed, and its table would look like the fit's
@@ -78,7 +78,7 @@ def terminal_report(result: Any, intro: str = "", **more: Any) -> str:
 
 
 def result_text(result: Any) -> str:
-    """A fit as `print` shows it: its sentence, estimates, goodness of fit and warnings."""
+    """The text that `print` shows: first sentence, estimates, goodness of fit and warnings."""
     of = sections(result)
     tables = [b for n in ("parameters", "quality", "line") for b in of[n] if b.kind == "table"]
     outliers = [Block("list", lines)] if (lines := outlier_lines(result)) else []
@@ -86,14 +86,14 @@ def result_text(result: Any) -> str:
 
 
 def result_html(result: Any) -> str:
-    """The same in a notebook."""
+    """The HTML that a notebook shows."""
     of = sections(result)
     tables = [b for name in ("parameters", "quality") for b in of[name] if b.kind == "table"]
     return page([*of["result"], *of["verdict"], *tables, *of["warnings"][1:]])
 
 
 def report_blocks(result: Any, *more: Any) -> list[Block]:
-    """The whole report; arguments as `sections`'."""
+    """All blocks of the report; `more` are further arguments of `sections`."""
     return [block for section in sections(result, *more).values() for block in section]
 
 
@@ -110,8 +110,8 @@ def sections(
         result: a `FitResult`.
         pictures: {caption: file next to the report}.
         command: the command that makes the same results again.
-        printed: published values to show with the fitted ones.
-        posterior: `posterior.section` of draws.
+        printed: published values, shown next to the fitted ones.
+        posterior: blocks of `posterior.section`.
     """
     versions = ", ".join(f"{name} {version}" for name, version in result.versions.items())
     implausible = [w for w in result.warnings if w.code == "plausibility"]
@@ -121,8 +121,8 @@ def sections(
     rank += "condition number " + ("infinite" if condition is None else number(condition, 2))
     methods, warned = interval_methods(result), warning_items(result.warnings, result)
     confidence = (
-        f"Intervals hold {100 * result.confidence:g} % of true values where the law is right; dof are "
-        "the degrees of freedom of Student's t where the noise is estimated from the residuals:"
+        f"Intervals contain the true value in {100 * result.confidence:g} % of experiments, if the law is "
+        "right. Where the noise is estimated, dof is the number of degrees of freedom of Student's t:"
     )
     return {
         "title": [Block("title", "Coefficients of restitution, fitted")],
@@ -157,7 +157,7 @@ def sections(
 
 
 def warning_items(warnings: Iterable[Any], result: Any) -> list[Item]:
-    """Warnings with parameters written as in the tables: χ̃, not chi."""
+    """Warnings, with the symbols of the tables: χ̃, not chi."""
     models = [fit.model for fit in result.materials]
     return [
         Item(
@@ -170,7 +170,7 @@ def warning_items(warnings: Iterable[Any], result: Any) -> list[Item]:
 
 
 def result_sentence(result: Any) -> str:
-    """The fit in one sentence: law, data, fitted values and how closely the curve follows."""
+    """The fit in one sentence: law, data, fitted values and rms."""
     laws = dict.fromkeys(fit.model.label for fit in result.materials)
     impacts = sum(fit.n for fit in result.materials)
     law = f"{' and '.join(laws)} fitted to {impacts} impacts"
@@ -191,7 +191,7 @@ def result_sentence(result: Any) -> str:
 
 
 def _with_interval(estimate: Any, confidence: str, unit: str) -> str:
-    """A value with its error and its interval, which need not be symmetric, in their unit."""
+    """A value with its error, interval and unit."""
     text, ends = (
         f"{s} {unit}".rstrip() for s in (estimate_text(estimate), interval_text(estimate))
     )
@@ -199,10 +199,10 @@ def _with_interval(estimate: Any, confidence: str, unit: str) -> str:
 
 
 def estimates(result: Any) -> pd.DataFrame:
-    """All estimates of a fit, one a row: what `FitResult.to_frame` returns.
+    """All estimates of a fit, one in each row, as `FitResult.to_frame` returns them.
 
     Columns: dataset, parameter, symbol, unit, value, standard_error, low, high, method, free,
-    at_bound. What is undefined, or an open end, is NaN.
+    at_bound. Undefined values and open ends are NaN.
     """
     names = ("value", "standard_error", "low", "high")
     rows = []
@@ -215,7 +215,7 @@ def estimates(result: Any) -> pd.DataFrame:
 
 
 def parameter_table(result: Any, printed: Printed | None = None) -> pd.DataFrame:
-    """Each parameter's value, standard error and interval, with published values."""
+    """Value, standard error and interval of each parameter, and published values if any."""
     with_intervals = bool(interval_methods(result))
     rows: list[dict[str, str]] = []
     before = None
@@ -243,13 +243,13 @@ def parameter_table(result: Any, printed: Printed | None = None) -> pd.DataFrame
 
 
 def interval_methods(result: Any) -> dict[str, str]:
-    """The methods of the intervals that there are, with what each does."""
+    """Methods of the intervals in this result, each with its description."""
     used = {e.method for *_, e in _estimates(result) if interval_text(e) != ABSENT}
     return {name: text for name, text in METHODS.items() if name in used}
 
 
 def quality_table(result: Any) -> pd.DataFrame:
-    """How closely each curve follows its data, and the scatter that was found."""
+    """Goodness of fit of each data set, and its estimated scatter."""
     line, fits = result.unloading_line, result.materials
     laws = [fit.model.label for fit in fits]
     on_line = None if line is None else [line.rms.get(fit.name) for fit in fits]
@@ -273,7 +273,7 @@ def quality_table(result: Any) -> pd.DataFrame:
 
 
 def _observed(result: Any) -> list[Block]:
-    """How closely the curves follow what else than ε was measured; nothing where nothing was."""
+    """Goodness of fit of observables other than ε; no block if none was measured."""
     rows = [
         [
             fit.name,
@@ -288,25 +288,27 @@ def _observed(result: Any) -> list[Block]:
     ]
     header = ["material", "observable", "points", "rms [%]", "scatter [%]", "χ²/dof"]
     words = {OBSERVABLES[name].words for fit in result.materials for name in fit.observed}
-    told = [*sorted(words), *modulus_lines(result)]
-    return [Block("table", pd.DataFrame(rows, columns=header)), Block("list", told)] if rows else []
+    remarks = [*sorted(words), *modulus_lines(result)]
+    return (
+        [Block("table", pd.DataFrame(rows, columns=header)), Block("list", remarks)] if rows else []
+    )
 
 
 def modulus_lines(result: Any) -> list[str]:
-    """To what the contact times of each data set would determine E."""
+    """How well the contact times of each data set would determine E."""
     lines = []
     for fit in result.materials:
-        found = modulus_by_times(fit)
-        if found is not None:
+        modulus = modulus_by_times(fit)
+        if modulus is not None:
             lines.append(
-                f"{fit.name}: the contact times would determine E to {100 * found.error:.2g} %, at "
-                f"{np.exp(found.off):.3g} times the stated one; name youngs_modulus free, or give it a prior"
+                f"{fit.name}: the contact times would determine E to {100 * modulus.error:.2g} %, at "
+                f"{np.exp(modulus.off):.3g} times the stated value; free youngs_modulus, or give it a prior"
             )
     return lines
 
 
 def bodies_table(result: Any) -> pd.DataFrame | None:
-    """A body a row; effective numbers where the bodies are not known; None without a contact."""
+    """One body in each row, or effective properties if the bodies are unknown; None without a contact."""
     if all(fit.data.contact is None for fit in result.materials):
         return None
     rows = []
@@ -318,7 +320,7 @@ def bodies_table(result: Any) -> pd.DataFrame | None:
 
 
 def estimate_text(estimate: Any) -> str:
-    """A value with its error, or why it has none."""
+    """A value with its error, or the reason why it has no error."""
     if estimate.value is None:
         return "not determined" if estimate.free else ABSENT
     if estimate.method == "fixed" and not estimate.free:
@@ -328,14 +330,14 @@ def estimate_text(estimate: Any) -> str:
 
 
 def interval_text(estimate: Any) -> str:
-    """The interval, or a dash."""
+    """Text of the interval, or a dash."""
     if estimate.standard_error is None and estimate.low is None and estimate.high is None:
         return ABSENT
     return interval(estimate.low, estimate.high, estimate.printed_error)
 
 
 def meanings(result: Any) -> list[str]:
-    """What the symbols of the parameters stand for."""
+    """Meanings of the symbols of the parameters."""
     return [
         f"{symbol}: {words}"
         for symbol, words in {
@@ -349,33 +351,33 @@ def meanings(result: Any) -> list[str]:
 
 def stated(result: Any) -> list[str]:
     """Priors, bounds and sharing that were stated before the fit."""
-    found: dict[str, list[str]] = {}
-    own = said_of(result.request.parameters, result.request.datasets)
-    for fit, parameters in zip(result.materials, own, strict=True):
+    owners: dict[str, list[str]] = {}
+    parameters_of = stated_parameters(result.request.parameters, result.request.datasets)
+    for fit, parameters in zip(result.materials, parameters_of, strict=True):
         for name, parameter in parameters.items():
             if isinstance(parameter, Parameter) and (words := _stated(parameter)):
                 symbol = symbols.text(fit.model.canonical(name), fit.model)
-                found.setdefault(f"{symbol}: {words}", []).append(fit.name)
-    return _with_owners(result, found, "{text} ({names})")
+                owners.setdefault(f"{symbol}: {words}", []).append(fit.name)
+    return _with_owners(result, owners, "{text} ({names})")
 
 
 def notes(result: Any) -> list[str]:
     """Remarks about the data, each once."""
-    found: dict[str, list[str]] = {}
+    owners: dict[str, list[str]] = {}
     for fit in result.materials:
         for note in fit.data.notes:
-            found.setdefault(note, []).append(fit.name)
-    return _with_owners(result, found, "{names}: {text}")
+            owners.setdefault(note, []).append(fit.name)
+    return _with_owners(result, owners, "{names}: {text}")
 
 
 def quality_words(result: Any) -> list[str]:
-    """The meaning of the columns of the table of goodness of fit."""
+    """Meanings of the columns of the table of goodness of fit."""
     header = quality_table(result).columns
     return [f"{name}: {text}" for name, text in QUALITY.items() if name in header]
 
 
 def outlier_lines(result: Any, most: int = 3) -> list[str]:
-    """The farthest points that the noise does not explain; where they are many, a misfit."""
+    """The largest outliers, and a line about misfit if there are many."""
     lines: list[str] = []
     for fit in result.materials:
         outliers = sorted(fit.outliers, key=lambda one: -abs(one.residual))
@@ -400,12 +402,12 @@ def settings_line(result: Any) -> str:
     names = [name for name in (*known, "starts", "seed") if settings.get(name) is not None]
     parts = [f"{name.replace('_', ' ')} {settings[name]}" for name in names]
     parts += ["scatter added to the stated uncertainties"] * options.extra_scatter
-    parts += ["stated uncertainties right up to a factor"] * options.scale_uncertainty
+    parts += ["a common factor of the stated uncertainties estimated"] * options.scale_uncertainty
     return ", ".join(parts)
 
 
 def _optional(kind: str, value: list[Any], first: str = "") -> list[Block]:
-    """A block with a sentence before it; nothing where the block is empty."""
+    """A block with a sentence before it; no block if `value` is empty."""
     return [*([Block("text", first)] if first else []), Block(kind, value)] if value else []
 
 
@@ -422,7 +424,7 @@ def _verdict(result: Any) -> Block:
 
 
 def _data_set(fit: Any) -> Item:
-    """Where a data set came from, what was measured, and where its curve is not determined."""
+    """Source and range of a data set, its objective, and where its curve is not determined."""
     data, origin = fit.data, fit.data.origin
     text = f": {fit.n} impacts at {min(data.velocity):.4g} to {max(data.velocity):.4g} m/s, "
     if data.uncertainty is None:
@@ -439,7 +441,7 @@ def _data_set(fit: Any) -> Item:
 
 
 def _line(result: Any) -> list[Block]:
-    """Eq. (18)'s coefficients, through all curves and through the fitted χ̃."""
+    """Coefficients of Eq. (18), fitted to all curves and to the fitted χ̃."""
     line = result.unloading_line
     how = "through all curves" if line.method == "curves" else "through the fitted χ̃, weighted"
     columns = {
@@ -458,7 +460,7 @@ def _line(result: Any) -> list[Block]:
 
 
 def _searches(result: Any) -> Block:
-    """Evaluations, seconds and final gradient of each search, and why it stopped; sums of very many."""
+    """Evaluations, seconds, final gradient and stop reason of each search; only sums if they are many."""
     stages, every = result.optimiser_report, len(result.materials)
     if len(stages) > MOST_SEARCHES:
         seconds = sum(result.times.get(stage.label, 0.0) for stage in stages)
@@ -480,25 +482,29 @@ def _searches(result: Any) -> Block:
         for one in stages
     ]
     table = pd.DataFrame(rows)
-    alike = len({one.optimiser for one in stages}) == 1  # then the settings name it
-    return Block("table", table.drop(columns="optimiser") if alike else table)
+    one_optimiser = (
+        len({one.optimiser for one in stages}) == 1
+    )  # then the line of settings names it
+    return Block("table", table.drop(columns="optimiser") if one_optimiser else table)
 
 
 def _numbers(values: list[float | None], digits: int = 4) -> list[str] | None:
-    """A column of rounded numbers; None where there is no number at all."""
+    """A column of rounded numbers; None if it contains no number."""
     return None if set(values) == {None} else [number(value, digits) for value in values]
 
 
 def _estimates(
     result: Any, printed: Printed | None = None
 ) -> Iterator[tuple[str, str, symbols.Symbol, str, Estimate]]:
-    """Data set, parameter, symbol, label in the covariance, and estimate; pooled ones last."""
+    """Yield data set, parameter, symbol, label in the covariance, and estimate; pooled ones last."""
     for fit in result.materials:
-        own = {**fit.parameters, **fit.derived}
-        # properties of the contact that were printed too: they follow from the bodies alone
-        computed = [name for name in (printed or {}).get(fit.name, {}) if name not in own]
-        own |= {n: Estimate(float(getattr(fit.contact, n)), method="computed") for n in computed}
-        for name, estimate in own.items():
+        estimates_of = {**fit.parameters, **fit.derived}
+        # published properties of the contact, which follow from the bodies
+        computed = [name for name in (printed or {}).get(fit.name, {}) if name not in estimates_of]
+        estimates_of |= {
+            n: Estimate(float(getattr(fit.contact, n)), method="computed") for n in computed
+        }
+        for name, estimate in estimates_of.items():
             symbol = symbols.symbol(name, fit.model)
             yield fit.name, name, symbol, fit.labels.get(name, name), estimate
     for name, estimate in result.pooled.items():
@@ -510,7 +516,7 @@ def _estimates(
 
 
 def _interval_from(result: Any, estimate: Estimate, label: str) -> str:
-    """The method of an interval; the degrees of freedom of its quantile, of estimated noise."""
+    """Method of an interval and, for estimated noise, the degrees of freedom of its quantile."""
     if interval_text(estimate) == ABSENT:
         return ""
     degrees = result.degrees_of_freedom(label)
@@ -519,26 +525,28 @@ def _interval_from(result: Any, estimate: Estimate, label: str) -> str:
 
 
 def _bodies(data: Any) -> Iterator[tuple[Any, ...]]:
-    """What a row is of, then radius, mass, E, ν, ρ and Y; None where not known."""
+    """Yield the name of each body, then radius, mass, E, ν, ρ and Y; None if unknown."""
     if data.contact is None:
         yield "not stated", *[None] * 6
     elif not data.bodies:
         pair = data.contact.leaves()
-        own = [pair[name] for name in ("radius", "mass", "youngs_modulus")]
-        yield "the pair, effective", *own, None, None, pair["yield_strength"]
+        effective = [pair[name] for name in ("radius", "mass", "youngs_modulus")]
+        yield "the pair, effective", *effective, None, None, pair["yield_strength"]
     else:
         one, two = data.bodies
         equal = one.material == two.material and np.array_equal(one.radius, two.radius)
         for body in data.bodies[: 1 if equal else 2]:
-            of, mass = body.material.leaves(), None
+            properties, mass = body.material.leaves(), None
             if body.radius is not None:
-                mass = 4 / 3 * np.pi * np.asarray(of["density"]) * np.asarray(body.radius) ** 3
+                mass = (
+                    4 / 3 * np.pi * np.asarray(properties["density"]) * np.asarray(body.radius) ** 3
+                )
             text = "two equal spheres" if equal else body.name
-            yield text, body.radius, mass, *(of[name] for name in PROPERTIES)
+            yield text, body.radius, mass, *(properties[name] for name in PROPERTIES)
 
 
 def _range_text(value: Any, digits: int = 4) -> str:
-    """One number, or the range of those that differ from impact to impact."""
+    """Text of a number, or of the range of an array."""
     if value is None:
         return ABSENT
     low, high = (number(float(end(np.asarray(value))), digits) for end in (np.min, np.max))
@@ -559,10 +567,10 @@ def _stated(parameter: Parameter) -> str:
     return ", ".join(parts)
 
 
-def _with_owners(result: Any, found: Mapping[str, list[str]], form: str) -> list[str]:
-    """Texts with the names of the data sets that each is about, where these are not all."""
+def _with_owners(result: Any, owners: Mapping[str, list[str]], form: str) -> list[str]:
+    """Texts, each with the names of its data sets unless it applies to all."""
     every = len(result.materials)
     return [
         text if len(names) == every else form.format(text=text, names=", ".join(names))
-        for text, names in found.items()
+        for text, names in owners.items()
     ]

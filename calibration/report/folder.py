@@ -1,4 +1,4 @@
-"""The files of a fit: fit.json, pictures, the report as Markdown and as one page, draws."""
+"""Write the files of a fit: fit.json, pictures, report.md, report.html, draws."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -35,7 +35,7 @@ def write_report(
     command: str = "",
     progress: Callable[[str, int, int], None] = lambda stage, done, total: None,
 ) -> list[str]:
-    """Write all files of a fit, or none; returns their names.
+    """Write all files of a fit, or none; return their names.
 
     Args:
         result: a `FitResult`.

@@ -1,4 +1,4 @@
-"""Blocks of a report laid out: as text for a terminal by rich, as Markdown and HTML by templates."""
+"""Layout of report blocks: terminal text by rich, Markdown and HTML by templates."""
 
 import base64
 import html
@@ -64,7 +64,7 @@ def markdown(blocks: Iterable[Block]) -> str:
 
 
 def page(blocks: Sequence[Block], folder: Path | None = None) -> str:
-    """Blocks as HTML: a whole page with the pictures of a folder inside; a part of one without."""
+    """HTML of blocks: a full page with the pictures of a folder, or a fragment without."""
     shown = []
     for block in blocks:
         if block.kind == "picture" and folder is not None:
@@ -77,7 +77,7 @@ def page(blocks: Sequence[Block], folder: Path | None = None) -> str:
 
 
 def table_text(table: pd.DataFrame) -> str:
-    """A table for a terminal; one cell a line where the terminal is narrower.
+    """A table for a terminal; one cell in each line if the terminal is narrower.
 
     Columns of numbers end on a common edge.
     """
@@ -120,7 +120,7 @@ def _lines(block: Block) -> list[str]:
 
 @cache
 def _template(name: str) -> jinja2.Template:
-    """A template that shows every text as it is: what would be structure is escaped."""
+    """A template in which all text is escaped."""
     is_page = name.endswith(".html")
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(Path(__file__).with_name("templates")),
@@ -144,7 +144,7 @@ def _shown(value: Any) -> Any:
 
 
 def _escaped(value: Any) -> Markup:
-    """Text that Markdown, and HTML made of it, show as it is: what would be structure as entities."""
+    """Text with entities in place of characters that Markdown or HTML would interpret."""
     if isinstance(value, Markup):
         return value
     shown = STRUCTURE.sub(lambda match: f"&#{ord(match[0])};", printable(str(value)))
@@ -163,7 +163,7 @@ def _prose_html(text: str) -> Markup:
 
 
 def _code(text: str) -> Markup:
-    """Markdown's code, between more backticks than the text has in a row."""
+    """Markdown code, between more backticks than the text has in a row."""
     marks = "`" * (max(map(len, re.findall("`+", text)), default=0) + 1)
     space = " " * ("`" in text)
     return Markup(f"{marks}{space}{printable(text)}{space}{marks}")

@@ -1,4 +1,4 @@
-"""Draws from the posterior in a report: a table, and which parameters the data determine."""
+"""Section on posterior draws: a table, and which parameters the data determine."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -22,7 +22,7 @@ DETERMINED = 0.3  # of the prior's width, up to which the data determine a param
 
 
 def section(data: Any, result: Any) -> list[Block]:
-    """How the draws were made, their table, what they say in words, and warnings about them."""
+    """Settings of the sampler, a table of the draws, conclusions, and warnings."""
     found, failed = summaries(data, result.confidence), not_converged(data)
     written = {name: symbols.of_label(name, result) for name in found}
     return [
@@ -37,7 +37,7 @@ def section(data: Any, result: Any) -> list[Block]:
 def posterior_table(
     found: Mapping[str, Summary], written: Mapping[str, str], confidence: float
 ) -> pd.DataFrame:
-    """Each unknown's mean, standard deviation, central interval and convergence of the draws."""
+    """Mean, standard deviation, central interval and convergence of the draws of each unknown."""
     return pd.DataFrame(
         {
             "parameter": written[name] + (f" [{one.unit}]" if one.unit else ""),
@@ -53,7 +53,7 @@ def posterior_table(
 
 
 def known(found: Mapping[str, Summary], written: Mapping[str, str]) -> list[str]:
-    """In words, what the data determine, and what they leave to the prior."""
+    """Sentences on which parameters the data determine, and which follow the prior."""
     kinds: dict[str, list[str]] = {"determine": [], "narrow": [], "do not determine": []}
     wide = {name for name, one in found.items() if (one.prior_share or 0.0) > DETERMINED}
     for name, one in found.items():

@@ -1,4 +1,4 @@
-"""Which contact law a data set prefers: every law fitted, ranked by how well it predicts.
+"""Fit several contact laws to one data set and rank them by their predictions.
 
     elpd = Σ_i ln p(ε_i | all data but point i)        expected log predictive density
 
@@ -62,14 +62,14 @@ class Candidate:
         key: its name in files: that of `LAWS`, "thornton-fixed", or its class's or function's.
         label: what tables and pictures call it.
         law: a name, a class, or a function that builds one.
-        said: of its parameters, as `fit` takes it.
+        stated: of its parameters, as `fit` takes it.
         remark: what a reader should know of it.
     """
 
     key: str
     label: str
     law: Any
-    said: Mapping[str, Any] = field(default_factory=dict)
+    stated: Mapping[str, Any] = field(default_factory=dict)
     remark: str = ""
 
 
@@ -105,7 +105,7 @@ class Entry:
         candidate: which law, and what was said of it.
         result: its fit.
         leave_one_out: each point predicted by the fit without it.
-        behind: how far behind the best law it predicts; None for a law that follows the data
+        delta_elpd: difference of elpd to the best law; None for a law that follows the data
             exactly, which has no score.
         weight: in the mixture that predicts best; None as well.
         same_as: the label of a law before it that has the same curve, or None.
@@ -114,7 +114,7 @@ class Entry:
     candidate: Candidate
     result: FitResult
     leave_one_out: LeaveOneOut
-    behind: Difference | None = None
+    delta_elpd: Difference | None = None
     weight: float | None = None
     same_as: str | None = None
 
@@ -138,7 +138,7 @@ class Entry:
 
     @property
     def fitted(self) -> int:
-        """How many numbers were fitted."""
+        """Number of fitted parameters."""
         return len(self.result.covariance_names)
 
     @property
@@ -253,11 +253,15 @@ def compare(
         candidates = [one for one in candidates if one.key not in without]
     entries = []
     for one in watch(candidates, printable(data.name)):
-        own = {n: v for n, v in options.items() if one.key in LAW_OPTIONS.get(n, (one.key,))}
+        options_of_law = {
+            n: v for n, v in options.items() if one.key in LAW_OPTIONS.get(n, (one.key,))
+        }
         try:
-            result = fit(data, one.law, one.said, profiles=False, unloading_line=None, **own)
+            result = fit(
+                data, one.law, one.stated, profiles=False, unloading_line=None, **options_of_law
+            )
             if any(estimate.skewed for estimate in result.estimates.values()):  # no ± describes it
-                result = fit(data, one.law, one.said, unloading_line=None, **own)
+                result = fit(data, one.law, one.stated, unloading_line=None, **options_of_law)
             entries.append(Entry(one, result, result.leave_one_out()))
         except (DataError, InputError) as error:
             if laws is not None:
@@ -270,26 +274,26 @@ def compare(
     notes = [*data.notes, *([EXACT.format(" and ".join(exact))] if exact else [])]
     if not all(entry.leave_one_out.exact for entry in ranked):
         notes.append(TO_FIRST_ORDER)
-    notes += [*_noise_told(ranked), *_why_best(data, ranked)]
+    notes += [*_noise_text(ranked), *_why_best(data, ranked)]
     return Comparison(data, ranked, tuple(left_out), tuple(notes), time.perf_counter() - begun)
 
 
-def _noise_told(ranked: Sequence[Entry]) -> list[str]:
-    """Which errors the fits took, the same of all laws; what of them was found is each law's own."""
+def _noise_text(ranked: Sequence[Entry]) -> list[str]:
+    """Description of the error model, which all laws share; its sizes are estimated for each law."""
     entry = next((one for one in ranked if not one.is_exact), None)
     if entry is None:
         return []
     material = entry.result.materials[0]
     estimated = {"scale", "timing", "scatter", "group"} & set(material.variances)
-    told = " and ".join(ERRORS[kind] for kind in material.variances)
+    sources = " and ".join(ERRORS[kind] for kind in material.variances)
     found = f"; {listed(ERRORS[k] for k in ERRORS if k in estimated)} estimated for each law"
     dof = material.noise_dof
     family = "normal errors" if dof is None else f"Student's t of {dof:.3g} degrees of freedom"
-    return [f"Noise of every fit: {told}, {family}{found if estimated else ''}."]
+    return [f"Noise of every fit: {sources}, {family}{found if estimated else ''}."]
 
 
 def _why_best(data: RestitutionData, ranked: Sequence[Entry]) -> list[str]:
-    """By how much, in how many points, and where the best law is ahead of the next one."""
+    """By how much the best law leads the next one, at how many points, and where."""
     scored = [one for one in ranked if not one.is_exact and one.same_as is None]
     if len(scored) < 2:
         return []
@@ -312,8 +316,8 @@ def _chosen(laws: Any, parameters: Mapping[str, Any] | None) -> list[Candidate]:
     Raises:
         ValueError: naming the law or label that cannot be used.
     """
-    said = {} if parameters is None else parameters
-    if not isinstance(said, Mapping) or not all(isinstance(p, Mapping) for p in said.values()):
+    stated = {} if parameters is None else parameters
+    if not isinstance(stated, Mapping) or not all(isinstance(p, Mapping) for p in stated.values()):
         raise DataError("parameters", parameters, "a mapping from laws to mappings of theirs")
     if laws is None:
         found = list(BUILT_IN.values())
@@ -328,11 +332,13 @@ def _chosen(laws: Any, parameters: Mapping[str, Any] | None) -> list[Candidate]:
     twice = next((label for label in labels if labels.count(label) > 1), None)
     if twice is not None:
         raise DataError("laws", f"twice {twice}", "laws of different labels, as {label: law}")
-    unknown = next((name for name in said if name not in {c.key for c in found} | {*labels}), None)
+    unknown = next(
+        (name for name in stated if name not in {c.key for c in found} | {*labels}), None
+    )
     if unknown is not None:
         raise DataError(f"parameters[{unknown!r}]", "of no law compared", f"of {listed(labels)}")
     return [
-        replace(one, said={**one.said, **said.get(one.key, {}), **said.get(one.label, {})})
+        replace(one, stated={**one.stated, **stated.get(one.key, {}), **stated.get(one.label, {})})
         for one in found
     ]
 
@@ -360,12 +366,12 @@ def _without_contact(data: RestitutionData) -> tuple[set[str], list[str]]:
 
 
 def _ranked(entries: list[Entry]) -> tuple[Entry, ...]:
-    """By falling elpd, each with its distance to the best and its weight; exact ones before them."""
+    """Entries sorted by falling elpd, with difference to the best and weight; exact ones first."""
     exact = [one for one in entries if one.is_exact]
     others: list[Entry] = []
     for one in (one for one in entries if not one.is_exact):
-        alike = (e.label for e in others if e.same_as is None and _same_curve(one, e))
-        others.append(replace(one, same_as=next(alike, None)))
+        equals = (e.label for e in others if e.same_as is None and _same_curve(one, e))
+        others.append(replace(one, same_as=next(equals, None)))
     if not others:
         return tuple(exact)
     scores = {one.label: one.leave_one_out.elpd for one in others}
@@ -375,8 +381,8 @@ def _ranked(entries: list[Entry]) -> tuple[Entry, ...]:
     ranked = []
     for one, weight in zip(order, stacking_weights(densities), strict=True):
         apart = one.leave_one_out.log_density - densities[0]
-        behind = Difference(float(np.sum(apart)), one.leave_one_out.error_of_sum(apart))
-        ranked.append(replace(one, behind=behind, weight=float(weight)))
+        delta = Difference(float(np.sum(apart)), one.leave_one_out.error_of_sum(apart))
+        ranked.append(replace(one, delta_elpd=delta, weight=float(weight)))
     return (*exact, *ranked)
 
 

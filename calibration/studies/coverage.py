@@ -68,17 +68,17 @@ class CoverageCase:
         )
 
     def fit(self, data: RestitutionData, **options: Any) -> FitResult:
-        """What is fitted to one data set."""
+        """Fit one data set."""
         law = type(self.truth) if self.law is None else self.law
-        told = {"objective": self.objective, "route": None, **self.options, **options}
-        if self.objective == "two-step" and told["route"] is None:
-            told["route"] = sj.EnergyBalance()
-        return fit(data, law, dict(self.parameters), **told)
+        settings = {"objective": self.objective, "route": None, **self.options, **options}
+        if self.objective == "two-step" and settings["route"] is None:
+            settings["route"] = sj.EnergyBalance()
+        return fit(data, law, dict(self.parameters), **settings)
 
 
 @dataclass(frozen=True, eq=False)
 class Coverage:
-    """What came out of one case; by parameter label where nothing else is said.
+    """Results of one case, by parameter label unless stated otherwise.
 
     Attributes:
         name: of the case.

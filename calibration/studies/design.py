@@ -1,4 +1,4 @@
-"""Where to measure next: velocities of the most informative further shots.
+"""Velocities of the most informative further shots.
 
 What a shot adds to the information depends on its velocity alone, so it is tabulated over a grid once.
 Shots are exchanged over the grid, one at a time, from several starts, then placed more finely. Several
@@ -131,7 +131,7 @@ class Design:
         return DERIVED[self.target].symbol
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """A dictionary for JSON."""
         left_out = ("symbols", "grid", "slopes", "sensors", "without")
         table = {name: value for name, value in vars(self).items() if name not in left_out}
         support = [{"velocity": v, "shots": n} for v, n in self.support]
@@ -160,7 +160,7 @@ class Design:
 
 
 class Table(NamedTuple):
-    """What shots at k velocities add to the information, of several laws side by side.
+    """Information of shots at k velocities, for several laws.
 
     Attributes:
         shots: G, so that a shot adds Gᵀ G, (laws, k, r, p).
@@ -171,14 +171,14 @@ class Table(NamedTuple):
     before: Float[np.ndarray, "laws p p"]
 
     def information(self, places: Any = slice(None)) -> Float[np.ndarray, "laws p p"]:
-        """Of a shot at each of the places."""
+        """Total information with one shot at each of the places."""
         chosen = self.shots[:, places]
         return self.before + np.einsum("lkri,lkrj->lij", chosen, chosen)
 
 
 @dataclass(frozen=True, eq=False)
 class Criterion:
-    """What is made small: the logarithm of a mean variance tr(L C), averaged over the laws.
+    """Objective to minimise: the logarithm of a mean variance tr(L C), averaged over the laws.
 
     Attributes:
         weight: L, (laws, p, p); None for D: the geometric mean of the variances, correlations counted.
@@ -290,9 +290,9 @@ def optimal_velocities(
         "over": (over, criterion == "I", f"left out with criterion {criterion}"),
         "measured_uncertainty": (measured_uncertainty, measured is not None, "given with measured"),
     }
-    for name, (given, acting, accepted) in acts.items():
-        if given is not None and not acting:
-            raise DataError(name, given, accepted)
+    for name, (argument, acting, accepted) in acts.items():
+        if argument is not None and not acting:
+            raise DataError(name, argument, accepted)
     if uncertainty is not None and not (np.isfinite(uncertainty) and uncertainty > 0):
         raise DataError("uncertainty", uncertainty, "positive")
     over = (low, high) if over is None else both_ends("over", over)
@@ -303,10 +303,12 @@ def optimal_velocities(
     laws: Sequence[Any] = law if isinstance(law, Sequence) else [law]
     if not laws:
         raise DataError("law", law, "one law or more, or a FitResult")
-    told: dict[str, Any] = {"parameters": parameters, "objective": objective, "route": route}
-    told |= {"material": material, "uncertainty": uncertainty, "measured": there}
-    told["sensors"] = sensors
-    plans = [plan_of(one, [low, high, *(over if criterion == "I" else ())], **told) for one in laws]
+    settings: dict[str, Any] = {"parameters": parameters, "objective": objective, "route": route}
+    settings |= {"material": material, "uncertainty": uncertainty, "measured": there}
+    settings["sensors"] = sensors
+    plans = [
+        plan_of(one, [low, high, *(over if criterion == "I" else ())], **settings) for one in laws
+    ]
     with jax.enable_x64(True):
         search = (low, high), count, criterion, target, over, starts, seed, progress
         found = _designed(plans, *search)
@@ -362,14 +364,14 @@ def _target_of(target: str | None, plan: Plan) -> str:
     Raises:
         DataError: for another name, or a number that does not follow from this law.
     """
-    own = dict(plan.free)
+    free = dict(plan.free)
     if target is None:
-        return own.get("chi", plan.names[0])
-    if target in own or target in plan.names:
-        return own.get(target, target)
+        return free.get("chi", plan.names[0])
+    if target in free or target in plan.names:
+        return free.get(target, target)
     follow = []
     if plan.material.model.law_type is sj.Zhou:
-        follow = [name for name in DERIVED if name not in own]
+        follow = [name for name in DERIVED if name not in free]
     if target in follow:
         return target
     raise DataError("target", target, f"one of {listed([*plan.names, *follow])}")
@@ -399,7 +401,7 @@ def _gradient_of(target: str, plan: Plan) -> Float[np.ndarray, "p"]:
 
 
 def _table(plans: Sequence[Plan], velocity: Column) -> Table:
-    """What shots at these velocities add."""
+    """Information of shots at these velocities."""
     before = np.stack([plan.before for plan in plans])
     return Table(np.stack([plan.shots(velocity)[0] for plan in plans]), before)
 

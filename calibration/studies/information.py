@@ -1,4 +1,4 @@
-"""What data will determine, before they are taken: expected standard errors, and directions in words.
+"""Expected standard errors of planned measurements, and determined combinations in words.
 
     A = A₀ + Σ_i ∇ε(v_i) ∇ε(v_i)ᵀ/V_i
 
@@ -128,7 +128,7 @@ class Plan:
     def shots(
         self, velocity: Column, uncertainty: Column | float | None = None
     ) -> tuple[Float[np.ndarray, "n r p"], Column]:
-        """What each shot adds, G with Gᵀ G its information, a row for ε and each sensor; and u(ε).
+        """G of each shot, with information Gᵀ G, one row for ε and one for each sensor; and u(ε).
 
         The ε of an impact that does not rebound adds nothing.
         """
@@ -229,16 +229,16 @@ def _of_law(
         plausibility=False,
         **shown,
     )
-    said: dict[str, Any] = dict(parameters)
+    stated: dict[str, Any] = dict(parameters)
     for name, value in parameters.items():
         is_held = isinstance(value, Parameter) and not value.free and value.value is None
         if is_held and hasattr(law, name):
-            said[name] = Parameter(getattr(law, name), free=False)
-    said |= {name: getattr(law, name) for name in options_of(type(law))}
+            stated[name] = Parameter(getattr(law, name), free=False)
+    stated |= {name: getattr(law, name) for name in options_of(type(law))}
     for name in whole_fields(type(law)):
-        is_free = name in said and as_parameter(name, said[name]).free
-        said[name] = Parameter(getattr(law, name), free=is_free)
-    spec = Request((data,), said).with_options(law=type(law)).specs()[0]
+        is_free = name in stated and as_parameter(name, stated[name]).free
+        stated[name] = Parameter(getattr(law, name), free=is_free)
+    spec = Request((data,), stated).with_options(law=type(law)).specs()[0]
     free = {one.name: one.name for one in spec.local if one.parameter.free}
     material = MaterialFit(
         data=data,
@@ -293,18 +293,24 @@ def _of_fit(result: FitResult, name: str | None, reach: Column, uncertainty, rou
         raise DataError("velocity", float(outside), accepted)
     places = {label: k for k, label in enumerate(result.covariance_names)}
     size = np.diag(result.covariance)
-    free = {own: label for own, label in material.free.items() if np.isfinite(size[places[label]])}
+    free = {
+        parameter: label
+        for parameter, label in material.free.items()
+        if np.isfinite(size[places[label]])
+    }
     chosen = route or result.request.route_of_curve(material.model.law_type)
     plan = Plan(material, free, np.zeros((0, 0)), uncertainty, chosen)
     rows = [places[label] for label in plan.names]
     covariance = result.covariance[np.ix_(rows, rows)] / np.outer(plan.unit, plan.unit)
     left = [name for name in material.free if name not in free]
-    told = {label: text for label in plan.names if (text := _interval(label, result))}
+    intervals = {label: text for label in plan.names if (text := _interval(label, result))}
     return replace(
         plan,
         before=np.linalg.inv(covariance),
-        left_open=tuple(_left_open(own, material.parameters.get(own)) for own in left),
-        intervals=told,
+        left_open=tuple(
+            _left_open(parameter, material.parameters.get(parameter)) for parameter in left
+        ),
+        intervals=intervals,
     )
 
 
@@ -327,13 +333,13 @@ def _interval(label: str, result: FitResult) -> str:
 
 
 def covariance_of(information: Float[np.ndarray, "... p p"]) -> Float[np.ndarray, "... p p"]:
-    """Of ln θ, kept finite by next to no prior information where the data determine nothing."""
+    """Covariance of ln θ; a negligible prior keeps it finite where the data determine nothing."""
     return np.linalg.inv(information + ALMOST_NOTHING * np.eye(information.shape[-1]))
 
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """What impacts determine of p parameters θ through the likelihood.
+    """What planned impacts determine of p parameters θ, by the likelihood.
 
     Attributes:
         names, symbols: the parameters.
@@ -395,7 +401,7 @@ class Information:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON: undefined numbers are None."""
+        """A dictionary for JSON; undefined numbers are None."""
         values, vectors = self.directions
         return plain(
             {
@@ -437,7 +443,7 @@ def sensors_text(sensors: Mapping[str, float], errors, without) -> list[str]:
 
 
 def of_sensors(sensors: Mapping[str, float], without: Mapping[str, Any] | None) -> dict[str, Any]:
-    """The same for JSON."""
+    """Sensors as a dictionary for JSON."""
     return {"sensors": dict(sensors), "without_sensors": without} if sensors else {}
 
 
@@ -456,7 +462,7 @@ def fisher_information(
     material: str | None = None,
     sensors: Mapping[str, float] | None = None,
 ) -> Information:
-    """What measurements of ε at these velocities will determine of a law's parameters.
+    """Fisher information of planned measurements of ε on the parameters of a law.
 
     Args:
         law: with the parameters as far as they are known; or a fit by `model`, whose covariance is

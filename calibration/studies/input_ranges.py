@@ -1,4 +1,4 @@
-"""Inputs of a study on the command line: which numbers, over which ranges, and what is left out."""
+"""Inputs of a study on the command line: names, ranges, and inputs that are not varied."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -11,18 +11,18 @@ from calibration.studies.inputs import Inputs, OfBodies, OfLaw, as_fitted, check
 from calibration.symbols import in_math
 from softjax.fields import declarations, options_of, whole_fields
 
-PART = 0.1  # of an input's value, to either side
+PART = 0.1  # half-width of a range, relative to the value of the input
 SPREAD = {"uniform": "uniform", "log": "uniform in its logarithm"}
-IS_ZERO = "0, of which a part is nothing"
-IS_NEGATIVE = "below 0, where there is no logarithm"
-IS_HELD = "not fitted"
-OF_ONE_SIZE = "of spheres, whose mass follows their radius: the one does not move without the other"
+IS_ZERO = "zero, so that ±10 % is no range"
+IS_NEGATIVE = "below zero, without a logarithm"
+IS_FIXED = "fixed in the fit"
+OF_ONE_SIZE = "radius and mass of a sphere change together"
 OF_SIZE = ("radius", "mass")  # of a contact
 
 
 @dataclass(frozen=True)
 class Ranges:
-    """(low, high) by name, a sentence on how they came about, and reasons for what has none."""
+    """(low, high) by name, a sentence on their origin, and reasons for inputs without a range."""
 
     of: Mapping[str, tuple[float, float]]
     assumed: str
@@ -32,29 +32,29 @@ class Ranges:
         return {"assumed": self.assumed, "left_out": dict(self.left_out)}
 
     def text(self, inputs: Inputs) -> str:
-        """A line on what is assumed, and one a reason on what is left out."""
+        """Lines on the assumption, and on the inputs that are not varied."""
         lines = [f"Assumed: {self.assumed}."]
         for why in dict.fromkeys(self.left_out.values()):
             names = [_name_of(inputs, name) for name, one in self.left_out.items() if one == why]
-            lines.append(f"Left out ({why}): {listed(names)}.")
+            lines.append(f"Not varied ({why}): {listed(names)}.")
         return "\n".join(lines)
 
     def title(self, inputs: Inputs) -> str:
-        """The same above a picture: symbols only."""
+        """Title of a picture: the assumption, with symbols only."""
         symbols = [in_math(inputs.declared(name).symbol) for name in self.left_out]
-        return self.assumed + (f"\nleft out: {', '.join(symbols)}" if symbols else "")
+        return self.assumed + (f"\nnot varied: {', '.join(symbols)}" if symbols else "")
 
 
 def _name_of(inputs: Inputs, name: str) -> str:
-    """Its symbol, and its name where that says more."""
+    """Symbol and name of an input; the symbol alone if they are equal."""
     symbol = inputs.declared(name).symbol
     return symbol if symbol == name else f"{symbol} ({name})"
 
 
 def inputs_of(source: Any) -> Inputs:
-    """The bodies' properties where they make the law's contact, else the law's own fields.
+    """Inputs of a study: the bodies' properties if they determine the contact, else the fields of the law.
 
-    Of a fit that knows σ and ψ by ε_up alone, that in their place.
+    If a fit determines σ and ψ only through ε_up, ε_up replaces them.
     """
     inputs = _inputs_of(source)
     return (
@@ -76,17 +76,17 @@ def _inputs_of(source: Any) -> Inputs:
     return inputs if np.allclose(one, other, rtol=1e-9, atol=0) else of_law(law)
 
 
-def ranges_of(told: list[str] | None, scale: str, inputs: Inputs, source: Any) -> Ranges:
-    """`name=low:high`, or a tenth to either side of every input that moves by itself.
+def ranges_of(stated: list[str] | None, scale: str, inputs: Inputs, source: Any) -> Ranges:
+    """Read `name=low:high`, or take ±10 % of every independent input.
 
     Raises:
-        DataError: for what is no range, or one over which there is no law.
+        DataError: for a text that is no range, or a range over which the law does not exist.
     """
-    if not told:
+    if not stated:
         fit = None if source.result is None else source.result.material(source.name)
         return _usual(inputs, scale, fit)
     ranges = {}
-    for text in told:
+    for text in stated:
         name, _, ends = text.partition("=")
         name = name.strip().replace("-", "_")
         if name not in inputs.values:
@@ -98,12 +98,12 @@ def ranges_of(told: list[str] | None, scale: str, inputs: Inputs, source: Any) -
 
 
 def _usual(inputs: Inputs, scale: str, fit: Any) -> Ranges:
-    """A tenth to either side of every input that moves by itself, where that is in its own range.
+    """±10 % of every independent input, inside its declared range.
 
     Args:
-        inputs: of the study.
+        inputs: inputs of the study.
         scale: "uniform" or "log".
-        fit: the `MaterialFit` whose law it is; then what it held is left out too.
+        fit: the `MaterialFit` of the law, whose fixed parameters are not varied; None without a fit.
     """
     left_out = {n: why for n, x in inputs.values.items() if (why := _why(inputs, n, x, scale, fit))}
     ends, cut = {}, []
@@ -121,20 +121,20 @@ def _usual(inputs: Inputs, scale: str, fit: Any) -> Ranges:
 
 
 def _why(inputs: Inputs, name: str, value: float, scale: str, fit: Any) -> str:
-    """Why an input is not varied, or nothing."""
+    """The reason why an input is not varied, or an empty text."""
     if value == 0:
         return IS_ZERO
     if value < 0 and scale == "log":
         return IS_NEGATIVE
     if fit is not None and name in fit.parameters and not fit.parameters[name].free:
-        return IS_HELD
+        return IS_FIXED
     law = getattr(inputs.build, "law", None)
     of_contact = isinstance(inputs.build, OfLaw) and name not in declarations(type(law))
     return OF_ONE_SIZE if of_contact and name.rpartition(".")[2] in OF_SIZE else ""
 
 
 def pair(option: str, text: str, ends: str) -> tuple[float, float]:
-    """Both numbers of `low:high`."""
+    """Read both numbers of `low:high`."""
     low, _, high = ends.partition(":")
     return number(option, text, low, "LOW:HIGH"), number(option, text, high, "LOW:HIGH")
 

@@ -174,11 +174,11 @@ def of_law(law: sj.ContactLaw) -> Inputs:
     short = [path[-1].name if hasattr(path[-1], "name") else None for path, _ in paths]
     twice = {name for name, count in Counter(short).items() if count > 1}
     names: list[str | None] = []
-    for name, held, (path, leaf) in zip(short, whole_leaves(law), paths, strict=True):
-        if np.ndim(leaf) and not held:
+    for name, is_shared, (path, leaf) in zip(short, whole_leaves(law), paths, strict=True):
+        if np.ndim(leaf) and not is_shared:
             raise DataError(str(name), f"of shape {np.shape(leaf)}", "a single number")
         full = jax.tree_util.keystr(path).lstrip(".")
-        names.append(None if held else (full if name in twice else name))
+        names.append(None if is_shared else (full if name in twice else name))
     leaves = [np.asarray(leaf, float) for _, leaf in paths]
     values = {n: float(leaf) for n, leaf in zip(names, leaves, strict=True) if n is not None}
     return Inputs(values, OfLaw(jax.tree.unflatten(structure, leaves), tuple(names)))
@@ -230,7 +230,7 @@ def both_ends(argument: str, value: Any) -> tuple[float, float]:
 def check_ranges(
     inputs: Inputs, ranges: Mapping[str, tuple[float, float]], argument: str = "ranges"
 ) -> None:
-    """That laws are made over ranges: of each input inside its own, and of any two at their ends.
+    """Check that ranges lie inside the declared ones and that laws exist at their ends.
 
     Raises:
         ValueError: naming the argument, what is outside and what is accepted.
@@ -253,9 +253,9 @@ def check_ranges(
             try:
                 inputs.law(**moved)
             except ValueError as error:
-                told = listed(f"{name} = {x:g}" for name, x in moved.items())
+                point = listed(f"{name} = {x:g}" for name, x in moved.items())
                 accepted = f"such that there is a law everywhere ({error})"
-                raise DataError(argument, told, accepted) from None
+                raise DataError(argument, point, accepted) from None
 
 
 def _split(name: str) -> tuple[str, str]:

@@ -54,7 +54,7 @@ class Sensitivities:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the inputs, (p,)."""
+        """Names of the inputs, (p,)."""
         return tuple(self.declared)
 
     @property
@@ -68,7 +68,7 @@ class Sensitivities:
         return self.absolute[:, self.names.index(name)]
 
     def rows(self, which: slice) -> "Sensitivities":
-        """The same at some of the velocities."""
+        """Select velocities."""
         columns = ("velocity", "coefficient", "absolute", "status")
         return replace(self, **{name: getattr(self, name)[which] for name in columns})
 

@@ -76,7 +76,7 @@ class SobolIndices:
     zeros: Float[np.ndarray, "q"] | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON; what is undefined (no variance) is None."""
+        """A dictionary for JSON; undefined numbers (no variance) are None."""
         table = {"inputs": self.names, **vars(self)}
         return plain(
             {name: value for name, value in table.items() if name not in ("names", "symbols")}
@@ -109,8 +109,8 @@ def sobol_indices(
     inputs = as_inputs(inputs, material)
     velocity = check_velocity(velocity)
     check_ranges(inputs, ranges)
-    held = {name: np.asarray(value, float) for name, value in inputs.values.items()}
-    found = model_indices(Restitution(held, inputs.build, velocity, route), ranges, **options)
+    fixed = {name: np.asarray(value, float) for name, value in inputs.values.items()}
+    found = model_indices(Restitution(fixed, inputs.build, velocity, route), ranges, **options)
     symbols = tuple(inputs.declared(name).symbol for name in ranges)
     return replace(found, velocity=velocity, symbols=symbols)
 
@@ -175,8 +175,8 @@ def model_indices(
                 progress("Sobol indices", (k + 1) * samples, len(points) * samples)
     lost = sum(np.sum(~np.isfinite(one)) for one in sets)
     if lost:
-        told = f"such that {lost} of {sum(map(np.size, sets))} have none"
-        raise DataError("ranges", told, "such that every sample has a finite output")
+        requirement = f"such that {lost} of {sum(map(np.size, sets))} have none"
+        raise DataError("ranges", requirement, "such that every sample has a finite output")
     f_a, f_b, f_ab = sets[0], sets[1], np.stack(sets[2:])
     variance, mean = (of([f_a, f_b], axis=(0, 2)) for of in (np.var, np.mean))
     varies = variance > NO_VARIANCE * mean**2
@@ -236,8 +236,8 @@ def _drawn(ends: np.ndarray, scale: str, samples: int, random) -> list[np.ndarra
     unit = qmc.Sobol(2 * len(ends), rng=random, bits=64).random(samples)
     both = ends[:, :1] + (ends[:, 1:] - ends[:, :1]) * unit.T.reshape(2, len(ends), samples)
     a, b = np.exp(both) if scale == "log" else both
-    own = np.eye(len(ends), dtype=bool)[:, :, None]
-    return [a, b, *np.where(own, b, a)]
+    identity = np.eye(len(ends), dtype=bool)[:, :, None]
+    return [a, b, *np.where(identity, b, a)]
 
 
 @eqx.filter_jit

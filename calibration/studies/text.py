@@ -44,8 +44,8 @@ def sobol_table(found: SobolIndices) -> str:
     velocity = np.ravel(found.velocity)
     table = _table("Sobol indices, first (total) at v [m/s]", velocity, lines, 18)
     still = zip(np.ravel(found.zeros), velocity, strict=True)
-    told = listed(f"{100 * share:.3g} % at {v:.4g} m/s" for share, v in still if share)
-    return table + (f"\nSamples that do not rebound, ε = 0: {told}." if told else "")
+    shares = listed(f"{100 * share:.3g} % at {v:.4g} m/s" for share, v in still if share)
+    return table + (f"\nSamples that do not rebound, ε = 0: {shares}." if shares else "")
 
 
 def information_text(found: Information) -> str:

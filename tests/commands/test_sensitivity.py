@@ -134,7 +134,7 @@ def test_what_has_no_logarithm_is_left_out_of_a_logarithmic_scale(at, capsys):
     found = told_by("foam.toml", *law, *few, "--scale", "log")["global"]
     assert "poisson_ratio" not in found["inputs"]
     told = capsys.readouterr().out
-    assert "Left out (below 0, where there is no logarithm): ν (poisson_ratio)." in told
+    assert "Not varied (below zero, without a logarithm): ν (poisson_ratio)." in told
     assert "poisson_ratio" in told_by("foam.toml", *law, *few)["global"]["inputs"]
 
 
@@ -245,8 +245,8 @@ def test_the_global_study_of_a_fit_varies_what_moves_by_itself_and_says_so(at, c
     told = capsys.readouterr().out
     for line in (
         f"Assumed: {found['assumed']}.",
-        "Left out (not fitted): ψ (psi).",
-        "Left out (0, of which a part is nothing): σ (sigma).",
+        "Not varied (fixed in the fit): ψ (psi).",
+        "Not varied (zero, so that ±10 % is no range): σ (sigma).",
         "R (radius), M (mass)",
     ):
         assert line in told

@@ -80,7 +80,7 @@ def test_single_bounces_of_launches_are_averaged_and_trains_are_not():
     single = {"interval": [0.8, 0.72, 0.8, 0.7], "launch": [1, 1, 2, 2], "group": ["x"] * 4}
     assert len(cal.RestitutionData.from_table(single).averaged()) == 1  # nothing is shared
     longer = {"interval": [0.8, 0.72, 0.65, 0.8, 0.7], "launch": [1, 1, 1, 2, 2]}
-    with pytest.raises(cal.DataError, match=r"repeats.*trains"):
+    with pytest.raises(cal.DataError, match=r"repeats.*sequences"):
         cal.RestitutionData.from_table(longer).averaged()
 
 

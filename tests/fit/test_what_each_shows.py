@@ -51,8 +51,8 @@ def test_two_sizes_tell_a_viscoelastic_law_from_one_without_the_size():
     one, two = (cal.compare(sized(radii), laws, starts=4) for radii in ([0.008], [0.004, 0.012]))
     label = next(name for name in two.ranking if name.startswith("Zhou"))
     assert two.ranking[1] == label
-    assert -one.entry(label).behind.value < 10
-    assert -two.entry(label).behind.value > 1000
+    assert -one.entry(label).delta_elpd.value < 10
+    assert -two.entry(label).delta_elpd.value > 1000
 
 
 def test_what_contact_times_say_of_the_modulus_is_told(tmp_path):

@@ -188,7 +188,7 @@ TOML_FILES = {
     "uncertainties without a unit beside percent": ("m.csv:1", "uncertainty|[%]|`uncertainty [1]` or `uncertainty [%]`", TOML, under("v,e [%],u(e)", "1,90,2")),
     "an uncertainty of more than one beside percent": ("m.csv:2", "uncertainty|2|0.02 for 2 [%]", TOML + "uncertainty = 2\n", under("v,e [%]", "1,90")),
     "repeats": ("m.toml:9", 'average_repeats|"yes"|true|false|"pooled"', TOML + 'average_repeats = "yes"\n'),
-    "repeats of a train": ("m.toml:9", "average|repeats|trains", TOML + "average_repeats = true\n", under("interval", "0.5", "0.45", "0.4")),
+    "repeats of a train": ("m.toml:9", "average|repeats|sequences", TOML + "average_repeats = true\n", under("interval", "0.5", "0.45", "0.4")),
     "fit as a value": ("m.toml:1", "fit is 3|table", "fit = 3\n" + TOML),
     "unknown unit of a property": ("m.toml:3", "youngs_modulus|193 gpa|Pa, kPa, MPa, GPa|did you mean 'GPa'", key(3, 'youngs_modulus = "193 gpa"')),
     "another dimension": ("m.toml:7", "radius|12.7 ms|m, cm, mm", key(7, 'radius = "12.7 ms"')),

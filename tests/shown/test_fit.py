@@ -423,7 +423,7 @@ def test_the_line_through_chi_has_the_fewest_degrees_of_freedom():
         (-3.0, 0.2, "-3.00 ± 0.20"),
         (0.0, 0.1, "0.00 ± 0.10"),
         (3.0432, 1e-7, "3.0432 ± 1e-07"),  # not more digits than can be meant
-        (3.0432, 1e-15, "3.0432 ± 0"),
+        (3.0432, 1e-15, "3.0432"),
         (1.7944, None, "1.7944"),
         (None, 0.1, "–"),
     ],

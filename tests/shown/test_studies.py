@@ -95,6 +95,25 @@ def test_sensitivities_over_velocity(studied):
     ]
 
 
+def test_an_effect_too_small_to_see_is_named_in_the_legend(tmp_path):
+    """A rubber ball's compliance is 7e4 times the steel wall's, whose line would lie on zero."""
+    body = 'poisson_ratio = {}\ndensity = {}\nyield_strength = "10 MPa"\nyoungs_modulus = "{}"\n'
+    ball, wall = body.format(0.49, 1100, "3 MPa"), body.format(0.3, 7850, "210 GPa")
+    text = f'[[material]]\nname = "rubber"\nradius = 0.01\n{ball}[material.wall]\n{wall}'
+    (tmp_path / "rubber.toml").write_text(text, encoding="utf-8")
+    law = ("--law", "viscoelastic", "--set", "dissipation_time=1e-4")
+    where = ("--from", "1", "--to", "9", "--points", "5", "--at", "2")
+    made = shown(tmp_path, "sensitivity", tmp_path / "rubber.toml", *law, *where)
+    names = legend(made.figures["sensitivity.png"].axes[0])
+    (below,) = [name for name in names if name.startswith("below")]
+    assert "wall" in below
+    rows = list(csv.DictReader(made.text("sensitivity.csv").splitlines()))
+    slopes = {n: max(abs(float(r[n])) for r in rows) for n in rows[0] if " d(eps)/d(" in n}
+    limit = 2e-3 * max(slopes.values())
+    assert below.startswith(f"below {limit:.0e}: ")
+    assert below.count(",") + 1 == sum(1e-12 <= size < limit for size in slopes.values()) > 0
+
+
 def test_a_tornado_shows_what_one_percent_does(studied):
     """The strongest on top, signs by side and colour."""
     for ax, v in zip(studied.figures["tornado.png"].axes, (1.0, 10.0), strict=True):
@@ -181,14 +200,14 @@ def test_indices_stand_side_by_side_with_their_limits(studied):
             )
         bound = np.array(found["bound"][k])
         np.testing.assert_array_equal(
-            line(ax, "bound of total")[1], np.where(bound <= 1, bound, np.nan)
+            line(ax, "upper bound of total")[1], np.where(bound <= 1, bound, np.nan)
         )
         for row, first, total in zip(lines[1:9], found["first"][k], found["total"][k], strict=True):
             a, b = (float(x.strip("()")) for x in cells(row)[1 + k].split())
             assert (a, b) == (pytest.approx(first, abs=6e-4), pytest.approx(total, abs=6e-4))
         assert ax.get_ylim() == figure.axes[0].get_ylim()
         assert ax.get_ylim()[1] >= np.max(found["total_high"][k])
-    assert legend(figure) == ["first order", "total", "bound of total"]
+    assert legend(figure) == ["first order", "total", "upper bound of total"]
 
 
 def test_a_wall_and_another_law(tmp_path):

@@ -103,13 +103,18 @@ def test_speed_is_microseconds_a_collision(law, ticking, tmp_path):
         assert min(theirs) / best * 0.99 <= float(ratio) <= max(theirs) / best * 1.01
     assert ("times faster" in made.out) or law
     (ax,) = made.figures["speed.png"].axes
-    assert ax.get_xlabel() == "largest error of the plastic coefficient of restitution [-]"
+    assert ax.get_xlabel() == r"largest error of $\varepsilon_p$ [-]"
     assert ax.get_ylabel() == "time per collision [µs]"
     assert (ax.get_xscale(), ax.get_yscale()) == ("log", "log")
     for family in dict.fromkeys(r["family"] for r in rows):
         own = [r for r in rows if r["family"] == family]
         points = [(max(float(r["largest_error"]), 1e-17), float(r["microseconds"])) for r in own]
         np.testing.assert_allclose(np.transpose(line(ax, family)), points)
+    notes = {text.get_text(): text.xy[1] for text in ax.texts if text.get_text()}
+    large = [r for r in rows if int(r["batch"]) > 4096]
+    assert sorted(notes.values()) == sorted(float(r["microseconds"]) for r in large)
+    assert all(text.startswith("1,000,000 impacts") for text in notes)
+    assert sum("no overlaps" in text for text in notes) == (law is None)
 
 
 class Kinked(sj.HardSphereLaw):

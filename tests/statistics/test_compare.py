@@ -188,7 +188,7 @@ def test_weights_make_the_mixture_predict_best_and_ties_are_below_two_standard_e
     density = np.stack([entry.leave_one_out.log_density for entry in comparison.entries])
     for entry, apart in zip(comparison.entries, density - density[0], strict=True):
         expected = np.sum(apart), stats.sem(apart) * 30
-        assert entry.behind == pytest.approx(expected, rel=1e-12)
+        assert entry.delta_elpd == pytest.approx(expected, rel=1e-12)
 
     def score(weights):
         return -np.sum(np.log(weights @ np.exp(density)))
@@ -201,7 +201,7 @@ def test_weights_make_the_mixture_predict_best_and_ties_are_below_two_standard_e
     assert np.sum(found) == pytest.approx(1, abs=1e-12)
     assert score(found) <= best.fun + 1e-8
     assert np.max(found) < 1  # a mixture, else any rule would do
-    of = type(comparison.entries[0].behind)
+    of = type(comparison.entries[0].delta_elpd)
     ties = [of(value, 1.0).is_tie for value in (-1.99, -2.01, 0.0)]
     assert ties == [True, False, True]
 
@@ -225,7 +225,7 @@ def test_laws_are_compared_under_the_noise_of_the_fit_and_it_is_said(options, to
     best, second = comparison.entries[:2]
     apart = best.leave_one_out.log_density - second.leave_one_out.log_density
     (why,) = (note for note in comparison.notes if "is best: ahead of" in note)
-    by = f"by {np.sum(apart):.2g} ± {second.behind.standard_error:.2g} in elpd"
+    by = f"by {np.sum(apart):.2g} ± {second.delta_elpd.standard_error:.2g} in elpd"
     assert why.startswith(f"{best.label} is best: ahead of {second.label} {by}")
     assert f"it predicts {np.sum(apart > 0)} of 30 points better, most at " in why
     assert why in " ".join(str(comparison).split())
@@ -268,8 +268,8 @@ def test_laws_with_one_curve_are_told_and_share_a_weight():
     constant, same, hertz = comparison.entries
     assert (constant.same_as, same.same_as, hertz.same_as) == (None, constant.label, None)
     assert constant.weight == pytest.approx(same.weight, rel=1e-6)
-    assert same.behind.is_tie
-    assert not hertz.behind.is_tie
+    assert same.delta_elpd.is_tie
+    assert not hertz.delta_elpd.is_tie
 
 
 @pytest.fixture(scope="module")
@@ -281,10 +281,10 @@ def nylon():
 def test_a_law_that_made_the_data_is_set_apart(nylon):
     """The embedded data are Eq. (17) without noise; the others are scored among themselves."""
     first, best, *_ = nylon.entries
-    assert (first.key, first.behind, first.weight) == ("eq-17", None, None)
+    assert (first.key, first.delta_elpd, first.weight) == ("eq-17", None, None)
     assert first.result.rms < 1e-12
     assert first.result.aic is None
-    assert (best.key, best.behind) == ("walton-braun", (0, 0))
+    assert (best.key, best.delta_elpd) == ("walton-braun", (0, 0))
     assert sum(entry.weight for entry in nylon.entries[1:]) == pytest.approx(1, abs=1e-9)
     assert any(note.startswith("Eq. (17), empirical follows") for note in nylon.notes)
 

@@ -145,7 +145,7 @@ def test_a_wrong_law_does_not_tie_where_velocities_have_errors():
         data, {"decay": Decay, "straight": Straight}, parameters={"straight": starts}
     )
     likelihood = comparison["decay"].log_likelihood - comparison["straight"].log_likelihood
-    behind = comparison.entry("straight").behind
+    behind = comparison.entry("straight").delta_elpd
     assert likelihood > 20
     assert behind.value == pytest.approx(-likelihood, abs=5)
     assert not behind.is_tie
