@@ -20,6 +20,8 @@ BEYOND = 0.1  # in z: the start of a search beyond the last of them
 AT_ONCE = 200_000  # impacts of searches side by side
 LEAST, MOST = 8, 64  # branches that are searched at once
 ROUNDS = 8
+SOON, MOST_STEPS = 8, 200  # steps of a search
+FAR = 20.0  # times the lowest cost: such a branch is neither the best, nor in a profile
 LOWER = 1e-9  # share of the cost that counts as lower
 
 Z = Float[np.ndarray, "fits elements"]
@@ -46,9 +48,19 @@ class Branches(NamedTuple):
         return problem.held(self.elastic[k], (self.lower[k], self.upper[k]))
 
     def searched(self, problem: Problem) -> "Branches":
-        """The lowest cost of each."""
+        """The lowest cost of each; nearly that of those which are far above the best after a few steps."""
+        soon = self._searched(problem, SOON)
+        most = FAR * np.min(soon.cost)
+        if all(errors.is_stated for errors in problem.errors):  # costs are halves of χ²
+            most += FAR
+        near = np.flatnonzero(~(soon.cost > most))
+        for part, new in zip(soon, soon.some(near)._searched(problem, MOST_STEPS), strict=True):
+            part[near] = new
+        return soon
+
+    def _searched(self, problem: Problem, limit: int) -> "Branches":
         lanes = Lanes(elastic=self.elastic, lower=self.lower, upper=self.upper)
-        found = guided_search(problem, self.z, "levenberg-marquardt", lanes=lanes)
+        found = guided_search(problem, self.z, "levenberg-marquardt", lanes=lanes, limit=limit)
         return self._replace(z=found.z, cost=found.cost, limits=found.limits)
 
 

@@ -24,7 +24,7 @@ from calibration.schema import Real
 
 FARTHEST = 12.0  # in z from the estimate (factors of e): beyond, an interval is open
 STRIDE = 0.25  # in log units: where parameters make up for each other the way is curved
-LEVEL, LEVEL_STRIDE = 0.1, 2.0  # √Δχ² up to which a way from an end of the range is hurried
+EASY = 3  # steps of a refit up to which the next stride may be longer: the way is straight
 STEPS = 100  # of one refit
 POINTS = 6.0  # strides up to the limit, about
 BEYOND = 1.15  # of the way to the limit that is looked at, for the picture
@@ -79,8 +79,7 @@ class _Walks:
     """√Δχ² of refits along the walks of fits whose problems are alike, in lockstep.
 
     Of each walk: of which fit it is (`member`), along which of the active elements (`columns`) and
-    which way (`signs`) in z, about one standard error (`steps`), √Δχ² at the limit (`quantile`), and
-    whether it begins at an end of the parameter's range, where all is level (`from_end`).
+    which way (`signs`) in z, about one standard error (`steps`), and √Δχ² at the limit (`quantile`).
     """
 
     def __init__(self, asked: Sequence[Asked]):
@@ -95,7 +94,7 @@ class _Walks:
             if sign != limit
         ]
         told = (np.array(part) for part in zip(*walks, strict=True))
-        self.member, self.columns, self.signs, self.steps, self.quantile, self.from_end = told
+        self.member, self.columns, self.signs, self.steps, self.quantile, from_end = told
         self.begun = np.array([asked[k].begun for k in self.member])
         self.variance = np.array([asked[k].variance for k in self.member])
         self.z = np.array([asked[k].z for k in self.member])
@@ -111,9 +110,9 @@ class _Walks:
         self.lowest = np.array([b if a is None else a for a, b in zip(lowest, at_z, strict=True)])
         self.begin = self._rise(0.5 * at_z, np.arange(len(walks)))
         self.edge = self._edges()
-        reach = np.where(self.from_end, FURTHEST + FARTHEST, FARTHEST)
+        reach = np.where(from_end, FURTHEST + FARTHEST, FARTHEST)
         # a search that began at an end is farther off: the middle of two bounds is z = 0
-        bounded = self.from_end & (problem.transform.kind[self.positions] == LOGIT)
+        bounded = from_end & (problem.transform.kind[self.positions] == LOGIT)
         reach = np.where(bounded, np.maximum(reach, np.abs(self.centre) + FARTHEST), reach)
         reach = np.where(self.scaled, reach, 100 * self.steps)
         self.reach = np.minimum(reach, np.abs(self.edge - self.centre))
@@ -129,12 +128,17 @@ class _Walks:
     def _lanes(self, which) -> Lanes:
         return Lanes(member=self.member[which])
 
-    def refit(self, at: Float[np.ndarray, "some"], which: Int[np.ndarray, "some"]):
-        """Everything else refitted with the parameters there: z of each, and √Δχ²."""
+    def refit(self, at: Float[np.ndarray, "some"], which: Int[np.ndarray, "some"], doubted=None):
+        """Everything else refitted with the parameters there: z of each, √Δχ², and steps taken.
+
+        Args:
+            doubted: √Δχ² above which a search may have gone astray, and is made again from where the
+                walk is; None: the limit.
+        """
         found = self._search(self._foreseen(at, which), which)
         z, rise = found.z, self._rise(found.cost, which)
-        # a far limit may be a search that was sent astray: looked at again from where the walk is
-        poor = np.flatnonzero(~found.converged | (rise > self.quantile[which]))
+        most = self.quantile[which] if doubted is None else doubted
+        poor = np.flatnonzero(~found.converged | (rise > most))
         if len(poor):
             plain = self.z[which[poor]]
             plain[np.arange(len(poor)), self.positions[which[poor]]] = at[poor]
@@ -142,7 +146,7 @@ class _Walks:
             lower = again.cost < found.cost[poor]
             z[poor[lower]] = again.z[lower]
             rise[poor[lower]] = self._rise(again.cost, which[poor])[lower]
-        return z, rise
+        return z, rise, found.iterations
 
     def _rise(self, cost: Float[np.ndarray, "some"], which) -> Float[np.ndarray, "some"]:
         """√Δχ²."""
@@ -186,17 +190,15 @@ class _Walks:
                 break
             left = self.reach[which] - np.abs(inside[which] - self.centre[which])
             at = inside[which] + self.signs[which] * np.minimum(stride[which], left)
-            z, new = self.refit(at, which)
+            z, new, steps = self.refit(at, which)
             self._saw(which, at, new)
             over = new >= self.quantile[which]
             outside[which[over]], above[which[over]] = at[over], new[over]
             self.z[which[~over]] = z[~over]
             grown = np.maximum(new - rise[which], 1e-3)
             better = stride[which] * np.clip(self.quantile[which] / POINTS / grown, 0.5, 2.0)
-            level = self.from_end[which] & (new < LEVEL)
-            limit = np.where(level, LEVEL_STRIDE, STRIDE)
-            better = np.where(level, LEVEL_STRIDE, better)
-            stride[which] = np.where(self.scaled[which], np.minimum(better, limit), better)
+            limit = np.where(self.scaled[which] & (steps > EASY), STRIDE, np.inf)
+            stride[which] = np.minimum(better, limit)
             inside[which[~over]], rise[which[~over]] = at[~over], new[~over]
             gone = np.abs(at - self.centre[which]) >= self.reach[which] * (1 - ROUNDING)
             going[which[over | gone]] = False
@@ -223,7 +225,7 @@ class _Walks:
             low, high, f_low, f_high, side = ends[:, open_]
             between = np.clip(f_low / (f_low - f_high), 0.0, 1.0)
             middle = low + np.where(np.isfinite(between), between, 0.5) * (high - low)
-            z, rise = self.refit(middle, open_)
+            z, rise, _ = self.refit(middle, open_, f_high + self.quantile[open_])
             f_middle = rise - self.quantile[open_]
             up = f_middle > 0
             self.z[open_[~up]] = z[~up]

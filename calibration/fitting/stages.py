@@ -15,7 +15,7 @@ from calibration.fitting.laws import OF_CONTACT
 from calibration.fitting.layout import Component, assemble
 from calibration.fitting.problem import Element, Lanes, Problem
 from calibration.fitting.request import Request
-from calibration.fitting.search import LARGEST_STEP, Found, guided_search, search
+from calibration.fitting.search import LARGEST_STEP, MOST, Found, guided_search, search
 from calibration.fitting.steps import OPTIMISERS, TINY
 from calibration.fitting.uncertainty import Uncertainty, uncertainty_of
 from calibration.fitting.variances import (
@@ -197,17 +197,17 @@ def run_stage(
     few = pooled(problem)
     starts = best_starts(few, places, REFINED)
     if few is not problem:
-        starts = np.concatenate([end.z for end in _from_starts(few, starts, options)])
+        starts = np.concatenate([end.z for end in _from_starts(few, starts, QUICKEST)])
     if (
         problem.moves
     ):  # far from the points a steep curve would explain them by errors of velocities
         level = _level(problem)
-        starts = np.concatenate([end.z for end in _from_starts(level, starts, options)])
+        starts = np.concatenate([end.z for end in _from_starts(level, starts, QUICKEST)])
         starts = np.concatenate([starts, along_valley(level, starts[:1])])
     branches = None
     alone = False
     if problem.elastic is None:
-        ends = _from_starts(problem, starts, options)
+        ends = _from_starts(problem, starts, options.optimiser, options.max_steps)
         if options.starts >= FEWEST:
             ends, alone = _from_more_starts(problem, z, ends, options)
     else:
@@ -219,9 +219,11 @@ def run_stage(
         evaluations += more
     if unsettled and branches is not None:
         for _ in range(ROUNDS):
-            (again,), branches = _along_branches(problem, found.z, options)
-            if again.cost[0] >= found.cost[0] * (1 - CHANGED):
+            branches = branches.searched(problem)  # with the variances as they are now
+            lowest = branches.z[[int(np.argmin(branches.cost))]]
+            if np.min(branches.cost) >= found.cost[0] * (1 - CHANGED):
                 break
+            (again,), branches = _along_branches(problem, lowest, options)
             found, problem, more = settle(held_at(problem, again.z[0]), again, options)
             evaluations += more
     crossings = 0 if first is None else int(np.sum(first != problem.elastic))
@@ -260,9 +262,9 @@ def along_valley(problem: Problem, z: Float[np.ndarray, "fits elements"]) -> Pla
     return np.where(transform.kind == NONE, inside, places)
 
 
-def _from_starts(problem: Problem, starts, options: FitOptions) -> list[Found]:
+def _from_starts(problem: Problem, starts, optimiser: str, limit: int = MOST) -> list[Found]:
     """Where searches from each start end, side by side; the best first."""
-    found = guided_search(problem, starts, options.optimiser, limit=options.max_steps)
+    found = guided_search(problem, starts, optimiser, limit=limit)
     return sorted((found.one(k) for k in range(len(starts))), key=_rank)
 
 
@@ -320,9 +322,7 @@ def _misses(problem: Problem, found: Found) -> bool:
     return any(runs(problem.points.velocity[own], off[own], "") for own in problem.own)
 
 
-def _along_branches(
-    problem: Problem, starts, options: FitOptions
-) -> tuple[list[Found], Branches | None]:
+def _along_branches(problem: Problem, starts, options: FitOptions) -> tuple[list[Found], Branches]:
     """The same where the cost jumps, and the branches around the best."""
     bests, around = by_branches(problem, starts)
     optimiser, limit = options.optimiser, options.max_steps
