@@ -15,7 +15,7 @@ from pydantic import ValidationError
 
 from calibration.data.text_file import MIB, read_text
 from calibration.errors import DataError, InputError, did_you_mean, listed, shown
-from calibration.schema import Refused, Strict, known_below, fault_of
+from calibration.schema import Refused, Strict, fault_of, known_below
 
 LARGEST = 2 * MIB
 MOST = 16  # keys that a refusal names
