@@ -43,7 +43,7 @@ CODES = """exit codes:
 
 
 class Parser(argparse.ArgumentParser):
-    """Say in one line what is wrong, with the nearest option, without the whole usage before it."""
+    """Report in one line what is wrong and the nearest option, without the usage text."""
 
     def error(self, message: str):
         line, near = " ".join(message.split()), ""
@@ -115,7 +115,7 @@ def _run(argv: Sequence[str]) -> int:
 
 
 def _failed(error: Exception) -> int:
-    """What cannot be written, and what is refused, in a line; any other error with its trace."""
+    """Report an error in one line, or with its trace if it is not a refusal; return the exit code."""
     if isinstance(error, NotWritten):
         console.silence(sys.stdout)
         return _ended(f"softjax: {error}", NOT_WRITTEN)
@@ -233,7 +233,7 @@ def keep_compilations() -> None:
 
 
 def _cache_home() -> Path:
-    """Where the system keeps what can be made again."""
+    """Folder of the system for files that can be made again."""
     if sys.platform == "darwin":
         return Path.home() / "Library" / "Caches"
     if sys.platform == "win32":

@@ -102,7 +102,7 @@ class Progress:
                 self._bar.update(self._bar.task_ids[0], completed=done, total=total)
 
     def over(self, items: Iterable, stage: str, total: int | None = None) -> Iterator:
-        """The same items, counted while they are gone through."""
+        """Iterate over the items and count them."""
         done = 0
         self(stage, done, total)
         for done, item in enumerate(items, 1):
@@ -141,7 +141,7 @@ class Progress:
 
 @contextmanager
 def progress_of(progress: Any) -> Iterator[Any]:
-    """What `progress=` of a function stands for, while it is at work: True shows bars, or lines.
+    """Progress display for an argument `progress=`, while the function runs: True shows bars, or lines.
 
     A function stays itself, and is called as progress(stage, done, total); False is None.
     """
@@ -195,7 +195,7 @@ def signals_handled() -> Iterator[None]:
 
 @contextmanager
 def signals_deferred() -> Iterator[None]:
-    """Let signals wait until this block has ended: what is begun in it is done whole."""
+    """Delay signals until this block has ended, so that it is not interrupted."""
     came: list[int] = []
     with _handlers(lambda number, frame: came.append(number)):
         yield

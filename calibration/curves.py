@@ -92,7 +92,7 @@ class Rows(NamedTuple):
 
     @property
     def known(self) -> np.ndarray:
-        """Which rows have an ε."""
+        """Rows that have an ε."""
         return np.isfinite(self.coefficient)
 
     def some(self, which: Any) -> "Rows":
@@ -207,7 +207,7 @@ def read_velocities(path: str) -> Velocities:
 
 
 def _bytes(path: str, name: str) -> bytes:
-    """The whole file, which may be a pipe."""
+    """The full text of a file, which may be a pipe."""
     try:
         with nullcontext(sys.stdin.buffer) if path == "-" else Path(path).open("rb") as file:
             raw = file.read(LARGEST + 1)

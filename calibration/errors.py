@@ -62,7 +62,7 @@ class DataError(ValueError):
         return f"`{self.argument}{place}` must be {self.accepted}{value}"
 
     def at(self, file: str | Path | None, line: int | None) -> InputError:
-        """The same refusal with file and line."""
+        """This refusal with file and line."""
         problem = f"{self.argument} is {self.value}"
         return InputError(file, line, problem, f"it must be {self.accepted}")
 
@@ -87,14 +87,14 @@ class NotWritten(OSError):
 
 @dataclass(frozen=True)
 class Origin:
-    """Where data came from: the file, the line of its header and the line of each row."""
+    """Source of data: the file, the line of its header and the line of each row."""
 
     file: str
     line: int | None = None
     lines: tuple[int, ...] = ()
 
     def select(self, rows: Iterable[int]) -> "Origin":
-        """The same origin for some of its rows, in this order."""
+        """The origin of some of the rows, in this order."""
         return Origin(self.file, self.line, tuple(self.lines[row] for row in rows))
 
     def line_of(self, index: int | None) -> int | None:
@@ -102,7 +102,7 @@ class Origin:
         return self.line if index is None else self.lines[index]
 
     def error(self, error: DataError) -> InputError:
-        """The same refusal with file and line."""
+        """A refusal with the file and line of its row."""
         return error.at(self.file, self.line_of(error.index))
 
 
@@ -114,7 +114,7 @@ def shown(value: Any) -> str:
 
 
 def printable(text: str) -> str:
-    """Text from a file with codes in place of what would move a cursor or a line.
+    """Text from a file, with codes for characters that would move the cursor or break the line.
 
     Control and format characters (escape sequences, changes of direction, line breaks) and halves
     of characters (bytes of a path that are not UTF-8) become such as `\\x1b`.

@@ -78,7 +78,7 @@ def _ends(exact: Exact, velocity: Velocities) -> Velocities:
 
 
 def _error(exact: Exact, velocity: Velocities, coefficient: Velocities) -> float:
-    """How far interpolation between neighbours is from the curve; rows at a jump left out.
+    """Largest difference between the curve and the interpolation of neighbouring rows, except at a jump.
 
     Where the law bends or jumps between two rows the largest difference lies anywhere: it is
     enclosed where the comparison finds the largest ones.

@@ -1,4 +1,4 @@
-"""What can be measured of an impact, and which output of the collision predicts it.
+"""Observables of an impact, and the output of the collision that predicts each.
 
 A data set is rows of (velocity, observable, value). ε is the one that every set may have; the others
 are `RestitutionData.observed`, one `Observed` each, and a fit takes all of them as rows of one

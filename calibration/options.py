@@ -73,7 +73,7 @@ def _check_objective(objective: Any) -> Any:
 
 
 def _check_route(route: Any) -> Any:
-    """A route that has no settings of its own becomes its name."""
+    """A route without settings becomes its name."""
     name = route.replace("-", " ") if isinstance(route, str) else getattr(route, "name", None)
     if route is None or (isinstance(route, str) and name in ROUTES):
         return name
@@ -199,7 +199,7 @@ class FitOptions(Strict):
 
     @property
     def law_options(self) -> dict[str, str]:
-        """Those of the law itself that are given, by name."""
+        """Options of the law that are stated, by name."""
         options = {name: getattr(self, name) for name in LAW_OPTIONS}
         return {name: value for name, value in options.items() if value is not None}
 

@@ -1,4 +1,4 @@
-"""Write the files of a command whole or not at all: in a folder next to their place, then renamed into it.
+"""Write the files of a command all or none: in a folder next to their place, then rename them into it.
 
 SECURITY
 

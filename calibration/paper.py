@@ -1,4 +1,4 @@
-"""What the paper prints: Table 1, Eq. (18), and where its constants do not follow from them.
+"""Numbers of the paper: Table 1, Eq. (18), and constants that do not follow from its equations.
 
 Y. H. Zhou, Theor. Appl. Mech. Lett. 3, 021003 (2013), as far as a scan of it can be read.
 """
@@ -15,7 +15,7 @@ RADIUS = 0.0127
 
 
 class TableEntry(NamedTuple):
-    """One column of Table 1, as printed. Both bodies are alike."""
+    """One column of Table 1, as printed. Both bodies are equal."""
 
     name: str
     material: Material
@@ -113,7 +113,7 @@ MISPRINTS = (
     Misprint(
         place="Eqs. (11), (12), elastic part of unloading",
         printed="Eq. (11) with a_p,max as written: x^{3/2} - d (x_m² - 1) √x",
-        follows="Eq. (12) has x x_m - 1 in place of x_m² - 1; followed here",
+        follows="Eq. (12) has x x_m - 1 instead of x_m² - 1; followed here",
         printed_value=None,
         derived_value=None,
         consequence="ε_p 0.842 against 0.782 (nylon), 0.973 against 0.962 (chrome steel)",

@@ -1,10 +1,10 @@
-"""How a parameter enters a fit: fixed or free, its start, bounds, prior, who shares it; and the scale it is searched on.
+"""Parameters of a fit: fixed or free, start, bounds, prior, sharing, and the scale of the search.
 
 The one map between the search and physics is θ(z), element by element:
 
 log      θ = lower + eᶻ, or upper - e^{-z} where only the upper end is finite
 logit    θ = lower + (upper - lower)/(1 + e⁻ᶻ)
-none     θ = z, kept within its bounds
+none     θ = z, clipped to its bounds
 """
 
 import math
@@ -32,7 +32,7 @@ class Parameter:
     """One parameter of a law; None is left to the fit.
 
     Attributes:
-        value: its start where free, its value where not; SI. For a field that is whole, an array
+        value: its start where free, its value where not; SI. For a field shared by all impacts, an array
             or any pytree of arrays.
         free: whether it is fitted.
         bounds: (lowest, highest), infinite where open.
@@ -174,7 +174,7 @@ class Transform(NamedTuple):
 
     @classmethod
     def of(cls, ranges, requested) -> "Transform":
-        """For (lowest, highest) of each element and the requested transform, or None."""
+        """Transform for the (lowest, highest) of each element and the requested kind, or None."""
         kinds = [
             _kind(low, high, name) for (low, high), name in zip(ranges, requested, strict=True)
         ]

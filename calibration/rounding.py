@@ -56,7 +56,7 @@ def _end(value: float | None, error: float | None) -> str:
 
 
 def _scale(value: float, error: float) -> tuple[int, int | None]:
-    """Power of ten to take out, and the last decimal; None for more than `MOST_DIGITS` digits."""
+    """Power of ten to factor out, and the last decimal; None for more than `MOST_DIGITS` digits."""
     size = math.floor(math.log10(max(abs(value), error)))
     last = _leading_place(error) - ERROR_DIGITS + 1
     if size - last + 1 > MOST_DIGITS:

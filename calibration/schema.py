@@ -1,4 +1,4 @@
-"""What the models of input have in common: strict fields, and faults in the words of the house."""
+"""Base of the models of input: strict fields, and messages about faults."""
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
@@ -52,7 +52,7 @@ class Strict(BaseModel):
 
         Raises:
             DataError: a ValueError for the first that is not accepted.
-            TypeError: for a name that there is not.
+            TypeError: for an unknown name.
         """
         for name in values:
             if name not in cls.model_fields:
@@ -65,7 +65,7 @@ class Strict(BaseModel):
 
 
 class Refused(ValueError):
-    """What a validator of a whole table refuses: the place below it, what is wrong, what is accepted."""
+    """A fault that the validator of a table found: the place below it, what is wrong, what is accepted."""
 
     def __init__(self, place: tuple[str | int, ...], problem: str, accepted: str):
         super().__init__(problem)
@@ -80,7 +80,7 @@ def faults(error: ValidationError, model: type[BaseModel]) -> Iterator[DataError
 
 
 def fault_of(one: Mapping[str, Any], model: type[BaseModel]) -> DataError:
-    """One of pydantic's errors in the words of the house."""
+    """One of pydantic's errors as a `DataError`."""
     place, schema = _walk(model, one["loc"])
     value, known = one["input"], words(schema)
     if one["type"] == "missing":
@@ -101,7 +101,7 @@ def known_below(model: type[BaseModel], place: tuple[Any, ...]) -> list[str]:
 
 
 def accepted(model: type[BaseModel], place: tuple[Any, ...]) -> str:
-    """What a field of a model accepts, in words."""
+    """What a field accepts, in words."""
     return words(_walk(model, place)[1])
 
 
@@ -114,7 +114,7 @@ def _walk(model: type[BaseModel], place: Iterable[Any]) -> tuple[str, Mapping[st
             (s for one in _parts(found) if (s := _inner(_resolved(one, root), part))), None
         )
         if inner is None and part not in _resolved(found, root).get("properties", {part: 0}):
-            name = f"{name}.{part}"  # a key that there is not
+            name = f"{name}.{part}"  # an unknown key
         if inner is not None:
             name += f"[{part}]" if isinstance(part, int) else f".{part}"
             found = inner
@@ -144,7 +144,7 @@ def choices(model: type[BaseModel], name: str) -> tuple[Any, ...]:
 
 
 def words(schema: Mapping[str, Any]) -> str:
-    """What a JSON Schema accepts, in words; null is how Python leaves something out."""
+    """What a JSON Schema accepts, in words; without null, which means a missing value."""
     if "accepted" in schema:
         return schema["accepted"]
     return " or ".join(dict.fromkeys(_words(part) for part in _parts(schema)))

@@ -140,7 +140,7 @@ class Hardening(sj.RateIndependentLaw):
 
 
 class HardeningToZero(Hardening):
-    """The same law, which states where its unloading force vanishes."""
+    """The law `Hardening` with its residual overlap stated."""
 
     def residual_overlap(self, peak_overlap):
         return jnp.zeros_like(peak_overlap)

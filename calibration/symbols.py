@@ -1,4 +1,4 @@
-"""How parameters are written: in text, and in pictures; their units."""
+"""Symbols and units of parameters, for text and pictures."""
 
 import re
 from collections.abc import Iterable
@@ -58,7 +58,7 @@ LETTERS = {"chi squared": "χ²"} | {
 
 
 def symbol(name: str, model: Any = None) -> Symbol:
-    """How a parameter of a law is written: as the law's field of that name declares."""
+    """Symbol and unit of a law's parameter, as its field declares."""
     leaf = name.removeprefix(OF_CONTACT)
     declared = None if model is None else model.parameters.get(name)
     if declared is None and leaf in CONTACT_LEAVES:
@@ -71,7 +71,7 @@ def symbol(name: str, model: Any = None) -> Symbol:
 
 
 def in_math(written: str) -> str:
-    """A symbol for matplotlib; what follows it ("E wall", "χ̃[nylon]") is kept."""
+    """A symbol for matplotlib, with the text after it ("E wall", "χ̃[nylon]")."""
     letter = written.partition(" ")[0].partition("[")[0]
     plain = f"${letter}$" if len(letter) == 1 and letter.isascii() else letter.replace("_", " ")
     return MATH.get(letter, plain) + written.removeprefix(letter)
@@ -91,7 +91,7 @@ def of_label(label: str, result: Any) -> str:
 
 
 def written(text: str, models: Iterable[Any] = ()) -> str:
-    """A sentence with symbols in place of the names of parameters: χ̃ for chi, χ² for chi squared.
+    """A sentence with symbols instead of the names of parameters: χ̃ for chi, χ² for chi squared.
 
     Names of other parameters of laws are replaced where an underscore sets them apart from words.
     """
@@ -106,7 +106,7 @@ def written(text: str, models: Iterable[Any] = ()) -> str:
 
 
 def words(name: str, model: Any = None) -> str:
-    """What a parameter is; nothing where its law says nothing of it."""
+    """Meaning of a parameter; empty if its law does not give one."""
     leaf = name.removeprefix(OF_CONTACT)
     declared = None if model is None else model.parameters.get(name)
     what = "" if declared is None or declared.what == "number" else declared.what
@@ -121,6 +121,6 @@ def text(name: str, model: Any = None) -> str:
 
 
 def math(name: str, model: Any = None, unit: bool = True) -> str:
-    """The same for matplotlib."""
+    """Symbol for matplotlib."""
     one = symbol(name, model)
     return one.math + (f" [{one.unit}]" if unit and one.unit else "")

@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--law", action="append", default=[], metavar="A", help=text)
     add_options(parser, OPTIONS)
     add_air_argument(parser)
-    text = "print compare.json to standard output in place of the tables"
+    text = "print compare.json to standard output instead of the tables"
     parser.add_argument("--json", action="store_true", help=text)
 
 

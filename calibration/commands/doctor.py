@@ -84,7 +84,7 @@ def surroundings(with_cache: bool = True) -> dict[str, str]:
         "system": f"{platform.system()} {platform.release()}, {platform.machine()}",
         "devices": devices,
         "float64": "on" if jax.config.jax_enable_x64 else "off",
-        "compiled programs": f"kept in {cache_folder}" if cache_folder else "not kept",
+        "compiled programs": f"stored in {cache_folder}" if cache_folder else "not stored",
     }
 
 

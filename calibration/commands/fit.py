@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--posterior", nargs="?", type=_draws, const=1000, metavar="DRAWS", help=text
     )
-    text = "print fit.json to standard output in place of the tables"
+    text = "print fit.json to standard output instead of the tables"
     parser.add_argument("--json", action="store_true", help=text)
 
 
@@ -131,6 +131,6 @@ def _command(arguments: argparse.Namespace, options: Mapping[str, Any]) -> str:
 
 def _draws(text: str) -> int:
     if not text.isascii() or not text.isdigit() or int(text) < FEWEST_DRAWS:
-        problem = f"{text!r} is no whole number of {FEWEST_DRAWS} or more"
+        problem = f"{text!r} is not a whole number of {FEWEST_DRAWS} or more"
         raise argparse.ArgumentTypeError(problem)
     return int(text)

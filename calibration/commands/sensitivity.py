@@ -28,7 +28,7 @@ FILES = (
     *("design.png", "design.csv", "sobol.png"),
 )
 PLANS = ("information", "design")
-# option: the studies that it acts on, its type, what stands for its value, and its help
+# option: its studies, type, placeholder of the value, and help text
 OPTIONS: dict[str, tuple[tuple[str, ...], Any, str, str]] = {
     "points": (("local",), int, "N", "of a curve (200)"),
     "at": (("local", "global"), float, "V", "velocities of bars [m/s]"),
@@ -239,7 +239,7 @@ def _information(job: _Job, folder: Path, progress: Progress) -> dict[str, Any]:
     of_fit, shots = job.source.result is not None, job.arguments.shots
     shots = (0 if of_fit else SHOTS) if shots is None else shots
     if shots < (not of_fit):
-        raise DataError("--shots", shots, "a whole number of 1 or more, of a fit 0 or more")
+        raise DataError("--shots", shots, "a whole number of 1 or more, or with --fit of 0 or more")
     velocity = np.linspace(job.low, job.high, shots)
     found = fisher_information(job.subject, velocity, job.arguments.uncertainty, **job.options)
     job.text.append(information_text(found))

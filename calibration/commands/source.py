@@ -208,6 +208,10 @@ def _of_fit(arguments: argparse.Namespace) -> Source:
     name = arguments.source if arguments.material is None else arguments.material
     plain = name if name is None or name in names else name.replace("-", " ")
     fit = result.material(_chosen(plain, names, "the fit"))
+    if fit.contact is not None and any(np.ndim(leaf) for leaf in fit.contact.leaves().values()):
+        stated = " ".join(f"--set {n}={e.value:.6g}" for n, e in fit.parameters.items() if e.value)
+        accepted = f"use a material file of one size: FILE.toml --law {fit.model.key} {stated}"
+        raise InputError(arguments.fit, None, f"{fit.name!r} has bodies of several sizes", accepted)
     velocity = fit.data.velocity
     span = (float(np.min(velocity)), float(np.max(velocity)))
     if span[0] == span[1]:

@@ -74,7 +74,7 @@ def read_material_file(path: str, needs_data: bool = True, air: Any = None) -> A
     """A material file; a table of measurements in its place is named as such.
 
     Args:
-        air: in place of what the file says of it.
+        air: overrides the file.
 
     Raises:
         InputError: with file and line, what is wrong and what is accepted.

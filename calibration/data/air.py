@@ -11,7 +11,7 @@ which is exact for a constant C_d. That of a smooth sphere depends on Re = ρ_a 
 
     C_d = 24/Re (1 + 0.150 Re^0.681) + 0.407/(1 + 8710/Re),    Re < 2·10⁵
 
-and enters heights, times and velocities alike, to first order, by its mean over the flight with the
+and affects heights, times and velocities in the same way, to first order, by its mean over the flight with the
 weight v³ (about C_d at 0.77 of the largest speed).
 
 Source: Brown and Lawler, J. Environ. Eng. 129, 222 (2003), Eq. 19, of C_d; Timmerman and van der

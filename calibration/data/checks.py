@@ -43,7 +43,7 @@ def checked_confidence(value: Any) -> float:
 
 
 def check_whole(name: str, value: Any, least: int) -> None:
-    """Raise DataError for what is no whole number, or less than `least`."""
+    """Raise DataError unless the value is a whole number of at least `least`."""
     is_whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not is_whole or value < least:
         raise DataError(name, value, f"a whole number >= {least}")

@@ -25,7 +25,7 @@ from calibration.data.names import AMBIGUOUS, OBSERVED, SI_UNITS, SIZES, Header,
 from calibration.data.units import PERCENT, unit_of
 from calibration.errors import DataError, listed, shown
 
-TOLD = 10  # names of columns in a remark
+MOST_NAMED = 10  # names of columns in a remark
 
 
 class Kind(NamedTuple):
@@ -86,7 +86,7 @@ class Layout(NamedTuple):
         units: the size of each one's unit in SI, by name.
         written: the unit of each as the header has it, None without one.
         relative: the uncertainties among them that are parts of the quantity itself, in percent.
-        remarks: what names were taken for, and which columns are not used.
+        remarks: how headings were read, and which columns are not used.
         assumed: the same of missing units; empty where none is missing.
     """
 
@@ -183,9 +183,9 @@ def _kind_of(names: Sequence[str | None], read: Sequence[Header]) -> Kind:
             return kind
     found = [name for name in names if name in SI_UNITS]
     questions = [_question(name) for name in names if name in AMBIGUOUS]
-    accepted = ACCEPTED_SETS + "".join(f"; {question}" for question in questions[:TOLD])
+    accepted = ACCEPTED_SETS + "".join(f"; {question}" for question in questions[:MOST_NAMED])
     others = [repr(h.text) for h, name in zip(read, names, strict=True) if name not in SI_UNITS]
-    unknown = f"not known: {listed(others[:TOLD])}" if others else ""
+    unknown = f"not known: {listed(others[:MOST_NAMED])}" if others else ""
     description = "; ".join(filter(None, [listed(sorted(found)), unknown])) or "empty"
     raise DataError("set of columns", description, accepted)
 
@@ -212,8 +212,8 @@ def _unit(header: Header, name: str) -> Fraction:
 
 def _of_percent(relative: Iterable[str], points: Iterable[str]) -> list[str]:
     """Quantity that a percentage refers to; there are two possibilities."""
-    remarks = [f"{name} in % is taken of the value itself" for name in sorted(relative)]
-    return remarks + [f"{name} in % is taken in the percentage points of ε" for name in points]
+    remarks = [f"{name} in % is relative to its quantity" for name in sorted(relative)]
+    return remarks + [f"{name} in % is in percentage points of ε" for name in points]
 
 
 def _assumed(names: Sequence[str]) -> str:
@@ -227,11 +227,11 @@ def _question(name: str) -> str:
 
 
 def _remarks(read, names, used) -> tuple[str, ...]:
-    """One line on names that were taken for others, one on columns that are not used."""
+    """One line on headings with other names, one on columns that are not used."""
     as_written = ("velocity", "impact_velocity")
     pairs = list(zip(read, names, strict=True))
-    taken = [
-        f"{header.text!r} for {name}"
+    renamed = [
+        f"{name} ({header.text!r})"
         for header, name in pairs
         if name in used and header.words != name and header.words not in as_written
     ]
@@ -240,8 +240,8 @@ def _remarks(read, names, used) -> tuple[str, ...]:
         for header, name in pairs
         if name not in used and header.text
     ]
-    remarks = [f"columns taken: {listed(taken)}"] if taken else []
+    remarks = [f"headings read as: {listed(renamed)}"] if renamed else []
     if left:
-        more = f" and {len(left) - TOLD} more" if len(left) > TOLD else ""
-        remarks.append(f"columns not used: {listed(left[:TOLD])}{more}")
+        more = f" and {len(left) - MOST_NAMED} more" if len(left) > MOST_NAMED else ""
+        remarks.append(f"columns not used: {listed(left[:MOST_NAMED])}{more}")
     return tuple(remarks)

@@ -19,7 +19,7 @@ class Covariance:
     """A symmetric n × n matrix C that is banded once its points are put in order.
 
     Attributes:
-        order: (n,), the points in the order of the band (by their first elementary error).
+        order: (n,), the points in the order of the band (by their first input error).
         bands: (3, n), `bands[d, i]` = C[order[i], order[i + d]], 0 at the end of rows 1 and 2
             (SciPy's lower form).
     """
@@ -49,7 +49,7 @@ class Covariance:
         return diagonal
 
     def dense(self) -> Float[np.ndarray, "n n"]:
-        """The whole matrix, in the order of the points: for few of them."""
+        """The full matrix, in the order of the points; for few points."""
         matrix = np.diag(self.diagonal)
         for distance in range(1, 1 + WIDTH):
             one, other = self.order[:-distance], self.order[distance:]
@@ -88,7 +88,7 @@ class Covariance:
 
 
 def band_order(index: Int[np.ndarray, "n k"]) -> Order:
-    """The points sorted by their first elementary error; those without any stand last.
+    """The points sorted by their first input error; those without any stand last.
 
     Raises:
         DataError: for an error that enters points further apart than `WIDTH` in that order.
@@ -114,5 +114,5 @@ def _shared(index: Int[np.ndarray, "n k"], distance: int) -> np.ndarray:
 
 
 def _not_definite() -> DataError:
-    value = "singular: a point has no error of its own, nor one that it does not share"
+    value = "singular: a point has only errors that it shares with others"
     return DataError("covariance", value, "positive definite")

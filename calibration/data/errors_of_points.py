@@ -10,36 +10,36 @@ from calibration.data.checks import Column, require
 from calibration.data.covariance import Covariance, band_order
 from calibration.errors import DataError
 
-TOUCHED = 3  # elementary errors that one point has at most: the times of three bounces
+TOUCHED = 3  # input errors that one point has at most: the times of three bounces
 Index = Int[np.ndarray, "n 3"]
 Slopes = Float[np.ndarray, "n 3"]
 
 
 @dataclass(frozen=True, eq=False)
 class PointErrors:
-    """The errors of n points, linear in m independent elementary errors e and errors of their own:
+    """Errors of n points, linear in m independent input errors e, and independent errors of each point:
 
         δε_i = Σ_k to_restitution[i, k] e[index[i, k]] + error of ε_i alone
         δv_i = Σ_k to_velocity[i, k] e[index[i, k]] + error of v_i alone
 
-    Two velocities, or two heights, of a point are elementary errors that enter both its ε and its
-    v. Each interval of a bounce train enters two points, each time of a bounce three.
+    Two velocities, or two heights, of a point are input errors that enter both its ε and its
+    v. Each interval of a bounce sequence enters two points, each time of a bounce three.
 
     Attributes:
-        index: (n, 3), which elementary error, from 0; -1: none.
+        index: (n, 3), which input error, from 0; -1: none.
         to_restitution: (n, 3), ∂ε_i/∂e [1/unit of e], 0 where there is none.
         to_velocity: (n, 3), ∂v_i/∂e [m/s/unit of e].
-        size: (m,), standard deviation of each elementary error, in its own SI unit; None where
+        size: (m,), standard deviation of each input error, in its own SI unit; None where
             it is unknown, one and the same for all, and to be estimated.
-        kind: what the elementary errors are of: "velocities", "heights", "intervals", "times",
+        kind: what the input errors are of: "velocities", "heights", "intervals", "times",
             "repeats"; "" where there are none.
-        restitution_alone: (n,), standard uncertainty of each ε by itself; None: not stated.
+        restitution_alone: (n,), independent standard uncertainty of each ε; None: not stated.
         velocity_alone: (n,) [m/s], the same of each v.
         by_drag: (n, 2), ∂ε_i/∂c and ∂v_i/∂c [m/s] of points from flights in air, where the drag
             coefficient is (1 + c) that of `calibration.data.air`, with one c for all; None without.
 
     Raises:
-        DataError: for an invalid uncertainty, or an elementary error that enters points which
+        DataError: for an invalid uncertainty, or an input error that enters points which
             do not follow each other.
     """
 
@@ -118,7 +118,7 @@ class PointErrors:
 
         Args:
             slope: dε/dv [s/m] of the curve at each point.
-            size: standard deviation of the elementary errors where that is unknown, in the SI
+            size: standard deviation of the input errors where that is unknown, in the SI
                 unit of what was measured; refused where the sizes are stated.
             added: further variance of ε, one number or (n,): noise that is estimated.
 
@@ -127,7 +127,7 @@ class PointErrors:
         """
         slopes = np.broadcast_to(np.asarray(slope, float), (len(self),))
         if self.size_is_unknown != (size is not None):
-            accepted = "given where the size of the elementary errors is unknown, and only there"
+            accepted = "given where the size of the input errors is unknown, and only there"
             raise DataError("size", size, accepted)
         with np.errstate(all="ignore"):
             factors = self.factors(slopes) * self.sizes_at(size or 0.0)
@@ -144,7 +144,7 @@ class PointErrors:
 
     @property
     def shares(self) -> bool:
-        """Whether an elementary error enters more than one point."""
+        """Whether an input error enters more than one point."""
         used = self.index[self.index >= 0]
         return bool(used.size) and int(np.max(np.bincount(used))) > 1
 
@@ -193,7 +193,7 @@ def three(*columns: Column) -> Slopes:
 
 
 def paired(count: int) -> Index:
-    """The index of two elementary errors a point, which no other point has."""
+    """The index of two input errors a point, which no other point has."""
     return np.stack([2 * np.arange(count), 2 * np.arange(count) + 1, np.full(count, -1)], axis=1)
 
 

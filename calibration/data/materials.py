@@ -14,7 +14,7 @@
     yield_strength = 3.10e8      # Pa
     radius = 0.0127              # m; or radius_1 and radius_2; or diameter, diameter_1, diameter_2
     data = "my_alloy.csv"        # next to this file
-    # material = "nylon"         # of Table 1, in place of the four properties
+    # material = "nylon"         # of Table 1, instead of the four properties
     # air = false, or "1.2 kg/m³": of drops and bounces; default true
     # limit_velocity [m/s], area, gravity [m/s²]; uncertainties for all rows, as columns are called:
     # uncertainty, velocity_uncertainty = "2 %", drop_height_uncertainty = "0.5 mm", ...
@@ -25,7 +25,7 @@
     [material.second]            # the other sphere, where its properties differ; or
     [material.wall]              # a flat wall, with its properties
 
-    [material.parameters]        # fixed by a number; free, with more said of it, by a table
+    [material.parameters]        # a number fixes; a table gives start, bounds, prior, sharing
     psi = 0.5
     chi = { value = 0.1, bounds = [0.01, 10.0], transform = "log" }
     yield_strength = { prior = ["310 MPa", "20 MPa"] }
@@ -472,7 +472,7 @@ def read_toml(
         path: the file; data files are sought next to it.
         plausibility: whether properties more than 100 times outside what is plausible are refused,
             but of materials with `plausibility = false`.
-        air: in place of what the file says of it, as `RestitutionData.from_table` takes it.
+        air: overrides the file, as `RestitutionData.from_table` takes it.
 
     Raises:
         InputError: a ValueError with file and line, what is wrong and what is accepted.
@@ -690,7 +690,7 @@ class _Reader:
         """Path of the data file, a remark on it, and whether it lies below the folder of the material file.
 
         A material file that is reached by a link means what lies next to itself, not next to the link;
-        where that is not there, what lies next to the link serves.
+        where that is missing, the file next to the link is used.
         """
         here = Path(self.file.path).parent
         homes = list(dict.fromkeys([Path(self.file.path).resolve().parent, here.resolve()]))

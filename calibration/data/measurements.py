@@ -1,4 +1,4 @@
-"""Measured restitutions of one pair of bodies, checked once when they are taken in."""
+"""Measured restitutions of one pair of bodies, checked once on construction."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -279,7 +279,7 @@ class RestitutionData:
         most = float(np.nanmax(self.restitution)) - 1
         note = (
             f"{np.sum(above)} of {len(self)} restitutions are above 1, by {most:.2g} at most: "
-            "taken for noise and used as measured"
+            "treated as noise and used as measured"
         )
         return (*self.remarks, note)
 

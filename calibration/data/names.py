@@ -60,7 +60,7 @@ SYNONYMS = {
 }
 KNOWN = {word: name for name, words in SYNONYMS.items() for word in words.split()}
 KNOWN |= {name: name for name in SI_UNITS}
-# what only the person who wrote it knows, with the names that it may stand for
+# headings with two meanings, and the names that they may stand for
 AMBIGUOUS: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(("t", "t_n", "times"), ("interval", "time")),
     **dict.fromkeys(("h", "height", "h_1", "h1", "h_2", "h2"), ("drop_height", "rebound_height")),

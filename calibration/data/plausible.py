@@ -77,7 +77,7 @@ def _no_wall(data: RestitutionData) -> Implausible | None:
         return None
     cause = "the dropped balls met a sphere like them, as no wall is given"
     return Implausible(
-        "no-wall", cause, "If it was a wall, `[material.wall]` tells its properties."
+        "no-wall", cause, "If it was a wall, `[material.wall]` gives its properties."
     )
 
 
@@ -90,7 +90,7 @@ def _divided(data: RestitutionData) -> Implausible | None:
 
 
 def _above_one(data: RestitutionData) -> Implausible | None:
-    """A median above 1 by more than its standard error explains: no noise, but a slip in all."""
+    """A median above 1 by more than its standard error explains: not noise, but a mistake in all rows."""
     seen = np.isfinite(data.restitution)
     n, excess = int(np.sum(seen)), float(np.median(data.restitution[seen])) - 1
     if n < FEWEST or excess <= 0:

@@ -15,7 +15,7 @@ from calibration.errors import DataError
 
 STANDARD_GRAVITY = 9.80665  # m/s²
 FASTEST_FALL = 20.0  # m/s, of more than 20 m
-FALLEN = "velocities are those of free falls"  # a remark
+FALLEN = "impact velocities follow from the drop heights"  # a remark
 FALLS = "falls as fast as"  # a remark on those that are faster
 
 
@@ -76,7 +76,7 @@ def with_own(errors: PointErrors, table: Measured, velocity: Column, restitution
     ):  # stated of each ε: nothing is left to estimate
         errors = replace(PointErrors.alone(len(errors)), by_drag=errors.by_drag)
     elif alone is not None and errors.kind:
-        remarks = (f"uncertainty is taken to come on top of that of the {errors.kind}",)
+        remarks = (f"uncertainty is added to that of the {errors.kind}",)
     if errors.kind == "velocities":  # of which v is one: see `singles`
         of_velocity = None
     return replace(errors, restitution_alone=alone, velocity_alone=of_velocity), remarks

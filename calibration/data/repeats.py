@@ -12,7 +12,7 @@ from calibration.errors import DataError
 
 Values = Float[np.ndarray, " n"]
 Means = Float[np.ndarray, " m"]
-ALIKE = 1e-14  # readings that are all alike differ from their mean by rounding alone
+ALIKE = 1e-14  # equal readings differ from their mean by rounding alone
 
 
 class Repeats(NamedTuple):

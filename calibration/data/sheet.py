@@ -6,7 +6,7 @@
 
 Commas, semicolons or tabs separate cells, whichever the header uses (or `sep=;` in a line above
 it). A decimal is a point; where semicolons or tabs separate cells it may be a comma in the whole
-file. Units stand in the header or in a row of their own below it. Thousands are not separated.
+file. Units stand in the header or in a separate row below it. Thousands are not separated.
 UTF-8, UTF-16 with its mark, or Windows-1252, of at most 64 MiB; or the first sheet of an Excel file.
 The possible columns are in `calibration.data.columns`.
 """
@@ -31,7 +31,7 @@ LARGEST = 64 * MIB
 SPREADSHEETS = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")  # .xlsx and .ods, .xls
 MISSING = {"na", "n/a", "#n/a", "nan", "null", "none", "nil", "missing"}  # no units
 WINDOWS = "read as Windows-1252, as it is not UTF-8: check letters such as µ and ±"
-COMMAS = "commas in numbers are taken for decimal points"
+COMMAS = "commas in numbers are read as decimal points"
 
 
 class Row(NamedTuple):
@@ -183,7 +183,7 @@ class Sheet:
         return Row(row.line, cells)
 
     def find_mark(self, rows: list[Row], places: Iterable[int]) -> None:
-        """The mark of decimals: the first that there is."""
+        """The decimal mark: the first one in the file."""
         cells = (row.cells[at] for row in rows for at in places)
         first = next((cell for cell in cells if "," in cell or "." in cell), "")
         if self.delimiter != "," and "," in first and "." not in first:

@@ -103,7 +103,7 @@ def _two_velocities(table: Measured):
     remarks: tuple[str, ...] = ()
     if np.all(before * after <= 0) and (np.all(before > 0) or np.all(before < 0)):
         before, after = np.abs(before), np.abs(after)
-        remarks = ("velocities of opposite sign are taken without it",)
+        remarks = ("the signs of velocities before and after the impact are ignored",)
     require(VELOCITIES[0], before, lambda v: v > 0, "a positive speed in m/s")
     require(VELOCITIES[1], after, lambda v: v >= 0, "a speed of 0 m/s or more")
     _require_less(VELOCITIES, before, after, SWAPPED)
@@ -168,18 +168,18 @@ def _sizes(table: Measured, names, of_both: str, values):
     if of_both in table.columns:
         twice = [name for name, one in zip(names, each, strict=True) if one is not None]
         if twice:
-            raise DataError(f"{twice[0]}_uncertainty", f"given beside {of_both}", "given once")
-        remarks = (f"{of_both} is taken for that of both {names[0]} and {names[1]}",)
+            raise DataError(f"{twice[0]}_uncertainty", f"given with {of_both}", "given once")
+        remarks = (f"{of_both} applies to both {names[0]} and {names[1]}",)
         return [table.uncertainty(of_both, x) for x in values], remarks
     exact = [name for name, one in zip(names, each, strict=True) if one is None]
     if len(exact) == len(names):
         return None, ()
-    guessed = tuple(f"{name} is taken for exact: no uncertainty of it is stated" for name in exact)
+    guessed = tuple(f"{name} is treated as exact: no uncertainty of it is stated" for name in exact)
     return [np.zeros(len(values[0])) if one is None else one for one in each], guessed
 
 
 def _paired(to_restitution, to_velocity, sizes, kind: str) -> PointErrors:
-    """Two elementary errors a point, which no other point has."""
+    """Two input errors a point, which no other point has."""
     count = len(to_restitution)
     if sizes is None:
         return PointErrors.alone(count)
@@ -229,6 +229,6 @@ def _check(table: Measured, expected: Column, formula: str, slip: Column | None 
             wrong = is_slip
     if np.any(wrong):
         row = int(np.argmax(wrong))
-        blame = "the ratio of the heights" if is_slip[row] else "not what stands beside it"
+        blame = "the ratio of the heights" if is_slip[row] else "not the one of the same row"
         accepted = f"{formula}, {expected[row]:.6g}, or left out"
         raise DataError("restitution", f"{listed_values[row]:.6g}, {blame}", accepted, row)

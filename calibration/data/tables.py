@@ -142,10 +142,10 @@ def _check_unit(name: str, value: Any, layout: Layout) -> None:
         return
     if value is None:
         accepted = f"`{name} [{si}]` or `{name} [{other}]`"
-        raise DataError(name, f"without a unit beside [{other}]", accepted)
+        raise DataError(name, f"without a unit next to [{other}]", accepted)
     if si != "1":
         both = f'"{value} {si}" or "{value} {other}"'
-        raise DataError(name, f"{value}, without a unit beside [{other}]", f"one of {both}")
+        raise DataError(name, f"{value}, without a unit next to [{other}]", f"one of {both}")
     require(name, np.atleast_1d(value), lambda u: u <= 1, f"of ε itself, 0.02 for 2 [{other}]")
 
 

@@ -51,7 +51,7 @@ class Alike(Problem):
         return super().linearise(z, told, slopes)
 
     def _leaves(self, theta, lanes: Lanes) -> Leaves:
-        """Of one row a fit: found as those of one fit with all these rows."""
+        """Leaves with one row for each fit, computed as those of one fit with all these rows."""
         rows, (fits, p) = self.laws.rows, theta.shape
         contact = rows.contact
         own = replace(
@@ -66,7 +66,7 @@ class Alike(Problem):
 
 
 def structure(problem: Problem) -> Hashable:
-    """What problems have in common that can be one; of others only they themselves have it."""
+    """Properties that problems of one batch have in common; for others, an object that equals only itself."""
     laws, rows = problem.laws, problem.laws.rows
     special = problem.elastic is not None or problem.pools or problem.with_prior
     normal = all(one.is_fixed and one.is_normal for one in problem.errors)
@@ -111,7 +111,7 @@ def pooled_about(
     z: Float[np.ndarray, "elements"],
     errors: Float[np.ndarray, "p"],
 ) -> Problem:
-    """The same with the minimum where that of all points is; itself where that cannot be had.
+    """The problem with its minimum replaced by that of all points; unchanged if that cannot be found.
 
     Args:
         z: the minimum.
@@ -138,7 +138,7 @@ def _can_be_pooled(problem: Problem) -> bool:
 
 
 def _neighbourhoods(problem: Problem) -> Int[np.ndarray, "points"]:
-    """Which one each point belongs to: equally many in each, of one data set and one law."""
+    """Index of the neighbourhood of each point: equally many points in each, of one data set and one law."""
     points, rows = problem.points, problem.laws.rows.row
     order = np.lexsort((points.velocity, rows, points.set))
     kind = np.stack([points.set[order], rows[order]])

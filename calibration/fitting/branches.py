@@ -1,4 +1,4 @@
-"""Where ε jumps at yield: which impacts of a data set stayed elastic.
+"""Branches at first yield, where ε jumps: which impacts of a data set stayed elastic.
 
 The cost jumps where the critical velocity passes that of a point. Between two neighbouring such
 places every point has its branch and the cost is smooth: a search begins in each, stays there, and
@@ -84,7 +84,7 @@ def _elastic_at(problem: Problem, z) -> Bool[np.ndarray, "points"]:
 
 
 def _changes(problem: Problem, z, k: int) -> Float[np.ndarray, "points"]:
-    """Where along an element each point changes its branch; NaN for those that never do."""
+    """Value of an element at which each point changes its branch; NaN for points that never do."""
     name = problem.elements[k].name
     rows = problem.laws.rows
     moves = rows.element[rows.names.index(name)][rows.row] == k
@@ -145,7 +145,7 @@ def _all_along(problem: Problem, z, k: int) -> Branches:
 
 
 def _lowest_along(problem: Problem, z, k: int) -> Branches:
-    """The same with their lowest costs; of very many all near the best, and some of the others."""
+    """Branches with their lowest costs; if there are very many, all near the best and some of the others."""
     every = _all_along(problem, z, k)
     count = len(every.cost)
     most = int(np.clip(AT_ONCE // problem.count, LEAST, MOST))

@@ -1,4 +1,4 @@
-"""What impacts show, with slopes in the law's leaves: the only place where a fit computes collisions.
+"""Predicted observables of impacts, with derivatives in the law's leaves: all collisions of a fit.
 
 Impacts are independent of each other, so they go through one compiled function in blocks of one
 size. It is compiled once for a type of law, a route, an observable and a set of leaves that move: any number
@@ -109,7 +109,7 @@ def _blocks(count: int, route: Route) -> Iterator[tuple[slice, int]]:
 
 
 def _filled(values: np.ndarray, size: int) -> np.ndarray:
-    """The same, filled up to the block's size by its last."""
+    """The block, padded to its size with its last row."""
     missing = size - len(values)
     return np.concatenate([values, np.repeat(values[-1:], missing, 0)]) if missing else values
 

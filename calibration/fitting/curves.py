@@ -66,7 +66,7 @@ def band(
     route: Route = None,
     observable: str = RESTITUTION,
 ) -> Band:
-    """ε(v), or another observable, with a confidence band; NaN where the fit knows nothing.
+    """ε(v), or another observable, with a confidence band; NaN where the data determine nothing.
 
     Args:
         names, covariance: of the free parameters, in physical units.
@@ -174,7 +174,7 @@ def _element(material: MaterialFit, name: str) -> Element:
 
 
 def of_each_impact(material: MaterialFit) -> set[int]:
-    """How many bodies or parameters differ from impact to impact: none where all impacts share them."""
+    """Numbers of impacts over which bodies or parameters differ; empty if all impacts share them."""
     return {np.size(value) for value in _differing(material)}
 
 
@@ -211,7 +211,7 @@ def distinct_impacts(material: MaterialFit) -> list[int]:
 
 
 class ModulusByTimes(NamedTuple):
-    """What contact times say of E: how far off the stated one, and with which error, in parts."""
+    """Estimate of E from contact times: the deviation from the stated E, and its relative error."""
 
     off: float
     error: float
@@ -221,7 +221,7 @@ def modulus_by_times(material: MaterialFit) -> ModulusByTimes | None:
     """ln of E by the contact times alone, less that of the stated one, everything else as fitted.
 
     With s = ∂ ln t/∂ ln E and r = ln(t/predicted), Σ s r/u² / Σ s²/u². None where E is free, or was not
-    stated, nothing is known of contact times, or these do not depend on E.
+    stated, contact times are not determined, or these do not depend on E.
     """
     name = OF_CONTACT + "youngs_modulus"
     contact = material.data.contact
@@ -370,7 +370,7 @@ def like_measured(
 
 
 def _gravity(errors: PointErrors, velocity: Float[np.ndarray, "k"]) -> float | None:
-    """As the data were read with: v ∂v/∂h of heights is g, ∂v/∂t of times g/2."""
+    """g of the data: v ∂v/∂h of heights is g, ∂v/∂t of times g/2."""
     if errors.kind == "heights":
         return float(np.median(velocity * errors.to_velocity[:, 0]))
     if errors.kind == "velocities":
@@ -379,7 +379,7 @@ def _gravity(errors: PointErrors, velocity: Float[np.ndarray, "k"]) -> float | N
 
 
 def _measured(kind: str, velocity: Velocity, restitution: Velocity, gravity: Any) -> dict[str, Any]:
-    """What is read of impacts, in vacuum; of bounces a launch of two intervals, or three times, each."""
+    """Readings of impacts in vacuum; of bounces, one launch of two intervals or three times for each."""
     if kind == "velocities":
         return {"impact_velocity": velocity, "rebound_velocity": restitution * velocity}
     if kind == "heights":

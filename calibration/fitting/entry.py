@@ -47,7 +47,7 @@ def fit(
         data: one `RestitutionData`, or a list of them with different names.
         law: Zhou's where left out (for data without a contact Eq. (17), or a constant); a name of
             `LAWS`, a class of contact laws, or any function that builds one: law(contact, c1, c2).
-        parameters: what is said of the law's parameters: {"chi": ...} for all data sets,
+        parameters: the parameters of the law: {"chi": ...} for all data sets,
             {"chi[name]": ...} for one; a `Parameter`, a number that fixes it, or a text for an
             option such as {"form": "full"}; or a list of such mappings, one a data set. Those of
             the contact are "contact.yield_strength" and so on. All of a law's own are free, except
@@ -143,7 +143,7 @@ def _fitted(request: Request) -> FitResult:
 
 
 def _covariances(fits: list[ComponentFit]):
-    """Of all free parameters in physical units: D C D with D = ∂θ/∂z; components share none."""
+    """Covariance of all free parameters in physical units, D C D with D = ∂θ/∂z; zero between components."""
     from scipy.linalg import block_diag
 
     names = tuple(e.label for one in fits for e in one.component.elements)

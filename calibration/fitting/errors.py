@@ -64,7 +64,7 @@ Variances = Mapping[str, Any]
 
 
 class Carried(NamedTuple):
-    """What a velocity's error makes of a curve: the mean of ε, g = dε/dv, and c; see above."""
+    """The curve with uncertain velocities: mean of ε, g = dε/dv, and c; see above."""
 
     mean: Any
     slope: Any
@@ -74,7 +74,7 @@ class Carried(NamedTuple):
 class Factor(NamedTuple):
     """V = K Kᵀ with K = L (1 + τ² l lᵀ)^½ in each group."""
 
-    # L; deviations where no points share elementary errors, else of launches by their size
+    # L; deviations where no points share input errors, else of launches by their size
     lower: Any
     level: Any = None  # l = L⁻¹ 1, and `per` its square over each group; None without groups
     per: Any = None
@@ -83,7 +83,7 @@ class Factor(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Errors:
-    """Of one data set."""
+    """Errors of one data set."""
 
     points: PointErrors  # how what was measured enters ε and v
     # the group of each point, None where no offset of groups is unknown
@@ -177,7 +177,7 @@ class Errors:
 
     @property
     def shares(self) -> bool:
-        """Whether points share errors: those of a group, or of a bounce train."""
+        """Whether points share errors: those of a group, or of a bounce sequence."""
         return self.group is not None or self.points.shares
 
     @cached_property
@@ -204,7 +204,7 @@ class Errors:
         return np.clip(wanted, SLOWEST * self.velocity, self.fastest)
 
     def carried(self, value: Any) -> Carried:
-        """Of ε at the nodes, (..., 5, n)."""
+        """Mean of ε from its values at the nodes, (..., 5, n)."""
         shares, ratio = SHARES[:, None], (self._of_velocity / self.steps) ** 2
         mean = (shares * value).sum(-2)
         slope = (shares * NODES[:, None] * value).sum(-2) / self.steps
@@ -214,7 +214,7 @@ class Errors:
         return Carried(first + ratio * (mean - first) + of_shift, slope, ratio**2 * beyond)
 
     def carried_slopes(self, value: Any, per: Any, slope: Any) -> Carried:
-        """The same of its derivatives, (..., 5, n, p); `slope` is g."""
+        """Mean of the derivatives from their values at the nodes, (..., 5, n, p); `slope` is g."""
         shares, ratio = SHARES[:, None, None], ((self._of_velocity / self.steps) ** 2)[:, None]
         steps, x = self.steps[:, None], NODES[:, None, None]
         mean = (SHARES[:, None] * value).sum(-2)
@@ -251,7 +251,7 @@ class Errors:
         return self.variance(s, slope, bend) + _over(s.get("group", 0.0))
 
     def factor(self, s: Variances, slope: Any = 0.0, bend: Any = 0.0, xp: Any = np) -> Factor:
-        """Of V at some variances and slopes of the curve."""
+        """Factor of V at given variances and slopes of the curve."""
         variance = self.variance(s, slope, bend)
         lower = xp.sqrt(variance + xp.zeros(len(self)))
         if self.points.shares:
@@ -381,7 +381,7 @@ class Errors:
         return self.family(s).drawn(drawn, random)
 
     def some(self, rows: np.ndarray) -> "Errors":
-        """Of some of the points, which share nothing with the others."""
+        """Errors of some of the points, which share nothing with the others."""
         group = None if self.group is None else np.unique(self.group[rows], return_inverse=True)[1]
         fastest = np.broadcast_to(self.fastest, len(self))[rows]
         return replace(
@@ -404,7 +404,7 @@ class Errors:
     # ------------------------------------------------------------------ inside
 
     def _size(self, s: Variances) -> Any:
-        """Of what is stated, or of the times where their uncertainty is unknown."""
+        """Factor of the stated errors, or size of the times if their uncertainty is unknown."""
         return _over(s.get("timing" if self.points.size_is_unknown else "scale", 1.0))
 
     @cached_property
@@ -439,9 +439,9 @@ class Errors:
 
     @cached_property
     def _launches(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Points joined by elementary errors, those of about one size together.
+        """Points joined by input errors, those of about one size together.
 
-        Members (b, m), filled up by n, and which elementary error of the launch each enters, (b, m, 3, e).
+        Members (b, m), filled up by n, and which input error of the launch each enters, (b, m, 3, e).
         """
         from scipy.sparse import coo_matrix, csgraph
 
@@ -470,7 +470,7 @@ class Errors:
 
     @cached_property
     def _back(self) -> np.ndarray:
-        """Where each point stands among the launches' members."""
+        """Position of each point among the members of the launches."""
         members = np.concatenate([one.ravel() for one, _ in self._launches])
         place = np.empty(len(self) + 1, int)
         place[members] = np.arange(len(members))
@@ -486,7 +486,7 @@ class Errors:
         return np.flatnonzero(np.diff(group, prepend=-1))
 
     def _factors(self, s: Variances, slope: Any, xp: Any) -> Any:
-        """What one standard deviation of each elementary error makes in ε, (..., n, 3)."""
+        """Effect of one standard deviation of each input error on ε, (..., n, 3)."""
         size = xp.sqrt(self._size(s) + xp.zeros(1))
         slope = slope + xp.zeros(len(self))
         f = self.points.to_restitution - slope[..., None] * self.points.to_velocity

@@ -93,7 +93,7 @@ class DataRecord(Strict):
 
     @classmethod
     def told(cls, data: RestitutionData) -> dict[str, Any]:
-        """What a file holds of a set."""
+        """Contents of the file for one data set."""
         contact, errors = data.contact, data.errors
         table = {
             "contact": contact and {**contact.leaves(), "area": contact.area},
@@ -110,7 +110,7 @@ class DataRecord(Strict):
         return _by_names(cls, data, table)
 
     def data(self, name: str) -> RestitutionData:
-        """The same set again."""
+        """The data set that the record describes."""
         entries = {key: _array(value) for key, value in self}
         bodies, remarks, errors = self.bodies, entries.pop("remarks"), self.errors
         entries["restitution"] = np.array(self.restitution, float)
@@ -202,7 +202,7 @@ class FreedomRecord(Strict):
 
 
 class RequestRecord(Strict):
-    """What was requested: options are those of `FitOptions`, with an own law by its name."""
+    """Requested fit: options as in `FitOptions`, and the name of a user's law."""
 
     parameters: list[dict[str, Any]]
     options: dict[str, Any]
@@ -253,7 +253,7 @@ class ResultFile(Strict):
 
 
 def result_to_dict(result: Any, times: bool = True) -> dict[str, Any]:
-    """What `fit.json` holds."""
+    """Contents of `fit.json`."""
     table = {
         "format": FORMAT,
         "fits": [FitRecord.told(material) for material in result.materials],
@@ -267,7 +267,7 @@ def result_to_dict(result: Any, times: bool = True) -> dict[str, Any]:
 
 
 def read_result(path: str | Path, law: Any = None) -> dict[str, Any]:
-    """What a `FitResult` is made of, as `save` wrote it.
+    """Fields of a `FitResult`, from a file that `save` wrote.
 
     Raises:
         InputError: a ValueError, where the file is no result of a fit.
@@ -404,7 +404,7 @@ def _law(name: str | None, law: Any) -> Any:
 
 
 def _trees(values: Iterable[str], law: Any) -> tuple[Tree, ...]:
-    """How the numbers of whole parameters make up pytrees: as in the law that was given."""
+    """Structure of parameters that are pytrees, as in the law that was passed."""
     names = dict.fromkeys(name.partition("[")[0] for name in values if "[" in name)
     if names and not isinstance(law, sj.ContactLaw):
         accepted = "given as one such law, whose array fields show how their numbers are arranged"

@@ -1,4 +1,4 @@
-"""What a fit knows of laws: how one is built, what of it is a parameter, where a search starts.
+"""Laws in a fit: how one is built, what its parameters are, and where a search starts.
 
 A law is a class, the name of a built-in one, or any function that builds one:
 
@@ -35,7 +35,7 @@ MOVE_YIELD = ("yield_strength", "youngs_modulus", "radius", "mass")  # what v_cr
 
 
 class Tree(NamedTuple):
-    """How the numbers of a whole parameter make up its pytree; hashable."""
+    """Structure of a parameter that is a pytree; hashable."""
 
     name: str  # of the parameter
     structure: Any  # of its pytree
@@ -82,7 +82,7 @@ def built(
     contact: sj.Contact | None,
     values: Mapping[str, Any],
 ) -> sj.ContactLaw:
-    """From parameters to a law: the one way there is, for fits, results and traced likelihoods.
+    """Build a law from parameters, for fits, results and traced likelihoods.
 
     Parameters of the contact ("contact.radius") are among them, and each number of a whole one.
     """
@@ -133,7 +133,7 @@ class LawModel:
         return built(self.build, self.takes_contact, self.trees, contact, values)
 
     def inside(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """The same numbers; for an end that its range leaves out, where a fit may end, the nearest number inside."""
+        """The parameters, with a value at an excluded end of its range moved to the nearest number inside."""
         return {name: self._inside(name, value) for name, value in values.items()}
 
     def _inside(self, name: str, value: Any) -> Any:
@@ -146,7 +146,7 @@ class LawModel:
         return np.nextafter(value, -np.inf) if at_top else value
 
     def declared(self, name: str) -> Declared:
-        """What is known of a parameter."""
+        """Declaration of a parameter: symbol, unit and range."""
         if name.startswith(OF_CONTACT):
             return CONTACT_LEAVES[name.removeprefix(OF_CONTACT)]
         return self.parameters[name]
@@ -284,7 +284,7 @@ def _nothing(_: RestitutionData) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Known:
-    """What is known of a built-in law."""
+    """Start values, bounds and fixed parameters of a built-in law."""
 
     law: type  # its class, and its name in tables and pictures
     label: str

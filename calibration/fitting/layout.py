@@ -1,4 +1,4 @@
-"""From data, laws and parameters to problems that can be searched.
+"""Build the search problems from data, laws and parameters.
 
 Sets that share no parameter are fits of their own, whatever else is fitted with them: components. A
 component has one vector z of all its elements, and one problem a stage, which searches some of them."""
@@ -51,7 +51,7 @@ class Component:
         return transform.unconstrained(np.array([e.start for e in self.elements]))
 
     def places(self, g: int) -> dict[str, int]:
-        """Which element each free parameter of a data set is, by its name."""
+        """Element of each free parameter of a data set, by its name."""
         return {e.name: k for k, e in enumerate(self.elements) if g in e.sets}
 
 
@@ -275,7 +275,7 @@ def by_drag_of(data: RestitutionData, observable: str = RESTITUTION) -> np.ndarr
 
 
 def _rows(component: Component, model: LawModel, names: Mapping[str, str]) -> Rows:
-    """Of one law for all data sets, from the element behind each of its parameters.
+    """Rows of one law for all data sets, from the element of each of its parameters.
 
     What is said for other sets alone has the value of this one's contact.
     """

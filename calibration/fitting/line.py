@@ -120,7 +120,7 @@ class Line:
         return self.at(_ratio(contact), confidence)
 
     def at(self, ratio: float, confidence: float | None = None) -> Estimate:
-        """The same at some E/Y."""
+        """χ̃ at some E/Y."""
         level = self.confidence if confidence is None else checked_confidence(confidence)
         value, scatter = float(self._line(ratio)), self.scatter
         if not value > 0:
@@ -242,7 +242,7 @@ class Line:
         sigma: float | None = None,
         psi: float | None = None,
     ) -> list[str]:
-        """What a prediction rests on, a line each."""
+        """Assumptions of a prediction, one in each line."""
         chi, ratio = self.unloading_factor(contact), _ratio(contact)
         told = f"unloading factor {chi.value:.4g}"
         if chi.standard_error is not None:
@@ -333,7 +333,7 @@ class Line:
         return [self._mean(name) for name in names if name not in stated], stated
 
     def _mean(self, name: str) -> Loss:
-        """Of the fitted materials; those at an end of the range do not enter the mean."""
+        """Mean of the fitted materials, without values at an end of the range."""
         values = np.array([getattr(one, name) for one in self.materials], float)
         # a law at an open end of its range has the least number there is
         inside = (values > TINY) & (values < (1 if name == "eps_up" else np.inf))
@@ -416,7 +416,7 @@ def fit_line(request: Request, fits: list[ComponentFit]) -> tuple[Line, StageFit
 
 
 def _with_materials(line: Line, own, covariance: np.ndarray | None, request: Request) -> Line:
-    """The same with what a further material's prediction needs."""
+    """The line with the data that a prediction for a further material needs."""
     materials = []
     for fit, spec, k in own:
         place = next(i for i, one in enumerate(fit.component.specs) if one is spec)
@@ -469,7 +469,7 @@ def _joint(request: Request, specs: list[SetSpec], through: dict[str, Estimate])
 
 
 def _said(spec: SetSpec, through: dict[str, Estimate]) -> dict:
-    """What was said of a data set's parameters, with the line in place of χ̃."""
+    """Stated parameters of a data set, with the line instead of χ̃."""
     kept = {
         local.name: local.parameter
         for local in spec.local
@@ -499,7 +499,7 @@ def _through_chi(own, confidence: float) -> tuple[dict[str, Estimate], np.ndarra
 
 
 def _variance(fit: ComponentFit, k: int) -> float:
-    """Of an element in physical units."""
+    """Variance of an element in physical units."""
     return float(fit.uncertainty.covariance[k, k] * fit.slope[k] ** 2)
 
 
@@ -523,7 +523,7 @@ def _weighted(joint: ComponentFit, own, through: dict[str, Estimate]) -> Line:
 
 
 def _rms(joint: ComponentFit, z: np.ndarray) -> dict[str, float]:
-    """Of each material's curve with χ̃ from the line."""
+    """Rms of each material's curve with χ̃ from the line."""
     problem = joint.final.problem
     residual = problem.predict(z[None])[0] - problem.points.value
     return {

@@ -99,7 +99,7 @@ class Outlier:
 
 @dataclass(frozen=True)
 class Goodness:
-    """How closely a curve follows one observable of a data set, and what is known of its errors.
+    """Goodness of fit for one observable of a data set, and its errors.
 
     Attributes:
         rms: of fitted less measured values; relative but for ε.
@@ -177,7 +177,7 @@ class MaterialFit(Goodness):
 
     @property
     def trees(self) -> tuple[Tree, ...]:
-        """How the numbers of whole parameters make up pytrees."""
+        """Structures of the parameters that are pytrees."""
         return self.model.trees
 
     @property
@@ -186,7 +186,7 @@ class MaterialFit(Goodness):
 
     @property
     def free(self) -> dict[str, str]:
-        """What was free, in the order of `values`, and what the covariance calls it."""
+        """Free parameters, in the order of `values`, and their labels in the covariance."""
         return {name: self.labels[name] for name in self.values if name in self.labels}
 
     @property
@@ -196,7 +196,7 @@ class MaterialFit(Goodness):
 
     @property
     def probability(self) -> float | None:
-        """Of a χ² at least as large where the law and the stated uncertainties hold."""
+        """Probability of a χ² at least as large, if the law and the stated uncertainties are right."""
         if self.reduced_chi_squared is None:
             return None
         from scipy import special

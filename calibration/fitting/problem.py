@@ -84,12 +84,12 @@ class Pool(NamedTuple):
 
     @property
     def spread_name(self) -> str:
-        """What results call the spread; the mean has the name of the parameter."""
+        """Name of the spread in results; the mean has the name of the parameter."""
         return f"{self.name}_spread"
 
 
 def block_name(name: str, observable: str) -> str:
-    """What an observable of a data set is called next to the sets themselves."""
+    """Name of an observable of a data set."""
     return name if observable == RESTITUTION else f"{name}: {observable}"
 
 
@@ -120,7 +120,7 @@ class Points(NamedTuple):
 
 
 class Block(NamedTuple):
-    """Where the points of one observable of one data set stand."""
+    """Rows of the points of one observable of one data set."""
 
     set: int
     observable: str
@@ -128,7 +128,7 @@ class Block(NamedTuple):
 
 
 class Lanes(NamedTuple):
-    """What differs between fits side by side; None: nothing."""
+    """Data that differ between the fits of a batch; None: nothing differs."""
 
     value: Float[np.ndarray, "fits points"] | None = None
     weight: Float[np.ndarray, "fits points"] | None = None
@@ -140,7 +140,7 @@ class Lanes(NamedTuple):
     upper: Z | None = None
 
     def some(self, which) -> "Lanes":
-        """Those of some fits."""
+        """Select fits."""
         return jax.tree.map(lambda one: one[which], self)
 
 
@@ -157,7 +157,7 @@ class Linear(NamedTuple):
 
 
 class Residuals(NamedTuple):
-    """What a block's variances are judged by, of fits side by side."""
+    """Data from which the variances of a block are estimated, for a batch of fits."""
 
     off: Float[np.ndarray, "fits n"]  # predicted less measured ε, and its slopes; not weighted
     jacobian: Float[np.ndarray, "fits n p"]
@@ -232,7 +232,7 @@ class Problem:
 
     @property
     def block_names(self) -> list[str]:
-        """What each block is called, to tell it from the others."""
+        """Names of the blocks, all different."""
         return [block_name(self.datasets[b.set].name, b.observable) for b in self.blocks]
 
     @property
@@ -245,7 +245,7 @@ class Problem:
         return next(block.own for block in self.blocks if block.set == place)
 
     def with_variances(self, variances: Sequence[Mapping[str, Any]]) -> "Problem":
-        """The same with the errors of its data sets at some s."""
+        """The problem with other variances of its data sets."""
         if not self.is_fixed:
             return replace(self, variances=tuple(variances))
         pairs = zip(self.errors, variances, strict=True)
@@ -265,7 +265,7 @@ class Problem:
         return Linear(*(np.concatenate(every) for every in zip(*parts, strict=True)))
 
     def _linear(self, z: Z, lanes: Lanes, slopes: bool) -> tuple[Linear, Carried, Carried]:
-        """The same, and what is expected at the points with its slopes."""
+        """Residuals and Jacobian, and the predictions with their derivatives."""
         theta, per_z = self.transform.physical(z), self.transform.slope(z)
         carried, per, status = self._carried(theta, per_z if slopes else per_z[:, :0], lanes)
         off = carried.mean - self._measured(lanes)
@@ -290,7 +290,7 @@ class Problem:
         return self._carried(self.transform.physical(z), none, lanes or Lanes())[0].mean
 
     def seen(self, z: Z, lanes: Lanes | None = None) -> list[Residuals]:
-        """What judges the variances of each block at z."""
+        """Data at z from which the variances of each block are estimated."""
         lanes = lanes or Lanes()
         found, carried, per = self._linear(z, lanes, True)
         off, every = carried.mean - self._measured(lanes), np.arange(found.residual.shape[1])
@@ -317,7 +317,7 @@ class Problem:
         return value, self._by_element(local, per_z), status
 
     def carried(self, z: Z, lanes: Lanes | None = None) -> list[Carried]:
-        """What the curve is at the points of each block, (fits, n); see `errors`."""
+        """Curve at the points of each block, (fits, n); see `errors`."""
         none = np.zeros((len(z), 0))
         found = self._carried(self.transform.physical(z), none, lanes or Lanes())[0]
         return [Carried(*(a[:, own] if np.ndim(a) else a for a in found)) for own in self.own]
@@ -334,7 +334,7 @@ class Problem:
         return np.sum(parts, axis=0)
 
     def kept(self, rows: Bool[np.ndarray, "points"]) -> "Problem":
-        """The same of some of its points, which share no error with the others."""
+        """The problem of some of its points, which share no error with the others."""
         points = Points(*(a[rows] for a in self.points))
         laws = replace(self.laws, rows=replace(self.laws.rows, row=self.laws.rows.row[rows]))
         left = [k for k, own in enumerate(self.own) if np.any(rows[own])] if self.errors else []
@@ -364,12 +364,12 @@ class Problem:
 
     @cached_property
     def drag(self) -> int | None:
-        """Which element is c of `Points.by_drag`; None without flights in air."""
+        """Element of c in `Points.by_drag`; None without flights in air."""
         names = [element.name for element in self.elements]
         return names.index(DRAG) if DRAG in names else None
 
     def _carried(self, theta, per_z, lanes: Lanes) -> tuple[Carried, Carried, np.ndarray]:
-        """What is expected at the points, its slopes along the active elements, and the status."""
+        """Predictions at the points, their derivatives in the active elements, and the status."""
         carried, per, status = self._of_curve(theta, per_z, lanes)
         if self.drag is None:
             return carried, per, status
@@ -409,7 +409,7 @@ class Problem:
 
     @cached_property
     def _wide(self) -> "Problem":
-        """The same impacts at the nodes around their velocities."""
+        """The impacts at the nodes around their velocities."""
         nodes = np.concatenate([one.nodes for one in self.errors], axis=1)
         count = len(nodes)
         points = Points(nodes.ravel(), *(np.tile(a, count) for a in self.points[1:]))
@@ -427,7 +427,7 @@ class Problem:
         return residual * share, jacobian * (weight * share)[:, :, None], cost
 
     def _family(self, lanes: Lanes) -> Normal:
-        """That of all points together, which have one family."""
+        """Family of noise, which all points share."""
         if not self.errors or self.errors[0].is_normal:
             return Normal()
         variances = self.variances if lanes.variances is None else lanes.variances
@@ -497,11 +497,11 @@ class Problem:
         return rows.law(theta, int(rows.row[np.flatnonzero(self.points.set == g)[0]]))
 
     def elastic_at(self, z) -> Bool[np.ndarray, "... points"] | None:
-        """Which points are below yield at z, where the law asks to be held; else None."""
+        """Points below yield at z, if the law needs fixed branches, else None."""
         return None if self.elastic is None else self.points.velocity <= self.yields_at(z)
 
     def held(self, elastic, within=None) -> "Problem":
-        """The same with these points held below yield."""
+        """The problem with these points treated as below yield."""
         return self if self.elastic is None else replace(self, elastic=elastic, within=within)
 
     def _leaves(self, theta, lanes: Lanes) -> Leaves:
@@ -525,7 +525,7 @@ class Problem:
         return value, self._local_slopes(slopes, leaves.slopes), status
 
     def _of_observable(self, leaves: Leaves, at, name: str, lanes: Lanes):
-        """The same at points of one observable, with slopes in the moving leaves."""
+        """Predictions at points of one observable, with derivatives in the leaves that are not fixed."""
         row, fits = self.laws.rows.row[at], len(leaves.values[0])
         flat = []
         for k, leaf in enumerate(leaves.values):
@@ -586,7 +586,7 @@ class Problem:
         return value, slope
 
     def _held_together(self, z, value, slope):
-        """The same with (z - mean of z)/spread of each pool's members, and their slopes."""
+        """Residuals with (z - mean of z)/spread of each pool's members, and their derivatives."""
         for pool in self.pools:
             members, count = list(pool.members), len(pool.members)
             off = z[:, members] - np.mean(z[:, members], axis=1, keepdims=True)

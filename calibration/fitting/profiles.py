@@ -61,7 +61,7 @@ class Profile:
 
 
 class Asked(NamedTuple):
-    """What is to be profiled of one fit."""
+    """Request for the profiles of one fit."""
 
     problem: Problem  # where it ended, as `search` takes it
     z: Float[np.ndarray, "elements"]
@@ -119,7 +119,7 @@ class _Walks:
         self.way: list[list[tuple[float, float]]] = [[] for _ in walks]
 
     def _edges(self) -> Float[np.ndarray, "walks"]:
-        """Where points would leave their branches, beyond which another profile goes on."""
+        """Values at which points would leave their branches, beyond which another profile continues."""
         if self.problem.within is None:
             return self.signs * np.inf
         lower, upper = self.problem.within
@@ -160,7 +160,7 @@ class _Walks:
         return search(self.problem, start, begun=begun, held=held, lanes=lanes, limit=STEPS)
 
     def _foreseen(self, at, which) -> np.ndarray:
-        """What the others do to first order when the parameters go there."""
+        """First-order change of the other parameters when the profiled ones move."""
         z = self.z[which]
         rows = np.arange(len(which))
         move = at - z[rows, self.positions[which]]
@@ -178,7 +178,7 @@ class _Walks:
         return z
 
     def run(self) -> Float[np.ndarray, "walks"]:
-        """Where each walk crosses the quantile, NaN where it does not; `way` is what was seen."""
+        """Value where each walk crosses the quantile, NaN if it does not; `way` is the path."""
         count = len(self.way)
         stride = np.where(self.scaled, np.minimum(self.steps, STRIDE), self.steps)
         inside, rise = np.array(self.centre), np.zeros(count)
@@ -286,7 +286,7 @@ def joined(curves: Sequence[Profile]) -> Profile:
 
 
 def _profile(state: _Walks, label: str, members, crossing, limit: int) -> Profile:
-    """Both ways of one parameter together, in physical units."""
+    """Both sides of the profile of one parameter, in physical units."""
     position = int(state.positions[members[0]])
     transform = state.problem.transform.part(np.array([position]))
     physical = lambda z: float(transform.physical(np.array([z]))[0])  # noqa: E731
@@ -322,7 +322,7 @@ FROM_END = 0.5  # first stride of a walk that begins at an end of the range, in 
 def profiles_of(
     fits: Sequence[ComponentFit], confidence: float, tell: Callable[[int], None]
 ) -> list[dict[str, Profile]]:
-    """Of each single-number parameter, where there is a likelihood: of `model`, and of Eq. (17)'s step.
+    """Profiles of each scalar parameter that has a likelihood: of `model`, and of the step by Eq. (17).
 
     χ̃ of `two-step` has none. Fits whose problems are alike go side by side; `tell` hears how many
     are done.
@@ -349,7 +349,7 @@ def profiles_of(
 
 
 def _profiles_of_branches(fit: ComponentFit, asked: Asked) -> dict[str, Profile]:
-    """Where ε jumps at yield: the lowest Δχ² of all branches that come near enough to the best."""
+    """Profiles where ε jumps at yield: the lowest Δχ² of all branches that come near the best."""
     (stage,), branches = fit.stages[:1], fit.stages[0].branches
     assert branches is not None
     cost = float(stage.found.cost[0])
@@ -366,7 +366,7 @@ def _profiles_of_branches(fit: ComponentFit, asked: Asked) -> dict[str, Profile]
 
 
 def _requested(fit: ComponentFit, confidence: float) -> Asked | None:
-    """What is to be profiled of a fit; None where nothing is."""
+    """Parameters of a fit to be profiled; None if there are none."""
     stage = fit.stages[0]
     if not stage.found.converged[0] or not len(stage.problem.active):
         return None
@@ -397,7 +397,7 @@ def _left(fit: ComponentFit) -> float:
 
 
 def _variance(fit: ComponentFit) -> float | None:
-    """Of a weighted residual; None where data sets differ in it, or have no noise."""
+    """Variance of a weighted residual; None if data sets differ in it, or have no noise."""
     weighted = weighted_deviation(fit, fit.stages[0].problem)
     if np.ptp(weighted) > 1e-9 * np.max(weighted) or not np.max(weighted) > 0:
         return None
@@ -414,7 +414,7 @@ def weighted_deviation(fit: ComponentFit, problem: Problem) -> np.ndarray:
 def estimates(
     fit: ComponentFit, curves: dict[str, Profile], confidence: float
 ) -> dict[int, Estimate]:
-    """Of each element of the component."""
+    """Estimates of each element of the component."""
     bends = None if curves or not fit.is_likelihood else third_derivatives(fit)
     found = {}
     for k, e in enumerate(fit.component.elements):
@@ -427,7 +427,7 @@ def estimates(
 
 
 def third_derivatives(fit: ComponentFit) -> np.ndarray | None:
-    """Of -ln p along the direction in which the others follow each element, in standard errors.
+    """Third derivative of -ln p along each element while the others follow, in standard errors.
 
     That of the profile likelihood is the same. From the exact gradient on both sides; None where second
     derivatives were not taken either.
@@ -498,7 +498,7 @@ def estimate_of(fit: ComponentFit, k: int, curve: Profile | None, confidence: fl
 
 
 def _at_an_end(fit: ComponentFit, k: int, curve: Profile | None) -> Estimate:
-    """At a bound, with a one-sided interval where there is a profile; or grown without bound."""
+    """Estimate at a bound, with a one-sided interval if there is a profile; or one that grew without bound."""
     limit = fit.uncertainty.limits[k]
     bound = float(fit.final.problem.transform.bound_beyond(limit)[k])
     low, high = (None, None) if curve is None else (curve.low, curve.high)

@@ -173,7 +173,7 @@ class LeaveOneOut:
 
 
 def leave_one_out(fits: list[ComponentFit]) -> LeaveOneOut:
-    """Of all components, in the order of the data sets.
+    """Leave-one-out predictions of all components, in the order of the data sets.
 
     Raises:
         ValueError: for data of one group alone, without which nothing is left.
@@ -213,7 +213,7 @@ def _left_out(fit: ComponentFit) -> LeaveOneOut:
 
 
 def folds_of(problem: Problem) -> Int[np.ndarray, "n"]:
-    """What is left out together: each point alone, or all of a group where the data have groups."""
+    """Points left out together: each point alone, or a whole group if the data have groups."""
     fold, first = np.empty(problem.count, int), 0
     for errors, rows in zip(problem.errors, problem.own, strict=True):
         own = np.arange(len(errors)) if errors.labels is None else errors.labels
@@ -234,12 +234,12 @@ def _pointwise(fit: ComponentFit) -> Float[np.ndarray, "n"]:
 
 
 def _held(fit: ComponentFit) -> Bool[np.ndarray, "p"]:
-    """What stays at an end of its range."""
+    """Elements at an end of their range, which stay there."""
     return fit.uncertainty.limits[fit.final.problem.active] != 0
 
 
 def _without_points(fit: ComponentFit, fold: np.ndarray):
-    """By refits, of points that share no errors; the noise is that of the points that are kept.
+    """Refits without points that share no errors; the noise is estimated from the remaining points.
 
     Returns:
         Predicted less measured, densities, and whether all refits arrived; as the others.
@@ -297,7 +297,7 @@ def _scored(fit: ComponentFit, z: np.ndarray, kept: np.ndarray):
 
 
 def _slopes(fit: ComponentFit, jacobian) -> np.ndarray:
-    """Of the predictions and of the priors' rows, columns of unit length; 0 for what is held."""
+    """Derivatives of the predictions and of the priors' rows, columns of unit length; 0 for fixed elements."""
     problem = fit.final.problem
     points = jacobian[:, : problem.count]
     if problem.is_fixed:
@@ -312,7 +312,7 @@ def _slopes(fit: ComponentFit, jacobian) -> np.ndarray:
 
 
 def _without_groups(fit: ComponentFit, fold: np.ndarray):
-    """By refits without each group of points that share errors, under the variances of the fit."""
+    """Refits without each group of points that share errors, with the variances of the fit."""
     problem, first, held = fit.final.problem, fit.stages[0].problem, _held(fit)
     off, density = np.empty((2, problem.count))
     arrived = True
@@ -345,7 +345,7 @@ def _joint(residual: np.ndarray, covariance: np.ndarray) -> np.ndarray:
 
 
 def _continued(fit: ComponentFit, fold: Int[np.ndarray, "n"]):
-    """The same to first order.
+    """First-order approximation of the refits.
 
     With P = V⁻¹ - V⁻¹J (A₀ + JᵀV⁻¹J)⁻¹ JᵀV⁻¹ the residuals of a fold b by the fit to all others are
     P_bb⁻¹ (P r)_b, of covariance P_bb⁻¹: exact for a linear model. An unknown noise is found from what

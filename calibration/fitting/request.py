@@ -1,6 +1,6 @@
 """The request of a fit: everything that is needed to make it again.
 
-Each data set has its law, and what is said of the law's parameters (`SetSpec`)."""
+Each data set has its law, and the parameters of the law (`SetSpec`)."""
 
 import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -98,7 +98,7 @@ class Request:
         return DEFAULT_ODE if route == "ode" else ROUTES[route]()
 
     def with_options(self, **changed: Any) -> "Request":
-        """The same with some other options."""
+        """The request with some other options."""
         return replace(self, options=self.options.model_copy(update=changed))
 
     def tell(self, stage: str, done: int, total: int) -> None:
@@ -122,7 +122,7 @@ class Request:
         return DEFAULT_ODE if any(spec.objective == "two-step" for spec in specs) else None
 
     def route_of_curve(self, law: type) -> Route:
-        """From a fitted law to its curve: the energy balance, or the route that its fit went."""
+        """Route from a fitted law to its curve: the energy balance, or the route of the fit."""
         return self.route if issubclass(law, sj.RateDependentLaw) else None
 
 
@@ -137,7 +137,7 @@ def datasets_of(data: Any) -> tuple[RestitutionData, ...]:
 
 def _spec(data: RestitutionData, said: dict[str, Any], asked: FitOptions) -> SetSpec:
     if asked.noise == "student-t" and Errors.of(data).shares:
-        accepted = '"normal" where points share errors (groups, bounce trains)'
+        accepted = '"normal" where points share errors (groups, bounce sequences)'
         raise DataError("noise", "student-t", accepted)
     options = {name: value for name, value in said.items() if isinstance(value, str)}
     named = {name: value for name, value in said.items() if name not in options}
@@ -170,7 +170,7 @@ def _spec(data: RestitutionData, said: dict[str, Any], asked: FitOptions) -> Set
 
 
 def _check_observed(data: RestitutionData, model: LawModel, objective: str) -> None:
-    """What else than ε was measured is of a collision with a force, and of its likelihood."""
+    """Check that observables other than ε have a law with a force, and a likelihood."""
     names = listed(one.name for one in data.observed)
     if objective == "two-step":
         raise DataError("objective", f"two-step with {names}", "model, which takes all of them")
@@ -180,7 +180,7 @@ def _check_observed(data: RestitutionData, model: LawModel, objective: str) -> N
 
 
 def _check_fixed(model: LawModel, data: RestitutionData, name: str, parameter: Parameter) -> None:
-    """What is fixed has a value: its own, the data's or the law's, and no guess from the data."""
+    """Check that fixed parameters have a value: stated, or from the data or the law, not a guess."""
     known = KNOWN.get(model.key)
     told = name.startswith(OF_CONTACT) or name in model.defaults
     if parameter.free or parameter.value is not None or told:
@@ -209,7 +209,7 @@ def law_model(data: RestitutionData | None, law, options, named) -> LawModel:
 
 
 def _identified(data, given: dict[str, Parameter], model: LawModel, options):
-    """What of Zhou's law these data can determine: ε_up without points below yield, no χ̃ without any above.
+    """Parameters of Zhou's law for these data: ε_up without points below yield, no χ̃ without points above.
 
     Only where nothing was said of σ, ψ or ε_up; of ε_up wherever prior and bounds let yield be. Bodies
     that yield at several velocities have an ε_up each, and these separate σ from ψ.
@@ -304,7 +304,7 @@ def placed(parameter: Parameter, name: str, error: DataError) -> Exception:
 
 
 def _start(data, model: LawModel, name: str, parameter: Parameter, guess, ends) -> Any:
-    """Where a parameter starts, or what it is held at."""
+    """Start of a free parameter, or value of a fixed one."""
     if parameter.value is not None:
         return float(parameter.value)
     if name.startswith(OF_CONTACT):
@@ -342,7 +342,7 @@ def _whole(name: str, parameter: Parameter) -> tuple[list[Element], Tree]:
 
 
 def stated_parameters(parameters: Specs, datasets) -> list[dict[str, Any]]:
-    """What is said of each data set's parameters: {name: what}, one dict a set.
+    """Stated parameters of each data set, {name: parameter}.
 
     `parameters` is a mapping ("chi" for all sets, "chi[name]" for one; a number fixes, a text is an
     option), or one such mapping per data set.
@@ -377,7 +377,7 @@ def _from_mapping(parameters: Mapping[str, Any], datasets) -> list[dict[str, Any
 
 
 def blocks_of(data: RestitutionData):
-    """Of each observable its name, which impacts, the values, and their unit."""
+    """Yield for each observable its name, its impacts, the values and their unit."""
     rows = np.flatnonzero(np.isfinite(data.restitution))
     if len(rows):
         yield RESTITUTION, rows, data.restitution[rows], np.ones(len(rows))

@@ -1,4 +1,4 @@
-"""What a fit found, how well it is known, and its warnings."""
+"""Result of a fit: estimates, errors and warnings."""
 
 import warnings
 from collections.abc import Callable
@@ -73,7 +73,7 @@ class FitResult:
 
     @property
     def confidence(self) -> float:
-        """Of all intervals."""
+        """Confidence level of all intervals."""
         return self.request.options.confidence
 
     @property
@@ -142,7 +142,7 @@ class FitResult:
 
     @property
     def rms_empirical(self):
-        """The same of Eq. (17); None for other laws than Zhou's."""
+        """Rms of Eq. (17); None for other laws than Zhou's."""
         return self._each(lambda material: material.rms_empirical)
 
     @property
@@ -161,7 +161,7 @@ class FitResult:
 
     @property
     def correlations(self) -> np.ndarray:
-        """Of the free parameters; NaN where undetermined."""
+        """Correlations of the free parameters; NaN where undetermined."""
         size = np.sqrt(np.diag(self.covariance))
         with np.errstate(invalid="ignore", divide="ignore"):
             return self.covariance / np.outer(size, size)
@@ -247,7 +247,7 @@ class FitResult:
             )
 
     def degrees_of_freedom(self, label: str) -> float | None:
-        """Of the noise behind a free parameter's standard error; None where the noise is stated."""
+        """Degrees of freedom of the noise in a free parameter's standard error; None if the noise is stated."""
         if label not in self.covariance_names:
             return None
         k = self.covariance_names.index(label)
@@ -309,7 +309,7 @@ class FitResult:
         return sampled(self, draws, chains, seed, warmup, progress)
 
     def at_draws(self, posterior: Any, count: int = 16) -> list["FitResult"]:
-        """This fit at some draws of its posterior, evenly taken: its laws, and what a study asks of it.
+        """This fit at some draws of its posterior, evenly selected, with the laws that a study needs.
 
             cal.optimal_velocities(result.at_draws(posterior), 10, (0.1, 5.0))
 
@@ -324,7 +324,7 @@ class FitResult:
         return list(self.fits) if self.fits is not None else fitted(self.request)
 
     def to_dict(self, times: bool = True) -> dict[str, Any]:
-        """What `fit.json` holds; without `times` equal for equal fits."""
+        """Contents of `fit.json`; without `times` equal for equal fits."""
         return result_to_dict(self, times)
 
     def to_json(self, times: bool = True) -> str:
@@ -395,7 +395,7 @@ class FitResult:
 
 
 def _compared(result: FitResult) -> dict[str, Any]:
-    """What equal results share: times are nobody's, and of the bodies the contact is all that acts."""
+    """Fields that equal results share: without times, and of the bodies only the contact."""
     table = result.to_dict(times=False)
     for fit in table["fits"]:
         del fit["data"]["bodies"]

@@ -1,4 +1,4 @@
-"""From parameters to the laws of all points, and how the laws' leaves move with the parameters.
+"""Laws of all points from the parameters, and derivatives of the laws' leaves.
 
 Points with the same contact and the same parameters have one law: a row. Usually a data set is one
 row; where its contact differs from impact to impact each point is one. A row's parameters are
@@ -25,7 +25,7 @@ FEW_ROWS = 128  # that are built at once
 
 
 class SetRows(NamedTuple):
-    """What the rows of one data set are made of."""
+    """Parts of the rows of one data set."""
 
     points: int  # how many it has
     contact: sj.Contact | None  # of its bodies; None without
@@ -50,7 +50,7 @@ class Rows:
 
     @classmethod
     def of(cls, model: LawModel, sets: Sequence[SetRows]) -> "Rows":
-        """Of some data sets: one a set, or one a point where contact or parameters differ in it.
+        """Rows of some data sets: one for a set, or one for each point if contact or parameters differ in it.
 
         Without contacts where a set has none: a law that can do without is the same with one.
 
@@ -151,12 +151,12 @@ class Laws:
     built: bool  # whether leaves have to be built, or are the parameters themselves
 
     def leaves(self, theta: Float[np.ndarray, "fits p"]) -> Leaves:
-        """Of each fit and row."""
+        """Leaves of each fit and row."""
         local = self.rows.local(theta)
         return self._built(local) if self.built else Leaves(self._direct(local), None)
 
     def trimmed(self, theta) -> "Laws":
-        """The same, without the leaves that do not move with any parameter."""
+        """Rows without the leaves that do not change with any parameter."""
         random = np.random.default_rng(0)
         near = np.asarray(theta) * (1 + 0.1 * random.random((PROBES, len(theta))))
         slopes = self.leaves(near).slopes

@@ -42,7 +42,7 @@ NO_NUMBERS = "residuals are not finite"
 
 
 class Found(NamedTuple):
-    """Where searches ended, each array with a leading axis of fits."""
+    """End points of searches, each array with a leading axis of fits."""
 
     z: Float[np.ndarray, "fits elements"]  # all elements
     # -ln of likelihood and priors, up to a constant: half the sum of squares of normal errors
@@ -107,7 +107,7 @@ class _Search:
 
     @property
     def unit(self) -> np.ndarray:
-        """What a step of one means: a factor of e, or the element's own size."""
+        """Size of a unit step: a factor of e, or the element's size."""
         return np.where(self._size > 0, self._size, 1.0)
 
     @property
@@ -140,7 +140,7 @@ class _Search:
             self._stop(self.iterations >= self.limit, USED_UP)
 
     def _limited(self, direction) -> tuple[np.ndarray, np.ndarray]:
-        """What of a step no element goes too far with: of each element's way, and of the whole.
+        """Factors that limit a step: for each element, and for the step as a whole.
 
         Each data set's elements are limited by themselves: those of one may run to their ends while
         the others' arrive.
@@ -172,7 +172,7 @@ class _Search:
         self.at = found if np.all(fits) else self.at.replaced(fits, found)
 
     def _try(self, step) -> tuple[np.ndarray, np.ndarray]:
-        """Which fits have moved, those whose cost falls enough (Armijo), and what that gained."""
+        """Fits that moved, fits whose cost fell enough (Armijo), and the decrease."""
         fits = self.going
         trial = np.array(self.z)
         inside = np.clip(self.x + step, self.lower, self.upper)
@@ -221,7 +221,7 @@ class _Search:
 
     @property
     def _way(self) -> np.ndarray:
-        """How far each element on a logarithmic scale is from its start."""
+        """Distance of each element on a logarithmic scale from its start."""
         return np.where(self.scaled, np.abs(self.x - self.start), 0.0)
 
     def _at_an_end(self) -> np.ndarray:
@@ -334,7 +334,7 @@ def guided_search(
     lanes: Lanes | None = None,
     limit: int = MOST,
 ) -> Found:
-    """The same with ε continued to where nothing rebounds, which leads back from there.
+    """A search with ε continued to where nothing rebounds, which leads back from there.
 
     Where some points do not rebound the law's own ε is then searched, from the ends and from the
     starts: the cost that is found is always that of the law's own ε.

@@ -140,7 +140,7 @@ UNSETTLED = "variances keep changing"
 
 @dataclass(frozen=True)
 class Stage:
-    """What a stage did; a line of the report. `materials` are the data sets that it was of."""
+    """Record of a stage, a row of the report; `materials` are its data sets."""
 
     stage: str
     materials: tuple[str, ...]
@@ -156,13 +156,13 @@ class Stage:
 
     @property
     def label(self) -> str:
-        """By which its time is kept: "model[nylon]"."""
+        """Name under which the time of the stage is stored: "model[nylon]"."""
         return f"{self.stage}[{', '.join(self.materials)}]"
 
 
 @dataclass(frozen=True)
 class StageFit:
-    """Where a stage ended."""
+    """Result of a stage."""
 
     problem: Problem  # with the variances and branches that it settled on
     z: np.ndarray  # of the whole component
@@ -177,7 +177,7 @@ class StageFit:
 
     @property
     def limits(self) -> np.ndarray:
-        """Of the active elements: +1 or -1 where one is held at an end of its range."""
+        """+1 or -1 for active elements that are fixed at an end of their range, else 0."""
         return self.found.limits[0]
 
 
@@ -263,7 +263,7 @@ def along_valley(problem: Problem, z: Float[np.ndarray, "fits elements"]) -> Pla
 
 
 def _from_starts(problem: Problem, starts, optimiser: str, limit: int = MOST) -> list[Found]:
-    """Where searches from each start end, side by side; the best first."""
+    """End points of searches from each start, as one batch; the best first."""
     found = guided_search(problem, starts, optimiser, limit=limit)
     return sorted((found.one(k) for k in range(len(starts))), key=_rank)
 
@@ -271,7 +271,7 @@ def _from_starts(problem: Problem, starts, optimiser: str, limit: int = MOST) ->
 def _from_more_starts(
     problem: Problem, z, ends: list[Found], options: FitOptions
 ) -> tuple[list[Found], bool]:
-    """The same from more starts as long as the best misses the points; the best and other minima.
+    """Search from more starts while the best one misses the points; return the best and other minima.
 
     Also whether the best still misses them, and one search alone has found it.
     """
@@ -323,7 +323,7 @@ def _misses(problem: Problem, found: Found) -> bool:
 
 
 def _along_branches(problem: Problem, starts, options: FitOptions) -> tuple[list[Found], Branches]:
-    """The same where the cost jumps, and the branches around the best."""
+    """Searches where the cost jumps, and the branches around the best."""
     bests, around = by_branches(problem, starts)
     optimiser, limit = options.optimiser, options.max_steps
     ends = [search(held_at(problem, best.z[0]), best.z, optimiser, limit=limit) for best in bests]
@@ -400,7 +400,7 @@ def _report(name, problem: Problem, found: Found, options, starts, evaluations) 
 
 
 def route_name(problem: Problem) -> str:
-    """What leads from the problem's laws to ε."""
+    """Name of the route from the problem's laws to ε."""
     law = problem.laws.rows.model.law_type
     if issubclass(law, sj.HardSphereLaw):
         return "closed form"
@@ -438,7 +438,7 @@ class ComponentFit:
 
     @property
     def begun(self) -> np.ndarray:
-        """Where elements that are held at an end of their range came from; NaN for the others.
+        """Starts of elements that are fixed at an end of their range; NaN for the others.
 
         A search from here then knows them for what they are.
         """
@@ -515,12 +515,12 @@ class Likelihood:
         return self.fitted * math.log(self.points) - 2 * self.log
 
     def to_dict(self) -> dict[str, float]:
-        """What `fit.json` holds of it."""
+        """Contents of `fit.json` about this stage."""
         return {**vars(self), "aic": self.aic, "bic": self.bic}
 
 
 def likelihood_of(fits: list[ComponentFit], options: FitOptions) -> Likelihood | None:
-    """Of all components; None where what was minimised is no likelihood, or the data have no noise.
+    """Log-likelihood of all components; None if the objective is no likelihood, or the data have no noise.
 
     None where parameters are pooled, too: how many numbers were fitted is then no whole number.
     """

@@ -1,4 +1,4 @@
-"""How a search steps: Levenberg and Marquardt's way, optax's L-BFGS and Adam, for many fits.
+"""Steps of a search: Levenberg–Marquardt, and L-BFGS and Adam by optax, for batches of fits.
 
 Residuals and Jacobian of each fit are condensed to a triangle. A method proposes a direction for the
 fits that need one, and learns which of them have moved (`taken`: by a whole step or a shortened one, and
@@ -54,16 +54,16 @@ class Condensed(NamedTuple):
 
     @property
     def promised(self) -> Float[np.ndarray, "fits"]:
-        """By how much that step would lower the sum of squares."""
+        """Predicted decrease of the sum of squares."""
         return np.sum(np.where(self.seen, self.along, 0.0) ** 2, axis=1)
 
     def fall(self, step: Float[np.ndarray, "fits p"]) -> Float[np.ndarray, "fits"]:
-        """By how much such a step would lower the cost were residuals straight lines."""
+        """Decrease of the cost if residuals were linear."""
         moved = self.singular * np.einsum("fij,fi->fj", self.directions, self.size * step)
         return -np.einsum("fp,fp->f", self.gradient, step) - 0.5 * np.sum(moved**2, axis=1)
 
     def replaced(self, fits: Bool[np.ndarray, "fits"], by: "Condensed") -> "Condensed":
-        """The same with some fits' as `by` has them."""
+        """A copy with some fits taken from `by`."""
         parts = [np.array(a) for a in self]
         for part, new in zip(parts, by, strict=True):
             part[fits] = new
@@ -73,7 +73,7 @@ class Condensed(NamedTuple):
 def acts_on_nothing(
     jacobian: Float[np.ndarray, "fits m p"], size: Float[np.ndarray, "fits p"]
 ) -> Bool[np.ndarray, "fits p"]:
-    """Which elements' columns are rounding, for changes of `size`; none where that is 0."""
+    """Elements whose columns are rounding, for changes of `size`; none where `size` is 0."""
     acts = np.linalg.norm(jacobian, axis=1) * size
     return (size > 0) & (acts <= ROUNDED * np.max(acts, axis=1, keepdims=True, initial=0.0))
 
@@ -84,7 +84,7 @@ def condense(
     held: Bool[np.ndarray, "fits p"] | None = None,
     cost: Float[np.ndarray, "fits"] | None = None,
 ) -> Condensed:
-    """Of each fit; columns that are held count as none. The cost, where not given, is ½ rᵀ r."""
+    """Condense each fit; columns of fixed elements count as zero. Default cost: ½ rᵀ r."""
     finite = np.all(np.isfinite(residual), 1) & np.all(np.isfinite(jacobian), (1, 2))
     residual = np.where(finite[:, None], residual, 0.0)
     jacobian = np.where(finite[:, None, None], jacobian, 0.0)

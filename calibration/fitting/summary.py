@@ -36,7 +36,7 @@ DIFFERENCE = 1e-3  # in z, of fourth-order differences: their error is near 1e-1
 
 
 def _of_block(fit: ComponentFit, k: int) -> Goodness:
-    """Of one observable of a data set."""
+    """Goodness of fit for one observable of a data set."""
     problem, first = fit.final.problem, fit.stages[0].problem  # which knows what the points share
     own, errors, s = problem.own[k], first.errors[k], first.variances[k]
     found, one = problem.linearise(fit.z[None]), first.carried(fit.z[None])[k]
@@ -128,7 +128,7 @@ def chi_of(law: sj.Zhou) -> float:
 
 
 def derived_of(fit: ComponentFit, spec: SetSpec, g: int, confidence: float) -> dict[str, Estimate]:
-    """What follows from Zhou's law of one data set; nothing for others.
+    """Quantities derived from Zhou's law of one data set; empty for other laws.
 
     Of bodies that differ from impact to impact v_cr is the highest, and ε_up none.
     """
@@ -280,7 +280,7 @@ def _rise(fit: ComponentFit, stage: StageFit, z) -> float:
 
 
 def _cost_at(problem: Problem, z) -> float:
-    """Of the points, each on the branch that it has at z, and of the priors."""
+    """Cost of the points, each on its branch at z, and of the priors."""
     held = problem.held(problem.elastic_at(z))
     return float(held.linearise(z[None], slopes=False).cost[0])
 
@@ -449,7 +449,7 @@ def _separation(fit: ComponentFit, curves: dict[str, Profile]) -> list[FitWarnin
 
 
 def _implausible(part: MaterialFit) -> list[FitWarning | None]:
-    """What looks like a slip in the data; of yield only where the law yields."""
+    """Likely mistakes in the data; those about yield only if the law yields."""
     found = plausibility(part.data)
     if not _yields(part.law):
         found = tuple(one for one in found if one.code != "yield-beyond-limit")

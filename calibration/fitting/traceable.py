@@ -53,7 +53,7 @@ class NamedErrors:
 
     @property
     def per_second(self) -> float:
-        """What errors of 1 s of all times make in ε, root mean square."""
+        """Root mean square effect on ε of errors of 1 s in all times."""
         points = self.errors.points
         factors = points.to_restitution * points.sizes_at(1.0)
         return max(float(np.sqrt(np.mean(np.sum(factors**2, axis=1)))), 1e-300)
@@ -73,7 +73,7 @@ class NamedErrors:
         return found
 
     def carried(self, theta: Mapping[str, Any], route: Any) -> Carried:
-        """What the law and the air make of its points, in their units."""
+        """Predictions at the points, with the effect of the air, in their units."""
         errors, points = self.errors, self.points
         vector = _vector(self.problem, theta)
         velocity = jnp.asarray(errors.nodes if errors.has_slope else errors.velocity)
@@ -231,7 +231,7 @@ class Traceable:
             raise DataError("theta", f"without {missing[0]!r}", f"with {listed(names)}")
 
     def _at(self, theta, measured=None) -> list[tuple[NamedErrors, Array, Carried]]:
-        """Of each data set its errors, predicted less measured ε, and what the curve is there."""
+        """Errors of each data set, predicted minus measured ε, and the curve."""
         if measured is None:
             measured = jnp.concatenate([jnp.asarray(one.points.value) for one in self.sets])
         self._check_names(theta)
@@ -292,7 +292,7 @@ def problem(
 
 
 def traceable(request: Request) -> Traceable:
-    """The same of a fit's request."""
+    """The traceable problem of a fit's request."""
     with jax.enable_x64(True):
         specs = request.specs()
         if any(spec.objective != "model" for spec in specs):
@@ -315,7 +315,7 @@ def traceable(request: Request) -> Traceable:
 
 
 def _named(components: Sequence[Component]) -> tuple[NamedErrors, ...]:
-    """What is unknown of the errors has a name, with that of the data set where several have it."""
+    """Names of the unknown sizes of the errors, with the data set if several have one."""
     found = []
     for component in components:
         problem = component.stages[0][1]

@@ -1,4 +1,4 @@
-"""How well the parameters are known.
+"""Covariance, standard errors and degrees of freedom of the parameters.
 
 Of one likelihood: the inverse of the observed information, the second derivatives of -ln p(data | θ, s)
 and of the priors (differences of the exact gradient). Where that is not positive definite in the
@@ -61,7 +61,7 @@ Stages = Sequence[
 
 @dataclass(frozen=True, eq=False)
 class Freedom:
-    """How well a component's covariance is known: what of it goes with each variance that is an estimate."""
+    """Degrees of freedom of a component's covariance: its parts that depend on each estimated variance."""
 
     labels: tuple[str, ...]  # of its parameters
     parts: Float[np.ndarray, "c p p"]  # C_c, (c, p, p)
@@ -103,7 +103,7 @@ class Freedom:
         return np.maximum(np.where(np.isnan(degrees), np.inf, degrees), FEWEST)
 
     def physical(self, slope: Float[np.ndarray, "p"], whole: Matrix) -> "Freedom":
-        """The same of parameters with dθ/dz, as a result keeps it; `whole` is the covariance in z."""
+        """Degrees of freedom in physical parameters, with dθ/dz; `whole` is the covariance in z."""
         both = np.outer(slope, slope)
         if self.parts.size <= MOST_NUMBERS:
             own = np.diagonal(self.parts, axis1=1, axis2=2)
@@ -127,7 +127,7 @@ class Freedom:
 
 
 def freedom_of(freedoms: Sequence[Freedom], dataset: str, labels: Iterable[str]) -> Freedom:
-    """That of the component which a data set belongs to.
+    """Degrees of freedom of the component that contains a data set.
 
     Nothing of the set may be free, or nothing of its noise estimated; where both is so, any will do.
     """
@@ -159,7 +159,7 @@ class Uncertainty:
 
     @property
     def known(self) -> Bool[np.ndarray, "p"]:
-        """What is determined, and at no end of its range."""
+        """Elements that are determined and not at an end of their range."""
         return ~self.undetermined & (self.limits == 0)
 
     @property
@@ -184,7 +184,7 @@ def uncertainty_of(stages: Stages, z: Float[np.ndarray, "p"]) -> Uncertainty:
 
 
 def _of_likelihood(problem: Problem, limits, z) -> Uncertainty:
-    """By the observed information; a likelihood searches all its elements."""
+    """Covariance by the observed information; a likelihood searches all its elements."""
     held, identity = limits != 0, np.eye(len(z))
     scaled = problem.transform.kind[problem.active] != NONE
     jacobian = problem.linearise(z[None]).jacobian
@@ -252,7 +252,7 @@ def _left(problem: Problem, leverage) -> Float[np.ndarray, "blocks"]:
 
 
 def _of_noise(problem: Problem, z, left, basis, root, jacobian) -> tuple[Freedom, Matrix]:
-    """What of the covariance goes with each estimated variance, and what that adds to it."""
+    """Part of the covariance that depends on each estimated variance, and the correction that this adds."""
     parts, sets, names, blocks = [], [], [], []
     added = np.zeros(root.shape)
     unknown = any(e.unknown or e.degrees is not None for e in problem.errors)
@@ -283,7 +283,7 @@ def _of_noise(problem: Problem, z, left, basis, root, jacobian) -> tuple[Freedom
 
 
 def _estimates(errors: Errors, s, own: Residuals, left: float) -> tuple[list[str], np.ndarray]:
-    """Which variances of a block are estimates, and the covariance R of their logarithms."""
+    """Estimated variances of a block, and the covariance R of their logarithms."""
     if not errors.unknown:
         if errors.degrees is None:
             return [], np.zeros((0, 0))
@@ -330,7 +330,7 @@ def _diagonal(blocks: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def _of_equations(stages: Stages, z) -> Uncertainty:
-    """By the stacked estimating equations of several stages."""
+    """Covariance by the stacked estimating equations of several stages."""
     first_problem = stages[0][0]
     order = np.concatenate([problem.active for problem, _ in stages]).astype(int)
     size, points = len(order), first_problem.count
@@ -384,7 +384,7 @@ def _of_equations(stages: Stages, z) -> Uncertainty:
 
 
 def _scores(problem: Problem, z, white, held) -> Float[np.ndarray, "points own"]:
-    """What an error in each value adds to a stage's equations."""
+    """Effect of an error in each value on the equations of a stage."""
     if problem.is_fixed:
         return white * problem.points.weight[:, None]
     found = []

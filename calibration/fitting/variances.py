@@ -1,4 +1,4 @@
-"""What is not stated of the errors, by restricted maximum likelihood; and the spread of pools.
+"""Unknown variances of the errors by restricted maximum likelihood, and the spread of pools.
 
     -2 ln L_R = -2 ln p(data | θ, s) + ln det (A₀ + Jᵀ V⁻¹ J) - bᵀ (A₀ + Jᵀ V⁻¹ J)⁻¹ b
 
@@ -89,7 +89,7 @@ def estimated(
 
 
 def relative_covariance(errors: Errors, s: Mapping[str, Any], seen: Residuals):
-    """Of the logarithms of the variances, (fits, k, k), from the criterion's curvature; 0 of one that is 0."""
+    """Covariance of the logarithms of the variances, (fits, k, k), from the curvature of the criterion."""
     if _is_proportional(errors, seen):
         return (2 / _left(errors, seen))[:, None, None]
     search = _Search(errors, seen, True)
@@ -146,7 +146,7 @@ class _Search:
         self.is_dof = is_dof
 
     def _unit(self, kind: str) -> np.ndarray:
-        """What makes ε as uncertain as the residuals are."""
+        """Variance that makes ε as uncertain as the residuals are."""
         if kind == "dof":
             return np.ones(len(self.square))
         if kind in ("scatter", "group"):
@@ -258,7 +258,7 @@ def stands_alone(problem: Problem, g: int) -> bool:
 
 
 def first_variances(problem: Problem, z: np.ndarray) -> Problem:
-    """To begin with: what z leaves unexplained."""
+    """First estimate of the variances, from the residuals at z."""
     off = problem.predict(z[None])[0] - problem.points.value
     pairs = zip(problem.errors, problem.own, strict=True)
     start = [_first_guess(errors, float(np.mean(off[own] ** 2))) for errors, own in pairs]
@@ -358,7 +358,7 @@ class PoolEstimate:
 
     @property
     def spread(self) -> float:
-        """Where L_R is largest."""
+        """Spread at the maximum of L_R."""
         from scipy.optimize import minimize_scalar
 
         at = lambda log: self.criterion(float(np.exp(log)))  # noqa: E731
@@ -371,7 +371,7 @@ class PoolEstimate:
 
     @property
     def error(self) -> float:
-        """Of a member by its data alone, the median of all."""
+        """Error of a member from its data alone, the median of all."""
         return float(np.sqrt(np.median(np.diagonal(self.covariance))))
 
     def mean(self, spread: float) -> tuple[float, float]:
@@ -408,7 +408,7 @@ def pooled_estimates(problem: Problem, z: np.ndarray, confidence: float) -> dict
 
 
 def seen_by_pool(problem: Problem, z: np.ndarray, pool: Pool) -> PoolEstimate:
-    """What the data and the priors of other parameters give, without what the pool adds."""
+    """Estimates of a pool's members from the data and the priors of other parameters, without the pool."""
     found = problem.linearise(z[None])
     kept = np.ones(found.residual.shape[1], bool)
     kept[_rows_of(problem, pool)] = False
@@ -425,14 +425,14 @@ def seen_by_pool(problem: Problem, z: np.ndarray, pool: Pool) -> PoolEstimate:
 
 
 def _without(columns: np.ndarray) -> Any:
-    """What the columns cannot make of values."""
+    """Values minus their projection on the columns."""
     left, singular, _ = np.linalg.svd(columns, full_matrices=False)
     basis = left[:, singular > 1e-9 * np.max(singular, initial=0.0)]
     return lambda values: values - basis @ (basis.T @ values)
 
 
 def _rows_of(problem: Problem, pool: Pool) -> slice:
-    """Where a pool's rows stand among the residuals: behind the points and the priors."""
+    """Rows of a pool among the residuals, after the points and the priors."""
     first = problem.count + len(problem.with_prior)
     for one in problem.pools:
         if one.name == pool.name:
@@ -442,7 +442,7 @@ def _rows_of(problem: Problem, pool: Pool) -> slice:
 
 
 def _spread_estimate(seen: PoolEstimate, pool: Pool, confidence: float) -> Estimate:
-    """With the limits where the restricted likelihood falls by the χ² quantile's half."""
+    """Estimate of a spread, with limits where the restricted likelihood falls by half the χ² quantile."""
     from scipy import special
 
     value = pool.spread if pool.spread > 2 * LEAST_SPREAD else 0.0
@@ -466,7 +466,7 @@ def _physical(transform: Transform, z: float) -> float:
 
 
 def of_all(fits: Sequence[Any], confidence: float) -> dict[str, Estimate]:
-    """Of all components of a fit."""
+    """Variances of all components of a fit."""
     return {
         name: estimate
         for fit in fits

@@ -84,7 +84,7 @@ class FitWarning:
             object.__setattr__(self, "advice", ADVICE[self.code])
 
     def to_dict(self) -> dict[str, Any]:
-        """What files hold of it."""
+        """Dictionary for files."""
         return dict(vars(self))
 
     def __str__(self) -> str:
@@ -122,7 +122,7 @@ def misfit(reduced: float, degrees, of_noise, material) -> FitWarning | None:
 def misfit_against_scatter(
     rms, scatter, rms_degrees, scatter_degrees, material
 ) -> FitWarning | None:
-    """The same where the noise is itself an estimate: the scatter about Eq. (17), an F test.
+    """Misfit where the noise is estimated from the scatter about Eq. (17): an F test.
 
     Scatter at rounding level is no noise estimate, but then a larger rms is a misfit all the same.
     """

@@ -65,7 +65,7 @@ def law_values(law: sj.ContactLaw, velocity: np.ndarray) -> np.ndarray:
 
 
 def _on_line(fit: Any, chi: float) -> Line:
-    """The fitted law with χ̃ = c1 + c2 E/Y of Eq. (18) in place of its own."""
+    """The fitted law with χ̃ = c1 + c2 E/Y of Eq. (18)."""
     moved = replace(fit, values={**fit.values, "chi": chi})
 
     def value(velocity: np.ndarray) -> np.ndarray:

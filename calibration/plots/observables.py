@@ -13,7 +13,7 @@ from calibration.plots.curves import SHADES, by_size, plot_size, velocity_label
 def observables_figure(result: Any) -> Figure | None:
     """Each observable of each data set over v, a curve for each size, and relative residuals below.
 
-    None where nothing but ε was measured.
+    None if only ε was measured.
     """
     every = [(fit, one) for fit in result.materials for one in fit.data.observed]
     if not every:

@@ -142,7 +142,7 @@ def plot_correlations(
         correlations: (p, p), from -1 to 1; NaN where undefined.
         labels: of the p parameters.
         ax: where to draw; a new figure's where None.
-        texts: what stands on the diagonal, such as "1.79 ± 0.05".
+        texts: texts on the diagonal, such as "1.79 ± 0.05".
     """
     matrix, count = np.asarray(correlations, float), len(labels)
     ax = style.axes_or_new(ax)

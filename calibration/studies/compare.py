@@ -102,7 +102,7 @@ class Entry:
     """One law of a comparison with its fit and its score.
 
     Attributes:
-        candidate: which law, and what was said of it.
+        candidate: the law and its stated parameters.
         result: its fit.
         leave_one_out: each point predicted by the fit without it.
         delta_elpd: difference of elpd to the best law; None for a law that follows the data
@@ -218,7 +218,7 @@ def compare(
         data: six points or more.
         laws: names of `LAWS` (and "thornton-fixed", p_y = Y), classes or functions that build a
             law, or {label: law}; all built-in ones that the data allow where left out.
-        parameters: {label or name: what is said of that law's parameters}, as `fit` takes it.
+        parameters: {label or name: parameters of that law}, each as `fit` takes them.
         watch: passes items on while it shows how many were gone through.
         OPTIONS
 
@@ -387,7 +387,7 @@ def _ranked(entries: list[Entry]) -> tuple[Entry, ...]:
 
 
 def _same_curve(one: Entry, other: Entry) -> bool:
-    """Whether two laws predict every point alike."""
+    """Whether two laws have the same prediction at every point."""
     apart = one.leave_one_out.predicted - other.leave_one_out.predicted
     return bool(np.max(np.abs(apart)) < SAME_CURVE)
 

@@ -29,7 +29,7 @@ class CoverageCase:
         stated: whether the fit knows it.
         contact: the two bodies, where the truth is a law without them.
         options: further ones of `fit`, such as {"extra_scatter": True} or {"profiles": False}.
-        simulate: makes a data set of a `numpy.random.Generator`, in place of velocity, noise and stated.
+        simulate: makes a data set from a `numpy.random.Generator`; replaces velocity, noise and stated.
         values: true values by label; those that the same fit finds without noise where left out.
     """
 

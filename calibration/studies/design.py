@@ -81,7 +81,7 @@ class Design:
         bounds: v [m/s] within which they were sought.
         relative_errors: expected standard error of ln θ with the new shots and what was known
             before, and of a target that follows from θ; of several laws the root mean square; None
-            for what is left open.
+            for parameters that are not determined.
         equally_spaced: the same for as many shots equally spaced over the bounds.
         before: the same without new shots; None where nothing was measured yet.
         gain: the criterion as a standard error (the target's for "c", the geometric mean of all for
@@ -145,7 +145,7 @@ class Design:
             shots.append(f"{n} at {v:.4g} m/s ({expected})")
         known = self.relative_errors, self.equally_spaced, self.before or {}
         here, even, now = (
-            "left open" if error is None else f"{error:.3g}"
+            "not determined" if error is None else f"{error:.3g}"
             for error in (one.get(self.target) for one in known)
         )
         text = f"{self.criterion}-optimal: {', '.join(shots)}; standard error of "
@@ -258,7 +258,7 @@ def optimal_velocities(
     Args:
         law: with the parameters as far as they are known; several laws of one kind, over which the
             logarithm of the criterion is averaged; or a fit, as `fisher_information` takes it.
-        count: number of new shots, each of a specimen, or launch, of its own where these share
+        count: number of new shots, each of a new specimen or launch where these share
             errors.
         bounds: (lowest, highest) velocity [m/s] that can be shot.
         criterion: "c": the standard error of `target`; "D", "A": determinant and trace of the
@@ -395,7 +395,7 @@ def _gradient_of(target: str, plan: Plan) -> Float[np.ndarray, "p"]:
     ends = [[log(name, 1 + side * DIFFERENCE) for side in (-1, 1)] for name in plan.free]
     found = np.array([(up - down) / (2 * DIFFERENCE) for down, up in ends])
     if not np.any(found):
-        accepted = f"one of {listed(plan.names)}: these are free and none of them moves it"
+        accepted = f"one of {listed(plan.names)}: these are free and none of them affects it"
         raise DataError("target", target, accepted)
     return found
 

@@ -35,7 +35,7 @@ from softjax.fields import numbers_of, options_of, whole_fields
 
 USUAL_NOISE = 0.01  # standard uncertainty of ε unless stated
 PLACEHOLDER = 0.5  # ε of data that have none yet
-NOT_KNOWN = 1.0  # relative standard error from which a combination counts as left open
+UNDETERMINED = 1.0  # relative standard error above which a combination counts as not determined
 NO_BOUND = 100.0  # and from which no number is given for it
 ALMOST_NOTHING = 1e-6  # prior information on each ln θ: known to a factor e^1000 beforehand
 TAKES_PART = 0.2  # share of a parameter in a direction from which it is named
@@ -261,7 +261,7 @@ def _of_law(
 
 
 def _truth(law: Any, local: Element) -> Any:
-    """The law's own value of a parameter; what stands in for none keeps its own."""
+    """The value of a parameter in the law."""
     name, parameter = local.name, local.parameter
     stem, _, entry = name.partition("[")
     if local.stands_in:
@@ -275,7 +275,7 @@ def _truth(law: Any, local: Element) -> Any:
     if value is None:  # such as c1
         raise DataError("parameters", name, "of those whose value the law has")
     if not parameter.free and parameter.value not in (None, value):
-        accepted = f"the law's own, {value:g}, to be held at"
+        accepted = f"the value of the law, {value:g}, if it is fixed"
         raise DataError(f"parameters[{name!r}]", parameter.value, accepted)
     if parameter.free and not local.declared.lower < value < local.declared.upper:
         raise DataError(name, value, f"{local.declared.accepted}, inside its range, or fixed")
@@ -316,7 +316,7 @@ def _of_fit(result: FitResult, name: str | None, reach: Column, uncertainty, rou
 
 def _left_open(name: str, estimate: Any) -> str:
     at_bound = estimate is not None and estimate.at_bound and estimate.value is not None
-    why = f"stands at its bound {number(estimate.value, 4)}" if at_bound else "is not determined"
+    why = f"is at its bound {number(estimate.value, 4)}" if at_bound else "is not determined"
     return f"{name} {why} and is taken as known"
 
 
@@ -557,7 +557,7 @@ def _exponents(direction: np.ndarray, factor: np.ndarray, error: float) -> tuple
         factor: F with Fᵀ F the covariance of ln θ.
     """
     few = np.where(np.abs(direction) > TAKES_PART, direction, 0.0).round(2)
-    if error >= NOT_KNOWN:
+    if error >= UNDETERMINED:
         return few, 2
     tries = [(few, 2), *((direction.round(k), k) for k in DECIMALS)]
     enough = (one for one in tries if np.linalg.norm(factor @ one[0]) < ROUNDED * error)
@@ -571,16 +571,16 @@ def _sentence(
     taking_part = np.flatnonzero(exponents).tolist()
     product = " · ".join(_power(symbols[i], float(exponents[i]), decimals) for i in taking_part)
     letters = " and ".join(symbols[i] for i in taking_part)
-    if error < NOT_KNOWN:
+    if error < UNDETERMINED:
         return f"{product} will be known to {100 * error:.2g} %"
     if len(taking_part) == 1:
-        return f"{letters} is left open ({_open(error)})"
-    return f"{letters} only together: {product} is left open ({_open(error)})"
+        return f"{letters} is not determined ({_open(error)})"
+    return f"{letters} only together: {product} is not determined ({_open(error)})"
 
 
 def _open(error: float) -> str:
     if error >= NO_BOUND:
-        return "these impacts do not determine it"
+        return "these impacts have no information on it"
     return f"standard error of its logarithm {error:.2g}"
 
 

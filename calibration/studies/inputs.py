@@ -71,7 +71,7 @@ class OfBodies:
     """Builds a law of two bodies.
 
     Attributes:
-        bodies: "spheres" of one material, of one radius or two; "unlike spheres", each of its own;
+        bodies: "spheres" of one material, with one radius or two; "unlike spheres" of two materials;
             "wall": a sphere and a flat wall.
         law: its class.
         area: of the contact.
@@ -96,11 +96,11 @@ class OfBodies:
 
 
 class OfLaw(eqx.Module):
-    """Builds a law of its own fields and its contact's, each held independent.
+    """Build a law from its fields and those of its contact, as independent inputs.
 
     Attributes:
-        law: a law of that structure; what of it is whole stays as it is.
-        names: of its leaves, None where a leaf is whole.
+        law: a law of the same structure; its shared fields are not changed.
+        names: names of its leaves, None for a shared leaf.
     """
 
     law: sj.ContactLaw
@@ -114,11 +114,11 @@ class OfLaw(eqx.Module):
 
 
 class OfLoss(eqx.Module):
-    """Builds Zhou's law of ε_up = ε_17(v_cr) in place of σ and ψ, which act through it above yield.
+    """Build Zhou's law from ε_up = ε_17(v_cr) instead of σ and ψ, which act only through it above yield.
 
     Attributes:
         build: the law of σ and ψ.
-        psi: ψ, which any number serves for.
+        psi: ψ; the value does not matter.
     """
 
     build: Any
@@ -133,7 +133,7 @@ class OfLoss(eqx.Module):
 
 
 def as_fitted(inputs: Inputs, material: MaterialFit) -> Inputs:
-    """The inputs with ε_up in place of σ and ψ where it is what the fit knows of them."""
+    """The inputs with ε_up instead of σ and ψ, if the fit determines only ε_up."""
     if "eps_up" not in material.parameters or not {"sigma", "psi"} <= set(inputs.values):
         return inputs
     values = {n: x for n, x in inputs.values.items() if n not in ("sigma", "psi")}
@@ -165,7 +165,7 @@ def of_spheres(
 
 
 def of_law(law: sj.ContactLaw) -> Inputs:
-    """Any law: its own fields and the contact's stored leaves, single numbers; whole fields held.
+    """Inputs of any law: its fields and the stored leaves of the contact, single numbers; shared fields are fixed.
 
     Raises:
         ValueError: where another field is an array.
@@ -254,7 +254,7 @@ def check_ranges(
                 inputs.law(**moved)
             except ValueError as error:
                 point = listed(f"{name} = {x:g}" for name, x in moved.items())
-                accepted = f"such that there is a law everywhere ({error})"
+                accepted = f"such that the law exists everywhere ({error})"
                 raise DataError(argument, point, accepted) from None
 
 

@@ -1,13 +1,13 @@
 """Global sensitivities over ranges: Sobol indices, and bounds of them from derivatives.
 
-S_i = Var E[f | θ_i]/Var f is what θ_i explains by itself, S_Ti = E Var[f | all but θ_i]/Var f what
+S_i = Var E[f | θ_i]/Var f is what θ_i explains alone, S_Ti = E Var[f | all but θ_i]/Var f what
 it explains with all interactions: means over samples A, B and A with one column of B (A. Saltelli
 et al., Comput. Phys. Commun. 181, 259, 2010). For θ_i uniform on [a, b] and f continuous,
 
     S_Ti <= (b - a)²/(π² Var f) · E[(∂f/∂θ_i)²]
 
 (I. M. Sobol' and S. Kucherenko, Math. Comput. Simul. 79, 3009, 2009); on a logarithmic scale the
-same with ln θ_i in place of θ_i. ε jumps by about d/3 where the impact velocity passes v_cr: what
+same with ln θ_i instead of θ_i. ε jumps by about d/3 where the impact velocity passes v_cr: what
 that jump contributes is in the indices and not in the bound.
 """
 
@@ -167,7 +167,7 @@ def model_indices(
     with jax.enable_x64(True):
         for k, one in enumerate(points):
             value, slope = map(np.asarray, _evaluated(model, names, one, k == 0))
-            if k == 0:  # with ln θ in place of θ on a logarithmic scale
+            if k == 0:  # with ln θ instead of θ on a logarithmic scale
                 per = one.T[:, None] if scale == "log" else 1.0
                 squares = np.mean((slope * per) ** 2, axis=0)
             sets.append(value.T)

@@ -1,1 +1,1 @@
-"""Numerical tools that know nothing of collisions: powers, roots, searches, quadratures."""
+"""Numerical tools independent of collisions: powers, roots, searches, quadratures."""

@@ -382,3 +382,26 @@ def test_unusable_options_are_refused_and_write_nothing(at, options, said):
 def test_options_that_would_not_act_on_a_fit_are_refused(at, above_yield, options, said):
     curve("--fit", above_yield[1], *options, error=said)
     assert list(at.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("command", "more"), [("curve", ()), ("sensitivity", ()), ("export", ("--to", "c"))]
+)
+def test_a_fit_of_two_sizes_is_refused_with_a_law_for_one_size(at, command, more):
+    """Its remedy gives the curve of that size."""
+    radius = np.repeat([0.005, 0.01], 3)
+    contact = sj.Contact.between_spheres(sj.NYLON, sj.NYLON, radius, radius)
+    data = cal.RestitutionData(
+        np.tile([0.5, 1.0, 2.0], 2), [0.8, 0.78, 0.76, 0.9, 0.89, 0.88], contact, 0.01
+    )
+    cal.fit(data, "viscoelastic", profiles=False, starts=2).save(at / "fit.json")
+    code, out, said = run(command, "--fit", "fit.json", *more)
+    assert (code, out, said.count("\n")) == (2, "", 1)
+    assert "bodies of several sizes" in said
+    remedy = said.partition("FILE.toml ")[2].split()
+    body = (
+        'youngs_modulus = 2.8e9\npoisson_ratio = 0.4\ndensity = 1000\nyield_strength = "35 MPa"\n'
+    )
+    text = f'[[material]]\nname = "one size"\nradius = 0.005\n{body}'
+    (at / "one.toml").write_text(text, encoding="utf-8")
+    assert run(command, "one.toml", *remedy, *more, "--out", "results")[0] == 0

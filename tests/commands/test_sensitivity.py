@@ -211,7 +211,7 @@ def test_a_parameter_at_its_bound_is_taken_as_known_and_said_with_the_fits_inter
     (told,) = told_by("--fit", "bound.json", "--study", "information")["information"][
         "taken_as_known"
     ]
-    assert told.startswith("psi stands at its bound 0.7 and is taken as known: the error")
+    assert told.startswith("psi is at its bound 0.7 and is taken as known: the error")
     chi = fit.values["chi"]
     parts = f"({100 * (0.2 / chi - 1):+.2g} % to {100 * (0.25 / chi - 1):+.2g} %)"
     assert f"the fit's 95 % interval of chi is 0.2 to 0.25 {parts}" in told

@@ -1,6 +1,7 @@
 """CSV files as programs save them: bytes, separators, decimals, comments, units below the header."""
 
 import numpy as np
+import pandas
 import pytest
 
 import calibration as cal
@@ -51,8 +52,7 @@ def test_a_cell_may_go_over_two_lines(read):
 
 
 def test_a_spreadsheet_is_read_as_its_csv_is(read, tmp_path):
-    pandas = pytest.importorskip("pandas")
-    pytest.importorskip("openpyxl")
+    pytest.importorskip("openpyxl", reason="reads workbooks: the extra `excel`")
     rows = [
         ["velocity [cm/s]", "e", "note"],
         [12, 0.95, "a"],

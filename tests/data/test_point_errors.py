@@ -115,7 +115,7 @@ def test_uncertainties_of_points_come_on_top_of_what_is_shared():
         alone, shared + np.diag((SLOPE * np.array([0.1, 0.2])) ** 2), rtol=1e-12
     )
     np.testing.assert_allclose(both, alone + 0.02**2 * np.eye(2), rtol=1e-12)
-    assert any("on top" in one for one in sets[2].remarks)
+    assert any("is added to" in one for one in sets[2].remarks)
     # stated for each ε and nothing of the timing: nothing is left to be estimated
     stated = READ(table, uncertainty=0.01).covariance_of(SLOPE).dense()
     np.testing.assert_array_equal(stated, 1e-4 * np.eye(2))

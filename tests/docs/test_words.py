@@ -19,8 +19,12 @@ MODULES = sorted(
     path for package in ("softjax", "calibration") for path in (ROOT / package).rglob("*.py")
 )
 IDIOM = re.compile(
-    r"\b(told|heeded|beside|wanted|doubts?|suspicions?|remedy|of one's own|one's own|"
-    r"what is none|asked for|(?:back )?door|a formality|a wish|stand for themselves|hangs on|sound and heat)\b",
+    r"\b(told|asked|heeded|beside|wanted|doubts?|suspicions?|remedy|handovers?|hand-over|"
+    r"of one's own|one's own|what is none|(?:back )?door|a formality|a wish|stand for themselves|"
+    r"hangs on|sound and heat|said before|how closely the curves follow|nothing is known of|"
+    r"makes something else|made ready|where .{1,30} is put together|gives way|half done|put away|"
+    r"what is said of|who shares|no law tried|bounce trains?|elementary errors?|quite another|a slip|"
+    r"left open|knows? nothing|serves? as well)\b",
     re.I,
 )
 DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef)

@@ -102,7 +102,7 @@ def test_directions_are_told_in_words():
     power = "a^0.71 · b^0.71"
     assert (
         found.words[-1]
-        == f"a and b only together: {power} is left open (these impacts do not determine it)"
+        == f"a and b only together: {power} is not determined (these impacts have no information on it)"
     )
 
 

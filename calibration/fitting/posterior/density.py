@@ -71,7 +71,7 @@ Slope = Callable[[Vector], tuple[float, Vector]]  # -ln p and its gradient
 
 @dataclass(frozen=True)
 class Prior:
-    """Of one unknown.
+    """Prior of one unknown.
 
     Attributes:
         label: of the unknown.
@@ -104,7 +104,7 @@ class Linear(NamedTuple):
     root: Float[np.ndarray, "k k"]
 
     def q(self, u: Array) -> tuple[Array, Array]:
-        """With ln |∂q/∂u| up to a constant."""
+        """q, and ln |∂q/∂u| up to a constant."""
         return self.centre + self.root @ u, jnp.zeros(())
 
 
@@ -124,7 +124,7 @@ class Path(NamedTuple):
     others: "Linear | Path"
 
     def q(self, u: Array) -> tuple[Array, Array]:
-        """With ln |∂q/∂u| up to a constant; linear in u₁ beyond the knots."""
+        """q, and ln |∂q/∂u| up to a constant; linear in u₁ beyond the knots."""
         knots, count = jnp.asarray(self.knots), len(self.order)
         inside = jnp.clip(u[0], knots[0], knots[-1])
         k = jnp.clip(jnp.searchsorted(knots, inside) - 1, 0, len(knots) - 2)
@@ -157,7 +157,7 @@ class Density:
 
     @property
     def labels(self) -> list[str]:
-        """Of all unknowns, in the order of z."""
+        """Labels of all unknowns, in the order of z."""
         return [one.label for one in self.priors]
 
     def at(self, u: Array) -> tuple[dict[str, Array], Array, Array]:
@@ -178,7 +178,7 @@ class Density:
         return dict(zip(self.labels, theta, strict=True)), log_prior, log_jacobian
 
     def log_density(self, u: Array) -> Array:
-        """Of the coordinates that are sampled."""
+        """Log density in the sampled coordinates."""
         theta, log_prior, log_jacobian = self.at(u)
         return self.problem.log_likelihood(theta) + log_prior + log_jacobian
 
@@ -189,7 +189,7 @@ class Density:
         return np.where(in_z | (self.transform.kind == NONE), spread, within)
 
     def straightened(self, values: Mapping[str, float]) -> "Density":
-        """The same in coordinates along its own profiles, found from θ near its largest value.
+        """The density in coordinates along its profiles, from θ near its maximum.
 
         Args:
             values: θ where a fit ended, of some of the unknowns.
@@ -315,7 +315,7 @@ def _curvature(slope: Slope, q: Vector, places, scale: Vector) -> Float[np.ndarr
 
 
 def _lowest(slope: Slope, q: Vector, places, scale: Vector):
-    """Where -ln p is least along some unknowns, by Newton's method, and the precision there."""
+    """Minimum of -ln p along some unknowns by Newton's method, and the precision there."""
     for _ in range(ROUNDS):
         value, gradient = slope(q)
         curvature = _curvature(slope, q, places, scale) * np.outer(scale[places], scale[places])
@@ -353,7 +353,7 @@ def _of_some(slope: Slope, q: Vector, places, unit: Vector | float = 1.0) -> Slo
 def _coordinates(
     slope: Slope, q: Vector, scale: Vector, is_straight: bool = False
 ) -> Linear | Path:
-    """Of unknowns that belong together, from where their density is largest."""
+    """Coordinates of unknowns that belong together, from the maximum of their density."""
     every = np.arange(len(q))
     _, precision = _lowest(slope, q, every, scale)
     covariance = np.linalg.inv(precision)
@@ -377,7 +377,7 @@ def _coordinates(
     points = [(0.0, top)]
     for side in (-1, 1):
         followed = _followed(slope, q, order, scale, side * ahead[order, lead])
-        if not followed:  # nothing is known of the profile: as if normal
+        if not followed:  # the profile is unknown: as if normal
             followed = [(1.0, top + side * np.append(ahead[order, lead], 0 * errors))]
         points += [(side * u, values) for u, values in followed]
     knots, values = zip(*sorted(points, key=lambda point: point[0]), strict=True)

@@ -38,7 +38,7 @@ ADVICE = {
 
 
 class Summary(NamedTuple):
-    """Of one unknown: moments, central limits and how well they are known."""
+    """Summary of one unknown: moments, central limits and their accuracy."""
 
     mean: float
     deviation: float
@@ -52,7 +52,7 @@ class Summary(NamedTuple):
 
 
 def summaries(data: Any, confidence: float = 0.95) -> dict[str, Summary]:
-    """Of every variable of the posterior."""
+    """Summaries of every variable of the posterior."""
     posterior, arviz = dataset_of(data, "posterior"), needed("arviz")
     r_hat, bulk = arviz.rhat(posterior), arviz.ess(posterior, method="bulk")
     tail = arviz.ess(posterior, method="tail", prob=TAILS)

@@ -94,7 +94,7 @@ def _found(result: Any, problem: Traceable) -> dict[str, float]:
 
 
 def _about(density: Density, seed: int, warmup: int) -> dict[str, Any]:
-    """How the draws were made, for the posterior's attributes."""
+    """Attributes of the posterior: settings of the sampler."""
     versions = {name: importlib.metadata.version(name) for name in ("blackjax", "arviz", "jax")}
     priors = {one.label: one.text for one in density.priors}
     return {
@@ -163,7 +163,7 @@ def _as_data(density: Density, position, statistics, seed: int, about: Mapping[s
 
 
 def _eps_up(law: sj.ContactLaw) -> Any:
-    """Of Zhou's law; the mean of impacts that differ."""
+    """ε_up of Zhou's law; the mean for impacts that differ."""
     return jnp.mean(eps_up_of(law)) if isinstance(law, sj.Zhou) else jnp.nan
 
 
@@ -221,7 +221,7 @@ def dataset_of(data: Any, group: str) -> Any:
 
 
 def variable(label: str) -> str:
-    """What a parameter is called in files: netCDF has no slash in names."""
+    """Name of a parameter in files: netCDF allows no slash."""
     return label.replace("/", "∕")
 
 
@@ -268,7 +268,7 @@ def _labelled(data: Any, labels: list[str]) -> Float[np.ndarray, "draws p"]:
 def band_of_draws(
     data: Any, material: MaterialFit, velocity: Any, confidence: float, kind: str
 ) -> Band:
-    """Mean, standard deviation and central limits of ε(v) over draws; NaN where the fit knows nothing.
+    """Mean, standard deviation and central limits of ε(v) over draws; NaN where the data determine nothing.
 
     Args:
         kind: "mean", of the curve itself, or "prediction", of one more measurement.
@@ -313,7 +313,7 @@ def _thinned(values: np.ndarray) -> np.ndarray:
 
 
 def _variance(data: Any, material: MaterialFit) -> np.ndarray:
-    """Of one more measurement: drawn where it was sampled, else as the fit has it."""
+    """Variance of one more measurement: drawn if it was sampled, else that of the fit."""
     posterior = dataset_of(data, "posterior")
     total: Any = 0.0
     for kind, variance in material.variances.items():
