@@ -48,8 +48,8 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Band:
-    """A fitted curve and its confidence band; all as long as `velocity` [m/s], NaN where the fit
-    knows nothing.
+    """A fitted curve and its confidence band; all as long as `velocity` [m/s], NaN where the data
+    determine nothing.
 
     `kind` says of what: "mean", the curve itself, or "prediction", one more measurement.
     """

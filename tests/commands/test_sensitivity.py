@@ -268,7 +268,7 @@ def test_the_global_study_of_a_fit_varies_what_moves_by_itself_and_says_so(at, c
         (["--shots", "4"], "--shots"),
         (["--chi", "1000", "--sigma", "50", "--from", "2"], "ε = 0 everywhere"),
         (["--study", "design", "--target", "colour"], "target"),
-        (["--study", "design", "--target", "critical_velocity"], "none of them moves it"),
+        (["--study", "design", "--target", "critical_velocity"], "none of them affects it"),
         (["--study", "design", "--shots", "0"], "count"),
         (["--study", "global", "--range", "poisson_ratio=0.3:0.6"], "a ratio in (-1, 0.5]"),
         (["--study", "global", "--range", "chi=-0.1:0.1"], "chi = -0.1 … 0.1"),

@@ -348,7 +348,7 @@ PLACES = [0.5, 1.0, 5.0, 20.0, 40.0]
         ({"objective": "two-step"}, "`objective` must be model: information and designs"),
         ({"material": "nylon"}, "material"),
         ({"parameters": {"colour": 1.0}}, "parameter"),
-        ({"parameters": {"psi": 0.7}}, "the law's own, 0.5414"),
+        ({"parameters": {"psi": 0.7}}, "the value of the law, 0.5414"),
         ({"parameters": dict.fromkeys(("chi", "sigma", "psi"), cal.Parameter(free=False))}, "none"),
     ],
 )
