@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from softjax.fields import Flags, Numbers
+from softjax.fields import Numbers
 from softjax.numerics.powers import safe_sqrt
 from softjax.restitution import restitution
 
@@ -44,8 +44,7 @@ def contact_force(
     inside = jnp.where(touching, overlap, LEAST)
     if not hasattr(law, "loading_force"):
         force = law.force(inside, velocity)
-        ends = getattr(law, "end", None) or law.reduced().ends_at
-        force = jnp.maximum(force, 0.0) if ends == "zero-force" else force
+        force = jnp.maximum(force, 0.0) if end_of(law) == "zero-force" else force
         return jnp.where(touching, force, 0.0), jnp.where(touching, overlap, 0.0)
     loading = overlap >= memory
     unloading = touching & ~loading
@@ -54,7 +53,7 @@ def contact_force(
     kink = _elastic(law)
     # the impact that reaches this largest overlap: its velocity, and (ε/ε_p)²
     middle = safe_sqrt(jnp.minimum(kink, peak))
-    work = _work(law, 0.0, middle) + _work(law, middle, jnp.sqrt(peak))
+    work = loading_work(law, 0.0, middle) + loading_work(law, middle, jnp.sqrt(peak))
     speed = jnp.sqrt(2 * work / law.contact.mass)
     hit = restitution(law, speed)
     rebounds = hit.plastic_coefficient > 0
@@ -62,19 +61,26 @@ def contact_force(
     factor = jnp.where(rebounds, (jnp.minimum(hit.coefficient, 1.0) / plastic) ** 2, 0.0)
 
     def unloads(overlap):
-        yielded = peak > kink
-        safe = jnp.where(yielded, peak, 1.1 * jnp.maximum(kink, peak))
-        after = law.unloading_force(jnp.minimum(overlap, safe), safe)
-        pull = jnp.where(yielded, after, law.loading_force(overlap))
-        return jnp.maximum(pull, 0.0) * factor
+        return jnp.maximum(unloading_force(law, overlap, peak), 0.0) * factor
 
-    if hold is None:
-        back = unloads(inside)
-    else:
-        back = _held(law, unloads, inside, velocity, speed < hold, hold)
+    back = unloads(inside)
+    if hold is not None:
+        slow, fraction = speed < hold, held_fraction(restitution(law, hold).coefficient)
+        damped = damped_force(law, law.loading_force, inside, velocity, fraction)
+        again = damped_force(law, unloads, inside, jnp.maximum(velocity, 0.0), fraction)
+        back = jnp.where(slow, damped, again)
     force = jnp.where(loading, law.loading_force(inside), back)
     kept = jnp.where(touching, jnp.maximum(overlap, memory), 0.0)
     return jnp.where(touching, force, 0.0), kept
+
+
+def unloading_force(law: Any, overlap: Any, peak: Any) -> Numbers:
+    """The unloading force of a law [N]; up to first yield it is Hertz's, as on loading."""
+    kink = _elastic(law)
+    yielded = peak > kink
+    safe = jnp.where(yielded, peak, 1.1 * jnp.maximum(kink, peak))  # the branch not taken: a number
+    after = law.unloading_force(jnp.minimum(overlap, safe), safe)
+    return jnp.where(yielded, after, law.loading_force(overlap))
 
 
 def _elastic(law: Any) -> Any:
@@ -85,24 +91,28 @@ def _elastic(law: Any) -> Any:
     return (2.5 * energy / law.contact.stiffness) ** 0.4
 
 
-def _held(
-    law: Any, unloads: Any, overlap: Numbers, velocity: Numbers, slow: Flags, hold: Any
+def end_of(law: Any) -> str:
+    """Where a contact with damping ends: "zero-overlap" or "zero-force"."""
+    return getattr(law, "end", None) or law.reduced().ends_at
+
+
+def damped_force(
+    law: Any, spring: Any, overlap: Numbers, velocity: Numbers, fraction: Any
 ) -> Numbers:
-    """The force inside the largest overlap with the dashpot of `hold`."""
-
-    def spring(overlap):
-        return jnp.where(slow, law.loading_force(overlap), unloads(overlap))
-
+    """A spring with a fraction ξ of critical damping, c = ξ √(2 M (P/δ + dP/dδ)); it does not pull [N]."""
     force, slope = jax.jvp(spring, (overlap,), (jnp.ones_like(overlap),))
-    damped = (slow | (velocity > 0)) & (force > 0) & (slope > 0)
-    stiffness = jnp.where(damped, force / overlap + slope, 1.0)
-    fraction = _dashpot(restitution(law, hold).coefficient)
+    pushes = (force > 0) & (slope > 0)
+    stiffness = jnp.where(pushes, force / overlap + slope, 1.0)
     damping = fraction * jnp.sqrt(2 * law.contact.mass * stiffness) * velocity
-    return jnp.where(damped, jnp.maximum(force + damping, 0.0), force)
+    return jnp.where(pushes, jnp.maximum(force + damping, 0.0), force)
 
 
-def _dashpot(restitution: Numbers) -> Numbers:
-    """ξ of ln ε = -ξ arccos ξ/√(1 - ξ²), by Newton's method from below."""
+def held_fraction(restitution: Numbers) -> Numbers:
+    """The fraction ξ of critical damping with which a contact at rest at its peak returns ε of its speed.
+
+    A dashpot c = ξ √(2 M (P/δ + dP/dδ)) and a force P ∝ δⁿ are a linear oscillator that ends where the force
+    vanishes: ln ε = -ξ arccos ξ/√(1 - ξ²), by Newton's method from below.
+    """
     loss = -jnp.log(jnp.clip(restitution, 1e-3, 1.0))
     node = (1 + jnp.asarray(NODES).reshape((-1,) + (1,) * loss.ndim)) / 2
     weight = jnp.asarray(WEIGHTS).reshape(node.shape) / 2
@@ -115,7 +125,7 @@ def _dashpot(restitution: Numbers) -> Numbers:
     return fraction
 
 
-def _work(law: Any, low: Any, high: Numbers) -> Numbers:
+def loading_work(law: Any, low: Any, high: Numbers) -> Numbers:
     """∫ P dδ on loading [J] between two √δ, in which forces of contacts are smooth: Gauss and Legendre's."""
     middle, half = (high + low) / 2, (high - low) / 2
     shape = (-1,) + (1,) * middle.ndim

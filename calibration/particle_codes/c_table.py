@@ -13,7 +13,8 @@ from scipy.interpolate import CubicHermiteSpline
 
 import softjax as sj
 from calibration.errors import InputError
-from calibration.particle_codes.target import Impacts, impacts_of, number_of, unloading_force
+from calibration.particle_codes.target import Impacts, impacts_of, number_of
+from softjax.many_body import loading_work, unloading_force
 
 FORMULAS = {  # laws that need no table, and their templates
     sj.Zhou: "zhou.h",
@@ -25,15 +26,8 @@ FORMULAS = {  # laws that need no table, and their templates
 }
 ROWS, COLUMNS = 129, 33
 BEYOND = 1.1  # the table ends at this many times the largest overlap of the range
-EIGHT, TEN = map(np.polynomial.legendre.leggauss, (8, 10))
 AT_KINKS = 5e-5  # error of ε at a kink of the force, where 2e-5 was seen
 PANELS = 16  # of the header's sums of works
-FINE = 16  # times as many panels are exact in comparison
-
-
-def is_tabulated(law: Any) -> bool:
-    """Whether a law goes by a table of its forces."""
-    return type(law) not in FORMULAS
 
 
 def table_of(law: Any, impacts: Impacts, losses: bool = True) -> tuple[dict[str, Any], float]:
@@ -48,15 +42,17 @@ def table_of(law: Any, impacts: Impacts, losses: bool = True) -> tuple[dict[str,
     top = BEYOND * float(impacts.peak[-1])
     roots = np.linspace(0, 1, ROWS)
     peaks = top * roots[1:] ** 2
-    velocity = _velocities(law, np.sqrt(top) * roots)
+    knots = np.sqrt(top) * roots
+    works = np.cumsum(loading_work(law, knots[:-1], knots[1:]))
+    velocity = np.sqrt(2 * works / number_of(law.contact.mass))
     residual = np.asarray(sj.restitution(law, velocity).residual_overlap)
     part = np.linspace(0, 1, COLUMNS) ** 2  # of what is left to recover
     peak, rest = peaks[:, None], residual[:, None]
     force = np.asarray(unloading_force(law, rest + (peak - rest) * part, peak))
-    shape = np.maximum(force / _loading(law, peak), 0.0)
+    shape = np.maximum(force / law.loading_force(peak), 0.0)
     squared = _first_twice(impacts_of(law, velocity, losses).coefficient ** 2)
     tables = {
-        "loading": np.append(0.0, _loading(law, peaks)),
+        "loading": np.append(0.0, np.asarray(law.loading_force(peaks))),
         "residual": np.append(0.0, residual / peaks),
         "squared": squared,
         "unloading": _first_twice(shape),
@@ -64,8 +60,7 @@ def table_of(law: Any, impacts: Impacts, losses: bool = True) -> tuple[dict[str,
     at_knots = np.gradient(squared, edge_order=2)  # Catmull and Rom's cubic, as in the header
     curve = CubicHermiteSpline(roots, squared, (ROWS - 1) * at_knots)
     by_table = np.sqrt(np.clip(curve(np.sqrt(impacts.peak / top)), 0, 1))
-    sums = _returned(law, impacts.peak, FINE * PANELS) / _returned(law, impacts.peak, PANELS)
-    error = float(np.max(np.abs(by_table * np.sqrt(sums) - impacts.coefficient)))
+    error = float(np.max(np.abs(by_table - impacts.coefficient)))
     values: dict[str, Any] = {"rows": ROWS, "columns": COLUMNS, "top": top, "panels": PANELS}
     values |= {name: number_of(getattr(law.contact, name)) for name in ("radius", "mass")}
     return values | {name: _text(table) for name, table in tables.items()}, error + AT_KINKS
@@ -74,28 +69,6 @@ def table_of(law: Any, impacts: Impacts, losses: bool = True) -> tuple[dict[str,
 def _first_twice(rows: np.ndarray) -> np.ndarray:
     """At no overlap there is neither a shape nor a factor: those of the next row."""
     return np.concatenate([rows[:1], rows])
-
-
-def _loading(law: Any, overlap: np.ndarray) -> np.ndarray:
-    return np.asarray(law.loading_force(overlap))
-
-
-def _velocities(law: Any, roots: np.ndarray) -> np.ndarray:
-    """The impact velocities of the largest overlaps after the first, given by √δ: ½ M v² = ∫ P dδ."""
-    nodes, weights = EIGHT
-    middle, half = (roots[1:] + roots[:-1]) / 2, (roots[1:] - roots[:-1]) / 2
-    root = middle[:, None] + half[:, None] * nodes
-    work = np.sum(weights * 2 * root * _loading(law, root**2), axis=1) * half
-    return np.sqrt(2 * np.cumsum(work) / number_of(law.contact.mass))
-
-
-def _returned(law: Any, peak: np.ndarray, panels: int) -> np.ndarray:
-    """Work on unloading over work on loading, by the header's rule in √δ."""
-    nodes, weights = TEN
-    root = np.ravel(np.arange(panels)[:, None] + (1 + nodes) / 2)[:, None] / panels
-    weight, overlap = np.tile(weights, panels)[:, None] * root, peak * root**2
-    unloading = np.maximum(np.asarray(unloading_force(law, overlap, peak)), 0.0)
-    return np.sum(weight * unloading, axis=0) / np.sum(weight * _loading(law, overlap), axis=0)
 
 
 def _text(array: np.ndarray) -> str:

@@ -10,7 +10,7 @@ import softjax as sj
 from calibration.errors import DataError, InputError, did_you_mean, listed
 from calibration.fitting.laws import LAWS
 from calibration.particle_codes import codes, surrogates
-from calibration.particle_codes.c_table import is_tabulated, table_of
+from calibration.particle_codes.c_table import FORMULAS, table_of
 from calibration.particle_codes.steps import NONE, Steps, hold_error, steps_within
 from calibration.particle_codes.target import (
     Impacts,
@@ -20,6 +20,7 @@ from calibration.particle_codes.target import (
     restitution_of,
     with_contact,
 )
+from softjax.many_body import held_fraction
 
 MOST_OVERLAP = 100.0  # over the radius: nothing that is meant is beyond
 ROOM = 0.1  # of the tolerance, that a law leaves at least for the time step
@@ -89,15 +90,17 @@ def choose(target: Target, to: str) -> tuple[Choice, list[Choice]]:
 def _keys(target: Target, to: str) -> list[str]:
     """Which laws to try, in the order of their cost."""
     backends, law = codes.BACKENDS[to], target.options.law
-    keys = [key for key in backends if key != codes.EXACT or target.has_force]
+    hard = isinstance(target.law, sj.HardSphereLaw)
+    keys = [key for key in backends if key != codes.EXACT or not hard]
     if law != "auto":
-        own = [name for name, one in LAWS.items() if one is type(target.law)]
-        name = own[0] if law == codes.EXACT and own else law
-        if law not in backends and (to, name) in codes.REFUSED:
-            raise InputError(None, None, *codes.REFUSED[to, name])
-        key = codes.EXACT if law in own and law not in keys else law
+        is_own = LAWS.get(law) is type(target.law)
+        key = codes.EXACT if is_own and law not in keys else law
         if key not in keys:
-            raise DataError("law", law, f"auto, {listed(keys)}{did_you_mean(law, keys)}")
+            accepted = f"auto, {listed(keys)}{did_you_mean(law, keys)}"
+            others = [code for code, laws in codes.BACKENDS.items() if key in laws]
+            if others and to not in others:
+                accepted += f" ({law} is for {listed(others)})"
+            raise DataError("law", law, accepted)
         keys = [key]
     reasons = {key: next(_refusals(key, target, backends[key]), None) for key in keys}
     if refused := reasons[keys[-1]] if all(reasons.values()) else None:
@@ -109,12 +112,10 @@ def _refusals(key: str, target: Target, backend: codes.Backend) -> Iterator[tupl
     """Why a code cannot have this law as it is requested, each with what to do."""
     law, options = target.law, target.options
     constant = f"--export-law {' or '.join(codes.CONSTANT)}"
-    if key == options.law and backend.from_loading and type(law) is sj.WaltonBraun:
-        ratio = number_of(law.unloading_stiffness) / number_of(law.loading_stiffness)
-        if ratio > 1:
-            problem = f"a constant k2 > k1 (here {ratio:.4g} k1) cannot be written there"
-            nearest = "--export-law auto takes the nearest"
-            yield problem, f"k2 starts at k1 and grows with the overlap; {nearest}"
+    as_it_is = key == options.law and backend.from_loading and type(law) is sj.WaltonBraun
+    if as_it_is and number_of(law.unloading_stiffness) > number_of(law.loading_stiffness):
+        accepted = "k2 that grows from k1; --export-law auto takes the nearest"
+        yield "a constant k2 > k1 cannot be written there", accepted
     if options.below == "hold" and key not in codes.CONSTANT:
         independent = key == "walton-braun" or isinstance(law, sj.RateIndependentLaw)
         if key == "viscoelastic" or backend.name == codes.INPUT or not independent:
@@ -122,7 +123,7 @@ def _refusals(key: str, target: Target, backend: codes.Backend) -> Iterator[tupl
             yield problem, f"{constant}, whose ε is constant"
     if target.on_wall and not backend.at_walls:
         yield f"{key} loses nothing at a wall there", constant
-    if options.sizes and key == codes.EXACT and is_tabulated(law):
+    if options.sizes and key == codes.EXACT and type(law) not in FORMULAS:
         accepted = "each pair exported by itself, with --prefix and --types"
         yield "a table of forces is for one pair of sizes", accepted
     if options.sizes and backend.of_mass and not backend.lines_of_pairs:
@@ -132,15 +133,13 @@ def _refusals(key: str, target: Target, backend: codes.Backend) -> Iterator[tupl
 def _tried(key: str, target: Target, backend: codes.Backend) -> Choice:
     """A law with its errors and its time step."""
     options, velocity = target.options, target.velocity
-    law = (
-        target.law
-        if key == codes.EXACT
-        else surrogates.surrogate_of(key, target, backend.from_loading)
-    )
+    law = target.law
+    if key != codes.EXACT:
+        law = surrogates.surrogate_of(key, target, backend.from_loading)
     impacts = impacts_of(law, velocity, options.losses)
     error = float(np.max(np.abs(impacts.coefficient - target.restitution)))
     table = None
-    if backend.name == codes.HEADER and is_tabulated(law):
+    if backend.name == codes.HEADER and type(law) not in FORMULAS:
         table, interpolation = table_of(law, impacts, options.losses)
         error += interpolation
     shortest = own = float(np.min(impacts.duration))
@@ -150,10 +149,13 @@ def _tried(key: str, target: Target, backend: codes.Backend) -> Choice:
         error = max(error, float(np.max(np.abs(found.coefficient - requested))))
         shortest = min(shortest, float(np.min(found.duration)))
     held = options.below == "hold" and key not in codes.CONSTANT
-    steps = _steps(law, impacts, error, target, backend, max(backend.fewest, codes.DAMPED * held))
+    steps, room = NONE, options.tolerance - error
+    if options.steps is not None or room >= ROOM * options.tolerance:
+        fewest = max(backend.fewest, codes.DAMPED * held)
+        steps = steps_within(law, impacts, room, fewest, options.steps, backend.scheme_error)
     hold = off = 0.0
     if held and steps is not NONE:
-        hold = surrogates.hold_for(float(impacts.coefficient[0]))
+        hold = float(held_fraction(impacts.coefficient[0]))
         off = hold_error(law, impacts, hold, steps.step)
     factor = _softening_factor(impacts, target)
     return Choice(
@@ -180,17 +182,3 @@ def _softening_factor(impacts: Impacts, target: Target) -> float:
         least = f"above {own:.3g}, the largest overlap over the {target.radius_of} radius as it is"
         raise DataError("overlap", overlap, f"{least}, and {MOST_OVERLAP:g} at most")
     return overlap / own
-
-
-def _steps(
-    law: Any, impacts: Impacts, error: float, target: Target, backend: codes.Backend, fewest: int
-) -> Steps:
-    """As many as are requested, or as few as leave the error of the law within the tolerance."""
-    options, scheme = target.options, backend.scheme_error
-    room = options.tolerance - error
-    if options.steps is None:
-        if room < ROOM * options.tolerance:
-            return NONE
-        fewest = max(fewest, int(np.ceil(np.sqrt(scheme / room))))
-    steps = steps_within(law, impacts, room, fewest, options.steps)
-    return replace(steps, error=max(steps.error, scheme / steps.count**2))

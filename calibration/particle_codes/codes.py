@@ -4,7 +4,8 @@
                larger ε than requested. For other laws a plugin around the C headers of a folder.
                Releases since 27 June 2024, the first with `coeff_restitution`.
     LIGGGHTS   `hooke/stiffness`, `hertz` and `hooke/hysteresis`, where k2 grows from k1. `limitForce on`
-               gives a larger ε than requested; a modulus above 1 GPa needs `hard_particles yes`.
+               gives a larger ε than requested; a modulus above 1 GPa needs `hard_particles yes`. No
+               Thornton (1997): `thornton_ning` unloads with the old radius, 0.701 for 0.735, 0.259 for 0.282.
     YADE       ViscElMat, whose kn and cn of two bodies act in series; MindlinPhys with `betan`; LudingMat,
                where k2 grows from k1. All contacts end where the force vanishes: `en` of MindlinPhys
                means that, `en` of ViscElMat does not.
@@ -70,16 +71,4 @@ BACKENDS: dict[str, dict[str, Backend]] = {  # by code and law, in the order of 
         # LudingMat steps by another scheme: 0.030 off at 10 steps, 0.0019 at 40; and ε is 1.00 at a wall
         "walton-braun": Backend(INPUT, 40, from_loading=True, scheme_error=3.2, at_walls=False),
     },
-}
-OTHERWISE = "--export-law auto, or --to lammps"
-REFUSED = {  # laws that a code has not: why, and what to do
-    ("liggghts", "thornton"): (
-        "Thornton (1997) cannot be written as thornton_ning, which unloads with the old radius: "
-        "0.701 for 0.735, 0.259 for 0.282",
-        "--export-law auto, or --to c",
-    ),
-    ("liggghts", "zhou"): ("LIGGGHTS has no law like Zhou's, and loads no plugin", OTHERWISE),
-    ("liggghts", "viscoelastic"): ("LIGGGHTS has no viscoelastic spheres", OTHERWISE),
-    ("yade", "zhou"): ("YADE has no law like Zhou's", OTHERWISE),
-    ("yade", "viscoelastic"): ("YADE has no viscoelastic spheres", OTHERWISE),
 }

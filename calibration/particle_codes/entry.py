@@ -15,7 +15,7 @@ from calibration.fitting.result import FitResult
 from calibration.output import check_writable, files_into, write_text
 from calibration.particle_codes.choice import choose
 from calibration.particle_codes.codes import BACKENDS
-from calibration.particle_codes.files import files_of, possible_names
+from calibration.particle_codes.files import INPUTS, PLUGIN, files_of
 from calibration.particle_codes.report import Export
 from calibration.particle_codes.target import ExportOptions, target_of
 from calibration.plots import style
@@ -94,7 +94,9 @@ def export(
     name = "export" if prefix == "softjax" else f"export_{prefix}"  # several laws in one folder
     report, picture = f"{name}.json", f"{name}.png"
     made = dataclasses.replace(made, files=(*files, report, picture))
-    with files_into(out, sorted(possible_names(prefix) | {report, picture})) as folder:
+    inputs = [file.format(prefix) for _, file in INPUTS.values()]
+    possible = {*inputs, f"{prefix}_law.h", *PLUGIN, report, picture}  # of whatever code
+    with files_into(out, sorted(possible)) as folder:
         for file, text in files.items():
             write_text(folder / file, text)
         write_text(folder / report, dumps(made.to_dict(), indent=2))
@@ -104,37 +106,23 @@ def export(
 
 def _check(to: str, options: ExportOptions) -> None:
     """Refuse the first option that makes no sense."""
-    steps, prefix, types = options.steps, options.prefix, options.types
-    named = prefix == "softjax" or to in ("c", "lammps")
+    if to not in BACKENDS:
+        raise DataError("to", to, listed(BACKENDS))
+    steps, prefix, types, radius = options.steps, options.prefix, options.types, options.radius
+    whole = steps is None or (type(steps) is int and steps >= 2)
     two = types is None or (len(types) == 2 and all(isinstance(t, int) and t > 0 for t in types))
+    named = prefix == "softjax" or to in ("c", "lammps")
     sized = types is None or options.sizes is None
-    checks = (
-        ("to", to, to in BACKENDS, listed(BACKENDS)),
-        ("tolerance", options.tolerance, 0 < options.tolerance < 1, "a number in (0, 1)"),
-        (
-            "steps",
-            steps,
-            steps is None or (type(steps) is int and steps >= 2),
-            "a whole number of 2 or more",
-        ),
-        ("prefix", prefix, named, f"left out with {to}, whose files go by softjax"),
-        (
-            "prefix",
-            prefix,
-            re.fullmatch("[a-z][a-z0-9_]*", prefix),
-            "a name in C, of small letters",
-        ),
-        ("below", options.below, options.below in ("none", "hold"), "none or hold"),
-        ("types", types, sized, "left out with sizes, which are those of types 1, 2, …"),
-        ("types", types, types is None or to == "lammps", f"left out with {to}"),
-        ("types", types, two, "two types of atoms, such as 1 2"),
-        (
-            "radius",
-            options.radius,
-            options.radius is None or 0 < options.radius < math.inf,
-            "a positive length in m",
-        ),
-    )
-    for argument, value, good, accepted in checks:
+    for argument, good, accepted in (
+        ("tolerance", 0 < options.tolerance < 1, "a number in (0, 1)"),
+        ("steps", whole, "a whole number of 2 or more"),
+        ("prefix", named, f"left out with {to}, whose files go by softjax"),
+        ("prefix", re.fullmatch("[a-z][a-z0-9_]*", prefix), "a name in C, of small letters"),
+        ("below", options.below in ("none", "hold"), "none or hold"),
+        ("types", sized, "left out with sizes, which are those of types 1, 2, …"),
+        ("types", types is None or to == "lammps", f"left out with {to}"),
+        ("types", two, "two types of atoms, such as 1 2"),
+        ("radius", radius is None or 0 < radius < math.inf, "a positive length in m"),
+    ):
         if not good:
-            raise DataError(argument, value, accepted)
+            raise DataError(argument, getattr(options, argument), accepted)

@@ -13,11 +13,12 @@ import softjax as sj
 from calibration.errors import InputError
 from calibration.particle_codes.c_table import FORMULAS
 from calibration.particle_codes.codes import HEADER
-from calibration.particle_codes.report import LINES, Export
+from calibration.particle_codes.report import Export
 from calibration.particle_codes.surrogates import softened
-from calibration.particle_codes.target import end_of, number_of, with_contact
+from calibration.particle_codes.target import number_of, with_contact
 from softjax.fields import numbers_of
 from softjax.laws.linear_dashpot import damping_fraction
+from softjax.many_body import end_of
 
 PLUGIN = {"softjax_lammps.cpp": "lammps.cpp", "build.sh": "build.sh"}
 # templates of input lines by code, and the name of the file; a header is PREFIX_law.h
@@ -26,14 +27,8 @@ INPUTS = {
     "liggghts": ("in.script", "in.{}"),
     "yade": ("yade.py.in", "{}_yade.py"),
 }
-LEAST_RESTITUTION = 0.05  # that LIGGGHTS takes
+LEAST = 0.05  # that LIGGGHTS takes
 BEYOND = 2.0  # the overlap up to which k2 grows from k1, over the largest of the range
-
-
-def possible_names(prefix: str) -> set[str]:
-    """Of all files that an export to whatever code may write."""
-    inputs = {name.format(prefix) for _, name in INPUTS.values()}
-    return inputs | {f"{prefix}_law.h"} | PLUGIN.keys()
 
 
 def files_of(export: Export) -> dict[str, str]:
@@ -53,21 +48,17 @@ def files_of(export: Export) -> dict[str, str]:
         softer = {types: softened(one, choice.softening_factor) for types, one in pairs.items()}
         pairs = {types: numbers_of_input(export, one) for types, one in softer.items()}
         law = numbers_of_input(export, softened(choice.law, choice.softening_factor))
-    if (export.to, choice.key) == ("liggghts", "hertz-dashpot"):
-        restitution = law["restitution"]
-        if restitution <= LEAST_RESTITUTION:
-            problem = f"LIGGGHTS takes no coefficientRestitution of {restitution:.3g}"
-            accepted = f"above {LEAST_RESTITUTION}, or --export-law linear"
-            raise InputError(None, None, problem, accepted)
+    if (export.to, choice.key) == ("liggghts", "hertz-dashpot") and law["restitution"] <= LEAST:
+        problem = f"LIGGGHTS takes no coefficientRestitution of {law['restitution']:.3g}"
+        raise InputError(None, None, problem, f"above {LEAST}, or --export-law linear")
     template, name = INPUTS[export.to]
     values = {"plugin": plugin, "prefix": options.prefix, "pairs": pairs, "law": law, "pi": math.pi}
-    values["lines"] = LINES[target.on_wall]
     return {name.format(options.prefix): rendered(template, export=export, **values), **files}
 
 
 def numbers_of_input(export: Export, law: Any) -> dict[str, float]:
     """What input lines say of a law [SI], by the names of their templates."""
-    poisson_ratio, peak = export.target.poisson_ratio, export.peak
+    poisson_ratio = export.target.poisson_ratio
     names = ("radius", "mass", "youngs_modulus")
     radius, mass, modulus = (number_of(getattr(law.contact, name)) for name in names)
     found = {
@@ -80,19 +71,14 @@ def numbers_of_input(export: Export, law: Any) -> dict[str, float]:
     if isinstance(law, sj.ViscoelasticHertz):  # η0 of the dashpot η0 M √(R δ) δ' [1/(s m)]
         return found | {"damping": 2 * modulus * number_of(law.dissipation_time) / mass}
     if isinstance(law, sj.WaltonBraun):
-        stiffness, most = (
-            number_of(law.loading_stiffness),
-            1 + number_of(law.growth) * BEYOND * peak,
-        )
+        stiffness = number_of(law.loading_stiffness)
+        end = BEYOND * export.overlap * export.target.radius  # of the growth of k2 [m]
+        most = 1 + number_of(law.growth) * end
         scale = 16 / 15 * math.sqrt(radius) * modulus
         return found | {
             "stiffness": stiffness,  # k1 [N/m]
             "most": most,  # k_p/k1
-            "depth": BEYOND
-            * peak
-            * (most - 1)
-            / most
-            / (2 * radius),  # of plasticity, over the radii
+            "depth": end * (most - 1) / most / (2 * radius),  # of plasticity, over the radii
             # V of k1 = 16/15 √R E [15 M V²/(16 √R E)]^{1/5} [m/s]
             "velocity": math.sqrt((stiffness / scale) ** 5 * scale / mass),
         }

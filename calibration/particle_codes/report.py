@@ -18,13 +18,6 @@ from softjax.fields import numbers_of, options_of
 DEEP = 0.1  # of the radius: contact laws are for small overlaps
 SLACK = 1e-3  # of a velocity: text rounds
 SCENES: dict[bool | None, str] = {True: "a ball on a flat wall", False: "two balls"}
-REQUESTED, OTHER, SAME = (
-    ", as requested",
-    ", which needs an export of its own",
-    " of the same material",
-)
-# of the line of two balls, and of that of a wall, by whether a wall was measured
-LINES = {None: ("", SAME), True: (OTHER, REQUESTED), False: (REQUESTED, SAME + OTHER)}
 SLOWER, NEARLY_ELASTIC = 10.0, 0.98  # below the range, and an ε that leaves beds bouncing
 
 
@@ -57,14 +50,9 @@ class Export:
         return self.target.options
 
     @property
-    def peak(self) -> float:
-        """The largest overlap in the code [m]."""
-        return float(np.max(self.choice.impacts.peak))
-
-    @property
     def overlap(self) -> float:
         """The largest overlap in the code over the radius."""
-        return self.peak / self.target.radius
+        return float(np.max(self.choice.impacts.peak)) / self.target.radius
 
     @property
     def time_step(self) -> float:
@@ -87,22 +75,23 @@ class Export:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What to know before it is used: extrapolation, deep overlaps, slow impacts, warnings of the fit."""
-        return tuple(self._warnings())
-
-    def _warnings(self) -> Iterator[str]:
         fit, (low, high) = self.target.fit, self.target.range
+        found: list[str] = []
         least, most = (low, high) if fit is None else np.sort(fit.data.velocity)[[0, -1]].tolist()
         if low < (1 - SLACK) * least or high > (1 + SLACK) * most:
             ends = f"{number(least)} to {number(most)} m/s"
-            yield f"Measured: {ends}. Outside, ε is that of the law."
+            found.append(f"Measured: {ends}. Outside, ε is that of the law.")
         if self.overlap > DEEP:
             percent = f"{100 * self.overlap:.0f} %"
-            yield f"Overlaps reach {percent} of the radius: contact laws are for small ones."
+            found.append(
+                f"Overlaps reach {percent} of the radius: contact laws are for small ones."
+            )
         if self.choice.key not in CONSTANT:
-            yield from self._below(low)
+            found += self._below(low)
         if fit is not None and fit.warnings:
             names = dict.fromkeys(warning.code for warning in fit.warnings)
-            yield f"Warnings of the fit: {', '.join(names)}; see its report."
+            found.append(f"Warnings of the fit: {', '.join(names)}; see its report.")
+        return tuple(found)
 
     def _below(self, low: float) -> Iterator[str]:
         """The law of impacts slower than the range."""
@@ -125,35 +114,34 @@ class Export:
     @property
     def notes(self) -> tuple[str, ...]:
         """The first lines of every file."""
-        return tuple(map(_harmless, (*self._notes(), *self.warnings)))
-
-    def _notes(self) -> Iterator[str]:
         choice, target, contact = self.choice, self.target, self.target.contact
         low, high = map(number, target.range)
+        radius, mass = (number(number_of(one)) for one in (contact.radius, contact.mass))
         others = "two balls" if target.on_wall else "a wall in place of a ball"
         this = SCENES.get(target.on_wall, "this pair")
-        yield from (f"{choice.label}, for {target.name}", "")
-        within, requested = number(choice.total, 2), _ends(target.restitution)
-        yield f"Impacts of {low} to {high} m/s: ε within {within} of the requested {requested},"
-        step, count = number(self.time_step, 3), choice.steps.count
-        yield f"at time steps of {step} s, {count} in the shortest contact."
-        radius, mass = (number(number_of(one)) for one in (contact.radius, contact.mass))
-        yield f"Effective radius {radius} m, effective mass {mass} kg."
+        of_sizes = f"That error is of {this}: other sizes, or {others}, have another."
         if target.pairs:
             radii = ", ".join(number(one) for one in self.options.sizes or ())
-            yield f"That error is of all pairs of spheres of radius {radii} m."
+            of_sizes = f"That error is of all pairs of spheres of radius {radii} m."
         elif choice.backend.of_mass:
-            yield f"Its damping is for that mass, of {this}: other sizes, or {others}, need"
-            yield "an export of their own, or --sizes."
-        else:
-            yield f"That error is of {this}: other sizes, or {others}, have another."
+            of_sizes = f"Its damping is for that mass, of {this}: other sizes, or {others}, need --sizes or another export."
+        found = [
+            f"{choice.label}, for {target.name}",
+            "",
+            f"Impacts of {low} to {high} m/s: ε within {number(choice.total, 2)} of the requested "
+            f"{_ends(target.restitution)},",
+            f"at time steps of {number(self.time_step, 3)} s, {choice.steps.count} in the shortest contact.",
+            f"Effective radius {radius} m, effective mass {mass} kg.",
+            of_sizes,
+        ]
         if choice.softening_factor != 1:
             times = number(choice.softening_factor, 3)
-            yield f"Softer: overlaps are {times} times the law's."
+            found.append(f"Softer: overlaps are {times} times the law's.")
         if isinstance(choice.law, sj.RateIndependentLaw):
             gain = f"An impact gains at most {number(choice.impacts.gain, 2)} of its energy"
             none = "No history of loading and unloading gains energy."
-            yield f"{gain} (just above yield)." if choice.impacts.gain else none
+            found.append(f"{gain} (just above yield)." if choice.impacts.gain else none)
+        return tuple(map(_harmless, (*found, *self.warnings)))
 
     def to_dict(self) -> dict[str, Any]:
         """The content of export.json."""
@@ -238,18 +226,17 @@ class Export:
         curve, errors = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
         velocity, requested = self.target.velocity, self.target.restitution
         exported, step = self.choice.impacts.coefficient, self.choice.steps.error
-        name = style.plain(self.target.name)
+        off, name = exported - requested, style.plain(self.target.name)
+        dashed = {"color": style.BLUE, "linestyle": "--"}
         curve.plot(velocity, requested, color=style.BLACK, label=f"requested, {name}")
-        label = f"{self.to}: {self.choice.label}"
-        curve.plot(velocity, exported, color=style.BLUE, linestyle="--", label=label)
+        curve.plot(velocity, exported, label=f"{self.to}: {self.choice.label}", **dashed)
         curve.set(ylabel=r"restitution $\varepsilon$")
         look = {"color": style.BLUE, "alpha": 0.25, "linewidth": 0, "label": "time step"}
-        off = exported - requested
         errors.fill_between(velocity, off - step, off + step, **look)
-        errors.plot(velocity, off, color=style.BLUE, linestyle="--")
-        for sign, words in ((-1, None), (1, "tolerance")):
-            tolerance = sign * self.options.tolerance
-            errors.axhline(tolerance, color=style.GREY, linestyle=":", label=words)
+        errors.plot(velocity, off, **dashed)
+        dotted = {"color": style.GREY, "linestyle": ":"}
+        errors.axhline(self.options.tolerance, label="tolerance", **dotted)
+        errors.axhline(-self.options.tolerance, **dotted)
         errors.set(xlabel="impact velocity $v$ [m/s]", ylabel=r"exported $-$ requested")
         if style.spans_decades(velocity):
             style.logarithmic_x(errors)

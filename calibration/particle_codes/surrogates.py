@@ -7,7 +7,6 @@ Softer springs at the same ε: overlaps and durations grow by a factor μ, force
 P'(δ, δ') = P(δ/μ, δ')/μ every impact is the old one with lengths and times μ times as large.
 """
 
-import cmath
 import dataclasses
 import math
 from typing import Any
@@ -17,15 +16,14 @@ from scipy.optimize import brentq, minimize
 
 import softjax as sj
 from calibration.particle_codes.target import Target, number_of, restitution_of
+from softjax.many_body import held_fraction
 
 END = "zero-force"  # of damped contacts: nothing pulls
 LEAST = math.exp(-2)  # ε of critical damping with this end
-MOST_DAMPING = 500.0  # Λ, of ε within 3e-5 of the least
 # w² = 3/2 A (k/M)^{2/5} v^{1/5}, the one number of viscoelastic spheres: ε from 1 - 1e-9 to 3e-7
 LEAST_LOSS, MOST_LOSS = 1e-9, 1e4
-POWERS: dict[
-    type, dict[str, float]
-] = {  # of the factor, by which a field is multiplied; "contact": its modulus
+# of the factor, by which a field is multiplied; "contact": its modulus
+POWERS: dict[type, dict[str, float]] = {
     sj.LinearSpringDashpot: {"stiffness": -2},
     sj.WaltonBraun: {"loading_stiffness": -2, "unloading_stiffness": -2, "growth": -1},
     sj.HertzDashpot: {"contact": -2.5},
@@ -40,8 +38,8 @@ def surrogate_of(key: str, target: Target, from_loading: bool) -> Any:
         return law if type(law) is sj.ViscoelasticHertz else _viscoelastic(target)
     if key == "walton-braun" and type(law) is sj.WaltonBraun and not from_loading:
         return law
-    hit = sj.restitution(law if target.has_force else sj.Hertz(contact), target.velocity)
-    overlap = float(np.asarray(hit.peak_overlap)[-1])
+    with_force = sj.Hertz(contact) if isinstance(law, sj.HardSphereLaw) else law
+    overlap = float(np.asarray(sj.restitution(with_force, target.range[1]).peak_overlap))
     stiffness = number_of(contact.mass) * (target.range[1] / overlap) ** 2  # ½ K δ² = ½ M v² [N/m]
     if key == "walton-braun":
         return _walton_braun(target, stiffness, from_loading)
@@ -55,32 +53,11 @@ def surrogate_of(key: str, target: Target, from_loading: bool) -> Any:
 def dashpot_for(restitution: float) -> float:
     """What `restitution` of a dashpot law is set to, so that ε in (e^-2, 1] comes out with this end.
 
-    It means a contact that pulls until its overlap is zero. With Λ = -ln of what is set, for the
-    linear spring and for Hertz's with a dashpot ∝ δ^{1/4}:
-
-        ln ε = -(2 Λ/π) atan2(π, Λ)
+    It means a contact that pulls until its overlap is zero, ln e = -π ξ/√(1 - ξ²). This one ends before, and loses as
+    much on approach as a held contact does that starts at its peak: ln ε = -2 ξ arccos ξ/√(1 - ξ²).
     """
-
-    def off(loss: float) -> float:
-        return math.log(restitution) + 2 * loss / math.pi * math.atan2(math.pi, loss)
-
-    return math.exp(-brentq(off, 0.0, MOST_DAMPING, xtol=1e-15))
-
-
-def hold_for(restitution: float) -> float:
-    """The fraction ξ of critical damping with which a contact at rest at its peak returns ε of its speed.
-
-    A dashpot c = ξ √(2 M (P/δ + dP/dδ)) and a force P ∝ δⁿ are a linear oscillator; it ends where the force
-    vanishes:
-
-        ln ε = -ξ arccos ξ/√(1 - ξ²)
-    """
-
-    def off(fraction: float) -> float:
-        angle = abs(cmath.acos(fraction) / cmath.sqrt(1 - fraction**2))
-        return math.log(restitution) + fraction * angle
-
-    return brentq(off, 0.0, MOST_DAMPING, xtol=1e-15) if restitution < 1 else 0.0
+    fraction = float(held_fraction(math.sqrt(restitution)))
+    return math.exp(-math.pi * fraction / math.sqrt(1 - fraction**2))
 
 
 def _viscoelastic(target: Target) -> sj.ViscoelasticHertz:
@@ -123,8 +100,6 @@ def _walton_braun(target: Target, stiffness: float, from_loading: bool) -> sj.Wa
 
 def softened(law: Any, factor: float) -> Any:
     """A law softer by `factor`, by its fields; headers soften any law by themselves."""
-    if factor == 1:
-        return law
     powers, contact = dict(POWERS[type(law)]), law.contact
     modulus = contact.youngs_modulus * factor ** powers.pop("contact", 0)
     fields = {name: getattr(law, name) * factor**power for name, power in powers.items()}

@@ -6,9 +6,8 @@ from itertools import combinations_with_replacement
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 import softjax as sj
 from calibration.errors import DataError, printable
@@ -77,10 +76,6 @@ class Target:
     @property
     def range(self) -> Range:
         return float(self.velocity[0]), float(self.velocity[-1])
-
-    @property
-    def has_force(self) -> bool:
-        return not isinstance(self.law, sj.HardSphereLaw)
 
 
 def target_of(source: FitResult | MaterialFit | sj.ContactLaw, options: ExportOptions) -> Target:
@@ -159,8 +154,7 @@ def _pairs(contact: sj.Contact, sizes: Any, density: Any, on_wall: bool | None) 
 
 def with_contact(law: Any, contact: sj.Contact) -> Any:
     """The law between bodies of other sizes."""
-    has_contact = getattr(law, "contact", None) is not None
-    return dataclasses.replace(law, contact=contact) if has_contact else law
+    return dataclasses.replace(law, contact=contact) if hasattr(law, "contact") else law
 
 
 def number_of(leaf: Any) -> float:
@@ -212,18 +206,3 @@ def impacts_of(law: Any, velocity: Curve, losses: bool = True) -> Impacts:
     numbers = hit.coefficient, hit.plastic_coefficient, hit.peak_overlap, hit.duration
     total, plastic, peak, duration = map(np.asarray, numbers)
     return Impacts(velocity, np.minimum(total, 1.0) if losses else plastic, plastic, peak, duration)
-
-
-def end_of(law: Any) -> str:
-    """Where a contact with damping ends: "zero-overlap" or "zero-force"."""
-    return getattr(law, "end", None) or law.reduced().ends_at
-
-
-def unloading_force(law: Any, overlap: Any, peak_overlap: Any) -> Array:
-    """The unloading force of a law [N]; Hertz's, as on loading, where nothing has yielded."""
-    after_yield = law.unloading_force(overlap, peak_overlap)
-    if not hasattr(law, "elastic_velocity"):
-        return after_yield
-    energy = law.contact.mass * law.elastic_velocity() ** 2 / 2
-    elastic = (2.5 * energy / law.contact.stiffness) ** 0.4  # the largest overlap without yield
-    return jnp.where(peak_overlap > elastic, after_yield, law.loading_force(overlap))

@@ -8,7 +8,7 @@ int size_of_real(void) { return (int)sizeof(real); }
 /* force and stiffness of each overlap, all of one contact in this order */
 void forces(int n, double radius, double mass, const double *overlap, const double *rate,
             double *force, double *stiffness) {
-  softjax_pair pair = softjax_wall((real)radius, (real)mass);
+  softjax_pair pair = softjax_spheres((real)radius, (real)mass, (real)HUGE_VAL, (real)HUGE_VAL);
   softjax_contact memory = softjax_touch();
   int i;
   for (i = 0; i < n; i++) {
@@ -34,7 +34,7 @@ static double rebound(const softjax_pair *pair, double velocity, double step, do
 
 void restitution(int n, double radius, double mass, const double *velocity, const double *step,
                  double phase, double *coefficient) {
-  softjax_pair pair = softjax_wall((real)radius, (real)mass);
+  softjax_pair pair = softjax_spheres((real)radius, (real)mass, (real)HUGE_VAL, (real)HUGE_VAL);
   int i;
   for (i = 0; i < n; i++) coefficient[i] = rebound(&pair, velocity[i], step[i], phase);
 }
@@ -43,7 +43,7 @@ void restitution(int n, double radius, double mass, const double *velocity, cons
  * by the midpoint rule; also the most energy that was in the contact */
 double gained(int turns, const double *turn, int samples, double radius, double mass,
               double *most) {
-  softjax_pair pair = softjax_wall((real)radius, (real)mass);
+  softjax_pair pair = softjax_spheres((real)radius, (real)mass, (real)HUGE_VAL, (real)HUGE_VAL);
   softjax_contact memory = softjax_touch();
   double gain = 0;
   int i, j;

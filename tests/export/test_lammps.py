@@ -247,31 +247,86 @@ def test_a_restart_has_room_for_the_contacts_of_every_process(plugin):
         np.testing.assert_allclose(found, whole, rtol=0, atol=1e-13)
 
 
-def test_a_box_is_filled_by_pouring(plugin):
-    """From nothing, with spheres of two sizes: none is lost, none falls through; warnings at the end."""
+BALL = f"""# for fix deposit
+
+1 atoms
+
+Coords
+
+1 0 0 0
+
+Types
+
+1 1
+
+Diameters
+
+1 {2 * RADIUS}
+
+Masses
+
+1 {DENSITY * 4 / 3 * np.pi * RADIUS**3}
+"""
+POUR = (
+    f"fix more all pour 200 1 4711 region above vol 0.2 50 dens {DENSITY} {DENSITY} "
+    f"vel -.5 .5 -.5 .5 -2 diam poly 2 {2 * RADIUS} 0.5 {RADIUS} 0.5"
+)
+LARGER = (
+    f'"create_atoms 1 single 0 0 .1" "set atom $(atoms) diameter {2 * RADIUS} density {DENSITY}"'
+)
+FILLED = {  # how, and how many spheres there are in the end
+    "pour": ([POUR, "run 20000"], 200),
+    "deposit": (
+        [
+            "molecule ball in.ball",
+            "fix more all deposit 60 0 100 4711 region above mol ball vz -2 -2 near 0.026",
+            "run 40000",
+        ],
+        60,
+    ),
+    "creation during a run": (
+        [
+            f"create_atoms 1 single 0 0 {RADIUS / 2 + 1e-5}",
+            f"set group all diameter {RADIUS} density {DENSITY}",
+            f"run 5000 every 5000 {LARGER}",
+            "run 35000",
+        ],
+        2,
+    ),
+}
+
+
+@pytest.mark.parametrize("how", FILLED)
+def test_a_box_is_filled(how, plugin):
+    """From nothing or by smaller spheres: none is lost, none falls through; warnings at the end."""
+    fills, count = FILLED[how]
+    (plugin[0] / "in.ball").write_text(BALL, encoding="utf-8")
     lines = [
         *SPHERES,
         "boundary p p f",
         "newton off",
         "region box block -.15 .15 -.15 .15 0 .6",
         "create_box 1 box",
-        "region above block -.15 .15 -.15 .15 .05 .35",
+        "region above block -.13 .13 -.13 .13 .05 .35",
         *LOAD,
         "fix floor all softjax/wall plate zplane 0.0 NULL",
         "timestep 4e-6",
         *MOVES,
         "fix down all gravity 9.81 vector 0 0 -1",
-        f"fix pour all pour 200 1 4711 region above vol 0.2 50 dens {DENSITY} {DENSITY} "
-        f"vel -.5 .5 -.5 .5 -2 diam poly 2 {2 * RADIUS} 0.5 {RADIUS} 0.5",
         "neighbor 2e-3 bin",
-        "run 20000",
-        'print "RESULT $(atoms) $(bound(all,zmin))"',
+        *fills,
+        "write_dump all custom filled.dump x y z radius modify format float %20.15g",
     ]
     code, said = output_of(lines, plugin[0])
-    assert code == 0
-    atoms, lowest = map(float, re.search(r"^RESULT (\S+) (\S+)", said, re.M).groups())
-    assert atoms == 200
-    assert 0.9 * RADIUS / 2 < lowest < 0.3
+    assert code == 0, said[-2000:]
+    *place, radius = np.loadtxt(plugin[0] / "filled.dump", skiprows=9).T
+    assert len(radius) == count
+    assert np.all(place[2] > 0.9 * radius)
+    assert np.min(place[2]) < 0.3
+    apart = np.array([np.subtract.outer(one, one) for one in place])
+    apart[:2] -= 0.3 * np.round(apart[:2] / 0.3)
+    least = 0.9 * np.add.outer(radius, radius)[np.triu_indices(count, 1)]
+    assert np.all(np.linalg.norm(apart, axis=0)[np.triu_indices(count, 1)] > least)
     assert "impacts were outside the velocities of their softjax law" in said
     assert "times the one that a softjax law was tested with" in said
 
@@ -290,6 +345,7 @@ def output_of(lines, folder) -> tuple[int, str]:
         ("units si", "units cgs", "The laws of softjax need units si"),
         ("newton off", "newton on", "The laws of softjax need newton off"),
         ("block -1 1 -1 1", f"block -1 1 -0.02 {RADIUS}", "longer than two diameters"),
+        ("run 1", "minimize 1e-4 1e-6 10 10", "need time: run, not minimize"),
         ("* * softjax", "* * brass", "No law brass in this softjax plugin; it has plate softjax"),
     ],
 )

@@ -42,18 +42,17 @@ using namespace LAMMPS_NS;
 
 namespace {
 
-constexpr double HEAVY = 1e200; /* kg, of what does not move */
+constexpr double HEAVY = 1e200; /* [kg] of what does not move, and [m] of what is flat */
 constexpr char MEMORY[] = "SOFTJAX_MEMORY";
-constexpr int VALUES = 5; /* of a record, when it travels */
 
-/* What one contact remembers, kept by each of its two spheres. */
+/* What one contact remembers, kept by each of its two spheres: numbers alone, so that it travels as they do. */
 struct Record {
-  tagint partner;
-  bigint call; /* the last evaluation of all forces in which the two touched */
+  double partner;
+  double call; /* the last evaluation of all forces in which the two touched */
   double peak, factor, force;
 };
+constexpr int VALUES = sizeof(Record) / sizeof(double);
 
-/* Two bodies: a radius of 0 is a wall's. */
 struct Bodies {
   double radius_1, mass_1, radius_2, mass_2;
 };
@@ -67,13 +66,12 @@ struct Law {
 #define LAW(name, NAME)                                                                          \
   bool name##_evaluated(const Bodies &b, Record &record, double overlap, double rate,            \
                         double &result) {                                                        \
+    using real = name##_real;                                                                    \
     const name##_pair pair =                                                                     \
-        b.radius_2 > 0 ? name##_spheres((name##_real)b.radius_1, (name##_real)b.mass_1,          \
-                                        (name##_real)b.radius_2, (name##_real)b.mass_2)          \
-                       : name##_wall((name##_real)b.radius_1, (name##_real)b.mass_1);            \
-    name##_contact contact{(name##_real)record.peak, (name##_real)record.factor};                \
-    name##_real stiffness;                                                                       \
-    result = name##_force(&pair, &contact, (name##_real)overlap, (name##_real)rate, &stiffness); \
+        name##_spheres((real)b.radius_1, (real)b.mass_1, (real)b.radius_2, (real)b.mass_2);      \
+    name##_contact contact{(real)record.peak, (real)record.factor};                              \
+    real stiffness;                                                                              \
+    result = name##_force(&pair, &contact, (real)overlap, (real)rate, &stiffness);               \
     record.peak = contact.peak;                                                                  \
     record.factor = contact.factor;                                                              \
     return name##_fits(&pair);                                                                   \
@@ -90,9 +88,7 @@ const Law *law_of(const char *name, Error *error) {
     if (!strcmp(name, law->name)) return law;
     known += std::string(" ") + law->name;
   }
-  const std::string text = std::string("No law ") + name + " in this softjax plugin; it has" + known;
-  error->all(FLERR, text.c_str());
-  return nullptr;
+  error->all(FLERR, "No law {} in this softjax plugin; it has{}", name, known);
 }
 
 /* The memory of all contacts, with the spheres over processors, sorting and restarts.
@@ -103,6 +99,8 @@ const Law *law_of(const char *name, Error *error) {
 class FixSoftjaxMemory : public Fix {
  public:
   FixSoftjaxMemory(LAMMPS *lmp, int narg, char **arg) : Fix(lmp, narg, arg) {
+    if (!atom->radius_flag || !atom->rmass_flag || !atom->tag_enable)
+      error->all(FLERR, "The laws of softjax need atom_style sphere and atom IDs");
     restart_peratom = 1;
     create_attribute = 1;
     maxexchange_dynamic = 1;
@@ -116,16 +114,15 @@ class FixSoftjaxMemory : public Fix {
     atom->delete_callback(id, Atom::RESTART);
   }
   int setmask() override {
-    return FixConst::PRE_EXCHANGE | FixConst::MIN_PRE_EXCHANGE | FixConst::POST_RUN;
+    return FixConst::PRE_EXCHANGE | FixConst::POST_RUN;
   }
-  void init() override { begin_run(); }
-  void begin_run() {
+  void init() override {
     if (strcmp(update->unit_style, "si")) error->all(FLERR, "The laws of softjax need units si");
     if (force->newton_pair) error->all(FLERR, "The laws of softjax need newton off");
+    if (update->whichflag == 2) error->all(FLERR, "The laws of softjax need time: run, not minimize");
     freeze_bit = 0;
     for (auto *fix : modify->get_fix_by_style("^freeze")) freeze_bit = fix->groupbit;
-    impacts = outside = 0;
-    longest = 0;
+    impacts[0] = impacts[1] = longest = 0;
     moved = false;
   }
 
@@ -145,14 +142,16 @@ class FixSoftjaxMemory : public Fix {
    * `advance`: by how much the overlap has grown in the last step. */
   double push(const Law *law, int i, tagint partner, int j, double overlap, double rate,
               double advance) {
-    const Bodies bodies = {atom->radius[i], mass(i), j < 0 ? 0 : atom->radius[j],
+    const Bodies bodies = {atom->radius[i], mass(i), j < 0 ? HEAVY : atom->radius[j],
                            j < 0 ? HEAVY : mass(j)};
-    Record &record = find(i, partner);
+    Record &record = find(i, (double)partner);
     if (record.call < calls - 1) {
-      record.peak = 0;
-      record.factor = -1;
-      record.force = 0;
-      if (j < atom->nlocal || atom->tag[i] < partner) meet(law, rate);
+      record = {(double)partner, -2, 0, -1, 0};
+      if (j < atom->nlocal || atom->tag[i] < partner) { /* counted by one of two owners */
+        impacts[0]++;
+        if (rate < law->slowest || rate > law->fastest) impacts[1]++;
+        longest = std::max(longest, update->dt / law->step);
+      }
     }
     record.call = calls;
     double result;
@@ -167,7 +166,7 @@ class FixSoftjaxMemory : public Fix {
     record.force = result;
     if (j >= 0 && j < atom->nlocal) {
       Record copy = record;
-      copy.partner = atom->tag[i];
+      copy.partner = (double)atom->tag[i];
       find(j, copy.partner) = copy;
     }
     return result;
@@ -184,40 +183,51 @@ class FixSoftjaxMemory : public Fix {
     }
     maxexchange = 1 + VALUES * most;
   }
-  void min_pre_exchange() override { pre_exchange(); }
   void post_run() override {
     pre_exchange();
-    bigint mine[2] = {impacts, outside}, all[2];
-    MPI_Allreduce(mine, all, 2, MPI_LMP_BIGINT, MPI_SUM, world);
-    double step = 0;
-    MPI_Allreduce(&longest, &step, 1, MPI_DOUBLE, MPI_MAX, world);
+    double met[2], step;
+    MPI_Reduce(impacts, met, 2, MPI_DOUBLE, MPI_SUM, 0, world);
+    MPI_Reduce(&longest, &step, 1, MPI_DOUBLE, MPI_MAX, 0, world);
     if (comm->me) return;
-    if (all[1])
-      error->warning(FLERR, (std::to_string(all[1]) + " of " + std::to_string(all[0]) +
-                             " impacts were outside the velocities of their softjax law").c_str());
+    if (met[1] > 0)
+      error->warning(FLERR, "{:.0f} of {:.0f} impacts were outside the velocities of their softjax law",
+                     met[1], met[0]);
     if (step > 1.001)
-      error->warning(FLERR, ("The time step was " + std::to_string(step) +
-                             " times the one that a softjax law was tested with").c_str());
+      error->warning(FLERR, "The time step was {:.3g} times the one that a softjax law was tested with",
+                     step);
   }
 
   void grow_arrays(int n) override { records.resize(n); }
   void copy_arrays(int i, int j, int) override { records[j] = records[i]; }
   void set_arrays(int i) override { records[i].clear(); }
-  int pack_exchange(int i, double *buf) override { return pack_since(i, buf, 0); }
-  int unpack_exchange(int i, double *buf) override { return unpack_all(i, buf); }
-  int pack_restart(int i, double *buf) override {
-    const int m = 1 + pack_since(i, buf + 1, calls - 1);
+  /* how many numbers these are, and the records; their calls as counted from this one, as a restart counts anew */
+  int pack_exchange(int i, double *buf) override {
+    int m = 1;
+    for (Record record : records[i]) {
+      record.call -= calls;
+      memcpy(buf + m, &record, sizeof(Record));
+      m += VALUES;
+    }
     buf[0] = m;
     return m;
   }
-  void unpack_restart(int i, int nth) override {
-    double *extra = atom->extra[i];
-    int m = 0;
-    for (int k = 0; k < nth; k++) m += (int)extra[m];
-    unpack_all(i, extra + m + 1);
-    for (auto &record : records[i]) record.call = calls;
+  int unpack_exchange(int i, double *buf) override {
+    int m = 1;
+    records[i].resize(((size_t)buf[0] - 1) / VALUES);
+    for (auto &record : records[i]) {
+      memcpy(&record, buf + m, sizeof(Record));
+      record.call += calls;
+      m += VALUES;
+    }
+    return m;
   }
-  int size_restart(int i) override { return 2 + VALUES * (int)records[i].size(); }
+  int pack_restart(int i, double *buf) override { return pack_exchange(i, buf); }
+  void unpack_restart(int i, int nth) override {
+    double *mine = atom->extra[i];
+    while (nth--) mine += (int)mine[0];
+    unpack_exchange(i, mine);
+  }
+  int size_restart(int i) override { return 1 + VALUES * (int)records[i].size(); }
   int maxsize_restart() override { /* of all processes: the first one's is written to the file */
     int mine = 0, most;
     for (int i = 0; i < atom->nlocal; i++) mine = std::max(mine, size_restart(i));
@@ -230,43 +240,18 @@ class FixSoftjaxMemory : public Fix {
 
  private:
   std::vector<std::vector<Record>> records; /* of owned spheres */
-  bigint calls = 0, impacts = 0, outside = 0;
-  double longest = 0; /* time step over that of the law */
+  double calls = 0;
+  double impacts[2] = {0, 0}; /* and those of them outside the velocities of their law */
+  double longest = 0;         /* time step over that of the law */
   bool moved = false;
   int freeze_bit = 0;
 
-  void meet(const Law *law, double rate) {
-    impacts++;
-    if (rate < law->slowest || rate > law->fastest) outside++;
-    longest = std::max(longest, update->dt / law->step);
-  }
-  Record &find(int i, tagint partner) {
+  Record &find(int i, double partner) {
     auto &mine = records[i];
     for (auto &record : mine)
       if (record.partner == partner) return record;
     mine.push_back({partner, -2, 0, -1, 0});
     return mine.back();
-  }
-  int pack_since(int i, double *buf, bigint since) {
-    int m = 1;
-    for (auto &record : records[i])
-      if (record.call >= since) {
-        const double values[] = {(double)record.partner, (double)record.call, record.peak,
-                                 record.factor, record.force};
-        std::copy(values, values + VALUES, buf + m);
-        m += VALUES;
-      }
-    buf[0] = (m - 1) / VALUES;
-    return m;
-  }
-  int unpack_all(int i, const double *buf) {
-    records[i].resize((size_t)buf[0]);
-    int m = 1;
-    for (auto &record : records[i]) {
-      record = {(tagint)buf[m], (bigint)buf[m + 1], buf[m + 2], buf[m + 3], buf[m + 4]};
-      m += VALUES;
-    }
-    return m;
   }
 };
 
@@ -291,7 +276,14 @@ class PairSoftjax : public Pair {
   }
   void coeff(int narg, char **arg) override {
     if (narg != 3) error->all(FLERR, "Pair style softjax: pair_coeff I J NAME, of a law");
-    if (!allocated) allocate();
+    const int n = atom->ntypes + 1;
+    if (!allocated) {
+      allocated = 1;
+      memory->create(setflag, n, n, "pair:setflag");
+      memory->create(cutsq, n, n, "pair:cutsq");
+      std::fill_n(setflag[0], n * n, 0);
+      between.assign(n, std::vector<const Law *>(n, nullptr));
+    }
     int low[2], high[2];
     for (int k = 0; k < 2; k++)
       utils::bounds(FLERR, arg[k], 1, atom->ntypes, low[k], high[k], error);
@@ -303,13 +295,10 @@ class PairSoftjax : public Pair {
       }
   }
   void init_style() override {
-    if (!atom->radius_flag || !atom->rmass_flag || !atom->tag_enable)
-      error->all(FLERR, "Pair style softjax needs atom_style sphere and atom IDs");
     comm->ghost_velocity = 1;
     if (!contacts)
       contacts = dynamic_cast<FixSoftjaxMemory *>(
           modify->add_fix(std::string(MEMORY) + " all softjax/memory"));
-    contacts->begin_run();
     neighbor->add_request(this, NeighConst::REQ_SIZE);
     double largest = 0;
     for (int i = 0; i < atom->nlocal; i++) largest = std::max(largest, atom->radius[i]);
@@ -327,7 +316,6 @@ class PairSoftjax : public Pair {
     if (!between[i][j]) error->all(FLERR, "Pair style softjax: not all pair_coeff are set");
     return 2 * largest_radius;
   }
-  void *extract(const char *, int &) override { return nullptr; }
 
   void compute(int eflag, int vflag) override {
     ev_init(eflag, vflag);
@@ -347,15 +335,6 @@ class PairSoftjax : public Pair {
   std::vector<std::vector<const Law *>> between; /* of two types */
   double largest_radius = 0;
 
-  void allocate() {
-    allocated = 1;
-    const int n = atom->ntypes + 1;
-    memory->create(setflag, n, n, "pair:setflag");
-    memory->create(cutsq, n, n, "pair:cutsq");
-    for (int i = 1; i < n; i++)
-      for (int j = i; j < n; j++) setflag[i][j] = 0;
-    between.assign(n, std::vector<const Law *>(n, nullptr));
-  }
   void push(int i, int j) {
     const double *xi = atom->x[i], *xj = atom->x[j], *vi = atom->v[i], *vj = atom->v[j];
     const double d[3] = {xi[0] - xj[0], xi[1] - xj[1], xi[2] - xj[2]};
@@ -393,28 +372,22 @@ class FixSoftjaxWall : public FixSoftjaxMemory {
     axis = arg[4][0] - 'x';
     scalar_flag = vector_flag = size_vector = global_freq = energy_global_flag = 1;
     extscalar = extvector = 1;
-    for (int side = 0; side < 2; side++) {
-      there[side] = strcmp(arg[5 + side], "NULL") != 0;
-      place[side] = there[side] ? utils::numeric(FLERR, arg[5 + side], false, lmp) : 0;
-    }
-    if (!atom->radius_flag || !atom->rmass_flag)
-      error->all(FLERR, "Fix softjax/wall needs atom_style sphere");
+    for (int side = 0; side < 2; side++)
+      if (strcmp(arg[5 + side], "NULL")) place[side] = utils::numeric(FLERR, arg[5 + side], false, lmp);
   }
   double compute_scalar() override { return of_all(taken); }
   double compute_vector(int) override { return of_all(given); }
   int setmask() override {
-    return FixSoftjaxMemory::setmask() | FixConst::POST_FORCE | FixConst::MIN_POST_FORCE;
+    return FixSoftjaxMemory::setmask() | FixConst::POST_FORCE;
   }
   void setup(int vflag) override { post_force(vflag); }
-  void min_setup(int vflag) override { post_force(vflag); }
-  void min_post_force(int vflag) override { post_force(vflag); }
   void post_force(int) override {
     begin();
     for (int i = 0; i < atom->nlocal; i++)
       for (int side = 0; side < 2; side++) {
         const double inwards = side ? -1 : 1;
         const double overlap = atom->radius[i] - inwards * (atom->x[i][axis] - place[side]);
-        if (!there[side] || !(atom->mask[i] & groupbit) || !(overlap > 0)) continue;
+        if (!(atom->mask[i] & groupbit) || !(overlap > 0)) continue;
         const double rate = -inwards * atom->v[i][axis];
         /* no sphere has such an ID */
         atom->f[i][axis] +=
@@ -425,8 +398,7 @@ class FixSoftjaxWall : public FixSoftjaxMemory {
  private:
   const Law *law;
   int axis;
-  bool there[2];
-  double place[2];
+  double place[2] = {-HUGE_VAL, HUGE_VAL}; /* of none */
 
   double of_all(double mine) {
     double sum;
@@ -446,42 +418,36 @@ struct Plugin {
 };
 using Register = void (*)(Plugin *, void *);
 
-/* By LAMMPS' C interface, which is the same for all versions. */
-bool built_for(void *lmp) {
-  const bool same = lammps_version(lmp) == SOFTJAX_LAMMPS &&
-                    lammps_extract_setting(lmp, "bigint") == (int)sizeof(bigint) &&
-                    lammps_extract_setting(lmp, "tagint") == (int)sizeof(tagint) &&
-                    lammps_extract_setting(lmp, "imageint") == (int)sizeof(imageint);
-  if (same) return true;
-  const std::string text = "softjax plugin was built for LAMMPS " +
-                           std::to_string(SOFTJAX_LAMMPS) + " and not for this version or these " +
-                           "sizes of integers: build it again with build.sh";
-  lammps_error(lmp, LMP_ERROR_ALL | LMP_ERROR_WORLD, text.c_str());
-  return false;
+template <class Made> void *made(LAMMPS *lmp, int narg, char **arg) {
+  return (Fix *)new Made(lmp, narg, arg);
 }
 
 }    // namespace
 
 extern "C" void lammpsplugin_init(void *lmp, void *handle, void *registers) {
-  if (!built_for(lmp)) return;
+  /* by LAMMPS' C interface, which is the same for all versions */
+  if (lammps_version(lmp) != SOFTJAX_LAMMPS ||
+      lammps_extract_setting(lmp, "bigint") != (int)sizeof(bigint) ||
+      lammps_extract_setting(lmp, "tagint") != (int)sizeof(tagint) ||
+      lammps_extract_setting(lmp, "imageint") != (int)sizeof(imageint)) {
+    const std::string text = "softjax plugin was built for LAMMPS " + std::to_string(SOFTJAX_LAMMPS) +
+        " and not for this version or these sizes of integers: build it again with build.sh";
+    return lammps_error(lmp, LMP_ERROR_ALL | LMP_ERROR_WORLD, text.c_str());
+  }
   Plugin plugin{};
   plugin.version = static_cast<LAMMPS *>(lmp)->version;
   plugin.info = "contact laws of softjax";
   plugin.author = "softjax";
   plugin.handle = handle;
-  plugin.style = "pair";
-  plugin.name = "softjax";
+  const auto add = [&](const char *style, const char *name) {
+    plugin.style = style;
+    plugin.name = name;
+    ((Register)registers)(&plugin, lmp);
+  };
   plugin.creator.of_pair = [](LAMMPS *lmp) -> void * { return (Pair *)new PairSoftjax(lmp); };
-  ((Register)registers)(&plugin, lmp);
-  plugin.style = "fix";
-  plugin.name = "softjax/wall";
-  plugin.creator.of_fix = [](LAMMPS *lmp, int narg, char **arg) -> void * {
-    return (Fix *)new FixSoftjaxWall(lmp, narg, arg);
-  };
-  ((Register)registers)(&plugin, lmp);
-  plugin.name = "softjax/memory";
-  plugin.creator.of_fix = [](LAMMPS *lmp, int narg, char **arg) -> void * {
-    return (Fix *)new FixSoftjaxMemory(lmp, narg, arg);
-  };
-  ((Register)registers)(&plugin, lmp);
+  add("pair", "softjax");
+  plugin.creator.of_fix = made<FixSoftjaxWall>;
+  add("fix", "softjax/wall");
+  plugin.creator.of_fix = made<FixSoftjaxMemory>;
+  add("fix", "softjax/memory");
 }

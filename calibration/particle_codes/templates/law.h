@@ -1,5 +1,6 @@
 {% set choice, (low, high) = export.choice, export.target.range %}
-{% set hold = choice.hold %}
+{% set hold, tabulated = choice.hold, name == "table.h" %}
+{% set of_yield, has_losses = name in ("zhou.h", "thornton.h"), name in ("zhou.h", "table.h") %}
 /* {{ export.notes[0] }}
 {% for note in export.notes[1:] %}
 {{ (" * " ~ note).rstrip() }}
@@ -8,7 +9,8 @@
  * C99 and C++; needs nothing but the mathematical library. Units are SI, the overlap and its rate
  * (positive on approach) those of the two bodies, the force a repulsion along their line of centres.
  *
- *     softjax_pair pair = softjax_spheres(r1, m1, r2, m2);     once for each pair of sizes [m, kg]
+ *     softjax_pair pair = softjax_spheres(r1, m1, r2, m2);     once for each pair of sizes [m, kg];
+ *                                                              HUGE_VAL for both of a flat, heavy wall
  *     softjax_contact memory = softjax_touch();                once for each contact
  *     force = softjax_force(&pair, &memory, overlap, rate, &stiffness);             [N], [N/m]
  *
@@ -56,24 +58,12 @@ typedef struct {
 
 SOFTJAX_INLINE softjax_pair softjax_spheres(softjax_real radius_1, softjax_real mass_1,
                                             softjax_real radius_2, softjax_real mass_2) {
-  softjax_pair pair;
-  pair.radius = radius_1 / (1 + radius_1 / radius_2);
-  pair.mass = mass_1 / (1 + mass_1 / mass_2);
-  return pair;
-}
-
-/* a sphere and a flat, heavy wall */
-SOFTJAX_INLINE softjax_pair softjax_wall(softjax_real radius, softjax_real mass) {
-  softjax_pair pair;
-  pair.radius = radius;
-  pair.mass = mass;
+  const softjax_pair pair = {radius_1 / (1 + radius_1 / radius_2), mass_1 / (1 + mass_1 / mass_2)};
   return pair;
 }
 
 SOFTJAX_INLINE softjax_contact softjax_touch(void) {
-  softjax_contact contact;
-  contact.peak = 0;
-  contact.factor = -1;
+  const softjax_contact contact = {0, -1};
   return contact;
 }
 
@@ -82,26 +72,19 @@ SOFTJAX_INLINE softjax_real softjax_sqrt(softjax_real x) {
                                                : (softjax_real)sqrt((double)x);
 }
 
-{% if not end %}
-/* works of the force, in its units */
-SOFTJAX_INLINE double softjax_work(double low, double high, double peak);
-SOFTJAX_INLINE double softjax_loading_work(double x);
-
+{% if of_yield %}
+/* of this pair of materials, whatever the sizes */
+#define SOFTJAX_YIELD_OVERLAP {{ overlap }}    /* of first yield, over R [-] */
+#define SOFTJAX_YIELD_FORCE {{ force }}        /* of first yield, over R^2 [Pa] */
 {% endif %}
 {% include name %}
+
+/* whether the law is known for these sizes */
+SOFTJAX_INLINE int softjax_fits(const softjax_pair *pair) {
+  return {{ "fabs(pair->radius / SOFTJAX_RADIUS - 1) < 1e-6 && fabs(pair->mass / SOFTJAX_MASS - 1) < 1e-6"
+            if tabulated else "pair->radius > 0 && pair->mass > 0" }};
+}
 {% if not end %}
-{% set of_yield = name in ("zhou.h", "thornton.h") %}
-
-/* the units of overlaps [m] and forces [N] above */
-SOFTJAX_INLINE softjax_real softjax_length(const softjax_pair *pair) {
-  (void)pair;
-  return (softjax_real){{ "SOFTJAX_YIELD_OVERLAP * pair->radius" if of_yield else "SOFTJAX_TOP" if name == "table.h" else 1 }};
-}
-
-SOFTJAX_INLINE softjax_real softjax_unit(const softjax_pair *pair) {
-  (void)pair;
-  return (softjax_real){{ "SOFTJAX_YIELD_FORCE * pair->radius * pair->radius" if of_yield else 1 }};
-}
 
 /* integral from `low` to `high` of the force on loading, or on unloading where there is a peak: Gauss and Legendre's ten
  * points in the square root of the overlap, in which forces are smooth; once a contact */
@@ -130,59 +113,66 @@ SOFTJAX_INLINE double softjax_work(double low, double high, double peak) {
 SOFTJAX_INLINE double softjax_loading_work(double x) {
   return softjax_work(0, x < 1 ? x : 1, 0) + (x > 1 ? softjax_work(1, x, 0) : 0);
 }
-{% endif %}
+{% if has_losses %}
 
-/* whether the law is known for these sizes */
-SOFTJAX_INLINE int softjax_fits(const softjax_pair *pair) {
-{% if name == "table.h" %}
-  return fabs(pair->radius / SOFTJAX_RADIUS - 1) < 1e-6 && fabs(pair->mass / SOFTJAX_MASS - 1) < 1e-6;
-{% else %}
-  (void)pair;
-  return 1;
-{% endif %}
+/* where the unloading force vanishes, next to 0 where it does not */
+SOFTJAX_INLINE double softjax_residual(double peak) {
+  double low = 0, high = peak;
+  softjax_real slope;
+  int i;
+  for (i = 0; i < 60; i++) {
+    const double middle = (low + high) / 2;
+    if (softjax_unloading((softjax_real)middle, (softjax_real)peak, &slope) > 0)
+      high = middle;
+    else
+      low = middle;
+  }
+  return high;
 }
 
-{% if end %}
+/* by which the unloading force is multiplied, so that an impact gives eps^2 of its energy back */
+SOFTJAX_INLINE softjax_real softjax_factor(const softjax_pair *pair, double peak) {
+  const double up = softjax_loading_work(peak);
+  const double down = softjax_work(softjax_residual(peak), peak, peak);
+  return (softjax_real)(down > 0 ? softjax_squared(pair, peak, up, down / up) * up / down : 0);
+}
+{% endif %}
+{% endif %}
+
 /* contact force [N] at `overlap` [m] and its `rate` [m/s], and its slope with the overlap [N/m];
- * the force {{ "never pulls: the contact ends where it vanishes" if end == "zero-force" else "pulls before the overlap vanishes, as the law has it" }} */
+{% if not end %}
+ * {{ "the rate acts where eps is held" if hold else "the rate does not act" }};
+{% endif %}
+ * {{ "it pulls before the overlap vanishes, as the law has it" if end == "zero-overlap" else
+      "it never pulls: the bodies part where it vanishes, with what overlap remains" }} */
 SOFTJAX_INLINE softjax_real softjax_force(const softjax_pair *pair, softjax_contact *contact,
                                           softjax_real overlap, softjax_real rate,
                                           softjax_real *stiffness) {
-  softjax_real force, slope = 0;
-  (void)contact;
-  *stiffness = 0;
-  if (!(overlap > 0)) return 0;
-  force = softjax_damped(pair, overlap / SOFTJAX_STRETCH, rate, &slope) / SOFTJAX_STRETCH;
-  if ({{ "!(force > 0)" if end == "zero-force" else "0" }}) return 0;
-  *stiffness = slope / (SOFTJAX_STRETCH * SOFTJAX_STRETCH);
-  return force;
-}
-{% else %}
-/* contact force [N] at `overlap` [m], and its slope [N/m]; {{ "the rate acts where eps is held" if hold else "the rate does not act" }} */
-SOFTJAX_INLINE softjax_real softjax_force(const softjax_pair *pair, softjax_contact *contact,
-                                          softjax_real overlap, softjax_real rate,
-                                          softjax_real *stiffness) {
-  const softjax_real length = SOFTJAX_STRETCH * softjax_length(pair);
-  const softjax_real unit = softjax_unit(pair) / SOFTJAX_STRETCH;
+  const softjax_real length = SOFTJAX_STRETCH * (softjax_real)({{ "SOFTJAX_YIELD_OVERLAP * pair->radius" if of_yield
+                                                                 else "SOFTJAX_TOP" if tabulated else 1 }});
+  const softjax_real unit = (softjax_real)({{ "SOFTJAX_YIELD_FORCE * pair->radius * pair->radius" if of_yield
+                                              else 1 }}) / SOFTJAX_STRETCH;
   softjax_real p, slope = 0;
   *stiffness = 0;
   if (!(overlap > 0)) {
     *contact = softjax_touch();
     return 0;
   }
+{% if end %}
+  p = softjax_damped(pair, overlap / length, rate, &slope);
+{% else %}
   if (overlap >= contact->peak) {
     contact->peak = overlap;
     contact->factor = -1;
     p = softjax_loading(overlap / length, &slope);
   } else {
     const softjax_real peak = contact->peak / length;
-    const double speed = SOFTJAX_HOLD_BELOW, energy = 0.5 * (double)pair->mass * speed * speed;
-    int held;
-    if (contact->factor < 0) {
-      held = speed > 0 && (double)unit * (double)length * softjax_loading_work((double)peak) < energy;
-      contact->factor = held ? -2 : {{ "softjax_factor(pair, peak)" if name in ("zhou.h", "table.h") else "1" }};
+    const double energy = 0.5 * (double)pair->mass * SOFTJAX_HOLD_BELOW * SOFTJAX_HOLD_BELOW;
+    int held = contact->factor < -1;
+    if (!held && contact->factor < 0) { /* the first time below this peak */
+      held = (double)unit * (double)length * softjax_loading_work((double)peak) < energy;
+      contact->factor = held ? -2 : {{ "softjax_factor(pair, (double)peak)" if has_losses else 1 }};
     }
-    held = contact->factor < 0;
     p = held ? softjax_loading(overlap / length, &slope)
              : contact->factor * softjax_unloading(overlap / length, peak, &slope);
     if (!held) slope *= contact->factor;
@@ -190,9 +180,11 @@ SOFTJAX_INLINE softjax_real softjax_force(const softjax_pair *pair, softjax_cont
       p += SOFTJAX_HOLD * rate / unit *
            softjax_sqrt(2 * pair->mass * unit * (p / overlap + slope / length));
   }
-  if (!(p > 0)) return 0; /* released: the bodies part with what overlap remains */
+{% endif %}
+{% if end != "zero-overlap" %}
+  if (!(p > 0)) return 0;
+{% endif %}
   *stiffness = slope * unit / length;
   return p * unit;
 }
-{% endif %}
 #endif

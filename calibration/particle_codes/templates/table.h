@@ -29,55 +29,39 @@ static const double softjax_squared_table[SOFTJAX_ROWS] = {
 static const double softjax_unloading_table[SOFTJAX_ROWS * SOFTJAX_COLUMNS] = {
 {{ unloading }}};
 
-SOFTJAX_INLINE double softjax_loading_at(double x, double *slope) {
-  const double root = sqrt(x);
-  const double force =
-      softjax_cubic(softjax_loading_table, SOFTJAX_ROWS, root * (SOFTJAX_ROWS - 1), slope);
-  *slope *= (SOFTJAX_ROWS - 1) / (2 * root);
-  return force;
-}
-
-SOFTJAX_INLINE double softjax_unloading_at(double x, double peak, double *slope) {
-  const double row = sqrt(peak) * (SOFTJAX_ROWS - 1);
-  double value[4], change[4], ignored, root, share, force;
-  const double largest = softjax_loading_at(peak, &ignored);
-  const double rest = peak * softjax_cubic(softjax_residual_table, SOFTJAX_ROWS, row, &ignored);
-  int i = (int)row - 1, k;
-  *slope = 0;
-  if (!(x > rest)) return 0;
-  i = i < 0 ? 0 : i > SOFTJAX_ROWS - 4 ? SOFTJAX_ROWS - 4 : i;
-  root = sqrt((x - rest) / (peak - rest));
-  for (k = 0; k < 4; k++)
-    value[k] = softjax_cubic(softjax_unloading_table + (i + k) * SOFTJAX_COLUMNS, SOFTJAX_COLUMNS,
-                             root * (SOFTJAX_COLUMNS - 1), &change[k]);
-  force = softjax_cubic(value, 4, row - i, &ignored);
-  share = softjax_cubic(change, 4, row - i, &ignored);
-  *slope = largest * share * (SOFTJAX_COLUMNS - 1) / (2 * root * (peak - rest));
-  return largest * force;
-}
-
 SOFTJAX_INLINE softjax_real softjax_loading(softjax_real x, softjax_real *slope) {
-  double s;
-  const double force = softjax_loading_at((double)x, &s);
-  *slope = (softjax_real)s;
+  const double root = sqrt((double)x);
+  double rise;
+  const double force =
+      softjax_cubic(softjax_loading_table, SOFTJAX_ROWS, root * (SOFTJAX_ROWS - 1), &rise);
+  *slope = (softjax_real)(rise * (SOFTJAX_ROWS - 1) / (2 * root));
   return (softjax_real)force;
 }
 
 SOFTJAX_INLINE softjax_real softjax_unloading(softjax_real x, softjax_real peak,
                                               softjax_real *slope) {
-  double s;
-  const double force = softjax_unloading_at((double)x, (double)peak, &s);
-  *slope = (softjax_real)s;
-  return (softjax_real)force;
+  const double row = sqrt((double)peak) * (SOFTJAX_ROWS - 1);
+  double value[4], change[4], ignored, root, share, force;
+  const double largest = (double)softjax_loading(peak, slope);
+  const double rest =
+      (double)peak * softjax_cubic(softjax_residual_table, SOFTJAX_ROWS, row, &ignored);
+  int i = (int)row - 1, k;
+  *slope = 0;
+  if (!(x > rest)) return 0;
+  i = i < 0 ? 0 : i > SOFTJAX_ROWS - 4 ? SOFTJAX_ROWS - 4 : i;
+  root = sqrt(((double)x - rest) / ((double)peak - rest));
+  for (k = 0; k < 4; k++)
+    value[k] = softjax_cubic(softjax_unloading_table + (i + k) * SOFTJAX_COLUMNS, SOFTJAX_COLUMNS,
+                             root * (SOFTJAX_COLUMNS - 1), &change[k]);
+  force = softjax_cubic(value, 4, row - i, &ignored);
+  share = softjax_cubic(change, 4, row - i, &ignored);
+  *slope = (softjax_real)(largest * share * (SOFTJAX_COLUMNS - 1) / (2 * root * ((double)peak - rest)));
+  return (softjax_real)(largest * force);
 }
 
-/* so that an impact on these very tables gives eps^2 of its energy back: no cycle gains any */
-SOFTJAX_INLINE softjax_real softjax_factor(const softjax_pair *pair, softjax_real largest) {
-  const double peak = (double)largest;
-  const double up = softjax_loading_work(peak), down = softjax_work(0, peak, peak);
-  double slope, squared;
-  (void)pair;
-  squared = softjax_cubic(softjax_squared_table, SOFTJAX_ROWS, sqrt(peak) * (SOFTJAX_ROWS - 1), &slope);
-  squared = squared > 1 ? 1 : squared < 0 ? 0 : squared;
-  return (softjax_real)(down > 0 ? squared * up / down : 0);
+/* eps^2 of an impact, by these very tables: no cycle gains energy */
+SOFTJAX_INLINE double softjax_squared(const softjax_pair *pair, double peak, double work, double plastic) {
+  double slope;
+  (void)pair, (void)work, (void)plastic;
+  return fmin(fmax(softjax_cubic(softjax_squared_table, SOFTJAX_ROWS, sqrt(peak) * (SOFTJAX_ROWS - 1), &slope), 0), 1);
 }

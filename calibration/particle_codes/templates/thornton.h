@@ -1,7 +1,3 @@
-/* of this pair of materials, whatever the sizes */
-#define SOFTJAX_YIELD_OVERLAP {{ overlap }} /* delta_y/R [-] */
-#define SOFTJAX_YIELD_FORCE {{ force }}     /* k delta_y^{3/2}/R^2 [Pa] */
-
 /* Hertz's force, from first yield on a straight line */
 SOFTJAX_INLINE softjax_real softjax_loading(softjax_real x, softjax_real *slope) {
   const softjax_real root = x > 1 ? 1 : softjax_sqrt(x);

@@ -1,8 +1,5 @@
-/* of this pair of materials, whatever the sizes */
 #define SOFTJAX_D ((softjax_real){{ d }})      /* 3 delta_cr/(2A) [-] */
 #define SOFTJAX_X ((softjax_real){{ x }})      /* chi E/Y [-] */
-#define SOFTJAX_YIELD_OVERLAP {{ overlap }}    /* delta_cr/R [-] */
-#define SOFTJAX_YIELD_FORCE {{ force }}        /* k delta_cr^{3/2}/R^2 [Pa] */
 #define SOFTJAX_YIELD_VELOCITY {{ velocity }}  /* v_cr sqrt(M/R^3) [m/s (kg/m^3)^{1/2}] */
 #define SOFTJAX_LIMIT_VELOCITY {{ limit_velocity }}     /* v_lim [m/s] */
 #define SOFTJAX_SIGMA {{ sigma }}
@@ -64,37 +61,12 @@ SOFTJAX_INLINE softjax_real softjax_unloading(softjax_real x, softjax_real peak,
 }
 
 {% endif %}
-SOFTJAX_INLINE double softjax_eq17_squared(double velocity) {
-  const double limit = SOFTJAX_LIMIT_VELOCITY;
-  if (velocity >= limit) return 0;
-  return exp(-2 * SOFTJAX_SIGMA * pow(velocity / (limit - velocity), SOFTJAX_PSI));
-}
-
-/* where the unloading force vanishes, next to 0 where it does not */
-SOFTJAX_INLINE double softjax_residual(softjax_real peak) {
-  double low = 0, high = (double)peak;
-  softjax_real slope;
-  int i;
-  for (i = 0; i < 60; i++) {
-    const double middle = (low + high) / 2;
-    if (softjax_unloading((softjax_real)middle, peak, &slope) > 0)
-      high = middle;
-    else
-      low = middle;
-  }
-  return high;
-}
-
-/* (eps/eps_p)^2 of the impact that reached this peak, Eqs. (16) and (17), eps at most 1 */
-SOFTJAX_INLINE softjax_real softjax_factor(const softjax_pair *pair, softjax_real largest) {
-  const double peak = (double)largest, radius = (double)pair->radius, mass = (double)pair->mass;
-  double loading, yield, plastic, squared;
-  if (!SOFTJAX_LOSSES) return 1;
-  loading = softjax_loading_work(peak);
-  yield = SOFTJAX_YIELD_VELOCITY * radius * sqrt(radius / mass);
-  if (peak <= 1) return (softjax_real)softjax_eq17_squared(yield * sqrt(2.5 * loading));
-  plastic = softjax_work(softjax_residual(largest), peak, peak) / loading;
-  squared = plastic + softjax_eq17_squared(yield) - 1; /* Eq. (16) */
-  if (squared > 1) squared = 1;
-  return squared > 0 ? (softjax_real)(squared / plastic) : 0;
+/* eps^2 of an impact by the work of its loading, of which the force gives `plastic` back: Eqs. (16) and (17), 1 at most */
+SOFTJAX_INLINE double softjax_squared(const softjax_pair *pair, double peak, double work, double plastic) {
+  const double radius = (double)pair->radius, limit = SOFTJAX_LIMIT_VELOCITY;
+  const double yield = SOFTJAX_YIELD_VELOCITY * radius * sqrt(radius / (double)pair->mass);
+  const double speed = peak > 1 ? yield : yield * sqrt(2.5 * work); /* whose losses are in no force */
+  const double ratio = speed < limit ? speed / (limit - speed) : HUGE_VAL;
+  if (!SOFTJAX_LOSSES) return plastic;
+  return fmin(fmax(plastic + exp(-2 * SOFTJAX_SIGMA * pow(ratio, SOFTJAX_PSI)) - 1, 0), 1);
 }
