@@ -17,8 +17,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+import softjax as sj
 from calibration.particle_codes.target import Impacts
-from softjax.many_body import LEAST, contact_force, damped_force, unloading_force
+from softjax.laws.stepped import LEAST, damped_force, unloading_force
 
 PHASES = 8  # beginnings of each impact, as parts of a step between the last free one and touch
 GOLDEN = (5**0.5 - 1) / 2  # spreads them: impacts on a linear spring differ in nothing else
@@ -116,7 +117,7 @@ def _stepped(law, velocity, factor, hold, step, phases, steps):
 
 def _force(law, factor, hold, overlap, velocity, peak):
     if not hasattr(law, "loading_force"):
-        return contact_force(law, overlap, velocity, 0.0)[0]
+        return sj.contact_force(law, overlap, velocity, 0.0)[0]
     unloading = factor * jnp.maximum(unloading_force(law, overlap, peak), 0.0)
     held = damped_force(law, law.loading_force, overlap, velocity, hold)
     inside = jnp.where(hold > 0, held, unloading)
