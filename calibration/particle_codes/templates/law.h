@@ -63,7 +63,7 @@ SOFTJAX_INLINE softjax_pair softjax_spheres(softjax_real radius_1, softjax_real 
 }
 
 SOFTJAX_INLINE softjax_contact softjax_touch(void) {
-  const softjax_contact contact = {0, -1};
+  const softjax_contact contact = {0, (softjax_real)-1};
   return contact;
 }
 
