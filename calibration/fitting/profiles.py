@@ -226,6 +226,7 @@ class _Walks:
             between = np.clip(f_low / (f_low - f_high), 0.0, 1.0)
             middle = low + np.where(np.isfinite(between), between, 0.5) * (high - low)
             z, rise, _ = self.refit(middle, open_, f_high + self.quantile[open_])
+            self._saw(open_, middle, rise)  # strides may be long: a picture needs these
             f_middle = rise - self.quantile[open_]
             up = f_middle > 0
             self.z[open_[~up]] = z[~up]

@@ -143,7 +143,7 @@ CHI = {"chi": (0.1, 1.0)}
         (NYLON, {"poisson_ratio": (0.3, 0.6)}, {}, r"a ratio in \(-1, 0.5\]"),
         (sj.ConstantRestitution(None, 0.9), {"restitution": (0.8, 1.2)}, {}, r"in \[0, 1\], but is restitution = 0.8 … 1.2"),
         (INSIDE, {"a": (-0.5, 0.5)}, {"samples": 32}, r"every sample has a finite output, but is such that \d+ of 96"),
-        (BOTH, {"a": (0.8, 1.2), "b": (0.8, 1.2)}, {}, "such that there is a law everywhere"),
+        (BOTH, {"a": (0.8, 1.2), "b": (0.8, 1.2)}, {}, "such that the law exists everywhere"),
         (Decay(0.9, 500.0), {"rate": (400.0, 600.0)}, {"samples": 32}, "0 everywhere"),
     ],
 )  # fmt: skip

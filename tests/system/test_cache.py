@@ -92,7 +92,7 @@ def test_doctor_tells_versions_and_checks_itself_by_narrow_limits():
     assert told["jax"] == jax.__version__
     assert told["softjax-contact"] == metadata.version("softjax-contact")
     assert told["Python"].split()[0] == platform.python_version()
-    assert (told["float64"], told["compiled programs"]) == ("on", "not kept")
+    assert (told["float64"], told["compiled programs"]) == ("on", "not stored")
     assert "self-check passed" in out
     limits = {"energy balance": "1e-13", "its slopes": "1e-09", "time integration": "1e-08"}
     for name, most in limits.items():
