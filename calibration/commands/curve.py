@@ -113,7 +113,7 @@ def _write(folder: Path, formats: set[str], source: Any, rows: Any, route: Any) 
         write_text(folder / FILES["table"], table_text(source, rows, route))
     if "png" in formats:
         from calibration import plots
-        from calibration.plots.curves import plot_restitution
+        from calibration.plots.curves import restitution_figure
 
         kind = type(source.law).__name__
         label = source.name if kind == "Zhou" else f"{source.name}: {kind}"
@@ -122,8 +122,9 @@ def _write(folder: Path, formats: set[str], source: Any, rows: Any, route: Any) 
         some = rows.some(slice(None, None, -(-len(rows.velocity) // DRAWN)))
         some = some.some(np.argsort(some.velocity, kind="stable"))
         confidence = banded and banded.confidence
-        ax = plot_restitution(some, label, None, yield_velocity(source.law), fit, confidence)
-        plots.save(ax, folder / FILES["png"])
+        data = fit and fit.data
+        figure = restitution_figure(some, label, yield_velocity(source.law), data, confidence)
+        plots.save(figure, folder / FILES["png"])
         if source.prediction is not None:
             line, contact = source.prediction.line, source.law.contact
             figure = plots.unloading_line_figure(line, contact, source.name)

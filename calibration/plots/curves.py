@@ -1,6 +1,7 @@
-"""Restitution over impact velocity: data, fitted curves and residuals."""
+"""Restitution and other observables over impact velocity: data, fitted curves, residuals."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -8,16 +9,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import softjax as sj
-from calibration.data import RestitutionData
 from calibration.errors import DataError
 from calibration.fitting.curves import (
     as_empirical,
     curve_and_slopes,
     distinct_impacts,
+    of_each_impact,
     of_impact,
     yield_velocity,
 )
-from calibration.observables import RESTITUTION
+from calibration.observables import OBSERVABLES, RESTITUTION
 from calibration.plots import style
 from calibration.plots.lines import NO_VALUE, Line
 from calibration.rounding import number
@@ -27,13 +28,31 @@ DASHES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (1, 1)))  # of these: curves ma
 FINE = 240  # points of a curve
 FEW = 30  # points that are drawn as such
 EQ_17 = "Eq. (17)"
-FITTED = "{}, fitted"
-ORDER = ("data", FITTED.format("Zhou"), EQ_17)  # in a legend
 WIDEST = 0.5  # room for a band above and below its curve, in heights of the curve
 LEAST_SPAN = 0.05  # of ε: a curve's height is at least this for that purpose
 INVISIBLE = 1e-6  # width of a band that is not drawn: data without scatter
 FLAGGED = ~(int(sj.Status.ELASTIC) | int(sj.Status.PLAIN))
-EPSILON = r"restitution $\varepsilon$"
+ROOM = 0.5  # room above and below the data in the close-up of laws, relative to their height
+WIDTHS = (3.4, 0.3, 1.2)  # of the first law drawn, how much less of each further one, the least
+LOOKS: dict[str, tuple[str, Any]] = {
+    "zhou": (style.BLUE, "-"),
+    "eq-17": (style.ORANGE, "--"),
+    "walton-braun": (style.GREEN, (0, (6, 2))),
+    "viscoelastic": (style.PURPLE, (0, (3, 1, 1, 1))),
+    "thornton": (style.SKY, "-."),
+    "thornton-fixed": (style.VERMILION, (0, (1, 1))),
+    "constant": (style.GREY, (0, (8, 3))),
+    "hertz": (style.BLACK, ":"),
+}
+# for users' laws, and for dashpot laws with another end of contact
+OTHERS: tuple[tuple[str, Any], ...] = (
+    (style.BLACK, (0, (5, 1))),
+    (style.VERMILION, "-"),
+    (style.GREEN, (0, (2, 2))),
+    (style.PURPLE, (0, (9, 2, 2, 2))),
+    (style.ORANGE, (0, (1, 2))),
+    (style.SKY, (0, (6, 1, 1, 1, 1, 1))),
+)
 
 
 def curves_figure(
@@ -43,164 +62,225 @@ def curves_figure(
     from_rest: bool = False,
     title: str | None = None,
 ) -> Figure:
-    """Every data set with its fit, and the residuals below each.
+    """ε of every data set with Eq. (17), the fit and its bands, and residuals below.
 
     Args:
         result: a `FitResult`.
         lines: further curves for data sets, by name.
-        ratio, from_rest: as `plot_curve` takes them.
+        ratio: over y = v/v_cr instead of v [m/s]; needs a contact.
+        from_rest: curves from v = 0 on, over a linear axis, not from the first point on.
         title: above all panels.
     """
-    count = len(result.materials)
-    figure, grid = style.panels(count, (4.2, 4.4), "data sets", (2.6, 1), 0.75)
+    if ratio and any(fit.contact is None for fit in result.materials):
+        raise DataError("ratio", ratio, "False where there is no contact")
+    figure, grid = style.panels(len(result.materials), (4.2, 4.4), "data sets", (2.6, 1), 0.75)
     for fit, (upper, lower) in zip(result.materials, grid, strict=False):
         more = (lines or {}).get(fit.name, ())
-        plot_curve(result, fit.name, upper, more, ratio, from_rest)
-        plot_residuals(result, fit.name, lower, more, ratio)
-        if upper.get_xscale() == "log":
-            style.logarithmic_x(lower)
-        lower.set_xlim(upper.get_xlim())
-        upper.tick_params(labelbottom=False)
-        mark = "" if fit.converged else " (NOT CONVERGED)"
-        upper.set(xlabel="", title=f"{style.plain(fit.name)}{mark}")
+        _plot_observable(result, fit, None, upper, lower, more, ratio, from_rest)
         if not upper.get_subplotspec().is_first_col():
             upper.set_ylabel("")
             lower.set_ylabel("")
-    columns = upper.get_subplotspec().get_gridspec().ncols
-    style.legend_below(figure, list(grid[:, 0]), 4 if columns > 2 else 2, ORDER)
+    _legend(figure, grid)
     if title:
         figure.suptitle(". ".join(filter(None, (title, figure.get_suptitle()))), fontsize="medium")
     return figure
 
 
-def plot_curve(
+def observables_figure(result: Any) -> Figure | None:
+    """The same of each observable other than ε, with relative residuals; None if none was measured."""
+    every = [(fit, one) for fit in result.materials for one in fit.data.observed]
+    if not every:
+        return None
+    figure, grid = style.panels(len(every), (4.2, 4.4), "observables", (2.6, 1), 0.75)
+    for (fit, one), (upper, lower) in zip(every, grid, strict=False):
+        _plot_observable(result, fit, one, upper, lower)
+    _legend(figure, grid)
+    return figure
+
+
+def _legend(figure: Figure, grid: Any) -> None:
+    columns = grid[0, 0].get_subplotspec().get_gridspec().ncols
+    first = ("data", "Zhou, fitted", EQ_17)
+    style.legend_below(figure, list(grid[:, 0]), 4 if columns > 2 else 2, first)
+
+
+def _plot_observable(
     result: Any,
-    name: str | None = None,
-    ax: Axes | None = None,
+    fit: Any,
+    observed: Any,
+    upper: Axes,
+    lower: Axes,
     lines: Sequence[Line] = (),
     ratio: bool = False,
     from_rest: bool = False,
-) -> Axes:
-    """Data with error bars, Eq. (17), the fit with its bands, and `lines`.
-
-    Args:
-        result: a `FitResult`.
-        name: which data set; the only one where there is one.
-        ax: where to draw; a new figure's where None.
-        lines: further curves.
-        ratio: over y = v/v_cr instead of v [m/s]; needs a contact.
-        from_rest: curves from v = 0 on, over a linear axis, not from the first point on.
-    """
-    ax = style.axes_or_new(ax)
-    fit = result.material(name)
-    data, scale = fit.data, _scale(fit, ratio)
-    logarithmic = style.spans_decades(data.velocity) and not from_rest
-    sizes = distinct_impacts(fit)
-    velocity = data.velocity if sizes else _fine(data, logarithmic, from_rest)
+) -> None:
+    """Data, curves and residuals of one observable; ε for None."""
+    data, sizes = fit.data, distinct_impacts(fit)
+    name, rows = RESTITUTION, np.arange(len(data.velocity))
+    value, error, across = data.restitution, data.uncertainty, data.velocity_uncertainty
+    if observed is not None:
+        name, rows, across = observed.name, observed.rows, None
+        value, error = observed.value, observed.uncertainty
+    scale = np.asarray(fit.contact.critical_velocity if ratio else 1.0)
+    x = (data.velocity / scale)[rows]
+    logarithmic = style.spans_decades(data.velocity[rows]) and not from_rest
+    fine = data.velocity if sizes else _fine(data.velocity, logarithmic, from_rest)
+    by_size = [(style.BLUE, slice(None))]
     if 1 < len(sizes) <= len(SHADES) and not ratio:
-        for impact, color in zip(sizes, SHADES, strict=False):
-            plot_size(ax, result, fit, impact, color, RESTITUTION, logarithmic)
-        share = f"{100 * result.confidence:g} %, of the mean"
-        ax.fill_between([], [], [], color=style.GREY, alpha=0.25, linewidth=0, label=share)
+        by_size = _plot_sizes(upper, result, fit, sizes, name, rows, logarithmic)
     else:
-        _plot_fit(ax, result, fit, velocity, scale)
+        _plot_fit(upper, result, fit, name, fine, scale)
     for line in lines:
-        x, value = _sorted(velocity / scale, line.value(velocity))
-        look: dict[str, Any] = {"color": line.color, "linestyle": line.linestyle, "linewidth": 1.4}
-        ax.plot(x, value, label=line.label, zorder=1.5, **look)
-        last = np.flatnonzero(np.isfinite(value))[-1:]
-        if last.size and last[0] < len(x) - 1:
-            look = {"color": line.color, "marker": "X", "markersize": 8, "linestyle": "none"}
-            ax.plot(x[last], value[last], label="no solution beyond", **look)
-    plot_data(ax, data, scale)
-    flagged = np.flatnonzero(np.asarray(fit.status, int) & FLAGGED)
-    if len(flagged):
+        _plot_line(upper, line, *_sorted(fine / scale, line.value(fine)))
+    style.points(upper, x, value, error, None if across is None else across / scale, label="data")
+    flagged = np.asarray(fit.status, int)[rows] & FLAGGED != 0
+    if np.any(flagged):
         label = "flagged by the law: see the warnings"
-        look = {"linestyle": "none", "marker": "x", "color": style.VERMILION}
-        ax.plot((data.velocity / scale)[flagged], data.restitution[flagged], label=label, **look)
+        upper.plot(x[flagged], value[flagged], "x", color=style.VERMILION, label=label)
     critical = yield_velocity(fit.law)
-    yields = None if critical is None else critical / float(scale)
-    style.mark_velocity(ax, yields, data.velocity / scale, "first yield")
-    if logarithmic:
-        style.logarithmic_x(ax)
-    ax.set(xlabel=velocity_label(ratio), ylabel=EPSILON)
-    return ax
+    critical = None if critical is None else critical / float(scale)
+    style.mark_velocity(upper, critical, x, label="first yield")
 
-
-def plot_residuals(
-    result: Any,
-    name: str | None = None,
-    ax: Axes | None = None,
-    lines: Sequence[Line] = (),
-    ratio: bool = False,
-) -> Axes:
-    """Measured less fitted ε at each point; arguments as `plot_curve`'s. Its x axis is linear."""
-    ax = style.axes_or_new(ax, height=2.0)
-    fit = result.material(name)
-    data, x = fit.data, fit.data.velocity / _scale(fit, ratio)
-    ax.axhline(0.0, color=style.GREY, linewidth=0.8)
+    lower.axhline(0.0, color=style.GREY, linewidth=0.8)
     for line in lines:
         if line.residuals:
-            left = _sorted(x, data.restitution - line.value(data.velocity))
-            ax.plot(*left, color=line.color, linestyle=line.linestyle, linewidth=1.2)
-    left = data.restitution - result.band(data.velocity, fit.name).coefficient
-    sizes = [] if ratio else distinct_impacts(fit)
-    for color, rows in by_size(fit, np.arange(len(x)), sizes):
-        error = None if data.uncertainty is None else data.uncertainty[rows]
-        ax.errorbar(x[rows], left[rows], yerr=error, **_marks(color, "s"))
-    ax.set(xlabel=velocity_label(ratio), ylabel="data − fit")
-    ax.ticklabel_format(axis="y", scilimits=(-3, 3))
-    return ax
+            left = _sorted(x, value - line.value(data.velocity))
+            lower.plot(*left, color=line.color, linestyle=line.linestyle, linewidth=1.2)
+    fitted = result.band(data.velocity, fit.name, observable=name).coefficient[rows]
+    left = value - fitted if observed is None else 100 * (value / fitted - 1)
+    part = error if observed is None or error is None else 100 * error / value
+    for color, which in by_size:
+        up = None if part is None else part[which]
+        style.points(lower, x[which], left[which], up, color=color, marker="s")
+    lower.ticklabel_format(axis="y", scilimits=(-3, 3))
+    for ax in (upper, lower) if logarithmic else ():
+        style.logarithmic_x(ax)
+    lower.set_xlim(upper.get_xlim())
+    upper.tick_params(labelbottom=False)
+    upper.set_title(style.plain(fit.name) + " (NOT CONVERGED)" * (not fit.converged))
+    lower.set_xlabel(r"$y = v/v_\mathrm{cr}$" if ratio else style.VELOCITY)
+    upper.set_ylabel(style.EPSILON)
+    lower.set_ylabel("data − fit" if observed is None else "data/fit − 1 [%]")
+    if observed is not None:
+        unit = style.in_prefixed_unit(upper, OBSERVABLES[name].unit, value)
+        upper.set_ylabel(f"{name.replace('_', ' ')} [{unit}]")
 
 
-def plot_restitution(
+def _plot_fit(ax: Axes, result: Any, fit: Any, name: str, velocity: np.ndarray, scale) -> None:
+    """Eq. (17), the fitted law, and its bands where they can be seen."""
+    band = result.band(velocity, fit.name, observable=name)
+    if name == RESTITUTION and fit.empirical is not None and fit.model.key != "eq-17":
+        x, empirical = _sorted(velocity / scale, curve_and_slopes(as_empirical(fit), velocity)[0])
+        ax.plot(x, empirical, "--", color=style.ORANGE, zorder=4, label=EQ_17)
+    x, value = _sorted(velocity / scale, band.coefficient)
+    ax.plot(x, value, color=style.BLUE, linewidth=1.8, label=f"{fit.model.label}, fitted")
+    reach = (band.high - band.low) / (1.0 if name == RESTITUTION else np.abs(band.coefficient))
+    if not np.nanmax(reach, initial=0.0) > INVISIBLE:
+        return
+    share = f"{100 * result.confidence:g} %"
+    wide = result.band(velocity, fit.name, kind="prediction", observable=name)
+    for one, alpha, what in ((wide, 0.1, "one more measurement"), (band, 0.3, "of the mean")):
+        x, low, high = _sorted(velocity / scale, one.low, one.high)
+        style.band(ax, x, low, high, alpha=alpha, label=f"{share}, {what}")
+
+
+def _plot_sizes(
+    ax: Axes, result: Any, fit: Any, sizes: Sequence[int], name: str, rows: Any, logarithmic: bool
+) -> list[tuple[str, Any]]:
+    """A curve with its band for each size; its colour, and which of the rows are of that size."""
+    for impact, color, dashes in zip(sizes, SHADES, DASHES, strict=False):
+        one = of_impact(fit, impact)
+        fine = _fine(one.data.velocity, logarithmic, False)
+        band = result.band(fine, fit.name, observable=name, impact=impact)
+        label = None
+        if one.data.contact is not None:
+            label = f"R = {number(1e3 * float(one.data.contact.radius), 3)} mm"
+        look: dict[str, Any] = {"color": color, "linestyle": dashes, "linewidth": 1.5}
+        ax.plot(fine, band.coefficient, label=label, **look)
+        style.band(ax, fine, band.low, band.high, color)
+        style.mark_velocity(ax, yield_velocity(one.law), fine, color=color)
+    style.band(ax, [], [], [], style.GREY, label=f"{100 * result.confidence:g} %, of the mean")
+    radius = np.asarray(1.0 if fit.data.contact is None else fit.data.contact.radius)
+    if not radius.ndim:
+        return [(style.BLUE, slice(None))]
+    nearest = np.argmin(np.abs(np.log(radius[rows, None] / radius[sizes])), axis=1)
+    return [(SHADES[k], nearest == k) for k in range(len(sizes))]
+
+
+def _plot_line(ax: Axes, line: Line, x: np.ndarray, value: np.ndarray) -> None:
+    """A further curve, with a cross where it ends."""
+    look: dict[str, Any] = {
+        "color": line.color,
+        "linestyle": line.linestyle,
+        "linewidth": 1.4,
+        "zorder": 1.5,
+    }
+    ax.plot(x, value, label=line.label, **look)
+    last = np.flatnonzero(np.isfinite(value))[-1:]
+    if last.size and last[0] < len(x) - 1:
+        look = {"color": line.color, "markersize": 8, "label": "no solution beyond"}
+        ax.plot(x[last], value[last], "X", **look)
+
+
+def _sorted(x: np.ndarray, *columns: np.ndarray) -> list[np.ndarray]:
+    order = np.argsort(x, kind="stable")
+    return [column[order] for column in (x, *columns)]
+
+
+def _fine(velocity: np.ndarray, logarithmic: bool, from_rest: bool) -> np.ndarray:
+    """Velocities of a curve, closer together where it is steep."""
+    low, high = float(np.min(velocity)), float(np.max(velocity))
+    if logarithmic:
+        return np.geomspace(low, high, FINE)
+    low = 0.0 if from_rest else low
+    return low + (high - low) * np.linspace(0.0, 1.0, FINE) ** 2
+
+
+def restitution_figure(
     rows: Any,
     label: str,
-    ax: Axes | None = None,
     yields_at: float | None = None,
-    fit: Any = None,
+    data: Any = None,
     confidence: float | None = None,
-) -> Axes:
+) -> Figure:
     """ε over v; gaps where the law has no rebound; grey where a fit does not determine it.
 
     Args:
         rows: a curve, `calibration.curves.Rows` by ascending velocity.
         label: what it is a curve of.
-        ax: where to draw; a new figure's where None.
-        yields_at: a velocity [m/s], marked where it lies inside.
-        fit: `MaterialFit` that it is of, whose data are drawn; None for none.
-        confidence: of the band that `rows` has; None for none.
+        yields_at: a velocity [m/s], marked if it lies inside.
+        data: the data that it was fitted to, if any.
+        confidence: of the band of `rows`, if any.
     """
-    ax = style.axes_or_new(ax, 6.0, 4.0)
-    v = rows.velocity
+    figure = style.new_figure(6.0, 4.0)
+    ax, v = figure.add_subplot(), rows.velocity
     limits = None
     if confidence is not None:
         limits = _limits(rows)
-        band: dict[str, Any] = {"color": style.BLUE, "alpha": 0.25, "linewidth": 0}
         share = f"{100 * confidence:g} %, of the mean"
         if limits is not None:
-            least = number(float(np.nanmin(rows.low)), 3)
-            most = number(float(np.nanmax(rows.high)), 3)
+            least, most = (number(float(x), 3) for x in (np.nanmin(rows.low), np.nanmax(rows.high)))
             share += f"\n(wider than the picture: {least} to {most})"
-        ax.fill_between(v, rows.low, rows.high, label=share, **band)
-        known = np.flatnonzero(np.isfinite(rows.coefficient))
-        look: dict[str, Any] = {"color": style.GREY, "alpha": 0.15, "linewidth": 0}
-        for ends in ((v[0], v[known[0]]), (v[known[-1]], v[-1])):
+        style.band(ax, v, rows.low, rows.high, label=share)
+        known = v[np.isfinite(rows.coefficient)]
+        for ends in ((v[0], known[0]), (known[-1], v[-1])):
             if ends[0] < ends[1]:
+                look: dict[str, Any] = {"color": style.GREY, "alpha": 0.15, "linewidth": 0}
                 ax.axvspan(*ends, label="not determined", **look)
-    if fit is not None:
-        plot_data(ax, fit.data)
-    none = rows.status.astype(int) & int(NO_VALUE) != 0
+    if data is not None:
+        errors = data.uncertainty, data.velocity_uncertainty
+        style.points(ax, data.velocity, data.restitution, *errors, label="data")
+    value = np.where(rows.status.astype(int) & NO_VALUE != 0, np.nan, rows.coefficient)
     look = {"color": style.BLUE, "marker": "o" if len(v) < FEW else "", "markersize": 4}
-    ax.plot(v, np.where(none, np.nan, rows.coefficient), label=style.plain(label), **look)
-    style.mark_velocity(ax, yields_at, v, "first yield")
-    ax.set(xlabel=velocity_label(), ylabel=EPSILON)
+    ax.plot(v, value, label=style.plain(label), **look)
+    style.mark_velocity(ax, yields_at, v, label="first yield")
+    ax.set(xlabel=style.VELOCITY, ylabel=style.EPSILON)
     if style.spans_decades(v):
         style.logarithmic_x(ax)
     if limits is not None:
         ax.set_ylim(*limits)
     ax.legend(frameon=False)
-    return ax
+    return figure
 
 
 def _limits(rows: Any) -> tuple[float, float] | None:
@@ -208,99 +288,74 @@ def _limits(rows: Any) -> tuple[float, float] | None:
     low, high = np.nanmin(rows.coefficient), np.nanmax(rows.coefficient)
     room = WIDEST * max(high - low, LEAST_SPAN)
     below, above = np.nanmin(rows.low), np.nanmax(rows.high)
-    if not (below < low - room or above > high + room):
+    if low - room <= below and above <= high + room:
         return None
     return max(below, low - room), min(above, high + room)
 
 
-def plot_data(ax: Axes, data: RestitutionData, scale: np.ndarray | float = 1.0) -> None:
-    """Measured ε with its error bars over v/scale."""
-    across = None if data.velocity_uncertainty is None else data.velocity_uncertainty / scale
-    errors: dict[str, Any] = {"yerr": data.uncertainty, "xerr": across}
-    look = _marks(style.BLACK, "o")
-    ax.errorbar(data.velocity / scale, data.restitution, label="data", **errors, **look)
+def comparison_figure(comparisons: Sequence[Any]) -> Figure:
+    """Draw each `Comparison` in one column: the curves of all laws, and below a close-up of the data."""
+    columns, same = len(comparisons), _same_curves(comparisons)
+    figure = style.new_figure(max(4.4 * columns, 6.5), 7.1)
+    grid = figure.subplots(2, columns, squeeze=False)
+    for (upper, lower), comparison in zip(grid.T, comparisons, strict=True):
+        data = comparison.data
+        curves = [(e, *_curve(e)) for e in comparison.entries if e.label not in same]
+        for ax in (upper, lower):
+            _plot_laws(ax, comparison, curves, same)
+            errors = data.uncertainty, data.velocity_uncertainty
+            style.points(ax, data.velocity, data.restitution, *errors, label="data")
+            if style.spans_decades(data.velocity):
+                style.logarithmic_x(ax)
+        low, high = np.min(data.restitution), np.max(data.restitution)
+        room = ROOM * max(high - low, 0.02)
+        lower.set(ylim=(low - room, high + room), xlabel=style.VELOCITY)
+        low, high = upper.get_ylim()
+        upper.set(ylim=(min(0.0, low), 1.04 * high), title=style.plain(data.name))
+    for ax in grid[:, 0]:
+        ax.set_ylabel(style.EPSILON)
+    order = ["data", *(_label(label, same) for label in comparisons[0].ranking)]
+    style.legend_below(figure, list(figure.axes), 3 if columns > 2 else 2, order)
+    return figure
 
 
-def plot_size(
-    ax: Axes, result: Any, fit: Any, impact: int, color: str, observable: str, logarithmic: bool
-) -> None:
-    """The fitted curve of an observable with the bodies of one impact, its band, and where it yields."""
-    one = of_impact(fit, impact)
-    fine = _fine(one.data, logarithmic, False)
-    band = result.band(fine, fit.name, observable=observable, impact=impact)
-    label = None
-    if distinct_impacts(fit) and one.data.contact is not None:
-        label = f"R = {number(1e3 * float(one.data.contact.radius), 3)} mm"
-    dashes = DASHES[SHADES.index(color)]
-    ax.plot(fine, band.coefficient, color=color, label=label, linewidth=1.5, linestyle=dashes)
-    look: dict[str, Any] = {"color": color, "alpha": 0.25, "linewidth": 0}
-    ax.fill_between(fine, band.low, band.high, **look)
-    critical = yield_velocity(one.law)
-    if critical is not None and fine[0] < critical < fine[-1]:
-        ax.axvline(critical, color=color, linestyle=":", linewidth=1)
+def _plot_laws(ax: Axes, comparison: Any, curves: Sequence[Any], same: Mapping[str, str]) -> None:
+    """Curves of laws, each thinner than those below it; solid ones below dashed ones, which may coincide."""
+    others, looks = cycle(OTHERS), {}
+    for entry in comparison.entries:
+        seen = {one for one, _ in looks.values()}
+        first = entry.key in LOOKS and entry.key not in seen
+        looks[entry.label] = entry.key, LOOKS[entry.key] if first else next(others)
+    for entry, *curve in sorted(curves, key=lambda one: looks[one[0].label][1][1] != "-"):
+        width = max(WIDTHS[0] - WIDTHS[1] * len(ax.lines), WIDTHS[2])
+        color, dashes = looks[entry.label][1]
+        look: dict[str, Any] = {"color": color, "linestyle": dashes, "linewidth": width}
+        ax.plot(*curve, label=_label(entry.label, same), **look)
 
 
-def by_size(
-    fit: Any, impacts: np.ndarray, sizes: Sequence[int]
-) -> Iterator[tuple[str, np.ndarray | slice]]:
-    """The colour of each size's curve, and which of these impacts have that size.
+def _same_curves(comparisons: Sequence[Any]) -> dict[str, str]:
+    """Laws that have the curve of another law in every comparison, mapped to that law."""
+    equal = [{e.label: e.same_as for e in one.entries if e.same_as} for one in comparisons]
+    pairs = equal[0].items()
+    return {law: other for law, other in pairs if all(one.get(law) == other for one in equal)}
 
-    All of them in one colour where there is one size, or more than colours.
+
+def _label(label: str, same: Mapping[str, str]) -> str:
+    """Name of a law, and below it the names of laws with the same curve; p_y as a formula."""
+    below = [other for other, drawn in same.items() if drawn == label]
+    text = "\n= ".join(style.plain(one) for one in (label, *below))
+    return text.replace("p_y/Y", "$p_y/Y$").replace("p_y = Y", "$p_y = Y$")
+
+
+def _curve(entry: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Velocities and ε; NaN where ε is not determined and where nothing rebounds.
+
+    If the bodies differ from impact to impact, only at these impacts.
     """
-    radius = np.asarray(1.0 if fit.data.contact is None else fit.data.contact.radius)
-    if not radius.ndim or not 1 < len(sizes) <= len(SHADES):
-        yield style.BLUE, slice(None)
-        return
-    nearest = np.argmin(np.abs(np.log(radius[impacts, None] / radius[sizes])), axis=1)
-    for k, color in zip(range(len(sizes)), SHADES, strict=False):
-        yield color, nearest == k
-
-
-def velocity_label(ratio: bool = False) -> str:
-    return r"$y = v/v_\mathrm{cr}$" if ratio else "impact velocity $v$ [m/s]"
-
-
-def _plot_fit(ax: Axes, result, fit, velocity, scale) -> None:
-    """Eq. (17), the fitted law, and its bands where they can be seen."""
-    ratio, band = velocity / scale, result.band(velocity, fit.name)
-    if fit.empirical is not None and fit.model.key != "eq-17":
-        empirical = curve_and_slopes(as_empirical(fit), velocity)[0]
-        look: dict[str, Any] = {"color": style.ORANGE, "linestyle": "--", "zorder": 4}
-        ax.plot(*_sorted(ratio, empirical), label=EQ_17, **look)
-    label = FITTED.format(fit.model.label)
-    ax.plot(*_sorted(ratio, band.coefficient), color=style.BLUE, label=label, linewidth=1.8)
-    if not np.nanmax(band.high - band.low, initial=0.0) > INVISIBLE:
-        return
-    share = f"{100 * result.confidence:g} %"
-    wide = result.band(velocity, fit.name, kind="prediction")
-    for one, alpha, what in ((wide, 0.1, "one more measurement"), (band, 0.3, "of the mean")):
-        look = {"color": style.BLUE, "linewidth": 0, "alpha": alpha, "label": f"{share}, {what}"}
-        x, low, high = _sorted(ratio, one.low, one.high)
-        ax.fill_between(x, low, high, **look)
-
-
-def _sorted(velocity: np.ndarray, *columns: np.ndarray) -> list[np.ndarray]:
-    """Ascending velocities, and what belongs to them."""
-    order = np.argsort(velocity, kind="stable")
-    return [column[order] for column in (velocity, *columns)]
-
-
-def _marks(color: str, marker: str) -> dict[str, Any]:
-    look = {"fmt": marker, "color": color, "markerfacecolor": "white", "markersize": 3.5}
-    return {**look, "markeredgewidth": 0.8, "elinewidth": 0.8, "zorder": 3}
-
-
-def _scale(fit, ratio: bool) -> np.ndarray:
-    """v_cr [m/s] of the fitted law, or of each impact; 1 m/s without a ratio."""
-    if ratio and fit.contact is None:
-        raise DataError("ratio", ratio, "False where there is no contact")
-    return np.asarray(fit.contact.critical_velocity if ratio else 1.0)
-
-
-def _fine(data: RestitutionData, logarithmic: bool, from_rest: bool) -> np.ndarray:
-    """Velocities of a curve, closer together where it is steep."""
-    low, high = float(np.min(data.velocity)), float(np.max(data.velocity))
-    if logarithmic:
-        return np.geomspace(low, high, FINE)
-    low = 0.0 if from_rest else low
-    return low + (high - low) * np.linspace(0.0, 1.0, FINE) ** 2
+    fit = entry.result.material()
+    velocity = fit.data.velocity
+    if not of_each_impact(fit):
+        spaced = np.geomspace if style.spans_decades(velocity) else np.linspace
+        velocity = spaced(np.min(velocity), np.max(velocity), FINE)
+    velocity, value = _sorted(velocity, entry.result.band(velocity).coefficient)
+    return velocity, np.where(value > 0, value, np.nan)

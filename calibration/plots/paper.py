@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import ArrayLike, Float
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import softjax as sj
@@ -39,14 +38,12 @@ def fit_materials(progress: Any = None):
     from calibration.data.paper import paper_materials
     from calibration.fitting.entry import fit
 
-    return fit(
-        paper_materials(),
-        objective="two-step",
-        route=sj.EnergyBalance(),
-        unloading_line=None,
-        profiles=False,
-        progress=progress,
-    )
+    options: dict[str, Any] = {
+        "objective": "two-step",
+        "route": sj.EnergyBalance(),
+        "unloading_line": None,
+    }
+    return fit(paper_materials(), profiles=False, progress=progress, **options)
 
 
 def figure_2(result: Any) -> Figure:
@@ -56,62 +53,40 @@ def figure_2(result: Any) -> Figure:
 
 
 def linear_figure() -> Figure:
-    """Draw the duration and the force of the linear spring in two panels."""
+    """The linear spring: T ω0/π over the ε that goes in, and its force over the overlap."""
     figure = style.new_figure(9.0, 4.0)
     left, right = figure.subplots(1, 2)
-    plot_duration(left)
-    plot_forces(right)
-    return figure
-
-
-def plot_duration(ax: Axes | None = None) -> Axes:
-    """T ω0/π over the ε that goes in, for both ends: closed form, and the force law integrated."""
-    ax = style.axes_or_new(ax)
+    steel = sj.STAINLESS_STEEL
+    pair = sj.Contact.between_spheres(steel, steel, 0.0127, 0.0127)
     fine = np.geomspace(1e-3, 1.0, 400)
     for end, (color, linestyle, marker, label) in LOOKS.items():
-        ax.plot(fine, duration(fine, end) / np.pi, linestyle, color=color, label=label)
-        points = _integrated_duration(INTEGRATED, end) / np.pi
+        left.plot(fine, duration(fine, end) / np.pi, linestyle, color=color, label=label)
+        law = sj.LinearSpringDashpot(pair, STIFFNESS, INTEGRATED, end)
+        time = sj.restitution(law, np.ones_like(INTEGRATED), sj.ODE(rtol=1e-10)).duration
+        points = np.asarray(time) * np.sqrt(STIFFNESS / float(pair.mass)) / np.pi
         look: dict[str, Any] = {"color": color, "markerfacecolor": "white", "markersize": 5}
-        ax.plot(INTEGRATED, points, marker, label="the same, integrated", **look)
-    ax.axhline(2 / np.pi, color=style.GREY, linestyle=":", label=r"$2/\omega_0$")
+        left.plot(INTEGRATED, points, marker, label="the same, integrated", **look)
+    left.axhline(2 / np.pi, color=style.GREY, linestyle=":", label=r"$2/\omega_0$")
     across, up = r"input restitution $\varepsilon$", r"contact duration $T \omega_0/\pi$"
-    ax.set(xlabel=across, ylabel=up, title="Linear spring with dashpot", ylim=(0.5, 2.6))
-    style.logarithmic_x(ax, room=2.0)
-    ax.legend(frameon=False)
-    return ax
+    left.set(xlabel=across, ylabel=up, title="Linear spring with dashpot", ylim=(0.5, 2.6))
+    style.logarithmic_x(left, room=2.0)
 
-
-def duration(restitution: Float[ArrayLike, "..."], end: str) -> np.ndarray:
-    """ω0 T [-] of the law that ε in (0, 1] goes into, in closed form; `end` as the law's."""
-    angle = np.arctan2(math.pi, -np.log(restitution))
-    return (np.pi if end == "zero-overlap" else 2 * angle) / np.sin(angle)
-
-
-def plot_forces(ax: Axes | None = None) -> Axes:
-    """Hertz's force and the spring that stores as much energy at the same largest overlap."""
-    ax = style.axes_or_new(ax)
-    pair = _pair()
     deepest = float(np.asarray(sj.restitution(sj.Hertz(pair), 1.0).peak_overlap))
     overlap = np.linspace(0.0, deepest, 200)
     hertz = np.asarray(sj.Hertz(pair).loading_force(overlap))
     # ½ K δ² = (2/5) k δ^{5/2}: another K for every impact velocity
     spring = 0.8 * float(pair.stiffness) * deepest**0.5 * overlap
     words = r"Hertz, $k\delta^{3/2}$", "linear spring of the same work"
-    ax.plot(overlap / deepest, hertz / hertz[-1], color=style.BLACK, label=words[0])
-    ax.plot(overlap / deepest, spring / hertz[-1], "--", color=style.VERMILION, label=words[1])
+    right.plot(overlap / deepest, hertz / hertz[-1], color=style.BLACK, label=words[0])
+    right.plot(overlap / deepest, spring / hertz[-1], "--", color=style.VERMILION, label=words[1])
     across, up = r"overlap $\delta/\delta_\mathrm{max}$", r"force $P/(k\delta_\mathrm{max}^{3/2})$"
-    ax.set(xlabel=across, ylabel=up, title="Without a dashpot")
-    ax.legend(frameon=False)
-    return ax
+    right.set(xlabel=across, ylabel=up, title="Without a dashpot")
+    for ax in (left, right):
+        ax.legend(frameon=False)
+    return figure
 
 
-def _integrated_duration(restitution, end: str) -> np.ndarray:
-    """ω0 T [-] of the law's equation of motion."""
-    pair = _pair()
-    law = sj.LinearSpringDashpot(pair, STIFFNESS, restitution, end)
-    time = sj.restitution(law, np.ones_like(restitution), sj.ODE(rtol=1e-10)).duration
-    return np.asarray(time) * np.sqrt(STIFFNESS / float(pair.mass))
-
-
-def _pair() -> sj.Contact:
-    return sj.Contact.between_spheres(sj.STAINLESS_STEEL, sj.STAINLESS_STEEL, 0.0127, 0.0127)
+def duration(restitution: Float[ArrayLike, "..."], end: str) -> np.ndarray:
+    """ω0 T [-] of the law that ε in (0, 1] goes into, in closed form; `end` as the law's."""
+    angle = np.arctan2(math.pi, -np.log(restitution))
+    return (np.pi if end == "zero-overlap" else 2 * angle) / np.sin(angle)

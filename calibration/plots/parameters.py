@@ -1,4 +1,4 @@
-"""Profile likelihoods of parameters, and their correlations."""
+"""Parameters: profile likelihoods, correlations, posterior draws, and χ̃ over E/Y."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -10,7 +10,10 @@ from matplotlib.patches import Ellipse
 from matplotlib.ticker import MaxNLocator
 
 from calibration import symbols
+from calibration.errors import DataError
+from calibration.fitting.uncertainty import quantile
 from calibration.plots import style
+from calibration.rounding import number
 
 TOP = 1.6  # of a profile's picture, in thresholds
 CELL = 0.95  # inches, of two parameters' ellipse
@@ -18,33 +21,36 @@ LETTER = 0.09  # inches, of a name next to it
 NEARLY_ONE = 0.995  # a correlation that two digits would call 1
 MOST_NUMBERS = 12  # with more parameters the numbers in the cells would overlap
 SIZE = 0.3  # of a cell: the radius of uncorrelated estimates
-COLOURS = "blue: positive; orange: negative"  # of correlations
 THIN = 0.02  # of a cell: the least half width of an ellipse
+NOISES = {"noise": "scatter", "group": "between groups", "timing": "of times [s]"}  # as tables say
+MOST_PAIRED = 8  # parameters of posterior.png: with more nothing can be read
+SHOWN = 2000  # draws of a panel
+PAIR = 1.9  # inches
+BINS = 40
+TAIL = 0.002  # of the draws, on either side, beyond the axis
+BEYOND = 1.3  # how far the line of χ̃ goes beyond the materials, as a factor
 
 
 def profiles_figure(result: Any) -> Figure | None:
-    """A panel a profile; None where the fit has none that leaves its parameter's bound."""
+    """Δχ² over each parameter, the interval's threshold, and where the profile crosses it.
+
+    None if no profile leaves its parameter's bound.
+    """
     profiles = {label: one for label, one in result.profiles.items() if len(set(one.values)) > 1}
     if not profiles:
         return None
     figure, grid = style.panels(len(profiles), (3.4, 2.8), "profiles")
     for (label, profile), (ax,) in zip(profiles.items(), grid, strict=False):
-        plot_profile(profile, result.estimates.get(label), ax, symbols.model_of(label, result))
+        _plot_profile(ax, profile, result.estimates.get(label))
+        name, _, owner = label.partition("[")
+        ax.set_title(style.plain(owner.removesuffix("]")), fontsize="medium")
+        ax.set_xlabel(symbols.math(name, symbols.model_of(label, result)))
     columns = ax.get_subplotspec().get_gridspec().ncols
     style.legend_below(figure, list(grid.flat), 4 if columns > 2 else 2)
     return figure
 
 
-def plot_profile(profile, estimate=None, ax: Axes | None = None, model: Any = None) -> Axes:
-    """Δχ² over one parameter, the interval's threshold, and where the profile crosses it.
-
-    Args:
-        profile: a `Profile` of a fit.
-        estimate: the parameter's `Estimate`, whose standard error is drawn as a parabola.
-        ax: where to draw; a new figure's where None.
-        model: of the law that it is a parameter of, which knows its symbol.
-    """
-    ax = style.axes_or_new(ax)
+def _plot_profile(ax: Axes, profile: Any, estimate: Any) -> None:
     values, rise = _points(profile)
     at_bound = estimate is not None and estimate.at_bound
     logarithmic = style.spans_decades(values) and not at_bound  # a bound of 0 is decades away
@@ -68,14 +74,10 @@ def plot_profile(profile, estimate=None, ax: Axes | None = None, model: Any = No
             ax.text(place, 0.96, "open end", transform=ax.transAxes, **look)
         elif np.isfinite(end):
             ax.axvline(end, color=style.GREY, linestyle="-.", linewidth=1, label="interval")
-    name, _, owner = profile.parameter.partition("[")
-    ax.set_title(style.plain(owner.removesuffix("]")), fontsize="medium")
-    ax.set(xlabel=symbols.math(name, model), ylabel=r"$\Delta\chi^2$")
-    ax.set_ylim(0, TOP * profile.threshold)
-    return ax
+    ax.set(ylim=(0, TOP * profile.threshold), ylabel=r"$\Delta\chi^2$")
 
 
-def _points(profile) -> tuple[np.ndarray, np.ndarray]:
+def _points(profile: Any) -> tuple[np.ndarray, np.ndarray]:
     """Points of a profile that fit into the picture, and one beyond either end if it is near."""
     values = np.asarray(profile.values, float)
     rise = np.asarray(profile.delta_chi_squared, float)
@@ -115,60 +117,48 @@ def correlation_figure(result: Any) -> Figure | None:
     for owner, labels in _blocks(result):
         order = [place[label] for label in labels]
         matrix = result.correlations[np.ix_(order, order)]
-        if np.any(np.isfinite(np.triu(matrix, 1)) & np.triu(np.ones_like(matrix, bool), 1)):
-            blocks.append((owner, labels, matrix))
+        if np.any(np.isfinite(matrix[np.triu_indices_from(matrix, 1)])):
+            names = [_name(result, label, not owner) for label in labels]
+            texts = [str(result.estimates.get(label)) for label in labels]
+            blocks.append((owner, matrix, names, texts))
     if not blocks:
         return None
-    names = [[_symbol(result, label, not owner) for label in own] for owner, own, _ in blocks]
-    room = max(len(name) for own in names for name in own)
-    size = max(0.8, LETTER * room) + CELL * max(map(len, names))
+    room = max(len(name) for *_, names, _ in blocks for name in names)
+    size = max(0.8, LETTER * room) + CELL * max(len(matrix) for _, matrix, *_ in blocks)
     figure, grid = style.panels(len(blocks), (size, size + 0.25), "data sets", legend=0.4)
     if len(blocks) == 1:
         figure.set_figwidth(size)
-    for (owner, labels, matrix), own, (ax,) in zip(blocks, names, grid, strict=False):
-        texts = [str(result.estimates.get(label)) for label in labels]
-        plot_correlations(matrix, own, ax, texts)
+    for (owner, *block), (ax,) in zip(blocks, grid, strict=False):
+        _plot_correlations(ax, *block)
         ax.set_title(style.plain(owner))
-    figure.supxlabel(COLOURS, fontsize="small")
+    figure.supxlabel("blue: positive; orange: negative", fontsize="small")
     return figure
 
 
-def plot_correlations(
-    correlations, labels: Sequence[str], ax: Axes | None = None, texts: Sequence[str] = ()
-) -> Axes:
-    """Ellipses below the diagonal, correlations above it.
-
-    Args:
-        correlations: (p, p), from -1 to 1; NaN where undefined.
-        labels: of the p parameters.
-        ax: where to draw; a new figure's where None.
-        texts: texts on the diagonal, such as "1.79 ± 0.05".
-    """
-    matrix, count = np.asarray(correlations, float), len(labels)
-    ax = style.axes_or_new(ax)
+def _plot_correlations(ax: Axes, matrix: np.ndarray, names: Sequence[str], texts: Sequence[str]):
+    """Ellipses below the diagonal, correlations above it, estimates on it."""
+    count = len(names)
     for (row, column), value in np.ndenumerate(matrix):
         place = column, count - 1 - row
         digits = 2 if abs(value) < NEARLY_ONE else 4
         text = f"{np.round(value, digits) + 0.0:.{digits}f}" if np.isfinite(value) else "–"
         text = text.replace("-", "−")
         if row == column:
-            text = texts[row].replace(" ± ", "\n± ") if texts else ""
+            text = texts[row].replace(" ± ", "\n± ")
         elif (row > column or count > MOST_NUMBERS) and np.isfinite(value):
             long, short = (2 * max(SIZE * np.sqrt(1 + s * abs(value)), THIN) for s in (1, -1))
             color, angle = (style.BLUE, 45) if value >= 0 else (style.VERMILION, -45)
             ax.add_patch(Ellipse(place, long, short, angle=angle, color=color, alpha=0.6))
             continue
-        if text:
-            ax.text(*place, text, ha="center", va="center", fontsize=7.5)
-    turned = 90 if any(", " in label for label in labels) else 0  # data sets are named
-    ax.set_xticks(range(count), labels, rotation=turned)
-    ax.set_yticks(range(count), labels[::-1])
+        ax.text(*place, text, ha="center", va="center", fontsize=7.5)
+    turned = 90 if any(", " in name for name in names) else 0  # data sets are named
+    ax.set_xticks(range(count), names, rotation=turned)
+    ax.set_yticks(range(count), names[::-1])
     ax.set(xlim=(-0.5, count - 0.5), ylim=(-0.5, count - 0.5), aspect="equal")
     ax.tick_params(length=0)
     for edge in np.arange(count - 1) + 0.5:
         ax.axhline(edge, color=style.GREY, linewidth=0.3)
         ax.axvline(edge, color=style.GREY, linewidth=0.3)
-    return ax
 
 
 def _blocks(result: Any) -> list[tuple[str, list[str]]]:
@@ -184,15 +174,152 @@ def _blocks(result: Any) -> list[tuple[str, list[str]]]:
             blocks.remove(block)
             owners, labels = block[0] + owners, list(dict.fromkeys(block[1] + labels))
         blocks.append((owners, labels))
-    alone = len(result.materials) == 1
-    return [
-        (names[0] if len(names) == 1 and not alone else "", labels_of)
-        for names, labels_of in blocks
-    ]
+    several = len(result.materials) > 1
+    return [(names[0] if len(names) == 1 and several else "", labels) for names, labels in blocks]
 
 
-def _symbol(result: Any, label: str, with_owner: bool) -> str:
+def _name(result: Any, label: str, with_owner: bool) -> str:
     name, _, owner = label.partition("[")
     symbol = symbols.math(name, symbols.model_of(label, result), unit=False)
-    material = style.shortened(owner.removesuffix("]"))
-    return f"{symbol}, {style.plain(material)}" if with_owner and owner else symbol
+    material = style.plain(style.shortened(owner.removesuffix("]")))
+    return f"{symbol}, {material}" if with_owner and owner else symbol
+
+
+def posterior_figure(posterior: Any, result: Any = None) -> Figure:
+    """Histograms of the first eight parameters on the diagonal, draws of each pair below it.
+
+    Args:
+        posterior: draws as ArviZ data; those that diverged are marked.
+        result: the `FitResult` whose values and intervals are drawn in.
+    """
+    from calibration.fitting.posterior.draws import dataset_of
+
+    every = dataset_of(posterior, "posterior").data_vars.items()
+    draws = {str(name): np.ravel(values) for name, values in [*every][:MOST_PAIRED]}
+    diverging = np.ravel(dataset_of(posterior, "sample_stats")["diverging"])
+    names, count = list(draws), len(draws)
+    figure = style.new_figure(max(PAIR * count, 5.0), max(PAIR * count, 4.0) + 0.4)
+    grid = figure.subplots(count, count, squeeze=False)
+    ends = {name: _ends(values) for name, values in draws.items()}
+    logarithmic = {name: style.spans_decades(np.array(ends[name])) for name in names}
+    estimates = {} if result is None else result.estimates
+    for row, column in np.ndindex(count, count):
+        ax, x, y = grid[row, column], names[column], names[row]
+        if row < column:
+            ax.remove()
+            continue
+        if row == column:
+            space = np.geomspace if logarithmic[x] else np.linspace
+            ax.hist(draws[x], space(*ends[x], BINS), color=style.SKY, label="draws")
+            ax.set_yticks([])
+            _mark_interval(ax, estimates.get(x))
+        else:
+            step = max(1, len(draws[x]) // SHOWN)
+            look: dict[str, Any] = {"color": style.SKY, "markersize": 2, "alpha": 0.5}
+            ax.plot(draws[x][::step], draws[y][::step], ".", **look)
+            if np.any(diverging):
+                wild = draws[x][diverging], draws[y][diverging]
+                ax.plot(*wild, ".", color=style.VERMILION, label="diverged")
+            fitted = [estimates[name].value for name in (x, y) if name in estimates]
+            if len(fitted) == 2 and None not in fitted:
+                ax.plot(*fitted, "+", color=style.BLACK, markersize=9, label="fit")
+            _limit(ax, "y", ends[y], logarithmic[y])
+        _limit(ax, "x", ends[x], logarithmic[x])
+        ax.tick_params(labelbottom=row == count - 1, labelleft=column == 0 < row)
+        ax.set_xlabel(_label(x, result) if row == count - 1 else "")
+        ax.set_ylabel(_label(y, result) if column == 0 < row else "")
+    style.legend_below(figure, list(figure.axes), columns=4)
+    return figure
+
+
+def _mark_interval(ax: Axes, one: Any) -> None:
+    """The fit's value, and the ends of its interval."""
+    if one is None or one.value is None:
+        return
+    ax.axvline(one.value, color=style.BLACK, linewidth=1, label="fit")
+    for end in (one.low, one.high):
+        if end is not None and np.isfinite(end):
+            look: dict[str, Any] = {"color": style.GREY, "linestyle": "-.", "linewidth": 1}
+            ax.axvline(end, label="the fit's interval", **look)
+
+
+def _limit(ax: Axes, which: str, ends: tuple[float, float], logarithmic: bool) -> None:
+    if logarithmic:
+        getattr(ax, f"set_{which}scale")("log")
+    else:
+        getattr(ax, f"{which}axis").set_major_locator(MaxNLocator(3 if which == "y" else 2))
+    getattr(ax, f"set_{which}lim")(*ends)
+
+
+def _label(name: str, result: Any) -> str:
+    """The symbol with its unit, the data set below it."""
+    base, _, owner = name.removesuffix("]").partition("[")
+    symbol = NOISES.get(base) or symbols.math(base, symbols.model_of(name, result))
+    return f"{symbol}\n{style.plain(style.shortened(owner))}" if owner else symbol
+
+
+def _ends(values: np.ndarray) -> tuple[float, float]:
+    low, high = (float(end) for end in np.quantile(values, [TAIL, 1 - TAIL]))
+    return (low, high) if high > low else (low - 0.5, high + 0.5)
+
+
+def unloading_line_figure(line: Any, contact: Any = None, name: str = "") -> Figure:
+    """χ̃ of each material with its interval, Eq. (18) with its band, dashed where it is extrapolated.
+
+    Args:
+        line: `FitResult.unloading_line`.
+        contact: of a further material, whose place is marked.
+        name: of the further material.
+    """
+    figure = style.new_figure(6.0, 4.6)
+    ax = figure.add_subplot()
+    ends, reach = list(line.range), float(quantile(line.confidence, np.inf))
+    shown = [(one.yield_ratio, one.chi, reach * (one.chi_error or 0.0)) for one in line.materials]
+    top = max(chi + error for _, chi, error in shown)
+    if contact is not None:
+        new, chi = float(np.asarray(contact.yield_ratio)), line.unloading_factor(contact)
+        ends, top = [*ends, new], max(top, chi.value)
+        up = np.abs(np.array(_interval(chi)) - chi.value)[:, None]
+        label = style.plain(name or "the further material") + " (predicted)"
+        ax.errorbar(new, chi.value, up, fmt="D", color=style.VERMILION, capsize=3, label=label)
+    ylim = -0.05 * top, 1.3 * top
+    _plot_line(ax, line, np.linspace(min(ends) / BEYOND, max(ends) * BEYOND, 200), ylim)
+    label = f"fitted, {100 * line.confidence:g} % intervals"
+    for (ratio, chi, error), one in zip(shown, line.materials, strict=True):
+        ax.errorbar(ratio, chi, error, fmt="o", color=style.BLUE, capsize=3, label=label)
+        is_last = ratio > 0.7 * max(ends)
+        where: Any = {"ha": "right" if is_last else "left", "va": "bottom" if is_last else "center"}
+        aside = (-8, 8) if is_last else (8, 0)
+        text = style.plain(style.shortened(one.name))
+        ax.annotate(text, (ratio, chi), aside, textcoords="offset points", zorder=3, **where)
+    across, up = "effective modulus over yield strength, $E/Y$", r"unloading factor $\tilde\chi$"
+    ax.set(xlabel=across, ylabel=up, ylim=ylim)
+    style.legend_below(figure, [ax], 2, ("Eq. (18)", "extrapolated"))
+    return figure
+
+
+def _plot_line(ax: Axes, line: Any, ratio: np.ndarray, ylim: tuple[float, float]) -> None:
+    found = np.full((3, len(ratio)), np.nan)
+    for k, x in enumerate(ratio):
+        try:
+            one = line.at(x)
+        except DataError:  # no positive χ̃
+            continue
+        found[:, k] = one.value, *_interval(one)
+    value, low, high = found
+    within = (ratio >= line.range[0]) & (ratio <= line.range[1])
+    look: dict[str, Any] = {"color": style.BLACK, "linewidth": 1}
+    ax.plot(ratio, np.where(within, value, np.nan), label="Eq. (18)", **look)
+    ax.plot(ratio, np.where(within, np.nan, value), "--", label="extrapolated", **look)
+    if np.any(high > low):
+        label = f"{100 * line.confidence:g} % band of a further material"
+        least, most = float(np.nanmin(low)), float(np.nanmax(high))
+        if most > ylim[1]:
+            label += f"\n(wider than the picture: {number(least, 3)} to {number(most, 3)})"
+        style.band(ax, ratio, low, high, style.GREY, label=label)
+
+
+def _interval(estimate: Any) -> tuple[float, float]:
+    """Low and high end; the value for an end that is not known."""
+    ends = estimate.low, estimate.high
+    return tuple(estimate.value if end is None else end for end in ends)  # type: ignore[return-value]

@@ -9,7 +9,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from calibration.plots import style
-from calibration.plots.curves import velocity_label
 from calibration.symbols import in_math
 
 COLORS = (
@@ -34,39 +33,40 @@ def plot_sensitivities(
         critical_velocity: where the curves jump, at first yield.
     """
     ax = style.axes_or_new(ax, 7.2, 4.2)
-    letters = [in_math(one.symbol) for one in found.declared.values()]
+    letters = np.array([in_math(one.symbol) for one in found.declared.values()])
     size = np.max(np.abs(found.absolute), axis=0)
-    least = VISIBLE * np.max(size, initial=0.0)
-    acts = (size >= NOTHING) & (size >= least)
-    moving = [letter for letter, one in zip(letters, acts, strict=True) if one]
-    velocity, slopes, jump = found.velocity, found.absolute[:, acts], critical_velocity
-    place = 0 if jump is None else int(np.searchsorted(velocity, jump))
+    least = max(VISIBLE * np.max(size, initial=0.0), NOTHING)
+    velocity, slopes = found.velocity, found.absolute[:, size >= least]
+    place = 0 if critical_velocity is None else int(np.searchsorted(velocity, critical_velocity))
     if 0 < place < len(velocity):
-        velocity = np.insert(velocity, place, jump)
+        velocity = np.insert(velocity, place, critical_velocity)
         slopes = np.insert(slopes, place, np.nan, axis=0)
-    _plot_slopes(ax, velocity, slopes, moving)
-    for hidden, text in (
-        (size < NOTHING, "none"),
-        (~acts & (size >= NOTHING), f"below {least:.0e}"),
-    ):
+    _plot_slopes(ax, velocity, slopes, letters[size >= least])
+    small = (size >= NOTHING) & (size < least)
+    for hidden, text in ((size < NOTHING, "none"), (small, f"below {least:.0e}")):
         if np.any(hidden):
-            names = ", ".join(
-                one for one, is_hidden in zip(letters, hidden, strict=True) if is_hidden
-            )
-            ax.plot([], [], linestyle="", label=f"{text}: {names}")
-    style.mark_velocity(ax, jump, found.velocity, r"yield, $v_\mathrm{cr}$")
+            ax.plot([], [], linestyle="", label=f"{text}: {', '.join(letters[hidden])}")
+    style.mark_velocity(ax, critical_velocity, found.velocity, label=r"yield, $v_\mathrm{cr}$")
     ax.axhline(0, color=style.GREY, linewidth=0.6)
     ax.legend(frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
     return ax
 
 
 def plot_tornado(found: Any, velocity: float, ax: Axes | None = None) -> Axes:
-    """Draw the change of ε for +1 % of each input at one velocity, the largest on top."""
+    """Draw the change of ε for +1 % of each input at one velocity, the largest on top.
+
+    A number stands where a bar is too short to see.
+    """
     ax = style.axes_or_new(ax, 4.0, 3.5)
     ranked = found.ranked(velocity)[::-1]
-    percents = np.array([value for _, value in ranked]) / 100
-    colors = [style.BLUE if value >= 0 else style.VERMILION for value in percents]
-    ax.barh(range(len(ranked)), percents, color=colors, height=0.7)
+    changes = np.array([value for _, value in ranked]) / 100
+    colors = [style.BLUE if value >= 0 else style.VERMILION for value in changes]
+    ax.barh(range(len(ranked)), changes, color=colors, height=0.7)
+    side = "right" if sum(ax.get_xlim()) < 0 else "left"  # where there is more room
+    for k, value in enumerate(changes):
+        if abs(value) < 5 * VISIBLE * np.max(np.abs(changes)):
+            text = f" {value:.0e} " if abs(value) >= NOTHING else " 0 "
+            ax.text(0, k, text, va="center", ha=side, color=style.GREY, fontsize="small")
     ax.set_yticks(range(len(ranked)), [in_math(found.declared[name].symbol) for name, _ in ranked])
     ax.axvline(0, color=style.BLACK, linewidth=0.8)
     nearest = found.velocity[np.argmin(np.abs(found.velocity - velocity))]
@@ -98,7 +98,7 @@ def plot_design(design: Any, ax: Axes | None = None) -> Axes:
     for v, n in design.support:
         ax.annotate(f"{n}", (v, at), (0, -15), textcoords="offset points", ha="center")
     even = np.linspace(design.bounds[0], design.bounds[1], len(design.velocity))
-    level = [bottom - 0.26 * height] * len(even)
+    level = np.full(len(even), bottom - 0.26 * height)
     ax.plot(even, level, "|", color=style.GREY, markersize=7, label="equally spaced")
     criteria = {
         "c": f"standard error of {in_math(design.target_symbol)}",
@@ -116,10 +116,8 @@ def plot_sobol(found: Any, output: int = 0, ax: Axes | None = None) -> Axes:
     """Draw first-order and total indices with bootstrap limits, and the upper bound from derivatives."""
     ax = style.axes_or_new(ax, 5.0, 3.5)
     place = np.arange(len(found.names))
-    for name, label, color, aside in (
-        ("first", "first order", style.BLUE, -0.2),
-        ("total", "total", style.ORANGE, 0.2),
-    ):
+    kinds = ("first", "first order", style.BLUE), ("total", "total", style.ORANGE)
+    for aside, (name, label, color) in zip((-0.2, 0.2), kinds, strict=True):
         middle, low, high = (getattr(found, name + end)[output] for end in ("", "_low", "_high"))
         reach = np.maximum([middle - low, high - middle], 0)
         look: dict[str, Any] = {"color": color, "width": 0.36, "capsize": 2, "ecolor": style.BLACK}
@@ -156,9 +154,10 @@ def sobol_figure(found: Any, assumed: str = "") -> Figure:
 
 def _plot_slopes(ax: Axes, velocity, slopes, labels: Sequence[str]) -> None:
     """Draw each column of `slopes` over velocity."""
-    looks = zip(cycle(COLORS), cycle(STYLES), labels, slopes.T, strict=False)
-    for color, line, label, values in looks:
+    for color, line, label, values in zip(
+        cycle(COLORS), cycle(STYLES), labels, slopes.T, strict=False
+    ):
         ax.plot(velocity, values, color=color, linestyle=line, label=label)
     if style.spans_decades(velocity):
         style.logarithmic_x(ax)
-    ax.set(xlabel=velocity_label(), ylabel=EFFECT)
+    ax.set(xlabel=style.VELOCITY, ylabel=EFFECT)

@@ -14,15 +14,11 @@ from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 from calibration.errors import printable
 
 # M. Okabe and K. Ito, Color Universal Design (2008)
-BLACK = "#000000"
-ORANGE = "#E69F00"
-SKY = "#56B4E9"
-GREEN = "#009E73"
-BLUE = "#0072B2"
-VERMILION = "#D55E00"
-PURPLE = "#CC79A7"
-GREY = "#777777"
+BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
+BLUE, VERMILION, PURPLE, GREY = "#0072B2", "#D55E00", "#CC79A7", "#777777"
 
+VELOCITY = "impact velocity $v$ [m/s]"
+EPSILON = r"restitution $\varepsilon$"
 DPI = 150
 LONGEST = 20  # letters of a name in a small panel
 MOST = 24  # panels of one picture: a hundred take a minute to draw
@@ -43,8 +39,7 @@ def axes_or_new(ax: Axes | None, width: float = 5.0, height: float = 4.0) -> Axe
 
 def save(picture: Figure | Axes, path: str | Path) -> None:
     """Write a figure, or that of some axes, as PNG; without a date, so that equal figures are equal files."""
-    figure = picture if isinstance(picture, Figure) else picture.get_figure(root=True)
-    assert figure is not None
+    figure: Any = picture.figure
     engine = figure.get_layout_engine()
     if engine is not None:  # once: saving would do it twice
         engine.execute(figure)
@@ -58,9 +53,9 @@ def plain(text: str) -> str:
     return f"\N{ZERO WIDTH SPACE}{text}" if text.startswith("_") else text
 
 
-def shortened(text: str, most: int = LONGEST) -> str:
+def shortened(text: str) -> str:
     """A name that leaves room for what it names."""
-    return text if len(text) <= most else text[: most - 1] + "…"
+    return text if len(text) <= LONGEST else text[: LONGEST - 1] + "…"
 
 
 def panels(
@@ -70,13 +65,13 @@ def panels(
     heights: Sequence[float] = (1.0,),
     legend: float = 0.5,
 ) -> tuple[Figure, Any]:
-    """A figure of as square an array of panels as three columns allow, for `MOST` things at most.
+    """A figure with an array of panels in up to three columns, for `MOST` things at most.
 
     Args:
-        count: of the things; that some are not shown stands above the panels.
+        count: number of things; a title says where not all are shown.
         size: width and height of a panel [inches].
-        what: the things are, in words.
-        heights: of the axes above each other in a panel, relative.
+        what: the things, in words.
+        heights: relative heights of the axes above each other in a panel.
         legend: room for the legend [inches].
 
     Returns:
@@ -93,14 +88,25 @@ def panels(
     for ax in each[shown:].flat:
         ax.remove()
     if shown < count:
-        figure.suptitle(
-            f"the first {shown} of {count} {what}: all are in fit.json", fontsize="medium"
-        )
+        title = f"the first {shown} of {count} {what}: all are in fit.json"
+        figure.suptitle(title, fontsize="medium")
     return figure, each[:shown]
 
 
+def points(ax: Axes, x, y, up=None, across=None, color=BLACK, marker="o", label: str | None = None):
+    """Hollow markers with error bars."""
+    look: dict[str, Any] = {"markersize": 3.5, "markeredgewidth": 0.8, "elinewidth": 0.8}
+    look |= {"markerfacecolor": "white", "color": color, "fmt": marker, "zorder": 3}
+    ax.errorbar(x, y, up, across, label=label, **look)
+
+
+def band(ax: Axes, x, low, high, color: str = BLUE, alpha: float = 0.25, label: str | None = None):
+    """The area between two curves."""
+    ax.fill_between(x, low, high, color=color, alpha=alpha, linewidth=0, label=label)
+
+
 def logarithmic_x(ax: Axes, room: float = 3.2) -> None:
-    """A logarithmic axis with plain numbers, at 1, 2 and 5 too where it spans < `room` decades."""
+    """A logarithmic axis with plain numbers, also at 2 and 5 if it spans fewer than `room` decades."""
     ax.set_xscale("log")
     low, high = ax.get_xlim()
     if np.log10(high / low) < room:
@@ -111,7 +117,7 @@ def logarithmic_x(ax: Axes, room: float = 3.2) -> None:
 
 
 def in_prefixed_unit(ax: Axes, unit: str, values: np.ndarray) -> str:
-    """A y axis of positive SI values in a unit with a prefix, "µs"; logarithmic where they span decades."""
+    """Set a y axis of positive SI values to a unit with a prefix, and return it; logarithmic over decades."""
     place = math.floor(math.log10(float(np.median(values))) / 3)
     place = min(max(place, min(PREFIXES)), max(PREFIXES))
     size = 1000.0**place
@@ -128,27 +134,25 @@ def spans_decades(values: np.ndarray) -> bool:
     return bool(low > 0 and np.log10(high / low) > LOG_DECADES)
 
 
-def mark_velocity(ax: Axes, velocity: float | None, of: np.ndarray, label: str) -> None:
-    """A line at this velocity, if it lies inside those of a curve."""
-    if velocity is not None and np.min(of) < velocity < np.max(of):
-        ax.axvline(velocity, color=GREY, linestyle=":", linewidth=1, label=label)
+def mark_velocity(ax: Axes, velocity: float | None, inside: np.ndarray, **look) -> None:
+    """A dotted line at a velocity between those of a curve."""
+    if velocity is not None and np.min(inside) < velocity < np.max(inside):
+        ax.axvline(velocity, linewidth=1, linestyle=":", **{"color": GREY, **look})
 
 
-def legend_below(figure: Figure, axes: list[Axes], columns: int, first: Sequence[str] = ()) -> None:
+def legend_below(figure: Figure, axes: Sequence[Axes], columns: int, first: Sequence[str] = ()):
     """One legend for all axes, each label once, those of `first` first.
 
     In this number of columns, or in as many fewer as the figure's width takes.
     """
     found: dict[str, Any] = {}
     for ax in axes:
-        handles, labels = ax.get_legend_handles_labels()
-        for handle, label in zip(handles, labels, strict=True):
+        for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
             found.setdefault(label, handle)
-    labels = [*(name for name in first if name in found), *(n for n in found if n not in first)]
-    handles = [found[label] for label in labels]
+    found = {name: found[name] for name in first if name in found} | found
     place = {"loc": "outside lower center", "frameon": False}
     for count in range(max(min(columns, len(found)), 1), 0, -1):
-        legend = figure.legend(handles, labels, ncols=count, **place)
+        legend = figure.legend(found.values(), found.keys(), ncols=count, **place)
         if count == 1 or legend.get_window_extent().width <= figure.bbox.width:
             return
         legend.remove()
