@@ -1,8 +1,14 @@
-"""ε(v) of a law or a fit: velocities in, rows of a curve out."""
+"""ε(v) of a law or a fit: velocities in, rows of a curve or a look-up table for particle codes out.
 
+Between two rows of a table a code interpolates linearly. So the table has two rows at first yield, where ε
+jumps, and two where ε comes to 0, and its header says how far that leaves it from the law.
+"""
+
+import math
 import sys
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,22 +21,34 @@ from calibration.data.names import read_header
 from calibration.data.sheet import Sheet, is_number
 from calibration.data.units import in_si, unit_of
 from calibration.errors import DataError, InputError, Origin, printable, shown
+from calibration.fitting.curves import yield_velocity
 
 MOST = 10**6  # rows of one curve
 BLOCK = 1 << 16  # rows of a band that are computed at once: one may be made of thousands of draws
 LARGEST = 64 << 20  # bytes of a file of velocities
-NOT_DETERMINED = "NOT_DETERMINED"
 FROM_PYTHON = (
     f"at most {MOST} rows; more from Python by `softjax.restitution(law, velocity).coefficient`"
 )
+COLUMNS = {  # of a table, after velocity and restitution
+    "plastic_coefficient": "plastic_restitution",
+    "duration": "duration[s]",
+    "peak_overlap": "largest_overlap[m]",
+    "peak_force": "peak_force[N]",
+}
+ASIDE = 1e-12  # of the velocity of a jump or of the end of ε, from there to the rows next to it
+# where between two rows the law is compared; then about the largest difference, ever closer
+INSIDE = np.linspace(0, 1, 9)[1:-1, None]
+CLOSER = np.linspace(-1, 1, 9)[:, None]
+INTERVALS, TIMES = 64, 10  # that are compared more closely, and how often by a quarter
 
 Route = sj.EnergyBalance | sj.ClosedForm | sj.ODE | None
 Velocities = Float[np.ndarray, " n"]
+Exact = Callable[[Velocities], Velocities]
 
 
 @dataclass(frozen=True)
 class Source:
-    """A law with what is known of where it came from.
+    """A law, and where it came from.
 
     Attributes:
         name: of the material.
@@ -40,7 +58,8 @@ class Source:
         bodies: "spheres", "unlike spheres" or "wall": how `properties` are to be read.
         result: the fit; None without one.
         draws: of the fit's posterior; None without.
-        prediction: by the line through a fit's materials; None without.
+        line: Eq. (18) through a fit's materials, by which a further one is predicted; None without.
+        losses: ε_up, or σ and ψ, as stated of the further material.
         remark: a line on where its numbers come from.
         fall: how the heights of its data became velocities; None without heights.
     """
@@ -52,7 +71,8 @@ class Source:
     bodies: str = "spheres"
     result: Any = None
     draws: Any = None
-    prediction: "Prediction | None" = None
+    line: Any = None
+    losses: Mapping[str, float | None] = field(default_factory=dict)
     remark: str = ""
     fall: Fall | None = None
 
@@ -67,17 +87,6 @@ class Source:
         return f"extrapolation: the curve goes from {curve}, the data of {name} from {measured}"
 
 
-class Prediction(NamedTuple):
-    """Eq. (18)'s line, and what is stated of the further material: ε_up, or σ and ψ."""
-
-    line: Any
-    losses: dict[str, float | None]
-
-    def band(self, contact: Any, velocity: Velocities) -> Any:
-        """The curve of the further material with its band."""
-        return self.line.band(contact, velocity, **self.losses)
-
-
 class Rows(NamedTuple):
     """A curve: v [m/s], ε, status, and the confidence limits of a fit's ε.
 
@@ -90,11 +99,6 @@ class Rows(NamedTuple):
     low: Velocities | None = None
     high: Velocities | None = None
 
-    @property
-    def known(self) -> np.ndarray:
-        """Rows that have an ε."""
-        return np.isfinite(self.coefficient)
-
     def some(self, which: Any) -> "Rows":
         """The rows of an index, a mask or a slice."""
         return Rows._make(None if column is None else column[which] for column in self)
@@ -106,26 +110,26 @@ class Rows(NamedTuple):
         its flags joined by |, or PLAIN; where a fit does not determine ε cells are empty, and the
         status is NOT_DETERMINED.
         """
-        names = ["velocity [m/s]", "restitution", "restitution_low", "restitution_high"]
-        columns = [self.velocity, self.coefficient, self.low, self.high]
-        pairs = [(n, c) for n, c in zip(names, columns, strict=True) if c is not None]
-        codes, index = np.unique(np.where(self.known, self.status, -1), return_inverse=True)
-        words = [NOT_DETERMINED if code < 0 else status_names(int(code)) for code in codes]
-        header = ",".join([*(name for name, _ in pairs), "status"])
-        lines = text_rows([column for _, column in pairs], ",", [words[k] for k in index])
-        return f"{header}\n{lines}"
+        columns = {"velocity [m/s]": self.velocity, "restitution": self.coefficient}
+        if self.low is not None and self.high is not None:
+            columns |= {"restitution_low": self.low, "restitution_high": self.high}
+        known = np.isfinite(self.coefficient)
+        codes, index = np.unique(np.where(known, self.status, -1), return_inverse=True)
+        words = ["NOT_DETERMINED" if code < 0 else status_names(int(code)) for code in codes]
+        lines = text_rows([*columns.values()], ",", [words[k] for k in index])
+        return f"{','.join([*columns, 'status'])}\n{lines}"
 
     def as_array(self) -> np.ndarray:
         """A structured array with fields velocity, restitution, status (and low, high)."""
-        stored = [self.velocity, self.coefficient, self.status.astype("<i4"), self.low, self.high]
-        names = ["velocity", "restitution", "status", "low", "high"]
-        columns = [column for column in stored if column is not None]
+        names = ("velocity", "restitution", "status", "low", "high")
+        columns = [column for column in self if column is not None]
+        columns[2] = self.status.astype("<i4")
         kinds = [(name, column.dtype) for name, column in zip(names, columns, strict=False)]
         return np.rec.fromarrays(columns, dtype=kinds)
 
 
 def text_rows(columns: list[np.ndarray], mark: str, last: list[str] | None = None) -> str:
-    """Columns of numbers side by side as text, in front of one of words; NaN is left empty."""
+    """Columns of numbers as text, and one of words after them; NaN is left empty."""
     cells = [["" if x != x else repr(x) for x in column.tolist()] for column in columns]
     cells += [] if last is None else [last]
     return "".join(f"{mark.join(row)}\n" for row in zip(*cells, strict=True))
@@ -140,9 +144,10 @@ def curve_of(source: Source, velocity: Velocities, route: Route = None) -> Rows:
     """ε at velocities [m/s]: by the law's first route, unless stated; of a fit with its band."""
     hit = sj.restitution(source.law, velocity, route)
     status = np.asarray(hit.status)
-    if source.prediction is not None:
-        found = source.prediction.band(source.law.contact, velocity)
-        return Rows(velocity, found.coefficient, status, found.low, found.high)
+    if source.line is not None:
+        contact = source.law.contact  # type: ignore[attr-defined]
+        band = source.line.band(contact, velocity, **source.losses)
+        return Rows(velocity, band.coefficient, status, band.low, band.high)
     if source.result is None:
         return Rows(velocity, np.asarray(hit.coefficient), status)
     blocks = np.split(velocity, range(BLOCK, len(velocity), BLOCK))
@@ -234,3 +239,102 @@ def _velocity_column(head: list[str], origin: Origin) -> tuple[int, Any]:
     problem = f"no column named velocity in {shown(', '.join(head))!r}"
     accepted = "one number a line, or a header with velocity"
     raise InputError(origin.file, origin.line, problem, accepted)
+
+
+def with_knots(source: Source, velocity: Velocities, route: Route = None) -> Velocities:
+    """Ascending velocities with two more at first yield, and two at each end of ε."""
+    at = yield_velocity(source.law)
+    if at is not None and velocity[0] < at < velocity[-1]:
+        velocity = np.union1d(velocity, [at * (1 - ASIDE), at * (1 + ASIDE)])
+    return np.union1d(velocity, _ends(_restitution(source, route), velocity))
+
+
+def table_text(source: Source, rows: Rows, route: Route = None) -> str:
+    """v [m/s] ascending, ε, and of laws with a force `COLUMNS`; separated by blanks, comments after #.
+
+    Rows whose ε a fit does not determine are left out, and the header says so.
+
+    Raises:
+        InputError: where the velocities do not ascend.
+    """
+    rows = rows.some(np.isfinite(rows.coefficient))
+    if np.any(np.diff(rows.velocity) <= 0):
+        problem = "the velocities do not ascend"
+        raise InputError(None, None, problem, "--table takes each velocity once, ascending")
+    columns, names = [rows.velocity, rows.coefficient], ["velocity[m/s]", "restitution"]
+    if not isinstance(source.law, sj.HardSphereLaw):
+        hit = sj.restitution(source.law, rows.velocity, route)
+        columns += [np.asarray(getattr(hit, name)) for name in COLUMNS]
+        names += COLUMNS.values()
+    error = _error(_restitution(source, route), rows.velocity, rows.coefficient)
+    head = [*_head(source, rows.velocity), _promise(error), " ".join(names)]
+    return "".join(f"# {line}\n" for line in head) + text_rows(columns, " ")
+
+
+def _restitution(source: Source, route: Route) -> Exact:
+    return lambda velocity: curve_of(source, velocity, route).coefficient
+
+
+def _ends(exact: Exact, velocity: Velocities) -> Velocities:
+    """Two velocities about each place between neighbours where ε comes to 0, or leaves it."""
+    rebounds = np.nan_to_num(exact(velocity), nan=-1.0)
+    changes = np.diff(np.sign(rebounds)) != 0
+    jumps = np.flatnonzero(changes & (np.minimum(rebounds[:-1], rebounds[1:]) == 0))
+    low, high = velocity[jumps], velocity[jumps + 1]
+    sides = rebounds[jumps] > 0
+    while np.any(high - low > ASIDE * high):
+        middle = 0.5 * (low + high)
+        same = (exact(middle) > 0) == sides
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    return np.concatenate([low, high])
+
+
+def _error(exact: Exact, velocity: Velocities, coefficient: Velocities) -> float:
+    """Largest difference between the curve and the interpolation of neighbouring rows, except at a jump.
+
+    Where the law bends or jumps between two rows the largest difference lies anywhere: it is
+    enclosed where the comparison finds the largest ones.
+    """
+    wide = np.flatnonzero(np.diff(velocity) > 1e3 * ASIDE * velocity[1:])
+    if not len(wide):
+        return 0.0
+
+    def apart(share, rows):
+        inner, linear = (
+            (1 - share) * ends[rows] + share * ends[rows + 1] for ends in (velocity, coefficient)
+        )
+        return np.nan_to_num(np.abs(exact(np.ravel(inner)).reshape(inner.shape) - linear))
+
+    found = apart(INSIDE, wide)
+    rows = np.argsort(np.max(found, axis=0))[-INTERVALS:]
+    centre, reach = INSIDE[np.argmax(found[:, rows], axis=0), 0], 1 / 8
+    largest = float(np.max(found))
+    for _ in range(TIMES):
+        share = np.clip(centre + reach * CLOSER, 0, 1)
+        found = apart(share, wide[rows])
+        centre = np.take_along_axis(share, np.argmax(found, axis=0)[None], axis=0)[0]
+        largest, reach = max(largest, float(np.max(found))), reach / 4
+    return largest
+
+
+def _promise(error: float) -> str:
+    """The error with a hundredth to spare, rounded up to two digits."""
+    spared = 1.01 * error
+    unit = 10.0 ** (math.floor(math.log10(spared)) - 1) if spared > 0 else 1.0
+    return (
+        f"interpolated linearly, restitution errs by {math.ceil(spared / unit) * unit:.1e} at most"
+    )
+
+
+def _head(source: Source, velocity: Velocities) -> Iterator[str]:
+    yield f"restitution of {printable(source.name)}"
+    at = yield_velocity(source.law)
+    if at is not None:
+        yield f"first yield at {at:.6g} m/s, where restitution may jump"
+    if source.result is not None:
+        fit = source.result.material(source.name)
+        for word, end in (("below", fit.known_from), ("above", fit.known_to)):
+            if 0 < end < np.inf:
+                yield f"the data do not determine restitution {word} {end:.6g} m/s: no rows"
+        if len(velocity):
+            yield source.extrapolation(velocity) or "all rows lie between the fit's data"

@@ -58,8 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
     datasets, options, remarks = _problem(arguments)
     with Progress(arguments.quiet) as progress:
         made = [compare(d, laws, watch=progress.over, **options) for d in datasets]
-        settings = {"file": arguments.file, "laws": laws, "options": options}
-        json = comparison_json(made, settings)
+        json = comparison_json(made, {"file": arguments.file, "laws": laws, "options": options})
         text = json if arguments.json else f"{comparison_text(made, remarks, 'compare.json')}\n"
         figures = {"compare.png": comparison_figure(made)}
         converged = all(one.converged for one in made)
@@ -69,16 +68,14 @@ def run(arguments: argparse.Namespace) -> int:
             of_paper = fit_materials(progress)
             converged = converged and of_paper.converged
             figures |= {"figure2.png": figure_2(of_paper), "linear_spring.png": linear_figure()}
-        with (
-            or_printed([text] if arguments.json or not arguments.quiet else []),
-            files_into(arguments.out, FILES) as folder,
-        ):
+        shown = [text] if arguments.json or not arguments.quiet else []
+        with or_printed(shown), files_into(arguments.out, FILES) as folder:
             write_text(folder / "compare.json", json)
             for name, figure in figures.items():
                 save(figure, folder / name)
     if arguments.json:
         print(text, end="")
-    elif not arguments.quiet:
+    elif shown:
         print(f"{text}\nWritten to {arguments.out}: {listed(['compare.json', *figures])}")
     if converged:
         return 0

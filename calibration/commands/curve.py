@@ -27,7 +27,6 @@ from calibration.commands.source_options import add_route_arguments, add_source_
 from calibration.errors import DataError, InputError
 from calibration.output import files_into, write_text
 
-FORMATS = ("csv", "npy", "png", "table")
 FILES = {"csv": "curve.csv", "npy": "curve.npy", "png": "curve.png", "table": "curve.txt"}
 OF_LINE = "line.png"
 POINTS = 400
@@ -35,65 +34,61 @@ DRAWN = 4096  # rows of a picture
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_source_arguments(parser)
+    add_source_arguments(parser, posterior=True)
     add_route_arguments(parser)
-    group = parser.add_argument_group("velocities")
-    group.add_argument("--from", dest="first", type=float, metavar="V", help="lowest [m/s]")
-    group.add_argument("--to", dest="last", type=float, metavar="V", help="highest [m/s]")
-    group.add_argument("--points", type=int, metavar="N", help=f"how many (default: {POINTS})")
-    group.add_argument("--spacing", choices=("lin", "log"), help="default: log from above 0")
-    group.add_argument(
-        "--velocities", metavar="FILE.csv", help="take them from a file, or from - (standard input)"
-    )
-    parser.add_argument(
-        "--posterior", metavar="FILE.nc", type=Path, help="draws of --fit: the band is theirs"
-    )
-    group = parser.add_argument_group("output")
-    group.add_argument(
-        "--format", nargs="+", choices=FORMATS, help="one or more of them (default: csv png)"
-    )
-    group.add_argument("--table", action="store_true", help="the same as --format table")
+    add = parser.add_argument_group("velocities").add_argument
+    add("--from", dest="first", type=float, metavar="V", help="lowest [m/s]")
+    add("--to", dest="last", type=float, metavar="V", help="highest [m/s]")
+    add("--points", type=int, metavar="N", help=f"how many (default: {POINTS})")
+    add("--spacing", choices=("lin", "log"), help="default: log from above 0")
+    text = "take them from a file, or from - (standard input)"
+    add("--velocities", metavar="FILE.csv", help=text)
+    add = parser.add_argument_group("output").add_argument
+    text = "one or more of them (default: csv png)"
+    add("--format", nargs="+", choices=FILES, default=[], help=text)
+    add("--table", action="store_true", help="the same as --format table")
 
 
 def run(arguments: argparse.Namespace) -> int:
     import softjax as sj
     from calibration.commands.source import read_source, route_of
-    from calibration.curves import curve_of
+    from calibration.curves import curve_of, with_knots
 
     sj.enable_x64()
     source, route = read_source(arguments), route_of(arguments)
     velocity = _velocities(arguments, source)
-    if route is not None and (source.result, source.prediction) != (None, None):
+    if route is not None and (source.result or source.line) is not None:
         raise DataError("--route", arguments.route, "left out with --fit and --line")
-    formats = set(arguments.format or ([] if arguments.table else ["csv", "png"]))
-    formats |= {"table"} if arguments.table else set()
+    formats = {*arguments.format, *["table"] * arguments.table} or {"csv", "png"}
     if "table" in formats and arguments.velocities is None:
-        from calibration.lookup_table import with_knots
-
         velocity = with_knots(source, velocity, route)
     rows = curve_of(source, velocity, route)
-    if not rows.known.any():
+    missing = int(sum(rows.coefficient != rows.coefficient))
+    if missing == len(velocity):
         problem = f"the data do not determine {source.name} at these velocities"
-        raise InputError(None, None, problem, f"they determine {_known(source)}")
+        raise InputError(None, None, problem, f"they determine {_determined(source)}")
     with files_into(arguments.out, [*FILES.values(), OF_LINE]) as folder:
         _write(folder, formats, source, rows, route)
-    _tell(arguments, source, rows)
+    if missing:
+        text = f"of {len(velocity)} velocities {missing} are left empty"
+        text = f"{text}; the data determine {_determined(source)}"
+        print(f"warning: not-determined: {text}", file=sys.stderr)
+    if (beyond := source.extrapolation(velocity)) is not None:
+        print(f"warning: {beyond}", file=sys.stderr)
+    if not arguments.quiet:
+        ends = f"{velocity.min():.4g} to {velocity.max():.4g} m/s"
+        print(f"{source.remark}\n{len(velocity)} velocities, {ends}: {arguments.out}")
     return 0
 
 
 def _velocities(arguments: argparse.Namespace, source: Any) -> Any:
     from calibration.curves import grid, read_velocities
 
-    range_options = [arguments.first, arguments.last, arguments.points, arguments.spacing]
+    stated = [arguments.first, arguments.last, arguments.points, arguments.spacing]
     if arguments.velocities is None:
-        default = [*source.span, POINTS, None]
-        return grid(
-            *(
-                d if value is None else value
-                for value, d in zip(range_options, default, strict=True)
-            )
-        )
-    if range_options != [None] * 4:
+        pairs = zip(stated, [*source.span, POINTS, None], strict=True)
+        return grid(*(default if value is None else value for value, default in pairs))
+    if stated != [None] * 4:
         accepted = "left out with --from, --to, --points or --spacing"
         raise DataError("--velocities", arguments.velocities, accepted)
     return read_velocities(arguments.velocities)
@@ -102,8 +97,8 @@ def _velocities(arguments: argparse.Namespace, source: Any) -> Any:
 def _write(folder: Path, formats: set[str], source: Any, rows: Any, route: Any) -> None:
     import numpy as np
 
+    from calibration.curves import table_text
     from calibration.fitting.curves import yield_velocity
-    from calibration.lookup_table import table_text
 
     if "csv" in formats:
         write_text(folder / FILES["csv"], rows.as_csv())
@@ -113,25 +108,22 @@ def _write(folder: Path, formats: set[str], source: Any, rows: Any, route: Any) 
         write_text(folder / FILES["table"], table_text(source, rows, route))
     if "png" in formats:
         from calibration import plots
-        from calibration.plots.curves import restitution_figure
 
         kind = type(source.law).__name__
         label = source.name if kind == "Zhou" else f"{source.name}: {kind}"
-        fit = source.result and source.result.material(source.name)
-        banded = source.result or (source.prediction and source.prediction.line)
+        data = source.result and source.result.material(source.name).data
+        banded = source.result or source.line
         some = rows.some(slice(None, None, -(-len(rows.velocity) // DRAWN)))
         some = some.some(np.argsort(some.velocity, kind="stable"))
-        confidence = banded and banded.confidence
-        data = fit and fit.data
-        figure = restitution_figure(some, label, yield_velocity(source.law), data, confidence)
+        confidence, yields_at = banded and banded.confidence, yield_velocity(source.law)
+        figure = plots.restitution_figure(some, label, yields_at, data, confidence)
         plots.save(figure, folder / FILES["png"])
-        if source.prediction is not None:
-            line, contact = source.prediction.line, source.law.contact
-            figure = plots.unloading_line_figure(line, contact, source.name)
+        if source.line is not None:
+            figure = plots.unloading_line_figure(source.line, source.law.contact, source.name)
             plots.save(figure, folder / OF_LINE)
 
 
-def _known(source: Any) -> str:
+def _determined(source: Any) -> str:
     """The velocities at which the data, or the line through a fit's materials, determine the curve."""
     if source.result is None:
         critical = float(source.law.contact.critical_velocity)
@@ -140,19 +132,3 @@ def _known(source: Any) -> str:
     if fit.known_from > 0:
         return f"the curve from {fit.known_from:.4g} m/s on"
     return f"the curve up to {fit.known_to:.4g} m/s"
-
-
-def _tell(arguments: argparse.Namespace, source: Any, rows: Any) -> None:
-    count, missing = len(rows.velocity), int((~rows.known).sum())
-    if missing:
-        text = f"of {count} velocities {missing} are left empty"
-        print(
-            f"warning: not-determined: {text}; the data determine {_known(source)}", file=sys.stderr
-        )
-    beyond = source.extrapolation(rows.velocity)
-    if beyond is not None:
-        print(f"warning: {beyond}", file=sys.stderr)
-    if not arguments.quiet:
-        low, high = rows.velocity.min(), rows.velocity.max()
-        print(source.remark)
-        print(f"{count} velocities, {low:.4g} to {high:.4g} m/s: {arguments.out}")

@@ -24,12 +24,8 @@ LARGEST = {"energy balance": 1e-13, "its slopes": 1e-9, "time integration": 1e-8
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--schema",
-        metavar="DIR",
-        type=Path,
-        help="write the JSON Schemas of material files and of fit.json into a folder instead",
-    )
+    text = "write the JSON Schemas of material files and of fit.json into a folder instead"
+    parser.add_argument("--schema", metavar="DIR", type=Path, help=text)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -44,7 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
     passed = all(errors[name] <= most for name, most in LARGEST.items())
     if not arguments.quiet:
         limits = {n: f"error {errors[n]:.0e}, at most {most:.0e}" for n, most in LARGEST.items()}
-        for name, value in {**surroundings(arguments.cache), **limits}.items():
+        for name, value in {**_surroundings(arguments.cache), **limits}.items():
             print(f"{name + ':':<18} {value}")
         verdict = "passed" if passed else "FAILED"
         print(f"self-check {verdict} in {time.perf_counter() - start:.1f} s")
@@ -61,18 +57,16 @@ def write_schemas(directory: Path) -> list[str]:
     from calibration.fitting.fit_json import ResultFile
     from calibration.output import files_into, write_text
 
-    models: dict[str, type[BaseModel]] = {
-        "material_file.schema.json": MaterialTables,
-        "fit.schema.json": ResultFile,
-    }
+    models: dict[str, type[BaseModel]] = {"material_file": MaterialTables, "fit": ResultFile}
+    names = [f"{name}.schema.json" for name in models]
     with files_into(directory) as staged:
-        for name, model in models.items():
+        for name, model in zip(names, models.values(), strict=True):
             text = json.dumps(model.model_json_schema(), indent=1, ensure_ascii=False)
             write_text(staged / name, text + "\n")
-    return list(models)
+    return names
 
 
-def surroundings(with_cache: bool = True) -> dict[str, str]:
+def _surroundings(with_cache: bool) -> dict[str, str]:
     """Versions, machine and settings, as text."""
     import jax
 

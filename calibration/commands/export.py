@@ -14,104 +14,68 @@ and its error are named, and nothing is written.
 import argparse
 
 from calibration.commands.source_options import add_source_arguments
+from calibration.errors import DataError
 
 CODES = ("c", "lammps", "liggghts", "yade")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_source_arguments(parser)
-    group = parser.add_argument_group("requirements")
-    group.add_argument(
-        "--range", metavar="V:V", help="impact velocities [m/s] (default: those of the data)"
-    )
-    group.add_argument(
-        "--tolerance", type=float, default=0.01, metavar="X", help="largest error of ε (0.01)"
-    )
-    group.add_argument(
-        "--overlap", type=float, metavar="X", help="largest overlap over radius: softer springs"
-    )
-    group.add_argument("--steps", type=int, metavar="N", help="time steps in the shortest contact")
-    group.add_argument(
-        "--below",
-        choices=("none", "hold"),
-        default="none",
-        help="below the range: the law as it is (none), or the ε of the lowest velocity (hold)",
-    )
-    group.add_argument(
-        "--sizes", nargs="+", type=float, metavar="R", help="radii of atom types 1, 2, … [m]"
-    )
-    group = parser.add_argument_group("particle code")
-    group.add_argument(
-        "--to", choices=CODES, required=True, help="the code; c is a header for any other"
-    )
-    group.add_argument(
-        "--export-law",
-        default="auto",
-        metavar="NAME",
-        help="auto (default), linear, hertz-dashpot, viscoelastic, walton-braun, or exact",
-    )
-    group.add_argument(
-        "--contact-force",
-        dest="losses",
-        action="store_false",
-        help="the contact force alone, without acoustic and thermal losses: rebounds of ε_p",
-    )
-    group.add_argument(
-        "--prefix", default="softjax", help="of names in C, and of the law in LAMMPS"
-    )
-    group.add_argument(
-        "--types", nargs=2, type=int, metavar=("I", "J"), help="of atoms in LAMMPS (default: all)"
-    )
+    add = parser.add_argument_group("requirements").add_argument
+    add("--range", metavar="V:V", help="impact velocities [m/s] (default: those of the data)")
+    add("--tolerance", type=float, default=0.01, metavar="X", help="largest error of ε (0.01)")
+    add("--overlap", type=float, metavar="X", help="largest overlap over radius: softer springs")
+    add("--steps", type=int, metavar="N", help="time steps in the shortest contact")
+    text = "below the range: the law as it is (none), or the ε of the lowest velocity (hold)"
+    add("--below", choices=("none", "hold"), default="none", help=text)
+    text = "radii of atom types 1, 2, … [m]"
+    add("--sizes", nargs="+", type=float, metavar="R", help=text)
+    add = parser.add_argument_group("particle code").add_argument
+    add("--to", choices=CODES, required=True, help="the code; c is a header for any other")
+    text = "auto (default), linear, hertz-dashpot, viscoelastic, walton-braun, or exact"
+    add("--export-law", default="auto", metavar="NAME", help=text)
+    text = "the contact force alone, without acoustic and thermal losses: rebounds of ε_p"
+    add("--contact-force", dest="losses", action="store_false", help=text)
+    add("--prefix", default="softjax", help="of names in C, and of the law in LAMMPS")
+    text = "of atoms in LAMMPS (default: all)"
+    add("--types", nargs=2, type=int, metavar=("I", "J"), help=text)
 
 
 def run(arguments: argparse.Namespace) -> int:
     import softjax as sj
-
-    sj.enable_x64()
     from calibration.commands.source import read_source
     from calibration.particle_codes.entry import export
 
+    sj.enable_x64()
     source = read_source(arguments)
-    of_fit = source.result is not None
+    names = ("tolerance", "steps", "overlap", "losses", "prefix", "below")
+    options = {name: getattr(arguments, name) for name in names}
+    options["velocity_range"] = _range(arguments.range)
+    if source.result is None:
+        known = source.properties or {}
+        radii = [known[name] for name in ("radius", "radius_1", "radius_2") if name in known]
+        options["velocity_range"] = options["velocity_range"] or source.span
+        options |= {"radius": min(radii, default=None), "on_wall": source.bodies == "wall"}
     made = export(
-        source.result if of_fit else source.law,
+        source.law if source.result is None else source.result,
         arguments.to,
         arguments.out,
         material=source.name,
-        velocity_range=_range(arguments.range, None if of_fit else source.span),
-        tolerance=arguments.tolerance,
         law=arguments.export_law,
-        steps=arguments.steps,
-        overlap=arguments.overlap,
-        radius=None if of_fit else _radius(source.properties),
-        on_wall=None if of_fit else source.bodies == "wall",
-        losses=arguments.losses,
-        prefix=arguments.prefix,
         types=arguments.types and tuple(arguments.types),
-        below=arguments.below,
         sizes=arguments.sizes and tuple(arguments.sizes),
+        **options,
     )
     if not arguments.quiet:
-        print(source.remark)
-        print(made)
-        print(f"{', '.join(made.files)}: {arguments.out}")
+        print(f"{source.remark}\n{made}\n{', '.join(made.files)}: {arguments.out}")
     return 0
 
 
-def _range(text: str | None, otherwise: tuple[float, float] | None) -> tuple[float, float] | None:
-    from calibration.errors import DataError
-
+def _range(text: str | None) -> tuple[float, float] | None:
     if text is None:
-        return otherwise
+        return None
     try:
         low, high = map(float, text.split(":"))
     except ValueError:
         raise DataError("--range", text, "lowest:highest in m/s, such as 0.1:5") from None
     return low, high
-
-
-def _radius(properties: dict[str, float] | None) -> float | None:
-    """Radius of the smaller sphere [m], if it is known."""
-    known = properties or {}
-    radii = [known[name] for name in ("radius", "radius_1", "radius_2") if name in known]
-    return min(radii, default=None)

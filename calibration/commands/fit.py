@@ -43,27 +43,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Fit, write, print; 0, or 1 where the fit did not converge."""
-    from calibration.report.folder import write_report
+    from calibration.report.fit import printed_values, terminal_report, write_report
 
     check_writable(arguments.out)
     options, of_paper = given_options(arguments), arguments.file is None
+    more: dict[str, Any] = {}
     with Progress(arguments.quiet) as progress:
         result = _fitted(arguments, options, progress)
-        draws = None
         if arguments.posterior is not None:
-            more = {"seed": result.request.options.seed, "warmup": arguments.posterior}
-            draws = result.posterior(arguments.posterior, progress=progress, **more)
-        text = result.to_json() if arguments.json else _text(result, of_paper, draws)
+            count, seed = arguments.posterior, result.request.options.seed
+            more["draws"] = result.posterior(count, seed=seed, warmup=count, progress=progress)
+        more["printed"] = printed_values() if of_paper else None
+        intro = INTRO if of_paper else ""
+        text = result.to_json() if arguments.json else terminal_report(result, intro, **more)
         shown = [text] if arguments.json or not arguments.quiet else []
+        more |= {"command": _command(arguments, options), "progress": progress}
         with or_printed(shown):
-            written = write_report(
-                result,
-                arguments.out,
-                draws=draws,
-                of_paper=of_paper,
-                command=_command(arguments, options),
-                progress=progress,
-            )
+            written = write_report(result, arguments.out, **more)
     if arguments.json:
         print(text, end="")
     elif shown:
@@ -97,24 +93,11 @@ def _fitted(arguments: argparse.Namespace, options: Mapping[str, Any], progress:
     try:
         one = data[0] if len(data) == 1 else data
         return fit(one, law, parameters, progress=progress, **settings)
-    except DataError as error:
-        if problem is not None and error.argument in stated.keys() - options.keys():
-            raise error.at(arguments.file, problem.line(error.argument)) from error
+    except (DataError, sj.ArgumentError) as error:
+        argument = getattr(error, "argument", None)
+        if problem is not None and argument in stated.keys() - options.keys():
+            raise error.at(arguments.file, problem.line(argument)) from error  # type: ignore[union-attr]
         raise InputError(arguments.file, None, str(error), "nothing was fitted") from error
-    except sj.ArgumentError as error:
-        raise InputError(arguments.file, None, str(error), "nothing was fitted") from error
-
-
-def _text(result: Any, of_paper: bool, draws: Any) -> str:
-    from calibration.report.fit import terminal_report
-    from calibration.report.folder import printed_values
-
-    more: dict[str, Any] = {"printed": printed_values()} if of_paper else {}
-    if draws is not None:
-        from calibration.report.posterior import section
-
-        more["posterior"] = section(draws, result)
-    return terminal_report(result, INTRO if of_paper else "", **more)
 
 
 def _command(arguments: argparse.Namespace, options: Mapping[str, Any]) -> str:

@@ -57,19 +57,17 @@ LAWS_OF_LIMITS = 200  # draws that sensitivities are computed at
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_source_arguments(parser)
+    add_source_arguments(parser, posterior=True)
     add_route_arguments(parser)
     add = parser.add_argument_group("study").add_argument
     add("--study", choices=(*STUDIES, "all"), default="local", help="default: local")
     add("--from", dest="first", type=float, metavar="V", help="lowest v [m/s]")
     add("--to", dest="last", type=float, metavar="V", help="highest v [m/s]")
-    add("--posterior", metavar="FILE.nc", type=Path, help="draws of --fit")
     for name, (studies, kind, metavar, text) in OPTIONS.items():
         look: dict[str, Any] = {"type": kind, "metavar": metavar}
         look |= {"action": "append"} if name in REPEATED else {}
         look |= {"nargs": "+"} if name == "at" else {}
-        if "|" in metavar:
-            look |= {"choices": metavar.split("|")}
+        look |= {"choices": metavar.split("|")} if "|" in metavar else {}
         text = f"{text}{'; may be repeated' * (name in REPEATED)} [{', '.join(studies)}]"
         add(f"--{name}", help=text.replace("%", "%%"), **look)
 
@@ -77,24 +75,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run the studies, write all files at once, print."""
     import softjax as sj
-    from calibration.commands.source import read_source, route_of
     from calibration.data.json_file import dumps
 
     sj.enable_x64()
     studies = tuple(STUDIES) if arguments.study == "all" else (arguments.study,)
     _check_options(arguments, studies)
-    job = _Job(arguments, read_source(arguments), route_of(arguments))
+    job = _Job(arguments)
     results: dict[str, Any] = {"material": job.source.name, "source": job.source.remark}
     with (
         or_printed([] if arguments.quiet else job.text),
-        files_into(arguments.out, FILES) as folder,
-        Progress(arguments.quiet) as progress,
+        files_into(arguments.out, FILES) as job.folder,
+        Progress(arguments.quiet) as job.progress,
     ):
         for study in studies:
-            results[study] = STUDIES[study](job, folder, progress)
-        if {*PLANS} & {*studies}:
-            results |= job.warnings()
-        write_text(folder / "sensitivity.json", dumps(results))
+            results[study] = STUDIES[study](job)
+        if {*PLANS} & {*studies} and (warnings := _warnings(job)):
+            results["warnings"] = warnings
+        write_text(job.folder / "sensitivity.json", dumps(results))
     if not arguments.quiet:
         print("\n\n".join([*job.text, f"Written to {arguments.out}"]))
     return 0
@@ -102,7 +99,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _check_options(arguments: argparse.Namespace, studies: tuple[str, ...]) -> None:
     """Refuse options that would not act, and values that no study accepts."""
-    stated = {name for name in OPTIONS if getattr(arguments, name) is not None}
+    stated = {name: x for name in OPTIONS if (x := getattr(arguments, name)) is not None}
     for name in stated:
         acts_on = OPTIONS[name][0]
         if not {*acts_on} & {*studies}:
@@ -110,86 +107,88 @@ def _check_options(arguments: argparse.Namespace, studies: tuple[str, ...]) -> N
     for name, criteria in (("over", ("I",)), ("target", (None, "c"))):
         if name in stated and arguments.criterion not in criteria:
             accepted = f"given with --criterion {criteria[-1]} only"
-            raise DataError(f"--{name}", getattr(arguments, name), accepted)
+            raise DataError(f"--{name}", stated[name], accepted)
     for name, least in (("seed", 0), ("points", 2)):
-        if name in stated and getattr(arguments, name) < least:
-            value, accepted = getattr(arguments, name), f"a whole number of {least} or more"
-            raise DataError(f"--{name}", value, accepted)
+        if stated.get(name, least) < least:
+            raise DataError(f"--{name}", stated[name], f"a whole number of {least} or more")
     for v in arguments.at or ():
         if not 0 < v < math.inf:
             raise DataError("--at", v, "velocities above 0 m/s")
 
 
 class _Job:
-    """One law and the options of its studies; each study appends to `text` what is printed."""
+    """One law and what its studies share; each study appends to `text` what is printed."""
 
-    def __init__(self, arguments: argparse.Namespace, source: Any, route: Any):
+    folder: Path
+    progress: Progress
+
+    def __init__(self, arguments: argparse.Namespace):
+        from calibration.commands.source import read_source, route_of
         from calibration.studies.input_ranges import inputs_of, ranges_of
 
-        self.arguments, self.source, self.route = arguments, source, route
-        stated = zip((arguments.first, arguments.last), source.span, strict=True)
-        self.low, self.high = (float(of if value is None else value) for value, of in stated)
+        self.arguments = arguments
+        self.source, self.route = read_source(arguments), route_of(arguments)
+        stated = zip((arguments.first, arguments.last), self.source.span, strict=True)
+        self.low, self.high = (float(end if value is None else value) for value, end in stated)
         if not 0 < self.high < math.inf:
             raise DataError("--to", self.high, "a finite velocity above 0 m/s")
         if not 0 < self.low < self.high:
             accepted = f"a velocity between 0 and {self.high:g} m/s (--to)"
             raise DataError("--from", self.low, accepted)
         self.bars = arguments.at or [max(self.low, part * self.high) for part in BARS]
-        self.inputs = inputs_of(source)
+        self.inputs = inputs_of(self.source)
         self.scale, self.seed = arguments.scale or "uniform", arguments.seed or 0
-        self.ranges = ranges_of(arguments.range, self.scale, self.inputs, source)
-        self.subject = source.law if source.result is None else source.result
-        self.draws = [] if source.draws is None else source.result.at_draws(source.draws)
-        self.options = self._options()
-        self.text = [source.remark]
+        self.ranges = ranges_of(arguments.range, self.scale, self.inputs, self.source)
+        self.fit, draws = self.source.result, self.source.draws
+        self.subject = self.source.law if self.fit is None else self.fit
+        self.draws = [] if draws is None else self.fit.at_draws(draws)
+        self.options = _options(arguments, self.source) | {"route": self.route}
+        self.contact = getattr(self.source.law, "contact", None)
+        self.text = [self.source.remark]
 
-    def of_contact(self, name: str, otherwise: Any = None) -> Any:
-        """A velocity of the law's contact [m/s]."""
-        found = getattr(getattr(self.source.law, "contact", None), name, None)
-        return otherwise if found is None else float(found)
 
-    def warnings(self) -> dict[str, list[str]]:
-        """The warnings of the fit, of this material or of all together."""
-        from calibration import symbols
-        from calibration.studies.text import warnings_text
+def _options(arguments: argparse.Namespace, source: Any) -> dict[str, Any]:
+    """The options of information and design: of a fit its own parameters, else the free ones."""
+    import calibration as cal
+    from calibration.studies.input_ranges import number
 
-        every = [] if self.source.result is None else self.source.result.warnings
-        about_material = [one for one in every if one.material in (None, self.source.name)]
-        if about_material:
-            models = [fit.model for fit in self.source.result.materials]
-            self.text.append(symbols.written(warnings_text(about_material), models))
-        return {"warnings": [str(one) for one in about_material]} if about_material else {}
-
-    def _options(self) -> dict[str, Any]:
-        """The options of information and design: of a fit its own parameters, else the free ones."""
-        import calibration as cal
-        from calibration.studies.input_ranges import number
-
-        names = {name: getattr(self.arguments, name) or [] for name in ("free", "fix")}
-        sensors = {}
-        for text in self.arguments.sensor or []:
-            name, _, size = (part.strip() for part in text.partition("="))
-            part = number("--sensor", text, size.removesuffix("%"), "NAME=U, as contact_time=2%")
-            name = "peak_overlap" if name == "penetration" else name.replace("-", "_")
-            sensors[name] = part / (100 if size.endswith("%") else 1)
-        if self.source.result is not None:
-            for name in (name for name, texts in names.items() if texts):
+    sensors = {}
+    for text in arguments.sensor or []:
+        name, _, size = (part.strip() for part in text.partition("="))
+        part = number("--sensor", text, size.removesuffix("%"), "NAME=U, as contact_time=2%")
+        name = "peak_overlap" if name == "penetration" else name.replace("-", "_")
+        sensors[name] = part / (100 if size.endswith("%") else 1)
+    if source.result is not None:
+        for name in ("free", "fix"):
+            if getattr(arguments, name):
                 raise DataError(f"--{name}", "given", "left out with --fit, which has its own")
-            return {"material": self.source.name, "route": self.route, "sensors": sensors}
-        parameters = {name: cal.Parameter(free=False) for name in names["fix"]}
-        for text in names["free"]:
-            name, sign, deviation = text.partition("=")
-            prior = (0.0, number("--free", text, deviation, "NAME=SD")) if sign else None
-            parameters[name] = cal.Parameter(prior=prior)
-        return {"parameters": parameters, "route": self.route, "sensors": sensors}
+        return {"material": source.name, "sensors": sensors}
+    parameters = {name: cal.Parameter(free=False) for name in arguments.fix or []}
+    for text in arguments.free or []:
+        name, sign, deviation = text.partition("=")
+        prior = (0.0, number("--free", text, deviation, "NAME=SD")) if sign else None
+        parameters[name] = cal.Parameter(prior=prior)
+    return {"parameters": parameters, "sensors": sensors}
 
 
-def _local(job: _Job, folder: Path, progress: Progress) -> dict[str, Any]:
+def _warnings(job: _Job) -> list[str]:
+    """The warnings of the fit, of this material or of all together."""
+    from calibration import symbols
+    from calibration.studies.text import warnings_text
+
+    every = [] if job.fit is None else job.fit.warnings
+    ours = [one for one in every if one.material in (None, job.source.name)]
+    if ours:
+        models = [fit.model for fit in job.fit.materials]
+        job.text.append(symbols.written(warnings_text(ours), models))
+    return [str(one) for one in ours]
+
+
+def _local(job: _Job) -> dict[str, Any]:
     """Sensitivities over velocity, and bars at some velocities."""
     import numpy as np
 
-    from calibration.plots import studies as pictures
-    from calibration.plots.style import save
+    from calibration.plots import save, studies
     from calibration.studies.local import sensitivity
     from calibration.studies.text import limits_table, local_table, sensitivities_csv
 
@@ -200,15 +199,17 @@ def _local(job: _Job, folder: Path, progress: Progress) -> dict[str, Any]:
     count = len(job.bars)
     curve, bars = both.rows(slice(None, -count)), both.rows(slice(-count, None))
     job.text.append(local_table(bars))
-    write_text(folder / "sensitivity.csv", sensitivities_csv(curve))
-    ax = pictures.plot_sensitivities(curve, critical_velocity=job.of_contact("critical_velocity"))
-    save(ax, folder / "sensitivity.png")
-    save(pictures.tornado_figure(bars), folder / "tornado.png")
+    write_text(job.folder / "sensitivity.csv", sensitivities_csv(curve))
+    critical = getattr(job.contact, "critical_velocity", None)
+    critical = None if critical is None else float(critical)
+    ax = studies.plot_sensitivities(curve, critical_velocity=critical)
+    save(ax, job.folder / "sensitivity.png")
+    save(studies.tornado_figure(bars), job.folder / "tornado.png")
     table = {name: bars.of(name) for name in bars.names}
     found: dict[str, Any] = {"velocity": job.bars, "theta_d_epsilon_d_theta": table}
     if job.draws:
         found["limits"] = _limits(job)
-        job.text.append(limits_table(bars, found["limits"], job.source.result.confidence))
+        job.text.append(limits_table(bars, found["limits"], job.fit.confidence))
     return found
 
 
@@ -219,24 +220,22 @@ def _limits(job: _Job) -> dict[str, Any]:
     from calibration.studies.input_ranges import inputs_of
     from calibration.studies.local import sensitivity
 
-    source, half = job.source, 0.5 * job.source.result.confidence
-    fits = source.result.at_draws(source.draws, LAWS_OF_LIMITS)
-    laws = [one.material(source.name).law for one in fits]
-    inputs = [inputs_of(replace(source, law=law)) for law in laws]
-    every = [sensitivity(one, job.bars, job.route) for one in inputs]
+    fits, half = job.fit.at_draws(job.source.draws, LAWS_OF_LIMITS), 0.5 * job.fit.confidence
+    sources = [replace(job.source, law=one.material(job.source.name).law) for one in fits]
+    every = [sensitivity(inputs_of(one), job.bars, job.route) for one in sources]
     stacked = np.stack([one.absolute for one in every])
     low, high = np.quantile(stacked, [0.5 - half, 0.5 + half], axis=0)
     return {n: (low[:, k], high[:, k]) for k, n in enumerate(every[0].names)}
 
 
-def _information(job: _Job, folder: Path, progress: Progress) -> dict[str, Any]:
+def _information(job: _Job) -> dict[str, Any]:
     """Expected standard errors of equally spaced shots."""
     import numpy as np
 
     from calibration.studies.information import fisher_information
     from calibration.studies.text import information_text
 
-    of_fit, shots = job.source.result is not None, job.arguments.shots
+    shots, of_fit = job.arguments.shots, job.fit is not None
     shots = (0 if of_fit else SHOTS) if shots is None else shots
     if shots < (not of_fit):
         raise DataError("--shots", shots, "a whole number of 1 or more, or with --fit of 0 or more")
@@ -246,49 +245,47 @@ def _information(job: _Job, folder: Path, progress: Progress) -> dict[str, Any]:
     return found.to_dict()
 
 
-def _design(job: _Job, folder: Path, progress: Progress) -> dict[str, Any]:
+def _design(job: _Job) -> dict[str, Any]:
     """Velocities of the next measurements."""
-    from calibration.plots.studies import plot_design
-    from calibration.plots.style import save
+    from calibration.plots import save, studies
     from calibration.studies.design import optimal_velocities
     from calibration.studies.input_ranges import pair
     from calibration.studies.text import design_csv, wrapped
 
-    arguments = job.arguments
-    over, limit = arguments.over, job.of_contact("limit_velocity", math.inf)
+    arguments, over = job.arguments, job.arguments.over
+    limit = getattr(job.contact, "limit_velocity", math.inf)
     found = optimal_velocities(
         job.draws or job.subject,
         SHOTS if arguments.shots is None else arguments.shots,
-        (job.low, min(job.high, 0.999 * limit)),
+        (job.low, min(job.high, 0.999 * float(limit))),
         criterion=arguments.criterion or "c",
         target=arguments.target,
         over=None if over is None else pair("--over", over, over),
         uncertainty=arguments.uncertainty,
         seed=job.seed,
-        progress=progress,
+        progress=job.progress,
         **job.options,
     )
-    save(plot_design(found), folder / "design.png")
-    write_text(folder / "design.csv", design_csv(found, job.source.fall))
+    save(studies.plot_design(found), job.folder / "design.png")
+    write_text(job.folder / "design.csv", design_csv(found, job.source.fall))
     count = len(job.draws)
     average = f"on average over {count} draws of the posterior: " if count else ""
     job.text.append(wrapped(f"{average}{found}"))
     return found.to_dict() | ({"draws": count} if count else {})
 
 
-def _sobol(job: _Job, folder: Path, progress: Progress) -> dict[str, Any]:
+def _sobol(job: _Job) -> dict[str, Any]:
     """Sobol indices over ranges of the inputs."""
-    from calibration.plots.studies import sobol_figure
-    from calibration.plots.style import save
+    from calibration.plots import save, studies
     from calibration.studies.sobol import sobol_indices
     from calibration.studies.text import sobol_table
 
     samples, ranges = job.arguments.samples, job.ranges
     more: dict[str, Any] = {"samples": 4096 if samples is None else samples, "scale": job.scale}
-    more |= {"seed": job.seed, "route": job.route, "progress": progress}
+    more |= {"seed": job.seed, "route": job.route, "progress": job.progress}
     found = sobol_indices(job.inputs, ranges.of, job.bars, **more)
     job.text += [sobol_table(found), ranges.text(job.inputs)]
-    save(sobol_figure(found, ranges.title(job.inputs)), folder / "sobol.png")
+    save(studies.sobol_figure(found, ranges.title(job.inputs)), job.folder / "sobol.png")
     return found.to_dict() | ranges.to_dict()
 
 

@@ -12,20 +12,22 @@ import numpy as np
 import softjax as sj
 from calibration.commands.source_options import COEFFICIENTS, VARIANTS, read_material_file
 from calibration.console import print_first
-from calibration.curves import Prediction, Source
+from calibration.curves import Source
 from calibration.errors import DataError, InputError, Origin, did_you_mean, listed, printable
 from calibration.fitting.collisions import ROUTES
 from calibration.fitting.laws import LAWS
+from calibration.fitting.result import FitResult
 from calibration.options import LAW_OPTIONS
-from calibration.paper import RADIUS, TABLE_1, TableEntry
+from calibration.paper import RADIUS, TABLE_1
 from calibration.parameters import Parameter
 
 # What `softjax fit` finds for the paper's materials with its default settings. They go with
 # `area="zhou"` and `kappa="consistent"`.
 FITTED_CHI = {"stainless steel": 1.7944, "chrome steel": 0.09867, "nylon": 0.21998}
 DECADES_BELOW_YIELD = 0.1  # default start of a grid, in critical velocities
-LOSSES = ("sigma", "psi")
 FAR_ABOVE_YIELD = 100.0  # and its end without data
+OF_FIT = "left out with --fit, whose law is the fitted one"
+OF_LINE = "left out with --line, whose law is Zhou's as it was fitted"
 
 
 def read_source(arguments: argparse.Namespace) -> Source:
@@ -34,18 +36,21 @@ def read_source(arguments: argparse.Namespace) -> Source:
     Raises:
         InputError, DataError: what is wrong and what is accepted.
     """
-    if arguments.eps_up is not None and arguments.line is None:
-        raise DataError("--eps-up", arguments.eps_up, "given with --line")
+    options, is_file = ("chi", "law", "area", "set", *VARIANTS), bool(_suffix(arguments.source))
     if arguments.line is not None:
-        _check_line(arguments)
+        _check_left_out(arguments, ("fit", "posterior", *options), OF_LINE)
+        if not is_file:
+            source = arguments.source or "missing"
+            raise DataError("MATERIAL", source, "a material file FILE.toml with --line")
+    elif arguments.eps_up is not None:
+        raise DataError("--eps-up", arguments.eps_up, "given with --line")
     elif arguments.fit is not None:
+        _check_left_out(arguments, ("sigma", "psi", *options), OF_FIT)
         return _of_fit(arguments)
     if getattr(arguments, "posterior", None) is not None:
         accepted = "given with --fit, whose draws they are"
         raise DataError("--posterior", str(arguments.posterior), accepted)
-    if arguments.source is not None and Path(arguments.source).suffix:
-        return _of_file(arguments)
-    return _of_paper(arguments)
+    return _of_file(arguments) if is_file else _of_paper(arguments)
 
 
 def route_of(arguments: argparse.Namespace) -> sj.EnergyBalance | sj.ClosedForm | sj.ODE | None:
@@ -62,17 +67,35 @@ def route_of(arguments: argparse.Namespace) -> sj.EnergyBalance | sj.ClosedForm 
     return ROUTES[arguments.route.replace("-", " ")](**options)
 
 
+def _suffix(source: str | None) -> str:
+    return "" if source is None else Path(source).suffix
+
+
+def _check_left_out(arguments: argparse.Namespace, names: Iterable[str], accepted: str) -> None:
+    for name in names:
+        if getattr(arguments, name, None) not in (None, []):
+            raise DataError(f"--{name}", "given", accepted)
+
+
 def _of_paper(arguments: argparse.Namespace) -> Source:
     if arguments.material is not None:
         raise DataError("--material", arguments.material, "left out without a file or a fit")
-    entry = _paper_entry("stainless-steel" if arguments.source is None else arguments.source)
+    text = "stainless-steel" if arguments.source is None else arguments.source
+    entries = {one.name: one for one in TABLE_1}
+    entry = entries.get(text.lower().replace("-", " ").replace("_", " "))
+    if entry is None:
+        names = listed(name.replace(" ", "-") for name in entries)
+        raise DataError("MATERIAL", text, f"{names}, or a material file FILE.toml")
     material, area = entry.material, arguments.area or "zhou"
     contact = sj.Contact.between_spheres(material, material, RADIUS, RADIUS, area=area)
-    known = {"sigma": entry.sigma, "psi": entry.psi}
-    name, origin = arguments.law or "zhou", ""
-    if name == "zhou" and arguments.chi is None:
-        chi, origin = _paper_chi(entry, arguments.kappa, area)
-        known |= {} if chi is None else {"chi": chi}
+    known, origin = {"sigma": entry.sigma, "psi": entry.psi}, ""
+    name = arguments.law or "zhou"
+    if name == "zhou" and arguments.chi is None:  # χ̃ goes with the law's variant
+        if arguments.kappa == "printed":
+            known["chi"], origin = entry.chi, f", Table 1's χ̃ = {entry.chi:g}"
+        elif area == "zhou":
+            known["chi"] = FITTED_CHI[entry.name]
+            origin = f", χ̃ = {known['chi']:g} as softjax fit finds it"
     critical = float(contact.critical_velocity)
     properties = {name: float(leaf) for name, leaf in material.leaves().items()}
     return Source(
@@ -84,23 +107,6 @@ def _of_paper(arguments: argparse.Namespace) -> Source:
     )
 
 
-def _paper_entry(text: str) -> TableEntry:
-    name = text.lower().replace("-", " ").replace("_", " ")
-    for entry in TABLE_1:
-        if entry.name == name:
-            return entry
-    known = listed(entry.name.replace(" ", "-") for entry in TABLE_1)
-    raise DataError("MATERIAL", text, f"{known}, or a material file FILE.toml")
-
-
-def _paper_chi(entry: TableEntry, kappa: str | None, area: str) -> tuple[float | None, str]:
-    """χ̃ that goes with the law's variant, and where it comes from."""
-    if kappa == "printed":
-        return entry.chi, f", Table 1's χ̃ = {entry.chi:g}"
-    chi = FITTED_CHI[entry.name]
-    return (chi, f", χ̃ = {chi:g} as softjax fit finds it") if area == "zhou" else (None, "")
-
-
 def _of_file(arguments: argparse.Namespace) -> Source:
     file = read_material_file(arguments.source, needs_data=False)
     names = [entry.name for entry in file.materials]
@@ -110,93 +116,44 @@ def _of_file(arguments: argparse.Namespace) -> Source:
         accepted = "a law needs youngs_modulus and the others"
         raise InputError(entry.origin.file, entry.origin.line, problem, accepted)
     print_first(entry.implausible, arguments.quiet)
-    contact = entry.contact
+    contact, data = entry.contact, entry.data
     if arguments.area is not None:
         contact = sj.Contact(**contact.leaves(), area=arguments.area)
-    known = {name: one.value for name, one in entry.stated.items() if not one.free}
-    known |= {name: file.settings[name] for name in LAW_OPTIONS if name in file.settings}
-    free = {name: one for name, one in entry.stated.items() if one.free}
     critical = float(np.asarray(contact.critical_velocity))
     last = FAR_ABOVE_YIELD * critical
-    if entry.data is not None:
-        last = max(float(np.max(entry.data.velocity)), 2 * critical)
+    if data is not None:
+        last = max(float(np.max(data.velocity)), 2 * critical)
     last = min(last, 0.99 * float(contact.limit_velocity))
-    is_one = len(entry.table.radii) == 1
-    bodies, numbers = _bodies(entry.bodies, entry.table.second is None, is_one)
+    one_radius = len(entry.table.radii) == 1
+    bodies, numbers = _bodies(entry.bodies, entry.table.second is None, one_radius)
     properties = None if entry.table.limit_velocity is not None else numbers
     remark = f"{printable(entry.name)}: {arguments.source}"
     if arguments.line is not None:
-        line, losses = _line(arguments), {n: getattr(arguments, n) for n in ("eps_up", *LOSSES)}
-        law = line.law(contact, **losses)
-        remark = "\n".join([f"{remark}, by {arguments.line}", *line.remarks(contact, **losses)])
-        span = (critical, last)
-        of_line = Prediction(line, losses)
-        return Source(entry.name, law, span, properties, bodies, prediction=of_line, remark=remark)
+        line = _line(arguments.line)
+        losses = {name: getattr(arguments, name) for name in ("eps_up", "sigma", "psi")}
+        lines = [f"{remark}, by {arguments.line}", *line.remarks(contact, **losses)]
+        law, more = line.law(contact, **losses), {"line": line, "losses": losses}
+        span = critical, last
+        return Source(entry.name, law, span, properties, bodies, remark="\n".join(lines), **more)
+    known = {name: one.value for name, one in entry.stated.items() if not one.free}
+    known |= {name: file.settings[name] for name in LAW_OPTIONS if name in file.settings}
+    free = {name: one for name, one in entry.stated.items() if one.free}
     law = _law(arguments, arguments.law or file.settings.get("law", "zhou"), contact, known, free)
-    span = (DECADES_BELOW_YIELD * critical, last)
-    fall = None if entry.data is None else entry.data.fall
+    span, fall = (DECADES_BELOW_YIELD * critical, last), None if data is None else data.fall
     return Source(entry.name, law, span, properties, bodies, remark=remark, fall=fall)
 
 
-def _check_line(arguments: argparse.Namespace) -> None:
-    """Refuse what does not go with --line."""
-    options = ("fit", "posterior", "chi", "law", *VARIANTS, "area", "set")
-    _check_left_out(
-        arguments, options, "left out with --line, whose law is Zhou's as it was fitted"
-    )
-    if arguments.source is None or not Path(arguments.source).suffix:
-        source = arguments.source or "missing"
-        raise DataError("MATERIAL", source, "a material file FILE.toml with --line")
-
-
-def _check_left_out(arguments: argparse.Namespace, names: Iterable[str], accepted: str) -> None:
-    for name in names:
-        if getattr(arguments, name, None) not in (None, []):
-            raise DataError(f"--{name}", "given", accepted)
-
-
-def _line(arguments: argparse.Namespace) -> Any:
+def _line(path: Path) -> Any:
     """Eq. (18) of a fit's materials."""
-    from calibration.fitting.result import FitResult
-
-    line = FitResult.load(arguments.line).unloading_line
+    line = FitResult.load(path).unloading_line
     if line is None or len(line.materials) < 2:
         problem = "has no line of Eq. (18)"
         accepted = "a fit of two or more materials, each with an unloading factor, is needed"
-        raise InputError(arguments.line, None, problem, accepted)
+        raise InputError(path, None, problem, accepted)
     return line
 
 
-def _bodies(pair, same_material: bool, one_radius: bool) -> tuple[str, dict[str, float]]:
-    """Names and numbers of two bodies: of one material or not, of one radius or not."""
-    one, two = pair
-    if two.radius is None:
-        return "wall", _numbers(one, "") | {"radius": one.radius} | _numbers(two, "_wall")
-    radii = {"radius_1": one.radius, "radius_2": two.radius}
-    if not same_material:
-        return "unlike spheres", _numbers(one, "_1") | _numbers(two, "_2") | radii
-    return "spheres", _numbers(one, "") | ({"radius": one.radius} if one_radius else radii)
-
-
-def _bodies_of_fit(fit) -> tuple[str, dict[str, float] | None]:
-    """Bodies and properties of a fit's data; no properties if the bodies are unknown or differ."""
-    leaves = [leaf for body in fit.data.bodies for leaf in body.material.leaves().values()]
-    leaves += [body.radius for body in fit.data.bodies]
-    if not leaves or any(np.ndim(leaf) for leaf in leaves):
-        return "spheres", None
-    one, two = fit.data.bodies
-    return _bodies((one, two), _numbers(one, "") == _numbers(two, ""), one.radius == two.radius)
-
-
-def _numbers(body, suffix: str) -> dict[str, float]:
-    return {f"{name}{suffix}": float(leaf) for name, leaf in body.material.leaves().items()}
-
-
 def _of_fit(arguments: argparse.Namespace) -> Source:
-    from calibration.fitting.result import FitResult
-
-    options = (*COEFFICIENTS, *VARIANTS, "area", "law", "set")
-    _check_left_out(arguments, options, "left out with --fit, whose law is the fitted one")
     if None not in (arguments.source, arguments.material):
         raise DataError("MATERIAL", arguments.source, "left out with --fit and --material")
     try:
@@ -212,10 +169,8 @@ def _of_fit(arguments: argparse.Namespace) -> Source:
         stated = " ".join(f"--set {n}={e.value:.6g}" for n, e in fit.parameters.items() if e.value)
         accepted = f"use a material file of one size: FILE.toml --law {fit.model.key} {stated}"
         raise InputError(arguments.fit, None, f"{fit.name!r} has bodies of several sizes", accepted)
-    velocity = fit.data.velocity
-    span = (float(np.min(velocity)), float(np.max(velocity)))
-    if span[0] == span[1]:
-        span = (0.5 * span[0], 2 * span[0])
+    low, high = float(np.min(fit.data.velocity)), float(np.max(fit.data.velocity))
+    span = (0.5 * low, 2 * low) if low == high else (low, high)
     remark = f"{printable(fit.name)}: {arguments.fit}" + " (NOT CONVERGED)" * (not fit.converged)
     draws = None
     if getattr(arguments, "posterior", None) is not None:
@@ -223,22 +178,48 @@ def _of_fit(arguments: argparse.Namespace) -> Source:
 
         draws = read(arguments.posterior)
     bodies, properties = _bodies_of_fit(fit)
-    one = (fit.name, fit.law, span, properties, bodies, result, draws)
+    one = fit.name, fit.law, span, properties, bodies, result, draws
     return Source(*one, remark=remark, fall=fit.data.fall)
 
 
 def _chosen(name: str | None, names: list[str], where: str) -> str:
     """A material of a file or a fit, which need not be named where it is the only one."""
-    if name in names:
-        return str(name)
     if name is None and len(names) == 1:
         return names[0]
-    value = "missing" if name is None else name
-    raise DataError("--material", value, f"one of {where}'s: {listed(names)}")
+    if name not in names:
+        value = "missing" if name is None else name
+        raise DataError("--material", value, f"one of {where}'s: {listed(names)}")
+    return str(name)
+
+
+def _bodies(pair: Any, same_material: bool, one_radius: bool) -> tuple[str, dict[str, float]]:
+    """What two bodies are, and their numbers by name."""
+
+    def numbers(body: Any, suffix: str) -> dict[str, float]:
+        return {f"{name}{suffix}": float(x) for name, x in body.material.leaves().items()}
+
+    one, two = pair
+    if two.radius is None:
+        return "wall", numbers(one, "") | {"radius": one.radius} | numbers(two, "_wall")
+    radii = {"radius_1": one.radius, "radius_2": two.radius}
+    if not same_material:
+        return "unlike spheres", numbers(one, "_1") | numbers(two, "_2") | radii
+    return "spheres", numbers(one, "") | ({"radius": one.radius} if one_radius else radii)
+
+
+def _bodies_of_fit(fit: Any) -> tuple[str, dict[str, float] | None]:
+    """The same of a fit's data; no numbers if the bodies are unknown or differ from row to row."""
+    leaves = [leaf for body in fit.data.bodies for leaf in body.material.leaves().values()]
+    leaves += [body.radius for body in fit.data.bodies]
+    if not leaves or any(np.ndim(leaf) for leaf in leaves):
+        return "spheres", None
+    one, two = fit.data.bodies
+    same = one.material.leaves() == two.material.leaves()
+    return _bodies((one, two), same, one.radius == two.radius)
 
 
 def _law(
-    arguments,
+    arguments: argparse.Namespace,
     name: str,
     contact: sj.Contact,
     known: Mapping[str, Any],
@@ -253,7 +234,7 @@ def _law(
         DataError: naming the option, its value and what is accepted.
         InputError: for a free parameter that no option gives, with its line.
     """
-    fields = {f.name: f for f in dataclasses.fields(LAWS[name])}
+    fields = {field.name: field for field in dataclasses.fields(LAWS[name])}
     available = {"contact": contact, "limit_velocity": contact.limit_velocity} | dict(known)
     values = {field: value for field, value in available.items() if field in fields}
     stated = _stated(arguments)

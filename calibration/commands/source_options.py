@@ -10,45 +10,37 @@ from calibration.options import LAW_OPTIONS, LAWS, add_options
 
 COEFFICIENTS = ("chi", "sigma", "psi")
 VARIANTS = tuple(name for name, laws in LAW_OPTIONS.items() if "zhou" in laws)
-
 TABLES = (".csv", ".tsv", ".txt", ".dat", ".xlsx", ".xls", ".ods")
+ROUTES = ("energy-balance", "closed-form", "ode")
 
 
-def add_source_arguments(parser: argparse.ArgumentParser) -> None:
+def add_source_arguments(parser: argparse.ArgumentParser, posterior: bool = False) -> None:
     """The options that `read_source` reads."""
     group = parser.add_argument_group("which collision")
-    group.add_argument(
-        "source",
-        nargs="?",
-        metavar="MATERIAL",
-        help="stainless-steel (default), chrome-steel, nylon, or a material file FILE.toml",
-    )
-    group.add_argument("--fit", metavar="FIT.json", type=Path, help="a result of softjax fit")
+    add = group.add_argument
+    text = "stainless-steel (default), chrome-steel, nylon, or a material file FILE.toml"
+    add("source", nargs="?", metavar="MATERIAL", help=text)
+    add("--fit", metavar="FIT.json", type=Path, help="a result of softjax fit")
+    if posterior:
+        add("--posterior", metavar="FILE.nc", type=Path, help="draws of --fit: the band is theirs")
     text = "of FILE.toml's material by Eq. (18) through the materials of a fit"
-    group.add_argument("--line", metavar="FIT.json", type=Path, help=text)
+    add("--line", metavar="FIT.json", type=Path, help=text)
     text = "restitution at first yield, with --line (default: mean of the fitted materials)"
-    group.add_argument("--eps-up", type=float, metavar="X", help=text)
-    group.add_argument("--material", metavar="NAME", help="which one of a file's or a fit's")
+    add("--eps-up", type=float, metavar="X", help=text)
+    add("--material", metavar="NAME", help="which one of a file's or a fit's")
     for name in COEFFICIENTS:
-        group.add_argument(f"--{name}", type=float, metavar="X", help=f"{name} of Zhou's law")
-    group.add_argument("--area", choices=("zhou", "hertz"), help="contact area (default: zhou)")
+        add(f"--{name}", type=float, metavar="X", help=f"{name} of Zhou's law")
+    add("--area", choices=("zhou", "hertz"), help="contact area (default: zhou)")
     add_options(group, VARIANTS)
-    default = "default: that of the file, else zhou"
-    group.add_argument("--law", choices=LAWS, help=default)
-    group.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="a field of the law, such as restitution=0.9; may be repeated",
-    )
+    add("--law", choices=LAWS, help="default: that of the file, else zhou")
+    text = "a field of the law, such as restitution=0.9; may be repeated"
+    add("--set", action="append", default=[], metavar="NAME=VALUE", help=text)
 
 
 def add_route_arguments(parser: argparse.ArgumentParser) -> None:
-    group = parser.add_argument_group("route")
-    routes = ("energy-balance", "closed-form", "ode")
-    group.add_argument("--route", choices=routes, help="default: ode where the law has no other")
-    group.add_argument("--rtol", type=float, metavar="X", help="tolerance of the ode (1e-8)")
+    add = parser.add_argument_group("route").add_argument
+    add("--route", choices=ROUTES, help="default: ode where the law has no other")
+    add("--rtol", type=float, metavar="X", help="tolerance of the ode (1e-8)")
 
 
 def add_air_argument(parser: argparse.ArgumentParser) -> None:

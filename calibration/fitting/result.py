@@ -364,7 +364,7 @@ class FitResult:
         Raises:
             OSError: where they cannot be written; none of them is then.
         """
-        from calibration.report.folder import write_report
+        from calibration.report.fit import write_report
 
         return write_report(self, folder)
 

@@ -1,6 +1,6 @@
 """Pictures of fits. matplotlib is imported here and nowhere above; no pyplot, no global state."""
 
-from calibration.plots.curves import curves_figure, observables_figure
+from calibration.plots.curves import curves_figure, observables_figure, restitution_figure
 from calibration.plots.lines import Line, lines_of
 from calibration.plots.parameters import (
     correlation_figure,
@@ -18,6 +18,7 @@ __all__ = [
     "observables_figure",
     "posterior_figure",
     "profiles_figure",
+    "restitution_figure",
     "save",
     "unloading_line_figure",
 ]

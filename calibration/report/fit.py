@@ -1,11 +1,12 @@
-"""Tables and sentences of the report of a fit.
+"""The report of a fit: tables and sentences as blocks, and all files of a fit.
 
 `estimates` returns numbers; the other tables contain rounded text.
 """
 
 import datetime
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,14 +17,18 @@ from calibration.fitting.curves import modulus_by_times
 from calibration.fitting.material import Estimate
 from calibration.fitting.request import stated_parameters
 from calibration.observables import OBSERVABLES
+from calibration.output import files_into, write_text
 from calibration.parameters import Parameter
-from calibration.report.layout import Block, Item, page, terminal
+from calibration.report.layout import Block, Item, markdown, page, terminal
 from calibration.rounding import ABSENT, interval, number, with_error
 
 Printed = Mapping[str, Mapping[str, float]]  # {material: {parameter: published value}}
 MANY = 1000  # degrees of freedom: with more, Student's t counts as the normal distribution
 MOST_NAMED = 3  # data sets that the first sentence describes one by one
 MOST_SEARCHES = 12  # searches that are listed one by one
+MOST_OUTLIERS = 10
+MISFIT = 0.1  # share of the points above which outliers are reported as a misfit
+DETERMINED = 0.3  # of the prior's width, up to which draws determine a parameter
 NOT_CONVERGED = "NOT CONVERGED: do not use these values."
 OBJECTIVES = {
     "two-step": "σ and ψ from Eq. (17), then χ̃ from the law with them fixed (`two-step`)",
@@ -33,7 +38,10 @@ LINE = (
     "One line for all materials, {}. Its χ̃ follow the data less closely than a χ̃ for each "
     "material; the table above has the rms of both."
 )
-LINE_METHODS = {"curves": "fitted to all curves at once", "weighted": "through the fitted χ̃"}
+LINE_METHODS = {  # a sentence, and the column of the table
+    "curves": ("fitted to all curves at once", "through all curves"),
+    "weighted": ("through the fitted χ̃", "through the fitted χ̃, weighted"),
+}
 METHODS = {
     "sandwich": (
         "from the stacked estimating equations of both steps of `two-step`, as the same noise "
@@ -43,15 +51,47 @@ METHODS = {
     "wald": "from the standard error, on the scale of the search",
     "derived": "from the covariance of the fitted parameters",
 }
-MISFIT = 0.1  # share of the points above which outliers are reported as a misfit
+CONFIDENCE = (
+    "Intervals contain the true value in {:g} % of experiments, if the law is right. Where the noise "
+    "is estimated, dof is the number of degrees of freedom of Student's t:"
+)
 NOT_JUDGED = "not checked, without profiles: whether standard errors describe the intervals"
-QUALITY = {
-    "dof": "degrees of freedom of the residuals",
-    "scatter": "estimated standard deviation of one ε (under `two-step` about Eq. (17))",
-    "between groups": "estimated standard deviation of the groups' offsets in ε",
-    "of times [ms]": "estimated standard deviation of the times of bounces",
-    "χ²/dof": "squared residuals over the stated variances, per degree of freedom",
-    "P": "probability of a χ² at least as large if law and stated uncertainties hold",
+# columns of the goodness of fit: digits, what they are of a data set, and in words
+QUALITY: dict[str, tuple[int, Callable[[Any, Any], float | None], str]] = {
+    "dof": (4, lambda fit, _: fit.residual_degrees, "degrees of freedom of the residuals"),
+    "rms": (4, lambda fit, _: fit.rms, ""),
+    "rms of Eq. (17)": (3, lambda fit, _: fit.rms_empirical, ""),
+    "rms on Eq. (18)": (4, lambda fit, line: line and line.rms.get(fit.name), ""),
+    "scatter": (
+        3,
+        lambda fit, _: fit.noise,
+        "estimated standard deviation of one ε (under `two-step` about Eq. (17))",
+    ),
+    "between groups": (
+        3,
+        lambda fit, _: fit.group_deviation,
+        "estimated standard deviation of the groups' offsets in ε",
+    ),
+    "of times [ms]": (
+        3,
+        lambda fit, _: fit.timing and 1e3 * fit.timing,
+        "estimated standard deviation of the times of bounces",
+    ),
+    "χ²/dof": (
+        3,
+        lambda fit, _: fit.reduced_chi_squared,
+        "squared residuals over the stated variances, per degree of freedom",
+    ),
+    "factor": (
+        3,
+        lambda fit, _: fit.reduced_chi_squared**0.5 if "scale" in fit.variances else None,
+        "by which the stated uncertainties were scaled, √(χ²/dof)",
+    ),
+    "P": (
+        3,
+        lambda fit, _: fit.probability,
+        "probability of a χ² at least as large if law and stated uncertainties hold",
+    ),
 }
 PROPERTIES = {
     "youngs_modulus": "E [Pa]",
@@ -59,6 +99,81 @@ PROPERTIES = {
     "density": "ρ [kg/m³]",
     "yield_strength": "Y [Pa]",
 }
+PICTURES = {
+    "curves.png": "Data, fitted curves with their bands, and residuals below",
+    "observables.png": "What else was measured, fitted curves with their bands, and residuals below",
+    "profiles.png": "Profile likelihoods: the rise of χ² when one parameter is fixed elsewhere",
+    "correlation.png": (
+        "Correlations of the fitted parameters: ellipses of equal probability, blue and leaning right "
+        "for positive ones, orange and leaning left for negative ones"
+    ),
+    "posterior.png": "Draws from the posterior, and the fit with its intervals",
+}
+FILES = ("fit.json", "report.md", "report.html", *PICTURES, "posterior.nc")
+PAPER_TITLE = (
+    "Data: a published fit of measurements (Eq. 17 with Table 1's σ, ψ; Zhou, 2013), "
+    "not measurements"
+)
+
+
+def write_report(
+    result: Any,
+    folder: str | Path,
+    *,
+    draws: Any = None,
+    printed: Printed | None = None,
+    command: str = "",
+    progress: Callable[[str, int, int], None] = lambda stage, done, total: None,
+) -> list[str]:
+    """Write all files of a fit, or none; return their names.
+
+    Args:
+        result: a `FitResult`.
+        folder: made where it is not there.
+        draws: of its posterior.
+        printed: published values of the paper's materials; the curves of Fig. 2 are drawn too.
+        command: the command that makes the same files again.
+        progress: called as progress(stage, done, total).
+
+    Raises:
+        OSError: where the files cannot be written.
+    """
+    from calibration import plots
+
+    lines = plots.lines_of(result, with_paper=printed is not None)
+    more: dict[str, Any] = {"title": PAPER_TITLE, "ratio": True, "from_rest": True}
+    figures: list[Callable[[], Any]] = [
+        lambda: plots.curves_figure(result, lines, **more if printed else {}),
+        lambda: plots.observables_figure(result),
+        lambda: plots.profiles_figure(result),
+        lambda: plots.correlation_figure(result),
+        lambda: None if draws is None else plots.posterior_figure(draws, result),
+    ]
+    with files_into(folder, FILES) as staged:
+        result.save(staged / "fit.json")
+        if draws is not None:
+            from calibration.fitting.posterior.draws import write
+
+            write(draws, staged / "posterior.nc")
+        pictures = {}
+        for done, (name, figure) in enumerate(zip(PICTURES, figures, strict=True)):
+            progress("pictures", done, len(PICTURES))
+            if (drawn := figure()) is not None:
+                plots.save(drawn, staged / name)
+                pictures[PICTURES[name]] = name
+        parts = sections(result, pictures, command, printed, draws).values()
+        blocks = [block for part in parts for block in part]
+        write_text(staged / "report.md", markdown(blocks))
+        write_text(staged / "report.html", page(blocks, staged))
+        return [name for name in FILES if (staged / name).exists()]
+
+
+def printed_values() -> dict[str, dict[str, float]]:
+    """Table 1 of the paper, {material: {parameter: value}}."""
+    from calibration.paper import TABLE_1
+
+    names = ("chi", "sigma", "psi", "critical_velocity", "limit_velocity", "yield_ratio")
+    return {entry.name: {name: getattr(entry, name) for name in names} for entry in TABLE_1}
 
 
 def terminal_report(result: Any, intro: str = "", **more: Any) -> str:
@@ -71,7 +186,7 @@ def terminal_report(result: Any, intro: str = "", **more: Any) -> str:
     """
     of = sections(result, **more)
     if of["posterior"]:  # a heading is not printed, and its table would look like the fit's
-        of["posterior"] = [Block("text", "Posterior:"), *of["posterior"]]
+        of["posterior"].insert(0, Block("text", "Posterior:"))
     names = ("parameters", "quality", "line", "posterior", "computed", "verdict", "warnings")
     first = [Block("text", intro)] if intro else of["notes"]
     return terminal([*first, *(block for name in names for block in of[name])])
@@ -81,7 +196,7 @@ def result_text(result: Any) -> str:
     """The text that `print` shows: first sentence, estimates, goodness of fit and warnings."""
     of = sections(result)
     tables = [b for n in ("parameters", "quality", "line") for b in of[n] if b.kind == "table"]
-    outliers = [Block("list", lines)] if (lines := outlier_lines(result)) else []
+    outliers = _optional("list", _outliers(result))
     return terminal([*of["result"], *tables, *outliers, *of["verdict"], *of["warnings"]])
 
 
@@ -92,17 +207,12 @@ def result_html(result: Any) -> str:
     return page([*of["result"], *of["verdict"], *tables, *of["warnings"][1:]])
 
 
-def report_blocks(result: Any, *more: Any) -> list[Block]:
-    """All blocks of the report; `more` are further arguments of `sections`."""
-    return [block for section in sections(result, *more).values() for block in section]
-
-
 def sections(
     result: Any,
     pictures: Mapping[str, str] | None = None,
     command: str = "",
     printed: Printed | None = None,
-    posterior: list[Block] | None = None,
+    draws: Any = None,
 ) -> dict[str, list[Block]]:
     """The parts of a report by name, in their order.
 
@@ -111,49 +221,55 @@ def sections(
         pictures: {caption: file next to the report}.
         command: the command that makes the same results again.
         printed: published values, shown next to the fitted ones.
-        posterior: blocks of `posterior.section`.
+        draws: of the posterior.
     """
     versions = ", ".join(f"{name} {version}" for name, version in result.versions.items())
     implausible = [w for w in result.warnings if w.code == "plausibility"]
-    bodies, line = bodies_table(result), result.unloading_line
     condition = result.condition_number
     rank = f"Rank {result.rank} of {len(result.covariance_names)} free parameters, "
     rank += "condition number " + ("infinite" if condition is None else number(condition, 2))
-    methods, warned = interval_methods(result), warning_items(result.warnings, result)
-    confidence = (
-        f"Intervals contain the true value in {100 * result.confidence:g} % of experiments, if the law is "
-        "right. Where the noise is estimated, dof is the number of degrees of freedom of Student's t:"
-    )
+    methods = [f"{name}: {text}" for name, text in _methods(result).items()]
+    quality, bodies = _quality_table(result), _bodies_table(result)
+    words = [f"{name}: {text}" for name, (*_, text) in QUALITY.items() if name in quality and text]
+    warned = warning_items(result.warnings, result)
     return {
         "title": [Block("title", "Coefficients of restitution, fitted")],
-        "implausible": _optional("items", warning_items(implausible, result)),
-        "result": [Block("lead", result_sentence(result))],
+        "implausible": _optional("list", warning_items(implausible, result)),
+        "result": [Block("lead", _sentence(result))],
         "about": [Block("about", f"{datetime.date.today().isoformat()}; {versions}")],
         "verdict": [_verdict(result)],
-        "data": [Block("items", [_data_set(fit) for fit in result.materials])],
-        "notes": _optional("list", notes(result)),
-        "bodies": [] if bodies is None else _headed("Bodies", Block("table", bodies)),
+        "data": [Block("list", [_data_set(fit) for fit in result.materials])],
+        "notes": _optional("list", _notes(result)),
+        "bodies": [] if bodies.empty else [Block("heading", "Bodies"), Block("table", bodies)],
         "parameters": [
-            *_headed("Parameters", Block("table", parameter_table(result, printed))),
-            *_optional("list", meanings(result)),
-            *_optional("list", stated(result), "Priors, bounds and shared parameters:"),
-            *_optional("list", [f"{k}: {text}" for k, text in methods.items()], confidence),
+            Block("heading", "Parameters"),
+            Block("table", _parameter_table(result, printed)),
+            *_optional("list", _meanings(result)),
+            *_optional("list", _stated(result), "Priors, bounds and shared parameters:"),
+            *_optional("list", methods, CONFIDENCE.format(100 * result.confidence)),
         ],
         "quality": [
-            *_headed("Goodness of fit", Block("table", quality_table(result))),
+            Block("heading", "Goodness of fit"),
+            Block("table", quality),
             *_observed(result),
-            *_optional("list", quality_words(result) + outlier_lines(result)),
+            *_optional("list", words + _outliers(result)),
         ],
         "pictures": [Block("picture", pair) for pair in (pictures or {}).items()],
-        "line": [] if line is None else _line(result),
-        "posterior": posterior or [],
-        "warnings": _headed("Warnings", Block("warnings", warned)) if warned else [],
+        "line": _line(result.unloading_line),
+        "posterior": [] if draws is None else _posterior(draws, result),
+        "warnings": [Block("heading", "Warnings"), Block("warnings", warned)] if warned else [],
         "computed": [
-            *_headed("How it was computed", *([Block("code", command)] if command else [])),
-            Block("text", f"{settings_line(result)}. {rank}."),
+            Block("heading", "How it was computed"),
+            *([Block("code", command)] if command else []),
+            Block("text", f"{_settings(result)}. {rank}."),
             _searches(result),
         ],
     }
+
+
+def _optional(kind: str, value: list[Any], first: str = "") -> list[Block]:
+    """A block with a sentence before it; no block if `value` is empty."""
+    return [*([Block("text", first)] if first else []), Block(kind, value)] if value else []
 
 
 def warning_items(warnings: Iterable[Any], result: Any) -> list[Item]:
@@ -169,33 +285,28 @@ def warning_items(warnings: Iterable[Any], result: Any) -> list[Item]:
     ]
 
 
-def result_sentence(result: Any) -> str:
+def _sentence(result: Any) -> str:
     """The fit in one sentence: law, data, fitted values and rms."""
     laws = dict.fromkeys(fit.model.label for fit in result.materials)
-    impacts = sum(fit.n for fit in result.materials)
-    law = f"{' and '.join(laws)} fitted to {impacts} impacts"
+    law = f"{' and '.join(laws)} fitted to {sum(fit.n for fit in result.materials)} impacts"
     count = len(result.materials)
     if count > MOST_NAMED:
         return f"{law} of {count} data sets."
     parts, level = [], f"{100 * result.confidence:g} % interval "
     for fit in result.materials:
-        values = [
-            f"{one.text} = {_with_interval(estimate, level, one.unit)}"
-            for name, estimate in fit.parameters.items()
-            if estimate.free and (one := symbols.symbol(name, fit.model))
-        ]
+        values = []
+        for name, estimate in fit.parameters.items():
+            one = symbols.symbol(name, fit.model)
+            texts = estimate_text(estimate), interval_text(estimate)
+            value, ends = (
+                text if text == ABSENT else f"{text} {one.unit}".rstrip() for text in texts
+            )
+            value += f" ({level}{ends})" if ABSENT not in (value, ends) else ""
+            values += [f"{one.text} = {value}"] if estimate.free else []
         values += [f"{tree.size} numbers of {tree.name}" for tree in fit.trees]
         owner = f"on {fit.name}: " if count == 1 else f"{fit.name}, "
         parts.append(owner + ", ".join([*values, f"rms {number(fit.rms)}"]))
     return f"{law}{' ' if count == 1 else ': '}{'; '.join(parts)}."
-
-
-def _with_interval(estimate: Any, confidence: str, unit: str) -> str:
-    """A value with its error, interval and unit."""
-    text, ends = (
-        f"{s} {unit}".rstrip() for s in (estimate_text(estimate), interval_text(estimate))
-    )
-    return text if ABSENT in (ends.split()[0], text.split()[0]) else f"{text} ({confidence}{ends})"
 
 
 def estimates(result: Any) -> pd.DataFrame:
@@ -214,11 +325,30 @@ def estimates(result: Any) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def parameter_table(result: Any, printed: Printed | None = None) -> pd.DataFrame:
+def _estimates(
+    result: Any, printed: Printed | None = None
+) -> Iterator[tuple[str, str, symbols.Symbol, str, Estimate]]:
+    """Yield data set, parameter, symbol, label in the covariance, and estimate; pooled ones last."""
+    for fit in result.materials:
+        every = {**fit.parameters, **fit.derived}
+        for name in (printed or {}).get(fit.name, {}):  # of the contact, from the bodies
+            if name not in every:
+                every[name] = Estimate(float(getattr(fit.contact, name)), method="computed")
+        for name, estimate in every.items():
+            symbol = symbols.symbol(name, fit.model)
+            yield fit.name, name, symbol, fit.labels.get(name, name), estimate
+    for name, estimate in result.pooled.items():
+        base = name.removesuffix("_spread")
+        symbol = symbols.symbol(base, result.materials[0].model)
+        if base != name:
+            symbol = symbol._replace(text=f"spread of {symbol.text}")
+        yield "all together", name, symbol, name, estimate
+
+
+def _parameter_table(result: Any, printed: Printed | None = None) -> pd.DataFrame:
     """Value, standard error and interval of each parameter, and published values if any."""
-    with_intervals = bool(interval_methods(result))
     rows: list[dict[str, str]] = []
-    before = None
+    before, with_intervals = None, bool(_methods(result))
     for owner, name, symbol, label, estimate in _estimates(result, printed):
         row = {
             "material": "" if owner == before else owner,
@@ -226,8 +356,10 @@ def parameter_table(result: Any, printed: Printed | None = None) -> pd.DataFrame
             "value ± std. error": estimate_text(estimate),
         }
         if with_intervals:
-            row[f"{100 * result.confidence:g} % interval"] = interval_text(estimate)
-            row["interval from"] = _interval_from(result, estimate, label)
+            row[f"{100 * result.confidence:g} % interval"] = ends = interval_text(estimate)
+            dof = result.degrees_of_freedom(label)
+            of_t = "" if dof is None or dof >= MANY else f", dof = {number(dof, 3)}"
+            row["interval from"] = "" if ends == ABSENT else estimate.method + of_t
         if printed is not None:
             value = printed.get(owner, {}).get(name)
             row["Table 1"] = "" if value is None else f"{value:.5g}"
@@ -237,86 +369,14 @@ def parameter_table(result: Any, printed: Printed | None = None) -> pd.DataFrame
         for tree in fit.trees:
             text = f"{tree.size} numbers, shown by the band of the curve"
             owner = "" if len(result.materials) == 1 and rows else fit.name
-            values = {"material": owner, "parameter": tree.name, "value ± std. error": text}
-            rows.append(values)
+            rows.append({"material": owner, "parameter": tree.name, "value ± std. error": text})
     return pd.DataFrame(rows).fillna("")
 
 
-def interval_methods(result: Any) -> dict[str, str]:
+def _methods(result: Any) -> dict[str, str]:
     """Methods of the intervals in this result, each with its description."""
     used = {e.method for *_, e in _estimates(result) if interval_text(e) != ABSENT}
     return {name: text for name, text in METHODS.items() if name in used}
-
-
-def quality_table(result: Any) -> pd.DataFrame:
-    """Goodness of fit of each data set, and its estimated scatter."""
-    line, fits = result.unloading_line, result.materials
-    laws = [fit.model.label for fit in fits]
-    on_line = None if line is None else [line.rms.get(fit.name) for fit in fits]
-    timing = [None if fit.timing is None else 1e3 * fit.timing for fit in fits]
-    columns = {
-        "material": [fit.name for fit in fits],
-        "law": laws if len(set(laws)) > 1 else None,
-        "points": [str(fit.n) for fit in fits],
-        "dof": _numbers([fit.residual_degrees for fit in fits]),
-        "rms": _numbers([fit.rms for fit in fits]),
-        "rms of Eq. (17)": _numbers([fit.rms_empirical for fit in fits], 3),
-        "rms on Eq. (18)": on_line and _numbers(on_line),
-        "scatter": _numbers([fit.noise for fit in fits], 3),
-        "between groups": _numbers([fit.group_deviation for fit in fits], 3),
-        "of times [ms]": _numbers(timing, 3),
-        "χ²/dof": _numbers([fit.reduced_chi_squared for fit in fits], 3),
-        "P": _numbers([fit.probability for fit in fits], 3),
-        "converged": ["yes" if fit.converged else "NO" for fit in fits],
-    }
-    return pd.DataFrame({name: column for name, column in columns.items() if column})
-
-
-def _observed(result: Any) -> list[Block]:
-    """Goodness of fit of observables other than ε; no block if none was measured."""
-    rows = [
-        [
-            fit.name,
-            f"{name.replace('_', ' ')} {OBSERVABLES[name].symbol}",
-            str(next(len(data) for data in fit.data.observed if data.name == name)),
-            number(100 * one.rms, 3),
-            "stated" if one.noise is None else number(100 * one.noise, 3),
-            "" if one.reduced_chi_squared is None else number(one.reduced_chi_squared, 3),
-        ]
-        for fit in result.materials
-        for name, one in fit.observed.items()
-    ]
-    header = ["material", "observable", "points", "rms [%]", "scatter [%]", "χ²/dof"]
-    words = {OBSERVABLES[name].words for fit in result.materials for name in fit.observed}
-    remarks = [*sorted(words), *modulus_lines(result)]
-    return (
-        [Block("table", pd.DataFrame(rows, columns=header)), Block("list", remarks)] if rows else []
-    )
-
-
-def modulus_lines(result: Any) -> list[str]:
-    """How well the contact times of each data set would determine E."""
-    lines = []
-    for fit in result.materials:
-        modulus = modulus_by_times(fit)
-        if modulus is not None:
-            lines.append(
-                f"{fit.name}: the contact times would determine E to {100 * modulus.error:.2g} %, at "
-                f"{np.exp(modulus.off):.3g} times the stated value; free youngs_modulus, or give it a prior"
-            )
-    return lines
-
-
-def bodies_table(result: Any) -> pd.DataFrame | None:
-    """One body in each row, or effective properties if the bodies are unknown; None without a contact."""
-    if all(fit.data.contact is None for fit in result.materials):
-        return None
-    rows = []
-    for fit in result.materials:
-        for k, (body, *values) in enumerate(_bodies(fit.data)):
-            rows.append([fit.name if k == 0 else "", body, *map(_range_text, values)])
-    header = ["material", "body", "radius [m]", "mass [kg]", *PROPERTIES.values()]
-    return pd.DataFrame(rows, columns=header)
 
 
 def estimate_text(estimate: Any) -> str:
@@ -336,47 +396,49 @@ def interval_text(estimate: Any) -> str:
     return interval(estimate.low, estimate.high, estimate.printed_error)
 
 
-def meanings(result: Any) -> list[str]:
-    """Meanings of the symbols of the parameters."""
-    return [
-        f"{symbol}: {words}"
-        for symbol, words in {
-            symbols.symbol(name, fit.model).text: symbols.words(name, fit.model)
-            for fit in result.materials
-            for name in {**fit.parameters, **fit.derived}
-        }.items()
-        if words
-    ]
+def _quality_table(result: Any) -> pd.DataFrame:
+    """Goodness of fit of each data set, and its estimated scatter; without columns of no number."""
+    fits = result.materials
+    table = pd.DataFrame({"material": [fit.name for fit in fits]})
+    if len({fit.model.label for fit in fits}) > 1:
+        table["law"] = [fit.model.label for fit in fits]
+    table["points"] = [str(fit.n) for fit in fits]
+    for name, (digits, of, _) in QUALITY.items():
+        values = [of(fit, result.unloading_line) for fit in fits]
+        if any(value is not None for value in values):
+            table[name] = [number(value, digits) for value in values]
+    table["converged"] = ["yes" if fit.converged else "NO" for fit in fits]
+    return table
 
 
-def stated(result: Any) -> list[str]:
-    """Priors, bounds and sharing that were stated before the fit."""
-    owners: dict[str, list[str]] = {}
-    parameters_of = stated_parameters(result.request.parameters, result.request.datasets)
-    for fit, parameters in zip(result.materials, parameters_of, strict=True):
-        for name, parameter in parameters.items():
-            if isinstance(parameter, Parameter) and (words := _stated(parameter)):
-                symbol = symbols.text(fit.model.canonical(name), fit.model)
-                owners.setdefault(f"{symbol}: {words}", []).append(fit.name)
-    return _with_owners(result, owners, "{text} ({names})")
-
-
-def notes(result: Any) -> list[str]:
-    """Remarks about the data, each once."""
-    owners: dict[str, list[str]] = {}
+def _observed(result: Any) -> list[Block]:
+    """Goodness of fit of observables other than ε; no block if none was measured."""
+    rows, remarks = [], []
     for fit in result.materials:
-        for note in fit.data.notes:
-            owners.setdefault(note, []).append(fit.name)
-    return _with_owners(result, owners, "{names}: {text}")
+        for name, one in fit.observed.items():
+            what, data = OBSERVABLES[name], next(o for o in fit.data.observed if o.name == name)
+            row = {
+                "material": fit.name,
+                "observable": f"{name.replace('_', ' ')} {what.symbol}",
+                "points": str(len(data)),
+                "rms [%]": number(100 * one.rms, 3),
+                "scatter [%]": "stated" if one.noise is None else number(100 * one.noise, 3),
+            }
+            chi_squared = one.reduced_chi_squared
+            rows.append(row | {"χ²/dof": "" if chi_squared is None else number(chi_squared, 3)})
+            remarks.append(what.words)
+    remarks = sorted({*remarks})
+    for fit in result.materials:
+        if (modulus := modulus_by_times(fit)) is not None:
+            remarks.append(
+                f"{fit.name}: the contact times would determine E to {100 * modulus.error:.2g} %, at "
+                f"{np.exp(modulus.off):.3g} times the stated value; free youngs_modulus, or give it a "
+                "prior"
+            )
+    return [Block("table", pd.DataFrame(rows)), Block("list", remarks)] if rows else []
 
 
-def quality_words(result: Any) -> list[str]:
-    """Meanings of the columns of the table of goodness of fit."""
-    header = quality_table(result).columns
-    return [f"{name}: {text}" for name, text in QUALITY.items() if name in header]
-
-
-def outlier_lines(result: Any, most: int = 3) -> list[str]:
+def _outliers(result: Any) -> list[str]:
     """The largest outliers, and a line about misfit if there are many."""
     lines: list[str] = []
     for fit in result.materials:
@@ -388,37 +450,110 @@ def outlier_lines(result: Any, most: int = 3) -> list[str]:
                 f"misfit{owner}: noise does not explain {len(outliers)} of {count} points: "
                 "the law or the stated errors are wrong"
             )
-        lines += [f"outlier{owner}: {one}" for one in outliers[:most]]
-        more = len(outliers) - most
+        lines += [f"outlier{owner}: {one}" for one in outliers[:MOST_OUTLIERS]]
+        more = len(outliers) - MOST_OUTLIERS
         lines += [f"outlier{owner}: {more} more in fit.json"] if more > 0 else []
     every = [e for fit in result.materials for e in fit.parameters.values()]
     return [*lines, NOT_JUDGED] if any(e.skewed is None for e in every) else lines
 
 
-def settings_line(result: Any) -> str:
-    """The settings of a fit in one line."""
-    settings, options = result.settings, result.request.options
-    known = ("law", "objective", "optimiser", "route", "noise", "noise_dof", "form", "kappa", "end")
-    names = [name for name in (*known, "starts", "seed") if settings.get(name) is not None]
-    parts = [f"{name.replace('_', ' ')} {settings[name]}" for name in names]
-    parts += ["scatter added to the stated uncertainties"] * options.extra_scatter
-    parts += ["a common factor of the stated uncertainties estimated"] * options.scale_uncertainty
+def _bodies_table(result: Any) -> pd.DataFrame:
+    """One body in each row, or effective properties if the bodies are unknown; empty without a contact."""
+    if all(fit.data.contact is None for fit in result.materials):
+        return pd.DataFrame()
+    rows = []
+    for fit in result.materials:
+        for k, (body, *values) in enumerate(_bodies(fit.data)):
+            rows.append([fit.name if k == 0 else "", body, *map(_range, values)])
+    header = ["material", "body", "radius [m]", "mass [kg]", *PROPERTIES.values()]
+    return pd.DataFrame(rows, columns=header)
+
+
+def _bodies(data: Any) -> Iterator[tuple[Any, ...]]:
+    """Yield the name of each body, then radius, mass, E, ν, ρ and Y; None if unknown."""
+    if data.contact is None:
+        yield "not stated", *[None] * 6
+    elif not data.bodies:
+        pair = data.contact.leaves()
+        effective = [pair[name] for name in ("radius", "mass", "youngs_modulus")]
+        yield "the pair, effective", *effective, None, None, pair["yield_strength"]
+    else:
+        one, two = data.bodies
+        equal = one.material == two.material and np.array_equal(one.radius, two.radius)
+        for body in data.bodies[: 1 if equal else 2]:
+            of, mass = body.material.leaves(), None
+            if body.radius is not None:
+                mass = 4 / 3 * np.pi * np.asarray(of["density"]) * np.asarray(body.radius) ** 3
+            text = "two equal spheres" if equal else body.name
+            yield text, body.radius, mass, *(of[name] for name in PROPERTIES)
+
+
+def _range(value: Any, digits: int = 4) -> str:
+    """Text of a number, or of the range of an array."""
+    if value is None:
+        return ABSENT
+    low, high = (number(float(end(np.asarray(value))), digits) for end in (np.min, np.max))
+    return low if low == high else f"{low} to {high}"
+
+
+def _meanings(result: Any) -> list[str]:
+    """Meanings of the symbols of the parameters."""
+    words = {
+        symbols.symbol(name, fit.model).text: symbols.words(name, fit.model)
+        for fit in result.materials
+        for name in {**fit.parameters, **fit.derived}
+    }
+    return [f"{symbol}: {text}" for symbol, text in words.items() if text]
+
+
+def _stated(result: Any) -> list[str]:
+    """Priors, bounds and sharing that were stated before the fit."""
+    texts = []
+    parameters_of = stated_parameters(result.request.parameters, result.request.datasets)
+    for fit, parameters in zip(result.materials, parameters_of, strict=True):
+        for name, one in parameters.items():
+            if isinstance(one, Parameter) and (words := _stated_words(one)):
+                symbol = symbols.text(fit.model.canonical(name), fit.model)
+                texts.append((f"{symbol}: {words}", fit.name))
+    return _with_owners(result, texts, "{text} ({names})")
+
+
+def _stated_words(parameter: Parameter) -> str:
+    parts = []
+    if parameter.prior is not None:
+        parts.append("prior {:.4g} ± {:.4g}".format(*parameter.prior))
+    if parameter.bounds is not None:
+        parts.append("between {:.4g} and {:.4g}".format(*parameter.bounds))
+    if parameter.pooled:
+        parts.append("partially pooled: a common mean with a spread (of ln θ where θ is positive)")
+    elif parameter.shared:
+        group = "all" if parameter.shared is True else f"the group {parameter.shared}"
+        parts.append(f"one value for {group}")
     return ", ".join(parts)
 
 
-def _optional(kind: str, value: list[Any], first: str = "") -> list[Block]:
-    """A block with a sentence before it; no block if `value` is empty."""
-    return [*([Block("text", first)] if first else []), Block(kind, value)] if value else []
+def _notes(result: Any) -> list[str]:
+    """Remarks about the data, each once."""
+    texts = [(note, fit.name) for fit in result.materials for note in fit.data.notes]
+    return _with_owners(result, texts, "{names}: {text}")
 
 
-def _headed(heading: str, *blocks: Block) -> list[Block]:
-    return [Block("heading", heading), *blocks]
+def _with_owners(result: Any, texts: Iterable[tuple[str, str]], form: str) -> list[str]:
+    """Texts, each once and with the names of its data sets unless it applies to all."""
+    owners: dict[str, list[str]] = {}
+    for text, name in texts:
+        owners.setdefault(text, []).append(name)
+    every = len(result.materials)
+    return [
+        text if len(names) == every else form.format(text=text, names=", ".join(names))
+        for text, names in owners.items()
+    ]
 
 
 def _verdict(result: Any) -> Block:
-    count = len(result.warnings)
     if not result.converged:
         return Block("strong", NOT_CONVERGED)
+    count = len(result.warnings)
     text = f"with {count} warning{'s' * (count > 1)}" if count else "without warnings"
     return Block("text", f"The fit converged {text}.")
 
@@ -430,7 +565,7 @@ def _data_set(fit: Any) -> Item:
     if data.uncertainty is None:
         text += "no uncertainty stated (it is estimated from the scatter)"
     else:
-        text += f"uncertainty of the restitution {_range_text(data.uncertainty, 2)}"
+        text += f"uncertainty of the restitution {_range(data.uncertainty, 2)}"
     text += f" in {len(data.groups)} groups" if data.groups else ""
     text += "" if origin is None else f", from {origin.file}"
     text += f"; {fit.model.label}: {OBJECTIVES[fit.objective]}."
@@ -440,10 +575,11 @@ def _data_set(fit: Any) -> Item:
     return Item(fit.name, text, unknown if below or above else "")
 
 
-def _line(result: Any) -> list[Block]:
+def _line(line: Any) -> list[Block]:
     """Coefficients of Eq. (18), fitted to all curves and to the fitted χ̃."""
-    line = result.unloading_line
-    how = "through all curves" if line.method == "curves" else "through the fitted χ̃, weighted"
+    if line is None:
+        return []
+    words, how = LINE_METHODS[line.method]
     columns = {
         "Eq. (18), χ̃ = c1 + c2 E/Y": ["c1", "c2"],
         how: [estimate_text(line.c1), estimate_text(line.c2)],
@@ -452,11 +588,22 @@ def _line(result: Any) -> list[Block]:
         through = [estimate_text(line.through_chi[name]) for name in ("c1", "c2")]
         columns["through the fitted χ̃"] = through
     return [
-        *_headed("One line for all materials, Eq. (18)"),
-        Block("text", LINE.format(LINE_METHODS[line.method])),
+        Block("heading", "One line for all materials, Eq. (18)"),
+        Block("text", LINE.format(words)),
         Block("table", pd.DataFrame(columns)),
         *([] if line.converged else [Block("strong", "NOT CONVERGED: the fit of this line.")]),
     ]
+
+
+def _settings(result: Any) -> str:
+    """The settings of a fit in one line."""
+    settings, options = result.settings, result.request.options
+    known = ("law", "objective", "optimiser", "route", "noise", "noise_dof", "form", "kappa", "end")
+    names = [name for name in (*known, "starts", "seed") if settings.get(name) is not None]
+    parts = [f"{name.replace('_', ' ')} {settings[name]}" for name in names]
+    parts += ["scatter added to the stated uncertainties"] * options.extra_scatter
+    parts += ["a common factor of the stated uncertainties estimated"] * options.scale_uncertainty
+    return ", ".join(parts)
 
 
 def _searches(result: Any) -> Block:
@@ -482,95 +629,66 @@ def _searches(result: Any) -> Block:
         for one in stages
     ]
     table = pd.DataFrame(rows)
-    one_optimiser = (
-        len({one.optimiser for one in stages}) == 1
-    )  # then the line of settings names it
-    return Block("table", table.drop(columns="optimiser") if one_optimiser else table)
+    if len({one.optimiser for one in stages}) == 1:  # then the line of settings names it
+        table = table.drop(columns="optimiser")
+    return Block("table", table)
 
 
-def _numbers(values: list[float | None], digits: int = 4) -> list[str] | None:
-    """A column of rounded numbers; None if it contains no number."""
-    return None if set(values) == {None} else [number(value, digits) for value in values]
+def _posterior(draws: Any, result: Any) -> list[Block]:
+    """Settings of the sampler, a table of the draws, conclusions, and warnings."""
+    from calibration.fitting.posterior.diagnostics import doubts_of, not_converged, summaries
+    from calibration.fitting.posterior.draws import dataset_of
 
-
-def _estimates(
-    result: Any, printed: Printed | None = None
-) -> Iterator[tuple[str, str, symbols.Symbol, str, Estimate]]:
-    """Yield data set, parameter, symbol, label in the covariance, and estimate; pooled ones last."""
-    for fit in result.materials:
-        estimates_of = {**fit.parameters, **fit.derived}
-        # published properties of the contact, which follow from the bodies
-        computed = [name for name in (printed or {}).get(fit.name, {}) if name not in estimates_of]
-        estimates_of |= {
-            n: Estimate(float(getattr(fit.contact, n)), method="computed") for n in computed
+    found, failed = summaries(draws, result.confidence), not_converged(draws)
+    names = {name: symbols.of_label(name, result) for name in found}
+    posterior = dataset_of(draws, "posterior")
+    sizes, about = posterior.sizes, posterior.attrs
+    how = (
+        f"{sizes['chain']} chains of {sizes['draw']} draws by NUTS "
+        f"({about['inference_library']} {about['inference_library_version']}) after {about['warmup']} "
+        f"of warm-up each, seed {about['seed']}; intervals are central. Widths are compared on the "
+        "scale that is sampled, ln θ where θ is positive."
+    )
+    rows = [
+        {
+            "parameter": names[name] + (f" [{one.unit}]" if one.unit else ""),
+            "mean ± std. deviation": with_error(one.mean, one.deviation),
+            f"{100 * result.confidence:g} % interval": interval(one.low, one.high, one.deviation),
+            "R-hat": f"{one.r_hat:.3f}",
+            "ESS": f"{one.effective:.0f}",
+            "posterior/prior width": number(one.prior_share, 2),
+            "prior": one.prior or "derived",
         }
-        for name, estimate in estimates_of.items():
-            symbol = symbols.symbol(name, fit.model)
-            yield fit.name, name, symbol, fit.labels.get(name, name), estimate
-    for name, estimate in result.pooled.items():
-        base = name.removesuffix("_spread")
-        symbol = symbols.symbol(base, result.materials[0].model)
-        if base != name:
-            symbol = symbol._replace(text=f"spread of {symbol.text}")
-        yield "all together", name, symbol, name, estimate
-
-
-def _interval_from(result: Any, estimate: Estimate, label: str) -> str:
-    """Method of an interval and, for estimated noise, the degrees of freedom of its quantile."""
-    if interval_text(estimate) == ABSENT:
-        return ""
-    degrees = result.degrees_of_freedom(label)
-    is_normal = degrees is None or degrees >= MANY
-    return estimate.method + ("" if is_normal else f", dof = {number(degrees, 3)}")
-
-
-def _bodies(data: Any) -> Iterator[tuple[Any, ...]]:
-    """Yield the name of each body, then radius, mass, E, ν, ρ and Y; None if unknown."""
-    if data.contact is None:
-        yield "not stated", *[None] * 6
-    elif not data.bodies:
-        pair = data.contact.leaves()
-        effective = [pair[name] for name in ("radius", "mass", "youngs_modulus")]
-        yield "the pair, effective", *effective, None, None, pair["yield_strength"]
-    else:
-        one, two = data.bodies
-        equal = one.material == two.material and np.array_equal(one.radius, two.radius)
-        for body in data.bodies[: 1 if equal else 2]:
-            properties, mass = body.material.leaves(), None
-            if body.radius is not None:
-                mass = (
-                    4 / 3 * np.pi * np.asarray(properties["density"]) * np.asarray(body.radius) ** 3
-                )
-            text = "two equal spheres" if equal else body.name
-            yield text, body.radius, mass, *(properties[name] for name in PROPERTIES)
-
-
-def _range_text(value: Any, digits: int = 4) -> str:
-    """Text of a number, or of the range of an array."""
-    if value is None:
-        return ABSENT
-    low, high = (number(float(end(np.asarray(value))), digits) for end in (np.min, np.max))
-    return low if low == high else f"{low} to {high}"
-
-
-def _stated(parameter: Parameter) -> str:
-    parts = []
-    if parameter.prior is not None:
-        parts.append("prior {:.4g} ± {:.4g}".format(*parameter.prior))
-    if parameter.bounds is not None:
-        parts.append("between {:.4g} and {:.4g}".format(*parameter.bounds))
-    if parameter.pooled:
-        parts.append("partially pooled: a common mean with a spread (of ln θ where θ is positive)")
-    elif parameter.shared:
-        group = "all" if parameter.shared is True else f"the group {parameter.shared}"
-        parts.append(f"one value for {group}")
-    return ", ".join(parts)
-
-
-def _with_owners(result: Any, owners: Mapping[str, list[str]], form: str) -> list[str]:
-    """Texts, each with the names of its data sets unless it applies to all."""
-    every = len(result.materials)
-    return [
-        text if len(names) == every else form.format(text=text, names=", ".join(names))
-        for text, names in owners.items()
+        for name, one in found.items()
     ]
+    return [
+        Block("heading", "Posterior"),
+        Block("text", how),
+        Block("table", pd.DataFrame(rows)),
+        Block("list", [failed] if failed else _determined(found, names)),
+        Block("warnings", warning_items(doubts_of(draws), result)),
+    ]
+
+
+def _determined(found: Mapping[str, Any], names: Mapping[str, str]) -> list[str]:
+    """Sentences on which parameters the data determine, and which follow the prior."""
+    from calibration.fitting.posterior.diagnostics import FOLLOWS
+
+    kinds: dict[str, list[str]] = {"determine": [], "narrow": [], "do not determine": []}
+    wide = {
+        name: share for name, one in found.items() if (share := one.prior_share or 0) > DETERMINED
+    }
+    for name, one in found.items():
+        if name not in wide:
+            kinds["determine"].append(f"{names[name]} = {with_error(one.mean, one.deviation)}")
+        else:
+            share = f"{100 * wide[name]:.0f} % of its prior's width left"
+            kind = "narrow" if wide[name] <= FOLLOWS else "do not determine"
+            kinds[kind].append(f"{names[name]} ({share})")
+    lines = [f"The data {kind} {', '.join(names)}." for kind, names in kinds.items() if names]
+    if {"sigma", "psi"} & {name.partition("[")[0] for name in wide}:
+        lines.append(
+            "σ and ψ act through the loss that they make together: at the critical velocity it is "
+            "ε_up, which is determined; each alone only as far as the velocities below reach."
+        )
+    return lines

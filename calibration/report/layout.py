@@ -1,4 +1,4 @@
-"""Layout of report blocks: terminal text by rich, Markdown and HTML by templates."""
+"""A report is a list of blocks; here it becomes terminal text, a Markdown page or HTML."""
 
 import base64
 import html
@@ -34,9 +34,9 @@ class Block(NamedTuple):
     """A part of a report.
 
     Attributes:
-        kind: title, heading, lead, about, text, strong, code, list, items, warnings, table or picture.
-        value: a text; of a list texts; of items and warnings `Item`s; a DataFrame of texts; a picture's
-            caption and file.
+        kind: title, heading, lead, about, text, strong, code, list, warnings, table or picture.
+        value: a text; of a list texts or `Item`s; of warnings `Item`s; a DataFrame of texts; a
+            picture's caption and file.
     """
 
     kind: str
@@ -53,8 +53,7 @@ class Item(NamedTuple):
 
 def terminal(blocks: Iterable[Block]) -> str:
     """Blocks as text as wide as the terminal; titles and pictures are left out."""
-    lines = filter(None, map(_lines, blocks))
-    return "\n\n".join("\n".join(block) for block in lines)
+    return "\n\n".join("\n".join(lines) for lines in map(_lines, blocks) if lines)
 
 
 def markdown(blocks: Iterable[Block]) -> str:
@@ -65,15 +64,15 @@ def markdown(blocks: Iterable[Block]) -> str:
 
 def page(blocks: Sequence[Block], folder: Path | None = None) -> str:
     """HTML of blocks: a full page with the pictures of a folder, or a fragment without."""
-    shown = []
-    for block in blocks:
-        if block.kind == "picture" and folder is not None:
-            caption, name = block.value
-            png = (folder / name).read_bytes()
-            least = int(LEAST * int.from_bytes(png[16:20], "big"))
-            block = Block("picture", (caption, base64.b64encode(png).decode("ascii"), least))
-        shown.append(block)
-    return _template("report.html").render(blocks=shown, whole=folder is not None)
+
+    def embedded(name: str) -> tuple[int, str]:
+        """Least width [pixels], and the file in base 64."""
+        png = (folder / name).read_bytes()  # type: ignore[operator]
+        least = int(LEAST * int.from_bytes(png[16:20], "big"))
+        return least, base64.b64encode(png).decode("ascii")
+
+    whole = folder is not None
+    return _template("report.html").render(blocks=blocks, whole=whole, embedded=embedded)
 
 
 def table_text(table: pd.DataFrame) -> str:
@@ -85,8 +84,8 @@ def table_text(table: pd.DataFrame) -> str:
     shown = Table(box=box.SIMPLE_HEAD, header_style="", **look)
     cells = [[printable(str(cell)) for cell in row] for row in table.itertuples(index=False)]
     for name, column in zip(table.columns, zip(*cells, strict=True), strict=False):
-        right = all(map(_is_number, column))
-        shown.add_column(Text(printable(name)), justify="right" if right else "left", no_wrap=True)
+        side: Any = "right" if _are_numbers(column) else "left"
+        shown.add_column(Text(printable(name)), justify=side, no_wrap=True)
     for row in cells:
         shown.add_row(*map(Text, row))
     file = io.StringIO()
@@ -95,12 +94,12 @@ def table_text(table: pd.DataFrame) -> str:
     lines = [line.rstrip() for line in file.getvalue().splitlines()]
     if max(map(cell_len, lines)) <= (console.columns() or math.inf):
         return "\n".join(lines)
-    below = []
+    lines = []
     for first, *rest in cells:
-        below.append(f"{table.columns[0]}: {first}" if first else "")
+        lines.append(f"{table.columns[0]}: {first}" if first else "")
         pairs = zip(table.columns[1:], rest, strict=True)
-        below += [f"  {name}: {cell}" for name, cell in pairs if cell]
-    return "\n".join(below)
+        lines += [f"  {name}: {cell}" for name, cell in pairs if cell]
+    return "\n".join(lines)
 
 
 def _lines(block: Block) -> list[str]:
@@ -109,12 +108,12 @@ def _lines(block: Block) -> list[str]:
         return []
     if kind == "table":
         return [table_text(value)]
-    if kind == "list":
-        return console.wrapped(map(printable, value), "  ", "    ")
-    if kind in ("items", "warnings"):
-        texts = (printable(f"{one.name}{one.text} {one.advice}") for one in value)
-        lines = console.wrapped(texts, "  ! ", "    ")
-        return ["Warnings:", *lines] if lines else ["No warnings."]
+    if kind in ("list", "warnings"):
+        texts = [one if isinstance(one, str) else f"{one[0]}{one[1]} {one[2]}" for one in value]
+        mark = "  ! " if kind == "warnings" else "  "
+        lines = console.wrapped(map(printable, texts), mark, "    ")
+        head = ["Warnings:" if lines else "No warnings."] if kind == "warnings" else []
+        return head + lines
     return console.wrapped(map(printable, value.splitlines()))
 
 
@@ -131,11 +130,12 @@ def _template(name: str) -> jinja2.Template:
         keep_trailing_newline=True,
         undefined=jinja2.StrictUndefined,
     )
-    environment.filters["prose"] = _prose_html if is_page else _prose
-    environment.filters["advice"] = lambda text: Markup(f" *{_prose(text)}*" if text else "")
-    environment.filters["code"] = _code
-    environment.filters["row"] = lambda cells: Markup(f"| {' | '.join(map(_escaped, cells))} |")
-    environment.tests["of_numbers"] = lambda column: all(map(_is_number, column))
+    environment.filters |= {
+        "prose": _prose_html if is_page else _prose,
+        "code": _code,
+        "row": lambda cells: Markup(f"| {' | '.join(map(_escaped, cells))} |"),
+    }
+    environment.tests["of_numbers"] = _are_numbers
     return environment.get_template(name)
 
 
@@ -169,11 +169,9 @@ def _code(text: str) -> Markup:
     return Markup(f"{marks}{space}{printable(text)}{space}{marks}")
 
 
-def _is_number(cell: Any) -> bool:
-    if cell in ("", ABSENT):
-        return True
+def _are_numbers(column: Iterable[Any]) -> bool:
     try:
-        float(cell)
+        [float(cell) for cell in column if cell not in ("", ABSENT)]
     except ValueError:
         return False
     return True

@@ -204,7 +204,7 @@ FLOORS = [
     {"lazily", "errors", "rounding", "schema", "options", "output", "console", "observables"},
     {"parameters", "paper", "data"},
     {"fitting", "symbols"},
-    {"curves", "lookup_table", "studies"},
+    {"curves", "studies"},
     {"plots"},
     {"report"},
     {"commands", "speed", "particle_codes"},
