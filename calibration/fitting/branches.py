@@ -86,8 +86,8 @@ def _elastic_at(problem: Problem, z) -> Bool[np.ndarray, "points"]:
 def _changes(problem: Problem, z, k: int) -> Float[np.ndarray, "points"]:
     """Value of an element at which each point changes its branch; NaN for points that never do."""
     name = problem.elements[k].name
-    rows = problem.laws.rows
-    moves = rows.element[rows.names.index(name)][rows.row] == k
+    laws = problem.laws
+    moves = laws.element[laws.names.index(name)][laws.row] == k
     power = POWERS[name.removeprefix(OF_CONTACT)]
     here = problem.transform.part(np.array([k]))
     theta = here.physical(z[k : k + 1])

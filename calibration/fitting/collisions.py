@@ -1,12 +1,16 @@
-"""Predicted observables of impacts, with derivatives in the law's leaves: all collisions of a fit.
+"""Laws of all points from the parameters, and what their impacts are predicted to show.
+
+Points with the same contact and the same parameters have one law: a row. Usually a data set is one
+row; where its contact differs from impact to impact each point is one.
 
 Impacts are independent of each other, so they go through one compiled function in blocks of one
-size. It is compiled once for a type of law, a route, an observable and a set of leaves that move: any number
-of impacts, of fits side by side, of data sets and of parameters behind the leaves. Of ε it is ε², signed;
-the others are in SI.
+size. It is compiled once for a type of law, a route, an observable and a set of leaves that move: any
+number of impacts, of fits side by side, of data sets and of parameters behind the leaves.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -15,9 +19,14 @@ import numpy as np
 from jaxtyping import Float, Int
 
 import softjax as sj
+from calibration.errors import DataError
+from calibration.fitting.laws import CONTACT_LEAVES, OF_CONTACT, LawModel, built
 from calibration.observables import RESTITUTION, predicted
 from softjax.batching import quick_to_compile
 from softjax.fields import whole_fields
+
+PROBES = 3  # places at which it is looked which leaves move
+FEW_ROWS = 128  # that are built at once
 
 # A block costs what it costs, filled or not, and each size is compiled for itself: small ones for
 # all but very many impacts. Measured, value and three slopes: 256 impacts take 0.18 ms by the energy
@@ -31,12 +40,15 @@ BENT_SQUARED = 1e-7  # the same of what a fit is judged by
 
 Route = sj.EnergyBalance | sj.ClosedForm | sj.ODE | None
 ROUTES: dict[str, Any] = {route.name: route for route in (sj.ODE, sj.EnergyBalance, sj.ClosedForm)}
+# one data set: how many points it has, its contact, and of each local parameter, by name, which
+# element of the fit it is (-1: held), and at what it is held, one number or one a point
+SetOfRows = tuple[int, sj.Contact | None, Mapping[str, tuple[int, Any]]]
 
 
 class LawShape(NamedTuple):
     """The structure of a law, hashable: what is compiled for."""
 
-    tree: Any  # its structure
+    tree: Any
     names: tuple[str, ...]  # of its leaves, "contact.radius", "chi"
     whole: tuple[bool, ...]  # which leaves are whole for all impacts
     route: Route  # what suits the law
@@ -50,12 +62,163 @@ class LawShape(NamedTuple):
         return cls(tree, names, whole, law.default_route())
 
 
-class Expansion(NamedTuple):
-    """An observable of m impacts around the leaves they have."""
+@dataclass(frozen=True)
+class Laws:
+    """The laws of a problem's rows, each of q local parameters."""
 
-    value: Float[np.ndarray, "m"]  # ε², signed, or another observable in SI, (m,)
-    slopes: Float[np.ndarray, "a m"]  # along each moving number of the leaves, (a, m)
-    status: Int[np.ndarray, "m"]  # `softjax.Status`, (m,)
+    model: LawModel
+    contact: Mapping[str, np.ndarray] | None  # leaves of the contacts by name, each (rows,)
+    area: str
+    names: tuple[str, ...]  # of the local parameters, those of the contact among them
+    element: Int[np.ndarray, "q rows"]  # which element of the fit each is, -1 where it is held
+    held: Float[np.ndarray, "q rows"]  # at what
+    row: Int[np.ndarray, "points"]  # of each point
+    shape: Any = None  # see `bind`
+    sizes: tuple[int, ...] = ()  # how many numbers each leaf of a law has
+    free: tuple[int, ...] = ()  # which local parameters are differentiated
+    moving: tuple[int, ...] = ()  # which leaves of the law move with them
+    direct: bool = False  # whether the leaves are the parameters themselves, not to be built
+
+    @classmethod
+    def of(cls, model: LawModel, sets: Sequence[SetOfRows]) -> "Laws":
+        """One row for a data set, or one for each point if contact or parameters differ in it.
+
+        Without contacts where a set has none: a law that can do without is the same with one.
+
+        Raises:
+            ValueError: for contacts of different areas.
+        """
+        contacts = [contact for _, contact, _ in sets if contact is not None]
+        takes = model.takes_contact and len(contacts) == len(sets)
+        names = tuple(sets[0][2])
+        element, held, leaves, row, first = [], [], [], [], 0
+        for k, (points, _, local) in enumerate(sets):
+            which, values = (
+                zip(*(local[name] for name in names), strict=True) if names else ((), ())
+            )
+            own = [contacts[k].leaves()[name] for name in CONTACT_LEAVES] if takes else []
+            count = points if any(np.ndim(value) for value in [*values, *own]) else 1
+            for found, some in ((element, which), (held, values), (leaves, own)):
+                rows = [np.broadcast_to(np.asarray(value, float), count) for value in some]
+                found.append(np.array(rows).reshape(len(some), count))
+            row.append(first + (np.arange(count) if count > 1 else np.zeros(points, int)))
+            first += count
+        elements, numbers, of_contacts = (np.hstack(parts) for parts in (element, held, leaves))
+        contact = dict(zip(CONTACT_LEAVES, of_contacts, strict=True)) if takes else None
+        areas = sorted({one.area for one in contacts})
+        if len(areas) > 1:
+            raise DataError("area", areas, "the same for contacts that share a parameter")
+        area = areas[0] if areas else "zhou"
+        return cls(model, contact, area, names, elements.astype(int), numbers, np.concatenate(row))
+
+    @property
+    def size(self) -> int:
+        """How many rows there are."""
+        return self.element.shape[1]
+
+    def law(self, theta: Any, rows: Any, xp: Any = np) -> sj.ContactLaw:
+        """The law of one row, of single numbers, or of several, of arrays; of NumPy or JAX."""
+        values: dict[str, Any] = {}
+        for name, element, held in zip(self.names, self.element, self.held, strict=True):
+            at = np.ravel(rows)[0] if "[" in name else rows  # networks are whole for all rows
+            place, values[name] = element[at], held[at]
+            if np.any(place >= 0):
+                values[name] = xp.where(place >= 0, theta[place], held[at])
+        contact = None
+        if self.contact is not None:
+            leaves = {name: leaf[rows] for name, leaf in self.contact.items()}
+            contact = sj.Contact(**leaves, area=self.area)
+        if xp is np:
+            values = self.model.inside({name: float(value) for name, value in values.items()})
+        return self.model.law(contact, values)
+
+    def of_points(self, theta: Any, points: Any) -> sj.ContactLaw:
+        """The law of some points in JAX, of single numbers where they have one row."""
+        rows = self.row[points]
+        return self.law(theta, rows[0] if np.all(rows == rows[0]) else rows, jnp)
+
+    def bind(self, theta: Float[np.ndarray, "p"], active: Sequence[int] | np.ndarray) -> "Laws":
+        """The same with the structure of the laws, and which of their leaves move with active elements."""
+        law = self.law(theta, 0)
+        shape, leaves = LawShape.of(law), jax.tree.leaves(law)
+        free = np.flatnonzero(np.any(np.isin(self.element, list(active)), axis=1)).tolist()
+        sizes, direct = tuple(map(int, map(np.size, leaves))), self.model.direct
+        if direct and not self.model.trees:
+            moving = [shape.names.index(self.names[k]) for k in free]
+            return replace(
+                self, shape=shape, sizes=sizes, free=tuple(free), moving=tuple(moving), direct=True
+            )
+        every = tuple(range(len(sizes))) if free else ()
+        found = replace(self, shape=shape, sizes=sizes, free=tuple(free), moving=every)
+        if not free:
+            return found
+        random = np.random.default_rng(0)
+        near = np.asarray(theta) * (1 + 0.1 * random.random((PROBES, len(theta))))
+        slopes = found.leaves(near)[1]
+        assert slopes is not None
+        acts = np.split(np.any(slopes != 0, axis=(0, 1, 3)), np.cumsum(sizes)[:-1])
+        return replace(found, moving=tuple(k for k, part in enumerate(acts) if np.any(part)))
+
+    def leaves(self, theta: Float[np.ndarray, "fits p"]):
+        """Leaves of the laws, a list of (fits, rows, ...), and their slopes in the free local parameters.
+
+        These are of the moving numbers, (fits, rows, a, free); None where a moving leaf is a parameter.
+        """
+        padded = np.concatenate([theta, np.zeros((len(theta), 1))], axis=1)
+        found = np.moveaxis(padded[:, self.element], 1, 0)
+        local = np.where(self.element[:, None] >= 0, found, self.held[:, None])
+        fits, count = local.shape[1:]
+        contact = self.contact or {}
+        if self.direct:
+            every = {
+                OF_CONTACT + name: np.broadcast_to(leaf, local.shape[1:])
+                for name, leaf in contact.items()
+            }
+            every |= dict(zip(self.names, local, strict=True))
+            return [every[name] for name in self.shape.names], None
+        flat = {
+            name: _padded(np.ravel(values)) for name, values in zip(self.names, local, strict=True)
+        }
+        tiled = {name: _padded(np.tile(leaf, fits)) for name, leaf in contact.items()}
+        model, free = self.model, tuple(self.names[k] for k in self.free)
+        values, slopes = _build(
+            tiled or None, flat, model.build, model.takes_contact, self.area, free, model.trees
+        )
+        apart = lambda a: np.asarray(a)[: fits * count].reshape(fits, count, *a.shape[1:])  # noqa: E731
+        leaves = [apart(leaf) for leaf in values]
+        if not self.moving:
+            return leaves, None
+        parts = [apart(slopes[k]) for k in self.moving]
+        joined = [part.reshape(fits, count, -1, part.shape[-1]) for part in parts]
+        return leaves, np.concatenate(joined, axis=2)
+
+
+def _padded(values: np.ndarray) -> np.ndarray:
+    """Filled up to a power of eight rows by the last, so that few sizes are compiled."""
+    size = FEW_ROWS
+    while size < len(values):
+        size *= 8
+    return _filled(values, size)
+
+
+@partial(jax.jit, static_argnames=("build", "takes_contact", "area", "free", "trees"))
+def _build(contact, values, build, takes_contact: bool, area: str, free, trees):
+    """The leaves of the laws of many rows, and their slopes in the free local parameters."""
+
+    def leaves_of(some, contact, values):
+        pair = None if contact is None else sj.Contact(**contact, area=area)
+        law = built(build, takes_contact, trees, pair, values | some)
+        return [jnp.asarray(leaf, float) for leaf in jax.tree.leaves(law)]
+
+    def one(contact, values):
+        some = {name: values[name] for name in free}
+        if not free:
+            return leaves_of(some, contact, values), []
+        slopes = jax.jacfwd(leaves_of)(some, contact, values)
+        stacked = [jnp.stack([leaf[name] for name in free], -1) for leaf in slopes]
+        return leaves_of(some, contact, values), stacked
+
+    return jax.vmap(one)(contact, values)
 
 
 def expand(
@@ -66,8 +229,10 @@ def expand(
     route: Route,
     elastic: np.ndarray | None = None,
     observable: str = RESTITUTION,
-) -> Expansion:
-    """Values and slopes, impact by impact.
+) -> list[np.ndarray]:
+    """Predictions of m impacts, their slopes along each moving number of the leaves (a, m), and the status.
+
+    Of ε it is ε², signed; of other observables they are in SI.
 
     Args:
         leaves: of the law; each of one value an impact, (m,), or, where it is whole, an array an
@@ -92,9 +257,10 @@ def expand(
     # all blocks have begun before the first is waited for
     pairs = zip(begun, filled, strict=True)
     parts = [[np.asarray(a)[..., :count] for a in block] for block, count in pairs]
-    if len(parts) == 1:
-        return Expansion(*parts[0])
-    return Expansion(*(np.concatenate(every, -1) for every in zip(*parts, strict=True)))
+    return [
+        np.concatenate(every, -1) if len(parts) > 1 else every[0]
+        for every in zip(*parts, strict=True)
+    ]
 
 
 def _blocks(count: int, route: Route) -> Iterator[tuple[slice, int]]:
@@ -109,7 +275,7 @@ def _blocks(count: int, route: Route) -> Iterator[tuple[slice, int]]:
 
 
 def _filled(values: np.ndarray, size: int) -> np.ndarray:
-    """The block, padded to its size with its last row."""
+    """Padded to a size with the last row."""
     missing = size - len(values)
     return np.concatenate([values, np.repeat(values[-1:], missing, 0)]) if missing else values
 
@@ -173,21 +339,15 @@ def _seeds(chosen):
     return [part.reshape(len(eye), *leaf.shape[1:])[:, None] for part, leaf in parts]
 
 
-def extended_root(squared: np.ndarray) -> np.ndarray:
-    """√(ε²), continued with a slope to where nothing rebounds, so that a search finds its way back.
+def extended_root(squared: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """√(ε²), continued with a slope to where nothing rebounds, and that slope: what guides a search.
 
-    For ε² < s = 1e-6 it is 2√s - √(2s - ε²). It guides a search; what a fit is judged by is `root`.
+    For ε² < s = 1e-6 it is 2√s - √(2s - ε²).
     """
     s = TINY_SQUARED
     inside = squared > s
-    root = np.sqrt(np.where(inside, squared, s))
-    return np.where(inside, root, 2 * s**0.5 - np.sqrt(2 * s - np.where(inside, s, squared)))
-
-
-def extended_root_slope(squared: np.ndarray) -> np.ndarray:
-    """Its derivative."""
-    s = TINY_SQUARED
-    return 0.5 / np.sqrt(np.where(squared > s, squared, 2 * s - np.minimum(squared, s)))
+    root = np.sqrt(np.where(inside, squared, 2 * s - np.minimum(squared, s)))
+    return np.where(inside, root, 2 * s**0.5 - root), 0.5 / root
 
 
 def root(squared: Any, xp: Any = np) -> Any:
@@ -206,6 +366,5 @@ def root_slope(squared: np.ndarray) -> np.ndarray:
     """Its derivative."""
     s = BENT_SQUARED
     u = np.clip((squared + s) / (2 * s), 0.0, 1.0)
-    return np.where(
-        squared > s, 0.5 / np.sqrt(np.maximum(squared, s)), (4 - 3 * u) * u / (2 * s**0.5)
-    )
+    plain = 0.5 / np.sqrt(np.maximum(squared, s))
+    return np.where(squared > s, plain, (4 - 3 * u) * u / (2 * s**0.5))

@@ -17,12 +17,11 @@ import softjax as sj
 from calibration.data import PointErrors, RestitutionData
 from calibration.data.checks import require
 from calibration.errors import DataError, listed
-from calibration.fitting.collisions import Route
+from calibration.fitting.collisions import Laws, Route
 from calibration.fitting.errors import Errors
 from calibration.fitting.laws import OF_CONTACT, model_of_class
 from calibration.fitting.material import Band, Goodness, MaterialFit
 from calibration.fitting.problem import Element, Points, Problem, block_name
-from calibration.fitting.rows import Rows, SetRows
 from calibration.fitting.uncertainty import Freedom, quantile
 from calibration.observables import PLACES, RESTITUTION
 from calibration.parameters import Parameter, Transform
@@ -52,7 +51,7 @@ def curve_and_slopes(
         problem = curve_problem(material, velocity, route, observable)
         theta = np.array([e.start for e in problem.elements])
         found = problem.linearise(theta[None])
-    return found.prediction[0], found.jacobian[0]
+    return found.prediction[0], found.per[0]
 
 
 def band(
@@ -152,7 +151,7 @@ def curve_problem(
     elements = tuple(_element(material, name) for name in free)
     places = {name: k for k, name in enumerate(free)}
     local = {name: (places.get(name, -1), value) for name, value in material.values.items()}
-    rows = Rows.of(model, [SetRows(len(velocity), data.contact, local)])
+    laws = Laws.of(model, [(len(velocity), data.contact, local)])
     theta = np.array([e.start for e in elements])
     every = np.arange(len(free))
     ones, code = np.ones(len(velocity)), np.full(len(velocity), PLACES[observable])
@@ -160,7 +159,7 @@ def curve_problem(
         (data,),
         elements,
         Transform.of([WIDE] * len(free), [None] * len(free)),
-        rows.bind(theta, every),
+        laws.bind(theta, every),
         Points(velocity, 0 * ones, ones, np.zeros(len(ones), int), code, ones, 0 * ones),
         every,
         route,

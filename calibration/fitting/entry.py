@@ -22,10 +22,10 @@ from calibration.fitting.problem import DRAG
 from calibration.fitting.profiles import Profile, estimates, profiles_of
 from calibration.fitting.request import Progress, Request, datasets_of
 from calibration.fitting.result import FitResult
+from calibration.fitting.search import OPTIMISERS
 from calibration.fitting.stages import ComponentFit, fit_component, likelihood_of
-from calibration.fitting.steps import OPTIMISERS
 from calibration.fitting.summary import component_warnings, summarise_material
-from calibration.fitting.variances import of_all as pooled_of
+from calibration.fitting.variances import pooled_estimates
 from calibration.fitting.warnings import FitWarning
 from calibration.options import FitOptions, documented
 
@@ -137,7 +137,7 @@ def _fitted(request: Request) -> FitResult:
         settings=_settings(request, fits),
         versions={name: _version(name) for name in PACKAGES},
         times={stage.report.label: stage.seconds for stage in stages},
-        pooled=pooled_of(fits, request.options.confidence) | of_drag,
+        pooled=pooled_estimates(fits, request.options.confidence) | of_drag,
         fits=tuple(fits),
     )
 

@@ -161,6 +161,13 @@ class Errors:
         u_v = 0.0 * velocity if points.shares else errors._of_velocity
         return replace(errors, shift=_expected_shift(velocity, u_v, power))
 
+    @classmethod
+    def known(cls, velocity: np.ndarray, variance: Any) -> "Errors":
+        """Independent errors of known variance."""
+        deviation = np.sqrt(variance + np.zeros(len(velocity)))
+        points = PointErrors.alone(len(velocity), np.maximum(deviation, 1e-150))
+        return cls(points, None, (), None, None, velocity, np.inf)
+
     def __len__(self) -> int:
         return len(self.velocity)
 
@@ -276,10 +283,6 @@ class Errors:
         rows = self._levelled(factor, x[..., None], 0.5, xp)
         return self._applied(factor.lower, rows, xp)[..., 0]
 
-    def spread(self, factor: Factor, x: Any, xp: Any = np) -> Any:
-        """Kᵀ x: what each standard normal error of `colour` makes in xᵀ."""
-        return self._levelled(factor, self._applied(factor.lower, x, xp, turned=True), 0.5, xp)
-
     def times(self, factor: Factor, x: Any, xp: Any = np) -> Any:
         """V x."""
         rows = self._levelled(factor, self._applied(factor.lower, x, xp, turned=True), 1.0, xp)
@@ -328,15 +331,14 @@ class Errors:
             share = factor.offset / (1 + factor.offset * factor.per)
         parts = []
         for lower, (members, incidence) in zip(factor.lower, self._launches, strict=True):
-            inverse, q = np.linalg.inv(lower), _gathered(solved[..., None], members, np)
+            inverse, q = np.linalg.inv(lower), solved[..., members, None]
             inner = np.swapaxes(inverse, -1, -2) @ inverse - q @ np.swapaxes(q, -1, -2)
             if level is not None:
-                h = _gathered(level, members, np)
+                h = level[..., members, :]
                 of_group = share[..., self.group[members[:, 0]], None, None]  # type: ignore[index]
                 inner -= of_group * h @ np.swapaxes(h, -1, -2)
             spread, turned = (
-                np.einsum("...bik,bike->...bie", _gathered(a, members, np), incidence)
-                for a in (f, w)
+                np.einsum("...bik,bike->...bie", a[..., members, :], incidence) for a in (f, w)
             )
             mixed = turned @ np.swapaxes(spread, -1, -2)
             parts.append((inner * mixed).sum(-1).reshape(*lower.shape[:-3], -1))
@@ -395,12 +397,6 @@ class Errors:
             log_unit=self.log_unit if np.ndim(self.log_unit) == 0 else self.log_unit[rows],
         )
 
-    def units(self) -> list[np.ndarray]:
-        """The points of each group; single points where there are no groups."""
-        if self.group is None:
-            return list(np.arange(len(self))[:, None])
-        return np.split(self._order, self._starts[1:])
-
     # ------------------------------------------------------------------ inside
 
     def _size(self, s: Variances) -> Any:
@@ -439,9 +435,9 @@ class Errors:
 
     @cached_property
     def _launches(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Points joined by input errors, those of about one size together.
+        """Points joined by input errors, those of one number together.
 
-        Members (b, m), filled up by n, and which input error of the launch each enters, (b, m, 3, e).
+        Members (b, m), and which input error of the launch each enters, (b, m, 3, e).
         """
         from scipy.sparse import coo_matrix, csgraph
 
@@ -453,17 +449,12 @@ class Errors:
         codes = np.unique(csgraph.connected_components(ties, False)[1][:n], return_inverse=True)[1]
         order = np.argsort(codes, kind="stable")
         every = np.split(order, np.flatnonzero(np.diff(codes[order])) + 1)
-        widths = np.array([1 << (len(one) - 1).bit_length() for one in every])
         found = []
-        for width in np.unique(widths):
-            chosen = [every[k] for k in np.flatnonzero(widths == width)]
-            m = max(map(len, chosen))
-            members = np.array([np.append(one, np.full(m - len(one), n)) for one in chosen])
-            local = np.full((len(chosen), m, index.shape[1]), -1)
-            for b, one in enumerate(chosen):
-                own = index[one]
-                names = np.unique(own[own >= 0])
-                local[b, : len(one)] = np.where(own >= 0, np.searchsorted(names, own), -1)
+        for width in sorted({len(one) for one in every}):
+            members = np.array([one for one in every if len(one) == width])
+            local = np.full((*members.shape, index.shape[1]), -1)
+            for b, own in enumerate(index[members]):
+                local[b] = np.where(own >= 0, np.searchsorted(np.unique(own[own >= 0]), own), -1)
             incidence = local[..., None] == np.arange(int(local.max()) + 1)
             found.append((members, incidence.astype(float)))
         return found
@@ -471,10 +462,7 @@ class Errors:
     @cached_property
     def _back(self) -> np.ndarray:
         """Position of each point among the members of the launches."""
-        members = np.concatenate([one.ravel() for one, _ in self._launches])
-        place = np.empty(len(self) + 1, int)
-        place[members] = np.arange(len(members))
-        return place[: len(self)]
+        return np.argsort(np.concatenate([one.ravel() for one, _ in self._launches]))
 
     @cached_property
     def _order(self) -> np.ndarray:
@@ -493,13 +481,13 @@ class Errors:
         return f * self.points.sizes_at(1.0) * size[..., None]
 
     def _blocks(self, s: Variances, slope: Any, bend: Any, xp: Any) -> list[Any]:
-        """V of the launches without the groups' part; points that fill a block up count for nothing."""
+        """V of the launches without the groups' part."""
         f = self._factors(s, slope, xp)
         alone = self.variance(s, slope, bend) + xp.zeros(len(self)) - (f**2).sum(-1)
         found = []
         for members, incidence in self._launches:
-            spread = xp.einsum("...bik,bike->...bie", _gathered(f, members, xp), incidence)
-            own = _gathered(alone[..., None], members, xp, 1.0)
+            spread = xp.einsum("...bik,bike->...bie", f[..., members, :], incidence)
+            own = alone[..., members, None]
             block = spread @ xp.swapaxes(spread, -1, -2)
             found.append(block + own * np.eye(members.shape[1]))
         return found
@@ -521,7 +509,7 @@ class Errors:
     def _by_launch(self, of_block: Any, lower: Any, x: Any, xp: Any) -> Any:
         parts = []
         for one, (members, _) in zip(lower, self._launches, strict=True):
-            rows = of_block(one, _gathered(x, members, xp))
+            rows = of_block(one, x[..., members, :])
             parts.append(rows.reshape(*rows.shape[:-3], -1, rows.shape[-1]))
         return xp.concatenate(parts, -2)[..., self._back, :]
 
@@ -574,9 +562,3 @@ def _with_power(points: PointErrors, velocity: np.ndarray) -> tuple[PointErrors,
 def _over(value: Any) -> Any:
     """A variance of each fit, shaped to broadcast against its points."""
     return value[..., None] if np.ndim(value) else value
-
-
-def _gathered(x: Any, members: np.ndarray, xp: Any, filled: float = 0.0) -> Any:
-    """Rows of (..., n, k) by launch, (..., b, m, k)."""
-    last = xp.full((*x.shape[:-2], 1, x.shape[-1]), filled)
-    return xp.concatenate([x, last], -2)[..., members, :]

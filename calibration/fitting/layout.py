@@ -13,7 +13,7 @@ from calibration.data import RestitutionData
 from calibration.data.air import UNCERTAIN
 from calibration.errors import DataError
 from calibration.fitting.branches import held_at
-from calibration.fitting.collisions import Route
+from calibration.fitting.collisions import Laws, Route
 from calibration.fitting.laws import (
     CONTACT_LEAVES,
     MOVE_YIELD,
@@ -25,7 +25,6 @@ from calibration.fitting.laws import (
 )
 from calibration.fitting.problem import DRAG, Element, Points, Problem, pools_of
 from calibration.fitting.request import Request, SetSpec, blocks_of, placed
-from calibration.fitting.rows import Rows, SetRows
 from calibration.observables import OBSERVABLES, PLACES, RESTITUTION
 from calibration.parameters import Parameter, Transform
 from softjax.fields import Declared
@@ -204,7 +203,7 @@ def _stages(component: Component, route: Route):
 
 
 def _problem(
-    component: Component, rows: Rows, active: list[int], route: Route, more: Sequence[int] = ()
+    component: Component, rows: Laws, active: list[int], route: Route, more: Sequence[int] = ()
 ) -> Problem:
     elements = component.elements
     transform = Transform.of([e.range for e in elements], [e.parameter.transform for e in elements])
@@ -274,7 +273,7 @@ def by_drag_of(data: RestitutionData, observable: str = RESTITUTION) -> np.ndarr
     return np.where(np.isfinite(eps), np.clip(power, *POWERS) * smooth * slower - of_eps, 0.0)
 
 
-def _rows(component: Component, model: LawModel, names: Mapping[str, str]) -> Rows:
+def _rows(component: Component, model: LawModel, names: Mapping[str, str]) -> Laws:
     """Rows of one law for all data sets, from the element of each of its parameters.
 
     What is said for other sets alone has the value of this one's contact.
@@ -289,5 +288,5 @@ def _rows(component: Component, model: LawModel, names: Mapping[str, str]) -> Ro
             bodies[LIMIT] = spec.data.limit_velocity
         known = bodies | start
         local = {name: (places.get(full, -1), known.get(full)) for name, full in names.items()}
-        sets.append(SetRows(len(spec.data), spec.data.contact, local))
-    return Rows.of(model, sets)
+        sets.append((len(spec.data), spec.data.contact, local))
+    return Laws.of(model, sets)

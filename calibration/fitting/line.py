@@ -17,7 +17,7 @@ Source: Paule and Mandel, J. Res. Natl. Bur. Stand. 87, 377 (1982), of s.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import numpy as np
@@ -60,15 +60,6 @@ class LineMaterial:
     psi: float | None = None
 
 
-class Loss(NamedTuple):
-    """ε_up, σ or ψ of the further material, on the scale where it is taken as normal."""
-
-    name: str
-    centre: float
-    error: float
-    degrees: float
-
-
 @dataclass(frozen=True)
 class Line:
     """Eq. (18), χ̃ = c1 + c2 E/Y, through all materials.
@@ -102,14 +93,13 @@ class Line:
     @property
     def scatter(self) -> float | None:
         """Relative standard deviation of χ̃ about the line in addition to the fits' errors; None: unknown."""
-        if len(self.materials) < 3:
-            return None
-        return _scatter(self._line(self._ratios), self._chi, self._errors, len(self.materials) - 2)
+        ratio, chi, error = self._columns
+        return None if len(chi) < 3 else _scatter(self._line(ratio), chi, error)
 
     @property
     def range(self) -> tuple[float, float]:
         """The lowest and the highest E/Y of the fitted materials."""
-        return float(np.min(self._ratios)), float(np.max(self._ratios))
+        return float(np.min(self._columns[0])), float(np.max(self._columns[0]))
 
     def unloading_factor(self, contact: sj.Contact, confidence: float | None = None) -> Estimate:
         """χ̃ that the line gives a further material.
@@ -122,17 +112,16 @@ class Line:
     def at(self, ratio: float, confidence: float | None = None) -> Estimate:
         """χ̃ at some E/Y."""
         level = self.confidence if confidence is None else checked_confidence(confidence)
-        value, scatter = float(self._line(ratio)), self.scatter
+        value, scatter = float(self._line(ratio)), self.scatter or 0.0
         if not value > 0:
             raise DataError("E/Y", ratio, f"such that c1 + c2 E/Y is positive; it is {value:.4g}")
-        covariance = self.covariance
-        if scatter or (covariance is None and np.all(self._errors > 0)):
-            variance = self._errors**2 + ((scatter or 0.0) * self._line(self._ratios)) ** 2
-            covariance = _least_squares(self._ratios, self._chi, variance)[1]
+        covariance, (x, y, u) = self.covariance, self._columns
+        if scatter or (covariance is None and np.all(u > 0)):
+            covariance = _least_squares(x, y, u**2 + (scatter * self._line(x)) ** 2)[1]
         if covariance is None:
             return Estimate(value, method="derived")
         at = np.array([1.0, ratio])
-        error = float(at @ np.asarray(covariance) @ at + ((scatter or 0.0) * value) ** 2) ** 0.5
+        error = float(at @ np.asarray(covariance) @ at + (scatter * value) ** 2) ** 0.5
         # χ̃ is positive: in its logarithm
         reach = float(quantile(level, self._degrees)) * error / value
         low, high = value * np.exp(-reach), value * np.exp(min(reach, 700.0))
@@ -159,7 +148,7 @@ class Line:
         self._check(contact)
         losses, given = self._losses(eps_up, sigma, psi)
         chi = self.unloading_factor(contact).value
-        return self._law(contact, chi, given | {one.name: one.centre for one in losses})
+        return self._law(contact, chi, given | {name: mean for name, (mean, *_) in losses.items()})
 
     def band(
         self,
@@ -191,7 +180,7 @@ class Line:
         flat = velocity.ravel()
         require("velocity", flat, lambda v: v >= 0, "a speed of 0 m/s or more")
         chi = self.unloading_factor(contact, level)
-        centres = given | {one.name: one.centre for one in losses}
+        centres = given | {name: mean for name, (mean, *_) in losses.items()}
 
         def curve(value: float | None = chi.value, **moved: float) -> np.ndarray:
             law = self._law(contact, value, centres | moved)
@@ -200,20 +189,18 @@ class Line:
 
         value = curve()
         moved = [(curve(chi.low), curve(chi.high), float(quantile(level, self._degrees)))]
-        for one in losses:
-            reach = float(quantile(level, one.degrees))
-            low, high = (curve(**{one.name: one.centre + s * reach * one.error}) for s in (-1, 1))
+        for name, (mean, error, degrees) in losses.items():
+            reach = float(quantile(level, degrees))
+            low, high = (curve(**{name: mean + side * reach * error}) for side in (-1, 1))
             moved.append((low, high, reach))
-        down, up, error = np.zeros(flat.shape), np.zeros(flat.shape), np.zeros(flat.shape)
-        for low, high, reach in moved:
-            down += np.maximum(value - np.minimum(low, high), 0.0) ** 2
-            up += np.maximum(np.maximum(low, high) - value, 0.0) ** 2
-            error += (0.5 * (high - low) / reach) ** 2
-        low, high = np.maximum(value - np.sqrt(down), 0.0), np.minimum(value + np.sqrt(up), 1.0)
+        ends = [(np.minimum(a, b), np.maximum(a, b)) for a, b, _ in moved]
+        down = np.sqrt(sum(np.maximum(value - low, 0.0) ** 2 for low, _ in ends))
+        up = np.sqrt(sum(np.maximum(high - value, 0.0) ** 2 for _, high in ends))
+        errors = np.sqrt(sum((0.5 * (high - low) / reach) ** 2 for low, high, reach in moved))
         known = np.ones(flat.shape, bool)
         if "psi" not in centres:
             known = flat >= float(np.asarray(contact.critical_velocity))
-        parts = (value, low, high, np.sqrt(error))
+        parts = (value, np.maximum(value - down, 0.0), np.minimum(value + up, 1.0), errors)
         columns = (np.where(known, part, np.nan).reshape(velocity.shape) for part in parts)
         return Band(velocity, *columns)
 
@@ -227,9 +214,8 @@ class Line:
             raise DataError("materials", len(self.materials), "3 or more, to leave one out")
         found = {}
         for one in self.materials:
-            others = replace(
-                self, materials=tuple(o for o in self.materials if o is not one), covariance=None
-            )
+            rest = tuple(other for other in self.materials if other is not one)
+            others = replace(self, materials=rest, covariance=None)
             c1, c2 = map(Estimate, others._through())
             found[one.name] = replace(others, c1=c1, c2=c2).at(one.yield_ratio, confidence)
         return found
@@ -254,12 +240,11 @@ class Line:
         else:
             freedom = f"{count} materials, {count - 2} degree{'s' * (count > 3)} of freedom"
             lines.append(f"scatter about the line: {100 * scatter:.2g} % ({freedom})")
-        for one in self._losses(eps_up, sigma, psi)[0]:
-            reach = float(quantile(self.confidence, one.degrees)) * one.error
-            low, high = (_plain(one.name, one.centre + s * reach) for s in (-1, 1))
-            value = _plain(one.name, one.centre)
+        for name, (mean, error, degrees) in self._losses(eps_up, sigma, psi)[0].items():
+            reach = float(quantile(self.confidence, degrees)) * error
+            value, low, high = (_plain(name, mean + side * reach) for side in (0, -1, 1))
             lines.append(
-                f"{one.name} {value:.4g}, {100 * self.confidence:g} % interval {low:.4g} to {high:.4g}: "
+                f"{name} {value:.4g}, {100 * self.confidence:g} % interval {low:.4g} to {high:.4g}: "
                 "the mean of the fitted materials and their scatter"
             )
         least, most = self.range
@@ -271,17 +256,11 @@ class Line:
         return lines
 
     @property
-    def _ratios(self) -> np.ndarray:
-        return np.array([one.yield_ratio for one in self.materials])
-
-    @property
-    def _chi(self) -> np.ndarray:
-        return np.array([one.chi for one in self.materials])
-
-    @property
-    def _errors(self) -> np.ndarray:
-        """Standard errors of χ̃; 0 where the data have no noise."""
-        return np.array([one.chi_error or 0.0 for one in self.materials])
+    def _columns(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """E/Y and χ̃ of the materials, and its standard errors, 0 where the data have no noise."""
+        rows = [(one.yield_ratio, one.chi, one.chi_error or 0.0) for one in self.materials]
+        x, y, u = np.array(rows, float).reshape(-1, 3).T
+        return x, y, u
 
     @property
     def _degrees(self) -> float:
@@ -290,16 +269,15 @@ class Line:
 
     def _through(self) -> tuple[float, float]:
         """c1 and c2 by least squares through fitted χ̃, weighted by their errors and their scatter."""
-        chi, errors, count = self._chi, self._errors, len(self.materials)
+        ratio, chi, errors = self._columns
         c, scatter = np.zeros(2), 0.0
         for _ in range(20):
             size = np.sqrt(errors**2 + (scatter * chi) ** 2)
             size = size if np.all(size > ROUNDING * chi) else chi
-            c = _least_squares(self._ratios, chi, size**2)[0]
-            if count < 3:
+            c = _least_squares(ratio, chi, size**2)[0]
+            if len(chi) < 3:
                 break
-            on_line = np.maximum(c[0] + c[1] * self._ratios, 1e-3 * chi)
-            scatter = _scatter(on_line, chi, errors, count - 2)
+            scatter = _scatter(np.maximum(c[0] + c[1] * ratio, 1e-3 * chi), chi, errors)
         return float(c[0]), float(c[1])
 
     def _line(self, ratio: Any) -> Any:
@@ -313,8 +291,11 @@ class Line:
         if contact.area != self.area:
             raise DataError("area", contact.area, f"{self.area}, as of the fitted materials")
 
-    def _losses(self, eps_up, sigma, psi) -> tuple[list[Loss], dict[str, float]]:
-        """Means of what is not stated, and what is, on the scales of `Loss`."""
+    def _losses(self, eps_up, sigma, psi):
+        """Of what is not stated mean, error and degrees of freedom by name, and what is stated.
+
+        On the scales where they are taken as normal.
+        """
         told = {"eps_up": eps_up, "sigma": sigma, "psi": psi}
         stated = {name: value for name, value in told.items() if value is not None}
         for name, value in stated.items():
@@ -324,26 +305,29 @@ class Line:
         if "eps_up" in stated:
             if len(stated) > 1:
                 raise DataError("eps_up", eps_up, "left out with sigma and psi")
-            return [], stated
+            return {}, stated
         separate = all(None not in (one.sigma, one.psi) for one in self.materials)
         if stated and not separate and len(stated) < 2:
             missing = "psi" if "sigma" in stated else "sigma"
             raise DataError(missing, "missing", "given, as the fit knows ε_up only")
         names = ("sigma", "psi") if separate or stated else ("eps_up",)
-        return [self._mean(name) for name in names if name not in stated], stated
+        return {name: self._mean(name) for name in names if name not in stated}, stated
 
-    def _mean(self, name: str) -> Loss:
-        """Mean of the fitted materials, without values at an end of the range."""
+    def _mean(self, name: str) -> tuple[float, float, float]:
+        """Mean of the fitted materials, without values at an end of the range; its error and degrees."""
         values = np.array([getattr(one, name) for one in self.materials], float)
         # a law at an open end of its range has the least number there is
         inside = (values > TINY) & (values < (1 if name == "eps_up" else np.inf))
         scaled = np.array([_scaled(name, float(value)) for value in values[inside]])
-        if len(scaled) < 2:
+        count = len(scaled)
+        if count < 2:
             accepted = "given: fewer than two of the fitted materials have one"
             raise DataError(name, "missing", accepted)
-        count = len(scaled)
-        spread = float(np.std(scaled, ddof=1)) * (1 + 1 / count) ** 0.5
-        return Loss(name, float(np.mean(scaled)), spread, count - 1.0)
+        return (
+            float(np.mean(scaled)),
+            float(np.std(scaled, ddof=1)) * (1 + 1 / count) ** 0.5,
+            count - 1.0,
+        )
 
     def _law(self, contact: sj.Contact, chi: float | None, losses: dict[str, float]) -> sj.Zhou:
         values = {name: _plain(name, value) for name, value in losses.items()}
@@ -368,9 +352,11 @@ def _plain(name: str, value: float) -> float:
         return float(1 / (1 + np.exp(-value)) if name == "eps_up" else np.exp(value))
 
 
-def _scatter(line: np.ndarray, chi: np.ndarray, errors: np.ndarray, degrees: int) -> float:
+def _scatter(line: np.ndarray, chi: np.ndarray, errors: np.ndarray) -> float:
     """s of Paule and Mandel."""
     from scipy.optimize import brentq
+
+    degrees = len(chi) - 2
 
     def excess(log_s: float) -> float:
         variance = errors**2 + (np.exp(log_s) * line) ** 2
@@ -422,29 +408,19 @@ def _with_materials(line: Line, own, covariance: np.ndarray | None, request: Req
         place = next(i for i, one in enumerate(fit.component.specs) if one is spec)
         law = fit.final.problem.law_of(fit.theta, place)
         variance = _variance(fit, k)
+        error = variance**0.5 if np.isfinite(variance) else None
         separate = not spec.by_eps_up and not several_yields(spec.data.contact)
-        materials.append(
-            LineMaterial(
-                spec.data.name,
-                _mean_ratio(spec),
-                float(fit.theta[k]),
-                variance**0.5 if np.isfinite(variance) else None,
-                eps_up_of(law),
-                float(law.sigma) if separate else None,
-                float(law.psi) if separate else None,
-            )
-        )
+        losses = (float(law.sigma), float(law.psi)) if separate else (None, None)
+        name, chi = spec.data.name, float(fit.theta[k])
+        materials.append(LineMaterial(name, _mean_ratio(spec), chi, error, eps_up_of(law), *losses))
     told = None
     if covariance is not None and np.all(np.isfinite(covariance)) and np.any(covariance):
         (a, b), (_, d) = covariance.tolist()
         told = ((a, b), (b, d))
+    first, confidence = own[0][1], request.options.confidence
+    common = {"options": dict(first.model.options), "area": first.data.contact.area}
     return replace(
-        line,
-        covariance=told,
-        materials=tuple(materials),
-        options=dict(own[0][1].model.options),
-        area=own[0][1].data.contact.area,
-        confidence=request.options.confidence,
+        line, covariance=told, materials=tuple(materials), confidence=confidence, **common
     )
 
 
@@ -461,29 +437,24 @@ def _with_chi(fits: list[ComponentFit]) -> list[tuple[ComponentFit, SetSpec, int
 
 def _joint(request: Request, specs: list[SetSpec], through: dict[str, Estimate]) -> ComponentFit:
     """All curves with every χ̃ on one line; everything else as requested."""
+    values, said = {name: Parameter(through[name].value) for name in LINE}, []
+    for spec in specs:
+        kept = {
+            local.name: local.parameter
+            for local in spec.local
+            if local.name != "chi" and (local.parameter.free or local.parameter.value is not None)
+        }
+        said.append(kept | values | dict(spec.model.options))
     names = {spec.data.name for spec in specs}
     datasets = tuple(data for data in request.datasets if data.name in names)
-    said = [_said(spec, through) for spec in specs]
     asked = replace(request, datasets=datasets, parameters=said)
     return fitted(asked.with_options(law="zhou", starts=1))[0]
 
 
-def _said(spec: SetSpec, through: dict[str, Estimate]) -> dict:
-    """Stated parameters of a data set, with the line instead of χ̃."""
-    kept = {
-        local.name: local.parameter
-        for local in spec.local
-        if local.name != "chi" and (local.parameter.free or local.parameter.value is not None)
-    }
-    values = {name: Parameter(through[name].value) for name in LINE}
-    return kept | values | dict(spec.model.options)
-
-
 def _through_chi(own, confidence: float) -> tuple[dict[str, Estimate], np.ndarray | None]:
     """Weighted least squares through the fitted χ̃, and the covariance; equal weights without errors."""
-    ratio = np.array([_mean_ratio(spec) for _, spec, _ in own])
-    chi = np.array([fit.theta[k] for fit, _, k in own])
-    variance = np.array([_variance(fit, k) for fit, _, k in own])
+    rows = [(_mean_ratio(spec), fit.theta[k], _variance(fit, k)) for fit, spec, k in own]
+    ratio, chi, variance = np.transpose(rows)
     # of data without scatter an error is what rounding left: no weight
     usable = np.all(variance > (0.1 * ROUNDING * chi) ** 2) and np.all(np.isfinite(variance))
     c, normal = _least_squares(ratio, chi, variance if usable else np.ones(len(chi)))
@@ -525,7 +496,7 @@ def _weighted(joint: ComponentFit, own, through: dict[str, Estimate]) -> Line:
 def _rms(joint: ComponentFit, z: np.ndarray) -> dict[str, float]:
     """Rms of each material's curve with χ̃ from the line."""
     problem = joint.final.problem
-    residual = problem.predict(z[None])[0] - problem.points.value
+    residual = problem.linearise(z[None]).prediction[0] - problem.points.value
     return {
         data.name: float(np.sqrt(np.mean(residual[problem.of_restitution(g)] ** 2)))
         for g, data in enumerate(problem.datasets)

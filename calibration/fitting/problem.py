@@ -5,7 +5,7 @@ that the data are expected to have; their cost is that density itself. Where vel
 moves with the curve: two more rows a point stand for what ln det V and V⁻¹ add to either.
 
 Several fits of one problem stand side by side along a leading axis: starts, refits without a point,
-simulated data sets. Each has its own z, and may have its own restitutions and weights (`Lanes`).
+simulated data sets. Each has its own z, and may have its own values and counts (`Lanes`).
 """
 
 import itertools
@@ -20,19 +20,10 @@ from jaxtyping import Bool, Float, Int
 
 import softjax as sj
 from calibration.data import RestitutionData
-from calibration.fitting.collisions import (
-    Route,
-    expand,
-    extended_root,
-    extended_root_slope,
-    root,
-    root_slope,
-)
+from calibration.fitting.collisions import Laws, Route, expand, extended_root, root, root_slope
 from calibration.fitting.errors import Carried, Errors
-from calibration.fitting.noise import Normal, StudentT
-from calibration.fitting.rows import Laws, Leaves
 from calibration.observables import OBSERVABLES, RESTITUTION
-from calibration.parameters import Parameter, Transform
+from calibration.parameters import NONE, Parameter, Transform
 from softjax.fields import Declared
 
 Z = Float[np.ndarray, "fits elements"]
@@ -40,6 +31,9 @@ NAMES = tuple(OBSERVABLES)
 DRAG = "air_drag"  # c, what the drag coefficient of flights in air is off by, in parts
 FIRST_SPREAD = 3.0  # of a pool, in z: factors of 20
 AT_ONCE = 2_000_000  # impacts that are computed at once: what bounds the memory
+ROUNDED = 1e-10  # of the strongest element, below which the effect of one is rounding
+WEAK = 1e-7  # the same of an element far out at an end of its range
+PULL = 1e-4  # slope of the row of `Problem.pull`, in units of that: its square is not seen
 
 
 @dataclass(frozen=True)
@@ -110,7 +104,7 @@ class Points(NamedTuple):
 
     velocity: Float[np.ndarray, "points"]  # [m/s]
     value: Float[np.ndarray, "points"]  # as measured, in `unit`
-    weight: Float[np.ndarray, "points"]  # 1/√V_ii where V is fixed and diagonal; else 1, or 0
+    copies: Float[np.ndarray, "points"]  # for how many such points it stands
     set: Int[np.ndarray, "points"]  # the data set
     observable: Int[np.ndarray, "points"]  # place in `calibration.observables.OBSERVABLES`; 0 is ε
     # 1 for ε, else `Observed.scale` [SI], so that all values are numbers near one
@@ -128,13 +122,11 @@ class Block(NamedTuple):
 
 
 class Lanes(NamedTuple):
-    """Data that differ between the fits of a batch; None: nothing differs."""
+    """What differs between the fits of a batch; None: nothing does."""
 
     value: Float[np.ndarray, "fits points"] | None = None
-    weight: Float[np.ndarray, "fits points"] | None = None
-    velocity: Float[np.ndarray, "fits points"] | None = None
-    member: Int[np.ndarray, "fits"] | None = None  # which problem of several that are alike
-    variances: tuple[Mapping[str, np.ndarray], ...] | None = None  # of each data set, (fits,)
+    copies: Float[np.ndarray, "fits points"] | None = None
+    variances: tuple[Mapping[str, np.ndarray], ...] | None = None  # of each block, (fits,)
     elastic: Bool[np.ndarray, "fits points"] | None = None  # as `Problem.elastic`
     lower: Z | None = None  # as `Problem.within`
     upper: Z | None = None
@@ -145,15 +137,35 @@ class Lanes(NamedTuple):
 
 
 class Linear(NamedTuple):
-    """Residuals around z."""
+    """A problem around z, of each fit."""
 
-    # of the points, of the priors and pools, then of what V adds, (fits, m)
+    # of the points, of the priors and pools, then of what V adds
     residual: Float[np.ndarray, "fits m"]
-    jacobian: Float[np.ndarray, "fits m p"]  # along the active elements, (fits, m, p)
-    # the mean expected at each point, in its unit, (fits, points)
+    jacobian: Float[np.ndarray, "fits m p"]  # along the active elements
+    cost: Float[np.ndarray, "fits"]  # -ln p(data | θ, s) - ln p(θ) up to a constant
+    # the mean expected at each point, in its unit, and its slopes along the active elements
     prediction: Float[np.ndarray, "fits points"]
-    status: Int[np.ndarray, "fits points"]  # `softjax.Status` there
-    cost: Float[np.ndarray, "fits"]  # -ln p(data | θ, s) - ln p(θ) up to a constant, (fits,)
+    per: Float[np.ndarray, "fits points p"]
+    slope: Float[np.ndarray, "fits points"]  # of the curve, see `Carried`
+    bend: Float[np.ndarray, "fits points"]
+    status: Int[np.ndarray, "fits points"]  # `softjax.Status`
+
+    def carried(self, own: slice) -> Carried:
+        """The curve at some points."""
+        return Carried(self.prediction[:, own], self.slope[:, own], self.bend[:, own])
+
+    @property
+    def gradient(self) -> Float[np.ndarray, "fits p"]:
+        """Of the cost."""
+        return np.einsum("fmp,fm->fp", self.jacobian, self.residual)
+
+
+def acts_on_nothing(
+    jacobian: Float[np.ndarray, "fits m p"], size: Float[np.ndarray, "fits p"], share=ROUNDED
+) -> Bool[np.ndarray, "fits p"]:
+    """Elements whose columns are rounding, for changes of `size`; none where `size` is 0."""
+    acts = np.linalg.norm(jacobian, axis=1) * size
+    return (size > 0) & (acts <= share * np.max(acts, axis=1, keepdims=True, initial=0.0))
 
 
 class Residuals(NamedTuple):
@@ -161,11 +173,12 @@ class Residuals(NamedTuple):
 
     off: Float[np.ndarray, "fits n"]  # predicted less measured ε, and its slopes; not weighted
     jacobian: Float[np.ndarray, "fits n p"]
-    slope: Any  # of the curve, see `Carried`
-    bend: Any
+    slope: Float[np.ndarray, "fits n"]  # of the curve, see `Carried`
+    bend: Float[np.ndarray, "fits n"]
     # A₀ and b₀; no b₀ where several sets take turns, whose residuals stay
     information: Float[np.ndarray, "fits p p"]
     gradient: Float[np.ndarray, "fits p"] | None
+    free: Bool[np.ndarray, "fits p"]  # elements that are not at an end of their range
     # 0 for points that are left out, which share no error with others; None: all are there
     kept: Any = None
 
@@ -186,7 +199,7 @@ class Problem:
     points: Points  # what is measured
     active: Int[np.ndarray, "p"]  # which elements are searched
     route: Route = None
-    errors: tuple[Errors, ...] = ()  # V(s) of each block; none where points weigh as `points` say
+    errors: tuple[Errors, ...] = ()  # V(s) of each block; none where only the curve is wanted
     variances: tuple[Mapping[str, Any], ...] = ()  # s of each block
     # points that are held below yield, (points,), while a search moves what yield depends on;
     # None: no law asks for it
@@ -200,6 +213,10 @@ class Problem:
     # whether data sets without stated uncertainties are weighed against each other
     joint: bool = True
     pools: tuple[Pool, ...] = ()  # which elements lie around a common mean
+    # of points that stand for several: the sum of squares of these about their mean
+    inside: Any = 0.0
+    # z₀ and c of a term c · (z - z₀) of the cost, along the active elements
+    pull: tuple[np.ndarray, np.ndarray] | None = None
 
     @property
     def with_prior(self) -> list[int]:
@@ -212,7 +229,7 @@ class Problem:
 
     @cached_property
     def is_fixed(self) -> bool:
-        """Whether V is diagonal and does not move with the parameters: then `points` have it."""
+        """Whether V is diagonal and does not move with the parameters."""
         return all(one.is_fixed for one in self.errors)
 
     @cached_property
@@ -244,118 +261,80 @@ class Problem:
         """The ε of the data set at a place; of another observable where it has none."""
         return next(block.own for block in self.blocks if block.set == place)
 
-    def with_variances(self, variances: Sequence[Mapping[str, Any]]) -> "Problem":
-        """The problem with other variances of its data sets."""
-        if not self.is_fixed:
-            return replace(self, variances=tuple(variances))
-        pairs = zip(self.errors, variances, strict=True)
-        every = [np.broadcast_to(e.variance(s, 0.0, 0.0), len(e)) for e, s in pairs]
-        points = self.points._replace(weight=np.concatenate(every) ** -0.5)
-        return replace(self, variances=tuple(variances), points=points)
+    # ------------------------------------------------------------------ what is asked at z
 
     def linearise(self, z: Z, lanes: Lanes | None = None, slopes: bool = True) -> Linear:
         """Rows and Jacobian of each fit; without `slopes` the Jacobian has no columns."""
+        if lanes is None and len(z) == 1:  # one place is asked for many things
+            for known in (True, slopes):
+                if self._last.get(known, (None,))[0] == z.tobytes():
+                    return self._last[known][1]
+            found = self._linearised(z, Lanes(), slopes)
+            self._last.clear()
+            self._last[slopes] = z.tobytes(), found
+            return found
         lanes = lanes or Lanes()
-        count = self.count * (5 if self.moves else 1)
-        most = max(1, AT_ONCE // max(count, 1))
+        most = max(1, AT_ONCE // max(self.count * (5 if self.moves else 1), 1))
         rows = [slice(k, k + most) for k in range(0, max(len(z), 1), most)]
-        parts = [self._linear(z[some], lanes.some(some), slopes)[0] for some in rows]
-        if len(parts) == 1:
-            return parts[0]
-        return Linear(*(np.concatenate(every) for every in zip(*parts, strict=True)))
-
-    def _linear(self, z: Z, lanes: Lanes, slopes: bool) -> tuple[Linear, Carried, Carried]:
-        """Residuals and Jacobian, and the predictions with their derivatives."""
-        theta, per_z = self.transform.physical(z), self.transform.slope(z)
-        carried, per, status = self._carried(theta, per_z if slopes else per_z[:, :0], lanes)
-        off = carried.mean - self._measured(lanes)
-        more: list[np.ndarray] = []
-        if self.is_fixed:
-            residual, jacobian, cost = self._by_weight(off, per.mean, lanes)
-        else:
-            residual, jacobian, cost, *more = self._by_covariance(off, carried, per, lanes)
-        priors, their_slopes = self._held_together(z, *self._priors(theta, per_z))
-        rows = [residual, priors, *more[:1]]
-        columns = [jacobian, their_slopes[:, :, : jacobian.shape[2]], *more[1:]]
-        cost = cost + 0.5 * np.sum(priors**2, axis=1)
-        joined = np.concatenate(rows, axis=1), np.concatenate(columns, axis=1)
-        return Linear(*joined, carried.mean, status, cost), carried, per
-
-    def _measured(self, lanes: Lanes) -> np.ndarray:
-        return self.points.value if lanes.value is None else lanes.value
-
-    def predict(self, z: Z, lanes: Lanes | None = None) -> Float[np.ndarray, "fits points"]:
-        """E[ε] at each point."""
-        none = np.zeros((len(z), 0))
-        return self._carried(self.transform.physical(z), none, lanes or Lanes())[0].mean
+        parts = [self._linearised(z[some], lanes.some(some), slopes) for some in rows]
+        return Linear(
+            *(np.concatenate(a) if len(a) > 1 else a[0] for a in zip(*parts, strict=True))
+        )
 
     def seen(self, z: Z, lanes: Lanes | None = None) -> list[Residuals]:
         """Data at z from which the variances of each block are estimated."""
-        lanes = lanes or Lanes()
-        found, carried, per = self._linear(z, lanes, True)
-        off, every = carried.mean - self._measured(lanes), np.arange(found.residual.shape[1])
-        more = every >= found.residual.shape[1] - (0 if self.is_fixed else self.more)
+        found = self.linearise(z, lanes)
+        off, every = found.prediction - self._measured(lanes), np.arange(found.residual.shape[1])
+        transform, x = self.transform.part(self.active), z[:, self.active]
+        plain = transform.kind == NONE
+        at_bound = plain & ((x <= transform.lower) | (x >= transform.upper))
+        free = ~(at_bound | acts_on_nothing(found.jacobian, np.where(plain, np.abs(x), 1.0), WEAK))
         parts = []
         for own in self.own:
-            others = ~more & ((every < own.start) | (every >= own.stop))
+            others = (every < own.start) | (every >= own.stop)
+            others &= every < len(every) - self.more
             slopes, rest = found.jacobian[:, others], found.residual[:, others]
             information = np.swapaxes(slopes, 1, 2) @ slopes
             gradient = np.einsum("fmp,fm->fp", slopes, rest)
             if not self.joint:  # each data set is judged by itself
                 information, gradient = 0 * information, 0 * gradient
-            elif len(self.errors) > 1:
-                gradient = None
-            slope, bend = (a[:, own] if np.ndim(a) else a for a in (carried.slope, carried.bend))
-            parts.append(
-                Residuals(off[:, own], per.mean[:, own], slope, bend, information, gradient)
-            )
+            _, slope, bend = found.carried(own)
+            b = None if self.joint and len(self.errors) > 1 else gradient
+            at = (off[:, own], found.per[:, own], slope, bend)
+            parts.append(Residuals(*at, information, b, free))
         return parts
 
-    def curve(self, theta, per_z, lanes: Lanes | None = None):
-        """The curve itself at the measured velocities, its slopes along the active elements, the status."""
-        value, local, status = self._predicted(theta, lanes or Lanes())
-        return value, self._by_element(local, per_z), status
-
-    def carried(self, z: Z, lanes: Lanes | None = None) -> list[Carried]:
-        """Curve at the points of each block, (fits, n); see `errors`."""
-        none = np.zeros((len(z), 0))
-        found = self._carried(self.transform.physical(z), none, lanes or Lanes())[0]
-        return [Carried(*(a[:, own] if np.ndim(a) else a for a in found)) for own in self.own]
-
-    def deviance(self, z: Z, lanes: Lanes | None = None) -> Float[np.ndarray, "fits"]:
+    def deviance(self, z: Z) -> Float[np.ndarray, "fits"]:
         """-2 ln p(data | θ, s)."""
-        lanes = lanes or Lanes()
-        variances = self.variances if lanes.variances is None else lanes.variances
-        every = zip(self.errors, variances, self.carried(z, lanes), self.own, strict=True)
-        measured = np.broadcast_to(self._measured(lanes), (len(z), self.count))
-        parts = [
-            e.deviance(s, c.mean - measured[:, own], c.slope, c.bend) for e, s, c, own in every
-        ]
-        return np.sum(parts, axis=0)
+        found = self.linearise(z, slopes=False)
+        total = np.zeros(len(z))
+        for errors, s, own in zip(self.errors, self.variances, self.own, strict=True):
+            mean, slope, bend = found.carried(own)
+            total += errors.deviance(s, mean - self.points.value[own], slope, bend)
+        return total
 
-    def kept(self, rows: Bool[np.ndarray, "points"]) -> "Problem":
-        """The problem of some of its points, which share no error with the others."""
-        points = Points(*(a[rows] for a in self.points))
-        laws = replace(self.laws, rows=replace(self.laws.rows, row=self.laws.rows.row[rows]))
-        left = [k for k, own in enumerate(self.own) if np.any(rows[own])] if self.errors else []
-        errors = tuple(self.errors[k].some(np.flatnonzero(rows[self.own[k]])) for k in left)
-        variances = tuple(self.variances[k] for k in left)
-        elastic = None if self.elastic is None else self.elastic[rows]
-        of_errors = replace(self, errors=errors, variances=variances)
-        return replace(of_errors, points=points, laws=laws, elastic=elastic)
-
-    def diagonal(self, z: Z, lanes: Lanes | None = None) -> Float[np.ndarray, "fits points"]:
+    def diagonal(self, z: Z) -> Float[np.ndarray, "fits points"]:
         """V_ii of each point."""
-        lanes = lanes or Lanes()
-        if not self.errors:
-            return np.broadcast_to(self.points.weight**-2.0, (len(z), self.count))
-        variances = self.variances if lanes.variances is None else lanes.variances
-        every = self.carried(z, lanes)
-        parts = [
-            e.diagonal(s, c.slope, c.bend) + np.zeros(c.mean.shape)
-            for e, s, c in zip(self.errors, variances, every, strict=True)
-        ]
+        found, parts = self.linearise(z, slopes=False), []
+        for errors, s, own in zip(self.errors, self.variances, self.own, strict=True):
+            mean, slope, bend = found.carried(own)
+            parts.append(errors.diagonal(s, slope, bend) + np.zeros(mean.shape))
         return np.concatenate(parts, axis=1)
+
+    def kept(self, rows: Any) -> "Problem":
+        """The problem of some of its points, a mask or places, which share no error with the others."""
+        rows = np.flatnonzero(rows) if np.asarray(rows).dtype == bool else np.asarray(rows)
+        points = Points(*(a[rows] for a in self.points))
+        own = [rows[(rows >= one.start) & (rows < one.stop)] - one.start for one in self.own]
+        left = [k for k, some in enumerate(own) if len(some)] if self.errors else []
+        return replace(
+            self,
+            points=points,
+            laws=replace(self.laws, row=self.laws.row[rows]),
+            errors=tuple(self.errors[k].some(own[k]) for k in left),
+            variances=tuple(self.variances[k] for k in left),
+            elastic=None if self.elastic is None else self.elastic[rows],
+        )
 
     @property
     def more(self) -> int:
@@ -368,133 +347,27 @@ class Problem:
         names = [element.name for element in self.elements]
         return names.index(DRAG) if DRAG in names else None
 
-    def _carried(self, theta, per_z, lanes: Lanes) -> tuple[Carried, Carried, np.ndarray]:
-        """Predictions at the points, their derivatives in the active elements, and the status."""
-        carried, per, status = self._of_curve(theta, per_z, lanes)
-        if self.drag is None:
-            return carried, per, status
-        by_drag = self.points.by_drag
-        carried = carried._replace(mean=carried.mean + theta[:, self.drag, None] * by_drag)
-        column = np.flatnonzero(self.active == self.drag)
-        if per.mean.shape[2] and len(column):
-            slope = np.array(per.mean)
-            slope[:, :, column[0]] += by_drag * per_z[:, self.drag, None]
-            per = per._replace(mean=slope)
-        return carried, per, status
-
-    def _of_curve(self, theta, per_z, lanes: Lanes) -> tuple[Carried, Carried, np.ndarray]:
-        """The curve at the points, its slopes along the active elements, and the status."""
-        if not self.moves:
-            value, slope, status = self.curve(theta, per_z, lanes)
-            return Carried(value, 0.0, 0.0), Carried(slope, 0.0, 0.0), status
-        wide, nodes = self._wide, len(self._wide.points.velocity) // self.count
-        elastic = None if lanes.elastic is None else np.tile(lanes.elastic, nodes)
-        value, local, status = wide._predicted(theta, lanes._replace(elastic=elastic))
-        jacobian = wide._by_element(local, per_z)
-        fits, p = len(theta), jacobian.shape[2]
-        value = value.reshape(fits, nodes, self.count)
-        jacobian = jacobian.reshape(fits, nodes, self.count, p)
-        found = []
-        for errors, own in zip(self.errors, self.own, strict=True):
-            one = errors.carried(value[..., own])
-            per = errors.carried_slopes(value[..., own], jacobian[:, :, own], one.slope)
-            found.append((one, per))
-        joined = [
-            np.concatenate(parts, axis=1) for parts in zip(*(c for c, _ in found), strict=True)
-        ]
-        slopes = [
-            np.concatenate(parts, axis=1) for parts in zip(*(s for _, s in found), strict=True)
-        ]
-        return Carried(*joined), Carried(*slopes), status[:, : self.count]
-
-    @cached_property
-    def _wide(self) -> "Problem":
-        """The impacts at the nodes around their velocities."""
-        nodes = np.concatenate([one.nodes for one in self.errors], axis=1)
-        count = len(nodes)
-        points = Points(nodes.ravel(), *(np.tile(a, count) for a in self.points[1:]))
-        rows = replace(self.laws.rows, row=np.tile(self.laws.rows.row, count))
-        elastic = None if self.elastic is None else np.tile(self.elastic, count)
-        laws = replace(self.laws, rows=rows)
-        return replace(self, points=points, laws=laws, elastic=elastic, errors=())
-
-    def _by_weight(self, off, jacobian, lanes: Lanes):
-        """Rows and cost where V is fixed and diagonal."""
-        weight = self.points.weight if lanes.weight is None else lanes.weight
-        residual, family = off * weight, self._family(lanes)
-        share = np.sqrt(family.weight(residual))
-        cost = 0.5 * np.sum(family.squares(residual), axis=1)
-        return residual * share, jacobian * (weight * share)[:, :, None], cost
-
-    def _family(self, lanes: Lanes) -> Normal:
-        """Family of noise, which all points share."""
-        if not self.errors or self.errors[0].is_normal:
-            return Normal()
-        variances = self.variances if lanes.variances is None else lanes.variances
-        pairs = zip(self.errors, variances, strict=True)
-        dof = [e.family(s).dof + np.zeros((1, len(e))) for e, s in pairs]
-        return StudentT(np.concatenate(dof, axis=1))
-
-    def _by_covariance(self, off, carried: Carried, per: Carried, lanes: Lanes):
-        """Rows, cost, and the rows that ln det V and V⁻¹ add, where V moves or is not diagonal."""
-        weight = self.points.weight if lanes.weight is None else lanes.weight
-        weight = np.broadcast_to(weight, off.shape)
-        variances = self.variances if lanes.variances is None else lanes.variances
-        slopes = per.mean.shape[2] > 0
-        rows, columns, more, their = [], [], [], []
-        cost = np.zeros(len(off))
-        for errors, s, own in zip(self.errors, variances, self.own, strict=True):
-            kept, r = weight[:, own], off[:, own] * weight[:, own]
-            slope, bend = (a[:, own] if np.ndim(a) else a for a in carried[1:])
-            factor, family = errors.factor(s, slope, bend), errors.family(s)
-            white = errors.whiten(factor, r[..., None])[..., 0]
-            share = np.sqrt(family.weight(white))
-            jacobian = per.mean[:, own]
-            if slopes:
-                jacobian = errors.whiten(factor, jacobian * kept[..., None])
-                jacobian = jacobian * share[..., None]
-            rows.append(white * share)
-            columns.append(jacobian)
-            cost += 0.5 * np.sum(family.squares(white), axis=1)
-            if not self.moves:
-                continue
-            variance = errors.variance(s, slope, bend) + np.zeros(r.shape)
-            if errors.shares:
-                cost += 0.5 * (errors.log_det(factor) - np.sum(np.log(errors.steady(s)), axis=-1))
-                by_slope, by_bend = errors.scores(factor, s, slope, r)
-            else:
-                cost += 0.5 * np.sum(kept * np.log(variance / errors.steady(s)), axis=1)
-                changes = errors.changes(s, slope)
-                by_slope, by_bend = (a * (1 - (white * share) ** 2) / variance for a in changes)
-            for score, change, of_curve in zip(
-                (by_slope, by_bend), errors.changes(s, slope), per[1:], strict=True
-            ):
-                size = np.abs(change) * 2**0.5 / variance
-                size = np.maximum(size, 1e-6 * np.abs(score)) + 1e-300
-                more.append(kept * score / size)
-                their.append(of_curve[:, own] * (size * kept)[..., None])
-        found = [np.concatenate(rows, axis=1), np.concatenate(columns, axis=1), cost]
-        if not self.moves:
-            return found
-        # the rows of one data set's g and c stand together
-        return [*found, np.concatenate(more, axis=1), np.concatenate(their, axis=1)]
+    @property
+    def bare(self) -> "Problem":
+        """The curve alone: without errors, and without the effect of the air."""
+        points = self.points._replace(by_drag=0 * self.points.by_drag)
+        return replace(self, errors=(), variances=(), points=points)
 
     def yields_at(self, z) -> Float[np.ndarray, "... points"] | None:
         """The velocity below which each impact is elastic at z [m/s]; None for a law without one."""
-        rows = self.laws.rows
-        if not hasattr(rows.model.law_type, "elastic_velocity"):
+        laws = self.laws
+        if not hasattr(laws.model.law_type, "elastic_velocity"):
             return None
         theta = self.transform.physical(np.atleast_2d(z))
         limits = [
-            [float(np.asarray(rows.law(one, k).elastic_velocity())) for k in range(rows.size)]  # type: ignore[attr-defined]
+            [float(np.asarray(laws.law(one, k).elastic_velocity())) for k in range(laws.size)]  # type: ignore[attr-defined]
             for one in theta
         ]
-        return np.array(limits)[:, rows.row].reshape(*np.shape(z)[:-1], self.count)
+        return np.array(limits)[:, laws.row].reshape(*np.shape(z)[:-1], self.count)
 
     def law_of(self, theta: Float[np.ndarray, "elements"], g: int) -> sj.ContactLaw:
         """The law of a data set; of its first impact where it has several."""
-        rows = self.laws.rows
-        return rows.law(theta, int(rows.row[np.flatnonzero(self.points.set == g)[0]]))
+        return self.laws.law(theta, int(self.laws.row[np.flatnonzero(self.points.set == g)[0]]))
 
     def elastic_at(self, z) -> Bool[np.ndarray, "... points"] | None:
         """Points below yield at z, if the law needs fixed branches, else None."""
@@ -504,95 +377,186 @@ class Problem:
         """The problem with these points treated as below yield."""
         return self if self.elastic is None else replace(self, elastic=elastic, within=within)
 
-    def _leaves(self, theta, lanes: Lanes) -> Leaves:
-        """The laws' leaves, (fits, rows, ...)."""
-        return self.laws.leaves(theta)
+    # ------------------------------------------------------------------ inside
+
+    @cached_property
+    def _last(self) -> dict[bool, tuple[bytes, Linear]]:
+        """The last place, with or without slopes."""
+        return {}
+
+    def _measured(self, lanes: Lanes | None) -> np.ndarray:
+        return self.points.value if lanes is None or lanes.value is None else lanes.value
+
+    def _linearised(self, z: Z, lanes: Lanes, slopes: bool) -> Linear:
+        theta, per_z = self.transform.physical(z), self.transform.slope(z)
+        active = self.active if slopes else self.active[:0]
+        curve, per, status = self._curve(theta, per_z, active, lanes)
+        off = curve.mean - self._measured(lanes)
+        copies = np.broadcast_to(
+            self.points.copies if lanes.copies is None else lanes.copies, off.shape
+        )
+        rows, columns, more, their = [off[:, :0]], [per.mean[:, :0]], [], []
+        cost = np.zeros(len(off))
+        variances = self.variances if lanes.variances is None else lanes.variances
+        blocks = self.own if self.errors else ()
+        for errors, s, own in zip(self.errors, variances, blocks, strict=True):
+            slope, bend, n, r = curve.slope[:, own], curve.bend[:, own], copies[:, own], off[:, own]
+            factor, family = errors.factor(s, slope, bend), errors.family(s)
+            both = np.concatenate([r[..., None], per.mean[:, own]], axis=2)
+            both = errors.whiten(factor, both)
+            white, of_white = both[..., 0], both[..., 1:]
+            share = np.sqrt(n * family.weight(white))
+            rows.append(white * share)
+            columns.append(of_white * share[..., None])
+            cost += 0.5 * np.sum(n * family.squares(white), axis=1)
+            variance = errors.variance(s, slope, bend) + np.zeros(r.shape)
+            beyond = np.broadcast_to(self.inside, self.count)[own] / variance
+            cost += 0.5 * np.sum(beyond, axis=1)
+            if not self.moves:
+                continue
+            changes = errors.changes(s, slope)
+            if errors.shares:
+                cost += 0.5 * (errors.log_det(factor) - np.sum(np.log(errors.steady(s)), axis=-1))
+                scores = errors.scores(factor, s, slope, r)
+            else:
+                cost += 0.5 * np.sum(n * np.log(variance / errors.steady(s)), axis=1)
+                left = (n - (white * share) ** 2 - beyond) / variance
+                scores = tuple(a * left for a in changes)
+            root = np.sqrt(n)
+            for score, change, of_curve in zip(scores, changes, per[1:], strict=True):
+                size = np.abs(change) * 2**0.5 / variance
+                size = np.maximum(size, 1e-6 * np.abs(score)) + 1e-300
+                more.append(np.where(n > 0, score, 0.0) / (size * np.where(n > 0, root, 1.0)))
+                their.append(of_curve[:, own] * (size * root)[..., None])
+        for value, column in self._priors(z, theta, per_z):
+            rows.append(value)
+            columns.append(column[:, :, : len(active)])
+            cost += 0.5 * np.sum(value**2, axis=1)
+        if self.pull is not None:
+            # a row of a slope so small that it is not seen in JᵀJ
+            along = (z - self.pull[0])[:, self.active] @ self.pull[1]
+            rows.append(np.full((len(z), 1), 1 / PULL))
+            columns.append(
+                np.broadcast_to(PULL * self.pull[1][: len(active)], (len(z), 1, len(active)))
+            )
+            cost += along
+        residual = np.concatenate([*rows, *more], axis=1)
+        jacobian = np.concatenate([*columns, *their], axis=1)
+        return Linear(
+            residual, jacobian, cost, curve.mean, per.mean, curve.slope, curve.bend, status
+        )
+
+    def _curve(self, theta, per_z, active, lanes: Lanes) -> tuple[Carried, Carried, np.ndarray]:
+        """The curve at the points, its slopes along some elements, and the status."""
+        fits, p = len(theta), len(active)
+        if not self.moves:
+            value, local, status = self._predicted(theta, lanes)
+            none = np.broadcast_to(0.0, value.shape)
+            mean, slopes = value, self._by_element(local, per_z, active)
+            curve, per = Carried(mean, none, none), Carried(slopes, none, none)
+        else:
+            wide, nodes = self._wide, len(self._wide.points.velocity) // self.count
+            elastic = None if lanes.elastic is None else np.tile(lanes.elastic, nodes)
+            value, local, status = wide._predicted(theta, lanes._replace(elastic=elastic))
+            jacobian = wide._by_element(local, per_z, active)
+            value = value.reshape(fits, nodes, self.count)
+            jacobian = jacobian.reshape(fits, nodes, self.count, p)
+            parts, of_parts = [], []
+            for errors, own in zip(self.errors, self.own, strict=True):
+                parts.append(errors.carried(value[..., own]))
+                of_parts.append(
+                    errors.carried_slopes(value[..., own], jacobian[:, :, own], parts[-1].slope)
+                )
+            curve, per = (
+                Carried(*(np.concatenate(a, axis=1) for a in zip(*some, strict=True)))
+                for some in (parts, of_parts)
+            )
+        if self.drag is None:
+            return curve, per, status[:, : self.count]
+        by_drag = self.points.by_drag
+        curve = curve._replace(mean=curve.mean + theta[:, self.drag, None] * by_drag)
+        column = np.flatnonzero(active == self.drag)
+        if len(column):
+            per.mean[:, :, column[0]] += by_drag * per_z[:, self.drag, None]
+        return curve, per, status[:, : self.count]
+
+    @cached_property
+    def _wide(self) -> "Problem":
+        """The impacts at the nodes around their velocities."""
+        nodes = np.concatenate([one.nodes for one in self.errors], axis=1)
+        count = len(nodes)
+        points = Points(nodes.ravel(), *(np.tile(a, count) for a in self.points[1:]))
+        laws = replace(self.laws, row=np.tile(self.laws.row, count))
+        elastic = None if self.elastic is None else np.tile(self.elastic, count)
+        return replace(self, points=points, laws=laws, elastic=elastic, errors=())
 
     def _predicted(self, theta, lanes: Lanes):
         """The value at each fit and point, its slopes in the local parameters, and the status."""
-        leaves, seen = self._leaves(theta, lanes), np.unique(self.points.observable)
-        if len(seen) == 1:
-            value, slopes, status = self._of_observable(leaves, slice(None), NAMES[seen[0]], lanes)
-            return value, self._local_slopes(slopes, leaves.slopes), status
-        fits, parts = len(theta), []
-        for code in seen:
-            at = np.flatnonzero(self.points.observable == code)
-            parts.append((at, *self._of_observable(leaves, at, NAMES[code], lanes)))
-        value = np.empty((fits, self.count))
-        slopes, status = np.empty((len(parts[0][2]), *value.shape)), np.empty(value.shape, int)
-        for at, *found in parts:
-            value[:, at], slopes[:, :, at], status[:, at] = found
-        return value, self._local_slopes(slopes, leaves.slopes), status
+        leaves, of_leaves = self.laws.leaves(theta)
+        value = np.empty((len(theta), self.count))
+        status, slopes = np.empty(value.shape, int), None
+        for code in np.unique(self.points.observable):
+            some = np.flatnonzero(self.points.observable == code)
+            at: Any = slice(None) if len(some) == self.count else some
+            value[:, at], per, status[:, at] = self._of_observable(leaves, at, NAMES[code], lanes)
+            slopes = np.empty((len(per), *value.shape)) if slopes is None else slopes
+            slopes[:, :, at] = per
+        if of_leaves is not None:  # from the slopes in the leaves
+            slopes = np.einsum("afn,fnaq->qfn", slopes, of_leaves[:, self.laws.row])
+        return value, slopes, status
 
-    def _of_observable(self, leaves: Leaves, at, name: str, lanes: Lanes):
+    def _of_observable(self, leaves, at, name: str, lanes: Lanes):
         """Predictions at points of one observable, with derivatives in the leaves that are not fixed."""
-        row, fits = self.laws.rows.row[at], len(leaves.values[0])
+        laws, row, fits = self.laws, self.laws.row[at], len(leaves[0])
         flat = []
-        for k, leaf in enumerate(leaves.values):
-            fixed = self.laws.shape.whole[k] and k not in self.laws.moving
+        for k, leaf in enumerate(leaves):
+            fixed = laws.shape.whole[k] and k not in laws.moving
             whole = leaf[0, 0] if fixed else leaf[:, row].reshape(-1, *leaf.shape[2:])
             flat.append(np.asarray(whole, float))
-        velocity = self.points.velocity if lanes.velocity is None else lanes.velocity
-        velocity = np.broadcast_to(velocity, (fits, self.count))[:, at].ravel()
+        velocity = np.tile(self.points.velocity[at], fits)
         elastic = self.elastic if lanes.elastic is None else lanes.elastic
-        if elastic is not None:
-            elastic = np.broadcast_to(elastic, (fits, self.count))[:, at].ravel()
-        shape, moving = self.laws.shape, self.laws.moving
         is_eps = name == RESTITUTION
-        found = expand(shape, flat, velocity, moving, self.route, elastic if is_eps else None, name)
+        if elastic is not None and is_eps:
+            elastic = np.broadcast_to(elastic, (fits, self.count))[:, at].ravel()
+        held = elastic if is_eps else None
+        found = expand(laws.shape, flat, velocity, laws.moving, self.route, held, name)
         value, slopes, status = (a.reshape(*a.shape[:-1], fits, len(row)) for a in found)
         if not is_eps:
             return value / self.points.unit[at], slopes / self.points.unit[at], status
-        if self.guided:
-            return extended_root(value), slopes * extended_root_slope(value), status
-        return root(value), slopes * root_slope(value), status
+        eps, per = extended_root(value) if self.guided else (root(value), root_slope(value))
+        return eps, slopes * per, status
 
-    def _local_slopes(self, slopes, of_leaves) -> Float[np.ndarray, "free fits points"]:
-        """dε/d(local parameter), from the slopes in the leaves."""
-        if of_leaves is None:
-            return slopes
-        at_points = of_leaves[:, self.laws.rows.row]
-        return np.einsum("afn,fnaq->qfn", slopes, at_points)
-
-    def _by_element(self, local, per_z) -> Float[np.ndarray, "fits points p"]:
-        """dε/dz along the active elements; none where `per_z` is of none."""
-        rows = self.laws.rows
-        active = self.active if per_z.shape[1] else self.active[:0]
+    def _by_element(self, local, per_z, active) -> Float[np.ndarray, "fits points p"]:
+        """dε/dz along some elements."""
+        laws = self.laws
         place = np.full(len(self.elements) + 1, -1)
         place[active] = np.arange(len(active))
         jacobian = np.zeros((len(per_z), self.count, len(active)))
-        for k, slope in zip(self.laws.free, local, strict=True):
-            first = rows.element[k, 0]
-            if np.all(rows.element[k] == first):
+        for k, slope in zip(laws.free if len(active) else (), local, strict=False):
+            first = laws.element[k, 0]
+            if np.all(laws.element[k] == first):
                 if place[first] >= 0:
                     jacobian[:, :, place[first]] += slope * per_z[:, first, None]
                 continue
-            element = rows.element[k][rows.row]
+            element = laws.element[k][laws.row]
             on = np.flatnonzero(place[element] >= 0)
             element = element[on]
             jacobian[:, on, place[element]] += slope[:, on] * per_z[:, element]
         return jacobian
 
-    def _priors(self, theta, per_z):
-        """(θ - mean)/sd of the active elements with a prior, and their slopes."""
-        elements = self.with_prior
-        value = np.zeros((len(theta), len(elements)))
-        slope = np.zeros((len(theta), len(elements), len(self.active)))
-        for row, k in enumerate(elements):
-            mean, deviation = self.elements[k].parameter.prior  # type: ignore[misc]
-            value[:, row] = (theta[:, k] - mean) / deviation
-            column = int(np.flatnonzero(self.active == k)[0])
-            slope[:, row, column] = per_z[:, k] / deviation
-        return value, slope
-
-    def _held_together(self, z, value, slope):
-        """Residuals with (z - mean of z)/spread of each pool's members, and their derivatives."""
+    def _priors(self, z, theta, per_z):
+        """Rows of the priors, (θ - mean)/sd, and of each pool, (z - mean of z)/spread, and their slopes."""
+        elements, fits = self.with_prior, len(z)
+        if elements:
+            mean, deviation = np.transpose([self.elements[k].parameter.prior for k in elements])
+            rows = (self.active == np.array(elements)[:, None]) / deviation[:, None]
+            yield (theta[:, elements] - mean) / deviation, rows * per_z[:, elements, None]
         for pool in self.pools:
             members, count = list(pool.members), len(pool.members)
+            per = np.zeros((count, len(self.elements)))
+            per[:, members] = (np.eye(count) - 1 / count) / pool.spread
             off = z[:, members] - np.mean(z[:, members], axis=1, keepdims=True)
-            rows = np.zeros((count, len(self.elements)))
-            rows[:, members] = (np.eye(count) - 1 / count) / pool.spread
-            per = np.broadcast_to(rows[:, self.active], (len(z), count, len(self.active)))
-            value = np.concatenate([value, off / pool.spread], axis=1)
-            slope = np.concatenate([slope, per], axis=1)
-        return value, slope
+            yield (
+                off / pool.spread,
+                np.broadcast_to(per[:, self.active], (fits, count, len(self.active))),
+            )

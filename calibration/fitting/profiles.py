@@ -1,24 +1,22 @@
 """Profile likelihoods, and the values, standard errors and intervals of what was searched.
 
 A profile is how far one parameter can go while the others make up for it. All walks, two for each
-parameter, go side by side, those of data sets that are alike together: each stride is one batch of
-refits."""
+parameter, go side by side: each stride is one batch of refits."""
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from calibration.fitting.batches import Alike, pooled_about, structure
 from calibration.fitting.material import Estimate
-from calibration.fitting.problem import DRAG, Lanes, Problem
+from calibration.fitting.neighbourhoods import condensed
+from calibration.fitting.problem import DRAG, Problem
 from calibration.fitting.search import FARTHEST as FURTHEST
-from calibration.fitting.search import search
+from calibration.fitting.search import condense, search
 from calibration.fitting.stages import ComponentFit
-from calibration.fitting.steps import condense
-from calibration.fitting.uncertainty import asks_for_curvature, quantile
+from calibration.fitting.uncertainty import quantile, third_derivatives
 from calibration.parameters import LOGIT, NONE
 from calibration.schema import Real
 
@@ -31,7 +29,6 @@ BEYOND = 1.15  # of the way to the limit that is looked at, for the picture
 TOLERANCE = 1e-7  # of the limit, in z, or of √Δχ² there
 MOST_STRIDES = 400
 ROUNDING = 1e-12  # of a way
-MOST_HALVINGS = 60
 LARGEST_ANSWER = 30.0  # of the others to one stride, in log units
 
 
@@ -76,43 +73,35 @@ class Asked(NamedTuple):
 
 
 class _Walks:
-    """√Δχ² of refits along the walks of fits whose problems are alike, in lockstep.
+    """√Δχ² of refits along the walks of one fit, in lockstep.
 
-    Of each walk: of which fit it is (`member`), along which of the active elements (`columns`) and
-    which way (`signs`) in z, about one standard error (`steps`), and √Δχ² at the limit (`quantile`).
+    Of each walk: along which of the active elements (`columns`) and which way (`signs`) in z it is,
+    about one standard error (`steps`), and √Δχ² at the limit (`quantile`).
     """
 
-    def __init__(self, asked: Sequence[Asked]):
-        self.problem = problem = Alike.of([one.problem for one in asked])
+    def __init__(self, asked: Asked):
+        self.asked, self.problem = asked, asked.problem
+        problem, z = asked.problem, asked.z
         walks = [
-            (member, column, sign, error, quantile, limit != 0)
-            for member, one in enumerate(asked)
-            for column, error, quantile, limit in zip(
-                one.columns, one.errors, one.quantiles, one.limits, strict=True
-            )
-            for sign in (-1, 1)
-            if sign != limit
+            (k, sign) for k, limit in enumerate(asked.limits) for sign in (-1, 1) if sign != limit
         ]
-        told = (np.array(part) for part in zip(*walks, strict=True))
-        self.member, self.columns, self.signs, self.steps, self.quantile, from_end = told
-        self.begun = np.array([asked[k].begun for k in self.member])
-        self.variance = np.array([asked[k].variance for k in self.member])
-        self.z = np.array([asked[k].z for k in self.member])
-        every = np.arange(len(walks))
+        which, self.signs = np.transpose(walks)
+        self.columns, self.steps = asked.columns[which], asked.errors[which]
+        self.quantile, from_end = asked.quantiles[which], asked.limits[which] != 0
+        count = len(walks)
+        self.z = np.tile(z, (count, 1))
         self.positions = problem.active[self.columns]
-        self.held = np.zeros((len(walks), len(problem.active)), bool)
-        self.held[every, self.columns] = True
-        self.scaled = problem.transform.kind[self.positions] != NONE
-        self.centre = self.z[every, self.positions]
-        begin = problem.linearise(self.z, self._lanes(every), slopes=False)
-        lowest = [asked[k].lowest for k in self.member]
-        at_z = 2 * begin.cost
-        self.lowest = np.array([b if a is None else a for a, b in zip(lowest, at_z, strict=True)])
-        self.begin = self._rise(0.5 * at_z, np.arange(len(walks)))
+        self.held = self.columns[:, None] == np.arange(len(problem.active))
+        kind = problem.transform.kind[self.positions]
+        self.scaled = kind != NONE
+        self.centre = z[self.positions]
+        at_z = float(problem.linearise(z[None], slopes=False).cost[0])
+        self.lowest = 2 * at_z if asked.lowest is None else asked.lowest
+        self.begin = float(self._rise(np.array([at_z]))[0])
         self.edge = self._edges()
         reach = np.where(from_end, FURTHEST + FARTHEST, FARTHEST)
         # a search that began at an end is farther off: the middle of two bounds is z = 0
-        bounded = from_end & (problem.transform.kind[self.positions] == LOGIT)
+        bounded = from_end & (kind == LOGIT)
         reach = np.where(bounded, np.maximum(reach, np.abs(self.centre) + FARTHEST), reach)
         reach = np.where(self.scaled, reach, 100 * self.steps)
         self.reach = np.minimum(reach, np.abs(self.edge - self.centre))
@@ -125,9 +114,6 @@ class _Walks:
         lower, upper = self.problem.within
         return np.where(self.signs < 0, lower[self.positions], upper[self.positions])
 
-    def _lanes(self, which) -> Lanes:
-        return Lanes(member=self.member[which])
-
     def refit(self, at: Float[np.ndarray, "some"], which: Int[np.ndarray, "some"], doubted=None):
         """Everything else refitted with the parameters there: z of each, √Δχ², and steps taken.
 
@@ -136,7 +122,7 @@ class _Walks:
                 walk is; None: the limit.
         """
         found = self._search(self._foreseen(at, which), which)
-        z, rise = found.z, self._rise(found.cost, which)
+        z, rise = found.z, self._rise(found.cost)
         most = self.quantile[which] if doubted is None else doubted
         poor = np.flatnonzero(~found.converged | (rise > most))
         if len(poor):
@@ -145,29 +131,28 @@ class _Walks:
             again = self._search(plain, which[poor])
             lower = again.cost < found.cost[poor]
             z[poor[lower]] = again.z[lower]
-            rise[poor[lower]] = self._rise(again.cost, which[poor])[lower]
+            rise[poor[lower]] = self._rise(again.cost)[lower]
         return z, rise, found.iterations
 
-    def _rise(self, cost: Float[np.ndarray, "some"], which) -> Float[np.ndarray, "some"]:
+    def _rise(self, cost: Float[np.ndarray, "some"]) -> Float[np.ndarray, "some"]:
         """√Δχ²."""
-        above = np.maximum(2 * cost - self.lowest[which], 0.0)
-        rise = np.sqrt(above / self.variance[which])
+        rise = np.sqrt(np.maximum(2 * cost - self.lowest, 0.0) / self.asked.variance)
         return np.where(np.isfinite(rise), rise, 1e6)
 
     def _search(self, start, which):
         """The others searched, from some start."""
-        begun, held, lanes = self.begun[which], self.held[which], self._lanes(which)
-        return search(self.problem, start, begun=begun, held=held, lanes=lanes, limit=STEPS)
+        told = {"begun": self.asked.begun, "held": self.held[which], "limit": STEPS}
+        return search(self.problem, start, **told)
 
     def _foreseen(self, at, which) -> np.ndarray:
         """First-order change of the other parameters when the profiled ones move."""
         z = self.z[which]
         rows = np.arange(len(which))
         move = at - z[rows, self.positions[which]]
-        found = self.problem.linearise(z, self._lanes(which))
+        found = self.problem.linearise(z)
         # the column that moves stands in for the residual: its answer is the others' least squares
         moving = found.jacobian[rows, :, self.columns[which]]
-        begun = np.where(np.isnan(self.begun[which]), z, self.begun[which])
+        begun = np.where(np.isnan(self.asked.begun), z, self.asked.begun)
         at_an_end = np.abs(z - begun)[:, self.problem.active] > 0.9 * FURTHEST
         answer = condense(moving, found.jacobian, self.held[which] | at_an_end).newton
         scaled = self.problem.transform.kind[self.problem.active] != NONE
@@ -178,92 +163,66 @@ class _Walks:
         return z
 
     def run(self) -> Float[np.ndarray, "walks"]:
-        """Value where each walk crosses the quantile, NaN if it does not; `way` is the path."""
-        count = len(self.way)
+        """Value where each walk crosses the quantile, NaN if it does not; `way` is the path.
+
+        By strides until one is beyond, then between the two by the Illinois method.
+        """
+        count, quantile = len(self.way), self.quantile
         stride = np.where(self.scaled, np.minimum(self.steps, STRIDE), self.steps)
-        inside, rise = np.array(self.centre), np.zeros(count)
-        outside, above = np.full((2, count), np.nan)
-        going = np.ones(count, bool)
+        low, f_low, side = np.array(self.centre), -quantile, np.zeros(count)
+        high, f_high = np.full((2, count), np.nan)
+        crossing, going = np.full(count, np.nan), np.ones(count, bool)
         for _ in range(MOST_STRIDES):
-            which = np.flatnonzero(going)
-            if not len(which):
+            k = np.flatnonzero(going)
+            if not len(k):
                 break
-            left = self.reach[which] - np.abs(inside[which] - self.centre[which])
-            at = inside[which] + self.signs[which] * np.minimum(stride[which], left)
-            z, new, steps = self.refit(at, which)
-            self._saw(which, at, new)
-            over = new >= self.quantile[which]
-            outside[which[over]], above[which[over]] = at[over], new[over]
-            self.z[which[~over]] = z[~over]
-            grown = np.maximum(new - rise[which], 1e-3)
-            better = stride[which] * np.clip(self.quantile[which] / POINTS / grown, 0.5, 2.0)
-            limit = np.where(self.scaled[which] & (steps > EASY), STRIDE, np.inf)
-            stride[which] = np.minimum(better, limit)
-            inside[which[~over]], rise[which[~over]] = at[~over], new[~over]
-            gone = np.abs(at - self.centre[which]) >= self.reach[which] * (1 - ROUNDING)
-            going[which[over | gone]] = False
-        crossing = self._cross(inside, outside, rise - self.quantile, above - self.quantile)
-        self._beyond(crossing)
+            left = self.reach[k] - np.abs(low[k] - self.centre[k])
+            ahead = low[k] + self.signs[k] * np.minimum(stride[k], left)
+            with np.errstate(invalid="ignore", divide="ignore"):
+                part = np.clip(f_low[k] / (f_low[k] - f_high[k]), 0.0, 1.0)
+            part = np.where(np.isfinite(part), part, 0.5)
+            between = np.isfinite(high[k])
+            at = np.where(between, low[k] + part * (high[k] - low[k]), ahead)
+            z, rise, steps = self.refit(at, k, np.where(between, f_high[k], 0.0) + quantile[k])
+            self._saw(k, at, rise)
+            f = rise - quantile[k]
+            over = f >= 0
+            self.z[k[~over]] = z[~over]
+            better = stride[k] * np.clip(
+                quantile[k] / POINTS / np.maximum(f - f_low[k], 1e-3), 0.5, 2.0
+            )
+            limit = np.where(self.scaled[k] & (steps > EASY), STRIDE, np.inf)
+            stride[k] = np.minimum(better, limit)
+            gone = ~over & ~between & (left - np.abs(at - low[k]) <= self.reach[k] * ROUNDING)
+            f_low[k[between & over & (side[k] > 0)]] *= 0.5  # an end that stays counts half
+            f_high[k[between & ~over & (side[k] < 0)]] *= 0.5
+            side[k] = np.where(between, np.where(over, 1.0, -1.0), 0.0)
+            low[k], f_low[k] = np.where(over, low[k], at), np.where(over, f_low[k], f)
+            high[k], f_high[k] = np.where(over, at, high[k]), np.where(over, f, f_high[k])
+            crossing[k[over | between]] = at[over | between]
+            close = (np.abs(high[k] - low[k]) <= TOLERANCE) | (np.abs(f) <= TOLERANCE)
+            going[k] = ~(gone | (between & close))
+        which = np.flatnonzero(np.isfinite(crossing))
+        if len(which):  # one look beyond each limit, for the picture
+            at = self.centre[which] + BEYOND * (crossing[which] - self.centre[which])
+            self._saw(which, at, self.refit(at, which)[1])
         return crossing
 
     def _saw(self, which, at, rise) -> None:
         for k, place, value in zip(which, at, rise, strict=True):
             self.way[k].append((float(place), float(value)))
 
-    def _cross(self, inside, outside, below, above) -> np.ndarray:
-        """The crossing between two places of each walk, by the Illinois method; NaN without.
 
-        Args:
-            below, above: √Δχ² there less the quantile.
-        """
-        ends = np.array([inside, outside, below, above, np.zeros(len(inside))])
-        crossing = np.array(outside)
-        open_ = np.flatnonzero(np.isfinite(outside))
-        for _ in range(MOST_HALVINGS):
-            if not len(open_):
-                break
-            low, high, f_low, f_high, side = ends[:, open_]
-            between = np.clip(f_low / (f_low - f_high), 0.0, 1.0)
-            middle = low + np.where(np.isfinite(between), between, 0.5) * (high - low)
-            z, rise, _ = self.refit(middle, open_, f_high + self.quantile[open_])
-            self._saw(open_, middle, rise)  # strides may be long: a picture needs these
-            f_middle = rise - self.quantile[open_]
-            up = f_middle > 0
-            self.z[open_[~up]] = z[~up]
-            f_low = np.where(up & (side > 0), 0.5 * f_low, f_low)
-            f_high = np.where(~up & (side < 0), 0.5 * f_high, f_high)
-            high, f_high = np.where(up, middle, high), np.where(up, f_middle, f_high)
-            low, f_low = np.where(up, low, middle), np.where(up, f_low, f_middle)
-            ends[:, open_] = low, high, f_low, f_high, np.where(up, 1.0, -1.0)
-            crossing[open_] = middle
-            done = (np.abs(high - low) <= TOLERANCE) | (np.abs(f_middle) <= TOLERANCE)
-            open_ = open_[~done]
-        return crossing
-
-    def _beyond(self, crossing) -> None:
-        """One look beyond each limit, for the picture."""
-        which = np.flatnonzero(np.isfinite(crossing))
-        if len(which):
-            at = self.centre[which] + BEYOND * (crossing[which] - self.centre[which])
-            self._saw(which, at, self.refit(at, which)[1])
-
-
-def profiles(asked: Sequence[Asked]) -> list[dict[str, Profile]]:
-    """Profiles of some elements of fits whose problems are alike, by their labels."""
-    if not any(len(one.columns) for one in asked):
-        return [{} for _ in asked]
+def profiles(asked: Asked) -> dict[str, Profile]:
+    """Profiles of some elements of a fit, by their labels."""
+    if not len(asked.columns):
+        return {}
     state = _Walks(asked)
-    crossing = state.run()
-    of_member: list[dict[str, Profile]] = []
-    for member, one in enumerate(asked):
-        own = np.flatnonzero(state.member == member)
-        found = {}
-        for column, limit in zip(one.columns, one.limits, strict=True):
-            label = one.problem.elements[one.problem.active[column]].label
-            members = own[state.columns[own] == column]
-            found[label] = _profile(state, label, members, crossing, int(limit))
-        of_member.append(found)
-    return of_member
+    crossing, elements = state.run(), asked.problem.elements
+    return {
+        elements[asked.problem.active[column]].label: _profile(state, column, int(limit), crossing)
+        for column, limit in zip(asked.columns, asked.limits, strict=True)
+    }
 
 
 def joined(curves: Sequence[Profile]) -> Profile:
@@ -286,15 +245,15 @@ def joined(curves: Sequence[Profile]) -> Profile:
     )
 
 
-def _profile(state: _Walks, label: str, members, crossing, limit: int) -> Profile:
+def _profile(state: _Walks, column: int, limit: int, crossing) -> Profile:
     """Both sides of the profile of one parameter, in physical units."""
-    position = int(state.positions[members[0]])
+    members = np.flatnonzero(state.columns == column)
+    first = int(members[0])
+    position = int(state.positions[first])
     transform = state.problem.transform.part(np.array([position]))
     physical = lambda z: float(transform.physical(np.array([z]))[0])  # noqa: E731
-    first = int(members[0])
-    begin = (float(state.centre[first]), float(state.begin[first]))
-    way = [begin, *(one for k in members for one in state.way[k])]
-    way.sort()
+    begin = (float(state.centre[first]), state.begin)
+    way = sorted([begin, *(one for k in members for one in state.way[k])])
     ends: dict[int, float | None] = {-1: None, 1: None}
     at = np.where(np.isfinite(crossing), crossing, state.edge)
     for k in members:
@@ -304,19 +263,17 @@ def _profile(state: _Walks, label: str, members, crossing, limit: int) -> Profil
         bound = float(transform.bound_beyond(np.array([limit]))[0])
         ends[limit] = bound if np.isfinite(bound) else None
     return Profile(
-        label,
+        state.problem.elements[position].label,
         tuple(physical(at) for at, _ in way),
         tuple(rise**2 for _, rise in way),
         ends[-1],
         ends[1],
-        float(state.quantile[members[0]]) ** 2,
+        float(state.quantile[first]) ** 2,
     )
 
 
 LEAST_ERROR = 1e-12  # of data without noise: the interval is a point
-SIDE_BY_SIDE = 100  # fits whose profiles are one batch: progress is reported between batches
 SKEWED = 1 / 8  # of an interval's width, see `is_skewed`
-BEND_STEP = 0.1  # in standard errors, of the third derivative
 FROM_END = 0.5  # first stride of a walk that begins at an end of the range, in z
 
 
@@ -325,44 +282,33 @@ def profiles_of(
 ) -> list[dict[str, Profile]]:
     """Profiles of each scalar parameter that has a likelihood: of `model`, and of the step by Eq. (17).
 
-    χ̃ of `two-step` has none. Fits whose problems are alike go side by side; `tell` hears how many
-    are done.
+    χ̃ of `two-step` has none. `tell` hears how many fits are done.
     """
-    alike: dict[Hashable, list[tuple[int, Asked]]] = {}
-    curves: list[dict[str, Profile]] = [{} for _ in fits]
-    for k, fit in enumerate(fits):
-        asked = _requested(fit, confidence)
+    curves: list[dict[str, Profile]] = []
+    for fit in fits:
+        tell(len(curves))
+        asked, branches = _requested(fit, confidence), fit.stages[0].branches
         if asked is None:
-            continue
-        if fit.stages[0].branches is None:
-            alike.setdefault(structure(asked.problem), []).append((k, asked))
+            curves.append({})
         else:
-            curves[k] = _profiles_of_branches(fit, asked)
-    done = len(fits) - sum(map(len, alike.values()))
-    for members in alike.values():
-        for first in range(0, len(members), SIDE_BY_SIDE):
-            tell(done)
-            places, some = zip(*members[first : first + SIDE_BY_SIDE], strict=True)
-            for k, found in zip(places, profiles(some), strict=True):
-                curves[k] = found
-            done += len(some)
+            curves.append(profiles(asked) if branches is None else _of_branches(fit, asked))
     return curves
 
 
-def _profiles_of_branches(fit: ComponentFit, asked: Asked) -> dict[str, Profile]:
+def _of_branches(fit: ComponentFit, asked: Asked) -> dict[str, Profile]:
     """Profiles where ε jumps at yield: the lowest Δχ² of all branches that come near the best."""
     (stage,), branches = fit.stages[:1], fit.stages[0].branches
     assert branches is not None
     cost = float(stage.found.cost[0])
     near = np.max(asked.quantiles, initial=0.0) ** 2 * asked.variance
-    found = [profiles([asked._replace(lowest=2 * cost)])[0]]
+    found = [profiles(asked._replace(lowest=2 * cost))]
     own = np.all(branches.elastic == stage.problem.elastic, axis=1)
     for k in np.flatnonzero(~own & (2 * (branches.cost - cost) < near)):
         limits = branches.limits[k][asked.columns]
         errors = np.where(limits != 0, FROM_END, asked.errors)
         problem = branches.problem(stage.problem, int(k))
         told = {"problem": problem, "z": branches.z[k], "limits": limits, "errors": errors}
-        found += profiles([asked._replace(**told, lowest=2 * cost)])
+        found.append(profiles(asked._replace(**told, lowest=2 * cost)))
     return {label: joined([curves[label] for curves in found]) for label in found[0]}
 
 
@@ -386,7 +332,7 @@ def _requested(fit: ComponentFit, confidence: float) -> Asked | None:
     columns = np.flatnonzero(wanted)
     degrees = np.where(limits != 0, _left(fit), known.degrees[problem.active])[columns]
     reach = np.atleast_1d(quantile(confidence, degrees)) * known.widened[problem.active[columns]]
-    few = pooled_about(problem, fit.z, known.errors[problem.active])
+    few = condensed(problem, fit.z)
     return Asked(few, fit.z, fit.begun, variance, columns, errors[columns], limits[columns], reach)
 
 
@@ -405,18 +351,21 @@ def _variance(fit: ComponentFit) -> float | None:
     return float(np.max(weighted)) ** 2
 
 
-def weighted_deviation(fit: ComponentFit, problem: Problem) -> np.ndarray:
-    """Standard deviation of each weighted residual of a stage's points."""
+def weighted_deviation(fit: ComponentFit, problem: Problem, least: float = 0.0) -> np.ndarray:
+    """Standard deviation of each weighted residual of a stage's points; `least` of each value."""
     if not problem.is_fixed:
         return np.ones(problem.count)
-    return fit.uncertainty.deviation * problem.points.weight
+    weight = np.sqrt(problem.points.copies / problem.diagonal(fit.z[None])[0])
+    return np.maximum(fit.uncertainty.deviation, least) * weight
 
 
 def estimates(
     fit: ComponentFit, curves: dict[str, Profile], confidence: float
 ) -> dict[int, Estimate]:
     """Estimates of each element of the component."""
-    bends = None if curves or not fit.is_likelihood else third_derivatives(fit)
+    bends = None
+    if fit.is_likelihood and not curves:
+        bends = third_derivatives(fit.final.problem, fit.z, fit.uncertainty)
     found = {}
     for k, e in enumerate(fit.component.elements):
         one = estimate_of(fit, k, curves.get(e.label), confidence)
@@ -425,29 +374,6 @@ def estimates(
             one = replace(one, skewed=_is_skewed_by(fit, k, one, confidence, bends))
         found[k] = one
     return found
-
-
-def third_derivatives(fit: ComponentFit) -> np.ndarray | None:
-    """Third derivative of -ln p along each element while the others follow, in standard errors.
-
-    That of the profile likelihood is the same. From the exact gradient on both sides; None where second
-    derivatives were not taken either.
-    """
-    problem, known = fit.final.problem, fit.uncertainty
-    if not known.definite or not asks_for_curvature(problem):
-        return None
-    bends = np.zeros(len(fit.z))
-    covariance = np.nan_to_num(known.covariance)
-    every = [k for k in problem.active if known.known[k] and covariance[k, k] > 0]
-    if not every:
-        return bends
-    ways = covariance[every] / np.sqrt(np.diag(covariance)[every])[:, None]
-    places = fit.z + BEND_STEP * np.concatenate([ways, -ways])
-    found = problem.linearise(places)
-    gradient = np.einsum("fmp,fm->fp", found.jacobian, found.residual)
-    along = np.einsum("fp,fp->f", gradient, np.tile(ways[:, problem.active], (2, 1)))
-    bends[every] = along.reshape(2, -1).sum(axis=0) / BEND_STEP**2
-    return bends
 
 
 def _is_skewed_by(

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from calibration.fitting.noise import Normal, StudentT
-from calibration.fitting.problem import AT_ONCE, Lanes, Problem
+from calibration.fitting.problem import AT_ONCE, Lanes, Linear, Problem
 from calibration.fitting.search import Found, search
 from calibration.fitting.stages import ComponentFit, along_valley
 from calibration.fitting.variances import (
@@ -29,11 +29,7 @@ def with_own_noise(problem: Problem, z, lanes: Lanes, begun=None) -> Found:
     if not needs_variances(problem) or not any(one.unknown for one in problem.errors):
         return found
     for _ in range(ROUNDS):
-        variances = variances_at(problem, found.z, lanes)
-        lanes = lanes._replace(variances=variances)
-        if problem.is_fixed:
-            kept = 1.0 if lanes.weight is None else lanes.weight > 0
-            lanes = lanes._replace(weight=kept * problem.diagonal(found.z, lanes) ** -0.5)
+        lanes = lanes._replace(variances=variances_at(problem, found.z, lanes))
         again = search(problem, found.z, begun=found.begun, lanes=lanes, limit=STEPS, releases=0)
         moved = float(np.max(np.abs(again.z - found.z), initial=0.0))
         found = again
@@ -79,13 +75,11 @@ def bootstrap(fits: list[ComponentFit], count: int, seed: int, confidence: float
 
 def _simulated(fit: ComponentFit, count: int, random) -> Float[np.ndarray, "count n"]:
     """Data around the curve of the first stage."""
-    first = fit.stages[0].problem
-    parts = [
-        carried.mean + errors.simulate(s, carried, random, count)
-        for errors, s, carried in zip(
-            first.errors, first.variances, first.carried(fit.z[None]), strict=True
-        )
-    ]
+    first, parts = fit.stages[0].problem, []
+    found = first.linearise(fit.z[None])
+    for errors, s, own in zip(first.errors, first.variances, first.own, strict=True):
+        curve = found.carried(own)
+        parts.append(curve.mean + errors.simulate(s, curve, random, count))
     return np.maximum(np.concatenate(parts, axis=1), 0.0)
 
 
@@ -112,11 +106,9 @@ def _lowest_along_valley(problem: Problem, found: Found, drawn: np.ndarray, begu
     cost = np.stack([found.cost, more.cost[:fits], more.cost[fits:]])
     arrived = np.stack([found.converged, more.converged[:fits], more.converged[fits:]])
     best = np.argmin(np.where(arrived, cost, np.inf), axis=0)
-    place = best * fits + np.arange(fits)
-    parts: list[Any] = [
-        np.concatenate(pair)[place] for pair in zip(found[:-1], more[:-1], strict=True)
-    ]
-    return Found._make([*parts, found.evaluations + more.evaluations])
+    parts: list[Any] = [np.concatenate(pair) for pair in zip(found[:-1], more[:-1], strict=True)]
+    every = Found._make([*parts, found.evaluations + more.evaluations])
+    return every.some(best * fits + np.arange(fits))
 
 
 EXACT = 1_000_000  # impacts up to which every point is left out by a refit
@@ -227,9 +219,10 @@ def folds_of(problem: Problem) -> Int[np.ndarray, "n"]:
 def _pointwise(fit: ComponentFit) -> Float[np.ndarray, "n"]:
     """ln p of each point by the likelihood of the fit."""
     first = fit.stages[0].problem
-    off = fit.final.problem.predict(fit.z[None])[0] - first.points.value
-    every = zip(first.errors, first.variances, first.carried(fit.z[None]), first.own, strict=True)
-    parts = [e.by_point(s, off[None, own], c.slope, c.bend)[0] for e, s, c, own in every]
+    found, at = fit.final.problem.linearise(fit.z[None]), first.linearise(fit.z[None])
+    off, parts = found.prediction - first.points.value, []
+    for errors, s, own in zip(first.errors, first.variances, first.own, strict=True):
+        parts.append(errors.by_point(s, off[:, own], at.slope[:, own], at.bend[:, own])[0])
     return np.concatenate(parts)
 
 
@@ -248,7 +241,7 @@ def _without_points(fit: ComponentFit, fold: np.ndarray):
     z, converged = np.repeat(fit.z[None], folds, axis=0), np.ones(folds, bool)
     kept = (fold != np.arange(folds)[:, None]).astype(float)
     for stage in fit.stages:
-        lanes = Lanes(weight=kept * stage.problem.points.weight)
+        lanes = Lanes(copies=kept * stage.problem.points.copies)
         begun = np.broadcast_to(fit.begun, z.shape)
         found = search(stage.problem, z, begun=begun, lanes=lanes, limit=STEPS)
         z, converged = found.z, converged & found.converged
@@ -272,8 +265,7 @@ def _scored(fit: ComponentFit, z: np.ndarray, kept: np.ndarray):
         first.errors, first.variances, first.seen(z), first.own, strict=True
     ):
         mask = np.where(np.any(kept[:, own] > 0, axis=1)[:, None], kept[:, own], 1.0)
-        columns = found.jacobian[:, : problem.count][:, own] / problem.points.weight[own][:, None]
-        raw = np.where(held, 0.0, one.jacobian if problem is first else columns)
+        raw = np.where(held, 0.0, found.per[:, own])
         one, at = one._replace(off=off[:, own], jacobian=raw, kept=mask), (one.slope, one.bend)
         s = estimated(errors, one, True, s) if errors.unknown else s
         variance[:, own] = total = errors.variance(s, *at) + np.zeros(off[:, own].shape)
@@ -284,7 +276,7 @@ def _scored(fit: ComponentFit, z: np.ndarray, kept: np.ndarray):
             spread = np.einsum("cfn,fcd,dfn->fn", per, relative, per)
             with np.errstate(divide="ignore"):
                 degrees[:, own] = np.where(spread > 0, 2 * total**2 / spread, np.inf)
-    raw = _slopes(fit, found.jacobian)
+    raw = _slopes(fit, found)
     rows, others = raw[:, : problem.count], raw[:, problem.count :]
     there = rows * (kept * variance**-0.5)[..., None]
     information = np.swapaxes(there, 1, 2) @ there + np.swapaxes(others, 1, 2) @ others
@@ -296,17 +288,11 @@ def _scored(fit: ComponentFit, z: np.ndarray, kept: np.ndarray):
     return off, student(off / deviation, degrees) - np.log(deviation)
 
 
-def _slopes(fit: ComponentFit, jacobian) -> np.ndarray:
+def _slopes(fit: ComponentFit, found: Linear) -> np.ndarray:
     """Derivatives of the predictions and of the priors' rows, columns of unit length; 0 for fixed elements."""
     problem = fit.final.problem
-    points = jacobian[:, : problem.count]
-    if problem.is_fixed:
-        weight = problem.points.weight
-        points = points / np.where(weight > 0, weight, 1.0)[:, None]
-    else:
-        points = points * np.sqrt(problem.diagonal(fit.z[None]))[..., None]
-    priors = jacobian[:, problem.count : jacobian.shape[1] - problem.more]
-    rows = np.concatenate([points, priors], axis=1)
+    priors = found.jacobian[:, problem.count : found.jacobian.shape[1] - problem.more]
+    rows = np.concatenate([found.per, priors], axis=1)
     size = np.linalg.norm(rows, axis=1, keepdims=True)
     return np.where(_held(fit), 0.0, rows / np.where(size > 0, size, 1.0))
 
@@ -326,7 +312,7 @@ def _without_groups(fit: ComponentFit, fold: np.ndarray):
         inverse = np.linalg.pinv(there.T @ there, rcond=SEEN**2, hermitian=True)
         mine = problem.kept(rows)
         left = replace(first.kept(rows), active=problem.active, laws=mine.laws)
-        off[rows] = mine.predict(z)[0] - mine.points.value
+        off[rows] = mine.linearise(z, slopes=False).prediction[0] - mine.points.value
         for errors, s, one, part in zip(
             left.errors, left.variances, left.seen(z), left.own, strict=True
         ):
@@ -361,10 +347,7 @@ def _continued(fit: ComponentFit, fold: Int[np.ndarray, "n"]):
     for errors, s, one, own in zip(
         first.errors, first.variances, first.seen(fit.z[None]), first.own, strict=True
     ):
-        raw = one.jacobian[0]
-        if problem is not first:
-            raw = found.jacobian[0, own] / problem.points.weight[own, None]
-        raw = np.where(held, 0.0, raw)
+        raw = np.where(held, 0.0, found.per[0, own])
         solved = errors.solve(
             errors.factor(s, one.slope, one.bend), np.c_[measured[own], raw][None]
         )

@@ -9,14 +9,22 @@ import numpy as np
 from jaxtyping import Float
 
 import softjax as sj
-from calibration.fitting.batches import pooled
 from calibration.fitting.branches import Branches, by_branches, held_at
+from calibration.fitting.errors import Errors
 from calibration.fitting.laws import OF_CONTACT
 from calibration.fitting.layout import Component, assemble
+from calibration.fitting.neighbourhoods import condensed
 from calibration.fitting.problem import Element, Lanes, Problem
 from calibration.fitting.request import Request
-from calibration.fitting.search import LARGEST_STEP, MOST, Found, guided_search, search
-from calibration.fitting.steps import OPTIMISERS, TINY
+from calibration.fitting.search import (
+    LARGEST_STEP,
+    MOST,
+    OPTIMISERS,
+    TINY,
+    Found,
+    guided_search,
+    search,
+)
 from calibration.fitting.uncertainty import Uncertainty, uncertainty_of
 from calibration.fitting.variances import (
     first_variances,
@@ -24,7 +32,6 @@ from calibration.fitting.variances import (
     needs_variances,
     renewed,
     stands_alone,
-    with_noise,
 )
 from calibration.fitting.warnings import CONFIDENCE, runs
 from calibration.options import FitOptions
@@ -134,6 +141,7 @@ ODE_SHARE = 0.05  # of these where each is integrated over time
 QUICKEST = "levenberg-marquardt"
 AS_LOW = 1e-6  # share of a cost within which two ends are one minimum
 ROUNDS = 30
+CLOSER = 2  # rounds in which neighbourhoods are brought to the minimum of all points
 CHANGED = 1e-9  # share of a cost by which another is lower
 UNSETTLED = "variances keep changing"
 
@@ -194,22 +202,20 @@ def run_stage(
     problem = first_variances(problem, z) if weigh else problem
     unsettled = weigh and needs_variances(problem)
     places = candidates(problem, z, options.starts, options.seed)
-    few = pooled(problem)
+    few = condensed(problem)
     starts = best_starts(few, places, REFINED)
-    if few is not problem:
-        starts = np.concatenate([end.z for end in _from_starts(few, starts, QUICKEST)])
-    if (
-        problem.moves
-    ):  # far from the points a steep curve would explain them by errors of velocities
-        level = _level(problem)
+    if problem.moves:
+        # far from the points a steep curve would explain them by errors of velocities
+        level = _weighing(few, [errors.diagonal(s) for errors, s in _noise(few)])
         starts = np.concatenate([end.z for end in _from_starts(level, starts, QUICKEST)])
         starts = np.concatenate([starts, along_valley(level, starts[:1])])
-    branches = None
-    alone = False
+    branches, alone = None, False
     if problem.elastic is None:
-        ends = _from_starts(problem, starts, options.optimiser, options.max_steps)
+        ends = _from_starts(few, starts, options.optimiser, options.max_steps)
         if options.starts >= FEWEST:
-            ends, alone = _from_more_starts(problem, z, ends, options)
+            ends, alone = _from_more_starts(few, z, ends, options)
+        if few is not problem:
+            ends = sorted((_of_all(problem, end, options) for end in _minima(ends)), key=_rank)
     else:
         ends, branches = _along_branches(problem, np.unique([z, *starts], axis=0), options)
         problem = held_at(problem, ends[0].z[0])
@@ -229,18 +235,22 @@ def run_stage(
     crossings = 0 if first is None else int(np.sum(first != problem.elastic))
     report = _report(name, problem, found, options, len(places), evaluations)
     if weigh and not unsettled and any(one.unknown for one in problem.errors):
-        problem, found, ends = _in_units(problem, found, ends)
+        problem, found = _in_units(problem, found)
     seconds = time.perf_counter() - begun
     others = tuple(ends[1:])
     return StageFit(problem, found.z[0], found, others, report, crossings, seconds, branches, alone)
 
 
-def _level(problem: Problem) -> Problem:
-    """The problem with the errors that points of a level curve have: where a search begins."""
-    pairs = zip(problem.errors, problem.variances, strict=True)
-    every = [errors.diagonal(s) + np.zeros(len(errors)) for errors, s in pairs]
-    points = problem.points._replace(weight=np.concatenate(every) ** -0.5)
-    return replace(problem, points=points, errors=(), variances=())
+def _noise(problem: Problem):
+    """Errors and variances of each block."""
+    return zip(problem.errors, problem.variances, strict=True)
+
+
+def _weighing(problem: Problem, variances) -> Problem:
+    """The problem with errors of known variance, of each block, that do not move with the curve."""
+    pairs = zip(problem.errors, variances, strict=True)
+    errors = tuple(Errors.known(one.velocity, variance) for one, variance in pairs)
+    return replace(problem, errors=errors, variances=({},) * len(errors))
 
 
 def along_valley(problem: Problem, z: Float[np.ndarray, "fits elements"]) -> Places:
@@ -264,8 +274,25 @@ def along_valley(problem: Problem, z: Float[np.ndarray, "fits elements"]) -> Pla
 
 def _from_starts(problem: Problem, starts, optimiser: str, limit: int = MOST) -> list[Found]:
     """End points of searches from each start, as one batch; the best first."""
-    found = guided_search(problem, starts, optimiser, limit=limit)
-    return sorted((found.one(k) for k in range(len(starts))), key=_rank)
+    return _apart_by_rank(guided_search(problem, starts, optimiser, limit=limit))
+
+
+def _apart_by_rank(found: Found) -> list[Found]:
+    """Searches side by side one by one, the best first; what all took is counted with one of them."""
+    ends = [found.some(slice(k, k + 1)) for k in range(len(found.z))]
+    counted = [end._replace(evaluations=0) for end in ends[1:]]
+    return sorted([ends[0], *counted], key=_rank)
+
+
+def _of_all(problem: Problem, end: Found, options: FitOptions) -> Found:
+    """Where all points have the minimum that neighbourhoods have at the end of a search."""
+    evaluations, limit, optimiser = end.evaluations, options.max_steps, options.optimiser
+    for _ in range(CLOSER):
+        few = condensed(problem, end.z[0])
+        end = search(few, end.z, begun=end.begun, limit=limit, releases=0)
+        evaluations += end.evaluations
+    end = search(problem, end.z, optimiser, begun=end.begun, limit=limit, releases=0)
+    return end._replace(evaluations=evaluations + end.evaluations)
 
 
 def _from_more_starts(
@@ -285,8 +312,7 @@ def _from_more_starts(
         if count < options.starts:
             break
         places = candidates(problem, z, count, options.seed + k + 1, wide)
-        found = guided_search(problem, best_starts(problem, places, most), QUICKEST)
-        more = sorted((found.one(i) for i in range(len(found.z))), key=_rank)
+        more = _from_starts(problem, best_starts(problem, places, most), QUICKEST)
         if float(more[0].cost[0]) < float(ends[0].cost[0]) * (1 - CHANGED):
             more[0] = search(problem, more[0].z, options.optimiser, limit=options.max_steps)
         ends = sorted([*ends, *more], key=_rank)
@@ -336,15 +362,15 @@ def _rank(found: Found) -> tuple[float, bool]:
     return (float(f"{cost:.6g}"), not found.converged[0])
 
 
-def _in_units(problem: Problem, found: Found, ends: list[Found]):
-    """Problem and searches in units of the noise, which was weighed against nothing."""
-    problem = with_noise(problem, found.z[0])
-    scale = float(np.mean(problem.points.weight)) ** 2
-    told = [
-        one._replace(cost=scale * one.cost, gradient_norm=scale * one.gradient_norm)
-        for one in [found, *ends]
-    ]
-    return problem, told[0], told[1:]
+def _in_units(problem: Problem, found: Found) -> tuple[Problem, Found]:
+    """Problem and search in units of the noise, which was weighed against nothing."""
+    problem = renewed(problem, found.z[0])
+    if len(problem.errors) > 1:  # each set weighs as it did
+        points = problem.points._replace(copies=problem.diagonal(found.z)[0])
+        return replace(problem, points=points), found
+    scale = 1 / problem.variances[0]["scatter"]
+    norm = scale * found.gradient_norm
+    return problem, found._replace(cost=scale * found.cost, gradient_norm=norm)
 
 
 def _lowest(problem: Problem, ends: list[Found], options: FitOptions) -> tuple[Found, Problem, int]:
@@ -401,7 +427,7 @@ def _report(name, problem: Problem, found: Found, options, starts, evaluations) 
 
 def route_name(problem: Problem) -> str:
     """Name of the route from the problem's laws to ε."""
-    law = problem.laws.rows.model.law_type
+    law = problem.laws.model.law_type
     if issubclass(law, sj.HardSphereLaw):
         return "closed form"
     if problem.route is not None:
@@ -480,11 +506,10 @@ def _after(first: StageFit, problem: Problem) -> Problem:
     of what points share.
     """
     told = first.problem
+    variance = told.diagonal(first.z[None])[0]
     if all(stands_alone(told, g) for g in range(len(told.errors))):
-        return replace(problem, errors=(), variances=())  # all points weigh alike
-    weight = told.diagonal(first.z[None])[0] ** -0.5
-    points = problem.points._replace(weight=weight)
-    return replace(problem, points=points, errors=(), variances=())
+        variance = np.ones(told.count)  # all points weigh alike
+    return _weighing(problem, [variance[own] for own in told.own])
 
 
 NO_NOISE = 1e-10  # rms of ε below which there is no noise to speak of

@@ -39,7 +39,7 @@ def _of_block(fit: ComponentFit, k: int) -> Goodness:
     """Goodness of fit for one observable of a data set."""
     problem, first = fit.final.problem, fit.stages[0].problem  # which knows what the points share
     own, errors, s = problem.own[k], first.errors[k], first.variances[k]
-    found, one = problem.linearise(fit.z[None]), first.carried(fit.z[None])[k]
+    found, one = problem.linearise(fit.z[None]), first.linearise(fit.z[None]).carried(own)
     leverage = leverages(found.jacobian[0])[: problem.count][own]
     left = float(max(len(leverage) - np.sum(leverage), 0.0))
     spread = weighted_deviation(fit, problem)[own]
@@ -199,7 +199,7 @@ def eq_17_alone(data: RestitutionData) -> ComponentFit | None:
 def eq_17_of(fit: ComponentFit, g: int) -> tuple[float, dict[str, float]]:
     """Root mean square of ε about the first stage's Eq. (17), and its coefficients."""
     problem, place = fit.stages[0].problem, fit.component.sets.index(g)
-    residual = problem.predict(fit.z[None])[0] - problem.points.value
+    residual = problem.linearise(fit.z[None]).prediction[0] - problem.points.value
     law = problem.law_of(fit.theta, place)
     names = ("limit_velocity", "sigma", "psi")
     values = {name: float(getattr(law, name)) for name in names}
@@ -275,7 +275,7 @@ def _moved_elements(fit: ComponentFit, stage: StageFit, other: Found) -> list[in
 def _rise(fit: ComponentFit, stage: StageFit, z) -> float:
     """χ² there less χ² at the best: twice the difference of -ln p."""
     problem = stage.problem
-    deviation = np.maximum(weighted_deviation(fit, problem), LEAST_NOISE * problem.points.weight)
+    deviation = weighted_deviation(fit, problem, LEAST_NOISE)
     return 2 * (_cost_at(problem, z) - _cost_at(problem, stage.z)) / float(np.mean(deviation**2))
 
 
@@ -404,8 +404,8 @@ def _in_the_middle(fit: ComponentFit, points: np.ndarray) -> str:
     problem, known = fit.final.problem, fit.uncertainty
     velocity = problem.points.velocity[points]
     middle = points[np.argmin(np.abs(np.log(velocity / np.median(velocity))))]
-    theta, per_z = problem.transform.physical(fit.z[None]), problem.transform.slope(fit.z[None])
-    value, slope, _ = problem.curve(theta, per_z)
+    found = problem.bare.linearise(fit.z[None])
+    value, slope = found.prediction, found.per
     own = known.of_predictions[np.ix_(problem.active, problem.active)]
     error = float(np.sqrt(max(slope[0, middle] @ own @ slope[0, middle], 0.0)))
     told = with_error(float(value[0, middle]), error)

@@ -77,7 +77,7 @@ class NamedErrors:
         errors, points = self.errors, self.points
         vector = _vector(self.problem, theta)
         velocity = jnp.asarray(errors.nodes if errors.has_slope else errors.velocity)
-        law = self.problem.laws.rows.of_points(vector, self.block.own)
+        law = self.problem.laws.of_points(vector, self.block.own)
         if self.block.observable == RESTITUTION:
             value = root(sj.signed_restitution(law, velocity, route).squared, jnp)
         else:
@@ -217,7 +217,7 @@ class Traceable:
         own = next(c for c in self.components if g in c.sets)
         problem = own.stages[0][1]
         points = np.flatnonzero(problem.points.set == own.sets.index(g))
-        return problem.laws.rows.of_points(_vector(problem, theta), points)
+        return problem.laws.of_points(_vector(problem, theta), points)
 
     def _split(self, values: Array) -> list[Array]:
         """Values of all points by data set."""

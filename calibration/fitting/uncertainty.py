@@ -32,21 +32,21 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from calibration.fitting.errors import Errors
-from calibration.fitting.problem import Problem, Residuals
-from calibration.fitting.steps import acts_on_nothing
-from calibration.fitting.variances import relative_covariance
+from calibration.fitting.neighbourhoods import condensed
+from calibration.fitting.problem import Problem, Residuals, acts_on_nothing
+from calibration.fitting.variances import differences, relative_covariance
 from calibration.parameters import NONE
 
 RANK_TOLERANCE = 1e-9  # smallest over largest singular value, columns scaled to one
 NO_ERROR = 50.0  # a standard error in log units that says nothing
 DIFFERENCE = 2e-3  # step in z of the fourth-order differences of the exact gradient
+BEND_STEP = 0.1  # in standard errors, of the third derivative
 NULL_SHARE = 1e-3  # of a null direction, from which on an element counts as undetermined
 SIDES = np.array([-2, -1, 1, 2])
 LEAST_CURVATURE = 0.02  # observed over expected information, below which it counts as none
 MOST = 4_000_000  # impacts of second derivatives
 NUMBERS = 20_000_000  # of Jacobians that are in memory at once
 BY_TIME = 0.1  # of these where each is integrated over time
-OF_VARIANCE = 1e-2  # step in the logarithm of a variance
 FEWEST = 1.0  # degrees of freedom
 
 ALL = "all"
@@ -192,31 +192,38 @@ def _of_likelihood(problem: Problem, limits, z) -> Uncertainty:
     jacobian = np.where(held | acts_on_nothing(jacobian, size[None]), 0.0, jacobian[0])
     rank, condition, nulls = diagnose(jacobian, held)
     basis, seen = _basis(jacobian)
-    curved, definite = identity, True
-    if asks_for_curvature(problem):
-        slopes = gradient_slopes(problem, z, problem.active)
+    curved, definite = identity, not _has_network(problem)
+    few = condensed(problem, z)
+    if asks_for_curvature(few):
+        slopes = gradient_slopes(few, z, problem.active)
         curvature = basis.T @ (0.5 * (slopes + slopes.T)) @ basis
         curvature += np.where(seen[:, None] & seen, 0.0, identity)
         finite = bool(np.all(np.isfinite(curvature)))
-        definite = finite and np.linalg.eigvalsh(curvature)[0] > LEAST_CURVATURE
+        definite = finite and bool(np.linalg.eigvalsh(curvature)[0] > LEAST_CURVATURE)
         curved = curvature if definite else identity
-    else:
-        definite = not _has_network(problem)
     values, vectors = np.linalg.eigh(curved)
     root = basis @ (vectors * values**-0.5) @ vectors.T
-    squares = np.sum((jacobian @ basis) ** 2, axis=1)
-    left = _left(problem, squares)
+    left = _left(problem, np.sum((jacobian @ basis) ** 2, axis=1))
     freedom, added = _of_noise(problem, z, left, basis, root, jacobian)
     whole = root @ root.T
     covariance, before = whole + added, np.diagonal(whole)
     ratio = np.diagonal(covariance) / np.where(before > 0, before, 1.0)
-    widened = np.sqrt(np.where(before > 0, np.maximum(ratio, 1.0), 1.0))
     left_out = nulls | held
     told = np.where(left_out[:, None] | left_out, np.nan, covariance)
-    nulls = nulls | (scaled & ~held & ~(np.diagonal(told) < NO_ERROR**2))
-    deviation = np.sqrt(problem.diagonal(z[None])[0])
-    of_errors = (bool(definite), deviation, left, widened)
-    return Uncertainty(told, covariance, whole, freedom, rank, condition, nulls, limits, *of_errors)
+    return Uncertainty(
+        covariance=told,
+        of_predictions=covariance,
+        whole=whole,
+        freedom=freedom,
+        rank=rank,
+        condition_number=condition,
+        undetermined=nulls | (scaled & ~held & ~(np.diagonal(told) < NO_ERROR**2)),
+        limits=limits,
+        definite=definite,
+        deviation=np.sqrt(problem.diagonal(z[None])[0]),
+        left=left,
+        widened=np.sqrt(np.where(before > 0, np.maximum(ratio, 1.0), 1.0)),
+    )
 
 
 def _has_network(problem: Problem) -> bool:
@@ -256,18 +263,17 @@ def _of_noise(problem: Problem, z, left, basis, root, jacobian) -> tuple[Freedom
     parts, sets, names, blocks = [], [], [], []
     added = np.zeros(root.shape)
     unknown = any(e.unknown or e.degrees is not None for e in problem.errors)
-    residuals = problem.seen(z[None]) if unknown else []
-    called = problem.block_names
-    for g, (errors, s, own) in enumerate(
-        zip(problem.errors, problem.variances, residuals, strict=False)
-    ):
+    every = zip(
+        problem.errors, problem.variances, problem.seen(z[None]) if unknown else (), strict=False
+    )
+    for g, (errors, s, own) in enumerate(every):
         kinds, relative = _estimates(errors, s, own, left[g])
         if not kinds:
             continue
         turned = own._replace(jacobian=own.jacobian @ basis)
         first, second = _changes(errors, s, turned, kinds, jacobian[problem.own[g]] @ basis)
         parts += [-one for one in first]
-        sets += [called[g]] * len(kinds)
+        sets += [problem.block_names[g]] * len(kinds)
         names += kinds
         blocks.append(relative)
         if not errors.is_normal:
@@ -298,28 +304,13 @@ def _changes(errors: Errors, s, own: Residuals, kinds: list[str], white):
     """∂A/∂ln s and ∂²A/∂ln s∂ln s of A = Jᵀ V⁻¹ J of one block."""
     if kinds == ["repeats"] or not errors.is_normal:
         return [-white.T @ white], [[white.T @ white]]
-    h = OF_VARIANCE
 
-    def information(*moves: tuple[str, float]):
-        at = dict(s)
-        for kind, step in moves:
-            at[kind] = at[kind] * np.exp(step)
+    def information(step: np.ndarray) -> Matrix:
+        at = {**s, **{kind: s[kind] * np.exp(h) for kind, h in zip(kinds, step, strict=True)}}
         columns = errors.whiten(errors.factor(at, own.slope, own.bend), own.jacobian)[0]
         return columns.T @ columns
 
-    here = information()
-    first, second = [], [[0 * here for _ in kinds] for _ in kinds]
-    for c, kind in enumerate(kinds):
-        far_down, down, up, far_up = (information((kind, n * h)) for n in SIDES)
-        first.append((8 * (up - down) - (far_up - far_down)) / (12 * h))
-        second[c][c] = (16 * (up + down) - (far_up + far_down) - 30 * here) / (12 * h**2)
-        for d, other in enumerate(kinds[:c]):
-            ends = [
-                information((kind, a * h), (other, b * h))
-                for a, b in ((1, 1), (1, -1), (-1, 1), (-1, -1))
-            ]
-            second[c][d] = second[d][c] = (ends[0] - ends[1] - ends[2] + ends[3]) / (4 * h**2)
-    return first, second
+    return differences(information, len(kinds))[1:]
 
 
 def _diagonal(blocks: Sequence[np.ndarray]) -> np.ndarray:
@@ -341,13 +332,19 @@ def _of_equations(stages: Stages, z) -> Uncertainty:
     for k, (problem, own_limits) in enumerate(stages):
         columns = slice(first, first + len(problem.active))
         first, held = columns.stop, own_limits != 0
-        jacobian = np.where(held, 0.0, problem.linearise(z[None]).jacobian[0])
+        found = problem.linearise(z[None])
+        jacobian = np.where(held, 0.0, found.jacobian[0])
         if k:
             bread[columns] = gradient_slopes(problem, z, order)
         else:
             bread[columns, columns] = jacobian.T @ jacobian
             leverage = leverages(jacobian)[:points]
-        scores[:, columns] = _scores(problem, z, jacobian[:points], held)
+        # the effect of an error in each value on the equations of a stage
+        for errors, s, own in zip(problem.errors, problem.variances, problem.own, strict=True):
+            factor = errors.factor(s, found.slope[:, own], found.bend[:, own])
+            raw = np.where(held, 0.0, found.per[:, own])
+            copies = problem.points.copies[own, None]
+            scores[own, columns] = copies * errors.solve(factor, raw)[0]
         prior[columns, columns] = jacobian[points:].T @ jacobian[points:]
         own_rank, own_condition, nulls[columns] = diagnose(jacobian, held)
         rank, condition = rank + own_rank, max(condition, own_condition)
@@ -365,13 +362,12 @@ def _of_equations(stages: Stages, z) -> Uncertainty:
     carried = np.array([inverse @ part @ inverse.T for part in parts])
     carried = carried.reshape(len(parts), size, size)
     labels = tuple(e.label for e in first_problem.elements)
-    freedom = Freedom(labels, both(carried), relative, tuple(sets), tuple(names))
     told = both(covariance)
     return Uncertainty(
         covariance=told,
         of_predictions=np.nan_to_num(told),
         whole=both(whole),
-        freedom=freedom,
+        freedom=Freedom(labels, both(carried), relative, tuple(sets), tuple(names)),
         rank=rank,
         condition_number=condition,
         undetermined=nulls[back],
@@ -383,27 +379,10 @@ def _of_equations(stages: Stages, z) -> Uncertainty:
     )
 
 
-def _scores(problem: Problem, z, white, held) -> Float[np.ndarray, "points own"]:
-    """Effect of an error in each value on the equations of a stage."""
-    if problem.is_fixed:
-        return white * problem.points.weight[:, None]
-    found = []
-    for errors, s, own in zip(
-        problem.errors, problem.variances, problem.seen(z[None]), strict=True
-    ):
-        factor = errors.factor(s, own.slope, own.bend)
-        found.append(errors.solve(factor, np.where(held, 0.0, own.jacobian))[0])
-    return np.concatenate(found)
-
-
 def _middles(problem: Problem, z, scores, left):
     """Gᵀ V G, its parts by the variances that are estimates, and how well these are known."""
     parts, sets, names, blocks = [], [], [], []
-    if not problem.errors:
-        weight = problem.points.weight
-        white = scores / np.where(weight > 0, weight, 1.0)[:, None]
-        return white.T @ white, parts, _diagonal(blocks), sets, names
-    total, called = np.zeros((scores.shape[1],) * 2), problem.block_names
+    total = np.zeros((scores.shape[1],) * 2)
     every = zip(problem.errors, problem.variances, problem.seen(z[None]), strict=True)
     for g, (errors, s, one) in enumerate(every):
         own = scores[problem.own[g]]
@@ -419,7 +398,7 @@ def _middles(problem: Problem, z, scores, left):
         for kind in kinds:  # V is linear in it
             twice = {**s, kind: 2 * np.asarray(s.get(kind, 0.0))}
             parts.append(whole if kind == "repeats" else middle(twice) - whole)
-        sets += [called[g]] * len(kinds)
+        sets += [problem.block_names[g]] * len(kinds)
         names += kinds
     return total, parts, _diagonal(blocks), sets, names
 
@@ -438,13 +417,32 @@ def gradient_slopes(problem: Problem, z, order) -> Float[np.ndarray, "own p"]:
         places[k, :, position] += steps[k] * SIDES
     flat = places.reshape(size * 4, len(z))
     most = max(1, NUMBERS // (problem.count * max(len(problem.active), 1)))
-    parts = []
-    for first in range(0, len(flat), most):
-        found = problem.linearise(flat[first : first + most])
-        parts.append(np.einsum("fmp,fm->fp", found.jacobian, found.residual))
-    gradient = np.concatenate(parts).reshape(size, 4, -1)
+    gradient = np.concatenate(
+        [problem.linearise(flat[k : k + most]).gradient for k in range(0, len(flat), most)]
+    ).reshape(size, 4, -1)
     far_down, down, up, far_up = np.moveaxis(gradient, 1, 0)
     return ((8 * (up - down) - (far_up - far_down)) / (12 * steps[:, None])).T
+
+
+def third_derivatives(problem: Problem, z, known: Uncertainty) -> np.ndarray | None:
+    """Third derivative of -ln p along each element while the others follow, in standard errors.
+
+    That of the profile likelihood is the same. From the exact gradient on both sides; None where second
+    derivatives were not taken either.
+    """
+    problem = condensed(problem, z)
+    if not known.definite or not asks_for_curvature(problem):
+        return None
+    bends = np.zeros(len(z))
+    covariance = np.nan_to_num(known.covariance)
+    every = [k for k in problem.active if known.known[k] and covariance[k, k] > 0]
+    if not every:
+        return bends
+    ways = covariance[every] / np.sqrt(np.diag(covariance)[every])[:, None]
+    gradient = problem.linearise(z + BEND_STEP * np.concatenate([ways, -ways])).gradient
+    along = np.einsum("fp,fp->f", gradient, np.tile(ways[:, problem.active], (2, 1)))
+    bends[every] = along.reshape(2, -1).sum(axis=0) / BEND_STEP**2
+    return bends
 
 
 def leverages(jacobian: Float[np.ndarray, "m p"]) -> Float[np.ndarray, "m"]:

@@ -277,7 +277,7 @@ def band_of_draws(
 
     def parts(velocity: Float[np.ndarray, "n"]) -> tuple[np.ndarray, ...]:
         with jax.enable_x64(True):
-            curves = curve_problem(material, velocity).predict(values)
+            curves = curve_problem(material, velocity).linearise(values, slopes=False).prediction
         if kind == "prediction":
             random, scale = np.random.default_rng(0), np.sqrt(_variance(data, material))
             if material.noise_dof is None:

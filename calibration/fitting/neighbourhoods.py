@@ -1,0 +1,60 @@
+"""Very many points as few.
+
+Between neighbours in velocity ε is a straight line to far less than its error: neighbours that a fit
+cannot distinguish stand as one, with their mean, their scatter about it and all their weight. Where
+searches go, how cost rises along a profile and how it bends need no more; with the gradient of all
+points at a place added, the few have their minimum there where all have it.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from calibration.fitting.problem import Problem
+
+MANY = 20_000  # points from which on it pays
+FEW = 4096  # neighbourhoods, of all data sets together
+
+
+def condensed(problem: Problem, z: Float[np.ndarray, "elements"] | None = None) -> Problem:
+    """Neighbourhoods in place of points; the problem itself where points are few, or share errors.
+
+    Args:
+        z: where value (up to a constant) and gradient of the cost are to be those of all points; None:
+            neighbourhoods have the mean of their values.
+    """
+    normal = all(one.is_normal and not one.shares for one in problem.errors)
+    if problem.count < MANY or not normal or problem.elastic is not None:
+        return problem
+    points, laws = problem.points, problem.laws
+    block = np.repeat(np.arange(len(problem.own)), [own.stop - own.start for own in problem.own])
+    order = np.lexsort((points.velocity, laws.row, block))
+    kind = np.stack([block[order], laws.row[order]])
+    new = np.append(True, np.any(np.diff(kind) != 0, axis=0))
+    since = np.arange(len(order)) - np.flatnonzero(new)[np.cumsum(new) - 1]
+    begin = np.flatnonzero(new | (since % -(-problem.count // FEW) == 0))
+    size = np.diff(np.append(begin, len(order)))
+    middle = order[begin + size // 2]
+
+    if z is None:
+        off = -points.value
+        variances = zip(problem.errors, problem.variances, strict=True)
+        every = [errors.diagonal(s) + np.zeros(len(errors)) for errors, s in variances]
+        variance = np.concatenate(every)
+    else:
+        found = problem.linearise(z[None])
+        off, variance = found.prediction[0] - points.value, problem.diagonal(z[None])[0]
+    weight = points.copies / variance
+    total = np.add.reduceat(weight[order], begin)
+    mean = np.add.reduceat((weight * off)[order], begin) / total
+    inside = np.add.reduceat((weight * off**2)[order], begin) - total * mean**2
+
+    few = problem.kept(middle)
+    copies, inside = total * variance[middle], variance[middle] * np.maximum(inside, 0.0)
+    few = replace(few, points=few.points._replace(copies=copies, value=-mean), inside=inside)
+    if z is None:
+        return few
+    value = few.linearise(z[None], slopes=False).prediction[0] - mean
+    few = replace(few, points=few.points._replace(value=value))
+    return replace(few, pull=(z, (found.gradient - few.linearise(z[None]).gradient)[0]))
