@@ -124,7 +124,7 @@ class _Job:
 
     def __init__(self, arguments: argparse.Namespace):
         from calibration.commands.source import read_source, route_of
-        from calibration.studies.input_ranges import inputs_of, ranges_of
+        from calibration.studies.inputs import inputs_of, ranges_of
 
         self.arguments = arguments
         self.source, self.route = read_source(arguments), route_of(arguments)
@@ -150,7 +150,7 @@ class _Job:
 def _options(arguments: argparse.Namespace, source: Any) -> dict[str, Any]:
     """The options of information and design: of a fit its own parameters, else the free ones."""
     import calibration as cal
-    from calibration.studies.input_ranges import number
+    from calibration.studies.inputs import number
 
     sensors = {}
     for text in arguments.sensor or []:
@@ -189,7 +189,7 @@ def _local(job: _Job) -> dict[str, Any]:
     import numpy as np
 
     from calibration.plots import save, studies
-    from calibration.studies.local import sensitivity
+    from calibration.studies.sensitivities import sensitivity
     from calibration.studies.text import limits_table, local_table, sensitivities_csv
 
     velocity = np.geomspace(job.low, job.high, job.arguments.points or 200)
@@ -217,8 +217,8 @@ def _limits(job: _Job) -> dict[str, Any]:
     """Central limits of θ ∂ε/∂θ over draws, {name: (low, high)}, each at the bars' velocities."""
     import numpy as np
 
-    from calibration.studies.input_ranges import inputs_of
-    from calibration.studies.local import sensitivity
+    from calibration.studies.inputs import inputs_of
+    from calibration.studies.sensitivities import sensitivity
 
     fits, half = job.fit.at_draws(job.source.draws, LAWS_OF_LIMITS), 0.5 * job.fit.confidence
     sources = [replace(job.source, law=one.material(job.source.name).law) for one in fits]
@@ -232,7 +232,7 @@ def _information(job: _Job) -> dict[str, Any]:
     """Expected standard errors of equally spaced shots."""
     import numpy as np
 
-    from calibration.studies.information import fisher_information
+    from calibration.studies.plans import fisher_information
     from calibration.studies.text import information_text
 
     shots, of_fit = job.arguments.shots, job.fit is not None
@@ -248,8 +248,8 @@ def _information(job: _Job) -> dict[str, Any]:
 def _design(job: _Job) -> dict[str, Any]:
     """Velocities of the next measurements."""
     from calibration.plots import save, studies
-    from calibration.studies.design import optimal_velocities
-    from calibration.studies.input_ranges import pair
+    from calibration.studies.inputs import pair
+    from calibration.studies.plans import optimal_velocities
     from calibration.studies.text import design_csv, wrapped
 
     arguments, over = job.arguments, job.arguments.over
@@ -277,7 +277,7 @@ def _design(job: _Job) -> dict[str, Any]:
 def _sobol(job: _Job) -> dict[str, Any]:
     """Sobol indices over ranges of the inputs."""
     from calibration.plots import save, studies
-    from calibration.studies.sobol import sobol_indices
+    from calibration.studies.sensitivities import sobol_indices
     from calibration.studies.text import sobol_table
 
     samples, ranges = job.arguments.samples, job.ranges
@@ -286,7 +286,7 @@ def _sobol(job: _Job) -> dict[str, Any]:
     found = sobol_indices(job.inputs, ranges.of, job.bars, **more)
     job.text += [sobol_table(found), ranges.text(job.inputs)]
     save(studies.sobol_figure(found, ranges.title(job.inputs)), job.folder / "sobol.png")
-    return found.to_dict() | ranges.to_dict()
+    return found.to_dict() | {"assumed": ranges.assumed, "left_out": dict(ranges.left_out)}
 
 
 STUDIES = {"local": _local, "information": _information, "design": _design, "global": _sobol}

@@ -113,7 +113,7 @@ def plot_design(design: Any, ax: Axes | None = None) -> Axes:
 
 
 def plot_sobol(found: Any, output: int = 0, ax: Axes | None = None) -> Axes:
-    """Draw first-order and total indices with bootstrap limits, and the upper bound from derivatives."""
+    """Draw first-order and total indices with bootstrap limits."""
     ax = style.axes_or_new(ax, 5.0, 3.5)
     place = np.arange(len(found.names))
     kinds = ("first", "first order", style.BLUE), ("total", "total", style.ORANGE)
@@ -122,8 +122,6 @@ def plot_sobol(found: Any, output: int = 0, ax: Axes | None = None) -> Axes:
         reach = np.maximum([middle - low, high - middle], 0)
         look: dict[str, Any] = {"color": color, "width": 0.36, "capsize": 2, "ecolor": style.BLACK}
         ax.bar(place + aside, middle, yerr=reach, label=label, **look)
-    bound = np.where(found.bound[output] <= 1, found.bound[output], np.nan)  # more says nothing
-    ax.plot(place + 0.2, bound, "v", color=style.BLACK, label="upper bound of total")
     # the body of "E wall" goes below its letter, to make room for many inputs
     ax.set_xticks(place, [in_math(letter).replace(" ", "\n") for letter in found.symbols])
     ax.axhline(0, color=style.GREY, linewidth=0.6)

@@ -11,7 +11,7 @@ and Gelman, Bayesian Anal. 13, 917 (2018).
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -54,8 +54,7 @@ ERRORS = {
 Watch = Callable[[Iterable, str], Iterable]
 
 
-@dataclass(frozen=True)
-class Candidate:
+class Candidate(NamedTuple):
     """One law of a comparison.
 
     Attributes:
@@ -69,24 +68,21 @@ class Candidate:
     key: str
     label: str
     law: Any
-    stated: Mapping[str, Any] = field(default_factory=dict)
+    stated: Mapping[str, Any] = {}
     remark: str = ""
 
 
 # of laws with one curve the plainest is named first
 ORDER = dict.fromkeys([*WITHOUT_CONTACT, *KNOWN])
 BUILT_IN = {key: Candidate(key, KNOWN[key].label, key, {}, KNOWN[key].remark) for key in ORDER}
+FIXED = "Nothing to fit: contact yield pressure p_y = Y, Hertz's contact area."
 BUILT_IN[FIXED_YIELD] = Candidate(
-    FIXED_YIELD,
-    "Thornton, p_y = Y",
-    "thornton",
-    {"yield_factor": 1.0},
-    "Nothing to fit: contact yield pressure p_y = Y, Hertz's contact area.",
+    FIXED_YIELD, "Thornton, p_y = Y", "thornton", {"yield_factor": 1.0}, FIXED
 )
 
 
 class Difference(NamedTuple):
-    """elpd less that of the best law, and its standard error."""
+    """A difference of elpd, and its standard error."""
 
     value: float
     standard_error: float
@@ -94,7 +90,7 @@ class Difference(NamedTuple):
     @property
     def is_tie(self) -> bool:
         """Whether it is 0 within `TIE` standard errors."""
-        return -self.value < TIE * self.standard_error + ROUNDING
+        return abs(self.value) < TIE * self.standard_error + ROUNDING
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,8 +101,8 @@ class Entry:
         candidate: the law and its stated parameters.
         result: its fit.
         leave_one_out: each point predicted by the fit without it.
-        delta_elpd: difference of elpd to the best law; None for a law that follows the data
-            exactly, which has no score.
+        delta_elpd: elpd less that of the best law; None for a law that follows the data exactly,
+            which has no score.
         weight: in the mixture that predicts best; None as well.
         same_as: the label of a law before it that has the same curve, or None.
     """
@@ -144,10 +140,14 @@ class Entry:
     @property
     def warnings(self) -> tuple[FitWarning, ...]:
         """Warnings of the fit, and of the fits without a point."""
-        if self.leave_one_out.converged:
-            return self.result.warnings
         why = FitWarning("not-converged", "not every fit without a point ended at a minimum")
-        return (*self.result.warnings, why)
+        return (*self.result.warnings, *([] if self.leave_one_out.converged else [why]))
+
+    def ahead_of(self, other: "Entry") -> tuple[Difference, Float[np.ndarray, "n"]]:
+        """elpd less that of another law, in all and of each point."""
+        one, two = self.leave_one_out, other.leave_one_out
+        apart = one.log_density - two.log_density
+        return Difference(float(np.sum(apart)), one.error_of_sum(apart)), apart
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,11 +179,7 @@ class Comparison:
         return all(entry.converged for entry in self.entries)
 
     def entry(self, label: str) -> Entry:
-        """The entry of a law, by its label or key.
-
-        Raises:
-            ValueError: naming the accepted labels.
-        """
+        """The entry of a law, by its label or key."""
         for entry in self.entries:
             if label in (entry.label, entry.key):
                 return entry
@@ -241,27 +237,27 @@ def compare(
     if not isinstance(data, RestitutionData):
         raise DataError("data", data, "one RestitutionData")
     FitOptions.of(**options)
-    alone = next((name for name in OF_ONE_FIT if name in options), None)
-    if alone is not None:
+    for alone in (name for name in OF_ONE_FIT if name in options):
         raise DataError(alone, options[alone], "left out of a comparison")
     if len(data) < FEWEST:
         raise data.refusal(f"{len(data)} points", f"a comparison needs {FEWEST} or more")
-    candidates = _chosen(laws, parameters)
-    left_out: list[str] = []
-    if laws is None:
-        without, left_out = _without_contact(data)
-        candidates = [one for one in candidates if one.key not in without]
+    candidates, left_out = _chosen(laws, parameters), []
+    if laws is None and data.contact is None:
+        candidates = [one for one in candidates if one.key in WITHOUT_CONTACT]
+        left_out.append(
+            "without elastic properties no law of the contact of two bodies can be fitted"
+        )
+        if data.limit_velocity is None:
+            candidates = [one for one in candidates if one.key != "eq-17"]
+            left_out.append("without a limit velocity Eq. (17) cannot be fitted either")
     entries = []
     for one in watch(candidates, printable(data.name)):
-        options_of_law = {
-            n: v for n, v in options.items() if one.key in LAW_OPTIONS.get(n, (one.key,))
-        }
+        own = {n: v for n, v in options.items() if one.key in LAW_OPTIONS.get(n, (one.key,))}
+        refit = partial(fit, data, one.law, one.stated, unloading_line=None, **own)
         try:
-            result = fit(
-                data, one.law, one.stated, profiles=False, unloading_line=None, **options_of_law
-            )
-            if any(estimate.skewed for estimate in result.estimates.values()):  # no ± describes it
-                result = fit(data, one.law, one.stated, unloading_line=None, **options_of_law)
+            result = refit(profiles=False)
+            if any(estimate.skewed for estimate in result.estimates.values()):
+                result = refit()  # no ± describes it
             entries.append(Entry(one, result, result.leave_one_out()))
         except (DataError, InputError) as error:
             if laws is not None:
@@ -274,73 +270,59 @@ def compare(
     notes = [*data.notes, *([EXACT.format(" and ".join(exact))] if exact else [])]
     if not all(entry.leave_one_out.exact for entry in ranked):
         notes.append(TO_FIRST_ORDER)
-    notes += [*_noise_text(ranked), *_why_best(data, ranked)]
+    notes += _noise_and_lead(data, [one for one in ranked if not one.is_exact])
     return Comparison(data, ranked, tuple(left_out), tuple(notes), time.perf_counter() - begun)
 
 
-def _noise_text(ranked: Sequence[Entry]) -> list[str]:
-    """Description of the error model, which all laws share; its sizes are estimated for each law."""
-    entry = next((one for one in ranked if not one.is_exact), None)
-    if entry is None:
-        return []
-    material = entry.result.materials[0]
+def _noise_and_lead(data: RestitutionData, scored: Sequence[Entry]) -> Iterator[str]:
+    """The error model, which all laws share; by how much, at how many points and where the best leads."""
+    if not scored:
+        return
+    material = scored[0].result.materials[0]
     estimated = {"scale", "timing", "scatter", "group"} & set(material.variances)
     sources = " and ".join(ERRORS[kind] for kind in material.variances)
-    found = f"; {listed(ERRORS[k] for k in ERRORS if k in estimated)} estimated for each law"
     dof = material.noise_dof
     family = "normal errors" if dof is None else f"Student's t of {dof:.3g} degrees of freedom"
-    return [f"Noise of every fit: {sources}, {family}{found if estimated else ''}."]
-
-
-def _why_best(data: RestitutionData, ranked: Sequence[Entry]) -> list[str]:
-    """By how much the best law leads the next one, at how many points, and where."""
-    scored = [one for one in ranked if not one.is_exact and one.same_as is None]
-    if len(scored) < 2:
-        return []
-    best, second = scored[:2]
-    apart = best.leave_one_out.log_density - second.leave_one_out.log_density
-    ahead = Difference(float(np.sum(apart)), best.leave_one_out.error_of_sum(apart))
+    sizes = listed(ERRORS[kind] for kind in ERRORS if kind in estimated)
+    found = f"; {sizes} estimated for each law" if estimated else ""
+    yield f"Noise of every fit: {sources}, {family}{found}."
+    best, *others = [one for one in scored if one.same_as is None]
+    if not others:
+        return
+    second = others[0]
+    ahead, apart = best.ahead_of(second)
     by = f"{ahead.value:.2g} ± {ahead.standard_error:.2g} in elpd"
-    if Difference(-ahead.value, ahead.standard_error).is_tie:
-        return [f"The data do not decide between {best.label} and {second.label}, {by} behind."]
+    if ahead.is_tie:
+        yield f"The data do not decide between {best.label} and {second.label}, {by} behind."
+        return
     wins = f"it predicts {int(np.sum(apart > 0))} of {len(apart)} points better"
     if len(apart) == len(data):  # ε of each impact, and nothing else
         most = data.velocity[np.argsort(-apart)[: max(len(apart) // 5, 1)]]
         wins += f", most at {np.min(most):.3g} to {np.max(most):.3g} m/s"
-    return [f"{best.label} is best: ahead of {second.label} by {by}; {wins}."]
+    yield f"{best.label} is best: ahead of {second.label} by {by}; {wins}."
 
 
 def _chosen(laws: Any, parameters: Mapping[str, Any] | None) -> list[Candidate]:
-    """The requested laws; all built-in ones where none were.
-
-    Raises:
-        ValueError: naming the law or label that cannot be used.
-    """
+    """The requested laws; all built-in ones where none were."""
     stated = {} if parameters is None else parameters
     if not isinstance(stated, Mapping) or not all(isinstance(p, Mapping) for p in stated.values()):
         raise DataError("parameters", parameters, "a mapping from laws to mappings of theirs")
     if laws is None:
         found = list(BUILT_IN.values())
     elif isinstance(laws, Mapping):
-        found = [replace(_candidate(law), label=str(label)) for label, law in laws.items()]
+        found = [_candidate(law)._replace(label=str(label)) for label, law in laws.items()]
     else:
         alone = isinstance(laws, str | type) or callable(laws) or not isinstance(laws, Iterable)
         found = [_candidate(law) for law in ([laws] if alone else laws)]
     labels = [one.label for one in found]
     if not labels:
         raise DataError("laws", "empty", f"one law or more, such as {listed(BUILT_IN)}")
-    twice = next((label for label in labels if labels.count(label) > 1), None)
-    if twice is not None:
+    for twice in (label for label in labels if labels.count(label) > 1):
         raise DataError("laws", f"twice {twice}", "laws of different labels, as {label: law}")
-    unknown = next(
-        (name for name in stated if name not in {c.key for c in found} | {*labels}), None
-    )
-    if unknown is not None:
+    for unknown in (name for name in stated if name not in {one.key for one in found} | {*labels}):
         raise DataError(f"parameters[{unknown!r}]", "of no law compared", f"of {listed(labels)}")
-    return [
-        replace(one, stated={**one.stated, **stated.get(one.key, {}), **stated.get(one.label, {})})
-        for one in found
-    ]
+    every = ((one, stated.get(one.key, {}), stated.get(one.label, {})) for one in found)
+    return [one._replace(stated={**one.stated, **by_key, **own}) for one, by_key, own in every]
 
 
 def _candidate(law: Any) -> Candidate:
@@ -353,43 +335,30 @@ def _candidate(law: Any) -> Candidate:
     return Candidate(str(name), str(name), law)
 
 
-def _without_contact(data: RestitutionData) -> tuple[set[str], list[str]]:
-    """Keys of built-in laws that need properties which these data do not have, and why."""
-    if data.contact is not None:
-        return set(), []
-    keys = set(BUILT_IN) - set(WITHOUT_CONTACT)
-    why = ["without elastic properties no law of the contact of two bodies can be fitted"]
-    if data.limit_velocity is None:
-        keys.add("eq-17")
-        why.append("without a limit velocity Eq. (17) cannot be fitted either")
-    return keys, why
-
-
 def _ranked(entries: list[Entry]) -> tuple[Entry, ...]:
     """Entries sorted by falling elpd, with difference to the best and weight; exact ones first."""
     exact = [one for one in entries if one.is_exact]
     others: list[Entry] = []
     for one in (one for one in entries if not one.is_exact):
-        equals = (e.label for e in others if e.same_as is None and _same_curve(one, e))
+        predicted = one.leave_one_out.predicted
+        equals = (
+            other.label
+            for other in others
+            if other.same_as is None
+            and np.max(np.abs(predicted - other.leave_one_out.predicted)) < SAME_CURVE
+        )
         others.append(replace(one, same_as=next(equals, None)))
     if not others:
         return tuple(exact)
     scores = {one.label: one.leave_one_out.elpd for one in others}
     # laws of one curve differ by rounding, and stay in the order in which they were requested
     order = sorted(others, key=lambda one: -scores[one.same_as or one.label])
-    densities = np.stack([one.leave_one_out.log_density for one in order])
-    ranked = []
-    for one, weight in zip(order, stacking_weights(densities), strict=True):
-        apart = one.leave_one_out.log_density - densities[0]
-        delta = Difference(float(np.sum(apart)), one.leave_one_out.error_of_sum(apart))
-        ranked.append(replace(one, delta_elpd=delta, weight=float(weight)))
+    weights = stacking_weights(np.stack([one.leave_one_out.log_density for one in order]))
+    ranked = (
+        replace(one, delta_elpd=one.ahead_of(order[0])[0], weight=float(weight))
+        for one, weight in zip(order, weights, strict=True)
+    )
     return (*exact, *ranked)
-
-
-def _same_curve(one: Entry, other: Entry) -> bool:
-    """Whether two laws have the same prediction at every point."""
-    apart = one.leave_one_out.predicted - other.leave_one_out.predicted
-    return bool(np.max(np.abs(apart)) < SAME_CURVE)
 
 
 def stacking_weights(log_density: Float[np.ndarray, "laws n"]) -> Float[np.ndarray, "laws"]:

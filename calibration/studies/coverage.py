@@ -1,5 +1,6 @@
 """Do confidence intervals contain the truth as often as they say? Simulated experiments, fitted as any other."""
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -70,9 +71,8 @@ class CoverageCase:
     def fit(self, data: RestitutionData, **options: Any) -> FitResult:
         """Fit one data set."""
         law = type(self.truth) if self.law is None else self.law
-        settings = {"objective": self.objective, "route": None, **self.options, **options}
-        if self.objective == "two-step" and settings["route"] is None:
-            settings["route"] = sj.EnergyBalance()
+        route = sj.EnergyBalance() if self.objective == "two-step" else None
+        settings = {"objective": self.objective, "route": route, **self.options, **options}
         return fit(data, law, dict(self.parameters), **settings)
 
 
@@ -86,6 +86,12 @@ class Coverage:
         estimates, errors, low, high: of each set, (sets,): value, standard error and interval; NaN for
             what the fit does not determine, and for open ends.
         converged: share of the fits that did.
+        covered: share of the intervals that contain the truth; an open end contains all on its side.
+        without_interval: share of the fits without any (at a bound, or not determined): not counted.
+        spread: standard deviation of the estimates that have a standard error.
+        error: root mean square of the standard errors.
+        ratio: standard error over the actual spread.
+        bias: mean of the estimates less the truth, in standard errors.
     """
 
     name: str
@@ -95,48 +101,12 @@ class Coverage:
     low: Mapping[str, Float[np.ndarray, "sets"]]
     high: Mapping[str, Float[np.ndarray, "sets"]]
     converged: float
-
-    def _each(self, of: Callable[..., Any]) -> dict[str, float]:
-        parts = (self.truth, self.estimates, self.errors, self.low, self.high)
-        return {name: float(of(*(part[name] for part in parts))) for name in self.truth}
-
-    @property
-    def covered(self) -> dict[str, float]:
-        """Share of the confidence intervals that contain the truth; an open end contains all on its side."""
-        return self._each(lambda truth, x, error, low, high: np.mean(
-            (~(low > truth) & ~(high < truth))[~(np.isnan(low) & np.isnan(high))]
-        ))  # fmt: skip
-
-    @property
-    def without_interval(self) -> dict[str, float]:
-        """Share of the fits without any (at a bound, or not determined): they are not counted."""
-        return self._each(
-            lambda truth, x, error, low, high: np.mean(np.isnan(low) & np.isnan(high))
-        )
-
-    @property
-    def spread(self) -> dict[str, float]:
-        """Standard deviation of the estimates that have a standard error."""
-        return self._each(lambda truth, x, error, low, high: np.std(x[np.isfinite(error)]))
-
-    @property
-    def error(self) -> dict[str, float]:
-        """Root mean square of the standard errors."""
-        return self._each(lambda truth, x, error, low, high: np.nanmean(error**2) ** 0.5)
-
-    @property
-    def ratio(self) -> dict[str, float]:
-        """Standard error over the actual spread."""
-        return {name: error / self.spread[name] for name, error in self.error.items()}
-
-    @property
-    def bias(self) -> dict[str, float]:
-        """Mean of the estimates less the truth, in standard errors."""
-        return self._each(
-            lambda truth, x, error, low, high: (
-                np.mean((x - truth)[np.isfinite(error)]) / np.nanmean(error**2) ** 0.5
-            )
-        )
+    covered: Mapping[str, float]
+    without_interval: Mapping[str, float]
+    spread: Mapping[str, float]
+    error: Mapping[str, float]
+    ratio: Mapping[str, float]
+    bias: Mapping[str, float]
 
 
 def coverage_study(
@@ -171,6 +141,16 @@ def _study(case: CoverageCase, sets: int, seed, confidence: float, progress: Any
         rows.append([(e.value, e.standard_error, e.low, e.high) for e in every])
         if progress is not None:
             progress(case.name, k + 1, sets)
-    table = np.array(rows, float)  # None becomes NaN
-    found, errors, low, high = (dict(zip(truth, table[:, :, k].T, strict=True)) for k in range(4))
-    return Coverage(case.name, truth, found, errors, low, high, converged / sets)
+    x, errors, low, high = np.array(rows, float).transpose(2, 1, 0)  # None becomes NaN
+    is_open = np.isnan(low) & np.isnan(high)
+    true = np.array(list(truth.values()), float)[:, None]
+    inside = np.where(is_open, np.nan, ~(low > true) & ~(high < true))
+    known = np.where(np.isfinite(errors), x, np.nan)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of a parameter that no set determines
+        covered, error = np.nanmean(inside, axis=1), np.nanmean(errors**2, axis=1) ** 0.5
+        spread, bias = np.nanstd(known, axis=1), np.nanmean(known - true, axis=1) / error
+    x, errors, low, high = (dict(zip(truth, one, strict=True)) for one in (x, errors, low, high))
+    found = covered, np.mean(is_open, axis=1), spread, error, error / spread, bias
+    shares = (dict(zip(truth, one.tolist(), strict=True)) for one in found)
+    return Coverage(case.name, truth, x, errors, low, high, converged / sets, *shares)

@@ -1,13 +1,14 @@
-"""The numbers that ε depends on, by name, and the law they make.
+"""The numbers that ε depends on, by name, the law they make, and the ranges they are varied over.
 
 A property of a material acts through the contact that is built of it, so derivatives are taken
 through what builds it.
 """
 
 import math
+import re
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import chain, combinations, product
 from typing import Any
 
@@ -21,15 +22,17 @@ from calibration.errors import DataError, listed
 from calibration.fitting.laws import eps_up_of
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.result import FitResult
-from softjax.fields import Declared, declarations, whole_leaves
+from calibration.symbols import in_math
+from softjax.fields import Declared, declarations, options_of, whole_fields, whole_leaves
 
 VELOCITY = "velocity"
 # which endings the names of the two bodies' properties have
 BODIES = {"spheres": ("", ""), "unlike spheres": ("_1", "_2"), "wall": ("", "_wall")}
-RADII = ("radius_1", "radius_2")
 OF_BODIES = declarations(sj.Material) | declarations(sj.Contact)
 OF_BODIES |= {VELOCITY: Declared("v", "m/s", "velocity")}
 OF_BODIES |= {"eps_up": Declared("ε_up", "-", "restitution", 0.0, 1.0)}
+PART = 0.1  # half-width of a range, relative to the value of the input
+SPREAD = {"uniform": "uniform", "log": "uniform in its logarithm"}
 
 
 @dataclass(frozen=True)
@@ -61,27 +64,19 @@ class Inputs:
 
     def declared(self, name: str) -> Declared:
         """Symbol and unit of one of them, or of the velocity."""
-        stem, body = _split(name.rpartition(".")[2])
+        stem, body = re.fullmatch(r"(.*?)(?:_(1|2|wall))?", name.rpartition(".")[2]).groups()  # type: ignore[union-attr]
         known = (OF_BODIES | declarations(type(self.law()))).get(stem, Declared(stem))
-        return known._replace(symbol=f"{known.symbol or stem} {body}".strip())
+        return known._replace(symbol=f"{known.symbol or stem} {body or ''}".strip())
 
 
 @dataclass(frozen=True)
 class OfBodies:
-    """Builds a law of two bodies.
-
-    Attributes:
-        bodies: "spheres" of one material, with one radius or two; "unlike spheres" of two materials;
-            "wall": a sphere and a flat wall.
-        law: its class.
-        area: of the contact.
-        options: of the law, in words.
-    """
+    """Builds a law of two bodies: "spheres" of one material, "unlike spheres" of two, or a "wall"."""
 
     bodies: str = "spheres"
     law: Callable[..., sj.ContactLaw] = sj.Zhou
     area: str = "zhou"
-    options: tuple[tuple[str, str], ...] = ()
+    options: tuple[tuple[str, str], ...] = ()  # of the law, in words
 
     def __call__(self, values: Mapping[str, Any]) -> sj.ContactLaw:
         ends, names = BODIES[self.bodies], declarations(sj.Material)
@@ -89,19 +84,14 @@ class OfBodies:
         if self.bodies == "wall":
             contact = sj.Contact.with_wall(one, two, values["radius"], area=self.area)
         else:
-            radius_1, radius_2 = (values.get(n, values.get("radius")) for n in RADII)
+            radius_1, radius_2 = (values.get(f"radius_{k}", values.get("radius")) for k in (1, 2))
             contact = sj.Contact.between_spheres(one, two, radius_1, radius_2, area=self.area)
         fields = {name: values[name] for name in declarations(self.law)}  # type: ignore[arg-type]
         return self.law(contact=contact, **fields, **dict(self.options))
 
 
 class OfLaw(eqx.Module):
-    """Build a law from its fields and those of its contact, as independent inputs.
-
-    Attributes:
-        law: a law of the same structure; its shared fields are not changed.
-        names: names of its leaves, None for a shared leaf.
-    """
+    """Builds a law of the same structure from its leaves by name; None names a leaf that stays."""
 
     law: sj.ContactLaw
     names: tuple[str | None, ...] = eqx.field(static=True)
@@ -114,31 +104,16 @@ class OfLaw(eqx.Module):
 
 
 class OfLoss(eqx.Module):
-    """Build Zhou's law from ε_up = ε_17(v_cr) instead of σ and ψ, which act only through it above yield.
-
-    Attributes:
-        build: the law of σ and ψ.
-        psi: ψ; the value does not matter.
-    """
+    """Builds Zhou's law from ε_up = ε_17(v_cr), through which alone σ and any ψ act above yield."""
 
     build: Any
     psi: float
 
     def __call__(self, values: Mapping[str, Any]) -> sj.ContactLaw:
-        values = dict(values)
-        loss = -jnp.log(values.pop("eps_up"))
-        contact = self.build({**values, "sigma": 1.0, "psi": self.psi}).contact
+        values = {**values, "sigma": 1.0, "psi": self.psi}
+        loss, contact = -jnp.log(values.pop("eps_up")), self.build(values).contact
         ratio = contact.critical_velocity / (contact.limit_velocity - contact.critical_velocity)
-        return self.build({**values, "sigma": loss / ratio**self.psi, "psi": self.psi})
-
-
-def as_fitted(inputs: Inputs, material: MaterialFit) -> Inputs:
-    """The inputs with ε_up instead of σ and ψ, if the fit determines only ε_up."""
-    if "eps_up" not in material.parameters or not {"sigma", "psi"} <= set(inputs.values):
-        return inputs
-    values = {n: x for n, x in inputs.values.items() if n not in ("sigma", "psi")}
-    values["eps_up"] = float(eps_up_of(inputs.law()))  # type: ignore[arg-type]
-    return Inputs(values, OfLoss(inputs.build, inputs["psi"]))
+        return self.build({**values, "sigma": loss / ratio**self.psi})
 
 
 def of_spheres(
@@ -185,14 +160,10 @@ def of_law(law: sj.ContactLaw) -> Inputs:
 
 
 def as_inputs(inputs: Inputs | sj.ContactLaw | FitResult, material: str | None = None) -> Inputs:
-    """Inputs as they are, or those of a law, or of the law of one of a fit's materials.
-
-    Raises:
-        ValueError: for anything else.
-    """
+    """Inputs as they are, or those of a law, or of the law of one of a fit's materials."""
     if isinstance(inputs, FitResult):
         one = inputs.material(material)
-        return as_fitted(of_law(one.law), one)
+        return _as_fitted(of_law(one.law), one)
     if material is not None:
         raise DataError("material", material, "left out, or given with a FitResult")
     if isinstance(inputs, sj.ContactLaw):
@@ -202,12 +173,34 @@ def as_inputs(inputs: Inputs | sj.ContactLaw | FitResult, material: str | None =
     raise DataError("inputs", inputs, "Inputs, a contact law or a FitResult")
 
 
-def check_velocity(velocity: Any) -> np.ndarray:
-    """Velocities as a flat array.
+def inputs_of(source: Any) -> Inputs:
+    """Inputs of a command: the bodies' properties if they make the contact, else the law's fields."""
+    law, contact = source.law, getattr(source.law, "contact", None)
+    inputs = of_law(law)
+    if not (source.properties is None or contact is None or whole_fields(type(law))):
+        options = tuple((name, getattr(law, name)) for name in options_of(type(law)))
+        fields = {name: float(getattr(law, name)) for name in declarations(type(law))}
+        build = OfBodies(source.bodies, type(law), contact.area, options)
+        by_bodies = Inputs(source.properties | fields, build)
+        made = by_bodies.law().contact  # type: ignore[attr-defined]
+        one, other = (list(each.leaves().values()) for each in (contact, made))
+        # a fit may have changed the bodies' properties
+        inputs = by_bodies if np.allclose(one, other, rtol=1e-9, atol=0) else inputs
+    fit = source.result
+    return inputs if fit is None else _as_fitted(inputs, fit.material(source.name))
 
-    Raises:
-        ValueError: for what is no finite velocity of 0 or more.
-    """
+
+def _as_fitted(inputs: Inputs, material: MaterialFit) -> Inputs:
+    """The inputs with ε_up instead of σ and ψ, if the fit determines only ε_up."""
+    if "eps_up" not in material.parameters or not {"sigma", "psi"} <= set(inputs.values):
+        return inputs
+    values = {n: x for n, x in inputs.values.items() if n not in ("sigma", "psi")}
+    values["eps_up"] = float(eps_up_of(inputs.law()))  # type: ignore[arg-type]
+    return Inputs(values, OfLoss(inputs.build, inputs["psi"]))
+
+
+def check_velocity(velocity: Any) -> np.ndarray:
+    """Velocities as a flat array."""
     values = np.asarray(velocity, float).ravel()
     if not (values.size and np.all(np.isfinite(values) & (values >= 0))):
         raise DataError("velocity", velocity, "one finite velocity [m/s] or more, each 0 or above")
@@ -215,11 +208,7 @@ def check_velocity(velocity: Any) -> np.ndarray:
 
 
 def both_ends(argument: str, value: Any) -> tuple[float, float]:
-    """Two numbers.
-
-    Raises:
-        ValueError: naming the argument and what it is.
-    """
+    """Two numbers, whatever they are."""
     try:
         low, high = map(float, value)
     except (TypeError, ValueError):
@@ -230,11 +219,7 @@ def both_ends(argument: str, value: Any) -> tuple[float, float]:
 def check_ranges(
     inputs: Inputs, ranges: Mapping[str, tuple[float, float]], argument: str = "ranges"
 ) -> None:
-    """Check that ranges lie inside the declared ones and that laws exist at their ends.
-
-    Raises:
-        ValueError: naming the argument, what is outside and what is accepted.
-    """
+    """Check that ranges lie inside the declared ones and that laws exist at their ends."""
     corners: dict[str, list[float]] = {}
     for name, both in ranges.items():
         if name not in inputs.values:
@@ -258,9 +243,88 @@ def check_ranges(
                 raise DataError(argument, point, accepted) from None
 
 
-def _split(name: str) -> tuple[str, str]:
-    """`youngs_modulus_wall` is youngs_modulus of the wall."""
-    for body in ("1", "2", "wall"):
-        if name.endswith(f"_{body}"):
-            return name.removesuffix(f"_{body}"), body
-    return name, ""
+@dataclass(frozen=True)
+class Ranges:
+    """(low, high) by name, a sentence on their origin, and reasons for inputs without a range."""
+
+    of: Mapping[str, tuple[float, float]]
+    assumed: str
+    left_out: Mapping[str, str] = field(default_factory=dict)
+
+    def text(self, inputs: Inputs) -> str:
+        """Lines on the assumption, and on the inputs that are not varied."""
+        lines = [f"Assumed: {self.assumed}."]
+        for why in dict.fromkeys(self.left_out.values()):
+            names = [name for name, one in self.left_out.items() if one == why]
+            pairs = [(inputs.declared(name).symbol, name) for name in names]
+            shown = listed(
+                name if symbol == name else f"{symbol} ({name})" for symbol, name in pairs
+            )
+            lines.append(f"Not varied ({why}): {shown}.")
+        return "\n".join(lines)
+
+    def title(self, inputs: Inputs) -> str:
+        """Title of a picture: the assumption, with symbols only."""
+        symbols = [in_math(inputs.declared(name).symbol) for name in self.left_out]
+        return self.assumed + (f"\nnot varied: {', '.join(symbols)}" if symbols else "")
+
+
+def ranges_of(stated: list[str] | None, scale: str, inputs: Inputs, source: Any) -> Ranges:
+    """Read `name=low:high`, or take ±10 % of every independent input, inside its declared range.
+
+    What a fit held is not varied.
+    """
+    ends: dict[str, tuple[float, float]] = {}
+    for text in stated or []:
+        name, _, both = text.partition("=")
+        name = name.strip().replace("-", "_")
+        if name not in inputs.values:
+            accepted = f"NAME=LOW:HIGH, NAME one of {listed(inputs.values)}"
+            raise DataError("--range", text, accepted)
+        ends[name] = pair("--range", text, both)
+    left_out, within, cut = {}, "over its range", []
+    if not stated:
+        within = f"within ±{100 * PART:g} % of its value"
+        fit = None if source.result is None else source.result.material(source.name)
+        for name, value in inputs.values.items():
+            why = _why_not_varied(inputs, name, scale, fit)
+            if why:
+                left_out[name] = why
+                continue
+            declared, reach = inputs.declared(name), PART * abs(value)
+            low, high = max(value - reach, declared.lower), min(value + reach, declared.upper)
+            ends[name] = low, high
+            for end, meant in ((low, value - reach), (high, value + reach)):
+                if end != meant:
+                    cut.append(f"{declared.symbol} no further than {end:g}")
+    check_ranges(inputs, ends, "--range")
+    limits = f" ({listed(cut)})" if cut else ""
+    return Ranges(ends, f"each input {SPREAD[scale]} {within}{limits}, independently", left_out)
+
+
+def _why_not_varied(inputs: Inputs, name: str, scale: str, fit: MaterialFit | None) -> str:
+    """The reason, or an empty text."""
+    value, build = inputs[name], inputs.build
+    if value == 0:
+        return "zero, so that ±10 % is no range"
+    if value < 0 and scale == "log":
+        return "below zero, without a logarithm"
+    if fit is not None and name in fit.parameters and not fit.parameters[name].free:
+        return "fixed in the fit"
+    of_contact = isinstance(build, OfLaw) and name not in declarations(type(build.law))
+    of_size = of_contact and name.rpartition(".")[2] in ("radius", "mass")
+    return "radius and mass of a sphere change together" if of_size else ""
+
+
+def pair(option: str, text: str, ends: str) -> tuple[float, float]:
+    """Both numbers of `low:high`."""
+    low, _, high = ends.partition(":")
+    return number(option, text, low, "LOW:HIGH"), number(option, text, high, "LOW:HIGH")
+
+
+def number(option: str, text: str, digits: str, accepted: str) -> float:
+    """A number in the text of an option."""
+    try:
+        return float(digits)
+    except ValueError:
+        raise DataError(option, text, accepted) from None

@@ -1,6 +1,7 @@
-"""Studies in words: tables for the terminal, and sensitivities over velocity as CSV."""
+"""Studies in words: tables for the terminal, and columns of CSV."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -9,79 +10,66 @@ from calibration.curves import status_names
 from calibration.data.air import Fall
 from calibration.errors import listed
 from calibration.fitting.warnings import FitWarning
-from calibration.studies.design import Design
-from calibration.studies.information import Information
-from calibration.studies.local import Sensitivities
-from calibration.studies.sobol import SobolIndices
+from calibration.studies.plans import Design, Information
+from calibration.studies.sensitivities import Sensitivities, SobolIndices
 
 
 def local_table(found: Sensitivities) -> str:
     """θ ∂ε/∂θ, an input a line, a velocity a column."""
-    lines = (
-        (one.symbol, [f"{round(x, 5) + 0.0:.5f}" for x in found.of(name)])
-        for name, one in found.declared.items()
-    )
-    return _table("θ ∂ε/∂θ at v [m/s]", found.velocity, lines, 11)
+    cells = np.vectorize(lambda x: f"{round(x, 5) + 0.0:.5f}")(found.absolute)
+    return _table("θ ∂ε/∂θ at v [m/s]", found.velocity, _symbols(found), cells.T, 11)
 
 
 def limits_table(found: Sensitivities, limits: Mapping[str, tuple], confidence: float) -> str:
     """Central limits of θ ∂ε/∂θ over draws of a posterior, an input a line."""
-    lines = (
-        (one.symbol, [f"{a + 0.0:.4f} … {b + 0.0:.4f}" for a, b in zip(*limits[name], strict=True)])
-        for name, one in found.declared.items()
-    )
+    ends = (zip(*limits[name], strict=True) for name in found.names)
+    cells = [[f"{a + 0.0:.4f} … {b + 0.0:.4f}" for a, b in pairs] for pairs in ends]
     head = f"{100 * confidence:g} % of draws at v [m/s]"
-    return _table(head, found.velocity, lines, 20)
+    return _table(head, found.velocity, _symbols(found), cells, 20)
 
 
 def sobol_table(found: SobolIndices) -> str:
     """First-order and total indices, an input a line, a velocity a column; what does not rebound."""
-    pairs = zip(found.symbols, found.first.T, found.total.T, strict=True)
-    lines = (
-        (symbol, [f"{a + 0.0:.3f} ({b + 0.0:.3f})" for a, b in zip(*both, strict=True)])
-        for symbol, *both in ((s, first.round(3), total.round(3)) for s, first, total in pairs)
-    )
+    first, total = (x.T.round(3) + 0.0 for x in (found.first, found.total))
+    cells = np.vectorize(lambda a, b: f"{a:.3f} ({b:.3f})")(first, total)
     velocity = np.ravel(found.velocity)
-    table = _table("Sobol indices, first (total) at v [m/s]", velocity, lines, 18)
-    still = zip(np.ravel(found.zeros), velocity, strict=True)
+    table = _table("Sobol indices, first (total) at v [m/s]", velocity, found.symbols, cells, 18)
+    still = zip(found.zeros, velocity, strict=True)
     shares = listed(f"{100 * share:.3g} % at {v:.4g} m/s" for share, v in still if share)
     return table + (f"\nSamples that do not rebound, ε = 0: {shares}." if shares else "")
 
 
 def information_text(found: Information) -> str:
     """Directions in words, then the standard errors."""
+
+    def shown(error: float | None, unit: float = 1.0) -> str:
+        return "not determined" if error is None else f"{error * unit:.3g}"
+
     lines = [wrapped(str(found))]
     every = zip(found.symbols, found.truth, found.standard_errors.items(), strict=True)
     for symbol, value, (name, error) in every:
-        text = f"expected standard error of {symbol}: {_error(error)}"
-        if found.before is not None:
-            now = found.before[name]
-            text += f" (now {_error(None if now is None else now * abs(value or 1.0))})"
-        lines.append(text)
+        now = "" if found.before is None else shown(found.before[name], abs(value or 1.0))
+        text = f"expected standard error of {symbol}: {shown(error)}"
+        lines.append(text + (f" (now {now})" if now else ""))
     return "\n".join(lines)
-
-
-def _error(error: float | None) -> str:
-    return "not determined" if error is None else f"{error:.3g}"
 
 
 def sensitivities_csv(found: Sensitivities) -> str:
     """θ ∂ε/∂θ and ∂ln ε/∂ln θ of every input; an empty cell where ε = 0."""
     kinds = [f"{n} d(eps)/d({n})" for n in found.names], [f"dln(eps)/dln({n})" for n in found.names]
-    header = ["velocity [m/s]", "restitution", *kinds[0], *kinds[1], "status"]
+    lines = [["velocity [m/s]", "restitution", *kinds[0], *kinds[1], "status"]]
     columns = [found.velocity, found.coefficient, *found.absolute.T, *found.logarithmic.T]
-    lines = [",".join(header)]
     for *numbers, status in zip(*columns, found.status, strict=True):
         cells = ["" if x != x else f"{x:.17g}" for x in numbers]
-        lines.append(",".join([*cells, status_names(int(status))]))
-    return "\n".join(lines) + "\n"
+        lines.append([*cells, status_names(int(status))])
+    return "".join(",".join(line) + "\n" for line in lines)
 
 
 def design_csv(found: Design, fall: Fall | None) -> str:
     """The velocities to shoot at, how often, and drop heights in the unit of the data, in their air."""
     fall = fall or Fall()
-    velocity = np.array([v for v, _ in found.support])
-    pairs = zip(found.support, fall.height(velocity), strict=True)
+    heights = fall.height(np.array([v for v, _ in found.support]))
+    pairs = zip(found.support, heights, strict=True)
     rows = [f"{v:.6g},{shots},{height:.6g}" for (v, shots), height in pairs]
     where = " without air" * (fall.density is None)
     return "\n".join([f"velocity [m/s],shots,drop height{where} [{fall.unit}]", *rows]) + "\n"
@@ -98,12 +86,12 @@ def wrapped(text: str) -> str:
     return "\n".join(console.wrapped(text.splitlines()))
 
 
-def _table(
-    head: str, velocity: Iterable[float], lines: Iterable[tuple[str, list[str]]], width: int
-) -> str:
-    first = head + "".join(f"{v:>{width}.4g}" for v in velocity)
-    rest = (
-        f"{name:<{len(head)}}" + "".join(f"{cell:>{width}}" for cell in cells)
-        for name, cells in lines
-    )
-    return "\n".join([first, *rest])
+def _symbols(found: Sensitivities) -> list[str]:
+    return [one.symbol for one in found.declared.values()]
+
+
+def _table(head: str, velocity: Any, names: Iterable[str], cells: Any, width: int) -> str:
+    lines = [head + "".join(f"{v:>{width}.4g}" for v in velocity)]
+    for name, row in zip(names, cells, strict=True):
+        lines.append(f"{name:<{len(head)}}" + "".join(f"{cell:>{width}}" for cell in row))
+    return "\n".join(lines)

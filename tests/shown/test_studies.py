@@ -174,7 +174,7 @@ def test_a_design_shows_where_the_shots_are(studied):
 
 
 def test_indices_stand_side_by_side_with_their_limits(studied):
-    """Bars, limits and bounds of sobol.png; the table's cells; both as sensitivity.json has them."""
+    """Bars and limits of sobol.png; the table's cells; both as sensitivity.json has them."""
     found = json.loads(studied.text("sensitivity.json"))["global"]
     figure = studied.figures["sobol.png"]
     assert figure.get_suptitle().startswith("each input uniform within ±10 %")
@@ -198,16 +198,12 @@ def test_indices_stand_side_by_side_with_their_limits(studied):
             np.testing.assert_allclose(
                 ends, np.stack([np.minimum(low, value), np.maximum(high, value)], 1), atol=1e-12
             )
-        bound = np.array(found["bound"][k])
-        np.testing.assert_array_equal(
-            line(ax, "upper bound of total")[1], np.where(bound <= 1, bound, np.nan)
-        )
         for row, first, total in zip(lines[1:9], found["first"][k], found["total"][k], strict=True):
             a, b = (float(x.strip("()")) for x in cells(row)[1 + k].split())
             assert (a, b) == (pytest.approx(first, abs=6e-4), pytest.approx(total, abs=6e-4))
         assert ax.get_ylim() == figure.axes[0].get_ylim()
         assert ax.get_ylim()[1] >= np.max(found["total_high"][k])
-    assert legend(figure) == ["first order", "total", "upper bound of total"]
+    assert legend(figure) == ["first order", "total"]
 
 
 def test_a_wall_and_another_law(tmp_path):

@@ -1,0 +1,879 @@
+"""Plans of further measurements: what they determine, in numbers and words, and the best velocities.
+
+    A = A₀ + Σ_i ∇ε(v_i) ∇ε(v_i)ᵀ/V_i
+
+is the information on ln θ, with A₀ that of a fit (the inverse of its covariance) or of priors, and V_i
+the variance of a planned ε. A planned shot is a point of the kind that the fit's data are (a drop from
+a height, a pair of velocities, a bounce, an ε with its own uncertainty); see `calibration.fitting.curves`.
+
+What a shot adds depends on its velocity alone, so it is tabulated over a grid. Shots are exchanged over
+the grid, one at a time, from several starts, then placed more finely. Several laws, or draws of a
+posterior, stand side by side; the logarithm of the criterion is averaged over them.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import ArrayLike, Float, Int
+
+import softjax as sj
+from calibration.data import RestitutionData
+from calibration.data.checks import as_number, check_whole
+from calibration.data.json_file import plain
+from calibration.errors import DataError, did_you_mean, listed
+from calibration.fitting.collisions import Route
+from calibration.fitting.curves import curve_and_slopes, further_variances, yield_velocity
+from calibration.fitting.laws import OF_CONTACT, numbers_in
+from calibration.fitting.material import MaterialFit
+from calibration.fitting.problem import Element
+from calibration.fitting.request import Request
+from calibration.fitting.result import FitResult
+from calibration.fitting.summary import chi_of, critical_velocity_of, eps_up_of
+from calibration.observables import OBSERVABLES, RESTITUTION
+from calibration.parameters import Parameter, as_parameter
+from calibration.rounding import number
+from calibration.studies.inputs import both_ends
+from softjax.fields import numbers_of, options_of, whole_fields
+
+USUAL_NOISE = 0.01  # standard uncertainty of ε unless stated
+UNDETERMINED = 1.0  # relative standard error above which a combination counts as not determined
+NO_BOUND = 100.0  # and from which no number is given for it
+ALMOST_NOTHING = 1e-6  # prior information on each ln θ: known to a factor e^1000 beforehand
+TAKES_PART = 0.2  # share of a parameter in a direction from which it is named
+ROUNDED = 1.1  # times the error of a direction: that of its product with the exponents as written
+CRITERIA = ("c", "D", "A", "I")
+SPREAD = 112  # velocities of the grid on each of two scales
+NEAR_YIELD = 10.0 ** np.arange(-4, -0.9, 0.25)  # relative distances from yield that the grid has
+CURVE = 128  # velocities over which a predicted curve is averaged
+FINER, REFINEMENTS = (
+    9,
+    5,
+)  # velocities around each shot when it is placed more finely, and how often
+BETTER = 1e-10  # least decrease of a log criterion that is worth an exchange
+MOVES = 500  # of a design's weights
+TOGETHER = 0.01  # relative distance below which shots count as one velocity
+DIFFERENCE = 1e-4  # of θ, of what follows from it
+DERIVED: dict[str, tuple[str, Callable[[Any], float]]] = {  # from the parameters of Zhou's law
+    "eps_up": ("ε_up", eps_up_of),
+    "chi": ("χ̃", chi_of),
+    "critical_velocity": ("v_cr", critical_velocity_of),
+}
+ONE_VELOCITY = (
+    "Shots at one velocity cannot test the law, and are best only if it holds: add others."
+)
+NO_MODEL = "model: information and designs are those of the likelihood"
+BY_HAND = (
+    "to plan elsewhere take the law with values given by hand: `softjax sensitivity FILE.toml "
+    "--chi … --sigma … --psi … --study design --from …`"
+)
+
+Column = Float[np.ndarray, "n"]
+Matrices = Float[np.ndarray, "... p p"]
+Errors = dict[str, float | None]
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A law whose parameters are to be known better, and what is known of them.
+
+    Attributes:
+        material: the law with its free parameters, and the data that planned shots are like.
+        before: A₀, (p, p), on ln θ.
+        uncertainty: standard uncertainty of a planned ε; None: as the fit's data have it.
+        route: from the law to ε.
+        sensors: what else each shot shows, and its relative standard uncertainty.
+        left_open: why a parameter that the fit did not determine is taken as known.
+        intervals: the fit's own, in words, by label.
+    """
+
+    material: MaterialFit
+    before: Matrices
+    uncertainty: Any
+    route: Route
+    sensors: Mapping[str, float] = field(default_factory=dict)
+    left_open: tuple[str, ...] = ()
+    intervals: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(self.material.free.values())
+
+    @property
+    def truth(self) -> Float[np.ndarray, "p"]:
+        values = self.material.model.inside(self.material.values)
+        return np.array([float(values[name]) for name in self.material.free])
+
+    @property
+    def unit(self) -> Float[np.ndarray, "p"]:
+        """|θ|, and 1 where θ = 0: slopes in θ times these are in ln θ."""
+        return np.abs(self.truth) + (self.truth == 0)
+
+    @property
+    def symbols(self) -> tuple[str, ...]:
+        """χ̃, or χ̃[name] where there are several data sets."""
+        found, declared = [], self.material.model.declared
+        for name, label in self.material.free.items():
+            symbol = "" if "[" in name else getattr(declared(name), "symbol", "")
+            found.append((symbol or name) + label.removeprefix(name))
+        return tuple(found)
+
+    def slopes(
+        self, velocity: Column, observable: str = RESTITUTION
+    ) -> tuple[Column, Float[np.ndarray, "n p"]]:
+        """ε or another observable O, and θ ∂O/∂θ."""
+        value, slope = curve_and_slopes(self.material, velocity, self.route, observable)
+        return value, slope * self.unit
+
+    def shots(self, velocity: Column) -> tuple[Matrices, Column]:
+        """Information of each shot, (n, p, p), and u(ε); what is 0, as without rebound, adds none."""
+        error = self.uncertainty
+        if error is None:
+            every = further_variances(self.material, velocity, lambda v: self.slopes(v)[0])
+            error = np.sqrt(sum(every.values()))
+        total: Any = 0.0
+        for name, u in {RESTITUTION: error, **self.sensors}.items():
+            value, slope = self.slopes(velocity, name)
+            scale = u if name == RESTITUTION else u * np.where(value > 0, value, 1)
+            row = np.where(value > 0, 1 / scale, 0)[:, None] * slope
+            total = total + row[:, :, None] * row[:, None, :]
+        return total, np.broadcast_to(np.asarray(error, float), velocity.shape)
+
+    def taken_as_known(self, targets: Sequence[str]) -> tuple[str, ...]:
+        """A sentence for each parameter that the fit did not determine, with intervals of the targets."""
+        whose = "error" if len(targets) == 1 else "errors"
+        more = [f"; {self.intervals[name]}" for name in targets if self.intervals.get(name)]
+        text = f": the {whose} of {', '.join(targets)} may be larger{''.join(more)}"
+        return tuple(why + text for why in self.left_open)
+
+
+def plan_of(
+    law: Any,
+    reach: Any,
+    parameters: Mapping[str, Any] | None,
+    objective: str | None,
+    route: Route,
+    material: str | None,
+    uncertainty: Any,
+    sensors: Mapping[str, float] | None,
+    measured: tuple[ArrayLike, ArrayLike] | None = None,
+) -> Plan:
+    """The plan for a law, or for one of a fit's materials.
+
+    Args:
+        reach: velocities that are planned, or the ends of what can be [m/s].
+        measured: velocities and uncertainties of ε of what is there already, for a law.
+        The others are those of `fisher_information`.
+    """
+    known, sized, positive = set(OBSERVABLES) - {RESTITUTION}, {}, "a positive relative uncertainty"
+    for name, size in (sensors or {}).items():
+        if name not in known:
+            accepted = f"of {', '.join(n for n in OBSERVABLES if n in known)}"
+            raise DataError("sensors", name, accepted + did_you_mean(name, known))
+        sized[name] = as_number(f"sensors[{name!r}]", size, lambda u: u > 0, positive)
+    if objective not in (None, "model"):
+        raise DataError("objective", objective, NO_MODEL)
+    reach = np.asarray(reach, float).ravel()
+    with jax.enable_x64(True):
+        if isinstance(law, FitResult):
+            for name, value in (("parameters", parameters), ("measured", measured)):
+                if value is not None:
+                    raise DataError(name, value, "left out with a fit, which has its own")
+            plan = _of_fit(law, material, reach, route)
+        elif not isinstance(law, sj.ContactLaw):
+            raise DataError("law", law, "a contact law or a FitResult")
+        elif material is not None:
+            raise DataError("material", material, "left out with a law")
+        else:
+            v, u = ((), 1.0) if measured is None else measured
+            v, u = checked_impacts(v, u, "measured")
+            plan = _of_law(law, np.append(v, reach), parameters or {}, route, sized)
+            if v.size:
+                there = replace(plan, uncertainty=u).shots(v)[0]
+                plan = replace(plan, before=plan.before + np.sum(there, axis=0))
+    contact = plan.material.data.contact
+    if contact is not None and any(map(np.ndim, contact.leaves().values())):
+        raise DataError("contact", "other for each impact", "one for all impacts")
+    if not plan.names:
+        raise DataError("parameters", "none free", "at least one that is free and determined")
+    uncertainty = plan.uncertainty if uncertainty is None else uncertainty
+    return replace(plan, sensors=sized, uncertainty=uncertainty)
+
+
+def checked_impacts(velocity: ArrayLike, uncertainty: ArrayLike, name: str):
+    """Velocities and uncertainties of one length."""
+    v, u = np.asarray(velocity, float).ravel(), np.asarray(uncertainty, float)
+    if not (np.all(np.isfinite(u)) and np.all(u > 0)):
+        raise DataError("uncertainty", uncertainty, "positive")
+    if u.ndim and u.shape != v.shape:
+        raise DataError(name, f"{u.size} uncertainties", f"one for all, or {v.size}")
+    return v, np.broadcast_to(u, v.shape)
+
+
+def _of_law(law: Any, every: Column, parameters, route: Route, sensors) -> Plan:
+    """Parameters as `fit` would take them, of data that have no values yet."""
+    for name, value in numbers_of(law).items():
+        if np.ndim(value):
+            raise DataError(name, f"of shape {np.shape(value)}", "a single number")
+    contact, one = getattr(law, "contact", None), np.ones(len(every))
+    columns: dict[str, Any] = {name.replace("residual_", ""): one for name in sensors}
+    columns["limit_velocity"] = None if contact else getattr(law, "limit_velocity", None)
+    data = RestitutionData(every, one / 2, contact, name="plan", plausibility=False, **columns)
+    stated: dict[str, Any] = dict(parameters)
+    for name, value in parameters.items():
+        is_held = isinstance(value, Parameter) and not value.free and value.value is None
+        if is_held and hasattr(law, name):
+            stated[name] = Parameter(getattr(law, name), free=False)
+    stated |= {name: getattr(law, name) for name in options_of(type(law))}
+    for name in whole_fields(type(law)):
+        is_free = name in stated and as_parameter(name, stated[name]).free
+        stated[name] = Parameter(getattr(law, name), free=is_free)
+    spec = Request((data,), stated).with_options(law=type(law)).specs()[0]
+    free = [one for one in spec.local if one.parameter.free]
+    material = MaterialFit(
+        data=data,
+        objective="model",
+        model=spec.model,
+        parameters={},
+        derived={},
+        values={one.name: _truth(law, one) for one in spec.local},
+        labels={one.name: one.name for one in free},
+        rms=math.nan,
+        rms_empirical=None,
+        empirical=None,
+        converged=True,
+        status=(),
+    )
+    plan = Plan(material, np.zeros((0, 0)), USUAL_NOISE, route)
+    sizes = [one.parameter.prior[1] if one.parameter.prior else np.inf for one in free]
+    return replace(plan, before=np.diag((plan.unit / sizes) ** 2))
+
+
+def _truth(law: Any, local: Element) -> Any:
+    """The value of a parameter in the law."""
+    name, parameter = local.name, local.parameter
+    stem, _, entry = name.partition("[")
+    if local.stands_in:
+        return local.start
+    if entry:
+        return numbers_in(getattr(law, stem))[int(entry[:-1])]
+    if name.startswith(OF_CONTACT):
+        value = getattr(law.contact, name.removeprefix(OF_CONTACT))
+    else:
+        value = eps_up_of(law) if name == "eps_up" else getattr(law, name, None)
+    if value is None:  # such as c1
+        raise DataError("parameters", name, "of those whose value the law has")
+    if not parameter.free and parameter.value not in (None, value):
+        accepted = f"the value of the law, {value:g}, if it is fixed"
+        raise DataError(f"parameters[{name!r}]", parameter.value, accepted)
+    if parameter.free and not local.declared.lower < value < local.declared.upper:
+        raise DataError(name, value, f"{local.declared.accepted}, inside its range, or fixed")
+    return float(value)
+
+
+def _of_fit(result: FitResult, name: str | None, reach: Column, route: Route) -> Plan:
+    material = result.material(name)
+    if material.objective != "model":
+        raise DataError("objective", material.objective, f'{NO_MODEL}; fit with "model"')
+    low, high = material.known_from, material.known_to
+    for outside in reach[(reach < low) | (reach > high)][:1]:
+        end = f"up to {high:.4g} m/s" if low <= 0 else f"{low:.4g} m/s or more"
+        accepted = f"{end}, where this fit knows the law; {BY_HAND}"
+        raise DataError("velocity", float(outside), accepted)
+    places = {label: k for k, label in enumerate(result.covariance_names)}
+    known = np.isfinite(np.diag(result.covariance))
+    labels = {name: label for name, label in material.free.items() if known[places[label]]}
+    left_open = []
+    for left in (name for name in material.free if name not in labels):
+        estimate, why = material.parameters.get(left), "is not determined"
+        if estimate is not None and estimate.at_bound and estimate.value is not None:
+            why = f"is at its bound {number(estimate.value, 4)}"
+        left_open.append(f"{left} {why} and is taken as known")
+    route = route or result.request.route_of_curve(material.model.law_type)
+    plan = Plan(replace(material, labels=labels), np.zeros((0, 0)), None, route)
+    rows = [places[label] for label in plan.names]
+    covariance = result.covariance[np.ix_(rows, rows)] / np.outer(plan.unit, plan.unit)
+    return replace(
+        plan,
+        before=np.linalg.inv(covariance),
+        left_open=tuple(left_open),
+        intervals={label: _interval(label, result) for label in plan.names},
+    )
+
+
+def _interval(label: str, result: FitResult) -> str:
+    """The fit's own, and in parts of the value as the promised errors are."""
+    estimate = result.estimates.get(label)
+    if estimate is None or estimate.low is None or estimate.high is None:
+        return ""
+    ends, value = (estimate.low, estimate.high), estimate.value
+    shown = " to ".join(number(x, 4) for x in ends)
+    parts = " to ".join(f"{100 * (x / value - 1):+.2g} %" for x in ends) if value else ""
+    text = f"the fit's {100 * result.confidence:g} % interval of {label} is {shown}"
+    return f"{text} ({parts})" if parts else text
+
+
+def covariance_of(information: Matrices) -> Matrices:
+    """Covariance of ln θ; a negligible prior keeps it finite where the data determine nothing."""
+    return np.linalg.inv(information + ALMOST_NOTHING * np.eye(information.shape[-1]))
+
+
+def errors_of(information: Matrices, aims: Mapping[str, np.ndarray]) -> Errors:
+    """Standard errors of aim · ln θ, over several laws root mean squares; None: not determined."""
+    covariance = covariance_of(information)
+    found = {
+        name: float(np.sqrt(np.mean(np.einsum("...i,...ij,...j->...", aim, covariance, aim))))
+        for name, aim in aims.items()
+    }
+    return {name: error if error <= NO_BOUND else None for name, error in found.items()}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Planned:
+    """Planned shots, and what is known with them of p parameters θ.
+
+    Attributes:
+        names, symbols: the parameters.
+        velocity, uncertainty: v [m/s] and standard uncertainty of ε of each shot, (n,), ascending in a
+            design.
+        before: relative errors that are known now, by a fit or priors or what was measured; None
+            where nothing is.
+        taken_as_known: a sentence for each parameter of the fit that has no standard error.
+        sensors: what else each shot shows, and its relative uncertainty.
+        without: relative errors without the sensors, of a design those of the best one of as many
+            shots; None where there are none.
+    """
+
+    names: tuple[str, ...]
+    symbols: tuple[str, ...]
+    velocity: Float[np.ndarray, "n"]
+    uncertainty: Float[np.ndarray, "n"]
+    before: Errors | None
+    taken_as_known: tuple[str, ...]
+    sensors: Mapping[str, float]
+    without: Errors | None
+
+    @property
+    def _range(self) -> str:
+        """ "0.5 to 6 m/s, standard uncertainty of ε 0.01 to 0.02"."""
+        every = self.velocity, self.uncertainty
+        low, high = ([f"{of(x):.3g}" for x in every] for of in (np.min, np.max))
+        v, u = (a if a == b else f"{a} to {b}" for a, b in zip(low, high, strict=True))
+        return f"{v} m/s, standard uncertainty of ε {u}"
+
+    def _sensed(self, errors: Errors) -> list[str]:
+        """Relative errors with sensors and without them, a parameter a line."""
+        if self.without is None:
+            return []
+
+        def text(error: float | None) -> str:
+            return "not determined" if error is None else f"to {100 * error:.2g} %"
+
+        shown = ", ".join(f"{name} to {100 * u:.2g} %" for name, u in self.sensors.items())
+        pairs = ((name, text(error), text(self.without[name])) for name, error in errors.items())
+        lines = (f"  {name}: {error}; without: {other}" for name, error, other in pairs)
+        return [f"with {shown} of each impact", *lines]
+
+    def _as_dict(self, table: Mapping[str, Any]) -> dict[str, Any]:
+        named = {"sensors": self.sensors, "without_sensors": self.without}
+        return plain({**table, **(named if self.sensors else {})})
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Information(Planned):
+    """What planned impacts determine of the parameters, by the likelihood.
+
+    Attributes:
+        truth: θ.
+        matrix: Fisher's information on ln θ, (p, p), what was known before included.
+    """
+
+    truth: Float[np.ndarray, "p"]
+    matrix: Float[np.ndarray, "p p"]
+
+    @property
+    def covariance(self) -> Float[np.ndarray, "p p"]:
+        """Covariance of ln θ; NaN for what is not determined."""
+        covariance = covariance_of(self.matrix)
+        is_open = np.diag(covariance) > NO_BOUND**2
+        return np.where(is_open | is_open[:, None], np.nan, covariance)
+
+    @property
+    def relative_errors(self) -> Errors:
+        """Expected standard error of ln θ; None where the impacts do not determine θ."""
+        return errors_of(self.matrix, dict(zip(self.names, np.eye(len(self.names)), strict=True)))
+
+    @property
+    def standard_errors(self) -> Errors:
+        """Expected standard error of θ; None where the impacts do not determine it."""
+        pairs = zip(self.relative_errors.items(), self.truth.tolist(), strict=True)
+        return {n: None if e is None else abs(value or 1.0) * e for (n, e), value in pairs}
+
+    @property
+    def directions(self) -> tuple[Float[np.ndarray, "p"], Float[np.ndarray, "p p"]]:
+        """Eigenvalues of the information, the best known direction first, and eigenvectors.
+
+        A column has the exponents of a product of powers of θ; its largest one is positive.
+        """
+        values, vectors = np.linalg.eigh(0.5 * (self.matrix + self.matrix.T))
+        largest = np.argmax(np.abs(vectors), axis=0)
+        vectors = vectors * np.sign(vectors[largest, np.arange(len(values))])
+        return np.maximum(values[::-1], 0), vectors[:, ::-1]
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """Each direction in a sentence, the best known first."""
+        values, vectors = self.directions
+        errors = np.maximum(values, NO_BOUND**-2) ** -0.5
+        factor = errors[:, None] * vectors.T  # FᵀF is the covariance
+        pairs = zip(vectors.T, errors.tolist(), strict=True)
+        return tuple(_sentence(self.symbols, *pair, factor) for pair in pairs)
+
+    def to_dict(self) -> dict[str, Any]:
+        """A dictionary for JSON; undefined numbers are None."""
+        values, vectors = self.directions
+        table = {
+            "parameters": dict(zip(self.names, self.truth, strict=True)),
+            "velocity": self.velocity,
+            "uncertainty": self.uncertainty,
+            "standard_errors": self.standard_errors,
+            "relative_standard_errors": self.relative_errors,
+            "information": self.matrix,
+            "eigenvalues": values,
+            "directions": vectors.T,
+            "words": self.words,
+            "taken_as_known": self.taken_as_known,
+            "before": self.before,
+        }
+        return self._as_dict(table)
+
+    def __str__(self) -> str:
+        where = f", {self._range}" if len(self.velocity) else ""
+        head = f"{len(self.velocity)} planned impacts{where}"
+        sensed = self._sensed(self.relative_errors)
+        return "\n".join([head, *sensed, *self.words, *self.taken_as_known])
+
+
+def _sentence(symbols: Sequence[str], direction: np.ndarray, error: float, factor: Any) -> str:
+    """A direction, with as few letters and decimals as leave its error what it is.
+
+    A letter of a small exponent matters where its own error is large.
+    """
+    exponents, decimals = np.where(np.abs(direction) > TAKES_PART, direction, 0.0).round(2), 2
+    if error < UNDETERMINED:
+        tries = [(exponents, 2), *((direction.round(k), k) for k in range(2, 9))]
+        enough = (one for one in tries if np.linalg.norm(factor @ one[0]) < ROUNDED * error)
+        exponents, decimals = next(enough, tries[-1])
+    powers = {s: float(x) for s, x in zip(symbols, exponents, strict=True) if x}
+    product = " · ".join(s if x == 1 else f"{s}^{x:.{decimals}f}" for s, x in powers.items())
+    if error < UNDETERMINED:
+        return f"{product} will be known to {100 * error:.2g} %"
+    why = f"standard error of its logarithm {error:.2g}"
+    why = why if error < NO_BOUND else "these impacts have no information on it"
+    together = f" only together: {product}" if len(powers) > 1 else ""
+    return f"{' and '.join(powers)}{together} is not determined ({why})"
+
+
+def fisher_information(
+    law: sj.ContactLaw | FitResult,
+    velocity: ArrayLike = (),
+    uncertainty: ArrayLike | None = None,
+    objective: str | None = None,
+    route: sj.EnergyBalance | sj.ClosedForm | sj.ODE | None = None,
+    *,
+    parameters: Mapping[str, Any] | None = None,
+    material: str | None = None,
+    sensors: Mapping[str, float] | None = None,
+) -> Information:
+    """Fisher information of planned measurements of ε on the parameters of a law.
+
+    Args:
+        law: with the parameters as far as they are known; or a fit by `model`, whose covariance is
+            what is known before. Of its parameters those count that it determined.
+        velocity: v [m/s] of the impacts; for a fit further ones, which share no error: each is of a
+            specimen, or launch, of its own.
+        uncertainty: standard uncertainty of each ε, one number or (n,); 0.01 where left out, for a
+            fit that of a point of the same kind as its data (a drop from that height with its
+            uncertainty, say), scatter and the offset of another group included.
+        objective: "model"; nothing else has information.
+        route: from the law to ε; the energy balance where it can, unless stated.
+        parameters: which are free, and their priors, as `fit` takes them: {"psi": 0.54} holds ψ,
+            {"contact.youngs_modulus": cal.Parameter(prior=(2e11, 1e10))} is a nuisance.
+        material: which one of a fit's.
+        sensors: what else each impact is to show, and its relative standard uncertainty, as
+            {"contact_time": 0.02}; of `calibration.observables`. The errors without it are given too.
+
+    Raises:
+        ValueError: naming the argument, its value and what is accepted.
+    """
+    plan = plan_of(law, velocity, parameters, objective, route, material, None, sensors)
+    v, u = checked_impacts(velocity, 1.0 if uncertainty is None else uncertainty, "velocity")
+    if not (v.size or isinstance(law, FitResult)):
+        raise DataError("velocity", "empty", "one velocity [m/s] or more")
+    if not np.all(np.isfinite(v) & (v > 0)):
+        raise DataError("velocity", velocity, "positive speeds in m/s")
+    if uncertainty is not None:
+        plan = replace(plan, uncertainty=u)
+
+    def matrix_of(plan: Plan) -> tuple[Matrices, Column]:
+        if not v.size:
+            return plan.before, u
+        with jax.enable_x64(True):
+            added, error = plan.shots(v)
+        return plan.before + np.sum(added, axis=0), error
+
+    aims = dict(zip(plan.names, np.eye(len(plan.names)), strict=True))
+    matrix, error = matrix_of(plan)
+    bare = matrix_of(replace(plan, sensors={}))[0] if plan.sensors else None
+    return Information(
+        names=plan.names,
+        symbols=plan.symbols,
+        truth=plan.truth,
+        velocity=v,
+        uncertainty=error,
+        matrix=matrix,
+        before=errors_of(plan.before, aims) if np.any(plan.before) else None,
+        taken_as_known=plan.taken_as_known(plan.names),
+        sensors=plan.sensors,
+        without=None if bare is None else errors_of(bare, aims),
+    )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Design(Planned):
+    """Velocities for further shots, and what they are expected to bring.
+
+    Attributes:
+        criterion, target: what was made small: "c" the standard error of the target, "D" the
+            determinant of the covariance of ln θ, "A" its mean variance, "I" the mean variance of
+            the predicted curve.
+        target_symbol: of the target.
+        coefficient: ε expected of each shot.
+        bounds: v [m/s] within which they were sought.
+        relative_errors: expected standard error of ln θ with the new shots and what was known
+            before, and of a target that follows from θ; of several laws the root mean square; None
+            for parameters that are not determined.
+        equally_spaced: the same for as many shots equally spaced over the bounds.
+        gain: the criterion as a standard error (the target's for "c", the geometric mean of all for
+            "D") with equally spaced shots over that with these.
+        efficiency: what the design reaches at least of the best possible one of as many shots, by
+            the equivalence theorem.
+        grid, slopes: velocities [m/s], (k,), and θ ∂ε/∂θ there, (k, p), of the first law.
+    """
+
+    criterion: str
+    target: str
+    target_symbol: str
+    coefficient: Float[np.ndarray, "n"]
+    bounds: tuple[float, float]
+    relative_errors: Errors
+    equally_spaced: Errors
+    gain: float
+    efficiency: float
+    grid: Float[np.ndarray, "k"]
+    slopes: Float[np.ndarray, "k p"]
+
+    @property
+    def support(self) -> list[tuple[float, int]]:
+        """(velocity [m/s], number of shots there): shots within a percent taken together."""
+        groups: list[list[float]] = []
+        for v in self.velocity.tolist():
+            if groups and v <= groups[-1][0] * (1 + TOGETHER):
+                groups[-1].append(v)
+            else:
+                groups.append([v])
+        return [(float(np.mean(group)), len(group)) for group in groups]
+
+    def to_dict(self) -> dict[str, Any]:
+        """A dictionary for JSON."""
+        left_out = ("symbols", "target_symbol", "grid", "slopes", "sensors", "without")
+        table = {name: value for name, value in vars(self).items() if name not in left_out}
+        table["support"] = [{"velocity": v, "shots": n} for v, n in self.support]
+        return self._as_dict(table)
+
+    def __str__(self) -> str:
+        shots = []
+        for v, n in self.support:
+            at = int(np.argmin(np.abs(self.velocity - v)))
+            expected = f"ε = {self.coefficient[at]:.3f} ± {self.uncertainty[at]:.2g}"
+            shots.append(f"{n} at {v:.4g} m/s ({expected})")
+        every = (self.relative_errors, self.before or {}, self.equally_spaced)
+        known = [one.get(self.target) for one in every]
+        here, now, even = ("not determined" if e is None else f"{e:.3g}" for e in known)
+        text = f"{self.criterion}-optimal: {', '.join(shots)}; standard error of "
+        text += f"ln {self.target_symbol} {here}, " + (f"now {now}, " if self.before else "")
+        text += f"equally spaced {even}"
+        text += f"; at least {math.floor(1000 * self.efficiency) / 10:.1f} % of the best"
+        low, high = self.bounds
+        sought = f"Sought from {low:.4g} to {high:.4g} m/s; planned {self._range}."
+        lone = [ONE_VELOCITY] if len(self.support) == 1 else []
+        sensed = self._sensed(self.relative_errors)
+        return "\n".join([text, *lone, sought, *sensed, *self.taken_as_known])
+
+
+@dataclass(frozen=True, eq=False)
+class Criterion:
+    """Objective to minimise: the logarithm of a mean variance tr(L C), averaged over the laws.
+
+    Attributes:
+        weight: L, (laws, p, p); None for D: the geometric mean of the variances, correlations counted.
+        before: A₀, (laws, p, p).
+    """
+
+    weight: Matrices | None
+    before: Matrices
+
+    def value(self, information: Matrices) -> Any:
+        """Its logarithm, of (laws, ..., p, p)."""
+        covariance = covariance_of(information)
+        if self.weight is None:
+            level = np.linalg.slogdet(covariance)[1] / covariance.shape[-1]
+        else:
+            level = np.log(np.einsum("lij,l...ij->l...", self.weight, covariance))
+        return np.mean(level, axis=0)
+
+    def exchanged(self, shots: Matrices, places: Any) -> tuple[Int[np.ndarray, "n"], float]:
+        """Each shot moved to its best place until none moves any more, and the criterion there."""
+        places = np.array(places)
+        best = float(self.value(self.before + np.sum(shots[:, places], axis=1)))
+        while True:
+            begun = best
+            for i in range(len(places)):
+                others = self.before + np.sum(shots[:, np.delete(places, i)], axis=1)
+                values = self.value(others[:, None] + shots)
+                k = int(np.argmin(values))
+                if values[k] < best - BETTER:
+                    places[i], best = k, float(values[k])
+            if best >= begun - BETTER:
+                return np.sort(places), best
+
+    def least(self, shots: Matrices, count: int) -> float:
+        """A value that no design of `count` of these shots is below.
+
+        With W = C L C / tr(L C) (D: C/p), 1/tr(L C) and its like are concave in A. So whatever the
+        weights w of a design without whole numbers, A = A₀ + n Σ w_k A_k, no design is better than
+        this one by more than the factor max_k tr(W (A₀ + n A_k)); the weights are moved to where
+        that is nearly one.
+
+        Source: Kiefer and Wolfowitz, Can. J. Math. 12, 363 (1960); Pukelsheim, Optimal Design of
+        Experiments (2006), chapter 5.
+        """
+        before = self.before + ALMOST_NOTHING * np.eye(self.before.shape[-1])
+        share, least = np.full(shots.shape[1], 1 / shots.shape[1]), -np.inf
+        for _ in range(MOVES):
+            there = self.before + count * np.einsum("k,lkij->lij", share, shots)
+            weight = covariance_of(there)
+            if self.weight is None:
+                weight = weight / weight.shape[-1]
+            else:
+                level = np.einsum("lij,lij->l", self.weight, weight)[:, None, None]
+                weight = weight @ self.weight @ weight / level
+            first = np.einsum("lij,lij->l", weight, before)
+            each = np.einsum("lkij,lij->lk", shots, weight)
+            factor = np.mean(first[:, None] + count * each, axis=0)
+            least = max(least, float(self.value(there)) - math.log(np.max(factor)))
+            share = share * (factor if self.weight is None else np.sqrt(factor))
+            share = share / np.sum(share)
+        return least
+
+
+def optimal_velocities(
+    law: sj.ContactLaw | FitResult | Sequence[sj.ContactLaw],
+    count: int,
+    bounds: tuple[float, float],
+    *,
+    criterion: str = "c",
+    target: str | None = None,
+    objective: str | None = None,
+    parameters: Mapping[str, Any] | None = None,
+    material: str | None = None,
+    over: tuple[float, float] | None = None,
+    uncertainty: float | None = None,
+    sensors: Mapping[str, float] | None = None,
+    measured: ArrayLike | None = None,
+    measured_uncertainty: ArrayLike | None = None,
+    route: sj.EnergyBalance | sj.ClosedForm | sj.ODE | None = None,
+    starts: int = 8,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Design:
+    """Velocities of `count` further shots that determine the parameters best.
+
+    An optimum trusts the law: where it does not fit, what is fitted depends on where one measures,
+    and a few shots elsewhere would show it.
+
+    Args:
+        law: with the parameters as far as they are known; several laws of one kind, over which the
+            logarithm of the criterion is averaged; or a fit, as `fisher_information` takes it.
+        count: number of new shots, each of a new specimen or launch where these share
+            errors.
+        bounds: (lowest, highest) velocity [m/s] that can be shot.
+        criterion: "c": the standard error of `target`; "D", "A": determinant and trace of the
+            covariance of ln θ; "I": the mean variance of the predicted curve between the
+            velocities `over`.
+        target: a parameter, or a number that follows from them as a fit's table has it, such as
+            eps_up; chi where there is one, else the first parameter, if left out. For c alone.
+        objective, parameters, material, route, sensors: as `fisher_information` takes them.
+        over: where the curve is to be predicted by criterion I; the bounds if left out.
+        uncertainty: standard uncertainty of each new ε; 0.01 unless a fit has its own, which is
+            that of a point of the same kind as its data at that velocity.
+        measured, measured_uncertainty: v [m/s] and uncertainty of ε of what is there already; a
+            fit has its own.
+        starts, seed: of the search.
+        progress: called as progress(stage, done, total).
+
+    Raises:
+        ValueError: naming the argument, its value and what is accepted.
+    """
+    for name, value, least in (("count", count, 1), ("starts", starts, 1), ("seed", seed, 0)):
+        check_whole(name, value, least)
+    if criterion not in CRITERIA:
+        raise DataError("criterion", criterion, f"one of {', '.join(CRITERIA)}")
+    low, high = both_ends("bounds", bounds)
+    if not (0 < low < high < np.inf):
+        raise DataError("bounds", bounds, "(lowest, highest) velocity above 0 m/s")
+    other = f"left out with criterion {criterion}"
+    for name, argument, acts, accepted in (
+        ("target", target, criterion == "c", other),
+        ("over", over, criterion == "I", other),
+        ("measured_uncertainty", measured_uncertainty, measured is not None, "given with measured"),
+    ):
+        if argument is not None and not acts:
+            raise DataError(name, argument, accepted)
+    if uncertainty is not None and not (np.isfinite(uncertainty) and uncertainty > 0):
+        raise DataError("uncertainty", uncertainty, "positive")
+    over = (low, high) if over is None else both_ends("over", over)
+    u = USUAL_NOISE if uncertainty is None else uncertainty
+    there = u if measured_uncertainty is None else measured_uncertainty
+    known = None if measured is None else (measured, there)
+    reach = [low, high, *(over if criterion == "I" else ())]
+    stated = reach, parameters, objective, route, material, uncertainty, sensors, known
+    laws: Sequence[Any] = law if isinstance(law, Sequence) else [law]
+    if not laws:
+        raise DataError("law", law, "one law or more, or a FitResult")
+    plans = [plan_of(one, *stated) for one in laws]
+    first, even = plans[0], np.linspace(low, high, count)
+    symbols = {n: symbol for n, (symbol, _) in DERIVED.items()}
+    symbols |= dict(zip(first.names, first.symbols, strict=True))
+    with jax.enable_x64(True):
+        target = _target_of(target, first)
+        aims = dict(zip(first.names, np.eye(len(first.names)), strict=True))
+        aims[target] = np.stack([_gradient_of(target, plan) for plan in plans])
+        weight = _weight(criterion, plans, aims[target], over)
+        rule = Criterion(weight, np.stack([plan.before for plan in plans]))
+        grid, search = _grid(plans, low, high), (even, starts, seed, progress)
+        shots = _sought(plans, rule, grid, *search)
+        new, spaced = (rule.before + np.sum(_table(plans, v), axis=1) for v in (shots, even))
+        without = None
+        if first.sensors:
+            bare = [replace(plan, sensors={}) for plan in plans]
+            table = _table(bare, _sought(bare, rule, grid, *search))
+            without = errors_of(rule.before + np.sum(table, axis=1), aims)
+        bound = rule.least(_table(plans, np.union1d(grid, shots)), count)
+        level = float(rule.value(new))
+        return Design(
+            criterion=criterion,
+            target=target,
+            target_symbol=symbols[target],
+            names=first.names,
+            symbols=first.symbols,
+            velocity=shots,
+            coefficient=first.slopes(shots)[0],
+            uncertainty=np.array(first.shots(shots)[1]),
+            bounds=(float(grid[0]), float(grid[-1])),
+            relative_errors=errors_of(new, aims),
+            equally_spaced=errors_of(spaced, aims),
+            before=errors_of(rule.before, aims) if np.any(first.before) else None,
+            gain=math.exp(0.5 * (float(rule.value(spaced)) - level)),
+            efficiency=min(math.exp(bound - level), 1.0),
+            grid=grid,
+            slopes=first.slopes(grid)[1],
+            taken_as_known=first.taken_as_known([target] if criterion == "c" else first.names),
+            sensors=first.sensors,
+            without=without,
+        )
+
+
+def _target_of(target: str | None, plan: Plan) -> str:
+    """Its label among the parameters, or its name among `DERIVED`."""
+    free = plan.material.free
+    if target is None:
+        return free.get("chi", plan.names[0])
+    if target in free or target in plan.names:
+        return free.get(target, target)
+    is_zhou = plan.material.model.law_type is sj.Zhou
+    follow = [name for name in DERIVED if is_zhou and name not in free]
+    if target in follow:
+        return target
+    raise DataError("target", target, f"one of {listed([*plan.names, *follow])}")
+
+
+def _gradient_of(target: str, plan: Plan) -> Float[np.ndarray, "p"]:
+    """∂ ln q/∂ ln θ of a target q, which has the standard error of its product with ln θ."""
+    if target in plan.names:
+        return (np.array(plan.names) == target).astype(float)
+    values = plan.material.model.inside(plan.material.values)
+
+    def log(name: str, factor: float) -> float:
+        law = replace(plan.material, values={**values, name: float(values[name]) * factor}).law
+        return math.log(max(float(DERIVED[target][1](law)), 1e-300))
+
+    ends = [[log(n, 1 + side * DIFFERENCE) for side in (-1, 1)] for n in plan.material.free]
+    found = np.array([(up - down) / (2 * DIFFERENCE) for down, up in ends])
+    if not np.any(found):
+        accepted = f"one of {listed(plan.names)}: these are free and none of them affects it"
+        raise DataError("target", target, accepted)
+    return found
+
+
+def _weight(criterion: str, plans: Sequence[Plan], aims: np.ndarray, over) -> Matrices | None:
+    """L of each law, or None; see `Criterion`."""
+    if criterion == "D":
+        return None
+    if criterion == "c":
+        return aims[:, :, None] * aims[:, None, :]
+    if criterion == "A":
+        return np.broadcast_to(np.eye(aims.shape[1]) / aims.shape[1], (*aims.shape, aims.shape[1]))
+    curve = np.stack([plan.slopes(np.linspace(over[0], over[1], CURVE))[1] for plan in plans])
+    return np.swapaxes(curve, 1, 2) @ curve / CURVE
+
+
+def _table(plans: Sequence[Plan], velocity: Column) -> Matrices:
+    """Information of a shot at each velocity, (laws, k, p, p)."""
+    return np.stack([plan.shots(velocity)[0] for plan in plans])
+
+
+def _grid(plans: Sequence[Plan], low: float, high: float) -> Column:
+    """Velocities between the bounds, equally spaced on two scales, denser around yield."""
+    yields = np.array([yield_velocity(plan.material.law) or 0.0 for plan in plans])
+    near = np.outer(yields, [*(1 - NEAR_YIELD), *(1 + NEAR_YIELD)]).ravel()
+    inside = near[(low < near) & (near < high)]
+    return np.unique([*np.linspace(low, high, SPREAD), *np.geomspace(low, high, SPREAD), *inside])
+
+
+def _sought(
+    plans: Sequence[Plan], rule: Criterion, grid: Column, even: Column, starts, seed, progress
+) -> Column:
+    """The best shots from all starts: equally spaced ones, and a few velocities drawn at random."""
+    random, table, ends = np.random.default_rng(seed), _table(plans, grid), []
+    few = min(len(even), len(plans[0].names) + 1)
+    for k in range(starts):
+        start = np.clip(np.searchsorted(grid, even), 0, len(grid) - 1)
+        if k:
+            start = np.resize(random.choice(len(grid), few, replace=False), len(even))
+        ends.append(rule.exchanged(table, start))
+        if progress is not None:
+            progress("velocities", k + 1, starts)
+    places, velocity = min(ends, key=lambda end: end[1])[0], grid
+    for _ in range(REFINEMENTS):
+        chosen, last = velocity[places], len(velocity) - 1
+        around = [velocity[[max(k - 1, 0), min(k + 1, last)]] for k in np.unique(places)]
+        finer = [np.linspace(low, high, FINER) for low, high in around]
+        velocity = np.unique(np.concatenate([*finer, chosen]))
+        start = np.searchsorted(velocity, chosen)
+        places, _ = rule.exchanged(_table(plans, velocity), start)
+    return velocity[places]

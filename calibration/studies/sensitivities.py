@@ -1,0 +1,372 @@
+"""Sensitivities of ε to its inputs: exact derivatives at a point, and Sobol indices over ranges.
+
+S_i = Var E[f | θ_i]/Var f is what θ_i explains alone, S_Ti = E Var[f | all but θ_i]/Var f what
+it explains with all interactions: means over samples A, B and A with one column of B (A. Saltelli
+et al., Comput. Phys. Commun. 181, 259, 2010).
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float, Int
+
+import softjax as sj
+from calibration.data.checks import check_whole, checked_confidence
+from calibration.data.json_file import plain
+from calibration.errors import DataError
+from calibration.fitting.result import FitResult
+from calibration.studies.inputs import (
+    VELOCITY,
+    Inputs,
+    as_inputs,
+    both_ends,
+    check_ranges,
+    check_velocity,
+)
+from softjax.fields import Declared
+
+PADDING = 64  # most batches of velocities share one compilation
+# exponents of kilogram, metre and second
+DIMENSIONS = {
+    "-": (0, 0, 0),
+    "Pa": (1, -1, -2),
+    "N/m": (1, 0, -2),
+    "kg": (1, 0, 0),
+    "kg/m³": (1, -3, 0),
+    "m": (0, 1, 0),
+    "1/m": (0, -1, 0),
+    "m/s": (0, 1, -1),
+    "s": (0, 0, 1),
+}
+SCALES = ("uniform", "log")
+NO_ANSWER = int(sj.Status.INVALID_INPUT | sj.Status.SOLVER_FAILED)
+NO_VARIANCE = 1e-24  # of the squared mean: rounding
+AT_ONCE = 1 << 13  # samples evaluated together
+RESAMPLED = 32  # bootstrap samples drawn together
+
+Model = Callable[[Mapping[str, Array]], Any]
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Sensitivities:
+    """θ ∂ε/∂θ of p inputs, the velocity among them, at n velocities.
+
+    Attributes:
+        declared: symbol and unit of the inputs by name, (p,); the last is "velocity".
+        values: θ, (p - 1,), of all but the velocity.
+        velocity: v [m/s], (n,).
+        coefficient: ε [-], (n,).
+        absolute: θ ∂ε/∂θ [-], (n, p): the change of ε for a relative change of θ. Zero where
+            θ = 0; for a negative Poisson's ratio it keeps its sign.
+        status: flags of each collision, (n,).
+    """
+
+    declared: Mapping[str, Declared]
+    values: Float[np.ndarray, "inputs"]
+    velocity: Float[np.ndarray, "n"]
+    coefficient: Float[np.ndarray, "n"]
+    absolute: Float[np.ndarray, "n p"]
+    status: Int[np.ndarray, "n"]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the inputs, (p,)."""
+        return tuple(self.declared)
+
+    @property
+    def logarithmic(self) -> Float[np.ndarray, "n p"]:
+        """∂ln ε/∂ln θ [-]; NaN where ε = 0 and θ ∂ε/∂θ alone has a meaning."""
+        return self.absolute / np.where(self.coefficient > 0, self.coefficient, np.nan)[:, None]
+
+    def of(self, name: str) -> Float[np.ndarray, "n"]:
+        """θ ∂ε/∂θ of one input."""
+        return self.absolute[:, self.names.index(name)]
+
+    def rows(self, which: slice) -> "Sensitivities":
+        """Select velocities."""
+        columns = ("velocity", "coefficient", "absolute", "status")
+        return replace(self, **{name: getattr(self, name)[which] for name in columns})
+
+    def dimensional_sums(self) -> Float[np.ndarray, "n 3"]:
+        """Σ_θ [θ]_u θ ∂ε/∂θ for u = kg, m, s, with [θ]_u the exponent of u in θ's unit.
+
+        ε has no unit, so it is the same in any units: each of the three sums is zero. For two
+        spheres of one material they read
+
+            kg:  S_E + S_Y + S_ρ = 0
+            m:   S_R + S_v - S_E - S_Y - 3 S_ρ = 0
+            s:   -2 S_E - 2 S_Y - S_v = 0
+
+        and so S_R = 0 and S_v = 2 S_ρ: ε depends on no size, and on v only as v √(ρ/E).
+
+        Raises:
+            ValueError: where the unit of an input is not known.
+        """
+        units = {name: one.unit for name, one in self.declared.items()}
+        for name, unit in units.items():
+            if unit not in DIMENSIONS:
+                raise DataError(f"unit of {name}", unit, f"one of {', '.join(DIMENSIONS)}")
+        return self.absolute @ np.array([DIMENSIONS[unit] for unit in units.values()], float)
+
+    def ranked(self, velocity: float) -> list[tuple[str, float]]:
+        """(name, θ ∂ε/∂θ) at the velocity nearest to the given one, the largest first."""
+        row = self.absolute[np.argmin(np.abs(self.velocity - velocity))]
+        order = np.argsort(-np.abs(row), kind="stable")
+        return [(self.names[i], float(row[i])) for i in order]
+
+    def __repr__(self) -> str:
+        shown = ", ".join(one.symbol for one in self.declared.values())
+        return f"Sensitivities({len(self.velocity)} velocities; θ ∂ε/∂θ of {shown})"
+
+
+def sensitivity(
+    inputs: Inputs | sj.ContactLaw | FitResult,
+    velocity: Float[ArrayLike, "..."],
+    route: sj.EnergyBalance | sj.ClosedForm | sj.ODE | None = None,
+    *,
+    material: str | None = None,
+) -> Sensitivities:
+    """θ ∂ε/∂θ of every input at every velocity, from one forward pass for all of them.
+
+    Args:
+        inputs: `Inputs` (e.g. `of_spheres(material, radius, chi=…, sigma=…, psi=…)`, whose E, ν,
+            ρ, Y, R are those of the bodies), or a law, or a fit, whose law's stored fields are then
+            the inputs.
+        velocity: v [m/s], a number or any shape (taken flat).
+        route: as `softjax.restitution` takes it: the energy balance where the law can, if not stated.
+        material: which one of a fit's.
+
+    Where two bodies have the same yield strength, ε has a kink in each body's own: it is given
+    for the body that yields, the second one.
+
+    Raises:
+        ValueError: naming the argument, its value and what is accepted.
+    """
+    inputs = as_inputs(inputs, material)
+    velocity = check_velocity(velocity)
+    inputs.law()  # refuses values that make no law
+    names, values = tuple(inputs.values), np.array(list(inputs.values.values()), float)
+    filled = np.pad(velocity, (0, -len(velocity) % PADDING), mode="edge")
+    with jax.enable_x64(True):
+        found = _scaled_jacobian(names, values, filled, inputs.build, route)
+    absolute, (coefficient, status) = jax.tree.map(lambda x: np.asarray(x)[: len(velocity)], found)
+    declared = {name: inputs.declared(name) for name in (*names, VELOCITY)}
+    absolute = absolute + 0.0  # no -0
+    return Sensitivities(declared, values, velocity, coefficient, absolute, status)
+
+
+@eqx.filter_jit
+def _scaled_jacobian(names: tuple[str, ...], values, velocity, build: Any, route: Any) -> Any:
+    """∂ε/∂s at s = 0 with θ (1 + s) for θ and v: θ ∂ε/∂θ, whatever θ's sign; ε and the status."""
+
+    def coefficient(s):
+        moved = dict(zip(names, values * (1 + s[:-1]), strict=True))
+        hit = sj.restitution(build(moved), velocity * (1 + s[-1]), route=route)
+        return hit.coefficient, (hit.coefficient, hit.status)
+
+    # jacfwd maps all unit tangents through one linearised pass over the whole batch
+    return jax.jacfwd(coefficient, has_aux=True)(jnp.zeros(len(values) + 1))
+
+
+@dataclass(frozen=True, eq=False)
+class SobolIndices:
+    """Indices of p inputs for q outputs; NaN for an output that does not vary.
+
+    Attributes:
+        names: of the inputs, (p,).
+        ranges: (low, high) of each.
+        scale: "uniform" or "log", how each is spread over its range.
+        first, total: S_i and S_Ti, (q, p).
+        first_low, first_high, total_low, total_high: bootstrap percentiles, (q, p).
+        mean, variance: of the outputs, (q,).
+        samples: n; the model was evaluated n (p + 2) times.
+        confidence: of the limits.
+        zeros: the share of the samples with an output of 0, (q,): of ε those without a rebound.
+        velocity: v [m/s] that the outputs belong to, (q,); None for another model.
+        symbols: of the inputs; their names for another model.
+    """
+
+    names: tuple[str, ...]
+    ranges: Mapping[str, tuple[float, float]]
+    scale: str
+    first: Float[np.ndarray, "q p"]
+    total: Float[np.ndarray, "q p"]
+    first_low: Float[np.ndarray, "q p"]
+    first_high: Float[np.ndarray, "q p"]
+    total_low: Float[np.ndarray, "q p"]
+    total_high: Float[np.ndarray, "q p"]
+    mean: Float[np.ndarray, "q"]
+    variance: Float[np.ndarray, "q"]
+    samples: int
+    confidence: float
+    zeros: Float[np.ndarray, "q"]
+    velocity: Float[np.ndarray, "q"] | None = None
+    symbols: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """A dictionary for JSON; undefined numbers (no variance) are None."""
+        table = {"inputs": self.names, **vars(self)}
+        return plain({n: value for n, value in table.items() if n not in ("names", "symbols")})
+
+
+def sobol_indices(
+    inputs: Inputs | sj.ContactLaw | FitResult,
+    ranges: Mapping[str, tuple[float, float]],
+    velocity: ArrayLike,
+    *,
+    route: sj.EnergyBalance | sj.ClosedForm | sj.ODE | None = None,
+    material: str | None = None,
+    **options: Any,
+) -> SobolIndices:
+    """Sobol indices of ε at each velocity, its inputs spread over ranges.
+
+    Args:
+        inputs: as `sensitivity` takes them; those without a range keep their value.
+        ranges: name -> (low, high); "velocity" is no input here.
+        velocity: v [m/s], (q,).
+        route: the energy balance, or the ODE for a law that needs it, unless stated.
+        material: which one of a fit's.
+        options: `samples`, `scale`, `seed`, `confidence`, `resamples`, `progress` of
+            `model_indices`.
+
+    Raises:
+        ValueError: naming the argument, its value and what is accepted; where ε varies nowhere.
+    """
+    inputs = as_inputs(inputs, material)
+    velocity = check_velocity(velocity)
+    check_ranges(inputs, ranges)
+    fixed = {name: np.asarray(value, float) for name, value in inputs.values.items()}
+    model = eqx.Partial(_rebound, fixed, inputs.build, velocity, route)
+    found = model_indices(model, ranges, **options)
+    symbols = tuple(inputs.declared(name).symbol for name in ranges)
+    return replace(found, velocity=velocity, symbols=symbols)
+
+
+def _rebound(values: Any, build: Any, velocity: Any, route: Any, sample: Any) -> Array:
+    """ε at some velocities; NaN for none."""
+    hit = sj.restitution(build({**values, **sample}), velocity, route=route)
+    return jnp.where(hit.status & NO_ANSWER == 0, hit.coefficient, jnp.nan)
+
+
+def model_indices(
+    model: Model,
+    ranges: Mapping[str, tuple[float, float]],
+    *,
+    samples: int = 4096,
+    scale: str = "uniform",
+    seed: int = 0,
+    confidence: float = 0.95,
+    resamples: int = 999,
+    progress: Progress | None = None,
+) -> SobolIndices:
+    """Sobol indices of any model that JAX can trace, in memory that the samples hardly change.
+
+    Args:
+        model: mapping of inputs -> output, a number or (q,).
+        ranges: name -> (low, high), independent of each other.
+        samples: n, a power of two.
+        scale: "uniform", or "log": uniform in the logarithm.
+        seed: of samples and bootstrap.
+        confidence, resamples: of the bootstrap.
+        progress: called as progress(stage, done, total).
+
+    Raises:
+        ValueError: naming the argument, its value and what is accepted; for a model that varies
+            nowhere.
+    """
+    from scipy.stats import qmc
+
+    _check(ranges, samples, scale)
+    checked_confidence(confidence)
+    check_whole("seed", seed, 0)
+    check_whole("resamples", resamples, 1)
+    names, ends = tuple(ranges), np.array(list(ranges.values()), float)[:, :, None]
+    low, high = np.swapaxes(np.log(ends) if scale == "log" else ends, 0, 1)
+    random = np.random.default_rng(seed)
+    unit = qmc.Sobol(2 * len(names), rng=random, bits=64).random(samples)
+    both = low + (high - low) * unit.T.reshape(2, len(names), samples)
+    a, b = np.exp(both) if scale == "log" else both
+    sets, total = [], (len(names) + 2) * samples
+    with jax.enable_x64(True):
+        # A, B, and A with one input of B for each input
+        for k, one in enumerate(
+            [a, b, *np.where(np.eye(len(names), dtype=bool)[:, :, None], b, a)]
+        ):
+            sets.append(np.asarray(_evaluated(model, names, one)).T)
+            if progress is not None:
+                progress("Sobol indices", (k + 1) * samples, total)
+    lost = sum(np.sum(~np.isfinite(one)) for one in sets)
+    if lost:
+        requirement = f"such that {lost} of {sum(map(np.size, sets))} have none"
+        raise DataError("ranges", requirement, "such that every sample has a finite output")
+    f_a, f_b, f_ab = sets[0], sets[1], np.stack(sets[2:])
+    variance, mean = (of([f_a, f_b], axis=(0, 2)) for of in (np.var, np.mean))
+    varies = variance > NO_VARIANCE * mean**2
+    if not np.any(varies):
+        accepted = "wide enough for the output to vary"
+        raise DataError("ranges", f"such that it is {mean[0]:.6g} everywhere", accepted)
+    drawn = [np.full((1, samples), 1 / samples)]
+    for begun in range(0, resamples, RESAMPLED):
+        rows = range(min(RESAMPLED, resamples - begun))
+        picked = (random.integers(0, samples, samples) for _ in rows)
+        drawn.append(np.array([np.bincount(k, minlength=samples) for k in picked]) / samples)
+    found = np.concatenate([_indices(share, f_a, f_b, f_ab) for share in drawn], axis=2)
+    part = [0.5 * (1 - confidence), 0.5 * (1 + confidence)]
+    limits = np.quantile(found[:, :, 1:], part, axis=2)
+    tables = {}
+    for name, value, ends_of in zip(("first", "total"), found, limits.swapaxes(0, 1), strict=True):
+        tables |= {name: value[:, 0], f"{name}_low": ends_of[0], f"{name}_high": ends_of[1]}
+    return SobolIndices(
+        names=names,
+        ranges=dict(ranges),
+        scale=scale,
+        **{key: np.where(varies[:, None], table, np.nan) for key, table in tables.items()},
+        mean=mean,
+        variance=variance,
+        samples=samples,
+        confidence=confidence,
+        zeros=np.mean(np.equal([f_a, f_b], 0), axis=(0, 2)),
+        symbols=names,
+    )
+
+
+def _check(ranges, samples, scale) -> None:
+    if not ranges:
+        raise DataError("ranges", "empty", "of one input or more")
+    is_whole = isinstance(samples, int | np.integer) and samples >= 2
+    if not is_whole or samples & (samples - 1):
+        raise DataError("samples", samples, "a power of two")
+    if scale not in SCALES:
+        raise DataError("scale", scale, "uniform or log")
+    for name, both in ranges.items():
+        low, high = both_ends(f"ranges[{name!r}]", both)
+        if not (np.isfinite([low, high]).all() and low < high and (scale != "log" or low > 0)):
+            accepted = "(low, high), finite and ascending" + (", positive" * (scale == "log"))
+            raise DataError(f"ranges[{name!r}]", (low, high), accepted)
+
+
+@eqx.filter_jit
+def _evaluated(model: Model, names: tuple[str, ...], points: Any) -> Float[Array, "n q"]:
+    def one(x):
+        return jnp.atleast_1d(model(dict(zip(names, x, strict=True))))
+
+    return jax.lax.map(one, points.T, batch_size=AT_ONCE)
+
+
+def _indices(share: np.ndarray, f_a, f_b, f_ab) -> Float[np.ndarray, "2 q resamples p"]:
+    """Saltelli's estimates, first-order and total, by the weight of each sample in each resample.
+
+    Both are ratios of means over the samples, so that a resample is how often each was drawn.
+    """
+    centre = 0.5 * (np.mean(f_a, axis=1) + np.mean(f_b, axis=1))[:, None]
+    a, b, ab = f_a - centre, f_b - centre, f_ab - centre
+    variance = 0.5 * (a**2 + b**2) @ share.T - (0.5 * (a + b) @ share.T) ** 2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        both = [(x @ share.T) / variance for x in (b * (ab - a), 0.5 * (a - ab) ** 2)]
+    return np.moveaxis(np.array(both), 1, -1)
