@@ -9,7 +9,6 @@ from calibration.data.plausible import plausibility as plausibility
 from calibration.data.sheet import read_csv as read_csv
 from calibration.errors import DataError as DataError
 from calibration.errors import InputError as InputError
-from calibration.fitting.entry import fit as fit
 from calibration.fitting.laws import LAWS as LAWS
 from calibration.fitting.line import Line as Line
 from calibration.fitting.material import Band as Band
@@ -19,6 +18,7 @@ from calibration.fitting.profiles import Profile as Profile
 from calibration.fitting.refits import Bootstrap as Bootstrap
 from calibration.fitting.refits import LeaveOneOut as LeaveOneOut
 from calibration.fitting.result import FitResult as FitResult
+from calibration.fitting.result import fit as fit
 from calibration.fitting.stages import Stage as Stage
 from calibration.fitting.traceable import problem as problem
 from calibration.fitting.warnings import FitWarning as FitWarning

@@ -9,6 +9,7 @@ none     θ = z, clipped to its bounds
 
 import math
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -56,31 +57,39 @@ class Parameter:
     origin: Origin | None = field(default=None, compare=False, kw_only=True, repr=False)
 
     def __post_init__(self):
+        put = partial(object.__setattr__, self)
+        value, is_number = self.value, is_finite_number(self.value)
         if not isinstance(self.free, bool):
             raise DataError("free", self.free, "true or false")
-        _check_value(self.value)
-        if is_finite_number(self.value):
-            object.__setattr__(self, "value", self.value + 0)  # -0.0 is 0
+        if not (value is None or is_number or _is_tree(value)):
+            raise DataError("value", value, "a finite number")
+        if is_number:
+            put("value", value + 0)  # -0.0 is 0
         if self.bounds is not None:
-            object.__setattr__(self, "bounds", _bounds(self.bounds, self.value))
+            low, high = _pair("bounds", self.bounds, "[lowest, highest]")
+            if not low < high:
+                accepted = "[lowest, highest], lowest below highest"
+                raise DataError("bounds", f"[{low}, {high}]", accepted)
+            if is_number and not low <= value <= high:
+                raise DataError("value", value, f"within its bounds, [{low:g}, {high:g}]")
+            put("bounds", (low, high))
         if self.prior is not None:
-            object.__setattr__(self, "prior", _prior(self.prior))
-        if self.transform is not None and self.transform not in TRANSFORMS:
+            prior = _pair("prior", self.prior, "[mean, standard deviation]")
+            if not (all(map(math.isfinite, prior)) and prior[1] > 0):
+                raise DataError("prior", f"{[*prior]}", "[mean, positive standard deviation]")
+            put("prior", prior)
+        if self.transform not in (None, *TRANSFORMS):
             raise DataError("transform", self.transform, f"one of {listed(TRANSFORMS)}")
-        _check_shared(self.shared)
+        if not (isinstance(self.shared, bool) or _is_text(self.shared)):
+            accepted = "true, false or the name of a group of data sets"
+            raise DataError("shared", self.shared, accepted)
         if not isinstance(self.unit, str):
             raise DataError("unit", self.unit, 'a text such as "N/m"')
         if self.pooled and self.prior is not None:
             raise DataError("prior", "given", "left out where shared is pooled")
-        if not self.free:
-            self._check_fixed()
-
-    def _check_fixed(self) -> None:
-        for name in ("bounds", "prior", "transform"):
-            if getattr(self, name) is not None:
+        for name in ("bounds", "prior", "transform", "shared"):
+            if not self.free and getattr(self, name) not in (None, False):
                 raise DataError(name, "given", "left out where free is false")
-        if self.shared:
-            raise DataError("shared", "given", "left out where free is false")
 
     @property
     def pooled(self) -> bool:
@@ -120,34 +129,13 @@ def as_parameter(name: str, value: Any) -> Parameter:
     return Parameter(float(value), free=False)
 
 
-def _check_value(value: Any) -> None:
-    is_tree = isinstance(value, np.ndarray | dict | list | tuple) or hasattr(value, "dtype")
-    is_module = hasattr(type(value), "__dataclass_fields__")
-    if value is not None and not is_finite_number(value) and not (is_tree or is_module):
-        raise DataError("value", value, "a finite number")
+def _is_tree(value: Any) -> bool:
+    is_array = isinstance(value, np.ndarray | dict | list | tuple) or hasattr(value, "dtype")
+    return is_array or hasattr(type(value), "__dataclass_fields__")
 
 
-def _bounds(bounds: Any, value: Any) -> tuple[float, float]:
-    low, high = _pair("bounds", bounds, "[lowest, highest]")
-    if not low < high:
-        raise DataError("bounds", f"[{low}, {high}]", "[lowest, highest], lowest below highest")
-    if is_finite_number(value) and not low <= value <= high:
-        raise DataError("value", value, f"within its bounds, [{low:g}, {high:g}]")
-    return low, high
-
-
-def _prior(stated: Any) -> tuple[float, float]:
-    prior = _pair("prior", stated, "[mean, standard deviation]")
-    if not (all(map(math.isfinite, prior)) and prior[1] > 0):
-        raise DataError("prior", f"{list(prior)}", "[mean, positive standard deviation]")
-    return prior
-
-
-def _check_shared(shared: Any) -> None:
-    if isinstance(shared, bool):
-        return
-    if not (isinstance(shared, str) and shared.strip()):
-        raise DataError("shared", shared, "true, false or the name of a group of data sets")
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str) and bool(value.strip())
 
 
 def _pair(name: str, value: Any, accepted: str) -> tuple[float, float]:
@@ -174,26 +162,28 @@ class Transform(NamedTuple):
 
     @classmethod
     def of(cls, ranges, requested) -> "Transform":
-        """Transform for the (lowest, highest) of each element and the requested kind, or None."""
-        kinds = [
-            _kind(low, high, name) for (low, high), name in zip(ranges, requested, strict=True)
-        ]
+        """Transform for the (lowest, highest) of each element and the requested kind, or None.
+
+        A logarithm between two bounds is the logit, which nears it at small values.
+        """
         low, high = np.array(ranges, float).reshape(-1, 2).T
-        return cls(np.array(kinds, int), low, high)
+        natural = np.array([[NONE, FROM_ABOVE], [LOG, LOGIT]])
+        kinds = natural[np.isfinite(low).astype(int), np.isfinite(high).astype(int)]
+        is_plain = np.array([name == "none" for name in requested], bool)
+        return cls(np.where(is_plain, NONE, kinds), low, high)
 
     def physical(self, z: Any, xp: Any = np) -> Any:
         """θ(z) of (..., p); `xp` is numpy or jax.numpy."""
         low, high = self._finite()
-        limit = LARGEST_EXPONENT
-        z_safe = xp.clip(z, -limit, limit)
+        z_safe = xp.clip(z, -LARGEST_EXPONENT, LARGEST_EXPONENT)
         # each branch sees z only where it is used: no overflow, no NaN in a gradient
-        up = xp.exp(xp.where(self.kind == LOG, z_safe, 0.0))
-        down = xp.exp(-xp.where(self.kind == FROM_ABOVE, z_safe, 0.0))
-        part = 1 / (1 + xp.exp(-xp.where(self.kind == LOGIT, z_safe, 0.0)))
-        plain = xp.clip(z, self.lower, self.upper)
-        theta = xp.where(self.kind == LOG, low + up, plain)
+        up, down, part = (
+            xp.exp(sign * xp.where(self.kind == kind, z_safe, 0.0))
+            for kind, sign in ((LOG, 1), (FROM_ABOVE, -1), (LOGIT, -1))
+        )
+        theta = xp.where(self.kind == LOG, low + up, xp.clip(z, self.lower, self.upper))
         theta = xp.where(self.kind == FROM_ABOVE, high - down, theta)
-        return xp.where(self.kind == LOGIT, low + (high - low) * part, theta)
+        return xp.where(self.kind == LOGIT, low + (high - low) * (1 / (1 + part)), theta)
 
     def slope(self, z: Vector) -> Vector:
         """dθ/dz."""
@@ -231,13 +221,3 @@ class Transform(NamedTuple):
         """Bounds with harmless numbers where they are not used."""
         low = np.where(np.isfinite(self.lower), self.lower, 0.0)
         return low, np.where(np.isfinite(self.upper), self.upper, 1.0)
-
-
-def _kind(low: float, high: float, requested: str | None) -> int:
-    """The requested transform, or the one that suits the bounds.
-
-    A logarithm between two bounds is the logit, which nears it at small values.
-    """
-    ends = math.isfinite(low), math.isfinite(high)
-    natural = {(True, True): LOGIT, (True, False): LOG, (False, True): FROM_ABOVE}
-    return NONE if requested == "none" else natural.get(ends, NONE)

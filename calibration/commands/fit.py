@@ -74,8 +74,8 @@ def _fitted(arguments: argparse.Namespace, options: Mapping[str, Any], progress:
     """The fit of the file's data, or of the paper's."""
     import softjax as sj
     from calibration.data.paper import paper_materials
-    from calibration.fitting.entry import fit
     from calibration.fitting.posterior.draws import check_possible
+    from calibration.fitting.result import fit
 
     sj.enable_x64()
     if arguments.file is None:

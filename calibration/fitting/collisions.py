@@ -20,7 +20,7 @@ from jaxtyping import Float, Int
 
 import softjax as sj
 from calibration.errors import DataError
-from calibration.fitting.laws import CONTACT_LEAVES, OF_CONTACT, LawModel, built
+from calibration.fitting.laws import CONTACT_LEAVES, OF_CONTACT, LawModel
 from calibration.observables import RESTITUTION, predicted
 from softjax.batching import quick_to_compile
 from softjax.fields import whole_fields
@@ -180,10 +180,8 @@ class Laws:
             name: _padded(np.ravel(values)) for name, values in zip(self.names, local, strict=True)
         }
         tiled = {name: _padded(np.tile(leaf, fits)) for name, leaf in contact.items()}
-        model, free = self.model, tuple(self.names[k] for k in self.free)
-        values, slopes = _build(
-            tiled or None, flat, model.build, model.takes_contact, self.area, free, model.trees
-        )
+        free = tuple(self.names[k] for k in self.free)
+        values, slopes = _build(tiled or None, flat, self.model, self.area, free)
         apart = lambda a: np.asarray(a)[: fits * count].reshape(fits, count, *a.shape[1:])  # noqa: E731
         leaves = [apart(leaf) for leaf in values]
         if not self.moving:
@@ -201,13 +199,13 @@ def _padded(values: np.ndarray) -> np.ndarray:
     return _filled(values, size)
 
 
-@partial(jax.jit, static_argnames=("build", "takes_contact", "area", "free", "trees"))
-def _build(contact, values, build, takes_contact: bool, area: str, free, trees):
+@partial(jax.jit, static_argnames=("model", "area", "free"))
+def _build(contact, values, model: LawModel, area: str, free):
     """The leaves of the laws of many rows, and their slopes in the free local parameters."""
 
     def leaves_of(some, contact, values):
         pair = None if contact is None else sj.Contact(**contact, area=area)
-        law = built(build, takes_contact, trees, pair, values | some)
+        law = model.law(pair, values | some)
         return [jnp.asarray(leaf, float) for leaf in jax.tree.leaves(law)]
 
     def one(contact, values):

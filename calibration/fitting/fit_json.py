@@ -38,6 +38,11 @@ from calibration.schema import Real, Strict, faults
 FORMAT = 1
 BESIDE = tuple(name for one in OBSERVED for name in (one, f"{one}_uncertainty"))
 LARGEST = 24 * MIB
+OF_POINTS = ("standardised", "leverage")
+AS_THEY_ARE = (
+    *("unloading_line", "settings", "versions", "warnings", "rank", "condition_number"),
+    *("likelihood", "profiles", "optimiser_report", "pooled", "times"),
+)
 ROUNDING = 1e-4  # of a covariance scaled to ones: below it a negative eigenvalue is rounding's
 OWN = "only a fit's own fit.json is accepted"
 
@@ -93,38 +98,34 @@ class DataRecord(Strict):
 
     @classmethod
     def told(cls, data: RestitutionData) -> dict[str, Any]:
-        """Contents of the file for one data set."""
         contact, errors = data.contact, data.errors
-        table = {
-            "contact": contact and {**contact.leaves(), "area": contact.area},
-            "bodies": [
-                {"name": one.name, "radius": one.radius, **one.material.leaves()}
-                for one in data.bodies
-            ],
-            "fall": data.fall and dict(vars(data.fall)),
-            "errors": dict(vars(errors)) if np.any(errors.index >= 0) else None,
-            "observed": {
-                name: getattr(data, name) for name in BESIDE if getattr(data, name) is not None
-            },
-        }
-        return _by_names(cls, data, table)
+        bodies = [{"name": b.name, "radius": b.radius, **b.material.leaves()} for b in data.bodies]
+        observed = {name: getattr(data, name) for name in BESIDE}
+        return _by_names(
+            cls,
+            data,
+            contact=contact and {**contact.leaves(), "area": contact.area},
+            bodies=bodies,
+            fall=data.fall and dict(vars(data.fall)),
+            errors=dict(vars(errors)) if np.any(errors.index >= 0) else None,
+            observed={name: one for name, one in observed.items() if one is not None},
+        )
 
     def data(self, name: str) -> RestitutionData:
-        """The data set that the record describes."""
-        entries = {key: _array(value) for key, value in self}
-        bodies, remarks, errors = self.bodies, entries.pop("remarks"), self.errors
-        entries["restitution"] = np.array(self.restitution, float)
-        entries |= {name: np.array(one) for name, one in entries.pop("observed").items()}
-        if errors is not None:
+        """The data set that the record describes; it was checked once."""
+        entries = {key: np.array(one) if isinstance(one, list) else one for key, one in self}
+        entries |= _arrays(entries.pop("observed"))
+        if self.errors is not None:
             entries |= {"uncertainty": None, "velocity_uncertainty": None}
-            entries["errors"] = PointErrors(**{k: _array(v) for k, v in errors.items()})
-        if self.contact is not None:
-            leaves = {key: _array(leaf) for key, leaf in self.contact.items()}
-            entries["contact"] = sj.Contact(**leaves)
-        entries |= {"group": self.group, "bodies": tuple(map(_body, bodies))}
-        entries["fall"] = self.fall and Fall(**self.fall)  # type: ignore[arg-type]
-        # it was checked once
-        return RestitutionData(name=name, remarks=remarks, plausibility=False, **entries)
+            entries["errors"] = PointErrors(**_arrays(self.errors))
+        entries |= {
+            "restitution": np.array(self.restitution, float),
+            "contact": self.contact and sj.Contact(**_arrays(self.contact)),
+            "bodies": tuple(_body(**_arrays(one)) for one in self.bodies),
+            "fall": self.fall and Fall(**self.fall),  # type: ignore[arg-type]
+            "group": self.group,
+        }
+        return RestitutionData(**entries, name=name, plausibility=False)
 
 
 class FitRecord(Strict):
@@ -161,34 +162,31 @@ class FitRecord(Strict):
 
     @classmethod
     def told(cls, fit: MaterialFit) -> dict[str, Any]:
-        table = {
-            "material": fit.name,
-            "law": fit.model.key,
-            "options": fit.model.options,
-            "units": {
-                name: one.unit
-                for name, one in fit.model.parameters.items()
-                if fit.model.key not in LAWS and one.unit != "-"
-            },
-            "known": [fit.known_from, fit.known_to],
-            "chi_squared_probability": fit.probability,
-            "data": DataRecord.told(fit.data),
-        }
-        return _by_names(cls, fit, table)
+        units = {name: one.unit for name, one in fit.model.parameters.items() if one.unit != "-"}
+        return _by_names(
+            cls,
+            fit,
+            material=fit.name,
+            law=fit.model.key,
+            options=fit.model.options,
+            units={} if fit.model.key in LAWS else units,
+            known=[fit.known_from, fit.known_to],
+            chi_squared_probability=fit.probability,
+            data=DataRecord.told(fit.data),
+        )
 
     def fit(self, data: RestitutionData, law: Any) -> MaterialFit:
-        values = {name: _array(value) for name, value in self.values.items()}
-        known_from, known_to = self.known
+        values, (known_from, known_to) = _arrays(self.values), self.known
         model = law_model(data, _law(self.law, law), self.options, values).with_units(self.units)
         own = {field.name for field in fields(MaterialFit)} & set(FitRecord.model_fields)
-        table = {name: getattr(self, name) for name in own}
-        table |= {
-            "data": data,
-            "model": replace(model, trees=_trees(values, law)),
-            "values": values,
-        }
-        table |= {"known_from": known_from, "known_to": math.inf if known_to is None else known_to}
-        found = MaterialFit(**table)
+        found = MaterialFit(
+            **{name: getattr(self, name) for name in own - {"data", "values"}},
+            data=data,
+            model=replace(model, trees=_trees(values, law)),
+            values=values,
+            known_from=known_from,
+            known_to=math.inf if known_to is None else known_to,
+        )
         found.law  # noqa: B018  # that there can be one
         return found
 
@@ -254,15 +252,17 @@ class ResultFile(Strict):
 
 def result_to_dict(result: Any, times: bool = True) -> dict[str, Any]:
     """Contents of `fit.json`."""
-    table = {
-        "format": FORMAT,
-        "fits": [FitRecord.told(material) for material in result.materials],
-        "covariance": {"names": result.covariance_names, "matrix": result.covariance},
-        "covariance_of_predictions": result.of_predictions,
-        "freedom": result.freedoms,
-        "request": RequestRecord.told(result.request),
-    }
-    found = plain(_by_names(ResultFile, result, table))
+    told = _by_names(
+        ResultFile,
+        result,
+        format=FORMAT,
+        fits=[FitRecord.told(material) for material in result.materials],
+        covariance={"names": result.covariance_names, "matrix": result.covariance},
+        covariance_of_predictions=result.of_predictions,
+        freedom=result.freedoms,
+        request=RequestRecord.told(result.request),
+    )
+    found = plain(told)
     return found if times else {key: value for key, value in found.items() if key != "times"}
 
 
@@ -278,10 +278,8 @@ def read_result(path: str | Path, law: Any = None) -> dict[str, Any]:
         found = ResultFile.model_validate_json(text, strict=True)
         _check(found)
         datasets = tuple(one.data.data(one.material) for one in found.fits)
-        other = {"fits", "format", "converged", "confidence", "freedom", "covariance"}
-        other |= {"covariance_of_predictions"}
         pairs = zip(found.fits, datasets, strict=True)
-        return {name: value for name, value in found if name not in other} | {
+        return {name: getattr(found, name) for name in AS_THEY_ARE} | {
             "request": found.request.request(datasets, law),
             "materials": tuple(one.fit(data, law) for one, data in pairs),
             "covariance_names": found.covariance.names,
@@ -330,49 +328,46 @@ def _check(found: ResultFile) -> None:
     asked = found.request.options.get("confidence")
     if found.confidence != asked:
         raise DataError("confidence", found.confidence, f"{asked}, as request.options.confidence")
-    lengths: dict[str, tuple[Any, int]] = {
-        "request.parameters": (found.request.parameters, len(found.fits)),
-        "covariance.matrix": (found.covariance.matrix, count),
-        "covariance_of_predictions": (found.covariance_of_predictions, count),
-        "freedom.labels": ([name for one in found.freedom for name in one.labels], count),
-    }
+    lengths: list[tuple[str, Any, int]] = [
+        ("request.parameters", found.request.parameters, len(found.fits)),
+        ("covariance.matrix", found.covariance.matrix, count),
+        ("covariance_of_predictions", found.covariance_of_predictions, count),
+        ("freedom.labels", [name for one in found.freedom for name in one.labels], count),
+    ]
     for i, fit in enumerate(found.fits):
-        columns: dict[str, Any] = {"data.velocity": fit.data.velocity}
+        columns: list[tuple[str, Any]] = [("data.velocity", fit.data.velocity)]
         if not fit.data.observed:
-            columns |= {"status": fit.status, "standardised": fit.standardised}
-            columns |= {"leverage": fit.leverage}
-        columns |= {f"values.{k}": v for k, v in fit.values.items() if isinstance(v, list)}
-        for k, body in enumerate(fit.data.bodies):
-            each = {key: leaf for key, leaf in body.items() if isinstance(leaf, list)}
-            columns |= {f"data.bodies[{k}].{key}": leaf for key, leaf in each.items()}
-        lengths |= {f"fits[{i}].{name}": (one, fit.n) for name, one in columns.items()}
+            columns += [(name, getattr(fit, name)) for name in ("status", *OF_POINTS)]
+        tables: list[tuple[str, Mapping[str, Any]]] = [("values", fit.values)]
+        tables += [(f"data.bodies[{k}]", body) for k, body in enumerate(fit.data.bodies)]
+        for place, table in tables:
+            columns += [(f"{place}.{k}", v) for k, v in table.items() if isinstance(v, list)]
+        lengths += [(f"fits[{i}].{place}", column, fit.n) for place, column in columns]
         for name, label in fit.labels.items():
             if not isinstance(fit.values.get(name), float) or label not in names:
                 accepted = "of values and covariance.names"
                 raise DataError(f"fits[{i}].labels", f"{name}: {label}", accepted)
     for i, one in enumerate(found.freedom):
-        parts: dict[str, Any] = {"parts": one.parts, "relative": one.relative, "sets": one.sets}
-        lengths |= {f"freedom[{i}].{k}": (part, len(one.names)) for k, part in parts.items()}
-        sizes = {f"freedom[{i}].parts[{k}]": part for k, part in enumerate(one.parts)}
-        lengths |= {place: (part, len(one.labels)) for place, part in sizes.items()}
-    for place, (values, expected) in lengths.items():
+        for name in ("parts", "relative", "sets"):
+            lengths.append((f"freedom[{i}].{name}", getattr(one, name), len(one.names)))
+        for k, part in enumerate(one.parts):
+            lengths.append((f"freedom[{i}].parts[{k}]", part, len(one.labels)))
+    for place, values, expected in lengths:
         if len(values) != expected:
             raise DataError(place, f"of {len(values)}", f"of {expected}")
 
 
-def _by_names(record: type[Strict], thing: Any, table: Mapping[str, Any]) -> dict[str, Any]:
+def _by_names(record: type[Strict], thing: Any, **table: Any) -> dict[str, Any]:
     """The entries of a record: those of `table`, else the thing's attributes."""
     names = record.model_fields
     return {name: table[name] if name in table else getattr(thing, name) for name in names}
 
 
-def _array(value: Any) -> Any:
-    return np.array(value) if isinstance(value, list) else value
+def _arrays(table: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: np.array(one) if isinstance(one, list) else one for key, one in table.items()}
 
 
-def _body(table: Mapping[str, Any]) -> Body:
-    leaves = {key: _array(leaf) for key, leaf in table.items()}
-    name, radius = leaves.pop("name"), leaves.pop("radius")
+def _body(name: str, radius: Any, **leaves: Any) -> Body:
     return Body(name, sj.Material(**leaves), radius)
 
 

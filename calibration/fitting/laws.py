@@ -16,7 +16,7 @@ that Eq. (17) gives ε_up at v_cr."""
 import dataclasses
 import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -75,48 +75,31 @@ def numbers_in(value: Any) -> np.ndarray:
     return np.concatenate([np.ravel(np.asarray(leaf, float)) for leaf in leaves])
 
 
-def built(
-    build: Callable[..., sj.ContactLaw],
-    takes_contact: bool,
-    trees: Sequence[Tree],
-    contact: sj.Contact | None,
-    values: Mapping[str, Any],
-) -> sj.ContactLaw:
-    """Build a law from parameters, for fits, results and traced likelihoods.
-
-    Parameters of the contact ("contact.radius") are among them, and each number of a whole one.
-    """
-    others = dict(values)
-    for tree in trees:
-        others[tree.name] = tree.assembled([others.pop(entry) for entry in tree.entries])
-    moved = {name: others.pop(name) for name in list(others) if name.startswith(OF_CONTACT)}
-    if not takes_contact:
-        return build(**others)
-    if moved and contact is not None:
-        leaves = {name.removeprefix(OF_CONTACT): value for name, value in moved.items()}
-        contact = dataclasses.replace(contact, **leaves)
-    return build(contact, **others)
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LawModel:
-    """A law as a fit sees it."""
+    """A law as a fit sees it; equal where the same is built, so that it is compiled once."""
 
     key: str  # its name in files: that of `LAWS`, else the class's or function's own
-    # build(contact, **parameters), or build(**parameters) where it takes no contact; equal for
-    # equal models, so that what is compiled with it is compiled once
+    # build(contact=…, **parameters, **options), without the contact where it takes none
     build: Callable[..., sj.ContactLaw]
     law_type: type  # the class of what it builds
     parameters: Mapping[str, Declared]  # what is known of each parameter, by name
-    # of fields or arguments that have one
-    defaults: Mapping[str, Any] = field(default_factory=dict)
-    # its options in words, with their values
-    options: Mapping[str, str] = field(default_factory=dict)
+    defaults: Mapping[str, Any]  # of fields or arguments that have one
+    options: Mapping[str, Any]  # its options in words, with their values
     whole: tuple[str, ...] = ()  # parameters that are arrays or pytrees, whole for all impacts
-    # whether it needs a contact; whether a parameter is the field itself
     takes_contact: bool = True
-    direct: bool = True
+    direct: bool = True  # whether a parameter is the law's field itself
     trees: tuple[Tree, ...] = ()  # how the numbers of whole parameters make up pytrees
+
+    @property
+    def _identity(self) -> tuple[Any, ...]:
+        return self.build, self.takes_contact, self.trees, *sorted(self.options.items())
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, LawModel) and self._identity == other._identity
+
+    def __hash__(self) -> int:
+        return hash(self._identity)
 
     @property
     def needs_contact(self) -> bool:
@@ -129,8 +112,19 @@ class LawModel:
         return KNOWN[self.key].label if self.key in KNOWN else self.key
 
     def law(self, contact: sj.Contact | None, values: Mapping[str, Any]) -> sj.ContactLaw:
-        """The law with these parameters, of NumPy or of JAX; see `built`."""
-        return built(self.build, self.takes_contact, self.trees, contact, values)
+        """The law with these parameters, of NumPy or of JAX.
+
+        Those of the contact ("contact.radius") are among them, and each number of a whole one.
+        """
+        own = dict(values)
+        for tree in self.trees:
+            own[tree.name] = tree.assembled([own.pop(entry) for entry in tree.entries])
+        moved = {name: own.pop(name) for name in values if name.startswith(OF_CONTACT)}
+        if moved and contact is not None:
+            leaves = {name.removeprefix(OF_CONTACT): value for name, value in moved.items()}
+            contact = dataclasses.replace(contact, **leaves)
+        bodies = {"contact": contact} if self.takes_contact else {}
+        return self.build(**bodies, **own, **self.options)
 
     def inside(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """The parameters, with a value at an excluded end of its range moved to the nearest number inside."""
@@ -157,8 +151,6 @@ class LawModel:
         Raises:
             DataError: for another one than is declared.
         """
-        if not units:
-            return self
         known = dict(self.parameters)
         for name, unit in units.items():
             declared = self.declared(name)
@@ -167,141 +159,109 @@ class LawModel:
             known[name] = declared._replace(symbol=declared.symbol or name, unit=unit)
         return replace(self, parameters=known)
 
-    def accepts(self, name: str) -> bool:
-        leaf = name.removeprefix(OF_CONTACT)
-        of_contact = name.startswith(OF_CONTACT) and leaf in CONTACT_LEAVES
-        return name in self.parameters or (of_contact and self.takes_contact)
-
     def canonical(self, name: str) -> str:
         """The parameter's full name: that of a contact's leaf may be given without "contact.".
 
         Raises:
             ValueError: for a name the law does not have.
         """
-        for full in (name, OF_CONTACT + name):
-            if self.accepts(full):
-                return full
+        leaf = name.removeprefix(OF_CONTACT)
+        if name in self.parameters:
+            return name
+        if self.takes_contact and leaf in CONTACT_LEAVES:
+            return OF_CONTACT + leaf
         known = [*self.parameters, *(CONTACT_LEAVES if self.takes_contact else ())]
         accepted = f"of {self.key}: {listed(known)}{did_you_mean(name, known)}"
         raise DataError("parameter", name, accepted)
 
 
-@dataclass(frozen=True)
-class With:
-    """A class or function with its options: build(contact, **parameters)."""
+def model_of(
+    build: Callable[..., Any], key: str, contact: sj.Contact | None, given: Mapping[str, Any]
+) -> LawModel:
+    """A class of laws, whose fields except `contact` are its parameters, or a function that builds one.
 
-    build: Callable[..., Any]
-    options: tuple[tuple[str, Any], ...] = ()
+    A function's are its arguments; what type of law it builds is found by building one abstractly.
 
-    def __call__(self, *contact: sj.Contact | None, **values: Any) -> sj.ContactLaw:
-        named = {"contact": contact[0]} if contact else {}
-        return self.build(**named, **values, **dict(self.options))
-
-
-def model_of_class(law: type, key: str, options: Mapping[str, str]) -> LawModel:
-    """A law class; its fields except `contact` are its parameters."""
-    chosen = _options(law, key, options)
-    fields = {f.name: f for f in dataclasses.fields(law)}
-    has_contact = "contact" in fields
-    whole = whole_fields(law)
-    parameters = dict(declarations(law)) | {name: Declared(name) for name in whole}
-    defaults = {n: f.default for n, f in fields.items() if f.default is not dataclasses.MISSING}
+    Args:
+        given: the options that are stated.
+    """
+    every: dict[str, Any]
+    if isinstance(build, type):
+        every = {f.name: f.default for f in dataclasses.fields(build)}
+        missing: Any = dataclasses.MISSING
+        options: dict[str, Any] = _options(build, key, given)
+        law_type, whole = build, whole_fields(build)
+        names = [*declarations(build), *whole]
+    else:
+        every, missing = _arguments(build, key), inspect.Parameter.empty
+        options = {n: v for n, v in every.items() if isinstance(v, str | bool)} | dict(given)
+        names = [name for name in every if name != "contact" and name not in options]
+        ones = {name: 1.0 if every[name] is missing else every[name] for name in names}
+        whole = tuple(name for name, one in ones.items() if np.ndim(one))
+        bodies = {"contact": contact} if "contact" in every else {}
+        with jax.enable_x64(True):
+            law = jax.eval_shape(lambda some: build(**some, **options), bodies | ones)
+        if not isinstance(law, sj.ContactLaw):
+            raise DataError("law", f"{key}, which builds {law!r}", "a function that builds a law")
+        law_type = type(law)
+    declared = declarations(law_type)
     return LawModel(
         key,
-        With(law, tuple(chosen.items())),
-        law,
-        parameters,
-        {name: value for name, value in defaults.items() if name in parameters},
-        chosen,
+        build,
+        law_type,
+        {name: declared.get(name, Declared(name)) for name in names},
+        {name: every[name] for name in names if every[name] is not missing},
+        options,
         whole,
-        has_contact,
+        takes_contact="contact" in every,
+        direct=isinstance(build, type),
     )
 
 
-def model_of_function(
-    build: Callable[..., Any], key: str, contact: sj.Contact | None, options: Mapping[str, Any]
-) -> LawModel:
-    """A function that builds a law; its arguments except `contact` are its parameters.
-
-    What type of law it builds is found by building one abstractly.
-    """
+def _arguments(build: Callable[..., Any], key: str) -> dict[str, Any]:
+    """The arguments of a function, with their defaults."""
     arguments = inspect.signature(build).parameters
     kinds = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
     odd = [name for name, one in arguments.items() if one.kind not in kinds]
     if odd:
         raise DataError("law", f"{key} with the argument {odd[0]}", "a function of named arguments")
-    defaults = {n: a.default for n, a in arguments.items() if a.default is not a.empty}
-    words = {n: v for n, v in defaults.items() if isinstance(v, str | bool)} | dict(options)
-    names = [name for name in arguments if name != "contact" and name not in words]
-    takes_contact = "contact" in arguments
-
-    with_options = With(build, tuple(options.items()))
-    ones = {name: defaults.get(name, 1.0) for name in names}
-    law = _built(with_options, contact if takes_contact else None, takes_contact, ones, key)
-    fields = declarations(type(law))
-    whole = tuple(n for n in names if not np.isscalar(ones[n]) and np.ndim(ones[n]) != 0)
-    return LawModel(
-        key,
-        with_options,
-        type(law),
-        {name: fields.get(name, Declared(name)) for name in names},
-        {name: value for name, value in defaults.items() if name in names},
-        words,
-        whole,
-        takes_contact,
-        direct=False,
-    )
+    return {name: one.default for name, one in arguments.items()}
 
 
-def _built(build, contact, takes_contact: bool, ones, key: str) -> sj.ContactLaw:
-    before = (contact,) if takes_contact else ()
-    with jax.enable_x64(True):
-        law = jax.eval_shape(lambda values: build(*before, **values), ones)
-    if not isinstance(law, sj.ContactLaw):
-        raise DataError("law", f"{key}, which builds {law!r}", "a function that builds a law")
-    return law
-
-
-def _options(law: type, key: str, options: Mapping[str, str]) -> dict[str, str]:
+def _options(law: type, key: str, given: Mapping[str, str]) -> dict[str, str]:
     """All options of a class with their values; raises for one it does not have."""
     choices = options_of(law)
-    for name, value in options.items():
+    for name, value in given.items():
         if name not in choices:
             accepted = f"an option of {key}: {listed(choices) or 'it has none'}"
             raise DataError("option", name, accepted)
         if value not in choices[name]:
             raise DataError(name, repr(value), " or ".join(map(repr, choices[name])))
-    return {name: options.get(name, values[0]) for name, values in choices.items()}
+    return {name: given.get(name, values[0]) for name, values in choices.items()}
 
 
-Numbers = Mapping[str, Any]
-Ranges = Mapping[str, tuple[float, float]]
-
-
-def _nothing(_: RestitutionData) -> dict[str, Any]:
-    return {}
+Numbers = dict[str, Any]
+FromData = Callable[[RestitutionData], Numbers]
 
 
 @dataclass(frozen=True)
 class Known:
-    """Start values, bounds and fixed parameters of a built-in law."""
+    """Start values, bounds and fixed parameters of a built-in law, from the data."""
 
-    law: type  # its class, and its name in tables and pictures
-    label: str
-    guess: Callable[[RestitutionData], Numbers] = _nothing  # where a search starts, from the data
-    # what ε does not determine, with the value it is held at
-    held: Callable[[RestitutionData], Numbers] = _nothing
-    # ends of a parameter's range that depend on the data
-    ranges: Callable[[RestitutionData], Ranges] = _nothing
+    law: type
+    label: str  # its name in tables and pictures
+    guess: FromData = lambda _: {}  # where a search starts
+    held: FromData = lambda _: {}  # what ε does not determine, with the value it is held at
+    ranges: FromData = lambda _: {}  # ends of a parameter's range
     remark: str = ""  # what a reader of a comparison should know
 
 
-def _measured(data: RestitutionData) -> tuple[np.ndarray, np.ndarray]:
-    """v and ε of the impacts with an ε; one of a half where there is none."""
-    known = np.isfinite(data.restitution)
-    if not np.any(known):
-        return data.velocity[:1], np.array([0.5])
-    return data.velocity[known], data.restitution[known]
+def _measured(data: RestitutionData, *more: Any) -> tuple[np.ndarray, ...]:
+    """v, ε and more of the impacts with an ε; of one of a half where there is none."""
+    rows = np.flatnonzero(np.isfinite(data.restitution))
+    rows = rows if len(rows) else np.array([0])
+    each = (np.broadcast_to(np.asarray(one, float), len(data))[rows] for one in more)
+    return data.velocity[rows], np.nan_to_num(data.restitution[rows], nan=0.5), *each
 
 
 def _mean(data: RestitutionData) -> float:
@@ -313,7 +273,7 @@ def _one(values: Any) -> float:
     return float(np.mean(np.asarray(values)))
 
 
-def _unless_observed(name: str) -> Callable[[RestitutionData], Numbers]:
+def _unless_observed(name: str) -> FromData:
     """A stiffness, which ε does not determine, and forces, times and overlaps do."""
     return lambda data: {} if data.observed else {name: _spring(data)}
 
@@ -326,12 +286,10 @@ def _spring(data: RestitutionData) -> float:
 
 def _losses(data: RestitutionData) -> Numbers:
     """σ and ψ from the straight line ln(-ln ε) = ln σ + ψ ln[v/(v_lim - v)]."""
-    velocity, restitution = _measured(data)
-    inside = (restitution > 0) & (restitution < 1)
-    if np.sum(inside) < 2 or data.limit_velocity is None:
+    velocity, restitution, limit = _measured(data, data.limit_velocity)
+    inside = (restitution > 0) & (restitution < 1) & np.isfinite(limit)
+    if np.sum(inside) < 2:
         return {"sigma": 0.5, "psi": 0.5}
-    limit = np.broadcast_to(np.asarray(data.limit_velocity, float), len(data))
-    limit = limit[np.isfinite(data.restitution)]
     x = np.log((velocity / (limit - velocity))[inside])
     loss = -np.log(restitution[inside])
     centred = x - np.average(x, weights=loss)
@@ -377,10 +335,9 @@ def _guess_walton_braun(data: RestitutionData) -> Numbers:
 def _guess_viscoelastic(data: RestitutionData) -> Numbers:
     """1 - ε ≈ 1.15345 · 3/2 A (k/M)^{2/5} v^{1/5} of slow impacts."""
     assert data.contact is not None
-    velocity, restitution = _measured(data)
-    rate = np.asarray(data.contact.stiffness / data.contact.mass) ** 0.4
-    rate = np.broadcast_to(rate, len(data))[: len(velocity)] * velocity**0.2
-    lost = np.clip(1 - restitution, 1e-3, 0.9)
+    stiffness = np.asarray(data.contact.stiffness / data.contact.mass)
+    velocity, restitution, stiffness = _measured(data, stiffness)
+    lost, rate = np.clip(1 - restitution, 1e-3, 0.9), stiffness**0.4 * velocity**0.2
     return {"dissipation_time": float(np.median(lost / (1.5 * 1.15345 * rate)))}
 
 
@@ -388,7 +345,7 @@ def _limit(data: RestitutionData) -> Numbers:
     return {} if data.limit_velocity is None else {"limit_velocity": data.limit_velocity}
 
 
-def _beyond_fastest(data: RestitutionData) -> Ranges:
+def _beyond_fastest(data: RestitutionData) -> Numbers:
     return {"limit_velocity": (float(np.max(data.velocity)), np.inf)}
 
 
@@ -470,45 +427,41 @@ EXTRA = {
     "eps_up": Declared("ε_up", "-", "coefficient of restitution", 0.0, 1.0, True, True),
 }
 ALIKE = 0.01  # of v_cr/(v_lim - v_cr): pairs that differ by less have one ε_up to 1e-3 at most
-NOT_GIVEN = -1.0  # ε_up of data sets that have σ, next to others that have ε_up
+NOT_GIVEN = np.nan
 
 
-def zhou_by_others(contact: sj.Contact, **values: Any) -> sj.ContactLaw:
-    """Zhou's law by c1 and c2, or by ε_up."""
-    given = {name: values.pop(name) for name in (*LINE, "eps_up") if name in values}
-    if "chi" not in values:
-        values["chi"] = chi_on_line(contact, given)
-    if "eps_up" in given:
-        is_given = jnp.asarray(given["eps_up"]) != NOT_GIVEN
-        sigma = sigma_of(contact, jnp.where(is_given, given["eps_up"], 0.5), values["psi"])
-        has_both = "sigma" in values
-        values["sigma"] = jnp.where(is_given, sigma, values["sigma"]) if has_both else sigma
-    return sj.Zhou(contact, **values)
+def zhou_by_others(
+    contact: sj.Contact,
+    *,
+    psi: Any,
+    chi: Any = NOT_GIVEN,
+    c1: Any = NOT_GIVEN,
+    c2: Any = NOT_GIVEN,
+    sigma: Any = NOT_GIVEN,
+    eps_up: Any = NOT_GIVEN,
+    **options: str,
+) -> sj.ContactLaw:
+    """Zhou's law, by c1 and c2 where χ̃ is not given, by ε_up where σ is not; NaN is not given."""
+    line = _given(c1, 0.0) + _given(c2, 0.0) * contact.yield_ratio
+    chi = _given(chi, jnp.maximum(line, LEAST_CHI))
+    sigma = _given(sigma, sigma_of(contact, _given(eps_up, 0.5), psi))
+    return sj.Zhou(contact, chi=chi, sigma=sigma, psi=psi, **options)
+
+
+def _given(value: Any, otherwise: Any) -> Any:
+    return jnp.where(jnp.isnan(value), otherwise, value)
 
 
 def zhou_model(names: Iterable[str], options: Mapping[str, str]) -> LawModel:
     """Zhou's law by the parameters that are named: c1 and c2 for χ̃, ε_up for σ."""
-    names = tuple(names)
-    plain = model_of_class(sj.Zhou, "zhou", options)
+    names, plain = tuple(names), model_of(sj.Zhou, "zhou", None, options)
     by_line, by_eps_up = any(name in LINE for name in names), "eps_up" in names
     if not (by_line or by_eps_up):
         return plain
-    losses = [name for name in ("eps_up", "sigma") if name in names] or ["sigma"]
-    chosen = [*(LINE if by_line else ("chi",)), *losses, "psi"]
-    known = declarations(sj.Zhou) | EXTRA
-    return LawModel(
-        "zhou",
-        With(zhou_by_others, tuple(plain.options.items())),
-        sj.Zhou,
-        {name: known[name] for name in chosen},
-        options=plain.options,
-        direct=False,
-    )
-
-
-def chi_on_line(contact: sj.Contact, values: Mapping[str, Any]) -> Any:
-    """c1 + c2 E/Y, Eq. (18), kept from vanishing."""
-    return jnp.maximum(values["c1"] + values["c2"] * contact.yield_ratio, LEAST_CHI)
+    known = {**plain.parameters, **EXTRA}
+    chosen = [*(LINE if by_line else ("chi",)), "eps_up" if by_eps_up else "sigma", "psi"]
+    own = {name: known[name] for name in chosen}
+    return replace(plain, build=zhou_by_others, parameters=own, direct=False)
 
 
 def sigma_of(contact: sj.Contact, eps_up: Any, psi: Any) -> Any:
@@ -526,6 +479,13 @@ def several_yields(contact: sj.Contact | None) -> bool:
     critical = np.asarray(contact.critical_velocity)
     ratio = critical / np.maximum(np.asarray(contact.limit_velocity) - critical, 1e-300)
     return bool(np.max(ratio) > (1 + ALIKE) * np.min(ratio))
+
+
+def eq_17(velocity: Any, limit_velocity: Any, sigma: float, psi: float) -> Any:
+    """ε by Eq. (17), of NumPy; 0 from the limit velocity on."""
+    below = velocity < limit_velocity
+    ratio = velocity / np.where(below, limit_velocity - velocity, 1.0)
+    return np.where(below, np.exp(-sigma * ratio**psi), 0.0)
 
 
 def eps_up_of(law: sj.Zhou) -> Any:

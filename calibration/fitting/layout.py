@@ -3,7 +3,7 @@
 Sets that share no parameter are fits of their own, whatever else is fitted with them: components. A
 component has one vector z of all its elements, and one problem a stage, which searches some of them."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,17 +14,9 @@ from calibration.data.air import UNCERTAIN
 from calibration.errors import DataError
 from calibration.fitting.branches import held_at
 from calibration.fitting.collisions import Laws, Route
-from calibration.fitting.laws import (
-    CONTACT_LEAVES,
-    MOVE_YIELD,
-    NOT_GIVEN,
-    OF_CONTACT,
-    LawModel,
-    model_of_class,
-    zhou_model,
-)
+from calibration.fitting.laws import CONTACT_LEAVES, MOVE_YIELD, OF_CONTACT, LawModel, model_of
 from calibration.fitting.problem import DRAG, Element, Points, Problem, pools_of
-from calibration.fitting.request import Request, SetSpec, blocks_of, placed
+from calibration.fitting.request import DEFAULT_ODE, WIDE, Request, SetSpec, blocks_of, placed
 from calibration.observables import OBSERVABLES, PLACES, RESTITUTION
 from calibration.parameters import Parameter, Transform
 from softjax.fields import Declared
@@ -38,9 +30,9 @@ EMPIRICAL = ("sigma", "psi", LIMIT)  # searched by Eq. (17)'s stage
 class Component:
     """Data sets that share parameters, and the stages of their fit."""
 
-    sets: tuple[int, ...]  # which of the fit's data sets these are, and the options of each
-    specs: tuple[SetSpec, ...]
-    elements: tuple[Element, ...]  # the free parameters
+    sets: tuple[int, ...]  # which of the fit's data sets these are
+    specs: tuple[SetSpec, ...]  # of each, in this order
+    elements: tuple[Element, ...]  # the free parameters, whose `sets` are places in `specs`
     stages: tuple[tuple[str, Problem], ...] = ()  # names and problems, in their order
 
     @property
@@ -61,16 +53,14 @@ def assemble(request: Request) -> list[Component]:
         ValueError: naming what does not fit together and what is accepted.
     """
     specs = request.specs()
-    route = request.chosen_route(specs)
     names = [spec.data.name for spec in specs]
     if len(set(names)) < len(names):
         raise DataError("data", names, "sets of different names")
     elements = _elements(specs)
-    _check_shared(specs, elements)
-    return [
-        _component(sets, specs, [e for e in elements if e.sets[0] in sets], route)
-        for sets in _together(len(specs), elements)
-    ]
+    together = _together(specs, elements)
+    two_step = any(spec.objective == "two-step" for spec in specs)
+    route = request.route or (DEFAULT_ODE if two_step else None)  # the paper's procedure
+    return [_component(sets, specs, elements, route) for sets in together]
 
 
 def _elements(specs: Sequence[SetSpec]) -> list[Element]:
@@ -88,78 +78,54 @@ def _elements(specs: Sequence[SetSpec]) -> list[Element]:
     return list(found.values())
 
 
-def _check_shared(specs: Sequence[SetSpec], elements: Sequence[Element]) -> None:
-    """Pools are of several sets by `model`; no group is named like a data set outside it.
+def _together(specs: Sequence[SetSpec], elements: Sequence[Element]) -> list[tuple[int, ...]]:
+    """Data sets that share or pool a parameter, directly or through others, in their order.
 
-    Results call "chi[name]" what either has.
+    Pools are of several sets by `model`; no group is named like a data set outside it, as results call
+    "chi[name]" what either has.
     """
-    for name, sets in _pooled(elements).items():
-        if len(sets) < 2:
-            raise DataError(f"shared of {name}", "pooled", "left out for one data set alone")
-        if any(specs[g].objective != "model" for g in sets):
-            raise DataError(f"shared of {name}", "pooled", 'left out, or objective="model"')
+    pools: dict[str, list[int]] = {}
     names = [spec.data.name for spec in specs]
     for one in elements:
+        if one.parameter.pooled:
+            pools.setdefault(one.name, []).extend(one.sets)
         if one.group in names and names.index(one.group) not in one.sets:
             accepted = "the name of a group that no data set outside the group has"
             raise placed(one.parameter, one.name, DataError("shared", one.group, accepted))
-
-
-def _pooled(elements: Iterable[Element]) -> dict[str, list[int]]:
-    """The data sets of each parameter that is pooled."""
-    found: dict[str, list[int]] = {}
-    for one in elements:
-        if one.parameter.pooled:
-            found.setdefault(one.name, []).extend(one.sets)
-    return found
-
-
-def _together(count: int, elements: Sequence[Element]) -> list[tuple[int, ...]]:
-    """Data sets that share or pool a parameter, directly or through others, in their order."""
-    group = list(range(count))
-    for sets in [*(one.sets for one in elements), *_pooled(elements).values()]:
+    for name, pool in pools.items():
+        if len(pool) < 2:
+            raise DataError(f"shared of {name}", "pooled", "left out for one data set alone")
+        if any(specs[g].objective != "model" for g in pool):
+            raise DataError(f"shared of {name}", "pooled", 'left out, or objective="model"')
+    group = list(range(len(specs)))
+    for sets in [*(one.sets for one in elements), *pools.values()]:
         joined = {group[g] for g in sets}
         group = [min(joined) if own in joined else own for own in group]
-    return [tuple(g for g in range(count) if group[g] == first) for first in sorted(set(group))]
+    return [tuple(g for g, own in enumerate(group) if own == one) for one in sorted({*group})]
 
 
 def _component(sets, specs, elements, route: Route) -> Component:
-    own = _of_one_kind([specs[g] for g in sets])
+    own = tuple(specs[g] for g in sets)
     if len({(spec.model.key, spec.objective) for spec in own}) > 1:
         told = ", ".join(f"{spec.data.name}: {spec.model.key}" for spec in own)
         raise DataError("parameters", f"shared between {told}", "shared within one law")
+    place = {g: k for k, g in enumerate(sets)}
+    free = [
+        replace(e, sets=tuple(place[g] for g in e.sets)) for e in elements if e.sets[0] in place
+    ]
     # drag was taken out of these with a coefficient that is not known exactly
     flights = tuple(
-        g
-        for g, spec in zip(sets, own, strict=True)
+        k
+        for k, spec in enumerate(own)
         if spec.objective == "model" and spec.data.errors.by_drag is not None
     )
     if flights:
-        label = f"{DRAG}[{specs[flights[0]].data.name}]" if len(specs) > len(sets) else DRAG
+        label = f"{DRAG}[{own[flights[0]].data.name}]" if len(specs) > len(sets) else DRAG
         known = Parameter(0.0, prior=(0.0, UNCERTAIN), transform="none")
-        ends, declared = (-np.inf, np.inf), Declared(DRAG)
-        elements = [*elements, Element(DRAG, known, declared, 0.0, ends, False, label, flights)]
-    component = Component(tuple(sets), tuple(own), tuple(elements))
+        free.append(Element(DRAG, known, Declared(DRAG), 0.0, WIDE, False, label, flights))
+    component = Component(sets, own, tuple(free))
     _check_counts(component)
     return replace(component, stages=tuple(_stages(component, route)))
-
-
-def _of_one_kind(specs: Sequence[SetSpec]) -> Sequence[SetSpec]:
-    """Zhou's law by ε_up for some data sets and by σ for others, as one law of both."""
-    names = [tuple(spec.model.parameters) for spec in specs]
-    if len(set(names)) == 1 or {spec.model.key for spec in specs} != {"zhou"}:
-        return specs
-    model = zhou_model({"sigma", *(name for own in names for name in own)}, specs[0].model.options)
-    dummies, wide = {"sigma": 0.0, "eps_up": NOT_GIVEN}, (-np.inf, np.inf)
-    unified = []
-    for spec in specs:
-        every = {one.name: one for one in spec.local}
-        for name in dummies.keys() & set(model.parameters) - set(every):
-            fixed, declared = Parameter(free=False), model.declared(name)
-            every[name] = Element(name, fixed, declared, dummies[name], wide, True)
-        order = [*model.parameters, *(name for name in every if name not in model.parameters)]
-        unified.append(replace(spec, model=model, local=tuple(every[name] for name in order)))
-    return unified
 
 
 def _check_counts(component: Component) -> None:
@@ -167,33 +133,34 @@ def _check_counts(component: Component) -> None:
 
     A prior does, the other sets of a pool, and of a network its predictions.
     """
-    whole = {tree.name for spec in component.specs for tree in spec.model.trees}
-    for g, spec in zip(component.sets, component.specs, strict=True):
+    for g, spec in enumerate(component.specs):
+        whole = {tree.name for tree in spec.model.trees}
         own = [
             e.name
             for e in component.elements
             if e.sets == (g,) and e.parameter.prior is None and not e.parameter.pooled
             if e.name.partition("[")[0] not in whole
         ]
-        count = sum(len(rows) for _, rows, *_ in blocks_of(spec.data))
+        count = sum(len(rows) for *_, rows, _, _ in blocks_of(spec.data))
         if count <= len(own):
-            points = f"{count} point{'s' * (count != 1)}"
-            problem = (
-                f"{points} for {len(own)} free parameter{'s' * (len(own) != 1)} ({', '.join(own)})"
-            )
+            free = f"{len(own)} free parameter{'s' * (len(own) != 1)} ({', '.join(own)})"
+            problem = f"{count} point{'s' * (count != 1)} for {free}"
             raise spec.data.refusal(problem, "more points than free parameters")
 
 
-def _stages(component: Component, route: Route):
+def _stages(component: Component, route: Route) -> Iterator[tuple[str, Problem]]:
     """One stage by `model`; by `two-step` Eq. (17)'s, then the law's with what that gave."""
-    every = range(len(component.elements))
-    names = (one.name for spec in component.specs for one in spec.local)
-    rows = _rows(component, component.specs[0].model, {name: name for name in names})
-    if component.specs[0].objective == "model":
+    every, specs = range(len(component.elements)), component.specs
+    # sets with ε_up and sets with σ are of one law of both
+    model = next((one.model for one in specs if not one.model.direct), specs[0].model)
+    declared = {name: what for one in specs for name, what in one.model.parameters.items()}
+    names = {local.name: local.name for one in specs for local in one.local}
+    rows = _rows(component, replace(model, parameters=declared), names)
+    if specs[0].objective == "model":
         yield "model", _problem(component, rows, list(every), route)
         return
     first = [k for k in every if component.elements[k].name in EMPIRICAL]
-    eq_17 = model_of_class(sj.EmpiricalRestitution, "eq-17", {})
+    eq_17 = model_of(sj.EmpiricalRestitution, "eq-17", None, {})
     names_17 = {name.removeprefix(OF_CONTACT): name for name in EMPIRICAL}
     yield "Eq. (17)", _problem(component, _rows(component, eq_17, names_17), first, None)
     rest = [k for k in every if k not in first]
@@ -202,44 +169,63 @@ def _stages(component: Component, route: Route):
     yield "model", _problem(component, rows, rest, route, more)
 
 
+def _rows(component: Component, model: LawModel, names: Mapping[str, str]) -> Laws:
+    """Rows of one law for all data sets, from the element of each of its parameters.
+
+    What is said for other sets alone has the value of this one's contact, or none.
+    """
+    sets = []
+    for g, spec in enumerate(component.specs):
+        contact = spec.data.contact
+        known = {OF_CONTACT + leaf: getattr(contact, leaf, None) for leaf in CONTACT_LEAVES}
+        if "limit_velocity" in names:  # Eq. (17)'s own
+            known[LIMIT] = spec.data.limit_velocity
+        known |= {one.name: one.start for one in spec.local}
+        places = component.places(g)
+        local = {name: (places.get(full, -1), known.get(full)) for name, full in names.items()}
+        sets.append((len(spec.data), contact, local))
+    return Laws.of(model, sets)
+
+
 def _problem(
     component: Component, rows: Laws, active: list[int], route: Route, more: Sequence[int] = ()
 ) -> Problem:
-    elements = component.elements
-    transform = Transform.of([e.range for e in elements], [e.parameter.transform for e in elements])
-    data = [spec.data for spec in component.specs]
+    elements, specs = component.elements, component.specs
+    transform = transform_of(elements)
+    data = tuple(spec.data for spec in specs)
     points, impact = points_of(data)
     theta = np.array([e.start for e in elements])
     problem = Problem(
-        tuple(data),
+        data,
         elements,
         transform,
         replace(rows, row=rows.row[impact]).bind(theta, [*active, *more]),
         points,
         np.array(active, int),
         route,
-        tuple(errors for spec in component.specs for errors in spec.errors),
-        joint=component.specs[0].objective == "model",
+        tuple(errors for spec in specs for errors in spec.errors),
+        joint=specs[0].objective == "model",
         pools=pools_of(elements),
     )
     # where ε jumps at yield, and the search moves yield, points are held on their branches
-    jumps = getattr(rows.model.law_type, "jumps_at_yield", False)
-    if not jumps or not any(
-        elements[k].name.removeprefix(OF_CONTACT) in MOVE_YIELD for k in active
-    ):
+    moved = {elements[k].name.removeprefix(OF_CONTACT) for k in active}
+    if not (getattr(rows.model.law_type, "jumps_at_yield", False) and moved & {*MOVE_YIELD}):
         return problem
     holding = replace(problem, elastic=np.zeros(len(points.velocity), bool))
     return held_at(holding, transform.unconstrained(theta))
+
+
+def transform_of(elements: Sequence[Element]) -> Transform:
+    return Transform.of([e.range for e in elements], [e.parameter.transform for e in elements])
 
 
 def points_of(data: Sequence[RestitutionData]) -> tuple[Points, np.ndarray]:
     """All points in a row, each weighing one; and which impact each is, those of all sets in a row."""
     parts, impacts, first = [], [], 0
     for g, one in enumerate(data):
-        for name, rows, value, unit in blocks_of(one):
-            ones, code = np.ones(len(rows)), np.full(len(rows), PLACES[name])
-            by_drag = by_drag_of(one, name)[rows]
-            sets = np.full(len(rows), g)
+        for _, name, rows, value, unit in blocks_of(one):
+            ones, by_drag = np.ones(len(rows)), by_drag_of(one, name)[rows]
+            sets, code = np.full(len(rows), g), np.full(len(rows), PLACES[name])
             parts.append((one.velocity[rows], value, ones, sets, code, unit, by_drag))
             impacts.append(first + rows)
         first += len(one)
@@ -257,8 +243,9 @@ def by_drag_of(data: RestitutionData, observable: str = RESTITUTION) -> np.ndarr
     by_drag = data.errors.by_drag
     if by_drag is None:
         return np.zeros(len(data))
+    slower = by_drag[:, 1] / data.velocity
     if observable != RESTITUTION:
-        return OBSERVABLES[observable].power * by_drag[:, 1] / data.velocity
+        return OBSERVABLES[observable].power * slower
     eps, v = data.restitution, np.log(data.velocity)
     seen = np.isfinite(eps) & (eps > 0)
     if not np.any(seen):
@@ -266,27 +253,6 @@ def by_drag_of(data: RestitutionData, observable: str = RESTITUTION) -> np.ndarr
     degree = min(2, int(np.sum(seen)) // 4) if np.ptp(v[seen]) > LEAST_RANGE else 0
     curve = np.polyfit(v[seen], np.log(eps[seen]), degree)
     smooth, power = np.exp(np.polyval(curve, v)), np.polyval(np.polyder(curve), v)
-    slower = by_drag[:, 1] / data.velocity
-    known = np.where(seen, eps, 1.0)
-    cubic = np.where(seen, (by_drag[:, 0] + eps * slower) / known**3, 0.0)
+    cubic = np.where(seen, (by_drag[:, 0] + eps * slower) / np.where(seen, eps, 1.0) ** 3, 0.0)
     of_eps = cubic * smooth**3 - smooth * slower
     return np.where(np.isfinite(eps), np.clip(power, *POWERS) * smooth * slower - of_eps, 0.0)
-
-
-def _rows(component: Component, model: LawModel, names: Mapping[str, str]) -> Laws:
-    """Rows of one law for all data sets, from the element of each of its parameters.
-
-    What is said for other sets alone has the value of this one's contact.
-    """
-    sets = []
-    for g, spec in zip(component.sets, component.specs, strict=True):
-        places, start = component.places(g), {one.name: one.start for one in spec.local}
-        bodies = {
-            OF_CONTACT + leaf: getattr(spec.data.contact, leaf, None) for leaf in CONTACT_LEAVES
-        }
-        if "limit_velocity" in names:  # Eq. (17)'s own
-            bodies[LIMIT] = spec.data.limit_velocity
-        known = bodies | start
-        local = {name: (places.get(full, -1), known.get(full)) for name, full in names.items()}
-        sets.append((len(spec.data), spec.data.contact, local))
-    return Laws.of(model, sets)

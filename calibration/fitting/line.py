@@ -392,8 +392,8 @@ def fit_line(request: Request, fits: list[ComponentFit]) -> tuple[Line, StageFit
     c1, c2 = (
         estimate_of(joint, names.index(name), None, request.options.confidence) for name in LINE
     )
-    sets = zip(joint.component.sets, joint.component.specs, strict=True)
-    chi = {s.data.name: derived_of(joint, s, g, request.options.confidence)["chi"] for g, s in sets}
+    sets = enumerate(joint.component.specs)
+    chi = {s.data.name: derived_of(joint, g, request.options.confidence)["chi"] for g, s in sets}
     line = Line(c1, c2, _rms(joint, joint.z), chi, through, bool(joint.final.found.converged[0]))
     places = [names.index(name) for name in LINE]
     slope = joint.slope[places]
@@ -428,10 +428,10 @@ def _with_chi(fits: list[ComponentFit]) -> list[tuple[ComponentFit, SetSpec, int
     """Data sets of Zhou's law with a χ̃ of their own: the fit, its options, its element."""
     found = {}
     for fit in fits:
-        for g, spec in zip(fit.component.sets, fit.component.specs, strict=True):
+        for g, spec in enumerate(fit.component.specs):
             for k, e in enumerate(fit.component.elements):
                 if e.name == "chi" and e.sets == (g,) and spec.model.key == "zhou":
-                    found[g] = fit, spec, k
+                    found[fit.component.sets[g]] = fit, spec, k
     return [found[g] for g in sorted(found)]
 
 

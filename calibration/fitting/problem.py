@@ -48,7 +48,7 @@ class Element:
         stands_in: whether it is fixed at a number that nobody stated and that acts nowhere in the
             data: ψ where ε_up is fitted in its place.
         label: what results call it: "chi", or "chi[name]" where there are several data sets.
-        sets: the data sets that it belongs to.
+        sets: the data sets that it belongs to, of those of its component.
     """
 
     name: str

@@ -1,32 +1,61 @@
-"""Result of a fit: estimates, errors and warnings."""
+"""Fit a law's parameters to measured restitutions: `fit`, and the `FitResult` that it returns."""
 
+import importlib.metadata
+import time
 import warnings
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
 
+import softjax as sj
+from calibration.console import progress_of
+from calibration.data import RestitutionData
 from calibration.data.checks import check_whole, checked_confidence
 from calibration.data.json_file import dumps
 from calibration.errors import DataError, did_you_mean, listed
 from calibration.fitting.curves import band, of_impact
 from calibration.fitting.fit_json import read_result, result_to_dict
-from calibration.fitting.laws import LINE
-from calibration.fitting.line import Line
+from calibration.fitting.laws import LINE, law_name
+from calibration.fitting.layout import assemble
+from calibration.fitting.line import Line, fit_line
 from calibration.fitting.material import Band, Estimate, MaterialFit
-from calibration.fitting.profiles import Profile
+from calibration.fitting.profiles import Profile, profiles_of
 from calibration.fitting.refits import Bootstrap, LeaveOneOut, bootstrap, leave_one_out
-from calibration.fitting.request import Request
-from calibration.fitting.stages import ComponentFit, Likelihood, Stage, fitted
-from calibration.fitting.uncertainty import Freedom, freedom_of
+from calibration.fitting.request import Progress, Request, datasets_of
+from calibration.fitting.search import OPTIMISERS
+from calibration.fitting.stages import (
+    ComponentFit,
+    Likelihood,
+    Stage,
+    fit_component,
+    fitted,
+    likelihood_of,
+)
+from calibration.fitting.summary import summarise
+from calibration.fitting.uncertainty import Freedom
+from calibration.fitting.variances import pooled_estimates
 from calibration.fitting.warnings import FitWarning, extrapolation
 from calibration.observables import OBSERVABLES, RESTITUTION
+from calibration.options import FitOptions, documented
 from calibration.output import replacing, write_text
 
+PACKAGES = ("softjax-contact", "jax", "diffrax", "optax", "optimistix", "numpy", "scipy")
 KINDS = ("mean", "prediction")
+
+
+def _of_each(name: str, doc: str) -> Any:
+    """A property of a fit's data set; for several data sets by name."""
+
+    def get(result: "FitResult") -> Any:
+        found = {one.name: getattr(one, name) for one in result.materials}
+        return found if len(found) > 1 else found.popitem()[1]
+
+    return property(get, doc=doc)
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,34 +159,11 @@ class FitResult:
         """Schwarz's criterion, k ln n - 2 ln L."""
         return None if self.likelihood is None else self.likelihood.bic
 
-    @property
-    def rms(self):
-        """Root mean square of curve minus data; for several data sets by name."""
-        return self._each(lambda material: material.rms)
-
-    @property
-    def outliers(self):
-        """The points that the noise does not explain; for several data sets by name."""
-        return self._each(lambda material: material.outliers)
-
-    @property
-    def rms_empirical(self):
-        """Rms of Eq. (17); None for other laws than Zhou's."""
-        return self._each(lambda material: material.rms_empirical)
-
-    @property
-    def law(self):
-        """The fitted law; for several data sets by name."""
-        return self._each(lambda material: material.law)
-
-    @property
-    def data(self):
-        return self._each(lambda material: material.data)
-
-    def _each(self, of):
-        if len(self.materials) == 1:
-            return of(self.materials[0])
-        return {material.name: of(material) for material in self.materials}
+    rms = _of_each("rms", "Root mean square of curve minus data; for several data sets by name.")
+    rms_empirical = _of_each("rms_empirical", "Rms of Eq. (17); None for other laws than Zhou's.")
+    outliers = _of_each("outliers", "The points that the noise does not explain; by name as well.")
+    law = _of_each("law", "The fitted law; for several data sets by name.")
+    data = _of_each("data", "The measurements; for several data sets by name.")
 
     @property
     def correlations(self) -> np.ndarray:
@@ -174,11 +180,10 @@ class FitResult:
         """
         if name is None and len(self.materials) == 1:
             return self.materials[0]
-        for material in self.materials:
-            if material.name == name:
-                return material
-        names = ", ".join(repr(material.name) for material in self.materials)
-        raise DataError("name", repr(name), f"one of {names}")
+        known = {material.name: material for material in self.materials}
+        if name not in known:
+            raise DataError("name", repr(name), f"one of {', '.join(map(repr, known))}")
+        return known[name]
 
     def determined(self, velocity, name: str | None = None) -> np.ndarray:
         """Whether the data determine ε at these velocities [m/s].
@@ -238,13 +243,8 @@ class FitResult:
             from calibration.fitting.posterior.draws import band_of_draws
 
             return band_of_draws(draws, material, velocity, level, kind)
-        names, covariance = self.covariance_names, self.of_predictions
-        freedom = freedom_of(self.freedoms, material.name, material.labels.values())
-        route = self.request.route_of_curve(material.model.law_type)
         with np.errstate(over="ignore", invalid="ignore"):  # of numbers near the end of floats
-            return band(
-                material, velocity, names, covariance, freedom, level, kind, route, observable
-            )
+            return band(self, material, velocity, level, kind, observable)
 
     def degrees_of_freedom(self, label: str) -> float | None:
         """Degrees of freedom of the noise in a free parameter's standard error; None if the noise is stated."""
@@ -402,3 +402,156 @@ def _compared(result: FitResult) -> dict[str, Any]:
         for outlier in fit["outliers"]:
             del outlier["line"]  # of the file
     return table
+
+
+@documented
+def fit(
+    data: RestitutionData | Sequence[RestitutionData],
+    law: str | type | Callable[..., sj.ContactLaw] | None = None,
+    parameters: Mapping[str, Any] | Sequence[Mapping[str, Any]] | None = None,
+    *,
+    progress: Progress | bool | None = None,
+    **options: Any,
+) -> FitResult:
+    """Fit a contact law to one data set or several.
+
+    Args:
+        data: one `RestitutionData`, or a list of them with different names.
+        law: Zhou's where left out (for data without a contact Eq. (17), or a constant); a name of
+            `LAWS`, a class of contact laws, or any function that builds one: law(contact, c1, c2).
+        parameters: the parameters of the law: {"chi": ...} for all data sets,
+            {"chi[name]": ...} for one; a `Parameter`, a number that fixes it, or a text for an
+            option such as {"form": "full"}; or a list of such mappings, one a data set. Those of
+            the contact are "contact.yield_strength" and so on. All of a law's own are free, except
+            what ε does not determine.
+        progress: True shows it, a bar on a terminal and else a line a stage; or a function that is
+            called as progress(stage, done, total).
+        OPTIONS
+
+    Returns:
+        A `FitResult`. A fit that did not converge is marked so, not raised.
+
+    Data sets that share no parameter are fitted each by itself. All is computed in float64, whatever
+    JAX is set to.
+
+    Raises:
+        ValueError: naming the argument, its value and what is accepted.
+
+    Example:
+        >>> import calibration as cal
+        >>> steel = cal.paper_materials()[0]
+        >>> result = cal.fit(steel, objective="two-step")
+        >>> round(result.values["chi"], 4)
+        1.7944
+    """
+    begun = time.perf_counter()
+    with progress_of(progress) as shown, jax.enable_x64(True):
+        options_of_fit = FitOptions.of(law=law, **options)
+        if not (shown is None or callable(shown)):
+            accepted = "True, or called as progress(stage, done, total)"
+            raise DataError("progress", shown, accepted)
+        request = Request(datasets_of(data), parameters, options_of_fit, shown)
+        result = _fitted(request)
+    result.times["total"] = time.perf_counter() - begun
+    return replace(result, request=replace(request, progress=None))
+
+
+def _fitted(request: Request) -> FitResult:
+    options, components = request.options, assemble(request)
+    fits: list[ComponentFit] = []
+    for component in components:
+        request.tell("fit", len(fits), len(components))
+        fits.append(fit_component(component, options))
+    request.tell("fit", len(fits), len(fits))
+    line = fit_line(request, fits)
+    curves: list[dict[str, Profile]] = [{} for _ in fits]
+    if options.profiles:
+        tell = partial(request.tell, "profiles", total=len(fits))
+        curves = profiles_of(fits, options.confidence, tell)
+        tell(len(fits))
+    told: list[FitWarning] = []
+    materials: dict[int, MaterialFit] = {}
+    pooled = pooled_estimates(fits, options.confidence)
+    for one, own in zip(fits, curves, strict=True):
+        parts, of_several, drag = summarise(one, own, options.confidence)
+        materials |= dict(zip(one.component.sets, parts, strict=True))
+        told += of_several
+        pooled |= drag
+    ordered = tuple(materials[g] for g in sorted(materials))
+    told += [warning for material in ordered for warning in material.warnings]
+    stages = [stage for one in fits for stage in one.stages]
+    if line is not None and line[1] is not None:
+        stage = replace(line[1], report=replace(line[1].report, stage="Eq. (18)"))
+        stages.append(stage)
+        if not stage.found.converged[0]:
+            told.append(FitWarning("not-converged", f"Eq. (18): {stage.report.reason}"))
+    told.sort(key=lambda one: one.code != "plausibility")  # whose numbers are all wrong
+    condition = max(float(one.uncertainty.condition_number) for one in fits)
+    names, covariance, of_predictions = _covariances(fits)
+    return FitResult(
+        request=request,
+        materials=ordered,
+        unloading_line=None if line is None else line[0],
+        covariance_names=names,
+        covariance=covariance,
+        of_predictions=of_predictions,
+        rank=sum(int(one.uncertainty.rank) for one in fits),
+        condition_number=condition if np.isfinite(condition) else None,
+        likelihood=likelihood_of(fits, options),
+        warnings=tuple(dict.fromkeys(told)),
+        optimiser_report=tuple(stage.report for stage in stages),
+        profiles={label: curve for own in curves for label, curve in own.items()},
+        freedoms=tuple(f.uncertainty.freedom.physical(f.slope, f.uncertainty.whole) for f in fits),
+        settings=_settings(request, fits),
+        versions={name: _version(name) for name in PACKAGES},
+        times={stage.report.label: stage.seconds for stage in stages},
+        pooled=pooled,
+        fits=tuple(fits),
+    )
+
+
+def _covariances(fits: list[ComponentFit]):
+    """Covariance of all free parameters in physical units, D C D with D = ∂θ/∂z; zero between components."""
+    from scipy.linalg import block_diag
+
+    names = tuple(e.label for one in fits for e in one.component.elements)
+    both = block_diag(*(np.outer(one.slope, one.slope) for one in fits))
+    known = np.concatenate([one.uncertainty.known for one in fits])
+    covariance = both * block_diag(*(np.nan_to_num(one.uncertainty.covariance) for one in fits))
+    covariance[~known], covariance[:, ~known] = np.nan, np.nan
+    return names, covariance, both * block_diag(*(one.uncertainty.of_predictions for one in fits))
+
+
+@cache
+def _version(package: str) -> str:
+    return importlib.metadata.version(package)
+
+
+def _settings(request: Request, fits: list[ComponentFit]) -> dict[str, Any]:
+    specs = [spec for one in fits for spec in one.component.specs]
+    contacts = [spec.data.contact for spec in specs if spec.data.contact is not None]
+    options, integrated = request.options, fits[0].final.problem.route
+    asked = ["noise", "starts", "seed", "max_steps"]
+    asked += ["noise_dof"] * (options.noise == "student-t")
+    table: dict[str, Any] = {
+        "objective": ", ".join(sorted({spec.objective for spec in specs})),
+        "law": ", ".join(dict.fromkeys(spec.model.key for spec in specs)),
+        "route": fits[0].final.report.route,
+        "optimiser": OPTIMISERS[options.optimiser],
+        "area": contacts[0].area if contacts else None,
+        **{name: value for spec in specs for name, value in spec.model.options.items()},
+        "x64": True,
+        **{name: getattr(options, name) for name in asked},
+        "given_law": law_name(options.law),
+    }
+    if isinstance(integrated, sj.ODE):
+        steps = integrated.steps
+        how = {"rtol": integrated.tolerance} if steps is None else {"steps": steps}
+        table |= {"solver": integrated.solver, **how}
+    groups = {
+        e.label: [one.component.specs[g].data.name for g in e.sets]
+        for one in fits
+        for e in one.component.elements
+        if len(e.sets) > 1
+    }
+    return table | ({"shared": groups} if groups else {})

@@ -14,7 +14,7 @@ from calibration.fitting.errors import Errors
 from calibration.fitting.laws import OF_CONTACT
 from calibration.fitting.layout import Component, assemble
 from calibration.fitting.neighbourhoods import condensed
-from calibration.fitting.problem import Element, Lanes, Problem
+from calibration.fitting.problem import Lanes, Problem
 from calibration.fitting.request import Request
 from calibration.fitting.search import (
     LARGEST_STEP,
@@ -96,18 +96,12 @@ def best_starts(problem: Problem, places: Places, keep: int) -> Places:
     costs = screen(problem, places)
     keep = min(keep, len(places))
     starts = np.repeat(places[:1], keep, axis=0)
-    for group in {_sets(problem, problem.elements[k]) for k in problem.active}:
-        members = [k for k in problem.active if _sets(problem, problem.elements[k]) == group]
+    for group in {problem.elements[k].sets for k in problem.active}:
+        members = [k for k in problem.active if problem.elements[k].sets == group]
         ranked = costs[:, group[0]] if len(group) == 1 else costs.sum(axis=1)
         chosen = _apart(np.argsort(ranked, kind="stable"), places[:, members], keep)
         starts[:, members] = places[chosen][:, members]
     return starts
-
-
-def _sets(problem: Problem, element: Element) -> tuple[int, ...]:
-    """The data sets of an element, as the problem counts them."""
-    places = {g: i for i, g in enumerate(sorted({g for e in problem.elements for g in e.sets}))}
-    return tuple(places[g] for g in element.sets)
 
 
 def _apart(order, places, keep: int) -> list[int]:
@@ -345,7 +339,7 @@ def _misses(problem: Problem, found: Found) -> bool:
     if all(one.is_stated and one.is_fixed and one.is_normal for one in problem.errors):
         return bool(np.sum(residual**2) > special.chdtri(left, 1 - CONFIDENCE))
     off = residual[: problem.count]
-    return any(runs(problem.points.velocity[own], off[own], "") for own in problem.own)
+    return any(runs(problem.points.velocity[own], off[own]) for own in problem.own)
 
 
 def _along_branches(problem: Problem, starts, options: FitOptions) -> tuple[list[Found], Branches]:

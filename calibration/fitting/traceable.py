@@ -24,7 +24,7 @@ from calibration.data import RestitutionData
 from calibration.errors import DataError, listed
 from calibration.fitting.collisions import root
 from calibration.fitting.errors import CALLED, Carried, Errors
-from calibration.fitting.layout import Component, assemble
+from calibration.fitting.layout import Component, assemble, transform_of
 from calibration.fitting.noise import LN_2PI
 from calibration.fitting.problem import Block, Element, Points, Pool, Problem, pools_of
 from calibration.fitting.request import Request, SetSpec, datasets_of
@@ -33,6 +33,7 @@ from calibration.options import FitOptions
 from calibration.parameters import Transform
 
 START_SPREAD = 0.3  # of a pool
+Theta = Mapping[str, Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,9 +43,12 @@ class NamedErrors:
     problem: Problem  # the likelihood that it is a part of
     block: Block  # where its points stand in that
     errors: Errors
-    data: RestitutionData  # the data set, and which of all it is
-    set: int
+    set: int  # the data set, of all of them
     labels: Mapping[str, str]  # names of the square root of each unknown variance, and of ν
+
+    @property
+    def data(self) -> RestitutionData:
+        return self.problem.datasets[self.block.set]
 
     @property
     def points(self) -> Points:
@@ -58,7 +62,7 @@ class NamedErrors:
         factors = points.to_restitution * points.sizes_at(1.0)
         return max(float(np.sqrt(np.mean(np.sum(factors**2, axis=1)))), 1e-300)
 
-    def variances(self, theta: Mapping[str, Any], off: Any) -> dict[str, Any]:
+    def variances(self, theta: Theta, off: Any) -> dict[str, Any]:
         """s as θ has it; plain noise that it does not have is put where the likelihood is largest."""
         found = {}
         for kind, label in self.labels.items():
@@ -72,7 +76,7 @@ class NamedErrors:
                 raise DataError("theta", f"without {label!r}", accepted)
         return found
 
-    def carried(self, theta: Mapping[str, Any], route: Any) -> Carried:
+    def carried(self, theta: Theta, route: Any) -> Carried:
         """Predictions at the points, with the effect of the air, in their units."""
         errors, points = self.errors, self.points
         vector = _vector(self.problem, theta)
@@ -89,7 +93,7 @@ class NamedErrors:
         return found._replace(mean=found.mean + vector[self.problem.drag] * points.by_drag)
 
 
-def _vector(problem: Problem, theta: Mapping[str, Any]) -> Array:
+def _vector(problem: Problem, theta: Theta) -> Array:
     """θ in the order of a problem's elements."""
     return jnp.array([jnp.asarray(theta[e.label]) for e in problem.elements], float)
 
@@ -105,8 +109,8 @@ class Traceable:
         noises: names of what is not stated of the errors: "noise", the standard deviation of ε;
             "group", that of the groups' offsets in ε; "timing" [s], that of times of bounces;
             "scale", the factor on stated uncertainties; "dof", ν of Student's t. "noise[name]" where
-            there are several sets; "contact_time_noise" and so on, relative, of other observables. Plain normal noise that θ does not have is profiled: put where the
-            likelihood is largest.
+            there are several sets; "contact_time_noise" and so on, relative, of other observables. Plain
+            normal noise that θ does not have is profiled: put where the likelihood is largest.
         sets: the errors of each data set and observable, in their order.
         components: parameters and laws.
         pools: which of the parameters lie around a common mean.
@@ -121,11 +125,11 @@ class Traceable:
     pools: tuple[Pool, ...]
     route: Any
 
-    def predict(self, theta: Mapping[str, Any]) -> list[Array]:
+    def predict(self, theta: Theta) -> list[Array]:
         """E[ε] at the points of each data set, or another observable in SI; see `calibration.fitting.errors`."""
         return [carried.mean * one.points.unit for one, _, carried in self._at(theta)]
 
-    def residuals(self, theta: Mapping[str, Any]) -> Array:
+    def residuals(self, theta: Theta) -> Array:
         """Predicted less measured ε over the standard deviation of each, then those of the priors.
 
         Where points share errors, without what they share. Over 1 where θ has no noise.
@@ -140,31 +144,30 @@ class Traceable:
             parts.append(one.errors.whiten(factor, off[:, None], jnp)[:, 0])
         return jnp.concatenate([*parts, self._prior_residuals(theta)])
 
-    def log_likelihood(self, theta: Mapping[str, Any], measured: Array | None = None) -> Array:
+    def log_likelihood(self, theta: Theta, measured: Array | None = None) -> Array:
         """ln p(data | θ).
 
         Args:
             measured: values in place of the measured ones, of all `sets` in a row, in their units.
         """
-        parts = []
-        for one, off, carried in self._at(theta, measured):
-            s = one.variances(theta, off)
-            parts.append(one.errors.deviance(s, off, carried.slope, carried.bend, jnp))
+        parts = [
+            one.errors.deviance(one.variances(theta, off), off, c.slope, c.bend, jnp)
+            for one, off, c in self._at(theta, measured)
+        ]
         return -0.5 * jnp.sum(jnp.stack(parts))
 
-    def point_log_likelihood(self, theta: Mapping[str, Any]) -> Array:
+    def point_log_likelihood(self, theta: Theta) -> Array:
         """ln p(ε_i | θ) of every point, in the order of the data sets.
 
         Where points share errors, of each where the others are known; see `Errors.by_point`.
         """
-        parts = []
-        for one, off, carried in self._at(theta):
-            s = one.variances(theta, off)
-            found = one.errors.by_point(s, off, carried.slope, carried.bend, jnp)
-            parts.append(jnp.broadcast_to(found, off.shape))
+        parts = [
+            one.errors.by_point(one.variances(theta, off), off, c.slope, c.bend, jnp) + 0 * off
+            for one, off, c in self._at(theta)
+        ]
         return jnp.concatenate(parts)
 
-    def simulated(self, theta: Mapping[str, Any], normal: Array) -> Array:
+    def simulated(self, theta: Theta, normal: Array) -> Array:
         """Measurements as the law and its errors make them, from standard normal numbers, one a point."""
         parts = []
         for (one, off, carried), some in zip(self._at(theta), self._split(normal), strict=True):
@@ -174,20 +177,18 @@ class Traceable:
             parts.append(carried.mean + one.errors.colour(factor, heavy, jnp))
         return jnp.concatenate(parts)
 
-    def log_prior(self, theta: Mapping[str, Any]) -> Array:
+    def log_prior(self, theta: Theta) -> Array:
         """ln p(θ) of the priors that were stated and of pools; 0 without, -∞ outside the ranges."""
         self._check_names(theta)
         total = -0.5 * jnp.sum(self._prior_residuals(theta) ** 2)
         for element in self.elements:
-            value = jnp.asarray(theta[element.label])
+            value, (low, high) = jnp.asarray(theta[element.label]), element.range
             if element.parameter.prior is not None:
                 total -= math.log(element.parameter.prior[1]) + 0.5 * LN_2PI
-            low, high = element.range
             total = jnp.where((value < low) | (value > high), -jnp.inf, total)
         for pool in self.pools:
-            members = jnp.stack([jnp.asarray(theta[self.names[k]]) for k in pool.members])
-            transform = self.transform.part(np.array(pool.members))
-            slopes = transform.log_slope(transform.unconstrained(members, jnp))
+            labels = [self.names[k] for k in pool.members]
+            slopes = self.transform.part([*pool.members]).log_slope(self._z(theta, labels, pool))
             total -= jnp.sum(slopes + jnp.log(theta[pool.spread_name]) + 0.5 * LN_2PI)
         for name in (*self.noises, *(pool.spread_name for pool in self.pools)):
             if name in theta:
@@ -197,9 +198,7 @@ class Traceable:
     @property
     def transform(self) -> Transform:
         """The map from an unconstrained vector, in the order of `elements`, to values."""
-        return Transform.of(
-            [e.range for e in self.elements], [e.parameter.transform for e in self.elements]
-        )
+        return transform_of(self.elements)
 
     @property
     def elements(self) -> list[Element]:
@@ -208,11 +207,11 @@ class Traceable:
 
     @property
     def specs(self) -> list[SetSpec]:
-        """Law, parameters and options of each data set, in their order."""
-        pairs = [pair for c in self.components for pair in zip(c.sets, c.specs, strict=True)]
-        return [spec for _, spec in sorted(pairs, key=lambda pair: pair[0])]
+        """Law, parameters and errors of each data set, in their order."""
+        found = {g: s for c in self.components for g, s in zip(c.sets, c.specs, strict=True)}
+        return [found[g] for g in sorted(found)]
 
-    def law(self, theta: Mapping[str, Any], g: int) -> sj.ContactLaw:
+    def law(self, theta: Theta, g: int) -> sj.ContactLaw:
         """The law of a data set, of all its impacts where they differ."""
         own = next(c for c in self.components if g in c.sets)
         problem = own.stages[0][1]
@@ -221,37 +220,38 @@ class Traceable:
 
     def _split(self, values: Array) -> list[Array]:
         """Values of all points by data set."""
-        ends = np.cumsum([len(one.errors) for one in self.sets])
-        return jnp.split(values, ends[:-1])
+        return jnp.split(values, np.cumsum([len(one.errors) for one in self.sets])[:-1])
 
-    def _check_names(self, theta: Mapping[str, Any]) -> None:
+    def _check_names(self, theta: Theta) -> None:
         names = [element.label for element in self.elements]
         missing = [name for name in names if name not in theta]
         if missing:
             raise DataError("theta", f"without {missing[0]!r}", f"with {listed(names)}")
 
-    def _at(self, theta, measured=None) -> list[tuple[NamedErrors, Array, Carried]]:
+    def _at(self, theta: Theta, measured=None) -> list[tuple[NamedErrors, Array, Carried]]:
         """Errors of each data set, predicted minus measured ε, and the curve."""
         if measured is None:
             measured = jnp.concatenate([jnp.asarray(one.points.value) for one in self.sets])
         self._check_names(theta)
-        found = []
-        for one, own in zip(self.sets, self._split(measured), strict=True):
-            carried = one.carried(theta, self.route)
-            found.append((one, carried.mean - own, carried))
-        return found
+        curves = [one.carried(theta, self.route) for one in self.sets]
+        every = zip(self.sets, curves, self._split(measured), strict=True)
+        return [(one, carried.mean - own, carried) for one, carried, own in every]
 
-    def _prior_residuals(self, theta) -> Array:
+    def _z(self, theta: Theta, labels: list[str], pool: Pool) -> Array:
+        """Members of a pool, or its mean, on the scale that is searched."""
+        values = jnp.stack([jnp.asarray(theta[label]) for label in labels])
+        places = (*pool.members, pool.members[0])[: len(labels)]
+        return self.transform.part([*places]).unconstrained(values, jnp)
+
+    def _prior_residuals(self, theta: Theta) -> Array:
         rows = []
         for e in self.elements:
             if e.parameter.prior is not None:
                 mean, deviation = e.parameter.prior
                 rows.append((jnp.asarray(theta[e.label]) - mean) / deviation)
         for pool in self.pools:
-            places = np.array([*pool.members, pool.members[0]])
             labels = [*(self.names[k] for k in pool.members), pool.name]
-            values = jnp.stack([jnp.asarray(theta[label]) for label in labels])
-            z = self.transform.part(places).unconstrained(values, jnp)
+            z = self._z(theta, labels, pool)
             rows.extend((z[:-1] - z[-1]) / theta[pool.spread_name])
         return jnp.stack(rows) if rows else jnp.zeros(0)
 
@@ -280,38 +280,29 @@ def problem(
     Raises:
         ValueError: naming the argument, its value and what is accepted.
     """
-    options = FitOptions.of(
-        law=law,
-        route=route,
-        extra_scatter=extra_scatter,
-        scale_uncertainty=scale_uncertainty,
-        noise=noise,
-        noise_dof=noise_dof,
-    )
+    told = {"law": law, "route": route, "noise": noise, "noise_dof": noise_dof}
+    more = {"extra_scatter": extra_scatter, "scale_uncertainty": scale_uncertainty}
+    options = FitOptions.of(**told, **more)
     return traceable(Request(datasets_of(data), parameters, options))
 
 
 def traceable(request: Request) -> Traceable:
     """The traceable problem of a fit's request."""
     with jax.enable_x64(True):
-        specs = request.specs()
-        if any(spec.objective != "model" for spec in specs):
+        if any(spec.objective != "model" for spec in request.specs()):
             raise DataError("objective", "two-step", "model, which has a likelihood")
         components = assemble(request)
     sets = _named(components)
     noises = tuple(label for one in sets for label in one.labels.values())
-    start = {e.label: e.start for component in components for e in component.elements}
-    route = request.chosen_route(specs)
     elements = [e for component in components for e in component.elements]
-    pools = pools_of(elements)
+    start, pools = {e.label: e.start for e in elements}, pools_of(elements)
     for pool in pools:
-        start[pool.name] = elements[pool.members[0]].start
-        start[pool.spread_name] = START_SPREAD
+        start |= {pool.name: elements[pool.members[0]].start, pool.spread_name: START_SPREAD}
     taken = next((name for name in start if name in noises), None)
     if taken is not None:
         accepted = f"named otherwise: theta[{taken!r}] is an error of the data here"
         raise DataError("parameter", taken, accepted)
-    return Traceable(tuple(start), start, noises, sets, tuple(components), pools, route)
+    return Traceable(tuple(start), start, noises, sets, tuple(components), pools, request.route)
 
 
 def _named(components: Sequence[Component]) -> tuple[NamedErrors, ...]:
@@ -320,8 +311,7 @@ def _named(components: Sequence[Component]) -> tuple[NamedErrors, ...]:
     for component in components:
         problem = component.stages[0][1]
         for block, errors in zip(problem.blocks, problem.errors, strict=True):
-            data, g = problem.datasets[block.set], component.sets[block.set]
-            found.append(NamedErrors(problem, block, errors, data, g, {}))
+            found.append(NamedErrors(problem, block, errors, component.sets[block.set], {}))
     found.sort(key=lambda one: one.set)
     told = [(one.block.observable, kind) for one in found for kind in one.errors.unknown]
 

@@ -1,14 +1,18 @@
 """Named reasons not to trust a fit, each with its cause and what to do about it.
 
-A new one is an entry of `ADVICE` and a function that looks for it, called in `summary`.
+A new one is an entry of `ADVICE` and a function that looks for it, called in `summary`: those below
+return the cause in words, or None.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 import numpy as np
+from jaxtyping import Float
 
 import softjax as sj
+from calibration.data import RestitutionData
 
 COLLINEAR = 0.99  # correlation from which on two parameters count as one number
 CONDITION_LIMIT = 1e5  # of the Jacobian with unit columns: half of float64's digits are gone
@@ -63,6 +67,7 @@ ADVICE = {
     ),
     "data": "Check the data.",
 }
+Column = Float[np.ndarray, "n"]
 
 
 @dataclass(frozen=True)
@@ -92,14 +97,14 @@ class FitWarning:
         return f"{self.code}{where}: {self.cause}. {self.advice}"
 
 
-def is_wide(profile) -> bool:
+def is_wide(profile: Any) -> bool:
     """An interval open on a side, or as wide as 4 standard errors of `SEPARATE` log units."""
     if profile.low is None or profile.high is None or profile.low <= 0:
         return True
     return bool(np.log(profile.high / profile.low) > 4 * SEPARATE)
 
 
-def misfit(reduced: float, degrees, of_noise, material) -> FitWarning | None:
+def misfit(reduced: float | None, degrees: float, of_noise: float | None = None) -> str | None:
     """χ² of the residuals larger than noise makes it once in a hundred.
 
     Args:
@@ -107,7 +112,7 @@ def misfit(reduced: float, degrees, of_noise, material) -> FitWarning | None:
     """
     from scipy import special
 
-    if degrees < 1 or not np.isfinite(reduced):
+    if reduced is None or degrees < 1 or not np.isfinite(reduced):
         return None
     limit = special.chdtri(degrees, 1 - CONFIDENCE) / degrees
     if of_noise is not None:
@@ -115,62 +120,56 @@ def misfit(reduced: float, degrees, of_noise, material) -> FitWarning | None:
     if reduced <= limit:
         return None
     # of points that count unequally rms and noise are no measure of it
-    cause = f"residuals of {reduced**0.5:.3g} times the noise (reduced chi squared {reduced:.3g})"
-    return FitWarning("model-misfit", cause, material)
+    return f"residuals of {reduced**0.5:.3g} times the noise (reduced chi squared {reduced:.3g})"
 
 
-def misfit_against_scatter(
-    rms, scatter, rms_degrees, scatter_degrees, material
-) -> FitWarning | None:
+def misfit_against_scatter(n: int, rms: float, left: float, about_eq_17: float) -> str | None:
     """Misfit where the noise is estimated from the scatter about Eq. (17): an F test.
 
     Scatter at rounding level is no noise estimate, but then a larger rms is a misfit all the same.
     """
     from scipy import special
 
+    degrees, of_noise = max(left, 1), max(n - 2, 1)
+    rms, scatter = rms * np.sqrt(n / degrees), about_eq_17 * np.sqrt(n / of_noise)
     ratio = (rms / max(scatter, 1e-16)) ** 2
-    if ratio <= special.fdtri(rms_degrees, scatter_degrees, CONFIDENCE) or rms < 1e-9:
+    if ratio <= special.fdtri(degrees, of_noise, CONFIDENCE) or rms < 1e-9:
         return None
-    cause = f"rms {rms:.3g} where the scatter about Eq. (17) is {scatter:.3g}"
-    return FitWarning("model-misfit", cause, material)
+    return f"rms {rms:.3g} where the scatter about Eq. (17) is {scatter:.3g}"
 
 
-def disagreement(what: str, model, two_step, material) -> FitWarning | None:
-    """Two estimates (value, standard error) of one number apart by more than their errors."""
-    (one, error_1), (other, error_2) = model, two_step
-    apart, error = abs(one - other), np.hypot(error_1, error_2)
-    if not apart > APART * error:
+def disagreement(what: str, model: Any, two_step: Any) -> str | None:
+    """Two estimates of one number apart by more than their errors."""
+    pairs = [(one.value, one.standard_error) for one in (model, two_step) if one is not None]
+    if len(pairs) < 2 or None in pairs[0] or None in pairs[1]:
         return None
-    cause = (
+    (one, error_1), (other, error_2) = pairs
+    if not abs(one - other) > APART * np.hypot(error_1, error_2):
+        return None
+    return (
         f"{what} is {one:.4g} ± {error_1:.2g} by `model`, {other:.4g} ± {error_2:.2g} by `two-step`"
     )
-    return FitWarning("objectives-disagree", cause, material)
 
 
-def runs(velocity, residual, material) -> FitWarning | None:
+def runs(velocity: Column, residual: Column) -> str | None:
     """Wald and Wolfowitz: fewer changes of sign along the velocity than chance makes."""
     from scipy import special
 
-    order = np.argsort(velocity, kind="stable")
-    size = np.max(np.abs(residual), initial=0.0)
-    if size < 1e-12:
+    if np.max(np.abs(residual), initial=0.0) < 1e-12:
         return None  # rounding
-    sign = residual[order] > 0
+    sign = residual[np.argsort(velocity, kind="stable")] > 0
     n, plus = len(sign), int(np.sum(sign))
-    minus = n - plus
-    if n < 10 or min(plus, minus) == 0:
+    if n < 10 or plus in (0, n):
         return None
     count = 1 + int(np.sum(sign[1:] != sign[:-1]))
-    mean = 1 + 2 * plus * minus / n
+    mean = 1 + 2 * plus * (n - plus) / n
     variance = (mean - 1) * (mean - 2) / (n - 1)
-    score = (count - mean) / np.sqrt(max(variance, 1e-12))
-    if score >= special.ndtri(1 - CONFIDENCE):
+    if (count - mean) / np.sqrt(max(variance, 1e-12)) >= special.ndtri(1 - CONFIDENCE):
         return None
-    cause = f"{count} runs of one sign in {n} residuals where {mean:.0f} are expected"
-    return FitWarning("residual-runs", cause, material)
+    return f"{count} runs of one sign in {n} residuals where {mean:.0f} are expected"
 
 
-def unequal_scatter(velocity, restitution, standardised, material) -> FitWarning | None:
+def unequal_scatter(velocity: Column, restitution: Column, standardised: Column) -> str | None:
     """The size of the residuals goes with the velocity, or with ε: Spearman's rank correlation."""
     from scipy import stats
 
@@ -183,58 +182,46 @@ def unequal_scatter(velocity, restitution, standardised, material) -> FitWarning
         told = stats.spearmanr(values, size)
         if told.pvalue < 0.5 * (1 - CONFIDENCE):  # of two that are looked at
             way = "grow" if told.statistic > 0 else "shrink"
-            cause = f"the residuals {way} with the {name} (rank correlation {told.statistic:.2f})"
-            return FitWarning("unequal-scatter", cause, material)
+            return f"the residuals {way} with the {name} (rank correlation {told.statistic:.2f})"
     return None
 
 
-def alike_neighbours(velocity, standardised, material) -> FitWarning | None:
+def alike_neighbours(velocity: Column, standardised: Column) -> str | None:
     """Residuals of neighbouring rows go together, in a file that is not in the order of velocity."""
     from scipy import special
 
-    n = len(standardised)
-    ordered = np.all(np.diff(velocity) >= 0) or np.all(np.diff(velocity) <= 0)
+    n, steps = len(standardised), np.diff(velocity)
     squares = float(np.sum(standardised**2))
-    if n < 10 or ordered or squares < 1e-18:
+    if n < 10 or np.all(steps >= 0) or np.all(steps <= 0) or squares < 1e-18:
         return None
     correlation = float(np.sum(standardised[1:] * standardised[:-1])) / squares
     if correlation * np.sqrt(n) < special.ndtri(CONFIDENCE):
         return None
-    cause = f"residuals of neighbouring rows are alike (correlation {correlation:.2f})"
-    return FitWarning("groups", cause, material)
+    return f"residuals of neighbouring rows are alike (correlation {correlation:.2f})"
 
 
-def slope_of(velocity, restitution, uncertainty) -> tuple[float, float, float]:
-    """Slope dε/dv of a straight line, its standard error, and the t quantile for 95 %."""
+def no_velocity_dependence(
+    velocity: Column, restitution: Column, uncertainty: Column | None
+) -> str | None:
+    """A straight line's slope is zero within its 95 % interval."""
     from scipy import special
 
-    n = len(velocity)
-    weight = np.ones(n) if uncertainty is None else 1 / uncertainty
-    design = np.stack([np.ones(n), velocity - np.mean(velocity)], axis=1) * weight[:, None]
-    target = restitution * weight
+    weight = np.ones(len(velocity)) if uncertainty is None else 1 / uncertainty
+    design = np.stack([np.ones(len(velocity)), velocity - np.mean(velocity)], 1) * weight[:, None]
     covariance = np.linalg.pinv(design.T @ design)
-    fit = covariance @ design.T @ target
-    if uncertainty is not None:
-        return float(fit[1]), float(np.sqrt(covariance[1, 1])), float(special.ndtri(0.975))
-    left = n - 2
-    if left < 1:
-        return float(fit[1]), np.inf, np.inf
-    variance = np.sum((target - design @ fit) ** 2) / left
-    error = float(np.sqrt(variance * covariance[1, 1]))
-    return float(fit[1]), error, float(special.stdtrit(left, 0.975))
-
-
-def no_velocity_dependence(velocity, restitution, uncertainty, material) -> FitWarning | None:
-    """A straight line's slope is zero within its 95 % interval."""
-    slope, error, t = slope_of(velocity, restitution, uncertainty)
-    scale = np.ptp(velocity)
-    if abs(slope) > t * error or (np.isfinite(error) and abs(slope) * scale > 1e-9 and error == 0):
+    line = covariance @ design.T @ (restitution * weight)
+    slope, error, quantile = float(line[1]), float(np.sqrt(covariance[1, 1])), special.ndtri(0.975)
+    if uncertainty is None:
+        left = len(velocity) - 2
+        off = float(np.sum((restitution - design @ line) ** 2))
+        error = error * np.sqrt(off / left) if left > 0 else np.inf
+        quantile = special.stdtrit(left, 0.975) if left > 0 else np.inf
+    if abs(slope) > quantile * error or (error == 0 and abs(slope) * np.ptp(velocity) > 1e-9):
         return None
-    cause = f"the slope of restitution is {slope:.2g} ± {error:.2g} per m/s, 0 within its error"
-    return FitWarning("no-velocity-dependence", cause, material)
+    return f"the slope of restitution is {slope:.2g} ± {error:.2g} per m/s, 0 within its error"
 
 
-def velocity_errors(velocity, uncertainty, yields, material) -> FitWarning | None:
+def velocity_errors(velocity: Column, uncertainty: Any, yields: Any) -> str | None:
     """Errors of velocities that their treatment to second order does not carry.
 
     Args:
@@ -242,9 +229,8 @@ def velocity_errors(velocity, uncertainty, yields, material) -> FitWarning | Non
     """
     if uncertainty is None:
         return None
-    uncertainty = np.asarray(uncertainty)
-    most = float(np.max(uncertainty / velocity))
-    near = int(np.sum(np.abs(velocity - yields) < NEAR_YIELD * uncertainty))
+    most = float(np.max(np.asarray(uncertainty) / velocity))
+    near = int(np.sum(np.abs(velocity - yields) < NEAR_YIELD * np.asarray(uncertainty)))
     causes = []
     if most > VELOCITY_ERRORS:
         causes.append(f"velocities are uncertain by up to {100 * most:.2g} %")
@@ -253,34 +239,25 @@ def velocity_errors(velocity, uncertainty, yields, material) -> FitWarning | Non
             f"{near} of {len(velocity)} points are nearer to first yield than {NEAR_YIELD:g} "
             "standard uncertainties of their velocity"
         )
-    return FitWarning("velocity-errors", "; ".join(causes), material) if causes else None
+    return "; ".join(causes) or None
 
 
-def statuses(status, velocity, material) -> list[FitWarning]:
-    """One warning for each flag that is raised at data points, other than elastic."""
-    found = []
+def statuses(status: Any, velocity: Column) -> Iterator[str]:
+    """Each flag that is raised at data points, other than elastic."""
     for flag in sj.Status:
-        if flag in (sj.Status.PLAIN, sj.Status.ELASTIC):
+        at = velocity[(np.asarray(status, int) & int(flag)) != 0]
+        if flag in (sj.Status.PLAIN, sj.Status.ELASTIC) or not len(at):
             continue
-        raised = (np.asarray(status, int) & int(flag)) != 0
-        if np.any(raised):
-            at = velocity[raised]
-            span = (
-                f"{np.min(at):.3g} to {np.max(at):.3g} m/s" if len(at) > 1 else f"{at[0]:.3g} m/s"
-            )
-            count = int(np.sum(raised))
-            cause = f"{flag.name} at {count} of {len(status)} points ({span})"
-            found.append(FitWarning("status", cause, material))
-    return found
+        span = f"{np.min(at):.3g} to {np.max(at):.3g} m/s" if len(at) > 1 else f"{at[0]:.3g} m/s"
+        yield f"{flag.name} at {len(at)} of {len(status)} points ({span})"
 
 
-def extrapolation(velocity, data) -> FitWarning | None:
+def extrapolation(velocity: Any, data: RestitutionData) -> FitWarning | None:
     """Velocities outside the data's, by more than rounding."""
     low, high = float(np.min(data.velocity)), float(np.max(data.velocity))
     velocity = np.asarray(velocity)
-    outside = (velocity < (1 - OUTSIDE) * low) | (velocity > (1 + OUTSIDE) * high)
-    if not np.any(outside):
+    count = int(np.sum((velocity < (1 - OUTSIDE) * low) | (velocity > (1 + OUTSIDE) * high)))
+    if not count:
         return None
-    count = int(np.sum(outside))
     cause = f"{count} velocities lie outside the data's {low:.3g} to {high:.3g} m/s"
     return FitWarning("extrapolation", cause, data.name)

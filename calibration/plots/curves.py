@@ -11,13 +11,12 @@ from matplotlib.figure import Figure
 import softjax as sj
 from calibration.errors import DataError
 from calibration.fitting.curves import (
-    as_empirical,
-    curve_and_slopes,
     distinct_impacts,
     of_each_impact,
     of_impact,
     yield_velocity,
 )
+from calibration.fitting.laws import eq_17
 from calibration.observables import OBSERVABLES, RESTITUTION
 from calibration.plots import style
 from calibration.plots.lines import NO_VALUE, Line
@@ -170,7 +169,7 @@ def _plot_fit(ax: Axes, result: Any, fit: Any, name: str, velocity: np.ndarray, 
     """Eq. (17), the fitted law, and its bands where they can be seen."""
     band = result.band(velocity, fit.name, observable=name)
     if name == RESTITUTION and fit.empirical is not None and fit.model.key != "eq-17":
-        x, empirical = _sorted(velocity / scale, curve_and_slopes(as_empirical(fit), velocity)[0])
+        x, empirical = _sorted(velocity / scale, eq_17(velocity, **fit.empirical))
         ax.plot(x, empirical, "--", color=style.ORANGE, zorder=4, label=EQ_17)
     x, value = _sorted(velocity / scale, band.coefficient)
     ax.plot(x, value, color=style.BLUE, linewidth=1.8, label=f"{fit.model.label}, fitted")

@@ -20,10 +20,9 @@ from jaxtyping import Float
 
 from calibration.data import RestitutionData
 from calibration.errors import DataError, InputError, did_you_mean, listed, printable
-from calibration.fitting.entry import fit
 from calibration.fitting.laws import KNOWN, WITHOUT_CONTACT, law_name
 from calibration.fitting.refits import LeaveOneOut
-from calibration.fitting.result import FitResult
+from calibration.fitting.result import FitResult, fit
 from calibration.fitting.warnings import FitWarning
 from calibration.options import LAW_OPTIONS, OF_ONE_FIT, FitOptions, documented
 

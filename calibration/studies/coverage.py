@@ -12,8 +12,7 @@ import softjax as sj
 from calibration.data import RestitutionData
 from calibration.data.checks import check_whole, checked_confidence
 from calibration.errors import DataError
-from calibration.fitting.entry import fit
-from calibration.fitting.result import FitResult
+from calibration.fitting.result import FitResult, fit
 
 
 @dataclass(frozen=True)
