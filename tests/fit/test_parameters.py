@@ -321,3 +321,32 @@ def test_data_that_do_not_fit_together_are_refused():
     few = cal.RestitutionData(data.velocity[:2], data.restitution[:2], data.contact)
     with pytest.raises(ValueError, match="more points than free parameters"):
         cal.fit(few)
+
+
+def test_sets_with_sigma_and_sets_with_eps_up_are_one_fit_whose_file_is_read(tmp_path):
+    """Above yield alone a set has ε_up; χ̃ may be shared with one that has σ and ψ."""
+    full, above = twin("nylon"), twin("nylon", np.geomspace(1.2, 80, 30))
+    sets = [replace(full, name="full"), replace(above, name="above")]
+    result = cal.fit(sets, parameters={"chi": Free(shared=True)}, **QUICK)
+    _, chi, sigma, psi, _ = TRUTH["nylon"]
+    assert result.values["chi"] == pytest.approx(chi, rel=1e-6)
+    assert result.values["sigma[full]"] == pytest.approx(sigma, rel=1e-6)
+    assert result.values["psi[full]"] == pytest.approx(psi, rel=1e-6)
+    up = result.material("full").derived["eps_up"].value
+    assert result.values["eps_up[above]"] == pytest.approx(up, rel=1e-6)
+    assert not {"sigma[above]", "psi[above]"} & set(result.values)
+    result.save(tmp_path / "fit.json")
+    assert cal.FitResult.load(tmp_path / "fit.json") == result
+
+
+def test_sets_on_a_line_share_with_one_that_has_its_own_chi():
+    names = ("stainless steel", "chrome steel", "nylon")
+    sets = [twin(name) for name in names]
+    line, own = {"c1": Free(), "c2": Free()}, {"chi": Free()}
+    said = [{**one, "psi": Free(shared="all")} for one in (line, line, own)]
+    result = cal.fit(sets, parameters=said, **QUICK)
+    for name in names[:2]:
+        ratio = float(result.material(name).contact.yield_ratio)
+        on_line = result.values["c1"] + result.values["c2"] * ratio
+        assert result.values[f"chi[{name}]"] == pytest.approx(on_line, rel=1e-9)
+    assert result.material("nylon").free["chi"] == "chi[nylon]"
