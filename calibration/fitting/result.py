@@ -21,12 +21,11 @@ from calibration.errors import DataError, did_you_mean, listed
 from calibration.fitting.curves import band, of_impact
 from calibration.fitting.fit_json import read_result, result_to_dict
 from calibration.fitting.laws import LINE, law_name
-from calibration.fitting.layout import assemble
 from calibration.fitting.line import Line, fit_line
 from calibration.fitting.material import Band, Estimate, MaterialFit
 from calibration.fitting.profiles import Profile, profiles_of
 from calibration.fitting.refits import Bootstrap, LeaveOneOut, bootstrap, leave_one_out
-from calibration.fitting.request import Progress, Request, datasets_of
+from calibration.fitting.request import Progress, Request, assemble, datasets_of
 from calibration.fitting.search import OPTIMISERS
 from calibration.fitting.stages import (
     ComponentFit,

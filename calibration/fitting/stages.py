@@ -12,10 +12,9 @@ import softjax as sj
 from calibration.fitting.branches import Branches, by_branches, held_at
 from calibration.fitting.errors import Errors
 from calibration.fitting.laws import OF_CONTACT
-from calibration.fitting.layout import Component, assemble
 from calibration.fitting.neighbourhoods import condensed
 from calibration.fitting.problem import Lanes, Problem
-from calibration.fitting.request import Request
+from calibration.fitting.request import Component, Request, assemble
 from calibration.fitting.search import (
     LARGEST_STEP,
     MOST,

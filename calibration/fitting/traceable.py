@@ -24,10 +24,16 @@ from calibration.data import RestitutionData
 from calibration.errors import DataError, listed
 from calibration.fitting.collisions import root
 from calibration.fitting.errors import CALLED, Carried, Errors
-from calibration.fitting.layout import Component, assemble, transform_of
 from calibration.fitting.noise import LN_2PI
 from calibration.fitting.problem import Block, Element, Points, Pool, Problem, pools_of
-from calibration.fitting.request import Request, SetSpec, datasets_of
+from calibration.fitting.request import (
+    Component,
+    Request,
+    SetSpec,
+    assemble,
+    datasets_of,
+    transform_of,
+)
 from calibration.observables import RESTITUTION, predicted
 from calibration.options import FitOptions
 from calibration.parameters import Transform
