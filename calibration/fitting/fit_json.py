@@ -94,20 +94,16 @@ class DataRecord(Strict):
     errors: dict[str, Any] | None
     observed: dict[Literal[BESIDE], list[Real]] = Field(default_factory=dict)  # type: ignore[valid-type]
     dent: Literal["largest", "residual"] = "largest"
-    fall: dict[str, float | str | None] | None = None
+    fall: Fall | None = None
 
     @classmethod
     def told(cls, data: RestitutionData) -> dict[str, Any]:
-        contact, errors = data.contact, data.errors
-        bodies = [{"name": b.name, "radius": b.radius, **b.material.leaves()} for b in data.bodies]
         observed = {name: getattr(data, name) for name in BESIDE}
         return _by_names(
             cls,
             data,
-            contact=contact and {**contact.leaves(), "area": contact.area},
-            bodies=bodies,
-            fall=data.fall and dict(vars(data.fall)),
-            errors=dict(vars(errors)) if np.any(errors.index >= 0) else None,
+            bodies=[{"name": b.name, "radius": b.radius, **vars(b.material)} for b in data.bodies],
+            errors=data.errors if np.any(data.errors.index >= 0) else None,
             observed={name: one for name, one in observed.items() if one is not None},
         )
 
@@ -122,7 +118,6 @@ class DataRecord(Strict):
             "restitution": np.array(self.restitution, float),
             "contact": self.contact and sj.Contact(**_arrays(self.contact)),
             "bodies": tuple(_body(**_arrays(one)) for one in self.bodies),
-            "fall": self.fall and Fall(**self.fall),  # type: ignore[arg-type]
             "group": self.group,
         }
         return RestitutionData(**entries, name=name, plausibility=False)
@@ -343,6 +338,7 @@ def _check(found: ResultFile) -> None:
         for place, table in tables:
             columns += [(f"{place}.{k}", v) for k, v in table.items() if isinstance(v, list)]
         lengths += [(f"fits[{i}].{place}", column, fit.n) for place, column in columns]
+        lengths += [(f"fits[{i}].data.bodies", fit.data.bodies, 2)] * bool(fit.data.bodies)
         for name, label in fit.labels.items():
             if not isinstance(fit.values.get(name), float) or label not in names:
                 accepted = "of values and covariance.names"

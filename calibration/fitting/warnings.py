@@ -88,10 +88,6 @@ class FitWarning:
         if not self.advice:
             object.__setattr__(self, "advice", ADVICE[self.code])
 
-    def to_dict(self) -> dict[str, Any]:
-        """Dictionary for files."""
-        return dict(vars(self))
-
     def __str__(self) -> str:
         where = "" if self.material is None else f" ({self.material})"
         return f"{self.code}{where}: {self.cause}. {self.advice}"
