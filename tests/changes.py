@@ -5,7 +5,8 @@ min for max, a condition or sign negated. Annotations, docstrings and messages a
 """
 
 import ast
-from itertools import islice
+from collections.abc import Iterator
+from itertools import accumulate, islice
 from pathlib import Path
 from typing import NamedTuple
 
@@ -36,6 +37,7 @@ COMPARISONS = {
 OPPOSITES = [("min", "max"), ("minimum", "maximum"), ("all", "any"), ("floor", "ceil")]
 OPPOSITE = {a: b for pair in OPPOSITES for a, b in (pair, pair[::-1])}
 TEXT = (ast.List, ast.Tuple, ast.JoinedStr)  # + joins these
+Site = tuple[str, int, int, str]  # kind, start, end, new text
 
 
 class Change(NamedTuple):
@@ -57,8 +59,9 @@ class Change(NamedTuple):
 def changes_of(file: str, source: bytes) -> list[Change]:
     """All changes, in their order; after some the file may be no Python any more."""
     found = []
-    starts = _line_starts(source)
-    for kind, start, end, new in _Finder(source, starts).found():
+    whole = _Source(source)
+    every = (site for node in _nodes(ast.parse(source)) for site in whole.sites(node))
+    for kind, start, end, new in every:
         changed = source[:start] + new.encode() + source[end:]
         if changed == source:
             continue
@@ -76,123 +79,91 @@ def _one_line(source: bytes) -> str:
     return " ".join(source.decode().split())
 
 
-def _line_starts(source: bytes) -> list[int]:
-    starts = [0]
-    for line in source.splitlines(keepends=True):
-        starts.append(starts[-1] + len(line))
-    return starts
+class _Source:
+    """Where the nodes of a file are in its bytes, and what may be changed there."""
 
+    def __init__(self, source: bytes):
+        lengths = map(len, source.splitlines(keepends=True))
+        self.source, self.starts = source, [0, *accumulate(lengths)]
 
-class _Finder(ast.NodeVisitor):
-    def __init__(self, source: bytes, starts: list[int]):
-        self.source, self.starts = source, starts
-        self.sites: list[tuple[str, int, int, str]] = []
-
-    def found(self) -> list[tuple[str, int, int, str]]:
-        self.visit(ast.parse(self.source))
-        return self.sites
-
-    def _span(self, node) -> tuple[int, int]:
+    def span(self, node) -> tuple[int, int]:
         start = self.starts[node.lineno - 1] + node.col_offset
         return start, self.starts[node.end_lineno - 1] + node.end_col_offset
 
-    def _text(self, start: int, end: int) -> str:
+    def text(self, start: int, end: int) -> str:
         return self.source[start:end].decode()
 
-    def _between(self, kind: str, left, right, old: str, new: str) -> None:
-        """Replace the one `old` between two nodes."""
-        start, end = self._span(left)[1], self._span(right)[0]
-        text = self._text(start, end)
+    def between(self, kind: str, left, right, old: str, new: str) -> Iterator[Site]:
+        """The one `old` between two nodes replaced."""
+        start, end = self.span(left)[1], self.span(right)[0]
+        text = self.text(start, end)
         if text.count(old) == 1:
-            self.sites.append((kind, start, end, text.replace(old, new)))
+            yield kind, start, end, text.replace(old, new)
 
-    def visit_AnnAssign(self, node) -> None:
-        if node.value is not None:
-            self.visit(node.value)
+    def sites(self, node) -> Iterator[Site]:
+        match node:
+            case ast.BinOp(left, op, right) if type(op) in OPERATORS:
+                if not any(isinstance(side, TEXT) or _is_text(side) for side in (left, right)):
+                    yield from self.between("operator", left, right, *OPERATORS[type(op)])
+            case ast.AugAssign(target, op, value) if type(op) in OPERATORS:
+                if not isinstance(value, TEXT):
+                    signs = (f"{sign}=" for sign in OPERATORS[type(op)])
+                    yield from self.between("operator", target, value, *signs)
+            case ast.BoolOp(op, [first, second, *_]):
+                yield from self.between("operator", first, second, *OPERATORS[type(op)])
+            case ast.Compare(left, [op], [right]):
+                yield from self.between("comparison", left, right, *COMPARISONS[type(op)])
+            case ast.Constant(bool(value)):
+                yield "constant", *self.span(node), repr(not value)
+            case ast.Constant(int(value)):
+                yield "constant", *self.span(node), repr(value + 1)
+            case ast.Constant(float(value)):
+                yield "constant", *self.span(node), repr(value * 1.5 or 1.0)
+            case ast.UnaryOp(ast.USub() | ast.Not() | ast.Invert() as op, operand):
+                kind = "sign" if isinstance(op, ast.USub) else "negation"
+                yield kind, self.span(node)[0], self.span(operand)[0], ""
+            case ast.If(test) | ast.IfExp(test) if not _is_left_alone(node):
+                start, end = self.span(test)
+                yield "negation", start, end, f"not ({self.text(start, end)})"
+            case ast.Call(function, arguments, keywords):
+                yield from self._of_call(function, arguments, keywords)
 
-    def visit_FunctionDef(self, node) -> None:
-        for child in (*node.decorator_list, *node.args.defaults, *node.args.kw_defaults):
-            if child is not None:
-                self.visit(child)
-        for child in node.body:
-            self.visit(child)
-
-    visit_AsyncFunctionDef = visit_FunctionDef
-
-    def visit_Raise(self, node) -> None:
-        """Messages are no matter of a change."""
-
-    def visit_BinOp(self, node) -> None:
-        pair = OPERATORS.get(type(node.op))
-        texts = any(isinstance(side, TEXT) or _is_text(side) for side in (node.left, node.right))
-        if pair is not None and not texts:
-            self._between("operator", node.left, node.right, *pair)
-        self.generic_visit(node)
-
-    def visit_AugAssign(self, node) -> None:
-        pair = OPERATORS.get(type(node.op))
-        if pair is not None and not isinstance(node.value, TEXT):
-            self._between("operator", node.target, node.value, f"{pair[0]}=", f"{pair[1]}=")
-        self.generic_visit(node)
-
-    def visit_BoolOp(self, node) -> None:
-        self._between("operator", *node.values[:2], *OPERATORS[type(node.op)])
-        self.generic_visit(node)
-
-    def visit_Compare(self, node) -> None:
-        if len(node.ops) == 1:
-            pair = COMPARISONS[type(node.ops[0])]
-            self._between("comparison", node.left, node.comparators[0], *pair)
-        self.generic_visit(node)
-
-    def visit_Constant(self, node) -> None:
-        if isinstance(node.value, bool):
-            self.sites.append(("constant", *self._span(node), repr(not node.value)))
-        elif isinstance(node.value, int | float):
-            new = node.value + 1 if isinstance(node.value, int) else node.value * 1.5 or 1.0
-            self.sites.append(("constant", *self._span(node), repr(new)))
-
-    def visit_UnaryOp(self, node) -> None:
-        if isinstance(node.op, ast.USub | ast.Not | ast.Invert):
-            kind = "sign" if isinstance(node.op, ast.USub) else "negation"
-            self.sites.append((kind, self._span(node)[0], self._span(node.operand)[0], ""))
-        self.generic_visit(node)
-
-    def _condition(self, node) -> None:
-        start, end = self._span(node.test)
-        self.sites.append(("negation", start, end, f"not ({self._text(start, end)})"))
-        self.generic_visit(node)
-
-    def visit_If(self, node) -> None:
-        if _is_text(node.test) or getattr(node.test, "id", "") == "TYPE_CHECKING":
-            return
-        self._condition(node)
-
-    def visit_IfExp(self, node) -> None:
-        self._condition(node)
-
-    def visit_Call(self, node) -> None:
-        if len(node.args) >= 2 and not any(isinstance(a, ast.Starred) for a in node.args[:2]):
-            (start, after_first), (before_second, end) = map(self._span, node.args[:2])
-            first, second = self._text(start, after_first), self._text(before_second, end)
-            between = self._text(after_first, before_second)
-            self.sites.append(("arguments", start, end, second + between + first))
-        name = getattr(node.func, "id", getattr(node.func, "attr", ""))
+    def _of_call(self, function, arguments, keywords) -> Iterator[Site]:
+        """Two arguments swapped, the opposite function, each keyword dropped with the comma before it."""
+        if len(arguments) >= 2 and not any(isinstance(a, ast.Starred) for a in arguments[:2]):
+            (start, after), (before, end) = map(self.span, arguments[:2])
+            parts = ((before, end), (after, before), (start, after))
+            yield "arguments", start, end, "".join(self.text(*part) for part in parts)
+        name = getattr(function, "id", getattr(function, "attr", ""))
         if name in OPPOSITE:
-            end = self._span(node.func)[1]
-            self.sites.append(("opposite", end - len(name), end, OPPOSITE[name]))
-        self._keywords(node)
-        self.generic_visit(node)
-
-    def _keywords(self, node) -> None:
-        """Each keyword dropped, with the comma before it."""
-        if len(node.args) + len(node.keywords) < 2:
-            return
-        for keyword in node.keywords:
-            start, end = self._span(keyword)
+            end = self.span(function)[1]
+            yield "opposite", end - len(name), end, OPPOSITE[name]
+        for keyword in keywords if len(arguments) + len(keywords) >= 2 else []:
+            start, end = self.span(keyword)
             before = self.source[:start].rstrip()
             if keyword.arg and before.endswith(b","):
-                self.sites.append(("keyword", len(before) - 1, end, ""))
+                yield "keyword", len(before) - 1, end, ""
+
+
+def _nodes(node) -> Iterator[ast.AST]:
+    """A node and those within that may change: no annotations, no messages."""
+    yield node
+    match node:
+        case ast.AnnAssign(value=value):
+            within = [value]
+        case ast.FunctionDef() | ast.AsyncFunctionDef():
+            defaults = (*node.args.defaults, *node.args.kw_defaults)
+            within = [*node.decorator_list, *defaults, *node.body]
+        case _:
+            within = [] if _is_left_alone(node) else list(ast.iter_child_nodes(node))
+    for one in within:
+        yield from _nodes(one) if one is not None else ()
+
+
+def _is_left_alone(node) -> bool:
+    test = getattr(node, "test", None) if isinstance(node, ast.If) else None
+    typing = test is not None and (_is_text(test) or getattr(test, "id", "") == "TYPE_CHECKING")
+    return isinstance(node, ast.Raise) or typing
 
 
 def _is_text(node) -> bool:
