@@ -7,7 +7,6 @@ an impact at rest). For a further collision add a record with its inputs, and ru
 """
 
 import json
-from collections.abc import Callable
 from itertools import combinations_with_replacement
 from pathlib import Path
 from typing import Any
@@ -138,25 +137,17 @@ def curvature_sums(inputs: Record) -> dict[str, mpf]:
             v_cr = z.scales(*(moved[k] for k in ("E", "R", "M", "Y")), inputs["area"])["v_cr"]
             return z.empirical(min(moved["v"], v_cr), *(moved[k] for k in LOSSES)) ** 2
 
-        P = {(i, j): mixed(plastic, i, j) for i in range(3) for j in range(3)}
+        P = {(i, j): z.mixed(plastic, i, j, STEP) for i in range(3) for j in range(3)}
 
         def second(a, b):
-            return mixed(lost, a, b) + sum(SLOPES[a][i] * P[i, j] * SLOPES[b][j] for i, j in P)
+            return z.mixed(lost, a, b, STEP) + sum(
+                SLOPES[a][i] * P[i, j] * SLOPES[b][j] for i, j in P
+            )
 
         return {a: sum((abs(second(a, b)) for b in z.NUMBERS), mpf(0)) for a in z.NUMBERS}
 
 
 LOSSES = ("v_lim", "sigma", "psi")
-
-
-def mixed(value: Callable, a, b) -> mpf:
-    """The second derivative of `value` of logarithmic steps with those of a and b."""
-
-    def corner(i, j):
-        steps = {a: i * STEP}
-        return i * j * value(steps | {b: steps.get(b, 0) + j * STEP})
-
-    return sum(corner(i, j) for i in (1, -1) for j in (1, -1)) / (4 * STEP**2)
 
 
 def turning(row: list[float]) -> list[float]:
