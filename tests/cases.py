@@ -37,10 +37,11 @@ def fitted(name: str, form: str = "first-order", **changed) -> sj.Zhou:
 
 
 def law_with(d, X, form: str = "first-order", sigma=0.0, psi=1.0) -> sj.Zhou:
-    """A law in SI units that reduces to the given d and X."""
+    """A law in SI units that reduces to the given d and X, every number of it as they are."""
     ratio = math.pi ** (4 / 3) * np.sqrt(3 / 8 / np.asarray(d))  # d = (3/8) π^{8/3} (Y/E)²
-    contact = sj.Contact(ratio * 1e8, 0.01, 0.02, 1e8, 1e6)
-    return sj.Zhou(contact, np.asarray(X) / ratio, sigma, psi, form=form)
+    one = np.ones_like(ratio)
+    contact = sj.Contact(ratio * 1e8, 0.01 * one, 0.02 * one, 1e8 * one, 1e6 * one)
+    return sj.Zhou(contact, np.asarray(X) / ratio, sigma * one, psi * one, form=form)
 
 
 def law_of(inputs: dict) -> sj.Zhou:
@@ -74,11 +75,13 @@ def column(records: list[dict], *keys: str) -> np.ndarray:
     return np.array(values)
 
 
-def stacked_inputs(records: list[dict]) -> dict:
-    """The inputs of many collisions as arrays; what is no number must be the same in all."""
+def stacked_inputs(records: list[dict], size: int | None = None) -> dict:
+    """The inputs of many collisions as arrays, repeated up to a size; texts must be the same in all."""
     first = records[0]["inputs"]
     return {
-        name: value if isinstance(value, str) else column(records, "inputs", name)
+        name: value
+        if isinstance(value, str)
+        else np.resize(column(records, "inputs", name), size or len(records))
         for name, value in first.items()
     }
 

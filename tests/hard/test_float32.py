@@ -28,14 +28,25 @@ over_routes = pytest.mark.parametrize(
 )
 
 
-def of_materials(form: str, route=None) -> float:
+def in_float32(name: str, form: str) -> sj.Zhou:
+    """The fitted law from properties that are float32 from the start."""
+    given = jax.tree.leaves(cases.MATERIALS[name])
+    own = sj.Material(*(np.asarray(value, np.float32) for value in given))
+    radius = np.asarray(cases.RADIUS, np.float32)
+    pair = sj.Contact.between_spheres(own, own, radius, radius)
+    fitted = {key: np.asarray(x, np.float32) for key, x in cases.FITTED[name].items()}
+    return sj.Zhou(pair, **fitted, form=form)
+
+
+def of_materials(form: str, route=None, law=cases.fitted) -> float:
     """Largest |Δε| over the reference curves, from SI inputs, against 40-digit arithmetic."""
     worst = []
     for name in cases.MATERIALS:
         records = [r for r in cases.of_form("curves", form) if r["material"] == name]
         velocity = cases.column(records, "inputs", "v").astype(np.float32)
-        result = sj.restitution(cases.fitted(name, form), velocity, route)
+        result = sj.restitution(law(name, form), velocity, route)
         assert result.coefficient.dtype == np.float32
+        assert np.array_equal(result.status, cases.flags_of(records))
         worst.append(np.max(np.abs(np.float64(result.coefficient) - cases.column(records, "eps"))))
     assert len(worst) == 3
     return float(max(worst))
@@ -43,9 +54,10 @@ def of_materials(form: str, route=None) -> float:
 
 @over_forms
 @over_routes
-def test_materials(form, route):
-    """SI inputs in, 1e-6 of 40-digit arithmetic out, with float64 switched on and not used."""
-    assert of_materials(form, route) <= 1e-6
+@pytest.mark.parametrize("law", [cases.fitted, in_float32], ids=["float64", "float32"])
+def test_materials(form, route, law):
+    """1e-6 of 40-digit arithmetic, from numbers of either precision, with float64 switched on."""
+    assert of_materials(form, route, law) <= 1e-6
 
 
 WITHOUT_X64 = """
@@ -68,28 +80,6 @@ def test_materials_without_x64(form):
     assert json.loads(done.stdout) <= 1e-6
 
 
-def law_in_float32(name: str, form: str) -> sj.Zhou:
-    """The fitted law from properties that are float32 from the start."""
-    given = jax.tree.leaves(cases.MATERIALS[name])
-    own = sj.Material(*(np.asarray(value, np.float32) for value in given))
-    radius = np.asarray(cases.RADIUS, np.float32)
-    pair = sj.Contact.between_spheres(own, own, radius, radius)
-    fitted = {key: np.asarray(x, np.float32) for key, x in cases.FITTED[name].items()}
-    return sj.Zhou(pair, **fitted, form=form)
-
-
-@over_forms
-def test_materials_in_float32_from_the_start(form):
-    for name in cases.MATERIALS:
-        records = [r for r in cases.of_form("curves", form) if r["material"] == name]
-        velocity = cases.column(records, "inputs", "v").astype(np.float32)
-        result = sj.restitution(law_in_float32(name, form), velocity)
-        error = np.float64(result.coefficient) - cases.column(records, "eps")
-        assert np.all(np.abs(error) <= 1e-6)
-        assert result.coefficient.dtype == np.float32
-        assert np.array_equal(result.status, cases.flags_of(records))
-
-
 @over_forms
 @over_routes
 def test_no_hidden_float64(form, route):
@@ -99,7 +89,7 @@ def test_no_hidden_float64(form, route):
         return sj.restitution(law, v, route).coefficient.sum()
 
     velocity = np.linspace(0, 20, 7, dtype=np.float32)
-    law = law_in_float32("nylon", form)
+    law = in_float32("nylon", form)
     traced = jax.make_jaxpr(jax.value_and_grad(total, argnums=(0, 1)))(law, velocity)
     kinds = [var.aval for eqn in equations(traced.jaxpr) for var in eqn.outvars]
     floats = [kind for kind in kinds if kind.shape and kind.dtype.kind == "f"]

@@ -5,12 +5,12 @@ Hypothesis draws the seed of a batch of fixed size, so that everything compiles 
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
 from hypothesis import strategies as st
 from mpmath import mp
 
 import softjax as sj
 from tests import cases
+from tests.drawn import drawn
 from tests.oracles import zhou_mp as z
 from tests.physics import boxes
 from tests.physics.boxes import Choice, count, solve
@@ -24,10 +24,6 @@ over_choices = pytest.mark.parametrize(
 )
 
 
-def drawn(examples: int):
-    return settings(max_examples=examples, deadline=None, database=None, derandomize=True)
-
-
 def conditioning(inputs, result, slopes):
     """8 eps Σ|∂ε²/∂ln θ|, what rounding of the inputs may cost ε²."""
     total = sum(np.abs(slopes[name] * inputs[name]) for name in boxes.INPUTS)
@@ -35,8 +31,7 @@ def conditioning(inputs, result, slopes):
 
 
 @over_choices
-@given(seed=seeds)
-@drawn(12)
+@drawn(12, seed=seeds)
 def test_finite_flagged_right_and_falling(choice, seed):
     broken = count(boxes.sample(seed, SIZE, choice), choice)
     assert broken == dict.fromkeys(broken, 0)
@@ -73,8 +68,7 @@ def test_full_form_rises_towards_its_end():
 
 
 @over_choices
-@given(seed=seeds)
-@drawn(6)
+@drawn(6, seed=seeds)
 def test_continuous_in_velocity(choice, seed):
     """A step of v changes ε² by no more than the slopes at its ends allow, but at yield."""
     inputs = boxes.sample(seed, SIZE, choice)
@@ -96,8 +90,7 @@ def test_continuous_in_velocity(choice, seed):
 
 
 @over_choices
-@given(seed=seeds)
-@drawn(6)
+@drawn(6, seed=seeds)
 def test_jump_at_yield(choice, seed):
     """ε_p² = 1 up to v_cr, 1 + 2d/3 after (full: (1 - (2d/3)^{5/2})/(1 - 2d/3))."""
     inputs = boxes.sample(seed, SIZE, choice)
@@ -116,8 +109,7 @@ def test_jump_at_yield(choice, seed):
 
 
 @over_choices
-@given(seed=seeds)
-@drawn(6)
+@drawn(6, seed=seeds)
 def test_scales_do_not_matter(choice, seed):
     """The same d, X and y give the same ε_p; with the same v_cr/v_lim the same ε."""
     inputs = boxes.sample(seed, SIZE, choice)
@@ -168,8 +160,7 @@ def assert_alike(one, two):
         assert np.allclose(value, two[name], rtol=1e-12, atol=0), name
 
 
-@given(seed=seeds)
-@drawn(6)
+@drawn(6, seed=seeds)
 def test_swapping_the_bodies(seed):
     """Equal yield strengths among them, where v_lim takes the denser body's."""
     (one, two), radii = some_bodies(seed)
@@ -177,8 +168,7 @@ def test_swapping_the_bodies(seed):
     assert_alike(between((one, two), radii), between((two, one), radii[::-1]))
 
 
-@given(seed=seeds)
-@drawn(6)
+@drawn(6, seed=seeds)
 def test_a_wall_is_a_large_sphere(seed):
     """The difference goes as R1/R2, and is gone at 1e-14."""
     materials, (radius, _) = some_bodies(seed)

@@ -1,6 +1,6 @@
 """Input of `softjax` that makes no sense: one line that names the argument, its value, what is accepted.
 
-Under tracing values cannot be looked at: there a status says the same (`derivatives/test_laws.py`).
+Under tracing values cannot be looked at: there a status says the same (`derivatives/test_derivatives.py`).
 """
 
 import math

@@ -28,41 +28,31 @@ def command(folder, *words, **environment):
 
 
 def programs(folder):
-    return {path for path in folder.rglob("*-cache") if path.is_file()}
+    """Files that JAX keeps below a folder, and what is in them."""
+    return {path: path.read_bytes() for path in folder.rglob("*-cache") if path.is_file()}
 
 
-def contents(folder):
-    return {path: path.read_bytes() for path in programs(folder)}
+@pytest.mark.skipif(sys.platform != "linux", reason="the folder of Linux")
+def test_programs_are_kept_unless_not_wanted_and_written_again_where_cut_short(tmp_path):
+    """JAX notes when an entry was used where it bounds its cache, and there alone.
 
-
-linux = pytest.mark.skipif(sys.platform != "linux", reason="the folder of Linux")
-
-
-@linux
-def test_programs_are_kept_unless_not_wanted(tmp_path):
-    """JAX notes when an entry was used where it bounds its cache, and there alone."""
+    An entry that a kill cut short has no note of its use, without which JAX would keep nothing any more.
+    """
     first = command(tmp_path, *WORDS, "--no-cache")
-    assert programs(tmp_path) == set()
+    assert programs(tmp_path) == {}
     assert command(tmp_path, *WORDS) == first
     kept = programs(tmp_path / "softjax")
     assert kept
     assert kept == programs(tmp_path)
     noted = {path.name.removesuffix("-atime") for path in tmp_path.rglob("*-atime")}
     assert noted == {path.name.removesuffix("-cache") for path in kept}
-
-
-@linux
-def test_an_entry_that_a_kill_cut_short_is_written_again(tmp_path):
-    """It has no note of the time of use, without which JAX would keep nothing any more."""
-    first = command(tmp_path, *WORDS)
-    whole = contents(tmp_path)
-    for path, data in whole.items():
+    for path, data in kept.items():
         path.write_bytes(data[: len(data) // 2])
         path.with_name(path.name.replace("-cache", "-atime")).unlink()
     assert command(tmp_path, *WORDS) == first
-    again = contents(tmp_path)
-    assert again.keys() == whole.keys()
-    assert all(len(again[path]) > 0.9 * len(whole[path]) for path in whole)
+    again = programs(tmp_path)
+    assert again.keys() == kept.keys()
+    assert all(len(again[path]) > 0.9 * len(kept[path]) for path in kept)
 
 
 def test_who_has_a_cache_keeps_it_and_without_a_place_nothing_fails(tmp_path):
@@ -70,7 +60,7 @@ def test_who_has_a_cache_keeps_it_and_without_a_place_nothing_fails(tmp_path):
     assert not (tmp_path / "softjax").exists()
     (tmp_path / "softjax").write_text("", encoding="utf-8")
     command(tmp_path, *WORDS)
-    assert programs(tmp_path) == programs(tmp_path / "elsewhere")
+    assert programs(tmp_path) == programs(tmp_path / "elsewhere") != {}
 
 
 @pytest.mark.long
@@ -79,7 +69,7 @@ def test_time_integration_is_kept_too(tmp_path):
     words = ("curve", "nylon", "--route", "ode", "--points", "3")
     command(tmp_path, *words)
     kept = programs(tmp_path)
-    assert max(path.stat().st_size for path in kept) > 100_000
+    assert max(map(len, kept.values())) > 100_000
     command(tmp_path, *words)
     assert programs(tmp_path) == kept
 
