@@ -54,7 +54,7 @@ def solved(name, route):
 @pytest.mark.parametrize(("name", "route"), CASES)
 def test_first_derivatives_of_laws(name, route):
     """Of ε, both overlaps and the duration, over the size of q; Eq. (17) at v_lim, ε = 1e-29, over 1."""
-    exact, expected = laws.expected(name), laws.expected_slopes(name)
+    exact, expected = laws.expected(name)[:, :4], laws.expected_slopes(name)
     count = len(exact)
     size = np.where(exact > 0, np.abs(exact), 1.0).T
     size[0] = 1.0

@@ -15,12 +15,13 @@ from tests.oracles import closed_forms, zhou_mp
 
 
 class Collision(NamedTuple):
-    """ε [-], δ_max and δ* [m], duration [s]."""
+    """ε [-], δ_max and δ* [m], duration [s], the largest force [N]; NaN where no formula tells it."""
 
     coefficient: mpf
     peak: mpf
     residual: mpf
     duration: mpf
+    force: mpf = mp.nan
 
 
 def _stiffness(n) -> mpf:
@@ -35,7 +36,8 @@ def _beta():
 def hertz(n) -> Collision:
     v = n["velocity"]
     peak = (5 * n["mass"] * v**2 / (4 * _stiffness(n))) ** mpf("0.4")
-    return Collision(mpf(1), peak, mpf(0), _beta() * peak / v)
+    force = _stiffness(n) * peak ** mpf("1.5")
+    return Collision(mpf(1), peak, mpf(0), _beta() * peak / v, force)
 
 
 def thornton(n) -> Collision:
@@ -56,7 +58,8 @@ def thornton(n) -> Collision:
     linear = mp.acos(third / (peak - 1 + third)) / mp.sqrt(mpf(15) / 8)
     back = _beta() / 2 * way / (epsilon * y)
     time = (elastic + linear + back) * length / pace
-    return Collision(epsilon, peak * length, (peak - way) * length, time)
+    force = _stiffness(n) * length ** mpf("1.5") * (1 + mpf("1.5") * (peak - 1))
+    return Collision(epsilon, peak * length, (peak - way) * length, time, force)
 
 
 def walton_braun(n) -> Collision:
@@ -64,7 +67,7 @@ def walton_braun(n) -> Collision:
     k2 = n["unloading_stiffness"] + n["growth"] * v * mp.sqrt(k1 * mass)
     peak = v * mp.sqrt(mass / k1)
     time = mp.pi / 2 * mp.sqrt(mass) * (1 / mp.sqrt(k1) + 1 / mp.sqrt(k2))
-    return Collision(mp.sqrt(k1 / k2), peak, peak * (1 - k1 / k2), time)
+    return Collision(mp.sqrt(k1 / k2), peak, peak * (1 - k1 / k2), time, k1 * peak)
 
 
 class _Damped(NamedTuple):
@@ -79,6 +82,16 @@ class _Damped(NamedTuple):
     def peak(self):
         return mp.exp(-self.xi / self.w * mp.acos(self.xi))
 
+    def at(self, phase):
+        """The overlap, which would be one at the peak without damping, and its rate."""
+        decay = mp.exp(-self.xi / self.w * phase)
+        overlap = decay * mp.sin(phase) / self.w
+        return overlap, decay * mp.cos(phase) - self.xi * overlap
+
+    def force(self, phase):
+        overlap, rate = self.at(phase)
+        return overlap + 2 * self.xi * rate
+
 
 def _damped(restitution, end: str) -> _Damped:
     loss = -mp.log(restitution)
@@ -92,7 +105,10 @@ def linear_dashpot(n, end="zero-overlap") -> Collision:
     rate, v = mp.sqrt(n["stiffness"] / n["mass"]), n["velocity"]
     left = 2 * damped.xi * damped.coefficient * v / rate if end == "zero-force" else mpf(0)
     time = damped.angle / (rate * damped.w)
-    return Collision(damped.coefficient, damped.peak * v / rate, left, time)
+    steep = 1 - 4 * damped.xi**2  # where it is not positive the force falls from touch on
+    phase = mp.acot((2 * damped.xi / steep + damped.xi) / damped.w) if steep > 0 else mpf(0)
+    force = damped.force(phase) * v * mp.sqrt(n["stiffness"] * n["mass"])
+    return Collision(damped.coefficient, damped.peak * v / rate, left, time, force)
 
 
 def hertz_dashpot(n, end="zero-overlap") -> Collision:
@@ -105,8 +121,20 @@ def hertz_dashpot(n, end="zero-overlap") -> Collision:
         return (mp.exp(-damped.xi / damped.w * phase) * mp.sin(phase) / damped.w) ** mpf("-0.2")
 
     time = mpf("0.8") / damped.w * mp.quad(pace, [0, damped.angle / 2, damped.angle])
+
+    def slope(phase):
+        """Of q^{1/5} (q + 2ξ q'), times 5 q^{4/5}."""
+        q, rate = damped.at(phase)
+        along = rate - 2 * damped.xi * (q + 2 * damped.xi * rate)
+        return rate * damped.force(phase) + 5 * q * along
+
+    phase = mp.acos(damped.xi)
+    if damped.xi:
+        phase = mp.findroot(slope, (mpf(0), phase), "bisect", maxsteps=130, verify=False)
+    force = damped.at(phase)[0] ** mpf("0.2") * damped.force(phase)
+    force *= _stiffness(n) * length ** mpf("1.5")
     lengths = (length * q ** mpf("0.8") for q in (damped.peak, left))
-    return Collision(damped.coefficient, *lengths, time * length / n["velocity"])
+    return Collision(damped.coefficient, *lengths, time * length / n["velocity"], force)
 
 
 @cache
@@ -134,9 +162,13 @@ def zhou(n, form="first-order") -> Collision:
     names = ("youngs_modulus", "radius", "mass", "yield_strength", "limit_velocity")
     inputs = dict(zip(("E", "R", "M", "Y", "v_lim"), (n[name] for name in names), strict=True))
     inputs |= {"chi": n["chi"], "sigma": n["sigma"], "psi": n["psi"], "v": n["velocity"]}
-    found = zhou_mp.coefficient(inputs | {"area": "zhou", "kappa": "consistent", "form": form})
+    inputs |= {"area": "zhou", "kappa": "consistent", "form": form}
+    found = zhou_mp.coefficient(inputs)
     names = ("eps", "peak_overlap", "residual_overlap", "duration")
-    return Collision(*(found[name] for name in names))
+    scale = zhou_mp.dimensionless(inputs)  # the force grows up to the peak unless d x_m is large
+    top = zhou_mp.loading(form, scale["d"], found["peak_overlap"] / scale["delta_cr"])
+    force = top * scale["k"] * scale["delta_cr"] ** mpf("1.5")
+    return Collision(*(found[name] for name in names), force)
 
 
 def hard(n) -> Collision:
@@ -145,4 +177,4 @@ def hard(n) -> Collision:
     if epsilon is None:
         ratio = n["velocity"] / (n["limit_velocity"] - n["velocity"])
         epsilon = mp.exp(-n["sigma"] * ratio ** n["psi"])
-    return Collision(epsilon, mpf(0), mpf(0), mpf(0))
+    return Collision(epsilon, mpf(0), mpf(0), mpf(0), mpf(0))

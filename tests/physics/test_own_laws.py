@@ -1,7 +1,6 @@
-"""Laws given by their forces alone, by both routes: against built-in ones, SciPy and by hand."""
+"""Laws of the user's: forces of built-in ones, what a law states itself, and laws given in their scales."""
 
 import itertools
-from dataclasses import replace
 from functools import partial
 
 import jax
@@ -11,34 +10,15 @@ import pytest
 
 import softjax as sj
 from tests.laws import LAWS, QUANTITIES, WITH_FORCE
-from tests.oracles.by_scipy import by_works
-from tests.physics.own_laws import (
-    HOLE,
-    PACE,
-    PLATEAU,
-    STEEL,
-    Borrowed,
-    BorrowedDamped,
-    ByHand,
-    Impact,
-    JacksonGreen,
-    by_hand,
-    published_fit,
-)
+from tests.physics.by_forces import LENGTH, STEEL, Forces, columns
+from tests.physics.own_laws import borrowed
 
 ROUTES = {"energy": sj.EnergyBalance(), "ode": sj.ODE(rtol=1e-10)}
-both_routes = pytest.mark.parametrize("route", ROUTES.values(), ids=ROUTES)
 by_time_long = pytest.mark.parametrize(
     "route",
     [pytest.param(r, id=n, marks=[pytest.mark.long] * (n == "ode")) for n, r in ROUTES.items()],
 )
 OPEN = sj.Status.NO_RESIDUAL_OVERLAP
-
-
-def borrowed(law):
-    if isinstance(law, sj.RateDependentLaw):
-        return BorrowedDamped(law.contact, law, law.end)
-    return Borrowed(law.contact, law)
 
 
 QUICK = [("zhou", "energy")]
@@ -90,83 +70,7 @@ def test_slopes_of_forces_at_zero_overlap(name):
     assert np.isfinite(jax.jacfwd(law.unloading_force)(0.0, 1e-5))
 
 
-@by_time_long
-def test_jackson_and_green(route):
-    """A law from the literature by SciPy's quadrature, and by what its authors fitted to theirs."""
-    steel, rigid = sj.Material(1.93e11, 0.32, 8030.0, 3.1e8), sj.Material(1e16, 0.3, 1e4, 1e12)
-    law = JacksonGreen(sj.Contact.with_wall(steel, rigid, 0.0127, area="hertz"), 0.32)
-    critical, unit = float(law.critical_overlap()), float(law.critical_force())
-    ratios = np.array([1.5, 3.0, 10.0, 40.0, 80.0, 400.0, 900.0])
-    velocity = ratios * np.sqrt(0.8 * unit * critical / float(law.contact.mass))
-    result = sj.restitution(law, velocity, route)
-    assert list(result.status) == [sj.Status.ELASTIC] + [sj.Status.PLAIN] * (len(ratios) - 1)
-    for k, v in list(enumerate(velocity))[1:]:
-        exact = by_works(law, float(v))
-        assert result.coefficient[k] ** 2 == pytest.approx(exact.squared, rel=1e-8)
-        assert result.peak_overlap[k] == pytest.approx(exact.peak, rel=1e-8)
-        rest = float(law.residual_overlap(exact.peak))
-        assert (result.residual_overlap[k], exact.residual) == pytest.approx((rest, rest), rel=1e-8)
-    strain = law.contact.yield_strength / law.contact.youngs_modulus
-    assert np.max(np.abs(result.coefficient - published_fit(ratios, strain))) < 0.02
-
-
-# forces that are solved by hand, in one batch
-
-ROWS = by_hand()
-
-
-def law_of(rows) -> ByHand:
-    plain = ByHand(STEEL)
-    names = ("loading", "power", "end", "shape", "rest", "floor", "bend")
-    return replace(
-        plain,
-        **{n: np.array([r.law.get(n, getattr(plain, n)) for r in rows], float) for n in names},
-    )
-
-
-@both_routes
-def test_collisions_solved_by_hand(route):
-    """ε², both overlaps, durations, the status; and by the energy balance ∂δ*/∂ρ of a zero that is searched for."""
-    law, velocity = law_of(ROWS), np.array([row.velocity for row in ROWS])
-
-    def found(rest):
-        hit = sj.restitution(replace(law, rest=rest), velocity, route)
-        return hit.residual_overlap.sum(), hit
-
-    if route == ROUTES["energy"]:
-        (_, hit), slope = jax.jit(jax.value_and_grad(found, has_aux=True))(law.rest)
-        clipped = np.array([set(r.law) == {"bend", "rest"} and r.law["rest"] < 1 for r in ROWS])
-        peaks = np.array([row.peak for row in ROWS])[clipped]
-        assert np.allclose(slope[clipped], peaks, rtol=1e-4, atol=0)
-    else:
-        _, hit = jax.jit(found)(law.rest)
-    squared, peak, residual, told, tolerance, duration = (
-        np.array([getattr(row, name) for row in ROWS], float) for name in Impact._fields[2:]
-    )
-    hole = np.array([row.law.get("shape") == HOLE for row in ROWS])
-    sure = ~(hole & (hit.status & int(sj.Status.SOLVER_FAILED) > 0))  # it may give up, but says so
-    if route != ROUTES["energy"]:
-        sure &= told != int(sj.Status.INEXACT)
-        tolerance = np.maximum(tolerance, 1e-7)
-    wrong = {
-        "squared": np.abs(hit.coefficient**2 - squared) > tolerance * np.maximum(squared, 1e-15),
-        "peak": np.abs(hit.peak_overlap - peak) > 1e-9 * peak,
-        "residual": np.abs(hit.residual_overlap - residual) > np.maximum(1e-9, tolerance) * peak,
-        "duration": np.abs(hit.duration / duration - 1) > 1e-8,
-        "status": hit.status & ~int(sj.Status.ABOVE_LIMIT_VELOCITY) != told,
-    }
-    assert np.all(np.isfinite(hit.coefficient))
-    for name, rows in wrong.items():
-        assert [ROWS[k] for k in np.flatnonzero(sure & np.asarray(rows))] == [], name
-
-
-def test_where_a_plateau_begins():
-    law = replace(ByHand(STEEL), loading=PLATEAU, end=0.01)
-    limit = np.sqrt(0.8 * STEEL.stiffness * 1e-6**2.5 / STEEL.mass)
-    assert law.elastic_velocity() == pytest.approx(limit, rel=1e-13)
-
-
-class Told(ByHand):
+class Told(Forces):
     """Says itself what remains, which a search would find elsewhere."""
 
     def residual_overlap(self, peak_overlap):
@@ -176,9 +80,9 @@ class Told(ByHand):
 @by_time_long
 def test_what_a_law_tells_of_its_residual_overlap(route):
     """A trapezium's area."""
-    known = sj.restitution(Told(STEEL, rest=0.5), 0.7, route)
-    assert known.peak_overlap == pytest.approx(0.7 * PACE, rel=1e-9)
-    assert known.residual_overlap == pytest.approx(0.75 * float(known.peak_overlap), rel=1e-12)
+    known = sj.restitution(Told(STEEL, *columns([{"rest": 0.5}])), [0.7], route)
+    assert known.peak_overlap == pytest.approx(0.7 * np.sqrt(0.8) * LENGTH, rel=1e-9)
+    assert known.residual_overlap == pytest.approx(0.75 * np.asarray(known.peak_overlap), rel=1e-12)
     assert known.coefficient**2 == pytest.approx(2 * 0.25 * 0.75, rel=1e-9)
 
 
