@@ -1,6 +1,7 @@
 """A law of one's own with everything in closed form: ε = level · e^{-rate · v}."""
 
 import jax.numpy as jnp
+import numpy as np
 
 import softjax as sj
 
@@ -13,3 +14,8 @@ class Decay(sj.HardSphereLaw):
 
     def restitution_squared(self, velocity):
         return (jnp.asarray(self.level) * jnp.exp(-self.rate * velocity)) ** 2
+
+
+def decay(v, level, rate):
+    """The same by NumPy."""
+    return level * np.exp(-rate * np.asarray(v))

@@ -5,18 +5,13 @@ import numpy as np
 import calibration as cal
 import softjax as sj
 from tests import fit_oracle
+from tests.cases import pair
 
-RADIUS = 0.0127
 TRUTH = {
     "stainless steel": (sj.STAINLESS_STEEL, 1.7944, 3.0432, 0.5400, 250.0),
     "chrome steel": (sj.CHROME_STEEL, 0.09867, 0.1418, 0.3114, 25.0),
     "nylon": (sj.NYLON, 0.21998, 0.4355, 0.5414, 80.0),
 }
-
-
-def pair(name, area="zhou"):
-    material = TRUTH[name][0]
-    return sj.Contact.between_spheres(material, material, RADIUS, RADIUS, area)
 
 
 def y_values(name, below=10, above=20):

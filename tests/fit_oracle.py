@@ -54,6 +54,19 @@ def eq_17(v, v_lim, sigma, psi):
     return np.exp(-sigma * (v / (v_lim - v)) ** psi)
 
 
+def thornton(velocity, critical, factor=1.0):
+    """Thornton (1997), Eq. 5; the velocity of first yield goes with the power 5/2 of p_y."""
+    r = np.minimum(critical * factor**2.5 / velocity, 1.0)
+    inner = r / (r + 2 * np.sqrt(1.2 - r**2 / 5))
+    return np.where(r < 1, (1.2 * 3**0.5) ** 0.5 * np.sqrt(1 - r**2 / 6) * inner**0.25, 1.0)
+
+
+def own_model(data):
+    """ε of Zhou's law at a data set's velocities, a function of χ̃, σ and ψ."""
+    contact = numbers(data.contact)
+    return lambda *p: curve(data.velocity, contact, *p)
+
+
 def curve(velocity, contact, chi, sigma, psi):
     """ε of two bodies by Eqs. (16) and (17); `contact` is a dict of E, R, M, Y, v_lim, A/R."""
     E, R, M, Y, v_lim, area = (contact[k] for k in ("E", "R", "M", "Y", "v_lim", "area"))

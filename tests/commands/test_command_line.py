@@ -21,38 +21,6 @@ def exit_code(argv) -> int:
         return int(stop.code or 0)
 
 
-@pytest.mark.parametrize(
-    ("argv", "blamed"),
-    [
-        ([], "COMMAND"),
-        (["fti"], "did you mean 'fit'"),
-        (["--colour", "fit"], "--colour"),
-        (["fit", "--colour"], "--colour"),
-        (["fit", "--sead", "3"], "did you mean '--seed'"),
-        (["fit", "--law", "zhuo"], "did you mean 'zhou'"),
-        (["curve", "--law", "herz"], "did you mean 'hertz'"),
-        (["export", "nylon", "--to", "lamps"], "did you mean 'lammps'"),
-        (["fit", "shots.csv"], "give the TOML file that names it, with data = 'shots.csv'"),
-        (["curve", "shots.csv"], "is a table of measurements"),
-        (["fit", "--objective", "three-step"], "two-step"),
-        (["fit", "--route", "euler"], "energy-balance"),
-        (["fit", "--seed", "-1"], "--seed"),
-        (["fit", "--starts", "0"], "1 or more"),
-        (["fit", "--starts", "many"], "'many'"),
-        (["fit", "a.toml", "b.toml"], "b.toml"),
-        (["fit", "no such.toml"], "no such file"),
-        (["fit", "--out"], "--out"),
-    ],
-)
-def test_unusable_command_lines_are_refused(argv, blamed, capsys, at):
-    assert exit_code(argv) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.count("\n") == 1
-    assert blamed in err
-    assert list(at.iterdir()) == []
-
-
 CURVE = ["nylon", "--points", "3", "--format", "csv"]
 
 

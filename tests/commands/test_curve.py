@@ -319,9 +319,6 @@ def test_curve_band_and_table_agree_on_what_the_data_do_not_determine(at, above_
     assert {tuple(row[1:4]) for row, k in zip(written, known, strict=True) if not k} == {("",) * 3}
     np.testing.assert_array_equal(table(at)[1][:, 0], velocity[known])
     assert f"{float(result.law.contact.critical_velocity):.6g} m/s" in " ".join(table(at)[0])
-    words = ["--fit", path, "--from", "0.1", "--to", "0.2", "--out", "none"]
-    curve(*words, error="do not determine")
-    assert not (at / "none").exists()
 
 
 def test_a_fit_of_an_own_law_is_refused_with_the_reason(at):
@@ -334,54 +331,6 @@ def test_a_fit_of_an_own_law_is_refused_with_the_reason(at):
     curve("--fit", "fit.json", error="mine")
     (at / "fit.json").write_text("{}", encoding="utf-8")
     assert curve("--fit", "fit.json", error="no result of a fit").startswith("fit.json: ")
-
-
-FIT_REFUSED = [
-    (["--chi", "0"], "--chi"),
-    (["--sigma", "0"], "--sigma"),
-    (["--psi", "0"], "--psi"),
-    (["--set", "chi=0.1"], "--set"),
-    (["--route", "ode"], "--route"),
-    (["chrome-steel", "--material", "nylon"], "MATERIAL|--fit"),
-    (["--material", ""], "--material"),
-]
-REFUSED = [
-    (["brass"], "nylon"),
-    (["nylon", "--from", "2", "--to", "1"], "--to|2"),
-    (["nylon", "--from", "-1"], "--from|-1"),
-    (["nylon", "--from", "0", "--spacing", "log"], "--from|above 0"),
-    (["nylon", "--points", "0"], "--points|1 or more"),
-    (["nylon", "--points", "1000001"], "--points|1000000 rows|softjax.restitution"),
-    (["nylon", "--to", "inf"], "--to|inf"),
-    (["nylon", "--velocities", "none.csv"], "none.csv|no such file"),
-    (["nylon", "--velocities", "-", "--points", "3"], "--velocities"),
-    (["nylon", "--area", "hertz"], "--chi"),
-    (["nylon", "--rtol", "1e-9"], "--rtol"),
-    (["nylon", "--chi", "-1"], "chi"),
-    (["nylon", "--set", "chii=1"], "did you mean 'chi'"),
-    (["nylon", "--set", "contact=1"], "--set"),
-    (["nylon", "--law", "hertz", "--chi", "1"], "--chi"),
-    (["nylon", "--law", "hertz", "--set", "sigma=1"], "--set"),
-    (["nylon", "--law", "constant"], "restitution"),
-    (["nylon", "--law", "constant", "--set", "restitution"], "name=value"),
-    (["nylon", "--law", "constant", "--set", "restitution=2"], "[0, 1]|2"),
-    (["--fit", "none.json"], "none.json|no such file"),
-    (["--fit", "none.json", "--law", "zhou"], "--law"),
-    (["nylon", "--material", "x"], "--material"),
-    (["", "--points", "3"], "MATERIAL"),
-]
-
-
-@pytest.mark.parametrize(("options", "said"), REFUSED)
-def test_unusable_options_are_refused_and_write_nothing(at, options, said):
-    curve(*options, error=said)
-    assert list(at.iterdir()) == []
-
-
-@pytest.mark.parametrize(("options", "said"), FIT_REFUSED)
-def test_options_that_would_not_act_on_a_fit_are_refused(at, above_yield, options, said):
-    curve("--fit", above_yield[1], *options, error=said)
-    assert list(at.iterdir()) == []
 
 
 @pytest.mark.parametrize(

@@ -38,22 +38,10 @@ COMMANDS = {
         (*SENSITIVITY, "--study", "global", "--samples", "16", "--range", "restitution=0.7:0.9"),
         {"sensitivity.json", "sobol.png"},
     ),
-    "c": (
-        (*EXPORT, "--to", "c"),
-        {"export.json", "export.png", "softjax_law.h"},
-    ),
-    "liggghts": (
-        (*EXPORT, "--to", "liggghts"),
-        {"export.json", "export.png", "in.softjax"},
-    ),
-    "lammps": (
-        (*EXPORT, "--to", "lammps"),
-        {"export.json", "export.png", "in.softjax"},
-    ),
-    "yade": (
-        (*EXPORT, "--to", "yade"),
-        {"export.json", "export.png", "softjax_yade.py"},
-    ),
+    "c": ((*EXPORT, "--to", "c"), {"export.json", "export.png", "softjax_law.h"}),
+    "liggghts": ((*EXPORT, "--to", "liggghts"), {"export.json", "export.png", "in.softjax"}),
+    "lammps": ((*EXPORT, "--to", "lammps"), {"export.json", "export.png", "in.softjax"}),
+    "yade": ((*EXPORT, "--to", "yade"), {"export.json", "export.png", "softjax_yade.py"}),
     "doctor": (("doctor",), set()),
 }
 

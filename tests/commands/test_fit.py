@@ -214,29 +214,6 @@ def test_the_same_seed_gives_the_same_bytes(tmp_path):
     assert tables[0] == tables[1]
 
 
-@pytest.mark.parametrize(
-    ("settings", "options", "below", "blamed"),
-    [
-        ("", [], "restitution = 0.5", "alloy.toml:13: parameter is restitution; it must be of"),
-        ("", ["--law", "thornton", "--objective", "two-step"], "", "two-step with thornton"),
-        ('law = "hertz"\nobjective = "two-step"', [], "", "alloy.toml:4: objective is"),
-        ("", ["--rtol", "1e-6", "--route", "energy-balance"], "", "`--rtol` must be left out"),
-        ("", ["--noise-dof", "5"], "", "`--noise-dof` must be left out"),
-        ("", ["--law", "hertz", "--form", "full"], "", "form"),
-        ("", ["--extra-scatter", "--scale-uncertainty"], "", "scale_uncertainty"),
-        ('law = "thornton"\nroute = "closed form"', [], "", "Thornton"),
-    ],
-)
-def test_what_the_fit_refuses_is_one_line_and_exit_code_2(
-    settings, options, below, blamed, tmp_path
-):
-    file = write_alloy(tmp_path, settings, below=below)
-    code, out, err = run("fit", file, *options, "--out", tmp_path / "results")
-    assert (code, out, len(err.splitlines())) == (2, "", 1)
-    assert blamed in err
-    assert not (tmp_path / "results").exists()
-
-
 @pytest.mark.parametrize("command", ["fit", "compare"])
 def test_json_on_standard_output_is_the_file(command, tmp_path):
     """And nothing else is there, so that it can be piped on."""

@@ -16,9 +16,6 @@ from tests.shown.capture import drawn
 
 DESIGN = ("nylon", "--study", "design", "--from", "2", "--to", "60", "--shots", "6")
 GLOBAL = ("nylon", "--study", "global", "--at", "20", "--samples", "64")
-STIFF = ("--law", "walton-braun", "--set", "loading_stiffness=1e6")
-STIFF += ("--set", "unloading_stiffness=1.05e6")  # a tenth less is no law
-DEAD = ["--range", "chi=1000:1100", "--range", "density=1100:1200", "--at", "60"]
 
 
 @pytest.fixture(autouse=True)
@@ -175,9 +172,6 @@ def test_a_fit_is_planned_with_its_own_points(at, fit):
         rel=1e-3,
     )
     assert losses["relative_errors"]["eps_up"] < design["relative_errors"]["sigma"]
-    for option in (["--free", "radius"], ["--fix", "psi"]):
-        command = ["sensitivity", "--fit", "fit.json", "--study", "design", *option]
-        assert main(command) == 2
 
 
 def test_a_plan_repeats_what_is_doubted_of_its_fit(at, capsys, fit):
@@ -250,42 +244,3 @@ def test_the_global_study_of_a_fit_varies_what_moves_by_itself_and_says_so(at, c
         "R (radius), M (mass)",
     ):
         assert line in told
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (["--range", "chi=0.1:0.4"], "--range"),
-        (["--study", "global", "--range", "colour=1:2"], "--range"),
-        (["--study", "global", "--samples", "1000"], "samples"),
-        (["--study", "global", "--samples", "64", *DEAD], "0 everywhere"),
-        (["--from", "0"], "--from"),
-        (["--to", "inf"], "`--to` must be a finite velocity above 0 m/s, but is inf"),
-        (["--study", "global", "--seed", "-1"], "`--seed` must be a whole number of 0 or more"),
-        (["--posterior", "x.nc"], "whose draws they are, but is x.nc"),
-        (["--at", "-1"], "--at"),
-        (["--points", "1"], "--points"),
-        (["--shots", "4"], "--shots"),
-        (["--chi", "1000", "--sigma", "50", "--from", "2"], "ε = 0 everywhere"),
-        (["--study", "design", "--target", "colour"], "target"),
-        (["--study", "design", "--target", "critical_velocity"], "none of them affects it"),
-        (["--study", "design", "--shots", "0"], "count"),
-        (["--study", "global", "--range", "poisson_ratio=0.3:0.6"], "a ratio in (-1, 0.5]"),
-        (["--study", "global", "--range", "chi=-0.1:0.1"], "chi = -0.1 … 0.1"),
-        (["--study", "global", *STIFF], "`unloading_stiffness` must be at least"),
-        (["--study", "design", "--over", "1:2"], "--over"),
-        (["--study", "design", "--criterion", "I", "--over", "fast"], "--over"),
-        (["--study", "design", "--criterion", "D", "--target", "chi"], "--target"),
-        (["--study", "information", "--uncertainty", "0"], "uncertainty"),
-        (["--study", "information", "--shots", "0"], "`--shots` must be a whole number of 1"),
-        (["--study", "information", "--free", "yield_strength=much"], "--free"),
-        (["--study", "information", "--free", "colour"], "colour"),
-        (["--study", "information", "--law", "hertz"], "none free"),
-    ],
-)
-def test_unusable_studies_are_told_in_one_line_and_write_nothing(at, capsys, options, said):
-    assert main(["sensitivity", "nylon", *options]) == 2
-    told = capsys.readouterr()
-    assert said in told.err
-    assert told.err.count("\n") == 1
-    assert list(at.iterdir()) == []

@@ -90,6 +90,8 @@ def test_restitutions_of_simulated_flights_come_back(name):
             drop, rebound = map(np.array, table.values())
             np.testing.assert_array_equal(bare.velocity, np.sqrt(2 * G * drop))
             np.testing.assert_array_equal(bare.restitution, np.sqrt(rebound / drop))
+            np.testing.assert_allclose(data.fall.height(data.velocity), drop, rtol=1e-9)
+            assert np.isinf(data.fall.height(np.array([1e4]))[0])  # no fall is as fast
 
 
 TABLES = {

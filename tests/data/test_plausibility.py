@@ -1,96 +1,201 @@
-"""Doubts about units and columns: each raised by one set, and not by its neighbour."""
+"""Units and columns that are doubted, each by one set and not by its neighbour; properties far outside are refused."""
 
 import numpy as np
 import pytest
 
 import calibration as cal
 import softjax as sj
+from tests.command import run
 
 VELOCITY = np.linspace(0.5, 5.0, 10)
 RESTITUTION = 0.95 - 0.05 * VELOCITY
-GOOD = {"youngs_modulus": 1.93e11, "poisson_ratio": 0.35, "density": 8030.0}
-GOOD |= {"yield_strength": 3.10e8, "radius": 0.0127}
 ROWS = "\n".join(["v,e", *(f"{v},{e}" for v, e in zip(VELOCITY, RESTITUTION, strict=True))])
+NYLON = {"youngs_modulus": 2.5e9, "poisson_ratio": 0.3, "density": 1140.0}
+NYLON |= {"yield_strength": 4.0e7, "radius": 0.0127}
+STEEL = {"youngs_modulus": 1.93e11, "poisson_ratio": 0.35, "density": 8030.0}
+STEEL |= {"yield_strength": 3.10e8, "radius": 0.0127}
 WALL = "[material.wall]\nmaterial = 'nylon'\n"
+# property: its code, its range, and what it is called
+RANGES = {
+    "youngs_modulus": ("modulus", 1e5, 1.3e12, "Young's modulus", "Pa"),
+    "density": ("density", 10.0, 23_000.0, "the density", "kg/m³"),
+    "yield_strength": ("yield-strength", 1e4, 1e11, "the yield strength", "Pa"),
+    "radius": ("radius", 1e-6, 1.0, "the radius", "m"),
+}
+LINES = {name: 4 + i for i, name in enumerate(NYLON)}  # of the file, in its order
 
 
-@pytest.fixture
-def doubts(read_toml):
-    """What a file of one material raises, by what is changed in it."""
-
-    def found(below="", csv=ROWS, **changes):
-        lines = [f"{name} = {value!r}" for name, value in (GOOD | changes).items()]
-        (data,) = read_toml("\n".join(["[[material]]", 'data = "m.csv"', *lines, below]), csv)
-        return cal.plausibility(data)
-
-    return found
+def material_file(folder, more="limit_velocity = 340.0", csv=ROWS, body=NYLON, **changes):
+    """A file of one material with properties changed; each on its own line."""
+    (folder / "m.csv").write_text(csv, encoding="utf-8")
+    lines = [f"{name} = {value!r}" for name, value in (body | changes).items()]
+    head = ["[[material]]", 'name = "my alloy"', 'data = "m.csv"']
+    (folder / "m.toml").write_text("\n".join([*head, *lines, more, ""]), encoding="utf-8")
+    return folder / "m.toml"
 
 
-def codes(doubts):
-    return [one.code for one in doubts]
+def codes(file, **options):
+    (data,) = cal.read_toml(file, **options)
+    return {one.code for one in cal.plausibility(data)} - {"yield-beyond-limit"}
 
 
 def of(velocity, restitution, **told):
-    return codes(cal.plausibility(cal.RestitutionData(velocity, restitution, **told)))
+    data = cal.RestitutionData(velocity, restitution, **told)
+    return [one.code for one in cal.plausibility(data)]
+
+
+@pytest.mark.parametrize("name", RANGES)
+def test_the_ends_of_each_range_and_a_hundred_times_outside(name, tmp_path):
+    """One per cent inside nothing is doubted, one per cent outside it is; far outside a line is refused."""
+    code, low, high, *_ = RANGES[name]
+    for value, doubted in ((0.99 * low, 1), (1.01 * low, 0), (0.99 * high, 0), (1.01 * high, 1)):
+        assert codes(material_file(tmp_path, **{name: value})) == ({code} if doubted else set())
+    for last, beyond in ((0.0101 * low, 0.0099 * low), (99 * high, 101 * high)):
+        assert codes(material_file(tmp_path, **{name: last}))
+        file = material_file(tmp_path, **{name: beyond})
+        with pytest.raises(ValueError, match="plausibility = false takes it as it is") as caught:
+            cal.read_toml(file)
+        assert str(caught.value).startswith(f"{file}:{LINES[name]}: {name} is {beyond:.3g} ")
+        assert "\n" not in str(caught.value)
+        assert code in codes(file, plausibility=False)
+        allowed = "limit_velocity = 340.0\nplausibility = false"
+        assert code in codes(material_file(tmp_path, allowed, **{name: beyond}))
+
+
+def test_a_diameter_and_a_wall_far_outside(tmp_path):
+    lines = "\n".join(f"{k} = {v!r}" for k, v in (NYLON | {"density": 0.05}).items() if k != "radius")  # fmt: skip
+    file = material_file(tmp_path, f"[material.wall]\n{lines}")
+    with pytest.raises(ValueError, match=r"m\.toml:12: density is 0\.05 kg/m³"):
+        cal.read_toml(file)
+    text = material_file(tmp_path).read_text(encoding="utf-8")
+    file.write_text(text.replace("radius = 0.0127", "diameter = 300.0"), encoding="utf-8")
+    with pytest.raises(ValueError, match=r"m\.toml:8: diameter is 300 m"):
+        cal.read_toml(file)
+
+
+def test_in_python():
+    """A contact is taken for that of two equal spheres."""
+    for radius, far in ((0.5, False), (6.0, False), (99.0, False), (101.0, True)):
+        ball = sj.Material(1.93e11, 0.3, 8000.0, 3.1e8)
+        pair = sj.Contact.between_spheres(ball, ball, radius, radius)
+        table = {"v": VELOCITY, "e": RESTITUTION}
+        if far:
+            for make in (cal.RestitutionData.from_table, lambda t, c: cal.RestitutionData(*t.values(), c)):  # fmt: skip
+                with pytest.raises(ValueError, match=r"radius.*plausibility = false"):
+                    make(table, pair)
+        data = cal.RestitutionData.from_table(table, pair, plausibility=not far)
+        assert [one.code for one in cal.plausibility(data)] == ["radius"] * (radius > 1)
+    with pytest.raises(ValueError, match="plausibility"):
+        cal.RestitutionData(VELOCITY, RESTITUTION, plausibility="no")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("code", "doubted", "fine"),
+    [
+        ("radius", (1.93e11, 8000.0, 1.01), (1.93e11, 8000.0, 0.99)),
+        ("density", (1.93e11, 9.9, 0.01), (1.93e11, 10.1, 0.01)),
+        ("modulus", (0.99e5, 8000.0, 0.01), (1.01e5, 8000.0, 0.01)),
+    ],
+)
+def test_properties_of_a_contact_alone_are_found_again(code, doubted, fine):
+    """Those of two equal spheres of ν = 0.3."""
+    for (modulus, density, radius), is_doubted in ((doubted, True), (fine, False)):
+        ball = sj.Material(modulus, 0.3, density, 1.5e4)
+        pair = sj.Contact.between_spheres(ball, ball, radius, radius)
+        found = of(VELOCITY, RESTITUTION, contact=pair, limit_velocity=340.0)
+        assert (code in found) == is_doubted
+
+
+LAW = ("--law", "constant", "--set", "restitution=0.8")
+COMMANDS = {
+    "fit": ("--law", "constant", "--no-profiles"),
+    "compare": ("--laws", "constant"),
+    "curve": (*LAW, "--points", "5"),
+    "sensitivity": LAW,
+    "export": ("--law", *LAW[1:], "--to", "c"),
+}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_first_line_of_every_command(command, at):
+    """Fails where the warning is the fourth of five; quiet commands say it on standard error."""
+    for name, value in {"density": 7.6, "radius": 6.0, "youngs_modulus": 1.5e12}.items():
+        words = (command, material_file(at, **{name: value}), *COMMANDS[command])
+        code, out, error = run(*words)
+        assert code == 0, error
+        _, low, high, called, unit = RANGES[name]
+        start = f"warning: plausibility (my alloy): {called} of the sphere is {value:.3g} {unit}"
+        assert out.splitlines()[0].startswith(f"{start}, outside {low:g} to {high:g} {unit}. ")
+        assert run(*words, "--quiet")[2].startswith(start)
+    file = material_file(at, youngs_modulus=115.0)  # Pa are GPa without their unit
+    code, out, error = run(command, file, *COMMANDS[command], "--out", "none")
+    start = f"{file}:4: youngs_modulus is 115 Pa, more than 100 times outside 100000 to 1.3e+12"
+    assert (code, out, error.count("\n"), error[: len(start)]) == (2, "", 1, start)
+    assert not (at / "none").exists()
+
+
+def test_warnings_and_the_report_begin_with_it(at):
+    """Before those that were raised earlier in the fit; and what was accepted once is loaded again."""
+    fit = ("--law", "constant", "--no-profiles")
+    assert run("fit", material_file(at, radius=6.0), *fit)[0] == 0
+    lines = (at / "results" / "report.md").read_text(encoding="utf-8").splitlines()
+    first = next(line for line in lines if line.startswith(("-", "*", ">")) or "plausib" in line)
+    assert "plausibility" in first
+    assert "6 m" in first
+    result = cal.FitResult.load(at / "results" / "fit.json")
+    assert [one.code for one in result.warnings][:2] == ["plausibility"] * 2
+    file = material_file(at, "limit_velocity = 340.0\nplausibility = false", radius=600.0)
+    assert run("fit", file, *fit)[0] == 0
+    (data,) = cal.read_toml(file)
+    assert cal.FitResult.load(at / "results" / "fit.json").materials[0].data == data
 
 
 @pytest.mark.parametrize("below", ["", WALL])
-def test_nothing_is_doubted_of_steel(doubts, below):
-    assert doubts(below) == ()
-
-
-def test_first_yield_beyond_the_limit_velocity(doubts):
+def test_nothing_is_doubted_of_steel_that_yields_in_time(below, tmp_path):
     """v_cr goes as Y^2.5, v_lim as Y^0.5: alike at 6.3e10 Pa."""
-    (found,) = doubts(yield_strength=7e10)
-    assert found.code == "yield-beyond-limit"
-    assert "m/s" in found.cause
-    assert "yield-beyond-limit" not in codes(doubts(yield_strength=6e10))
+    for strength, doubted in ((3.1e8, False), (6e10, False), (7e10, not below)):
+        file = material_file(tmp_path, below, body=STEEL, yield_strength=strength)
+        found = cal.plausibility(cal.read_toml(file)[0])
+        assert [one.code for one in found] == ["yield-beyond-limit"] * doubted
+        assert not doubted or "m/s" in found[0].cause
 
 
 def test_falls_from_higher_than_anybody_drops_a_ball():
     """300 in a column whose header says no unit is 300 m; 500 in one of intervals 500 s."""
-    table = {"drop_height": np.array([0.3, 0.2]), "rebound_height": np.array([0.2, 0.15])}
-    assert cal.plausibility(cal.RestitutionData.from_table(table)) == ()
-    high = {name: 1000.0 * heights for name, heights in table.items()}
-    (found,) = cal.plausibility(cal.RestitutionData.from_table(high))
-    assert found.code == "height"
-    assert "76.7 m/s" in found.cause  # √(2 · 9.80665 · 300)
-    assert "300 m" in found.cause
-    assert "[mm]" in found.advice
+
+    def found(**table):
+        return cal.plausibility(cal.RestitutionData.from_table(table))
+
+    assert found(drop_height=[0.3, 0.2], rebound_height=[0.2, 0.15]) == ()
+    (high,) = found(drop_height=[300.0, 200.0], rebound_height=[200.0, 150.0])
+    assert high.code == "height"
+    assert "76.7 m/s" in high.cause  # √(2 · 9.80665 · 300)
+    assert "300 m" in high.cause
+    assert "[mm]" in high.advice
     # 20 m/s is the fall of 20.39 m
     for height, doubted in ((20.3, False), (20.5, True)):
-        data = cal.RestitutionData.from_table({"h0": [height], "hf": [1.0]})
-        assert codes(cal.plausibility(data)) == (["height"] if doubted else [])
-    times = cal.RestitutionData.from_table({"interval": [500.0, 450.0, 405.0]})
-    assert codes(cal.plausibility(times)) == ["height"]
-    beyond = cal.RestitutionData.from_table(
-        {"interval": [1e160, 1.0, 0.9]}
-    )  # a height beyond floats
-    assert any("inf m" in one.cause for one in cal.plausibility(beyond))
+        assert [one.code for one in found(h0=[height], hf=[1.0])] == ["height"] * doubted
+    assert [one.code for one in found(interval=[500.0, 450.0, 405.0])] == ["height"]
+    beyond = found(interval=[1e160, 1.0, 0.9])  # a height beyond floats
+    assert any("inf m" in one.cause for one in beyond)
 
 
 @pytest.mark.parametrize(
     ("columns", "falls"), [("h0 [m],h1 [m]", True), ("v_in [m/s],v_out [m/s]", False)]
 )
-def test_balls_that_fell_on_a_ball(columns, falls, doubts):
+def test_balls_that_fell_on_a_ball(columns, falls, tmp_path):
     """Without a wall two spheres are meant, which balls are seldom dropped on."""
     csv = f"{columns}\n1,0.8\n2,1.5\n3,2.2\n"
-    assert codes(doubts(csv=csv)) == (["no-wall"] if falls else [])
-    assert codes(doubts(WALL, csv=csv)) == []
+    for below, expected in (("", {"no-wall"} if falls else set()), (WALL, set())):
+        assert codes(material_file(tmp_path, below, csv, STEEL)) == expected
 
 
-def test_percent_taken_twice():
-    """All below 0.02."""
+def test_percent_taken_twice_velocities_beyond_all_guns_and_restitutions_above_one():
+    """All ε below 0.02; 5 km/s; a median four of its standard errors above 1."""
     assert of(VELOCITY, RESTITUTION * 0.0199 / RESTITUTION[0]) == ["percent"]
     assert of(VELOCITY, RESTITUTION * 0.0201 / RESTITUTION[0]) == []
-
-
-def test_velocities_beyond_all_guns():
     assert of(VELOCITY * 1001, RESTITUTION) == ["velocity"]
     assert of(VELOCITY * 999, RESTITUTION) == []
-
-
-def test_restitutions_above_one_on_the_whole():
     noise = 0.02 * np.random.default_rng(1).standard_normal(100)
     velocity = np.linspace(0.5, 5, 100)
     assert of(velocity, 1.04 + noise) == ["above-one"]
@@ -104,25 +209,23 @@ def test_restitutions_above_one_on_the_whole():
 
 
 ASCENDING = np.array([1.0, 2.0, 3.0, 4.0])
+RESTARTS = [
+    (np.tile(ASCENDING, 3), True),
+    (np.tile(ASCENDING[::-1], 3), True),
+    (np.concatenate([ASCENDING, ASCENDING[1:] + 0.1, ASCENDING + 0.2]), True),
+    (np.tile(ASCENDING, 2), True),
+    (np.tile(ASCENDING[:3], 3), True),
+    (np.repeat(ASCENDING, 3), False),  # repeats one after the other
+    (np.linspace(1, 4, 12), False),
+    (np.random.default_rng(2).permutation(np.repeat(ASCENDING, 3)), False),
+    (np.tile([1.0, 2.0], 6), False),  # two heights in turns
+    (ASCENDING, False),  # too few to tell
+    (np.concatenate([ASCENDING, ASCENDING[:3]]), False),  # seven are too few
+    (np.repeat([2.0, 1.0], 6), False),
+]
 
 
-@pytest.mark.parametrize(
-    ("velocity", "is_doubted"),
-    [
-        (np.tile(ASCENDING, 3), True),
-        (np.tile(ASCENDING[::-1], 3), True),
-        (np.concatenate([ASCENDING, ASCENDING[1:] + 0.1, ASCENDING + 0.2]), True),
-        (np.tile(ASCENDING, 2), True),
-        (np.tile(ASCENDING[:3], 3), True),
-        (np.repeat(ASCENDING, 3), False),  # repeats one after the other
-        (np.linspace(1, 4, 12), False),
-        (np.random.default_rng(2).permutation(np.repeat(ASCENDING, 3)), False),
-        (np.tile([1.0, 2.0], 6), False),  # two heights in turns
-        (np.tile(ASCENDING, 1), False),  # too few to tell
-        (np.concatenate([ASCENDING, ASCENDING[:3]]), False),  # seven are too few
-        (np.repeat([2.0, 1.0], 6), False),
-    ],
-)
+@pytest.mark.parametrize(("velocity", "is_doubted"), RESTARTS)
 def test_velocities_that_restart_look_like_groups(velocity, is_doubted):
     restitution = 0.9 - 0.02 * velocity
     assert of(velocity, restitution) == (["groups"] if is_doubted else [])
@@ -132,20 +235,3 @@ def test_velocities_that_restart_look_like_groups(velocity, is_doubted):
 def test_bounce_trains_are_groups_already():
     table = {"interval": np.tile(0.5 * 0.9 ** np.arange(5), 3), "launch": np.repeat([1, 2, 3], 5)}
     assert cal.plausibility(cal.RestitutionData.from_table(table)) == ()
-
-
-@pytest.mark.parametrize(
-    ("code", "doubted", "fine"),
-    [
-        ("radius", (1.93e11, 8000.0, 1.01), (1.93e11, 8000.0, 0.99)),
-        ("density", (1.93e11, 9.9, 0.01), (1.93e11, 10.1, 0.01)),
-        ("modulus", (0.99e5, 8000.0, 0.01), (1.01e5, 8000.0, 0.01)),
-    ],
-)
-def test_a_contact_alone_is_taken_for_two_equal_spheres(code, doubted, fine):
-    """Of ν = 0.3: their modulus, density and radius are found again."""
-    for (modulus, density, radius), is_doubted in ((doubted, True), (fine, False)):
-        ball = sj.Material(modulus, 0.3, density, 1.5e4)
-        pair = sj.Contact.between_spheres(ball, ball, radius, radius)
-        found = of(VELOCITY, RESTITUTION, contact=pair, limit_velocity=340.0)
-        assert (code in found) == is_doubted

@@ -90,19 +90,17 @@ def test_timing_that_is_not_told_is_one_unknown_size():
     np.testing.assert_allclose(given, known.covariance_of(SLOPE).dense() + 1e-5 * np.eye(4))
     linked = known.covariance_of().dense() != 0
     np.testing.assert_array_equal(linked, np.kron(np.eye(2), np.ones((2, 2))))
+    # a launch of one interval comes first: its timing is nobody's
+    first = {
+        "interval": [0.9, 0.5, 0.4, 0.3],
+        "launch": [1, 2, 2, 2],
+        "u_t": [0.1, 1e-3, 2e-3, 3e-3],
+    }
+    alone = data_of("intervals", [0.5, 0.4, 0.3], first["u_t"][1:]).covariance_of(-1.0).dense()
+    np.testing.assert_array_equal(READ(first).covariance_of(-1.0).dense(), alone)
     # ε₁ = t₂/t₁, ε₂ = t₃/t₂: what makes t₂ long raises one and lowers the other
     expected = -(0.002**2) * (1 / 0.5) * (0.75 / 0.4)
     assert known.covariance_of().dense()[0, 1] == pytest.approx(expected, rel=1e-12)
-
-
-def test_timing_errors_stay_with_their_rows_where_some_are_not_used():
-    """A launch of one interval comes first: its timing is nobody's."""
-    sizes = [0.1, 0.001, 0.002, 0.003]
-    data = READ({"interval": [0.9, 0.5, 0.4, 0.3], "launch": [1, 2, 2, 2], "u_t": sizes})
-    alone = data_of("intervals", [0.5, 0.4, 0.3], sizes[1:])
-    np.testing.assert_array_equal(
-        data.covariance_of(-1.0).dense(), alone.covariance_of(-1.0).dense()
-    )
 
 
 def test_uncertainties_of_points_come_on_top_of_what_is_shared():

@@ -23,62 +23,37 @@ def mass(density, radius):
     return 4 / 3 * math.pi * density * radius**3
 
 
-# lines: E* [Pa], R* [m], M* [kg], Y [Pa]; v_lim = √(3 Y/ρ) of the body that yields
+# lines: E* [Pa], R* [m], M* [kg] of the pair, and both radii; v_lim = √(3 Y/ρ) of the body that yields
+WALL = f"[material.wall]\n{GLASS}"
+EQUAL = (PLANE_STRAIN[0] / 2, 0.00635, mass(4015, 0.0127), 0.0127, 0.0127)
+TWO = (PLANE_STRAIN[0] / 2, 0.0075, mass(8030, 0.01) * 27 / 28, 0.01, 0.03)
+ON_GLASS = (HARMONIC, 0.01, mass(8030, 0.01), 0.01, None)
 PAIRS = {
-    "two equal spheres": (["radius = 0.0127"], PLANE_STRAIN[0] / 2, 0.00635, mass(4015, 0.0127)),
-    "two radii": (
-        ["radius_1 = 0.01", "radius_2 = 0.03"],
-        PLANE_STRAIN[0] / 2,
-        0.0075,
-        mass(8030, 0.01) * 27 / 28,
-    ),
-    "another sphere": (
-        ["radius = 0.01", "[material.second]", GLASS],
-        HARMONIC,
-        0.005,
-        mass(8030 * 2500 / 10530, 0.01),
-    ),
-    "a wall": (["radius = 0.01", "[material.wall]", GLASS], HARMONIC, 0.01, mass(8030, 0.01)),
-}
+    "radius = 0.0127": EQUAL,
+    "diameter = 0.0254": EQUAL,
+    'diameter = "1 in"': EQUAL,
+    "radius_1 = 0.01\nradius_2 = 0.03": TWO,
+    'diameter_1 = 0.02\ndiameter_2 = "60 mm"': TWO,
+    f"radius = 0.01\n[material.second]\n{GLASS}": (HARMONIC, 0.005, mass(8030 * 2500 / 10530, 0.01), 0.01, 0.01),
+    f"radius = 0.01\n{WALL}": ON_GLASS,
+    f'diameter = "2 cm"\n{WALL}': ON_GLASS,
+}  # fmt: skip
 
 
-@pytest.mark.parametrize("name", PAIRS)
-def test_contacts(name, read_toml):
-    lines, modulus, radius, inertia = PAIRS[name]
-    (data,) = read_toml(entry(*lines))
+@pytest.mark.parametrize("lines", PAIRS)
+def test_contacts(lines, read_toml):
+    modulus, radius, inertia, *radii = PAIRS[lines]
+    (data,) = read_toml(entry(lines))
     found = data.contact
     numbers = [found.youngs_modulus, found.radius, found.mass, found.yield_strength]
     np.testing.assert_allclose(numbers, [modulus, radius, inertia, 3.10e8], rtol=1e-14)
     assert found.area == "zhou"
     assert data.limit_velocity == found.limit_velocity == pytest.approx(340.317045, rel=1e-8)
-    radii = [body.radius for body in data.bodies]
-    assert radii[0] == 0.0127 if name == "two equal spheres" else 0.01
-    assert radii[1] == {"two radii": 0.03, "a wall": None}.get(name, radii[0])
-
-
-@pytest.mark.parametrize(
-    ("radii", "diameters"),
-    [
-        (["radius = 0.0127"], ["diameter = 0.0254"]),
-        (["radius = 0.0127"], ['diameter = "1 in"']),
-        (["radius_1 = 0.01", "radius_2 = 0.03"], ["diameter_1 = 0.02", 'diameter_2 = "60 mm"']),
-        (
-            ["radius = 0.01", "[material.wall]", GLASS],
-            ['diameter="2 cm"', "[material.wall]", GLASS],
-        ),
-    ],
-)
-def test_diameters_in_place_of_radii(read_toml, radii, diameters):
-    one, other = (read_toml(entry(*lines))[0].contact.leaves() for lines in (radii, diameters))
-    np.testing.assert_allclose(
-        [*map(float, one.values())], [*map(float, other.values())], rtol=1e-14
-    )
+    assert [body.radius for body in data.bodies] == [r and pytest.approx(r) for r in radii]
 
 
 def test_named_materials_are_those_of_the_paper(read_toml):
-    wall = (
-        '[[material]]\ndata = "m.csv"\nmaterial = "Chrome-Steel"\nradius = 0.01\n[material.wall]\n'
-    )
+    wall = '[[material]]\ndata = "m.csv"\nmaterial = "Chrome-Steel"\nradius = 0.01\n[material.wall]\n'  # fmt: skip
     (data,) = read_toml(wall + 'material = "nylon"\n')
     assert data.contact == sj.Contact.with_wall(sj.CHROME_STEEL, sj.NYLON, 0.01)
     for name in ("chrome steel", "nylon"):
@@ -87,22 +62,15 @@ def test_named_materials_are_those_of_the_paper(read_toml):
     assert same.contact == read_toml(entry("radius = 0.01"))[0].contact
 
 
-def test_a_limit_velocity_in_the_file_stands(read_toml):
-    (data,) = read_toml(entry("radius = 0.01", 'limit_velocity = "200 m/s"'))
-    assert data.limit_velocity == data.contact.limit_velocity == 200.0
-    assert data.contact.yield_strength == 3.10e8
-
-
-def test_areas(read_toml):
-    """A material's own, else that of [fit]."""
-    toml = '[fit]\narea = "hertz"\n' + entry("radius = 0.01", 'name = "a"')
+def test_limit_velocities_areas_and_entries_without_bodies(read_toml):
+    """A limit in the file stands; an area is a material's own, else that of [fit]."""
+    toml = '[fit]\narea = "hertz"\n' + entry("radius = 0.01", 'limit_velocity = "200 m/s"', 'name = "a"')  # fmt: skip
     toml += entry("radius = 0.01", 'area = "zhou"', 'name = "b"')
-    assert [data.contact.area for data in read_toml(toml)] == ["hertz", "zhou"]
-
-
-def test_without_elastic_properties(read_toml):
-    bare = entry('name = "a"', "limit_velocity = 50.0", properties="")
-    limited, constant = read_toml(bare + entry('name = "b"', properties=""))
+    toml += entry('name = "c"', "limit_velocity = 50.0", properties="")
+    first, second, limited, constant = read_toml(toml + entry('name = "d"', properties=""))
+    assert first.limit_velocity == first.contact.limit_velocity == 200.0
+    assert first.contact.yield_strength == 3.10e8
+    assert [data.contact.area for data in (first, second)] == ["hertz", "zhou"]
     assert (limited.contact, limited.limit_velocity) == (None, 50.0)
     assert (constant.contact, constant.limit_velocity) == (None, None)
 
@@ -137,42 +105,25 @@ def test_an_uncertainty_for_all_rows_is_its_column(read_toml, key, header, full,
     assert np.any(sizes[0])
 
 
+REPEATS = "velocity,restitution\n2.0,0.8\n1.0,0.90\n1.0,0.94\n2.0,0.82\n"
+
+
+def test_repeats_are_averaged_on_request(read_toml):
+    for value in ("true", '"pooled"'):
+        (data,) = read_toml(entry(f"average_repeats = {value}", properties=""), REPEATS)
+        np.testing.assert_allclose(data.restitution, [0.92, 0.81], rtol=1e-14)
+        # s² = (2 · 0.02² + 2 · 0.01²)/2, over √2
+        np.testing.assert_allclose(data.uncertainty, [math.sqrt(0.00025)] * 2, rtol=1e-12)
+        assert (data.degrees, data.origin.lines) == (2, (3, 2))
+    assert len(read_toml(entry("average_repeats = false", properties=""), REPEATS)[0]) == 4
+
+
 def test_a_unit_in_the_file_goes_with_any_in_the_header(read_toml):
     """Where a bare number would be refused, which may be meant in either."""
     csv = "h0 [cm],h1 [cm]\n50,32\n"
     (data,) = read_toml(entry('height_uncertainty = "2 mm"', properties=""), csv)
     (same,) = read_toml(entry(properties=""), "h0 [cm],h1 [cm],u_h [mm]\n50,32,2\n")
     assert data.uncertainty[0] == same.uncertainty[0]
-
-
-def test_priors_and_bounds_have_units(tmp_path):
-    (tmp_path / "m.csv").write_text("v,e\n1,0.9\n")
-    said = 'yield_strength = { value = "310 MPa", prior = ["310 MPa", "20 MPa"], bounds = ["0.1 GPa", inf] }'
-    (tmp_path / "m.toml").write_text(f"{entry(properties='')}[material.parameters]\n{said}\n")
-    (found,) = cal.read_problem(tmp_path / "m.toml").parameters
-    expected = cal.Parameter(3.1e8, prior=(3.1e8, 2e7), bounds=(1e8, math.inf))
-    assert found == {"yield_strength": expected}
-
-
-REPEATS = "velocity,restitution\n2.0,0.8\n1.0,0.90\n1.0,0.94\n2.0,0.82\n"
-
-
-@pytest.mark.parametrize("value", ["true", '"pooled"'])
-def test_repeats_are_averaged_on_request(read_toml, value):
-    (data,) = read_toml(entry(f"average_repeats = {value}", properties=""), REPEATS)
-    np.testing.assert_allclose(data.restitution, [0.92, 0.81], rtol=1e-14)
-    # s² = (2 · 0.02² + 2 · 0.01²)/2, over √2
-    np.testing.assert_allclose(data.uncertainty, [math.sqrt(0.00025)] * 2, rtol=1e-12)
-    assert (data.degrees, data.origin.lines) == (2, (3, 2))
-    assert len(read_toml(entry("average_repeats = false", properties=""), REPEATS)[0]) == 4
-
-
-def test_names_and_places_of_data_files(tmp_path):
-    (tmp_path / "runs").mkdir()
-    (tmp_path / "runs" / "a b.csv").write_text(REPEATS)
-    (tmp_path / "m.toml").write_text('[[material]]\ndata = "runs/a b.csv"\n')
-    (data,) = cal.read_toml(tmp_path / "m.toml")
-    assert (data.name, data.origin.file) == ("a b", str(tmp_path / "runs" / "a b.csv"))
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
@@ -182,19 +133,23 @@ def test_material_files_as_editors_save_them(read_toml, encoding, newline):
     assert read_toml(text, encoding=encoding)[0].name == "Stahl für χ̃"
 
 
-def test_a_link_to_a_material_file_means_what_lies_beside_the_file(tmp_path):
+def test_names_and_places_of_data_files(tmp_path):
+    """A link to a material file means what lies beside the file, then what lies beside the link."""
     for place, value in (("there", 0.9), ("here", 0.8)):
         (tmp_path / place).mkdir()
-        (tmp_path / place / "a.csv").write_text(f"velocity,restitution\n1.0,{value}\n")
-    (tmp_path / "there" / "m.toml").write_text('[[material]]\ndata = "a.csv"\n')
+        (tmp_path / place / "a b.csv").write_text(f"velocity,restitution\n1.0,{value}\n")
+    (tmp_path / "m.toml").write_text('[[material]]\ndata = "there/a b.csv"\n')
+    (data,) = cal.read_toml(tmp_path / "m.toml")
+    assert (data.name, data.origin.file) == ("a b", str(tmp_path / "there" / "a b.csv"))
+    (tmp_path / "there" / "m.toml").write_text('[[material]]\ndata = "a b.csv"\n')
     link = tmp_path / "here" / "m.toml"
     link.symlink_to(tmp_path / "there" / "m.toml")
     assert cal.read_toml(link)[0].restitution[0] == 0.9
-    assert any("link" in one and "there/a.csv" in one for one in cal.read_toml(link)[0].remarks)
-    (tmp_path / "there" / "a.csv").unlink()  # then what lies beside the link
+    assert any("link" in x and "there/a b.csv" in x for x in cal.read_toml(link)[0].remarks)
+    (tmp_path / "there" / "a b.csv").unlink()
     assert cal.read_toml(link)[0].restitution[0] == 0.8
-    (tmp_path / "here" / "a.csv").unlink()
-    with pytest.raises(cal.InputError, match=r"m\.toml:2: .*there/a\.csv.*here/a\.csv"):
+    (tmp_path / "here" / "a b.csv").unlink()
+    with pytest.raises(cal.InputError, match=r"m\.toml:2: .*there/a b\.csv.*here/a b\.csv"):
         cal.read_toml(link)
 
 
@@ -203,7 +158,8 @@ OF_ONE = """
 [material.parameters]
 psi = 0.5
 chi = { value = 0.1, bounds = [0.01, inf], transform = "log" }
-yield_strength = { prior = [3.1e8, 1e7], shared = "steel" }
+yield_strength = { value = "310 MPa", prior = ["310 MPa", "20 MPa"], bounds = ["0.1 GPa", inf] }
+rate = { prior = [3.1e8, 1e7], shared = "steel" }
 limit_velocity = { free = false }
 zeta = -0.0
 [material.parameters.sigma]
@@ -228,7 +184,8 @@ def test_parameters_of_a_material(problem):
     assert said == {
         "psi": cal.Parameter(0.5, free=False),
         "chi": cal.Parameter(0.1, bounds=(0.01, math.inf), transform="log"),
-        "yield_strength": cal.Parameter(prior=(3.1e8, 1e7), shared="steel"),
+        "yield_strength": cal.Parameter(3.1e8, prior=(3.1e8, 2e7), bounds=(1e8, math.inf)),
+        "rate": cal.Parameter(prior=(3.1e8, 1e7), shared="steel"),
         "limit_velocity": cal.Parameter(free=False),
         "zeta": cal.Parameter(0.0, free=False),
         "sigma": cal.Parameter(3.0, shared=True),
@@ -238,17 +195,12 @@ def test_parameters_of_a_material(problem):
 
 
 def test_settings(problem):
-    told = {"law": "zhou", "objective": "model", "optimiser": "levenberg-marquardt", "route": "ode"}
-    told |= {
-        "rtol": 1e-8,
-        "seed": 7,
-        "starts": 32,
-        "form": "full",
-        "kappa": "printed",
-        "area": "hertz",
-    }
-    told |= {"confidence": 0.9, "max_steps": 50, "unloading_line": "weighted", "profiles": False}
-    told |= {"extra_scatter": True}
+    told = {
+        "law": "zhou", "objective": "model", "optimiser": "levenberg-marquardt", "route": "ode",
+        "rtol": 1e-8, "seed": 7, "starts": 32, "form": "full", "kappa": "printed", "area": "hertz",
+        "confidence": 0.9, "max_steps": 50, "unloading_line": "weighted", "profiles": False,
+        "extra_scatter": True,
+    }  # fmt: skip
     lines = [f"{key} = {json.dumps(value)}" for key, value in told.items()]
     assert problem("\n".join(["[fit]", *lines, entry(properties="")])).settings == told
     assert problem(entry(properties="")).settings == {}

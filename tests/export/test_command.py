@@ -11,7 +11,6 @@ import pytest
 
 import calibration as cal
 import softjax as sj
-from calibration.cli import main
 from tests.cases import fitted
 from tests.command import BODIES, run
 from tests.export.laws import compiled, compiler_says, needs_compiler
@@ -85,13 +84,6 @@ def test_a_fit_is_exported_material_by_material(at, fit_file):
     assert set(expected) <= set(report()["warnings"])
     for told in (text("softjax_law.h"), out):
         assert all(one.replace("ε", "eps") in told.replace("ε", "eps") for one in expected)
-    for more, said in (
-        (("steel", "--law", "zhou"), "`--law` must be left out with --fit"),
-        (("nylon", "--range", "0.05:20"), "where the data determine"),
-    ):
-        code, _, err = run("export", *options, "--material", *more)
-        assert code == 2
-        assert said in err
 
 
 def test_a_file_of_materials_with_given_parameters(at):
@@ -216,29 +208,3 @@ def test_a_build_without_an_answer_from_lammps_says_what_to_do(at):
     ended = subprocess.run(["sh", "results/build.sh"], env=silent, capture_output=True, text=True)
     assert ended.returncode == 1
     assert ended.stderr.endswith("where libmpi is not found put its folder on LD_LIBRARY_PATH\n")
-
-
-@pytest.mark.parametrize(
-    ("options", "blamed"),
-    [
-        (("--to", "fortran"), "fortran"),
-        ((), "--to"),
-        (("--to", "c", "--range", "5"), "lowest:highest"),
-        (("--to", "c", "--law", "hertz-dashpot", "--set", "restitution=2"), "but is 2.0"),
-        (("--to", "c", "--law", "hertz-dashpot"), "`--law` must be given with --set"),
-        (("--to", "c", "--tolerance", "2"), "tolerance"),
-        (("--to", "c", "--export-law", "viscoelastc"), "did you mean 'viscoelastic'"),
-        (("--to", "liggghts", "--range", "0.1:5", "--tolerance", "0.001"), "--tolerance 0.072"),
-        (("--to", "c", "--types", "1", "2"), "left out with c"),
-    ],
-)
-def test_what_cannot_be_done_is_refused_in_one_line(options, blamed, at, capsys):
-    try:
-        code = main(["export", "stainless-steel", *options])
-    except SystemExit as stop:
-        code = stop.code
-    out, err = capsys.readouterr()
-    assert (code, out) == (2, "")
-    assert len(err.splitlines()) == 1
-    assert blamed in err
-    assert list(at.iterdir()) == []

@@ -186,22 +186,6 @@ def test_it_compiles_by_itself_without_a_warning(name, tmp_path, header):
         assert compiler_says(stated, language, tmp_path) == ""
 
 
-def test_a_softer_law_has_the_same_restitution_at_longer_steps(exported, header):
-    """Overlaps and durations grow by a factor, forces fall by it."""
-    expected, duration = (each[SOME] for each in wide(STEEL))
-    made, _ = exported(STEEL, "c", law="exact", steps=50, tolerance=0.5, overlap=0.05)
-    factor = 0.05 * float(PAIR.radius) / float(sj.restitution(STEEL, 5.0).peak_overlap)
-    one = compiled(header(STEEL, overlap=0.05))
-    found = one.rebounds(WIDE[SOME], factor * duration / 1000)
-    assert np.max(np.abs(found - expected)) < 2e-6
-    overlap = 20 * float(PAIR.critical_overlap)
-    stiff = compiled(header(STEEL)).forces([overlap])[0]
-    np.testing.assert_allclose(one.forces([factor * overlap])[0], stiff / factor, rtol=1e-12)
-    assert made.time_step == pytest.approx(
-        factor * float(np.min(sj.restitution(STEEL, np.geomspace(0.1, 5, 65)).duration)) / 50
-    )
-
-
 def test_a_users_law_goes_by_a_table_that_gains_no_energy(exported, in_c):
     """An impact returns ε² of its energy but for the sums of both works: 6e-6 of it were seen, at the kink."""
     velocity = np.geomspace(0.1, 5, 128)

@@ -57,34 +57,6 @@ def measured(folder, velocities, wall=None) -> np.ndarray:
     return rebounds((of(v, settings, 2 * steps) for v in velocities), folder)
 
 
-@long
-@pytest.mark.parametrize(
-    ("law", "tolerance"), [("linear", 0.08), ("hertz-dashpot", 0.08), ("viscoelastic", 0.03)]
-)
-def test_input_that_is_written_keeps_its_tolerance(law, tolerance, tmp_path):
-    """Between two balls; at a wall by the line that stands there as a comment."""
-    options = {"velocity_range": RANGE, "law": law, "tolerance": tolerance}
-    made = cal.export(STEEL, "lammps", tmp_path, **options)
-    found, given = measured(tmp_path, made.target.velocity[::16]), made.choice.impacts.coefficient
-    assert np.max(np.abs(found - made.target.restitution[::16])) <= tolerance
-    assert np.max(np.abs(found - given[::16])) <= made.choice.steps.error + 1e-6
-    if law != "viscoelastic":  # which is of one mass
-        text = (tmp_path / "in.softjax").read_text(encoding="utf-8")
-        (line,) = re.findall(r"^# (fix ID .*)$", text, re.M)
-        found = measured(tmp_path, VELOCITIES, line.replace("fix ID group", "fix wall all"))
-        np.testing.assert_allclose(found, given[0], atol=made.choice.steps.error + 1e-6)
-
-
-@long
-def test_a_law_of_a_wall_acts_at_the_wall_as_written(tmp_path):
-    """Its damping is for the mass of a ball on a wall."""
-    law, options = sj.ViscoelasticHertz(WALL, 2e-6), {"velocity_range": RANGE, "steps": 400}
-    made = cal.export(law, "lammps", tmp_path, on_wall=True, tolerance=0.01, **options)
-    found = measured(tmp_path, VELOCITIES, "# as it was written")
-    assert made.choice.key == "viscoelastic"
-    np.testing.assert_allclose(found, restitution(law, VELOCITIES), atol=1e-3)
-
-
 def with_steps(law, velocity, count):
     """Settings for a number of steps in this impact's contact."""
     return [*LOAD, f"timestep {float(sj.restitution(law, velocity).duration) / count!r}"]
@@ -104,18 +76,6 @@ def test_the_plugin_gives_the_restitution_of_the_law(plugin):
     assert fine == pytest.approx(restitution(STEEL, 1.0), abs=3e-7)
     found = measured(folder, made.target.velocity[::16])
     assert np.max(np.abs(found - made.target.restitution[::16])) <= made.choice.total
-
-
-@long
-@pytest.mark.parametrize("law", ["exact", "walton-braun"])
-def test_other_laws_by_the_plugin_keep_their_tolerance(law, tmp_path):
-    source = STEEL if law == "walton-braun" else sj.ViscoelasticHertz(PAIR, 2e-6)
-    options = {"velocity_range": RANGE, "law": law, "tolerance": 0.02, "overlap": 0.03}
-    made = cal.export(source, "lammps", tmp_path, **options)
-    assert made.choice.backend.name == "header"
-    build(tmp_path)
-    found = measured(tmp_path, made.target.velocity[::16])
-    assert np.max(np.abs(found - made.target.restitution[::16])) <= made.choice.total <= 0.02
 
 
 def test_two_pairs_of_materials_have_their_own_laws(plugin):
@@ -247,26 +207,6 @@ def test_a_restart_has_room_for_the_contacts_of_every_process(plugin):
         np.testing.assert_allclose(found, whole, rtol=0, atol=1e-13)
 
 
-BALL = f"""# for fix deposit
-
-1 atoms
-
-Coords
-
-1 0 0 0
-
-Types
-
-1 1
-
-Diameters
-
-1 {2 * RADIUS}
-
-Masses
-
-1 {DENSITY * 4 / 3 * np.pi * RADIUS**3}
-"""
 POUR = (
     f"fix more all pour 200 1 4711 region above vol 0.2 50 dens {DENSITY} {DENSITY} "
     f"vel -.5 .5 -.5 .5 -2 diam poly 2 {2 * RADIUS} 0.5 {RADIUS} 0.5"
@@ -276,14 +216,6 @@ LARGER = (
 )
 FILLED = {  # how, and how many spheres there are in the end
     "pour": ([POUR, "run 20000"], 200),
-    "deposit": (
-        [
-            "molecule ball in.ball",
-            "fix more all deposit 60 0 100 4711 region above mol ball vz -2 -2 near 0.026",
-            "run 40000",
-        ],
-        60,
-    ),
     "creation during a run": (
         [
             f"create_atoms 1 single 0 0 {RADIUS / 2 + 1e-5}",
@@ -300,7 +232,6 @@ FILLED = {  # how, and how many spheres there are in the end
 def test_a_box_is_filled(how, plugin):
     """From nothing or by smaller spheres: none is lost, none falls through; warnings at the end."""
     fills, count = FILLED[how]
-    (plugin[0] / "in.ball").write_text(BALL, encoding="utf-8")
     lines = [
         *SPHERES,
         "boundary p p f",

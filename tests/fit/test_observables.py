@@ -139,14 +139,3 @@ def test_slopes_of_every_observable_are_those_of_differences():
     slopes = jax.jit(jax.jacfwd(every))(1.8)
     for slope, low, high in zip(slopes, every(1.8 - 1e-5), every(1.8 + 1e-5), strict=True):
         np.testing.assert_allclose(slope, (high - low) / 2e-5, rtol=1e-6, atol=1e-12)
-
-
-def test_what_a_law_cannot_tell_is_refused(data):
-    with pytest.raises(ValueError, match="contact_time, peak_force, of which constant determines"):
-        cal.fit(data, "constant")
-    with pytest.raises(ValueError, match="`objective` must be model, which takes all of them"):
-        cal.fit(data, objective="two-step")
-    with pytest.raises(ValueError, match=r"`observable` must be .*did you mean 'contact_time'"):
-        cal.fit(cal.paper_materials()[2], profiles=False, starts=1).band(
-            1.0, observable="contact_tim"
-        )

@@ -135,18 +135,3 @@ def test_likelihood_functions_know_the_pool():
     rows = np.asarray(jax.jit(problem.residuals)(theta))[-2:]
     np.testing.assert_allclose(rows, np.log([1.2, 0.8]) / 0.3, rtol=1e-10)
     assert float(prior(theta | {"rate_spread": -1.0})) == -np.inf
-
-
-@pytest.mark.parametrize(
-    ("build", "message"),
-    [
-        (lambda: cal.Parameter(shared="pooled", prior=(1, 1)), "`prior` must be left out"),
-        (
-            lambda: cal.fit(constants()[0], sj.ConstantRestitution, POOLED),
-            "left out for one data set alone",
-        ),
-    ],
-)
-def test_what_cannot_be_pooled_is_refused(build, message):
-    with pytest.raises(ValueError, match=message):
-        build()

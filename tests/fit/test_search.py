@@ -25,10 +25,7 @@ def far_off(name, factors):
 
 @pytest.mark.parametrize(
     ("route", "name"),
-    [
-        *((BALANCE, name) for name in TRUTH),
-        (STEPS, "nylon"),
-    ],
+    [*((BALANCE, name) for name in TRUTH), (STEPS, "nylon")],
     ids=lambda x: x if isinstance(x, str) else x.name,
 )
 def test_all_three_parameters_are_recovered(route, name):

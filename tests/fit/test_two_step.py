@@ -13,6 +13,7 @@ import calibration as cal
 import softjax as sj
 from tests import fit_oracle
 from tests.fit_data import TRUTH, eq_17_data, pair, twin
+from tests.fit_oracle import own_model
 
 # found independently by least squares on the energy balance
 CHI = {"stainless steel": 1.7944, "chrome steel": 0.09867, "nylon": 0.21998}
@@ -119,11 +120,6 @@ def test_each_step_recovers_its_parameters_from_far_off():
         assert found.values["chi"] == pytest.approx(chi, rel=1e-6)
         assert found.values["sigma"] == sigma
         assert found.standard_errors["sigma"] is None
-
-
-def own_model(data):
-    numbers = fit_oracle.numbers(data.contact)
-    return lambda *p: fit_oracle.curve(data.velocity, numbers, *p)
 
 
 def own_eq_17(data):

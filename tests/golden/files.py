@@ -13,6 +13,7 @@ from calibration import cli
 from tests.golden import simulated
 from tests.golden.cases import contact
 from tests.golden.numbers import NUMBER, scenario
+from tests.shown.tables import markdown_tables
 
 DROPS = """
 [[material]]
@@ -46,21 +47,11 @@ def command(*words) -> str:
     return out.getvalue()
 
 
-def markdown_tables(text):
-    """The rows of each table of a page, but of that with times."""
-    for block in re.findall(r"(?:^\|.*\n)+", text, re.M):
-        header, _, *rows = (
-            [cell.strip() for cell in line.strip().strip("|").split(" | ")]
-            for line in block.splitlines()
-        )
-        if "seconds" not in header:
-            yield rows
-
-
 def record_report(numbers, path, name=""):
     """The numbers of the tables of report.md, row by row."""
     tables = markdown_tables(path.read_text(encoding="utf-8"))
-    record_table(numbers, [row for rows in tables for row in rows], f"{name}report: ")
+    rows = [row for header, *rows in tables if "seconds" not in header for row in rows]
+    record_table(numbers, rows, f"{name}report: ")
 
 
 def record_printed(numbers, text, name=""):

@@ -30,7 +30,7 @@ def built_in_laws(numbers, folder):
     power = above**0.2
     exact = {
         "zhou": (None, None),
-        "thornton": (above, simulated.thornton(above, 0.7)),
+        "thornton": (above, fit_oracle.thornton(above, 0.7)),
         "walton-braun": (above, 1 / np.sqrt(1.2 + growth)),
         "viscoelastic": (above, 1 - 0.06 * power + 0.0022 * power**2),
         "hertz": (above, 0.995 + 0 * above),

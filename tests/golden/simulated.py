@@ -38,13 +38,6 @@ def first_yield(pair):
     return np.sqrt(4 * k / (5 * M)) * overlap**1.25
 
 
-def thornton(velocity, elastic):
-    """Thornton (1997), from the velocity of first yield on."""
-    r = np.minimum(elastic / velocity, 1.0)
-    slow = r / (r + 2 * np.sqrt(1.2 - 0.2 * r**2))
-    return np.where(r < 1, np.sqrt(1.2 * np.sqrt(3)) * np.sqrt(1 - r**2 / 6) * slow**0.25, 1.0)
-
-
 def around_yield(material=ALLOY, below=8):
     """POINTS velocities on both sides of first yield [m/s]."""
     critical = first_yield(equal_spheres(material))

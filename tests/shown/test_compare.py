@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 
-from calibration.cli import main
 from tests.shown.capture import legend, line
 from tests.shown.conftest import MADE, MASS, VELOCITY, shown, write
 from tests.shown.tables import cells, terminal_table
@@ -178,26 +177,3 @@ def test_the_case_against_the_linear_spring(tmp_path):
     np.testing.assert_allclose(hertz[:, 1], hertz[:, 0] ** 1.5, rtol=1e-12, atol=1e-15)
     # ½ K δ² = (2/5) k δ^{5/2}
     np.testing.assert_allclose(spring[:, 1], 0.8 * spring[:, 0], rtol=1e-12, atol=1e-15)
-
-
-@pytest.mark.parametrize(
-    ("options", "blamed"),
-    [
-        (["--laws", "zhuo"], "did you mean 'zhou'"),
-        (["--laws", ","], "--laws"),
-        (["--law", "hertz", "--form", "full"], "zhou among the laws"),
-        (["--law", "zhou", "--end", "zero-force"], "hertz-dashpot or linear"),
-        (["--free", "yield_factor"], "--free"),
-    ],
-)
-def test_unusable_input_is_refused_and_nothing_is_written(options, blamed, tmp_path, capsys):
-    path, out = write(tmp_path), tmp_path / "out"
-    try:
-        code = main(["compare", str(path), *options, "--out", str(out)])
-    except SystemExit as stop:
-        code = stop.code
-    err = capsys.readouterr().err
-    assert code == 2
-    assert blamed in err
-    assert len(err.splitlines()) == 1
-    assert not out.exists()

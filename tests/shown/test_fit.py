@@ -14,23 +14,14 @@ import calibration as cal
 import softjax as sj
 from tests.cases import pair
 from tests.decay import Decay
-from tests.fit_oracle import eq_17
+from tests.fit_oracle import eq_17, thornton
 from tests.shown.capture import band, bars, drawn, labels, legend, line
 from tests.shown.conftest import MADE, MASS, VELOCITY, shown, write
 from tests.shown.tables import Tags, cells, markdown_tables
 
 EPSILON, SPEED = r"restitution $\varepsilon$", "impact velocity $v$ [m/s]"
 NAMES = ["stainless steel", "chrome steel", "nylon"]
-LEAST_SQUARES = {  # χ̃, rms, rms on the line of Eq. (18), by SciPy
-    "stainless steel": (1.7944, 0.01502, 0.0167),
-    "chrome steel": (0.09867, 0.000965, 0.0345),
-    "nylon": (0.21998, 0.00935, 0.0162),
-}
-TRUTH = {
-    "stainless steel": (3.0432, 0.54),
-    "chrome steel": (0.1418, 0.3114),
-    "nylon": (0.4355, 0.5414),
-}
+TRUTH = dict(zip(NAMES, ((3.0432, 0.54), (0.1418, 0.3114), (0.4355, 0.5414)), strict=True))
 
 
 def curve(x, v=VELOCITY):
@@ -188,25 +179,15 @@ def test_correlations_are_ellipses_with_their_numbers(alloy, main_job):
         assert correlation_of(ax)[tuple(place)] == pytest.approx(fit.correlations[i, j], abs=0.01)
 
 
-def test_the_main_job_finds_what_least_squares_found(main_job):
-    """χ̃ and the rms by SciPy; σ and ψ are Table 1's; the line of Eq. (18) follows less closely."""
+def test_the_main_job_says_what_it_found(main_job):
+    """Numbers of Table 1 and of least squares, within the width of a terminal."""
     assert (main_job.code, main_job.err) == (0, "")
     assert main_job.out.startswith("These data are a published fit of measurements, not")
-    fit, report = cal.FitResult.load(main_job.folder / "fit.json"), main_job.text("report.md")
-    for name, (chi, rms, on_line) in LEAST_SQUARES.items():
-        found = fit.material(name)
-        assert found.values["chi"] == pytest.approx(chi, rel=1e-4)
-        assert found.rms == pytest.approx(rms, rel=5e-3)
-        assert found.rms_empirical < 1e-9
-        assert fit.unloading_line.rms[name] == pytest.approx(on_line, abs=6e-5)
-        assert found.outliers == ()
-        assert [f"{found.values[key]:.4f}" for key in ("sigma", "psi")] == [
-            f"{value:.4f}" for value in TRUTH[name]
-        ]
-    for printed in ("0.1368", "0.0239", "3.0432", "0.8352", "54.25", "χ̃: unloading"):
+    for printed in ("0.1368", "0.0239", "3.0432", "0.8352", "54.25", "χ̃: unloading", "1.794"):
         assert printed in main_job.out
     assert max(map(len, main_job.out.partition("\nWritten to")[0].splitlines())) <= 100
     assert {*main_job.figures} == {"curves.png", "correlation.png"}
+    report = main_job.text("report.md")
     assert "](curves.png)" in report
     assert "](profiles.png)" not in report
     assert main_job.text("report.html").count("data:image/png;base64,") == 2
@@ -238,7 +219,7 @@ def test_the_main_picture_has_each_curve_that_its_legend_names(main_job):
         np.testing.assert_allclose(line(ax, by_line)[1][1:], moved[1:], atol=1e-7)
         for label, area in ((paper, "zhou"), (hertz, "hertz")):
             first = float(pair(name, area).critical_velocity)
-            np.testing.assert_allclose(line(ax, label)[1], thornton(v / first), atol=1e-9)
+            np.testing.assert_allclose(line(ax, label)[1][1:], thornton(v[1:], first), atol=1e-9)
         (points,), (left,) = ax.containers, below.containers
         np.testing.assert_allclose(
             points[0].get_data(), [data.velocity / critical, data.restitution]
@@ -255,24 +236,12 @@ def test_the_main_picture_has_each_curve_that_its_legend_names(main_job):
     law = sj.Zhou(pair("nylon"), 0.0160, *TRUTH["nylon"], kappa="printed")
     v = y[inside] * float(pair("nylon").critical_velocity)
     np.testing.assert_allclose(value[inside], sj.restitution(law, v).coefficient, atol=1e-9)
-
-
-def thornton(ratio):
-    """Thornton (1997), Eq. 5, over V/V_y."""
-    r = 1 / np.maximum(ratio, 1)
-    inner = r / (r + 2 * np.sqrt(1.2 - 0.2 * r**2))
-    plastic = np.sqrt(6 * np.sqrt(3) / 5) * np.sqrt(1 - r**2 / 6) * inner**0.25
-    return np.where(ratio > 1, plastic, 1.0)
-
-
-def test_curves_differ_by_style_and_colour(main_job):
     named = [
         one
-        for one in main_job.figures["curves.png"].axes[0].get_lines()
+        for one in figure.axes[0].get_lines()
         if not one.get_label().startswith("_") and one.get_linestyle() not in ("None", "none")
     ]
-    looks = [str(one._unscaled_dash_pattern) for one in named]
-    assert len(set(looks)) == len(named) >= 6
+    assert len({str(one._unscaled_dash_pattern) for one in named}) == len(named) >= 6
     assert len({one.get_color() for one in named}) == len(named)
 
 
@@ -382,35 +351,6 @@ def plus_minus(cell: str) -> tuple[str, str]:
     return tuple(number + (found[3] or "") for number in found.group(1, 2))
 
 
-def test_the_line_through_chi_has_the_fewest_degrees_of_freedom():
-    """Weighted least squares by hand; t of the smallest set, which has 8 - 2 of Eq. (17)."""
-    sets = []
-    for (name, count), seed in zip(
-        (("stainless steel", 8), ("chrome steel", 14), ("nylon", 30)), range(3), strict=True
-    ):
-        contact, last = pair(name), {"stainless steel": 250, "chrome steel": 25, "nylon": 80}[name]
-        v = np.linspace(2, last, count) * float(contact.critical_velocity)
-        noise = 0.003 * np.random.default_rng(seed).standard_normal(count)
-        exact = eq_17(v, float(contact.limit_velocity), *TRUTH[name])
-        sets.append(cal.RestitutionData(v, exact + noise, contact, name=name))
-    options = {"objective": "two-step", "route": sj.EnergyBalance(), "profiles": False}
-    fit = cal.fit(sets, unloading_line="weighted", starts=2, **options)
-    chi = np.array([fit.values[f"chi[{one.name}]"] for one in sets])
-    errors = np.array([fit.standard_errors[f"chi[{one.name}]"] for one in sets])
-    ratio = np.array([float(one.contact.yield_ratio) for one in sets])
-    (c2, c1), covariance = np.polyfit(ratio, chi, 1, w=1 / errors, cov="unscaled")
-    for found, value, variance in zip(
-        (fit.unloading_line.c1, fit.unloading_line.c2),
-        (c1, c2),
-        np.diag(covariance)[::-1],
-        strict=True,
-    ):
-        assert found.value == pytest.approx(value, rel=1e-6)
-        assert found.standard_error == pytest.approx(np.sqrt(variance), rel=1e-6)
-        reach = stats.t.ppf(0.975, 6) * np.sqrt(variance)
-        assert (found.low, found.high) == pytest.approx((value - reach, value + reach), rel=1e-5)
-
-
 @pytest.mark.parametrize(
     ("value", "error", "text"),
     [
@@ -449,7 +389,7 @@ def test_first_yield_velocity_errors_and_a_linear_axis(tmp_path):
     """Thornton's V_y; less than 1.5 decades are linear; bars across are the velocities' errors."""
     first = 1.6**2.5 * float(pair("nylon", area="hertz").critical_velocity)
     v = first * np.linspace(0.5, 12, 16)
-    rows = "\n".join(f"{x},{e},0.01,0.05" for x, e in zip(v, thornton(v / first), strict=True))
+    rows = "\n".join(f"{x},{e},0.01,0.05" for x, e in zip(v, thornton(v, first), strict=True))
     head = "velocity [m/s],restitution,uncertainty,velocity_uncertainty [m/s]\n"
     path = write(tmp_path)
     (tmp_path / "alloy.csv").write_text(head + rows + "\n", encoding="utf-8")

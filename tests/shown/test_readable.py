@@ -95,15 +95,12 @@ def test_the_profile_of_a_parameter_at_its_bound_is_drawn_over_a_linear_axis(tmp
     assert ends[-1] == pytest.approx(profile.high)
 
 
-def test_the_colours_of_correlations_are_explained_in_the_picture(alloy):
-    figure = alloy.figures["correlation.png"]
-    assert figure.get_supxlabel() == "blue: positive; orange: negative"
-
-
-def test_titles_of_correlations_are_inside_the_picture(tmp_path):
+def test_titles_of_correlations_are_inside_the_picture(main_job, tmp_path):
     """Of three materials in one row, with the explanation of the colours below them."""
-    assert run("fit", "--out", tmp_path / "out")[0] == 0
-    edge = imread(tmp_path / "out" / "correlation.png")[:5, :, :3]
+    figure = main_job.figures["correlation.png"]
+    assert figure.get_supxlabel() == "blue: positive; orange: negative"
+    cal.FitResult.load(main_job.folder / "fit.json").report(tmp_path)
+    edge = imread(tmp_path / "correlation.png")[:5, :, :3]
     assert np.all(edge == 1.0)  # nothing is cut at the upper edge
 
 

@@ -244,33 +244,3 @@ def test_shots_at_a_data_set_are_aimed_at_its_own_parameter():
     assert found.support == [(1.0, 4)]  # where ε depends on the rate least
     named = cal.optimal_velocities(result, 4, (1.0, 20.0), target="rate", **told)
     assert named.support[0][0] > 10.0
-
-
-@pytest.mark.parametrize(
-    ("changed", "named"),
-    [
-        ({"count": 0}, "count"),
-        ({"count": True}, "`count` must be a whole number"),
-        ({"bounds": (2.0, 1.0)}, "bounds"),
-        ({"bounds": (0.0, 1.0)}, "bounds"),
-        ({"bounds": (1.0,)}, r"`bounds` must be two numbers, \(low, high\)"),
-        ({"law": LAW, "bounds": (1.0, 1e4)}, "velocity"),
-        ({"law": []}, "`law` must be one law or more"),
-        ({"law": [DECAY, "steel"]}, "law"),
-        ({"criterion": "G"}, "criterion"),
-        ({"criterion": "I", "over": 3.0}, r"`over` must be two numbers, \(low, high\)"),
-        ({"over": (1.0, 5.0)}, "`over` must be left out with criterion c"),
-        ({"target": "eps"}, "target"),
-        ({"target": "rate", "criterion": "D"}, "`target` must be left out with criterion D"),
-        ({"measured_uncertainty": 0.1}, "`measured_uncertainty` must be given with measured"),
-        ({"objective": "two-step"}, "objective"),
-        ({"uncertainty": 0.0}, "uncertainty"),
-        ({"starts": 0}, "starts"),
-        ({"seed": -1}, "`seed` must be a whole number"),
-    ],
-)
-def test_what_makes_no_sense_is_named(changed, named):
-    arguments = {"law": DECAY, "count": 5, "bounds": BOUNDS} | changed
-    with pytest.raises(ValueError, match=named) as caught:
-        cal.optimal_velocities(**arguments)
-    assert "\n" not in str(caught.value)

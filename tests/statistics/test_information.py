@@ -9,7 +9,7 @@ import calibration as cal
 import softjax as sj
 from tests.cases import fitted
 from tests.decay import Decay
-from tests.fit_data import eq_17_data, twin
+from tests.fit_data import twin
 
 LAW = fitted("nylon")
 CRITICAL = float(LAW.contact.critical_velocity)
@@ -43,10 +43,7 @@ def test_each_impact_counts_with_its_own_uncertainty_and_a_prior_as_one_more():
     expected = np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes)))
     np.testing.assert_allclose(list(found.relative_errors.values()), expected, rtol=1e-8)
     np.testing.assert_allclose(found.uncertainty, u)
-    parameters = {
-        "rate": cal.Parameter(free=False),
-        "level": cal.Parameter(prior=(0.5, 0.01)),
-    }
+    parameters = {"rate": cal.Parameter(free=False), "level": cal.Parameter(prior=(0.5, 0.01))}
     with_prior = cal.fisher_information(DECAY, v, u, parameters=parameters)
     assert with_prior.names == ("level",)
     expected = (np.sum(slopes[:, 0] ** 2) + (0.85 / 0.01) ** 2) ** -0.5
@@ -168,12 +165,7 @@ FITS = {  # (data, law, options of the fit, a data set of it)
         {"parameters": {"rate": cal.Parameter(shared="pooled")}},
         "b",
     ),
-    "velocities with errors": (
-        lambda: decays(1, 0.01, velocity_uncertainty=0.5),
-        Decay,
-        {},
-        None,
-    ),
+    "velocities with errors": (lambda: decays(1, 0.01, velocity_uncertainty=0.5), Decay, {}, None),
     "a shared parameter that is not determined": (
         lambda: decays(2, 0.01),
         Idle,
@@ -294,19 +286,11 @@ def test_a_drop_of_some_centimetres_is_known_worse_than_one_of_metres():
     assert "Sought from 0.3 to 8 m/s; planned" in str(design)
 
 
-def of_new_specimens(v, random):
-    """The first ten impacts two of a specimen, further ones of new specimens."""
-    label = np.append(np.arange(10) // 2, 5 + np.arange(len(v) - 10))
-    e = curve(v) + 0.02 * random.standard_normal(len(v))[label]
-    e += 0.01 * random.standard_normal(len(v))
-    return cal.RestitutionData(v, e, group=[f"s{k}" for k in label])
-
-
 @pytest.mark.parametrize(
     ("kind", "sets", "off"),
     [
         ("drops", 40, 0.35),
-        *(pytest.param(kind, 400, 0.1, marks=pytest.mark.long) for kind in (*KINDS, "specimens")),
+        *(pytest.param(kind, 400, 0.1, marks=pytest.mark.long) for kind in KINDS),
     ],
 )
 def test_promised_errors_are_those_that_fits_of_all_points_reach(kind, sets, off):
@@ -314,7 +298,7 @@ def test_promised_errors_are_those_that_fits_of_all_points_reach(kind, sets, off
 
     The spread is known to 1/√(2 n): 11 % of 40 sets, 3.5 % of 400.
     """
-    make = (KINDS | {"specimens": of_new_specimens})[kind]
+    make = KINDS[kind]
     first, more = np.linspace(1.5, 4.0, 10), np.array([1.2, 1.2, 1.2, 6.0, 6.0, 6.0])
     plans, found = [], []
     for seed in range(sets):
@@ -330,56 +314,3 @@ def test_promised_errors_are_those_that_fits_of_all_points_reach(kind, sets, off
 
 
 # what is refused
-
-PLACES = [0.5, 1.0, 5.0, 20.0, 40.0]
-
-
-@pytest.mark.parametrize(
-    ("changed", "named"),
-    [
-        ({"law": "steel"}, "law"),
-        ({"law": fitted("nylon", chi=np.array([0.1, 0.2]))}, "chi"),
-        ({"law": fitted("nylon", sigma=0.0)}, "sigma"),
-        ({"velocity": []}, "velocity"),
-        ({"velocity": [1.0, -1.0, 2.0, 3.0]}, "velocity"),
-        ({"velocity": [1.0, 1e4, 2.0, 3.0]}, "velocity"),
-        ({"uncertainty": 0.0}, "uncertainty"),
-        ({"uncertainty": [0.1, 0.2]}, "velocity"),
-        ({"objective": "two-step"}, "`objective` must be model: information and designs"),
-        ({"material": "nylon"}, "material"),
-        ({"parameters": {"colour": 1.0}}, "parameter"),
-        ({"parameters": {"psi": 0.7}}, "the value of the law, 0.5414"),
-        ({"parameters": dict.fromkeys(("chi", "sigma", "psi"), cal.Parameter(free=False))}, "none"),
-    ],
-)
-def test_what_makes_no_sense_is_named(changed, named):
-    arguments = {"law": LAW, "velocity": PLACES} | changed
-    with pytest.raises(ValueError, match=named) as caught:
-        cal.fisher_information(**arguments)
-    assert "\n" not in str(caught.value)
-
-
-def of_several_contacts():
-    contact = sj.Contact.with_wall(sj.NYLON, sj.STAINLESS_STEEL, np.linspace(0.005, 0.02, 8))
-    return cal.RestitutionData(np.linspace(1, 8, 8), np.linspace(0.95, 0.88, 8), contact, 0.01)
-
-
-@pytest.mark.parametrize(
-    ("data", "law", "options", "told", "message"),
-    [
-        (lambda: twin("nylon", y=[2, 5, 9, 20, 40], noise=0.003), None, {}, {"velocity": [0.5 * CRITICAL]}, "where this fit knows the law"),
-        (lambda: decays(1, 0.01)[0], Decay, {}, {"parameters": {"level": 0.9}}, "`parameters` must be left out"),
-        (lambda: eq_17_data("nylon", noise=0.003, seed=1), None, {"objective": "two-step", "route": BALANCE}, {}, r"`objective` must be model: .*but is two-step"),
-        (of_several_contacts, "viscoelastic", {}, {}, "`contact` must be one for all impacts"),
-    ],
-    ids=["not known", "parameters", "two-step", "contacts"],
-)  # fmt: skip
-def test_what_a_fit_cannot_plan_is_refused(data, law, options, told, message):
-    fit = cal.fit(data(), law, **QUICK | options)
-    for plan in (
-        cal.fisher_information,
-        lambda one, **_: cal.optimal_velocities(one, 3, (0.1, 8.0)),
-    ):
-        if plan is cal.fisher_information or not told:
-            with pytest.raises(ValueError, match=message):
-                plan(fit, **told)

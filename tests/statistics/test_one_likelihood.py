@@ -1,11 +1,17 @@
 """Fit, problem and leave-one-out are one likelihood: that of dense algebra, for every sort of noise."""
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy import optimize, stats
 
 import calibration as cal
+import softjax as sj
+from tests import fit_oracle
 from tests.decay import Decay
+from tests.decay import decay as curve
+from tests.fit_data import TRUTH, twin
 
 N = 20
 V = np.linspace(0.5, 8.0, N)
@@ -18,10 +24,6 @@ TIMED = np.stack([np.arange(N), np.arange(N) + 1, np.full(N, -1)], axis=1)
 TO_EPS = np.stack([-0.9 * np.ones(N), np.ones(N), np.zeros(N)], axis=1)
 
 
-def curve(v, level, rate):
-    return level * np.exp(-rate * v)
-
-
 def measured(seed=2, tails=False, **told):
     random = np.random.default_rng(seed)
     errors = stats.t.rvs(3, size=N, random_state=random) if tails else random.standard_normal(N)
@@ -31,14 +33,15 @@ def measured(seed=2, tails=False, **told):
     return cal.RestitutionData(V, e, **told)
 
 
-def bounces(size):
-    """A train: each interval is in two points; of stated uncertainty, or unknown."""
+def bounces(size, by_time=0.0):
+    """A train: each interval is in two points, and in their velocities; stated or unknown."""
     alone = None if size is None else STATED
     told = None if size is None else np.full(N + 1, size)
-    errors = cal.PointErrors(TIMED, TO_EPS, np.zeros((N, 3)), told, "times", alone)
-    return measured(errors=errors)
+    to_v = by_time * (np.arange(3) == 1) * np.ones((N, 1))
+    return measured(errors=cal.PointErrors(TIMED, TO_EPS, to_v, told, "times", alone))
 
 
+BY_TIME = 2.0  # δv of a time [m/s²]
 DAY = [f"day {k}" for k in DAYS]
 MOVED = {"velocity_uncertainty": 0.06 * V}
 U = {"uncertainty": STATED}
@@ -56,6 +59,7 @@ CASES = {
     "groups, extra": (measured(group=DAY, **U), {"extra_scatter": True}),
     "groups, velocities": (measured(group=DAY, **U, **MOVED), {}),
     "bounces": (bounces(0.004), {}),
+    "bounces, velocities": (bounces(0.004, BY_TIME), {}),
     "bounces, extra": (bounces(0.002), {"extra_scatter": True}),
     "bounces, times unknown": (bounces(None), {}),
     "student-t": (measured(tails=True, **U), T | {"noise_dof": 3}),
@@ -80,28 +84,37 @@ FITTED = [
 
 
 def dense(case, theta):
-    """ln p, and ln p of each point where the others are known."""
-    data, asked = CASES[case]
+    """The mean of the points, and their covariance."""
+    data, _ = CASES[case]
     level, rate = theta["level"], theta["rate"]
     mean, slope, variance = curve(V, level, rate), np.zeros(N), np.zeros(N)
-    if data.velocity_uncertainty is not None:
+    if data.velocity_uncertainty is not None:  # by quadrature; slopes are means over it too
         u = data.velocity_uncertainty
         ends = curve(V + NODES[:, None] * u, level, rate)
-        mean = SHARES @ ends
-        variance += SHARES @ (ends - mean) ** 2
-        mean = mean + SHARES @ (NODES[:, None] * ends) / u * nearer_the_middle(u)
+        mean, slope = SHARES @ ends, SHARES @ (NODES[:, None] * ends) / u
+        variance = SHARES @ (ends - mean) ** 2
+        if "bounces" in case:
+            variance = variance - (u * slope) ** 2
+        else:
+            mean = mean + slope * nearer_the_middle(u)
+    if case != "bounces, times unknown" and data.uncertainty is not None:
+        variance = variance + STATED**2
     covariance = np.diag(variance)
     if "bounces" in case:
-        spread = np.zeros((N, N + 1))
         size = theta.get("timing", None if data.errors.size is None else data.errors.size[0])
+        spread = np.zeros((N, N + 1))
         for k in range(2):
-            spread[np.arange(N), TIMED[:, k]] += (TO_EPS[:, k] - slope) * size
+            to = TO_EPS[:, k] - slope * data.errors.to_velocity[:, k]
+            spread[np.arange(N), TIMED[:, k]] += to * size
         covariance = covariance + spread @ spread.T
-    if "uncertainty" in case or case != "bounces, times unknown":
-        alone = STATED if data.uncertainty is not None else np.zeros(N)
-        covariance = covariance + np.diag(alone**2)
     covariance = covariance * theta.get("scale", 1.0) ** 2 + np.eye(N) * theta.get("noise", 0) ** 2
-    covariance = covariance + theta.get("group", 0.0) ** 2 * (DAYS[:, None] == DAYS)
+    return mean, covariance + theta.get("group", 0.0) ** 2 * (DAYS[:, None] == DAYS)
+
+
+def densities(case, theta):
+    """ln p, and ln p of each point where the others are known."""
+    data, asked = CASES[case]
+    mean, covariance = dense(case, theta)
     off = data.restitution - mean
     if asked.get("noise") == "student-t":
         dof = theta.get("dof", asked.get("noise_dof", 4))
@@ -129,10 +142,19 @@ def test_a_problem_is_the_dense_density_wherever_it_is_asked(case):
         theta = {"level": level, "rate": rate}
         theta |= {name: factor * noises[name] for name in problem.noises}
         theta |= {"dof": 2.0 + 3 * factor} if "dof" in theta else {}
-        whole, points = dense(case, theta)
+        whole, points = densities(case, theta)
         assert float(problem.log_likelihood(theta)) == pytest.approx(whole, rel=1e-10)
         found = problem.point_log_likelihood(theta)
         np.testing.assert_allclose(found, points, rtol=1e-8, atol=1e-8)
+    if asked.get("noise") == "student-t":
+        return
+    mean, covariance = dense(case, theta)  # residuals are whitened; simulations have V
+    off = mean - data.restitution
+    squares = float(np.sum(np.asarray(problem.residuals(theta)) ** 2))
+    assert squares == pytest.approx(off @ np.linalg.solve(covariance, off), rel=1e-9)
+    draws = jax.jit(jax.vmap(lambda one: problem.simulated(theta, one)))(np.eye(N))
+    root = np.asarray(draws).T - np.concatenate(problem.predict(theta))[:, None]
+    np.testing.assert_allclose(root @ root.T, covariance, atol=1e-14)
 
 
 @pytest.mark.parametrize("case", FITTED)
@@ -147,7 +169,7 @@ def test_a_fit_has_its_largest_value_and_leaves_points_out_by_the_same(case):
         theta = dict(zip(names, np.exp(x), strict=True))
         if "dof" in theta and not 2 <= theta["dof"] <= 30:
             return np.inf
-        return -dense(case, theta)[0]
+        return -densities(case, theta)[0]
 
     start = {"noise": 0.005, "scale": 1.5, "timing": 0.004, "group": 0.008, "dof": 4.0}
     begin = np.log([0.92, 0.09, *(start[name] for name in problem.noises)])
@@ -169,7 +191,7 @@ def test_a_fit_has_its_largest_value_and_leaves_points_out_by_the_same(case):
         ratio = material.variances["scale"] / float(np.mean(unscaled(data, theta)))
         theta["scale"] = ratio**0.5
     found = result.leave_one_out().pointwise
-    np.testing.assert_allclose(found, dense(case, theta)[1], rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(found, densities(case, theta)[1], rtol=1e-8, atol=1e-8)
 
 
 def unscaled(data, theta):
@@ -179,3 +201,83 @@ def unscaled(data, theta):
     u = data.velocity_uncertainty
     ends = curve(V + NODES[:, None] * u, theta["level"], theta["rate"])
     return STATED**2 + SHARES @ (ends - SHARES @ ends) ** 2
+
+
+# the functions of a problem, with an unknown noise; and for JAX
+
+ABOUT = {"level": 0.9, "rate": 0.1}
+
+
+def test_slopes_and_the_noise_left_out_are_those_of_differences():
+    """Reverse mode through noise and prior too; a noise left out is where the likelihood is largest."""
+    data = measured()
+    problem = cal.problem(data, Decay, {"level": cal.Parameter(prior=(0.85, 0.1))})
+    names = (*problem.names, "noise")
+
+    @jax.jit
+    def density(x):
+        theta = dict(zip(names, x, strict=True))
+        return problem.log_likelihood(theta) + problem.log_prior(theta)
+
+    at = np.array([0.9, 0.1, 0.03])
+    expected = optimize.approx_fprime(at, lambda x: float(density(x)), 1e-7)
+    np.testing.assert_allclose(jax.grad(density)(at), expected, rtol=1e-4)
+    for theta, prior in (
+        (ABOUT, stats.norm.logpdf(0.9, 0.85, 0.1)),
+        (ABOUT | {"level": -0.1}, -np.inf),
+        (ABOUT | {"noise": -0.01}, -np.inf),
+    ):
+        assert float(problem.log_prior(theta)) == pytest.approx(prior)
+    prior = stats.norm.logpdf(0.9, 0.85, 0.1)
+    of_noise = lambda s: prior - float(density(np.array([0.9, 0.1, s])))  # noqa: E731
+    ends = {"bounds": (1e-4, 1.0), "method": "bounded", "options": {"xatol": 1e-10}}
+    best = optimize.minimize_scalar(of_noise, **ends)
+    np.testing.assert_allclose(problem.log_likelihood(ABOUT), -best.fun, rtol=1e-9)
+    off = curve(V, 0.9, 0.1) - data.restitution
+    np.testing.assert_allclose(problem.residuals(ABOUT)[:N], off)
+    for ask in (problem.log_likelihood, problem.residuals, problem.log_prior):
+        with pytest.raises(ValueError, match=r"`theta` must be with level, rate, .* 'rate'"):
+            ask({"level": 0.9, "rates": 0.1})
+
+
+def test_simulated_measurements_take_the_place_of_the_measured_ones():
+    problem, errors = cal.problem(*CASES["stated"][:1], Decay), np.linspace(-1, 1, N)
+    expected = np.sum(stats.norm.logpdf(errors * STATED, 0, STATED))
+    found = problem.log_likelihood(ABOUT, problem.simulated(ABOUT, errors))
+    assert float(found) == pytest.approx(expected, rel=1e-12)
+
+
+def test_zhou_s_likelihood_is_the_normal_density_about_scipy_s_curve():
+    name = "nylon"
+    _, chi, sigma, psi, _ = TRUTH[name]
+    data = twin(name, noise=0.01)
+    problem = cal.problem(data)
+    assert problem.names == ("chi", "sigma", "psi")
+    assert problem.noises == ("noise",)
+    theta = {"chi": 1.1 * chi, "sigma": 0.8 * sigma, "psi": psi, "noise": 0.013}
+    curve = fit_oracle.curve(
+        data.velocity, fit_oracle.numbers(data.contact), 1.1 * chi, 0.8 * sigma, psi
+    )
+    expected = stats.norm.logpdf(data.restitution, curve, 0.013)
+    asked = (problem.point_log_likelihood, problem.log_likelihood, problem.residuals)
+    points, whole, residuals = jax.jit(lambda theta: [one(theta) for one in asked])(theta)
+    np.testing.assert_allclose(points, expected, rtol=1e-6)
+    np.testing.assert_allclose(whole, np.sum(expected), rtol=1e-7)
+    np.testing.assert_allclose(residuals, (curve - data.restitution) / 0.013, atol=1e-6)
+
+
+@pytest.mark.long
+def test_several_laws_side_by_side_and_time_integration():
+    """Reverse mode through the ODE of a viscoelastic contact; two data sets that share A."""
+    sets = []
+    for name in ("nylon", "chrome steel"):
+        data = twin(name, y=[0.2, 0.5, 0.9])
+        sets.append(cal.RestitutionData(data.velocity, [0.9, 0.88, 0.87], data.contact, name=name))
+    problem = cal.problem(
+        sets, sj.ViscoelasticHertz, {"dissipation_time": cal.Parameter(shared=True)}
+    )
+    (name,) = problem.names
+    density = lambda log: problem.log_likelihood({name: jnp.exp(log)})  # noqa: E731
+    at = np.log(3e-6)
+    ends = [float(density(at + h)) for h in (-1e-4, 1e-4)]
+    assert float(jax.grad(density)(at)) == pytest.approx((ends[1] - ends[0]) / 2e-4, rel=1e-4)

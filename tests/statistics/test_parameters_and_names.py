@@ -178,8 +178,3 @@ def test_a_failure_inside_a_law_is_no_refusal_of_the_data():
     """It goes on as what it is, not as "another law is needed"."""
     with pytest.raises(np.linalg.LinAlgError, match="Singular"):
         cal.compare(decays(1)[0], ["constant", Singular])
-
-
-def test_a_law_that_the_library_refuses_is_named():
-    with pytest.raises(ValueError, match=r"Zhou.*: .*no elastic properties.*another law is needed"):
-        cal.compare(decays(1)[0], ["constant", "zhou"])

@@ -7,7 +7,6 @@ import pytest
 import calibration as cal
 import softjax as sj
 from tests.cases import FITTED, FORMS, MATERIALS, RADIUS, column, fitted, law_of, reference
-from tests.decay import Decay
 from tests.fit_data import twin
 
 PROPERTIES = {  # the oracle's names
@@ -156,22 +155,3 @@ def test_of_a_fit_above_yield_the_loss_is_one_input():
     np.testing.assert_allclose(found.of("chi"), law.of("chi"), rtol=1e-9)
     loss = -np.log(result.values["eps_up"])
     np.testing.assert_allclose(found.of("eps_up"), -law.of("sigma") / loss, rtol=1e-9)
-
-
-class Far(Decay):
-    rate: float = sj.number_field("b", "1/mile", "rate", within="(0, inf)", default=0.1)
-
-
-@pytest.mark.parametrize(
-    ("inputs", "velocity", "named"),
-    [
-        ("steel", 1.0, "`inputs`"),
-        (fitted("nylon", chi=np.array([1.0, 2.0])), 1.0, "`chi`"),
-        (fitted("nylon"), -1.0, "`velocity`"),
-        (fitted("nylon"), np.nan, "`velocity`"),
-        (Far(0.9), 2.0, "`unit of rate`"),
-    ],
-)
-def test_what_makes_no_sense_is_named(inputs, velocity, named):
-    with pytest.raises(ValueError, match=named):
-        cal.sensitivity(inputs, velocity).dimensional_sums()

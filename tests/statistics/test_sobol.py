@@ -12,7 +12,6 @@ from scipy import stats
 
 import calibration as cal
 import softjax as sj
-from tests.cases import FITTED, MATERIALS, RADIUS
 from tests.decay import Decay
 
 A, B = 7.0, 0.1
@@ -97,6 +96,14 @@ def test_a_law_that_two_inputs_make_together_is_looked_at_over_their_ranges():
     np.testing.assert_array_equal(found.zeros, 0.0)
 
 
+@pytest.mark.long
+@pytest.mark.skipif(not os.path.exists("/proc/self/status"), reason="tells the peak of memory")
+def test_a_hundred_thousand_samples_stay_within_a_gibibyte():
+    run = [sys.executable, "-c", MEMORY]
+    done = subprocess.run(run, capture_output=True, text=True, check=True)
+    assert float(done.stdout) < 1.0
+
+
 # `ru_maxrss` would begin with what the process had that started this one
 MEMORY = """
 import calibration as cal, softjax as sj
@@ -106,44 +113,3 @@ found = cal.sobol_indices(law, ranges, [0.5, 2.0, 20.0], samples=1 << 17)
 status = open("/proc/self/status").read()
 print(int(status.split("VmHWM:")[1].split()[0]) / 2**20)
 """
-
-
-@pytest.mark.long
-@pytest.mark.skipif(not os.path.exists("/proc/self/status"), reason="tells the peak of memory")
-def test_a_hundred_thousand_samples_stay_within_a_gibibyte():
-    run = [sys.executable, "-c", MEMORY]
-    done = subprocess.run(run, capture_output=True, text=True, check=True)
-    assert float(done.stdout) < 1.0
-
-
-NYLON = cal.of_spheres(MATERIALS["nylon"], RADIUS, **FITTED["nylon"])
-# what only the status tells: 1.1 in the middle, 0.6 at both ends
-INSIDE = cal.Inputs({"a": 0.4}, lambda x: sj.ConstantRestitution(None, 1.1 - 2 * x["a"] ** 2))
-BOTH = cal.Inputs({"a": 0.9, "b": 0.9}, lambda x: sj.ConstantRestitution(None, x["a"] * x["b"]))
-CHI = {"chi": (0.1, 1.0)}
-
-
-@pytest.mark.parametrize(
-    ("inputs", "ranges", "options", "named"),
-    [
-        (NYLON, {"colour": (0, 1)}, {}, "`ranges"),
-        (NYLON, {"chi": (2.0, 1.0)}, {}, "`ranges"),
-        (NYLON, {}, {}, "`ranges"),
-        (NYLON, {"chi": (0.0, 1.0)}, {"scale": "log"}, "`ranges"),
-        (NYLON, {"chi": (0.1, 0.2, 0.3)}, {}, "`ranges"),
-        (NYLON, CHI, {"samples": 1000}, "`samples"),
-        (NYLON, CHI, {"confidence": 95}, "`confidence"),
-        (NYLON, CHI, {"resamples": 0}, "`resamples"),
-        (NYLON, CHI, {"scale": "cubic"}, "`scale"),
-        (NYLON, CHI, {"seed": -1}, "`seed"),
-        (NYLON, {"poisson_ratio": (0.3, 0.6)}, {}, r"a ratio in \(-1, 0.5\]"),
-        (sj.ConstantRestitution(None, 0.9), {"restitution": (0.8, 1.2)}, {}, r"in \[0, 1\], but is restitution = 0.8 … 1.2"),
-        (INSIDE, {"a": (-0.5, 0.5)}, {"samples": 32}, r"every sample has a finite output, but is such that \d+ of 96"),
-        (BOTH, {"a": (0.8, 1.2), "b": (0.8, 1.2)}, {}, "such that the law exists everywhere"),
-        (Decay(0.9, 500.0), {"rate": (400.0, 600.0)}, {"samples": 32}, "0 everywhere"),
-    ],
-)  # fmt: skip
-def test_what_makes_no_sense_is_named(inputs, ranges, options, named):
-    with pytest.raises(ValueError, match=named) as caught:
-        cal.sobol_indices(inputs, ranges, [1.0], **options)
-    assert "\n" not in str(caught.value)

@@ -11,6 +11,7 @@ import softjax as sj
 from tests import fit_oracle
 from tests.decay import Decay
 from tests.fit_data import TRUTH, pair, twin
+from tests.fit_oracle import own_model
 
 NAMES = ("chi", "sigma", "psi")
 QUICK = {"route": sj.EnergyBalance(), "starts": 4}
@@ -24,11 +25,6 @@ SETS = {  # name of a material, and how its data are made
     ),
 }
 PROFILED = ("chrome, u stated", "nylon, Hertz's area")
-
-
-def own_model(data):
-    numbers = fit_oracle.numbers(data.contact)
-    return lambda *p: fit_oracle.curve(data.velocity, numbers, *p)
 
 
 @pytest.mark.parametrize("case", SETS)
@@ -179,14 +175,6 @@ def test_a_band_of_many_sets_has_the_degrees_of_what_it_stands_on():
     assert reach < 0.9 * stats.t.ppf(0.975, 4)
 
 
-@pytest.mark.parametrize("level", [95, True, "0.95"])
-def test_a_band_s_confidence_is_a_part(level):
-    data = cal.RestitutionData([1.0, 2.0, 3.0, 4.0], [0.9, 0.91, 0.9, 0.88])
-    with pytest.raises(ValueError, match="`confidence` must be between 0 and 1") as caught:
-        cal.fit(data, "constant", profiles=False).band(1.0, confidence=level)
-    assert str(caught.value).isprintable()
-
-
 V = np.linspace(0.5, 8.0, 20)
 
 
@@ -209,15 +197,6 @@ def test_bootstrapped_fits_scatter_as_the_standard_errors_say(decays):
     assert not np.array_equal(
         decays.bootstrap(5, seed=1).values, decays.bootstrap(5, seed=2).values
     )
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [("count", 2.5), ("count", True), ("seed", -1)],
-)
-def test_a_bootstrap_of_no_number_is_refused(name, value, decays):
-    with pytest.raises(ValueError, match=f"`{name}` must be a whole number >= "):
-        decays.bootstrap(**({"count": 3} | {name: value}))
 
 
 def test_a_refit_that_is_sent_astray_ends_no_profile():

@@ -1,0 +1,161 @@
+"""What commands refuse: one line that names it, exit code 2, and nothing written."""
+
+import numpy as np
+import pytest
+
+import calibration as cal
+import softjax as sj
+from calibration import cli
+from tests.cases import fitted
+from tests.command import write_alloy
+
+CONSTANT = "curve nylon --law constant"
+SENSITIVITY = "sensitivity nylon"
+GLOBAL = f"{SENSITIVITY} --study global"
+STIFF = "--law walton-braun --set loading_stiffness=1e6 --set unloading_stiffness=1.05e6"
+DEAD = "--range chi=1000:1100 --range density=1100:1200 --at 60"
+EXPORT = "export stainless-steel"
+# words of the command line, _ for a space within one: what the line has, parted by |
+REFUSED = {
+    "": "COMMAND",
+    "fti": "did you mean 'fit'",
+    "--colour fit": "--colour",
+    "fit --colour": "--colour",
+    "fit --sead 3": "did you mean '--seed'",
+    "fit --law zhuo": "did you mean 'zhou'",
+    "fit shots.csv": "give the TOML file that names it, with data = 'shots.csv'",
+    "fit --objective three-step": "two-step",
+    "fit --route euler": "energy-balance",
+    "fit --seed -1": "--seed",
+    "fit --starts 0": "1 or more",
+    "fit --starts many": "'many'",
+    "fit a.toml b.toml": "b.toml",
+    "fit no_such.toml": "no such file",
+    "fit --out": "--out",
+    "fit --posterior --objective two-step": "`objective` must be model for a posterior: it has a likelihood",
+    "fit ALLOY --law thornton --objective two-step": "two-step with thornton",
+    "fit ALLOY --rtol 1e-6 --route energy-balance": "`--rtol` must be left out",
+    "fit ALLOY --noise-dof 5": "`--noise-dof` must be left out",
+    "fit ALLOY --law hertz --form full": "form",
+    "fit ALLOY --extra-scatter --scale-uncertainty": "scale_uncertainty",
+    "compare ALLOY --laws zhuo": "did you mean 'zhou'",
+    "compare ALLOY --laws ,": "--laws",
+    "compare ALLOY --law hertz --form full": "zhou among the laws",
+    "compare ALLOY --law zhou --end zero-force": "hertz-dashpot or linear",
+    "compare ALLOY --free yield_factor": "--free",
+    "curve --law herz": "did you mean 'hertz'",
+    "curve shots.csv": "is a table of measurements",
+    "curve brass": "nylon",
+    "curve nylon --from 2 --to 1": "--to|2",
+    "curve nylon --from -1": "--from|-1",
+    "curve nylon --from 0 --spacing log": "--from|above 0",
+    "curve nylon --points 0": "--points|1 or more",
+    "curve nylon --points 1000001": "--points|1000000 rows|softjax.restitution",
+    "curve nylon --to inf": "--to|inf",
+    "curve nylon --velocities none.csv": "none.csv|no such file",
+    "curve nylon --velocities - --points 3": "--velocities",
+    "curve nylon --area hertz": "--chi",
+    "curve nylon --rtol 1e-9": "--rtol",
+    "curve nylon --chi -1": "chi",
+    "curve nylon --set chii=1": "did you mean 'chi'",
+    "curve nylon --set contact=1": "--set",
+    "curve nylon --law hertz --chi 1": "--chi",
+    "curve nylon --law hertz --set sigma=1": "--set",
+    CONSTANT: "restitution",
+    f"{CONSTANT} --set restitution": "name=value",
+    f"{CONSTANT} --set restitution=2": "[0, 1]|2",
+    "curve --fit none.json": "none.json|no such file",
+    "curve --fit none.json --law zhou": "--law",
+    "curve nylon --material x": "--material",
+    "curve EMPTY --points 3": "MATERIAL",
+    "curve --fit FIT --chi 0": "--chi",
+    "curve --fit FIT --sigma 0": "--sigma",
+    "curve --fit FIT --psi 0": "--psi",
+    "curve --fit FIT --set chi=0.1": "--set",
+    "curve --fit FIT --route ode": "--route",
+    "curve --fit FIT chrome-steel --material nylon": "MATERIAL|--fit",
+    "curve --fit FIT --material EMPTY": "--material",
+    "curve --fit FIT --from 0.1 --to 0.2": "do not determine",
+    f"{SENSITIVITY} --range chi=0.1:0.4": "--range",
+    f"{SENSITIVITY} --from 0": "--from",
+    f"{SENSITIVITY} --to inf": "`--to` must be a finite velocity above 0 m/s, but is inf",
+    f"{SENSITIVITY} --posterior x.nc": "whose draws they are, but is x.nc",
+    f"{SENSITIVITY} --at -1": "--at",
+    f"{SENSITIVITY} --points 1": "--points",
+    f"{SENSITIVITY} --shots 4": "--shots",
+    f"{SENSITIVITY} --chi 1000 --sigma 50 --from 2": "ε = 0 everywhere",
+    f"{GLOBAL} --range colour=1:2": "--range",
+    f"{GLOBAL} --samples 1000": "samples",
+    f"{GLOBAL} --samples 64 {DEAD}": "0 everywhere",
+    f"{GLOBAL} --seed -1": "`--seed` must be a whole number of 0 or more",
+    f"{GLOBAL} --range poisson_ratio=0.3:0.6": "a ratio in (-1, 0.5]",
+    f"{GLOBAL} --range chi=-0.1:0.1": "chi = -0.1 … 0.1",
+    f"{GLOBAL} {STIFF}": "`unloading_stiffness` must be at least",
+    f"{SENSITIVITY} --study design --target colour": "target",
+    f"{SENSITIVITY} --study design --target critical_velocity": "none of them affects it",
+    f"{SENSITIVITY} --study design --shots 0": "count",
+    f"{SENSITIVITY} --study design --over 1:2": "--over",
+    f"{SENSITIVITY} --study design --criterion I --over fast": "--over",
+    f"{SENSITIVITY} --study design --criterion D --target chi": "--target",
+    f"{SENSITIVITY} --study information --uncertainty 0": "uncertainty",
+    f"{SENSITIVITY} --study information --shots 0": "`--shots` must be a whole number of 1",
+    f"{SENSITIVITY} --study information --free yield_strength=much": "--free",
+    f"{SENSITIVITY} --study information --free colour": "colour",
+    f"{SENSITIVITY} --study information --law hertz": "none free",
+    "sensitivity --fit FIT --study design --free radius": "--free",
+    "sensitivity --fit FIT --study design --fix psi": "--fix",
+    f"{EXPORT} --to fortran": "fortran",
+    "export nylon --to lamps": "did you mean 'lammps'",
+    EXPORT: "--to",
+    f"{EXPORT} --to c --range 5": "lowest:highest",
+    f"{EXPORT} --to c --law hertz-dashpot --set restitution=2": "but is 2.0",
+    f"{EXPORT} --to c --law hertz-dashpot": "`--law` must be given with --set",
+    f"{EXPORT} --to c --tolerance 2": "tolerance",
+    f"{EXPORT} --to c --export-law viscoelastc": "did you mean 'viscoelastic'",
+    f"{EXPORT} --to liggghts --range 0.1:5 --tolerance 0.001": "--tolerance 0.072",
+    f"{EXPORT} --to c --types 1 2": "left out with c",
+    "export --fit FIT --to c --law zhou": "`--law` must be left out with --fit",
+    "export --fit FIT --to c --range 0.05:20": "where the data determine",
+}
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """A material file, and a fit that knows nothing below first yield."""
+    folder, law = tmp_path_factory.mktemp("given"), fitted("nylon")
+    v = np.geomspace(1.5, 60.0, 24)
+    e = np.asarray(sj.restitution(law, v).coefficient)
+    e = e + 0.003 * np.random.default_rng(4).normal(size=24)
+    result = cal.fit(cal.RestitutionData(v, e, law.contact, 0.003, name="nylon"), profiles=False)
+    result.save(folder / "fit.json")
+    return {"ALLOY": str(write_alloy(folder)), "FIT": str(folder / "fit.json"), "EMPTY": ""}
+
+
+def check(argv, blamed, capsys):
+    """What the shell would see."""
+    try:
+        code = cli.main(argv)
+    except SystemExit as stop:
+        code = stop.code
+    out, err = capsys.readouterr()
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert all(part in err for part in blamed.split("|")), err
+
+
+@pytest.mark.parametrize("words", REFUSED)
+def test_unusable_command_lines_are_refused(words, files, capsys, at):
+    check([files.get(word, word) for word in words.split()], REFUSED[words], capsys)
+    assert list(at.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("settings", "below", "blamed"),
+    [
+        ("", "restitution = 0.5", "alloy.toml:13: parameter is restitution; it must be of"),
+        ('law = "hertz"\nobjective = "two-step"', "", "alloy.toml:4: objective is"),
+        ('law = "thornton"\nroute = "closed form"', "", "Thornton"),
+    ],
+)
+def test_what_a_file_may_not_say_is_refused(settings, below, blamed, capsys, at):
+    check(["fit", str(write_alloy(at, settings, below=below))], blamed, capsys)
+    assert not (at / "results").exists()

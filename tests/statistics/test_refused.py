@@ -1,0 +1,200 @@
+"""What fits and studies refuse: a call, and what its one line names."""
+
+import numpy as np
+import pytest
+
+import calibration as cal
+import softjax as sj
+from tests.cases import FITTED, MATERIALS, RADIUS, fitted
+from tests.decay import Decay
+from tests.fit_data import eq_17_data, twin
+
+Free = cal.Parameter
+LAW, DECAY = fitted("nylon"), Decay(0.9, 0.05)
+CRITICAL = float(LAW.contact.critical_velocity)
+DATA, NYLON = eq_17_data("nylon"), cal.of_spheres(MATERIALS["nylon"], RADIUS, **FITTED["nylon"])
+V = np.linspace(1.0, 8.0, 8)
+PLAIN = cal.RestitutionData(V, 0.9 - 0.02 * V, uncertainty=0.01)
+TIMED = cal.RestitutionData(V, 0.9 - 0.02 * V, DATA.contact, contact_time=np.full(8, 1e-5))
+POOLED = {"restitution": Free(shared="pooled")}
+GROUPED = cal.RestitutionData(V, 0.9 - 0.02 * V, group=list("aabbccdd"))
+# what only the status tells: 1.1 in the middle, 0.6 at both ends
+INSIDE = cal.Inputs({"a": 0.4}, lambda x: sj.ConstantRestitution(None, 1.1 - 2 * x["a"] ** 2))
+BOTH = cal.Inputs({"a": 0.9, "b": 0.9}, lambda x: sj.ConstantRestitution(None, x["a"] * x["b"]))
+CHI = {"chi": (0.1, 1.0)}
+QUICK = {"profiles": False, "starts": 1}
+
+
+class Far(Decay):
+    rate: float = sj.number_field("b", "1/mile", "rate", within="(0, inf)", default=0.1)
+
+
+def fit(data=DATA, law=None, **changed):
+    return cal.fit(data, law, **changed)
+
+
+def quick(law="constant", data=PLAIN, **changed):
+    return cal.fit(data, law, **QUICK | changed)
+
+
+def compare(data=PLAIN, laws=("constant",), **changed):
+    return cal.compare(data, laws and list(laws), **changed)
+
+
+def information(law=LAW, velocity=(0.5, 1.0, 5.0, 20.0, 40.0), *rest, **changed):
+    return cal.fisher_information(law, velocity, *rest, **changed)
+
+
+def design(law=DECAY, count=5, bounds=(1.0, 60.0), **changed):
+    return cal.optimal_velocities(law, count, bounds, **changed)
+
+
+def sobol(inputs=NYLON, ranges=CHI, **changed):
+    return cal.sobol_indices(inputs, ranges, [1.0], **changed)
+
+
+def slopes(inputs, velocity=1.0):
+    return cal.sensitivity(inputs, velocity).dimensional_sums()
+
+
+def of_several_contacts():
+    contact = sj.Contact.with_wall(sj.NYLON, sj.STAINLESS_STEEL, np.linspace(0.005, 0.02, 8))
+    data = cal.RestitutionData(V, np.linspace(0.95, 0.88, 8), contact, 0.01)
+    return quick("viscoelastic", data)
+
+
+def above():
+    return quick(None, twin("nylon", y=[2, 5, 9, 20, 40], noise=0.003))
+
+
+def two_step():
+    return quick(None, DATA, objective="two-step", route=sj.EnergyBalance())
+
+
+REFUSED = [
+    # fits
+    (lambda: fit(optimiser="bfgs"), '`optimiser` must be "l-bfgs"'),
+    (lambda: fit(noise=np.array(["normal"] * 2)), '`noise` must be "normal"'),
+    (lambda: fit(objective="both"), '`objective` must be "model" or "two-step"'),
+    (lambda: fit(law="two-step"), "`law` must be left out: that is an objective"),
+    (lambda: fit(law="hertz-dashpots"), "did you mean 'hertz-dashpot'"),
+    (lambda: fit(law=3.0), "`law` must be a name"),
+    (lambda: fit(law="thornton", objective="two-step"), "two-step with thornton"),
+    (lambda: fit(law=lambda contact, chi: sj.Zhou(contact, chi, 0.4, 0.5), objective="two-step"), '`objective` must be Zhou\'s law, or "model"'),
+    (lambda: fit(objective="two-step", noise="student-t"), '`noise` must be "normal" with objective = "two-step"'),
+    (lambda: fit(GROUPED, "constant", noise="student-t"), '`noise` must be "normal" where points share errors'),
+    (lambda: fit(seed=-1), "`seed` must be a whole number of 0 or more"),
+    (lambda: fit(confidence="0.95"), '`confidence` must be a number between 0 and 1, but is "0.95"'),
+    (lambda: fit(profiles="no"), "`profiles` must be true or false, but is"),
+    (lambda: fit(extra_scatter=None), "`extra_scatter` must be true or false"),
+    (lambda: fit(scale_uncertainty=np.ones(2)), "`scale_uncertainty` must be true or false"),
+    (lambda: fit(progress="bar"), r"`progress` must be True, or called as progress\(stage, done, total\)"),
+    (lambda: fit(parameters=3), "`parameters` must be a mapping"),
+    (lambda: fit(parameters={"form": "second"}), "`form` must be 'first-order' or 'full'"),
+    (lambda: fit(parameters={"end": "near"}), "`option` must be an option of zhou: form"),
+    (lambda: fit(unloading_line="both"), "`unloading_line` must be"),
+    (lambda: fit(parameters={"chi": [0.2]}), "must be a calibration.Parameter, or a number"),
+    (lambda: fit(parameters={"chi[steel]": 1.0}), "must be named after one of: nylon"),
+    (lambda: fit(parameters={"chii": 1.0}), "did you mean 'chi'"),
+    (lambda: fit(parameters={"restitution": 0.5}), "`parameter` must be of zhou: chi, sigma"),
+    (lambda: fit(parameters={"chi": -1.0}), "`value of chi` must be an unloading factor of zero"),
+    (lambda: fit(parameters={"chi": Free(bounds=(-1, 2))}), r"`bounds of chi` must be within \[0, inf"),
+    (lambda: fit(law="linear", parameters={"stiffness": Free(unit="kN/m")}), "`unit of stiffness` must be N/m, as declared"),
+    (lambda: fit(route="od"), "`route` must be .*did you mean 'ode'"),
+    (lambda: fit([DATA, DATA]), "different names"),
+    (lambda: fit([DATA, twin("chrome steel", area="hertz")], None, parameters={"chi": Free(shared=True)}), "`area` must be the same"),
+    (lambda: fit("nylon.csv"), "`data` must be"),
+    (lambda: fit(cal.RestitutionData([1.0, 2.0], [0.9, 0.8], DATA.contact)), "more points than free parameters"),
+    (lambda: fit(TIMED, "constant"), "contact_time, of which constant determines"),
+    (lambda: fit(TIMED, objective="two-step"), "`objective` must be model, which takes all of them"),
+    (lambda: Free(shared="pooled", prior=(1, 1)), "`prior` must be left out"),
+    (lambda: fit(PLAIN, "constant", parameters=POOLED), "left out for one data set alone"),
+    # what is made of a fit
+    (lambda: quick().band(1.0, observable="contact_tim"), "`observable` must be .*did you mean 'contact_time'"),
+    *((lambda c=c: quick().band(1.0, confidence=c), "`confidence` must be between 0 and 1") for c in (95, True, "0.95")),
+    *((lambda c=c: quick().bootstrap(**c), "must be a whole number >= ") for c in ({"count": 2.5}, {"count": True}, {"count": 3, "seed": -1})),
+    (lambda: quick().posterior(draws=0), "`draws` must be a whole number >= 4"),
+    (lambda: quick().posterior(chains=1.5), "`chains` must be a whole number >= 1"),
+    (lambda: quick().posterior(warmup=3), "`warmup` must be a whole number >= 50"),
+    (lambda: quick(parameters={"restitution": 0.9}).posterior(), "`parameters` must be one that is free, or noise"),
+    # comparisons
+    (lambda: compare(laws=["zhuo"]), "did you mean 'zhou'"),
+    (lambda: compare(laws=[]), "one law or more"),
+    (lambda: compare(DATA, ["hertz", "hertz"]), "twice Hertz"),
+    (lambda: compare(DATA, ["hertz"], parameters={"zhou": {"form": "full"}}), r"parameters\['zhou'\]"),
+    (lambda: compare(DATA, ["hertz"], parameters={"hertz": {"colour": 1.0}}), "Hertz: .*colour"),
+    (lambda: compare(laws=[3]), "law"),
+    (lambda: compare(cal.RestitutionData(V[:5], np.full(5, 0.8), DATA.contact), None), "needs 6 or more"),
+    (lambda: compare([PLAIN]), "one RestitutionData"),
+    (lambda: compare(seed=-1), "`seed` must be a whole number of 0 or more, but is -1"),
+    (lambda: compare(cal.RestitutionData(V, 0.9 - 0.02 * V, group=["a"] * 8)), "one group; two or more"),
+    (lambda: compare(laws=["constant", "zhou"]), "Zhou.*: .*no elastic properties.*another law is needed"),
+    # information
+    (lambda: information("steel"), "law"),
+    (lambda: information(fitted("nylon", chi=np.array([0.1, 0.2]))), "chi"),
+    (lambda: information(fitted("nylon", sigma=0.0)), "sigma"),
+    (lambda: information(LAW, []), "velocity"),
+    (lambda: information(LAW, [1.0, -1.0, 2.0, 3.0]), "velocity"),
+    (lambda: information(LAW, [1.0, 1e4, 2.0, 3.0]), "velocity"),
+    (lambda: information(uncertainty=0.0), "uncertainty"),
+    (lambda: information(uncertainty=[0.1, 0.2]), "velocity"),
+    (lambda: information(objective="two-step"), "`objective` must be model: information and designs"),
+    (lambda: information(material="nylon"), "material"),
+    (lambda: information(parameters={"colour": 1.0}), "parameter"),
+    (lambda: information(parameters={"psi": 0.7}), "the value of the law, 0.5414"),
+    (lambda: information(parameters=dict.fromkeys(("chi", "sigma", "psi"), Free(free=False))), "none"),
+    (lambda: information(sensors={"contact_tim": 0.1}), r"`sensors` must be of contact_time.*did you mean"),
+    (lambda: information(sensors={"contact_time": 0}), "must be a positive relative uncertainty, but is 0"),
+    (lambda: information(above(), [0.5 * CRITICAL]), "where this fit knows the law"),
+    (lambda: information(quick(), [2.0], parameters={"restitution": 0.9}), "`parameters` must be left out"),
+    *((lambda f=f: f(two_step(), 3, (0.1, 8.0)), "`objective` must be model: .*but is two-step") for f in (information, design)),
+    *((lambda f=f: f(of_several_contacts(), 3, (0.1, 8.0)), "`contact` must be one for all impacts") for f in (information, design)),
+    # designs
+    (lambda: design(count=0), "count"),
+    (lambda: design(count=True), "`count` must be a whole number"),
+    (lambda: design(bounds=(2.0, 1.0)), "bounds"),
+    (lambda: design(bounds=(0.0, 1.0)), "bounds"),
+    (lambda: design(bounds=(1.0,)), r"`bounds` must be two numbers, \(low, high\)"),
+    (lambda: design(LAW, bounds=(1.0, 1e4)), "velocity"),
+    (lambda: design([]), "`law` must be one law or more"),
+    (lambda: design([DECAY, "steel"]), "law"),
+    (lambda: design(criterion="G"), "criterion"),
+    (lambda: design(criterion="I", over=3.0), r"`over` must be two numbers, \(low, high\)"),
+    (lambda: design(over=(1.0, 5.0)), "`over` must be left out with criterion c"),
+    (lambda: design(target="eps"), "target"),
+    (lambda: design(target="rate", criterion="D"), "`target` must be left out with criterion D"),
+    (lambda: design(measured_uncertainty=0.1), "`measured_uncertainty` must be given with measured"),
+    (lambda: design(objective="two-step"), "objective"),
+    (lambda: design(uncertainty=0.0), "uncertainty"),
+    (lambda: design(starts=0), "starts"),
+    (lambda: design(seed=-1), "`seed` must be a whole number"),
+    # global and local sensitivities
+    (lambda: sobol(ranges={"colour": (0, 1)}), "`ranges"),
+    (lambda: sobol(ranges={"chi": (2.0, 1.0)}), "`ranges"),
+    (lambda: sobol(ranges={}), "`ranges"),
+    (lambda: sobol(ranges={"chi": (0.0, 1.0)}, scale="log"), "`ranges"),
+    (lambda: sobol(ranges={"chi": (0.1, 0.2, 0.3)}), "`ranges"),
+    (lambda: sobol(samples=1000), "`samples"),
+    (lambda: sobol(confidence=95), "`confidence"),
+    (lambda: sobol(resamples=0), "`resamples"),
+    (lambda: sobol(scale="cubic"), "`scale"),
+    (lambda: sobol(seed=-1), "`seed"),
+    (lambda: sobol(ranges={"poisson_ratio": (0.3, 0.6)}), r"a ratio in \(-1, 0.5\]"),
+    (lambda: sobol(sj.ConstantRestitution(None, 0.9), {"restitution": (0.8, 1.2)}), r"in \[0, 1\], but is restitution = 0.8 … 1.2"),
+    (lambda: sobol(INSIDE, {"a": (-0.5, 0.5)}, samples=32), r"every sample has a finite output, but is such that \d+ of 96"),
+    (lambda: sobol(BOTH, {"a": (0.8, 1.2), "b": (0.8, 1.2)}), "such that the law exists everywhere"),
+    (lambda: sobol(Decay(0.9, 500.0), {"rate": (400.0, 600.0)}, samples=32), "0 everywhere"),
+    (lambda: slopes("steel"), "`inputs`"),
+    (lambda: slopes(fitted("nylon", chi=np.array([1.0, 2.0]))), "`chi`"),
+    (lambda: slopes(LAW, -1.0), "`velocity`"),
+    (lambda: slopes(LAW, np.nan), "`velocity`"),
+    (lambda: slopes(Far(0.9), 2.0), "`unit of rate`"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("place", range(len(REFUSED)), ids=lambda k: f"{k} {REFUSED[k][1][:30]}")
+def test_what_makes_no_sense_is_named_in_a_line(place):
+    call, message = REFUSED[place]
+    with pytest.raises(ValueError, match=message) as caught:
+        call()
+    assert str(caught.value).isprintable()
