@@ -2,8 +2,7 @@
 
 A data set is rows of (velocity, observable, value). ε is the one that every set may have; the others
 are `RestitutionData.observed`, one `Observed` each, and a fit takes all of them as rows of one
-likelihood (`calibration.fitting.problem.Points`). A further observable is a row of `OBSERVABLES`, with
-its prediction in `_PREDICTED`.
+likelihood (`calibration.fitting.problem.Points`). A further observable is a row of `OBSERVABLES`.
 
 The others have a dimension: a fit works with them in parts of a power law of v through the measured
 values, so that scatter, where none is stated, is relative.
@@ -22,21 +21,44 @@ ALIKE = 1e-6  # relative spread up to which uncertainties are the same part of e
 
 
 class Observable(NamedTuple):
-    """Symbol, SI unit, what it is in words, and the power of v that it goes with under Hertz's law."""
+    """Symbol, SI unit, what it is in words, its prediction, and the power of v that it goes with.
+
+    The prediction is of a `softjax.Restitution`, in SI and differentiable, 0 where there is none; the
+    power is that under Hertz's law.
+    """
 
     symbol: str
     unit: str
     words: str
+    of: Callable[[Any], Any]
     power: float = 0.0
 
 
+def _diameter(area: Any, overlap: Any) -> Any:
+    """2√(A δ) with a derivative of 0 at δ = 0."""
+    product = area * overlap
+    positive = product > 0
+    return jnp.where(positive, 2 * jnp.sqrt(jnp.where(positive, product, 1.0)), 0.0)
+
+
+def _dent(hit: Any) -> Any:
+    contact = hit.law.contact
+    return _diameter(contact.area_factor * contact.radius, hit.peak_overlap)
+
+
+def _residual_dent(hit: Any) -> Any:
+    return _diameter(2 * hit.law.contact.radius, hit.residual_overlap)
+
+
 OBSERVABLES: dict[str, Observable] = {
-    RESTITUTION: Observable("ε", "-", "coefficient of restitution"),
-    "contact_time": Observable("t_c", "s", "contact time", -0.2),
-    "peak_force": Observable("F_max", "N", "largest force", 1.2),
-    "peak_overlap": Observable("δ_max", "m", "largest penetration", 0.8),
-    "dent_diameter": Observable("d", "m", "diameter of the dent, 2√(A δ_max)", 0.4),
-    "residual_dent_diameter": Observable("d", "m", "diameter of the dent, 2√(2R δ*)", 0.4),
+    RESTITUTION: Observable("ε", "-", "coefficient of restitution", lambda hit: hit.coefficient),
+    "contact_time": Observable("t_c", "s", "contact time", lambda hit: hit.duration, -0.2),
+    "peak_force": Observable("F_max", "N", "largest force", lambda hit: hit.peak_force, 1.2),
+    "peak_overlap": Observable("δ_max", "m", "largest penetration", lambda h: h.peak_overlap, 0.8),
+    "dent_diameter": Observable("d", "m", "diameter of the dent, 2√(A δ_max)", _dent, 0.4),
+    "residual_dent_diameter": Observable(
+        "d", "m", "diameter of the dent, 2√(2R δ*)", _residual_dent, 0.4
+    ),
 }
 PLACES = {name: k for k, name in enumerate(OBSERVABLES)}
 
@@ -94,27 +116,6 @@ def scale_of(value: np.ndarray, velocity: np.ndarray, radius: Any = None) -> np.
     return np.exp(design @ np.linalg.lstsq(design, logs, rcond=None)[0])
 
 
-def _diameter(area: Any, overlap: Any) -> Any:
-    """2√(A δ) with a derivative of 0 at δ = 0."""
-    product = area * overlap
-    positive = product > 0
-    return jnp.where(positive, 2 * jnp.sqrt(jnp.where(positive, product, 1.0)), 0.0)
-
-
-_PREDICTED: dict[str, Callable[[Any], Any]] = {
-    RESTITUTION: lambda hit: hit.coefficient,
-    "contact_time": lambda hit: hit.duration,
-    "peak_force": lambda hit: hit.peak_force,
-    "peak_overlap": lambda hit: hit.peak_overlap,
-    "dent_diameter": lambda hit: _diameter(
-        hit.law.contact.area_factor * hit.law.contact.radius, hit.peak_overlap
-    ),
-    "residual_dent_diameter": lambda hit: _diameter(
-        2 * hit.law.contact.radius, hit.residual_overlap
-    ),
-}
-
-
 def predicted(name: str, hit: Any) -> Any:
-    """An observable in SI from a `softjax.Restitution`; differentiable. 0 where there is none."""
-    return _PREDICTED[name](hit)
+    """An observable in SI from a `softjax.Restitution`."""
+    return OBSERVABLES[name].of(hit)

@@ -143,9 +143,6 @@ def band_of(
     return Band(velocity, value, low, high, error, kind)
 
 
-# ---------------------------------------------------------------------------- bodies that differ
-
-
 def _differing(material: MaterialFit) -> list[np.ndarray]:
     """Bodies and parameters that differ from impact to impact."""
     contact = material.data.contact
@@ -176,9 +173,6 @@ def of_impact(material: MaterialFit, impact: int) -> MaterialFit:
     limit = None if data.limit_velocity is None else float(one(data.limit_velocity))
     data = replace(data, contact=contact, limit_velocity=limit, bodies=(), plausibility=False)
     return replace(material, data=data, values={k: one(v) for k, v in material.values.items()})
-
-
-# ---------------------------------------------------------------------------- what follows from a curve
 
 
 class ModulusByTimes(NamedTuple):
@@ -223,9 +217,6 @@ def yield_velocity(law: sj.ContactLaw) -> float | None:
         return None
     velocity = np.asarray(law.elastic_velocity())
     return float(velocity) if velocity.ndim == 0 and 0 < velocity < np.inf else None
-
-
-# ---------------------------------------------------------------------------- further measurements
 
 
 def further_variances(

@@ -128,16 +128,16 @@ class LawModel:
 
     def inside(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """The parameters, with a value at an excluded end of its range moved to the nearest number inside."""
-        return {name: self._inside(name, value) for name, value in values.items()}
-
-    def _inside(self, name: str, value: Any) -> Any:
-        if "[" in name or np.ndim(value):
-            return value
-        declared = self.declared(name)
-        if value == declared.lower and not declared.with_lower:
-            return np.nextafter(value, np.inf) if value else float(np.finfo(float).tiny)
-        at_top = value == declared.upper and not declared.with_upper
-        return np.nextafter(value, -np.inf) if at_top else value
+        found = dict(values)
+        for name, value in values.items():
+            if "[" in name or np.ndim(value):
+                continue
+            declared = self.declared(name)
+            if value == declared.lower and not declared.with_lower:
+                found[name] = np.nextafter(value, np.inf) if value else np.finfo(float).tiny
+            elif value == declared.upper and not declared.with_upper:
+                found[name] = np.nextafter(value, -np.inf)
+        return found
 
     def declared(self, name: str) -> Declared:
         """Declaration of a parameter: symbol, unit and range."""

@@ -5,7 +5,7 @@ their own, whatever else is fitted with them: components. A component has one ve
 elements, and one problem a stage, which searches some of them."""
 
 import itertools
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -49,7 +49,6 @@ WIDE = (-np.inf, np.inf)
 LEAST_RANGE, POWERS = 0.2, (-1.0, 0.0)  # of ln v, and of what power of v a curve may be
 LIMIT = OF_CONTACT + "limit_velocity"
 EMPIRICAL = ("sigma", "psi", LIMIT)  # searched by Eq. (17)'s stage
-Progress = Callable[[str, int, int], None]
 Specs = Mapping[str, Any] | Sequence[Any] | None
 
 
@@ -99,13 +98,11 @@ class Request:
         datasets: the measurements.
         parameters: what was said of the law's parameters.
         options: the law, and how to fit it.
-        progress: called as progress(stage, done, total).
     """
 
     datasets: tuple[RestitutionData, ...]
     parameters: Any = None
     options: FitOptions = FitOptions()
-    progress: Progress | None = None
 
     @property
     def route(self) -> Route:
@@ -120,10 +117,6 @@ class Request:
     def with_options(self, **changed: Any) -> "Request":
         """The request with some other options."""
         return replace(self, options=self.options.model_copy(update=changed))
-
-    def tell(self, stage: str, done: int, total: int) -> None:
-        if self.progress is not None:
-            self.progress(stage, done, total)
 
     def specs(self) -> list[SetSpec]:
         """The law and parameters of each data set.
@@ -540,9 +533,6 @@ def _problem(
         return problem
     holding = replace(problem, elastic=np.zeros(len(points.velocity), bool))
     return held_at(holding, transform.unconstrained(theta))
-
-
-# ---------------------------------------------------------------------------- points
 
 
 def blocks_of(data: RestitutionData) -> Iterator[tuple[Any, str, np.ndarray, np.ndarray, Any]]:

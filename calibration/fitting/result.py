@@ -5,7 +5,7 @@ import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,7 @@ from calibration.fitting.line import Line, fit_line
 from calibration.fitting.material import Band, Estimate, MaterialFit
 from calibration.fitting.profiles import Profile, profiles_of
 from calibration.fitting.refits import Bootstrap, LeaveOneOut, bootstrap, leave_one_out
-from calibration.fitting.request import Progress, Request, assemble, datasets_of
+from calibration.fitting.request import Request, assemble, datasets_of
 from calibration.fitting.search import OPTIMISERS
 from calibration.fitting.stages import (
     ComponentFit,
@@ -43,6 +43,7 @@ from calibration.observables import OBSERVABLES, RESTITUTION
 from calibration.options import FitOptions, documented
 from calibration.output import replacing, write_text
 
+Progress = Callable[..., None]  # called as progress(stage, done, total)
 PACKAGES = ("softjax-contact", "jax", "diffrax", "optax", "optimistix", "numpy", "scipy")
 KINDS = ("mean", "prediction")
 
@@ -449,25 +450,25 @@ def fit(
         if not (shown is None or callable(shown)):
             accepted = "True, or called as progress(stage, done, total)"
             raise DataError("progress", shown, accepted)
-        request = Request(datasets_of(data), parameters, options_of_fit, shown)
-        result = _fitted(request)
+        request = Request(datasets_of(data), parameters, options_of_fit)
+        result = _fitted(request, shown or (lambda *_: None))
     result.times["total"] = time.perf_counter() - begun
-    return replace(result, request=replace(request, progress=None))
+    return result
 
 
-def _fitted(request: Request) -> FitResult:
+def _fitted(request: Request, tell: Progress) -> FitResult:
     options, components = request.options, assemble(request)
     fits: list[ComponentFit] = []
     for component in components:
-        request.tell("fit", len(fits), len(components))
+        tell("fit", len(fits), len(components))
         fits.append(fit_component(component, options))
-    request.tell("fit", len(fits), len(fits))
+    tell("fit", len(fits), len(fits))
     line = fit_line(request, fits)
     curves: list[dict[str, Profile]] = [{} for _ in fits]
     if options.profiles:
-        tell = partial(request.tell, "profiles", total=len(fits))
-        curves = profiles_of(fits, options.confidence, tell)
-        tell(len(fits))
+        done = lambda count: tell("profiles", count, len(fits))  # noqa: E731
+        curves = profiles_of(fits, options.confidence, done)
+        done(len(fits))
     told: list[FitWarning] = []
     materials: dict[int, MaterialFit] = {}
     pooled = pooled_estimates(fits, options.confidence)

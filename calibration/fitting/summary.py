@@ -141,9 +141,6 @@ def _determined_between(fit: ComponentFit, g: int) -> tuple[float, float]:
     return known_from, (np.inf if chi_told else float(np.min(critical)))
 
 
-# ---------------------------------------------------------------------------- goodness of fit
-
-
 def _goodness(fit: ComponentFit, k: int) -> Goodness:
     """Goodness of fit for one observable of a data set."""
     problem, first = fit.final.problem, fit.stages[0].problem  # which knows what the points share
@@ -219,9 +216,6 @@ def _variances(errors: Errors, s: Mapping[str, float], one: Carried) -> dict[str
     return {next((kind for kind in ("scale", "timing") if kind in s), stated): rest} | found
 
 
-# ---------------------------------------------------------------------------- what follows of Zhou's law
-
-
 def critical_velocity_of(law: sj.Zhou) -> float:
     return float(np.mean(np.asarray(law.contact.critical_velocity)))
 
@@ -281,9 +275,6 @@ def _carried(fit: ComponentFit, g: int, what: Callable, confidence: float, most:
     return Estimate(value, error, low, high, "derived")
 
 
-# ---------------------------------------------------------------------------- Eq. (17) beside
-
-
 def _beside_eq_17(fit: ComponentFit, g: int, part: MaterialFit):
     """With the rms and coefficients of Eq. (17); and whether `model` disagrees with `two-step`."""
     spec = fit.component.specs[g]
@@ -326,9 +317,6 @@ def _disagreements(two: ComponentFit, part: MaterialFit) -> list[FitWarning]:
     pairs = {name: (others.get(name), own.get(name)) for name in ("eps_up", "chi")}
     causes = (warnings.disagreement(name, *pair) for name, pair in pairs.items())
     return list(_named("objectives-disagree", causes, part.name))
-
-
-# ---------------------------------------------------------------------------- warnings of a component
 
 
 def _named(code: str, causes: Iterable[str | None], owner: str | None) -> Iterator[FitWarning]:
@@ -489,9 +477,6 @@ def _other_minima(fit: ComponentFit, stage: StageFit) -> dict[int, float]:
             if np.any(between > np.max(ends) * (1 + LEFT_UNDONE)):
                 found |= {int(k): rise for k in moved if k not in found}
     return found
-
-
-# ---------------------------------------------------------------------------- warnings of a data set
 
 
 def _of_restitution(part: MaterialFit, residual, errors: Errors) -> list[FitWarning]:
