@@ -62,10 +62,6 @@ def checked_law(law: Any) -> Any:
     raise DataError("law", law, KINDS_OF_LAW)
 
 
-def _law_to_json(law: Any) -> str | None:
-    return law if law is None or isinstance(law, str) else getattr(law, "__name__", None)
-
-
 def _check_objective(objective: Any) -> Any:
     if isinstance(objective, str) and objective in FORMER:
         raise DataError("objective", objective, f'"model" with law = "{FORMER[objective]}"')
@@ -101,7 +97,7 @@ def _names(every: Iterable[str]) -> WithJsonSchema:
     return WithJsonSchema({"enum": [*every, None]})
 
 
-Law = Annotated[Any, BeforeValidator(checked_law), PlainSerializer(_law_to_json), _names(LAWS)]
+Law = Annotated[Any, BeforeValidator(checked_law), _names(LAWS)]
 Dof = Annotated[
     Any, BeforeValidator(_check_dof), WithJsonSchema({"accepted": f'{DOF[2]}, or "estimate"'})
 ]

@@ -193,6 +193,11 @@ class FreedomRecord(Strict):
     sets: tuple[str, ...]
     names: tuple[str, ...]
 
+    def freedom(self) -> Freedom:
+        size, count = len(self.labels), len(self.names)
+        parts = np.reshape(self.parts, (count, size, size))
+        return Freedom(**dict(self) | {"parts": parts})
+
 
 class RequestRecord(Strict):
     """Requested fit: options as in `FitOptions`, and the name of a user's law."""
@@ -203,7 +208,8 @@ class RequestRecord(Strict):
     @classmethod
     def told(cls, request: Request) -> dict[str, Any]:
         said = stated_parameters(request.parameters, request.datasets)
-        options = request.options.model_dump(mode="json") | {"law": law_name(request.options.law)}
+        options = request.options.model_dump(mode="json", exclude={"law"})
+        options |= {"law": law_name(request.options.law)}
         tables = [{name: _parameter_told(one) for name, one in each.items()} for each in said]
         return {"parameters": tables, "options": options}
 
@@ -280,7 +286,7 @@ def read_result(path: str | Path, law: Any = None) -> dict[str, Any]:
             "covariance_names": found.covariance.names,
             "covariance": found.covariance.matrix,
             "of_predictions": found.covariance_of_predictions,
-            "freedoms": tuple(Freedom.from_dict(dict(one)) for one in found.freedom),
+            "freedoms": tuple(one.freedom() for one in found.freedom),
         }
     except ValidationError as error:
         raise _refusal(path, error) from None

@@ -114,17 +114,6 @@ class Freedom:
         kept = {"parts": (whole * both)[None], "relative": np.array([[2 / least]])}
         return replace(self, **kept, sets=("",), names=(ALL,))
 
-    @classmethod
-    def from_dict(cls, table: dict[str, Any]) -> "Freedom":
-        size, count = len(table["labels"]), len(table["names"])
-        return cls(
-            tuple(table["labels"]),
-            np.array(table["parts"], float).reshape(count, size, size),
-            np.array(table["relative"], float).reshape(count, count),
-            tuple(table["sets"]),
-            tuple(table["names"]),
-        )
-
 
 def freedom_of(freedoms: Sequence[Freedom], dataset: str, labels: Iterable[str]) -> Freedom:
     """Degrees of freedom of the component that contains a data set.
