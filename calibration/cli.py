@@ -1,13 +1,7 @@
-"""The command `softjax`: finds the subcommand, prints refusals in one line, gives the exit code.
+"""The command `softjax`: finds the subcommand, prints refusals in one line, gives the exit code (`CODES`).
 
-    0   done
-    1   a fit did not converge; its results are written, and marked
-    2   unusable input: one line on standard error, nothing written
-    3   results could not be written, or not printed; what could be is
-    70  an error of softjax itself: its trace on standard error
-
-An interrupt gives 130, SIGTERM 143, SIGHUP 129.
-Nothing heavy is imported before a subcommand runs, so that `softjax --help` answers at once.
+An interrupt gives 130, SIGTERM 143, SIGHUP 129. Nothing heavy is imported before a subcommand runs, so that
+`softjax --help` answers at once.
 """
 
 import argparse
@@ -24,6 +18,7 @@ import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 from calibration import console, output
 from calibration.commands import COMMANDS
@@ -79,11 +74,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _ended(str(error), UNUSABLE)
     except KeyboardInterrupt as stop:
         places = sorted(str(place) for place in output.written)
-        done = f"after its results were written to {listed(places)}" if places else ""
-        return _ended(
-            f"softjax: interrupted{' ' if done else ', '}{done or 'nothing written'}",
-            getattr(stop, "code", INTERRUPTED),
-        )
+        done = f" after its results were written to {listed(places)}"
+        line = f"softjax: interrupted{done if places else ', nothing written'}"
+        return _ended(line, getattr(stop, "code", INTERRUPTED))
     except BrokenPipeError:  # `softjax fit | head`
         console.silence(sys.stdout)
         return DONE
@@ -116,20 +109,21 @@ def _run(argv: Sequence[str]) -> int:
 
 def _failed(error: Exception) -> int:
     """Report an error in one line, or with its trace if it is not a refusal; return the exit code."""
-    if isinstance(error, NotWritten):
-        console.silence(sys.stdout)
-        return _ended(f"softjax: {error}", NOT_WRITTEN)
-    if isinstance(error, OSError) and error.filename is None and error.errno in STREAM:
-        console.silence(sys.stdout)
-        line = f"softjax: standard output could not be written to ({error.strerror})"
-        return _ended(line, NOT_WRITTEN)
-    if "softjax" in sys.modules and isinstance(error, sys.modules["softjax"].ArgumentError):
+    softjax = sys.modules.get("softjax")
+    if softjax is not None and isinstance(error, softjax.ArgumentError):
         return _ended(str(error), UNUSABLE)
-    console.show_sign()
-    with suppress(OSError):
-        traceback.print_exception(error)
-    line = "softjax: an error of softjax itself, please report it with the lines above"
-    return _ended(line, INTERNAL)
+    line = f"softjax: {error}"
+    of_stream = isinstance(error, OSError) and error.filename is None and error.errno in STREAM
+    if of_stream and not isinstance(error, NotWritten):
+        line = f"softjax: standard output could not be written to ({error.strerror})"  # type: ignore[attr-defined]
+    elif not isinstance(error, NotWritten):
+        console.show_sign()
+        with suppress(OSError):
+            traceback.print_exception(error)
+        line = "softjax: an error of softjax itself, please report it with the lines above"
+        return _ended(line, INTERNAL)
+    console.silence(sys.stdout)
+    return _ended(line, NOT_WRITTEN)
 
 
 def _ended(line: str, code: int) -> int:
@@ -143,47 +137,35 @@ def _ended(line: str, code: int) -> int:
 
 def _parsed(argv: Sequence[str]):
     """The command's name, its module, and its options with those that stood before it."""
-    top = _top_parser()
+    width = max(map(len, COMMANDS)) + 2
+    lines = ["commands:", *(f"  {name:<{width}}{what}" for name, what in COMMANDS.items())]
+    lines += ["", CODES, "", "softjax COMMAND --help lists the options."]
+    what = "Soft-sphere collisions after Zhou (2013), calibrated from rebounds."
+    top = _parser("softjax", what, "\n".join(lines), usage="softjax COMMAND [options]")
+    top.add_argument("command", metavar="COMMAND", help=argparse.SUPPRESS)
+    top.add_argument("rest", nargs=argparse.REMAINDER, help=argparse.SUPPRESS)
+    top.add_argument("--version", action=Version, nargs=0, help="print the version")
+    _add_common_options(top)
     before = top.parse_args(argv)
     if before.command not in COMMANDS:
         near = did_you_mean(before.command, COMMANDS)
         top.error(f"unknown command {before.command!r}{near}: {listed(COMMANDS)}")
     command = importlib.import_module(f"calibration.commands.{before.command}")
-    parser = Parser(
-        prog=f"softjax {before.command}",
-        allow_abbrev=False,
-        description=command.__doc__,
-        epilog=CODES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = _parser(f"softjax {before.command}", command.__doc__, CODES)
     command.add_arguments(parser)
-    common_options(parser)
+    _add_common_options(parser)
     parsed = vars(parser.parse_args(before.rest))
     common = {key: value for key, value in vars(before).items() if key in COMMON}
     return before.command, command, argparse.Namespace(**(COMMON | common | parsed))
 
 
-def _top_parser() -> Parser:
-    width = max(map(len, COMMANDS)) + 2
-    lines = [f"  {name:<{width}}{what}" for name, what in COMMANDS.items()]
-    parser = Parser(
-        prog="softjax",
-        allow_abbrev=False,
-        usage="softjax COMMAND [options]",
-        description="Soft-sphere collisions after Zhou (2013), calibrated from rebounds.",
-        epilog="\n".join(
-            ["commands:", *lines, "", CODES, "", "softjax COMMAND --help lists the options."]
-        ),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("command", metavar="COMMAND", help=argparse.SUPPRESS)
-    parser.add_argument("rest", nargs=argparse.REMAINDER, help=argparse.SUPPRESS)
-    parser.add_argument("--version", action=Version, nargs=0, help="print the version")
-    common_options(parser)
-    return parser
+def _parser(name: str, description: str | None, epilog: str, usage: str | None = None) -> Parser:
+    look: dict[str, Any] = {"formatter_class": argparse.RawDescriptionHelpFormatter}
+    look |= {"allow_abbrev": False, "usage": usage}
+    return Parser(prog=name, description=description, epilog=epilog, **look)
 
 
-def common_options(parser: argparse.ArgumentParser) -> None:
+def _add_common_options(parser: argparse.ArgumentParser) -> None:
     """`--out`, `--quiet` and `--no-cache`, before or after the command."""
     group = parser.add_argument_group("common options", argument_default=argparse.SUPPRESS)
     text = "where results are written (default: results)"

@@ -1,22 +1,8 @@
 """Write the files of a command all or none: in a folder next to their place, then rename them into it.
 
-SECURITY
-
-What is read: the files that are named, and the data files that a material file names. A data file
-may lie anywhere, so a material file from somebody else can have any CSV of yours read; where it lies
-outside its folder nothing of its text is repeated. Each must be a regular file (velocities may come
-from a pipe) of a size that is bounded before it is read: 2 MiB of TOML; 64 MiB of CSV; 24 MiB of fit.json, whose layout is checked value by value (`calibration.fitting.fit_json`).
-
-What is written: the files of a command, into `--out`, and what JAX compiled, into the user's cache
-folder. Files are made in a folder `.softjax-unfinished-*` next to `--out` and moved when all are
-there. No command removes a file that it did not write itself: files of an earlier run that are not
-written again stay, and are named. Nothing is sent anywhere.
-
-What is never executed: anything from a file. TOML, CSV and JSON hold numbers and text; no pickle, no
-`eval`, no import by name (a user's law is passed to `FitResult.load`, which a file cannot do).
-Names are text: control characters are written as their codes, signs of Markdown as entities, and
-what would end a comment in a particle code's input or source is taken apart. The cache of compiled
-programs is the exception to mind: who can write into it can run code as you.
+No command removes a file that it did not write itself: files of an earlier run that are not written again
+stay, and are named. What is read and written, and that nothing in a file is executed, is in
+notebooks/reference/running.md.
 """
 
 import os

@@ -6,15 +6,13 @@ for damped laws), rounded to 20 digits by tests/oracles/write.py, or from a clos
 uses, so that no method is compared with itself.
 """
 
-import csv
-import io
 import json
 import math
 import os
 import statistics
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import astuple, dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -37,6 +35,7 @@ SCIPY, DIFFRAX = "SciPy loop", "diffrax, events"
 FAMILIES = ("energy balance", "closed form", "ODE", DIFFRAX, SCIPY)
 LENGTH = 2e-4  # [m] of `Hardening`
 RESTITUTION, STIFFNESS = 0.7, 1e6  # of the dashpots
+Row = dict[str, Any]
 
 
 class Phase(NamedTuple):
@@ -100,20 +99,6 @@ class Method:
     batch: int
     value: Callable[[np.ndarray], Any]
     gradient: Callable | None = None
-
-
-@dataclass(frozen=True)
-class Row:
-    """One row of the table. Times are medians after a warm-up; None was not measured."""
-
-    family: str
-    setting: str
-    batch: int
-    microseconds: float  # a collision
-    largest_error: float  # of ε_p against the exact value
-    compile_seconds: float  # the first call beyond a later one
-    gradient_microseconds: float | None = None  # value and gradient, a collision
-    gradient_error: float | None = None  # of θ ∂ε_p/∂θ, the mean of the batch
 
 
 class Hardening(sj.RateIndependentLaw):
@@ -284,9 +269,8 @@ def methods(name: str, quick: bool) -> Iterator[Callable[[], Method]]:
     for route in scene.routes[: scene.quick] if quick else scene.routes:
         yield partial(by_route, scene, route, BATCH, gradient=not quick)
         if name == "own":  # the baselines stop where the overlap vanishes
-            yield partial(
-                by_route, _user_law(HardeningToZero), route, BATCH, ", end stated", not quick
-            )
+            stated = _user_law(HardeningToZero)
+            yield partial(by_route, stated, route, BATCH, ", end stated", not quick)
     if name != "own":
         exact = next(route for route in scene.routes if not isinstance(route, sj.ODE))
         yield partial(by_route, scene, exact, LARGE, gradient=not quick)
@@ -332,6 +316,7 @@ def _by_scipy(phases: tuple[Phase, ...], y: float, c: Any, rtol: float) -> float
     from scipy.integrate import solve_ivp
 
     state, peak = (0.0, y), 0.0
+    tolerance = {"rtol": rtol, "atol": rtol * np.array([y**0.8, y])}
     for phase in phases:
 
         def field(t, state, phase=phase, peak=peak):
@@ -342,7 +327,6 @@ def _by_scipy(phases: tuple[Phase, ...], y: float, c: Any, rtol: float) -> float
             return 1.0 if waiting else phase.end(*state, peak, c, max)
 
         ended.terminal, ended.direction = True, -1  # type: ignore[attr-defined]
-        tolerance = {"rtol": rtol, "atol": rtol * np.array([y**0.8, y])}
         solution = solve_ivp(field, (0.0, ENDS), state, "DOP853", events=ended, **tolerance)
         state = solution.y_events[0][0]
         peak = state[0]
@@ -357,11 +341,10 @@ def by_events(scene: Scene, rtol: float, gradient: bool = False) -> Method:
         c = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, velocity.shape), c)
         return jax.vmap(lambda y, c: _by_diffrax(scene.phases, y, c, rtol))(y, c)
 
-    value = jax.jit(coefficient)
+    jitted = jax.jit(coefficient)
     slopes = _with_gradient(scene, coefficient) if gradient else None
-    return Method(
-        DIFFRAX, f"tsit5, rtol {rtol:.0e}", BATCH, lambda v: value(scene.theta, v), slopes
-    )
+    setting = f"tsit5, rtol {rtol:.0e}"
+    return Method(DIFFRAX, setting, BATCH, lambda v: jitted(scene.theta, v), slopes)
 
 
 def _by_diffrax(phases: tuple[Phase, ...], y, c, rtol: float):
@@ -408,28 +391,29 @@ def _with_gradient(scene: Scene, coefficient: Callable) -> Callable:
 
 
 def measure(method: Method, scene: Scene) -> Row:
-    """Time a method on the velocities of a scene, repeated to fill its batch; compare with exact values."""
+    """Time a method on the velocities of a scene, repeated to fill its batch; compare with exact values.
+
+    Returns:
+        family, setting, batch; microseconds a collision, the median after a warm-up; largest_error of
+        ε_p; compile_seconds, the first call less a later one; gradient_microseconds of value and gradient a
+        collision, and gradient_error, of θ ∂ε_p/∂θ in the mean of the batch, or None.
+    """
     velocity = np.resize(scene.velocity, method.batch)
     value, first = _timed(method.value, velocity)
     seconds = _median_seconds(method.value, velocity)
+    row: Row = {name: getattr(method, name) for name in ("family", "setting", "batch")}
+    row["microseconds"] = 1e6 * seconds / method.batch
     error = np.max(np.abs(np.asarray(value) - np.resize(scene.exact, method.batch)))
-    row = Row(
-        method.family,
-        method.setting,
-        method.batch,
-        1e6 * seconds / method.batch,
-        float(error),
-        max(first - seconds, 0.0),
-    )
-    if method.gradient is None:
-        return row
-    (_, slopes), _ = _timed(method.gradient, velocity)
-    times_used = np.bincount(np.arange(method.batch) % scene.velocity.size)
-    off = np.abs(np.asarray(slopes) - scene.slopes[:, : times_used.size] @ times_used)
-    microseconds = 1e6 * _median_seconds(method.gradient, velocity) / method.batch
-    # of sums over the batch: divided by it, this is the mean error of one collision
-    error = float(np.max(off)) / method.batch
-    return replace(row, gradient_microseconds=microseconds, gradient_error=error)
+    row |= {"largest_error": float(error), "compile_seconds": max(first - seconds, 0.0)}
+    row |= {"gradient_microseconds": None, "gradient_error": None}
+    if method.gradient is not None:
+        (_, slopes), _ = _timed(method.gradient, velocity)
+        times_used = np.bincount(np.arange(method.batch) % scene.velocity.size)
+        off = np.abs(np.asarray(slopes) - scene.slopes[:, : times_used.size] @ times_used)
+        seconds = _median_seconds(method.gradient, velocity)
+        row["gradient_microseconds"] = 1e6 * seconds / method.batch
+        row["gradient_error"] = float(np.max(off)) / method.batch  # of sums over the batch
+    return row
 
 
 def _timed(function: Callable, velocity: np.ndarray) -> tuple[Any, float]:
@@ -445,62 +429,53 @@ def _median_seconds(function: Callable, velocity: np.ndarray) -> float:
     return statistics.median(seconds)
 
 
-def as_csv(rows: list[Row]) -> str:
-    """CSV text with all columns; undefined cells are empty."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([field.name for field in fields(Row)])
-    writer.writerows(["" if x is None else x for x in astuple(row)] for row in rows)
-    return text.getvalue()
-
-
 def as_text(rows: list[Row]) -> str:
     """The table, sorted by family, and the ratios of times within this run."""
     import pandas as pd
 
     from calibration.report.layout import table_text
 
+    slopes = "gradient_microseconds"
     cells = [
-        (
-            row.family,
-            row.setting,
-            f"{row.batch:,}",
-            f"{row.microseconds:.3g}",
-            f"{row.largest_error:.0e}",
-            f"{row.compile_seconds:.1f}",
-            "" if row.gradient_microseconds is None else f"{row.gradient_microseconds:.3g}",
-        )
-        for row in sorted(rows, key=lambda row: FAMILIES.index(row.family))
+        {
+            "method": row["family"],
+            "setting": row["setting"],
+            "batch": f"{row['batch']:,}",
+            "µs": f"{row['microseconds']:.3g}",
+            "error": f"{row['largest_error']:.0e}",
+            "compile s": f"{row['compile_seconds']:.1f}",
+            "µs+grad": "" if row[slopes] is None else f"{row[slopes]:.3g}",
+        }
+        for row in sorted(rows, key=lambda row: FAMILIES.index(row["family"]))
     ]
-    headings = ("method", "setting", "batch", "µs", "error", "compile s", "µs+grad")
-    table = table_text(pd.DataFrame(cells, columns=headings))
     head = f"{os.cpu_count()} cores; time per collision, largest error of ε_p against exact values"
-    return "\n".join([head, "", table, "", *_ratios(rows)])
+    return "\n".join([head, "", table_text(pd.DataFrame(cells)), "", *_ratios(rows)])
 
 
 def _ratios(rows: list[Row]) -> Iterator[str]:
     for error in (1e-3, 1e-6):
-        good = [r for r in rows if r.family == "ODE" and r.largest_error <= error]
+        ours = [r for r in rows if r["family"] == "ODE" and r["largest_error"] <= error]
         for baseline in (SCIPY, DIFFRAX):
-            theirs = time_at_error([row for row in rows if row.family == baseline], error)
-            if good and theirs is not None:
-                ratio = theirs / min(row.microseconds for row in good)
+            theirs = _time_at([row for row in rows if row["family"] == baseline], error)
+            if ours and theirs is not None:
+                ratio = theirs / min(row["microseconds"] for row in ours)
                 yield f"ODE at error {error:.0e}: {ratio:.3g} times faster than {baseline}"
     for row in rows:
-        if row.gradient_microseconds is not None:
-            ratio = row.gradient_microseconds / row.microseconds
+        if row["gradient_microseconds"] is not None:
+            ratio = row["gradient_microseconds"] / row["microseconds"]
             yield (
-                f"{row.family}, {row.setting}, batch {row.batch:,}: value and gradient (3 parameters) "
-                f"{ratio:.2g} times the value, mean error of the gradient {row.gradient_error:.0e}"
+                f"{row['family']}, {row['setting']}, batch {row['batch']:,}: value and gradient "
+                f"(3 parameters) {ratio:.2g} times the value, mean error of the gradient "
+                f"{row['gradient_error']:.0e}"
             )
 
 
-def time_at_error(rows: list[Row], error: float) -> float | None:
+def _time_at(rows: list[Row], error: float) -> float | None:
     """Microseconds of a baseline at an error, interpolated between its settings as a power law.
 
     None if it was not measured near that error: a much tighter setting would be unfair.
     """
-    points = sorted((row.largest_error, row.microseconds) for row in rows)
+    points = sorted((row["largest_error"], row["microseconds"]) for row in rows)
     above = [p for p in points if p[0] > SLIGHTLY * error]
     below = [p for p in points if p[0] <= SLIGHTLY * error]
     if not below:
@@ -512,16 +487,10 @@ def time_at_error(rows: list[Row], error: float) -> float | None:
     return min(t1, t1 ** (1 - weight) * t2**weight)
 
 
-def _note(row: Row) -> str:
-    """Label of a marker: its batch, if this is large, and whether the overlaps are omitted."""
-    omitted = row.setting.removeprefix(EXACT[0]) if row.setting in EXACT else ""
-    return f"{row.batch:,} impacts{omitted}" if row.batch > BATCH else ""
-
-
 def draw(rows: list[Row], title: str, ax: Any = None) -> Any:
     """Plot time per collision against the largest error, both logarithmic; one marker for each setting.
 
-    Markers of batches other than `BATCH` have a label: the number of impacts, and what is omitted.
+    Large batches have a label: the number of impacts, and what is omitted.
     """
     from calibration.plots import style
 
@@ -529,18 +498,22 @@ def draw(rows: list[Row], title: str, ax: Any = None) -> Any:
     # a colour and a marker each: distinct without colour too
     colours = (style.GREEN, style.GREEN, style.BLUE, style.SKY, style.VERMILION)
     for family, colour, marker in zip(FAMILIES, colours, "**os^", strict=True):
-        some = [row for row in rows if row.family == family]
+        some = [row for row in rows if row["family"] == family]
         if some:
-            errors = [max(row.largest_error, 1e-17) for row in some]
-            times = [row.microseconds for row in some]
-            ax.plot(errors, times, marker, color=colour, markersize=8, label=family)
-            for row, error in zip(some, errors, strict=True):
-                note = _note(row)
-                look: dict[str, Any] = {"textcoords": "offset points", "fontsize": "small"}
-                ax.annotate(note, (error, row.microseconds), (8, 0), va="center", **look)
+            errors = [max(row["largest_error"], 1e-17) for row in some]
+            times = [row["microseconds"] for row in some]
+            label = f"{family}, {FEW} impacts" if family == SCIPY else family
+            ax.plot(errors, times, marker, color=colour, markersize=8, label=label)
+            for row, error, microseconds in zip(some, errors, times, strict=True):
+                omitted = row["setting"].removeprefix(EXACT[0]) if row["setting"] in EXACT else ""
+                note = f"{row['batch']:,} impacts{omitted}" if row["batch"] > BATCH else ""
+                aside = (8, -9 if "," in omitted else 0)  # times with and without may be close
+                look = {"textcoords": "offset points", "fontsize": "small"}
+                ax.annotate(note, (error, microseconds), aside, **look)
     ax.set(xscale="log", yscale="log", title=f"Speed against error: {title}")
     ax.set_xlabel(r"largest error of $\varepsilon_p$ [-]")
     ax.set_ylabel("time per collision [µs]")
     ax.grid(which="major", alpha=0.3)
-    ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+    place = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5), "frameon": False}
+    ax.legend(title=f"{BATCH:,} impacts at once\nwhere no number is given", **place)
     return ax

@@ -10,23 +10,21 @@ import warnings
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--quick", action="store_true", help="fewer settings: about 15 s, not a minute"
-    )
+    text = "fewer settings: about 15 s, not a minute"
+    parser.add_argument("--quick", action="store_true", help=text)
+    text = "a law with damping, or a user's law in SI units (default: zhou)"
     laws = ("viscoelastic", "hertz-dashpot", "linear", "own")
-    parser.add_argument(
-        "--law",
-        choices=laws,
-        help="a law with damping, or a user's law in SI units (default: zhou)",
-    )
+    parser.add_argument("--law", choices=laws, help=text)
 
 
 def run(arguments: argparse.Namespace) -> int:
+    import pandas as pd
+
     import softjax as sj
     from calibration.console import Progress
     from calibration.output import check_writable, files_into, or_printed, write_text
     from calibration.plots.style import save
-    from calibration.speed import as_csv, as_text, draw, measure, methods, scene_of
+    from calibration.speed import as_text, draw, measure, methods, scene_of
 
     sj.enable_x64()
     check_writable(arguments.out)
@@ -37,11 +35,10 @@ def run(arguments: argparse.Namespace) -> int:
         rows = [measure(build(), scene) for build in progress.over(builders, "measuring")]
     text = [] if arguments.quiet else [as_text(rows)]
     with or_printed(text), files_into(arguments.out) as folder:
-        write_text(folder / "speed.csv", as_csv(rows))
-        figure = draw(rows, scene.title).get_figure(root=True)
-        assert figure is not None
-        save(figure, folder / "speed.png")
+        write_text(folder / "speed.csv", pd.DataFrame(rows).to_csv(index=False))
+        save(draw(rows, scene.title), folder / "speed.png")
     if text:
-        print(text[0])
-        print(f"\nWritten: {arguments.out / 'speed.csv'} and {arguments.out / 'speed.png'}")
+        print(
+            f"{text[0]}\n\nWritten: {arguments.out / 'speed.csv'} and {arguments.out / 'speed.png'}"
+        )
     return 0

@@ -26,7 +26,7 @@ from calibration.rounding import ABSENT
 # signs of structure in Markdown; an underscore between letters is none, brackets are a link's where
 # another follows
 STRUCTURE = re.compile(r"[<>&`*\\#~$]|!(?=\[)|\](?=[\[(:])|:(?=//)|(?<![^\W_])_|_(?![^\W_])")
-LEAST = 0.36  # of its width, to which a picture shrinks on a narrow screen before it scrolls
+LEAST = 0.3  # of its width, to which a picture shrinks on a narrow screen before it scrolls
 CODE = re.compile(r"(`(?:softjax )?[\w-]+`)")  # a word between backticks, in sentences of our own
 
 
