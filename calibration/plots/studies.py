@@ -126,8 +126,7 @@ def plot_sobol(found: Any, output: int = 0, ax: Axes | None = None) -> Axes:
     ax.set_xticks(place, [in_math(letter).replace(" ", "\n") for letter in found.symbols])
     ax.axhline(0, color=style.GREY, linewidth=0.6)
     ax.set_ylabel(r"share of the variance of $\varepsilon$")
-    if found.velocity is not None:
-        ax.set_title(f"$v$ = {found.velocity[output]:.3g} m/s")
+    ax.set_title(f"$v$ = {found.velocity[output]:.3g} m/s")
     return ax
 
 

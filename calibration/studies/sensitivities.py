@@ -13,7 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float, Int
+from jaxtyping import ArrayLike, Float, Int
 
 import softjax as sj
 from calibration.data.checks import check_whole, checked_confidence
@@ -24,7 +24,6 @@ from calibration.studies.inputs import (
     VELOCITY,
     Inputs,
     as_inputs,
-    both_ends,
     check_ranges,
     check_velocity,
 )
@@ -48,9 +47,6 @@ NO_ANSWER = int(sj.Status.INVALID_INPUT | sj.Status.SOLVER_FAILED)
 NO_VARIANCE = 1e-24  # of the squared mean: rounding
 AT_ONCE = 1 << 13  # samples evaluated together
 RESAMPLED = 32  # bootstrap samples drawn together
-
-Model = Callable[[Mapping[str, Array]], Any]
-Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,7 +172,7 @@ def _scaled_jacobian(names: tuple[str, ...], values, velocity, build: Any, route
 
 @dataclass(frozen=True, eq=False)
 class SobolIndices:
-    """Indices of p inputs for q outputs; NaN for an output that does not vary.
+    """Indices of p inputs for ε at q velocities; NaN where it does not vary.
 
     Attributes:
         names: of the inputs, (p,).
@@ -184,12 +180,12 @@ class SobolIndices:
         scale: "uniform" or "log", how each is spread over its range.
         first, total: S_i and S_Ti, (q, p).
         first_low, first_high, total_low, total_high: bootstrap percentiles, (q, p).
-        mean, variance: of the outputs, (q,).
-        samples: n; the model was evaluated n (p + 2) times.
+        mean, variance: of ε, (q,).
+        samples: n; the law was evaluated n (p + 2) times.
         confidence: of the limits.
-        zeros: the share of the samples with an output of 0, (q,): of ε those without a rebound.
-        velocity: v [m/s] that the outputs belong to, (q,); None for another model.
-        symbols: of the inputs; their names for another model.
+        zeros: the share of the samples without a rebound, (q,).
+        velocity: v [m/s] that the outputs belong to, (q,).
+        symbols: of the inputs.
     """
 
     names: tuple[str, ...]
@@ -206,8 +202,8 @@ class SobolIndices:
     samples: int
     confidence: float
     zeros: Float[np.ndarray, "q"]
-    velocity: Float[np.ndarray, "q"] | None = None
-    symbols: tuple[str, ...] = ()
+    velocity: Float[np.ndarray, "q"]
+    symbols: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
         """A dictionary for JSON; undefined numbers (no variance) are None."""
@@ -222,70 +218,49 @@ def sobol_indices(
     *,
     route: sj.EnergyBalance | sj.ClosedForm | sj.ODE | None = None,
     material: str | None = None,
-    **options: Any,
-) -> SobolIndices:
-    """Sobol indices of ε at each velocity, its inputs spread over ranges.
-
-    Args:
-        inputs: as `sensitivity` takes them; those without a range keep their value.
-        ranges: name -> (low, high); "velocity" is no input here.
-        velocity: v [m/s], (q,).
-        route: the energy balance, or the ODE for a law that needs it, unless stated.
-        material: which one of a fit's.
-        options: `samples`, `scale`, `seed`, `confidence`, `resamples`, `progress` of
-            `model_indices`.
-
-    Raises:
-        ValueError: naming the argument, its value and what is accepted; where ε varies nowhere.
-    """
-    inputs = as_inputs(inputs, material)
-    velocity = check_velocity(velocity)
-    check_ranges(inputs, ranges)
-    fixed = {name: np.asarray(value, float) for name, value in inputs.values.items()}
-    model = eqx.Partial(_rebound, fixed, inputs.build, velocity, route)
-    found = model_indices(model, ranges, **options)
-    symbols = tuple(inputs.declared(name).symbol for name in ranges)
-    return replace(found, velocity=velocity, symbols=symbols)
-
-
-def _rebound(values: Any, build: Any, velocity: Any, route: Any, sample: Any) -> Array:
-    """ε at some velocities; NaN for none."""
-    hit = sj.restitution(build({**values, **sample}), velocity, route=route)
-    return jnp.where(hit.status & NO_ANSWER == 0, hit.coefficient, jnp.nan)
-
-
-def model_indices(
-    model: Model,
-    ranges: Mapping[str, tuple[float, float]],
-    *,
     samples: int = 4096,
     scale: str = "uniform",
     seed: int = 0,
     confidence: float = 0.95,
     resamples: int = 999,
-    progress: Progress | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
 ) -> SobolIndices:
-    """Sobol indices of any model that JAX can trace, in memory that the samples hardly change.
+    """Sobol indices of ε at each velocity, in memory that the samples hardly change.
 
     Args:
-        model: mapping of inputs -> output, a number or (q,).
-        ranges: name -> (low, high), independent of each other.
+        inputs: as `sensitivity` takes them; those without a range keep their value.
+        ranges: name -> (low, high), independent of each other; "velocity" is no input here.
+        velocity: v [m/s], (q,).
+        route: the energy balance, or the ODE for a law that needs it, unless stated.
+        material: which one of a fit's.
         samples: n, a power of two.
-        scale: "uniform", or "log": uniform in the logarithm.
+        scale: how inputs are spread over their ranges: "uniform", or "log": uniform in the logarithm.
         seed: of samples and bootstrap.
         confidence, resamples: of the bootstrap.
         progress: called as progress(stage, done, total).
 
     Raises:
-        ValueError: naming the argument, its value and what is accepted; for a model that varies
-            nowhere.
+        ValueError: naming the argument, its value and what is accepted; where ε varies nowhere.
     """
     from scipy.stats import qmc
 
-    _check(ranges, samples, scale)
+    inputs = as_inputs(inputs, material)
+    velocity = check_velocity(velocity)
+    check_ranges(inputs, ranges)
+    if not ranges:
+        raise DataError("ranges", "empty", "of one input or more")
+    check_whole("samples", samples, 2)
+    if samples & (samples - 1):
+        raise DataError("samples", samples, "a power of two")
+    if scale not in SCALES:
+        raise DataError("scale", scale, "uniform or log")
+    for name, both in ranges.items():
+        if scale == "log" and not min(both) > 0:
+            raise DataError(f"ranges[{name!r}]", both, "(low, high), positive")
     checked_confidence(confidence)
     check_whole("seed", seed, 0)
     check_whole("resamples", resamples, 1)
+    fixed = {name: np.asarray(value, float) for name, value in inputs.values.items()}
     names, ends = tuple(ranges), np.array(list(ranges.values()), float)[:, :, None]
     low, high = np.swapaxes(np.log(ends) if scale == "log" else ends, 0, 1)
     random = np.random.default_rng(seed)
@@ -298,7 +273,7 @@ def model_indices(
         for k, one in enumerate(
             [a, b, *np.where(np.eye(len(names), dtype=bool)[:, :, None], b, a)]
         ):
-            sets.append(np.asarray(_evaluated(model, names, one)).T)
+            sets.append(np.asarray(_sampled(fixed, inputs.build, velocity, route, names, one)).T)
             if progress is not None:
                 progress("Sobol indices", (k + 1) * samples, total)
     lost = sum(np.sum(~np.isfinite(one)) for one in sets)
@@ -332,29 +307,21 @@ def model_indices(
         samples=samples,
         confidence=confidence,
         zeros=np.mean(np.equal([f_a, f_b], 0), axis=(0, 2)),
-        symbols=names,
+        velocity=velocity,
+        symbols=tuple(inputs.declared(name).symbol for name in names),
     )
 
 
-def _check(ranges, samples, scale) -> None:
-    if not ranges:
-        raise DataError("ranges", "empty", "of one input or more")
-    is_whole = isinstance(samples, int | np.integer) and samples >= 2
-    if not is_whole or samples & (samples - 1):
-        raise DataError("samples", samples, "a power of two")
-    if scale not in SCALES:
-        raise DataError("scale", scale, "uniform or log")
-    for name, both in ranges.items():
-        low, high = both_ends(f"ranges[{name!r}]", both)
-        if not (np.isfinite([low, high]).all() and low < high and (scale != "log" or low > 0)):
-            accepted = "(low, high), finite and ascending" + (", positive" * (scale == "log"))
-            raise DataError(f"ranges[{name!r}]", (low, high), accepted)
-
-
 @eqx.filter_jit
-def _evaluated(model: Model, names: tuple[str, ...], points: Any) -> Float[Array, "n q"]:
+def _sampled(
+    fixed: Any, build: Any, velocity: Any, route: Any, names: tuple[str, ...], points: Any
+):
+    """ε at each sample, (n, q); NaN where there is no answer."""
+
     def one(x):
-        return jnp.atleast_1d(model(dict(zip(names, x, strict=True))))
+        law = build({**fixed, **dict(zip(names, x, strict=True))})
+        hit = sj.restitution(law, velocity, route=route)
+        return jnp.where(hit.status & NO_ANSWER == 0, hit.coefficient, jnp.nan)
 
     return jax.lax.map(one, points.T, batch_size=AT_ONCE)
 

@@ -18,10 +18,10 @@ A, B = 7.0, 0.1
 RATE = {"rate": (0.02, 0.08)}
 
 
-def ishigami(sample):
-    """sin a + 7 sin² b + 0.1 c⁴ sin a, each uniform on [-π, π]."""
-    a, b, c = sample["a"], sample["b"], sample["c"]
-    return jnp.sin(a) + A * jnp.sin(b) ** 2 + B * c**4 * jnp.sin(a)
+def ishigami(x):
+    """ε = 0.4 + f/40 of f = sin a + 7 sin² b + 0.1 c⁴ sin a, each uniform on [-π, π]."""
+    f = jnp.sin(x["a"]) * (1 + B * x["c"] ** 4) + A * jnp.sin(x["b"]) ** 2
+    return sj.ConstantRestitution(None, 0.4 + f / 40)
 
 
 def test_ishigamis_function_has_its_known_indices():
@@ -32,9 +32,11 @@ def test_ishigamis_function_has_its_known_indices():
     total = alone + np.array([together, 0.0, together])
     calls = []
     told = {"samples": 4096, "resamples": 100, "progress": lambda *call: calls.append(call)}
-    found = cal.model_indices(ishigami, dict.fromkeys("abc", (-math.pi, math.pi)), **told)
-    np.testing.assert_allclose(found.mean, A / 2, rtol=0.01)
-    np.testing.assert_allclose(found.variance, variance, rtol=0.02)
+    inputs = cal.Inputs(dict.fromkeys("abc", 0.0), ishigami)
+    ranges = dict.fromkeys("abc", (-math.pi, math.pi))
+    found = cal.sobol_indices(inputs, ranges, 1.0, **told)
+    np.testing.assert_allclose(40 * (found.mean - 0.4), A / 2, rtol=0.01)
+    np.testing.assert_allclose(1600 * found.variance, variance, rtol=0.02)
     np.testing.assert_allclose(found.first[0], alone, atol=0.02)
     np.testing.assert_allclose(found.total[0], total, atol=0.02)
     assert np.all((found.first_low < found.first) & (found.first < found.first_high))
@@ -42,16 +44,28 @@ def test_ishigamis_function_has_its_known_indices():
     assert calls[-1] == ("Sobol indices", 4096 * 5, 4096 * 5)
 
 
+class Two(sj.HardSphereLaw):
+    """ε = a² b/15 of slow impacts and a² e^{-b}/15 of fast ones."""
+
+    a: float
+    b: float
+
+    def restitution_squared(self, velocity):
+        return (self.a**2 * jnp.where(velocity < 2, self.b, jnp.exp(-self.b)) / 15) ** 2
+
+
 @pytest.mark.parametrize("scale", ["uniform", "log"])
 def test_indices_and_limits_are_those_that_scipy_finds_on_the_same_samples(scale):
     """Saltelli's estimates and their bootstrap, up to the scatter of 2000 resamples."""
     ranges = {"a": (0.5, 2.0), "b": (0.1, 3.0)}
-    model = lambda x: x["a"] ** 2 * jnp.stack([x["b"], jnp.exp(-x["b"])])  # noqa: E731
     told = {"samples": 256, "scale": scale, "seed": 3, "resamples": 2000}
-    found, half = (cal.model_indices(model, ranges, confidence=c, **told) for c in (0.95, 0.5))
+    found, half = (
+        cal.sobol_indices(Two(1.0, 1.0), ranges, [1.0, 3.0], confidence=c, **told)
+        for c in (0.95, 0.5)
+    )
     ends = ranges.values()
     expected = stats.sobol_indices(
-        func=lambda x: np.array(model(dict(zip("ab", x, strict=True)))),
+        func=lambda x: x[0] ** 2 * np.stack([x[1], np.exp(-x[1])]) / 15,
         n=256,
         dists=[stats.uniform(a, b - a) if scale == "uniform" else stats.loguniform(a, b) for a, b in ends],
         rng=np.random.default_rng(3),
