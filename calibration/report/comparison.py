@@ -172,7 +172,7 @@ def _entry_dict(entry: Any) -> dict[str, Any]:
             | {"unit": symbols.symbol(name, fit.model).unit}
             for name, e in fit.parameters.items()
         },
-        "remark": entry.candidate.remark,
+        "remark": entry.remark,
         "warnings": [
             {"code": w.code, "cause": w.cause, "advice": _advice(w)} for w in entry.warnings
         ],

@@ -9,7 +9,6 @@ Source: Vehtari, Gelman and Gabry, Stat. Comput. 27, 1413 (2017); stacking: Yao,
 and Gelman, Bayesian Anal. 13, 917 (2018).
 """
 
-import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -54,15 +53,7 @@ Watch = Callable[[Iterable, str], Iterable]
 
 
 class Candidate(NamedTuple):
-    """One law of a comparison.
-
-    Attributes:
-        key: its name in files: that of `LAWS`, "thornton-fixed", or its class's or function's.
-        label: what tables and pictures call it.
-        law: a name, a class, or a function that builds one.
-        stated: of its parameters, as `fit` takes it.
-        remark: what a reader should know of it.
-    """
+    """A law to be fitted, its parameters as `fit` takes them; the others as of `Entry`."""
 
     key: str
     label: str
@@ -97,7 +88,9 @@ class Entry:
     """One law of a comparison with its fit and its score.
 
     Attributes:
-        candidate: the law and its stated parameters.
+        key: its name in files: that of `LAWS`, "thornton-fixed", or its class's or function's.
+        label: what tables and pictures call it.
+        remark: what a reader should know of it.
         result: its fit.
         leave_one_out: each point predicted by the fit without it.
         delta_elpd: elpd less that of the best law; None for a law that follows the data exactly,
@@ -106,20 +99,14 @@ class Entry:
         same_as: the label of a law before it that has the same curve, or None.
     """
 
-    candidate: Candidate
+    key: str
+    label: str
+    remark: str
     result: FitResult
     leave_one_out: LeaveOneOut
     delta_elpd: Difference | None = None
     weight: float | None = None
     same_as: str | None = None
-
-    @property
-    def key(self) -> str:
-        return self.candidate.key
-
-    @property
-    def label(self) -> str:
-        return self.candidate.label
 
     @property
     def converged(self) -> bool:
@@ -159,14 +146,12 @@ class Comparison:
             no score.
         left_out: why some laws are missing.
         notes: what a reader of the ranking should know.
-        seconds: how long it took.
     """
 
     data: RestitutionData
     entries: tuple[Entry, ...]
     left_out: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
-    seconds: float = 0.0
 
     @property
     def ranking(self) -> list[str]:
@@ -232,7 +217,6 @@ def compare(
         >>> comparison.ranking
         ['Zhou', 'constant ε (hard spheres)', 'Hertz']
     """
-    begun = time.perf_counter()
     if not isinstance(data, RestitutionData):
         raise DataError("data", data, "one RestitutionData")
     FitOptions.of(**options)
@@ -257,7 +241,8 @@ def compare(
             result = refit(profiles=False)
             if any(estimate.skewed for estimate in result.estimates.values()):
                 result = refit()  # no ± describes it
-            entries.append(Entry(one, result, result.leave_one_out()))
+            left = result.leave_one_out()
+            entries.append(Entry(one.key, one.label, one.remark, result, left))
         except (DataError, InputError) as error:
             if laws is not None:
                 raise data.refusal(f"{one.label}: {error}", "another law is needed") from error
@@ -270,7 +255,7 @@ def compare(
     if not all(entry.leave_one_out.exact for entry in ranked):
         notes.append(TO_FIRST_ORDER)
     notes += _noise_and_lead(data, [one for one in ranked if not one.is_exact])
-    return Comparison(data, ranked, tuple(left_out), tuple(notes), time.perf_counter() - begun)
+    return Comparison(data, ranked, tuple(left_out), tuple(notes))
 
 
 def _noise_and_lead(data: RestitutionData, scored: Sequence[Entry]) -> Iterator[str]:

@@ -37,6 +37,7 @@ from calibration.observables import OBSERVABLES, RESTITUTION
 from calibration.parameters import Parameter, as_parameter
 from calibration.rounding import number
 from calibration.studies.inputs import both_ends
+from calibration.symbols import symbol
 from softjax.fields import numbers_of, options_of, whole_fields
 
 USUAL_NOISE = 0.01  # standard uncertainty of ε unless stated
@@ -57,11 +58,8 @@ BETTER = 1e-10  # least decrease of a log criterion that is worth an exchange
 MOVES = 500  # of a design's weights
 TOGETHER = 0.01  # relative distance below which shots count as one velocity
 DIFFERENCE = 1e-4  # of θ, of what follows from it
-DERIVED: dict[str, tuple[str, Callable[[Any], float]]] = {  # from the parameters of Zhou's law
-    "eps_up": ("ε_up", eps_up_of),
-    "chi": ("χ̃", chi_of),
-    "critical_velocity": ("v_cr", critical_velocity_of),
-}
+# numbers that follow from the parameters of Zhou's law
+DERIVED = {"eps_up": eps_up_of, "chi": chi_of, "critical_velocity": critical_velocity_of}
 ONE_VELOCITY = (
     "Shots at one velocity cannot test the law, and are best only if it holds: add others."
 )
@@ -87,8 +85,7 @@ class Plan:
         uncertainty: standard uncertainty of a planned ε; None: as the fit's data have it.
         route: from the law to ε.
         sensors: what else each shot shows, and its relative standard uncertainty.
-        left_open: why a parameter that the fit did not determine is taken as known.
-        intervals: the fit's own, in words, by label.
+        result: the fit whose law it is; None without.
     """
 
     material: MaterialFit
@@ -96,8 +93,7 @@ class Plan:
     uncertainty: Any
     route: Route
     sensors: Mapping[str, float] = field(default_factory=dict)
-    left_open: tuple[str, ...] = ()
-    intervals: Mapping[str, str] = field(default_factory=dict)
+    result: FitResult | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -116,11 +112,8 @@ class Plan:
     @property
     def symbols(self) -> tuple[str, ...]:
         """χ̃, or χ̃[name] where there are several data sets."""
-        found, declared = [], self.material.model.declared
-        for name, label in self.material.free.items():
-            symbol = "" if "[" in name else getattr(declared(name), "symbol", "")
-            found.append((symbol or name) + label.removeprefix(name))
-        return tuple(found)
+        pairs, model = self.material.free.items(), self.material.model
+        return tuple(symbol(n, model).text + label.removeprefix(n) for n, label in pairs)
 
     def slopes(
         self, velocity: Column, observable: str = RESTITUTION
@@ -145,10 +138,26 @@ class Plan:
 
     def taken_as_known(self, targets: Sequence[str]) -> tuple[str, ...]:
         """A sentence for each parameter that the fit did not determine, with intervals of the targets."""
+        if self.result is None:
+            return ()
         whose = "error" if len(targets) == 1 else "errors"
-        more = [f"; {self.intervals[name]}" for name in targets if self.intervals.get(name)]
-        text = f": the {whose} of {', '.join(targets)} may be larger{''.join(more)}"
-        return tuple(why + text for why in self.left_open)
+        more = f": the {whose} of {', '.join(targets)} may be larger"
+        confidence = f"the fit's {100 * self.result.confidence:g} % interval of"
+        for name in targets:
+            one = self.result.estimates.get(name)
+            if one is None or one.low is None or one.high is None:
+                continue
+            more += f"; {confidence} {name} is {number(one.low, 4)} to {number(one.high, 4)}"
+            if one.value:
+                parts = (f"{100 * (end / one.value - 1):+.2g} %" for end in (one.low, one.high))
+                more += f" ({' to '.join(parts)})"
+        found, fit = [], self.result.material(self.material.name)
+        for name in (name for name in fit.free if name not in self.material.free):
+            one, why = fit.parameters.get(name), "is not determined"
+            if one is not None and one.at_bound and one.value is not None:
+                why = f"is at its bound {number(one.value, 4)}"
+            found.append(f"{name} {why} and is taken as known{more}")
+        return tuple(found)
 
 
 def plan_of(
@@ -287,34 +296,11 @@ def _of_fit(result: FitResult, name: str | None, reach: Column, route: Route) ->
     places = {label: k for k, label in enumerate(result.covariance_names)}
     known = np.isfinite(np.diag(result.covariance))
     labels = {name: label for name, label in material.free.items() if known[places[label]]}
-    left_open = []
-    for left in (name for name in material.free if name not in labels):
-        estimate, why = material.parameters.get(left), "is not determined"
-        if estimate is not None and estimate.at_bound and estimate.value is not None:
-            why = f"is at its bound {number(estimate.value, 4)}"
-        left_open.append(f"{left} {why} and is taken as known")
     route = route or result.request.route_of_curve(material.model.law_type)
-    plan = Plan(replace(material, labels=labels), np.zeros((0, 0)), None, route)
+    plan = Plan(replace(material, labels=labels), np.zeros((0, 0)), None, route, result=result)
     rows = [places[label] for label in plan.names]
     covariance = result.covariance[np.ix_(rows, rows)] / np.outer(plan.unit, plan.unit)
-    return replace(
-        plan,
-        before=np.linalg.inv(covariance),
-        left_open=tuple(left_open),
-        intervals={label: _interval(label, result) for label in plan.names},
-    )
-
-
-def _interval(label: str, result: FitResult) -> str:
-    """The fit's own, and in parts of the value as the promised errors are."""
-    estimate = result.estimates.get(label)
-    if estimate is None or estimate.low is None or estimate.high is None:
-        return ""
-    ends, value = (estimate.low, estimate.high), estimate.value
-    shown = " to ".join(number(x, 4) for x in ends)
-    parts = " to ".join(f"{100 * (x / value - 1):+.2g} %" for x in ends) if value else ""
-    text = f"the fit's {100 * result.confidence:g} % interval of {label} is {shown}"
-    return f"{text} ({parts})" if parts else text
+    return replace(plan, before=np.linalg.inv(covariance))
 
 
 def covariance_of(information: Matrices) -> Matrices:
@@ -519,16 +505,16 @@ def fisher_information(
     if uncertainty is not None:
         plan = replace(plan, uncertainty=u)
 
-    def matrix_of(plan: Plan) -> tuple[Matrices, Column]:
+    def information(plan: Plan) -> tuple[Matrices, Column]:
         if not v.size:
             return plan.before, u
         with jax.enable_x64(True):
             added, error = plan.shots(v)
         return plan.before + np.sum(added, axis=0), error
 
+    matrix, error = information(plan)
+    bare = information(replace(plan, sensors={}))[0] if plan.sensors else matrix
     aims = dict(zip(plan.names, np.eye(len(plan.names)), strict=True))
-    matrix, error = matrix_of(plan)
-    bare = matrix_of(replace(plan, sensors={}))[0] if plan.sensors else None
     return Information(
         names=plan.names,
         symbols=plan.symbols,
@@ -539,7 +525,7 @@ def fisher_information(
         before=errors_of(plan.before, aims) if np.any(plan.before) else None,
         taken_as_known=plan.taken_as_known(plan.names),
         sensors=plan.sensors,
-        without=None if bare is None else errors_of(bare, aims),
+        without=errors_of(bare, aims) if plan.sensors else None,
     )
 
 
@@ -580,12 +566,8 @@ class Design(Planned):
     @property
     def support(self) -> list[tuple[float, int]]:
         """(velocity [m/s], number of shots there): shots within a percent taken together."""
-        groups: list[list[float]] = []
-        for v in self.velocity.tolist():
-            if groups and v <= groups[-1][0] * (1 + TOGETHER):
-                groups[-1].append(v)
-            else:
-                groups.append([v])
+        apart = np.flatnonzero(self.velocity[1:] > self.velocity[:-1] * (1 + TOGETHER)) + 1
+        groups = np.split(self.velocity, apart)
         return [(float(np.mean(group)), len(group)) for group in groups]
 
     def to_dict(self) -> dict[str, Any]:
@@ -757,8 +739,7 @@ def optimal_velocities(
         raise DataError("law", law, "one law or more, or a FitResult")
     plans = [plan_of(one, *stated) for one in laws]
     first, even = plans[0], np.linspace(low, high, count)
-    symbols = {n: symbol for n, (symbol, _) in DERIVED.items()}
-    symbols |= dict(zip(first.names, first.symbols, strict=True))
+    symbols = dict(zip(first.names, first.symbols, strict=True))
     with jax.enable_x64(True):
         target = _target_of(target, first)
         aims = dict(zip(first.names, np.eye(len(first.names)), strict=True))
@@ -778,7 +759,7 @@ def optimal_velocities(
         return Design(
             criterion=criterion,
             target=target,
-            target_symbol=symbols[target],
+            target_symbol=symbols.get(target, symbol(target).text),
             names=first.names,
             symbols=first.symbols,
             velocity=shots,
@@ -820,7 +801,7 @@ def _gradient_of(target: str, plan: Plan) -> Float[np.ndarray, "p"]:
 
     def log(name: str, factor: float) -> float:
         law = replace(plan.material, values={**values, name: float(values[name]) * factor}).law
-        return math.log(max(float(DERIVED[target][1](law)), 1e-300))
+        return math.log(max(float(DERIVED[target](law)), 1e-300))
 
     ends = [[log(n, 1 + side * DIFFERENCE) for side in (-1, 1)] for n in plan.material.free]
     found = np.array([(up - down) / (2 * DIFFERENCE) for down, up in ends])

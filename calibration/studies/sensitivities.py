@@ -55,7 +55,6 @@ class Sensitivities:
 
     Attributes:
         declared: symbol and unit of the inputs by name, (p,); the last is "velocity".
-        values: θ, (p - 1,), of all but the velocity.
         velocity: v [m/s], (n,).
         coefficient: ε [-], (n,).
         absolute: θ ∂ε/∂θ [-], (n, p): the change of ε for a relative change of θ. Zero where
@@ -64,7 +63,6 @@ class Sensitivities:
     """
 
     declared: Mapping[str, Declared]
-    values: Float[np.ndarray, "inputs"]
     velocity: Float[np.ndarray, "n"]
     coefficient: Float[np.ndarray, "n"]
     absolute: Float[np.ndarray, "n p"]
@@ -154,7 +152,7 @@ def sensitivity(
     absolute, (coefficient, status) = jax.tree.map(lambda x: np.asarray(x)[: len(velocity)], found)
     declared = {name: inputs.declared(name) for name in (*names, VELOCITY)}
     absolute = absolute + 0.0  # no -0
-    return Sensitivities(declared, values, velocity, coefficient, absolute, status)
+    return Sensitivities(declared, velocity, coefficient, absolute, status)
 
 
 @eqx.filter_jit

@@ -27,9 +27,9 @@ points of the profile. What is nearly normal in q is scaled by the observed info
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -66,20 +66,12 @@ PROBE = 1.5  # errors at which it is looked whether ln p is nearly normal
 NEARLY_NORMAL = 0.35  # how far it may be off there, in parts
 
 Vector = Float[np.ndarray, "p"]
+Places = Int[np.ndarray, "k"]
 Slope = Callable[[Vector], tuple[float, Vector]]  # -ln p and its gradient
 
 
-@dataclass(frozen=True)
-class Prior:
-    """Prior of one unknown.
-
-    Attributes:
-        label: of the unknown.
-        text: in words.
-        in_z: whether it is normal in z = ln θ and the like, else in θ.
-        centre, spread: of the normal distribution; infinite spread: uniform.
-        stated: whether the user stated it.
-    """
+class Prior(NamedTuple):
+    """Prior of one unknown: normal in z = ln θ and the like, or in θ; infinite spread: uniform."""
 
     label: str
     text: str
@@ -92,7 +84,7 @@ class Prior:
 class Pool(NamedTuple):
     """Places of pooled members, of their mean and of their spread τ."""
 
-    members: Int[np.ndarray, "k"]
+    members: Places
     mean: int
     spread: int
 
@@ -118,7 +110,7 @@ class Path(NamedTuple):
         others: from u₂… to the others in units of s around r.
     """
 
-    order: Int[np.ndarray, "k"]
+    order: Places
     knots: Float[np.ndarray, "m"]
     coefficients: Float[np.ndarray, "4 intervals both"]
     others: "Linear | Path"
@@ -153,12 +145,18 @@ class Density:
     priors: tuple[Prior, ...]
     transform: Transform
     pools: tuple[Pool, ...]
-    coordinates: tuple[tuple[Int[np.ndarray, "k"], Linear | Path], ...] = ()
+    coordinates: tuple[tuple[Places, Linear | Path], ...] = ()
 
     @property
     def labels(self) -> list[str]:
         """Labels of all unknowns, in the order of z."""
         return [one.label for one in self.priors]
+
+    @property
+    def _columns(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Whether each prior is in z, its centre and its spread."""
+        _, _, in_z, centre, spread, _ = map(np.array, zip(*self.priors, strict=True))
+        return in_z, centre, spread
 
     def at(self, u: Array) -> tuple[dict[str, Array], Array, Array]:
         """θ by label, ln p of q and ln |∂q/∂u|."""
@@ -171,7 +169,7 @@ class Density:
             apart = jnp.exp(q[pool.spread]) * q[pool.members]
             z = z.at[pool.members].set(q[pool.mean] + apart)
         theta = self.transform.physical(z, jnp)
-        in_z, centre, spread = self._of_priors()
+        in_z, centre, spread = self._columns
         at = jnp.where(in_z, q, theta)
         slope = jnp.where(in_z, 0.0, self.transform.log_slope(z))
         log_prior = jnp.sum(slope - 0.5 * ((at - centre) / spread) ** 2)
@@ -184,44 +182,39 @@ class Density:
 
     def spread_in_z(self, z: Vector) -> Vector:
         """Standard deviations of the priors in z, about, where z is."""
-        in_z, _, spread = self._of_priors()
+        in_z, _, spread = self._columns
         within = np.minimum(spread / np.maximum(self.transform.slope(z), 1e-300), LOGISTIC)
         return np.where(in_z | (self.transform.kind == NONE), spread, within)
 
     def straightened(self, values: Mapping[str, float]) -> "Density":
-        """The density in coordinates along its profiles, from θ near its maximum.
+        """The density in coordinates along its profiles.
 
         Args:
             values: θ where a fit ended, of some of the unknowns.
         """
         q = self._start(values)
-        scale = self.spread_in_z(q)
-        gradient = jax.jit(jax.value_and_grad(lambda q: -self.log_density(q)))
+        scale, gradient = self.spread_in_z(q), jax.jit(jax.value_and_grad(self.log_density))
 
         def slope(q: Vector) -> tuple[float, Vector]:
             value, found = gradient(q)
-            return float(value), np.asarray(found)
+            return -float(value), -np.asarray(found)
 
         q, _ = _lowest(slope, q, np.arange(len(q)), scale)
-        blocks = self._blocks()
-        pooled = {int(pool.mean) for pool in self.pools}  # whose funnel has no profile worth a path
-        found = [
-            _coordinates(_of_some(slope, q, one), q[one], scale[one], bool(pooled & {*one}))
-            for one in blocks
-        ]
-        return replace(self, coordinates=tuple(zip(blocks, found, strict=True)))
-
-    def _of_priors(self):
-        columns = zip(*((one.in_z, one.centre, one.spread) for one in self.priors), strict=True)
-        return map(np.array, columns)
+        pooled = {pool.mean for pool in self.pools}  # whose funnel has no profile worth a path
+        found = []
+        for places in self._blocks():
+            straight = bool(pooled & {*places.tolist()})
+            some = _of_some(slope, q, places)
+            found.append((places, _coordinates(some, q[places], scale[places], straight)))
+        return replace(self, coordinates=tuple(found))
 
     def _start(self, values: Mapping[str, float]) -> Vector:
         """q of the values, and of the priors' centres where there are none, drawn in to the priors."""
-        theta = np.array([1.0 if one.in_z else one.centre for one in self.priors])
-        some = np.array([0.3 * one.spread for one in self.priors])
-        theta = np.where(theta > 0, theta, np.where(np.isfinite(some), some, 0.5))
-        in_z, centre, _ = self._of_priors()
-        centre = np.where(in_z, centre, self.transform.unconstrained(theta))
+        in_z, centre, spread = self._columns
+        is_half = (centre == 0) & (self.transform.kind == LOG)
+        inside = np.where(is_half, 0.3 * spread, centre)
+        centre = np.where(in_z, centre, self.transform.unconstrained(inside))
+        centre = np.where(np.isinf(spread), 0.0, centre)  # of uniform ones
         theta = self.transform.physical(centre)
         theta = np.array([values.get(n, x) for n, x in zip(self.labels, theta, strict=True)])
         z, reach = self.transform.unconstrained(theta), FARTHEST * self.spread_in_z(centre)
@@ -229,7 +222,7 @@ class Density:
             z[pool.members] = (z[pool.members] - z[pool.mean]) / np.exp(z[pool.spread])
         return np.clip(z, centre - reach, centre + reach)
 
-    def _blocks(self) -> list[Int[np.ndarray, "k"]]:
+    def _blocks(self) -> list[Places]:
         """Places of unknowns that belong together: nothing else is correlated."""
         found = []
         for component in self.problem.components:
@@ -253,40 +246,34 @@ def density_of(problem: Traceable) -> Density:
         for errors in problem.sets
         for kind, label in errors.labels.items()
     ]
-    spreads = [
-        Prior(pool.spread_name, f"half-normal, {number(SPREAD)}", False, 0.0, SPREAD)
-        for pool in problem.pools
-    ]
+    text = f"half-normal, {number(SPREAD)}"
+    spreads = [Prior(pool.spread_name, text, False, 0.0, SPREAD) for pool in problem.pools]
     ranges = [e.range for e in every] + [(0.0, math.inf)] * len([*noises, *spreads])
     transform = Transform.of(ranges, [None] * len(ranges))  # bounded where the range is
     of_law = [_of_element(e, int(k)) for e, k in zip(every, transform.kind, strict=False)]
     pools = []
     for i, pool in enumerate(problem.pools):
-        of_law[first + i] = replace(of_law[first + i], label=pool.name)
+        of_law[first + i] = of_law[first + i]._replace(label=pool.name)
+        text = f"around {pool.name}, with {pool.spread_name}"
         for place in pool.members:
-            text = f"around {pool.name}, with {pool.spread_name}"
             of_law[place] = Prior(problem.elements[place].label, text, True, 0.0, 1.0)
-        spread = len(every) + len(noises) + i
-        pools.append(Pool(np.array(pool.members), first + i, spread))
+        pools.append(Pool(np.array(pool.members), first + i, len(every) + len(noises) + i))
     return Density(problem, (*of_law, *noises, *spreads), transform, tuple(pools))
 
 
 def _of_element(element: Element, kind: int) -> Prior:
-    label, (low, high) = element.label, element.range
-    if element.parameter.prior is not None:
-        mean, deviation = element.parameter.prior
+    label, (low, high), start = element.label, element.range, element.start
+    if element.parameter.prior is not None or kind == NONE:
+        wide = start, WIDE * max(abs(start), 1.0)
+        mean, deviation = element.parameter.prior or wide
         text = f"normal, {number(mean)} ± {number(deviation)}"
-        return Prior(label, text, False, mean, deviation, stated=True)
+        return Prior(label, text, False, mean, deviation, element.parameter.prior is not None)
     if kind == LOGIT:
         return Prior(label, f"uniform, {number(low)} to {number(high)}", False, 0.0, math.inf)
-    if kind == NONE:
-        spread = WIDE * max(abs(element.start), 1.0)
-        text = f"normal, {number(element.start)} ± {number(spread)}"
-        return Prior(label, text, False, element.start, spread)
     weak = OF_BODIES if element.name.startswith(OF_CONTACT) else FACTOR
     usual, spread = PUBLISHED.get(element.name, (None, weak))
     is_start = usual is None or element.parameter.value is not None or not low < usual < high
-    median = element.start if is_start or usual is None else usual
+    median = start if is_start or usual is None else usual
     size = max(median - low if kind == LOG else high - median, 1e-12)
     centre = math.log(size) * (-1 if kind == FROM_ABOVE else 1)
     text = f"log-normal, median {number(median)}, a factor of {math.exp(spread):.2g} each way"
@@ -294,36 +281,35 @@ def _of_element(element: Element, kind: int) -> Prior:
 
 
 def _of_noise(kind: str, label: str, per_unit: float) -> Prior:
-    if kind == "dof":
-        text = "log-normal, median 8, a factor of 2.2 each way"
-        return Prior(label, text, True, math.log(8.0), 0.8)
-    if kind == "scale":
-        return Prior(label, "log-normal, median 1, a factor of 2.7 each way", True, 0.0, 1.0)
+    if kind in ("dof", "scale"):
+        median, spread = (8.0, 0.8) if kind == "dof" else (1.0, 1.0)
+        text = f"log-normal, median {median:g}, a factor of {math.exp(spread):.2g} each way"
+        return Prior(label, text, True, math.log(median), spread)
     size, unit = NOISE / per_unit, " s" if kind == "timing" else ""
     return Prior(label, f"half-normal, {number(size, 1)}{unit}", False, 0.0, size)
 
 
-def _curvature(slope: Slope, q: Vector, places, scale: Vector) -> Float[np.ndarray, "k k"]:
-    """Second derivatives of -ln p along some unknowns, by differences of its gradient."""
-    found = []
-    for place in places:
-        step = np.zeros(len(q))
-        step[place] = STEP * scale[place]
-        up, down = slope(q + step)[1], slope(q - step)[1]
-        found.append((up - down)[places] / (2 * STEP * scale[place]))
-    return 0.5 * (np.array(found) + np.transpose(found))
+def _lowest(
+    slope: Slope, q: Vector, places: Any, scale: Vector
+) -> tuple[Vector, Float[np.ndarray, "k k"]]:
+    """Minimum of -ln p along some unknowns by Newton's method, and the precision there.
 
-
-def _lowest(slope: Slope, q: Vector, places, scale: Vector):
-    """Minimum of -ln p along some unknowns by Newton's method, and the precision there."""
+    Second derivatives are differences of the gradient.
+    """
+    unit = scale[places]
     for _ in range(ROUNDS):
         value, gradient = slope(q)
-        curvature = _curvature(slope, q, places, scale) * np.outer(scale[places], scale[places])
-        sizes, vectors = np.linalg.eigh(np.nan_to_num(curvature))
+        rows = []
+        for place in places:
+            step = np.zeros(len(q))
+            step[place] = STEP * scale[place]
+            rows.append((slope(q + step)[1] - slope(q - step)[1])[places] / (2 * STEP) * unit)
+        curvature = np.nan_to_num(0.5 * (np.array(rows) + np.transpose(rows)))
+        sizes, vectors = np.linalg.eigh(curvature)
         sizes = np.maximum(np.abs(sizes), FLAT)
-        step = -(vectors / sizes) @ (vectors.T @ (gradient[places] * scale[places]))
-        precision = (vectors * sizes) @ vectors.T / np.outer(scale[places], scale[places])
-        step = scale[places] * step / max(1.0, float(np.max(np.abs(step), initial=0.0)))
+        precision = (vectors * sizes) @ vectors.T / np.outer(unit, unit)
+        step = -(vectors / sizes) @ (vectors.T @ (gradient[places] * unit))
+        step = unit * step / max(1.0, float(np.max(np.abs(step), initial=0.0)))
         gain = -float(gradient[places] @ step)
         for part in 0.5 ** np.arange(12):
             moved = q.copy()
@@ -338,41 +324,34 @@ def _lowest(slope: Slope, q: Vector, places, scale: Vector):
     return q, precision
 
 
-def _of_some(slope: Slope, q: Vector, places, unit: Vector | float = 1.0) -> Slope:
-    """-ln p as a function of x at some places, q + unit x there, and its gradient."""
+def _of_some(slope: Slope, q: Vector, places: Any, unit: Vector | None = None) -> Slope:
+    """-ln p and its gradient as functions of x at some places: q itself, or q + unit x there."""
 
     def some(x: Vector) -> tuple[float, Vector]:
         moved = q.copy()
-        moved[places] = x if np.ndim(unit) == 0 else q[places] + unit * x
+        moved[places] = x if unit is None else q[places] + unit * x
         value, gradient = slope(moved)
-        return value, gradient[places] * unit
+        return value, gradient[places] * (1.0 if unit is None else unit)
 
     return some
 
 
-def _coordinates(
-    slope: Slope, q: Vector, scale: Vector, is_straight: bool = False
-) -> Linear | Path:
+def _coordinates(slope: Slope, q: Vector, scale: Vector, straight: bool = False) -> Linear | Path:
     """Coordinates of unknowns that belong together, from the maximum of their density."""
     every = np.arange(len(q))
-    _, precision = _lowest(slope, q, every, scale)
-    covariance = np.linalg.inv(precision)
+    covariance = np.linalg.inv(_lowest(slope, q, every, scale)[1])
     sizes = np.sqrt(np.diag(covariance))
     ahead = covariance / sizes  # what all move by where one moves by its error
-    lowest = slope(q)[0]
-    ends = [[slope(q + side * PROBE * one)[0] for side in (-1, 1)] for one in ahead.T]
-    bent = np.max(
-        np.abs((np.array(ends).reshape(-1, 2) - lowest) / (0.5 * PROBE**2) - 1), axis=1, initial=0.0
-    )
-    bent = np.where(np.isfinite(bent), bent, np.inf)
-    if is_straight or not np.any(bent > NEARLY_NORMAL):
+    sides = np.array([[slope(q + side * one)[0] for side in (-PROBE, PROBE)] for one in ahead.T])
+    rise = (sides.reshape(-1, 2) - slope(q)[0]) / (0.5 * PROBE**2)
+    bent = np.nan_to_num(np.max(np.abs(rise - 1), axis=1, initial=0.0), nan=np.inf, posinf=np.inf)
+    if straight or not np.any(bent > NEARLY_NORMAL):
         return Linear(q, np.linalg.cholesky(covariance))
     # all along one ridge bend alike: the least known of them
     lead = max(np.flatnonzero(bent >= ALIKE * np.max(bent)), key=lambda k: sizes[k] / scale[k])
     others = np.delete(every, lead)
     order = np.array([lead, *others])
-    _, precision = _lowest(slope, q, others, scale)
-    errors = np.sqrt(np.diag(np.linalg.inv(precision)))
+    errors = _errors(_lowest(slope, q, others, scale)[1])
     top = np.concatenate([q[order], np.log(errors)])
     points = [(0.0, top)]
     for side in (-1, 1):
@@ -380,24 +359,26 @@ def _coordinates(
         if not followed:  # the profile is unknown: as if normal
             followed = [(1.0, top + side * np.append(ahead[order, lead], 0 * errors))]
         points += [(side * u, values) for u, values in followed]
-    knots, values = zip(*sorted(points, key=lambda point: point[0]), strict=True)
-    rest = _of_some(slope, q, others, errors)
-    inner = _coordinates(rest, np.zeros(len(others)), scale[others] / errors)
-    return Path(order, np.array(knots), _cubics(knots, values), inner)
+    knots, values = (np.array(x) for x in zip(*sorted(points, key=lambda p: p[0]), strict=True))
+    inner = _coordinates(_of_some(slope, q, others, errors), 0 * errors, scale[others] / errors)
+    return Path(order, knots, _cubics(knots, values), inner)
 
 
-def _cubics(knots: Sequence[float], values: Sequence[Vector]) -> Float[np.ndarray, "4 m k"]:
+def _errors(precision: Float[np.ndarray, "k k"]) -> Float[np.ndarray, "k"]:
+    return np.sqrt(np.diag(np.linalg.inv(precision)))
+
+
+def _cubics(knots: Vector, values: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "4 m k"]:
     """Splines through the values whose first column ascends everywhere."""
     from scipy.interpolate import CubicSpline, PchipInterpolator
 
     spline = CubicSpline(knots, values, bc_type="natural")
     between = np.linspace(knots[0], knots[-1], 20 * len(knots))
-    if np.min(spline(between, 1)[:, 0]) <= 0:
-        return PchipInterpolator(knots, values).c
-    return spline.c
+    ascends = np.min(spline(between, 1)[:, 0]) > 0
+    return spline.c if ascends else PchipInterpolator(knots, values).c
 
 
-def _followed(slope: Slope, top: Vector, order, scale: Vector, ahead: Vector):
+def _followed(slope: Slope, top: Vector, order: Places, scale: Vector, ahead: Vector):
     """Points (|u₁|, (t, r, ln s)) of the profile to one side, from the top on."""
     found: list[tuple[float, Vector]] = []
     lowest, q, u, stride = slope(top)[0], top, 0.0, STRIDE
@@ -416,8 +397,7 @@ def _followed(slope: Slope, top: Vector, order, scale: Vector, ahead: Vector):
             stride *= 2
             continue
         u += gone
-        errors = np.sqrt(np.diag(np.linalg.inv(precision)))
-        found.append((u, np.concatenate([moved[order], np.log(errors)])))
+        found.append((u, np.concatenate([moved[order], np.log(_errors(precision))])))
         ahead = (moved - q)[order] / stride
         q, stride = moved, stride * min(max(STRIDE / gone, 0.4), 2.0)
         if u > REACH or len(found) == KNOTS:

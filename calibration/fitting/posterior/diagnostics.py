@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from calibration.fitting.posterior.draws import dataset_of
-from calibration.fitting.posterior.nuts import needed
+from calibration.fitting.posterior.draws import dataset_of, needed
 from calibration.fitting.warnings import FitWarning
 
 R_HAT = 1.01
@@ -60,74 +59,63 @@ def summaries(data: Any, confidence: float = 0.95) -> dict[str, Summary]:
     for name, values in posterior.data_vars.items():
         about, draws = values.attrs, np.asarray(values)
         low, high = np.quantile(draws, [0.5 - confidence / 2, 0.5 + confidence / 2])
-        share = about.get("prior_share")
-        found[str(name)] = Summary(
-            float(np.mean(draws)),
-            float(np.std(draws, ddof=1)),
-            float(low),
-            float(high),
-            float(r_hat[name]),
-            min(float(bulk[name]), float(tail[name])),
-            str(about.get("prior", "")),
-            None if share is None else float(share),
-            "" if about.get("unit", "-") == "-" else str(about["unit"]),
-        )
+        effective = min(float(bulk[name]), float(tail[name]))
+        moments = float(np.mean(draws)), float(np.std(draws, ddof=1)), float(low), float(high)
+        share, unit = about.get("prior_share"), str(about.get("unit", "-"))
+        told = str(about.get("prior", "")), share if share is None else float(share)
+        of_chains = float(r_hat[name]), effective
+        found[str(name)] = Summary(*moments, *of_chains, *told, "" if unit == "-" else unit)
     return found
 
 
 def not_converged(data: Any) -> str:
-    """One line where the draws are not those of the posterior: chains that disagree, divergences.
-
-    Nothing is to be concluded from such draws.
-    """
-    told = {n: s.r_hat for n, s in summaries(data).items() if not s.r_hat <= R_HAT}
-    diverging = np.asarray(dataset_of(data, "sample_stats")["diverging"])
-    reasons = (
-        [f"R-hat {max(told.values()):.2f} of {max(told, key=told.__getitem__)}"] if told else []
-    )
+    """One line where the draws are not those of the posterior: nothing is to be concluded from them."""
+    slow = {n: s.r_hat for n, s in summaries(data).items() if not s.r_hat <= R_HAT}
+    diverging, reasons = np.asarray(dataset_of(data, "sample_stats")["diverging"]), []
+    if slow:
+        worst = max(slow, key=slow.__getitem__)
+        reasons.append(f"R-hat {slow[worst]:.2f} of {worst}")
     if np.mean(diverging) > DIVERGING:
-        reasons.append(f"{np.sum(diverging)} of {diverging.size} draws diverged")
+        reasons.append(_diverged(diverging))
     if not reasons:
         return ""
     return f"The chains did not converge ({', '.join(reasons)}): conclude nothing from these draws."
 
 
+def _diverged(diverging: np.ndarray) -> str:
+    return f"{np.sum(diverging)} of {diverging.size} draws diverged"
+
+
 def doubts_of(data: Any) -> list[FitWarning]:
     """Warnings: reasons not to trust these draws, or to make little of them."""
-    told = summaries(data)
-    slow = {n: s.r_hat for n, s in told.items() if not s.r_hat <= R_HAT}
-    few = {n: s.effective for n, s in told.items() if not s.effective >= EFFECTIVE}
-    follow = [n for n, s in told.items() if s.prior_share and s.prior_share > FOLLOWS]
-    statistics = dataset_of(data, "sample_stats")
+    told, statistics = summaries(data), dataset_of(data, "sample_stats")
+    slow = [f"{n} {s.r_hat:.4g}" for n, s in told.items() if not s.r_hat <= R_HAT]
+    few = [f"{n} {s.effective:.4g}" for n, s in told.items() if not s.effective >= EFFECTIVE]
+    follow = [f"{n} ({s.prior})" for n, s in told.items() if (s.prior_share or 0) > FOLLOWS]
     diverging, energy = (np.asarray(statistics[name]) for name in ("diverging", "energy"))
     missing = float(np.min(needed("arviz").bfmi(energy)))
     near = _at_bounds(dataset_of(data, "posterior"))
     causes = {
-        "r-hat": slow and "R-hat: " + ", ".join(f"{n} {v:.4g}" for n, v in slow.items()),
-        "effective-size": few
-        and "effective sizes: " + ", ".join(f"{n} {v:.4g}" for n, v in few.items()),
-        "divergences": np.any(diverging)
-        and f"{int(np.sum(diverging))} of {diverging.size} draws diverged",
-        "funnel": missing < ENERGY
-        and f"the energy's fraction of missing information is {missing:.2g}",
-        "mass-at-bound": ", ".join(near),
-        "follows-prior": follow
-        and f"as wide as the prior, or nearly: {', '.join(f'{n} ({told[n].prior})' for n in follow)}",
+        "r-hat": (slow, "R-hat: " + ", ".join(slow)),
+        "effective-size": (few, "effective sizes: " + ", ".join(few)),
+        "divergences": (np.any(diverging), _diverged(diverging)),
+        "funnel": (
+            missing < ENERGY,
+            f"the energy's fraction of missing information is {missing:.2g}",
+        ),
+        "mass-at-bound": (near, ", ".join(near)),
+        "follows-prior": (follow, f"as wide as the prior, or nearly: {', '.join(follow)}"),
     }
-    return [
-        FitWarning(code, str(cause), advice=ADVICE[code]) for code, cause in causes.items() if cause
-    ]
+    every = causes.items()
+    return [FitWarning(code, cause, advice=ADVICE[code]) for code, (is_so, cause) in every if is_so]
 
 
 def _at_bounds(posterior: Any) -> list[str]:
     near = []
     for name, values in posterior.data_vars.items():
-        if "lower" not in values.attrs:
-            continue
-        draws = np.asarray(values)
-        ends = float(values.attrs["lower"]), float(values.attrs["upper"])
+        ends = [float(values.attrs.get(end, np.inf)) for end in ("lower", "upper")]
         for end in filter(np.isfinite, ends):
-            away = np.abs(draws - end)
+            away = np.abs(np.asarray(values) - end)
             scale = ends[1] - ends[0] if np.all(np.isfinite(ends)) else np.median(away)
             share = float(np.mean(away < NEAR * scale))
             if share > MASS:

@@ -1,11 +1,16 @@
 """Draws from the posterior of a fit as ArviZ data, and what follows from them.
 
-ArviZ data are `InferenceData` of ArviZ 0.x, a `DataTree` of 1.x.
+NUTS is blackjax', with its window adaptation: Hoffman and Gelman, J. Mach. Learn. Res. 15, 1593
+(2014); Stan Reference Manual, 15.2. ArviZ data are `InferenceData` of ArviZ 0.x, a `DataTree` of 1.x.
 """
 
+import importlib
 import importlib.metadata
 import json
-from collections.abc import Mapping
+import os
+import warnings
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +18,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 import softjax as sj
 from calibration.data.checks import check_whole
@@ -23,11 +28,11 @@ from calibration.fitting.errors import CALLED
 from calibration.fitting.laws import eps_up_of
 from calibration.fitting.material import Band, MaterialFit
 from calibration.fitting.posterior.density import Density, density_of
-from calibration.fitting.posterior.nuts import Progress, needed, run_chains
 from calibration.fitting.traceable import Traceable, traceable
 from calibration.output import replacing
 
-APART = 1.0  # standard deviations that chains start apart
+ACCEPTANCE = 0.9  # that step sizes are adapted to
+STEP_SIZE = 0.5  # where the adaptation starts: what is sampled is nearly standard normal
 LEAST = {"draws": 4, "chains": 1, "seed": 0, "warmup": 50}
 AT_ONCE = 256  # draws that are carried over to measurements side by side, of at most
 IMPACTS = 1 << 20  # points together
@@ -35,6 +40,33 @@ OF_BAND = 1000  # draws of a band
 UNITS = {"timing": "s"}
 POINTS = "restitution"  # what the variable of all points is called
 DIMS = ("chain", "draw")
+INSTALL = 'pip install -e ".[bayes]" in its folder'
+Progress = Callable[[str, int, int], None] | None
+
+
+class MissingExtra(InputError, ImportError):
+    """A package of the extra `bayes` is not installed; one line says what to do."""
+
+
+def needed(name: str) -> Any:
+    """A module of the extra, or `MissingExtra`."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", FutureWarning)  # ArviZ 0.23 announces 1.0
+            return importlib.import_module(name)
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.partition(".")[0] != name:
+            raise
+        problem = f"a posterior needs {name}, which is not installed"
+        raise MissingExtra(None, None, problem, f"install it with {INSTALL}") from None
+
+
+def check_possible(objective: str | None) -> None:
+    """Refuse what was no likelihood, or cannot be sampled without the extra."""
+    for package in ("blackjax", "arviz"):
+        needed(package)
+    if objective == "two-step":
+        raise DataError("objective", "two-step", "model for a posterior: it has a likelihood")
 
 
 def sampled(
@@ -55,25 +87,9 @@ def sampled(
             accepted = "one that is free, or noise that is not stated, for a posterior"
             raise DataError("parameters", "none free", accepted)
         density = density_of(problem).straightened(_found(result, problem))
-        random = np.random.default_rng(seed)
-        starts = APART * random.standard_normal((chains, len(density.labels)))
-        position, statistics = run_chains(
-            density.log_density, starts, draws, warmup, seed, progress
-        )
+        starts = np.random.default_rng(seed).standard_normal((chains, len(density.labels)))
+        position, statistics = _chains(density.log_density, starts, draws, warmup, seed, progress)
         return _as_data(density, position, statistics, seed, _about(density, seed, warmup))
-
-
-def check_possible(objective: str | None) -> None:
-    """Refuse what has no posterior, or cannot be sampled here.
-
-    Raises:
-        ImportError: without the extra.
-        ValueError: for what was no likelihood.
-    """
-    for package in ("blackjax", "arviz"):
-        needed(package)
-    if objective == "two-step":
-        raise DataError("objective", "two-step", "model for a posterior: it has a likelihood")
 
 
 def _found(result: Any, problem: Traceable) -> dict[str, float]:
@@ -82,15 +98,67 @@ def _found(result: Any, problem: Traceable) -> dict[str, float]:
     for errors in problem.sets:
         material = result.materials[errors.set]
         known = material.observed.get(errors.block.observable, material)
+        other = {"timing": known.timing, "dof": known.noise_dof, "scale": None}
         for kind, label in errors.labels.items():
-            found[label] = known.variances.get(kind, 0.0) ** 0.5
-        if "timing" in errors.labels:
-            found[errors.labels["timing"]] = known.timing
-        if "dof" in errors.labels:
-            found[errors.labels["dof"]] = known.noise_dof
-        if "scale" in errors.labels:
-            found[errors.labels["scale"]] = None  # its own prior's centre is near enough
+            found[label] = other.get(kind, known.variances.get(kind, 0.0) ** 0.5)
     return {name: float(value) for name, value in found.items() if value}
+
+
+def _chains(
+    log_density: Callable[[Array], Array],
+    starts: Float[np.ndarray, "chains p"],
+    draws: int,
+    warmup: int,
+    seed: int,
+    progress: Progress,
+) -> tuple[Float[np.ndarray, "chains draws p"], Mapping[str, np.ndarray]]:
+    """Draws of a chain from each start, and NUTS' statistics of each: a thread for each chain.
+
+    Equal for equal seeds, however many chains run at once.
+    """
+    blackjax = needed("blackjax")
+    adaptation = blackjax.window_adaptation(
+        blackjax.nuts,
+        log_density,
+        is_mass_matrix_diagonal=False,
+        initial_step_size=STEP_SIZE,
+        target_acceptance_rate=ACCEPTANCE,
+    )
+
+    def chain(keys, start):
+        (state, tuned), _ = adaptation.run(keys[0], start, warmup)
+        step = blackjax.nuts(log_density, **tuned).step
+
+        def one(state, key):
+            state, info = step(key, state)
+            statistics = {
+                "lp": state.logdensity,
+                "diverging": info.is_divergent,
+                "energy": info.energy,
+                "acceptance_rate": info.acceptance_rate,
+                "n_steps": info.num_integration_steps,
+                "tree_depth": info.num_trajectory_expansions,
+                "step_size": tuned["step_size"],
+            }
+            return state, (state.position, statistics)
+
+        return jax.lax.scan(one, state, jax.random.split(keys[1], draws))[1]
+
+    keys = jax.random.split(jax.random.key(seed), (len(starts), 2))
+    compiled = jax.jit(chain).lower(keys[0], starts[0]).compile()  # before the threads begin
+
+    def run(k: int) -> Any:
+        with jax.enable_x64(True):  # a thread has settings of its own
+            return jax.device_get(compiled(keys[k], starts[k]))
+
+    has = getattr(os, "sched_getaffinity", None)
+    cores = len(has(0)) if has else os.cpu_count() or 1
+    with ThreadPoolExecutor(min(len(starts), cores)) as threads:
+        running = [threads.submit(run, k) for k in range(len(starts))]
+        for done, _ in enumerate(as_completed(running), 1):
+            if progress is not None:
+                progress("chains", done, len(starts))
+    return jax.tree.map(lambda *every: np.stack(every), *(one.result() for one in running))
 
 
 def _about(density: Density, seed: int, warmup: int) -> dict[str, Any]:
@@ -115,65 +183,57 @@ def _as_data(density: Density, position, statistics, seed: int, about: Mapping[s
     up to a constant: log_prior of ln θ and the like (|dθ/dz| included), log_jacobian of the
     coordinates.
     """
-    problem = density.problem
+    problem, sets = density.problem, density.problem.sets
     velocity, value, unit = (
-        np.concatenate([getattr(one.points, name) for one in problem.sets])
+        np.concatenate([getattr(one.points, name) for one in sets])
         for name in ("velocity", "value", "unit")
     )
-    measured = value * unit
-    counts = [len(one.errors) for one in problem.sets]
-    names = np.repeat(np.array([one.data.name for one in problem.sets], object), counts)
-    what = np.repeat(np.array([one.block.observable for one in problem.sets], object), counts)
+    named = [np.full(len(one.errors), one.data.name, object) for one in sets]
+    what = [np.full(len(one.errors), one.block.observable, object) for one in sets]
     points = {
         "velocity": ("point", velocity, {"unit": "m/s"}),
-        "data_set": ("point", names),
-        "observable": ("point", what),
+        "data_set": ("point", np.concatenate(named)),
+        "observable": ("point", np.concatenate(what)),
     }
 
     def one(some):
         u, key = some
         theta, log_prior, log_jacobian = density.at(u)
         laws = [problem.law(theta, g) for g in range(len(problem.specs))]
+        ups = [jnp.mean(eps_up_of(a)) if isinstance(a, sj.Zhou) else jnp.nan for a in laws]
         return {
             "theta": jnp.stack(list(theta.values())),
             "log_prior": log_prior,
             "log_jacobian": log_jacobian,
-            "eps_up": [_eps_up(law) for law in laws],
+            "eps_up": ups,  # the mean for impacts that differ
             "by_point": problem.point_log_likelihood(theta),
-            "predicted": unit * problem.simulated(theta, jax.random.normal(key, (len(measured),))),
+            "predicted": unit * problem.simulated(theta, jax.random.normal(key, value.shape)),
         }
 
-    flat = position.reshape(-1, position.shape[-1])
+    flat, shape = position.reshape(-1, position.shape[-1]), position.shape[:2]
     keys = jax.random.split(jax.random.key(seed), len(flat))
-    size = max(min(AT_ONCE, IMPACTS // len(measured)), 1)
+    size = max(min(AT_ONCE, IMPACTS // len(value)), 1)
     found = jax.jit(lambda *some: jax.lax.map(one, some, batch_size=size))(flat, keys)
-    shape = position.shape[:2]
     found = jax.tree.map(lambda a: np.asarray(a).reshape(*shape, *a.shape[1:]), found)
     statistics = {**statistics, **{n: found[n] for n in ("log_prior", "log_jacobian")}}
     dims = (*DIMS, "point")
-    return _as_arviz(
-        {
-            "posterior": _dataset(_variables(density, found), about),
-            "log_likelihood": _dataset({POINTS: (dims, found["by_point"])}, {}, points),
-            "posterior_predictive": _dataset({POINTS: (dims, found["predicted"])}, {}, points),
-            "sample_stats": _dataset({name: (DIMS, one) for name, one in statistics.items()}),
-            "observed_data": _dataset({POINTS: (("point",), measured)}, {}, points),
-        }
-    )
-
-
-def _eps_up(law: sj.ContactLaw) -> Any:
-    """ε_up of Zhou's law; the mean for impacts that differ."""
-    return jnp.mean(eps_up_of(law)) if isinstance(law, sj.Zhou) else jnp.nan
+    groups = {
+        "posterior": _dataset(_variables(density, found), about),
+        "log_likelihood": _dataset({POINTS: (dims, found["by_point"])}, {}, points),
+        "posterior_predictive": _dataset({POINTS: (dims, found["predicted"])}, {}, points),
+        "sample_stats": _dataset({name: (DIMS, one) for name, one in statistics.items()}),
+        "observed_data": _dataset({POINTS: (("point",), value * unit)}, {}, points),
+    }
+    if _is_old(needed("arviz")):
+        return needed("arviz").InferenceData(**groups)
+    return needed("xarray").DataTree.from_dict(groups)
 
 
 def _variables(density: Density, found: Mapping[str, Any]) -> dict[str, Any]:
     """Each parameter with its unit and prior, and ε_up of Zhou's law by σ and ψ."""
-    variables = {}
-    problem, transform = density.problem, density.transform
+    problem, transform, variables = density.problem, density.transform, {}
     centres = transform.unconstrained(found["theta"])
-    middle = np.median(centres, axis=(0, 1))
-    spreads = density.spread_in_z(middle)
+    spreads = density.spread_in_z(np.median(centres, axis=(0, 1)))
     for pool in density.pools:
         spreads[pool.members] = np.inf  # their prior is the pool
     units = {e.label: e.declared.unit for e in problem.elements}
@@ -187,10 +247,9 @@ def _variables(density: Density, found: Mapping[str, Any]) -> dict[str, Any]:
         if np.isfinite(spreads[k]):
             about["prior_share"] = float(np.std(centres[..., k]) / spreads[k])
         variables[variable(one.label)] = (DIMS, found["theta"][..., k], about)
-    for g, spec in enumerate(problem.specs):
+    for spec, values in zip(problem.specs, found["eps_up"], strict=True):
         if spec.model.law_type is sj.Zhou and not spec.by_eps_up:
             owner = f"[{spec.data.name}]" if len(problem.specs) > 1 else ""
-            values = found["eps_up"][g]
             variables[variable(f"eps_up{owner}")] = (DIMS, values, {"unit": "-", "derived": 1})
     return variables
 
@@ -200,14 +259,6 @@ def _dataset(variables: Mapping[str, Any], about: Mapping[str, Any] = {}, points
     for dims, values, *_ in variables.values():
         coordinates |= {d: np.arange(n) for d, n in zip(dims, np.shape(values), strict=True)}
     return needed("xarray").Dataset(dict(variables), coordinates, attrs=dict(about))
-
-
-def _as_arviz(groups: Mapping[str, Any]) -> Any:
-    """xarray data sets as what this ArviZ works on."""
-    arviz = needed("arviz")
-    if _is_old(arviz):
-        return arviz.InferenceData(**groups)
-    return needed("xarray").DataTree.from_dict(dict(groups))
 
 
 def _is_old(arviz: Any) -> bool:
@@ -232,11 +283,7 @@ def write(data: Any, path: str | Path) -> None:
 
 
 def read(path: str | Path) -> Any:
-    """The data of such a file.
-
-    Raises:
-        InputError: where it is none.
-    """
+    """The data of such a file."""
     arviz = needed("arviz")
     try:
         if _is_old(arviz):
@@ -252,17 +299,17 @@ def read(path: str | Path) -> Any:
 
 
 def _labelled(data: Any, labels: list[str]) -> Float[np.ndarray, "draws p"]:
-    """Draws of some parameters, all chains in a row.
-
-    Raises:
-        ValueError: where the draws are of another fit.
-    """
+    """Draws of some parameters, all chains in a row."""
     posterior = dataset_of(data, "posterior")
-    missing = [label for label in labels if variable(label) not in posterior]
-    if missing:
-        raise DataError("draws", f"without {missing[0]}", "of the posterior of this fit")
+    for label in (label for label in labels if variable(label) not in posterior):
+        raise DataError("draws", f"without {label}", "of the posterior of this fit")
     columns = [np.ravel(np.asarray(posterior[variable(label)])) for label in labels]
     return np.stack(columns, axis=1)
+
+
+def _evenly(values: np.ndarray, count: int) -> np.ndarray:
+    """Some draws, evenly taken from all."""
+    return values[np.linspace(0, len(values) - 1, min(len(values), count)).round().astype(int)]
 
 
 def band_of_draws(
@@ -273,18 +320,28 @@ def band_of_draws(
     Args:
         kind: "mean", of the curve itself, or "prediction", of one more measurement.
     """
-    values = _thinned(_labelled(data, list(material.free.values())))
+    values = _evenly(_labelled(data, list(material.free.values())), OF_BAND)
+
+    def drawn(kind: str, otherwise: float) -> np.ndarray:
+        """Of what is unknown of the errors; as the fit has it where that was not sampled."""
+        owned = [f"{CALLED.get(kind, kind)}{owner}" for owner in ("", f"[{material.name}]")]
+        for label in (n for n in owned if variable(n) in dataset_of(data, "posterior")):
+            return _evenly(_labelled(data, [label]), OF_BAND)
+        return np.full((len(values), 1), otherwise)
 
     def parts(velocity: Float[np.ndarray, "n"]) -> tuple[np.ndarray, ...]:
         with jax.enable_x64(True):
             curves = curve_problem(material, velocity).linearise(values, slopes=False).prediction
         if kind == "prediction":
-            random, scale = np.random.default_rng(0), np.sqrt(_variance(data, material))
-            if material.noise_dof is None:
+            random, dof, variance = np.random.default_rng(0), material.noise_dof, 0.0
+            for name, one in material.variances.items():
+                known = name not in ("scatter", "group")
+                variance = variance + (one if known else drawn(name, one**0.5) ** 2)
+            if dof is None:
                 noise = random.standard_normal(curves.shape)
             else:
-                noise = random.standard_t(_noise_dof(data, material)[:, None], curves.shape)
-            curves = curves + scale[:, None] * noise
+                noise = random.standard_t(drawn("dof", dof), curves.shape)
+            curves = curves + np.sqrt(variance) * noise
         ends = np.quantile(curves, [0.5 - confidence / 2, 0.5 + confidence / 2], axis=0)
         return np.mean(curves, axis=0), *ends, np.std(curves, axis=0, ddof=1)
 
@@ -298,40 +355,10 @@ def at_draws(result: Any, data: Any, count: int) -> list[Any]:
     if not (isinstance(count, int) and 1 <= count <= size):
         raise DataError("count", count, f"a whole number from 1 to {size}")
     found = []
-    for k in np.linspace(0, size - 1, count).round().astype(int):
-        moved = []
-        for one, table in zip(result.materials, tables, strict=True):
-            drawn = dict(zip(one.free, map(float, table[k]), strict=True))
-            moved.append(replace(one, values={**one.values, **drawn}))
+    for rows in zip(*(_evenly(table, count).tolist() for table in tables), strict=True):
+        pairs = zip(result.materials, rows, strict=True)
+        moved = (
+            replace(m, values={**m.values, **dict(zip(m.free, x, strict=True))}) for m, x in pairs
+        )
         found.append(replace(result, materials=tuple(moved), fits=None))
     return found
-
-
-def _thinned(values: np.ndarray) -> np.ndarray:
-    places = np.linspace(0, len(values) - 1, min(len(values), OF_BAND)).round().astype(int)
-    return values[places]
-
-
-def _variance(data: Any, material: MaterialFit) -> np.ndarray:
-    """Variance of one more measurement: drawn if it was sampled, else that of the fit."""
-    posterior = dataset_of(data, "posterior")
-    total: Any = 0.0
-    for kind, variance in material.variances.items():
-        drawn = _drawn(posterior, kind, material) if kind in ("scatter", "group") else None
-        total = total + (variance if drawn is None else drawn**2)
-    return _thinned(np.broadcast_to(total, posterior.sizes["chain"] * posterior.sizes["draw"]))
-
-
-def _noise_dof(data: Any, material: MaterialFit) -> np.ndarray:
-    """ν of Student's t, likewise."""
-    posterior = dataset_of(data, "posterior")
-    drawn = _drawn(posterior, "dof", material)
-    nu = material.noise_dof if drawn is None else drawn
-    return _thinned(np.broadcast_to(nu, posterior.sizes["chain"] * posterior.sizes["draw"]))
-
-
-def _drawn(posterior: Any, kind: str, material: MaterialFit) -> np.ndarray | None:
-    """Draws of an error of the data, all chains in a row; None where it was not sampled."""
-    labels = [f"{CALLED.get(kind, kind)}{owner}" for owner in ("", f"[{material.name}]")]
-    found = [n for n in map(variable, labels) if n in posterior]
-    return np.ravel(np.asarray(posterior[found[0]])) if found else None
