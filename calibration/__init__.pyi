@@ -1,11 +1,11 @@
 # What type checkers and editors see of the names that are loaded when asked for.
-from calibration.data.errors_of_points import PointErrors as PointErrors
 from calibration.data.materials import read_problem as read_problem
 from calibration.data.materials import read_toml as read_toml
 from calibration.data.measurements import RestitutionData as RestitutionData
 from calibration.data.paper import PAPER_NOTE as PAPER_NOTE
 from calibration.data.paper import paper_materials as paper_materials
 from calibration.data.plausible import plausibility as plausibility
+from calibration.data.point_errors import PointErrors as PointErrors
 from calibration.data.sheet import read_csv as read_csv
 from calibration.errors import DataError as DataError
 from calibration.errors import InputError as InputError

@@ -17,7 +17,7 @@ from jaxtyping import Float, Int
 
 import softjax as sj
 from calibration.data.air import Fall
-from calibration.data.names import read_header
+from calibration.data.columns import read_header
 from calibration.data.sheet import Sheet, is_number
 from calibration.data.units import in_si, unit_of
 from calibration.errors import DataError, InputError, Origin, printable, shown

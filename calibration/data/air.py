@@ -52,23 +52,6 @@ def mean_drag_coefficient(fastest: Any) -> Any:
 
 
 @dataclass(frozen=True)
-class Ball:
-    """Size and mass of the flying ball: numbers, or one for each row.
-
-    Attributes:
-        diameter: D [m].
-        mass: m [kg].
-    """
-
-    diameter: Any
-    mass: Any
-
-    def take(self, rows) -> "Ball":
-        """That of some rows."""
-        return Ball(*(one[rows] if np.ndim(one) else one for one in (self.diameter, self.mass)))
-
-
-@dataclass(frozen=True)
 class Fall:
     """Conversion from velocities to drop heights, in the unit and the air of a data set.
 
@@ -89,29 +72,31 @@ class Fall:
         """Drop heights, in `unit`, of impacts at `velocity` [m/s]."""
         found = velocity * (velocity / (2 * self.gravity))
         if self.density is not None:
-            found = Air(Ball(self.diameter, self.mass), self.gravity, self.density).height(velocity)
+            found = Air(self.diameter, self.mass, self.gravity, self.density).height(velocity)
         return found / float(unit_of(self.unit, "m"))
 
 
 @dataclass(frozen=True)
 class Air:
-    """The air that a ball flies in.
+    """A ball, and the air that it flies in.
 
     Attributes:
-        ball: what flies.
+        diameter, mass: of the ball [m, kg], numbers or one for each row.
         gravity: g [m/s²].
         density: ρ_a [kg/m³].
         drag: factor on C_d.
     """
 
-    ball: Ball
+    diameter: Any
+    mass: Any
     gravity: float
     density: float = DENSITY
     drag: float = 1.0
 
     def take(self, rows) -> "Air":
         """That of some rows."""
-        return replace(self, ball=self.ball.take(rows))
+        ball = {name: getattr(self, name) for name in ("diameter", "mass")}
+        return replace(self, **{name: one[rows] for name, one in ball.items() if np.ndim(one)})
 
     def fall(self, height: Column) -> Column:
         """Speed at the end of a fall from `height` [m], (n,) [m/s]."""
@@ -149,7 +134,7 @@ class Air:
 
     def reynolds(self, speed: Column) -> Column:
         """Re at a speed."""
-        return self.density * speed * self.ball.diameter / VISCOSITY
+        return self.density * speed * self.diameter / VISCOSITY
 
     def remarks(self, velocity: Column, restitution: Column, before: Any) -> tuple[str, ...]:
         """Sentences about the largest correction of v and ε; `before`: the values without air."""
@@ -168,25 +153,20 @@ class Air:
         return tuple(remarks)
 
     @property
-    def _buoyancy(self) -> Any:
-        """1 - ρ_a/ρ."""
-        return 1 - self._lightness
-
-    @property
     def _lightness(self) -> Any:
         """ρ_a/ρ."""
-        return self.density * np.pi / 6 * self.ball.diameter**3 / self.ball.mass
+        return self.density * np.pi / 6 * self.diameter**3 / self.mass
 
     @property
     def _pull(self) -> Any:
         """g'."""
-        return self.gravity * self._buoyancy / (1 + 0.5 * self._lightness)
+        return self.gravity * (1 - self._lightness) / (1 + 0.5 * self._lightness)
 
     def _terminal(self, fastest: Column) -> Column:
         """v_t of a flight by its largest speed."""
         drag = self.drag * mean_drag_coefficient(np.maximum(self.reynolds(fastest), 1e-12))
-        area = np.pi / 4 * self.ball.diameter**2
-        weight = self.ball.mass * self.gravity * self._buoyancy
+        area = np.pi / 4 * self.diameter**2
+        weight = self.mass * self.gravity * (1 - self._lightness)
         return np.sqrt(2 * weight / (self.density * drag * area))
 
     def _settled(self, x: Column, formula: Any) -> Column:
@@ -243,8 +223,8 @@ def checked_air(air: Any) -> float | None:
     return as_number("air", value, lambda rho: 1e-4 <= rho <= 20, ACCEPTED)
 
 
-def ball_of(diameter: Any, mass: Any, density: Any) -> Ball | None:
-    """A ball by its diameter [m] and its mass [kg] or density [kg/m³]; None where they do not determine it.
+def ball_of(diameter: Any, mass: Any, density: Any) -> tuple[Any, Any] | None:
+    """Diameter [m] and mass [kg] of a ball, by its mass or density [kg/m³]; None where they do not suffice.
 
     Raises:
         DataError: for a number that is not positive.
@@ -257,4 +237,4 @@ def ball_of(diameter: Any, mass: Any, density: Any) -> Ball | None:
         return None
     if mass is None:
         mass = np.pi / 6 * np.asarray(diameter) ** 3 * density
-    return Ball(diameter, mass)
+    return diameter, mass

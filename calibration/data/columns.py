@@ -1,5 +1,6 @@
-"""Columns of a table: which are used, what they mean together, and remarks about the others.
+"""Columns of a table: how headings are read, and what the columns mean together.
 
+A heading is a name and a unit: `velocity [m/s]`, `v (cm/s)`, `t / ms`, `drop height, mm`, `h_mm`.
 Accepted together are
 
     velocity, restitution               with the two heights, to check against
@@ -17,64 +18,167 @@ common error, and `launch`: rows of one bounce sequence, which are a group too; 
 empty where not measured; `diameter`, `radius` or `mass` of the sphere where it changes.
 """
 
-from collections.abc import Iterable, Sequence
+import re
+import unicodedata
+from collections.abc import Iterable, Iterator, Sequence
+from difflib import get_close_matches
 from fractions import Fraction
 from typing import NamedTuple
 
-from calibration.data.names import AMBIGUOUS, OBSERVED, SI_UNITS, SIZES, Header, read_header
-from calibration.data.units import PERCENT, unit_of
+from calibration.data.units import PERCENT, is_unit, unit_of
 from calibration.errors import DataError, listed, shown
 
-MOST_NAMED = 10  # names of columns in a remark
+MEASURED = {
+    "velocity": "m/s",
+    "restitution": "1",
+    "impact_velocity": "m/s",
+    "rebound_velocity": "m/s",
+    "drop_height": "m",
+    "rebound_height": "m",
+    "interval": "s",
+    "time": "s",
+}
+OBSERVED = {"contact_time": "s", "peak_force": "N", "peak_overlap": "m", "dent_diameter": "m"}
+SIZES = {"diameter": "m", "radius": "m", "mass": "kg"}  # of the sphere that flies, row by row
+LABELS = ("launch", "group")
+UNCERTAINTIES = {
+    "uncertainty": "1",
+    **{f"{n}_uncertainty": d for n, d in MEASURED.items() if n != "restitution"},
+    "height_uncertainty": "m",  # of both heights
+    "timing_uncertainty": "s",  # of intervals, or of times
+    **{f"{name}_uncertainty": unit for name, unit in OBSERVED.items()},
+}
+# name: its unit in SI
+SI_UNITS = {**MEASURED, **OBSERVED, **SIZES, **UNCERTAINTIES, **dict.fromkeys(LABELS, "")}
+
+SPELLINGS = {
+    "restitution": "e ε eps epsilon cor e_n restitution_coefficient coefficient_of_restitution "
+    "coeff_of_restitution coef_of_restitution normal_restitution",
+    "velocity": "v speed",
+    "impact_velocity": "impact_speed v_impact v_imp v_in vin v_i vi v_inc v_0 v0 v_before "
+    "v_initial incident_velocity incident_speed incoming_velocity incoming_speed velocity_in "
+    "velocity_before initial_velocity approach_velocity collision_velocity",
+    "rebound_velocity": "rebound_speed v_rebound v_reb v_out vout v_r vr v_f vf v_after v_final v' "
+    "outgoing_velocity outgoing_speed velocity_out velocity_after final_velocity "
+    "separation_velocity",
+    "drop_height": "h_drop h_0 h0 h_i hi h_initial initial_height release_height fall_height "
+    "falling_height height_before",
+    "rebound_height": "h_rebound h_reb h_bounce h_f hf h_r hr h_final h' bounce_height "
+    "final_height height_after",
+    "interval": "dt δt delta_t flight_time time_of_flight tof time_interval bounce_interval "
+    "interval_time time_between_bounces",
+    "time": "bounce_time impact_time event_time time_of_bounce",
+    "contact_time": "contact_duration collision_time collision_duration t_c tc t_contact",
+    "peak_force": "f_max fmax max_force maximum_force force_max impact_force",
+    "peak_overlap": "penetration max_penetration penetration_depth max_overlap δ_max delta_max",
+    "dent_diameter": "crater_diameter imprint_diameter d_dent",
+    "launch": "train",
+    "group": "specimen",
+}
+KNOWN = {word: name for name, words in SPELLINGS.items() for word in words.split()}
+KNOWN |= {name: name for name in SI_UNITS}
+# names that a heading may stand for, and such headings: a person has to choose
+MEANINGS = {
+    "interval time": "t t_n times zeit temps tiempo",
+    "drop_height rebound_height": "h height h_1 h1 h_2 h2 höhe hauteur altura",
+    "impact_velocity rebound_velocity": "v_1 v1 v_2 v2",
+    "rebound_height rebound_velocity": "rebound bounce",
+    "drop_height launch": "drop fall",
+    "impact_velocity uncertainty": "u",
+    "velocity_uncertainty": "dv δv delta_v",
+    "uncertainty": "de δe delta_e δε unsicherheit incertitude",
+    "height_uncertainty": "dh δh delta_h",
+    "velocity": "geschwindigkeit vitesse velocidad velocità",
+    "restitution": "stosszahl stoßzahl restitutionskoeffizient coefficient_de_restitution "
+    "coeficiente_de_restitución",
+    "impact_velocity": "aufprallgeschwindigkeit vitesse_d'impact",
+    "rebound_velocity": "rückprallgeschwindigkeit vitesse_de_rebond",
+    "drop_height": "fallhöhe hauteur_de_chute",
+    "rebound_height": "rücksprunghöhe sprunghöhe hauteur_de_rebond",
+    "group": "gruppe probe groupe",
+}
+AMBIGUOUS = {word: names.split() for names, words in MEANINGS.items() for word in words.split()}
+# an uncertainty is one of these words and the name of its quantity, in either order: u_v, v_err
+UNCERTAIN = ["uncertainty", "unc", "error", "err", "stdev", "std", "sd", "sigma", "σ", "±"]
+BEFORE = (*UNCERTAIN, "u", *(f"{word}_{of}" for word in UNCERTAIN for of in ("of", "in")))
+OF = {"h": "height", "height": "height", "t": "timing", "timing": "timing"}
+OF |= {word: name for word, name in KNOWN.items() if name in (*MEASURED, *OBSERVED)}
+OF = {w: "uncertainty" if n == "restitution" else f"{n}_uncertainty" for w, n in OF.items()}
+SPELLED = {f"{before}_{word}": name for before in BEFORE for word, name in OF.items()}
+SPELLED |= {f"{word}_{after}": name for after in UNCERTAIN for word, name in OF.items()}
+SPELLED |= {f"±{word}": name for word, name in OF.items()}
+ALONE = "unc error err stdev std sd ± standard_deviation standard_uncertainty standard_error"
+KNOWN |= dict.fromkeys(ALONE.split(), "uncertainty")
+NEAR = 0.82  # of difflib: velocty is near to velocity, interval_index is not to interval
+LONGEST = 200  # characters of a heading that may be a name
+MOST_NAMED = 10  # columns that a remark names
+NO_UNIT = "no unit in the header"  # how a remark begins
 
 
 class Kind(NamedTuple):
     """Columns that make a set of data together."""
 
     needs: tuple[str, ...]
-    uncertainties: tuple[str, ...]  # in addition to those of ε and of v
+    what: str = ""  # input quantities, whose errors enter ε and v
+    uncertainties: tuple[str, ...] = ()  # of these; the last is of all of them
     beside: tuple[str, ...] = ()  # used where all of them are there
 
     @property
-    def is_train(self) -> bool:
-        return self.needs in (("interval",), ("time",))
+    def is_sequence(self) -> bool:
+        return self.what in ("intervals", "times")
 
     @property
     def is_flight(self) -> bool:
         """Whether velocities are those of free flights."""
-        return self.is_train or HEIGHTS[0] in self.needs
+        return self.is_sequence or self.what == "heights"
 
     @property
     def has_restitution(self) -> bool:
         """Whether ε is measured."""
-        return self.is_train or len(self.needs) > 1
+        return self.is_sequence or len(self.needs) > 1
 
 
 VELOCITIES = ("impact_velocity", "rebound_velocity")
 HEIGHTS = ("drop_height", "rebound_height")
+
+
+def _uncertainties(*names: str) -> tuple[str, ...]:
+    return tuple(f"{name}_uncertainty" for name in names)
+
+
 KINDS = (
-    Kind(("velocity", "restitution"), (), HEIGHTS),
-    Kind(VELOCITIES, tuple(f"{name}_uncertainty" for name in VELOCITIES), ("restitution",)),
-    Kind(
-        HEIGHTS,
-        (*(f"{name}_uncertainty" for name in HEIGHTS), "height_uncertainty"),
-        ("restitution",),
-    ),
-    Kind(("interval",), ("interval_uncertainty", "timing_uncertainty")),
-    Kind(("time",), ("time_uncertainty", "timing_uncertainty")),
+    Kind(("velocity", "restitution"), beside=HEIGHTS),
+    Kind(VELOCITIES, "velocities", _uncertainties(*VELOCITIES, "velocity"), ("restitution",)),
+    Kind(HEIGHTS, "heights", _uncertainties(*HEIGHTS, "height"), ("restitution",)),
+    Kind(("interval",), "intervals", _uncertainties("interval", "timing")),
+    Kind(("time",), "times", _uncertainties("time", "timing")),
 )
 # accepted where something else than ε was measured
 WITHOUT_RESTITUTION = (
-    Kind(("velocity",), ()),
-    Kind(HEIGHTS[:1], ("drop_height_uncertainty", "height_uncertainty")),
+    Kind(("velocity",)),
+    Kind(HEIGHTS[:1], "heights", _uncertainties("drop_height", "height")),
 )
 ACCEPTED_SETS = (
     "velocity with restitution, impact_velocity with rebound_velocity, drop_height with "
     "rebound_height, interval (with launch), or time (with launch); or velocity, or drop_height, with "
     "contact_time, peak_force, penetration or dent_diameter"
 )
-NO_UNIT = "no unit in the header"  # how a remark begins
-OF_EACH_POINT = ("uncertainty", "velocity_uncertainty")
+
+
+class Header(NamedTuple):
+    """One column's heading.
+
+    Attributes:
+        text: as written.
+        name: one of `SI_UNITS`, or a key of `AMBIGUOUS`, or None for a column that is not known.
+        words: `text` without its unit, as `plain` writes it.
+        unit: as written, or None.
+    """
+
+    text: str
+    name: str | None
+    words: str
+    unit: str | None
 
 
 class Layout(NamedTuple):
@@ -82,9 +186,9 @@ class Layout(NamedTuple):
 
     Attributes:
         kind: what they are together.
-        position: the place of each among the headers, by name.
+        position: the place of each among the headings, by name.
         units: the size of each one's unit in SI, by name.
-        written: the unit of each as the header has it, None without one.
+        written: the unit of each as the heading has it, None without one.
         relative: the uncertainties among them that are parts of the quantity itself, in percent.
         remarks: how headings were read, and which columns are not used.
         assumed: the same of missing units; empty where none is missing.
@@ -99,8 +203,58 @@ class Layout(NamedTuple):
     assumed: str = ""
 
 
+def read_header(text: str) -> Header:
+    """Name and unit of one heading.
+
+    Raises:
+        DataError: for a name near to a known one, or brackets that are no unit's.
+    """
+    text = str(text).strip()
+    if len(text) > LONGEST:
+        return Header(text, None, "", None)
+    for words, unit, is_sure in _readings(text):
+        name = _canonical(words) or (plain(words) if plain(words) in AMBIGUOUS else None)
+        if name is not None:
+            si = SI_UNITS[AMBIGUOUS.get(name, [name])[0]]
+            if is_sure or is_unit(unit or "", si) or unit == "%":
+                return Header(text, name, plain(words), unit)
+    base = re.split(r"[\[(]", text, maxsplit=1)[0]
+    if _canonical(base) is not None:
+        raise DataError("column", repr(text), "a name and one unit, as in `velocity [m/s]`")
+    near = get_close_matches(plain(base), [n for n in KNOWN if len(n) > 3], n=1, cutoff=NEAR)
+    if near:
+        accepted = f"a known name (did you mean {near[0]!r}?), or a clearly different name"
+        raise DataError("column", repr(text), accepted)
+    return Header(text, None, plain(text), None)
+
+
+def _canonical(words: str) -> str | None:
+    """The format's name for what a person calls a column; None where there is none."""
+    name = plain(words)
+    return KNOWN.get(name) or SPELLED.get(name)
+
+
+def plain(words: str) -> str:
+    """Small letters, one underscore for all that separates, subscripts on the line."""
+    text = unicodedata.normalize("NFKC", words).casefold().replace("′", "'")
+    return re.sub(r"[\s_.\-(){}$\\]+", "_", text).strip("_")
+
+
+def _readings(text: str) -> Iterator[tuple[str, str | None, bool]]:
+    """(name, unit, whether the unit is surely one) in the ways that a heading may be meant."""
+    yield text, None, True
+    bracket = re.fullmatch(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(((?:[^()]|\([^()]*\))*)\))", text)
+    if bracket:
+        yield bracket[1], (bracket[2] or bracket[3] or "").strip() or None, True
+    for mark in ("/", ",", " in ", "_"):
+        for match in re.finditer(re.escape(mark), text):
+            unit = re.sub(r"^\((.*)\)$", r"\1", text[match.end() :].strip())
+            if mark == "/" or unit not in ("1", "-"):  # e_1 is the first of several
+                yield text[: match.start()], unit, False
+
+
 def layout_of(headers: Sequence[str], units: Sequence[str] | None = None) -> Layout:
-    """Meaning of a table's headers, with units that stand in a separate row.
+    """Meaning of a table's headings, with units that stand in a separate row.
 
     Raises:
         DataError: for columns that make no set together, a name twice or near to a known one, an
@@ -112,28 +266,37 @@ def layout_of(headers: Sequence[str], units: Sequence[str] | None = None) -> Lay
     names = _resolved(read)
     kind = _kind_of(names, read)
     used = _used(kind, names)
-    _check_once(read, names, used)
+    for name in sorted(used):
+        twice = [header.text for header, one in zip(read, names, strict=True) if one == name]
+        if len(twice) > 1:
+            both = " and ".join(map(repr, twice[:2]))
+            raise DataError("column", f"{name} twice, {both}", "there once")
     position = {name: place for place, name in enumerate(names) if name in used}
-    percent = {name for name in position if read[position[name]].unit == "%"}
-    points = {"uncertainty"} if "restitution" in percent else set()  # percentage points
-    relative = frozenset(name for name in percent - points if name.endswith("uncertainty"))
-    sizes = {
-        name: PERCENT if name in relative else _unit(read[place], name)
-        for name, place in position.items()
-    }
-    measured = (*kind.needs, *OBSERVED, *SIZES)
-    untold = [name for name in measured if name in position and read[position[name]].unit is None]
-    remarks = (*_remarks(read, names, used), *_of_percent(relative, percent & points))
     written = {name: read[place].unit for name, place in position.items()}
-    return Layout(kind, position, sizes, written, relative, remarks, _assumed(untold))
+    percent = {name for name, unit in written.items() if unit == "%" and "uncertainty" in name}
+    points = percent & ({"uncertainty"} if written.get("restitution") == "%" else set())
+    relative = frozenset(percent - points)
+    sizes = {
+        name: PERCENT if name in relative else _size(name, unit) for name, unit in written.items()
+    }
+    remarks = [
+        *_remarks(read, names, used),
+        *(f"{name} in % is relative to its quantity" for name in sorted(relative)),
+        *(f"{name} in % is in percentage points of ε" for name in points),
+    ]
+    without = [n for n in (*kind.needs, *OBSERVED, *SIZES) if written.get(n, "") is None]
+    assumed = [f"{name} in {SI_UNITS[name]}" for name in without if name != "restitution"]
+    note = f"{NO_UNIT}, assuming {listed(assumed)}" if assumed else ""
+    return Layout(kind, position, sizes, written, relative, tuple(remarks), note)
 
 
 def accepts(kind: Kind, uncertainty: str, names: Iterable[str | None]) -> bool:
     """Whether an uncertainty of this name acts for data of this kind, of columns of these names."""
-    if uncertainty.removesuffix("_uncertainty") in OBSERVED:
-        return uncertainty.removesuffix("_uncertainty") in names
-    extra = OF_EACH_POINT if kind.has_restitution else OF_EACH_POINT[1:]
-    return uncertainty in (*extra, *kind.uncertainties)
+    if (observed := uncertainty.removesuffix("_uncertainty")) in OBSERVED:
+        return observed in names
+    if uncertainty == "uncertainty":
+        return kind.has_restitution
+    return uncertainty in ("velocity_uncertainty", *kind.uncertainties)
 
 
 def _with_unit(header: Header, unit: str) -> Header:
@@ -149,32 +312,22 @@ def _with_unit(header: Header, unit: str) -> Header:
 def _resolved(read: Sequence[Header]) -> list[str | None]:
     """The name of each column, pairs identified by each other."""
     names = [header.name for header in read]
+
+    def rename(old: Sequence[str], new: str) -> None:
+        names[:] = [new if name in old else name for name in names]
+
     if "rebound_height" not in names:
         first, second = ("h1", "h_1"), ("h2", "h_2")
         if "drop_height" not in names and {*second} & {*names}:
-            _rename(names, first, "drop_height")
+            rename(first, "drop_height")
         if "drop_height" in names:
-            _rename(names, second if {*second} & {*names} else first, "rebound_height")
+            rename(second if {*second} & {*names} else first, "rebound_height")
     for end in ("", "_uncertainty"):
         if "rebound_velocity" not in names:
-            _rename(names, (f"impact_velocity{end}",), f"velocity{end}")
+            rename((f"impact_velocity{end}",), f"velocity{end}")
         elif not end:
-            _rename(names, ("velocity",), "impact_velocity")
+            rename(("velocity",), "impact_velocity")
     return names
-
-
-def _rename(names: list, old: Sequence[str], new: str) -> None:
-    """Give the columns named `old` another name in place."""
-    names[:] = [new if name in old else name for name in names]
-
-
-def _check_once(read: Sequence[Header], names: Sequence[str | None], used: set[str]) -> None:
-    """Refuse a name that two columns have, where it is used."""
-    for name in used:
-        repeated = [header.text for header, one in zip(read, names, strict=True) if one == name]
-        if len(repeated) > 1:
-            both = " and ".join(map(repr, repeated[:2]))
-            raise DataError("column", f"{name} twice, {both}", "there once")
 
 
 def _kind_of(names: Sequence[str | None], read: Sequence[Header]) -> Kind:
@@ -183,7 +336,7 @@ def _kind_of(names: Sequence[str | None], read: Sequence[Header]) -> Kind:
             return kind
     found = [name for name in names if name in SI_UNITS]
     questions = [_question(name) for name in names if name in AMBIGUOUS]
-    accepted = ACCEPTED_SETS + "".join(f"; {question}" for question in questions[:MOST_NAMED])
+    accepted = "; ".join([ACCEPTED_SETS, *questions[:MOST_NAMED]])
     others = [repr(h.text) for h, name in zip(read, names, strict=True) if name not in SI_UNITS]
     unknown = f"not known: {listed(others[:MOST_NAMED])}" if others else ""
     description = "; ".join(filter(None, [listed(sorted(found)), unknown])) or "empty"
@@ -191,57 +344,46 @@ def _kind_of(names: Sequence[str | None], read: Sequence[Header]) -> Kind:
 
 
 def _used(kind: Kind, names: Sequence[str | None]) -> set[str]:
-    used = {*kind.needs, *(name for name in names if name and accepts(kind, name, names))}
-    used |= {name for name in (*OBSERVED, *SIZES) if name in names}
+    used = {*kind.needs, "group"}
+    used |= {name for name in names if name and accepts(kind, name, names)}
+    used |= {*OBSERVED, *SIZES} & {*names}
     if set(kind.beside) <= set(names):
         used |= set(kind.beside)
-    if kind.is_train or "group" not in names:
+    if kind.is_sequence or "group" not in names:
         used.add("launch")
-    return used | {"group"}
+    return used
 
 
-def _unit(header: Header, name: str) -> Fraction:
-    if header.unit is None:
+def _size(name: str, unit: str | None) -> Fraction:
+    if unit is None:
         return Fraction(1)
     try:
-        return unit_of(header.unit, SI_UNITS[name])
+        return unit_of(unit, SI_UNITS[name])
     except DataError as error:
         accepted = error.accepted.replace("left out", "without a unit")
         raise DataError(f"unit of {name}", error.value, accepted) from None
-
-
-def _of_percent(relative: Iterable[str], points: Iterable[str]) -> list[str]:
-    """Quantity that a percentage refers to; there are two possibilities."""
-    remarks = [f"{name} in % is relative to its quantity" for name in sorted(relative)]
-    return remarks + [f"{name} in % is in percentage points of ε" for name in points]
-
-
-def _assumed(names: Sequence[str]) -> str:
-    """Remark on units that are assumed for columns without one."""
-    remarks = [f"{name} in {SI_UNITS[name]}" for name in names if SI_UNITS[name] != "1"]
-    return f"{NO_UNIT}, assuming {listed(remarks)}" if remarks else ""
 
 
 def _question(name: str) -> str:
     return f"is {name!r} {' or '.join(AMBIGUOUS[name])}?"
 
 
-def _remarks(read, names, used) -> tuple[str, ...]:
+def _remarks(read, names, used) -> Iterator[str]:
     """One line on headings with other names, one on columns that are not used."""
     as_written = ("velocity", "impact_velocity")
     pairs = list(zip(read, names, strict=True))
     renamed = [
         f"{name} ({header.text!r})"
         for header, name in pairs
-        if name in used and header.words != name and header.words not in as_written
+        if name in used and header.words not in (name, *as_written)
     ]
     left = [
         repr(header.text[:40]) + (f" ({_question(name)})" if name in AMBIGUOUS else "")
         for header, name in pairs
         if name not in used and header.text
     ]
-    remarks = [f"headings read as: {listed(renamed)}"] if renamed else []
+    if renamed:
+        yield f"headings read as: {listed(renamed)}"
     if left:
         more = f" and {len(left) - MOST_NAMED} more" if len(left) > MOST_NAMED else ""
-        remarks.append(f"columns not used: {listed(left[:MOST_NAMED])}{more}")
-    return tuple(remarks)
+        yield f"columns not used: {listed(left[:MOST_NAMED])}{more}"

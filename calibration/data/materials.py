@@ -52,9 +52,9 @@ from pydantic_core import core_schema
 
 import softjax as sj
 from calibration.data.air import checked_air
+from calibration.data.columns import UNCERTAINTIES
 from calibration.data.measurements import LONGEST_NAME, RestitutionData
-from calibration.data.names import UNCERTAINTIES
-from calibration.data.ranges import AS_IT_IS, RANGES, of_bodies
+from calibration.data.plausible import AS_IT_IS, RANGES, of_bodies
 from calibration.data.sheet import read_csv
 from calibration.data.toml import FAULTS, Place, TomlFile, combined, read_toml_file
 from calibration.data.units import Relative, quantity

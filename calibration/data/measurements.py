@@ -4,13 +4,13 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from jaxtyping import Int
 
 import softjax as sj
-from calibration.data.air import Ball, Fall, ball_of
+from calibration.data.air import Fall
 from calibration.data.checks import (
     Column,
     as_labels,
@@ -20,14 +20,11 @@ from calibration.data.checks import (
     codes_of,
     require,
 )
-from calibration.data.columns import NO_UNIT
-from calibration.data.covariance import Covariance
-from calibration.data.errors_of_points import PointErrors, same
-from calibration.data.names import OBSERVED, SI_UNITS, SIZES
-from calibration.data.points import of_row
-from calibration.data.ranges import check_far
+from calibration.data.columns import NO_UNIT, OBSERVED, SIZES
+from calibration.data.plausible import check_far
+from calibration.data.point_errors import PointErrors
+from calibration.data.points import radius_of, read_points, rows_blamed
 from calibration.data.repeats import average
-from calibration.data.tables import read_points
 from calibration.errors import DataError, InputError, Origin, listed, printable
 from calibration.observables import Observed, scale_of
 
@@ -66,7 +63,7 @@ class RestitutionData:
             have an error in common whose size is not known. None: no groups.
         errors: how the errors of what was measured enter ε and v, and what points share of them;
             made of the two uncertainties where left out.
-        bodies: the bodies of the contact (`calibration.data.bodies.Body`) where a file has them;
+        bodies: the bodies of the contact (`calibration.data.materials.Body`) where a file has them;
             for `plausibility`, and not compared.
         degrees: degrees of freedom behind `uncertainty`: a number where one scatter is behind all,
             (n,) where each point has its own; None where they are stated, or unknown.
@@ -79,7 +76,7 @@ class RestitutionData:
         fall: how drop heights became velocities; not compared.
         origin: file and lines the points came from, for messages.
         plausibility: False accepts bodies with properties more than 100 times outside what is
-            plausible (`calibration.data.ranges.RANGES`), which are refused otherwise.
+            plausible (`calibration.data.plausible.RANGES`), which are refused otherwise.
 
     Raises:
         ValueError: naming the argument, its value and what is accepted; an `InputError` with file
@@ -115,8 +112,7 @@ class RestitutionData:
         try:
             self._take_in()
         except DataError as error:
-            error = _with_note(error, self.remarks)
-            raise error if self.origin is None else self.origin.error(error) from None
+            raise _located(error, self.remarks, self.origin) from None
 
     @classmethod
     def from_table(
@@ -168,15 +164,14 @@ class RestitutionData:
             ValueError: naming the column or argument, its value and what is accepted.
         """
         stated = {key: value for key, value in uncertainties.items() if value is not None}
+        ball = _ball(diameter, mass, density, bodies, contact)
         try:
-            sphere = _Sphere(diameter, mass, density, bodies, contact, one_size)
             of_file = origin is not None
-            points = read_points(table, gravity, group, stated, of_file, air, sphere.ball)
-            found = sphere.contact_of(points.more)
+            points = read_points(table, ball, stated, gravity, group, air, of_file)
+            found = _contact_of(contact, points.more, ball["density"], one_size)
         except DataError as error:
-            error = _with_note(error, remarks)
-            raise error if origin is None else origin.error(error) from None
-        try:
+            raise _located(error, remarks, origin) from None
+        with rows_blamed(points.rows):
             return cls(
                 points.velocity,
                 points.restitution,
@@ -193,8 +188,6 @@ class RestitutionData:
                 origin=None if origin is None else origin.select(points.rows),
                 plausibility=plausibility,
             )
-        except DataError as error:
-            raise of_row(error, points.rows) from None
 
     def averaged(self) -> "RestitutionData":
         """One point for each velocity, the mean of its repeats; in the order of velocity.
@@ -202,8 +195,8 @@ class RestitutionData:
         Repeats are those at exactly equal velocities, of one group where there are groups.
 
         Without uncertainties the mean's is s/√n, with s the scatter of all repeats about their
-        means, pooled; `degrees` is then the number of readings less that of velocities. With stated uncertainties points are weighted by 1/u², and the
-        mean's is 1/√Σ(1/u²).
+        means, pooled; `degrees` is then the number of readings less that of velocities. With stated
+        uncertainties points are weighted by 1/u², and the mean's is 1/√Σ(1/u²).
 
         Raises:
             ValueError: where the contact has other properties at each impact, or points share
@@ -213,45 +206,41 @@ class RestitutionData:
             accepted = f"left out with {listed(one.name for one in self.observed)}"
             raise DataError("average of repeats", "requested", accepted)
         if self.contact is not None and any(map(np.ndim, self.contact.leaves().values())):
-            raise DataError(
-                "contact", "one of arrays", "of single numbers for repeats to be averaged"
-            )
+            accepted = "of single numbers for repeats to be averaged"
+            raise DataError("contact", "one of arrays", accepted)
         with np.errstate(all="ignore"):
-            mean = average(self.velocity, self.restitution, self.errors, self.group)
-        remark = f"{len(self)} readings averaged to {len(mean.rows)} points, one for each velocity"
+            restitution, errors, degrees, rows = average(
+                self.velocity, self.restitution, self.errors, self.group
+            )
+        remark = f"{len(self)} readings averaged to {len(rows)} points, one for each velocity"
         return replace(
             self,
             remarks=(*self.remarks, remark + (" and group" if self.group is not None else "")),
-            velocity=mean.velocity,
-            restitution=mean.restitution,
+            velocity=self.velocity[rows],
+            restitution=restitution,
             uncertainty=None,
             velocity_uncertainty=None,
-            group=None if self.group is None else self.group[mean.rows],
-            errors=mean.errors,
-            degrees=mean.degrees,
-            origin=None if self.origin is None else self.origin.select(mean.rows),
+            group=None if self.group is None else self.group[rows],
+            errors=errors,
+            degrees=degrees,
+            origin=None if self.origin is None else self.origin.select(rows),
         )
-
-    def covariance_of(self, slope: Column | float = 0.0, **options: Any) -> Covariance:
-        """Covariance of δε - slope δv, with slope = dε/dv [s/m] (see `PointErrors.covariance`)."""
-        return self.errors.covariance(slope, **options)
 
     @cached_property
     def observed(self) -> tuple[Observed, ...]:
         """Measured observables other than ε, in the order of `calibration.observables`."""
         found = []
+        radius = None if self.contact is None else self.contact.radius
         for name in OBSERVED:
             values, uncertainty = getattr(self, name), getattr(self, f"{name}_uncertainty")
-            if values is not None:
-                rows = np.flatnonzero(np.isfinite(values))
+            rows = np.flatnonzero([] if values is None else np.isfinite(values))
+            if len(rows):
                 known = name if name != "dent_diameter" else DENTS[self.dent]
                 of_rows = None if uncertainty is None else uncertainty[rows]
-                radius = None
-                if self.contact is not None and np.ndim(self.contact.radius):
-                    radius = self.contact.radius[rows]
-                scale = scale_of(values[rows], self.velocity[rows], radius)
+                radii = radius[rows] if np.ndim(radius) else None  # type: ignore[index]
+                scale = scale_of(values[rows], self.velocity[rows], radii)
                 found.append(Observed(known, rows, values[rows], of_rows, scale))
-        return tuple(one for one in found if len(one))
+        return tuple(found)
 
     def of_restitution(self) -> "RestitutionData":
         """A copy with ε only."""
@@ -295,16 +284,12 @@ class RestitutionData:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, RestitutionData):
             return NotImplemented
-        arrays = ("velocity", "group", "degrees", "limit_velocity")
-        return (
-            (self.name, self.remarks) == (other.name, other.remarks)
-            and np.array_equal(self.restitution, other.restitution, equal_nan=True)
-            and all(same(getattr(self, one), getattr(other, one)) for one in arrays)
-            and self.errors.same_as(other.errors)
-            and len(self.observed) == len(other.observed)
-            and all(a.same_as(b) for a, b in zip(self.observed, other.observed, strict=True))
-            and bool(self.contact == other.contact)
+        aside = {"bodies", "fall", "origin", "plausibility", "errors", "observed"}
+        mine, theirs = (
+            {name: one for name, one in vars(data).items() if name not in aside} | vars(data.errors)
+            for data in (self, other)
         )
+        return all(_same(one, theirs[name]) for name, one in mine.items())
 
     __hash__ = None  # type: ignore[assignment]  # arrays inside
 
@@ -322,119 +307,116 @@ class RestitutionData:
             f"uncertainty {known}, {'no contact' if self.contact is None else 'with contact'})"
         )
 
+    # ---------------------------------------------------------------- conversion and checks
+
     def _take_in(self) -> None:
         """Convert and check every field."""
         if not (isinstance(self.name, str) and 0 < len(self.name.strip()) <= LONGEST_NAME):
             accepted = f"a text that is not empty, of {LONGEST_NAME} characters at most"
             raise DataError("name", repr(self.name), accepted)
-        self._set("name", printable(self.name))
-        self._set("velocity", as_numbers("velocity", self.velocity))
-        stated: Any = self.restitution
-        none = np.full(len(self.velocity), np.nan)
-        self._set("restitution", none if stated is None else as_numbers("restitution", stated))
+        velocity, stated = as_numbers("velocity", self.velocity), self.restitution
+        none = np.full(len(velocity), np.nan)
+        restitution = none if stated is None else as_numbers("restitution", stated)
+        check_lengths({"velocity": velocity, "restitution": restitution})
+        self._set(
+            name=printable(self.name),
+            remarks=tuple(map(printable, self.remarks)),
+            velocity=velocity,
+            restitution=restitution,
+        )
         self._take_in_observed()
         self._take_in_errors()
-        columns = {"velocity": self.velocity, "restitution": self.restitution}
         if self.group is not None:
-            self._set("group", as_labels("group", self.group))
-            columns["group"] = self.group
+            self._set(group=as_labels("group", self.group))
+            check_lengths({"velocity": velocity, "group": self.group})
         if self.degrees is not None:
-            self._set("degrees", _per_impact("degrees", self.degrees, len(self)))
-        check_lengths(columns)
-        self._set("remarks", tuple(map(printable, self.remarks)))
+            self._set(degrees=_per_impact("degrees", self.degrees, len(self)))
         self._take_in_contact()
         self._check_points()
 
-    def _set(self, name: str, value: Any) -> None:
-        if isinstance(value, np.ndarray):
-            value.setflags(write=False)
-        object.__setattr__(self, name, value)
+    def _set(self, **fields: Any) -> None:
+        for name, value in fields.items():
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
+            object.__setattr__(self, name, value)
 
     def _take_in_observed(self) -> None:
         """What else than ε was measured, and which ε were not."""
-        count, seen = len(self.velocity), np.zeros(len(self.velocity), bool)
+        missing = np.isnan(self.restitution)
         if self.dent not in DENTS:
             raise DataError("dent", self.dent, " or ".join(map(repr, DENTS)))
-        for name in OBSERVED:
-            raw = getattr(self, name)
+        measured = [name for name in OBSERVED if getattr(self, name) is not None]
+        for name, unit in OBSERVED.items():
             stated = f"{name}_uncertainty"
-            if raw is None:
-                if getattr(self, stated) is not None:
+            uncertainty = _per_point(stated, getattr(self, stated), len(self))
+            if name not in measured:
+                if uncertainty is not None:
                     raise DataError(stated, "given", f"left out without {name}")
                 continue
-            values = as_numbers(name, raw)
-            check_lengths({"velocity": self.velocity, name: values})
-            there, accepted = ~np.isnan(values), f"a positive number in {SI_UNITS[name]}"
-            require(name, np.where(there, values, 1.0), lambda x: x > 0, accepted)
-            self._set(name, values)
-            seen |= there
-            uncertainty = _per_point(stated, getattr(self, stated), count)
-            if uncertainty is not None:
-                check_lengths({name: values, stated: uncertainty})
-                require(stated, np.where(there, uncertainty, 1.0), lambda u: u > 0, accepted)
-                self._set(stated, uncertainty)
-        missing = np.isnan(self.restitution)
-        if np.any(missing & ~seen):
-            row = int(np.argmax(missing & ~seen))
-            others = listed(name for name in OBSERVED if getattr(self, name) is not None)
-            accepted = "a number" + (f", or measured by {others}" if others else " of 0 or more")
-            raise DataError("restitution", math.nan, accepted, row)
+            values, accepted = as_numbers(name, getattr(self, name)), f"a positive number in {unit}"
+            columns = {name: values} | ({} if uncertainty is None else {stated: uncertainty})
+            check_lengths({"velocity": self.velocity} | columns)
+            there = ~np.isnan(values)
+            for key, one in columns.items():
+                require(key, np.where(there, one, 1.0), lambda x: x > 0, accepted)
+            self._set(**columns)
+            missing = missing & ~there
+        if np.any(missing):
+            accepted = f"a number, or measured by {listed(measured)}"
+            accepted = accepted if measured else "a number of 0 or more"
+            raise DataError("restitution", math.nan, accepted, int(np.argmax(missing)))
 
     def _take_in_errors(self) -> None:
         """The errors of the two uncertainties, or the two uncertainties of the errors."""
         names = ("uncertainty", "velocity_uncertainty")
-        sizes = {n: _per_point(n, getattr(self, n), len(self.velocity)) for n in names}
+        sizes = {n: _per_point(n, getattr(self, n), len(self)) for n in names}
         if self.errors is None:
-            if sizes["uncertainty"] is not None and len(self.restitution) == len(
-                sizes["uncertainty"]
-            ):
-                missing = np.isnan(self.restitution)
-                sizes["uncertainty"] = np.where(missing, 1.0, sizes["uncertainty"])
-            stated = {n: u for n, u in sizes.items() if u is not None}
+            stated = {name: one for name, one in sizes.items() if one is not None}
             check_lengths({"velocity": self.velocity} | stated)
-            self._set("errors", PointErrors.alone(len(self.velocity), *sizes.values()))
-        elif len(self.errors) != len(self.velocity):
-            accepted = f"of as many points as `velocity`, {len(self.velocity)}"
+            if "uncertainty" in stated:
+                missing = np.isnan(self.restitution)
+                sizes["uncertainty"] = np.where(missing, 1.0, stated["uncertainty"])
+            self._set(errors=PointErrors.alone(len(self), *sizes.values()))
+        elif len(self.errors) != len(self):
+            accepted = f"of as many points as `velocity`, {len(self)}"
             raise DataError("errors", f"of {len(self.errors)}", accepted)
         for name in names:
             value = getattr(self.errors, name)
-            if sizes[name] is not None and not same(sizes[name], value):
+            if sizes[name] is not None and not _same(sizes[name], value):
                 raise DataError(name, "given with other `errors`", "left out, or errors=None")
-            self._set(name, value)
+            self._set(**{name: value})
 
     def _take_in_contact(self) -> None:
         """One limit velocity, in the contact and in the data."""
-        if self.contact is not None and not isinstance(self.contact, sj.Contact):
-            raise DataError("contact", self.contact, "a softjax.Contact or None")
-        if self.limit_velocity is not None:
-            limit = _per_impact("limit_velocity", self.limit_velocity, len(self))
-            self._set("limit_velocity", limit)
-            if self.contact is not None:
-                self._set("contact", replace(self.contact, limit_velocity=limit))
-        elif self.contact is not None:
-            limit = _per_impact("contact", self.contact.limit_velocity, len(self))
-            self._set("limit_velocity", limit)
-        if self.contact is not None:
-            for leaf in self.contact.leaves().values():
+        contact, limit = self.contact, self.limit_velocity
+        if contact is not None and not isinstance(contact, sj.Contact):
+            raise DataError("contact", contact, "a softjax.Contact or None")
+        if limit is not None:
+            limit = _per_impact("limit_velocity", limit, len(self))
+        if contact is not None:
+            for leaf in contact.leaves().values():
                 _per_impact("contact", leaf, len(self))
+            if limit is None:
+                limit = _per_impact("contact", contact.limit_velocity, len(self))
+            else:
+                contact = replace(contact, limit_velocity=limit)
+        self._set(contact=contact, limit_velocity=limit)
         if not isinstance(self.plausibility, bool):
             raise DataError("plausibility", self.plausibility, "True or False")
         if self.plausibility:
-            check_far(self.bodies, self.contact)
+            check_far(self.bodies, contact)
 
     def _check_points(self) -> None:
         """The rules that a measured point obeys."""
         require("velocity", self.velocity, lambda v: v > 0, "a positive speed in m/s")
-        limit = self.limit_velocity
-        if limit is not None:
+        if (limit := self.limit_velocity) is not None:
             accepted = f"below the limit velocity, {np.min(limit):.6g} m/s"
             require("velocity", self.velocity, lambda v: v < limit, accepted)
         measured = np.where(np.isnan(self.restitution), 0.5, self.restitution)
         require("restitution", measured, lambda e: e >= 0, "a number of 0 or more")
         if self.uncertainty is not None:
             require("uncertainty", self.uncertainty, lambda u: u > 0, "a positive number")
-        if self.velocity_uncertainty is not None:
-            u_v = self.velocity_uncertainty
+        if (u_v := self.velocity_uncertainty) is not None:
             require("velocity_uncertainty", u_v, lambda u: u >= 0, "a speed of 0 m/s or more")
         accepted = f"at most {LARGEST}; above 1 it is noise or an input error"
         if np.max(measured) > PERCENT:
@@ -442,77 +424,57 @@ class RestitutionData:
         require("restitution", measured, lambda e: e <= LARGEST, accepted)
 
 
-def _with_note(error: DataError, remarks: Sequence[str]) -> DataError:
-    """The refusal of a row, with the units that were assumed where the header has none."""
+def _located(error: DataError, remarks: Sequence[str], origin: Origin | None) -> ValueError:
+    """A refusal with its file and line, and with the units that were assumed where the header has none."""
     note = next((one for one in remarks if one.startswith(NO_UNIT)), None)
-    if note is None or error.index is None:
-        return error
     # a restitution that was given is of no unit
-    if error.argument not in note and not ("height" in note or "_velocity" in note):
-        return error
-    return DataError(error.argument, error.value, f"{error.accepted}; {note}", error.index)
+    about = note is not None and (error.argument in note or "height" in note or "_velocity" in note)
+    if about and error.index is not None:
+        accepted = f"{error.accepted}; {note}"
+        error = DataError(error.argument, error.value, accepted, error.index)
+    return error if origin is None else origin.error(error)
 
 
-class _Sphere(NamedTuple):
-    """Flying ball as stated for all rows: size and mass, the bodies, their contact."""
+def _same(one: Any, other: Any) -> bool:
+    """Whether two arrays, numbers or None are equal; NaN is equal to NaN."""
+    if one is None or other is None:
+        return one is other
+    if not isinstance(one, np.ndarray | float):
+        return bool(one == other)
+    return np.array_equal(one, other, equal_nan=np.asarray(one).dtype.kind == "f")
 
-    diameter: Any
-    mass: Any
-    density: Any
-    bodies: Sequence[Any]
-    contact: Any
-    one_size: bool
 
-    def ball(self, columns: Mapping[str, Any]) -> Ball | None:
-        """The flying ball: as stated, or the first body, or the sphere of the contact; None if unknown."""
-        if {*SIZES} & {*columns}:
-            diameter = self.diameter
-            if {"radius", "diameter", "mass"} & {*columns}:
-                radius = self._radius(columns)
-                diameter = self.diameter if radius is None else 2 * radius
-            return ball_of(diameter, columns.get("mass", self.mass), self._density)
-        if (self.diameter, self.mass, self.density) != (None, None, None) or not self.has_contact:
-            return ball_of(self.diameter, self.mass, self.density)
-        if self.bodies:
-            return ball_of(2 * np.asarray(self.bodies[0].radius), None, self._density)
-        radius, mass = (np.asarray(leaf) for leaf in (self.contact.radius, self.contact.mass))
-        return None if radius.ndim or mass.ndim else ball_of(2 * radius, mass, None)
+def _ball(diameter: Any, mass: Any, density: Any, bodies: Any, contact: Any) -> dict[str, Any]:
+    """The flying ball: as stated, or the first body, or the sphere of the contact; None if unknown."""
+    if (diameter, mass, density) == (None, None, None):
+        if bodies:
+            diameter = 2 * np.asarray(bodies[0].radius)
+            density = bodies[0].material.density
+        elif isinstance(contact, sj.Contact) and not np.ndim(contact.radius + contact.mass):
+            diameter, mass = 2 * np.asarray(contact.radius), np.asarray(contact.mass)
+    return {"diameter": diameter, "mass": mass, "density": density}
 
-    def contact_of(self, columns: Mapping[str, Any]) -> sj.Contact | None:
-        """The contact of each point.
 
-        Raises:
-            DataError: for sizes in the rows with a contact of one size, or the other way round.
-        """
-        sizes = [name for name in SIZES if name in columns]
-        if not callable(self.contact):
-            if sizes and (self.one_size or self.contact is not None):
-                accepted = "given once: as a column, or with the bodies (in Python `contact` is a function "
-                accepted += "of the radii where they are a column)"
-                raise DataError(sizes[0], "a column, and the bodies have one size", accepted)
-            return self.contact
-        radius = self._radius(columns)
-        if radius is None:
-            accepted = "a column diameter, radius or mass (with the density)"
-            raise DataError("size", "missing with a contact that is a function of it", accepted)
-        return self.contact(radius)
+def _contact_of(contact: Any, columns: Any, density: Any, one_size: bool) -> sj.Contact | None:
+    """The contact of each point.
 
-    @property
-    def has_contact(self) -> bool:
-        return bool(self.bodies) or isinstance(self.contact, sj.Contact)
-
-    @property
-    def _density(self) -> Any:
-        return self.bodies[0].material.density if self.bodies else self.density
-
-    def _radius(self, columns: Mapping[str, Any]) -> Any:
-        if "radius" in columns:
-            return columns["radius"]
-        if "diameter" in columns:
-            return columns["diameter"] / 2
-        if "mass" in columns and self._density is not None:
-            return (3 * columns["mass"] / (4 * np.pi * self._density)) ** (1 / 3)
-        return None
+    Raises:
+        DataError: for sizes in the rows with a contact of one size, or the other way round.
+    """
+    sizes = [name for name in SIZES if name in columns]
+    if not callable(contact):
+        if sizes and (one_size or contact is not None):
+            accepted = (
+                "given once: as a column, or with the bodies (in Python `contact` is a function "
+            )
+            accepted += "of the radii where they are a column)"
+            raise DataError(sizes[0], "a column, and the bodies have one size", accepted)
+        return contact
+    radius = radius_of(columns, density)
+    if radius is None:
+        accepted = "a column diameter, radius or mass (with the density)"
+        raise DataError("size", "missing with a contact that is a function of it", accepted)
+    return contact(radius)
 
 
 def _per_point(name: str, value: Any, count: int) -> Column | None:

@@ -1,14 +1,17 @@
-"""Signs of mistakes in accepted measurements: units, columns, unlabelled groups."""
+"""Signs of mistakes in accepted measurements: units, columns, unlabelled groups, bodies.
 
-from collections.abc import Iterator
+Properties outside their plausible ranges are a warning, far outside a refusal.
+"""
+
+from collections.abc import Iterable, Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from calibration.data.checks import Column
-from calibration.data.measurements import RestitutionData
-from calibration.data.names import SI_UNITS
+from calibration.data.columns import OBSERVED
 from calibration.data.points import FALLEN, FALLS
-from calibration.data.ranges import Implausible, of_bodies
+from calibration.errors import DataError
 
 FASTEST = 5000.0  # m/s
 LOWEST_RESTITUTION = 0.02  # all of them below this: a percentage taken of a fraction
@@ -17,102 +20,171 @@ FEWEST = 8  # points in which an order may show
 SHORTEST = 3  # points of a run
 FAR_FROM_HERTZ = 30.0  # times what an elastic impact of the bodies shows
 EXAMPLES = {"contact_time": "us", "peak_force": "N", "peak_overlap": "um", "dent_diameter": "mm"}
+FAR = 100.0
+POWER = "Is the power of ten right?"
+AS_IT_IS = "plausibility = false takes it as it is"
 
 
-def plausibility(data: RestitutionData) -> tuple[Implausible, ...]:
+class Implausible(NamedTuple):
+    """A warning about what was read: a name for it, the numbers it rests on, and what to look at."""
+
+    code: str
+    cause: str
+    advice: str
+
+
+class Range(NamedTuple):
+    """Plausible range of a property, from foam and gel to diamond and osmium."""
+
+    code: str
+    name: str
+    lowest: float
+    highest: float
+    unit: str
+    if_below: str
+    if_above: str
+
+    @property
+    def accepted(self) -> str:
+        return f"{self.lowest:g} to {self.highest:g} {self.unit}"
+
+    def is_far(self, value: Any) -> bool:
+        """Whether a number, or one of an array, is more than 100 times outside."""
+        return bool(np.any(value > FAR * self.highest) or np.any(value < self.lowest / FAR))
+
+
+RANGES = {
+    "radius": Range("radius", "radius", 1e-6, 1.0, "m", POWER, "Is the radius in millimetres?"),
+    "youngs_modulus": Range(
+        "modulus", "Young's modulus", 1e5, 1.3e12, "Pa", "Is the modulus in MPa or GPa?", POWER
+    ),
+    "density": Range(
+        "density",
+        "density",
+        10.0,
+        23_000.0,
+        "kg/m³",
+        "Is the density in g/cm³?",
+        "Is the density in kg/m³?",
+    ),
+    "yield_strength": Range(
+        "yield-strength", "yield strength", 1e4, 1e11, "Pa", "Is the yield strength in MPa?", POWER
+    ),
+}
+
+
+def plausibility(data: Any) -> tuple[Implausible, ...]:
     """Likely mistakes in data, each with a question; empty if there are none."""
     with np.errstate(all="ignore"):
-        found: list[Implausible | None] = [
-            *of_bodies(data.bodies, data.contact),
-            _yield_beyond_limit(data),
-            _too_fast(data),
-            _too_deep(data),
-            _no_wall(data),
-            _divided(data),
-            _above_one(data),
-            _runs(data),
-            *_far_from_hertz(data),
-        ]
-    return tuple(dict.fromkeys(doubt for doubt in found if doubt is not None))
+        found = [Implausible(*one) for one in (*of_bodies(data.bodies, data.contact), *_of(data))]
+    return tuple(dict.fromkeys(found))
 
 
-def _yield_beyond_limit(data: RestitutionData) -> Implausible | None:
-    if data.contact is None:
-        return None
-    critical = np.asarray(data.contact.critical_velocity, float)
-    limit = np.asarray(data.limit_velocity, float)
-    if not np.any(critical > limit):
-        return None
-    cause = f"first yield at {np.max(critical):.3g} m/s is beyond v_lim = {np.min(limit):.3g} m/s"
-    advice = (
-        "Are the yield strength and Young's modulus in the same unit? "
-        "What does not yield has other laws: `--law viscoelastic` for rubber."
-    )
-    return Implausible("yield-beyond-limit", cause, advice)
+def of_bodies(bodies: Iterable[Any], contact: Any) -> Iterator[Implausible]:
+    """The properties outside their plausible ranges, of the bodies or else of the contact."""
+    for name, one, value in _properties(bodies, contact):
+        low, high = float(np.min(value)), float(np.max(value))
+        if low < one.lowest or high > one.highest:
+            is_above = high > one.highest
+            cause = f"the {one.name} of the {name} is {high if is_above else low:.3g} {one.unit}"
+            cause = f"{cause}, outside {one.accepted}".replace("the Young", "Young")
+            yield Implausible(one.code, cause, one.if_above if is_above else one.if_below)
 
 
-def _too_fast(data: RestitutionData) -> Implausible | None:
-    fastest = float(np.max(data.velocity))
-    if fastest <= FASTEST:
-        return None
-    cause = f"the largest velocity is {fastest:.3g} m/s"
-    return Implausible(
-        "velocity", cause, "Which unit has it? The header says it: `velocity [mm/s]`"
-    )
+def check_far(bodies: Iterable[Any], contact: Any) -> None:
+    """Refuse properties more than 100 times outside their plausible ranges.
+
+    Raises:
+        DataError: naming the property, its value and its range.
+    """
+    for name, one, value in _properties(bodies, contact):
+        if one.is_far(value):
+            quantity = f"{float(np.ravel(value)[0]):.3g} {one.unit}"
+            accepted = f"{one.accepted}, or 100 times outside at most; {AS_IT_IS}"
+            raise DataError(f"{one.name} of the {name}", quantity, accepted)
 
 
-def _too_deep(data: RestitutionData) -> Implausible | None:
-    """Free falls from higher than anybody drops a ball."""
-    cause = next((note for note in data.remarks if note.startswith(FALLS)), None)
-    if cause is None:
-        return None
-    advice = "Which unit is it? The header says it: `drop_height [mm]`, `interval [ms]`"
-    return Implausible("height", cause, advice)
+def _properties(bodies: Iterable[Any], contact: Any) -> Iterator[tuple[str, Range, Any]]:
+    """Properties of each body, or of the two equal spheres (of ν = 0.3) that the contact could be."""
+    every = [(name, {"radius": radius, **one.leaves()}) for name, one, radius in bodies]
+    if not every and contact is not None:
+        leaves = {name: np.asarray(leaf, float) for name, leaf in contact.leaves().items()}
+        radius = 2 * leaves["radius"]
+        equal = {"radius": radius, "yield_strength": leaves["yield_strength"]}
+        equal["density"] = 2 * leaves["mass"] / (4 / 3 * np.pi * radius**3)
+        equal["youngs_modulus"] = 2 * (1 - 0.3**2) * leaves["youngs_modulus"]
+        every = [("spheres, if they are equal,", equal)]
+    for name, values in every:
+        for key, one in RANGES.items():
+            if values[key] is not None:  # a wall has no radius
+                yield name, one, values[key]
 
 
-def _no_wall(data: RestitutionData) -> Implausible | None:
-    """Balls that fell on a ball: on what else than a wall balls mostly fall."""
-    spheres = [body for body in data.bodies if body.radius is not None]
-    if FALLEN not in data.remarks or len(spheres) < 2:
-        return None
-    cause = "the dropped balls met a sphere like them, as no wall is given"
-    return Implausible(
-        "no-wall", cause, "If it was a wall, `[material.wall]` gives its properties."
-    )
-
-
-def _divided(data: RestitutionData) -> Implausible | None:
+def _of(data: Any) -> Iterator[tuple[str, str, str]]:
+    contact, fastest = data.contact, float(np.max(data.velocity))
+    if contact is not None:
+        critical, limit = np.asarray(contact.critical_velocity), np.asarray(data.limit_velocity)
+        if np.any(critical > limit):
+            cause = f"first yield at {np.max(critical):.3g} m/s is beyond v_lim = {np.min(limit):.3g} m/s"
+            advice = "Are the yield strength and Young's modulus in the same unit? "
+            advice += "What does not yield has other laws: `--law viscoelastic` for rubber."
+            yield "yield-beyond-limit", cause, advice
+    if fastest > FASTEST:
+        advice = "Which unit has it? The header says it: `velocity [mm/s]`"
+        yield "velocity", f"the largest velocity is {fastest:.3g} m/s", advice
+    for note in data.remarks:
+        if note.startswith(FALLS):  # from higher than anybody drops a ball
+            advice = "Which unit is it? The header says it: `drop_height [mm]`, `interval [ms]`"
+            yield "height", note, advice
+    if FALLEN in data.remarks and sum(body.radius is not None for body in data.bodies) > 1:
+        cause = "the dropped balls met a sphere like them, as no wall is given"
+        yield "no-wall", cause, "If it was a wall, `[material.wall]` gives its properties."
     largest = float(np.nanmax(data.restitution, initial=-1.0))
-    if largest < 0 or largest >= LOWEST_RESTITUTION:
-        return None
-    cause = f"all restitutions are below {LOWEST_RESTITUTION}, {largest:.3g} at most"
-    return Implausible("percent", cause, "Are they fractions whose unit says percent?")
+    if 0 <= largest < LOWEST_RESTITUTION:
+        cause = f"all restitutions are below {LOWEST_RESTITUTION}, {largest:.3g} at most"
+        yield "percent", cause, "Are they fractions whose unit says percent?"
+    yield from _above_one(data)
+    yield from _runs(data)
+    if contact is not None:
+        yield from _far_from_hertz(data)
 
 
-def _above_one(data: RestitutionData) -> Implausible | None:
+def _above_one(data: Any) -> Iterator[tuple[str, str, str]]:
     """A median above 1 by more than its standard error explains: not noise, but a mistake in all rows."""
     seen = np.isfinite(data.restitution)
-    n, excess = int(np.sum(seen)), float(np.median(data.restitution[seen])) - 1
-    if n < FEWEST or excess <= 0:
-        return None
+    n = int(np.sum(seen))
+    excess = float(np.median(data.restitution[seen])) - 1 if n >= FEWEST else 0.0
+    if excess <= 0:
+        return
     order = np.flatnonzero(seen)[np.argsort(data.velocity[seen], kind="stable")]
-    error = np.sqrt(np.pi / 2 / n) * scatter_of(data.velocity[order], data.restitution[order])
+    scatter = _scatter_of(data.velocity[order], data.restitution[order])
     if data.uncertainty is not None:
-        error = max(error, np.sqrt(np.pi / 2 / n) * float(np.median(data.uncertainty[seen])))
-    if excess <= SURE * error:
-        return None
-    cause = f"half of the restitutions are above {1 + excess:.4g}, which noise would not do"
-    advice = "Are impact and rebound exchanged, or is a scale off?"
-    return Implausible("above-one", cause, advice)
+        scatter = max(scatter, float(np.median(data.uncertainty[seen])))
+    if excess > SURE * np.sqrt(np.pi / 2 / n) * scatter:
+        cause = f"half of the restitutions are above {1 + excess:.4g}, which noise would not do"
+        yield "above-one", cause, "Are impact and rebound exchanged, or is a scale off?"
 
 
-def _far_from_hertz(data: RestitutionData) -> Iterator[Implausible]:
+def _runs(data: Any) -> Iterator[tuple[str, str, str]]:
+    """Velocities that go all through their range several times over, and no `group`."""
+    sized = data.contact is not None and any(map(np.ndim, data.contact.leaves().values()))
+    if sized or data.group is not None or data.errors.shares or len(data) < FEWEST:
+        return
+    for velocity, word in ((data.velocity, "ascend"), (-data.velocity, "descend")):
+        starts = np.concatenate([[0], np.flatnonzero(np.diff(velocity) < 0) + 1, [len(data)]])
+        # each run rises within itself: repeats at one velocity are no run
+        rises = velocity[starts[1:] - 1] > velocity[starts[:-1]]
+        if len(starts) > 2 and np.min(np.diff(starts)) >= SHORTEST and np.all(rises):
+            cause = f"velocities {word} {len(starts) - 1} times over, as if of so many specimens or launches"
+            yield "groups", cause, "Add a column `group` if rows belong together."
+            return
+
+
+def _far_from_hertz(data: Any) -> Iterator[tuple[str, str, str]]:
     """Compare observables with an elastic impact of the bodies.
 
     δ_max = (5 M v²/4k)^(2/5), F = k δ^(3/2), t = 2.9432 δ/v, a² = A δ (Johnson, Contact Mechanics, 1985).
     """
-    if data.contact is None:
-        return
     one = data.contact
     stiffness, mass = np.asarray(one.stiffness), np.asarray(one.mass)
     overlap = (1.25 * mass * data.velocity**2 / stiffness) ** 0.4
@@ -126,40 +198,15 @@ def _far_from_hertz(data: RestitutionData) -> Iterator[Implausible]:
         values = getattr(data, name)
         if values is None or not np.any(np.isfinite(values)):
             continue
-        ratio = float(np.nanmedian(values / expected))
+        ratio, value = float(np.nanmedian(values / expected)), float(np.nanmedian(values))
         if not 1 / FAR_FROM_HERTZ < ratio < FAR_FROM_HERTZ:
-            value, unit = float(np.nanmedian(values)), SI_UNITS[name]
-            cause = (
-                f"{name} is {value:.3g} {unit} at the median, {ratio:.2g} times an elastic impact's"
-            )
+            cause = f"{name} is {value:.3g} {OBSERVED[name]} at the median, "
+            cause += f"{ratio:.2g} times an elastic impact's"
             advice = f"Which unit has it? The header says it: `{name} [{EXAMPLES[name]}]`"
-            yield Implausible(name.replace("_", "-"), cause, advice)
+            yield name.replace("_", "-"), cause, advice
 
 
-def _runs(data: RestitutionData) -> Implausible | None:
-    """Velocities that go all through their range several times over, and no `group`."""
-    sized = data.contact is not None and any(map(np.ndim, data.contact.leaves().values()))
-    if sized or data.group is not None or data.errors.shares or len(data) < FEWEST:
-        return None
-    for sign, word in ((1, "ascend"), (-1, "descend")):
-        velocity = sign * data.velocity
-        starts = np.concatenate([[0], np.flatnonzero(np.diff(velocity) < 0) + 1, [len(data)]])
-        if (
-            len(starts) > 2
-            and np.min(np.diff(starts)) >= SHORTEST
-            and np.all(_spans(velocity, starts))
-        ):
-            cause = f"velocities {word} {len(starts) - 1} times over, as if of so many specimens or launches"
-            return Implausible("groups", cause, "Add a column `group` if rows belong together.")
-    return None
-
-
-def _spans(velocity, starts) -> np.ndarray:
-    """Whether each run rises within itself: repeats at one velocity are no run."""
-    return velocity[starts[1:] - 1] > velocity[starts[:-1]]
-
-
-def scatter_of(velocity: Column, restitution: Column) -> float:
+def _scatter_of(velocity: Column, restitution: Column) -> float:
     """Robust standard deviation of ε about a smooth curve, of points in the order of velocity.
 
     1.4826 times the median of |ε_i - line through its two neighbours|, each scaled to the

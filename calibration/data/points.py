@@ -1,50 +1,71 @@
-"""The rows of a table in SI, and the points that become of them."""
+"""The rows of a table as impacts: velocity, restitution, and the errors of what was measured.
 
-from collections.abc import Mapping, Sequence
+    two velocities    v = v_in,         ε = v_out/v_in
+    two heights       v = √(2 g h₁),    ε = √(h₂/h₁)
+    intervals         v = g tₙ/2,       ε = tₙ₊₁/tₙ
+    times             tₙ = Tₙ₊₁ - Tₙ in these: the point is that of the bounce at Tₙ₊₁
+
+in vacuum; in air a flight begins and ends with other velocities (`calibration.data.air`). Each is a
+speed a(x₁) of arrival and one of departure b(x₂), ε = b/a, with the sensitivity coefficients
+
+    ∂ε/∂x₁ = -ε a'/v,    ∂ε/∂x₂ = b'/v,    ∂v/∂x₁ = a'
+
+(GUM, 5.1.3). Rows of which something needed was not measured (NaN) are left out, with a remark; those of
+one launch, and group, stand together and leave no gap: their cells of `uncertainty` and
+`velocity_uncertainty` are read in the row of tₙ, or of Tₙ₊₁, alone.
+"""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Int
 
-from calibration.data.air import Air, Fall
-from calibration.data.checks import Column
-from calibration.data.columns import Kind
-from calibration.data.errors_of_points import PointErrors
-from calibration.errors import DataError
+from calibration.data.air import Air, Fall, ball_of, checked_air
+from calibration.data.checks import (
+    Column,
+    as_labels,
+    as_number,
+    as_numbers,
+    check_lengths,
+    codes_of,
+    require,
+)
+from calibration.data.columns import (
+    HEIGHTS,
+    LABELS,
+    OBSERVED,
+    SI_UNITS,
+    SIZES,
+    UNCERTAINTIES,
+    VELOCITIES,
+    Kind,
+    Layout,
+    accepts,
+    layout_of,
+)
+from calibration.data.point_errors import PointErrors, paired, three
+from calibration.data.units import Relative, in_si, quantity, unit_of
+from calibration.errors import DataError, did_you_mean, listed
 
 STANDARD_GRAVITY = 9.80665  # m/s²
 FASTEST_FALL = 20.0  # m/s, of more than 20 m
 FALLEN = "impact velocities follow from the drop heights"  # a remark
 FALLS = "falls as fast as"  # a remark on those that are faster
-
-
-class Measured(NamedTuple):
-    """The rows of a table.
-
-    Attributes:
-        kind: what the columns are together.
-        columns: by name, in SI; NaN where a cell is empty; those of labels are text.
-        relative: names of uncertainties that are parts of the quantity itself.
-        gravity: g [m/s²].
-        air: what balls fly in; None: their flights are taken as if in vacuum.
-    """
-
-    kind: Kind
-    columns: Mapping[str, np.ndarray]
-    relative: frozenset[str] = frozenset()
-    gravity: float = STANDARD_GRAVITY
-    air: Air | None = None
-
-    def uncertainty(self, name: str, of: Column) -> Column | None:
-        """The uncertainty of `of` in the column of that name, None where there is none."""
-        if name not in self.columns:
-            return None
-        return self.columns[name] * np.abs(of) if name in self.relative else self.columns[name]
-
-    def take(self, rows) -> "Measured":
-        columns = {name: one[rows] for name, one in self.columns.items()}
-        return self._replace(columns=columns, air=None if self.air is None else self.air.take(rows))
+NOT_CORRECTED = (
+    "not corrected for air: the ball's diameter, and its mass or density, are not given "
+    "(air = false says that no correction is needed)"
+)
+OFF = 4.0  # standard uncertainties by which ε may differ from the other columns of its row
+OFF_UNKNOWN = 0.05  # the same where none is stated
+HIGHER = 1.3  # times the interval before: no noise
+POSITIVE = {"velocities": "a positive speed in m/s", "heights": "a positive height in m"}
+NOT_NEGATIVE = {"velocities": "a speed of 0 m/s or more", "heights": "a height of 0 m or more"}
+# ε beyond which two columns are exchanged or not in one unit, as their ratio
+SWAPPED = {"velocities": 1.25, "heights": 1.25**2}
 
 
 class Points(NamedTuple):
@@ -60,41 +81,502 @@ class Points(NamedTuple):
     fall: Fall | None = None
 
 
-def with_own(errors: PointErrors, table: Measured, velocity: Column, restitution: Column):
-    """The errors with what is stated of each ε and each v, and remarks on it.
+class Rows(NamedTuple):
+    """The rows of a table.
+
+    Attributes:
+        kind: what the columns are together.
+        columns: by name, in SI; NaN where a cell is empty; those of labels are text.
+        relative: names of uncertainties that are parts of the quantity itself.
+        gravity: g [m/s²].
+        air: what balls fly in; None: their flights are taken as if in vacuum.
+    """
+
+    kind: Kind
+    columns: Mapping[str, np.ndarray]
+    relative: frozenset[str]
+    gravity: float
+    air: Air | None
+
+    def uncertainty(self, name: str, of: Column) -> Column | None:
+        """The uncertainty of `of` in the column of that name, None where there is none."""
+        if name not in self.columns:
+            return None
+        return self.columns[name] * np.abs(of) if name in self.relative else self.columns[name]
+
+    def take(self, rows) -> "Rows":
+        columns = {name: one[rows] for name, one in self.columns.items()}
+        return self._replace(columns=columns, air=None if self.air is None else self.air.take(rows))
+
+
+@contextmanager
+def rows_blamed(rows: np.ndarray | None = None) -> Iterator[None]:
+    """Refusals of points as those of their rows in the table, where NaN is an empty cell."""
+    try:
+        yield
+    except DataError as error:
+        index = error.index if rows is None or error.index is None else int(rows[error.index])
+        value = "empty" if error.value == "nan" else error.value
+        raise DataError(error.argument, value, error.accepted, index) from None
+
+
+def read_points(
+    table: Mapping[str, Any],
+    ball: Mapping[str, Any],
+    uncertainties: Mapping[str, Any],
+    gravity: float | None,
+    group: Sequence[Any] | None,
+    air: Any,
+    of_file: bool,
+) -> Points:
+    """The points of a table (see `RestitutionData.from_table`).
+
+    Args:
+        ball: diameter, mass and density of what flies, None where they are not known.
+        air: True or None, False, or the density of air.
+        of_file: whether a bare number is refused with a column in another unit than SI's.
 
     Raises:
-        DataError: for an invalid uncertainty.
+        DataError: naming the column, and the row where one is to blame.
+        TypeError: for an uncertainty that has no such name.
     """
-    alone = table.uncertainty("uncertainty", restitution)
+    headers = getattr(table, "columns", None)  # a frame's
+    headers = list(getattr(table, "keys", tuple)() if headers is None else headers)
+    layout = layout_of([str(header) for header in headers])
+    kind = layout.kind
+    columns = {
+        name: _column(name, table[headers[at]], layout) for name, at in layout.position.items()
+    }
+    for name, unit in layout.written.items() if of_file else ():
+        if name.endswith("uncertainty") and unit is None:
+            _check_unit(name, None, layout)
+    count, relative = len(columns[kind.needs[0]]), set(layout.relative)
+    for name, value in uncertainties.items():
+        stated = _stated(name, value, columns, layout, of_file)
+        columns[name] = np.full(count, float(stated))
+        relative |= {name} if isinstance(stated, Relative) else set()
+    if group is not None:
+        if "group" in columns:
+            raise DataError("group", "both a column and an argument", "given once")
+        columns["group"] = as_labels("group", group)
+    check_lengths(columns)
+    g = _gravity(gravity, kind)
+    around, remark = _air(air, columns, ball, kind, g)
+    for name in {*SIZES} & {*columns}:
+        require(name, columns[name], lambda x: x > 0, "a positive number in each row")
+    rows = Rows(kind, columns, frozenset(relative), g, around)
+    with np.errstate(all="ignore"):  # what is not finite in the end is refused
+        points = (_sequences if kind.is_sequence else _single_impacts)(rows)
+    remarks = (*layout.remarks, *points.remarks, *remark)
+    more, fall = _more(rows, points), _fall(layout, around, g)
+    return points._replace(remarks=remarks, more=more, fall=fall)
+
+
+def radius_of(columns: Mapping[str, Any], density: Any) -> Any:
+    """Radius of the sphere in each row; None where the rows do not have it."""
+    if "radius" in columns:
+        return columns["radius"]
+    if "diameter" in columns:
+        return columns["diameter"] / 2
+    if "mass" in columns and density is not None:
+        return (3 * columns["mass"] / (4 * np.pi * density)) ** (1 / 3)
+    return None
+
+
+def _column(name: str, values: Any, layout: Layout) -> np.ndarray:
+    if name in LABELS:
+        return as_labels(name, values)
+    with np.errstate(over="ignore"):  # what is not finite is refused as the quantity that it is
+        return in_si(as_numbers(name, values), layout.units[name])
+
+
+def _stated(name: str, value: Any, columns: Any, layout: Layout, of_file: bool) -> float:
+    """An uncertainty that is stated for all rows, in SI or `Relative`."""
+    if name not in UNCERTAINTIES:
+        raise TypeError(f"unexpected keyword argument {name!r}{did_you_mean(name, UNCERTAINTIES)}")
+    if of_file and not isinstance(value, str | Relative):
+        _check_unit(name, value, layout)
+    if name in columns:
+        raise DataError(name, "both a column and a number for the set", "given once")
+    if not accepts(layout.kind, name, layout.position):
+        raise DataError(name, "given", f"left out with {' and '.join(layout.kind.needs)}")
+    if isinstance(value, str):
+        value = quantity(value, SI_UNITS[name])
+    number = as_number(name, value, lambda u: u >= 0, "a number of 0 or more")
+    return Relative(number) if isinstance(value, Relative) else number
+
+
+def _check_unit(name: str, value: Any, layout: Layout) -> None:
+    """Refuse a bare number, which is in SI, next to columns in another unit: either may be meant.
+
+    Args:
+        value: the number, or None for a column without a unit.
+    """
+    base = "restitution" if name == "uncertainty" else name.removesuffix("_uncertainty")
+    si = SI_UNITS[name]
+    values = [base] if base in layout.written or name == "uncertainty" else layout.kind.needs
+    units = [layout.written.get(one) for one in values if SI_UNITS.get(one) == si]
+    other = next((unit for unit in units if unit is not None and unit_of(unit, si) != 1), None)
+    if other is None:
+        return
+    if value is None:
+        accepted = f"`{name} [{si}]` or `{name} [{other}]`"
+        raise DataError(name, f"without a unit next to [{other}]", accepted)
+    if si != "1":
+        both = f'"{value} {si}" or "{value} {other}"'
+        raise DataError(name, f"{value}, without a unit next to [{other}]", f"one of {both}")
+    require(name, np.atleast_1d(value), lambda u: u <= 1, f"of ε itself, 0.02 for 2 [{other}]")
+
+
+def _gravity(gravity: float | None, kind: Kind) -> float:
+    if gravity is None:
+        return STANDARD_GRAVITY
+    if not kind.is_flight:
+        raise DataError("gravity", "given", "left out where velocities are given")
+    return as_number("gravity", gravity, lambda g: g > 0, "a positive acceleration in m/s²")
+
+
+def _air(air: Any, columns: Any, ball: Mapping[str, Any], kind: Kind, gravity: float):
+    """The air of flights, or None if it is ignored, and a remark."""
+    radius = radius_of(columns, ball["density"])
+    diameter = ball["diameter"] if radius is None else 2 * radius
+    found = ball_of(diameter, columns.get("mass", ball["mass"]), ball["density"])
+    density = checked_air(air)
+    if density is None or not kind.is_flight:
+        return None, ()
+    if found is not None:
+        return Air(*found, gravity, density), ()
+    if isinstance(air, bool | None):
+        return None, (NOT_CORRECTED,)
+    raise DataError("ball", "missing", "given with air: its diameter, and its mass or density")
+
+
+def _fall(layout: Layout, air: Air | None, gravity: float) -> Fall | None:
+    """Conversion of heights to velocities; None for other columns, and for balls of several sizes."""
+    if HEIGHTS[0] not in layout.kind.needs:
+        return None
+    unit = layout.written[HEIGHTS[0]] or "m"
+    if air is None:
+        return Fall(unit, gravity)
+    if np.ndim(air.diameter) or np.ndim(air.mass):
+        return None
+    return Fall(unit, gravity, air.density, float(air.diameter), float(air.mass))
+
+
+def _more(rows: Rows, points: Points) -> dict[str, np.ndarray]:
+    """Observables other than ε, their uncertainties, and sizes."""
+    rows = rows.take(points.rows)
+    found = {name: rows.columns[name] for name in (*OBSERVED, *SIZES) if name in rows.columns}
+    for name in {*OBSERVED} & {*found}:
+        if (uncertainty := rows.uncertainty(f"{name}_uncertainty", found[name])) is not None:
+            found[f"{name}_uncertainty"] = uncertainty
+    if rows.kind.is_flight and "contact_time" in found:
+        flight = 2 * points.velocity / rows.gravity
+        for row in np.flatnonzero(found["contact_time"] >= flight)[:1]:
+            accepted = f"shorter than the flight, {flight[row]:.3g} s"
+            value = float(found["contact_time"][row])
+            raise DataError("contact_time", value, accepted, int(points.rows[row]))
+    return found
+
+
+# ---------------------------------------------------------------- an impact by two quantities
+
+
+class Impacts(NamedTuple):
+    """v and ε of measured quantities x₁ and x₂, and their sensitivity coefficients."""
+
+    velocity: Column
+    restitution: Column
+    by_first: Column  # ∂ε/∂x₁
+    by_second: Column  # ∂ε/∂x₂
+    faster: Column  # ∂v/∂x₁
+    by_drag: Any  # of ε and v in the drag coefficient, (n, 2); None without air
+    remarks: tuple[str, ...]
+
+
+def _impacts(rows: Rows, first: Column, second: Column, least: Column) -> Impacts:
+    """Impacts of what was measured before and after.
+
+    Args:
+        least: where the slope in `second` is taken.
+    """
+    what, gravity, air = rows.kind.what, rows.gravity, rows.air
+    if what == "velocities":
+        velocity, power = first, 1.0
+    elif what == "heights":
+        velocity, power = np.sqrt(2 * gravity * first), 0.5
+    else:
+        velocity, power = gravity * first / 2, 1.0
+    restitution = (second / first) ** power
+    if air is None:
+        by_second = power / first * (np.where(least > 0, least, np.inf) / first) ** (power - 1)
+        by_first, faster = -power * restitution / first, power * velocity / first
+        return Impacts(velocity, restitution, by_first, by_second, faster, None, ())
+    arrival, departure = ("fall", "rise") if what == "heights" else ("landing", "take_off")
+    in_vacuum = velocity, restitution
+    velocity = getattr(air, arrival)(first)
+    restitution = getattr(air, departure)(second) / velocity
+    faster, slower = air.slope(arrival, first), air.by_drag(arrival, first)
+    of_second = air.by_drag(departure, second) - restitution * slower
+    return Impacts(
+        velocity,
+        restitution,
+        -restitution * faster / velocity,
+        air.slope(departure, least) / velocity,
+        faster,
+        np.stack([of_second / velocity, slower], axis=1),
+        air.remarks(velocity, restitution, in_vacuum),
+    )
+
+
+def _with_own(errors: PointErrors, rows: Rows, velocity: Column, restitution: Column):
+    """The errors with what is stated of each ε and each v, and remarks on it."""
+    alone = rows.uncertainty("uncertainty", restitution)
+    of_velocity = rows.uncertainty("velocity_uncertainty", velocity)
+    remarks: tuple[str, ...] = ()
     if alone is not None:
         alone = np.where(np.isnan(restitution), 1.0, alone)  # of what was not measured
-    of_velocity = table.uncertainty("velocity_uncertainty", velocity)
-    remarks: tuple[str, ...] = ()
-    if (
-        alone is not None and errors.size_is_unknown
-    ):  # stated of each ε: nothing is left to estimate
-        errors = replace(PointErrors.alone(len(errors)), by_drag=errors.by_drag)
-    elif alone is not None and errors.kind:
-        remarks = (f"uncertainty is added to that of the {errors.kind}",)
-    if errors.kind == "velocities":  # of which v is one: see `singles`
+        if errors.size_is_unknown:  # stated of each ε: nothing is left to estimate
+            errors = replace(PointErrors.alone(len(errors)), by_drag=errors.by_drag)
+        elif errors.kind:
+            remarks = (f"uncertainty is added to that of the {errors.kind}",)
+    if errors.kind == "velocities":  # of which v is one
         of_velocity = None
     return replace(errors, restitution_alone=alone, velocity_alone=of_velocity), remarks
 
 
-def of_falls(velocity: Column, gravity: float) -> tuple[str, ...]:
+def _of_falls(velocity: Column, gravity: float) -> Iterator[str]:
     """Remarks: that they are, and on falls from higher than anybody drops a ball, in air too."""
+    yield FALLEN
     fastest = float(np.max(velocity))
-    if not FASTEST_FALL < fastest < np.inf:
-        return (FALLEN,)
-    return (
-        FALLEN,
-        f"{FALLS} {fastest:.3g} m/s, from {fastest * (fastest / (2 * gravity)):.3g} m",
-    )
+    if FASTEST_FALL < fastest < np.inf:
+        height = fastest * (fastest / (2 * gravity))
+        yield f"{FALLS} {fastest:.3g} m/s, from {height:.3g} m"
 
 
-def of_row(error: DataError, rows: np.ndarray) -> DataError:
-    """The refusal of a point as that of its row in the table, where NaN is an empty cell."""
-    index = None if error.index is None else int(rows[error.index])
-    value = "empty" if error.value == "nan" else error.value
-    return DataError(error.argument, value, error.accepted, index)
+# ---------------------------------------------------------------- single impacts, one a row
+
+
+def _single_impacts(rows: Rows) -> Points:
+    kept, left_out = _complete(rows)
+    rows = rows.take(kept)
+    columns, restitution = rows.columns, np.full(len(kept), np.nan)
+    with rows_blamed(kept):
+        if rows.kind.what:
+            velocity, restitution, errors, remarks = _of_pairs(rows)
+        else:
+            velocity, errors, remarks = columns["velocity"], PointErrors.alone(len(kept)), ()
+        if "restitution" in columns:
+            restitution, added = _stated_restitution(rows, restitution)
+            remarks = (*remarks, *added)
+        errors, added = _with_own(errors, rows, velocity, restitution)
+    group = columns.get("group")
+    if group is None and "launch" in columns:
+        group = _launches(columns["launch"])
+    return Points(velocity, restitution, errors, kept, group, (*left_out, *remarks, *added))
+
+
+def _complete(rows: Rows) -> tuple[np.ndarray, tuple[str, ...]]:
+    """The rows where all that is needed was measured; something else may stand for a rebound."""
+    first, *others = (np.isnan(rows.columns[name]) for name in rows.kind.needs)
+    seen = [np.isfinite(rows.columns[name]) for name in OBSERVED if name in rows.columns]
+    other, nothing = np.any(seen, axis=0), not rows.kind.has_restitution
+    missing = first | ((np.any(others, axis=0) | nothing) & ~other)
+    if not np.any(missing):
+        return np.arange(len(missing)), ()
+    if np.all(missing):
+        raise DataError("set of rows", "empty", f"one with {listed(rows.kind.needs)}, or more")
+    count, row = int(np.sum(missing)), int(np.argmax(missing)) + 1
+    remark = f"{count} row(s) without a measurement are left out, the first of them row {row}"
+    return np.flatnonzero(~missing), (remark,)
+
+
+def _of_pairs(rows: Rows) -> tuple[Column, Column, PointErrors, tuple[str, ...]]:
+    """v, ε and errors of two velocities, or of two heights, of which the second may be missing."""
+    what, columns = rows.kind.what, rows.columns
+    names = VELOCITIES if what == "velocities" else HEIGHTS
+    first = columns[names[0]]
+    second = columns[names[1]] if names[1] in rows.kind.needs else np.full(len(first), np.nan)
+    seen = np.isfinite(second)
+    second = np.where(seen, second, 0.0)
+    remarks: tuple[str, ...] = ()
+    of_one_sign = np.all(first > 0) or np.all(first < 0)
+    if what == "velocities" and of_one_sign and np.all(first * second <= 0):
+        first, second = np.abs(first), np.abs(second)
+        remarks = ("the signs of velocities before and after the impact are ignored",)
+    require(names[0], first, lambda x: x > 0, POSITIVE[what])
+    require(names[1], second, lambda x: x >= 0, NOT_NEGATIVE[what])
+    for row in np.flatnonzero(second > SWAPPED[what] * first)[:1]:
+        accepted = f"at most its {names[0]}, {first[row]:.6g}, or little more; "
+        accepted += "are both in the same unit, and in this order?"
+        raise DataError(names[1], float(second[row]), accepted, int(row))
+    sizes, stated = _sizes_of_pairs(rows, names, (first, second))
+    # the slope of √h is infinite at h = 0: there u(ε) is to be the ε that a height of u gives
+    least = second if sizes is None else np.maximum(second, sizes[1] / 4)
+    hit = _impacts(rows, first, second, least)
+    remarks = (*remarks, *stated, *hit.remarks)
+    if what == "heights":
+        remarks = (*remarks, *_of_falls(hit.velocity, rows.gravity))
+    errors = PointErrors.alone(len(first))
+    if sizes is not None:
+        slopes = three(hit.by_first, hit.by_second), three(hit.faster)
+        errors = PointErrors(paired(len(first)), *slopes, np.stack(sizes, axis=1).ravel(), what)
+    errors = replace(errors, by_drag=hit.by_drag)
+    return hit.velocity, np.where(seen, hit.restitution, np.nan), errors, remarks
+
+
+def _sizes_of_pairs(rows: Rows, names: tuple[str, str], values: tuple[Column, Column]):
+    """Standard uncertainties of both columns, None where none is stated, and remarks on them."""
+    both, is_pair = rows.kind.uncertainties[-1], names[1] in rows.kind.needs
+    pairs = zip(names, values, strict=True)
+    each = [rows.uncertainty(f"{name}_uncertainty", x) for name, x in pairs]
+    exact = [name for name, one in zip(names, each, strict=True) if one is None]
+    if both in rows.columns:
+        for name in names:
+            if name not in exact:
+                raise DataError(f"{name}_uncertainty", f"given with {both}", "given once")
+        each = [rows.uncertainty(both, x) for x in values]
+        remarks = [f"{both} applies to both {names[0]} and {names[1]}"]
+    elif len(exact) == len(names):
+        return None, ()
+    else:
+        remarks = [f"{n} is treated as exact: no uncertainty of it is stated" for n in exact]
+    sizes = [np.zeros(len(values[0])) if one is None else one for one in each]
+    for size in sizes:
+        what = f"uncertainty of the {rows.kind.what}"
+        require(what, size, lambda u: u >= 0, "a number of 0 or more")
+    return sizes, remarks if is_pair else ()
+
+
+def _stated_restitution(rows: Rows, measured: Column) -> tuple[Column, tuple[str, ...]]:
+    """The restitution of a table, checked against the `measured` one of its other columns."""
+    columns, in_air = rows.columns, rows.air is not None
+    stated = columns["restitution"]
+    if set(HEIGHTS) <= set(columns):
+        drop, rebound = (columns[name] for name in HEIGHTS)
+        require(HEIGHTS[0], drop, lambda h: h > 0, POSITIVE["heights"])
+        seen = np.where(np.isfinite(stated), rebound, 0.0)
+        require(HEIGHTS[1], seen, lambda h: h >= 0, NOT_NEGATIVE["heights"])
+        ratio = rebound / drop
+        formula = f"√({HEIGHTS[1]}/{HEIGHTS[0]})" + " in air" * in_air
+        _check(rows, stated, measured if rows.kind.what else np.sqrt(ratio), formula, ratio)
+        if in_air:
+            by_vacuum, by_air = (np.abs(stated - one) for one in (np.sqrt(ratio), measured))
+            if np.nanmedian(by_vacuum) < np.nanmedian(by_air):
+                remark = "restitution is √(rebound_height/drop_height): it is corrected for air too"
+                return measured, (remark,)
+    elif rows.kind.what == "velocities":
+        _check(rows, stated, measured, f"{VELOCITIES[1]}/{VELOCITIES[0]}")
+    return stated, ()
+
+
+def _check(rows: Rows, stated: Column, expected: Column, formula: str, slip: Any = np.nan) -> None:
+    """Restitutions given with other measurements must be as expected, and not the likely slip, ε²."""
+    seen = np.where(np.isnan(expected), 0.0, stated)
+    require("restitution", seen, lambda e: e >= 0, "a number of 0 or more")
+    uncertainty = rows.uncertainty("uncertainty", stated)
+    noise = OFF_UNKNOWN if uncertainty is None else OFF * uncertainty
+    off, off_slip = np.abs(stated - expected), np.abs(stated - slip)
+    is_slip = (off_slip < off) & (off_slip <= noise)
+    # noise hides it in a point near ε = 1, not in most
+    wrong = is_slip if 2 * np.sum(is_slip) > len(stated) else off > noise
+    for row in np.flatnonzero(wrong)[:1]:
+        blame = "the ratio of the heights" if is_slip[row] else "not the one of the same row"
+        accepted = f"{formula}, {expected[row]:.6g}, or left out"
+        raise DataError("restitution", f"{stated[row]:.6g}, {blame}", accepted, int(row))
+
+
+# ---------------------------------------------------------------- bounces that follow each other
+
+
+def _sequences(rows: Rows) -> Points:
+    name = rows.kind.needs[0]
+    span = 1 + (name == "time")  # rows from the first to the last that a point needs
+    with rows_blamed():
+        sequence = _sequence_of(rows)
+        interval = _intervals(rows, name, sequence)
+        sizes = _timing(rows, name)
+    first = np.flatnonzero(sequence[span:] == sequence[:-span])
+    if not first.size:
+        accepted = f"of {span + 1} rows or more, which stand together"
+        raise DataError("launch", f"of {span} row(s) everywhere", accepted)
+    taken, after = first + span - 1, interval[first + 1]
+    used = rows.take(taken)
+    hit = _impacts(used, interval[first], after, after)
+    index = first[:, None] + np.arange(3)
+    to_restitution, to_velocity = three(hit.by_first, hit.by_second), three(hit.faster)
+    if name == "interval":
+        index[:, 2] = -1
+    else:
+        to_restitution = three(-hit.by_first, hit.by_first - hit.by_second, hit.by_second)
+        to_velocity = three(-hit.faster, hit.faster)
+    numbers = np.unique(index[index >= 0])
+    index = np.where(index < 0, -1, np.searchsorted(numbers, index))
+    sizes = None if sizes is None else sizes[numbers]
+    errors = PointErrors(index, to_restitution, to_velocity, sizes, rows.kind.what)
+    with rows_blamed(taken):
+        errors = replace(errors, by_drag=hit.by_drag)
+        errors, added = _with_own(errors, used, hit.velocity, hit.restitution)
+    group = used.columns.get("group")
+    if group is None and "launch" in rows.columns:
+        group = _launches(rows.columns["launch"])[taken]
+    short = int(np.sum(np.bincount(sequence) <= span))
+    what = "a single interval" if span == 1 else "fewer than three bounces"
+    remarks = [f"{short} launch(es) of {what} give no restitution and are not used"] * bool(short)
+    remarks += [*added, *hit.remarks, *_of_falls(hit.velocity, rows.gravity)]
+    return Points(hit.velocity, hit.restitution, errors, taken, group, tuple(remarks))
+
+
+def _launches(labels: np.ndarray) -> np.ndarray:
+    """Labels of launches, rows that stand together: one that comes back is another, `1 (2)`."""
+    fresh = np.concatenate([[True], labels[1:] != labels[:-1]])
+    count: Counter[str] = Counter()
+    names = []
+    for label in labels[fresh]:
+        count[label] += 1
+        names.append(label if count[label] == 1 else f"{label} ({count[label]})")
+    return np.array(names, dtype=object)[np.cumsum(fresh) - 1]
+
+
+def _sequence_of(rows: Rows) -> np.ndarray:
+    """A number for each run of rows of one launch and one group."""
+    breaks = np.zeros(len(rows.columns[rows.kind.needs[0]]), bool)
+    for name in {*LABELS} & {*rows.columns}:
+        labels = codes_of(rows.columns[name])
+        breaks[1:] |= labels[1:] != labels[:-1]
+    return np.cumsum(breaks)
+
+
+def _intervals(rows: Rows, name: str, sequence: np.ndarray) -> Column:
+    """Times from each bounce to the next; those from one launch to another mean nothing."""
+    values = rows.columns[name]
+    hint = "(a launch column separates launches)"
+    if name == "interval":
+        require(name, values, lambda t: t > 0, "a positive time in s: no gap within a launch")
+        steps, before = values, "shorter than the one above"
+    else:
+        require(name, values, np.isfinite, "a time in s: no gap within a launch")
+        steps, before = np.diff(values), "sooner"
+        for row in 1 + np.flatnonzero((steps <= 0) & (sequence[1:] == sequence[:-1]))[:1]:
+            accepted = f"later than the one above it {hint}"
+            raise DataError(name, float(values[row]), accepted, int(row))
+    if not {*LABELS} & {*rows.columns}:
+        # a bounce much higher than the last is the next launch, in a table that names none
+        higher = np.flatnonzero(steps[1:] > HIGHER * steps[:-1])
+        for row in higher[:1] + 1 + len(values) - len(steps):
+            raise DataError(name, float(values[row]), f"{before} {hint}", int(row))
+    return steps
+
+
+def _timing(rows: Rows, name: str) -> Column | None:
+    """The timing uncertainty of each row; None where it is unknown, one for all."""
+    stated = [one for one in rows.kind.uncertainties if one in rows.columns]
+    if len(stated) == 2:
+        raise DataError(stated[1], f"given with {stated[0]}", "given once")
+    if not stated:
+        return None
+    if name == "time" and stated[0] in rows.relative:
+        raise DataError(stated[0], "in percent", "in s, ms or us, as times have no zero")
+    sizes = rows.uncertainty(stated[0], rows.columns[name])
+    require(stated[0], sizes, lambda u: u > 0, "a positive time in s")  # type: ignore[arg-type]
+    return sizes

@@ -1,46 +1,25 @@
 """The mean of repeats at one velocity, and how well it is known."""
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from calibration.data.checks import codes_of
-from calibration.data.errors_of_points import PointErrors, paired, three
+from calibration.data.point_errors import PointErrors, paired, three
 from calibration.errors import DataError
 
 Values = Float[np.ndarray, " n"]
-Means = Float[np.ndarray, " m"]
 ALIKE = 1e-14  # equal readings differ from their mean by rounding alone
 
 
-class Repeats(NamedTuple):
-    """n readings in m sets of repeats: the set of each, and how many there are in each."""
-
-    of: Int[np.ndarray, " n"]
-    counts: Int[np.ndarray, " m"]
-
-    def sum(self, values: Values) -> Means:
-        return np.bincount(self.of, weights=values, minlength=len(self.counts))
-
-
-class Averaged(NamedTuple):
-    """m means, in the order of their velocity, the first reading of each, and degrees of freedom.
-
-    `degrees` is None where uncertainties are stated or unknown, else that of the scatter, pooled
-    over all velocities, that is behind every uncertainty.
-    """
-
-    velocity: Means
-    restitution: Means
-    errors: PointErrors
-    degrees: int | None
-    rows: Int[np.ndarray, " m"]
-
-
-def average(velocity: Values, restitution: Values, errors: PointErrors, group=None) -> Averaged:
+def average(velocity: Values, restitution: Values, errors: PointErrors, group=None):
     """Average the readings of one group at equal velocities; see `RestitutionData.averaged`.
+
+    Returns:
+        m means in the order of their velocity, their errors, degrees of freedom of the scatter, pooled
+        over all velocities, that is behind every uncertainty (None where uncertainties are stated or
+        unknown), and the first reading of each.
 
     Raises:
         DataError: where readings share errors with each other.
@@ -48,61 +27,61 @@ def average(velocity: Values, restitution: Values, errors: PointErrors, group=No
     if errors.shares:
         accepted = "left out for bounce sequences, whose points share intervals"
         raise DataError("average of repeats", "requested", accepted)
-    repeats, rows = _repeats(velocity, group)
-    of_eps, of_v, joint = errors.moments()
-    if errors.uncertainty is None:
-        weight = 1 / repeats.counts[repeats.of]
+    of, rows = _repeats(velocity, group)
+    counts = np.bincount(of)
+
+    def total(values) -> Values:
+        return np.bincount(of, weights=np.broadcast_to(values, of.shape))
+
+    stated = errors.uncertainty
+    if stated is None:
+        weight = 1 / counts[of]
     else:
-        least = np.full(len(repeats.counts), np.inf)
-        np.minimum.at(least, repeats.of, errors.uncertainty)
-        weight = (least[repeats.of] / errors.uncertainty) ** 2  # no smaller number is squared
-        weight = weight / repeats.sum(weight)[repeats.of]
-    mean = repeats.sum(weight * restitution)
-    moments = [repeats.sum(weight**2 * one) for one in np.broadcast_arrays(of_eps, of_v, joint)]
+        least = np.full(len(counts), np.inf)
+        np.minimum.at(least, of, stated)
+        weight = (least[of] / stated) ** 2  # no smaller number is squared
+        weight = weight / total(weight)[of]
+    mean = total(weight * restitution)
+    sizes = errors.sizes_at(0.0)
+    to_eps, to_v = errors.to_restitution * sizes, errors.to_velocity * sizes
+    of_eps: Values | None
+    of_eps, of_v = (
+        total(weight**2 * (np.sum(part**2, axis=1) + (0.0 if alone is None else alone**2)))
+        for part, alone in ((to_eps, errors.restitution_alone), (to_v, errors.velocity_alone))
+    )
+    joint = total(weight**2 * np.sum(to_eps * to_v, axis=1))
     degrees = None
-    if errors.uncertainty is None:
-        moments[0], degrees = _scatter(repeats, restitution - mean[repeats.of])
+    if stated is None:
+        residual = restitution - mean[of]
+        left = len(of) - len(counts)
+        degrees = left if left and np.max(np.abs(residual)) >= ALIKE else None
+        of_eps = None if degrees is None else np.sum(residual**2) / left / counts
     known = errors.velocity_uncertainty is not None
-    found = _errors_of(moments[0], moments[1], moments[2], known)
+    found = _errors_of(of_eps, of_v, joint, known)
     if errors.by_drag is not None:
-        by_drag = np.stack([repeats.sum(weight * one) for one in errors.by_drag.T], axis=1)
+        by_drag = np.stack([total(weight * one) for one in errors.by_drag.T], axis=1)
         found = replace(found, by_drag=by_drag)
-    return Averaged(velocity[rows], mean, found, degrees, rows)
+    return mean, found, degrees, rows
 
 
-def _repeats(velocity: Values, group) -> tuple[Repeats, Int[np.ndarray, " m"]]:
-    """Readings at exactly equal velocities of one group, in the order of velocity."""
+def _repeats(velocity: Values, group) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " m"]]:
+    """The mean that each reading is of, readings at exactly equal velocities of one group, and firsts."""
     codes = np.zeros(len(velocity)) if group is None else codes_of(group)
     order = np.lexsort((codes, velocity))
     v, c = velocity[order], codes[order]
     fresh = np.concatenate([[True], (v[1:] != v[:-1]) | (c[1:] != c[:-1])])
     of = np.empty(len(order), int)
     of[order] = np.cumsum(fresh) - 1
-    return Repeats(of, np.bincount(of)), order[fresh]
+    return of, order[fresh]
 
 
-def _scatter(repeats: Repeats, residuals: Values):
-    """Variance of each mean from the pooled scatter of all repeats, and its degrees of freedom.
-
-    None where there are no repeats that differ.
-    """
-    total = int(np.sum(repeats.counts - 1))
-    if not total or np.max(np.abs(residuals)) < ALIKE:
-        return None, None
-    return np.sum(residuals**2) / total / repeats.counts, total
-
-
-def _errors_of(of_eps: Means | None, of_v: Means, joint: Means, velocity_known: bool):
-    """Errors of these variances and covariance: two elementary ones a point, where ε and v share."""
+def _errors_of(of_eps: Values | None, of_v: Values, joint: Values, velocity_known: bool):
+    """Errors of these variances and covariance: two input ones a point, where ε and v share."""
     if not np.any(joint):
-        return PointErrors.alone(
-            len(of_v),
-            None if of_eps is None else np.sqrt(of_eps),
-            np.sqrt(of_v) if velocity_known else None,
-        )
+        alone = None if of_eps is None else np.sqrt(of_eps)
+        return PointErrors.alone(len(of_v), alone, np.sqrt(of_v) if velocity_known else None)
     spread = np.sqrt(of_v)
     common = joint / np.where(spread > 0, spread, 1.0)
     rest = np.sqrt(np.maximum(of_eps - common**2, 0.0))
     sizes = np.ones(2 * len(of_v))
-    index = paired(len(of_v))
-    return PointErrors(index, three(common, rest), three(spread), sizes, "repeats")
+    return PointErrors(paired(len(of_v)), three(common, rest), three(spread), sizes, "repeats")

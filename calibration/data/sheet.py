@@ -21,9 +21,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from calibration.data.columns import ACCEPTED_SETS, layout_of
+from calibration.data.columns import ACCEPTED_SETS, LABELS, layout_of, read_header
 from calibration.data.measurements import RestitutionData
-from calibration.data.names import LABELS, read_header
 from calibration.data.text_file import MIB, decoded, read_bytes
 from calibration.errors import DataError, InputError, Origin
 
@@ -70,14 +69,17 @@ class Sheet:
         self.remarks: list[str] = []
         raw = read_bytes(path, LARGEST) if raw is None else raw
         rows = self._of_excel(raw) if raw.startswith(SPREADSHEETS) else self._of_text(raw)
-        self.rows = [row for row in rows if any(cell.strip() for cell in row.cells)]
+        self.rows = [row for row in rows if any(map(str.strip, row.cells))]
 
     def table(self, quoted: bool) -> tuple[dict[str, Any], tuple[str, ...], Origin]:
         """The columns that are used, by their names and units; remarks on them; their lines."""
-        headers = self._headers()
+        if not self.rows:
+            raise InputError(self.path, 1, "nothing in the file", "a header of columns is needed")
+        line, headers = self.rows[0].line, self.headers
+        if all(map(is_number, headers)):
+            accepted = "the first line names the columns, as in `velocity [m/s],restitution`"
+            raise InputError(self.path, line, "no header, only numbers", accepted)
         units = self._units(headers)
-        rows = self.rows[1 + (units is not None) :]
-        line = self.rows[0].line
         try:
             layout = layout_of(headers, units)
         except DataError as error:
@@ -85,10 +87,10 @@ class Sheet:
                 raise error.at(self.path, line) from None
             problem = "no header of measurements (it is not shown, as the file lies elsewhere)"
             raise InputError(self.path, line, problem, f"needed is {ACCEPTED_SETS}") from None
+        rows = [self.full(row, len(headers)) for row in self.rows[1 + (units is not None) :]]
         if not rows:
             accepted = "one row a point is needed below the header"
             raise InputError(self.path, line, "no rows of data", accepted)
-        rows = [self.full(row, len(headers)) for row in rows]
         self.find_mark(rows, [at for name, at in layout.position.items() if name not in LABELS])
         table: dict[str, Any] = {}
         for name, at in layout.position.items():
@@ -99,23 +101,24 @@ class Sheet:
         remarks = (*layout.remarks, *filter(None, [layout.assumed]), *self.remarks)
         return table, remarks, Origin(str(self.path), line, tuple(row.line for row in rows))
 
+    @property
+    def headers(self) -> list[str]:
+        """The cells of the first row; spreadsheets leave empty ones at its end."""
+        cells = [cell.strip() for cell in self.rows[0].cells]
+        return cells[: 1 + max(k for k, cell in enumerate(cells) if cell)]
+
     def _of_text(self, raw: bytes) -> Iterator[Row]:
         text, encoding = decoded(self.path, raw, "cp1252")
         self.remarks += [WINDOWS] * (encoding == "cp1252")
-        lines = [
-            "\n" if line.lstrip().startswith("#") else line
-            for line in io.StringIO(text, newline=None)
-        ]
+        every = io.StringIO(text, newline=None)
+        lines = ["\n" if line.lstrip().startswith("#") else line for line in every]
         first = next((k for k, line in enumerate(lines) if line.strip(" \t,;\r\n")), 0)
         header = lines[first] if lines else ""
-        separator = re.fullmatch(r"sep=([,;\t])\s*", header)
-        if separator:
-            lines[first] = "\n"
         self.delimiter = next((mark for mark in "\t;" if mark in header), ",")
-        self.delimiter = separator[1] if separator else self.delimiter
-        reader = csv.reader(
-            lines, delimiter=self.delimiter, skipinitialspace=self.delimiter != "\t", strict=True
-        )
+        if separator := re.fullmatch(r"sep=([,;\t])\s*", header):
+            lines[first], self.delimiter = "\n", separator[1]
+        spaced = self.delimiter != "\t"
+        reader = csv.reader(lines, delimiter=self.delimiter, skipinitialspace=spaced, strict=True)
         end = 0
         try:
             for cells in reader:
@@ -127,33 +130,20 @@ class Sheet:
 
     def _of_excel(self, raw: bytes) -> Iterator[Row]:
         """The first sheet, by pandas."""
-        accepted = "or save the sheet as CSV: in the spreadsheet, Save as, CSV UTF-8"
+        accepted = "save the sheet as CSV: in the spreadsheet, Save as, CSV UTF-8"
         try:
             import pandas
 
             frame = pandas.read_excel(io.BytesIO(raw), header=None, dtype=object)
         except ImportError:
             problem = "is a spreadsheet, which needs `pip install softjax-contact[excel]`"
-            raise InputError(self.path, None, problem, accepted) from None
+            raise InputError(self.path, None, problem, f"or {accepted}") from None
         except Exception as error:  # each reader of spreadsheets raises others
             problem = f"is a spreadsheet or an archive that cannot be read ({error})"
-            raise InputError(self.path, None, problem, accepted.removeprefix("or ")) from None
+            raise InputError(self.path, None, problem, accepted) from None
         for line, cells in enumerate(frame.where(frame.notna(), "").to_numpy().tolist(), start=1):
             if not str(cells[0]).lstrip().startswith("#"):
                 yield Row(line, [str(cell) for cell in cells])
-
-    def _headers(self) -> list[str]:
-        """The cells of the header; spreadsheets leave empty ones at its end."""
-        if not self.rows:
-            raise InputError(self.path, 1, "nothing in the file", "a header of columns is needed")
-        line, cells = self.rows[0]
-        headers = [cell.strip() for cell in cells]
-        while not headers[-1]:
-            headers.pop()
-        if all(map(is_number, headers)):
-            accepted = "the first line names the columns, as in `velocity [m/s],restitution`"
-            raise InputError(self.path, line, "no header, only numbers", accepted)
-        return headers
 
     def _units(self, headers: list[str]) -> list[str] | None:
         """The row of units below the header, if there is one: it holds no number.
@@ -192,31 +182,21 @@ class Sheet:
 
     def numbers(self, name: str, cells: list[str], rows: list[Row]) -> np.ndarray:
         """Cells as numbers, NaN if empty."""
-        try:
-            found = np.array([float(self._pointed(cell)) if cell else math.nan for cell in cells])
-        except ValueError:
-            found = np.full(len(cells), math.nan)
-        if "_" not in "".join(cells) and len(cells) - np.sum(np.isfinite(found)) == cells.count(""):
-            return found
-        line, cell = next(
-            (row.line, cell)
-            for row, cell in zip(rows, cells, strict=True)
-            if cell and not self._is_finite(cell)
-        )
-        accepted = f"it must be a finite number{self._hint(cell)}"
-        raise InputError(self.path, line, f"{name} is {cell[:80]!r}", accepted)
+        found = np.array(list(map(self._number, cells)))
+        for k in np.flatnonzero(~np.isfinite(found)):
+            if cells[k]:
+                accepted = f"it must be a finite number{self._hint(cells[k])}"
+                raise InputError(self.path, rows[k].line, f"{name} is {cells[k][:80]!r}", accepted)
+        return found
 
-    def _pointed(self, cell: str) -> str:
-        """A number with a decimal point; no number where it has another mark."""
-        if self.mark == ".":
-            return cell
-        return "" if "." in cell else cell.replace(",", ".")
-
-    def _is_finite(self, cell: str) -> bool:
+    def _number(self, cell: str) -> float:
+        """NaN where a cell has no number."""
+        if self.mark == ",":
+            cell = "" if "." in cell else cell.replace(",", ".")
         try:
-            return "_" not in cell and math.isfinite(float(self._pointed(cell)))
+            return float(cell) if cell and "_" not in cell else math.nan
         except ValueError:
-            return False
+            return math.nan
 
     def _hint(self, cell: str) -> str:
         if re.fullmatch(r"[+-]?\d+,\d+", cell) and self.delimiter == ",":

@@ -4,19 +4,11 @@ import codecs
 import os
 import stat
 from pathlib import Path
-from typing import NamedTuple
 
 from calibration.errors import InputError
 
 UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 MIB = 1 << 20
-
-
-class Text(NamedTuple):
-    """A file's text and the encoding that it is in."""
-
-    text: str
-    encoding: str
 
 
 def read_text(path: str | Path, limit: int) -> str:
@@ -25,7 +17,7 @@ def read_text(path: str | Path, limit: int) -> str:
     Raises:
         InputError: where there is no such file, or it cannot be read, is too large or no text.
     """
-    return decoded(path, read_bytes(path, limit)).text
+    return decoded(path, read_bytes(path, limit))[0]
 
 
 def read_bytes(path: str | Path, limit: int) -> bytes:
@@ -51,15 +43,14 @@ def read_bytes(path: str | Path, limit: int) -> bytes:
     return raw
 
 
-def decoded(path: str | Path, raw: bytes, otherwise: str | None = None) -> Text:
-    """Bytes as text; `otherwise` is tried where they are not UTF-8.
+def decoded(path: str | Path, raw: bytes, otherwise: str | None = None) -> tuple[str, str]:
+    """Bytes as text, and its encoding; `otherwise` is tried where they are not UTF-8.
 
     Raises:
         InputError: with the line where they are no text.
     """
-    encodings = ["utf-16"] if raw.startswith(UTF_16) else ["utf-8-sig"]
-    encodings += [otherwise] if otherwise and encodings == ["utf-8-sig"] else []
-    for encoding in encodings:
+    encodings = ["utf-16"] if raw.startswith(UTF_16) else ["utf-8-sig", otherwise]
+    for encoding in filter(None, encodings):
         try:
             text = raw.decode(encoding)
         except UnicodeDecodeError as error:
@@ -68,6 +59,6 @@ def decoded(path: str | Path, raw: bytes, otherwise: str | None = None) -> Text:
         if "\0" in text:
             line = text[: text.index("\0")].count("\n") + 1
             raise InputError(path, line, "a NUL character", "text is needed, saved as UTF-8")
-        return Text(text, encoding)
-    label = encodings[0].upper().removesuffix("-SIG")
+        return text, encoding
+    label = "UTF-16" if raw.startswith(UTF_16) else "UTF-8"
     raise InputError(path, line, f"is not {label} text", "save it as UTF-8")

@@ -248,7 +248,7 @@ def further_variances(
         slope = (up - down) / (2 * STEP * velocity) / (1.0 if observed is None else middle)
         measured = errors.points, errors.velocity, value
         planned = like_measured(*measured, velocity, middle, material.timing)
-        return planned.covariance(slope).diagonal
+        return planned.variance(slope)
 
     found[kind] = variance(np.maximum(velocity, SLOWEST * np.max(errors.velocity)))
     if kind == "scale":

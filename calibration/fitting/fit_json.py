@@ -16,10 +16,10 @@ from pydantic import Field, PlainValidator, ValidationError, WithJsonSchema
 import softjax as sj
 from calibration.data import PointErrors, RestitutionData
 from calibration.data.air import Fall
+from calibration.data.columns import OBSERVED
 from calibration.data.json_file import plain
 from calibration.data.materials import Body
 from calibration.data.measurements import LONGEST_NAME
-from calibration.data.names import OBSERVED
 from calibration.data.text_file import MIB, read_text
 from calibration.errors import DataError, InputError, shown
 from calibration.fitting.collisions import ROUTES

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import calibration as cal
+from tests.covariance import covariance_of
 
 READ = cal.RestitutionData.from_table
 # tables that need the name, in the format's own names and SI
@@ -65,7 +66,7 @@ EVERY = [
 def numbers(data):
     """All that a fit sees of a set."""
     group = None if data.group is None else list(data.group)
-    covariance = data.covariance_of(-0.1, added=1e-9).dense()
+    covariance = covariance_of(data, -0.1, added=1e-9)
     return group, np.stack([data.velocity, data.restitution, *covariance])
 
 

@@ -8,6 +8,7 @@ import pytest
 
 import calibration as cal
 import softjax as sj
+from tests.covariance import covariance_of
 
 STEEL = "youngs_modulus = 1.93e11  # Pa\npoisson_ratio = 0.35\ndensity = 8030\nyield_strength = 3.10e8\n"
 GLASS = "youngs_modulus = 7e10\npoisson_ratio = 0.25\ndensity = 2500\nyield_strength = 5e8\n"
@@ -100,7 +101,7 @@ def test_an_uncertainty_for_all_rows_is_its_column(read_toml, key, header, full,
     column = read_toml(entry(properties=""), "\n".join([full, *(f"{row},{cell}" for row in rows)]))[
         0
     ]
-    sizes = [one.covariance_of(-0.1).dense() for one in (stated, column)]
+    sizes = [covariance_of(one, -0.1) for one in (stated, column)]
     np.testing.assert_allclose(*sizes, rtol=1e-13)
     assert np.any(sizes[0])
 

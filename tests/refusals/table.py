@@ -356,18 +356,6 @@ ARGUMENTS = {
     "a material for a contact": ("contact", "softjax.Contact", {"contact": sj.NYLON}),
 }  # fmt: skip
 
-# how errors go together, by the call
-THREE = np.array([[0, 1, -1], [0, 2, -1], [0, 3, -1], [0, 4, -1]])  # one scale for four points
-STATED = cal.RestitutionData.from_table(TRAIN, interval_uncertainty=0.1)
-UNSTATED = cal.RestitutionData.from_table(TRAIN)
-CALLS = {
-    "an error of four points": ("index", "3", lambda: cal.PointErrors(THREE, 1.0 * THREE, 1.0 * THREE, np.ones(5))),
-    "points without an error": ("covariance", "positive definite", lambda: cal.PointErrors.alone(2).covariance().whiten(np.ones(2))),
-    "a size that is not stated": ("size", "None|unknown", lambda: UNSTATED.covariance_of()),
-    "a size beside stated ones": ("size", "0.1|unknown", lambda: STATED.covariance_of(size=0.1)),
-}  # fmt: skip
-
-
 # entries of a fit.json: the place, and what is put there; nothing takes it out
 RESULTS = {
     "another format": ("fit.json", "format 2|format 1", "format", 2),
@@ -479,7 +467,6 @@ WAYS = {
     "fits": (FITS, lambda folder, toml: fitted(written(folder, toml))),
     "tables": (COLUMNS, lambda _, table, more: cal.RestitutionData.from_table(table, **more)),
     "arguments": (ARGUMENTS, lambda _, changes: cal.RestitutionData(**(good_fields() | changes))),
-    "calls": (CALLS, lambda _, call: call()),
     "results": (RESULTS, crafted),
     "no results": (NO_RESULTS, loaded),
 }

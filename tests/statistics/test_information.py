@@ -8,6 +8,7 @@ import pytest
 import calibration as cal
 import softjax as sj
 from tests.cases import fitted
+from tests.covariance import covariance_of
 from tests.decay import Decay
 from tests.fit_data import twin
 
@@ -263,7 +264,7 @@ def test_a_planned_point_has_the_errors_of_a_measured_one(kind):
     """Planned where data of the kind were measured, it has their variances about the curve."""
     data = KINDS[kind](np.linspace(1.0, 6.0, 10), Exact())
     found = cal.fisher_information(cal.fit(data, Decay, **QUICK), data.velocity)
-    expected = data.errors.covariance(-0.04 * curve(data.velocity)).diagonal
+    expected = np.diag(covariance_of(data, -0.04 * curve(data.velocity)))
     # to first order in the error of the velocity
     np.testing.assert_allclose(found.uncertainty**2, expected, rtol=5e-3)
 
