@@ -199,7 +199,7 @@ class Problem:
     points: Points  # what is measured
     active: Int[np.ndarray, "p"]  # which elements are searched
     route: Route = None
-    errors: tuple[Errors, ...] = ()  # V(s) of each block; none where only the curve is wanted
+    errors: tuple[Errors, ...] = ()  # V(s) of each block; none where only the curve is needed
     variances: tuple[Mapping[str, Any], ...] = ()  # s of each block
     # points that are held below yield, (points,), while a search moves what yield depends on;
     # None: no law asks for it
@@ -261,11 +261,11 @@ class Problem:
         """The ε of the data set at a place; of another observable where it has none."""
         return next(block.own for block in self.blocks if block.set == place)
 
-    # ------------------------------------------------------------------ what is asked at z
+    # ------------------------------------------------------------------ evaluated at z
 
     def linearise(self, z: Z, lanes: Lanes | None = None, slopes: bool = True) -> Linear:
         """Rows and Jacobian of each fit; without `slopes` the Jacobian has no columns."""
-        if lanes is None and len(z) == 1:  # one place is asked for many things
+        if lanes is None and len(z) == 1:  # many things are needed at one place
             for known in (True, slopes):
                 if self._last.get(known, (None,))[0] == z.tobytes():
                     return self._last[known][1]
