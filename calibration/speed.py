@@ -502,8 +502,7 @@ def draw(rows: list[Row], title: str, ax: Any = None) -> Any:
         if some:
             errors = [max(row["largest_error"], 1e-17) for row in some]
             times = [row["microseconds"] for row in some]
-            label = f"{family}, {FEW} impacts" if family == SCIPY else family
-            ax.plot(errors, times, marker, color=colour, markersize=8, label=label)
+            ax.plot(errors, times, marker, color=colour, markersize=8, label=family)
             for row, error, microseconds in zip(some, errors, times, strict=True):
                 omitted = row["setting"].removeprefix(EXACT[0]) if row["setting"] in EXACT else ""
                 note = f"{row['batch']:,} impacts{omitted}" if row["batch"] > BATCH else ""
@@ -515,5 +514,7 @@ def draw(rows: list[Row], title: str, ax: Any = None) -> Any:
     ax.set_ylabel("time per collision [µs]")
     ax.grid(which="major", alpha=0.3)
     place = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5), "frameon": False}
-    ax.legend(title=f"{BATCH:,} impacts at once\nwhere no number is given", **place)
+    ax.legend(
+        title=f"{BATCH:,} impacts at once\n({SCIPY}: {FEW}) where\nno number is given", **place
+    )
     return ax

@@ -56,42 +56,14 @@ CONFIDENCE = (
     "is estimated, dof is the number of degrees of freedom of Student's t:"
 )
 NOT_JUDGED = "not checked, without profiles: whether standard errors describe the intervals"
-# columns of the goodness of fit: digits, what they are of a data set, and in words
-QUALITY: dict[str, tuple[int, Callable[[Any, Any], float | None], str]] = {
-    "dof": (4, lambda fit, _: fit.residual_degrees, "degrees of freedom of the residuals"),
-    "rms": (4, lambda fit, _: fit.rms, ""),
-    "rms of Eq. (17)": (3, lambda fit, _: fit.rms_empirical, ""),
-    "rms on Eq. (18)": (4, lambda fit, line: line and line.rms.get(fit.name), ""),
-    "scatter": (
-        3,
-        lambda fit, _: fit.noise,
-        "estimated standard deviation of one ε (under `two-step` about Eq. (17))",
-    ),
-    "between groups": (
-        3,
-        lambda fit, _: fit.group_deviation,
-        "estimated standard deviation of the groups' offsets in ε",
-    ),
-    "of times [ms]": (
-        3,
-        lambda fit, _: fit.timing and 1e3 * fit.timing,
-        "estimated standard deviation of the times of bounces",
-    ),
-    "χ²/dof": (
-        3,
-        lambda fit, _: fit.reduced_chi_squared,
-        "squared residuals over the stated variances, per degree of freedom",
-    ),
-    "factor": (
-        3,
-        lambda fit, _: fit.reduced_chi_squared**0.5 if "scale" in fit.variances else None,
-        "by which the stated uncertainties were scaled, √(χ²/dof)",
-    ),
-    "P": (
-        3,
-        lambda fit, _: fit.probability,
-        "probability of a χ² at least as large if law and stated uncertainties hold",
-    ),
+QUALITY = {  # columns of the goodness of fit
+    "dof": "degrees of freedom of the residuals",
+    "scatter": "estimated standard deviation of one ε (under `two-step` about Eq. (17))",
+    "between groups": "estimated standard deviation of the groups' offsets in ε",
+    "of times [ms]": "estimated standard deviation of the times of bounces",
+    "χ²/dof": "squared residuals over the stated variances, per degree of freedom",
+    "factor": "by which the stated uncertainties were scaled, √(χ²/dof)",
+    "P": "probability of a χ² at least as large if law and stated uncertainties hold",
 }
 PROPERTIES = {
     "youngs_modulus": "E [Pa]",
@@ -230,7 +202,7 @@ def sections(
     rank += "condition number " + ("infinite" if condition is None else number(condition, 2))
     methods = [f"{name}: {text}" for name, text in _methods(result).items()]
     quality, bodies = _quality_table(result), _bodies_table(result)
-    words = [f"{name}: {text}" for name, (*_, text) in QUALITY.items() if name in quality and text]
+    words = [f"{name}: {text}" for name, text in QUALITY.items() if name in quality]
     warned = warning_items(result.warnings, result)
     return {
         "title": [Block("title", "Coefficients of restitution, fitted")],
@@ -398,17 +370,27 @@ def interval_text(estimate: Any) -> str:
 
 def _quality_table(result: Any) -> pd.DataFrame:
     """Goodness of fit of each data set, and its estimated scatter; without columns of no number."""
-    fits = result.materials
-    table = pd.DataFrame({"material": [fit.name for fit in fits]})
-    if len({fit.model.label for fit in fits}) > 1:
-        table["law"] = [fit.model.label for fit in fits]
-    table["points"] = [str(fit.n) for fit in fits]
-    for name, (digits, of, _) in QUALITY.items():
-        values = [of(fit, result.unloading_line) for fit in fits]
-        if any(value is not None for value in values):
-            table[name] = [number(value, digits) for value in values]
-    table["converged"] = ["yes" if fit.converged else "NO" for fit in fits]
-    return table
+    rows, line = [], result.unloading_line
+    for fit in result.materials:
+        chi_squared = fit.reduced_chi_squared
+        numbers = {
+            "dof": (fit.residual_degrees, 4),
+            "rms": (fit.rms, 4),
+            "rms of Eq. (17)": (fit.rms_empirical, 3),
+            "rms on Eq. (18)": (line and line.rms.get(fit.name), 4),
+            "scatter": (fit.noise, 3),
+            "between groups": (fit.group_deviation, 3),
+            "of times [ms]": (fit.timing and 1e3 * fit.timing, 3),
+            "χ²/dof": (chi_squared, 3),
+            "factor": (chi_squared**0.5 if "scale" in fit.variances else None, 3),
+            "P": (fit.probability, 3),
+        }
+        row = {"material": fit.name, "law": fit.model.label, "points": str(fit.n)}
+        row |= {name: number(*one) for name, one in numbers.items()}
+        rows.append(row | {"converged": "yes" if fit.converged else "NO"})
+    table = pd.DataFrame(rows)
+    empty = [name for name in table if (table[name] == ABSENT).all()]
+    return table.drop(columns=[*empty, *["law"] * (table["law"].nunique() == 1)])
 
 
 def _observed(result: Any) -> list[Block]:
