@@ -2,8 +2,6 @@
 from calibration.data.materials import read_problem as read_problem
 from calibration.data.materials import read_toml as read_toml
 from calibration.data.measurements import RestitutionData as RestitutionData
-from calibration.data.paper import PAPER_NOTE as PAPER_NOTE
-from calibration.data.paper import paper_materials as paper_materials
 from calibration.data.plausible import plausibility as plausibility
 from calibration.data.point_errors import PointErrors as PointErrors
 from calibration.data.sheet import read_csv as read_csv
@@ -23,6 +21,8 @@ from calibration.fitting.stages import Stage as Stage
 from calibration.fitting.traceable import problem as problem
 from calibration.fitting.warnings import FitWarning as FitWarning
 from calibration.options import FitOptions as FitOptions
+from calibration.paper import PAPER_NOTE as PAPER_NOTE
+from calibration.paper import paper_materials as paper_materials
 from calibration.parameters import Parameter as Parameter
 from calibration.particle_codes.entry import export as export
 from calibration.particle_codes.report import Export as Export

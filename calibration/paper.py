@@ -5,7 +5,10 @@ Y. H. Zhou, Theor. Appl. Mech. Lett. 3, 021003 (2013), as far as a scan of it ca
 
 from typing import NamedTuple
 
-from softjax import CHROME_STEEL, NYLON, STAINLESS_STEEL, Material
+import numpy as np
+
+from calibration.data.measurements import RestitutionData
+from softjax import CHROME_STEEL, NYLON, STAINLESS_STEEL, Contact, Material
 
 UNLOADING_LINE = (3.518e-3, 3.757e-4)
 """c1, c2 of Eq. (18), χ̃ = c1 + c2 E/Y; the exponent of c1 as Table 1's χ̃ need it (printed: 10³)."""
@@ -134,3 +137,24 @@ MISPRINTS = (
     ),
 )
 """Where the paper contradicts itself, a `Misprint` a place."""
+
+PAPER_NOTE = (
+    "Eq. (17) with Table 1's coefficients of Zhou, Theor. Appl. Mech. Lett. 3, 021003 (2013): "
+    "a published fit of measurements, not the measurements"
+)
+"""What the embedded data are, as every result fitted to them says."""
+
+
+def paper_materials(points: int = 40, area: str = "zhou") -> list[RestitutionData]:
+    """The three data sets: y_i = 1 + i (y_end - 1)/points, i = 1 … points, in critical velocities."""
+    found = []
+    for entry in TABLE_1:
+        contact = Contact.between_spheres(entry.material, entry.material, RADIUS, RADIUS, area)
+        steps = np.arange(1, points + 1) * (entry.largest_ratio - 1) / points
+        velocity = (1 + steps) * float(contact.critical_velocity)
+        ratio = velocity / (float(contact.limit_velocity) - velocity)
+        eps = np.exp(-entry.sigma * ratio**entry.psi)  # Eq. (17)
+        found.append(
+            RestitutionData(velocity, eps, contact, name=entry.name, remarks=(PAPER_NOTE,))
+        )
+    return found

@@ -103,7 +103,7 @@ def _problem(arguments: argparse.Namespace) -> tuple[list[Any], dict[str, Any], 
     command_options = given_options(arguments)
     options = {name: value for name, value in command_options.items() if name in OPTIONS}
     if arguments.file is None:
-        from calibration.data.paper import paper_materials
+        from calibration.paper import paper_materials
 
         return paper_materials(), options, []
     problem = read_material_file(arguments.file, air=arguments.air)

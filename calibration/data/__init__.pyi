@@ -2,8 +2,6 @@
 from calibration.data.materials import read_problem as read_problem
 from calibration.data.materials import read_toml as read_toml
 from calibration.data.measurements import RestitutionData as RestitutionData
-from calibration.data.paper import PAPER_NOTE as PAPER_NOTE
-from calibration.data.paper import paper_materials as paper_materials
 from calibration.data.plausible import Implausible as Implausible
 from calibration.data.plausible import plausibility as plausibility
 from calibration.data.point_errors import PointErrors as PointErrors

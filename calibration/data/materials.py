@@ -48,7 +48,6 @@ from pydantic import (
     create_model,
     model_validator,
 )
-from pydantic_core import core_schema
 
 import softjax as sj
 from calibration.data.air import checked_air
@@ -69,15 +68,20 @@ from calibration.errors import (
     shown,
 )
 from calibration.options import FitOptions
-from calibration.paper import TABLE_1
 from calibration.parameters import Parameter
 from calibration.schema import Refused, Strict
 
 RADII = ("radius", "radius_1", "radius_2")
 DIAMETERS = tuple(name.replace("radius", "diameter") for name in RADII)
 PROPERTIES = ("youngs_modulus", "poisson_ratio", "density", "yield_strength")
-NAMED = {entry.name: entry.material for entry in TABLE_1}
+NAMED = {
+    "stainless steel": sj.STAINLESS_STEEL,
+    "chrome steel": sj.CHROME_STEEL,
+    "nylon": sj.NYLON,
+}
 NAMED_SOURCE = "Table 1 of Zhou (2013)"
+BODIES = {"material", *PROPERTIES, *RADII, *DIAMETERS, "wall", "second", "area", "mass"}
+NEEDED_RADII = "needed is radius, or radius_1 and radius_2, or the diameters instead"
 KEYS = ("free", "value", "bounds", "prior", "transform", "shared", "unit")  # of a parameter
 # of parameters that may have their unit in the file
 OF_PARAMETERS = {"youngs_modulus": "Pa", "yield_strength": "Pa", "radius": "m", "mass": "kg"}
@@ -85,52 +89,38 @@ OF_PARAMETERS |= {"limit_velocity": "m/s", "dissipation_time": "s"}
 OF_PARAMETERS |= dict.fromkeys(("stiffness", "loading_stiffness", "unloading_stiffness"), "N/m")
 
 
-@dataclass(frozen=True)
-class Measure:
+def measure(
+    si: str, accepted: str = "a positive number", from_zero: bool = False, of_rows: bool = False
+) -> Any:
     """A quantity in a file: a number in SI, or text with its unit ("69 GPa").
 
-    Attributes:
+    Args:
         si: its unit.
         accepted: which numbers are.
-        least: the smallest; 0 itself only where `from_zero`.
+        from_zero: whether 0 itself is.
         of_rows: whether it is of all rows of a table, in the unit that these have: a percentage is
             accepted, and text stays text.
     """
+    unit = f"{accepted} [{si}]".replace("^3", "³").replace("^2", "²")
 
-    si: str
-    accepted: str = "a positive number"
-    from_zero: bool = False
-    of_rows: bool = False
-
-    def __call__(self, stated: Any) -> float | str:
-        unit = f"{self.accepted} [{self.si}]".replace("^3", "³").replace("^2", "²")
-        value, accepted = stated, unit
-        if isinstance(value, str):
+    def checked(stated: Any) -> float | str:
+        value = stated
+        if isinstance(stated, str):
             try:
-                value = quantity(value, self.si)
+                value = quantity(stated, si)
             except DataError as error:
-                accepted = unit if error.argument == "quantity" else f"{unit}, {error.accepted}"
-                raise ValueError(accepted) from None
-        is_part = isinstance(value, Relative) and not self.of_rows
-        if (
-            is_part
-            or not is_finite_number(value)
-            or value < 0
-            or (value == 0 and not self.from_zero)
-        ):
-            raise ValueError(accepted)
-        return stated if self.of_rows and isinstance(stated, str) else float(value)
+                more = "" if error.argument == "quantity" else f", {error.accepted}"
+                raise ValueError(unit + more) from None
+        is_part = isinstance(value, Relative) and not of_rows
+        if is_part or not is_finite_number(value) or not (value > 0 or (from_zero and value == 0)):
+            raise ValueError(unit)
+        return stated if of_rows and isinstance(stated, str) else float(value)
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
-        return core_schema.no_info_plain_validator_function(self)
-
-    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
-        ends = {"minimum" if self.from_zero else "exclusiveMinimum": 0}
-        description = f"in {self.si}, or text with its unit"
-        return {
-            "anyOf": [{"type": "number", **ends}, {"type": "string"}],
-            "description": description,
-        }
+    ends = Field(ge=0) if from_zero else Field(gt=0)
+    text = Field(description=f"in {si}, or text with its unit")
+    return PlainValidator(
+        checked, json_schema_input_type=Annotated[Annotated[float, ends] | str, text]
+    )
 
 
 def _name_of_material(value: Any) -> str:
@@ -154,8 +144,8 @@ AirOption = Annotated[
     PlainValidator(_air),
     WithJsonSchema({"anyOf": [{"type": "boolean"}, {"type": "number"}, {"type": "string"}]}),
 ]
-Pressure = Annotated[float | None, Measure("Pa")]
-Length = Annotated[float | None, Measure("m")]
+Pressure = Annotated[float | None, measure("Pa")]
+Length = Annotated[float | None, measure("m")]
 Text = Annotated[str, Field(min_length=1, pattern=r"\S")]
 
 
@@ -171,7 +161,7 @@ class BodyTable(Strict):
     poisson_ratio: Annotated[
         float | None, Field(gt=-1, le=0.5, json_schema_extra={"accepted": "a number in (-1, 0.5]"})
     ] = None
-    density: Annotated[float | None, Measure("kg/m^3")] = None
+    density: Annotated[float | None, measure("kg/m^3")] = None
     yield_strength: Pressure = None
 
     def check(self) -> None:
@@ -268,10 +258,10 @@ class _Material(BodyTable):
     wall: OtherBody | None = None
     second: OtherBody | None = None
     area: Literal["zhou", "hertz"] | None = None
-    limit_velocity: Annotated[float | None, Measure("m/s")] = None
-    gravity: Annotated[float | None, Measure("m/s^2")] = None
+    limit_velocity: Annotated[float | None, measure("m/s")] = None
+    gravity: Annotated[float | None, measure("m/s^2")] = None
     air: AirOption = None
-    mass: Annotated[float | None, Measure("kg")] = None
+    mass: Annotated[float | None, measure("kg")] = None
     dent: Literal["largest", "residual"] = "largest"
     average_repeats: Literal[True, False, "pooled"] = False
     plausibility: bool = True
@@ -291,8 +281,7 @@ class _Material(BodyTable):
             return self  # they may be a column of it
         second = [{"radius_2"}, {"diameter_2"}] if self.second is not None else []
         if set(sizes) not in (*alone, {*RADII[1:]}, {*DIAMETERS[1:]}, *second):
-            accepted = "needed is radius, or radius_1 and radius_2, or the diameters instead"
-            raise Refused((*sizes[:1],), f"radii given are {listed(sizes) or 'none'}", accepted)
+            raise Refused((*sizes[:1],), f"radii given are {listed(sizes) or 'none'}", NEEDED_RADII)
         if self.wall is not None and self.second is not None:
             accepted = "give either [material.wall] or [material.second]"
             raise Refused(("second",), "both a wall and a second body", accepted)
@@ -303,15 +292,12 @@ class _Material(BodyTable):
 
     @property
     def has_bodies(self) -> bool:
-        names = {"material", *PROPERTIES, *RADII, *DIAMETERS, "wall", "second", "area", "mass"}
-        stated = names & self.model_fields_set
-        return bool(stated) and not self.is_ball
+        return bool(BODIES & self.model_fields_set) and not self.is_ball
 
     @property
     def is_ball(self) -> bool:
         """Whether only the size and mass of a ball are stated."""
-        names = {"material", *PROPERTIES, *RADII, *DIAMETERS, "wall", "second", "area", "mass"}
-        stated = names & self.model_fields_set
+        stated = BODIES & self.model_fields_set
         return stated in [{a, b} for a in ("radius", "diameter") for b in ("mass", "density")]
 
     @property
@@ -335,10 +321,10 @@ class _Material(BodyTable):
 
 
 _ROWS: dict[str, Any] = {
-    name: (Annotated[float | None, Measure(si, "a number of 0 or more", True, True)], None)
+    name: (Annotated[float | None, measure(si, "a number of 0 or more", True, True)], None)
     for name, si in UNCERTAINTIES.items()
 }
-_ROWS["uncertainty"] = Annotated[float | None, Measure("1", of_rows=True)], None
+_ROWS["uncertainty"] = Annotated[float | None, measure("1", of_rows=True)], None
 MaterialTable: Any = create_model("MaterialTable", __base__=_Material, **_ROWS)
 
 
@@ -536,8 +522,13 @@ class _Reader:
         table = self.table
         if needs_data and table.data is None:
             raise self.refusal(None, "data is missing", "needed is the name of a CSV file")
-        has_one = table.has_bodies and not table.in_rows
-        contact, bodies = self._bodies() if has_one else (None, ())
+        contact: sj.Contact | None = None
+        bodies: tuple[Body, ...] = ()
+        if table.has_bodies and not table.in_rows:
+            contact, bodies = self._pair(table.radii[0])
+            self._check_far()
+            limit = table.limit_velocity or float(np.asarray(contact.limit_velocity))
+            contact = replace(contact, limit_velocity=limit)
         data = None if table.data is None else self._data(contact, bodies)
         if data is not None and table.in_rows:
             contact, bodies = data.contact, data.bodies
@@ -554,42 +545,33 @@ class _Reader:
                 line = self.file.line((*place, name))
                 yield name, replace(one, origin=Origin(self.file.path, line))
 
-    def _bodies(self) -> tuple[sj.Contact, tuple[Body, ...]]:
-        """Both bodies and their contact."""
+    def _pair(self, radius: Any) -> tuple[sj.Contact, tuple[Body, Body]]:
+        """The contact and both bodies, where the first has this radius, or one in each row."""
         table = self.table
         area = table.area or self.file.content.fit.area or "zhou"
-        first, other, radii = table.solid, (table.other or table).solid, table.radii
+        first, other = table.solid, (table.other or table).solid
+        second = table.radii[-1] if table.radii else radius
         try:
             if table.wall is not None:
-                contact = sj.Contact.with_wall(first, other, radii[0], area)
-                bodies = Body("sphere", first, radii[0]), Body("wall", other, None)
-            else:
-                contact = sj.Contact.between_spheres(first, other, radii[0], radii[-1], area)
-                bodies = Body("sphere", first, radii[0]), Body("second sphere", other, radii[-1])
+                contact = sj.Contact.with_wall(first, other, radius, area)
+                return contact, (Body("sphere", first, radius), Body("wall", other, None))
+            contact = sj.Contact.between_spheres(first, other, radius, second, area)
         except (sj.ArgumentError, ArithmeticError) as error:  # each makes sense, but not together
             problem = f"no contact of these bodies ({error})"
             raise self.refusal(None, problem, "other sizes are needed") from None
-        if self.plausibility:
-            self._check_far()
-        limit = table.limit_velocity or float(np.asarray(contact.limit_velocity))
-        return replace(contact, limit_velocity=limit), bodies
+        return contact, (Body("sphere", first, radius), Body("second sphere", other, second))
 
     def _check_far(self) -> None:
         """Refuse what is more than 100 times outside its plausible range, at its line."""
-        properties = [(name, name, self.table) for name in (*PROPERTIES, *RADII, *DIAMETERS)]
         where = "wall" if self.table.wall is not None else "second"
-        if self.table.other is not None:
-            properties += [(f"{where}.{name}", name, self.table.other) for name in PROPERTIES]
-        for key, name, table in properties:
-            one, value = (
-                RANGES.get("radius" if name in DIAMETERS + RADII else name),
-                getattr(table, name),
-            )
-            if one is not None and value is not None and one.is_far(value):
-                problem = (
-                    f"{name} is {value:.3g} {one.unit}, more than 100 times outside {one.accepted}"
-                )
-                raise self.refusal(key, problem, f"is its unit right? {AS_IT_IS}")
+        for table, prefix in ((self.table, ""), (self.table.other, f"{where}.")):
+            for name in (*PROPERTIES, *RADII, *DIAMETERS) if self.plausibility else ():
+                one = RANGES.get("radius" if name in DIAMETERS + RADII else name)
+                value = getattr(table, name, None)
+                if one is not None and value is not None and one.is_far(value):
+                    problem = f"{name} is {value:.3g} {one.unit}, "
+                    problem += f"more than 100 times outside {one.accepted}"
+                    raise self.refusal(prefix + name, problem, f"is its unit right? {AS_IT_IS}")
 
     def _data(self, contact: sj.Contact | None, bodies: tuple[Body, ...]) -> RestitutionData:
         table = self.table
@@ -597,16 +579,19 @@ class _Reader:
         named = {one.material for one in (table, table.wall, table.second) if one is not None}
         remarks = [f"properties of {name} from {NAMED_SOURCE}" for name in sorted(named - {None})]
         options = {name: getattr(table, name) for name in (*UNCERTAINTIES, "gravity")}
-        options |= {"air": self.air, "dent": table.dent}
+        options |= {
+            "air": self.air,
+            "dent": table.dent,
+            "name": self.name,
+            "plausibility": self.plausibility,
+            "bodies": bodies,
+            "remarks": (*remarks, *found),
+            "quoted": inside,
+            "one_size": contact is not None,
+        }
         if table.is_ball:
-            options |= {
-                "diameter": 2 * table.radii[0],
-                "mass": table.mass,
-                "density": table.density,
-            }
-        options |= {"name": self.name, "plausibility": self.plausibility, "bodies": bodies}
-        options |= {"remarks": (*remarks, *found), "quoted": inside}
-        options["one_size"] = table.has_bodies and not table.in_rows
+            ball = {"mass": table.mass, "density": table.density}
+            options |= {"diameter": 2 * table.radii[0]} | ball
         if table.in_rows:
             data = self._of_sizes(path, options)
         elif contact is None or table.limit_velocity is not None:
@@ -623,35 +608,22 @@ class _Reader:
 
     def _of_sizes(self, path: Path, options: dict[str, Any]) -> RestitutionData:
         """Measurements of spheres of several sizes, each given in its row."""
-        table, area = self.table, self.table.area or self.file.content.fit.area or "zhou"
-        first, other = table.solid, (table.other or table).solid
+        bodies: list[Body] = []
 
         def contact_of(radius: np.ndarray) -> sj.Contact:
-            if table.wall is not None:
-                return sj.Contact.with_wall(first, other, radius, area)
-            second = table.radii[0] if table.radii else radius
-            return sj.Contact.between_spheres(first, other, radius, second, area)
+            contact, bodies[:] = self._pair(radius)
+            return contact
 
-        options |= {"density": first.density, "limit_velocity": table.limit_velocity, "bodies": ()}
+        options |= {"density": self.table.solid.density}
         try:
-            data = read_csv(path, contact_of, **options)
+            data = read_csv(path, contact_of, limit_velocity=self.table.limit_velocity, **options)
         except InputError as error:
             if "contact that is a function" not in error.problem:
                 raise
-            accepted = "needed is radius, or radius_1 and radius_2, or the diameters instead"
-            accepted += ", or a column diameter, radius or mass"
+            accepted = f"{NEEDED_RADII}, or a column diameter, radius or mass"
             raise self.refusal(None, "radii given are none", accepted) from None
-        assert data.contact is not None
-        effective = np.asarray(data.contact.radius)  # 1/R = 1/R1 + 1/R2
-        if table.wall is not None:
-            bodies = Body("sphere", first, effective), Body("wall", other, None)
-        else:
-            radius = 1 / (1 / effective - 1 / table.radii[0]) if table.radii else 2 * effective
-            second = table.radii[0] if table.radii else radius
-            bodies = Body("sphere", first, radius), Body("second sphere", other, second)
-        if self.plausibility:
-            self._check_far()
-        return replace(data, bodies=bodies)
+        self._check_far()
+        return replace(data, bodies=tuple(bodies))
 
     def _below_limit(self, data: RestitutionData, contact: sj.Contact) -> RestitutionData:
         """The measurements of these bodies, all of them below √(3 Y/ρ).

@@ -35,8 +35,8 @@ LOOKS = {
 
 def fit_materials(progress: Any = None):
     """χ̃ of the three materials by `two-step`: σ and ψ of Eq. (17), then χ̃ of the model."""
-    from calibration.data.paper import paper_materials
     from calibration.fitting.result import fit
+    from calibration.paper import paper_materials
 
     options: dict[str, Any] = {
         "objective": "two-step",
