@@ -118,15 +118,16 @@ def unloading(f, x, top, xp=jnp):
         f.floor + (1 - f.floor) * _power(s, f.back, xp),
         s - f.jolt * xp.maximum(corner - x, 0) / top,
         s**3,
-        -xp.expm1(-20 * s) / -np.expm1(-20.0),
+        -xp.expm1(-20 * xp.maximum(s, -1.0)) / -np.expm1(-20.0),
         xp.where(inside, 0.5 * (1 + s), -0.5),
         xp.where(inside, 0.5 * (1 + s), 0.0),
         xp.where(inside, _power(s, 1.5, xp), xp.nan),
         xp.where((share > 0.5) & (share < 0.7), xp.nan, _power(share, 1.5, xp)),
     ]
-    found = [peak * shape for shape in shapes]
-    found += [f.floor * _power(x, 1.5, xp), f.floor * loading(f, x, xp)]
-    return sum(xp.where(f.shape == k, force, 0.0) for k, force in enumerate(found))
+    # one is chosen before it meets the peak: slopes of the others are none
+    shape = sum(xp.where(f.shape == k, one, 0.0) for k, one in enumerate(shapes))
+    hertz = xp.where(f.shape == HERTZ, _power(x, 1.5, xp), 0.0)
+    return peak * shape + f.floor * (hertz + xp.where(f.shape == SAME, loading(f, x, xp), 0.0))
 
 
 # answers by quadrature, all laws at once

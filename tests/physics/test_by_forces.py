@@ -1,0 +1,237 @@
+"""Laws by their forces alone: solved by hand, drawn at random, pulling and jumping, by both routes."""
+
+from functools import lru_cache, partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import softjax as sj
+from tests.physics import by_forces
+from tests.physics.by_forces import (
+    HOLE,
+    JUMPING,
+    LENGTH,
+    PULLED,
+    STEEL,
+    Columns,
+    Forces,
+    Impact,
+    columns,
+    duration,
+)
+
+ROUTES = {"energy": sj.EnergyBalance(), "ode": sj.ODE(rtol=1e-10)}
+over_routes = pytest.mark.parametrize("route", ROUTES)
+SIZES, DRAWN = {"energy": 1000, "ode": 200}, 200  # of batches: one program a route serves all
+HAND = by_forces.by_hand()
+FIELDS, VELOCITY = by_forces.draw(seed=0, count=DRAWN)
+FLAGS = ("ELASTIC", "NO_RESIDUAL_OVERLAP", "INEXACT", "SOLVER_FAILED", "NO_TURNING_POINT")
+
+
+def has(result, name):
+    assert name in FLAGS
+    return (np.asarray(result.status) & int(sj.Status[name])) > 0
+
+
+@partial(jax.jit, static_argnames="route")
+def _solved(fields, velocity, remains, route):
+    def total(fields, velocity):
+        result = sj.restitution(Forces(STEEL, *fields), velocity, route)
+        other = jnp.where(remains, result.residual_overlap / LENGTH, result.coefficient)
+        return other.sum(), (result, result.duration)
+
+    if isinstance(route, sj.ODE):
+        return total(fields, velocity)[1], None
+    (_, both), slopes = jax.value_and_grad(total, (0, 1), has_aux=True)(fields, velocity)
+    return both, slopes
+
+
+def solved(fields: Columns, velocity, route="energy", remains=False):
+    """The result of a batch, durations, and slopes of ε, or of δ*/LENGTH, by the energy balance."""
+    size, count = SIZES[route], len(velocity)
+    some = tuple(jnp.asarray(np.resize(x, size)) for x in (*fields, velocity))
+    found = _solved(some[:-1], some[-1], remains, ROUTES[route])
+    cut = lambda x: np.asarray(x)[:count] if jnp.ndim(x) else x  # noqa: E731
+    (result, lasts), slopes = jax.tree.map(cut, found)
+    return result, lasts, slopes
+
+
+def off(result, exact):
+    """Errors of ε_p², and of both overlaps over the peak."""
+    squared = np.abs(np.square(result.plastic_coefficient) - exact.squared)
+    lengths = [
+        np.abs(getattr(result, f"{name}_overlap") / LENGTH - getattr(exact, name)) / exact.peak
+        for name in ("peak", "residual")
+    ]
+    return np.array([squared, *lengths])
+
+
+@over_routes
+def test_collisions_solved_by_hand(route):
+    """ε², both overlaps, durations, the status; and by the energy balance ∂δ*/∂ρ of a zero that is searched for."""
+    velocity = np.array([row.velocity for row in HAND])
+    hit, lasts, _ = solved(columns([row.law for row in HAND]), velocity, route)
+    squared, peak, residual, told, tolerance, time = (
+        np.array([getattr(row, name) for row in HAND], float) for name in Impact._fields[2:]
+    )
+    hole = np.array([row.law.get("shape") == HOLE for row in HAND])
+    sure = ~(hole & has(hit, "SOLVER_FAILED"))  # it may give up, but says so
+    if route == "ode":
+        sure &= told != int(sj.Status.INEXACT)
+        tolerance = np.maximum(tolerance, 1e-7)
+    over = np.abs(hit.residual_overlap / LENGTH - residual)
+    wrong = {
+        "squared": np.abs(hit.coefficient**2 - squared) > tolerance * np.maximum(squared, 1e-15),
+        "peak": np.abs(hit.peak_overlap / LENGTH - peak) > 1e-9 * peak,
+        "residual": over > np.maximum(1e-9, tolerance) * peak,
+        "duration": np.abs(lasts / LENGTH / time - 1) > 1e-8,
+        "status": hit.status & ~int(sj.Status.ABOVE_LIMIT_VELOCITY) != told,
+    }
+    assert np.all(np.isfinite(hit.coefficient))
+    for name, rows in wrong.items():
+        assert [HAND[k] for k in np.flatnonzero(sure & rows)] == [], name
+
+
+def test_slopes_of_a_zero_that_is_searched_for():
+    """δ* = ρ δ_m."""
+    rows = [row for row in HAND if set(row.law) == {"back", "rest"} and row.law["rest"] < 1]
+    fields, velocity = columns([row.law for row in rows]), np.array([row.velocity for row in rows])
+
+    *_, (slopes, _) = solved(fields, velocity, remains=True)
+    peaks = [row.peak for row in rows]
+    assert np.allclose(slopes[by_forces.NAMES.index("rest")], peaks, rtol=1e-4, atol=0)
+
+
+@lru_cache
+def pulled():
+    fields, velocity = columns([law for law, _ in PULLED]), np.array([v for _, v in PULLED])
+    return fields, velocity, by_forces.answers(fields, velocity)
+
+
+@pytest.mark.parametrize("route", [*ROUTES, "history"])
+def test_forces_that_pull_and_jump(route):
+    """A loading force that pulls is not clipped, and a declared jump costs no accuracy."""
+    fields, velocity, exact = pulled()
+    if route == "history":
+        found = sj.collide(fields.law(), velocity, samples=5, route=ROUTES["ode"])
+        assert np.allclose(found.velocity[:, 0], velocity, rtol=1e-7, atol=0)
+        peak = np.max(found.overlap, axis=1)
+        error = np.abs(np.square(found.plastic_coefficient) - exact.squared)
+    else:
+        found, *_ = solved(fields, velocity, route)
+        peak, error = found.peak_overlap, off(found, exact)[0]
+    sure = ~has(found, "INEXACT")
+    pulls, jumps = fields.pull + fields.snap > 0, fields.kink == JUMPING["kink"]
+    assert np.all(sure[jumps | pulls & ((fields.snap == 0) | (velocity == 1))])
+    assert np.all(error[sure] < 1e-7 * exact.squared[sure]), error
+    assert np.all(error[jumps] < 1e-8 * exact.squared[jumps]), error
+    assert np.allclose(peak / LENGTH, exact.peak, rtol=1e-7, atol=0)
+
+
+@pytest.mark.parametrize("solver", ["dopri8", pytest.param("tsit5", marks=pytest.mark.long)])
+def test_a_pull_too_hard_for_the_integration_is_no_wrong_number(solver):
+    """A slow body is pulled through the snap: its speed grows threefold within a tenth of its way."""
+    snaps, slow = pulled()[0].take(np.array([6])), np.array([0.3])
+    assert snaps.snap == 2
+    if solver == "dopri8":
+        found, *_ = solved(snaps, slow, "ode")
+    else:
+        found = sj.restitution(snaps.law(), slow, sj.ODE(solver=solver))
+    error = np.abs(found.plastic_coefficient**2 / by_forces.answers(snaps, slow).squared - 1)
+    assert has(found, "SOLVER_FAILED") | (error < 1e-7)
+
+
+# drawn at random
+
+
+@lru_cache
+def expected():
+    """And which impacts yield."""
+    exact = by_forces.answers(FIELDS, VELOCITY)
+    return exact, exact.peak > FIELDS.elastic
+
+
+def test_the_draw_has_all_kinds():
+    exact, yields = expected()
+    assert 10 < np.sum(~yields) < DRAWN / 2
+    assert np.sum(yields & (exact.residual == 0)) > 30
+    assert np.sum((FIELDS.more == 0) & (FIELDS.slope == 0)) > 5  # plateaus
+    assert np.sum((exact.peak > FIELDS.kink) & (FIELDS.more > 0)) > 20
+    assert np.ptp(exact.squared[yields]) > 0.8
+
+
+@pytest.mark.parametrize(("route", "bound"), [("energy", 1e-9), ("ode", 1e-7)])
+def test_drawn_laws_with_all_kinks_declared(route, bound):
+    exact, yields = expected()
+    result, lasts, _ = solved(FIELDS, VELOCITY, route)
+    assert np.max(off(result, exact)[:, yields]) < bound
+    assert np.array_equal(has(result, "ELASTIC"), ~yields)
+    assert np.all(result.plastic_coefficient[~yields] == 1)
+    for name in ("INEXACT", "SOLVER_FAILED", "NO_TURNING_POINT"):
+        assert not np.any(has(result, name))
+    assert np.array_equal(has(result, "NO_RESIDUAL_OVERLAP"), yields & (exact.residual == 0))
+    for k in np.flatnonzero(yields)[:12]:
+        time = duration(FIELDS.take(k), VELOCITY[k], exact.peak[k], exact.residual[k])
+        assert lasts[k] == pytest.approx(time * LENGTH, rel=2e-7)
+
+
+def test_drawn_laws_without_a_word_of_kinks():
+    """Exact, or told not to be."""
+    exact, yields = expected()
+    result, *_ = solved(FIELDS._replace(told=np.zeros(DRAWN)), VELOCITY)
+    told = has(result, "INEXACT")
+    worst = np.max(off(result, exact), 0)
+    assert np.max(worst[yields & ~told]) < 1e-9
+    assert np.max(worst[yields]) < 1e-2
+    kinked = yields & (FIELDS.elastic > 0)
+    assert np.sum(told[kinked]) > 0.5 * np.sum(kinked)
+    assert not np.any(told[(FIELDS.elastic == 0) & (FIELDS.more == 0) & (FIELDS.jolt == 0)])
+
+
+def test_a_thousand_more_are_numbers_with_good_neighbours():
+    """Wilder ones: forces of any size, velocities over twelve decades; forward and backward."""
+    size = SIZES["energy"]
+    fields, velocity = by_forces.draw(seed=1, count=size)
+    rng = np.random.default_rng(2)
+    wild = np.arange(size) % 2 == 0
+    velocity = np.where(wild, 10 ** rng.uniform(-9, 3, size), velocity)
+    sizes = {n: getattr(fields, n) * 10 ** rng.uniform(-6, 6, size) for n in ("slope", "more")}
+    wilder = sizes | {"back": rng.uniform(0.3, 6, size)}
+    fields = fields._replace(
+        **{n: np.where(wild, x, getattr(fields, n)) for n, x in wilder.items()}
+    )
+    result, lasts, slopes = solved(fields, velocity)
+    for leaf in jax.tree.leaves((result.coefficient, result.status, lasts, slopes)):
+        assert np.all(np.isfinite(leaf))
+    calm = np.repeat(np.flatnonzero(~wild), 2)
+    alone, _, slopes_alone = solved(fields.take(calm), velocity[calm])
+    assert np.array_equal(alone.status, result.status[calm])
+    assert np.allclose(alone.coefficient, result.coefficient[calm], rtol=0, atol=1e-13)
+    assert np.allclose(slopes_alone[1], slopes[1][calm], rtol=1e-9, atol=1e-12)
+
+
+def test_slopes_of_drawn_laws():
+    """θ ∂ε/∂θ against differences of the answers, where no kink is beside the peak."""
+    _, yields = expected()
+    _, _, (by_fields, by_velocity) = solved(FIELDS, VELOCITY)
+    step = 1e-6
+    for name in ("slope", "more", "rest", "floor", "kink", "velocity"):
+        moved = [
+            by_forces.answers(FIELDS, VELOCITY * by)
+            if name == "velocity"
+            else by_forces.answers(FIELDS._replace(**{name: getattr(FIELDS, name) * by}), VELOCITY)
+            for by in (1 + step, 1 - step)
+        ]
+        up, down = (np.sqrt(one.squared) for one in moved)
+        exact = np.where(yields, (up - down) / (2 * step), 0.0)
+        at = VELOCITY if name == "velocity" else getattr(FIELDS, name)
+        slopes = by_velocity if name == "velocity" else by_fields[by_forces.NAMES.index(name)]
+        assert np.allclose(slopes * at, exact, rtol=2e-7, atol=2e-7), name
+
+
+def test_where_a_plateau_begins():
+    law = columns([{"elastic": 0.01, "slope": 0.0}]).law()
+    limit = np.sqrt(0.8 * STEEL.stiffness * (0.01 * LENGTH) ** 2.5 / STEEL.mass)
+    assert law.elastic_velocity() == pytest.approx(limit, rel=1e-13)
