@@ -1,203 +1,228 @@
-"""Arrays spread over devices stay where they are; threads, spawned processes, a thousand calls."""
+"""Arrays spread over devices stay where they are; spawned processes, threads, a thousand calls.
+
+Devices are counted when JAX starts: what needs four of them runs in a pytest of its own, of this file.
+"""
 
 import os
+import resource
 import subprocess
 import sys
-import textwrap
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
+import jax
+import jax.numpy as jnp
+import numpy as np
 import pytest
+from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
 
-from tests.jax.processes import ROOT, run
+import softjax as sj
+from tests.cases import fitted, pair
 
-SPREAD = """
-from jax.sharding import AxisType, NamedSharding, PartitionSpec
-jax.config.update("jax_disable_most_optimizations", True)
-law = sj.WaltonBraun(pair, 1e6, 2e6, 60.0)
+ROOT = Path(__file__).parents[2]
+DEVICES = 4
+SPREAD = os.environ.get("SOFTJAX_TEST_DEVICES") == str(DEVICES)
+with_devices = pytest.mark.skipif(not SPREAD, reason="where there are four devices")
+PAIR = pair("nylon")
+LAW = sj.WaltonBraun(PAIR, 1e6, 2e6, 60.0)
 
-def mesh_of(shape, kind="Auto"):
-    names = ("row", "column")[:len(shape)]
-    return jax.make_mesh(shape, names, axis_types=(getattr(AxisType, kind),) * len(shape))
 
-def spread(values, mesh):
+def run(*words):
+    here = {"PYTHONPATH": str(ROOT), "JAX_PLATFORMS": "cpu", "SOFTJAX_TEST_DEVICES": str(DEVICES)}
+    here["XLA_FLAGS"] = f"--xla_force_host_platform_device_count={DEVICES}"
+    command = [sys.executable, "-W", "error", *words]
+    done = subprocess.run(
+        command, capture_output=True, text=True, env=os.environ | here, cwd=ROOT, check=False
+    )
+    assert done.returncode == 0, (done.stdout + done.stderr)[-3000:]
+    return done.stdout
+
+
+@pytest.mark.skipif(SPREAD, reason="runs the others")
+@pytest.mark.parametrize(
+    ("mark", "count"), [("not long", 6), pytest.param("long", 1, marks=pytest.mark.long)]
+)
+def test_with_four_devices(mark, count):
+    words = ["-n", "0", "-p", "no:cacheprovider", "-m", mark, "-k", "test_devices_", "-q"]
+    told = run("-m", "pytest", __file__, *words)
+    assert f"{count} passed" in told, told
+
+
+if SPREAD:
+    jax.config.update("jax_disable_most_optimizations", True)  # where arrays are is all that counts
+
+
+def mesh_of(shape):
+    names = ("row", "column")[: len(shape)]
+    return jax.make_mesh(shape, names, axis_types=(AxisType.Auto,) * len(shape))
+
+
+def spread(values, *shape):
+    mesh = mesh_of(shape or (DEVICES,))
     return jax.device_put(values, NamedSharding(mesh, PartitionSpec(*mesh.axis_names)))
+
 
 def stays(leaf, like):
     assert leaf.sharding.is_equivalent_to(like.sharding, like.ndim), (leaf.shape, leaf.sharding)
 
+
 def compiled(f, *args, summed=True):
+    """What a program gives that moves nothing between devices, but for sums where they are meant."""
     program = jax.jit(f).lower(*args).compile()
     moves = ["all-gather", "all-to-all", "collective-permute", "all-reduce"][: 4 - summed]
     assert not [word for word in moves if word in program.as_text()]
     return program(*args)
 
+
 def everything(velocity):
-    hit = sj.restitution(law, velocity)
+    hit = sj.restitution(LAW, velocity)
     return hit, hit.duration
-"""
 
 
-def spread(code):
-    return run(SPREAD + textwrap.dedent(code), devices=4)
-
-
-def test_values_and_slopes_stay_where_their_impacts_are():
+@with_devices
+def test_devices_keep_values_and_slopes_of_their_impacts():
     """Traced and not; also what the result keeps of law and velocity; the law's slope is one sum."""
-    spread("""
     alone = np.append(0.0, np.geomspace(0.01, 400.0, 255))
-    velocity = spread(alone, mesh_of((4,)))
+    velocity = spread(alone)
     expected, expected_time = everything(alone)
     for hit, time in (everything(velocity), compiled(everything, velocity)):
-        for leaf in (hit.velocity, hit.coefficient, hit.plastic_coefficient, hit.peak_overlap,
-                     hit.residual_overlap, hit.status, hit.ok, time):
+        parts = ("velocity", "coefficient", "plastic_coefficient", "peak_overlap")
+        parts += ("residual_overlap", "status", "ok")
+        for leaf in (*(getattr(hit, name) for name in parts), time):
             stays(leaf, velocity)
         assert np.allclose(hit.coefficient, expected.coefficient, rtol=1e-13, atol=1e-15)
         assert np.array_equal(hit.status, expected.status)
         assert np.allclose(time, expected_time, rtol=1e-12, atol=0)
-
-    total = lambda law, velocity: sj.restitution(law, velocity).coefficient.sum()
-    by_law, slope = jax.jit(jax.grad(total, (0, 1)))(law, alone)
-    both = jax.grad(total, (0, 1))
-    for found, slopes in (both(law, velocity), compiled(both, law, velocity, summed=True)):
+    both = jax.grad(lambda law, v: sj.restitution(law, v).coefficient.sum(), (0, 1))
+    by_law, slope = jax.jit(both)(LAW, alone)
+    for found, slopes in (both(LAW, velocity), compiled(both, LAW, velocity)):
         stays(slopes, velocity)
         assert np.allclose(slopes, slope, rtol=1e-9, atol=1e-13)
         assert np.isclose(found.unloading_stiffness, by_law.unloading_stiffness, rtol=1e-10)
 
-    # a number for each impact, where its velocity is or on one device; one wrong one is refused
-    growth = np.linspace(10.0, 90.0, 256)
-    of = lambda growth: sj.restitution(sj.WaltonBraun(pair, 1e6, 2e6, growth), velocity).coefficient
-    each = sj.restitution(sj.WaltonBraun(pair, 1e6, 2e6, growth), alone).coefficient
-    for some in (growth, spread(growth, mesh_of((4,)))):
-        stays(of(some), velocity)
-        assert np.allclose(of(some), each, rtol=1e-13)
+
+@with_devices
+def test_devices_take_a_number_for_each_impact():
+    """Where its velocity is or on one device; one wrong one is refused."""
+    alone, growth = np.geomspace(0.01, 400.0, 256), np.linspace(10.0, 90.0, 256)
+    velocity = spread(alone)
+    each = np.sqrt(1e6 / (2e6 + growth * alone * np.sqrt(1e6 * PAIR.mass)))
+    for some in (growth, spread(growth)):
+        found = sj.restitution(sj.WaltonBraun(PAIR, 1e6, 2e6, some), velocity).coefficient
+        stays(found, velocity)
+        assert np.allclose(found, each, rtol=1e-13)
     alone[-1] = -1.0
-    try:
-        sj.restitution(law, spread(alone, mesh_of((4,))))
-    except ValueError as error:
-        assert "velocity" in str(error)
-    else:
-        raise AssertionError("a negative velocity was taken")
-    """)
+    with pytest.raises(ValueError, match="velocity"):
+        sj.restitution(LAW, spread(alone))
 
 
-def test_large_batches_are_not_gathered():
+@with_devices
+def test_devices_gather_no_large_batches():
     """The derivative of half a million spread impacts moves nothing from one device to another."""
-    spread("""
     alone = np.linspace(0.0, 200.0, 4 * 131_075)
-    velocity = spread(alone, mesh_of((4,)))
-    value_and_slope = lambda velocity: jax.vjp(
-        lambda v: sj.restitution(law, v).coefficient, velocity)[1](jnp.ones_like(velocity))
-    (result,) = compiled(value_and_slope, velocity)
+    velocity = spread(alone)
+
+    def slope(velocity):
+        value, pull = jax.vjp(lambda v: sj.restitution(LAW, v).coefficient, velocity)
+        return pull(jnp.ones_like(value))[0]
+
+    result = compiled(slope, velocity)
     stays(result, velocity)
-    (few,) = value_and_slope(jnp.asarray(alone[-512:]))
-    assert np.allclose(result[-512:], few, rtol=1e-10, atol=1e-12)
-    """)
+    force = alone * np.sqrt(1e6 * PAIR.mass)
+    exact = -0.5 * np.sqrt(1e6) * 60.0 * np.sqrt(1e6 * PAIR.mass) / (2e6 + 60.0 * force) ** 1.5
+    assert np.allclose(result[1:], exact[1:], rtol=1e-10, atol=1e-12)
 
 
-def test_a_batch_smaller_than_one_piece_of_all_devices():
-    """300 000 impacts that nobody has spread, on four devices."""
-    spread("""
+@with_devices
+def test_devices_share_a_batch_smaller_than_one_piece_of_all():
+    """300 000 impacts that nobody has spread."""
     velocity = np.geomspace(0.01, 400.0, 300_000)
-    found = sj.restitution(law, velocity).coefficient
-    some = [0, 150_000, 299_999]
-    stiffness = 2e6 + 60.0 * velocity[some] * np.sqrt(1e6 * pair.mass)
-    assert np.allclose(np.asarray(found)[some], np.sqrt(1e6 / stiffness), rtol=1e-12)
-    """)
+    stiffness = 2e6 + 60.0 * velocity * np.sqrt(1e6 * PAIR.mass)
+    found = sj.restitution(LAW, velocity).coefficient
+    assert np.allclose(found, np.sqrt(1e6 / stiffness), rtol=1e-12)
 
 
-TABLES = """
 class Own(sj.RateIndependentLaw):
     contact: sj.Contact
+
     def loading_force(self, overlap):
         return 1e9 * overlap**1.5
+
     def unloading_force(self, overlap, peak):
         return 1e9 * overlap**2 / peak**0.5
 
-alone = np.linspace(1.0, 80.0, 4 * 256).reshape(4, 256)
-damped = sj.ViscoelasticHertz(pair, 1e-6)
-for kind, summed in {kinds}:
-    velocity = spread(alone, mesh_of((2, 2), kind))
-    for one, route in {ways}:
-        of = lambda velocity: sj.restitution(one, velocity, route)
-        result = compiled(of, velocity, summed=summed)
-        for leaf in (result.coefficient, result.peak_overlap, result.residual_overlap, result.status):
-            stays(leaf, velocity)
-        assert np.allclose(result.coefficient, of(alone).coefficient, rtol=1e-11)
-        stays(of(velocity).coefficient, velocity)
-"""
+
+def check_tables(law, route, **expected):
+    alone = np.linspace(1.0, 80.0, DEVICES * 64).reshape(DEVICES, 64)
+    velocity = spread(alone, 2, 2)
+    of = lambda velocity: sj.restitution(law, velocity, route)  # noqa: E731
+    result = compiled(of, velocity)
+    for name in ("coefficient", "peak_overlap", "residual_overlap", "status"):
+        stays(getattr(result, name), velocity)
+    assert np.allclose(result.coefficient, of(alone).coefficient, rtol=1e-11)
+    stays(of(velocity).coefficient, velocity)
+    return alone, velocity
 
 
-def test_tables_over_two_axes():
-    """Rows on some devices and columns on others."""
-    spread(TABLES.format(kinds="[('Auto', True)]", ways="[(Own(pair), None)]"))
+@with_devices
+def test_devices_hold_tables_by_rows_and_columns():
+    check_tables(Own(PAIR), None)
 
 
+@with_devices
 @pytest.mark.long
-def test_tables_over_two_axes_by_the_ode():
+def test_devices_hold_tables_by_the_ode():
     """Histories too, whose samples are a further axis."""
-    kinds = "[('Auto', True)]"
-    ways = "[(Own(pair), None), (damped, sj.ODE(steps=2))]"
-    histories = """
-    force = compiled(lambda v: sj.collide(damped, v, 5, sj.ODE(steps=2)).force, velocity)
-    expected = sj.collide(damped, alone, 5, sj.ODE(steps=2)).force
-    assert np.allclose(force, expected, rtol=1e-7, atol=1e-9)
+    damped, route = sj.ViscoelasticHertz(PAIR, 1e-6), sj.ODE(steps=2)
+    alone, velocity = check_tables(damped, route)
+    force = compiled(lambda v: sj.collide(damped, v, 5, route).force, velocity)
+    assert np.allclose(force, sj.collide(damped, alone, 5, route).force, rtol=1e-7, atol=1e-9)
     stays(force[..., 0], velocity)
-"""
-    run(SPREAD + TABLES.format(kinds=kinds, ways=ways) + histories, devices=4)
 
 
-def test_shard_map_and_a_device_that_is_chosen():
+@with_devices
+def test_devices_under_shard_map_and_one_that_is_chosen():
     """Results stay where their input was put; `shard_map` follows the energy balance, not diffrax."""
-    run("""
-    law = sj.Zhou(pair, 0.22, 0.4355, 0.5414)
-    first, second = jax.devices()
+    law, velocity = fitted("nylon"), np.array([0.1, 0.2, 1.0, 2.0])
+    second = jax.devices()[1]
     result = sj.restitution(law, jax.device_put(velocity, second))
     for leaf in (result.coefficient, result.status, result.duration):
-        assert leaf.device == second, leaf.device
+        assert leaf.device == second
     alone = sj.restitution(law, velocity).coefficient
-    assert np.array_equal(np.asarray(result.coefficient), np.asarray(alone))
-    from jax.sharding import Mesh, NamedSharding, PartitionSpec
-    mesh, each = Mesh(np.array([first, second]), ("impacts",)), PartitionSpec("impacts")
-    def of(velocity): return sj.restitution(law, velocity).coefficient
-    mapped = jax.jit(jax.shard_map(of, mesh=mesh, in_specs=each, out_specs=each))
-    assert np.allclose(mapped(jnp.asarray(velocity)), alone, rtol=1e-14)
-    damped = sj.HertzDashpot(pair, 0.9)
-    def by_time(velocity): return sj.restitution(damped, velocity, sj.ODE(steps=2)).coefficient
-    refused = False
-    try:
-        jax.jit(jax.shard_map(by_time, mesh=mesh, in_specs=each, out_specs=each))(velocity)
-    except ValueError as error:
-        refused = "check_vma=False" in str(error)
-    assert refused
-    unchecked = jax.shard_map(by_time, mesh=mesh, in_specs=each, out_specs=each, check_vma=False)
-    assert np.allclose(jax.jit(unchecked)(velocity), by_time(velocity), rtol=1e-12)
-    """)
+    assert np.array_equal(result.coefficient, alone)
+    mesh, each = Mesh(np.array(jax.devices()[:2]), ("impacts",)), PartitionSpec("impacts")
+
+    def mapped(of, **more):
+        return jax.jit(jax.shard_map(of, mesh=mesh, in_specs=each, out_specs=each, **more))(
+            velocity
+        )
+
+    found = mapped(lambda v: sj.restitution(law, v).coefficient)
+    assert np.allclose(found, alone, rtol=1e-14)
+    damped = sj.HertzDashpot(PAIR, 0.9)
+    by_time = lambda v: sj.restitution(damped, v, sj.ODE(steps=2)).coefficient  # noqa: E731
+    with pytest.raises(ValueError, match="check_vma=False"):
+        mapped(by_time)
+    assert np.allclose(mapped(by_time, check_vma=False), by_time(velocity), rtol=1e-12)
 
 
 @pytest.mark.long
 def test_threads_and_a_thousand_calls():
     """The same from eight threads at once; and memory does not grow with calls of many sizes."""
-    run("""
-    from concurrent.futures import ThreadPoolExecutor
-    import resource
-    law = sj.Zhou(pair, 0.22, 0.4355, 0.5414)
-    alone = np.asarray(sj.restitution(law, velocity).coefficient)
-    of = lambda _: np.asarray(sj.restitution(law, velocity).coefficient)
+    law, velocity = fitted("nylon"), np.array([0.1, 0.2, 1.0, 2.0])
+    of = lambda _: np.asarray(sj.restitution(law, velocity).coefficient)  # noqa: E731
+    alone = of(0)
     with ThreadPoolExecutor(8) as pool:
         assert all(np.array_equal(one, alone) for one in pool.map(of, range(64)))
 
     def calls(sizes):
         for n in sizes:
             sj.restitution(law, np.linspace(0.01, 2.0, n)).coefficient.block_until_ready()
+        pages = int(Path("/proc/self/statm").read_text().split()[1])
+        return pages * resource.getpagesize() / 2**20
 
-    def memory():
-        return int(open("/proc/self/statm").read().split()[1]) * resource.getpagesize() / 2**20
-
-    rng = np.random.default_rng(0)
-    calls(range(1, 257, 3))
-    before = memory()
-    calls(rng.integers(1, 256, 1000))
-    assert memory() - before < 20, memory() - before  # MB; programs are shared between sizes
-    """)
+    before = calls(range(1, 257, 3))
+    assert calls(np.random.default_rng(0).integers(1, 256, 1000)) - before < 20  # MB
 
 
 SPAWNED = """
@@ -218,9 +243,5 @@ if __name__ == "__main__":
 
 def test_spawned_processes(tmp_path):
     """A process forked after JAX was used is not supported by JAX itself."""
-    script = tmp_path / "spawned.py"
-    script.write_text(SPAWNED, encoding="utf-8")
-    known = os.environ | {"PYTHONPATH": str(ROOT)}
-    command = [sys.executable, str(script)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, env=known)
-    assert done.returncode == 0, done.stderr[-2000:]
+    (tmp_path / "spawned.py").write_text(SPAWNED, encoding="utf-8")
+    run(str(tmp_path / "spawned.py"))

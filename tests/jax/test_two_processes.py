@@ -30,38 +30,26 @@ def free_port() -> int:
         return one.getsockname()[1]
 
 
-def both(code: str) -> list[subprocess.CompletedProcess]:
-    """Both processes, once they have ended."""
-    env = os.environ | {"JAX_PLATFORMS": "cpu"}
-    started = [
-        subprocess.Popen(
-            [sys.executable, "-c", code, str(k)],
-            cwd=ROOT,
-            env=env,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        for k in (0, 1)
-    ]
+def both(code: str) -> list[tuple[int | None, str, str]]:
+    """What both processes return and write, once they have ended."""
+    given = {"cwd": ROOT, "env": os.environ | {"JAX_PLATFORMS": "cpu"}, "text": True}
+    given |= {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    started = [subprocess.Popen([sys.executable, "-c", code, k], **given) for k in "01"]
     try:
         written = [one.communicate(timeout=240) for one in started]
     finally:
         for one in started:
             one.kill()
-    return [
-        subprocess.CompletedProcess(one.args, one.returncode, *text)
-        for one, text in zip(started, written, strict=True)
-    ]
+    return [(one.returncode, *text) for one, text in zip(started, written, strict=True)]
 
 
 def test_each_process_has_its_half_and_the_slope_of_both():
     """The halves are those of one process; the slope is the sum over all impacts."""
     for _ in range(TRIES):
         ended = both(script().replace(ADDRESS, f"localhost:{free_port()}"))
-        if not any("ddress already in use" in one.stderr for one in ended):
+        if not any("ddress already in use" in error for _, _, error in ended):
             break
-    assert [one.returncode for one in ended] == [0, 0], [one.stderr[-1500:] for one in ended]
+    assert [code for code, *_ in ended] == [0, 0], [error[-1500:] for *_, error in ended]
     pair = sj.Contact.between_spheres(sj.NYLON, sj.NYLON, 0.0127, 0.0127)
     law = sj.Zhou(pair, chi=0.22, sigma=0.4355, psi=0.5414)
     velocity = np.concatenate([np.linspace(1.0, 25.0, 50_000) + 25.0 * k for k in (0, 1)])
@@ -71,9 +59,9 @@ def test_each_process_has_its_half_and_the_slope_of_both():
         for chi in (0.22 - step, 0.22 + step)
     )
     slope = (high - low) / (2 * step)
-    for k, one in enumerate(ended):
-        said = re.search(r"(\d) \((\d+),\) (\S+) (\S+)$", one.stdout.strip())
-        assert said, one.stdout
+    for k, (_, out, _) in enumerate(ended):
+        said = re.search(r"(\d) \((\d+),\) (\S+) (\S+)$", out.strip())
+        assert said, out
         index, count, first, found = said.groups()
         assert (int(index), int(count)) == (k, 50_000)
         expected = float(sj.restitution(law, 1.0 + 25.0 * k).coefficient)
