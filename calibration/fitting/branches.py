@@ -20,8 +20,6 @@ BEYOND = 0.1  # in z: the start of a search beyond the last of them
 AT_ONCE = 200_000  # impacts of searches side by side
 LEAST, MOST = 8, 64  # branches that are searched at once
 ROUNDS = 8
-SOON, MOST_STEPS = 8, 200  # steps of a search
-FAR = 20.0  # times the lowest cost: such a branch is neither the best, nor in a profile
 LOWER = 1e-9  # share of the cost that counts as lower
 
 Z = Float[np.ndarray, "fits elements"]
@@ -40,27 +38,18 @@ class Branches(NamedTuple):
     def some(self, which) -> "Branches":
         return Branches(*(part[which] for part in self))
 
-    def joined(self, other: "Branches") -> "Branches":
-        return Branches(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
+    @classmethod
+    def joined(cls, parts: list["Branches"]) -> "Branches":
+        return cls(*(np.concatenate(every) for every in zip(*parts, strict=True)))
 
     def problem(self, problem: Problem, k: int) -> Problem:
         """The problem held on one of these."""
         return problem.held(self.elastic[k], (self.lower[k], self.upper[k]))
 
     def searched(self, problem: Problem) -> "Branches":
-        """The lowest cost of each; nearly that of those which are far above the best after a few steps."""
-        soon = self._searched(problem, SOON)
-        most = FAR * np.min(soon.cost)
-        if all(errors.is_stated for errors in problem.errors):  # costs are halves of χ²
-            most += FAR
-        near = np.flatnonzero(~(soon.cost > most))
-        for part, new in zip(soon, soon.some(near)._searched(problem, MOST_STEPS), strict=True):
-            part[near] = new
-        return soon
-
-    def _searched(self, problem: Problem, limit: int) -> "Branches":
+        """The lowest cost of each."""
         lanes = Lanes(elastic=self.elastic, lower=self.lower, upper=self.upper)
-        found = guided_search(problem, self.z, "levenberg-marquardt", lanes=lanes, limit=limit)
+        found = guided_search(problem, self.z, "levenberg-marquardt", lanes=lanes)
         return self._replace(z=found.z, cost=found.cost, limits=found.limits)
 
 
@@ -75,12 +64,6 @@ def held_at(problem: Problem, z: Float[np.ndarray, "elements"]) -> Problem:
     if problem.elastic is None:
         return problem
     return problem.held(problem.elastic_at(z), _ends(problem, z))
-
-
-def _elastic_at(problem: Problem, z) -> Bool[np.ndarray, "points"]:
-    found = problem.elastic_at(z)
-    assert found is not None
-    return found
 
 
 def _changes(problem: Problem, z, k: int) -> Float[np.ndarray, "points"]:
@@ -132,7 +115,7 @@ def _all_along(problem: Problem, z, k: int) -> Branches:
     begin = np.where((low <= z[k]) & (z[k] <= high), z[k], middle)
     places = np.repeat(z[None], count, axis=0)
     places[:, k] = begin
-    own = np.repeat(_elastic_at(problem, z)[None], count, axis=0)
+    own = np.repeat(np.asarray(problem.elastic_at(z))[None], count, axis=0)
     rises = POWERS[problem.elements[k].name.removeprefix(OF_CONTACT)] > 0
     elastic = at <= low[:, None] if rises else at >= high[:, None]
     elastic = np.where(np.isfinite(at), elastic, own)
@@ -149,47 +132,29 @@ def _lowest_along(problem: Problem, z, k: int) -> Branches:
     every = _all_along(problem, z, k)
     count = len(every.cost)
     most = int(np.clip(AT_ONCE // problem.count, LEAST, MOST))
-    low, high, done = 0, count - 1, None
+    low, high, done = 0, count - 1, []
     while True:
         chosen = np.unique(np.linspace(low, high, min(most, high - low + 1)).astype(int))
         found = every.some(chosen).searched(problem)
-        done = found if done is None else done.joined(found)
+        done.append(found)
         if len(chosen) == high - low + 1:
-            return done
+            return Branches.joined(done)
         best = int(np.argmin(found.cost))
         low, high = chosen[max(best - 1, 0)], chosen[min(best + 1, len(chosen) - 1)]
 
 
-def by_branches(problem: Problem, starts: Z) -> tuple[list[Branches], Branches]:
-    """The lowest cost from each start, and of each branch along the elements that yield moves with.
-
-    Returns:
-        The best from each start, best first; all branches around the best of them.
-    """
-    ends = [_descended(problem, start) for start in starts]
-    ends.sort(key=lambda end: float(f"{end[0].cost[0]:.6g}"))
-    return [best for best, _ in ends], ends[0][1]
-
-
-def _descended(problem: Problem, z) -> tuple[Branches, Branches]:
-    best = _together(problem, z)
-    z = best.z[0]
+def by_branches(problem: Problem, z) -> tuple[Branches, Branches]:
+    """The lowest cost from a start, and all branches around it along the elements that yield moves with."""
+    best, every = _together(problem, z), moving(problem)
     for _ in range(ROUNDS):
-        around: Branches | None = None
-        improved = False
-        for k in moving(problem):
-            found = _lowest_along(problem, z, k)
-            around = found if around is None else around.joined(found)
-            lowest = found.some([int(np.argmin(found.cost))])
-            if lowest.cost[0] < best.cost[0] * (1 - LOWER):
-                best, z, improved = lowest, lowest.z[0], True
-        if len(moving(problem)) > 1:
-            found = _together(problem, z)
-            if found.cost[0] < best.cost[0] * (1 - LOWER):
-                best, z, improved = found, found.z[0], True
-        if not improved:
+        found = [_lowest_along(problem, best.z[0], k) for k in every]
+        around = Branches.joined(found)
+        lowest = around.some([int(np.argmin(around.cost))])
+        if len(every) > 1:
+            lowest = min(lowest, _together(problem, lowest.z[0]), key=lambda one: one.cost[0])
+        if not lowest.cost[0] < best.cost[0] * (1 - LOWER):
             break
-    assert around is not None
+        best = lowest
     return best, around
 
 
@@ -197,5 +162,5 @@ def _together(problem: Problem, z) -> Branches:
     """All elements searched at once, on the branches that points have at z."""
     lower, upper = _ends(problem, z)
     nothing = np.zeros((1, len(problem.active)), int)
-    here = lower[None], upper[None], _elastic_at(problem, z)[None], z[None]
+    here = lower[None], upper[None], np.asarray(problem.elastic_at(z))[None], z[None]
     return Branches(*here, np.full(1, np.inf), nothing).searched(problem)

@@ -284,24 +284,26 @@ class Problem:
     def seen(self, z: Z, lanes: Lanes | None = None) -> list[Residuals]:
         """Data at z from which the variances of each block are estimated."""
         found = self.linearise(z, lanes)
-        off, every = found.prediction - self._measured(lanes), np.arange(found.residual.shape[1])
+        off = found.prediction - self._measured(lanes)
         transform, x = self.transform.part(self.active), z[:, self.active]
         plain = transform.kind == NONE
         at_bound = plain & ((x <= transform.lower) | (x >= transform.upper))
         free = ~(at_bound | acts_on_nothing(found.jacobian, np.where(plain, np.abs(x), 1.0), WEAK))
-        parts = []
+
+        def normal(rows: slice) -> tuple[np.ndarray, np.ndarray]:
+            slopes, rest = found.jacobian[:, rows], found.residual[:, rows]
+            return np.swapaxes(slopes, 1, 2) @ slopes, np.einsum("fmp,fm->fp", slopes, rest)
+
+        every, parts = normal(slice(found.residual.shape[1] - self.more)), []
         for own in self.own:
-            others = (every < own.start) | (every >= own.stop)
-            others &= every < len(every) - self.more
-            slopes, rest = found.jacobian[:, others], found.residual[:, others]
-            information = np.swapaxes(slopes, 1, 2) @ slopes
-            gradient = np.einsum("fmp,fm->fp", slopes, rest)
+            others: list[Any] = [a - b for a, b in zip(every, normal(own), strict=True)]
             if not self.joint:  # each data set is judged by itself
-                information, gradient = 0 * information, 0 * gradient
+                others = [0 * a for a in others]
+            elif len(self.errors) > 1:
+                others[1] = None
             _, slope, bend = found.carried(own)
-            b = None if self.joint and len(self.errors) > 1 else gradient
             at = (off[:, own], found.per[:, own], slope, bend)
-            parts.append(Residuals(*at, information, b, free))
+            parts.append(Residuals(*at, others[0], others[1], free))
         return parts
 
     def deviance(self, z: Z) -> Float[np.ndarray, "fits"]:

@@ -1,7 +1,9 @@
 """Many fits of one problem side by side: to simulated data, and without each point or group."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -23,17 +25,25 @@ ROUNDS = 12  # in which a refit and its variances settle
 SETTLED = 1e-6  # change of z from round to round
 
 
+def _refitted(fit: ComponentFit, again: Callable[[Problem, Any], Found], count: int = 1):
+    """Refits through all stages from the fit: z of each, and which arrived."""
+    z, converged = np.repeat(fit.z[None], count, axis=0), np.ones(count, bool)
+    for stage in fit.stages:
+        found = again(stage.problem, z)
+        z, converged = found.z, converged & found.converged
+    return z, converged
+
+
 def with_own_noise(problem: Problem, z, lanes: Lanes, begun=None) -> Found:
     """Searches from z, each with the variances of its own residuals."""
     found = search(problem, z, begun=begun, lanes=lanes, limit=STEPS)
     if not needs_variances(problem) or not any(one.unknown for one in problem.errors):
         return found
     for _ in range(ROUNDS):
-        lanes = lanes._replace(variances=variances_at(problem, found.z, lanes))
-        again = search(problem, found.z, begun=found.begun, lanes=lanes, limit=STEPS, releases=0)
-        moved = float(np.max(np.abs(again.z - found.z), initial=0.0))
-        found = again
-        if moved <= SETTLED:
+        before, variances = found.z, variances_at(problem, found.z, lanes)
+        lanes = lanes._replace(variances=variances)
+        found = search(problem, before, begun=found.begun, lanes=lanes, limit=STEPS, releases=0)
+        if np.max(np.abs(found.z - before), initial=0.0) <= SETTLED:
             break
     return found
 
@@ -58,9 +68,18 @@ class Bootstrap:
 def bootstrap(fits: list[ComponentFit], count: int, seed: int, confidence: float) -> Bootstrap:
     """Simulate each point with the fitted curve and its noise, and fit that again, the noise as well."""
     random = np.random.default_rng(seed)
-    drawn = [_simulated(fit, count, random) for fit in fits]
-    found = [_refitted(fit, data) for fit, data in zip(fits, drawn, strict=True)]
-    every, arrived = zip(*found, strict=True)
+    every, arrived = [], []
+    for fit in fits:
+        first, drawn = fit.stages[0].problem, []
+        curve = first.linearise(fit.z[None])
+        for errors, s, own in zip(first.errors, first.variances, first.own, strict=True):
+            off = errors.simulate(s, curve.carried(own), random, count)
+            drawn.append(curve.prediction[:, own] + off)
+        lanes = Lanes(value=np.maximum(np.concatenate(drawn, axis=1), 0.0))
+        again = partial(_of_simulated, lanes=lanes, begun=np.tile(fit.begun, (count, 1)))
+        z, converged = _refitted(fit, again, count)
+        every.append(fit.final.problem.transform.physical(z))
+        arrived.append(converged)
     values, converged = np.concatenate(every, axis=1), np.all(arrived, axis=0)
     names = [e.label for fit in fits for e in fit.component.elements]
     part = 100 * np.array([0.5 * (1 - confidence), 0.5 * (1 + confidence)])
@@ -73,42 +92,18 @@ def bootstrap(fits: list[ComponentFit], count: int, seed: int, confidence: float
     return Bootstrap(tuple(names), values, converged, intervals)
 
 
-def _simulated(fit: ComponentFit, count: int, random) -> Float[np.ndarray, "count n"]:
-    """Data around the curve of the first stage."""
-    first, parts = fit.stages[0].problem, []
-    found = first.linearise(fit.z[None])
-    for errors, s, own in zip(first.errors, first.variances, first.own, strict=True):
-        curve = found.carried(own)
-        parts.append(curve.mean + errors.simulate(s, curve, random, count))
-    return np.maximum(np.concatenate(parts, axis=1), 0.0)
-
-
-def _refitted(fit: ComponentFit, drawn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Physical values of fits to such data, and which of them arrived."""
-    z, converged = np.repeat(fit.z[None], len(drawn), axis=0), np.ones(len(drawn), bool)
-    for stage in fit.stages:
-        begun = np.broadcast_to(fit.begun, z.shape)
-        found = with_own_noise(stage.problem, z, Lanes(value=drawn), begun)
-        if stage.problem.moves and not needs_variances(stage.problem):
-            found = _lowest_along_valley(stage.problem, found, drawn, begun)
-        z, converged = found.z, converged & found.converged
-    return fit.final.problem.transform.physical(z), converged
-
-
-def _lowest_along_valley(problem: Problem, found: Found, drawn: np.ndarray, begun) -> Found:
-    """The lowest of each fit's minima from where it ended and from both sides of there."""
-    starts = along_valley(problem, found.z)
-    if not len(starts):
+def _of_simulated(problem: Problem, z, lanes: Lanes, begun) -> Found:
+    """Fits to simulated data; where velocities have errors the lowest of each one's minima near there."""
+    found, fits = with_own_noise(problem, z, lanes, begun), len(z)
+    if not problem.moves or needs_variances(problem) or not len(problem.active):
         return found
-    twice = Lanes(value=np.concatenate([drawn, drawn]))
-    more = search(problem, starts, begun=np.concatenate([begun, begun]), lanes=twice, limit=STEPS)
-    fits = len(drawn)
-    cost = np.stack([found.cost, more.cost[:fits], more.cost[fits:]])
-    arrived = np.stack([found.converged, more.converged[:fits], more.converged[fits:]])
-    best = np.argmin(np.where(arrived, cost, np.inf), axis=0)
+    starts = along_valley(problem, found.z)
+    twice, begun = lanes.some(np.tile(np.arange(fits), 2)), np.tile(begun, (2, 1))
+    more = search(problem, starts, begun=begun, lanes=twice, limit=STEPS)
     parts: list[Any] = [np.concatenate(pair) for pair in zip(found[:-1], more[:-1], strict=True)]
     every = Found._make([*parts, found.evaluations + more.evaluations])
-    return every.some(best * fits + np.arange(fits))
+    cost = np.where(every.converged, every.cost, np.inf).reshape(3, fits)
+    return every.some(np.argmin(cost, axis=0) * fits + np.arange(fits))
 
 
 EXACT = 1_000_000  # impacts up to which every point is left out by a refit
@@ -238,13 +233,14 @@ def _without_points(fit: ComponentFit, fold: np.ndarray):
         Predicted less measured, densities, and whether all refits arrived; as the others.
     """
     folds, problem = int(np.max(fold)) + 1, fit.final.problem
-    z, converged = np.repeat(fit.z[None], folds, axis=0), np.ones(folds, bool)
     kept = (fold != np.arange(folds)[:, None]).astype(float)
-    for stage in fit.stages:
-        lanes = Lanes(copies=kept * stage.problem.points.copies)
+
+    def again(problem: Problem, z) -> Found:
+        lanes = Lanes(copies=kept * problem.points.copies)
         begun = np.broadcast_to(fit.begun, z.shape)
-        found = search(stage.problem, z, begun=begun, lanes=lanes, limit=STEPS)
-        z, converged = found.z, converged & found.converged
+        return search(problem, z, begun=begun, lanes=lanes, limit=STEPS)
+
+    z, converged = _refitted(fit, again, folds)
     off, density = np.empty((2, problem.count))
     most = max(1, AT_ONCE // problem.count)
     for some in np.split(np.arange(folds), np.arange(most, folds, most)):
@@ -303,11 +299,13 @@ def _without_groups(fit: ComponentFit, fold: np.ndarray):
     off, density = np.empty((2, problem.count))
     arrived = True
     for number in range(int(np.max(fold)) + 1):
-        rows, z = fold == number, fit.z[None]
-        for stage in fit.stages:
-            own = stage.problem.kept(~rows)
-            found = search(own, z, begun=fit.begun[None], limit=STEPS)
-            z, arrived = found.z, arrived and bool(found.converged[0])
+        rows = fold == number
+
+        def again(problem: Problem, z, others=~rows) -> Found:
+            return search(problem.kept(others), z, begun=fit.begun[None], limit=STEPS)
+
+        z, converged = _refitted(fit, again)
+        arrived, own = arrived and bool(converged[0]), problem.kept(~rows)
         there = np.where(held, 0.0, own.linearise(z).jacobian[0])
         inverse = np.linalg.pinv(there.T @ there, rcond=SEEN**2, hermitian=True)
         mine = problem.kept(rows)

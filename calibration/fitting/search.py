@@ -313,17 +313,17 @@ class _Search:
         self.at: Condensed
         self._condense(every)
 
-    def _ends(self) -> tuple[np.ndarray, np.ndarray]:
+    def _ends(self) -> list[np.ndarray]:
         """Lowest and highest of the active elements of each fit: their bounds, and their branches'."""
         problem, lanes = self.problem, self.lanes
         transform = problem.transform.part(problem.active)
-        lower = np.where(self.scaled, -np.inf, transform.lower) + np.zeros(self.start.shape)
-        upper = np.where(self.scaled, np.inf, transform.upper) + np.zeros(self.start.shape)
+        ends = [np.where(self.scaled, -np.inf, transform.lower) + np.zeros(self.start.shape)]
+        ends += [np.where(self.scaled, np.inf, transform.upper) + np.zeros(self.start.shape)]
         within = problem.within if lanes.lower is None else (lanes.lower, lanes.upper)
         if within is None:
-            return lower, upper
+            return ends
         low, high = (np.asarray(end)[..., problem.active] for end in within)
-        return np.maximum(lower, low), np.minimum(upper, high)
+        return [np.maximum(ends[0], low), np.minimum(ends[1], high)]
 
     @property
     def x(self) -> np.ndarray:
@@ -388,7 +388,6 @@ class _Search:
         return self.problem.linearise(z[fits], self.lanes.some(fits))
 
     def _put(self, fits, found: Linear, which: Any = slice(None)) -> None:
-        """Take what was found for some fits."""
         self.value[fits], self.jacobian[fits] = found.residual[which], found.jacobian[which]
         self.cost[fits] = found.cost[which]
 
@@ -468,33 +467,25 @@ class _Search:
 
     def _release(self, arrived) -> np.ndarray:
         """Take back elements whose cost falls inwards now that the others have moved."""
-        fits = arrived & np.any(self.limits != 0, axis=1)
-        back = np.zeros(len(fits), bool)
-        for f in np.flatnonzero(fits):
-            inner = self._lower_inside(int(f))
-            if inner is not None:
-                self.z[f], back[f] = inner, True
-                self.limits[f], self.released[f] = 0, self.released[f] + 1
+        active, back = self.problem.active, np.zeros(len(arrived), bool)
+        for f in np.flatnonzero(arrived & np.any(self.limits != 0, axis=1)):
+            places = []
+            for k in np.flatnonzero(self.limits[f]):
+                for part in (0.0, 0.5, 0.8):
+                    inner = self.start[f, k] + part * (self.x[f, k] - self.start[f, k])
+                    places.append(np.array(self.z[f]))
+                    places[-1][active[k]] = np.clip(inner, self.lower[f, k], self.upper[f, k])
+            self.evaluations += len(places)
+            lanes = self.lanes.some(np.full(len(places), f))
+            cost = self.problem.linearise(np.array(places), lanes, slopes=False).cost
+            best = int(np.argmin(cost))
+            if cost[best] < self.at.cost[f] * (1 - 1e-9):
+                self.z[f], back[f], self.limits[f] = places[best], True, 0
+                self.released[f] += 1
         if np.any(back):
             self._put(back, self._at(self.z, back))
             self._condense(back)
         return back
-
-    def _lower_inside(self, f: int) -> np.ndarray | None:
-        """z of one fit with an element back inside where that lowers the cost, else None."""
-        places = []
-        for k in np.flatnonzero(self.limits[f]):
-            for part in (0.0, 0.5, 0.8):
-                z = np.array(self.z[f])
-                position = self.problem.active[k]
-                z[position] = self.start[f, k] + part * (z[position] - self.start[f, k])
-                z[position] = np.clip(z[position], self.lower[f, k], self.upper[f, k])
-                places.append(z)
-        one = np.full(len(places), f)
-        self.evaluations += len(places)
-        cost = self.problem.linearise(np.array(places), self.lanes.some(one), slopes=False).cost
-        best = int(np.argmin(cost))
-        return places[best] if cost[best] < self.at.cost[f] * (1 - 1e-9) else None
 
     def _stop(self, fits, reason: str) -> None:
         self.reason[fits & self.going] = reason

@@ -92,12 +92,17 @@ def best_starts(problem: Problem, places: Places, keep: int) -> Places:
     """The `keep` best that are not neighbours, best first; each data set ranks its own elements."""
     if len(places) == 1:
         return places
-    costs = screen(problem, places)
+    lanes = Lanes(elastic=problem.elastic_at(places))
+    found = problem.linearise(places, lanes, slopes=False)
+    squares = np.nan_to_num(found.residual, nan=np.inf) ** 2
+    begins = np.flatnonzero(np.diff(problem.points.set, prepend=-1))
+    of_sets = np.add.reduceat(squares[:, : problem.count], begins, axis=1)
+    costs = of_sets + squares[:, problem.count :].sum(axis=1)[:, None]
     keep = min(keep, len(places))
     starts = np.repeat(places[:1], keep, axis=0)
-    for group in {problem.elements[k].sets for k in problem.active}:
-        members = [k for k in problem.active if problem.elements[k].sets == group]
-        ranked = costs[:, group[0]] if len(group) == 1 else costs.sum(axis=1)
+    for sets in {problem.elements[k].sets for k in problem.active}:
+        members = [k for k in problem.active if problem.elements[k].sets == sets]
+        ranked = costs[:, sets[0]] if len(sets) == 1 else costs.sum(axis=1)
         chosen = _apart(np.argsort(ranked, kind="stable"), places[:, members], keep)
         starts[:, members] = places[chosen][:, members]
     return starts
@@ -111,18 +116,7 @@ def _apart(order, places, keep: int) -> list[int]:
             chosen.append(int(i))
         if len(chosen) == keep:
             return chosen
-    chosen += [int(i) for i in order if int(i) not in chosen]
-    return chosen[:keep]
-
-
-def screen(problem: Problem, places: Places) -> Float[np.ndarray, "starts sets"]:
-    """Cost of each start and data set, priors added to all, in one batch."""
-    lanes = Lanes(elastic=problem.elastic_at(places))
-    found = problem.linearise(places, lanes, slopes=False)
-    squares = np.nan_to_num(found.residual, nan=np.inf) ** 2
-    points, sets = problem.points.set, len(problem.datasets)
-    by_set = np.stack([squares[:, : problem.count][:, points == g].sum(1) for g in range(sets)], 1)
-    return by_set + squares[:, problem.count :].sum(axis=1)[:, None]
+    return [*chosen, *(int(i) for i in order if int(i) not in chosen)][:keep]
 
 
 REFINED = 3  # of the screened starts
@@ -343,10 +337,11 @@ def _misses(problem: Problem, found: Found) -> bool:
 
 def _along_branches(problem: Problem, starts, options: FitOptions) -> tuple[list[Found], Branches]:
     """Searches where the cost jumps, and the branches around the best."""
-    bests, around = by_branches(problem, starts)
+    every = [by_branches(problem, z) for z in starts]
+    every.sort(key=lambda pair: float(f"{pair[0].cost[0]:.6g}"))
     optimiser, limit = options.optimiser, options.max_steps
-    ends = [search(held_at(problem, best.z[0]), best.z, optimiser, limit=limit) for best in bests]
-    return sorted(ends, key=_rank), around
+    ends = [search(held_at(problem, b.z[0]), b.z, optimiser, limit=limit) for b, _ in every]
+    return sorted(ends, key=_rank), every[0][1]
 
 
 def _rank(found: Found) -> tuple[float, bool]:

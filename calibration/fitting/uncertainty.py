@@ -54,9 +54,7 @@ NO_PART = 1e-10  # of a variance: a part below is none
 MOST_NUMBERS = 50_000  # that a result keeps of one component; beyond, its least degrees of freedom
 
 Matrix = Float[np.ndarray, "p p"]
-Stages = Sequence[
-    tuple[Problem, np.ndarray]
-]  # each with +1 or -1 for what is at an end of its range
+Stages = Sequence[tuple[Problem, np.ndarray]]  # +1 or -1 for what is at an end of its range
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,8 +177,7 @@ def _of_likelihood(problem: Problem, limits, z) -> Uncertainty:
     jacobian = problem.linearise(z[None]).jacobian
     size = np.where(scaled, 1.0, np.abs(z[problem.active]))
     jacobian = np.where(held | acts_on_nothing(jacobian, size[None]), 0.0, jacobian[0])
-    rank, condition, nulls = diagnose(jacobian, held)
-    basis, seen = _basis(jacobian)
+    basis, seen, rank, condition, nulls = _decomposed(jacobian, held)
     curved, definite = identity, not _has_network(problem)
     few = condensed(problem, z)
     if asks_for_curvature(few):
@@ -229,16 +226,26 @@ def asks_for_curvature(problem: Problem) -> bool:
     return impacts <= MOST * (BY_TIME if isinstance(problem.route, sj.ODE) else 1.0)
 
 
-def _basis(jacobian: Float[np.ndarray, "m p"]):
-    """W with Wᵀ JᵀJ W = 1 along what the rows move with, 0 elsewhere; and which columns are such."""
+def _decomposed(jacobian: Float[np.ndarray, "m p"], held=False):
+    """W with Wᵀ JᵀJ W = 1 along what the rows move with, 0 elsewhere; and which columns are such.
+
+    Also rank, condition number, and which elements lie in null directions; held ones count for none.
+    """
+    m, p = jacobian.shape
+    held = np.broadcast_to(held, p)
     size = np.linalg.norm(jacobian, axis=0)
-    size = np.where(size > 0, size, 1.0)
-    missing = max(jacobian.shape[1] - jacobian.shape[0], 0)
-    filled = np.pad(jacobian / size, ((0, missing), (0, 0)))
+    none, size = size == 0, np.where(size > 0, size, 1.0)
+    filled = np.pad(jacobian / size, ((0, max(p - m, 0)), (0, 0)))
     _, singular, directions = np.linalg.svd(filled, full_matrices=False)
-    seen = singular > RANK_TOLERANCE * np.max(singular, initial=0.0)
+    largest = np.max(singular, initial=0.0)
+    seen = singular > RANK_TOLERANCE * largest
     per = np.where(seen, 1 / np.where(seen, singular, 1.0), 0.0)
-    return directions.T * per / size[:, None], seen
+    kept = np.arange(p) < min(m, np.sum(~held))
+    share = np.sqrt(np.sum(np.where((kept & ~seen)[:, None], directions, 0.0) ** 2, axis=0))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        condition = float(largest / np.min(singular[kept])) if np.any(kept) else 1.0
+    nulls = ~held & (none | (share > NULL_SHARE))
+    return directions.T * per / size[:, None], seen, int(np.sum(kept & seen)), condition, nulls
 
 
 def _left(problem: Problem, leverage) -> Float[np.ndarray, "blocks"]:
@@ -335,7 +342,7 @@ def _of_equations(stages: Stages, z) -> Uncertainty:
             copies = problem.points.copies[own, None]
             scores[own, columns] = copies * errors.solve(factor, raw)[0]
         prior[columns, columns] = jacobian[points:].T @ jacobian[points:]
-        own_rank, own_condition, nulls[columns] = diagnose(jacobian, held)
+        *_, own_rank, own_condition, nulls[columns] = _decomposed(jacobian, held)
         rank, condition = rank + own_rank, max(condition, own_condition)
         limits[columns] = own_limits
     left = _left(first_problem, leverage)
@@ -436,23 +443,7 @@ def third_derivatives(problem: Problem, z, known: Uncertainty) -> np.ndarray | N
 
 def leverages(jacobian: Float[np.ndarray, "m p"]) -> Float[np.ndarray, "m"]:
     """Diagonal of J (JᵀJ)⁺ Jᵀ: how many parameters each row pays for."""
-    return np.sum((jacobian @ _basis(jacobian)[0]) ** 2, axis=1)
-
-
-def diagnose(jacobian: Float[np.ndarray, "m p"], held) -> tuple[int, float, np.ndarray]:
-    """Rank, condition number, and which columns lie in null directions; held ones count for none."""
-    if not jacobian.shape[1]:
-        return 0, 1.0, np.zeros(0, bool)
-    size = np.linalg.norm(jacobian, axis=0)
-    scaled = jacobian / np.where(size == 0, 1.0, size)
-    _, singular, directions = np.linalg.svd(scaled, full_matrices=False)
-    kept = np.arange(len(singular)) < np.sum(~held)
-    seen = kept & (singular > RANK_TOLERANCE * singular[0])
-    share = np.sqrt(np.sum(np.where((kept & ~seen)[:, None], directions, 0.0) ** 2, axis=0))
-    smallest = np.min(singular[kept], initial=np.inf)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        condition = float(singular[0] / smallest) if np.isfinite(smallest) else 1.0
-    return int(np.sum(seen)), condition, ~held & ((size == 0) | (share > NULL_SHARE))
+    return np.sum((jacobian @ _decomposed(jacobian)[0]) ** 2, axis=1)
 
 
 def _inverse(bread: Matrix, left_out) -> Matrix:

@@ -33,7 +33,7 @@ STEP = 1e-2  # in the logarithm of a variance
 RIDGE = 1e-12  # of the information, where parameters are not separate
 LONGEST = 2.0  # step in a logarithm
 ROUNDS, HALVINGS = 60, 25
-ARRIVED = 1e-10  # of a step
+ARRIVED = 1e-8  # of a step: it is the last
 FEW = 20_000  # points of all fits, up to which the search begins from several places
 ALIKE = 1e-6  # of V_ii: variances that have settled
 
@@ -94,7 +94,7 @@ def estimated(
     """The variances of the largest (restricted) likelihood, (fits,) each; searched from `before`."""
     search = _Search(errors, seen, restricted)
     known = before is not None and set(errors.unknown) <= set(before)
-    starts = [search.place(before)] if known else search.starts()  # type: ignore[arg-type]
+    starts = [search.place(before, most=0.0)] if known else search.starts()
     values = [search.value(y) for y in starts]
     if seen.off.size > FEW and len(starts) > 1:
         starts = [starts[int(np.argmin([float(np.sum(v)) for v in values]))]]
@@ -155,10 +155,12 @@ class _Search:
         kinds = enumerate(self.errors.unknown)
         return {kind: np.where(none[:, k], 0.0, found[kind]) for k, kind in kinds}
 
-    def place(self, s: Mapping[str, Any]) -> np.ndarray:
+    def place(self, s: Any, most: float = np.inf) -> np.ndarray:
         every = [np.broadcast_to(s[kind], len(self.square)) for kind in self.errors.unknown]
         logs = np.log(np.maximum(np.stack(every, axis=1) / self.unit, 1e-300))
-        return np.clip(logs, self.lower, self.upper)
+        return np.clip(
+            logs, self.lower, np.where(self.is_dof, self.upper, np.minimum(self.upper, most))
+        )
 
     def starts(self) -> list[np.ndarray]:
         """Equal shares, and most in each of the variances."""
@@ -189,18 +191,19 @@ class _Search:
             size = np.maximum(size, np.maximum(1e-14 * np.max(size, axis=1, keepdims=True), 1e-14))
             along = np.einsum("fij,fi->fj", vectors, gradient) / size
             step = np.clip(-np.einsum("fij,fj->fi", vectors, along), -LONGEST, LONGEST)
-            going &= np.max(np.abs(step), axis=1) > ARRIVED
-            if not np.any(going):
-                break
-            share, moved = np.where(going, 1.0, 0.0), ~going
+            last = np.max(np.abs(step), axis=1) <= ARRIVED
+            share, moved = np.where(going, 1.0, 0.0), ~going | last
+            trial = np.clip(y + share[:, None] * step, self.lower, self.upper)
             for _ in range(HALVINGS):
-                trial = np.clip(y + share[:, None] * step, self.lower, self.upper)
-                moved |= self.value(trial) <= here + 1e-13 * np.abs(here)
                 if np.all(moved):
                     break
+                moved |= self.value(trial) <= here + 1e-13 * np.abs(here)
                 share = np.where(moved, share, 0.5 * share)
-            going &= moved & np.any(trial != y, axis=1)
+                trial = np.clip(y + share[:, None] * step, self.lower, self.upper)
+            going &= moved & ~last & np.any(trial != y, axis=1)
             y = np.where(moved[:, None], trial, y)
+            if not np.any(going):
+                break
         return y
 
 
