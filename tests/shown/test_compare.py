@@ -45,7 +45,13 @@ def test_every_cell_of_the_table(compared):
         assert row == expected
     elpd = [entry["elpd"] for entry in entries]
     assert elpd == sorted(elpd, reverse=True)
-    text = " ".join(compared.out.split())
+    text, laws = " ".join(compared.out.split()), {}
+    for entry in entries:
+        for code in dict.fromkeys(one["code"] for one in entry["warnings"]):
+            laws.setdefault(code, []).append(entry["label"])
+    assert "model-misfit" in laws
+    for code, names in laws.items():  # each once, with the laws that have it
+        assert f"! {code}: {'; '.join(names)}." in text
     assert "Only `softjax fit` uses these entries of the file: profiles" in text
     assert all(len(told) <= 100 for told in compared.out.partition("\nWritten")[0].splitlines())
 
