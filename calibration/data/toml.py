@@ -65,10 +65,11 @@ def read_toml_file(path: str | Path, model: type[Model]) -> TomlFile[Model]:
     except ValueError as error:  # the parser's own, or Python's for a number of 5000 digits
         raise _syntax_error(path, text, str(error)) from None
     try:
-        content = model.model_validate(values)
+        return TomlFile(str(path), model.model_validate(values), lines_of(text))
     except ValidationError as error:
-        raise _refused(path, lines_of(text), error, model) from None
-    return TomlFile(str(path), content, lines_of(text))
+        lines = lines_of(text)
+        faults = (_fault(path, lines, one, model) for one in error.errors()[: FAULTS + 1])
+        raise combined(faults) from None
 
 
 def line_of(lines: Mapping[Place, int], place: Place) -> int | None:
@@ -85,30 +86,27 @@ def combined(faults: Iterable[InputError]) -> InputError:
     return first
 
 
-def _refused(path, lines: Mapping[Place, int], error: ValidationError, model) -> InputError:
-    """The faults that pydantic found, each with its line."""
-    return combined(_fault(path, lines, one, model) for one in error.errors()[: FAULTS + 1])
-
-
-def _fault(path, lines: Mapping[Place, int], one: Any, model: type[Strict]) -> InputError:
+def _fault(
+    path: str | Path, lines: Mapping[Place, int], one: Any, model: type[Strict]
+) -> InputError:
+    """A fault that pydantic found, with its line."""
     place, cause = one["loc"], one.get("ctx", {}).get("error")
     if isinstance(cause, Refused):
-        place = (*place, *cause.place)
-        return InputError(path, line_of(lines, place) or 1, cause.problem, cause.accepted)
-    if isinstance(cause, DataError):
-        key = cause.argument.partition(" of ")[0]
-        line = line_of(lines, (*place, key)) or 1
-        return cause.at(path, line)
-    line = line_of(lines, place) or 1
-    if one["type"] == "extra_forbidden":
+        place, problem, accepted = (*place, *cause.place), cause.problem, cause.accepted
+    elif isinstance(cause, DataError):
+        place = (*place, cause.argument.partition(" of ")[0])
+        problem, accepted = f"{cause.argument} is {cause.value}", f"it must be {cause.accepted}"
+    elif one["type"] == "extra_forbidden":
         known = known_below(model, place[:-1])
-        near = did_you_mean(str(place[-1]), known).strip(" ()")
         more = f" and {len(known) - MOST} more" if len(known) > MOST else ""
+        near = did_you_mean(str(place[-1]), known).strip(" ()")
+        problem = f"unknown key {shown(repr(place[-1]))}"
         accepted = near or f"known here are {listed(known[:MOST])}{more}"
-        return InputError(path, line, f"unknown key {shown(repr(place[-1]))}", accepted)
-    fault = fault_of(one, model)
-    value = fault.value if not isinstance(one["input"], bool) else str(one["input"]).lower()
-    return InputError(path, line, f"{place[-1]} is {value}", f"it must be {fault.accepted}")
+    else:
+        fault = fault_of(one, model)
+        value = fault.value if not isinstance(one["input"], bool) else str(one["input"]).lower()
+        problem, accepted = f"{place[-1]} is {value}", f"it must be {fault.accepted}"
+    return InputError(path, line_of(lines, place) or 1, problem, accepted)
 
 
 def _syntax_error(path: str | Path, text: str, message: str) -> InputError:
