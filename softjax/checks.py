@@ -28,51 +28,40 @@ def as_real(value):
         return value
     if isinstance(value, int | float):
         return float(value)
-    if isinstance(value, np.generic) and not _is_short(value.dtype):
-        return float(value) if np.isrealobj(value) and not isinstance(value, np.bool_) else value
     if isinstance(value, list | tuple):
         traced = any(is_traced(item) for item in jax.tree.leaves(value))
         try:
-            value = _stacked(value) if traced else np.asarray(value)
+            value = jnp.asarray(value) if traced else np.asarray(value)
         except (TypeError, ValueError):  # no rectangular array of anything
             return value
-    if hasattr(value, "dtype") and _is_short(value.dtype):
-        return value.astype(np.float32)
-    if isinstance(value, np.ndarray):
-        if _real_array(value) is None:
-            return value
-        is_integer = np.issubdtype(value.dtype, np.integer)
-        return np.array(value, np.result_type(float) if is_integer else value.dtype)
-    if getattr(value, "dtype", None) is not None and np.issubdtype(value.dtype, np.integer):
-        return value * 1.0
-    return value
+    dtype = getattr(value, "dtype", None)
+    if dtype is None:
+        return value
+    if jnp.issubdtype(dtype, jnp.floating) and not np.issubdtype(dtype, np.floating):
+        return value.astype(np.float32)  # NumPy has no name for these, as bfloat16
+    is_integer = jnp.issubdtype(dtype, jnp.integer)
+    if isinstance(value, np.generic):
+        return float(value) if is_integer or np.issubdtype(dtype, np.floating) else value
+    if not isinstance(value, np.ndarray):
+        return value * 1.0 if is_integer else value
+    if _real_array(value) is None:
+        return value
+    return np.array(value, np.result_type(float) if is_integer else dtype)
 
 
-def _stacked(value):
-    """Lists in lists of traced numbers as an array."""
-    return jnp.stack([_stacked(x) if isinstance(x, list | tuple) else x for x in value])
-
-
-def _is_short(dtype) -> bool:
-    """Whether these are floats that NumPy has no name for, as bfloat16; float32 computes with them."""
-    return jnp.issubdtype(dtype, jnp.floating) and not np.issubdtype(dtype, np.floating)
-
-
-def check(name: str, value, holds, accepted: str) -> np.ndarray | None:
+def check(name: str, value, holds, accepted: str) -> None:
     """Raise unless `value` is a real number or array with `holds(value)` true everywhere.
 
-    Returns its extremes, if any could be looked at. What is accepted is an interval each time, so
-    they decide, NaN included.
+    What is accepted is an interval each time, so the extremes decide, NaN included.
     """
-    if is_traced(value) or type(value) is object:  # object(): a placeholder of JAX's own
-        return None
-    if isinstance(value, jax.ShapeDtypeStruct):
-        return None
+    # object(): a placeholder of JAX's own
+    if is_traced(value) or type(value) is object or isinstance(value, jax.ShapeDtypeStruct):
+        return
     array = _extremes_here(value) if isinstance(value, jax.Array) else _real_array(value)
     if array is not None:
         extremes = np.array([array.min(), array.max()]) if array.size else array
         if np.all(np.isfinite(extremes) & holds(extremes)):
-            return extremes
+            return
     raise ArgumentError(f"`{name}` must be {accepted}, but is {shown(value)}")
 
 
@@ -91,19 +80,6 @@ def check_type(name: str, value, kind: type, accepted: str) -> None:
         raise ArgumentError(f"`{name}` must be {accepted}, but is {shown(value)}")
 
 
-def truth_values(name: str, value):
-    """The same as an array, or traced; raises where it is anything but True and False."""
-    try:
-        values = value if hasattr(value, "dtype") else np.asarray(value)
-    except ValueError:  # no rectangular array of anything
-        values = None
-    if not jnp.issubdtype(getattr(values, "dtype", float), np.bool_):
-        raise ArgumentError(
-            f"`{name}` must be True, False or an array of these, but is {shown(value)}"
-        )
-    return values
-
-
 def check_broadcast(named: dict[str, Any]) -> tuple[int, ...]:
     """The common shape of all values; raises naming the ones that do not fit together."""
     shapes = {name: np.shape(value) for name, value in named.items()}
@@ -115,15 +91,15 @@ def check_broadcast(named: dict[str, Any]) -> tuple[int, ...]:
 
 
 def _real_array(value) -> np.ndarray | None:
-    if isinstance(value, np.ma.MaskedArray) and np.any(np.ma.getmaskarray(value)):
-        return None  # what its owner takes for no value is none
+    """The value as an array of real numbers, none of them masked, if it is one."""
     try:
         array = np.asarray(value)
     except (TypeError, ValueError):
         return None
     # longer floats than float64 are none of JAX's
     is_float = np.issubdtype(array.dtype, np.floating) and array.dtype.itemsize <= 8
-    return array if is_float or np.issubdtype(array.dtype, np.integer) else None
+    is_real = is_float or np.issubdtype(array.dtype, np.integer)
+    return array if is_real and not np.any(np.ma.getmaskarray(value)) else None
 
 
 def is_elsewhere(value) -> bool:

@@ -135,7 +135,12 @@ def declarations(kind: type) -> dict[str, Declared]:
 
     Options, whole fields and nested modules are none.
     """
-    return {field.name: _declared(field) for field in _numeric(kind)}
+    numeric = (f for f in dataclasses.fields(kind) if f.name != "contact")
+    return {
+        field.name: field.metadata.get("declared") or Declared(field.name)
+        for field in numeric
+        if not field.metadata.get("static") and not field.metadata.get("whole")
+    }
 
 
 def options_of(kind: type) -> dict[str, tuple[str, ...]]:
@@ -156,30 +161,30 @@ def whole_leaves(tree: Any) -> list[bool]:
 
 @lru_cache(maxsize=256)
 def _whole_leaves(structure) -> list[bool]:
-    tree = jax.tree.unflatten(structure, [0.0] * structure.num_leaves)
-    return [_is_in_whole_field(tree, path) for path, _ in jax.tree_util.tree_leaves_with_path(tree)]
+    def marked(node) -> Any:
+        if not isinstance(node, eqx.Module):
+            return jax.tree.map(
+                lambda n: marked(n) if isinstance(n, eqx.Module) else False,
+                node,
+                is_leaf=lambda n: isinstance(n, eqx.Module),
+            )
+        whole = whole_fields(type(node))
+        parts = jax.tree_util.tree_leaves_with_path(node, is_leaf=lambda child: child is not node)
+        return [
+            jax.tree.map(lambda _: True, part) if path[0].name in whole else marked(part)
+            for path, part in parts
+        ]
 
-
-def _is_in_whole_field(node, path) -> bool:
-    for key in path:
-        if isinstance(node, eqx.Module):
-            if key.name in whole_fields(type(node)):
-                return True
-            node = getattr(node, key.name)
-        else:
-            (node,) = (child for other, child in _children(node) if other == key)
-    return False
-
-
-def _children(node):
-    """The children of a pytree, each with its key."""
-    found = jax.tree_util.tree_leaves_with_path(node, is_leaf=lambda child: child is not node)
-    return [(path[0], child) for path, child in found]
+    return jax.tree.leaves(marked(jax.tree.unflatten(structure, [0.0] * structure.num_leaves)))
 
 
 def is_array(leaf) -> bool:
     """Whether a leaf is made of numbers: shared fields may hold options of any kind."""
     return hasattr(leaf, "dtype")
+
+
+def is_float(leaf) -> bool:
+    return is_array(leaf) and jnp.issubdtype(leaf.dtype, jnp.floating)
 
 
 def partition(tree: Any) -> tuple[Any, Any]:
@@ -207,9 +212,7 @@ def check_fields(module: eqx.Module) -> None:
         check(name, value, declared.holds, declared.accepted)
     for name in whole_fields(type(module)):
         for leaf in jax.tree.leaves(getattr(module, name)):
-            if isinstance(leaf, float) or (
-                is_array(leaf) and np.issubdtype(leaf.dtype, np.floating)
-            ):
+            if isinstance(leaf, float) or is_float(leaf):
                 check(name, leaf, np.isfinite, "finite numbers")
     check_broadcast(numbers_of(module))
 
@@ -224,7 +227,7 @@ def checked(law: eqx.Module, velocity) -> Any:
     accepted = "a finite impact velocity in m/s, zero or more"
     check("velocity", velocity, lambda v: v >= 0, accepted)
     numbers = numbers_of(law)
-    if not all(type(value) is float or hasattr(value, "dtype") for value in numbers.values()):
+    if not all(type(value) is float or is_array(value) for value in numbers.values()):
         check_fields(law)  # raises, naming what has been put into a law that was made whole
     check_broadcast({"velocity": velocity} | numbers)
     return velocity
@@ -252,29 +255,17 @@ def are_valid(module: eqx.Module) -> Flags:
         valid = valid & jnp.isfinite(value) & declared.holds(jnp.asarray(value))
     for _, nested in _nested(module):
         valid = valid & are_valid(nested)
-    for name in whole_fields(type(module)):
-        for leaf in jax.tree.leaves(getattr(module, name)):
-            if hasattr(leaf, "dtype") and jnp.issubdtype(leaf.dtype, jnp.inexact):
-                valid = valid & jnp.all(jnp.isfinite(leaf))
+    for leaf in jax.tree.leaves([getattr(module, name) for name in whole_fields(type(module))]):
+        if is_array(leaf) and jnp.issubdtype(leaf.dtype, jnp.inexact):
+            valid = valid & jnp.all(jnp.isfinite(leaf))
     return valid
 
 
-def _numeric(kind: type) -> Iterator[dataclasses.Field]:
-    for field in dataclasses.fields(kind):
-        unmoved = field.metadata.get("static") or field.metadata.get("whole")
-        if not unmoved and field.name != "contact":
-            yield field
-
-
-def _declared(field: dataclasses.Field) -> Declared:
-    return field.metadata.get("declared") or Declared(field.name)
-
-
 def _values(module: eqx.Module) -> Iterator[tuple[str, Declared, Any]]:
-    for field in _numeric(type(module)):
-        value = getattr(module, field.name)
+    for name, declared in declarations(type(module)).items():
+        value = getattr(module, name)
         if not isinstance(value, eqx.Module):
-            yield field.name, _declared(field), value
+            yield name, declared, value
 
 
 def _nested(module: eqx.Module) -> Iterator[tuple[str, eqx.Module]]:

@@ -1,7 +1,5 @@
 """One collision from touch to parting: overlap, velocity and force over time."""
 
-from functools import partial
-
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -18,9 +16,11 @@ from softjax.engine.impact import (
     results,
     with_elastic,
 )
+from softjax.engine.outcome import Units, slow_units
 from softjax.fields import checked
 from softjax.laws.base import ContactLaw, HardSphereLaw, RateIndependentLaw
-from softjax.routes import ODE, as_argument, is_count
+from softjax.laws.reduced import Reduced
+from softjax.routes import ODE, as_argument, is_count, si_units
 
 
 class History(eqx.Module):
@@ -113,21 +113,28 @@ def _samples(impact: Impact, fractions, route: ODE):
         scales, exponent = law.elastic_scales()
         moving = jnp.where(impact.velocity > 0, impact.velocity, scales.velocity)
         samples = encke.elastic_history(exponent, moving / scales.velocity, fractions)
-        elastic = _in_si(law, scales, samples)
+        elastic = _in(si_units(law, Reduced(None, scales, moving)), samples)
         if law.never_yields:
             return elastic, collisions(impact, route)
     history = (motion if independent else damped).history
+
+    def one(law, y, below, route):
+        found, samples = history(law, y, route, fractions)
+        if below is None:
+            return found, samples
+        units = slow_units(law, found, below)
+        return found.scaled(units), _in(units, samples)
+
     impacts = law.impacts(impact.acting)
-    one = partial(history, fractions=fractions)
-    batch = (impacts.law, impacts.y, impacts.below, route)
-    samples, found = over_impacts(one, batch, forward=True)
-    parts, found = _in_si(law, impacts.scales, samples), found.in_si(impacts, None)
+    batch = impacts.law, impacts.y, impacts.below, route
+    found, samples = over_impacts(one, batch, forward=True)
+    units = si_units(law, impacts)
+    found, parts = found.scaled(units), _in(units, samples)
     if independent:
         stays_elastic = impact.elastic[..., None]
         parts = [jnp.where(stays_elastic, e, p) for e, p in zip(elastic, parts, strict=True)]
     return parts, with_elastic(impact, found)
 
 
-def _in_si(law, scales, parts):
-    units = scales.time, scales.overlap, scales.velocity, law.force_scale(scales)
-    return [part * jnp.expand_dims(unit, -1) for part, unit in zip(parts, units, strict=True)]
+def _in(units: Units, samples) -> list:
+    return [part * jnp.expand_dims(unit, -1) for part, unit in zip(samples, units, strict=True)]

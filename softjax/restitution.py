@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from softjax.batching import batched
-from softjax.checks import ArgumentError, check_broadcast, is_elsewhere, is_traced, truth_values
+from softjax.checks import ArgumentError, check_broadcast, is_elsewhere, is_traced, shown
 from softjax.engine.impact import (
     check_law,
     collisions,
@@ -20,7 +20,7 @@ from softjax.engine.impact import (
 )
 from softjax.fields import Flags, Numbers, checked, is_array, numbers_of, whole_leaves
 from softjax.laws.base import ContactLaw
-from softjax.routes import Route, as_argument, check_route
+from softjax.routes import AbstractRoute, as_argument
 from softjax.status import Status
 
 SHOWN = 16  # impacts whose numbers a printed result has
@@ -46,7 +46,7 @@ class Restitution(eqx.Module):
     peak_overlap: Numbers | None
     residual_overlap: Numbers | None
     status: Int[Array, "..."]
-    route: Route
+    route: AbstractRoute
     each: bool = eqx.field(static=True, default=False)
 
     @property
@@ -86,32 +86,25 @@ class Restitution(eqx.Module):
 
     def __repr__(self) -> str:
         """The numbers of a few impacts; of many, or of traced ones, what there is."""
-        if not (_is_here(self.coefficient) and _is_here(self.status)):
+        arrays = self.coefficient, self.status
+        known = [isinstance(x, jax.Array | np.ndarray) and not is_traced(x) for x in arrays]
+        if not (all(known) and 0 < self.coefficient.size <= SHOWN) or any(
+            map(is_elsewhere, arrays)
+        ):
             return eqx.tree_pformat(self)
-        values = np.array2string(np.asarray(self.coefficient), precision=4)
-        status = "ok" if np.all(self.ok) else _flags(np.asarray(self.status))
-        return (
-            f"Restitution({type(self.law).__name__}: eps={' '.join(values.split())}, {status=!s})"
-        )
-
-
-def _is_here(array) -> bool:
-    """Whether an array holds a few numbers that can be looked at."""
-    known = isinstance(array, jax.Array | np.ndarray) and not is_traced(array)
-    return known and 0 < array.size <= SHOWN and not is_elsewhere(array)
-
-
-def _flags(status: np.ndarray) -> str:
-    """Each kind of status once, with how many impacts have it."""
-    kinds, counts = np.unique(status, return_counts=True)
-    named = [f"{Status(int(k)).name or 'PLAIN'} {n}" for k, n in zip(kinds, counts, strict=True)]
-    return named[0].rpartition(" ")[0] if len(named) == 1 else f"({', '.join(named)})"
+        values = " ".join(np.array2string(np.asarray(self.coefficient), precision=4).split())
+        # each kind of status once, with how many impacts have it
+        kinds, counts = np.unique(self.status, return_counts=True)
+        names = [Status(int(kind)).name or "PLAIN" for kind in kinds]
+        status = ", ".join(f"{name} {n}" for name, n in zip(names, counts, strict=True))
+        status = "ok" if np.all(self.ok) else names[0] if len(names) == 1 else f"({status})"
+        return f"Restitution({type(self.law).__name__}: eps={values}, {status=!s})"
 
 
 def restitution(
     law: ContactLaw,
     velocity: Float[ArrayLike, "..."],
-    route: Route | None = None,
+    route: AbstractRoute | None = None,
     *,
     overlaps: bool = True,
 ) -> Restitution:
@@ -201,7 +194,7 @@ class SignedRestitution(NamedTuple):
 def signed_restitution(
     law: ContactLaw,
     velocity: Float[ArrayLike, "..."],
-    route: Route | None = None,
+    route: AbstractRoute | None = None,
     *,
     elastic: Bool[ArrayLike, "..."] | None = None,
 ) -> SignedRestitution:
@@ -221,11 +214,23 @@ def signed_restitution(
     route = _chosen(law, route)
     velocity = checked(law, velocity)
     if elastic is not None:
-        elastic = truth_values("elastic", elastic)
+        elastic = _truth_values(elastic)
         shape = check_broadcast({"velocity": velocity, "elastic": elastic} | numbers_of(law))
     law, velocity = common_precision(law, velocity)
     velocity = velocity if elastic is None else jnp.broadcast_to(velocity, shape)
     return batched(_signed, (law, as_argument(route), elastic), velocity)
+
+
+def _truth_values(elastic):
+    """The same as an array, or traced."""
+    try:
+        values = elastic if is_array(elastic) else np.asarray(elastic)
+        if jnp.issubdtype(values.dtype, np.bool_):
+            return values
+    except ValueError:  # no rectangular array of anything
+        pass
+    accepted = "True, False or an array of these"
+    raise ArgumentError(f"`elastic` must be {accepted}, but is {shown(elastic)}")
 
 
 def _signed(parameters, velocity):
@@ -236,13 +241,16 @@ def _signed(parameters, velocity):
     return SignedRestitution(jnp.where(impact.valid & found.answered, squared, 0.0), status)
 
 
-def _chosen(law: ContactLaw, route: Route | None) -> Route:
+def _chosen(law: ContactLaw, route: AbstractRoute | None) -> AbstractRoute:
     """The requested route, or the law's default.
 
     Raises:
         ValueError: where the law cannot take it.
     """
-    route = law.default_route() if route is None else check_route(route)
+    route = law.default_route() if route is None else route
+    if not isinstance(route, AbstractRoute):
+        kinds = "EnergyBalance(), ClosedForm() or ODE(...)"
+        raise ArgumentError(f"`route` must be {kinds}, but is {route!r}")
     accepted = route.refusal(law)
     if accepted is not None:
         raise ArgumentError(f"`route` must be {accepted}")

@@ -3,7 +3,6 @@
 Your own route is a class with two methods, `refusal` and `collide` (`AbstractRoute`).
 """
 
-import dataclasses
 from abc import abstractmethod
 from functools import partial
 from typing import Any, ClassVar
@@ -16,16 +15,14 @@ import numpy as np
 from softjax.batching import over_impacts
 from softjax.checks import ArgumentError, check_choice, is_traced
 from softjax.engine import energy
-from softjax.engine.outcome import SETTLED, Collision, flagged
+from softjax.engine.outcome import Collision, Units, slow_units, stated
 from softjax.fields import Numbers
 from softjax.laws.base import ForceLaw, HardSphereLaw, RateDependentLaw
 from softjax.laws.forces import answer
-from softjax.laws.reduced import ReducedClosedForm
-from softjax.status import Status
+from softjax.laws.reduced import Reduced, ReducedClosedForm
 
 TOLERANCES = 1e-14, 0.1
 SOLVERS = ("dopri8", "dopri5", "tsit5", "bosh3")
-KNOWN = "LinearSpringDashpot, HertzDashpot and ViscoelasticHertz"
 
 
 class AbstractRoute(eqx.Module):
@@ -52,6 +49,18 @@ class AbstractRoute(eqx.Module):
         """
 
 
+def si_units(law, impacts: Reduced) -> Units:
+    """Of impacts as a law gives them: its scales."""
+    scales = impacts.scales
+    return Units(scales.time, scales.overlap, scales.velocity, law.force_scale(scales))
+
+
+def _one(compute, law, y, below, *route) -> Collision:
+    """One impact, a slow one from that which stands for it."""
+    found = compute(law, y, *route)
+    return found if below is None else found.scaled(slow_units(law, found, below))
+
+
 class EnergyBalance(AbstractRoute):
     """Works and roots in closed form or by quadrature, no time integration: exact, the default.
 
@@ -71,13 +80,13 @@ class EnergyBalance(AbstractRoute):
 
     def collide(self, law, velocity: Numbers, *, clock=False, force=False) -> Collision:
         impacts = law.impacts(velocity)
-        reduced, _, y, below = impacts
-        if isinstance(reduced, ReducedClosedForm):
-            found = energy.in_closed_form(reduced, y, below, clock=clock, force=force)
+        batch = impacts.law, impacts.y, impacts.below
+        if isinstance(impacts.law, ReducedClosedForm):
+            found = _one(partial(energy.in_closed_form, clock=clock, force=force), *batch)
         else:
-            one = partial(energy.by_quadrature, clock=clock, force=force)
-            found = over_impacts(one, (reduced, y, below), forward=False)
-        return found.in_si(impacts, law.force_scale(impacts.scales))
+            one = partial(_one, partial(energy.by_quadrature, clock=clock, force=force))
+            found = over_impacts(one, batch, forward=False)
+        return found.scaled(si_units(law, impacts))
 
 
 class ClosedForm(AbstractRoute):
@@ -96,19 +105,15 @@ class ClosedForm(AbstractRoute):
             return None
         return (
             f"another than ClosedForm() for {type(law).__name__}: it is for laws with a "
-            f"`closed_form`, such as {KNOWN}"
+            "`closed_form`, such as LinearSpringDashpot, HertzDashpot and ViscoelasticHertz"
         )
 
     def collide(self, law, velocity: Numbers, *, clock=False, force=False) -> Collision:
         known = answer(law, "closed_form", velocity)
+        pull = ODE(rtol=1e-10).collide(law, velocity, force=True).force if force else None
+        overlaps = known.peak_overlap, known.residual_overlap
         energy = jnp.broadcast_to(jnp.square(known.coefficient), velocity.shape)
-        found = stated(energy, known.peak_overlap, known.residual_overlap)
-        if clock:
-            found = found._replace(duration=jnp.broadcast_to(known.duration, velocity.shape))
-        if force:
-            integrated = ODE(rtol=1e-10).collide(law, velocity, force=True)
-            found = found._replace(force=integrated.force)
-        return found
+        return stated(energy, *overlaps, known.duration if clock else None, pull)
 
 
 def _plain(number):
@@ -188,15 +193,15 @@ class ODE(AbstractRoute):
 
         impacts = law.impacts(velocity)
         one = rate_dependent if isinstance(law, RateDependentLaw) else rate_independent
-        one = partial(one, clock=clock, force=force)
-        batch = (impacts.law, impacts.y, impacts.below, self)
+        one = partial(_one, partial(one, clock=clock, force=force))
+        batch = impacts.law, impacts.y, impacts.below, self
 
         def reversible(law, y, below, route: ODE) -> Collision:
-            fields = (getattr(route, field.name) for field in dataclasses.fields(ODE))
-            return one(law, y, below, _Reversible(*fields))
+            settings = route.rtol, route.solver, route.steps, route.max_steps
+            return one(law, y, below, _Reversible(*settings))
 
         found = over_impacts(one, batch, forward=True, reversible=reversible)
-        return found.in_si(impacts, law.force_scale(impacts.scales))
+        return found.scaled(si_units(law, impacts))
 
 
 class _Reversible(ODE):
@@ -205,35 +210,12 @@ class _Reversible(ODE):
     by_reverse = True
 
 
-Route = AbstractRoute
-
-
-def check_route(route) -> AbstractRoute:
-    if not isinstance(route, AbstractRoute):
-        raise ArgumentError(
-            f"`route` must be EnergyBalance(), ClosedForm() or ODE(...), but is {route!r}"
-        )
-    return route
-
-
 def as_argument(route: AbstractRoute) -> AbstractRoute:
     """The route as compiled programs take it: of a tolerance they need the place, not the number."""
     if not isinstance(route, ODE) or route.steps is not None or is_traced(route.rtol):
         return route
     tolerance = np.asarray(route.tolerance)
     return eqx.tree_at(lambda r: r.rtol, route, tolerance, is_leaf=lambda leaf: leaf is None)
-
-
-def stated(energy: Numbers, peak, residual) -> Collision:
-    """Collisions of a law that gives their numbers itself."""
-    peak, residual = (
-        jnp.broadcast_to(x, energy.shape).astype(energy.dtype) for x in (peak, residual)
-    )
-    conditions = {
-        Status.ENERGY_GAIN: jnp.isfinite(energy) & (energy > 1 + SETTLED[str(energy.dtype)]),
-        Status.SOLVER_FAILED: ~jnp.isfinite(energy),
-    }
-    return Collision(energy, peak, residual, flagged(conditions))
 
 
 def is_count(value) -> bool:

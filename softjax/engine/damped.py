@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool
 
-from softjax.engine import outcome, phase
+from softjax.engine import phase
 from softjax.engine.outcome import Collision, flagged
 from softjax.engine.phase import PARTING, PEAK, TOUCH, Plane, States
+from softjax.fields import Flags, Numbers
 from softjax.laws.reduced import ReducedRateDependent
 from softjax.numerics.roots import largest, reach
 from softjax.status import Status
@@ -29,30 +29,29 @@ class _Scene(NamedTuple):
     """One impact over the elastic collision's largest overlap L and its own velocity."""
 
     law: ReducedRateDependent
-    y: Array
-    length: Array
-    turns: Bool[Array, ""]
+    y: Numbers
+    length: Numbers
+    turns: Flags
     plane: Plane
-
-    def ratio(self, X, U):
-        """The force over the elastic one."""
-        x, u = X * self.length, U * self.y
-        return 1 + self.law.dissipative(x, u) / self.law.elastic(x)
-
-    def position(self, states: States):
-        return phase.position(self.plane.m, states)
 
     def ends(self, peak: States, route: Any, save=None):
         """The end of the contact, or samples on the way there."""
         if self.law.ends_at == "zero-overlap":
+            save = None if save is None else phase.samples(PEAK, PARTING, save)
             return phase.over_angle(self.plane, peak, PARTING, route, save)
-        return phase.to_zero_force(self.plane, self.ratio, peak, route, save)
+
+        def ratio(X, U):
+            """The force over the elastic one."""
+            x, u = X * self.length, U * self.y
+            return 1 + self.law.dissipative(x, u) / self.law.elastic(x)
+
+        return phase.to_zero_force(self.plane, ratio, peak, route, save)
 
 
-def _scene(law: ReducedRateDependent, y: Array) -> _Scene:
+def _scene(law: ReducedRateDependent, y: Numbers) -> _Scene:
     k = law.work_exponent
     m = round(2 * k)
-    length, turns = y ** (2 / k), jnp.ones_like(y, dtype=bool)
+    length, turns = y ** (2 / k), y == y
     is_power = type(law).elastic is ReducedRateDependent.elastic and m == 2 * k
     if not is_power:
         still, pace = jax.tree.map(jax.lax.stop_gradient, (law, y))
@@ -70,7 +69,7 @@ def _scene(law: ReducedRateDependent, y: Array) -> _Scene:
     return _Scene(law, y, length, turns, Plane(excess, m))
 
 
-def rate_dependent(law, y, below, route: Any, *, clock=False, force=False) -> Collision:
+def rate_dependent(law, y, route: Any, *, clock=False, force=False) -> Collision:
     """One collision at y > 0."""
     scene = _scene(law, y)
     peak, reached = phase.over_angle(scene.plane, phase.at_touch(y, clock), PEAK, route)
@@ -83,11 +82,12 @@ def rate_dependent(law, y, below, route: Any, *, clock=False, force=False) -> Co
     if force:
         pull = jnp.where(found.answered, _largest_force(scene, route), 0.0)
         found = found._replace(force=pull)
-    return outcome.slowed(law, found, below)
+    return found
 
 
 def _assembled(scene: _Scene, peak: States, end: States, arrived, route) -> Collision:
-    far, (left, speed) = scene.position(peak)[0], scene.position(end)
+    far, _ = phase.position(scene.plane.m, peak)
+    left, speed = phase.position(scene.plane.m, end)
     solved = arrived & jnp.isfinite(speed)
     stays = solved & (scene.law.ends_at == "zero-force")
     gains = speed * speed > 1 + GAIN * route.error(UNKNOWN, speed.dtype)
@@ -104,29 +104,29 @@ def _assembled(scene: _Scene, peak: States, end: States, arrived, route) -> Coll
     )
 
 
-def _largest_force(scene: _Scene, route: Any) -> Array:
+def _largest_force(scene: _Scene, route: Any) -> Numbers:
     """That of loading, where the bodies approach: of the polynomial through Chebyshev's points."""
+    dtype = scene.y.dtype
     nodes = np.sin(np.linspace(0, 0.5 * np.pi, FORCE_NODES)) ** 2
     weights = (-1.0) ** np.arange(FORCE_NODES)
     weights[[0, -1]] *= 0.5
+    nodes, weights = nodes.astype(dtype), weights.astype(dtype)
     touch = phase.at_touch(scene.y, clock=False)
-    ways = phase.TOUCH + (PEAK - phase.TOUCH) * nodes
-    dtype = scene.y.dtype
-    states, _ = phase.over_angle(scene.plane, touch, PEAK, route, nodes.astype(dtype))
-    X, U = scene.position(States(jnp.asarray(ways, dtype), states.radius))
+    states, _ = phase.over_angle(scene.plane, touch, PEAK, route, nodes)
+    X, U = phase.position(scene.plane.m, states)
     force = jax.vmap(scene.law.force)(X * scene.length, U * scene.y)
 
     def between(share):
-        away = share - jnp.asarray(nodes, dtype)
+        away = share - nodes
         at = jnp.argmin(jnp.abs(away))
-        parts = jnp.asarray(weights, dtype) / jnp.where(away == 0, 1.0, away)
+        parts = weights / jnp.where(away == 0, 1.0, away)
         return jnp.where(away[at] == 0, force[at], jnp.sum(parts * force) / jnp.sum(parts))
 
     return largest(between, jnp.ones_like(scene.y))
 
 
-def history(law, y, below, route: Any, fractions: tuple[np.ndarray, np.ndarray]):
-    """Time, overlap, velocity and force at fixed fractions of loading and of unloading; what rebounds.
+def history(law, y, route: Any, fractions: tuple[np.ndarray, np.ndarray]):
+    """The collision, and time, overlap, velocity and force at fixed fractions of both branches.
 
     Args:
         fractions: two increasing arrays in [0, 1], of the angle of loading and of unloading; the
@@ -134,22 +134,18 @@ def history(law, y, below, route: Any, fractions: tuple[np.ndarray, np.ndarray])
     """
     along, back = fractions
     scene = _scene(law, y)
-    touch = phase.at_touch(y, clock=True)
     there = phase.samples(TOUCH, PEAK, along)
-    loading, reached = phase.over_angle(scene.plane, touch, PEAK, route, there)
-    peak = jax.tree.map(lambda state: state[-1], loading)
-    to_end = law.ends_at == "zero-overlap"
-    unloading, ended = scene.ends(
-        peak, route, phase.samples(PEAK, PARTING, back) if to_end else back
+    loading, reached = phase.over_angle(
+        scene.plane, phase.at_touch(y, clock=True), PEAK, route, there
     )
+    peak = jax.tree.map(lambda state: state[-1], loading)
+    unloading, ended = scene.ends(peak, route, back)
+    end = jax.tree.map(lambda state: state[-1], unloading)
     states = jax.tree.map(lambda *parts: jnp.concatenate(parts), loading, unloading)
-    X, U = scene.position(states)
+    X, U = phase.position(scene.plane.m, states)
     # the edges stand for touch and, where it ends there, zero overlap
     X = jnp.where(jnp.abs(states.way) >= PARTING, 0.0, X)
     x, u = X * scene.length, U * y
-    force = jax.vmap(law.force)(x, u)
     clock = jnp.where(states.way <= TOUCH, 0.0, states.clock)
-    end = jax.tree.map(lambda state: state[-1], unloading)
-    found = _assembled(scene, peak, end, reached & ended, route)
-    samples = clock * (scene.length / y), x, u, force
-    return outcome.slowed_samples(law, found, below, samples), outcome.slowed(law, found, below)
+    samples = clock * (scene.length / y), x, u, jax.vmap(law.force)(x, u)
+    return _assembled(scene, peak, end, reached & ended, route), samples

@@ -11,10 +11,10 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
 
 from softjax.engine.bridge import solve
 from softjax.engine.outcome import Peak
+from softjax.fields import Numbers
 from softjax.laws.reduced import ReducedRateIndependent
 from softjax.numerics.gauss import gauss_legendre, integrate
 from softjax.numerics.powers import near_one_root, safe_sqrt
@@ -27,7 +27,7 @@ FIRST_REACH = 1e-5  # ŝ at which a law without an elastic stage starts: 1e-10 o
 SOME_PEAK = 1.5  # of a collision that is computed where there is none
 
 
-def loading(law: ReducedRateIndependent, y: Array, route: Any, clock: bool = False) -> Peak:
+def loading(law: ReducedRateIndependent, y: Numbers, route: Any, clock: bool = False) -> Peak:
     """Largest overlap, whether there is one, and with a clock the time it takes."""
     (gain, *lag), reach, solved = _solved(law, y, route, clock)
     found = jnp.square(reach * near_one_root(1 + gain, _roots(law)))
@@ -37,7 +37,7 @@ def loading(law: ReducedRateIndependent, y: Array, route: Any, clock: bool = Fal
     return peak._replace(time=(HALF_PERIOD[law.work_exponent] + lag[0]) * reach**2 / y)
 
 
-def history(law: ReducedRateIndependent, y: Array, along: np.ndarray, route: Any):
+def history(law: ReducedRateIndependent, y: Numbers, along: np.ndarray, route: Any):
     """The peak, and time, overlap, velocity and force at fixed shares of 1 - η."""
     (gain, lag), reach, solved = _solved(law, y, route, True, along)
     m = _roots(law)
@@ -49,8 +49,8 @@ def history(law: ReducedRateIndependent, y: Array, along: np.ndarray, route: Any
 
 
 def elastic_history(
-    exponent: float, y: Array, fractions: tuple[np.ndarray, np.ndarray]
-) -> tuple[Array, Array, Array, Array]:
+    exponent: float, y: Numbers, fractions: tuple[np.ndarray, np.ndarray]
+) -> tuple[Numbers, Numbers, Numbers, Numbers]:
     """The same for a collision that stays elastic: loading, and its mirror image."""
     along, back = fractions
     m = round(2 * exponent)
@@ -75,14 +75,8 @@ def _peak(law, y, found, solved) -> Peak:
     top = jnp.sqrt(jnp.where(ends, end, 1.0))
     work = integrate(lambda s: 2 * s * law.loading(s * s), jnp.zeros_like(y), top, 20)
     turns = jnp.where(arrived, found < end, ~ends | (2.5 * (work / y) / y > 1))
-    return Peak(
-        overlap=jnp.where(arrived & turns, found, SOME_PEAK),
-        velocity=y,
-        end=jnp.where(ends, end, 0.0),
-        turns=turns,
-        solved=arrived | ~turns,
-        error=jnp.zeros_like(y),
-    )
+    overlap = jnp.where(arrived & turns, found, SOME_PEAK)
+    return Peak(overlap, y, jnp.where(ends, end, 0.0), turns, arrived | ~turns)
 
 
 def _solved(law, y, route: Any, clock: bool, along=None):

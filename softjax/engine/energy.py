@@ -15,11 +15,11 @@ import math
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array
 
 from softjax.batching import over_impacts
 from softjax.engine import outcome
 from softjax.engine.outcome import Collision, Peak, Rebound, Release, loading_kinks, unloading_kinks
+from softjax.fields import Numbers
 from softjax.laws.reduced import ReducedClosedForm, ReducedRateIndependent
 from softjax.numerics.gauss import integrate
 from softjax.numerics.powers import quotient, safe_sqrt
@@ -36,41 +36,35 @@ ELASTIC_NODES = 32
 ROUNDING = 4.0  # in eps: ε_p² of an elastic collision
 
 
-def elastic_duration(exponent: float, y: Array) -> Array:
+def elastic_duration(exponent: float, y: Numbers) -> Numbers:
     """Duration [L/V] of a collision that stays within one power law: 2.943… x_m/y for Hertz's."""
     half = math.sqrt(math.pi) * math.gamma(1 + 1 / exponent) / math.gamma(0.5 + 1 / exponent)
     return 2 * half * y ** (2 / exponent - 1)
 
 
-def in_closed_form(law: ReducedClosedForm, y, below, *, clock=False, force=False) -> Collision:
+def in_closed_form(law: ReducedClosedForm, y, *, clock=False, force=False) -> Collision:
     """Collisions beyond the elastic stage of a law that knows them, arrays of impacts."""
     largest = law.largest_velocity()
-    turns, sure = y < largest, jnp.ones_like(y, dtype=bool)
+    turns = y < largest
     # collisions without an answer compute another one, whose gradient is not used
     some = jnp.where(jnp.isfinite(largest), 0.5 * (1 + largest), 2.0)
     velocity = jnp.where(turns, y, lax.stop_gradient(some))
     overlap = law.peak(velocity)
-    peak = Peak(overlap, velocity, _finite(law.end()), turns, sure, jnp.zeros_like(velocity))
+    peak = Peak(overlap, velocity, _finite(law.end()), turns)
     residual, recovered, work = law.release(overlap)
-    release = outcome.decided(law, overlap, Release(residual, recovered, residual > 0, sure))
-    fall = None
+    release = outcome.decided(law, overlap, Release(residual, recovered, residual > 0))
+    back = Rebound(_share(work, velocity))
     if clock:
         rise, fall = _closed_times(law, peak, release)
-        peak = peak._replace(time=rise)
-    back = Rebound(_share(work, velocity))
-    found = outcome.assemble(law, peak, release, back, _gain(y), fall, force)
-    return outcome.slowed(law, found, below)
+        peak, back = peak._replace(time=rise), back._replace(time=fall)
+    return outcome.assemble(law, peak, release, back, _gain(y), force)
 
 
-def by_quadrature(law: ReducedRateIndependent, y, below, *, clock=False, force=False) -> Collision:
+def by_quadrature(law: ReducedRateIndependent, y, *, clock=False, force=False) -> Collision:
     """A collision beyond the elastic stage by any law's forces, one impact."""
     peak = _loading(law, y)
     x_m = peak.overlap
     release = outcome.release(law, x_m, outcome.searched)
-    fall = None
-    if clock:
-        peak = peak._replace(time=_rise(law, x_m))
-        fall = Rebound(_fall(law, x_m, release.residual, release.recovered))
 
     def unloading(r, rest):
         return law.unloading_at(release.residual + rest, r, x_m)
@@ -78,16 +72,18 @@ def by_quadrature(law: ReducedRateIndependent, y, below, *, clock=False, force=F
     work = integral(unloading, release.recovered, x_m - unloading_kinks(law, x_m))
     part = 2.5 / (y * y)
     back = Rebound(part * work.value, error=part * work.error)
-    found = outcome.assemble(law, peak, release, back, _gain(y), fall, force)
-    return outcome.slowed(law, found, below)
+    if clock:
+        fall = _fall(law, x_m, release.residual, release.recovered)
+        peak, back = peak._replace(time=_rise(law, x_m)), back._replace(time=fall)
+    return outcome.assemble(law, peak, release, back, _gain(y), force)
 
 
-def _gain(y: Array) -> float:
+def _gain(y: Numbers) -> float:
     return ROUNDING * float(jnp.finfo(y.dtype).eps)
 
 
 @jax.custom_jvp
-def _share(work, y: Array) -> Array:
+def _share(work, y: Numbers) -> Numbers:
     """work/((2/5) y²), of which neither value nor derivative meets y², which leaves float32's range."""
     return 2.5 * (work * (1 / y)) / y
 
@@ -101,12 +97,12 @@ def _share_jvp(values, tangents):
     return share, quotient(2.5 * quotient(gained, y) - slope * faster, y)
 
 
-def _closed_times(law: ReducedClosedForm, peak: Peak, release: Release) -> tuple[Array, Rebound]:
+def _closed_times(law: ReducedClosedForm, peak: Peak, release: Release) -> tuple[Numbers, Numbers]:
     """The times [L/V] from touch to the peak, and from there to the end of the contact."""
     if len(law.breakpoints()):
         batch = (law, peak.overlap, release.residual, release.recovered)
-        fall = over_impacts(_fall, batch, forward=False)
-        return over_impacts(_rise, (law, peak.overlap), forward=False), Rebound(fall)
+        rise = over_impacts(_rise, (law, peak.overlap), forward=False)
+        return rise, over_impacts(_fall, batch, forward=False)
     top = jnp.sqrt(peak.overlap)
     drop = _beyond_limit(law, peak) / (top + law.elastic_limit**0.5)
 
@@ -115,10 +111,10 @@ def _closed_times(law: ReducedClosedForm, peak: Peak, release: Release) -> tuple
         return root, 1.25 * law.loading(root * root)
 
     rise = _elastic_stage(law, peak.velocity) + smooth_falling_time(place, drop)
-    return rise, Rebound(_smooth_fall(law, peak.overlap, release))
+    return rise, _smooth_fall(law, peak.overlap, release)
 
 
-def _beyond_limit(law: ReducedClosedForm, peak: Peak) -> Array:
+def _beyond_limit(law: ReducedClosedForm, peak: Peak) -> Numbers:
     """x_m less the elastic limit; just above yield, where that cancels, from the energy left there."""
     limit, y = law.elastic_limit, peak.velocity
     at_limit = limit ** (law.work_exponent / 2)
@@ -129,7 +125,7 @@ def _beyond_limit(law: ReducedClosedForm, peak: Peak) -> Array:
     return jnp.where(near, middle, jnp.maximum(peak.overlap - limit, 0.0))
 
 
-def _smooth_fall(law: ReducedClosedForm, peak: Array, release: Release) -> Array:
+def _smooth_fall(law: ReducedClosedForm, peak: Numbers, release: Release) -> Numbers:
     about_zero = law.powers_about == "zero-overlap"
     top = jnp.sqrt(peak) if about_zero else jnp.sqrt(release.recovered)
     bottom = safe_sqrt(release.residual) if about_zero else jnp.zeros_like(top)
@@ -143,7 +139,7 @@ def _smooth_fall(law: ReducedClosedForm, peak: Array, release: Release) -> Array
     return smooth_falling_time(place, drop)
 
 
-def _elastic_stage(law: ReducedClosedForm, y: Array) -> Array:
+def _elastic_stage(law: ReducedClosedForm, y: Numbers) -> Numbers:
     """∫_0^{x_y} dx/√(y² - x^k) up to the elastic limit x_y, in √x and from its turning point."""
     k, limit = law.work_exponent, law.elastic_limit
     if limit == 0:
@@ -160,24 +156,24 @@ def _elastic_stage(law: ReducedClosedForm, y: Array) -> Array:
     return integrate(slowness, start, jnp.ones_like(start), ELASTIC_NODES)
 
 
-def _finite(end) -> Array:
+def _finite(end) -> Numbers:
     end = jnp.asarray(end)
     return jnp.where(jnp.isfinite(end), end, 0.0)
 
 
-def _loading(law: ReducedRateIndependent, y: Array) -> Peak:
+def _loading(law: ReducedRateIndependent, y: Numbers) -> Peak:
     energy = 0.4 * y * y
-    found = outcome.loading_reach(*jax.tree.map(lax.stop_gradient, (law, y)))
+    found = outcome.loading_reach(law, y)
     enough = work_to(law, found.top).value >= energy
     turns = jnp.where(jnp.isfinite(found.end), enough, found.turns)
     overlap = _overlap_of_work(law, energy, found._replace(turns=turns))
     # those without an answer take another one, which comes half as far
     overlap = jnp.where(turns, overlap, 0.5 * found.rough)
     error = work_to(law, lax.stop_gradient(overlap)).error / energy
-    return Peak(overlap, y, _finite(found.end), turns, jnp.ones_like(turns), error)
+    return Peak(overlap, y, _finite(found.end), turns, error=error)
 
 
-def work_to(law: ReducedRateIndependent, x: Array) -> Integral:
+def work_to(law: ReducedRateIndependent, x: Numbers) -> Integral:
     """W_L(x) of one impact."""
     return integral(lambda _, x: law.loading(x), x, x - loading_kinks(law, x))
 
@@ -221,13 +217,15 @@ def _solve(law, energy, found: Reach):
     return lax.while_loop(unfinished, step, start)[0]
 
 
-def _rise(law: ReducedRateIndependent, peak: Array) -> Array:
+def _rise(law: ReducedRateIndependent, peak: Numbers) -> Numbers:
     """The time from touch to the peak [L/V]: that of a fall from there by the loading force."""
     force = lambda _, x: 1.25 * law.loading(x)  # noqa: E731
     return falling_time(force, peak, peak - loading_kinks(law, peak))
 
 
-def _fall(law: ReducedRateIndependent, peak: Array, residual: Array, recovered: Array) -> Array:
+def _fall(
+    law: ReducedRateIndependent, peak: Numbers, residual: Numbers, recovered: Numbers
+) -> Numbers:
     """The time from the peak to the end of the contact [L/V]."""
 
     def force(r, rest):

@@ -4,17 +4,16 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
 
 from softjax.checks import ArgumentError
 from softjax.engine.energy import elastic_duration
-from softjax.engine.outcome import Collision, flagged
-from softjax.fields import whole_leaves
+from softjax.engine.outcome import Collision, flagged, stated
+from softjax.fields import Flags, Numbers, is_array, is_float, whole_leaves
 from softjax.laws.base import ContactLaw, ForceLaw, HardSphereLaw, RateIndependentLaw
 from softjax.laws.forces import answer
 from softjax.numerics.powers import safe_power, safe_sqrt
 from softjax.numerics.roots import where_needed
-from softjax.routes import AbstractRoute, stated
+from softjax.routes import AbstractRoute
 from softjax.status import Status
 
 
@@ -30,25 +29,21 @@ def common_precision(law, velocity):
     """
     leaves, structure = jax.tree.flatten((law, velocity))
     # a Python number, traced or not, has no precision of its own; alone they take JAX's
-    typed = [x for x in leaves if _is_float(x) and not getattr(x, "weak_type", False)]
+    typed = [x for x in leaves if is_float(x) and not getattr(x, "weak_type", False)]
     dtype = jnp.result_type(*typed, jnp.float32) if typed else jnp.result_type(float)
 
     def cast(leaf, whole: bool):
         if isinstance(leaf, jax.Array):
             # a whole number that is one of each impact's would overflow: with it all have a point
             is_integer = jnp.issubdtype(leaf.dtype, jnp.integer)
-            keeps_its_kind = not _is_float(leaf) and (whole or not is_integer)
+            keeps_its_kind = not is_float(leaf) and (whole or not is_integer)
             as_it_is = keeps_its_kind or (leaf.dtype == dtype and not leaf.weak_type)
             return leaf if as_it_is else jnp.asarray(leaf, dtype)
         # what is whole may hold other things than numbers with a point, which keep their kind
-        is_number = _is_float(leaf) or type(leaf) is float or not whole
+        is_number = is_float(leaf) or type(leaf) is float or not whole
         return np.array(leaf, dtype) if is_number else leaf
 
     return jax.tree.unflatten(structure, map(cast, leaves, whole_leaves((law, velocity))))
-
-
-def _is_float(leaf) -> bool:
-    return hasattr(leaf, "dtype") and jnp.issubdtype(leaf.dtype, jnp.floating)
 
 
 class Impact(eqx.Module):
@@ -62,13 +57,13 @@ class Impact(eqx.Module):
     """
 
     law: ContactLaw
-    velocity: Array
-    acting: Array
-    valid: Array
-    elastic: Array
+    velocity: Numbers
+    acting: Numbers
+    valid: Flags
+    elastic: Flags
 
 
-def prepare(law: ContactLaw, velocity: Array, branch: Array | None = None) -> Impact:
+def prepare(law: ContactLaw, velocity: Numbers, branch: Flags | None = None) -> Impact:
     """The impacts, each on its branch.
 
     Args:
@@ -78,7 +73,7 @@ def prepare(law: ContactLaw, velocity: Array, branch: Array | None = None) -> Im
     law_valid = law.is_valid()
     law = _harmless(law, law_valid)
     valid = law_valid & jnp.isfinite(velocity) & (velocity >= 0)
-    still = jax.tree.map(lambda x: jax.lax.stop_gradient(x) if hasattr(x, "dtype") else x, law)
+    still = jax.tree.map(lambda x: jax.lax.stop_gradient(x) if is_array(x) else x, law)
     some = _some_velocity(still)
     velocity = jnp.where(valid, velocity, 0.25 * some)
     if not isinstance(law, RateIndependentLaw):
@@ -90,20 +85,19 @@ def prepare(law: ContactLaw, velocity: Array, branch: Array | None = None) -> Im
     limit = law.elastic_velocity()
     elastic = velocity <= limit
     if branch is not None:
-        leaves_it = (limit > 0) & jnp.isfinite(limit)
-        elastic = jnp.where(leaves_it, branch, elastic)
+        elastic = jnp.where((limit > 0) & jnp.isfinite(limit), branch, elastic)
     # an impact that is held on the yielding branch below yield is taken at yield
     least = jnp.where(elastic, 0.0, jnp.maximum(limit - velocity, 0.0))
     acting = jnp.where(elastic, some, velocity + jax.lax.stop_gradient(least))
     return Impact(law, velocity, acting, valid, elastic)
 
 
-def _harmless(law: ContactLaw, valid) -> ContactLaw:
+def _harmless(law: ContactLaw, valid: Flags) -> ContactLaw:
     """The law with invalid parameters replaced by 1, so that masked impacts stay finite."""
     leaves, structure = jax.tree.flatten(law)
 
     def mended(leaf, whole):
-        if not _is_float(leaf):
+        if not is_float(leaf):
             return leaf
         # of what is whole only those numbers: it serves the valid impacts too
         return jnp.where(jnp.isfinite(leaf) if whole else valid, leaf, 1.0).astype(leaf.dtype)
@@ -119,19 +113,18 @@ def _some_velocity(law: ContactLaw):
     if not isinstance(law, RateIndependentLaw):
         return scale
     limit = jnp.asarray(law.elastic_velocity())
-    yields = (limit > 0) & jnp.isfinite(limit)
-    return jnp.where(yields, 2 * jnp.where(yields, limit, scale), scale)
+    return jnp.where((limit > 0) & jnp.isfinite(limit), 2 * limit, scale)
 
 
 def collisions(
     impact: Impact, route: AbstractRoute, *, clock: bool = False, force: bool = False
 ) -> Collision:
     """Elastic impacts by Hertz's or the law's own power law, the others by the route; in SI."""
-    law, zero = impact.law, jnp.zeros_like(impact.velocity)
+    law = impact.law
     if isinstance(law, HardSphereLaw):
         squared = answer(law, "restitution_squared", impact.velocity)
-        found = stated(jnp.where(impact.elastic, 1.0, squared), 0.0, 0.0)
-        return found._replace(duration=zero if clock else None, force=zero if force else None)
+        squared = jnp.where(impact.elastic, 1.0, squared)
+        return stated(squared, 0.0, 0.0, 0.0 if clock else None, 0.0 if force else None)
     if isinstance(law, RateIndependentLaw) and law.never_yields:
         return _elastic(impact, clock, force)
     return with_elastic(impact, route.collide(law, impact.acting, clock=clock, force=force))
@@ -145,24 +138,23 @@ def with_elastic(impact: Impact, found: Collision) -> Collision:
 
 def _elastic(impact: Impact, clock: bool, force: bool) -> Collision:
     """Impacts that give back all they took, where some are; at rest if the law has damping."""
-    law, zero = impact.law, jnp.zeros_like(impact.velocity)
-    found = stated(zero + 1, zero, zero)
+    law, one = impact.law, jnp.ones_like(impact.velocity)
     if not isinstance(law, RateIndependentLaw):
-        return found._replace(duration=zero if clock else None, force=zero if force else None)
+        return stated(one, 0.0, 0.0, 0.0 if clock else None, 0.0 if force else None)
     scales, exponent = law.elastic_scales()
     y = impact.velocity / scales.velocity
+    moving = jnp.where(impact.velocity > 0, y, 1.0)
 
     def power(of: float):
         return where_needed(lambda y: safe_power(y, of), impact.elastic, y)
 
-    found = found._replace(peak=scales.overlap * power(2 / exponent))
-    if clock:
-        moving = jnp.where(impact.velocity > 0, y, 1.0)
-        found = found._replace(duration=scales.time * elastic_duration(exponent, moving))
-    if force:
-        largest = 0.4 * exponent * power(2 - 2 / exponent)
-        found = found._replace(force=law.force_scale(scales) * largest)
-    return found
+    return stated(
+        one,
+        scales.overlap * power(2 / exponent),
+        0.0,
+        scales.time * elastic_duration(exponent, moving) if clock else None,
+        law.force_scale(scales) * 0.4 * exponent * power(2 - 2 / exponent) if force else None,
+    )
 
 
 def judged(impact: Impact, found: Collision):
@@ -183,17 +175,15 @@ def results(impact: Impact, found: Collision, overlaps: bool = True):
     """ε, ε_p, largest and residual overlap [m] and the status."""
     squared, status = judged(impact, found)
     turns = (found.flags & int(Status.NO_TURNING_POINT)) == 0
-
-    def where_answered(x):
-        return jnp.where(impact.valid & found.answered, x, 0.0)
+    answered = impact.valid & found.answered
 
     def in_metres(x):
         # without a turning point the overlap is where the law ends: a number, but no answer
         return jnp.where(impact.valid, jnp.where(turns, x, jax.lax.stop_gradient(x)), 0.0)
 
     return (
-        where_answered(safe_sqrt(squared)),
-        where_answered(safe_sqrt(found.energy)),
+        jnp.where(answered, safe_sqrt(squared), 0.0),
+        jnp.where(answered, safe_sqrt(found.energy), 0.0),
         in_metres(found.peak) if overlaps else None,
         in_metres(found.residual) if overlaps else None,
         status,

@@ -10,12 +10,12 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
 
 from softjax.engine import encke, falls, outcome, phase
 from softjax.engine.bridge import solve
 from softjax.engine.falls import INSIDE, Fall
 from softjax.engine.outcome import Collision, Peak, Rebound, Release, loading_kinks, unloading_kinks
+from softjax.fields import Flags, Numbers
 from softjax.laws.reduced import ReducedClosedForm, ReducedRateIndependent
 from softjax.numerics.derivatives import along_active
 from softjax.numerics.roots import implicit_root, parabolic_step, refine
@@ -27,43 +27,54 @@ UNKNOWN = 1e-8  # the tolerance that fixed steps are taken to have: of fields th
 ROUGH = 4e-3  # of a user's forces, of which a few steps make an error that nothing estimates
 
 
-def rate_independent(law, y, below, route: Any, *, clock=False, force=False) -> Collision:
+def rate_independent(law, y, route: Any, *, clock=False, force=False) -> Collision:
     """One collision beyond the elastic stage."""
     peak = _loading(law, y, route, clock)
     release = _release(law, peak.overlap)
     fall = _unloading(law, peak, release)
     reached, solved = falls.energies(fall, y, route)
     back = Rebound(reached[-1], solved)
-    time = Rebound(*falls.times(fall, y, route)) if clock else None
-    found = outcome.assemble(law, peak, release, back, _gain(law, route, y.dtype), time, force)
-    return outcome.slowed(law, found, below)
+    if clock:
+        time, timed = falls.times(fall, y, route)
+        back = back._replace(time=time, solved=solved & timed)
+    return outcome.assemble(law, peak, release, back, _gain(law, route, y.dtype), force)
 
 
-def _gain(law, route: Any, dtype) -> Array:
-    unknown = UNKNOWN if isinstance(law, ReducedClosedForm) else ROUGH
-    return GAIN * route.error(unknown, dtype)
+def history(law, y, route: Any, fractions: tuple[np.ndarray, np.ndarray]):
+    """The collision, and time, overlap, velocity and force at fixed fractions of both branches.
+
+    Args:
+        fractions: two increasing arrays in [0, 1]: of the way from touch to the peak, which is
+            sampled once, as the end of loading, and of the way back.
+    """
+    along, back = fractions
+    if _begins_elastic(law):
+        peak, loading = encke.history(law, y, along, route)
+        peak = peak._replace(overlap=jnp.where(peak.turns & peak.solved, loading[1][-1], 1.5))
+    else:  # the fall from the peak, the other way round
+        peak = _loading(law, y, route)
+        (time, x, _, speed), rose = falls.times(_rise(law, peak), y, route, 1 - along[::-1])
+        peak = peak._replace(solved=peak.solved & (rose | ~peak.turns))
+        loading = (time[-1] - time[::-1], x[::-1], -speed[::-1], jax.vmap(law.loading)(x[::-1]))
+    release = _release(law, peak.overlap)
+    fall = _unloading(law, peak, release)
+    (time, x, recovered, speed), fell = falls.times(fall, y, route, back)
+    unloading = (loading[0][-1] + time, x, speed, jax.vmap(fall.force)(x, recovered))
+    samples = [jnp.concatenate(parts) for parts in zip(loading, unloading, strict=True)]
+    rebound = Rebound(jnp.square(speed[-1] / y), fell)
+    return outcome.assemble(law, peak, release, rebound, _gain(law, route, y.dtype)), samples
 
 
-def _release(law: ReducedRateIndependent, peak: Array) -> Release:
+def _gain(law, route: Any, dtype) -> Numbers:
+    return GAIN * route.error(UNKNOWN if isinstance(law, ReducedClosedForm) else ROUGH, dtype)
+
+
+def _release(law: ReducedRateIndependent, peak: Numbers) -> Release:
     search = _followed if isinstance(law, ReducedClosedForm) else outcome.searched
     return outcome.release(law, peak, search)
 
 
-def _begins_elastic(law) -> bool:
-    return isinstance(law, ReducedClosedForm) and not len(law.breakpoints())
-
-
-def _loading(law: ReducedRateIndependent, y: Array, route: Any, clock: bool = False) -> Peak:
-    leaves, structure = jax.tree.flatten((law.on_loading(), y, route))
-    loaded = encke.loading if _begins_elastic(law) else _staged
-
-    def one(*leaves):
-        return loaded(*jax.tree.unflatten(structure, leaves), clock)
-
-    return one(*leaves) if route.by_reverse else along_active(one, *leaves)
-
-
-def _followed(law: ReducedClosedForm, peak: Array) -> Release:
+def _followed(law: ReducedClosedForm, peak: Numbers) -> Release:
     """x* of a smooth unloading force, by third-order steps down from the peak."""
     leaves, structure = jax.tree.flatten(law)
 
@@ -85,13 +96,26 @@ def _followed(law: ReducedClosedForm, peak: Array) -> Release:
         return refine(step, one, one > 0, RESIDUAL_STEPS, settled)
 
     r = implicit_root(search, force)(peak, *leaves)
-    sure = jnp.ones_like(peak, dtype=bool)
-    return Release(peak * r**2, peak * (1 - r) * (1 + r), sure, sure)
+    return Release(peak * r**2, peak * (1 - r) * (1 + r), r == r)
 
 
-def _staged(law: ReducedRateIndependent, y: Array, route: Any, clock: bool = False) -> Peak:
+def _begins_elastic(law) -> bool:
+    return isinstance(law, ReducedClosedForm) and not len(law.breakpoints())
+
+
+def _loading(law: ReducedRateIndependent, y: Numbers, route: Any, clock: bool = False) -> Peak:
+    leaves, structure = jax.tree.flatten((law.on_loading(), y, route))
+    loaded = encke.loading if _begins_elastic(law) else _staged
+
+    def one(*leaves):
+        return loaded(*jax.tree.unflatten(structure, leaves), clock)
+
+    return one(*leaves) if route.by_reverse else along_active(one, *leaves)
+
+
+def _staged(law: ReducedRateIndependent, y: Numbers, route: Any, clock: bool = False) -> Peak:
     """Loading by any force: stages that are passed over the overlap, the last one by its angle."""
-    found = outcome.loading_reach(*jax.tree.map(jax.lax.stop_gradient, (law, y)))
+    found = outcome.loading_reach(law, y)
     length, m = found.rough, round(2 * law.work_exponent)
     unit = 1.25 * (length / y) / y
 
@@ -119,25 +143,19 @@ def _staged(law: ReducedRateIndependent, y: Array, route: Any, clock: bool = Fal
     arrived = solved & passed & jnp.isfinite(overlap)
     turns = jnp.where(ends & arrived, overlap < found.end, found.turns)
     solved = arrived | ~turns
-    peak = Peak(
-        overlap=jnp.where(turns & solved, overlap, 0.5 * length),
-        velocity=y,
-        end=jnp.where(ends, found.end, 0.0),
-        turns=turns,
-        solved=solved,
-        error=jnp.zeros_like(y),
-    )
+    overlap = jnp.where(turns & solved, overlap, 0.5 * length)
+    peak = Peak(overlap, y, jnp.where(ends, found.end, 0.0), turns, solved)
     if not clock:
         return peak
-    time, timed = falls.times(_rise(law, peak.overlap), y, route)
+    time, timed = falls.times(_rise(law, peak), y, route)
     return peak._replace(time=time, solved=peak.solved & (timed | ~turns))
 
 
-def _passed(pull, kinks, y, route: Any, smooth: bool):
+def _passed(pull, kinks, y, route: Any, smooth: bool) -> tuple[Numbers, Numbers, Flags]:
     """X and U at the last kink before the peak, and whether the solver got there."""
     zero, one = jnp.zeros_like(y), jnp.ones_like(y)
     if not len(kinks):
-        return zero, one, jnp.ones_like(y, dtype=bool)
+        return zero, one, one > 0
 
     def stage(state, end):
         start, energy, going, sure = state
@@ -160,22 +178,17 @@ def _passed(pull, kinks, y, route: Any, smooth: bool):
     return X, jnp.sqrt(energy), sure
 
 
-def _rise(law, peak) -> Fall:
+def _rise(law, peak: Peak) -> Fall:
     """Loading with time turned around."""
+    top, smooth = peak.overlap, isinstance(law, ReducedClosedForm)
     force = lambda x, _: law.loading(x)  # noqa: E731
-    smooth = isinstance(law, ReducedClosedForm)
-    return Fall(force, peak, jnp.zeros_like(peak), peak, loading_kinks(law, peak), smooth=smooth)
+    return Fall(force, top, jnp.zeros_like(top), top, loading_kinks(law, top), smooth=smooth)
 
 
 def _unloading(law, peak: Peak, release: Release) -> Fall:
-    top = peak.overlap
-
-    def force(x, recovered):
-        return law.unloading_at(x, recovered, top)
-
-    closed = isinstance(law, ReducedClosedForm)
+    top, closed = peak.overlap, isinstance(law, ReducedClosedForm)
     return Fall(
-        force=force,
+        force=lambda x, recovered: law.unloading_at(x, recovered, top),
         top=top,
         bottom=release.residual,
         span=release.recovered,
@@ -183,35 +196,3 @@ def _unloading(law, peak: Peak, release: Release) -> Fall:
         about_zero=closed and law.powers_about == "zero-overlap",
         smooth=closed,
     )
-
-
-def history(law, y, below, route: Any, fractions: tuple[np.ndarray, np.ndarray]):
-    """Time, overlap, velocity and force at fixed fractions of loading and of unloading; what rebounds.
-
-    Args:
-        fractions: two increasing arrays in [0, 1]: of the way from touch to the peak, which is
-            sampled once, as the end of loading, and of the way back.
-
-    Returns:
-        Four arrays of samples, and the collision that they are of.
-    """
-    along, back = fractions
-    if _begins_elastic(law):
-        peak, loading = encke.history(law, y, along, route)
-        peak = peak._replace(overlap=jnp.where(peak.turns & peak.solved, loading[1][-1], 1.5))
-        rose = peak.solved
-    else:  # the fall from the peak, the other way round
-        peak = _loading(law, y, route)
-        rise = _rise(law, peak.overlap)
-        (time, x, _, speed), rose = falls.times(rise, y, route, 1 - along[::-1])
-        force = jax.vmap(law.loading)(x)
-        loading = (time[-1] - time[::-1], x[::-1], -speed[::-1], force[::-1])
-    release = _release(law, peak.overlap)
-    fall = _unloading(law, peak, release)
-    (time, x, recovered, speed), fell = falls.times(fall, y, route, back)
-    unloading = (loading[0][-1] + time, x, speed, jax.vmap(fall.force)(x, recovered))
-    samples = [jnp.concatenate(parts) for parts in zip(loading, unloading, strict=True)]
-    part = speed[-1] / y
-    rebound = Rebound(part * part, rose & fell)
-    found = outcome.assemble(law, peak, release, rebound, _gain(law, route, y.dtype))
-    return outcome.slowed_samples(law, found, below, samples), outcome.slowed(law, found, below)

@@ -1,19 +1,18 @@
 """What a collision comes to: its parts, how a rate-independent one is put together, and its release.
 
-A route computes `Peak`, `Release` and what is given back; `assemble` makes a `Collision` of them with
-the hooks of the law: where loading ends, what remains, whether the unloading force vanishes, the range
-it was derived for.
+A route computes `Peak`, `Release` and `Rebound`; `assemble` makes a `Collision` of them with the hooks
+of the law: where loading ends, what remains, whether the unloading force vanishes, its range.
 """
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool
 
-from softjax.laws.reduced import Reduced, ReducedClosedForm, ReducedRateIndependent
+from softjax.fields import Flags, Numbers
+from softjax.laws.reduced import ReducedClosedForm, ReducedRateIndependent
 from softjax.numerics.powers import safe_power
 from softjax.numerics.roots import Reach, largest, last_zero, reach
 from softjax.status import Status
@@ -22,6 +21,15 @@ JUMP = 1e-3  # of the peak force: what is left of a force that vanishes there, b
 STRAIGHT = 1e-3  # a force that falls by less than this share of its mean slope has none at its zero
 SETTLED = {"float64": 1e-10, "float32": 1e-5}  # of the impact's energy
 UNANSWERED = int(Status.NO_TURNING_POINT | Status.SOLVER_FAILED)
+
+
+class Units(NamedTuple):
+    """What the parts of a collision, or of its history, are multiplied by."""
+
+    time: Numbers
+    overlap: Numbers
+    velocity: Numbers
+    force: Numbers
 
 
 class Collision(NamedTuple):
@@ -36,35 +44,60 @@ class Collision(NamedTuple):
         force: the largest one, where requested.
     """
 
-    energy: Array
-    peak: Array
-    residual: Array
-    flags: Array
-    duration: Array | None = None
-    force: Array | None = None
+    energy: Numbers
+    peak: Numbers
+    residual: Numbers
+    flags: Any
+    duration: Numbers | None = None
+    force: Numbers | None = None
 
     @property
-    def answered(self) -> Array:
+    def answered(self) -> Flags:
         """Whether the bodies come to rest, and the solver got there."""
         return (self.flags & UNANSWERED) == 0
 
-    def in_si(self, impacts: Reduced, force_unit) -> "Collision":
-        """The same of reduced impacts; `force_unit` is (5/4) M V²/L [N]."""
-        scales = impacts.scales
+    def scaled(self, units: Units) -> "Collision":
         return self._replace(
-            peak=self.peak * scales.overlap,
-            residual=self.residual * scales.overlap,
-            duration=None if self.duration is None else self.duration * scales.time,
-            force=None if self.force is None else self.force * force_unit,
+            peak=self.peak * units.overlap,
+            residual=self.residual * units.overlap,
+            duration=None if self.duration is None else self.duration * units.time,
+            force=None if self.force is None else self.force * units.force,
         )
 
 
-def flagged(conditions: dict[Status, Array]) -> Array:
+def flagged(conditions: dict[Status, Flags]):
     """The flags whose conditions hold, as integers."""
     flags = 0
     for flag, holds in conditions.items():
         flags = flags | jnp.where(holds, jnp.int32(int(flag)), 0)
     return flags
+
+
+def stated(energy: Numbers, peak, residual, duration=None, force=None) -> Collision:
+    """Collisions of a law that gives their numbers itself, of the shape of `energy`."""
+
+    def shaped(x):
+        return None if x is None else jnp.broadcast_to(x, energy.shape).astype(energy.dtype)
+
+    conditions = {
+        Status.ENERGY_GAIN: jnp.isfinite(energy) & (energy > 1 + SETTLED[str(energy.dtype)]),
+        Status.SOLVER_FAILED: ~jnp.isfinite(energy),
+    }
+    return Collision(
+        energy, shaped(peak), shaped(residual), flagged(conditions), shaped(duration), shaped(force)
+    )
+
+
+def slow_units(law, found: Collision, below: Numbers) -> Units:
+    """Of slow impacts over the lifted ones that they stand for, by the power law near rest.
+
+    Args:
+        below: y over that of the lifted impact.
+    """
+    answered = found.answered
+    far = safe_power(below, 2 / law.exponent_at(jnp.where(answered, found.peak, 1.0)))
+    overlap = jnp.where(answered, far, 1.0)
+    return Units(far / jnp.where(below > 0, below, 1.0), overlap, below, below * below / overlap)
 
 
 class Peak(NamedTuple):
@@ -75,27 +108,18 @@ class Peak(NamedTuple):
             from it is a number.
         velocity: y of the collision that this is the peak of.
         end: where the loading force vanishes, 0 where it never does.
-        turns: whether the bodies come to rest at all.
-        solved: whether the solver got there.
+        turns, solved: whether the bodies come to rest at all, and whether the solver got there.
         error: of the impact's energy, relative to it.
-        time: since touch; None where not requested.
+        time: since touch, where requested.
     """
 
-    overlap: Array
-    velocity: Array
-    end: Array
-    turns: Bool[Array, "..."]
-    solved: Bool[Array, "..."]
-    error: Array
-    time: Array | None = None
-
-
-class Rebound(NamedTuple):
-    """The end of unloading: ε_p², the part of the energy that is given back, or the time it took."""
-
-    value: Array
-    solved: Array | bool = True
-    error: Array | float = 0.0
+    overlap: Numbers
+    velocity: Numbers
+    end: Numbers
+    turns: Flags
+    solved: Flags | bool = True
+    error: Numbers | float = 0.0
+    time: Numbers | float = 0.0
 
 
 class Release(NamedTuple):
@@ -108,10 +132,19 @@ class Release(NamedTuple):
         clean: whether its derivative is known: not where the force jumps to zero.
     """
 
-    residual: Array
-    recovered: Array
-    released: Bool[Array, "..."]
-    clean: Bool[Array, "..."]
+    residual: Numbers
+    recovered: Numbers
+    released: Flags
+    clean: Flags | bool = True
+
+
+class Rebound(NamedTuple):
+    """What is given back: ε_p², whether it is solved for, its error, and the time since the peak."""
+
+    energy: Numbers
+    solved: Flags | bool = True
+    error: Numbers | float = 0.0
+    time: Numbers | None = None
 
 
 def assemble(
@@ -119,8 +152,7 @@ def assemble(
     peak: Peak,
     release: Release,
     back: Rebound,
-    gain: Array | float,
-    fall: Rebound | None = None,
+    gain: Numbers | float,
     force: bool = False,
 ) -> Collision:
     """A collision beyond the elastic stage, from what a route computed and the law's hooks.
@@ -129,73 +161,39 @@ def assemble(
     ε_p is zero, without a gradient; where the solver gave up everything is zero.
 
     Args:
-        back: ε_p².
         gain: how far ε_p² may exceed one by rounding, or by the tolerance.
-        fall: the time from the peak to the end of the contact, where the duration is requested.
         force: whether the largest force is requested.
     """
-    solved = peak.solved & ((back.solved & jnp.isfinite(back.value)) | ~peak.turns)
+    solved = peak.solved & ((back.solved & jnp.isfinite(back.energy)) | ~peak.turns)
     answered = peak.turns & solved
     end = jax.lax.stop_gradient(jnp.where(solved, peak.end, 0.0))
     exact = (peak.error + back.error <= SETTLED[str(peak.velocity.dtype)]) & release.clean
+    overlap = jnp.where(answered, peak.overlap, end)
     conditions = {
         Status.NO_RESIDUAL_OVERLAP: answered & ~release.released,
-        Status.ENERGY_GAIN: answered & (back.value > 1 + gain + back.error),
-        Status.BEYOND_EXPANSION: solved
-        & law.beyond_expansion(jnp.where(answered, peak.overlap, end)),
+        Status.ENERGY_GAIN: answered & (back.energy > 1 + gain + back.error),
+        Status.BEYOND_EXPANSION: solved & law.beyond_expansion(overlap),
         Status.NO_TURNING_POINT: ~peak.turns,
         Status.SOLVER_FAILED: ~solved,
         Status.INEXACT: answered & ~exact,
     }
-    found = Collision(
-        energy=jnp.where(answered, back.value, 0.0),
-        peak=jnp.where(answered, peak.overlap, end),
+
+    def where_answered(x):
+        return jnp.where(answered, x, 0.0)
+
+    return Collision(
+        energy=where_answered(back.energy),
+        peak=overlap,
         residual=jnp.where(answered, release.residual, end),
         flags=flagged(conditions),
-    )
-    if fall is not None:
-        ends = peak.turns & peak.solved & fall.solved
-        found = found._replace(duration=jnp.where(ends, peak.time + fall.value, 0.0))
-    if force:
-        pull = largest(law.loading, peak.overlap)
-        found = found._replace(force=jnp.where(answered, pull, 0.0))
-    return found
-
-
-def slow_factors(law, found: Collision, below: Array) -> tuple[Array, Array]:
-    """Overlaps and times of slow impacts over those of the lifted ones, by the power law near rest."""
-    answered = found.answered
-    far = safe_power(below, 2 / law.exponent_at(jnp.where(answered, found.peak, 1.0)))
-    return jnp.where(answered, far, 1.0), far / jnp.where(below > 0, below, 1.0)
-
-
-def slowed(law, found: Collision, below: Array | None) -> Collision:
-    """The collision of a slow impact, from that of the lifted one.
-
-    Args:
-        below: y over that of the lifted impact, of laws that act down to rest.
-    """
-    if below is None:
-        return found
-    far, later = slow_factors(law, found, below)
-    return found._replace(
-        peak=found.peak * far,
-        residual=found.residual * far,
-        duration=None if found.duration is None else found.duration * later,
-        force=None if found.force is None else found.force * below * below / far,
+        duration=None if back.time is None else where_answered(peak.time + back.time),
+        force=where_answered(largest(law.loading, peak.overlap)) if force else None,
     )
 
 
-def slowed_samples(law, found: Collision, below: Array | None, samples) -> tuple:
-    """Time, overlap, velocity and force along the same collision; `found` is the lifted one."""
-    if below is None:
-        return tuple(samples)
-    (time, x, speed, force), (far, later) = samples, slow_factors(law, found, below)
-    return time * later, x * far, speed * below, force * below * below / far
-
-
-def loading_reach(law: ReducedRateIndependent, y: Array) -> Reach:
+def loading_reach(law: ReducedRateIndependent, y: Numbers) -> Reach:
     """How far loading of one impact comes, roughly."""
+    law, y = jax.tree.map(jax.lax.stop_gradient, (law, y))
     end = jnp.asarray(law.end(), y.dtype)
 
     def force(x):
@@ -204,7 +202,7 @@ def loading_reach(law: ReducedRateIndependent, y: Array) -> Reach:
     return reach(force, 0.4 * y * y, y ** (2 / law.work_exponent))
 
 
-def loading_kinks(law: ReducedRateIndependent, like: Array) -> Array:
+def loading_kinks(law: ReducedRateIndependent, like: Numbers) -> Numbers:
     """Where the loading force has kinks, as a vector."""
     limit = law.elastic_limit
     known = isinstance(limit, float | int)
@@ -212,36 +210,35 @@ def loading_kinks(law: ReducedRateIndependent, like: Array) -> Array:
     return _vector([*points, *law.breakpoints()], like)
 
 
-def unloading_kinks(law: ReducedRateIndependent, like: Array) -> Array:
+def unloading_kinks(law: ReducedRateIndependent, like: Numbers) -> Numbers:
     """Where the unloading force has kinks, as a vector."""
     if isinstance(law, ReducedClosedForm):
         return _vector(law.breakpoints(), like)
     return loading_kinks(law, like)
 
 
-def _vector(points, like: Array) -> Array:
+def _vector(points, like: Numbers) -> Numbers:
     if not len(points):
         return jnp.zeros(0, like.dtype)
     stacked = jnp.stack([jnp.asarray(point, like.dtype) for point in points])
     return jnp.where(jnp.isnan(stacked), 0.0, stacked)  # none there
 
 
-def release(law: ReducedRateIndependent, peak: Array, search: Callable) -> Release:
+def release(law: ReducedRateIndependent, peak: Numbers, search: Callable) -> Release:
     """The residual overlap as the law knows it, else by `search`: the zero of its unloading force."""
     residual = law.residual(peak)
     if residual is None:
         return decided(law, peak, search(law, peak))
     recovered = law.recovered(peak)
     recovered = peak - residual if recovered is None else recovered
-    found = Release(residual, recovered, residual > 0, jnp.ones_like(peak, dtype=bool))
-    return decided(law, peak, found)
+    return decided(law, peak, Release(residual, recovered, residual > 0))
 
 
-def decided(law: ReducedRateIndependent, peak: Array, found: Release) -> Release:
+def decided(law: ReducedRateIndependent, peak: Numbers, found: Release) -> Release:
     """The same where the law itself states whether the unloading force vanishes."""
     stated = law.releases(peak)
     released = found.released if stated is None else jnp.broadcast_to(stated, peak.shape)
-    return found._replace(
+    return Release(
         residual=jnp.where(released, found.residual, 0.0),
         recovered=jnp.where(released, found.recovered, peak),
         released=released,
@@ -249,7 +246,7 @@ def decided(law: ReducedRateIndependent, peak: Array, found: Release) -> Release
     )
 
 
-def searched(law: ReducedRateIndependent, peak: Array) -> Release:
+def searched(law: ReducedRateIndependent, peak: Numbers) -> Release:
     """The last zero of the unloading force of one impact, whatever its power there."""
     leaves, structure = jax.tree.flatten(law)
 
@@ -279,18 +276,18 @@ def _motion(force, place, params, tangents):
     """The derivative of the zero: of its equation, or where that is flat there, the limit of it."""
     x, recovered = place
     peak, *leaves = params
-    direct, slope = _equation(force, x, params, tangents)
+
+    def equation(x):
+        """-(dF/dp · dp)/(dF/dx) at x, and dF/dx."""
+        at = lambda x, peak, *leaves: force(x, peak - x, peak, *leaves)  # noqa: E731
+        _, slope = jax.jvp(lambda x: at(x, *params), (x,), (jnp.ones_like(x),))
+        _, change = jax.jvp(lambda *p: at(x, *p), params, tangents)
+        flat = slope == 0
+        return jnp.where(flat, 0.0, -change / jnp.where(flat, 1.0, slope)), slope
+
+    direct, slope = equation(x)
     mean = force(peak, jnp.zeros_like(peak), peak, *leaves) / recovered
     step = float(jnp.finfo(x.dtype).eps) ** (1 / 3) * recovered
-    beside = [_equation(force, x + k * step, params, tangents)[0] for k in (1, 2, 3)]
+    beside = [equation(x + k * step)[0] for k in (1, 2, 3)]
     limit = 3 * beside[0] - 3 * beside[1] + beside[2]  # of the parabola through them
     return jnp.where(slope > STRAIGHT * mean, direct, limit)
-
-
-def _equation(force, x, params, tangents):
-    """-(dF/dp · dp)/(dF/dx) at x, and dF/dx."""
-    at = lambda x, peak, *leaves: force(x, peak - x, peak, *leaves)  # noqa: E731
-    _, slope = jax.jvp(lambda x: at(x, *params), (x,), (jnp.ones_like(x),))
-    _, change = jax.jvp(lambda *p: at(x, *p), params, tangents)
-    flat = slope == 0
-    return jnp.where(flat, 0.0, -change / jnp.where(flat, 1.0, slope)), slope

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import ArrayLike, Float
 
-from softjax.fields import Number, Numbers, checked, number_field
+from softjax.fields import Number, Numbers, number_field
 from softjax.laws.base import HardSphereLaw
 from softjax.numerics.powers import quotient
 
@@ -75,14 +75,11 @@ def empirical_restitution(
     Raises:
         ValueError: naming the argument, its value and what is accepted.
     """
-    law = EmpiricalRestitution(limit_velocity, sigma, psi)
-    velocity = jnp.asarray(checked(law, velocity))
-    valid = law.is_valid() & jnp.isfinite(velocity) & (velocity >= 0)
-    # harmless numbers where the answer is not used
-    numbers = (velocity, law.limit_velocity, law.sigma, law.psi)
-    some = (jnp.where(valid, number, 1.0) for number in numbers)
-    exponent = loss_exponent(*some)
-    return jnp.where(valid, jnp.exp(-exponent), 0.0)
+    import softjax  # which is built on laws
+
+    return softjax.restitution(
+        EmpiricalRestitution(limit_velocity, sigma, psi), velocity
+    ).coefficient
 
 
 def loss_exponent(velocity, limit_velocity, sigma, psi) -> Numbers:

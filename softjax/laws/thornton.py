@@ -9,12 +9,11 @@ In the units of first yield, x = δ/δ_y and forces in k δ_y^{3/2}, nothing is 
 from dataclasses import replace
 from typing import Literal
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import ArrayLike, Float
 
 from softjax.contact import Contact
-from softjax.fields import Flags, Number, Numbers, checked, choice_field, number_field
+from softjax.fields import Flags, Number, Numbers, choice_field, number_field
 from softjax.laws.base import RateIndependentLaw
 from softjax.laws.reduced import ReducedClosedForm, Scales
 from softjax.numerics.powers import power_3_2, quotient
@@ -90,7 +89,7 @@ def thornton_restitution(
 ) -> Numbers:
     """ε = √(6√3/5) √(1 - r²/6) [r/(r + 2√(6/5 - r²/5))]^{1/4}, r = V_y/v; 1 for v <= V_y.
 
-    The closed form of Thornton, J. Appl. Mech. 64, 383 (1997); `Thornton` is its force law.
+    The closed form of Thornton, J. Appl. Mech. 64, 383 (1997), by its force law `Thornton`.
 
     Args:
         contact: the two bodies.
@@ -106,18 +105,9 @@ def thornton_restitution(
         ValueError: naming the argument, its value and what is accepted. Under `jit` nothing is
             raised: there 0 with gradient 0 marks invalid arguments.
     """
-    law = Thornton(contact, yield_factor, area)  # its checks are those of the arguments
-    velocity = jnp.asarray(checked(law, velocity))
-    sound = law.is_valid()
-    valid = sound & jnp.isfinite(velocity) & (velocity >= 0)
-    # harmless numbers where the answer is not used
-    scale = jax.tree.map(lambda leaf: jnp.where(sound, leaf, 1.0), law).scales().velocity
-    yields = valid & (velocity > scale)
-    r = jnp.where(yields, scale / jnp.where(yields, velocity, 2.0 * scale), 1.0)
-    root = jnp.sqrt(1.2 - 0.2 * r * r)
-    # √(6√3/5) √(1 - r²/6) = 3^{1/4} √(6/5 - r²/5)
-    yielded = root * (3 * r / (r + 2 * root)) ** 0.25
-    return jnp.where(valid, jnp.where(yields, yielded, 1.0), 0.0)
+    import softjax  # which is built on laws
+
+    return softjax.restitution(Thornton(contact, yield_factor, area), velocity).coefficient
 
 
 class ReducedThornton(ReducedClosedForm):

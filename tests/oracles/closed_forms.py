@@ -10,6 +10,8 @@ and `softjax.laws.hertz_dashpot` put together again.
 """
 
 import json
+import re
+import textwrap
 from collections.abc import Callable
 from functools import cache, partial
 from pathlib import Path
@@ -285,7 +287,10 @@ def main() -> None:
         for name, (_, low, high) in WANTED.items()
     }
     told = {"taylor": {part: taylor(part) for part in TAYLOR}, "series": series}
-    TARGET.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+    # many numbers a line
+    lines = re.sub(r",\s+(?=[-\d])", ", ", json.dumps(told, indent=1)).splitlines()
+    text = "\n".join(textwrap.fill(line, 100, break_on_hyphens=False) for line in lines)
+    TARGET.write_text(text + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

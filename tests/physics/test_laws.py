@@ -133,8 +133,12 @@ def test_published_digits():
     ):
         found = sj.restitution(kind, ratios * pace).coefficient
         assert np.allclose(found, published, rtol=0, atol=5e-5)
-        formula = sj.thornton_restitution(PAIR, ratios * pace, kind.yield_factor, kind.area)
+        r = 1 / ratios
+        root = np.sqrt(6 / 5 - r * r / 5)
+        formula = 3**0.25 * root * (r / (r + 2 * root)) ** 0.25
         assert np.allclose(found, formula, rtol=1e-14, atol=0)
+        alone = sj.thornton_restitution(PAIR, ratios * pace, kind.yield_factor, kind.area)
+        assert np.allclose(alone, formula, rtol=1e-14, atol=0)
     assert sj.thornton_restitution(PAIR, 0.9 * law.elastic_velocity()) == 1
     given = np.array([0.05, 0.2, 0.5, 0.8, 0.9])
     zero_force = [0.213700, 0.324863, 0.550283, 0.808099, 0.902026]
