@@ -207,6 +207,26 @@ def test_a_restart_has_room_for_the_contacts_of_every_process(plugin):
         np.testing.assert_allclose(found, whole, rtol=0, atol=1e-13)
 
 
+BALL = f"""# for fix deposit
+
+1 atoms
+
+Coords
+
+1 0 0 0
+
+Types
+
+1 1
+
+Diameters
+
+1 {2 * RADIUS}
+
+Masses
+
+1 {DENSITY * 4 / 3 * np.pi * RADIUS**3}
+"""
 POUR = (
     f"fix more all pour 200 1 4711 region above vol 0.2 50 dens {DENSITY} {DENSITY} "
     f"vel -.5 .5 -.5 .5 -2 diam poly 2 {2 * RADIUS} 0.5 {RADIUS} 0.5"
@@ -216,6 +236,14 @@ LARGER = (
 )
 FILLED = {  # how, and how many spheres there are in the end
     "pour": ([POUR, "run 20000"], 200),
+    "deposit": (
+        [
+            "molecule ball in.ball",
+            "fix more all deposit 60 0 100 4711 region above mol ball vz -2 -2 near 0.026",
+            "run 40000",
+        ],
+        60,
+    ),
     "creation during a run": (
         [
             f"create_atoms 1 single 0 0 {RADIUS / 2 + 1e-5}",
@@ -232,6 +260,7 @@ FILLED = {  # how, and how many spheres there are in the end
 def test_a_box_is_filled(how, plugin):
     """From nothing or by smaller spheres: none is lost, none falls through; warnings at the end."""
     fills, count = FILLED[how]
+    (plugin[0] / "in.ball").write_text(BALL, encoding="utf-8")
     lines = [
         *SPHERES,
         "boundary p p f",
