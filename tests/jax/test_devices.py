@@ -43,7 +43,7 @@ def run(*words):
     ("mark", "count"), [("not long", 6), pytest.param("long", 1, marks=pytest.mark.long)]
 )
 def test_with_four_devices(mark, count):
-    words = ["-n", "0", "-p", "no:cacheprovider", "-m", mark, "-k", "test_devices_", "-q"]
+    words = ["-n", "0", "-p", "no:cacheprovider", "-m", mark, "-k", "test_devices_"]
     told = run("-m", "pytest", __file__, *words)
     assert f"{count} passed" in told, told
 
