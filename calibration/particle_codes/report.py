@@ -231,8 +231,7 @@ class Export:
         curve.plot(velocity, requested, color=style.BLACK, label=f"requested, {name}")
         curve.plot(velocity, exported, label=f"{self.to}: {self.choice.label}", **dashed)
         curve.set(ylabel=r"restitution $\varepsilon$")
-        look = {"color": style.BLUE, "alpha": 0.25, "linewidth": 0}
-        look |= {"label": "error of the time step"}
+        look = {"color": style.BLUE, "alpha": 0.25, "lw": 0, "label": "error of the time step"}
         errors.fill_between(velocity, off - step, off + step, **look)
         errors.plot(velocity, off, **dashed)
         dotted = {"color": style.GREY, "linestyle": ":"}
