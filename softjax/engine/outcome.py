@@ -57,6 +57,7 @@ class Collision(NamedTuple):
         return (self.flags & UNANSWERED) == 0
 
     def scaled(self, units: Units) -> "Collision":
+        """The collision with overlaps, time and force times these units; ε_p² stays."""
         return self._replace(
             peak=self.peak * units.overlap,
             residual=self.residual * units.overlap,
