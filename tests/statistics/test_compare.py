@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy import optimize, stats
@@ -311,6 +312,14 @@ def test_without_elastic_properties_only_formulas_are_left():
     assert len(comparison.left_out) == 2
 
 
+def test_a_wild_point_is_not_known_to_the_fit_without_it():
+    made = walton_braun(VELOCITY, 1.1, 0.02)
+    made[7] = 0.2
+    found = cal.compare(data_of(made), ["walton-braun"]).entries[0].leave_one_out
+    assert found.predicted[7] == pytest.approx(walton_braun(VELOCITY[7], 1.1, 0.02), abs=1e-8)
+    assert np.all(np.abs(np.delete(found.residual, 7)) > 1e-4)
+
+
 def test_bodies_may_differ_from_impact_to_impact():
     radius = np.linspace(0.005, 0.02, 30)
     contact = sj.Contact.between_spheres(sj.NYLON, sj.NYLON, radius, 0.0127)
@@ -321,3 +330,28 @@ def test_bodies_may_differ_from_impact_to_impact():
     found = cal.compare(data, ["walton-braun"])["walton-braun"]
     for name, value in (("growth", 500), ("unloading_stiffness", 1.1 * held)):
         assert abs(found.values[name] - value) < 4 * found.standard_errors[name]
+
+
+class Ellipse(sj.HardSphereLaw):
+    """ε = 1/2 + cos(a)/10 x + sin(a)/20 with x the velocity in units of its scatter."""
+
+    a: float
+
+    def restitution_squared(self, velocity):
+        x = (velocity - 15.5) / np.std(np.arange(1.0, 31.0))
+        return (0.5 + 0.1 * jnp.cos(self.a) * x + 0.05 * jnp.sin(self.a)) ** 2
+
+
+@pytest.mark.parametrize(("rise", "several"), [(2.0, True), (6.0, False)])
+def test_a_second_minimum_is_told_where_it_is_as_good(rise, several):
+    """ε is 1/2 + d on average: the ellipse is nearest at a = ±π/2, and χ² apart by 2 n d/(10 u²)."""
+    velocity = np.arange(1.0, 31.0)
+    off = 10 * rise * 0.01**2 / (2 * 30)
+    noise = np.random.default_rng(5).normal(size=30)
+    noise -= np.polyval(np.polyfit(velocity, noise, 1), velocity)
+    data = data_of(0.5 + off + 0.01 * noise, 0.01, velocity)
+    said = {"Ellipse": {"a": cal.Parameter(0.3, bounds=(-3.5, 3.5))}}
+    entry = cal.compare(data, [Ellipse], parameters=said).entries[0]
+    assert entry.result.values["a"] == pytest.approx(np.pi / 2, abs=1e-5)
+    causes = [doubt.cause for doubt in entry.warnings if doubt.code == "several-minima"]
+    assert any("another minimum for a" in cause for cause in causes) == several

@@ -217,6 +217,24 @@ def test_means_of_repeats_carry_their_degrees_of_freedom():
     assert high - low == pytest.approx(2 * stats.t.ppf(0.975, 6) * s / 3, rel=1e-6)
 
 
+def test_leaving_out_a_group_is_a_fit_without_it():
+    """Exactly, for a law that is linear in what is fitted."""
+    data = specimens()
+    result = cal.fit(data, "constant", **QUICK)
+    left = result.leave_one_out()
+    variances = result.materials[0].variances
+    for k in range(6):
+        out = data.group_index == k
+        others = data.restitution[~out].reshape(5, 5).mean(1)
+        np.testing.assert_allclose(left.predicted[out], np.mean(others), rtol=1e-9)
+        spread = variances["scatter"] * np.eye(5) + variances["group"]
+        of_mean = (variances["group"] + variances["scatter"] / 5) / 5
+        told = stats.multivariate_normal.logpdf(
+            data.restitution[out], [np.mean(others)] * 5, spread + of_mean
+        )
+        assert np.sum(left.log_density[out]) == pytest.approx(told, rel=1e-7)
+
+
 def test_groups_go_into_the_file_and_back(tmp_path):
     result = cal.fit(bounces(stated=False, launches=6), "constant", **QUICK)
     result.save(tmp_path / "fit.json")

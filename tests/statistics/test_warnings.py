@@ -71,8 +71,8 @@ def scattered(high):
     return cal.fit(cal.RestitutionData(np.linspace(1, 2, 12), e))
 
 
-def torn(share):
-    """Points that want a small χ̃ and a prior for a large one, with a share of the spread of equal minima.
+def torn(*shares):
+    """Points that want a small χ̃ and priors for a large one, with shares of the spread of equal minima.
 
     Far above, ε no longer falls with χ̃, so that the data's cost levels off and the prior's wins.
     """
@@ -80,9 +80,11 @@ def torn(share):
     data = twin("nylon", np.linspace(5, 60, 12), uncertainty=0.25)
     far = sj.restitution(sj.Zhou(data.contact, 20.0, sigma, psi), data.velocity).coefficient
     misfit = np.sum(((np.asarray(far) - data.restitution) / data.uncertainty) ** 2)
-    prior = (20.0, share * (20.0 - chi) / np.sqrt(misfit))
-    said = {"sigma": sigma, "psi": psi, "chi": Free(value=2.0, prior=prior)}
-    return cal.fit(data, None, said, **QUICK | {"starts": 32})
+    spread = (20.0 - chi) / np.sqrt(misfit)
+    sets = [replace(data, name=f"set {i}") for i in range(len(shares))]
+    priors = [(20.0, share * spread) for share in shares]
+    said = [{"sigma": sigma, "psi": psi, "chi": Free(value=2.0, prior=p)} for p in priors]
+    return cal.fit(sets, None, said, **QUICK | {"starts": 32})
 
 
 def balls(radius):
@@ -268,3 +270,14 @@ def test_extrapolation_below_and_above(velocity, count):
     assert (found is not None) == bool(count)
     assert found is None or found.code == "extrapolation"
     assert found is None or "1 velocities lie outside" in found.cause
+
+
+@pytest.mark.long
+def test_each_data_set_has_minima_of_its_own():
+    """What another set's minima cost does not enter, and each is named once."""
+    alone, both, one = torn(1.04), torn(1.04, 1.04), torn(2.08, 1.04)
+    (cause,) = (w.cause for w in alone.warnings if w.code == "several-minima")
+    for result, names in ((both, ["set 0", "set 1"]), (one, ["set 1"])):
+        told = [w for w in result.warnings if w.code == "several-minima"]
+        assert sorted(w.material for w in told) == names
+        assert {w.cause for w in told} == {cause}
