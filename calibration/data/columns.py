@@ -121,7 +121,7 @@ class Kind(NamedTuple):
     needs: tuple[str, ...]
     what: str = ""  # input quantities, whose errors enter ε and v
     uncertainties: tuple[str, ...] = ()  # of these; the last is of all of them
-    beside: tuple[str, ...] = ()  # used where all of them are there
+    also: tuple[str, ...] = ()  # used where all of them are there
 
     @property
     def is_sequence(self) -> bool:
@@ -147,7 +147,7 @@ def _uncertainties(*names: str) -> tuple[str, ...]:
 
 
 KINDS = (
-    Kind(("velocity", "restitution"), beside=HEIGHTS),
+    Kind(("velocity", "restitution"), also=HEIGHTS),
     Kind(VELOCITIES, "velocities", _uncertainties(*VELOCITIES, "velocity"), ("restitution",)),
     Kind(HEIGHTS, "heights", _uncertainties(*HEIGHTS, "height"), ("restitution",)),
     Kind(("interval",), "intervals", _uncertainties("interval", "timing")),
@@ -347,8 +347,8 @@ def _used(kind: Kind, names: Sequence[str | None]) -> set[str]:
     used = {*kind.needs, "group"}
     used |= {name for name in names if name and accepts(kind, name, names)}
     used |= {*OBSERVED, *SIZES} & {*names}
-    if set(kind.beside) <= set(names):
-        used |= set(kind.beside)
+    if set(kind.also) <= set(names):
+        used |= set(kind.also)
     if kind.is_sequence or "group" not in names:
         used.add("launch")
     return used

@@ -295,16 +295,16 @@ def like_measured(
     table = _readings(errors.kind, at, np.maximum(expected, LEAST_REBOUND), gravity)
     own = {"uncertainty": u, "velocity_uncertainty": u_v}
     own = {name: column for name, column in own.items() if column is not None}
-    told: dict[str, Any] = {"gravity": gravity}
+    options: dict[str, Any] = {"gravity": gravity}
     if errors.kind in ("intervals", "times"):
         per = len(table["launch"]) // len(at)
         own = {name: np.repeat(column, per) for name, column in own.items()}
-        told["timing_uncertainty"] = timing if errors.size is None else np.median(errors.size)
+        options["timing_uncertainty"] = timing if errors.size is None else np.median(errors.size)
     else:
         were = _readings(errors.kind, velocity, restitution, gravity)
         sizes = zip(table, errors.sizes(0.0)[errors.index[:, :2]].T, strict=True)
         own |= {f"{name}_uncertainty": like(u, were[name], table[name]) for name, u in sizes}
-    planned = RestitutionData.from_table(table | own, plausibility=False, name="planned", **told)
+    planned = RestitutionData.from_table(table | own, plausibility=False, name="planned", **options)
     return planned.errors
 
 

@@ -97,7 +97,7 @@ class DataRecord(Strict):
     fall: Fall | None = None
 
     @classmethod
-    def told(cls, data: RestitutionData) -> dict[str, Any]:
+    def record_of(cls, data: RestitutionData) -> dict[str, Any]:
         observed = {name: getattr(data, name) for name in BESIDE}
         return _by_names(
             cls,
@@ -156,7 +156,7 @@ class FitRecord(Strict):
     data: DataRecord
 
     @classmethod
-    def told(cls, fit: MaterialFit) -> dict[str, Any]:
+    def record_of(cls, fit: MaterialFit) -> dict[str, Any]:
         units = {name: one.unit for name, one in fit.model.parameters.items() if one.unit != "-"}
         return _by_names(
             cls,
@@ -167,7 +167,7 @@ class FitRecord(Strict):
             units={} if fit.model.key in LAWS else units,
             known=[fit.known_from, fit.known_to],
             chi_squared_probability=fit.probability,
-            data=DataRecord.told(fit.data),
+            data=DataRecord.record_of(fit.data),
         )
 
     def fit(self, data: RestitutionData, law: Any) -> MaterialFit:
@@ -206,7 +206,7 @@ class RequestRecord(Strict):
     options: dict[str, Any]
 
     @classmethod
-    def told(cls, request: Request) -> dict[str, Any]:
+    def record_of(cls, request: Request) -> dict[str, Any]:
         said = stated_parameters(request.parameters, request.datasets)
         options = request.options.model_dump(mode="json", exclude={"law"})
         options |= {"law": law_name(request.options.law)}
@@ -257,11 +257,11 @@ def result_to_dict(result: Any, times: bool = True) -> dict[str, Any]:
         ResultFile,
         result,
         format=FORMAT,
-        fits=[FitRecord.told(material) for material in result.materials],
+        fits=[FitRecord.record_of(material) for material in result.materials],
         covariance={"names": result.covariance_names, "matrix": result.covariance},
         covariance_of_predictions=result.of_predictions,
         freedom=result.freedoms,
-        request=RequestRecord.told(result.request),
+        request=RequestRecord.record_of(result.request),
     )
     found = plain(told)
     return found if times else {key: value for key, value in found.items() if key != "times"}

@@ -57,7 +57,7 @@ class Profile:
         return float(np.interp(value, self.values, rises, left=np.inf, right=np.inf))
 
 
-class Asked(NamedTuple):
+class ProfileTask(NamedTuple):
     """Request for the profiles of one fit."""
 
     problem: Problem  # where it ended, as `search` takes it
@@ -79,15 +79,15 @@ class _Walks:
     about one standard error (`steps`), and √Δχ² at the limit (`quantile`).
     """
 
-    def __init__(self, asked: Asked):
-        self.asked, self.problem = asked, asked.problem
-        problem, z = asked.problem, asked.z
+    def __init__(self, task: ProfileTask):
+        self.task, self.problem = task, task.problem
+        problem, z = task.problem, task.z
         walks = [
-            (k, sign) for k, limit in enumerate(asked.limits) for sign in (-1, 1) if sign != limit
+            (k, sign) for k, limit in enumerate(task.limits) for sign in (-1, 1) if sign != limit
         ]
         which, self.signs = np.transpose(walks)
-        self.columns, self.steps = asked.columns[which], asked.errors[which]
-        self.quantile, from_end = asked.quantiles[which], asked.limits[which] != 0
+        self.columns, self.steps = task.columns[which], task.errors[which]
+        self.quantile, from_end = task.quantiles[which], task.limits[which] != 0
         count = len(walks)
         self.z = np.tile(z, (count, 1))
         self.positions = problem.active[self.columns]
@@ -96,7 +96,7 @@ class _Walks:
         self.scaled = kind != NONE
         self.centre = z[self.positions]
         at_z = float(problem.linearise(z[None], slopes=False).cost[0])
-        self.lowest = 2 * at_z if asked.lowest is None else asked.lowest
+        self.lowest = 2 * at_z if task.lowest is None else task.lowest
         self.begin = float(self._rise(np.array([at_z]))[0])
         self.edge = self._edges()
         reach = np.where(from_end, FURTHEST + FARTHEST, FARTHEST)
@@ -136,12 +136,12 @@ class _Walks:
 
     def _rise(self, cost: Float[np.ndarray, "some"]) -> Float[np.ndarray, "some"]:
         """√Δχ²."""
-        rise = np.sqrt(np.maximum(2 * cost - self.lowest, 0.0) / self.asked.variance)
+        rise = np.sqrt(np.maximum(2 * cost - self.lowest, 0.0) / self.task.variance)
         return np.where(np.isfinite(rise), rise, 1e6)
 
     def _search(self, start, which):
         """The others searched, from some start."""
-        told = {"begun": self.asked.begun, "held": self.held[which], "limit": STEPS}
+        told = {"begun": self.task.begun, "held": self.held[which], "limit": STEPS}
         return search(self.problem, start, **told)
 
     def _foreseen(self, at, which) -> np.ndarray:
@@ -152,7 +152,7 @@ class _Walks:
         found = self.problem.linearise(z)
         # the column that moves stands in for the residual: its answer is the others' least squares
         moving = found.jacobian[rows, :, self.columns[which]]
-        begun = np.where(np.isnan(self.asked.begun), z, self.asked.begun)
+        begun = np.where(np.isnan(self.task.begun), z, self.task.begun)
         at_an_end = np.abs(z - begun)[:, self.problem.active] > 0.9 * FURTHEST
         answer = condense(moving, found.jacobian, self.held[which] | at_an_end).newton
         scaled = self.problem.transform.kind[self.problem.active] != NONE
@@ -213,15 +213,15 @@ class _Walks:
             self.way[k].append((float(place), float(value)))
 
 
-def profiles(asked: Asked) -> dict[str, Profile]:
+def profiles(task: ProfileTask) -> dict[str, Profile]:
     """Profiles of some elements of a fit, by their labels."""
-    if not len(asked.columns):
+    if not len(task.columns):
         return {}
-    state = _Walks(asked)
-    crossing, elements = state.run(), asked.problem.elements
+    state = _Walks(task)
+    crossing, elements = state.run(), task.problem.elements
     return {
-        elements[asked.problem.active[column]].label: _profile(state, column, int(limit), crossing)
-        for column, limit in zip(asked.columns, asked.limits, strict=True)
+        elements[task.problem.active[column]].label: _profile(state, column, int(limit), crossing)
+        for column, limit in zip(task.columns, task.limits, strict=True)
     }
 
 
@@ -287,32 +287,32 @@ def profiles_of(
     curves: list[dict[str, Profile]] = []
     for fit in fits:
         tell(len(curves))
-        asked, branches = _requested(fit, confidence), fit.stages[0].branches
-        if asked is None:
+        task, branches = _requested(fit, confidence), fit.stages[0].branches
+        if task is None:
             curves.append({})
         else:
-            curves.append(profiles(asked) if branches is None else _of_branches(fit, asked))
+            curves.append(profiles(task) if branches is None else _of_branches(fit, task))
     return curves
 
 
-def _of_branches(fit: ComponentFit, asked: Asked) -> dict[str, Profile]:
+def _of_branches(fit: ComponentFit, task: ProfileTask) -> dict[str, Profile]:
     """Profiles where ε jumps at yield: the lowest Δχ² of all branches that come near the best."""
     (stage,), branches = fit.stages[:1], fit.stages[0].branches
     assert branches is not None
     cost = float(stage.found.cost[0])
-    near = np.max(asked.quantiles, initial=0.0) ** 2 * asked.variance
-    found = [profiles(asked._replace(lowest=2 * cost))]
+    near = np.max(task.quantiles, initial=0.0) ** 2 * task.variance
+    found = [profiles(task._replace(lowest=2 * cost))]
     own = np.all(branches.elastic == stage.problem.elastic, axis=1)
     for k in np.flatnonzero(~own & (2 * (branches.cost - cost) < near)):
-        limits = branches.limits[k][asked.columns]
-        errors = np.where(limits != 0, FROM_END, asked.errors)
+        limits = branches.limits[k][task.columns]
+        errors = np.where(limits != 0, FROM_END, task.errors)
         problem = branches.problem(stage.problem, int(k))
         told = {"problem": problem, "z": branches.z[k], "limits": limits, "errors": errors}
-        found.append(profiles(asked._replace(**told, lowest=2 * cost)))
+        found.append(profiles(task._replace(**told, lowest=2 * cost)))
     return {label: joined([curves[label] for curves in found]) for label in found[0]}
 
 
-def _requested(fit: ComponentFit, confidence: float) -> Asked | None:
+def _requested(fit: ComponentFit, confidence: float) -> ProfileTask | None:
     """Parameters of a fit to be profiled; None if there are none."""
     stage = fit.stages[0]
     if not stage.found.converged[0] or not len(stage.problem.active):
@@ -333,7 +333,9 @@ def _requested(fit: ComponentFit, confidence: float) -> Asked | None:
     degrees = np.where(limits != 0, _left(fit), known.degrees[problem.active])[columns]
     reach = np.atleast_1d(quantile(confidence, degrees)) * known.widened[problem.active[columns]]
     few = condensed(problem, fit.z)
-    return Asked(few, fit.z, fit.begun, variance, columns, errors[columns], limits[columns], reach)
+    return ProfileTask(
+        few, fit.z, fit.begun, variance, columns, errors[columns], limits[columns], reach
+    )
 
 
 def _left(fit: ComponentFit) -> float:

@@ -96,7 +96,7 @@ class Request:
 
     Attributes:
         datasets: the measurements.
-        parameters: what was said of the law's parameters.
+        parameters: what is stated of the law's parameters.
         options: the law, and how to fit it.
     """
 
@@ -124,8 +124,8 @@ class Request:
         Raises:
             ValueError: naming what does not fit together and what is accepted.
         """
-        said = stated_parameters(self.parameters, self.datasets)
-        more, pairs = self.options.law_options, zip(self.datasets, said, strict=True)
+        entries = stated_parameters(self.parameters, self.datasets)
+        more, pairs = self.options.law_options, zip(self.datasets, entries, strict=True)
         return [_spec(data, {**own, **more}, self.options) for data, own in pairs]
 
     def route_of_curve(self, law: type) -> Route:
@@ -160,7 +160,7 @@ def stated_parameters(parameters: Specs, datasets: Sequence[RestitutionData]) ->
 
 
 def _from_mapping(parameters: Mapping[str, Any], datasets) -> list[dict[str, Any]]:
-    said: list[dict[str, Any]] = [{} for _ in datasets]
+    entries: list[dict[str, Any]] = [{} for _ in datasets]
     odd = [key for key in parameters if not isinstance(key, str)]
     if odd:
         raise DataError("parameters", odd[0], "by the parameters' names")
@@ -173,19 +173,19 @@ def _from_mapping(parameters: Mapping[str, Any], datasets) -> list[dict[str, Any
             known = listed(data.name for data in datasets)
             raise DataError(f"parameters[{key!r}]", owner, f"named after one of: {known}")
         for g in owners:
-            said[g][name] = parameters[key]
-    return said
+            entries[g][name] = parameters[key]
+    return entries
 
 
-def _spec(data: RestitutionData, said: dict[str, Any], asked: FitOptions) -> SetSpec:
-    if asked.noise == "student-t" and Errors.of(data).shares:
+def _spec(data: RestitutionData, entries: dict[str, Any], options_of_fit: FitOptions) -> SetSpec:
+    if options_of_fit.noise == "student-t" and Errors.of(data).shares:
         accepted = '"normal" where points share errors (groups, bounce sequences)'
         raise DataError("noise", "student-t", accepted)
-    options = {name: value for name, value in said.items() if isinstance(value, str)}
-    named = {name: value for name, value in said.items() if name not in options}
-    model = law_model(data, asked.law, options, named)
+    options = {name: value for name, value in entries.items() if isinstance(value, str)}
+    named = {name: value for name, value in entries.items() if name not in options}
+    model = law_model(data, options_of_fit.law, options, named)
     # Eq. (17), or a constant, by itself
-    objective = "model" if data.contact is None else asked.objective or "model"
+    objective = "model" if data.contact is None else options_of_fit.objective or "model"
     _check_law(data, model, objective)
     given = {}
     for name, value in named.items():
@@ -201,9 +201,11 @@ def _spec(data: RestitutionData, said: dict[str, Any], asked: FitOptions) -> Set
     if model.key == "zhou" and objective == "model":
         given, model = _identified(data, given, model, options)
     local, trees = _elements(data, model, given)
-    dof = asked.noise_dof if asked.noise == "student-t" else None
+    dof = options_of_fit.noise_dof if options_of_fit.noise == "student-t" else None
     errors = tuple(
-        Errors.of(data, asked.extra_scatter, asked.scale_uncertainty, dof, observed)
+        Errors.of(
+            data, options_of_fit.extra_scatter, options_of_fit.scale_uncertainty, dof, observed
+        )
         for observed, *_ in blocks_of(data)
     )
     return SetSpec(data, objective, replace(model, trees=trees), local, errors)
@@ -260,7 +262,7 @@ def placed(parameter: Parameter, name: str, error: DataError) -> Exception:
 def _identified(data, given: dict[str, Parameter], model: LawModel, options):
     """Parameters of Zhou's law for these data: ε_up without points below yield, no χ̃ without points above.
 
-    Only where nothing was said of σ, ψ or ε_up; of ε_up wherever prior and bounds let yield be. Bodies
+    Only where nothing is stated of σ, ψ or ε_up; of ε_up wherever prior and bounds let yield be. Bodies
     that yield at several velocities have an ε_up each, and these separate σ from ψ.
     """
     held, measured = Parameter(free=False), np.isfinite(data.restitution)
@@ -492,7 +494,7 @@ def _stages(component: Component, route: Route) -> Iterator[tuple[str, Problem]]
 def _rows(component: Component, model: LawModel, names: Mapping[str, str]) -> Laws:
     """Rows of one law for all data sets, from the element of each of its parameters.
 
-    What is said for other sets alone has the value of this one's contact, or none.
+    What is stated for other sets alone has the value of this one's contact, or none.
     """
     sets = []
     for g, spec in enumerate(component.specs):

@@ -469,23 +469,23 @@ def _fitted(request: Request, tell: Progress) -> FitResult:
         done = lambda count: tell("profiles", count, len(fits))  # noqa: E731
         curves = profiles_of(fits, options.confidence, done)
         done(len(fits))
-    told: list[FitWarning] = []
+    found_warnings: list[FitWarning] = []
     materials: dict[int, MaterialFit] = {}
     pooled = pooled_estimates(fits, options.confidence)
     for one, own in zip(fits, curves, strict=True):
         parts, of_several, drag = summarise(one, own, options.confidence)
         materials |= dict(zip(one.component.sets, parts, strict=True))
-        told += of_several
+        found_warnings += of_several
         pooled |= drag
     ordered = tuple(materials[g] for g in sorted(materials))
-    told += [warning for material in ordered for warning in material.warnings]
+    found_warnings += [warning for material in ordered for warning in material.warnings]
     stages = [stage for one in fits for stage in one.stages]
     if line is not None and line[1] is not None:
         stage = replace(line[1], report=replace(line[1].report, stage="Eq. (18)"))
         stages.append(stage)
         if not stage.found.converged[0]:
-            told.append(FitWarning("not-converged", f"Eq. (18): {stage.report.reason}"))
-    told.sort(key=lambda one: one.code != "plausibility")  # whose numbers are all wrong
+            found_warnings.append(FitWarning("not-converged", f"Eq. (18): {stage.report.reason}"))
+    found_warnings.sort(key=lambda one: one.code != "plausibility")  # whose numbers are all wrong
     condition = max(float(one.uncertainty.condition_number) for one in fits)
     names, covariance, of_predictions = _covariances(fits)
     return FitResult(
@@ -498,7 +498,7 @@ def _fitted(request: Request, tell: Progress) -> FitResult:
         rank=sum(int(one.uncertainty.rank) for one in fits),
         condition_number=condition if np.isfinite(condition) else None,
         likelihood=likelihood_of(fits, options),
-        warnings=tuple(dict.fromkeys(told)),
+        warnings=tuple(dict.fromkeys(found_warnings)),
         optimiser_report=tuple(stage.report for stage in stages),
         profiles={label: curve for own in curves for label, curve in own.items()},
         freedoms=tuple(f.uncertainty.freedom.physical(f.slope, f.uncertainty.whole) for f in fits),

@@ -52,14 +52,17 @@ def summarise(
 ) -> tuple[list[MaterialFit], list[FitWarning], dict[str, Estimate]]:
     """Each data set's part, the warnings about several of them, and the error of the drag coefficient."""
     found = estimates(fit, curves, confidence)
-    told = _of_component(fit, found, curves)
-    materials = [_material(fit, g, found, confidence, told) for g in range(len(fit.component.sets))]
+    shared_warnings = _of_component(fit, found, curves)
+    materials = [
+        _material(fit, g, found, confidence, shared_warnings)
+        for g in range(len(fit.component.sets))
+    ]
     elements = enumerate(fit.component.elements)
     drag = {e.label: found[k] for k, e in elements if e.name == DRAG}
-    return materials, [one for one in told if one.material is None], drag
+    return materials, [one for one in shared_warnings if one.material is None], drag
 
 
-def _material(fit: ComponentFit, g: int, found, confidence: float, told) -> MaterialFit:
+def _material(fit: ComponentFit, g: int, found, confidence: float, shared_warnings) -> MaterialFit:
     spec, problem = fit.component.specs[g], fit.final.problem
     blocks = [(k, block) for k, block in enumerate(problem.blocks) if block.set == g]
     goodness = {block.observable: _goodness(fit, k) for k, block in blocks}
@@ -87,7 +90,7 @@ def _material(fit: ComponentFit, g: int, found, confidence: float, told) -> Mate
         observed={name: one for name, one in goodness.items() if name != RESTITUTION},
     )
     part, apart = _beside_eq_17(fit, g, part)
-    own = [one for one in told if one.material == part.name] + apart
+    own = [one for one in shared_warnings if one.material == part.name] + apart
     errors = dict(zip(goodness, spec.errors, strict=True))
     if RESTITUTION in errors:
         off = at.prediction[0][first] - problem.points.value[first]
@@ -131,8 +134,8 @@ def _determined_between(fit: ComponentFit, g: int) -> tuple[float, float]:
     critical = np.asarray(problem.yields_at(fit.z))[own]
     below = problem.points.velocity[own] <= critical
     free = {e.name for e in fit.component.elements if g in e.sets}
-    told = {e.name for e in fit.component.elements if e.parameter.prior is not None}
-    needs_below = spec.by_eps_up or ({"sigma", "psi"} & free) - told
+    with_prior = {e.name for e in fit.component.elements if e.parameter.prior is not None}
+    needs_below = spec.by_eps_up or ({"sigma", "psi"} & free) - with_prior
     above_is_open = "chi" in {local.name for local in spec.local if local.parameter.value is None}
     several = not spec.by_eps_up and several_yields(spec.data.contact)
     knows_below = bool(np.any(below)) or not needs_below or several
@@ -336,21 +339,21 @@ def _of_component(
     fit: ComponentFit, found: dict[int, Estimate], curves: dict[str, Profile]
 ) -> list[FitWarning]:
     """Warnings about a component's parameters and searches."""
-    elements, told = fit.component.elements, []
+    elements, found_warnings = fit.component.elements, []
     skewed: dict[str | None, list[str]] = {}
     for k, element in enumerate(elements):
         if "[" in element.name:  # a number of a network is no parameter that anybody reads
             continue
         owner = _owner(fit, element.sets)
-        told += _of_estimate(element.name, found[k], owner)
+        found_warnings += _of_estimate(element.name, found[k], owner)
         if found[k].skewed:
             skewed.setdefault(owner, []).append(element.name)
     for owner, names in skewed.items():
-        told.append(
+        found_warnings.append(
             FitWarning("skewed", f"the likelihood is skewed in {' and '.join(names)}", owner)
         )
     separation = _separation(fit, curves)
-    told += _collinear(fit, separation)
+    found_warnings += _collinear(fit, separation)
     for stage in fit.stages:
         name, reason = stage.report.stage, stage.report.reason
         crossed = f"{stage.crossings} points changed between elastic and plastic on the way"
@@ -362,17 +365,19 @@ def _of_component(
         }
         for code, cause in causes.items():
             for data in stage.problem.datasets:
-                told += _named(code, [cause], data.name)
+                found_warnings += _named(code, [cause], data.name)
         for k, rise in _other_minima(fit, stage).items():
             higher = f"only {rise:.2g} higher" if rise >= 0 else f"{-rise:.2g} lower"
             cause = f"another minimum for {elements[k].name} has a chi squared {higher}"
-            told.append(FitWarning("several-minima", cause, _owner(fit, elements[k].sets)))
+            found_warnings.append(
+                FitWarning("several-minima", cause, _owner(fit, elements[k].sets))
+            )
     condition = float(fit.uncertainty.condition_number)
     if condition > warnings.CONDITION_LIMIT and not _has_whole(fit):
         cause = f"the Jacobian's condition number is {condition:.2g}"
         every = tuple(range(len(fit.component.sets)))
-        told.append(FitWarning("ill-conditioned", cause, _owner(fit, every)))
-    return told + separation
+        found_warnings.append(FitWarning("ill-conditioned", cause, _owner(fit, every)))
+    return found_warnings + separation
 
 
 def _of_estimate(name: str, estimate: Estimate, owner: str | None) -> Iterator[FitWarning]:
@@ -422,8 +427,8 @@ def _in_the_middle(fit: ComponentFit, points: np.ndarray) -> str:
     found = problem.bare.linearise(fit.z[None])
     own = known.of_predictions[np.ix_(problem.active, problem.active)]
     error = float(np.sqrt(max(found.per[0, middle] @ own @ found.per[0, middle], 0.0)))
-    told = with_error(float(found.prediction[0, middle]), error)
-    return f"{told} at {problem.points.velocity[middle]:.3g} m/s"
+    middle_text = with_error(float(found.prediction[0, middle]), error)
+    return f"{middle_text} at {problem.points.velocity[middle]:.3g} m/s"
 
 
 def _separation(fit: ComponentFit, curves: dict[str, Profile]) -> list[FitWarning]:

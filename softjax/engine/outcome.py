@@ -289,6 +289,6 @@ def _motion(force, place, params, tangents):
     direct, slope = equation(x)
     mean = force(peak, jnp.zeros_like(peak), peak, *leaves) / recovered
     step = float(jnp.finfo(x.dtype).eps) ** (1 / 3) * recovered
-    beside = [equation(x + k * step)[0] for k in (1, 2, 3)]
-    limit = 3 * beside[0] - 3 * beside[1] + beside[2]  # of the parabola through them
+    nearby = [equation(x + k * step)[0] for k in (1, 2, 3)]
+    limit = 3 * nearby[0] - 3 * nearby[1] + nearby[2]  # of the parabola through them
     return jnp.where(slope > STRAIGHT * mean, direct, limit)
