@@ -321,7 +321,7 @@ class Line:
         scaled = np.array([_scaled(name, float(value)) for value in values[inside]])
         count = len(scaled)
         if count < 2:
-            accepted = "given: fewer than two of the fitted materials have one"
+            accepted = "given: fewer than two fitted materials have one off the ends of its range"
             raise DataError(name, "missing", accepted)
         return (
             float(np.mean(scaled)),
