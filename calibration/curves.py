@@ -22,6 +22,7 @@ from calibration.data.sheet import Sheet, is_number
 from calibration.data.units import in_si, unit_of
 from calibration.errors import DataError, InputError, Origin, printable, shown
 from calibration.fitting.curves import yield_velocity
+from calibration.fitting.warnings import is_outside
 
 MOST = 10**6  # rows of one curve
 BLOCK = 1 << 16  # rows of a band that are computed at once: one may be made of thousands of draws
@@ -62,6 +63,8 @@ class Source:
         losses: ε_up, or σ and ψ, as stated of the further material.
         remark: a line on where its numbers come from.
         fall: how the heights of its data became velocities; None without heights.
+        measured: (lowest, highest) velocity [m/s] of the data of a fit, or of all the materials of a
+            line; None without.
     """
 
     name: str
@@ -75,16 +78,17 @@ class Source:
     losses: Mapping[str, float | None] = field(default_factory=dict)
     remark: str = ""
     fall: Fall | None = None
+    measured: tuple[float, float] | None = None
 
     def extrapolation(self, velocity: Velocities) -> str | None:
         """A line where velocities go beyond the data of a fit; else None."""
-        ends = float(np.min(velocity)), float(np.max(velocity))
-        if self.result is None or self.result.extrapolation(ends, self.name) is None:
+        if self.measured is None or not np.any(is_outside(velocity, *self.measured)):
             return None
-        data = self.result.material(self.name).data.velocity
-        curve, measured = (f"{np.min(v):.4g} to {np.max(v):.4g} m/s" for v in (velocity, data))
-        name = printable(self.name)
-        return f"extrapolation: the curve goes from {curve}, the data of {name} from {measured}"
+        curve, measured = (
+            f"{np.min(v):.4g} to {np.max(v):.4g} m/s" for v in (velocity, self.measured)
+        )
+        owner = printable(self.name) if self.line is None else "the fitted materials"
+        return f"extrapolation: the curve goes from {curve}, the data of {owner} from {measured}"
 
 
 class Rows(NamedTuple):
@@ -336,5 +340,7 @@ def _head(source: Source, velocity: Velocities) -> Iterator[str]:
         for word, end in (("below", fit.known_from), ("above", fit.known_to)):
             if 0 < end < np.inf:
                 yield f"the data do not determine restitution {word} {end:.6g} m/s: no rows"
-        if len(velocity):
-            yield source.extrapolation(velocity) or "all rows lie between the fit's data"
+    if source.measured is not None and len(velocity):
+        yield (
+            source.extrapolation(velocity) or "all rows lie within the velocities of the fit's data"
+        )

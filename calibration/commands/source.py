@@ -129,10 +129,11 @@ def _of_file(arguments: argparse.Namespace) -> Source:
     properties = None if entry.table.limit_velocity is not None else numbers
     remark = f"{printable(entry.name)}: {arguments.source}"
     if arguments.line is not None:
-        line = _line(arguments.line)
+        line, measured = _line(arguments.line)
         losses = {name: getattr(arguments, name) for name in ("eps_up", "sigma", "psi")}
         lines = [f"{remark}, by {arguments.line}", *line.remarks(contact, **losses)]
-        law, more = line.law(contact, **losses), {"line": line, "losses": losses}
+        law = line.law(contact, **losses)
+        more: dict[str, Any] = {"line": line, "losses": losses, "measured": measured}
         span = critical, last
         return Source(entry.name, law, span, properties, bodies, remark="\n".join(lines), **more)
     known = {name: one.value for name, one in entry.stated.items() if not one.free}
@@ -143,14 +144,21 @@ def _of_file(arguments: argparse.Namespace) -> Source:
     return Source(entry.name, law, span, properties, bodies, remark=remark, fall=fall)
 
 
-def _line(path: Path) -> Any:
-    """Eq. (18) of a fit's materials."""
-    line = FitResult.load(path).unloading_line
+def _line(path: Path) -> tuple[Any, tuple[float, float]]:
+    """Eq. (18) of a fit's materials, and the range of their velocities [m/s]."""
+    result = FitResult.load(path)
+    line = result.unloading_line
     if line is None or len(line.materials) < 2:
         problem = "has no line of Eq. (18)"
         accepted = "a fit of two or more materials, each with an unloading factor, is needed"
         raise InputError(path, None, problem, accepted)
-    return line
+    names = {material.name for material in line.materials}
+    every = [fit.data.velocity for fit in result.materials if fit.name in names]
+    return line, _ends(np.concatenate(every))
+
+
+def _ends(velocity: np.ndarray) -> tuple[float, float]:
+    return float(np.min(velocity)), float(np.max(velocity))
 
 
 def _of_fit(arguments: argparse.Namespace) -> Source:
@@ -169,7 +177,7 @@ def _of_fit(arguments: argparse.Namespace) -> Source:
         stated = " ".join(f"--set {n}={e.value:.6g}" for n, e in fit.parameters.items() if e.value)
         accepted = f"use a material file of one size: FILE.toml --law {fit.model.key} {stated}"
         raise InputError(arguments.fit, None, f"{fit.name!r} has bodies of several sizes", accepted)
-    low, high = float(np.min(fit.data.velocity)), float(np.max(fit.data.velocity))
+    low, high = _ends(fit.data.velocity)
     span = (0.5 * low, 2 * low) if low == high else (low, high)
     remark = f"{printable(fit.name)}: {arguments.fit}" + " (NOT CONVERGED)" * (not fit.converged)
     draws = None
@@ -179,7 +187,7 @@ def _of_fit(arguments: argparse.Namespace) -> Source:
         draws = read(arguments.posterior)
     bodies, properties = _bodies_of_fit(fit)
     one = fit.name, fit.law, span, properties, bodies, result, draws
-    return Source(*one, remark=remark, fall=fit.data.fall)
+    return Source(*one, remark=remark, fall=fit.data.fall, measured=(low, high))
 
 
 def _chosen(name: str | None, names: list[str], where: str) -> str:

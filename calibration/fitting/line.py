@@ -9,7 +9,7 @@ gives s (0 where the sum without it is smaller), and for a further material of x
     var χ̃ = (1, x) C (1, x)ᵀ + s² (c1 + c2 x)²
 
 with C that of weighted least squares with these variances (of the fit itself where s is 0 or unknown), and
-Student's t of n - 2. Two materials leave no freedom: s is unknown then. ε_up of the further material, or σ and ψ
+Student's t of n - 2. Two materials leave no degree of freedom: s is unknown then. ε_up of the further material, or σ and ψ
 where each fitted material has its own, is as stated, else the mean of the fitted ones (of logit ε_up, ln σ, ln ψ),
 uncertain by their standard deviation, times √(1 + 1/n), with Student's t of n - 1.
 
@@ -236,7 +236,9 @@ class Line:
         lines = [f"{told}, by Eq. (18) at E/Y = {ratio:.4g}"]
         scatter, count = self.scatter, len(self.materials)
         if scatter is None:
-            lines.append("scatter about the line: unknown, as two materials leave no freedom")
+            lines.append(
+                "scatter about the line: unknown, as two materials leave no degree of freedom"
+            )
         else:
             freedom = f"{count} materials, {count - 2} degree{'s' * (count > 3)} of freedom"
             lines.append(f"scatter about the line: {100 * scatter:.2g} % ({freedom})")
@@ -247,6 +249,11 @@ class Line:
                 f"{name} {value:.4g}, {100 * self.confidence:g} % interval {low:.4g} to {high:.4g}: "
                 "the mean of the fitted materials and their scatter"
             )
+            if degrees < 2:
+                lines.append(
+                    f"warning: the mean of two materials has one degree of freedom: the interval of {name} "
+                    f"is too wide to be of use; state it for this material (--{name.replace('_', '-')})"
+                )
         least, most = self.range
         if not least <= ratio <= most:
             lines.append(

@@ -248,11 +248,16 @@ def statuses(status: Any, velocity: Column) -> Iterator[str]:
         yield f"{flag.name} at {len(at)} of {len(status)} points ({span})"
 
 
+def is_outside(velocity: Any, low: float, high: float) -> np.ndarray:
+    """Whether velocities lie outside a range by more than rounding."""
+    velocity = np.asarray(velocity)
+    return (velocity < (1 - OUTSIDE) * low) | (velocity > (1 + OUTSIDE) * high)
+
+
 def extrapolation(velocity: Any, data: RestitutionData) -> FitWarning | None:
     """Velocities outside the data's, by more than rounding."""
     low, high = float(np.min(data.velocity)), float(np.max(data.velocity))
-    velocity = np.asarray(velocity)
-    count = int(np.sum((velocity < (1 - OUTSIDE) * low) | (velocity > (1 + OUTSIDE) * high)))
+    count = int(np.sum(is_outside(velocity, low, high)))
     if not count:
         return None
     cause = f"{count} velocities lie outside the data's {low:.3g} to {high:.3g} m/s"

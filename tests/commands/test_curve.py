@@ -299,7 +299,9 @@ def test_a_table_says_in_its_header_whether_it_goes_beyond_the_data(at, above_yi
     beyond = "the curve goes from 1.5 to 200 m/s, the data of my\\nnylon from 1.5 to 60 m/s"
     assert f"# extrapolation: {beyond}" in header("--from", "1.5", "--to", "200")
     # to four digits the data's
-    assert "all rows lie between the fit's data" in header("--from", "1.4999", "--to", "60.01")
+    assert "all rows lie within the velocities of the fit's data" in header(
+        "--from", "1.4999", "--to", "60.01"
+    )
 
 
 def test_curve_band_and_table_agree_on_what_the_data_do_not_determine(at, above_yield):

@@ -145,7 +145,11 @@ def test_two_materials_leave_no_freedom_and_what_makes_no_sense_is_refused():
     result = cal.fit(sets[::3], starts=4, profiles=False)
     line, contact = result.unloading_line, contact_of(6.5e8)
     assert line.scatter is None
-    assert "scatter about the line: unknown, as two materials" in line.remarks(contact)[1]
+    remarks = line.remarks(contact)
+    assert "scatter about the line: unknown, as two materials" in remarks[1]
+    (advice,) = [text for text in remarks if "too wide to be of use" in text]
+    assert "(--eps-up)" in advice
+    assert not any("too wide" in text for text in line.remarks(contact, eps_up=0.97))
     at = np.array([1.0, float(contact.yield_ratio)])
     covariance = np.array(line.covariance)
     assert covariance[0, 0] == pytest.approx(line.c1.standard_error**2, rel=1e-9)
@@ -186,9 +190,15 @@ def test_the_command_draws_the_curve_of_a_material_without_data(six, tmp_path, c
     out = tmp_path / "out"
     words = ["curve", str(file), "--line", str(tmp_path / "fit.json"), "--out", str(out)]
     assert cli.main(words) == 0
-    told = capsys.readouterr().out
+    told, said = capsys.readouterr()
     assert "warning: extrapolation: E/Y = 39.28, the fitted materials have 49.1 to 267.8" in told
     assert "eps_up 0.9" in told
+    assert "too wide to be of use" not in told
+    measured = np.concatenate([fit.data.velocity for fit in result.materials])
+    ends = f"{measured.min():.4g} to {measured.max():.4g} m/s"
+    assert f"the data of the fitted materials from {ends}" in said
+    assert cli.main([*words, "--from", str(measured.min()), "--to", str(measured.max())]) == 0
+    assert "data of the fitted materials" not in capsys.readouterr().err
     assert sorted(path.name for path in out.iterdir()) == ["curve.csv", "curve.png", "line.png"]
     rows = np.genfromtxt(out / "curve.csv", delimiter=",", skip_header=1, usecols=range(4))
     band = result.unloading_line.band(contact_of(1.5e9), rows[:, 0])
