@@ -152,6 +152,7 @@ class FitRecord(Strict):
     standardised: tuple[Real, ...]
     leverage: tuple[Real, ...]
     residual_degrees: NotNegative
+    group_offsets: dict[str, tuple[Real, NotNegative]] = Field(default_factory=dict)
     chi_squared_probability: float | None
     data: DataRecord
 

@@ -113,6 +113,8 @@ class Goodness:
         standardised, leverage: of each point: residuals over their standard deviations, and how many
             parameters it pays for.
         residual_degrees: degrees of freedom of the residuals.
+        group_offsets: by label of the group its offset and the standard error of that, the curve
+            held fixed; the largest first. Empty without groups; relative but for ε.
     """
 
     rms: float
@@ -124,6 +126,7 @@ class Goodness:
     standardised: tuple[float, ...] = field(default=(), repr=False)
     leverage: tuple[float, ...] = field(default=(), repr=False)
     residual_degrees: float = 0.0
+    group_offsets: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def noise(self) -> float | None:

@@ -170,7 +170,26 @@ def _goodness(fit: ComponentFit, k: int) -> Goodness:
         standardised=tuple(map(float, found.residual[0, : problem.count][own] / allowed)),
         leverage=tuple(map(float, leverage)),
         residual_degrees=left,
+        group_offsets=_group_offsets(first, k, one, off),
     )
+
+
+def _group_offsets(first: Problem, k: int, one: Carried, off) -> dict[str, tuple[float, float]]:
+    """Best linear unbiased predictions of the groups' offsets, with their conditional errors."""
+    errors, s, (place, observable, _) = first.errors[k], first.variances[k], first.blocks[k]
+    if errors.group is None or "group" not in s:
+        return {}
+    factor, variance = errors.factor(s, one.slope, one.bend), float(s["group"])
+    solved = errors.solve(factor, -off[None, :, None])[0, :, 0]
+    offsets = variance * np.bincount(errors.group, solved)
+    sizes = np.sqrt(variance / (1 + variance * factor.per.reshape(-1)))
+    data = first.datasets[place]
+    rows = next(rows for _, name, rows, *_ in blocks_of(data) if name == observable)
+    index = data.group_index
+    assert index is not None
+    labels = np.array(data.groups, dtype=object)[np.unique(index[rows])]
+    order = np.argsort(-np.abs(offsets), kind="stable")
+    return {str(labels[i]): (float(offsets[i]), float(sizes[i])) for i in order}
 
 
 def _outliers(first: Problem, k: int, one: Carried, off, leverage) -> tuple[Outlier, ...]:

@@ -16,7 +16,7 @@ from calibration import symbols
 from calibration.fitting.curves import modulus_by_times
 from calibration.fitting.material import Estimate
 from calibration.fitting.request import stated_parameters
-from calibration.observables import OBSERVABLES
+from calibration.observables import OBSERVABLES, RESTITUTION
 from calibration.output import files_into, write_text
 from calibration.parameters import Parameter
 from calibration.report.layout import Block, Item, markdown, page, terminal
@@ -27,6 +27,7 @@ MANY = 1000  # degrees of freedom: with more, Student's t counts as the normal d
 MOST_NAMED = 3  # data sets that the first sentence describes one by one
 MOST_SEARCHES = 12  # searches that are listed one by one
 MOST_OUTLIERS = 10
+MOST_GROUPS = 20  # rows of the table of their offsets
 MISFIT = 0.1  # share of the points above which outliers are reported as a misfit
 DETERMINED = 0.3  # of the prior's width, up to which draws determine a parameter
 NOT_CONVERGED = "NOT CONVERGED: do not use these values."
@@ -225,6 +226,7 @@ def sections(
             Block("table", quality),
             *_observed(result),
             *_optional("list", words + _outliers(result)),
+            *_group_offsets(result),
         ],
         "pictures": [Block("picture", pair) for pair in (pictures or {}).items()],
         "line": _line(result.unloading_line),
@@ -418,6 +420,30 @@ def _observed(result: Any) -> list[Block]:
                 "prior"
             )
     return [Block("table", pd.DataFrame(rows)), Block("list", remarks)] if rows else []
+
+
+def _group_offsets(result: Any) -> list[Block]:
+    """The largest offsets of groups, in a table; no block without groups."""
+    rows, several = [], len(result.materials) > 1
+    for fit in result.materials:
+        for name, one in {RESTITUTION: fit, **fit.observed}.items():
+            owner = {"material": fit.name} if several else {}
+            what = "ε" if name == RESTITUTION else f"{OBSERVABLES[name].symbol} [relative]"
+            for label, (offset, error) in list(one.group_offsets.items())[:MOST_GROUPS]:
+                rows.append(
+                    owner | {"group": label, "of": what, "offset": with_error(offset, error)}
+                )
+            if (more := len(one.group_offsets) - MOST_GROUPS) > 0:
+                rows.append(owner | {"group": f"{more} smaller ones in fit.json", "of": what})
+    if not rows:
+        return []
+    table = pd.DataFrame(rows).fillna("")
+    text = (
+        "Offsets of the groups from the curve (measured less fitted), the largest first. They are "
+        "estimates with the standard deviation between groups as the prior, so that an offset of few "
+        "points is drawn towards 0:"
+    )
+    return [Block("text", text), Block("table", table)]
 
 
 def _outliers(result: Any) -> list[str]:

@@ -12,6 +12,7 @@ from scipy import optimize, stats
 
 import calibration as cal
 import softjax as sj
+from calibration.rounding import with_error
 from tests.cases import pair
 from tests.decay import Decay
 from tests.fit_oracle import eq_17, thornton
@@ -439,3 +440,9 @@ def test_priors_bounds_groups_and_scatter_are_stated(tmp_path):
     assert fit.group_deviation == pytest.approx(np.std(offsets, ddof=1), rel=0.6)
     assert "χ²/dof" not in table
     assert "in 4 groups" in report
+    (rows,) = [table for table in markdown_tables(report) if table[0] == ["group", "of", "offset"]]
+    assert rows[1:] == [
+        [label, "ε", with_error(*offset)] for label, offset in fit.group_offsets.items()
+    ]
+    assert {label for label, *_ in rows[1:]} == set("abcd")
+    assert next(iter(fit.group_offsets)) == "c"

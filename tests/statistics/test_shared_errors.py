@@ -103,6 +103,13 @@ def test_a_mean_of_groups_is_that_of_their_means():
     assert material.noise == pytest.approx(np.sqrt(within), rel=1e-6)
     between = np.sqrt(np.var(means, ddof=1) - within / 5)
     assert material.group_deviation == pytest.approx(between, rel=1e-6)
+    kept = between**2 / (between**2 + within / 5)
+    expected = {f"s{k}": kept * (mean - np.mean(means)) for k, mean in enumerate(means)}
+    offsets = {label: offset for label, (offset, _) in material.group_offsets.items()}
+    assert offsets == pytest.approx(expected, rel=1e-6)
+    assert list(offsets) == sorted(offsets, key=lambda label: -abs(offsets[label]))
+    errors = [error for _, error in material.group_offsets.values()]
+    np.testing.assert_allclose(errors, between * np.sqrt(1 - kept), rtol=1e-6)
     low, high = result.intervals["restitution"]
     reach = stats.t.ppf(0.975, 5) * error
     assert low == pytest.approx(np.mean(means) - reach, rel=1e-4)
