@@ -60,6 +60,7 @@ class Fall:
         gravity: g [m/s²].
         density: of the air [kg/m³]; None: no correction.
         diameter, mass: of the ball [m, kg]; None where they are not known.
+        has_rebounds: whether ε comes from rebound heights.
     """
 
     unit: str = "m"
@@ -67,13 +68,22 @@ class Fall:
     density: float | None = None
     diameter: float | None = None
     mass: float | None = None
+    has_rebounds: bool = False
 
     def height(self, velocity: Column) -> Column:
         """Drop heights, in `unit`, of impacts at `velocity` [m/s]."""
-        found = velocity * (velocity / (2 * self.gravity))
+        return self._height(velocity, "height")
+
+    def rebound_height(self, velocity: Column) -> Column:
+        """Heights, in `unit`, of rebounds that start at `velocity` [m/s]."""
+        return self._height(velocity, "rebound_height")
+
+    def _height(self, velocity: Column, name: str) -> Column:
+        height = velocity * (velocity / (2 * self.gravity))
         if self.density is not None:
-            found = Air(self.diameter, self.mass, self.gravity, self.density).height(velocity)
-        return found / float(unit_of(self.unit, "m"))
+            air = Air(self.diameter, self.mass, self.gravity, self.density)
+            height = getattr(air, name)(velocity)
+        return height / float(unit_of(self.unit, "m"))
 
 
 @dataclass(frozen=True)
@@ -131,6 +141,11 @@ class Air:
         share = np.minimum(speed**2 / square, 1.0)
         with np.errstate(divide="ignore"):
             return -square / (2 * self._pull) * np.log1p(-share)
+
+    def rebound_height(self, speed: Column) -> Column:
+        """The height [m] to which a ball rises that starts at `speed`, (n,)."""
+        square = self._terminal(speed) ** 2
+        return square / (2 * self._pull) * np.log1p(speed**2 / square)
 
     def reynolds(self, speed: Column) -> Column:
         """Re at a speed."""

@@ -169,6 +169,8 @@ def read_points(
         points = (_sequences if kind.is_sequence else _single_impacts)(rows)
     remarks = (*layout.remarks, *points.remarks, *remark)
     more, fall = _more(rows, points), _fall(layout, around, g)
+    if fall is not None and {HEIGHTS[1], "restitution"} & {*columns} == {HEIGHTS[1]}:
+        fall = replace(fall, has_rebounds=True)
     return points._replace(remarks=remarks, more=more, fall=fall)
 
 

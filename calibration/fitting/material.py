@@ -94,7 +94,8 @@ class Outlier:
         of = OBSERVABLES[self.observable]
         what = f"{of.symbol} = {self.value:.4g}" + ("" if of.unit == "-" else f" {of.unit}")
         point = f"{place}, v = {self.velocity:.4g} m/s, {what}"
-        return f"{point}: {self.residual:+.3g} standard deviations, weight {self.weight:.2g}"
+        weight = "" if self.weight == 1 else f", weight {self.weight:.2g}"
+        return f"{point}: {self.residual:+.3g} standard deviations{weight}"
 
 
 @dataclass(frozen=True)

@@ -458,11 +458,25 @@ def _outliers(result: Any) -> list[str]:
                 f"misfit{owner}: noise does not explain {len(outliers)} of {count} points: "
                 "the law or the stated errors are wrong"
             )
-        lines += [f"outlier{owner}: {one}" for one in outliers[:MOST_OUTLIERS]]
+        lines += [
+            f"outlier{owner}: {one}{_heights(one, fit.data.fall)}"
+            for one in outliers[:MOST_OUTLIERS]
+        ]
         more = len(outliers) - MOST_OUTLIERS
         lines += [f"outlier{owner}: {more} more in fit.json"] if more > 0 else []
     every = [e for fit in result.materials for e in fit.parameters.values()]
     return [*lines, NOT_JUDGED] if any(e.skewed is None for e in every) else lines
+
+
+def _heights(outlier: Any, fall: Any) -> str:
+    """The heights of an outlier as the file has them; no text without heights."""
+    if fall is None:
+        return ""
+    heights = {"drop": fall.height(outlier.velocity)}
+    if outlier.restitution is not None and fall.has_rebounds:
+        heights["rebound"] = fall.rebound_height(outlier.restitution * outlier.velocity)
+    texts = [f"{name} {height:.5g} {fall.unit}" for name, height in heights.items()]
+    return f" ({', '.join(texts)})"
 
 
 def _bodies_table(result: Any) -> pd.DataFrame:

@@ -90,7 +90,11 @@ def test_restitutions_of_simulated_flights_come_back(name):
             drop, rebound = map(np.array, table.values())
             np.testing.assert_array_equal(bare.velocity, np.sqrt(2 * G * drop))
             np.testing.assert_array_equal(bare.restitution, np.sqrt(rebound / drop))
-            np.testing.assert_allclose(data.fall.height(data.velocity), drop, rtol=1e-9)
+            for flown in (data, bare):
+                speed = flown.restitution * flown.velocity
+                np.testing.assert_allclose(flown.fall.height(flown.velocity), drop, rtol=1e-9)
+                np.testing.assert_allclose(flown.fall.rebound_height(speed), rebound, rtol=1e-9)
+            assert data.fall.has_rebounds
             assert np.isinf(data.fall.height(np.array([1e4]))[0])  # no fall is as fast
 
 

@@ -405,6 +405,21 @@ def test_first_yield_velocity_errors_and_a_linear_axis(tmp_path):
     np.testing.assert_allclose(across[:, 1] - across[:, 0], 0.1)
 
 
+def test_outliers_of_drops_have_the_heights_of_the_file_and_a_weight_only_under_heavy_tails():
+    drop = np.array([50, 100, 200, 300, 400, 500, 600, 700.0])
+    table = {"drop_height [mm]": drop, "rebound_height [mm]": np.round(0.8 * drop)}
+    table["rebound_height [mm]"][5] = 363.0
+    make = cal.RestitutionData.from_table
+    data = make(table, pair("nylon"), height_uncertainty="1 mm", air=False)
+    line = r"outlier: row 6, v = 3.132 m/s, ε = 0.8521: [-+]\d+\.?\d* standard deviations{}"
+    line += r" \(drop 500 mm, rebound 363 mm\)"
+    for noise, weight in (("normal", ""), ("student-t", r", weight [\d.e-]+")):
+        text = " ".join(str(cal.fit(data, "constant", profiles=False, noise=noise)).split())
+        assert re.search(line.replace("{}", weight), text), text
+    with_rebound = make(table | {"restitution": np.sqrt(0.8) + 0 * drop}, pair("nylon"), air=False)
+    assert not with_rebound.fall.has_rebounds
+
+
 def test_a_fit_that_did_not_converge_is_marked_everywhere(tmp_path):
     """Title, table, first line of the report, message and exit code."""
     few = ("--law", "walton-braun", "--max-steps", "1", "--no-profiles")
