@@ -109,17 +109,16 @@ def _check(to: str, options: ExportOptions) -> None:
     if to not in BACKENDS:
         raise DataError("to", to, listed(BACKENDS))
     steps, prefix, types, radius = options.steps, options.prefix, options.types, options.radius
-    whole = steps is None or (type(steps) is int and steps >= 2)
     two = types is None or (len(types) == 2 and all(isinstance(t, int) and t > 0 for t in types))
+    whole = steps is None or (type(steps) is int and steps >= 2)
     named = prefix == "softjax" or to in ("c", "lammps")
-    sized = types is None or options.sizes is None
     for argument, good, accepted in (
         ("tolerance", 0 < options.tolerance < 1, "a number in (0, 1)"),
         ("steps", whole, "a whole number of 2 or more"),
         ("prefix", named, f"left out with {to}, whose files go by softjax"),
         ("prefix", re.fullmatch("[a-z][a-z0-9_]*", prefix), "a name in C, of small letters"),
         ("below", options.below in ("none", "hold"), "none or hold"),
-        ("types", sized, "left out with sizes, which are those of types 1, 2, …"),
+        ("types", not (types and options.sizes), "left out with sizes, of types 1, 2, …"),
         ("types", types is None or to == "lammps", f"left out with {to}"),
         ("types", two, "two types of atoms, such as 1 2"),
         ("radius", radius is None or 0 < radius < math.inf, "a positive length in m"),

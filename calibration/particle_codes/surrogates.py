@@ -103,6 +103,5 @@ def softened(law: Any, factor: float) -> Any:
     powers, contact = dict(POWERS[type(law)]), law.contact
     modulus = contact.youngs_modulus * factor ** powers.pop("contact", 0)
     fields = {name: getattr(law, name) * factor**power for name, power in powers.items()}
-    return dataclasses.replace(
-        law, contact=dataclasses.replace(contact, youngs_modulus=modulus), **fields
-    )
+    softer = dataclasses.replace(contact, youngs_modulus=modulus)
+    return dataclasses.replace(law, contact=softer, **fields)

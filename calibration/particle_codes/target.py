@@ -46,15 +46,12 @@ class Target:
     """A law, the velocities of a scene, and ε there.
 
     Attributes:
-        options: of the export.
         law: with single numbers for all its fields.
         contact: of the law, or of the fit.
-        name: of the material.
-        radius, radius_of: the radius [m] of the smaller sphere, or the effective one where only the
-            contact is known, and which of them it is.
+        options, name: of the export, and of the material.
+        radius, radius_of: of the smaller sphere [m], else the effective one, and which it is.
         poisson_ratio: of the smaller sphere [-].
-        on_wall: whether the law is of a ball on a flat wall, or of two balls; None where only the
-            contact is known.
+        on_wall: whether of a ball on a flat wall; None where only the contact is known.
         velocity, restitution: [m/s] and [-], shape (POINTS,).
         pairs: two types of atoms and their contact, of the sizes that were named.
         fit: of the law, where it is of one.
@@ -191,8 +188,8 @@ class Impacts:
 
     @property
     def factor(self) -> Curve:
-        safe = np.where(self.plastic > 0, self.plastic, 1.0)
-        return np.where(self.plastic > 0, (self.coefficient / safe) ** 2, 0.0)
+        safe = np.where(self.plastic > 0, self.plastic, np.inf)
+        return (self.coefficient / safe) ** 2
 
     @property
     def gain(self) -> float:

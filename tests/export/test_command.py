@@ -163,7 +163,10 @@ def test_a_wall_of_the_file_makes_its_line_act(at):
     assert heading.format("two balls") + "pair_style" in pair
     assert "needs an export of its own:\n# fix ID group " in pair
     assert heading.format("a ball and a flat wall") + "fix softjax_wall all " in wall
-    assert "# between two balls, which needs an export of its own:\npair_style" in wall
+    assert (
+        "# between two balls, which needs an export of its own:\n# These lines do not act" in wall
+    )
+    assert "\npair_" not in wall  # included after lines for balls it leaves them as they are
     assert [report(name)["bodies"] for name in bodies] == ["two balls", "a ball on a flat wall"]
 
 

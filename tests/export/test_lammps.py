@@ -96,6 +96,24 @@ def test_two_pairs_of_materials_have_their_own_laws(plugin):
     np.testing.assert_allclose(rebounds(scripts, folder), expected, atol=3e-4)
 
 
+@pytest.mark.parametrize("order", [("balls", "wall"), ("wall", "balls")])
+def test_an_input_of_a_wall_leaves_the_law_between_balls(order, tmp_path):
+    """Included before or after theirs: ε of balls and of the wall, each its own, by lines as they are written."""
+    on_wall = {"wall": True, "balls": False}
+    for name, restitution in (("wall", 0.5), ("balls", 0.9)):
+        law = sj.ConstantRestitution(PAIR if name == "balls" else WALL, restitution)
+        options = {"velocity_range": RANGE, "law": "linear", "on_wall": on_wall[name]}
+        cal.export(law, "lammps", tmp_path, prefix=name, steps=200, **options)
+    steps = [
+        float(re.search(r"^timestep (\S+)", (tmp_path / f"in.{name}").read_text("utf-8"), re.M)[1])
+        for name in order
+    ]
+    settings = [*(f"include in.{name}" for name in order), f"timestep {min(steps)!r}"]
+    among_balls = impact(1.0, [*settings, "unfix softjax_wall_wall"], 1000)
+    found = rebounds([among_balls, onto_a_wall(1.0, settings, 1000)], tmp_path)
+    np.testing.assert_allclose(found, [0.9, 0.5], atol=0.01)
+
+
 def gas(steps: int = 600) -> list[str]:
     """1000 spheres at a volume fraction of 0.43 with relative velocities of metres a second."""
     momentum = "".join(f" $(vcm(all,{axis})*mass(all):%.17g)" for axis in "xyz")

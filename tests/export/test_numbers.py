@@ -125,9 +125,11 @@ def test_the_line_of_a_wall_has_the_same_numbers_and_acts_where_a_wall_was_measu
     (wall,) = (line for line in codes.lines_of(text) if line.startswith("fix softjax_wall all "))
     assert "zplane 0.0" in wall
     if code == "lammps":
-        (pair,) = (line for line in codes.lines_of(text) if line.startswith("pair_coeff"))
-        assert pair.removeprefix("pair_coeff * * ") in wall
+        assert not any(line.startswith("pair_") for line in codes.lines_of(text))
+        (pair,) = (line for line in text.splitlines() if line.startswith("# pair_coeff * * "))
+        assert pair.removeprefix("# pair_coeff * * ") in wall
     else:
+        assert "it replaces that of a file included before" in text
         assert wall.endswith("wall/gran model hertz primitive type 1 zplane 0.0 limitForce on")
     assert "of a ball on a flat wall" in text
     _, folder = exported(source, code, on_wall=False, **told)
