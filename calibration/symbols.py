@@ -50,6 +50,7 @@ WORDS = {  # what a parameter is, where the law's field says less
     "mass": "effective mass of the pair",
     "yield_strength": "yield strength",
 }
+NO_UNIT = ("-", "1", "")
 DERIVED = {"critical_velocity": ("v_cr", "m/s"), "eps_up": ("ε_up", ""), "yield_ratio": ("E/Y", "")}
 DERIVED |= {"chi": ("χ̃", ""), "sigma": ("σ", ""), "psi": ("ψ", "")}
 LETTERS = {"chi squared": "χ²"} | {
@@ -67,7 +68,7 @@ def symbol(name: str, model: Any = None) -> Symbol:
         letter, unit = declared.symbol, declared.unit
     else:
         letter, unit = DERIVED.get(name, (name, ""))
-    return Symbol(letter, in_math(letter), "" if unit == "-" else unit)
+    return Symbol(letter, in_math(letter), "" if unit in NO_UNIT else unit)
 
 
 def in_math(written: str) -> str:

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from calibration.commands.source_options import add_route_arguments, add_source_arguments
-from calibration.errors import DataError, InputError
+from calibration.errors import DataError, InputError, listed
 from calibration.output import files_into, write_text
 
 FILES = {"csv": "curve.csv", "npy": "curve.npy", "png": "curve.png", "table": "curve.txt"}
@@ -69,6 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(None, None, problem, f"they determine {_determined(source)}")
     with files_into(arguments.out, [*FILES.values(), OF_LINE]) as folder:
         _write(folder, formats, source, rows, route)
+        written = sorted(path.name for path in folder.iterdir())
     if missing:
         text = f"of {len(velocity)} velocities {missing} are left empty"
         text = f"{text}; the data determine {_determined(source)}"
@@ -77,7 +78,8 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"warning: {beyond}", file=sys.stderr)
     if not arguments.quiet:
         ends = f"{velocity.min():.4g} to {velocity.max():.4g} m/s"
-        print(f"{source.remark}\n{len(velocity)} velocities, {ends}: {arguments.out}")
+        print(f"{source.remark}\n{len(velocity)} velocities, {ends}")
+        print(f"Written to {arguments.out}: {listed(written)}")
     return 0
 
 

@@ -16,6 +16,7 @@ Measured with LAMMPS of 22 July 2025, LIGGGHTS 3.8.0 and YADE 2023.02a; see test
 from dataclasses import dataclass
 
 INPUT, HEADER = "input", "header"  # how a code takes a law: by what it has, or by generated source
+HOW = {INPUT: "by the code's own models, as input lines", HEADER: "by C source for the code"}
 EXACT = "exact"  # the law itself
 CONSTANT = "linear", "hertz-dashpot"  # the same ε at all velocities
 

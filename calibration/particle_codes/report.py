@@ -10,7 +10,7 @@ import numpy as np
 import softjax as sj
 from calibration.errors import printable
 from calibration.particle_codes.choice import Choice
-from calibration.particle_codes.codes import CONSTANT
+from calibration.particle_codes.codes import CONSTANT, HOW
 from calibration.particle_codes.target import ExportOptions, Target, impacts_of, number_of
 from calibration.rounding import number
 from softjax.fields import numbers_of, options_of
@@ -192,11 +192,13 @@ class Export:
         choice, steps = self.choice, self.choice.steps
         low, high = self.target.range
         shortest, longest = (number(1e6 * t, 3) for t in (min(self.duration), max(self.duration)))
-        order = "" if steps.order is None else f", error ∝ step^{steps.order:.1f}"
+        order = ""
+        if steps.order is not None:
+            order = f"; half of it has {100 * 0.5**steps.order:.0f} % of its error"
         share = number(100 * self.overlap, 2) if self.overlap < 1 else f"{100 * self.overlap:.0f}"
         rows = {} if self.target.on_wall is None else {"bodies": SCENES[self.target.on_wall]}
         rows |= {
-            "law": f"{choice.label} (by {choice.backend.name})",
+            "law": f"{choice.label} ({HOW[choice.backend.name]})",
             "range": f"{number(low)} to {number(high)} m/s, ε {_ends(self.target.restitution)}",
             "largest error": f"{number(choice.total, 2)}: law {number(choice.error, 2)}, "
             f"time step {number(steps.error, 2)}; tolerance {number(self.options.tolerance)}",
@@ -204,7 +206,7 @@ class Export:
             "contact": f"{shortest} to {longest} µs",
             "largest overlap": f"{share} % of the {self.target.radius_of} radius",
             "time step": f"{number(self.time_step, 3)} s, {steps.count} in the shortest contact{order}",
-            "tried": "; ".join(f"{t.key} {number(t.error, 2)}" for t in self.tried),
+            "errors of laws": "; ".join(f"{t.key} {number(t.error, 2)}" for t in self.tried),
         }
         if choice.softening_factor != 1:
             times = number(choice.softening_factor, 3)

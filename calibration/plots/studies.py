@@ -100,13 +100,10 @@ def plot_design(design: Any, ax: Axes | None = None) -> Axes:
     even = np.linspace(design.bounds[0], design.bounds[1], len(design.velocity))
     level = np.full(len(even), bottom - 0.26 * height)
     ax.plot(even, level, "|", color=style.GREY, markersize=7, label="equally spaced")
-    criteria = {
-        "c": f"standard error of {in_math(design.target_symbol)}",
-        "I": "mean standard error of the curve",
-    }
-    what = criteria.get(design.criterion, "criterion as a standard error")
-    title = f"{design.criterion}-optimal:\n{what} is {100 / design.gain:.0f} %"
-    ax.set_title(f"{title} of that with equal spacing", fontsize="medium")
+    symbol = design.target_symbol
+    what = design.criterion_in_words.replace(symbol, in_math(symbol))
+    title = f"{what}:\n{100 / design.gain:.0f} % of that with equally spaced shots"
+    ax.set_title(title, fontsize="medium")
     place = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.16), "ncols": 2}
     ax.legend(frameon=False, fontsize="small", **place)
     return ax

@@ -39,6 +39,10 @@ LINE = (
     "One line for all materials, {}. Its χ̃ follow the data less closely than a χ̃ for each "
     "material; the table above has the rms of both."
 )
+LINE_OF_TWO = (
+    "One line for both materials. Any two χ̃ lie on a line, so it follows the data as closely as "
+    "they do; only a third material can test it."
+)
 LINE_METHODS = {  # a sentence, and the column of the table
     "curves": ("fitted to all curves at once", "through all curves"),
     "weighted": ("through the fitted χ̃", "through the fitted χ̃, weighted"),
@@ -204,13 +208,15 @@ def sections(
     methods = [f"{name}: {text}" for name, text in _methods(result).items()]
     quality, bodies = _quality_table(result), _bodies_table(result)
     words = [f"{name}: {text}" for name, text in QUALITY.items() if name in quality]
-    warned = warning_items(result.warnings, result)
+    warned, of_draws = warning_items(result.warnings, result), []
+    if draws is not None:
+        of_draws = _warnings_of_draws(draws, result)
     return {
         "title": [Block("title", "Coefficients of restitution, fitted")],
         "implausible": _optional("list", warning_items(implausible, result)),
         "result": [Block("lead", _sentence(result))],
         "about": [Block("about", f"{datetime.date.today().isoformat()}; {versions}")],
-        "verdict": [_verdict(result)],
+        "verdict": [_verdict(result, len(of_draws))],
         "data": [Block("list", [_data_set(fit) for fit in result.materials])],
         "notes": _optional("list", _notes(result)),
         "bodies": [] if bodies.empty else [Block("heading", "Bodies"), Block("table", bodies)],
@@ -231,7 +237,9 @@ def sections(
         "pictures": [Block("picture", pair) for pair in (pictures or {}).items()],
         "line": _line(result.unloading_line),
         "posterior": [] if draws is None else _posterior(draws, result),
-        "warnings": [Block("heading", "Warnings"), Block("warnings", warned)] if warned else [],
+        "warnings": [Block("heading", "Warnings"), Block("warnings", warned + of_draws)]
+        if warned + of_draws
+        else [],
         "computed": [
             Block("heading", "How it was computed"),
             *([Block("code", command)] if command else []),
@@ -572,12 +580,18 @@ def _with_owners(result: Any, texts: Iterable[tuple[str, str]], form: str) -> li
     ]
 
 
-def _verdict(result: Any) -> Block:
+def _verdict(result: Any, of_draws: int = 0) -> Block:
+    """Whether the fit converged, and the number of warnings.
+
+    Args:
+        of_draws: warnings about the posterior.
+    """
     if not result.converged:
         return Block("strong", NOT_CONVERGED)
     count = len(result.warnings)
     text = f"with {count} warning{'s' * (count > 1)}" if count else "without warnings"
-    return Block("text", f"The fit converged {text}.")
+    more = f"; its posterior has {of_draws} warning{'s' * (of_draws > 1)}" if of_draws else ""
+    return Block("text", f"The fit converged {text}{more}.")
 
 
 def _data_set(fit: Any) -> Item:
@@ -611,7 +625,7 @@ def _line(line: Any) -> list[Block]:
         columns["through the fitted χ̃"] = through
     return [
         Block("heading", "One line for all materials, Eq. (18)"),
-        Block("text", LINE.format(words)),
+        Block("text", LINE.format(words) if len(line.rms) > 2 else LINE_OF_TWO),
         Block("table", pd.DataFrame(columns)),
         *([] if line.converged else [Block("strong", "NOT CONVERGED: the fit of this line.")]),
     ]
@@ -658,7 +672,7 @@ def _searches(result: Any) -> Block:
 
 def _posterior(draws: Any, result: Any) -> list[Block]:
     """Settings of the sampler, a table of the draws, conclusions, and warnings."""
-    from calibration.fitting.posterior.diagnostics import doubts_of, not_converged, summaries
+    from calibration.fitting.posterior.diagnostics import not_converged, summaries
     from calibration.fitting.posterior.draws import dataset_of
 
     found, failed = summaries(draws, result.confidence), not_converged(draws)
@@ -688,8 +702,14 @@ def _posterior(draws: Any, result: Any) -> list[Block]:
         Block("text", how),
         Block("table", pd.DataFrame(rows)),
         Block("list", [failed] if failed else _determined(found, names)),
-        Block("warnings", warning_items(doubts_of(draws), result)),
     ]
+
+
+def _warnings_of_draws(draws: Any, result: Any) -> list[Item]:
+    from calibration.fitting.posterior.diagnostics import doubts_of
+
+    items = warning_items(doubts_of(draws), result)
+    return [item._replace(text=f" (posterior){item.text}") for item in items]
 
 
 def _determined(found: Mapping[str, Any], names: Mapping[str, str]) -> list[str]:

@@ -46,7 +46,12 @@ NO_BOUND = 100.0  # and from which no number is given for it
 ALMOST_NOTHING = 1e-6  # prior information on each ln θ: known to a factor e^1000 beforehand
 TAKES_PART = 0.2  # share of a parameter in a direction from which it is named
 ROUNDED = 1.1  # times the error of a direction: that of its product with the exponents as written
-CRITERIA = ("c", "D", "A", "I")
+CRITERIA = {  # what each makes small
+    "c": "standard error of ln {target}",
+    "D": "geometric mean of the standard errors of ln θ, correlations included",
+    "A": "root mean square of the standard errors of ln θ",
+    "I": "root mean square of the standard error of ε from {low:.4g} to {high:.4g} m/s",
+}
 SPREAD = 112  # velocities of the grid on each of two scales
 NEAR_YIELD = 10.0 ** np.arange(-4, -0.9, 0.25)  # relative distances from yield that the grid has
 CURVE = 128  # velocities over which a predicted curve is averaged
@@ -540,6 +545,9 @@ class Design(Planned):
         target_symbol: of the target.
         coefficient: ε expected of each shot.
         bounds: v [m/s] within which they were sought.
+        over: v [m/s] between which criterion "I" predicts the curve.
+        minimised: the criterion as a standard error: with the new shots, before them (None where
+            nothing was known), and with as many shots equally spaced.
         relative_errors: expected standard error of ln θ with the new shots and what was known
             before, and of a target that follows from θ; of several laws the root mean square; None
             for parameters that are not determined.
@@ -556,12 +564,20 @@ class Design(Planned):
     target_symbol: str
     coefficient: Float[np.ndarray, "n"]
     bounds: tuple[float, float]
+    over: tuple[float, float]
+    minimised: tuple[float | None, ...]
     relative_errors: Errors
     equally_spaced: Errors
     gain: float
     efficiency: float
     grid: Float[np.ndarray, "k"]
     slopes: Float[np.ndarray, "k p"]
+
+    @property
+    def criterion_in_words(self) -> str:
+        """What the design makes small."""
+        low, high = self.over
+        return CRITERIA[self.criterion].format(target=self.target_symbol, low=low, high=high)
 
     @property
     def support(self) -> list[tuple[float, int]]:
@@ -583,18 +599,19 @@ class Design(Planned):
             at = int(np.argmin(np.abs(self.velocity - v)))
             expected = f"ε = {self.coefficient[at]:.3f} ± {self.uncertainty[at]:.2g}"
             shots.append(f"{n} at {v:.4g} m/s ({expected})")
-        every = (self.relative_errors, self.before or {}, self.equally_spaced)
-        known = [one.get(self.target) for one in every]
-        here, now, even = ("not determined" if e is None else f"{e:.3g}" for e in known)
-        text = f"{self.criterion}-optimal: {', '.join(shots)}; standard error of "
-        text += f"ln {self.target_symbol} {here}, " + (f"now {now}, " if self.before else "")
-        text += f"equally spaced {even}"
-        text += f"; at least {math.floor(1000 * self.efficiency) / 10:.1f} % of the best"
+        here, now, even = ("not determined" if e is None else f"{e:.3g}" for e in self.minimised)
+        text = f"Best shots: {', '.join(shots)}."
+        reached = f"The {self.criterion_in_words} (criterion {self.criterion}) will be {here}; "
+        reached += f"it is {now} now, and " if self.before else "it "
+        reached += f"would be {even} with shots equally spaced."
+        # of a variance, rounded up
+        better = math.ceil(1000 * (1 - math.sqrt(self.efficiency)) - 1e-6) / 10
+        reached += f" No {len(self.velocity)} shots make it more than {better:.1f} % smaller."
         low, high = self.bounds
         sought = f"Sought from {low:.4g} to {high:.4g} m/s; planned {self._range}."
         lone = [ONE_VELOCITY] if len(self.support) == 1 else []
         sensed = self._sensed(self.relative_errors)
-        return "\n".join([text, *lone, sought, *sensed, *self.taken_as_known])
+        return "\n".join([text, reached, *lone, sought, *sensed, *self.taken_as_known])
 
 
 @dataclass(frozen=True, eq=False)
@@ -756,6 +773,15 @@ def optimal_velocities(
             without = errors_of(rule.before + np.sum(table, axis=1), aims)
         bound = rule.least(_table(plans, np.union1d(grid, shots)), count)
         level = float(rule.value(new))
+        each = new, rule.before, spaced
+        after, before, even_errors = (errors_of(one, aims) for one in each)
+        minimised = [one[target] for one in (after, before, even_errors)]
+        if criterion != "c":
+            values = (math.exp(0.5 * float(rule.value(one))) for one in each)
+            minimised = [value if value <= NO_BOUND else None for value in values]
+        is_known = bool(np.any(first.before))
+        if not is_known:
+            minimised[1] = None
         return Design(
             criterion=criterion,
             target=target,
@@ -766,9 +792,11 @@ def optimal_velocities(
             coefficient=first.slopes(shots)[0],
             uncertainty=np.array(first.shots(shots)[1]),
             bounds=(float(grid[0]), float(grid[-1])),
-            relative_errors=errors_of(new, aims),
-            equally_spaced=errors_of(spaced, aims),
-            before=errors_of(rule.before, aims) if np.any(first.before) else None,
+            over=over,
+            minimised=tuple(minimised),
+            relative_errors=after,
+            equally_spaced=even_errors,
+            before=before if is_known else None,
             gain=math.exp(0.5 * (float(rule.value(spaced)) - level)),
             efficiency=min(math.exp(bound - level), 1.0),
             grid=grid,

@@ -70,7 +70,7 @@ def design_csv(found: Design, fall: Fall | None) -> str:
     fall = fall or Fall()
     heights = fall.height(np.array([v for v, _ in found.support]))
     pairs = zip(found.support, heights, strict=True)
-    rows = [f"{v:.6g},{shots},{height:.6g}" for (v, shots), height in pairs]
+    rows = [f"{v:.6g},{shots},{float(f'{height:.4g}'):g}" for (v, shots), height in pairs]
     where = " without air" * (fall.density is None)
     return "\n".join([f"velocity [m/s],shots,drop height{where} [{fall.unit}]", *rows]) + "\n"
 

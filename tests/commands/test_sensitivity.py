@@ -47,7 +47,7 @@ def test_parameters_are_freed_and_fixed_as_asked(at):
 def test_the_design_follows_its_options(at, capsys):
     plain = told_by(*DESIGN)["design"]
     assert files() == {"sensitivity.json", "design.png", "design.csv"}
-    assert "c-optimal: " in capsys.readouterr().out
+    assert "Best shots: " in capsys.readouterr().out
     assert sum(place["shots"] for place in plain["support"]) == 6
     assert plain["gain"] > 1
     assert plain["bounds"] == [2.0, 60.0]
@@ -92,7 +92,7 @@ def test_plans_of_drops_are_in_their_unit_and_air_and_say_what_is_known_now(at, 
     for line in lines:
         v, _, height = map(float, line.split(","))
         assert height == pytest.approx(np.interp(v, data.velocity, drop), rel=0.05)
-    assert "now " in capsys.readouterr().out
+    assert " now," in capsys.readouterr().out
     known = told_by(*plan, "--study", "information")["information"]
     result = cal.FitResult.load("fitted/fit.json")
     error = result.standard_errors["dissipation_time"] / result.values["dissipation_time"]

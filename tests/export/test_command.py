@@ -3,6 +3,7 @@
 import ast
 import json
 import os
+import re
 import subprocess
 from pathlib import Path
 
@@ -52,7 +53,9 @@ def test_a_named_material_becomes_a_header(at):
     code, out, err = run("export", *STEEL[:-1], "--to", "c", "--tolerance", "0.005")
     assert (code, err) == (0, "")
     assert "χ̃ = 1.7944" in out
-    assert "Zhou's law, exact (by header)" in out
+    assert "Zhou's law, exact (by C source for the code)" in out
+    assert re.search(r"half of it has \d+ % of its error", out)
+    assert out.endswith("Written to results: softjax_law.h, export.json, export.png\n")
     assert {p.name for p in Path("results").iterdir()} == {
         "softjax_law.h",
         "export.json",

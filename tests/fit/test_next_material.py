@@ -10,6 +10,7 @@ from scipy import stats
 import calibration as cal
 import softjax as sj
 from calibration import cli
+from calibration.report.fit import sections
 
 C1, C2, SCATTER = 0.05, 0.004, 0.08
 STRENGTHS = np.array([2.2e8, 3.0e8, 4.0e8, 5.5e8, 8.0e8, 1.2e9])
@@ -165,6 +166,9 @@ def test_two_materials_leave_no_freedom_and_what_makes_no_sense_is_refused():
     ):
         with pytest.raises(ValueError, match=message):
             call()
+    _, text, *_ = sections(result)["line"]
+    assert text.value.endswith("only a third material can test it.")
+    assert line.rms == pytest.approx({fit.name: fit.rms for fit in result.materials}, rel=1e-4)
     one = cal.fit(sets[0], starts=4, profiles=False)
     assert one.unloading_line is None
 

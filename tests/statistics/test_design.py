@@ -66,6 +66,10 @@ def test_each_criterion_is_as_small_as_a_brute_force_search_makes_it(criterion):
     even = math.log(variance(covariance(np.linspace(*BOUNDS, 5))))
     assert found.gain == pytest.approx(math.exp(0.5 * (even - reached)), rel=5e-3)
     assert found.gain > 1.05
+    here, now, spaced = found.minimised
+    assert now is None
+    assert (here, spaced) == pytest.approx(np.exp([0.5 * reached, 0.5 * even]), rel=0.02)
+    assert f"(criterion {criterion}) will be {here:.3g}; it would be {spaced:.3g}" in str(found)
     assert 0.9 < found.efficiency <= 1
     errors = np.sqrt(np.diag(covariance(found.velocity)))
     np.testing.assert_allclose(list(found.relative_errors.values()), errors, rtol=1e-6)
@@ -82,8 +86,11 @@ def test_the_best_place_for_two_parameters_of_a_decay_is_known():
     assert found.support == [(1.0, 4), (pytest.approx(21.0, rel=1e-4), 4)]
     assert found.efficiency > 0.999  # an even number can be halved
     assert calls == [("velocities", k, 3) for k in (1, 2, 3)]
-    text = "D-optimal: 4 at 1 m/s (ε = 0.904 ± 0.01), 4 at 21 m/s (ε = 0.332 ± 0.01); standard error of ln a"
-    assert str(found).startswith(text)
+    first, second, *_ = str(found).splitlines()
+    assert first == "Best shots: 4 at 1 m/s (ε = 0.904 ± 0.01), 4 at 21 m/s (ε = 0.332 ± 0.01)."
+    start = "The geometric mean of the standard errors of ln θ, correlations included (criterion D) will be "
+    assert second.startswith(f"{start}{found.minimised[0]:.3g}; it would be ")
+    assert "shots equally spaced. No 8 shots make it more than 0.1 % smaller." in second
     text = "Sought from 1 to 60 m/s; planned 1 to 21 m/s, standard uncertainty of ε 0.01."
     assert text in str(found)
     assert "cannot test the law" not in str(found)
@@ -124,6 +131,8 @@ def test_a_curve_is_predicted_where_it_is_asked_for():
     low, high = (
         cal.optimal_velocities(DECAY, 6, BOUNDS, over=o, **told) for o in ((1, 5), (40, 60))
     )
+    assert "The root mean square of the standard error of ε from 40 to 60 m/s (crit" in str(high)
+    assert "ln" not in str(high)
     assert np.mean(low.velocity) < np.mean(high.velocity)
     curve = rows(np.linspace(40.0, 60.0, 4001))
     of_high, of_low = (
@@ -143,6 +152,8 @@ def test_what_is_measured_already_counts():
     assert found.relative_errors["rate"] == pytest.approx(math.sqrt(after[1, 1]), rel=1e-6)
     expected = math.sqrt(np.linalg.inv(before)[1, 1])
     assert found.before["rate"] == pytest.approx(expected, rel=1e-6)
+    assert found.minimised[1] == found.before["rate"]
+    assert f"it is {expected:.3g} now, and would be" in str(found)
 
 
 def test_over_several_laws_the_mean_of_the_logarithm_is_what_is_small():

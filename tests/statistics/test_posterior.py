@@ -91,6 +91,8 @@ def test_priors_and_pools_enter_as_documented():
     np.testing.assert_allclose(found - found[0], expected - expected[0], atol=1e-8)
     told = draws["posterior"]["rate[a]"].attrs["prior"]
     assert told == "around rate, with rate_spread"
+    told = draws["posterior"]["rate"].attrs["prior"]
+    assert told == "log-normal, median 0.03, with 68 % from 0.0041 to 0.22"
 
 
 @pytest.mark.long
@@ -481,7 +483,7 @@ def test_sensitivities_and_designs_are_over_the_draws(files):
     told = ("--study", "design", "--shots", "2", "--out", folder / "design")
     code, out, _ = run("sensitivity", *given, *told)
     assert code == 0
-    assert "on average over 16 draws of the posterior: c-optimal" in out
+    assert "on average over 16 draws of the posterior: Best shots: " in out
 
 
 # the command
@@ -520,11 +522,14 @@ def test_the_command_writes_draws_picture_and_words_and_says_what_is_wrong(tmp_p
     lines = {line.split("**")[1]: line for line in section.splitlines() if "**" in line}
     assert {"effective-size", "mass-at-bound", "follows-prior"} <= set(lines)
     assert not {"divergences", "funnel"} & set(lines)
+    assert printed.count("Warnings:") == section.count("## Warnings") == 1
+    assert re.search(r"; its posterior has \d warnings\.", printed)
     for code, own in (
         ("mass-at-bound", "restitution[balls 1] at 1"),
         ("follows-prior", "restitution[balls 2] ("),
     ):
         assert own in lines[code]
+        assert f"**{code}** (posterior)" in lines[code]
         assert lines[code].count("restitution[") == 1
 
 

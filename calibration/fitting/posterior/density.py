@@ -276,14 +276,21 @@ def _of_element(element: Element, kind: int) -> Prior:
     median = start if is_start or usual is None else usual
     size = max(median - low if kind == LOG else high - median, 1e-12)
     centre = math.log(size) * (-1 if kind == FROM_ABOVE else 1)
-    text = f"log-normal, median {number(median)}, a factor of {math.exp(spread):.2g} each way"
+    # θ = low + e^z, or high - e^-z
+    sign, end = (-1, high) if kind == FROM_ABOVE else (1, low)
+    text = _log_normal(median, *(end + sign * size * math.exp(z) for z in (-spread, spread)))
     return Prior(label, text, True, centre, spread)
+
+
+def _log_normal(median: float, *ends: float) -> str:
+    low, high = (number(end, 2) for end in sorted(ends))
+    return f"log-normal, median {number(median)}, with 68 % from {low} to {high}"
 
 
 def _of_noise(kind: str, label: str, per_unit: float) -> Prior:
     if kind in ("dof", "scale"):
         median, spread = (8.0, 0.8) if kind == "dof" else (1.0, 1.0)
-        text = f"log-normal, median {median:g}, a factor of {math.exp(spread):.2g} each way"
+        text = _log_normal(median, *(median * math.exp(z) for z in (-spread, spread)))
         return Prior(label, text, True, math.log(median), spread)
     size, unit = NOISE / per_unit, " s" if kind == "timing" else ""
     return Prior(label, f"half-normal, {number(size, 1)}{unit}", False, 0.0, size)
