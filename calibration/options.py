@@ -37,7 +37,7 @@ LAWS = (
     "eq-17",
 )
 KINDS_OF_LAW = f"a name ({listed(LAWS)}), a class of contact laws, or a function that builds one"
-ROUTES = ("ode", "energy balance", "closed form")
+ROUTES = {"ode": "ODE", "energy balance": "EnergyBalance", "closed form": "ClosedForm"}
 OBJECTIVES = ("model", "two-step")
 FORMER = {"empirical": "eq-17", "constant": "constant"}  # objectives that are laws now
 DOF = (2.0, 30.0, "a number in [2, 30]")  # of Student's t
@@ -78,6 +78,13 @@ def _check_route(route: Any) -> Any:
         near = did_you_mean(route, ROUTES) if isinstance(route, str) else ""
         raise DataError("route", route, f"{routes}: {listed(ROUTES)}{near}")
     return route if name == "ode" else name
+
+
+def route_named(name: str, **settings: Any) -> Any:
+    """A route by its name, words set apart by spaces or hyphens."""
+    import softjax
+
+    return getattr(softjax, ROUTES[name.replace("-", " ")])(**settings)
 
 
 def _check_dof(dof: Any) -> Any:

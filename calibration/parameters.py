@@ -8,18 +8,18 @@ none     θ = z, clipped to its bounds
 """
 
 import math
-from dataclasses import dataclass, field
-from functools import partial
-from typing import Any, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
+from pydantic import Field, PlainValidator, ValidationError, WithJsonSchema, model_validator
+from pydantic.json_schema import SkipJsonSchema
 
-from calibration.errors import DataError, Origin, is_finite_number, listed
+from calibration.errors import DataError, Origin, is_finite_number
+from calibration.schema import Strict, faults
 from softjax.fields import Declared
 
-TRANSFORMS = ("log", "logit", "none")
 POOLED = "pooled"
 NONE, LOG, LOGIT, FROM_ABOVE = range(4)
 LARGEST_EXPONENT = 690.0
@@ -28,8 +28,27 @@ INSIDE = 1e-12  # a start at a bound, or beyond, is moved that far inside (of th
 Vector = Float[np.ndarray, "... p"]
 
 
-@dataclass(frozen=True)
-class Parameter:
+def _value(value: Any) -> Any:
+    if is_finite_number(value):
+        return value + 0  # -0.0 is 0
+    is_array = isinstance(value, np.ndarray | dict | list | tuple) or hasattr(value, "dtype")
+    if value is None or is_array or hasattr(type(value), "__dataclass_fields__"):
+        return value
+    raise ValueError("a finite number")
+
+
+def _words(accepted: str, **more: Any) -> Any:
+    return Field(json_schema_extra={"accepted": accepted}, **more)
+
+
+Number = Annotated[float, Field(strict=True)]
+End = Annotated[float, Field(strict=True, allow_inf_nan=True)]
+ENDS = _words("two numbers, [lowest, highest], lowest below highest", strict=False)
+PRIOR = _words("two numbers, [mean, standard deviation]", strict=False)
+SHARED = _words("true, false or the name of a group of data sets")
+
+
+class Parameter(Strict):
     """One parameter of a law; None is left to the fit.
 
     Attributes:
@@ -47,49 +66,42 @@ class Parameter:
         ValueError: naming what is wrong, its value and what is accepted.
     """
 
-    value: Any = None
-    free: bool = field(default=True, kw_only=True)
-    bounds: tuple[float, float] | None = field(default=None, kw_only=True)
-    prior: tuple[float, float] | None = field(default=None, kw_only=True)
-    transform: str | None = field(default=None, kw_only=True)
-    shared: bool | str = field(default=False, kw_only=True)
-    unit: str = field(default="", kw_only=True)
-    origin: Origin | None = field(default=None, compare=False, kw_only=True, repr=False)
+    value: Annotated[Any, PlainValidator(_value), WithJsonSchema({"type": "number"})] = None
+    free: bool = True
+    bounds: Annotated[tuple[End, End] | None, ENDS] = None
+    prior: Annotated[tuple[Number, Number] | None, PRIOR] = None
+    transform: Literal["log", "logit", "none"] | None = None
+    shared: Annotated[bool | Annotated[str, Field(pattern=r"\S")], SHARED] = False
+    unit: str = ""
+    origin: SkipJsonSchema[Origin | None] = Field(default=None, repr=False)
 
-    def __post_init__(self):
-        put = partial(object.__setattr__, self)
-        value, is_number = self.value, is_finite_number(self.value)
-        if not isinstance(self.free, bool):
-            raise DataError("free", self.free, "true or false")
-        if not (value is None or is_number or _is_tree(value)):
-            raise DataError("value", value, "a finite number")
-        if is_number:
-            put("value", value + 0)  # -0.0 is 0
+    def __init__(self, value: Any = None, **more: Any):
+        try:
+            super().__init__(**{"value": value} | more)
+        except ValidationError as error:
+            raise next(faults(error, Parameter)) from None
+
+    @model_validator(mode="after")
+    def _together(self) -> "Parameter":
         if self.bounds is not None:
-            low, high = _pair("bounds", self.bounds, "[lowest, highest]")
+            low, high = self.bounds
             if not low < high:
                 accepted = "[lowest, highest], lowest below highest"
                 raise DataError("bounds", f"[{low}, {high}]", accepted)
-            if is_number and not low <= value <= high:
-                raise DataError("value", value, f"within its bounds, [{low:g}, {high:g}]")
-            put("bounds", (low, high))
-        if self.prior is not None:
-            prior = _pair("prior", self.prior, "[mean, standard deviation]")
-            if not (all(map(math.isfinite, prior)) and prior[1] > 0):
-                raise DataError("prior", f"{[*prior]}", "[mean, positive standard deviation]")
-            put("prior", prior)
-        if self.transform not in (None, *TRANSFORMS):
-            raise DataError("transform", self.transform, f"one of {listed(TRANSFORMS)}")
-        if not (isinstance(self.shared, bool) or _is_text(self.shared)):
-            accepted = "true, false or the name of a group of data sets"
-            raise DataError("shared", self.shared, accepted)
-        if not isinstance(self.unit, str):
-            raise DataError("unit", self.unit, 'a text such as "N/m"')
+            if is_finite_number(self.value) and not low <= self.value <= high:
+                raise DataError("value", self.value, f"within its bounds, [{low:g}, {high:g}]")
+        if self.prior is not None and self.prior[1] <= 0:
+            raise DataError("prior", f"{[*self.prior]}", "[mean, positive standard deviation]")
         if self.pooled and self.prior is not None:
             raise DataError("prior", "given", "left out where shared is pooled")
         for name in ("bounds", "prior", "transform", "shared"):
             if not self.free and getattr(self, name) not in (None, False):
                 raise DataError(name, "given", "left out where free is false")
+        return self
+
+    def __eq__(self, other: object) -> bool:  # wherever it was read
+        mine, theirs = ({**vars(one), "origin": None} for one in (self, other))
+        return isinstance(other, Parameter) and mine == theirs
 
     @property
     def pooled(self) -> bool:
@@ -127,25 +139,6 @@ def as_parameter(name: str, value: Any) -> Parameter:
         accepted = "a calibration.Parameter, or a number that fixes it"
         raise DataError(f"parameters[{name!r}]", value, accepted)
     return Parameter(float(value), free=False)
-
-
-def _is_tree(value: Any) -> bool:
-    is_array = isinstance(value, np.ndarray | dict | list | tuple) or hasattr(value, "dtype")
-    return is_array or hasattr(type(value), "__dataclass_fields__")
-
-
-def _is_text(value: Any) -> bool:
-    return isinstance(value, str) and bool(value.strip())
-
-
-def _pair(name: str, value: Any, accepted: str) -> tuple[float, float]:
-    is_pair = isinstance(value, list | tuple) and len(value) == 2
-    numbers = is_pair and all(
-        is_finite_number(one) or one in (math.inf, -math.inf) for one in value
-    )
-    if not numbers:
-        raise DataError(name, value, f"two numbers, {accepted}")
-    return float(value[0]), float(value[1])
 
 
 def _interval(declared: Declared) -> str:

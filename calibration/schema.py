@@ -86,7 +86,9 @@ def fault_of(one: Mapping[str, Any], model: type[BaseModel]) -> DataError:
     if one["type"] == "missing":
         value, known = "missing", "there"
     elif one["type"] == "extra_forbidden":
-        value, known = "there", "left out: it is not known"
+        known = "left out: it is not known"
+        known += did_you_mean(str(one["loc"][-1]), known_below(model, one["loc"][:-1]))
+        return DataError(place, "there", known)
     elif one["type"] == "value_error":
         known = one["msg"].removeprefix("Value error, ")
     if isinstance(one["input"], str):

@@ -14,10 +14,9 @@ from calibration.commands.source_options import COEFFICIENTS, VARIANTS, read_mat
 from calibration.console import print_first
 from calibration.curves import Source
 from calibration.errors import DataError, InputError, Origin, did_you_mean, listed, printable
-from calibration.fitting.collisions import ROUTES
 from calibration.fitting.laws import LAWS
 from calibration.fitting.result import FitResult
-from calibration.options import LAW_OPTIONS
+from calibration.options import LAW_OPTIONS, route_named
 from calibration.paper import RADIUS, TABLE_1
 from calibration.parameters import Parameter
 
@@ -64,7 +63,7 @@ def route_of(arguments: argparse.Namespace) -> sj.EnergyBalance | sj.ClosedForm 
     if arguments.route is None:
         return None
     options = {"rtol": arguments.rtol} if arguments.route == "ode" else {}
-    return ROUTES[arguments.route.replace("-", " ")](**options)
+    return route_named(arguments.route, **options)
 
 
 def _suffix(source: str | None) -> str:

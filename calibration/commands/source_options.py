@@ -6,12 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from calibration.errors import DataError, InputError
-from calibration.options import LAW_OPTIONS, LAWS, add_options
+from calibration.options import LAW_OPTIONS, LAWS, ROUTES, add_options
 
 COEFFICIENTS = ("chi", "sigma", "psi")
 VARIANTS = tuple(name for name, laws in LAW_OPTIONS.items() if "zhou" in laws)
 TABLES = (".csv", ".tsv", ".txt", ".dat", ".xlsx", ".xls", ".ods")
-ROUTES = ("energy-balance", "closed-form", "ode")
 
 
 def add_source_arguments(parser: argparse.ArgumentParser, posterior: bool = False) -> None:
@@ -39,7 +38,8 @@ def add_source_arguments(parser: argparse.ArgumentParser, posterior: bool = Fals
 
 def add_route_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument_group("route").add_argument
-    add("--route", choices=ROUTES, help="default: ode where the law has no other")
+    names = [name.replace(" ", "-") for name in ROUTES]
+    add("--route", choices=names, help="default: ode where the law has no other")
     add("--rtol", type=float, metavar="X", help="tolerance of the ode (1e-8)")
 
 

@@ -82,7 +82,7 @@ NAMED = {
 NAMED_SOURCE = "Table 1 of Zhou (2013)"
 BODIES = {"material", *PROPERTIES, *RADII, *DIAMETERS, "wall", "second", "area", "mass"}
 NEEDED_RADII = "needed is radius, or radius_1 and radius_2, or the diameters instead"
-KEYS = ("free", "value", "bounds", "prior", "transform", "shared", "unit")  # of a parameter
+KEYS = [name for name in Parameter.model_fields if name != "origin"]
 # of parameters that may have their unit in the file
 OF_PARAMETERS = {"youngs_modulus": "Pa", "yield_strength": "Pa", "radius": "m", "mass": "kg"}
 OF_PARAMETERS |= {"limit_velocity": "m/s", "dissipation_time": "s"}
@@ -543,7 +543,7 @@ class _Reader:
         ):
             for name, one in table.items():
                 line = self.file.line((*place, name))
-                yield name, replace(one, origin=Origin(self.file.path, line))
+                yield name, one.model_copy(update={"origin": Origin(self.file.path, line)})
 
     def _pair(self, radius: Any) -> tuple[sj.Contact, tuple[Body, Body]]:
         """The contact and both bodies, where the first has this radius, or one in each row."""

@@ -39,7 +39,6 @@ TINY_SQUARED = 1e-6  # below this ε² the root that guides a search is continue
 BENT_SQUARED = 1e-7  # the same of what a fit is judged by
 
 Route = sj.EnergyBalance | sj.ClosedForm | sj.ODE | None
-ROUTES: dict[str, Any] = {route.name: route for route in (sj.ODE, sj.EnergyBalance, sj.ClosedForm)}
 # one data set: how many points it has, its contact, and of each local parameter, by name, which
 # element of the fit it is (-1: held), and at what it is held, one number or one a point
 SetOfRows = tuple[int, sj.Contact | None, Mapping[str, tuple[int, Any]]]

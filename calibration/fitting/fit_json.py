@@ -22,7 +22,6 @@ from calibration.data.materials import Body
 from calibration.data.measurements import LONGEST_NAME
 from calibration.data.text_file import MIB, read_text
 from calibration.errors import DataError, InputError, shown
-from calibration.fitting.collisions import ROUTES
 from calibration.fitting.laws import LAWS, Tree, law_name
 from calibration.fitting.line import Line
 from calibration.fitting.material import Estimate, Goodness, MaterialFit, Outlier
@@ -31,7 +30,7 @@ from calibration.fitting.request import Request, law_model, stated_parameters
 from calibration.fitting.stages import Likelihood, Stage
 from calibration.fitting.uncertainty import Freedom
 from calibration.fitting.warnings import FitWarning
-from calibration.options import FitOptions
+from calibration.options import FitOptions, route_named
 from calibration.parameters import Parameter
 from calibration.schema import Real, Strict, faults
 
@@ -217,8 +216,7 @@ class RequestRecord(Strict):
     def request(self, datasets: tuple[RestitutionData, ...], law: Any) -> Request:
         given = self.options | {"law": _law(self.options.get("law"), law)}
         if isinstance(given.get("route"), dict):
-            route = dict(given["route"])
-            given["route"] = ROUTES[route.pop("name")](**route)
+            given["route"] = route_named(**given["route"])
         said = [{name: _parameter(one) for name, one in each.items()} for each in self.parameters]
         return Request(datasets, said, FitOptions.of(**given))
 
@@ -384,11 +382,9 @@ def _parameter_told(value: Any) -> Any:
 def _parameter(value: Any) -> Any:
     if not isinstance(value, dict):
         return value
-    table: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in value.items()}
-    if table.get("bounds") is not None:
-        low, high = table["bounds"]
-        table["bounds"] = -math.inf if low is None else low, math.inf if high is None else high
-    return Parameter(**table)
+    low, high = value.get("bounds") or (None, None)
+    ends = -math.inf if low is None else low, math.inf if high is None else high
+    return Parameter(**value | ({"bounds": ends} if value.get("bounds") else {}))
 
 
 def _law(name: str | None, law: Any) -> Any:

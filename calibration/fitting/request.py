@@ -16,7 +16,7 @@ from calibration.data import RestitutionData
 from calibration.data.air import UNCERTAIN
 from calibration.errors import DataError, is_finite_number, listed
 from calibration.fitting.branches import held_at
-from calibration.fitting.collisions import ROUTES, Laws, Route
+from calibration.fitting.collisions import Laws, Route
 from calibration.fitting.errors import Errors
 from calibration.fitting.laws import (
     CONTACT_LEAVES,
@@ -38,7 +38,7 @@ from calibration.fitting.laws import (
 )
 from calibration.fitting.problem import DRAG, Element, Points, Problem, pools_of
 from calibration.observables import OBSERVABLES, PLACES, RESTITUTION
-from calibration.options import KINDS_OF_LAW, FitOptions, checked_law
+from calibration.options import KINDS_OF_LAW, FitOptions, checked_law, route_named
 from calibration.parameters import Parameter, Transform, as_parameter
 from softjax.fields import Declared
 
@@ -112,7 +112,7 @@ class Request:
             return sj.ODE(rtol=rtol)
         if not isinstance(route, str):
             return route
-        return DEFAULT_ODE if route == "ode" else ROUTES[route]()
+        return DEFAULT_ODE if route == "ode" else route_named(route)
 
     def with_options(self, **changed: Any) -> "Request":
         """The request with some other options."""
@@ -327,7 +327,9 @@ def _elements(data, model: LawModel, given: dict[str, Parameter]):
         ends = max(low, least), min(high, most)
         start = _start(data, model, name, parameter, guess, ends)
         if name in LINE and parameter.free and not parameter.shared:
-            parameter = replace(parameter, shared=True)  # Eq. (18)'s line belongs to all materials
+            parameter = parameter.model_copy(
+                update={"shared": True}
+            )  # Eq. (18)'s line belongs to all materials
         local.append(Element(name, parameter, declared, start, ends, stands_in))
     return tuple(local), tuple(trees)
 

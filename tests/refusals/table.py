@@ -220,12 +220,12 @@ TOML_FILES = {
 SAID = TOML + "[material.parameters]\n"
 BARE = '[[material]]\nname = "bare"\ndata = "m.csv"\n[material.parameters]\n'
 PROBLEMS = {
-    "unknown field of a parameter": ("m.toml:10", "'start'|free, value", SAID + "chi = { start = 1.0 }\n"),
+    "unknown field of a parameter": ("m.toml:10", "'start'|value, free", SAID + "chi = { start = 1.0 }\n"),
     "value out of its bounds": ("m.toml:11", "value of chi|3|[1, 2]", SAID + "[material.parameters.chi]\nvalue = 3.0\nbounds = [1.0, 2.0]\n"),
     "bounds the wrong way round": ("m.toml:10", "bounds of sigma|[2.0, 1.0]", SAID + "sigma = { bounds = [2.0, 1.0] }\n"),
     "prior without a width": ("m.toml:10", "prior of sigma|[2.0, 0.0]|positive", SAID + "sigma = { prior = [2.0, 0.0] }\n"),
     "prior of one number": ("m.toml:10", "prior of sigma|2|[mean, standard deviation]", SAID + "sigma = { prior = 2.0 }\n"),
-    "unknown transform": ("m.toml:10", "transform of sigma|sqrt|log, logit, none", SAID + 'sigma = { transform = "sqrt" }\n'),
+    "unknown transform": ("m.toml:10", "transform of sigma|sqrt|\"log\" or \"logit\" or \"none\"", SAID + 'sigma = { transform = "sqrt" }\n'),
     "bounds of what is fixed": ("m.toml:10", "bounds of psi|free is false", SAID + "psi = { free = false, value = 0.5, bounds = [0.1, 1.0] }\n"),
     "free as a word": ("m.toml:10", "free of psi|no|true or false", SAID + 'psi = { free = "no" }\n'),
     "text for a parameter": ("m.toml:10", 'psi|"half"|number', SAID + 'psi = "half"\n'),
