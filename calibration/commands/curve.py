@@ -23,6 +23,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from calibration import console
 from calibration.commands.source_options import add_route_arguments, add_source_arguments
 from calibration.errors import DataError, InputError, listed
 from calibration.output import files_into, write_text
@@ -78,7 +79,10 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"warning: {beyond}", file=sys.stderr)
     if not arguments.quiet:
         ends = f"{velocity.min():.4g} to {velocity.max():.4g} m/s"
-        print(f"{source.remark}\n{len(velocity)} velocities, {ends}")
+        lines = console.wrapped(
+            [*source.remark.splitlines(), f"{len(velocity)} velocities, {ends}"]
+        )
+        print("\n".join(lines))
         print(f"Written to {arguments.out}: {listed(written)}")
     return 0
 

@@ -362,7 +362,7 @@ KNOWN: dict[str, Known] = {
     ),
     "thornton": Known(
         sj.Thornton,
-        "Thornton, p_y/Y free",
+        "Thornton, yield pressure free",
         _guess_thornton,
         remark="Hertz's contact area; the literature's p_y/Y are 1.6 to 2.8.",
     ),

@@ -37,6 +37,8 @@ from calibration.parameters import Parameter
 PSI = 0.5  # stands in where ε_up is what is known: above yield it acts through ε_up alone
 ROUNDING = 1e-9  # of χ̃: errors below are not used
 TINY = np.finfo(float).tiny
+WIDE = 30.0  # ratio of an interval's ends, from which on it is of no use; of ε_up their difference
+WIDE_EPS_UP = 0.1
 
 
 @dataclass(frozen=True)
@@ -234,6 +236,9 @@ class Line:
         if chi.standard_error is not None:
             told += f", {100 * self.confidence:g} % interval {chi.low:.4g} to {chi.high:.4g}"
         lines = [f"{told}, by Eq. (18) at E/Y = {ratio:.4g}"]
+        if chi.high is not None and chi.low is not None and chi.high > WIDE * chi.low:
+            text = "warning: this interval is too wide to be of use: fit more materials"
+            lines.append(f"{text}, as {len(self.materials)} leave the line few degrees of freedom")
         scatter, count = self.scatter, len(self.materials)
         if scatter is None:
             lines.append(
@@ -249,10 +254,10 @@ class Line:
                 f"{name} {value:.4g}, {100 * self.confidence:g} % interval {low:.4g} to {high:.4g}: "
                 "the mean of the fitted materials and their scatter"
             )
-            if degrees < 2:
+            if high > WIDE * low or (name == "eps_up" and high - low > WIDE_EPS_UP):
                 lines.append(
-                    f"warning: the mean of two materials has one degree of freedom: the interval of {name} "
-                    f"is too wide to be of use; state it for this material (--{name.replace('_', '-')})"
+                    f"warning: a mean of {degrees + 1:.0f} materials has few degrees of freedom, and this "
+                    f"interval is too wide to be of use: state {name} (--{name.replace('_', '-')})"
                 )
         least, most = self.range
         if not least <= ratio <= most:

@@ -233,7 +233,8 @@ class Export:
         curve.plot(velocity, requested, color=style.BLACK, label=f"requested, {name}")
         curve.plot(velocity, exported, label=f"{self.to}: {self.choice.label}", **dashed)
         curve.set(ylabel=r"restitution $\varepsilon$")
-        look = {"color": style.BLUE, "alpha": 0.25, "lw": 0, "label": "error of the time step"}
+        within = f"± error of the time step, {number(1e6 * self.time_step, 3)} µs"
+        look = {"color": style.BLUE, "alpha": 0.25, "lw": 0, "label": within}
         errors.fill_between(velocity, off - step, off + step, **look)
         errors.plot(velocity, off, **dashed)
         dotted = {"color": style.GREY, "linestyle": ":"}

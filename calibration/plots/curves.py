@@ -311,8 +311,8 @@ def comparison_figure(comparisons: Sequence[Any]) -> Figure:
         lower.set(ylim=(low - room, high + room), xlabel=style.VELOCITY)
         low, high = upper.get_ylim()
         upper.set(ylim=(min(0.0, low), 1.04 * high), title=style.plain(data.name))
-    for ax in grid[:, 0]:
-        ax.set_ylabel(style.EPSILON)
+    for ax, more in zip(grid[:, 0], ("", ", enlarged"), strict=True):
+        ax.set_ylabel(style.EPSILON + more)
     order = ["data", *(_label(label, same) for label in comparisons[0].ranking)]
     style.legend_below(figure, list(figure.axes), 3 if columns > 2 else 2, order)
     return figure
@@ -340,10 +340,9 @@ def _same_curves(comparisons: Sequence[Any]) -> dict[str, str]:
 
 
 def _label(label: str, same: Mapping[str, str]) -> str:
-    """Name of a law, and below it the names of laws with the same curve; p_y as a formula."""
+    """Name of a law, and below it the names of laws with the same curve."""
     below = [other for other, drawn in same.items() if drawn == label]
-    text = "\n= ".join(style.plain(one) for one in (label, *below))
-    return text.replace("p_y/Y", "$p_y/Y$").replace("p_y = Y", "$p_y = Y$")
+    return "\n= ".join(style.plain(one) for one in (label, *below))
 
 
 def _curve(entry: Any) -> tuple[np.ndarray, np.ndarray]:

@@ -28,6 +28,10 @@ SHOWN = 2000  # draws of a panel
 PAIR = 1.9  # inches
 BINS = 40
 TAIL = 0.002  # of the draws, on either side, beyond the axis
+EXPLAINED = (
+    "above the diagonal: correlations; below: ellipses\n"
+    "of equal probability (blue: positive, orange: negative)"
+)
 BEYOND = 1.3  # how far the line of χ̃ goes beyond the materials, as a factor
 
 
@@ -125,13 +129,13 @@ def correlation_figure(result: Any) -> Figure | None:
         return None
     room = max(len(name) for *_, names, _ in blocks for name in names)
     size = max(0.8, LETTER * room) + CELL * max(len(matrix) for _, matrix, *_ in blocks)
-    figure, grid = style.panels(len(blocks), (size, size + 0.25), "data sets", legend=0.4)
+    figure, grid = style.panels(len(blocks), (size, size + 0.25), "data sets", legend=0.6)
     if len(blocks) == 1:
         figure.set_figwidth(size)
     for (owner, *block), (ax,) in zip(blocks, grid, strict=False):
         _plot_correlations(ax, *block)
         ax.set_title(style.plain(owner))
-    figure.supxlabel("blue: positive; orange: negative", fontsize="small")
+    figure.supxlabel(EXPLAINED, fontsize="small")
     return figure
 
 
@@ -289,6 +293,7 @@ def unloading_line_figure(line: Any, contact: Any = None, name: str = "") -> Fig
         ax.errorbar(ratio, chi, error, fmt="o", color=style.BLUE, capsize=3, label=label)
         is_last = ratio > 0.7 * max(ends)
         where: Any = {"ha": "right" if is_last else "left", "va": "bottom" if is_last else "center"}
+        where["bbox"] = {"facecolor": "white", "alpha": 0.6, "linewidth": 0, "pad": 1}
         aside = (-8, 8) if is_last else (8, 0)
         text = style.plain(style.shortened(one.name))
         ax.annotate(text, (ratio, chi), aside, textcoords="offset points", zorder=3, **where)

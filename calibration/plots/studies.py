@@ -43,7 +43,7 @@ def plot_sensitivities(
         slopes = np.insert(slopes, place, np.nan, axis=0)
     _plot_slopes(ax, velocity, slopes, letters[size >= least])
     small = (size >= NOTHING) & (size < least)
-    for hidden, text in ((size < NOTHING, "none"), (small, f"below {least:.0e}")):
+    for hidden, text in ((size < NOTHING, "no effect"), (small, f"below {least:.0e}")):
         if np.any(hidden):
             ax.plot([], [], linestyle="", label=f"{text}: {', '.join(letters[hidden])}")
     style.mark_velocity(ax, critical_velocity, found.velocity, label=r"yield, $v_\mathrm{cr}$")
@@ -71,7 +71,11 @@ def plot_tornado(found: Any, velocity: float, ax: Axes | None = None) -> Axes:
     ax.axvline(0, color=style.BLACK, linewidth=0.8)
     nearest = found.velocity[np.argmin(np.abs(found.velocity - velocity))]
     ax.set(xlabel=r"change of $\varepsilon$ for +1 %", title=f"$v$ = {nearest:.3g} m/s")
-    ax.ticklabel_format(axis="x", scilimits=(-2, 3))
+    largest = np.max(np.abs(changes), initial=0.0)
+    if largest > NOTHING:  # the power of ten in the label: an offset below the axis is overlooked
+        power = int(np.floor(np.log10(largest)))
+        ax.xaxis.set_major_formatter(lambda x, _: f"{x / 10.0**power:.6g}")
+        ax.set_xlabel(rf"change of $\varepsilon$ for +1 % [$10^{{{power}}}$]")
     return ax
 
 
@@ -154,4 +158,4 @@ def _plot_slopes(ax: Axes, velocity, slopes, labels: Sequence[str]) -> None:
         ax.plot(velocity, values, color=color, linestyle=line, label=label)
     if style.spans_decades(velocity):
         style.logarithmic_x(ax)
-    ax.set(xlabel=style.VELOCITY, ylabel=EFFECT)
+    ax.set(xlabel=style.VELOCITY, ylabel=f"sensitivity {EFFECT}")

@@ -67,7 +67,7 @@ ORDER = dict.fromkeys([*WITHOUT_CONTACT, *KNOWN])
 BUILT_IN = {key: Candidate(key, KNOWN[key].label, key, {}, KNOWN[key].remark) for key in ORDER}
 FIXED = "Nothing to fit: contact yield pressure p_y = Y, Hertz's contact area."
 BUILT_IN[FIXED_YIELD] = Candidate(
-    FIXED_YIELD, "Thornton, p_y = Y", "thornton", {"yield_factor": 1.0}, FIXED
+    FIXED_YIELD, "Thornton, yield pressure Y", "thornton", {"yield_factor": 1.0}, FIXED
 )
 
 

@@ -255,7 +255,7 @@ def test_the_picture_shows_both_curves_their_difference_and_the_tolerance(tmp_pa
     assert [text.get_text() for text in legend.get_texts()] == [
         "requested, Zhou",
         "c: Walton and Braun's spring, k2 growing with the force",
-        "error of the time step",
+        f"± error of the time step, {1e6 * export.time_step:.3g} µs",
         "tolerance",
     ]
     wanted, given = (line.get_ydata() for line in curves.lines)

@@ -149,7 +149,12 @@ def test_two_materials_leave_no_freedom_and_what_makes_no_sense_is_refused():
     remarks = line.remarks(contact)
     assert "scatter about the line: unknown, as two materials" in remarks[1]
     (advice,) = [text for text in remarks if "too wide to be of use" in text]
-    assert "(--eps-up)" in advice
+    assert advice.startswith("warning: a mean of 2 materials has few degrees of freedom")
+    assert advice.endswith("(--eps-up)")
+    paper = cal.fit(cal.paper_materials(), objective="two-step", starts=4, profiles=False)
+    words = ["fit more materials, as 3 leave", "state sigma (--sigma)"]
+    said = [text for text in paper.unloading_line.remarks(contact) if "too wide" in text]
+    assert all(word in text for word, text in zip(words, said, strict=True))
     assert not any("too wide" in text for text in line.remarks(contact, eps_up=0.97))
     at = np.array([1.0, float(contact.yield_ratio)])
     covariance = np.array(line.covariance)

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import math
 
 import numpy as np
 import pytest
@@ -57,7 +58,11 @@ def test_sensitivities_over_velocity(studied):
     """Curves, table and CSV by differences; inputs that act on nothing are named; parted at yield."""
     (ax,) = studied.figures["sensitivity.png"].axes
     assert straight(ax) == [0]
-    assert (ax.get_xlabel(), ax.get_ylabel(), ax.get_xscale()) == (SPEED, EFFECT, "log")
+    assert (ax.get_xlabel(), ax.get_ylabel(), ax.get_xscale()) == (
+        SPEED,
+        f"sensitivity {EFFECT}",
+        "log",
+    )
     yields = float(fitted("nylon").contact.critical_velocity)
     assert line(ax, r"yield, $v_\mathrm{cr}$")[0].tolist() == [yields, yields]
     rows = list(csv.DictReader(studied.text("sensitivity.csv").splitlines()))
@@ -90,7 +95,7 @@ def test_sensitivities_over_velocity(studied):
         np.testing.assert_allclose(y[~gap], slope, atol=1e-7)
     assert legend(ax) == [
         *(x for x in LETTERS.values() if x != "$R$"),
-        "none: $R$",
+        "no effect: $R$",
         r"yield, $v_\mathrm{cr}$",
     ]
 
@@ -119,7 +124,10 @@ def test_a_tornado_shows_what_one_percent_does(studied):
     for ax, v in zip(studied.figures["tornado.png"].axes, (1.0, 10.0), strict=True):
         assert ax.get_title() == f"$v$ = {v:g} m/s"
         assert straight(ax) == [0]
-        assert ax.get_xlabel() == r"change of $\varepsilon$ for +1 %"
+        largest = max(abs(bar.get_width()) for bar in ax.patches)
+        power = math.floor(math.log10(largest))
+        assert ax.get_xlabel() == rf"change of $\varepsilon$ for +1 % [$10^{{{power}}}$]"
+        assert ax.xaxis.get_major_formatter()(largest) == f"{largest / 10**power:.6g}"
         width = {
             label.get_text(): bar.get_width()
             for label, bar in zip(ax.get_yticklabels(), ax.patches, strict=True)
@@ -161,7 +169,7 @@ def test_a_design_shows_where_the_shots_are(studied):
     assert np.max(height) < low
     assert ax.get_ylim()[0] < lower[0]
     assert ax.get_ylim()[1] > high
-    assert (ax.get_xlabel(), ax.get_ylabel()) == (SPEED, EFFECT)
+    assert (ax.get_xlabel(), ax.get_ylabel()) == (SPEED, f"sensitivity {EFFECT}")
     gained = f"{100 / expected.gain:.0f} % of that with equally spaced shots"
     assert ax.get_title() == f"standard error of ln $\\tilde\\chi$:\n{gained}"
     assert expected.gain > 1

@@ -232,8 +232,8 @@ def test_thornton_stands_with_its_factor_free_and_fixed():
     said = {"thornton-fixed": {"area": "contact"}}
     laws = ["thornton-fixed", "thornton", "constant"]
     comparison = cal.compare(data, laws, parameters=said)
-    assert comparison.ranking[0] == "Thornton, p_y/Y free"
-    free, fixed = comparison.entry("thornton"), comparison.entry("Thornton, p_y = Y")
+    assert comparison.ranking[0] == "Thornton, yield pressure free"
+    free, fixed = comparison.entry("thornton"), comparison.entry("Thornton, yield pressure Y")
     error = free.result.standard_errors["yield_factor"]
     assert abs(free.result.values["yield_factor"] - 2.2) < 4 * error
     expected = thornton(VELOCITY, float(CONTACT.critical_velocity))
