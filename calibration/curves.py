@@ -49,22 +49,11 @@ Exact = Callable[[Velocities], Velocities]
 
 @dataclass(frozen=True)
 class Source:
-    """A law, and where it came from.
+    """A law, and where it came from: Table 1, a file, a fit, or Eq. (18) through a fit's materials.
 
-    Attributes:
-        name: of the material.
-        law: the contact law.
-        span: (lowest, highest) velocity [m/s] of a curve unless stated otherwise.
-        properties: those of the bodies by name; None where only the contact is known.
-        bodies: "spheres", "unlike spheres" or "wall": how `properties` are to be read.
-        result: the fit; None without one.
-        draws: of the fit's posterior; None without.
-        line: Eq. (18) through a fit's materials, by which a further one is predicted; None without.
-        losses: ε_up, or σ and ψ, as stated of the further material.
-        remark: a line on where its numbers come from.
-        fall: how the heights of its data became velocities; None without heights.
-        measured: (lowest, highest) velocity [m/s] of the data of a fit, or of all the materials of a
-            line; None without.
+    `span` and `measured` are ranges of velocity [m/s]: of a curve by default, and of the data;
+    `properties` are those of `bodies` by name ("spheres", "unlike spheres", "wall"), None where only
+    the contact is known; `losses` are ε_up, or σ and ψ, of a material predicted by the line.
     """
 
     name: str
@@ -92,10 +81,7 @@ class Source:
 
 
 class Rows(NamedTuple):
-    """A curve: v [m/s], ε, status, and the confidence limits of a fit's ε.
-
-    ε and its limits are NaN where a fit does not determine them.
-    """
+    """A curve: v [m/s], ε, status, and limits of a fit's ε; NaN where a fit does not determine them."""
 
     velocity: Velocities
     coefficient: Velocities
@@ -108,11 +94,9 @@ class Rows(NamedTuple):
         return Rows._make(None if column is None else column[which] for column in self)
 
     def as_csv(self) -> str:
-        """`velocity [m/s],restitution,status`, and the limits of a band before the status.
+        """Numbers with the digits that a reader needs for the same float64; flags joined by |.
 
-        Numbers have the digits that a reader needs for the same float64. The status is the names of
-        its flags joined by |, or PLAIN; where a fit does not determine ε cells are empty, and the
-        status is NOT_DETERMINED.
+        Where a fit does not determine ε cells are empty, and the status is NOT_DETERMINED.
         """
         columns = {"velocity [m/s]": self.velocity, "restitution": self.coefficient}
         if self.low is not None and self.high is not None:
@@ -162,11 +146,7 @@ def curve_of(source: Source, velocity: Velocities, route: Route = None) -> Rows:
 
 
 def grid(first: float, last: float, points: int, spacing: str | None) -> Velocities:
-    """`points` velocities from `first` to `last` [m/s], evenly spaced, or evenly in the logarithm.
-
-    Raises:
-        DataError: naming the option, its value and what is accepted.
-    """
+    """`points` velocities [m/s], evenly spaced, or evenly in the logarithm."""
     if not 1 <= points <= MOST:
         raise DataError("--points", points, f"a whole number of 1 or more, {FROM_PYTHON}")
     if not 0 <= first < np.inf:
@@ -180,14 +160,9 @@ def grid(first: float, last: float, points: int, spacing: str | None) -> Velocit
 
 
 def read_velocities(path: str) -> Velocities:
-    """The velocities [m/s] of a CSV file, or of standard input ("-").
+    """The velocities [m/s] of a CSV file, or of standard input ("-"); raises InputError.
 
-    One number a line, or a table whose header names a column `velocity` and its unit, as in a file
-    of measurements (`velocity [cm/s]`, `v (km/h)`). Commas, semicolons or tabs separate cells; where
-    they are not commas a decimal may be one. Blank lines and lines that begin with # are ignored.
-
-    Raises:
-        InputError: with file and line, what is wrong and what is accepted.
+    One number a line, or a table whose header names a column `velocity` and its unit.
     """
     name = "standard input" if path == "-" else path
     sheet = Sheet(name, _bytes(path, name))
@@ -257,9 +232,6 @@ def table_text(source: Source, rows: Rows, route: Route = None) -> str:
     """v [m/s] ascending, ε, and of laws with a force `COLUMNS`; separated by blanks, comments after #.
 
     Rows whose ε a fit does not determine are left out, and the header says so.
-
-    Raises:
-        InputError: where the velocities do not ascend.
     """
     rows = rows.some(np.isfinite(rows.coefficient))
     if np.any(np.diff(rows.velocity) <= 0):
@@ -296,8 +268,7 @@ def _ends(exact: Exact, velocity: Velocities) -> Velocities:
 def _error(exact: Exact, velocity: Velocities, coefficient: Velocities) -> float:
     """Largest difference between the curve and the interpolation of neighbouring rows, except at a jump.
 
-    Where the law bends or jumps between two rows the largest difference lies anywhere: it is
-    enclosed where the comparison finds the largest ones.
+    It is enclosed where the comparison finds the largest ones: a law may bend anywhere between two rows.
     """
     wide = np.flatnonzero(np.diff(velocity) > 1e3 * ASIDE * velocity[1:])
     if not len(wide):

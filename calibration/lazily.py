@@ -15,10 +15,7 @@ IMPORT = re.compile(r"^from (\S+) import (\w+) as \2$", re.M)
 
 
 def public(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
-    """`__getattr__`, `__dir__` and `__all__` of a package, from its stub.
-
-    Each is loaded once.
-    """
+    """`__getattr__`, `__dir__` and `__all__` of a package, from its stub; each name is loaded once."""
     origin = sys.modules[package].__file__
     assert origin is not None  # packages are folders of files
     stub = Path(origin).with_name("__init__.pyi").read_text(encoding="utf-8")

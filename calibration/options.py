@@ -235,12 +235,9 @@ def add_options(parser: Any, names: Iterable[str] = tuple(FitOptions.model_field
 
 
 def merged(stated: Mapping[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:
-    """The settings of a file and of the command line, which wins.
+    """The settings of a file and of the command line, which wins; none may do nothing.
 
     Of the file's not what was for another law, or would do nothing now.
-
-    Raises:
-        DataError: for an option that would do nothing.
     """
     others = LAW_OPTIONS if overrides.get("law", stated.get("law")) != stated.get("law") else ()
     settings = {name: value for name, value in stated.items() if name not in others} | {**overrides}

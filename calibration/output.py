@@ -35,18 +35,10 @@ def replacing(path: str | Path) -> Iterator[Path]:
 
 @contextmanager
 def files_into(directory: str | Path, names: Iterable[str] = ()) -> Iterator[Path]:
-    """A directory to write files to; all of them move into `directory` when the block ends.
+    """A directory to write files to; all move into `directory` when the block ends without an error.
 
-    Where the block raises nothing moves, and `directory` is not made if it was not there.
-
-    Args:
-        directory: where the files belong.
-        names: of all files that the command may write; those of `directory` that the block did not
-            write stay, and are listed in `written`.
-
-    Raises:
-        InputError: where `directory` cannot be one.
-        NotWritten: an OSError, where the system does not let files be written.
+    Of `names`, all files that the command may write, what stays from earlier is listed in `written`.
+    Raises InputError where `directory` cannot be one, NotWritten where the system refuses.
     """
     directory = Path(directory)
     check_writable(directory)
@@ -86,12 +78,7 @@ def or_printed(paragraphs: Sequence[str]) -> Iterator[None]:
 
 
 def check_writable(directory: str | Path) -> None:
-    """Refuse early what could not be written in the end.
-
-    Raises:
-        InputError: where `directory` is a file, below one, or a link to nothing.
-        NotWritten: an OSError, where it is no name of a directory or not to be written to.
-    """
+    """Refuse early what could not be written in the end, by InputError or NotWritten."""
     directory = Path(directory)
     try:
         there = _nearest_existing(directory)

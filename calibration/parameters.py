@@ -112,11 +112,7 @@ class Parameter(Strict):
         return self.value is None or is_finite_number(self.value)
 
     def range_within(self, declared: Declared) -> tuple[float, float]:
-        """Its bounds, drawn in to what the law's field declares.
-
-        Raises:
-            ValueError: where bounds or value lie outside.
-        """
+        """Its bounds, drawn in to what the law's field declares; raises DataError outside."""
         low, high = self.bounds or (-math.inf, math.inf)
         least, most = max(low, declared.lower), min(high, declared.upper)
         for bound, drawn in ((low, least), (high, most)):

@@ -48,12 +48,7 @@ class Strict(BaseModel):
 
     @classmethod
     def of(cls: type[Model], **values: Any) -> Model:
-        """The model of these values.
-
-        Raises:
-            DataError: a ValueError for the first that is not accepted.
-            TypeError: for an unknown name.
-        """
+        """The model of these values; raises DataError, or TypeError for an unknown name."""
         for name in values:
             if name not in cls.model_fields:
                 near = did_you_mean(name, cls.model_fields)

@@ -39,12 +39,9 @@ Row = dict[str, Any]
 
 
 class Phase(NamedTuple):
-    """One phase of a motion x'' = -force(x, x', x_m, c), where x_m is the largest overlap.
+    """A phase of a motion x'' = -force(x, x', x_m, c, larger), x_m the largest overlap.
 
-    Attributes:
-        force, end: functions of (x, x', x_m, c, larger), `larger` the greater of two numbers; the
-            phase ends where `end` falls through 0.
-        returning: whether the end counts only while the bodies separate, x' < 0.
+    It ends where `end` falls through 0, if `returning` only while x' < 0; `larger` is of two numbers.
     """
 
     force: Callable
@@ -54,20 +51,10 @@ class Phase(NamedTuple):
 
 @dataclass(frozen=True)
 class Scene:
-    """Impact velocities, a law, and the exact results.
+    """Impact velocities [m/s], a law of three parameters θ, and exact ε_p and θ ∂ε_p/∂θ.
 
-    Attributes:
-        title: title of the picture.
-        law_of: builds the law from the three parameters of the gradients.
-        theta: these parameters.
-        velocity: [m/s], shape (n,).
-        exact: ε_p, shape (n,).
-        slopes: θ ∂ε_p/∂θ, shape (3, n).
-        reduced: from a law and velocities, the impact velocity y and the numbers c of the motion, in
-            reduced units.
-        phases: the phases of the motion.
-        routes: routes of this library, those of the quick table first.
-        quick: number of routes in the quick table.
+    `reduced` gives, from a law and velocities, the impact velocity y and the numbers c of the motion
+    in reduced units; the first `quick` of `routes` are those of the quick table.
     """
 
     title: str
@@ -90,8 +77,7 @@ class Scene:
 class Method:
     """One method to compute ε_p, and its batch: one row of the table.
 
-    `value(velocity)` returns ε_p; `gradient(velocity)` returns Σ ε_p and θ ∂(Σ ε_p)/∂θ for the
-    three parameters. `batch` is the number of velocities in the timed call.
+    `gradient(velocity)` returns Σ ε_p and θ ∂(Σ ε_p)/∂θ for the three parameters.
     """
 
     family: str
@@ -393,10 +379,8 @@ def _with_gradient(scene: Scene, coefficient: Callable) -> Callable:
 def measure(method: Method, scene: Scene) -> Row:
     """Time a method on the velocities of a scene, repeated to fill its batch; compare with exact values.
 
-    Returns:
-        family, setting, batch; microseconds a collision, the median after a warm-up; largest_error of
-        ε_p; compile_seconds, the first call less a later one; gradient_microseconds of value and gradient a
-        collision, and gradient_error, of θ ∂ε_p/∂θ in the mean of the batch, or None.
+    Microseconds are the median after a warm-up; `compile_seconds` the first call less a later one;
+    `gradient_error` is of θ ∂ε_p/∂θ in the mean of the batch.
     """
     velocity = np.resize(scene.velocity, method.batch)
     value, first = _timed(method.value, velocity)

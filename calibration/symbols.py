@@ -92,9 +92,9 @@ def of_label(label: str, result: Any) -> str:
 
 
 def written(text: str, models: Iterable[Any] = ()) -> str:
-    """A sentence with symbols instead of the names of parameters: χ̃ for chi, χ² for chi squared.
+    """A sentence with symbols for names of parameters: χ̃ for chi, χ² for chi squared.
 
-    Names of other parameters of laws are replaced where an underscore sets them apart from words.
+    Other names are replaced where an underscore sets them apart from words.
     """
     letters = LETTERS | {
         name: symbol(name, model).text

@@ -30,11 +30,7 @@ OF_LINE = "left out with --line, whose law is Zhou's as it was fitted"
 
 
 def read_source(arguments: argparse.Namespace) -> Source:
-    """The law that the options state.
-
-    Raises:
-        InputError, DataError: what is wrong and what is accepted.
-    """
+    """The law that the options state; raises InputError or DataError."""
     options, is_file = ("chi", "law", "area", "set", *VARIANTS), bool(_suffix(arguments.source))
     if arguments.line is not None:
         _check_left_out(arguments, ("fit", "posterior", *options), OF_LINE)
@@ -53,11 +49,7 @@ def read_source(arguments: argparse.Namespace) -> Source:
 
 
 def route_of(arguments: argparse.Namespace) -> sj.EnergyBalance | sj.ClosedForm | sj.ODE | None:
-    """The route that the options state; None without one.
-
-    Raises:
-        DataError: for a tolerance without the route that takes it.
-    """
+    """The route that the options state; None without one."""
     if arguments.rtol is not None and arguments.route != "ode":
         raise DataError("--rtol", arguments.rtol, "given with --route ode only")
     if arguments.route is None:
@@ -234,12 +226,7 @@ def _law(
 ) -> sj.ContactLaw:
     """A law of a contact: its fields as the options state, else as `known` of the material.
 
-    Args:
-        free: parameters that a file leaves to a fit: neither a start nor a default is their value.
-
-    Raises:
-        DataError: naming the option, its value and what is accepted.
-        InputError: for a free parameter that no option gives, with its line.
+    Parameters that a file leaves `free` are refused: neither a start nor a default is their value.
     """
     fields = {field.name: field for field in dataclasses.fields(LAWS[name])}
     available = {"contact": contact, "limit_velocity": contact.limit_velocity} | dict(known)

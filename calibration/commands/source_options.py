@@ -63,14 +63,7 @@ def _air(text: str) -> bool | float | str:
 
 
 def read_material_file(path: str, needs_data: bool = True, air: Any = None) -> Any:
-    """A material file; a table of measurements in its place is named as such.
-
-    Args:
-        air: overrides the file.
-
-    Raises:
-        InputError: with file and line, what is wrong and what is accepted.
-    """
+    """A material file; a table of measurements in its place is named as such."""
     from calibration.data.materials import read_problem
 
     if Path(path).suffix.lower() in TABLES:

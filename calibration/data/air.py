@@ -217,12 +217,7 @@ def _take_off(time: Column, pull: Any, terminal: Column) -> Column:
 
 
 def checked_air(air: Any) -> float | None:
-    """The density of the air [kg/m³] that `air` states; None for False.
-
-    Raises:
-        DataError: for anything but True, False, None (as True), a density in kg/m³, or one with its
-            unit.
-    """
+    """The density of the air [kg/m³] that `air` states; None for False; raises DataError."""
     if air is None or air is True:
         return DENSITY
     if air is False:
@@ -239,11 +234,7 @@ def checked_air(air: Any) -> float | None:
 
 
 def ball_of(diameter: Any, mass: Any, density: Any) -> tuple[Any, Any] | None:
-    """Diameter [m] and mass [kg] of a ball, by its mass or density [kg/m³]; None where they do not suffice.
-
-    Raises:
-        DataError: for a number that is not positive.
-    """
+    """Diameter [m] and mass [kg] of a ball, by its mass or density; None where they do not suffice."""
     stated = {"diameter": diameter, "mass": mass, "density": density}
     for name, value in stated.items():
         if value is not None:

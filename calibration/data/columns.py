@@ -166,14 +166,7 @@ ACCEPTED_SETS = (
 
 
 class Header(NamedTuple):
-    """One column's heading.
-
-    Attributes:
-        text: as written.
-        name: one of `SI_UNITS`, or a key of `AMBIGUOUS`, or None for a column that is not known.
-        words: `text` without its unit, as `plain` writes it.
-        unit: as written, or None.
-    """
+    """A heading: as written, its name (of `SI_UNITS` or `AMBIGUOUS`, or None), its words, its unit."""
 
     text: str
     name: str | None
@@ -182,16 +175,9 @@ class Header(NamedTuple):
 
 
 class Layout(NamedTuple):
-    """The columns that are used.
+    """The columns that are used: where each is, its unit as a factor and as written, what is in %.
 
-    Attributes:
-        kind: what they are together.
-        position: the place of each among the headings, by name.
-        units: the size of each one's unit in SI, by name.
-        written: the unit of each as the heading has it, None without one.
-        relative: the uncertainties among them that are parts of the quantity itself, in percent.
-        remarks: how headings were read, and which columns are not used.
-        assumed: the same of missing units; empty where none is missing.
+    `remarks` say how headings were read, `assumed` which units are missing.
     """
 
     kind: Kind
@@ -204,11 +190,7 @@ class Layout(NamedTuple):
 
 
 def read_header(text: str) -> Header:
-    """Name and unit of one heading.
-
-    Raises:
-        DataError: for a name near to a known one, or brackets that are no unit's.
-    """
+    """Name and unit of one heading; refuses a name near to a known one, or brackets of no unit."""
     text = str(text).strip()
     if len(text) > LONGEST:
         return Header(text, None, "", None)
@@ -254,12 +236,7 @@ def _readings(text: str) -> Iterator[tuple[str, str | None, bool]]:
 
 
 def layout_of(headers: Sequence[str], units: Sequence[str] | None = None) -> Layout:
-    """Meaning of a table's headings, with units that stand in a separate row.
-
-    Raises:
-        DataError: for columns that make no set together, a name twice or near to a known one, an
-            unknown unit.
-    """
+    """Meaning of a table's headings, with units that stand in a separate row; else DataError."""
     read = [read_header(text) for text in headers]
     if units is not None:
         read = [_with_unit(header, unit) for header, unit in zip(read, units, strict=True)]

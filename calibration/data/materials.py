@@ -31,7 +31,8 @@
     yield_strength = { prior = ["310 MPa", "20 MPa"] }
 
 Without elastic properties a set can be fitted by Eq. (17), where `limit_velocity` is given, or by
-a constant restitution; the ball's `diameter` and `mass` (or `density`) then determine its drag. `MaterialTables.model_json_schema()` is the JSON Schema of these files.
+a constant restitution; the ball's `diameter` and `mass` (or `density`) then determine its drag.
+`MaterialTables.model_json_schema()` is the JSON Schema of these files.
 """
 
 import os
@@ -94,12 +95,7 @@ def measure(
 ) -> Any:
     """A quantity in a file: a number in SI, or text with its unit ("69 GPa").
 
-    Args:
-        si: its unit.
-        accepted: which numbers are.
-        from_zero: whether 0 itself is.
-        of_rows: whether it is of all rows of a table, in the unit that these have: a percentage is
-            accepted, and text stays text.
+    `of_rows`: of all rows of a table, in the unit of these: a percentage is accepted, text stays text.
     """
     unit = f"{accepted} [{si}]".replace("^3", "³").replace("^2", "²")
 
@@ -388,16 +384,8 @@ class Body(NamedTuple):
 
 @dataclass(frozen=True)
 class MaterialEntry:
-    """Contents of one `[[material]]`.
-
-    Attributes:
-        name: its name, else that of its data file.
-        table: the entry as it stands.
-        contact: the two bodies, with the file's limit velocity; None without elastic properties.
-        bodies: the bodies themselves.
-        data: its measurements; None where it names no file.
-        stated: its parameters as the file states them, those of `[parameters]` among them.
-        origin: the file and the line of the entry.
+    """One `[[material]]`: its table, bodies and contact (None without elastic properties), data (None
+    where it names no file), and parameters, those of `[parameters]` among them.
     """
 
     name: str
@@ -417,13 +405,7 @@ class MaterialEntry:
 
 @dataclass(frozen=True)
 class ProblemFile:
-    """Contents of a material file.
-
-    Attributes:
-        materials: its entries.
-        settings: what its `[fit]` table gives.
-        file: the file, with the line of each key.
-    """
+    """A material file: its entries, the settings of its `[fit]` table, and the line of each key."""
 
     materials: list[MaterialEntry]
     settings: Mapping[str, Any]
@@ -626,11 +608,7 @@ class _Reader:
         return replace(data, bodies=tuple(bodies))
 
     def _below_limit(self, data: RestitutionData, contact: sj.Contact) -> RestitutionData:
-        """The measurements of these bodies, all of them below √(3 Y/ρ).
-
-        Where a few are not they are to blame, where most are not the unit of the velocities if the
-        header has none, or the yield strength.
-        """
+        """The measurements of these bodies below √(3 Y/ρ); where most are not, the units are to blame."""
         limit = float(np.asarray(contact.limit_velocity))
         beyond = data.velocity >= limit
         if 2 * np.sum(beyond) > len(data):
@@ -659,10 +637,9 @@ class _Reader:
         return self.refusal(f"{where * is_other}yield_strength", problem, accepted)
 
     def _data_file(self) -> tuple[Path, tuple[str, ...], bool]:
-        """Path of the data file, a remark on it, and whether it lies below the folder of the material file.
+        """Path of the data file, a remark on it, and whether it lies below the material file's folder.
 
-        A material file that is reached by a link means what lies next to itself, not next to the link;
-        where that is missing, the file next to the link is used.
+        A file reached by a link means what lies next to itself; where that is missing, next to the link.
         """
         here = Path(self.file.path).parent
         homes = list(dict.fromkeys([Path(self.file.path).resolve().parent, here.resolve()]))

@@ -456,11 +456,7 @@ def _ball(diameter: Any, mass: Any, density: Any, bodies: Any, contact: Any) -> 
 
 
 def _contact_of(contact: Any, columns: Any, density: Any, one_size: bool) -> sj.Contact | None:
-    """The contact of each point.
-
-    Raises:
-        DataError: for sizes in the rows with a contact of one size, or the other way round.
-    """
+    """The contact of each point; its size is stated once, in the rows or with the bodies."""
     sizes = [name for name in SIZES if name in columns]
     if not callable(contact):
         if sizes and (one_size or contact is not None):

@@ -92,11 +92,7 @@ def of_bodies(bodies: Iterable[Any], contact: Any) -> Iterator[Implausible]:
 
 
 def check_far(bodies: Iterable[Any], contact: Any) -> None:
-    """Refuse properties more than 100 times outside their plausible ranges.
-
-    Raises:
-        DataError: naming the property, its value and its range.
-    """
+    """Refuse properties more than 100 times outside their plausible ranges."""
     for name, one, value in _properties(bodies, contact):
         if one.is_far(value):
             quantity = f"{float(np.ravel(value)[0]):.3g} {one.unit}"

@@ -69,7 +69,7 @@ SWAPPED = {"velocities": 1.25, "heights": 1.25**2}
 
 
 class Points(NamedTuple):
-    """n impacts: v [m/s], ε, their errors, the row each came from, its group, remarks."""
+    """n impacts: v [m/s], ε, their errors, the row of each, its group, remarks, and what else was measured."""
 
     velocity: Column
     restitution: Column
@@ -82,15 +82,7 @@ class Points(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """The rows of a table.
-
-    Attributes:
-        kind: what the columns are together.
-        columns: by name, in SI; NaN where a cell is empty; those of labels are text.
-        relative: names of uncertainties that are parts of the quantity itself.
-        gravity: g [m/s²].
-        air: what balls fly in; None: their flights are taken as if in vacuum.
-    """
+    """The rows of a table in SI, NaN where a cell is empty; `relative` are uncertainties in parts."""
 
     kind: Kind
     columns: Mapping[str, np.ndarray]
@@ -131,14 +123,8 @@ def read_points(
 ) -> Points:
     """The points of a table (see `RestitutionData.from_table`).
 
-    Args:
-        ball: diameter, mass and density of what flies, None where they are not known.
-        air: True or None, False, or the density of air.
-        of_file: whether a bare number is refused with a column in another unit than SI's.
-
-    Raises:
-        DataError: naming the column, and the row where one is to blame.
-        TypeError: for an uncertainty that has no such name.
+    `ball`: diameter, mass and density of what flies, None where not known. `of_file`: whether a bare
+    number is refused next to a column in another unit than SI's.
     """
     headers = getattr(table, "columns", None)  # a frame's
     headers = list(getattr(table, "keys", tuple)() if headers is None else headers)
@@ -209,11 +195,7 @@ def _stated(name: str, value: Any, columns: Any, layout: Layout, of_file: bool) 
 
 
 def _check_unit(name: str, value: Any, layout: Layout) -> None:
-    """Refuse a bare number, which is in SI, next to columns in another unit: either may be meant.
-
-    Args:
-        value: the number, or None for a column without a unit.
-    """
+    """Refuse a bare number (None: a column without a unit), in SI, next to columns in another unit."""
     base = "restitution" if name == "uncertainty" else name.removesuffix("_uncertainty")
     si = SI_UNITS[name]
     values = [base] if base in layout.written or name == "uncertainty" else layout.kind.needs
@@ -297,11 +279,7 @@ class Impacts(NamedTuple):
 
 
 def _impacts(rows: Rows, first: Column, second: Column, least: Column) -> Impacts:
-    """Impacts of what was measured before and after.
-
-    Args:
-        least: where the slope in `second` is taken.
-    """
+    """Impacts of what was measured before and after; `least`: where the slope in `second` is taken."""
     what, gravity, air = rows.kind.what, rows.gravity, rows.air
     if what == "velocities":
         velocity, power = first, 1.0

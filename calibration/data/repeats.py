@@ -16,13 +16,8 @@ ALIKE = 1e-14  # equal readings differ from their mean by rounding alone
 def average(velocity: Values, restitution: Values, errors: PointErrors, group=None):
     """Average the readings of one group at equal velocities; see `RestitutionData.averaged`.
 
-    Returns:
-        m means in the order of their velocity, their errors, degrees of freedom of the scatter, pooled
-        over all velocities, that is behind every uncertainty (None where uncertainties are stated or
-        unknown), and the first reading of each.
-
-    Raises:
-        DataError: where readings share errors with each other.
+    Returns m means by velocity, their errors, the degrees of freedom of the pooled scatter (None where
+    uncertainties are stated or unknown), and the first reading of each.
     """
     if errors.shares:
         accepted = "left out for bounce sequences, whose points share intervals"

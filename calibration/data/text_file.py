@@ -12,20 +12,12 @@ MIB = 1 << 20
 
 
 def read_text(path: str | Path, limit: int) -> str:
-    """The text of a file in UTF-8, with or without a byte-order mark, or in UTF-16 with one.
-
-    Raises:
-        InputError: where there is no such file, or it cannot be read, is too large or no text.
-    """
+    """The text of a file in UTF-8, or in UTF-16 with its mark; raises InputError."""
     return decoded(path, read_bytes(path, limit))[0]
 
 
 def read_bytes(path: str | Path, limit: int) -> bytes:
-    """A regular file of at most `limit` bytes: a pipe or a device may never end.
-
-    Raises:
-        InputError: where there is none, or it cannot be read or is too large.
-    """
+    """A regular file of at most `limit` bytes: a pipe or a device may never end; raises InputError."""
     try:
         if not stat.S_ISREG(os.stat(path).st_mode):  # before it is opened, which may wait for ever
             what = "a directory" if os.path.isdir(path) else "a device or a pipe"
@@ -44,11 +36,7 @@ def read_bytes(path: str | Path, limit: int) -> bytes:
 
 
 def decoded(path: str | Path, raw: bytes, otherwise: str | None = None) -> tuple[str, str]:
-    """Bytes as text, and its encoding; `otherwise` is tried where they are not UTF-8.
-
-    Raises:
-        InputError: with the line where they are no text.
-    """
+    """Bytes as text, and its encoding: UTF-16 with its mark, UTF-8, or `otherwise`."""
     encodings = ["utf-16"] if raw.startswith(UTF_16) else ["utf-8-sig", otherwise]
     for encoding in filter(None, encodings):
         try:

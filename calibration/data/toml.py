@@ -35,10 +35,7 @@ BARE = re.compile(r"\s*([A-Za-z0-9_-]+)[ \t]*=[^{]*", re.DOTALL)
 
 @dataclass(frozen=True)
 class TomlFile(Generic[Model]):
-    """A file that was read: where it is, what it holds, and on which line each key stands.
-
-    The place of `radius` in the second `[[material]]` is ("material", 1, "radius").
-    """
+    """A file that was read, and the line of each key: ("material", 1, "radius")."""
 
     path: str
     content: Model
@@ -52,11 +49,7 @@ class TomlFile(Generic[Model]):
 
 
 def read_toml_file(path: str | Path, model: type[Model]) -> TomlFile[Model]:
-    """A file of at most 2 MiB as a model.
-
-    Raises:
-        InputError: where it cannot be read or is no TOML, or with all that the model refuses.
-    """
+    """A file of at most 2 MiB as a model; raises InputError with all that the model refuses."""
     text = read_text(path, LARGEST).replace("\r\n", "\n").replace("\r", "\n")
     try:
         values = tomllib.loads(text)

@@ -47,11 +47,7 @@ class Relative(float):
 
 
 def unit_of(text: str, si: str) -> Fraction:
-    """The unit's size in a unit of SI; that of "" is none.
-
-    Raises:
-        DataError: for a unit of another dimension, with some of those that are accepted.
-    """
+    """The unit's size in a unit of SI, that of "" is none; refused with some that are accepted."""
     size = _find(text, si)
     if size is None:
         named = NAMED.get(si, si).split()
@@ -73,11 +69,7 @@ def in_si(values: Any, unit: Fraction) -> Any:
 
 
 def quantity(text: str, si: str) -> float:
-    """A number with its unit, such as `12.7 mm`, in SI; a percentage is a `Relative`.
-
-    Raises:
-        DataError: for anything else.
-    """
+    """A number with its unit, such as `12.7 mm`, in SI; a percentage is `Relative`; raises DataError."""
     match = re.fullmatch(rf"({NUMBER})\s*([^\d\s.,eE+-].*)", text.strip()[:LONGEST])
     if match is None:
         example = NAMED.get(si, si).split()[0]

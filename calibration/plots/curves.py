@@ -244,12 +244,7 @@ def restitution_figure(
 ) -> Figure:
     """ε over v; gaps where the law has no rebound; grey where a fit does not determine it.
 
-    Args:
-        rows: a curve, `calibration.curves.Rows` by ascending velocity.
-        label: what it is a curve of.
-        yields_at: a velocity [m/s], marked if it lies inside.
-        data: the data that it was fitted to, if any.
-        confidence: of the band of `rows`, if any.
+    `rows` is an ascending curve, `confidence` that of its band, if any; `yields_at` [m/s] is marked.
     """
     figure = style.new_figure(6.0, 4.0)
     ax, v = figure.add_subplot(), rows.velocity
@@ -346,10 +341,7 @@ def _label(label: str, same: Mapping[str, str]) -> str:
 
 
 def _curve(entry: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Velocities and ε; NaN where ε is not determined and where nothing rebounds.
-
-    If the bodies differ from impact to impact, only at these impacts.
-    """
+    """Velocities and ε, NaN where not determined or 0; at the impacts alone where bodies differ."""
     fit = entry.result.material()
     velocity = fit.data.velocity
     if not of_each_impact(fit):

@@ -33,13 +33,9 @@ class Line(NamedTuple):
 
 
 def lines_of(result: Any, with_paper: bool = False) -> dict[str, list[Line]]:
-    """Further curves for each material: Eq. (18)'s line, and the paper's other curves.
+    """Further curves for each material: Eq. (18)'s line, and of Table 1's the paper's other curves.
 
     A line through two materials goes through both their χ̃ and is not drawn.
-
-    Args:
-        result: a `FitResult`.
-        with_paper: for the materials of Table 1, also the model as printed and Thornton's formula.
     """
     shared, entries = result.unloading_line, {one.name: one for one in paper.TABLE_1}
     lines: dict[str, list[Line]] = {}

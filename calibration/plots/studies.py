@@ -132,12 +132,7 @@ def plot_sobol(found: Any, output: int = 0, ax: Axes | None = None) -> Axes:
 
 
 def sobol_figure(found: Any, assumed: str = "") -> Figure:
-    """Draw `plot_sobol` of every output, with a common scale and legend.
-
-    Args:
-        found: `SobolIndices`.
-        assumed: title above all panels, such as the distribution of the inputs.
-    """
+    """`plot_sobol` of every output with a common scale; `assumed` is the title above all panels."""
     count, width = len(found.first), max(4.2, 0.4 * len(found.names))
     figure = style.new_figure(max(width * count, 5.0), 3.8)
     axes = list(figure.subplots(1, count, squeeze=False, sharey=True)[0])

@@ -65,17 +65,9 @@ def panels(
     heights: Sequence[float] = (1.0,),
     legend: float = 0.5,
 ) -> tuple[Figure, Any]:
-    """A figure with an array of panels in up to three columns, for `MOST` things at most.
+    """A figure with (panels, len(heights)) axes in up to three columns, for `MOST` of `count` things.
 
-    Args:
-        count: number of things; a title says where not all are shown.
-        size: width and height of a panel [inches].
-        what: the things, in words.
-        heights: relative heights of the axes above each other in a panel.
-        legend: room for the legend [inches].
-
-    Returns:
-        The figure, and its axes: (panels, len(heights)).
+    `size` is that of a panel and `legend` room below [inches], `heights` the relative ones of its axes.
     """
     shown, deep = min(count, MOST), len(heights)
     columns = 3 if shown == 3 else min(3, math.ceil(math.sqrt(shown)))
@@ -141,10 +133,7 @@ def mark_velocity(ax: Axes, velocity: float | None, inside: np.ndarray, **look) 
 
 
 def legend_below(figure: Figure, axes: Sequence[Axes], columns: int, first: Sequence[str] = ()):
-    """One legend for all axes, each label once, those of `first` first.
-
-    In this number of columns, or in as many fewer as the figure's width takes.
-    """
+    """One legend for all axes, labels of `first` first; in `columns`, or as many as the figure takes."""
     found: dict[str, Any] = {}
     for ax in axes:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):

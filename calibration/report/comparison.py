@@ -26,12 +26,7 @@ def comparison_text(
     remarks: Sequence[str] = (),
     causes: str = "comparison.entry(law).warnings",
 ) -> str:
-    """Terminal text of some `Comparison`s.
-
-    Args:
-        remarks: lines about all comparisons.
-        causes: where to find the causes of warnings.
-    """
+    """Terminal text of some `Comparison`s; `causes`: where those of warnings are found."""
     common = [n for n in comparisons[0].notes if all(n in other.notes for other in comparisons)]
     blocks = [Block("text", "\n".join([*common, *remarks, EXPLAINED]))]
     for one in comparisons:

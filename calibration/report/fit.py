@@ -104,16 +104,8 @@ def write_report(
 ) -> list[str]:
     """Write all files of a fit, or none; return their names.
 
-    Args:
-        result: a `FitResult`.
-        folder: made where it is not there.
-        draws: of its posterior.
-        printed: published values of the paper's materials; the curves of Fig. 2 are drawn too.
-        command: the command that makes the same files again.
-        progress: called as progress(stage, done, total).
-
-    Raises:
-        OSError: where the files cannot be written.
+    `printed`: published values of the paper's materials, with which the curves of Fig. 2 are drawn too;
+    `command`: what makes the same files again; `progress` is called as progress(stage, done, total).
     """
     from calibration import plots
 
@@ -154,13 +146,7 @@ def printed_values() -> dict[str, dict[str, float]]:
 
 
 def terminal_report(result: Any, intro: str = "", **more: Any) -> str:
-    """A fit on a terminal.
-
-    Args:
-        result: a `FitResult`.
-        intro: a remark about the data, printed first.
-        more: further arguments of `sections`.
-    """
+    """A fit on a terminal, after a remark on the data; `more` as of `sections`."""
     of = sections(result, **more)
     if of["posterior"]:  # a heading is not printed, and its table would look like the fit's
         of["posterior"].insert(0, Block("text", "Posterior:"))
@@ -191,15 +177,7 @@ def sections(
     printed: Printed | None = None,
     draws: Any = None,
 ) -> dict[str, list[Block]]:
-    """The parts of a report by name, in their order.
-
-    Args:
-        result: a `FitResult`.
-        pictures: {caption: file next to the report}.
-        command: the command that makes the same results again.
-        printed: published values, shown next to the fitted ones.
-        draws: of the posterior.
-    """
+    """The parts of a report by name, in their order; `pictures` are {caption: file next to the report}."""
     versions = ", ".join(f"{name} {version}" for name, version in result.versions.items())
     implausible = [w for w in result.warnings if w.code == "plausibility"]
     condition = result.condition_number

@@ -31,12 +31,9 @@ CODE = re.compile(r"(`(?:softjax )?[\w-]+`)")  # a word between backticks, in se
 
 
 class Block(NamedTuple):
-    """A part of a report.
+    """A title, heading, lead, about, text, strong, code, list, warnings, table or picture.
 
-    Attributes:
-        kind: title, heading, lead, about, text, strong, code, list, warnings, table or picture.
-        value: a text; of a list texts or `Item`s; of warnings `Item`s; a DataFrame of texts; a
-            picture's caption and file.
+    Its value is a text; of a list texts or `Item`s; a DataFrame of texts; a picture's caption and file.
     """
 
     kind: str
@@ -76,10 +73,7 @@ def page(blocks: Sequence[Block], folder: Path | None = None) -> str:
 
 
 def table_text(table: pd.DataFrame) -> str:
-    """A table for a terminal; one cell in each line if the terminal is narrower.
-
-    Columns of numbers end on a common edge.
-    """
+    """A table for a terminal, numbers on a common edge; a cell a line if the terminal is narrower."""
     look: dict[str, Any] = {"show_edge": False, "pad_edge": False, "padding": (0, 1, 0, 0)}
     shown = Table(box=box.SIMPLE_HEAD, header_style="", **look)
     cells = [[printable(str(cell)) for cell in row] for row in table.itertuples(index=False)]
