@@ -125,9 +125,9 @@ class Progress:
         from rich.progress import TimeElapsedColumn
 
         show_sign()
-        look: dict[str, Any] = {"transient": True, "console": Console(file=sys.stderr)}
-        look |= {"redirect_stdout": False, "redirect_stderr": False}
-        self._bar = Bars(*Bars.get_default_columns(), TimeElapsedColumn(), **look)
+        keywords: dict[str, Any] = {"transient": True, "console": Console(file=sys.stderr)}
+        keywords |= {"redirect_stdout": False, "redirect_stderr": False}
+        self._bar = Bars(*Bars.get_default_columns(), TimeElapsedColumn(), **keywords)
         self._bar.add_task(stage, total=None)
         self._bar.start()
 

@@ -100,8 +100,8 @@ def _check_dof(dof: Any) -> Any:
     return number
 
 
-def _names(every: Iterable[str]) -> WithJsonSchema:
-    return WithJsonSchema({"enum": [*every, None]})
+def _names(names: Iterable[str]) -> WithJsonSchema:
+    return WithJsonSchema({"enum": [*names, None]})
 
 
 Law = Annotated[Any, BeforeValidator(checked_law), _names(LAWS)]
@@ -209,13 +209,13 @@ class FitOptions(Strict):
 
 def idle(settings: Mapping[str, Any]) -> dict[str, str]:
     """Settings that would do nothing with the others, each with what they act with."""
-    found = {}
+    without_effect = {}
     for name, (other, acting) in ACTS_WITH.items():
         value = settings.get(other)
         if name in settings and getattr(value, "name", value) not in acting:
-            words = " or ".join(f'"{one}"' for one in acting if one)
-            found[name] = f"it only applies to {other} {words}"
-    return found
+            words = " or ".join(f'"{value}"' for value in acting if value)
+            without_effect[name] = f"it only applies to {other} {words}"
+    return without_effect
 
 
 def add_options(parser: Any, names: Iterable[str] = tuple(FitOptions.model_fields)) -> None:
@@ -224,14 +224,14 @@ def add_options(parser: Any, names: Iterable[str] = tuple(FitOptions.model_field
         field = FitOptions.model_fields[name]
         help = (field.description or "").replace("%", "%%")
         if field.annotation is bool:
-            look: dict[str, Any] = {"action": "store_const", "const": not field.default}
+            keywords: dict[str, Any] = {"action": "store_const", "const": not field.default}
             help = f"no {help}" if field.default else help
         else:
             words = _words(name)
-            look = {"type": partial(_parsed, name), "metavar": "X"}
-            look |= {"metavar": f"{{{','.join(words)}}}"} if words else {}
+            keywords = {"type": partial(_parsed, name), "metavar": "X"}
+            keywords |= {"metavar": f"{{{','.join(words)}}}"} if words else {}
             help += "" if field.default is None else f" (default: {field.default})"
-        parser.add_argument(flag(name), dest=name, help=help, **look)
+        parser.add_argument(flag(name), dest=name, help=help, **keywords)
 
 
 def merged(stated: Mapping[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:
@@ -270,9 +270,11 @@ def documented(function: Function, without: Iterable[str] = ()) -> Function:
         for name, field in fields.items()
         if name not in {*signature.parameters, *without}
     ]
-    parameters.sort(key=lambda one: one.kind)
+    parameters.sort(key=lambda parameter: parameter.kind)
     function.__signature__ = signature.replace(parameters=[*parameters, *more])  # type: ignore[attr-defined]
-    table = "\n".join(f"        {one.name}: {fields[one.name].description}." for one in more)
+    table = "\n".join(
+        f"        {parameter.name}: {fields[parameter.name].description}." for parameter in more
+    )
     function.__doc__ = (function.__doc__ or "").replace("        OPTIONS", table)
     return function
 
@@ -282,8 +284,8 @@ def _words(name: str) -> tuple[str, ...]:
     words = choices(FitOptions, name)
     may_be_none = type(None) in get_args(FitOptions.model_fields[name].annotation)
     is_on = FitOptions.model_fields[name].default is not None
-    every = (*words, "none") if words and may_be_none and is_on else words
-    return tuple(one.replace(" ", "-") for one in every)
+    allowed = (*words, "none") if words and may_be_none and is_on else words
+    return tuple(word.replace(" ", "-") for word in allowed)
 
 
 def _parsed(name: str, text: str) -> Any:
@@ -291,8 +293,8 @@ def _parsed(name: str, text: str) -> Any:
     field = FitOptions.model_fields[name]
     adapter = TypeAdapter(Annotated[(field.annotation, Field(), *field.metadata)])  # type: ignore[arg-type]
     try:
-        found = adapter.validate_python(text, strict=False)
-        return text if found is None else found  # "none": None is left out
+        value = adapter.validate_python(text, strict=False)
+        return text if value is None else value  # "none": None is left out
     except ValidationError:
         words = _words(name)
         known = f"one of {listed(words)}" if words else accepted(FitOptions, (name,))

@@ -61,7 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
         json = comparison_json(made, {"file": arguments.file, "laws": laws, "options": options})
         text = json if arguments.json else f"{comparison_text(made, remarks, 'compare.json')}\n"
         figures = {"compare.png": comparison_figure(made)}
-        converged = all(one.converged for one in made)
+        converged = all(comparison.converged for comparison in made)
         if arguments.file is None:
             from calibration.plots.paper import figure_2, fit_materials, linear_figure
 
@@ -85,8 +85,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _laws(arguments: argparse.Namespace) -> list[str] | None:
     """Names in the order they were given, each once."""
-    every = [] if arguments.laws is None else arguments.laws.split(",")
-    names = list(dict.fromkeys(name.strip() for name in [*every, *arguments.law]))
+    in_list = [] if arguments.laws is None else arguments.laws.split(",")
+    names = list(dict.fromkeys(name.strip() for name in [*in_list, *arguments.law]))
     for name in names:
         if name not in NAMES:
             accepted = f"one of {listed(NAMES)}{did_you_mean(name, NAMES)}"

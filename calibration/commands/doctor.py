@@ -37,9 +37,9 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     start = time.perf_counter()
     errors = self_check()
-    passed = all(errors[name] <= most for name, most in LARGEST.items())
+    passed = all(errors[name] <= limit for name, limit in LARGEST.items())
     if not arguments.quiet:
-        limits = {n: f"error {errors[n]:.0e}, at most {most:.0e}" for n, most in LARGEST.items()}
+        limits = {n: f"error {errors[n]:.0e}, at most {limit:.0e}" for n, limit in LARGEST.items()}
         for name, value in {**_surroundings(arguments.cache), **limits}.items():
             print(f"{name + ':':<18} {value}")
         verdict = "passed" if passed else "FAILED"
@@ -71,7 +71,9 @@ def _surroundings(with_cache: bool) -> dict[str, str]:
     import jax
 
     versions = {name: metadata.version(name) for name in PACKAGES}
-    devices = ", ".join(f"{one.platform}:{one.id} {one.device_kind}" for one in jax.devices())
+    devices = ", ".join(
+        f"{device.platform}:{device.id} {device.device_kind}" for device in jax.devices()
+    )
     cache_folder = jax.config.jax_compilation_cache_dir if with_cache else None
     return versions | {
         "Python": f"{platform.python_version()} ({sys.executable})",

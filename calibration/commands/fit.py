@@ -91,8 +91,8 @@ def _fitted(arguments: argparse.Namespace, options: Mapping[str, Any], progress:
         check_possible(settings.get("objective"))
     law = settings.pop("law", None)
     try:
-        one = data[0] if len(data) == 1 else data
-        return fit(one, law, parameters, progress=progress, **settings)
+        fitted_data = data[0] if len(data) == 1 else data
+        return fit(fitted_data, law, parameters, progress=progress, **settings)
     except (DataError, sj.ArgumentError) as error:
         argument = getattr(error, "argument", None)
         if problem is not None and argument in stated.keys() - options.keys():

@@ -64,12 +64,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--from", dest="first", type=float, metavar="V", help="lowest v [m/s]")
     add("--to", dest="last", type=float, metavar="V", help="highest v [m/s]")
     for name, (studies, kind, metavar, text) in OPTIONS.items():
-        look: dict[str, Any] = {"type": kind, "metavar": metavar}
-        look |= {"action": "append"} if name in REPEATED else {}
-        look |= {"nargs": "+"} if name == "at" else {}
-        look |= {"choices": metavar.split("|")} if "|" in metavar else {}
+        keywords: dict[str, Any] = {"type": kind, "metavar": metavar}
+        keywords |= {"action": "append"} if name in REPEATED else {}
+        keywords |= {"nargs": "+"} if name == "at" else {}
+        keywords |= {"choices": metavar.split("|")} if "|" in metavar else {}
         text = f"{text}{'; may be repeated' * (name in REPEATED)} [{', '.join(studies)}]"
-        add(f"--{name}", help=text.replace("%", "%%"), **look)
+        add(f"--{name}", help=text.replace("%", "%%"), **keywords)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -109,9 +109,9 @@ def _check_options(arguments: argparse.Namespace, studies: tuple[str, ...]) -> N
         if name in stated and arguments.criterion not in criteria:
             accepted = f"given with --criterion {criteria[-1]} only"
             raise DataError(f"--{name}", stated[name], accepted)
-    for name, least in (("seed", 0), ("points", 2)):
-        if stated.get(name, least) < least:
-            raise DataError(f"--{name}", stated[name], f"a whole number of {least} or more")
+    for name, lowest in (("seed", 0), ("points", 2)):
+        if stated.get(name, lowest) < lowest:
+            raise DataError(f"--{name}", stated[name], f"a whole number of {lowest} or more")
     for v in arguments.at or ():
         if not 0 < v < math.inf:
             raise DataError("--at", v, "velocities above 0 m/s")
@@ -177,12 +177,12 @@ def _warnings(job: _Job) -> list[str]:
     from calibration import symbols
     from calibration.studies.text import warnings_text
 
-    every = [] if job.fit is None else job.fit.warnings
-    ours = [one for one in every if one.material in (None, job.source.name)]
+    warnings = [] if job.fit is None else job.fit.warnings
+    ours = [warning for warning in warnings if warning.material in (None, job.source.name)]
     if ours:
         models = [fit.model for fit in job.fit.materials]
         job.text.append(symbols.written(warnings_text(ours), models))
-    return [str(one) for one in ours]
+    return [str(warning) for warning in ours]
 
 
 def _local(job: _Job) -> dict[str, Any]:
@@ -207,11 +207,11 @@ def _local(job: _Job) -> dict[str, Any]:
     save(ax, job.folder / "sensitivity.png")
     save(studies.tornado_figure(bars), job.folder / "tornado.png")
     table = {name: bars.of(name) for name in bars.names}
-    found: dict[str, Any] = {"velocity": job.bars, "theta_d_epsilon_d_theta": table}
+    result: dict[str, Any] = {"velocity": job.bars, "theta_d_epsilon_d_theta": table}
     if job.draws:
-        found["limits"] = _limits(job)
-        job.text.append(limits_table(bars, found["limits"], job.fit.confidence))
-    return found
+        result["limits"] = _limits(job)
+        job.text.append(limits_table(bars, result["limits"], job.fit.confidence))
+    return result
 
 
 def _limits(job: _Job) -> dict[str, Any]:
@@ -222,11 +222,11 @@ def _limits(job: _Job) -> dict[str, Any]:
     from calibration.studies.sensitivities import sensitivity
 
     fits, half = job.fit.at_draws(job.source.draws, LAWS_OF_LIMITS), 0.5 * job.fit.confidence
-    sources = [replace(job.source, law=one.material(job.source.name).law) for one in fits]
-    every = [sensitivity(inputs_of(one), job.bars, job.route) for one in sources]
-    stacked = np.stack([one.absolute for one in every])
+    sources = [replace(job.source, law=fit.material(job.source.name).law) for fit in fits]
+    at_draws = [sensitivity(inputs_of(fit), job.bars, job.route) for fit in sources]
+    stacked = np.stack([fit.absolute for fit in at_draws])
     low, high = np.quantile(stacked, [0.5 - half, 0.5 + half], axis=0)
-    return {n: (low[:, k], high[:, k]) for k, n in enumerate(every[0].names)}
+    return {n: (low[:, k], high[:, k]) for k, n in enumerate(at_draws[0].names)}
 
 
 def _information(job: _Job) -> dict[str, Any]:
@@ -241,9 +241,11 @@ def _information(job: _Job) -> dict[str, Any]:
     if shots < (not of_fit):
         raise DataError("--shots", shots, "a whole number of 1 or more, or with --fit of 0 or more")
     velocity = np.linspace(job.low, job.high, shots)
-    found = fisher_information(job.subject, velocity, job.arguments.uncertainty, **job.options)
-    job.text.append(information_text(found))
-    return found.to_dict()
+    information = fisher_information(
+        job.subject, velocity, job.arguments.uncertainty, **job.options
+    )
+    job.text.append(information_text(information))
+    return information.to_dict()
 
 
 def _design(job: _Job) -> dict[str, Any]:
@@ -255,7 +257,7 @@ def _design(job: _Job) -> dict[str, Any]:
 
     arguments, over = job.arguments, job.arguments.over
     limit = getattr(job.contact, "limit_velocity", math.inf)
-    found = optimal_velocities(
+    design = optimal_velocities(
         job.draws or job.subject,
         SHOTS if arguments.shots is None else arguments.shots,
         (job.low, min(job.high, 0.999 * float(limit))),
@@ -267,12 +269,12 @@ def _design(job: _Job) -> dict[str, Any]:
         progress=job.progress,
         **job.options,
     )
-    save(studies.plot_design(found), job.folder / "design.png")
-    write_text(job.folder / "design.csv", design_csv(found, job.source.fall))
+    save(studies.plot_design(design), job.folder / "design.png")
+    write_text(job.folder / "design.csv", design_csv(design, job.source.fall))
     count = len(job.draws)
     average = f"on average over {count} draws of the posterior: " if count else ""
-    job.text.append(wrapped(f"{average}{found}"))
-    return found.to_dict() | ({"draws": count} if count else {})
+    job.text.append(wrapped(f"{average}{design}"))
+    return design.to_dict() | ({"draws": count} if count else {})
 
 
 def _sobol(job: _Job) -> dict[str, Any]:
@@ -284,10 +286,10 @@ def _sobol(job: _Job) -> dict[str, Any]:
     samples, ranges = job.arguments.samples, job.ranges
     more: dict[str, Any] = {"samples": 4096 if samples is None else samples, "scale": job.scale}
     more |= {"seed": job.seed, "route": job.route, "progress": job.progress}
-    found = sobol_indices(job.inputs, ranges.of, job.bars, **more)
-    job.text += [sobol_table(found), ranges.text(job.inputs)]
-    save(studies.sobol_figure(found, ranges.title(job.inputs)), job.folder / "sobol.png")
-    return found.to_dict() | {"assumed": ranges.assumed, "left_out": dict(ranges.left_out)}
+    indices = sobol_indices(job.inputs, ranges.of, job.bars, **more)
+    job.text += [sobol_table(indices), ranges.text(job.inputs)]
+    save(studies.sobol_figure(indices, ranges.title(job.inputs)), job.folder / "sobol.png")
+    return indices.to_dict() | {"assumed": ranges.assumed, "left_out": dict(ranges.left_out)}
 
 
 STUDIES = {"local": _local, "information": _information, "design": _design, "global": _sobol}

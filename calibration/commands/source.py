@@ -72,7 +72,7 @@ def _of_paper(arguments: argparse.Namespace) -> Source:
     if arguments.material is not None:
         raise DataError("--material", arguments.material, "left out without a file or a fit")
     text = "stainless-steel" if arguments.source is None else arguments.source
-    entries = {one.name: one for one in TABLE_1}
+    entries = {entry.name: entry for entry in TABLE_1}
     entry = entries.get(text.lower().replace("-", " ").replace("_", " "))
     if entry is None:
         names = listed(name.replace(" ", "-") for name in entries)
@@ -127,9 +127,11 @@ def _of_file(arguments: argparse.Namespace) -> Source:
         more: dict[str, Any] = {"line": line, "losses": losses, "measured": measured}
         span = critical, last
         return Source(entry.name, law, span, properties, bodies, remark="\n".join(lines), **more)
-    known = {name: one.value for name, one in entry.stated.items() if not one.free}
+    known = {
+        name: parameter.value for name, parameter in entry.stated.items() if not parameter.free
+    }
     known |= {name: file.settings[name] for name in LAW_OPTIONS if name in file.settings}
-    free = {name: one for name, one in entry.stated.items() if one.free}
+    free = {name: parameter for name, parameter in entry.stated.items() if parameter.free}
     law = _law(arguments, arguments.law or file.settings.get("law", "zhou"), contact, known, free)
     span, fall = (DECADES_BELOW_YIELD * critical, last), None if data is None else data.fall
     return Source(entry.name, law, span, properties, bodies, remark=remark, fall=fall)
@@ -144,8 +146,8 @@ def _line(path: Path) -> tuple[Any, tuple[float, float]]:
         accepted = "a fit of two or more materials, each with an unloading factor, is needed"
         raise InputError(path, None, problem, accepted)
     names = {material.name for material in line.materials}
-    every = [fit.data.velocity for fit in result.materials if fit.name in names]
-    return line, _ends(np.concatenate(every))
+    velocities = [fit.data.velocity for fit in result.materials if fit.name in names]
+    return line, _ends(np.concatenate(velocities))
 
 
 def _ends(velocity: np.ndarray) -> tuple[float, float]:
@@ -177,8 +179,8 @@ def _of_fit(arguments: argparse.Namespace) -> Source:
 
         draws = read(arguments.posterior)
     bodies, properties = _bodies_of_fit(fit)
-    one = fit.name, fit.law, span, properties, bodies, result, draws
-    return Source(*one, remark=remark, fall=fit.data.fall, measured=(low, high))
+    parts = fit.name, fit.law, span, properties, bodies, result, draws
+    return Source(*parts, remark=remark, fall=fit.data.fall, measured=(low, high))
 
 
 def _chosen(name: str | None, names: list[str], where: str) -> str:
@@ -197,13 +199,13 @@ def _bodies(pair: Any, same_material: bool, one_radius: bool) -> tuple[str, dict
     def numbers(body: Any, suffix: str) -> dict[str, float]:
         return {f"{name}{suffix}": float(x) for name, x in body.material.leaves().items()}
 
-    one, two = pair
-    if two.radius is None:
-        return "wall", numbers(one, "") | {"radius": one.radius} | numbers(two, "_wall")
-    radii = {"radius_1": one.radius, "radius_2": two.radius}
+    first, second = pair
+    if second.radius is None:
+        return "wall", numbers(first, "") | {"radius": first.radius} | numbers(second, "_wall")
+    radii = {"radius_1": first.radius, "radius_2": second.radius}
     if not same_material:
-        return "unlike spheres", numbers(one, "_1") | numbers(two, "_2") | radii
-    return "spheres", numbers(one, "") | ({"radius": one.radius} if one_radius else radii)
+        return "unlike spheres", numbers(first, "_1") | numbers(second, "_2") | radii
+    return "spheres", numbers(first, "") | ({"radius": first.radius} if one_radius else radii)
 
 
 def _bodies_of_fit(fit: Any) -> tuple[str, dict[str, float] | None]:
@@ -212,9 +214,9 @@ def _bodies_of_fit(fit: Any) -> tuple[str, dict[str, float] | None]:
     leaves += [body.radius for body in fit.data.bodies]
     if not leaves or any(np.ndim(leaf) for leaf in leaves):
         return "spheres", None
-    one, two = fit.data.bodies
-    same = one.material.leaves() == two.material.leaves()
-    return _bodies((one, two), same, one.radius == two.radius)
+    first, second = fit.data.bodies
+    same = first.material.leaves() == second.material.leaves()
+    return _bodies((first, second), same, first.radius == second.radius)
 
 
 def _law(
@@ -234,16 +236,16 @@ def _law(
     stated = _stated(arguments)
     for field, (option, value) in stated.items():
         if field not in fields or field == "contact":
-            names = [one for one in fields if one != "contact"]
+            names = [parameter for parameter in fields if parameter != "contact"]
             accepted = f"a field of {name}: {listed(names) or 'none'}{did_you_mean(field, names)}"
             raise DataError(option, field, accepted)
         values[field] = value
-    for field, one in (free or {}).items():
+    for field, parameter in (free or {}).items():
         if field in fields and field not in stated:
-            problem = f"{field} is free" + ", and its value a start" * (one.value is not None)
+            problem = f"{field} is free" + ", and its value a start" * (parameter.value is not None)
             option = f"--{field} X" if field in COEFFICIENTS else f"--set {field}=X"
             accepted = f"give {option}, fix it by a plain number, or read its fit by --fit"
-            place = one.origin or Origin("")  # a file's parameters have one
+            place = parameter.origin or Origin("")  # a file's parameters have one
             raise InputError(place.file, place.line, problem, accepted)
     needed = [n for n, f in fields.items() if f.default is dataclasses.MISSING and n not in values]
     if needed and name == "zhou":

@@ -87,12 +87,12 @@ def curves_figure(
 
 def observables_figure(result: Any) -> Figure | None:
     """The same of each observable other than ε, with relative residuals; None if none was measured."""
-    every = [(fit, one) for fit in result.materials for one in fit.data.observed]
-    if not every:
+    measured = [(fit, observed) for fit in result.materials for observed in fit.data.observed]
+    if not measured:
         return None
-    figure, grid = style.panels(len(every), (4.2, 4.4), "observables", (2.6, 1), 0.75)
-    for (fit, one), (upper, lower) in zip(every, grid, strict=False):
-        _plot_observable(result, fit, one, upper, lower)
+    figure, grid = style.panels(len(measured), (4.2, 4.4), "observables", (2.6, 1), 0.75)
+    for (fit, observed), (upper, lower) in zip(measured, grid, strict=False):
+        _plot_observable(result, fit, observed, upper, lower)
     _legend(figure, grid)
     return figure
 
@@ -178,8 +178,8 @@ def _plot_fit(ax: Axes, result: Any, fit: Any, name: str, velocity: np.ndarray, 
         return
     share = f"{100 * result.confidence:g} %"
     wide = result.band(velocity, fit.name, kind="prediction", observable=name)
-    for one, alpha, what in ((wide, 0.1, "one more measurement"), (band, 0.3, "of the mean")):
-        x, low, high = _sorted(velocity / scale, one.low, one.high)
+    for limits, alpha, what in ((wide, 0.1, "one more measurement"), (band, 0.3, "of the mean")):
+        x, low, high = _sorted(velocity / scale, limits.low, limits.high)
         style.band(ax, x, low, high, alpha=alpha, label=f"{share}, {what}")
 
 
@@ -188,16 +188,16 @@ def _plot_sizes(
 ) -> list[tuple[str, Any]]:
     """A curve with its band for each size; its colour, and which of the rows are of that size."""
     for impact, color, dashes in zip(sizes, SHADES, DASHES, strict=False):
-        one = of_impact(fit, impact)
-        fine = _fine(one.data.velocity, logarithmic, False)
+        of_size = of_impact(fit, impact)
+        fine = _fine(of_size.data.velocity, logarithmic, False)
         band = result.band(fine, fit.name, observable=name, impact=impact)
         label = None
-        if one.data.contact is not None:
-            label = f"R = {number(1e3 * float(one.data.contact.radius), 3)} mm"
-        look: dict[str, Any] = {"color": color, "linestyle": dashes, "linewidth": 1.5}
-        ax.plot(fine, band.coefficient, label=label, **look)
+        if of_size.data.contact is not None:
+            label = f"R = {number(1e3 * float(of_size.data.contact.radius), 3)} mm"
+        style_of_line: dict[str, Any] = {"color": color, "linestyle": dashes, "linewidth": 1.5}
+        ax.plot(fine, band.coefficient, label=label, **style_of_line)
         style.band(ax, fine, band.low, band.high, color)
-        style.mark_velocity(ax, yield_velocity(one.law), fine, color=color)
+        style.mark_velocity(ax, yield_velocity(of_size.law), fine, color=color)
     style.band(ax, [], [], [], style.GREY, label=f"{100 * result.confidence:g} %, of the mean")
     radius = np.asarray(1.0 if fit.data.contact is None else fit.data.contact.radius)
     if not radius.ndim:
@@ -208,17 +208,17 @@ def _plot_sizes(
 
 def _plot_line(ax: Axes, line: Line, x: np.ndarray, value: np.ndarray) -> None:
     """A further curve, with a cross where it ends."""
-    look: dict[str, Any] = {
+    style_of_line: dict[str, Any] = {
         "color": line.color,
         "linestyle": line.linestyle,
         "linewidth": 1.4,
         "zorder": 1.5,
     }
-    ax.plot(x, value, label=line.label, **look)
+    ax.plot(x, value, label=line.label, **style_of_line)
     last = np.flatnonzero(np.isfinite(value))[-1:]
     if last.size and last[0] < len(x) - 1:
-        look = {"color": line.color, "markersize": 8, "label": "no solution beyond"}
-        ax.plot(x[last], value[last], "X", **look)
+        style_of_line = {"color": line.color, "markersize": 8, "label": "no solution beyond"}
+        ax.plot(x[last], value[last], "X", **style_of_line)
 
 
 def _sorted(x: np.ndarray, *columns: np.ndarray) -> list[np.ndarray]:
@@ -253,20 +253,22 @@ def restitution_figure(
         limits = _limits(rows)
         share = f"{100 * confidence:g} %, of the mean"
         if limits is not None:
-            least, most = (number(float(x), 3) for x in (np.nanmin(rows.low), np.nanmax(rows.high)))
-            share += f"\n(wider than the picture: {least} to {most})"
+            lowest, highest = (
+                number(float(x), 3) for x in (np.nanmin(rows.low), np.nanmax(rows.high))
+            )
+            share += f"\n(wider than the picture: {lowest} to {highest})"
         style.band(ax, v, rows.low, rows.high, label=share)
         known = v[np.isfinite(rows.coefficient)]
         for ends in ((v[0], known[0]), (known[-1], v[-1])):
             if ends[0] < ends[1]:
-                look: dict[str, Any] = {"color": style.GREY, "alpha": 0.15, "linewidth": 0}
-                ax.axvspan(*ends, label="not determined", **look)
+                style_of_line: dict[str, Any] = {"color": style.GREY, "alpha": 0.15, "linewidth": 0}
+                ax.axvspan(*ends, label="not determined", **style_of_line)
     if data is not None:
         errors = data.uncertainty, data.velocity_uncertainty
         style.points(ax, data.velocity, data.restitution, *errors, label="data")
     value = np.where(rows.status.astype(int) & NO_VALUE != 0, np.nan, rows.coefficient)
-    look = {"color": style.BLUE, "marker": "o" if len(v) < FEW else "", "markersize": 4}
-    ax.plot(v, value, label=style.plain(label), **look)
+    style_of_line = {"color": style.BLUE, "marker": "o" if len(v) < FEW else "", "markersize": 4}
+    ax.plot(v, value, label=style.plain(label), **style_of_line)
     style.mark_velocity(ax, yields_at, v, label="first yield")
     ax.set(xlabel=style.VELOCITY, ylabel=style.EPSILON)
     if style.spans_decades(v):
@@ -315,29 +317,29 @@ def comparison_figure(comparisons: Sequence[Any]) -> Figure:
 
 def _plot_laws(ax: Axes, comparison: Any, curves: Sequence[Any], same: Mapping[str, str]) -> None:
     """Curves of laws, each thinner than those below it; solid ones below dashed ones, which may coincide."""
-    others, looks = cycle(OTHERS), {}
+    others, styles = cycle(OTHERS), {}
     for entry in comparison.entries:
-        seen = {one for one, _ in looks.values()}
-        first = entry.key in LOOKS and entry.key not in seen
-        looks[entry.label] = entry.key, LOOKS[entry.key] if first else next(others)
-    for entry, *curve in sorted(curves, key=lambda one: looks[one[0].label][1][1] != "-"):
+        used = {key for key, _ in styles.values()}
+        first = entry.key in LOOKS and entry.key not in used
+        styles[entry.label] = entry.key, LOOKS[entry.key] if first else next(others)
+    for entry, *curve in sorted(curves, key=lambda drawn: styles[drawn[0].label][1][1] != "-"):
         width = max(WIDTHS[0] - WIDTHS[1] * len(ax.lines), WIDTHS[2])
-        color, dashes = looks[entry.label][1]
-        look: dict[str, Any] = {"color": color, "linestyle": dashes, "linewidth": width}
-        ax.plot(*curve, label=_label(entry.label, same), **look)
+        color, dashes = styles[entry.label][1]
+        style_of_line: dict[str, Any] = {"color": color, "linestyle": dashes, "linewidth": width}
+        ax.plot(*curve, label=_label(entry.label, same), **style_of_line)
 
 
 def _same_curves(comparisons: Sequence[Any]) -> dict[str, str]:
     """Laws that have the curve of another law in every comparison, mapped to that law."""
-    equal = [{e.label: e.same_as for e in one.entries if e.same_as} for one in comparisons]
+    equal = [{e.label: e.same_as for e in table.entries if e.same_as} for table in comparisons]
     pairs = equal[0].items()
-    return {law: other for law, other in pairs if all(one.get(law) == other for one in equal)}
+    return {law: other for law, other in pairs if all(table.get(law) == other for table in equal)}
 
 
 def _label(label: str, same: Mapping[str, str]) -> str:
     """Name of a law, and below it the names of laws with the same curve."""
     below = [other for other, drawn in same.items() if drawn == label]
-    return "\n= ".join(style.plain(one) for one in (label, *below))
+    return "\n= ".join(style.plain(name) for name in (label, *below))
 
 
 def _curve(entry: Any) -> tuple[np.ndarray, np.ndarray]:

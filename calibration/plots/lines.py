@@ -37,7 +37,7 @@ def lines_of(result: Any, with_paper: bool = False) -> dict[str, list[Line]]:
 
     A line through two materials goes through both their χ̃ and is not drawn.
     """
-    shared, entries = result.unloading_line, {one.name: one for one in paper.TABLE_1}
+    shared, entries = result.unloading_line, {entry.name: entry for entry in paper.TABLE_1}
     lines: dict[str, list[Line]] = {}
     for fit in result.materials:
         is_printed = with_paper and fit.name in entries

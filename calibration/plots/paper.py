@@ -64,8 +64,12 @@ def linear_figure() -> Figure:
         law = sj.LinearSpringDashpot(pair, STIFFNESS, INTEGRATED, end)
         time = sj.restitution(law, np.ones_like(INTEGRATED), sj.ODE(rtol=1e-10)).duration
         points = np.asarray(time) * np.sqrt(STIFFNESS / float(pair.mass)) / np.pi
-        look: dict[str, Any] = {"color": color, "markerfacecolor": "white", "markersize": 5}
-        left.plot(INTEGRATED, points, marker, label="the same, integrated", **look)
+        style_of_points: dict[str, Any] = {
+            "color": color,
+            "markerfacecolor": "white",
+            "markersize": 5,
+        }
+        left.plot(INTEGRATED, points, marker, label="the same, integrated", **style_of_points)
     left.axhline(2 / np.pi, color=style.GREY, linestyle=":", label=r"$2/\omega_0$")
     across, up = r"input restitution $\varepsilon$", r"contact duration $T \omega_0/\pi$"
     left.set(xlabel=across, ylabel=up, title="Linear spring with dashpot", ylim=(0.5, 2.6))

@@ -40,7 +40,9 @@ def profiles_figure(result: Any) -> Figure | None:
 
     None if no profile leaves its parameter's bound.
     """
-    profiles = {label: one for label, one in result.profiles.items() if len(set(one.values)) > 1}
+    profiles = {
+        label: profile for label, profile in result.profiles.items() if len(set(profile.values)) > 1
+    }
     if not profiles:
         return None
     figure, grid = style.panels(len(profiles), (3.4, 2.8), "profiles")
@@ -60,9 +62,9 @@ def _plot_profile(ax: Axes, profile: Any, estimate: Any) -> None:
     logarithmic = style.spans_decades(values) and not at_bound  # a bound of 0 is decades away
     fine = (np.geomspace if logarithmic else np.linspace)(values[0], values[-1], 200)
     ax.plot(*_smooth(values, rise, fine, logarithmic), color=style.BLUE)
-    look: dict[str, Any] = {"color": style.BLUE, "marker": "o", "markersize": 3}
-    ax.plot(values, rise, linestyle="none", **look)
-    ax.plot([], [], label="profile", **look)
+    style_of_line: dict[str, Any] = {"color": style.BLUE, "marker": "o", "markersize": 3}
+    ax.plot(values, rise, linestyle="none", **style_of_line)
+    ax.plot([], [], label="profile", **style_of_line)
     if logarithmic:
         style.logarithmic_x(ax, room=0.0)
     else:
@@ -70,12 +72,12 @@ def _plot_profile(ax: Axes, profile: Any, estimate: Any) -> None:
     if estimate is not None and estimate.standard_error:
         parabola = ((fine - estimate.value) / estimate.standard_error) ** 2
         ax.plot(fine, parabola, ":", color=style.ORANGE, label="from the standard error")
-    look = {"color": style.VERMILION, "linestyle": "--", "linewidth": 1}
-    ax.axhline(profile.threshold, label="threshold of the interval", **look)
+    style_of_line = {"color": style.VERMILION, "linestyle": "--", "linewidth": 1}
+    ax.axhline(profile.threshold, label="threshold of the interval", **style_of_line)
     for end, place, side in ((profile.low, 0.02, "left"), (profile.high, 0.98, "right")):
         if end is None:
-            look = {"ha": side, "va": "top", "color": style.GREY}
-            ax.text(place, 0.96, "open end", transform=ax.transAxes, **look)
+            style_of_line = {"ha": side, "va": "top", "color": style.GREY}
+            ax.text(place, 0.96, "open end", transform=ax.transAxes, **style_of_line)
         elif np.isfinite(end):
             ax.axvline(end, color=style.GREY, linestyle="-.", linewidth=1, label="interval")
     ax.set(ylim=(0, TOP * profile.threshold), ylabel=r"$\Delta\chi^2$")
@@ -198,8 +200,8 @@ def posterior_figure(posterior: Any, result: Any = None) -> Figure:
     """
     from calibration.fitting.posterior.draws import dataset_of
 
-    every = dataset_of(posterior, "posterior").data_vars.items()
-    draws = {str(name): np.ravel(values) for name, values in [*every][:MOST_PAIRED]}
+    variables = dataset_of(posterior, "posterior").data_vars.items()
+    draws = {str(name): np.ravel(values) for name, values in [*variables][:MOST_PAIRED]}
     diverging = np.ravel(dataset_of(posterior, "sample_stats")["diverging"])
     names, count = list(draws), len(draws)
     figure = style.new_figure(max(PAIR * count, 5.0), max(PAIR * count, 4.0) + 0.4)
@@ -219,8 +221,8 @@ def posterior_figure(posterior: Any, result: Any = None) -> Figure:
             _mark_interval(ax, estimates.get(x))
         else:
             step = max(1, len(draws[x]) // SHOWN)
-            look: dict[str, Any] = {"color": style.SKY, "markersize": 2, "alpha": 0.5}
-            ax.plot(draws[x][::step], draws[y][::step], ".", **look)
+            style_of_points: dict[str, Any] = {"color": style.SKY, "markersize": 2, "alpha": 0.5}
+            ax.plot(draws[x][::step], draws[y][::step], ".", **style_of_points)
             if np.any(diverging):
                 wild = draws[x][diverging], draws[y][diverging]
                 ax.plot(*wild, ".", color=style.VERMILION, label="diverged")
@@ -236,15 +238,15 @@ def posterior_figure(posterior: Any, result: Any = None) -> Figure:
     return figure
 
 
-def _mark_interval(ax: Axes, one: Any) -> None:
+def _mark_interval(ax: Axes, estimate: Any) -> None:
     """The fit's value, and the ends of its interval."""
-    if one is None or one.value is None:
+    if estimate is None or estimate.value is None:
         return
-    ax.axvline(one.value, color=style.BLACK, linewidth=1, label="fit")
-    for end in (one.low, one.high):
+    ax.axvline(estimate.value, color=style.BLACK, linewidth=1, label="fit")
+    for end in (estimate.low, estimate.high):
         if end is not None and np.isfinite(end):
-            look: dict[str, Any] = {"color": style.GREY, "linestyle": "-.", "linewidth": 1}
-            ax.axvline(end, label="the fit's interval", **look)
+            style_of_line: dict[str, Any] = {"color": style.GREY, "linestyle": "-.", "linewidth": 1}
+            ax.axvline(end, label="the fit's interval", **style_of_line)
 
 
 def _limit(ax: Axes, which: str, ends: tuple[float, float], logarithmic: bool) -> None:
@@ -278,7 +280,10 @@ def unloading_line_figure(line: Any, contact: Any = None, name: str = "") -> Fig
     figure = style.new_figure(6.0, 4.6)
     ax = figure.add_subplot()
     ends, reach = list(line.range), float(quantile(line.confidence, np.inf))
-    shown = [(one.yield_ratio, one.chi, reach * (one.chi_error or 0.0)) for one in line.materials]
+    shown = [
+        (material.yield_ratio, material.chi, reach * (material.chi_error or 0.0))
+        for material in line.materials
+    ]
     top = max(chi + error for _, chi, error in shown)
     if contact is not None:
         new, chi = float(np.asarray(contact.yield_ratio)), line.unloading_factor(contact)
@@ -289,14 +294,14 @@ def unloading_line_figure(line: Any, contact: Any = None, name: str = "") -> Fig
     ylim = -0.05 * top, 1.3 * top
     _plot_line(ax, line, np.linspace(min(ends) / BEYOND, max(ends) * BEYOND, 200), ylim)
     label = f"fitted, {100 * line.confidence:g} % intervals"
-    for (ratio, chi, error), one in zip(shown, line.materials, strict=True):
+    for (ratio, chi, error), material in zip(shown, line.materials, strict=True):
         ax.errorbar(ratio, chi, error, fmt="o", color=style.BLUE, capsize=3, label=label)
         is_last = ratio > 0.7 * max(ends)
         where: Any = {"ha": "right" if is_last else "left", "va": "bottom" if is_last else "center"}
         where["bbox"] = {"facecolor": "white", "alpha": 0.6, "linewidth": 0, "pad": 1}
-        aside = (-8, 8) if is_last else (8, 0)
-        text = style.plain(style.shortened(one.name))
-        ax.annotate(text, (ratio, chi), aside, textcoords="offset points", zorder=3, **where)
+        offset = (-8, 8) if is_last else (8, 0)
+        text = style.plain(style.shortened(material.name))
+        ax.annotate(text, (ratio, chi), offset, textcoords="offset points", zorder=3, **where)
     across, up = "effective modulus over yield strength, $E/Y$", r"unloading factor $\tilde\chi$"
     ax.set(xlabel=across, ylabel=up, ylim=ylim)
     style.legend_below(figure, [ax], 2, ("Eq. (18)", "extrapolated"))
@@ -304,23 +309,23 @@ def unloading_line_figure(line: Any, contact: Any = None, name: str = "") -> Fig
 
 
 def _plot_line(ax: Axes, line: Any, ratio: np.ndarray, ylim: tuple[float, float]) -> None:
-    found = np.full((3, len(ratio)), np.nan)
+    columns = np.full((3, len(ratio)), np.nan)
     for k, x in enumerate(ratio):
         try:
-            one = line.at(x)
+            estimate = line.at(x)
         except DataError:  # no positive χ̃
             continue
-        found[:, k] = one.value, *_interval(one)
-    value, low, high = found
+        columns[:, k] = estimate.value, *_interval(estimate)
+    value, low, high = columns
     within = (ratio >= line.range[0]) & (ratio <= line.range[1])
-    look: dict[str, Any] = {"color": style.BLACK, "linewidth": 1}
-    ax.plot(ratio, np.where(within, value, np.nan), label="Eq. (18)", **look)
-    ax.plot(ratio, np.where(within, np.nan, value), "--", label="extrapolated", **look)
+    style_of_line: dict[str, Any] = {"color": style.BLACK, "linewidth": 1}
+    ax.plot(ratio, np.where(within, value, np.nan), label="Eq. (18)", **style_of_line)
+    ax.plot(ratio, np.where(within, np.nan, value), "--", label="extrapolated", **style_of_line)
     if np.any(high > low):
         label = f"{100 * line.confidence:g} % band of a further material"
-        least, most = float(np.nanmin(low)), float(np.nanmax(high))
-        if most > ylim[1]:
-            label += f"\n(wider than the picture: {number(least, 3)} to {number(most, 3)})"
+        lowest, highest = float(np.nanmin(low)), float(np.nanmax(high))
+        if highest > ylim[1]:
+            label += f"\n(wider than the picture: {number(lowest, 3)} to {number(highest, 3)})"
         style.band(ax, ratio, low, high, style.GREY, label=label)
 
 

@@ -22,43 +22,45 @@ EFFECT = r"$\theta\,\partial\varepsilon/\partial\theta$"
 
 
 def plot_sensitivities(
-    found: Any, ax: Axes | None = None, critical_velocity: float | None = None
+    sensitivities: Any, ax: Axes | None = None, critical_velocity: float | None = None
 ) -> Axes:
     """Draw θ ∂ε/∂θ of every input over velocity.
 
     The legend names inputs without effect, and those whose effect is too small to see.
 
     Args:
-        found: `Sensitivities`.
+        sensitivities: `Sensitivities`.
         critical_velocity: where the curves jump, at first yield.
     """
     ax = style.axes_or_new(ax, 7.2, 4.2)
-    letters = np.array([in_math(one.symbol) for one in found.declared.values()])
-    size = np.max(np.abs(found.absolute), axis=0)
-    least = max(VISIBLE * np.max(size, initial=0.0), NOTHING)
-    velocity, slopes = found.velocity, found.absolute[:, size >= least]
+    letters = np.array([in_math(declared.symbol) for declared in sensitivities.declared.values()])
+    size = np.max(np.abs(sensitivities.absolute), axis=0)
+    smallest = max(VISIBLE * np.max(size, initial=0.0), NOTHING)
+    velocity, slopes = sensitivities.velocity, sensitivities.absolute[:, size >= smallest]
     place = 0 if critical_velocity is None else int(np.searchsorted(velocity, critical_velocity))
     if 0 < place < len(velocity):
         velocity = np.insert(velocity, place, critical_velocity)
         slopes = np.insert(slopes, place, np.nan, axis=0)
-    _plot_slopes(ax, velocity, slopes, letters[size >= least])
-    small = (size >= NOTHING) & (size < least)
-    for hidden, text in ((size < NOTHING, "no effect"), (small, f"below {least:.0e}")):
+    _plot_slopes(ax, velocity, slopes, letters[size >= smallest])
+    small = (size >= NOTHING) & (size < smallest)
+    for hidden, text in ((size < NOTHING, "no effect"), (small, f"below {smallest:.0e}")):
         if np.any(hidden):
             ax.plot([], [], linestyle="", label=f"{text}: {', '.join(letters[hidden])}")
-    style.mark_velocity(ax, critical_velocity, found.velocity, label=r"yield, $v_\mathrm{cr}$")
+    style.mark_velocity(
+        ax, critical_velocity, sensitivities.velocity, label=r"yield, $v_\mathrm{cr}$"
+    )
     ax.axhline(0, color=style.GREY, linewidth=0.6)
     ax.legend(frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
     return ax
 
 
-def plot_tornado(found: Any, velocity: float, ax: Axes | None = None) -> Axes:
+def plot_tornado(sensitivities: Any, velocity: float, ax: Axes | None = None) -> Axes:
     """Draw the change of ε for +1 % of each input at one velocity, the largest on top.
 
     A number stands where a bar is too short to see.
     """
     ax = style.axes_or_new(ax, 4.0, 3.5)
-    ranked = found.ranked(velocity)[::-1]
+    ranked = sensitivities.ranked(velocity)[::-1]
     changes = np.array([value for _, value in ranked]) / 100
     colors = [style.BLUE if value >= 0 else style.VERMILION for value in changes]
     ax.barh(range(len(ranked)), changes, color=colors, height=0.7)
@@ -67,9 +69,11 @@ def plot_tornado(found: Any, velocity: float, ax: Axes | None = None) -> Axes:
         if abs(value) < 5 * VISIBLE * np.max(np.abs(changes)):
             text = f" {value:.0e} " if abs(value) >= NOTHING else " 0 "
             ax.text(0, k, text, va="center", ha=side, color=style.GREY, fontsize="small")
-    ax.set_yticks(range(len(ranked)), [in_math(found.declared[name].symbol) for name, _ in ranked])
+    ax.set_yticks(
+        range(len(ranked)), [in_math(sensitivities.declared[name].symbol) for name, _ in ranked]
+    )
     ax.axvline(0, color=style.BLACK, linewidth=0.8)
-    nearest = found.velocity[np.argmin(np.abs(found.velocity - velocity))]
+    nearest = sensitivities.velocity[np.argmin(np.abs(sensitivities.velocity - velocity))]
     ax.set(xlabel=r"change of $\varepsilon$ for +1 %", title=f"$v$ = {nearest:.3g} m/s")
     largest = np.max(np.abs(changes), initial=0.0)
     if largest > NOTHING:  # the power of ten in the label: an offset below the axis is overlooked
@@ -79,12 +83,14 @@ def plot_tornado(found: Any, velocity: float, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def tornado_figure(found: Any) -> Figure:
+def tornado_figure(sensitivities: Any) -> Figure:
     """Draw `plot_tornado` at every velocity."""
-    count = len(found.velocity)
+    count = len(sensitivities.velocity)
     figure = style.new_figure(max(3.4 * count, 4.5), 3.6)
-    for ax, v in zip(figure.subplots(1, count, squeeze=False)[0], found.velocity, strict=True):
-        plot_tornado(found, v, ax)
+    for ax, v in zip(
+        figure.subplots(1, count, squeeze=False)[0], sensitivities.velocity, strict=True
+    ):
+        plot_tornado(sensitivities, v, ax)
     return figure
 
 
@@ -92,7 +98,7 @@ def plot_design(design: Any, ax: Axes | None = None) -> Axes:
     """Draw θ ∂ε/∂θ of every parameter, the planned shots with their number, and equally spaced ones."""
     ax = style.axes_or_new(ax, 6.8, 4.8)
     letters = [in_math(symbol) for symbol in design.symbols]
-    labels = [rf"{EFFECT}, $\theta$ = {one}" for one in letters]
+    labels = [rf"{EFFECT}, $\theta$ = {letter}" for letter in letters]
     _plot_slopes(ax, design.grid, design.slopes, labels)
     bottom, top = float(np.min(design.slopes)), float(np.max(design.slopes))
     height = (top - bottom) or 1.0
@@ -113,31 +119,36 @@ def plot_design(design: Any, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def plot_sobol(found: Any, output: int = 0, ax: Axes | None = None) -> Axes:
+def plot_sobol(indices: Any, output: int = 0, ax: Axes | None = None) -> Axes:
     """Draw first-order and total indices with bootstrap limits."""
     ax = style.axes_or_new(ax, 5.0, 3.5)
-    place = np.arange(len(found.names))
+    place = np.arange(len(indices.names))
     kinds = ("first", "first order", style.BLUE), ("total", "total", style.ORANGE)
-    for aside, (name, label, color) in zip((-0.2, 0.2), kinds, strict=True):
-        middle, low, high = (getattr(found, name + end)[output] for end in ("", "_low", "_high"))
+    for shift, (name, label, color) in zip((-0.2, 0.2), kinds, strict=True):
+        middle, low, high = (getattr(indices, name + end)[output] for end in ("", "_low", "_high"))
         reach = np.maximum([middle - low, high - middle], 0)
-        look: dict[str, Any] = {"color": color, "width": 0.36, "capsize": 2, "ecolor": style.BLACK}
-        ax.bar(place + aside, middle, yerr=reach, label=label, **look)
+        style_of_bars: dict[str, Any] = {
+            "color": color,
+            "width": 0.36,
+            "capsize": 2,
+            "ecolor": style.BLACK,
+        }
+        ax.bar(place + shift, middle, yerr=reach, label=label, **style_of_bars)
     # the body of "E wall" goes below its letter, to make room for many inputs
-    ax.set_xticks(place, [in_math(letter).replace(" ", "\n") for letter in found.symbols])
+    ax.set_xticks(place, [in_math(letter).replace(" ", "\n") for letter in indices.symbols])
     ax.axhline(0, color=style.GREY, linewidth=0.6)
     ax.set_ylabel(r"share of the variance of $\varepsilon$")
-    ax.set_title(f"$v$ = {found.velocity[output]:.3g} m/s")
+    ax.set_title(f"$v$ = {indices.velocity[output]:.3g} m/s")
     return ax
 
 
-def sobol_figure(found: Any, assumed: str = "") -> Figure:
+def sobol_figure(indices: Any, assumed: str = "") -> Figure:
     """`plot_sobol` of every output with a common scale; `assumed` is the title above all panels."""
-    count, width = len(found.first), max(4.2, 0.4 * len(found.names))
+    count, width = len(indices.first), max(4.2, 0.4 * len(indices.names))
     figure = style.new_figure(max(width * count, 5.0), 3.8)
     axes = list(figure.subplots(1, count, squeeze=False, sharey=True)[0])
     for output, ax in enumerate(axes):
-        plot_sobol(found, output, ax)
+        plot_sobol(indices, output, ax)
         ax.label_outer()
     style.legend_below(figure, axes, 3, ("first order", "total"))
     if assumed:

@@ -87,9 +87,9 @@ def panels(
 
 def points(ax: Axes, x, y, up=None, across=None, color=BLACK, marker="o", label: str | None = None):
     """Hollow markers with error bars."""
-    look: dict[str, Any] = {"markersize": 3.5, "markeredgewidth": 0.8, "elinewidth": 0.8}
-    look |= {"markerfacecolor": "white", "color": color, "fmt": marker, "zorder": 3}
-    ax.errorbar(x, y, up, across, label=label, **look)
+    style_of_points: dict[str, Any] = {"markersize": 3.5, "markeredgewidth": 0.8, "elinewidth": 0.8}
+    style_of_points |= {"markerfacecolor": "white", "color": color, "fmt": marker, "zorder": 3}
+    ax.errorbar(x, y, up, across, label=label, **style_of_points)
 
 
 def band(ax: Axes, x, low, high, color: str = BLUE, alpha: float = 0.25, label: str | None = None):
@@ -126,22 +126,22 @@ def spans_decades(values: np.ndarray) -> bool:
     return bool(low > 0 and np.log10(high / low) > LOG_DECADES)
 
 
-def mark_velocity(ax: Axes, velocity: float | None, inside: np.ndarray, **look) -> None:
+def mark_velocity(ax: Axes, velocity: float | None, inside: np.ndarray, **style_of_line) -> None:
     """A dotted line at a velocity between those of a curve."""
     if velocity is not None and np.min(inside) < velocity < np.max(inside):
-        ax.axvline(velocity, linewidth=1, linestyle=":", **{"color": GREY, **look})
+        ax.axvline(velocity, linewidth=1, linestyle=":", **{"color": GREY, **style_of_line})
 
 
 def legend_below(figure: Figure, axes: Sequence[Axes], columns: int, first: Sequence[str] = ()):
     """One legend for all axes, labels of `first` first; in `columns`, or as many as the figure takes."""
-    found: dict[str, Any] = {}
+    handles: dict[str, Any] = {}
     for ax in axes:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
-            found.setdefault(label, handle)
-    found = {name: found[name] for name in first if name in found} | found
+            handles.setdefault(label, handle)
+    handles = {name: handles[name] for name in first if name in handles} | handles
     place = {"loc": "outside lower center", "frameon": False}
-    for count in range(max(min(columns, len(found)), 1), 0, -1):
-        legend = figure.legend(found.values(), found.keys(), ncols=count, **place)
+    for count in range(max(min(columns, len(handles)), 1), 0, -1):
+        legend = figure.legend(handles.values(), handles.keys(), ncols=count, **place)
         if count == 1 or legend.get_window_extent().width <= figure.bbox.width:
             return
         legend.remove()

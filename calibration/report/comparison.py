@@ -29,19 +29,19 @@ def comparison_text(
     """Terminal text of some `Comparison`s; `causes`: where those of warnings are found."""
     common = [n for n in comparisons[0].notes if all(n in other.notes for other in comparisons)]
     blocks = [Block("text", "\n".join([*common, *remarks, EXPLAINED]))]
-    for one in comparisons:
-        data, groups = one.data, len(one.data.groups)
+    for comparison in comparisons:
+        data, groups = comparison.data, len(comparison.data.groups)
         span = f"{number(min(data.velocity), 3)} to {number(max(data.velocity), 3)} m/s"
         together = f", {groups} groups, each left out together" if groups else ""
-        parameters, lines = parameter_table(one), list(_remarks(one, common))
+        parameters, lines = parameter_table(comparison), list(_remarks(comparison, common))
         blocks += [
             Block("text", f"{data.name}: {len(data)} points, {span}{together}"),
-            Block("table", ranking_table(one)),
+            Block("table", ranking_table(comparison)),
             *([] if parameters.empty else [Block("table", parameters)]),
             *([Block("text", "\n".join(lines))] if lines else []),
-            Block("warnings", _warnings(one)),
+            Block("warnings", _warnings(comparison)),
         ]
-    if any(entry.warnings for one in comparisons for entry in one.entries):
+    if any(entry.warnings for comparison in comparisons for entry in comparison.entries):
         blocks.append(Block("text", f"The causes of warnings are in {causes}."))
     return terminal(blocks)
 
@@ -71,9 +71,9 @@ def parameter_table(comparison: Any) -> pd.DataFrame:
         fit = entry.result.material()
         fitted = []
         for name, estimate in fit.parameters.items():
-            one = symbols.symbol(name, fit.model)
+            symbol = symbols.symbol(name, fit.model)
             if estimate.free:
-                fitted.append(f"{one.text} {estimate_text(estimate)} {one.unit}".rstrip())
+                fitted.append(f"{symbol.text} {estimate_text(estimate)} {symbol.unit}".rstrip())
         fitted += [f"{tree.size} numbers of {tree.name}" for tree in fit.trees]
         if fitted:
             rows.append({"law": entry.label, "fitted": ", ".join(fitted)})
@@ -83,7 +83,7 @@ def parameter_table(comparison: Any) -> pd.DataFrame:
 def comparison_json(comparisons: Sequence[Any], settings: Mapping[str, Any]) -> str:
     """JSON of some `Comparison`s; undefined numbers are null."""
     table = {
-        "comparisons": [_as_dict(one) for one in comparisons],
+        "comparisons": [_as_dict(comparison) for comparison in comparisons],
         "settings": dict(settings),
         "versions": comparisons[0].entries[0].result.versions,
     }
@@ -105,21 +105,21 @@ def _difference(delta: Any) -> str:
     return f"{_score(delta.value)} ± {_score(delta.standard_error)}" + " tie" * delta.is_tie
 
 
-def _remarks(one: Any, common: Sequence[str]) -> Iterable[str]:
+def _remarks(comparison: Any, common: Sequence[str]) -> Iterable[str]:
     """Notes on this data set alone, and laws with equal curves."""
-    yield from (note for note in one.notes if note not in common)
-    for first in one.ranking:
-        equal = [entry.label for entry in one.entries if entry.same_as == first]
+    yield from (note for note in comparison.notes if note not in common)
+    for first in comparison.ranking:
+        equal = [entry.label for entry in comparison.entries if entry.same_as == first]
         if equal:
             yield f"The same curve as {first}: {'; '.join(equal)}. They share its weight."
-    yield from (f"Left out: {why}." for why in one.left_out)
+    yield from (f"Left out: {why}." for why in comparison.left_out)
 
 
-def _warnings(one: Any) -> list[Item]:
+def _warnings(comparison: Any) -> list[Item]:
     """Each warning code once, with the laws that have it."""
     laws: dict[str, dict[str, None]] = {}
     advice = {}
-    for entry in one.entries:
+    for entry in comparison.entries:
         for warning in entry.warnings:
             laws.setdefault(warning.code, {})[entry.label] = None
             advice[warning.code] = symbols.written(_advice(warning))
@@ -131,15 +131,15 @@ def _advice(warning: Any) -> str:
     return warning.advice.replace(f" ({OTHER_LAWS})", "").replace(f" {OTHER_LAWS}.", "")
 
 
-def _as_dict(one: Any) -> dict[str, Any]:
+def _as_dict(comparison: Any) -> dict[str, Any]:
     return {
-        "material": one.data.name,
-        "n": len(one.data),
-        "groups": len(one.data.groups) or None,
-        "converged": one.converged,
-        "notes": list(one.notes),
-        "left_out": list(one.left_out),
-        "ranking": [_entry_dict(entry) for entry in one.entries],
+        "material": comparison.data.name,
+        "n": len(comparison.data),
+        "groups": len(comparison.data.groups) or None,
+        "converged": comparison.converged,
+        "notes": list(comparison.notes),
+        "left_out": list(comparison.left_out),
+        "ranking": [_entry_dict(entry) for entry in comparison.entries],
     }
 
 

@@ -237,11 +237,11 @@ def warning_items(warnings: Iterable[Any], result: Any) -> list[Item]:
     models = [fit.model for fit in result.materials]
     return [
         Item(
-            one.code,
-            f"{f' ({one.material})' if one.material else ''}: {symbols.written(one.cause, models)}.",
-            symbols.written(one.advice, models),
+            warning.code,
+            f"{f' ({warning.material})' if warning.material else ''}: {symbols.written(warning.cause, models)}.",
+            symbols.written(warning.advice, models),
         )
-        for one in warnings
+        for warning in warnings
     ]
 
 
@@ -256,13 +256,13 @@ def _sentence(result: Any) -> str:
     for fit in result.materials:
         values = []
         for name, estimate in fit.parameters.items():
-            one = symbols.symbol(name, fit.model)
+            symbol = symbols.symbol(name, fit.model)
             texts = estimate_text(estimate), interval_text(estimate)
             value, ends = (
-                text if text == ABSENT else f"{text} {one.unit}".rstrip() for text in texts
+                text if text == ABSENT else f"{text} {symbol.unit}".rstrip() for text in texts
             )
             value += f" ({level}{ends})" if ABSENT not in (value, ends) else ""
-            values += [f"{one.text} = {value}"] if estimate.free else []
+            values += [f"{symbol.text} = {value}"] if estimate.free else []
         values += [f"{tree.size} numbers of {tree.name}" for tree in fit.trees]
         owner = f"on {fit.name}: " if count == 1 else f"{fit.name}, "
         parts.append(owner + ", ".join([*values, f"rms {number(fit.rms)}"]))
@@ -290,11 +290,11 @@ def _estimates(
 ) -> Iterator[tuple[str, str, symbols.Symbol, str, Estimate]]:
     """Yield data set, parameter, symbol, label in the covariance, and estimate; pooled ones last."""
     for fit in result.materials:
-        every = {**fit.parameters, **fit.derived}
+        known = {**fit.parameters, **fit.derived}
         for name in (printed or {}).get(fit.name, {}):  # of the contact, from the bodies
-            if name not in every:
-                every[name] = Estimate(float(getattr(fit.contact, name)), method="computed")
-        for name, estimate in every.items():
+            if name not in known:
+                known[name] = Estimate(float(getattr(fit.contact, name)), method="computed")
+        for name, estimate in known.items():
             symbol = symbols.symbol(name, fit.model)
             yield fit.name, name, symbol, fit.labels.get(name, name), estimate
     for name, estimate in result.pooled.items():
@@ -374,7 +374,7 @@ def _quality_table(result: Any) -> pd.DataFrame:
             "P": (fit.probability, 3),
         }
         row = {"material": fit.name, "law": fit.model.label, "points": str(fit.n)}
-        row |= {name: number(*one) for name, one in numbers.items()}
+        row |= {name: number(*value_and_digits) for name, value_and_digits in numbers.items()}
         rows.append(row | {"converged": "yes" if fit.converged else "NO"})
     table = pd.DataFrame(rows)
     empty = [name for name in table if (table[name] == ABSENT).all()]
@@ -385,16 +385,18 @@ def _observed(result: Any) -> list[Block]:
     """Goodness of fit of observables other than ε; no block if none was measured."""
     rows, remarks = [], []
     for fit in result.materials:
-        for name, one in fit.observed.items():
+        for name, goodness in fit.observed.items():
             what, data = OBSERVABLES[name], next(o for o in fit.data.observed if o.name == name)
             row = {
                 "material": fit.name,
                 "observable": f"{name.replace('_', ' ')} {what.symbol}",
                 "points": str(len(data)),
-                "rms [%]": number(100 * one.rms, 3),
-                "scatter [%]": "stated" if one.noise is None else number(100 * one.noise, 3),
+                "rms [%]": number(100 * goodness.rms, 3),
+                "scatter [%]": "stated"
+                if goodness.noise is None
+                else number(100 * goodness.noise, 3),
             }
-            chi_squared = one.reduced_chi_squared
+            chi_squared = goodness.reduced_chi_squared
             rows.append(row | {"χ²/dof": "" if chi_squared is None else number(chi_squared, 3)})
             remarks.append(what.words)
     remarks = sorted({*remarks})
@@ -412,14 +414,14 @@ def _group_offsets(result: Any) -> list[Block]:
     """The largest offsets of groups, in a table; no block without groups."""
     rows, several = [], len(result.materials) > 1
     for fit in result.materials:
-        for name, one in {RESTITUTION: fit, **fit.observed}.items():
+        for name, goodness in {RESTITUTION: fit, **fit.observed}.items():
             owner = {"material": fit.name} if several else {}
             what = "ε" if name == RESTITUTION else f"{OBSERVABLES[name].symbol} [relative]"
-            for label, (offset, error) in list(one.group_offsets.items())[:MOST_GROUPS]:
+            for label, (offset, error) in list(goodness.group_offsets.items())[:MOST_GROUPS]:
                 rows.append(
                     owner | {"group": label, "of": what, "offset": with_error(offset, error)}
                 )
-            if (more := len(one.group_offsets) - MOST_GROUPS) > 0:
+            if (more := len(goodness.group_offsets) - MOST_GROUPS) > 0:
                 rows.append(owner | {"group": f"{more} smaller ones in fit.json", "of": what})
     if not rows:
         return []
@@ -436,22 +438,22 @@ def _outliers(result: Any) -> list[str]:
     """The largest outliers, and a line about misfit if there are many."""
     lines: list[str] = []
     for fit in result.materials:
-        outliers = sorted(fit.outliers, key=lambda one: -abs(one.residual))
+        outliers = sorted(fit.outliers, key=lambda outlier: -abs(outlier.residual))
         owner = f", {fit.name}" if len(result.materials) > 1 else ""
-        count = fit.n + sum(len(one) for one in fit.data.observed)
+        count = fit.n + sum(len(outlier) for outlier in fit.data.observed)
         if len(outliers) > max(MISFIT * count, 3):
             lines.append(
                 f"misfit{owner}: noise does not explain {len(outliers)} of {count} points: "
                 "the law or the stated errors are wrong"
             )
         lines += [
-            f"outlier{owner}: {one}{_heights(one, fit.data.fall)}"
-            for one in outliers[:MOST_OUTLIERS]
+            f"outlier{owner}: {outlier}{_heights(outlier, fit.data.fall)}"
+            for outlier in outliers[:MOST_OUTLIERS]
         ]
         more = len(outliers) - MOST_OUTLIERS
         lines += [f"outlier{owner}: {more} more in fit.json"] if more > 0 else []
-    every = [e for fit in result.materials for e in fit.parameters.values()]
-    return [*lines, NOT_JUDGED] if any(e.skewed is None for e in every) else lines
+    parameters = [e for fit in result.materials for e in fit.parameters.values()]
+    return [*lines, NOT_JUDGED] if any(e.skewed is None for e in parameters) else lines
 
 
 def _heights(outlier: Any, fall: Any) -> str:
@@ -486,8 +488,8 @@ def _bodies(data: Any) -> Iterator[tuple[Any, ...]]:
         effective = [pair[name] for name in ("radius", "mass", "youngs_modulus")]
         yield "the pair, effective", *effective, None, None, pair["yield_strength"]
     else:
-        one, two = data.bodies
-        equal = one.material == two.material and np.array_equal(one.radius, two.radius)
+        first, second = data.bodies
+        equal = first.material == second.material and np.array_equal(first.radius, second.radius)
         for body in data.bodies[: 1 if equal else 2]:
             of, mass = body.material.leaves(), None
             if body.radius is not None:
@@ -519,8 +521,8 @@ def _stated(result: Any) -> list[str]:
     texts = []
     parameters_of = stated_parameters(result.request.parameters, result.request.datasets)
     for fit, parameters in zip(result.materials, parameters_of, strict=True):
-        for name, one in parameters.items():
-            if isinstance(one, Parameter) and (words := _stated_words(one)):
+        for name, parameter in parameters.items():
+            if isinstance(parameter, Parameter) and (words := _stated_words(parameter)):
                 symbol = symbols.text(fit.model.canonical(name), fit.model)
                 texts.append((f"{symbol}: {words}", fit.name))
     return _with_owners(result, texts, "{text} ({names})")
@@ -551,9 +553,9 @@ def _with_owners(result: Any, texts: Iterable[tuple[str, str]], form: str) -> li
     owners: dict[str, list[str]] = {}
     for text, name in texts:
         owners.setdefault(text, []).append(name)
-    every = len(result.materials)
+    count = len(result.materials)
     return [
-        text if len(names) == every else form.format(text=text, names=", ".join(names))
+        text if len(names) == count else form.format(text=text, names=", ".join(names))
         for text, names in owners.items()
     ]
 
@@ -622,7 +624,7 @@ def _settings(result: Any) -> str:
 
 def _searches(result: Any) -> Block:
     """Evaluations, seconds, final gradient and stop reason of each search; only sums if they are many."""
-    stages, every = result.optimiser_report, len(result.materials)
+    stages, count = result.optimiser_report, len(result.materials)
     if len(stages) > MOST_SEARCHES:
         seconds = sum(result.times.get(stage.label, 0.0) for stage in stages)
         evaluations = sum(stage.evaluations for stage in stages)
@@ -630,20 +632,20 @@ def _searches(result: Any) -> Block:
         return Block("text", text)
     rows = [
         {
-            "material": "all" if 1 < len(one.materials) == every else ", ".join(one.materials),
-            "stage": one.stage,
-            "optimiser": one.optimiser,
-            "route": one.route,
-            "starts": str(one.starts),
-            "evaluations": str(one.evaluations),
-            "seconds": number(result.times.get(one.label), 2),
-            "gradient": number(one.gradient_norm, 1),
-            "stop reason": one.reason,
+            "material": "all" if 1 < len(stage.materials) == count else ", ".join(stage.materials),
+            "stage": stage.stage,
+            "optimiser": stage.optimiser,
+            "route": stage.route,
+            "starts": str(stage.starts),
+            "evaluations": str(stage.evaluations),
+            "seconds": number(result.times.get(stage.label), 2),
+            "gradient": number(stage.gradient_norm, 1),
+            "stop reason": stage.reason,
         }
-        for one in stages
+        for stage in stages
     ]
     table = pd.DataFrame(rows)
-    if len({one.optimiser for one in stages}) == 1:  # then the line of settings names it
+    if len({stage.optimiser for stage in stages}) == 1:  # then the line of settings names it
         table = table.drop(columns="optimiser")
     return Block("table", table)
 
@@ -653,8 +655,8 @@ def _posterior(draws: Any, result: Any) -> list[Block]:
     from calibration.fitting.posterior.diagnostics import not_converged, summaries
     from calibration.fitting.posterior.draws import dataset_of
 
-    found, failed = summaries(draws, result.confidence), not_converged(draws)
-    names = {name: symbols.of_label(name, result) for name in found}
+    by_parameter, failed = summaries(draws, result.confidence), not_converged(draws)
+    names = {name: symbols.of_label(name, result) for name in by_parameter}
     posterior = dataset_of(draws, "posterior")
     sizes, about = posterior.sizes, posterior.attrs
     how = (
@@ -665,21 +667,23 @@ def _posterior(draws: Any, result: Any) -> list[Block]:
     )
     rows = [
         {
-            "parameter": names[name] + (f" [{one.unit}]" if one.unit else ""),
-            "mean ± std. deviation": with_error(one.mean, one.deviation),
-            f"{100 * result.confidence:g} % interval": interval(one.low, one.high, one.deviation),
-            "R-hat": f"{one.r_hat:.3f}",
-            "ESS": f"{one.effective:.0f}",
-            "posterior/prior width": number(one.prior_share, 2),
-            "prior": one.prior or "derived",
+            "parameter": names[name] + (f" [{summary.unit}]" if summary.unit else ""),
+            "mean ± std. deviation": with_error(summary.mean, summary.deviation),
+            f"{100 * result.confidence:g} % interval": interval(
+                summary.low, summary.high, summary.deviation
+            ),
+            "R-hat": f"{summary.r_hat:.3f}",
+            "ESS": f"{summary.effective:.0f}",
+            "posterior/prior width": number(summary.prior_share, 2),
+            "prior": summary.prior or "derived",
         }
-        for name, one in found.items()
+        for name, summary in by_parameter.items()
     ]
     return [
         Block("heading", "Posterior"),
         Block("text", how),
         Block("table", pd.DataFrame(rows)),
-        Block("list", [failed] if failed else _determined(found, names)),
+        Block("list", [failed] if failed else _determined(by_parameter, names)),
     ]
 
 
@@ -690,17 +694,21 @@ def _warnings_of_draws(draws: Any, result: Any) -> list[Item]:
     return [item._replace(text=f" (posterior){item.text}") for item in items]
 
 
-def _determined(found: Mapping[str, Any], names: Mapping[str, str]) -> list[str]:
+def _determined(summaries: Mapping[str, Any], names: Mapping[str, str]) -> list[str]:
     """Sentences on which parameters the data determine, and which follow the prior."""
     from calibration.fitting.posterior.diagnostics import FOLLOWS
 
     kinds: dict[str, list[str]] = {"determine": [], "narrow": [], "do not determine": []}
     wide = {
-        name: share for name, one in found.items() if (share := one.prior_share or 0) > DETERMINED
+        name: share
+        for name, summary in summaries.items()
+        if (share := summary.prior_share or 0) > DETERMINED
     }
-    for name, one in found.items():
+    for name, summary in summaries.items():
         if name not in wide:
-            kinds["determine"].append(f"{names[name]} = {with_error(one.mean, one.deviation)}")
+            kinds["determine"].append(
+                f"{names[name]} = {with_error(summary.mean, summary.deviation)}"
+            )
         else:
             share = f"{100 * wide[name]:.0f} % of its prior's width left"
             kind = "narrow" if wide[name] <= FOLLOWS else "do not determine"

@@ -65,17 +65,19 @@ def page(blocks: Sequence[Block], folder: Path | None = None) -> str:
     def embedded(name: str) -> tuple[int, str]:
         """Least width [pixels], and the file in base 64."""
         png = (folder / name).read_bytes()  # type: ignore[operator]
-        least = int(LEAST * int.from_bytes(png[16:20], "big"))
-        return least, base64.b64encode(png).decode("ascii")
+        least_width = int(LEAST * int.from_bytes(png[16:20], "big"))
+        return least_width, base64.b64encode(png).decode("ascii")
 
-    whole = folder is not None
-    return _template("report.html").render(blocks=blocks, whole=whole, embedded=embedded)
+    is_full_page = folder is not None
+    return _template("report.html").render(
+        blocks=blocks, is_full_page=is_full_page, embedded=embedded
+    )
 
 
 def table_text(table: pd.DataFrame) -> str:
     """A table for a terminal, numbers on a common edge; a cell a line if the terminal is narrower."""
-    look: dict[str, Any] = {"show_edge": False, "pad_edge": False, "padding": (0, 1, 0, 0)}
-    shown = Table(box=box.SIMPLE_HEAD, header_style="", **look)
+    layout: dict[str, Any] = {"show_edge": False, "pad_edge": False, "padding": (0, 1, 0, 0)}
+    shown = Table(box=box.SIMPLE_HEAD, header_style="", **layout)
     cells = [[printable(str(cell)) for cell in row] for row in table.itertuples(index=False)]
     for name, column in zip(table.columns, zip(*cells, strict=True), strict=False):
         side: Any = "right" if _are_numbers(column) else "left"
@@ -103,7 +105,10 @@ def _lines(block: Block) -> list[str]:
     if kind == "table":
         return [table_text(value)]
     if kind in ("list", "warnings"):
-        texts = [one if isinstance(one, str) else f"{one[0]}{one[1]} {one[2]}" for one in value]
+        texts = [
+            entry if isinstance(entry, str) else f"{entry[0]}{entry[1]} {entry[2]}"
+            for entry in value
+        ]
         mark = "  ! " if kind == "warnings" else "  "
         lines = console.wrapped(map(printable, texts), mark, "    ")
         head = ["Warnings:" if lines else "No warnings."] if kind == "warnings" else []

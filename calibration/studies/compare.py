@@ -131,9 +131,9 @@ class Entry:
 
     def ahead_of(self, other: "Entry") -> tuple[Difference, Float[np.ndarray, "n"]]:
         """elpd less that of another law, in all and of each point."""
-        one, two = self.leave_one_out, other.leave_one_out
-        apart = one.log_density - two.log_density
-        return Difference(float(np.sum(apart)), one.error_of_sum(apart)), apart
+        first, second = self.leave_one_out, other.leave_one_out
+        differences = first.log_density - second.log_density
+        return Difference(float(np.sum(differences)), first.error_of_sum(differences)), differences
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,27 +226,35 @@ def compare(
         raise data.refusal(f"{len(data)} points", f"a comparison needs {FEWEST} or more")
     candidates, left_out = _chosen(laws, parameters), []
     if laws is None and data.contact is None:
-        candidates = [one for one in candidates if one.key in WITHOUT_CONTACT]
+        candidates = [candidate for candidate in candidates if candidate.key in WITHOUT_CONTACT]
         left_out.append(
             "without elastic properties no law of the contact of two bodies can be fitted"
         )
         if data.limit_velocity is None:
-            candidates = [one for one in candidates if one.key != "eq-17"]
+            candidates = [candidate for candidate in candidates if candidate.key != "eq-17"]
             left_out.append("without a limit velocity Eq. (17) cannot be fitted either")
     entries = []
-    for one in watch(candidates, printable(data.name)):
-        own = {n: v for n, v in options.items() if one.key in LAW_OPTIONS.get(n, (one.key,))}
-        refit = partial(fit, data, one.law, one.stated, unloading_line=None, **own)
+    for candidate in watch(candidates, printable(data.name)):
+        applicable = {
+            n: v
+            for n, v in options.items()
+            if candidate.key in LAW_OPTIONS.get(n, (candidate.key,))
+        }
+        refit = partial(
+            fit, data, candidate.law, candidate.stated, unloading_line=None, **applicable
+        )
         try:
             result = refit(profiles=False)
             if any(estimate.skewed for estimate in result.estimates.values()):
                 result = refit()  # no ± describes it
             left = result.leave_one_out()
-            entries.append(Entry(one.key, one.label, one.remark, result, left))
+            entries.append(Entry(candidate.key, candidate.label, candidate.remark, result, left))
         except (DataError, InputError) as error:
             if laws is not None:
-                raise data.refusal(f"{one.label}: {error}", "another law is needed") from error
-            left_out.append(f"{one.label}: {error}")
+                raise data.refusal(
+                    f"{candidate.label}: {error}", "another law is needed"
+                ) from error
+            left_out.append(f"{candidate.label}: {error}")
     if not entries:
         raise data.refusal("no law can be fitted", "; ".join(left_out))
     ranked = _ranked(entries)
@@ -254,7 +262,7 @@ def compare(
     notes = [*data.notes, *([EXACT.format(" and ".join(exact))] if exact else [])]
     if not all(entry.leave_one_out.exact for entry in ranked):
         notes.append(TO_FIRST_ORDER)
-    notes += _noise_and_lead(data, [one for one in ranked if not one.is_exact])
+    notes += _noise_and_lead(data, [candidate for candidate in ranked if not candidate.is_exact])
     return Comparison(data, ranked, tuple(left_out), tuple(notes))
 
 
@@ -268,21 +276,21 @@ def _noise_and_lead(data: RestitutionData, scored: Sequence[Entry]) -> Iterator[
     dof = material.noise_dof
     family = "normal errors" if dof is None else f"Student's t of {dof:.3g} degrees of freedom"
     sizes = listed(ERRORS[kind] for kind in ERRORS if kind in estimated)
-    found = f"; {sizes} estimated for each law" if estimated else ""
-    yield f"Noise of every fit: {sources}, {family}{found}."
-    best, *others = [one for one in scored if one.same_as is None]
+    estimates = f"; {sizes} estimated for each law" if estimated else ""
+    yield f"Noise of every fit: {sources}, {family}{estimates}."
+    best, *others = [entry for entry in scored if entry.same_as is None]
     if not others:
         return
     second = others[0]
-    ahead, apart = best.ahead_of(second)
+    ahead, differences = best.ahead_of(second)
     by = f"{ahead.value:.2g} ± {ahead.standard_error:.2g} in elpd"
     if ahead.is_tie:
         yield f"The data do not decide between {best.label} and {second.label}, {by} behind."
         return
-    wins = f"it predicts {int(np.sum(apart > 0))} of {len(apart)} points better"
-    if len(apart) == len(data):  # ε of each impact, and nothing else
-        most = data.velocity[np.argsort(-apart)[: max(len(apart) // 5, 1)]]
-        wins += f", most at {np.min(most):.3g} to {np.max(most):.3g} m/s"
+    wins = f"it predicts {int(np.sum(differences > 0))} of {len(differences)} points better"
+    if len(differences) == len(data):  # ε of each impact, and nothing else
+        best_velocities = data.velocity[np.argsort(-differences)[: max(len(differences) // 5, 1)]]
+        wins += f", most at {np.min(best_velocities):.3g} to {np.max(best_velocities):.3g} m/s"
     yield f"{best.label} is best: ahead of {second.label} by {by}; {wins}."
 
 
@@ -292,21 +300,31 @@ def _chosen(laws: Any, parameters: Mapping[str, Any] | None) -> list[Candidate]:
     if not isinstance(stated, Mapping) or not all(isinstance(p, Mapping) for p in stated.values()):
         raise DataError("parameters", parameters, "a mapping from laws to mappings of theirs")
     if laws is None:
-        found = list(BUILT_IN.values())
+        candidates = list(BUILT_IN.values())
     elif isinstance(laws, Mapping):
-        found = [_candidate(law)._replace(label=str(label)) for label, law in laws.items()]
+        candidates = [_candidate(law)._replace(label=str(label)) for label, law in laws.items()]
     else:
         alone = isinstance(laws, str | type) or callable(laws) or not isinstance(laws, Iterable)
-        found = [_candidate(law) for law in ([laws] if alone else laws)]
-    labels = [one.label for one in found]
+        candidates = [_candidate(law) for law in ([laws] if alone else laws)]
+    labels = [candidate.label for candidate in candidates]
     if not labels:
         raise DataError("laws", "empty", f"one law or more, such as {listed(BUILT_IN)}")
     for twice in (label for label in labels if labels.count(label) > 1):
         raise DataError("laws", f"twice {twice}", "laws of different labels, as {label: law}")
-    for unknown in (name for name in stated if name not in {one.key for one in found} | {*labels}):
+    for unknown in (
+        name
+        for name in stated
+        if name not in {candidate.key for candidate in candidates} | {*labels}
+    ):
         raise DataError(f"parameters[{unknown!r}]", "of no law compared", f"of {listed(labels)}")
-    every = ((one, stated.get(one.key, {}), stated.get(one.label, {})) for one in found)
-    return [one._replace(stated={**one.stated, **by_key, **own}) for one, by_key, own in every]
+    stated_of = (
+        (candidate, stated.get(candidate.key, {}), stated.get(candidate.label, {}))
+        for candidate in candidates
+    )
+    return [
+        candidate._replace(stated={**candidate.stated, **by_key, **by_label})
+        for candidate, by_key, by_label in stated_of
+    ]
 
 
 def _candidate(law: Any) -> Candidate:
@@ -321,26 +339,26 @@ def _candidate(law: Any) -> Candidate:
 
 def _ranked(entries: list[Entry]) -> tuple[Entry, ...]:
     """Entries sorted by falling elpd, with difference to the best and weight; exact ones first."""
-    exact = [one for one in entries if one.is_exact]
+    exact = [entry for entry in entries if entry.is_exact]
     others: list[Entry] = []
-    for one in (one for one in entries if not one.is_exact):
-        predicted = one.leave_one_out.predicted
+    for entry in (entry for entry in entries if not entry.is_exact):
+        predicted = entry.leave_one_out.predicted
         equals = (
             other.label
             for other in others
             if other.same_as is None
             and np.max(np.abs(predicted - other.leave_one_out.predicted)) < SAME_CURVE
         )
-        others.append(replace(one, same_as=next(equals, None)))
+        others.append(replace(entry, same_as=next(equals, None)))
     if not others:
         return tuple(exact)
-    scores = {one.label: one.leave_one_out.elpd for one in others}
+    scores = {entry.label: entry.leave_one_out.elpd for entry in others}
     # laws of one curve differ by rounding, and stay in the order in which they were requested
-    order = sorted(others, key=lambda one: -scores[one.same_as or one.label])
-    weights = stacking_weights(np.stack([one.leave_one_out.log_density for one in order]))
+    order = sorted(others, key=lambda entry: -scores[entry.same_as or entry.label])
+    weights = stacking_weights(np.stack([entry.leave_one_out.log_density for entry in order]))
     ranked = (
-        replace(one, delta_elpd=one.ahead_of(order[0])[0], weight=float(weight))
-        for one, weight in zip(order, weights, strict=True)
+        replace(entry, delta_elpd=entry.ahead_of(order[0])[0], weight=float(weight))
+        for entry, weight in zip(order, weights, strict=True)
     )
     return (*exact, *ranked)
 

@@ -123,7 +123,7 @@ def coverage_study(
     check_whole("sets", sets, 1)
     check_whole("seed", seed, 0)
     checked_confidence(confidence)
-    return [_study(one, sets, (seed, k), confidence, progress) for k, one in enumerate(cases)]
+    return [_study(case, sets, (seed, k), confidence, progress) for k, case in enumerate(cases)]
 
 
 def _study(case: CoverageCase, sets: int, seed, confidence: float, progress: Any) -> Coverage:
@@ -136,8 +136,8 @@ def _study(case: CoverageCase, sets: int, seed, confidence: float, progress: Any
     for k in range(sets):
         result = case.fit(case.data(np.random.default_rng((*seed, k))), confidence=confidence)
         converged += result.converged
-        every = (result.estimates[name] for name in truth)
-        rows.append([(e.value, e.standard_error, e.low, e.high) for e in every])
+        estimates = (result.estimates[name] for name in truth)
+        rows.append([(e.value, e.standard_error, e.low, e.high) for e in estimates])
         if progress is not None:
             progress(case.name, k + 1, sets)
     x, errors, low, high = np.array(rows, float).transpose(2, 1, 0)  # None becomes NaN
@@ -149,7 +149,9 @@ def _study(case: CoverageCase, sets: int, seed, confidence: float, progress: Any
         warnings.simplefilter("ignore", RuntimeWarning)  # of a parameter that no set determines
         covered, error = np.nanmean(inside, axis=1), np.nanmean(errors**2, axis=1) ** 0.5
         spread, bias = np.nanstd(known, axis=1), np.nanmean(known - true, axis=1) / error
-    x, errors, low, high = (dict(zip(truth, one, strict=True)) for one in (x, errors, low, high))
-    found = covered, np.mean(is_open, axis=1), spread, error, error / spread, bias
-    shares = (dict(zip(truth, one.tolist(), strict=True)) for one in found)
+    x, errors, low, high = (
+        dict(zip(truth, column, strict=True)) for column in (x, errors, low, high)
+    )
+    statistics = covered, np.mean(is_open, axis=1), spread, error, error / spread, bias
+    shares = (dict(zip(truth, column.tolist(), strict=True)) for column in statistics)
     return Coverage(case.name, truth, x, errors, low, high, converged / sets, *shares)

@@ -80,12 +80,12 @@ class OfBodies:
 
     def __call__(self, values: Mapping[str, Any]) -> sj.ContactLaw:
         ends, names = BODIES[self.bodies], declarations(sj.Material)
-        one, two = (sj.Material(*(values[name + end] for name in names)) for end in ends)
+        first, second = (sj.Material(*(values[name + end] for name in names)) for end in ends)
         if self.bodies == "wall":
-            contact = sj.Contact.with_wall(one, two, values["radius"], area=self.area)
+            contact = sj.Contact.with_wall(first, second, values["radius"], area=self.area)
         else:
             radius_1, radius_2 = (values.get(f"radius_{k}", values.get("radius")) for k in (1, 2))
-            contact = sj.Contact.between_spheres(one, two, radius_1, radius_2, area=self.area)
+            contact = sj.Contact.between_spheres(first, second, radius_1, radius_2, area=self.area)
         fields = {name: values[name] for name in declarations(self.law)}  # type: ignore[arg-type]
         return self.law(contact=contact, **fields, **dict(self.options))
 
@@ -162,8 +162,8 @@ def of_law(law: sj.ContactLaw) -> Inputs:
 def as_inputs(inputs: Inputs | sj.ContactLaw | FitResult, material: str | None = None) -> Inputs:
     """Inputs as they are, or those of a law, or of the law of one of a fit's materials."""
     if isinstance(inputs, FitResult):
-        one = inputs.material(material)
-        return _as_fitted(of_law(one.law), one)
+        fit = inputs.material(material)
+        return _as_fitted(of_law(fit.law), fit)
     if material is not None:
         raise DataError("material", material, "left out, or given with a FitResult")
     if isinstance(inputs, sj.ContactLaw):
@@ -183,9 +183,9 @@ def inputs_of(source: Any) -> Inputs:
         build = OfBodies(source.bodies, type(law), contact.area, options)
         by_bodies = Inputs(source.properties | fields, build)
         made = by_bodies.law().contact  # type: ignore[attr-defined]
-        one, other = (list(each.leaves().values()) for each in (contact, made))
+        of_contact, of_bodies = (list(each.leaves().values()) for each in (contact, made))
         # a fit may have changed the bodies' properties
-        inputs = by_bodies if np.allclose(one, other, rtol=1e-9, atol=0) else inputs
+        inputs = by_bodies if np.allclose(of_contact, of_bodies, rtol=1e-9, atol=0) else inputs
     fit = source.result
     return inputs if fit is None else _as_fitted(inputs, fit.material(source.name))
 
@@ -255,7 +255,7 @@ class Ranges:
         """Lines on the assumption, and on the inputs that are not varied."""
         lines = [f"Assumed: {self.assumed}."]
         for why in dict.fromkeys(self.left_out.values()):
-            names = [name for name, one in self.left_out.items() if one == why]
+            names = [name for name, reason in self.left_out.items() if reason == why]
             pairs = [(inputs.declared(name).symbol, name) for name in names]
             shown = listed(
                 name if symbol == name else f"{symbol} ({name})" for symbol, name in pairs

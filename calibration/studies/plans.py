@@ -131,8 +131,8 @@ class Plan:
         """Information of each shot, (n, p, p), and u(ε); what is 0, as without rebound, adds none."""
         error = self.uncertainty
         if error is None:
-            every = further_variances(self.material, velocity, lambda v: self.slopes(v)[0])
-            error = np.sqrt(sum(every.values()))
+            variances = further_variances(self.material, velocity, lambda v: self.slopes(v)[0])
+            error = np.sqrt(sum(variances.values()))
         total: Any = 0.0
         for name, u in {RESTITUTION: error, **self.sensors}.items():
             value, slope = self.slopes(velocity, name)
@@ -149,20 +149,25 @@ class Plan:
         more = f": the {whose} of {', '.join(targets)} may be larger"
         confidence = f"the fit's {100 * self.result.confidence:g} % interval of"
         for name in targets:
-            one = self.result.estimates.get(name)
-            if one is None or one.low is None or one.high is None:
+            estimate = self.result.estimates.get(name)
+            if estimate is None or estimate.low is None or estimate.high is None:
                 continue
-            more += f"; {confidence} {name} is {number(one.low, 4)} to {number(one.high, 4)}"
-            if one.value:
-                parts = (f"{100 * (end / one.value - 1):+.2g} %" for end in (one.low, one.high))
+            more += (
+                f"; {confidence} {name} is {number(estimate.low, 4)} to {number(estimate.high, 4)}"
+            )
+            if estimate.value:
+                parts = (
+                    f"{100 * (end / estimate.value - 1):+.2g} %"
+                    for end in (estimate.low, estimate.high)
+                )
                 more += f" ({' to '.join(parts)})"
-        found, fit = [], self.result.material(self.material.name)
+        sentences, fit = [], self.result.material(self.material.name)
         for name in (name for name in fit.free if name not in self.material.free):
-            one, why = fit.parameters.get(name), "is not determined"
-            if one is not None and one.at_bound and one.value is not None:
-                why = f"is at its bound {number(one.value, 4)}"
-            found.append(f"{name} {why} and is taken as known{more}")
-        return tuple(found)
+            estimate, why = fit.parameters.get(name), "is not determined"
+            if estimate is not None and estimate.at_bound and estimate.value is not None:
+                why = f"is at its bound {number(estimate.value, 4)}"
+            sentences.append(f"{name} {why} and is taken as known{more}")
+        return tuple(sentences)
 
 
 def plan_of(
@@ -207,8 +212,8 @@ def plan_of(
             v, u = checked_impacts(v, u, "measured")
             plan = _of_law(law, np.append(v, reach), parameters or {}, route, sized)
             if v.size:
-                there = replace(plan, uncertainty=u).shots(v)[0]
-                plan = replace(plan, before=plan.before + np.sum(there, axis=0))
+                measured_information = replace(plan, uncertainty=u).shots(v)[0]
+                plan = replace(plan, before=plan.before + np.sum(measured_information, axis=0))
     contact = plan.material.data.contact
     if contact is not None and any(map(np.ndim, contact.leaves().values())):
         raise DataError("contact", "other for each impact", "one for all impacts")
@@ -228,15 +233,15 @@ def checked_impacts(velocity: ArrayLike, uncertainty: ArrayLike, name: str):
     return v, np.broadcast_to(u, v.shape)
 
 
-def _of_law(law: Any, every: Column, parameters, route: Route, sensors) -> Plan:
+def _of_law(law: Any, velocity: Column, parameters, route: Route, sensors) -> Plan:
     """Parameters as `fit` would take them, of data that have no values yet."""
     for name, value in numbers_of(law).items():
         if np.ndim(value):
             raise DataError(name, f"of shape {np.shape(value)}", "a single number")
-    contact, one = getattr(law, "contact", None), np.ones(len(every))
+    contact, one = getattr(law, "contact", None), np.ones(len(velocity))
     columns: dict[str, Any] = {name.replace("residual_", ""): one for name in sensors}
     columns["limit_velocity"] = None if contact else getattr(law, "limit_velocity", None)
-    data = RestitutionData(every, one / 2, contact, name="plan", plausibility=False, **columns)
+    data = RestitutionData(velocity, one / 2, contact, name="plan", plausibility=False, **columns)
     stated: dict[str, Any] = dict(parameters)
     for name, value in parameters.items():
         is_held = isinstance(value, Parameter) and not value.free and value.value is None
@@ -316,11 +321,11 @@ def covariance_of(information: Matrices) -> Matrices:
 def errors_of(information: Matrices, aims: Mapping[str, np.ndarray]) -> Errors:
     """Standard errors of aim · ln θ, over several laws root mean squares; None: not determined."""
     covariance = covariance_of(information)
-    found = {
+    errors = {
         name: float(np.sqrt(np.mean(np.einsum("...i,...ij,...j->...", aim, covariance, aim))))
         for name, aim in aims.items()
     }
-    return {name: error if error <= NO_BOUND else None for name, error in found.items()}
+    return {name: error if error <= NO_BOUND else None for name, error in errors.items()}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -351,8 +356,8 @@ class Planned:
     @property
     def _range(self) -> str:
         """ "0.5 to 6 m/s, standard uncertainty of ε 0.01 to 0.02"."""
-        every = self.velocity, self.uncertainty
-        low, high = ([f"{of(x):.3g}" for x in every] for of in (np.min, np.max))
+        columns = self.velocity, self.uncertainty
+        low, high = ([f"{of(x):.3g}" for x in columns] for of in (np.min, np.max))
         v, u = (a if a == b else f"{a} to {b}" for a, b in zip(low, high, strict=True))
         return f"{v} m/s, standard uncertainty of ε {u}"
 
@@ -457,7 +462,9 @@ def _sentence(symbols: Sequence[str], direction: np.ndarray, error: float, facto
     exponents, decimals = np.where(np.abs(direction) > TAKES_PART, direction, 0.0).round(2), 2
     if error < UNDETERMINED:
         tries = [(exponents, 2), *((direction.round(k), k) for k in range(2, 9))]
-        enough = (one for one in tries if np.linalg.norm(factor @ one[0]) < ROUNDED * error)
+        enough = (
+            attempt for attempt in tries if np.linalg.norm(factor @ attempt[0]) < ROUNDED * error
+        )
         exponents, decimals = next(enough, tries[-1])
     powers = {s: float(x) for s, x in zip(symbols, exponents, strict=True) if x}
     product = " · ".join(s if x == 1 else f"{s}^{x:.{decimals}f}" for s, x in powers.items())
@@ -582,8 +589,8 @@ class Design(Planned):
     @property
     def support(self) -> list[tuple[float, int]]:
         """(velocity [m/s], number of shots there): shots within a percent taken together."""
-        apart = np.flatnonzero(self.velocity[1:] > self.velocity[:-1] * (1 + TOGETHER)) + 1
-        groups = np.split(self.velocity, apart)
+        breaks = np.flatnonzero(self.velocity[1:] > self.velocity[:-1] * (1 + TOGETHER)) + 1
+        groups = np.split(self.velocity, breaks)
         return [(float(np.mean(group)), len(group)) for group in groups]
 
     def to_dict(self) -> dict[str, Any]:
@@ -599,19 +606,19 @@ class Design(Planned):
             at = int(np.argmin(np.abs(self.velocity - v)))
             expected = f"ε = {self.coefficient[at]:.3f} ± {self.uncertainty[at]:.2g}"
             shots.append(f"{n} at {v:.4g} m/s ({expected})")
-        here, now, even = ("not determined" if e is None else f"{e:.3g}" for e in self.minimised)
+        after, now, even = ("not determined" if e is None else f"{e:.3g}" for e in self.minimised)
         text = f"Best shots: {', '.join(shots)}."
-        reached = f"The {self.criterion_in_words} (criterion {self.criterion}) will be {here}; "
+        reached = f"The {self.criterion_in_words} (criterion {self.criterion}) will be {after}; "
         reached += f"it is {now} now, and " if self.before else "it "
         reached += f"would be {even} with shots equally spaced."
         # of a variance, rounded up
         better = math.ceil(1000 * (1 - math.sqrt(self.efficiency)) - 1e-6) / 10
         reached += f" No {len(self.velocity)} shots make it more than {better:.1f} % smaller."
         low, high = self.bounds
-        sought = f"Sought from {low:.4g} to {high:.4g} m/s; planned {self._range}."
+        searched = f"Sought from {low:.4g} to {high:.4g} m/s; planned {self._range}."
         lone = [ONE_VELOCITY] if len(self.support) == 1 else []
         sensed = self._sensed(self.relative_errors)
-        return "\n".join([text, reached, *lone, sought, *sensed, *self.taken_as_known])
+        return "\n".join([text, reached, *lone, searched, *sensed, *self.taken_as_known])
 
 
 @dataclass(frozen=True, eq=False)
@@ -650,7 +657,7 @@ class Criterion:
             if best >= begun - BETTER:
                 return np.sort(places), best
 
-    def least(self, shots: Matrices, count: int) -> float:
+    def lower_bound(self, shots: Matrices, count: int) -> float:
         """A value that no design of `count` of these shots is below.
 
         With W = C L C / tr(L C) (D: C/p), 1/tr(L C) and its like are concave in A. So whatever the
@@ -662,10 +669,10 @@ class Criterion:
         Experiments (2006), chapter 5.
         """
         before = self.before + ALMOST_NOTHING * np.eye(self.before.shape[-1])
-        share, least = np.full(shots.shape[1], 1 / shots.shape[1]), -np.inf
+        share, bound = np.full(shots.shape[1], 1 / shots.shape[1]), -np.inf
         for _ in range(MOVES):
-            there = self.before + count * np.einsum("k,lkij->lij", share, shots)
-            weight = covariance_of(there)
+            information = self.before + count * np.einsum("k,lkij->lij", share, shots)
+            weight = covariance_of(information)
             if self.weight is None:
                 weight = weight / weight.shape[-1]
             else:
@@ -674,10 +681,10 @@ class Criterion:
             first = np.einsum("lij,lij->l", weight, before)
             each = np.einsum("lkij,lij->lk", shots, weight)
             factor = np.mean(first[:, None] + count * each, axis=0)
-            least = max(least, float(self.value(there)) - math.log(np.max(factor)))
+            bound = max(bound, float(self.value(information)) - math.log(np.max(factor)))
             share = share * (factor if self.weight is None else np.sqrt(factor))
             share = share / np.sum(share)
-        return least
+        return bound
 
 
 def optimal_velocities(
@@ -728,8 +735,8 @@ def optimal_velocities(
     Raises:
         ValueError: naming the argument, its value and what is accepted.
     """
-    for name, value, least in (("count", count, 1), ("starts", starts, 1), ("seed", seed, 0)):
-        check_whole(name, value, least)
+    for name, value, lowest in (("count", count, 1), ("starts", starts, 1), ("seed", seed, 0)):
+        check_whole(name, value, lowest)
     if criterion not in CRITERIA:
         raise DataError("criterion", criterion, f"one of {', '.join(CRITERIA)}")
     low, high = both_ends("bounds", bounds)
@@ -747,8 +754,8 @@ def optimal_velocities(
         raise DataError("uncertainty", uncertainty, "positive")
     over = (low, high) if over is None else both_ends("over", over)
     u = USUAL_NOISE if uncertainty is None else uncertainty
-    there = u if measured_uncertainty is None else measured_uncertainty
-    known = None if measured is None else (measured, there)
+    measured_u = u if measured_uncertainty is None else measured_uncertainty
+    known = None if measured is None else (measured, measured_u)
     reach = [low, high, *(over if criterion == "I" else ())]
     stated = reach, parameters, objective, route, material, uncertainty, sensors, known
     laws: Sequence[Any] = law if isinstance(law, Sequence) else [law]
@@ -771,7 +778,7 @@ def optimal_velocities(
             bare = [replace(plan, sensors={}) for plan in plans]
             table = _table(bare, _sought(bare, rule, grid, *search))
             without = errors_of(rule.before + np.sum(table, axis=1), aims)
-        bound = rule.least(_table(plans, np.union1d(grid, shots)), count)
+        bound = rule.lower_bound(_table(plans, np.union1d(grid, shots)), count)
         level = float(rule.value(new))
         each = new, rule.before, spaced
         after, before, even_errors = (errors_of(one, aims) for one in each)
@@ -832,11 +839,11 @@ def _gradient_of(target: str, plan: Plan) -> Float[np.ndarray, "p"]:
         return math.log(max(float(DERIVED[target](law)), 1e-300))
 
     ends = [[log(n, 1 + side * DIFFERENCE) for side in (-1, 1)] for n in plan.material.free]
-    found = np.array([(up - down) / (2 * DIFFERENCE) for down, up in ends])
-    if not np.any(found):
+    gradient = np.array([(up - down) / (2 * DIFFERENCE) for down, up in ends])
+    if not np.any(gradient):
         accepted = f"one of {listed(plan.names)}: these are free and none of them affects it"
         raise DataError("target", target, accepted)
-    return found
+    return gradient
 
 
 def _weight(criterion: str, plans: Sequence[Plan], aims: np.ndarray, over) -> Matrices | None:

@@ -102,7 +102,7 @@ class Sensitivities:
         Raises:
             ValueError: where the unit of an input is not known.
         """
-        units = {name: one.unit for name, one in self.declared.items()}
+        units = {name: declared.unit for name, declared in self.declared.items()}
         for name, unit in units.items():
             if unit not in DIMENSIONS:
                 raise DataError(f"unit of {name}", unit, f"one of {', '.join(DIMENSIONS)}")
@@ -115,7 +115,7 @@ class Sensitivities:
         return [(self.names[i], float(row[i])) for i in order]
 
     def __repr__(self) -> str:
-        shown = ", ".join(one.symbol for one in self.declared.values())
+        shown = ", ".join(declared.symbol for declared in self.declared.values())
         return f"Sensitivities({len(self.velocity)} velocities; θ ∂ε/∂θ of {shown})"
 
 
@@ -148,8 +148,10 @@ def sensitivity(
     names, values = tuple(inputs.values), np.array(list(inputs.values.values()), float)
     filled = np.pad(velocity, (0, -len(velocity) % PADDING), mode="edge")
     with jax.enable_x64(True):
-        found = _scaled_jacobian(names, values, filled, inputs.build, route)
-    absolute, (coefficient, status) = jax.tree.map(lambda x: np.asarray(x)[: len(velocity)], found)
+        results = _scaled_jacobian(names, values, filled, inputs.build, route)
+    absolute, (coefficient, status) = jax.tree.map(
+        lambda x: np.asarray(x)[: len(velocity)], results
+    )
     declared = {name: inputs.declared(name) for name in (*names, VELOCITY)}
     absolute = absolute + 0.0  # no -0
     return Sensitivities(declared, velocity, coefficient, absolute, status)
@@ -289,11 +291,13 @@ def sobol_indices(
         rows = range(min(RESAMPLED, resamples - begun))
         picked = (random.integers(0, samples, samples) for _ in rows)
         drawn.append(np.array([np.bincount(k, minlength=samples) for k in picked]) / samples)
-    found = np.concatenate([_indices(share, f_a, f_b, f_ab) for share in drawn], axis=2)
+    indices = np.concatenate([_indices(share, f_a, f_b, f_ab) for share in drawn], axis=2)
     part = [0.5 * (1 - confidence), 0.5 * (1 + confidence)]
-    limits = np.quantile(found[:, :, 1:], part, axis=2)
+    limits = np.quantile(indices[:, :, 1:], part, axis=2)
     tables = {}
-    for name, value, ends_of in zip(("first", "total"), found, limits.swapaxes(0, 1), strict=True):
+    for name, value, ends_of in zip(
+        ("first", "total"), indices, limits.swapaxes(0, 1), strict=True
+    ):
         tables |= {name: value[:, 0], f"{name}_low": ends_of[0], f"{name}_high": ends_of[1]}
     return SobolIndices(
         names=names,

@@ -14,71 +14,87 @@ from calibration.studies.plans import Design, Information
 from calibration.studies.sensitivities import Sensitivities, SobolIndices
 
 
-def local_table(found: Sensitivities) -> str:
+def local_table(sensitivities: Sensitivities) -> str:
     """θ ∂ε/∂θ, an input a line, a velocity a column."""
-    cells = np.vectorize(lambda x: f"{round(x, 5) + 0.0:.5f}")(found.absolute)
-    return _table("θ ∂ε/∂θ at v [m/s]", found.velocity, _symbols(found), cells.T, 11)
+    cells = np.vectorize(lambda x: f"{round(x, 5) + 0.0:.5f}")(sensitivities.absolute)
+    return _table(
+        "θ ∂ε/∂θ at v [m/s]", sensitivities.velocity, _symbols(sensitivities), cells.T, 11
+    )
 
 
-def limits_table(found: Sensitivities, limits: Mapping[str, tuple], confidence: float) -> str:
+def limits_table(
+    sensitivities: Sensitivities, limits: Mapping[str, tuple], confidence: float
+) -> str:
     """Central limits of θ ∂ε/∂θ over draws of a posterior, an input a line."""
-    ends = (zip(*limits[name], strict=True) for name in found.names)
+    ends = (zip(*limits[name], strict=True) for name in sensitivities.names)
     cells = [[f"{a + 0.0:.4f} … {b + 0.0:.4f}" for a, b in pairs] for pairs in ends]
     head = f"{100 * confidence:g} % of draws at v [m/s]"
-    return _table(head, found.velocity, _symbols(found), cells, 20)
+    return _table(head, sensitivities.velocity, _symbols(sensitivities), cells, 20)
 
 
-def sobol_table(found: SobolIndices) -> str:
+def sobol_table(indices: SobolIndices) -> str:
     """First-order and total indices, an input a line, a velocity a column; what does not rebound."""
-    first, total = (x.T.round(3) + 0.0 for x in (found.first, found.total))
+    first, total = (x.T.round(3) + 0.0 for x in (indices.first, indices.total))
     cells = np.vectorize(lambda a, b: f"{a:.3f} ({b:.3f})")(first, total)
-    velocity = np.ravel(found.velocity)
-    table = _table("Sobol indices, first (total) at v [m/s]", velocity, found.symbols, cells, 18)
-    still = zip(found.zeros, velocity, strict=True)
+    velocity = np.ravel(indices.velocity)
+    table = _table("Sobol indices, first (total) at v [m/s]", velocity, indices.symbols, cells, 18)
+    still = zip(indices.zeros, velocity, strict=True)
     shares = listed(f"{100 * share:.3g} % at {v:.4g} m/s" for share, v in still if share)
     return table + (f"\nSamples that do not rebound, ε = 0: {shares}." if shares else "")
 
 
-def information_text(found: Information) -> str:
+def information_text(information: Information) -> str:
     """Directions in words, then the standard errors."""
 
     def shown(error: float | None, unit: float = 1.0) -> str:
         return "not determined" if error is None else f"{error * unit:.3g}"
 
-    lines = [wrapped(str(found))]
-    every = zip(found.symbols, found.truth, found.standard_errors.items(), strict=True)
-    for symbol, value, (name, error) in every:
-        now = "" if found.before is None else shown(found.before[name], abs(value or 1.0))
+    lines = [wrapped(str(information))]
+    parameters = zip(
+        information.symbols, information.truth, information.standard_errors.items(), strict=True
+    )
+    for symbol, value, (name, error) in parameters:
+        now = (
+            "" if information.before is None else shown(information.before[name], abs(value or 1.0))
+        )
         text = f"expected standard error of {symbol}: {shown(error)}"
         lines.append(text + (f" (now {now})" if now else ""))
     return "\n".join(lines)
 
 
-def sensitivities_csv(found: Sensitivities) -> str:
+def sensitivities_csv(sensitivities: Sensitivities) -> str:
     """θ ∂ε/∂θ and ∂ln ε/∂ln θ of every input; an empty cell where ε = 0."""
-    kinds = [f"{n} d(eps)/d({n})" for n in found.names], [f"dln(eps)/dln({n})" for n in found.names]
+    kinds = (
+        [f"{n} d(eps)/d({n})" for n in sensitivities.names],
+        [f"dln(eps)/dln({n})" for n in sensitivities.names],
+    )
     lines = [["velocity [m/s]", "restitution", *kinds[0], *kinds[1], "status"]]
-    columns = [found.velocity, found.coefficient, *found.absolute.T, *found.logarithmic.T]
-    for *numbers, status in zip(*columns, found.status, strict=True):
+    columns = [
+        sensitivities.velocity,
+        sensitivities.coefficient,
+        *sensitivities.absolute.T,
+        *sensitivities.logarithmic.T,
+    ]
+    for *numbers, status in zip(*columns, sensitivities.status, strict=True):
         cells = ["" if x != x else f"{x:.17g}" for x in numbers]
         lines.append([*cells, status_names(int(status))])
     return "".join(",".join(line) + "\n" for line in lines)
 
 
-def design_csv(found: Design, fall: Fall | None) -> str:
+def design_csv(design: Design, fall: Fall | None) -> str:
     """The velocities to shoot at, how often, and drop heights in the unit of the data, in their air."""
     fall = fall or Fall()
-    heights = fall.height(np.array([v for v, _ in found.support]))
-    pairs = zip(found.support, heights, strict=True)
+    heights = fall.height(np.array([v for v, _ in design.support]))
+    pairs = zip(design.support, heights, strict=True)
     rows = [f"{v:.6g},{shots},{float(f'{height:.4g}'):g}" for (v, shots), height in pairs]
     where = " without air" * (fall.density is None)
     return "\n".join([f"velocity [m/s],shots,drop height{where} [{fall.unit}]", *rows]) + "\n"
 
 
-def warnings_text(found: Sequence[FitWarning]) -> str:
+def warnings_text(warnings: Sequence[FitWarning]) -> str:
     """Warnings of the fit that a plan starts from."""
     head = "The plan trusts this fit, which has these warnings:"
-    return "\n".join([head, *console.wrapped(map(str, found), "  ! ", "    ")])
+    return "\n".join([head, *console.wrapped(map(str, warnings), "  ! ", "    ")])
 
 
 def wrapped(text: str) -> str:
@@ -86,8 +102,8 @@ def wrapped(text: str) -> str:
     return "\n".join(console.wrapped(text.splitlines()))
 
 
-def _symbols(found: Sensitivities) -> list[str]:
-    return [one.symbol for one in found.declared.values()]
+def _symbols(sensitivities: Sensitivities) -> list[str]:
+    return [declared.symbol for declared in sensitivities.declared.values()]
 
 
 def _table(head: str, velocity: Any, names: Iterable[str], cells: Any, width: int) -> str:
