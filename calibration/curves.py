@@ -5,11 +5,8 @@ jumps, and two where ε comes to 0, and its header says how far that leaves it f
 """
 
 import math
-import sys
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import nullcontext
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,6 +16,7 @@ import softjax as sj
 from calibration.data.air import Fall
 from calibration.data.columns import read_header
 from calibration.data.sheet import Sheet, is_number
+from calibration.data.text_file import MIB, read_bytes
 from calibration.data.units import in_si, unit_of
 from calibration.errors import DataError, InputError, Origin, printable, shown
 from calibration.fitting.curves import yield_velocity
@@ -26,7 +24,7 @@ from calibration.fitting.warnings import is_outside
 
 MOST = 10**6  # rows of one curve
 BLOCK = 1 << 16  # rows of a band that are computed at once: one may be made of thousands of draws
-LARGEST = 64 << 20  # bytes of a file of velocities
+LARGEST = 64 * MIB  # of a file of velocities
 FROM_PYTHON = (
     f"at most {MOST} rows; more from Python by `softjax.restitution(law, velocity).coefficient`"
 )
@@ -165,7 +163,7 @@ def read_velocities(path: str) -> Velocities:
     One number a line, or a table whose header names a column `velocity` and its unit.
     """
     name = "standard input" if path == "-" else path
-    sheet = Sheet(name, _bytes(path, name))
+    sheet = Sheet(name, read_bytes(path, LARGEST, or_pipe=True))
     if not sheet.rows:
         raise InputError(name, None, "no velocities", "one number a line is needed")
     first = sheet.rows[0]
@@ -188,22 +186,6 @@ def read_velocities(path: str) -> Velocities:
         problem = f"{shown(sheet.delimiter.join(rows[k].cells))!r} holds no velocity"
         raise InputError(name, rows[k].line, problem, "a finite number of 0 m/s or more")
     return in_si(found, unit)
-
-
-def _bytes(path: str, name: str) -> bytes:
-    """The full text of a file, which may be a pipe."""
-    try:
-        with nullcontext(sys.stdin.buffer) if path == "-" else Path(path).open("rb") as file:
-            raw = file.read(LARGEST + 1)
-    except FileNotFoundError:
-        accepted = "a file that exists, or - for standard input"
-        raise InputError(name, None, "no such file", accepted) from None
-    except OSError as error:
-        problem = f"cannot be read ({error.strerror})"
-        raise InputError(name, None, problem, "a readable file is needed") from None
-    if len(raw) > LARGEST:
-        raise InputError(name, None, f"more than {LARGEST >> 20} MiB", FROM_PYTHON)
-    return raw
 
 
 def _velocity_column(head: list[str], origin: Origin) -> tuple[int, Any]:

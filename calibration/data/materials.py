@@ -1,35 +1,13 @@
 """Material files: what is measured, of which bodies, and how it is to be fitted.
 
     [fit]                        # settings of the fit: `calibration.FitOptions`, and `area`
-    objective = "two-step"
-
     [parameters]                 # of all materials together; may be left out
-    c1 = { value = 0.0 }
-
-    [[material]]                 # two equal spheres
-    name = "my alloy"
-    youngs_modulus = "193 GPa"   # a number in SI, or text with its unit
-    poisson_ratio = 0.35
-    density = 8030               # kg/m³
-    yield_strength = 3.10e8      # Pa
-    radius = 0.0127              # m; or radius_1 and radius_2; or diameter, diameter_1, diameter_2
-    data = "my_alloy.csv"        # next to this file
-    # material = "nylon"         # of Table 1, instead of the four properties
-    # air = false, or "1.2 kg/m³": of drops and bounces; default true
-    # limit_velocity [m/s], area, gravity [m/s²]; uncertainties for all rows, as columns are called:
-    # uncertainty, velocity_uncertainty = "2 %", drop_height_uncertainty = "0.5 mm", ...
-    # average_repeats = true
-    # dent = "residual"          # dents are those of the residual overlap
-    # plausibility = false       # properties are right, though 100 times outside what is plausible
-
+    [[material]]                 # its bodies, the name of its data file, and remarks on these
     [material.second]            # the other sphere, where its properties differ; or
     [material.wall]              # a flat wall, with its properties
-
     [material.parameters]        # a number fixes; a table gives start, bounds, prior, sharing
-    psi = 0.5
-    chi = { value = 0.1, bounds = [0.01, 10.0], transform = "log" }
-    yield_strength = { prior = ["310 MPa", "20 MPa"] }
 
+A number is in SI, a text has its unit. The reference has an example with all keys.
 Without elastic properties a set can be fitted by Eq. (17), where `limit_velocity` is given, or by
 a constant restitution; the ball's `diameter` and `mass` (or `density`) then determine its drag.
 `MaterialTables.model_json_schema()` is the JSON Schema of these files.
@@ -42,13 +20,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-from pydantic import (
-    Field,
-    PlainValidator,
-    WithJsonSchema,
-    create_model,
-    model_validator,
-)
+from pydantic import Field, PlainValidator, WithJsonSchema, create_model, model_validator
 
 import softjax as sj
 from calibration.data.air import checked_air
@@ -75,11 +47,7 @@ from calibration.schema import Refused, Strict
 RADII = ("radius", "radius_1", "radius_2")
 DIAMETERS = tuple(name.replace("radius", "diameter") for name in RADII)
 PROPERTIES = ("youngs_modulus", "poisson_ratio", "density", "yield_strength")
-NAMED = {
-    "stainless steel": sj.STAINLESS_STEEL,
-    "chrome steel": sj.CHROME_STEEL,
-    "nylon": sj.NYLON,
-}
+NAMED = {"stainless steel": sj.STAINLESS_STEEL, "chrome steel": sj.CHROME_STEEL, "nylon": sj.NYLON}
 NAMED_SOURCE = "Table 1 of Zhou (2013)"
 BODIES = {"material", *PROPERTIES, *RADII, *DIAMETERS, "wall", "second", "area", "mass"}
 NEEDED_RADII = "needed is radius, or radius_1 and radius_2, or the diameters instead"

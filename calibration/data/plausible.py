@@ -56,19 +56,15 @@ class Range(NamedTuple):
 RANGES = {
     "radius": Range("radius", "radius", 1e-6, 1.0, "m", POWER, "Is the radius in millimetres?"),
     "youngs_modulus": Range(
-        "modulus", "Young's modulus", 1e5, 1.3e12, "Pa", "Is the modulus in MPa or GPa?", POWER
+        *("modulus", "Young's modulus", 1e5, 1.3e12, "Pa", "Is the modulus in MPa or GPa?", POWER)
     ),
     "density": Range(
-        "density",
-        "density",
-        10.0,
-        23_000.0,
-        "kg/m³",
-        "Is the density in g/cm³?",
-        "Is the density in kg/m³?",
+        *("density", "density", 10.0, 23_000.0, "kg/m³"),
+        *("Is the density in g/cm³?", "Is the density in kg/m³?"),
     ),
     "yield_strength": Range(
-        "yield-strength", "yield strength", 1e4, 1e11, "Pa", "Is the yield strength in MPa?", POWER
+        *("yield-strength", "yield strength", 1e4, 1e11, "Pa"),
+        *("Is the yield strength in MPa?", POWER),
     ),
 }
 

@@ -3,6 +3,8 @@
 import codecs
 import os
 import stat
+import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 from calibration.errors import InputError
@@ -16,22 +18,28 @@ def read_text(path: str | Path, limit: int) -> str:
     return decoded(path, read_bytes(path, limit))[0]
 
 
-def read_bytes(path: str | Path, limit: int) -> bytes:
-    """A regular file of at most `limit` bytes: a pipe or a device may never end; raises InputError."""
+def read_bytes(path: str | Path, limit: int, or_pipe: bool = False) -> bytes:
+    """A file of at most `limit` bytes, or a pipe, or standard input ("-"); raises InputError.
+
+    Other than files only with `or_pipe`: a pipe or a device may never end.
+    """
+    is_input = or_pipe and path == "-"
+    name = "standard input" if is_input else path
     try:
-        if not stat.S_ISREG(os.stat(path).st_mode):  # before it is opened, which may wait for ever
+        # before it is opened, which may wait for ever
+        if not or_pipe and not stat.S_ISREG(os.stat(path).st_mode):
             what = "a directory" if os.path.isdir(path) else "a device or a pipe"
             raise InputError(path, None, f"is {what}", "a file is needed")
-        with open(path, "rb") as file:
+        with nullcontext(sys.stdin.buffer) if is_input else open(path, "rb") as file:
             raw = file.read(limit + 1)
     except FileNotFoundError:
         raise InputError(path, None, "no such file", "a file that exists is needed") from None
     except OSError as error:
         problem = f"cannot be read ({error.strerror})"
-        raise InputError(path, None, problem, "a readable file is needed") from None
+        raise InputError(name, None, problem, "a readable file is needed") from None
     if len(raw) > limit:
         problem = f"is larger than {limit // MIB} MiB"
-        raise InputError(path, None, problem, "a smaller file is needed")
+        raise InputError(name, None, problem, "a smaller file is needed")
     return raw
 
 

@@ -10,12 +10,7 @@ from matplotlib.figure import Figure
 
 import softjax as sj
 from calibration.errors import DataError
-from calibration.fitting.curves import (
-    distinct_impacts,
-    of_each_impact,
-    of_impact,
-    yield_velocity,
-)
+from calibration.fitting.curves import distinct_impacts, of_each_impact, of_impact, yield_velocity
 from calibration.fitting.laws import eq_17
 from calibration.observables import OBSERVABLES, RESTITUTION
 from calibration.plots import style
