@@ -130,8 +130,8 @@ def _ended(line: str, code: int) -> int:
     """The exit code, after one line on standard error, where there is one."""
     console.show_sign()
     with suppress(OSError):
-        for one in line.splitlines():  # each fault of a file
-            print(printable(" ".join(one.split())), file=sys.stderr, flush=True)
+        for fault in line.splitlines():  # each fault of a file
+            print(printable(" ".join(fault.split())), file=sys.stderr, flush=True)
     return code
 
 
@@ -160,9 +160,9 @@ def _parsed(argv: Sequence[str]):
 
 
 def _parser(name: str, description: str | None, epilog: str, usage: str | None = None) -> Parser:
-    look: dict[str, Any] = {"formatter_class": argparse.RawDescriptionHelpFormatter}
-    look |= {"allow_abbrev": False, "usage": usage}
-    return Parser(prog=name, description=description, epilog=epilog, **look)
+    keywords: dict[str, Any] = {"formatter_class": argparse.RawDescriptionHelpFormatter}
+    keywords |= {"allow_abbrev": False, "usage": usage}
+    return Parser(prog=name, description=description, epilog=epilog, **keywords)
 
 
 def _add_common_options(parser: argparse.ArgumentParser) -> None:

@@ -181,11 +181,11 @@ def read_velocities(path: str) -> Velocities:
         raise InputError(name, None, f"{len(rows)} velocities", FROM_PYTHON)
     rows = [sheet.full(row, len(head)) for row in rows]
     sheet.find_mark(rows, [place])
-    found = sheet.numbers("velocity", [row.cells[place].strip() for row in rows], rows)
-    for k in np.flatnonzero(~(found >= 0))[:1]:
+    velocity = sheet.numbers("velocity", [row.cells[place].strip() for row in rows], rows)
+    for k in np.flatnonzero(~(velocity >= 0))[:1]:
         problem = f"{shown(sheet.delimiter.join(rows[k].cells))!r} holds no velocity"
         raise InputError(name, rows[k].line, problem, "a finite number of 0 m/s or more")
-    return in_si(found, unit)
+    return in_si(velocity, unit)
 
 
 def _velocity_column(head: list[str], origin: Origin) -> tuple[int, Any]:
@@ -262,15 +262,15 @@ def _error(exact: Exact, velocity: Velocities, coefficient: Velocities) -> float
         )
         return np.nan_to_num(np.abs(exact(np.ravel(inner)).reshape(inner.shape) - linear))
 
-    found = apart(INSIDE, wide)
-    rows = np.argsort(np.max(found, axis=0))[-INTERVALS:]
-    centre, reach = INSIDE[np.argmax(found[:, rows], axis=0), 0], 1 / 8
-    largest = float(np.max(found))
+    differences = apart(INSIDE, wide)
+    rows = np.argsort(np.max(differences, axis=0))[-INTERVALS:]
+    centre, reach = INSIDE[np.argmax(differences[:, rows], axis=0), 0], 1 / 8
+    largest = float(np.max(differences))
     for _ in range(TIMES):
         share = np.clip(centre + reach * CLOSER, 0, 1)
-        found = apart(share, wide[rows])
-        centre = np.take_along_axis(share, np.argmax(found, axis=0)[None], axis=0)[0]
-        largest, reach = max(largest, float(np.max(found))), reach / 4
+        differences = apart(share, wide[rows])
+        centre = np.take_along_axis(share, np.argmax(differences, axis=0)[None], axis=0)[0]
+        largest, reach = max(largest, float(np.max(differences))), reach / 4
     return largest
 
 

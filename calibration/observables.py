@@ -107,9 +107,9 @@ def scale_of(value: np.ndarray, velocity: np.ndarray, radius: Any = None) -> np.
     is fitted by 2 u². Of fewer points than twice its coefficients the values themselves.
     """
     columns = [np.ones(len(value))]
-    for one in (velocity, radius):
-        if np.ndim(one) and np.ptp(np.log(one)) > 0:
-            columns.append(np.log(one))
+    for column in (velocity, radius):
+        if np.ndim(column) and np.ptp(np.log(column)) > 0:
+            columns.append(np.log(column))
     if len(value) < 2 * len(columns):
         return value
     design, logs = np.stack(columns, axis=1), np.log(value)

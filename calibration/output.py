@@ -43,11 +43,11 @@ def files_into(directory: str | Path, names: Iterable[str] = ()) -> Iterator[Pat
     directory = Path(directory)
     check_writable(directory)
     target = Path(os.path.realpath(directory))
-    there = _nearest_existing(target)
-    missing = target.relative_to(there)
+    existing = _nearest_existing(target)
+    missing = target.relative_to(existing)
     try:
         # on the same file system as the target, or renaming would be copying
-        with tempfile.TemporaryDirectory(prefix=UNFINISHED, dir=there) as folder:
+        with tempfile.TemporaryDirectory(prefix=UNFINISHED, dir=existing) as folder:
             staged = Path(folder) / missing
             staged.mkdir(parents=True, exist_ok=True)
             yield staged
@@ -56,7 +56,7 @@ def files_into(directory: str | Path, names: Iterable[str] = ()) -> Iterator[Pat
                 if target.exists():
                     _replace(staged, target, new)
                 else:
-                    os.rename(Path(folder, missing.parts[0]), there / missing.parts[0])
+                    os.rename(Path(folder, missing.parts[0]), existing / missing.parts[0])
             if not any(part.startswith(UNFINISHED) for part in target.parts):
                 older = [name for name in names if (target / name).exists() and name not in new]
                 written[directory] = older
@@ -81,17 +81,19 @@ def check_writable(directory: str | Path) -> None:
     """Refuse early what could not be written in the end, by InputError or NotWritten."""
     directory = Path(directory)
     try:
-        there = _nearest_existing(directory)
+        existing = _nearest_existing(directory)
         accepted = "results need a directory to go to"
-        if there.is_symlink() and not there.exists():
-            problem = f"{str(there)!r} is a link to {str(there.readlink())!r}, which is not there"
+        if existing.is_symlink() and not existing.exists():
+            problem = (
+                f"{str(existing)!r} is a link to {str(existing.readlink())!r}, which is not there"
+            )
             raise InputError(None, None, problem, accepted)
-        if not there.is_dir():
-            raise InputError(None, None, f"{str(there)!r} is a file", accepted)
+        if not existing.is_dir():
+            raise InputError(None, None, f"{str(existing)!r} is a file", accepted)
     except OSError as error:  # a name that is too long
         raise NotWritten(directory, error) from None
-    if not os.access(there, os.W_OK | os.X_OK):
-        raise NotWritten(there, "no permission")
+    if not os.access(existing, os.W_OK | os.X_OK):
+        raise NotWritten(existing, "no permission")
 
 
 def _replace(staged: Path, target: Path, names: Sequence[str]) -> None:

@@ -123,14 +123,14 @@ PAPER_NOTE = (
 
 def paper_materials(points: int = 40, area: str = "zhou") -> list[RestitutionData]:
     """The three data sets: y_i = 1 + i (y_end - 1)/points, i = 1 … points, in critical velocities."""
-    found = []
+    datasets = []
     for entry in TABLE_1:
         contact = Contact.between_spheres(entry.material, entry.material, RADIUS, RADIUS, area)
         steps = np.arange(1, points + 1) * (entry.largest_ratio - 1) / points
         velocity = (1 + steps) * float(contact.critical_velocity)
         ratio = velocity / (float(contact.limit_velocity) - velocity)
         eps = np.exp(-entry.sigma * ratio**entry.psi)  # Eq. (17)
-        found.append(
+        datasets.append(
             RestitutionData(velocity, eps, contact, name=entry.name, remarks=(PAPER_NOTE,))
         )
-    return found
+    return datasets

@@ -100,7 +100,7 @@ class Parameter(Strict):
         return self
 
     def __eq__(self, other: object) -> bool:  # wherever it was read
-        mine, theirs = ({**vars(one), "origin": None} for one in (self, other))
+        mine, theirs = ({**vars(parameter), "origin": None} for parameter in (self, other))
         return isinstance(other, Parameter) and mine == theirs
 
     @property
@@ -114,17 +114,17 @@ class Parameter(Strict):
     def range_within(self, declared: Declared) -> tuple[float, float]:
         """Its bounds, drawn in to what the law's field declares; raises DataError outside."""
         low, high = self.bounds or (-math.inf, math.inf)
-        least, most = max(low, declared.lower), min(high, declared.upper)
-        for bound, drawn in ((low, least), (high, most)):
+        lowest, highest = max(low, declared.lower), min(high, declared.upper)
+        for bound, drawn in ((low, lowest), (high, highest)):
             if bound != drawn and math.isfinite(bound):
                 raise DataError("bounds", f"[{low:g}, {high:g}]", f"within {_interval(declared)}")
         if self.value is not None and self.is_number and not declared.holds(float(self.value)):
             raise DataError("value", self.value, declared.accepted)
-        if self.transform == "log" and not (math.isfinite(least) or math.isfinite(most)):
+        if self.transform == "log" and not (math.isfinite(lowest) or math.isfinite(highest)):
             raise DataError("transform", "log", "none, or a bound given")
-        if self.transform == "logit" and not (math.isfinite(least) and math.isfinite(most)):
+        if self.transform == "logit" and not (math.isfinite(lowest) and math.isfinite(highest)):
             raise DataError("transform", "logit", "log or none, or both bounds given")
-        return least, most
+        return lowest, highest
 
 
 def as_parameter(name: str, value: Any) -> Parameter:

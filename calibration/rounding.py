@@ -51,8 +51,8 @@ def _end(value: float | None, error: float | None) -> str:
         return number(value, MOST_DIGITS)
     scaled = value / 10.0**exponent
     # an end far below the error is not shown as zero: it keeps two digits
-    least = ERROR_DIGITS - 1 - _leading_place(abs(scaled)) if scaled else places
-    return _fixed(scaled, max(places, least)) + (f"e{exponent}" if exponent else "")
+    fewest = ERROR_DIGITS - 1 - _leading_place(abs(scaled)) if scaled else places
+    return _fixed(scaled, max(places, fewest)) + (f"e{exponent}" if exponent else "")
 
 
 def _scale(value: float, error: float) -> tuple[int, int | None]:

@@ -58,24 +58,24 @@ class Refused(ValueError):
 
 def faults(error: ValidationError, model: type[BaseModel]) -> Iterator[DataError]:
     """Each fault that pydantic found, with the place as its argument."""
-    for one in error.errors():
-        cause = one.get("ctx", {}).get("error")
-        yield cause if isinstance(cause, DataError) else fault_of(one, model)
+    for fault in error.errors():
+        cause = fault.get("ctx", {}).get("error")
+        yield cause if isinstance(cause, DataError) else fault_of(fault, model)
 
 
-def fault_of(one: Mapping[str, Any], model: type[BaseModel]) -> DataError:
+def fault_of(fault: Mapping[str, Any], model: type[BaseModel]) -> DataError:
     """One of pydantic's errors as a `DataError`."""
-    place, schema = _walk(model, one["loc"])
-    value, known = one["input"], words(schema)
-    if one["type"] == "missing":
+    place, schema = _walk(model, fault["loc"])
+    value, known = fault["input"], words(schema)
+    if fault["type"] == "missing":
         value, known = "missing", "there"
-    elif one["type"] == "extra_forbidden":
+    elif fault["type"] == "extra_forbidden":
         known = "left out: it is not known"
-        known += did_you_mean(str(one["loc"][-1]), known_below(model, one["loc"][:-1]))
+        known += did_you_mean(str(fault["loc"][-1]), known_below(model, fault["loc"][:-1]))
         return DataError(place, "there", known)
-    elif one["type"] == "value_error":
-        known = one["msg"].removeprefix("Value error, ")
-    if isinstance(one["input"], str):
+    elif fault["type"] == "value_error":
+        known = fault["msg"].removeprefix("Value error, ")
+    if isinstance(fault["input"], str):
         known += did_you_mean(value, known.split('"'))
         value = f'"{value}"'
     return DataError(place, value, known)
@@ -94,24 +94,29 @@ def accepted(model: type[BaseModel], place: tuple[Any, ...]) -> str:
 def _walk(model: type[BaseModel], place: Iterable[Any]) -> tuple[str, Mapping[str, Any]]:
     """A place as `fits[0].rms`, without pydantic's names of alternatives, and its schema."""
     root = schema_of(model)
-    name, found = "", cast(Mapping[str, Any], root)
+    name, schema = "", cast(Mapping[str, Any], root)
     for part in place:
         inner = next(
-            (s for one in _parts(found) if (s := _inner(_resolved(one, root), part))), None
+            (
+                s
+                for part_schema in _parts(schema)
+                if (s := _inner(_resolved(part_schema, root), part))
+            ),
+            None,
         )
-        if inner is None and part not in _resolved(found, root).get("properties", {part: 0}):
+        if inner is None and part not in _resolved(schema, root).get("properties", {part: 0}):
             name = f"{name}.{part}"  # an unknown key
         if inner is not None:
             name += f"[{part}]" if isinstance(part, int) else f".{part}"
-            found = inner
-    return name.lstrip("."), _resolved(found, root)
+            schema = inner
+    return name.lstrip("."), _resolved(schema, root)
 
 
 def _inner(schema: Mapping[str, Any], part: Any) -> Mapping[str, Any] | None:
     """The schema of an entry, None where there is none."""
     if isinstance(part, int):
-        every = schema.get("prefixItems", [])
-        return every[part] if part < len(every) else schema.get("items")
+        items = schema.get("prefixItems", [])
+        return items[part] if part < len(items) else schema.get("items")
     more = schema.get("additionalProperties")
     return schema.get("properties", {}).get(part) or (more if isinstance(more, dict) else None)
 
@@ -125,7 +130,7 @@ def schema_of(model: type[BaseModel]) -> dict[str, Any]:
 def choices(model: type[BaseModel], name: str) -> tuple[Any, ...]:
     """The words that a field may be, without null; empty for other fields."""
     return tuple(
-        one for part in _parts(schema_of(model)["properties"][name]) for one in _enum(part)
+        word for part in _parts(schema_of(model)["properties"][name]) for word in _enum(part)
     )
 
 
@@ -143,24 +148,24 @@ def _parts(schema: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 
 def _words(schema: Mapping[str, Any]) -> str:
     if _enum(schema):
-        every = [str(x).lower() if isinstance(x, bool) else f'"{x}"' for x in _enum(schema)]
-        more = f" or {len(every) - MOST} more" if len(every) > MOST else ""
-        return " or ".join(every[:MOST]) + more
+        allowed = [str(x).lower() if isinstance(x, bool) else f'"{x}"' for x in _enum(schema)]
+        more = f" or {len(allowed) - MOST} more" if len(allowed) > MOST else ""
+        return " or ".join(allowed[:MOST]) + more
     noun = NOUNS.get(schema.get("type", ""), "a value")
-    least, most = schema.get("minimum"), schema.get("maximum")
+    lowest, highest = schema.get("minimum"), schema.get("maximum")
     above, below = schema.get("exclusiveMinimum"), schema.get("exclusiveMaximum")
     if above is not None and below is not None:
         return f"{noun} between {above:g} and {below:g}"
-    if least is not None and most is not None:
-        return f"{noun} in [{least:g}, {most:g}]"
+    if lowest is not None and highest is not None:
+        return f"{noun} in [{lowest:g}, {highest:g}]"
     if above == 0:
         return noun.replace("a ", "a positive ", 1)
-    return noun if least is None else f"{noun} of {least:g} or more"
+    return noun if lowest is None else f"{noun} of {lowest:g} or more"
 
 
 def _enum(schema: Mapping[str, Any]) -> list[Any]:
-    every = schema.get("enum", [schema["const"]] if "const" in schema else [])
-    return [one for one in every if one is not None]
+    values = schema.get("enum", [schema["const"]] if "const" in schema else [])
+    return [value for value in values if value is not None]
 
 
 def _resolved(schema: Mapping[str, Any], root: Mapping[str, Any]) -> Mapping[str, Any]:

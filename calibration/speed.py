@@ -490,9 +490,9 @@ def draw(rows: list[Row], title: str, ax: Any = None) -> Any:
             for row, error, microseconds in zip(some, errors, times, strict=True):
                 omitted = row["setting"].removeprefix(EXACT[0]) if row["setting"] in EXACT else ""
                 note = f"{row['batch']:,} impacts{omitted}" if row["batch"] > BATCH else ""
-                aside = (8, -9 if "," in omitted else 0)  # times with and without may be close
-                look = {"textcoords": "offset points", "fontsize": "small"}
-                ax.annotate(note, (error, microseconds), aside, **look)
+                offset = (8, -9 if "," in omitted else 0)  # times with and without may be close
+                keywords = {"textcoords": "offset points", "fontsize": "small"}
+                ax.annotate(note, (error, microseconds), offset, **keywords)
     ax.set(xscale="log", yscale="log", title=f"Speed against error: {title}")
     ax.set_xlabel(r"largest error of $\varepsilon_p$ [-]")
     ax.set_ylabel("time per collision [µs]")

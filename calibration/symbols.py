@@ -117,11 +117,11 @@ def words(name: str, model: Any = None) -> str:
 
 def text(name: str, model: Any = None) -> str:
     """`χ̃` for chi, with the unit where there is one: `A [s]`."""
-    one = symbol(name, model)
-    return one.text + (f" [{one.unit}]" if one.unit else "")
+    of_name = symbol(name, model)
+    return of_name.text + (f" [{of_name.unit}]" if of_name.unit else "")
 
 
 def math(name: str, model: Any = None, unit: bool = True) -> str:
     """Symbol for matplotlib."""
-    one = symbol(name, model)
-    return one.math + (f" [{one.unit}]" if unit and one.unit else "")
+    of_name = symbol(name, model)
+    return of_name.math + (f" [{of_name.unit}]" if unit and of_name.unit else "")

@@ -106,7 +106,9 @@ class Air:
     def take(self, rows) -> "Air":
         """That of some rows."""
         ball = {name: getattr(self, name) for name in ("diameter", "mass")}
-        return replace(self, **{name: one[rows] for name, one in ball.items() if np.ndim(one)})
+        return replace(
+            self, **{name: value[rows] for name, value in ball.items() if np.ndim(value)}
+        )
 
     def fall(self, height: Column) -> Column:
         """Speed at the end of a fall from `height` [m], (n,) [m/s]."""
@@ -154,10 +156,12 @@ class Air:
     def remarks(self, velocity: Column, restitution: Column, before: Any) -> tuple[str, ...]:
         """Sentences about the largest correction of v and ε; `before`: the values without air."""
         by_v, by_eps = velocity - before[0], restitution - before[1]
-        most, much = (float(by[np.nanargmax(np.abs(by))]) for by in (by_eps, by_v / before[0]))
+        of_restitution, of_velocity = (
+            float(by[np.nanargmax(np.abs(by))]) for by in (by_eps, by_v / before[0])
+        )
         remarks = [
             f"corrected for air of {self.density:g} kg/m³ (drag, buoyancy, added mass): "
-            f"ε by {most:+.2g} and v by {100 * much:+.2g} % at most"
+            f"ε by {of_restitution:+.2g} and v by {100 * of_velocity:+.2g} % at most"
         ]
         fastest = float(np.max(self.reynolds(velocity)))
         if fastest > FASTEST:

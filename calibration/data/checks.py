@@ -42,11 +42,11 @@ def checked_confidence(value: Any) -> float:
     return as_number("confidence", value, lambda level: 0 < level < 1, "between 0 and 1")
 
 
-def check_whole(name: str, value: Any, least: int) -> None:
+def check_whole(name: str, value: Any, lowest: int) -> None:
     """Raise DataError unless the value is a whole number of at least `least`."""
     is_whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
-    if not is_whole or value < least:
-        raise DataError(name, value, f"a whole number >= {least}")
+    if not is_whole or value < lowest:
+        raise DataError(name, value, f"a whole number >= {lowest}")
 
 
 def as_labels(name: str, values: Any) -> np.ndarray:
@@ -72,8 +72,8 @@ def _label(name: str, value: Any, row: int) -> str:
 
 def codes_of(labels: Iterable[str]) -> Int[np.ndarray, " n"]:
     """A number for each label, from 0 in the order in which they appear."""
-    seen: dict[str, int] = {}
-    return np.array([seen.setdefault(label, len(seen)) for label in labels], int)
+    codes: dict[str, int] = {}
+    return np.array([codes.setdefault(label, len(codes)) for label in labels], int)
 
 
 def require(

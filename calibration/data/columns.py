@@ -244,7 +244,7 @@ def layout_of(headers: Sequence[str], units: Sequence[str] | None = None) -> Lay
     kind = _kind_of(names, read)
     used = _used(kind, names)
     for name in sorted(used):
-        twice = [header.text for header, one in zip(read, names, strict=True) if one == name]
+        twice = [header.text for header, other in zip(read, names, strict=True) if other == name]
         if len(twice) > 1:
             both = " and ".join(map(repr, twice[:2]))
             raise DataError("column", f"{name} twice, {both}", "there once")
@@ -311,12 +311,12 @@ def _kind_of(names: Sequence[str | None], read: Sequence[Header]) -> Kind:
     for kind in (*KINDS, *(WITHOUT_RESTITUTION if {*OBSERVED} & {*names} else ())):
         if set(kind.needs) <= set(names):
             return kind
-    found = [name for name in names if name in SI_UNITS]
+    known = [name for name in names if name in SI_UNITS]
     questions = [_question(name) for name in names if name in AMBIGUOUS]
     accepted = "; ".join([ACCEPTED_SETS, *questions[:MOST_NAMED]])
     others = [repr(h.text) for h, name in zip(read, names, strict=True) if name not in SI_UNITS]
     unknown = f"not known: {listed(others[:MOST_NAMED])}" if others else ""
-    description = "; ".join(filter(None, [listed(sorted(found)), unknown])) or "empty"
+    description = "; ".join(filter(None, [listed(sorted(known)), unknown])) or "empty"
     raise DataError("set of columns", description, accepted)
 
 

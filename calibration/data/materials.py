@@ -90,7 +90,7 @@ def measure(
 def _name_of_material(value: Any) -> str:
     name = value.lower().replace("-", " ").replace("_", " ") if isinstance(value, str) else value
     if not isinstance(name, str) or name not in NAMED:
-        known = listed(f'"{one}"' for one in NAMED)
+        known = listed(f'"{name}"' for name in NAMED)
         raise ValueError(f"{known} ({NAMED_SOURCE}); of any other give {listed(PROPERTIES)}")
     return name
 
@@ -189,7 +189,7 @@ def _parameter(name: str, table: Any) -> Parameter:
 def _in_si(name: str, value: Any, key: str) -> Any:
     """A value, its bounds or its prior, with texts as numbers."""
     if isinstance(value, list):
-        return [_in_si(name, one, key) for one in value]
+        return [_in_si(name, entry, key) for entry in value]
     si = OF_PARAMETERS.get(name.removeprefix("contact."))
     if not isinstance(value, str) or key in ("transform", "shared", "free", "unit"):
         return value
@@ -313,9 +313,9 @@ class MaterialTables(Strict):
     def _together(self) -> "MaterialTables":
         if not self.material:
             raise Refused((), "no material", "one [[material]] or more is needed")
-        seen: set[str] = set()
+        names: set[str] = set()
         for i, name in enumerate(self.names):  # results are keyed by the name
-            if name in seen:
+            if name in names:
                 problem = f"a second material is named {name!r}"
                 accepted = "each material needs a different name"
                 raise Refused(("material", i, "name"), problem, accepted)
@@ -324,9 +324,9 @@ class MaterialTables(Strict):
                 raise Refused(
                     ("material", i, "name"), f"name is of {len(name)} characters", accepted
                 )
-            seen.add(name)
-        for i, one in enumerate(self.material):
-            if {"c1", "c2"} & {*self.parameters} and "chi" in one.parameters:
+            names.add(name)
+        for i, table in enumerate(self.material):
+            if {"c1", "c2"} & {*self.parameters} and "chi" in table.parameters:
                 accepted = "only one is possible, as chi = c1 + c2 E/Y"
                 place = ("material", i, "parameters", "chi")
                 raise Refused(place, "chi with c1 and c2", accepted)
@@ -335,9 +335,9 @@ class MaterialTables(Strict):
     @property
     def names(self) -> list[str]:
         """The name of each material, else that of its data file."""
-        every = enumerate(self.material, start=1)
+        numbered = enumerate(self.material, start=1)
         stated_names = [
-            one.name or Path(one.data or "").stem or f"material {i}" for i, one in every
+            table.name or Path(table.data or "").stem or f"material {i}" for i, table in numbered
         ]
         return [printable(name) for name in stated_names]
 
@@ -367,8 +367,11 @@ class MaterialEntry:
     @property
     def implausible(self) -> list[str]:
         """A line for each property of a body outside its plausible range."""
-        found = of_bodies(self.bodies, self.contact)
-        return [f"warning: plausibility ({self.name}): {one.cause}. {one.advice}" for one in found]
+        warnings = of_bodies(self.bodies, self.contact)
+        return [
+            f"warning: plausibility ({self.name}): {warning.cause}. {warning.advice}"
+            for warning in warnings
+        ]
 
 
 @dataclass(frozen=True)
@@ -460,7 +463,7 @@ class _Reader:
     ):
         self.file, self.table, self.name = file, file.content.material[i], name
         stated_air = (air, self.table.air, file.content.fit.air)
-        self.air = next((one for one in stated_air if one is not None), None)
+        self.air = next((stated for stated in stated_air if stated is not None), None)
         self.place: Place = ("material", i)
         self.plausibility = plausibility and self.table.plausibility
 
@@ -491,9 +494,9 @@ class _Reader:
             (("parameters",), self.file.content.parameters),
             ((*self.place, "parameters"), self.table.parameters),
         ):
-            for name, one in table.items():
+            for name, parameter in table.items():
                 line = self.file.line((*place, name))
-                yield name, one.model_copy(update={"origin": Origin(self.file.path, line)})
+                yield name, parameter.model_copy(update={"origin": Origin(self.file.path, line)})
 
     def _pair(self, radius: Any) -> tuple[sj.Contact, tuple[Body, Body]]:
         """The contact and both bodies, where the first has this radius, or one in each row."""
@@ -516,17 +519,17 @@ class _Reader:
         where = "wall" if self.table.wall is not None else "second"
         for table, prefix in ((self.table, ""), (self.table.other, f"{where}.")):
             for name in (*PROPERTIES, *RADII, *DIAMETERS) if self.plausibility else ():
-                one = RANGES.get("radius" if name in DIAMETERS + RADII else name)
+                range_of = RANGES.get("radius" if name in DIAMETERS + RADII else name)
                 value = getattr(table, name, None)
-                if one is not None and value is not None and one.is_far(value):
-                    problem = f"{name} is {value:.3g} {one.unit}, "
-                    problem += f"more than 100 times outside {one.accepted}"
+                if range_of is not None and value is not None and range_of.is_far(value):
+                    problem = f"{name} is {value:.3g} {range_of.unit}, "
+                    problem += f"more than 100 times outside {range_of.accepted}"
                     raise self.refusal(prefix + name, problem, f"is its unit right? {AS_IT_IS}")
 
     def _data(self, contact: sj.Contact | None, bodies: tuple[Body, ...]) -> RestitutionData:
         table = self.table
-        path, found, inside = self._data_file()
-        named = {one.material for one in (table, table.wall, table.second) if one is not None}
+        path, of_file, inside = self._data_file()
+        named = {body.material for body in (table, table.wall, table.second) if body is not None}
         remarks = [f"properties of {name} from {NAMED_SOURCE}" for name in sorted(named - {None})]
         options = {name: getattr(table, name) for name in (*UNCERTAINTIES, "gravity")}
         options |= {
@@ -535,7 +538,7 @@ class _Reader:
             "name": self.name,
             "plausibility": self.plausibility,
             "bodies": bodies,
-            "remarks": (*remarks, *found),
+            "remarks": (*remarks, *of_file),
             "quoted": inside,
             "one_size": contact is not None,
         }
@@ -591,7 +594,9 @@ class _Reader:
         place = data.refusal("", "", row)
         fastest = f"{data.velocity[row]:.4g} m/s"
         strength = float(np.asarray(contact.yield_strength))
-        is_assumed = any("assuming" in one and "velocity in m/s" in one for one in data.remarks)
+        is_assumed = any(
+            "assuming" in remark and "velocity in m/s" in remark for remark in data.remarks
+        )
         if is_assumed and RANGES["yield_strength"].lowest <= strength:
             problem = f"velocity is {fastest}, beyond the limit √(3 Y/ρ) of {limit:.4g} m/s"
             accepted = "no unit in the header, assuming m/s: is it `velocity [mm/s]`, say?"
@@ -599,9 +604,9 @@ class _Reader:
         at = f"{place.file}:{place.line} has {fastest}"
         problem = f"yield_strength makes the limit velocity √(3 Y/ρ) {limit:.4g} m/s, but {at}"
         accepted = 'is it in Pa, or text with its unit as "310 MPa"? Or give limit_velocity'
-        one, two = (float(np.asarray(body.material.yield_strength)) for body in data.bodies)
+        first, second = (float(np.asarray(body.material.yield_strength)) for body in data.bodies)
         where = "wall." if self.table.wall is not None else "second."
-        is_other = self.table.other is not None and two < one
+        is_other = self.table.other is not None and second < first
         return self.refusal(f"{where * is_other}yield_strength", problem, accepted)
 
     def _data_file(self) -> tuple[Path, tuple[str, ...], bool]:
@@ -609,16 +614,16 @@ class _Reader:
 
         A file reached by a link means what lies next to itself; where that is missing, next to the link.
         """
-        here = Path(self.file.path).parent
-        homes = list(dict.fromkeys([Path(self.file.path).resolve().parent, here.resolve()]))
+        folder = Path(self.file.path).parent
+        homes = list(dict.fromkeys([Path(self.file.path).resolve().parent, folder.resolve()]))
         name = os.fsdecode((self.table.data or "").encode())  # UTF-8 also where the locale is ASCII
-        places = [here / name] if len(homes) == 1 else [homes[0] / name, here / name]
+        places = [folder / name] if len(homes) == 1 else [homes[0] / name, folder / name]
         try:
-            path = next((one for one in places if one.exists()), None)
+            path = next((place for place in places if place.exists()), None)
         except (OSError, ValueError):  # a name too long, or with a NUL
             path = None
         if path is None:
-            tried = printable(" or ".join(repr(str(one)) for one in places))[:300]
+            tried = printable(" or ".join(repr(str(place)) for place in places))[:300]
             accepted = "needed is the name of a CSV file next to this one"
             raise self.refusal("data", f"data file {tried} is not there", accepted)
         inside = any(map(path.resolve().is_relative_to, homes))

@@ -168,17 +168,17 @@ class RestitutionData:
         try:
             of_file = origin is not None
             points = read_points(table, ball, stated, gravity, group, air, of_file)
-            found = _contact_of(contact, points.more, ball["density"], one_size)
+            of_pair = _contact_of(contact, points.more, ball["density"], one_size)
         except DataError as error:
             raise _located(error, remarks, origin) from None
         with rows_blamed(points.rows):
             return cls(
                 points.velocity,
                 points.restitution,
-                found,
+                of_pair,
                 name=name,
                 dent=dent,
-                **{key: one for key, one in points.more.items() if key not in SIZES},
+                **{key: column for key, column in points.more.items() if key not in SIZES},
                 limit_velocity=limit_velocity,
                 remarks=tuple(dict.fromkeys((*remarks, *points.remarks))),
                 group=points.group,
@@ -203,7 +203,7 @@ class RestitutionData:
                 intervals.
         """
         if self.observed:
-            accepted = f"left out with {listed(one.name for one in self.observed)}"
+            accepted = f"left out with {listed(observed.name for observed in self.observed)}"
             raise DataError("average of repeats", "requested", accepted)
         if self.contact is not None and any(map(np.ndim, self.contact.leaves().values())):
             accepted = "of single numbers for repeats to be averaged"
@@ -229,7 +229,7 @@ class RestitutionData:
     @cached_property
     def observed(self) -> tuple[Observed, ...]:
         """Measured observables other than ε, in the order of `calibration.observables`."""
-        found = []
+        every_observed = []
         radius = None if self.contact is None else self.contact.radius
         for name in OBSERVED:
             values, uncertainty = getattr(self, name), getattr(self, f"{name}_uncertainty")
@@ -239,13 +239,15 @@ class RestitutionData:
                 of_rows = None if uncertainty is None else uncertainty[rows]
                 radii = radius[rows] if np.ndim(radius) else None  # type: ignore[index]
                 scale = scale_of(values[rows], self.velocity[rows], radii)
-                found.append(Observed(known, rows, values[rows], of_rows, scale))
-        return tuple(found)
+                every_observed.append(Observed(known, rows, values[rows], of_rows, scale))
+        return tuple(every_observed)
 
     def of_restitution(self) -> "RestitutionData":
         """A copy with ε only."""
         nothing: dict[str, Any] = {
-            name: None for one in OBSERVED for name in (one, f"{one}_uncertainty")
+            name: None
+            for observable in OBSERVED
+            for name in (observable, f"{observable}_uncertainty")
         }
         return replace(self, **nothing) if self.observed else self
 
@@ -265,9 +267,9 @@ class RestitutionData:
         above = self.restitution > 1
         if not np.any(above):
             return self.remarks
-        most = float(np.nanmax(self.restitution)) - 1
+        excess = float(np.nanmax(self.restitution)) - 1
         note = (
-            f"{np.sum(above)} of {len(self)} restitutions are above 1, by {most:.2g} at most: "
+            f"{np.sum(above)} of {len(self)} restitutions are above 1, by {excess:.2g} at most: "
             "treated as noise and used as measured"
         )
         return (*self.remarks, note)
@@ -284,12 +286,13 @@ class RestitutionData:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, RestitutionData):
             return NotImplemented
-        aside = {"bodies", "fall", "origin", "plausibility", "errors", "observed"}
+        not_compared = {"bodies", "fall", "origin", "plausibility", "errors", "observed"}
         mine, theirs = (
-            {name: one for name, one in vars(data).items() if name not in aside} | vars(data.errors)
+            {name: value for name, value in vars(data).items() if name not in not_compared}
+            | vars(data.errors)
             for data in (self, other)
         )
-        return all(_same(one, theirs[name]) for name, one in mine.items())
+        return all(_same(value, theirs[name]) for name, value in mine.items())
 
     __hash__ = None  # type: ignore[assignment]  # arrays inside
 
@@ -299,7 +302,7 @@ class RestitutionData:
         ends = "not measured"
         if not np.all(np.isnan(self.restitution)):
             ends = f"{np.nanmin(self.restitution):.4g} to {np.nanmax(self.restitution):.4g}"
-        groups = "".join(f"{len(one)} of {one.name}, " for one in self.observed)
+        groups = "".join(f"{len(observed)} of {observed.name}, " for observed in self.observed)
         groups += f"{len(self.groups)} groups, " if self.group is not None else ""
         return (
             f"RestitutionData({self.name!r}: {len(self)} points, v {low:.4g} to {high:.4g} m/s, "
@@ -356,11 +359,11 @@ class RestitutionData:
             values, accepted = as_numbers(name, getattr(self, name)), f"a positive number in {unit}"
             columns = {name: values} | ({} if uncertainty is None else {stated: uncertainty})
             check_lengths({"velocity": self.velocity} | columns)
-            there = ~np.isnan(values)
-            for key, one in columns.items():
-                require(key, np.where(there, one, 1.0), lambda x: x > 0, accepted)
+            present = ~np.isnan(values)
+            for key, column in columns.items():
+                require(key, np.where(present, column, 1.0), lambda x: x > 0, accepted)
             self._set(**columns)
-            missing = missing & ~there
+            missing = missing & ~present
         if np.any(missing):
             accepted = f"a number, or measured by {listed(measured)}"
             accepted = accepted if measured else "a number of 0 or more"
@@ -371,7 +374,7 @@ class RestitutionData:
         names = ("uncertainty", "velocity_uncertainty")
         sizes = {n: _per_point(n, getattr(self, n), len(self)) for n in names}
         if self.errors is None:
-            stated = {name: one for name, one in sizes.items() if one is not None}
+            stated = {name: size for name, size in sizes.items() if size is not None}
             check_lengths({"velocity": self.velocity} | stated)
             if "uncertainty" in stated:
                 missing = np.isnan(self.restitution)
@@ -426,7 +429,7 @@ class RestitutionData:
 
 def _located(error: DataError, remarks: Sequence[str], origin: Origin | None) -> ValueError:
     """A refusal with its file and line, and with the units that were assumed where the header has none."""
-    note = next((one for one in remarks if one.startswith(NO_UNIT)), None)
+    note = next((remark for remark in remarks if remark.startswith(NO_UNIT)), None)
     # a restitution that was given is of no unit
     about = note is not None and (error.argument in note or "height" in note or "_velocity" in note)
     if about and error.index is not None:
@@ -435,13 +438,13 @@ def _located(error: DataError, remarks: Sequence[str], origin: Origin | None) ->
     return error if origin is None else origin.error(error)
 
 
-def _same(one: Any, other: Any) -> bool:
+def _same(value: Any, other: Any) -> bool:
     """Whether two arrays, numbers or None are equal; NaN is equal to NaN."""
-    if one is None or other is None:
-        return one is other
-    if not isinstance(one, np.ndarray | float):
-        return bool(one == other)
-    return np.array_equal(one, other, equal_nan=np.asarray(one).dtype.kind == "f")
+    if value is None or other is None:
+        return value is other
+    if not isinstance(value, np.ndarray | float):
+        return bool(value == other)
+    return np.array_equal(value, other, equal_nan=np.asarray(value).dtype.kind == "f")
 
 
 def _ball(diameter: Any, mass: Any, density: Any, bodies: Any, contact: Any) -> dict[str, Any]:

@@ -72,44 +72,50 @@ RANGES = {
 def plausibility(data: Any) -> tuple[Implausible, ...]:
     """Likely mistakes in data, each with a question; empty if there are none."""
     with np.errstate(all="ignore"):
-        found = [Implausible(*one) for one in (*of_bodies(data.bodies, data.contact), *_of(data))]
-    return tuple(dict.fromkeys(found))
+        warnings = [
+            Implausible(*warning) for warning in (*of_bodies(data.bodies, data.contact), *_of(data))
+        ]
+    return tuple(dict.fromkeys(warnings))
 
 
 def of_bodies(bodies: Iterable[Any], contact: Any) -> Iterator[Implausible]:
     """The properties outside their plausible ranges, of the bodies or else of the contact."""
-    for name, one, value in _properties(bodies, contact):
+    for name, quantity, value in _properties(bodies, contact):
         low, high = float(np.min(value)), float(np.max(value))
-        if low < one.lowest or high > one.highest:
-            is_above = high > one.highest
-            cause = f"the {one.name} of the {name} is {high if is_above else low:.3g} {one.unit}"
-            cause = f"{cause}, outside {one.accepted}".replace("the Young", "Young")
-            yield Implausible(one.code, cause, one.if_above if is_above else one.if_below)
+        if low < quantity.lowest or high > quantity.highest:
+            is_above = high > quantity.highest
+            cause = f"the {quantity.name} of the {name} is {high if is_above else low:.3g} {quantity.unit}"
+            cause = f"{cause}, outside {quantity.accepted}".replace("the Young", "Young")
+            yield Implausible(
+                quantity.code, cause, quantity.if_above if is_above else quantity.if_below
+            )
 
 
 def check_far(bodies: Iterable[Any], contact: Any) -> None:
     """Refuse properties more than 100 times outside their plausible ranges."""
-    for name, one, value in _properties(bodies, contact):
-        if one.is_far(value):
-            quantity = f"{float(np.ravel(value)[0]):.3g} {one.unit}"
-            accepted = f"{one.accepted}, or 100 times outside at most; {AS_IT_IS}"
-            raise DataError(f"{one.name} of the {name}", quantity, accepted)
+    for name, range_of, value in _properties(bodies, contact):
+        if range_of.is_far(value):
+            quantity = f"{float(np.ravel(value)[0]):.3g} {range_of.unit}"
+            accepted = f"{range_of.accepted}, or 100 times outside at most; {AS_IT_IS}"
+            raise DataError(f"{range_of.name} of the {name}", quantity, accepted)
 
 
 def _properties(bodies: Iterable[Any], contact: Any) -> Iterator[tuple[str, Range, Any]]:
     """Properties of each body, or of the two equal spheres (of ν = 0.3) that the contact could be."""
-    every = [(name, {"radius": radius, **one.leaves()}) for name, one, radius in bodies]
-    if not every and contact is not None:
+    bodies_and_values = [
+        (name, {"radius": radius, **quantity.leaves()}) for name, quantity, radius in bodies
+    ]
+    if not bodies_and_values and contact is not None:
         leaves = {name: np.asarray(leaf, float) for name, leaf in contact.leaves().items()}
         radius = 2 * leaves["radius"]
         equal = {"radius": radius, "yield_strength": leaves["yield_strength"]}
         equal["density"] = 2 * leaves["mass"] / (4 / 3 * np.pi * radius**3)
         equal["youngs_modulus"] = 2 * (1 - 0.3**2) * leaves["youngs_modulus"]
-        every = [("spheres, if they are equal,", equal)]
-    for name, values in every:
-        for key, one in RANGES.items():
+        bodies_and_values = [("spheres, if they are equal,", equal)]
+    for name, values in bodies_and_values:
+        for key, quantity in RANGES.items():
             if values[key] is not None:  # a wall has no radius
-                yield name, one, values[key]
+                yield name, quantity, values[key]
 
 
 def _of(data: Any) -> Iterator[tuple[str, str, str]]:
@@ -143,15 +149,15 @@ def _of(data: Any) -> Iterator[tuple[str, str, str]]:
 
 def _above_one(data: Any) -> Iterator[tuple[str, str, str]]:
     """A median above 1 by more than its standard error explains: not noise, but a mistake in all rows."""
-    seen = np.isfinite(data.restitution)
-    n = int(np.sum(seen))
-    excess = float(np.median(data.restitution[seen])) - 1 if n >= FEWEST else 0.0
+    is_measured = np.isfinite(data.restitution)
+    n = int(np.sum(is_measured))
+    excess = float(np.median(data.restitution[is_measured])) - 1 if n >= FEWEST else 0.0
     if excess <= 0:
         return
-    order = np.flatnonzero(seen)[np.argsort(data.velocity[seen], kind="stable")]
+    order = np.flatnonzero(is_measured)[np.argsort(data.velocity[is_measured], kind="stable")]
     scatter = _scatter_of(data.velocity[order], data.restitution[order])
     if data.uncertainty is not None:
-        scatter = max(scatter, float(np.median(data.uncertainty[seen])))
+        scatter = max(scatter, float(np.median(data.uncertainty[is_measured])))
     if excess > SURE * np.sqrt(np.pi / 2 / n) * scatter:
         cause = f"half of the restitutions are above {1 + excess:.4g}, which noise would not do"
         yield "above-one", cause, "Are impact and rebound exchanged, or is a scale off?"
@@ -177,14 +183,14 @@ def _far_from_hertz(data: Any) -> Iterator[tuple[str, str, str]]:
 
     δ_max = (5 M v²/4k)^(2/5), F = k δ^(3/2), t = 2.9432 δ/v, a² = A δ (Johnson, Contact Mechanics, 1985).
     """
-    one = data.contact
-    stiffness, mass = np.asarray(one.stiffness), np.asarray(one.mass)
+    contact = data.contact
+    stiffness, mass = np.asarray(contact.stiffness), np.asarray(contact.mass)
     overlap = (1.25 * mass * data.velocity**2 / stiffness) ** 0.4
     elastic = {
         "contact_time": 2.9432 * overlap / data.velocity,
         "peak_force": stiffness * overlap**1.5,
         "peak_overlap": overlap,
-        "dent_diameter": 2 * np.sqrt(one.area_factor * np.asarray(one.radius) * overlap),
+        "dent_diameter": 2 * np.sqrt(contact.area_factor * np.asarray(contact.radius) * overlap),
     }
     for name, expected in elastic.items():
         values = getattr(data, name)

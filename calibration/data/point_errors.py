@@ -84,7 +84,7 @@ class PointErrors:
             "by_drag",
         )
         chosen = {name: getattr(self, name) for name in of_points}
-        chosen = {name: one[rows] for name, one in chosen.items() if one is not None}
+        chosen = {name: column[rows] for name, column in chosen.items() if column is not None}
         size = None if self.size is None else self.size[index]
         return replace(self, index=back, size=size, **chosen)
 
@@ -118,7 +118,7 @@ class PointErrors:
         """Variance of δε - slope δv of each point, (n,), of all stated errors."""
         shared = (self.to_restitution - slope[:, None] * self.to_velocity) * self.sizes_at(0.0)
         alone = (self.restitution_alone, self.velocity_alone)
-        of_eps, of_v = (0.0 if one is None else one for one in alone)
+        of_eps, of_v = (0.0 if part is None else part for part in alone)
         return np.sum(shared**2, axis=1) + of_eps**2 + (slope * of_v) ** 2
 
     @property

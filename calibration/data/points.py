@@ -97,7 +97,7 @@ class Rows(NamedTuple):
         return self.columns[name] * np.abs(of) if name in self.relative else self.columns[name]
 
     def take(self, rows) -> "Rows":
-        columns = {name: one[rows] for name, one in self.columns.items()}
+        columns = {name: column[rows] for name, column in self.columns.items()}
         return self._replace(columns=columns, air=None if self.air is None else self.air.take(rows))
 
 
@@ -199,7 +199,7 @@ def _check_unit(name: str, value: Any, layout: Layout) -> None:
     base = "restitution" if name == "uncertainty" else name.removesuffix("_uncertainty")
     si = SI_UNITS[name]
     values = [base] if base in layout.written or name == "uncertainty" else layout.kind.needs
-    units = [layout.written.get(one) for one in values if SI_UNITS.get(one) == si]
+    units = [layout.written.get(column) for column in values if SI_UNITS.get(column) == si]
     other = next((unit for unit in units if unit is not None and unit_of(unit, si) != 1), None)
     if other is None:
         return
@@ -224,12 +224,12 @@ def _air(air: Any, columns: Any, ball: Mapping[str, Any], kind: Kind, gravity: f
     """The air of flights, or None if it is ignored, and a remark."""
     radius = radius_of(columns, ball["density"])
     diameter = ball["diameter"] if radius is None else 2 * radius
-    found = ball_of(diameter, columns.get("mass", ball["mass"]), ball["density"])
+    ball_sizes = ball_of(diameter, columns.get("mass", ball["mass"]), ball["density"])
     density = checked_air(air)
     if density is None or not kind.is_flight:
         return None, ()
-    if found is not None:
-        return Air(*found, gravity, density), ()
+    if ball_sizes is not None:
+        return Air(*ball_sizes, gravity, density), ()
     if isinstance(air, bool | None):
         return None, (NOT_CORRECTED,)
     raise DataError("ball", "missing", "given with air: its diameter, and its mass or density")
@@ -250,17 +250,17 @@ def _fall(layout: Layout, air: Air | None, gravity: float) -> Fall | None:
 def _more(rows: Rows, points: Points) -> dict[str, np.ndarray]:
     """Observables other than ε, their uncertainties, and sizes."""
     rows = rows.take(points.rows)
-    found = {name: rows.columns[name] for name in (*OBSERVED, *SIZES) if name in rows.columns}
-    for name in {*OBSERVED} & {*found}:
-        if (uncertainty := rows.uncertainty(f"{name}_uncertainty", found[name])) is not None:
-            found[f"{name}_uncertainty"] = uncertainty
-    if rows.kind.is_flight and "contact_time" in found:
+    columns = {name: rows.columns[name] for name in (*OBSERVED, *SIZES) if name in rows.columns}
+    for name in {*OBSERVED} & {*columns}:
+        if (uncertainty := rows.uncertainty(f"{name}_uncertainty", columns[name])) is not None:
+            columns[f"{name}_uncertainty"] = uncertainty
+    if rows.kind.is_flight and "contact_time" in columns:
         flight = 2 * points.velocity / rows.gravity
-        for row in np.flatnonzero(found["contact_time"] >= flight)[:1]:
+        for row in np.flatnonzero(columns["contact_time"] >= flight)[:1]:
             accepted = f"shorter than the flight, {flight[row]:.3g} s"
-            value = float(found["contact_time"][row])
+            value = float(columns["contact_time"][row])
             raise DataError("contact_time", value, accepted, int(points.rows[row]))
-    return found
+    return columns
 
 
 # ---------------------------------------------------------------- an impact by two quantities
@@ -278,7 +278,7 @@ class Impacts(NamedTuple):
     remarks: tuple[str, ...]
 
 
-def _impacts(rows: Rows, first: Column, second: Column, least: Column) -> Impacts:
+def _impacts(rows: Rows, first: Column, second: Column, floor: Column) -> Impacts:
     """Impacts of what was measured before and after; `least`: where the slope in `second` is taken."""
     what, gravity, air = rows.kind.what, rows.gravity, rows.air
     if what == "velocities":
@@ -289,7 +289,7 @@ def _impacts(rows: Rows, first: Column, second: Column, least: Column) -> Impact
         velocity, power = gravity * first / 2, 1.0
     restitution = (second / first) ** power
     if air is None:
-        by_second = power / first * (np.where(least > 0, least, np.inf) / first) ** (power - 1)
+        by_second = power / first * (np.where(floor > 0, floor, np.inf) / first) ** (power - 1)
         by_first, faster = -power * restitution / first, power * velocity / first
         return Impacts(velocity, restitution, by_first, by_second, faster, None, ())
     arrival, departure = ("fall", "rise") if what == "heights" else ("landing", "take_off")
@@ -302,7 +302,7 @@ def _impacts(rows: Rows, first: Column, second: Column, least: Column) -> Impact
         velocity,
         restitution,
         -restitution * faster / velocity,
-        air.slope(departure, least) / velocity,
+        air.slope(departure, floor) / velocity,
         faster,
         np.stack([of_second / velocity, slower], axis=1),
         air.remarks(velocity, restitution, in_vacuum),
@@ -338,14 +338,14 @@ def _of_falls(velocity: Column, gravity: float) -> Iterator[str]:
 
 
 def _single_impacts(rows: Rows) -> Points:
-    kept, left_out = _complete(rows)
-    rows = rows.take(kept)
-    columns, restitution = rows.columns, np.full(len(kept), np.nan)
-    with rows_blamed(kept):
+    complete, left_out = _complete(rows)
+    rows = rows.take(complete)
+    columns, restitution = rows.columns, np.full(len(complete), np.nan)
+    with rows_blamed(complete):
         if rows.kind.what:
             velocity, restitution, errors, remarks = _of_pairs(rows)
         else:
-            velocity, errors, remarks = columns["velocity"], PointErrors.alone(len(kept)), ()
+            velocity, errors, remarks = columns["velocity"], PointErrors.alone(len(complete)), ()
         if "restitution" in columns:
             restitution, added = _stated_restitution(rows, restitution)
             remarks = (*remarks, *added)
@@ -353,14 +353,14 @@ def _single_impacts(rows: Rows) -> Points:
     group = columns.get("group")
     if group is None and "launch" in columns:
         group = _launches(columns["launch"])
-    return Points(velocity, restitution, errors, kept, group, (*left_out, *remarks, *added))
+    return Points(velocity, restitution, errors, complete, group, (*left_out, *remarks, *added))
 
 
 def _complete(rows: Rows) -> tuple[np.ndarray, tuple[str, ...]]:
     """The rows where all that is needed was measured; something else may stand for a rebound."""
     first, *others = (np.isnan(rows.columns[name]) for name in rows.kind.needs)
-    seen = [np.isfinite(rows.columns[name]) for name in OBSERVED if name in rows.columns]
-    other, nothing = np.any(seen, axis=0), not rows.kind.has_restitution
+    is_measured = [np.isfinite(rows.columns[name]) for name in OBSERVED if name in rows.columns]
+    other, nothing = np.any(is_measured, axis=0), not rows.kind.has_restitution
     missing = first | ((np.any(others, axis=0) | nothing) & ~other)
     if not np.any(missing):
         return np.arange(len(missing)), ()
@@ -377,8 +377,8 @@ def _of_pairs(rows: Rows) -> tuple[Column, Column, PointErrors, tuple[str, ...]]
     names = VELOCITIES if what == "velocities" else HEIGHTS
     first = columns[names[0]]
     second = columns[names[1]] if names[1] in rows.kind.needs else np.full(len(first), np.nan)
-    seen = np.isfinite(second)
-    second = np.where(seen, second, 0.0)
+    is_measured = np.isfinite(second)
+    second = np.where(is_measured, second, 0.0)
     remarks: tuple[str, ...] = ()
     of_one_sign = np.all(first > 0) or np.all(first < 0)
     if what == "velocities" and of_one_sign and np.all(first * second <= 0):
@@ -392,8 +392,8 @@ def _of_pairs(rows: Rows) -> tuple[Column, Column, PointErrors, tuple[str, ...]]
         raise DataError(names[1], float(second[row]), accepted, int(row))
     sizes, stated = _sizes_of_pairs(rows, names, (first, second))
     # the slope of √h is infinite at h = 0: there u(ε) is to be the ε that a height of u gives
-    least = second if sizes is None else np.maximum(second, sizes[1] / 4)
-    hit = _impacts(rows, first, second, least)
+    floor = second if sizes is None else np.maximum(second, sizes[1] / 4)
+    hit = _impacts(rows, first, second, floor)
     remarks = (*remarks, *stated, *hit.remarks)
     if what == "heights":
         remarks = (*remarks, *_of_falls(hit.velocity, rows.gravity))
@@ -402,7 +402,7 @@ def _of_pairs(rows: Rows) -> tuple[Column, Column, PointErrors, tuple[str, ...]]
         slopes = three(hit.by_first, hit.by_second), three(hit.faster)
         errors = PointErrors(paired(len(first)), *slopes, np.stack(sizes, axis=1).ravel(), what)
     errors = replace(errors, by_drag=hit.by_drag)
-    return hit.velocity, np.where(seen, hit.restitution, np.nan), errors, remarks
+    return hit.velocity, np.where(is_measured, hit.restitution, np.nan), errors, remarks
 
 
 def _sizes_of_pairs(rows: Rows, names: tuple[str, str], values: tuple[Column, Column]):
@@ -410,7 +410,7 @@ def _sizes_of_pairs(rows: Rows, names: tuple[str, str], values: tuple[Column, Co
     both, is_pair = rows.kind.uncertainties[-1], names[1] in rows.kind.needs
     pairs = zip(names, values, strict=True)
     each = [rows.uncertainty(f"{name}_uncertainty", x) for name, x in pairs]
-    exact = [name for name, one in zip(names, each, strict=True) if one is None]
+    exact = [name for name, size in zip(names, each, strict=True) if size is None]
     if both in rows.columns:
         for name in names:
             if name not in exact:
@@ -421,7 +421,7 @@ def _sizes_of_pairs(rows: Rows, names: tuple[str, str], values: tuple[Column, Co
         return None, ()
     else:
         remarks = [f"{n} is treated as exact: no uncertainty of it is stated" for n in exact]
-    sizes = [np.zeros(len(values[0])) if one is None else one for one in each]
+    sizes = [np.zeros(len(values[0])) if size is None else size for size in each]
     for size in sizes:
         what = f"uncertainty of the {rows.kind.what}"
         require(what, size, lambda u: u >= 0, "a number of 0 or more")
@@ -435,13 +435,15 @@ def _stated_restitution(rows: Rows, measured: Column) -> tuple[Column, tuple[str
     if set(HEIGHTS) <= set(columns):
         drop, rebound = (columns[name] for name in HEIGHTS)
         require(HEIGHTS[0], drop, lambda h: h > 0, POSITIVE["heights"])
-        seen = np.where(np.isfinite(stated), rebound, 0.0)
-        require(HEIGHTS[1], seen, lambda h: h >= 0, NOT_NEGATIVE["heights"])
+        measured_rebound = np.where(np.isfinite(stated), rebound, 0.0)
+        require(HEIGHTS[1], measured_rebound, lambda h: h >= 0, NOT_NEGATIVE["heights"])
         ratio = rebound / drop
         formula = f"√({HEIGHTS[1]}/{HEIGHTS[0]})" + " in air" * in_air
         _check(rows, stated, measured if rows.kind.what else np.sqrt(ratio), formula, ratio)
         if in_air:
-            by_vacuum, by_air = (np.abs(stated - one) for one in (np.sqrt(ratio), measured))
+            by_vacuum, by_air = (
+                np.abs(stated - candidate) for candidate in (np.sqrt(ratio), measured)
+            )
             if np.nanmedian(by_vacuum) < np.nanmedian(by_air):
                 remark = "restitution is √(rebound_height/drop_height): it is corrected for air too"
                 return measured, (remark,)
@@ -452,8 +454,8 @@ def _stated_restitution(rows: Rows, measured: Column) -> tuple[Column, tuple[str
 
 def _check(rows: Rows, stated: Column, expected: Column, formula: str, slip: Any = np.nan) -> None:
     """Restitutions given with other measurements must be as expected, and not the likely slip, ε²."""
-    seen = np.where(np.isnan(expected), 0.0, stated)
-    require("restitution", seen, lambda e: e >= 0, "a number of 0 or more")
+    checked = np.where(np.isnan(expected), 0.0, stated)
+    require("restitution", checked, lambda e: e >= 0, "a number of 0 or more")
     uncertainty = rows.uncertainty("uncertainty", stated)
     noise = OFF_UNKNOWN if uncertainty is None else OFF * uncertainty
     off, off_slip = np.abs(stated - expected), np.abs(stated - slip)
@@ -550,7 +552,7 @@ def _intervals(rows: Rows, name: str, sequence: np.ndarray) -> Column:
 
 def _timing(rows: Rows, name: str) -> Column | None:
     """The timing uncertainty of each row; None where it is unknown, one for all."""
-    stated = [one for one in rows.kind.uncertainties if one in rows.columns]
+    stated = [column for column in rows.kind.uncertainties if column in rows.columns]
     if len(stated) == 2:
         raise DataError(stated[1], f"given with {stated[0]}", "given once")
     if not stated:

@@ -32,9 +32,9 @@ def average(velocity: Values, restitution: Values, errors: PointErrors, group=No
     if stated is None:
         weight = 1 / counts[of]
     else:
-        least = np.full(len(counts), np.inf)
-        np.minimum.at(least, of, stated)
-        weight = (least[of] / stated) ** 2  # no smaller number is squared
+        smallest = np.full(len(counts), np.inf)
+        np.minimum.at(smallest, of, stated)
+        weight = (smallest[of] / stated) ** 2  # no smaller number is squared
         weight = weight / total(weight)[of]
     mean = total(weight * restitution)
     sizes = errors.sizes_at(0.0)
@@ -52,11 +52,11 @@ def average(velocity: Values, restitution: Values, errors: PointErrors, group=No
         degrees = left if left and np.max(np.abs(residual)) >= ALIKE else None
         of_eps = None if degrees is None else np.sum(residual**2) / left / counts
     known = errors.velocity_uncertainty is not None
-    found = _errors_of(of_eps, of_v, joint, known)
+    of_means = _errors_of(of_eps, of_v, joint, known)
     if errors.by_drag is not None:
-        by_drag = np.stack([total(weight * one) for one in errors.by_drag.T], axis=1)
-        found = replace(found, by_drag=by_drag)
-    return mean, found, degrees, rows
+        by_drag = np.stack([total(weight * column) for column in errors.by_drag.T], axis=1)
+        of_means = replace(of_means, by_drag=by_drag)
+    return mean, of_means, degrees, rows
 
 
 def _repeats(velocity: Values, group) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " m"]]:

@@ -110,8 +110,8 @@ class Sheet:
     def _of_text(self, raw: bytes) -> Iterator[Row]:
         text, encoding = decoded(self.path, raw, "cp1252")
         self.remarks += [WINDOWS] * (encoding == "cp1252")
-        every = io.StringIO(text, newline=None)
-        lines = ["\n" if line.lstrip().startswith("#") else line for line in every]
+        raw_lines = io.StringIO(text, newline=None)
+        lines = ["\n" if line.lstrip().startswith("#") else line for line in raw_lines]
         first = next((k for k, line in enumerate(lines) if line.strip(" \t,;\r\n")), 0)
         header = lines[first] if lines else ""
         self.delimiter = next((mark for mark in "\t;" if mark in header), ",")
@@ -182,12 +182,12 @@ class Sheet:
 
     def numbers(self, name: str, cells: list[str], rows: list[Row]) -> np.ndarray:
         """Cells as numbers, NaN if empty."""
-        found = np.array(list(map(self._number, cells)))
-        for k in np.flatnonzero(~np.isfinite(found)):
+        values = np.array(list(map(self._number, cells)))
+        for k in np.flatnonzero(~np.isfinite(values)):
             if cells[k]:
                 accepted = f"it must be a finite number{self._hint(cells[k])}"
                 raise InputError(self.path, rows[k].line, f"{name} is {cells[k][:80]!r}", accepted)
-        return found
+        return values
 
     def _number(self, cell: str) -> float:
         """NaN where a cell has no number."""

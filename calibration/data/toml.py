@@ -61,7 +61,7 @@ def read_toml_file(path: str | Path, model: type[Model]) -> TomlFile[Model]:
         return TomlFile(str(path), model.model_validate(values), lines_of(text))
     except ValidationError as error:
         lines = lines_of(text)
-        faults = (_fault(path, lines, one, model) for one in error.errors()[: FAULTS + 1])
+        faults = (_fault(path, lines, fault, model) for fault in error.errors()[: FAULTS + 1])
         raise combined(faults) from None
 
 
@@ -74,30 +74,34 @@ def line_of(lines: Mapping[Place, int], place: Place) -> int | None:
 
 def combined(faults: Iterable[InputError]) -> InputError:
     """Several refusals as one, by file and line."""
-    first, *others = sorted(faults, key=lambda one: (one.file or "", one.line or 0))
+    first, *others = sorted(faults, key=lambda fault: (fault.file or "", fault.line or 0))
     first.others = tuple(others)
     return first
 
 
 def _fault(
-    path: str | Path, lines: Mapping[Place, int], one: Any, model: type[Strict]
+    path: str | Path, lines: Mapping[Place, int], reported: Any, model: type[Strict]
 ) -> InputError:
     """A fault that pydantic found, with its line."""
-    place, cause = one["loc"], one.get("ctx", {}).get("error")
+    place, cause = reported["loc"], reported.get("ctx", {}).get("error")
     if isinstance(cause, Refused):
         place, problem, accepted = (*place, *cause.place), cause.problem, cause.accepted
     elif isinstance(cause, DataError):
         place = (*place, cause.argument.partition(" of ")[0])
         problem, accepted = f"{cause.argument} is {cause.value}", f"it must be {cause.accepted}"
-    elif one["type"] == "extra_forbidden":
+    elif reported["type"] == "extra_forbidden":
         known = known_below(model, place[:-1])
         more = f" and {len(known) - MOST} more" if len(known) > MOST else ""
         near = did_you_mean(str(place[-1]), known).strip(" ()")
         problem = f"unknown key {shown(repr(place[-1]))}"
         accepted = near or f"known here are {listed(known[:MOST])}{more}"
     else:
-        fault = fault_of(one, model)
-        value = fault.value if not isinstance(one["input"], bool) else str(one["input"]).lower()
+        fault = fault_of(reported, model)
+        value = (
+            fault.value
+            if not isinstance(reported["input"], bool)
+            else str(reported["input"]).lower()
+        )
         problem, accepted = f"{place[-1]} is {value}", f"it must be {fault.accepted}"
     return InputError(path, line_of(lines, place) or 1, problem, accepted)
 
@@ -114,19 +118,19 @@ def _syntax_error(path: str | Path, text: str, message: str) -> InputError:
 
 def lines_of(text: str) -> dict[Place, int]:
     """Line, from 1, of every table and key of a valid TOML text, by its place."""
-    found: dict[Place, int] = {}
+    lines: dict[Place, int] = {}
     last: dict[Place, int] = {}  # position of the latest entry of each array of tables
-    here: Place = ()
+    table: Place = ()
     for line, statement in _statements(text):
         bare = BARE.fullmatch(statement)
         if bare:
-            found[(*here, bare[1])] = line
+            lines[(*table, bare[1])] = line
         elif statement.lstrip().startswith("["):
-            here = _table_place(tomllib.loads(statement), last)
-            found.setdefault(here, line)
+            table = _table_place(tomllib.loads(statement), last)
+            lines.setdefault(table, line)
         else:
-            found |= dict.fromkeys(_key_places(tomllib.loads(statement), here), line)
-    return found
+            lines |= dict.fromkeys(_key_places(tomllib.loads(statement), table), line)
+    return lines
 
 
 def _statements(text: str) -> Iterator[tuple[int, str]]:
@@ -157,8 +161,8 @@ def _table_place(parsed: Mapping[str, Any], last: dict[Place, int]) -> Place:
     return place
 
 
-def _key_places(parsed: Mapping[str, Any], here: Place) -> Iterator[Place]:
+def _key_places(parsed: Mapping[str, Any], place: Place) -> Iterator[Place]:
     for name, value in parsed.items():
-        yield (*here, name)
+        yield (*place, name)
         if isinstance(value, dict):
-            yield from _key_places(value, (*here, name))
+            yield from _key_places(value, (*place, name))

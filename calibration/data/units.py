@@ -109,10 +109,10 @@ def _size(name: str, si: str) -> Fraction | None:
         return None
     registry = _registry()
     try:
-        one, other = (registry.parse_units(POWER.sub(r"**\1", unit)) for unit in (name, si))
-        if one.dimensionality != other.dimensionality:
+        stated, target = (registry.parse_units(POWER.sub(r"**\1", unit)) for unit in (name, si))
+        if stated.dimensionality != target.dimensionality:
             return None
-        return Fraction(registry.Quantity(Fraction(1), one).m_as(other))
+        return Fraction(registry.Quantity(Fraction(1), stated).m_as(target))
     except Exception:  # for what is no unit pint raises errors of many kinds
         return None
 

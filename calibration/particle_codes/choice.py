@@ -78,13 +78,15 @@ def choose(target: Target, to: str) -> tuple[Choice, list[Choice]]:
         tried.append(_tried(key, target, codes.BACKENDS[to][key]))
         if tried[-1].total <= target.options.tolerance:
             return tried[-1], tried
-    best = min(tried, key=lambda one: (one.total, one.error))
-    least, found = best.error / (1 - ROOM), f"{best.error:.3g} off without steps"
+    best = min(tried, key=lambda choice: (choice.total, choice.error))
+    least_tolerance, reached = best.error / (1 - ROOM), f"{best.error:.3g} off without steps"
     if best.steps.count:
-        least, found = best.total, f"{best.total:.3g} off at {best.steps.count} steps"
-    place = 10.0 ** (np.floor(np.log10(least)) - 1)  # of two digits, rounded up
-    problem = f"no law meets the tolerance {target.options.tolerance:g}: the best, {best.label}, is {found}"
-    raise InputError(None, None, problem, f"try --tolerance {np.ceil(least / place) * place:.3g}")
+        least_tolerance, reached = best.total, f"{best.total:.3g} off at {best.steps.count} steps"
+    place = 10.0 ** (np.floor(np.log10(least_tolerance)) - 1)  # of two digits, rounded up
+    problem = f"no law meets the tolerance {target.options.tolerance:g}: the best, {best.label}, is {reached}"
+    raise InputError(
+        None, None, problem, f"try --tolerance {np.ceil(least_tolerance / place) * place:.3g}"
+    )
 
 
 def _keys(target: Target, to: str) -> list[str]:
@@ -142,19 +144,19 @@ def _tried(key: str, target: Target, backend: codes.Backend) -> Choice:
     if backend.name == codes.HEADER and type(law) not in FORMULAS:
         table, interpolation = table_of(law, impacts, options.losses)
         error += interpolation
-    shortest = own = float(np.min(impacts.duration))
+    shortest = unscaled = float(np.min(impacts.duration))
     for *_, contact in target.pairs:
-        found = impacts_of(with_contact(law, contact), velocity, options.losses)
+        of_pair = impacts_of(with_contact(law, contact), velocity, options.losses)
         requested = restitution_of(with_contact(target.law, contact), velocity, options.losses)
-        error = max(error, float(np.max(np.abs(found.coefficient - requested))))
-        shortest = min(shortest, float(np.min(found.duration)))
-    held = options.below == "hold" and key not in codes.CONSTANT
+        error = max(error, float(np.max(np.abs(of_pair.coefficient - requested))))
+        shortest = min(shortest, float(np.min(of_pair.duration)))
+    is_held = options.below == "hold" and key not in codes.CONSTANT
     steps, room = NONE, options.tolerance - error
     if options.steps is not None or room >= ROOM * options.tolerance:
-        fewest = max(backend.fewest, codes.DAMPED * held)
+        fewest = max(backend.fewest, codes.DAMPED * is_held)
         steps = steps_within(law, impacts, room, fewest, options.steps, backend.scheme_error)
     hold = off = 0.0
-    if held and steps is not NONE:
+    if is_held and steps is not NONE:
         hold = float(held_fraction(impacts.coefficient[0]))
         off = hold_error(law, impacts, hold, steps.step)
     factor = _softening_factor(impacts, target)
@@ -166,7 +168,7 @@ def _tried(key: str, target: Target, backend: codes.Backend) -> Choice:
         factor,
         replace(impacts, peak=factor * impacts.peak, duration=factor * impacts.duration),
         error,
-        replace(steps, step=steps.step * factor * shortest / own),
+        replace(steps, step=steps.step * factor * shortest / unscaled),
         table,
         hold,
         off,
@@ -175,10 +177,12 @@ def _tried(key: str, target: Target, backend: codes.Backend) -> Choice:
 
 def _softening_factor(impacts: Impacts, target: Target) -> float:
     """The requested overlap over that of the fastest impact."""
-    own, overlap = float(impacts.peak[-1]) / target.radius, target.options.overlap
+    unscaled, overlap = float(impacts.peak[-1]) / target.radius, target.options.overlap
     if overlap is None:
         return 1.0
-    if not own <= overlap <= MOST_OVERLAP:
-        least = f"above {own:.3g}, the largest overlap over the {target.radius_of} radius as it is"
-        raise DataError("overlap", overlap, f"{least}, and {MOST_OVERLAP:g} at most")
-    return overlap / own
+    if not unscaled <= overlap <= MOST_OVERLAP:
+        limits = (
+            f"above {unscaled:.3g}, the largest overlap over the {target.radius_of} radius as it is"
+        )
+        raise DataError("overlap", overlap, f"{limits}, and {MOST_OVERLAP:g} at most")
+    return overlap / unscaled

@@ -110,11 +110,11 @@ def _check(to: str, options: ExportOptions) -> None:
         raise DataError("to", to, listed(BACKENDS))
     steps, prefix, types, radius = options.steps, options.prefix, options.types, options.radius
     two = types is None or (len(types) == 2 and all(isinstance(t, int) and t > 0 for t in types))
-    whole = steps is None or (type(steps) is int and steps >= 2)
+    is_whole = steps is None or (type(steps) is int and steps >= 2)
     named = prefix == "softjax" or to in ("c", "lammps")
     for argument, good, accepted in (
         ("tolerance", 0 < options.tolerance < 1, "a number in (0, 1)"),
-        ("steps", whole, "a whole number of 2 or more"),
+        ("steps", is_whole, "a whole number of 2 or more"),
         ("prefix", named, f"left out with {to}, whose files go by softjax"),
         ("prefix", re.fullmatch("[a-z][a-z0-9_]*", prefix), "a name in C, of small letters"),
         ("below", options.below in ("none", "hold"), "none or hold"),

@@ -45,8 +45,8 @@ def files_of(export: Export) -> dict[str, str]:
     if plugin:
         files |= {name: rendered(template) for name, template in PLUGIN.items()}
     else:
-        softer = {types: softened(one, choice.softening_factor) for types, one in pairs.items()}
-        pairs = {types: numbers_of_input(export, one) for types, one in softer.items()}
+        softer = {types: softened(law, choice.softening_factor) for types, law in pairs.items()}
+        pairs = {types: numbers_of_input(export, law) for types, law in softer.items()}
         law = numbers_of_input(export, softened(choice.law, choice.softening_factor))
     if (export.to, choice.key) == ("liggghts", "hertz-dashpot") and law["restitution"] <= LEAST:
         problem = f"LIGGGHTS takes no coefficientRestitution of {law['restitution']:.3g}"
@@ -61,7 +61,7 @@ def numbers_of_input(export: Export, law: Any) -> dict[str, float]:
     poisson_ratio = export.target.poisson_ratio
     names = ("radius", "mass", "youngs_modulus")
     radius, mass, modulus = (number_of(getattr(law.contact, name)) for name in names)
-    found = {
+    numbers = {
         "radius": radius,
         "mass": mass,
         "poisson_ratio": poisson_ratio,
@@ -69,25 +69,25 @@ def numbers_of_input(export: Export, law: Any) -> dict[str, float]:
         "hertz": 4 / 3 * modulus,  # k/√R [Pa]
     }
     if isinstance(law, sj.ViscoelasticHertz):  # η0 of the dashpot η0 M √(R δ) δ' [1/(s m)]
-        return found | {"damping": 2 * modulus * number_of(law.dissipation_time) / mass}
+        return numbers | {"damping": 2 * modulus * number_of(law.dissipation_time) / mass}
     if isinstance(law, sj.WaltonBraun):
         stiffness = number_of(law.loading_stiffness)
         end = BEYOND * export.overlap * export.target.radius  # of the growth of k2 [m]
-        most = 1 + number_of(law.growth) * end
+        growth = 1 + number_of(law.growth) * end
         scale = 16 / 15 * math.sqrt(radius) * modulus
-        return found | {
+        return numbers | {
             "stiffness": stiffness,  # k1 [N/m]
-            "most": most,  # k_p/k1
-            "depth": end * (most - 1) / most / (2 * radius),  # of plasticity, over the radii
+            "most": growth,  # k_p/k1
+            "depth": end * (growth - 1) / growth / (2 * radius),  # of plasticity, over the radii
             # V of k1 = 16/15 √R E [15 M V²/(16 √R E)]^{1/5} [m/s]
             "velocity": math.sqrt((stiffness / scale) ** 5 * scale / mass),
         }
     fraction = number_of(damping_fraction(law.restitution))  # of critical damping
-    found |= {"restitution": number_of(law.restitution), "fraction": fraction}
+    numbers |= {"restitution": number_of(law.restitution), "fraction": fraction}
     if isinstance(law, sj.LinearSpringDashpot):
         stiffness = number_of(law.stiffness)
-        found |= {"stiffness": stiffness, "damping": 2 * fraction * math.sqrt(stiffness / mass)}
-    return found
+        numbers |= {"stiffness": stiffness, "damping": 2 * fraction * math.sqrt(stiffness / mass)}
+    return numbers
 
 
 def _header(export: Export) -> str:

@@ -76,30 +76,32 @@ class Export:
     def warnings(self) -> tuple[str, ...]:
         """What to know before it is used: extrapolation, deep overlaps, slow impacts, warnings of the fit."""
         fit, (low, high) = self.target.fit, self.target.range
-        found: list[str] = []
-        least, most = (low, high) if fit is None else np.sort(fit.data.velocity)[[0, -1]].tolist()
-        if low < (1 - SLACK) * least or high > (1 + SLACK) * most:
-            ends = f"{number(least)} to {number(most)} m/s"
-            found.append(f"Measured: {ends}. Outside, ε is that of the law.")
+        texts: list[str] = []
+        slowest, fastest = (
+            (low, high) if fit is None else np.sort(fit.data.velocity)[[0, -1]].tolist()
+        )
+        if low < (1 - SLACK) * slowest or high > (1 + SLACK) * fastest:
+            ends = f"{number(slowest)} to {number(fastest)} m/s"
+            texts.append(f"Measured: {ends}. Outside, ε is that of the law.")
         if self.overlap > DEEP:
             percent = f"{100 * self.overlap:.0f} %"
-            found.append(
+            texts.append(
                 f"Overlaps reach {percent} of the radius: contact laws are for small ones."
             )
         if self.choice.key not in CONSTANT:
-            found += self._below(low)
+            texts += self._below(low)
         if fit is not None and fit.warnings:
             names = dict.fromkeys(warning.code for warning in fit.warnings)
-            found.append(f"Warnings of the fit: {', '.join(names)}; see its report.")
-        return tuple(found)
+            texts.append(f"Warnings of the fit: {', '.join(names)}; see its report.")
+        return tuple(texts)
 
     def _below(self, low: float) -> Iterator[str]:
         """The law of impacts slower than the range."""
         choice, fit, below = self.choice, self.target.fit, low / SLOWER
-        held = f"ε is held at {number(float(choice.impacts.coefficient[0]))}"
+        constant = f"ε is held at {number(float(choice.impacts.coefficient[0]))}"
         if choice.hold:
             within = f"within {number(choice.hold_error, 2)} at this time step"
-            yield f"Below {number(low)} m/s {held} by a dashpot, {within}."
+            yield f"Below {number(low)} m/s {constant} by a dashpot, {within}."
             return
         slow = float(impacts_of(self.law, np.array([below]), self.options.losses).coefficient[0])
         elastic, unknown = slow > NEARLY_ELASTIC, fit is not None and below < fit.known_from
@@ -109,23 +111,23 @@ class Export:
         if fit is not None and unknown:
             yield f"Below {number(fit.known_from)} m/s the data do not determine ε."
         if elastic or unknown:
-            yield f"With --below hold {held} below {number(low)} m/s."
+            yield f"With --below hold {constant} below {number(low)} m/s."
 
     @property
     def notes(self) -> tuple[str, ...]:
         """The first lines of every file."""
         choice, target, contact = self.choice, self.target, self.target.contact
         low, high = map(number, target.range)
-        radius, mass = (number(number_of(one)) for one in (contact.radius, contact.mass))
+        radius, mass = (number(number_of(size)) for size in (contact.radius, contact.mass))
         others = "two balls" if target.on_wall else "a wall in place of a ball"
         this = SCENES.get(target.on_wall, "this pair")
         of_sizes = f"That error is of {this}: other sizes, or {others}, have another."
         if target.pairs:
-            radii = ", ".join(number(one) for one in self.options.sizes or ())
+            radii = ", ".join(number(size) for size in self.options.sizes or ())
             of_sizes = f"That error is of all pairs of spheres of radius {radii} m."
         elif choice.backend.of_mass:
             of_sizes = f"Its damping is for that mass, of {this}: other sizes, or {others}, need --sizes or another export."
-        found = [
+        lines = [
             f"{choice.label}, for {target.name}",
             "",
             f"Impacts of {low} to {high} m/s: ε within {number(choice.total, 2)} of the requested "
@@ -136,12 +138,12 @@ class Export:
         ]
         if choice.softening_factor != 1:
             times = number(choice.softening_factor, 3)
-            found.append(f"Softer: overlaps are {times} times the law's.")
+            lines.append(f"Softer: overlaps are {times} times the law's.")
         if isinstance(choice.law, sj.RateIndependentLaw):
             gain = f"An impact gains at most {number(choice.impacts.gain, 2)} of its energy"
             none = "No history of loading and unloading gains energy."
-            found.append(f"{gain} (just above yield)." if choice.impacts.gain else none)
-        return tuple(map(_harmless, (*found, *self.warnings)))
+            lines.append(f"{gain} (just above yield)." if choice.impacts.gain else none)
+        return tuple(map(_harmless, (*lines, *self.warnings)))
 
     def to_dict(self) -> dict[str, Any]:
         """The content of export.json."""
@@ -234,8 +236,8 @@ class Export:
         curve.plot(velocity, exported, label=f"{self.to}: {self.choice.label}", **dashed)
         curve.set(ylabel=r"restitution $\varepsilon$")
         within = f"± error of the time step, {number(1e6 * self.time_step, 3)} µs"
-        look = {"color": style.BLUE, "alpha": 0.25, "lw": 0, "label": within}
-        errors.fill_between(velocity, off - step, off + step, **look)
+        style_of_band = {"color": style.BLUE, "alpha": 0.25, "lw": 0, "label": within}
+        errors.fill_between(velocity, off - step, off + step, **style_of_band)
         errors.plot(velocity, off, **dashed)
         dotted = {"color": style.GREY, "linestyle": ":"}
         errors.axhline(self.options.tolerance, label="tolerance", **dotted)

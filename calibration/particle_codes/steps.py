@@ -68,8 +68,8 @@ def hold_error(law: Any, impacts: Impacts, hold: float, step: float) -> float:
     slowest, expected = impacts.velocity[0], impacts.coefficient[0]
     velocity = np.geomspace(slowest / SLOWER, slowest, len(impacts.velocity))
     duration = impacts.duration * SLOWER**0.2  # of Hertz's contacts, at most
-    found = rebounds(law, replace(impacts, velocity=velocity, duration=duration), step, hold)
-    return BETWEEN * float(np.max(np.abs(found - expected)))
+    obtained = rebounds(law, replace(impacts, velocity=velocity, duration=duration), step, hold)
+    return BETWEEN * float(np.max(np.abs(obtained - expected)))
 
 
 def steps_within(
@@ -91,9 +91,9 @@ def steps_within(
         return steps_of(requested or TRIED[-1], order)
     count = max(TRIED[-1] * (errors[-1] / tolerance) ** (1 / order), fewest)
     while count <= MOST:
-        found = steps_of(int(np.ceil(count)), order)
-        if found.error <= tolerance:
-            return found
+        steps = steps_of(int(np.ceil(count)), order)
+        if steps.error <= tolerance:
+            return steps
         count *= MORE
     return steps_of(MOST, order)
 
@@ -119,6 +119,6 @@ def _force(law, factor, hold, overlap, velocity, peak):
     if not hasattr(law, "loading_force"):
         return sj.contact_force(law, overlap, velocity, 0.0)[0]
     unloading = factor * jnp.maximum(unloading_force(law, overlap, peak), 0.0)
-    held = damped_force(law, law.loading_force, overlap, velocity, hold)
-    inside = jnp.where(hold > 0, held, unloading)
+    damped = damped_force(law, law.loading_force, overlap, velocity, hold)
+    inside = jnp.where(hold > 0, damped, unloading)
     return jnp.where(overlap >= peak, law.loading_force(overlap), inside)

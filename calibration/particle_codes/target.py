@@ -81,9 +81,9 @@ def target_of(source: FitResult | MaterialFit | sj.ContactLaw, options: ExportOp
     Raises:
         ValueError: naming the argument, its value and what is accepted.
     """
-    found = source.material(options.material) if isinstance(source, FitResult) else source
-    fit = found if isinstance(found, MaterialFit) else None
-    law = fit.law if fit else found
+    chosen = source.material(options.material) if isinstance(source, FitResult) else source
+    fit = chosen if isinstance(chosen, MaterialFit) else None
+    law = fit.law if fit else chosen
     if not isinstance(law, sj.ContactLaw):
         raise DataError("result_or_law", law, "a FitResult, a MaterialFit or a contact law")
     contact = getattr(law, "contact", None) or (fit.data.contact if fit else None)
@@ -142,11 +142,11 @@ def _pairs(contact: sj.Contact, sizes: Any, density: Any, on_wall: bool | None) 
         raise DataError("sizes", sizes, "radii of the types of atoms in m")
     like = 2 * number_of(contact.mass) / (2 * number_of(contact.radius)) ** 3
     bodies = {"radius": radii, "mass": radii**3 * (4 / 3 * np.pi * density if density else like)}
-    found = []
+    pairs = []
     for i, j in combinations_with_replacement(range(len(radii)), 2):
         reduced = {name: float(x[i] * x[j] / (x[i] + x[j])) for name, x in bodies.items()}
-        found.append((i + 1, j + 1, dataclasses.replace(contact, **reduced)))
-    return tuple(found)
+        pairs.append((i + 1, j + 1, dataclasses.replace(contact, **reduced)))
+    return tuple(pairs)
 
 
 def with_contact(law: Any, contact: sj.Contact) -> Any:
