@@ -20,7 +20,14 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-from pydantic import Field, PlainValidator, WithJsonSchema, create_model, model_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    PlainValidator,
+    WithJsonSchema,
+    create_model,
+    model_validator,
+)
 
 import softjax as sj
 from calibration.data.air import checked_air
@@ -28,17 +35,14 @@ from calibration.data.columns import UNCERTAINTIES
 from calibration.data.measurements import LONGEST_NAME, RestitutionData
 from calibration.data.plausible import AS_IT_IS, RANGES, of_bodies
 from calibration.data.sheet import read_csv
+from calibration.data.stated import Parameters, measure
 from calibration.data.toml import FAULTS, Place, TomlFile, combined, read_toml_file
-from calibration.data.units import Relative, quantity
 from calibration.errors import (
     DataError,
     InputError,
     Origin,
-    did_you_mean,
-    is_finite_number,
     listed,
     printable,
-    shown,
 )
 from calibration.options import FitOptions
 from calibration.parameters import Parameter
@@ -51,40 +55,6 @@ NAMED = {"stainless steel": sj.STAINLESS_STEEL, "chrome steel": sj.CHROME_STEEL,
 NAMED_SOURCE = "Table 1 of Zhou (2013)"
 BODIES = {"material", *PROPERTIES, *RADII, *DIAMETERS, "wall", "second", "area", "mass"}
 NEEDED_RADII = "needed is radius, or radius_1 and radius_2, or the diameters instead"
-KEYS = [name for name in Parameter.model_fields if name != "origin"]
-# of parameters that may have their unit in the file
-OF_PARAMETERS = {"youngs_modulus": "Pa", "yield_strength": "Pa", "radius": "m", "mass": "kg"}
-OF_PARAMETERS |= {"limit_velocity": "m/s", "dissipation_time": "s"}
-OF_PARAMETERS |= dict.fromkeys(("stiffness", "loading_stiffness", "unloading_stiffness"), "N/m")
-
-
-def measure(
-    si: str, accepted: str = "a positive number", from_zero: bool = False, of_rows: bool = False
-) -> Any:
-    """A quantity in a file: a number in SI, or text with its unit ("69 GPa").
-
-    `of_rows`: of all rows of a table, in the unit of these: a percentage is accepted, text stays text.
-    """
-    unit = f"{accepted} [{si}]".replace("^3", "³").replace("^2", "²")
-
-    def checked(stated: Any) -> float | str:
-        value = stated
-        if isinstance(stated, str):
-            try:
-                value = quantity(stated, si)
-            except DataError as error:
-                more = "" if error.argument == "quantity" else f", {error.accepted}"
-                raise ValueError(unit + more) from None
-        is_part = isinstance(value, Relative) and not of_rows
-        if is_part or not is_finite_number(value) or not (value > 0 or (from_zero and value == 0)):
-            raise ValueError(unit)
-        return stated if of_rows and isinstance(stated, str) else float(value)
-
-    ends = Field(ge=0) if from_zero else Field(gt=0)
-    text = Field(description=f"in {si}, or text with its unit")
-    return PlainValidator(
-        checked, json_schema_input_type=Annotated[Annotated[float, ends] | str, text]
-    )
 
 
 def _name_of_material(value: Any) -> str:
@@ -103,11 +73,7 @@ def _air(value: Any) -> Any:
     return value
 
 
-AirOption = Annotated[
-    bool | float | str | None,
-    PlainValidator(_air),
-    WithJsonSchema({"anyOf": [{"type": "boolean"}, {"type": "number"}, {"type": "string"}]}),
-]
+AirOption = Annotated[bool | float | str | None, BeforeValidator(_air)]
 Pressure = Annotated[float | None, measure("Pa")]
 Length = Annotated[float | None, measure("m")]
 Text = Annotated[str, Field(min_length=1, pattern=r"\S")]
@@ -138,9 +104,7 @@ class BodyTable(Strict):
         if self.material is None and missing is not None:
             accepted = "a body has youngs_modulus, poisson_ratio, density and yield_strength"
             if missing == "yield_strength":
-                accepted += (
-                    "; it is needed only for v_cr with laws without yield: enter 10 MPa, say"
-                )
+                accepted += "; only v_cr needs it with laws without yield: enter 10 MPa, say"
             raise Refused((), f"{missing} is missing", accepted)
 
     @property
@@ -157,55 +121,6 @@ class OtherBody(BodyTable):
     def _complete(self) -> "OtherBody":
         self.check()
         return self
-
-
-def _parameters(tables: Any) -> dict[str, Parameter]:
-    """`[parameters]` or `[material.parameters]`, by name: a number fixes."""
-    if not isinstance(tables, dict):
-        raise ValueError("a table: [parameters] and its keys below")
-    return {name: _parameter(name, table) for name, table in tables.items()}
-
-
-def _parameter(name: str, table: Any) -> Parameter:
-    entry = table if isinstance(table, dict) else {"free": False, "value": table}
-    for key in entry:
-        if key not in KEYS:
-            accepted = did_you_mean(key, KEYS).strip(" ()") or f"known here are {listed(KEYS)}"
-            raise Refused((name, key), f"unknown key {shown(repr(key))}", accepted)
-    try:
-        fields = {key: _in_si(name, value, key) for key, value in entry.items()}
-        return Parameter(**fields)
-    except DataError as error:
-        if entry is not table:
-            problem = (
-                f'{name} is "{table}"' if isinstance(table, str) else f"{name} is {shown(table)}"
-            )
-            accepted = "it must be a number, or a table such as { value = 1.0 }"
-            raise Refused((name,), problem, accepted) from None
-        problem = f"{error.argument} of {name} is {error.value}"
-        raise Refused((name, error.argument), problem, f"it must be {error.accepted}") from None
-
-
-def _in_si(name: str, value: Any, key: str) -> Any:
-    """A value, its bounds or its prior, with texts as numbers."""
-    if isinstance(value, list):
-        return [_in_si(name, entry, key) for entry in value]
-    si = OF_PARAMETERS.get(name.removeprefix("contact."))
-    if not isinstance(value, str) or key in ("transform", "shared", "free", "unit"):
-        return value
-    if si is None:
-        raise DataError(key, f'"{value}"', "a number in SI")
-    try:
-        return float(quantity(value, si))
-    except DataError as error:
-        raise DataError(key, f'"{value}"', error.accepted) from None
-
-
-Parameters = Annotated[
-    dict[str, Any],
-    PlainValidator(_parameters),
-    WithJsonSchema({"type": "object", "additionalProperties": {"type": ["number", "object"]}}),
-]
 
 
 class _Material(BodyTable):
@@ -239,7 +154,7 @@ class _Material(BodyTable):
             accepted = "left out where the bodies' properties are given, from which it follows"
             raise Refused(("mass",), "mass in addition to the bodies", accepted)
         self.check()
-        sizes = [name for name in (*RADII, *DIAMETERS) if getattr(self, name) is not None]
+        sizes = list(self.sizes)
         alone = [{names[0]} for names in (RADII, DIAMETERS)]
         if not sizes and self.data is not None:
             return self  # they may be a column of it
@@ -267,17 +182,18 @@ class _Material(BodyTable):
     @property
     def radii(self) -> list[float]:
         """Stated radii [m]: one for both spheres, or one for each."""
-        pairs = [(name, 1.0) for name in RADII] + [(name, 0.5) for name in DIAMETERS]
-        return [
-            part * getattr(self, name) for name, part in pairs if getattr(self, name) is not None
-        ]
+        return [value if name in RADII else value / 2 for name, value in self.sizes.items()]
+
+    @property
+    def sizes(self) -> dict[str, float]:
+        """Radii and diameters as they are stated."""
+        return {n: x for n in (*RADII, *DIAMETERS) if (x := getattr(self, n)) is not None}
 
     @property
     def in_rows(self) -> bool:
         """Whether the size of the sphere is left to the rows of the data; a second one stays."""
-        named = [name for name in (*RADII, *DIAMETERS) if getattr(self, name) is not None]
-        is_second = self.second is not None and named in (["radius_2"], ["diameter_2"])
-        return self.has_bodies and self.data is not None and (not named or is_second)
+        is_second = self.second is not None and [*self.sizes] in (["radius_2"], ["diameter_2"])
+        return self.has_bodies and self.data is not None and (not self.sizes or is_second)
 
     @property
     def other(self) -> OtherBody | None:
@@ -320,10 +236,9 @@ class MaterialTables(Strict):
                 accepted = "each material needs a different name"
                 raise Refused(("material", i, "name"), problem, accepted)
             if len(name) > LONGEST_NAME:
+                problem = f"name is of {len(name)} characters"
                 accepted = f"of {LONGEST_NAME} characters at most"
-                raise Refused(
-                    ("material", i, "name"), f"name is of {len(name)} characters", accepted
-                )
+                raise Refused(("material", i, "name"), problem, accepted)
             names.add(name)
         for i, table in enumerate(self.material):
             if {"c1", "c2"} & {*self.parameters} and "chi" in table.parameters:
@@ -335,11 +250,10 @@ class MaterialTables(Strict):
     @property
     def names(self) -> list[str]:
         """The name of each material, else that of its data file."""
-        numbered = enumerate(self.material, start=1)
-        stated_names = [
-            table.name or Path(table.data or "").stem or f"material {i}" for i, table in numbered
+        return [
+            printable(table.name or Path(table.data or "").stem or f"material {i}")
+            for i, table in enumerate(self.material, start=1)
         ]
-        return [printable(name) for name in stated_names]
 
 
 class Body(NamedTuple):
@@ -420,22 +334,12 @@ def read_toml(
 
 
 def read_problem(
-    path: str | Path,
-    needs_data: bool = True,
-    *,
-    plausibility: bool = True,
-    air: bool | float | str | None = None,
+    path: str | Path, needs_data: bool = True, *, plausibility: bool = True, air: Any = None
 ) -> ProblemFile:
-    """A material file's data sets, parameters and settings.
+    """A material file's data sets, parameters and settings; arguments and errors as of `read_toml`.
 
     Args:
-        path: the file; data files are sought next to it.
         needs_data: whether every material must name its measurements.
-        plausibility, air: as of `read_toml`.
-
-    Raises:
-        InputError: a ValueError with file and line, what is wrong and what is accepted; where there
-            are several faults it lists them.
     """
     file = read_toml_file(path, MaterialTables)
     tables = file.content
@@ -502,8 +406,7 @@ class _Reader:
         """The contact and both bodies, where the first has this radius, or one in each row."""
         table = self.table
         area = table.area or self.file.content.fit.area or "zhou"
-        first, other = table.solid, (table.other or table).solid
-        second = table.radii[-1] if table.radii else radius
+        first, other, second = table.solid, (table.other or table).solid, [radius, *table.radii][-1]
         try:
             if table.wall is not None:
                 contact = sj.Contact.with_wall(first, other, radius, area)
@@ -532,16 +435,9 @@ class _Reader:
         named = {body.material for body in (table, table.wall, table.second) if body is not None}
         remarks = [f"properties of {name} from {NAMED_SOURCE}" for name in sorted(named - {None})]
         options = {name: getattr(table, name) for name in (*UNCERTAINTIES, "gravity")}
-        options |= {
-            "air": self.air,
-            "dent": table.dent,
-            "name": self.name,
-            "plausibility": self.plausibility,
-            "bodies": bodies,
-            "remarks": (*remarks, *of_file),
-            "quoted": inside,
-            "one_size": contact is not None,
-        }
+        options |= {"air": self.air, "plausibility": self.plausibility, "dent": table.dent}
+        options |= {"name": self.name, "bodies": bodies, "remarks": (*remarks, *of_file)}
+        options |= {"quoted": inside, "one_size": contact is not None}
         if table.is_ball:
             ball = {"mass": table.mass, "density": table.density}
             options |= {"diameter": 2 * table.radii[0]} | ball

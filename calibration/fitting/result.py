@@ -350,8 +350,8 @@ class FitResult:
         return cls(**read_result(path, law))
 
     def to_frame(self) -> Any:
-        """All estimates as a pandas DataFrame, one a row; see `calibration.report.fit`."""
-        from calibration.report.fit import estimates
+        """All estimates as a pandas DataFrame, one a row; see `calibration.report.tables`."""
+        from calibration.report.tables import estimates
 
         return estimates(self)
 

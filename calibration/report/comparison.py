@@ -8,8 +8,8 @@ import pandas as pd
 from calibration import symbols
 from calibration.data.json_file import dumps
 from calibration.fitting.warnings import OTHER_LAWS
-from calibration.report.fit import estimate_text
 from calibration.report.layout import Block, Item, terminal
+from calibration.report.tables import estimate_text
 from calibration.rounding import ABSENT, number
 
 WHOLE = 1000  # larger elpd, AIC and BIC are rounded to whole numbers

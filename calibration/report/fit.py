@@ -1,34 +1,36 @@
-"""The report of a fit: tables and sentences as blocks, and all files of a fit.
-
-`estimates` returns numbers; the other tables contain rounded text.
-"""
+"""The report of a fit: tables and sentences as blocks, and all files of a fit."""
 
 import datetime
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from calibration import symbols
-from calibration.fitting.curves import modulus_by_times
-from calibration.fitting.material import Estimate
 from calibration.fitting.request import stated_parameters
-from calibration.observables import OBSERVABLES, RESTITUTION
 from calibration.output import files_into, write_text
 from calibration.parameters import Parameter
 from calibration.report.layout import Block, Item, markdown, page, terminal
+from calibration.report.tables import (
+    Printed,
+    bodies_table,
+    estimate_text,
+    group_blocks,
+    interval_methods,
+    interval_text,
+    observables_blocks,
+    outlier_lines,
+    parameter_table,
+    quality_table,
+    range_text,
+    warning_items,
+)
 from calibration.rounding import ABSENT, interval, number, with_error
 
-Printed = Mapping[str, Mapping[str, float]]  # {material: {parameter: published value}}
-MANY = 1000  # degrees of freedom: with more, Student's t counts as the normal distribution
 MOST_NAMED = 3  # data sets that the first sentence describes one by one
 MOST_SEARCHES = 12  # searches that are listed one by one
-MOST_OUTLIERS = 10
-MOST_GROUPS = 20  # rows of the table of their offsets
-MISFIT = 0.1  # share of the points above which outliers are reported as a misfit
 DETERMINED = 0.3  # of the prior's width, up to which draws determine a parameter
 NOT_CONVERGED = "NOT CONVERGED: do not use these values."
 OBJECTIVES = {
@@ -47,20 +49,10 @@ LINE_METHODS = {  # a sentence, and the column of the table
     "curves": ("fitted to all curves at once", "through all curves"),
     "weighted": ("through the fitted χ̃", "through the fitted χ̃, weighted"),
 }
-METHODS = {
-    "sandwich": (
-        "from the stacked estimating equations of both steps of `two-step`, as the same noise "
-        "enters both"
-    ),
-    "profile": "where the profile likelihood crosses its threshold; open if it never does",
-    "wald": "from the standard error, on the scale of the search",
-    "derived": "from the covariance of the fitted parameters",
-}
 CONFIDENCE = (
     "Intervals contain the true value in {:g} % of experiments, if the law is right. Where the noise "
     "is estimated, dof is the number of degrees of freedom of Student's t:"
 )
-NOT_JUDGED = "not checked, without profiles: whether standard errors describe the intervals"
 QUALITY = {  # columns of the goodness of fit
     "dof": "degrees of freedom of the residuals",
     "scatter": "estimated standard deviation of one ε (under `two-step` about Eq. (17))",
@@ -69,12 +61,6 @@ QUALITY = {  # columns of the goodness of fit
     "χ²/dof": "squared residuals over the stated variances, per degree of freedom",
     "factor": "by which the stated uncertainties were scaled, √(χ²/dof)",
     "P": "probability of a χ² at least as large if law and stated uncertainties hold",
-}
-PROPERTIES = {
-    "youngs_modulus": "E [Pa]",
-    "poisson_ratio": "ν",
-    "density": "ρ [kg/m³]",
-    "yield_strength": "Y [Pa]",
 }
 PICTURES = {
     "curves.png": "Data, fitted curves with their bands, and residuals below",
@@ -159,7 +145,7 @@ def result_text(result: Any) -> str:
     """The text that `print` shows: first sentence, estimates, goodness of fit and warnings."""
     of = sections(result)
     tables = [b for n in ("parameters", "quality", "line") for b in of[n] if b.kind == "table"]
-    outliers = _optional("list", _outliers(result))
+    outliers = _optional("list", outlier_lines(result))
     return terminal([*of["result"], *tables, *outliers, *of["verdict"], *of["warnings"]])
 
 
@@ -183,8 +169,8 @@ def sections(
     condition = result.condition_number
     rank = f"Rank {result.rank} of {len(result.covariance_names)} free parameters, "
     rank += "condition number " + ("infinite" if condition is None else number(condition, 2))
-    methods = [f"{name}: {text}" for name, text in _methods(result).items()]
-    quality, bodies = _quality_table(result), _bodies_table(result)
+    methods = [f"{name}: {text}" for name, text in interval_methods(result).items()]
+    quality, bodies = quality_table(result), bodies_table(result)
     words = [f"{name}: {text}" for name, text in QUALITY.items() if name in quality]
     warned, of_draws = warning_items(result.warnings, result), []
     if draws is not None:
@@ -200,7 +186,7 @@ def sections(
         "bodies": [] if bodies.empty else [Block("heading", "Bodies"), Block("table", bodies)],
         "parameters": [
             Block("heading", "Parameters"),
-            Block("table", _parameter_table(result, printed)),
+            Block("table", parameter_table(result, printed)),
             *_optional("list", _meanings(result)),
             *_optional("list", _stated(result), "Priors, bounds and shared parameters:"),
             *_optional("list", methods, CONFIDENCE.format(100 * result.confidence)),
@@ -208,9 +194,9 @@ def sections(
         "quality": [
             Block("heading", "Goodness of fit"),
             Block("table", quality),
-            *_observed(result),
-            *_optional("list", words + _outliers(result)),
-            *_group_offsets(result),
+            *observables_blocks(result),
+            *_optional("list", words + outlier_lines(result)),
+            *group_blocks(result),
         ],
         "pictures": [Block("picture", pair) for pair in (pictures or {}).items()],
         "line": _line(result.unloading_line),
@@ -230,19 +216,6 @@ def sections(
 def _optional(kind: str, value: list[Any], first: str = "") -> list[Block]:
     """A block with a sentence before it; no block if `value` is empty."""
     return [*([Block("text", first)] if first else []), Block(kind, value)] if value else []
-
-
-def warning_items(warnings: Iterable[Any], result: Any) -> list[Item]:
-    """Warnings, with the symbols of the tables: χ̃, not chi."""
-    models = [fit.model for fit in result.materials]
-    return [
-        Item(
-            warning.code,
-            f"{f' ({warning.material})' if warning.material else ''}: {symbols.written(warning.cause, models)}.",
-            symbols.written(warning.advice, models),
-        )
-        for warning in warnings
-    ]
 
 
 def _sentence(result: Any) -> str:
@@ -267,243 +240,6 @@ def _sentence(result: Any) -> str:
         owner = f"on {fit.name}: " if count == 1 else f"{fit.name}, "
         parts.append(owner + ", ".join([*values, f"rms {number(fit.rms)}"]))
     return f"{law}{' ' if count == 1 else ': '}{'; '.join(parts)}."
-
-
-def estimates(result: Any) -> pd.DataFrame:
-    """All estimates of a fit, one in each row, as `FitResult.to_frame` returns them.
-
-    Columns: dataset, parameter, symbol, unit, value, standard_error, low, high, method, free,
-    at_bound. Undefined values and open ends are NaN.
-    """
-    names = ("value", "standard_error", "low", "high")
-    rows = []
-    for owner, name, symbol, _, estimate in _estimates(result):
-        numbers = {n: np.nan if (x := getattr(estimate, n)) is None else x for n in names}
-        kind = {n: getattr(estimate, n) for n in ("method", "free", "at_bound")}
-        place = {"dataset": owner, "parameter": name, "symbol": symbol.text, "unit": symbol.unit}
-        rows.append(place | numbers | kind)
-    return pd.DataFrame(rows)
-
-
-def _estimates(
-    result: Any, printed: Printed | None = None
-) -> Iterator[tuple[str, str, symbols.Symbol, str, Estimate]]:
-    """Yield data set, parameter, symbol, label in the covariance, and estimate; pooled ones last."""
-    for fit in result.materials:
-        known = {**fit.parameters, **fit.derived}
-        for name in (printed or {}).get(fit.name, {}):  # of the contact, from the bodies
-            if name not in known:
-                known[name] = Estimate(float(getattr(fit.contact, name)), method="computed")
-        for name, estimate in known.items():
-            symbol = symbols.symbol(name, fit.model)
-            yield fit.name, name, symbol, fit.labels.get(name, name), estimate
-    for name, estimate in result.pooled.items():
-        base = name.removesuffix("_spread")
-        symbol = symbols.symbol(base, result.materials[0].model)
-        if base != name:
-            symbol = symbol._replace(text=f"spread of {symbol.text}")
-        yield "all together", name, symbol, name, estimate
-
-
-def _parameter_table(result: Any, printed: Printed | None = None) -> pd.DataFrame:
-    """Value, standard error and interval of each parameter, and published values if any."""
-    rows: list[dict[str, str]] = []
-    before, with_intervals = None, bool(_methods(result))
-    for owner, name, symbol, label, estimate in _estimates(result, printed):
-        row = {
-            "material": "" if owner == before else owner,
-            "parameter": symbol.text + (f" [{symbol.unit}]" if symbol.unit else ""),
-            "value ± std. error": estimate_text(estimate),
-        }
-        if with_intervals:
-            row[f"{100 * result.confidence:g} % interval"] = ends = interval_text(estimate)
-            dof = result.degrees_of_freedom(label)
-            of_t = "" if dof is None or dof >= MANY else f", dof = {number(dof, 3)}"
-            row["interval from"] = "" if ends == ABSENT else estimate.method + of_t
-        if printed is not None:
-            value = printed.get(owner, {}).get(name)
-            row["Table 1"] = "" if value is None else f"{value:.5g}"
-        rows.append(row)
-        before = owner
-    for fit in result.materials:
-        for tree in fit.trees:
-            text = f"{tree.size} numbers, shown by the band of the curve"
-            owner = "" if len(result.materials) == 1 and rows else fit.name
-            rows.append({"material": owner, "parameter": tree.name, "value ± std. error": text})
-    return pd.DataFrame(rows).fillna("")
-
-
-def _methods(result: Any) -> dict[str, str]:
-    """Methods of the intervals in this result, each with its description."""
-    used = {e.method for *_, e in _estimates(result) if interval_text(e) != ABSENT}
-    return {name: text for name, text in METHODS.items() if name in used}
-
-
-def estimate_text(estimate: Any) -> str:
-    """A value with its error, or the reason why it has no error."""
-    if estimate.value is None:
-        return "not determined" if estimate.free else ABSENT
-    if estimate.method == "fixed" and not estimate.free:
-        return f"{number(estimate.value, 5)} (fixed)"
-    text = with_error(estimate.value, estimate.printed_error)
-    return text + " (at its bound)" * estimate.at_bound
-
-
-def interval_text(estimate: Any) -> str:
-    """Text of the interval, or a dash."""
-    if estimate.standard_error is None and estimate.low is None and estimate.high is None:
-        return ABSENT
-    return interval(estimate.low, estimate.high, estimate.printed_error)
-
-
-def _quality_table(result: Any) -> pd.DataFrame:
-    """Goodness of fit of each data set, and its estimated scatter; without columns of no number."""
-    rows, line = [], result.unloading_line
-    for fit in result.materials:
-        chi_squared = fit.reduced_chi_squared
-        numbers = {
-            "dof": (fit.residual_degrees, 4),
-            "rms": (fit.rms, 4),
-            "rms of Eq. (17)": (fit.rms_empirical, 3),
-            "rms on Eq. (18)": (line and line.rms.get(fit.name), 4),
-            "scatter": (fit.noise, 3),
-            "between groups": (fit.group_deviation, 3),
-            "of times [ms]": (fit.timing and 1e3 * fit.timing, 3),
-            "χ²/dof": (chi_squared, 3),
-            "factor": (chi_squared**0.5 if "scale" in fit.variances else None, 3),
-            "P": (fit.probability, 3),
-        }
-        row = {"material": fit.name, "law": fit.model.label, "points": str(fit.n)}
-        row |= {name: number(*value_and_digits) for name, value_and_digits in numbers.items()}
-        rows.append(row | {"converged": "yes" if fit.converged else "NO"})
-    table = pd.DataFrame(rows)
-    empty = [name for name in table if (table[name] == ABSENT).all()]
-    return table.drop(columns=[*empty, *["law"] * (table["law"].nunique() == 1)])
-
-
-def _observed(result: Any) -> list[Block]:
-    """Goodness of fit of observables other than ε; no block if none was measured."""
-    rows, remarks = [], []
-    for fit in result.materials:
-        for name, goodness in fit.observed.items():
-            what, data = OBSERVABLES[name], next(o for o in fit.data.observed if o.name == name)
-            row = {
-                "material": fit.name,
-                "observable": f"{name.replace('_', ' ')} {what.symbol}",
-                "points": str(len(data)),
-                "rms [%]": number(100 * goodness.rms, 3),
-                "scatter [%]": "stated"
-                if goodness.noise is None
-                else number(100 * goodness.noise, 3),
-            }
-            chi_squared = goodness.reduced_chi_squared
-            rows.append(row | {"χ²/dof": "" if chi_squared is None else number(chi_squared, 3)})
-            remarks.append(what.words)
-    remarks = sorted({*remarks})
-    for fit in result.materials:
-        if (modulus := modulus_by_times(fit)) is not None:
-            remarks.append(
-                f"{fit.name}: the contact times would determine E to {100 * modulus.error:.2g} %, at "
-                f"{np.exp(modulus.off):.3g} times the stated value; free youngs_modulus, or give it a "
-                "prior"
-            )
-    return [Block("table", pd.DataFrame(rows)), Block("list", remarks)] if rows else []
-
-
-def _group_offsets(result: Any) -> list[Block]:
-    """The largest offsets of groups, in a table; no block without groups."""
-    rows, several = [], len(result.materials) > 1
-    for fit in result.materials:
-        for name, goodness in {RESTITUTION: fit, **fit.observed}.items():
-            owner = {"material": fit.name} if several else {}
-            what = "ε" if name == RESTITUTION else f"{OBSERVABLES[name].symbol} [relative]"
-            for label, (offset, error) in list(goodness.group_offsets.items())[:MOST_GROUPS]:
-                rows.append(
-                    owner | {"group": label, "of": what, "offset": with_error(offset, error)}
-                )
-            if (more := len(goodness.group_offsets) - MOST_GROUPS) > 0:
-                rows.append(owner | {"group": f"{more} smaller ones in fit.json", "of": what})
-    if not rows:
-        return []
-    table = pd.DataFrame(rows).fillna("")
-    text = (
-        "Offsets of the groups from the curve (measured less fitted), the largest first. They are "
-        "estimates with the standard deviation between groups as the prior, so that an offset of few "
-        "points is drawn towards 0:"
-    )
-    return [Block("text", text), Block("table", table)]
-
-
-def _outliers(result: Any) -> list[str]:
-    """The largest outliers, and a line about misfit if there are many."""
-    lines: list[str] = []
-    for fit in result.materials:
-        outliers = sorted(fit.outliers, key=lambda outlier: -abs(outlier.residual))
-        owner = f", {fit.name}" if len(result.materials) > 1 else ""
-        count = fit.n + sum(len(outlier) for outlier in fit.data.observed)
-        if len(outliers) > max(MISFIT * count, 3):
-            lines.append(
-                f"misfit{owner}: noise does not explain {len(outliers)} of {count} points: "
-                "the law or the stated errors are wrong"
-            )
-        lines += [
-            f"outlier{owner}: {outlier}{_heights(outlier, fit.data.fall)}"
-            for outlier in outliers[:MOST_OUTLIERS]
-        ]
-        more = len(outliers) - MOST_OUTLIERS
-        lines += [f"outlier{owner}: {more} more in fit.json"] if more > 0 else []
-    parameters = [e for fit in result.materials for e in fit.parameters.values()]
-    return [*lines, NOT_JUDGED] if any(e.skewed is None for e in parameters) else lines
-
-
-def _heights(outlier: Any, fall: Any) -> str:
-    """The heights of an outlier as the file has them; no text without heights."""
-    if fall is None:
-        return ""
-    heights = {"drop": fall.height(outlier.velocity)}
-    if outlier.restitution is not None and fall.has_rebounds:
-        heights["rebound"] = fall.rebound_height(outlier.restitution * outlier.velocity)
-    texts = [f"{name} {height:.5g} {fall.unit}" for name, height in heights.items()]
-    return f" ({', '.join(texts)})"
-
-
-def _bodies_table(result: Any) -> pd.DataFrame:
-    """One body in each row, or effective properties if the bodies are unknown; empty without a contact."""
-    if all(fit.data.contact is None for fit in result.materials):
-        return pd.DataFrame()
-    rows = []
-    for fit in result.materials:
-        for k, (body, *values) in enumerate(_bodies(fit.data)):
-            rows.append([fit.name if k == 0 else "", body, *map(_range, values)])
-    header = ["material", "body", "radius [m]", "mass [kg]", *PROPERTIES.values()]
-    return pd.DataFrame(rows, columns=header)
-
-
-def _bodies(data: Any) -> Iterator[tuple[Any, ...]]:
-    """Yield the name of each body, then radius, mass, E, ν, ρ and Y; None if unknown."""
-    if data.contact is None:
-        yield "not stated", *[None] * 6
-    elif not data.bodies:
-        pair = data.contact.leaves()
-        effective = [pair[name] for name in ("radius", "mass", "youngs_modulus")]
-        yield "the pair, effective", *effective, None, None, pair["yield_strength"]
-    else:
-        first, second = data.bodies
-        equal = first.material == second.material and np.array_equal(first.radius, second.radius)
-        for body in data.bodies[: 1 if equal else 2]:
-            of, mass = body.material.leaves(), None
-            if body.radius is not None:
-                mass = 4 / 3 * np.pi * np.asarray(of["density"]) * np.asarray(body.radius) ** 3
-            text = "two equal spheres" if equal else body.name
-            yield text, body.radius, mass, *(of[name] for name in PROPERTIES)
-
-
-def _range(value: Any, digits: int = 4) -> str:
-    """Text of a number, or of the range of an array."""
-    if value is None:
-        return ABSENT
-    low, high = (number(float(end(np.asarray(value))), digits) for end in (np.min, np.max))
-    return low if low == high else f"{low} to {high}"
 
 
 def _meanings(result: Any) -> list[str]:
@@ -581,7 +317,7 @@ def _data_set(fit: Any) -> Item:
     if data.uncertainty is None:
         text += "no uncertainty stated (it is estimated from the scatter)"
     else:
-        text += f"uncertainty of the restitution {_range(data.uncertainty, 2)}"
+        text += f"uncertainty of the restitution {range_text(data.uncertainty, 2)}"
     text += f" in {len(data.groups)} groups" if data.groups else ""
     text += "" if origin is None else f", from {origin.file}"
     text += f"; {fit.model.label}: {OBJECTIVES[fit.objective]}."

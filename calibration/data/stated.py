@@ -1,0 +1,94 @@
+"""Quantities and parameters as a material file states them: numbers in SI, or text with units."""
+
+from typing import Annotated, Any
+
+from pydantic import Field, PlainValidator, WithJsonSchema
+
+from calibration.data.units import Relative, quantity
+from calibration.errors import DataError, did_you_mean, is_finite_number, listed, shown
+from calibration.parameters import Parameter
+from calibration.schema import Refused
+
+KEYS = [name for name in Parameter.model_fields if name != "origin"]
+# of parameters that may have their unit in the file
+OF_PARAMETERS = {"youngs_modulus": "Pa", "yield_strength": "Pa", "radius": "m", "mass": "kg"}
+OF_PARAMETERS |= {"limit_velocity": "m/s", "dissipation_time": "s"}
+OF_PARAMETERS |= dict.fromkeys(("stiffness", "loading_stiffness", "unloading_stiffness"), "N/m")
+
+
+def measure(
+    si: str, accepted: str = "a positive number", from_zero: bool = False, of_rows: bool = False
+) -> Any:
+    """A quantity in a file: a number in SI, or text with its unit ("69 GPa").
+
+    `of_rows`: of all rows of a table, in the unit of these: a percentage is accepted, text stays text.
+    """
+    unit = f"{accepted} [{si}]".replace("^3", "³").replace("^2", "²")
+
+    def checked(stated: Any) -> float | str:
+        value = stated
+        if isinstance(stated, str):
+            try:
+                value = quantity(stated, si)
+            except DataError as error:
+                more = "" if error.argument == "quantity" else f", {error.accepted}"
+                raise ValueError(unit + more) from None
+        is_part = isinstance(value, Relative) and not of_rows
+        if is_part or not is_finite_number(value) or not (value > 0 or (from_zero and value == 0)):
+            raise ValueError(unit)
+        return stated if of_rows and isinstance(stated, str) else float(value)
+
+    ends = Field(ge=0) if from_zero else Field(gt=0)
+    text = Field(description=f"in {si}, or text with its unit")
+    return PlainValidator(
+        checked, json_schema_input_type=Annotated[Annotated[float, ends] | str, text]
+    )
+
+
+def _parameters(tables: Any) -> dict[str, Parameter]:
+    """`[parameters]` or `[material.parameters]`, by name: a number fixes."""
+    if not isinstance(tables, dict):
+        raise ValueError("a table: [parameters] and its keys below")
+    return {name: _parameter(name, table) for name, table in tables.items()}
+
+
+def _parameter(name: str, table: Any) -> Parameter:
+    entry = table if isinstance(table, dict) else {"free": False, "value": table}
+    for key in entry:
+        if key not in KEYS:
+            accepted = did_you_mean(key, KEYS).strip(" ()") or f"known here are {listed(KEYS)}"
+            raise Refused((name, key), f"unknown key {shown(repr(key))}", accepted)
+    try:
+        fields = {key: _in_si(name, value, key) for key, value in entry.items()}
+        return Parameter(**fields)
+    except DataError as error:
+        if entry is not table:
+            problem = (
+                f'{name} is "{table}"' if isinstance(table, str) else f"{name} is {shown(table)}"
+            )
+            accepted = "it must be a number, or a table such as { value = 1.0 }"
+            raise Refused((name,), problem, accepted) from None
+        problem = f"{error.argument} of {name} is {error.value}"
+        raise Refused((name, error.argument), problem, f"it must be {error.accepted}") from None
+
+
+def _in_si(name: str, value: Any, key: str) -> Any:
+    """A value, its bounds or its prior, with texts as numbers."""
+    if isinstance(value, list):
+        return [_in_si(name, entry, key) for entry in value]
+    si = OF_PARAMETERS.get(name.removeprefix("contact."))
+    if not isinstance(value, str) or key in ("transform", "shared", "free", "unit"):
+        return value
+    if si is None:
+        raise DataError(key, f'"{value}"', "a number in SI")
+    try:
+        return float(quantity(value, si))
+    except DataError as error:
+        raise DataError(key, f'"{value}"', error.accepted) from None
+
+
+Parameters = Annotated[
+    dict[str, Any],
+    PlainValidator(_parameters),
+    WithJsonSchema({"type": "object", "additionalProperties": {"type": ["number", "object"]}}),
+]
