@@ -92,13 +92,6 @@ class Observed:
     def __len__(self) -> int:
         return len(self.value)
 
-    def same_as(self, other: "Observed") -> bool:
-        """Equal in every number."""
-        mine, theirs = (self.uncertainty, other.uncertainty)
-        stated = (mine is None and theirs is None) or np.array_equal(mine, theirs)  # type: ignore[arg-type]
-        equal = np.array_equal(self.rows, other.rows) and np.array_equal(self.value, other.value)
-        return self.name == other.name and equal and stated
-
 
 def scale_of(value: np.ndarray, velocity: np.ndarray, radius: Any = None) -> np.ndarray:
     """A power law of v, and of R where it differs, through the logarithms of values.

@@ -38,12 +38,9 @@ def fit_materials(progress: Any = None):
     from calibration.fitting.result import fit
     from calibration.paper import paper_materials
 
-    options: dict[str, Any] = {
-        "objective": "two-step",
-        "route": sj.EnergyBalance(),
-        "unloading_line": None,
-    }
-    return fit(paper_materials(), profiles=False, progress=progress, **options)
+    options: dict[str, Any] = {"objective": "two-step", "route": sj.EnergyBalance()}
+    options |= {"unloading_line": None, "profiles": False}
+    return fit(paper_materials(), progress=progress, **options)
 
 
 def figure_2(result: Any) -> Figure:
