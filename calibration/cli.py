@@ -136,7 +136,7 @@ def _ended(line: str, code: int) -> int:
 
 
 def _parsed(argv: Sequence[str]):
-    """The command's name, its module, and its options with those that stood before it."""
+    """The command's name, its module, and its options, global ones included."""
     width = max(map(len, COMMANDS)) + 2
     lines = ["commands:", *(f"  {name:<{width}}{what}" for name, what in COMMANDS.items())]
     lines += ["", CODES, "", "softjax COMMAND --help lists the options."]
@@ -172,7 +172,7 @@ def _add_common_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--out", type=Path, metavar="DIR", help=text)
     text = "no progress bar, no table: errors only"
     group.add_argument("--quiet", action="store_true", help=text)
-    text = "compile everything anew, and keep nothing of it for the next command"
+    text = "compile everything again, and keep no compiled program for the next command"
     group.add_argument("--no-cache", dest="cache", action="store_false", help=text)
 
 

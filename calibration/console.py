@@ -52,7 +52,7 @@ def print_first(lines: Iterable[str], quiet: bool) -> None:
 
 
 def columns() -> int | None:
-    """Width of the terminal; None where standard output is none, and lines may be long."""
+    """Width of the terminal; None where standard output is not a terminal."""
     if sys.stdout is None or not sys.stdout.isatty():
         return None
     return shutil.get_terminal_size((WIDTH, 24)).columns
@@ -143,7 +143,7 @@ class Progress:
 def progress_of(progress: Any) -> Iterator[Any]:
     """Progress display for an argument `progress=`, while the function runs: True shows bars, or lines.
 
-    A function stays itself, and is called as progress(stage, done, total); False is None.
+    A function is used as it is, and called as progress(stage, done, total); False means None.
     """
     if progress is True:
         with Progress(lines=True) as shown:

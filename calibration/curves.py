@@ -275,7 +275,7 @@ def _error(exact: Exact, velocity: Velocities, coefficient: Velocities) -> float
 
 
 def _promise(error: float) -> str:
-    """The error with a hundredth to spare, rounded up to two digits."""
+    """A bound of the error in words: 1.01 times it, rounded up to two digits."""
     spared = 1.01 * error
     unit = 10.0 ** (math.floor(math.log10(spared)) - 1) if spared > 0 else 1.0
     return (

@@ -28,7 +28,7 @@ from calibration.data.units import Relative, quantity, unit_of
 from calibration.errors import DataError, is_finite_number
 
 DENSITY = 1.2  # kg/m³, dry air of 20 °C and 1013 hPa
-VISCOSITY = 1.81e-5  # Pa s, at 20 °C; hardly of the pressure
+VISCOSITY = 1.81e-5  # Pa s, at 20 °C; nearly independent of the pressure
 FASTEST = 2e5  # Reynolds number up to which C_d was correlated
 UNCERTAIN = 0.1  # standard uncertainty of C_d as a part of it, of one ball and day
 ROUNDS = 12  # for C_d and speed to settle at most, each a factor of 4 or more closer

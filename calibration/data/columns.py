@@ -77,7 +77,7 @@ SPELLINGS = {
 }
 KNOWN = {word: name for name, words in SPELLINGS.items() for word in words.split()}
 KNOWN |= {name: name for name in SI_UNITS}
-# names that a heading may stand for, and such headings: a person has to choose
+# ambiguous headings, and the names that each may mean
 MEANINGS = {
     "interval time": "t t_n times zeit temps tiempo",
     "drop_height rebound_height": "h height h_1 h1 h_2 h2 höhe hauteur altura",
@@ -211,7 +211,7 @@ def read_header(text: str) -> Header:
 
 
 def _canonical(words: str) -> str | None:
-    """The format's name for what a person calls a column; None where there is none."""
+    """The format's name of a column from a user's heading; None if there is none."""
     name = plain(words)
     return KNOWN.get(name) or SPELLED.get(name)
 
@@ -236,7 +236,7 @@ def _readings(text: str) -> Iterator[tuple[str, str | None, bool]]:
 
 
 def layout_of(headers: Sequence[str], units: Sequence[str] | None = None) -> Layout:
-    """Meaning of a table's headings, with units that stand in a separate row; else DataError."""
+    """Layout of a table from its headings and, if any, a separate row of units; else DataError."""
     read = [read_header(text) for text in headers]
     if units is not None:
         read = [_with_unit(header, unit) for header, unit in zip(read, units, strict=True)]

@@ -322,7 +322,7 @@ def read_toml(
     """The data sets of a material file, one a `[[material]]`.
 
     Args:
-        path: the file; data files are sought next to it.
+        path: the file; data files are searched for next to it.
         plausibility: whether properties more than 100 times outside what is plausible are refused,
             but of materials with `plausibility = false`.
         air: overrides the file, as `RestitutionData.from_table` takes it.
@@ -470,7 +470,7 @@ class _Reader:
             if "contact that is a function" not in error.problem:
                 raise
             accepted = f"{NEEDED_RADII}, or a column diameter, radius or mass"
-            raise self.refusal(None, "radii given are none", accepted) from None
+            raise self.refusal(None, "no radius is given", accepted) from None
         self._check_far()
         return replace(data, bodies=tuple(bodies))
 

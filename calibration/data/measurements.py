@@ -41,7 +41,7 @@ class RestitutionData:
     With ε, or in its place, what else an impact shows: contact time, largest force, largest overlap,
     diameter of the dent; NaN where it was not measured.
 
-    Arrays may be anything that `np.asarray` takes (a frame's columns too); they are held as
+    Arrays may be anything that `np.asarray` takes (a frame's columns too); they are stored as
     read-only float64 arrays. Two sets are equal when all that is below is but `bodies`,
     `fall` and `origin`.
 

@@ -26,7 +26,7 @@ AS_IT_IS = "plausibility = false takes it as it is"
 
 
 class Implausible(NamedTuple):
-    """A warning about what was read: a name for it, the numbers it rests on, and what to look at."""
+    """A warning about the input: its code, the numbers that cause it, and what to check."""
 
     code: str
     cause: str

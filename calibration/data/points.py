@@ -11,7 +11,7 @@ speed a(x₁) of arrival and one of departure b(x₂), ε = b/a, with the sensit
     ∂ε/∂x₁ = -ε a'/v,    ∂ε/∂x₂ = b'/v,    ∂v/∂x₁ = a'
 
 (GUM, 5.1.3). Rows of which something needed was not measured (NaN) are left out, with a remark; those of
-one launch, and group, stand together and leave no gap: their cells of `uncertainty` and
+one launch, and group, are adjacent and leave no gap: their cells of `uncertainty` and
 `velocity_uncertainty` are read in the row of tₙ, or of Tₙ₊₁, alone.
 """
 
@@ -357,7 +357,7 @@ def _single_impacts(rows: Rows) -> Points:
 
 
 def _complete(rows: Rows) -> tuple[np.ndarray, tuple[str, ...]]:
-    """The rows where all that is needed was measured; something else may stand for a rebound."""
+    """The rows with all needed values; another observable may replace a rebound."""
     first, *others = (np.isnan(rows.columns[name]) for name in rows.kind.needs)
     is_measured = [np.isfinite(rows.columns[name]) for name in OBSERVED if name in rows.columns]
     other, nothing = np.any(is_measured, axis=0), not rows.kind.has_restitution
@@ -480,7 +480,7 @@ def _sequences(rows: Rows) -> Points:
         sizes = _timing(rows, name)
     first = np.flatnonzero(sequence[span:] == sequence[:-span])
     if not first.size:
-        accepted = f"of {span + 1} rows or more, which stand together"
+        accepted = f"of {span + 1} adjacent rows or more"
         raise DataError("launch", f"of {span} row(s) everywhere", accepted)
     taken, after = first + span - 1, interval[first + 1]
     used = rows.take(taken)
@@ -510,7 +510,7 @@ def _sequences(rows: Rows) -> Points:
 
 
 def _launches(labels: np.ndarray) -> np.ndarray:
-    """Labels of launches, rows that stand together: one that comes back is another, `1 (2)`."""
+    """Labels of launches, which are adjacent rows; a label that comes again is another launch, `1 (2)`."""
     fresh = np.concatenate([[True], labels[1:] != labels[:-1]])
     count: Counter[str] = Counter()
     names = []

@@ -6,7 +6,7 @@
 
 Commas, semicolons or tabs separate cells, whichever the header uses (or `sep=;` in a line above
 it). A decimal is a point; where semicolons or tabs separate cells it may be a comma in the whole
-file. Units stand in the header or in a separate row below it. Thousands are not separated.
+file. Units are in the header or in a separate row below it. Thousands are not separated.
 UTF-8, UTF-16 with its mark, or Windows-1252, of at most 64 MiB; or the first sheet of an Excel file.
 The possible columns are in `calibration.data.columns`.
 """

@@ -38,7 +38,7 @@ SIGNS = str.maketrans(
 )
 UNIT = re.compile(r"[A-Za-z][A-Za-z/ ^0-9-]{0,39}")
 POWER = re.compile(r"(?<=[A-Za-z])\^?(-?[1-4])(?!\d)")
-LONGEST = 100  # characters of a quantity that are looked at
+LONGEST = 100  # characters of a quantity that are read
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 
 

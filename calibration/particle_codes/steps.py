@@ -28,7 +28,7 @@ MOST = 20_000
 LONGEST = 3  # times the longest contact that is stepped at most
 BETWEEN = 1.1  # other velocities and beginnings may be worse by this factor; seen: 1.03
 MORE = 1.1  # errors go up and down with the beginning; the order is an average
-SLOWER = 100.0  # below the range, where what is held there is looked at
+SLOWER = 100.0  # the factor below the range at which a constant ε is checked
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Cheaper laws in place of the target, each with the smallest largest error of ε.
 
 Constant ε by a linear spring or by Hertz's, viscoelastic spheres, Walton and Braun's spring. Springs
-that ε says nothing of are as stiff as gives the largest overlap of the target at the fastest impact.
+whose stiffness does not affect ε get the stiffness that gives the target's largest overlap at the fastest impact.
 
 Softer springs at the same ε: overlaps and durations grow by a factor μ, forces fall by it. With
 P'(δ, δ') = P(δ/μ, δ')/μ every impact is the old one with lengths and times μ times as large.
@@ -54,7 +54,7 @@ def dashpot_for(restitution: float) -> float:
     """What `restitution` of a dashpot law is set to, so that ε in (e^-2, 1] comes out with this end.
 
     It means a contact that pulls until its overlap is zero, ln e = -π ξ/√(1 - ξ²). This one ends before, and loses as
-    much on approach as a held contact does that starts at its peak: ln ε = -2 ξ arccos ξ/√(1 - ξ²).
+    much on approach as a full contact that starts at its peak: ln ε = -2 ξ arccos ξ/√(1 - ξ²).
     """
     fraction = float(held_fraction(math.sqrt(restitution)))
     return math.exp(-math.pi * fraction / math.sqrt(1 - fraction**2))

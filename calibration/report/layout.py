@@ -23,8 +23,8 @@ from calibration import console
 from calibration.errors import printable
 from calibration.rounding import ABSENT
 
-# signs of structure in Markdown; an underscore between letters is none, brackets are a link's where
-# another follows
+# characters of Markdown's syntax: not an underscore between letters, and brackets only where
+# another bracket follows
 STRUCTURE = re.compile(r"[<>&`*\\#~$]|!(?=\[)|\](?=[\[(:])|:(?=//)|(?<![^\W_])_|_(?![^\W_])")
 LEAST = 0.3  # of its width, to which a picture shrinks on a narrow screen before it scrolls
 CODE = re.compile(r"(`(?:softjax )?[\w-]+`)")  # a word between backticks, in sentences of our own

@@ -54,7 +54,7 @@ class Inputs:
             ValueError: where they make no law.
         """
         law = self.build({**self.values, **moved})
-        for kind in type(law).__mro__:  # a pytree that was put together was not looked at
+        for kind in type(law).__mro__:  # a pytree built by hand was not validated
             if "__check_init__" in vars(kind):
                 kind.__check_init__(law)  # type: ignore[attr-defined]
         return law
@@ -272,7 +272,7 @@ class Ranges:
 def ranges_of(stated: list[str] | None, scale: str, inputs: Inputs, source: Any) -> Ranges:
     """Read `name=low:high`, or take ±10 % of every independent input, inside its declared range.
 
-    What a fit held is not varied.
+    Parameters that a fit kept fixed are not varied.
     """
     ends: dict[str, tuple[float, float]] = {}
     for text in stated or []:

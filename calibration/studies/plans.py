@@ -551,7 +551,7 @@ class Design(Planned):
             the predicted curve.
         target_symbol: of the target.
         coefficient: ε expected of each shot.
-        bounds: v [m/s] within which they were sought.
+        bounds: v [m/s] within which they were searched for.
         over: v [m/s] between which criterion "I" predicts the curve.
         minimised: the criterion as a standard error: with the new shots, before them (None where
             nothing was known), and with as many shots equally spaced.

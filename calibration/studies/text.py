@@ -93,7 +93,7 @@ def design_csv(design: Design, fall: Fall | None) -> str:
 
 def warnings_text(warnings: Sequence[FitWarning]) -> str:
     """Warnings of the fit that a plan starts from."""
-    head = "The plan trusts this fit, which has these warnings:"
+    head = "The plan relies on this fit, which has these warnings:"
     return "\n".join([head, *console.wrapped(map(str, warnings), "  ! ", "    ")])
 
 

@@ -180,7 +180,7 @@ def test_a_plan_repeats_what_is_doubted_of_its_fit(at, capsys, fit):
     planned = told_by("--fit", "doubted.json", "--study", "information")
     assert planned["warnings"] == [str(doubt)]
     told = " ".join(capsys.readouterr().out.split())
-    assert "The plan trusts this fit, which has these warnings: ! residual-runs" in told
+    assert "The plan relies on this fit, which has these warnings: ! residual-runs" in told
     assert "warnings" not in told_by("--fit", "doubted.json", "--points", "3")
 
 

@@ -354,7 +354,7 @@ def _coordinates(slope: Slope, q: Vector, scale: Vector, straight: bool = False)
     bent = np.nan_to_num(np.max(np.abs(rise - 1), axis=1, initial=0.0), nan=np.inf, posinf=np.inf)
     if straight or not np.any(bent > NEARLY_NORMAL):
         return Linear(q, np.linalg.cholesky(covariance))
-    # all along one ridge bend alike: the least known of them
+    # all along one ridge have the same curvature: the one known least
     lead = max(np.flatnonzero(bent >= ALIKE * np.max(bent)), key=lambda k: sizes[k] / scale[k])
     others = np.delete(every, lead)
     order = np.array([lead, *others])

@@ -1,4 +1,4 @@
-"""Whether draws can be trusted, and whether the data were informative: by ArviZ, in words.
+"""Convergence of draws, and whether the data were informative: by ArviZ, in words.
 
 Source: Vehtari, Gelman, Simpson, Carpenter and Bürkner, Bayesian Anal. 16, 667 (2021), of R-hat and
 the effective sizes; Betancourt, arXiv:1604.00695 (2016), of the energy.
@@ -14,7 +14,7 @@ from calibration.fitting.warnings import FitWarning
 R_HAT = 1.01
 TAILS = (0.05, 0.95)  # the quantiles by which tails are judged, whatever ArviZ takes for granted
 EFFECTIVE = 400.0
-DIVERGING = 0.005  # of the draws, up to which their moments are hardly touched
+DIVERGING = 0.005  # of the draws, up to which their moments hardly change
 ENERGY = 0.3  # Bayesian fraction of missing information below which energies are badly explored
 NEAR = 0.01  # of the range, or of the median's distance: that near to a bound
 MASS = 0.05  # of the draws
@@ -87,7 +87,7 @@ def _diverged(diverging: np.ndarray) -> str:
 
 
 def doubts_of(data: Any) -> list[FitWarning]:
-    """Warnings: reasons not to trust these draws, or to make little of them."""
+    """Warnings: reasons not to rely on these draws."""
     told, statistics = summaries(data), dataset_of(data, "sample_stats")
     slow = [f"{n} {s.r_hat:.4g}" for n, s in told.items() if not s.r_hat <= R_HAT]
     few = [f"{n} {s.effective:.4g}" for n, s in told.items() if not s.effective >= EFFECTIVE]

@@ -148,7 +148,7 @@ def _chains(
     compiled = jax.jit(chain).lower(keys[0], starts[0]).compile()  # before the threads begin
 
     def run(k: int) -> Any:
-        with jax.enable_x64(True):  # a thread has settings of its own
+        with jax.enable_x64(True):  # each thread has its own settings
             return jax.device_get(compiled(keys[k], starts[k]))
 
     has = getattr(os, "sched_getaffinity", None)
@@ -277,7 +277,7 @@ def variable(label: str) -> str:
 
 
 def write(data: Any, path: str | Path) -> None:
-    """A netCDF file; what is there already is replaced whole."""
+    """Write a netCDF file, replacing an existing one."""
     with replacing(path) as staged:
         data.to_netcdf(str(staged), engine="h5netcdf")
 
@@ -349,7 +349,7 @@ def band_of_draws(
 
 
 def at_draws(result: Any, data: Any, count: int) -> list[Any]:
-    """The fit with the values of some draws, evenly taken from all, in place of its own."""
+    """The fit with the values of evenly selected draws instead of its estimates."""
     tables = [_labelled(data, list(one.free.values())) for one in result.materials]
     size = len(tables[0])
     if not (isinstance(count, int) and 1 <= count <= size):
