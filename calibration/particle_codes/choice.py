@@ -34,19 +34,11 @@ LABELS = {
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """A law for a code.
+    """A law for a code, with the contact's own stiffness, and its impacts over the target velocities.
 
-    Attributes:
-        key, label: which one.
-        law: with the contact's own stiffness.
-        backend: how the code takes it.
-        softening_factor: overlaps and durations in the code are this many times those of the law.
-        impacts: in the code, over the target velocities.
-        error: the largest difference of its ε from the target, without steps.
-        steps: the time step in the code; a count of 0 where there is no room for its error.
-        table: of a user's law for its template, else None.
-        hold: the fraction of critical damping that holds ε below the range, 0 where nothing does.
-        hold_error: the error of that ε by the time step.
+    `error` is the largest difference of its ε from the target, without steps, whose count is 0 where
+    there is no room for their error; overlaps and durations in the code are `softening_factor` times
+    the law's; `hold` is the fraction of critical damping for ε below the range, 0 without.
     """
 
     key: str
@@ -84,9 +76,8 @@ def choose(target: Target, to: str) -> tuple[Choice, list[Choice]]:
         least_tolerance, reached = best.total, f"{best.total:.3g} off at {best.steps.count} steps"
     place = 10.0 ** (np.floor(np.log10(least_tolerance)) - 1)  # of two digits, rounded up
     problem = f"no law meets the tolerance {target.options.tolerance:g}: the best, {best.label}, is {reached}"
-    raise InputError(
-        None, None, problem, f"try --tolerance {np.ceil(least_tolerance / place) * place:.3g}"
-    )
+    rounded = np.ceil(least_tolerance / place) * place
+    raise InputError(None, None, problem, f"try --tolerance {rounded:.3g}")
 
 
 def _keys(target: Target, to: str) -> list[str]:

@@ -77,9 +77,8 @@ class Export:
         """What to know before it is used: extrapolation, deep overlaps, slow impacts, warnings of the fit."""
         fit, (low, high) = self.target.fit, self.target.range
         texts: list[str] = []
-        slowest, fastest = (
-            (low, high) if fit is None else np.sort(fit.data.velocity)[[0, -1]].tolist()
-        )
+        measured = (low, high) if fit is None else fit.data.velocity
+        slowest, fastest = float(np.min(measured)), float(np.max(measured))
         if low < (1 - SLACK) * slowest or high > (1 + SLACK) * fastest:
             ends = f"{number(slowest)} to {number(fastest)} m/s"
             texts.append(f"Measured: {ends}. Outside, ε is that of the law.")

@@ -33,13 +33,9 @@ SLOWER = 100.0  # the factor below the range at which a constant ε is checked
 
 @dataclass(frozen=True)
 class Steps:
-    """A time step and what it costs.
+    """A time step [s], how many are in the shortest contact, and the largest error of ε over the range.
 
-    Attributes:
-        count: steps in the shortest contact of the range.
-        step: [s].
-        error: the largest error of ε over the range, against the law without steps.
-        order: measured, error ∝ step^order; None where there was no error to measure.
+    `order`: error ∝ step^order as measured; None where there was no error to measure.
     """
 
     count: int

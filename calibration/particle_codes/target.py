@@ -43,18 +43,11 @@ class ExportOptions:
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """A law, the velocities of a scene, and ε there.
+    """A law of single numbers, the velocities [m/s] of a scene, ε there, and the fit, if it is of one.
 
-    Attributes:
-        law: with single numbers for all its fields.
-        contact: of the law, or of the fit.
-        options, name: of the export, and of the material.
-        radius, radius_of: of the smaller sphere [m], else the effective one, and which it is.
-        poisson_ratio: of the smaller sphere [-].
-        on_wall: whether of a ball on a flat wall; None where only the contact is known.
-        velocity, restitution: [m/s] and [-], shape (POINTS,).
-        pairs: two types of atoms and their contact, of the sizes that were named.
-        fit: of the law, where it is of one.
+    `radius` is of the smaller sphere [m], else the effective one, `radius_of` says which; `on_wall` is
+    None where only the contact is known; `pairs` are two types of atoms and their contact, of the
+    sizes that were named.
     """
 
     options: ExportOptions
