@@ -135,7 +135,7 @@ class Errors:
         if group is not None:
             group = np.unique(group[rows], return_inverse=True)[1]
         has_groups = group is not None and 1 < np.max(group, initial=0) + 1 < len(rows)
-        asked = {
+        is_estimated = {
             "scale": stated and scale,
             "timing": points.size_is_unknown,
             "scatter": not stated or extra_scatter,
@@ -149,7 +149,7 @@ class Errors:
         errors = cls(
             points,
             group if has_groups else None,
-            tuple(kind for kind, is_unknown in asked.items() if is_unknown),
+            tuple(kind for kind, is_unknown in is_estimated.items() if is_unknown),
             None if dof is None else (4.0 if isinstance(dof, str) else float(dof)),
             None if degrees is None else float(np.mean(degrees)),
             velocity,
@@ -207,8 +207,8 @@ class Errors:
     @cached_property
     def nodes(self) -> np.ndarray:
         """Velocities at which the curve is computed, (5, n) [m/s]; the first are those measured."""
-        wanted = self.velocity + NODES[:, None] * self.steps
-        return np.clip(wanted, SLOWEST * self.velocity, self.fastest)
+        unclipped = self.velocity + NODES[:, None] * self.steps
+        return np.clip(unclipped, SLOWEST * self.velocity, self.fastest)
 
     def carried(self, value: Any) -> Carried:
         """Mean of ε from its values at the nodes, (..., 5, n)."""

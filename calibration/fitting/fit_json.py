@@ -173,9 +173,9 @@ class FitRecord(Strict):
     def fit(self, data: RestitutionData, law: Any) -> MaterialFit:
         values, (known_from, known_to) = _arrays(self.values), self.known
         model = law_model(data, _law(self.law, law), self.options, values).with_units(self.units)
-        own = {field.name for field in fields(MaterialFit)} & set(FitRecord.model_fields)
+        common = {field.name for field in fields(MaterialFit)} & set(FitRecord.model_fields)
         found = MaterialFit(
-            **{name: getattr(self, name) for name in own - {"data", "values"}},
+            **{name: getattr(self, name) for name in common - {"data", "values"}},
             data=data,
             model=replace(model, trees=_trees(values, law)),
             values=values,
@@ -207,18 +207,18 @@ class RequestRecord(Strict):
 
     @classmethod
     def record_of(cls, request: Request) -> dict[str, Any]:
-        said = stated_parameters(request.parameters, request.datasets)
+        stated = stated_parameters(request.parameters, request.datasets)
         options = request.options.model_dump(mode="json", exclude={"law"})
         options |= {"law": law_name(request.options.law)}
-        tables = [{name: _parameter_told(one) for name, one in each.items()} for each in said]
+        tables = [{name: _parameter_entry(one) for name, one in each.items()} for each in stated]
         return {"parameters": tables, "options": options}
 
     def request(self, datasets: tuple[RestitutionData, ...], law: Any) -> Request:
         given = self.options | {"law": _law(self.options.get("law"), law)}
         if isinstance(given.get("route"), dict):
             given["route"] = route_named(**given["route"])
-        said = [{name: _parameter(one) for name, one in each.items()} for each in self.parameters]
-        return Request(datasets, said, FitOptions.of(**given))
+        stated = [{name: _parameter(one) for name, one in each.items()} for each in self.parameters]
+        return Request(datasets, stated, FitOptions.of(**given))
 
 
 class CovarianceRecord(Strict):
@@ -252,7 +252,7 @@ class ResultFile(Strict):
 
 def result_to_dict(result: Any, times: bool = True) -> dict[str, Any]:
     """Contents of `fit.json`."""
-    told = _by_names(
+    table = _by_names(
         ResultFile,
         result,
         format=FORMAT,
@@ -262,7 +262,7 @@ def result_to_dict(result: Any, times: bool = True) -> dict[str, Any]:
         freedom=result.freedoms,
         request=RequestRecord.record_of(result.request),
     )
-    found = plain(told)
+    found = plain(table)
     return found if times else {key: value for key, value in found.items() if key != "times"}
 
 
@@ -322,12 +322,14 @@ def _check(found: ResultFile) -> None:
     """
     names, count = found.covariance.names, len(found.covariance.names)
     materials = [fit.material for fit in found.fits]
-    for place, told in (("covariance.names", names), ("fits.material", materials)):
-        if len(set(told)) != len(told):
-            raise DataError(place, told, "each name once")
-    asked = found.request.options.get("confidence")
-    if found.confidence != asked:
-        raise DataError("confidence", found.confidence, f"{asked}, as request.options.confidence")
+    for place, values in (("covariance.names", names), ("fits.material", materials)):
+        if len(set(values)) != len(values):
+            raise DataError(place, values, "each name once")
+    requested = found.request.options.get("confidence")
+    if found.confidence != requested:
+        raise DataError(
+            "confidence", found.confidence, f"{requested}, as request.options.confidence"
+        )
     lengths: list[tuple[str, Any, int]] = [
         ("request.parameters", found.request.parameters, len(found.fits)),
         ("covariance.matrix", found.covariance.matrix, count),
@@ -372,10 +374,10 @@ def _body(name: str, radius: Any, **leaves: Any) -> Body:
     return Body(name, sj.Material(**leaves), radius)
 
 
-def _parameter_told(value: Any) -> Any:
+def _parameter_entry(value: Any) -> Any:
     if not isinstance(value, Parameter):
         return value
-    table = {name: told for name, told in vars(value).items() if name != "origin"}
+    table = {name: entry for name, entry in vars(value).items() if name != "origin"}
     return table if value.is_number else table | {"value": None}  # of a network: what was found
 
 

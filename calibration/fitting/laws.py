@@ -45,8 +45,8 @@ class Tree(NamedTuple):
     @classmethod
     def of(cls, name: str, value: Any) -> "Tree":
         leaves, structure = jax.tree.flatten(value)
-        told = (np.shape(leaf) if eqx.is_array_like(leaf) else leaf for leaf in leaves)
-        return cls(name, structure, tuple(told))
+        shapes = (np.shape(leaf) if eqx.is_array_like(leaf) else leaf for leaf in leaves)
+        return cls(name, structure, tuple(shapes))
 
     @property
     def size(self) -> int:
@@ -116,15 +116,15 @@ class LawModel:
 
         Those of the contact ("contact.radius") are among them, and each number of a whole one.
         """
-        own = dict(values)
+        arguments = dict(values)
         for tree in self.trees:
-            own[tree.name] = tree.assembled([own.pop(entry) for entry in tree.entries])
-        moved = {name: own.pop(name) for name in values if name.startswith(OF_CONTACT)}
+            arguments[tree.name] = tree.assembled([arguments.pop(entry) for entry in tree.entries])
+        moved = {name: arguments.pop(name) for name in values if name.startswith(OF_CONTACT)}
         if moved and contact is not None:
             leaves = {name.removeprefix(OF_CONTACT): value for name, value in moved.items()}
             contact = dataclasses.replace(contact, **leaves)
         bodies = {"contact": contact} if self.takes_contact else {}
-        return self.build(**bodies, **own, **self.options)
+        return self.build(**bodies, **arguments, **self.options)
 
     def inside(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """The parameters, with a value at an excluded end of its range moved to the nearest number inside."""
@@ -328,8 +328,8 @@ def _guess_walton_braun(data: RestitutionData) -> Numbers:
     growth = max(slope, 0.01 * float(np.mean(inverse)) / float(np.max(velocity)))
     per_velocity = (stiffness / _one(data.contact.mass)) ** 0.5
     unloading = max(level, 1.01) * stiffness
-    told = {"unloading_stiffness": unloading, "growth": growth * per_velocity}
-    return told | {"loading_stiffness": stiffness}
+    guess = {"unloading_stiffness": unloading, "growth": growth * per_velocity}
+    return guess | {"loading_stiffness": stiffness}
 
 
 def _guess_viscoelastic(data: RestitutionData) -> Numbers:
@@ -460,8 +460,8 @@ def zhou_model(names: Iterable[str], options: Mapping[str, str]) -> LawModel:
         return plain
     known = {**plain.parameters, **EXTRA}
     chosen = [*(LINE if by_line else ("chi",)), "eps_up" if by_eps_up else "sigma", "psi"]
-    own = {name: known[name] for name in chosen}
-    return replace(plain, build=zhou_by_others, parameters=own, direct=False)
+    parameters = {name: known[name] for name in chosen}
+    return replace(plain, build=zhou_by_others, parameters=parameters, direct=False)
 
 
 def sigma_of(contact: sj.Contact, eps_up: Any, psi: Any) -> Any:

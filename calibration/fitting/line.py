@@ -232,10 +232,10 @@ class Line:
     ) -> list[str]:
         """Assumptions of a prediction, one in each line."""
         chi, ratio = self.unloading_factor(contact), _ratio(contact)
-        told = f"unloading factor {chi.value:.4g}"
+        text = f"unloading factor {chi.value:.4g}"
         if chi.standard_error is not None:
-            told += f", {100 * self.confidence:g} % interval {chi.low:.4g} to {chi.high:.4g}"
-        lines = [f"{told}, by Eq. (18) at E/Y = {ratio:.4g}"]
+            text += f", {100 * self.confidence:g} % interval {chi.low:.4g} to {chi.high:.4g}"
+        lines = [f"{text}, by Eq. (18) at E/Y = {ratio:.4g}"]
         if chi.high is not None and chi.low is not None and chi.high > WIDE * chi.low:
             text = "warning: this interval is too wide to be of use: fit more materials"
             lines.append(f"{text}, as {len(self.materials)} leave the line few degrees of freedom")
@@ -308,8 +308,8 @@ class Line:
 
         On the scales where they are taken as normal.
         """
-        told = {"eps_up": eps_up, "sigma": sigma, "psi": psi}
-        stated = {name: value for name, value in told.items() if value is not None}
+        arguments = {"eps_up": eps_up, "sigma": sigma, "psi": psi}
+        stated = {name: value for name, value in arguments.items() if value is not None}
         for name, value in stated.items():
             inside = (lambda x: 0 < x < 1) if name == "eps_up" else (lambda x: x > 0)
             accepted = "between 0 and 1" if name == "eps_up" else "a positive number"
@@ -393,13 +393,13 @@ def fit_line(request: Request, fits: list[ComponentFit]) -> tuple[Line, StageFit
     Fitted to all curves at once, with what else was free; or through the fitted χ̃ with their
     weights.
     """
-    own = _with_chi(fits)
-    if request.options.unloading_line is None or len(own) < 2:
+    with_chi = _with_chi(fits)
+    if request.options.unloading_line is None or len(with_chi) < 2:
         return None
-    through, normal = _through_chi(own, request.options.confidence)
-    joint = _joint(request, [spec for _, spec, _ in own], through)
+    through, normal = _through_chi(with_chi, request.options.confidence)
+    joint = _joint(request, [spec for _, spec, _ in with_chi], through)
     if request.options.unloading_line == "weighted":
-        return _with_materials(_weighted(joint, own, through), own, normal, request), None
+        return _with_materials(_weighted(joint, with_chi, through), with_chi, normal, request), None
     names = [e.name for e in joint.component.elements]
     c1, c2 = (
         estimate_of(joint, names.index(name), None, request.options.confidence) for name in LINE
@@ -410,13 +410,13 @@ def fit_line(request: Request, fits: list[ComponentFit]) -> tuple[Line, StageFit
     places = [names.index(name) for name in LINE]
     slope = joint.slope[places]
     covariance = joint.uncertainty.covariance[np.ix_(places, places)] * np.outer(slope, slope)
-    return _with_materials(line, own, covariance, request), joint.final
+    return _with_materials(line, with_chi, covariance, request), joint.final
 
 
-def _with_materials(line: Line, own, covariance: np.ndarray | None, request: Request) -> Line:
+def _with_materials(line: Line, with_chi, covariance: np.ndarray | None, request: Request) -> Line:
     """The line with the data that a prediction for a further material needs."""
     materials = []
-    for fit, spec, k in own:
+    for fit, spec, k in with_chi:
         place = next(i for i, one in enumerate(fit.component.specs) if one is spec)
         law = fit.final.problem.law_of(fit.theta, place)
         variance = _variance(fit, k)
@@ -425,14 +425,14 @@ def _with_materials(line: Line, own, covariance: np.ndarray | None, request: Req
         losses = (float(law.sigma), float(law.psi)) if separate else (None, None)
         name, chi = spec.data.name, float(fit.theta[k])
         materials.append(LineMaterial(name, _mean_ratio(spec), chi, error, eps_up_of(law), *losses))
-    told = None
+    rows = None
     if covariance is not None and np.all(np.isfinite(covariance)) and np.any(covariance):
         (a, b), (_, d) = covariance.tolist()
-        told = ((a, b), (b, d))
-    first, confidence = own[0][1], request.options.confidence
+        rows = ((a, b), (b, d))
+    first, confidence = with_chi[0][1], request.options.confidence
     common = {"options": dict(first.model.options), "area": first.data.contact.area}
     return replace(
-        line, covariance=told, materials=tuple(materials), confidence=confidence, **common
+        line, covariance=rows, materials=tuple(materials), confidence=confidence, **common
     )
 
 
@@ -449,28 +449,28 @@ def _with_chi(fits: list[ComponentFit]) -> list[tuple[ComponentFit, SetSpec, int
 
 def _joint(request: Request, specs: list[SetSpec], through: dict[str, Estimate]) -> ComponentFit:
     """All curves with every χ̃ on one line; everything else as requested."""
-    values, said = {name: Parameter(through[name].value) for name in LINE}, []
+    values, parameters = {name: Parameter(through[name].value) for name in LINE}, []
     for spec in specs:
-        kept = {
+        unchanged = {
             local.name: local.parameter
             for local in spec.local
             if local.name != "chi" and (local.parameter.free or local.parameter.value is not None)
         }
-        said.append(kept | values | dict(spec.model.options))
+        parameters.append(unchanged | values | dict(spec.model.options))
     names = {spec.data.name for spec in specs}
     datasets = tuple(data for data in request.datasets if data.name in names)
-    asked = replace(request, datasets=datasets, parameters=said)
-    return fitted(asked.with_options(law="zhou", starts=1))[0]
+    on_line = replace(request, datasets=datasets, parameters=parameters)
+    return fitted(on_line.with_options(law="zhou", starts=1))[0]
 
 
-def _through_chi(own, confidence: float) -> tuple[dict[str, Estimate], np.ndarray | None]:
+def _through_chi(with_chi, confidence: float) -> tuple[dict[str, Estimate], np.ndarray | None]:
     """Weighted least squares through the fitted χ̃, and the covariance; equal weights without errors."""
-    rows = [(_mean_ratio(spec), fit.theta[k], _variance(fit, k)) for fit, spec, k in own]
+    rows = [(_mean_ratio(spec), fit.theta[k], _variance(fit, k)) for fit, spec, k in with_chi]
     ratio, chi, variance = np.transpose(rows)
     # of data without scatter an error is what rounding left: no weight
     usable = np.all(variance > (0.1 * ROUNDING * chi) ** 2) and np.all(np.isfinite(variance))
     c, normal = _least_squares(ratio, chi, variance if usable else np.ones(len(chi)))
-    degrees = min(float(fit.uncertainty.degrees[k]) for fit, _, k in own)
+    degrees = min(float(fit.uncertainty.degrees[k]) for fit, _, k in with_chi)
     reach = quantile(confidence, degrees)
     table = {}
     for i, name in enumerate(LINE):
@@ -492,7 +492,7 @@ def _mean_ratio(spec: SetSpec) -> float:
     return float(np.mean(np.asarray(spec.data.contact.yield_ratio)))
 
 
-def _weighted(joint: ComponentFit, own, through: dict[str, Estimate]) -> Line:
+def _weighted(joint: ComponentFit, with_chi, through: dict[str, Estimate]) -> Line:
     """The line through the fitted χ̃, and how the curves follow it."""
     z, elements = np.array(joint.z), joint.component.elements
     for k, e in enumerate(elements):
@@ -501,7 +501,7 @@ def _weighted(joint: ComponentFit, own, through: dict[str, Estimate]) -> Line:
     c1, c2 = (through[name] for name in LINE)
     assert c1.value is not None
     assert c2.value is not None
-    on_line = {s.data.name: Estimate(c1.value + c2.value * _mean_ratio(s)) for _, s, _ in own}
+    on_line = {s.data.name: Estimate(c1.value + c2.value * _mean_ratio(s)) for _, s, _ in with_chi}
     return Line(c1, c2, _rms(joint, z), on_line, through, True, "weighted")
 
 

@@ -141,8 +141,8 @@ class _Walks:
 
     def _search(self, start, which):
         """The others searched, from some start."""
-        told = {"begun": self.task.begun, "held": self.held[which], "limit": STEPS}
-        return search(self.problem, start, **told)
+        keywords = {"begun": self.task.begun, "held": self.held[which], "limit": STEPS}
+        return search(self.problem, start, **keywords)
 
     def _foreseen(self, at, which) -> np.ndarray:
         """First-order change of the other parameters when the profiled ones move."""
@@ -307,8 +307,8 @@ def _of_branches(fit: ComponentFit, task: ProfileTask) -> dict[str, Profile]:
         limits = branches.limits[k][task.columns]
         errors = np.where(limits != 0, FROM_END, task.errors)
         problem = branches.problem(stage.problem, int(k))
-        told = {"problem": problem, "z": branches.z[k], "limits": limits, "errors": errors}
-        found.append(profiles(task._replace(**told, lowest=2 * cost)))
+        changed = {"problem": problem, "z": branches.z[k], "limits": limits, "errors": errors}
+        found.append(profiles(task._replace(**changed, lowest=2 * cost)))
     return {label: joined([curves[label] for curves in found]) for label in found[0]}
 
 
@@ -328,8 +328,8 @@ def _requested(fit: ComponentFit, confidence: float) -> ProfileTask | None:
     # parameter of whose profile anybody makes use
     names = [problem.elements[k].name for k in problem.active]
     unread = np.array(["[" in name or name == DRAG for name in names])
-    wanted = (errors > LEAST_ERROR) & ~known.undetermined[problem.active] & ~unread
-    columns = np.flatnonzero(wanted)
+    profiled = (errors > LEAST_ERROR) & ~known.undetermined[problem.active] & ~unread
+    columns = np.flatnonzero(profiled)
     degrees = np.where(limits != 0, _left(fit), known.degrees[problem.active])[columns]
     reach = np.atleast_1d(quantile(confidence, degrees)) * known.widened[problem.active[columns]]
     few = condensed(problem, fit.z)
@@ -397,8 +397,8 @@ def is_skewed(value, error, low: float | None, high: float | None, quantile: flo
     """Whether an end of an interval is an eighth of its width from value ± quantile · error."""
     if low is None or high is None:
         return True
-    apart = max(abs(low - (value - quantile * error)), abs(high - (value + quantile * error)))
-    return bool(apart > SKEWED * (high - low))
+    difference = max(abs(low - (value - quantile * error)), abs(high - (value + quantile * error)))
+    return bool(difference > SKEWED * (high - low))
 
 
 def estimate_of(fit: ComponentFit, k: int, curve: Profile | None, confidence: float) -> Estimate:
@@ -419,9 +419,9 @@ def estimate_of(fit: ComponentFit, k: int, curve: Profile | None, confidence: fl
     reach = quantile(confidence, known.degrees[k]) * z_error
     ends: list[float | None] = []
     for sign in (-1, 1):
-        told = transform.kind[0] == NONE or reach < FARTHEST
+        is_finite = transform.kind[0] == NONE or reach < FARTHEST
         end = transform.physical(fit.z[k : k + 1] + sign * reach)[0]
-        ends.append(float(end) if told else None)
+        ends.append(float(end) if is_finite else None)
     method = "wald" if fit.is_likelihood else "sandwich"
     return Estimate(value, error, ends[0], ends[1], method, True)
 

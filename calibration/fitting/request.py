@@ -246,8 +246,8 @@ def _check_law(data: RestitutionData, model: LawModel, objective: str) -> None:
 def _check_fixed(model: LawModel, data: RestitutionData, name: str, parameter: Parameter) -> None:
     """Check that fixed parameters have a value: stated, or from the data or the law, not a guess."""
     known = KNOWN.get(model.key)
-    told = name.startswith(OF_CONTACT) or name in model.defaults
-    if parameter.free or parameter.value is not None or told:
+    has_value = name.startswith(OF_CONTACT) or name in model.defaults
+    if parameter.free or parameter.value is not None or has_value:
         return
     if known is None or name not in known.held(data):
         raise placed(parameter, name, DataError("value", "missing", "given where it is fixed"))
@@ -255,8 +255,8 @@ def _check_fixed(model: LawModel, data: RestitutionData, name: str, parameter: P
 
 def placed(parameter: Parameter, name: str, error: DataError) -> Exception:
     """A refusal of a parameter, with the line of the file that it is from."""
-    told = DataError(f"{error.argument} of {name}", error.value, error.accepted)
-    return told if parameter.origin is None else parameter.origin.error(told)
+    refusal = DataError(f"{error.argument} of {name}", error.value, error.accepted)
+    return refusal if parameter.origin is None else parameter.origin.error(refusal)
 
 
 def _identified(data, given: dict[str, Parameter], model: LawModel, options):
@@ -265,15 +265,15 @@ def _identified(data, given: dict[str, Parameter], model: LawModel, options):
     Only where nothing is stated of σ, ψ or ε_up; of ε_up wherever prior and bounds let yield be. Bodies
     that yield at several velocities have an ε_up each, and these separate σ from ψ.
     """
-    held, measured = Parameter(free=False), np.isfinite(data.restitution)
+    fixed, measured = Parameter(free=False), np.isfinite(data.restitution)
     if not np.any(measured):  # neither enters the force
-        return {"sigma": held, "psi": held} | given, model
+        return {"sigma": fixed, "psi": fixed} | given, model
     moves = any(given[n].free for leaf in MOVE_YIELD if (n := OF_CONTACT + leaf) in given)
     below = (data.velocity <= _highest_yield(data.contact, given))[measured]
     if np.all(below) and not moves and not data.observed:
-        return given | dict.fromkeys(LINE if {*LINE} & {*given} else ("chi",), held), model
-    told = {"sigma", "psi", "eps_up"} & {*given}
-    if told or np.any(below) or several_yields(data.contact):
+        return given | dict.fromkeys(LINE if {*LINE} & {*given} else ("chi",), fixed), model
+    stated = {"sigma", "psi", "eps_up"} & {*given}
+    if stated or np.any(below) or several_yields(data.contact):
         return given, model
     return given, zhou_model([*(name for name in LINE if name in given), "eps_up"], options)
 
@@ -362,8 +362,10 @@ def _inside(value: Any, low: float, high: float) -> float:
 def _whole(name: str, parameter: Parameter) -> tuple[list[Element], Tree]:
     """The numbers of a whole parameter, each a parameter of its own."""
     if parameter.value is None:
-        told = DataError("value", "missing", "an array or a pytree of them, where a search starts")
-        raise placed(parameter, name, told)
+        refusal = DataError(
+            "value", "missing", "an array or a pytree of them, where a search starts"
+        )
+        raise placed(parameter, name, refusal)
     tree, numbers = Tree.of(name, parameter.value), numbers_in(parameter.value)
     one = Parameter(free=parameter.free, shared=parameter.shared)
     pairs = zip(tree.entries, numbers, strict=True)
@@ -429,10 +431,10 @@ def _together(specs: Sequence[SetSpec], elements: Sequence[Element]) -> list[tup
 
 
 def _component(sets, specs, elements, route: Route) -> Component:
-    own = tuple(specs[g] for g in sets)
-    if len({(spec.model.key, spec.objective) for spec in own}) > 1:
-        told = ", ".join(f"{spec.data.name}: {spec.model.key}" for spec in own)
-        raise DataError("parameters", f"shared between {told}", "shared within one law")
+    own_specs = tuple(specs[g] for g in sets)
+    if len({(spec.model.key, spec.objective) for spec in own_specs}) > 1:
+        text = ", ".join(f"{spec.data.name}: {spec.model.key}" for spec in own_specs)
+        raise DataError("parameters", f"shared between {text}", "shared within one law")
     place = {g: k for k, g in enumerate(sets)}
     free = [
         replace(e, sets=tuple(place[g] for g in e.sets)) for e in elements if e.sets[0] in place
@@ -440,14 +442,14 @@ def _component(sets, specs, elements, route: Route) -> Component:
     # drag was taken out of these with a coefficient that is not known exactly
     flights = tuple(
         k
-        for k, spec in enumerate(own)
+        for k, spec in enumerate(own_specs)
         if spec.objective == "model" and spec.data.errors.by_drag is not None
     )
     if flights:
-        label = f"{DRAG}[{own[flights[0]].data.name}]" if len(specs) > len(sets) else DRAG
+        label = f"{DRAG}[{own_specs[flights[0]].data.name}]" if len(specs) > len(sets) else DRAG
         known = Parameter(0.0, prior=(0.0, UNCERTAIN), transform="none")
         free.append(Element(DRAG, known, Declared(DRAG), 0.0, WIDE, False, label, flights))
-    component = Component(sets, own, tuple(free))
+    component = Component(sets, own_specs, tuple(free))
     _check_counts(component)
     return replace(component, stages=tuple(_stages(component, route)))
 
@@ -459,15 +461,15 @@ def _check_counts(component: Component) -> None:
     """
     for g, spec in enumerate(component.specs):
         whole = {tree.name for tree in spec.model.trees}
-        own = [
+        free_names = [
             e.name
             for e in component.elements
             if e.sets == (g,) and e.parameter.prior is None and not e.parameter.pooled
             if e.name.partition("[")[0] not in whole
         ]
         count = sum(len(rows) for *_, rows, _, _ in blocks_of(spec.data))
-        if count <= len(own):
-            free = f"{len(own)} free parameter{'s' * (len(own) != 1)} ({', '.join(own)})"
+        if count <= len(free_names):
+            free = f"{len(free_names)} free parameter{'s' * (len(free_names) != 1)} ({', '.join(free_names)})"
             problem = f"{count} point{'s' * (count != 1)} for {free}"
             raise spec.data.refusal(problem, "more points than free parameters")
 

@@ -531,8 +531,8 @@ def _settings(request: Request, fits: list[ComponentFit]) -> dict[str, Any]:
     specs = [spec for one in fits for spec in one.component.specs]
     contacts = [spec.data.contact for spec in specs if spec.data.contact is not None]
     options, integrated = request.options, fits[0].final.problem.route
-    asked = ["noise", "starts", "seed", "max_steps"]
-    asked += ["noise_dof"] * (options.noise == "student-t")
+    names = ["noise", "starts", "seed", "max_steps"]
+    names += ["noise_dof"] * (options.noise == "student-t")
     table: dict[str, Any] = {
         "objective": ", ".join(sorted({spec.objective for spec in specs})),
         "law": ", ".join(dict.fromkeys(spec.model.key for spec in specs)),
@@ -541,7 +541,7 @@ def _settings(request: Request, fits: list[ComponentFit]) -> dict[str, Any]:
         "area": contacts[0].area if contacts else None,
         **{name: value for spec in specs for name, value in spec.model.options.items()},
         "x64": True,
-        **{name: getattr(options, name) for name in asked},
+        **{name: getattr(options, name) for name in names},
         "given_law": law_name(options.law),
     }
     if isinstance(integrated, sj.ODE):

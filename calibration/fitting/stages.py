@@ -493,11 +493,11 @@ def _after(first: StageFit, problem: Problem) -> Problem:
     The law's misfit, which the first stage has none of, would enter whitened residuals with the sizes
     of what points share.
     """
-    told = first.problem
-    variance = told.diagonal(first.z[None])[0]
-    if all(stands_alone(told, g) for g in range(len(told.errors))):
-        variance = np.ones(told.count)  # all points weigh alike
-    return _weighing(problem, [variance[own] for own in told.own])
+    of_first = first.problem
+    variance = of_first.diagonal(first.z[None])[0]
+    if all(stands_alone(of_first, g) for g in range(len(of_first.errors))):
+        variance = np.ones(of_first.count)  # all points weigh alike
+    return _weighing(problem, [variance[own] for own in of_first.own])
 
 
 NO_NOISE = 1e-10  # rms of ε below which there is no noise to speak of

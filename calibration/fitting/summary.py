@@ -67,7 +67,7 @@ def _material(fit: ComponentFit, g: int, found, confidence: float, shared_warnin
     blocks = [(k, block) for k, block in enumerate(problem.blocks) if block.set == g]
     goodness = {block.observable: _goodness(fit, k) for k, block in blocks}
     of_eps = goodness.get(RESTITUTION) or next(iter(goodness.values()))
-    outliers = tuple(one for own in goodness.values() for one in own.outliers)
+    outliers = tuple(one for of_one in goodness.values() for one in of_one.outliers)
     at = problem.linearise(fit.z[None], slopes=False)
     first = problem.of_restitution(g)
     known_from, known_to = _determined_between(fit, g)
@@ -89,15 +89,15 @@ def _material(fit: ComponentFit, g: int, found, confidence: float, shared_warnin
         known_to=known_to,
         observed={name: one for name, one in goodness.items() if name != RESTITUTION},
     )
-    part, apart = _beside_eq_17(fit, g, part)
-    own = [one for one in shared_warnings if one.material == part.name] + apart
+    part, disagreements = _with_eq_17(fit, g, part)
+    found_warnings = [one for one in shared_warnings if one.material == part.name] + disagreements
     errors = dict(zip(goodness, spec.errors, strict=True))
     if RESTITUTION in errors:
         off = at.prediction[0][first] - problem.points.value[first]
-        own += _of_restitution(part, off, errors[RESTITUTION])
+        found_warnings += _of_restitution(part, off, errors[RESTITUTION])
     for name, one in part.observed.items():
-        own += _of_observable(part, name, one, errors[name])
-    return replace(part, warnings=(*own, *_of_modulus(part)))
+        found_warnings += _of_observable(part, name, one, errors[name])
+    return replace(part, warnings=(*found_warnings, *_of_modulus(part)))
 
 
 def _parameters(fit: ComponentFit, g: int, found, known_to: float):
@@ -297,7 +297,7 @@ def _carried(fit: ComponentFit, g: int, what: Callable, confidence: float, most:
     return Estimate(value, error, low, high, "derived")
 
 
-def _beside_eq_17(fit: ComponentFit, g: int, part: MaterialFit):
+def _with_eq_17(fit: ComponentFit, g: int, part: MaterialFit):
     """With the rms and coefficients of Eq. (17); and whether `model` disagrees with `two-step`."""
     spec = fit.component.specs[g]
     if spec.model.law_type is sj.EmpiricalRestitution:
@@ -335,8 +335,8 @@ def _disagreements(two: ComponentFit, part: MaterialFit) -> list[FitWarning]:
     others = derived_of(fit, 0, 0.95)
     for k, element in enumerate(fit.component.elements):
         others[element.name] = estimate_of(fit, k, None, 0.95)
-    own = {**part.derived, **part.parameters}
-    pairs = {name: (others.get(name), own.get(name)) for name in ("eps_up", "chi")}
+    by_two_step = {**part.derived, **part.parameters}
+    pairs = {name: (others.get(name), by_two_step.get(name)) for name in ("eps_up", "chi")}
     causes = (warnings.disagreement(name, *pair) for name, pair in pairs.items())
     return list(_named("objectives-disagree", causes, part.name))
 

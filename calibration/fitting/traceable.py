@@ -286,9 +286,9 @@ def problem(
     Raises:
         ValueError: naming the argument, its value and what is accepted.
     """
-    told = {"law": law, "route": route, "noise": noise, "noise_dof": noise_dof}
+    keywords = {"law": law, "route": route, "noise": noise, "noise_dof": noise_dof}
     more = {"extra_scatter": extra_scatter, "scale_uncertainty": scale_uncertainty}
-    options = FitOptions.of(**told, **more)
+    options = FitOptions.of(**keywords, **more)
     return traceable(Request(datasets_of(data), parameters, options))
 
 
@@ -319,12 +319,12 @@ def _named(components: Sequence[Component]) -> tuple[NamedErrors, ...]:
         for block, errors in zip(problem.blocks, problem.errors, strict=True):
             found.append(NamedErrors(problem, block, errors, component.sets[block.set], {}))
     found.sort(key=lambda one: one.set)
-    told = [(one.block.observable, kind) for one in found for kind in one.errors.unknown]
+    names = [(one.block.observable, kind) for one in found for kind in one.errors.unknown]
 
     def label(one: NamedErrors, kind: str) -> str:
         name = one.block.observable
         text = CALLED[kind] if name == RESTITUTION else f"{name}_{CALLED[kind]}"
-        return f"{text}[{one.data.name}]" if told.count((name, kind)) > 1 else text
+        return f"{text}[{one.data.name}]" if names.count((name, kind)) > 1 else text
 
     return tuple(
         replace(one, labels={kind: label(one, kind) for kind in one.errors.unknown})

@@ -119,8 +119,8 @@ def freedom_of(freedoms: Sequence[Freedom], dataset: str, labels: Iterable[str])
     Nothing of the set may be free, or nothing of its noise estimated; where both is so, any will do.
     """
     own = set(labels)
-    told = (one for one in freedoms if own & set(one.labels) or dataset in one.sets)
-    return next(told, freedoms[0])
+    matching = (one for one in freedoms if own & set(one.labels) or dataset in one.sets)
+    return next(matching, freedoms[0])
 
 
 @dataclass(frozen=True)
@@ -195,15 +195,15 @@ def _of_likelihood(problem: Problem, limits, z) -> Uncertainty:
     covariance, before = whole + added, np.diagonal(whole)
     ratio = np.diagonal(covariance) / np.where(before > 0, before, 1.0)
     left_out = nulls | held
-    told = np.where(left_out[:, None] | left_out, np.nan, covariance)
+    published = np.where(left_out[:, None] | left_out, np.nan, covariance)
     return Uncertainty(
-        covariance=told,
+        covariance=published,
         of_predictions=covariance,
         whole=whole,
         freedom=freedom,
         rank=rank,
         condition_number=condition,
-        undetermined=nulls | (scaled & ~held & ~(np.diagonal(told) < NO_ERROR**2)),
+        undetermined=nulls | (scaled & ~held & ~(np.diagonal(published) < NO_ERROR**2)),
         limits=limits,
         definite=definite,
         deviation=np.sqrt(problem.diagonal(z[None])[0]),
@@ -358,10 +358,10 @@ def _of_equations(stages: Stages, z) -> Uncertainty:
     carried = np.array([inverse @ part @ inverse.T for part in parts])
     carried = carried.reshape(len(parts), size, size)
     labels = tuple(e.label for e in first_problem.elements)
-    told = both(covariance)
+    published = both(covariance)
     return Uncertainty(
-        covariance=told,
-        of_predictions=np.nan_to_num(told),
+        covariance=published,
+        of_predictions=np.nan_to_num(published),
         whole=both(whole),
         freedom=Freedom(labels, both(carried), relative, tuple(sets), tuple(names)),
         rank=rank,

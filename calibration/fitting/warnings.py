@@ -175,10 +175,10 @@ def unequal_scatter(velocity: Column, restitution: Column, standardised: Column)
     for name, values in (("velocity", velocity), ("restitution", restitution)):
         if np.ptp(values) == 0:
             continue
-        told = stats.spearmanr(values, size)
-        if told.pvalue < 0.5 * (1 - CONFIDENCE):  # of two that are looked at
-            way = "grow" if told.statistic > 0 else "shrink"
-            return f"the residuals {way} with the {name} (rank correlation {told.statistic:.2f})"
+        correlation = stats.spearmanr(values, size)
+        if correlation.pvalue < 0.5 * (1 - CONFIDENCE):  # of two that are looked at
+            verb = "grow" if correlation.statistic > 0 else "shrink"
+            return f"the residuals {verb} with the {name} (rank correlation {correlation.statistic:.2f})"
     return None
 
 

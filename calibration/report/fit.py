@@ -424,9 +424,9 @@ def _posterior(draws: Any, result: Any) -> list[Block]:
 
 
 def _warnings_of_draws(draws: Any, result: Any) -> list[Item]:
-    from calibration.fitting.posterior.diagnostics import doubts_of
+    from calibration.fitting.posterior.diagnostics import warnings_of
 
-    items = warning_items(doubts_of(draws), result)
+    items = warning_items(warnings_of(draws), result)
     return [item._replace(text=f" (posterior){item.text}") for item in items]
 
 

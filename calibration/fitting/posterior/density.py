@@ -150,7 +150,7 @@ class Density:
     @property
     def labels(self) -> list[str]:
         """Labels of all unknowns, in the order of z."""
-        return [one.label for one in self.priors]
+        return [prior.label for prior in self.priors]
 
     @property
     def _columns(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -162,8 +162,8 @@ class Density:
         """θ by label, ln p of q and ln |∂q/∂u|."""
         q, log_jacobian = u, jnp.zeros(())
         for places, part in self.coordinates:
-            own, slope = part.q(u[places])
-            q, log_jacobian = q.at[places].set(own), log_jacobian + slope
+            part_q, slope = part.q(u[places])
+            q, log_jacobian = q.at[places].set(part_q), log_jacobian + slope
         z = q
         for pool in self.pools:
             apart = jnp.exp(q[pool.spread]) * q[pool.members]
@@ -224,17 +224,17 @@ class Density:
 
     def _blocks(self) -> list[Places]:
         """Places of unknowns that belong together: nothing else is correlated."""
-        found = []
+        blocks = []
         for component in self.problem.components:
-            own = [e.label for e in component.elements]
-            sets = [one for one in self.problem.sets if one.set in component.sets]
-            own += [name for one in sets for name in one.labels.values()]
+            labels = [e.label for e in component.elements]
+            sets = [block for block in self.problem.sets if block.set in component.sets]
+            labels += [name for block in sets for name in block.labels.values()]
             for pool in self.problem.pools:
-                if self.problem.names[pool.members[0]] in own:
-                    own += [pool.name, pool.spread_name]
-            if own:
-                found.append(np.array([self.labels.index(label) for label in own]))
-        return found
+                if self.problem.names[pool.members[0]] in labels:
+                    labels += [pool.name, pool.spread_name]
+            if labels:
+                blocks.append(np.array([self.labels.index(label) for label in labels]))
+        return blocks
 
 
 def density_of(problem: Traceable) -> Density:
@@ -387,7 +387,7 @@ def _cubics(knots: Vector, values: Float[np.ndarray, "m k"]) -> Float[np.ndarray
 
 def _followed(slope: Slope, top: Vector, order: Places, scale: Vector, ahead: Vector):
     """Points (|u₁|, (t, r, ln s)) of the profile to one side, from the top on."""
-    found: list[tuple[float, Vector]] = []
+    steps: list[tuple[float, Vector]] = []
     lowest, q, u, stride = slope(top)[0], top, 0.0, STRIDE
     for _ in range(3 * KNOTS):
         moved = q.copy()
@@ -404,9 +404,9 @@ def _followed(slope: Slope, top: Vector, order: Places, scale: Vector, ahead: Ve
             stride *= 2
             continue
         u += gone
-        found.append((u, np.concatenate([moved[order], np.log(_errors(precision))])))
+        steps.append((u, np.concatenate([moved[order], np.log(_errors(precision))])))
         ahead = (moved - q)[order] / stride
         q, stride = moved, stride * min(max(STRIDE / gone, 0.4), 2.0)
-        if u > REACH or len(found) == KNOTS:
+        if u > REACH or len(steps) == KNOTS:
             break
-    return found
+    return steps

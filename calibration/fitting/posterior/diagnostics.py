@@ -55,17 +55,19 @@ def summaries(data: Any, confidence: float = 0.95) -> dict[str, Summary]:
     posterior, arviz = dataset_of(data, "posterior"), needed("arviz")
     r_hat, bulk = arviz.rhat(posterior), arviz.ess(posterior, method="bulk")
     tail = arviz.ess(posterior, method="tail", prob=TAILS)
-    found = {}
+    by_name = {}
     for name, values in posterior.data_vars.items():
         about, draws = values.attrs, np.asarray(values)
         low, high = np.quantile(draws, [0.5 - confidence / 2, 0.5 + confidence / 2])
         effective = min(float(bulk[name]), float(tail[name]))
         moments = float(np.mean(draws)), float(np.std(draws, ddof=1)), float(low), float(high)
         share, unit = about.get("prior_share"), str(about.get("unit", "-"))
-        told = str(about.get("prior", "")), share if share is None else float(share)
+        prior_and_share = str(about.get("prior", "")), share if share is None else float(share)
         of_chains = float(r_hat[name]), effective
-        found[str(name)] = Summary(*moments, *of_chains, *told, "" if unit == "-" else unit)
-    return found
+        by_name[str(name)] = Summary(
+            *moments, *of_chains, *prior_and_share, "" if unit == "-" else unit
+        )
+    return by_name
 
 
 def not_converged(data: Any) -> str:
@@ -86,12 +88,12 @@ def _diverged(diverging: np.ndarray) -> str:
     return f"{np.sum(diverging)} of {diverging.size} draws diverged"
 
 
-def doubts_of(data: Any) -> list[FitWarning]:
+def warnings_of(data: Any) -> list[FitWarning]:
     """Warnings: reasons not to rely on these draws."""
-    told, statistics = summaries(data), dataset_of(data, "sample_stats")
-    slow = [f"{n} {s.r_hat:.4g}" for n, s in told.items() if not s.r_hat <= R_HAT]
-    few = [f"{n} {s.effective:.4g}" for n, s in told.items() if not s.effective >= EFFECTIVE]
-    follow = [f"{n} ({s.prior})" for n, s in told.items() if (s.prior_share or 0) > FOLLOWS]
+    by_name, statistics = summaries(data), dataset_of(data, "sample_stats")
+    slow = [f"{n} {s.r_hat:.4g}" for n, s in by_name.items() if not s.r_hat <= R_HAT]
+    few = [f"{n} {s.effective:.4g}" for n, s in by_name.items() if not s.effective >= EFFECTIVE]
+    follow = [f"{n} ({s.prior})" for n, s in by_name.items() if (s.prior_share or 0) > FOLLOWS]
     diverging, energy = (np.asarray(statistics[name]) for name in ("diverging", "energy"))
     missing = float(np.min(needed("arviz").bfmi(energy)))
     near = _at_bounds(dataset_of(data, "posterior"))

@@ -164,7 +164,7 @@ def _chains(
 def _about(density: Density, seed: int, warmup: int) -> dict[str, Any]:
     """Attributes of the posterior: settings of the sampler."""
     versions = {name: importlib.metadata.version(name) for name in ("blackjax", "arviz", "jax")}
-    priors = {one.label: one.text for one in density.priors}
+    priors = {prior.label: prior.text for prior in density.priors}
     return {
         "inference_library": "blackjax",
         "inference_library_version": versions["blackjax"],
@@ -229,25 +229,25 @@ def _as_data(density: Density, position, statistics, seed: int, about: Mapping[s
     return needed("xarray").DataTree.from_dict(groups)
 
 
-def _variables(density: Density, found: Mapping[str, Any]) -> dict[str, Any]:
+def _variables(density: Density, drawn: Mapping[str, Any]) -> dict[str, Any]:
     """Each parameter with its unit and prior, and ε_up of Zhou's law by σ and ψ."""
     problem, transform, variables = density.problem, density.transform, {}
-    centres = transform.unconstrained(found["theta"])
+    centres = transform.unconstrained(drawn["theta"])
     spreads = density.spread_in_z(np.median(centres, axis=(0, 1)))
     for pool in density.pools:
         spreads[pool.members] = np.inf  # their prior is the pool
     units = {e.label: e.declared.unit for e in problem.elements}
-    for k, one in enumerate(density.priors):
+    for k, prior in enumerate(density.priors):
         about = {
-            "unit": units.get(one.label, UNITS.get(one.label.partition("[")[0], "-")),
-            "prior": f"{one.text}, stated" if one.stated else one.text,
+            "unit": units.get(prior.label, UNITS.get(prior.label.partition("[")[0], "-")),
+            "prior": f"{prior.text}, stated" if prior.stated else prior.text,
             "lower": float(transform.lower[k]),
             "upper": float(transform.upper[k]),
         }
         if np.isfinite(spreads[k]):
             about["prior_share"] = float(np.std(centres[..., k]) / spreads[k])
-        variables[variable(one.label)] = (DIMS, found["theta"][..., k], about)
-    for spec, values in zip(problem.specs, found["eps_up"], strict=True):
+        variables[variable(prior.label)] = (DIMS, drawn["theta"][..., k], about)
+    for spec, values in zip(problem.specs, drawn["eps_up"], strict=True):
         if spec.model.law_type is sj.Zhou and not spec.by_eps_up:
             owner = f"[{spec.data.name}]" if len(problem.specs) > 1 else ""
             variables[variable(f"eps_up{owner}")] = (DIMS, values, {"unit": "-", "derived": 1})
@@ -267,8 +267,8 @@ def _is_old(arviz: Any) -> bool:
 
 def dataset_of(data: Any, group: str) -> Any:
     """A group of ArviZ data as an xarray data set."""
-    found = data[group]
-    return found.to_dataset() if hasattr(found, "to_dataset") else found
+    contents = data[group]
+    return contents.to_dataset() if hasattr(contents, "to_dataset") else contents
 
 
 def variable(label: str) -> str:
@@ -334,9 +334,11 @@ def band_of_draws(
             curves = curve_problem(material, velocity).linearise(values, slopes=False).prediction
         if kind == "prediction":
             random, dof, variance = np.random.default_rng(0), material.noise_dof, 0.0
-            for name, one in material.variances.items():
+            for name, variance_of_kind in material.variances.items():
                 known = name not in ("scatter", "group")
-                variance = variance + (one if known else drawn(name, one**0.5) ** 2)
+                variance = variance + (
+                    variance_of_kind if known else drawn(name, variance_of_kind**0.5) ** 2
+                )
             if dof is None:
                 noise = random.standard_normal(curves.shape)
             else:
