@@ -95,8 +95,8 @@ def _ends(problem: Problem, z) -> tuple[np.ndarray, np.ndarray]:
 
 def _with_points_of(problem: Problem, k: int) -> list[int]:
     """The elements that move the yield of the same data sets, the element itself among them."""
-    own = set(problem.elements[k].sets)
-    return [m for m in moving(problem) if own & set(problem.elements[m].sets)]
+    sets = set(problem.elements[k].sets)
+    return [m for m in moving(problem) if sets & set(problem.elements[m].sets)]
 
 
 def _all_along(problem: Problem, z, k: int) -> Branches:
@@ -115,10 +115,10 @@ def _all_along(problem: Problem, z, k: int) -> Branches:
     begin = np.where((low <= z[k]) & (z[k] <= high), z[k], middle)
     places = np.repeat(z[None], count, axis=0)
     places[:, k] = begin
-    own = np.repeat(np.asarray(problem.elastic_at(z))[None], count, axis=0)
+    at_start = np.repeat(np.asarray(problem.elastic_at(z))[None], count, axis=0)
     rises = POWERS[problem.elements[k].name.removeprefix(OF_CONTACT)] > 0
     elastic = at <= low[:, None] if rises else at >= high[:, None]
-    elastic = np.where(np.isfinite(at), elastic, own)
+    elastic = np.where(np.isfinite(at), elastic, at_start)
     lower, upper = (np.repeat(end[None], count, axis=0) for end in _ends(problem, z))
     for m in _with_points_of(problem, k):
         lower[:, m] = upper[:, m] = z[m]

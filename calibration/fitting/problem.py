@@ -118,7 +118,7 @@ class Block(NamedTuple):
 
     set: int
     observable: str
-    own: slice
+    span: slice
 
 
 class Lanes(NamedTuple):
@@ -150,9 +150,9 @@ class Linear(NamedTuple):
     bend: Float[np.ndarray, "fits points"]
     status: Int[np.ndarray, "fits points"]  # `softjax.Status`
 
-    def carried(self, own: slice) -> Carried:
+    def carried(self, span: slice) -> Carried:
         """The curve at some points."""
-        return Carried(self.prediction[:, own], self.slope[:, own], self.bend[:, own])
+        return Carried(self.prediction[:, span], self.slope[:, span], self.bend[:, span])
 
     @property
     def gradient(self) -> Float[np.ndarray, "fits p"]:
@@ -253,13 +253,13 @@ class Problem:
         return [block_name(self.datasets[b.set].name, b.observable) for b in self.blocks]
 
     @property
-    def own(self) -> tuple[slice, ...]:
+    def spans(self) -> tuple[slice, ...]:
         """The points of each block."""
-        return tuple(block.own for block in self.blocks)
+        return tuple(block.span for block in self.blocks)
 
     def of_restitution(self, place: int) -> slice:
         """The ε of the data set at a place; of another observable where it has none."""
-        return next(block.own for block in self.blocks if block.set == place)
+        return next(block.span for block in self.blocks if block.set == place)
 
     # ------------------------------------------------------------------ evaluated at z
 
@@ -281,7 +281,7 @@ class Problem:
             *(np.concatenate(a) if len(a) > 1 else a[0] for a in zip(*parts, strict=True))
         )
 
-    def seen(self, z: Z, lanes: Lanes | None = None) -> list[Residuals]:
+    def residuals_at(self, z: Z, lanes: Lanes | None = None) -> list[Residuals]:
         """Data at z from which the variances of each block are estimated."""
         found = self.linearise(z, lanes)
         off = found.prediction - self._measured(lanes)
@@ -295,14 +295,14 @@ class Problem:
             return np.swapaxes(slopes, 1, 2) @ slopes, np.einsum("fmp,fm->fp", slopes, rest)
 
         every, parts = normal(slice(found.residual.shape[1] - self.more)), []
-        for own in self.own:
-            others: list[Any] = [a - b for a, b in zip(every, normal(own), strict=True)]
+        for span in self.spans:
+            others: list[Any] = [a - b for a, b in zip(every, normal(span), strict=True)]
             if not self.joint:  # each data set is judged by itself
                 others = [0 * a for a in others]
             elif len(self.errors) > 1:
                 others[1] = None
-            _, slope, bend = found.carried(own)
-            at = (off[:, own], found.per[:, own], slope, bend)
+            _, slope, bend = found.carried(span)
+            at = (off[:, span], found.per[:, span], slope, bend)
             parts.append(Residuals(*at, others[0], others[1], free))
         return parts
 
@@ -310,16 +310,16 @@ class Problem:
         """-2 ln p(data | θ, s)."""
         found = self.linearise(z, slopes=False)
         total = np.zeros(len(z))
-        for errors, s, own in zip(self.errors, self.variances, self.own, strict=True):
-            mean, slope, bend = found.carried(own)
-            total += errors.deviance(s, mean - self.points.value[own], slope, bend)
+        for errors, s, span in zip(self.errors, self.variances, self.spans, strict=True):
+            mean, slope, bend = found.carried(span)
+            total += errors.deviance(s, mean - self.points.value[span], slope, bend)
         return total
 
     def diagonal(self, z: Z) -> Float[np.ndarray, "fits points"]:
         """V_ii of each point."""
         found, parts = self.linearise(z, slopes=False), []
-        for errors, s, own in zip(self.errors, self.variances, self.own, strict=True):
-            mean, slope, bend = found.carried(own)
+        for errors, s, span in zip(self.errors, self.variances, self.spans, strict=True):
+            mean, slope, bend = found.carried(span)
             parts.append(errors.diagonal(s, slope, bend) + np.zeros(mean.shape))
         return np.concatenate(parts, axis=1)
 
@@ -327,13 +327,15 @@ class Problem:
         """The problem of some of its points, a mask or places, which share no error with the others."""
         rows = np.flatnonzero(rows) if np.asarray(rows).dtype == bool else np.asarray(rows)
         points = Points(*(a[rows] for a in self.points))
-        own = [rows[(rows >= one.start) & (rows < one.stop)] - one.start for one in self.own]
-        left = [k for k, some in enumerate(own) if len(some)] if self.errors else []
+        rows_of_blocks = [
+            rows[(rows >= span.start) & (rows < span.stop)] - span.start for span in self.spans
+        ]
+        left = [k for k, some in enumerate(rows_of_blocks) if len(some)] if self.errors else []
         return replace(
             self,
             points=points,
             laws=replace(self.laws, row=self.laws.row[rows]),
-            errors=tuple(self.errors[k].some(own[k]) for k in left),
+            errors=tuple(self.errors[k].some(rows_of_blocks[k]) for k in left),
             variances=tuple(self.variances[k] for k in left),
             elastic=None if self.elastic is None else self.elastic[rows],
         )
@@ -400,11 +402,16 @@ class Problem:
         rows, columns, more, their = [off[:, :0]], [per.mean[:, :0]], [], []
         cost = np.zeros(len(off))
         variances = self.variances if lanes.variances is None else lanes.variances
-        blocks = self.own if self.errors else ()
-        for errors, s, own in zip(self.errors, variances, blocks, strict=True):
-            slope, bend, n, r = curve.slope[:, own], curve.bend[:, own], copies[:, own], off[:, own]
+        blocks = self.spans if self.errors else ()
+        for errors, s, span in zip(self.errors, variances, blocks, strict=True):
+            slope, bend, n, r = (
+                curve.slope[:, span],
+                curve.bend[:, span],
+                copies[:, span],
+                off[:, span],
+            )
             factor, family = errors.factor(s, slope, bend), errors.family(s)
-            both = np.concatenate([r[..., None], per.mean[:, own]], axis=2)
+            both = np.concatenate([r[..., None], per.mean[:, span]], axis=2)
             both = errors.whiten(factor, both)
             white, of_white = both[..., 0], both[..., 1:]
             share = np.sqrt(n * family.weight(white))
@@ -412,7 +419,7 @@ class Problem:
             columns.append(of_white * share[..., None])
             cost += 0.5 * np.sum(n * family.squares(white), axis=1)
             variance = errors.variance(s, slope, bend) + np.zeros(r.shape)
-            beyond = np.broadcast_to(self.inside, self.count)[own] / variance
+            beyond = np.broadcast_to(self.inside, self.count)[span] / variance
             cost += 0.5 * np.sum(beyond, axis=1)
             if not self.moves:
                 continue
@@ -429,7 +436,7 @@ class Problem:
                 size = np.abs(change) * 2**0.5 / variance
                 size = np.maximum(size, 1e-6 * np.abs(score)) + 1e-300
                 more.append(np.where(n > 0, score, 0.0) / (size * np.where(n > 0, root, 1.0)))
-                their.append(of_curve[:, own] * (size * root)[..., None])
+                their.append(of_curve[:, span] * (size * root)[..., None])
         for value, column in self._priors(z, theta, per_z):
             rows.append(value)
             columns.append(column[:, :, : len(active)])
@@ -464,10 +471,10 @@ class Problem:
             value = value.reshape(fits, nodes, self.count)
             jacobian = jacobian.reshape(fits, nodes, self.count, p)
             parts, of_parts = [], []
-            for errors, own in zip(self.errors, self.own, strict=True):
-                parts.append(errors.carried(value[..., own]))
+            for errors, span in zip(self.errors, self.spans, strict=True):
+                parts.append(errors.carried(value[..., span]))
                 of_parts.append(
-                    errors.carried_slopes(value[..., own], jacobian[:, :, own], parts[-1].slope)
+                    errors.carried_slopes(value[..., span], jacobian[:, :, span], parts[-1].slope)
                 )
             curve, per = (
                 Carried(*(np.concatenate(a, axis=1) for a in zip(*some, strict=True)))

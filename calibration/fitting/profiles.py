@@ -229,9 +229,9 @@ def joined(curves: Sequence[Profile]) -> Profile:
     """Profiles of one parameter that begin at several minima as one: the lowest Δχ² of all counts."""
     ways = sorted(
         (value, rise)
-        for own in curves
-        for value, rise in zip(own.values, own.delta_chi_squared, strict=True)
-        if all(rise <= other.at(value) for other in curves if other is not own)
+        for curve in curves
+        for value, rise in zip(curve.values, curve.delta_chi_squared, strict=True)
+        if all(rise <= other.at(value) for other in curves if other is not curve)
     )
     lows = [c.low for c in curves if c.low is not None]
     highs = [c.high for c in curves if c.high is not None]
@@ -302,8 +302,8 @@ def _of_branches(fit: ComponentFit, task: ProfileTask) -> dict[str, Profile]:
     cost = float(stage.found.cost[0])
     near = np.max(task.quantiles, initial=0.0) ** 2 * task.variance
     found = [profiles(task._replace(lowest=2 * cost))]
-    own = np.all(branches.elastic == stage.problem.elastic, axis=1)
-    for k in np.flatnonzero(~own & (2 * (branches.cost - cost) < near)):
+    is_starting_branch = np.all(branches.elastic == stage.problem.elastic, axis=1)
+    for k in np.flatnonzero(~is_starting_branch & (2 * (branches.cost - cost) < near)):
         limits = branches.limits[k][task.columns]
         errors = np.where(limits != 0, FROM_END, task.errors)
         problem = branches.problem(stage.problem, int(k))

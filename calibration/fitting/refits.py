@@ -72,9 +72,9 @@ def bootstrap(fits: list[ComponentFit], count: int, seed: int, confidence: float
     for fit in fits:
         first, drawn = fit.stages[0].problem, []
         curve = first.linearise(fit.z[None])
-        for errors, s, own in zip(first.errors, first.variances, first.own, strict=True):
-            off = errors.simulate(s, curve.carried(own), random, count)
-            drawn.append(curve.prediction[:, own] + off)
+        for errors, s, span in zip(first.errors, first.variances, first.spans, strict=True):
+            off = errors.simulate(s, curve.carried(span), random, count)
+            drawn.append(curve.prediction[:, span] + off)
         lanes = Lanes(value=np.maximum(np.concatenate(drawn, axis=1), 0.0))
         again = partial(_of_simulated, lanes=lanes, begun=np.tile(fit.begun, (count, 1)))
         z, converged = _refitted(fit, again, count)
@@ -175,7 +175,7 @@ def leave_one_out(fits: list[ComponentFit]) -> LeaveOneOut:
     ordered = sorted(rows, key=lambda row: row[0])
 
     def joined(name: str) -> np.ndarray:
-        return np.concatenate([getattr(part, name)[own] for _, part, own in ordered])
+        return np.concatenate([getattr(part, name)[order] for _, part, order in ordered])
 
     names = ("predicted", "residual", "log_density", "pointwise", "fold")
     columns: dict[str, Any] = {name: joined(name) for name in names}
@@ -202,10 +202,10 @@ def _left_out(fit: ComponentFit) -> LeaveOneOut:
 def folds_of(problem: Problem) -> Int[np.ndarray, "n"]:
     """Points left out together: each point alone, or a whole group if the data have groups."""
     fold, first = np.empty(problem.count, int), 0
-    for errors, rows in zip(problem.errors, problem.own, strict=True):
-        own = np.arange(len(errors)) if errors.labels is None else errors.labels
-        fold[rows] = first + own
-        first += int(np.max(own)) + 1
+    for errors, rows in zip(problem.errors, problem.spans, strict=True):
+        numbers = np.arange(len(errors)) if errors.labels is None else errors.labels
+        fold[rows] = first + numbers
+        first += int(np.max(numbers)) + 1
     if first == 1:
         raise problem.datasets[0].refusal("one group", "two or more, as each is left out in turn")
     return fold
@@ -216,8 +216,8 @@ def _pointwise(fit: ComponentFit) -> Float[np.ndarray, "n"]:
     first = fit.stages[0].problem
     found, at = fit.final.problem.linearise(fit.z[None]), first.linearise(fit.z[None])
     off, parts = found.prediction - first.points.value, []
-    for errors, s, own in zip(first.errors, first.variances, first.own, strict=True):
-        parts.append(errors.by_point(s, off[:, own], at.slope[:, own], at.bend[:, own])[0])
+    for errors, s, span in zip(first.errors, first.variances, first.spans, strict=True):
+        parts.append(errors.by_point(s, off[:, span], at.slope[:, span], at.bend[:, span])[0])
     return np.concatenate(parts)
 
 
@@ -258,7 +258,7 @@ def _scored(fit: ComponentFit, z: np.ndarray, kept: np.ndarray):
     off = found.prediction - problem.points.value
     variance, degrees, nu = np.empty((3, *off.shape))
     for errors, s, one, own in zip(
-        first.errors, first.variances, first.seen(z), first.own, strict=True
+        first.errors, first.variances, first.residuals_at(z), first.spans, strict=True
     ):
         mask = np.where(np.any(kept[:, own] > 0, axis=1)[:, None], kept[:, own], 1.0)
         raw = np.where(held, 0.0, found.per[:, own])
@@ -312,7 +312,7 @@ def _without_groups(fit: ComponentFit, fold: np.ndarray):
         left = replace(first.kept(rows), active=problem.active, laws=mine.laws)
         off[rows] = mine.linearise(z, slopes=False).prediction[0] - mine.points.value
         for errors, s, one, part in zip(
-            left.errors, left.variances, left.seen(z), left.own, strict=True
+            left.errors, left.variances, left.residuals_at(z), left.spans, strict=True
         ):
             slopes, place = np.where(held, 0.0, one.jacobian[0]), np.flatnonzero(rows)[part]
             factor = errors.factor(s, one.slope, one.bend)
@@ -343,7 +343,7 @@ def _continued(fit: ComponentFit, fold: Int[np.ndarray, "n"]):
     off, density = np.empty((2, problem.count))
     blocks, pull = [], np.zeros(len(held))
     for errors, s, one, own in zip(
-        first.errors, first.variances, first.seen(fit.z[None]), first.own, strict=True
+        first.errors, first.variances, first.residuals_at(fit.z[None]), first.spans, strict=True
     ):
         raw = np.where(held, 0.0, found.per[0, own])
         solved = errors.solve(

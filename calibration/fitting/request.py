@@ -288,10 +288,10 @@ def _highest_yield(contact: sj.Contact, given: Mapping[str, Parameter]) -> np.nd
     return np.max([replace(contact, **one).critical_velocity for one in corners], axis=0)
 
 
-def _reach(parameter: Parameter, own: Any) -> tuple[Any, Any]:
+def _reach(parameter: Parameter, start: Any) -> tuple[Any, Any]:
     """Between which values a search looks for a positive number; infinite where nothing says so."""
     if not parameter.free:
-        value = own if parameter.value is None else parameter.value
+        value = start if parameter.value is None else parameter.value
         return value, value
     low, high = parameter.bounds or (0.0, np.inf)
     if parameter.prior is not None:
@@ -582,12 +582,14 @@ def by_drag_of(data: RestitutionData, observable: str = RESTITUTION) -> np.ndarr
     if observable != RESTITUTION:
         return OBSERVABLES[observable].power * slower
     eps, v = data.restitution, np.log(data.velocity)
-    seen = np.isfinite(eps) & (eps > 0)
-    if not np.any(seen):
+    is_measured = np.isfinite(eps) & (eps > 0)
+    if not np.any(is_measured):
         return np.zeros(len(data))
-    degree = min(2, int(np.sum(seen)) // 4) if np.ptp(v[seen]) > LEAST_RANGE else 0
-    curve = np.polyfit(v[seen], np.log(eps[seen]), degree)
+    degree = min(2, int(np.sum(is_measured)) // 4) if np.ptp(v[is_measured]) > LEAST_RANGE else 0
+    curve = np.polyfit(v[is_measured], np.log(eps[is_measured]), degree)
     smooth, power = np.exp(np.polyval(curve, v)), np.polyval(np.polyder(curve), v)
-    cubic = np.where(seen, (by_drag[:, 0] + eps * slower) / np.where(seen, eps, 1.0) ** 3, 0.0)
+    cubic = np.where(
+        is_measured, (by_drag[:, 0] + eps * slower) / np.where(is_measured, eps, 1.0) ** 3, 0.0
+    )
     of_eps = cubic * smooth**3 - smooth * slower
     return np.where(np.isfinite(eps), np.clip(power, *POWERS) * smooth * slower - of_eps, 0.0)

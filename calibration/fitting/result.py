@@ -472,8 +472,8 @@ def _fitted(request: Request, tell: Progress) -> FitResult:
     found_warnings: list[FitWarning] = []
     materials: dict[int, MaterialFit] = {}
     pooled = pooled_estimates(fits, options.confidence)
-    for one, own in zip(fits, curves, strict=True):
-        parts, of_several, drag = summarise(one, own, options.confidence)
+    for one, profiles in zip(fits, curves, strict=True):
+        parts, of_several, drag = summarise(one, profiles, options.confidence)
         materials |= dict(zip(one.component.sets, parts, strict=True))
         found_warnings += of_several
         pooled |= drag
@@ -500,7 +500,7 @@ def _fitted(request: Request, tell: Progress) -> FitResult:
         likelihood=likelihood_of(fits, options),
         warnings=tuple(dict.fromkeys(found_warnings)),
         optimiser_report=tuple(stage.report for stage in stages),
-        profiles={label: curve for own in curves for label, curve in own.items()},
+        profiles={label: curve for profiles in curves for label, curve in profiles.items()},
         freedoms=tuple(f.uncertainty.freedom.physical(f.slope, f.uncertainty.whole) for f in fits),
         settings=_settings(request, fits),
         versions={name: _version(name) for name in PACKAGES},

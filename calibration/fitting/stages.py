@@ -332,7 +332,7 @@ def _misses(problem: Problem, found: Found) -> bool:
     if all(one.is_stated and one.is_fixed and one.is_normal for one in problem.errors):
         return bool(np.sum(residual**2) > special.chdtri(left, 1 - CONFIDENCE))
     off = residual[: problem.count]
-    return any(runs(problem.points.velocity[own], off[own]) for own in problem.own)
+    return any(runs(problem.points.velocity[span], off[span]) for span in problem.spans)
 
 
 def _along_branches(problem: Problem, starts, options: FitOptions) -> tuple[list[Found], Branches]:
@@ -497,7 +497,7 @@ def _after(first: StageFit, problem: Problem) -> Problem:
     variance = of_first.diagonal(first.z[None])[0]
     if all(stands_alone(of_first, g) for g in range(len(of_first.errors))):
         variance = np.ones(of_first.count)  # all points weigh alike
-    return _weighing(problem, [variance[own] for own in of_first.own])
+    return _weighing(problem, [variance[span] for span in of_first.spans])
 
 
 NO_NOISE = 1e-10  # rms of ε below which there is no noise to speak of

@@ -130,9 +130,9 @@ def _determined_between(fit: ComponentFit, g: int) -> tuple[float, float]:
     spec, problem = fit.component.specs[g], fit.final.problem
     if spec.model.law_type is not sj.Zhou or spec.objective != "model":
         return 0.0, np.inf
-    own = problem.points.set == g
-    critical = np.asarray(problem.yields_at(fit.z))[own]
-    below = problem.points.velocity[own] <= critical
+    of_set = problem.points.set == g
+    critical = np.asarray(problem.yields_at(fit.z))[of_set]
+    below = problem.points.velocity[of_set] <= critical
     free = {e.name for e in fit.component.elements if g in e.sets}
     with_prior = {e.name for e in fit.component.elements if e.parameter.prior is not None}
     needs_below = spec.by_eps_up or ({"sigma", "psi"} & free) - with_prior
@@ -147,13 +147,13 @@ def _determined_between(fit: ComponentFit, g: int) -> tuple[float, float]:
 def _goodness(fit: ComponentFit, k: int) -> Goodness:
     """Goodness of fit for one observable of a data set."""
     problem, first = fit.final.problem, fit.stages[0].problem  # which knows what the points share
-    own, errors, s = problem.own[k], first.errors[k], first.variances[k]
-    found, one = problem.linearise(fit.z[None]), first.linearise(fit.z[None]).carried(own)
-    leverage = leverages(found.jacobian[0])[: problem.count][own]
+    span, errors, s = problem.spans[k], first.errors[k], first.variances[k]
+    found, one = problem.linearise(fit.z[None]), first.linearise(fit.z[None]).carried(span)
+    leverage = leverages(found.jacobian[0])[: problem.count][span]
     left = float(max(len(leverage) - np.sum(leverage), 0.0))
-    spread = weighted_deviation(fit, problem)[own]
+    spread = weighted_deviation(fit, problem)[span]
     allowed = np.sqrt(np.maximum(1 - leverage, 1e-12)) * np.where(spread > 0, spread, 1.0)
-    off = found.prediction[0][own] - problem.points.value[own]
+    off = found.prediction[0][span] - problem.points.value[span]
     stated = errors.is_stated or errors.unknown == ("scale",)
     reduced = None
     if errors.points.uncertainty is not None and left >= 1 and stated and errors.is_normal:
@@ -167,7 +167,7 @@ def _goodness(fit: ComponentFit, k: int) -> Goodness:
         timing=float(s["timing"]) ** 0.5 if "timing" in s else None,
         noise_dof=None if nu is None else float(nu),
         outliers=_outliers(first, k, one, off, leverage),
-        standardised=tuple(map(float, found.residual[0, : problem.count][own] / allowed)),
+        standardised=tuple(map(float, found.residual[0, : problem.count][span] / allowed)),
         leverage=tuple(map(float, leverage)),
         residual_degrees=left,
         group_offsets=_group_offsets(first, k, one, off),
@@ -196,7 +196,7 @@ def _outliers(first: Problem, k: int, one: Carried, off, leverage) -> tuple[Outl
     """Points beyond `RARE`: the one of n points that noise sends so far once in twenty data sets."""
     from scipy import special
 
-    errors, s, (place, observable, own) = first.errors[k], first.variances[k], first.blocks[k]
+    errors, s, (place, observable, span) = first.errors[k], first.variances[k], first.blocks[k]
     spread = np.sqrt(errors.diagonal(s, one.slope, one.bend) + np.zeros(len(off))).reshape(-1)
     residual = -off / spread
     if errors.shares:  # without the information of the others of its group
@@ -216,8 +216,8 @@ def _outliers(first: Problem, k: int, one: Carried, off, leverage) -> tuple[Outl
         Outlier(
             int(rows[i]) + 1,
             int(lines[rows[i]]) if rows[i] < len(lines) else None,
-            float(points.velocity[own][i]),
-            float((points.value * points.unit)[own][i]),
+            float(points.velocity[span][i]),
+            float((points.value * points.unit)[span][i]),
             float(np.copysign(size[i], residual[i])),
             float(weight[i]),
             observable,

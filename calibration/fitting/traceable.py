@@ -59,7 +59,7 @@ class NamedErrors:
     @property
     def points(self) -> Points:
         """Values as measured, and their units."""
-        return Points(*(a[self.block.own] for a in self.problem.points))
+        return Points(*(a[self.block.span] for a in self.problem.points))
 
     @property
     def per_second(self) -> float:
@@ -87,7 +87,7 @@ class NamedErrors:
         errors, points = self.errors, self.points
         vector = _vector(self.problem, theta)
         velocity = jnp.asarray(errors.nodes if errors.has_slope else errors.velocity)
-        law = self.problem.laws.of_points(vector, self.block.own)
+        law = self.problem.laws.of_points(vector, self.block.span)
         if self.block.observable == RESTITUTION:
             value = root(sj.signed_restitution(law, velocity, route).squared, jnp)
         else:

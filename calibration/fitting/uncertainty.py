@@ -86,8 +86,8 @@ class Freedom:
                 their names.
         """
         place = [self.labels.index(label) for label in labels]
-        own = self.parts[:, place][:, :, place]
-        parts = np.einsum("np,cpq,nq->nc", slopes, own, slopes)
+        parts_of = self.parts[:, place][:, :, place]
+        parts = np.einsum("np,cpq,nq->nc", slopes, parts_of, slopes)
         for name, value in (added or {}).items():
             acting = [
                 (one == block and kind == name) or (kind == ALL and name != "stated")
@@ -118,8 +118,10 @@ def freedom_of(freedoms: Sequence[Freedom], dataset: str, labels: Iterable[str])
 
     Nothing of the set may be free, or nothing of its noise estimated; where both is so, any will do.
     """
-    own = set(labels)
-    matching = (one for one in freedoms if own & set(one.labels) or dataset in one.sets)
+    requested_labels = set(labels)
+    matching = (
+        one for one in freedoms if requested_labels & set(one.labels) or dataset in one.sets
+    )
     return next(matching, freedoms[0])
 
 
@@ -226,31 +228,37 @@ def asks_for_curvature(problem: Problem) -> bool:
     return impacts <= MOST * (BY_TIME if isinstance(problem.route, sj.ODE) else 1.0)
 
 
-def _decomposed(jacobian: Float[np.ndarray, "m p"], held=False):
+def _decomposed(jacobian: Float[np.ndarray, "m p"], fixed=False):
     """W with Wᵀ JᵀJ W = 1 along what the rows move with, 0 elsewhere; and which columns are such.
 
     Also rank, condition number, and which elements lie in null directions; held ones count for none.
     """
     m, p = jacobian.shape
-    held = np.broadcast_to(held, p)
+    fixed = np.broadcast_to(fixed, p)
     size = np.linalg.norm(jacobian, axis=0)
     none, size = size == 0, np.where(size > 0, size, 1.0)
     filled = np.pad(jacobian / size, ((0, max(p - m, 0)), (0, 0)))
     _, singular, directions = np.linalg.svd(filled, full_matrices=False)
     largest = np.max(singular, initial=0.0)
-    seen = singular > RANK_TOLERANCE * largest
-    per = np.where(seen, 1 / np.where(seen, singular, 1.0), 0.0)
-    kept = np.arange(p) < min(m, np.sum(~held))
-    share = np.sqrt(np.sum(np.where((kept & ~seen)[:, None], directions, 0.0) ** 2, axis=0))
+    is_seen = singular > RANK_TOLERANCE * largest
+    per = np.where(is_seen, 1 / np.where(is_seen, singular, 1.0), 0.0)
+    counted = np.arange(p) < min(m, np.sum(~fixed))
+    share = np.sqrt(np.sum(np.where((counted & ~is_seen)[:, None], directions, 0.0) ** 2, axis=0))
     with np.errstate(divide="ignore", invalid="ignore"):
-        condition = float(largest / np.min(singular[kept])) if np.any(kept) else 1.0
-    nulls = ~held & (none | (share > NULL_SHARE))
-    return directions.T * per / size[:, None], seen, int(np.sum(kept & seen)), condition, nulls
+        condition = float(largest / np.min(singular[counted])) if np.any(counted) else 1.0
+    nulls = ~fixed & (none | (share > NULL_SHARE))
+    return (
+        directions.T * per / size[:, None],
+        is_seen,
+        int(np.sum(counted & is_seen)),
+        condition,
+        nulls,
+    )
 
 
 def _left(problem: Problem, leverage) -> Float[np.ndarray, "blocks"]:
     """Residual degrees of freedom of each block."""
-    counts = [own.stop - own.start - np.sum(leverage[own]) for own in problem.own]
+    counts = [span.stop - span.start - np.sum(leverage[span]) for span in problem.spans]
     return np.maximum(counts, 1.0)
 
 
@@ -260,14 +268,17 @@ def _of_noise(problem: Problem, z, left, basis, root, jacobian) -> tuple[Freedom
     added = np.zeros(root.shape)
     unknown = any(e.unknown or e.degrees is not None for e in problem.errors)
     every = zip(
-        problem.errors, problem.variances, problem.seen(z[None]) if unknown else (), strict=False
+        problem.errors,
+        problem.variances,
+        problem.residuals_at(z[None]) if unknown else (),
+        strict=False,
     )
-    for g, (errors, s, own) in enumerate(every):
-        kinds, relative = _estimates(errors, s, own, left[g])
+    for g, (errors, s, residuals) in enumerate(every):
+        kinds, relative = _estimates(errors, s, residuals, left[g])
         if not kinds:
             continue
-        turned = own._replace(jacobian=own.jacobian @ basis)
-        first, second = _changes(errors, s, turned, kinds, jacobian[problem.own[g]] @ basis)
+        turned = residuals._replace(jacobian=residuals.jacobian @ basis)
+        first, second = _changes(errors, s, turned, kinds, jacobian[problem.spans[g]] @ basis)
         parts += [-one for one in first]
         sets += [problem.block_names[g]] * len(kinds)
         names += kinds
@@ -284,7 +295,9 @@ def _of_noise(problem: Problem, z, left, basis, root, jacobian) -> tuple[Freedom
     return freedom, root @ added @ root.T
 
 
-def _estimates(errors: Errors, s, own: Residuals, left: float) -> tuple[list[str], np.ndarray]:
+def _estimates(
+    errors: Errors, s, residuals: Residuals, left: float
+) -> tuple[list[str], np.ndarray]:
     """Estimated variances of a block, and the covariance R of their logarithms."""
     if not errors.unknown:
         if errors.degrees is None:
@@ -293,17 +306,19 @@ def _estimates(errors: Errors, s, own: Residuals, left: float) -> tuple[list[str
     kinds = [kind for kind in errors.unknown if kind != "dof"]
     if not errors.is_normal:  # of Student's t: as if from that many residuals
         return kinds[:1], np.full((len(kinds[:1]),) * 2, 2 / left)
-    return kinds, relative_covariance(errors, s, own)[0]
+    return kinds, relative_covariance(errors, s, residuals)[0]
 
 
-def _changes(errors: Errors, s, own: Residuals, kinds: list[str], white):
+def _changes(errors: Errors, s, residuals: Residuals, kinds: list[str], white):
     """∂A/∂ln s and ∂²A/∂ln s∂ln s of A = Jᵀ V⁻¹ J of one block."""
     if kinds == ["repeats"] or not errors.is_normal:
         return [-white.T @ white], [[white.T @ white]]
 
     def information(step: np.ndarray) -> Matrix:
         at = {**s, **{kind: s[kind] * np.exp(h) for kind, h in zip(kinds, step, strict=True)}}
-        columns = errors.whiten(errors.factor(at, own.slope, own.bend), own.jacobian)[0]
+        columns = errors.whiten(
+            errors.factor(at, residuals.slope, residuals.bend), residuals.jacobian
+        )[0]
         return columns.T @ columns
 
     return differences(information, len(kinds))[1:]
@@ -336,11 +351,11 @@ def _of_equations(stages: Stages, z) -> Uncertainty:
             bread[columns, columns] = jacobian.T @ jacobian
             leverage = leverages(jacobian)[:points]
         # the effect of an error in each value on the equations of a stage
-        for errors, s, own in zip(problem.errors, problem.variances, problem.own, strict=True):
-            factor = errors.factor(s, found.slope[:, own], found.bend[:, own])
-            raw = np.where(held, 0.0, found.per[:, own])
-            copies = problem.points.copies[own, None]
-            scores[own, columns] = copies * errors.solve(factor, raw)[0]
+        for errors, s, span in zip(problem.errors, problem.variances, problem.spans, strict=True):
+            factor = errors.factor(s, found.slope[:, span], found.bend[:, span])
+            raw = np.where(held, 0.0, found.per[:, span])
+            copies = problem.points.copies[span, None]
+            scores[span, columns] = copies * errors.solve(factor, raw)[0]
         prior[columns, columns] = jacobian[points:].T @ jacobian[points:]
         *_, own_rank, own_condition, nulls[columns] = _decomposed(jacobian, held)
         rank, condition = rank + own_rank, max(condition, own_condition)
@@ -379,13 +394,13 @@ def _middles(problem: Problem, z, scores, left):
     """Gᵀ V G, its parts by the variances that are estimates, and how well these are known."""
     parts, sets, names, blocks = [], [], [], []
     total = np.zeros((scores.shape[1],) * 2)
-    every = zip(problem.errors, problem.variances, problem.seen(z[None]), strict=True)
+    every = zip(problem.errors, problem.variances, problem.residuals_at(z[None]), strict=True)
     for g, (errors, s, one) in enumerate(every):
-        own = scores[problem.own[g]]
+        scores_of = scores[problem.spans[g]]
 
-        def middle(at, errors=errors, one=one, own=own):
+        def middle(at, errors=errors, one=one, scores_of=scores_of):
             factor = errors.factor(at, one.slope, one.bend)
-            return own.T @ errors.times(factor, own[None])[0]
+            return scores_of.T @ errors.times(factor, scores_of[None])[0]
 
         whole = middle(s)
         total = total + whole

@@ -58,57 +58,59 @@ def differences(value: Callable[[np.ndarray], Any], count: int, step: float = ST
     return here, first, second
 
 
-def criterion(errors: Errors, s: Mapping[str, Any], seen: Residuals, restricted: bool = True):
+def criterion(errors: Errors, s: Mapping[str, Any], residuals: Residuals, restricted: bool = True):
     """-2 ln L_R, or with what is not restricted -2 ln L, (fits,)."""
-    at = (s, seen.off, seen.slope, seen.bend)
-    if seen.kept is None:
+    at = (s, residuals.off, residuals.slope, residuals.bend)
+    if residuals.kept is None:
         value = errors.deviance(*at)
     else:
-        value = -2 * np.sum(seen.kept * errors.by_point(*at), axis=1)
-    if not restricted or not seen.jacobian.shape[2]:
+        value = -2 * np.sum(residuals.kept * errors.by_point(*at), axis=1)
+    if not restricted or not residuals.jacobian.shape[2]:
         return value
-    factor = errors.factor(s, seen.slope, seen.bend)
-    columns = np.concatenate([seen.jacobian, seen.off[..., None]], axis=2)
-    white = errors.whiten(factor, columns * seen.counted[..., None])
+    factor = errors.factor(s, residuals.slope, residuals.bend)
+    columns = np.concatenate([residuals.jacobian, residuals.off[..., None]], axis=2)
+    white = errors.whiten(factor, columns * residuals.counted[..., None])
     off, shares = white[..., -1], np.sqrt(errors.family(s).information)
     jacobian = white[..., :-1] * np.asarray(shares)[..., None]
-    information = seen.information + np.swapaxes(jacobian, 1, 2) @ jacobian
+    information = residuals.information + np.swapaxes(jacobian, 1, 2) @ jacobian
     size = np.sqrt(np.maximum(np.diagonal(information, axis1=1, axis2=2), 1e-300))
     scaled = information / (size[:, :, None] * size[:, None])
     # a direction that the points leave open is a constant: the rounding of its 0 would move ln det
     values, vectors = np.linalg.eigh(scaled)
     values = np.maximum(values, RIDGE)
     value = value + np.sum(np.log(values), axis=1) + 2 * np.sum(np.log(size), axis=1)
-    if not errors.is_normal or seen.gradient is None:
+    if not errors.is_normal or residuals.gradient is None:
         return value
-    b = (seen.gradient + np.einsum("fnp,fn->fp", jacobian, off)) * seen.free / size
+    b = (residuals.gradient + np.einsum("fnp,fn->fp", jacobian, off)) * residuals.free / size
     return value - np.sum(np.einsum("fpq,fp->fq", vectors, b) ** 2 / values, axis=1)
 
 
 def estimated(
     errors: Errors,
-    seen: Residuals,
+    residuals: Residuals,
     restricted: bool = True,
     before: Mapping[str, Any] | None = None,
 ) -> Estimated:
     """The variances of the largest (restricted) likelihood, (fits,) each; searched from `before`."""
-    search = _Search(errors, seen, restricted)
+    search = _Search(errors, residuals, restricted)
     known = before is not None and set(errors.unknown) <= set(before)
     starts = [search.place(before, most=0.0)] if known else search.starts()
     values = [search.value(y) for y in starts]
-    if seen.off.size > FEW and len(starts) > 1:
+    if residuals.off.size > FEW and len(starts) > 1:
         starts = [starts[int(np.argmin([float(np.sum(v)) for v in values]))]]
     ends = [search.descended(y) for y in starts]
     values = np.array([search.value(y) for y in ends])
-    best = np.array(ends)[np.argmin(values, axis=0), np.arange(len(seen.off))]
+    best = np.array(ends)[np.argmin(values, axis=0), np.arange(len(residuals.off))]
     return search.variances(best)
 
 
-def relative_covariance(errors: Errors, s: Mapping[str, Any], seen: Residuals):
+def relative_covariance(errors: Errors, s: Mapping[str, Any], residuals: Residuals):
     """Covariance of the logarithms of the variances, (fits, k, k), from the curvature of the criterion."""
-    search = _Search(errors, seen, True)
+    search = _Search(errors, residuals, True)
     curvature = 0.5 * search.expanded(search.place(s))[2]
-    inside = np.stack([np.broadcast_to(s[kind], len(seen.off)) > 0 for kind in errors.unknown], 1)
+    inside = np.stack(
+        [np.broadcast_to(s[kind], len(residuals.off)) > 0 for kind in errors.unknown], 1
+    )
     both = inside[:, :, None] & inside[:, None]
     values, vectors = np.linalg.eigh(np.where(both, curvature, np.eye(len(errors.unknown))))
     # a variance that the data hardly determine: as if from one degree of freedom
@@ -119,10 +121,10 @@ def relative_covariance(errors: Errors, s: Mapping[str, Any], seen: Residuals):
 class _Search:
     """The criterion over y = ln of the variances, in units of the residuals' mean square."""
 
-    def __init__(self, errors: Errors, seen: Residuals, restricted: bool):
-        self.errors, self.seen, self.restricted = errors, seen, restricted
-        counted = seen.counted
-        squares = np.sum(counted * seen.off**2, axis=1) / np.sum(counted, axis=1)
+    def __init__(self, errors: Errors, residuals: Residuals, restricted: bool):
+        self.errors, self.residuals, self.restricted = errors, residuals, restricted
+        counted = residuals.counted
+        squares = np.sum(counted * residuals.off**2, axis=1) / np.sum(counted, axis=1)
         self.square = np.maximum(squares, 1e-30)
         self.unit = np.stack([self._unit(kind) for kind in errors.unknown], axis=1)
         self.is_dof = np.array([kind == "dof" for kind in errors.unknown])
@@ -135,8 +137,8 @@ class _Search:
             return np.ones(len(self.square))
         if kind in ("scatter", "group"):
             return self.square
-        one = self.errors.variance({kind: 1.0}, self.seen.slope, self.seen.bend)
-        return self.square / np.maximum(np.mean(one + 0 * self.seen.off, axis=1), 1e-300)
+        one = self.errors.variance({kind: 1.0}, self.residuals.slope, self.residuals.bend)
+        return self.square / np.maximum(np.mean(one + 0 * self.residuals.off, axis=1), 1e-300)
 
     def as_variances(self, y: np.ndarray) -> Estimated:
         values = np.exp(y) * self.unit
@@ -148,7 +150,10 @@ class _Search:
         none = (np.exp(y) <= NONE) & ~self.is_dof
         bare = {kind: value * (kind == "dof") for kind, value in found.items()}
         with np.errstate(invalid="ignore"):
-            rest = self.errors.variance(bare, self.seen.slope, self.seen.bend) + 0 * self.seen.off
+            rest = (
+                self.errors.variance(bare, self.residuals.slope, self.residuals.bend)
+                + 0 * self.residuals.off
+            )
         indefinite = np.all(none | self.is_dof, axis=1)
         indefinite &= ~(np.min(rest, axis=1) > NONE * self.square)
         none[indefinite, 0] = False
@@ -170,7 +175,7 @@ class _Search:
         return [np.repeat(one[None], len(self.unit), axis=0) for one in logs]
 
     def value(self, y: np.ndarray) -> np.ndarray:
-        found = criterion(self.errors, self.as_variances(y), self.seen, self.restricted)
+        found = criterion(self.errors, self.as_variances(y), self.residuals, self.restricted)
         return np.where(np.isfinite(found), found, np.inf)
 
     def expanded(self, y: np.ndarray):
@@ -226,8 +231,8 @@ def first_variances(problem: Problem, z: np.ndarray) -> Problem:
     """First estimate of the variances, from the residuals at z."""
     found = []
     first = problem.bare.linearise(z[None], slopes=False).prediction[0]
-    for errors, own in zip(problem.errors, problem.own, strict=True):
-        square = max(float(np.mean((first - problem.points.value)[own] ** 2)), 1e-30)
+    for errors, span in zip(problem.errors, problem.spans, strict=True):
+        square = max(float(np.mean((first - problem.points.value)[span] ** 2)), 1e-30)
         of_second = float(np.mean(errors.variance({"timing": 1.0}, 0.0, 0.0) + np.zeros(1)))
         guess = {
             "scatter": 1.0 if errors.unknown == ("scatter",) and errors.is_plain else square,
@@ -247,8 +252,10 @@ def variances_at(
     """s of each data set and fit, from the residuals at z."""
     before = problem.variances if lanes is None or lanes.variances is None else lanes.variances
     found = []
-    for errors, s, seen in zip(problem.errors, before, problem.seen(z, lanes), strict=True):
-        found.append(estimated(errors, seen, restricted, s) if errors.unknown else {})
+    for errors, s, residuals in zip(
+        problem.errors, before, problem.residuals_at(z, lanes), strict=True
+    ):
+        found.append(estimated(errors, residuals, restricted, s) if errors.unknown else {})
     return tuple(found)
 
 
@@ -258,7 +265,9 @@ def renewed(problem: Problem, z: np.ndarray, restricted: bool = True) -> Problem
         found = variances_at(problem, z[None], None, restricted)
         single = [{kind: float(value[0]) for kind, value in one.items()} for one in found]
         problem = replace(problem, variances=tuple(single))
-    pools = [pool._replace(spread=seen_by_pool(problem, z, pool).spread) for pool in problem.pools]
+    pools = [
+        pool._replace(spread=estimate_of_pool(problem, z, pool).spread) for pool in problem.pools
+    ]
     return replace(problem, pools=tuple(pools)) if pools else problem
 
 
@@ -333,7 +342,7 @@ class PoolEstimate:
         return float(np.exp(brentq(lambda log: self.at(log) - level, first, last, xtol=1e-10)))
 
 
-def seen_by_pool(problem: Problem, z: np.ndarray, pool: Pool) -> PoolEstimate:
+def estimate_of_pool(problem: Problem, z: np.ndarray, pool: Pool) -> PoolEstimate:
     """Estimates of a pool's members from the data and the priors of other parameters, without the pool."""
     found = problem.linearise(z[None])
     first = problem.count + len(problem.with_prior)
@@ -342,11 +351,11 @@ def seen_by_pool(problem: Problem, z: np.ndarray, pool: Pool) -> PoolEstimate:
             break
         first += len(one.members)
     rows = np.arange(found.residual.shape[1])
-    kept = (rows < first) | (rows >= first + len(pool.members))
-    jacobian, residual = found.jacobian[0, kept], found.residual[0, kept]
-    own = np.searchsorted(problem.active, pool.members)
-    rest = np.delete(jacobian, own, axis=1)
-    mine = np.c_[jacobian[:, own], residual]  # less what the others make up for
+    others = (rows < first) | (rows >= first + len(pool.members))
+    jacobian, residual = found.jacobian[0, others], found.residual[0, others]
+    members = np.searchsorted(problem.active, pool.members)
+    rest = np.delete(jacobian, members, axis=1)
+    mine = np.c_[jacobian[:, members], residual]  # less what the others make up for
     mine = mine - rest @ np.linalg.lstsq(rest, mine, rcond=1e-9)[0]
     slopes, off = mine[:, :-1], mine[:, -1]
     information = slopes.T @ slopes
@@ -367,9 +376,9 @@ def pooled_estimates(fits: Sequence[Any], confidence: float) -> dict[str, Estima
     for problem, z, pool in [
         (f.final.problem, f.z, p) for f in fits for p in f.final.problem.pools
     ]:
-        seen = seen_by_pool(problem, z, pool)
+        estimate = estimate_of_pool(problem, z, pool)
         transform = problem.transform.part(np.array(pool.members[:1]))
-        mean, error, least = seen.mean(pool.spread)
+        mean, error, least = estimate.mean(pool.spread)
         reach = float(special.stdtrit(len(pool.members) - 1, 0.5 * (1 + confidence))) * error
         value, low, high = (
             float(transform.physical(np.array([mean + sign * reach]))[0]) for sign in (0, -1, 1)
@@ -377,7 +386,7 @@ def pooled_estimates(fits: Sequence[Any], confidence: float) -> dict[str, Estima
         slope = abs(float(transform.slope(np.array([mean]))[0]))
         found[pool.name] = Estimate(value, slope * error, low, high, "wald", True)
         level = least + float(special.chdtri(1, 1 - confidence))
-        ends = [seen.crossing(pool.spread, end, level) for end in (LEAST_SPREAD, MOST_SPREAD)]
+        ends = [estimate.crossing(pool.spread, end, level) for end in (LEAST_SPREAD, MOST_SPREAD)]
         value = pool.spread if pool.spread > 2 * LEAST_SPREAD else 0.0
         found[pool.spread_name] = Estimate(value, None, ends[0] or 0.0, ends[1], "profile", True)
     return found
