@@ -129,6 +129,7 @@ QUICKEST = "levenberg-marquardt"
 AS_LOW = 1e-6  # share of a cost within which two ends are one minimum
 ROUNDS = 30
 CLOSER = 2  # rounds in which neighbourhoods are brought to the minimum of all points
+RUN_OUT = 5.0  # in z: an element this far from its start may act on nothing any more
 CHANGED = 1e-9  # share of a cost by which another is lower
 UNSETTLED = "variances keep changing"
 
@@ -210,6 +211,14 @@ def run_stage(
     if unsettled:
         found, problem, more = _lowest(problem, _minima(ends), options)
         evaluations += more
+        is_scaled = problem.transform.kind != NONE
+        if np.any(np.abs(found.z[0] - z)[is_scaled] > RUN_OUT):
+            # while variances were large a loss might go to nothing, and is too flat there to come back
+            again = search(held_at(problem, z), z[None], options.optimiser, limit=options.max_steps)
+            found, problem, more = _lowest(problem, [found, again], options)
+            evaluations += again.evaluations + more
+            if branches is not None:
+                _, branches = _along_branches(problem, found.z, options)
     if unsettled and branches is not None:
         for _ in range(ROUNDS):
             branches = branches.searched(problem)  # with the variances as they are now

@@ -1,5 +1,7 @@
 """What else than ε a collision shows (`calibration.observables`): rows of one likelihood, against SciPy."""
 
+from dataclasses import replace
+
 import jax
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ from scipy import optimize, stats
 import calibration as cal
 import softjax as sj
 from calibration.observables import OBSERVABLES, predicted
+from tests.coverage.test_coverage import CASES
 from tests.fit_data import pair
 
 PAIR = pair("stainless steel")
@@ -139,3 +142,18 @@ def test_slopes_of_every_observable_are_those_of_differences():
     slopes = jax.jit(jax.jacfwd(every))(1.8)
     for slope, low, high in zip(slopes, every(1.8 - 1e-5), every(1.8 + 1e-5), strict=True):
         np.testing.assert_allclose(slope, (high - low) / 2e-5, rtol=1e-6, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", [21, 42])
+def test_a_loss_that_went_to_nothing_while_scatters_were_large_comes_back(seed):
+    """With E free the first scatters let σ go to 0 and ε_up to 1, where χ̃ is off by ten errors."""
+    case = cal.CoverageCase(
+        "x", **CASES["sensors, zhou, contact times and dents"] | {"options": QUICK}
+    )
+    data = case.data(np.random.default_rng((7, 0, seed)))
+    result = case.fit(data)
+    near = {"chi": cal.Parameter(0.22), "sigma": cal.Parameter(0.24), "psi": cal.Parameter(0.45)}
+    elsewhere = replace(case, parameters={**case.parameters, **near}).fit(data)
+    assert result.log_likelihood == pytest.approx(elsewhere.log_likelihood, abs=1e-5)
+    assert result.values["chi"] == pytest.approx(0.22, abs=0.03)
+    assert 0.97 < result.material().derived["eps_up"].value < 0.995
