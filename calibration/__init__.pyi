@@ -31,10 +31,10 @@ from calibration.studies.compare import compare as compare
 from calibration.studies.coverage import Coverage as Coverage
 from calibration.studies.coverage import CoverageCase as CoverageCase
 from calibration.studies.coverage import coverage_study as coverage_study
+from calibration.studies.designs import optimal_velocities as optimal_velocities
 from calibration.studies.inputs import Inputs as Inputs
 from calibration.studies.inputs import of_law as of_law
 from calibration.studies.inputs import of_spheres as of_spheres
 from calibration.studies.plans import fisher_information as fisher_information
-from calibration.studies.plans import optimal_velocities as optimal_velocities
 from calibration.studies.sensitivities import sensitivity as sensitivity
 from calibration.studies.sensitivities import sobol_indices as sobol_indices

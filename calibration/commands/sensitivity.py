@@ -251,8 +251,8 @@ def _information(job: _Job) -> dict[str, Any]:
 def _design(job: _Job) -> dict[str, Any]:
     """Velocities of the next measurements."""
     from calibration.plots import save, studies
+    from calibration.studies.designs import optimal_velocities
     from calibration.studies.inputs import pair
-    from calibration.studies.plans import optimal_velocities
     from calibration.studies.text import design_csv, wrapped
 
     arguments, over = job.arguments, job.arguments.over

@@ -42,6 +42,10 @@ STATIONS = 32
 # rise no larger than that may be made of what the two searches left undone.
 LEFT_UNDONE = 1e-8
 LEAST_NOISE = 1e-10  # of ε: less is no noise
+LAW_OR_GROUPS = (
+    f"The law misses a trend ({warnings.OTHER_LAWS}), or other points belong together than those of the "
+    "groups; intervals are too narrow."
+)
 AT_ONE = (
     "The data show no loss but the plastic one: eps_up cannot exceed 1; its interval is one-sided."
 )
@@ -540,7 +544,8 @@ def _of_restitution(part: MaterialFit, residual, errors: Errors) -> list[FitWarn
     causes["no-velocity-dependence"] = level
     causes["velocity-errors"] = warnings.velocity_errors(data.velocity, uncertain, kink)
     for code, cause in causes.items():
-        found += _named(code, [cause], name)
+        advice = LAW_OR_GROUPS if code == "residual-runs" and errors.shares else ""
+        found += [FitWarning(code, cause, name, advice)] if cause else []
     found += _named("status", warnings.statuses(part.status, velocity), name)
     below = "all velocities are below the critical velocity" if part.known_to < np.inf else None
     return [*found, *_named("all-below-yield", [below], name)]

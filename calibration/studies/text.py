@@ -10,7 +10,8 @@ from calibration.curves import status_names
 from calibration.data.air import Fall
 from calibration.errors import listed
 from calibration.fitting.warnings import FitWarning
-from calibration.studies.plans import Design, Information
+from calibration.studies.designs import Design
+from calibration.studies.plans import Information
 from calibration.studies.sensitivities import Sensitivities, SobolIndices
 
 

@@ -207,6 +207,16 @@ def test_runs_are_wald_s_and_wolfowitz_s():
         assert ("residual-runs" in codes(constant(residual))) == raised
 
 
+@pytest.mark.parametrize("group", [None, ["a", "b"] * 10])
+def test_runs_advise_a_group_column_only_where_there_is_none(group):
+    data = cal.RestitutionData(np.arange(1.0, 21), 0.8 + 0.001 * with_runs(2), group=group)
+    (found,) = (
+        w for w in cal.fit(data, "constant", starts=1).warnings if w.code == "residual-runs"
+    )
+    assert ("column" in found.advice) == (group is None)
+    assert "compare" in found.advice
+
+
 def with_runs(count):
     """Ten residuals of each sign in so many runs, the last ones long."""
     lengths = [[1] * ((count + 1 - k) // 2) for k in range(2)]
