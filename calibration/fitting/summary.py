@@ -153,7 +153,8 @@ def _goodness(fit: ComponentFit, k: int) -> Goodness:
     problem, first = fit.final.problem, fit.stages[0].problem  # which knows what the points share
     span, errors, s = problem.spans[k], first.errors[k], first.variances[k]
     found, one = problem.linearise(fit.z[None]), first.linearise(fit.z[None]).carried(span)
-    leverage = leverages(found.jacobian[0])[: problem.count][span]
+    is_free = fit.uncertainty.limits[problem.active] == 0  # the others cannot follow a point
+    leverage = leverages(np.where(is_free, found.jacobian[0], 0.0))[: problem.count][span]
     left = float(max(len(leverage) - np.sum(leverage), 0.0))
     spread = weighted_deviation(fit, problem)[span]
     allowed = np.sqrt(np.maximum(1 - leverage, 1e-12)) * np.where(spread > 0, spread, 1.0)

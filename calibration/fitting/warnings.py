@@ -202,6 +202,8 @@ def no_velocity_dependence(
     """A straight line's slope is zero within its 95 % interval."""
     from scipy import special
 
+    if np.ptp(velocity) == 0:
+        return f"all points have one velocity, {velocity[0]:.4g} m/s"
     weight = np.ones(len(velocity)) if uncertainty is None else 1 / uncertainty
     design = np.stack([np.ones(len(velocity)), velocity - np.mean(velocity)], 1) * weight[:, None]
     covariance = np.linalg.pinv(design.T @ design)

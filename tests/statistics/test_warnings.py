@@ -273,6 +273,12 @@ def test_a_slope_s_error_has_the_scatter_that_is_estimated_in_addition():
     assert f"{line.slope:.2g} ± {line.stderr:.2g} per m/s" in warning.cause
 
 
+def test_points_at_one_velocity_show_no_slope():
+    result = constant(np.array([1.0, -1.0, 0.5, 0.0]), np.full(4, 2.0))
+    (warning,) = (one for one in result.warnings if one.code == "no-velocity-dependence")
+    assert warning.cause == "all points have one velocity, 2 m/s"
+
+
 @pytest.mark.parametrize(("velocity", "count"), [(0.99, 1), (0.9995, 0), (5.004, 0), (5.01, 1)])
 def test_extrapolation_below_and_above(velocity, count):
     result = constant(np.array([1.0, -1.0, 0.0]), np.array([1.0, 2.0, 5.0]))
