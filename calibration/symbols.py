@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 from calibration.fitting.laws import CONTACT_LEAVES, LAWS, OF_CONTACT
+from softjax.fields import NO_UNIT
 
 
 class Symbol(NamedTuple):
@@ -50,7 +51,6 @@ WORDS = {  # what a parameter is, where the law's field says less
     "mass": "effective mass of the pair",
     "yield_strength": "yield strength",
 }
-NO_UNIT = ("-", "1", "")
 DERIVED = {"critical_velocity": ("v_cr", "m/s"), "eps_up": ("ε_up", ""), "yield_ratio": ("E/Y", "")}
 DERIVED |= {"chi": ("χ̃", ""), "sigma": ("σ", ""), "psi": ("ψ", "")}
 LETTERS = {"chi squared": "χ²"} | {

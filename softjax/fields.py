@@ -26,6 +26,7 @@ Number = Float[ArrayLike, "..."]
 Numbers = Float[Array, "..."]  # one an impact, or a single one
 Flags = Bool[Array, "..."]
 
+NO_UNIT = ("-", "1", "")  # of a pure number
 _WITHIN = re.compile(r"([\[(])\s*(\S+)\s*,\s*(\S+?)\s*([\])])")
 
 
@@ -33,7 +34,7 @@ class Declared(NamedTuple):
     """The declaration of a numeric field.
 
     Attributes:
-        symbol, unit: as a report writes them; unit "-" for a pure number.
+        symbol, unit: as a report writes them; unit "-" or "1" for a pure number.
         what: the quantity in words.
         lower, upper: ends of its range.
         with_lower, with_upper: whether the ends themselves are accepted.
@@ -56,7 +57,7 @@ class Declared(NamedTuple):
     @property
     def accepted(self) -> str:
         """The range in words: "a positive modulus in Pa"."""
-        what = self.what if self.unit == "-" else f"{self.what} in {self.unit}"
+        what = self.what if self.unit in NO_UNIT else f"{self.what} in {self.unit}"
         noun = f"an {what}" if what[0] in "aeiou" else f"a {what}"
         if (self.lower, self.upper) == (0, float("inf")):
             return f"{noun} of zero or more" if self.with_lower else f"a positive {what}"
@@ -73,7 +74,7 @@ def number_field(
 
     Args:
         symbol: as equations write it, "σ".
-        unit: SI, "N/m"; "-" for a pure number.
+        unit: SI, "N/m"; "-" or "1" for a pure number.
         what: the quantity in words, for messages.
         within: its range, "(0, inf)" or "[0, 1]": round brackets leave the end out.
         options: of `dataclasses.field`, such as `default`.

@@ -27,7 +27,7 @@ import numpy as np
 import softjax as sj
 from calibration.data import RestitutionData
 from calibration.errors import DataError, did_you_mean, listed
-from softjax.fields import Declared, declarations, options_of, whole_fields
+from softjax.fields import NO_UNIT, Declared, declarations, options_of, whole_fields
 
 CONTACT_LEAVES = declarations(sj.Contact)
 OF_CONTACT = "contact."
@@ -154,7 +154,7 @@ class LawModel:
         known = dict(self.parameters)
         for name, unit in units.items():
             declared = self.declared(name)
-            if declared.unit not in ("-", unit):
+            if declared.unit not in (*NO_UNIT, unit):
                 raise DataError(f"unit of {name}", unit, f"{declared.unit}, as declared")
             known[name] = declared._replace(symbol=declared.symbol or name, unit=unit)
         return replace(self, parameters=known)

@@ -313,6 +313,18 @@ def test_ranges_that_fields_declare(within, inside, outside, accepted):
         assert status(value) == sj.Status.INVALID_INPUT
 
 
+@pytest.mark.parametrize("unit", ["-", "1", ""])
+def test_a_pure_number_is_refused_without_a_unit(unit):
+    class Law(sj.HardSphereLaw):
+        value: float = sj.number_field("q", unit, "share", within="(0, inf)")
+
+        def restitution_squared(self, velocity):
+            return 0 * velocity
+
+    with pytest.raises(ValueError, match=r"^`value` must be a positive share, but is -1"):
+        Law(-1.0)
+
+
 @pytest.mark.parametrize("within", ["0..1", "[a, b]", "(0)", ""])
 def test_a_range_that_is_none(within):
     with pytest.raises(ValueError, match="`within` must be a range such as"):
