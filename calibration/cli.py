@@ -97,8 +97,12 @@ def _run(argv: Sequence[str]) -> int:
         if arguments.cache:
             keep_compilations()
         code = command.run(arguments)
-        for place, older in output.written.items():
-            if older and not arguments.quiet:
+        for place, (new, older) in output.written.items():
+            if arguments.quiet:
+                break
+            if not getattr(arguments, "json", False):
+                print(f"Written to {place}: {listed(new)}")
+            if older:
                 line = f"softjax {name}: not written by this run, in {place}: {listed(older)}"
                 print(printable(line), file=sys.stderr)
         return code

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+# what some call it: our name for it
+OTHER_NAMES = {"sobol": "global", "fisher": "information", "tornado": "local"}
+
 
 class InputError(ValueError):
     """A file, or a whole set of data, that cannot be used.
@@ -136,7 +139,9 @@ def is_finite_number(value: Any) -> bool:
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """` (did you mean 'x'?)`, or nothing where no known name is near."""
-    near = difflib.get_close_matches(name[:100].lower(), list(known), n=1)
+    name, known = name[:100].lower(), list(known)
+    other = OTHER_NAMES.get(name)
+    near = [other] if other in known else difflib.get_close_matches(name, known, n=1)
     return f" (did you mean {near[0]!r}?)" if near else ""
 
 

@@ -15,9 +15,9 @@ from calibration.console import signals_deferred
 from calibration.errors import InputError, NotWritten
 
 UNFINISHED = ".softjax-unfinished-"
-# directories that this command wrote to, each with the files there that look like results of this
+# directories that this command wrote to: the files written, and files that look like results of this
 # command but were not written by it
-written: dict[Path, list[str]] = {}
+written: dict[Path, tuple[list[str], list[str]]] = {}
 
 
 def write_text(path: Path, text: str) -> None:
@@ -59,7 +59,7 @@ def files_into(directory: str | Path, names: Iterable[str] = ()) -> Iterator[Pat
                     os.rename(Path(folder, missing.parts[0]), existing / missing.parts[0])
             if not any(part.startswith(UNFINISHED) for part in target.parts):
                 older = [name for name in names if (target / name).exists() and name not in new]
-                written[directory] = older
+                written[directory] = new, older
     except OSError as error:
         if error.filename is not None and not _concerns(error.filename, target):
             raise

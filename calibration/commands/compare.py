@@ -76,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(text, end="")
     elif shown:
-        print(f"{text}\nWritten to {arguments.out}: {listed(['compare.json', *figures])}")
+        print(text)
     if converged:
         return 0
     print("softjax compare: a fit did not converge; it is written and marked so", file=sys.stderr)

@@ -25,7 +25,7 @@ from typing import Any
 
 from calibration import console
 from calibration.commands.source_options import add_route_arguments, add_source_arguments
-from calibration.errors import DataError, InputError, listed
+from calibration.errors import DataError, InputError
 from calibration.output import files_into, write_text
 
 FILES = {"csv": "curve.csv", "npy": "curve.npy", "png": "curve.png", "table": "curve.txt"}
@@ -70,7 +70,6 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(None, None, problem, f"they determine {_determined(source)}")
     with files_into(arguments.out, [*FILES.values(), OF_LINE]) as folder:
         _write(folder, formats, source, rows, route)
-        written = sorted(path.name for path in folder.iterdir())
     if missing:
         text = f"of {len(velocity)} velocities {missing} are left empty"
         text = f"{text}; the data determine {_determined(source)}"
@@ -83,7 +82,6 @@ def run(arguments: argparse.Namespace) -> int:
             [*source.remark.splitlines(), f"{len(velocity)} velocities, {ends}"]
         )
         print("\n".join(lines))
-        print(f"Written to {arguments.out}: {listed(written)}")
     return 0
 
 

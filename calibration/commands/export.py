@@ -14,7 +14,7 @@ and its error are named, and nothing is written.
 import argparse
 
 from calibration.commands.source_options import add_source_arguments
-from calibration.errors import DataError, listed
+from calibration.errors import DataError
 
 CODES = ("c", "lammps", "liggghts", "yade")
 
@@ -67,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
         **options,
     )
     if not arguments.quiet:
-        print(f"{source.remark}\n{made}\nWritten to {arguments.out}: {listed(made.files)}")
+        print(f"{source.remark}\n{made}")
     return 0
 
 

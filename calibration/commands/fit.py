@@ -15,7 +15,7 @@ from typing import Any
 
 from calibration.commands.source_options import add_air_argument, read_material_file
 from calibration.console import Progress, print_first
-from calibration.errors import DataError, InputError, listed, printable
+from calibration.errors import DataError, InputError, printable
 from calibration.options import add_options, flag, given_options, merged
 from calibration.output import check_writable, or_printed
 
@@ -59,11 +59,11 @@ def run(arguments: argparse.Namespace) -> int:
         shown = [text] if arguments.json or not arguments.quiet else []
         more |= {"command": _command(arguments, options), "progress": progress}
         with or_printed(shown):
-            written = write_report(result, arguments.out, **more)
+            write_report(result, arguments.out, **more)
     if arguments.json:
         print(text, end="")
     elif shown:
-        print(f"{text}\n\nWritten to {arguments.out}: {listed(written)}")
+        print(f"{text}\n")
     if result.converged:
         return 0
     print("softjax fit: did not converge; the results are written and marked so", file=sys.stderr)

@@ -20,7 +20,7 @@ from typing import Any
 
 from calibration.commands.source_options import add_route_arguments, add_source_arguments
 from calibration.console import Progress
-from calibration.errors import DataError, listed
+from calibration.errors import DataError
 from calibration.output import files_into, or_printed, write_text
 
 FILES = (
@@ -92,9 +92,8 @@ def run(arguments: argparse.Namespace) -> int:
         if {*PLANS} & {*studies} and (warnings := _warnings(job)):
             results["warnings"] = warnings
         write_text(job.folder / "sensitivity.json", dumps(results))
-        written = sorted(path.name for path in job.folder.iterdir())
     if not arguments.quiet:
-        print("\n\n".join([*job.text, f"Written to {arguments.out}: {listed(written)}"]))
+        print("\n\n".join(job.text) + "\n")
     return 0
 
 

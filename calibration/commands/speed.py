@@ -38,5 +38,5 @@ def run(arguments: argparse.Namespace) -> int:
         write_text(folder / "speed.csv", pd.DataFrame(rows).to_csv(index=False))
         save(draw(rows, scene.title), folder / "speed.png")
     if text:
-        print(f"{text[0]}\n\nWritten to {arguments.out}: speed.csv and speed.png")
+        print(f"{text[0]}\n")
     return 0

@@ -134,7 +134,7 @@ class Design(Planned):
         better = math.ceil(1000 * (1 - math.sqrt(self.efficiency)) - 1e-6) / 10
         reached += f" No {len(self.velocity)} shots make it more than {better:.1f} % smaller."
         low, high = self.bounds
-        searched = f"Sought from {low:.4g} to {high:.4g} m/s; planned {self._range}."
+        searched = f"Velocities allowed: {low:.4g} to {high:.4g} m/s; planned {self._range}."
         lone = [ONE_VELOCITY] if len(self.support) == 1 else []
         sensed = self._sensed(self.relative_errors)
         return "\n".join([text, reached, *lone, searched, *sensed, *self.taken_as_known])

@@ -63,8 +63,10 @@ def test_only_what_is_written_again_changes(name, alloy, tmp_path):
         (out / one).write_text(f"old {one}")
     words = [str(alloy) if word == "ALLOY" else word for word in words]
     with drawn():
-        code, _, error = run("--no-cache", *words, "--out", out)
+        code, said, error = run("--no-cache", *words, "--out", out)
     assert code == 0, error
+    line = f"Written to {out}: {', '.join(sorted(expected))}\n"
+    assert said.endswith(line) if expected else "Written to" not in said
     kept = {one for one in every if (out / one).read_bytes() == f"old {one}".encode()}
     assert every - kept == expected
     there = {path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file()}

@@ -38,6 +38,7 @@ REFUSED = {
     "fit ALLOY --noise-dof 5": "`--noise-dof` must be left out",
     "fit ALLOY --law hertz --form full": "form",
     "fit ALLOY --extra-scatter --scale-uncertainty": "scale_uncertainty",
+    f"{SENSITIVITY} --study sobol": "did you mean 'global'",
     "compare ALLOY --laws zhuo": "did you mean 'zhou'",
     "compare ALLOY --laws ,": "--laws",
     "compare ALLOY --law hertz --form full": "zhou among the laws",

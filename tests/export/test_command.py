@@ -55,7 +55,7 @@ def test_a_named_material_becomes_a_header(at):
     assert "χ̃ = 1.7944" in out
     assert "Zhou's law, exact (by C source for the code)" in out
     assert re.search(r"half of it has \d+ % of its error", out)
-    assert out.endswith("Written to results: softjax_law.h, export.json, export.png\n")
+    assert out.endswith("Written to results: export.json, export.png, softjax_law.h\n")
     assert {p.name for p in Path("results").iterdir()} == {
         "softjax_law.h",
         "export.json",

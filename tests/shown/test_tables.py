@@ -83,6 +83,7 @@ def test_speed_is_microseconds_a_collision(law, ticking, tmp_path):
     """By a clock of a second a call; errors against exact answers; the table and picture of these rows."""
     made = shown(tmp_path, "speed", "--quick", *(() if law is None else ("--law", law)))
     assert made.code == 0
+    assert made.out.endswith(f"\n\nWritten to {made.folder}: speed.csv, speed.png\n")
     rows = list(csv.DictReader(made.text("speed.csv").splitlines()))
     ours = [r for r in rows if r["family"] == "ODE" and r["batch"] == "4096"]
     for row in rows:

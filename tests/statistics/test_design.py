@@ -91,7 +91,7 @@ def test_the_best_place_for_two_parameters_of_a_decay_is_known():
     start = "The geometric mean of the standard errors of ln θ, correlations included (criterion D) will be "
     assert second.startswith(f"{start}{found.minimised[0]:.3g}; it would be ")
     assert "shots equally spaced. No 8 shots make it more than 0.1 % smaller." in second
-    text = "Sought from 1 to 60 m/s; planned 1 to 21 m/s, standard uncertainty of ε 0.01."
+    text = "Velocities allowed: 1 to 60 m/s; planned 1 to 21 m/s, standard uncertainty of ε 0.01."
     assert text in str(found)
     assert "cannot test the law" not in str(found)
     table = found.to_dict()

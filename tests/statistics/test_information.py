@@ -284,7 +284,7 @@ def test_a_drop_of_some_centimetres_is_known_worse_than_one_of_metres():
     np.testing.assert_allclose(np.sqrt(one_s**2 - curve_s**2), expected, rtol=1e-5)
     design = cal.optimal_velocities(result, 4, (0.3, 8.0), target="level", starts=2)
     assert np.min(design.velocity) > 1.0
-    assert "Sought from 0.3 to 8 m/s; planned" in str(design)
+    assert "Velocities allowed: 0.3 to 8 m/s; planned" in str(design)
 
 
 @pytest.mark.parametrize(
