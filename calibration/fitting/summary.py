@@ -17,7 +17,7 @@ from calibration.fitting.curves import modulus_by_times
 from calibration.fitting.errors import Carried, Errors
 from calibration.fitting.laws import LINE, eq_17, several_yields
 from calibration.fitting.material import Estimate, Goodness, MaterialFit, Outlier
-from calibration.fitting.problem import DRAG, Lanes, Problem
+from calibration.fitting.problem import DRAG, Element, Lanes, Problem
 from calibration.fitting.profiles import Profile, estimate_of, estimates, weighted_deviation
 from calibration.fitting.request import Request, blocks_of
 from calibration.fitting.stages import ComponentFit, StageFit, fitted
@@ -370,6 +370,9 @@ def _of_component(
             continue
         owner = _owner(fit, element.sets)
         found_warnings += _of_estimate(element.name, found[k], owner)
+        found_warnings += _named(
+            "prior-conflict", [_off_prior(element, float(fit.theta[k]))], owner
+        )
         if found[k].skewed:
             skewed.setdefault(owner, []).append(element.name)
     for owner, names in skewed.items():
@@ -416,6 +419,17 @@ def _of_estimate(name: str, estimate: Estimate, owner: str | None) -> Iterator[F
     elif estimate.method == "undetermined":
         cause = f"{name} does not show in these data, or only together with another"
         yield FitWarning("rank-deficient", cause, owner)
+
+
+def _off_prior(element: Element, value: float) -> str | None:
+    mean, deviation = element.parameter.prior or (0.0, np.inf)
+    off = abs(value - mean) / deviation
+    if off <= warnings.FROM_PRIOR:
+        return None
+    return (
+        f"{element.name} is {value:.3g}, {off:.2g} standard deviations of its prior "
+        f"({mean:.3g} ± {deviation:.2g}) from the mean of that"
+    )
 
 
 def _collinear(fit: ComponentFit, separation: list[FitWarning]) -> list[FitWarning]:

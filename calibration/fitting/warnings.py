@@ -23,12 +23,17 @@ VELOCITY_ERRORS = 0.15  # of a velocity, up to which intervals were seen to be r
 NEAR_YIELD = 2.0  # standard uncertainties of a velocity around the kink at first yield
 APART = 2.0  # standard errors between the two objectives
 OUTSIDE = 1e-3  # of a velocity: less beyond the data's is no extrapolation, as ends are rounded
+FROM_PRIOR = 3.0  # of its standard deviations, beyond which an estimate contradicts a prior
 OTHER_LAWS = "`softjax compare` tries other laws"
 ADVICE = {
     "at-bound": "Widen the bound if it was given, or fix the parameter there; its interval is one-sided.",
     "rank-deficient": "Fix one of the parameters, give it a prior, or measure where it acts.",
     "sigma-psi-not-separate": (
         "Use eps_up, which is determined; or measure below the critical velocity, or more precisely."
+    "prior-conflict": (
+        "Check the prior's value and unit, the outliers and the law: the estimate is a compromise between "
+        "the prior and points that contradict it."
+    ),
     ),
     "skewed": "Use the interval, or the posterior: no standard error describes both sides.",
     "collinear": (

@@ -102,3 +102,17 @@ def test_drag_moves_the_velocity_that_other_observables_are_compared_at():
         )
         expected = (np.asarray(getattr(slower, name)) - np.asarray(getattr(faster, name))) / value
         np.testing.assert_allclose(more - less, expected, rtol=0.03)
+
+
+@pytest.mark.parametrize(("factor", "is_raised"), [(1.5, True), (1.2, False)])
+def test_a_drag_far_from_the_one_that_is_known_is_a_warning(factor, is_raised):
+    """c within ± 0.1 is known of spheres: that of a 6 mm ball with more drag is found from its drops."""
+    ball, drop = ball_of(6e-3, BALL["density"]), np.geomspace(0.05, 4.0, 12)
+    fall = [flight(ball, height=h, factor=factor)[1] for h in drop]
+    rise = [flight(ball, speed=0.85 * v, factor=factor)[1] for v in fall]
+    table = {"drop_height": drop, "rebound_height": rise}
+    data = cal.RestitutionData.from_table(table, uncertainty=5e-4, **BALL)
+    result = cal.fit(data, "constant", **QUICK)
+    assert result.values["air_drag"] == pytest.approx(factor - 1, abs=0.06)
+    causes = [one.cause for one in result.warnings if one.code == "prior-conflict"]
+    assert ["air_drag" in cause for cause in causes] == [True] * is_raised

@@ -233,6 +233,15 @@ def test_which_way_the_scatter_goes_is_said():
 
 
 @SIDES
+def test_a_prior_is_contradicted_beyond_three_of_its_deviations(by, is_raised):
+    data = cal.RestitutionData(np.arange(1.0, 13), 0.8 + 1e-4 * alternating(12), uncertainty=1e-4)
+    said = {"restitution": Free(0.8, prior=(0.8 - 0.03 * by, 0.01))}
+    result = cal.fit(data, "constant", said, profiles=False, starts=1)
+    causes = [one.cause for one in result.warnings if one.code == "prior-conflict"]
+    assert [cause[:21] for cause in causes] == ["restitution is 0.8, 3"] * is_raised
+
+
+@SIDES
 def test_neighbours_are_alike_from_a_correlation_on(by, is_raised):
     """√n times the first autocorrelation at the normal distribution's 99 %; not where rows are in order."""
     velocity = np.array([5.0, 1, 9, 3, 11, 7, 6, 12, 2, 10, 4, 8])  # many runs along it
