@@ -555,7 +555,8 @@ def _of_restitution(part: MaterialFit, residual, errors: Errors) -> list[FitWarn
         causes["groups"] = alike
     stated = errors.points.uncertainty if errors.is_stated else None
     kink, uncertain = yields if ever_yields else np.nan, data.velocity_uncertainty
-    level = warnings.no_velocity_dependence(velocity, restitution, stated)
+    noise = errors.family({"dof": part.noise_dof})
+    level = warnings.no_velocity_dependence(velocity, restitution, stated, noise)
     causes["no-velocity-dependence"] = level
     causes["velocity-errors"] = warnings.velocity_errors(data.velocity, uncertain, kink)
     for code, cause in causes.items():

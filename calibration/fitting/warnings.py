@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 import softjax as sj
 from calibration.data import RestitutionData
+from calibration.fitting.noise import Normal
 
 COLLINEAR = 0.99  # correlation from which on two parameters count as one number
 CONDITION_LIMIT = 1e5  # of the Jacobian with unit columns: half of float64's digits are gone
@@ -22,18 +23,19 @@ CONFIDENCE = 0.99  # of the tests on residuals
 VELOCITY_ERRORS = 0.15  # of a velocity, up to which intervals were seen to be right
 NEAR_YIELD = 2.0  # standard uncertainties of a velocity around the kink at first yield
 APART = 2.0  # standard errors between the two objectives
-OUTSIDE = 1e-3  # of a velocity: less beyond the data's is no extrapolation, as ends are rounded
+LINE_ROUNDS = 50  # of a straight line and the weights of its points in turn
 FROM_PRIOR = 3.0  # of its standard deviations, beyond which an estimate contradicts a prior
+OUTSIDE = 1e-3  # of a velocity: less beyond the data's is no extrapolation, as ends are rounded
 OTHER_LAWS = "`softjax compare` tries other laws"
 ADVICE = {
     "at-bound": "Widen the bound if it was given, or fix the parameter there; its interval is one-sided.",
     "rank-deficient": "Fix one of the parameters, give it a prior, or measure where it acts.",
-    "sigma-psi-not-separate": (
-        "Use eps_up, which is determined; or measure below the critical velocity, or more precisely."
     "prior-conflict": (
         "Check the prior's value and unit, the outliers and the law: the estimate is a compromise between "
         "the prior and points that contradict it."
     ),
+    "sigma-psi-not-separate": (
+        "Use eps_up, which is determined; or measure below the critical velocity, or more precisely."
     ),
     "skewed": "Use the interval, or the posterior: no standard error describes both sides.",
     "collinear": (
@@ -202,23 +204,30 @@ def alike_neighbours(velocity: Column, standardised: Column) -> str | None:
 
 
 def no_velocity_dependence(
-    velocity: Column, restitution: Column, uncertainty: Column | None
+    velocity: Column, restitution: Column, uncertainty: Column | None, noise: Normal
 ) -> str | None:
-    """A straight line's slope is zero within its 95 % interval."""
+    """A straight line's slope is zero within its 95 % interval, by the noise of the fit.
+
+    Scatter that is not stated is estimated about the line, in turn with the weights of the points.
+    """
     from scipy import special
 
     if np.ptp(velocity) == 0:
         return f"all points have one velocity, {velocity[0]:.4g} m/s"
-    weight = np.ones(len(velocity)) if uncertainty is None else 1 / uncertainty
-    design = np.stack([np.ones(len(velocity)), velocity - np.mean(velocity)], 1) * weight[:, None]
-    covariance = np.linalg.pinv(design.T @ design)
-    line = covariance @ design.T @ (restitution * weight)
-    slope, error, quantile = float(line[1]), float(np.sqrt(covariance[1, 1])), special.ndtri(0.975)
-    if uncertainty is None:
-        left = len(velocity) - 2
-        off = float(np.sum((restitution - design @ line) ** 2))
-        error = error * np.sqrt(off / left) if left > 0 else np.inf
-        quantile = special.stdtrit(left, 0.975) if left > 0 else np.inf
+    left, unit = len(velocity) - 2, 1.0 if uncertainty is None else uncertainty
+    design = np.stack([np.ones(len(velocity)), velocity - np.mean(velocity)], 1)
+    white, target = design / np.reshape(unit, (-1, 1)), restitution / unit
+    weight, scale = np.ones(len(velocity)), 1.0
+    for _ in range(1 if noise.dof is None else LINE_ROUNDS):
+        line = np.linalg.pinv(white * weight[:, None] ** 0.5) @ (target * weight**0.5)
+        off = target - white @ line
+        if uncertainty is None:
+            scale = float(np.sum(weight * off**2) / left) ** 0.5 if left > 0 else np.inf
+        weight = noise.weight(off / max(scale, 1e-300))
+    error = scale * float(np.linalg.inv(white.T @ white * noise.information)[1, 1]) ** 0.5
+    slope, quantile = float(line[1]), float(special.ndtri(0.975))
+    if uncertainty is None and left > 0:
+        quantile = float(special.stdtrit(left, 0.975))
     if abs(slope) > quantile * error or (error == 0 and abs(slope) * np.ptp(velocity) > 1e-9):
         return None
     return f"the slope of restitution is {slope:.2g} ± {error:.2g} per m/s, 0 within its error"

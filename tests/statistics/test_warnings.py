@@ -288,6 +288,30 @@ def test_points_at_one_velocity_show_no_slope():
     assert warning.cause == "all points have one velocity, 2 m/s"
 
 
+@pytest.mark.parametrize("stated", [True, False])
+@pytest.mark.parametrize("slope", [0.0, 0.01])
+def test_a_slope_has_the_weights_of_heavy_tails(slope, stated):
+    """One of 20 points is far off: at the end of a level line, or of one whose scatter it would make large."""
+    velocity = np.linspace(1, 5, 20)
+    noise = 0.01 * np.random.default_rng(1).standard_normal(20)
+    noise[-1 if stated else 9] = 0.15
+    data = cal.RestitutionData(
+        velocity, 0.8 - slope * velocity + noise, uncertainty=0.01 if stated else None
+    )
+    result = cal.fit(data, "constant", noise="student-t", profiles=False, starts=1)
+    causes = [one.cause for one in result.warnings if one.code == "no-velocity-dependence"]
+    assert bool(causes) == (slope == 0)
+    if stated and causes:  # as by the likelihood itself
+
+        def deviance(line):
+            off = data.restitution - np.polyval(line, velocity)
+            return -2 * np.sum(stats.t.logpdf(off, 4, 0, 0.01))
+
+        best = optimize.minimize(deviance, [0.0, 0.8], method="Nelder-Mead", tol=1e-9)
+        error = 0.01 * np.sqrt(7 / 5 / np.sum((velocity - 3) ** 2))
+        assert f"is {best.x[0]:.2g} ± {error:.2g} per m/s" in causes[0]
+
+
 @pytest.mark.parametrize(("velocity", "count"), [(0.99, 1), (0.9995, 0), (5.004, 0), (5.01, 1)])
 def test_extrapolation_below_and_above(velocity, count):
     result = constant(np.array([1.0, -1.0, 0.0]), np.array([1.0, 2.0, 5.0]))
