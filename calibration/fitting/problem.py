@@ -128,6 +128,8 @@ class Lanes(NamedTuple):
     copies: Float[np.ndarray, "fits points"] | None = None
     variances: tuple[Mapping[str, np.ndarray], ...] | None = None  # of each block, (fits,)
     elastic: Bool[np.ndarray, "fits points"] | None = None  # as `Problem.elastic`
+    # θ that priors, and z that pools are centred on; None: the priors' means, and 0
+    centre: Z | None = None
     lower: Z | None = None  # as `Problem.within`
     upper: Z | None = None
 
@@ -437,7 +439,7 @@ class Problem:
                 size = np.maximum(size, 1e-6 * np.abs(score)) + 1e-300
                 more.append(np.where(n > 0, score, 0.0) / (size * np.where(n > 0, root, 1.0)))
                 their.append(of_curve[:, span] * (size * root)[..., None])
-        for value, column in self._priors(z, theta, per_z):
+        for value, column in self._priors(z, theta, per_z, lanes.centre):
             rows.append(value)
             columns.append(column[:, :, : len(active)])
             cost += 0.5 * np.sum(value**2, axis=1)
@@ -553,18 +555,20 @@ class Problem:
             jacobian[:, on, place[element]] += slope[:, on] * per_z[:, element]
         return jacobian
 
-    def _priors(self, z, theta, per_z):
+    def _priors(self, z, theta, per_z, centre):
         """Rows of the priors, (θ - mean)/sd, and of each pool, (z - mean of z)/spread, and their slopes."""
         elements, fits = self.with_prior, len(z)
         if elements:
             mean, deviation = np.transpose([self.elements[k].parameter.prior for k in elements])
+            mean = mean if centre is None else centre[:, elements]
             rows = (self.active == np.array(elements)[:, None]) / deviation[:, None]
             yield (theta[:, elements] - mean) / deviation, rows * per_z[:, elements, None]
         for pool in self.pools:
             members, count = list(pool.members), len(pool.members)
             per = np.zeros((count, len(self.elements)))
             per[:, members] = (np.eye(count) - 1 / count) / pool.spread
-            off = z[:, members] - np.mean(z[:, members], axis=1, keepdims=True)
+            off = z[:, members] - (0.0 if centre is None else centre[:, members])
+            off = off - np.mean(off, axis=1, keepdims=True)
             yield (
                 off / pool.spread,
                 np.broadcast_to(per[:, self.active], (fits, count, len(self.active))),

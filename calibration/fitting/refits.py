@@ -66,7 +66,10 @@ class Bootstrap:
 
 
 def bootstrap(fits: list[ComponentFit], count: int, seed: int, confidence: float) -> Bootstrap:
-    """Simulate each point with the fitted curve and its noise, and fit that again, the noise as well."""
+    """Simulate each point with the fitted curve and its noise, and fit that again, the noise as well.
+
+    What a prior was taken from is a measurement too: its mean is drawn about the estimate.
+    """
     random = np.random.default_rng(seed)
     every, arrived = [], []
     for fit in fits:
@@ -75,7 +78,8 @@ def bootstrap(fits: list[ComponentFit], count: int, seed: int, confidence: float
         for errors, s, span in zip(first.errors, first.variances, first.spans, strict=True):
             off = errors.simulate(s, curve.carried(span), random, count)
             drawn.append(curve.prediction[:, span] + off)
-        lanes = Lanes(value=np.maximum(np.concatenate(drawn, axis=1), 0.0))
+        value = np.maximum(np.concatenate(drawn, axis=1), 0.0)
+        lanes = Lanes(value=value, centre=_centres(fit, random, count))
         again = partial(_of_simulated, lanes=lanes, begun=np.tile(fit.begun, (count, 1)))
         z, converged = _refitted(fit, again, count)
         every.append(fit.final.problem.transform.physical(z))
@@ -90,6 +94,18 @@ def bootstrap(fits: list[ComponentFit], count: int, seed: int, confidence: float
     )
     intervals = {n: (float(a), float(b)) for n, a, b in zip(names, *ends, strict=True)}
     return Bootstrap(tuple(names), values, converged, intervals)
+
+
+def _centres(fit: ComponentFit, random, count: int) -> Float[np.ndarray, "fits elements"]:
+    """What priors and pools are centred on: drawn about the fit with their deviations."""
+    centre = np.tile(fit.theta, (count, 1))
+    for k, prior in enumerate(e.parameter.prior for e in fit.component.elements):
+        if prior is not None:
+            centre[:, k] += prior[1] * random.standard_normal(count)
+    for pool in fit.stages[0].problem.pools:
+        members = list(pool.members)
+        centre[:, members] = random.normal(fit.z[members], pool.spread, (count, len(members)))
+    return centre
 
 
 def _of_simulated(problem: Problem, z, lanes: Lanes, begun) -> Found:

@@ -199,6 +199,44 @@ def test_bootstrapped_fits_scatter_as_the_standard_errors_say(decays):
     )
 
 
+def specimens():
+    """Five levels, pooled, whose scatter is no more than their errors."""
+    e = 0.8 + 0.017 * np.arange(-2, 3)[:, None] + 0.03 * np.array([1, -1, 1, -1])
+    return [
+        cal.RestitutionData(V[:4], row, name=str(k), uncertainty=0.04) for k, row in enumerate(e)
+    ]
+
+
+PRIORS = {  # what is determined mostly by a prior, or by the other members of a pool
+    "prior": (
+        lambda: cal.RestitutionData(V, 0.92 * np.exp(-0.09 * V), uncertainty=0.05),
+        Decay,
+        {"rate": cal.Parameter(prior=(0.09, 0.002))},
+    ),
+    "pool": (
+        specimens,
+        "constant",
+        {"restitution": cal.Parameter(shared="pooled", transform="none")},
+    ),
+}
+
+
+@pytest.mark.parametrize("case", PRIORS)
+def test_a_bootstrap_s_intervals_are_as_wide_as_the_table_s_where_priors_decide(case):
+    """Priors' means are drawn as the points are: held, 1000 refits would hardly move."""
+    build, law, said = PRIORS[case]
+    result = cal.fit(build(), law, said, profiles=False, starts=1)
+    if case == "prior":
+        assert result.standard_errors["rate"] == pytest.approx(0.002, rel=0.1)
+    else:
+        assert 0.01 < result.values["restitution_spread"] < 0.03
+    found = result.bootstrap(1000, seed=2)
+    assert np.all(found.converged)
+    for name in result.covariance_names:
+        told, drawn = np.array(result.intervals[name]), np.array(found.intervals[name])
+        assert np.all(np.abs(drawn - told) < 0.1 * np.ptp(told))
+
+
 def test_a_refit_that_is_sent_astray_ends_no_profile():
     """Where σ and ψ hardly show, their first guess at the next χ̃ is far off: SciPy finds the way."""
     data = twin("stainless steel", noise=0.01, seed=2)
