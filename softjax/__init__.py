@@ -12,11 +12,10 @@ from softjax.laws.base import (
     RateIndependentLaw,
 )
 from softjax.laws.constant import ConstantRestitution
+from softjax.laws.dashpots import HertzDashpot, LinearSpringDashpot
 from softjax.laws.empirical import EmpiricalRestitution, empirical_restitution
 from softjax.laws.forces import KnownCollision
 from softjax.laws.hertz import Hertz
-from softjax.laws.hertz_dashpot import HertzDashpot
-from softjax.laws.linear_dashpot import LinearSpringDashpot
 from softjax.laws.reduced import (
     Reduced,
     ReducedClosedForm,

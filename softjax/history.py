@@ -105,7 +105,7 @@ def _history(parameters, velocity, samples):
 
 def _samples(impact: Impact, fractions, route: ODE):
     """Time, overlap, velocity and force in SI at shares of the way, and the collisions they are of."""
-    from softjax.engine import damped, encke, motion  # diffrax is imported when it is used
+    from softjax.engine import encke, motion  # diffrax is imported when it is used
 
     law = impact.law
     independent = isinstance(law, RateIndependentLaw)
@@ -116,7 +116,7 @@ def _samples(impact: Impact, fractions, route: ODE):
         elastic = _in(si_units(law, Reduced(None, scales, moving)), samples)
         if law.never_yields:
             return elastic, collisions(impact, route)
-    history = (motion if independent else damped).history
+    history = motion.history if independent else motion.damped_history
 
     def one(law, y, below, route):
         found, samples = history(law, y, route, fractions)

@@ -1,21 +1,18 @@
-"""A contact law as a pure function, for many-body codes written in JAX."""
+"""A contact law as a pure function of one instant of a contact, for codes that step it."""
 
 from typing import Any
 
+import jax
 import jax.numpy as jnp
+import numpy as np
 
 from softjax.fields import Numbers
-from softjax.laws.stepped import (
-    LEAST,
-    damped_force,
-    elastic_limit,
-    end_of,
-    held_fraction,
-    loading_work,
-    unloading_force,
-)
 from softjax.numerics.powers import safe_sqrt
 from softjax.restitution import restitution
+
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(12)
+NEWTON = 6  # steps to ξ, which is then 8e-7 off at ε = 0.1
+LEAST = 1e-30  # in place of 0 [m]: forces of laws are of positive overlaps
 
 
 def contact_force(
@@ -75,3 +72,63 @@ def contact_force(
     force = jnp.where(loading, law.loading_force(inside), back)
     kept = jnp.where(touching, jnp.maximum(overlap, memory), 0.0)
     return jnp.where(touching, force, 0.0), kept
+
+
+def unloading_force(law: Any, overlap: Any, peak: Any) -> Numbers:
+    """The unloading force of a law [N]; up to first yield it is Hertz's, as on loading."""
+    kink = elastic_limit(law)
+    yielded = peak > kink
+    safe = jnp.where(yielded, peak, 1.1 * jnp.maximum(kink, peak))  # the branch not taken: a number
+    after = law.unloading_force(jnp.minimum(overlap, safe), safe)
+    return jnp.where(yielded, after, law.loading_force(overlap))
+
+
+def elastic_limit(law: Any) -> Any:
+    """The overlap up to which unloading is Hertz's, as loading [m]."""
+    if not hasattr(law, "elastic_velocity"):
+        return jnp.asarray(law.elastic_overlap())
+    energy = law.contact.mass * law.elastic_velocity() ** 2 / 2
+    return (2.5 * energy / law.contact.stiffness) ** 0.4
+
+
+def end_of(law: Any) -> str:
+    """Where a contact with damping ends: "zero-overlap" or "zero-force"."""
+    return getattr(law, "end", None) or law.reduced().ends_at
+
+
+def damped_force(
+    law: Any, spring: Any, overlap: Numbers, velocity: Numbers, fraction: Any
+) -> Numbers:
+    """A spring with a fraction ξ of critical damping, c = ξ √(2 M (P/δ + dP/dδ)); it does not pull [N]."""
+    force, slope = jax.jvp(spring, (overlap,), (jnp.ones_like(overlap),))
+    pushes = (force > 0) & (slope > 0)
+    stiffness = jnp.where(pushes, force / overlap + slope, 1.0)
+    damping = fraction * jnp.sqrt(2 * law.contact.mass * stiffness) * velocity
+    return jnp.where(pushes, jnp.maximum(force + damping, 0.0), force)
+
+
+def held_fraction(restitution: Numbers) -> Numbers:
+    """The fraction ξ of critical damping with which a contact at rest at its peak returns ε of its speed.
+
+    A dashpot c = ξ √(2 M (P/δ + dP/dδ)) and a force P ∝ δⁿ are a linear oscillator that ends where the force
+    vanishes: ln ε = -ξ arccos ξ/√(1 - ξ²), by Newton's method from below.
+    """
+    loss = -jnp.log(jnp.clip(restitution, 1e-3, 1.0))
+    node = (1 + jnp.asarray(NODES).reshape((-1,) + (1,) * loss.ndim)) / 2
+    weight = jnp.asarray(WEIGHTS).reshape(node.shape) / 2
+    fraction = 2 * loss / jnp.pi
+    for _ in range(NEWTON):  # arccos ξ/√(1 - ξ²) is ∫ 2 dt/(t² + 2 ξ t + 1) from 0 to 1
+        below = node**2 + 2 * fraction * node + 1
+        angle = jnp.sum(2 * weight / below, axis=0)
+        slope = angle - fraction * jnp.sum(4 * weight * node / below**2, axis=0)
+        fraction = fraction + (loss - fraction * angle) / slope
+    return fraction
+
+
+def loading_work(law: Any, low: Any, high: Numbers) -> Numbers:
+    """∫ P dδ on loading [J] between two √δ, in which forces of contacts are smooth: Gauss and Legendre's."""
+    middle, half = (high + low) / 2, (high - low) / 2
+    shape = (-1,) + (1,) * middle.ndim
+    root = middle + half * jnp.asarray(NODES).reshape(shape)
+    force = 2 * root * law.loading_force(jnp.maximum(root**2, LEAST))
+    return half * jnp.sum(jnp.asarray(WEIGHTS).reshape(shape) * force, axis=0)

@@ -188,8 +188,7 @@ class ODE(AbstractRoute):
 
     def collide(self, law, velocity: Numbers, *, clock=False, force=False) -> Collision:
         # diffrax is imported when it is used
-        from softjax.engine.damped import rate_dependent
-        from softjax.engine.motion import rate_independent
+        from softjax.engine.motion import rate_dependent, rate_independent
 
         impacts = law.impacts(velocity)
         one = rate_dependent if isinstance(law, RateDependentLaw) else rate_independent

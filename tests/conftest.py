@@ -33,7 +33,6 @@ CHECKED = (
     "softjax.engine.energy",
     "softjax.engine.falls",
     "softjax.engine.phase",
-    "softjax.engine.damped",
     "softjax.laws._first_order",
     "softjax.laws._full",
 )
@@ -42,7 +41,6 @@ with install_import_hook(CHECKED, "beartype.beartype"):
     import jax
 
     import softjax as sj
-    import softjax.engine.damped  # the same
     import softjax.engine.motion  # loaded late otherwise, past the hook
 
 sj.enable_x64()

@@ -14,7 +14,7 @@ from scipy.interpolate import CubicHermiteSpline
 import softjax as sj
 from calibration.errors import InputError
 from calibration.particle_codes.target import Impacts, impacts_of, number_of
-from softjax.laws.stepped import loading_work, unloading_force
+from softjax.many_body import loading_work, unloading_force
 
 FORMULAS = {  # laws that need no table, and their templates
     sj.Zhou: "zhou.h",

@@ -20,7 +20,7 @@ from calibration.particle_codes.target import (
     restitution_of,
     with_contact,
 )
-from softjax.laws.stepped import held_fraction
+from softjax.many_body import held_fraction
 
 MOST_OVERLAP = 100.0  # over the radius: nothing that is meant is beyond
 ROOM = 0.1  # of the tolerance, that a law leaves at least for the time step

@@ -17,8 +17,8 @@ from calibration.particle_codes.report import Export
 from calibration.particle_codes.surrogates import softened
 from calibration.particle_codes.target import number_of, with_contact
 from softjax.fields import numbers_of
-from softjax.laws.linear_dashpot import damping_fraction
-from softjax.laws.stepped import end_of
+from softjax.laws.dashpots import damping_fraction
+from softjax.many_body import end_of
 
 PLUGIN = {"softjax_lammps.cpp": "lammps.cpp", "build.sh": "build.sh"}
 # templates of input lines by code, and the name of the file; a header is PREFIX_law.h

@@ -19,7 +19,7 @@ from jax import lax
 
 import softjax as sj
 from calibration.particle_codes.target import Impacts
-from softjax.laws.stepped import LEAST, damped_force, unloading_force
+from softjax.many_body import LEAST, damped_force, unloading_force
 
 PHASES = 8  # beginnings of each impact, as parts of a step between the last free one and touch
 GOLDEN = (5**0.5 - 1) / 2  # spreads them: impacts on a linear spring differ in nothing else

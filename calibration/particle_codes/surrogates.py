@@ -16,7 +16,7 @@ from scipy.optimize import brentq, minimize
 
 import softjax as sj
 from calibration.particle_codes.target import Target, number_of, restitution_of
-from softjax.laws.stepped import held_fraction
+from softjax.many_body import held_fraction
 
 END = "zero-force"  # of damped contacts: nothing pulls
 LEAST = math.exp(-2)  # ε of critical damping with this end

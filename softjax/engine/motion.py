@@ -1,11 +1,13 @@
-"""A rate-independent collision by its equation of motion x'' = -(5/4) p, integrated by diffrax.
+"""A collision by its equation of motion x'' = -(5/4) p, integrated by diffrax.
 
-Nothing of the energy balance is used here: the law gives its forces, and where they end. Loading is
-integrated as what it differs from an elastic collision by, where the law begins as one (`encke`),
-else in the phase plane (`phase`), stage by stage between its kinks; unloading as a fall (`falls`).
+Nothing of the energy balance is used here: the law gives its forces, and where they end. Of a
+rate-independent law loading is integrated as what it differs from an elastic collision by, where the
+law begins as one (`encke`), else in the phase plane (`phase`), stage by stage between its kinks;
+unloading as a fall (`falls`). Of a rate-dependent law all is integrated in the phase plane of its
+elastic power law: up to the peak, and on to where the overlap vanishes, or to where the force does.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,17 +16,32 @@ import numpy as np
 from softjax.engine import encke, falls, outcome, phase
 from softjax.engine.bridge import solve
 from softjax.engine.falls import INSIDE, Fall
-from softjax.engine.outcome import Collision, Peak, Rebound, Release, loading_kinks, unloading_kinks
+from softjax.engine.outcome import (
+    Collision,
+    Peak,
+    Rebound,
+    Release,
+    flagged,
+    loading_kinks,
+    unloading_kinks,
+)
+from softjax.engine.phase import PARTING, PEAK, TOUCH, Plane, States
 from softjax.fields import Flags, Numbers
-from softjax.laws.reduced import ReducedClosedForm, ReducedRateIndependent
+from softjax.laws.reduced import ReducedClosedForm, ReducedRateDependent, ReducedRateIndependent
 from softjax.numerics.derivatives import along_active
-from softjax.numerics.roots import implicit_root, parabolic_step, refine
+from softjax.numerics.roots import implicit_root, largest, parabolic_step, reach, refine
+from softjax.status import Status
 
 RESIDUAL_STEPS = 16  # from the peak; the worst of 400 000 cases needed 13
 ROUNDING = 8.0  # a step this many times the rounding error was the last
 GAIN = 3.0  # tolerances that ε_p² of an elastic collision may be off
 UNKNOWN = 1e-8  # the tolerance that fixed steps are taken to have: of fields that vary alike
 ROUGH = 4e-3  # of a user's forces, of which a few steps make an error that nothing estimates
+# How far ε_p² of an elastic collision may be off, in tolerances; of forces that are far from the
+# power law of the phase plane most, 85 at the default. Of fixed steps the tolerance is a guess.
+DAMPED_GAIN = 100.0
+DAMPED_UNKNOWN = 1e-4
+FORCE_NODES = 33  # of the polynomial through the force on loading
 
 
 def rate_independent(law, y, route: Any, *, clock=False, force=False) -> Collision:
@@ -131,13 +148,13 @@ def _staged(law: ReducedRateIndependent, y: Numbers, route: Any, clock: bool = F
     def excess(X, _):
         return pull(jnp.maximum(X, above)) - phase.circle_force(m, X)
 
-    plane = phase.Plane(excess, m, bounded=True, smooth=smooth)
+    plane = Plane(excess, m, bounded=True, smooth=smooth)
     states = phase.at_touch(y, clock=False)
     if len(kinks):
         inside = X > 0
         on_the_way = phase.placed(m, jnp.where(inside, X, 1.0), U)
         states = jax.tree.map(lambda a, b: jnp.where(inside, a, b), on_the_way, states)
-    end, solved = phase.over_angle(plane, states, phase.PEAK, route)
+    end, solved = phase.over_angle(plane, states, PEAK, route)
     overlap = length * phase.position(m, end)[0]
     ends = jnp.isfinite(found.end)
     arrived = solved & passed & jnp.isfinite(overlap)
@@ -196,3 +213,132 @@ def _unloading(law, peak: Peak, release: Release) -> Fall:
         about_zero=closed and law.powers_about == "zero-overlap",
         smooth=closed,
     )
+
+
+# rate-dependent laws
+
+
+class _Scene(NamedTuple):
+    """One impact over the elastic collision's largest overlap L and its own velocity."""
+
+    law: ReducedRateDependent
+    y: Numbers
+    length: Numbers
+    turns: Flags
+    plane: Plane
+
+    def ends(self, peak: States, route: Any, save=None):
+        """The end of the contact, or samples on the way there."""
+        if self.law.ends_at == "zero-overlap":
+            save = None if save is None else phase.samples(PEAK, PARTING, save)
+            return phase.over_angle(self.plane, peak, PARTING, route, save)
+
+        def ratio(X, U):
+            """The force over the elastic one."""
+            x, u = X * self.length, U * self.y
+            return 1 + self.law.dissipative(x, u) / self.law.elastic(x)
+
+        return phase.to_zero_force(self.plane, ratio, peak, route, save)
+
+
+def _scene(law: ReducedRateDependent, y: Numbers) -> _Scene:
+    k = law.work_exponent
+    m = round(2 * k)
+    length, turns = y ** (2 / k), y == y
+    is_power = type(law).elastic is ReducedRateDependent.elastic and m == 2 * k
+    if not is_power:
+        still, pace = jax.tree.map(jax.lax.stop_gradient, (law, y))
+        found = reach(still.elastic, 0.4 * pace * pace, pace ** (2 / k))
+        # damping may hold what the elastic force alone would not
+        length, turns = jnp.where(found.turns, found.rough, length), found.turns
+    unit = 1.25 * (length / y) / y
+
+    def excess(X, U):
+        x, u = X * length, U * y
+        if is_power:
+            return unit * law.dissipative(x, u)
+        return unit * law.force(x, u) - phase.circle_force(m, X)
+
+    return _Scene(law, y, length, turns, Plane(excess, m))
+
+
+def rate_dependent(law, y, route: Any, *, clock=False, force=False) -> Collision:
+    """One collision at y > 0."""
+    scene = _scene(law, y)
+    peak, reached = phase.over_angle(scene.plane, phase.at_touch(y, clock), PEAK, route)
+    end, ended = scene.ends(peak, route)
+    found = _assembled(scene, peak, end, reached & ended, route)
+    if clock:
+        ends = reached & ended & jnp.isfinite(end.clock)
+        time = jnp.where(ends, end.clock * (scene.length / y), 0.0)
+        found = found._replace(duration=time)
+    if force:
+        pull = jnp.where(found.answered, _largest_force(scene, route), 0.0)
+        found = found._replace(force=pull)
+    return found
+
+
+def _assembled(scene: _Scene, peak: States, end: States, arrived, route) -> Collision:
+    far, _ = phase.position(scene.plane.m, peak)
+    left, speed = phase.position(scene.plane.m, end)
+    solved = arrived & jnp.isfinite(speed)
+    stays = solved & (scene.law.ends_at == "zero-force")
+    gains = speed * speed > 1 + DAMPED_GAIN * route.error(DAMPED_UNKNOWN, speed.dtype)
+    conditions = {
+        Status.ENERGY_GAIN: solved & gains,
+        Status.NO_TURNING_POINT: ~(solved | scene.turns),
+        Status.SOLVER_FAILED: ~solved,
+    }
+    return Collision(
+        energy=jnp.where(solved, speed * speed, 0.0),
+        peak=jnp.where(solved, far * scene.length, 0.0),
+        residual=jnp.where(stays, left * scene.length, 0.0),
+        flags=flagged(conditions),
+    )
+
+
+def _largest_force(scene: _Scene, route: Any) -> Numbers:
+    """That of loading, where the bodies approach: of the polynomial through Chebyshev's points."""
+    dtype = scene.y.dtype
+    nodes = np.sin(np.linspace(0, 0.5 * np.pi, FORCE_NODES)) ** 2
+    weights = (-1.0) ** np.arange(FORCE_NODES)
+    weights[[0, -1]] *= 0.5
+    nodes, weights = nodes.astype(dtype), weights.astype(dtype)
+    touch = phase.at_touch(scene.y, clock=False)
+    states, _ = phase.over_angle(scene.plane, touch, PEAK, route, nodes)
+    X, U = phase.position(scene.plane.m, states)
+    force = jax.vmap(scene.law.force)(X * scene.length, U * scene.y)
+
+    def between(share):
+        away = share - nodes
+        at = jnp.argmin(jnp.abs(away))
+        parts = weights / jnp.where(away == 0, 1.0, away)
+        return jnp.where(away[at] == 0, force[at], jnp.sum(parts * force) / jnp.sum(parts))
+
+    return largest(between, jnp.ones_like(scene.y))
+
+
+def damped_history(law, y, route: Any, fractions: tuple[np.ndarray, np.ndarray]):
+    """The collision, and time, overlap, velocity and force at fixed fractions of both branches.
+
+    Args:
+        fractions: two increasing arrays in [0, 1], of the angle of loading and of unloading; the
+            peak is sampled once, as the end of loading.
+    """
+    along, back = fractions
+    scene = _scene(law, y)
+    there = phase.samples(TOUCH, PEAK, along)
+    loading, reached = phase.over_angle(
+        scene.plane, phase.at_touch(y, clock=True), PEAK, route, there
+    )
+    peak = jax.tree.map(lambda state: state[-1], loading)
+    unloading, ended = scene.ends(peak, route, back)
+    end = jax.tree.map(lambda state: state[-1], unloading)
+    states = jax.tree.map(lambda *parts: jnp.concatenate(parts), loading, unloading)
+    X, U = phase.position(scene.plane.m, states)
+    # the edges stand for touch and, where it ends there, zero overlap
+    X = jnp.where(jnp.abs(states.way) >= PARTING, 0.0, X)
+    x, u = X * scene.length, U * y
+    clock = jnp.where(states.way <= TOUCH, 0.0, states.clock)
+    samples = clock * (scene.length / y), x, u, jax.vmap(law.force)(x, u)
+    return _assembled(scene, peak, end, reached & ended, route), samples

@@ -6,7 +6,7 @@ integrated by Taylor series of 50 terms in 60 digits; the duration is a Beta fun
 Coefficients are kept until they no longer change a float64.
 
 The functions beside each series say what is scaled by what, and are what `softjax.laws.viscoelastic`
-and `softjax.laws.hertz_dashpot` put together again.
+and `softjax.laws.dashpots` put together again.
 """
 
 import json

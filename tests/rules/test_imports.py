@@ -39,7 +39,7 @@ LAYERS = [
     {"engine.bridge"},
     {"engine.outcome", "engine.phase", "engine.falls"},
     {"engine.encke"},
-    {"engine.energy", "engine.motion", "engine.damped"},
+    {"engine.energy", "engine.motion"},
     {"routes"},
     {"engine.impact"},
     {"restitution"},
@@ -48,7 +48,7 @@ LAYERS = [
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
 ROUTES = {
     "energy": {"engine.energy", "numerics.quadrature"},
-    "ode": {f"engine.{name}" for name in ("motion", "bridge", "encke", "falls", "phase", "damped")},
+    "ode": {f"engine.{name}" for name in ("motion", "bridge", "encke", "falls", "phase")},
 }
 
 
@@ -162,7 +162,7 @@ def test_one_file_talks_to_diffrax_and_none_to_calibration():
 def test_calibration_uses_public_names_alone():
     for name, path in CALIBRATION.items():
         private = {part(one) for one in imported(path, "softjax")} & set(LEVEL)
-        assert private <= {"laws", "fields", "batching"}, f"calibration.{name}"
+        assert private <= {"laws", "fields", "batching", "many_body"}, f"calibration.{name}"
 
 
 STAGES = """
