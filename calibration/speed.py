@@ -478,7 +478,7 @@ def draw(rows: list[Row], title: str, ax: Any = None) -> Any:
     """
     from calibration.plots import style
 
-    ax = style.axes_or_new(ax, 9.0, 5.5)
+    ax = style.axes_or_new(ax, 5.5)
     # a colour and a marker each: distinct without colour too
     colours = (style.GREEN, style.GREEN, style.BLUE, style.SKY, style.VERMILION)
     for family, colour, marker in zip(FAMILIES, colours, "**os^", strict=True):
@@ -493,12 +493,11 @@ def draw(rows: list[Row], title: str, ax: Any = None) -> Any:
                 offset = (8, -9 if "," in omitted else 0)  # times with and without may be close
                 keywords = {"textcoords": "offset points", "fontsize": "small"}
                 ax.annotate(note, (error, microseconds), offset, **keywords)
-    ax.set(xscale="log", yscale="log", title=f"Speed against error: {title}")
+    ax.set(xscale="log", yscale="log", title=f"Speed against error\n{title}")
     ax.set_xlabel(r"largest error of $\varepsilon_p$ [-]")
     ax.set_ylabel("time per collision [µs]")
     ax.grid(which="major", alpha=0.3)
-    place = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5), "frameon": False}
-    ax.legend(
-        title=f"{BATCH:,} impacts at once\n({SCIPY}: {FEW}) where\nno number is given", **place
-    )
+    place = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.14), "frameon": False, "ncols": 4}
+    head = f"{BATCH:,} impacts at once ({SCIPY}: {FEW}) where no number is given"
+    ax.legend(title=head, **place)
     return ax

@@ -225,7 +225,7 @@ class Export:
         """ε over v above, the difference from the requested one below."""
         from calibration.plots import style
 
-        figure = style.new_figure(6.0, 5.5)
+        figure = style.new_figure(5.5)
         curve, errors = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
         velocity, requested = self.target.velocity, self.target.restitution
         exported, step = self.choice.impacts.coefficient, self.choice.steps.error
@@ -244,7 +244,7 @@ class Export:
         errors.set(xlabel="impact velocity $v$ [m/s]", ylabel=r"exported $-$ requested")
         if style.spans_decades(velocity):
             style.logarithmic_x(errors)
-        style.legend_below(figure, [curve, errors], 2)  # inside it would lie on a line
+        style.legend_below(figure, [curve, errors])  # inside it would lie on a line
         return figure
 
 

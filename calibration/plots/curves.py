@@ -17,6 +17,7 @@ from calibration.plots import style
 from calibration.plots.lines import NO_VALUE, Line
 from calibration.rounding import number
 
+MARKERS = "s^vDoP"  # of residuals
 SHADES = (style.BLUE, style.VERMILION, style.GREEN, style.PURPLE, style.ORANGE, style.SKY)
 DASHES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (1, 1)))  # of these: curves may coincide
 FINE = 240  # points of a curve
@@ -67,7 +68,7 @@ def curves_figure(
     """
     if ratio and any(fit.contact is None for fit in result.materials):
         raise DataError("ratio", ratio, "False where there is no contact")
-    figure, grid = style.panels(len(result.materials), (4.2, 4.4), "data sets", (2.6, 1), 0.75)
+    figure, grid = style.panels(len(result.materials), 4.0, "data sets", (2.6, 1), 0.75)
     for fit, (upper, lower) in zip(result.materials, grid, strict=False):
         more = (lines or {}).get(fit.name, ())
         _plot_observable(result, fit, None, upper, lower, more, ratio, from_rest)
@@ -76,7 +77,7 @@ def curves_figure(
             lower.set_ylabel("")
     _legend(figure, grid)
     if title:
-        figure.suptitle(". ".join(filter(None, (title, figure.get_suptitle()))), fontsize="medium")
+        style.set_title(figure, ". ".join(filter(None, (title, figure.get_suptitle()))))
     return figure
 
 
@@ -85,7 +86,7 @@ def observables_figure(result: Any) -> Figure | None:
     measured = [(fit, observed) for fit in result.materials for observed in fit.data.observed]
     if not measured:
         return None
-    figure, grid = style.panels(len(measured), (4.2, 4.4), "observables", (2.6, 1), 0.75)
+    figure, grid = style.panels(len(measured), 4.0, "observables", (2.6, 1), 0.75)
     for (fit, observed), (upper, lower) in zip(measured, grid, strict=False):
         _plot_observable(result, fit, observed, upper, lower)
     _legend(figure, grid)
@@ -93,9 +94,7 @@ def observables_figure(result: Any) -> Figure | None:
 
 
 def _legend(figure: Figure, grid: Any) -> None:
-    columns = grid[0, 0].get_subplotspec().get_gridspec().ncols
-    first = ("data", "Zhou, fitted", EQ_17)
-    style.legend_below(figure, list(grid[:, 0]), 4 if columns > 2 else 2, first)
+    style.legend_below(figure, list(grid.flat), first=("data", "Zhou, fitted", EQ_17))
 
 
 def _plot_observable(
@@ -119,11 +118,17 @@ def _plot_observable(
     x = (data.velocity / scale)[rows]
     logarithmic = style.spans_decades(data.velocity[rows]) and not from_rest
     fine = data.velocity if sizes else _fine(data.velocity, logarithmic, from_rest)
-    by_size = [(style.BLUE, slice(None))]
+    subsets: Sequence[tuple[Any, str | None]] = [(slice(None), None)]
     if 1 < len(sizes) <= len(SHADES) and not ratio:
-        by_size = _plot_sizes(upper, result, fit, sizes, name, rows, logarithmic)
+        subsets = _plot_sizes(upper, result, fit, sizes, name, rows, logarithmic)
     else:
         _plot_fit(upper, result, fit, name, fine, scale)
+        if len(data.groups) <= len(SHADES):
+            named = len(result.materials) == 1
+            subsets = [
+                (data.group[rows] == group, f"group {style.plain(group)}" if named else None)
+                for group in data.groups
+            ] or subsets
     for line in lines:
         _plot_line(upper, line, *_sorted(fine / scale, line.value(fine)))
     style.points(upper, x, value, error, None if across is None else across / scale, label="data")
@@ -143,9 +148,9 @@ def _plot_observable(
     fitted = result.band(data.velocity, fit.name, observable=name).coefficient[rows]
     left = value - fitted if observed is None else 100 * (value / fitted - 1)
     part = error if observed is None or error is None else 100 * error / value
-    for color, which in by_size:
+    for (which, text), color, marker in zip(subsets, SHADES, MARKERS, strict=False):
         up = None if part is None else part[which]
-        style.points(lower, x[which], left[which], up, color=color, marker="s")
+        style.points(lower, x[which], left[which], up, None, color, marker, text)
     lower.ticklabel_format(axis="y", scilimits=(-3, 3))
     for ax in (upper, lower) if logarithmic else ():
         style.logarithmic_x(ax)
@@ -180,8 +185,8 @@ def _plot_fit(ax: Axes, result: Any, fit: Any, name: str, velocity: np.ndarray, 
 
 def _plot_sizes(
     ax: Axes, result: Any, fit: Any, sizes: Sequence[int], name: str, rows: Any, logarithmic: bool
-) -> list[tuple[str, Any]]:
-    """A curve with its band for each size; its colour, and which of the rows are of that size."""
+) -> list[tuple[Any, str | None]]:
+    """A curve with its band for each size; which of the rows are of that size."""
     for impact, color, dashes in zip(sizes, SHADES, DASHES, strict=False):
         of_size = of_impact(fit, impact)
         fine = _fine(of_size.data.velocity, logarithmic, False)
@@ -196,9 +201,9 @@ def _plot_sizes(
     style.band(ax, [], [], [], style.GREY, label=f"{100 * result.confidence:g} %, of the mean")
     radius = np.asarray(1.0 if fit.data.contact is None else fit.data.contact.radius)
     if not radius.ndim:
-        return [(style.BLUE, slice(None))]
+        return [(slice(None), None)]
     nearest = np.argmin(np.abs(np.log(radius[rows, None] / radius[sizes])), axis=1)
-    return [(SHADES[k], nearest == k) for k in range(len(sizes))]
+    return [(nearest == k, None) for k in range(len(sizes))]
 
 
 def _plot_line(ax: Axes, line: Line, x: np.ndarray, value: np.ndarray) -> None:
@@ -241,7 +246,7 @@ def restitution_figure(
 
     `rows` is an ascending curve, `confidence` that of its band, if any; `yields_at` [m/s] is marked.
     """
-    figure = style.new_figure(6.0, 4.0)
+    figure = style.new_figure(4.2)
     ax, v = figure.add_subplot(), rows.velocity
     limits = None
     if confidence is not None:
@@ -285,11 +290,10 @@ def _limits(rows: Any) -> tuple[float, float] | None:
 
 
 def comparison_figure(comparisons: Sequence[Any]) -> Figure:
-    """Draw each `Comparison` in one column: the curves of all laws, and below a close-up of the data."""
-    columns, same = len(comparisons), _same_curves(comparisons)
-    figure = style.new_figure(max(4.4 * columns, 6.5), 7.1)
-    grid = figure.subplots(2, columns, squeeze=False)
-    for (upper, lower), comparison in zip(grid.T, comparisons, strict=True):
+    """Draw for each `Comparison` the curves of all laws, and below a close-up of the data."""
+    same = _same_curves(comparisons)
+    figure, grid = style.panels(len(comparisons), 5.4, "data sets", (1, 1), 1.1)
+    for (upper, lower), comparison in zip(grid, comparisons, strict=False):
         data = comparison.data
         curves = [(e, *_curve(e)) for e in comparison.entries if e.label not in same]
         for ax in (upper, lower):
@@ -303,10 +307,11 @@ def comparison_figure(comparisons: Sequence[Any]) -> Figure:
         lower.set(ylim=(low - room, high + room), xlabel=style.VELOCITY)
         low, high = upper.get_ylim()
         upper.set(ylim=(min(0.0, low), 1.04 * high), title=style.plain(data.name))
-    for ax, more in zip(grid[:, 0], ("", ", enlarged"), strict=True):
-        ax.set_ylabel(style.EPSILON + more)
+        if upper.get_subplotspec().is_first_col():
+            upper.set_ylabel(style.EPSILON)
+            lower.set_ylabel(f"{style.EPSILON}, enlarged")
     order = ["data", *(_label(label, same) for label in comparisons[0].ranking)]
-    style.legend_below(figure, list(figure.axes), 3 if columns > 2 else 2, order)
+    style.legend_below(figure, list(grid[:, 0]), first=order)
     return figure
 
 

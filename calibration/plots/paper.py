@@ -51,8 +51,8 @@ def figure_2(result: Any) -> Figure:
 
 def linear_figure() -> Figure:
     """The linear spring: T ω0/π over the ε that goes in, and its force over the overlap."""
-    figure = style.new_figure(9.0, 4.0)
-    left, right = figure.subplots(1, 2)
+    figure = style.new_figure(7.2)
+    left, right = figure.subplots(2)
     steel = sj.STAINLESS_STEEL
     pair = sj.Contact.between_spheres(steel, steel, 0.0127, 0.0127)
     fine = np.geomspace(1e-3, 1.0, 400)

@@ -45,14 +45,13 @@ def profiles_figure(result: Any) -> Figure | None:
     }
     if not profiles:
         return None
-    figure, grid = style.panels(len(profiles), (3.4, 2.8), "profiles")
+    figure, grid = style.panels(len(profiles), 2.8, "profiles")
     for (label, profile), (ax,) in zip(profiles.items(), grid, strict=False):
         _plot_profile(ax, profile, result.estimates.get(label))
         name, _, owner = label.partition("[")
         ax.set_title(style.plain(owner.removesuffix("]")), fontsize="medium")
         ax.set_xlabel(symbols.math(name, symbols.model_of(label, result)))
-    columns = ax.get_subplotspec().get_gridspec().ncols
-    style.legend_below(figure, list(grid.flat), 4 if columns > 2 else 2)
+    style.legend_below(figure, list(grid.flat))
     return figure
 
 
@@ -131,7 +130,7 @@ def correlation_figure(result: Any) -> Figure | None:
         return None
     room = max(len(name) for *_, names, _ in blocks for name in names)
     size = max(0.8, LETTER * room) + CELL * max(len(matrix) for _, matrix, *_ in blocks)
-    figure, grid = style.panels(len(blocks), (size, size + 0.25), "data sets", legend=0.6)
+    figure, grid = style.panels(len(blocks), size + 0.25, "data sets", legend=0.6)
     if len(blocks) == 1:
         figure.set_figwidth(size)
     for (owner, *block), (ax,) in zip(blocks, grid, strict=False):
@@ -204,7 +203,8 @@ def posterior_figure(posterior: Any, result: Any = None) -> Figure:
     draws = {str(name): np.ravel(values) for name, values in [*variables][:MOST_PAIRED]}
     diverging = np.ravel(dataset_of(posterior, "sample_stats")["diverging"])
     names, count = list(draws), len(draws)
-    figure = style.new_figure(max(PAIR * count, 5.0), max(PAIR * count, 4.0) + 0.4)
+    size = max(PAIR * count, style.WIDTH)
+    figure = style.new_figure(size, size)
     grid = figure.subplots(count, count, squeeze=False)
     ends = {name: _ends(values) for name, values in draws.items()}
     logarithmic = {name: style.spans_decades(np.array(ends[name])) for name in names}
@@ -234,7 +234,7 @@ def posterior_figure(posterior: Any, result: Any = None) -> Figure:
         ax.tick_params(labelbottom=row == count - 1, labelleft=column == 0 < row)
         ax.set_xlabel(_label(x, result) if row == count - 1 else "")
         ax.set_ylabel(_label(y, result) if column == 0 < row else "")
-    style.legend_below(figure, list(figure.axes), columns=4)
+    style.legend_below(figure, list(figure.axes), 4)
     return figure
 
 
@@ -277,7 +277,7 @@ def unloading_line_figure(line: Any, contact: Any = None, name: str = "") -> Fig
         contact: of a further material, whose place is marked.
         name: of the further material.
     """
-    figure = style.new_figure(6.0, 4.6)
+    figure = style.new_figure(4.6)
     ax = figure.add_subplot()
     ends, reach = list(line.range), float(quantile(line.confidence, np.inf))
     shown = [
@@ -304,7 +304,7 @@ def unloading_line_figure(line: Any, contact: Any = None, name: str = "") -> Fig
         ax.annotate(text, (ratio, chi), offset, textcoords="offset points", zorder=3, **where)
     across, up = "effective modulus over yield strength, $E/Y$", r"unloading factor $\tilde\chi$"
     ax.set(xlabel=across, ylabel=up, ylim=ylim)
-    style.legend_below(figure, [ax], 2, ("Eq. (18)", "extrapolated"))
+    style.legend_below(figure, [ax], first=("Eq. (18)", "extrapolated"))
     return figure
 
 

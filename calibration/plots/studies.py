@@ -32,7 +32,7 @@ def plot_sensitivities(
         sensitivities: `Sensitivities`.
         critical_velocity: where the curves jump, at first yield.
     """
-    ax = style.axes_or_new(ax, 7.2, 4.2)
+    ax = style.axes_or_new(ax, 4.2)
     letters = np.array([in_math(declared.symbol) for declared in sensitivities.declared.values()])
     size = np.max(np.abs(sensitivities.absolute), axis=0)
     smallest = max(VISIBLE * np.max(size, initial=0.0), NOTHING)
@@ -59,7 +59,7 @@ def plot_tornado(sensitivities: Any, velocity: float, ax: Axes | None = None) ->
 
     A number stands where a bar is too short to see.
     """
-    ax = style.axes_or_new(ax, 4.0, 3.5)
+    ax = style.axes_or_new(ax, 3.5)
     ranked = sensitivities.ranked(velocity)[::-1]
     changes = np.array([value for _, value in ranked]) / 100
     colors = [style.BLUE if value >= 0 else style.VERMILION for value in changes]
@@ -86,17 +86,15 @@ def plot_tornado(sensitivities: Any, velocity: float, ax: Axes | None = None) ->
 def tornado_figure(sensitivities: Any) -> Figure:
     """Draw `plot_tornado` at every velocity."""
     count = len(sensitivities.velocity)
-    figure = style.new_figure(max(3.4 * count, 4.5), 3.6)
-    for ax, v in zip(
-        figure.subplots(1, count, squeeze=False)[0], sensitivities.velocity, strict=True
-    ):
+    figure, grid = style.panels(count, 3.4, "velocities", legend=0.0)
+    for v, ax in zip(sensitivities.velocity, grid[:, 0], strict=False):
         plot_tornado(sensitivities, v, ax)
     return figure
 
 
 def plot_design(design: Any, ax: Axes | None = None) -> Axes:
     """Draw θ ∂ε/∂θ of every parameter, the planned shots with their number, and equally spaced ones."""
-    ax = style.axes_or_new(ax, 6.8, 4.8)
+    ax = style.axes_or_new(ax, 4.8)
     letters = [in_math(symbol) for symbol in design.symbols]
     labels = [rf"{EFFECT}, $\theta$ = {letter}" for letter in letters]
     _plot_slopes(ax, design.grid, design.slopes, labels)
@@ -121,7 +119,7 @@ def plot_design(design: Any, ax: Axes | None = None) -> Axes:
 
 def plot_sobol(indices: Any, output: int = 0, ax: Axes | None = None) -> Axes:
     """Draw first-order and total indices with bootstrap limits."""
-    ax = style.axes_or_new(ax, 5.0, 3.5)
+    ax = style.axes_or_new(ax, 3.5)
     place = np.arange(len(indices.names))
     kinds = ("first", "first order", style.BLUE), ("total", "total", style.ORANGE)
     for shift, (name, label, color) in zip((-0.2, 0.2), kinds, strict=True):
@@ -144,15 +142,14 @@ def plot_sobol(indices: Any, output: int = 0, ax: Axes | None = None) -> Axes:
 
 def sobol_figure(indices: Any, assumed: str = "") -> Figure:
     """`plot_sobol` of every output with a common scale; `assumed` is the title above all panels."""
-    count, width = len(indices.first), max(4.2, 0.4 * len(indices.names))
-    figure = style.new_figure(max(width * count, 5.0), 3.8)
-    axes = list(figure.subplots(1, count, squeeze=False, sharey=True)[0])
+    count = len(indices.first)
+    figure = style.new_figure(2.4 * count + 0.8)
+    axes = list(figure.subplots(count, squeeze=False, sharey=True)[:, 0])
     for output, ax in enumerate(axes):
         plot_sobol(indices, output, ax)
-        ax.label_outer()
     style.legend_below(figure, axes, 3, ("first order", "total"))
     if assumed:
-        figure.suptitle(assumed, fontsize="medium")
+        style.set_title(figure, assumed)
     return figure
 
 

@@ -1,6 +1,7 @@
 """Colours that colour-blind readers distinguish, and figures without pyplot."""
 
 import math
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -20,21 +21,24 @@ BLUE, VERMILION, PURPLE, GREY = "#0072B2", "#D55E00", "#CC79A7", "#777777"
 VELOCITY = "impact velocity $v$ [m/s]"
 EPSILON = r"restitution $\varepsilon$"
 DPI = 150
+WIDTH = 6.4  # inches of a picture: scaled to 420 pixels, letters of 10 points are 9 pixels high
+COLUMNS = 2  # panels side by side in it
+LINE = 72  # letters of a title above all panels
 LONGEST = 20  # letters of a name in a small panel
 MOST = 24  # panels of one picture: a hundred take a minute to draw
 PREFIXES = {-3: "n", -2: "µ", -1: "m", 0: "", 1: "k", 2: "M"}  # of powers of 1000
 LOG_DECADES = 1.5  # data that span more are drawn over a logarithmic axis
 
 
-def new_figure(width: float, height: float) -> Figure:
+def new_figure(height: float, width: float = WIDTH) -> Figure:
     """A figure of this size in inches that draws itself with Agg."""
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
 
-def axes_or_new(ax: Axes | None, width: float = 5.0, height: float = 4.0) -> Axes:
-    return new_figure(width, height).add_subplot() if ax is None else ax
+def axes_or_new(ax: Axes | None, height: float = 4.0) -> Axes:
+    return new_figure(height).add_subplot() if ax is None else ax
 
 
 def save(picture: Figure | Axes, path: str | Path) -> None:
@@ -60,19 +64,19 @@ def shortened(text: str) -> str:
 
 def panels(
     count: int,
-    size: tuple[float, float],
+    height: float,
     what: str,
     heights: Sequence[float] = (1.0,),
     legend: float = 0.5,
 ) -> tuple[Figure, Any]:
-    """A figure with (panels, len(heights)) axes in up to three columns, for `MOST` of `count` things.
+    """A figure with (panels, len(heights)) axes in up to `COLUMNS` columns, for `MOST` of `count` things.
 
-    `size` is that of a panel and `legend` room below [inches], `heights` the relative ones of its axes.
+    `height` is that of a panel and `legend` room below [inches], `heights` the relative ones of its axes.
     """
     shown, deep = min(count, MOST), len(heights)
-    columns = 3 if shown == 3 else min(3, math.ceil(math.sqrt(shown)))
+    columns = min(shown, COLUMNS)
     rows = math.ceil(shown / columns)
-    figure = new_figure(max(size[0] * columns, 5.5), size[1] * rows + legend)
+    figure = new_figure(height * rows + legend * (shown % columns == 0))
     grid: Any = figure.subplots(
         deep * rows, columns, squeeze=False, height_ratios=[*heights] * rows
     )
@@ -80,9 +84,13 @@ def panels(
     for ax in each[shown:].flat:
         ax.remove()
     if shown < count:
-        title = f"the first {shown} of {count} {what}: all are in fit.json"
-        figure.suptitle(title, fontsize="medium")
+        set_title(figure, f"the first {shown} of {count} {what}: all are in fit.json")
     return figure, each[:shown]
+
+
+def set_title(figure: Figure, text: str) -> None:
+    """A title above all panels, in as many lines as it needs."""
+    figure.suptitle(textwrap.fill(text, LINE), fontsize="medium")
 
 
 def points(ax: Axes, x, y, up=None, across=None, color=BLACK, marker="o", label: str | None = None):
@@ -132,14 +140,22 @@ def mark_velocity(ax: Axes, velocity: float | None, inside: np.ndarray, **style_
         ax.axvline(velocity, linewidth=1, linestyle=":", **{"color": GREY, **style_of_line})
 
 
-def legend_below(figure: Figure, axes: Sequence[Axes], columns: int, first: Sequence[str] = ()):
-    """One legend for all axes, labels of `first` first; in `columns`, or as many as the figure takes."""
+def legend_below(figure: Figure, axes: Sequence[Axes], columns: int = 2, first: Sequence[str] = ()):
+    """One legend for all axes, labels of `first` first; in `columns`, or as many as the figure takes.
+
+    Where the last cell of a grid is free it goes there.
+    """
     handles: dict[str, Any] = {}
     for ax in axes:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
             handles.setdefault(label, handle)
     handles = {name: handles[name] for name in first if name in handles} | handles
-    place = {"loc": "outside lower center", "frameon": False}
+    place: dict[str, Any] = {"loc": "outside lower center", "frameon": False, "fontsize": "small"}
+    last = axes[-1].get_subplotspec()
+    if last is not None and not last.is_last_col():
+        above, rows = last.rowspan.start, last.get_gridspec().nrows
+        place |= {"loc": "center", "bbox_to_anchor": (0.76, 0.5 - 0.5 * above / rows)}
+        columns = 1
     for count in range(max(min(columns, len(handles)), 1), 0, -1):
         legend = figure.legend(handles.values(), handles.keys(), ncols=count, **place)
         if count == 1 or legend.get_window_extent().width <= figure.bbox.width:

@@ -26,7 +26,6 @@ from calibration.rounding import ABSENT
 # characters of Markdown's syntax: not an underscore between letters, and brackets only where
 # another bracket follows
 STRUCTURE = re.compile(r"[<>&`*\\#~$]|!(?=\[)|\](?=[\[(:])|:(?=//)|(?<![^\W_])_|_(?![^\W_])")
-LEAST = 0.3  # of its width, to which a picture shrinks on a narrow screen before it scrolls
 CODE = re.compile(r"(`(?:softjax )?[\w-]+`)")  # a word between backticks, in sentences of our own
 
 
@@ -62,11 +61,9 @@ def markdown(blocks: Iterable[Block]) -> str:
 def page(blocks: Sequence[Block], folder: Path | None = None) -> str:
     """HTML of blocks: a full page with the pictures of a folder, or a fragment without."""
 
-    def embedded(name: str) -> tuple[int, str]:
-        """Least width [pixels], and the file in base 64."""
-        png = (folder / name).read_bytes()  # type: ignore[operator]
-        least_width = int(LEAST * int.from_bytes(png[16:20], "big"))
-        return least_width, base64.b64encode(png).decode("ascii")
+    def embedded(name: str) -> str:
+        """The file in base 64."""
+        return base64.b64encode((folder / name).read_bytes()).decode("ascii")  # type: ignore[operator]
 
     is_full_page = folder is not None
     return _template("report.html").render(

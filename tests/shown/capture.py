@@ -34,6 +34,15 @@ def line(ax, label: str) -> tuple[np.ndarray, np.ndarray]:
     return np.asarray(found.get_xdata(), float), np.asarray(found.get_ydata(), float)
 
 
+def panels(figure, deep: int = 2) -> list[list]:
+    """Axes of a grid by panel, each of `deep` rows, in the order in which they are read."""
+    of: dict[tuple[int, int], list] = {}
+    for ax in figure.axes:
+        place = ax.get_subplotspec()
+        of.setdefault((place.rowspan.start // deep, place.colspan.start), []).append(ax)
+    return [of[place] for place in sorted(of)]
+
+
 def labels(ax) -> list[str]:
     return ax.get_legend_handles_labels()[1]
 

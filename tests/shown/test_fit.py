@@ -16,7 +16,7 @@ from calibration.rounding import with_error
 from tests.cases import pair
 from tests.decay import Decay
 from tests.fit_oracle import eq_17, thornton
-from tests.shown.capture import band, bars, drawn, labels, legend, line
+from tests.shown.capture import band, bars, drawn, labels, legend, line, panels
 from tests.shown.conftest import MADE, MASS, VELOCITY, shown, write
 from tests.shown.tables import Tags, cells, markdown_tables
 
@@ -66,8 +66,10 @@ def axes_of(figure):
 Y = r"$y = v/v_\mathrm{cr}$"
 PICTURES = {
     "main": [
-        *[(n, "", EPSILON * (n == NAMES[0]), "linear") for n in NAMES],
-        *[("", Y, "data − fit" * (k == 0), "linear") for k in range(3)],
+        *[(n, "", EPSILON * (n == NAMES[0]), "linear") for n in NAMES[:2]],
+        *[("", Y, "data − fit" * (k == 0), "linear") for k in range(2)],
+        (NAMES[2], "", EPSILON, "linear"),
+        ("", Y, "data − fit", "linear"),
     ],
     "main correlation": [(n, "", "", "linear") for n in NAMES],
     "curves": [("alloy", "", EPSILON, "log"), ("", SPEED, "data − fit", "log")],
@@ -205,7 +207,8 @@ def test_the_main_picture_has_each_curve_that_its_legend_names(main_job):
     expected = ["data", "Zhou, fitted", "Eq. (17)", printed, paper, hertz]
     assert [x for x in legend(figure) if x != "no solution beyond"] == [*expected, by_line]
     slope = fit.unloading_line
-    for ax, below, name in zip(figure.axes[:3], figure.axes[3:], NAMES, strict=True):
+    places = panels(figure)
+    for (ax, below), name in zip(places, NAMES, strict=True):
         contact, data = pair(name), fit.data[name]
         critical, limit = float(contact.critical_velocity), float(contact.limit_velocity)
         y, shown_17 = line(ax, "Eq. (17)")
@@ -228,8 +231,8 @@ def test_the_main_picture_has_each_curve_that_its_legend_names(main_job):
         at = np.asarray(sj.restitution(law, data.velocity).coefficient)
         np.testing.assert_allclose(left[0].get_ydata(), data.restitution - at, atol=1e-7)
         assert ("no solution beyond" in labels(ax)) == (name == "nylon")
-    end, last = line(figure.axes[2], "no solution beyond")
-    y, value = line(figure.axes[2], printed)
+    end, last = line(places[2][0], "no solution beyond")
+    y, value = line(places[2][0], printed)
     assert 22 < end[0] < 25  # there the loading force vanishes before the spheres stop
     assert np.all(np.isnan(value[y > end[0]]))
     assert last[0] == value[y == end[0]]

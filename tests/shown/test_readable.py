@@ -8,7 +8,7 @@ from matplotlib.image import imread
 import calibration as cal
 import softjax as sj
 from tests.command import run
-from tests.shown.capture import band, drawn, labels
+from tests.shown.capture import band, drawn, labels, legend
 
 STEEL = sj.STAINLESS_STEEL
 SMALL, LARGE = 0.004, 0.012  # radii [m]
@@ -40,6 +40,29 @@ def test_residuals_have_the_colour_of_their_size(two_sizes, tmp_path):
     for points, rows in zip(of_size, (slice(0, 6), slice(6, 12)), strict=True):
         np.testing.assert_allclose(points.get_xdata(), data.velocity[rows])
     assert "95 %, of the mean" in labels(upper)
+
+
+def test_residuals_of_groups_have_colours_and_markers(tmp_path):
+    contact = sj.Contact.between_spheres(STEEL, STEEL, SMALL, SMALL)
+    v, group = np.geomspace(0.5, 5.0, 9), list("BABABABAB")
+    e = np.asarray(sj.restitution(sj.ViscoelasticHertz(contact, 1e-6), v).coefficient)
+    e = e + np.where(np.array(group) == "A", 0.004, -0.004) + 0.001 * np.sin(9 * v)
+    data = cal.RestitutionData(v, e, contact, group=group)
+    with drawn() as figures:
+        cal.fit(data, sj.ViscoelasticHertz, profiles=False).report(tmp_path / "out")
+    figure = figures["curves.png"]
+    parts = {one.get_label(): one[0] for one in figure.axes[1].containers}
+    assert list(parts) == ["group B", "group A"]
+    assert legend(figure)[-2:] == ["group B", "group A"]
+    assert len({(to_hex(one.get_color()), one.get_marker()) for one in parts.values()}) == 2
+    np.testing.assert_allclose(parts["group A"].get_xdata(), v[1::2])
+
+
+def test_pictures_are_narrow_enough_for_a_telephone(alloy, main_job, compared, studied):
+    """Scaled from 6.4 inches to 420 pixels, letters of 10 points are 9 pixels high."""
+    for job in (alloy, main_job, compared, studied):
+        assert job.figures
+        assert all(figure.get_figwidth() <= 6.5 for figure in job.figures.values())
 
 
 def test_a_unit_stands_at_the_value_and_at_the_interval(two_sizes):
@@ -96,7 +119,7 @@ def test_the_profile_of_a_parameter_at_its_bound_is_drawn_over_a_linear_axis(tmp
 
 
 def test_titles_of_correlations_are_inside_the_picture(main_job, tmp_path):
-    """Of three materials in one row, with the explanation of the colours below them."""
+    """Of three materials, with the explanation of the colours below them."""
     figure = main_job.figures["correlation.png"]
     assert "blue: positive, orange: negative" in figure.get_supxlabel()
     cal.FitResult.load(main_job.folder / "fit.json").report(tmp_path)

@@ -194,7 +194,7 @@ def test_indices_stand_side_by_side_with_their_limits(studied):
     for k, (ax, v) in enumerate(zip(figure.axes, (1.0, 10.0), strict=True)):
         assert ax.get_title() == f"$v$ = {v:g} m/s"
         assert straight(ax)[0] == 0
-        assert ax.get_ylabel() == (r"share of the variance of $\varepsilon$" if k == 0 else "")
+        assert ax.get_ylabel() == r"share of the variance of $\varepsilon$"
         assert [t.get_text() for t in ax.get_xticklabels()] == [LETTERS[n] for n in names]
         containers = [c for c in ax.containers if hasattr(c, "patches")]
         for bars, which in zip(containers, ("first", "total"), strict=True):

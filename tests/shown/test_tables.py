@@ -112,7 +112,7 @@ def test_speed_is_microseconds_a_collision(law, ticking, tmp_path):
         points = [(max(float(r["largest_error"]), 1e-17), float(r["microseconds"])) for r in own]
         np.testing.assert_allclose(np.transpose(line(ax, family)), points)
     (few,) = {r["batch"] for r in rows if r["family"] == "SciPy loop"}
-    title = f"4,096 impacts at once\n(SciPy loop: {few}) where\nno number is given"
+    title = f"4,096 impacts at once (SciPy loop: {few}) where no number is given"
     assert ax.get_legend().get_title().get_text() == title
     notes = {text.get_text(): text.xy[1] for text in ax.texts if text.get_text()}
     large = [r for r in rows if int(r["batch"]) > 4096]
