@@ -195,7 +195,9 @@ class _Search:
             size = np.abs(values)
             size = np.maximum(size, np.maximum(1e-14 * np.max(size, axis=1, keepdims=True), 1e-14))
             along = np.einsum("fij,fi->fj", vectors, gradient) / size
-            step = np.clip(-np.einsum("fij,fj->fi", vectors, along), -LONGEST, LONGEST)
+            # not cut element by element: along such a step the value may rise
+            along = np.clip(along, -LONGEST, LONGEST)
+            step = -np.einsum("fij,fj->fi", vectors, along)
             last = np.max(np.abs(step), axis=1) <= ARRIVED
             share, moved = np.where(going, 1.0, 0.0), ~going | last
             trial = np.clip(y + share[:, None] * step, self.lower, self.upper)
