@@ -1,7 +1,8 @@
 """Small changes to a Python file, found in its syntax tree: what `tests.mutants` draws from.
 
 A change is an operator, comparison or constant replaced, two arguments swapped, a keyword dropped,
-min for max, a condition or sign negated. Annotations, docstrings and messages are left alone.
+min for max, a condition or sign negated. Annotations, docstrings and messages are left alone, and
+so are the code's checks of itself: `zip(strict=True)`, `dataclass(frozen=True)`.
 """
 
 import ast
@@ -36,6 +37,8 @@ COMPARISONS = {
 }
 OPPOSITES = [("min", "max"), ("minimum", "maximum"), ("all", "any"), ("floor", "ceil")]
 OPPOSITE = {a: b for pair in OPPOSITES for a, b in (pair, pair[::-1])}
+COMMUTE = {"min", "max", "minimum", "maximum", "hypot", "logical_and", "logical_or"}
+CHECKED = {"zip", "dataclass"}  # whose keywords change nothing but what is refused
 TEXT = (ast.List, ast.Tuple, ast.JoinedStr)  # + joins these
 Site = tuple[str, int, int, str]  # kind, start, end, new text
 
@@ -130,15 +133,18 @@ class _Source:
 
     def _of_call(self, function, arguments, keywords) -> Iterator[Site]:
         """Two arguments swapped, the opposite function, each keyword dropped with the comma before it."""
-        if len(arguments) >= 2 and not any(isinstance(a, ast.Starred) for a in arguments[:2]):
+        name = _name(function)
+        starred = any(isinstance(one, ast.Starred) for one in arguments[:2])
+        if len(arguments) >= 2 and not starred and name not in COMMUTE:
             (start, after), (before, end) = map(self.span, arguments[:2])
             parts = ((before, end), (after, before), (start, after))
             yield "arguments", start, end, "".join(self.text(*part) for part in parts)
-        name = getattr(function, "id", getattr(function, "attr", ""))
         if name in OPPOSITE:
             end = self.span(function)[1]
             yield "opposite", end - len(name), end, OPPOSITE[name]
-        for keyword in keywords if len(arguments) + len(keywords) >= 2 else []:
+        if len(arguments) + len(keywords) < 2 or name in CHECKED:
+            return
+        for keyword in keywords:
             start, end = self.span(keyword)
             before = self.source[:start].rstrip()
             if keyword.arg and before.endswith(b","):
@@ -154,10 +160,16 @@ def _nodes(node) -> Iterator[ast.AST]:
         case ast.FunctionDef() | ast.AsyncFunctionDef():
             defaults = (*node.args.defaults, *node.args.kw_defaults)
             within = [*node.decorator_list, *defaults, *node.body]
+        case ast.Call() if _name(node.func) in CHECKED:
+            within = node.args
         case _:
             within = [] if _is_left_alone(node) else list(ast.iter_child_nodes(node))
     for one in within:
         yield from _nodes(one) if one is not None else ()
+
+
+def _name(function) -> str:
+    return getattr(function, "id", getattr(function, "attr", ""))
 
 
 def _is_left_alone(node) -> bool:

@@ -1,60 +1,65 @@
 """Whether the tests notice small changes to the code, drawn at random.
 
     python -m tests.mutants --seed 3 --count 70       # ten changes in each package
-    python -m tests.mutants --package fitting --count 10
+    python -m tests.mutants --package fitting --count 10 --lines lines.json
 
-Each change is made in a copy of the project, where the tests of its package are run until one fails.
+Each change is made in a copy of the project, where the tests that run its line are run until one
+fails, the cheapest first, up to `--seconds` in all: where that left some out, it says how many.
 What nobody noticed is printed with its difference. A change that changes nothing belongs in
 `equivalent.txt`, with the reason.
 """
 
 import argparse
+import compileall
+import multiprocessing
 import os
+import py_compile
 import random
+import resource
 import shutil
-import subprocess
+import signal
 import sys
 import tempfile
+import traceback
 from collections import Counter, defaultdict
-from concurrent.futures import ThreadPoolExecutor
+from importlib import import_module
+from itertools import accumulate
 from pathlib import Path
-from queue import SimpleQueue
-from typing import NamedTuple
+from typing import NamedTuple, NoReturn
 
 import pytest
 
 from tests.changes import Change, changes_of, drawn
+from tests.lines import Lines, measured
 
 TOP = Path(__file__).parents[1]
 EQUIVALENT = Path(__file__).with_name("equivalent.txt")
 
 
-class Package(NamedTuple):
-    """Files whose path begins with one of `starts`, and where their tests are, the nearest first."""
-
-    starts: tuple[str, ...]
-    tests: tuple[str, ...]
-
-
 PACKAGES = {  # a file is of the first that it begins with
-    "softjax": Package(
-        ("softjax/",),
-        ("physics", "hard", "derivatives", "jax", "refusals", "fit/test_laws.py"),
-    ),
-    "fitting": Package(("calibration/fitting/",), ("fit", "statistics", "refusals", "golden")),
-    "studies": Package(("calibration/studies/",), ("statistics", "commands", "shown", "golden")),
-    "data": Package(
-        ("calibration/data/", "calibration/schema.py"),
-        ("data", "refusals", "commands", "golden"),
-    ),
-    "report and plots": Package(
-        ("calibration/report/", "calibration/plots/"), ("shown", "commands", "golden")
-    ),
-    "export": Package(("calibration/particle_codes/",), ("export", "refusals", "golden")),
-    "commands": Package(
-        ("calibration/",), ("commands", "system", "shown", "refusals", "export", "golden")
-    ),
+    "softjax": ("softjax/",),
+    "fitting": ("calibration/fitting/",),
+    "studies": ("calibration/studies/",),
+    "data": ("calibration/data/", "calibration/schema.py"),
+    "report and plots": ("calibration/report/", "calibration/plots/"),
+    "export": ("calibration/particle_codes/",),
+    "commands": ("calibration/",),
 }
+# where the tests of users' doings are; those of documents, oracles and rules run or read other code
+PLACES = (
+    *("physics", "hard", "jax", "derivatives", "data", "fit", "statistics"),
+    *("refusals", "commands", "shown", "export", "system", "golden"),
+)
+OWN = ("softjax", "calibration", "tests")
+LIBRARIES = (
+    "diffrax",
+    "optax",
+    "pandas",
+    "pydantic",
+    "scipy.optimize",
+    "scipy.stats",
+    "hypothesis",
+)
 NOTICED, SURVIVED, TIMEOUT = "noticed", "survived", "timeout"
 EQUAL = "equivalent"
 
@@ -62,19 +67,11 @@ EQUAL = "equivalent"
 class Outcome(NamedTuple):
     change: Change
     result: str
-    by: str  # the test that failed
+    by: str  # the test that failed, or how many did not
 
 
 def package_of(file: str) -> str:
-    return next(name for name, one in PACKAGES.items() if file.startswith(one.starts))
-
-
-def tests_of(file: str) -> list[str]:
-    """Files and folders of the tests of a file's package, those with a name like its own first."""
-    folders = [f"tests/{place}" for place in PACKAGES[package_of(file)].tests]
-    stem = Path(file).stem.strip("_")
-    near = [path for place in folders for path in sorted((TOP / place).glob(f"test_*{stem}*.py"))]
-    return [*(path.relative_to(TOP).as_posix() for path in near), *folders]
+    return next(name for name, one in PACKAGES.items() if file.startswith(one))
 
 
 def every_change(top: Path = TOP) -> dict[str, list[Change]]:
@@ -100,54 +97,68 @@ def equivalents(text: str) -> set[tuple[str, str, str]]:
     return found
 
 
-# pytest, in a process that begins no test after half of its seconds of the processor
-LIMITED = """
-import resource, sys, time, pytest
-limit = int(sys.argv[1])
-resource.setrlimit(resource.RLIMIT_CPU, (limit, limit + 5))
-class Half:
-    def pytest_runtest_teardown(self, item):
-        item.session.shouldstop = time.process_time() > limit / 2
-sys.exit(pytest.main(sys.argv[2:], plugins=[Half()]))
-"""
+def affordable(tests: list[str], seconds: dict[str, float], most: float) -> list[str]:
+    """The first of the tests, of `most` seconds in all; the first in any case."""
+    spent = accumulate(seconds[test] for test in tests)
+    within = [test for test, all_of in zip(tests, spent, strict=True) if all_of <= most]
+    return within or tests[:1]
 
 
 def tried(copy: Path, change: Change, tests: list[str], limit: int) -> Outcome:
     """The change made in a copy of the project, the tests run there, and the change undone."""
+    if not tests:
+        return Outcome(change, SURVIVED, "no test runs it")
     path = copy / change.file
     source = path.read_bytes()
     path.write_bytes(change.applied(source))
     try:
-        done = tests_run(copy, tests, limit)
-    except subprocess.TimeoutExpired:
-        return Outcome(change, TIMEOUT, "")
+        code, said = tests_run(copy, tests, limit)
     finally:
         path.write_bytes(source)
-    if done.returncode < 0:
+    if code < 0:
         return Outcome(change, TIMEOUT, "")
-    failed = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
-    if not failed and done.returncode in (pytest.ExitCode.OK, pytest.ExitCode.INTERRUPTED):
+    failed = [line for line in said.splitlines() if line.startswith(("FAILED", "ERROR"))]
+    if not failed and code == pytest.ExitCode.OK:
         return Outcome(change, SURVIVED, "")
     if not failed:  # the change, or the place where the tests are run
-        plain = tests_run(copy, ["--collect-only", *tests], limit)
-        if plain.returncode:
-            raise RuntimeError(
-                f"no test runs in {copy}: {plain.stdout[-500:]}{plain.stderr[-500:]}"
-            )
+        code, said = tests_run(copy, ["--collect-only", *tests], limit)
+        if code:
+            raise RuntimeError(f"no test runs in {copy}: {said[-1000:]}")
     return Outcome(change, NOTICED, [*failed, "not even collected"][0].partition(" - ")[0])
 
 
-def tests_run(copy: Path, tests: list[str], limit: int) -> subprocess.CompletedProcess:
-    words = ["-x", "-q", "-n", "0", "-p", "no:cacheprovider", "--tb=line"]
-    return subprocess.run(
-        [sys.executable, "-c", LIMITED, str(limit), *words, *tests],
-        cwd=copy,
-        env=os.environ | {"PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"},
-        capture_output=True,
-        text=True,
-        errors="replace",
-        timeout=10 * limit,
-    )
+def tests_run(copy: Path, tests: list[str], limit: int) -> tuple[int, str]:
+    """The exit code of pytest in a copy of the project, below 0 beyond the limit, and what it said."""
+    with tempfile.TemporaryFile("w+", errors="replace") as said:
+        sys.stdout.flush()
+        child = os.fork()  # of a process that has the libraries loaded, and runs nothing else
+        if not child:
+            _tests_run(copy, tests, limit, said.fileno())
+        code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        said.seek(0)
+        return code, said.read()
+
+
+def _tests_run(copy: Path, tests: list[str], limit: int, out: int) -> NoReturn:
+    code = pytest.ExitCode.INTERNAL_ERROR
+    try:
+        resource.setrlimit(resource.RLIMIT_CPU, (limit, limit + 5))
+        signal.alarm(10 * limit)
+        os.dup2(out, 1)
+        os.dup2(out, 2)
+        sys.stdout = sys.stderr = os.fdopen(out, "w", buffering=1)
+        os.chdir(copy)
+        os.environ["PYTHONPATH"] = str(copy)
+        sys.path[:] = [str(copy), *(one for one in sys.path if one not in ("", str(TOP)))]
+        for name in [name for name in sys.modules if name.partition(".")[0] in OWN]:
+            del sys.modules[name]
+        words = ["-x", "-q", "-n", "0", "-p", "no:cacheprovider", "--tb=line", "--assert=plain"]
+        code = pytest.main([*words, *tests])
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        sys.stdout.flush()
+        os._exit(code)
 
 
 def main() -> int:
@@ -155,7 +166,11 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--count", type=int, default=70, help="changes, of all packages together")
     parser.add_argument("--package", choices=PACKAGES, action="append")
+    parser.add_argument("--seconds", type=float, default=60, help="of the tests of a change")
     parser.add_argument("--limit", type=int, default=300, help="seconds of processor time a change")
+    parser.add_argument(
+        "--lines", type=Path, help="which test runs which line: read if it is there, else written"
+    )
     parser.add_argument("--jobs", type=int, default=2)
     outcomes = run(parser.parse_args())
     rates = defaultdict(Counter)
@@ -177,28 +192,72 @@ def run(arguments) -> list[Outcome]:
         share = arguments.count // len(packages) + (k < arguments.count % len(packages))
         picked += drawn(every[name], share, random.Random(f"{arguments.seed} {name}"), TOP)
     with tempfile.TemporaryDirectory(prefix="softjax-mutants-") as folder:
-        copies: SimpleQueue[Path] = SimpleQueue()
-        ignored = shutil.ignore_patterns(".git", ".*_cache", "__pycache__")
-        for k in range(arguments.jobs):
-            copies.put(shutil.copytree(TOP, Path(folder) / str(k), ignore=ignored))
         os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", f"{folder}/compiled")
         os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
-
-        def outcome(change: Change) -> Outcome:
-            if (change.file, change.before, change.after) in equal:
-                return Outcome(change, EQUAL, "")
-            copy = copies.get()
-            try:
-                return tried(copy, change, tests_of(change.file), arguments.limit)
-            finally:
-                copies.put(copy)
-
+        lines = known_lines(arguments.lines, Path(folder) / "noted")
+        for library in LIBRARIES:
+            import_module(library)
+        forked = multiprocessing.get_context("fork")
+        copies = forked.SimpleQueue()
+        for k in range(arguments.jobs):
+            copies.put(copied(Path(folder) / str(k)))
         outcomes = []
-        with ThreadPoolExecutor(arguments.jobs) as pool:
-            for one in pool.map(outcome, picked):
+        with forked.Pool(arguments.jobs, _take, (copies,)) as pool:
+            work = [_work(change, lines, equal, arguments) for change in picked]
+            for one in pool.imap(_outcome, work):
                 outcomes.append(one)
                 print(told(one), flush=True)
     return outcomes
+
+
+class Work(NamedTuple):
+    """A change, the tests of it that are run, of how many, and the limit of their seconds."""
+
+    change: Change
+    tests: list[str]
+    of: int
+    limit: int
+    is_equivalent: bool
+
+
+def _work(change: Change, lines: Lines, equal: set, arguments) -> Work:
+    chosen = lines.chosen(change.file, change.line)
+    tests = affordable(chosen, lines.seconds, arguments.seconds)
+    is_equivalent = (change.file, change.before, change.after) in equal
+    return Work(change, tests, len(chosen), arguments.limit, is_equivalent)
+
+
+def _take(copies) -> None:
+    """A process that tries changes has a copy of the project of its own."""
+    global own_copy
+    own_copy = copies.get()
+
+
+def _outcome(work: Work) -> Outcome:
+    if work.is_equivalent:
+        return Outcome(work.change, EQUAL, "")
+    one = tried(own_copy, work.change, work.tests, work.limit)
+    return one._replace(by=one.by or f"{len(work.tests)} of {work.of} tests")
+
+
+def copied(to: Path) -> Path:
+    """A copy of the project, whose compiled files are of a source's content, not of its time."""
+    ignored = shutil.ignore_patterns(".git", ".*_cache", "__pycache__")
+    shutil.copytree(TOP, to, ignore=ignored)
+    for name in OWN:
+        mode = py_compile.PycInvalidationMode.CHECKED_HASH
+        compileall.compile_dir(to / name, quiet=1, invalidation_mode=mode)
+    return to
+
+
+def known_lines(file: Path | None, copy: Path) -> Lines:
+    """What a file of lines says, or what the tests show in a copy."""
+    if file is not None and file.exists():
+        return Lines.read(file)
+    lines = measured(copied(copy), [f"tests/{place}" for place in PLACES])
+    if file is not None:
+        lines.write(file)
+    return lines
 
 
 def told(outcome: Outcome) -> str:

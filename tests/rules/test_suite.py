@@ -2,13 +2,15 @@
 
 import random
 import textwrap
+from itertools import count
 
 import pytest
 
 from tests import mutants
 from tests.changes import changes_of, drawn
 from tests.conftest import dealt
-from tests.mutants import NOTICED, SURVIVED, equivalents, tried
+from tests.lines import Lines, noting, ran
+from tests.mutants import NOTICED, SURVIVED, affordable, equivalents, tried
 
 MODULE = textwrap.dedent(
     '''\
@@ -36,12 +38,21 @@ def test_every_sort_of_change_is_found_once():
         (5, "comparison", "if x <= 0 and factor:"),
         (5, "constant", "if x < 1 and factor:"),
         (7, "opposite", "low = max(x * factor, LIMIT)"),
-        (7, "arguments", "low = min(LIMIT, x * factor)"),
         (7, "operator", "low = min(x / factor, LIMIT)"),
         (8, "keyword", "return round(low)"),
         (8, "constant", "return round(low, ndigits=4)"),
         (10, "sign", "return x"),
     }
+
+
+def test_what_commutes_and_what_only_checks_is_left_alone():
+    def of(line):
+        return {one.after for one in changes_of("module.py", line.encode())}
+
+    assert of("x = max(a, b)") == {"x = min(a, b)"}
+    assert of("x = atan2(a, b)") == {"x = atan2(b, a)"}
+    assert of("x = zip(a, b, strict=True)") == {"x = zip(b, a, strict=True)"}
+    assert of("@dataclass(frozen=True, eq=False)\nclass Pair:\n    n: int = 1") == {"n: int = 2"}
 
 
 def test_what_is_applied_is_what_is_told():
@@ -103,11 +114,54 @@ def project(tmp_path):
     return tmp_path
 
 
-def test_tests_of_a_file_are_those_of_its_package_the_nearest_first():
-    found = mutants.tests_of("calibration/fitting/two_step.py")
-    assert found[:3] == ["tests/fit/test_two_step.py", "tests/fit", "tests/statistics"]
-    places = {place for one in mutants.PACKAGES.values() for place in one.tests}
-    assert [place for place in places if not (mutants.TOP / "tests" / place).exists()] == []
+def test_each_line_of_a_function_notes_that_it_ran():
+    source = """'A module.'
+def sign(x, least=0):
+    'Of x.'
+    if (
+        x > least
+    ):
+        return 1
+    try:
+        1 / x
+    except ZeroDivisionError:
+        return 0
+    return -1
+LIMIT = 2
+"""
+    text, numbers = noting(source, count())
+    names: dict = {}
+    exec(text, names)
+    assert names["__doc__"] == "A module."
+    assert names["sign"].__doc__ == "Of x."
+    assert sorted(map(int, numbers)) == list(range(2, 13))
+
+    def lines(x):
+        ran.clear()
+        names["sign"](x)
+        return [int(line) for line, number in numbers.items() if number in ran]
+
+    assert set(range(2, 13)) - {*lines(3)} == {8, 9, 10, 11, 12}
+    assert set(range(2, 13)) - {*lines(0)} == {7, 12}
+
+
+def test_tests_that_run_a_line_are_chosen_the_cheapest_first():
+    lines = Lines(
+        {"module.py": {"3": 1, "4": 2}, "other.py": {"1": 5}},
+        {"a::slow": 9.0, "a::quick": 0.5, "b::one": 0.1, "b::two": 0.2, "c::other": 0.1},
+        {"a::slow": [1, 2], "a::quick": [1], "b::one": [1], "b::two": [1, 5], "c::other": [5]},
+    )
+    every = ["b::one", "b::two", "a::quick", "a::slow"]
+    assert lines.chosen("module.py", 3) == every
+    assert lines.chosen("module.py", 4) == ["a::slow"]
+    assert lines.chosen("module.py", 1) == every  # of no function
+    assert lines.chosen("none.py", 1) == []
+    assert affordable(every, lines.seconds, 1.0) == every[:3]
+    assert affordable(["a::slow"], lines.seconds, 1.0) == ["a::slow"]
+
+
+def test_places_of_tests_are_there():
+    assert [place for place in mutants.PLACES if not (mutants.TOP / "tests" / place).exists()] == []
 
 
 def test_changes_are_noticed_or_not_and_undone(project):

@@ -1,0 +1,153 @@
+"""Which test runs which lines, and how long it takes: what `tests.mutants` chooses tests by.
+
+In a copy of the project each statement of a function notes that it ran. A jitted function runs once
+for all later tests of its file, so that programs are forgotten between files.
+"""
+
+import ast
+import json
+import os
+import subprocess
+import sys
+import time
+from collections import defaultdict
+from collections.abc import Iterator
+from itertools import count
+from pathlib import Path
+from typing import NamedTuple
+
+FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
+NOTE = "from tests.lines import ran as _ran"
+ran: set[int] = set()  # numbers of statements
+
+
+class Lines(NamedTuple):
+    """Numbers of statements by file and line; the seconds and the statements of each test."""
+
+    numbers: dict[str, dict[str, int]]
+    seconds: dict[str, float]
+    statements: dict[str, list[int]]
+
+    @classmethod
+    def read(cls, file: Path) -> "Lines":
+        return cls(*json.loads(file.read_text(encoding="utf-8")))
+
+    def write(self, file: Path) -> None:
+        file.write_text(json.dumps(self), encoding="utf-8")
+
+    def chosen(self, file: str, line: int) -> list[str]:
+        """Tests that run a line (of no function: any of its file): those below a second, then others.
+
+        Tests of a file stay together, the cheapest files first.
+        """
+        of_file = self.numbers.get(file, {})
+        wanted = {of_file[str(line)]} if str(line) in of_file else set(of_file.values())
+        found = [test for test, ran in self.statements.items() if not wanted.isdisjoint(ran)]
+        places = {test: (self.seconds[test] >= 1, test.partition("::")[0]) for test in found}
+        totals: dict[tuple[bool, str], float] = defaultdict(float)
+        for test, place in places.items():
+            totals[place] += self.seconds[test]
+        return sorted(found, key=lambda test: (places[test][0], totals[places[test]], places[test]))
+
+
+def noting(source: str, numbers: Iterator[int]) -> tuple[str, dict[str, int]]:
+    """A file whose functions note which statements run, and the number of each line of theirs."""
+    tree = ast.parse(source)
+    of_lines: dict[str, int] = {}
+    _note(tree.body, False, numbers, of_lines)
+    place = next((k for k, one in enumerate(tree.body) if not _is_head(one)), len(tree.body))
+    tree.body[place:place] = ast.parse(NOTE).body
+    return ast.unparse(tree), of_lines
+
+
+def _note(body: list, inside: bool, numbers: Iterator[int], of_lines: dict[str, int]) -> None:
+    for one in tuple(body):
+        number, function = next(numbers), isinstance(one, FUNCTIONS)
+        notes = function or (inside and not _is_head(one))
+        if notes:
+            first = min(part.lineno for part in (one, *getattr(one, "decorator_list", ())))
+            of_lines |= dict.fromkeys(map(str, range(first, one.end_lineno + 1)), number)
+        for block in _blocks(one):
+            _note(block, inside or function, numbers, of_lines)
+        if notes:
+            within = one.body if function else body
+            place = int(_is_head(one.body[0])) if function else body.index(one)
+            within[place:place] = ast.parse(f"_ran.add({number})").body
+
+
+def _blocks(node) -> list[list]:
+    parts = [node, *getattr(node, "handlers", ()), *getattr(node, "cases", ())]
+    blocks = [getattr(part, name, []) for part in parts for name in ("body", "orelse", "finalbody")]
+    return [block for block in blocks if block]
+
+
+def _is_head(node) -> bool:
+    """A docstring, or an import from the future: these stay first."""
+    text = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+    return text or (isinstance(node, ast.ImportFrom) and node.module == "__future__")
+
+
+class Noted:
+    """The plugin of pytest in the copy."""
+
+    def __init__(self):
+        self.seconds, self.statements, self.failed, self.path = {}, {}, set(), None
+
+    def pytest_runtest_setup(self, item):
+        if item.path != self.path:
+            import jax
+
+            jax.clear_caches()
+            self.path = item.path
+
+    def pytest_runtest_logstart(self, nodeid):
+        ran.clear()
+        self.begun = time.process_time()
+
+    def pytest_runtest_logreport(self, report):
+        if report.failed:
+            self.failed.add(report.nodeid)
+
+    def pytest_runtest_logfinish(self, nodeid):
+        if nodeid not in self.failed:  # as some do that look at their own sources
+            self.seconds[nodeid] = time.process_time() - self.begun
+            self.statements[nodeid] = sorted(ran)
+
+
+def main(place: str, to: str) -> None:
+    """Run the tests of a place, and write what each runs."""
+    import pytest
+
+    from tests.lines import Noted  # of the module that the files import
+
+    noted = Noted()
+    words = ["-q", "-n", "0", "-p", "no:cacheprovider", "--tb=no", place]
+    pytest.main(words, plugins=[noted])
+    text = json.dumps([noted.seconds, noted.statements])
+    Path(to).write_text(text, encoding="utf-8")
+
+
+def measured(copy: Path, places: list[str]) -> Lines:
+    """Run the tests of the places in a copy of the project, which is changed, a process a place."""
+    numbers, every = {}, count()
+    for path in sorted((*copy.glob("softjax/**/*.py"), *copy.glob("calibration/**/*.py"))):
+        text, of_lines = noting(path.read_text(encoding="utf-8"), every)
+        path.write_text(text, encoding="utf-8")
+        numbers[path.relative_to(copy).as_posix()] = of_lines
+    lines = Lines(numbers, {}, {})
+    for place in places:
+        to = copy / "noted.json"
+        subprocess.run(
+            [sys.executable, "-m", "tests.lines", place, str(to)],
+            cwd=copy,
+            env=os.environ | {"PYTHONPATH": str(copy)},
+            check=True,
+        )
+        seconds, statements = json.loads(to.read_text(encoding="utf-8"))
+        lines.seconds.update(seconds)
+        lines.statements.update(statements)
+    return lines
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
