@@ -208,15 +208,16 @@ def run_stage(
         ends, branches = _along_branches(problem, np.unique([z, *starts], axis=0), options)
         problem = held_at(problem, ends[0].z[0])
     evaluations, found = sum(end.evaluations for end in ends), ends[0]
+    others = ends[1:]
     if unsettled:
-        found, problem, more = _lowest(problem, _minima(ends), options)
+        found, others, problem, more = _lowest(problem, _minima(ends), options)
         evaluations += more
         is_scaled = problem.transform.kind != NONE
         if np.any(np.abs(found.z[0] - z)[is_scaled] > RUN_OUT):
             # while variances were large a loss might go to nothing, and is too flat there to come back
             again = search(held_at(problem, z), z[None], options.optimiser, limit=options.max_steps)
-            found, problem, more = _lowest(problem, [found, again], options)
-            evaluations += again.evaluations + more
+            found, higher, problem, more = _lowest(problem, [found, again], options)
+            others, evaluations = [*others, *higher], evaluations + again.evaluations + more
             if branches is not None:
                 _, branches = _along_branches(problem, found.z, options)
     if unsettled and branches is not None:
@@ -233,8 +234,9 @@ def run_stage(
     if weigh and not unsettled and any(one.unknown for one in problem.errors):
         problem, found = _in_units(problem, found)
     seconds = time.perf_counter() - begun
-    others = tuple(ends[1:])
-    return StageFit(problem, found.z[0], found, others, report, crossings, seconds, branches, alone)
+    return StageFit(
+        problem, found.z[0], found, tuple(others), report, crossings, seconds, branches, alone
+    )
 
 
 def _noise(problem: Problem):
@@ -370,13 +372,16 @@ def _in_units(problem: Problem, found: Found) -> tuple[Problem, Found]:
     return problem, found._replace(cost=scale * found.cost, gradient_norm=norm)
 
 
-def _lowest(problem: Problem, ends: list[Found], options: FitOptions) -> tuple[Found, Problem, int]:
-    """Each minimum with its own variances settled; the one of the highest likelihood."""
+def _lowest(problem: Problem, ends: list[Found], options: FitOptions):
+    """Each minimum with its own variances settled: the one of the highest likelihood, the others,
+    the problem there, and the evaluations."""
     settled = [settle(held_at(problem, end.z[0]), end, options) for end in ends]
     likely = [_minus_two_log(one, found) for found, one, _ in settled]
     best = int(np.argmin([float(f"{value:.9g}") for value in likely]))
-    found, problem, _ = settled[best]
-    return found, problem, sum(more for _, _, more in settled)
+    evaluations = sum(more for *_, more in settled)
+    found, problem, _ = settled.pop(best)
+    others = [other for other, *_ in settled]
+    return found, others, problem, evaluations
 
 
 def _minus_two_log(problem: Problem, found: Found) -> float:

@@ -20,8 +20,9 @@ from calibration.fitting.material import Estimate, Goodness, MaterialFit, Outlie
 from calibration.fitting.problem import DRAG, Element, Lanes, Problem
 from calibration.fitting.profiles import Profile, estimate_of, estimates, weighted_deviation
 from calibration.fitting.request import Request, blocks_of
+from calibration.fitting.search import TINY
 from calibration.fitting.stages import ComponentFit, StageFit, fitted
-from calibration.fitting.uncertainty import leverages, quantile
+from calibration.fitting.uncertainty import NULL_SHARE, RANK_TOLERANCE, leverages, quantile
 from calibration.fitting.warnings import FitWarning
 from calibration.observables import OBSERVABLES, RESTITUTION
 from calibration.parameters import NONE
@@ -41,6 +42,7 @@ STATIONS = 32
 # Share of the cost that the next step may still promise where the gradient counts as vanished. A
 # rise no larger than that may be made of what the two searches left undone.
 LEFT_UNDONE = 1e-8
+OPEN = ("rank-deficient", "sigma-psi-not-separate")  # an infinite condition number is the same fact
 LEAST_NOISE = 1e-10  # of ε: less is no noise
 LAW_OR_GROUPS = (
     f"The law misses a trend ({warnings.OTHER_LAWS}), or other points belong together than those of the "
@@ -291,7 +293,10 @@ def _carried(fit: ComponentFit, g: int, what: Callable, confidence: float, most:
             far_down, down, up, far_up = (at(k, n * DIFFERENCE * scale) for n in (-2, -1, 1, 2))
             gradient[k] = (8 * (up - down) - (far_up - far_down)) / (12 * DIFFERENCE * scale)
     acting = (gradient != 0) & (fit.uncertainty.limits == 0)
-    covariance = fit.uncertainty.covariance[np.ix_(acting, acting)]
+    whole = fit.uncertainty.covariance
+    if fit.is_likelihood and _shows(fit, gradient):  # along no null direction
+        whole = fit.uncertainty.of_predictions
+    covariance = whole[np.ix_(acting, acting)]
     variance = float(gradient[acting] @ covariance @ gradient[acting]) if np.any(acting) else np.nan
     if not (np.isfinite(variance) and variance >= 0):
         return Estimate(value, method="derived")
@@ -300,6 +305,16 @@ def _carried(fit: ComponentFit, g: int, what: Callable, confidence: float, most:
     reach = quantile(confidence, degrees) * error
     low, high = float(max(value - reach, 0.0)), float(min(value + reach, most))
     return Estimate(value, error, low, high, "derived")
+
+
+def _shows(fit: ComponentFit, gradient: np.ndarray) -> bool:
+    """Whether a number moves the points with whatever moves it."""
+    problem = fit.final.problem
+    rows = problem.linearise(fit.z[None]).jacobian[0]
+    size = np.maximum(np.linalg.norm(rows, axis=0), TINY)
+    rows, way = rows / size, gradient[problem.active] / size
+    left = way - rows.T @ np.linalg.lstsq(rows.T, way, rcond=RANK_TOLERANCE)[0]
+    return bool(np.linalg.norm(left) <= NULL_SHARE * np.linalg.norm(way))
 
 
 def _with_eq_17(fit: ComponentFit, g: int, part: MaterialFit):
@@ -364,22 +379,26 @@ def _of_component(
 ) -> list[FitWarning]:
     """Warnings about a component's parameters and searches."""
     elements, found_warnings = fit.component.elements, []
-    skewed: dict[str | None, list[str]] = {}
+    separation = _separation(fit, curves)
+    together: dict[tuple[str, str | None], list[str]] = {}
     for k, element in enumerate(elements):
         if "[" in element.name:  # a number of a network is no parameter that anybody reads
             continue
-        owner = _owner(fit, element.sets)
-        found_warnings += _of_estimate(element.name, found[k], owner)
-        found_warnings += _named(
-            "prior-conflict", [_off_prior(element, float(fit.theta[k]))], owner
-        )
+        name, owner = element.name, _owner(fit, element.sets)
+        found_warnings += _at_an_end(name, found[k], owner)
+        far = _off_prior(element, float(fit.theta[k]))
+        found_warnings += _named("prior-conflict", [far], owner)
+        is_open = found[k].method == "undetermined" and found[k].value is not None
+        if is_open and not found[k].at_bound and not _is_apart(separation, name, owner):
+            together.setdefault(("rank-deficient", owner), []).append(name)
         if found[k].skewed:
-            skewed.setdefault(owner, []).append(element.name)
-    for owner, names in skewed.items():
-        found_warnings.append(
-            FitWarning("skewed", f"the likelihood is skewed in {' and '.join(names)}", owner)
-        )
-    separation = _separation(fit, curves)
+            together.setdefault(("skewed", owner), []).append(name)
+    for (code, owner), names in together.items():
+        named, verb = " and ".join(names), "do" if len(names) > 1 else "does"
+        cause = f"the likelihood is skewed in {named}"
+        if code == "rank-deficient":
+            cause = f"{named} {verb} not show in these data, or only together with another"
+        found_warnings.append(FitWarning(code, cause, owner))  # type: ignore[arg-type]
     found_warnings += _collinear(fit, separation)
     for stage in fit.stages:
         name, reason = stage.report.stage, stage.report.reason
@@ -400,14 +419,15 @@ def _of_component(
                 FitWarning("several-minima", cause, _owner(fit, elements[k].sets))
             )
     condition = float(fit.uncertainty.condition_number)
-    if condition > warnings.CONDITION_LIMIT and not _has_whole(fit):
+    is_known = any(one.code in OPEN for one in found_warnings + separation)
+    if condition > warnings.CONDITION_LIMIT and not (is_known or _has_whole(fit)):
         cause = f"the Jacobian's condition number is {condition:.2g}"
         every = tuple(range(len(fit.component.sets)))
         found_warnings.append(FitWarning("ill-conditioned", cause, _owner(fit, every)))
     return found_warnings + separation
 
 
-def _of_estimate(name: str, estimate: Estimate, owner: str | None) -> Iterator[FitWarning]:
+def _at_an_end(name: str, estimate: Estimate, owner: str | None) -> Iterator[FitWarning]:
     if estimate.value is None:
         # the cost falls, ever less, however large the parameter gets
         cause = f"{name} grows without bound: any large value is as good"
@@ -416,9 +436,12 @@ def _of_estimate(name: str, estimate: Estimate, owner: str | None) -> Iterator[F
         # no bound that somebody gave: ε_17 is 1 at most
         advice = AT_ONE if name == "eps_up" and estimate.value == 1 else ""
         yield FitWarning("at-bound", f"{name} is at its bound {estimate.value:.4g}", owner, advice)
-    elif estimate.method == "undetermined":
-        cause = f"{name} does not show in these data, or only together with another"
-        yield FitWarning("rank-deficient", cause, owner)
+
+
+def _is_apart(separation: list[FitWarning], name: str, owner: str | None) -> bool:
+    """Whether a warning of σ and ψ, which are not separate, is about it."""
+    found = {one.material for one in separation if one.code == "sigma-psi-not-separate"}
+    return name in ("sigma", "psi") and owner in found
 
 
 def _off_prior(element: Element, value: float) -> str | None:
@@ -437,7 +460,6 @@ def _collinear(fit: ComponentFit, separation: list[FitWarning]) -> list[FitWarni
     if not fit.is_likelihood or _has_whole(fit):
         return []
     known, points, elements = fit.uncertainty, fit.final.problem.points, fit.component.elements
-    apart = {one.material for one in separation if one.code == "sigma-psi-not-separate"}
     covariance = np.where(known.known[:, None] & known.known, known.covariance, 0.0)
     size = np.sqrt(np.where(np.diag(covariance) > 0, np.diag(covariance), np.inf))
     correlation = np.triu(covariance / np.outer(size, size), 1)
@@ -446,7 +468,7 @@ def _collinear(fit: ComponentFit, separation: list[FitWarning]) -> list[FitWarni
         one, other = elements[i], elements[j]
         shared = sorted({*one.sets} & {*other.sets})
         owner = _owner(fit, tuple(shared)) if shared else None
-        if not shared or (owner in apart and {one.name, other.name} == {"sigma", "psi"}):
+        if not shared or all(_is_apart(separation, e.name, owner) for e in (one, other)):
             continue
         cause = f"{one.name} and {other.name} are correlated by {correlation[i, j]:.5f}"
         measured = np.flatnonzero((points.set == shared[0]) & (points.observable == 0))

@@ -10,7 +10,7 @@ from scipy import optimize, stats
 import calibration as cal
 import softjax as sj
 from calibration.observables import OBSERVABLES, predicted
-from tests.coverage.test_coverage import CASES
+from tests.coverage.test_coverage import CASES, ZHOU, sensed
 from tests.fit_data import pair
 
 PAIR = pair("stainless steel")
@@ -144,16 +144,46 @@ def test_slopes_of_every_observable_are_those_of_differences():
         np.testing.assert_allclose(slope, (high - low) / 2e-5, rtol=1e-6, atol=1e-12)
 
 
+SENSORS = "sensors, zhou, contact times and dents"
+E = "contact.youngs_modulus"
+
+
+def sensed_set(seed, stated=False):
+    """24 impacts above first yield, with the errors stated or not."""
+    if not stated:
+        return cal.CoverageCase("x", **CASES[SENSORS]).data(np.random.default_rng((7, 0, seed)))
+    errors = {"contact_time": (0.02, True), "dent_diameter": (0.03, True)}
+    data = sensed(np.random.default_rng((7, 0, seed)), ZHOU, **errors)
+    return replace(data, errors=None, uncertainty=0.005)
+
+
+@pytest.mark.parametrize("stated", [False, True])
 @pytest.mark.parametrize("seed", [21, 42])
-def test_a_loss_that_went_to_nothing_while_scatters_were_large_comes_back(seed):
-    """With E free the first scatters let σ go to 0 and ε_up to 1, where χ̃ is off by ten errors."""
-    case = cal.CoverageCase(
-        "x", **CASES["sensors, zhou, contact times and dents"] | {"options": QUICK}
-    )
-    data = case.data(np.random.default_rng((7, 0, seed)))
-    result = case.fit(data)
+def test_a_loss_that_went_to_nothing_while_scatters_were_large_comes_back(seed, stated):
+    """With E free the first scatters let σ go to 0 and ε_up to 1, where χ̃ is off by ten errors.
+
+    With stated errors nothing leads there.
+    """
+    data, free = sensed_set(seed, stated), {E: cal.Parameter()}
+    result = cal.fit(data, None, free, **QUICK)
     near = {"chi": cal.Parameter(0.22), "sigma": cal.Parameter(0.24), "psi": cal.Parameter(0.45)}
-    elsewhere = replace(case, parameters={**case.parameters, **near}).fit(data)
+    elsewhere = cal.fit(data, None, free | near, **QUICK)
     assert result.log_likelihood == pytest.approx(elsewhere.log_likelihood, abs=1e-5)
     assert result.values["chi"] == pytest.approx(0.22, abs=0.03)
     assert 0.97 < result.material().derived["eps_up"].value < 0.995
+
+
+def test_what_of_sigma_and_psi_does_not_show_is_one_warning_and_eps_up_has_its_error():
+    """With E free σ and ψ stay, though all points are above first yield: searches end anywhere along them.
+
+    Minima that differ in nothing else are one, also where scatters changed since.
+    """
+    data, free = sensed_set(0), {E: cal.Parameter()}
+    result = cal.fit(data, None, free, profiles=False, starts=8)
+    assert [one.code for one in result.warnings] == ["sigma-psi-not-separate"]
+    held = cal.fit(data, None, free | {"psi": result.values["psi"]}, **QUICK)
+    one, other = (fit.material().derived["eps_up"] for fit in (result, held))
+    nearly = 0.01 * other.standard_error
+    assert one.standard_error == pytest.approx(other.standard_error, rel=0.01)
+    for end in ("value", "low", "high"):
+        assert getattr(one, end) == pytest.approx(getattr(other, end), abs=nearly)
