@@ -189,6 +189,19 @@ class Residuals(NamedTuple):
         """1 for every point that is there."""
         return np.ones(self.off.shape) if self.kept is None else self.kept
 
+    @property
+    def square(self) -> Float[np.ndarray, "fits"]:
+        """Mean square of the residuals."""
+        squares = np.sum(self.counted * self.off**2, axis=1) / np.sum(self.counted, axis=1)
+        return np.maximum(squares, 1e-30)
+
+    @property
+    def sizes(self) -> Float[np.ndarray, "fits p"]:
+        """√ of what is known of each parameter, with errors as large as the residuals."""
+        own = np.sum(self.counted[..., None] * self.jacobian**2, axis=1) / self.square[:, None]
+        known = np.diagonal(self.information, axis1=1, axis2=2) + own
+        return np.sqrt(np.maximum(known, 1e-300))
+
 
 @dataclass(frozen=True)
 class Problem:

@@ -73,11 +73,11 @@ def criterion(errors: Errors, s: Mapping[str, Any], residuals: Residuals, restri
     off, shares = white[..., -1], np.sqrt(errors.family(s).information)
     jacobian = white[..., :-1] * np.asarray(shares)[..., None]
     information = residuals.information + np.swapaxes(jacobian, 1, 2) @ jacobian
-    size = np.sqrt(np.maximum(np.diagonal(information, axis1=1, axis2=2), 1e-300))
-    scaled = information / (size[:, :, None] * size[:, None])
-    # a direction that the points leave open is a constant: the rounding of its 0 would move ln det
-    values, vectors = np.linalg.eigh(scaled)
-    values = np.maximum(values, RIDGE)
+    # in units that s does not move: a direction that does not show is a constant, and costs no point
+    size, free = residuals.sizes, residuals.free
+    information = np.where(free[:, :, None] & free[:, None], information, 0.0)
+    values, vectors = np.linalg.eigh(information / (size[:, :, None] * size[:, None]))
+    values = np.where(values > RIDGE * np.max(values, axis=1, keepdims=True), values, RIDGE)
     value = value + np.sum(np.log(values), axis=1) + 2 * np.sum(np.log(size), axis=1)
     if not errors.is_normal or residuals.gradient is None:
         return value
@@ -123,9 +123,7 @@ class _Search:
 
     def __init__(self, errors: Errors, residuals: Residuals, restricted: bool):
         self.errors, self.residuals, self.restricted = errors, residuals, restricted
-        counted = residuals.counted
-        squares = np.sum(counted * residuals.off**2, axis=1) / np.sum(counted, axis=1)
-        self.square = np.maximum(squares, 1e-30)
+        self.square = residuals.square
         self.unit = np.stack([self._unit(kind) for kind in errors.unknown], axis=1)
         self.is_dof = np.array([kind == "dof" for kind in errors.unknown])
         self.lower = np.where(self.is_dof, np.log(DOF[0]), np.log(LEAST))

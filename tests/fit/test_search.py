@@ -108,6 +108,8 @@ def test_a_parameter_that_moves_nothing_but_rounding_stays_where_it_is():
         assert result.standard_errors["scale"] is None
         assert 1e-4 < abs(result.values["scale"]) < 1e4
         assert "rank-deficient" in {one.code for one in result.warnings}
+        noise = result.materials[0].noise
+        assert noise == pytest.approx(np.std(restitution, ddof=1), rel=1e-6)  # it costs no point
         # ε² = 1/(1 + steeper)
         error = np.std(restitution, ddof=1) / 12**0.5
         slope = 2 / np.mean(restitution) ** 3
