@@ -5,11 +5,12 @@ for all later tests of its file, so that programs are forgotten between files.
 """
 
 import ast
+import atexit
 import json
 import os
 import subprocess
 import sys
-import time
+import tempfile
 from collections import defaultdict
 from collections.abc import Iterator
 from itertools import count
@@ -19,6 +20,10 @@ from typing import NamedTuple
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 NOTE = "from tests.lines import ran as _ran"
 ran: set[int] = set()  # numbers of statements
+ELSEWHERE = "STATEMENTS_THAT_RAN"  # a folder, where processes that a test starts say what they ran
+if ELSEWHERE in os.environ:
+    said = Path(os.environ[ELSEWHERE], str(os.getpid()))
+    atexit.register(lambda: said.write_text(json.dumps(sorted(ran)), encoding="utf-8"))
 
 
 class Lines(NamedTuple):
@@ -38,16 +43,25 @@ class Lines(NamedTuple):
     def chosen(self, file: str, line: int) -> list[str]:
         """Tests that run a line (of no function: any of its file): those below a second, then others.
 
-        Tests of a file stay together, the cheapest files first.
+        At last those beside them that run the file elsewhere: what was compiled runs unseen. Tests of
+        a file stay together, the cheapest files first.
         """
         of_file = self.numbers.get(file, {})
-        wanted = {of_file[str(line)]} if str(line) in of_file else set(of_file.values())
+        whole = set(of_file.values())
+        wanted = {of_file[str(line)]} if str(line) in of_file else whole
         found = [test for test, ran in self.statements.items() if not wanted.isdisjoint(ran)]
-        places = {test: (self.seconds[test] >= 1, test.partition("::")[0]) for test in found}
-        totals: dict[tuple[bool, str], float] = defaultdict(float)
+        files = {test.partition("::")[0] for test in found}
+        places = {test: (1 + (self.seconds[test] >= 1), test.partition("::")[0]) for test in found}
+        for test, ran in self.statements.items():
+            path = test.partition("::")[0]
+            if test not in places and path in files and not whole.isdisjoint(ran):
+                places[test] = 3, path
+        totals: dict[tuple[int, str], float] = defaultdict(float)
         for test, place in places.items():
             totals[place] += self.seconds[test]
-        return sorted(found, key=lambda test: (places[test][0], totals[places[test]], places[test]))
+        return sorted(
+            places, key=lambda test: (places[test][0], totals[places[test]], places[test])
+        )
 
 
 def noting(source: str, numbers: Iterator[int]) -> tuple[str, dict[str, int]]:
@@ -90,7 +104,8 @@ def _is_head(node) -> bool:
 class Noted:
     """The plugin of pytest in the copy."""
 
-    def __init__(self):
+    def __init__(self, elsewhere: Path):
+        self.elsewhere = elsewhere
         self.seconds, self.statements, self.failed, self.path = {}, {}, set(), None
 
     def pytest_runtest_setup(self, item):
@@ -102,7 +117,7 @@ class Noted:
 
     def pytest_runtest_logstart(self, nodeid):
         ran.clear()
-        self.begun = time.process_time()
+        self.begun = sum(os.times()[:4])  # of this process and of those that it started
 
     def pytest_runtest_logreport(self, report):
         if report.failed:
@@ -110,7 +125,10 @@ class Noted:
 
     def pytest_runtest_logfinish(self, nodeid):
         if nodeid not in self.failed:  # as some do that look at their own sources
-            self.seconds[nodeid] = time.process_time() - self.begun
+            self.seconds[nodeid] = sum(os.times()[:4]) - self.begun
+            for path in self.elsewhere.iterdir():
+                ran.update(json.loads(path.read_text(encoding="utf-8")))
+                path.unlink()
             self.statements[nodeid] = sorted(ran)
 
 
@@ -120,9 +138,11 @@ def main(place: str, to: str) -> None:
 
     from tests.lines import Noted  # of the module that the files import
 
-    noted = Noted()
     words = ["-q", "-n", "0", "-p", "no:cacheprovider", "--tb=no", place]
-    pytest.main(words, plugins=[noted])
+    with tempfile.TemporaryDirectory(prefix="softjax-ran-") as folder:
+        os.environ[ELSEWHERE] = folder
+        noted = Noted(Path(folder))
+        pytest.main(words, plugins=[noted])
     text = json.dumps([noted.seconds, noted.statements])
     Path(to).write_text(text, encoding="utf-8")
 
