@@ -561,7 +561,8 @@ def guided_search(
     if least > TINY_SQUARED**0.5:
         return found
     # √ bends sharply where a point hardly rebounds: damped steps find their way there
-    again = search(problem, places, lanes=twice, limit=3 * limit)
+    begun = np.concatenate([found.begun, z])
+    again = search(problem, places, begun=begun, lanes=twice, limit=3 * limit)
     lower = again.cost[: len(z)] <= again.cost[len(z) :]
     best = again.some(np.where(lower, 0, len(z)) + np.arange(len(z)))
     return best._replace(evaluations=found.evaluations + again.evaluations)

@@ -195,8 +195,9 @@ def run_stage(
     if problem.moves:
         # far from the points a steep curve would explain them by errors of velocities
         level = _weighing(few, [errors.diagonal(s) for errors, s in _noise(few)])
-        starts = np.concatenate([end.z for end in _from_starts(level, starts, QUICKEST)])
-        starts = np.concatenate([starts, along_valley(level, starts[:1])])
+        ends = _from_starts(level, starts, QUICKEST)
+        around = ends[0].some([0, 0])._replace(z=along_valley(level, ends[0].z))
+        starts = np.concatenate([_as_starts(level, end) for end in (*ends, around)])
     branches, alone = None, False
     if problem.elastic is None:
         ends = _from_starts(few, starts, options.optimiser, options.max_steps)
@@ -270,6 +271,13 @@ def along_valley(problem: Problem, z: Float[np.ndarray, "fits elements"]) -> Pla
     return np.where(transform.kind == NONE, inside, places)
 
 
+def _as_starts(problem: Problem, end: Found) -> Places:
+    """Where searches ended; what ran to an end of its range begins again, or nothing would tell of that end."""
+    z, active = np.array(end.z), problem.active
+    z[:, active] = np.where(end.limits != 0, end.begun[:, active], z[:, active])
+    return z
+
+
 def _from_starts(problem: Problem, starts, optimiser: str, limit: int = MOST) -> list[Found]:
     """End points of searches from each start, as one batch; the best first."""
     return _apart_by_rank(guided_search(problem, starts, optimiser, limit=limit))
@@ -312,7 +320,9 @@ def _from_more_starts(
         places = candidates(problem, z, count, options.seed + k + 1, wide)
         more = _from_starts(problem, best_starts(problem, places, most), QUICKEST)
         if float(more[0].cost[0]) < float(ends[0].cost[0]) * (1 - CHANGED):
-            more[0] = search(problem, more[0].z, options.optimiser, limit=options.max_steps)
+            more[0] = search(
+                problem, _as_starts(problem, more[0]), options.optimiser, limit=options.max_steps
+            )
         ends = sorted([*ends, *more], key=_rank)
     reached = [one for one in ends if _as_low(one, ends[0])]
     alone = len(ends) > len(reached) == 1 and _misses(problem, ends[0])
@@ -348,11 +358,15 @@ def _misses(problem: Problem, found: Found) -> bool:
 
 def _along_branches(problem: Problem, starts, options: FitOptions) -> tuple[list[Found], Branches]:
     """Searches where the cost jumps, and the branches around the best."""
-    every = [by_branches(problem, z) for z in starts]
-    every.sort(key=lambda pair: float(f"{pair[0].cost[0]:.6g}"))
-    optimiser, limit = options.optimiser, options.max_steps
-    ends = [search(held_at(problem, b.z[0]), b.z, optimiser, limit=limit) for b, _ in every]
-    return sorted(ends, key=_rank), every[0][1]
+    every = [(z, *by_branches(problem, z)) for z in starts]
+    every.sort(key=lambda found: float(f"{found[1].cost[0]:.6g}"))
+    ends = []
+    for z, best, _ in every:
+        begun = np.full(best.z.shape, np.nan)
+        begun[:, problem.active] = np.where(best.limits != 0, z[problem.active], np.nan)
+        here, keywords = held_at(problem, best.z[0]), {"begun": begun, "limit": options.max_steps}
+        ends.append(search(here, best.z, options.optimiser, **keywords))
+    return sorted(ends, key=_rank), every[0][2]
 
 
 def _rank(found: Found) -> tuple[float, bool]:

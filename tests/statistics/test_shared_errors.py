@@ -101,6 +101,21 @@ def test_variances_end_where_the_likelihood_is_largest_though_it_bends_the_other
     assert result.materials[0].timing == pytest.approx(2e-4, rel=0.3)
 
 
+def test_variances_of_specimens_count_no_direction_that_the_points_cannot_move():
+    """At a second minimum σ acts on next to nothing: with its slope the likelihood had no bound below."""
+    ball = sj.Material(youngs_modulus=70e9, poisson_ratio=0.33, density=2700, yield_strength=250e6)
+    contact = sj.Contact.with_wall(ball, sj.STAINLESS_STEEL, 0.01)
+    velocity, specimen = np.geomspace(0.01, 6, 30), np.arange(30) % 5
+    exact = sj.restitution(sj.Zhou(contact, chi=1.5, sigma=0.8, psi=0.5), velocity).coefficient
+    random = np.random.default_rng(1005)
+    noise, offset = 0.002 * random.standard_normal(30), 0.004 * random.standard_normal(5)
+    measured, labels = np.asarray(exact) + noise + offset[specimen], list(map(str, specimen))
+    data = cal.RestitutionData(velocity, measured, contact=contact, group=labels)
+    result = cal.fit(data, profiles=False)
+    assert result.converged
+    assert result.materials[0].variances["scatter"] == pytest.approx(0.002**2, rel=0.5)
+
+
 def specimens(groups=6, each=5, offset=0.003, scatter=0.0015, seed=2, u=None):
     """Equally many impacts of each specimen, all of one ε but for the specimens' offsets."""
     random = np.random.default_rng(seed)
