@@ -39,17 +39,17 @@ def fitted(name: str, form: str = "first-order", **changed) -> sj.Zhou:
 def law_with(d, X, form: str = "first-order", sigma=0.0, psi=1.0) -> sj.Zhou:
     """A law in SI units that reduces to the given d and X, every number of it as they are."""
     ratio = math.pi ** (4 / 3) * np.sqrt(3 / 8 / np.asarray(d))  # d = (3/8) π^{8/3} (Y/E)²
-    one = np.ones_like(ratio)
-    contact = sj.Contact(ratio * 1e8, 0.01 * one, 0.02 * one, 1e8 * one, 1e6 * one)
-    return sj.Zhou(contact, np.asarray(X) / ratio, sigma * one, psi * one, form=form)
+    ones = np.ones_like(ratio)
+    contact = sj.Contact(ratio * 1e8, 0.01 * ones, 0.02 * ones, 1e8 * ones, 1e6 * ones)
+    return sj.Zhou(contact, np.asarray(X) / ratio, sigma * ones, psi * ones, form=form)
 
 
 def law_of(inputs: dict) -> sj.Zhou:
     """The law of the effective inputs of a reference collision, which may be arrays."""
     names = ("E", "R", "M", "Y", "v_lim")
     contact = sj.Contact(*(inputs[name] for name in names), area=inputs["area"])
-    own = {name: inputs[name] for name in ("chi", "sigma", "psi", "form", "kappa")}
-    return sj.Zhou(contact, **own)
+    parameters = {name: inputs[name] for name in ("chi", "sigma", "psi", "form", "kappa")}
+    return sj.Zhou(contact, **parameters)
 
 
 @lru_cache

@@ -61,10 +61,10 @@ class Change(NamedTuple):
 
 def changes_of(file: str, source: bytes) -> list[Change]:
     """All changes, in their order; after some the file may be no Python any more."""
-    found = []
+    changes = []
     whole = _Source(source)
-    every = (site for node in _nodes(ast.parse(source)) for site in whole.sites(node))
-    for kind, start, end, new in every:
+    sites = (site for node in _nodes(ast.parse(source)) for site in whole.sites(node))
+    for kind, start, end, new in sites:
         changed = source[:start] + new.encode() + source[end:]
         if changed == source:
             continue
@@ -74,8 +74,8 @@ def changes_of(file: str, source: bytes) -> list[Change]:
         after = changed[first : last + len(changed) - len(source)]
         line = source[:start].count(b"\n") + 1
         words = (_one_line(source[first:last]), _one_line(after))
-        found.append(Change(file, line, kind, start, end, new, *words))
-    return sorted(found, key=lambda change: (change.start, change.kind))
+        changes.append(Change(file, line, kind, start, end, new, *words))
+    return sorted(changes, key=lambda change: (change.start, change.kind))
 
 
 def _one_line(source: bytes) -> str:
@@ -134,7 +134,7 @@ class _Source:
     def _of_call(self, function, arguments, keywords) -> Iterator[Site]:
         """Two arguments swapped, the opposite function, each keyword dropped with the comma before it."""
         name = _name(function)
-        starred = any(isinstance(one, ast.Starred) for one in arguments[:2])
+        starred = any(isinstance(argument, ast.Starred) for argument in arguments[:2])
         if len(arguments) >= 2 and not starred and name not in COMMUTE:
             (start, after), (before, end) = map(self.span, arguments[:2])
             parts = ((before, end), (after, before), (start, after))
@@ -164,8 +164,8 @@ def _nodes(node) -> Iterator[ast.AST]:
             within = node.args
         case _:
             within = [] if _is_left_alone(node) else list(ast.iter_child_nodes(node))
-    for one in within:
-        yield from _nodes(one) if one is not None else ()
+    for child in within:
+        yield from _nodes(child) if child is not None else ()
 
 
 def _name(function) -> str:
@@ -184,7 +184,7 @@ def _is_text(node) -> bool:
 
 def drawn(changes: list[Change], count: int, rng, top: Path) -> list[Change]:
     """`count` of them at random, each at most once, after which the file in `top` is still Python."""
-    shuffled = (one for one in rng.sample(changes, len(changes)) if _parses(one, top))
+    shuffled = (change for change in rng.sample(changes, len(changes)) if _parses(change, top))
     return list(islice(shuffled, count))
 
 

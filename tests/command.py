@@ -50,11 +50,11 @@ def noisy(uncertainty=0.01, name="my alloy", yield_strength=4.0e7) -> cal.Restit
 def write_alloy(folder, settings="", below="", second=False, uncertainty=0.01):
     """The material file of `noisy`, and of a harder alloy where there is a second; its path."""
     data = noisy(uncertainty)
-    header, told = "velocity [m/s],restitution", ""
+    header, column = "velocity [m/s],restitution", ""
     if uncertainty is not None:
-        header, told = header + ",uncertainty", f",{uncertainty!r}"
+        header, column = header + ",uncertainty", f",{uncertainty!r}"
     points = zip(data.velocity.tolist(), data.restitution.tolist(), strict=True)
-    lines = [header, *(f"{v!r},{e!r}{told}" for v, e in points)]
+    lines = [header, *(f"{v!r},{e!r}{column}" for v, e in points)]
     (folder / "my_alloy.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
     text = ALLOY.format(settings=settings, below=below)
     if second:

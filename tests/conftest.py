@@ -68,7 +68,7 @@ def dealt(files: dict[str, int], count: int) -> list[list[str]]:
     """Files in `count` parts of nearly as many tests; those of a file share what they compile."""
     parts: list[list[str]] = [[] for _ in range(count)]
     for file in sorted(files, key=lambda file: (-files[file], file)):
-        min(parts, key=lambda part: sum(files[one] for one in part)).append(file)
+        min(parts, key=lambda part: sum(map(files.get, part))).append(file)
     return parts
 
 

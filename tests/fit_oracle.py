@@ -99,7 +99,7 @@ def fit(model, start, restitution, uncertainty=None):
     """Least squares in physical units: values, covariance (absolute where u is given), residual."""
     weight = np.ones(len(restitution)) if uncertainty is None else 1 / uncertainty
     start = np.asarray(start, float)
-    found = least_squares(
+    minimum = least_squares(
         lambda p: weight * (model(*p) - restitution),
         start,
         jac="3-point",
@@ -110,9 +110,9 @@ def fit(model, start, restitution, uncertainty=None):
     )
     scale = 1.0
     if uncertainty is None:
-        scale = np.sum(found.fun**2) / (len(restitution) - len(start))
+        scale = np.sum(minimum.fun**2) / (len(restitution) - len(start))
     off = lambda p: weight * (model(*p) - restitution)  # noqa: E731
-    return found.x, np.linalg.inv(curvature(off, found.x, found.jac)) * scale, found.fun
+    return minimum.x, np.linalg.inv(curvature(off, minimum.x, minimum.jac)) * scale, minimum.fun
 
 
 def curvature(residual, at, jacobian):

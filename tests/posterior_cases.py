@@ -55,9 +55,9 @@ def check_grid(posterior, log_density, **axes):
     density = log_density(*grid)
     weight = np.exp(density - np.max(density))
     weight /= np.sum(weight)
-    for name, one in zip(axes, grid, strict=True):
-        expected = np.sum(weight * one)
-        width = np.sum(weight * (one - expected) ** 2) ** 0.5
+    for name, values in zip(axes, grid, strict=True):
+        expected = np.sum(weight * values)
+        width = np.sum(weight * (values - expected) ** 2) ** 0.5
         mean, error, deviation, its_error = moments(posterior["posterior"][name])
         assert error < 0.07 * width, name
         assert abs(mean - expected) < 5 * error, name

@@ -30,9 +30,9 @@ def rebound(force: Callable, velocity: float, mass: float = MASS, clamped: bool 
 
     parted.terminal, parted.direction = True, -1
     options = {"method": "DOP853", "rtol": 1e-10, "atol": 1e-13, "max_step": 0.01}
-    found = solve_ivp(motion, (0.0, 50.0), [0.0, 1.0], events=parted, **options)
-    assert found.t_events[0].size
-    return -float(found.y[1, -1])
+    solution = solve_ivp(motion, (0.0, 50.0), [0.0, 1.0], events=parted, **options)
+    assert solution.t_events[0].size
+    return -float(solution.y[1, -1])
 
 
 def spring_rebound(k1: float, k2: Callable, velocity: float, mass: float = MASS) -> float:
@@ -46,8 +46,8 @@ def lines_of(text: str) -> list[str]:
 
 
 def time_step(text: str) -> float:
-    (found,) = re.findall(r"^(?:timestep|time_step =) (\S+)$", text, re.M)
-    return float(found)
+    (number,) = re.findall(r"^(?:timestep|time_step =) (\S+)$", text, re.M)
+    return float(number)
 
 
 def ratio(restitution: float) -> float:
@@ -65,7 +65,7 @@ def lammps_force(text: str, mass: float = MASS, types="* *", radius: float = RAD
     start = f"pair_coeff {types} "
     (coefficients,) = (line for line in lines_of(text) if line.startswith(start))
     model, *words = coefficients.removeprefix(start).split()
-    k, told = float(words[0]), float(words[1])
+    k, damping = float(words[0]), float(words[1])
     assert words[2:7] == ["tangential", "linear_nohistory", "0.0", "0.0", "damping"]
     kind, limited = words[7], words[8:]
     assert limited == ["limit_damping"]
@@ -74,9 +74,9 @@ def lammps_force(text: str, mass: float = MASS, types="* *", radius: float = RAD
     def force(overlap, rate):
         touch = math.sqrt(radius * overlap) if hertz else 1.0
         eta = {
-            "viscoelastic": lambda: told * touch * mass,
+            "viscoelastic": lambda: damping * touch * mass,
             "coeff_restitution": lambda: (
-                2 * ratio(told) * math.sqrt(mass * k * touch * (1.25 if hertz else 1.0))
+                2 * ratio(damping) * math.sqrt(mass * k * touch * (1.25 if hertz else 1.0))
             ),
         }[kind]()
         return k * touch * overlap + eta * rate
@@ -86,14 +86,14 @@ def lammps_force(text: str, mass: float = MASS, types="* *", radius: float = RAD
 
 def liggghts_numbers(text: str) -> tuple[str, dict[str, float]]:
     """The model and the properties of one type of atoms."""
-    found = {}
+    numbers = {}
     kinds = r"(peratomtypepair 1|peratomtype|scalar)"
     for line in lines_of(text):
-        told = re.fullmatch(rf"fix \S+ all property/global (\S+) {kinds} (\S+)", line)
-        if told:
-            found[told[1]] = float(told[3])
+        setting = re.fullmatch(rf"fix \S+ all property/global (\S+) {kinds} (\S+)", line)
+        if setting:
+            numbers[setting[1]] = float(setting[3])
     (model,) = (line for line in lines_of(text) if line.startswith("pair_style gran model "))
-    return model.removeprefix("pair_style gran model "), found
+    return model.removeprefix("pair_style gran model "), numbers
 
 
 def effective_modulus(young: float, poisson: float) -> float:
@@ -106,14 +106,14 @@ def liggghts_force(text: str, mass: float = MASS) -> Callable:
 
     S = 2 Y* √(R δ), β as `ratio`; `limitForce on`: no attraction.
     """
-    model, told = liggghts_numbers(text)
+    model, numbers = liggghts_numbers(text)
     assert model.endswith("limitForce on")
-    modulus = effective_modulus(told["youngsModulus"], told["poissonsRatio"])
-    assert told["coefficientFriction"] == 0
+    modulus = effective_modulus(numbers["youngsModulus"], numbers["poissonsRatio"])
+    assert numbers["coefficientFriction"] == 0
     if model.startswith("hooke/stiffness"):
-        return lambda overlap, rate: told["kn"] * overlap + told["gamman"] * mass * rate
+        return lambda overlap, rate: numbers["kn"] * overlap + numbers["gamman"] * mass * rate
     assert model.startswith("hertz ")
-    beta = ratio(told["coefficientRestitution"])
+    beta = ratio(numbers["coefficientRestitution"])
 
     def force(overlap, rate):
         touch = math.sqrt(RADIUS * overlap)
@@ -131,31 +131,31 @@ def luding(k1: float, most: float, depth: float) -> Callable:
 
 def liggghts_spring(text: str, mass: float = MASS) -> tuple[float, Callable]:
     """`hooke/hysteresis`: k1 = 16/15 √R Y* [15 M V²/(16 √R Y*)]^{1/5} of the characteristic V."""
-    model, told = liggghts_numbers(text)
+    model, numbers = liggghts_numbers(text)
     assert model == "hooke/hysteresis"
-    assert told["coefficientRestitution"] == 1.0
-    assert told["coefficientAdhesionStiffness"] == told["coefficientFriction"] == 0.0
-    modulus = effective_modulus(told["youngsModulus"], told["poissonsRatio"])
+    assert numbers["coefficientRestitution"] == 1.0
+    assert numbers["coefficientAdhesionStiffness"] == numbers["coefficientFriction"] == 0.0
+    modulus = effective_modulus(numbers["youngsModulus"], numbers["poissonsRatio"])
     scale = 16 / 15 * math.sqrt(RADIUS) * modulus
-    k1 = scale * (mass * told["characteristicVelocity"] ** 2 / scale) ** 0.2
-    most = k1 * told["coefficientMaxElasticStiffness"]
-    return k1, luding(k1, most, told["coefficientPlasticityDepth"])
+    k1 = scale * (mass * numbers["characteristicVelocity"] ** 2 / scale) ** 0.2
+    most = k1 * numbers["coefficientMaxElasticStiffness"]
+    return k1, luding(k1, most, numbers["coefficientPlasticityDepth"])
 
 
 def yade_calls(text: str) -> dict[str, dict[str, float]]:
     """Numbers that are given by keyword, by the name of what is called."""
     calls = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Call)]
-    found = {}
+    calls_by_name = {}
     for call in calls:
-        own = {}
-        for one in call.keywords:
-            value = one.value
+        numbers = {}
+        for keyword in call.keywords:
+            value = keyword.value
             if isinstance(value, ast.Call):  # MatchMaker(algo='val', val=…)
                 value = next(inner.value for inner in value.keywords if inner.arg == "val")
             if isinstance(value, ast.Constant):
-                own[one.arg] = value.value
-        found[getattr(call.func, "id", "")] = own
-    return found
+                numbers[keyword.arg] = value.value
+        calls_by_name[getattr(call.func, "id", "")] = numbers
+    return calls_by_name
 
 
 def yade_force(text: str, mass: float = MASS) -> Callable:
@@ -165,12 +165,12 @@ def yade_force(text: str, mass: float = MASS) -> Callable:
     """
     calls = yade_calls(text)
     if "ViscElMat" in calls:
-        own = calls["ViscElMat"]
-        assert own["ks"] == own["cs"] == own["frictionAngle"] == 0
-        return lambda overlap, rate: own["kn"] / 2 * overlap + own["cn"] / 2 * rate
-    own, physics = calls["FrictMat"], calls["Ip2_FrictMat_FrictMat_MindlinPhys"]
-    assert own["frictionAngle"] == physics["betas"] == 0
-    modulus = effective_modulus(own["young"], own["poisson"])
+        material = calls["ViscElMat"]
+        assert material["ks"] == material["cs"] == material["frictionAngle"] == 0
+        return lambda overlap, rate: material["kn"] / 2 * overlap + material["cn"] / 2 * rate
+    material, physics = calls["FrictMat"], calls["Ip2_FrictMat_FrictMat_MindlinPhys"]
+    assert material["frictionAngle"] == physics["betas"] == 0
+    modulus = effective_modulus(material["young"], material["poisson"])
 
     def force(overlap, rate):
         touch = math.sqrt(RADIUS * overlap)
@@ -182,6 +182,6 @@ def yade_force(text: str, mass: float = MASS) -> Callable:
 
 def yade_spring(text: str) -> tuple[float, Callable]:
     """LudingMat."""
-    own = yade_calls(text)["LudingMat"]
-    assert own["kc"] == own["ks"] == own["G0"] == own["frictionAngle"] == 0
-    return own["k1"], luding(own["k1"], own["kp"], own["PhiF"])
+    material = yade_calls(text)["LudingMat"]
+    assert material["kc"] == material["ks"] == material["G0"] == material["frictionAngle"] == 0
+    return material["k1"], luding(material["k1"], material["kp"], material["PhiF"])

@@ -53,9 +53,9 @@ class Compiled:
         folder = Path(tempfile.mkdtemp())
         header, library = folder / "law.h", folder / "law.so"
         header.write_text(source, encoding="utf-8")
-        own = [f'-DSOFTJAX_HEADER="{header}"', *flags, "-O2", "-shared", "-fPIC"]
+        options = [f'-DSOFTJAX_HEADER="{header}"', *flags, "-O2", "-shared", "-fPIC"]
         files = ["-x", "c", HARNESS, "-o", library, "-lm"]
-        subprocess.run([*COMPILERS["c"], *own, *files], check=True)
+        subprocess.run([*COMPILERS["c"], *options, *files], check=True)
         self.library = ctypes.CDLL(str(library))
         self.library.gained.restype = ctypes.c_double
         shutil.rmtree(folder)
@@ -64,20 +64,20 @@ class Compiled:
         """ε of impacts with time steps [s]; a fraction of a step passes before touch."""
         velocity = np.ascontiguousarray(velocity, float)
         step = np.ascontiguousarray(np.broadcast_to(step, velocity.shape), float)
-        found = np.empty_like(velocity)
+        restitution = np.empty_like(velocity)
         arrays = map(_pointer, (velocity, step))
-        out = (ctypes.c_double(phase), _pointer(found))
+        out = (ctypes.c_double(phase), _pointer(restitution))
         self.library.restitution(len(velocity), *_sizes(contact), *arrays, *out)
-        return found
+        return restitution
 
     def forces(self, overlap, rate=0.0, contact=PAIR) -> tuple[np.ndarray, np.ndarray]:
         """Force [N] and stiffness [N/m] of one contact that goes through these overlaps."""
         overlap = np.ascontiguousarray(overlap, float)
         rate = np.ascontiguousarray(np.broadcast_to(rate, overlap.shape), float)
-        found = np.empty_like(overlap), np.empty_like(overlap)
-        arrays = map(_pointer, (overlap, rate, *found))
+        outputs = np.empty_like(overlap), np.empty_like(overlap)
+        arrays = map(_pointer, (overlap, rate, *outputs))
         self.library.forces(len(overlap), *_sizes(contact), *arrays)
-        return found
+        return outputs
 
     def gained(self, turns, samples: int = 2000, contact=PAIR) -> tuple[float, float]:
         """Energy won over a way between turning points [J], and the most that was in the contact."""
@@ -87,8 +87,8 @@ class Compiled:
 
     def largest_error(self, velocity, expected, step, phases=(0.0, 0.3, 0.6, 0.9)) -> float:
         """Of ε over several beginnings of an impact within a step."""
-        found = [self.rebounds(velocity, step, phase) for phase in phases]
-        return float(np.max(np.abs(np.array(found) - expected)))
+        rebounds = [self.rebounds(velocity, step, phase) for phase in phases]
+        return float(np.max(np.abs(np.array(rebounds) - expected)))
 
 
 @lru_cache

@@ -30,8 +30,8 @@ def drawn() -> Iterator[dict[str, Figure]]:
 
 def line(ax, label: str) -> tuple[np.ndarray, np.ndarray]:
     """x and y of the only line of this label."""
-    (found,) = [one for one in ax.get_lines() if one.get_label() == label]
-    return np.asarray(found.get_xdata(), float), np.asarray(found.get_ydata(), float)
+    (match,) = [candidate for candidate in ax.get_lines() if candidate.get_label() == label]
+    return np.asarray(match.get_xdata(), float), np.asarray(match.get_ydata(), float)
 
 
 def panels(figure, deep: int = 2) -> list[list]:
@@ -50,16 +50,16 @@ def labels(ax) -> list[str]:
 def legend(figure_or_ax) -> list[str]:
     """Texts of the only legend."""
     of = getattr(figure_or_ax, "legends", None) or [figure_or_ax.get_legend()]
-    (found,) = of
-    return [text.get_text() for text in found.get_texts()]
+    (drawn_legend,) = of
+    return [text.get_text() for text in drawn_legend.get_texts()]
 
 
 def band(ax, label: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Velocities and both edges of a filled band."""
-    (area,) = [one for one in ax.collections if one.get_label() == label]
+    (area,) = [candidate for candidate in ax.collections if candidate.get_label() == label]
     x, y = area.get_paths()[0].vertices.T
     fine = np.unique(x)
-    edges = [np.sort(y[x == one])[[0, -1]] for one in fine]
+    edges = [np.sort(y[x == place])[[0, -1]] for place in fine]
     return fine, *np.transpose(edges)
 
 

@@ -36,8 +36,8 @@ def write(folder: Path, name: str = "alloy", settings: str = "", toml: str | Non
     rows = [f"{v!r},{e!r},0.01" for v, e in zip(VELOCITY.tolist(), MADE.tolist(), strict=True)]
     text = "\n".join(["velocity [m/s],restitution,uncertainty", *rows])
     (folder / f"{name}.csv").write_text(text + "\n", encoding="utf-8")
-    own = f'[fit]\n{settings}\n{BODIES}data = "{name}.csv"\n' if toml is None else toml
-    (folder / f"{name}.toml").write_text(own, encoding="utf-8")
+    content = f'[fit]\n{settings}\n{BODIES}data = "{name}.csv"\n' if toml is None else toml
+    (folder / f"{name}.toml").write_text(content, encoding="utf-8")
     return folder / f"{name}.toml"
 
 

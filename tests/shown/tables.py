@@ -7,18 +7,18 @@ from html.parser import HTMLParser
 
 def markdown_tables(text: str) -> list[list[list[str]]]:
     """Every table as rows of cells, its header first."""
-    found: list[list[list[str]]] = []
+    tables: list[list[list[str]]] = []
     begun = False
     for line in text.splitlines():
         if line.startswith("|"):
             words = re.split(r"(?<!\\)\|", line)[1:-1]
             row = [html.unescape(cell.strip().replace("\\|", "|")) for cell in words]
             if not begun:
-                found.append([])
+                tables.append([])
             if set("".join(row)) != {"-"}:
-                found[-1].append(row)
+                tables[-1].append(row)
         begun = line.startswith("|")
-    return found
+    return tables
 
 
 def cells(line: str) -> list[str]:
