@@ -203,24 +203,24 @@ def graded(law, values: dict, route=None):
 
 @partial(jax.jit, static_argnames="route")
 def _graded(law, values: dict, route):
-    def quantities(values):
+    def quantities(names, values):
         result = sj.restitution(with_numbers(law, values), values["velocity"], route)
-        return jnp.stack([getattr(result, name) for name in QUANTITIES]), result
+        return jnp.stack([getattr(result, name) for name in names]), result
 
-    def push(i):
-        along = {n: jnp.where(i == k, x, 0 * x) for k, (n, x) in enumerate(values.items())}
-        return jax.jvp(lambda x: quantities(x)[0], (values,), (along,))[1]
+    along = partial(jax.linearize, has_aux=True)
+    found, push, result = along(partial(quantities, QUANTITIES[:3]), values)
+    lasts, push_last, _ = along(partial(quantities, QUANTITIES[3:]), values)
+    pull = jax.linear_transpose(push, values)
 
-    def at_once(values):
-        result = sj.restitution(with_numbers(law, values), values["velocity"], route)
-        return jnp.stack([getattr(result, name) for name in QUANTITIES[:3]])
+    def forward(i):
+        one = {n: jnp.where(i == k, x, 0 * x) for k, (n, x) in enumerate(values.items())}
+        return jnp.concatenate([push(one), push_last(one)])
 
-    found, result = quantities(values)
-    some, pull = jax.vjp(at_once, values)
-    rows = jnp.eye(3, dtype=some.dtype)[:, :, None] * jnp.ones_like(some)
-    pulled = jax.lax.map(lambda row: pull(row)[0], rows)
+    rows = jnp.eye(3, dtype=found.dtype)[:, :, None] * jnp.ones_like(found)
+    (pulled,) = jax.lax.map(pull, rows)
     reverse = jnp.stack([pulled[name] * x for name, x in values.items()])
-    return found, result, jax.lax.map(push, jnp.arange(len(values))), reverse
+    found = jnp.concatenate([found, lasts])
+    return found, result, jax.lax.map(forward, jnp.arange(len(values))), reverse
 
 
 def of_records(records: list[dict], dtype=np.float64) -> dict:
