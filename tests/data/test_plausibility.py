@@ -126,7 +126,7 @@ def test_the_first_line_of_every_command(command, at):
         _, low, high, called, unit = RANGES[name]
         start = f"warning: plausibility (my alloy): {called} of the sphere is {value:.3g} {unit}"
         assert out.splitlines()[0].startswith(f"{start}, outside {low:g} to {high:g} {unit}. ")
-        assert run(*words, "--quiet")[2].startswith(start)
+    assert run(*words, "--quiet")[2].startswith(start)
     file = material_file(at, youngs_modulus=115.0)  # Pa are GPa without their unit
     code, out, error = run(command, file, *COMMANDS[command], "--out", "none")
     start = f"{file}:4: youngs_modulus is 115 Pa, more than 100 times outside 100000 to 1.3e+12"

@@ -77,7 +77,7 @@ def test_another_tolerance_is_no_other_program(compiled):
 
 
 def test_a_traced_tolerance(compiled):
-    """As an argument of the caller's program, alone, in a route and under `vmap`; what it gives lasts as it should."""
+    """As an argument of the caller's program, in a route and alone under `vmap`; what it gives lasts as it should."""
     velocity = np.linspace(1.0, 20.0, 3)
     law = sj.ViscoelasticHertz(pair("nylon", "zhou"), 1e-5)
     exact = sj.restitution(law, velocity)
@@ -85,20 +85,19 @@ def test_a_traced_tolerance(compiled):
     def by(rtol):
         return sj.restitution(law, velocity, sj.ODE(rtol=rtol))
 
-    of = jax.jit(by)
-    strict = of(1e-12)
+    of = jax.jit(lambda route: sj.restitution(law, velocity, route))
+    strict = of(sj.ODE(rtol=1e-12))
     compiled.clear()
-    loose = of(1e-6)
+    loose = of(sj.ODE(rtol=1e-6))
     assert compiled == []
-    at_once = jax.vmap(by)(np.array([1e-12, 1e-6]))
-    in_route = jax.jit(lambda route: sj.restitution(law, velocity, route))(sj.ODE(rtol=1e-6))
-    for found in (loose, in_route, jax.tree.map(lambda x: x[1], at_once)):
+    at_once = jax.vmap(by)(np.array([1e-12, 1e-6, np.nan]))
+    for found in (loose, jax.tree.map(lambda x: x[1], at_once)):
         assert np.allclose(found.coefficient, by(1e-6).coefficient, rtol=0, atol=1e-14)
         assert 1e-9 < np.max(np.abs(found.coefficient - exact.coefficient)) < 1e-5
     assert np.allclose(strict.coefficient, exact.coefficient, rtol=0, atol=1e-12)
-    assert np.allclose(at_once.duration, exact.duration, rtol=1e-5, atol=0)
+    assert np.allclose(at_once.duration[:2], exact.duration, rtol=1e-5, atol=0)
     assert np.allclose(strict.duration, exact.duration, rtol=1e-11, atol=0)
-    assert np.all(of(np.nan).status == sj.Status.SOLVER_FAILED)
+    assert np.all(at_once.status[2] == sj.Status.SOLVER_FAILED)
     assert jax.grad(lambda rtol: by(rtol).coefficient.sum())(1e-6) == 0
 
 

@@ -183,7 +183,7 @@ def test_devices_hold_tables_by_the_ode():
 @with_devices
 def test_devices_under_shard_map_and_one_that_is_chosen():
     """Results stay where their input was put; `shard_map` follows the energy balance, not diffrax."""
-    law, velocity = fitted("nylon"), np.array([0.1, 0.2, 1.0, 2.0])
+    law, velocity = LAW, np.array([0.1, 0.2, 1.0, 2.0])
     second = jax.devices()[1]
     result = sj.restitution(law, jax.device_put(velocity, second))
     for leaf in (result.coefficient, result.status, result.duration):
