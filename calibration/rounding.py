@@ -13,7 +13,7 @@ def number(value: float | None, digits: int = 4) -> str:
     """`digits` significant digits, or a dash."""
     if not _finite(value):
         return ABSENT
-    return f"{value:.{digits}g}"
+    return f"{value + 0.0:.{digits}g}"  # no -0
 
 
 def with_error(value: float | None, error: float | None) -> str:
@@ -67,7 +67,7 @@ def _scale(value: float, error: float) -> tuple[int, int | None]:
 
 def _fixed(value: float, places: int) -> str:
     """Rounded to `places` decimals; to tens for -1."""
-    return f"{round(value, places):.{max(places, 0)}f}"
+    return f"{round(value, places) + 0.0:.{max(places, 0)}f}"
 
 
 def _leading_place(error: float) -> int:

@@ -11,6 +11,8 @@ import pytest
 import calibration as cal
 import softjax as sj
 from calibration import cli
+from tests.command import run
+from tests.docs.test_notebooks import NUMBER, assert_alike
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -51,6 +53,27 @@ def test_python_prints_what_it_says(page, tmp_path, monkeypatch):
     for block in blocks(text, "python"):
         assert "print(" in block
         assert printed(block, names) == promised(block)
+
+
+@pytest.mark.long
+def test_the_tutorial_shows_what_its_fits_print(tmp_path, monkeypatch):
+    """As it stands, and then with its typing error corrected and the scatter estimated."""
+    monkeypatch.chdir(tmp_path)
+    page = (ROOT / "notebooks" / "reference" / "tutorial.md").read_text(encoding="utf-8")
+    (toml,), (csv,) = blocks(page, "toml"), blocks(page, "csv")
+    first, settings, second = blocks(page, "text")[:3]
+    states = (csv, toml, first), (csv.replace("1500,363", "1500,633"), settings + toml, second)
+    for rows, material, shown in states:
+        Path("my_alloy.csv").write_text(rows, encoding="utf-8")
+        Path("my_alloy.toml").write_text(material, encoding="utf-8")
+        code, out, _ = run("fit", "my_alloy.toml")
+        assert code == 0
+        fitted = r"^(?:my alloy|all together)? +[\wχ̃]+  .*"
+        expected = re.findall(fitted, shown, re.M)
+        assert len(expected) >= 3
+        known = {re.sub(NUMBER, "#", " ".join(row.split())): row for row in out.splitlines()}
+        for row in expected:
+            assert_alike(known[re.sub(NUMBER, "#", " ".join(row.split()))], row)
 
 
 def test_a_wrong_promise_would_be_seen():
