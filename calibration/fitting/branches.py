@@ -40,7 +40,7 @@ class Branches(NamedTuple):
 
     @classmethod
     def joined(cls, parts: list["Branches"]) -> "Branches":
-        return cls(*(np.concatenate(every) for every in zip(*parts, strict=True)))
+        return cls(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
     def problem(self, problem: Problem, k: int) -> Problem:
         """The problem held on one of these."""
@@ -49,8 +49,8 @@ class Branches(NamedTuple):
     def searched(self, problem: Problem) -> "Branches":
         """The lowest cost of each."""
         lanes = Lanes(elastic=self.elastic, lower=self.lower, upper=self.upper)
-        found = guided_search(problem, self.z, "levenberg-marquardt", lanes=lanes)
-        return self._replace(z=found.z, cost=found.cost, limits=found.limits)
+        lowest = guided_search(problem, self.z, "levenberg-marquardt", lanes=lanes)
+        return self._replace(z=lowest.z, cost=lowest.cost, limits=lowest.limits)
 
 
 def moving(problem: Problem) -> list[int]:
@@ -129,28 +129,28 @@ def _all_along(problem: Problem, z, k: int) -> Branches:
 
 def _lowest_along(problem: Problem, z, k: int) -> Branches:
     """Branches with their lowest costs; if there are very many, all near the best and some of the others."""
-    every = _all_along(problem, z, k)
-    count = len(every.cost)
+    candidates = _all_along(problem, z, k)
+    count = len(candidates.cost)
     most = int(np.clip(AT_ONCE // problem.count, LEAST, MOST))
     low, high, done = 0, count - 1, []
     while True:
         chosen = np.unique(np.linspace(low, high, min(most, high - low + 1)).astype(int))
-        found = every.some(chosen).searched(problem)
-        done.append(found)
+        searched = candidates.some(chosen).searched(problem)
+        done.append(searched)
         if len(chosen) == high - low + 1:
             return Branches.joined(done)
-        best = int(np.argmin(found.cost))
+        best = int(np.argmin(searched.cost))
         low, high = chosen[max(best - 1, 0)], chosen[min(best + 1, len(chosen) - 1)]
 
 
 def by_branches(problem: Problem, z) -> tuple[Branches, Branches]:
     """The lowest cost from a start, and all branches around it along the elements that yield moves with."""
-    best, every = _together(problem, z), moving(problem)
+    best, elements = _together(problem, z), moving(problem)
     for _ in range(ROUNDS):
-        found = [_lowest_along(problem, best.z[0], k) for k in every]
-        around = Branches.joined(found)
+        along = [_lowest_along(problem, best.z[0], k) for k in elements]
+        around = Branches.joined(along)
         lowest = around.some([int(np.argmin(around.cost))])
-        if len(every) > 1:
+        if len(elements) > 1:
             lowest = min(lowest, _together(problem, lowest.z[0]), key=lambda one: one.cost[0])
         if not lowest.cost[0] < best.cost[0] * (1 - LOWER):
             break

@@ -164,17 +164,17 @@ class Laws:
         These are of the moving numbers, (fits, rows, a, free); None where a moving leaf is a parameter.
         """
         padded = np.concatenate([theta, np.zeros((len(theta), 1))], axis=1)
-        found = np.moveaxis(padded[:, self.element], 1, 0)
-        local = np.where(self.element[:, None] >= 0, found, self.held[:, None])
+        at_element = np.moveaxis(padded[:, self.element], 1, 0)
+        local = np.where(self.element[:, None] >= 0, at_element, self.held[:, None])
         fits, count = local.shape[1:]
         contact = self.contact or {}
         if self.direct:
-            every = {
+            inputs = {
                 OF_CONTACT + name: np.broadcast_to(leaf, local.shape[1:])
                 for name, leaf in contact.items()
             }
-            every |= dict(zip(self.names, local, strict=True))
-            return [every[name] for name in self.shape.names], None
+            inputs |= dict(zip(self.names, local, strict=True))
+            return [inputs[name] for name in self.shape.names], None
         flat = {
             name: _padded(np.ravel(values)) for name, values in zip(self.names, local, strict=True)
         }
@@ -290,10 +290,10 @@ def _block(
     each = [k for k in range(len(leaves)) if not shape.whole[k] or k in moving]
 
     def collide(some, velocity, elastic):
-        every = list(leaves)
+        inputs = list(leaves)
         for k, values in zip(each, some, strict=True):
-            every[k] = values
-        law = jax.tree.unflatten(shape.tree, every)
+            inputs[k] = values
+        law = jax.tree.unflatten(shape.tree, inputs)
         if observable != RESTITUTION:
             hit = sj.restitution(law, velocity, route)
             return predicted(observable, hit), hit.status
@@ -307,10 +307,10 @@ def _block(
     places = [each.index(k) for k in moving]
 
     def of_moving(*some):
-        every = [leaves[k] for k in each]
+        inputs = [leaves[k] for k in each]
         for place, values in zip(places, some, strict=True):
-            every[place] = values
-        return collide_all(every, velocity, elastic)
+            inputs[place] = values
+        return collide_all(inputs, velocity, elastic)
 
     chosen = [leaves[k] for k in moving]
     if not chosen:

@@ -47,8 +47,8 @@ def curve_and_slopes(
     """
     with jax.enable_x64(True):
         problem = curve_problem(material, velocity, route, observable)
-        found = problem.linearise(np.array([[e.start for e in problem.elements]]))
-    return found.prediction[0], found.per[0]
+        linear = problem.linearise(np.array([[e.start for e in problem.elements]]))
+    return linear.prediction[0], linear.per[0]
 
 
 def curve_problem(
@@ -72,15 +72,15 @@ def curve_problem(
     places = {name: k for k, name in enumerate(free)}
     local = {name: (places.get(name, -1), value) for name, value in material.values.items()}
     laws = Laws.of(material.model, [(count, material.data.contact, local)])
-    every, code = np.arange(len(free)), np.full(count, PLACES[observable])
-    zero, one = np.zeros(count), np.ones(count)
+    all_free, code = np.arange(len(free)), np.full(count, PLACES[observable])
+    zero, ones = np.zeros(count), np.ones(count)
     return Problem(
         (material.data,),
         elements,
         Transform.of([WIDE] * len(free), [None] * len(free)),
-        laws.bind(np.array([e.start for e in elements]), every),
-        Points(velocity, zero, one, zero.astype(int), code, one, zero),
-        every,
+        laws.bind(np.array([e.start for e in elements]), all_free),
+        Points(velocity, zero, ones, zero.astype(int), code, ones, zero),
+        all_free,
         route,
     )
 
@@ -96,7 +96,10 @@ def band(
     """ε(v), or another observable, of one of a result's fits with a confidence band; see `FitResult.band`."""
     labels = tuple(material.free.values())
     rows = [result.covariance_names.index(label) for label in labels]
-    own, block = result.of_predictions[np.ix_(rows, rows)], block_name(material.name, observable)
+    covariance, block = (
+        result.of_predictions[np.ix_(rows, rows)],
+        block_name(material.name, observable),
+    )
     freedom = freedom_of(result.freedoms, material.name, labels)
     route = result.request.route_of_curve(material.model.law_type)
     is_eps, further = observable == RESTITUTION, kind == "prediction"
@@ -107,15 +110,15 @@ def band(
 
     def parts(velocity: Velocity) -> tuple[np.ndarray, ...]:
         value, slope = curve_and_slopes(material, velocity, route, observable)
-        carried = np.maximum(np.einsum("ni,ij,nj->n", slope, own, slope), 0.0)
+        carried = np.maximum(np.einsum("ni,ij,nj->n", slope, covariance, slope), 0.0)
         degrees = freedom.degrees(labels, slope, carried, block, {})
         reach = quantile(confidence, degrees) * np.sqrt(carried)
         if not further:
             return value, value - reach, value + reach, np.sqrt(carried)
         at = lambda v: curve_and_slopes(material, v, route, observable)[0]  # noqa: E731
         scale = 1.0 if is_eps else value**2  # variances of others are relative
-        every = further_variances(material, velocity, at, observable)
-        added = {name: scale * one for name, one in every.items()}
+        variances = further_variances(material, velocity, at, observable)
+        added = {name: scale * one for name, one in variances.items()}
         error = np.sqrt(carried + sum(added.values()))
         degrees = freedom.degrees(labels, slope, error**2, block, added)
         if of_noise is not None and of_noise.noise_dof is not None:

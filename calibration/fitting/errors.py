@@ -318,10 +318,10 @@ class Errors:
     def scores(self, factor: Factor, s: Variances, slope: Any, off: Any) -> tuple[Any, Any]:
         """∂(-ln p)/∂g and ∂(-ln p)/∂c of each point, of normal errors; for NumPy."""
         solved = self.solve(factor, off[..., None])[..., 0]
-        own = self.precisions(factor) - solved**2
+        excess = self.precisions(factor) - solved**2
         by_slope, by_bend = self.changes(s, slope)
         if not self.points.shares:
-            return own * by_slope, own * by_bend
+            return excess * by_slope, excess * by_bend
         alone = self._size(s) * slope * self._velocity_alone**2
         sizes = np.sqrt(self._size(s) + np.zeros(1))[..., None] * self.points.sizes_at(1.0)
         f, w = self._factors(s, slope, np), -self.points.to_velocity * sizes
@@ -342,7 +342,7 @@ class Errors:
             )
             mixed = turned @ np.swapaxes(spread, -1, -2)
             parts.append((inner * mixed).sum(-1).reshape(*lower.shape[:-3], -1))
-        return alone * own + np.concatenate(parts, -1)[..., self._back], own * by_bend
+        return alone * excess + np.concatenate(parts, -1)[..., self._back], excess * by_bend
 
     # ------------------------------------------------------------------ densities
 
@@ -487,9 +487,9 @@ class Errors:
         found = []
         for members, incidence in self._launches:
             spread = xp.einsum("...bik,bike->...bie", f[..., members, :], incidence)
-            own = alone[..., members, None]
+            variance = alone[..., members, None]
             block = spread @ xp.swapaxes(spread, -1, -2)
-            found.append(block + own * np.eye(members.shape[1]))
+            found.append(block + variance * np.eye(members.shape[1]))
         return found
 
     def _solved(self, lower: Any, x: Any, xp: Any, turned: bool = False) -> Any:

@@ -275,17 +275,17 @@ def read_result(path: str | Path, law: Any = None) -> dict[str, Any]:
     """
     text = read_text(path, LARGEST)
     try:
-        found = ResultFile.model_validate_json(text, strict=True)
-        _check(found)
-        datasets = tuple(one.data.data(one.material) for one in found.fits)
-        pairs = zip(found.fits, datasets, strict=True)
-        return {name: getattr(found, name) for name in AS_THEY_ARE} | {
-            "request": found.request.request(datasets, law),
+        file = ResultFile.model_validate_json(text, strict=True)
+        _check(file)
+        datasets = tuple(one.data.data(one.material) for one in file.fits)
+        pairs = zip(file.fits, datasets, strict=True)
+        return {name: getattr(file, name) for name in AS_THEY_ARE} | {
+            "request": file.request.request(datasets, law),
             "materials": tuple(one.fit(data, law) for one, data in pairs),
-            "covariance_names": found.covariance.names,
-            "covariance": found.covariance.matrix,
-            "of_predictions": found.covariance_of_predictions,
-            "freedoms": tuple(one.freedom() for one in found.freedom),
+            "covariance_names": file.covariance.names,
+            "covariance": file.covariance.matrix,
+            "of_predictions": file.covariance_of_predictions,
+            "freedoms": tuple(one.freedom() for one in file.freedom),
         }
     except ValidationError as error:
         raise _refusal(path, error) from None
