@@ -27,6 +27,7 @@ from calibration.data.checks import as_number, checked_confidence, require
 from calibration.errors import DataError
 from calibration.fitting.laws import LINE, several_yields, sigma_of
 from calibration.fitting.material import Band, Estimate
+from calibration.fitting.problem import DRAG
 from calibration.fitting.profiles import estimate_of
 from calibration.fitting.request import Request, SetSpec
 from calibration.fitting.stages import ComponentFit, StageFit, fitted
@@ -397,7 +398,7 @@ def fit_line(request: Request, fits: list[ComponentFit]) -> tuple[Line, StageFit
     if request.options.unloading_line is None or len(with_chi) < 2:
         return None
     through, normal = _through_chi(with_chi, request.options.confidence)
-    joint = _joint(request, [spec for _, spec, _ in with_chi], through)
+    joint = _joint(request, with_chi, through)
     if request.options.unloading_line == "weighted":
         return _with_materials(_weighted(joint, with_chi, through), with_chi, normal, request), None
     names = [e.name for e in joint.component.elements]
@@ -447,20 +448,22 @@ def _with_chi(fits: list[ComponentFit]) -> list[tuple[ComponentFit, SetSpec, int
     return [found[g] for g in sorted(found)]
 
 
-def _joint(request: Request, specs: list[SetSpec], through: dict[str, Estimate]) -> ComponentFit:
-    """All curves with every χ̃ on one line; everything else as requested."""
-    values, parameters = {name: Parameter(through[name].value) for name in LINE}, []
-    for spec in specs:
-        unchanged = {
-            local.name: local.parameter
-            for local in spec.local
-            if local.name != "chi" and (local.parameter.free or local.parameter.value is not None)
-        }
-        parameters.append(unchanged | values | dict(spec.model.options))
-    names = {spec.data.name for spec in specs}
+def _joint(request: Request, with_chi, through: dict[str, Estimate]) -> ComponentFit:
+    """All curves with every χ̃ on one line, from where each was alone; everything else as requested."""
+    on_line, parameters = {name: Parameter(through[name].value) for name in LINE}, []
+    for fit, spec, k in with_chi:
+        own = {e.name: e.parameter for e in spec.local if e.parameter.value is not None}
+        elements, limits = fit.component.elements, fit.uncertainty.limits
+        for name, place in fit.component.places(elements[k].sets[0]).items():
+            start = {} if limits[place] else {"value": float(fit.theta[place])}
+            own[name] = elements[place].parameter.model_copy(update=start)
+        own = {name: one for name, one in own.items() if name not in ("chi", DRAG)}
+        parameters.append(own | on_line | dict(spec.model.options))
+    names = {spec.data.name for _, spec, _ in with_chi}
     datasets = tuple(data for data in request.datasets if data.name in names)
-    on_line = replace(request, datasets=datasets, parameters=parameters)
-    return fitted(on_line.with_options(law="zhou", starts=1))[0]
+    joint = replace(request, datasets=datasets, parameters=parameters)
+    options = {"law": "zhou", "starts": 1, "optimiser": "levenberg-marquardt"}
+    return fitted(joint.with_options(**options))[0]
 
 
 def _through_chi(with_chi, confidence: float) -> tuple[dict[str, Estimate], np.ndarray | None]:

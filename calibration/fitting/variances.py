@@ -118,10 +118,31 @@ def relative_covariance(errors: Errors, s: Mapping[str, Any], residuals: Residua
     return np.where(both, inverse, 0.0)
 
 
+def _of_its_own(residuals: Residuals) -> Residuals:
+    """The same of the parameters that a block moves with; the others are at their best for these.
+
+    That changes the criterion by a constant. Of many sets side by side each moves with but a few.
+    """
+    own = np.any(residuals.jacobian != 0, axis=(0, 1))
+    if np.all(own) or residuals.gradient is not None:
+        return residuals
+    size = np.sqrt(np.maximum(np.diagonal(residuals.information, axis1=1, axis2=2), 1e-300))
+    scaled = residuals.information / (size[:, :, None] * size[:, None])
+    across, others = scaled[:, own][:, :, ~own], scaled[:, ~own][:, :, ~own]
+    inverse = np.linalg.pinv(others, rcond=RIDGE, hermitian=True)
+    left = scaled[:, own][:, :, own] - across @ inverse @ np.swapaxes(across, 1, 2)
+    return residuals._replace(
+        jacobian=residuals.jacobian[:, :, own],
+        information=left * size[:, own, None] * size[:, None, own],
+        free=residuals.free[:, own],
+    )
+
+
 class _Search:
     """The criterion over y = ln of the variances, in units of the residuals' mean square."""
 
     def __init__(self, errors: Errors, residuals: Residuals, restricted: bool):
+        residuals = _of_its_own(residuals)
         self.errors, self.residuals, self.restricted = errors, residuals, restricted
         self.square = residuals.square
         self.unit = np.stack([self._unit(kind) for kind in errors.unknown], axis=1)
