@@ -126,14 +126,15 @@ def _of_its_own(residuals: Residuals) -> Residuals:
     own = np.any(residuals.jacobian != 0, axis=(0, 1))
     if np.all(own) or residuals.gradient is not None:
         return residuals
-    size = np.sqrt(np.maximum(np.diagonal(residuals.information, axis1=1, axis2=2), 1e-300))
-    scaled = residuals.information / (size[:, :, None] * size[:, None])
-    across, others = scaled[:, own][:, :, ~own], scaled[:, ~own][:, :, ~own]
-    inverse = np.linalg.pinv(others, rcond=RIDGE, hermitian=True)
-    left = scaled[:, own][:, :, own] - across @ inverse @ np.swapaxes(across, 1, 2)
+    others = residuals.information[:, ~own][:, :, ~own]
+    size = np.sqrt(np.diagonal(others, axis1=1, axis2=2))
+    size = np.where(size > 0, size, 1.0)
+    across = residuals.information[:, own][:, :, ~own] / size[:, None]
+    inverse = np.linalg.pinv(others / (size[:, :, None] * size[:, None]), RIDGE, hermitian=True)
+    left = residuals.information[:, own][:, :, own]
     return residuals._replace(
         jacobian=residuals.jacobian[:, :, own],
-        information=left * size[:, own, None] * size[:, None, own],
+        information=left - across @ inverse @ np.swapaxes(across, 1, 2),
         free=residuals.free[:, own],
     )
 
