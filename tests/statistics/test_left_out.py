@@ -150,12 +150,34 @@ def test_a_wrong_law_does_not_tie_where_velocities_have_errors():
     assert not behind.is_tie
 
 
-def test_the_density_of_a_point_does_not_depend_on_it():
+STATED = np.linspace(0.5, 1.5, 24) * NOISE
+# what is stated of the point's set, the options, whether another set without errors is fitted too, a step of ε
+MOVED = {
+    "velocities, bare": ({}, {}, False, 0.01),
+    "velocities": ({"uncertainty": STATED}, {}, False, 0.01),
+    "extra scatter": (
+        {"uncertainty": STATED, "velocity_uncertainty": None},
+        {"extra_scatter": True},
+        False,
+        0.012,
+    ),
+    "another set": ({"uncertainty": STATED, "velocity_uncertainty": None}, {}, True, 0.003),
+}
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [k if k == "velocities, bare" else pytest.param(k, marks=pytest.mark.long) for k in MOVED],
+)
+def test_the_density_of_a_point_does_not_depend_on_it(kind):
     """So it integrates to one over ε: what leaks from the point to its prediction makes it more."""
-    data, total, step = imprecise(count=24), 0.0, 0.01
+    stated, options, is_joint, step = MOVED[kind]
+    data, total = replace(imprecise(count=24), errors=None, name="A", **stated), 0.0
+    other = replace(imprecise(count=24, seed=9), errors=None, velocity_uncertainty=None, name="B")
     for value in curve(data.velocity[5], *TRUTH) + step * np.arange(-8, 9):
         moved = replace(data, restitution=np.where(np.arange(24) == 5, value, data.restitution))
-        left = cal.fit(moved, Decay, **QUICK).leave_one_out()
+        sets, said = ([moved, other], SHARED) if is_joint else (moved, None)
+        left = cal.fit(sets, Decay, said, **options, **QUICK).leave_one_out()
         total += step * np.exp(left.log_density[5])
     assert total == pytest.approx(1, abs=0.02)
 
@@ -218,19 +240,30 @@ def test_stated_uncertainties_are_used_as_they_are_where_no_scatter_is_left():
     np.testing.assert_allclose(left.log_density, expected, atol=1e-4)
 
 
-@pytest.mark.parametrize("kind", ["velocities", "scaled"])
+MANY = {  # what is stated, and the options
+    "bare": ("velocity_uncertainty", {}),
+    "scaled": ("uncertainty", {"scale_uncertainty": True}),
+    "stated": ("uncertainty, velocity_uncertainty", {}),
+    "scatter": ("uncertainty", {"extra_scatter": True}),
+}
+QUICKER = ("bare", "scaled")
+
+
+@pytest.mark.parametrize(
+    "kind", [k if k in QUICKER else pytest.param(k, marks=pytest.mark.long) for k in MANY]
+)
 def test_many_points_are_left_out_to_first_order_by_the_same_density(kind):
     """Beyond 1000 points nothing is refitted: against the fit of all but one, and its noise."""
     data = imprecise(count=1100, seed=7)
-    u = np.linspace(0.5, 1.5, 1100) * NOISE
-    of_v = errors_of_velocity(data)[0]
+    u, of_v = np.linspace(0.5, 1.5, 1100) * NOISE, errors_of_velocity(data)[0]
+    stated, options = MANY[kind]
+    columns = {"uncertainty": u, "velocity_uncertainty": data.velocity_uncertainty}
+    told = {name: columns[name] for name in stated.split(", ")}
 
     def fitted(kept):
-        told = {"uncertainty": u[kept]}
-        if kind == "velocities":
-            told = {"velocity_uncertainty": data.velocity_uncertainty[kept]}
-        points = cal.RestitutionData(data.velocity[kept], data.restitution[kept], **told)
-        return cal.fit(points, Decay, scale_uncertainty=kind == "scaled", **QUICK)
+        some = {name: values[kept] for name, values in told.items()}
+        points = cal.RestitutionData(data.velocity[kept], data.restitution[kept], **some)
+        return cal.fit(points, Decay, **options, **QUICK)
 
     whole = fitted(np.arange(1100))
     left = whole.leave_one_out()
@@ -240,21 +273,29 @@ def test_many_points_are_left_out_to_first_order_by_the_same_density(kind):
         other = fitted(kept)
         theta = other.values["level"], other.values["rate"]
         at = curve(data.velocity, *theta)
-        if kind == "scaled":
-            squares = (at - data.restitution)[kept] ** 2 / u[kept] ** 2
-            middle, variance, near = at[k], u[k] ** 2 * np.sum(squares) / 1097, 0.02
-            moved = whole.band(data.velocity[k]).coefficient - middle
-            assert abs(left.predicted[k] - middle) < 0.25 * abs(moved)
-        else:  # errors of velocities enter by more than the slope
-            carried = (slope(data.velocity, *theta) * of_v) ** 2
-            carried += 0.5 * (theta[1] ** 2 * at * of_v**2) ** 2
-            predicted = expected_at(data, *theta)
-            squares = (predicted - data.restitution)[kept] ** 2
-            excess = lambda s, q=squares, c=carried[kept]: np.sum(q / (s + c)) - 1097  # noqa: E731
-            middle, near = predicted[k], 0.1
-            variance = carried[k] + optimize.brentq(excess, 1e-9, 1e-2, xtol=1e-16)
-        expected = stats.norm.logpdf(data.restitution[k], middle, np.sqrt(variance))
+        known, near, predicted = (u**2 if "uncertainty" in told else 0 * u), 0.02, at
+        if "velocity_uncertainty" in told:  # errors of velocities enter by more than the slope
+            predicted, near = expected_at(data, *theta), 0.1
+            known = known + (slope(data.velocity, *theta) * of_v) ** 2
+            known = known + 0.5 * (theta[1] ** 2 * at * of_v**2) ** 2
+        else:
+            moved = whole.band(data.velocity[k]).coefficient - at[k]
+            assert abs(left.predicted[k] - at[k]) < 0.25 * abs(moved)
+        squares = (predicted - data.restitution)[kept] ** 2
+        variance = variance_by_hand(kind, known, squares, kept)[k]
+        expected = stats.norm.logpdf(data.restitution[k], predicted[k], np.sqrt(variance))
         assert left.log_density[k] == pytest.approx(expected, abs=near)
+
+
+def variance_by_hand(kind, known, squares, kept):
+    """Of every point: as stated, scaled by reduced χ², or with a scatter by Paule and Mandel."""
+    degrees = len(squares) - 2
+    if kind == "stated":
+        return known
+    if kind == "scaled":
+        return known * np.sum(squares / known[kept]) / degrees
+    excess = lambda s: np.sum(squares / (s + known[kept])) - degrees  # noqa: E731
+    return known + optimize.brentq(excess, 1e-9, 1e-2, xtol=1e-16)
 
 
 def test_a_day_left_out_does_not_correct_its_velocities():
