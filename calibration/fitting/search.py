@@ -28,6 +28,7 @@ ROUNDING = 1e-13  # of a cost: near its minimum steps are judged by the gradient
 LARGEST_STEP = 1.5  # in log units
 FARTHEST = 25.0  # from the start, in log units: beyond, nothing changes any more
 NEARLY = 6.0  # from where on an element that acts on nothing counts as at the end of its range
+FALLS = 1e-9  # share of a cost by which it has to fall for an element to be taken back
 RELEASES = 2  # how often an element is taken back from the end of its range
 MOST = 200
 ADAM_STEPS = 200
@@ -442,7 +443,9 @@ class _Search:
             self._hold(far)
             arrived &= ~np.any(far, axis=1)
             self._judge(np.any(far, axis=1))
-        arrived &= ~(arrived & (self.released < self.releases) & self._release(arrived))
+        arrived &= ~(
+            self._let_go(arrived) | self._release(arrived & (self.released < self.releases))
+        )
         left = np.max(np.abs(self.at.newton) / self.unit, axis=1, initial=0.0)
         self._stop(arrived & (left <= STEP_TOLERANCE), ARRIVED[0])
         self._stop(arrived, ARRIVED[1])
@@ -465,6 +468,19 @@ class _Search:
             self._put(fits, self._at(self.z, fits))
         self._condense(np.any(which, axis=1))
 
+    def _let_go(self, arrived) -> np.ndarray:
+        """Let go of elements at a bound from which the cost now falls inwards."""
+        gradient = np.einsum("fmp,fm->fp", self.jacobian, self.value)
+        curvature = np.maximum(np.sum(self.jacobian**2, axis=1), TINY)
+        at_end = (self.x <= self.lower) | (self.x >= self.upper)
+        inward = arrived[:, None] & at_end & (gradient * self.limits > 0) & ~self.held
+        inward &= 0.5 * gradient**2 / curvature > FALLS * self.at.cost[:, None]
+        back = np.any(inward, axis=1)
+        if np.any(back):
+            self.limits[inward] = 0
+            self._condense(back)
+        return back
+
     def _release(self, arrived) -> np.ndarray:
         """Take back elements whose cost falls inwards now that the others have moved."""
         active, back = self.problem.active, np.zeros(len(arrived), bool)
@@ -479,7 +495,7 @@ class _Search:
             lanes = self.lanes.some(np.full(len(places), f))
             cost = self.problem.linearise(np.array(places), lanes, slopes=False).cost
             best = int(np.argmin(cost))
-            if cost[best] < self.at.cost[f] * (1 - 1e-9):
+            if cost[best] < self.at.cost[f] * (1 - FALLS):
                 self.z[f], back[f], self.limits[f] = places[best], True, 0
                 self.released[f] += 1
         if np.any(back):
