@@ -164,6 +164,7 @@ def test_places_of_tests_are_there():
     assert [place for place in mutants.PLACES if not (mutants.TOP / "tests" / place).exists()] == []
 
 
+@pytest.mark.filterwarnings("ignore:os.fork:RuntimeWarning")  # the child uses no JAX
 def test_changes_are_noticed_or_not_and_undone(project):
     tests = ["tests/test_module.py"]
     every = {one.after: one for one in changes_of("module.py", MODULE)}
@@ -176,6 +177,7 @@ def test_changes_are_noticed_or_not_and_undone(project):
     assert (project / "module.py").read_bytes() == MODULE
 
 
+@pytest.mark.filterwarnings("ignore:os.fork:RuntimeWarning")  # the child uses no JAX
 def test_a_change_that_never_ends_is_a_timeout(project):
     source = MODULE + b"while 3 < 2:\n    pass\n"
     (project / "module.py").write_bytes(source)
