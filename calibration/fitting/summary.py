@@ -101,6 +101,7 @@ def _material(fit: ComponentFit, g: int, found, confidence: float, shared_warnin
     if RESTITUTION in errors:
         off = at.prediction[0][first] - problem.points.value[first]
         found_warnings += _of_restitution(part, off, errors[RESTITUTION])
+        found_warnings += _named("offset", _offsets(fit, part, off), part.name)
     for name, one in part.observed.items():
         found_warnings += _of_observable(part, name, one, errors[name])
     return replace(part, warnings=(*found_warnings, *_of_modulus(part)))
@@ -587,6 +588,15 @@ def _of_restitution(part: MaterialFit, residual, errors: Errors) -> list[FitWarn
     found += _named("status", warnings.statuses(part.status, velocity), name)
     below = "all velocities are below the critical velocity" if part.known_to < np.inf else None
     return [*found, *_named("all-below-yield", [below], name)]
+
+
+def _offsets(fit: ComponentFit, part: MaterialFit, residual) -> Iterator[str | None]:
+    """Whether a group is far from the others, or the set from the curve that others determine too."""
+    offsets, deviation = part.group_offsets, part.group_deviation or 0.0
+    yield warnings.far_group(offsets, deviation)
+    if len(fit.component.sets) > 1:
+        standard = warnings.standard_offsets(offsets, deviation) if offsets else part.standardised
+        yield warnings.off_as_a_whole(np.array(standard), float(np.mean(residual)))
 
 
 def _of_observable(

@@ -4,7 +4,7 @@ A new one is an entry of `ADVICE` and a function that looks for it, called in `s
 return the cause in words, or None.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
@@ -23,6 +23,7 @@ CONFIDENCE = 0.99  # of the tests on residuals
 VELOCITY_ERRORS = 0.15  # of a velocity, up to which intervals were seen to be right
 NEAR_YIELD = 2.0  # standard uncertainties of a velocity around the kink at first yield
 APART = 2.0  # standard errors between the two objectives
+FEWEST_GROUPS = 4  # of which one may be far from the others
 LINE_ROUNDS = 50  # of a straight line and the weights of its points in turn
 FROM_PRIOR = 3.0  # of its standard deviations, beyond which an estimate contradicts a prior
 OUTSIDE = 1e-3  # of a velocity: less beyond the data's is no extrapolation, as ends are rounded
@@ -53,6 +54,10 @@ ADVICE = {
         "(name them in a `group` column); intervals are too narrow."
     ),
     "unequal-scatter": "State each point's own uncertainty; intervals take errors to be as stated, else equal.",
+    "offset": (
+        "Check its bodies, instrument and unit: a scatter that is estimated takes a wrong level as noise. "
+        "Leave it out, or give it parameters of its own."
+    ),
     "groups": "Say which points belong together (specimen, launch, day) in a `group` column.",
     "plausibility": "Check the unit.",
     "no-velocity-dependence": "Use a constant restitution, or measure over more velocities.",
@@ -201,6 +206,53 @@ def alike_neighbours(velocity: Column, standardised: Column) -> str | None:
     if correlation * np.sqrt(n) < special.ndtri(CONFIDENCE):
         return None
     return f"residuals of neighbouring rows are alike (correlation {correlation:.2f})"
+
+
+def far_group(offsets: Mapping[str, tuple[float, float]], deviation: float) -> str | None:
+    """One of the groups' offsets is farther from the others than of normal ones once in a hundred: Grubbs' test.
+
+    Source: Grubbs, Ann. Math. Stat. 21, 27 (1950).
+    """
+    from scipy import special
+
+    standard, m = standard_offsets(offsets, deviation), len(offsets)
+    if m < FEWEST_GROUPS or not len(standard):
+        return None
+    k = int(np.argmax(np.abs(standard - np.mean(standard))))
+    others = np.delete(standard, k)
+    spread = np.std(others, ddof=1) * np.sqrt(1 + 1 / (m - 1))
+    far = abs(standard[k] - np.mean(others)) / max(spread, 1e-300)
+    if far <= special.stdtrit(m - 2, 1 - 0.5 * (1 - CONFIDENCE) / m):
+        return None
+    label, (offset, _) = list(offsets.items())[k]
+    return f"group {label} is off by {offset:.2g}, {far:.2g} times the scatter of the other groups"
+
+
+def standard_offsets(offsets: Mapping[str, tuple[float, float]], deviation: float) -> np.ndarray:
+    """Predicted offsets of groups over the standard deviations that they have as predictions; none at τ = 0."""
+    if not offsets:
+        return np.zeros(0)
+    value, error = np.transpose([*offsets.values()])
+    spread = deviation**2 - error**2
+    return value / np.sqrt(spread) if np.all(spread > 0) else np.zeros(0)
+
+
+def off_as_a_whole(standardised: Column, off: float) -> str | None:
+    """Student's test of the mean of residuals, or of groups' offsets, which a scatter took as noise.
+
+    Args:
+        off: mean of what is fitted less what was measured.
+    """
+    from scipy import special
+
+    n = len(standardised)
+    if n < FEWEST_GROUPS or not np.ptp(standardised) > 0:
+        return None
+    far = abs(np.mean(standardised)) / np.std(standardised, ddof=1) * np.sqrt(n)
+    if far <= special.stdtrit(n - 1, 1 - 0.5 * (1 - CONFIDENCE)):
+        return None
+    side = "below" if off > 0 else "above"
+    return f"its points lie {side} the curve as a whole, by {abs(off):.2g} on the average"
 
 
 def no_velocity_dependence(

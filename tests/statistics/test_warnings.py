@@ -258,6 +258,38 @@ def test_neighbours_are_alike_from_a_correlation_on(by, is_raised):
 
 
 @SIDES
+def test_a_group_far_from_the_others_is_named_by_grubbs_test(by, is_raised):
+    """Groups of six alike points, whose own errors are small: the means' test by SciPy's t."""
+    means = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
+    limit = stats.t.ppf(1 - 0.005 / 6, 4)
+    means = np.append(means, by * limit * np.std(means, ddof=1) * np.sqrt(1 + 1 / 5))
+    names = np.repeat([*"abcdef"], 6)
+    e = 0.8 + 0.001 * np.repeat(means, 6) + 1e-5 * alternating(36)
+    data = cal.RestitutionData(np.linspace(1, 5, 36), e, group=[*names])
+    result = cal.fit(data, "constant", profiles=False, starts=1)
+    causes = [one.cause for one in result.warnings if one.code == "offset"]
+    assert [cause[:13] for cause in causes] == ["group f is of"] * is_raised
+
+
+@SIDES
+@pytest.mark.parametrize("stated", [True, False])
+def test_a_set_off_the_common_curve_as_a_whole_is_named(by, is_raised, stated):
+    """ε is shared with a set that decides it; what lies above would count as scatter."""
+    noise = 0.005 * np.sqrt(11 / 12) * alternating(12)
+    error = np.std(noise, ddof=1) / np.sqrt(12)
+    off, velocity = by * stats.t.ppf(0.995, 11) * error, np.linspace(1, 5, 12)
+    u = (1e-7, 0.001) if stated else (None, None)
+    sets = [
+        cal.RestitutionData(velocity, 0.8 + 1e-6 * alternating(12), name="a", uncertainty=u[0]),
+        cal.RestitutionData(velocity, 0.8 + off + noise, name="b", uncertainty=u[1]),
+    ]
+    said = {"restitution": Free(shared=True)}
+    result = cal.fit(sets, "constant", said, extra_scatter=stated, profiles=False, starts=1)
+    causes = [one.cause for one in result.warnings if one.code == "offset" and one.material == "b"]
+    assert ["above the curve" in cause for cause in causes] == [True] * is_raised
+
+
+@SIDES
 def test_a_slope_is_told_from_none_by_student_s_t(by, is_raised):
     """As SciPy has it, of nine points; raised where the slope is not told from 0."""
     velocity = np.linspace(1, 5, 9)
