@@ -353,6 +353,9 @@ def _settings(result: Any) -> str:
     known = ("law", "objective", "optimiser", "route", "noise", "noise_dof", "form", "kappa", "end")
     names = [name for name in (*known, "starts", "seed") if settings.get(name) is not None]
     parts = [f"{name.replace('_', ' ')} {settings[name]}" for name in names]
+    for stage in result.optimiser_report:
+        if stage.optimiser != settings["optimiser"]:
+            parts.append(f"{stage.stage} by {stage.optimiser}")
     parts += ["scatter added to the stated uncertainties"] * options.extra_scatter
     parts += ["a common factor of the stated uncertainties estimated"] * options.scale_uncertainty
     return ", ".join(parts)
@@ -370,7 +373,6 @@ def _searches(result: Any) -> Block:
         {
             "material": "all" if 1 < len(stage.materials) == count else ", ".join(stage.materials),
             "stage": stage.stage,
-            "optimiser": stage.optimiser,
             "route": stage.route,
             "starts": str(stage.starts),
             "evaluations": str(stage.evaluations),
@@ -380,10 +382,7 @@ def _searches(result: Any) -> Block:
         }
         for stage in stages
     ]
-    table = pd.DataFrame(rows)
-    if len({stage.optimiser for stage in stages}) == 1:  # then the line of settings names it
-        table = table.drop(columns="optimiser")
-    return Block("table", table)
+    return Block("table", pd.DataFrame(rows))
 
 
 def _posterior(draws: Any, result: Any) -> list[Block]:
