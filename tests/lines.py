@@ -17,6 +17,8 @@ from itertools import count
 from pathlib import Path
 from typing import NamedTuple
 
+import pytest
+
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 NOTE = "from tests.lines import ran as _ran"
 ran: set[int] = set()  # numbers of statements
@@ -105,7 +107,7 @@ class Noted:
     """The plugin of pytest in the copy."""
 
     def __init__(self, elsewhere: Path):
-        self.elsewhere = elsewhere
+        self.elsewhere, self.fixtures = elsewhere, {}
         self.seconds, self.statements, self.failed, self.path = {}, {}, set(), None
 
     def pytest_runtest_setup(self, item):
@@ -114,6 +116,20 @@ class Noted:
 
             jax.clear_caches()
             self.path = item.path
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_fixture_setup(self, fixturedef):
+        """What a fixture runs is run for every test that uses it."""
+        before = set(ran)
+        ran.clear()
+        made = yield
+        self.fixtures[fixturedef] = set(ran)
+        ran.update(before)
+        return made
+
+    def pytest_runtest_teardown(self, item):
+        for fixtures in item._fixtureinfo.name2fixturedefs.values():
+            ran.update(*(self.fixtures.get(one, ()) for one in fixtures))
 
     def pytest_runtest_logstart(self, nodeid):
         ran.clear()
@@ -134,8 +150,6 @@ class Noted:
 
 def main(place: str, to: str) -> None:
     """Run the tests of a place, and write what each runs."""
-    import pytest
-
     from tests.lines import Noted  # of the module that the files import
 
     words = ["-q", "-n", "0", "-p", "no:cacheprovider", "--tb=no", place]

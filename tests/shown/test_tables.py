@@ -76,6 +76,13 @@ def ticking(monkeypatch):
     monkeypatch.setattr(time, "perf_counter", lambda: (lambda k: k + 1e-4 * k * k)(next(counted)))
 
 
+SETTINGS = {  # of the time integrations of `--quick`
+    None: {"dopri5, 2 steps"},
+    "own": {"dopri5, 3 steps", "dopri5, 3 steps, end stated"},
+    "linear": {"dopri5, 4 steps"},
+}
+
+
 @pytest.mark.parametrize(
     "law", [None, *(pytest.param(n, marks=pytest.mark.long) for n in ("own", "linear"))]
 )
@@ -86,6 +93,7 @@ def test_speed_is_microseconds_a_collision(law, ticking, tmp_path):
     assert made.out.endswith(f"\n\nWritten to {made.folder}: speed.csv, speed.png\n")
     rows = list(csv.DictReader(made.text("speed.csv").splitlines()))
     ours = [r for r in rows if r["family"] == "ODE" and r["batch"] == "4096"]
+    assert {r["setting"] for r in ours} == SETTINGS[law]
     for row in rows:
         batch, error = int(row["batch"]), float(row["largest_error"])
         for name in ("microseconds", "gradient_microseconds"):
