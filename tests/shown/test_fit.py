@@ -169,9 +169,7 @@ def test_correlations_are_ellipses_with_their_numbers(alloy, main_job):
     fit = cal.FitResult.load(alloy.folder / "fit.json")
     assert texts[0, 1] == str(fit.estimates["unloading_stiffness"]).replace(" ± ", "\n± ")
     assert ax.patches[0].angle == (45 if expected > 0 else -45)
-    (low, high), (left, right) = ax.get_ylim(), ax.get_xlim()
-    assert low < high  # leaning right is up to the right
-    assert left < right
+    assert ax.get_xlim() == ax.get_ylim() == (-0.5, 1.5)  # leaning right is up to the right
     fit = cal.FitResult.load(main_job.folder / "fit.json")
     names = list(fit.covariance_names)
     for ax, name in zip(main_job.figures["correlation.png"].axes, NAMES, strict=True):

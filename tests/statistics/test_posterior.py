@@ -519,6 +519,9 @@ def test_the_command_writes_draws_picture_and_words_and_says_what_is_wrong(tmp_p
     assert f"{np.mean(draws):.4f}"[:5] in section
     assert "Posterior:\n" in printed
     assert "posterior/prior width" in printed
+    row = next(line for line in section.splitlines() if line.startswith("| ") and "balls 0" in line)
+    low, high = (float(end) for end in row.split("|")[3].split(" … "))
+    assert [low, high] == pytest.approx(np.quantile(draws, [0.025, 0.975]), abs=1e-3)
     lines = {line.split("**")[1]: line for line in section.splitlines() if "**" in line}
     assert {"effective-size", "mass-at-bound", "follows-prior"} <= set(lines)
     assert not {"divergences", "funnel"} & set(lines)
