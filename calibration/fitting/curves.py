@@ -96,10 +96,8 @@ def band(
     """ε(v), or another observable, of one of a result's fits with a confidence band; see `FitResult.band`."""
     labels = tuple(material.free.values())
     rows = [result.covariance_names.index(label) for label in labels]
-    covariance, block = (
-        result.of_predictions[np.ix_(rows, rows)],
-        block_name(material.name, observable),
-    )
+    covariance = result.of_predictions[np.ix_(rows, rows)]
+    block = block_name(material.name, observable)
     freedom = freedom_of(result.freedoms, material.name, labels)
     route = result.request.route_of_curve(material.model.law_type)
     is_eps, further = observable == RESTITUTION, kind == "prediction"

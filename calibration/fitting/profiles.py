@@ -11,10 +11,11 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from calibration.fitting.material import Estimate
+from calibration.fitting.methods import condense
 from calibration.fitting.neighbourhoods import condensed
 from calibration.fitting.problem import DRAG, Problem
 from calibration.fitting.search import FARTHEST as FURTHEST
-from calibration.fitting.search import condense, search
+from calibration.fitting.search import search
 from calibration.fitting.stages import ComponentFit
 from calibration.fitting.uncertainty import quantile, third_derivatives
 from calibration.parameters import LOGIT, NONE

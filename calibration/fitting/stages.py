@@ -12,6 +12,7 @@ import softjax as sj
 from calibration.fitting.branches import Branches, by_branches, held_at
 from calibration.fitting.errors import Errors
 from calibration.fitting.laws import OF_CONTACT
+from calibration.fitting.methods import TINY
 from calibration.fitting.neighbourhoods import condensed
 from calibration.fitting.problem import Lanes, Problem
 from calibration.fitting.request import Component, Request, assemble
@@ -19,7 +20,6 @@ from calibration.fitting.search import (
     LARGEST_STEP,
     MOST,
     OPTIMISERS,
-    TINY,
     Found,
     guided_search,
     search,
@@ -192,7 +192,7 @@ def run_stage(
     places = candidates(problem, z, options.starts, options.seed)
     few = condensed(problem)
     starts = best_starts(few, places, REFINED)
-    if problem.moves:
+    if problem.moves and len(problem.active):
         # far from the points a steep curve would explain them by errors of velocities
         level = _weighing(few, [errors.diagonal(s) for errors, s in _noise(few)])
         ends = _from_starts(level, starts, QUICKEST)
@@ -258,8 +258,6 @@ def along_valley(problem: Problem, z: Float[np.ndarray, "fits elements"]) -> Pla
     Errors of velocities, whose variance moves with the curve, may give the likelihood several minima there.
     """
     active, transform = problem.active, problem.transform
-    if not len(active):
-        return z[:0]
     jacobian = np.nan_to_num(problem.linearise(z).jacobian)
     _, size, axes = np.linalg.svd(jacobian, full_matrices=False)
     step = 2 * axes[:, -1] / np.maximum(size[:, -1:], TINY)

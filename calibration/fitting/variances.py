@@ -126,15 +126,16 @@ def _of_its_own(residuals: Residuals) -> Residuals:
     own = np.any(residuals.jacobian != 0, axis=(0, 1))
     if np.all(own) or residuals.gradient is not None:
         return residuals
-    others = residuals.information[:, ~own][:, :, ~own]
+    free = residuals.free[:, :, None] & residuals.free[:, None]  # what is at an end follows nothing
+    information = np.where(free, residuals.information, 0.0)
+    others = information[:, ~own][:, :, ~own]
     size = np.sqrt(np.diagonal(others, axis1=1, axis2=2))
     size = np.where(size > 0, size, 1.0)
-    across = residuals.information[:, own][:, :, ~own] / size[:, None]
+    across = information[:, own][:, :, ~own] / size[:, None]
     inverse = np.linalg.pinv(others / (size[:, :, None] * size[:, None]), RIDGE, hermitian=True)
-    left = residuals.information[:, own][:, :, own]
     return residuals._replace(
         jacobian=residuals.jacobian[:, :, own],
-        information=left - across @ inverse @ np.swapaxes(across, 1, 2),
+        information=information[:, own][:, :, own] - across @ inverse @ np.swapaxes(across, 1, 2),
         free=residuals.free[:, own],
     )
 

@@ -1,6 +1,6 @@
 """Named reasons not to trust a fit, each with its cause and what to do about it.
 
-A new one is an entry of `ADVICE` and a function that looks for it, called in `summary`: those below
+A new one is an entry of `ADVICE` and a function that looks for it, called in `warnings_of`: those below
 return the cause in words, or None.
 """
 

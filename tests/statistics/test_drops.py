@@ -153,3 +153,13 @@ def test_losses_that_go_to_nothing_end_at_their_bound_and_free_chi():
     assert chi.low < 1.5 < chi.high
     held = cal.fit(data, extra_scatter=True, parameters={"chi": chi.low}).materials[0]
     assert 0.98 < held.values["eps_up"] < 0.99
+
+
+def test_nothing_free_is_a_fit_of_its_noise_alone(data):
+    """Errors of heights and three given numbers: ln L of the given law, nothing searched."""
+    given = {"chi": 6.0, "sigma": 3.0, "psi": 0.5}
+    result = cal.fit(data, parameters=given)
+    assert result.converged
+    assert result.values["chi"] == 6
+    density = float(cal.problem(data, parameters=given).log_likelihood({}))
+    assert result.log_likelihood == pytest.approx(density, rel=1e-10)

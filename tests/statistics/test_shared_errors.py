@@ -285,3 +285,23 @@ def test_groups_go_into_the_file_and_back(tmp_path):
     one, other = (r.band([2.0, 2.5], kind="prediction") for r in (result, again))
     np.testing.assert_allclose(one.high, other.high, rtol=1e-12)
     assert again.materials[0].timing == result.materials[0].timing
+
+
+def test_scatter_next_to_another_set_at_its_bound_is_as_if_that_was_given():
+    """ε_up of one set ends at 1 and follows no point; the other's scatter has one parameter less to pay for."""
+    ball = sj.Material(youngs_modulus=70e9, poisson_ratio=0.33, density=2700, yield_strength=250e6)
+    contact = sj.Contact.with_wall(ball, sj.STAINLESS_STEEL, 0.01)
+    velocity, random = np.geomspace(1.0, 6.0, 15), np.random.default_rng(2)
+    law = sj.Zhou(contact, chi=1.5, sigma=0.01, psi=0.5)
+    exact = np.asarray(sj.restitution(law, velocity).coefficient)
+    sets = []
+    for name in "ab":
+        measured = exact + 0.004 * random.standard_normal(15)
+        sets.append(cal.RestitutionData(velocity, measured, contact=contact, name=name))
+    both = {"chi": cal.Parameter(shared=True)}
+    free = cal.fit(sets, parameters=both, profiles=False)
+    assert [fit.parameters["eps_up"].at_bound for fit in free.materials] == [True, False]
+    given = [both | {"eps_up": 1.0}, both]
+    held = cal.fit(sets, parameters=given, profiles=False)
+    for one, other in zip(free.materials, held.materials, strict=True):
+        assert one.variances["scatter"] == pytest.approx(other.variances["scatter"], rel=1e-5)
