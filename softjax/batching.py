@@ -57,12 +57,13 @@ KEPT = 32  # compiled functions, those that were used last
 BY_REVERSE = 64  # impacts, each with all nodes of a quadrature, stay in the cache
 FORWARD = 2048  # impacts, each with its tangents counting as one more
 GRADIENTS = 64  # impacts, each with a long gradient
+ON_GPU = 2**20  # impacts of any kind: thousands of threads wait for each other after every row
 MANY = 7  # directions: of more, as of a network, derivatives are taken by reverse mode, which costs less
 
 
 @cache
 def accepted(options: tuple[tuple[str, bool | int | str], ...]) -> dict[str, bool | int | str]:
-    """The options, or none where the compiler refuses one of them: it works without, slower.
+    """Those of the options that the compiler knows: it works without the others, slower.
 
     Any other error of the compiler is raised, and nothing concluded from it: the next call tries again.
     """
@@ -71,7 +72,8 @@ def accepted(options: tuple[tuple[str, bool | int | str], ...]) -> dict[str, boo
     except jax.errors.JaxRuntimeError as error:
         if not str(error).startswith("INVALID_ARGUMENT"):
             raise
-        return {}
+        several = options if len(options) > 1 else ()
+        return {name: value for option in several for name, value in accepted((option,)).items()}
     return dict(options)
 
 
@@ -161,7 +163,8 @@ def _quick() -> Callable:
 
 
 def _on_cpu(home=None) -> bool:
-    return (home or jax.local_devices()[0]).platform == "cpu"
+    device = home or jax.config.jax_default_device or jax.local_devices()[0]
+    return getattr(device, "platform", device) == "cpu"
 
 
 def _padded(values: np.ndarray, size: int) -> np.ndarray:
@@ -321,6 +324,7 @@ def _in_rows(f: Callable, leaves: Sequence, shared: Shared, size: int):
     each = [leaf for leaf, held in zip(leaves, shared, strict=True) if not held]
     if on_several_devices():
         return f(*leaves)
+    size = size if _on_cpu() else ON_GPU
 
     def of_row(*some):
         parts = iter(some)
