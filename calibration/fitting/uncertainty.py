@@ -32,6 +32,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from calibration.fitting.errors import Errors
+from calibration.fitting.methods import TINY
 from calibration.fitting.neighbourhoods import condensed
 from calibration.fitting.problem import Problem, Residuals, acts_on_nothing
 from calibration.fitting.variances import differences, relative_covariance
@@ -40,6 +41,7 @@ from calibration.parameters import NONE
 RANK_TOLERANCE = 1e-9  # smallest over largest singular value, columns scaled to one
 NO_ERROR = 50.0  # a standard error in log units that says nothing
 DIFFERENCE = 2e-3  # step in z of the fourth-order differences of the exact gradient
+OF_ERROR = 0.1  # of that step, in standard errors, where weights of points move with the residuals
 BEND_STEP = 0.1  # in standard errors, of the third derivative
 NULL_SHARE = 1e-3  # of a null direction, from which on an element counts as undetermined
 SIDES = np.array([-2, -1, 1, 2])
@@ -183,8 +185,11 @@ def _of_likelihood(problem: Problem, limits, z) -> Uncertainty:
     curved, definite = identity, not _has_network(problem)
     few = condensed(problem, z)
     if asks_for_curvature(few):
-        slopes = gradient_slopes(few, z, problem.active)
-        curvature = basis.T @ (0.5 * (slopes + slopes.T)) @ basis
+        ways = np.zeros((len(basis), len(z)))
+        ways[:, problem.active] = basis.T
+        is_normal = all(one.is_normal for one in problem.errors)
+        slopes = gradient_slopes(few, z, ways, np.inf if is_normal else OF_ERROR) @ basis
+        curvature = 0.5 * (slopes + slopes.T)
         curvature += np.where(seen[:, None] & seen, 0.0, identity)
         finite = bool(np.all(np.isfinite(curvature)))
         definite = finite and bool(np.linalg.eigvalsh(curvature)[0] > LEAST_CURVATURE)
@@ -346,7 +351,7 @@ def _of_equations(stages: Stages, z) -> Uncertainty:
         found = problem.linearise(z[None])
         jacobian = np.where(held, 0.0, found.jacobian[0])
         if k:
-            bread[columns] = gradient_slopes(problem, z, order)
+            bread[columns] = gradient_slopes(problem, z, np.eye(len(z))[order]).T
         else:
             bread[columns, columns] = jacobian.T @ jacobian
             leverage = leverages(jacobian)[:points]
@@ -414,25 +419,24 @@ def _middles(problem: Problem, z, scores, left):
     return total, parts, _diagonal(blocks), sets, names
 
 
-def gradient_slopes(problem: Problem, z, order) -> Float[np.ndarray, "own p"]:
-    """∂(Jᵀ r)/∂z: the curvature of -ln p, or the slope of a stage's own equations in other elements.
+def gradient_slopes(
+    problem: Problem, z, ways: Float[np.ndarray, "n elements"], longest: float = np.inf
+) -> Float[np.ndarray, "n p"]:
+    """∂(Jᵀ r)/∂z along some ways: of the curvature of -ln p, or of a stage's own equations.
 
     Fourth-order differences of the exact gradient, all in one batch: no second derivative of a time
-    integration is compiled, and the error stays near 1e-11.
+    integration is compiled, and the error stays near 1e-11. No step is longer than so many of its way.
     """
-    size = len(order)
-    scaled = problem.transform.kind[order] != NONE
-    steps = DIFFERENCE * np.where(scaled, 1.0, np.maximum(np.abs(z[order]), 1e-6))
-    places = np.tile(z, (size, 4, 1))
-    for k, position in enumerate(order):
-        places[k, :, position] += steps[k] * SIDES
-    flat = places.reshape(size * 4, len(z))
+    scaled = problem.transform.kind != NONE
+    moved = np.abs(ways) / np.where(scaled, 1.0, np.maximum(np.abs(z), 1e-6))
+    steps = np.minimum(DIFFERENCE / np.maximum(np.max(moved, axis=1), TINY), longest)[:, None]
+    flat = (z + (steps * ways)[:, None] * SIDES[:, None]).reshape(-1, len(z))
     most = max(1, NUMBERS // (problem.count * max(len(problem.active), 1)))
     gradient = np.concatenate(
         [problem.linearise(flat[k : k + most]).gradient for k in range(0, len(flat), most)]
-    ).reshape(size, 4, -1)
+    ).reshape(len(ways), 4, -1)
     far_down, down, up, far_up = np.moveaxis(gradient, 1, 0)
-    return ((8 * (up - down) - (far_up - far_down)) / (12 * steps[:, None])).T
+    return (8 * (up - down) - (far_up - far_down)) / (12 * steps)
 
 
 def third_derivatives(problem: Problem, z, known: Uncertainty) -> np.ndarray | None:
