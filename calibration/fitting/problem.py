@@ -372,17 +372,18 @@ class Problem:
         points = self.points._replace(by_drag=0 * self.points.by_drag)
         return replace(self, errors=(), variances=(), points=points)
 
-    def yields_at(self, z) -> Float[np.ndarray, "... points"] | None:
-        """The velocity below which each impact is elastic at z [m/s]; None for a law without one."""
+    def yields_at(self, z, points: Any = slice(None)) -> Float[np.ndarray, "... points"] | None:
+        """The velocity below which impacts are elastic at z [m/s]; None for a law without one."""
         laws = self.laws
         if not hasattr(laws.model.law_type, "elastic_velocity"):
             return None
         theta = self.transform.physical(np.atleast_2d(z))
+        rows, back = np.unique(laws.row[points], return_inverse=True)
         limits = [
-            [float(np.asarray(laws.law(one, k).elastic_velocity())) for k in range(laws.size)]  # type: ignore[attr-defined]
+            [float(np.asarray(laws.law(one, k).elastic_velocity())) for k in rows]  # type: ignore[attr-defined]
             for one in theta
         ]
-        return np.array(limits)[:, laws.row].reshape(*np.shape(z)[:-1], self.count)
+        return np.array(limits)[:, back].reshape(*np.shape(z)[:-1], len(back))
 
     def law_of(self, theta: Float[np.ndarray, "elements"], g: int) -> sj.ContactLaw:
         """The law of a data set; of its first impact where it has several."""

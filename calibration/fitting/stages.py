@@ -3,6 +3,7 @@
 import math
 import time
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -24,7 +25,7 @@ from calibration.fitting.search import (
     guided_search,
     search,
 )
-from calibration.fitting.uncertainty import Uncertainty, uncertainty_of
+from calibration.fitting.uncertainty import RANK_TOLERANCE, Uncertainty, uncertainty_of
 from calibration.fitting.variances import (
     first_variances,
     have_settled,
@@ -483,6 +484,14 @@ class ComponentFit:
         A search from here then knows them for what they are.
         """
         return np.where(self.uncertainty.limits != 0, self.component.start, np.nan)
+
+    @cached_property
+    def seen(self) -> tuple[np.ndarray, np.ndarray]:
+        """Sizes of the Jacobian's columns, and of those scaled to one the directions that show."""
+        rows = self.final.problem.linearise(self.z[None]).jacobian[0]
+        size = np.maximum(np.linalg.norm(rows, axis=0), TINY)
+        _, singular, directions = np.linalg.svd(rows / size, full_matrices=False)
+        return size, directions[singular > RANK_TOLERANCE * np.max(singular, initial=0.0)]
 
     @property
     def is_likelihood(self) -> bool:

@@ -12,12 +12,11 @@ from calibration.fitting import warnings
 from calibration.fitting.errors import Carried, Errors
 from calibration.fitting.laws import LINE, eq_17, several_yields
 from calibration.fitting.material import Estimate, Goodness, MaterialFit, Outlier
-from calibration.fitting.methods import TINY
 from calibration.fitting.problem import DRAG, Problem
 from calibration.fitting.profiles import Profile, estimate_of, estimates, weighted_deviation
 from calibration.fitting.request import Request, blocks_of
 from calibration.fitting.stages import ComponentFit, fitted
-from calibration.fitting.uncertainty import NULL_SHARE, RANK_TOLERANCE, leverages, quantile
+from calibration.fitting.uncertainty import NULL_SHARE, leverages, quantile
 from calibration.fitting.warnings import FitWarning
 from calibration.fitting.warnings_of import named, of_component, of_set
 from calibration.observables import RESTITUTION
@@ -112,7 +111,7 @@ def _determined_between(fit: ComponentFit, g: int) -> tuple[float, float]:
     if spec.model.law_type is not sj.Zhou or spec.objective != "model":
         return 0.0, np.inf
     of_set = problem.points.set == g
-    critical = np.asarray(problem.yields_at(fit.z))[of_set]
+    critical = np.asarray(problem.yields_at(fit.z, of_set))
     below = problem.points.velocity[of_set] <= critical
     free = {e.name for e in fit.component.elements if g in e.sets}
     with_prior = {e.name for e in fit.component.elements if e.parameter.prior is not None}
@@ -242,7 +241,7 @@ def derived_of(fit: ComponentFit, g: int, confidence: float) -> dict[str, Estima
     spec, problem = fit.component.specs[g], fit.final.problem
     if spec.model.law_type is not sj.Zhou:
         return {}
-    critical = np.asarray(problem.yields_at(fit.z))[problem.points.set == g]
+    critical = np.asarray(problem.yields_at(fit.z, problem.points.set == g))
     found = {"critical_velocity": Estimate(float(np.max(critical)), method="derived")}
     if not (spec.by_eps_up or several_yields(spec.data.contact)):
         found["eps_up"] = _carried(fit, g, eps_up_of, confidence, 1.0)
@@ -284,11 +283,9 @@ def _carried(fit: ComponentFit, g: int, what: Callable, confidence: float, most:
 
 def _shows(fit: ComponentFit, gradient: np.ndarray) -> bool:
     """Whether a number moves the points with whatever moves it."""
-    problem = fit.final.problem
-    rows = problem.linearise(fit.z[None]).jacobian[0]
-    size = np.maximum(np.linalg.norm(rows, axis=0), TINY)
-    rows, way = rows / size, gradient[problem.active] / size
-    left = way - rows.T @ np.linalg.lstsq(rows.T, way, rcond=RANK_TOLERANCE)[0]
+    size, seen = fit.seen
+    way = gradient[fit.final.problem.active] / size
+    left = way - seen.T @ (seen @ way)
     return bool(np.linalg.norm(left) <= NULL_SHARE * np.linalg.norm(way))
 
 

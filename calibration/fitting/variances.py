@@ -132,10 +132,11 @@ def _of_its_own(residuals: Residuals) -> Residuals:
     size = np.sqrt(np.diagonal(others, axis1=1, axis2=2))
     size = np.where(size > 0, size, 1.0)
     across = information[:, own][:, :, ~own] / size[:, None]
-    inverse = np.linalg.pinv(others / (size[:, :, None] * size[:, None]), RIDGE, hermitian=True)
+    others = others / (size[:, :, None] * size[:, None]) + RIDGE * np.eye(size.shape[1])
     return residuals._replace(
         jacobian=residuals.jacobian[:, :, own],
-        information=information[:, own][:, :, own] - across @ inverse @ np.swapaxes(across, 1, 2),
+        information=information[:, own][:, :, own]
+        - across @ np.linalg.solve(others, np.swapaxes(across, 1, 2)),
         free=residuals.free[:, own],
     )
 
