@@ -36,7 +36,8 @@ from calibration.fitting.uncertainty import quantile
 from calibration.parameters import Parameter
 
 PSI = 0.5  # stands in where ε_up is what is known: above yield it acts through ε_up alone
-ROUNDING = 1e-9  # of χ̃: errors below are not used
+STEEPEST = 20.0  # ψ at the end of an interval: there is no loss below first yield
+ROUNDING = 1e-9  # of χ̃: errors below are not used; of ε_up: what is 1
 TINY = np.finfo(float).tiny
 WIDE = 30.0  # ratio of an interval's ends, from which on it is of no use; of ε_up their difference
 WIDE_EPS_UP = 0.1
@@ -51,7 +52,7 @@ class LineMaterial:
         yield_ratio: E/Y.
         chi, chi_error: χ̃ of its own fit.
         eps_up: ε_up of its own fit.
-        sigma, psi: of its own fit; None where these act through ε_up alone.
+        psi: of its own fit; None where it acts through ε_up alone.
     """
 
     name: str
@@ -59,7 +60,6 @@ class LineMaterial:
     chi: float
     chi_error: float | None
     eps_up: float
-    sigma: float | None = None
     psi: float | None = None
 
 
@@ -142,8 +142,9 @@ class Line:
 
         Args:
             contact: its bodies, of the area that was fitted with.
-            eps_up: restitution at first yield; or `sigma` and `psi` of Eq. (17). Where left out, the
-                mean of the fitted materials.
+            eps_up: restitution at first yield, or `sigma` of Eq. (17) in its place. Where both are
+                left out, the mean of the fitted materials.
+            psi: of Eq. (17), which acts below first yield; the mean where left out.
 
         Raises:
             ValueError: naming the argument, its value and what is accepted.
@@ -163,9 +164,9 @@ class Line:
         psi: float | None = None,
         confidence: float | None = None,
     ) -> Band:
-        """ε(v) of a further material, with what its χ̃ and its ε_up, or σ and ψ, are uncertain by.
+        """ε(v) of a further material, with what its χ̃, ε_up and ψ are uncertain by.
 
-        NaN below first yield where only ε_up is known. The limits are those of each unknown at the
+        NaN below first yield where ψ is unknown. The limits are those of each unknown at the
         ends of its interval, their distances from the curve added in squares.
 
         Args:
@@ -194,8 +195,9 @@ class Line:
         moved = [(curve(chi.low), curve(chi.high), float(quantile(level, self._degrees)))]
         for name, (mean, error, degrees) in losses.items():
             reach = float(quantile(level, degrees))
-            low, high = (curve(**{name: mean + side * reach * error}) for side in (-1, 1))
-            moved.append((low, high, reach))
+            most = np.log(STEEPEST) if name == "psi" else np.inf
+            low, high = mean - reach * error, min(mean + reach * error, max(mean, most))
+            moved.append((curve(**{name: low}), curve(**{name: high}), reach))
         ends = [(np.minimum(a, b), np.maximum(a, b)) for a, b, _ in moved]
         down = np.sqrt(sum(np.maximum(value - low, 0.0) ** 2 for low, _ in ends))
         up = np.sqrt(sum(np.maximum(high - value, 0.0) ** 2 for _, high in ends))
@@ -315,32 +317,31 @@ class Line:
             inside = (lambda x: 0 < x < 1) if name == "eps_up" else (lambda x: x > 0)
             accepted = "between 0 and 1" if name == "eps_up" else "a positive number"
             stated[name] = _scaled(name, as_number(name, value, inside, accepted))
-        if "eps_up" in stated:
-            if len(stated) > 1:
-                raise DataError("eps_up", eps_up, "left out with sigma and psi")
-            return {}, stated
-        separate = all(None not in (one.sigma, one.psi) for one in self.materials)
-        if stated and not separate and len(stated) < 2:
-            missing = "psi" if "sigma" in stated else "sigma"
-            raise DataError(missing, "missing", "given, as the fit knows ε_up only")
-        names = ("sigma", "psi") if separate or stated else ("eps_up",)
-        return {name: self._mean(name) for name in names if name not in stated}, stated
+        if {"eps_up", "sigma"} <= {*stated}:
+            raise DataError("eps_up", eps_up, "left out with sigma")
+        if "sigma" in stated and psi is None:
+            raise DataError("psi", "missing", "given with sigma")
+        names = [] if {"eps_up", "sigma"} & {*stated} else ["eps_up"]
+        if psi is None and len(self._inside("psi")) > 1:  # else unknown below first yield
+            names.append("psi")
+        return {name: self._mean(name) for name in names}, stated
 
     def _mean(self, name: str) -> tuple[float, float, float]:
-        """Mean of the fitted materials, without values at an end of the range; its error and degrees."""
-        values = np.array([getattr(one, name) for one in self.materials], float)
-        # a law at an open end of its range has the least number there is
-        inside = (values > TINY) & (values < (1 if name == "eps_up" else np.inf))
-        scaled = np.array([_scaled(name, float(value)) for value in values[inside]])
+        """Mean of the fitted materials, its error for a further one, and degrees of freedom."""
+        scaled = self._inside(name)
         count = len(scaled)
         if count < 2:
             accepted = "given: fewer than two fitted materials have one off the ends of its range"
             raise DataError(name, "missing", accepted)
-        return (
-            float(np.mean(scaled)),
-            float(np.std(scaled, ddof=1)) * (1 + 1 / count) ** 0.5,
-            count - 1.0,
-        )
+        error = float(np.std(scaled, ddof=1)) * (1 + 1 / count) ** 0.5
+        return float(np.mean(scaled)), error, count - 1.0
+
+    def _inside(self, name: str) -> list[float]:
+        """Values of the fitted materials on their scale, without those at an end of the range."""
+        values = [x for one in self.materials if (x := getattr(one, name)) is not None]
+        # a law at an open end of its range has the least number there is, or rounds to its end
+        most = 1 - ROUNDING if name == "eps_up" else np.inf
+        return [_scaled(name, x) for x in values if TINY < x < most]
 
     def _law(self, contact: sj.Contact, chi: float | None, losses: dict[str, float]) -> sj.Zhou:
         values = {name: _plain(name, value) for name, value in losses.items()}
@@ -423,9 +424,9 @@ def _with_materials(line: Line, with_chi, covariance: np.ndarray | None, request
         variance = _variance(fit, k)
         error = variance**0.5 if np.isfinite(variance) else None
         separate = not spec.by_eps_up and not several_yields(spec.data.contact)
-        losses = (float(law.sigma), float(law.psi)) if separate else (None, None)
+        psi = float(law.psi) if separate else None
         name, chi = spec.data.name, float(fit.theta[k])
-        materials.append(LineMaterial(name, _mean_ratio(spec), chi, error, eps_up_of(law), *losses))
+        materials.append(LineMaterial(name, _mean_ratio(spec), chi, error, eps_up_of(law), psi))
     rows = None
     if covariance is not None and np.all(np.isfinite(covariance)) and np.any(covariance):
         (a, b), (_, d) = covariance.tolist()

@@ -125,19 +125,28 @@ def test_a_band_is_what_each_unknown_does(six):
     np.testing.assert_allclose(below, expected, rtol=1e-12)
 
 
-def test_a_material_whose_psi_is_at_its_bound_is_left_out_of_the_mean(six):
-    """A fit that ends at ψ = 0 has the least number there is, which would make any geometric mean nothing."""
+def test_psi_acts_below_yield_alone_and_a_value_at_its_bound_is_left_out_of_the_mean(six):
+    """σ and ψ, each with its mean, once gave a band from 0 to 1, though every material knew its ε_up.
+
+    A fit that ends at ψ = 0 has the least number there is, which would make any geometric mean nothing.
+    """
     line = six[2].unloading_line
     psi = [0.4, 0.9, np.finfo(float).tiny]
     materials = tuple(
-        replace(one, sigma=0.3, psi=value)
-        for one, value in zip(line.materials[:3], psi, strict=True)
+        replace(one, psi=value) for one, value in zip(line.materials[:3], psi, strict=True)
     )
     contact = contact_of(6.5e8)
-    law = replace(line, materials=materials).law(contact)
-    assert float(law.psi) == pytest.approx(0.6, rel=1e-12)
-    with pytest.raises(ValueError, match=r"psi.*fewer than two"):
-        replace(line, materials=materials[1:]).law(contact)
+    v = float(contact.critical_velocity) * np.array([0.5, 2.0, 20.0])
+    with_psi, without = (replace(line, materials=some) for some in (materials, line.materials[:3]))
+    assert float(with_psi.law(contact).psi) == pytest.approx(0.6, rel=1e-12)
+    both, above = with_psi.band(contact, v), without.band(contact, v)
+    for name in ("coefficient", "low", "high"):
+        np.testing.assert_allclose(getattr(both, name)[1:], getattr(above, name)[1:], rtol=1e-9)
+    assert both.low[0] < both.coefficient[0] < both.high[0]
+    assert np.isnan(replace(line, materials=materials[1:]).band(contact, v).coefficient[0])
+    at_one = (materials[0], *(replace(one, eps_up=1 - 1e-15) for one in materials[1:]))
+    with pytest.raises(ValueError, match=r"eps_up.*fewer than two"):
+        replace(line, materials=at_one).law(contact)
 
 
 def test_two_materials_leave_no_freedom_and_what_makes_no_sense_is_refused(tmp_path):
@@ -151,9 +160,8 @@ def test_two_materials_leave_no_freedom_and_what_makes_no_sense_is_refused(tmp_p
     assert advice.startswith("warning: a mean of 2 materials has few degrees of freedom")
     assert advice.endswith("(--eps-up)")
     paper = cal.fit(cal.paper_materials(), objective="two-step", starts=4, profiles=False)
-    words = ["fit more materials, as 3 leave", "state sigma (--sigma)"]
-    said = [text for text in paper.unloading_line.remarks(contact) if "too wide" in text]
-    assert all(word in text for word, text in zip(words, said, strict=True))
+    (text,) = [text for text in paper.unloading_line.remarks(contact) if "too wide" in text]
+    assert "fit more materials, as 3 leave" in text
     assert not any("too wide" in text for text in line.remarks(contact, eps_up=0.97))
     at = np.array([1.0, float(contact.yield_ratio)])
     covariance = np.array(line.covariance)
@@ -164,8 +172,8 @@ def test_two_materials_leave_no_freedom_and_what_makes_no_sense_is_refused(tmp_p
     for call, message in (
         (lambda: line.law(hertz), "`area` must be zhou, as of the fitted materials, but is hertz"),
         (lambda: line.law(contact, eps_up=1.2), "`eps_up` must be between 0 and 1, but is 1.2"),
-        (lambda: line.law(contact, sigma=0.5), "`psi` must be given, as the fit knows ε_up only"),
-        (lambda: line.law(contact, eps_up=0.9, psi=0.5), "`eps_up` must be left out with sigma"),
+        (lambda: line.law(contact, sigma=0.5), "`psi` must be given with sigma"),
+        (lambda: line.law(contact, eps_up=0.9, sigma=0.5), "`eps_up` must be left out with sigma"),
         (line.left_out, "`materials` must be 3 or more, to leave one out, but is 2"),
     ):
         with pytest.raises(ValueError, match=message):
