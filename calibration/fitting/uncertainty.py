@@ -44,6 +44,7 @@ DIFFERENCE = 2e-3  # step in z of the fourth-order differences of the exact grad
 OF_ERROR = 0.1  # of that step, in standard errors, where weights of points move with the residuals
 BEND_STEP = 0.1  # in standard errors, of the third derivative
 NULL_SHARE = 1e-3  # of a null direction, from which on an element counts as undetermined
+FOLLOWS = 0.1  # of its error by which an element follows another by a factor of e: it counts as undetermined
 SIDES = np.array([-2, -1, 1, 2])
 LEAST_CURVATURE = 0.02  # observed over expected information, below which it counts as none
 MOST = 4_000_000  # impacts of second derivatives
@@ -180,7 +181,8 @@ def _of_likelihood(problem: Problem, limits, z) -> Uncertainty:
     scaled = problem.transform.kind[problem.active] != NONE
     jacobian = problem.linearise(z[None]).jacobian
     size = np.where(scaled, 1.0, np.abs(z[problem.active]))
-    jacobian = np.where(held | acts_on_nothing(jacobian, size[None]), 0.0, jacobian[0])
+    every = np.where(acts_on_nothing(jacobian, size[None]), 0.0, jacobian[0])
+    jacobian = np.where(held, 0.0, every)
     basis, seen, rank, condition, nulls = _decomposed(jacobian, held)
     curved, definite = identity, not _has_network(problem)
     few = condensed(problem, z)
@@ -201,6 +203,10 @@ def _of_likelihood(problem: Problem, limits, z) -> Uncertainty:
     whole = root @ root.T
     covariance, before = whole + added, np.diagonal(whole)
     ratio = np.diagonal(covariance) / np.where(before > 0, before, 1.0)
+    # what follows an element that grows without bound is only determined together with it
+    bound = problem.transform.part(problem.active).bound_beyond(limits)
+    follows = basis @ (basis.T @ (jacobian.T @ every[:, held & ~np.isfinite(bound)]))
+    nulls |= np.any(np.abs(follows) > FOLLOWS * np.sqrt(np.diagonal(covariance))[:, None], axis=1)
     left_out = nulls | held
     published = np.where(left_out[:, None] | left_out, np.nan, covariance)
     return Uncertainty(
