@@ -5,7 +5,6 @@ for all later tests of its file, so that programs are forgotten between files.
 """
 
 import ast
-import atexit
 import json
 import os
 import subprocess
@@ -19,13 +18,10 @@ from typing import NamedTuple
 
 import pytest
 
+from tests.ran import ELSEWHERE, ran
+
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
-NOTE = "from tests.lines import ran as _ran"
-ran: set[int] = set()  # numbers of statements
-ELSEWHERE = "STATEMENTS_THAT_RAN"  # a folder, where processes that a test starts say what they ran
-if ELSEWHERE in os.environ:
-    said = Path(os.environ[ELSEWHERE], str(os.getpid()))
-    atexit.register(lambda: said.write_text(json.dumps(sorted(ran)), encoding="utf-8"))
+NOTE = "from tests.ran import ran as _ran"
 
 
 class Lines(NamedTuple):
@@ -51,12 +47,12 @@ class Lines(NamedTuple):
         of_file = self.numbers.get(file, {})
         whole = set(of_file.values())
         wanted = {of_file[str(line)]} if str(line) in of_file else whole
-        found = [test for test, ran in self.statements.items() if not wanted.isdisjoint(ran)]
+        found = [test for test, noted in self.statements.items() if not wanted.isdisjoint(noted)]
         files = {test.partition("::")[0] for test in found}
         places = {test: (1 + (self.seconds[test] >= 1), test.partition("::")[0]) for test in found}
-        for test, ran in self.statements.items():
+        for test, noted in self.statements.items():
             path = test.partition("::")[0]
-            if test not in places and path in files and not whole.isdisjoint(ran):
+            if test not in places and path in files and not whole.isdisjoint(noted):
                 places[test] = 3, path
         totals: dict[tuple[int, str], float] = defaultdict(float)
         for test, place in places.items():
@@ -150,8 +146,6 @@ class Noted:
 
 def main(place: str, to: str) -> None:
     """Run the tests of a place, and write what each runs."""
-    from tests.lines import Noted  # of the module that the files import
-
     words = ["-q", "-n", "0", "-p", "no:cacheprovider", "--tb=no", place]
     with tempfile.TemporaryDirectory(prefix="softjax-ran-") as folder:
         os.environ[ELSEWHERE] = folder

@@ -9,8 +9,9 @@ import pytest
 from tests import mutants
 from tests.changes import changes_of, drawn
 from tests.conftest import dealt
-from tests.lines import Lines, noting, ran
+from tests.lines import Lines, noting
 from tests.mutants import NOTICED, SURVIVED, affordable, equivalents, tried
+from tests.ran import ran
 
 MODULE = textwrap.dedent(
     '''\
