@@ -74,7 +74,8 @@ class Line:
         chi: what the line gives for each material.
         through_chi: c1 and c2 through the fitted χ̃ with their weights instead.
         method: "curves" or "weighted".
-        covariance: of c1 and c2; None where the data have no noise.
+        covariance: of c1 and c2, with what the scatter about the line adds; None where the data have
+            no noise.
         materials: those that it was fitted to, by themselves.
         options, area: of their laws and contacts.
         confidence: of intervals.
@@ -119,7 +120,9 @@ class Line:
         if not value > 0:
             raise DataError("E/Y", ratio, f"such that c1 + c2 E/Y is positive; it is {value:.4g}")
         covariance, (x, y, u) = self.covariance, self._columns
-        if scatter or (covariance is None and np.all(u > 0)):
+        # what rounding left of data without noise is no error of the line
+        is_known = covariance is not None and np.all(u > ROUNDING * y)
+        if not is_known and (scatter or np.all(u > 0)):
             covariance = _least_squares(x, y, u**2 + (scatter * self._line(x)) ** 2)[1]
         if covariance is None:
             return Estimate(value, method="derived")
@@ -433,9 +436,40 @@ def _with_materials(line: Line, with_chi, covariance: np.ndarray | None, request
         rows = ((a, b), (b, d))
     first, confidence = with_chi[0][1], request.options.confidence
     common = {"options": dict(first.model.options), "area": first.data.contact.area}
-    return replace(
-        line, covariance=rows, materials=tuple(materials), confidence=confidence, **common
+    return _with_scatter(
+        replace(line, covariance=rows, materials=tuple(materials), confidence=confidence, **common)
     )
+
+
+def _with_scatter(line: Line) -> Line:
+    """Errors of c1 and c2 that include the scatter of χ̃ about the line.
+
+    Both estimates weigh a material by 1/u² of its χ̃, so its deviation moves them as it moves the line of
+    least squares with these weights.
+    """
+    x, chi, u = line._columns
+    if not line.scatter or line.covariance is None or not np.all(u > ROUNDING * chi):
+        return line
+    design = np.stack([np.ones_like(x), x], axis=1)
+    influence = _least_squares(x, chi, u**2)[1] @ (design / u[:, None] ** 2).T
+    added = (influence * (line.scatter * line._line(x)) ** 2) @ influence.T
+    covariance = np.asarray(line.covariance) + added
+    reach = float(quantile(line.confidence, line._degrees))
+
+    def widened(estimate: Estimate, more: float) -> Estimate:
+        if estimate.value is None or estimate.standard_error is None:
+            return estimate
+        error = float(np.hypot(estimate.standard_error, more**0.5))
+        low, high = estimate.value - reach * error, estimate.value + reach * error
+        return replace(estimate, standard_error=error, low=low, high=high)
+
+    c1, c2 = map(widened, (line.c1, line.c2), np.diag(added))
+    through = line.through_chi
+    if through is not None:
+        pairs = zip(through.items(), np.diag(added), strict=True)
+        through = {name: widened(estimate, more) for (name, estimate), more in pairs}
+    (a, b), (_, d) = covariance.tolist()
+    return replace(line, c1=c1, c2=c2, through_chi=through, covariance=((a, b), (b, d)))
 
 
 def _with_chi(fits: list[ComponentFit]) -> list[tuple[ComponentFit, SetSpec, int]]:

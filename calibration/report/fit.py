@@ -339,9 +339,14 @@ def _line(line: Any) -> list[Block]:
     if line.through_chi:
         through = [estimate_text(line.through_chi[name]) for name in ("c1", "c2")]
         columns["through the fitted χ̃"] = through
+    text = LINE.format(words) if len(line.rms) > 2 else LINE_OF_TWO
+    if line.scatter and line.c1.standard_error is not None:
+        text += (
+            f" Errors of c1 and c2 include the scatter about the line, {100 * line.scatter:.2g} %."
+        )
     return [
         Block("heading", "One line for all materials, Eq. (18)"),
-        Block("text", LINE.format(words) if len(line.rms) > 2 else LINE_OF_TWO),
+        Block("text", text),
         Block("table", pd.DataFrame(columns)),
         *([] if line.converged else [Block("strong", "NOT CONVERGED: the fit of this line.")]),
     ]

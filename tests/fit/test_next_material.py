@@ -72,12 +72,24 @@ def test_the_scatter_and_the_intervals_are_those_of_weighted_least_squares(six):
     assert np.sum((chi - mean) ** 2 / variance) == pytest.approx(4.0, rel=1e-6)  # n - 2
     low, high = np.sqrt(4 / stats.chi2.ppf([0.999, 0.001], 4)) * SCATTER
     assert low < line.scatter < high
+    # a material's deviation moves c as it moves the line of weighted least squares
     design = np.stack([np.ones(6), RATIOS], axis=1)
-    covariance = np.linalg.inv(design.T @ (design / variance[:, None]))
+    influence = np.linalg.inv(design.T @ (design / error[:, None] ** 2)) @ (design.T / error**2)
+    covariance = (influence * variance) @ influence.T
+    for k, name in enumerate(("c1", "c2")):
+        through = line.through_chi[name]
+        assert through.standard_error == pytest.approx(covariance[k, k] ** 0.5, rel=1e-6)
+        half = stats.t.ppf(0.975, 4) * through.standard_error
+        assert [through.low, through.high] == pytest.approx(
+            [through.value - half, through.value + half], rel=1e-9
+        )
+        of_curves = getattr(line, name).standard_error
+        assert of_curves == pytest.approx(through.standard_error, rel=0.1)
+        assert line.covariance[k][k] == pytest.approx(of_curves**2, rel=1e-9)
     contact = contact_of(6.5e8)
     at = np.array([1.0, float(contact.yield_ratio)])
     found = line.unloading_factor(contact, confidence=0.9)
-    size = np.sqrt(at @ covariance @ at + (line.scatter * found.value) ** 2)
+    size = np.sqrt(at @ line.covariance @ at + (line.scatter * found.value) ** 2)
     assert found.standard_error == pytest.approx(size, rel=1e-9)
     reach = stats.t.ppf(0.95, 4) * size / found.value
     assert np.log([found.low, found.high]) == pytest.approx(
@@ -180,6 +192,7 @@ def test_two_materials_leave_no_freedom_and_what_makes_no_sense_is_refused(tmp_p
             call()
     result.report(tmp_path)
     report = (tmp_path / "report.md").read_text(encoding="utf-8")
+    assert "scatter about the line" not in report
     assert "only a third material can test it." in report
     assert "less closely" not in report
     assert line.rms == pytest.approx({fit.name: fit.rms for fit in result.materials}, rel=1e-4)
