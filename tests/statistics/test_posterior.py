@@ -13,11 +13,13 @@ from scipy import stats
 
 import calibration as cal
 import softjax as sj
+from calibration.plots import posterior_figure
 from tests.command import run
 from tests.coverage.test_coverage import drops, with_up
 from tests.decay import Decay
 from tests.fit_data import twin
 from tests.posterior_cases import az, blackjax, check_grid, made, needed, values_of, xarray
+from tests.shown.capture import legend, line
 
 V = np.linspace(0.5, 4.0, 16)
 
@@ -384,11 +386,12 @@ MEASURED = np.linspace(0.5, 4.0, 12)
 
 
 def drawn(**variables):
-    """ArviZ data of 2 chains of 300 draws of each (mean, standard deviation)."""
+    """ArviZ data of 2 chains of 300 draws of each (mean, standard deviation); 6 diverged."""
     random = np.random.default_rng(0)
     dims = ("chain", "draw")
     draws = {n: (dims, m + s * random.standard_normal((2, 300))) for n, (m, s) in variables.items()}
-    return made(posterior=xarray.Dataset(draws))
+    diverging = {"diverging": (dims, np.arange(600).reshape(2, 300) % 100 == 7)}
+    return made(posterior=xarray.Dataset(draws), sample_stats=xarray.Dataset(diverging))
 
 
 @pytest.fixture(scope="module")
@@ -418,6 +421,32 @@ def test_a_band_of_draws_is_their_quantiles(decay, draws):
             decay.band(VELOCITY, confidence=confidence, draws=draws)
     with pytest.raises(ValueError, match="`draws` must be of the posterior of this fit"):
         decay.band(VELOCITY, draws=drawn(restitution=(0.9, 0.01)))
+
+
+def test_the_picture_of_draws_and_of_a_fit_with_a_fixed_level(draws):
+    """Histograms, and pairs below them; a fixed value has no interval."""
+    data = cal.RestitutionData(MEASURED, 0.92 * np.exp(-0.3 * MEASURED), uncertainty=0.02)
+    fit = cal.fit(data, Decay, {"level": cal.Parameter(0.92, free=False)}, profiles=False)
+    figure = posterior_figure(draws, fit)
+    every = iter(figure.axes)
+    names, axis = ("level", "rate", "noise"), ("$a$", "$b$ [s/m]", "scatter")
+    ends = {"level": [], "rate": list(fit.intervals["rate"]), "noise": []}
+    for row, name in enumerate(names):
+        values = values_of(draws, name)
+        for below in names[:row]:
+            ax, other = next(every), values_of(draws, below)
+            np.testing.assert_array_equal(ax.get_lines()[0].get_xydata().T, [other, values])
+            np.testing.assert_array_equal(line(ax, "diverged"), [other[7::100], values[7::100]])
+            if name == "rate":
+                assert np.ravel(line(ax, "fit")).tolist() == [0.92, fit.values["rate"]]
+            assert (ax.get_xlabel() or axis[names.index(below)]) == axis[names.index(below)]
+        ax = next(every)
+        edges = [bar.get_x() for bar in ax.patches] + [np.quantile(values, 0.998)]
+        assert [bar.get_height() for bar in ax.patches] == np.histogram(values, edges)[0].tolist()
+        assert ax.get_xlim() == pytest.approx(np.quantile(values, [0.002, 0.998]))
+        shown = [one.get_xdata()[0] for one in ax.get_lines() if "interval" in one.get_label()]
+        assert shown == ends[name]
+    assert legend(figure) == ["draws", "fit", "diverged", "the fit's interval"]
 
 
 @pytest.mark.parametrize("dof", [4, "estimate"])
