@@ -1,8 +1,8 @@
 """Small changes to a Python file, found in its syntax tree: what `tests.mutants` draws from.
 
 A change is an operator, comparison or constant replaced, two arguments swapped, a keyword dropped,
-min for max, a condition or sign negated. Annotations, docstrings and messages are left alone, and
-so are the code's checks of itself: `zip(strict=True)`, `dataclass(frozen=True)`.
+min for max, a condition or sign negated. Annotations, docstrings, messages and the looks of pictures
+are left alone, and so are the code's checks of itself: `zip(strict=True)`, `dataclass(frozen=True)`.
 """
 
 import ast
@@ -39,6 +39,8 @@ OPPOSITES = [("min", "max"), ("minimum", "maximum"), ("all", "any"), ("floor", "
 OPPOSITE = {a: b for pair in OPPOSITES for a, b in (pair, pair[::-1])}
 COMMUTE = {"min", "max", "minimum", "maximum", "hypot", "logical_and", "logical_or"}
 CHECKED = {"zip", "dataclass"}  # whose keywords change nothing but what is refused
+LOOKS = {"linewidth", "elinewidth", "markersize", "markeredgewidth", "capsize", "alpha", "zorder"}
+LOOKS |= {"fontsize", "frameon", "ha", "va"}
 TEXT = (ast.List, ast.Tuple, ast.JoinedStr)  # + joins these
 Site = tuple[str, int, int, str]  # kind, start, end, new text
 
@@ -147,7 +149,7 @@ class _Source:
         for keyword in keywords:
             start, end = self.span(keyword)
             before = self.source[:start].rstrip()
-            if keyword.arg and before.endswith(b","):
+            if keyword.arg and keyword.arg not in LOOKS and before.endswith(b","):
                 yield "keyword", len(before) - 1, end, ""
 
 
@@ -162,6 +164,12 @@ def _nodes(node) -> Iterator[ast.AST]:
             within = [*node.decorator_list, *defaults, *node.body]
         case ast.Call() if _name(node.func) in CHECKED:
             within = node.args
+        case ast.Dict(keys, values):
+            pairs = zip(keys, values, strict=True)
+            kept = [value for key, value in pairs if getattr(key, "value", None) not in LOOKS]
+            within = [*keys, *kept]
+        case ast.keyword(name) if name in LOOKS:
+            within = []
         case _:
             within = [] if _is_left_alone(node) else list(ast.iter_child_nodes(node))
     for child in within:

@@ -48,7 +48,7 @@ PACKAGES = {  # a file is of the first that it begins with
 # where the tests of users' doings are; those of documents, oracles and rules run or read other code
 PLACES = (
     *("physics", "hard", "jax", "derivatives", "data", "fit", "statistics"),
-    *("refusals", "commands", "shown", "export", "system", "golden"),
+    *("refusals", "commands", "shown", "export", "system", "golden", "coverage"),
 )
 OWN = ("softjax", "calibration", "tests")
 LIBRARIES = (

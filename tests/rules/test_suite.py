@@ -46,13 +46,16 @@ def test_every_sort_of_change_is_found_once():
     }
 
 
-def test_what_commutes_and_what_only_checks_is_left_alone():
+def test_what_commutes_what_only_checks_and_looks_are_left_alone():
     def of(line):
         return {one.after for one in changes_of("module.py", line.encode())}
 
     assert of("x = max(a, b)") == {"x = min(a, b)"}
     assert of("x = atan2(a, b)") == {"x = atan2(b, a)"}
     assert of("x = zip(a, b, strict=True)") == {"x = zip(b, a, strict=True)"}
+    assert of('f(a, alpha=0.5, **{"linewidth": 1, "x": 2})') == {
+        'f(a, alpha=0.5, **{"linewidth": 1, "x": 3})'
+    }
     assert of("@dataclass(frozen=True, eq=False)\nclass Pair:\n    n: int = 1") == {"n: int = 2"}
 
 

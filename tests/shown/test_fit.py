@@ -186,6 +186,7 @@ def test_the_main_job_says_what_it_found(main_job):
     assert main_job.out.startswith("These data are a published fit of measurements, not")
     for printed in ("0.1368", "0.0239", "3.0432", "0.8352", "54.25", "χ̃: unloading", "1.794"):
         assert printed in main_job.out
+    assert "(fixed)" not in main_job.out
     assert max(map(len, main_job.out.partition("\nWritten to")[0].splitlines())) <= 100
     assert {*main_job.figures} == {"curves.png", "correlation.png"}
     report = main_job.text("report.md")

@@ -197,6 +197,10 @@ def test_indices_stand_side_by_side_with_their_limits(studied):
         assert ax.get_ylabel() == r"share of the variance of $\varepsilon$"
         assert [t.get_text() for t in ax.get_xticklabels()] == [LETTERS[n] for n in names]
         containers = [c for c in ax.containers if hasattr(c, "patches")]
+        sides = [[(b.get_x(), b.get_x() + b.get_width()) for b in bars] for bars in containers]
+        places = np.swapaxes(sides, 0, 1).ravel()  # each first beside its total, about its letter
+        assert np.all(np.diff(places) >= 0)
+        np.testing.assert_allclose(places.reshape(-1, 4).mean(axis=1), range(len(names)))
         for bars, which in zip(containers, ("first", "total"), strict=True):
             assert bars.get_label() == {"first": "first order", "total": "total"}[which]
             np.testing.assert_allclose([bar.get_height() for bar in bars], found[which][k])
