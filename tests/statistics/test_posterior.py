@@ -20,6 +20,7 @@ from tests.decay import Decay
 from tests.fit_data import twin
 from tests.posterior_cases import az, blackjax, check_grid, made, needed, values_of, xarray
 from tests.shown.capture import legend, line
+from tests.shown.tables import markdown_tables
 
 V = np.linspace(0.5, 4.0, 16)
 
@@ -518,15 +519,15 @@ def test_sensitivities_and_designs_are_over_the_draws(files):
 # the command
 
 
-def sampled(folder, *materials):
-    """What `softjax fit --posterior 100` prints and writes of restitutions and lines on each."""
+def sampled(folder, *materials, draws=100):
+    """What `softjax fit --posterior` prints and writes of restitutions and lines on each."""
     text = ""
     for k, (values, more) in enumerate(materials):
         rows = [f"{v},{e}" for v, e in enumerate(values, 1)]
         (folder / f"{k}.csv").write_text("velocity [m/s],restitution\n" + "\n".join(rows))
         text += f'[[material]]\nname = "balls {k}"\ndata = "{k}.csv"\n{more}'
     (folder / "a.toml").write_text(text)
-    told = ("--law", "constant", "--posterior", "100", "--no-profiles", "--out", folder / "results")
+    told = ("--law", "constant", "--posterior", draws, "--no-profiles", "--out", folder / "results")
     code, printed, err = run("fit", folder / "a.toml", *told)
     assert (code, err) == (0, "")
     report = (folder / "results" / "report.md").read_text(encoding="utf-8")
@@ -563,6 +564,28 @@ def test_the_command_writes_draws_picture_and_words_and_says_what_is_wrong(tmp_p
         assert own in lines[code]
         assert f"**{code}** (posterior)" in lines[code]
         assert lines[code].count("restitution[") == 1
+
+
+def test_the_report_says_what_the_draws_determine(tmp_path):
+    """Means of 12 to 0.0069 alone, beside a prior of 0.01, and beside one of 0.0001."""
+    noise = 0.02 * np.random.default_rng(2).standard_normal(12)
+    priors = [
+        f"[material.parameters]\nrestitution = {{ prior = [0.9, {u}] }}\n" for u in (0.01, 1e-4)
+    ]
+    materials = (0.8 + noise, ""), *((0.9 + noise, prior) for prior in priors)
+    _, section = sampled(tmp_path, *materials, draws=1000)
+    rows = {row[0]: row for row in markdown_tables(section)[0][1:]}
+    free, narrowed, stated, *noises = rows
+    found = [f"{name} = {rows[name][1]}" for name in (free, *noises)]
+    lines = [line[2:] for line in section.splitlines() if line.startswith("- The data")]
+    assert [re.sub(r"\d+ %", "n %", line) for line in lines] == [
+        f"The data determine {', '.join(found)}.",
+        f"The data narrow {narrowed} (n % of its prior's width left).",
+        f"The data do not determine {stated} (n % of its prior's width left).",
+    ]
+    for text, name, share in zip(lines[1:], (narrowed, stated), (0.57, 1.0), strict=True):
+        assert float(rows[name][5]) == pytest.approx(share, rel=0.1)  # 1/√(1 + (0.01/0.0069)²)
+        assert int(re.findall(r"(\d+) %", text)[0]) == pytest.approx(100 * share, rel=0.1)
 
 
 # without the packages of the extra
