@@ -91,7 +91,7 @@ def of_component(
         for code, cause in causes.items():
             for data in stage.problem.datasets:
                 found_warnings += named(code, [cause], data.name)
-        for k, rise in _other_minima(fit, stage).items():
+        for k, rise in _other_minima(fit, stage, found).items():
             higher = f"only {rise:.2g} higher" if rise >= 0 else f"{-rise:.2g} lower"
             cause = f"another minimum for {elements[k].name} has a chi squared {higher}"
             found_warnings.append(
@@ -194,9 +194,15 @@ def _separation(fit: ComponentFit, curves: dict[str, Profile]) -> list[FitWarnin
     return found
 
 
-def _other_minima(fit: ComponentFit, stage: StageFit) -> dict[int, float]:
-    """Elements with another value at another minimum that is nearly as good, and how much higher χ² is there."""
+def _other_minima(
+    fit: ComponentFit, stage: StageFit, estimates: Mapping[int, Estimate]
+) -> dict[int, float]:
+    """Elements with a value outside their interval at a minimum nearly as good, and how much higher χ² is there."""
     problem, found = stage.problem, {}
+
+    def is_outside(k: int, value: float) -> bool:
+        low, high = estimates[k].low, estimates[k].high
+        return not (low is None or low <= value) or not (high is None or value <= high)
 
     def cost(*places: np.ndarray) -> np.ndarray:
         """Of the points, each on its branch there, and of the priors."""
@@ -208,7 +214,12 @@ def _other_minima(fit: ComponentFit, stage: StageFit) -> dict[int, float]:
         if not other.converged[0] or np.any(stage.limits) or np.any(other.limits):
             continue
         way = other.z[0] - stage.z
-        moved = [k for k in problem.active if abs(way[k]) > MOVED and fit.uncertainty.known[k]]
+        theta = problem.transform.physical(other.z[0])
+        moved = [
+            int(k)
+            for k in problem.active
+            if abs(way[k]) > MOVED and fit.uncertainty.known[k] and is_outside(k, theta[k])
+        ]
         if not moved:
             continue
         spread = weighted_deviation(fit, problem, LEAST_NOISE)
@@ -219,7 +230,7 @@ def _other_minima(fit: ComponentFit, stage: StageFit) -> dict[int, float]:
             shares = np.sin(np.linspace(0, np.pi / 2, STATIONS + 2)[1:-1]) ** 2
             between = cost(*(stage.z + share * way for share in shares))
             if np.any(between > np.max(ends) * (1 + LEFT_UNDONE)):
-                found |= {int(k): rise for k in moved if k not in found}
+                found |= {k: rise for k in moved if k not in found}
     return found
 
 

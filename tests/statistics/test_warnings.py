@@ -87,6 +87,15 @@ def torn(*shares):
     return cal.fit(sets, None, said, **QUICK | {"starts": 32})
 
 
+def of_branches(profiles):
+    """Minima with the slowest points above yield or below it, which profiles go over."""
+    y = np.append(np.linspace(0.4, 0.95, 4), np.geomspace(1.3, 40, 8))
+    data = twin("stainless steel", y, 0.006, 11, uncertainty=0.006)
+    strength = float(data.contact.yield_strength)
+    said = {"contact.yield_strength": Free(prior=(strength, 0.1 * strength)), "psi": 0.54}
+    return cal.fit(data, None, said, **QUICK | {"profiles": profiles, "starts": 8})
+
+
 def balls(radius):
     pair = sj.Contact.between_spheres(sj.STAINLESS_STEEL, sj.STAINLESS_STEEL, radius, radius)
     return falling(straight(np.ones_like, pair, 20))
@@ -129,6 +138,7 @@ CASES = {
     "all-below-yield": lambda: [cal.fit(eq_17_data("nylon", y=np.linspace(0.1, y, 20), **BELOW), **QUICK) for y in (0.9, 5.0)],
     "data": lambda: (scattered(0.1), scattered(0.0)),
     "several-minima": lambda: (torn(1.04), torn(2.08)),
+    "several-minima, within an interval": lambda: [of_branches(profiles) for profiles in (False, True)],
     # Eq. (17) is no law of all of stainless steel's curve, and as good as one of chrome steel's
     "objectives-disagree": lambda: [zhou(n, None, 0.003, stated=True, objective="two-step") for n in (STEEL, CHROME)],
     "unequal-scatter": lambda: (falling(straight(lambda v: v**1.5)), falling(straight(lambda v: 2.0))),
