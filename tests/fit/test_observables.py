@@ -12,6 +12,7 @@ import softjax as sj
 from calibration.observables import OBSERVABLES, predicted
 from tests.coverage.test_coverage import CASES, ZHOU, sensed
 from tests.fit_data import pair
+from tests.shown.tables import cells
 
 PAIR = pair("stainless steel")
 V = np.geomspace(0.05, 3, 20)
@@ -71,6 +72,23 @@ def test_times_and_forces_are_rows_of_the_likelihood(data, result):
     assert result.standard_errors["stiffness"] == pytest.approx(expected, rel=0.05)
     held = cal.fit(cal.RestitutionData(V, data.restitution, PAIR), "linear", **QUICK)
     assert "stiffness" not in held.covariance_names
+
+
+def test_what_else_was_measured_has_a_table(data, result):
+    hit = sj.restitution(result.law, V)
+    exact = np.asarray(hit.duration), np.asarray(hit.peak_force)[5:]
+    off = [one.value / at - 1 for one, at in zip(data.observed, exact, strict=True)]
+    lines = [cells(line) for line in str(result).splitlines()]
+    times, forces = (line for line in lines if "t_c" in str(line) or "F_max" in str(line))
+    assert [times[:3], forces[:3]] == [
+        ["data", "contact time t_c", "20"],
+        ["data", "peak force F_max", "15"],
+    ]
+    rms, of_forces = (100 * np.mean(part**2) ** 0.5 for part in off)
+    assert [float(x) for x in times[3:]] == pytest.approx([rms, rms * np.sqrt(20 / 19.1)], rel=0.01)
+    assert forces[4] == "stated"
+    chi_squared = np.sum((off[1] / U) ** 2) / 14.85  # a stiffness of 35 rows
+    assert [float(x) for x in forces[3::2]] == pytest.approx([of_forces, chi_squared], rel=0.03)
 
 
 def test_problem_and_leave_one_out_are_the_same_density(data, result):
