@@ -16,7 +16,6 @@ from calibration.data import RestitutionData
 from calibration.fitting.noise import Normal
 
 COLLINEAR = 0.99  # correlation from which on two parameters count as one number
-CONDITION_LIMIT = 1e5  # of the Jacobian with unit columns: half of float64's digits are gone
 SEPARATE = 1.0  # standard error of ln σ from which on σ and ψ count as one number
 SEVERAL_DELTA = 4.0  # Δχ² below which another minimum is nearly as good
 CONFIDENCE = 0.99  # of the tests on residuals
@@ -42,7 +41,6 @@ ADVICE = {
     "collinear": (
         "Report what is determined; or fix one of them, give it a prior, or measure where they differ."
     ),
-    "ill-conditioned": "Fix a parameter or give it a prior; intervals of single parameters mislead.",
     "not-converged": "Use more starts or steps, or another optimiser; do not use the values.",
     "several-minima": "Give bounds or a prior that decide, or measure where the curves differ.",
     "model-misfit": (
@@ -167,8 +165,10 @@ def runs(velocity: Column, residual: Column) -> str | None:
         return None  # rounding
     sign = residual[np.argsort(velocity, kind="stable")] > 0
     n, plus = len(sign), int(np.sum(sign))
-    if n < 10 or plus in (0, n):
+    if n < 10:
         return None
+    if plus in (0, n):
+        return f"all {n} residuals have one sign"
     count = 1 + int(np.sum(sign[1:] != sign[:-1]))
     mean = 1 + 2 * plus * (n - plus) / n
     variance = (mean - 1) * (mean - 2) / (n - 1)

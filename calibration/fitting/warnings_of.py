@@ -29,7 +29,6 @@ STATIONS = 32
 # Share of the cost that the next step may still promise where the gradient counts as vanished. A
 # rise no larger than that may be made of what the two searches left undone.
 LEFT_UNDONE = 1e-8
-OPEN = ("rank-deficient", "sigma-psi-not-separate")  # an infinite condition number is the same fact
 LEAST_NOISE = 1e-10  # of ε: less is no noise
 LAW_OR_GROUPS = (
     f"The law misses a trend ({warnings.OTHER_LAWS}), or other points belong together than those of the "
@@ -97,12 +96,6 @@ def of_component(
             found_warnings.append(
                 FitWarning("several-minima", cause, _owner(fit, elements[k].sets))
             )
-    condition = float(fit.uncertainty.condition_number)
-    is_known = any(one.code in OPEN for one in found_warnings + separation)
-    if condition > warnings.CONDITION_LIMIT and not (is_known or _has_whole(fit)):
-        cause = f"the Jacobian's condition number is {condition:.2g}"
-        every = tuple(range(len(fit.component.sets)))
-        found_warnings.append(FitWarning("ill-conditioned", cause, _owner(fit, every)))
     return found_warnings + separation
 
 

@@ -47,7 +47,7 @@ def straight(noise, contact=None, count=60, stop=4.0):
     return cal.RestitutionData(velocity, e, contact)
 
 
-def ill_conditioned(curve):
+def collinear(curve):
     velocity = np.linspace(0.1, 1.9, 30)
     noise = 1e-9 * np.random.default_rng(3).standard_normal(30)
     return falling(cal.RestitutionData(velocity, 1 - 0.1 * velocity + noise), curve)
@@ -128,8 +128,8 @@ CASES = {
     "at-bound, at infinity": lambda: [zhou(STEEL, None, u, stated=True) for u in (0.01, 0.0003)],
     "eps-up-only": lambda: (zhou("nylon", np.geomspace(1.2, 80, 30), 0.002), zhou("nylon", None, 0.002)),
     "sigma-psi-not-separate": lambda: [zhou(CHROME, None, u, 1) for u in (0.02, 0.0005)],
-    # two slopes that differ by a millionth of a bend; and by one that shows
-    "ill-conditioned": lambda: (ill_conditioned(1e-6), ill_conditioned(1e-1)),
+    # two slopes that differ by a slight bend; and by one that shows
+    "collinear": lambda: (collinear(1e-1), collinear(1.0)),
     "model-misfit": lambda: (misfit(STEEL, uncertainty=0.003), misfit(CHROME, uncertainty=0.003)),
     "model-misfit, no u": lambda: (misfit(STEEL), misfit(CHROME)),
     "no-velocity-dependence": lambda: (bounces(0.0), bounces(0.02)),
@@ -215,6 +215,12 @@ def test_runs_are_wald_s_and_wolfowitz_s():
     for count, raised in ((4, False), (5, True)):  # of each sign; nine points are too few
         residual = np.append(np.full(5, 1.0), np.full(count, -5 / count))
         assert ("residual-runs" in codes(constant(residual))) == raised
+    for count in (9, 10):  # all of one sign
+        data = cal.RestitutionData(
+            np.arange(1.0, count + 1), np.full(count, 0.81), uncertainty=0.01
+        )
+        fixed = cal.fit(data, "constant", {"restitution": 0.8}, starts=1)
+        assert ("residual-runs" in codes(fixed)) == (count == 10)
 
 
 @pytest.mark.parametrize("group", [None, ["a", "b"] * 10])
