@@ -1,9 +1,8 @@
 """Speed against error: the routes of this library and their baselines.
 
 Every method computes ε_p of the same collisions: each route of the law, `scipy.integrate.solve_ivp` in a
-Python loop, and `diffrax.diffeqsolve` ended by events. Exact values come from 40-digit arithmetic (60-digit
-for damped laws), rounded to 20 digits by tests/oracles/write.py, or from a closed form that no route
-uses, so that no method is compared with itself.
+Python loop, and `diffrax.diffeqsolve` ended by events. Exact values come from 40-digit arithmetic,
+rounded to 20 digits by tests/oracles/write.py, so that no method is compared with itself.
 """
 
 import json
@@ -12,7 +11,7 @@ import os
 import statistics
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,7 +22,7 @@ import numpy as np
 
 import softjax as sj
 
-LAWS = ("zhou", "viscoelastic", "hertz-dashpot", "linear", "own")
+TITLE = "stainless steel, v from 1.5 to 250 critical velocities"
 BATCH, LARGE, FEW = 4096, 1_000_000, 16  # impacts; the last for the slow loops in Python
 EXACT = "exact", "exact, no overlaps"  # the second: ε, ε_p and status alone
 REPEATS, SHORTEST, LONGEST = 9, 0.2, 0.5  # timings; least and largest total time [s]
@@ -32,45 +31,46 @@ NEARLY = 3.0  # errors within this factor count as the requested one
 LEAST = 1e-30  # smallest overlap under a root
 ENDS = 20.0  # longer than any contact, in reduced units
 SCIPY, DIFFRAX = "SciPy loop", "diffrax, events"
-FAMILIES = ("energy balance", "closed form", "ODE", DIFFRAX, SCIPY)
-LENGTH = 2e-4  # [m] of `Hardening`
-RESTITUTION, STIFFNESS = 0.7, 1e6  # of the dashpots
+FAMILIES = ("energy balance", "ODE", DIFFRAX, SCIPY)
 Row = dict[str, Any]
 
 
 class Phase(NamedTuple):
-    """A phase of a motion x'' = -force(x, x', x_m, c, larger), x_m the largest overlap.
+    """A phase of a motion x'' = -force(x, x_m, d, X, larger), x_m the largest overlap.
 
-    It ends where `end` falls through 0, if `returning` only while x' < 0; `larger` is of two numbers.
+    It ends where `end(x, u, x_m, d, X, larger)` falls through 0, u the velocity; `larger` is of two numbers.
     """
 
     force: Callable
     end: Callable
-    returning: bool = True
 
 
 @dataclass(frozen=True)
 class Scene:
-    """Impact velocities [m/s], a law of three parameters θ, and exact ε_p and θ ∂ε_p/∂θ.
+    """Impacts of Zhou's law at velocities [m/s], with exact ε_p and θ ∂ε_p/∂θ for θ = χ̃, E, Y.
 
-    `reduced` gives, from a law and velocities, the impact velocity y and the numbers c of the motion
-    in reduced units; the first `quick` of `routes` are those of the quick table.
+    These three move all three numbers of the reduced collision: y = v/v_cr, d and X = χ̃ E/Y.
     """
 
-    title: str
-    law_of: Callable[..., Any]
-    theta: tuple[float, ...]
+    inputs: dict[str, Any]
     velocity: np.ndarray
     exact: np.ndarray
     slopes: np.ndarray
-    reduced: Callable[[Any, Any], tuple[Any, Any]]
-    phases: tuple[Phase, ...]
-    routes: tuple[Any, ...]
-    quick: int
 
     @property
-    def law(self) -> Any:
-        return self.law_of(*self.theta)
+    def theta(self) -> tuple[float, ...]:
+        return tuple(float(self.inputs[name]) for name in ("chi", "E", "Y"))
+
+    def law_of(self, chi, youngs_modulus, yield_strength) -> sj.Zhou:
+        x = self.inputs
+        leaves = youngs_modulus, x["R"], x["M"], yield_strength, x["v_lim"]
+        contact = sj.Contact(*leaves, area=x["area"])
+        return sj.Zhou(contact, chi, x["sigma"], x["psi"], form=x["form"], kappa=x["kappa"])
+
+    def reduced(self, theta, velocity) -> tuple[Any, Any, Any]:
+        law = self.law_of(*theta)
+        y = velocity / law.contact.critical_velocity
+        return y, law.plasticity(), law.chi * law.contact.yield_ratio
 
 
 @dataclass(frozen=True)
@@ -87,188 +87,52 @@ class Method:
     gradient: Callable | None = None
 
 
-class Hardening(sj.RateIndependentLaw):
-    """A law as a user writes it, in SI units: Hertz's loading, unloading F_m (δ/δ_m)^{3/2 + δ_m/ℓ}.
-
-    The works of both forces are elementary: ε² = (5/2)/(5/2 + δ_m/ℓ).
-    """
-
-    contact: sj.Contact
-    length: float = sj.number_field("ℓ", "m", "length", within="(0, inf)")
-
-    def loading_force(self, overlap):
-        return self.contact.stiffness * sj.power_3_2(overlap)
-
-    def unloading_force(self, overlap, peak_overlap):
-        power = 1.5 + peak_overlap / self.length
-        return self.loading_force(peak_overlap) * (overlap / peak_overlap) ** power
-
-    def depth(self, velocity):
-        """δ_m/ℓ."""
-        return (
-            1.25 * self.contact.mass / self.contact.stiffness * velocity**2
-        ) ** 0.4 / self.length
-
-
-class HardeningToZero(Hardening):
-    """The law `Hardening` with its residual overlap stated."""
-
-    def residual_overlap(self, peak_overlap):
-        return jnp.zeros_like(peak_overlap)
-
-
-def scene_of(name: str) -> Scene:
-    """The scene of one of `LAWS`."""
-    if name == "zhou":
-        return _zhou()
-    return _user_law(Hardening) if name == "own" else _damped(name)
-
-
-def _stored(name: str) -> tuple[dict[str, Any], np.ndarray]:
-    """Inputs and the columns of exact values."""
+def stainless_steel() -> Scene:
+    """Two spheres of Table 1's stainless steel, v from 1.5 to 250 critical velocities."""
     path = Path(__file__).with_name("speed.json")
-    stored = json.loads(path.read_text(encoding="utf-8"))[name]
-    return stored["inputs"], np.array(stored["rows"], float).T
+    stored = json.loads(path.read_text(encoding="utf-8"))["zhou"]
+    velocity, exact, *slopes = np.array(stored["rows"], float).T
+    return Scene(stored["inputs"], velocity, exact, np.array(slopes))
 
 
-def _zhou() -> Scene:
-    """Zhou's law; gradients in χ̃, E and Y, which move all three numbers of the reduced collision."""
-    x, (velocity, exact, *slopes) = _stored("zhou")
-
-    def law_of(chi, youngs_modulus, yield_strength):
-        leaves = youngs_modulus, x["R"], x["M"], yield_strength, x["v_lim"]
-        contact = sj.Contact(*leaves, area=x["area"])
-        return sj.Zhou(contact, chi, x["sigma"], x["psi"], form=x["form"], kappa=x["kappa"])
-
-    def loading(x, u, peak, c, larger):  # Eq. (8) in units of first yield
-        q = larger(x, 1.0)
-        return 1.25 * (x * larger(x, LEAST) ** 0.5 + c[0] * (q * q - 1) * (1 - q**0.5))
-
-    def unloading(x, u, peak, c, larger):  # Eq. (12)
-        d, steepness = c
-        hertz = (1 - d * peak) * x + d
-        line = 1 - steepness * (1 - x / peak)
-        return 1.25 * (hertz * larger(x, LEAST) ** 0.5 + d * (peak * peak - 1) * line)
-
-    def reduced(law, velocity):
-        numbers = law.plasticity(), law.chi * law.contact.yield_ratio
-        return velocity / law.contact.critical_velocity, numbers
-
-    two_steps = sj.ODE(solver="dopri5", steps=2)
-    more = (sj.ODE(rtol=1e-8), sj.ODE(solver="dopri5", steps=1), sj.ODE(solver="dopri8", steps=2))
-    return Scene(
-        "stainless steel, v from 1.5 to 250 critical velocities",
-        law_of,
-        tuple(float(x[name]) for name in ("chi", "E", "Y")),
-        velocity,
-        exact,
-        np.array(slopes),
-        reduced,
-        (Phase(loading, lambda x, u, *_: u, returning=False), Phase(unloading, unloading)),
-        (two_steps, sj.EnergyBalance(), *more, sj.ODE(rtol=1e-12)),
-        quick=2,
-    )
+def _loading(x, peak, d, steepness, larger):  # Eq. (8) in units of first yield
+    q = larger(x, 1.0)
+    return 1.25 * (x * larger(x, LEAST) ** 0.5 + d * (q * q - 1) * (1 - q**0.5))
 
 
-def _damped(name: str) -> Scene:
-    """x'' = -x^p - c x^q x' in units of v and the spring; gradients in the damping, E and M."""
-    x, (velocity, exact, slope) = _stored("viscoelastic")
-    p, q = {"viscoelastic": (1.5, 0.5), "hertz-dashpot": (1.5, 0.25), "linear": (1.0, 0.0)}[name]
-    damping, powers = x["dissipation_time"], (1.0, 0.4, -0.4)
-    if name != "viscoelastic":
-        exact = slope = np.full_like(velocity, RESTITUTION)
-        damping, powers = RESTITUTION, (1.0, 0.0, 0.0)
-
-    def law_of(damping, youngs_modulus, mass) -> sj.ContactLaw:
-        contact = sj.Contact(youngs_modulus, x["R"], mass, x["Y"], x["v_lim"])
-        if name == "linear":
-            return sj.LinearSpringDashpot(contact, STIFFNESS, damping)
-        kind = sj.ViscoelasticHertz if name == "viscoelastic" else sj.HertzDashpot
-        return kind(contact, damping)
-
-    def reduced(law, velocity):
-        if name == "viscoelastic":
-            rate = (law.contact.stiffness / law.contact.mass) ** 0.4
-            return jnp.ones_like(velocity), 1.5 * law.dissipation_time * rate * velocity**0.2
-        loss = jnp.log(law.restitution)
-        fraction = -loss / jnp.hypot(jnp.pi, loss)
-        return jnp.ones_like(velocity), (2.0 if name == "linear" else 5**0.5) * fraction
-
-    def force(x, u, peak, c, larger):
-        return larger(x, LEAST) ** p + c * larger(x, LEAST) ** q * u
-
-    def end(x, u, peak, c, larger):
-        return larger(x, LEAST) ** (p - q) + c * u if name == "viscoelastic" else x
-
-    steps = (sj.ODE(solver=solver, steps=n) for solver, n in (("dopri5", 8), ("dopri8", 4)))
-    return Scene(
-        name,
-        law_of,
-        (damping, float(x["E"]), float(x["M"])),
-        velocity,
-        exact,
-        np.outer(powers, slope),
-        reduced,
-        (Phase(force, end),),
-        (sj.ODE(solver="dopri5", steps=4), sj.ClosedForm(), *steps, sj.ODE(rtol=1e-8)),
-        quick=2,
-    )
+def _unloading(x, peak, d, steepness, larger):  # Eq. (12)
+    hertz = (1 - d * peak) * x + d
+    line = 1 - steepness * (1 - x / peak)
+    return 1.25 * (hertz * larger(x, LEAST) ** 0.5 + d * (peak * peak - 1) * line)
 
 
-def _user_law(kind: type[Hardening]) -> Scene:
-    """x'' = -(5/4) x^{3/2}, with the power c on unloading, in units of δ_m and v; gradients in ℓ, E and M."""
-    velocity, steel = np.geomspace(1e-2, 10.0, 32), _zhou().law.contact
-
-    def law_of(length, youngs_modulus, mass) -> Hardening:
-        return kind(replace(steel, youngs_modulus=youngs_modulus, mass=mass), length)
-
-    def force(x, u, peak, c, larger):
-        return 1.25 * larger(x, LEAST) ** (1.5 + (u <= 0) * (c - 1.5))
-
-    theta = (LENGTH, float(steel.youngs_modulus), float(steel.mass))
-    depth = np.asarray(law_of(*theta).depth(velocity))
-    exact = np.sqrt(2.5 / (2.5 + depth))
-    steps = (sj.ODE(solver=solver, steps=n) for solver, n in (("dopri8", 2), ("dopri5", 5)))
-    return Scene(
-        "a user's law in SI, v from 0.01 to 10 m/s",
-        law_of,
-        theta,
-        velocity,
-        exact,
-        np.outer((-1.0, -0.4, 0.4), -0.5 * exact * depth / (2.5 + depth)),
-        lambda law, velocity: (jnp.ones_like(velocity), 1.5 + law.depth(velocity)),
-        (Phase(force, lambda x, *_: x),),
-        (sj.ODE(solver="dopri5", steps=3), sj.EnergyBalance(), *steps, sj.ODE(rtol=1e-8)),
-        quick=2,
-    )
+PHASES = (
+    Phase(_loading, lambda x, u, *_: u),
+    Phase(_unloading, lambda x, u, *others: _unloading(x, *others)),
+)
 
 
-def methods(name: str, quick: bool) -> Iterator[Callable[[], Method]]:
-    """Functions that build the methods of one of `LAWS`, the largest batches last.
+def methods(scene: Scene, quick: bool) -> Iterator[Callable[[], Method]]:
+    """Functions that build the methods to measure, the largest batches last.
 
     Some machines give all their cores only after seconds of work.
     """
-    scene = scene_of(name)
     for rtol in (1e-6,) if quick else (1e-4, 1e-6, 1e-8):
         yield partial(scipy_loop, scene, rtol)
         yield partial(by_events, scene, rtol, gradient=rtol == 1e-6 and not quick)
-    for route in scene.routes[: scene.quick] if quick else scene.routes:
+    steps = (sj.ODE(solver=solver, steps=n) for solver, n in (("dopri5", 1), ("dopri8", 2)))
+    more = () if quick else (sj.ODE(rtol=1e-8), *steps, sj.ODE(rtol=1e-12))
+    for route in (sj.ODE(solver="dopri5", steps=2), sj.EnergyBalance(), *more):
         yield partial(by_route, scene, route, BATCH, gradient=not quick)
-        if name == "own":  # the baselines stop where the overlap vanishes
-            stated = _user_law(HardeningToZero)
-            yield partial(by_route, stated, route, BATCH, ", end stated", not quick)
-    if name != "own":
-        exact = next(route for route in scene.routes if not isinstance(route, sj.ODE))
-        yield partial(by_route, scene, exact, LARGE, gradient=not quick)
-        if name == "zhou":
-            yield partial(by_route, scene, exact, LARGE, overlaps=False)
+    yield partial(by_route, scene, sj.EnergyBalance(), LARGE, gradient=not quick)
+    yield partial(by_route, scene, sj.EnergyBalance(), LARGE, overlaps=False)
 
 
 def by_route(
-    scene: Scene, route: Any, batch: int, note: str = "", gradient: bool = False, overlaps=True
+    scene: Scene, route: Any, batch: int, gradient: bool = False, overlaps: bool = True
 ) -> Method:
     """A route as a user calls it without `jit`: all fields of the result, not only ε_p."""
-    law, family, setting = scene.law, route.name, EXACT[not overlaps]
+    law, family, setting = scene.law_of(*scene.theta), route.name, EXACT[not overlaps]
     if isinstance(route, sj.ODE):
         fixed = route.rtol is None and route.steps
         steps = f"{route.steps} steps" if fixed else f"rtol {route.tolerance:.0e}"
@@ -281,36 +145,31 @@ def by_route(
         return sj.restitution(law, velocity, route, overlaps=overlaps).plastic_coefficient
 
     slopes = _with_gradient(scene, coefficient) if gradient else None
-    return Method(family, setting + note, batch, value, slopes)
+    return Method(family, setting, batch, value, slopes)
 
 
 def scipy_loop(scene: Scene, rtol: float) -> Method:
     """`solve_ivp` by DOP853 in a Python loop, with events."""
 
     def value(velocity):
-        motion = scene.reduced(scene.law, velocity)
-        motion = jax.tree.map(lambda leaf: np.broadcast_to(leaf, velocity.shape).tolist(), motion)
-        speeds, numbers = motion
-        each = zip(*numbers, strict=True) if isinstance(numbers, tuple) else numbers
-        rows = zip(speeds, each, strict=True)
-        return np.array([_by_scipy(scene.phases, y, c, rtol) for y, c in rows])
+        y, d, steepness = map(np.asarray, scene.reduced(scene.theta, velocity))
+        return np.array([_by_scipy(each, float(d), float(steepness), rtol) for each in y.tolist()])
 
     return Method(SCIPY, f"DOP853, rtol {rtol:.0e}", FEW, value)
 
 
-def _by_scipy(phases: tuple[Phase, ...], y: float, c: Any, rtol: float) -> float:
+def _by_scipy(y: float, d: float, steepness: float, rtol: float) -> float:
     from scipy.integrate import solve_ivp
 
     state, peak = (0.0, y), 0.0
     tolerance = {"rtol": rtol, "atol": rtol * np.array([y**0.8, y])}
-    for phase in phases:
+    for phase in PHASES:
 
         def field(t, state, phase=phase, peak=peak):
-            return state[1], -phase.force(*state, peak, c, max)
+            return state[1], -phase.force(state[0], peak, d, steepness, max)
 
         def ended(t, state, phase=phase, peak=peak):
-            waiting = phase.returning and state[1] >= 0
-            return 1.0 if waiting else phase.end(*state, peak, c, max)
+            return phase.end(*state, peak, d, steepness, max)
 
         ended.terminal, ended.direction = True, -1  # type: ignore[attr-defined]
         solution = solve_ivp(field, (0.0, ENDS), state, "DOP853", events=ended, **tolerance)
@@ -323,9 +182,8 @@ def by_events(scene: Scene, rtol: float, gradient: bool = False) -> Method:
     """The plain method with diffrax: integrate over time, end each phase by an `Event` and a root find."""
 
     def coefficient(theta, velocity):
-        y, c = scene.reduced(scene.law_of(*theta), velocity)
-        c = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, velocity.shape), c)
-        return jax.vmap(lambda y, c: _by_diffrax(scene.phases, y, c, rtol))(y, c)
+        y, d, steepness = scene.reduced(theta, velocity)
+        return jax.vmap(lambda y: _by_diffrax(y, d, steepness, rtol))(y)
 
     jitted = jax.jit(coefficient)
     slopes = _with_gradient(scene, coefficient) if gradient else None
@@ -333,19 +191,18 @@ def by_events(scene: Scene, rtol: float, gradient: bool = False) -> Method:
     return Method(DIFFRAX, setting, BATCH, lambda v: jitted(scene.theta, v), slopes)
 
 
-def _by_diffrax(phases: tuple[Phase, ...], y, c, rtol: float):
+def _by_diffrax(y0, d, steepness, rtol: float):
     import diffrax as dfx
     import optimistix as optx
 
-    state, peak = (jnp.zeros_like(y), y), jnp.ones_like(y)
-    for phase in phases:
+    state, peak = (jnp.zeros_like(y0), y0), jnp.ones_like(y0)
+    for phase in PHASES:
 
         def field(t, y, args, phase=phase, peak=peak):
-            return y[1], -phase.force(*y, peak, c, jnp.maximum)
+            return y[1], -phase.force(y[0], peak, d, steepness, jnp.maximum)
 
         def ended(t, y, args, phase=phase, peak=peak, **kwargs):
-            left = phase.end(*y, peak, c, jnp.maximum)
-            return jnp.where(y[1] < 0, left, 1.0) if phase.returning else left
+            return phase.end(*y, peak, d, steepness, jnp.maximum)
 
         solution = dfx.diffeqsolve(
             dfx.ODETerm(field),
@@ -361,7 +218,7 @@ def _by_diffrax(phases: tuple[Phase, ...], y, c, rtol: float):
         )
         state = jax.tree.map(lambda leaf: leaf[-1], solution.ys)
         peak = state[0]
-    return -state[1] / y
+    return -state[1] / y0
 
 
 def _with_gradient(scene: Scene, coefficient: Callable) -> Callable:
@@ -471,7 +328,7 @@ def _time_at(rows: list[Row], error: float) -> float | None:
     return min(t1, t1 ** (1 - weight) * t2**weight)
 
 
-def draw(rows: list[Row], title: str, ax: Any = None) -> Any:
+def draw(rows: list[Row], ax: Any = None) -> Any:
     """Plot time per collision against the largest error, both logarithmic; one marker for each setting.
 
     Large batches have a label: the number of impacts, and what is omitted.
@@ -480,8 +337,8 @@ def draw(rows: list[Row], title: str, ax: Any = None) -> Any:
 
     ax = style.axes_or_new(ax, 5.5)
     # a colour and a marker each: distinct without colour too
-    colours = (style.GREEN, style.GREEN, style.BLUE, style.SKY, style.VERMILION)
-    for family, colour, marker in zip(FAMILIES, colours, "**os^", strict=True):
+    colours = (style.GREEN, style.BLUE, style.SKY, style.VERMILION)
+    for family, colour, marker in zip(FAMILIES, colours, "*os^", strict=True):
         some = [row for row in rows if row["family"] == family]
         if some:
             errors = [max(row["largest_error"], 1e-17) for row in some]
@@ -493,7 +350,7 @@ def draw(rows: list[Row], title: str, ax: Any = None) -> Any:
                 offset = (8, -9 if "," in omitted else 0)  # times with and without may be close
                 keywords = {"textcoords": "offset points", "fontsize": "small"}
                 ax.annotate(note, (error, microseconds), offset, **keywords)
-    ax.set(xscale="log", yscale="log", title=f"Speed against error\n{title}")
+    ax.set(xscale="log", yscale="log", title=f"Speed against error\n{TITLE}")
     ax.set_xlabel(r"largest error of $\varepsilon_p$ [-]")
     ax.set_ylabel("time per collision [µs]")
     ax.grid(which="major", alpha=0.3)

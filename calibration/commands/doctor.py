@@ -90,10 +90,10 @@ def self_check() -> dict[str, float]:
     import numpy as np
 
     import softjax as sj
-    from calibration.speed import scene_of
+    from calibration.speed import stainless_steel
 
     sj.enable_x64()
-    scene = scene_of("zhou")
+    scene = stainless_steel()
     few = slice(None, None, max(1, len(scene.exact) // 4))
     velocity, exact = scene.velocity[few], scene.exact[few]
 

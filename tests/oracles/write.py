@@ -13,7 +13,6 @@ from typing import Any
 
 from mpmath import mp, mpf
 
-from tests.oracles import closed_forms
 from tests.oracles import zhou_mp as z
 
 HERE = Path(__file__).parent
@@ -174,22 +173,7 @@ def timed(inputs: Record, row: list) -> list:
         return [row[0], *(mp.nstr(x, 20) for x in (answer["eps_p"], *log))]
 
 
-def timed_viscoelastic(inputs: Record, row: list) -> list:
-    """Velocity, ε and its slope by ln w² of viscoelastic spheres."""
-    with mp.workdps(closed_forms.DIGITS):
-        E, R, M, time, v = (
-            mpf(x) for x in (*(inputs[k] for k in ("E", "R", "M", "dissipation_time")), row[0])
-        )
-        w_squared = mpf("1.5") * time * (4 * E * mp.sqrt(R) / 3 / M) ** mpf("0.4") * v ** mpf("0.2")
-        step = mpf("1e-18")
-        up, here, down = (
-            closed_forms.of_squared(w_squared * (1 + k * step)).restitution for k in (1, 0, -1)
-        )
-        return [row[0], *(mp.nstr(x, 20) for x in (here, (up - down) / (2 * step)))]
-
-
 SOLVERS = {"boxes": box, "curves": of_contact, "materials": of_spheres}
-TIMED = {"zhou": timed, "viscoelastic": timed_viscoelastic}
 
 
 def stored(path: Path) -> Any:
@@ -220,11 +204,9 @@ def main() -> None:
     replace(
         HERE / "turning_point.json", {k: lines(list(map(turning, v))) for k, v in points.items()}
     )
-    speed = {}
-    for name, part in stored(SPEED).items():
-        rows = lines([TIMED[name](part["inputs"], row) for row in part["rows"]])
-        speed[name] = f'{{"inputs": {json.dumps(part["inputs"])}, "rows": {rows}}}'
-    replace(SPEED, speed)
+    inputs, rows = stored(SPEED)["zhou"].values()
+    rows = lines([timed(inputs, row) for row in rows])
+    replace(SPEED, {"zhou": f'{{"inputs": {json.dumps(inputs)}, "rows": {rows}}}'})
 
 
 if __name__ == "__main__":
