@@ -206,6 +206,14 @@ def test_percent_taken_twice_velocities_beyond_all_guns_and_restitutions_above_o
     level = np.where(np.arange(100) % 2, 0.001, -0.001)
     assert of(velocity, 1.0495 + level, uncertainty=0.1) == []
     assert of(velocity, 1.0515 + level, uncertainty=0.1) == ["above-one"]
+    for v, x in (
+        (np.geomspace(0.5, 5, 12), np.geomspace(0.5, 5, 12)),
+        (np.ones(12), np.arange(12)),
+    ):
+        assert of(v, 1.001 + 0.05 * (x - np.median(x))) == ["above-one"]  # without scatter
+    # ±0.01 in turns is a scatter of 1.4826 · 0.02/√1.5 = 0.0242: 4 of the median's errors are 0.0121
+    assert of(velocity, 1.0120 + 10 * level) == []
+    assert of(velocity, 1.0123 + 10 * level) == ["above-one"]
 
 
 ASCENDING = np.array([1.0, 2.0, 3.0, 4.0])
