@@ -19,9 +19,8 @@ SURE = 4.0  # standard errors by which a median lies above 1
 FEWEST = 8  # points in which an order may show
 SHORTEST = 3  # points of a run
 FAR_FROM_HERTZ = 30.0  # times what an elastic impact of the bodies shows
-EXAMPLES = {"contact_time": "us", "peak_force": "N", "peak_overlap": "um", "dent_diameter": "mm"}
 FAR = 100.0
-POWER = "Is the power of ten right?"
+CHECK = "Check the value and its unit."
 AS_IT_IS = "plausibility = false takes it as it is"
 
 
@@ -30,7 +29,7 @@ class Implausible(NamedTuple):
 
     code: str
     cause: str
-    advice: str
+    advice: str = CHECK
 
 
 class Range(NamedTuple):
@@ -41,8 +40,6 @@ class Range(NamedTuple):
     lowest: float
     highest: float
     unit: str
-    if_below: str
-    if_above: str
 
     @property
     def accepted(self) -> str:
@@ -54,27 +51,17 @@ class Range(NamedTuple):
 
 
 RANGES = {
-    "radius": Range("radius", "radius", 1e-6, 1.0, "m", POWER, "Is the radius in millimetres?"),
-    "youngs_modulus": Range(
-        *("modulus", "Young's modulus", 1e5, 1.3e12, "Pa", "Is the modulus in MPa or GPa?", POWER)
-    ),
-    "density": Range(
-        *("density", "density", 10.0, 23_000.0, "kg/m³"),
-        *("Is the density in g/cm³?", "Is the density in kg/m³?"),
-    ),
-    "yield_strength": Range(
-        *("yield-strength", "yield strength", 1e4, 1e11, "Pa"),
-        *("Is the yield strength in MPa?", POWER),
-    ),
+    "radius": Range("radius", "radius", 1e-6, 1.0, "m"),
+    "youngs_modulus": Range("modulus", "Young's modulus", 1e5, 1.3e12, "Pa"),
+    "density": Range("density", "density", 10.0, 23_000.0, "kg/m³"),
+    "yield_strength": Range("yield-strength", "yield strength", 1e4, 1e11, "Pa"),
 }
 
 
 def plausibility(data: Any) -> tuple[Implausible, ...]:
-    """Likely mistakes in data, each with a question; empty if there are none."""
+    """Likely mistakes in data, each with what to check; empty if there are none."""
     with np.errstate(all="ignore"):
-        warnings = [
-            Implausible(*warning) for warning in (*of_bodies(data.bodies, data.contact), *_of(data))
-        ]
+        warnings = [*of_bodies(data.bodies, data.contact), *_of(data)]
     return tuple(dict.fromkeys(warnings))
 
 
@@ -83,12 +70,10 @@ def of_bodies(bodies: Iterable[Any], contact: Any) -> Iterator[Implausible]:
     for name, quantity, value in _properties(bodies, contact):
         low, high = float(np.min(value)), float(np.max(value))
         if low < quantity.lowest or high > quantity.highest:
-            is_above = high > quantity.highest
-            cause = f"the {quantity.name} of the {name} is {high if is_above else low:.3g} {quantity.unit}"
+            value = high if high > quantity.highest else low
+            cause = f"the {quantity.name} of the {name} is {value:.3g} {quantity.unit}"
             cause = f"{cause}, outside {quantity.accepted}".replace("the Young", "Young")
-            yield Implausible(
-                quantity.code, cause, quantity.if_above if is_above else quantity.if_below
-            )
+            yield Implausible(quantity.code, cause)
 
 
 def check_far(bodies: Iterable[Any], contact: Any) -> None:
@@ -118,36 +103,37 @@ def _properties(bodies: Iterable[Any], contact: Any) -> Iterator[tuple[str, Rang
                 yield name, quantity, values[key]
 
 
-def _of(data: Any) -> Iterator[tuple[str, str, str]]:
+def _of(data: Any) -> Iterator[Implausible]:
     contact, fastest = data.contact, float(np.max(data.velocity))
     if contact is not None:
         critical, limit = np.asarray(contact.critical_velocity), np.asarray(data.limit_velocity)
         if np.any(critical > limit):
             cause = f"first yield at {np.max(critical):.3g} m/s is beyond v_lim = {np.min(limit):.3g} m/s"
-            advice = "Are the yield strength and Young's modulus in the same unit? "
-            advice += "What does not yield has other laws: `--law viscoelastic` for rubber."
-            yield "yield-beyond-limit", cause, advice
+            advice = (
+                "Check the units of yield strength and Young's modulus. Bodies that do not yield "
+            )
+            advice += "need another law, rubber `--law viscoelastic`."
+            yield Implausible("yield-beyond-limit", cause, advice)
     if fastest > FASTEST:
-        advice = "Which unit has it? The header says it: `velocity [mm/s]`"
-        yield "velocity", f"the largest velocity is {fastest:.3g} m/s", advice
+        yield Implausible("velocity", f"the largest velocity is {fastest:.3g} m/s")
     for note in data.remarks:
         if note.startswith(FALLS):  # from higher than anybody drops a ball
-            advice = "Which unit is it? The header says it: `drop_height [mm]`, `interval [ms]`"
-            yield "height", note, advice
+            yield Implausible("height", note)
     if FALLEN in data.remarks and sum(body.radius is not None for body in data.bodies) > 1:
         cause = "the dropped balls met a sphere like them, as no wall is given"
-        yield "no-wall", cause, "If it was a wall, `[material.wall]` gives its properties."
+        advice = "For a wall give its properties as `[material.wall]`."
+        yield Implausible("no-wall", cause, advice)
     largest = float(np.nanmax(data.restitution, initial=-1.0))
     if 0 <= largest < LOWEST_RESTITUTION:
         cause = f"all restitutions are below {LOWEST_RESTITUTION}, {largest:.3g} at most"
-        yield "percent", cause, "Are they fractions whose unit says percent?"
+        yield Implausible("percent", cause)
     yield from _above_one(data)
     yield from _runs(data)
     if contact is not None:
         yield from _far_from_hertz(data)
 
 
-def _above_one(data: Any) -> Iterator[tuple[str, str, str]]:
+def _above_one(data: Any) -> Iterator[Implausible]:
     """A median above 1 by more than its standard error explains: not noise, but a mistake in all rows."""
     is_measured = np.isfinite(data.restitution)
     n = int(np.sum(is_measured))
@@ -160,10 +146,10 @@ def _above_one(data: Any) -> Iterator[tuple[str, str, str]]:
         scatter = max(scatter, float(np.median(data.uncertainty[is_measured])))
     if excess > SURE * np.sqrt(np.pi / 2 / n) * scatter:
         cause = f"half of the restitutions are above {1 + excess:.4g}, which noise would not do"
-        yield "above-one", cause, "Are impact and rebound exchanged, or is a scale off?"
+        yield Implausible("above-one", cause, "Check the columns and their units.")
 
 
-def _runs(data: Any) -> Iterator[tuple[str, str, str]]:
+def _runs(data: Any) -> Iterator[Implausible]:
     """Velocities that go all through their range several times over, and no `group`."""
     sized = data.contact is not None and any(map(np.ndim, data.contact.leaves().values()))
     if sized or data.group is not None or data.errors.shares or len(data) < FEWEST:
@@ -173,12 +159,15 @@ def _runs(data: Any) -> Iterator[tuple[str, str, str]]:
         # each run rises within itself: repeats at one velocity are no run
         rises = velocity[starts[1:] - 1] > velocity[starts[:-1]]
         if len(starts) > 2 and np.min(np.diff(starts)) >= SHORTEST and np.all(rises):
-            cause = f"velocities {word} {len(starts) - 1} times over, as if of so many specimens or launches"
-            yield "groups", cause, "Add a column `group` if rows belong together."
+            cause = (
+                f"velocities {word} {len(starts) - 1} times over, and there is no column `group`"
+            )
+            advice = "Add a column `group` if rows share a specimen or a launch."
+            yield Implausible("groups", cause, advice)
             return
 
 
-def _far_from_hertz(data: Any) -> Iterator[tuple[str, str, str]]:
+def _far_from_hertz(data: Any) -> Iterator[Implausible]:
     """Compare observables with an elastic impact of the bodies.
 
     δ_max = (5 M v²/4k)^(2/5), F = k δ^(3/2), t = 2.9432 δ/v, a² = A δ (Johnson, Contact Mechanics, 1985).
@@ -200,8 +189,7 @@ def _far_from_hertz(data: Any) -> Iterator[tuple[str, str, str]]:
         if not 1 / FAR_FROM_HERTZ < ratio < FAR_FROM_HERTZ:
             cause = f"{name} is {value:.3g} {OBSERVED[name]} at the median, "
             cause += f"{ratio:.2g} times an elastic impact's"
-            advice = f"Which unit has it? The header says it: `{name} [{EXAMPLES[name]}]`"
-            yield name.replace("_", "-"), cause, advice
+            yield Implausible(name.replace("_", "-"), cause)
 
 
 def _scatter_of(velocity: Column, restitution: Column) -> float:
