@@ -143,6 +143,7 @@ TOML_FILES = {
     "negative modulus": ("m.toml:3", "youngs_modulus|-1|positive number [Pa]", key(3, "youngs_modulus = -1")),
     "zero density": ("m.toml:5", "density is 0|positive number", key(5, "density = 0.0")),
     "text for a number": ("m.toml:5", 'density|"8030"|[kg/m³]', key(5, 'density = "8030"')),
+    "text for gravity": ("m.toml:9", "gravity|strong|[m/s²]", TOML + 'gravity = "strong"\n'),
     "truth for a number": ("m.toml:5", "density|true|[kg/m³]", key(5, "density = true")),
     "NaN property": ("m.toml:6", "yield_strength|nan|[Pa]", key(6, "yield_strength = nan")),
     "a whole number beyond floats": ("m.toml:5", "density|digits|positive number", key(5, "density = " + "9" * 400)),
