@@ -12,7 +12,7 @@ import math
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache, lru_cache, partial
+from functools import cache, lru_cache, partial, reduce
 from typing import Any, NamedTuple
 
 import jax
@@ -230,6 +230,8 @@ def _aligned(count: int, dtype) -> np.ndarray:
 
 def _of_traced(program: _Program, leaves, whole, shape, cut: bool):
     """Of impacts in the caller's own program: one call for all, or for chunk after chunk."""
+    if not any(whole) and _mapped_here(leaves):
+        return _as_array(program, whole, shape, cut)(*leaves)
     count = math.prod(shape)
     few = count < 2 * BLOCK or any(whole) or not cut
     if few or on_several_devices() or not _on_cpu():
@@ -249,6 +251,35 @@ def _of_traced(program: _Program, leaves, whole, shape, cut: bool):
     each = [leaf for leaf, m in zip(flat, many, strict=True) if m]
     results = in_chunks(of_chunk, each, -(-count // TRACED_CHUNK))
     return jax.tree.map(lambda result: result.reshape(shape), results)
+
+
+def _mapped_here(leaves) -> bool:
+    """Whether a `vmap` is the innermost of what the caller transforms: what is computed here has its axis."""
+    traced = [leaf for leaf in leaves if is_traced(leaf)]
+    if not any(hasattr(leaf, "batch_dim") for leaf in traced) or not all(map(jnp.size, traced)):
+        return False
+    return hasattr(
+        reduce(jnp.add, [x[(0,) * x.ndim] if x.ndim else x for x in traced]), "batch_dim"
+    )
+
+
+def _as_array(program: _Program, whole, shape, cut: bool) -> Callable:
+    """Of one impact, or of a few; a `vmap` over it computes an array of impacts instead."""
+
+    @custom_vmap
+    def mapped(*leaves):
+        return _of_traced(program, leaves, whole, shape, cut)
+
+    @mapped.def_vmap
+    def rule(axis_size, batched, *leaves):
+        wide = [
+            x.reshape(axis_size, *(1,) * (1 + len(shape) - x.ndim), *x.shape[1:]) if b else x
+            for x, b in zip(leaves, batched, strict=True)
+        ]
+        results = _of_traced(program, wide, whole, (axis_size, *shape), cut)
+        return results, jax.tree.map(lambda _: True, results)
+
+    return mapped
 
 
 def on_several_devices() -> bool:
