@@ -44,6 +44,7 @@ def test_every_command_documents_the_common_options(name, capsys):
     text = capsys.readouterr().out
     for word in ("--out", "--quiet", "--no-cache", "exit codes"):
         assert word in text
+    assert "default: None" not in text
 
 
 def test_help_lists_every_command_and_imports_nothing_heavy():
