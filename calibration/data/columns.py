@@ -63,8 +63,8 @@ SPELLINGS = {
     "separation_velocity",
     "drop_height": "h_drop h_0 h0 h_i hi h_initial initial_height release_height fall_height "
     "falling_height height_before",
-    "rebound_height": "h_rebound h_reb h_bounce h_f hf h_r hr h_final h' bounce_height "
-    "final_height height_after",
+    "rebound_height": "h_rebound h_reb h_bounce h_f hf h_r hr h_final h' h_1 h1 h_2 "
+    "h2 bounce_height final_height height_after",
     "interval": "dt δt delta_t flight_time time_of_flight tof time_interval bounce_interval "
     "interval_time time_between_bounces",
     "time": "bounce_time impact_time event_time time_of_bounce",
@@ -77,32 +77,15 @@ SPELLINGS = {
 }
 KNOWN = {word: name for name, words in SPELLINGS.items() for word in words.split()}
 KNOWN |= {name: name for name in SI_UNITS}
-# ambiguous headings, and the names that each may mean
-MEANINGS = {
-    "interval time": "t t_n times zeit temps tiempo",
-    "drop_height rebound_height": "h height h_1 h1 h_2 h2 höhe hauteur altura",
-    "impact_velocity rebound_velocity": "v_1 v1 v_2 v2",
-    "rebound_height rebound_velocity": "rebound bounce",
-    "drop_height launch": "drop fall",
-    "impact_velocity uncertainty": "u",
-    "velocity_uncertainty": "dv δv delta_v",
-    "uncertainty": "de δe delta_e δε unsicherheit incertitude",
-    "height_uncertainty": "dh δh delta_h",
-    "velocity": "geschwindigkeit vitesse velocidad velocità",
-    "restitution": "stosszahl stoßzahl restitutionskoeffizient coefficient_de_restitution "
-    "coeficiente_de_restitución",
-    "impact_velocity": "aufprallgeschwindigkeit vitesse_d'impact",
-    "rebound_velocity": "rückprallgeschwindigkeit vitesse_de_rebond",
-    "drop_height": "fallhöhe hauteur_de_chute",
-    "rebound_height": "rücksprunghöhe sprunghöhe hauteur_de_rebond",
-    "group": "gruppe probe groupe",
-}
-AMBIGUOUS = {word: names.split() for names, words in MEANINGS.items() for word in words.split()}
+FIRST, SECOND = (
+    {"h1", "h_1"},
+    {"h2", "h_2"},
+)  # drop and rebound; beside a drop height either is the rebound
 # an uncertainty is one of these words and the name of its quantity, in either order: u_v, v_err
 UNCERTAIN = ["uncertainty", "unc", "error", "err", "stdev", "std", "sd", "sigma", "σ", "±"]
 BEFORE = (*UNCERTAIN, "u", *(f"{word}_{of}" for word in UNCERTAIN for of in ("of", "in")))
 OF = {"h": "height", "height": "height", "t": "timing", "timing": "timing"}
-OF |= {word: name for word, name in KNOWN.items() if name in (*MEASURED, *OBSERVED)}
+OF |= {w: n for w, n in KNOWN.items() if n in (*MEASURED, *OBSERVED) and w not in FIRST | SECOND}
 OF = {w: "uncertainty" if n == "restitution" else f"{n}_uncertainty" for w, n in OF.items()}
 SPELLED = {f"{before}_{word}": name for before in BEFORE for word, name in OF.items()}
 SPELLED |= {f"{word}_{after}": name for after in UNCERTAIN for word, name in OF.items()}
@@ -166,7 +149,7 @@ ACCEPTED_SETS = (
 
 
 class Header(NamedTuple):
-    """A heading: as written, its name (of `SI_UNITS` or `AMBIGUOUS`, or None), its words, its unit."""
+    """A heading: as written, its name (of `SI_UNITS`, or None), its words, its unit."""
 
     text: str
     name: str | None
@@ -195,15 +178,14 @@ def read_header(text: str) -> Header:
     if len(text) > LONGEST:
         return Header(text, None, "", None)
     for words, unit, is_sure in _readings(text):
-        name = _canonical(words) or (plain(words) if plain(words) in AMBIGUOUS else None)
-        if name is not None:
-            si = SI_UNITS[AMBIGUOUS.get(name, [name])[0]]
-            if is_sure or is_unit(unit or "", si) or unit == "%":
-                return Header(text, name, plain(words), unit)
+        name = _canonical(words)
+        if name is not None and (is_sure or is_unit(unit or "", SI_UNITS[name]) or unit == "%"):
+            return Header(text, name, plain(words), unit)
     base = re.split(r"[\[(]", text, maxsplit=1)[0]
     if _canonical(base) is not None:
         raise DataError("column", repr(text), "a name and one unit, as in `velocity [m/s]`")
-    near = get_close_matches(plain(base), [n for n in KNOWN if len(n) > 3], n=1, cutoff=NEAR)
+    in_words = [n for n in KNOWN if len(n) > 3 and min(map(len, n.split("_"))) > 1]  # no symbols
+    near = get_close_matches(plain(base), in_words, n=1, cutoff=NEAR)
     if near:
         accepted = f"a known name (did you mean {near[0]!r}?), or a clearly different name"
         raise DataError("column", repr(text), accepted)
@@ -289,16 +271,12 @@ def _with_unit(header: Header, unit: str) -> Header:
 def _resolved(read: Sequence[Header]) -> list[str | None]:
     """The name of each column, pairs identified by each other."""
     names = [header.name for header in read]
+    if "drop_height" not in names and SECOND & {header.words for header in read}:
+        names = ["drop_height" if header.words in FIRST else header.name for header in read]
 
     def rename(old: Sequence[str], new: str) -> None:
         names[:] = [new if name in old else name for name in names]
 
-    if "rebound_height" not in names:
-        first, second = ("h1", "h_1"), ("h2", "h_2")
-        if "drop_height" not in names and {*second} & {*names}:
-            rename(first, "drop_height")
-        if "drop_height" in names:
-            rename(second if {*second} & {*names} else first, "rebound_height")
     for end in ("", "_uncertainty"):
         if "rebound_velocity" not in names:
             rename((f"impact_velocity{end}",), f"velocity{end}")
@@ -311,13 +289,11 @@ def _kind_of(names: Sequence[str | None], read: Sequence[Header]) -> Kind:
     for kind in (*KINDS, *(WITHOUT_RESTITUTION if {*OBSERVED} & {*names} else ())):
         if set(kind.needs) <= set(names):
             return kind
-    known = [name for name in names if name in SI_UNITS]
-    questions = [_question(name) for name in names if name in AMBIGUOUS]
-    accepted = "; ".join([ACCEPTED_SETS, *questions[:MOST_NAMED]])
-    others = [repr(h.text) for h, name in zip(read, names, strict=True) if name not in SI_UNITS]
+    known = [name for name in names if name is not None]
+    others = [repr(header.text) for header, name in zip(read, names, strict=True) if name is None]
     unknown = f"not known: {listed(others[:MOST_NAMED])}" if others else ""
     description = "; ".join(filter(None, [listed(sorted(known)), unknown])) or "empty"
-    raise DataError("set of columns", description, accepted)
+    raise DataError("set of columns", description, ACCEPTED_SETS)
 
 
 def _used(kind: Kind, names: Sequence[str | None]) -> set[str]:
@@ -341,10 +317,6 @@ def _size(name: str, unit: str | None) -> Fraction:
         raise DataError(f"unit of {name}", error.value, accepted) from None
 
 
-def _question(name: str) -> str:
-    return f"is {name!r} {' or '.join(AMBIGUOUS[name])}?"
-
-
 def _remarks(read, names, used) -> Iterator[str]:
     """One line on headings with other names, one on columns that are not used."""
     as_written = ("velocity", "impact_velocity")
@@ -354,11 +326,7 @@ def _remarks(read, names, used) -> Iterator[str]:
         for header, name in pairs
         if name in used and header.words not in (name, *as_written)
     ]
-    left = [
-        repr(header.text[:40]) + (f" ({_question(name)})" if name in AMBIGUOUS else "")
-        for header, name in pairs
-        if name not in used and header.text
-    ]
+    left = [repr(header.text[:40]) for header, name in pairs if name not in used and header.text]
     if renamed:
         yield f"headings read as: {listed(renamed)}"
     if left:

@@ -115,7 +115,8 @@ class DataRecord(Strict):
             entries["errors"] = PointErrors(**_arrays(self.errors))
         entries |= {
             "restitution": np.array(self.restitution, float),
-            "contact": self.contact and sj.Contact(**_arrays(self.contact)),
+            "contact": self.contact
+            and sj.Contact(**_arrays(self.contact) | {"area": self.contact.get("area")}),
             "bodies": tuple(_body(**_arrays(one)) for one in self.bodies),
             "group": self.group,
         }
