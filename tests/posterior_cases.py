@@ -27,7 +27,7 @@ with warnings.catch_warnings():
 
 def made(**groups):
     """Groups of xarray data sets as what this ArviZ works on."""
-    if hasattr(az, "InferenceData"):
+    if az.__version__.startswith("0."):
         return az.InferenceData(**groups)
     return xarray.DataTree.from_dict(groups)
 
