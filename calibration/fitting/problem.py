@@ -135,7 +135,7 @@ class Lanes(NamedTuple):
 
     def some(self, which) -> "Lanes":
         """Select fits."""
-        return jax.tree.map(lambda one: one[which], self)
+        return jax.tree.map(lambda leaf: leaf[which], self)
 
 
 class Linear(NamedTuple):
@@ -198,8 +198,8 @@ class Residuals(NamedTuple):
     @property
     def sizes(self) -> Float[np.ndarray, "fits p"]:
         """√ of what is known of each parameter, with errors as large as the residuals."""
-        own = np.sum(self.counted[..., None] * self.jacobian**2, axis=1) / self.square[:, None]
-        known = np.diagonal(self.information, axis1=1, axis2=2) + own
+        points = np.sum(self.counted[..., None] * self.jacobian**2, axis=1) / self.square[:, None]
+        known = np.diagonal(self.information, axis1=1, axis2=2) + points
         return np.sqrt(np.maximum(known, 1e-300))
 
 
@@ -245,12 +245,12 @@ class Problem:
     @cached_property
     def is_fixed(self) -> bool:
         """Whether V is diagonal and does not move with the parameters."""
-        return all(one.is_fixed for one in self.errors)
+        return all(errors.is_fixed for errors in self.errors)
 
     @cached_property
     def moves(self) -> bool:
         """Whether V moves with the parameters: velocities have errors."""
-        return any(one.has_slope for one in self.errors)
+        return any(errors.has_slope for errors in self.errors)
 
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
@@ -284,10 +284,10 @@ class Problem:
             for known in (True, slopes):
                 if self._last.get(known, (None,))[0] == z.tobytes():
                     return self._last[known][1]
-            found = self._linearised(z, Lanes(), slopes)
+            linear = self._linearised(z, Lanes(), slopes)
             self._last.clear()
-            self._last[slopes] = z.tobytes(), found
-            return found
+            self._last[slopes] = z.tobytes(), linear
+            return linear
         lanes = lanes or Lanes()
         most = max(1, AT_ONCE // max(self.count * (5 if self.moves else 1), 1))
         rows = [slice(k, k + most) for k in range(0, max(len(z), 1), most)]
@@ -298,43 +298,43 @@ class Problem:
 
     def residuals_at(self, z: Z, lanes: Lanes | None = None) -> list[Residuals]:
         """Data at z from which the variances of each block are estimated."""
-        found = self.linearise(z, lanes)
-        off = found.prediction - self._measured(lanes)
+        linear = self.linearise(z, lanes)
+        off = linear.prediction - self._measured(lanes)
         transform, x = self.transform.part(self.active), z[:, self.active]
         plain = transform.kind == NONE
         at_bound = plain & ((x <= transform.lower) | (x >= transform.upper))
-        free = ~(at_bound | acts_on_nothing(found.jacobian, np.where(plain, np.abs(x), 1.0), WEAK))
+        free = ~(at_bound | acts_on_nothing(linear.jacobian, np.where(plain, np.abs(x), 1.0), WEAK))
 
         def normal(rows: slice) -> tuple[np.ndarray, np.ndarray]:
-            slopes, rest = found.jacobian[:, rows], found.residual[:, rows]
+            slopes, rest = linear.jacobian[:, rows], linear.residual[:, rows]
             return np.swapaxes(slopes, 1, 2) @ slopes, np.einsum("fmp,fm->fp", slopes, rest)
 
-        every, parts = normal(slice(found.residual.shape[1] - self.more)), []
+        all_rows, parts = normal(slice(linear.residual.shape[1] - self.more)), []
         for span in self.spans:
-            others: list[Any] = [a - b for a, b in zip(every, normal(span), strict=True)]
+            others: list[Any] = [a - b for a, b in zip(all_rows, normal(span), strict=True)]
             if not self.joint:  # each data set is judged by itself
                 others = [0 * a for a in others]
             elif len(self.errors) > 1:
                 others[1] = None
-            _, slope, bend = found.carried(span)
-            at = (off[:, span], found.per[:, span], slope, bend)
+            _, slope, bend = linear.carried(span)
+            at = (off[:, span], linear.per[:, span], slope, bend)
             parts.append(Residuals(*at, others[0], others[1], free))
         return parts
 
     def deviance(self, z: Z) -> Float[np.ndarray, "fits"]:
         """-2 ln p(data | θ, s)."""
-        found = self.linearise(z, slopes=False)
+        linear = self.linearise(z, slopes=False)
         total = np.zeros(len(z))
         for errors, s, span in zip(self.errors, self.variances, self.spans, strict=True):
-            mean, slope, bend = found.carried(span)
+            mean, slope, bend = linear.carried(span)
             total += errors.deviance(s, mean - self.points.value[span], slope, bend)
         return total
 
     def diagonal(self, z: Z) -> Float[np.ndarray, "fits points"]:
         """V_ii of each point."""
-        found, parts = self.linearise(z, slopes=False), []
+        linear, parts = self.linearise(z, slopes=False), []
         for errors, s, span in zip(self.errors, self.variances, self.spans, strict=True):
-            mean, slope, bend = found.carried(span)
+            mean, slope, bend = linear.carried(span)
             parts.append(errors.diagonal(s, slope, bend) + np.zeros(mean.shape))
         return np.concatenate(parts, axis=1)
 
@@ -380,8 +380,8 @@ class Problem:
         theta = self.transform.physical(np.atleast_2d(z))
         rows, back = np.unique(laws.row[points], return_inverse=True)
         limits = [
-            [float(np.asarray(laws.law(one, k).elastic_velocity())) for k in rows]  # type: ignore[attr-defined]
-            for one in theta
+            [float(np.asarray(laws.law(values, k).elastic_velocity())) for k in rows]  # type: ignore[attr-defined]
+            for values in theta
         ]
         return np.array(limits)[:, back].reshape(*np.shape(z)[:-1], len(back))
 
@@ -508,7 +508,7 @@ class Problem:
     @cached_property
     def _wide(self) -> "Problem":
         """The impacts at the nodes around their velocities."""
-        nodes = np.concatenate([one.nodes for one in self.errors], axis=1)
+        nodes = np.concatenate([errors.nodes for errors in self.errors], axis=1)
         count = len(nodes)
         points = Points(nodes.ravel(), *(np.tile(a, count) for a in self.points[1:]))
         laws = replace(self.laws, row=np.tile(self.laws.row, count))
@@ -543,9 +543,9 @@ class Problem:
         is_eps = name == RESTITUTION
         if elastic is not None and is_eps:
             elastic = np.broadcast_to(elastic, (fits, self.count))[:, at].ravel()
-        held = elastic if is_eps else None
-        found = expand(laws.shape, flat, velocity, laws.moving, self.route, held, name)
-        value, slopes, status = (a.reshape(*a.shape[:-1], fits, len(row)) for a in found)
+        elastic_points = elastic if is_eps else None
+        expanded = expand(laws.shape, flat, velocity, laws.moving, self.route, elastic_points, name)
+        value, slopes, status = (a.reshape(*a.shape[:-1], fits, len(row)) for a in expanded)
         if not is_eps:
             return value / self.points.unit[at], slopes / self.points.unit[at], status
         eps, per = extended_root(value) if self.guided else (root(value), root_slope(value))

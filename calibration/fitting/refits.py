@@ -29,23 +29,23 @@ def _refitted(fit: ComponentFit, again: Callable[[Problem, Any], Found], count: 
     """Refits through all stages from the fit: z of each, and which arrived."""
     z, converged = np.repeat(fit.z[None], count, axis=0), np.ones(count, bool)
     for stage in fit.stages:
-        found = again(stage.problem, z)
-        z, converged = found.z, converged & found.converged
+        end = again(stage.problem, z)
+        z, converged = end.z, converged & end.converged
     return z, converged
 
 
 def with_own_noise(problem: Problem, z, lanes: Lanes, begun=None) -> Found:
     """Searches from z, each with the variances of its own residuals."""
-    found = search(problem, z, begun=begun, lanes=lanes, limit=STEPS)
-    if not needs_variances(problem) or not any(one.unknown for one in problem.errors):
-        return found
+    end = search(problem, z, begun=begun, lanes=lanes, limit=STEPS)
+    if not needs_variances(problem) or not any(errors.unknown for errors in problem.errors):
+        return end
     for _ in range(ROUNDS):
-        before, variances = found.z, variances_at(problem, found.z, lanes)
+        before, variances = end.z, variances_at(problem, end.z, lanes)
         lanes = lanes._replace(variances=variances)
-        found = search(problem, before, begun=found.begun, lanes=lanes, limit=STEPS, releases=0)
-        if np.max(np.abs(found.z - before), initial=0.0) <= SETTLED:
+        end = search(problem, before, begun=end.begun, lanes=lanes, limit=STEPS, releases=0)
+        if np.max(np.abs(end.z - before), initial=0.0) <= SETTLED:
             break
-    return found
+    return end
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ def bootstrap(fits: list[ComponentFit], count: int, seed: int, confidence: float
     What a prior was taken from is a measurement too: its mean is drawn about the estimate.
     """
     random = np.random.default_rng(seed)
-    every, arrived = [], []
+    batches, arrived = [], []
     for fit in fits:
         first, drawn = fit.stages[0].problem, []
         curve = first.linearise(fit.z[None])
@@ -82,9 +82,9 @@ def bootstrap(fits: list[ComponentFit], count: int, seed: int, confidence: float
         lanes = Lanes(value=value, centre=_centres(fit, random, count))
         again = partial(_of_simulated, lanes=lanes, begun=np.tile(fit.begun, (count, 1)))
         z, converged = _refitted(fit, again, count)
-        every.append(fit.final.problem.transform.physical(z))
+        batches.append(fit.final.problem.transform.physical(z))
         arrived.append(converged)
-    values, converged = np.concatenate(every, axis=1), np.all(arrived, axis=0)
+    values, converged = np.concatenate(batches, axis=1), np.all(arrived, axis=0)
     names = [e.label for fit in fits for e in fit.component.elements]
     part = 100 * np.array([0.5 * (1 - confidence), 0.5 * (1 + confidence)])
     ends = (
@@ -110,16 +110,16 @@ def _centres(fit: ComponentFit, random, count: int) -> Float[np.ndarray, "fits e
 
 def _of_simulated(problem: Problem, z, lanes: Lanes, begun) -> Found:
     """Fits to simulated data; where velocities have errors the lowest of each one's minima near there."""
-    found, fits = with_own_noise(problem, z, lanes, begun), len(z)
+    first, fits = with_own_noise(problem, z, lanes, begun), len(z)
     if not problem.moves or needs_variances(problem) or not len(problem.active):
-        return found
-    starts = along_valley(problem, found.z)
+        return first
+    starts = along_valley(problem, first.z)
     twice, begun = lanes.some(np.tile(np.arange(fits), 2)), np.tile(begun, (2, 1))
     more = search(problem, starts, begun=begun, lanes=twice, limit=STEPS)
-    parts: list[Any] = [np.concatenate(pair) for pair in zip(found[:-1], more[:-1], strict=True)]
-    every = Found._make([*parts, found.evaluations + more.evaluations])
-    cost = np.where(every.converged, every.cost, np.inf).reshape(3, fits)
-    return every.some(np.argmin(cost, axis=0) * fits + np.arange(fits))
+    parts: list[Any] = [np.concatenate(pair) for pair in zip(first[:-1], more[:-1], strict=True)]
+    both = Found._make([*parts, first.evaluations + more.evaluations])
+    cost = np.where(both.converged, both.cost, np.inf).reshape(3, fits)
+    return both.some(np.argmin(cost, axis=0) * fits + np.arange(fits))
 
 
 EXACT = 1_000_000  # impacts up to which every point is left out by a refit
@@ -202,7 +202,7 @@ def leave_one_out(fits: list[ComponentFit]) -> LeaveOneOut:
 
 def _left_out(fit: ComponentFit) -> LeaveOneOut:
     problem, first = fit.final.problem, fit.stages[0].problem
-    fold, shares = folds_of(first), any(one.shares for one in first.errors)
+    fold, shares = folds_of(first), any(errors.shares for errors in first.errors)
     most = EXACT_BY_TIME if fit.final.report.route == "ode" else EXACT
     apart = all(e.group is not None for e in first.errors if e.shares)
     exact = apart and problem.count * (1 + np.max(fold)) <= most
@@ -230,8 +230,8 @@ def folds_of(problem: Problem) -> Int[np.ndarray, "n"]:
 def _pointwise(fit: ComponentFit) -> Float[np.ndarray, "n"]:
     """ln p of each point by the likelihood of the fit."""
     first = fit.stages[0].problem
-    found, at = fit.final.problem.linearise(fit.z[None]), first.linearise(fit.z[None])
-    off, parts = found.prediction - first.points.value, []
+    linear, at = fit.final.problem.linearise(fit.z[None]), first.linearise(fit.z[None])
+    off, parts = linear.prediction - first.points.value, []
     for errors, s, span in zip(first.errors, first.variances, first.spans, strict=True):
         parts.append(errors.by_point(s, off[:, span], at.slope[:, span], at.bend[:, span])[0])
     return np.concatenate(parts)
@@ -261,34 +261,35 @@ def _without_points(fit: ComponentFit, fold: np.ndarray):
     most = max(1, AT_ONCE // problem.count)
     for some in np.split(np.arange(folds), np.arange(most, folds, most)):
         of_all, scores = _scored(fit, z[some], kept[some])
-        own = np.isin(fold, some)
-        at = fold[own] - some[0], np.flatnonzero(own)
-        off[own], density[own] = of_all[at], scores[at]
+        is_left_out = np.isin(fold, some)
+        at = fold[is_left_out] - some[0], np.flatnonzero(is_left_out)
+        off[is_left_out], density[is_left_out] = of_all[at], scores[at]
     return off, density, bool(np.all(converged))
 
 
 def _scored(fit: ComponentFit, z: np.ndarray, kept: np.ndarray):
     """Predicted less measured by refits, and densities of what each left out."""
-    problem, first, held = fit.final.problem, fit.stages[0].problem, _held(fit)
-    found = problem.linearise(z)
-    off = found.prediction - problem.points.value
+    problem, first, fixed = fit.final.problem, fit.stages[0].problem, _held(fit)
+    linear = problem.linearise(z)
+    off = linear.prediction - problem.points.value
     variance, degrees, nu = np.empty((3, *off.shape))
-    for errors, s, one, own in zip(
+    for errors, s, carried, span in zip(
         first.errors, first.variances, first.residuals_at(z), first.spans, strict=True
     ):
-        mask = np.where(np.any(kept[:, own] > 0, axis=1)[:, None], kept[:, own], 1.0)
-        raw = np.where(held, 0.0, found.per[:, own])
-        one, at = one._replace(off=off[:, own], jacobian=raw, kept=mask), (one.slope, one.bend)
-        s = estimated(errors, one, True, s) if errors.unknown else s
-        variance[:, own] = total = errors.variance(s, *at) + np.zeros(off[:, own].shape)
-        degrees[:, own], nu[:, own] = np.inf, np.inf if errors.is_normal else errors.family(s).dof
+        mask = np.where(np.any(kept[:, span] > 0, axis=1)[:, None], kept[:, span], 1.0)
+        raw = np.where(fixed, 0.0, linear.per[:, span])
+        carried = carried._replace(off=off[:, span], jacobian=raw, kept=mask)
+        at = carried.slope, carried.bend
+        s = estimated(errors, carried, True, s) if errors.unknown else s
+        variance[:, span] = total = errors.variance(s, *at) + np.zeros(off[:, span].shape)
+        degrees[:, span], nu[:, span] = np.inf, np.inf if errors.is_normal else errors.family(s).dof
         if errors.unknown and not errors.is_stated and errors.is_normal:
-            relative = relative_covariance(errors, s, one)
+            relative = relative_covariance(errors, s, carried)
             per = [errors.variance({**s, k: 2 * s[k]}, *at) - total for k in errors.unknown]
             spread = np.einsum("cfn,fcd,dfn->fn", per, relative, per)
             with np.errstate(divide="ignore"):
-                degrees[:, own] = np.where(spread > 0, 2 * total**2 / spread, np.inf)
-    raw = _slopes(fit, found)
+                degrees[:, span] = np.where(spread > 0, 2 * total**2 / spread, np.inf)
+    raw = _slopes(fit, linear)
     rows, others = raw[:, : problem.count], raw[:, problem.count :]
     there = rows * (kept * variance**-0.5)[..., None]
     information = np.swapaxes(there, 1, 2) @ there + np.swapaxes(others, 1, 2) @ others
@@ -300,18 +301,18 @@ def _scored(fit: ComponentFit, z: np.ndarray, kept: np.ndarray):
     return off, student(off / deviation, degrees) - np.log(deviation)
 
 
-def _slopes(fit: ComponentFit, found: Linear) -> np.ndarray:
+def _slopes(fit: ComponentFit, linear: Linear) -> np.ndarray:
     """Derivatives of the predictions and of the priors' rows, columns of unit length; 0 for fixed elements."""
     problem = fit.final.problem
-    priors = found.jacobian[:, problem.count : found.jacobian.shape[1] - problem.more]
-    rows = np.concatenate([found.per, priors], axis=1)
+    priors = linear.jacobian[:, problem.count : linear.jacobian.shape[1] - problem.more]
+    rows = np.concatenate([linear.per, priors], axis=1)
     size = np.linalg.norm(rows, axis=1, keepdims=True)
     return np.where(_held(fit), 0.0, rows / np.where(size > 0, size, 1.0))
 
 
 def _without_groups(fit: ComponentFit, fold: np.ndarray):
     """Refits without each group of points that share errors, with the variances of the fit."""
-    problem, first, held = fit.final.problem, fit.stages[0].problem, _held(fit)
+    problem, first, fixed = fit.final.problem, fit.stages[0].problem, _held(fit)
     off, density = np.empty((2, problem.count))
     arrived = True
     for number in range(int(np.max(fold)) + 1):
@@ -321,17 +322,17 @@ def _without_groups(fit: ComponentFit, fold: np.ndarray):
             return search(problem.kept(others), z, begun=fit.begun[None], limit=STEPS)
 
         z, converged = _refitted(fit, again)
-        arrived, own = arrived and bool(converged[0]), problem.kept(~rows)
-        there = np.where(held, 0.0, own.linearise(z).jacobian[0])
+        arrived, remaining = arrived and bool(converged[0]), problem.kept(~rows)
+        there = np.where(fixed, 0.0, remaining.linearise(z).jacobian[0])
         inverse = np.linalg.pinv(there.T @ there, rcond=SEEN**2, hermitian=True)
         mine = problem.kept(rows)
         left = replace(first.kept(rows), active=problem.active, laws=mine.laws)
         off[rows] = mine.linearise(z, slopes=False).prediction[0] - mine.points.value
-        for errors, s, one, part in zip(
+        for errors, s, carried, part in zip(
             left.errors, left.variances, left.residuals_at(z), left.spans, strict=True
         ):
-            slopes, place = np.where(held, 0.0, one.jacobian[0]), np.flatnonzero(rows)[part]
-            factor = errors.factor(s, one.slope, one.bend)
+            slopes, place = np.where(fixed, 0.0, carried.jacobian[0]), np.flatnonzero(rows)[part]
+            factor = errors.factor(s, carried.slope, carried.bend)
             variance = errors.times(factor, np.eye(len(errors))[None])[0]
             density[place] = _joint(off[place], variance + slopes @ inverse @ slopes.T)
     return off, density, arrived
@@ -351,44 +352,44 @@ def _continued(fit: ComponentFit, fold: Int[np.ndarray, "n"]):
     P_bb⁻¹ (P r)_b, of covariance P_bb⁻¹: exact for a linear model. An unknown noise is found from what
     is left of rᵀ P r.
     """
-    problem, first, held = fit.final.problem, fit.stages[0].problem, _held(fit)
-    found = problem.linearise(fit.z[None])
-    white = np.where(held, 0.0, found.jacobian[0])
+    problem, first, fixed = fit.final.problem, fit.stages[0].problem, _held(fit)
+    linear = problem.linearise(fit.z[None])
+    white = np.where(fixed, 0.0, linear.jacobian[0])
     inverse = np.linalg.pinv(white.T @ white, hermitian=True)
-    measured = found.prediction[0] - problem.points.value
+    measured = linear.prediction[0] - problem.points.value
     off, density = np.empty((2, problem.count))
-    blocks, pull = [], np.zeros(len(held))
-    for errors, s, one, own in zip(
+    blocks, pull = [], np.zeros(len(fixed))
+    for errors, s, carried, span in zip(
         first.errors, first.variances, first.residuals_at(fit.z[None]), first.spans, strict=True
     ):
-        raw = np.where(held, 0.0, found.per[0, own])
+        raw = np.where(fixed, 0.0, linear.per[0, span])
         solved = errors.solve(
-            errors.factor(s, one.slope, one.bend), np.c_[measured[own], raw][None]
+            errors.factor(s, carried.slope, carried.bend), np.c_[measured[span], raw][None]
         )
-        blocks.append((errors, s, one, own, solved[0]))
+        blocks.append((errors, s, carried, span, solved[0]))
         pull += raw.T @ solved[0, :, 0]
-    for g, (errors, s, one, own, solved) in enumerate(blocks):
+    for g, (errors, s, carried, span, solved) in enumerate(blocks):
         x, left = solved[:, 1:], solved[:, 0] - solved[:, 1:] @ (inverse @ pull)
-        if len(np.unique(fold[own])) == len(errors):
-            factor = errors.factor(s, one.slope, one.bend)
+        if len(np.unique(fold[span])) == len(errors):
+            factor = errors.factor(s, carried.slope, carried.bend)
             precision = errors.precisions(factor).reshape(-1) + np.zeros(len(errors))
             precision = np.maximum(precision - np.einsum("np,pq,nq->n", x, inverse, x), 1e-300)
-            off[own] = left / precision
+            off[span] = left / precision
             if not errors.is_normal:
-                density[own] = errors.family(s).log_density(off[own], 1 / precision)
+                density[span] = errors.family(s).log_density(off[span], 1 / precision)
                 continue
             scale, degrees = np.ones(len(errors)), np.inf
             if not errors.is_stated and not errors.shares:
                 degrees = max(float(fit.uncertainty.left[g]) - 1.0, 1.0)
-                total = float(measured[own] @ left)
+                total = float(measured[span] @ left)
                 scale = np.maximum(total - left**2 / precision, 1e-3 * total) / degrees
             deviation = np.sqrt(scale / precision)
-            density[own] = student(off[own] / deviation, degrees) - np.log(deviation)
+            density[span] = student(off[span] / deviation, degrees) - np.log(deviation)
             continue
-        for number in np.unique(fold[own]):
-            rows = np.flatnonzero(fold[own] == number)
-            alone, place = errors.some(rows), own.start + rows
-            at = [a[0, rows] if np.ndim(a) else a for a in (one.slope, one.bend)]
+        for number in np.unique(fold[span]):
+            rows = np.flatnonzero(fold[span] == number)
+            alone, place = errors.some(rows), span.start + rows
+            at = [a[0, rows] if np.ndim(a) else a for a in (carried.slope, carried.bend)]
             variance = alone.times(alone.factor(s, *at), np.eye(len(rows)))
             covariance = np.linalg.inv(np.linalg.inv(variance) - x[rows] @ inverse @ x[rows].T)
             off[place] = covariance @ left[rows]
@@ -400,5 +401,5 @@ def student(x: np.ndarray, degrees) -> np.ndarray:
     """ln of Student's density of standardised x; the normal one of infinite degrees."""
     degrees = np.broadcast_to(degrees, x.shape)
     finite = np.where(np.isinf(degrees), 1.0, degrees)
-    normal, heavy = (one.log_density(x, 1.0) for one in (Normal(), StudentT(finite)))
+    normal, heavy = (family.log_density(x, 1.0) for family in (Normal(), StudentT(finite)))
     return np.where(np.isinf(degrees), normal, heavy)

@@ -126,7 +126,7 @@ class Request:
         """
         entries = stated_parameters(self.parameters, self.datasets)
         more, pairs = self.options.law_options, zip(self.datasets, entries, strict=True)
-        return [_spec(data, {**own, **more}, self.options) for data, own in pairs]
+        return [_spec(data, {**stated, **more}, self.options) for data, stated in pairs]
 
     def route_of_curve(self, law: type) -> Route:
         """Route from a fitted law to its curve: the energy balance, or the route of the fit."""
@@ -137,7 +137,7 @@ def datasets_of(data: Any) -> tuple[RestitutionData, ...]:
     """One data set, or several, as a tuple."""
     several = not isinstance(data, RestitutionData | Mapping | str | np.ndarray)
     datasets = tuple(data) if several and hasattr(data, "__iter__") else (data,)
-    if not datasets or not all(isinstance(one, RestitutionData) for one in datasets):
+    if not datasets or not all(isinstance(data, RestitutionData) for data in datasets):
         raise DataError("data", data, "RestitutionData or a list of them")
     return datasets
 
@@ -153,10 +153,10 @@ def stated_parameters(parameters: Specs, datasets: Sequence[RestitutionData]) ->
     if isinstance(parameters, Mapping):
         return _from_mapping(parameters, datasets)
     several = isinstance(parameters, Iterable) and not isinstance(parameters, str)
-    given = list(parameters) if several else []
-    if len(given) != len(datasets) or not all(isinstance(p, Mapping) for p in given):
+    mappings = list(parameters) if several else []
+    if len(mappings) != len(datasets) or not all(isinstance(p, Mapping) for p in mappings):
         raise DataError("parameters", parameters, "a mapping, or one mapping per data set")
-    return [_from_mapping(own, [d])[0] for own, d in zip(given, datasets, strict=True)]
+    return [_from_mapping(mapping, [d])[0] for mapping, d in zip(mappings, datasets, strict=True)]
 
 
 def _from_mapping(parameters: Mapping[str, Any], datasets) -> list[dict[str, Any]]:
@@ -187,7 +187,7 @@ def _spec(data: RestitutionData, entries: dict[str, Any], options_of_fit: FitOpt
     # Eq. (17), or a constant, by itself
     objective = "model" if data.contact is None else options_of_fit.objective or "model"
     _check_law(data, model, objective)
-    given = {}
+    stated = {}
     for name, value in named.items():
         try:
             full = model.canonical(name)
@@ -195,12 +195,12 @@ def _spec(data: RestitutionData, entries: dict[str, Any], options_of_fit: FitOpt
             origin = getattr(value, "origin", None)
             raise error if origin is None else origin.error(error) from None
         is_whole = full in model.whole and not isinstance(value, Parameter)
-        given[full] = Parameter(value, free=False) if is_whole else as_parameter(name, value)
-        _check_fixed(model, data, full, given[full])
-    model = model.with_units({name: one.unit for name, one in given.items() if one.unit})
+        stated[full] = Parameter(value, free=False) if is_whole else as_parameter(name, value)
+        _check_fixed(model, data, full, stated[full])
+    model = model.with_units({name: p.unit for name, p in stated.items() if p.unit})
     if model.key == "zhou" and objective == "model":
-        given, model = _identified(data, given, model, options)
-    local, trees = _elements(data, model, given)
+        stated, model = _identified(data, stated, model, options)
+    local, trees = _elements(data, model, stated)
     dof = options_of_fit.noise_dof if options_of_fit.noise == "student-t" else None
     errors = tuple(
         Errors.of(
@@ -230,7 +230,7 @@ def law_model(data: RestitutionData | None, law, options, named) -> LawModel:
 
 def _check_law(data: RestitutionData, model: LawModel, objective: str) -> None:
     """Refuse a law that determines nothing of these data, or needs what they do not have."""
-    names = listed(one.name for one in data.observed)
+    names = listed(observed.name for observed in data.observed)
     if model.needs_contact and data.contact is None:
         advice = f"laws that need none are {listed(WITHOUT_CONTACT)}"
         raise data.refusal(f"no elastic properties, which {model.key} needs", advice)
@@ -259,7 +259,7 @@ def placed(parameter: Parameter, name: str, error: DataError) -> Exception:
     return refusal if parameter.origin is None else parameter.origin.error(refusal)
 
 
-def _identified(data, given: dict[str, Parameter], model: LawModel, options):
+def _identified(data, by_name: dict[str, Parameter], model: LawModel, options):
     """Parameters of Zhou's law for these data: ε_up without points below yield, no χ̃ without points above.
 
     Only where nothing is stated of σ, ψ or ε_up; of ε_up wherever prior and bounds let yield be. Bodies
@@ -267,25 +267,25 @@ def _identified(data, given: dict[str, Parameter], model: LawModel, options):
     """
     fixed, measured = Parameter(free=False), np.isfinite(data.restitution)
     if not np.any(measured):  # neither enters the force
-        return {"sigma": fixed, "psi": fixed} | given, model
-    moves = any(given[n].free for leaf in MOVE_YIELD if (n := OF_CONTACT + leaf) in given)
-    below = (data.velocity <= _highest_yield(data.contact, given))[measured]
+        return {"sigma": fixed, "psi": fixed} | by_name, model
+    moves = any(by_name[n].free for leaf in MOVE_YIELD if (n := OF_CONTACT + leaf) in by_name)
+    below = (data.velocity <= _highest_yield(data.contact, by_name))[measured]
     if np.all(below) and not moves and not data.observed:
-        return given | dict.fromkeys(LINE if {*LINE} & {*given} else ("chi",), fixed), model
-    stated = {"sigma", "psi", "eps_up"} & {*given}
+        return by_name | dict.fromkeys(LINE if {*LINE} & {*by_name} else ("chi",), fixed), model
+    stated = {"sigma", "psi", "eps_up"} & {*by_name}
     if stated or np.any(below) or several_yields(data.contact):
-        return given, model
-    return given, zhou_model([*(name for name in LINE if name in given), "eps_up"], options)
+        return by_name, model
+    return by_name, zhou_model([*(name for name in LINE if name in by_name), "eps_up"], options)
 
 
-def _highest_yield(contact: sj.Contact, given: Mapping[str, Parameter]) -> np.ndarray:
+def _highest_yield(contact: sj.Contact, parameters: Mapping[str, Parameter]) -> np.ndarray:
     """The highest critical velocity that prior and bounds of the contact's numbers allow [m/s]."""
-    leaves = [name for name in MOVE_YIELD if OF_CONTACT + name in given]
-    ends = [_reach(given[OF_CONTACT + name], getattr(contact, name)) for name in leaves]
+    leaves = [name for name in MOVE_YIELD if OF_CONTACT + name in parameters]
+    ends = [_reach(parameters[OF_CONTACT + name], getattr(contact, name)) for name in leaves]
     if not all(np.all(np.isfinite(pair)) for pair in ends):
         return np.array(np.inf)  # anywhere
     corners = [dict(zip(leaves, values, strict=True)) for values in itertools.product(*ends)]
-    return np.max([replace(contact, **one).critical_velocity for one in corners], axis=0)
+    return np.max([replace(contact, **corner).critical_velocity for corner in corners], axis=0)
 
 
 def _reach(parameter: Parameter, start: Any) -> tuple[Any, Any]:
@@ -300,25 +300,25 @@ def _reach(parameter: Parameter, start: Any) -> tuple[Any, Any]:
     return max(low, 1e-9 * high), high
 
 
-def _elements(data, model: LawModel, given: dict[str, Parameter]):
+def _elements(data, model: LawModel, parameters: dict[str, Parameter]):
     """Start and range of every parameter, and how those that are whole are put together."""
     known = KNOWN.get(model.key) or Known(model.law_type, "")
-    held, ranges = known.held(data), known.ranges(data)
-    guess = known.guess(data) | held
+    fixed, ranges = known.held(data), known.ranges(data)
+    guess = known.guess(data) | fixed
     local: list[Element] = []
     trees: list[Tree] = []
-    for name in dict.fromkeys([*model.parameters, *given]):
+    for name in dict.fromkeys([*model.parameters, *parameters]):
         if name in model.whole:
-            if name in given:
-                entries, tree = _whole(name, given[name])
+            if name in parameters:
+                entries, tree = _whole(name, parameters[name])
                 local, trees = [*local, *entries], [*trees, tree]
             elif name not in model.defaults:
                 accepted = "given, as the law has no default"
                 raise DataError(f"parameters[{name!r}]", "missing", accepted)
             continue
-        stands_in = name == "psi" and "eps_up" in model.parameters and name not in given
-        is_free, declared = not (stands_in or name in held), model.declared(name)
-        parameter = given.get(name, Parameter(free=is_free, shared=is_free and name in LINE))
+        stands_in = name == "psi" and "eps_up" in model.parameters and name not in parameters
+        is_free, declared = not (stands_in or name in fixed), model.declared(name)
+        parameter = parameters.get(name, Parameter(free=is_free, shared=is_free and name in LINE))
         try:
             low, high = parameter.range_within(declared)
         except DataError as error:
@@ -367,9 +367,9 @@ def _whole(name: str, parameter: Parameter) -> tuple[list[Element], Tree]:
         )
         raise placed(parameter, name, refusal)
     tree, numbers = Tree.of(name, parameter.value), numbers_in(parameter.value)
-    one = Parameter(free=parameter.free, shared=parameter.shared)
+    of_entry = Parameter(free=parameter.free, shared=parameter.shared)
     pairs = zip(tree.entries, numbers, strict=True)
-    return [Element(entry, one, Declared(entry), float(x), WIDE) for entry, x in pairs], tree
+    return [Element(entry, of_entry, Declared(entry), float(x), WIDE) for entry, x in pairs], tree
 
 
 def assemble(request: Request) -> list[Component]:
@@ -391,17 +391,17 @@ def assemble(request: Request) -> list[Component]:
 
 def _shared(specs: Sequence[SetSpec]) -> list[Element]:
     """The free parameters of all data sets, those that are shared only once."""
-    found: dict[tuple[str, str], Element] = {}
+    elements: dict[tuple[str, str], Element] = {}
     for g, spec in enumerate(specs):
-        for one in spec.local:
-            if not one.parameter.free:
+        for element in spec.local:
+            if not element.parameter.free:
                 continue
-            where = f"set {g}" if one.group is None else f"group {one.group}"
-            owner = spec.data.name if one.group is None else one.group
-            label = f"{one.name}[{owner}]" if len(specs) > 1 and owner else one.name
-            first = found.get((one.name, where), replace(one, label=label))
-            found[one.name, where] = replace(first, sets=(*first.sets, g))
-    return list(found.values())
+            where = f"set {g}" if element.group is None else f"group {element.group}"
+            owner = spec.data.name if element.group is None else element.group
+            label = f"{element.name}[{owner}]" if len(specs) > 1 and owner else element.name
+            first = elements.get((element.name, where), replace(element, label=label))
+            elements[element.name, where] = replace(first, sets=(*first.sets, g))
+    return list(elements.values())
 
 
 def _together(specs: Sequence[SetSpec], elements: Sequence[Element]) -> list[tuple[int, ...]]:
@@ -476,22 +476,22 @@ def _check_counts(component: Component) -> None:
 
 def _stages(component: Component, route: Route) -> Iterator[tuple[str, Problem]]:
     """One stage by `model`; by `two-step` Eq. (17)'s, then the law's with what that gave."""
-    every, specs = range(len(component.elements)), component.specs
+    all_elements, specs = range(len(component.elements)), component.specs
     # sets with ε_up and sets with σ are of one law of both
-    model = next((one.model for one in specs if not one.model.direct), specs[0].model)
-    declared = {name: what for one in specs for name, what in one.model.parameters.items()}
-    names = {local.name: local.name for one in specs for local in one.local}
+    model = next((spec.model for spec in specs if not spec.model.direct), specs[0].model)
+    declared = {name: what for spec in specs for name, what in spec.model.parameters.items()}
+    names = {local.name: local.name for spec in specs for local in spec.local}
     rows = _rows(component, replace(model, parameters=declared), names)
     if specs[0].objective == "model":
-        yield "model", _problem(component, rows, list(every), route)
+        yield "model", _problem(component, rows, list(all_elements), route)
         return
-    first = [k for k in every if component.elements[k].name in EMPIRICAL]
+    first = [k for k in all_elements if component.elements[k].name in EMPIRICAL]
     eq_17 = model_of(sj.EmpiricalRestitution, "eq-17", None, {})
     names_17 = {name.removeprefix(OF_CONTACT): name for name in EMPIRICAL}
     yield "Eq. (17)", _problem(component, _rows(component, eq_17, names_17), first, None)
-    rest = [k for k in every if k not in first]
+    rest = [k for k in all_elements if k not in first]
     # by the energy balance more slopes cost next to nothing: then curve and band share the program
-    more = [] if isinstance(route, sj.ODE) else every
+    more = [] if isinstance(route, sj.ODE) else all_elements
     yield "model", _problem(component, rows, rest, route, more)
 
 
@@ -506,7 +506,7 @@ def _rows(component: Component, model: LawModel, names: Mapping[str, str]) -> La
         known = {OF_CONTACT + leaf: getattr(contact, leaf, None) for leaf in CONTACT_LEAVES}
         if "limit_velocity" in names:  # Eq. (17)'s own
             known[LIMIT] = spec.data.limit_velocity
-        known |= {one.name: one.start for one in spec.local}
+        known |= {element.name: element.start for element in spec.local}
         places = component.places(g)
         local = {name: (places.get(full, -1), known.get(full)) for name, full in names.items()}
         sets.append((len(spec.data), contact, local))
@@ -546,8 +546,8 @@ def blocks_of(data: RestitutionData) -> Iterator[tuple[Any, str, np.ndarray, np.
     rows = np.flatnonzero(np.isfinite(data.restitution))
     if len(rows):
         yield None, RESTITUTION, rows, data.restitution[rows], np.ones(len(rows))
-    for one in sorted(data.observed, key=lambda one: PLACES[one.name]):
-        yield one, one.name, one.rows, one.value / one.scale, one.scale
+    for part in sorted(data.observed, key=lambda part: PLACES[part.name]):
+        yield part, part.name, part.rows, part.value / part.scale, part.scale
 
 
 def transform_of(elements: Sequence[Element]) -> Transform:
@@ -557,13 +557,13 @@ def transform_of(elements: Sequence[Element]) -> Transform:
 def points_of(data: Sequence[RestitutionData]) -> tuple[Points, np.ndarray]:
     """All points in a row, each weighing one; and which impact each is, those of all sets in a row."""
     parts, impacts, first = [], [], 0
-    for g, one in enumerate(data):
-        for _, name, rows, value, unit in blocks_of(one):
-            ones, by_drag = np.ones(len(rows)), by_drag_of(one, name)[rows]
+    for g, measured in enumerate(data):
+        for _, name, rows, value, unit in blocks_of(measured):
+            ones, by_drag = np.ones(len(rows)), by_drag_of(measured, name)[rows]
             sets, code = np.full(len(rows), g), np.full(len(rows), PLACES[name])
-            parts.append((one.velocity[rows], value, ones, sets, code, unit, by_drag))
+            parts.append((measured.velocity[rows], value, ones, sets, code, unit, by_drag))
             impacts.append(first + rows)
-        first += len(one)
+        first += len(measured)
     columns = (np.concatenate(column) for column in zip(*parts, strict=True))
     return Points(*columns), np.concatenate(impacts)
 

@@ -92,13 +92,13 @@ class _Search:
         self.scaled = problem.transform.kind[problem.active] != NONE
         self.lower, self.upper = self._ends()
         self.edge = np.zeros((fits, p), bool)
-        every = np.ones(fits, bool)
-        found = self._at(self.z, every)
+        all_fits = np.ones(fits, bool)
+        linear = self._at(self.z, all_fits)
         self.value, self.jacobian, self.cost = map(
-            np.array, (found.residual, found.jacobian, found.cost)
+            np.array, (linear.residual, linear.jacobian, linear.cost)
         )
         self.at: Condensed
-        self._condense(every)
+        self._condense(all_fits)
 
     def _ends(self) -> list[np.ndarray]:
         """Lowest and highest of the active elements of each fit: their bounds, and their branches'."""
@@ -174,20 +174,20 @@ class _Search:
         self.evaluations += int(np.sum(fits))
         return self.problem.linearise(z[fits], self.lanes.some(fits))
 
-    def _put(self, fits, found: Linear, which: Any = slice(None)) -> None:
-        self.value[fits], self.jacobian[fits] = found.residual[which], found.jacobian[which]
-        self.cost[fits] = found.cost[which]
+    def _put(self, fits, linear: Linear, which: Any = slice(None)) -> None:
+        self.value[fits], self.jacobian[fits] = linear.residual[which], linear.jacobian[which]
+        self.cost[fits] = linear.cost[which]
 
     def _condense(self, fits: np.ndarray) -> None:
         """Anew, where something has changed."""
         none = acts_on_nothing(self.jacobian[fits], self._size[fits])
         rows = self.value[fits], self.jacobian[fits], self._frozen[fits] | none
-        found = condense(*rows, self.cost[fits])
+        condensed = condense(*rows, self.cost[fits])
         if np.all(fits):
-            self.at = found
+            self.at = condensed
             return
         parts = [np.array(a) for a in self.at]
-        for part, new in zip(parts, found, strict=True):
+        for part, new in zip(parts, condensed, strict=True):
             part[fits] = new
         self.at = Condensed(*parts)
 
@@ -197,15 +197,15 @@ class _Search:
         trial = np.array(self.z)
         inside = np.clip(self.x + step, self.lower, self.upper)
         step, trial[:, self.problem.active] = inside - self.x, inside
-        found = self._at(trial, fits)
+        linear = self._at(trial, fits)
         cost = np.full(len(fits), np.inf)
-        cost[fits] = np.where(np.isfinite(found.cost), found.cost, np.inf)
+        cost[fits] = np.where(np.isfinite(linear.cost), linear.cost, np.inf)
         slope = np.einsum("fp,fp->f", self.at.gradient, step)
         allowed = self.at.cost + ROUNDING * np.abs(self.at.cost) + 1e-4 * np.minimum(slope, 0.0)
         moved = fits & (cost <= allowed)
         before = self.at
         self.z[moved] = trial[moved]
-        self._put(moved, found, moved[fits])
+        self._put(moved, linear, moved[fits])
         self.iterations += moved
         self._condense(moved)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -215,9 +215,9 @@ class _Search:
         """Hold what is at an end of its range, and see which fits have arrived."""
         outward = -self.at.gradient  # a step goes down the gradient
         ends = (self.x <= self.lower) & (outward < 0) | (self.x >= self.upper) & (outward > 0)
-        held = (ends | (self._way > FARTHEST - 1e-9)) & moved[:, None] & ~self._frozen
-        if np.any(held):
-            self._hold(held)
+        at_end = (ends | (self._way > FARTHEST - 1e-9)) & moved[:, None] & ~self._frozen
+        if np.any(at_end):
+            self._hold(at_end)
         self._stop(moved & ~self.at.finite, NO_NUMBERS)
         # the longest element of the Gauss–Newton step that is left
         left = np.max(np.abs(self.at.newton) / self.unit, axis=1, initial=0.0)
@@ -356,18 +356,18 @@ def guided_search(
     starts: the cost that is found is always that of the law's own ε.
     """
     lanes = lanes or Lanes()
-    found = search(replace(problem, guided=True), z, optimiser, lanes=lanes, limit=limit)
+    guided = search(replace(problem, guided=True), z, optimiser, lanes=lanes, limit=limit)
     twice = lanes.some(np.tile(np.arange(len(z)), 2))
-    places = np.concatenate([found.z, z])
+    places = np.concatenate([guided.z, z])
     least = np.min(problem.linearise(places, twice, slopes=False).prediction, initial=1.0)
     if least > TINY_SQUARED**0.5:
-        return found
+        return guided
     # √ bends sharply where a point hardly rebounds: damped steps find their way there
-    begun = np.concatenate([found.begun, z])
+    begun = np.concatenate([guided.begun, z])
     again = search(problem, places, begun=begun, lanes=twice, limit=3 * limit)
     lower = again.cost[: len(z)] <= again.cost[len(z) :]
     best = again.some(np.where(lower, 0, len(z)) + np.arange(len(z)))
-    return best._replace(evaluations=found.evaluations + again.evaluations)
+    return best._replace(evaluations=guided.evaluations + again.evaluations)
 
 
 def _by_adam(problem: Problem, z, lanes: Lanes) -> np.ndarray:
@@ -379,10 +379,10 @@ def _by_adam(problem: Problem, z, lanes: Lanes) -> np.ndarray:
     state = begin(x)
     best, lowest = np.array(z), np.full(len(z), np.inf)
     for _ in range(ADAM_STEPS):
-        found = problem.linearise(z, lanes)
-        better = found.cost < lowest
-        best[better], lowest[better] = z[better], found.cost[better]
-        change, state = update(unit * found.gradient, state)
+        linear = problem.linearise(z, lanes)
+        better = linear.cost < lowest
+        best[better], lowest[better] = z[better], linear.cost[better]
+        change, state = update(unit * linear.gradient, state)
         z = np.array(z)
         z[:, problem.active] += unit * np.asarray(change)
     return best

@@ -94,8 +94,8 @@ def best_starts(problem: Problem, places: Places, keep: int) -> Places:
     if len(places) == 1:
         return places
     lanes = Lanes(elastic=problem.elastic_at(places))
-    found = problem.linearise(places, lanes, slopes=False)
-    squares = np.nan_to_num(found.residual, nan=np.inf) ** 2
+    linear = problem.linearise(places, lanes, slopes=False)
+    squares = np.nan_to_num(linear.residual, nan=np.inf) ** 2
     begins = np.flatnonzero(np.diff(problem.points.set, prepend=-1))
     of_sets = np.add.reduceat(squares[:, : problem.count], begins, axis=1)
     costs = of_sets + squares[:, problem.count :].sum(axis=1)[:, None]
@@ -209,35 +209,35 @@ def run_stage(
     else:
         ends, branches = _along_branches(problem, np.unique([z, *starts], axis=0), options)
         problem = held_at(problem, ends[0].z[0])
-    evaluations, found = sum(end.evaluations for end in ends), ends[0]
+    evaluations, best = sum(end.evaluations for end in ends), ends[0]
     others = ends[1:]
     if unsettled:
-        found, others, problem, more = _lowest(problem, _minima(ends), options)
+        best, others, problem, more = _lowest(problem, _minima(ends), options)
         evaluations += more
         is_scaled = problem.transform.kind != NONE
-        if np.any(np.abs(found.z[0] - z)[is_scaled] > RUN_OUT):
+        if np.any(np.abs(best.z[0] - z)[is_scaled] > RUN_OUT):
             # while variances were large a loss might go to nothing, and is too flat there to come back
             again = search(held_at(problem, z), z[None], options.optimiser, limit=options.max_steps)
-            found, higher, problem, more = _lowest(problem, [found, again], options)
+            best, higher, problem, more = _lowest(problem, [best, again], options)
             others, evaluations = [*others, *higher], evaluations + again.evaluations + more
             if branches is not None:
-                _, branches = _along_branches(problem, found.z, options)
+                _, branches = _along_branches(problem, best.z, options)
     if unsettled and branches is not None:
         for _ in range(ROUNDS):
             branches = branches.searched(problem)  # with the variances as they are now
             lowest = branches.z[[int(np.argmin(branches.cost))]]
-            if np.min(branches.cost) >= found.cost[0] * (1 - CHANGED):
+            if np.min(branches.cost) >= best.cost[0] * (1 - CHANGED):
                 break
             (again,), branches = _along_branches(problem, lowest, options)
-            found, problem, more = settle(held_at(problem, again.z[0]), again, options)
+            best, problem, more = settle(held_at(problem, again.z[0]), again, options)
             evaluations += more
     crossings = 0 if first is None else int(np.sum(first != problem.elastic))
-    report = _report(name, problem, found, options, len(places), evaluations)
-    if weigh and not unsettled and any(one.unknown for one in problem.errors):
-        problem, found = _in_units(problem, found)
+    report = _report(name, problem, best, options, len(places), evaluations)
+    if weigh and not unsettled and any(errors.unknown for errors in problem.errors):
+        problem, best = _in_units(problem, best)
     seconds = time.perf_counter() - begun
     return StageFit(
-        problem, found.z[0], found, tuple(others), report, crossings, seconds, branches, alone
+        problem, best.z[0], best, tuple(others), report, crossings, seconds, branches, alone
     )
 
 
@@ -282,9 +282,9 @@ def _from_starts(problem: Problem, starts, optimiser: str, limit: int = MOST) ->
     return _apart_by_rank(guided_search(problem, starts, optimiser, limit=limit))
 
 
-def _apart_by_rank(found: Found) -> list[Found]:
+def _apart_by_rank(all_ends: Found) -> list[Found]:
     """Searches side by side one by one, the best first; what all took is counted with one of them."""
-    ends = [found.some(slice(k, k + 1)) for k in range(len(found.z))]
+    ends = [all_ends.some(slice(k, k + 1)) for k in range(len(all_ends.z))]
     counted = [end._replace(evaluations=0) for end in ends[1:]]
     return sorted([ends[0], *counted], key=_rank)
 
@@ -323,33 +323,33 @@ def _from_more_starts(
                 problem, _as_starts(problem, more[0]), options.optimiser, limit=options.max_steps
             )
         ends = sorted([*ends, *more], key=_rank)
-    reached = [one for one in ends if _as_low(one, ends[0])]
+    reached = [end for end in ends if _as_low(end, ends[0])]
     alone = len(ends) > len(reached) == 1 and _misses(problem, ends[0])
     return _minima(ends), alone
 
 
 def _minima(ends: list[Found]) -> list[Found]:
     """One end of each cost."""
-    found: list[Found] = []
+    minima: list[Found] = []
     for end in ends:
-        if not any(_as_low(end, one) for one in found):
-            found.append(end)
-    return found[: REFINED + 1]
+        if not any(_as_low(end, minimum) for minimum in minima):
+            minima.append(end)
+    return minima[: REFINED + 1]
 
 
-def _as_low(one: Found, other: Found) -> bool:
-    return abs(one.cost[0] - other.cost[0]) <= AS_LOW * other.cost[0] + 1e-300
+def _as_low(first: Found, second: Found) -> bool:
+    return abs(first.cost[0] - second.cost[0]) <= AS_LOW * second.cost[0] + 1e-300
 
 
-def _misses(problem: Problem, found: Found) -> bool:
+def _misses(problem: Problem, end: Found) -> bool:
     """Whether noise does not explain how far points are off: by its size, else by runs of one sign."""
     from scipy import special
 
-    residual = problem.linearise(found.z, slopes=False).residual[0]
+    residual = problem.linearise(end.z, slopes=False).residual[0]
     left = len(residual) - len(problem.active)
     if left < 1:
         return False
-    if all(one.is_stated and one.is_fixed and one.is_normal for one in problem.errors):
+    if all(errors.is_stated and errors.is_fixed and errors.is_normal for errors in problem.errors):
         return bool(np.sum(residual**2) > special.chdtri(left, 1 - CONFIDENCE))
     off = residual[: problem.count]
     return any(runs(problem.points.velocity[span], off[span]) for span in problem.spans)
@@ -357,85 +357,85 @@ def _misses(problem: Problem, found: Found) -> bool:
 
 def _along_branches(problem: Problem, starts, options: FitOptions) -> tuple[list[Found], Branches]:
     """Searches where the cost jumps, and the branches around the best."""
-    every = [(z, *by_branches(problem, z)) for z in starts]
-    every.sort(key=lambda found: float(f"{found[1].cost[0]:.6g}"))
+    branched = [(z, *by_branches(problem, z)) for z in starts]
+    branched.sort(key=lambda entry: float(f"{entry[1].cost[0]:.6g}"))
     ends = []
-    for z, best, _ in every:
+    for z, best, _ in branched:
         begun = np.full(best.z.shape, np.nan)
         begun[:, problem.active] = np.where(best.limits != 0, z[problem.active], np.nan)
         here, keywords = held_at(problem, best.z[0]), {"begun": begun, "limit": options.max_steps}
         ends.append(search(here, best.z, options.optimiser, **keywords))
-    return sorted(ends, key=_rank), every[0][2]
+    return sorted(ends, key=_rank), branched[0][2]
 
 
-def _rank(found: Found) -> tuple[float, bool]:
+def _rank(end: Found) -> tuple[float, bool]:
     """The lowest cost first; of those as low, one that converged."""
-    cost = float(found.cost[0])
-    return (float(f"{cost:.6g}"), not found.converged[0])
+    cost = float(end.cost[0])
+    return (float(f"{cost:.6g}"), not end.converged[0])
 
 
-def _in_units(problem: Problem, found: Found) -> tuple[Problem, Found]:
+def _in_units(problem: Problem, end: Found) -> tuple[Problem, Found]:
     """Problem and search in units of the noise, which was weighed against nothing."""
-    problem = renewed(problem, found.z[0])
+    problem = renewed(problem, end.z[0])
     if len(problem.errors) > 1:  # each set weighs as it did
-        points = problem.points._replace(copies=problem.diagonal(found.z)[0])
-        return replace(problem, points=points), found
+        points = problem.points._replace(copies=problem.diagonal(end.z)[0])
+        return replace(problem, points=points), end
     scale = 1 / problem.variances[0]["scatter"]
-    norm = scale * found.gradient_norm
-    return problem, found._replace(cost=scale * found.cost, gradient_norm=norm)
+    norm = scale * end.gradient_norm
+    return problem, end._replace(cost=scale * end.cost, gradient_norm=norm)
 
 
 def _lowest(problem: Problem, ends: list[Found], options: FitOptions):
     """Each minimum with its own variances settled: the one of the highest likelihood, the others,
     the problem there, and the evaluations."""
     settled = [settle(held_at(problem, end.z[0]), end, options) for end in ends]
-    likely = [_minus_two_log(one, found) for found, one, _ in settled]
+    likely = [_minus_two_log(problem, end) for end, problem, _ in settled]
     best = int(np.argmin([float(f"{value:.9g}") for value in likely]))
     evaluations = sum(more for *_, more in settled)
-    found, problem, _ = settled.pop(best)
+    end, problem, _ = settled.pop(best)
     others = [other for other, *_ in settled]
-    return found, others, problem, evaluations
+    return end, others, problem, evaluations
 
 
-def _minus_two_log(problem: Problem, found: Found) -> float:
+def _minus_two_log(problem: Problem, end: Found) -> float:
     """-2 ln p(data | θ, s) p(θ) where a search ended."""
-    linear = problem.linearise(found.z, slopes=False)
+    linear = problem.linearise(end.z, slopes=False)
     priors = linear.residual[:, problem.count : linear.residual.shape[1] - problem.more]
     spreads = sum(2 * len(pool.members) * np.log(pool.spread) for pool in problem.pools)
-    return float(problem.deviance(found.z)[0] + np.sum(priors**2) + spreads)
+    return float(problem.deviance(end.z)[0] + np.sum(priors**2) + spreads)
 
 
-def settle(problem: Problem, found: Found, options: FitOptions, restricted: bool = True):
+def settle(problem: Problem, end: Found, options: FitOptions, restricted: bool = True):
     """Search again until the variances are those of where the search ends: (found, problem, evaluations)."""
     evaluations = 0
     for _ in range(ROUNDS):
-        adapted = renewed(problem, found.z[0], restricted)
+        adapted = renewed(problem, end.z[0], restricted)
         if have_settled(adapted, problem):
-            return found, problem, evaluations
+            return end, problem, evaluations
         problem = adapted
         optimiser, most = options.optimiser, options.max_steps
         # what is at an end of its range stays there: it was looked at when the search arrived
-        again = search(problem, found.z, optimiser, begun=found.begun, limit=most, releases=0)
+        again = search(problem, end.z, optimiser, begun=end.begun, limit=most, releases=0)
         evaluations += again.evaluations
-        found = again._replace(iterations=found.iterations + again.iterations)
-    if not have_settled(renewed(problem, found.z[0], restricted), problem):
-        found = found._replace(converged=np.array([False]), reason=np.array([UNSETTLED]))
-    return found, problem, evaluations
+        end = again._replace(iterations=end.iterations + again.iterations)
+    if not have_settled(renewed(problem, end.z[0], restricted), problem):
+        end = end._replace(converged=np.array([False]), reason=np.array([UNSETTLED]))
+    return end, problem, evaluations
 
 
-def _report(name, problem: Problem, found: Found, options, starts, evaluations) -> Stage:
-    norm = float(found.gradient_norm[0])
+def _report(name, problem: Problem, end: Found, options, starts, evaluations) -> Stage:
+    norm = float(end.gradient_norm[0])
     return Stage(
         stage=name,
         materials=tuple(data.name for data in problem.datasets),
         optimiser=OPTIMISERS[options.optimiser],
         route=route_name(problem),
         evaluations=evaluations,
-        iterations=int(found.iterations[0]),
+        iterations=int(end.iterations[0]),
         gradient_norm=norm if np.isfinite(norm) else None,
-        cost=float(found.cost[0]),
-        converged=bool(found.converged[0]),
-        reason=str(found.reason[0]),
+        cost=float(end.cost[0]),
+        converged=bool(end.converged[0]),
+        reason=str(end.reason[0]),
         starts=starts,
     )
 
@@ -576,14 +576,14 @@ def likelihood_of(fits: list[ComponentFit], options: FitOptions) -> Likelihood |
     for fit in fits:
         if not fit.is_likelihood or fit.final.problem.pools:
             return None
-        problem, found = fit.final.problem, fit.final.found
-        if needs_variances(problem) and found.converged[0]:
-            found, problem, _ = settle(problem, found, options, restricted=False)
+        problem, end = fit.final.problem, fit.final.found
+        if needs_variances(problem) and end.converged[0]:
+            end, problem, _ = settle(problem, end, options, restricted=False)
         else:
             problem = renewed(problem, fit.z, restricted=False)
-        unknown = sum(len(one.unknown) for one in problem.errors)
-        if unknown and np.min(problem.diagonal(found.z)) <= NO_NOISE**2:
+        unknown = sum(len(errors.unknown) for errors in problem.errors)
+        if unknown and np.min(problem.diagonal(end.z)) <= NO_NOISE**2:
             return None
-        log -= 0.5 * float(problem.deviance(found.z)[0])
+        log -= 0.5 * float(problem.deviance(end.z)[0])
         fitted, points = fitted + len(fit.z) + unknown, points + problem.count
     return Likelihood(log, fitted, points)

@@ -34,27 +34,27 @@ def summarise(
     fit: ComponentFit, curves: dict[str, Profile], confidence: float
 ) -> tuple[list[MaterialFit], list[FitWarning], dict[str, Estimate]]:
     """Each data set's part, the warnings about several of them, and the error of the drag coefficient."""
-    found = estimates(fit, curves, confidence)
-    shared_warnings = of_component(fit, found, curves)
+    by_element = estimates(fit, curves, confidence)
+    shared_warnings = of_component(fit, by_element, curves)
     materials = [
-        _material(fit, g, found, confidence, shared_warnings)
+        _material(fit, g, by_element, confidence, shared_warnings)
         for g in range(len(fit.component.sets))
     ]
     elements = enumerate(fit.component.elements)
-    drag = {e.label: found[k] for k, e in elements if e.name == DRAG}
-    return materials, [one for one in shared_warnings if one.material is None], drag
+    drag = {e.label: by_element[k] for k, e in elements if e.name == DRAG}
+    return materials, [w for w in shared_warnings if w.material is None], drag
 
 
-def _material(fit: ComponentFit, g: int, found, confidence: float, shared_warnings) -> MaterialFit:
+def _material(fit: ComponentFit, g: int, by_element, confidence, shared_warnings) -> MaterialFit:
     spec, problem = fit.component.specs[g], fit.final.problem
     blocks = [(k, block) for k, block in enumerate(problem.blocks) if block.set == g]
     goodness = {block.observable: _goodness(fit, k) for k, block in blocks}
     of_eps = goodness.get(RESTITUTION) or next(iter(goodness.values()))
-    outliers = tuple(one for of_one in goodness.values() for one in of_one.outliers)
+    outliers = tuple(outlier for of_one in goodness.values() for outlier in of_one.outliers)
     at = problem.linearise(fit.z[None], slopes=False)
     first = problem.of_restitution(g)
     known_from, known_to = _determined_between(fit, g)
-    parameters, values, labels = _parameters(fit, g, found, known_to)
+    parameters, values, labels = _parameters(fit, g, by_element, known_to)
     part = MaterialFit(
         **(vars(of_eps) | {"outliers": outliers}),
         data=spec.data,
@@ -70,17 +70,17 @@ def _material(fit: ComponentFit, g: int, found, confidence: float, shared_warnin
         status=tuple(map(int, at.status[0][first])),
         known_from=known_from,
         known_to=known_to,
-        observed={name: one for name, one in goodness.items() if name != RESTITUTION},
+        observed={name: of_one for name, of_one in goodness.items() if name != RESTITUTION},
     )
     part, disagreements = _with_eq_17(fit, g, part)
-    found_warnings = [one for one in shared_warnings if one.material == part.name] + disagreements
+    found_warnings = [w for w in shared_warnings if w.material == part.name] + disagreements
     errors = dict(zip(goodness, spec.errors, strict=True))
     off = at.prediction[0][first] - problem.points.value[first]
     found_warnings += of_set(fit, part, off, errors)
     return replace(part, warnings=tuple(found_warnings))
 
 
-def _parameters(fit: ComponentFit, g: int, found, known_to: float):
+def _parameters(fit: ComponentFit, g: int, by_element, known_to: float):
     """Estimates of what was free and what was held, without the numbers of whole parameters; all that
     makes the law; and what the covariance calls what was free."""
     parameters, values, labels = {}, {}, {}
@@ -90,7 +90,7 @@ def _parameters(fit: ComponentFit, g: int, found, known_to: float):
         if place is not None:
             values[name] = float(fit.theta[place])
             labels[name] = fit.component.elements[place].label
-            parameters |= {name: found[place]} if shown else {}
+            parameters |= {name: by_element[place]} if shown else {}
             continue
         values[name] = local.start
         if shown and not local.stands_in:
@@ -128,39 +128,39 @@ def _goodness(fit: ComponentFit, k: int) -> Goodness:
     """Goodness of fit for one observable of a data set."""
     problem, first = fit.final.problem, fit.stages[0].problem  # which knows what the points share
     span, errors, s = problem.spans[k], first.errors[k], first.variances[k]
-    found, one = problem.linearise(fit.z[None]), first.linearise(fit.z[None]).carried(span)
+    linear, carried = problem.linearise(fit.z[None]), first.linearise(fit.z[None]).carried(span)
     is_free = fit.uncertainty.limits[problem.active] == 0  # the others cannot follow a point
-    leverage = leverages(np.where(is_free, found.jacobian[0], 0.0))[: problem.count][span]
+    leverage = leverages(np.where(is_free, linear.jacobian[0], 0.0))[: problem.count][span]
     left = float(max(len(leverage) - np.sum(leverage), 0.0))
     spread = weighted_deviation(fit, problem)[span]
     allowed = np.sqrt(np.maximum(1 - leverage, 1e-12)) * np.where(spread > 0, spread, 1.0)
-    off = found.prediction[0][span] - problem.points.value[span]
+    off = linear.prediction[0][span] - problem.points.value[span]
     stated = errors.is_stated or errors.unknown == ("scale",)
     reduced = None
     if errors.points.uncertainty is not None and left >= 1 and stated and errors.is_normal:
-        factor = errors.factor({**s, "scale": 1.0}, one.slope, one.bend)
+        factor = errors.factor({**s, "scale": 1.0}, carried.slope, carried.bend)
         reduced = float(np.sum(errors.whiten(factor, off[None, :, None]) ** 2)) / left
     nu = errors.family(s).dof
     return Goodness(
         rms=float(np.sqrt(np.mean(off**2))),
         reduced_chi_squared=reduced,
-        variances=_variances(errors, s, one),
+        variances=_variances(errors, s, carried),
         timing=float(s["timing"]) ** 0.5 if "timing" in s else None,
         noise_dof=None if nu is None else float(nu),
-        outliers=_outliers(first, k, one, off, leverage),
-        standardised=tuple(map(float, found.residual[0, : problem.count][span] / allowed)),
+        outliers=_outliers(first, k, carried, off, leverage),
+        standardised=tuple(map(float, linear.residual[0, : problem.count][span] / allowed)),
         leverage=tuple(map(float, leverage)),
         residual_degrees=left,
-        group_offsets=_group_offsets(first, k, one, off),
+        group_offsets=_group_offsets(first, k, carried, off),
     )
 
 
-def _group_offsets(first: Problem, k: int, one: Carried, off) -> dict[str, tuple[float, float]]:
+def _group_offsets(first: Problem, k: int, carried: Carried, off) -> dict[str, tuple[float, float]]:
     """Best linear unbiased predictions of the groups' offsets, with their conditional errors."""
     errors, s, (place, observable, _) = first.errors[k], first.variances[k], first.blocks[k]
     if errors.group is None or "group" not in s:
         return {}
-    factor, variance = errors.factor(s, one.slope, one.bend), float(s["group"])
+    factor, variance = errors.factor(s, carried.slope, carried.bend), float(s["group"])
     solved = errors.solve(factor, -off[None, :, None])[0, :, 0]
     offsets = variance * np.bincount(errors.group, solved)
     sizes = np.sqrt(variance / (1 + variance * factor.per.reshape(-1)))
@@ -173,15 +173,16 @@ def _group_offsets(first: Problem, k: int, one: Carried, off) -> dict[str, tuple
     return {str(labels[i]): (float(offsets[i]), float(sizes[i])) for i in order}
 
 
-def _outliers(first: Problem, k: int, one: Carried, off, leverage) -> tuple[Outlier, ...]:
+def _outliers(first: Problem, k: int, carried: Carried, off, leverage) -> tuple[Outlier, ...]:
     """Points beyond `RARE`: the one of n points that noise sends so far once in twenty data sets."""
     from scipy import special
 
     errors, s, (place, observable, span) = first.errors[k], first.variances[k], first.blocks[k]
-    spread = np.sqrt(errors.diagonal(s, one.slope, one.bend) + np.zeros(len(off))).reshape(-1)
+    variance = errors.diagonal(s, carried.slope, carried.bend) + np.zeros(len(off))
+    spread = np.sqrt(variance).reshape(-1)
     residual = -off / spread
     if errors.shares:  # without the information of the others of its group
-        factor = errors.factor(s, one.slope, one.bend)
+        factor = errors.factor(s, carried.slope, carried.bend)
         solved = errors.solve(factor, off[None, :, None])[0, :, 0]
         residual = -solved / np.sqrt(errors.precisions(factor).reshape(-1))
     size = np.abs(residual) / np.sqrt(np.maximum(1 - leverage, 1e-3))
@@ -208,15 +209,15 @@ def _outliers(first: Problem, k: int, one: Carried, off, leverage) -> tuple[Outl
     )
 
 
-def _variances(errors: Errors, s: Mapping[str, float], one: Carried) -> dict[str, float]:
+def _variances(errors: Errors, s: Mapping[str, float], carried: Carried) -> dict[str, float]:
     """Mean variances of a point, by where they come from."""
-    found = {kind: float(s[kind]) for kind in ("scatter", "group") if kind in s}
-    bare = {kind: value for kind, value in s.items() if kind not in found}
-    rest = float(np.mean(errors.variance(bare, one.slope, one.bend)))
+    estimated = {kind: float(s[kind]) for kind in ("scatter", "group") if kind in s}
+    bare = {kind: value for kind, value in s.items() if kind not in estimated}
+    rest = float(np.mean(errors.variance(bare, carried.slope, carried.bend)))
     if rest <= 0:
-        return found
+        return estimated
     stated = "stated" if errors.degrees is None else "repeats"
-    return {next((kind for kind in ("scale", "timing") if kind in s), stated): rest} | found
+    return {next((kind for kind in ("scale", "timing") if kind in s), stated): rest} | estimated
 
 
 def critical_velocity_of(law: sj.Zhou) -> float:
@@ -242,12 +243,12 @@ def derived_of(fit: ComponentFit, g: int, confidence: float) -> dict[str, Estima
     if spec.model.law_type is not sj.Zhou:
         return {}
     critical = np.asarray(problem.yields_at(fit.z, problem.points.set == g))
-    found = {"critical_velocity": Estimate(float(np.max(critical)), method="derived")}
+    derived = {"critical_velocity": Estimate(float(np.max(critical)), method="derived")}
     if not (spec.by_eps_up or several_yields(spec.data.contact)):
-        found["eps_up"] = _carried(fit, g, eps_up_of, confidence, 1.0)
+        derived["eps_up"] = _carried(fit, g, eps_up_of, confidence, 1.0)
     if "chi" not in spec.model.parameters:
-        found["chi"] = _carried(fit, g, chi_of, confidence, np.inf)
-    return found
+        derived["chi"] = _carried(fit, g, chi_of, confidence, np.inf)
+    return derived
 
 
 def _carried(fit: ComponentFit, g: int, what: Callable, confidence: float, most: float) -> Estimate:

@@ -146,15 +146,13 @@ def misfit_against_scatter(n: int, rms: float, left: float, about_eq_17: float) 
 
 def disagreement(what: str, model: Any, two_step: Any) -> str | None:
     """Two estimates of one number apart by more than their errors."""
-    pairs = [(one.value, one.standard_error) for one in (model, two_step) if one is not None]
+    pairs = [(e.value, e.standard_error) for e in (model, two_step) if e is not None]
     if len(pairs) < 2 or None in pairs[0] or None in pairs[1]:
         return None
-    (one, error_1), (other, error_2) = pairs
-    if not abs(one - other) > APART * np.hypot(error_1, error_2):
+    (first, error_1), (second, error_2) = pairs
+    if not abs(first - second) > APART * np.hypot(error_1, error_2):
         return None
-    return (
-        f"{what} is {one:.4g} ± {error_1:.2g} by `model`, {other:.4g} ± {error_2:.2g} by `two-step`"
-    )
+    return f"{what} is {first:.4g} ± {error_1:.2g} by `model`, {second:.4g} ± {error_2:.2g} by `two-step`"
 
 
 def runs(velocity: Column, residual: Column) -> str | None:

@@ -53,7 +53,7 @@ def _has_whole(fit: ComponentFit) -> bool:
 
 
 def of_component(
-    fit: ComponentFit, found: dict[int, Estimate], curves: dict[str, Profile]
+    fit: ComponentFit, by_element: dict[int, Estimate], curves: dict[str, Profile]
 ) -> list[FitWarning]:
     """Warnings about a component's parameters and searches."""
     elements, found_warnings = fit.component.elements, []
@@ -63,13 +63,13 @@ def of_component(
         if "[" in element.name:  # a number of a network is no parameter that anybody reads
             continue
         name, owner = element.name, _owner(fit, element.sets)
-        found_warnings += _at_an_end(name, found[k], owner)
+        found_warnings += _at_an_end(name, by_element[k], owner)
         far = _off_prior(element, float(fit.theta[k]))
         found_warnings += named("prior-conflict", [far], owner)
-        is_open = found[k].method == "undetermined" and found[k].value is not None
-        if is_open and not found[k].at_bound and not _is_apart(separation, name, owner):
+        is_open = by_element[k].method == "undetermined" and by_element[k].value is not None
+        if is_open and not by_element[k].at_bound and not _is_apart(separation, name, owner):
             together.setdefault(("rank-deficient", owner), []).append(name)
-        if found[k].skewed:
+        if by_element[k].skewed:
             together.setdefault(("skewed", owner), []).append(name)
     for (code, owner), names in together.items():
         text, verb = " and ".join(names), "do" if len(names) > 1 else "does"
@@ -90,7 +90,7 @@ def of_component(
         for code, cause in causes.items():
             for data in stage.problem.datasets:
                 found_warnings += named(code, [cause], data.name)
-        for k, rise in _other_minima(fit, stage, found).items():
+        for k, rise in _other_minima(fit, stage, by_element).items():
             higher = f"only {rise:.2g} higher" if rise >= 0 else f"{-rise:.2g} lower"
             cause = f"another minimum for {elements[k].name} has a chi squared {higher}"
             found_warnings.append(
@@ -112,8 +112,10 @@ def _at_an_end(name: str, estimate: Estimate, owner: str | None) -> Iterator[Fit
 
 def _is_apart(separation: list[FitWarning], name: str, owner: str | None) -> bool:
     """Whether a warning of σ and ψ, which are not separate, is about it."""
-    found = {one.material for one in separation if one.code == "sigma-psi-not-separate"}
-    return name in ("sigma", "psi") and owner in found
+    owners = {
+        warning.material for warning in separation if warning.code == "sigma-psi-not-separate"
+    }
+    return name in ("sigma", "psi") and owner in owners
 
 
 def _off_prior(element: Element, value: float) -> str | None:
@@ -135,20 +137,20 @@ def _collinear(fit: ComponentFit, separation: list[FitWarning]) -> list[FitWarni
     covariance = np.where(known.known[:, None] & known.known, known.covariance, 0.0)
     size = np.sqrt(np.where(np.diag(covariance) > 0, np.diag(covariance), np.inf))
     correlation = np.triu(covariance / np.outer(size, size), 1)
-    found: dict[str | None, FitWarning] = {}  # one is enough of a data set
+    by_owner: dict[str | None, FitWarning] = {}  # one is enough of a data set
     for i, j in np.argwhere(np.abs(correlation) > warnings.COLLINEAR):
-        one, other = elements[i], elements[j]
-        shared = sorted({*one.sets} & {*other.sets})
+        first, second = elements[i], elements[j]
+        shared = sorted({*first.sets} & {*second.sets})
         owner = _owner(fit, tuple(shared)) if shared else None
-        if not shared or all(_is_apart(separation, e.name, owner) for e in (one, other)):
+        if not shared or all(_is_apart(separation, e.name, owner) for e in (first, second)):
             continue
-        cause = f"{one.name} and {other.name} are correlated by {correlation[i, j]:.5f}"
+        cause = f"{first.name} and {second.name} are correlated by {correlation[i, j]:.5f}"
         measured = np.flatnonzero((points.set == shared[0]) & (points.observable == 0))
         if len(measured):
             middle = _in_the_middle(fit, measured)
             cause += f"; the data determine ε in their middle, {middle}"
-        found.setdefault(owner, FitWarning("collinear", cause, owner))
-    return list(found.values())
+        by_owner.setdefault(owner, FitWarning("collinear", cause, owner))
+    return list(by_owner.values())
 
 
 def _in_the_middle(fit: ComponentFit, points: np.ndarray) -> str:
@@ -156,22 +158,22 @@ def _in_the_middle(fit: ComponentFit, points: np.ndarray) -> str:
     problem, known = fit.final.problem, fit.uncertainty
     velocity = problem.points.velocity[points]
     middle = points[np.argmin(np.abs(np.log(velocity / np.median(velocity))))]
-    found = problem.bare.linearise(fit.z[None])
-    own = known.of_predictions[np.ix_(problem.active, problem.active)]
-    error = float(np.sqrt(max(found.per[0, middle] @ own @ found.per[0, middle], 0.0)))
-    middle_text = with_error(float(found.prediction[0, middle]), error)
+    linear = problem.bare.linearise(fit.z[None])
+    covariance = known.of_predictions[np.ix_(problem.active, problem.active)]
+    error = float(np.sqrt(max(linear.per[0, middle] @ covariance @ linear.per[0, middle], 0.0)))
+    middle_text = with_error(float(linear.prediction[0, middle]), error)
     return f"{middle_text} at {problem.points.velocity[middle]:.3g} m/s"
 
 
 def _separation(fit: ComponentFit, curves: dict[str, Profile]) -> list[FitWarning]:
     """σ and ψ of Zhou's law that only their combination ε_up is known of; ε_up in their place."""
-    found = []
+    raised = []
     for g, spec in enumerate(fit.component.specs):
         if spec.model.law_type is not sj.Zhou or spec.objective != "model":
             continue
         if spec.by_eps_up:
             cause = "no points below the critical velocity: sigma and psi act through eps_up alone"
-            found.append(FitWarning("eps-up-only", cause, spec.data.name))
+            raised.append(FitWarning("eps-up-only", cause, spec.data.name))
         places = fit.component.places(g)
         if not {"sigma", "psi"} <= {*places}:
             continue
@@ -183,15 +185,15 @@ def _separation(fit: ComponentFit, curves: dict[str, Profile]) -> list[FitWarnin
             cause = f"the standard error of ln sigma is {errors[0]:.2g}"
             if not np.isfinite(errors[0]):
                 cause = "only one combination of sigma and psi shows"
-            found.append(FitWarning("sigma-psi-not-separate", cause, spec.data.name))
-    return found
+            raised.append(FitWarning("sigma-psi-not-separate", cause, spec.data.name))
+    return raised
 
 
 def _other_minima(
     fit: ComponentFit, stage: StageFit, estimates: Mapping[int, Estimate]
 ) -> dict[int, float]:
     """Elements with a value outside their interval at a minimum nearly as good, and how much higher χ² is there."""
-    problem, found = stage.problem, {}
+    problem, rises = stage.problem, {}
 
     def is_outside(k: int, value: float) -> bool:
         low, high = estimates[k].low, estimates[k].high
@@ -223,8 +225,8 @@ def _other_minima(
             shares = np.sin(np.linspace(0, np.pi / 2, STATIONS + 2)[1:-1]) ** 2
             between = cost(*(stage.z + share * way for share in shares))
             if np.any(between > np.max(ends) * (1 + LEFT_UNDONE)):
-                found |= {k: rise for k in moved if k not in found}
-    return found
+                rises |= {k: rise for k in moved if k not in rises}
+    return rises
 
 
 def of_set(
@@ -236,13 +238,13 @@ def of_set(
         residual: fitted less measured ε.
         errors: of the points of each observable.
     """
-    found: list[FitWarning] = []
+    raised: list[FitWarning] = []
     if RESTITUTION in errors:
-        found += _of_restitution(part, residual, errors[RESTITUTION])
-        found += named("offset", _offsets(fit, part, residual), part.name)
+        raised += _of_restitution(part, residual, errors[RESTITUTION])
+        raised += named("offset", _offsets(fit, part, residual), part.name)
     for name, goodness in part.observed.items():
-        found += _of_observable(part, name, goodness, errors[name])
-    return [*found, *_of_modulus(part)]
+        raised += _of_observable(part, name, goodness, errors[name])
+    return [*raised, *_of_modulus(part)]
 
 
 def _of_restitution(part: MaterialFit, residual, errors: Errors) -> list[FitWarning]:
@@ -258,11 +260,11 @@ def _of_restitution(part: MaterialFit, residual, errors: Errors) -> list[FitWarn
     yields = part.law.elastic_velocity() if isinstance(part.law, sj.RateIndependentLaw) else np.nan
     yields = np.asarray(yields, float)
     ever_yields = bool(np.any((yields > 0) & (yields < np.inf)))
-    found = [*named("data", (note for note in data.notes if "above 1" in note), name)]
-    for one in plausibility(data):  # about yield only if the law yields
-        if ever_yields or one.code != "yield-beyond-limit":
-            code = "groups" if one.code == "groups" else "plausibility"
-            found.append(FitWarning(code, one.cause, name, one.advice))
+    raised = [*named("data", (note for note in data.notes if "above 1" in note), name)]
+    for implausible in plausibility(data):  # about yield only if the law yields
+        if ever_yields or implausible.code != "yield-beyond-limit":
+            code = "groups" if implausible.code == "groups" else "plausibility"
+            raised.append(FitWarning(code, implausible.cause, name, implausible.advice))
     misfit, runs = None, warnings.runs(velocity, np.where(is_off, standardised, 0.0))
     if errors.is_stated and part.reduced_chi_squared is not None:
         of_noise = None if data.degrees is None else float(np.mean(data.degrees))
@@ -270,7 +272,7 @@ def _of_restitution(part: MaterialFit, residual, errors: Errors) -> list[FitWarn
     elif part.objective == "two-step" and part.rms_empirical is not None:
         misfit = warnings.misfit_against_scatter(part.n, part.rms, left, part.rms_empirical)
     causes = {"model-misfit": misfit, "residual-runs": runs}
-    if np.any(is_off) and not (found or misfit or runs):
+    if np.any(is_off) and not (raised or misfit or runs):
         # where the curve misses the points neither says anything of the errors
         curve = restitution + residual
         alike = None if errors.shares else warnings.alike_neighbours(velocity, standardised)
@@ -284,10 +286,10 @@ def _of_restitution(part: MaterialFit, residual, errors: Errors) -> list[FitWarn
     causes["velocity-errors"] = warnings.velocity_errors(data.velocity, uncertain, kink)
     for code, cause in causes.items():
         advice = LAW_OR_GROUPS if code == "residual-runs" and errors.shares else ""
-        found += [FitWarning(code, cause, name, advice)] if cause else []
-    found += named("status", warnings.statuses(part.status, velocity), name)
+        raised += [FitWarning(code, cause, name, advice)] if cause else []
+    raised += named("status", warnings.statuses(part.status, velocity), name)
     below = "all velocities are below the critical velocity" if part.known_to < np.inf else None
-    return [*found, *named("all-below-yield", [below], name)]
+    return [*raised, *named("all-below-yield", [below], name)]
 
 
 def _offsets(fit: ComponentFit, part: MaterialFit, residual) -> Iterator[str | None]:
@@ -300,16 +302,16 @@ def _offsets(fit: ComponentFit, part: MaterialFit, residual) -> Iterator[str | N
 
 
 def _of_observable(
-    part: MaterialFit, observable: str, one: Goodness, errors: Errors
+    part: MaterialFit, observable: str, goodness: Goodness, errors: Errors
 ) -> Iterator[FitWarning]:
     """Whether the curve misses what else than ε was measured."""
-    words, reduced = OBSERVABLES[observable].words, one.reduced_chi_squared
-    misses = warnings.misfit(reduced, one.residual_degrees) if errors.is_stated else None
-    trend = warnings.runs(errors.velocity, np.array(one.standardised))
+    words, reduced = OBSERVABLES[observable].words, goodness.reduced_chi_squared
+    misses = warnings.misfit(reduced, goodness.residual_degrees) if errors.is_stated else None
+    trend = warnings.runs(errors.velocity, np.array(goodness.standardised))
     for code, cause in (("model-misfit", misses), ("residual-runs", trend)):
         yield from named(code, [cause and f"{words}: {cause}"], part.name)
-    if one.rms > MOST_OFF:  # an estimated scatter takes a wrong unit or size as it is
-        cause = f"{words}: the law misses the values by {100 * one.rms:.3g} % (rms)"
+    if goodness.rms > MOST_OFF:  # an estimated scatter takes a wrong unit or size as it is
+        cause = f"{words}: the law misses the values by {100 * goodness.rms:.3g} % (rms)"
         advice = "Check the unit and the bodies; of dents, which diameter was measured (`dent`)."
         yield FitWarning("plausibility", cause, part.name, advice)
 
