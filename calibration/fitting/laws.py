@@ -442,14 +442,18 @@ def zhou_by_others(
     **options: str,
 ) -> sj.ContactLaw:
     """Zhou's law, by c1 and c2 where χ̃ is not given, by ε_up where σ is not; NaN is not given."""
-    line = _given(c1, 0.0) + _given(c2, 0.0) * contact.yield_ratio
-    chi = _given(chi, jnp.maximum(line, LEAST_CHI))
-    sigma = _given(sigma, sigma_of(contact, _given(eps_up, 0.5), psi))
+    xp = _numpy_for(contact, psi, chi, c1, c2, sigma, eps_up)
+    given = lambda value, otherwise: xp.where(xp.isnan(value), otherwise, value)  # noqa: E731
+    line = given(c1, 0.0) + given(c2, 0.0) * contact.yield_ratio
+    chi = given(chi, xp.maximum(line, LEAST_CHI))
+    sigma = given(sigma, sigma_of(contact, given(eps_up, 0.5), psi))
     return sj.Zhou(contact, chi=chi, sigma=sigma, psi=psi, **options)
 
 
-def _given(value: Any, otherwise: Any) -> Any:
-    return jnp.where(jnp.isnan(value), otherwise, value)
+def _numpy_for(*values: Any) -> Any:
+    """NumPy where nothing is JAX's: a few numbers are not worth compiling for."""
+    leaves = jax.tree.leaves(values)
+    return jnp if any(isinstance(leaf, jax.Array) for leaf in leaves) else np
 
 
 def zhou_model(names: Iterable[str], options: Mapping[str, str]) -> LawModel:
@@ -467,9 +471,10 @@ def zhou_model(names: Iterable[str], options: Mapping[str, str]) -> LawModel:
 def sigma_of(contact: sj.Contact, eps_up: Any, psi: Any) -> Any:
     """σ with which Eq. (17) is ε_up at the critical velocity."""
     critical, limit = contact.critical_velocity, contact.limit_velocity
-    below = critical < limit
-    ratio = jnp.where(below, critical / jnp.where(below, limit - critical, 1.0), 1.0)
-    return -jnp.log(jnp.maximum(eps_up, 1e-300)) / ratio**psi
+    xp, below = _numpy_for(contact, eps_up, psi), critical < limit
+    ratio = xp.where(below, critical / xp.where(below, limit - critical, 1.0), 1.0)
+    with np.errstate(over="ignore", divide="ignore"):
+        return -xp.log(xp.maximum(eps_up, 1e-300)) / ratio**psi
 
 
 def several_yields(contact: sj.Contact | None) -> bool:
