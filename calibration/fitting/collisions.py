@@ -10,7 +10,7 @@ number of impacts, of fits side by side, of data sets and of parameters behind t
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import jax
@@ -22,7 +22,7 @@ import softjax as sj
 from calibration.errors import DataError
 from calibration.fitting.laws import CONTACT_LEAVES, OF_CONTACT, LawModel
 from calibration.observables import RESTITUTION, predicted
-from softjax.batching import quick_to_compile
+from softjax.batching import QUICK, SOONEST, accepted
 from softjax.fields import whole_fields
 
 PROBES = 3  # places at which it is looked which leaves move
@@ -247,7 +247,7 @@ def expand(
             for k, leaf in enumerate(leaves)
         ]
         held = None if elastic is None else _filled(elastic[rows], size)
-        block = _large_block if size == LARGE else quick_to_compile(_block, (3, 4, 5, 6))
+        block = _compiled(size, isinstance(route, sj.ODE))
         at = _filled(velocity[rows], size)
         begun.append(block(some, at, held, shape, moving, route, observable))
         filled.append(rows.stop - rows.start)
@@ -324,7 +324,11 @@ def _block(
     return jax.vmap(along, out_axes=(None, 0, None))(_seeds(chosen))
 
 
-_large_block = jax.jit(_block, static_argnums=(3, 4, 5, 6))
+@cache
+def _compiled(size: int, by_time: bool):
+    """`_block`, compiled the sooner the fewer impacts it is of."""
+    options = {SMALL: QUICK if by_time else SOONEST, LARGE: ()}.get(size, QUICK)
+    return jax.jit(_block, static_argnums=(3, 4, 5, 6), compiler_options=accepted(options))
 
 
 def _seeds(chosen):
