@@ -168,6 +168,7 @@ def test_each_point_is_predicted_as_a_refit_by_scipy_predicts_it(law, formula, s
     assert entry.leave_one_out.rms == pytest.approx(np.sqrt(np.mean(left**2)), rel=1e-6)
     assert entry.leave_one_out.rms > entry.result.rms
     assert entry.converged
+    assert entry.warnings == entry.result.warnings
     noise = UNEQUAL if stated else np.std(data.restitution - whole)
     expected, fitted = stats.norm.logpdf(data.restitution, whole, noise).sum(), 3 - stated
     assert entry.result.aic == pytest.approx(2 * fitted - 2 * expected, rel=1e-7)

@@ -574,7 +574,9 @@ def test_the_report_says_what_the_draws_determine(tmp_path):
     ]
     materials = (0.8 + noise, ""), *((0.9 + noise, prior) for prior in priors)
     _, section = sampled(tmp_path, *materials, draws=1000)
-    rows = {row[0]: row for row in markdown_tables(section)[0][1:]}
+    (_, _, ends, *_), *table = markdown_tables(section)[0]
+    assert ends == "95 % interval"
+    rows = {row[0]: row for row in table}
     free, narrowed, stated, *noises = rows
     found = [f"{name} = {rows[name][1]}" for name in (free, *noises)]
     lines = [line[2:] for line in section.splitlines() if line.startswith("- The data")]

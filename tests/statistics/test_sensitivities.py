@@ -76,6 +76,11 @@ def test_restitution_of_two_spheres_depends_on_dimensionless_groups_alone():
     np.testing.assert_allclose(R, 0, atol=1e-13)
     np.testing.assert_allclose(v, 2 * rho, atol=1e-13)
     assert np.max(np.abs(v)) > 1e-3
+    contact = fitted("nylon").contact
+    for law in (sj.WaltonBraun(contact, 3e6, 4e6, 60.0), sj.ViscoelasticHertz(contact, 1e-5)):
+        others = cal.sensitivity(law, VELOCITY)  # of kg, N/m, 1/m and s
+        np.testing.assert_allclose(others.dimensional_sums(), 0, atol=1e-12)
+        assert np.all(np.max(np.abs(others.absolute), axis=0)[[-2, -1]] > 1e-3)
 
 
 def test_without_rebound_and_at_zero_nothing_is_nan_but_the_logarithm():
