@@ -16,17 +16,18 @@ from calibration.plots import style
 from calibration.rounding import number
 
 TOP = 1.6  # of a profile's picture, in thresholds
-CELL = 0.95  # inches, of two parameters' ellipse
+CELL = 0.95  # inches, of two parameters' ellipse, at most
+WITH_ESTIMATE, WITH_NUMBER = 0.55, 0.4  # inches, of a cell that has room for these
 LETTER = 0.09  # inches, of a name next to it
 NEARLY_ONE = 0.995  # a correlation that two digits would call 1
-MOST_NUMBERS = 12  # with more parameters the numbers in the cells would overlap
 SIZE = 0.3  # of a cell: the radius of uncorrelated estimates
 THIN = 0.02  # of a cell: the least half width of an ellipse
 NOISES = {"noise": "scatter", "group": "between groups", "timing": "of times [s]"}  # as tables say
 MOST_PAIRED = 8  # parameters of posterior.png: with more nothing can be read
+CROWDED = 5  # of them, from which on letters are small and numbers turned
 SHOWN = 2000  # draws of a panel
-PAIR = 1.9  # inches
 BINS = 40
+SHORT = 3  # powers of ten beyond which these stand in the label
 TAIL = 0.002  # of the draws, on either side, beyond the axis
 EXPLAINED = (
     "above the diagonal: correlations; below: ellipses\n"
@@ -128,20 +129,22 @@ def correlation_figure(result: Any) -> Figure | None:
             blocks.append((owner, matrix, names, texts))
     if not blocks:
         return None
-    room = max(len(name) for *_, names, _ in blocks for name in names)
-    size = max(0.8, LETTER * room) + CELL * max(len(matrix) for _, matrix, *_ in blocks)
+    room = max(0.8, LETTER * max(len(name) for *_, names, _ in blocks for name in names))
+    count = max(len(matrix) for _, matrix, *_ in blocks)
+    cell = min(CELL, (style.WIDTH / min(len(blocks), style.COLUMNS) - room) / count)
+    size = room + cell * count
     figure, grid = style.panels(len(blocks), size + 0.25, "data sets", legend=0.6)
     if len(blocks) == 1:
         figure.set_figwidth(size)
     for (owner, *block), (ax,) in zip(blocks, grid, strict=False):
-        _plot_correlations(ax, *block)
+        _plot_correlations(ax, *block, cell)
         ax.set_title(style.plain(owner))
     figure.supxlabel(EXPLAINED, fontsize="small")
     return figure
 
 
-def _plot_correlations(ax: Axes, matrix: np.ndarray, names: Sequence[str], texts: Sequence[str]):
-    """Ellipses below the diagonal, correlations above it, estimates on it."""
+def _plot_correlations(ax: Axes, matrix: np.ndarray, names, texts: Sequence[str], cell: float):
+    """Ellipses below the diagonal, correlations above it, estimates on it, as far as cells have room."""
     count = len(names)
     for (row, column), value in np.ndenumerate(matrix):
         place = column, count - 1 - row
@@ -149,8 +152,8 @@ def _plot_correlations(ax: Axes, matrix: np.ndarray, names: Sequence[str], texts
         text = f"{np.round(value, digits) + 0.0:.{digits}f}" if np.isfinite(value) else "–"
         text = text.replace("-", "−")
         if row == column:
-            text = texts[row].replace(" ± ", "\n± ")
-        elif (row > column or count > MOST_NUMBERS) and np.isfinite(value):
+            text = texts[row].replace(" ± ", "\n± ") if cell > WITH_ESTIMATE else ""
+        elif (row > column or cell < WITH_NUMBER) and np.isfinite(value):
             long, short = (2 * max(SIZE * np.sqrt(1 + s * abs(value)), THIN) for s in (1, -1))
             color, angle = (style.BLUE, 45) if value >= 0 else (style.VERMILION, -45)
             ax.add_patch(Ellipse(place, long, short, angle=angle, color=color, alpha=0.6))
@@ -203,11 +206,12 @@ def posterior_figure(posterior: Any, result: Any = None) -> Figure:
     draws = {str(name): np.ravel(values) for name, values in [*variables][:MOST_PAIRED]}
     diverging = np.ravel(dataset_of(posterior, "sample_stats")["diverging"])
     names, count = list(draws), len(draws)
-    size = max(PAIR * count, style.WIDTH)
-    figure = style.new_figure(size, size)
+    figure, letters = style.new_figure(style.WIDTH), "medium" if count < CROWDED else "x-small"
     grid = figure.subplots(count, count, squeeze=False)
     ends = {name: _ends(values) for name, values in draws.items()}
     logarithmic = {name: style.spans_decades(np.array(ends[name])) for name in names}
+    powers = {name: 0 if logarithmic[name] else _power(ends[name]) for name in names}
+    labels = {name: _label(name, result, powers[name]) for name in names}
     estimates = {} if result is None else result.estimates
     for row, column in np.ndindex(count, count):
         ax, x, y = grid[row, column], names[column], names[row]
@@ -229,11 +233,13 @@ def posterior_figure(posterior: Any, result: Any = None) -> Figure:
             fitted = [estimates[name].value for name in (x, y) if name in estimates]
             if len(fitted) == 2 and None not in fitted:
                 ax.plot(*fitted, "+", color=style.BLACK, markersize=9, label="fit")
-            _limit(ax, "y", ends[y], logarithmic[y])
-        _limit(ax, "x", ends[x], logarithmic[x])
-        ax.tick_params(labelbottom=row == count - 1, labelleft=column == 0 < row)
-        ax.set_xlabel(_label(x, result) if row == count - 1 else "")
-        ax.set_ylabel(_label(y, result) if column == 0 < row else "")
+            _limit(ax, "y", ends[y], logarithmic[y], powers[y])
+        _limit(ax, "x", ends[x], logarithmic[x], powers[x])
+        turned = 0 if count < CROWDED else 90
+        ax.tick_params(labelbottom=row == count - 1, labelleft=column == 0 < row, labelsize=letters)
+        ax.tick_params("x", which="both", labelrotation=turned)
+        ax.set_xlabel(labels[x] if row == count - 1 else "", fontsize=letters)
+        ax.set_ylabel(labels[y] if column == 0 < row else "", fontsize=letters)
     style.legend_below(figure, list(figure.axes), 4)
     return figure
 
@@ -249,18 +255,30 @@ def _mark_interval(ax: Axes, estimate: Any) -> None:
             ax.axvline(end, label="the fit's interval", **style_of_line)
 
 
-def _limit(ax: Axes, which: str, ends: tuple[float, float], logarithmic: bool) -> None:
+def _power(ends: tuple[float, float]) -> int:
+    """The power of ten that stands in an axis' label; 0 for numbers that are written as they are."""
+    power = int(np.floor(np.log10(max(*np.abs(ends), 1e-300))))
+    return power if abs(power) > SHORT else 0
+
+
+def _limit(ax: Axes, which: str, ends: tuple[float, float], logarithmic: bool, power: int) -> None:
     if logarithmic:
         getattr(ax, f"set_{which}scale")("log")
     else:
-        getattr(ax, f"{which}axis").set_major_locator(MaxNLocator(3 if which == "y" else 2))
+        axis = getattr(ax, f"{which}axis")
+        axis.set_major_locator(MaxNLocator(3 if which == "y" else 2))
+        if power:
+            axis.set_major_formatter(lambda value, _: f"{value / 10.0**power:.4g}")
     getattr(ax, f"set_{which}lim")(*ends)
 
 
-def _label(name: str, result: Any) -> str:
-    """The symbol with its unit, the data set below it."""
+def _label(name: str, result: Any, power: int) -> str:
+    """The symbol with its power of ten and unit, the data set below it."""
     base, _, owner = name.removesuffix("]").partition("[")
     symbol = NOISES.get(base) or symbols.math(base, symbols.model_of(name, result))
+    if power:
+        symbol, _, unit = symbol.partition(" [")
+        symbol += rf" [$10^{{{power}}}$ {unit}" if unit else rf" [$10^{{{power}}}$]"
     return f"{symbol}\n{style.plain(style.shortened(owner))}" if owner else symbol
 
 

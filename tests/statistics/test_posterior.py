@@ -4,6 +4,7 @@ import json
 import re
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -13,7 +14,7 @@ from scipy import stats
 
 import calibration as cal
 import softjax as sj
-from calibration.plots import posterior_figure
+from calibration.plots import correlation_figure, posterior_figure
 from tests.command import run
 from tests.coverage.test_coverage import drops, with_up
 from tests.decay import Decay
@@ -448,6 +449,23 @@ def test_the_picture_of_draws_and_of_a_fit_with_a_fixed_level(draws):
         shown = [one.get_xdata()[0] for one in ax.get_lines() if "interval" in one.get_label()]
         assert shown == ends[name]
     assert legend(figure) == ["draws", "fit", "diverged", "the fit's interval"]
+
+
+def test_pictures_of_many_parameters_are_no_wider_than_others(decay):
+    """Powers of ten stand in the labels; correlations of 16 have ellipses on both sides."""
+    names = [f"p{k}" for k in range(16)]
+    figure = posterior_figure(drawn(**dict.fromkeys(names[:8], (3e8, 1e6))))
+    assert figure.get_figwidth() <= 6.4
+    last = figure.axes[-1]
+    assert last.get_xlabel() == "p7 [$10^{8}$]"
+    assert last.xaxis.get_major_formatter()(3.05e8, None) == "3.05"
+    labels = dict(zip(names, names, strict=True))
+    material = SimpleNamespace(name="a", labels=labels, model=decay.materials[0].model)
+    result = SimpleNamespace(materials=[material], estimates={})
+    result.covariance_names, result.correlations = names, np.full((16, 16), 0.5)
+    figure = correlation_figure(result)
+    assert figure.get_figwidth() <= 6.4
+    assert len(figure.axes[0].patches) == 16 * 15
 
 
 @pytest.mark.parametrize("dof", [4, "estimate"])
