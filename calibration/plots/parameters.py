@@ -136,8 +136,8 @@ def correlation_figure(result: Any) -> Figure | None:
     figure, grid = style.panels(len(blocks), size + 0.25, "data sets", legend=0.6)
     if len(blocks) == 1:
         figure.set_figwidth(size)
-    for (owner, *block), (ax,) in zip(blocks, grid, strict=False):
-        _plot_correlations(ax, *block, cell)
+    for (owner, matrix, names, texts), (ax,) in zip(blocks, grid, strict=False):
+        _plot_correlations(ax, matrix, names, texts, cell)
         ax.set_title(style.plain(owner))
     figure.supxlabel(EXPLAINED, fontsize="small")
     return figure
