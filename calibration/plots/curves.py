@@ -68,7 +68,8 @@ def curves_figure(
     """
     if ratio and any(fit.contact is None for fit in result.materials):
         raise DataError("ratio", ratio, "False where there is no contact")
-    figure, grid = style.panels(len(result.materials), 4.0, "data sets", (2.6, 1), 0.75)
+    height = 4.0 if len(result.materials) <= style.COLUMNS else 3.3
+    figure, grid = style.panels(len(result.materials), height, "data sets", (2.6, 1), 0.75)
     for fit, (upper, lower) in zip(result.materials, grid, strict=False):
         more = (lines or {}).get(fit.name, ())
         _plot_observable(result, fit, None, upper, lower, more, ratio, from_rest)
