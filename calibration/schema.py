@@ -87,7 +87,7 @@ def known_below(model: type[BaseModel], place: tuple[Any, ...]) -> list[str]:
 
 
 def accepted(model: type[BaseModel], place: tuple[Any, ...]) -> str:
-    """What a field accepts, in words."""
+    """Describe what a field accepts."""
     return words(_walk(model, place)[1])
 
 
@@ -135,7 +135,7 @@ def choices(model: type[BaseModel], name: str) -> tuple[Any, ...]:
 
 
 def words(schema: Mapping[str, Any]) -> str:
-    """What a JSON Schema accepts, in words; without null, which means a missing value."""
+    """Describe what a JSON Schema accepts, without null, which means a missing value."""
     if "accepted" in schema:
         return schema["accepted"]
     return " or ".join(dict.fromkeys(_words(part) for part in _parts(schema)))

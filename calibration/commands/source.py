@@ -194,7 +194,7 @@ def _chosen(name: str | None, names: list[str], where: str) -> str:
 
 
 def _bodies(pair: Any, same_material: bool, one_radius: bool) -> tuple[str, dict[str, float]]:
-    """What two bodies are, and their numbers by name."""
+    """Description of two bodies, and their properties by name."""
 
     def numbers(body: Any, suffix: str) -> dict[str, float]:
         return {f"{name}{suffix}": float(x) for name, x in body.material.leaves().items()}

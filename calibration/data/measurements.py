@@ -344,7 +344,7 @@ class RestitutionData:
             object.__setattr__(self, name, value)
 
     def _take_in_observed(self) -> None:
-        """What else than ε was measured, and which ε were not."""
+        """Check the observables other than ε, and which rows lack ε."""
         missing = np.isnan(self.restitution)
         if self.dent not in DENTS:
             raise DataError("dent", self.dent, " or ".join(map(repr, DENTS)))

@@ -310,9 +310,9 @@ class Line:
             raise DataError("area", contact.area, f"{self.area}, as of the fitted materials")
 
     def _losses(self, eps_up, sigma, psi):
-        """Of what is not stated mean, error and degrees of freedom by name, and what is stated.
+        """Mean, error and degrees of freedom of each loss that is not stated, and the stated ones.
 
-        On the scales where they are taken as normal.
+        On the scales where their errors are normal.
         """
         arguments = {"eps_up": eps_up, "sigma": sigma, "psi": psi}
         stated = {name: value for name, value in arguments.items() if value is not None}

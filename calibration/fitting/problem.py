@@ -158,7 +158,7 @@ class Linear(NamedTuple):
 
     @property
     def gradient(self) -> Float[np.ndarray, "fits p"]:
-        """Of the cost."""
+        """Gradient of the cost."""
         return np.einsum("fmp,fm->fp", self.jacobian, self.residual)
 
 

@@ -542,7 +542,7 @@ def _problem(
 
 
 def blocks_of(data: RestitutionData) -> Iterator[tuple[Any, str, np.ndarray, np.ndarray, Any]]:
-    """Each observable (None for ε), its name, its impacts, the values and their unit."""
+    """For each observable (None for ε) its name, impacts, values and unit."""
     rows = np.flatnonzero(np.isfinite(data.restitution))
     if len(rows):
         yield None, RESTITUTION, rows, data.restitution[rows], np.ones(len(rows))

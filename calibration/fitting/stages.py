@@ -271,7 +271,7 @@ def along_valley(problem: Problem, z: Float[np.ndarray, "fits elements"]) -> Pla
 
 
 def _as_starts(problem: Problem, end: Found) -> Places:
-    """Where searches ended; what ran to an end of its range begins again, or nothing would tell of that end."""
+    """The ends of searches as starts; parameters at an end of their range start again from where they began."""
     z, active = np.array(end.z), problem.active
     z[:, active] = np.where(end.limits != 0, end.begun[:, active], z[:, active])
     return z

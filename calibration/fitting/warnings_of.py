@@ -200,7 +200,7 @@ def _other_minima(
         return not (low is None or low <= value) or not (high is None or value <= high)
 
     def cost(*places: np.ndarray) -> np.ndarray:
-        """Of the points, each on its branch there, and of the priors."""
+        """Cost of the points, each on its branch there, and of the priors."""
         z = np.array(places)
         return problem.linearise(z, Lanes(elastic=problem.elastic_at(z)), slopes=False).cost
 

@@ -101,7 +101,7 @@ class Design(Planned):
 
     @property
     def criterion_in_words(self) -> str:
-        """What the design makes small."""
+        """The quantity that the design minimises."""
         low, high = self.over
         return CRITERIA[self.criterion].format(target=self.target_symbol, low=low, high=high)
 

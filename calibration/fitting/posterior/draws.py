@@ -323,7 +323,7 @@ def band_of_draws(
     values = _evenly(_labelled(data, list(material.free.values())), OF_BAND)
 
     def drawn(kind: str, otherwise: float) -> np.ndarray:
-        """Of what is unknown of the errors; as the fit has it where that was not sampled."""
+        """Draws of an estimated scatter; the fit's value where it was not sampled."""
         owned = [f"{CALLED.get(kind, kind)}{owner}" for owner in ("", f"[{material.name}]")]
         for label in (n for n in owned if variable(n) in dataset_of(data, "posterior")):
             return _evenly(_labelled(data, [label]), OF_BAND)
