@@ -13,7 +13,7 @@ import pytest
 
 TESTS = Path(__file__).parents[1]
 PACKAGES = ("calibration", "softjax")
-PUBLIC = {"calibration.cli", "calibration.observables", "calibration.paper", *PACKAGES}
+PUBLIC = {f"calibration.{name}" for name in ("cli", "observables", "paper", "plots")} | {*PACKAGES}
 
 
 def behind(text: str) -> list[str]:
