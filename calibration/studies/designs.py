@@ -280,7 +280,7 @@ def optimal_velocities(
     laws: Sequence[Any] = law if isinstance(law, Sequence) else [law]
     if not laws:
         raise DataError("law", law, "one law or more, or a FitResult")
-    plans = [plan_of(one, *stated) for one in laws]
+    plans = [plan_of(law, *stated) for law in laws]
     first, even = plans[0], np.linspace(low, high, count)
     symbols = dict(zip(first.names, first.symbols, strict=True))
     with jax.enable_x64(True):
@@ -300,10 +300,10 @@ def optimal_velocities(
         bound = rule.lower_bound(_table(plans, np.union1d(grid, shots)), count)
         level = float(rule.value(new))
         each = new, rule.before, spaced
-        after, before, even_errors = (errors_of(one, aims) for one in each)
-        minimised = [one[target] for one in (after, before, even_errors)]
+        after, before, even_errors = (errors_of(information, aims) for information in each)
+        minimised = [errors[target] for errors in (after, before, even_errors)]
         if criterion != "c":
-            values = (math.exp(0.5 * float(rule.value(one))) for one in each)
+            values = (math.exp(0.5 * float(rule.value(information))) for information in each)
             minimised = [value if value <= NO_BOUND else None for value in values]
         is_known = bool(np.any(first.before))
         if not is_known:

@@ -210,10 +210,10 @@ def _of_law(law: Any, velocity: Column, parameters, route: Route, sensors) -> Pl
     for name, value in numbers_of(law).items():
         if np.ndim(value):
             raise DataError(name, f"of shape {np.shape(value)}", "a single number")
-    contact, one = getattr(law, "contact", None), np.ones(len(velocity))
-    columns: dict[str, Any] = {name.replace("residual_", ""): one for name in sensors}
+    contact, ones = getattr(law, "contact", None), np.ones(len(velocity))
+    columns: dict[str, Any] = {name.replace("residual_", ""): ones for name in sensors}
     columns["limit_velocity"] = None if contact else getattr(law, "limit_velocity", None)
-    data = RestitutionData(velocity, one / 2, contact, name="plan", plausibility=False, **columns)
+    data = RestitutionData(velocity, ones / 2, contact, name="plan", plausibility=False, **columns)
     stated: dict[str, Any] = dict(parameters)
     for name, value in parameters.items():
         is_held = isinstance(value, Parameter) and not value.free and value.value is None
@@ -224,15 +224,15 @@ def _of_law(law: Any, velocity: Column, parameters, route: Route, sensors) -> Pl
         is_free = name in stated and as_parameter(name, stated[name]).free
         stated[name] = Parameter(getattr(law, name), free=is_free)
     spec = Request((data,), stated).with_options(law=type(law)).specs()[0]
-    free = [one for one in spec.local if one.parameter.free]
+    free = [element for element in spec.local if element.parameter.free]
     material = MaterialFit(
         data=data,
         objective="model",
         model=spec.model,
         parameters={},
         derived={},
-        values={one.name: _truth(law, one) for one in spec.local},
-        labels={one.name: one.name for one in free},
+        values={element.name: _truth(law, element) for element in spec.local},
+        labels={element.name: element.name for element in free},
         rms=math.nan,
         rms_empirical=None,
         empirical=None,
@@ -240,7 +240,7 @@ def _of_law(law: Any, velocity: Column, parameters, route: Route, sensors) -> Pl
         status=(),
     )
     plan = Plan(material, np.zeros((0, 0)), USUAL_NOISE, route)
-    sizes = [one.parameter.prior[1] if one.parameter.prior else np.inf for one in free]
+    sizes = [element.parameter.prior[1] if element.parameter.prior else np.inf for element in free]
     return replace(plan, before=np.diag((plan.unit / sizes) ** 2))
 
 

@@ -270,13 +270,13 @@ def sobol_indices(
     sets, total = [], (len(names) + 2) * samples
     with jax.enable_x64(True):
         # A, B, and A with one input of B for each input
-        for k, one in enumerate(
+        for k, sample in enumerate(
             [a, b, *np.where(np.eye(len(names), dtype=bool)[:, :, None], b, a)]
         ):
-            sets.append(np.asarray(_sampled(fixed, inputs.build, velocity, route, names, one)).T)
+            sets.append(np.asarray(_sampled(fixed, inputs.build, velocity, route, names, sample)).T)
             if progress is not None:
                 progress("Sobol indices", (k + 1) * samples, total)
-    lost = sum(np.sum(~np.isfinite(one)) for one in sets)
+    lost = sum(np.sum(~np.isfinite(sample)) for sample in sets)
     if lost:
         requirement = f"such that {lost} of {sum(map(np.size, sets))} have none"
         raise DataError("ranges", requirement, "such that every sample has a finite output")
@@ -320,12 +320,12 @@ def _sampled(
 ):
     """ε at each sample, (n, q); NaN where there is no answer."""
 
-    def one(x):
+    def restitution_at(x):
         law = build({**fixed, **dict(zip(names, x, strict=True))})
         hit = sj.restitution(law, velocity, route=route)
         return jnp.where(hit.status & NO_ANSWER == 0, hit.coefficient, jnp.nan)
 
-    return jax.lax.map(one, points.T, batch_size=AT_ONCE)
+    return jax.lax.map(restitution_at, points.T, batch_size=AT_ONCE)
 
 
 def _indices(share: np.ndarray, f_a, f_b, f_ab) -> Float[np.ndarray, "2 q resamples p"]:
