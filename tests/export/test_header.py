@@ -47,7 +47,7 @@ class Kinked(sj.RateIndependentLaw):
 
 
 class Dented(sj.RateIndependentLaw):
-    """A user's law: a spring that leaves 0.3 of its largest overlap, ε² = 0.7."""
+    """A user's law: a spring that leaves a dent, of the larger a share the deeper it was pressed."""
 
     contact: sj.Contact
 
@@ -55,7 +55,12 @@ class Dented(sj.RateIndependentLaw):
         return 1e7 * overlap
 
     def unloading_force(self, overlap, peak_overlap):
-        return 1e7 / 0.7 * (overlap - 0.3 * peak_overlap)
+        return (
+            1e7
+            * (overlap - peak_overlap * (1 - 1e-4 / (peak_overlap + 1e-4)))
+            * (peak_overlap + 1e-4)
+            / 1e-4
+        )
 
 
 KINKED, DENTED = Kinked(PAIR), Dented(PAIR)
@@ -211,9 +216,8 @@ def test_a_users_law_goes_by_a_table_that_gains_no_energy(exported, in_c):
     for top in np.linspace(1e-5, 8e-5, 20):
         gain, most = one.gained([0.0, top, 0.0], contact=PAIR)
         assert gain == pytest.approx(-0.01 * most, abs=2e-5 * most)
-    peak = float(sj.restitution(DENTED, 5.0).peak_overlap)
-    overlaps = peak * np.array([1, 0.9, 0.5, 0.31, 0.29, 0.1])
-    expected = np.maximum(1e7 / 0.7 * (overlaps - 0.3 * peak), 0)
+    overlaps = 5e-5 * np.array([1, 0.9, 0.7, 0.5, 0.36, 0.32, 0.1])  # a third of 50 µm stays
+    expected = np.maximum(1.5e7 * (overlaps - 5e-5 / 3), 0)
     found = in_c(DENTED).forces(overlaps)[0]
     np.testing.assert_allclose(found[1:], expected[1:], atol=2e-3 * expected[0])
 
