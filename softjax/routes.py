@@ -55,7 +55,7 @@ def si_units(law, impacts: Reduced) -> Units:
     return Units(scales.time, scales.overlap, scales.velocity, law.force_scale(scales))
 
 
-def _one(compute, law, y, below, *route) -> Collision:
+def _of_impact(compute, law, y, below, *route) -> Collision:
     """One impact, a slow one from that which stands for it."""
     found = compute(law, y, *route)
     return found if below is None else found.scaled(slow_units(law, found, below))
@@ -82,10 +82,10 @@ class EnergyBalance(AbstractRoute):
         impacts = law.impacts(velocity)
         batch = impacts.law, impacts.y, impacts.below
         if isinstance(impacts.law, ReducedClosedForm):
-            found = _one(partial(energy.in_closed_form, clock=clock, force=force), *batch)
+            found = _of_impact(partial(energy.in_closed_form, clock=clock, force=force), *batch)
         else:
-            one = partial(_one, partial(energy.by_quadrature, clock=clock, force=force))
-            found = over_impacts(one, batch, forward=False)
+            single = partial(_of_impact, partial(energy.by_quadrature, clock=clock, force=force))
+            found = over_impacts(single, batch, forward=False)
         return found.scaled(si_units(law, impacts))
 
 
@@ -191,15 +191,15 @@ class ODE(AbstractRoute):
         from softjax.engine.motion import rate_dependent, rate_independent
 
         impacts = law.impacts(velocity)
-        one = rate_dependent if isinstance(law, RateDependentLaw) else rate_independent
-        one = partial(_one, partial(one, clock=clock, force=force))
+        integrate = rate_dependent if isinstance(law, RateDependentLaw) else rate_independent
+        single = partial(_of_impact, partial(integrate, clock=clock, force=force))
         batch = impacts.law, impacts.y, impacts.below, self
 
         def reversible(law, y, below, route: ODE) -> Collision:
             settings = route.rtol, route.solver, route.steps, route.max_steps
-            return one(law, y, below, _Reversible(*settings))
+            return single(law, y, below, _Reversible(*settings))
 
-        found = over_impacts(one, batch, forward=True, reversible=reversible)
+        found = over_impacts(single, batch, forward=True, reversible=reversible)
         return found.scaled(si_units(law, impacts))
 
 

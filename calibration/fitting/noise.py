@@ -1,8 +1,10 @@
 """Families of noise: the density of one residual r of variance V, and what else a fit needs of it.
 
-A further family is a class with the methods of `Normal`, chosen in `Errors.family` by a word of
-`FitOptions.noise`. A parameter of its own that is estimated gets its start in `variances.first_variances`,
-its name in `errors.CALLED` and its prior in `posterior/density.py`, as "dof" has.
+A further family is a class with the methods of `Normal`, smooth at r = 0, and a word in `FitOptions.noise`.
+`Errors`, `MaterialFit` and fit.json know the family as `dof`, None for normal errors: look there for what
+tells the two apart (`Errors.family`, `refits`, `curves`, `warnings`, `posterior.draws`, `studies.compare`). A
+parameter of its own that is estimated gets its start in `variances.first_variances`, its name in
+`errors.CALLED` and its prior in `posterior/density.py`, as "dof" has.
 
 Methods with `xp` work for NumPy and for jax.numpy; the others are for searches, in NumPy.
 """

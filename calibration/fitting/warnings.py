@@ -1,7 +1,7 @@
 """Named reasons not to trust a fit, each with its cause and what to do about it.
 
-A new one is an entry of `ADVICE` and a function that looks for it, called in `warnings_of`: those below
-return the cause in words, or None.
+A new one is an entry of `ADVICE`, a function that looks for it, called in `warnings_of`, and a section of the
+reference's symptoms. The functions below return the cause in words, or None.
 """
 
 from collections.abc import Iterator, Mapping
