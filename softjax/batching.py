@@ -1,8 +1,9 @@
 """Pad, cut, compile and map: the one place that knows how many impacts there are.
 
 An impact is a function of single numbers, which `over_impacts` maps over a batch in one `vmap`: impacts
-in the axes of arrays, and those of a `vmap` of the caller's, are rows of the same program. A function of impacts is compiled for a few sizes of batches, to which concrete batches are padded, so
-that few programs are compiled and kept. Large batches are cut: one pass over a million impacts would
+in the axes of arrays, and those of a `vmap` of the caller's, are rows of the same program. A function
+of impacts is compiled for a few sizes of batches, to which concrete batches are padded, so that few
+programs are compiled and kept. Large batches are cut: one pass over a million impacts would
 write every intermediate to memory and fetch it from there again. Which programs there are depends on
 shapes, dtypes and static fields, never on values. Arrays that are spread over devices, or that belong
 to the caller's own traced program on several devices, are neither cut nor reshaped: so they stay spread.

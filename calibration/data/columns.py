@@ -77,10 +77,8 @@ SPELLINGS = {
 }
 KNOWN = {word: name for name, words in SPELLINGS.items() for word in words.split()}
 KNOWN |= {name: name for name in SI_UNITS}
-FIRST, SECOND = (
-    {"h1", "h_1"},
-    {"h2", "h_2"},
-)  # drop and rebound; next to a drop height either is the rebound
+# drop and rebound; next to a drop height either is the rebound
+FIRST, SECOND = {"h1", "h_1"}, {"h2", "h_2"}
 # an uncertainty is one of these words and the name of its quantity, in either order: u_v, v_err
 UNCERTAIN = ["uncertainty", "unc", "error", "err", "stdev", "std", "sd", "sigma", "σ", "±"]
 BEFORE = (*UNCERTAIN, "u", *(f"{word}_{of}" for word in UNCERTAIN for of in ("of", "in")))

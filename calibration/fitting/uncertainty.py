@@ -181,8 +181,8 @@ def _of_likelihood(problem: Problem, limits, z) -> Uncertainty:
     scaled = problem.transform.kind[problem.active] != NONE
     jacobian = problem.linearise(z[None]).jacobian
     size = np.where(scaled, 1.0, np.abs(z[problem.active]))
-    every = np.where(acts_on_nothing(jacobian, size[None]), 0.0, jacobian[0])
-    jacobian = np.where(held, 0.0, every)
+    with_held = np.where(acts_on_nothing(jacobian, size[None]), 0.0, jacobian[0])
+    jacobian = np.where(held, 0.0, with_held)
     basis, seen, rank, condition, nulls = _decomposed(jacobian, held)
     curved, definite = identity, not _has_network(problem)
     few = condensed(problem, z)
@@ -205,7 +205,7 @@ def _of_likelihood(problem: Problem, limits, z) -> Uncertainty:
     ratio = np.diagonal(covariance) / np.where(before > 0, before, 1.0)
     # what follows an element that grows without bound is only determined together with it
     bound = problem.transform.part(problem.active).bound_beyond(limits)
-    follows = basis @ (basis.T @ (jacobian.T @ every[:, held & ~np.isfinite(bound)]))
+    follows = basis @ (basis.T @ (jacobian.T @ with_held[:, held & ~np.isfinite(bound)]))
     nulls |= np.any(np.abs(follows) > FOLLOWS * np.sqrt(np.diagonal(covariance))[:, None], axis=1)
     left_out = nulls | held
     published = np.where(left_out[:, None] | left_out, np.nan, covariance)
