@@ -101,6 +101,12 @@ class Line:
         return None if len(chi) < 3 else _scatter(self._line(ratio), chi, error)
 
     @property
+    def has_noise(self) -> bool:
+        """Whether the data have noise, so that c1 and c2 have errors; rounding is none."""
+        _, chi, error = self._columns
+        return self.covariance is not None and bool(np.all(error > ROUNDING * chi))
+
+    @property
     def range(self) -> tuple[float, float]:
         """The lowest and the highest E/Y of the fitted materials."""
         return float(np.min(self._columns[0])), float(np.max(self._columns[0]))
@@ -120,9 +126,7 @@ class Line:
         if not value > 0:
             raise DataError("E/Y", ratio, f"such that c1 + c2 E/Y is positive; it is {value:.4g}")
         covariance, (x, y, u) = self.covariance, self._columns
-        # what rounding left of data without noise is no error of the line
-        is_known = covariance is not None and np.all(u > ROUNDING * y)
-        if not is_known and (scatter or np.all(u > 0)):
+        if not self.has_noise and (scatter or np.all(u > 0)):
             covariance = _least_squares(x, y, u**2 + (scatter * self._line(x)) ** 2)[1]
         if covariance is None:
             return Estimate(value, method="derived")
@@ -447,9 +451,9 @@ def _with_scatter(line: Line) -> Line:
     Both estimates weigh a material by 1/u² of its χ̃, so its deviation moves them as it moves the line of
     least squares with these weights.
     """
-    x, chi, u = line._columns
-    if not line.scatter or line.covariance is None or not np.all(u > ROUNDING * chi):
+    if not line.scatter or not line.has_noise:
         return line
+    x, chi, u = line._columns
     design = np.stack([np.ones_like(x), x], axis=1)
     influence = _least_squares(x, chi, u**2)[1] @ (design / u[:, None] ** 2).T
     added = (influence * (line.scatter * line._line(x)) ** 2) @ influence.T

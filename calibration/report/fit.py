@@ -340,7 +340,7 @@ def _line(line: Any) -> list[Block]:
         through = [estimate_text(line.through_chi[name]) for name in ("c1", "c2")]
         columns["through the fitted χ̃"] = through
     text = LINE.format(words) if len(line.rms) > 2 else LINE_OF_TWO
-    if line.scatter and line.c1.standard_error is not None:
+    if line.scatter and line.has_noise:
         text += (
             f" Errors of c1 and c2 include the scatter about the line, {100 * line.scatter:.2g} %."
         )

@@ -190,6 +190,7 @@ def test_the_main_job_says_what_it_found(main_job):
     assert max(map(len, main_job.out.partition("\nWritten to")[0].splitlines())) <= 100
     assert {*main_job.figures} == {"curves.png", "correlation.png"}
     report = main_job.text("report.md")
+    assert "include the scatter" not in report  # c1 and c2 of data without noise have no errors
     assert "](curves.png)" in report
     assert "](profiles.png)" not in report
     assert main_job.text("report.html").count("data:image/png;base64,") == 2
