@@ -196,7 +196,7 @@ class FitOptions(Strict):
                 raise DataError(name, value, f"left out: {acting}")
         if self.extra_scatter and self.scale_uncertainty:
             raise DataError("scale_uncertainty", True, "left out with extra_scatter")
-        if self.noise == "student-t" and self.objective == "two-step":
+        if self.noise != "normal" and self.objective == "two-step":
             raise DataError("noise", self.noise, '"normal" with objective = "two-step"')
         return self
 

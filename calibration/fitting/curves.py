@@ -119,8 +119,8 @@ def band(
         added = {name: scale * one for name, one in variances.items()}
         error = np.sqrt(carried + sum(added.values()))
         degrees = freedom.degrees(labels, slope, error**2, block, added)
-        if of_noise is not None and of_noise.noise_dof is not None:
-            degrees = np.minimum(degrees, of_noise.noise_dof)
+        if of_noise is not None:
+            degrees = np.minimum(degrees, of_noise.family.dof)
         # more degrees of freedom do not make one measurement surer than the mean
         reach = np.maximum(reach, quantile(confidence, degrees) * error)
         return value, value - reach, value + reach, error

@@ -45,8 +45,9 @@ import numpy as np
 from jaxtyping import Int
 
 from calibration.data import PointErrors, RestitutionData
-from calibration.fitting.noise import LN_2PI, Normal, StudentT
+from calibration.fitting.noise import LN_2PI, Normal, family_of, over
 from calibration.observables import Observed
+from calibration.options import FitOptions
 
 NODES = np.array(
     [0.0, -2.8569700138728056, -1.3556261799742659, 1.3556261799742659, 2.8569700138728056]
@@ -58,8 +59,8 @@ STEP = 1e-4  # of a velocity: least distance of the nodes, so that differences a
 SLOWEST = 0.02  # of a velocity: no node lies below
 POWERS = (-1.5, 2.5)  # of v: errors of heights (-1), of velocities (0, 1), of times (2)
 ALONG = 1.5  # times the scatter about a power that errors of v make, of u_v that follow it
-# what θ calls the square root of each unknown variance, and ν
-CALLED = {"scatter": "noise", "scale": "scale", "timing": "timing", "group": "group", "dof": "dof"}
+PLAIN = FitOptions()
+CALLED = {"scatter": "noise"}  # in θ the square root of a variance; others have one name
 Variances = Mapping[str, Any]
 
 
@@ -89,9 +90,9 @@ class Errors:
     # the group of each point, None where no offset of groups is unknown
     group: Int[np.ndarray, "n"] | None
     # variances that are not stated: "scale" κ, "timing" s_t² [s²], "scatter" s², "group" τ²;
-    # "dof", the degrees of freedom of Student's t
+    # and numbers of the family of noise
     unknown: tuple[str, ...]
-    dof: float | None  # ν of Student's t, None for normal errors
+    noise: Normal  # the family, with the numbers that are stated of it
     # degrees of freedom behind stated uncertainties, None where they are known
     degrees: float | None
     velocity: np.ndarray  # the measured velocities, and up to where a node may lie [m/s]
@@ -105,19 +106,10 @@ class Errors:
     def of(
         cls,
         data: RestitutionData,
-        extra_scatter: bool = False,
-        scale: bool = False,
-        dof: float | str | None = None,
+        options: FitOptions = PLAIN,
         observed: Observed | None = None,
     ) -> "Errors":
-        """The errors that the data state, and those that the options add.
-
-        Args:
-            observed: what else than ε it is of.
-            extra_scatter: scatter in addition to the stated uncertainties is unknown.
-            scale: these are right up to a factor.
-            dof: of Student's t, or "estimate"; None for normal errors.
-        """
+        """The errors that the data state of ε, or of what else was observed, and those that options add."""
         rows = np.flatnonzero(np.isfinite(data.restitution)) if observed is None else observed.rows
         points, degrees = data.errors, data.degrees
         log_unit: Any = 0.0
@@ -136,12 +128,12 @@ class Errors:
             group = np.unique(group[rows], return_inverse=True)[1]
         has_groups = group is not None and 1 < np.max(group, initial=0) + 1 < len(rows)
         is_estimated = {
-            "scale": stated and scale,
+            "scale": stated and options.scale_uncertainty,
             "timing": points.size_is_unknown,
-            "scatter": not stated or extra_scatter,
+            "scatter": not stated or options.extra_scatter,
             "group": has_groups,
-            "dof": dof == "estimate",
         }
+        noise, numbers = family_of(options)
         limit = np.asarray(np.inf if data.limit_velocity is None else data.limit_velocity)
         limit = limit[rows] if limit.ndim else limit
         velocity = data.velocity[rows]
@@ -149,8 +141,8 @@ class Errors:
         errors = cls(
             points,
             group if has_groups else None,
-            tuple(kind for kind, is_unknown in is_estimated.items() if is_unknown),
-            None if dof is None else (4.0 if isinstance(dof, str) else float(dof)),
+            (*(kind for kind, is_unknown in is_estimated.items() if is_unknown), *numbers),
+            noise,
             None if degrees is None else float(np.mean(degrees)),
             velocity,
             limit * (1 - 1e-9),
@@ -166,7 +158,7 @@ class Errors:
         """Independent errors of known variance."""
         deviation = np.sqrt(variance + np.zeros(len(velocity)))
         points = PointErrors.alone(len(velocity), np.maximum(deviation, 1e-150))
-        return cls(points, None, (), None, None, velocity, np.inf)
+        return cls(points, None, (), Normal(), None, velocity, np.inf)
 
     def __len__(self) -> int:
         return len(self.velocity)
@@ -180,7 +172,7 @@ class Errors:
     def is_plain(self) -> bool:
         """Whether one scatter of single points is all that there is."""
         nothing = self.points.uncertainty is None and not self.has_slope
-        return nothing and set(self.unknown) <= {"scatter", "dof"} and not self.shares
+        return nothing and set(self.unknown) <= {"scatter", *vars(self.noise)} and not self.shares
 
     @property
     def shares(self) -> bool:
@@ -244,18 +236,18 @@ class Errors:
         """V_ii without the groups' part."""
         u_eps, u_v, both = self._moments
         stated = u_eps + slope * (slope * u_v - 2 * both) + bend
-        return self._size(s) * stated + _over(s.get("scatter", 0.0))
+        return self._size(s) * stated + over(s.get("scatter", 0.0))
 
     def steady(self, s: Variances) -> Any:
         """The least V_ii that any slope of the curve makes; the zero of ln det V for a search."""
         u_eps, u_v, both = self._moments
         least = u_eps - both**2 / np.where(u_v > 0, u_v, 1.0)
         least = np.maximum(least, 1e-6 * (u_eps + u_v))
-        return np.maximum(self._size(s) * least + _over(s.get("scatter", 0.0)), 1e-300)
+        return np.maximum(self._size(s) * least + over(s.get("scatter", 0.0)), 1e-300)
 
     def diagonal(self, s: Variances, slope: Any = 0.0, bend: Any = 0.0) -> Any:
         """V_ii."""
-        return self.variance(s, slope, bend) + _over(s.get("group", 0.0))
+        return self.variance(s, slope, bend) + over(s.get("group", 0.0))
 
     def factor(self, s: Variances, slope: Any = 0.0, bend: Any = 0.0, xp: Any = np) -> Factor:
         """Factor of V at given variances and slopes of the curve."""
@@ -267,7 +259,7 @@ class Errors:
             return Factor(lower)
         level = self._solved(lower, xp.ones((len(self), 1)), xp)[..., 0]
         per = self._sums(level[..., None] ** 2, xp)[..., 0]
-        return Factor(lower, level, per, _over(xp.asarray(s["group"])))
+        return Factor(lower, level, per, over(xp.asarray(s["group"])))
 
     def whiten(self, factor: Factor, x: Any, xp: Any = np) -> Any:
         """K⁻¹ x of columns (..., n, k); each row mixes points of one group only."""
@@ -362,7 +354,7 @@ class Errors:
         """
         if not self.shares:
             variance = self.variance(s, slope, bend)
-            return self.family(s).log_density(off, variance, xp) - self.log_unit
+            return self.noise.at(s).log_density(off, variance, xp) - self.log_unit
         factor = self.factor(s, slope, bend, xp)
         precision = self.precisions(factor, xp)
         solved = self.solve(factor, off[..., None], xp)[..., 0]
@@ -370,17 +362,13 @@ class Errors:
 
     @property
     def is_normal(self) -> bool:
-        return self.dof is None
-
-    def family(self, s: Variances) -> Normal:
-        """The distribution of a residual."""
-        return Normal() if self.dof is None else StudentT(_over(s.get("dof", self.dof)))
+        return type(self.noise) is Normal
 
     def simulate(self, s: Variances, carried: Carried, random, count: int) -> np.ndarray:
         """Errors of ε, (count, n)."""
         normal = random.standard_normal((count, len(self)))
         drawn = self.colour(self.factor(s, carried.slope, carried.bend), normal)
-        return self.family(s).drawn(drawn, random)
+        return self.noise.at(s).drawn(drawn, random)
 
     def some(self, rows: np.ndarray) -> "Errors":
         """Errors of some of the points, which share nothing with the others."""
@@ -401,7 +389,7 @@ class Errors:
 
     def _size(self, s: Variances) -> Any:
         """Factor of the stated errors, or size of the times if their uncertainty is unknown."""
-        return _over(s.get("timing" if self.points.size_is_unknown else "scale", 1.0))
+        return over(s.get("timing" if self.points.size_is_unknown else "scale", 1.0))
 
     @cached_property
     def _velocity_alone(self) -> np.ndarray:
@@ -557,8 +545,3 @@ def _with_power(points: PointErrors, velocity: np.ndarray) -> tuple[PointErrors,
     if np.mean((size - line) ** 2) ** 0.5 > allowed + 1e-9 or not POWERS[0] <= power <= POWERS[1]:
         return points, 0.5
     return replace(points, velocity_alone=np.exp(line)), power
-
-
-def _over(value: Any) -> Any:
-    """A variance of each fit, shaped to broadcast against its points."""
-    return value[..., None] if np.ndim(value) else value

@@ -25,6 +25,7 @@ from calibration.errors import DataError, InputError, shown
 from calibration.fitting.laws import LAWS, Tree, law_name
 from calibration.fitting.line import Line
 from calibration.fitting.material import Estimate, Goodness, MaterialFit, Outlier
+from calibration.fitting.noise import FAMILIES
 from calibration.fitting.profiles import Profile
 from calibration.fitting.request import Request, law_model, stated_parameters
 from calibration.fitting.stages import Likelihood, Stage
@@ -148,6 +149,7 @@ class FitRecord(Strict):
     variances: dict[str, NotNegative | None]
     timing: NotNegative | None
     noise_dof: NotNegative | None
+    noise_family: Literal[tuple(FAMILIES)] | None = None  # type: ignore[valid-type]
     outliers: tuple[Outlier, ...]
     standardised: tuple[Real, ...]
     leverage: tuple[Real, ...]

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import jax
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 import softjax as sj
 from calibration.data import RestitutionData
 from calibration.fitting.laws import LawModel, Tree
+from calibration.fitting.noise import FAMILIES, Normal
 from calibration.fitting.warnings import FitWarning
 from calibration.observables import OBSERVABLES, RESTITUTION
 from calibration.rounding import with_error
@@ -109,6 +110,7 @@ class Goodness:
             "scatter", "group" (of another specimen, launch or day), "timing", "scale", "repeats";
             relative but for ε.
         timing: standard deviation of times that was found [s].
+        noise_family: distribution of the errors; None in files older than that: by `noise_dof`.
         noise_dof: degrees of freedom of Student's t; None for normal errors.
         outliers: the points beyond what the noise explains, the farthest first.
         standardised, leverage: of each point: residuals over their standard deviations, and how many
@@ -122,12 +124,19 @@ class Goodness:
     reduced_chi_squared: float | None = None
     variances: Mapping[str, float] = field(default_factory=dict)
     timing: float | None = None
+    noise_family: Literal[tuple(FAMILIES)] | None = None  # type: ignore[valid-type]
     noise_dof: float | None = None
     outliers: tuple[Outlier, ...] = ()
     standardised: tuple[float, ...] = field(default=(), repr=False)
     leverage: tuple[float, ...] = field(default=(), repr=False)
     residual_degrees: float = 0.0
     group_offsets: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    @property
+    def family(self) -> Normal:
+        """The distribution of the errors."""
+        kind = FAMILIES[self.noise_family or ("normal" if self.noise_dof is None else "student-t")]
+        return kind() if self.noise_dof is None else kind(self.noise_dof)
 
     @property
     def noise(self) -> float | None:

@@ -1,32 +1,48 @@
-"""Families of noise: the density of one residual r of variance V, and what else a fit needs of it.
+"""Families of noise: the density of one residual r of variance V, and all that sets one family apart.
 
-A further family is a class with the methods of `Normal`, smooth at r = 0, and a word in `FitOptions.noise`.
-`Errors`, `MaterialFit` and fit.json know the family as `dof`, None for normal errors: look there for what
-tells the two apart (`Errors.family`, `refits`, `curves`, `warnings`, `posterior.draws`, `studies.compare`). A
-parameter of its own that is estimated gets its start in `variances.first_variances`, its name in
-`errors.CALLED` and its prior in `posterior/density.py`, as "dof" has.
+A further family is a class with the methods of `Normal`, smooth at r = 0, an entry of `FAMILIES` and the
+same word in `FitOptions.noise`. Its fields are numbers of its own, set by `FitOptions.noise_<field>`; one that
+can be estimated is an entry of `NUMBERS`. All but `Normal` are for independent errors.
 
 Methods with `xp` work for NumPy and for jax.numpy; the others are for searches, in NumPy.
 """
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar
 
 import numpy as np
 
+from calibration.options import DOF, FitOptions
+
 LN_2PI = math.log(2 * math.pi)
+# numbers that can be estimated: lowest, highest, start; median and spread of the logarithm of a prior
+NUMBERS = {"dof": (*DOF[:2], 4.0, 8.0, 0.8)}
 
 
+@dataclass(frozen=True, eq=False)
 class Normal:
     """-2 ln p = r²/V + ln V + ln 2π."""
 
-    dof: Any = None
-    information: Any = 1.0  # Fisher's, of one residual, times V
+    name: ClassVar[Any] = "normal"
+    dof: ClassVar[Any] = math.inf  # degrees of freedom of t whose quantiles residuals have
+    information: ClassVar[Any] = 1.0  # Fisher's, of one residual, times V
+    words: ClassVar[Any] = "normal errors"
+
+    def at(self, s: Mapping[str, Any]) -> "Normal":
+        """The family with those of its numbers that `s` has."""
+        return replace(self, **{name: over(s[name]) for name in vars(self) if name in s})
 
     def log_density(self, off: Any, variance: Any, xp: Any = np) -> Any:
         """ln p of residuals."""
         return -0.5 * (off**2 / variance + xp.log(variance) + LN_2PI)
+
+    def log_predictive(self, off: Any, variance: Any, degrees: Any) -> Any:
+        """ln p where the variance is estimated with these degrees of freedom; for normal errors alone."""
+        finite = np.where(np.isinf(degrees), 1.0, degrees)
+        heavy = StudentT(finite).log_density(off, variance)
+        return np.where(np.isinf(degrees), self.log_density(off, variance), heavy)
 
     def squares(self, white: Any) -> Any:
         """-2 ln of p over its largest value, of residuals r/√V."""
@@ -55,11 +71,16 @@ class StudentT(Normal):
         dof: ν, a number or one for each residual.
     """
 
-    dof: Any
+    name: ClassVar[Any] = "student-t"
+    dof: Any  # type: ignore[misc]
 
     @property
     def information(self) -> Any:  # type: ignore[override]
         return (self.dof + 1) / (self.dof + 3)
+
+    @property
+    def words(self) -> str:  # type: ignore[override]
+        return f"Student's t of {self.dof:.3g} degrees of freedom"
 
     def log_density(self, off: Any, variance: Any, xp: Any = np) -> Any:
         if xp is np:
@@ -69,6 +90,9 @@ class StudentT(Normal):
         nu = self.dof
         level = gammaln(0.5 * (nu + 1)) - gammaln(0.5 * nu) - 0.5 * xp.log(math.pi * nu)
         return level - 0.5 * xp.log(variance) - 0.5 * (nu + 1) * xp.log1p(off**2 / (nu * variance))
+
+    def log_predictive(self, off: Any, variance: Any, degrees: Any) -> Any:
+        return self.log_density(off, variance)
 
     def squares(self, white: Any) -> Any:
         return (self.dof + 1) * np.log1p(white**2 / self.dof)
@@ -82,5 +106,20 @@ class StudentT(Normal):
         return xp.sign(normal) * xp.sqrt(self.dof * xp.expm1(stretched**2 / self.dof))
 
     def drawn(self, normal: np.ndarray, random: np.random.Generator) -> np.ndarray:
-        nu = float(np.max(self.dof))
-        return normal / np.sqrt(random.chisquare(nu, normal.shape) / nu)
+        return normal / np.sqrt(random.chisquare(self.dof, normal.shape) / self.dof)
+
+
+FAMILIES: dict[str, Any] = {family.name: family for family in (Normal, StudentT)}
+
+
+def family_of(options: FitOptions) -> tuple[Normal, tuple[str, ...]]:
+    """The family that the options of a fit name, and which of its numbers are estimated."""
+    family = FAMILIES[options.noise]
+    stated = {one.name: getattr(options, f"noise_{one.name}") for one in fields(family)}
+    unknown = tuple(name for name, value in stated.items() if value == "estimate")
+    return family(**stated | {name: NUMBERS[name][2] for name in unknown}), unknown
+
+
+def over(value: Any) -> Any:
+    """A variance of each fit, shaped to broadcast against its points."""
+    return value[..., None] if np.ndim(value) else value

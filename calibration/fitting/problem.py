@@ -426,7 +426,7 @@ class Problem:
                 copies[:, span],
                 off[:, span],
             )
-            factor, family = errors.factor(s, slope, bend), errors.family(s)
+            factor, family = errors.factor(s, slope, bend), errors.noise.at(s)
             both = np.concatenate([r[..., None], per.mean[:, span]], axis=2)
             both = errors.whiten(factor, both)
             white, of_white = both[..., 0], both[..., 1:]

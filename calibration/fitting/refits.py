@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from calibration.fitting.noise import Normal, StudentT
 from calibration.fitting.problem import AT_ONCE, Lanes, Linear, Problem
 from calibration.fitting.search import Found, search
 from calibration.fitting.stages import ComponentFit, along_valley
@@ -272,7 +271,7 @@ def _scored(fit: ComponentFit, z: np.ndarray, kept: np.ndarray):
     problem, first, fixed = fit.final.problem, fit.stages[0].problem, _held(fit)
     linear = problem.linearise(z)
     off = linear.prediction - problem.points.value
-    variance, degrees, nu = np.empty((3, *off.shape))
+    variance, families = np.empty(off.shape), []
     for errors, s, carried, span in zip(
         first.errors, first.variances, first.residuals_at(z), first.spans, strict=True
     ):
@@ -282,23 +281,25 @@ def _scored(fit: ComponentFit, z: np.ndarray, kept: np.ndarray):
         at = carried.slope, carried.bend
         s = estimated(errors, carried, True, s) if errors.unknown else s
         variance[:, span] = total = errors.variance(s, *at) + np.zeros(off[:, span].shape)
-        degrees[:, span], nu[:, span] = np.inf, np.inf if errors.is_normal else errors.family(s).dof
+        degrees: Any = np.inf
         if errors.unknown and not errors.is_stated and errors.is_normal:
             relative = relative_covariance(errors, s, carried)
             per = [errors.variance({**s, k: 2 * s[k]}, *at) - total for k in errors.unknown]
             spread = np.einsum("cfn,fcd,dfn->fn", per, relative, per)
             with np.errstate(divide="ignore"):
-                degrees[:, span] = np.where(spread > 0, 2 * total**2 / spread, np.inf)
+                degrees = np.where(spread > 0, 2 * total**2 / spread, np.inf)
+        families.append((errors.noise.at(s), span, degrees))
     raw = _slopes(fit, linear)
     rows, others = raw[:, : problem.count], raw[:, problem.count :]
     there = rows * (kept * variance**-0.5)[..., None]
     information = np.swapaxes(there, 1, 2) @ there + np.swapaxes(others, 1, 2) @ others
     covariance = np.linalg.pinv(information, rcond=SEEN, hermitian=True)
     spread = variance + np.einsum("fnp,fpq,fnq->fn", rows, covariance, rows)
-    if not first.errors[0].is_normal:
-        return off, StudentT(nu).log_density(off, spread)
-    deviation = np.sqrt(spread)
-    return off, student(off / deviation, degrees) - np.log(deviation)
+    density = [
+        family.log_predictive(off[:, span], spread[:, span], degrees)
+        for family, span, degrees in families
+    ]
+    return off, np.concatenate(density, axis=1)
 
 
 def _slopes(fit: ComponentFit, linear: Linear) -> np.ndarray:
@@ -375,16 +376,13 @@ def _continued(fit: ComponentFit, fold: Int[np.ndarray, "n"]):
             precision = errors.precisions(factor).reshape(-1) + np.zeros(len(errors))
             precision = np.maximum(precision - np.einsum("np,pq,nq->n", x, inverse, x), 1e-300)
             off[span] = left / precision
-            if not errors.is_normal:
-                density[span] = errors.family(s).log_density(off[span], 1 / precision)
-                continue
             scale, degrees = np.ones(len(errors)), np.inf
-            if not errors.is_stated and not errors.shares:
+            if errors.is_normal and not errors.is_stated and not errors.shares:
                 degrees = max(float(fit.uncertainty.left[g]) - 1.0, 1.0)
                 total = float(measured[span] @ left)
                 scale = np.maximum(total - left**2 / precision, 1e-3 * total) / degrees
-            deviation = np.sqrt(scale / precision)
-            density[span] = student(off[span] / deviation, degrees) - np.log(deviation)
+            family = errors.noise.at(s)
+            density[span] = family.log_predictive(off[span], scale / precision, degrees)
             continue
         for number in np.unique(fold[span]):
             rows = np.flatnonzero(fold[span] == number)
@@ -395,11 +393,3 @@ def _continued(fit: ComponentFit, fold: Int[np.ndarray, "n"]):
             off[place] = covariance @ left[rows]
             density[place] = _joint(off[place], covariance)
     return off, density, True
-
-
-def student(x: np.ndarray, degrees) -> np.ndarray:
-    """ln of Student's density of standardised x; the normal one of infinite degrees."""
-    degrees = np.broadcast_to(degrees, x.shape)
-    finite = np.where(np.isinf(degrees), 1.0, degrees)
-    normal, heavy = (family.log_density(x, 1.0) for family in (Normal(), StudentT(finite)))
-    return np.where(np.isinf(degrees), normal, heavy)

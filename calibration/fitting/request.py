@@ -178,9 +178,9 @@ def _from_mapping(parameters: Mapping[str, Any], datasets) -> list[dict[str, Any
 
 
 def _spec(data: RestitutionData, entries: dict[str, Any], options_of_fit: FitOptions) -> SetSpec:
-    if options_of_fit.noise == "student-t" and Errors.of(data).shares:
+    if options_of_fit.noise != "normal" and Errors.of(data).shares:
         accepted = '"normal" where points share errors (groups, bounce sequences)'
-        raise DataError("noise", "student-t", accepted)
+        raise DataError("noise", options_of_fit.noise, accepted)
     options = {name: value for name, value in entries.items() if isinstance(value, str)}
     named = {name: value for name, value in entries.items() if name not in options}
     model = law_model(data, options_of_fit.law, options, named)
@@ -201,13 +201,7 @@ def _spec(data: RestitutionData, entries: dict[str, Any], options_of_fit: FitOpt
     if model.key == "zhou" and objective == "model":
         stated, model = _identified(data, stated, model, options)
     local, trees = _elements(data, model, stated)
-    dof = options_of_fit.noise_dof if options_of_fit.noise == "student-t" else None
-    errors = tuple(
-        Errors.of(
-            data, options_of_fit.extra_scatter, options_of_fit.scale_uncertainty, dof, observed
-        )
-        for observed, *_ in blocks_of(data)
-    )
+    errors = tuple(Errors.of(data, options_of_fit, observed) for observed, *_ in blocks_of(data))
     return SetSpec(data, objective, replace(model, trees=trees), local, errors)
 
 

@@ -40,7 +40,7 @@ from calibration.fitting.uncertainty import Freedom
 from calibration.fitting.variances import pooled_estimates
 from calibration.fitting.warnings import FitWarning, extrapolation
 from calibration.observables import OBSERVABLES, RESTITUTION
-from calibration.options import FitOptions, documented
+from calibration.options import FitOptions, documented, idle
 from calibration.output import replacing, write_text
 
 Progress = Callable[..., None]  # called as progress(stage, done, total)
@@ -531,8 +531,8 @@ def _settings(request: Request, fits: list[ComponentFit]) -> dict[str, Any]:
     specs = [spec for one in fits for spec in one.component.specs]
     contacts = [spec.data.contact for spec in specs if spec.data.contact is not None]
     options, integrated = request.options, fits[0].final.problem.route
-    names = ["noise", "starts", "seed", "max_steps"]
-    names += ["noise_dof"] * (options.noise == "student-t")
+    without_effect = idle(dict(options))
+    names = ("noise", "noise_dof", "starts", "seed", "max_steps")
     table: dict[str, Any] = {
         "objective": ", ".join(sorted({spec.objective for spec in specs})),
         "law": ", ".join(dict.fromkeys(spec.model.key for spec in specs)),
@@ -541,7 +541,7 @@ def _settings(request: Request, fits: list[ComponentFit]) -> dict[str, Any]:
         "area": contacts[0].area if contacts else None,
         **{name: value for spec in specs for name, value in spec.model.options.items()},
         "x64": True,
-        **{name: getattr(options, name) for name in names},
+        **{name: getattr(options, name) for name in names if name not in without_effect},
         "given_law": law_name(options.law),
     }
     if isinstance(integrated, sj.ODE):

@@ -140,12 +140,13 @@ def _goodness(fit: ComponentFit, k: int) -> Goodness:
     if errors.points.uncertainty is not None and left >= 1 and stated and errors.is_normal:
         factor = errors.factor({**s, "scale": 1.0}, carried.slope, carried.bend)
         reduced = float(np.sum(errors.whiten(factor, off[None, :, None]) ** 2)) / left
-    nu = errors.family(s).dof
+    nu = vars(errors.noise.at(s)).get("dof")
     return Goodness(
         rms=float(np.sqrt(np.mean(off**2))),
         reduced_chi_squared=reduced,
         variances=_variances(errors, s, carried),
         timing=float(s["timing"]) ** 0.5 if "timing" in s else None,
+        noise_family=errors.noise.name,
         noise_dof=None if nu is None else float(nu),
         outliers=_outliers(first, k, carried, off, leverage),
         standardised=tuple(map(float, linear.residual[0, : problem.count][span] / allowed)),
@@ -188,7 +189,7 @@ def _outliers(first: Problem, k: int, carried: Carried, off, leverage) -> tuple[
     size = np.abs(residual) / np.sqrt(np.maximum(1 - leverage, 1e-3))
     # noise of no more than rounding, of data without scatter, explains nothing and names nothing
     size = np.where((spread > NO_ERRORS) & (np.max(np.abs(off)) > NO_ERRORS), size, 0.0)
-    limit, family = special.ndtri(1 - 0.5 * RARE / len(off)), errors.family(s)
+    limit, family = special.ndtri(1 - 0.5 * RARE / len(off)), errors.noise.at(s)
     weight = family.weight(residual) / family.weight(0 * residual)
     farthest = np.argsort(-size, kind="stable")[:MOST_OUTLIERS]
     data, points = first.datasets[place], first.points

@@ -24,7 +24,7 @@ from calibration.data import RestitutionData
 from calibration.errors import DataError, listed
 from calibration.fitting.collisions import root
 from calibration.fitting.errors import CALLED, Carried, Errors
-from calibration.fitting.noise import LN_2PI
+from calibration.fitting.noise import LN_2PI, NUMBERS
 from calibration.fitting.problem import Block, Element, Points, Pool, Problem, pools_of
 from calibration.fitting.request import (
     Component,
@@ -74,7 +74,7 @@ class NamedErrors:
         for kind, label in self.labels.items():
             if label in theta:
                 value = jnp.asarray(theta[label])
-                found[kind] = value if kind == "dof" else value**2
+                found[kind] = value if kind in NUMBERS else value**2
             elif self.errors.is_plain and self.errors.is_normal:
                 found[kind] = jnp.mean(off**2)
             else:
@@ -179,7 +179,7 @@ class Traceable:
         for (one, off, carried), some in zip(self._at(theta), self._split(normal), strict=True):
             s = one.variances(theta, off)
             factor = one.errors.factor(s, carried.slope, carried.bend, jnp)
-            heavy = one.errors.family(s).from_normal(some, jnp)
+            heavy = one.errors.noise.at(s).from_normal(some, jnp)
             parts.append(carried.mean + one.errors.colour(factor, heavy, jnp))
         return jnp.concatenate(parts)
 
@@ -323,7 +323,8 @@ def _named(components: Sequence[Component]) -> tuple[NamedErrors, ...]:
 
     def label(one: NamedErrors, kind: str) -> str:
         name = one.block.observable
-        text = CALLED[kind] if name == RESTITUTION else f"{name}_{CALLED[kind]}"
+        text = "" if name == RESTITUTION else f"{name}_"
+        text += CALLED.get(kind, kind)
         return f"{text}[{one.data.name}]" if names.count((name, kind)) > 1 else text
 
     return tuple(

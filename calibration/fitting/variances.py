@@ -24,8 +24,8 @@ from jaxtyping import Float
 
 from calibration.fitting.errors import Errors
 from calibration.fitting.material import Estimate
+from calibration.fitting.noise import NUMBERS
 from calibration.fitting.problem import Lanes, Pool, Problem, Residuals
-from calibration.options import DOF
 
 LEAST, MOST = 1e-9, 1e3  # of a variance, over the mean square of the residuals
 NONE = 1e-7  # the same, below which it counts as none
@@ -70,7 +70,7 @@ def criterion(errors: Errors, s: Mapping[str, Any], residuals: Residuals, restri
     factor = errors.factor(s, residuals.slope, residuals.bend)
     columns = np.concatenate([residuals.jacobian, residuals.off[..., None]], axis=2)
     white = errors.whiten(factor, columns * residuals.counted[..., None])
-    off, shares = white[..., -1], np.sqrt(errors.family(s).information)
+    off, shares = white[..., -1], np.sqrt(errors.noise.at(s).information)
     jacobian = white[..., :-1] * np.asarray(shares)[..., None]
     information = residuals.information + np.swapaxes(jacobian, 1, 2) @ jacobian
     # in units that s does not move: a direction that does not show is a constant, and costs no point
@@ -149,13 +149,13 @@ class _Search:
         self.errors, self.residuals, self.restricted = errors, residuals, restricted
         self.square = residuals.square
         self.unit = np.stack([self._unit(kind) for kind in errors.unknown], axis=1)
-        self.is_dof = np.array([kind == "dof" for kind in errors.unknown])
-        self.lower = np.where(self.is_dof, np.log(DOF[0]), np.log(LEAST))
-        self.upper = np.where(self.is_dof, np.log(DOF[1]), np.log(MOST))
+        self.is_number = np.array([kind in NUMBERS for kind in errors.unknown])
+        ranges = [NUMBERS.get(kind, (LEAST, MOST, 1.0))[:3] for kind in errors.unknown]
+        self.lower, self.upper, self.first = np.log(ranges).T
 
     def _unit(self, kind: str) -> np.ndarray:
         """Variance that makes ε as uncertain as the residuals are."""
-        if kind == "dof":
+        if kind in NUMBERS:
             return np.ones(len(self.square))
         if kind in ("scatter", "group"):
             return self.square
@@ -169,14 +169,14 @@ class _Search:
     def variances(self, y: np.ndarray) -> Estimated:
         """0 where it is none; but something has to be left."""
         found = self.as_variances(y)
-        none = (np.exp(y) <= NONE) & ~self.is_dof
-        bare = {kind: value * (kind == "dof") for kind, value in found.items()}
+        none = (np.exp(y) <= NONE) & ~self.is_number
+        bare = {kind: value * (kind in NUMBERS) for kind, value in found.items()}
         with np.errstate(invalid="ignore"):
             rest = (
                 self.errors.variance(bare, self.residuals.slope, self.residuals.bend)
                 + 0 * self.residuals.off
             )
-        indefinite = np.all(none | self.is_dof, axis=1)
+        indefinite = np.all(none | self.is_number, axis=1)
         indefinite &= ~(np.min(rest, axis=1) > NONE * self.square)
         none[indefinite, 0] = False
         kinds = enumerate(self.errors.unknown)
@@ -186,14 +186,14 @@ class _Search:
         every = [np.broadcast_to(s[kind], len(self.square)) for kind in self.errors.unknown]
         logs = np.log(np.maximum(np.stack(every, axis=1) / self.unit, 1e-300))
         return np.clip(
-            logs, self.lower, np.where(self.is_dof, self.upper, np.minimum(self.upper, most))
+            logs, self.lower, np.where(self.is_number, self.upper, np.minimum(self.upper, most))
         )
 
     def starts(self) -> list[np.ndarray]:
         """Equal shares, and most in each of the variances."""
         k = len(self.unit[0])
         shares = [np.full(k, 0.5 / k), *(np.where(np.arange(k) == j, 0.9, 0.05) for j in range(k))]
-        logs = [np.where(self.is_dof, np.log(6.0), np.log(one)) for one in shares[: k + (k > 1)]]
+        logs = [np.where(self.is_number, self.first, np.log(one)) for one in shares[: k + (k > 1)]]
         return [np.repeat(one[None], len(self.unit), axis=0) for one in logs]
 
     def value(self, y: np.ndarray) -> np.ndarray:
@@ -263,7 +263,7 @@ def first_variances(problem: Problem, z: np.ndarray) -> Problem:
             "group": square,
             "scale": 1.0,
             "timing": square / max(of_second, 1e-300),
-            "dof": errors.dof,
+            **vars(errors.noise),
         }
         found.append({kind: guess[kind] for kind in errors.unknown})
     problem = replace(problem, variances=tuple(found))
@@ -308,7 +308,7 @@ def _same_variances(errors: Errors, one: Mapping[str, Any], other: Mapping[str, 
     """Equal in what each variance adds to that of ε."""
 
     def moved(kind: str) -> bool:
-        if kind == "dof":
+        if kind in NUMBERS:
             return abs(other[kind] / one[kind] - 1) > 1e-3
         was, now = (
             float(np.mean(errors.diagonal(s) + np.zeros(len(errors))))

@@ -268,7 +268,7 @@ def no_velocity_dependence(
     design = np.stack([np.ones(len(velocity)), velocity - np.mean(velocity)], 1)
     white, target = design / np.reshape(unit, (-1, 1)), restitution / unit
     weight, scale = np.ones(len(velocity)), 1.0
-    for _ in range(1 if noise.dof is None else LINE_ROUNDS):
+    for _ in range(1 if type(noise) is Normal else LINE_ROUNDS):
         line = np.linalg.pinv(white * weight[:, None] ** 0.5) @ (target * weight**0.5)
         off = target - white @ line
         if uncertainty is None:

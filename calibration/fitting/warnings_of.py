@@ -280,8 +280,7 @@ def _of_restitution(part: MaterialFit, residual, errors: Errors) -> list[FitWarn
         causes["groups"] = alike
     stated = errors.points.uncertainty if errors.is_stated else None
     kink, uncertain = yields if ever_yields else np.nan, data.velocity_uncertainty
-    noise = errors.family({"dof": part.noise_dof})
-    level = warnings.no_velocity_dependence(velocity, restitution, stated, noise)
+    level = warnings.no_velocity_dependence(velocity, restitution, stated, part.family)
     causes["no-velocity-dependence"] = level
     causes["velocity-errors"] = warnings.velocity_errors(data.velocity, uncertain, kink)
     for code, cause in causes.items():

@@ -273,11 +273,9 @@ def _noise_and_lead(data: RestitutionData, scored: Sequence[Entry]) -> Iterator[
     material = scored[0].result.materials[0]
     estimated = {"scale", "timing", "scatter", "group"} & set(material.variances)
     sources = " and ".join(ERRORS[kind] for kind in material.variances)
-    dof = material.noise_dof
-    family = "normal errors" if dof is None else f"Student's t of {dof:.3g} degrees of freedom"
     sizes = listed(ERRORS[kind] for kind in ERRORS if kind in estimated)
     estimates = f"; {sizes} estimated for each law" if estimated else ""
-    yield f"Noise of every fit: {sources}, {family}{estimates}."
+    yield f"Noise of every fit: {sources}, {material.family.words}{estimates}."
     best, *others = [entry for entry in scored if entry.same_as is None]
     if not others:
         return

@@ -37,6 +37,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from calibration.fitting.laws import OF_CONTACT
+from calibration.fitting.noise import NUMBERS
 from calibration.fitting.problem import Element
 from calibration.fitting.traceable import Traceable
 from calibration.parameters import FROM_ABOVE, LOG, LOGIT, NONE, Transform
@@ -288,8 +289,8 @@ def _log_normal(median: float, *ends: float) -> str:
 
 
 def _of_noise(kind: str, label: str, per_unit: float) -> Prior:
-    if kind in ("dof", "scale"):
-        median, spread = (8.0, 0.8) if kind == "dof" else (1.0, 1.0)
+    if kind in NUMBERS or kind == "scale":
+        median, spread = NUMBERS[kind][-2:] if kind in NUMBERS else (1.0, 1.0)
         text = _log_normal(median, *(median * math.exp(z) for z in (-spread, spread)))
         return Prior(label, text, True, math.log(median), spread)
     size, unit = NOISE / per_unit, " s" if kind == "timing" else ""

@@ -98,7 +98,7 @@ def _found(result: Any, problem: Traceable) -> dict[str, float]:
     for errors in problem.sets:
         material = result.materials[errors.set]
         known = material.observed.get(errors.block.observable, material)
-        other = {"timing": known.timing, "dof": known.noise_dof, "scale": None}
+        other = {"timing": known.timing, "scale": None, **vars(known.family)}
         for kind, label in errors.labels.items():
             found[label] = other.get(kind, known.variances.get(kind, 0.0) ** 0.5)
     return {name: float(value) for name, value in found.items() if value}
@@ -333,16 +333,15 @@ def band_of_draws(
         with jax.enable_x64(True):
             curves = curve_problem(material, velocity).linearise(values, slopes=False).prediction
         if kind == "prediction":
-            random, dof, variance = np.random.default_rng(0), material.noise_dof, 0.0
+            random, variance = np.random.default_rng(0), 0.0
             for name, variance_of_kind in material.variances.items():
                 known = name not in ("scatter", "group")
                 variance = variance + (
                     variance_of_kind if known else drawn(name, variance_of_kind**0.5) ** 2
                 )
-            if dof is None:
-                noise = random.standard_normal(curves.shape)
-            else:
-                noise = random.standard_t(drawn("dof", dof), curves.shape)
+            numbers = {name: drawn(name, value) for name, value in vars(material.family).items()}
+            normal = random.standard_normal(curves.shape)
+            noise = replace(material.family, **numbers).drawn(normal, random)
             curves = curves + np.sqrt(variance) * noise
         ends = np.quantile(curves, [0.5 - confidence / 2, 0.5 + confidence / 2], axis=0)
         return np.mean(curves, axis=0), *ends, np.std(curves, axis=0, ddof=1)
