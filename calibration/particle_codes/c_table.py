@@ -8,12 +8,13 @@ the bodies is not known: a table is of one pair of them.
 
 from typing import Any
 
+import jax
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 import softjax as sj
 from calibration.errors import InputError
-from calibration.particle_codes.target import Impacts, impacts_of, number_of
+from calibration.particle_codes.target import Impacts, coefficient_of, number_of
 from softjax.many_body import loading_work, unloading_force
 
 FORMULAS = {  # laws that need no table, and their templates
@@ -43,16 +44,18 @@ def table_of(law: Any, impacts: Impacts, losses: bool = True) -> tuple[dict[str,
     roots = np.linspace(0, 1, ROWS)
     peaks = top * roots[1:] ** 2
     knots = np.sqrt(top) * roots
-    works = np.cumsum(loading_work(law, knots[:-1], knots[1:]))
+    works = np.cumsum(jax.jit(loading_work)(law, knots[:-1], knots[1:]))
     velocity = np.sqrt(2 * works / number_of(law.contact.mass))
-    residual = np.asarray(sj.restitution(law, velocity).residual_overlap)
+    hit = sj.restitution(law, velocity)
+    residual = np.asarray(hit.residual_overlap)
     part = np.linspace(0, 1, COLUMNS) ** 2  # of what is left to recover
     peak, rest = peaks[:, None], residual[:, None]
-    force = np.asarray(unloading_force(law, rest + (peak - rest) * part, peak))
-    shape = np.maximum(force / law.loading_force(peak), 0.0)
-    squared = _first_twice(impacts_of(law, velocity, losses).coefficient ** 2)
+    force = np.asarray(jax.jit(unloading_force)(law, rest + (peak - rest) * part, peak))
+    loading = np.asarray(law.loading_force(peaks))
+    shape = np.maximum(force / loading[:, None], 0.0)
+    squared = _first_twice(coefficient_of(hit, losses) ** 2)
     tables = {
-        "loading": np.append(0.0, np.asarray(law.loading_force(peaks))),
+        "loading": np.append(0.0, loading),
         "residual": np.append(0.0, residual / peaks),
         "squared": squared,
         "unloading": _first_twice(shape),

@@ -11,7 +11,13 @@ import softjax as sj
 from calibration.errors import printable
 from calibration.particle_codes.choice import Choice
 from calibration.particle_codes.codes import CONSTANT, HOW
-from calibration.particle_codes.target import ExportOptions, Target, impacts_of, number_of
+from calibration.particle_codes.target import (
+    POINTS,
+    ExportOptions,
+    Target,
+    coefficient_of,
+    number_of,
+)
 from calibration.rounding import number
 from softjax.fields import numbers_of, options_of
 
@@ -102,7 +108,8 @@ class Export:
             within = f"within {number(choice.hold_error, 2)} at this time step"
             yield f"Below {number(low)} m/s {constant} by a dashpot, {within}."
             return
-        slow = float(impacts_of(self.law, np.array([below]), self.options.losses).coefficient[0])
+        hit = sj.restitution(self.law, np.full(POINTS, below))  # by the program of the range
+        slow = float(coefficient_of(hit, self.options.losses)[0])
         elastic, unknown = slow > NEARLY_ELASTIC, fit is not None and below < fit.known_from
         if elastic:
             where = f"ε is {number(slow, 4)} at {number(below, 2)} m/s"

@@ -193,6 +193,11 @@ class Impacts:
 def impacts_of(law: Any, velocity: Curve, losses: bool = True) -> Impacts:
     """Impacts on a law with a force; `losses`: with those that are in ε and in no force."""
     hit = sj.restitution(law, velocity)
-    numbers = hit.coefficient, hit.plastic_coefficient, hit.peak_overlap, hit.duration
-    total, plastic, peak, duration = map(np.asarray, numbers)
-    return Impacts(velocity, np.minimum(total, 1.0) if losses else plastic, plastic, peak, duration)
+    numbers = hit.plastic_coefficient, hit.peak_overlap, hit.duration
+    return Impacts(velocity, coefficient_of(hit, losses), *map(np.asarray, numbers))
+
+
+def coefficient_of(hit: sj.Restitution, losses: bool) -> Curve:
+    """ε as a code has it, 1 at most, or ε_p."""
+    plastic = np.asarray(hit.plastic_coefficient)
+    return np.minimum(np.asarray(hit.coefficient), 1.0) if losses else plastic
