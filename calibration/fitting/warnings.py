@@ -23,6 +23,7 @@ VELOCITY_ERRORS = 0.15  # of a velocity, up to which intervals were seen to be r
 NEAR_YIELD = 2.0  # standard uncertainties of a velocity around the kink at first yield
 APART = 2.0  # standard errors between the two objectives
 FEWEST_GROUPS = 4  # of which one may be far from the others
+FAR_FROM_STATED = 3.0  # times a stated uncertainty
 LINE_ROUNDS = 50  # of a straight line and the weights of its points in turn
 FROM_PRIOR = 3.0  # of its standard deviations, beyond which an estimate contradicts a prior
 OUTSIDE = 1e-3  # of a velocity: less beyond the data's is no extrapolation, as ends are rounded
@@ -46,6 +47,10 @@ ADVICE = {
     "model-misfit": (
         f"The misfit exceeds the noise: these intervals are too narrow. {OTHER_LAWS}; "
         "`extra_scatter` estimates what the stated uncertainties lack."
+    ),
+    "stated-uncertainty": (
+        f"Check the stated uncertainties (unit, rounding, what they include) and the law: {OTHER_LAWS}. "
+        "An estimated scatter takes either fault as noise."
     ),
     "residual-runs": (
         f"The law misses a trend ({OTHER_LAWS}), or points belong together "
@@ -127,6 +132,33 @@ def misfit(reduced: float | None, degrees: float, of_noise: float | None = None)
         return None
     # of points that count unequally rms and noise are no measure of it
     return f"residuals of {reduced**0.5:.3g} times the noise (reduced chi squared {reduced:.3g})"
+
+
+def far_from_stated(
+    standardised: Column, variances: Mapping[str, float], scale: float | None, noise: Normal
+) -> str | None:
+    """Residuals far larger than the stated uncertainties, or far smaller: by their median size.
+
+    Args:
+        scale: estimated factor of the stated variances, None without.
+    """
+    from scipy import special
+
+    stated, n = variances.get("stated", variances.get("repeats", 0.0)), len(standardised)
+    size, middle = float(np.median(np.abs(standardised))), special.ndtri(0.75)
+    if np.isfinite(noise.dof):  # standardised ones are weighted
+        size /= max((noise.dof + 1 - size**2) / noise.dof, 1e-4) ** 0.5
+        middle = special.stdtrit(noise.dof, 0.75)
+    ratio = size / middle
+    if scale is not None:
+        ratio = scale**0.5
+    elif stated > 0:
+        ratio *= (1 + variances.get("scatter", 0.0) / stated) ** 0.5
+    else:
+        return None
+    if ratio > FAR_FROM_STATED or (n >= 10 and ratio < 1 / FAR_FROM_STATED):
+        return f"the points scatter by {ratio:.2g} times what was stated"
+    return None
 
 
 def misfit_against_scatter(n: int, rms: float, left: float, about_eq_17: float) -> str | None:

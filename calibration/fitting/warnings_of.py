@@ -271,7 +271,8 @@ def _of_restitution(part: MaterialFit, residual, errors: Errors) -> list[FitWarn
         misfit = warnings.misfit(part.reduced_chi_squared, left, of_noise)
     elif part.objective == "two-step" and part.rms_empirical is not None:
         misfit = warnings.misfit_against_scatter(part.n, part.rms, left, part.rms_empirical)
-    causes = {"model-misfit": misfit, "residual-runs": runs}
+    far = None if misfit else _far_from_stated(part, errors)
+    causes = {"model-misfit": misfit, "stated-uncertainty": far, "residual-runs": runs}
     if np.any(is_off) and not (raised or misfit or runs):
         # where the curve misses the points neither says anything of the errors
         curve = restitution + residual
@@ -291,6 +292,12 @@ def _of_restitution(part: MaterialFit, residual, errors: Errors) -> list[FitWarn
     return [*raised, *named("all-below-yield", [below], name)]
 
 
+def _far_from_stated(goodness: Goodness, errors: Errors) -> str | None:
+    scale = goodness.reduced_chi_squared if "scale" in errors.unknown else None
+    size = np.array(goodness.standardised)
+    return warnings.far_from_stated(size, goodness.variances, scale, goodness.family)
+
+
 def _offsets(fit: ComponentFit, part: MaterialFit, residual) -> Iterator[str | None]:
     """Whether a group is far from the others, or the set from the curve that others determine too."""
     offsets, deviation = part.group_offsets, part.group_deviation or 0.0
@@ -307,7 +314,9 @@ def _of_observable(
     words, reduced = OBSERVABLES[observable].words, goodness.reduced_chi_squared
     misses = warnings.misfit(reduced, goodness.residual_degrees) if errors.is_stated else None
     trend = warnings.runs(errors.velocity, np.array(goodness.standardised))
-    for code, cause in (("model-misfit", misses), ("residual-runs", trend)):
+    far = None if misses else _far_from_stated(goodness, errors)
+    causes = {"model-misfit": misses, "stated-uncertainty": far, "residual-runs": trend}
+    for code, cause in causes.items():
         yield from named(code, [cause and f"{words}: {cause}"], part.name)
     if goodness.rms > MOST_OFF:  # an estimated scatter takes a wrong unit or size as it is
         cause = f"{words}: the law misses the values by {100 * goodness.rms:.3g} % (rms)"

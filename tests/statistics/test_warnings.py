@@ -378,3 +378,23 @@ def test_each_data_set_has_minima_of_its_own():
         told = [w for w in result.warnings if w.code == "several-minima"]
         assert sorted(w.material for w in told) == names
         assert {w.cause for w in told} == {cause}
+
+
+@pytest.mark.parametrize(
+    ("factor", "is_raised"), [(10, True), (2, False), (0.5, False), (0.1, True)]
+)
+@pytest.mark.parametrize(
+    "options", [{"extra_scatter": True}, {"scale_uncertainty": True}, {"noise": "student-t"}]
+)
+def test_scatter_far_from_what_was_stated_is_named_also_where_it_is_estimated(
+    options, factor, is_raised
+):
+    """100 points of normal noise, u stated as a tenth to ten times it; a far too narrow t has a mode of its own."""
+    noise, velocity = np.random.default_rng(3).standard_normal(100), np.linspace(1, 5, 100)
+    data = cal.RestitutionData(velocity, 0.8 + 0.005 * noise, uncertainty=0.005 / factor)
+    result = cal.fit(data, "constant", profiles=False, starts=1, **options)
+    causes = [one.cause for one in result.warnings if one.code == "stated-uncertainty"]
+    assert len(causes) == is_raised
+    if is_raised:
+        ratio = float(causes[0].removeprefix("the points scatter by ").split()[0])
+        assert 0.5 < ratio / factor < 2
