@@ -88,8 +88,7 @@ CASES = {
     "optimiser": Case({"optimiser": "levenberg-marquardt"}, search("optimiser")),
     "noise": Case({"noise": "student-t"}, value("growth")),
     "noise_dof": Case({"noise_dof": 30.0}, value("growth"), WB | {"noise": "student-t"}),
-    "form": Case({"form": "full"}, curve, ZHOU),
-    "kappa": Case({"kappa": "printed"}, curve, ZHOU),
+    "form and kappa": Case({"form": "full", "kappa": "printed"}, curve, ZHOU),
     "starts": Case({"starts": 3}, search("starts")),
     "max_steps": Case({"max_steps": 1}, search("iterations"), WB | {"starts": 1}),
     "confidence": Case(

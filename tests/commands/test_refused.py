@@ -84,7 +84,7 @@ REFUSED = {
     f"{SENSITIVITY} --at -1": "--at",
     f"{SENSITIVITY} --points 1": "--points",
     f"{SENSITIVITY} --shots 4": "--shots",
-    f"{SENSITIVITY} --chi 1000 --sigma 50 --from 2": "ε = 0 everywhere",
+    f"{SENSITIVITY} --chi 1000 --sigma 50 --from 2 --points 5": "ε = 0 everywhere",
     f"{GLOBAL} --range colour=1:2": "--range",
     f"{GLOBAL} --samples 1000": "samples",
     f"{GLOBAL} --samples 64 {DEAD}": "0 everywhere",
