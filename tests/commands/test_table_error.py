@@ -15,14 +15,13 @@ TABLES = {
     "a step at yield": ("", fitted("nylon"), 0.1, 60),
     "an end of ε": ("--sigma 3 --chi 0.22 --psi 0.54", sj.Zhou(ALLOY, 0.22, 3.0, 0.54), 0.1, 300),
     "a larger χ̃": ("--chi 6 --sigma 0.4 --psi 0.54", sj.Zhou(ALLOY, 6.0, 0.4, 0.54), 0.5, 300),
-    "the limit velocity": ("--law eq-17 --psi 0.54", None, 1, 400),
-    "a kink": ("--law thornton", sj.Thornton(ALLOY), 0.1, 60),
-    "from rest": (
-        "--law viscoelastic --set dissipation_time=1e-6",
-        sj.ViscoelasticHertz(ALLOY, 1e-6),
+    "from rest to the limit velocity": (
+        "--law eq-17 --sigma 0.4 --psi 0.54",
+        sj.EmpiricalRestitution(ALLOY.limit_velocity, 0.4, 0.54),
         0,
-        60,
+        400,
     ),
+    "a kink": ("--law thornton", sj.Thornton(ALLOY), 0.1, 60),
 }
 
 
@@ -51,9 +50,6 @@ def largest_error(law, velocity, coefficient, low, high):
 def test_no_velocity_errs_by_more(name, points, at):
     """Fails where the law is compared at three places between two rows: by up to a third."""
     options, law, low, high = TABLES[name]
-    if law is None:
-        law, extra = sj.EmpiricalRestitution(ALLOY.limit_velocity, 0.4, 0.54), "--sigma 0.4"
-        options = f"{options} {extra}"
     words = ("--from", low, "--to", high, "--points", points, "--spacing", "lin", "--table")
     code, _, error = run("curve", "nylon", *options.split(), *words)
     assert code == 0, error
@@ -65,10 +61,10 @@ def test_no_velocity_errs_by_more(name, points, at):
 
 
 @pytest.mark.parametrize(
-    "seed", [*range(3), *(pytest.param(seed, marks=pytest.mark.long) for seed in range(3, 8))]
+    "seed", [4, 6, *(pytest.param(seed, marks=pytest.mark.long) for seed in (0, 1, 2, 3, 5, 7))]
 )
 def test_velocities_of_the_users_own(seed, at):
-    """Rows are his alone: a step, or the end of ε, lies anywhere between two of them."""
+    """Rows are his alone: a step, or the end of ε, lies anywhere between two of them; seeds 4 and 6 need it enclosed."""
     random = np.random.default_rng(seed)
     velocity = np.unique(np.concatenate([[0.1, 300.0], random.uniform(0.1, 300, 10)]))
     np.savetxt(at / "v.csv", velocity)

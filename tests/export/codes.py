@@ -29,7 +29,7 @@ def rebound(force: Callable, velocity: float, mass: float = MASS, clamped: bool 
         return state[0]
 
     parted.terminal, parted.direction = True, -1
-    options = {"method": "DOP853", "rtol": 1e-10, "atol": 1e-13, "max_step": 0.01}
+    options = {"method": "DOP853", "rtol": 1e-10, "atol": 1e-13, "max_step": 0.1}
     solution = solve_ivp(motion, (0.0, 50.0), [0.0, 1.0], events=parted, **options)
     assert solution.t_events[0].size
     return -float(solution.y[1, -1])
