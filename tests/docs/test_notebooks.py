@@ -26,9 +26,6 @@ CELL_SECONDS = 300  # for a machine that is busy with much else
 NUMBER = r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
 SOMEBODYS_PATH = r"/(home|root|tmp|Users|work)/|:\\+Users"
 
-# run by `pytest -m long`: what they compute has tests of its own
-QUICK = ("1_one_collision",)
-
 each = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 
 
@@ -81,13 +78,13 @@ def test_all_are_there():
     assert [path.stem[0] for path in NOTEBOOKS] == list("123456789")
 
 
-def marks(path):
-    found = [needs_lammps] if path.stem == BY_LAMMPS else []
-    return found if path.stem in QUICK else [*found, pytest.mark.long]
-
-
+@pytest.mark.long  # by default the first one runs without a kernel, beside the README's examples
 @pytest.mark.parametrize(
-    "path", [pytest.param(path, marks=marks(path), id=path.stem) for path in NOTEBOOKS]
+    "path",
+    [
+        pytest.param(path, marks=[needs_lammps] * (path.stem == BY_LAMMPS), id=path.stem)
+        for path in NOTEBOOKS
+    ],
 )
 def test_runs_and_gives_what_is_stored(path, tmp_path, monkeypatch):
     stored, fresh = read(path), execute(read(path), tmp_path, monkeypatch)

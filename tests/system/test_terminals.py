@@ -91,26 +91,19 @@ def test_a_fit_in_python_shows_its_stages(monkeypatch):
 
 
 def test_on_a_real_terminal_without_colours(tmp_path):
-    """Its first output is there before anything heavy is imported; no escape sequence."""
+    """Its first output is there before anything heavy is imported; no escape sequence; no programs are kept."""
     main, other = pty.openpty()
+    environment = {k: v for k, v in os.environ.items() if k != "JAX_COMPILATION_CACHE_DIR"}
+    environment |= {"TERM": "dumb", "NO_COLOR": "1", "PYTHONPATH": os.getcwd()}
     words = ["curve", "nylon", "--law", "constant", "--set", "restitution=0.9", "--format", "csv"]
+    words += ["--no-cache", "--out", "r"]
     process = subprocess.Popen(
-        [
-            sys.executable,
-            "-X",
-            "importtime",
-            "-m",
-            "calibration",
-            "--no-cache",
-            *words,
-            "--out",
-            "r",
-        ],
+        [sys.executable, "-X", "importtime", "-m", "calibration", *words],
         stdin=other,
         stdout=other,
         stderr=other,
         cwd=tmp_path,
-        env=os.environ | {"TERM": "dumb", "NO_COLOR": "1", "PYTHONPATH": os.getcwd()},
+        env=environment | {"XDG_CACHE_HOME": str(tmp_path), "HOME": str(tmp_path)},
     )
     os.close(other)
     seen = b""
@@ -129,3 +122,4 @@ def test_on_a_real_terminal_without_colours(tmp_path):
     assert not re.search(rb"\| +(jax|numpy|scipy|matplotlib)\r", before)
     assert re.search(rb"\| +jax\r", after)
     assert b"\x1b" not in seen
+    assert not list(tmp_path.rglob("*-cache"))
