@@ -451,9 +451,13 @@ def _with_scatter(line: Line) -> Line:
     Both estimates weigh a material by 1/u² of its χ̃, so its deviation moves them as it moves the line of
     least squares with these weights.
     """
+    x, chi, u = line._columns
+    if np.all(u <= ROUNDING * chi):  # rounding is no error, of a c1 near 0 either
+        bare: dict[str, Any] = {"standard_error": None, "low": None, "high": None}
+        c1, c2 = replace(line.c1, **bare), replace(line.c2, **bare)
+        return replace(line, c1=c1, c2=c2, covariance=None)
     if not line.scatter or not line.has_noise:
         return line
-    x, chi, u = line._columns
     design = np.stack([np.ones_like(x), x], axis=1)
     influence = _least_squares(x, chi, u**2)[1] @ (design / u[:, None] ** 2).T
     added = (influence * (line.scatter * line._line(x)) ** 2) @ influence.T

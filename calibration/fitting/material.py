@@ -14,7 +14,7 @@ from calibration.fitting.laws import LawModel, Tree
 from calibration.fitting.noise import FAMILIES, Normal
 from calibration.fitting.warnings import FitWarning
 from calibration.observables import OBSERVABLES, RESTITUTION
-from calibration.rounding import with_error
+from calibration.rounding import NO_ERROR, with_error
 
 
 @dataclass(frozen=True)
@@ -37,6 +37,12 @@ class Estimate:
     free: bool = False
     at_bound: bool = False
     skewed: bool | None = False
+
+    def __post_init__(self):
+        error = self.standard_error
+        if self.value and error is not None and error <= NO_ERROR * abs(self.value):  # rounding
+            changed = {"standard_error": None, "low": None, "high": None, "skewed": False}
+            vars(self).update(changed)
 
     @property
     def printed_error(self) -> float | None:

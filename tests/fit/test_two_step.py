@@ -79,7 +79,9 @@ def test_the_file_has_the_layout_of_the_interface_and_loads_back_equal(result, t
     expected = {"material", "n", "rms", "rms_empirical", "converged", "warnings", "parameters"}
     assert expected <= set(first)
     assert set(first["parameters"]) == {"chi", "sigma", "psi"}
-    assert {"value", "standard_error"} <= set(first["parameters"]["chi"])
+    line = table["unloading_line"]
+    for one in (*first["parameters"].values(), line["c1"], line["c2"]):  # of data without noise
+        assert [one["standard_error"], one["low"], one["high"]] == [None] * 3
     wanted = {
         "objective": "two-step", "route": "ode", "area": "zhou", "form": "first-order",
         "kappa": "consistent", "x64": True,
