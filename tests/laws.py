@@ -185,41 +185,40 @@ def expected_slopes(name: str) -> dict[str, np.ndarray]:
     return {key: np.array([row[key] for row in rows]) for key in rows[0]}
 
 
-def graded(law, values: dict, route=None):
-    """Result, and θ ∂q/∂θ of the four quantities forward, and of all but the duration in reverse.
+def graded(law, values: dict, route=None, *, lasting=False):
+    """The quantities, the result, θ ∂q/∂θ of the quantities forward, and of all but the duration in reverse.
 
     `values` holds an array for each number of the law and the velocity, all of one length up to SIZE:
-    one program serves all tests of a law, route and precision.
+    one program serves all tests of a law, route and precision. The duration, if `lasting`, costs as
+    much as the rest.
 
     Returns:
-        The quantities (4, impacts), the result, and slopes (θ, 4, impacts) and (θ, 3, impacts).
+        The quantities (q, impacts), the result, and slopes (θ, q, impacts) and (θ, 3, impacts).
     """
     count = len(values["velocity"])
     padded = {name: jnp.asarray(np.resize(x, SIZE)) for name, x in sorted(values.items())}
     blank = jax.tree.map(lambda _: 0.0, law)
-    found = _graded(blank, padded, route or law.default_route())
-    return jax.tree.map(lambda x: x[..., :count], found)
+    found = _graded(blank, padded, route or law.default_route(), QUANTITIES[: 3 + lasting])
+    return jax.tree.map(lambda x: np.asarray(x)[..., :count], found)
 
 
-@partial(jax.jit, static_argnames="route")
-def _graded(law, values: dict, route):
-    def quantities(names, values):
+@partial(jax.jit, static_argnames=("route", "names"))
+def _graded(law, values: dict, route, names):
+    def quantities(values):
         result = sj.restitution(with_numbers(law, values), values["velocity"], route)
-        return jnp.stack([getattr(result, name) for name in names]), result
+        return [getattr(result, name) for name in names], result
 
-    along = partial(jax.linearize, has_aux=True)
-    found, push, result = along(partial(quantities, QUANTITIES[:3]), values)
-    lasts, push_last, _ = along(partial(quantities, QUANTITIES[3:]), values)
-    pull = jax.linear_transpose(push, values)
+    found, push, result = jax.linearize(quantities, values, has_aux=True)
+    pull = jax.linear_transpose(lambda values: jnp.stack(push(values)[:3]), values)
 
     def forward(i):
         one = {n: jnp.where(i == k, x, 0 * x) for k, (n, x) in enumerate(values.items())}
-        return jnp.concatenate([push(one), push_last(one)])
+        return jnp.stack(push(one))
 
-    rows = jnp.eye(3, dtype=found.dtype)[:, :, None] * jnp.ones_like(found)
+    found = jnp.stack(found)
+    rows = jnp.eye(3, dtype=found.dtype)[:, :, None] * jnp.ones_like(found[0])
     (pulled,) = jax.lax.map(pull, rows)
     reverse = jnp.stack([pulled[name] * x for name, x in values.items()])
-    found = jnp.concatenate([found, lasts])
     return found, result, jax.lax.map(forward, jnp.arange(len(values))), reverse
 
 

@@ -4,6 +4,7 @@ Against central differences in 40 and more digits; all as θ ∂q/∂θ. One pro
 precision serves the whole file: plain, hard and invalid impacts in batches of one size.
 """
 
+import itertools
 import json
 from functools import lru_cache
 from pathlib import Path
@@ -26,17 +27,18 @@ ENERGY = sj.EnergyBalance()
 
 HARD = np.array([0.0, 1e-100, 1e-6, 1.0, 1e5])  # dT/dv itself overflows at 1e-300
 INVALID = np.array([np.nan, -1.0, np.inf, 0.5])  # the last one by a number of the law
-BY_TIME = ("viscoelastic",)
-CASES = [
-    pytest.param(
-        name,
-        route,
+BY_TIME = ("viscoelastic", PRECISE)
+UNTIMED = [BY_TIME, ("zhou", ENERGY), ("zhou full", ENERGY)]  # the duration is dear
+CASES = {
+    case: pytest.param(
+        *case,
         id=f"{name}-{route.name}",
-        marks=[LONG] if route == PRECISE and name not in BY_TIME else [],
+        marks=[LONG] if route == PRECISE and case != BY_TIME else [],
     )
-    for name, case in LAWS.items()
-    for route in case.routes
-]
+    for name, law in LAWS.items()
+    for route in law.routes
+    for case in [(name, route)]
+}
 
 
 @lru_cache
@@ -46,12 +48,13 @@ def solved(name, route):
     field, wrong = case.invalid
     values = laws.repeated(case.law, np.concatenate([case.velocity, HARD, INVALID]))
     values[field][-1] = wrong
-    found, result, *both = graded(case.law, values, route)
-    slopes = [dict(zip(values, np.asarray(s), strict=True)) for s in both]
-    return np.asarray(found), result, *slopes
+    found, result, *both = graded(case.law, values, route, lasting=(name, route) not in UNTIMED)
+    return found, result, *(dict(zip(values, slopes, strict=True)) for slopes in both)
 
 
-@pytest.mark.parametrize(("name", "route"), CASES)
+@pytest.mark.parametrize(  # Zhou's are over its curves, below
+    ("name", "route"), [row for case, row in CASES.items() if case not in UNTIMED[1:]]
+)
 def test_first_derivatives_of_laws(name, route):
     """Of ε, both overlaps and the duration, over the size of q; Eq. (17) at v_lim, ε = 1e-29, over 1."""
     exact, expected = laws.expected(name)[:, :4], laws.expected_slopes(name)
@@ -61,7 +64,8 @@ def test_first_derivatives_of_laws(name, route):
     size[2] = np.maximum(size[1], 1e-300)  # an overlap left is known to rounding of the peak
     tolerance = 2e-12 if route != PRECISE else 1e-9
     values, _, *both = solved(name, route)
-    assert np.all(np.abs(values[:, :count] - exact.T) <= tolerance * size)
+    each = len(values)
+    assert np.all(np.abs(values[:, :count] - exact.T[:each]) <= tolerance * size[:each])
     for slopes in both:
         assert set(slopes) == set(expected)
         for key, exact_slope in expected.items():
@@ -73,7 +77,7 @@ def test_first_derivatives_of_laws(name, route):
             assert np.all(np.abs(found[zero] / size[:each][zero]) <= 1e-13), key
 
 
-@pytest.mark.parametrize(("name", "route"), CASES)
+@pytest.mark.parametrize(("name", "route"), CASES.values())
 def test_hard_and_invalid_impacts_of_laws(name, route):
     """From rest to 1e5 m/s numbers with finite slopes; at rest ε = 1; invalid ones are 0 and told."""
     count = len(LAWS[name].velocity)
@@ -116,7 +120,7 @@ def test_bad_impacts_leave_their_neighbours_alone(route):
     with_good, with_bad = (graded(law, values, route) for values in (plain, bad))
     for one, two in zip(with_good[2:], with_bad[2:], strict=True):
         assert np.array_equal(one[..., count:], two[..., count:])
-        slopes = np.asarray(two)[..., :count]  # times the number itself, which may be none
+        slopes = two[..., :count]  # times the number itself, which may be none
         assert np.all((slopes == 0) | np.isnan(slopes))
         assert np.mean(slopes == 0) > 0.9
     assert np.array_equal(with_good[0][:, count:], with_bad[0][:, count:])
@@ -197,7 +201,7 @@ def test_first_derivatives_over_the_curves(form, route, bound):
     below = np.array(["ELASTIC" in record["flags"] for record in records])
     assert 0 < np.sum(below) < len(below)
     for slopes in (forward, reverse):
-        for name, slope in zip(values, np.asarray(slopes), strict=True):
+        for name, slope in zip(values, slopes, strict=True):
             exact = [column(records, "log_sensitivities", SYMBOLS[name], q) for q in OVERLAPS]
             assert np.max(np.abs(slope[0] - exact[0])) <= bound, name
             assert np.all(np.abs(slope[0][exact[0] == 0]) <= 1e-13), name
@@ -208,78 +212,66 @@ def test_first_derivatives_over_the_curves(form, route, bound):
 
 
 PROPERTIES = ("E", "nu", "rho", "Y", "R", "chi", "sigma", "psi", "v")  # of two equal spheres
-PAIRED = ("chi", "sigma", "psi", "E", "Y", "v")
-SECOND = {
-    "forward over forward": lambda f: jax.jacfwd(jax.jacfwd(f)),
-    "forward over reverse": lambda f: jax.jacfwd(jax.jacrev(f)),
-    "reverse over forward": lambda f: jax.jacrev(jax.jacfwd(f)),
-    "reverse over reverse": lambda f: jax.jacrev(jax.jacrev(f)),
-}
-IN_DEFAULT = ("first-order", "forward over forward")
+PAIRED = ("chi", "sigma", "psi", "E", "Y", "v")  # with second derivatives
+MODES = list(itertools.product((jax.jacfwd, jax.jacrev), repeat=2))
 
 
 @pytest.mark.parametrize(
-    ("form", "order"),
+    ("form", "outer", "inner"),
     [
-        pytest.param(form, order, marks=() if (form, order) == IN_DEFAULT else LONG)
+        pytest.param(form, *modes, marks=[LONG] * (form != FORMS[0] or modes != MODES[0]))
         for form in FORMS
-        for order in SECOND
+        for modes in MODES
     ],
 )
-def test_in_properties_of_a_material(form, order):
-    """First and second derivatives through the contact of two equal spheres.
+def test_in_properties_of_a_material(form, outer, inner):
+    """First derivatives through the contact of two equal spheres; second ones along directions.
 
     One Newton step on a frozen root would give first derivatives right and second ones wrong.
     """
     records = of_form("materials", form)
     choices = stacked_inputs(records)
-    theta = jnp.stack([jnp.asarray(choices[name]) for name in PROPERTIES], -1)
+    values = np.stack([choices[name] for name in PROPERTIES])
+    directions = np.concatenate([np.eye(9), np.zeros((21, 9))])  # as many as pairs
+    places = [PROPERTIES.index(name) for name in PAIRED]
+    directions[9:, places] = np.random.default_rng(0).normal(size=(21, 6))
 
-    def outputs(theta):
-        E, nu, rho, Y, R, chi, sigma, psi, v = theta
-        material = sj.Material(E, nu, rho, Y)
-        contact = sj.Contact.between_spheres(material, material, R, R, area=choices["area"])
-        law = sj.Zhou(contact, chi, sigma, psi, form=form, kappa=choices["kappa"])
-        hit = sj.restitution(law, v)
-        found = jnp.stack([hit.coefficient, hit.residual_overlap])
-        return found, found
+    def along(direction):
+        def moved(t):
+            E, nu, rho, Y, R, chi, sigma, psi, v = values * jnp.exp(direction * t)[:, None]
+            material = sj.Material(E, nu, rho, Y)
+            contact = sj.Contact.between_spheres(material, material, R, R, area=choices["area"])
+            law = sj.Zhou(contact, chi, sigma, psi, form=form, kappa=choices["kappa"])
+            hit = sj.restitution(law, v)
+            return jnp.stack([hit.coefficient, hit.residual_overlap])
 
-    def slopes(theta):
-        """With the slopes themselves beside what is differentiated again."""
-        first, value = (jax.jacrev if "reverse" in order.split()[2] else jax.jacfwd)(
-            outputs, has_aux=True
-        )(theta)
-        return first, (first, value)
+        return outer(lambda t: (inner(moved)(t),) * 2, has_aux=True)(0.0)
 
-    outer = jax.jacrev if order.startswith("reverse") else jax.jacfwd
-    second, (first, _) = jax.jit(jax.vmap(outer(slopes, has_aux=True)))(theta)
-    scale = np.stack([np.ones(len(records)), column(records, "peak_overlap")], -1)
-    for i, name in enumerate(PROPERTIES):
-        scaled = np.asarray(first[:, :, i] * theta[:, i : i + 1])
-        exact = [column(records, "log_sensitivities", name, q) for q in ("eps", "residual_overlap")]
-        error = np.abs(scaled - np.transpose(exact)) / scale
-        assert np.all(np.max(error, axis=0) <= [1e-9, 1e-7]), name
-        if name == "R":  # whose radius does not matter to ε
-            assert np.all(np.abs(scaled[:, 0]) <= 1e-13)
-    for pair in records[0]["second"]:
-        i, j = (PROPERTIES.index(name) for name in pair.split(","))
-        scaled = np.asarray(second[:, :, i, j] * (theta[:, i] * theta[:, j])[:, None])
-        exact = [column(records, "second", pair, q) for q in ("eps", "residual_overlap")]
-        assert np.max(np.abs(scaled - np.transpose(exact)) / scale) <= 1e-7, pair
-    assert np.all(theta[:, PROPERTIES.index("R")] == RADIUS)
+    second, first = jax.jit(lambda each: jax.lax.map(along, each))(directions)
+    for k, (name, scale) in enumerate({"eps": 1.0, "residual_overlap": "peak_overlap"}.items()):
+        size = column(records, scale) if k else 1.0
+        slopes = np.array([column(records, "log_sensitivities", p, name) for p in PROPERTIES])
+        off = np.abs(first[:, k] - directions @ slopes) / size
+        assert np.all(off[:9] <= [1e-9, 1e-7][k])
+        curved = directions**2 @ slopes
+        for pair in records[0]["second"]:
+            i, j = (PROPERTIES.index(one) for one in pair.split(","))
+            both = directions[:, i] * directions[:, j] * (1 + (i != j))
+            curved += both[:, None] * column(records, "second", pair, name)
+        assert np.all(np.abs(second[:, k] - curved)[9:] / size <= 1e-6)
+    assert np.all(np.abs(first[PROPERTIES.index("R"), 0]) <= 1e-13)  # ε does not depend on it
+    assert np.all(choices["R"] == RADIUS)
 
 
-@pytest.mark.parametrize(
-    "mode", ["forward over forward", pytest.param("reverse over reverse", marks=LONG)]
-)
-def test_second_derivatives_by_the_equation_of_motion(mode):
+@pytest.mark.parametrize("modes", [MODES[0], pytest.param(MODES[-1], marks=LONG)])
+def test_second_derivatives_by_the_equation_of_motion(modes):
     """Of a spring that unloads the more steeply the deeper: ε = √(k1/(k2 + s v √(k1 M)))."""
     law, v = LAWS["walton-braun"].law, 1.0
 
     def coefficient(v):
         return sj.restitution(law, v, sj.ODE(steps=4, solver="dopri5")).coefficient
 
-    found = jax.jit(SECOND[mode](coefficient))(v)
+    found = jax.jit(modes[0](modes[1](coefficient)))(v)
     steep = law.growth * np.sqrt(law.loading_stiffness * law.contact.mass)
     exact = (
         0.75 * law.loading_stiffness**0.5 * steep**2 / (law.unloading_stiffness + steep * v) ** 2.5
