@@ -1,4 +1,4 @@
-"""A scene in LAMMPS from exported files alone: balls of two materials poured onto a plate of a third."""
+"""A scene in LAMMPS from exported files alone: balls of two materials above a plate of a third."""
 
 import re
 
@@ -8,19 +8,16 @@ import pytest
 import calibration as cal
 import softjax as sj
 from tests.cases import FITTED, MATERIALS
-from tests.export.lammps import build, lammps, needs_lammps
+from tests.export.lammps import SPHERES, build, lammps, needs_lammps
 
 pytestmark = [needs_lammps, pytest.mark.long, pytest.mark.codes]
 BALLS = ("stainless steel", "nylon")  # types 1 and 2
 PLATE = "chrome steel"
 RADII = (0.005, 0.006)
-COUNT, POURED = 10_000, (5_500, 5_000)  # spheres at least, and asked for of each type
-WIDE, HIGH = 0.28, 1.2  # the plate and the box at the start [m]
-TOPS, SPEED = (0.68, 1.18), 1.0  # from where each type is poured [m], and how fast [m/s]
-SOON = 300  # steps: a few contacts, before rounding grows
-BOOK_CLOUD = 'print "RESULT $(ke:%.17g) $(pe+f_floor_one+f_floor_two:%.17g)"'
+WIDE, HIGH = 0.28, 1.2  # the plate and the box [m]
+KEPT = ("ke", "pe", "vcm(all,z)*mass(all)", "f_floor_one[1]+f_floor_two[1]")
+BOOK = f'print "RESULT {" ".join(f"$({name}:%.17g)" for name in KEPT)}"'
 SOME, LID, EACH = 180, 0.12, 4  # spheres and the height of the cloud [m], steps between frames
-GRAVITY = 9.81
 SLOW = 0.05  # ε is held below [m/s]
 
 
@@ -48,7 +45,7 @@ TYPES = {"one_one": (1, 1), "one_two": (1, 2), "two_two": (2, 2)}
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
     """The exported files with their plugin, the input lines, and the time step."""
-    folder = tmp_path_factory.mktemp("pour")
+    folder = tmp_path_factory.mktemp("cloud")
     lines, steps = [], []
     for name, law in LAWS.items():
         made = cal.export(
@@ -75,121 +72,23 @@ def scene(tmp_path_factory):
     return folder, [*lines, f"timestep {min(steps)!r}"], min(steps)
 
 
-def box(high: float) -> list[str]:
-    return [
-        "units si",
-        "atom_style sphere",
-        "atom_modify map array",
-        "boundary p p fm",
-        "newton off",
-        f"region box block 0 {WIDE} 0 {WIDE} 0 {high}",
-        "create_box 2 box",
-    ]
-
-
-MOVES = [
-    "fix move all nve/sphere",
-    f"fix down all gravity {GRAVITY} vector 0 0 -1",
-    *(f"fix_modify {name} energy yes" for name in ("down", "floor_one", "floor_two")),
-    "neighbor 1e-3 bin",
-    "thermo_modify norm no lost error",
-    "compute_modify thermo_temp dynamic/dof yes",
-]
-NUMBERS = (
-    "time",
-    "atoms",
-    "mass(one)",
-    "mass(two)",
-    "ke",
-    "etotal",
-    "f_floor_one[1]+f_floor_two[1]",
-)
-NUMBERS += tuple(f"vcm(all,{axis})*mass(all)" for axis in "xyz")
-BOOK = f'print "RESULT {" ".join(f"$({name}:%.17g)" for name in NUMBERS)}"'
-
-
-def soon(name: str) -> list[str]:
-    """A few steps, and where all spheres are then."""
-    form = 'format line "%d %.17g %.17g %.17g %.17g %.17g %.17g"'
-    return [f"run {SOON}", f"write_dump all custom {name} id x y z vx vy vz modify sort id {form}"]
-
-
-def bed(folder, name: str) -> np.ndarray:
-    """x and v of all spheres, places over the plate in the box, in the order of their IDs."""
-    found = np.loadtxt(folder / name, skiprows=9)[:, 1:]
-    found[:, :2] %= WIDE
-    return found
-
-
-def later(step: float, times: int) -> list[str]:
-    return [f"run {int(0.1 / step)}", BOOK] * times
-
-
-@pytest.fixture(scope="module", params=[1, 2], ids=["one rank", "two ranks"])
-def poured(request, scene):
-    """Ranks, and the balances of a pour: 0.4 s after the spheres appear, and each 0.1 s from there on."""
-    (folder, laws, step), ranks = scene, request.param
-    lines = [*box(HIGH), *laws, *MOVES]
-    for kind, (name, top) in enumerate(zip(("one", "two"), TOPS, strict=True), 1):
-        rho, region = float(MATERIALS[BALLS[kind - 1]].density), f"above{kind}"
-        lines.append(f"region {region} block 0 {WIDE} 0 {WIDE} {top - 0.48} {top}")
-        lines.append(
-            f"fix pour{kind} {name} pour {POURED[kind - 1]} {kind} {4711 + kind} region {region} vol 0.25 500 "
-            f"dens {rho} {rho} vel 0 0 0 0 {-SPEED} diam one {2 * RADII[kind - 1]}"
-        )
-    lines += [f"run {int(0.4 / step)}", BOOK, "unfix pour1", "unfix pour2"]
-    lines += [f"write_restart bed{ranks}.restart", *soon(f"bed{ranks}.dump"), BOOK, *later(step, 5)]
-    return ranks, np.array(lammps(lines, folder, ranks))
-
-
-def balanced(found: np.ndarray) -> None:
-    """Momentum and energy from each time to the next: none is lost but to the plate and to contacts."""
-    time, atoms, one, two, moving, energy, impulse, *momentum = found.T
-    assert np.all(atoms == atoms[0])
-    assert atoms[0] >= COUNT
-    mass = one + two
-    scale = mass[0] * np.sqrt(2 * moving[0] / mass[0])
-    assert np.max(np.abs(np.diff(momentum[:2], axis=1))) < 1e-9 * scale
-    change = np.diff(momentum[2]) - np.diff(impulse) + mass[0] * GRAVITY * np.diff(time)
-    assert np.max(np.abs(change)) < 1e-9 * scale
-    assert np.max(np.abs(np.diff(energy))) < 1e-4 * moving[0]
-
-
-def test_momentum_and_energy_of_a_pour_are_booked(poured):
-    """From the energy that the spheres are poured with, v²/2 + g h of each, on."""
-    _, found = poured
-    balanced(found)
-    _, _, one, two, _, energy, *_ = found.T
-    given = sum(m[0] * (SPEED**2 / 2 + GRAVITY * h) for m, h in zip((one, two), TOPS, strict=True))
-    np.testing.assert_allclose(energy, given, rtol=1e-4)
-
-
-@pytest.mark.parametrize("ranks", [1, 2])
-def test_a_pour_goes_on_from_a_restart(ranks, poured, scene):
-    """As without one, by as many ranks or others: at first sphere by sphere, then in its balances."""
-    (folder, laws, step), (before, found) = scene, poured
-    lines = ["atom_modify map array", "newton off", f"read_restart bed{before}.restart", *laws]
-    lines += [*MOVES, "run 0", BOOK, *soon("again.dump"), BOOK, *later(step, 2)]
-    again = np.array(lammps(lines, folder, ranks))
-    off = np.abs(bed(folder, "again.dump") - bed(folder, f"bed{before}.dump"))
-    off[:, :2] = np.minimum(off[:, :2], WIDE - off[:, :2])
-    assert np.max(off[:, :3]) < 1e-10
-    assert np.max(off[:, 3:]) < 1e-8
-    balanced(again)
-    np.testing.assert_allclose(again[:, 4], found[: len(again), 4], rtol=0.02)
-
-
 @pytest.fixture(scope="module")
 def cloud(scene) -> tuple[np.ndarray, np.ndarray]:
     """180 spheres of both types between the plate and a lid.
 
-    Frames of id, type, x, v, sorted by id; kinetic energy and what contacts have taken at the start and the end.
+    Frames of id, type, x, v, sorted by id; kinetic energy, what contacts have taken, momentum and the impulse of the walls at the start and the end.
     """
     folder, laws, step = scene
     rng = np.random.default_rng(5)
     grid = np.stack(np.meshgrid(*[np.arange(6) * 0.04 + 0.02] * 2, np.arange(5) * 0.02 + 0.01), -1)
     places = grid.reshape(-1, 3) + rng.uniform(-0.003, 0.003, (SOME, 3))
-    lines = box(HIGH)
+    lines = [
+        *SPHERES,
+        "boundary p p fm",
+        "newton off",
+        f"region box block 0 {WIDE} 0 {WIDE} 0 {HIGH}",
+        "create_box 2 box",
+    ]
     for place in places:
         lines.append(f"create_atoms {1 + rng.integers(2)} single {' '.join(map(str, place))}")
     for kind in (1, 2):
@@ -199,15 +98,16 @@ def cloud(scene) -> tuple[np.ndarray, np.ndarray]:
         "velocity all create 1.0 777 dist gaussian",
         "velocity all scale 2.0e19",
         *(line.replace("zplane 0 NULL", f"zplane 0 {LID}") for line in laws),
+        *(f"fix_modify {name} energy yes" for name in ("floor_one", "floor_two")),
         "fix move all nve/sphere",
         "thermo_modify norm no",
         "run 0",
-        BOOK_CLOUD,
+        BOOK,
         "neighbor 1e-3 bin",
         f"dump frames all custom {EACH} cloud.dump id type x y z vx vy vz",
         'dump_modify frames sort id format line "%d %d %.15g %.15g %.15g %.15g %.15g %.15g"',
         f"run {int(0.3 / step)}",
-        BOOK_CLOUD,
+        BOOK,
     ]
     booked = np.array(lammps(lines, folder))
     text = (folder / "cloud.dump").read_text(encoding="utf-8")
@@ -283,6 +183,7 @@ def test_impacts_of_all_pairs_follow_the_law_and_take_its_energy(cloud, scene):
         off = np.abs(restitution - expected)[sample]
         assert np.count_nonzero(sample) >= 3, (name, velocity)
         assert np.max(off) < 0.02, (name, off, velocity[sample])
-    lost, given = -np.diff(booked, axis=0)[0] * (1, -1)
-    assert given == pytest.approx(lost, rel=1e-4)
+    change, given, momentum, impulse = np.diff(booked, axis=0)[0]
+    assert given == pytest.approx(-change, rel=1e-4)
+    assert momentum == pytest.approx(impulse, rel=1e-9)
     assert given == pytest.approx(taken, rel=0.01)
