@@ -7,7 +7,7 @@ import calibration as cal
 import softjax as sj
 from calibration import cli
 from tests.cases import fitted
-from tests.command import write_alloy
+from tests.command import noisy, run, write_alloy
 
 CONSTANT = "curve nylon --law constant"
 SENSITIVITY = "sensitivity nylon"
@@ -84,7 +84,7 @@ REFUSED = {
     f"{SENSITIVITY} --at -1": "--at",
     f"{SENSITIVITY} --points 1": "--points",
     f"{SENSITIVITY} --shots 4": "--shots",
-    f"{SENSITIVITY} --chi 1000 --sigma 50 --from 2 --points 5": "ε = 0 everywhere",
+    f"{SENSITIVITY} --law constant --set restitution=0": "ε = 0 everywhere",
     f"{GLOBAL} --range colour=1:2": "--range",
     f"{GLOBAL} --samples 1000": "samples",
     f"{GLOBAL} --samples 64 {DEAD}": "0 everywhere",
@@ -149,14 +149,65 @@ def test_unusable_command_lines_are_refused(words, files, capsys, at):
     assert list(at.iterdir()) == []
 
 
+FREE = "give --chi X, fix it by a plain number, or read its fit by --fit"
+OF_START = f"alloy.toml:13: chi is free, and its value a start; {FREE}"
+FACTOR = "--set yield_factor=X"
+
+
 @pytest.mark.parametrize(
-    ("settings", "below", "blamed"),
+    ("words", "settings", "below", "blamed"),
     [
-        ("", "restitution = 0.5", "alloy.toml:13: parameter is restitution; it must be of"),
-        ('law = "hertz"\nobjective = "two-step"', "", "alloy.toml:4: objective is"),
-        ('law = "thornton"\nroute = "closed form"', "", "Thornton"),
+        ("fit", "", "restitution = 0.5", "alloy.toml:13: parameter is restitution; it must be of"),
+        ("fit", 'law = "hertz"\nobjective = "two-step"', "", "alloy.toml:4: objective is"),
+        ("fit", 'law = "thornton"\nroute = "closed form"', "", "Thornton"),
+        ("curve", "", "chi = { value = 0.1, bounds = [0.01, 10.0] }", OF_START),
+        (
+            "export --to c",
+            "",
+            "chi = { prior = [0.1, 0.05] }",
+            f"alloy.toml:13: chi is free; {FREE}",
+        ),
+        ("sensitivity", "", "chi = { value = 0.1 }", OF_START),
+        # which has a default: a file that leaves it to a fit does not say so
+        (
+            "curve --law thornton",
+            "",
+            "yield_factor = { value = 1.2 }",
+            f":13: yield_factor is free|{FACTOR}",
+        ),
     ],
 )
-def test_what_a_file_may_not_say_is_refused(settings, below, blamed, capsys, at):
-    check(["fit", str(write_alloy(at, settings, below=below))], blamed, capsys)
+def test_what_a_file_may_not_say_is_refused(words, settings, below, blamed, capsys, at):
+    command, *more = words.split()
+    more += [] if command == "fit" or "thornton" in more else ["--sigma", "1", "--psi", "0.5"]
+    file = str(write_alloy(at, settings, below=below))
+    check([command, file, *more], blamed, capsys)
     assert not (at / "results").exists()
+
+
+@pytest.mark.parametrize(
+    ("below", "more"),
+    [
+        ("chi = { value = 0.1 }", ("--chi", 0.2)),
+        ("chi = 0.2", ()),
+        ("chi = { value = 0.2, free = false }", ()),
+    ],
+)
+def test_a_value_that_is_fixed_or_given_is_taken(below, more, at):
+    words = ("--sigma", 1, "--psi", 0.5, "--from", 2, "--to", 20, "--points", 5, "--format", "npy")
+    assert run("curve", write_alloy(at, below=below), *more, *words, "--out", "results")[0] == 0
+    made = np.load(at / "results/curve.npy")
+    law = sj.Zhou(noisy().contact, 0.2, 1.0, 0.5)
+    expected = sj.restitution(law, made["velocity"]).coefficient
+    np.testing.assert_allclose(made["restitution"], expected, rtol=1e-12)
+
+
+def test_what_another_law_leaves_free_is_no_matter(at):
+    for below, more in (
+        ("yield_factor = { value = 1.2 }", ("--set", "yield_factor=1.2")),
+        ("chi = { value = 0.1 }", ()),
+    ):
+        file = write_alloy(at, below=below)
+        assert (
+            run("curve", file, "--law", "thornton", *more, "--points", 5, "--format", "csv")[0] == 0
+        )
