@@ -6,6 +6,7 @@ An interrupt gives 130, SIGTERM 143, SIGHUP 129. Nothing heavy is imported befor
 
 import argparse
 import errno
+import gc
 import hashlib
 import importlib
 import logging
@@ -91,6 +92,9 @@ def _run(argv: Sequence[str]) -> int:
         name, command, arguments = _parsed(argv)
         if not arguments.quiet:
             console.show_sign(f"softjax {name}: loading")
+        gc.set_threshold(
+            100_000, 20, 20
+        )  # modules and programs stay: looking through them takes a tenth
         # a fit's matrices are small: threads of the linear algebra would wait for each other
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)  # of its own cache

@@ -14,7 +14,7 @@ from calibration.fitting.curves import distinct_impacts, of_each_impact, of_impa
 from calibration.fitting.laws import eq_17
 from calibration.observables import OBSERVABLES, RESTITUTION
 from calibration.plots import style
-from calibration.plots.lines import NO_VALUE, Line
+from calibration.plots.lines import Line
 from calibration.rounding import number
 
 MARKERS = "s^vDoP"  # of residuals
@@ -26,6 +26,13 @@ EQ_17 = "Eq. (17)"
 WIDEST = 0.5  # room for a band above and below its curve, in heights of the curve
 LEAST_SPAN = 0.05  # of ε: a curve's height is at least this for that purpose
 INVISIBLE = 1e-6  # width of a band that is not drawn: data without scatter
+# where a law has no rebound to show; its other flags qualify a value, these say there is none
+NO_VALUE = int(
+    sj.Status.NO_REBOUND
+    | sj.Status.NO_TURNING_POINT
+    | sj.Status.ABOVE_LIMIT_VELOCITY
+    | sj.Status.INVALID_INPUT
+)
 FLAGGED = ~(int(sj.Status.ELASTIC) | int(sj.Status.PLAIN))
 ROOM = 0.5  # room above and below the data in the close-up of laws, relative to their height
 WIDTHS = (3.4, 0.3, 1.2)  # of the first law drawn, how much less of each further one, the least

@@ -13,13 +13,7 @@ from calibration.fitting.curves import curve_and_slopes
 from calibration.plots import style
 from softjax.laws.thornton import thornton_restitution
 
-# where a law has no rebound to show; its other flags qualify a value, these say there is none
-NO_VALUE = int(
-    sj.Status.NO_REBOUND
-    | sj.Status.NO_TURNING_POINT
-    | sj.Status.ABOVE_LIMIT_VELOCITY
-    | sj.Status.INVALID_INPUT
-)
+LEAST = 1e-3  # of ε: less is none
 
 
 class Line(NamedTuple):
@@ -41,45 +35,55 @@ def lines_of(result: Any, with_paper: bool = False) -> dict[str, list[Line]]:
     lines: dict[str, list[Line]] = {}
     for fit in result.materials:
         is_printed = with_paper and fit.name in entries
-        lines[fit.name] = _paper_lines(fit.contact, entries[fit.name]) if is_printed else []
+        lines[fit.name] = _paper_lines(fit, entries[fit.name]) if is_printed else []
         if shared is not None and len(shared.chi) > 2 and fit.name in shared.chi:
-            lines[fit.name].append(_on_line(fit, shared.chi[fit.name].value))
+            moved = replace(fit, values={**fit.values, "chi": shared.chi[fit.name].value})
+            label = r"Zhou, $\tilde\chi$ by Eq. (18) fitted to all"
+            lines[fit.name].append(_line_of(moved, label, style.SKY, "-.", True))
     return lines
 
 
-def law_values(law: sj.ContactLaw, velocity: np.ndarray) -> np.ndarray:
-    """ε of a law, NaN where its status says that it has none."""
-    curve = sj.restitution(law, velocity)
-    none = np.asarray(curve.status) & NO_VALUE != 0
-    return np.where(none, np.nan, np.asarray(curve.coefficient))
-
-
-def _on_line(fit: Any, chi: float) -> Line:
-    """The fitted law with χ̃ = c1 + c2 E/Y of Eq. (18)."""
-    moved = replace(fit, values={**fit.values, "chi": chi})
+def _line_of(fit: Any, label: str, color: str, linestyle: Any, residuals: bool = False) -> Line:
+    """A law of other numbers than the fit's, by the program of the fit's own band: compiled already."""
 
     def value(velocity: np.ndarray) -> np.ndarray:
-        # as the fit's own band: compiled already; 0 stands for no value
-        coefficient = curve_and_slopes(moved, velocity)[0]
-        return np.where((coefficient > 0) & moved.determined(velocity), coefficient, np.nan)
+        coefficient = curve_and_slopes(fit, velocity)[0]
+        return np.where((coefficient > LEAST) & fit.determined(velocity), coefficient, np.nan)
 
-    label = r"Zhou, $\tilde\chi$ by Eq. (18) fitted to all"
-    return Line(label, value, style.SKY, "-.", residuals=True)
+    return Line(label, value, color, linestyle, residuals)
 
 
-def _paper_lines(contact: sj.Contact, entry: paper.TableEntry) -> list[Line]:
+def _paper_lines(fit: Any, entry: paper.TableEntry) -> list[Line]:
     """Curves of Fig. 2: the model as printed, and Thornton's formula."""
-    printed = sj.Zhou(contact, entry.chi, entry.sigma, entry.psi, kappa="printed")
-    as_printed = replace(contact, area="zhou")
-    formula = jax.jit(thornton_restitution, static_argnames="area")
-    thornton = lambda contact, area: lambda v: np.asarray(formula(contact, v, area=area))  # noqa: E731
-    model = r"Zhou, printed $\kappa$ and Table 1's $\tilde\chi$"
+    contact = fit.contact
+    critical = {area: replace(contact, area=area).critical_velocity for area in ("zhou", "hertz")}
+    formula = jax.jit(thornton_restitution)
+    thornton = lambda yields: lambda v: np.asarray(formula(contact, v, yields))  # noqa: E731
     at_paper, at_hertz = (
         rf"Thornton, yield at {where}"
         for where in (r"the paper's $v_\mathrm{cr}$", "Hertz's $V_y$")
     )
-    return [
-        Line(model, lambda v: law_values(printed, v), style.VERMILION, (0, (6, 2))),
-        Line(at_paper, thornton(as_printed, "contact"), style.GREEN, (0, (3, 1, 1, 1))),
-        Line(at_hertz, thornton(contact, "hertz"), style.PURPLE, (0, (1, 1))),
+    lines = [
+        Line(
+            at_paper,
+            thornton((critical["zhou"] / critical["hertz"]) ** 0.4),
+            style.GREEN,
+            (0, (3, 1, 1, 1)),
+        ),
+        Line(at_hertz, thornton(1.0), style.PURPLE, (0, (1, 1))),
     ]
+    if not isinstance(fit.law, sj.Zhou):
+        return lines
+    # κ as printed is that of bodies as much softer, of equal v_cr and χ̃ E/Y
+    printed = replace(fit.law, kappa="printed").plasticity()
+    factor = float(np.sqrt(printed / fit.law.plasticity()))
+    softer = replace(contact, youngs_modulus=contact.youngs_modulus / factor)
+    mass = contact.mass * (softer.critical_velocity / contact.critical_velocity) ** 2
+    values = {"chi": entry.chi * factor, "sigma": entry.sigma, "psi": entry.psi}
+    moved = replace(
+        fit,
+        data=replace(fit.data, contact=replace(softer, mass=mass)),
+        values=fit.values | values,
+    )
+    label = r"Zhou, printed $\kappa$ and Table 1's $\tilde\chi$"
+    return [_line_of(moved, label, style.VERMILION, (0, (6, 2))), *lines]
