@@ -12,7 +12,6 @@ from scipy.optimize import least_squares
 
 import calibration as cal
 import softjax as sj
-from tests.golden.cases import Learned
 
 QUICK = {"profiles": False, "starts": 4}
 NYLON = sj.Contact.between_spheres(sj.NYLON, sj.NYLON, 0.0127, 0.0127)
@@ -36,26 +35,28 @@ def sticking(seed):
     return cal.RestitutionData(velocity, measured, NYLON, uncertainty=0.01), exact
 
 
+def density_of_truth(measured, exact):
+    return -0.5 * np.sum(((exact - measured.restitution) / 0.01) ** 2 + np.log(2e-4 * np.pi))
+
+
 def test_the_likelihood_of_impacts_that_stick_is_of_the_law_s_own_restitution():
     """A root continued below zero makes ln L less by thousands, and predictions negative."""
     measured, exact = sticking(0)
     assert np.sum(exact == 0) >= 8
     problem = cal.problem(measured)
-    expected = -0.5 * np.sum(((exact - measured.restitution) / 0.01) ** 2 + np.log(2e-4 * np.pi))
     told, density = jax.jit(lambda x: (problem.predict(x)[0], problem.log_likelihood(x)))(STICKS)
     np.testing.assert_allclose(told, exact, rtol=0, atol=1e-12)
-    assert float(density) == pytest.approx(expected, rel=1e-10)
+    assert float(density) == pytest.approx(density_of_truth(measured, exact), rel=1e-10)
 
 
 def test_a_fit_to_impacts_that_stick_finds_the_truth_and_its_way_back():
     """At χ̃ = 20 most impacts stick that were seen to rebound: the law's own ε has no slope there."""
-    measured, _ = sticking(3)
+    measured, exact = sticking(3)
     result = cal.fit(measured, **QUICK)
     assert result.converged
     low, high = result.intervals["chi"]
     assert low < 0.6 < high < low + 0.1
-    density = cal.problem(measured).log_likelihood(STICKS)
-    assert result.log_likelihood >= float(density) - 1e-6
+    assert result.log_likelihood >= density_of_truth(measured, exact) - 1e-6
     assert np.all(result.band(measured.velocity).coefficient >= 0)
     lost = STICKS | {"chi": cal.Parameter(20.0)}
     result = cal.fit(sticking(0)[0], None, lost, starts=1, profiles=False)
@@ -114,13 +115,9 @@ JUMPS = {"chi": 0.1, "sigma": 0.4355, "psi": 0.5414, STRENGTH: 1.0}  # the last 
 SOFT = replace(NYLON, yield_strength=float(NYLON.youngs_modulus) / 9.9)
 
 
-@jax.jit
 def soft_curve(values, velocity):
-    pair = replace(SOFT, yield_strength=values[3] * SOFT.yield_strength)
-    return sj.restitution(sj.Zhou(pair, *values[:3]), velocity).coefficient
-
-
-slopes = jax.jit(jax.jacfwd(soft_curve))
+    pair = replace(SOFT, yield_strength=float(values[3] * SOFT.yield_strength))
+    return curve(sj.Zhou(pair, *map(float, values[:3])), velocity)
 
 
 def across_yield(seed):
@@ -128,7 +125,7 @@ def across_yield(seed):
     random = np.random.default_rng(seed)
     spread = np.geomspace(0.4, 2.5, 26) * np.exp(0.02 * random.standard_normal(26))
     velocity = np.sort(spread) * float(SOFT.critical_velocity)
-    exact = np.asarray(soft_curve(np.array([*JUMPS.values()]), velocity))
+    exact = soft_curve([*JUMPS.values()], velocity)
     measured = exact + 0.004 * random.standard_normal(26)
     return cal.RestitutionData(velocity, measured, SOFT, uncertainty=0.004)
 
@@ -145,7 +142,7 @@ def fitted_across(seed, **options):
 
 
 def off_by(data, values):
-    return (np.asarray(soft_curve(np.array(values), data.velocity)) - data.restitution) / 0.004
+    return (soft_curve(values, data.velocity) - data.restitution) / 0.004
 
 
 def chi_squared(data, values):
@@ -158,14 +155,10 @@ def by_brute_force(data, near=0.5):
     ends = np.log(np.array([near, *jumps[(jumps > near) & (jumps < 1 / near)], 1 / near]))
     lowest = np.inf
     for low, high in zip(ends[:-1] + 1e-9, ends[1:] - 1e-9, strict=True):
-
-        def per(z):
-            return np.asarray(slopes(np.exp(z), data.velocity)) * np.exp(z) / 0.004
-
         start = np.append(np.log([*JUMPS.values()][:3]), 0.5 * (low + high))
         wide = np.array([6.0, 4.0, 3.0])
         bounds = (np.append(start[:3] - wide, low), np.append(start[:3] + wide, high))
-        found = least_squares(lambda z: off_by(data, np.exp(z)), start, per, bounds)
+        found = least_squares(lambda z: off_by(data, np.exp(z)), start, bounds=bounds)
         lowest = min(lowest, 2 * found.cost)
     return lowest
 
@@ -247,7 +240,6 @@ def wave(seed, scattered=False, **options):
 def test_a_lowest_minimum_far_from_the_start_is_found_or_doubted():
     """None of these by 32 starts around the first; an end that one search alone found and that misses."""
     assert wave(2)[0] < 1e-6
-    assert wave(5)[0] < 1e-6
     assert wave(2, starts=1)[0] > 100
     assert wave(0)[1] is False
     assert wave(2, scattered=True)[1] is True
@@ -258,22 +250,31 @@ def test_the_lowest_minimum_is_found_in_12_sets():
     assert all(wave(seed)[0] <= 1e-6 for seed in range(12))
 
 
+class Learned(sj.HardSphereLaw):
+    """1 - ε² is a network's function of ln v, softly positive."""
+
+    network: eqx.nn.MLP = sj.array_field()
+
+    def restitution_squared(self, velocity):
+        inputs = jnp.log(jnp.reshape(velocity, (-1, 1)))
+        lost = jax.nn.softplus(jax.vmap(self.network)(inputs))
+        return 1 - jnp.reshape(lost, jnp.shape(velocity))
+
+
 def test_a_network_follows_the_curve_and_its_predictions_have_errors():
-    """Zhou's law has an rms of 0.015; ε² = 2.5/(p + 1) is told by hand from the fitted weights."""
+    """Zhou's law has an rms of 0.015; ε by hand from the fitted weights."""
     made = eqx.nn.MLP(1, 1, 6, 1, activation=jnp.tanh, key=jax.random.key(0))
     made = jax.tree.map(lambda leaf: leaf.astype(float) if eqx.is_array(leaf) else leaf, made)
     said = {"network": cal.Parameter(made)}
     data = cal.paper_materials()[0]
     result = cal.fit(data, Learned, said, profiles=False, starts=1, max_steps=60)
     assert result.rms < 0.002
-    hit = sj.restitution(result.law, data.velocity)
-    size = np.log(np.asarray(hit.peak_overlap) / float(result.law.contact.critical_overlap))
     first, second = result.law.network.layers
-    hidden = np.tanh(np.outer(size, np.asarray(first.weight)[:, 0]) + np.asarray(first.bias))
-    power = 1.5 + np.logaddexp(0, hidden @ np.asarray(second.weight)[0] + np.asarray(second.bias))
-    np.testing.assert_allclose(np.asarray(hit.coefficient) ** 2, 2.5 / (power + 1), rtol=1e-9)
-    misfit = np.asarray(hit.coefficient) - data.restitution
-    assert np.sqrt(np.mean(misfit**2)) == pytest.approx(result.rms, rel=1e-9)
+    hidden = np.outer(np.log(data.velocity), np.asarray(first.weight)[:, 0])
+    lost = np.tanh(hidden + np.asarray(first.bias)) @ np.asarray(second.weight)[0]
+    exact = np.sqrt(1 - np.logaddexp(0, lost + np.asarray(second.bias)))
+    np.testing.assert_allclose(curve(result.law, data.velocity), exact, rtol=1e-9)
+    assert np.sqrt(np.mean((exact - data.restitution) ** 2)) == pytest.approx(result.rms, rel=1e-9)
     assert "19 numbers of network" in str(result)
     assert not result.standard_errors
     band = result.band(data.velocity)
