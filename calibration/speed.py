@@ -124,7 +124,8 @@ def methods(scene: Scene, quick: bool) -> Iterator[Callable[[], Method]]:
     more = () if quick else (sj.ODE(rtol=1e-8), *steps, sj.ODE(rtol=1e-12))
     for route in (sj.ODE(solver="dopri5", steps=2), sj.EnergyBalance(), *more):
         yield partial(by_route, scene, route, BATCH, gradient=not quick)
-    yield partial(by_route, scene, sj.EnergyBalance(), LARGE, gradient=not quick)
+    if not quick:
+        yield partial(by_route, scene, sj.EnergyBalance(), LARGE, gradient=True)
     yield partial(by_route, scene, sj.EnergyBalance(), LARGE, overlaps=False)
 
 

@@ -17,7 +17,7 @@ from calibration import cli
 from tests.command import noisy, run, write_alloy
 from tests.shown.capture import drawn
 
-WB = {"law": "walton-braun"}
+WB = {"law": "walton-braun", "starts": 2, "profiles": False}
 ZHOU = {"law": "zhou", "route": "energy balance", "starts": 2, "profiles": False}
 TWO_STEP = ZHOU | {"objective": "two-step"}
 EB = sj.EnergyBalance()
@@ -91,10 +91,8 @@ CASES = {
     "form and kappa": Case({"form": "full", "kappa": "printed"}, curve, ZHOU),
     "starts": Case({"starts": 3}, search("starts")),
     "max_steps": Case({"max_steps": 1}, search("iterations"), WB | {"starts": 1}),
-    "confidence": Case(
-        {"confidence": 0.8}, lambda fit: fit.intervals["growth"], WB | {"profiles": False}
-    ),
-    "profiles": Case({"profiles": False}, lambda fit: len(fit.profiles)),
+    "confidence": Case({"confidence": 0.8}, lambda fit: fit.intervals["growth"]),
+    "profiles": Case({"profiles": False}, lambda fit: len(fit.profiles), {"law": "walton-braun"}),
     "extra_scatter": Case({"extra_scatter": True}, lambda fit: set(fit.material().variances)),
     "scale_uncertainty": Case(
         {"scale_uncertainty": True}, lambda fit: fit.standard_errors["growth"]
@@ -159,7 +157,7 @@ def test_the_route_and_its_tolerance_are_those_that_are_set(tmp_path):
 
 
 def test_the_command_line_wins_over_the_file_and_a_law_takes_its_own_options(tmp_path):
-    result = fitted(tmp_path, ["--seed", "4"], WB | {"seed": 3, "starts": 2})
+    result = fitted(tmp_path, ["--seed", "4"], WB | {"seed": 3})
     assert result.settings["seed"] == 4
     of_another = fitted(tmp_path, ["--law", "constant"], {"law": "zhou", "form": "full"})
     assert "form" not in of_another.settings
@@ -178,12 +176,11 @@ SAID = {
 
 
 def test_what_the_file_says_of_a_parameter_acts(tmp_path):
-    settings = WB | {"profiles": False}
-    plain = in_python(settings).estimates["growth"]
+    plain = in_python(WB).estimates["growth"]
     assert plain.value < 550
     for line, parameter in SAID.items():
-        result = fitted(tmp_path, settings=settings, below=line)
-        assert result == in_python(settings, {"growth": parameter}), line
+        result = fitted(tmp_path, settings=WB, below=line)
+        assert result == in_python(WB, {"growth": parameter}), line
         found = result.estimates["growth"]
         if "400" in line:
             assert (found.value, found.free) == (400, False)

@@ -63,10 +63,10 @@ def needed(name: str) -> Any:
 
 def check_possible(objective: str | None) -> None:
     """Refuse what was no likelihood, or cannot be sampled without the extra."""
-    for package in ("blackjax", "arviz"):
-        needed(package)
     if objective == "two-step":
         raise DataError("objective", "two-step", "model for a posterior: it has a likelihood")
+    for package in ("blackjax", "arviz"):
+        needed(package)
 
 
 def sampled(
