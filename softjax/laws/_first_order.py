@@ -19,7 +19,7 @@ from jaxtyping import Array
 
 from softjax.fields import Flags, Numbers
 from softjax.laws.reduced import ReducedClosedForm
-from softjax.numerics.powers import guessed_power, rough_power, safe_sqrt
+from softjax.numerics.powers import guessed_power, safe_sqrt
 from softjax.numerics.roots import implicit_root, third_order_root
 
 # Enough for 200 000 impacts at 1 - y/y_max from 1e-16 to 1e-1, the hardest: rounding error is left.
@@ -67,9 +67,14 @@ class FirstOrder(PlasticCore):
 
     def peak(self, y: Numbers) -> Numbers:
         """x_m of W_L(x_m) = (2/5) y², Eq. (10)."""
-        # any scale will do, so this one needs neither a derivative nor the last digits of y^{2/5}
-        scale = lax.stop_gradient(rough_power(y, 0.4))
-        start = lax.stop_gradient(self._peak_start(scale))
+        # Any scale near y^{2/5} will do, without a derivative; but it must be one number: of a scale
+        # that is computed twice, each time rounded another way, x_m is as far off as the two are apart.
+        short = lax.stop_gradient(jnp.clip(y, 1e-37, 1e37)).astype(jnp.float32)
+        guess = guessed_power(short, 0.4)
+        off = jnp.square(short / guess**2) / guess - 1  # y²/guess⁵ - 1
+        nearer = 1 + off / (5 + 2 * off)  # one step of Halley's method
+        start = lax.stop_gradient(self._peak_start(guess * nearer) * nearer).astype(y.dtype)
+        scale = guess.astype(y.dtype)
         per_scale = 1 / scale
         return jnp.square(scale * _peak_ratio(y, per_scale, self.d * scale**2, start))
 
@@ -77,7 +82,7 @@ class FirstOrder(PlasticCore):
         """n between 1 and the one of y_max, as large contacts (i -> 0) have it: error below 0.04."""
         per_largest = self.largest_velocity() ** -0.4
         top = _end(self.d) * per_largest - 1
-        scale, per_largest, top = (x.astype(jnp.float32) for x in (scale, per_largest, top))
+        per_largest, top = (x.astype(jnp.float32) for x in (per_largest, top))
         # (y/y_max)^{4/5}, from which on the way to the last turning point is a square root
         h = jnp.sqrt(jnp.maximum(1 - (scale * per_largest) ** 2, 0.0))
         return 1 + top * (1 - h) * (1 - 0.52 * h)
