@@ -53,6 +53,7 @@ ONE_THREAD = (
 # batches of the energy balance twice the time to run. Where few impacts are computed it pays.
 # LLVM's first level of optimisation takes another sixth of it off and costs a few percent at most.
 QUICK = (("xla_cpu_use_fusion_emitters", False), ("xla_backend_optimization_level", 1))
+SOONEST = (*QUICK, ("xla_backend_optimization_level", 0))  # half that time, for few impacts
 KEPT = 32  # compiled functions, those that were used last
 # Rows of impacts within a program: how many at a time.
 BY_REVERSE = 64  # impacts, each with all nodes of a quadrature, stay in the cache

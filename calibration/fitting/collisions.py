@@ -22,7 +22,7 @@ import softjax as sj
 from calibration.errors import DataError
 from calibration.fitting.laws import CONTACT_LEAVES, OF_CONTACT, LawModel
 from calibration.observables import RESTITUTION, predicted
-from softjax.batching import QUICK, accepted
+from softjax.batching import QUICK, SOONEST, accepted
 from softjax.fields import whole_fields
 
 PROBES = 3  # places at which it is looked which leaves move
@@ -247,7 +247,7 @@ def expand(
             for k, leaf in enumerate(leaves)
         ]
         held = None if elastic is None else _filled(elastic[rows], size)
-        block = _compiled(size == LARGE)
+        block = _compiled(size, isinstance(route, sj.ODE))
         at = _filled(velocity[rows], size)
         begun.append(block(some, at, held, shape, moving, route, observable))
         filled.append(rows.stop - rows.start)
@@ -325,14 +325,10 @@ def _block(
 
 
 @cache
-def _compiled(is_large: bool):
-    """`_block`, compiled sooner where it is of few impacts.
-
-    Not without any optimisation: a starting value in float32 is then computed twice, by routines that differ
-    in its last digit, and one impact in a hundred is 3e-7 off.
-    """
-    options = accepted(() if is_large else QUICK)
-    return jax.jit(_block, static_argnums=(3, 4, 5, 6), compiler_options=options)
+def _compiled(size: int, by_time: bool):
+    """`_block`, compiled the sooner the fewer impacts it is of."""
+    options = {SMALL: QUICK if by_time else SOONEST, LARGE: ()}.get(size, QUICK)
+    return jax.jit(_block, static_argnums=(3, 4, 5, 6), compiler_options=accepted(options))
 
 
 def _seeds(chosen):

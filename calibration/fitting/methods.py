@@ -11,13 +11,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from softjax.batching import QUICK, accepted
+from softjax.batching import SOONEST, accepted
 
 ADAM_STEPS = 200
 TINY = 1e-150  # a column so short that its square underflows is none
 SEEN = 1e-10  # singular values, columns scaled to one, below which a direction is not seen
 SILENT = 1e-9  # a column of the Jacobian so small against the residuals acts on nothing
-SOONEST = (*QUICK, ("xla_backend_optimization_level", 0))  # a quarter of the time to compile
 
 Fits = Bool[np.ndarray, "fits"]
 Numbers = Float[np.ndarray, "fits"]
