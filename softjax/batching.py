@@ -53,7 +53,7 @@ ONE_THREAD = (
 # batches of the energy balance twice the time to run. Where few impacts are computed it pays.
 # LLVM's first level of optimisation takes another sixth of it off and costs a few percent at most.
 QUICK = (("xla_cpu_use_fusion_emitters", False), ("xla_backend_optimization_level", 1))
-SOONEST = (*QUICK, ("xla_backend_optimization_level", 0))  # half that time, for few impacts
+SOONEST = (QUICK[0], ("xla_backend_optimization_level", 0))  # half that time, for few impacts
 KEPT = 32  # compiled functions, those that were used last
 # Rows of impacts within a program: how many at a time.
 BY_REVERSE = 64  # impacts, each with all nodes of a quadrature, stay in the cache
@@ -134,7 +134,7 @@ def batched(function: Callable, parameters, velocity, *settings, cut: bool = Tru
     else:
         size = _size(max(count, LEAST))
         padded = [_padded(leaf, size) if m else leaf for leaf, m in zip(flat, many, strict=True)]
-        compiled = _quick() if size <= SOON else _compiled
+        compiled = _quick(size <= FINE) if size <= SOON else _compiled
         results = compiled(program, *jax.device_put(padded, home))
         if shape == (size,):
             return results
@@ -148,10 +148,11 @@ def _size(count: int) -> int:
     return -(-count // step) * step
 
 
-@lru_cache(maxsize=1)
-def _quick() -> Callable:
+@lru_cache(maxsize=2)
+def _quick(few: bool) -> Callable:
     """`_compiled`, compiled sooner to run slower."""
-    return jax.jit(_computed, static_argnums=0, compiler_options=accepted(QUICK))
+    options = accepted(SOONEST if few else QUICK)
+    return jax.jit(_computed, static_argnums=0, compiler_options=options)
 
 
 def _on_cpu(home=None) -> bool:

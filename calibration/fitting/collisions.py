@@ -247,7 +247,8 @@ def expand(
             for k, leaf in enumerate(leaves)
         ]
         held = None if elastic is None else _filled(elastic[rows], size)
-        block = _compiled(size, isinstance(route, sj.ODE))
+        by_time = isinstance(route, sj.ODE)
+        block = _compiled(size, by_time or any(shape.whole[k] for k in moving))
         at = _filled(velocity[rows], size)
         begun.append(block(some, at, held, shape, moving, route, observable))
         filled.append(rows.stop - rows.start)
@@ -325,9 +326,9 @@ def _block(
 
 
 @cache
-def _compiled(size: int, by_time: bool):
-    """`_block`, compiled the sooner the fewer impacts it is of."""
-    options = {SMALL: QUICK if by_time else SOONEST, LARGE: ()}.get(size, QUICK)
+def _compiled(size: int, long: bool):
+    """`_block`, compiled the sooner the less there is to compute."""
+    options = {SMALL: QUICK if long else SOONEST, LARGE: ()}.get(size, QUICK)
     return jax.jit(_block, static_argnums=(3, 4, 5, 6), compiler_options=accepted(options))
 
 

@@ -71,9 +71,10 @@ class FirstOrder(PlasticCore):
         # that is computed twice, each time rounded another way, x_m is as far off as the two are apart.
         short = lax.stop_gradient(jnp.clip(y, 1e-37, 1e37)).astype(jnp.float32)
         guess = guessed_power(short, 0.4)
-        off = jnp.square(short / guess**2) / guess - 1  # y²/guess⁵ - 1
-        nearer = 1 + off / (5 + 2 * off)  # one step of Halley's method
-        start = lax.stop_gradient(self._peak_start(guess * nearer) * nearer).astype(y.dtype)
+        per_guess = 1 / guess
+        off = jnp.square(short * per_guess**2) * per_guess - 1  # y²/guess⁵ - 1
+        nearer = 1 + off * (0.2 - 0.08 * off)
+        start = lax.stop_gradient(self._peak_start(guess * nearer) * nearer)
         scale = guess.astype(y.dtype)
         per_scale = 1 / scale
         return jnp.square(scale * _peak_ratio(y, per_scale, self.d * scale**2, start))

@@ -5,6 +5,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import jax
+import numpy as np
+
+import softjax as sj
+from softjax.batching import accepted
+from tests.cases import fitted
+
 SCRIPT = """
 import jax, numpy as np
 real, given = jax.jit, []
@@ -35,7 +42,7 @@ REFUSED = SCRIPT.format(
 REFUSED += """
 for _ in range(2):
     assert np.isfinite(sj.restitution(law, 1.0).coefficient)
-    assert given[-1] == {"xla_backend_optimization_level": 1}, given  # of the program itself
+    assert given[-1] == {"xla_backend_optimization_level": 0}, given  # of the program itself
 assert len(given) == 4, given  # both, each, and the program
 """
 
@@ -55,3 +62,16 @@ def test_an_error_that_is_no_refusal_of_an_option_is_raised_and_forgotten():
 
 def test_an_option_that_the_compiler_refuses_is_left_out_from_then_on():
     run(REFUSED)
+
+
+def test_values_do_not_depend_on_how_they_are_compiled():
+    """Unoptimised, x_m was 3e-7 off in one impact of a hundred: its scale was computed in two ways."""
+    law, velocity = fitted("nylon"), np.linspace(1.0, 66.8, 20_000)
+
+    def epsilon(law, velocity):
+        return sj.restitution(law, velocity).coefficient
+
+    options = {"xla_backend_optimization_level": 0}
+    options |= accepted((("xla_cpu_use_fusion_emitters", False),))
+    simply = jax.jit(epsilon, compiler_options=options)(law, velocity)
+    np.testing.assert_allclose(simply, epsilon(law, velocity), rtol=1e-13)
