@@ -135,8 +135,9 @@ def by_route(
     """A route as a user calls it without `jit`: all fields of the result, not only ε_p."""
     law, family, setting = scene.law_of(*scene.theta), route.name, EXACT[not overlaps]
     if isinstance(route, sj.ODE):
-        fixed = route.rtol is None and route.steps
-        steps = f"{route.steps} steps" if fixed else f"rtol {route.tolerance:.0e}"
+        steps = f"rtol {route.tolerance:.0e}"
+        if route.steps:
+            steps = f"{route.steps} steps" if route.steps > 1 else "1 step"
         family, setting = "ODE", f"{route.solver}, {steps}"
 
     def coefficient(theta, velocity):

@@ -147,9 +147,14 @@ def test_a_thousand_refits(benchmark, result, told, way):
 
 def write(rows, share, own_refits, scipys_refits) -> None:
     lines = [f"| {' | '.join(HEADS)} |", "|" + "---|" * len(HEADS)]
-    for method, setting, batch, each, error, gradient in rows:
-        slope = "" if math.isnan(gradient) else f"{gradient:.2g}"
-        cells = (method, setting, f"{batch:,}", f"{each:.2g}", f"{error:.0e}", slope)
+    methods = list(dict.fromkeys(row[0] for row in sorted(rows, key=lambda row: row[4])))
+    rows = sorted(rows, key=lambda row: (methods.index(row[0]), row[2], -row[4]))
+    for method, setting, batch, *numbers in rows:
+        setting = setting.replace("e-0", "e-")
+        each, error, slope = numbers
+        slope = "" if math.isnan(slope) else f"{slope:.2g}"
+        each = f"{each:.2g}" if each < 100 else f"{each:.0f}"
+        cells = (method, setting, f"{batch:,}", each, f"{error:.0e}".replace("e-0", "e-"), slope)
         lines.append(f"| {' | '.join(cells)} |")
     refits = (
         f"A thousand refits of a bootstrap, 30 points and three parameters each, take "
