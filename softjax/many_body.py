@@ -107,6 +107,7 @@ def damped_force(
     return jnp.where(pushes, jnp.maximum(force + damping, 0.0), force)
 
 
+@jax.jit
 def held_fraction(restitution: Numbers) -> Numbers:
     """The fraction ξ of critical damping with which a contact at rest at its peak returns ε of its speed.
 

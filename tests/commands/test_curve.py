@@ -115,10 +115,9 @@ LAWS = {
     "--set chi=0.3": zhou(chi=0.3),
     "--sigma 0.1": zhou(sigma=0.1),
     "--psi 0.9": zhou(psi=0.9),
-    "--form full": zhou(form="full"),
     "--kappa printed": zhou(kappa="printed", chi=0.016),
     "--kappa printed --chi 0.21998": zhou(kappa="printed"),
-    "--area hertz --chi 0.3": zhou("hertz", chi=0.3),
+    "--area hertz --form full --chi 0.3": zhou("hertz", chi=0.3, form="full"),
     "--law constant --set restitution=0.75": sj.ConstantRestitution(None, 0.75),
     "--law hertz": sj.Hertz(pair("nylon")),
     "--law thornton --set yield_factor=2.5 --set area=contact": sj.Thornton(
