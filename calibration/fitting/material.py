@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 import jax
 import numpy as np
+from scipy import special
 
 import softjax as sj
 from calibration.data import RestitutionData
@@ -218,8 +219,6 @@ class MaterialFit(Goodness):
         """Probability of a χ² at least as large, if the law and the stated uncertainties are right."""
         if self.reduced_chi_squared is None:
             return None
-        from scipy import special
-
         left = self.residual_degrees
         return float(special.chdtrc(left, left * self.reduced_chi_squared))
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import jax
 import numpy as np
+from scipy.linalg import block_diag
 
 import softjax as sj
 from calibration.console import progress_of
@@ -512,8 +513,6 @@ def _fitted(request: Request, tell: Progress) -> FitResult:
 
 def _covariances(fits: list[ComponentFit]):
     """Covariance of all free parameters in physical units, D C D with D = ∂θ/∂z; zero between components."""
-    from scipy.linalg import block_diag
-
     names = tuple(e.label for one in fits for e in one.component.elements)
     both = block_diag(*(np.outer(one.slope, one.slope) for one in fits))
     known = np.concatenate([one.uncertainty.known for one in fits])

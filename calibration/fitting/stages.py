@@ -8,6 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Float
+from scipy import special
 
 import softjax as sj
 from calibration.fitting.branches import Branches, by_branches, held_at
@@ -347,8 +348,6 @@ def _as_low(first: Found, second: Found) -> bool:
 
 def _misses(problem: Problem, end: Found) -> bool:
     """Whether noise does not explain how far points are off: by its size, else by runs of one sign."""
-    from scipy import special
-
     residual = problem.linearise(end.z, slopes=False).residual[0]
     left = len(residual) - len(problem.active)
     if left < 1:

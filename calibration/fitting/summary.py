@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from scipy import special
 
 import softjax as sj
 from calibration.data import RestitutionData
@@ -176,8 +177,6 @@ def _group_offsets(first: Problem, k: int, carried: Carried, off) -> dict[str, t
 
 def _outliers(first: Problem, k: int, carried: Carried, off, leverage) -> tuple[Outlier, ...]:
     """Points beyond `RARE`: the one of n points that noise sends so far once in twenty data sets."""
-    from scipy import special
-
     errors, s, (place, observable, span) = first.errors[k], first.variances[k], first.blocks[k]
     variance = errors.diagonal(s, carried.slope, carried.bend) + np.zeros(len(off))
     spread = np.sqrt(variance).reshape(-1)

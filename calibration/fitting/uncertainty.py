@@ -30,6 +30,8 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy import special
+from scipy.linalg import block_diag
 
 from calibration.fitting.errors import Errors
 from calibration.fitting.methods import TINY
@@ -337,8 +339,6 @@ def _changes(errors: Errors, s, residuals: Residuals, kinds: list[str], white):
 
 def _diagonal(blocks: Sequence[np.ndarray]) -> np.ndarray:
     """Matrices in a row along the diagonal."""
-    from scipy.linalg import block_diag
-
     return block_diag(*blocks) if blocks else np.zeros((0, 0))
 
 
@@ -483,8 +483,6 @@ def _inverse(bread: Matrix, left_out) -> Matrix:
 
 def quantile(confidence: float, degrees: float | np.ndarray | None):
     """Two-sided: Student's t, or the normal one where the noise is known (None, or infinite)."""
-    from scipy import special
-
     at = 0.5 * (1 + confidence)
     if degrees is None:
         return float(special.ndtri(at))

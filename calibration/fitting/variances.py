@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+from scipy import special
 
 from calibration.fitting.errors import Errors
 from calibration.fitting.material import Estimate
@@ -394,8 +395,6 @@ def pooled_estimates(fits: Sequence[Any], confidence: float) -> dict[str, Estima
 
     The limits of a spread are where the restricted likelihood falls by half the χ² quantile.
     """
-    from scipy import special
-
     found = {}
     for problem, z, pool in [
         (f.final.problem, f.z, p) for f in fits for p in f.final.problem.pools

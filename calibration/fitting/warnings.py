@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 from jaxtyping import Float
+from scipy import special
 
 import softjax as sj
 from calibration.data import RestitutionData
@@ -121,8 +122,6 @@ def misfit(reduced: float | None, degrees: float, of_noise: float | None = None)
     Args:
         of_noise: degrees of freedom of the noise itself, None where it is stated.
     """
-    from scipy import special
-
     if reduced is None or degrees < 1 or not np.isfinite(reduced):
         return None
     limit = special.chdtri(degrees, 1 - CONFIDENCE) / degrees
@@ -142,8 +141,6 @@ def far_from_stated(
     Args:
         scale: estimated factor of the stated variances, None without.
     """
-    from scipy import special
-
     stated, n = variances.get("stated", variances.get("repeats", 0.0)), len(standardised)
     size, middle = float(np.median(np.abs(standardised))), special.ndtri(0.75)
     if np.isfinite(noise.dof):  # standardised ones are weighted
@@ -166,8 +163,6 @@ def misfit_against_scatter(n: int, rms: float, left: float, about_eq_17: float) 
 
     Scatter at rounding level is no noise estimate, but then a larger rms is a misfit all the same.
     """
-    from scipy import special
-
     degrees, of_noise = max(left, 1), max(n - 2, 1)
     rms, scatter = rms * np.sqrt(n / degrees), about_eq_17 * np.sqrt(n / of_noise)
     ratio = (rms / max(scatter, 1e-16)) ** 2
@@ -189,8 +184,6 @@ def disagreement(what: str, model: Any, two_step: Any) -> str | None:
 
 def runs(velocity: Column, residual: Column) -> str | None:
     """Wald and Wolfowitz: fewer changes of sign along the velocity than chance makes."""
-    from scipy import special
-
     if np.max(np.abs(residual), initial=0.0) < 1e-12:
         return None  # rounding
     sign = residual[np.argsort(velocity, kind="stable")] > 0
@@ -209,8 +202,6 @@ def runs(velocity: Column, residual: Column) -> str | None:
 
 def unequal_scatter(velocity: Column, restitution: Column, standardised: Column) -> str | None:
     """The size of the residuals goes with the velocity, or with ε: Spearman's rank correlation."""
-    from scipy import special
-
     size = np.abs(standardised)
     if len(size) < 10 or np.ptp(size) < 1e-9:
         return None
@@ -234,8 +225,6 @@ def _ranks(values: Column) -> Column:
 
 def alike_neighbours(velocity: Column, standardised: Column) -> str | None:
     """Residuals of neighbouring rows go together, in a file that is not in the order of velocity."""
-    from scipy import special
-
     n, steps = len(standardised), np.diff(velocity)
     squares = float(np.sum(standardised**2))
     if n < 10 or np.all(steps >= 0) or np.all(steps <= 0) or squares < 1e-18:
@@ -251,8 +240,6 @@ def far_group(offsets: Mapping[str, tuple[float, float]], deviation: float) -> s
 
     Source: Grubbs, Ann. Math. Stat. 21, 27 (1950).
     """
-    from scipy import special
-
     standard, m = standard_offsets(offsets, deviation), len(offsets)
     if m < FEWEST_GROUPS or not len(standard):
         return None
@@ -281,8 +268,6 @@ def off_as_a_whole(standardised: Column, off: float) -> str | None:
     Args:
         off: mean of what is fitted less what was measured.
     """
-    from scipy import special
-
     n = len(standardised)
     if n < FEWEST_GROUPS or not np.ptp(standardised) > 0:
         return None
@@ -300,8 +285,6 @@ def no_velocity_dependence(
 
     Scatter that is not stated is estimated about the line, in turn with the weights of the points.
     """
-    from scipy import special
-
     if np.ptp(velocity) == 0:
         return f"all points have one velocity, {velocity[0]:.4g} m/s"
     left, unit = len(velocity) - 2, 1.0 if uncertainty is None else uncertainty

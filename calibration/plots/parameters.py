@@ -103,13 +103,11 @@ def _smooth(values: np.ndarray, rise: np.ndarray, fine: np.ndarray, logarithmic:
     """A curve through the points: ±√Δχ² is nearly a straight line, and is what is interpolated."""
     if len(values) < 3:
         return values, rise
-    from scipy.interpolate import PchipInterpolator
-
     scale = np.log if logarithmic else np.array
     side = np.where(np.arange(len(values)) < np.argmin(rise), -1.0, 1.0)
-    root = PchipInterpolator(scale(values), side * np.sqrt(np.maximum(rise, 0.0)))
     fine = np.union1d(values, fine)
-    return fine, root(scale(fine)) ** 2
+    root = np.interp(scale(fine), scale(values), side * np.sqrt(np.maximum(rise, 0.0)))
+    return fine, root**2
 
 
 def correlation_figure(result: Any) -> Figure | None:
