@@ -70,7 +70,7 @@ def test_a_reader_that_has_gone_is_no_error():
 
 def test_what_is_not_in_its_place_yet_is_not_written(tmp_path, monkeypatch):
     """Stopped while a picture is drawn, when other files of the report are ready in a folder of their own."""
-    file = write_alloy(tmp_path, 'law = "walton-braun"')
+    file = write_alloy(tmp_path, 'law = "constant"\nprofiles = false')
 
     def save(figure, path, **_):
         assert (Path(path).parent / "fit.json").exists()

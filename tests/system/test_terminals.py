@@ -14,6 +14,7 @@ import pytest
 import calibration as cal
 from calibration import cli
 from tests.command import write_alloy
+from tests.shown.capture import drawn
 
 
 class Screen(io.StringIO):
@@ -36,7 +37,7 @@ def shown(monkeypatch, tmp_path, alloy, columns=None, term="xterm", out=None, er
     if columns is not None:
         monkeypatch.setenv("COLUMNS", str(columns))
     out, error = out or Screen(), error or Screen()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(error):
+    with drawn(), contextlib.redirect_stdout(out), contextlib.redirect_stderr(error):
         code = cli.main(["fit", str(alloy), "--no-cache", "--out", str(tmp_path / "r"), *words])
     assert code == 0
     return out.getvalue(), error.getvalue()
