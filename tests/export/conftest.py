@@ -4,6 +4,7 @@ import pytest
 
 import calibration as cal
 from tests.export.laws import RANGE, STEEL, compiled
+from tests.shown.capture import drawn
 
 
 @pytest.fixture(scope="session")
@@ -16,7 +17,8 @@ def exported(tmp_path_factory):
         if key not in made:
             folder = tmp_path_factory.mktemp("export") / "out"
             told = {"velocity_range": RANGE} | options
-            made[key] = cal.export(source, to, folder, **told), folder
+            with drawn():
+                made[key] = cal.export(source, to, folder, **told), folder
         return made[key]
 
     return export
