@@ -34,6 +34,10 @@ LAW_OR_GROUPS = (
     f"The law misses a trend ({warnings.OTHER_LAWS}), or other points belong together than those of the "
     "groups; intervals are too narrow."
 )
+WITH_PROFILES = (
+    "Fit with profiles, or sample the posterior: this interval, from the standard error, covers less "
+    "than stated."
+)
 AT_ONE = (
     "The data show no loss but the plastic one: eps_up cannot exceed 1; its interval is one-sided."
 )
@@ -76,7 +80,8 @@ def of_component(
         cause = f"the likelihood is skewed in {text}"
         if code == "rank-deficient":
             cause = f"{text} {verb} not show in these data, or only together with another"
-        found_warnings.append(FitWarning(code, cause, owner))  # type: ignore[arg-type]
+        advice = WITH_PROFILES if code == "skewed" and not curves else ""
+        found_warnings.append(FitWarning(code, cause, owner, advice))  # type: ignore[arg-type]
     found_warnings += _collinear(fit, separation)
     for stage in fit.stages:
         name, reason = stage.report.stage, stage.report.reason

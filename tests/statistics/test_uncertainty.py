@@ -139,6 +139,9 @@ def test_an_interval_at_a_bound_knows_as_little_of_the_noise():
     assert "Widen" not in str(warning)
     for profile in result.profiles.values():
         assert 4.8 < profile.threshold < 5.2  # t² at 95 %: 4.96 of 10 degrees, 3.84 of none
+    # χ̃ follows ε_up, which its standard error holds at 1
+    bare = cal.fit(data, starts=4, profiles=False).estimates["chi"]
+    assert (bare.low, bare.high) == (None, None) != result.intervals["chi"]
 
 
 @pytest.mark.parametrize("objective", ["model", "two-step"])
