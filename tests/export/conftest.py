@@ -7,6 +7,13 @@ from tests.export.laws import RANGE, STEEL, compiled
 from tests.shown.capture import drawn
 
 
+@pytest.fixture(scope="module", autouse=True)
+def without_drawing():
+    """To draw the picture takes most of an export's time."""
+    with drawn():
+        yield
+
+
 @pytest.fixture(scope="session")
 def exported(tmp_path_factory):
     """Export steel's law, or another one, over 0.1 to 5 m/s; the Export and its folder."""
@@ -17,8 +24,7 @@ def exported(tmp_path_factory):
         if key not in made:
             folder = tmp_path_factory.mktemp("export") / "out"
             told = {"velocity_range": RANGE} | options
-            with drawn():
-                made[key] = cal.export(source, to, folder, **told), folder
+            made[key] = cal.export(source, to, folder, **told), folder
         return made[key]
 
     return export

@@ -15,16 +15,9 @@ import softjax as sj
 from tests.cases import fitted
 from tests.command import BODIES, run
 from tests.export.laws import compiled, compiler_says, needs_compiler
-from tests.shown.capture import drawn
 
 STEEL = ("stainless-steel", "--range", "0.1:5", "--quiet")
 NYLON = ("--chi", "0.2", "--sigma", "0.4", "--psi", "0.5")
-
-
-@pytest.fixture(autouse=True)
-def without_drawing():
-    with drawn():
-        yield
 
 
 def export(*options) -> None:
