@@ -6,7 +6,6 @@ rounded to 20 digits by tests/oracles/write.py, so that no method is compared wi
 """
 
 import json
-import math
 import os
 import statistics
 import time
@@ -26,8 +25,6 @@ TITLE = "stainless steel, v from 1.5 to 250 critical velocities"
 BATCH, LARGE, FEW = 4096, 1_000_000, 16  # impacts; the last for the slow loops in Python
 EXACT = "exact", "exact, no overlaps"  # the second: ε, ε_p and status alone
 REPEATS, SHORTEST, LONGEST = 9, 0.2, 0.5  # timings; least and largest total time [s]
-SLIGHTLY = 1.1  # factor by which the error of a baseline may exceed the requested one
-NEARLY = 3.0  # errors within this factor count as the requested one
 LEAST = 1e-30  # smallest overlap under a root
 ENDS = 20.0  # longer than any contact, in reduced units
 SCIPY, DIFFRAX = "SciPy loop", "diffrax, events"
@@ -273,12 +270,11 @@ def _median_seconds(function: Callable, velocity: np.ndarray) -> float:
 
 
 def as_text(rows: list[Row]) -> str:
-    """The table, sorted by family, and the ratios of times within this run."""
+    """The table, sorted by family."""
     import pandas as pd
 
     from calibration.report.layout import table_text
 
-    slopes = "gradient_microseconds"
     cells = [
         {
             "method": row["family"],
@@ -287,47 +283,15 @@ def as_text(rows: list[Row]) -> str:
             "µs": f"{row['microseconds']:.3g}",
             "error": f"{row['largest_error']:.0e}",
             "compile s": f"{row['compile_seconds']:.1f}",
-            "µs+grad": "" if row[slopes] is None else f"{row[slopes]:.3g}",
+            "µs+grad": ""
+            if row["gradient_error"] is None
+            else f"{row['gradient_microseconds']:.3g}",
+            "grad error": "" if row["gradient_error"] is None else f"{row['gradient_error']:.0e}",
         }
         for row in sorted(rows, key=lambda row: FAMILIES.index(row["family"]))
     ]
     head = f"{os.cpu_count()} cores; time per collision, largest error of ε_p against exact values"
-    return "\n".join([head, "", table_text(pd.DataFrame(cells)), "", *_ratios(rows)])
-
-
-def _ratios(rows: list[Row]) -> Iterator[str]:
-    for error in (1e-3, 1e-6):
-        ours = [r for r in rows if r["family"] == "ODE" and r["largest_error"] <= error]
-        for baseline in (SCIPY, DIFFRAX):
-            theirs = _time_at([row for row in rows if row["family"] == baseline], error)
-            if ours and theirs is not None:
-                ratio = theirs / min(row["microseconds"] for row in ours)
-                yield f"ODE at error {error:.0e}: {ratio:.3g} times faster than {baseline}"
-    for row in rows:
-        if row["gradient_microseconds"] is not None:
-            ratio = row["gradient_microseconds"] / row["microseconds"]
-            yield (
-                f"{row['family']}, {row['setting']}, batch {row['batch']:,}: value and gradient "
-                f"(3 parameters) {ratio:.2g} times the value, mean error of the gradient "
-                f"{row['gradient_error']:.0e}"
-            )
-
-
-def _time_at(rows: list[Row], error: float) -> float | None:
-    """Microseconds of a baseline at an error, interpolated between its settings as a power law.
-
-    None if it was not measured near that error: a much tighter setting would be unfair.
-    """
-    points = sorted((row["largest_error"], row["microseconds"]) for row in rows)
-    above = [p for p in points if p[0] > SLIGHTLY * error]
-    below = [p for p in points if p[0] <= SLIGHTLY * error]
-    if not below:
-        return None
-    if not above:
-        return min(t for _, t in below) if below[-1][0] > error / NEARLY else None
-    (e1, t1), (e2, t2) = below[-1], above[0]
-    weight = math.log(error / e1) / math.log(e2 / e1)
-    return min(t1, t1 ** (1 - weight) * t2**weight)
+    return "\n".join([head, "", table_text(pd.DataFrame(cells))])
 
 
 def draw(rows: list[Row], ax: Any = None) -> Any:

@@ -92,15 +92,6 @@ def test_speed_is_microseconds_a_collision(ticking, tmp_path):
         assert re.search(r"\s+".join(map(re.escape, [*told, f"{error:.0e}"])), made.out)
         exact = row["family"] == "energy balance"
         assert error < 1e-13 if exact else 1e-14 < error < 0.2
-    for error, ratio, other in re.findall(
-        r"ODE at error (\S+): (\S+) times faster than (.*)", made.out
-    ):
-        best = min(
-            float(r["microseconds"]) for r in ours if float(r["largest_error"]) <= float(error)
-        )
-        theirs = [float(r["microseconds"]) for r in rows if r["family"] == other]
-        assert min(theirs) / best * 0.99 <= float(ratio) <= max(theirs) / best * 1.01
-    assert "times faster" in made.out
     (ax,) = made.figures["speed.png"].axes
     assert ax.get_xlabel() == r"largest error of $\varepsilon_p$ [-]"
     assert ax.get_ylabel() == "time per collision [µs]"
