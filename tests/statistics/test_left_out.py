@@ -153,15 +153,15 @@ def test_a_wrong_law_does_not_tie_where_velocities_have_errors():
 STATED = np.linspace(0.5, 1.5, 24) * NOISE
 # what is stated of the point's set, the options, whether another set without errors is fitted too, a step of ε
 MOVED = {
-    "velocities, bare": ({}, {}, False, 0.01),
-    "velocities": ({"uncertainty": STATED}, {}, False, 0.01),
+    "velocities, bare": ({}, {}, False, 0.02),
+    "velocities": ({"uncertainty": STATED}, {}, False, 0.02),
     "extra scatter": (
         {"uncertainty": STATED, "velocity_uncertainty": None},
         {"extra_scatter": True},
         False,
-        0.012,
+        0.024,
     ),
-    "another set": ({"uncertainty": STATED, "velocity_uncertainty": None}, {}, True, 0.003),
+    "another set": ({"uncertainty": STATED, "velocity_uncertainty": None}, {}, True, 0.006),
 }
 
 
@@ -174,7 +174,7 @@ def test_the_density_of_a_point_does_not_depend_on_it(kind):
     stated, options, is_joint, step = MOVED[kind]
     data, total = replace(imprecise(count=24), errors=None, name="A", **stated), 0.0
     other = replace(imprecise(count=24, seed=9), errors=None, velocity_uncertainty=None, name="B")
-    for value in curve(data.velocity[5], *TRUTH) + step * np.arange(-8, 9):
+    for value in curve(data.velocity[5], *TRUTH) + step * np.arange(-4, 5):
         moved = replace(data, restitution=np.where(np.arange(24) == 5, value, data.restitution))
         sets, said = ([moved, other], SHARED) if is_joint else (moved, None)
         left = cal.fit(sets, Decay, said, **options, **QUICK).leave_one_out()

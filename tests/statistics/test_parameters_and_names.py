@@ -77,15 +77,16 @@ def test_a_prior_on_yield_keeps_what_the_points_above_it_determine():
     ],
 )
 def test_sigma_and_psi_stay_where_yield_may_reach_the_points(told, lowest):
-    result = cal.fit(drops(lowest), "zhou", with_yield(**told), **QUICK)
+    result = cal.fit(drops(lowest), "zhou", with_yield(**told), **QUICK, max_steps=2)
     assert {"sigma", "psi"} <= set(result.covariance_names)
 
 
 def test_a_yield_strength_that_is_fixed_decides_which_points_are_above_it():
     """v_cr goes with Y to the power 2.5: below it χ̃ does not show, above it σ and ψ do not."""
-    above = cal.fit(drops(2), "zhou", {"yield_strength": YIELD}, **QUICK)
+    few = QUICK | {"max_steps": 2}
+    above = cal.fit(drops(2), "zhou", {"yield_strength": YIELD}, **few)
     assert "eps_up" in above.covariance_names
-    below = cal.fit(drops(2), "zhou", {"yield_strength": 20 * YIELD}, **QUICK)
+    below = cal.fit(drops(2), "zhou", {"yield_strength": 20 * YIELD}, **few)
     assert below.covariance_names == ("sigma", "psi")
 
 
