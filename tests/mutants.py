@@ -11,6 +11,7 @@ What nobody noticed is printed with its difference. A change that changes nothin
 
 import argparse
 import compileall
+import gc
 import multiprocessing
 import os
 import py_compile
@@ -141,6 +142,7 @@ def tests_run(copy: Path, tests: list[str], limit: int) -> tuple[int, str]:
 
 def _tests_run(copy: Path, tests: list[str], limit: int, out: int) -> NoReturn:
     code = pytest.ExitCode.INTERNAL_ERROR
+    gc.freeze()  # what the parent has is never collected here, nor its memory copied
     try:
         resource.setrlimit(resource.RLIMIT_CPU, (limit, limit + 5))
         signal.alarm(10 * limit)

@@ -11,8 +11,16 @@ import calibration as cal
 import softjax as sj
 from tests.cases import FITTED, fitted, pair
 from tests.command import BODIES, run
+from tests.shown.capture import drawn
 
 CONSTANT = ["nylon", "--law", "constant", "--set", "restitution=0.75"]
+
+
+@pytest.fixture(autouse=True)
+def without_drawing():
+    """What pictures show is tested elsewhere."""
+    with drawn():
+        yield
 
 
 def curve(*options, error=None) -> str:

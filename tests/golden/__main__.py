@@ -15,6 +15,7 @@ from pathlib import Path
 import softjax as sj
 from tests.golden import errors, files, laws, studies  # noqa: F401  they add their scenarios
 from tests.golden.numbers import SCENARIOS, Numbers, differences, renewed, to_text
+from tests.shown.capture import drawn
 
 RECORDED = Path(__file__).parent / "recorded"
 
@@ -23,7 +24,7 @@ def found(name: str) -> dict:
     """What a scenario finds now."""
     sj.enable_x64()
     numbers = Numbers()
-    with tempfile.TemporaryDirectory(prefix="softjax-golden-") as folder:
+    with drawn(), tempfile.TemporaryDirectory(prefix="softjax-golden-") as folder:
         SCENARIOS[name].run(numbers, Path(folder))
     return json.loads(to_text(numbers.table))
 

@@ -187,7 +187,7 @@ def test_a_change_that_never_ends_is_a_timeout(project):
     (project / "module.py").write_bytes(source)
     (change,) = (c for c in changes_of("module.py", source) if c.after == "while 3 < 3:")
     endless = change._replace(new="4", after="while 3 < 4:")
-    assert tried(project, endless, ["tests/test_module.py"], 2).result == mutants.TIMEOUT
+    assert tried(project, endless, ["tests/test_module.py"], 1).result == mutants.TIMEOUT
 
 
 def test_files_are_dealt_out_by_how_many_tests_they_have():
