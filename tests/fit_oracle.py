@@ -117,13 +117,16 @@ def fit(model, start, restitution, uncertainty=None):
 
 def curvature(residual, at, jacobian):
     """Second derivatives of ½ rᵀ r: JᵀJ + Σ r r″, with r″ by central differences."""
-    steps = 2e-3 * np.diag(np.abs(at) + 1e-12)
-    here, size = residual(at), len(at)
-    bent = np.empty((size, size))
-    for i in range(size):
-        for j in range(i + 1):
-            a, b = steps[i], steps[j]
-            ends = residual(at + a + b) - residual(at + a - b)
-            ends = ends - residual(at - a + b) + residual(at - a - b)
-            bent[i, j] = bent[j, i] = here @ ends / (4 * np.max(a) * np.max(b))
+    here = residual(at)
+    bent = hessian(lambda p: here @ residual(p), at, 2e-3 * (np.abs(at) + 1e-12))
     return jacobian.T @ jacobian + bent
+
+
+def hessian(cost, at, size):
+    """Second derivatives by central differences over steps of these sizes."""
+    found = np.empty((len(at), len(at)))
+    for i, a in enumerate(np.diag(size)):
+        for j, b in enumerate(np.diag(size)[: i + 1]):
+            ends = cost(at + a + b) - cost(at + a - b) - cost(at - a + b) + cost(at - a - b)
+            found[i, j] = found[j, i] = ends / (4 * size[i] * size[j])
+    return found

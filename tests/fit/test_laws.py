@@ -247,13 +247,13 @@ def test_outliers_lose_their_pull_under_student_s_t(size):
     scale = result.materials[0].noise
 
     def cost(x):
-        curve = x[0] * jnp.exp(-x[1] * v)
-        return -jnp.sum(jax.scipy.stats.t.logpdf((curve - data.restitution) / scale, 4))
+        return -np.sum(stats.t.logpdf((decay(v, *x) - data.restitution) / scale, 4))
 
     values = np.array([result.values[n] for n in ("level", "rate")])
     told = {"method": "Nelder-Mead", "options": {"xatol": 1e-10}}
     np.testing.assert_allclose(values, optimize.minimize(cost, values, **told).x, rtol=1e-6)
-    covariance = np.linalg.inv(jax.hessian(cost)(values))
+    errors = np.sqrt(np.diag(result.covariance))
+    covariance = np.linalg.inv(fit_oracle.hessian(cost, values, 0.02 * errors))
     np.testing.assert_allclose(result.covariance, covariance, rtol=1e-3)
     pulled = 0.9 - cal.fit(data, Decay, **QUICK).values["level"]
     assert abs(values[0] - 0.9) < 0.8 * size < pulled
