@@ -210,8 +210,7 @@ CASES = {
         for objective, noise in (("two-step", 0.01), ("model", 0.01), ("model", 0.001))
     },
 }  # fmt: skip
-QUICKLY = {"zhou above yield": 25, "trains, stated": 20, "velocities of 10 %, zhou": 20}
-QUICKLY |= {"extra scatter": 40}
+QUICKLY = {"zhou above yield": 25, "velocities of 10 %, zhou": 20, "extra scatter": 40}
 
 
 def study(name, sets):

@@ -12,6 +12,7 @@ from scipy.optimize import least_squares
 
 import calibration as cal
 import softjax as sj
+from tests import fit_oracle
 
 QUICK = {"profiles": False, "starts": 4}
 NYLON = sj.Contact.between_spheres(sj.NYLON, sj.NYLON, 0.0127, 0.0127)
@@ -29,7 +30,7 @@ STICKS = {"chi": 0.6, "sigma": 16.0, "psi": 0.54}
 def sticking(seed):
     """26 impacts up to 80 times the critical velocity, of which the fastest stick; and the law's ε."""
     velocity = np.geomspace(0.3, 80, 26) * float(NYLON.critical_velocity)
-    exact = curve(sj.Zhou(NYLON, **STICKS), velocity)
+    exact = fit_oracle.curve(velocity, fit_oracle.numbers(NYLON), *STICKS.values())
     noisy = np.maximum(exact + 0.01 * np.random.default_rng(seed).standard_normal(26), 0)
     measured = np.where(exact > 0, noisy, 0)
     return cal.RestitutionData(velocity, measured, NYLON, uncertainty=0.01), exact

@@ -37,8 +37,8 @@ def test_contact_times_alone_tell_what_restitutions_do_not(law, name, truth, pow
 def sized(radii, seed=2):
     """Rebounds of nylon as a viscoelastic law has them, one size or two."""
     random = np.random.default_rng(seed)
-    v = np.tile(np.geomspace(0.2, 3.0, 20), len(radii))
-    radius = np.repeat(radii, 20)
+    v = np.tile(np.geomspace(0.2, 3.0, 12), len(radii))
+    radius = np.repeat(radii, 12)
     contact = sj.Contact.between_spheres(sj.NYLON, sj.NYLON, radius, radius)
     law = sj.ViscoelasticHertz(contact, 2e-6)
     eps = np.asarray(sj.restitution(law, v).coefficient) + 0.003 * random.standard_normal(len(v))
@@ -48,11 +48,11 @@ def sized(radii, seed=2):
 def test_two_sizes_tell_a_viscoelastic_law_from_one_without_the_size():
     """1 - ε ∝ v^(1/5)/R at equal v; of one size Zhou's law, which has no R, follows it as well."""
     laws = ["viscoelastic", "zhou"]
-    one, two = (cal.compare(sized(radii), laws, starts=4) for radii in ([0.008], [0.004, 0.012]))
+    one, two = (cal.compare(sized(radii), laws) for radii in ([0.008], [0.004, 0.012]))
     label = next(name for name in two.ranking if name.startswith("Zhou"))
     assert two.ranking[1] == label
     assert -one.entry(label).delta_elpd.value < 10
-    assert -two.entry(label).delta_elpd.value > 1000
+    assert -two.entry(label).delta_elpd.value > 500
 
 
 def test_what_contact_times_say_of_the_modulus_is_told(tmp_path):

@@ -70,7 +70,7 @@ def damped_own_law(numbers, folder):
     record_fit(numbers, cal.fit(falling(), Rubbing, viscosity, **QUICK))
 
 
-@scenario()
+@scenario(long=True)
 def own_laws(numbers, folder):
     """A law by two forces, and one with a parameter of the contact."""
     start = {"length": cal.Parameter(1e-3, bounds=(1e-6, 1.0))}

@@ -8,10 +8,9 @@ from scipy import optimize, stats
 
 import calibration as cal
 import softjax as sj
-from tests import fit_oracle
 from tests.decay import Decay
 from tests.decay import decay as curve
-from tests.fit_data import TRUTH, twin
+from tests.fit_data import twin
 
 N = 20
 V = np.linspace(0.5, 8.0, N)
@@ -245,25 +244,6 @@ def test_simulated_measurements_take_the_place_of_the_measured_ones():
     expected = np.sum(stats.norm.logpdf(errors * STATED, 0, STATED))
     found = problem.log_likelihood(ABOUT, problem.simulated(ABOUT, errors))
     assert float(found) == pytest.approx(expected, rel=1e-12)
-
-
-def test_zhou_s_likelihood_is_the_normal_density_about_scipy_s_curve():
-    name = "nylon"
-    _, chi, sigma, psi, _ = TRUTH[name]
-    data = twin(name, noise=0.01)
-    problem = cal.problem(data)
-    assert problem.names == ("chi", "sigma", "psi")
-    assert problem.noises == ("noise",)
-    theta = {"chi": 1.1 * chi, "sigma": 0.8 * sigma, "psi": psi, "noise": 0.013}
-    curve = fit_oracle.curve(
-        data.velocity, fit_oracle.numbers(data.contact), 1.1 * chi, 0.8 * sigma, psi
-    )
-    expected = stats.norm.logpdf(data.restitution, curve, 0.013)
-    asked = (problem.point_log_likelihood, problem.log_likelihood, problem.residuals)
-    points, whole, residuals = jax.jit(lambda theta: [one(theta) for one in asked])(theta)
-    np.testing.assert_allclose(points, expected, rtol=1e-6)
-    np.testing.assert_allclose(whole, np.sum(expected), rtol=1e-7)
-    np.testing.assert_allclose(residuals, (curve - data.restitution) / 0.013, atol=1e-6)
 
 
 @pytest.mark.long
