@@ -375,6 +375,8 @@ def estimates(
         is_read = "[" not in e.name and e.name != DRAG
         if one.method == "wald" and one.standard_error is not None and is_read:
             one = replace(one, skewed=_is_skewed_by(fit, k, one, confidence, bends))
+            if not curves and np.any(fit.uncertainty.limits):  # too narrow: another is held
+                one = replace(one, low=None, high=None)
         found[k] = one
     return found
 
@@ -419,10 +421,8 @@ def estimate_of(fit: ComponentFit, k: int, curve: Profile | None, confidence: fl
         return Estimate(value, error, curve.low, curve.high, "profile", True, False, skewed)
     reach = quantile(confidence, known.degrees[k]) * z_error
     ends: list[float | None] = []
-    # with another parameter held at its bound the interval would be too narrow
-    is_whole = not (fit.is_likelihood and np.any(known.limits))
     for sign in (-1, 1):
-        is_finite = is_whole and (transform.kind[0] == NONE or reach < FARTHEST)
+        is_finite = transform.kind[0] == NONE or reach < FARTHEST
         end = transform.physical(fit.z[k : k + 1] + sign * reach)[0]
         ends.append(float(end) if is_finite else None)
     method = "wald" if fit.is_likelihood else "sandwich"

@@ -80,7 +80,7 @@ def of_component(
         cause = f"the likelihood is skewed in {text}"
         if code == "rank-deficient":
             cause = f"{text} {verb} not show in these data, or only together with another"
-        advice = WITH_PROFILES if code == "skewed" and not curves else ""
+        advice = WITH_PROFILES if code == "skewed" and fit.converged and not curves else ""
         found_warnings.append(FitWarning(code, cause, owner, advice))  # type: ignore[arg-type]
     found_warnings += _collinear(fit, separation)
     for stage in fit.stages:
