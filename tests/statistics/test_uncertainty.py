@@ -28,10 +28,11 @@ PROFILED = ("chrome, u stated", "nylon, Hertz's area")
 
 
 @pytest.mark.parametrize("case", SETS)
-def test_errors_and_correlations_are_scipy_s(case):
+def test_errors_and_correlations_are_scipy_s_and_profiles_minos_s(case):
+    """Where u is not stated its estimate, and Student's quantile in place of the normal one."""
     name, made = SETS[case]
     data = twin(name, **made)
-    result = cal.fit(data, profiles=False, **QUICK)
+    result = cal.fit(data, profiles=case in PROFILED, **QUICK)
     values, covariance, off = fit_oracle.fit(
         own_model(data), TRUTH[name][1:4], data.restitution, data.uncertainty
     )
@@ -51,20 +52,11 @@ def test_errors_and_correlations_are_scipy_s(case):
     else:
         assert material.reduced_chi_squared is None
         assert material.noise == pytest.approx(np.sqrt(reduced), rel=1e-6)
-
-
-@pytest.mark.parametrize("case", PROFILED)
-def test_profiles_are_minos_s(case):
-    """Where u is not stated its estimate, and Student's quantile in place of the normal one."""
-    name, made = SETS[case]
-    data = twin(name, **made)
-    result = cal.fit(data, **QUICK)
-    model, values = own_model(data), [result.values[k] for k in NAMES]
-    u = data.uncertainty
-    if u is None:
-        left = len(data) - 3
-        u = np.sqrt(np.sum((model(*values) - data.restitution) ** 2) / left)
-        u *= stats.t.ppf(0.975, left) / stats.norm.ppf(0.975)
+    if case not in PROFILED:
+        return
+    model, u = own_model(data), data.uncertainty
+    if not stated:
+        u = np.sqrt(reduced) * stats.t.ppf(0.975, 27) / stats.norm.ppf(0.975)
 
     def cost(*logarithms):  # profiles do not mind, and the steps stay at positive numbers
         return float(np.sum(((model(*np.exp(logarithms)) - data.restitution) / u) ** 2))
@@ -203,14 +195,10 @@ def test_a_band_of_many_sets_has_the_degrees_of_what_it_stands_on():
 V = np.linspace(0.5, 8.0, 20)
 
 
-@pytest.fixture(scope="module")
-def decays():
-    e = 0.92 * np.exp(-0.09 * V) + 0.004 * np.random.default_rng(5).standard_normal(20)
-    return cal.fit(cal.RestitutionData(V, e), Decay, profiles=False, starts=1)
-
-
-def test_bootstrapped_fits_scatter_as_the_standard_errors_say(decays):
+def test_bootstrapped_fits_scatter_as_the_standard_errors_say():
     """Simulated with the fitted noise; 1000 refits' scatter is known to 2.2 %, limits as quantiles."""
+    e = 0.92 * np.exp(-0.09 * V) + 0.004 * np.random.default_rng(5).standard_normal(20)
+    decays = cal.fit(cal.RestitutionData(V, e), Decay, profiles=False, starts=1)
     found = decays.bootstrap(1000, seed=1)
     assert np.all(found.converged)
     for k, name in enumerate(decays.covariance_names):
@@ -218,10 +206,9 @@ def test_bootstrapped_fits_scatter_as_the_standard_errors_say(decays):
         assert np.std(values) == pytest.approx(error, rel=0.08)
         assert np.mean(values) == pytest.approx(decays.values[name], abs=0.1 * error)
         assert found.intervals[name] == pytest.approx(tuple(np.quantile(values, [0.025, 0.975])))
-    assert np.array_equal(decays.bootstrap(5, seed=1).values, decays.bootstrap(5, seed=1).values)
-    assert not np.array_equal(
-        decays.bootstrap(5, seed=1).values, decays.bootstrap(5, seed=2).values
-    )
+    one, same, other = (decays.bootstrap(5, seed=k).values for k in (1, 1, 2))
+    assert np.array_equal(one, same)
+    assert not np.array_equal(one, other)
 
 
 def specimens():
